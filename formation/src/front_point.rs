@@ -1,0 +1,64 @@
+//! The front point alpha, `ell` ahead of the axle's mid-point, and the map between its velocity
+//! and (v, w). Controlling alpha instead of xi keeps the decoupling matrix A(theta) invertible.
+
+use crate::Vec2;
+use crate::pose::{Pose, Twist};
+
+/// alpha = xi + ell (cos theta, sin theta), m, in `map`. (2)
+pub fn front_point(pose: Pose, ell_m: f64) -> Vec2 {
+    let (sin, cos) = pose.heading_rad.sin_cos();
+    Vec2::new(pose.x_m + ell_m * cos, pose.y_m + ell_m * sin)
+}
+
+/// Velocity of the front point in `map`, m/s: A(theta) (v, w). (3)
+pub fn front_velocity(heading_rad: f64, ell_m: f64, twist: Twist) -> Vec2 {
+    rotate(heading_rad, Vec2::new(twist.v_m_s, ell_m * twist.w_rad_s))
+}
+
+/// The twist that gives the front point the velocity `u`: A(theta)^-1 u. (17)
+pub fn twist_for(heading_rad: f64, ell_m: f64, u: Vec2) -> Twist {
+    let body = rotate(-heading_rad, u);
+    Twist { v_m_s: body.x, w_rad_s: body.y / ell_m }
+}
+
+/// Speed of the front point, m/s: |A(theta) (v, w)| = hypot(v, ell w), at any heading.
+pub fn front_speed(ell_m: f64, twist: Twist) -> f64 {
+    twist.v_m_s.hypot(ell_m * twist.w_rad_s)
+}
+
+/// `vector` turned counter-clockwise by `angle_rad`.
+pub fn rotate(angle_rad: f64, vector: Vec2) -> Vec2 {
+    let (sin, cos) = angle_rad.sin_cos();
+    Vec2::new(cos * vector.x - sin * vector.y, sin * vector.x + cos * vector.y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::unicycle::arc;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_decoupling_matrix_and_its_inverse_cancel(
+            theta in -3.0..3.0f64, ell in 0.01..0.5f64, ux in -2.0..2.0f64, uy in -2.0..2.0f64,
+        ) {
+            let u = Vec2::new(ux, uy);
+            let back = front_velocity(theta, ell, twist_for(theta, ell, u));
+            prop_assert!((back - u).norm() < 1e-12);
+        }
+
+        #[test]
+        fn the_front_velocity_is_the_derivative_of_the_front_point(
+            theta in -3.0..3.0f64, v in -2.0..2.0f64, w in -5.0..5.0f64,
+        ) {
+            let (ell, h) = (0.1, 1e-6);
+            let pose = Pose { x_m: 0.3, y_m: 0.4, heading_rad: theta };
+            let twist = Twist { v_m_s: v, w_rad_s: w };
+            let slope = (front_point(arc(pose, twist, h), ell)
+                - front_point(arc(pose, twist, -h), ell)) / (2.0 * h);
+            prop_assert!((slope - front_velocity(theta, ell, twist)).norm() < 1e-6);
+            prop_assert!((slope.norm() - front_speed(ell, twist)).abs() < 1e-6);
+        }
+    }
+}

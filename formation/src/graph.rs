@@ -1,0 +1,159 @@
+//! The formation graph: who hears whom, and at which offset. (Definition 1, (4)-(6))
+//!
+//! An edge points the way information flows: `from` is heard by `to`.
+
+use crate::Vec2;
+
+/// The edge R_from -> R_to: R_to hears R_from and wants to stand at alpha_from + offset.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Edge {
+    /// Place of the robot that is heard.
+    pub from: usize,
+    /// Place of the robot that hears.
+    pub to: usize,
+    /// c_{from,to} = R_to - R_from, m, in `map`.
+    pub offset_m: Vec2,
+}
+
+/// Robots by their place in the scenario (from 0), and the edges between them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FormationGraph {
+    robots: usize,
+    edges: Vec<Edge>,
+}
+
+/// An edge whose offset disagrees with the path that the other edges already fix.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OpenCycle {
+    /// Place in the list of edges of the edge that closes the cycle.
+    pub edge: usize,
+    /// By how much the offsets around the cycle miss, m.
+    pub gap_m: f64,
+    /// Whether information can flow all the way round it.
+    pub directed: bool,
+}
+
+impl FormationGraph {
+    /// A graph on `robots` robots. Panics if an edge names a robot that does not exist.
+    pub fn new(robots: usize, edges: Vec<Edge>) -> FormationGraph {
+        assert!(edges.iter().all(|e| e.from < robots && e.to < robots), "edge out of range");
+        FormationGraph { robots, edges }
+    }
+
+    /// How many robots there are.
+    pub fn robots(&self) -> usize {
+        self.robots
+    }
+
+    /// All edges, in the order given.
+    pub fn edges(&self) -> &[Edge] {
+        &self.edges
+    }
+
+    /// The edges that end in `robot`: its neighbourhood N_i with offsets.
+    pub fn heard_by(&self, robot: usize) -> impl Iterator<Item = &Edge> {
+        self.edges.iter().filter(move |e| e.to == robot)
+    }
+
+    /// The edges that leave `robot`.
+    pub fn hearers_of(&self, robot: usize) -> impl Iterator<Item = &Edge> {
+        self.edges.iter().filter(move |e| e.from == robot)
+    }
+
+    /// For each robot, whether information from `source` reaches it.
+    pub fn reached_from(&self, source: usize) -> Vec<bool> {
+        let mut reached = vec![false; self.robots];
+        let mut open = vec![source];
+        while let Some(robot) = open.pop() {
+            if !std::mem::replace(&mut reached[robot], true) {
+                open.extend(self.hearers_of(robot).map(|e| e.to));
+            }
+        }
+        reached
+    }
+
+    /// Robots from which information reaches every other robot. Empty: the formation falls apart
+    /// into groups that never agree on where it stands.
+    pub fn roots(&self) -> Vec<usize> {
+        (0..self.robots).filter(|&r| self.reached_from(r).iter().all(|&reached| reached)).collect()
+    }
+
+    /// Positions that meet as many offsets as possible (the first robot of each connected part at
+    /// the origin), m, and the edges that miss by more than `tolerance_m`.
+    pub fn shape(&self, tolerance_m: f64) -> (Vec<Vec2>, Vec<OpenCycle>) {
+        let mut place: Vec<Option<Vec2>> = vec![None; self.robots];
+        for first in 0..self.robots {
+            if place[first].is_some() {
+                continue;
+            }
+            place[first] = Some(Vec2::zeros());
+            let mut open = vec![first];
+            while let Some(robot) = open.pop() {
+                let here = place[robot].expect("an open robot has a place");
+                for edge in &self.edges {
+                    let (other, there) = match (edge.from == robot, edge.to == robot) {
+                        (true, _) => (edge.to, here + edge.offset_m),
+                        (_, true) => (edge.from, here - edge.offset_m),
+                        _ => continue,
+                    };
+                    if place[other].is_none() {
+                        place[other] = Some(there);
+                        open.push(other);
+                    }
+                }
+            }
+        }
+        let place: Vec<Vec2> = place.into_iter().map(|p| p.expect("every robot is placed")).collect();
+        let open_cycles = self
+            .edges
+            .iter()
+            .enumerate()
+            .filter_map(|(index, edge)| {
+                let gap_m = (place[edge.from] + edge.offset_m - place[edge.to]).norm();
+                let directed = self.reached_from(edge.to)[edge.from];
+                (gap_m > tolerance_m).then_some(OpenCycle { edge: index, gap_m, directed })
+            })
+            .collect();
+        (place, open_cycles)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn edge(from: usize, to: usize, x: f64, y: f64) -> Edge {
+        Edge { from, to, offset_m: Vec2::new(x, y) }
+    }
+
+    #[test]
+    fn a_closed_triangle_has_a_shape_and_every_robot_is_a_root() {
+        let h = 0.3 * (std::f64::consts::PI / 3.0).sin();
+        let graph = FormationGraph::new(
+            3,
+            vec![edge(1, 0, 0.15, h), edge(2, 1, -0.3, 0.0), edge(0, 2, 0.15, -h)],
+        );
+        let (place, open) = graph.shape(1e-9);
+        assert!(open.is_empty());
+        for (i, j) in [(0, 1), (1, 2), (0, 2)] {
+            assert!(((place[i] - place[j]).norm() - 0.3).abs() < 1e-12);
+        }
+        assert_eq!(graph.roots(), vec![0, 1, 2]);
+    }
+
+    #[test]
+    fn an_offset_that_misses_is_named_with_its_gap() {
+        let graph = FormationGraph::new(2, vec![edge(0, 1, 1.0, 0.0), edge(1, 0, -0.9, 0.0)]);
+        let (_, open) = graph.shape(1e-6);
+        assert_eq!(open.len(), 1);
+        assert!((open[0].gap_m - 0.1).abs() < 1e-12 && open[0].directed);
+    }
+
+    #[test]
+    fn two_groups_have_no_root_and_a_chain_has_its_head() {
+        let apart = FormationGraph::new(4, vec![edge(0, 1, 1.0, 0.0), edge(2, 3, 1.0, 0.0)]);
+        assert!(apart.roots().is_empty());
+        let chain = FormationGraph::new(3, vec![edge(0, 1, 1.0, 0.0), edge(1, 2, 1.0, 0.0)]);
+        assert_eq!(chain.roots(), vec![0]);
+    }
+}

@@ -1,0 +1,23 @@
+//! The mathematics that every process shares: plain values in, plain values out.
+//!
+//! No I/O, no clock, no iceoryx2 in here. SI units; world frame `map`; x forward, y left, angles
+//! counter-clockwise and in (-pi, pi].
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `pose` | where is a robot, and how does it move in its own frame? |
+//! | `unicycle` | where does a held (v, w) take it, exactly? (1) |
+//! | `front_point` | which point is controlled, and how does (v, w) move it? (2) (3) (17) |
+//! | `graph` | who hears whom, at which offset? (4)-(6) |
+//! | `desired` | where should a robot be, seen from those it hears? (13) |
+//! | `closest` | which two robots are nearest to each other? (15) |
+
+pub mod closest;
+pub mod desired;
+pub mod front_point;
+pub mod graph;
+pub mod pose;
+pub mod unicycle;
+
+/// A point or vector of the plane in metres or metres per second, in the frame `map`.
+pub type Vec2 = nalgebra::Vector2<f64>;

@@ -1,0 +1,71 @@
+//! The unicycle (1), integrated in closed form for a held (v, w).
+
+use crate::pose::{Pose, Twist, wrap_angle};
+
+/// Pose after `twist` was held for `dt_s` seconds: an exact circular arc (a line for w = 0).
+///
+/// The chord of the arc has length v dt sinc(w dt / 2) and points along heading + w dt / 2.
+pub fn arc(pose: Pose, twist: Twist, dt_s: f64) -> Pose {
+    let half_turn = 0.5 * twist.w_rad_s * dt_s;
+    let chord = twist.v_m_s * dt_s * sinc(half_turn);
+    let (sin, cos) = (pose.heading_rad + half_turn).sin_cos();
+    Pose {
+        x_m: pose.x_m + chord * cos,
+        y_m: pose.y_m + chord * sin,
+        heading_rad: wrap_angle(pose.heading_rad + 2.0 * half_turn),
+    }
+}
+
+/// sin(a) / a, continued to a = 0.
+fn sinc(a: f64) -> f64 {
+    if a.abs() < 1e-4 { 1.0 - a * a / 6.0 } else { a.sin() / a }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::f64::consts::TAU;
+
+    fn distance(a: Pose, b: Pose) -> f64 {
+        (a.x_m - b.x_m).hypot(a.y_m - b.y_m)
+    }
+
+    #[test]
+    fn a_circle_closes_after_one_turn() {
+        let start = Pose { x_m: 1.0, y_m: -2.0, heading_rad: 0.3 };
+        let twist = Twist { v_m_s: 0.5, w_rad_s: 1.7 };
+        let end = arc(start, twist, TAU / twist.w_rad_s);
+        assert!(distance(start, end) < 1e-12);
+        assert!((end.heading_rad - start.heading_rad).abs() < 1e-12);
+    }
+
+    proptest! {
+        #[test]
+        fn two_half_arcs_are_one_arc(
+            heading in -3.0..3.0f64, v in -2.0..2.0f64, w in -20.0..20.0f64, dt in 1e-6..0.5f64,
+        ) {
+            let start = Pose { x_m: 0.2, y_m: 0.1, heading_rad: heading };
+            let twist = Twist { v_m_s: v, w_rad_s: w };
+            let once = arc(start, twist, dt);
+            let twice = arc(arc(start, twist, dt / 2.0), twist, dt / 2.0);
+            prop_assert!(distance(once, twice) < 1e-12);
+        }
+
+        #[test]
+        fn an_arc_agrees_with_many_small_euler_steps(v in -1.0..1.0f64, w in -3.0..3.0f64) {
+            let start = Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.4 };
+            let twist = Twist { v_m_s: v, w_rad_s: w };
+            let (steps, dt) = (100_000, 0.5);
+            let h = dt / f64::from(steps);
+            let (mut x, mut y, mut th) = (start.x_m, start.y_m, start.heading_rad);
+            for _ in 0..steps {
+                x += h * v * th.cos();
+                y += h * v * th.sin();
+                th += h * w;
+            }
+            let end = arc(start, twist, dt);
+            prop_assert!((end.x_m - x).hypot(end.y_m - y) < 1e-4);
+        }
+    }
+}

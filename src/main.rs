@@ -1,1 +1,46 @@
-fn main(){}
+//! `phalanx`: one binary for every role. What it does is in the crates; here the roles are told
+//! apart, and the supervisor learns which laws the agents know.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Decentralised multi-robot experiments on one machine, run the way they would be deployed.
+#[derive(Parser)]
+#[command(version)]
+struct Cli {
+    #[command(subcommand)]
+    role: Role,
+}
+
+#[derive(Subcommand)]
+enum Role {
+    #[command(flatten)]
+    Supervisor(supervisor::cli::Verb),
+    /// Fly one robot of a run that is under way.
+    Agent(AgentArgs),
+    /// Stand in for the hardware of a run that is under way.
+    Plant {
+        /// The plant's brief.
+        brief: PathBuf,
+    },
+}
+
+#[derive(clap::Args)]
+struct AgentArgs {
+    /// The robot's brief.
+    brief: PathBuf,
+    /// How often this robot's process was started before.
+    #[arg(long, default_value_t = 0)]
+    incarnation: u64,
+}
+
+fn main() -> ExitCode {
+    let code = match Cli::parse().role {
+        Role::Supervisor(verb) => supervisor::cli::main(&verb, &agent::laws::descriptions()),
+        Role::Agent(args) => agent::flight::main(&args.brief, args.incarnation),
+        Role::Plant { brief } => plant::flight::main(&brief),
+    };
+    ExitCode::from(code)
+}

@@ -1,1 +1,20 @@
-//! agent
+//! One robot's agent: a pure brain, and the loop that gives it samples and time.
+//!
+//! An agent knows its brief and nothing else: its own services, and the beacons of those it hears.
+//! It never sees the graph and never needs the supervisor to keep moving.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `laws/` | where does the robot want to go? |
+//! | `neighborhood` | what is known of those it hears, and what does silence mean? |
+//! | `avoidance/` | how does it keep its distance? |
+//! | `brain` | what does one sample lead to? |
+//! | `ports` | through which services does it speak? |
+//! | `flight` | when does it think? The loops of both paces |
+
+pub mod avoidance;
+pub mod brain;
+pub mod flight;
+pub mod laws;
+pub mod neighborhood;
+pub mod ports;

@@ -2,6 +2,8 @@
 //!
 //! An edge points the way information flows: `from` is heard by `to`.
 
+use std::collections::BTreeMap;
+
 use crate::Vec2;
 
 /// The edge R_from -> R_to: R_to hears R_from and wants to stand at alpha_from + offset.
@@ -104,16 +106,15 @@ impl FormationGraph {
             }
         }
         let place: Vec<Vec2> = place.into_iter().map(|p| p.expect("every robot is placed")).collect();
-        let open_cycles = self
-            .edges
-            .iter()
-            .enumerate()
-            .filter_map(|(index, edge)| {
-                let gap_m = (place[edge.from] + edge.offset_m - place[edge.to]).norm();
-                let directed = self.reached_from(edge.to)[edge.from];
-                (gap_m > tolerance_m).then_some(OpenCycle { edge: index, gap_m, directed })
-            })
-            .collect();
+        let mut open_cycles = Vec::new();
+        let mut reached = BTreeMap::new();
+        for (index, edge) in self.edges.iter().enumerate() {
+            let gap_m = (place[edge.from] + edge.offset_m - place[edge.to]).norm();
+            if gap_m > tolerance_m {
+                let reached = reached.entry(edge.to).or_insert_with(|| self.reached_from(edge.to));
+                open_cycles.push(OpenCycle { edge: index, gap_m, directed: reached[edge.from] });
+            }
+        }
         (place, open_cycles)
     }
 }

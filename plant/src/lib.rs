@@ -1,1 +1,13 @@
-//! plant
+//! Stand-in hardware: the world of unicycles, and the loop that gives it time and commands.
+//!
+//! The plant knows bodies, commands and distances. It never sees edges, roles or laws.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `world` | where is everybody, what do they sense, which commands count? |
+//! | `ports` | through which services does it speak? |
+//! | `flight` | when does time pass? The loops of both paces |
+
+pub mod flight;
+pub mod ports;
+pub mod world;

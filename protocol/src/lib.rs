@@ -1,1 +1,21 @@
-//! protocol
+//! What the processes of a run must agree on.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `message` | what is said, with which layout? |
+//! | `service` | under which name, to how many, with which queue? |
+//! | `run_root` | where do the shared files of one run live, and who removes them? |
+//! | `brief` | what is one process told when it starts? |
+//! | `law` | how does a control law describe itself to the rest? |
+//! | `clock` | what time is it, and when is the next tick? |
+//! | `barrier` | in lockstep: whose turn is it? |
+//! | `process` | how does a child name itself, log, and stop? |
+
+pub mod barrier;
+pub mod brief;
+pub mod clock;
+pub mod law;
+pub mod message;
+pub mod process;
+pub mod run_root;
+pub mod service;

@@ -1,1 +1,22 @@
-fn main(){}
+//! `phalanx-agent`: the agent alone, for a robot that has hardware instead of a plant.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Parser;
+
+/// Fly one robot.
+#[derive(Parser)]
+#[command(version)]
+struct Cli {
+    /// The robot's brief.
+    brief: PathBuf,
+    /// How often this robot's process was started before.
+    #[arg(long, default_value_t = 0)]
+    incarnation: u64,
+}
+
+fn main() -> ExitCode {
+    let Cli { brief, incarnation } = Cli::parse();
+    ExitCode::from(agent::flight::main(&brief, incarnation))
+}

@@ -1,1 +1,26 @@
-//! supervisor
+//! The supervisor: it starts an experiment's processes, breaks what the scenario says, watches,
+//! and reports. It never passes control data on, and no agent needs it to keep moving.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `cli` | what was asked for? |
+//! | `scenario/` | what is the experiment, and is it sound? |
+//! | `check` | what can be said about it before it flies? |
+//! | `briefs` | what is each process told? |
+//! | `flight` | what happens, in order, from the first process to the last? |
+//! | `child` | how is a process started, watched and ended? |
+//! | `cleanup` | what did a dead process leave behind? |
+//! | `metrics/` | how far apart, how far off, detected and recovered when? |
+//! | `run_dir` | where is it written down? |
+//! | `summary` | what came out? |
+
+pub mod briefs;
+pub mod child;
+pub mod cleanup;
+pub mod cli;
+pub mod flight;
+pub mod check;
+pub mod metrics;
+pub mod run_dir;
+pub mod scenario;
+pub mod summary;

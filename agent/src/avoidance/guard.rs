@@ -1,0 +1,256 @@
+//! The guard: no two front points nearer than d, whatever is sampled late, frozen or killed.
+//!
+//! Two parts. *Deflect* keeps the chapter's unstable focus as the way around others, only as
+//! strong as needed; it is comfort. *Bound* restricts the held command so that, for as long as
+//! the plant may obey it (the lifetime H, counted from the sample's stamp), the robot gives up no
+//! more than its half of the slack to anybody near; it is the promise. The plant's half of the
+//! promise: commands die at stamp + H, late and old ones are refused, and hypot(v, ell w) never
+//! exceeds v_max.
+//!
+//! Why it is safe: while a command acts, z moves by at most M, so the true direction to the other
+//! stays within asin(M/r) of n, and the heading within delta of thetabar; hence n(t) . alpha' >= -b.
+//! With rho the true slack and E = e^(2 Lambda t) rho, both robots together keep E from falling.
+//! Nothing about latency, phase, freezes or deaths is used: they only cause refusals and stops.
+//!
+//! Everything is computed from one odometry sample. Not in the paper.
+//!
+//! | symbol | meaning |
+//! |---|---|
+//! | z, r, n, t | own minus other, its length, its direction, n turned +90 degrees |
+//! | p | displacement wanted within one period T, m; \|p\| <= V = v_max T |
+//! | d_f | distance at which the deflection begins to matter, m |
+//! | M | how far two robots can move relative to each other while a command acts, m |
+//! | rho | slack r - d, m |
+//! | b | how fast this robot may approach another, m/s |
+//! | W-, W+ | range of turn rates that may be in force while this command acts, rad/s |
+
+use std::collections::VecDeque;
+use std::f64::consts::{PI, TAU};
+
+use formation::Vec2;
+use formation::front_point::{front_speed, rotate};
+use formation::pose::Twist;
+use protocol::brief::{AgentBrief, Pace};
+
+use super::polygon::{HalfPlane, nearest_point};
+use super::{Sample, exact_hold};
+
+/// kappa: the deflection begins where a period's approach exceeds this share of the slack to d_f.
+const KAPPA: f64 = 0.25;
+/// A: how far the dither turns the wanted displacement, rad.
+const DITHER_RAD: f64 = 1.0;
+/// The dither's shortest period, s; each robot has its own, so that no pair stays symmetric.
+const DITHER_PERIOD_S: f64 = 1.5;
+/// Fractional part of the golden ratio: spreads phases and periods evenly over the robots.
+const GOLDEN: f64 = 0.618_033_988_7;
+/// Taken off every distance, m: covers rounding, here and in the plant.
+const ROUNDING_M: f64 = 1e-9;
+/// Scales of the wanted command that the bound tries.
+const SIGMAS: [f64; 3] = [1.0, 0.5, 0.25];
+/// How often the range of turn rates is widened before the robot stands.
+const PASSES_MAX: usize = 4;
+
+/// State and constants of the guard of one robot.
+pub struct Guard {
+    d: f64,
+    v_max: f64,
+    ell: f64,
+    /// T, s.
+    period: f64,
+    /// H, s.
+    lifetime: f64,
+    lifetime_ns: u64,
+    /// Bound on the error of a reported position, m.
+    sensing_error: f64,
+    /// d_f, m.
+    d_f: f64,
+    /// Within this radius the list of the near must be complete, m.
+    radius_needed: f64,
+    dither_period: f64,
+    dither_phase: f64,
+    /// Own commands that the plant may still obey: stamp answered, twist.
+    alive: VecDeque<(u64, Twist)>,
+    /// In real time, commands of an earlier incarnation may act until here.
+    predecessor_until_ns: Option<u64>,
+    remembers_predecessor: bool,
+    sides: Vec<HalfPlane>,
+}
+
+impl Guard {
+    /// The guard of the robot with this brief.
+    pub fn new(brief: &AgentBrief) -> Guard {
+        let avoidance = &brief.avoidance;
+        let (d, v_max) = (avoidance.distance_min_m, avoidance.speed_max_m_s);
+        let period = brief.period_ns as f64 * 1e-9;
+        let lifetime = brief.command_lifetime_ns as f64 * 1e-9;
+        let d_f = deflection_distance(d, v_max, lifetime);
+        let phase = (GOLDEN * brief.index as f64).fract();
+        Guard {
+            d,
+            v_max,
+            ell: brief.front_point_m,
+            period,
+            lifetime,
+            lifetime_ns: brief.command_lifetime_ns,
+            sensing_error: avoidance.sensing_error_m,
+            d_f,
+            radius_needed: (d + 3.0 * v_max * lifetime).max(d_f + 4.0 * v_max * period),
+            dither_period: DITHER_PERIOD_S * (1.0 + 4.0 * phase / 3.0),
+            dither_phase: phase,
+            alive: VecDeque::new(),
+            predecessor_until_ns: None,
+            remembers_predecessor: brief.pace == Pace::Realtime,
+            sides: Vec::new(),
+        }
+    }
+
+    /// gamma, clipped to v_max: as it may be used and published.
+    pub fn admit(&self, gamma: Vec2) -> Vec2 {
+        clip(gamma, self.v_max)
+    }
+
+    /// The twist that answers `sample` when gamma is wanted.
+    pub fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
+        self.forget_the_dead(sample.stamp_ns);
+        let granted = if self.is_blind(sample) {
+            Twist::ZERO
+        } else {
+            let p = self.deflect(sample, gamma * self.period);
+            let wanted = exact_hold(sample.heading_effect_rad, self.ell, p, self.period);
+            let speed = front_speed(self.ell, wanted);
+            let wanted = if speed > self.v_max { wanted.scaled(self.v_max / speed) } else { wanted };
+            self.bound(sample, wanted)
+        };
+        self.alive.push_back((sample.stamp_ns, granted));
+        granted
+    }
+
+    /// Nothing, or not enough, is known about who is near.
+    fn is_blind(&self, sample: &Sample<'_>) -> bool {
+        let farthest = sample.away.last().map_or(0.0, |z| z.norm());
+        !sample.proximity_valid || sample.proximity_cut && farthest < self.radius_needed
+    }
+
+    fn forget_the_dead(&mut self, stamp_ns: u64) {
+        let lifetime_ns = self.lifetime_ns;
+        self.alive.retain(|(answered_ns, _)| answered_ns + lifetime_ns > stamp_ns);
+        if self.remembers_predecessor && self.predecessor_until_ns.is_none() {
+            self.predecessor_until_ns = Some(stamp_ns + lifetime_ns);
+        }
+    }
+
+    /// The wanted displacement `p`, led around those it would come too near.
+    fn deflect(&self, sample: &Sample<'_>, mut p: Vec2) -> Vec2 {
+        let reach = self.v_max * self.period; // V
+        let excess = |r: f64| -KAPPA * (r - self.d_f);
+        let blocked = sample.away.iter().any(|z| {
+            let r = z.norm();
+            z.dot(&p) < excess(r) * r
+        });
+        if blocked {
+            let turns = sample.t_s / self.dither_period + self.dither_phase;
+            p = rotate(DITHER_RAD * (TAU * turns).sin(), p);
+        }
+        for _ in 0..2 {
+            for z in sample.away.iter().rev() {
+                let r = z.norm();
+                if -excess(r) < reach && r > 0.0 {
+                    let n = z / r;
+                    let lambda = (excess(r) - n.dot(&p)).max(0.0);
+                    p += lambda * (n + Vec2::new(-n.y, n.x));
+                }
+            }
+        }
+        clip(p, reach)
+    }
+
+    /// The part of `wanted` that keeps the promise.
+    fn bound(&mut self, sample: &Sample<'_>, wanted: Twist) -> Twist {
+        let mut best = Twist::ZERO;
+        let mut merit_best = f64::NEG_INFINITY;
+        for sigma in SIGMAS {
+            let tried = wanted.scaled(sigma);
+            let granted = self.grant(sample, tried);
+            if sigma == 1.0 && granted == tried {
+                return granted;
+            }
+            let merit = granted.v_m_s * wanted.v_m_s
+                + self.ell * self.ell * granted.w_rad_s * wanted.w_rad_s;
+            if sigma == 1.0 || merit > merit_best.max(0.0) {
+                (best, merit_best) = (granted, merit);
+            }
+        }
+        best
+    }
+
+    /// The nearest to `tried` that approaches nobody faster than b while it may act.
+    fn grant(&mut self, sample: &Sample<'_>, tried: Twist) -> Twist {
+        let mut v_own = front_speed(self.ell, tried);
+        let (mut w_low, mut w_high) = (tried.w_rad_s.min(0.0), tried.w_rad_s.max(0.0));
+        for (_, twist) in &self.alive {
+            v_own = v_own.max(front_speed(self.ell, *twist));
+            w_low = w_low.min(twist.w_rad_s);
+            w_high = w_high.max(twist.w_rad_s);
+        }
+        if self.predecessor_until_ns.is_some_and(|until_ns| sample.stamp_ns < until_ns) {
+            v_own = v_own.max(self.v_max);
+            w_low = w_low.min(-self.v_max / self.ell);
+            w_high = w_high.max(self.v_max / self.ell);
+        }
+        for pass in 1..=PASSES_MAX {
+            let mid = sample.heading_rad + 0.5 * self.lifetime * (w_low + w_high);
+            let spread = 0.5 * self.lifetime * (w_high - w_low);
+            self.collect_sides(sample.away, v_own, spread);
+            let u = rotate(mid, Vec2::new(tried.v_m_s, self.ell * tried.w_rad_s));
+            let Some(u) = nearest_point(u, &self.sides) else { return tried };
+            let body = rotate(-mid, u);
+            let w = body.y / self.ell;
+            if w_low <= w && w <= w_high {
+                return Twist { v_m_s: body.x, w_rad_s: w };
+            }
+            w_low = w_low.min(w);
+            w_high = w_high.max(w);
+            if pass == PASSES_MAX - 1 {
+                w_low = w_low.min(-v_own / self.ell);
+                w_high = w_high.max(v_own / self.ell);
+            }
+        }
+        Twist::ZERO
+    }
+
+    /// For everybody near, the half-planes that bound the approach whatever the true direction
+    /// (within asin(M/r) of n) and the true heading (within `spread` of its middle).
+    fn collect_sides(&mut self, away: &[Vec2], v_own: f64, spread: f64) {
+        let rate = 1.0 / self.lifetime; // Lambda
+        let reach = (self.v_max + v_own) * self.lifetime + self.sensing_error; // M
+        self.sides.clear();
+        for z in away {
+            let r = z.norm();
+            let rho = (r - self.sensing_error - self.d - ROUNDING_M).max(0.0);
+            let b = rate * (rho * (-2.0f64).exp()).max(rho - reach); // Lambda H = 1
+            if b >= v_own {
+                continue;
+            }
+            let swing = if reach < r { (reach / r).asin() } else { PI };
+            let psi = (spread + swing).min(PI);
+            let count = if psi < 1.2 { 3 } else { 5 };
+            let step = 2.0 * psi / f64::from(count - 1);
+            let n = if r > 0.0 { z / r } else { Vec2::new(1.0, 0.0) };
+            self.sides.extend((0..count).map(|q| HalfPlane {
+                normal: rotate(-psi + f64::from(q) * step, n),
+                bound: b * (0.5 * step).cos(),
+            }));
+        }
+    }
+}
+
+/// d_f, m: the distance from which the deflection leads a robot around another.
+pub fn deflection_distance(d: f64, v_max: f64, lifetime_s: f64) -> f64 {
+    d + (1.5 * v_max * lifetime_s).max(0.05 * d)
+}
+
+/// `vector`, shortened to `length_max` if it is longer.
+fn clip(vector: Vec2, length_max: f64) -> Vec2 {
+    let length = vector.norm();
+    if length > length_max { vector * (length_max / length) } else { vector }
+}

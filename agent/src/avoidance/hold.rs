@@ -1,0 +1,44 @@
+//! Exact hold: the front point moves by a given displacement while (v, w) is held.
+
+use formation::Vec2;
+use formation::front_point::rotate;
+use formation::pose::Twist;
+
+/// The twist that, held for `period_s` from heading `heading_rad`, moves the front point by exactly
+/// `displacement` (m, in `map`). The displacement must be shorter than 2 ell.
+///
+/// The front point of an arc that turns by 2 phi ends where b = R(-theta) p fulfils
+/// tan phi = b_y / (b_x + 2 ell).
+pub fn exact_hold(heading_rad: f64, ell_m: f64, displacement: Vec2, period_s: f64) -> Twist {
+    let b = rotate(-heading_rad, displacement);
+    let q = b.y / (b.x + 2.0 * ell_m);
+    let phi = q.atan();
+    let f = if q.abs() < 1e-9 { 1.0 } else { phi / q };
+    Twist { v_m_s: f * (b.x + q * b.y) / period_s, w_rad_s: 2.0 * phi / period_s }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use formation::front_point::front_point;
+    use formation::pose::Pose;
+    use formation::unicycle::arc;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_front_point_moves_by_exactly_the_displacement(
+            heading_rad in -3.1..3.1f64,
+            ell in 0.02..0.5f64,
+            share in 0.0..0.9f64,
+            direction in -3.1..3.1f64,
+            period in 1e-3..0.1f64,
+        ) {
+            let pose = Pose { x_m: 0.3, y_m: -0.7, heading_rad };
+            let displacement = rotate(direction, Vec2::new(share * 2.0 * ell, 0.0));
+            let twist = exact_hold(heading_rad, ell, displacement, period);
+            let moved = front_point(arc(pose, twist, period), ell) - front_point(pose, ell);
+            prop_assert!((moved - displacement).norm() < 1e-12, "{moved:?} {displacement:?}");
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! The nearest point of a convex polygon that is given by its sides and contains 0.
+
+use formation::Vec2;
+
+/// The half-plane `normal . u >= -bound`, with |normal| = 1 and bound >= 0.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HalfPlane {
+    /// Unit vector that points inwards.
+    pub normal: Vec2,
+    /// How far the side lies behind 0.
+    pub bound: f64,
+}
+
+/// Rounding may leave the result outside a side by this much, m/s: over an hour it adds up to less
+/// than the nanometre that the guard keeps in hand.
+const TOLERANCE: f64 = 1e-13;
+
+impl HalfPlane {
+    fn excess(&self, u: Vec2) -> f64 {
+        -self.bound - self.normal.dot(&u)
+    }
+}
+
+/// The point nearest to `target` in the intersection of `sides`; `None` if that is `target` itself.
+///
+/// One side at a time: while the best point so far fulfils the next side it stays the best;
+/// otherwise the best point lies on that side's line, within what the earlier sides leave of it.
+pub fn nearest_point(target: Vec2, sides: &[HalfPlane]) -> Option<Vec2> {
+    let mut best = target;
+    for (done, side) in sides.iter().enumerate() {
+        if side.excess(best) > 0.0 {
+            best = nearest_on_line(target, side, &sides[..done]);
+        }
+    }
+    if best == target {
+        return None;
+    }
+    // 0 lies in the polygon, so shrinking towards 0 mends what rounding spoilt.
+    for side in sides {
+        if side.excess(best) > TOLERANCE {
+            best *= side.bound / -side.normal.dot(&best);
+        }
+    }
+    Some(best)
+}
+
+/// The point nearest to `target` on the line of `side` that fulfils `others`; 0 if rounding leaves
+/// nothing of the line.
+fn nearest_on_line(target: Vec2, side: &HalfPlane, others: &[HalfPlane]) -> Vec2 {
+    let foot = -side.bound * side.normal;
+    let along = Vec2::new(-side.normal.y, side.normal.x);
+    let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+    for other in others {
+        let slope = other.normal.dot(&along);
+        let missing = other.excess(foot);
+        if slope.abs() < 1e-12 {
+            if missing > TOLERANCE {
+                return Vec2::zeros();
+            }
+        } else if slope > 0.0 {
+            low = low.max(missing / slope);
+        } else {
+            high = high.min(missing / slope);
+        }
+    }
+    if low > high {
+        return Vec2::zeros();
+    }
+    foot + along * along.dot(&target).clamp(low, high)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// The slow reference: the nearest of all feasible feet and corners, and of the target and 0.
+    fn by_enumeration(target: Vec2, sides: &[HalfPlane]) -> Vec2 {
+        let mut candidates = vec![target, Vec2::zeros()];
+        for (i, a) in sides.iter().enumerate() {
+            candidates.push(target + a.normal * a.excess(target));
+            for b in &sides[..i] {
+                let det = a.normal.x * b.normal.y - a.normal.y * b.normal.x;
+                if det.abs() > 1e-12 {
+                    candidates.push(Vec2::new(
+                        (-a.bound * b.normal.y + b.bound * a.normal.y) / det,
+                        (-b.bound * a.normal.x + a.bound * b.normal.x) / det,
+                    ));
+                }
+            }
+        }
+        let feasible = |u: &Vec2| sides.iter().all(|s| s.excess(*u) <= 1e-9);
+        let distance = |u: &Vec2| (u - target).norm();
+        candidates
+            .into_iter()
+            .filter(feasible)
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+            .expect("0 is feasible")
+    }
+
+    fn sides() -> impl Strategy<Value = Vec<HalfPlane>> {
+        let side = (-3.2..3.2f64, prop_oneof![Just(0.0), 0.0..1.0f64]).prop_map(|(angle, bound)| {
+            HalfPlane { normal: Vec2::new(angle.cos(), angle.sin()), bound }
+        });
+        proptest::collection::vec(side, 0..20)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+        #[test]
+        fn it_is_as_near_as_the_slow_reference_and_never_outside(
+            x in -2.0..2.0f64, y in -2.0..2.0f64, sides in sides(),
+        ) {
+            let target = Vec2::new(x, y);
+            let found = nearest_point(target, &sides).unwrap_or(target);
+            for side in &sides {
+                prop_assert!(side.excess(found) <= TOLERANCE);
+            }
+            let reference = by_enumeration(target, &sides);
+            let (ours, theirs) = ((found - target).norm(), (reference - target).norm());
+            prop_assert!((ours - theirs).abs() < 1e-6, "{ours} vs {theirs}");
+        }
+    }
+}

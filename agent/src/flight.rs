@@ -1,0 +1,219 @@
+//! When the brain thinks: one loop for each pace, the same body.
+//!
+//! Every wait has a deadline. The loops need the plant; they never need the supervisor.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use protocol::barrier::{Barrier, BarrierError};
+use protocol::brief::{self, AgentBrief, BriefError, Pace};
+use protocol::clock::{self, Timer};
+use protocol::message::Odometry;
+use protocol::process::{self, Stop};
+use protocol::run_root::{self, RunRootError};
+
+use crate::brain::Brain;
+use crate::laws::LawError;
+use crate::ports::{PortError, Ports};
+
+/// Without a sign of the plant for this long, the agent gives up. Longer than the start-up of a
+/// large experiment, or a pause in lockstep, may take.
+const PLANT_SILENCE_MAX: Duration = Duration::from_secs(30);
+/// How long one wait for the next tick may last before the signs of an end are looked at.
+const WAIT_MAX: Duration = Duration::from_millis(200);
+/// The supervisor hears from every agent at least this often.
+const STATUS_EVERY: Duration = Duration::from_millis(100);
+/// Fractional part of the golden ratio: spreads the agents' wake-ups evenly over the period.
+const GOLDEN: f64 = 0.618_033_988_7;
+
+/// Why an agent gave up.
+#[derive(Debug, thiserror::Error)]
+pub enum FlightError {
+    /// Its brief is unreadable.
+    #[error(transparent)]
+    Brief(#[from] BriefError),
+    /// Its law does not exist, or not with these gains.
+    #[error(transparent)]
+    Law(#[from] LawError),
+    /// The run it belongs to is not there.
+    #[error(transparent)]
+    RunRoot(#[from] RunRootError),
+    /// A port failed.
+    #[error(transparent)]
+    Port(#[from] PortError),
+    /// The barrier is not there.
+    #[error(transparent)]
+    Barrier(#[from] BarrierError),
+    /// Signals cannot be handled.
+    #[error("cannot handle signals: {0}")]
+    Signals(#[from] std::io::Error),
+    /// Nothing was heard of the plant.
+    #[error("no sign of the plant for {} s", PLANT_SILENCE_MAX.as_secs())]
+    PlantSilent,
+    /// A sample that lockstep promises is not there.
+    #[error("lockstep is broken: at tick {tick} there is no {what}")]
+    Missing {
+        /// The tick at hand.
+        tick: u64,
+        /// What is missing.
+        what: String,
+    },
+}
+
+/// Flies the robot of this brief until told to stop.
+pub fn run(brief_path: &Path, incarnation: u64) -> Result<(), FlightError> {
+    let brief: AgentBrief = brief::read(brief_path)?;
+    let brain = Brain::new(&brief, incarnation)?;
+    let stop = Stop::on_signals()?;
+    run_root::join(&brief.run_root)?;
+    clock::tighten_timer_slack();
+    let ports = Ports::open(&brief)?;
+    tracing::info!(robot = brief.name, incarnation, law = brief.law, "ready");
+    let agent = Agent { brief, brain, ports, stop, deadline_misses: 0, reported: None };
+    match agent.brief.pace {
+        Pace::Lockstep => agent.fly_in_lockstep(),
+        Pace::Realtime => agent.fly_in_real_time(),
+    }
+}
+
+struct Agent {
+    brief: AgentBrief,
+    brain: Brain,
+    ports: Ports,
+    stop: Stop,
+    deadline_misses: u64,
+    reported: Option<Instant>,
+}
+
+impl Agent {
+    fn fly_in_lockstep(mut self) -> Result<(), FlightError> {
+        let barrier = Barrier::open(&run_root::barrier_path(&self.brief.run_root))?;
+        let slot = self.brief.index - 1;
+        let mut epoch = barrier.epoch();
+        let mut last_tick = Instant::now();
+        self.report_if(true)?;
+        while !self.stop.requested() {
+            let Some((new_epoch, tick)) = barrier.wait_tick(epoch, WAIT_MAX) else {
+                if last_tick.elapsed() > PLANT_SILENCE_MAX {
+                    return Err(FlightError::PlantSilent);
+                }
+                continue;
+            };
+            epoch = new_epoch;
+            last_tick = Instant::now();
+            let Some(first_tick) = barrier.member_since(slot) else { continue };
+            let odometry = self.odometry_of(tick)?;
+            if tick > first_tick {
+                self.hear_tick(&barrier, tick - 1, odometry.stamp_ns)?;
+            }
+            let answer = self.brain.answer(&odometry, odometry.stamp_ns);
+            self.ports.send(&answer, clock::now_ns())?;
+            self.report_if(answer.contacts_changed)?;
+            barrier.arrive(slot, tick);
+        }
+        Ok(())
+    }
+
+    /// The odometry of exactly this tick; older samples are from before this robot took part.
+    fn odometry_of(&self, tick: u64) -> Result<Odometry, FlightError> {
+        while let Some(odometry) = self.ports.odometry()? {
+            if odometry.tick == tick {
+                return Ok(odometry);
+            }
+        }
+        Err(FlightError::Missing { tick, what: "odometry".into() })
+    }
+
+    /// Takes from every neighbour that took part in `tick` its beacon of that tick, and from
+    /// others nothing. A neighbour may be a tick ahead: what it said there stays in the queue.
+    fn hear_tick(&mut self, barrier: &Barrier, tick: u64, now_ns: u64) -> Result<(), FlightError> {
+        for (place, neighbor) in self.brief.neighbors.iter().enumerate() {
+            let slot = neighbor.index - 1;
+            let takes_part = || barrier.member_since(slot).is_some_and(|since| since <= tick);
+            if !takes_part() {
+                continue;
+            }
+            loop {
+                match self.ports.beacon(place)? {
+                    Some(beacon) if beacon.tick < tick => {}
+                    Some(beacon) if beacon.tick == tick => {
+                        if let Err(refusal) = self.brain.hear(place, &beacon, now_ns) {
+                            tracing::warn!(neighbor = neighbor.name, %refusal, "beacon refused");
+                        }
+                        break;
+                    }
+                    // It died in this very tick, by nobody's plan.
+                    None if !takes_part() => break,
+                    _ => {
+                        let what = format!("beacon of {} from tick {tick}", neighbor.name);
+                        return Err(FlightError::Missing { tick: tick + 1, what });
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn fly_in_real_time(mut self) -> Result<(), FlightError> {
+        let period_ns = self.brief.period_ns;
+        let phase = (GOLDEN * self.brief.index as f64).fract();
+        let mut timer = Timer::new(period_ns, (phase * period_ns as f64) as u64);
+        let mut last_odometry = Instant::now();
+        self.report_if(true)?;
+        while !self.stop.requested() {
+            let Some(wake) = timer.wait() else { continue };
+            let mut newest = None;
+            while let Some(odometry) = self.ports.odometry()? {
+                newest = Some(odometry);
+            }
+            self.hear_newest()?;
+            let mut changed = false;
+            if let Some(odometry) = newest {
+                last_odometry = Instant::now();
+                let answer = self.brain.answer(&odometry, clock::now_ns());
+                let sent_ns = clock::now_ns();
+                self.ports.send(&answer, sent_ns)?;
+                self.deadline_misses += u64::from(sent_ns > wake.next_due_ns);
+                changed = answer.contacts_changed;
+            } else if last_odometry.elapsed() > PLANT_SILENCE_MAX {
+                return Err(FlightError::PlantSilent);
+            }
+            self.report_if(changed)?;
+        }
+        Ok(())
+    }
+
+    /// Takes whatever the neighbours said last.
+    fn hear_newest(&mut self) -> Result<(), FlightError> {
+        for (place, neighbor) in self.brief.neighbors.iter().enumerate() {
+            while let Some(beacon) = self.ports.beacon(place)? {
+                if let Err(refusal) = self.brain.hear(place, &beacon, clock::now_ns()) {
+                    tracing::debug!(neighbor = neighbor.name, %refusal, "beacon refused");
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Tells the supervisor how it goes if there is news, or if it has heard nothing for long.
+    fn report_if(&mut self, news: bool) -> Result<(), FlightError> {
+        if news || self.reported.is_none_or(|at| at.elapsed() >= STATUS_EVERY) {
+            self.ports.report(&self.brain, self.deadline_misses)?;
+            self.reported = Some(Instant::now());
+        }
+        Ok(())
+    }
+}
+
+/// What the process does: named, logging, and with an exit code that tells.
+pub fn main(brief_path: &Path, incarnation: u64) -> u8 {
+    process::set_name("phalanx-agent");
+    process::log_to_stderr_as_json();
+    match run(brief_path, incarnation) {
+        Ok(()) => process::exit::OK,
+        Err(error) => {
+            tracing::error!("{error}");
+            process::exit::INFRASTRUCTURE
+        }
+    }
+}

@@ -1,0 +1,52 @@
+//! Formation at constant speed: every robot drives at mu straight to where it should be. (18)
+//!
+//! gamma = -mu e / |e|, and 0 for e = 0. Sampled literally it would overshoot and chatter around
+//! e = 0, so inside the boundary layer |e| < 5 mu T (1 + a) it is linear in e (not in the paper).
+
+use formation::Vec2;
+use protocol::law::LawDescription;
+
+use super::{Gains, Law, LawRow, Situation};
+
+pub(super) const ROW: LawRow = LawRow {
+    description: LawDescription {
+        name: "formation-unit",
+        source: "(18)",
+        gains: &["speed_m_s"], // mu
+    },
+    build: |gains: &Gains<'_>| Box::new(FormationUnit { mu: gains.get("speed_m_s") }),
+};
+
+struct FormationUnit {
+    /// Constant speed of all robots, m/s. In paper.
+    mu: f64,
+}
+
+impl Law for FormationUnit {
+    fn gamma(&self, &Situation { error: e, period_s, age_periods }: &Situation) -> Vec2 {
+        let layer = 5.0 * self.mu * period_s * (1.0 + age_periods);
+        -self.mu * e / e.norm().max(layer) // (18)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn gamma(error: Vec2) -> Vec2 {
+        FormationUnit { mu: 0.1 }.gamma(&Situation { error, period_s: 0.005, age_periods: 1.0 })
+    }
+
+    #[test]
+    fn far_away_the_speed_is_mu_and_points_at_the_goal() {
+        assert!((gamma(Vec2::new(3.0, 4.0)) - Vec2::new(-0.06, -0.08)).norm() < 1e-15);
+    }
+
+    #[test]
+    fn inside_the_boundary_layer_it_is_linear_and_meets_the_outside() {
+        let layer = 0.005; // 5 mu T (1 + a)
+        assert!((gamma(Vec2::new(layer / 2.0, 0.0)).x + 0.05).abs() < 1e-15);
+        assert!((gamma(Vec2::new(layer, 0.0)).x + 0.1).abs() < 1e-15);
+        assert_eq!(gamma(Vec2::zeros()), Vec2::zeros());
+    }
+}

@@ -1,0 +1,215 @@
+//! What a robot knows of those it hears: their newest beacons, how old these are, and what
+//! silence makes of them.
+
+use formation::Vec2;
+use formation::desired::desired_position;
+use protocol::brief::{NeighborBrief, SilenceBrief, SilencePolicy};
+use protocol::message::{Beacon, Contact, NeighborStatus};
+
+/// The robots heard, in the order of the brief.
+pub struct Neighborhood {
+    neighbors: Vec<Neighbor>,
+    silence: SilenceBrief,
+}
+
+struct Neighbor {
+    index: u64,
+    offset: Vec2,
+    newest: Option<Beacon>,
+    contact: Contact,
+    since_tick: u64,
+    since_t_ns: u64,
+}
+
+/// Why a beacon was not used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum BeaconRefusal {
+    /// A number in it is NaN or infinite.
+    #[error("not finite")]
+    NotFinite,
+    /// Its stamp lies ahead of the clock.
+    #[error("from the future")]
+    Future,
+    /// Not newer, by incarnation and then stamp, than the newest beacon heard.
+    #[error("older than the newest heard")]
+    Old,
+}
+
+impl Neighborhood {
+    /// Nobody was heard yet.
+    pub fn new(neighbors: &[NeighborBrief], silence: SilenceBrief) -> Neighborhood {
+        let neighbors = neighbors
+            .iter()
+            .map(|brief| Neighbor {
+                index: brief.index as u64,
+                offset: Vec2::from(brief.offset_m),
+                newest: None,
+                contact: Contact::Unheard,
+                since_tick: 0,
+                since_t_ns: 0,
+            })
+            .collect();
+        Neighborhood { neighbors, silence }
+    }
+
+    /// Takes a beacon of the neighbour at `place` (in the brief's order).
+    pub fn hear(
+        &mut self,
+        place: usize,
+        beacon: &Beacon,
+        now_ns: u64,
+    ) -> Result<(), BeaconRefusal> {
+        let neighbor = &mut self.neighbors[place];
+        let numbers = [beacon.x_m, beacon.y_m, beacon.vx_m_s, beacon.vy_m_s];
+        if !numbers.iter().all(|number| number.is_finite()) {
+            return Err(BeaconRefusal::NotFinite);
+        }
+        if beacon.stamp_ns > now_ns {
+            return Err(BeaconRefusal::Future);
+        }
+        let order = |b: &Beacon| (b.incarnation, b.stamp_ns);
+        if neighbor.newest.as_ref().is_some_and(|newest| order(beacon) <= order(newest)) {
+            return Err(BeaconRefusal::Old);
+        }
+        neighbor.newest = Some(*beacon);
+        Ok(())
+    }
+
+    /// Judges everybody's silence as of an odometry sample; whether any contact changed.
+    pub fn judge(&mut self, tick: u64, t_ns: u64, stamp_ns: u64) -> bool {
+        let mut changed = false;
+        for neighbor in &mut self.neighbors {
+            let contact = match &neighbor.newest {
+                None => Contact::Unheard,
+                Some(beacon) => match stamp_ns.saturating_sub(beacon.stamp_ns) {
+                    age if age > self.silence.lost_after_ns => Contact::Lost,
+                    age if age > self.silence.stale_after_ns => Contact::Stale,
+                    _ => Contact::Fresh,
+                },
+            };
+            if contact != neighbor.contact {
+                neighbor.contact = contact;
+                neighbor.since_tick = tick;
+                neighbor.since_t_ns = t_ns;
+                changed = true;
+            }
+        }
+        changed
+    }
+
+    /// alpha* at `stamp_ns` by (13), neighbours extrapolated by their published velocity; `None`
+    /// where the robot is to stop: nobody left to go by, or somebody lost under `stop`.
+    pub fn desired(&self, stamp_ns: u64) -> Option<Vec2> {
+        let lost = |n: &&Neighbor| n.contact == Contact::Lost;
+        if self.silence.policy == SilencePolicy::Stop && self.neighbors.iter().any(|n| lost(&n)) {
+            return None;
+        }
+        let heard = self.neighbors.iter().filter_map(|neighbor| {
+            let beacon = neighbor.newest.as_ref()?;
+            let age_ns = stamp_ns as i64 - beacon.stamp_ns as i64;
+            let age_ns = match (neighbor.contact, self.silence.policy) {
+                (Contact::Lost, SilencePolicy::Keep) => self.silence.lost_after_ns as i64,
+                (Contact::Lost, _) => return None,
+                _ => age_ns,
+            };
+            let alpha_j = beacon.position() + beacon.velocity() * (age_ns as f64 * 1e-9);
+            Some((alpha_j, neighbor.offset))
+        });
+        desired_position(heard)
+    }
+
+    /// How everybody is heard, for the supervisor.
+    pub fn status(&self) -> impl ExactSizeIterator<Item = NeighborStatus> {
+        self.neighbors.iter().map(|neighbor| NeighborStatus {
+            robot: neighbor.index,
+            contact: neighbor.contact as u64,
+            since_tick: neighbor.since_tick,
+            since_t_ns: neighbor.since_t_ns,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn neighborhood(policy: SilencePolicy) -> Neighborhood {
+        let neighbor = |name: &str, index| NeighborBrief {
+            name: name.into(),
+            index,
+            offset_m: [0.0, 1.0],
+        };
+        let silence = SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy };
+        Neighborhood::new(&[neighbor("a", 1), neighbor("b", 2)], silence)
+    }
+
+    fn beacon(incarnation: u64, stamp_ns: u64, x_m: f64) -> Beacon {
+        Beacon {
+            tick: 0,
+            stamp_ns,
+            sent_ns: 0,
+            incarnation,
+            x_m,
+            y_m: 0.0,
+            vx_m_s: 1e7,
+            vy_m_s: 0.0,
+        }
+    }
+
+    fn contacts(neighborhood: &Neighborhood) -> Vec<u64> {
+        neighborhood.status().map(|status| status.contact).collect()
+    }
+
+    #[test]
+    fn a_silent_neighbor_turns_stale_then_lost_and_comes_back_with_its_next_incarnation() {
+        let mut hood = neighborhood(SilencePolicy::Ignore);
+        hood.hear(0, &beacon(0, 100, 1.0), 100).unwrap();
+        for (stamp, contact) in [(100, 1), (130, 1), (131, 2), (300, 2), (301, 3)] {
+            hood.judge(stamp, stamp, stamp);
+            assert_eq!(contacts(&hood), [contact, 0], "at {stamp}");
+        }
+        hood.hear(0, &beacon(1, 290, 1.0), 301).unwrap();
+        assert!(hood.judge(302, 302, 302));
+        assert_eq!(contacts(&hood), [1, 0]);
+    }
+
+    #[test]
+    fn beacons_that_lie_about_time_or_are_no_numbers_change_nothing() {
+        let mut hood = neighborhood(SilencePolicy::Ignore);
+        hood.hear(0, &beacon(1, 100, 1.0), 100).unwrap();
+        let before = hood.desired(100);
+        let refused = [
+            (beacon(1, 100, 2.0), BeaconRefusal::Old),
+            (beacon(1, 99, 2.0), BeaconRefusal::Old),
+            (beacon(0, 101, 2.0), BeaconRefusal::Old),
+            (beacon(1, 111, 2.0), BeaconRefusal::Future),
+            (beacon(1, 105, f64::NAN), BeaconRefusal::NotFinite),
+            (beacon(1, 105, f64::INFINITY), BeaconRefusal::NotFinite),
+        ];
+        for (beacon, why) in refused {
+            assert_eq!(hood.hear(0, &beacon, 110), Err(why));
+        }
+        assert_eq!(hood.desired(100), before);
+    }
+
+    #[test]
+    fn the_lost_are_left_out_kept_standing_or_stop_the_robot_by_policy() {
+        for (policy, at_lost) in [
+            (SilencePolicy::Ignore, Some(Vec2::new(5.0, 1.0))),
+            // a: 1 m + 200 ns of 1e7 m/s, b: 5 m; both + (0, 1)
+            (SilencePolicy::Keep, Some(Vec2::new(4.0, 1.0))),
+            (SilencePolicy::Stop, None),
+        ] {
+            let mut hood = neighborhood(policy);
+            hood.hear(0, &beacon(0, 100, 1.0), 100).unwrap();
+            hood.hear(1, &beacon(0, 400, 5.0), 400).unwrap();
+            hood.judge(400, 400, 400);
+            assert_eq!(hood.desired(400), at_lost, "{policy:?}");
+        }
+    }
+
+    #[test]
+    fn with_nobody_heard_there_is_nowhere_to_go() {
+        assert_eq!(neighborhood(SilencePolicy::Ignore).desired(0), None);
+    }
+}

@@ -1,0 +1,105 @@
+//! An agent's ports: its own four services, and the beacons of those it hears. It opens no others.
+
+use protocol::brief::AgentBrief;
+use protocol::message::{
+    Beacon, Command, NeighborStatus, Odometry, StatusHeader,
+};
+use protocol::service::{self, Node, Publisher, SendError, ServiceError, Subscriber, send_slice};
+
+use crate::brain::{Answer, Brain};
+
+/// All ports of one agent. The command's is made last: the plant takes it as the sign that this
+/// robot is ready.
+pub struct Ports {
+    odometry: Subscriber<Odometry>,
+    neighbors: Vec<Subscriber<Beacon>>,
+    status: Publisher<[NeighborStatus], StatusHeader>,
+    beacon: Publisher<Beacon>,
+    command: Publisher<Command>,
+    _node: Node,
+}
+
+/// Why a sample did not get through.
+#[derive(Debug, thiserror::Error)]
+pub enum PortError {
+    /// A port could not be made.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    /// A sample could not be taken.
+    #[error("cannot receive {what}: {cause}")]
+    Receive {
+        /// Of which service.
+        what: &'static str,
+        /// Why.
+        cause: iceoryx2::port::ReceiveError,
+    },
+    /// A sample could not be sent.
+    #[error("cannot send {what}: {cause}")]
+    Send {
+        /// On which service.
+        what: &'static str,
+        /// Why.
+        cause: iceoryx2::port::SendError,
+    },
+    /// The status could not be sent.
+    #[error("cannot send status: {0}")]
+    Status(#[from] SendError),
+}
+
+impl Ports {
+    /// Opens the services that the brief names.
+    pub fn open(brief: &AgentBrief) -> Result<Ports, PortError> {
+        let node = service::node(&format!("agent-{}", brief.name))?;
+        let own = brief.name.as_str();
+        let neighbors = brief
+            .neighbors
+            .iter()
+            .map(|neighbor| service::beacon(&neighbor.name).open(&node)?.subscriber())
+            .collect::<Result<_, _>>()?;
+        Ok(Ports {
+            odometry: service::odometry(own).open(&node)?.subscriber()?,
+            neighbors,
+            status: service::status(own).open(&node)?.publisher(brief.neighbors.len())?,
+            beacon: service::beacon(own).open(&node)?.publisher()?,
+            command: service::command(own).open(&node)?.publisher()?,
+            _node: node,
+        })
+    }
+
+    /// The next odometry sample in the queue.
+    pub fn odometry(&self) -> Result<Option<Odometry>, PortError> {
+        take(&self.odometry, "odometry")
+    }
+
+    /// The next beacon in the queue of the neighbour at `place`.
+    pub fn beacon(&self, place: usize) -> Result<Option<Beacon>, PortError> {
+        take(&self.neighbors[place], "beacon")
+    }
+
+    /// Sends an answer: the beacon first, for others wait for it.
+    pub fn send(&self, answer: &Answer, sent_ns: u64) -> Result<(), PortError> {
+        let beacon = Beacon { sent_ns, ..answer.beacon };
+        let command = Command { sent_ns, ..answer.command };
+        let failed = |what| move |cause| PortError::Send { what, cause };
+        self.beacon.send_copy(beacon).map_err(failed("beacon"))?;
+        self.command.send_copy(command).map_err(failed("command"))?;
+        Ok(())
+    }
+
+    /// Tells the supervisor how the brain is doing.
+    pub fn report(&self, brain: &Brain, deadline_misses: u64) -> Result<(), PortError> {
+        let (header, mut rows) = brain.status(deadline_misses);
+        let length = rows.len();
+        let next = |_| rows.next().expect("as many rows as announced");
+        send_slice(&self.status, header, length, next)?;
+        Ok(())
+    }
+}
+
+fn take<M>(from: &Subscriber<M>, what: &'static str) -> Result<Option<M>, PortError>
+where
+    M: Copy + std::fmt::Debug + iceoryx2::prelude::ZeroCopySend,
+{
+    let sample = from.receive().map_err(|cause| PortError::Receive { what, cause })?;
+    Ok(sample.map(|sample| *sample))
+}

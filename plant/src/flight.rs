@@ -1,0 +1,237 @@
+//! When time passes: one loop for each pace over the same world.
+//!
+//! Every wait has a deadline. In lockstep the plant leads the barrier; in real time it waits for
+//! nobody but the clock.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use protocol::barrier::{Barrier, BarrierError, LEAD_MAX};
+use protocol::brief::{self, BriefError, Pace, PlantBrief};
+use protocol::clock::{self, Timer};
+use protocol::process::{self, Stop};
+use protocol::run_root::{self, RunRootError};
+
+use crate::ports::{PortError, Ports};
+use crate::world::World;
+
+/// All robots must be ready within this; the supervisor has a shorter bound and names the culprit.
+const READY_MAX: Duration = Duration::from_secs(30);
+/// How often readiness is looked at.
+const READY_EVERY: Duration = Duration::from_millis(1);
+/// A robot that takes part in lockstep must answer within this.
+const ANSWER_MAX: Duration = Duration::from_secs(1);
+/// The supervisor must take in truths, and end a pause, within these.
+const LEAD_WAIT_MAX: Duration = Duration::from_secs(10);
+const PAUSE_MAX: Duration = Duration::from_secs(30);
+/// How long the last truth waits for the supervisor's signal to end.
+const LANDED_MAX: Duration = Duration::from_secs(10);
+/// The supervisor's attention is drawn to new truths every so many ticks.
+const ATTENTION_EVERY: u64 = 16;
+
+/// Why the plant gave up.
+#[derive(Debug, thiserror::Error)]
+pub enum FlightError {
+    /// Its brief is unreadable.
+    #[error(transparent)]
+    Brief(#[from] BriefError),
+    /// The run it belongs to is not there.
+    #[error(transparent)]
+    RunRoot(#[from] RunRootError),
+    /// A port failed.
+    #[error(transparent)]
+    Port(#[from] PortError),
+    /// The barrier is not there.
+    #[error(transparent)]
+    Barrier(#[from] BarrierError),
+    /// Signals cannot be handled.
+    #[error("cannot handle signals: {0}")]
+    Signals(#[from] std::io::Error),
+    /// Some robots never came up.
+    #[error("not ready after {} s: {robots}", READY_MAX.as_secs())]
+    NotReady {
+        /// Their names.
+        robots: String,
+    },
+    /// Robots that take part did not answer.
+    #[error(
+        "at tick {tick} no answer within {} s from: {robots} (alive, but stopped or starved?)",
+        ANSWER_MAX.as_secs()
+    )]
+    Silent {
+        /// The tick at hand.
+        tick: u64,
+        /// Their names.
+        robots: String,
+    },
+    /// A robot arrived at the barrier without a command.
+    #[error("lockstep is broken: {robot} arrived at tick {tick} without a command")]
+    NoCommand {
+        /// The tick at hand.
+        tick: u64,
+        /// Its name.
+        robot: String,
+    },
+    /// The supervisor does not keep up.
+    #[error("the supervisor was silent for too long at tick {tick}")]
+    SupervisorSilent {
+        /// The tick at hand.
+        tick: u64,
+    },
+}
+
+/// Runs the world of this brief to its end.
+pub fn run(brief_path: &Path) -> Result<(), FlightError> {
+    let brief: PlantBrief = brief::read(brief_path)?;
+    let stop = Stop::on_signals()?;
+    run_root::join(&brief.run_root)?;
+    clock::tighten_timer_slack();
+    let ports = Ports::open(&brief)?;
+    let plant = Plant { world: World::new(&brief), brief, ports, stop };
+    plant.wait_until_ready()?;
+    if plant.stop.requested() {
+        return Ok(());
+    }
+    tracing::info!(robots = plant.brief.robots.len(), "all ready, t = 0");
+    match plant.brief.pace {
+        Pace::Lockstep => plant.fly_in_lockstep(),
+        Pace::Realtime => plant.fly_in_real_time(),
+    }
+}
+
+struct Plant {
+    brief: PlantBrief,
+    world: World,
+    ports: Ports,
+    stop: Stop,
+}
+
+impl Plant {
+    fn wait_until_ready(&self) -> Result<(), FlightError> {
+        let began = Instant::now();
+        while !self.stop.requested() && self.ports.not_ready().next().is_some() {
+            if began.elapsed() > READY_MAX {
+                return Err(FlightError::NotReady { robots: self.names(self.ports.not_ready()) });
+            }
+            std::thread::sleep(READY_EVERY);
+        }
+        Ok(())
+    }
+
+    fn fly_in_lockstep(mut self) -> Result<(), FlightError> {
+        let barrier = Barrier::open(&run_root::barrier_path(&self.brief.run_root))?;
+        let ticks = self.brief.duration_ns / self.brief.period_ns;
+        for tick in 0..ticks {
+            self.ports.send_truth(&self.world)?;
+            if tick.is_multiple_of(ATTENTION_EVERY) {
+                barrier.attention();
+            }
+            let resumed = !barrier.pause_due(tick) || barrier.pause(tick, PAUSE_MAX);
+            let in_lead = barrier.wait_lead(tick, LEAD_MAX, LEAD_WAIT_MAX);
+            if self.stop.requested() {
+                return Ok(());
+            }
+            if !(resumed && in_lead) {
+                return Err(FlightError::SupervisorSilent { tick });
+            }
+            self.fly_one_tick(&barrier, tick)?;
+            self.world.advance((tick + 1) * self.brief.period_ns);
+            self.world.next_tick();
+        }
+        self.ports.send_truth(&self.world)?;
+        barrier.attention();
+        self.land();
+        Ok(())
+    }
+
+    /// Odometry to everybody who takes part, and a command from each.
+    fn fly_one_tick(&mut self, barrier: &Barrier, tick: u64) -> Result<(), FlightError> {
+        for robot in barrier.members() {
+            self.ports.send_odometry(&self.world, robot)?;
+        }
+        barrier.begin(tick);
+        if let Err(silent) = barrier.wait_arrivals(tick, ANSWER_MAX) {
+            return Err(FlightError::Silent { tick, robots: self.names(silent.into_iter()) });
+        }
+        for robot in barrier.members() {
+            loop {
+                match self.ports.command(robot)? {
+                    Some(command) if command.tick < tick => {}
+                    Some(command) => {
+                        if let Err(refusal) = self.world.accept(robot, &command) {
+                            tracing::warn!(robot, tick, %refusal, "command refused");
+                        }
+                        break;
+                    }
+                    // It died in this very tick, by nobody's plan.
+                    None if barrier.member_since(robot).is_none() => break,
+                    None => {
+                        let robot = self.brief.robots[robot].name.clone();
+                        return Err(FlightError::NoCommand { tick, robot });
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn fly_in_real_time(mut self) -> Result<(), FlightError> {
+        let tick_ns = self.brief.plant_tick_ns;
+        let start_ns = clock::now_ns();
+        let mut timer = Timer::new(tick_ns, start_ns % tick_ns);
+        self.world.start_at(start_ns);
+        self.publish()?;
+        while !self.stop.requested() && self.world.t_ns() < self.brief.duration_ns {
+            if timer.wait().is_none() {
+                continue;
+            }
+            let t_ns = (clock::now_ns() - start_ns).min(self.brief.duration_ns);
+            self.world.advance(t_ns);
+            self.world.next_tick();
+            for robot in 0..self.brief.robots.len() {
+                while let Some(command) = self.ports.command(robot)? {
+                    if let Err(refusal) = self.world.accept(robot, &command) {
+                        tracing::debug!(robot, t_ns, %refusal, "command refused");
+                    }
+                }
+            }
+            self.publish()?;
+        }
+        self.land();
+        Ok(())
+    }
+
+    fn publish(&self) -> Result<(), FlightError> {
+        for robot in 0..self.brief.robots.len() {
+            self.ports.send_odometry(&self.world, robot)?;
+        }
+        self.ports.send_truth(&self.world)?;
+        Ok(())
+    }
+
+    /// Leaves the last truth in place until the supervisor, having taken it, says stop.
+    fn land(&self) {
+        let began = Instant::now();
+        while !self.stop.requested() && began.elapsed() < LANDED_MAX {
+            std::thread::sleep(READY_EVERY);
+        }
+    }
+
+    fn names(&self, robots: impl Iterator<Item = usize>) -> String {
+        let names: Vec<&str> = robots.map(|i| self.brief.robots[i].name.as_str()).collect();
+        names.join(", ")
+    }
+}
+
+/// What the process does: named, logging, and with an exit code that tells.
+pub fn main(brief_path: &Path) -> u8 {
+    process::set_name("phalanx-plant");
+    process::log_to_stderr_as_json();
+    match run(brief_path) {
+        Ok(()) => process::exit::OK,
+        Err(error) => {
+            tracing::error!("{error}");
+            process::exit::INFRASTRUCTURE
+        }
+    }
+}

@@ -1,0 +1,88 @@
+//! The plant's ports: odometry to and commands from every robot, truth to the supervisor.
+
+use protocol::brief::PlantBrief;
+use protocol::clock;
+use protocol::message::{Command, Odometry, TruthHeader, TruthRow};
+use protocol::service::{
+    self, Factory, Node, Publisher, SendError, ServiceError, Subscriber, send_slice,
+};
+
+use crate::world::World;
+
+/// All ports of the plant, robots in scenario order.
+pub struct Ports {
+    robots: Vec<RobotPorts>,
+    truth: Publisher<[TruthRow], TruthHeader>,
+    _node: Node,
+}
+
+struct RobotPorts {
+    odometry: Publisher<Odometry>,
+    command: Subscriber<Command>,
+    command_service: Factory<Command>,
+}
+
+/// Why a sample did not get through.
+#[derive(Debug, thiserror::Error)]
+pub enum PortError {
+    /// A port could not be made.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    /// A command could not be taken.
+    #[error("cannot receive a command: {0}")]
+    Receive(#[from] iceoryx2::port::ReceiveError),
+    /// Odometry could not be sent.
+    #[error("cannot send odometry: {0}")]
+    Send(#[from] iceoryx2::port::SendError),
+    /// Truth could not be sent.
+    #[error("cannot send truth: {0}")]
+    Truth(#[from] SendError),
+}
+
+impl Ports {
+    /// Opens the services of all robots of the brief.
+    pub fn open(brief: &PlantBrief) -> Result<Ports, PortError> {
+        let node = service::node("plant")?;
+        let robots = brief
+            .robots
+            .iter()
+            .map(|robot| {
+                let command_service = service::command(&robot.name).open(&node)?;
+                Ok(RobotPorts {
+                    odometry: service::odometry(&robot.name).open(&node)?.publisher()?,
+                    command: command_service.subscriber()?,
+                    command_service,
+                })
+            })
+            .collect::<Result<_, ServiceError>>()?;
+        let truth = service::truth().open(&node)?.publisher(brief.robots.len())?;
+        Ok(Ports { robots, truth, _node: node })
+    }
+
+    /// Robots whose agents have not yet made all their ports.
+    pub fn not_ready(&self) -> impl Iterator<Item = usize> {
+        let ready = |robot: &RobotPorts| robot.command_service.number_of_publishers() > 0;
+        (0..self.robots.len()).filter(move |&i| !ready(&self.robots[i]))
+    }
+
+    /// The next command in the queue of `robot`.
+    pub fn command(&self, robot: usize) -> Result<Option<Command>, PortError> {
+        Ok(self.robots[robot].command.receive()?.map(|sample| *sample))
+    }
+
+    /// Sends `robot` what it senses.
+    pub fn send_odometry(&self, world: &World, robot: usize) -> Result<(), PortError> {
+        let odometry = Odometry { sent_ns: clock::now_ns(), ..world.odometry(robot) };
+        self.robots[robot].odometry.send_copy(odometry)?;
+        Ok(())
+    }
+
+    /// Sends the supervisor the true state of everybody.
+    pub fn send_truth(&self, world: &World) -> Result<(), PortError> {
+        let header = TruthHeader { sent_ns: clock::now_ns(), ..world.truth_header() };
+        let mut rows = world.truth();
+        let next = |_| rows.next().expect("a row for every robot");
+        send_slice(&self.truth, header, self.robots.len(), next)?;
+        Ok(())
+    }
+}

@@ -1,0 +1,411 @@
+//! The world: unicycles under commands that die, and what each robot senses.
+//!
+//! Pure: commands and time in, odometry and truth out. Half of the guard's promise lives here: a
+//! command acts only until the stamp it answers + H, late and out-of-order ones are refused, and
+//! with a speed limit hypot(v, ell w) never exceeds it.
+
+use formation::Vec2;
+use formation::closest::{ClosestPair, closest_pair};
+use formation::front_point::{front_point, front_speed};
+use formation::pose::{Pose, Twist};
+use formation::unicycle::arc;
+use protocol::brief::{BodyBrief, Pace, PlantBrief};
+use protocol::message::{Command, Odometry, PROXIMITY_MAX, TruthHeader, TruthRow};
+
+/// Speeds above the limit by less than this share are rounding, not worth counting.
+const SPEED_TOLERANCE: f64 = 1e-9;
+
+/// All robots at one instant, and what happened so far.
+pub struct World {
+    start_ns: u64,
+    t_ns: u64,
+    tick: u64,
+    arc_ns_max: u64,
+    command_lifetime_ns: u64,
+    distance_min_m: f64,
+    speed_max_m_s: Option<f64>,
+    sensing_radius_m: f64,
+    robots: Vec<Robot>,
+    alphas: Vec<Vec2>,
+    closest: Option<(ClosestPair, u64)>,
+    violations: u64,
+    counters: Counters,
+}
+
+struct Robot {
+    body: BodyBrief,
+    pose: Pose,
+    /// What the wheels did over the last arc.
+    twist: Twist,
+    commanded: bool,
+    obeyed: Option<Obeyed>,
+    /// (incarnation, stamp, sequence) of the newest command accepted.
+    newest: Option<(u64, u64, u64)>,
+}
+
+/// A command in force.
+struct Obeyed {
+    twist: Twist,
+    dies_ns: u64,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Counters {
+    late: u64,
+    old: u64,
+    not_finite: u64,
+    scaled: u64,
+    expired: u64,
+}
+
+/// Why a command was not obeyed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Refusal {
+    /// A number in it is NaN or infinite.
+    #[error("not finite")]
+    NotFinite,
+    /// It answers a sample that is not yet, or is too old to be acted on.
+    #[error("late, or from the future")]
+    Late,
+    /// Not newer, by (incarnation, stamp, sequence), than the newest one accepted.
+    #[error("older than the newest accepted")]
+    Old,
+}
+
+impl World {
+    /// Everybody at the start, at t = 0, standing.
+    pub fn new(brief: &PlantBrief) -> World {
+        let robots: Vec<Robot> = brief
+            .robots
+            .iter()
+            .map(|body| Robot {
+                body: body.clone(),
+                pose: body.start,
+                twist: Twist::ZERO,
+                commanded: false,
+                obeyed: None,
+                newest: None,
+            })
+            .collect();
+        let arc_ns_max = match brief.pace {
+            Pace::Lockstep => brief.period_ns,
+            Pace::Realtime => brief.plant_tick_ns,
+        };
+        let mut world = World {
+            start_ns: 0,
+            t_ns: 0,
+            tick: 0,
+            arc_ns_max,
+            command_lifetime_ns: brief.command_lifetime_ns,
+            distance_min_m: brief.distance_min_m,
+            speed_max_m_s: brief.speed_max_m_s,
+            sensing_radius_m: brief.sensing_radius_m,
+            alphas: vec![Vec2::zeros(); robots.len()],
+            robots,
+            closest: None,
+            violations: 0,
+            counters: Counters::default(),
+        };
+        world.look();
+        world
+    }
+
+    /// In real time, t = 0 is at this stamp; in lockstep stamps are times.
+    pub fn start_at(&mut self, stamp_ns: u64) {
+        self.start_ns = stamp_ns;
+    }
+
+    /// Time since the start, ns.
+    pub fn t_ns(&self) -> u64 {
+        self.t_ns
+    }
+
+    fn stamp_ns(&self) -> u64 {
+        self.start_ns + self.t_ns
+    }
+
+    /// Counts one plant tick: what odometry and truth say from now on is the next sample.
+    pub fn next_tick(&mut self) -> u64 {
+        self.tick += 1;
+        self.tick
+    }
+
+    /// Lets `robot` obey `command` from now on.
+    pub fn accept(&mut self, robot: usize, command: &Command) -> Result<(), Refusal> {
+        let now_ns = self.stamp_ns();
+        let dies_ns = command.stamp_ns.saturating_add(self.command_lifetime_ns);
+        let order = (command.incarnation, command.stamp_ns, command.sequence);
+        let mut twist = command.twist();
+        if !twist.is_finite() {
+            self.counters.not_finite += 1;
+            return Err(Refusal::NotFinite);
+        }
+        if command.stamp_ns > now_ns || now_ns >= dies_ns {
+            self.counters.late += 1;
+            return Err(Refusal::Late);
+        }
+        let robot = &mut self.robots[robot];
+        if robot.newest.is_some_and(|newest| order <= newest) {
+            self.counters.old += 1;
+            return Err(Refusal::Old);
+        }
+        if let Some(speed_max) = self.speed_max_m_s {
+            let speed = front_speed(robot.body.front_point_m, twist);
+            if speed > speed_max {
+                twist = twist.scaled(speed_max / speed);
+                self.counters.scaled += u64::from(speed > speed_max * (1.0 + SPEED_TOLERANCE));
+            }
+        }
+        robot.newest = Some(order);
+        robot.obeyed = Some(Obeyed { twist: robot.body.within_wheel_limits(twist), dies_ns });
+        Ok(())
+    }
+
+    /// Lets time pass until `t_ns` since the start, in arcs that end where a command dies.
+    pub fn advance(&mut self, t_ns: u64) {
+        while self.t_ns < t_ns {
+            let now_ns = self.stamp_ns();
+            let mut end_ns = (self.start_ns + t_ns).min(now_ns + self.arc_ns_max);
+            for robot in &mut self.robots {
+                if robot.obeyed.as_ref().is_some_and(|obeyed| obeyed.dies_ns <= now_ns) {
+                    robot.obeyed = None;
+                    self.counters.expired += 1;
+                }
+                if let Some(obeyed) = &robot.obeyed {
+                    end_ns = end_ns.min(obeyed.dies_ns);
+                }
+            }
+            let dt_s = (end_ns - now_ns) as f64 * 1e-9;
+            for robot in &mut self.robots {
+                robot.commanded = robot.obeyed.is_some();
+                robot.twist = robot.obeyed.as_ref().map_or(Twist::ZERO, |obeyed| obeyed.twist);
+                robot.pose = arc(robot.pose, robot.twist, dt_s);
+            }
+            self.t_ns = end_ns - self.start_ns;
+            self.look();
+        }
+    }
+
+    /// Takes in where the front points are, and how near they are to each other.
+    fn look(&mut self) {
+        for (alpha, robot) in self.alphas.iter_mut().zip(&self.robots) {
+            *alpha = front_point(robot.pose, robot.body.front_point_m);
+        }
+        if let Some(pair) = closest_pair(&self.alphas) {
+            self.violations += u64::from(pair.distance_m < self.distance_min_m);
+            if self.closest.is_none_or(|(closest, _)| pair.distance_m < closest.distance_m) {
+                self.closest = Some((pair, self.t_ns));
+            }
+        }
+    }
+
+    /// What `robot` senses now.
+    pub fn odometry(&self, robot: usize) -> Odometry {
+        let Robot { pose, twist, .. } = &self.robots[robot];
+        let mut near: Vec<(f64, Vec2)> = self
+            .alphas
+            .iter()
+            .enumerate()
+            .filter(|&(other, _)| other != robot)
+            .map(|(_, alpha)| ((alpha - self.alphas[robot]).norm(), *alpha))
+            .filter(|&(distance, _)| distance <= self.sensing_radius_m)
+            .collect();
+        near.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut proximity_m = [[0.0; 2]; PROXIMITY_MAX];
+        for (place, (_, alpha)) in proximity_m.iter_mut().zip(&near) {
+            *place = [alpha.x, alpha.y];
+        }
+        Odometry {
+            tick: self.tick,
+            t_ns: self.t_ns,
+            stamp_ns: self.stamp_ns(),
+            sent_ns: 0,
+            x_m: pose.x_m,
+            y_m: pose.y_m,
+            heading_rad: pose.heading_rad,
+            v_m_s: twist.v_m_s,
+            w_rad_s: twist.w_rad_s,
+            proximity_valid: 1,
+            proximity_cut: u32::from(near.len() > PROXIMITY_MAX),
+            proximity_count: near.len().min(PROXIMITY_MAX) as u64,
+            proximity_m,
+        }
+    }
+
+    /// The time of this truth, and what happened up to it.
+    pub fn truth_header(&self) -> TruthHeader {
+        let (closest, closest_t_ns) =
+            self.closest.unwrap_or((ClosestPair { pair: [0, 0], distance_m: f64::INFINITY }, 0));
+        TruthHeader {
+            tick: self.tick,
+            t_ns: self.t_ns,
+            stamp_ns: self.stamp_ns(),
+            sent_ns: 0,
+            closest_m: closest.distance_m,
+            closest_t_ns,
+            closest_pair: closest.pair.map(|place| place as u32),
+            violations: self.violations,
+            commands_late: self.counters.late,
+            commands_old: self.counters.old,
+            commands_not_finite: self.counters.not_finite,
+            commands_scaled: self.counters.scaled,
+            commands_expired: self.counters.expired,
+        }
+    }
+
+    /// The true state of everybody, in scenario order.
+    pub fn truth(&self) -> impl ExactSizeIterator<Item = TruthRow> {
+        self.robots.iter().map(|robot| TruthRow {
+            x_m: robot.pose.x_m,
+            y_m: robot.pose.y_m,
+            heading_rad: robot.pose.heading_rad,
+            v_m_s: robot.twist.v_m_s,
+            w_rad_s: robot.twist.w_rad_s,
+            commanded: u64::from(robot.commanded),
+        })
+    }
+}
+
+/// Scaling of a twist to what the wheels can do.
+trait WheelLimits {
+    /// `twist`, scaled down until no wheel is faster than its limit.
+    fn within_wheel_limits(&self, twist: Twist) -> Twist;
+}
+
+impl WheelLimits for BodyBrief {
+    fn within_wheel_limits(&self, twist: Twist) -> Twist {
+        let Some(wheels) = &self.wheels else { return twist };
+        let fastest = twist.v_m_s.abs() + 0.5 * wheels.track_m * twist.w_rad_s.abs();
+        if fastest > wheels.speed_max_m_s {
+            twist.scaled(wheels.speed_max_m_s / fastest)
+        } else {
+            twist
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::brief::WheelsBrief;
+
+    const MS: u64 = 1_000_000;
+
+    fn brief(wheels: Option<WheelsBrief>) -> PlantBrief {
+        let body = |name: &str, x_m: f64| BodyBrief {
+            name: name.into(),
+            front_point_m: 0.1,
+            wheels,
+            start: Pose { x_m, y_m: 0.0, heading_rad: 0.0 },
+        };
+        PlantBrief {
+            run_root: "/nowhere".into(),
+            pace: Pace::Realtime,
+            duration_ns: 1000 * MS,
+            period_ns: 10 * MS,
+            plant_tick_ns: MS,
+            command_lifetime_ns: 20 * MS,
+            distance_min_m: 0.5,
+            speed_max_m_s: Some(1.0),
+            sensing_radius_m: 3.0,
+            robots: vec![body("a", 0.0), body("b", 2.0), body("c", 4.5)],
+        }
+    }
+
+    fn command(stamp_ns: u64, sequence: u64, v_m_s: f64, w_rad_s: f64) -> Command {
+        Command { tick: 0, stamp_ns, sent_ns: 0, sequence, incarnation: 0, v_m_s, w_rad_s }
+    }
+
+    fn x(world: &World, robot: usize) -> f64 {
+        world.robots[robot].pose.x_m
+    }
+
+    #[test]
+    fn a_command_dies_at_the_stamp_it_answers_plus_its_lifetime_whenever_it_came() {
+        let mut world = World::new(&brief(None));
+        world.advance(10 * MS);
+        world.accept(0, &command(2 * MS + 500_000, 1, 1.0, 0.0)).unwrap();
+        world.advance(100 * MS);
+        // Taken at 10 ms, dead at 2.5 + 20 ms.
+        assert!((x(&world, 0) - 0.0125).abs() < 1e-15);
+        assert_eq!(world.truth_header().commands_expired, 1);
+        assert_eq!(world.truth().next().unwrap().commanded, 0);
+    }
+
+    #[test]
+    fn late_future_old_and_unreal_commands_are_refused_and_counted() {
+        let mut world = World::new(&brief(None));
+        world.advance(50 * MS);
+        world.accept(0, &command(45 * MS, 7, 0.0, 0.0)).unwrap();
+        let refused = [
+            (command(30 * MS, 8, 0.5, 0.0), Refusal::Late),
+            (command(51 * MS, 8, 0.5, 0.0), Refusal::Late),
+            (command(45 * MS, 7, 0.5, 0.0), Refusal::Old),
+            (command(44 * MS, 9, 0.5, 0.0), Refusal::Old),
+            (command(46 * MS, 9, f64::NAN, 0.0), Refusal::NotFinite),
+            (command(46 * MS, 9, 0.0, f64::NEG_INFINITY), Refusal::NotFinite),
+            (command(u64::MAX, 9, 0.5, 0.0), Refusal::Late),
+        ];
+        for (command, why) in refused {
+            assert_eq!(world.accept(0, &command), Err(why), "{command:?}");
+        }
+        world.advance(60 * MS);
+        assert_eq!(x(&world, 0), 0.0);
+        let header = world.truth_header();
+        assert_eq!(
+            (header.commands_late, header.commands_old, header.commands_not_finite),
+            (3, 2, 2)
+        );
+        let replacement = Command { incarnation: 1, ..command(55 * MS, 1, 0.5, 0.0) };
+        assert_eq!(world.accept(0, &replacement), Ok(()));
+    }
+
+    #[test]
+    fn a_command_over_the_speed_limit_is_scaled_and_counted() {
+        let mut world = World::new(&brief(None));
+        world.accept(0, &command(0, 1, 3.0, 40.0)).unwrap();
+        world.advance(MS);
+        let twist = world.robots[0].twist;
+        assert!((front_speed(0.1, twist) - 1.0).abs() < 1e-12);
+        assert!((twist.w_rad_s / twist.v_m_s - 40.0 / 3.0).abs() < 1e-12);
+        assert_eq!(world.truth_header().commands_scaled, 1);
+    }
+
+    #[test]
+    fn a_command_that_the_wheels_cannot_follow_keeps_its_path() {
+        let wheels = WheelsBrief { speed_max_m_s: 0.3, track_m: 0.2 };
+        let mut world = World::new(&brief(Some(wheels)));
+        world.accept(0, &command(0, 1, 0.4, -2.0)).unwrap();
+        world.advance(MS);
+        let twist = world.robots[0].twist;
+        assert!((twist.v_m_s - 0.2).abs() < 1e-15 && (twist.w_rad_s + 1.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn the_nearest_are_sensed_first_and_the_far_not_at_all() {
+        let world = World::new(&brief(None));
+        let near: Vec<Vec2> = world.odometry(1).proximity().collect();
+        assert_eq!(near, [Vec2::new(0.1, 0.0), Vec2::new(4.6, 0.0)]);
+        assert_eq!(world.odometry(0).proximity().count(), 1);
+    }
+
+    #[test]
+    fn two_that_come_too_near_are_counted_at_every_arc() {
+        let mut world = World::new(&brief(None));
+        let mut t_ns = 0;
+        for sequence in 1.. {
+            world.accept(0, &command(t_ns, sequence, 1.0, 0.0)).unwrap();
+            t_ns += 10 * MS;
+            world.advance(t_ns);
+            if x(&world, 0) > 1.6 {
+                break;
+            }
+        }
+        let header = world.truth_header();
+        assert!((header.closest_m - (2.0 - x(&world, 0))).abs() < 1e-12);
+        assert_eq!(header.closest_pair, [0, 1]);
+        assert_eq!(header.closest_t_ns, t_ns);
+        // 1.5 m to 1.61 m at 1 mm an arc.
+        assert!((105..=115).contains(&header.violations), "{}", header.violations);
+    }
+}

@@ -1,0 +1,217 @@
+//! The brief: all that one process is told. TOML, written by the supervisor into the run
+//! directory; on a real robot, its configuration file.
+//!
+//! An agent's brief names the robots it hears and nobody else; the plant's names no edges.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use formation::pose::Pose;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+/// How time passes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Pace {
+    /// Simulated time, tick by tick, as fast as the machine allows.
+    Lockstep,
+    /// CLOCK_MONOTONIC; every process keeps its own timer.
+    Realtime,
+}
+
+impl Pace {
+    /// The word for it on the command line and in files.
+    pub fn word(self) -> &'static str {
+        match self {
+            Pace::Lockstep => "lockstep",
+            Pace::Realtime => "realtime",
+        }
+    }
+}
+
+/// How a robot keeps its distance.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum AvoidanceKind {
+    /// Not at all.
+    None,
+    /// The chapter's unstable focus, literally. (11)
+    Focus,
+    /// The focus as the way around, and a bound that holds for sampled and dying robots.
+    Guard,
+}
+
+/// Distances and speeds that avoidance rests on; one set for all robots of a scenario.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AvoidanceBrief {
+    /// Which kind.
+    pub kind: AvoidanceKind,
+    /// d: no two front points nearer than this, m.
+    pub distance_min_m: f64,
+    /// v_max: the speed limit of every front point, m/s. It acts with `guard` only.
+    pub speed_max_m_s: f64,
+    /// epsilon: strength of the focus, 1/s.
+    pub epsilon_per_s: f64,
+    /// Robots farther away than this are not reported, m.
+    pub sensing_radius_m: f64,
+    /// Bound on the error of a reported position, m.
+    pub sensing_error_m: f64,
+}
+
+/// What to do about neighbours that fell silent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SilencePolicy {
+    /// Take the mean over the rest.
+    Ignore,
+    /// Let the last extrapolated point stand still.
+    Keep,
+    /// Stop while anybody is lost.
+    Stop,
+}
+
+/// When a neighbour counts as stale and as lost, and what then.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SilenceBrief {
+    /// Older than this is stale, ns.
+    pub stale_after_ns: u64,
+    /// Older than this is lost, ns.
+    pub lost_after_ns: u64,
+    /// What to do about the lost.
+    pub policy: SilencePolicy,
+}
+
+/// A robot that is heard.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NeighborBrief {
+    /// Its name.
+    pub name: String,
+    /// Its place in the scenario, from 1.
+    pub index: usize,
+    /// c_ji: where to stand as seen from it, m, in `map`.
+    pub offset_m: [f64; 2],
+}
+
+/// What one agent is told.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AgentBrief {
+    /// The robot's name.
+    pub name: String,
+    /// Its place in the scenario, from 1.
+    pub index: usize,
+    /// Where the files shared by this run live.
+    pub run_root: PathBuf,
+    /// How time passes.
+    pub pace: Pace,
+    /// T: one command per period, ns.
+    pub period_ns: u64,
+    /// The plant publishes odometry this often, ns.
+    pub plant_tick_ns: u64,
+    /// H: a command may act until the stamp it answers plus this, ns.
+    pub command_lifetime_ns: u64,
+    /// ell: how far the front point lies ahead of the axle, m.
+    pub front_point_m: f64,
+    /// Which control law.
+    pub law: String,
+    /// The law's gains by key.
+    pub gains: BTreeMap<String, f64>,
+    /// How to keep distance.
+    pub avoidance: AvoidanceBrief,
+    /// What to do about the silent.
+    pub silence: SilenceBrief,
+    /// Who is heard.
+    #[serde(default, rename = "neighbor")]
+    pub neighbors: Vec<NeighborBrief>,
+}
+
+/// Limits of a robot's wheels: (v, w) are scaled down together to meet them.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WheelsBrief {
+    /// Largest speed of a wheel's rim, m/s.
+    pub speed_max_m_s: f64,
+    /// Distance between the wheels, m.
+    pub track_m: f64,
+}
+
+/// One robot as the plant knows it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BodyBrief {
+    /// The robot's name.
+    pub name: String,
+    /// ell, m.
+    pub front_point_m: f64,
+    /// Wheel limits, if any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub wheels: Option<WheelsBrief>,
+    /// Where it starts.
+    pub start: Pose,
+}
+
+/// What the plant is told.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlantBrief {
+    /// Where the files shared by this run live.
+    pub run_root: PathBuf,
+    /// How time passes.
+    pub pace: Pace,
+    /// The run ends at this time, ns.
+    pub duration_ns: u64,
+    /// Lockstep: length of a tick, ns.
+    pub period_ns: u64,
+    /// Real time: longest arc, and period of odometry and truth, ns.
+    pub plant_tick_ns: u64,
+    /// H: a command may act until the stamp it answers plus this, ns.
+    pub command_lifetime_ns: u64,
+    /// d, m: nearer pairs are counted.
+    pub distance_min_m: f64,
+    /// Speed limit of every front point, m/s; absent where commands are taken literally.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub speed_max_m_s: Option<f64>,
+    /// Robots within this distance are reported in odometry, m.
+    pub sensing_radius_m: f64,
+    /// The robots, in scenario order.
+    #[serde(rename = "robot")]
+    pub robots: Vec<BodyBrief>,
+}
+
+/// Why a brief could not be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum BriefError {
+    /// The file could not be read.
+    #[error("cannot read the brief {path}: {source}")]
+    Read {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The file's content is no such brief.
+    #[error("{path} is not a brief of this version: {source}")]
+    Parse {
+        /// Which file.
+        path: PathBuf,
+        /// Why, with line and column.
+        source: Box<toml::de::Error>,
+    },
+}
+
+/// Reads an [`AgentBrief`] or a [`PlantBrief`].
+pub fn read<B: DeserializeOwned>(path: &Path) -> Result<B, BriefError> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|source| BriefError::Read { path: path.into(), source })?;
+    toml::from_str(&text)
+        .map_err(|source| BriefError::Parse { path: path.into(), source: Box::new(source) })
+}
+
+/// The text of a brief.
+pub fn to_text<B: Serialize>(brief: &B) -> String {
+    toml::to_string(brief).expect("a brief has string keys and no empty values")
+}

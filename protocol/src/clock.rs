@@ -1,0 +1,115 @@
+//! The monotonic clock, and a timer with absolute deadlines.
+//!
+//! Must not: compare clocks of two machines, catch up on missed periods, or use wall time.
+
+use std::num::NonZeroU64;
+
+use rustix::thread::{ClockId, clock_nanosleep_absolute};
+use rustix::time::{Timespec, clock_gettime};
+
+const NS_PER_S: u64 = 1_000_000_000;
+
+/// CLOCK_MONOTONIC, ns.
+pub fn now_ns() -> u64 {
+    let now = clock_gettime(ClockId::Monotonic);
+    now.tv_sec as u64 * NS_PER_S + now.tv_nsec as u64
+}
+
+/// Lets this thread's timers fire on time: the kernel's default slack delays each by 50 us.
+pub fn tighten_timer_slack() {
+    if let Err(error) = rustix::thread::set_current_timer_slack(NonZeroU64::new(1)) {
+        tracing::warn!(%error, "timer slack stays at the kernel's default; wake-ups are 50 us later");
+    }
+}
+
+/// One wake-up of a [`Timer`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Wake {
+    /// The deadline waited for, ns.
+    pub due_ns: u64,
+    /// How long after it the wait returned, ns.
+    pub lateness_ns: u64,
+    /// The next deadline, ns; always in the future of the wake-up.
+    pub next_due_ns: u64,
+}
+
+/// Deadlines at the multiples of a period plus a phase. Missed ones are skipped.
+#[derive(Debug)]
+pub struct Timer {
+    period_ns: u64,
+    phase_ns: u64,
+    due_ns: u64,
+}
+
+impl Timer {
+    /// A timer whose first deadline is the first one in the future.
+    ///
+    /// # Panics
+    /// If the period is 0.
+    pub fn new(period_ns: u64, phase_ns: u64) -> Timer {
+        assert!(period_ns > 0, "a timer's period must be positive");
+        let phase_ns = phase_ns % period_ns;
+        Timer { period_ns, phase_ns, due_ns: first_after(now_ns(), period_ns, phase_ns) }
+    }
+
+    /// The deadline that the next wait is for, ns.
+    pub fn due_ns(&self) -> u64 {
+        self.due_ns
+    }
+
+    /// Sleeps until the deadline; `None`, with the deadline unchanged, if a signal came first.
+    pub fn wait(&mut self) -> Option<Wake> {
+        let due_ns = self.due_ns;
+        sleep_until(due_ns)?;
+        let now_ns = now_ns();
+        self.due_ns = first_after(now_ns.max(due_ns), self.period_ns, self.phase_ns);
+        Some(Wake { due_ns, lateness_ns: now_ns.saturating_sub(due_ns), next_due_ns: self.due_ns })
+    }
+}
+
+/// Sleeps until a point of the monotonic clock; `None` if a signal came first.
+pub fn sleep_until(due_ns: u64) -> Option<()> {
+    let due = Timespec { tv_sec: (due_ns / NS_PER_S) as i64, tv_nsec: (due_ns % NS_PER_S) as _ };
+    clock_nanosleep_absolute(ClockId::Monotonic, &due).ok()
+}
+
+/// The first `n * period + phase` that is later than `now`.
+fn first_after(now_ns: u64, period_ns: u64, phase_ns: u64) -> u64 {
+    if now_ns < phase_ns {
+        return phase_ns;
+    }
+    ((now_ns - phase_ns) / period_ns + 1) * period_ns + phase_ns
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn deadlines_are_multiples_of_the_period_plus_the_phase() {
+        assert_eq!(first_after(0, 10, 3), 3);
+        assert_eq!(first_after(3, 10, 3), 13);
+        assert_eq!(first_after(12, 10, 3), 13);
+        assert_eq!(first_after(13, 10, 3), 23);
+        assert_eq!(first_after(99, 10, 0), 100);
+    }
+
+    #[test]
+    fn a_wait_never_returns_early_and_missed_periods_are_skipped() {
+        let mut timer = Timer::new(1_000_000, 250_000);
+        let first = timer.wait().unwrap();
+        assert!(now_ns() >= first.due_ns);
+        assert_eq!(first.due_ns % 1_000_000, 250_000);
+        sleep_until(first.due_ns + 5_000_000).unwrap();
+        timer.wait().unwrap();
+        let third = timer.wait().unwrap();
+        assert!(third.due_ns >= first.due_ns + 6_000_000);
+        assert!(third.next_due_ns > third.due_ns + third.lateness_ns);
+    }
+
+    #[test]
+    fn the_slack_can_be_tightened() {
+        tighten_timer_slack();
+        assert_eq!(rustix::thread::current_timer_slack().unwrap(), 1);
+    }
+}

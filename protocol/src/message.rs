@@ -1,0 +1,403 @@
+//! The messages on the wire: `#[repr(C)]`, self-contained, SI units, frame `map`.
+//!
+//! Each type's name carries a version and a hash of its layout (names, types, offsets and sizes
+//! of all fields), because iceoryx2 compares names and sizes only: two builds that order equal
+//! fields differently would otherwise read each other's numbers as their own.
+//!
+//! `t_ns` is the time since the run's start. `stamp_ns` is CLOCK_MONOTONIC in real time and equal
+//! to `t_ns` in lockstep; it is the only time that decides anything. `sent_ns` is CLOCK_MONOTONIC
+//! in both paces and only measures.
+
+use formation::Vec2;
+use formation::pose::{Pose, Twist};
+
+/// The most robots that one odometry sample reports as near.
+pub const PROXIMITY_MAX: usize = 32;
+
+/// Declares a message: a `#[repr(C)]` struct with a type name `phalanx/<Name>/<version>/<hash>`.
+macro_rules! message {
+    ($(#[$doc:meta])* $name:ident / $version:literal {
+        $($(#[$field_doc:meta])* $field:ident: $type:ty,)+
+    }) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq)]
+        #[repr(C)]
+        pub struct $name { $($(#[$field_doc])* pub $field: $type,)+ }
+
+        impl $name {
+            const LAYOUT: u64 = {
+                let hash = layout::text(layout::START, stringify!($name));
+                $(
+                    let hash = layout::text(hash, stringify!($field));
+                    let hash = layout::text(hash, stringify!($type));
+                    let hash = layout::number(hash, core::mem::offset_of!($name, $field));
+                    let hash = layout::number(hash, core::mem::size_of::<$type>());
+                )+
+                layout::number(hash, core::mem::size_of::<$name>())
+            };
+            /// The name under which iceoryx2 knows this layout.
+            pub const TYPE_NAME: &'static str = {
+                const NAME: layout::Name =
+                    layout::Name::new(stringify!($name), $version, $name::LAYOUT);
+                NAME.as_str()
+            };
+        }
+
+        // SAFETY: `#[repr(C)]`, plain numbers only (the layout hash covers every field), no
+        // pointers; the name is unique to this layout.
+        unsafe impl iceoryx2::prelude::ZeroCopySend for $name {
+            unsafe fn type_name() -> &'static str { $name::TYPE_NAME }
+        }
+    };
+}
+
+message! {
+    /// Plant to agent: what a robot senses about itself and about who is near.
+    Odometry / 1 {
+        /// Plant tick, from 0.
+        tick: u64,
+        /// Time since the run's start, ns.
+        t_ns: u64,
+        /// When this was sensed, ns.
+        stamp_ns: u64,
+        /// When this was sent, ns.
+        sent_ns: u64,
+        /// Axle mid-point, m.
+        x_m: f64,
+        /// Axle mid-point, m.
+        y_m: f64,
+        /// Heading, rad.
+        heading_rad: f64,
+        /// Longitudinal speed in force up to now, m/s.
+        v_m_s: f64,
+        /// Turn rate in force up to now, rad/s.
+        w_rad_s: f64,
+        /// 1 if the proximity sensor works.
+        proximity_valid: u32,
+        /// 1 if more robots were near than fit in the list.
+        proximity_cut: u32,
+        /// How many entries of `proximity_m` are meant.
+        proximity_count: u64,
+        /// Front points of the robots within the sensing radius, nearest first, m.
+        proximity_m: [[f64; 2]; PROXIMITY_MAX],
+    }
+}
+
+impl Odometry {
+    /// Pose of the axle's mid-point.
+    pub fn pose(&self) -> Pose {
+        Pose { x_m: self.x_m, y_m: self.y_m, heading_rad: self.heading_rad }
+    }
+
+    /// Twist in force up to the stamp.
+    pub fn twist(&self) -> Twist {
+        Twist { v_m_s: self.v_m_s, w_rad_s: self.w_rad_s }
+    }
+
+    /// Front points of the robots within the sensing radius, nearest first, m.
+    pub fn proximity(&self) -> impl Iterator<Item = Vec2> {
+        let count = (self.proximity_count as usize).min(PROXIMITY_MAX);
+        self.proximity_m[..count].iter().map(|&[x, y]| Vec2::new(x, y))
+    }
+}
+
+message! {
+    /// Agent to plant: how to move, in answer to one odometry sample.
+    Command / 1 {
+        /// Tick of the odometry answered.
+        tick: u64,
+        /// Stamp of the odometry answered, ns: the command dies at this stamp plus its lifetime.
+        stamp_ns: u64,
+        /// When this was sent, ns.
+        sent_ns: u64,
+        /// Counts up within an incarnation.
+        sequence: u64,
+        /// How often this robot's process was started before.
+        incarnation: u64,
+        /// Longitudinal speed, m/s.
+        v_m_s: f64,
+        /// Turn rate, rad/s.
+        w_rad_s: f64,
+    }
+}
+
+impl Command {
+    /// The twist asked for.
+    pub fn twist(&self) -> Twist {
+        Twist { v_m_s: self.v_m_s, w_rad_s: self.w_rad_s }
+    }
+}
+
+message! {
+    /// Agent to those that hear it: where its front point is and where it wants to go.
+    Beacon / 1 {
+        /// Tick of the odometry this was computed from.
+        tick: u64,
+        /// Stamp of that odometry, ns.
+        stamp_ns: u64,
+        /// When this was sent, ns.
+        sent_ns: u64,
+        /// How often this robot's process was started before.
+        incarnation: u64,
+        /// Front point, m.
+        x_m: f64,
+        /// Front point, m.
+        y_m: f64,
+        /// Published velocity, m/s.
+        vx_m_s: f64,
+        /// Published velocity, m/s.
+        vy_m_s: f64,
+    }
+}
+
+impl Beacon {
+    /// Front point, m.
+    pub fn position(&self) -> Vec2 {
+        Vec2::new(self.x_m, self.y_m)
+    }
+
+    /// Published velocity, m/s.
+    pub fn velocity(&self) -> Vec2 {
+        Vec2::new(self.vx_m_s, self.vy_m_s)
+    }
+}
+
+message! {
+    /// Agent to supervisor, before the slice of [`NeighborStatus`]: how the agent is doing.
+    StatusHeader / 1 {
+        /// Tick of the newest odometry taken; 0 before the first.
+        tick: u64,
+        /// Time since the run's start of that odometry, ns.
+        t_ns: u64,
+        /// How often this robot's process was started before.
+        incarnation: u64,
+        /// 1 once the first odometry was answered.
+        flying: u64,
+        /// Commands sent after the next wake-up was due.
+        deadline_misses: u64,
+        /// Beacons refused: not finite, from the future, older than the newest one.
+        beacons_refused: u64,
+    }
+}
+
+message! {
+    /// What an agent thinks of one robot it hears.
+    NeighborStatus / 1 {
+        /// Place of the neighbour in the scenario, from 1.
+        robot: u64,
+        /// A [`Contact`] as a number.
+        contact: u64,
+        /// Tick at which it became so.
+        since_tick: u64,
+        /// Time since the run's start at which it became so, ns.
+        since_t_ns: u64,
+    }
+}
+
+/// How well a neighbour is heard.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+#[repr(u64)]
+pub enum Contact {
+    /// Never heard by this incarnation.
+    #[default]
+    Unheard = 0,
+    /// Heard recently enough to be taken at its word.
+    Fresh = 1,
+    /// Extrapolated by its published velocity.
+    Stale = 2,
+    /// Given up; the silence policy decides.
+    Lost = 3,
+}
+
+impl Contact {
+    /// The contact that a number in a [`NeighborStatus`] stands for.
+    pub fn from_number(number: u64) -> Option<Contact> {
+        [Contact::Unheard, Contact::Fresh, Contact::Stale, Contact::Lost]
+            .into_iter()
+            .find(|&contact| contact as u64 == number)
+    }
+
+    /// The word for it in events and reports.
+    pub fn word(self) -> &'static str {
+        match self {
+            Contact::Unheard => "unheard",
+            Contact::Fresh => "fresh",
+            Contact::Stale => "stale",
+            Contact::Lost => "lost",
+        }
+    }
+}
+
+message! {
+    /// Plant to supervisor, before the slice of [`TruthRow`]: time, and what the plant saw between
+    /// two truths. Counters run from the start, so that a lost truth loses no count.
+    TruthHeader / 1 {
+        /// Plant tick, from 0.
+        tick: u64,
+        /// Time since the run's start, ns.
+        t_ns: u64,
+        /// The same instant as a stamp, ns.
+        stamp_ns: u64,
+        /// When this was sent, ns.
+        sent_ns: u64,
+        /// Smallest distance between two front points at any arc's end so far, m.
+        closest_m: f64,
+        /// When that was, ns since the run's start.
+        closest_t_ns: u64,
+        /// Between which two, places from 0.
+        closest_pair: [u32; 2],
+        /// Arcs' ends so far at which some pair was nearer than d.
+        violations: u64,
+        /// Commands refused because they had died or had come from the future.
+        commands_late: u64,
+        /// Commands refused because a newer one had been accepted.
+        commands_old: u64,
+        /// Commands refused because they were not finite.
+        commands_not_finite: u64,
+        /// Commands scaled down to the speed limit.
+        commands_scaled: u64,
+        /// Accepted commands that died with no successor: the wheels stopped.
+        commands_expired: u64,
+    }
+}
+
+message! {
+    /// The true state of one robot.
+    TruthRow / 1 {
+        /// Axle mid-point, m.
+        x_m: f64,
+        /// Axle mid-point, m.
+        y_m: f64,
+        /// Heading, rad.
+        heading_rad: f64,
+        /// Longitudinal speed over the arc that ends here, m/s.
+        v_m_s: f64,
+        /// Turn rate over the arc that ends here, rad/s.
+        w_rad_s: f64,
+        /// 1 if a command was in force over that arc.
+        commanded: u64,
+    }
+}
+
+impl TruthRow {
+    /// Pose of the axle's mid-point.
+    pub fn pose(&self) -> Pose {
+        Pose { x_m: self.x_m, y_m: self.y_m, heading_rad: self.heading_rad }
+    }
+}
+
+/// The layout hash (FNV-1a) and the names made of it, at compile time.
+mod layout {
+    pub const START: u64 = 0xcbf2_9ce4_8422_2325;
+    const PRIME: u64 = 0x0000_0100_0000_01b3;
+
+    pub const fn byte(hash: u64, byte: u8) -> u64 {
+        (hash ^ byte as u64).wrapping_mul(PRIME)
+    }
+
+    pub const fn text(mut hash: u64, text: &str) -> u64 {
+        let bytes = text.as_bytes();
+        let mut i = 0;
+        while i < bytes.len() {
+            hash = byte(hash, bytes[i]);
+            i += 1;
+        }
+        byte(hash, 0xff)
+    }
+
+    pub const fn number(mut hash: u64, number: usize) -> u64 {
+        let bytes = (number as u64).to_le_bytes();
+        let mut i = 0;
+        while i < bytes.len() {
+            hash = byte(hash, bytes[i]);
+            i += 1;
+        }
+        hash
+    }
+
+    /// A string put together at compile time.
+    pub struct Name {
+        bytes: [u8; 64],
+        length: usize,
+    }
+
+    impl Name {
+        pub const fn new(name: &str, version: u8, hash: u64) -> Name {
+            let mut made = Name { bytes: [0; 64], length: 0 };
+            made = made.push("phalanx/").push(name).push("/");
+            made = made.push_byte(b'0' + version).push("/");
+            let mut shift = 64;
+            while shift > 0 {
+                shift -= 4;
+                made = made.push_byte(b"0123456789abcdef"[(hash >> shift) as usize & 0xf]);
+            }
+            made
+        }
+
+        const fn push(mut self, text: &str) -> Name {
+            let bytes = text.as_bytes();
+            let mut i = 0;
+            while i < bytes.len() {
+                self = self.push_byte(bytes[i]);
+                i += 1;
+            }
+            self
+        }
+
+        const fn push_byte(mut self, byte: u8) -> Name {
+            self.bytes[self.length] = byte;
+            self.length += 1;
+            self
+        }
+
+        pub const fn as_str(&self) -> &str {
+            match core::str::from_utf8(self.bytes.split_at(self.length).0) {
+                Ok(name) => name,
+                Err(_) => panic!("names are ASCII"),
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    mod reordered {
+        use super::layout;
+        message! {
+            /// The same fields as `Command`, two of them swapped.
+            Command / 1 {
+                /// .
+                tick: u64,
+                /// .
+                sent_ns: u64,
+                /// .
+                stamp_ns: u64,
+                /// .
+                sequence: u64,
+                /// .
+                incarnation: u64,
+                /// .
+                v_m_s: f64,
+                /// .
+                w_rad_s: f64,
+            }
+        }
+    }
+
+    #[test]
+    fn reordered_fields_of_equal_size_are_another_type() {
+        assert_eq!(size_of::<Command>(), size_of::<reordered::Command>());
+        assert!(Command::TYPE_NAME.starts_with("phalanx/Command/1/"));
+        assert_ne!(Command::TYPE_NAME, reordered::Command::TYPE_NAME);
+    }
+
+    #[test]
+    fn every_contact_survives_the_wire() {
+        for contact in [Contact::Unheard, Contact::Fresh, Contact::Stale, Contact::Lost] {
+            assert_eq!(Contact::from_number(contact as u64), Some(contact));
+        }
+        assert_eq!(Contact::from_number(4), None);
+    }
+}

@@ -1,0 +1,462 @@
+//! The run root: a directory on tmpfs with everything that the processes of one run share, and
+//! the iceoryx2 configuration that keeps two runs from seeing each other.
+//!
+//! Its lock file is held for the supervisor's life; a root whose lock is free belongs to a run
+//! that died, and the next run sweeps it. Must not: remove anything whose lock it could not take,
+//! or follow a symbolic link.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read as _};
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use iceoryx2::prelude::{Config, FilePath, SemanticString as _};
+use rustix::fs::{FlockOperation, OFlags, flock};
+
+/// Where POSIX shared memory lives on Linux.
+const SHARED_MEMORY: &str = "/dev/shm";
+/// A directory without a lock file younger than this may be one that another run is making.
+const UNLOCKED_AGE_MIN: Duration = Duration::from_secs(10);
+/// How many names are tried. One is lost when another run ends and takes the base with it.
+const ATTEMPTS: usize = 16;
+/// Ending of a root's name while it is being made.
+const UNNAMED: &str = ".new";
+/// iceoryx2 refuses longer paths (255 bytes); what it puts below the root needs about 100.
+const PATH_BYTES_MAX: usize = 128;
+
+/// Why a run root could not be made or joined.
+#[derive(Debug, thiserror::Error)]
+pub enum RunRootError {
+    /// A file or directory could not be made or looked at.
+    #[error(
+        "cannot {action} {path}: {source}; PHALANX_RUN_ROOT names the directory for run roots (default /dev/shm): it must exist, be writable, and should be on tmpfs"
+    )]
+    Io {
+        /// What was tried.
+        action: &'static str,
+        /// With which file.
+        path: PathBuf,
+        /// Why it failed.
+        source: io::Error,
+    },
+    /// The base is somebody else's, or no directory.
+    #[error(
+        "{path} is not a private directory of user {uid}: {found}; remove it, or let PHALANX_RUN_ROOT name another directory"
+    )]
+    BaseNotOurs {
+        /// The base.
+        path: PathBuf,
+        /// Who we are.
+        uid: u32,
+        /// What it is instead.
+        found: String,
+    },
+    /// Every name tried was taken.
+    #[error(
+        "found no free name under {base} in {ATTEMPTS} attempts; is something else removing directories there?"
+    )]
+    NoFreeName {
+        /// The base.
+        base: PathBuf,
+    },
+    /// The path cannot be given to iceoryx2.
+    #[error(
+        "{path} cannot be a run root: iceoryx2 takes absolute UTF-8 paths without quotes of at most {PATH_BYTES_MAX} bytes; let PHALANX_RUN_ROOT name a shorter one"
+    )]
+    PathUnusable {
+        /// The path.
+        path: PathBuf,
+    },
+    /// iceoryx2 does not take the configuration.
+    #[error("iceoryx2 refused {path}: {cause}; is the run of this brief still going on?")]
+    Config {
+        /// The configuration file.
+        path: PathBuf,
+        /// Why.
+        cause: String,
+    },
+    /// iceoryx2's configuration is process-wide and was set before.
+    #[error(
+        "this process has joined {joined} already and cannot join {path}: call join first thing, once"
+    )]
+    JoinedAnother {
+        /// The root joined before.
+        joined: String,
+        /// The root asked for now.
+        path: PathBuf,
+    },
+}
+
+/// A run's directory, locked for as long as this value lives.
+#[derive(Debug)]
+pub struct RunRoot {
+    base: PathBuf,
+    path: PathBuf,
+    id: String,
+    removed: bool,
+    _lock: File,
+}
+
+/// The directory of this user's run roots: `phalanx-<uid>` under PHALANX_RUN_ROOT or /dev/shm.
+pub fn base() -> PathBuf {
+    let parent = std::env::var_os("PHALANX_RUN_ROOT")
+        .filter(|value| !value.is_empty())
+        .map_or_else(|| PathBuf::from(SHARED_MEMORY), PathBuf::from);
+    parent.join(format!("phalanx-{}", rustix::process::geteuid().as_raw()))
+}
+
+/// The barrier's mapping in a run root.
+pub fn barrier_path(run_root: &Path) -> PathBuf {
+    run_root.join("barrier")
+}
+
+/// The iceoryx2 configuration in a run root.
+pub fn config_path(run_root: &Path) -> PathBuf {
+    run_root.join("iceoryx2.toml")
+}
+
+impl RunRoot {
+    /// Makes a fresh run root under `base`, which is made too if it is missing.
+    pub fn create(base: &Path) -> Result<RunRoot, RunRootError> {
+        let base = std::path::absolute(base).map_err(|source| failed("resolve", base, source))?;
+        for _ in 0..ATTEMPTS {
+            make_base(&base)?;
+            let id = random_id()?;
+            let path = base.join(&id);
+            if !usable(&path) {
+                return Err(RunRootError::PathUnusable { path });
+            }
+            // Locked before it gets its name, so that no sweep finds it unlocked.
+            let unnamed = base.join(format!("{id}{UNNAMED}"));
+            match fs::DirBuilder::new().mode(0o700).create(&unnamed) {
+                Ok(()) => {}
+                // Taken, or the base went with the last run that used it.
+                Err(error) if lost(&error) => continue,
+                Err(source) => return Err(failed("make", &unnamed, source)),
+            }
+            let Some(lock) = lock_fresh(&unnamed)? else { continue };
+            match fs::rename(&unnamed, &path) {
+                Ok(()) if same_file(&lock, &path.join("lock")) => {}
+                Ok(()) => continue,
+                Err(error) if lost(&error) => continue,
+                Err(source) => return Err(failed("name", &path, source)),
+            }
+            let root = RunRoot { base, path, id, removed: false, _lock: lock };
+            let config = root.config_path();
+            fs::write(&config, root.config()).map_err(|source| failed("write", &config, source))?;
+            return Ok(root);
+        }
+        Err(RunRootError::NoFreeName { base })
+    }
+
+    /// The directory.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What the names of this run's shared memory begin with.
+    pub fn prefix(&self) -> String {
+        prefix(&self.id)
+    }
+
+    /// The iceoryx2 configuration of this run.
+    pub fn config_path(&self) -> PathBuf {
+        config_path(&self.path)
+    }
+
+    /// The barrier's mapping.
+    pub fn barrier_path(&self) -> PathBuf {
+        barrier_path(&self.path)
+    }
+
+    /// Removes the run's shared memory and directory, and the base if nothing else is in it.
+    pub fn remove(mut self) -> io::Result<()> {
+        self.removed = true;
+        self.clear()
+    }
+
+    fn clear(&self) -> io::Result<()> {
+        remove_shared_memory(&self.prefix())?;
+        fs::remove_dir_all(&self.path)?;
+        // Other runs may live in the base.
+        let _ = fs::remove_dir(&self.base);
+        Ok(())
+    }
+
+    /// Cleaning up after the dead is the supervisor's alone: iceoryx2 must not do it by itself.
+    fn config(&self) -> String {
+        format!(
+            "[global]\n\
+             root-path = '{}'\n\
+             prefix = '{}'\n\
+             [global.service]\n\
+             cleanup-dead-nodes-on-open = false\n\
+             [global.node]\n\
+             cleanup-dead-nodes-on-creation = false\n\
+             cleanup-dead-nodes-on-destruction = false\n",
+            self.path.display(),
+            self.prefix()
+        )
+    }
+}
+
+impl Drop for RunRoot {
+    fn drop(&mut self) {
+        if !self.removed
+            && let Err(error) = self.clear()
+        {
+            tracing::warn!(%error, path = %self.path.display(), "the run root stays behind");
+        }
+    }
+}
+
+/// Removes every run root whose lock is free, with its shared memory; returns what was removed.
+pub fn sweep(base: &Path) -> Vec<PathBuf> {
+    // A base that is a link or somebody else's is refused by `create`; here it is left alone.
+    if !fs::symlink_metadata(base).is_ok_and(|found| foreign(&found).is_none()) {
+        return Vec::new();
+    }
+    let Ok(entries) = fs::read_dir(base) else { return Vec::new() };
+    let mut removed = Vec::new();
+    for path in entries.flatten().map(|entry| entry.path()) {
+        let Some(name) = path.file_name().and_then(|name| name.to_str()) else { continue };
+        let id = name.strip_suffix(UNNAMED).unwrap_or(name);
+        if !is_id(id) || (name != id && !older(&path)) {
+            continue;
+        }
+        if !fs::symlink_metadata(&path).is_ok_and(|found| found.is_dir()) {
+            continue;
+        }
+        let lock_path = path.join("lock");
+        let lock = match lock_options().open(&lock_path) {
+            Ok(lock) => Some(lock),
+            Err(error) if error.kind() == io::ErrorKind::NotFound && older(&path) => None,
+            Err(_) => continue,
+        };
+        // Held to the end of this round, so that nobody takes the root while it goes.
+        if let Some(lock) = &lock
+            && (flock(lock, FlockOperation::NonBlockingLockExclusive).is_err()
+                || !same_file(lock, &lock_path))
+        {
+            continue;
+        }
+        match remove_shared_memory(&prefix(id)).and_then(|()| fs::remove_dir_all(&path)) {
+            Ok(()) => removed.push(path),
+            Err(error) => {
+                tracing::warn!(%error, path = %path.display(), "a dead run's root stays behind");
+            }
+        }
+    }
+    removed
+}
+
+/// Joins a run: iceoryx2 uses its root from now on. Every process calls this first.
+pub fn join(run_root: &Path) -> Result<(), RunRootError> {
+    crate::process::quiet_iceoryx2();
+    let path = config_path(run_root);
+    let refused = |cause: String| RunRootError::Config { path: path.clone(), cause };
+    let file = FilePath::new(path.as_os_str().as_encoded_bytes())
+        .map_err(|error| refused(format!("{error:?}")))?;
+    let wanted = Config::from_file(&file).map_err(|error| refused(format!("{error:?}")))?;
+    let joined = Config::setup_global_config_from_file(&file)
+        .map_err(|error| refused(format!("{error:?}")))?;
+    if *joined != wanted {
+        return Err(RunRootError::JoinedAnother {
+            joined: joined.global.root_path().to_string(),
+            path: run_root.into(),
+        });
+    }
+    Ok(())
+}
+
+fn failed(action: &'static str, path: &Path, source: io::Error) -> RunRootError {
+    RunRootError::Io { action, path: path.into(), source }
+}
+
+fn prefix(id: &str) -> String {
+    format!("phx{id}_")
+}
+
+fn is_id(name: &str) -> bool {
+    name.len() == 8 && name.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b))
+}
+
+fn usable(path: &Path) -> bool {
+    path.to_str().is_some_and(|text| {
+        text.len() <= PATH_BYTES_MAX && !text.contains(|c: char| c == '\'' || c.is_control())
+    })
+}
+
+fn random_id() -> Result<String, RunRootError> {
+    let source = Path::new("/dev/urandom");
+    let mut bytes = [0; 4];
+    File::open(source)
+        .and_then(|mut file| file.read_exact(&mut bytes))
+        .map_err(|error| failed("read", source, error))?;
+    Ok(format!("{:08x}", u32::from_le_bytes(bytes)))
+}
+
+/// Makes the base, or checks that the one there is ours alone to write to.
+fn make_base(base: &Path) -> Result<(), RunRootError> {
+    match fs::DirBuilder::new().mode(0o700).create(base) {
+        Ok(()) => return Ok(()),
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+        Err(source) => return Err(failed("make", base, source)),
+    }
+    match fs::symlink_metadata(base) {
+        Ok(found) => match foreign(&found) {
+            None => Ok(()),
+            Some(found) => Err(RunRootError::BaseNotOurs {
+                path: base.into(),
+                uid: rustix::process::geteuid().as_raw(),
+                found,
+            }),
+        },
+        // Gone again with another run: the next attempt makes it.
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        Err(source) => Err(failed("look at", base, source)),
+    }
+}
+
+/// What makes a base unfit, if anything does.
+fn foreign(found: &fs::Metadata) -> Option<String> {
+    if found.is_symlink() {
+        Some("it is a symbolic link".into())
+    } else if !found.is_dir() {
+        Some("it is no directory".into())
+    } else if found.uid() != rustix::process::geteuid().as_raw() {
+        Some(format!("it belongs to user {}", found.uid()))
+    } else if found.mode() & 0o022 != 0 {
+        Some(format!("others may write to it (mode {:o})", found.mode() & 0o777))
+    } else {
+        None
+    }
+}
+
+fn lock_options() -> OpenOptions {
+    let mut options = OpenOptions::new();
+    options.read(true).write(true).mode(0o600).custom_flags(OFlags::NOFOLLOW.bits() as i32);
+    options
+}
+
+/// Locks a directory just made; `None` if a sweep was faster.
+fn lock_fresh(path: &Path) -> Result<Option<File>, RunRootError> {
+    let lock_path = path.join("lock");
+    let lock = match lock_options().create_new(true).open(&lock_path) {
+        Ok(lock) => lock,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Err(source) => return Err(failed("make", &lock_path, source)),
+    };
+    match flock(&lock, FlockOperation::NonBlockingLockExclusive) {
+        Ok(()) if same_file(&lock, &lock_path) => Ok(Some(lock)),
+        Ok(()) | Err(rustix::io::Errno::WOULDBLOCK) => Ok(None),
+        Err(error) => Err(failed("lock", &lock_path, error.into())),
+    }
+}
+
+/// Whether another process was faster and another name may do.
+fn lost(error: &io::Error) -> bool {
+    use io::ErrorKind as K;
+    matches!(error.kind(), K::AlreadyExists | K::DirectoryNotEmpty | K::NotFound)
+}
+
+/// Whether the open file is still what the path leads to.
+fn same_file(file: &File, path: &Path) -> bool {
+    match (file.metadata(), fs::symlink_metadata(path)) {
+        (Ok(a), Ok(b)) => a.dev() == b.dev() && a.ino() == b.ino(),
+        _ => false,
+    }
+}
+
+fn older(path: &Path) -> bool {
+    fs::symlink_metadata(path)
+        .and_then(|found| found.modified())
+        .ok()
+        .and_then(|modified| modified.elapsed().ok())
+        .is_some_and(|age| age > UNLOCKED_AGE_MIN)
+}
+
+fn remove_shared_memory(prefix: &str) -> io::Result<()> {
+    for entry in fs::read_dir(SHARED_MEMORY)? {
+        let entry = entry?;
+        if entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes()) {
+            match fs::remove_file(entry.path()) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+                _ => {}
+            }
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn temporary_base() -> (tempfile::TempDir, PathBuf) {
+        let parent = tempfile::tempdir().unwrap();
+        let base = parent.path().join("phalanx-test");
+        (parent, base)
+    }
+
+    #[test]
+    fn a_root_is_private_and_leaves_nothing() {
+        let (parent, base) = temporary_base();
+        let root = RunRoot::create(&base).unwrap();
+        assert_eq!(fs::metadata(root.path()).unwrap().mode() & 0o777, 0o700);
+        assert!(root.config_path().exists());
+        let shm = Path::new(SHARED_MEMORY).join(format!("{}left", root.prefix()));
+        fs::write(&shm, "x").unwrap();
+        root.remove().unwrap();
+        assert!(!shm.exists());
+        assert!(!base.exists());
+        drop(parent);
+    }
+
+    #[test]
+    fn a_sweep_takes_the_dead_and_spares_the_living() {
+        let (_parent, base) = temporary_base();
+        let living = RunRoot::create(&base).unwrap();
+        let id = format!("{:08x}", std::process::id());
+        let dead = base.join(&id);
+        fs::create_dir(&dead).unwrap();
+        fs::write(dead.join("lock"), "").unwrap();
+        let shm = Path::new(SHARED_MEMORY).join(format!("{}left", prefix(&id)));
+        fs::write(&shm, "x").unwrap();
+        let being_made = base.join("0000beef");
+        fs::create_dir(&being_made).unwrap();
+        fs::create_dir(base.join("not-a-root")).unwrap();
+        assert_eq!(sweep(&base), std::slice::from_ref(&dead));
+        assert!(!dead.exists() && !shm.exists());
+        assert!(living.path().exists() && being_made.exists());
+    }
+
+    #[test]
+    fn roots_survive_sweeps_that_run_while_they_are_made() {
+        let (_parent, base) = temporary_base();
+        std::thread::scope(|scope| {
+            for _ in 0..2 {
+                scope.spawn(|| (0..200).for_each(|_| drop(sweep(&base))));
+            }
+            for _ in 0..2 {
+                scope.spawn(|| {
+                    for _ in 0..100 {
+                        let root = RunRoot::create(&base).unwrap();
+                        assert!(root.config_path().exists());
+                        root.remove().unwrap();
+                    }
+                });
+            }
+        });
+        assert!(!base.exists());
+    }
+
+    #[test]
+    fn a_link_is_no_base() {
+        let (parent, base) = temporary_base();
+        std::os::unix::fs::symlink(parent.path(), &base).unwrap();
+        let error = RunRoot::create(&base).unwrap_err().to_string();
+        assert!(error.contains("symbolic link"), "{error}");
+    }
+}

@@ -1,0 +1,585 @@
+//! The services: their names, who may connect, how deep their queues are.
+//!
+//! Only the supervisor creates services; it holds the [`Factory`] of each for the whole run.
+//! Agents and the plant open them. Must not: push back on a sender (safe overflow, discard), or
+//! rely on any iceoryx2 default.
+
+use std::fmt::Debug;
+use std::marker::PhantomData;
+use std::time::Duration;
+
+use iceoryx2::node::NodeCreationFailure;
+use iceoryx2::port::publisher::PublisherCreateError;
+use iceoryx2::port::subscriber::SubscriberCreateError;
+use iceoryx2::prelude::{
+    AllocationStrategy, BackpressureStrategy, NodeBuilder, NodeName, PortFactory as _, ServiceName,
+    SignalHandlingMode, ZeroCopySend,
+};
+use iceoryx2::service::builder::publish_subscribe::{
+    Builder, PublishSubscribeCreateError, PublishSubscribeOpenError,
+};
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+
+use crate::brief::Pace;
+use crate::message::{
+    Beacon, Command, NeighborStatus, Odometry, StatusHeader, TruthHeader, TruthRow,
+};
+
+/// Shared memory between processes, each port used by one thread.
+pub type Ipc = iceoryx2::service::ipc::Service;
+/// A process's seat in iceoryx2. Not `Send`: a thread that needs one makes its own.
+pub type Node = iceoryx2::node::Node<Ipc>;
+/// The sending end of a service.
+pub type Publisher<P, H = ()> = iceoryx2::port::publisher::Publisher<Ipc, P, H>;
+/// The receiving end of a service.
+pub type Subscriber<P, H = ()> = iceoryx2::port::subscriber::Subscriber<Ipc, P, H>;
+
+/// One sender, and its replacement while iceoryx2 still counts the dead one.
+const PUBLISHERS_MAX: usize = 2;
+/// Replacements of dead receivers overlap in the same way.
+const SUBSCRIBERS_SPARE: usize = 2;
+/// The supervisor, its clean-up thread, and two tools that look on.
+const NODES_SPARE: usize = 4;
+/// A receiver holds one sample while it takes the next.
+const BORROWED_MAX: usize = 2;
+/// Opening was seen to fail for no reason while others start; it is tried this often.
+const OPEN_ATTEMPTS: usize = 20;
+/// Pause between two attempts.
+const OPEN_PAUSE: Duration = Duration::from_millis(10);
+
+/// Why a service or a port is not there.
+#[derive(Debug, thiserror::Error)]
+pub enum ServiceError {
+    /// The name is none for iceoryx2.
+    #[error("{name:?} is no valid iceoryx2 name: it must have 1 to 255 bytes")]
+    Name {
+        /// The name.
+        name: String,
+    },
+    /// The process cannot take part at all.
+    #[error(
+        "cannot create the iceoryx2 node {name}: {cause:?}; is the run root there, writable, and its file system not full?"
+    )]
+    Node {
+        /// The node's name.
+        name: String,
+        /// Why.
+        cause: NodeCreationFailure,
+    },
+    /// The supervisor cannot create a service.
+    #[error(
+        "cannot create the service {service}: {cause:?}; a name can be created once in a run, and shared memory must not be full (df /dev/shm)"
+    )]
+    Create {
+        /// Its name.
+        service: String,
+        /// Why.
+        cause: PublishSubscribeCreateError,
+    },
+    /// A child cannot open a service.
+    #[error("cannot open the service {service} ({attempts} attempts): {cause:?}; {advice}")]
+    Open {
+        /// Its name.
+        service: String,
+        /// How often it was tried.
+        attempts: usize,
+        /// Why the last attempt failed.
+        cause: PublishSubscribeOpenError,
+        /// What to look at.
+        advice: &'static str,
+    },
+    /// No place for another sender.
+    #[error(
+        "cannot send on the service {service}: {cause:?}; it has room for {PUBLISHERS_MAX} senders, one of them a replacement, and the dead count until the supervisor cleaned up"
+    )]
+    Publisher {
+        /// The service's name.
+        service: String,
+        /// Why.
+        cause: PublisherCreateError,
+    },
+    /// No place for another receiver.
+    #[error(
+        "cannot receive from the service {service}: {cause:?}; its room for receivers was counted from the formation graph when the run began"
+    )]
+    Subscriber {
+        /// The service's name.
+        service: String,
+        /// Why.
+        cause: SubscriberCreateError,
+    },
+}
+
+/// This process's seat, under the configuration that [`crate::run_root::join`] installed.
+pub fn node(name: &str) -> Result<Node, ServiceError> {
+    let node_name = NodeName::new(name).map_err(|_| ServiceError::Name { name: name.into() })?;
+    NodeBuilder::new()
+        .name(&node_name)
+        .signal_handling_mode(SignalHandlingMode::Disabled)
+        .create::<Ipc>()
+        .map_err(|cause| ServiceError::Node { name: name.into(), cause })
+}
+
+/// How many receive, and how many samples wait for each.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Qos {
+    /// Receivers in the formation graph, recorder included.
+    pub subscribers: usize,
+    /// Queue of each receiver; the oldest sample gives way.
+    pub buffer: usize,
+}
+
+impl Qos {
+    /// For odometry, commands and beacons. In lockstep a neighbour may be a tick ahead; in real
+    /// time only the newest sample matters.
+    pub fn of_robot(pace: Pace, subscribers: usize) -> Qos {
+        let buffer = match pace {
+            Pace::Lockstep => 4,
+            Pace::Realtime => 1,
+        };
+        Qos { subscribers, buffer }
+    }
+
+    /// For status, which the supervisor takes in bursts.
+    pub fn of_status(subscribers: usize) -> Qos {
+        Qos { subscribers, buffer: 64 }
+    }
+
+    /// For truth: twice the lead that the plant may have in lockstep; a second at 1 kHz.
+    pub fn of_truth(pace: Pace, subscribers: usize) -> Qos {
+        let buffer = match pace {
+            Pace::Lockstep => 128,
+            Pace::Realtime => 1024,
+        };
+        Qos { subscribers, buffer }
+    }
+}
+
+/// A service by name and type: payload `P` (a message, or a slice of them), user header `H`.
+#[derive(Debug, Clone)]
+pub struct Topic<P: ?Sized, H = ()> {
+    name: String,
+    payload: PhantomData<fn(&P, &H)>,
+}
+
+/// `robot/<id>/odometry`: plant to agent.
+pub fn odometry(robot: &str) -> Topic<Odometry> {
+    Topic::new(format!("robot/{robot}/odometry"))
+}
+
+/// `robot/<id>/command`: agent to plant.
+pub fn command(robot: &str) -> Topic<Command> {
+    Topic::new(format!("robot/{robot}/command"))
+}
+
+/// `robot/<id>/beacon`: agent to those that hear it.
+pub fn beacon(robot: &str) -> Topic<Beacon> {
+    Topic::new(format!("robot/{robot}/beacon"))
+}
+
+/// `robot/<id>/status`: agent to supervisor.
+pub fn status(robot: &str) -> Topic<[NeighborStatus], StatusHeader> {
+    Topic::new(format!("robot/{robot}/status"))
+}
+
+/// `plant/truth`: plant to supervisor.
+pub fn truth() -> Topic<[TruthRow], TruthHeader> {
+    Topic::new("plant/truth".into())
+}
+
+/// A service created or opened by this process; it stays while one of them lives.
+#[derive(Debug)]
+pub struct Factory<P: Debug + ?Sized + iceoryx2::prelude::IceoryxSend, H: Debug + ZeroCopySend = ()>
+{
+    name: String,
+    ports: PortFactory<Ipc, P, H>,
+}
+
+impl<P: ?Sized, H> Topic<P, H> {
+    fn new(name: String) -> Topic<P, H> {
+        Topic { name, payload: PhantomData }
+    }
+
+    /// The service's name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn service_name(&self) -> Result<ServiceName, ServiceError> {
+        ServiceName::new(&self.name).map_err(|_| ServiceError::Name { name: self.name.clone() })
+    }
+}
+
+macro_rules! topic_of {
+    ($payload:ty) => {
+        impl<P, H> Topic<$payload, H>
+        where
+            P: Debug + ZeroCopySend + iceoryx2::prelude::IceoryxSend + 'static,
+            H: Debug + Default + ZeroCopySend + 'static,
+        {
+            /// Creates the service. The supervisor only: a process killed in here would leave
+            /// the name unusable for the rest of the run.
+            pub fn create(
+                &self,
+                node: &Node,
+                qos: Qos,
+            ) -> Result<Factory<$payload, H>, ServiceError> {
+                let builder = node.service_builder(&self.service_name()?);
+                let ports =
+                    with_qos(builder.publish_subscribe::<$payload>().user_header::<H>(), qos)
+                        .create()
+                        .map_err(|cause| ServiceError::Create {
+                            service: self.name.clone(),
+                            cause,
+                        })?;
+                Ok(Factory { name: self.name.clone(), ports })
+            }
+
+            /// Opens the service that the supervisor created.
+            pub fn open(&self, node: &Node) -> Result<Factory<$payload, H>, ServiceError> {
+                let name = self.service_name()?;
+                let mut attempts = 1;
+                loop {
+                    let builder = node.service_builder(&name).publish_subscribe::<$payload>();
+                    match builder.user_header::<H>().open() {
+                        Ok(ports) => return Ok(Factory { name: self.name.clone(), ports }),
+                        Err(cause) if attempts == OPEN_ATTEMPTS || !passing(cause) => {
+                            let service = self.name.clone();
+                            let advice = advice(cause);
+                            return Err(ServiceError::Open { service, attempts, cause, advice });
+                        }
+                        Err(_) => std::thread::sleep(OPEN_PAUSE),
+                    }
+                    attempts += 1;
+                }
+            }
+        }
+    };
+}
+
+topic_of!(P);
+topic_of!([P]);
+
+fn with_qos<P, H>(builder: Builder<P, H, Ipc>, qos: Qos) -> Builder<P, H, Ipc>
+where
+    P: Debug + iceoryx2::prelude::IceoryxSend + ?Sized,
+    H: Debug + ZeroCopySend,
+{
+    let subscribers = qos.subscribers + SUBSCRIBERS_SPARE;
+    builder
+        .enable_safe_overflow(true)
+        .history_size(0)
+        .max_publishers(PUBLISHERS_MAX)
+        .max_subscribers(subscribers)
+        .max_nodes(PUBLISHERS_MAX + subscribers + NODES_SPARE)
+        .subscriber_max_buffer_size(qos.buffer)
+        .subscriber_max_borrowed_samples(BORROWED_MAX)
+}
+
+/// Whether another attempt may go better.
+fn passing(cause: PublishSubscribeOpenError) -> bool {
+    use PublishSubscribeOpenError as E;
+    matches!(
+        cause,
+        E::DoesNotExist
+            | E::InternalFailure
+            | E::Interrupt
+            | E::IsMarkedForDestruction
+            | E::ServiceInCorruptedState
+            | E::UnableToCreateServiceTag
+    )
+}
+
+fn advice(cause: PublishSubscribeOpenError) -> &'static str {
+    use PublishSubscribeOpenError as E;
+    match cause {
+        E::DoesNotExist => "the supervisor creates it: is the robot's name right, is the run over?",
+        E::IncompatibleTypes => {
+            "this process was built with another layout of the message than the supervisor: rebuild both"
+        }
+        E::ExceedsMaxNumberOfNodes => {
+            "its room was counted from the formation graph; dead processes count until cleaned up"
+        }
+        _ => "IOX2_LOG_LEVEL=debug says more",
+    }
+}
+
+impl<P, H> Factory<P, H>
+where
+    P: Debug + ?Sized + iceoryx2::prelude::IceoryxSend,
+    H: Debug + ZeroCopySend,
+{
+    /// The service's name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// How many send on this service now, the dead not yet cleaned up included.
+    pub fn number_of_publishers(&self) -> usize {
+        self.ports.dynamic_config().number_of_publishers()
+    }
+
+    /// How many receive from this service now, the dead not yet cleaned up included.
+    pub fn number_of_subscribers(&self) -> usize {
+        self.ports.dynamic_config().number_of_subscribers()
+    }
+
+    /// A receiver with the service's full queue.
+    pub fn subscriber(&self) -> Result<Subscriber<P, H>, ServiceError> {
+        self.ports
+            .subscriber_builder()
+            .create()
+            .map_err(|cause| ServiceError::Subscriber { service: self.name.clone(), cause })
+    }
+}
+
+impl<P: Debug + ZeroCopySend + iceoryx2::prelude::IceoryxSend, H: Debug + ZeroCopySend>
+    Factory<P, H>
+{
+    /// A sender that never waits.
+    pub fn publisher(&self) -> Result<Publisher<P, H>, ServiceError> {
+        self.ports
+            .publisher_builder()
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|cause| ServiceError::Publisher { service: self.name.clone(), cause })
+    }
+}
+
+impl<P: Debug + ZeroCopySend + iceoryx2::prelude::IceoryxSend, H: Debug + ZeroCopySend>
+    Factory<[P], H>
+{
+    /// A sender of slices up to a length, which never waits and never allocates.
+    pub fn publisher(&self, length_max: usize) -> Result<Publisher<[P], H>, ServiceError> {
+        self.ports
+            .publisher_builder()
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .initial_max_slice_len(length_max.max(1))
+            .allocation_strategy(AllocationStrategy::Static)
+            .create()
+            .map_err(|cause| ServiceError::Publisher { service: self.name.clone(), cause })
+    }
+}
+
+/// Why a slice was not sent.
+#[derive(Debug, thiserror::Error)]
+pub enum SendError {
+    /// No memory to write it to.
+    #[error("no room for a slice of {length}: {cause:?}; the sender was made for a certain length")]
+    Loan {
+        /// How long it was.
+        length: usize,
+        /// Why.
+        cause: iceoryx2::port::LoanError,
+    },
+    /// It was written, and not delivered.
+    #[error("a slice was not delivered: {cause:?}")]
+    Send {
+        /// Why.
+        cause: iceoryx2::port::SendError,
+    },
+}
+
+/// Sends a header and a slice written in place; returns how many receive it.
+pub fn send_slice<P, H>(
+    publisher: &Publisher<[P], H>,
+    header: H,
+    length: usize,
+    row: impl FnMut(usize) -> P,
+) -> Result<usize, SendError>
+where
+    P: Debug + ZeroCopySend + iceoryx2::prelude::IceoryxSend,
+    H: Debug + Default + ZeroCopySend,
+{
+    let loan = publisher.loan_slice_uninit(length);
+    let mut sample = loan.map_err(|cause| SendError::Loan { length, cause })?;
+    *sample.user_header_mut() = header;
+    sample.write_from_fn(row).send().map_err(|cause| SendError::Send { cause })
+}
+
+// A loan needs an initial header; `send_slice` overwrites it.
+#[allow(clippy::derivable_impls, reason = "no other message needs a default")]
+impl Default for StatusHeader {
+    fn default() -> Self {
+        StatusHeader {
+            tick: 0,
+            t_ns: 0,
+            incarnation: 0,
+            flying: 0,
+            deadline_misses: 0,
+            beacons_refused: 0,
+        }
+    }
+}
+
+impl Default for TruthHeader {
+    fn default() -> Self {
+        TruthHeader {
+            tick: 0,
+            t_ns: 0,
+            stamp_ns: 0,
+            sent_ns: 0,
+            closest_m: 0.0,
+            closest_t_ns: 0,
+            closest_pair: [0; 2],
+            violations: 0,
+            commands_late: 0,
+            commands_old: 0,
+            commands_not_finite: 0,
+            commands_scaled: 0,
+            commands_expired: 0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::run_root::{RunRoot, join};
+
+    /// A stranger's layout under the name of a command.
+    type Wrong = Beacon;
+
+    /// One test, because iceoryx2's configuration is process-wide.
+    #[test]
+    fn every_service_carries_its_message_and_refuses_another_layout() {
+        let parent = tempfile::tempdir_in("/dev/shm").unwrap();
+        let root = RunRoot::create(&parent.path().join("base")).unwrap();
+        join(root.path()).unwrap();
+        join(root.path()).unwrap();
+        let other = RunRoot::create(&parent.path().join("base")).unwrap();
+        assert!(join(other.path()).unwrap_err().to_string().contains("already"));
+        drop(other);
+
+        let before = listing("/tmp/iceoryx2");
+        let supervisor = node("supervisor").unwrap();
+        let child = node("agent r1").unwrap();
+
+        let qos = Qos::of_robot(Pace::Lockstep, 1);
+        let sent = Command {
+            tick: 7,
+            stamp_ns: 1,
+            sent_ns: 2,
+            sequence: 3,
+            incarnation: 0,
+            v_m_s: 0.1,
+            w_rad_s: -1.0,
+        };
+        let held = command("r1").create(&supervisor, qos).unwrap();
+        let opened = command("r1").open(&child).unwrap();
+        let publisher = opened.publisher().unwrap();
+        let subscriber = held.subscriber().unwrap();
+        assert_eq!((held.number_of_publishers(), held.number_of_subscribers()), (1, 1));
+        publisher.send_copy(sent).unwrap();
+        assert_eq!(*subscriber.receive().unwrap().unwrap(), sent);
+        assert!(subscriber.receive().unwrap().is_none());
+
+        // The oldest gives way, the sender never waits.
+        for tick in 0..10 {
+            publisher.send_copy(Command { tick, ..sent }).unwrap();
+        }
+        let mut ticks = Vec::new();
+        while let Some(sample) = subscriber.receive().unwrap() {
+            ticks.push(sample.tick);
+        }
+        assert_eq!(ticks, [6, 7, 8, 9]);
+
+        let wrong: Topic<Wrong> = Topic::new(command("r1").name().into());
+        let error = wrong.open(&child).unwrap_err().to_string();
+        assert!(error.contains("robot/r1/command") && error.contains("another layout"), "{error}");
+        let error = command("nobody").open(&child).unwrap_err().to_string();
+        assert!(
+            error.contains("robot/nobody/command") && error.contains("DoesNotExist"),
+            "{error}"
+        );
+
+        let held = beacon("r1").create(&supervisor, qos).unwrap();
+        let beacon_sent = Beacon {
+            tick: 1,
+            stamp_ns: 2,
+            sent_ns: 3,
+            incarnation: 4,
+            x_m: 1.0,
+            y_m: 2.0,
+            vx_m_s: 3.0,
+            vy_m_s: 4.0,
+        };
+        let subscriber = held.subscriber().unwrap();
+        let publisher = beacon("r1").open(&child).unwrap().publisher().unwrap();
+        publisher.send_copy(beacon_sent).unwrap();
+        assert_eq!(*subscriber.receive().unwrap().unwrap(), beacon_sent);
+
+        let held = odometry("r1").create(&supervisor, qos).unwrap();
+        let odometry_sent = Odometry {
+            tick: 1,
+            t_ns: 2,
+            stamp_ns: 3,
+            sent_ns: 4,
+            x_m: 1.0,
+            y_m: 2.0,
+            heading_rad: 3.0,
+            v_m_s: 4.0,
+            w_rad_s: 5.0,
+            proximity_valid: 1,
+            proximity_cut: 0,
+            proximity_count: 1,
+            proximity_m: [[0.5; 2]; crate::message::PROXIMITY_MAX],
+        };
+        let subscriber = odometry("r1").open(&child).unwrap().subscriber().unwrap();
+        let publisher = held.publisher().unwrap();
+        publisher.send_copy(odometry_sent).unwrap();
+        assert_eq!(*subscriber.receive().unwrap().unwrap(), odometry_sent);
+
+        let held = status("r1").create(&supervisor, Qos::of_status(1)).unwrap();
+        let subscriber = held.subscriber().unwrap();
+        let publisher = status("r1").open(&child).unwrap().publisher(2).unwrap();
+        let header = StatusHeader { tick: 5, ..StatusHeader::default() };
+        let neighbor =
+            |i| NeighborStatus { robot: i as u64 + 1, contact: 1, since_tick: 0, since_t_ns: 0 };
+        send_slice(&publisher, header, 2, neighbor).unwrap();
+        send_slice(&publisher, header, 0, neighbor).unwrap();
+        assert!(send_slice(&publisher, header, 3, neighbor).is_err());
+        let sample = subscriber.receive().unwrap().unwrap();
+        assert_eq!((*sample.user_header(), sample.len()), (header, 2));
+        assert_eq!(sample[1], neighbor(1));
+        assert_eq!(subscriber.receive().unwrap().unwrap().len(), 0);
+
+        let held = truth().create(&supervisor, Qos::of_truth(Pace::Realtime, 1)).unwrap();
+        let subscriber = held.subscriber().unwrap();
+        let publisher = truth().open(&child).unwrap().publisher(64).unwrap();
+        let row = |i| TruthRow {
+            x_m: i as f64,
+            y_m: 0.0,
+            heading_rad: 0.0,
+            v_m_s: 0.0,
+            w_rad_s: 0.0,
+            commanded: 1,
+        };
+        for tick in 0..1024 {
+            let header = TruthHeader { tick, ..TruthHeader::default() };
+            send_slice(&publisher, header, 64, row).unwrap();
+        }
+        for tick in 0..1024 {
+            let sample = subscriber.receive().unwrap().unwrap();
+            assert_eq!((sample.user_header().tick, sample[63]), (tick, row(63)));
+        }
+
+        // With ports still open, as after a SIGKILL: nothing outlives the root.
+        let prefix = root.prefix();
+        let shm = || listing("/dev/shm").into_iter().filter(|name| name.contains(&prefix)).count();
+        assert!(shm() > 0);
+        root.remove().unwrap();
+        assert_eq!(shm(), 0);
+        assert_eq!(listing("/tmp/iceoryx2"), before);
+        assert!(listing(parent.path().to_str().unwrap()).is_empty());
+    }
+
+    fn listing(directory: &str) -> Vec<String> {
+        std::fs::read_dir(directory)
+            .into_iter()
+            .flatten()
+            .flatten()
+            .map(|entry| entry.file_name().to_string_lossy().into_owned())
+            .collect()
+    }
+}

@@ -1,0 +1,159 @@
+//! One child process: started, watched through a pidfd, ended, and reaped.
+//!
+//! Children die with the supervisor, even on its SIGKILL, and inherit none of its descriptors.
+//! Nothing here waits for a child.
+
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitStatus, Stdio};
+
+use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
+
+/// How much of a log's end is looked at for its last lines.
+const TAIL_BYTES: u64 = 16 * 1024;
+
+/// What a child is to be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// `phalanx agent BRIEF --incarnation N`.
+    Agent {
+        /// How often this robot's process was started before.
+        incarnation: u64,
+    },
+    /// `phalanx plant BRIEF`.
+    Plant,
+}
+
+/// A running child, or a dead one not yet reaped.
+#[derive(Debug)]
+pub struct Child {
+    process: std::process::Child,
+    pidfd: OwnedFd,
+    log: PathBuf,
+}
+
+/// Why a child could not be started.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot start {what}: {source}")]
+pub struct SpawnError {
+    what: String,
+    source: io::Error,
+}
+
+impl Child {
+    /// Starts this very executable in another role, its log appended to `log`. The calling thread
+    /// must live as long as the run: the child dies with it.
+    pub fn spawn(role: Role, brief: &Path, log: &Path) -> Result<Child, SpawnError> {
+        let failed = |source| SpawnError { what: format!("{role:?} with {}", brief.display()), source };
+        let out = File::options().create(true).append(true).open(log).map_err(failed)?;
+        let mut command = Command::new("/proc/self/exe");
+        match role {
+            Role::Agent { incarnation } => {
+                command.arg0("phalanx-agent").arg("agent").arg(brief);
+                command.arg("--incarnation").arg(incarnation.to_string());
+            }
+            Role::Plant => {
+                command.arg0("phalanx-plant").arg("plant").arg(brief);
+            }
+        }
+        command
+            .stdin(Stdio::null())
+            .stdout(out.try_clone().map_err(failed)?)
+            .stderr(out)
+            .process_group(0); // a Ctrl-C on the terminal is the supervisor's alone
+        let parent = std::process::id();
+        // SAFETY: between fork and exec only async-signal-safe system calls are made, and no
+        // memory is allocated.
+        unsafe { command.pre_exec(move || die_with(parent)) };
+        let mut process = command.spawn().map_err(failed)?;
+        let pid = Pid::from_child(&process);
+        match pidfd_open(pid, PidfdFlags::empty()) {
+            Ok(pidfd) => Ok(Child { process, pidfd, log: log.into() }),
+            Err(error) => {
+                // Without the descriptor it could not be watched. SIGKILL cannot be ignored.
+                let _ = process.kill();
+                let _ = process.wait();
+                Err(failed(error.into()))
+            }
+        }
+    }
+
+    /// Its process id.
+    pub fn pid(&self) -> u32 {
+        self.process.id()
+    }
+
+    /// Readable once it is dead.
+    pub fn pidfd(&self) -> BorrowedFd<'_> {
+        self.pidfd.as_fd()
+    }
+
+    /// Ends it at once. Harmless if it is dead already.
+    pub fn kill(&self) {
+        self.signal(Signal::KILL);
+    }
+
+    /// Asks it to end.
+    pub fn terminate(&self) {
+        self.signal(Signal::TERM);
+    }
+
+    fn signal(&self, signal: Signal) {
+        if let Err(error) = pidfd_send_signal(&self.pidfd, signal)
+            && error != rustix::io::Errno::SRCH
+        {
+            tracing::warn!(pid = self.pid(), ?signal, %error, "signal not sent");
+        }
+    }
+
+    /// How it ended, once it has; it is reaped then.
+    pub fn ended(&mut self) -> Option<ExitStatus> {
+        self.process.try_wait().unwrap_or_else(|error| {
+            tracing::warn!(pid = self.pid(), %error, "cannot ask for its end");
+            None
+        })
+    }
+
+    /// The last lines of its log, for a screen.
+    pub fn last_lines(&self, count: usize) -> String {
+        last_lines(&self.log, count)
+    }
+}
+
+/// How a process ended, in words.
+pub fn in_words(status: ExitStatus) -> String {
+    match (status.code(), status.signal()) {
+        (Some(code), _) => format!("exit code {code}"),
+        (None, Some(signal)) => format!("signal {signal}"),
+        (None, None) => format!("{status}"),
+    }
+}
+
+/// The last `count` lines of a file; empty if it cannot be read.
+pub fn last_lines(path: &Path, count: usize) -> String {
+    let tail = || -> io::Result<String> {
+        let mut file = File::open(path)?;
+        let length = file.metadata()?.len();
+        file.seek(SeekFrom::Start(length.saturating_sub(TAIL_BYTES)))?;
+        let mut bytes = Vec::new();
+        file.take(TAIL_BYTES).read_to_end(&mut bytes)?;
+        Ok(String::from_utf8_lossy(&bytes).into_owned())
+    };
+    let text = tail().unwrap_or_default();
+    let lines: Vec<&str> = text.lines().collect();
+    lines[lines.len().saturating_sub(count)..].join("\n")
+}
+
+/// Runs in the child before exec: dies with its parent, and keeps no descriptor but the first three.
+fn die_with(parent: u32) -> io::Result<()> {
+    rustix::process::set_parent_process_death_signal(Some(Signal::KILL))?;
+    if rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get() as u32) != Some(parent) {
+        return Err(io::Error::from(io::ErrorKind::BrokenPipe)); // the parent is gone already
+    }
+    // SAFETY: a plain system call; marking descriptors close-on-exec touches no memory.
+    let closed = unsafe { libc::close_range(3, u32::MAX, libc::CLOSE_RANGE_CLOEXEC as i32) };
+    if closed == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
+}

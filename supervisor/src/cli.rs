@@ -1,0 +1,238 @@
+//! What was asked for: the command line, and one function for each verb.
+//!
+//! Results go to stdout, everything else to stderr. The exit code tells how it went.
+
+use std::io::{self, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand, ValueEnum};
+use indicatif::{ProgressBar, ProgressStyle};
+use protocol::brief::Pace;
+use protocol::law::LawDescription;
+use protocol::process::{Stop, exit, quiet_iceoryx2};
+
+use crate::check;
+use crate::flight::{self, Flight};
+use crate::metrics::Metrics;
+use crate::metrics::expect;
+use crate::run_dir::{Manifest, RunDir, default_out};
+use crate::scenario::Scenario;
+use crate::scenario::diagnostic::Diagnostic;
+use crate::scenario::overrides::Overrides;
+use crate::scenario::read::read;
+use crate::summary::{self, Summary};
+
+/// The supervisor's verbs.
+#[derive(Debug, Subcommand)]
+pub enum Verb {
+    /// Fly a scenario: every robot a process of its own.
+    Run(RunArgs),
+    /// Validate a scenario and print what can be said before it flies.
+    Check(CheckArgs),
+}
+
+/// Arguments of `phalanx run`.
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    #[command(flatten)]
+    scenario: ScenarioArgs,
+    /// How time passes.
+    #[arg(long, value_enum, default_value_t = PaceArg::Realtime)]
+    pace: PaceArg,
+    /// Where to write the run; must not exist [default: runs/NAME-DATE-TIME].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// What to print at the end.
+    #[arg(long, value_enum, default_value_t = Output::Text)]
+    output: Output,
+}
+
+/// Arguments of `phalanx check`.
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    #[command(flatten)]
+    scenario: ScenarioArgs,
+}
+
+/// A scenario file, and changes to it.
+#[derive(Debug, Args)]
+struct ScenarioArgs {
+    /// The scenario file.
+    scenario: PathBuf,
+    /// Seed of everything random.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Set a key of the scenario, as in avoidance.kind=none.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Add a fault, as in 'kill r2 @10 restart 2'.
+    #[arg(long, value_name = "SPEC")]
+    fault: Vec<String>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum PaceArg {
+    /// Simulated time, bit-identical from run to run.
+    Lockstep,
+    /// The machine's clock.
+    Realtime,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Output {
+    /// One screen for people.
+    Text,
+    /// summary.json.
+    Json,
+}
+
+/// Does what was asked for; `laws` are those that the agents know.
+pub fn main(verb: &Verb, laws: &[LawDescription]) -> u8 {
+    tracing_subscriber::fmt()
+        .with_writer(io::stderr)
+        .with_ansi(in_color())
+        .with_target(false)
+        .without_time()
+        .with_max_level(log_level())
+        .init();
+    quiet_iceoryx2();
+    match verb {
+        Verb::Run(args) => run(args, laws),
+        Verb::Check(args) => check(args, laws),
+    }
+}
+
+fn log_level() -> tracing::Level {
+    let asked = std::env::var("PHALANX_LOG").ok();
+    asked.and_then(|level| level.parse().ok()).unwrap_or(tracing::Level::WARN)
+}
+
+/// Colors only for people who want them: NO_COLOR, and a terminal.
+fn in_color() -> bool {
+    io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
+}
+
+fn check(args: &CheckArgs, laws: &[LawDescription]) -> u8 {
+    let Some((scenario, _)) = read_scenario(&args.scenario, laws) else {
+        return exit::BAD_SCENARIO;
+    };
+    print(&check::report(&scenario))
+}
+
+fn run(args: &RunArgs, laws: &[LawDescription]) -> u8 {
+    let Some((scenario, text)) = read_scenario(&args.scenario, laws) else {
+        return exit::BAD_SCENARIO;
+    };
+    let pace = match args.pace {
+        PaceArg::Lockstep => Pace::Lockstep,
+        PaceArg::Realtime => Pace::Realtime,
+    };
+    let out = args.out.clone().unwrap_or_else(|| default_out(&scenario.name));
+    match fly(&scenario, &text, pace, &args.scenario.scenario, &out) {
+        Ok(flown) => {
+            let printed = match args.output {
+                Output::Text => print(&format!(
+                    "{}\nwritten to {}\n",
+                    summary::screen(&flown.summary).trim_end(),
+                    out.display()
+                )),
+                Output::Json => print(&flown.summary.to_json()),
+            };
+            if flown.exit == exit::OK { printed } else { flown.exit }
+        }
+        Err(error) => complain(&error),
+    }
+}
+
+struct Flown {
+    summary: Summary,
+    exit: u8,
+}
+
+/// Flies a sound scenario and writes everything down.
+fn fly(
+    scenario: &Scenario,
+    text: &str,
+    pace: Pace,
+    path: &Path,
+    out: &Path,
+) -> Result<Flown, Box<dyn std::error::Error>> {
+    let stop = Stop::on_signals_twice_at_once()?;
+    let mut run_dir = RunDir::create(out, scenario)?;
+    run_dir.write_scenario(text)?;
+    run_dir.write_manifest(&Manifest::collect(scenario, path, pace))?;
+    let mut metrics = Metrics::new(scenario, pace);
+    let bar = progress_bar(scenario.duration_ns);
+    let (outcome, flown) =
+        match Flight::launch(scenario, pace, &mut run_dir, &mut metrics, stop) {
+            Ok(flight) => flight.fly(|t_ns| bar.set_position(t_ns / 1_000_000)),
+            Err(error) => (flight::Outcome::default(), Err(error)),
+        };
+    bar.finish_and_clear();
+    let ended_with = flight::exit_code(&outcome, &flown);
+    if let Err(error) = &flown {
+        complain(error);
+    }
+    let measures = metrics.finish();
+    let expectations = expect::evaluate(
+        &scenario.expect,
+        &measures,
+        pace,
+        outcome.deadline_misses,
+        ended_with,
+    );
+    let held = expectations.iter().all(|expectation| expectation.held);
+    let expected = scenario.expect.exit == Some(ended_with);
+    let exit = match (ended_with, held) {
+        (exit::OK, true) => exit::OK,
+        (exit::OK, false) => exit::EXPECTATION_MISSED,
+        (_, true) if expected => exit::OK,
+        (code, _) => code,
+    };
+    let summary = Summary::new(scenario, pace, &measures, &outcome, expectations, exit);
+    run_dir.finish(&summary)?;
+    Ok(Flown { summary, exit })
+}
+
+fn progress_bar(duration_ns: u64) -> ProgressBar {
+    if !io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::new(duration_ns / 1_000_000);
+    let style = ProgressStyle::with_template("{wide_bar} {pos}/{len} ms of run time, {elapsed}");
+    bar.set_style(style.expect("a valid template"));
+    bar
+}
+
+/// The scenario with its effective text; what is wrong with it is printed.
+fn read_scenario(args: &ScenarioArgs, laws: &[LawDescription]) -> Option<(Scenario, String)> {
+    let overrides =
+        Overrides { set: args.set.clone(), faults: args.fault.clone(), seed: args.seed };
+    let show = |diagnostic: &Diagnostic| {
+        let _ = writeln!(io::stderr(), "{}", diagnostic.render(in_color()));
+    };
+    match read(&args.scenario, &overrides, laws) {
+        Ok((scenario, text, warnings)) => {
+            warnings.iter().for_each(show);
+            Some((scenario, text))
+        }
+        Err(diagnostic) => {
+            show(&diagnostic);
+            None
+        }
+    }
+}
+
+/// Prints a result; a closed pipe is the reader's choice, not an error.
+fn print(text: &str) -> u8 {
+    match io::stdout().write_all(text.as_bytes()).and_then(|()| io::stdout().flush()) {
+        Ok(()) => exit::OK,
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => exit::OK,
+        Err(error) => complain(&error),
+    }
+}
+
+fn complain(error: &dyn std::fmt::Display) -> u8 {
+    let _ = writeln!(io::stderr(), "error: {error}");
+    exit::INFRASTRUCTURE
+}

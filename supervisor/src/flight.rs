@@ -1,0 +1,665 @@
+//! What happens in a run, in order, from the first process to the last.
+//!
+//! One loop takes in truths, statuses, deaths and signals, and acts on what is due. It never waits
+//! for a child: a robot's seat is a state, and each turn of the loop moves it on if it can. In
+//! lockstep the plant pauses at the exact tick of each fault until every seat is at rest.
+
+use std::io;
+use std::path::PathBuf;
+use std::process::ExitStatus;
+use std::time::{Duration, Instant};
+
+use protocol::barrier::{Barrier, BarrierError};
+use protocol::brief::Pace;
+use protocol::message::{
+    Beacon, Command, Contact, NeighborStatus, Odometry, StatusHeader, TruthHeader, TruthRow,
+};
+use protocol::process::{Stop, exit};
+use protocol::run_root::{self, RunRoot, RunRootError};
+use protocol::service::{self, Factory, Node, Qos, ServiceError, Subscriber};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use crate::briefs;
+use crate::child::{self, Child, Role, SpawnError};
+use crate::cleanup::Cleaner;
+use crate::metrics::Metrics;
+use crate::run_dir::{RunDir, RunDirError};
+use crate::scenario::{FaultKind, RestartWhen, Scenario};
+
+/// Every robot must be ready within this, at the start and at a restart.
+const READY_MAX: Duration = Duration::from_secs(10);
+/// Without a truth for this long the plant counts as hung. Longer than its own bounds, so that it
+/// can say itself what is wrong.
+const TRUTH_SILENCE_MAX: Duration = Duration::from_secs(15);
+/// Children asked to end are killed after this.
+const GRACE: Duration = Duration::from_secs(2);
+/// How long one turn of the loop waits for news.
+const TURN: Duration = Duration::from_millis(2);
+/// How many lines of a dead child's log are shown.
+const LOG_LINES: usize = 8;
+
+/// Why a run could not go on. What was written is kept.
+#[derive(Debug, thiserror::Error)]
+pub enum FlightError {
+    /// No place for the files that the processes share.
+    #[error(transparent)]
+    RunRoot(#[from] RunRootError),
+    /// A service could not be made.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    /// The barrier could not be made.
+    #[error(transparent)]
+    Barrier(#[from] BarrierError),
+    /// A process could not be started.
+    #[error(transparent)]
+    Spawn(#[from] SpawnError),
+    /// The run directory could not be written.
+    #[error(transparent)]
+    RunDir(#[from] RunDirError),
+    /// The clean-up thread could not be started.
+    #[error("cannot start the clean-up thread: {0}")]
+    Cleanup(io::Error),
+    /// A sample could not be taken.
+    #[error("cannot receive from an agent or the plant: {0}")]
+    Receive(#[from] iceoryx2::port::ReceiveError),
+    /// A robot did not come up.
+    #[error("{robot} was not ready after {} s; the last lines of its log:\n{log}", READY_MAX.as_secs())]
+    NotReady {
+        /// Its name.
+        robot: String,
+        /// The end of its log.
+        log: String,
+    },
+    /// A robot's process gave up, or died before t = 0 with no restart allowed.
+    #[error("{robot} gave up ({how}); the last lines of its log:\n{log}")]
+    AgentGaveUp {
+        /// Its name.
+        robot: String,
+        /// How it ended.
+        how: String,
+        /// The end of its log.
+        log: String,
+    },
+    /// The plant's process died.
+    #[error("the plant died ({how}); the last lines of its log:\n{log}")]
+    PlantDied {
+        /// How it ended.
+        how: String,
+        /// The end of its log.
+        log: String,
+    },
+    /// The plant lives, and says nothing.
+    #[error("the plant sent no truth for {} s", TRUTH_SILENCE_MAX.as_secs())]
+    PlantSilent,
+}
+
+/// Where a robot's process is in its life.
+#[derive(Debug)]
+enum Seat {
+    /// Started; its first status is awaited.
+    Starting { child: Child, since: Instant },
+    /// Taking part.
+    Flying { child: Child },
+    /// Killed on purpose; its end is awaited.
+    Ending { child: Child },
+    /// Dead and reaped; the clean-up is at work.
+    Cleaning,
+    /// Dead and cleaned up.
+    Down,
+}
+
+/// One robot as the supervisor keeps it.
+struct Robot {
+    name: String,
+    brief: PathBuf,
+    log: PathBuf,
+    seat: Seat,
+    incarnation: u64,
+    /// Run time at which a replacement is due, ns.
+    restart_at_ns: Option<u64>,
+    /// Run times of restarts nobody planned, ns.
+    unplanned_restarts_ns: Vec<u64>,
+    /// The fault that its present death, or its replacement's start, belongs to.
+    fault: Option<usize>,
+    status: Subscriber<[NeighborStatus], StatusHeader>,
+    /// Deadline misses of earlier incarnations, and of this one so far.
+    misses_before: u64,
+    misses: u64,
+}
+
+/// A kill that the scenario plans and that has not happened yet.
+#[derive(Debug, Clone, Copy)]
+struct PlannedKill {
+    fault: usize,
+    robot: usize,
+    at_ns: u64,
+    restart_after_ns: Option<u64>,
+}
+
+/// What a run leaves besides its metrics.
+#[derive(Debug, Clone, Default)]
+pub struct Outcome {
+    /// Ended by a signal.
+    pub interrupted: bool,
+    /// Wall time from t = 0 to the last truth.
+    pub wall: Duration,
+    /// The newest truth.
+    pub truth: Option<TruthHeader>,
+    /// Commands sent too late, by all agents.
+    pub deadline_misses: u64,
+    /// Restarts by robot, in scenario order.
+    pub restarts: Vec<u64>,
+}
+
+/// A run under way.
+pub struct Flight<'a> {
+    scenario: &'a Scenario,
+    pace: Pace,
+    run_dir: &'a mut RunDir,
+    metrics: &'a mut Metrics,
+    stop: Stop,
+    outcome: Outcome,
+    planned: Vec<PlannedKill>,
+    faults: usize,
+    alive: Vec<bool>,
+    last_news: Instant,
+    took_off: Option<Instant>,
+    // In the order in which they must go: processes before services before the run root.
+    robots: Vec<Robot>,
+    plant: Child,
+    truth: Subscriber<[TruthRow], TruthHeader>,
+    cleaner: Cleaner,
+    barrier: Option<Barrier>,
+    _services: Services,
+    _node: Node,
+    run_root: RunRoot,
+}
+
+/// Every service of the run, kept in being.
+struct Services {
+    _odometry: Vec<Factory<Odometry>>,
+    _command: Vec<Factory<Command>>,
+    _beacon: Vec<Factory<Beacon>>,
+    status: Vec<Factory<[NeighborStatus], StatusHeader>>,
+    truth: Factory<[TruthRow], TruthHeader>,
+}
+
+impl Services {
+    fn create(node: &Node, scenario: &Scenario, pace: Pace) -> Result<Services, ServiceError> {
+        let robots = || scenario.robots.iter().enumerate();
+        let one = Qos::of_robot(pace, 1);
+        let hearers = |i| Qos::of_robot(pace, scenario.graph.hearers_of(i).count());
+        Ok(Services {
+            _odometry: robots()
+                .map(|(_, robot)| service::odometry(&robot.name).create(node, one))
+                .collect::<Result<_, _>>()?,
+            _command: robots()
+                .map(|(_, robot)| service::command(&robot.name).create(node, one))
+                .collect::<Result<_, _>>()?,
+            _beacon: robots()
+                .map(|(i, robot)| service::beacon(&robot.name).create(node, hearers(i)))
+                .collect::<Result<_, _>>()?,
+            status: robots()
+                .map(|(_, robot)| service::status(&robot.name).create(node, Qos::of_status(1)))
+                .collect::<Result<_, _>>()?,
+            truth: service::truth().create(node, Qos::of_truth(pace, 1))?,
+        })
+    }
+}
+
+impl<'a> Flight<'a> {
+    /// Makes the run root and all services, writes the briefs and starts every process.
+    pub fn launch(
+        scenario: &'a Scenario,
+        pace: Pace,
+        run_dir: &'a mut RunDir,
+        metrics: &'a mut Metrics,
+        stop: Stop,
+    ) -> Result<Flight<'a>, FlightError> {
+        let base = run_root::base();
+        for removed in run_root::sweep(&base) {
+            tracing::info!(path = %removed.display(), "removed what a dead run left");
+        }
+        let run_root = RunRoot::create(&base)?;
+        run_root::join(run_root.path())?;
+        let node = service::node("supervisor")?;
+        let services = Services::create(&node, scenario, pace)?;
+        let truth = services.truth.subscriber()?;
+        let barrier = match pace {
+            Pace::Realtime => None,
+            Pace::Lockstep => {
+                let barrier = Barrier::create(&run_root.barrier_path(), scenario.robots.len())?;
+                (0..scenario.robots.len()).for_each(|slot| barrier.set_member(slot, 0));
+                Some(barrier)
+            }
+        };
+        let cleaner = Cleaner::start(run_root.path()).map_err(FlightError::Cleanup)?;
+
+        let plant_brief = briefs::plant(scenario, pace, run_root.path());
+        let plant_brief = run_dir.write_brief("plant", &plant_brief)?;
+        let plant = Child::spawn(Role::Plant, &plant_brief, &run_dir.log_path("plant"))?;
+        let mut robots = Vec::new();
+        for (i, robot) in scenario.robots.iter().enumerate() {
+            let brief = briefs::agent(scenario, i, pace, run_root.path());
+            let brief = run_dir.write_brief(&robot.name, &brief)?;
+            let log = run_dir.log_path(&robot.name);
+            let status = services.status[i].subscriber()?;
+            let child = Child::spawn(Role::Agent { incarnation: 0 }, &brief, &log)?;
+            robots.push(Robot {
+                name: robot.name.clone(),
+                brief,
+                log,
+                seat: Seat::Starting { child, since: Instant::now() },
+                incarnation: 0,
+                restart_at_ns: None,
+                unplanned_restarts_ns: Vec::new(),
+                fault: None,
+                status,
+                misses_before: 0,
+                misses: 0,
+            });
+        }
+        let planned = scenario.faults.iter().enumerate().map(|(fault, planned)| {
+            let FaultKind::Kill { robot, restart_after_ns } = planned.kind;
+            PlannedKill { fault, robot, at_ns: planned.at_ns, restart_after_ns }
+        });
+        let flight = Flight {
+            scenario,
+            pace,
+            run_dir,
+            metrics,
+            stop,
+            outcome: Outcome { restarts: vec![0; robots.len()], ..Outcome::default() },
+            planned: planned.collect(),
+            faults: scenario.faults.len(),
+            alive: vec![true; robots.len()],
+            last_news: Instant::now(),
+            took_off: None,
+            robots,
+            plant,
+            truth,
+            cleaner,
+            barrier,
+            _services: services,
+            _node: node,
+            run_root,
+        };
+        flight.set_next_pause();
+        Ok(flight)
+    }
+
+    /// Flies to the end, to a signal, or to an error; then ends every process and removes what
+    /// they shared. `progress` is told the run time of the newest truth, ns.
+    pub fn fly(mut self, mut progress: impl FnMut(u64)) -> (Outcome, Result<(), FlightError>) {
+        let flown = self.turn_until_landed(&mut progress);
+        if let Err(error) = &flown {
+            tracing::debug!(%error, "the run ends early");
+        }
+        self.end_children();
+        let Flight { outcome, robots, plant, truth, cleaner, barrier, _services, _node, run_root, .. } =
+            self;
+        drop((robots, plant, truth, cleaner, barrier, _services, _node));
+        if let Err(error) = run_root.remove() {
+            tracing::warn!(%error, "could not remove the run root");
+        }
+        (outcome, flown)
+    }
+
+    fn turn_until_landed(&mut self, progress: &mut impl FnMut(u64)) -> Result<(), FlightError> {
+        loop {
+            if self.stop.requested() {
+                self.outcome.interrupted = true;
+                return Ok(());
+            }
+            self.wait_for_news();
+            self.take_truths()?;
+            self.take_statuses()?;
+            self.take_deaths()?;
+            self.take_cleaned();
+            progress(self.now_ns());
+            if self.now_ns() >= self.scenario.duration_ns {
+                return Ok(());
+            }
+            if self.may_act() {
+                self.act()?;
+            }
+            self.check_deadlines()?;
+        }
+    }
+
+    /// Run time of the newest truth, ns.
+    fn now_ns(&self) -> u64 {
+        self.outcome.truth.map_or(0, |header| header.t_ns)
+    }
+
+    /// Waits until something may have happened, for at most one turn.
+    fn wait_for_news(&self) {
+        match &self.barrier {
+            Some(barrier) => {
+                barrier.wait_attention(TURN);
+            }
+            None => {
+                let children = self.robots.iter().filter_map(|robot| robot.seat.child());
+                let mut descriptors: Vec<PollFd<'_>> = children
+                    .chain([&self.plant])
+                    .map(|child| PollFd::from_borrowed_fd(child.pidfd(), PollFlags::IN))
+                    .collect();
+                let turn = Timespec { tv_sec: 0, tv_nsec: TURN.as_nanos() as i64 };
+                // An interruption is a turn without news.
+                let _ = poll(&mut descriptors, Some(&turn));
+            }
+        }
+    }
+
+    fn take_truths(&mut self) -> Result<(), FlightError> {
+        while let Some(sample) = self.truth.receive()? {
+            let header = *sample.user_header();
+            self.took_off.get_or_insert_with(Instant::now);
+            self.metrics.truth(&header, sample.payload(), &self.alive);
+            self.run_dir.truth(&header, sample.payload(), self.metrics.errors(), &self.alive)?;
+            self.outcome.truth = Some(header);
+            self.last_news = Instant::now();
+            if let Some(barrier) = &self.barrier {
+                barrier.consumed(header.tick + 1);
+            }
+        }
+        self.outcome.wall = self.took_off.map_or(Duration::ZERO, |at| self.last_news - at);
+        Ok(())
+    }
+
+    fn take_statuses(&mut self) -> Result<(), FlightError> {
+        for i in 0..self.robots.len() {
+            while let Some(sample) = self.robots[i].status.receive()? {
+                let header = *sample.user_header();
+                self.take_status(i, &header, sample.payload())?;
+            }
+        }
+        Ok(())
+    }
+
+    fn take_status(
+        &mut self,
+        i: usize,
+        header: &StatusHeader,
+        neighbors: &[NeighborStatus],
+    ) -> Result<(), FlightError> {
+        let robot = &mut self.robots[i];
+        if header.incarnation != robot.incarnation {
+            return Ok(()); // sent before its death
+        }
+        robot.misses = header.deadline_misses;
+        // In lockstep a replacement is ready before its first tick; in real time it takes part
+        // once it has answered a sample.
+        let takes_part = self.barrier.is_some() || robot.incarnation == 0 || header.flying == 1;
+        if takes_part && let Seat::Starting { .. } = robot.seat {
+            robot.seat.has_started();
+            let (name, fault) = (robot.name.clone(), robot.fault.take());
+            let t_ns = self.now_ns().max(header.t_ns);
+            self.alive[i] = true;
+            if let Some(barrier) = &self.barrier
+                && let Some(tick) = barrier.paused()
+            {
+                barrier.set_member(i, tick);
+            }
+            let detail = format!("incarnation {}", header.incarnation);
+            self.run_dir.event(t_ns, "ready", &name, &detail)?;
+            if let Some(fault) = fault {
+                self.metrics.fault_ended(fault, t_ns);
+            }
+        }
+        for status in neighbors {
+            let Some(contact) = Contact::from_number(status.contact) else { continue };
+            let Some(neighbor) = (status.robot as usize).checked_sub(1) else { continue };
+            if contact == Contact::Unheard || neighbor >= self.robots.len() {
+                continue;
+            }
+            if self.metrics.contact(i, neighbor, contact, status.since_t_ns) {
+                let detail = format!("{} {}", self.robots[neighbor].name, contact.word());
+                self.run_dir.event(status.since_t_ns, "contact", &self.robots[i].name, &detail)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn take_deaths(&mut self) -> Result<(), FlightError> {
+        if let Some(status) = self.plant.ended() {
+            // Its last truth may have been sent between our last look and its end.
+            self.take_truths()?;
+            if self.now_ns() < self.scenario.duration_ns {
+                let log = self.plant.last_lines(LOG_LINES);
+                return Err(FlightError::PlantDied { how: child::in_words(status), log });
+            }
+        }
+        for i in 0..self.robots.len() {
+            if let Some(status) = self.robots[i].seat.child_mut().and_then(Child::ended) {
+                self.bury(i, status)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// A robot's process is dead and reaped.
+    fn bury(&mut self, i: usize, status: ExitStatus) -> Result<(), FlightError> {
+        let t_ns = self.now_ns();
+        let how = child::in_words(status);
+        let robot = &mut self.robots[i];
+        robot.misses_before += std::mem::take(&mut robot.misses);
+        self.alive[i] = false;
+        if let Some(barrier) = &self.barrier {
+            barrier.remove_member(i);
+        }
+        let planned = matches!(robot.seat, Seat::Ending { .. });
+        robot.seat = Seat::Cleaning;
+        self.cleaner.request(i);
+        self.run_dir.event(t_ns, "died", &robot.name, &how)?;
+        if planned {
+            return Ok(());
+        }
+        tracing::warn!(robot = robot.name, t_s = t_ns as f64 * 1e-9, how, "died unasked");
+        let policy = self.scenario.robots[i].restart;
+        let failed = !status.success();
+        let wanted = match policy.when {
+            RestartWhen::Never => false,
+            RestartWhen::OnFailure => failed,
+            RestartWhen::Always => true,
+        };
+        let gave_up = status.code().is_some_and(|code| code != 0);
+        if !wanted && (gave_up || self.outcome.truth.is_none()) {
+            let log = child::last_lines(&robot.log, LOG_LINES);
+            return Err(FlightError::AgentGaveUp { robot: robot.name.clone(), how, log });
+        }
+        let window_began_ns = t_ns.saturating_sub(policy.window_ns);
+        robot.unplanned_restarts_ns.retain(|&at_ns| at_ns >= window_began_ns);
+        let recent = robot.unplanned_restarts_ns.len() as u32;
+        if wanted && recent >= policy.restarts_max {
+            let detail = format!("{recent} restarts within {} s", policy.window_ns as f64 * 1e-9);
+            self.run_dir.event(t_ns, "restart-ceiling", &robot.name, &detail)?;
+        } else if wanted {
+            let delay_ns = policy.delay_ns.saturating_mul(1 << recent.min(32));
+            robot.unplanned_restarts_ns.push(t_ns);
+            robot.restart_at_ns = Some(t_ns + delay_ns.min(policy.delay_ns_max));
+        }
+        let returns = robot.restart_at_ns.is_some();
+        // A death on top of a fault that is still going on belongs to that fault.
+        if robot.fault.is_none() {
+            let fault = self.faults;
+            self.faults += 1;
+            let what = format!("death of {} ({how})", robot.name);
+            robot.fault = returns.then_some(fault);
+            self.metrics.fault_began(fault, what, Some(i), t_ns);
+            if !returns {
+                self.metrics.fault_ended(fault, t_ns);
+            }
+        }
+        self.set_next_pause();
+        Ok(())
+    }
+
+    fn take_cleaned(&mut self) {
+        while let Some(i) = self.cleaner.done() {
+            self.robots[i].seat = Seat::Down;
+        }
+    }
+
+    /// Does what is due now; in lockstep, lets the plant go on once nothing is under way.
+    fn act(&mut self) -> Result<(), FlightError> {
+        let now_ns = self.now_ns();
+        while let Some(position) = self.planned.iter().position(|kill| kill.at_ns <= now_ns) {
+            let kill = self.planned.remove(position);
+            self.kill(kill, now_ns)?;
+        }
+        for i in 0..self.robots.len() {
+            let robot = &mut self.robots[i];
+            let due = robot.restart_at_ns.is_some_and(|at_ns| at_ns <= now_ns);
+            if due && matches!(robot.seat, Seat::Down) {
+                robot.restart_at_ns = None;
+                robot.incarnation += 1;
+                let role = Role::Agent { incarnation: robot.incarnation };
+                let child = Child::spawn(role, &robot.brief, &robot.log)?;
+                robot.seat = Seat::Starting { child, since: Instant::now() };
+                self.outcome.restarts[i] += 1;
+                let detail = format!("incarnation {}", robot.incarnation);
+                self.run_dir.event(now_ns, "restart", &robot.name, &detail)?;
+            }
+        }
+        let at_rest = self.robots.iter().all(|robot| match robot.seat {
+            Seat::Flying { .. } => true,
+            Seat::Down => robot.restart_at_ns.is_none_or(|at_ns| at_ns > now_ns),
+            Seat::Starting { .. } | Seat::Ending { .. } | Seat::Cleaning => false,
+        });
+        if at_rest && let Some(barrier) = &self.barrier {
+            self.set_next_pause();
+            barrier.resume();
+        }
+        Ok(())
+    }
+
+    fn kill(&mut self, kill: PlannedKill, now_ns: u64) -> Result<(), FlightError> {
+        let robot = &mut self.robots[kill.robot];
+        robot.seat.is_killed();
+        robot.restart_at_ns = kill.restart_after_ns.map(|after_ns| kill.at_ns + after_ns);
+        let what = format!("kill {}", robot.name);
+        self.run_dir.event(now_ns, "kill", &robot.name, "SIGKILL, as planned")?;
+        self.metrics.fault_began(kill.fault, what, Some(kill.robot), now_ns);
+        if kill.restart_after_ns.is_some() {
+            robot.fault = Some(kill.fault);
+        } else {
+            self.metrics.fault_ended(kill.fault, now_ns);
+        }
+        Ok(())
+    }
+
+    /// In real time always, once the clock runs; in lockstep while the plant is paused and the
+    /// truth of its tick, sent before the pause, was taken in.
+    fn may_act(&self) -> bool {
+        match (&self.barrier, &self.outcome.truth) {
+            (_, None) => false,
+            (None, Some(_)) => true,
+            (Some(barrier), Some(truth)) => barrier.paused() == Some(truth.tick),
+        }
+    }
+
+    /// In lockstep, the plant pauses at the first tick at which something is due.
+    fn set_next_pause(&self) {
+        if let Some(barrier) = &self.barrier {
+            let kills = self.planned.iter().map(|kill| kill.at_ns);
+            let restarts = self.robots.iter().filter_map(|robot| robot.restart_at_ns);
+            let next = kills.chain(restarts).min();
+            barrier.pause_at(next.map_or(u64::MAX, |t_ns| t_ns.div_ceil(self.scenario.period_ns)));
+        }
+    }
+
+    fn check_deadlines(&self) -> Result<(), FlightError> {
+        for robot in &self.robots {
+            if let Seat::Starting { child, since } = &robot.seat
+                && since.elapsed() > READY_MAX
+            {
+                let log = child.last_lines(LOG_LINES);
+                return Err(FlightError::NotReady { robot: robot.name.clone(), log });
+            }
+        }
+        let paused = self.barrier.is_some() && self.may_act();
+        if !paused && self.last_news.elapsed() > TRUTH_SILENCE_MAX {
+            return Err(FlightError::PlantSilent);
+        }
+        Ok(())
+    }
+
+    /// Asks everybody to end, and kills whoever does not.
+    fn end_children(&mut self) {
+        let _ = self.take_statuses();
+        let misses = self.robots.iter().map(|robot| robot.misses_before + robot.misses);
+        self.outcome.deadline_misses = misses.sum();
+        let asked = Instant::now();
+        let mut killed = false;
+        for child in self.children() {
+            child.terminate();
+        }
+        while self.children().any(|child| child.ended().is_none()) {
+            if !killed && asked.elapsed() > GRACE {
+                killed = true;
+                for child in self.children() {
+                    tracing::warn!(pid = child.pid(), "did not end when asked; killed");
+                    child.kill();
+                }
+            } else if asked.elapsed() > 2 * GRACE {
+                tracing::error!("a killed process does not end; the kernel holds it");
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    fn children(&mut self) -> impl Iterator<Item = &mut Child> {
+        let robots = self.robots.iter_mut().filter_map(|robot| robot.seat.child_mut());
+        robots.chain([&mut self.plant])
+    }
+}
+
+impl Seat {
+    fn child(&self) -> Option<&Child> {
+        match self {
+            Seat::Starting { child, .. } | Seat::Flying { child } | Seat::Ending { child } => {
+                Some(child)
+            }
+            Seat::Cleaning | Seat::Down => None,
+        }
+    }
+
+    fn child_mut(&mut self) -> Option<&mut Child> {
+        match self {
+            Seat::Starting { child, .. } | Seat::Flying { child } | Seat::Ending { child } => {
+                Some(child)
+            }
+            Seat::Cleaning | Seat::Down => None,
+        }
+    }
+
+    /// Its first status has come.
+    fn has_started(&mut self) {
+        *self = match std::mem::replace(self, Seat::Down) {
+            Seat::Starting { child, .. } => Seat::Flying { child },
+            other => other,
+        };
+    }
+
+    /// It is killed on purpose, if there is anybody to kill.
+    fn is_killed(&mut self) {
+        *self = match std::mem::replace(self, Seat::Down) {
+            Seat::Starting { child, .. } | Seat::Flying { child } | Seat::Ending { child } => {
+                child.kill();
+                Seat::Ending { child }
+            }
+            other => other,
+        };
+    }
+}
+
+/// The exit code of a run that ended with this error.
+pub fn exit_code(outcome: &Outcome, flown: &Result<(), FlightError>) -> u8 {
+    match flown {
+        Err(_) => exit::INFRASTRUCTURE,
+        Ok(()) if outcome.interrupted => exit::INTERRUPTED,
+        Ok(()) => exit::OK,
+    }
+}

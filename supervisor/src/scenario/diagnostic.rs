@@ -1,0 +1,239 @@
+//! How a mistake in a scenario is shown: what is wrong, where, and what was expected instead.
+//!
+//! A diagnostic is data first; [`Diagnostic::render`] makes the text. It never decides whether
+//! the run goes on: the caller does, by [`Severity`].
+
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+
+use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
+
+/// Longest line that is shown as a snippet, bytes; longer ones are no scenario, but noise.
+const SNIPPET_LINE_BYTES_MAX: usize = 1000;
+
+/// Whether the scenario can be run all the same.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Severity {
+    /// It cannot.
+    Error,
+    /// It can, but the reader should know.
+    Warning,
+}
+
+/// One mistake, or one thing to know, about a scenario.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{message}")]
+pub struct Diagnostic {
+    /// Whether the scenario can be run all the same.
+    pub severity: Severity,
+    /// What is wrong, with the offending value.
+    pub message: String,
+    /// What was expected in its place.
+    pub expected: String,
+    /// Line of the offending value, from 1; 0 where there is no place to point at.
+    pub line: u32,
+    /// Column of the offending value in characters, from 1; 0 where there is none.
+    pub column: u32,
+    file: Arc<str>,
+    text: Arc<str>,
+    span: [u32; 2],
+    note: Option<&'static str>,
+}
+
+impl Diagnostic {
+    /// An error about a whole file or an argument: one line, without a snippet.
+    pub fn plain(message: impl Into<String>, expected: impl Into<String>) -> Diagnostic {
+        Diagnostic {
+            severity: Severity::Error,
+            message: message.into(),
+            expected: expected.into(),
+            line: 0,
+            column: 0,
+            file: "".into(),
+            text: "".into(),
+            span: [0, 0],
+            note: None,
+        }
+    }
+
+    /// The text shown to people, without a newline at its end. `color`: with ANSI escapes.
+    pub fn render(&self, color: bool) -> String {
+        let level = match self.severity {
+            Severity::Error => Level::ERROR,
+            Severity::Warning => Level::WARNING,
+        };
+        if self.line == 0 {
+            let word = match self.severity {
+                Severity::Error => "error",
+                Severity::Warning => "warning",
+            };
+            return format!("{word}: {}; {}", one_line(&self.message), one_line(&self.expected));
+        }
+        let message = one_line(&self.message);
+        let expected = one_line(&self.expected);
+        let [start, end] = self.span.map(|at| at as usize);
+        let line_start = self.text[..start].rfind('\n').map_or(0, |at| at + 1);
+        let line_end = self.text[start..].find('\n').map_or(self.text.len(), |at| start + at);
+        if line_end - line_start > SNIPPET_LINE_BYTES_MAX {
+            return format!(
+                "error: {message}; {expected}\n --> {}:{}:{}",
+                self.file, self.line, self.column
+            );
+        }
+        // One line is enough to point at: a value over several lines is underlined on its first.
+        let snippet = Snippet::source(&self.text[line_start..line_end])
+            .line_start(self.line as usize)
+            .path(self.file.as_ref())
+            .annotation(
+                AnnotationKind::Primary
+                    .span(start - line_start..end.min(line_end) - line_start)
+                    .label(expected.as_str()),
+            );
+        let mut group = level.primary_title(message.as_str()).element(snippet);
+        if let Some(note) = self.note {
+            group = group.element(Level::NOTE.message(note));
+        }
+        let renderer = if color { Renderer::styled() } else { Renderer::plain() };
+        let rendered = renderer.render(&[group]);
+        rendered.lines().map(str::trim_end).collect::<Vec<_>>().join("\n")
+    }
+}
+
+/// Control characters written out, so that a message stays on its line.
+fn one_line(text: &str) -> String {
+    text.chars()
+        .flat_map(|c| if c.is_control() { c.escape_default().collect() } else { vec![c] })
+        .collect()
+}
+
+/// The text that places refer to, and under which name it is shown.
+#[derive(Debug)]
+pub(crate) struct Source {
+    file: Arc<str>,
+    text: Arc<str>,
+    note: Option<&'static str>,
+}
+
+impl Source {
+    /// `edited`: the text is not the file's own, because arguments changed it.
+    pub(crate) fn new(file: &Path, text: &str, edited: bool) -> Source {
+        Source {
+            file: file.display().to_string().into(),
+            text: text.into(),
+            note: edited.then_some(
+                "--set, --fault and --seed are applied: lines are those of the resulting file",
+            ),
+        }
+    }
+
+    /// An error at `span`, a range of bytes of the text.
+    pub(crate) fn error(
+        &self,
+        span: &Range<usize>,
+        message: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Diagnostic {
+        let start = self.boundary(span.start);
+        let end = self.boundary(span.end.max(start));
+        let before = &self.text[..start];
+        let line_start = before.rfind('\n').map_or(0, |at| at + 1);
+        let small = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+        Diagnostic {
+            severity: Severity::Error,
+            message: message.into(),
+            expected: expected.into(),
+            line: small(before.matches('\n').count() + 1),
+            column: small(before[line_start..].chars().count() + 1),
+            file: Arc::clone(&self.file),
+            text: Arc::clone(&self.text),
+            span: [small(start), small(end)],
+            note: self.note,
+        }
+    }
+
+    /// The nearest place at or before `at` where a character begins.
+    fn boundary(&self, at: usize) -> usize {
+        let mut at = at.min(self.text.len());
+        while !self.text.is_char_boundary(at) {
+            at -= 1;
+        }
+        at
+    }
+}
+
+/// The one of `known` that was probably meant by `word`, if any is close enough.
+pub(crate) fn meant<'k>(word: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
+    let close = |candidate: &str| {
+        let longest = word.chars().count().max(candidate.chars().count());
+        let unit_forgotten =
+            word.len() >= 3 && (candidate.starts_with(word) || word.starts_with(candidate));
+        let distance = edits(word, candidate);
+        (distance <= (longest / 3).clamp(1, 3) || unit_forgotten).then_some(distance)
+    };
+    known
+        .into_iter()
+        .filter_map(|candidate| close(candidate).map(|distance| (distance, candidate)))
+        .min_by_key(|(distance, _)| *distance)
+        .map(|(_, candidate)| candidate)
+}
+
+/// How many insertions, deletions, replacements and swaps of neighbors lead from a to b.
+fn edits(a: &str, b: &str) -> usize {
+    let a: Vec<char> = a.chars().take(64).collect();
+    let b: Vec<char> = b.chars().take(64).collect();
+    let mut least = vec![vec![0; b.len() + 1]; a.len() + 1];
+    for i in 0..=a.len() {
+        for j in 0..=b.len() {
+            least[i][j] = if i == 0 || j == 0 {
+                i + j
+            } else {
+                let replaced = least[i - 1][j - 1] + usize::from(a[i - 1] != b[j - 1]);
+                let swapped = i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1];
+                let swap = if swapped { least[i - 2][j - 2] + 1 } else { usize::MAX };
+                replaced.min(swap).min(least[i - 1][j] + 1).min(least[i][j - 1] + 1)
+            };
+        }
+    }
+    least[a.len()][b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_diagnostic_points_at_the_value_and_says_what_was_expected() {
+        let source = Source::new(Path::new("a.toml"), "name = \"ä\"\nperiod_s = -1\n", false);
+        let diagnostic = source.error(&(23..25), "`period_s` is -1", "expected more than 0 s");
+        assert_eq!((diagnostic.line, diagnostic.column), (2, 12));
+        let expected = "\
+error: `period_s` is -1
+ --> a.toml:2:12
+  |
+2 | period_s = -1
+  |            ^^ expected more than 0 s";
+        assert_eq!(diagnostic.render(false), expected);
+        assert!(diagnostic.render(true).contains("\u{1b}["));
+    }
+
+    #[test]
+    fn any_span_in_any_text_can_be_shown() {
+        let text = "ä\t\u{1b}\r\n\n€ = 3\u{0}\n最後";
+        for start in 0..text.len() + 3 {
+            for end in 0..text.len() + 3 {
+                let source = Source::new(Path::new("t"), text, true);
+                assert!(!source.error(&(start..end), "m", "e").render(false).is_empty());
+            }
+        }
+    }
+
+    #[test]
+    fn a_close_word_is_offered_and_a_far_one_is_not() {
+        let known = ["period_s", "duration_s", "name"];
+        assert_eq!(meant("periods", known), Some("period_s"));
+        assert_eq!(meant("period", known), Some("period_s"));
+        assert_eq!(meant("nmae", known), Some("name"));
+        assert_eq!(meant("velocity", known), None);
+    }
+}

@@ -1,0 +1,205 @@
+//! One experiment, read from a TOML file and known to be sound.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `read` | what does the text say, and where does it go wrong? |
+//! | `table` | which type, unit and range has a value, and where does it stand? |
+//! | `overrides` | what do `--set`, `--fault` and `--seed` change? |
+//! | `diagnostic` | how is a mistake shown: file, line, column, snippet, value, expectation? |
+//! | `../check` | does it make sense: graph, offsets, distances, speeds? |
+//! | `fault` | what breaks when, and how is that written on the command line? |
+
+pub mod diagnostic;
+pub mod fault;
+mod overrides;
+pub mod read;
+mod table;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+
+use formation::graph::FormationGraph;
+use formation::pose::Pose;
+use protocol::brief::{AvoidanceBrief, Pace, SilenceBrief, WheelsBrief};
+
+/// One experiment. Robots are numbered by their place in the file, from 0.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scenario {
+    /// Its name.
+    pub name: String,
+    /// How long it runs, ns.
+    pub duration_ns: u64,
+    /// T: one command per robot and period, ns.
+    pub period_ns: u64,
+    /// T_p: the plant's tick in real time, ns.
+    pub plant_tick_ns: u64,
+    /// L: latency from odometry to command that real time allows for, ns.
+    pub latency_allowed_ns: u64,
+    /// h: for how many periods a command may be held in real time.
+    pub hold_periods: u32,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Rows of `samples.csv` per second of run time and robot.
+    pub record_hz: f64,
+    /// How robots keep their distance.
+    pub avoidance: AvoidanceBrief,
+    /// What silence means.
+    pub silence: SilenceBrief,
+    /// The robots.
+    pub robots: Vec<Robot>,
+    /// Who hears whom, at which offset.
+    pub graph: FormationGraph,
+    /// What breaks, in order of time.
+    pub faults: Vec<Fault>,
+    /// What must hold for exit code 0.
+    pub expect: Expectations,
+}
+
+/// One robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Robot {
+    /// Its name: letters, digits, `-` and `_`.
+    pub name: String,
+    /// Where it starts.
+    pub start: Pose,
+    /// ell, m.
+    pub front_point_m: f64,
+    /// Wheel limits, if any.
+    pub wheels: Option<WheelsBrief>,
+    /// Name of its control law.
+    pub law: String,
+    /// The law's gains by key.
+    pub gains: BTreeMap<String, f64>,
+    /// What happens when its process dies unasked.
+    pub restart: RestartPolicy,
+}
+
+/// What happens when a process dies unasked.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RestartPolicy {
+    /// Whether it is started again.
+    pub when: RestartWhen,
+    /// Wait before the first restart, ns. It doubles from one restart to the next.
+    pub delay_ns: u64,
+    /// The wait grows no longer than this, ns.
+    pub delay_ns_max: u64,
+    /// No more than this many restarts within the window.
+    pub restarts_max: u32,
+    /// The window, ns.
+    pub window_ns: u64,
+}
+
+/// Which deaths lead to a restart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RestartWhen {
+    /// None.
+    Never,
+    /// Deaths by a signal or with an exit code other than 0.
+    OnFailure,
+    /// All.
+    Always,
+}
+
+/// Something that breaks on purpose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fault {
+    /// When it begins, ns since the run's start.
+    pub at_ns: u64,
+    /// What it is.
+    pub kind: FaultKind,
+}
+
+/// What breaks.
+#[derive(Debug, Clone, PartialEq)]
+pub enum FaultKind {
+    /// SIGKILL of a robot's process.
+    Kill {
+        /// Which robot.
+        robot: usize,
+        /// Its replacement is started this long after the kill, ns; without, the robot stays dead
+        /// (its restart policy is for deaths that nobody planned).
+        restart_after_ns: Option<u64>,
+    },
+}
+
+/// What must hold for exit code 0; what is absent is not asked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Expectations {
+    /// No two front points nearer than this at any tick, m.
+    pub min_distance_m: Option<f64>,
+    /// Bound on the worst living error over the last 10 % of the run, m.
+    pub final_error_m_max: Option<f64>,
+    /// All living errors below `converged_error_m` from then on, s.
+    pub converged_by_s: Option<f64>,
+    /// The same within this long after each fault's end, s.
+    pub recovered_within_s: Option<f64>,
+    /// Bound on deadline misses of all agents (real time only).
+    pub deadline_misses_max: Option<u64>,
+    /// The exit code that the run itself ends with, where it is not 0.
+    pub exit: Option<u8>,
+    /// Errors below this count as converged, m.
+    pub converged_error_m: f64,
+}
+
+impl Scenario {
+    /// H: how long after the stamp it answers a command may act, ns.
+    ///
+    /// Lockstep: T. Real time: T_p + L + h T.
+    pub fn command_lifetime_ns(&self, pace: Pace) -> u64 {
+        match pace {
+            Pace::Lockstep => self.period_ns,
+            Pace::Realtime => {
+                self.plant_tick_ns
+                    + self.latency_allowed_ns
+                    + u64::from(self.hold_periods) * self.period_ns
+            }
+        }
+    }
+
+    /// Names of the robots that robot `i` hears.
+    pub fn heard_names(&self, i: usize) -> Vec<&str> {
+        self.graph.heard_by(i).map(|e| self.robots[e.from].name.as_str()).collect()
+    }
+
+    /// The longer of both paces' H, ns: what is safe with it is safe in either.
+    pub fn command_lifetime_ns_max(&self) -> u64 {
+        self.command_lifetime_ns(Pace::Lockstep).max(self.command_lifetime_ns(Pace::Realtime))
+    }
+
+    /// d_f = d + max(1.5 v_max H, 0.05 d), m: robots nearer than this are steered around each
+    /// other. Without a speed limit, v_max counts as 0.
+    pub fn deflection_distance_m(&self) -> f64 {
+        let d = self.avoidance.distance_min_m;
+        d + (1.5 * self.speed_max_or_zero() * self.command_lifetime_s_max()).max(0.05 * d)
+    }
+
+    /// max(d + 3 v_max H, d_f + 4 v_max T) and twice the sensing error, m: nobody farther away
+    /// than this can matter.
+    pub fn sensing_radius_needed_m(&self) -> f64 {
+        let v_max = self.speed_max_or_zero();
+        let near = self.avoidance.distance_min_m + 3.0 * v_max * self.command_lifetime_s_max();
+        let around = self.deflection_distance_m() + 4.0 * v_max * seconds(self.period_ns);
+        near.max(around) + 2.0 * self.avoidance.sensing_error_m
+    }
+
+    /// min(d/4, ell/2) / H, m/s: above this speed limit the guard brakes more than it helps.
+    pub fn speed_cap_m_s(&self) -> f64 {
+        let ell_min = self.robots.iter().map(|r| r.front_point_m).fold(f64::INFINITY, f64::min);
+        (0.25 * self.avoidance.distance_min_m).min(0.5 * ell_min) / self.command_lifetime_s_max()
+    }
+
+    fn command_lifetime_s_max(&self) -> f64 {
+        seconds(self.command_lifetime_ns_max())
+    }
+
+    fn speed_max_or_zero(&self) -> f64 {
+        let v_max = self.avoidance.speed_max_m_s;
+        if v_max.is_finite() { v_max } else { 0.0 }
+    }
+}
+
+/// Nanoseconds as seconds.
+pub(crate) fn seconds(ns: u64) -> f64 {
+    ns as f64 * 1e-9
+}

@@ -1,0 +1,128 @@
+//! Arguments that change a scenario: applied to its text, so that what was really run can be
+//! written down and run again, comments and all.
+
+use toml_edit::{ArrayOfTables, DocumentMut, Item, Key, TableLike, Value};
+
+use super::diagnostic::Diagnostic;
+use super::fault;
+
+/// What the command line changes about a scenario.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Overrides {
+    /// `key=value`, in order; keys are dotted as in `avoidance.kind` or `robot.r1.law`. The value
+    /// is TOML, or a bare string where it is none.
+    pub set: Vec<String>,
+    /// Faults to add, in the words of [`fault::GRAMMAR`].
+    pub faults: Vec<String>,
+    /// Seed to use instead of the file's.
+    pub seed: Option<u64>,
+}
+
+impl Overrides {
+    /// Whether they change nothing.
+    pub fn is_empty(&self) -> bool {
+        self.set.is_empty() && self.faults.is_empty() && self.seed.is_none()
+    }
+
+    /// Applies them all.
+    pub(crate) fn apply(&self, document: &mut DocumentMut) -> Result<(), Diagnostic> {
+        for argument in &self.set {
+            set(document, argument)?;
+        }
+        if let Some(seed) = self.seed {
+            let seed = i64::try_from(seed).map_err(|_| {
+                Diagnostic::plain(
+                    format!("`--seed {seed}` is too large"),
+                    format!("expected at most {}", i64::MAX),
+                )
+            })?;
+            put(document.as_table_mut(), "seed", seed.into());
+        }
+        for argument in &self.faults {
+            add_fault(document, argument)?;
+        }
+        Ok(())
+    }
+}
+
+/// Applies one `key=value`.
+fn set(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnostic> {
+    let wrong = |reason: String| {
+        Diagnostic::plain(
+            format!("`--set {argument}`: {reason}"),
+            "expected key=value, such as avoidance.kind=focus",
+        )
+    };
+    let (key, text) = argument.split_once('=').ok_or_else(|| wrong("there is no `=`".into()))?;
+    let keys = Key::parse(key).map_err(|_| wrong(format!("`{}` is not a key", key.trim())))?;
+    let text = text.trim();
+    if text.is_empty() {
+        return Err(wrong("there is no value".into()));
+    }
+    let mut value = text.parse::<Value>().unwrap_or_else(|_| Value::from(text));
+    value.decor_mut().clear();
+
+    let (last, parents) = keys.split_last().expect("a parsed key has a part");
+    let mut table: &mut dyn TableLike = document.as_table_mut();
+    let mut names = parents.iter();
+    while let Some(name) = names.next() {
+        let name = name.get();
+        let item = table.entry(name).or_insert_with(toml_edit::table);
+        table = if item.is_array_of_tables() {
+            let wanted = names.next().ok_or_else(|| {
+                wrong(format!("`{name}` is a list: say which of them by its name"))
+            })?;
+            let tables = item.as_array_of_tables_mut().expect("asked just now");
+            let named = |t: &&mut toml_edit::Table| {
+                t.get("name").and_then(Item::as_str) == Some(wanted.get())
+            };
+            tables
+                .iter_mut()
+                .find(named)
+                .ok_or_else(|| wrong(format!("there is no {name} named `{}`", wanted.get())))?
+        } else {
+            item.as_table_like_mut().ok_or_else(|| wrong(format!("`{name}` is not a table")))?
+        };
+    }
+    if table.get(last.get()).is_some_and(Item::is_array_of_tables) {
+        return Err(wrong(format!("`{}` is a list of tables", last.get())));
+    }
+    put(table, last.get(), value);
+    Ok(())
+}
+
+/// Puts a value in the place of the old one, keeping the comment behind it.
+fn put(table: &mut dyn TableLike, key: &str, mut value: Value) {
+    match table.get_mut(key) {
+        Some(Item::Value(old)) => {
+            *value.decor_mut() = old.decor().clone();
+            *old = value;
+        }
+        Some(other) => *other = Item::Value(value),
+        None => {
+            table.insert(key, Item::Value(value));
+        }
+    }
+}
+
+/// Appends one `[[fault]]`.
+fn add_fault(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnostic> {
+    let table = fault::parse(argument).map_err(|error| {
+        Diagnostic::plain(
+            format!("`--fault '{argument}'`: {error}"),
+            format!("expected {}, such as kill r2 @10 restart 2", fault::GRAMMAR),
+        )
+    })?;
+    let list = document.entry("fault").or_insert_with(|| Item::ArrayOfTables(ArrayOfTables::new()));
+    if let Some(tables) = list.as_array_of_tables_mut() {
+        tables.push(table);
+    } else if let Some(array) = list.as_array_mut() {
+        array.push(table.into_inline_table());
+    } else {
+        return Err(Diagnostic::plain(
+            format!("`--fault '{argument}'`: the file's own `fault` is no list"),
+            "expected tables headed `[[fault]]`",
+        ));
+    }
+    Ok(())
+}

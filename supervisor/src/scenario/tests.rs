@@ -1,0 +1,305 @@
+//! Scenarios as whole files: what they mean, what arguments do to them, and that no text at all
+//! makes the reader panic.
+
+use std::path::{Path, PathBuf};
+
+use protocol::brief::AvoidanceKind;
+use protocol::law::LawDescription;
+
+use super::diagnostic::{Diagnostic, Severity};
+use super::read::{Overrides, read, read_text};
+use super::{FaultKind, RestartWhen, Scenario};
+use crate::check;
+
+const LAWS: &[LawDescription] = &[
+    LawDescription { name: "formation-unit", source: "(18)", gains: &["speed_m_s"] },
+    LawDescription { name: "formation", source: "(28)", gains: &["gain_formation_per_s"] },
+];
+
+fn scenarios() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios")
+}
+
+fn triangle() -> String {
+    std::fs::read_to_string(scenarios().join("triangle.toml")).unwrap()
+}
+
+fn parse(
+    text: &str,
+    overrides: &Overrides,
+) -> Result<(Scenario, String, Vec<Diagnostic>), Diagnostic> {
+    read_text(Path::new("test.toml"), text, overrides, LAWS)
+}
+
+fn set(arguments: &[&str]) -> Overrides {
+    Overrides { set: arguments.iter().map(|&s| s.to_owned()).collect(), ..Overrides::default() }
+}
+
+/// The triangle with some `--set`s: its error.
+fn error_with(arguments: &[&str]) -> Diagnostic {
+    parse(&triangle(), &set(arguments)).expect_err("an error")
+}
+
+/// The triangle with some `--set`s: its only warning.
+fn warning_with(arguments: &[&str]) -> String {
+    let (_, _, warnings) = parse(&triangle(), &set(arguments)).unwrap();
+    assert_eq!(warnings.len(), 1, "{warnings:#?}");
+    assert_eq!(warnings[0].severity, Severity::Warning);
+    assert!(warnings[0].line > 0);
+    warnings[0].message.clone()
+}
+
+#[test]
+fn the_triangle_is_read_as_the_chapter_has_it() {
+    let (scenario, text, warnings) =
+        read(&scenarios().join("triangle.toml"), &Overrides::default(), LAWS).unwrap();
+    assert_eq!(text, triangle());
+    assert_eq!(warnings, []);
+    assert_eq!(scenario.name, "triangle");
+    assert_eq!((scenario.duration_ns, scenario.period_ns), (30_000_000_000, 5_000_000));
+    assert_eq!(scenario.command_lifetime_ns_max(), 13_000_000);
+    assert_eq!(scenario.avoidance.kind, AvoidanceKind::Guard);
+    assert!((scenario.avoidance.sensing_radius_m - 0.216).abs() < 1e-12);
+    assert_eq!(
+        (scenario.silence.stale_after_ns, scenario.silence.lost_after_ns),
+        (15_000_000, 100_000_000)
+    );
+    assert_eq!(scenario.robots[1].gains["speed_m_s"], 0.1);
+    assert_eq!(scenario.robots[1].restart.when, RestartWhen::OnFailure);
+    assert_eq!(scenario.heard_names(0), ["r2"]);
+    assert_eq!(scenario.heard_names(1), ["r3"]);
+    assert_eq!(scenario.heard_names(2), ["r1"]);
+    assert_eq!(scenario.expect.converged_error_m, 0.01);
+    assert!(check::report(&scenario).contains("r1 hears r2 at (0.150, 0.260) m"));
+}
+
+#[test]
+fn every_scenario_of_the_house_is_sound_and_without_warnings() {
+    let mut count = 0;
+    for entry in std::fs::read_dir(scenarios()).unwrap() {
+        let path = entry.unwrap().path();
+        if path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("triangle")) {
+            let (scenario, _, warnings) = read(&path, &Overrides::default(), LAWS)
+                .unwrap_or_else(|error| panic!("{}", error.render(false)));
+            assert_eq!(warnings, [], "{}", path.display());
+            assert_eq!(scenario.name, path.file_stem().unwrap().to_string_lossy());
+            assert!(check::report(&scenario).lines().count() <= 24);
+            count += 1;
+        }
+    }
+    assert_eq!(count, 5);
+}
+
+#[test]
+fn the_effective_text_holds_the_changes_keeps_comments_and_reads_to_the_same_scenario() {
+    let overrides = Overrides {
+        set: [
+            "avoidance.kind=focus",
+            "robot.r2.speed_m_s = 0.2",
+            "robot.r1.pose.x_m=-0.05",
+            "realtime.hold_periods=3",
+            "silence.policy=\"keep\"",
+            "avoidance.epsilon_per_s=2.0",
+        ]
+        .map(String::from)
+        .to_vec(),
+        faults: vec!["kill r2 @10 restart 2".into(), "kill r1 @0.1".into()],
+        seed: Some(7),
+    };
+    let (scenario, text, _) = parse(&triangle(), &overrides).unwrap();
+    assert_eq!(scenario.avoidance.kind, AvoidanceKind::Focus);
+    assert_eq!(scenario.robots[1].gains["speed_m_s"], 0.2);
+    assert_eq!(scenario.robots[0].start.x_m, -0.05);
+    assert_eq!((scenario.hold_periods, scenario.seed), (3, 7));
+    let kills: Vec<_> =
+        scenario.faults.iter().map(|fault| (fault.at_ns, fault.kind.clone())).collect();
+    assert_eq!(
+        kills,
+        [
+            (100_000_000, FaultKind::Kill { robot: 0, restart_after_ns: None }),
+            (10_000_000_000, FaultKind::Kill { robot: 1, restart_after_ns: Some(2_000_000_000) }),
+        ]
+    );
+    for comment in triangle().lines().filter_map(|line| line.split_once('#')) {
+        assert!(text.contains(comment.1), "{comment:?} is lost");
+    }
+    let (again, same, _) = parse(&text, &Overrides::default()).unwrap();
+    assert_eq!((again, same), (scenario, text));
+}
+
+#[test]
+fn an_argument_that_makes_no_sense_is_quoted() {
+    for (arguments, part) in [
+        (["avoidance.kind"], "there is no `=`"),
+        (["=1"], "`` is not a key"),
+        (["a b=1"], "`a b` is not a key"),
+        (["seed="], "there is no value"),
+        (["name.x=1"], "`name` is not a table"),
+        (["robot.name=x"], "say which of them by its name"),
+        (["robot.r9.law=x"], "there is no robot named `r9`"),
+        (["edge=3"], "`edge` is a list of tables"),
+    ] {
+        let error = error_with(&arguments);
+        assert_eq!(error.line, 0);
+        let rendered = error.render(false);
+        assert!(rendered.contains(part) && rendered.contains(arguments[0]), "{rendered}");
+        assert_eq!(rendered.lines().count(), 1);
+    }
+    let faulty = Overrides { faults: vec!["kill r2 10".into()], ..Overrides::default() };
+    let rendered = parse(&triangle(), &faulty).unwrap_err().render(false);
+    assert!(rendered.contains("--fault 'kill r2 10'") && rendered.contains("kill ROBOT @SECONDS"));
+}
+
+#[test]
+fn an_argument_with_a_wrong_key_or_value_is_shown_in_the_resulting_text() {
+    let error = error_with(&["avoidance.knid=focus"]);
+    assert_eq!(error.message, "[avoidance] has no key `knid`");
+    assert_eq!(error.expected, "did you mean `kind`?");
+    assert!(error.render(false).contains("--set, --fault and --seed are applied"));
+    assert_eq!(error_with(&["weather.rain=1"]).message, "the scenario has no key `weather`");
+    assert_eq!(error_with(&["avoidance.kind=4"]).message, "`kind` is a number");
+}
+
+#[test]
+fn gains_belong_to_laws() {
+    let error = error_with(&["robot.r1.gain_formation_per_s=2"]);
+    assert_eq!(
+        error.message,
+        "`gain_formation_per_s` is a gain of the law \"formation\", but robot r1 follows \"formation-unit\""
+    );
+    let error = error_with(&["robot_defaults.law=formation"]);
+    assert_eq!(error.message, "robot r1 has no `gain_formation_per_s`");
+    let message =
+        warning_with(&["robot_defaults.law=formation", "robot_defaults.gain_formation_per_s=3"]);
+    assert!(message.starts_with("`speed_m_s` has no effect"), "{message}");
+    let error = error_with(&["robot_defaults.law=magic"]);
+    assert_eq!(error.expected, "expected one of \"formation-unit\", \"formation\"");
+}
+
+#[test]
+fn times_are_whole_nanoseconds_and_exact() {
+    for (text, ns) in
+        [("0.005", 5_000_000), ("1e-3", 1_000_000), ("0.000000333", 333), ("1", 1_000_000_000)]
+    {
+        let (scenario, _, _) =
+            parse(&triangle(), &set(&[&format!("realtime.plant_tick_s={text}")])).unwrap();
+        assert_eq!(scenario.plant_tick_ns, ns);
+    }
+    let late = set(&["duration_s=12.345678901"]);
+    assert_eq!(parse(&triangle(), &late).unwrap().0.duration_ns, 12_345_678_901);
+    assert!(error_with(&["period_s=0.0050000000001"]).expected.contains("0.005000000"));
+    assert!(error_with(&["period_s=1e-10"]).expected.contains("nanoseconds"));
+    assert!(error_with(&["duration_s=1e8"]).expected.contains("at most 1e7 s"));
+    assert!(error_with(&["duration_s=1e300"]).expected.contains("1e9"));
+}
+
+#[test]
+fn what_is_safe_but_unwise_is_a_warning() {
+    assert!(warning_with(&["avoidance.speed_max_m_s=2"]).contains("above min(d/4, ell/2) / H"));
+    assert!(warning_with(&["avoidance.distance_min_m=0.29"]).contains("in the final shape"));
+    assert!(warning_with(&["avoidance.distance_min_m=0.08"]).contains("but not bodies"));
+    assert!(
+        warning_with(&["avoidance.kind=focus", "avoidance.epsilon_per_s=50"])
+            .contains("epsilon T = 0.25")
+    );
+    let two_ways = triangle().replace("from = \"r1\"\nto = \"r3\"", "from = \"r3\"\nto = \"r1\"");
+    let (_, _, warnings) = parse(&two_ways, &Overrides::default()).unwrap();
+    assert_eq!(warnings.len(), 1);
+    assert!(warnings[0].message.contains("around a cycle through"), "{}", warnings[0].message);
+}
+
+#[test]
+fn without_a_speed_limit_the_literal_focus_still_has_a_sensing_radius() {
+    let text = triangle().replace("speed_max_m_s = 0.3\n", "").replace("\"guard\"", "\"focus\"");
+    let (scenario, _, warnings) = parse(&text, &Overrides::default()).unwrap();
+    assert_eq!(warnings, []);
+    assert_eq!(scenario.avoidance.speed_max_m_s, f64::INFINITY);
+    assert!((scenario.avoidance.sensing_radius_m - 0.21).abs() < 1e-12);
+    assert!(check::report(&scenario).contains("no speed limit"));
+}
+
+/// xorshift64*: enough to shake a parser, and the seed says it all.
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, bound: usize) -> usize {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 33) as usize % bound
+    }
+}
+
+#[test]
+fn no_text_makes_the_reader_panic_and_every_diagnostic_can_be_shown() {
+    let pieces = [
+        "[",
+        "]",
+        "[[",
+        "]]",
+        "{",
+        "}",
+        "=",
+        "\"",
+        "'",
+        "\n",
+        "\r\n",
+        "#",
+        ".",
+        ",",
+        "-",
+        "1e400",
+        "nan",
+        "inf",
+        "0x",
+        "1979-05-27",
+        "true",
+        "ä",
+        "\u{0}",
+        "\u{feff}",
+        "𝔘",
+        "robot",
+        "edge",
+        "fault",
+        "name = \"r1\"\n",
+        "[[robot]]\n",
+        "pose",
+        "99999999999999999999",
+        "-0.0",
+        "1e-320",
+    ];
+    let original = triangle();
+    let mut random = Random(20_260_101);
+    let (mut sound, mut refused) = (0, 0);
+    for _ in 0..3000 {
+        let mut text: Vec<char> =
+            if random.below(10) == 0 { Vec::new() } else { original.chars().collect() };
+        for _ in 0..1 + random.below(4) {
+            let at = random.below(text.len() + 1);
+            let cut = random.below(8).min(text.len() - at);
+            let piece = if random.below(3) == 0 { "" } else { pieces[random.below(pieces.len())] };
+            text.splice(at..at + cut, piece.chars());
+        }
+        let text: String = text.into_iter().collect();
+        let overrides = match random.below(3) {
+            0 => Overrides::default(),
+            1 => Overrides { seed: Some(3), ..set(&["robot.r1.pose.x_m=0.1"]) },
+            _ => Overrides { faults: vec!["kill r3 @1".into()], ..Overrides::default() },
+        };
+        match parse(&text, &overrides) {
+            Ok((scenario, effective, warnings)) => {
+                sound += 1;
+                assert!(warnings.iter().all(|warning| !warning.render(false).is_empty()));
+                assert!(!check::report(&scenario).is_empty());
+                let (again, _, _) = parse(&effective, &Overrides::default()).unwrap();
+                assert_eq!(again, scenario);
+            }
+            Err(diagnostic) => {
+                refused += 1;
+                assert!(diagnostic.render(false).starts_with("error: "));
+                assert!(diagnostic.render(true).contains("error"));
+            }
+        }
+    }
+    assert!(sound > 100 && refused > 100, "{sound} sound, {refused} refused");
+}

@@ -18,8 +18,7 @@ use crate::metrics::expect;
 use crate::run_dir::{Manifest, RunDir, default_out};
 use crate::scenario::Scenario;
 use crate::scenario::diagnostic::Diagnostic;
-use crate::scenario::overrides::Overrides;
-use crate::scenario::read::read;
+use crate::scenario::read::{Overrides, read};
 use crate::summary::{self, Summary};
 
 /// The supervisor's verbs.

@@ -122,9 +122,36 @@ struct Robot {
     /// The fault that its present death, or its replacement's start, belongs to.
     fault: Option<usize>,
     status: Subscriber<[NeighborStatus], StatusHeader>,
+    /// How it last said it hears each robot.
+    contacts: Vec<Contact>,
     /// Deadline misses of earlier incarnations, and of this one so far.
     misses_before: u64,
     misses: u64,
+}
+
+impl Robot {
+    /// Starts its process.
+    fn start(&mut self) -> Result<(), SpawnError> {
+        let role = Role::Agent { incarnation: self.incarnation };
+        let child = Child::spawn(role, &self.brief, &self.log)?;
+        self.seat = Seat::Starting { child, since: Instant::now() };
+        Ok(())
+    }
+}
+
+/// The order in which the first processes are started, drawn from the seed: no result may lean
+/// on it. (Fisher and Yates, with xorshift64*.)
+fn start_order(seed: u64, robots: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..robots).collect();
+    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+    for last in (1..robots).rev() {
+        state ^= state >> 12;
+        state ^= state << 25;
+        state ^= state >> 27;
+        let draw = state.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33;
+        order.swap(last, draw as usize % (last + 1));
+    }
+    order
 }
 
 /// A kill that the scenario plans and that has not happened yet.
@@ -154,7 +181,6 @@ pub struct Outcome {
 /// A run under way.
 pub struct Flight<'a> {
     scenario: &'a Scenario,
-    pace: Pace,
     run_dir: &'a mut RunDir,
     metrics: &'a mut Metrics,
     stop: Stop,
@@ -241,23 +267,23 @@ impl<'a> Flight<'a> {
         let mut robots = Vec::new();
         for (i, robot) in scenario.robots.iter().enumerate() {
             let brief = briefs::agent(scenario, i, pace, run_root.path());
-            let brief = run_dir.write_brief(&robot.name, &brief)?;
-            let log = run_dir.log_path(&robot.name);
-            let status = services.status[i].subscriber()?;
-            let child = Child::spawn(Role::Agent { incarnation: 0 }, &brief, &log)?;
             robots.push(Robot {
                 name: robot.name.clone(),
-                brief,
-                log,
-                seat: Seat::Starting { child, since: Instant::now() },
+                brief: run_dir.write_brief(&robot.name, &brief)?,
+                log: run_dir.log_path(&robot.name),
+                seat: Seat::Down,
                 incarnation: 0,
                 restart_at_ns: None,
                 unplanned_restarts_ns: Vec::new(),
                 fault: None,
-                status,
+                status: services.status[i].subscriber()?,
+                contacts: vec![Contact::Unheard; scenario.robots.len()],
                 misses_before: 0,
                 misses: 0,
             });
+        }
+        for i in start_order(scenario.seed, robots.len()) {
+            robots[i].start()?;
         }
         let planned = scenario.faults.iter().enumerate().map(|(fault, planned)| {
             let FaultKind::Kill { robot, restart_after_ns } = planned.kind;
@@ -265,7 +291,6 @@ impl<'a> Flight<'a> {
         });
         let flight = Flight {
             scenario,
-            pace,
             run_dir,
             metrics,
             stop,
@@ -413,8 +438,10 @@ impl<'a> Flight<'a> {
             if contact == Contact::Unheard || neighbor >= self.robots.len() {
                 continue;
             }
-            if self.metrics.contact(i, neighbor, contact, status.since_t_ns) {
-                let detail = format!("{} {}", self.robots[neighbor].name, contact.word());
+            self.metrics.contact(neighbor, contact, status.since_t_ns);
+            let known = &mut self.robots[i].contacts[neighbor];
+            if std::mem::replace(known, contact) != contact {
+                let detail = format!("{} {}", contact.word(), self.robots[neighbor].name);
                 self.run_dir.event(status.since_t_ns, "contact", &self.robots[i].name, &detail)?;
             }
         }
@@ -514,9 +541,7 @@ impl<'a> Flight<'a> {
             if due && matches!(robot.seat, Seat::Down) {
                 robot.restart_at_ns = None;
                 robot.incarnation += 1;
-                let role = Role::Agent { incarnation: robot.incarnation };
-                let child = Child::spawn(role, &robot.brief, &robot.log)?;
-                robot.seat = Seat::Starting { child, since: Instant::now() };
+                robot.start()?;
                 self.outcome.restarts[i] += 1;
                 let detail = format!("incarnation {}", robot.incarnation);
                 self.run_dir.event(now_ns, "restart", &robot.name, &detail)?;

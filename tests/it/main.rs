@@ -1,1 +1,10 @@
+//! Real processes, one test binary. Every test has its own run root, so tests run side by side.
 
+mod bad_files;
+mod cleanup;
+mod faults;
+mod harness;
+mod isolation;
+mod lockstep;
+mod oracle;
+mod realtime;

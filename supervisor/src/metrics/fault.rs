@@ -1,0 +1,177 @@
+//! What one fault did: when it was noticed, how far it threw the formation off, when that was over.
+
+use protocol::message::Contact;
+use serde::Serialize;
+
+/// A fault while it is watched.
+#[derive(Debug, Clone)]
+pub(super) struct FaultWindow {
+    number: usize,
+    what: String,
+    robot: Option<(usize, String)>,
+    began_ns: u64,
+    ended_ns: Option<u64>,
+    /// When the robot came back; it may never.
+    returned_ns: Option<u64>,
+    stale_ns: Option<u64>,
+    lost_ns: Option<u64>,
+    error_m_peak: f64,
+    distance_m_min: f64,
+    recovered_ns: Option<u64>,
+    /// Another fault began after this one had recovered: what follows is not its doing.
+    closed: bool,
+}
+
+/// What one fault did, for the report.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FaultReport {
+    /// When it began, s.
+    pub t_s: f64,
+    /// What it was.
+    pub what: String,
+    /// Whom it struck.
+    pub robot: Option<String>,
+    /// From its beginning until what it broke was whole again (a restart's first tick), s.
+    pub lasted_s: Option<f64>,
+    /// From its beginning until the first neighbour called the robot stale, s.
+    pub stale_after_s: Option<f64>,
+    /// From its beginning until the first neighbour called the robot lost, s.
+    pub lost_after_s: Option<f64>,
+    /// Worst error of a living robot until the recovery, m.
+    pub peak_error_m: f64,
+    /// Smallest distance until the recovery, m.
+    pub min_distance_m: Option<f64>,
+    /// From its end until all living errors were, and stayed, below `converged_error_m`, s.
+    pub recovered_after_s: Option<f64>,
+}
+
+impl FaultWindow {
+    pub(super) fn new(
+        number: usize,
+        what: String,
+        robot: Option<(usize, String)>,
+        began_ns: u64,
+    ) -> FaultWindow {
+        FaultWindow {
+            number,
+            what,
+            robot,
+            began_ns,
+            ended_ns: None,
+            returned_ns: None,
+            stale_ns: None,
+            lost_ns: None,
+            error_m_peak: 0.0,
+            distance_m_min: f64::INFINITY,
+            recovered_ns: None,
+            closed: false,
+        }
+    }
+
+    pub(super) fn number(&self) -> usize {
+        self.number
+    }
+
+    pub(super) fn ended(&mut self, t_ns: u64) {
+        let ended_ns = *self.ended_ns.get_or_insert(t_ns);
+        self.returned_ns = (ended_ns > self.began_ns).then_some(ended_ns);
+    }
+
+    pub(super) fn another_began(&mut self) {
+        self.closed |= self.recovered_ns.is_some();
+    }
+
+    pub(super) fn truth(&mut self, t_ns: u64, error_m: f64, converged: bool, distance_m: f64) {
+        if self.closed {
+            return;
+        }
+        if !converged {
+            self.recovered_ns = None;
+        }
+        if self.recovered_ns.is_none() {
+            self.error_m_peak = self.error_m_peak.max(error_m);
+            self.distance_m_min = self.distance_m_min.min(distance_m);
+            if converged && self.ended_ns.is_some() {
+                self.recovered_ns = Some(t_ns);
+            }
+        }
+    }
+
+    /// Somebody calls `neighbor` so since then; the first to do so counts.
+    pub(super) fn contact(&mut self, neighbor: usize, contact: Contact, since_ns: u64) {
+        let struck = self.robot.as_ref().is_some_and(|(robot, _)| *robot == neighbor);
+        let over = self.returned_ns.is_some_and(|returned_ns| since_ns > returned_ns);
+        if !struck || since_ns < self.began_ns || over {
+            return;
+        }
+        let first = match contact {
+            Contact::Stale => &mut self.stale_ns,
+            Contact::Lost => &mut self.lost_ns,
+            Contact::Fresh | Contact::Unheard => return,
+        };
+        *first = Some(first.map_or(since_ns, |first_ns| since_ns.min(first_ns)));
+    }
+
+    pub(super) fn report(&self) -> FaultReport {
+        let after = |from_ns: u64| move |t_ns: u64| t_ns.saturating_sub(from_ns) as f64 * 1e-9;
+        let since_begin = after(self.began_ns);
+        FaultReport {
+            t_s: self.began_ns as f64 * 1e-9,
+            what: self.what.clone(),
+            robot: self.robot.as_ref().map(|(_, name)| name.clone()),
+            lasted_s: self.ended_ns.map(since_begin),
+            stale_after_s: self.stale_ns.map(since_begin),
+            lost_after_s: self.lost_ns.map(since_begin),
+            peak_error_m: self.error_m_peak,
+            min_distance_m: self.distance_m_min.is_finite().then_some(self.distance_m_min),
+            recovered_after_s: self
+                .ended_ns
+                .and_then(|ended_ns| self.recovered_ns.map(after(ended_ns))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const S: u64 = 1_000_000_000;
+
+    fn window() -> FaultWindow {
+        FaultWindow::new(0, "kill r2".into(), Some((1, "r2".into())), 10 * S)
+    }
+
+    #[test]
+    fn detection_is_the_first_neighbors_and_recovery_counts_from_the_faults_end() {
+        let mut fault = window();
+        fault.contact(1, Contact::Lost, 10 * S + S / 2);
+        fault.contact(1, Contact::Stale, 10 * S + S / 10);
+        fault.contact(1, Contact::Stale, 10 * S + S / 5); // a later neighbour
+        fault.contact(0, Contact::Stale, 10 * S); // another robot
+        fault.contact(1, Contact::Stale, 9 * S); // before it began
+        fault.truth(11 * S, 0.5, false, 0.3);
+        fault.truth(12 * S, 0.1, true, 0.4);
+        fault.ended(12 * S);
+        fault.truth(13 * S, 0.2, false, 0.25);
+        fault.truth(14 * S, 0.0, true, 0.26);
+        fault.truth(15 * S, 0.0, true, 0.1);
+        let report = fault.report();
+        assert_eq!((report.stale_after_s, report.lost_after_s), (Some(0.1), Some(0.5)));
+        assert_eq!((report.lasted_s, report.recovered_after_s), (Some(2.0), Some(2.0)));
+        assert_eq!((report.peak_error_m, report.min_distance_m), (0.5, Some(0.25)));
+    }
+
+    #[test]
+    fn a_relapse_undoes_a_recovery_unless_another_fault_is_to_blame() {
+        let mut alone = window();
+        alone.ended(10 * S);
+        alone.truth(11 * S, 0.0, true, 1.0);
+        let mut followed = alone.clone();
+        followed.another_began();
+        for fault in [&mut alone, &mut followed] {
+            fault.truth(12 * S, 1.0, false, 1.0);
+        }
+        assert_eq!(alone.report().recovered_after_s, None);
+        assert_eq!(followed.report().recovered_after_s, Some(1.0));
+    }
+}

@@ -1,0 +1,38 @@
+//! The trajectory hash: one word that two runs share only if they are the same bit by bit.
+
+use std::fmt::Write as _;
+
+use protocol::message::TruthRow;
+use sha2::{Digest, Sha256};
+
+/// SHA-256 over, for every tick, the tick and each robot's x, y, heading, v, w and commanded flag
+/// in scenario order, all as little-endian 64-bit words.
+#[derive(Debug, Clone, Default)]
+pub struct TrajectoryHash(Sha256);
+
+impl TrajectoryHash {
+    /// The hash of nothing yet.
+    pub fn new() -> TrajectoryHash {
+        TrajectoryHash::default()
+    }
+
+    /// Takes in one tick.
+    pub fn update(&mut self, tick: u64, rows: &[TruthRow]) {
+        self.0.update(tick.to_le_bytes());
+        for row in rows {
+            for number in [row.x_m, row.y_m, row.heading_rad, row.v_m_s, row.w_rad_s] {
+                self.0.update(number.to_le_bytes());
+            }
+            self.0.update(row.commanded.to_le_bytes());
+        }
+    }
+
+    /// Its first 16 hexadecimal digits.
+    pub fn finish(&self) -> String {
+        let digest = self.0.clone().finalize();
+        digest.iter().take(8).fold(String::new(), |mut text, byte| {
+            let _ = write!(text, "{byte:02x}");
+            text
+        })
+    }
+}

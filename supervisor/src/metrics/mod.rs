@@ -1,0 +1,227 @@
+//! What the truth says about a run: distances, errors, detection and recovery.
+//!
+//! Every tick counts; nothing is sampled. No I/O in here.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `hash` | are two runs the same? |
+//! | `fault` | what did one fault do? |
+//! | `expect` | did it go as the scenario expects? |
+
+pub mod expect;
+pub mod fault;
+pub mod hash;
+
+use formation::Vec2;
+use formation::closest::closest_pair;
+use formation::desired::desired_position;
+use formation::front_point::front_point;
+use formation::graph::Edge;
+use protocol::brief::Pace;
+use protocol::message::{Contact, TruthHeader, TruthRow};
+use serde::Serialize;
+
+use crate::scenario::Scenario;
+use fault::{FaultReport, FaultWindow};
+use hash::TrajectoryHash;
+
+/// Final errors are the worst over this last share of the run.
+const FINAL_SHARE: f64 = 0.1;
+
+/// Measures a run as its truths come in.
+pub struct Metrics {
+    names: Vec<String>,
+    front_points_m: Vec<f64>,
+    /// For each robot, the edges that end in it.
+    heard: Vec<Vec<Edge>>,
+    distance_min_m: f64,
+    converged_error_m: f64,
+    final_from_ns: u64,
+    hash: Option<TrajectoryHash>,
+    alphas: Vec<Vec2>,
+    errors: Vec<Option<f64>>,
+    closest: Option<Closest>,
+    violations: u64,
+    violations_plant: u64,
+    final_errors_m: Vec<Option<f64>>,
+    converged_since_ns: Option<u64>,
+    truths: u64,
+    truths_lost: u64,
+    newest_tick: Option<u64>,
+    faults: Vec<FaultWindow>,
+}
+
+/// Two robots at their nearest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Closest {
+    distance_m: f64,
+    pair: [usize; 2],
+    t_ns: u64,
+}
+
+/// What was measured over a whole run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Measures {
+    /// Smallest distance between two front points, m; `None` for one robot alone.
+    pub min_distance_m: Option<f64>,
+    /// Between which two.
+    pub min_distance_pair: Option<[String; 2]>,
+    /// When, s.
+    pub min_distance_t_s: Option<f64>,
+    /// Ticks (arcs' ends, in real time) at which some pair was nearer than d.
+    pub violations: u64,
+    /// Worst error over the last 10 % of the run by robot, m; `None` for one that hears nobody or
+    /// was dead all that time.
+    pub final_error_m: Vec<(String, Option<f64>)>,
+    /// The worst of these; `None` if the run did not get that far.
+    pub final_error_m_max: Option<f64>,
+    /// Since when all living errors stayed below `converged_error_m`, s.
+    pub converged_at_s: Option<f64>,
+    /// In lockstep.
+    pub trajectory_hash: Option<String>,
+    /// Truths that never arrived.
+    pub truths_lost: u64,
+    /// What each fault did.
+    pub faults: Vec<FaultReport>,
+}
+
+impl Metrics {
+    /// Nothing measured yet.
+    pub fn new(scenario: &Scenario, pace: Pace) -> Metrics {
+        let robots = scenario.robots.len();
+        let heard = |i| scenario.graph.heard_by(i).copied().collect();
+        let final_s = scenario.duration_ns as f64 * (1.0 - FINAL_SHARE);
+        Metrics {
+            names: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
+            front_points_m: scenario.robots.iter().map(|robot| robot.front_point_m).collect(),
+            heard: (0..robots).map(heard).collect(),
+            distance_min_m: scenario.avoidance.distance_min_m,
+            converged_error_m: scenario.expect.converged_error_m,
+            final_from_ns: final_s as u64,
+            hash: (pace == Pace::Lockstep).then(TrajectoryHash::new),
+            alphas: vec![Vec2::zeros(); robots],
+            errors: vec![None; robots],
+            closest: None,
+            violations: 0,
+            violations_plant: 0,
+            final_errors_m: vec![None; robots],
+            converged_since_ns: None,
+            truths: 0,
+            truths_lost: 0,
+            newest_tick: None,
+            faults: Vec::new(),
+        }
+    }
+
+    /// Takes in one truth, and who was alive at it.
+    pub fn truth(&mut self, header: &TruthHeader, rows: &[TruthRow], alive: &[bool]) {
+        let expected = self.newest_tick.map_or(0, |tick| tick + 1);
+        self.truths_lost += header.tick.saturating_sub(expected);
+        self.newest_tick = Some(header.tick);
+        self.truths += 1;
+        if let Some(hash) = &mut self.hash {
+            hash.update(header.tick, rows);
+        }
+        for ((alpha, row), ell) in self.alphas.iter_mut().zip(rows).zip(&self.front_points_m) {
+            *alpha = front_point(row.pose(), *ell);
+        }
+        let distance_m = self.measure_distance(header);
+        self.measure_errors(header, alive, distance_m);
+    }
+
+    /// The smallest distance now. The plant looks at the end of every arc and counts from the
+    /// start, so that neither shorter arcs nor lost truths hide anything.
+    fn measure_distance(&mut self, header: &TruthHeader) -> f64 {
+        let now = closest_pair(&self.alphas).map(|closest| Closest {
+            distance_m: closest.distance_m,
+            pair: closest.pair,
+            t_ns: header.t_ns,
+        });
+        let plant = header.closest_m.is_finite().then(|| Closest {
+            distance_m: header.closest_m,
+            pair: header.closest_pair.map(|place| place as usize),
+            t_ns: header.closest_t_ns,
+        });
+        for seen in [plant, now].into_iter().flatten() {
+            if self.closest.is_none_or(|closest| seen.distance_m < closest.distance_m) {
+                self.closest = Some(seen);
+            }
+        }
+        let distance_m = now.map_or(f64::INFINITY, |closest| closest.distance_m);
+        self.violations += u64::from(distance_m < self.distance_min_m);
+        self.violations_plant = header.violations;
+        distance_m
+    }
+
+    /// e_i = alpha_i - alpha*_i over all robots that i hears. (13)
+    fn measure_errors(&mut self, header: &TruthHeader, alive: &[bool], distance_m: f64) {
+        let mut worst: Option<f64> = None;
+        for (i, heard) in self.heard.iter().enumerate() {
+            let asked = heard.iter().map(|edge| (self.alphas[edge.from], edge.offset_m));
+            let error = desired_position(asked).map(|desired| (self.alphas[i] - desired).norm());
+            self.errors[i] = error;
+            let Some(error) = error.filter(|_| alive[i]) else { continue };
+            worst = Some(worst.map_or(error, |worst| worst.max(error)));
+            if header.t_ns >= self.final_from_ns {
+                let last = &mut self.final_errors_m[i];
+                *last = Some(last.map_or(error, |last| last.max(error)));
+            }
+        }
+        let worst = worst.unwrap_or(0.0);
+        let converged = worst < self.converged_error_m;
+        if !converged {
+            self.converged_since_ns = None;
+        } else if self.converged_since_ns.is_none() {
+            self.converged_since_ns = Some(header.t_ns);
+        }
+        for fault in &mut self.faults {
+            fault.truth(header.t_ns, worst, converged, distance_m);
+        }
+    }
+
+    /// |e_i| at the newest truth, m, in scenario order; `None` for robots that hear nobody.
+    pub fn errors(&self) -> &[Option<f64>] {
+        &self.errors
+    }
+
+    /// A fault of this number began.
+    pub fn fault_began(&mut self, fault: usize, what: String, robot: Option<usize>, t_ns: u64) {
+        for earlier in &mut self.faults {
+            earlier.another_began();
+        }
+        let robot = robot.map(|robot| (robot, self.names[robot].clone()));
+        self.faults.push(FaultWindow::new(fault, what, robot, t_ns));
+    }
+
+    /// What the fault broke is whole again, as far as it is ever going to be.
+    pub fn fault_ended(&mut self, fault: usize, t_ns: u64) {
+        if let Some(window) = self.faults.iter_mut().find(|window| window.number() == fault) {
+            window.ended(t_ns);
+        }
+    }
+
+    /// Somebody says how `neighbor` is heard, and since when.
+    pub fn contact(&mut self, neighbor: usize, contact: Contact, since_t_ns: u64) {
+        for fault in &mut self.faults {
+            fault.contact(neighbor, contact, since_t_ns);
+        }
+    }
+
+    /// What was measured in all.
+    pub fn finish(&self) -> Measures {
+        let name = |i: usize| self.names[i].clone();
+        let final_errors = self.final_errors_m.iter().flatten().copied();
+        Measures {
+            min_distance_m: self.closest.map(|closest| closest.distance_m),
+            min_distance_pair: self.closest.map(|closest| closest.pair.map(name)),
+            min_distance_t_s: self.closest.map(|closest| closest.t_ns as f64 * 1e-9),
+            violations: self.violations.max(self.violations_plant),
+            final_error_m: self.names.iter().cloned().zip(self.final_errors_m.clone()).collect(),
+            final_error_m_max: final_errors.reduce(f64::max),
+            converged_at_s: self.converged_since_ns.map(|t_ns| t_ns as f64 * 1e-9),
+            trajectory_hash: self.hash.as_ref().map(TrajectoryHash::finish),
+            truths_lost: self.truths_lost,
+            faults: self.faults.iter().map(FaultWindow::report).collect(),
+        }
+    }
+}

@@ -1,0 +1,321 @@
+//! Where a run is written down. Everything in it is plain text and stays readable if the run ends
+//! early; every failure to write names its file.
+
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use protocol::brief::{self, Pace};
+use protocol::message::{TruthHeader, TruthRow};
+use serde::Serialize;
+
+use crate::scenario::Scenario;
+use crate::summary::Summary;
+
+/// Runs without `--out` go below this directory.
+const RUNS: &str = "runs";
+/// git is asked for the version of the tree, and not waited for any longer.
+const GIT_MAX: Duration = Duration::from_secs(1);
+
+/// The directory of one run.
+pub struct RunDir {
+    path: PathBuf,
+    robots: Vec<String>,
+    record_every_ns: u64,
+    record_due_ns: u64,
+    duration_ns: u64,
+    samples: Log,
+    events: Log,
+}
+
+/// A file that is appended to, and its name for messages.
+struct Log {
+    path: PathBuf,
+    file: BufWriter<File>,
+}
+
+/// Why something could not be written down. What was written before is kept.
+#[derive(Debug, thiserror::Error)]
+pub enum RunDirError {
+    /// It would overwrite an earlier run.
+    #[error("{} exists already; a run never overwrites another, give --out a new name", .0.display())]
+    Exists(PathBuf),
+    /// A file or directory could not be written.
+    #[error("cannot write {}: {source}; what was written before is kept", path.display())]
+    Write {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+fn failed(path: &Path) -> impl FnOnce(io::Error) -> RunDirError {
+    let path = path.to_path_buf();
+    move |source| RunDirError::Write { path, source }
+}
+
+impl Log {
+    fn create(path: PathBuf, header: &str) -> Result<Log, RunDirError> {
+        let file = File::create_new(&path).map_err(failed(&path))?;
+        let mut log = Log { path, file: BufWriter::new(file) };
+        log.line(format_args!("{header}"))?;
+        Ok(log)
+    }
+
+    fn line(&mut self, line: std::fmt::Arguments<'_>) -> Result<(), RunDirError> {
+        writeln!(self.file, "{line}").map_err(failed(&self.path))
+    }
+
+    fn flush(&mut self) -> Result<(), RunDirError> {
+        self.file.flush().map_err(failed(&self.path))
+    }
+}
+
+impl RunDir {
+    /// Makes the directory, which must not exist.
+    pub fn create(path: &Path, scenario: &Scenario) -> Result<RunDir, RunDirError> {
+        if path.symlink_metadata().is_ok() {
+            return Err(RunDirError::Exists(path.into()));
+        }
+        for directory in [path.join("briefs"), path.join("logs")] {
+            fs::create_dir_all(&directory).map_err(failed(&directory))?;
+        }
+        Ok(RunDir {
+            path: path.into(),
+            robots: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
+            record_every_ns: (1e9 / scenario.record_hz) as u64,
+            record_due_ns: 0,
+            duration_ns: scenario.duration_ns,
+            samples: Log::create(
+                path.join("samples.csv"),
+                "t_s,robot,x_m,y_m,heading_rad,v_m_s,w_rad_s,error_m,alive",
+            )?,
+            events: Log::create(path.join("events.csv"), "t_s,kind,robot,detail")?,
+        })
+    }
+
+    /// Writes the effective scenario, which can be run again.
+    pub fn write_scenario(&self, text: &str) -> Result<(), RunDirError> {
+        self.write("scenario.toml", text)
+    }
+
+    /// Writes what was run, where and how.
+    pub fn write_manifest(&self, manifest: &Manifest) -> Result<(), RunDirError> {
+        self.write("manifest.json", &to_json(manifest))
+    }
+
+    /// Writes the brief of a process; where to.
+    pub fn write_brief<B: Serialize>(&self, name: &str, told: &B) -> Result<PathBuf, RunDirError> {
+        let file = format!("briefs/{name}.toml");
+        self.write(&file, &brief::to_text(told))?;
+        let path = self.path.join(file);
+        // Children may run elsewhere one day, and a relative path would mean something else.
+        path.canonicalize().map_err(failed(&path))
+    }
+
+    /// Where the log of a process goes.
+    pub fn log_path(&self, name: &str) -> PathBuf {
+        self.path.join(format!("logs/{name}.jsonl"))
+    }
+
+    /// Writes a truth to `samples.csv` if one is due, or if it is the last.
+    pub fn truth(
+        &mut self,
+        header: &TruthHeader,
+        rows: &[TruthRow],
+        errors_m: &[Option<f64>],
+        alive: &[bool],
+    ) -> Result<(), RunDirError> {
+        if header.t_ns < self.record_due_ns && header.t_ns < self.duration_ns {
+            return Ok(());
+        }
+        self.record_due_ns = header.t_ns - header.t_ns % self.record_every_ns + self.record_every_ns;
+        let t_s = header.t_ns as f64 * 1e-9;
+        for (i, row) in rows.iter().enumerate() {
+            let TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = row;
+            let (robot, alive) = (&self.robots[i], u8::from(alive[i]));
+            let error = errors_m[i].map_or(String::new(), |error| error.to_string());
+            self.samples.line(format_args!(
+                "{t_s},{robot},{x_m},{y_m},{heading_rad},{v_m_s},{w_rad_s},{error},{alive}"
+            ))?;
+        }
+        Ok(())
+    }
+
+    /// Writes an event, at once.
+    pub fn event(
+        &mut self,
+        t_ns: u64,
+        kind: &str,
+        robot: &str,
+        detail: &str,
+    ) -> Result<(), RunDirError> {
+        let (t_s, detail) = (t_ns as f64 * 1e-9, quoted(detail));
+        self.events.line(format_args!("{t_s},{kind},{robot},{detail}"))?;
+        self.events.flush()
+    }
+
+    /// Writes what came out, and everything still in hand.
+    pub fn finish(&mut self, summary: &Summary) -> Result<(), RunDirError> {
+        // The summary first: it is small, and tells most if the disk is full.
+        self.write("summary.json", &summary.to_json())?;
+        self.events.flush()?;
+        self.samples.flush()
+    }
+
+    fn write(&self, name: &str, text: &str) -> Result<(), RunDirError> {
+        let path = self.path.join(name);
+        fs::write(&path, text).map_err(failed(&path))
+    }
+}
+
+/// A CSV field, in quotes if it needs them.
+fn quoted(field: &str) -> String {
+    if field.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", field.replace('"', "\"\""))
+    } else {
+        field.into()
+    }
+}
+
+/// JSON with a final newline.
+pub(crate) fn to_json<T: Serialize>(value: &T) -> String {
+    let text = serde_json::to_string_pretty(value).expect("string keys and plain values only");
+    text + "\n"
+}
+
+/// `runs/<name>-<date>-<time>`, in UTC, with a number behind it if that exists.
+pub fn default_out(name: &str) -> PathBuf {
+    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    let stem = format!("{name}-{}", date_and_time(seconds));
+    let first = Path::new(RUNS).join(&stem);
+    let numbered = (2..).map(|n| Path::new(RUNS).join(format!("{stem}-{n}")));
+    std::iter::once(first)
+        .chain(numbered)
+        .find(|path| path.symlink_metadata().is_err())
+        .expect("some number is free")
+}
+
+/// `20261121-041500` for seconds since 1970, UTC.
+fn date_and_time(seconds: u64) -> String {
+    let (days, of_day) = (seconds / 86_400, seconds % 86_400);
+    // Civil date from a day count: eras of 400 years, years that begin in March.
+    let shifted = days + 719_468;
+    let (era, of_era) = (shifted / 146_097, shifted % 146_097);
+    let year_of_era = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
+    let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let from_march = (5 * of_year + 2) / 153;
+    let day = of_year - (153 * from_march + 2) / 5 + 1;
+    let month = if from_march < 10 { from_march + 3 } else { from_march - 9 };
+    let year = era * 400 + year_of_era + u64::from(month <= 2);
+    let (hour, minute, second) = (of_day / 3600, of_day / 60 % 60, of_day % 60);
+    format!("{year:04}{month:02}{day:02}-{hour:02}{minute:02}{second:02}")
+}
+
+/// What was run, where and how.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Manifest {
+    /// Version of this program.
+    pub phalanx: &'static str,
+    /// Commit of the source tree it was run in, if it was one.
+    pub git_hash: Option<String>,
+    /// The scenario's name.
+    pub scenario: String,
+    /// The file it came from.
+    pub scenario_path: String,
+    /// The command line.
+    pub command: Vec<String>,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// How time passed.
+    pub pace: Pace,
+    /// T, s.
+    pub period_s: f64,
+    /// Operating system and version.
+    pub kernel: String,
+    /// Processor architecture.
+    pub machine: String,
+    /// Cores that this process may use.
+    pub cores: usize,
+    /// Load averages over 1, 5 and 15 minutes when the run began.
+    pub load_average: String,
+    /// When the run began, ns since 1970, UTC.
+    pub started_unix_ns: u64,
+}
+
+impl Manifest {
+    /// Looks around, and never fails for it.
+    pub fn collect(scenario: &Scenario, path: &Path, pace: Pace) -> Manifest {
+        let system = rustix::system::uname();
+        let text = |part: &std::ffi::CStr| part.to_string_lossy().into_owned();
+        let load = fs::read_to_string("/proc/loadavg").unwrap_or_default();
+        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        Manifest {
+            phalanx: env!("CARGO_PKG_VERSION"),
+            git_hash: git_hash(),
+            scenario: scenario.name.clone(),
+            scenario_path: path.display().to_string(),
+            command: std::env::args().collect(),
+            seed: scenario.seed,
+            pace,
+            period_s: scenario.period_ns as f64 * 1e-9,
+            kernel: format!("{} {}", text(system.sysname()), text(system.release())),
+            machine: text(system.machine()),
+            cores: std::thread::available_parallelism().map_or(1, usize::from),
+            load_average: load.split(' ').take(3).collect::<Vec<_>>().join(" "),
+            started_unix_ns: since_1970.as_nanos() as u64,
+        }
+    }
+}
+
+/// The commit of the tree around the working directory, if git says so soon enough.
+fn git_hash() -> Option<String> {
+    let mut git = Command::new("git")
+        .args(["rev-parse", "HEAD"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .ok()?;
+    let began = Instant::now();
+    while git.try_wait().ok()?.is_none() {
+        if began.elapsed() > GIT_MAX {
+            let _ = git.kill();
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let output = git.wait_with_output().ok()?;
+    let hash = String::from_utf8(output.stdout).ok()?.trim().to_owned();
+    (output.status.success() && !hash.is_empty()).then_some(hash)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_date_is_what_the_calendar_says() {
+        assert_eq!(date_and_time(0), "19700101-000000");
+        assert_eq!(date_and_time(951_782_400), "20000229-000000");
+        assert_eq!(date_and_time(1_795_233_599), "20261121-045959");
+    }
+
+    #[test]
+    fn fields_are_quoted_only_where_csv_asks_for_it() {
+        assert_eq!(quoted("exit code 4"), "exit code 4");
+        assert_eq!(quoted("a, \"b\""), "\"a, \"\"b\"\"\"");
+    }
+
+    #[test]
+    fn a_full_disk_is_named_with_its_file() {
+        let path = PathBuf::from("/dev/full");
+        let file = File::options().write(true).open(&path).unwrap();
+        let mut log = Log { path, file: BufWriter::new(file) };
+        log.line(format_args!("buffered")).unwrap();
+        let error = log.flush().unwrap_err().to_string();
+        assert!(error.contains("/dev/full") && error.contains("No space left"), "{error}");
+    }
+}

@@ -1,0 +1,226 @@
+//! What came out: `summary.json` for programs, one screen for people.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use protocol::brief::Pace;
+use serde::Serialize;
+
+use crate::flight::Outcome;
+use crate::metrics::Measures;
+use crate::metrics::expect::Expectation;
+use crate::metrics::fault::FaultReport;
+use crate::run_dir::to_json;
+use crate::scenario::Scenario;
+
+/// The content of `summary.json`. What never came about is `null`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Summary {
+    /// The scenario's name.
+    pub scenario: String,
+    /// How time passed.
+    pub pace: Pace,
+    /// The exit code.
+    pub exit: u8,
+    /// A signal ended the run.
+    pub interrupted: bool,
+    /// Run time reached, s.
+    pub t_s: f64,
+    /// Plant ticks.
+    pub ticks: u64,
+    /// Wall time from t = 0 to the end, s.
+    pub wall_s: f64,
+    /// Plant ticks per second of wall time.
+    pub ticks_per_s: f64,
+    /// Run time per wall time.
+    pub real_time_factor: f64,
+    /// In lockstep: equal if and only if two runs are the same bit by bit.
+    pub trajectory_hash: Option<String>,
+    /// Smallest distance of two front points at any tick, m.
+    pub min_distance_m: Option<f64>,
+    /// Between which two.
+    pub min_distance_pair: Option<[String; 2]>,
+    /// When, s.
+    pub min_distance_t_s: Option<f64>,
+    /// Ticks at which some pair was nearer than d.
+    pub violations: u64,
+    /// Worst error over the last 10 % of the run by robot, m.
+    pub final_error_m: BTreeMap<String, Option<f64>>,
+    /// The worst of these.
+    pub final_error_m_max: Option<f64>,
+    /// Since when all living errors stayed below the converged error, s.
+    pub converged_at_s: Option<f64>,
+    /// Commands sent after their agent's next wake-up was due.
+    pub deadline_misses: u64,
+    /// What became of commands at the plant.
+    pub commands: Commands,
+    /// Truths that the supervisor did not get.
+    pub truths_lost: u64,
+    /// Restarts by robot.
+    pub restarts: BTreeMap<String, u64>,
+    /// What each fault did.
+    pub faults: Vec<FaultReport>,
+    /// What was expected, and what came.
+    pub expectations: Vec<Expectation>,
+}
+
+/// What became of commands at the plant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Commands {
+    /// Refused: dead on arrival, or from the future.
+    pub late: u64,
+    /// Refused: a newer one had been accepted.
+    pub old: u64,
+    /// Refused: not finite.
+    pub not_finite: u64,
+    /// Scaled down to the speed limit.
+    pub scaled: u64,
+    /// Died with no successor: the wheels stopped.
+    pub expired: u64,
+}
+
+impl Summary {
+    /// Puts together what came out.
+    pub fn new(
+        scenario: &Scenario,
+        pace: Pace,
+        measures: &Measures,
+        outcome: &Outcome,
+        expectations: Vec<Expectation>,
+        exit: u8,
+    ) -> Summary {
+        let truth = outcome.truth.unwrap_or_default();
+        let wall_s = outcome.wall.as_secs_f64();
+        let per_wall = |amount: f64| if wall_s > 0.0 { amount / wall_s } else { 0.0 };
+        let t_s = truth.t_ns as f64 * 1e-9;
+        let names = scenario.robots.iter().map(|robot| robot.name.clone());
+        let measures = measures.clone();
+        Summary {
+            scenario: scenario.name.clone(),
+            pace,
+            exit,
+            interrupted: outcome.interrupted,
+            t_s,
+            ticks: truth.tick,
+            wall_s,
+            ticks_per_s: per_wall(truth.tick as f64),
+            real_time_factor: per_wall(t_s),
+            trajectory_hash: measures.trajectory_hash,
+            min_distance_m: measures.min_distance_m,
+            min_distance_pair: measures.min_distance_pair,
+            min_distance_t_s: measures.min_distance_t_s,
+            violations: measures.violations,
+            final_error_m: measures.final_error_m.into_iter().collect(),
+            final_error_m_max: measures.final_error_m_max,
+            converged_at_s: measures.converged_at_s,
+            deadline_misses: outcome.deadline_misses,
+            commands: Commands {
+                late: truth.commands_late,
+                old: truth.commands_old,
+                not_finite: truth.commands_not_finite,
+                scaled: truth.commands_scaled,
+                expired: truth.commands_expired,
+            },
+            truths_lost: measures.truths_lost,
+            restarts: names.zip(outcome.restarts.iter().copied()).collect(),
+            faults: measures.faults,
+            expectations,
+        }
+    }
+
+    /// `summary.json`.
+    pub fn to_json(&self) -> String {
+        to_json(self)
+    }
+}
+
+/// One screen for people: first whether it went as expected, then why.
+pub fn screen(summary: &Summary) -> String {
+    let mut text = String::new();
+    let held = summary.expectations.iter().all(|expectation| expectation.held);
+    let verdict = match (summary.interrupted, summary.exit, held) {
+        (true, ..) => "interrupted",
+        (_, 4, _) => "ended early",
+        (.., true) => "every expectation held",
+        (.., false) => "an expectation was missed",
+    };
+    let _ = writeln!(text, "{}, {}: {verdict}", summary.scenario, summary.pace.word());
+    for Expectation { name, value, bound, held } in &summary.expectations {
+        let sign = if *held { "held  " } else { "MISSED" };
+        let _ = writeln!(text, "  {sign} {name:<20} {:>12}  asked {}", short(*value), digits(*bound));
+    }
+    let mut row = |name: &str, value: String| {
+        let _ = writeln!(text, "{name:<19} {value}");
+    };
+    if let (Some(distance), Some([a, b]), Some(t_s)) =
+        (summary.min_distance_m, &summary.min_distance_pair, summary.min_distance_t_s)
+    {
+        let violations = match summary.violations {
+            0 => String::new(),
+            ticks => format!(", below d at {ticks} ticks"),
+        };
+        let distance = digits(distance);
+        row("smallest distance", format!("{distance} m, {a} - {b} at {t_s:.3} s{violations}"));
+    }
+    let converged = summary.converged_at_s.map_or("never".into(), |t_s| format!("at {t_s:.3} s"));
+    row("converged", converged);
+    let errors = summary.final_error_m.iter();
+    let errors: Vec<String> = errors.map(|(robot, e)| format!("{robot} {}", short(*e))).collect();
+    row("final errors, m", errors.join("  "));
+    row(
+        "time",
+        format!(
+            "{:.3} s run in {:.3} s of wall time, {:.0} ticks/s, {:.2} x real time",
+            summary.t_s, summary.wall_s, summary.ticks_per_s, summary.real_time_factor
+        ),
+    );
+    if let Some(hash) = &summary.trajectory_hash {
+        row("trajectory hash", hash.clone());
+    }
+    let Commands { late, old, not_finite, scaled, expired } = summary.commands;
+    if summary.pace == Pace::Realtime {
+        row("deadline misses", summary.deadline_misses.to_string());
+    }
+    let refused = late + old + not_finite;
+    row("commands", format!("{refused} refused, {scaled} scaled, {expired} expired"));
+    if summary.truths_lost > 0 {
+        row("truths lost", summary.truths_lost.to_string());
+    }
+    if !summary.faults.is_empty() {
+        let _ = writeln!(
+            text,
+            "\n  {:>9}  {:<28} {:>9} {:>9} {:>11} {:>11} {:>12}",
+            "fault, s", "what", "stale, s", "lost, s", "peak err, m", "min dist, m", "recovered, s"
+        );
+        for fault in &summary.faults {
+            let _ = writeln!(
+                text,
+                "  {:>9.3}  {:<28} {:>9} {:>9} {:>11} {:>11} {:>12}",
+                fault.t_s,
+                fault.what,
+                short(fault.stale_after_s),
+                short(fault.lost_after_s),
+                digits(fault.peak_error_m),
+                short(fault.min_distance_m),
+                short(fault.recovered_after_s),
+            );
+        }
+    }
+    text
+}
+
+fn short(value: Option<f64>) -> String {
+    value.map_or("-".into(), digits)
+}
+
+/// Four significant digits.
+fn digits(value: f64) -> String {
+    match value.abs() {
+        0.0 => "0".into(),
+        size if !(1e-3..1e5).contains(&size) => format!("{value:.1e}"),
+        size => {
+            let before = size.log10().floor() as i32;
+            format!("{value:.*}", (3 - before).max(0) as usize)
+        }
+    }
+}

@@ -1,0 +1,260 @@
+//! Runs `phalanx` as a user would, in a run root of its own, and shows what happened when a claim
+//! about it fails.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// No run of a test takes this long; far more than any needs, so that only a hang meets it.
+const HANG: Duration = Duration::from_secs(120);
+
+/// A run yet to be started.
+pub struct Phalanx {
+    command: Command,
+    scratch: TempDir,
+    run_root: TempDir,
+}
+
+/// A run under way.
+pub struct Running {
+    child: Option<Child>,
+    shown: String,
+    scratch: TempDir,
+    run_root: TempDir,
+}
+
+/// A run that has ended.
+pub struct Ended {
+    pub code: Option<i32>,
+    pub stderr: String,
+    pub summary: Value,
+    shown: String,
+    scratch: TempDir,
+    run_root: TempDir,
+}
+
+/// `phalanx run scenarios/<name>.toml`.
+pub fn run(name: &str) -> Phalanx {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
+    command.arg("run").arg(format!("scenarios/{name}.toml"));
+    Phalanx::new(command)
+}
+
+impl Phalanx {
+    /// A command that runs phalanx in the end; `--out` is added to it.
+    pub fn new(mut command: Command) -> Phalanx {
+        let scratch = tempfile::tempdir().unwrap();
+        let run_root = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
+        command
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .env("PHALANX_RUN_ROOT", run_root.path())
+            .env("NO_COLOR", "1")
+            .arg("--out")
+            .arg(scratch.path().join("run"));
+        Phalanx { command, scratch, run_root }
+    }
+
+    pub fn lockstep(self) -> Phalanx {
+        self.args(["--pace", "lockstep"])
+    }
+
+    pub fn set(self, assignment: impl AsRef<str>) -> Phalanx {
+        self.args(["--set", assignment.as_ref()])
+    }
+
+    pub fn fault(self, spec: &str) -> Phalanx {
+        self.args(["--fault", spec])
+    }
+
+    pub fn args<'a>(mut self, args: impl IntoIterator<Item = &'a str>) -> Phalanx {
+        self.command.args(args);
+        self
+    }
+
+    /// The run root of another run, to find what that one left.
+    pub fn in_run_root_of(mut self, other: &Path) -> Phalanx {
+        self.command.env("PHALANX_RUN_ROOT", other);
+        self
+    }
+
+    pub fn start(mut self) -> Running {
+        self.command.stdout(Stdio::piped()).stderr(Stdio::piped()).stdin(Stdio::null());
+        let shown = format!("{:?}", self.command);
+        let child = Some(self.command.spawn().unwrap());
+        Running { child, shown, scratch: self.scratch, run_root: self.run_root }
+    }
+
+    /// Runs to the end.
+    pub fn finish(self) -> Ended {
+        self.start().finish()
+    }
+}
+
+impl Running {
+    pub fn pid(&self) -> u32 {
+        self.child.as_ref().expect("runs").id()
+    }
+
+    pub fn run_root(&self) -> &Path {
+        self.run_root.path()
+    }
+
+    pub fn run_dir(&self) -> PathBuf {
+        self.scratch.path().join("run")
+    }
+
+    /// The processes it started that are alive, by the name they show in `ps`, with their robot.
+    pub fn children(&self) -> Vec<(u32, String)> {
+        processes_of(&self.run_dir())
+    }
+
+    /// Waits until `condition` gives something; fails if the run ends or hangs before.
+    pub fn wait_for<T>(&mut self, what: &str, condition: impl Fn(&Running) -> Option<T>) -> T {
+        let began = Instant::now();
+        loop {
+            if let Some(found) = condition(self) {
+                return found;
+            }
+            let ended = self.child.as_mut().expect("runs").try_wait().unwrap();
+            assert!(ended.is_none(), "{} ended before {what}: {ended:?}", self.shown);
+            assert!(began.elapsed() < HANG, "{}: no {what} within {HANG:?}", self.shown);
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    /// Waits until an event of this kind was written.
+    pub fn wait_for_event(&mut self, kind: &str) {
+        self.wait_for(kind, |run| {
+            let events = std::fs::read_to_string(run.run_dir().join("events.csv")).ok()?;
+            events.lines().any(|line| line.split(',').nth(1) == Some(kind)).then_some(())
+        });
+    }
+
+    pub fn signal(&self, signal: Signal) {
+        signal_pid(self.pid(), signal);
+    }
+
+    pub fn finish(mut self) -> Ended {
+        let began = Instant::now();
+        while self.child.as_mut().expect("runs").try_wait().unwrap().is_none() {
+            if began.elapsed() > HANG {
+                self.signal(Signal::KILL);
+                panic!("{} hangs", self.shown);
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let Output { status, stdout, stderr } =
+            self.child.take().expect("runs").wait_with_output().unwrap();
+        let summary = std::fs::read(self.run_dir().join("summary.json"))
+            .map(|bytes| serde_json::from_slice(&bytes).expect("summary.json is JSON"))
+            .unwrap_or(Value::Null);
+        let stderr = String::from_utf8_lossy(&stderr).into_owned();
+        let shown = format!(
+            "command: {}\ndirectory: {}\nstatus: {status}\nstdout:\n{}\nstderr:\n{stderr}",
+            self.shown,
+            self.run_dir().display(),
+            String::from_utf8_lossy(&stdout),
+        );
+        let code = status.code();
+        let scratch = std::mem::replace(&mut self.scratch, tempfile::tempdir().unwrap());
+        let run_root = std::mem::replace(&mut self.run_root, tempfile::tempdir().unwrap());
+        Ended { code, stderr, summary, shown, scratch, run_root }
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        if let Some(mut child) = self.child.take() {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+impl Ended {
+    pub fn run_dir(&self) -> PathBuf {
+        self.scratch.path().join("run")
+    }
+
+    pub fn file(&self, name: &str) -> String {
+        std::fs::read_to_string(self.run_dir().join(name)).unwrap_or_default()
+    }
+
+    /// Fails with everything there is to know unless `holds`.
+    #[track_caller]
+    pub fn claim(&self, holds: bool, what: impl AsRef<str>) -> &Ended {
+        if !holds {
+            let mut shown = self.shown.clone();
+            let events = self.file("events.csv");
+            let tail: Vec<&str> = events.lines().rev().take(12).collect();
+            let _ = write!(shown, "last events:");
+            tail.iter().rev().for_each(|line| shown += &format!("\n  {line}"));
+            panic!("not so: {}\n{shown}\nsummary: {:#}", what.as_ref(), self.summary);
+        }
+        self
+    }
+
+    #[track_caller]
+    pub fn exits_with(&self, code: i32) -> &Ended {
+        self.claim(self.code == Some(code), format!("exit code {code}"))
+    }
+
+    /// A number of the summary by JSON pointer; NaN if it is none.
+    pub fn number(&self, pointer: &str) -> f64 {
+        self.summary.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN)
+    }
+
+    pub fn hash(&self) -> &str {
+        self.summary["trajectory_hash"].as_str().unwrap_or("none")
+    }
+
+    /// No process, no shared memory, no file in the run root.
+    #[track_caller]
+    pub fn leaves_nothing(&self) -> &Ended {
+        let processes = processes_of(&self.run_dir());
+        self.claim(processes.is_empty(), format!("no process is left, found {processes:?}"));
+        let files = files_below(self.run_root.path());
+        self.claim(files.is_empty(), format!("the run root is empty, found {files:?}"))
+    }
+}
+
+pub fn signal_pid(pid: u32, signal: Signal) {
+    // Gone already is as good as signalled.
+    let _ = kill_process(Pid::from_raw(pid as i32).expect("a process id"), signal);
+}
+
+/// Living agents and plants whose brief lies in `run_dir`: process id and robot (or `plant`).
+pub fn processes_of(run_dir: &Path) -> Vec<(u32, String)> {
+    let briefs = run_dir.join("briefs");
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir("/proc").unwrap().flatten() {
+        let Ok(pid) = entry.file_name().to_string_lossy().parse::<u32>() else { continue };
+        let Ok(line) = std::fs::read(entry.path().join("cmdline")) else { continue };
+        let words: Vec<_> = line.split(|b| *b == 0).map(String::from_utf8_lossy).collect();
+        let brief = words.iter().map(|word| Path::new(word.as_ref())).find(|word| {
+            word.parent() == Some(&briefs) && word.extension().is_some_and(|end| end == "toml")
+        });
+        if let Some(brief) = brief {
+            found.push((pid, brief.file_stem().unwrap().to_string_lossy().into_owned()));
+        }
+    }
+    found.sort();
+    found
+}
+
+/// Everything below a directory.
+pub fn files_below(directory: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(directory).into_iter().flatten().flatten() {
+        found.push(entry.path());
+        if entry.path().is_dir() {
+            found.extend(files_below(&entry.path()));
+        }
+    }
+    found
+}

@@ -1,0 +1,109 @@
+//! Lockstep: real processes do, bit by bit, what the oracle foretells.
+
+use supervisor::scenario::Scenario;
+use supervisor::scenario::read::{Overrides, read};
+
+use crate::harness::run;
+use crate::oracle;
+
+const STARTS: [&str; 4] = ["triangle", "triangle-b", "triangle-c", "triangle-d"];
+
+fn scenario(name: &str, set: &[&str]) -> Scenario {
+    let set = set.iter().map(|&assignment| assignment.into()).collect();
+    let overrides = Overrides { set, ..Overrides::default() };
+    let path = format!("{}/scenarios/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+    match read(path.as_ref(), &overrides, &agent::laws::descriptions()) {
+        Ok((scenario, ..)) => scenario,
+        Err(diagnostic) => panic!("{}", diagnostic.render(false)),
+    }
+}
+
+#[track_caller]
+fn assert_within(share: f64, found: f64, expected: f64, what: &str) {
+    let off = (found / expected - 1.0).abs();
+    assert!(off <= share, "{what}: {found} is not within {share} of {expected}");
+}
+
+#[test]
+fn every_run_of_real_processes_is_the_one_the_oracle_foretold() {
+    for name in STARTS.into_iter().chain(["triangle-kill"]) {
+        let ended = run(name).lockstep().finish();
+        ended.exits_with(0).leaves_nothing();
+        let foretold = oracle::fly(&scenario(name, &[]));
+        let hash = foretold.trajectory_hash.as_str();
+        ended.claim(ended.hash() == hash, format!("{name}: the hash is {hash}"));
+        let distance = foretold.distance_m_min;
+        ended.claim(ended.number("/min_distance_m") == distance, format!("{distance} m apart"));
+    }
+}
+
+#[test]
+fn every_kind_of_avoidance_is_foretold() {
+    for kind in ["none", "focus"] {
+        let set = format!("avoidance.kind={kind}");
+        let ended = run("triangle-d").lockstep().set(&set).set("duration_s=8").set("expect={}").finish();
+        let expected = oracle::fly(&scenario("triangle-d", &[&set, "duration_s=8", "expect={}"]));
+        ended.exits_with(0);
+        ended.claim(ended.hash() == expected.trajectory_hash, format!("{kind}: foretold"));
+    }
+}
+
+#[test]
+fn ten_runs_agree_whatever_order_the_robots_start_in() {
+    // The seed draws the order in which processes are started.
+    let hashes: Vec<String> = (0..10)
+        .map(|seed| {
+            let seed = seed.to_string();
+            let ended =
+                run("triangle-kill").lockstep().args(["--seed", seed.as_str()]).finish();
+            ended.exits_with(0).hash().to_owned()
+        })
+        .collect();
+    assert!(hashes.iter().all(|hash| *hash == hashes[0]), "{hashes:?}");
+    assert_ne!(hashes[0], oracle::fly(&scenario("triangle", &[])).trajectory_hash);
+}
+
+#[test]
+fn two_runs_at_once_are_the_same_as_alone() {
+    let (one, other) = (run("triangle").lockstep().start(), run("triangle-kill").lockstep().start());
+    for (run, name) in [(one, "triangle"), (other, "triangle-kill")] {
+        let ended = run.finish();
+        let foretold = oracle::fly(&scenario(name, &[])).trajectory_hash;
+        ended.exits_with(0).leaves_nothing();
+        ended.claim(ended.hash() == foretold, format!("{name} is undisturbed"));
+    }
+}
+
+#[test]
+fn guard_converges_from_every_start_and_keeps_d_at_every_period() {
+    for name in STARTS {
+        for period in ["period_s=0.001", "period_s=0.005", "period_s=0.02"] {
+            let flight = oracle::fly(&scenario(name, &[period]));
+            assert!(flight.distance_m_min >= 0.2, "{name} {period}: {}", flight.distance_m_min);
+            assert!(flight.final_error_m_max < 1e-3, "{name} {period}");
+        }
+    }
+}
+
+#[test]
+fn without_avoidance_the_robots_come_as_near_as_was_measured() {
+    for period in ["period_s=0.001", "period_s=0.005"] {
+        for (name, expected) in STARTS.into_iter().zip([0.188, 0.0096, 0.091, 0.0935]) {
+            let flight = oracle::fly(&scenario(name, &["avoidance.kind=none", period]));
+            assert_within(0.05, flight.distance_m_min, expected, name);
+        }
+    }
+}
+
+#[test]
+fn the_literal_focus_falls_below_d_and_start_c_ends_in_the_known_livelock() {
+    for name in STARTS {
+        let flight = oracle::fly(&scenario(name, &["avoidance.kind=focus", "period_s=0.001"]));
+        assert!(flight.distance_m_min < 0.2, "{name}: {}", flight.distance_m_min);
+        if name == "triangle-c" {
+            assert!((0.38..0.42).contains(&flight.final_error_m_max), "{name}");
+        } else {
+            assert!(flight.final_error_m_max < 1e-3, "{name}");
+        }
+    }
+}

@@ -54,7 +54,7 @@ impl Brain {
         Ok(Brain {
             incarnation,
             front_point_m: brief.front_point_m,
-            period_s: brief.period_ns as f64 * 1e-9,
+            period_s: brief.period_ns as f64 / 1e9,
             age_periods: age_periods(brief.pace),
             law: laws::build(&brief.law, &brief.gains)?,
             avoidance: Avoidance::new(brief),
@@ -100,10 +100,10 @@ impl Brain {
 
         self.away.clear();
         self.away.extend(odometry.proximity().map(|other| alpha - other));
-        let until_effect_s = effect_ns.saturating_sub(odometry.stamp_ns) as f64 * 1e-9;
+        let until_effect_s = effect_ns.saturating_sub(odometry.stamp_ns) as f64 / 1e9;
         let sample = Sample {
             stamp_ns: odometry.stamp_ns,
-            t_s: odometry.t_ns as f64 * 1e-9,
+            t_s: odometry.t_ns as f64 / 1e9,
             heading_rad: pose.heading_rad,
             heading_effect_rad: wrap_angle(
                 pose.heading_rad + odometry.twist().w_rad_s * until_effect_s,

@@ -112,7 +112,7 @@ impl Neighborhood {
                 (Contact::Lost, _) => return None,
                 _ => age_ns,
             };
-            let alpha_j = beacon.position() + beacon.velocity() * (age_ns as f64 * 1e-9);
+            let alpha_j = beacon.position() + beacon.velocity() * (age_ns as f64 / 1e9);
             Some((alpha_j, neighbor.offset))
         });
         desired_position(heard)
@@ -134,11 +134,8 @@ mod tests {
     use super::*;
 
     fn neighborhood(policy: SilencePolicy) -> Neighborhood {
-        let neighbor = |name: &str, index| NeighborBrief {
-            name: name.into(),
-            index,
-            offset_m: [0.0, 1.0],
-        };
+        let neighbor =
+            |name: &str, index| NeighborBrief { name: name.into(), index, offset_m: [0.0, 1.0] };
         let silence = SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy };
         Neighborhood::new(&[neighbor("a", 1), neighbor("b", 2)], silence)
     }

@@ -1,9 +1,7 @@
 //! An agent's ports: its own four services, and the beacons of those it hears. It opens no others.
 
 use protocol::brief::AgentBrief;
-use protocol::message::{
-    Beacon, Command, NeighborStatus, Odometry, StatusHeader,
-};
+use protocol::message::{Beacon, Command, NeighborStatus, Odometry, StatusHeader};
 use protocol::service::{self, Node, Publisher, SendError, ServiceError, Subscriber, send_slice};
 
 use crate::brain::{Answer, Brain};

@@ -105,7 +105,8 @@ impl FormationGraph {
                 }
             }
         }
-        let place: Vec<Vec2> = place.into_iter().map(|p| p.expect("every robot is placed")).collect();
+        let place: Vec<Vec2> =
+            place.into_iter().map(|p| p.expect("every robot is placed")).collect();
         let mut open_cycles = Vec::new();
         let mut reached = BTreeMap::new();
         for (index, edge) in self.edges.iter().enumerate() {

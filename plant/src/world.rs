@@ -175,7 +175,7 @@ impl World {
                     end_ns = end_ns.min(obeyed.dies_ns);
                 }
             }
-            let dt_s = (end_ns - now_ns) as f64 * 1e-9;
+            let dt_s = (end_ns - now_ns) as f64 / 1e9;
             for robot in &mut self.robots {
                 robot.commanded = robot.obeyed.is_some();
                 robot.twist = robot.obeyed.as_ref().map_or(Twist::ZERO, |obeyed| obeyed.twist);

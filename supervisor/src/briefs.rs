@@ -2,9 +2,7 @@
 
 use std::path::Path;
 
-use protocol::brief::{
-    AgentBrief, AvoidanceKind, BodyBrief, NeighborBrief, Pace, PlantBrief,
-};
+use protocol::brief::{AgentBrief, AvoidanceKind, BodyBrief, NeighborBrief, Pace, PlantBrief};
 
 use crate::scenario::Scenario;
 

@@ -47,7 +47,8 @@ impl Child {
     /// Starts this very executable in another role, its log appended to `log`. The calling thread
     /// must live as long as the run: the child dies with it.
     pub fn spawn(role: Role, brief: &Path, log: &Path) -> Result<Child, SpawnError> {
-        let failed = |source| SpawnError { what: format!("{role:?} with {}", brief.display()), source };
+        let failed =
+            |source| SpawnError { what: format!("{role:?} with {}", brief.display()), source };
         let out = File::options().create(true).append(true).open(log).map_err(failed)?;
         let mut command = Command::new("/proc/self/exe");
         match role {

@@ -15,7 +15,7 @@ use crate::check;
 use crate::flight::{self, Flight};
 use crate::metrics::Metrics;
 use crate::metrics::expect;
-use crate::run_dir::{Manifest, RunDir, default_out};
+use crate::run_dir::{Manifest, RunDir, RunDirError, default_out};
 use crate::scenario::Scenario;
 use crate::scenario::diagnostic::Diagnostic;
 use crate::scenario::read::{Overrides, read};
@@ -139,8 +139,21 @@ fn run(args: &RunArgs, laws: &[LawDescription]) -> u8 {
             };
             if flown.exit == exit::OK { printed } else { flown.exit }
         }
-        Err(error) => complain(&error),
+        Err(error @ NotFlown::Signals(_)) => complain(&error),
+        Err(NotFlown::RunDir(error)) => {
+            let code = complain(&error);
+            if matches!(error, RunDirError::Exists(_)) { exit::USAGE } else { code }
+        }
     }
+}
+
+/// Why a run left no summary.
+#[derive(Debug, thiserror::Error)]
+enum NotFlown {
+    #[error("cannot handle signals: {0}")]
+    Signals(#[from] io::Error),
+    #[error(transparent)]
+    RunDir(#[from] RunDirError),
 }
 
 struct Flown {
@@ -155,31 +168,25 @@ fn fly(
     pace: Pace,
     path: &Path,
     out: &Path,
-) -> Result<Flown, Box<dyn std::error::Error>> {
+) -> Result<Flown, NotFlown> {
     let stop = Stop::on_signals_twice_at_once()?;
     let mut run_dir = RunDir::create(out, scenario)?;
     run_dir.write_scenario(text)?;
     run_dir.write_manifest(&Manifest::collect(scenario, path, pace))?;
     let mut metrics = Metrics::new(scenario, pace);
     let bar = progress_bar(scenario.duration_ns);
-    let (outcome, flown) =
-        match Flight::launch(scenario, pace, &mut run_dir, &mut metrics, stop) {
-            Ok(flight) => flight.fly(|t_ns| bar.set_position(t_ns / 1_000_000)),
-            Err(error) => (flight::Outcome::default(), Err(error)),
-        };
+    let (outcome, flown) = match Flight::launch(scenario, pace, &mut run_dir, &mut metrics, stop) {
+        Ok(flight) => flight.fly(|t_ns| bar.set_position(t_ns / 1_000_000)),
+        Err(error) => (flight::Outcome::default(), Err(error)),
+    };
     bar.finish_and_clear();
     let ended_with = flight::exit_code(&outcome, &flown);
     if let Err(error) = &flown {
         complain(error);
     }
     let measures = metrics.finish();
-    let expectations = expect::evaluate(
-        &scenario.expect,
-        &measures,
-        pace,
-        outcome.deadline_misses,
-        ended_with,
-    );
+    let expectations =
+        expect::evaluate(&scenario.expect, &measures, pace, outcome.deadline_misses, ended_with);
     let held = expectations.iter().all(|expectation| expectation.held);
     let expected = scenario.expect.exit == Some(ended_with);
     let exit = match (ended_with, held) {

@@ -70,9 +70,9 @@ pub enum FlightError {
         /// The end of its log.
         log: String,
     },
-    /// A robot's process gave up, or died before t = 0 with no restart allowed.
-    #[error("{robot} gave up ({how}); the last lines of its log:\n{log}")]
-    AgentGaveUp {
+    /// A robot's process gave up, or died before t = 0, and its policy allows no (further) restart.
+    #[error("{robot} died ({how}) and is not restarted; the last lines of its log:\n{log}")]
+    AgentDied {
         /// Its name.
         robot: String,
         /// How it ended.
@@ -309,7 +309,10 @@ impl<'a> Flight<'a> {
             _node: node,
             run_root,
         };
-        flight.set_next_pause();
+        if let Some(barrier) = &flight.barrier {
+            // So that a death during the start-up is dealt with before anybody moves.
+            barrier.pause_at(0);
+        }
         Ok(flight)
     }
 
@@ -321,8 +324,18 @@ impl<'a> Flight<'a> {
             tracing::debug!(%error, "the run ends early");
         }
         self.end_children();
-        let Flight { outcome, robots, plant, truth, cleaner, barrier, _services, _node, run_root, .. } =
-            self;
+        let Flight {
+            outcome,
+            robots,
+            plant,
+            truth,
+            cleaner,
+            barrier,
+            _services,
+            _node,
+            run_root,
+            ..
+        } = self;
         drop((robots, plant, truth, cleaner, barrier, _services, _node));
         if let Err(error) = run_root.remove() {
             tracing::warn!(%error, "could not remove the run root");
@@ -345,9 +358,7 @@ impl<'a> Flight<'a> {
             if self.now_ns() >= self.scenario.duration_ns {
                 return Ok(());
             }
-            if self.may_act() {
-                self.act()?;
-            }
+            self.act()?;
             self.check_deadlines()?;
         }
     }
@@ -421,10 +432,8 @@ impl<'a> Flight<'a> {
             let (name, fault) = (robot.name.clone(), robot.fault.take());
             let t_ns = self.now_ns().max(header.t_ns);
             self.alive[i] = true;
-            if let Some(barrier) = &self.barrier
-                && let Some(tick) = barrier.paused()
-            {
-                barrier.set_member(i, tick);
+            if let Some(barrier) = &self.barrier {
+                barrier.set_member(i, barrier.paused().unwrap_or(0));
             }
             let detail = format!("incarnation {}", header.incarnation);
             self.run_dir.event(t_ns, "ready", &name, &detail)?;
@@ -482,7 +491,7 @@ impl<'a> Flight<'a> {
         if planned {
             return Ok(());
         }
-        tracing::warn!(robot = robot.name, t_s = t_ns as f64 * 1e-9, how, "died unasked");
+        tracing::warn!(robot = robot.name, t_s = t_ns as f64 / 1e9, how, "died unasked");
         let policy = self.scenario.robots[i].restart;
         let failed = !status.success();
         let wanted = match policy.when {
@@ -490,23 +499,26 @@ impl<'a> Flight<'a> {
             RestartWhen::OnFailure => failed,
             RestartWhen::Always => true,
         };
-        let gave_up = status.code().is_some_and(|code| code != 0);
-        if !wanted && (gave_up || self.outcome.truth.is_none()) {
-            let log = child::last_lines(&robot.log, LOG_LINES);
-            return Err(FlightError::AgentGaveUp { robot: robot.name.clone(), how, log });
-        }
         let window_began_ns = t_ns.saturating_sub(policy.window_ns);
         robot.unplanned_restarts_ns.retain(|&at_ns| at_ns >= window_began_ns);
         let recent = robot.unplanned_restarts_ns.len() as u32;
-        if wanted && recent >= policy.restarts_max {
-            let detail = format!("{recent} restarts within {} s", policy.window_ns as f64 * 1e-9);
-            self.run_dir.event(t_ns, "restart-ceiling", &robot.name, &detail)?;
-        } else if wanted {
-            let delay_ns = policy.delay_ns.saturating_mul(1 << recent.min(32));
-            robot.unplanned_restarts_ns.push(t_ns);
-            robot.restart_at_ns = Some(t_ns + delay_ns.min(policy.delay_ns_max));
+        let returns = wanted && recent < policy.restarts_max;
+        let starting_up = self.outcome.truth.is_none();
+        let gave_up = !wanted && status.code().is_some_and(|code| code != 0);
+        if gave_up || starting_up && !returns {
+            let log = child::last_lines(&robot.log, LOG_LINES);
+            return Err(FlightError::AgentDied { robot: robot.name.clone(), how, log });
         }
-        let returns = robot.restart_at_ns.is_some();
+        if returns {
+            // The run's clock stands still during the start-up: no use in waiting for it.
+            let grown_ns = policy.delay_ns.saturating_mul(1 << recent.min(32));
+            let delay_ns = if starting_up { 0 } else { grown_ns.min(policy.delay_ns_max) };
+            robot.unplanned_restarts_ns.push(t_ns);
+            robot.restart_at_ns = Some(t_ns + delay_ns);
+        } else if wanted {
+            let detail = format!("{recent} restarts within {} s", policy.window_ns as f64 / 1e9);
+            self.run_dir.event(t_ns, "restart-ceiling", &robot.name, &detail)?;
+        }
         // A death on top of a fault that is still going on belongs to that fault.
         if robot.fault.is_none() {
             let fault = self.faults;
@@ -528,10 +540,18 @@ impl<'a> Flight<'a> {
         }
     }
 
-    /// Does what is due now; in lockstep, lets the plant go on once nothing is under way.
+    /// Does what is due now; in lockstep, only while the plant is paused, which goes on once
+    /// nothing is under way.
     fn act(&mut self) -> Result<(), FlightError> {
+        let stands = self.plant_stands();
+        if self.barrier.is_some() && !stands {
+            return Ok(());
+        }
         let now_ns = self.now_ns();
-        while let Some(position) = self.planned.iter().position(|kill| kill.at_ns <= now_ns) {
+        let due = |kill: &PlannedKill| kill.at_ns <= now_ns;
+        while self.outcome.truth.is_some()
+            && let Some(position) = self.planned.iter().position(due)
+        {
             let kill = self.planned.remove(position);
             self.kill(kill, now_ns)?;
         }
@@ -552,7 +572,10 @@ impl<'a> Flight<'a> {
             Seat::Down => robot.restart_at_ns.is_none_or(|at_ns| at_ns > now_ns),
             Seat::Starting { .. } | Seat::Ending { .. } | Seat::Cleaning => false,
         });
-        if at_rest && let Some(barrier) = &self.barrier {
+        if at_rest
+            && self.outcome.truth.is_some()
+            && let Some(barrier) = &self.barrier
+        {
             self.set_next_pause();
             barrier.resume();
         }
@@ -574,12 +597,12 @@ impl<'a> Flight<'a> {
         Ok(())
     }
 
-    /// In real time always, once the clock runs; in lockstep while the plant is paused and the
-    /// truth of its tick, sent before the pause, was taken in.
-    fn may_act(&self) -> bool {
+    /// In lockstep: it has not started, or is paused and the truth of that tick, sent before the
+    /// pause, was taken in.
+    fn plant_stands(&self) -> bool {
         match (&self.barrier, &self.outcome.truth) {
-            (_, None) => false,
-            (None, Some(_)) => true,
+            (None, _) => false,
+            (Some(_), None) => true,
             (Some(barrier), Some(truth)) => barrier.paused() == Some(truth.tick),
         }
     }
@@ -603,8 +626,7 @@ impl<'a> Flight<'a> {
                 return Err(FlightError::NotReady { robot: robot.name.clone(), log });
             }
         }
-        let paused = self.barrier.is_some() && self.may_act();
-        if !paused && self.last_news.elapsed() > TRUTH_SILENCE_MAX {
+        if !self.plant_stands() && self.last_news.elapsed() > TRUTH_SILENCE_MAX {
             return Err(FlightError::PlantSilent);
         }
         Ok(())

@@ -15,11 +15,11 @@
 //! | `summary` | what came out? |
 
 pub mod briefs;
+pub mod check;
 pub mod child;
 pub mod cleanup;
 pub mod cli;
 pub mod flight;
-pub mod check;
 pub mod metrics;
 pub mod run_dir;
 pub mod scenario;

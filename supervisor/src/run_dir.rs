@@ -132,8 +132,9 @@ impl RunDir {
         if header.t_ns < self.record_due_ns && header.t_ns < self.duration_ns {
             return Ok(());
         }
-        self.record_due_ns = header.t_ns - header.t_ns % self.record_every_ns + self.record_every_ns;
-        let t_s = header.t_ns as f64 * 1e-9;
+        self.record_due_ns =
+            header.t_ns - header.t_ns % self.record_every_ns + self.record_every_ns;
+        let t_s = header.t_ns as f64 / 1e9;
         for (i, row) in rows.iter().enumerate() {
             let TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = row;
             let (robot, alive) = (&self.robots[i], u8::from(alive[i]));
@@ -153,7 +154,7 @@ impl RunDir {
         robot: &str,
         detail: &str,
     ) -> Result<(), RunDirError> {
-        let (t_s, detail) = (t_ns as f64 * 1e-9, quoted(detail));
+        let (t_s, detail) = (t_ns as f64 / 1e9, quoted(detail));
         self.events.line(format_args!("{t_s},{kind},{robot},{detail}"))?;
         self.events.flush()
     }
@@ -261,7 +262,7 @@ impl Manifest {
             command: std::env::args().collect(),
             seed: scenario.seed,
             pace,
-            period_s: scenario.period_ns as f64 * 1e-9,
+            period_s: scenario.period_ns as f64 / 1e9,
             kernel: format!("{} {}", text(system.sysname()), text(system.release())),
             machine: text(system.machine()),
             cores: std::thread::available_parallelism().map_or(1, usize::from),

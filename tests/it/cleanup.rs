@@ -1,1 +1,122 @@
-//! cleanup
+//! Nothing remains: not after a run, a Ctrl-C, or the supervisor's own sudden death.
+
+use std::process::Command;
+
+use rustix::process::Signal;
+
+use crate::harness::{Phalanx, files_below, processes_of, run};
+
+#[test]
+fn an_interrupt_ends_the_run_with_130_and_what_was_measured_is_kept() {
+    for signal in [Signal::INT, Signal::TERM] {
+        let mut running = run("triangle").start();
+        running.wait_for_event("contact");
+        running.signal(signal);
+        let ended = running.finish();
+        ended.exits_with(130).leaves_nothing();
+        ended.claim(ended.summary["interrupted"] == true, "the summary says so");
+        ended.claim(ended.number("/min_distance_m") >= 0.2, "and has what was measured");
+        ended.claim(ended.file("samples.csv").lines().count() > 3, "samples are kept");
+    }
+}
+
+#[test]
+fn a_second_interrupt_ends_it_at_once_and_takes_the_children_along() {
+    let mut running = run("triangle").start();
+    running.wait_for_event("contact");
+    // Children that do not listen make the supervisor wait, and the person press again.
+    for (pid, _) in running.children() {
+        crate::harness::signal_pid(pid, Signal::STOP);
+    }
+    running.signal(Signal::INT);
+    std::thread::sleep(std::time::Duration::from_millis(100));
+    running.signal(Signal::INT);
+    let directory = running.run_dir();
+    let ended = running.finish();
+    ended.exits_with(130);
+    wait_until_gone(&directory);
+}
+
+#[test]
+fn the_next_run_removes_what_a_killed_supervisor_left() {
+    let mut running = run("triangle").start();
+    running.wait_for_event("contact");
+    let run_root = running.run_root().to_path_buf();
+    running.signal(Signal::KILL);
+    wait_until_gone(&running.run_dir());
+    let left = files_below(&run_root);
+    assert!(!left.is_empty(), "a killed supervisor cannot have cleaned up");
+    let prefixes: Vec<String> = left
+        .iter()
+        .filter(|path| path.join("iceoryx2.toml").exists())
+        .map(|path| format!("phx{}_", path.file_name().unwrap().to_string_lossy()))
+        .collect();
+    assert_eq!(prefixes.len(), 1, "{left:?}");
+    assert!(shared_memory_of(&prefixes[0]) > 0);
+
+    let next = run("triangle").lockstep().in_run_root_of(&run_root).finish();
+    next.exits_with(0);
+    assert_eq!(shared_memory_of(&prefixes[0]), 0);
+    assert_eq!(files_below(&run_root), Vec::<std::path::PathBuf>::new());
+}
+
+#[test]
+fn an_out_directory_that_exists_is_refused_and_untouched() {
+    let scratch = tempfile::tempdir().unwrap();
+    std::fs::write(scratch.path().join("precious"), "data").unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_phalanx"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(["run", "scenarios/triangle.toml", "--pace", "lockstep", "--out"])
+        .arg(scratch.path())
+        .output()
+        .unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
+    assert!(stderr.contains("exists already"), "{stderr}");
+    assert_eq!(files_below(scratch.path()).len(), 1);
+}
+
+#[test]
+fn a_full_disk_ends_the_run_with_4_and_keeps_what_was_written() {
+    // A file size limit stands in for a full disk: writing fails, everything else goes on.
+    let mut limited = Command::new("sh");
+    let script = "trap '' XFSZ; ulimit -f 8192; exec \"$0\" \"$@\"";
+    limited.args(["-c", script, env!("CARGO_BIN_EXE_phalanx")]);
+    limited.args(["run", "scenarios/triangle.toml"]);
+    let ended =
+        Phalanx::new(limited).lockstep().set("period_s=0.0005").set("record_hz=2000").finish();
+    ended.exits_with(4).leaves_nothing();
+    ended.claim(ended.stderr.contains("samples.csv"), "the error names the file");
+    ended.claim(ended.stderr.contains("kept"), "and says that the rest is kept");
+    ended.claim(ended.file("samples.csv").len() > 1_000_000, "samples are kept");
+    ended.claim(ended.number("/t_s") > 0.0, "and there is a summary");
+}
+
+#[test]
+fn without_its_plant_a_run_ends_with_4_and_says_why() {
+    let mut running = run("triangle").start();
+    running.wait_for("a robot", |run| (!run.children().is_empty()).then_some(()));
+    let plant = running
+        .wait_for("the plant", |run| run.children().into_iter().find(|(_, name)| name == "plant"));
+    crate::harness::signal_pid(plant.0, Signal::KILL);
+    let ended = running.finish();
+    ended.exits_with(4).leaves_nothing();
+    ended.claim(ended.stderr.contains("the plant died (signal 9)"), "the plant's death is named");
+}
+
+/// Waits until no process of this run lives.
+fn wait_until_gone(run_dir: &std::path::Path) {
+    let began = std::time::Instant::now();
+    while !processes_of(run_dir).is_empty() {
+        assert!(began.elapsed().as_secs() < 20, "left: {:?}", processes_of(run_dir));
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+}
+
+fn shared_memory_of(prefix: &str) -> usize {
+    std::fs::read_dir("/dev/shm")
+        .unwrap()
+        .flatten()
+        .filter(|entry| entry.file_name().to_string_lossy().starts_with(prefix))
+        .count()
+}

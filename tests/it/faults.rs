@@ -1,1 +1,128 @@
-//! faults
+//! Robots that die, on purpose or not: nobody blocks, distances hold, the formation comes back.
+
+use rustix::process::Signal;
+
+use crate::harness::{Ended, Phalanx, run, signal_pid};
+
+/// Bounds that hold during the fault and convergence after it, in either pace.
+#[track_caller]
+fn survived_the_kill(ended: &Ended) {
+    ended.exits_with(0).leaves_nothing();
+    ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
+    ended.claim(ended.number("/violations") == 0.0, "no tick violates d");
+    ended.claim(ended.number("/final_error_m_max") < 1e-3, "the formation stands again");
+    ended.claim(ended.number("/restarts/r2") == 1.0, "r2 was restarted once");
+    ended.claim(ended.number("/faults/0/stale_after_s") > 0.0, "r2 was called stale");
+    ended.claim(ended.number("/faults/0/lost_after_s") >= 0.09, "then lost");
+    ended.claim(ended.number("/faults/0/recovered_after_s") >= 0.0, "and came back");
+}
+
+/// A kill in mid-manoeuvre, where it shows: r2 stops, the others go on, and r2 joins them again.
+fn killed_on_the_way(name: &str) -> Phalanx {
+    run(name).set("duration_s=16").fault("kill r2 @2.5 restart 2")
+}
+
+#[test]
+fn a_robot_killed_on_its_way_and_restarted_finds_back_in_lockstep() {
+    let ended = killed_on_the_way("triangle").lockstep().set("expect.converged_by_s=12").finish();
+    survived_the_kill(&ended);
+    // Three periods after its last beacon it is stale, after 100 ms lost; both by the tick.
+    ended.claim(ended.number("/faults/0/stale_after_s") == 0.01, "stale after 10 ms");
+    ended.claim(ended.number("/faults/0/lost_after_s") == 0.095, "lost after 95 ms");
+    ended.claim(ended.number("/faults/0/peak_error_m") > 0.1, "the error rose");
+}
+
+#[test]
+fn who_hears_only_the_dead_stops_and_who_hears_that_one_forms_up_around_it() {
+    let ended = run("triangle").lockstep().set("expect={}").fault("kill r2 @2.5").finish();
+    ended.exits_with(0);
+    ended.claim(ended.number("/restarts/r2") == 0.0, "r2 was not restarted");
+    ended.claim(ended.number("/final_error_m/r3") < 1e-3, "r3 stands where r1 wants it");
+    ended.claim(ended.summary["final_error_m"]["r2"].is_null(), "the dead have no error");
+    let samples = ended.file("samples.csv");
+    let standing = samples.lines().filter(|line| line.starts_with("29.") && line.contains(",r1,"));
+    let speeds: Vec<&str> = standing.map(|line| line.split(',').nth(5).unwrap()).collect();
+    ended.claim(speeds.len() > 50 && speeds.iter().all(|v| *v == "0"), "r1 stands still");
+}
+
+#[test]
+fn all_robots_may_die_and_nothing_blocks() {
+    let ended = run("triangle")
+        .lockstep()
+        .set("expect={}")
+        .fault("kill r1 @1 restart 1")
+        .fault("kill r2 @1 restart 1.5")
+        .fault("kill r3 @1.002")
+        .finish();
+    ended.exits_with(0).leaves_nothing();
+    ended.claim(ended.number("/t_s") == 30.0, "the run reached its end");
+    ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
+}
+
+#[test]
+fn an_unplanned_death_in_lockstep_is_met_by_the_restart_policy() {
+    // Slow enough to be hit: half a minute of run time in a few seconds of wall time.
+    let mut running = run("triangle").lockstep().set("period_s=0.0001").start();
+    running.wait_for_event("contact");
+    let (pid, _) =
+        running.wait_for("r2", |run| run.children().into_iter().find(|(_, name)| name == "r2"));
+    signal_pid(pid, Signal::KILL);
+    let ended = running.finish();
+    ended.exits_with(0).leaves_nothing();
+    ended.claim(ended.number("/restarts/r2") == 1.0, "r2 was restarted");
+    ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
+}
+
+#[test]
+fn a_robot_killed_before_the_clock_starts_is_replaced_and_the_run_is_the_same() {
+    let whole = run("triangle").lockstep().finish();
+    for _ in 0..5 {
+        let mut running = run("triangle").lockstep().start();
+        let (pid, _) =
+            running.wait_for("r2", |run| run.children().into_iter().find(|(_, name)| name == "r2"));
+        signal_pid(pid, Signal::KILL);
+        let ended = running.finish();
+        ended.exits_with(0).leaves_nothing();
+        if ended.file("events.csv").contains("\n0,restart,r2") {
+            ended.claim(ended.hash() == whole.hash(), "nobody had moved: the hash is the same");
+        }
+    }
+}
+
+#[test]
+fn a_robot_that_keeps_dying_is_given_up_at_the_ceiling_and_the_run_goes_on() {
+    let mut running = run("triangle")
+        .lockstep()
+        .set("period_s=0.0001")
+        .set("robot_defaults.max_restarts=1")
+        .set("expect={}")
+        .start();
+    running.wait_for_event("contact");
+    for _ in 0..2 {
+        let (pid, _) =
+            running.wait_for("r2", |run| run.children().into_iter().find(|(_, name)| name == "r2"));
+        signal_pid(pid, Signal::KILL);
+        running.wait_for("its death", |run| {
+            run.children().iter().all(|(other, _)| *other != pid).then_some(())
+        });
+    }
+    let ended = running.finish();
+    ended.exits_with(0).leaves_nothing();
+    ended.claim(ended.file("events.csv").contains("restart-ceiling,r2"), "the ceiling is an event");
+}
+
+#[test]
+fn in_real_time_kills_by_plan_and_by_hand_are_survived_alike() {
+    let mut planned = killed_on_the_way("triangle").set("expect.converged_by_s=12").start();
+    let mut by_hand = run("triangle").set("duration_s=16").start();
+    let (pid, _) = by_hand.wait_for("flight", |run| {
+        let events = std::fs::read_to_string(run.run_dir().join("events.csv")).ok()?;
+        events.contains("contact").then_some(())?;
+        run.children().into_iter().find(|(_, name)| name == "r2")
+    });
+    planned.wait_for_event("kill");
+    signal_pid(pid, Signal::KILL);
+    let (planned, by_hand) = (planned.finish(), by_hand.finish());
+    survived_the_kill(&planned);
+    survived_the_kill(&by_hand);
+}

@@ -172,7 +172,27 @@ impl Drop for Running {
         if let Some(mut child) = self.child.take() {
             let _ = child.kill();
             let _ = child.wait();
+            let run_dir = self.run_dir();
+            let began = Instant::now();
+            while !processes_of(&run_dir).is_empty() && began.elapsed() < HANG {
+                std::thread::sleep(Duration::from_millis(1));
+            }
         }
+        sweep(self.run_root.path());
+    }
+}
+
+impl Drop for Ended {
+    fn drop(&mut self) {
+        sweep(self.run_root.path());
+    }
+}
+
+/// Removes what a run that ended badly left in its run root and in shared memory, so that a test
+/// leaves nothing even when it fails.
+fn sweep(run_root: &Path) {
+    for base in std::fs::read_dir(run_root).into_iter().flatten().flatten() {
+        protocol::run_root::sweep(&base.path());
     }
 }
 

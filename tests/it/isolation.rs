@@ -1,1 +1,89 @@
-//! isolation
+//! An agent's process has opened its own services and its in-neighbours' beacons and no others,
+//! seen from outside: by iceoryx2's tags of its node, and by what the kernel says it has mapped.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use crate::harness::{Running, files_below, run};
+
+#[test]
+fn an_agent_opens_its_own_services_and_the_beacons_it_hears_and_no_others() {
+    let hears = BTreeMap::from([("r1", "r2"), ("r2", "r3"), ("r3", "r1")]);
+    let mut running = run("triangle").set("duration_s=60").start();
+    running.wait_for_event("contact");
+    let services = services(&running);
+    assert_eq!(services.len(), 13, "{services:?}");
+    for (pid, name) in running.children().iter().filter(|(_, name)| name != "plant") {
+        let mut expected: BTreeSet<String> = ["odometry", "command", "beacon", "status"]
+            .iter()
+            .map(|service| format!("robot/{name}/{service}"))
+            .collect();
+        expected.insert(format!("robot/{}/beacon", hears[name.as_str()]));
+
+        let tagged = tagged(&running, *pid, &services);
+        assert_eq!(tagged, expected, "tags of {name}");
+        let mapped = mapped(*pid);
+        let open: BTreeSet<String> = services
+            .values()
+            .filter(|service| mapped.iter().any(|path| path.ends_with(&service.management)))
+            .map(|service| service.name.clone())
+            .collect();
+        assert_eq!(open, expected, "mappings of {name}");
+        // One data segment for each sender: three of its own, the plant's, the neighbour's.
+        let data = mapped.iter().filter(|path| path.ends_with(".data")).count();
+        assert_eq!(data, 5, "{name}: {mapped:?}");
+    }
+}
+
+#[derive(Debug)]
+struct Service {
+    name: String,
+    /// How the name of its management segment ends.
+    management: String,
+}
+
+/// The run's services by hash.
+fn services(running: &Running) -> BTreeMap<String, Service> {
+    let files = files_below(running.run_root());
+    let described = files.iter().filter(|path| path.extension().is_some_and(|e| e == "service"));
+    described
+        .map(|path| {
+            let text = std::fs::read_to_string(path).unwrap();
+            let table: toml::Table = text.parse().unwrap();
+            let id = &table["unique_service_id"];
+            let part = |key: &str| id[key].as_integer().unwrap() as u64 as u128;
+            let id = part("unique_value") << 64 | part("payload_value");
+            let service = Service {
+                name: table["service_name"].as_str().unwrap().into(),
+                management: format!("_{id}.dynamic"),
+            };
+            (table["service_hash"].as_str().unwrap().to_owned(), service)
+        })
+        .collect()
+}
+
+/// Names of the services that the node of process `pid` is tagged with.
+fn tagged(running: &Running, pid: u32, services: &BTreeMap<String, Service>) -> BTreeSet<String> {
+    let node = files_below(running.run_root())
+        .into_iter()
+        .filter(|path| path.extension().is_some_and(|end| end == "details"))
+        .find(|path| {
+            let text = std::fs::read_to_string(path).unwrap();
+            text.lines().any(|line| line == format!("process = {pid}"))
+        })
+        .unwrap_or_else(|| panic!("process {pid} has no node"));
+    files_below(node.parent().unwrap())
+        .iter()
+        .filter_map(|path| path.file_name()?.to_str()?.strip_suffix(".service_tag"))
+        .map(|tag| tag.rsplit('_').next().unwrap())
+        .map(|hash| services[hash].name.clone())
+        .collect()
+}
+
+/// Shared memory that the process has mapped.
+fn mapped(pid: u32) -> BTreeSet<String> {
+    let maps: PathBuf = Path::new("/proc").join(pid.to_string()).join("maps");
+    let text = std::fs::read_to_string(maps).unwrap();
+    let words = text.lines().filter_map(|line| line.split_whitespace().nth(5));
+    words.filter(|path| path.starts_with("/dev/shm/")).map(str::to_owned).collect()
+}

@@ -81,8 +81,8 @@ impl Guard {
     pub fn new(brief: &AgentBrief) -> Guard {
         let avoidance = &brief.avoidance;
         let (d, v_max) = (avoidance.distance_min_m, avoidance.speed_max_m_s);
-        let period = brief.period_ns as f64 * 1e-9;
-        let lifetime = brief.command_lifetime_ns as f64 * 1e-9;
+        let period = brief.period_ns as f64 / 1e9;
+        let lifetime = brief.command_lifetime_ns as f64 / 1e9;
         let d_f = deflection_distance(d, v_max, lifetime);
         let phase = (GOLDEN * brief.index as f64).fract();
         Guard {
@@ -118,7 +118,8 @@ impl Guard {
             let p = self.deflect(sample, gamma * self.period);
             let wanted = exact_hold(sample.heading_effect_rad, self.ell, p, self.period);
             let speed = front_speed(self.ell, wanted);
-            let wanted = if speed > self.v_max { wanted.scaled(self.v_max / speed) } else { wanted };
+            let wanted =
+                if speed > self.v_max { wanted.scaled(self.v_max / speed) } else { wanted };
             self.bound(sample, wanted)
         };
         self.alive.push_back((sample.stamp_ns, granted));

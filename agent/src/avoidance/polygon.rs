@@ -99,9 +99,10 @@ mod tests {
     }
 
     fn sides() -> impl Strategy<Value = Vec<HalfPlane>> {
-        let side = (-3.2..3.2f64, prop_oneof![Just(0.0), 0.0..1.0f64]).prop_map(|(angle, bound)| {
-            HalfPlane { normal: Vec2::new(angle.cos(), angle.sin()), bound }
-        });
+        let side =
+            (-3.2..3.2f64, prop_oneof![Just(0.0), 0.0..1.0f64]).prop_map(|(angle, bound)| {
+                HalfPlane { normal: Vec2::new(angle.cos(), angle.sin()), bound }
+            });
         proptest::collection::vec(side, 0..20)
     }
 

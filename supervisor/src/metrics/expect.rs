@@ -41,7 +41,8 @@ pub fn evaluate(
     ask("final_error_m_max", expect.final_error_m_max, measures.final_error_m_max, at_most);
     ask("converged_by_s", expect.converged_by_s, measures.converged_at_s, at_most);
     let recoveries = measures.faults.iter().map(|fault| fault.recovered_after_s);
-    let slowest = recoveries.collect::<Option<Vec<f64>>>().map(|all| all.into_iter().fold(0.0, f64::max));
+    let slowest =
+        recoveries.collect::<Option<Vec<f64>>>().map(|all| all.into_iter().fold(0.0, f64::max));
     ask("recovered_within_s", expect.recovered_within_s, slowest, at_most);
     let misses_max = expect.deadline_misses_max.filter(|_| pace == Pace::Realtime);
     let misses = Some(deadline_misses as f64);

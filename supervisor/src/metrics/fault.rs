@@ -17,6 +17,7 @@ pub(super) struct FaultWindow {
     lost_ns: Option<u64>,
     error_m_peak: f64,
     distance_m_min: f64,
+    converged: bool,
     recovered_ns: Option<u64>,
     /// Another fault began after this one had recovered: what follows is not its doing.
     closed: bool,
@@ -63,6 +64,7 @@ impl FaultWindow {
             lost_ns: None,
             error_m_peak: 0.0,
             distance_m_min: f64::INFINITY,
+            converged: false,
             recovered_ns: None,
             closed: false,
         }
@@ -75,6 +77,7 @@ impl FaultWindow {
     pub(super) fn ended(&mut self, t_ns: u64) {
         let ended_ns = *self.ended_ns.get_or_insert(t_ns);
         self.returned_ns = (ended_ns > self.began_ns).then_some(ended_ns);
+        self.recovered_ns = self.converged.then_some(ended_ns);
     }
 
     pub(super) fn another_began(&mut self) {
@@ -85,6 +88,7 @@ impl FaultWindow {
         if self.closed {
             return;
         }
+        self.converged = converged;
         if !converged {
             self.recovered_ns = None;
         }
@@ -113,10 +117,10 @@ impl FaultWindow {
     }
 
     pub(super) fn report(&self) -> FaultReport {
-        let after = |from_ns: u64| move |t_ns: u64| t_ns.saturating_sub(from_ns) as f64 * 1e-9;
+        let after = |from_ns: u64| move |t_ns: u64| t_ns.saturating_sub(from_ns) as f64 / 1e9;
         let since_begin = after(self.began_ns);
         FaultReport {
-            t_s: self.began_ns as f64 * 1e-9,
+            t_s: self.began_ns as f64 / 1e9,
             what: self.what.clone(),
             robot: self.robot.as_ref().map(|(_, name)| name.clone()),
             lasted_s: self.ended_ns.map(since_begin),
@@ -150,7 +154,7 @@ mod tests {
         fault.contact(0, Contact::Stale, 10 * S); // another robot
         fault.contact(1, Contact::Stale, 9 * S); // before it began
         fault.truth(11 * S, 0.5, false, 0.3);
-        fault.truth(12 * S, 0.1, true, 0.4);
+        fault.truth(12 * S, 0.1, false, 0.4);
         fault.ended(12 * S);
         fault.truth(13 * S, 0.2, false, 0.25);
         fault.truth(14 * S, 0.0, true, 0.26);
@@ -159,6 +163,15 @@ mod tests {
         assert_eq!((report.stale_after_s, report.lost_after_s), (Some(0.1), Some(0.5)));
         assert_eq!((report.lasted_s, report.recovered_after_s), (Some(2.0), Some(2.0)));
         assert_eq!((report.peak_error_m, report.min_distance_m), (0.5, Some(0.25)));
+    }
+
+    #[test]
+    fn what_was_never_disturbed_has_recovered_at_once() {
+        let mut fault = window();
+        fault.truth(11 * S, 0.001, true, 0.3);
+        fault.ended(12 * S);
+        fault.truth(13 * S, 0.001, true, 0.3);
+        assert_eq!(fault.report().recovered_after_s, Some(0.0));
     }
 
     #[test]

@@ -214,11 +214,11 @@ impl Metrics {
         Measures {
             min_distance_m: self.closest.map(|closest| closest.distance_m),
             min_distance_pair: self.closest.map(|closest| closest.pair.map(name)),
-            min_distance_t_s: self.closest.map(|closest| closest.t_ns as f64 * 1e-9),
+            min_distance_t_s: self.closest.map(|closest| closest.t_ns as f64 / 1e9),
             violations: self.violations.max(self.violations_plant),
             final_error_m: self.names.iter().cloned().zip(self.final_errors_m.clone()).collect(),
             final_error_m_max: final_errors.reduce(f64::max),
-            converged_at_s: self.converged_since_ns.map(|t_ns| t_ns as f64 * 1e-9),
+            converged_at_s: self.converged_since_ns.map(|t_ns| t_ns as f64 / 1e9),
             trajectory_hash: self.hash.as_ref().map(TrajectoryHash::finish),
             truths_lost: self.truths_lost,
             faults: self.faults.iter().map(FaultWindow::report).collect(),

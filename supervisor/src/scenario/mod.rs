@@ -201,5 +201,5 @@ impl Scenario {
 
 /// Nanoseconds as seconds.
 pub(crate) fn seconds(ns: u64) -> f64 {
-    ns as f64 * 1e-9
+    ns as f64 / 1e9
 }

@@ -144,8 +144,17 @@ pub fn last_lines(path: &Path, count: usize) -> String {
         Ok(String::from_utf8_lossy(&bytes).into_owned())
     };
     let text = tail().unwrap_or_default();
-    let lines: Vec<&str> = text.lines().collect();
+    let lines: Vec<String> = text.lines().map(for_people).collect();
     lines[lines.len().saturating_sub(count)..].join("\n")
+}
+
+/// `LEVEL message` of a line of a JSON log; any other line as it is.
+fn for_people(line: &str) -> String {
+    let entry: serde_json::Value = serde_json::from_str(line).unwrap_or_default();
+    match (entry["level"].as_str(), entry["message"].as_str()) {
+        (Some(level), Some(message)) => format!("  {level} {message}"),
+        _ => format!("  {line}"),
+    }
 }
 
 /// Runs in the child before exec: dies with its parent, and keeps no descriptor but the first three.

@@ -112,6 +112,18 @@ fn a_robot_that_keeps_dying_is_given_up_at_the_ceiling_and_the_run_goes_on() {
 }
 
 #[test]
+fn a_robot_that_is_stopped_from_outside_in_lockstep_is_named_and_the_run_ends_with_4() {
+    let mut running = run("triangle").lockstep().set("period_s=0.0001").start();
+    running.wait_for_event("contact");
+    let (pid, _) = running
+        .wait_for("r2", |run| run.children().into_iter().find(|(_, name)| name == "r2"));
+    signal_pid(pid, Signal::STOP);
+    let ended = running.finish();
+    ended.exits_with(4).leaves_nothing();
+    ended.claim(ended.stderr.contains("no answer within 1 s from: r2"), "r2 is named");
+}
+
+#[test]
 fn in_real_time_kills_by_plan_and_by_hand_are_survived_alike() {
     let mut planned = killed_on_the_way("triangle").set("expect.converged_by_s=12").start();
     let mut by_hand = run("triangle").set("duration_s=16").start();

@@ -189,6 +189,8 @@ pub struct Flight<'a> {
     faults: usize,
     alive: Vec<bool>,
     last_news: Instant,
+    /// Run time at which deaths were last looked for: those found next came after it, ns.
+    all_seen_alive_ns: u64,
     took_off: Option<Instant>,
     // In the order in which they must go: processes before services before the run root.
     robots: Vec<Robot>,
@@ -299,6 +301,7 @@ impl<'a> Flight<'a> {
             faults: scenario.faults.len(),
             alive: vec![true; robots.len()],
             last_news: Instant::now(),
+            all_seen_alive_ns: 0,
             took_off: None,
             robots,
             plant,
@@ -351,8 +354,9 @@ impl<'a> Flight<'a> {
             }
             self.wait_for_news();
             self.take_truths()?;
-            self.take_statuses()?;
+            // Deaths first: whoever calls a robot stale then does so of a fault that is known.
             self.take_deaths()?;
+            self.take_statuses()?;
             self.take_cleaned();
             progress(self.now_ns());
             if self.now_ns() >= self.scenario.duration_ns {
@@ -471,6 +475,7 @@ impl<'a> Flight<'a> {
                 self.bury(i, status)?;
             }
         }
+        self.all_seen_alive_ns = self.now_ns();
         Ok(())
     }
 
@@ -525,9 +530,10 @@ impl<'a> Flight<'a> {
             self.faults += 1;
             let what = format!("death of {} ({how})", robot.name);
             robot.fault = returns.then_some(fault);
-            self.metrics.fault_began(fault, what, Some(i), t_ns);
+            let began_ns = self.all_seen_alive_ns;
+            self.metrics.fault_began(fault, what, Some(i), began_ns);
             if !returns {
-                self.metrics.fault_ended(fault, t_ns);
+                self.metrics.fault_ended(fault, began_ns);
             }
         }
         self.set_next_pause();

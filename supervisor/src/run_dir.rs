@@ -11,6 +11,7 @@ use protocol::brief::{self, Pace};
 use protocol::message::{TruthHeader, TruthRow};
 use serde::Serialize;
 
+use crate::metrics::seconds;
 use crate::scenario::Scenario;
 use crate::summary::Summary;
 
@@ -23,11 +24,22 @@ const GIT_MAX: Duration = Duration::from_secs(1);
 pub struct RunDir {
     path: PathBuf,
     robots: Vec<String>,
-    record_every_ns: u64,
-    record_due_ns: u64,
-    duration_ns: u64,
+    record_hz: f64,
+    /// The newest stretch of 1 / record_hz of which a truth was written.
+    recorded: Option<u64>,
+    newest: Newest,
     samples: Log,
     events: Log,
+}
+
+/// The newest truth, and whether it still has to be written if the run ends now.
+#[derive(Default)]
+struct Newest {
+    unwritten: bool,
+    t_ns: u64,
+    rows: Vec<TruthRow>,
+    errors_m: Vec<Option<f64>>,
+    alive: Vec<bool>,
 }
 
 /// A file that is appended to, and its name for messages.
@@ -77,18 +89,23 @@ impl Log {
 impl RunDir {
     /// Makes the directory, which must not exist.
     pub fn create(path: &Path, scenario: &Scenario) -> Result<RunDir, RunDirError> {
-        if path.symlink_metadata().is_ok() {
-            return Err(RunDirError::Exists(path.into()));
+        if let Some(parent) = path.parent() {
+            fs::create_dir_all(parent).map_err(failed(parent))?;
         }
+        // Made here and nowhere else, so that of two runs that want it one gets it.
+        fs::create_dir(path).map_err(|error| match error.kind() {
+            io::ErrorKind::AlreadyExists => RunDirError::Exists(path.into()),
+            _ => failed(path)(error),
+        })?;
         for directory in [path.join("briefs"), path.join("logs")] {
-            fs::create_dir_all(&directory).map_err(failed(&directory))?;
+            fs::create_dir(&directory).map_err(failed(&directory))?;
         }
         Ok(RunDir {
             path: path.into(),
             robots: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
-            record_every_ns: (1e9 / scenario.record_hz) as u64,
-            record_due_ns: 0,
-            duration_ns: scenario.duration_ns,
+            record_hz: scenario.record_hz,
+            recorded: None,
+            newest: Newest::default(),
             samples: Log::create(
                 path.join("samples.csv"),
                 "t_s,robot,x_m,y_m,heading_rad,v_m_s,w_rad_s,error_m,alive",
@@ -121,7 +138,7 @@ impl RunDir {
         self.path.join(format!("logs/{name}.jsonl"))
     }
 
-    /// Writes a truth to `samples.csv` if one is due, or if it is the last.
+    /// Writes a truth to `samples.csv` if one is due; the last one is written at the end anyhow.
     pub fn truth(
         &mut self,
         header: &TruthHeader,
@@ -129,12 +146,23 @@ impl RunDir {
         errors_m: &[Option<f64>],
         alive: &[bool],
     ) -> Result<(), RunDirError> {
-        if header.t_ns < self.record_due_ns && header.t_ns < self.duration_ns {
+        let newest = &mut self.newest;
+        newest.unwritten = true;
+        newest.t_ns = header.t_ns;
+        replace(&mut newest.rows, rows);
+        replace(&mut newest.errors_m, errors_m);
+        replace(&mut newest.alive, alive);
+        // A tick's time is a whole number of ns, its rate is not: a hair's breadth early counts.
+        let stretch = (seconds(header.t_ns) * self.record_hz + 1e-6) as u64;
+        if self.recorded.replace(stretch) == Some(stretch) { Ok(()) } else { self.write_newest() }
+    }
+
+    fn write_newest(&mut self) -> Result<(), RunDirError> {
+        if !std::mem::take(&mut self.newest.unwritten) {
             return Ok(());
         }
-        self.record_due_ns =
-            header.t_ns - header.t_ns % self.record_every_ns + self.record_every_ns;
-        let t_s = header.t_ns as f64 / 1e9;
+        let Newest { t_ns, rows, errors_m, alive, .. } = &self.newest;
+        let t_s = seconds(*t_ns);
         for (i, row) in rows.iter().enumerate() {
             let TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = row;
             let (robot, alive) = (&self.robots[i], u8::from(alive[i]));
@@ -146,6 +174,11 @@ impl RunDir {
         Ok(())
     }
 
+    fn write_last_truth(&mut self) -> Result<(), RunDirError> {
+        self.write_newest()?;
+        self.samples.flush()
+    }
+
     /// Writes an event, at once.
     pub fn event(
         &mut self,
@@ -154,7 +187,7 @@ impl RunDir {
         robot: &str,
         detail: &str,
     ) -> Result<(), RunDirError> {
-        let (t_s, detail) = (t_ns as f64 / 1e9, quoted(detail));
+        let (t_s, detail) = (seconds(t_ns), quoted(detail));
         self.events.line(format_args!("{t_s},{kind},{robot},{detail}"))?;
         self.events.flush()
     }
@@ -164,13 +197,18 @@ impl RunDir {
         // The summary first: it is small, and tells most if the disk is full.
         self.write("summary.json", &summary.to_json())?;
         self.events.flush()?;
-        self.samples.flush()
+        self.write_last_truth()
     }
 
     fn write(&self, name: &str, text: &str) -> Result<(), RunDirError> {
         let path = self.path.join(name);
         fs::write(&path, text).map_err(failed(&path))
     }
+}
+
+fn replace<T: Copy>(kept: &mut Vec<T>, with: &[T]) {
+    kept.clear();
+    kept.extend_from_slice(with);
 }
 
 /// A CSV field, in quotes if it needs them.
@@ -190,6 +228,9 @@ pub(crate) fn to_json<T: Serialize>(value: &T) -> String {
 
 /// `runs/<name>-<date>-<time>`, in UTC, with a number behind it if that exists.
 pub fn default_out(name: &str) -> PathBuf {
+    // A scenario's name is free text; a slash in it must not lead out of the folder.
+    let usable = |c: char| if c.is_alphanumeric() || "-_".contains(c) { c } else { '_' };
+    let name: String = name.chars().map(usable).collect();
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
     let stem = format!("{name}-{}", date_and_time(seconds));
     let first = Path::new(RUNS).join(&stem);
@@ -221,7 +262,7 @@ fn date_and_time(seconds: u64) -> String {
 pub struct Manifest {
     /// Version of this program.
     pub phalanx: &'static str,
-    /// Commit of the source tree it was run in, if it was one.
+    /// Commit of the source tree that this program was built in, if it is there and one.
     pub git_hash: Option<String>,
     /// The scenario's name.
     pub scenario: String,
@@ -259,10 +300,10 @@ impl Manifest {
             git_hash: git_hash(),
             scenario: scenario.name.clone(),
             scenario_path: path.display().to_string(),
-            command: std::env::args().collect(),
+            command: std::env::args_os().map(|arg| arg.to_string_lossy().into_owned()).collect(),
             seed: scenario.seed,
             pace,
-            period_s: scenario.period_ns as f64 / 1e9,
+            period_s: seconds(scenario.period_ns),
             kernel: format!("{} {}", text(system.sysname()), text(system.release())),
             machine: text(system.machine()),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
@@ -272,10 +313,16 @@ impl Manifest {
     }
 }
 
-/// The commit of the tree around the working directory, if git says so soon enough.
+/// The commit of the source tree, if git says so soon enough. The working directory may be the
+/// tree of another project, whose commit says nothing about this program.
 fn git_hash() -> Option<String> {
+    let tree = Path::new(env!("CARGO_MANIFEST_DIR")).parent()?;
+    if !tree.join(".git").exists() {
+        return None;
+    }
     let mut git = Command::new("git")
         .args(["rev-parse", "HEAD"])
+        .current_dir(tree)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
@@ -301,7 +348,7 @@ mod tests {
     fn a_date_is_what_the_calendar_says() {
         assert_eq!(date_and_time(0), "19700101-000000");
         assert_eq!(date_and_time(951_782_400), "20000229-000000");
-        assert_eq!(date_and_time(1_795_233_599), "20261121-045959");
+        assert_eq!(date_and_time(1_795_233_599), "20261121-035959");
     }
 
     #[test]
@@ -318,5 +365,85 @@ mod tests {
         log.line(format_args!("buffered")).unwrap();
         let error = log.flush().unwrap_err().to_string();
         assert!(error.contains("/dev/full") && error.contains("No space left"), "{error}");
+    }
+
+    use crate::metrics::tests::{header, row_of_three, rows};
+
+    /// A directory for one test, removed when it passed.
+    struct Place(PathBuf);
+
+    impl Place {
+        fn new(test: &str) -> Place {
+            let name = format!("phalanx-run-dir-{test}-{}", std::process::id());
+            let path = std::env::temp_dir().join(name);
+            let _ = fs::remove_dir_all(&path);
+            fs::create_dir(&path).unwrap();
+            Place(path)
+        }
+    }
+
+    impl Drop for Place {
+        fn drop(&mut self) {
+            if !std::thread::panicking() {
+                let _ = fs::remove_dir_all(&self.0);
+            }
+        }
+    }
+
+    #[test]
+    fn a_directory_that_exists_is_refused_and_left_alone() {
+        let place = Place::new("exists");
+        let path = place.0.join("deep/run");
+        let run_dir = RunDir::create(&path, &row_of_three()).unwrap();
+        run_dir.write_scenario("name").unwrap();
+        let error = RunDir::create(&path, &row_of_three()).err().unwrap();
+        assert!(matches!(error, RunDirError::Exists(_)), "{error}");
+        assert_eq!(fs::read_to_string(path.join("scenario.toml")).unwrap(), "name");
+    }
+
+    #[test]
+    fn of_two_runs_that_want_the_same_directory_one_is_refused() {
+        let place = Place::new("race");
+        for round in 0..50 {
+            let path = place.0.join(format!("run-{round}"));
+            let both: Vec<_> = std::thread::scope(|scope| {
+                let one = || RunDir::create(&path, &row_of_three()).map(drop);
+                let threads = [scope.spawn(one), scope.spawn(one)];
+                threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+            });
+            let refused: Vec<_> = both.into_iter().filter_map(Result::err).collect();
+            assert!(matches!(refused[..], [RunDirError::Exists(_)]), "{refused:?}");
+        }
+    }
+
+    #[test]
+    fn samples_hold_the_first_and_the_last_truth_of_a_run_that_ends_early() {
+        let place = Place::new("samples");
+        let mut run_dir = RunDir::create(&place.0.join("run"), &row_of_three()).unwrap();
+        for tick in 1..=7 {
+            let rows = rows([tick as f64, -1.0, -2.0]);
+            run_dir.truth(&header(tick), &rows, &[None, Some(0.5), None], &[true; 3]).unwrap();
+        }
+        run_dir.write_last_truth().unwrap();
+        let text = fs::read_to_string(place.0.join("run/samples.csv")).unwrap();
+        let lines: Vec<_> = text.lines().collect();
+        assert_eq!(lines[1], "1,r1,0.9,0,0,0,0,,1");
+        assert_eq!(lines[2], "1,r2,-1.1,0,0,0,0,0.5,1");
+        let mut times: Vec<_> = lines[1..].iter().map(|l| l.split_once(',').unwrap().0).collect();
+        times.dedup();
+        assert_eq!(times, ["1", "2", "4", "6", "7"]);
+    }
+
+    #[test]
+    fn a_recording_rate_beyond_every_tick_writes_every_tick() {
+        let place = Place::new("rate");
+        let scenario = Scenario { record_hz: 1e12, ..row_of_three() };
+        let mut run_dir = RunDir::create(&place.0.join("run"), &scenario).unwrap();
+        for tick in 0..3 {
+            run_dir.truth(&header(tick), &rows([0.0; 3]), &[None; 3], &[true; 3]).unwrap();
+        }
+        drop(run_dir);
+        let text = fs::read_to_string(place.0.join("run/samples.csv")).unwrap();
+        assert_eq!(text.lines().count(), 1 + 3 * 3);
     }
 }

@@ -92,7 +92,7 @@ impl Summary {
         let truth = outcome.truth.unwrap_or_default();
         let wall_s = outcome.wall.as_secs_f64();
         let per_wall = |amount: f64| if wall_s > 0.0 { amount / wall_s } else { 0.0 };
-        let t_s = truth.t_ns as f64 / 1e9;
+        let t_s = crate::metrics::seconds(truth.t_ns);
         let names = scenario.robots.iter().map(|robot| robot.name.clone());
         let measures = measures.clone();
         Summary {
@@ -147,8 +147,10 @@ pub fn screen(summary: &Summary) -> String {
     let _ = writeln!(text, "{}, {}: {verdict}", summary.scenario, summary.pace.word());
     for Expectation { name, value, bound, held } in &summary.expectations {
         let sign = if *held { "held  " } else { "MISSED" };
-        let _ =
-            writeln!(text, "  {sign} {name:<20} {:>12}  asked {}", short(*value), digits(*bound));
+        // A miss by a hair's breadth must not be rounded to its bound.
+        let shown = |value: f64| if *held { digits(value) } else { value.to_string() };
+        let (value, bound) = (value.map_or("-".into(), shown), shown(*bound));
+        let _ = writeln!(text, "  {sign} {name:<20} {value:>12}  asked {bound}");
     }
     let mut row = |name: &str, value: String| {
         let _ = writeln!(text, "{name:<19} {value}");

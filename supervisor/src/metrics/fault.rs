@@ -3,6 +3,8 @@
 use protocol::message::Contact;
 use serde::Serialize;
 
+use super::seconds;
+
 /// A fault while it is watched.
 #[derive(Debug, Clone)]
 pub(super) struct FaultWindow {
@@ -15,12 +17,31 @@ pub(super) struct FaultWindow {
     returned_ns: Option<u64>,
     stale_ns: Option<u64>,
     lost_ns: Option<u64>,
-    error_m_peak: f64,
-    distance_m_min: f64,
-    converged: bool,
+    /// Until the recovery.
+    worst: Worst,
+    /// Since the recovery: counts if that did not last, or if nothing was ever disturbed.
+    worst_since: Worst,
+    /// Whether an error was ever above the bound.
+    disturbed: bool,
     recovered_ns: Option<u64>,
     /// Another fault began after this one had recovered: what follows is not its doing.
     closed: bool,
+}
+
+/// The worst of a stretch of time.
+#[derive(Debug, Clone, Copy)]
+struct Worst {
+    error_m: f64,
+    distance_m: f64,
+}
+
+impl Worst {
+    const NONE: Worst = Worst { error_m: 0.0, distance_m: f64::INFINITY };
+
+    fn merge(&mut self, other: Worst) {
+        self.error_m = self.error_m.max(other.error_m);
+        self.distance_m = self.distance_m.min(other.distance_m);
+    }
 }
 
 /// What one fault did, for the report.
@@ -38,11 +59,13 @@ pub struct FaultReport {
     pub stale_after_s: Option<f64>,
     /// From its beginning until the first neighbour called the robot lost, s.
     pub lost_after_s: Option<f64>,
-    /// Worst error of a living robot until the recovery, m.
+    /// Worst error of a living robot until the recovery, m; if nothing was disturbed, until the
+    /// next fault or the run's end.
     pub peak_error_m: f64,
-    /// Smallest distance until the recovery, m.
+    /// Smallest distance over the same time, m.
     pub min_distance_m: Option<f64>,
-    /// From its end until all living errors were, and stayed, below `converged_error_m`, s.
+    /// From its end until all living errors were, and stayed, below `converged_error_m`, s; 0 if
+    /// they were all the time since.
     pub recovered_after_s: Option<f64>,
 }
 
@@ -62,9 +85,9 @@ impl FaultWindow {
             returned_ns: None,
             stale_ns: None,
             lost_ns: None,
-            error_m_peak: 0.0,
-            distance_m_min: f64::INFINITY,
-            converged: false,
+            worst: Worst::NONE,
+            worst_since: Worst::NONE,
+            disturbed: false,
             recovered_ns: None,
             closed: false,
         }
@@ -77,27 +100,36 @@ impl FaultWindow {
     pub(super) fn ended(&mut self, t_ns: u64) {
         let ended_ns = *self.ended_ns.get_or_insert(t_ns);
         self.returned_ns = (ended_ns > self.began_ns).then_some(ended_ns);
-        self.recovered_ns = self.converged.then_some(ended_ns);
     }
 
     pub(super) fn another_began(&mut self) {
         self.closed |= self.recovered_ns.is_some();
     }
 
-    pub(super) fn truth(&mut self, t_ns: u64, error_m: f64, converged: bool, distance_m: f64) {
-        if self.closed {
+    /// Takes in one truth; `calm_since_ns`: since when all living errors are below the bound.
+    pub(super) fn truth(
+        &mut self,
+        t_ns: u64,
+        error_m: f64,
+        calm_since_ns: Option<u64>,
+        distance_m: f64,
+    ) {
+        if self.closed || t_ns < self.began_ns {
             return;
         }
-        self.converged = converged;
-        if !converged {
-            self.recovered_ns = None;
-        }
-        if self.recovered_ns.is_none() {
-            self.error_m_peak = self.error_m_peak.max(error_m);
-            self.distance_m_min = self.distance_m_min.min(distance_m);
-            if converged && self.ended_ns.is_some() {
-                self.recovered_ns = Some(t_ns);
-            }
+        self.disturbed |= calm_since_ns.is_none();
+        let ended_ns = self.ended_ns.filter(|&ended_ns| t_ns >= ended_ns);
+        // A truth of the very instant of its end cannot tell what the fault has led to.
+        self.recovered_ns = match (ended_ns, calm_since_ns) {
+            (Some(ended_ns), Some(calm_ns)) if t_ns > ended_ns => Some(calm_ns.max(ended_ns)),
+            _ => None,
+        };
+        let now = Worst { error_m, distance_m };
+        if ended_ns.is_some() && calm_since_ns.is_some() {
+            self.worst_since.merge(now);
+        } else {
+            self.worst.merge(std::mem::replace(&mut self.worst_since, Worst::NONE));
+            self.worst.merge(now);
         }
     }
 
@@ -117,17 +149,21 @@ impl FaultWindow {
     }
 
     pub(super) fn report(&self) -> FaultReport {
-        let after = |from_ns: u64| move |t_ns: u64| t_ns.saturating_sub(from_ns) as f64 / 1e9;
+        let after = |from_ns: u64| move |t_ns: u64| seconds(t_ns.saturating_sub(from_ns));
         let since_begin = after(self.began_ns);
+        let mut worst = self.worst;
+        if self.recovered_ns.is_none() || !self.disturbed {
+            worst.merge(self.worst_since);
+        }
         FaultReport {
-            t_s: self.began_ns as f64 / 1e9,
+            t_s: seconds(self.began_ns),
             what: self.what.clone(),
             robot: self.robot.as_ref().map(|(_, name)| name.clone()),
             lasted_s: self.ended_ns.map(since_begin),
             stale_after_s: self.stale_ns.map(since_begin),
             lost_after_s: self.lost_ns.map(since_begin),
-            peak_error_m: self.error_m_peak,
-            min_distance_m: self.distance_m_min.is_finite().then_some(self.distance_m_min),
+            peak_error_m: worst.error_m,
+            min_distance_m: worst.distance_m.is_finite().then_some(worst.distance_m),
             recovered_after_s: self
                 .ended_ns
                 .and_then(|ended_ns| self.recovered_ns.map(after(ended_ns))),
@@ -153,12 +189,12 @@ mod tests {
         fault.contact(1, Contact::Stale, 10 * S + S / 5); // a later neighbour
         fault.contact(0, Contact::Stale, 10 * S); // another robot
         fault.contact(1, Contact::Stale, 9 * S); // before it began
-        fault.truth(11 * S, 0.5, false, 0.3);
-        fault.truth(12 * S, 0.1, false, 0.4);
+        fault.truth(11 * S, 0.5, None, 0.3);
+        fault.truth(12 * S, 0.1, Some(12 * S), 0.4);
         fault.ended(12 * S);
-        fault.truth(13 * S, 0.2, false, 0.25);
-        fault.truth(14 * S, 0.0, true, 0.26);
-        fault.truth(15 * S, 0.0, true, 0.1);
+        fault.truth(13 * S, 0.2, None, 0.25);
+        fault.truth(14 * S, 0.0, Some(14 * S), 0.26);
+        fault.truth(15 * S, 0.0, Some(14 * S), 0.1);
         let report = fault.report();
         assert_eq!((report.stale_after_s, report.lost_after_s), (Some(0.1), Some(0.5)));
         assert_eq!((report.lasted_s, report.recovered_after_s), (Some(2.0), Some(2.0)));
@@ -168,9 +204,9 @@ mod tests {
     #[test]
     fn what_was_never_disturbed_has_recovered_at_once() {
         let mut fault = window();
-        fault.truth(11 * S, 0.001, true, 0.3);
+        fault.truth(11 * S, 0.001, Some(S), 0.3);
         fault.ended(12 * S);
-        fault.truth(13 * S, 0.001, true, 0.3);
+        fault.truth(13 * S, 0.001, Some(S), 0.3);
         assert_eq!(fault.report().recovered_after_s, Some(0.0));
     }
 
@@ -178,11 +214,11 @@ mod tests {
     fn a_relapse_undoes_a_recovery_unless_another_fault_is_to_blame() {
         let mut alone = window();
         alone.ended(10 * S);
-        alone.truth(11 * S, 0.0, true, 1.0);
+        alone.truth(11 * S, 0.0, Some(11 * S), 1.0);
         let mut followed = alone.clone();
         followed.another_began();
         for fault in [&mut alone, &mut followed] {
-            fault.truth(12 * S, 1.0, false, 1.0);
+            fault.truth(12 * S, 1.0, None, 1.0);
         }
         assert_eq!(alone.report().recovered_after_s, None);
         assert_eq!(followed.report().recovered_after_s, Some(1.0));

@@ -48,6 +48,7 @@ pub struct Metrics {
     truths: u64,
     truths_lost: u64,
     newest_tick: Option<u64>,
+    newest_t_ns: Option<u64>,
     faults: Vec<FaultWindow>,
 }
 
@@ -85,6 +86,11 @@ pub struct Measures {
     pub faults: Vec<FaultReport>,
 }
 
+/// Nanoseconds as seconds. Divided, not multiplied by 1e-9: 15 ms are 0.015 s, with no digits behind.
+pub(crate) fn seconds(t_ns: u64) -> f64 {
+    t_ns as f64 / 1e9
+}
+
 impl Metrics {
     /// Nothing measured yet.
     pub fn new(scenario: &Scenario, pace: Pace) -> Metrics {
@@ -109,6 +115,7 @@ impl Metrics {
             truths: 0,
             truths_lost: 0,
             newest_tick: None,
+            newest_t_ns: None,
             faults: Vec::new(),
         }
     }
@@ -127,9 +134,10 @@ impl Metrics {
         }
         let distance_m = self.measure_distance(header);
         self.measure_errors(header, alive, distance_m);
+        self.newest_t_ns = Some(header.t_ns);
     }
 
-    /// The smallest distance now. The plant looks at the end of every arc and counts from the
+    /// The smallest distance since the previous truth, as far as it is known. The plant looks at the end of every arc and counts from the
     /// start, so that neither shorter arcs nor lost truths hide anything.
     fn measure_distance(&mut self, header: &TruthHeader) -> f64 {
         let now = closest_pair(&self.alphas).map(|closest| Closest {
@@ -150,7 +158,8 @@ impl Metrics {
         let distance_m = now.map_or(f64::INFINITY, |closest| closest.distance_m);
         self.violations += u64::from(distance_m < self.distance_min_m);
         self.violations_plant = header.violations;
-        distance_m
+        let news = |closest: &Closest| self.newest_t_ns.is_none_or(|t_ns| closest.t_ns > t_ns);
+        plant.filter(news).map_or(distance_m, |closest| distance_m.min(closest.distance_m))
     }
 
     /// e_i = alpha_i - alpha*_i over all robots that i hears. (13)
@@ -159,6 +168,8 @@ impl Metrics {
         for (i, heard) in self.heard.iter().enumerate() {
             let asked = heard.iter().map(|edge| (self.alphas[edge.from], edge.offset_m));
             let error = desired_position(asked).map(|desired| (self.alphas[i] - desired).norm());
+            // NaN would disappear in any maximum and pass as converged.
+            let error = error.map(|error| if error.is_nan() { f64::INFINITY } else { error });
             self.errors[i] = error;
             let Some(error) = error.filter(|_| alive[i]) else { continue };
             worst = Some(worst.map_or(error, |worst| worst.max(error)));
@@ -168,14 +179,15 @@ impl Metrics {
             }
         }
         let worst = worst.unwrap_or(0.0);
-        let converged = worst < self.converged_error_m;
+        // Of a formation in which nobody lives there is nothing to say.
+        let converged = alive.contains(&true) && worst < self.converged_error_m;
         if !converged {
             self.converged_since_ns = None;
         } else if self.converged_since_ns.is_none() {
             self.converged_since_ns = Some(header.t_ns);
         }
         for fault in &mut self.faults {
-            fault.truth(header.t_ns, worst, converged, distance_m);
+            fault.truth(header.t_ns, worst, self.converged_since_ns, distance_m);
         }
     }
 
@@ -214,14 +226,17 @@ impl Metrics {
         Measures {
             min_distance_m: self.closest.map(|closest| closest.distance_m),
             min_distance_pair: self.closest.map(|closest| closest.pair.map(name)),
-            min_distance_t_s: self.closest.map(|closest| closest.t_ns as f64 / 1e9),
+            min_distance_t_s: self.closest.map(|closest| seconds(closest.t_ns)),
             violations: self.violations.max(self.violations_plant),
             final_error_m: self.names.iter().cloned().zip(self.final_errors_m.clone()).collect(),
             final_error_m_max: final_errors.reduce(f64::max),
-            converged_at_s: self.converged_since_ns.map(|t_ns| t_ns as f64 / 1e9),
+            converged_at_s: self.converged_since_ns.map(seconds),
             trajectory_hash: self.hash.as_ref().map(TrajectoryHash::finish),
             truths_lost: self.truths_lost,
             faults: self.faults.iter().map(FaultWindow::report).collect(),
         }
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests;

@@ -1,0 +1,335 @@
+use super::*;
+use std::collections::BTreeMap;
+
+use crate::scenario::{Expectations, RestartPolicy, RestartWhen, Robot};
+use formation::graph::{Edge, FormationGraph};
+use formation::pose::Pose;
+use protocol::brief::{AvoidanceBrief, AvoidanceKind, SilenceBrief, SilencePolicy};
+
+const SECOND_NS: u64 = 1_000_000_000;
+const ALL: [bool; 3] = [true; 3];
+
+/// Three robots in a row along x, 1 m apart: r1 leads, r2 hears r1, r3 hears r2; 20 s, one tick a
+/// second, d = 0.2 m.
+pub(crate) fn row_of_three() -> Scenario {
+    let robot = |name: &str| Robot {
+        name: name.to_owned(),
+        start: Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 },
+        front_point_m: 0.1,
+        wheels: None,
+        law: "formation-unit".to_owned(),
+        gains: BTreeMap::new(),
+        restart: RestartPolicy {
+            when: RestartWhen::Never,
+            delay_ns: 0,
+            delay_ns_max: 0,
+            restarts_max: 0,
+            window_ns: 0,
+        },
+    };
+    let behind = |from, to| Edge { from, to, offset_m: Vec2::new(-1.0, 0.0) };
+    Scenario {
+        name: "row".to_owned(),
+        duration_ns: 20 * SECOND_NS,
+        period_ns: SECOND_NS,
+        plant_tick_ns: 1_000_000,
+        latency_allowed_ns: 0,
+        hold_periods: 1,
+        seed: 7,
+        record_hz: 0.5,
+        avoidance: AvoidanceBrief {
+            kind: AvoidanceKind::Guard,
+            distance_min_m: 0.2,
+            speed_max_m_s: 0.3,
+            epsilon_per_s: 1.0,
+            sensing_radius_m: 2.0,
+            sensing_error_m: 0.0,
+        },
+        silence: SilenceBrief {
+            stale_after_ns: 3 * SECOND_NS,
+            lost_after_ns: 20 * SECOND_NS,
+            policy: SilencePolicy::Ignore,
+        },
+        robots: vec![robot("r1"), robot("r2"), robot("r3")],
+        graph: FormationGraph::new(3, vec![behind(0, 1), behind(1, 2)]),
+        faults: Vec::new(),
+        expect: Expectations {
+            min_distance_m: None,
+            final_error_m_max: None,
+            converged_by_s: None,
+            recovered_within_s: None,
+            deadline_misses_max: None,
+            exit: None,
+            converged_error_m: 0.01,
+        },
+    }
+}
+
+/// A truth at which the plant itself has seen nothing.
+pub(crate) fn header(tick: u64) -> TruthHeader {
+    TruthHeader {
+        tick,
+        t_ns: tick * SECOND_NS,
+        stamp_ns: tick * SECOND_NS,
+        sent_ns: 0,
+        closest_m: f64::INFINITY,
+        closest_t_ns: 0,
+        closest_pair: [0, 0],
+        violations: 0,
+        commands_late: 0,
+        commands_old: 0,
+        commands_not_finite: 0,
+        commands_scaled: 0,
+        commands_expired: 0,
+    }
+}
+
+/// Rows with the front points at these places along x.
+pub(crate) fn rows(front_x_m: [f64; 3]) -> [TruthRow; 3] {
+    front_x_m.map(|x_m| TruthRow {
+        x_m: x_m - 0.1,
+        y_m: 0.0,
+        heading_rad: 0.0,
+        v_m_s: 0.0,
+        w_rad_s: 0.0,
+        commanded: 1,
+    })
+}
+
+/// The formation with r3 off its place by `off_m`, towards r2.
+fn r3_off(off_m: f64) -> [TruthRow; 3] {
+    rows([0.0, -1.0, -2.0 + off_m])
+}
+
+fn close(a: Option<f64>, b: f64) -> bool {
+    a.is_some_and(|a| (a - b).abs() < 1e-12)
+}
+
+#[test]
+fn errors_are_distances_from_where_the_heard_robots_ask_one_to_stand() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    metrics.truth(&header(0), &rows([0.0, -0.7, -1.5]), &ALL);
+    let errors = metrics.errors();
+    assert_eq!(errors[0], None);
+    assert!(close(errors[1], 0.3) && close(errors[2], 0.2), "{errors:?}");
+}
+
+#[test]
+fn the_smallest_distance_is_named_with_its_pair_and_time() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for (tick, x_m) in [(0, 1.0), (1, 0.15), (2, 0.1), (3, 0.5)] {
+        metrics.truth(&header(tick), &rows([0.0, 3.0, x_m]), &ALL);
+    }
+    let measures = metrics.finish();
+    assert!(close(measures.min_distance_m, 0.1));
+    assert_eq!(measures.min_distance_t_s, Some(2.0));
+    assert_eq!(measures.violations, 2);
+}
+
+#[test]
+fn what_the_plant_saw_between_two_truths_counts() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    metrics.truth(&header(0), &r3_off(0.0), &ALL);
+    metrics.fault_began(0, "kill r2".to_owned(), Some(1), SECOND_NS / 4);
+    let seen = TruthHeader {
+        closest_m: 0.05,
+        closest_t_ns: SECOND_NS / 2,
+        closest_pair: [1, 2],
+        violations: 4,
+        commands_late: 3,
+        ..header(1)
+    };
+    metrics.truth(&seen, &r3_off(0.0), &ALL);
+    let measures = metrics.finish();
+    assert_eq!((measures.min_distance_m, measures.min_distance_t_s), (Some(0.05), Some(0.5)));
+    assert_eq!(measures.violations, 4);
+    assert_eq!(measures.faults[0].min_distance_m, Some(0.05));
+}
+
+#[test]
+fn a_robot_alone_has_no_smallest_distance() {
+    let mut scenario = row_of_three();
+    scenario.robots.truncate(1);
+    scenario.graph = FormationGraph::new(1, Vec::new());
+    let mut metrics = Metrics::new(&scenario, Pace::Lockstep);
+    metrics.truth(&TruthHeader { ..header(0) }, &rows([0.0; 3])[..1], &[true]);
+    let measures = metrics.finish();
+    assert_eq!((measures.min_distance_m, measures.final_error_m_max), (None, None));
+}
+
+#[test]
+fn lost_truths_are_counted_from_the_gaps_and_repeated_ones_passed_over() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for tick in [1, 2, 6, 6, 7] {
+        metrics.truth(&header(tick), &r3_off(0.0), &ALL);
+    }
+    let measures = metrics.finish();
+    assert_eq!(measures.truths_lost, 4);
+}
+
+#[test]
+fn convergence_counts_from_the_last_time_that_an_error_was_large() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for (tick, off_m) in [(0, 0.5), (1, 0.005), (2, 0.02), (3, 0.009), (4, 0.001)] {
+        metrics.truth(&header(tick), &r3_off(off_m), &ALL);
+    }
+    assert_eq!(metrics.finish().converged_at_s, Some(3.0));
+}
+
+#[test]
+fn a_formation_that_ends_disturbed_or_dead_or_without_numbers_has_not_converged() {
+    let ends: [([TruthRow; 3], [bool; 3]); 3] =
+        [(r3_off(0.5), ALL), (r3_off(0.0), [false; 3]), (r3_off(f64::NAN), ALL)];
+    for (rows, alive) in ends {
+        let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+        metrics.truth(&header(0), &r3_off(0.0), &ALL);
+        metrics.truth(&header(1), &rows, &alive);
+        assert_eq!(metrics.finish().converged_at_s, None);
+    }
+}
+
+#[test]
+fn the_dead_have_no_say_in_convergence_and_final_errors() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for tick in 0..=20 {
+        metrics.truth(&header(tick), &r3_off(0.5), &[true, true, false]);
+    }
+    let measures = metrics.finish();
+    assert_eq!(measures.converged_at_s, Some(0.0));
+    let finals: Vec<_> = measures.final_error_m.into_iter().map(|(_, e)| e).collect();
+    assert_eq!(finals, [None, Some(0.0), None]);
+}
+
+#[test]
+fn final_errors_are_the_worst_of_the_last_tenth_of_the_run() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for (tick, off_m) in [(0, 0.9), (17, 0.8), (18, 0.3), (19, 0.4), (20, 0.1)] {
+        metrics.truth(&header(tick), &r3_off(off_m), &ALL);
+    }
+    assert!(close(metrics.finish().final_error_m_max, 0.4));
+
+    let mut short = Metrics::new(&row_of_three(), Pace::Lockstep);
+    short.truth(&header(0), &r3_off(0.0), &ALL);
+    assert_eq!(short.finish().final_error_m_max, None);
+}
+
+/// A run in which r2 is killed at 3 s and flies again at 5 s; `off_m` is r3's error at each tick.
+fn killed_and_replaced(off_m: &[f64]) -> FaultReport {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for (tick, &off_m) in (0u64..).zip(off_m) {
+        if tick == 3 {
+            metrics.fault_began(0, "kill r2".to_owned(), Some(1), tick * SECOND_NS);
+        }
+        if tick == 5 {
+            metrics.fault_ended(0, tick * SECOND_NS);
+        }
+        metrics.truth(&header(tick), &r3_off(off_m), &[true, !(3..5).contains(&tick), true]);
+    }
+    metrics.finish().faults.remove(0)
+}
+
+#[test]
+fn a_fault_is_measured_from_its_beginning_to_the_recovery() {
+    //                                 0    1    2    3    4    5    6    7     8      9
+    let fault = killed_and_replaced(&[0.6, 0.0, 0.0, 0.0, 0.2, 0.4, 0.3, 0.02, 0.009, 0.005]);
+    assert_eq!((fault.t_s, fault.lasted_s), (3.0, Some(2.0)));
+    assert_eq!(fault.robot.as_deref(), Some("r2"));
+    assert_eq!(fault.recovered_after_s, Some(3.0));
+    assert!(close(Some(fault.peak_error_m), 0.4) && close(fault.min_distance_m, 0.6), "{fault:?}");
+}
+
+#[test]
+fn a_calm_that_does_not_last_is_no_recovery() {
+    //                                 0    1    2    3    4    5    6    7    8    9
+    let fault = killed_and_replaced(&[0.0, 0.0, 0.0, 0.0, 0.2, 0.2, 0.0, 0.0, 0.5, 0.0]);
+    assert_eq!(fault.recovered_after_s, Some(4.0));
+    assert!(close(Some(fault.peak_error_m), 0.5));
+}
+
+#[test]
+fn a_fault_from_which_the_formation_did_not_recover_is_measured_to_the_end() {
+    let fault = killed_and_replaced(&[0.0, 0.0, 0.0, 0.0, 0.2, 0.2, 0.7]);
+    assert_eq!(fault.recovered_after_s, None);
+    assert!(close(Some(fault.peak_error_m), 0.7) && close(fault.min_distance_m, 0.3));
+}
+
+#[test]
+fn a_fault_whose_replacement_never_flew_is_not_recovered_from() {
+    let fault = killed_and_replaced(&[0.0; 5]);
+    assert_eq!((fault.lasted_s, fault.recovered_after_s), (None, None));
+}
+
+#[test]
+fn a_fault_that_disturbs_nobody_is_recovered_from_at_once() {
+    let fault = killed_and_replaced(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.008, 0.0]);
+    assert_eq!(fault.recovered_after_s, Some(0.0));
+    assert!(close(Some(fault.peak_error_m), 0.008));
+}
+
+#[test]
+fn a_later_fault_closes_the_window_of_one_recovered_from_and_no_other() {
+    let run = |off_m: [f64; 8]| {
+        let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+        for (tick, off_m) in (0u64..).zip(off_m) {
+            if tick == 1 || tick == 5 {
+                metrics.fault_began(tick as usize, "kill r1".to_owned(), Some(0), tick * SECOND_NS);
+                metrics.fault_ended(tick as usize, tick * SECOND_NS);
+            }
+            metrics.truth(&header(tick), &r3_off(off_m), &ALL);
+        }
+        metrics.finish().faults
+    };
+    let apart = run([0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.6, 0.0]);
+    assert_eq!((apart[0].recovered_after_s, apart[1].recovered_after_s), (Some(1.0), Some(2.0)));
+    assert!(close(Some(apart[0].peak_error_m), 0.1) && close(Some(apart[1].peak_error_m), 0.6));
+
+    let overlapping = run([0.0, 0.1, 0.1, 0.1, 0.1, 0.1, 0.6, 0.0]);
+    assert_eq!(overlapping[0].recovered_after_s, Some(6.0));
+    assert!(close(Some(overlapping[0].peak_error_m), 0.6));
+}
+
+#[test]
+fn faults_at_the_same_instant_share_what_follows() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    metrics.truth(&header(0), &r3_off(0.0), &ALL);
+    for fault in [0, 1] {
+        metrics.fault_began(fault, "kill".to_owned(), Some(fault), SECOND_NS);
+        metrics.fault_ended(fault, SECOND_NS);
+    }
+    metrics.truth(&header(1), &r3_off(0.0), &ALL);
+    metrics.truth(&header(2), &r3_off(0.5), &ALL);
+    let faults = metrics.finish().faults;
+    assert!(
+        faults.iter().all(|f| f.recovered_after_s.is_none() && close(Some(f.peak_error_m), 0.5))
+    );
+}
+
+#[test]
+fn the_first_neighbor_to_call_a_faulty_robot_stale_and_lost_sets_the_times() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    metrics.fault_began(0, "kill r2".to_owned(), Some(1), 10 * SECOND_NS);
+    metrics.fault_began(1, "kill r2".to_owned(), Some(1), 30 * SECOND_NS);
+    for (_, neighbor, contact, since_s) in [
+        (2, 1, Contact::Stale, 5),
+        (2, 1, Contact::Stale, 14),
+        (0, 1, Contact::Stale, 13),
+        (2, 0, Contact::Stale, 11),
+        (2, 1, Contact::Fresh, 12),
+        (2, 1, Contact::Lost, 25),
+        (2, 1, Contact::Stale, 32),
+    ] {
+        metrics.contact(neighbor, contact, since_s * SECOND_NS);
+    }
+    let faults = metrics.finish().faults;
+    assert_eq!((faults[0].stale_after_s, faults[0].lost_after_s), (Some(3.0), Some(15.0)));
+    assert_eq!((faults[1].stale_after_s, faults[1].lost_after_s), (Some(2.0), None));
+}
+
+#[test]
+fn silence_after_the_replacement_flew_is_not_the_faults() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    metrics.fault_began(0, "kill r2".to_owned(), Some(1), 10 * SECOND_NS);
+    metrics.fault_ended(0, 12 * SECOND_NS);
+    metrics.contact(1, Contact::Stale, 25 * SECOND_NS);
+    assert_eq!(metrics.finish().faults[0].stale_after_s, None);
+}

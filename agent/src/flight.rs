@@ -67,12 +67,18 @@ pub fn run(brief_path: &Path, incarnation: u64) -> Result<(), FlightError> {
     let stop = Stop::on_signals()?;
     run_root::join(&brief.run_root)?;
     clock::tighten_timer_slack();
+    // Before the ports, whose presence tells the plant that it may begin.
+    let barrier = match brief.pace {
+        Pace::Lockstep => Some(Barrier::open(&run_root::barrier_path(&brief.run_root))?),
+        Pace::Realtime => None,
+    };
+    let epoch = barrier.as_ref().map_or(0, Barrier::epoch);
     let ports = Ports::open(&brief)?;
     tracing::info!(robot = brief.name, incarnation, law = brief.law, "ready");
     let agent = Agent { brief, brain, ports, stop, deadline_misses: 0, reported: None };
-    match agent.brief.pace {
-        Pace::Lockstep => agent.fly_in_lockstep(),
-        Pace::Realtime => agent.fly_in_real_time(),
+    match barrier {
+        Some(barrier) => agent.fly_in_lockstep(&barrier, epoch),
+        None => agent.fly_in_real_time(),
     }
 }
 
@@ -86,10 +92,8 @@ struct Agent {
 }
 
 impl Agent {
-    fn fly_in_lockstep(mut self) -> Result<(), FlightError> {
-        let barrier = Barrier::open(&run_root::barrier_path(&self.brief.run_root))?;
+    fn fly_in_lockstep(mut self, barrier: &Barrier, mut epoch: u32) -> Result<(), FlightError> {
         let slot = self.brief.index - 1;
-        let mut epoch = barrier.epoch();
         let mut last_tick = Instant::now();
         self.report_if(true)?;
         while !self.stop.requested() {
@@ -104,7 +108,7 @@ impl Agent {
             let Some(first_tick) = barrier.member_since(slot) else { continue };
             let odometry = self.odometry_of(tick)?;
             if tick > first_tick {
-                self.hear_tick(&barrier, tick - 1, odometry.stamp_ns)?;
+                self.hear_tick(barrier, tick - 1, odometry.stamp_ns)?;
             }
             let answer = self.brain.answer(&odometry, odometry.stamp_ns);
             self.ports.send(&answer, clock::now_ns())?;

@@ -258,6 +258,9 @@ impl<'a> Flight<'a> {
             Pace::Lockstep => {
                 let barrier = Barrier::create(&run_root.barrier_path(), scenario.robots.len())?;
                 (0..scenario.robots.len()).for_each(|slot| barrier.set_member(slot, 0));
+                // Nobody moves before everybody has reported, so that a death during the start-up
+                // is dealt with as if it had not been. It must stand before the first process.
+                barrier.pause_at(0);
                 Some(barrier)
             }
         };
@@ -291,7 +294,7 @@ impl<'a> Flight<'a> {
             let FaultKind::Kill { robot, restart_after_ns } = planned.kind;
             PlannedKill { fault, robot, at_ns: planned.at_ns, restart_after_ns }
         });
-        let flight = Flight {
+        Ok(Flight {
             scenario,
             run_dir,
             metrics,
@@ -311,12 +314,7 @@ impl<'a> Flight<'a> {
             _services: services,
             _node: node,
             run_root,
-        };
-        if let Some(barrier) = &flight.barrier {
-            // So that a death during the start-up is dealt with before anybody moves.
-            barrier.pause_at(0);
-        }
-        Ok(flight)
+        })
     }
 
     /// Flies to the end, to a signal, or to an error; then ends every process and removes what

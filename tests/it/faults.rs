@@ -115,8 +115,8 @@ fn a_robot_that_keeps_dying_is_given_up_at_the_ceiling_and_the_run_goes_on() {
 fn a_robot_that_is_stopped_from_outside_in_lockstep_is_named_and_the_run_ends_with_4() {
     let mut running = run("triangle").lockstep().set("period_s=0.0001").start();
     running.wait_for_event("contact");
-    let (pid, _) = running
-        .wait_for("r2", |run| run.children().into_iter().find(|(_, name)| name == "r2"));
+    let (pid, _) =
+        running.wait_for("r2", |run| run.children().into_iter().find(|(_, name)| name == "r2"));
     signal_pid(pid, Signal::STOP);
     let ended = running.finish();
     ended.exits_with(4).leaves_nothing();

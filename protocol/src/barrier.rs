@@ -3,7 +3,7 @@
 //! The plant begins a tick and wakes the agents; the last agent to arrive wakes the plant. The
 //! supervisor decides who is a member, pauses the plant for faults, and tells how far it has
 //! read. Must not: carry control data, or wait without a deadline. No lost wake-up and no dead
-//! process costs more than [`RECHECK`], because the plant decides by the slots, not by the count.
+//! process costs more than `RECHECK`, because the plant decides by the slots, not by the count.
 //!
 //! Whoever waits reads a word, looks at the condition, and sleeps only while the word is the one
 //! read; whoever changes the condition changes the word. All accesses are `SeqCst`: a flag set

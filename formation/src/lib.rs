@@ -9,14 +9,20 @@
 //! | `unicycle` | where does a held (v, w) take it, exactly? (1) |
 //! | `front_point` | which point is controlled, and how does (v, w) move it? (2) (3) (17) |
 //! | `graph` | who hears whom, at which offset? (4)-(6) |
-//! | `desired` | where should a robot be, seen from those it hears? (13) |
+//! | `trajectory` | where is the main leader to be? |
+//! | `frame` | how do offsets turn and grow with the leader? (20)-(23) |
+//! | `desired` | where should a robot be, seen from those it hears? (13) (24) (46) |
+//! | `hull` | how far is a follower from the leaders' convex hull? (7) (49) |
 //! | `closest` | which two robots are nearest to each other? (15) |
 
 pub mod closest;
 pub mod desired;
+pub mod frame;
 pub mod front_point;
 pub mod graph;
+pub mod hull;
 pub mod pose;
+pub mod trajectory;
 pub mod unicycle;
 
 /// A point or vector of the plane in metres or metres per second, in the frame `map`.

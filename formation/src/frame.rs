@@ -1,0 +1,107 @@
+//! The leader's frame: the rotation and scale that turn static offsets into time-varying ones.
+//! (20)-(23)
+
+use std::f64::consts::TAU;
+
+use serde::{Deserialize, Serialize};
+
+use crate::Vec2;
+use crate::front_point::rotate;
+
+/// The scale factor delta(t) of a formation.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scale {
+    /// Its mean.
+    pub mean: f64,
+    /// How far it swings to either side of the mean.
+    pub amplitude: f64,
+    /// Length of a swing, s.
+    pub period_s: f64,
+}
+
+impl Scale {
+    /// The formation keeps its size.
+    pub const ONE: Scale = Scale { mean: 1.0, amplitude: 0.0, period_s: 1.0 };
+
+    /// (delta(t), delta'(t)) with delta(t) = mean + amplitude sin(2 pi t / period).
+    pub fn at(&self, t_s: f64) -> (f64, f64) {
+        let w = TAU / self.period_s;
+        let (sin, cos) = (w * t_s).sin_cos();
+        (self.mean + self.amplitude * sin, self.amplitude * w * cos)
+    }
+}
+
+/// Heading and scale of the formation at one instant, and how they change.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LeaderFrame {
+    /// theta_n, rad.
+    pub heading_rad: f64,
+    /// w_n, free of avoidance, rad/s.
+    pub turn_rate_rad_s: f64,
+    /// delta.
+    pub scale: f64,
+    /// delta', 1/s.
+    pub scale_rate_per_s: f64,
+}
+
+impl LeaderFrame {
+    /// No leader: offsets stay as they are.
+    pub const STILL: LeaderFrame =
+        LeaderFrame { heading_rad: 0.0, turn_rate_rad_s: 0.0, scale: 1.0, scale_rate_per_s: 0.0 };
+
+    /// The frame `age_s` later, if its rates last.
+    pub fn later(self, age_s: f64) -> LeaderFrame {
+        LeaderFrame {
+            heading_rad: self.heading_rad + self.turn_rate_rad_s * age_s,
+            scale: self.scale + self.scale_rate_per_s * age_s,
+            ..self
+        }
+    }
+
+    /// The frame as it is, standing still.
+    pub fn frozen(self) -> LeaderFrame {
+        LeaderFrame { turn_rate_rad_s: 0.0, scale_rate_per_s: 0.0, ..self }
+    }
+
+    /// (C_ji, C'_ji) in (m, m/s) for the static offset c_ji, m.
+    pub fn offset(&self, c_ji: Vec2) -> (Vec2, Vec2) {
+        let turned = rotate(self.heading_rad, c_ji); // R c
+        let quarter = Vec2::new(-turned.y, turned.x); // (23): R' c = w times this
+        let offset = self.scale * turned; // (20)
+        let rate = self.scale_rate_per_s * turned + self.scale * self.turn_rate_rad_s * quarter; // (22)
+        (offset, rate)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_offsets_rate_is_the_derivative_of_the_offset(
+            heading_rad in -3.0..3.0f64, turn_rate_rad_s in -2.0..2.0f64,
+            scale in 0.5..2.0f64, scale_rate_per_s in -0.5..0.5f64,
+        ) {
+            let frame = LeaderFrame { heading_rad, turn_rate_rad_s, scale, scale_rate_per_s };
+            let (c, h) = (Vec2::new(0.6, -0.3), 1e-6);
+            let slope = (frame.later(h).offset(c).0 - frame.later(-h).offset(c).0) / (2.0 * h);
+            prop_assert!((slope - frame.offset(c).1).norm() < 1e-8);
+        }
+
+        #[test]
+        fn the_scales_rate_is_its_derivative(t in 0.0..100.0f64) {
+            let (scale, h) = (Scale { mean: 1.0, amplitude: 0.2, period_s: 80.0 }, 1e-5);
+            let slope = (scale.at(t + h).0 - scale.at(t - h).0) / (2.0 * h);
+            prop_assert!((slope - scale.at(t).1).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn without_a_leader_offsets_stay_as_they_are() {
+        let c = Vec2::new(0.3, 0.4);
+        assert_eq!(LeaderFrame::STILL.offset(c), (c, Vec2::zeros()));
+    }
+}

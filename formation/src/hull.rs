@@ -1,0 +1,106 @@
+//! The convex hull of the leaders, and how far outside it a follower is. (7) (49)
+
+use crate::Vec2;
+
+/// Corners of the convex hull of `points`, counter-clockwise, without points on its edges.
+/// (Andrew's monotone chain.)
+pub fn convex_hull(points: &[Vec2]) -> Vec<Vec2> {
+    let mut sorted = points.to_vec();
+    sorted.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
+    sorted.dedup();
+    if sorted.len() < 3 {
+        return sorted;
+    }
+    let mut hull: Vec<Vec2> = Vec::with_capacity(2 * sorted.len());
+    let chain = |hull: &mut Vec<Vec2>, points: &mut dyn Iterator<Item = Vec2>| {
+        let start = hull.len();
+        for point in points {
+            while hull.len() >= start + 2
+                && turn(hull[hull.len() - 2], hull[hull.len() - 1], point) <= 0.0
+            {
+                hull.pop();
+            }
+            hull.push(point);
+        }
+        hull.pop();
+    };
+    chain(&mut hull, &mut sorted.iter().copied());
+    chain(&mut hull, &mut sorted.iter().rev().copied());
+    hull
+}
+
+/// Distance, m, from `point` to the convex hull of `points` (the polygon, not its corners); 0
+/// inside. Infinite for no points.
+pub fn hull_distance(point: Vec2, points: &[Vec2]) -> f64 {
+    let hull = convex_hull(points);
+    match hull.as_slice() {
+        [] => f64::INFINITY,
+        [only] => (point - only).norm(),
+        corners => {
+            let next = |i: usize| corners[(i + 1) % corners.len()];
+            let sides = || corners.iter().enumerate().map(|(i, &a)| (a, next(i)));
+            if corners.len() > 2 && sides().all(|(a, b)| turn(a, b, point) >= 0.0) {
+                return 0.0;
+            }
+            sides().map(|(a, b)| segment_distance(point, a, b)).fold(f64::INFINITY, f64::min)
+        }
+    }
+}
+
+/// Positive if a -> b -> c turns to the left.
+fn turn(a: Vec2, b: Vec2, c: Vec2) -> f64 {
+    (b - a).perp(&(c - a))
+}
+
+fn segment_distance(point: Vec2, a: Vec2, b: Vec2) -> f64 {
+    let along = b - a;
+    let share = ((point - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
+    (point - (a + share * along)).norm()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Brute force: the nearest of all triangles' and segments' nearest points.
+    fn by_brute_force(point: Vec2, points: &[Vec2]) -> f64 {
+        let mut nearest = f64::INFINITY;
+        for a in points {
+            for b in points {
+                let d = if a == b { (point - a).norm() } else { segment_distance(point, *a, *b) };
+                nearest = nearest.min(d);
+                for c in points {
+                    let turns = [turn(*a, *b, point), turn(*b, *c, point), turn(*c, *a, point)];
+                    let inside = turns.iter().all(|t| *t >= 0.0);
+                    if turn(*a, *b, *c) > 1e-12 && inside {
+                        nearest = 0.0;
+                    }
+                }
+            }
+        }
+        nearest
+    }
+
+    proptest! {
+        #[test]
+        fn the_distance_agrees_with_brute_force(
+            x in -2.0..2.0f64, y in -2.0..2.0f64,
+            points in proptest::collection::vec((-1.0..1.0f64, -1.0..1.0f64), 1..9),
+        ) {
+            let points: Vec<Vec2> = points.into_iter().map(|(x, y)| Vec2::new(x, y)).collect();
+            let point = Vec2::new(x, y);
+            let difference = hull_distance(point, &points) - by_brute_force(point, &points);
+            prop_assert!(difference.abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn the_distance_is_to_the_polygon_and_not_to_its_corners() {
+        let square = [(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (1.0, 0.0)];
+        let square: Vec<Vec2> = square.into_iter().map(|(x, y)| Vec2::new(x, y)).collect();
+        assert_eq!(convex_hull(&square).len(), 4);
+        assert_eq!(hull_distance(Vec2::new(1.0, -0.5), &square), 0.5);
+        assert_eq!(hull_distance(Vec2::new(1.0, 1.0), &square), 0.0);
+    }
+}

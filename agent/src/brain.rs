@@ -4,9 +4,12 @@
 //! with the plant's world, inside a test that foretells the process's every bit.
 
 use formation::Vec2;
-use formation::front_point::front_point;
+use formation::desired::Target;
+use formation::frame::LeaderFrame;
+use formation::front_point::{front_point, twist_for};
 use formation::pose::wrap_angle;
-use protocol::brief::{AgentBrief, Pace};
+use protocol::brief::{AgentBrief, LeadBrief, Pace};
+use protocol::law::Role;
 use protocol::message::{Beacon, Command, NeighborStatus, Odometry, StatusHeader};
 
 use crate::avoidance::{Avoidance, Sample};
@@ -22,8 +25,34 @@ fn age_periods(pace: Pace) -> f64 {
     }
 }
 
+/// What the law's role asks of the robot, with what it needs for that.
+enum Task {
+    Lead {
+        lead: LeadBrief,
+        /// The previous sample's stamp, ns, and turn rate, rad/s.
+        turned: Option<(u64, f64)>,
+    },
+    Formation {
+        /// Offsets turn and grow with the leader's frame.
+        led: bool,
+    },
+    Contained,
+}
+
+/// Why a brief makes no brain.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum BrainError {
+    /// Its law does not exist, or not with these gains.
+    #[error(transparent)]
+    Law(#[from] LawError),
+    /// A leader without a trajectory.
+    #[error("{0} leads, but its brief has no [lead] with a trajectory")]
+    NothingToLead(String),
+}
+
 /// One robot's brain.
 pub struct Brain {
+    task: Task,
     incarnation: u64,
     front_point_m: f64,
     period_s: f64,
@@ -50,13 +79,21 @@ pub struct Answer {
 
 impl Brain {
     /// A brain that has heard nothing yet.
-    pub fn new(brief: &AgentBrief, incarnation: u64) -> Result<Brain, LawError> {
+    pub fn new(brief: &AgentBrief, incarnation: u64) -> Result<Brain, BrainError> {
+        let law = laws::build(&brief.law, &brief.gains)?;
+        let task = match (laws::role(&brief.law), &brief.lead) {
+            (Role::Leader, Some(lead)) => Task::Lead { lead: lead.clone(), turned: None },
+            (Role::Leader, None) => return Err(BrainError::NothingToLead(brief.name.clone())),
+            (Role::Formation, _) => Task::Formation { led: brief.led },
+            (Role::Contained, _) => Task::Contained,
+        };
         Ok(Brain {
+            task,
             incarnation,
             front_point_m: brief.front_point_m,
             period_s: brief.period_ns as f64 / 1e9,
             age_periods: age_periods(brief.pace),
-            law: laws::build(&brief.law, &brief.gains)?,
+            law,
             avoidance: Avoidance::new(brief),
             neighborhood: Neighborhood::new(&brief.neighbors, brief.silence.clone()),
             away: Vec::new(),
@@ -88,15 +125,37 @@ impl Brain {
 
         let pose = odometry.pose();
         let alpha = front_point(pose, self.front_point_m); // (2)
-        let gamma = match self.neighborhood.desired(odometry.stamp_ns) {
+        let gamma = match self.target(odometry) {
             None => Vec2::zeros(),
-            Some(desired) => self.law.gamma(&Situation {
-                error: alpha - desired,
+            Some(target) => self.law.gamma(&Situation {
+                error: alpha - target.position,
+                desired_velocity: target.velocity,
                 period_s: self.period_s,
                 age_periods: self.age_periods,
             }),
         };
         let gamma = self.avoidance.admit(gamma);
+        let frame = match &mut self.task {
+            Task::Lead { lead, turned } => {
+                let (scale, scale_rate_per_s) = lead.scale.at(odometry.t_ns as f64 / 1e9);
+                // Free of avoidance: beta turns the leader, and must not turn the formation.
+                let twist = twist_for(pose.heading_rad, self.front_point_m, gamma);
+                let (stamp_ns, rate) = (odometry.stamp_ns, twist.w_rad_s);
+                let acceleration =
+                    turned.replace((stamp_ns, rate)).map_or(0.0, |(then_ns, was)| {
+                        (rate - was) / (stamp_ns.saturating_sub(then_ns).max(1) as f64 / 1e9)
+                    });
+                let own = LeaderFrame {
+                    heading_rad: pose.heading_rad,
+                    turn_rate_rad_s: rate,
+                    turn_acceleration_rad_s2: acceleration,
+                    scale,
+                    scale_rate_per_s,
+                };
+                Some((stamp_ns, own))
+            }
+            Task::Formation { .. } | Task::Contained => self.neighborhood.frame(),
+        };
 
         self.away.clear();
         self.away.extend(odometry.proximity().map(|other| alpha - other));
@@ -125,7 +184,9 @@ impl Brain {
                 y_m: alpha.y,
                 vx_m_s: gamma.x,
                 vy_m_s: gamma.y,
-            },
+                ..Beacon::default()
+            }
+            .with_frame(frame),
             command: Command {
                 tick: odometry.tick,
                 stamp_ns: odometry.stamp_ns,
@@ -136,6 +197,37 @@ impl Brain {
                 w_rad_s: twist.w_rad_s,
             },
             contacts_changed,
+        }
+    }
+
+    /// alpha* at an odometry sample, and alpha*' half a period later: the answer acts for a period,
+    /// and what is known of the velocities to come is taken at its middle. `None`: nothing to go
+    /// by, so stop.
+    fn target(&self, odometry: &Odometry) -> Option<Target> {
+        let half_s = 0.5 * self.period_s;
+        match &self.task {
+            Task::Lead { lead, .. } => {
+                let t_s = odometry.t_ns as f64 / 1e9;
+                let Target { position, .. } = lead.trajectory.at(t_s);
+                let Target { velocity, .. } = lead.trajectory.at(t_s + half_s);
+                Some(Target { position, velocity })
+            }
+            Task::Formation { led } => {
+                let stamp_ns = odometry.stamp_ns;
+                let frame = match led {
+                    true => self.neighborhood.frame_at(stamp_ns)?,
+                    false => LeaderFrame::STILL,
+                };
+                let later = frame.later(half_s);
+                self.neighborhood.desired(stamp_ns, |c_ji| Target {
+                    position: frame.offset(c_ji).position,
+                    velocity: later.offset(c_ji).velocity,
+                })
+            }
+            Task::Contained => {
+                let nowhere = Target::still(Vec2::zeros());
+                self.neighborhood.desired(odometry.stamp_ns, |_| nowhere)
+            }
         }
     }
 

@@ -12,8 +12,7 @@ use protocol::message::Odometry;
 use protocol::process::{self, Stop};
 use protocol::run_root::{self, RunRootError};
 
-use crate::brain::Brain;
-use crate::laws::LawError;
+use crate::brain::{Brain, BrainError};
 use crate::ports::{PortError, Ports};
 
 /// Without a sign of the plant for this long, the agent gives up. Longer than the start-up of a
@@ -32,9 +31,9 @@ pub enum FlightError {
     /// Its brief is unreadable.
     #[error(transparent)]
     Brief(#[from] BriefError),
-    /// Its law does not exist, or not with these gains.
+    /// Its brief makes no brain.
     #[error(transparent)]
-    Law(#[from] LawError),
+    Brain(#[from] BrainError),
     /// The run it belongs to is not there.
     #[error(transparent)]
     RunRoot(#[from] RunRootError),

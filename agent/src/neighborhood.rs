@@ -2,7 +2,8 @@
 //! silence makes of them.
 
 use formation::Vec2;
-use formation::desired::desired_position;
+use formation::desired::{Target, desired};
+use formation::frame::LeaderFrame;
 use protocol::brief::{NeighborBrief, SilenceBrief, SilencePolicy};
 use protocol::message::{Beacon, Contact, NeighborStatus};
 
@@ -10,6 +11,8 @@ use protocol::message::{Beacon, Contact, NeighborStatus};
 pub struct Neighborhood {
     neighbors: Vec<Neighbor>,
     silence: SilenceBrief,
+    /// The freshest leader's frame that anybody passed on, and its stamp, ns.
+    frame: Option<(u64, LeaderFrame)>,
 }
 
 struct Neighbor {
@@ -49,7 +52,7 @@ impl Neighborhood {
                 since_t_ns: 0,
             })
             .collect();
-        Neighborhood { neighbors, silence }
+        Neighborhood { neighbors, silence, frame: None }
     }
 
     /// Takes a beacon of the neighbour at `place` (in the brief's order).
@@ -60,11 +63,11 @@ impl Neighborhood {
         now_ns: u64,
     ) -> Result<(), BeaconRefusal> {
         let neighbor = &mut self.neighbors[place];
-        let numbers = [beacon.x_m, beacon.y_m, beacon.vx_m_s, beacon.vy_m_s];
-        if !numbers.iter().all(|number| number.is_finite()) {
+        if !beacon.is_finite() {
             return Err(BeaconRefusal::NotFinite);
         }
-        if beacon.stamp_ns > now_ns {
+        let frame = beacon.frame();
+        if beacon.stamp_ns > now_ns || frame.is_some_and(|(stamp_ns, _)| stamp_ns > now_ns) {
             return Err(BeaconRefusal::Future);
         }
         let order = |b: &Beacon| (b.incarnation, b.stamp_ns);
@@ -72,6 +75,11 @@ impl Neighborhood {
             return Err(BeaconRefusal::Old);
         }
         neighbor.newest = Some(*beacon);
+        if let Some((stamp_ns, _)) = frame
+            && self.frame.is_none_or(|(freshest_ns, _)| stamp_ns > freshest_ns)
+        {
+            self.frame = frame;
+        }
         Ok(())
     }
 
@@ -97,9 +105,25 @@ impl Neighborhood {
         changed
     }
 
-    /// alpha* at `stamp_ns` by (13), neighbours extrapolated by their published velocity; `None`
-    /// where the robot is to stop: nobody left to go by, or somebody lost under `stop`.
-    pub fn desired(&self, stamp_ns: u64) -> Option<Vec2> {
+    /// The freshest leader's frame heard, with its stamp, ns: what this robot passes on.
+    pub fn frame(&self) -> Option<(u64, LeaderFrame)> {
+        self.frame
+    }
+
+    /// The leader's frame at `stamp_ns`, extrapolated by its age; once lost it stands still, so
+    /// that nobody spins for ever around a dead leader.
+    pub fn frame_at(&self, stamp_ns: u64) -> Option<LeaderFrame> {
+        let (heard_ns, frame) = self.frame?;
+        let age_ns = stamp_ns as i64 - heard_ns as i64;
+        let lost_ns = self.silence.lost_after_ns as i64;
+        let later = frame.later(age_ns.min(lost_ns) as f64 / 1e9);
+        Some(if age_ns > lost_ns { later.frozen() } else { later })
+    }
+
+    /// alpha* at `stamp_ns` with offsets C_ji = `offset`(c_ji), neighbours extrapolated by their
+    /// published velocity; `None` where the robot is to stop: nobody left to go by, or somebody
+    /// lost under `stop`. (13) (24) (45) (46)
+    pub fn desired(&self, stamp_ns: u64, offset: impl Fn(Vec2) -> Target) -> Option<Target> {
         let lost = |n: &&Neighbor| n.contact == Contact::Lost;
         if self.silence.policy == SilencePolicy::Stop && self.neighbors.iter().any(|n| lost(&n)) {
             return None;
@@ -107,15 +131,17 @@ impl Neighborhood {
         let heard = self.neighbors.iter().filter_map(|neighbor| {
             let beacon = neighbor.newest.as_ref()?;
             let age_ns = stamp_ns as i64 - beacon.stamp_ns as i64;
-            let age_ns = match (neighbor.contact, self.silence.policy) {
-                (Contact::Lost, SilencePolicy::Keep) => self.silence.lost_after_ns as i64,
+            let said = Target { position: beacon.position(), velocity: beacon.velocity() };
+            let alpha_j = match (neighbor.contact, self.silence.policy) {
+                (Contact::Lost, SilencePolicy::Keep) => {
+                    Target::still(said.later(self.silence.lost_after_ns as f64 / 1e9).position)
+                }
                 (Contact::Lost, _) => return None,
-                _ => age_ns,
+                _ => said.later(age_ns as f64 / 1e9),
             };
-            let alpha_j = beacon.position() + beacon.velocity() * (age_ns as f64 / 1e9);
-            Some((alpha_j, neighbor.offset))
+            Some((alpha_j, offset(neighbor.offset)))
         });
-        desired_position(heard)
+        desired(heard)
     }
 
     /// How everybody is heard, for the supervisor.
@@ -150,6 +176,7 @@ mod tests {
             y_m: 0.0,
             vx_m_s: 1e7,
             vy_m_s: 0.0,
+            ..Beacon::default()
         }
     }
 
@@ -174,7 +201,7 @@ mod tests {
     fn beacons_that_lie_about_time_or_are_no_numbers_change_nothing() {
         let mut hood = neighborhood(SilencePolicy::Ignore);
         hood.hear(0, &beacon(1, 100, 1.0), 100).unwrap();
-        let before = hood.desired(100);
+        let before = hood.desired(100, Target::still);
         let refused = [
             (beacon(1, 100, 2.0), BeaconRefusal::Old),
             (beacon(1, 99, 2.0), BeaconRefusal::Old),
@@ -186,7 +213,7 @@ mod tests {
         for (beacon, why) in refused {
             assert_eq!(hood.hear(0, &beacon, 110), Err(why));
         }
-        assert_eq!(hood.desired(100), before);
+        assert_eq!(hood.desired(100, Target::still), before);
     }
 
     #[test]
@@ -201,12 +228,30 @@ mod tests {
             hood.hear(0, &beacon(0, 100, 1.0), 100).unwrap();
             hood.hear(1, &beacon(0, 400, 5.0), 400).unwrap();
             hood.judge(400, 400, 400);
-            assert_eq!(hood.desired(400), at_lost, "{policy:?}");
+            let desired = hood.desired(400, Target::still).map(|target| target.position);
+            assert_eq!(desired, at_lost, "{policy:?}");
         }
     }
 
     #[test]
+    fn the_freshest_frame_wins_ages_and_stands_still_once_lost() {
+        let mut hood = neighborhood(SilencePolicy::Ignore);
+        let frame =
+            |heading_rad| LeaderFrame { heading_rad, turn_rate_rad_s: 1e7, ..LeaderFrame::STILL };
+        assert_eq!(hood.frame_at(0), None);
+        hood.hear(0, &beacon(0, 100, 1.0).with_frame(Some((90, frame(0.5)))), 100).unwrap();
+        hood.hear(1, &beacon(0, 100, 1.0).with_frame(Some((80, frame(9.0)))), 100).unwrap();
+        let close = |found: Option<LeaderFrame>, heading: f64, rate: f64| {
+            let found = found.unwrap();
+            (found.heading_rad - heading).abs() < 1e-9 && found.turn_rate_rad_s == rate
+        };
+        assert!(close(hood.frame_at(100), 0.6, 1e7));
+        assert!(close(hood.frame_at(290), 2.5, 1e7));
+        assert!(close(hood.frame_at(1000), 2.5, 0.0), "200 ns after it was heard it is lost");
+    }
+
+    #[test]
     fn with_nobody_heard_there_is_nowhere_to_go() {
-        assert_eq!(neighborhood(SilencePolicy::Ignore).desired(0), None);
+        assert_eq!(neighborhood(SilencePolicy::Ignore).desired(0, Target::still), None);
     }
 }

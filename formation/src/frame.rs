@@ -6,6 +6,7 @@ use std::f64::consts::TAU;
 use serde::{Deserialize, Serialize};
 
 use crate::Vec2;
+use crate::desired::Target;
 use crate::front_point::rotate;
 
 /// The scale factor delta(t) of a formation.
@@ -39,6 +40,8 @@ pub struct LeaderFrame {
     pub heading_rad: f64,
     /// w_n, free of avoidance, rad/s.
     pub turn_rate_rad_s: f64,
+    /// w_n', rad/s^2: a relay of several hops would otherwise lag behind w_n. Not in paper.
+    pub turn_acceleration_rad_s2: f64,
     /// delta.
     pub scale: f64,
     /// delta', 1/s.
@@ -47,13 +50,20 @@ pub struct LeaderFrame {
 
 impl LeaderFrame {
     /// No leader: offsets stay as they are.
-    pub const STILL: LeaderFrame =
-        LeaderFrame { heading_rad: 0.0, turn_rate_rad_s: 0.0, scale: 1.0, scale_rate_per_s: 0.0 };
+    pub const STILL: LeaderFrame = LeaderFrame {
+        heading_rad: 0.0,
+        turn_rate_rad_s: 0.0,
+        turn_acceleration_rad_s2: 0.0,
+        scale: 1.0,
+        scale_rate_per_s: 0.0,
+    };
 
-    /// The frame `age_s` later, if its rates last.
+    /// The frame `age_s` later, if its turn acceleration and its scale's rate last.
     pub fn later(self, age_s: f64) -> LeaderFrame {
+        let gained = self.turn_acceleration_rad_s2 * age_s;
         LeaderFrame {
-            heading_rad: self.heading_rad + self.turn_rate_rad_s * age_s,
+            heading_rad: self.heading_rad + (self.turn_rate_rad_s + 0.5 * gained) * age_s,
+            turn_rate_rad_s: self.turn_rate_rad_s + gained,
             scale: self.scale + self.scale_rate_per_s * age_s,
             ..self
         }
@@ -61,16 +71,17 @@ impl LeaderFrame {
 
     /// The frame as it is, standing still.
     pub fn frozen(self) -> LeaderFrame {
-        LeaderFrame { turn_rate_rad_s: 0.0, scale_rate_per_s: 0.0, ..self }
+        let still = LeaderFrame::STILL;
+        LeaderFrame { heading_rad: self.heading_rad, scale: self.scale, ..still }
     }
 
-    /// (C_ji, C'_ji) in (m, m/s) for the static offset c_ji, m.
-    pub fn offset(&self, c_ji: Vec2) -> (Vec2, Vec2) {
+    /// C_ji and C'_ji for the static offset c_ji, m.
+    pub fn offset(&self, c_ji: Vec2) -> Target {
         let turned = rotate(self.heading_rad, c_ji); // R c
         let quarter = Vec2::new(-turned.y, turned.x); // (23): R' c = w times this
         let offset = self.scale * turned; // (20)
         let rate = self.scale_rate_per_s * turned + self.scale * self.turn_rate_rad_s * quarter; // (22)
-        (offset, rate)
+        Target { position: offset, velocity: rate }
     }
 }
 
@@ -83,12 +94,20 @@ mod tests {
         #[test]
         fn the_offsets_rate_is_the_derivative_of_the_offset(
             heading_rad in -3.0..3.0f64, turn_rate_rad_s in -2.0..2.0f64,
+            turn_acceleration_rad_s2 in -1.0..1.0f64,
             scale in 0.5..2.0f64, scale_rate_per_s in -0.5..0.5f64,
         ) {
-            let frame = LeaderFrame { heading_rad, turn_rate_rad_s, scale, scale_rate_per_s };
+            let frame = LeaderFrame {
+                heading_rad,
+                turn_rate_rad_s,
+                turn_acceleration_rad_s2,
+                scale,
+                scale_rate_per_s,
+            };
             let (c, h) = (Vec2::new(0.6, -0.3), 1e-6);
-            let slope = (frame.later(h).offset(c).0 - frame.later(-h).offset(c).0) / (2.0 * h);
-            prop_assert!((slope - frame.offset(c).1).norm() < 1e-8);
+            let slope = (frame.later(h).offset(c).position
+                - frame.later(-h).offset(c).position) / (2.0 * h);
+            prop_assert!((slope - frame.offset(c).velocity).norm() < 1e-8);
         }
 
         #[test]
@@ -102,6 +121,6 @@ mod tests {
     #[test]
     fn without_a_leader_offsets_stay_as_they_are() {
         let c = Vec2::new(0.3, 0.4);
-        assert_eq!(LeaderFrame::STILL.offset(c), (c, Vec2::zeros()));
+        assert_eq!(LeaderFrame::STILL.offset(c), Target::still(c));
     }
 }

@@ -7,6 +7,7 @@ use std::f64::consts::TAU;
 use serde::{Deserialize, Serialize};
 
 use crate::Vec2;
+use crate::desired::Target;
 
 /// A navigation trajectory m(t), t in seconds since the run's start.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -58,9 +59,9 @@ pub enum Trajectory {
 }
 
 impl Trajectory {
-    /// (m(t), m'(t)) in (m, m/s).
-    pub fn at(&self, t_s: f64) -> (Vec2, Vec2) {
-        match *self {
+    /// m(t) and m'(t).
+    pub fn at(&self, t_s: f64) -> Target {
+        let (position, velocity) = match *self {
             Trajectory::Still { center_m } => (center_m.into(), Vec2::zeros()),
             Trajectory::Line { center_m, velocity_m_s } => {
                 let velocity = Vec2::from(velocity_m_s);
@@ -77,10 +78,8 @@ impl Trajectory {
                 let (sin, cos) = (w * t_s).sin_cos();
                 let (sin_2, cos_2) = (2.0 * w * t_s).sin_cos();
                 let place = Vec2::from(center_m) + radius_m * sin_2 * Vec2::new(cos, sin);
-                let slope = Vec2::new(
-                    2.0 * cos_2 * cos - sin_2 * sin,
-                    2.0 * cos_2 * sin + sin_2 * cos,
-                );
+                let slope =
+                    Vec2::new(2.0 * cos_2 * cos - sin_2 * sin, 2.0 * cos_2 * sin + sin_2 * cos);
                 (place, radius_m * w * slope)
             }
             Trajectory::Lissajous { center_m, radii_m, cycles, phase_rad, period_s } => {
@@ -93,7 +92,8 @@ impl Trajectory {
                     Vec2::new(a_x * w[0] * cos_x, a_y * w[1] * cos_y),
                 )
             }
-        }
+        };
+        Target { position, velocity }
     }
 }
 
@@ -124,8 +124,9 @@ mod tests {
         fn the_velocity_is_the_derivative_of_the_place(t in 0.0..100.0f64) {
             let h = 1e-5;
             for trajectory in trajectories() {
-                let slope = (trajectory.at(t + h).0 - trajectory.at(t - h).0) / (2.0 * h);
-                prop_assert!((slope - trajectory.at(t).1).norm() < 1e-7, "{trajectory:?}");
+                let slope = trajectory.at(t + h).position - trajectory.at(t - h).position;
+                let slope = slope / (2.0 * h);
+                prop_assert!((slope - trajectory.at(t).velocity).norm() < 1e-7, "{trajectory:?}");
             }
         }
     }
@@ -140,7 +141,7 @@ mod tests {
                 4.0 * (2.0 * w * t).sin() * (w * t).cos(),
                 4.0 * (2.0 * w * t).sin() * (w * t).sin(),
             );
-            assert!((rose.at(t).0 - expected).norm() < 1e-12);
+            assert!((rose.at(t).position - expected).norm() < 1e-12);
         }
     }
 }

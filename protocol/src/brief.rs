@@ -6,7 +6,9 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use formation::frame::Scale;
 use formation::pose::Pose;
+use formation::trajectory::Trajectory;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -96,6 +98,16 @@ pub struct NeighborBrief {
     pub offset_m: [f64; 2],
 }
 
+/// What the main leader alone is told: where to go, and how large the formation is to be.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LeadBrief {
+    /// delta(t).
+    pub scale: Scale,
+    /// m(t).
+    pub trajectory: Trajectory,
+}
+
 /// What one agent is told.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -120,6 +132,11 @@ pub struct AgentBrief {
     pub law: String,
     /// The law's gains by key.
     pub gains: BTreeMap<String, f64>,
+    /// Whether offsets turn and grow with a leader's frame, which then must be heard first.
+    pub led: bool,
+    /// Where to lead, for the main leader only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lead: Option<LeadBrief>,
     /// How to keep distance.
     pub avoidance: AvoidanceBrief,
     /// What to do about the silent.

@@ -3,11 +3,35 @@
 //! The laws live in the crate `agent`; the supervisor must name them and their gains in its
 //! diagnostics without knowing any of them. The binary hands it this list.
 
+/// What a law makes of a robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Follows the trajectory m(t), which it alone knows, and hears nobody.
+    Leader,
+    /// Keeps its place in the formation, as seen from those it hears. (13) (24) (45)
+    Formation,
+    /// Goes to the middle of those it hears, and so into the leaders' hull. (46)
+    Contained,
+}
+
+impl Role {
+    /// The word for it in messages.
+    pub fn word(self) -> &'static str {
+        match self {
+            Role::Leader => "leader",
+            Role::Formation => "formation robot",
+            Role::Contained => "contained robot",
+        }
+    }
+}
+
 /// A law's name in scenario files and the gains it needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LawDescription {
     /// Value of the key `law`.
     pub name: &'static str,
+    /// What it makes of a robot.
+    pub role: Role,
     /// Which of the chapter's equations it is.
     pub source: &'static str,
     /// Keys of its gains, with unit suffixes. All must be given, and positive.

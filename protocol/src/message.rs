@@ -9,6 +9,7 @@
 //! in both paces and only measures.
 
 use formation::Vec2;
+use formation::frame::LeaderFrame;
 use formation::pose::{Pose, Twist};
 
 /// The most robots that one odometry sample reports as near.
@@ -20,7 +21,7 @@ macro_rules! message {
         $($(#[$field_doc:meta])* $field:ident: $type:ty,)+
     }) => {
         $(#[$doc])*
-        #[derive(Debug, Clone, Copy, PartialEq)]
+        #[derive(Debug, Clone, Copy, PartialEq, Default)]
         #[repr(C)]
         pub struct $name { $($(#[$field_doc])* pub $field: $type,)+ }
 
@@ -130,7 +131,7 @@ impl Command {
 
 message! {
     /// Agent to those that hear it: where its front point is and where it wants to go.
-    Beacon / 1 {
+    Beacon / 2 {
         /// Tick of the odometry this was computed from.
         tick: u64,
         /// Stamp of that odometry, ns.
@@ -147,6 +148,20 @@ message! {
         vx_m_s: f64,
         /// Published velocity, m/s.
         vy_m_s: f64,
+        /// 1 if the leader's frame below is known.
+        frame_known: u64,
+        /// Stamp of the leader's odometry that the frame is from, ns.
+        frame_stamp_ns: u64,
+        /// theta_n, rad.
+        frame_heading_rad: f64,
+        /// w_n, free of avoidance, rad/s.
+        frame_turn_rate_rad_s: f64,
+        /// w_n', rad/s^2.
+        frame_turn_acceleration_rad_s2: f64,
+        /// delta.
+        frame_scale: f64,
+        /// delta', 1/s.
+        frame_scale_rate_per_s: f64,
     }
 }
 
@@ -159,6 +174,45 @@ impl Beacon {
     /// Published velocity, m/s.
     pub fn velocity(&self) -> Vec2 {
         Vec2::new(self.vx_m_s, self.vy_m_s)
+    }
+
+    /// The leader's frame, if known, and its stamp, ns.
+    pub fn frame(&self) -> Option<(u64, LeaderFrame)> {
+        let frame = LeaderFrame {
+            heading_rad: self.frame_heading_rad,
+            turn_rate_rad_s: self.frame_turn_rate_rad_s,
+            turn_acceleration_rad_s2: self.frame_turn_acceleration_rad_s2,
+            scale: self.frame_scale,
+            scale_rate_per_s: self.frame_scale_rate_per_s,
+        };
+        (self.frame_known == 1).then_some((self.frame_stamp_ns, frame))
+    }
+
+    /// The same beacon with this frame.
+    pub fn with_frame(self, frame: Option<(u64, LeaderFrame)>) -> Beacon {
+        let (stamp_ns, known) = frame.unwrap_or((0, LeaderFrame::STILL));
+        Beacon {
+            frame_known: u64::from(frame.is_some()),
+            frame_stamp_ns: stamp_ns,
+            frame_heading_rad: known.heading_rad,
+            frame_turn_rate_rad_s: known.turn_rate_rad_s,
+            frame_turn_acceleration_rad_s2: known.turn_acceleration_rad_s2,
+            frame_scale: known.scale,
+            frame_scale_rate_per_s: known.scale_rate_per_s,
+            ..self
+        }
+    }
+
+    /// Whether all its numbers are numbers.
+    pub fn is_finite(&self) -> bool {
+        let motion = [self.x_m, self.y_m, self.vx_m_s, self.vy_m_s];
+        let angles = [
+            self.frame_heading_rad,
+            self.frame_turn_rate_rad_s,
+            self.frame_turn_acceleration_rad_s2,
+        ];
+        let scales = [self.frame_scale, self.frame_scale_rate_per_s];
+        motion.iter().chain(&angles).chain(&scales).all(|number| number.is_finite())
     }
 }
 

@@ -397,41 +397,6 @@ where
     sample.write_from_fn(row).send().map_err(|cause| SendError::Send { cause })
 }
 
-// A loan needs an initial header; `send_slice` overwrites it.
-#[allow(clippy::derivable_impls, reason = "no other message needs a default")]
-impl Default for StatusHeader {
-    fn default() -> Self {
-        StatusHeader {
-            tick: 0,
-            t_ns: 0,
-            incarnation: 0,
-            flying: 0,
-            deadline_misses: 0,
-            beacons_refused: 0,
-        }
-    }
-}
-
-impl Default for TruthHeader {
-    fn default() -> Self {
-        TruthHeader {
-            tick: 0,
-            t_ns: 0,
-            stamp_ns: 0,
-            sent_ns: 0,
-            closest_m: 0.0,
-            closest_t_ns: 0,
-            closest_pair: [0; 2],
-            violations: 0,
-            commands_late: 0,
-            commands_old: 0,
-            commands_not_finite: 0,
-            commands_scaled: 0,
-            commands_expired: 0,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -503,6 +468,7 @@ mod tests {
             y_m: 2.0,
             vx_m_s: 3.0,
             vy_m_s: 4.0,
+            ..Beacon::default()
         };
         let subscriber = held.subscriber().unwrap();
         let publisher = beacon("r1").open(&child).unwrap().publisher().unwrap();

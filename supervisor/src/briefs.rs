@@ -5,6 +5,7 @@ use std::path::Path;
 use protocol::brief::{AgentBrief, AvoidanceKind, BodyBrief, NeighborBrief, Pace, PlantBrief};
 
 use crate::scenario::Scenario;
+use protocol::law::Role;
 
 /// The brief of robot `i` (from 0).
 pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> AgentBrief {
@@ -25,6 +26,8 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         front_point_m: robot.front_point_m,
         law: robot.law.clone(),
         gains: robot.gains.clone(),
+        led: scenario.lead.is_some(),
+        lead: scenario.lead.clone().filter(|_| robot.role == Role::Leader),
         avoidance: scenario.avoidance.clone(),
         silence: scenario.silence.clone(),
         neighbors: neighbors.collect(),

@@ -1,22 +1,23 @@
 //! Does a scenario make sense: graph, offsets, distances, speeds? And what does it amount to?
 //!
 //! Single values are checked where they are read. Here they are held against each other and
-//! against the theory (`CONTROL.md`, sections 2 and 4). Nothing is read or spawned.
+//! against the theory. Nothing is read or spawned.
 
 use std::fmt::Write;
 
 use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::front_point::front_point;
-use formation::graph::FormationGraph;
+use formation::graph::{Edge, FormationGraph};
 use protocol::brief::{AvoidanceKind, Pace};
+use protocol::law::Role;
 
 use crate::scenario::diagnostic::Severity;
 use crate::scenario::{Robot, Scenario, seconds};
 
 /// Offsets around a cycle may miss by this much, m: rounding of decimals, and no more.
 const OFFSET_GAP_M_MAX: f64 = 1e-6;
-/// Above this epsilon T, a sampled focus overshoots (CONTROL.md, section 4).
+/// Above this epsilon T, a sampled focus overshoots (measured on all three cases of the chapter).
 const EPSILON_PERIOD_MAX: f64 = 0.1;
 
 /// Something about a scenario that is wrong, or worth knowing.
@@ -61,6 +62,20 @@ fn finding(
 fn roots(scenario: &Scenario, findings: &mut Vec<Finding>) {
     let reached: Vec<Vec<bool>> = reachability(&scenario.graph);
     let n = scenario.robots.len();
+    if let Some(leader) = scenario.leader() {
+        for (robot, led) in scenario.robots.iter().zip(&reached[leader]) {
+            if !led {
+                let name = &scenario.robots[leader].name;
+                findings.push(finding(
+                    Severity::Error,
+                    format!("robot.{}", robot.name),
+                    format!("nothing that {name} says ever reaches {}", robot.name),
+                    format!("expected a path of edges from the leader {name} (Assumptions 3 to 5)"),
+                ));
+            }
+        }
+        return;
+    }
     if (0..n).any(|r| reached[r].iter().all(|&yes| yes)) {
         return;
     }
@@ -118,8 +133,10 @@ fn offsets(scenario: &Scenario, findings: &mut Vec<Finding>) {
     let graph = &scenario.graph;
     let reached = reachability(graph);
     // Edges within groups that hear each other: every cycle among them is made of directed ones.
-    let within: Vec<usize> = (0..graph.edges().len())
-        .filter(|&e| reached[graph.edges()[e].to][graph.edges()[e].from])
+    let within: Vec<usize> = scenario
+        .formation_edges()
+        .filter(|(_, edge)| reached[edge.to][edge.from])
+        .map(|(e, _)| e)
         .collect();
     let directed =
         FormationGraph::new(graph.robots(), within.iter().map(|&e| graph.edges()[e]).collect());
@@ -142,9 +159,11 @@ fn offsets(scenario: &Scenario, findings: &mut Vec<Finding>) {
         say(within[cycle.edge], cycle.gap_m, Severity::Error, "directed cycle");
         return;
     }
-    let (_, open) = graph.shape(OFFSET_GAP_M_MAX);
+    let kept: Vec<(usize, &Edge)> = scenario.formation_edges().collect();
+    let rigid = FormationGraph::new(graph.robots(), kept.iter().map(|(_, e)| **e).collect());
+    let (_, open) = rigid.shape(OFFSET_GAP_M_MAX);
     if let Some(cycle) = open.first() {
-        say(cycle.edge, cycle.gap_m, Severity::Warning, "cycle");
+        say(kept[cycle.edge].0, cycle.gap_m, Severity::Warning, "cycle");
     }
 }
 
@@ -275,12 +294,17 @@ fn final_shape(scenario: &Scenario, findings: &mut Vec<Finding>) {
     }
 }
 
-/// The shape that the robots settle in and its closest pair, if their offsets agree.
+/// The shape that the robots settle in, at its smallest, and its closest pair; only if all keep a
+/// place in it and their offsets agree.
 fn settled_shape(scenario: &Scenario) -> Option<(Vec<Vec2>, Option<ClosestPair>)> {
     let reached = reachability(&scenario.graph);
     let rooted = reached.iter().any(|row| row.iter().all(|&yes| yes));
-    let (shape, open) = scenario.graph.shape(OFFSET_GAP_M_MAX);
-    (rooted && open.is_empty()).then(|| {
+    let rigid = scenario.robots.iter().all(|robot| robot.role != Role::Contained);
+    let (mut shape, open) = scenario.graph.shape(OFFSET_GAP_M_MAX);
+    // At its smallest, where robots come nearest.
+    let scale = scenario.lead.as_ref().map_or(1.0, |lead| lead.scale.mean - lead.scale.amplitude);
+    shape.iter_mut().for_each(|place| *place *= scale);
+    (rooted && rigid && open.is_empty()).then(|| {
         let closest = closest_pair(&shape);
         (shape, closest)
     })

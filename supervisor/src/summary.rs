@@ -48,6 +48,8 @@ pub struct Summary {
     pub final_error_m: BTreeMap<String, Option<f64>>,
     /// The worst of these.
     pub final_error_m_max: Option<f64>,
+    /// Largest distance of a contained robot from the leaders' hull over the last 10 %, m.
+    pub hull_distance_m_max_final: Option<f64>,
     /// Since when all living errors stayed below the converged error, s.
     pub converged_at_s: Option<f64>,
     /// Commands sent after their agent's next wake-up was due.
@@ -112,6 +114,7 @@ impl Summary {
             violations: measures.violations,
             final_error_m: measures.final_error_m.into_iter().collect(),
             final_error_m_max: measures.final_error_m_max,
+            hull_distance_m_max_final: measures.hull_distance_m_max_final,
             converged_at_s: measures.converged_at_s,
             deadline_misses: outcome.deadline_misses,
             commands: Commands {

@@ -2,25 +2,15 @@
 //! lockstep run of real processes must fulfil bit by bit.
 
 use agent::brain::Brain;
-use formation::Vec2;
-use formation::front_point::front_point;
 use plant::world::World;
-use protocol::brief::{AgentBrief, Pace, PlantBrief};
+use protocol::brief::{AgentBrief, Pace};
 use protocol::message::{Beacon, TruthRow};
 use supervisor::briefs;
-use supervisor::metrics::hash::TrajectoryHash;
+use supervisor::metrics::{Measures, Metrics};
 use supervisor::scenario::{FaultKind, Scenario};
 
-/// What a run would do.
-pub struct Flight {
-    pub trajectory_hash: String,
-    pub distance_m_min: f64,
-    /// Worst error (13) of any robot over the last 10 % of the run, m.
-    pub final_error_m_max: f64,
-}
-
-/// Flies `scenario` in lockstep, with its kills and restarts.
-pub fn fly(scenario: &Scenario) -> Flight {
+/// Flies `scenario` in lockstep, with its kills and restarts, and measures what it would do.
+pub fn fly(scenario: &Scenario) -> Measures {
     let run_root = "/nowhere".as_ref();
     let plant = briefs::plant(scenario, Pace::Lockstep, run_root);
     let agents: Vec<AgentBrief> = (0..scenario.robots.len())
@@ -30,19 +20,16 @@ pub fn fly(scenario: &Scenario) -> Flight {
     let tick_of = |t_ns: u64| t_ns.div_ceil(plant.period_ns);
 
     let mut world = World::new(&plant);
-    let mut hash = TrajectoryHash::new();
+    let mut metrics = Metrics::new(scenario, Pace::Lockstep);
     let mut robots: Vec<Option<Robot>> =
         agents.iter().map(|brief| Some(Robot::new(brief, 0, 0))).collect();
     let mut starts = vec![0u64; robots.len()];
     let mut last_beacons: Vec<Option<Beacon>> = vec![None; robots.len()];
-    let mut final_error_m_max: f64 = 0.0;
+    let mut alive = vec![true; robots.len()];
 
     for tick in 0..=ticks {
         let truth: Vec<TruthRow> = world.truth().collect();
-        hash.update(tick, &truth);
-        if tick * 10 >= ticks * 9 {
-            final_error_m_max = final_error_m_max.max(worst_error(scenario, &plant, &truth));
-        }
+        metrics.truth(&world.truth_header(), &truth, &alive);
         if tick == ticks {
             break;
         }
@@ -50,9 +37,11 @@ pub fn fly(scenario: &Scenario) -> Flight {
             let FaultKind::Kill { robot, restart_after_ns } = fault.kind;
             if tick_of(fault.at_ns) == tick {
                 robots[robot] = None;
+                alive[robot] = false;
             }
             if restart_after_ns.is_some_and(|after| tick_of(fault.at_ns + after) == tick) {
                 starts[robot] += 1;
+                alive[robot] = true;
                 robots[robot] = Some(Robot::new(&agents[robot], starts[robot], tick));
             }
         }
@@ -83,11 +72,7 @@ pub fn fly(scenario: &Scenario) -> Flight {
         }
         last_beacons = beacons;
     }
-    Flight {
-        trajectory_hash: hash.finish(),
-        distance_m_min: world.truth_header().closest_m,
-        final_error_m_max,
-    }
+    metrics.finish()
 }
 
 struct Robot {
@@ -99,19 +84,4 @@ impl Robot {
     fn new(brief: &AgentBrief, incarnation: u64, first_tick: u64) -> Robot {
         Robot { brain: Brain::new(brief, incarnation).expect("a checked brief"), first_tick }
     }
-}
-
-/// The largest |alpha_i - alpha*_i|, m, with alpha* by (13) written out.
-fn worst_error(scenario: &Scenario, plant: &PlantBrief, truth: &[TruthRow]) -> f64 {
-    let alpha: Vec<Vec2> = truth
-        .iter()
-        .zip(&plant.robots)
-        .map(|(row, body)| front_point(row.pose(), body.front_point_m))
-        .collect();
-    let error = |i: usize| {
-        let heard: Vec<_> = scenario.graph.edges().iter().filter(|e| e.to == i).collect();
-        let sum: Vec2 = heard.iter().map(|e| alpha[e.from] + e.offset_m).sum();
-        if heard.is_empty() { 0.0 } else { (alpha[i] - sum / heard.len() as f64).norm() }
-    };
-    (0..alpha.len()).map(error).fold(0.0, f64::max)
 }

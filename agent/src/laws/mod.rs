@@ -2,18 +2,23 @@
 //!
 //! A law is one file and one row of [`LAWS`].
 
+mod containment_tanh;
+mod formation_tanh;
 mod formation_unit;
+mod leader_tanh;
 
 use std::collections::BTreeMap;
 
 use formation::Vec2;
-use protocol::law::LawDescription;
+use protocol::law::{LawDescription, Role};
 
 /// What a law sees of the world.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Situation {
-    /// e = alpha - alpha*, m, in `map`. (13)
+    /// e = alpha - alpha*, m, in `map`; alpha* is m(t) for a leader. (13) (32)
     pub error: Vec2,
+    /// alpha*', m/s, in `map`.
+    pub desired_velocity: Vec2,
     /// T, s.
     pub period_s: f64,
     /// a: how many periods old a neighbour's sample may normally be.
@@ -35,7 +40,8 @@ pub struct LawRow {
 }
 
 /// Every law there is.
-pub const LAWS: &[LawRow] = &[formation_unit::ROW];
+pub const LAWS: &[LawRow] =
+    &[formation_unit::ROW, leader_tanh::ROW, formation_tanh::ROW, containment_tanh::ROW];
 
 /// Descriptions of every law, for the supervisor's diagnostics.
 pub fn descriptions() -> Vec<LawDescription> {
@@ -101,4 +107,15 @@ pub fn build(name: &str, gains: &BTreeMap<String, f64>) -> Result<Box<dyn Law>, 
         return Err(LawError::NotPositive { law: name.into(), key: key.clone(), value });
     }
     Ok((row.build)(&Gains(gains)))
+}
+
+/// What the law called `name` makes of a robot. Panics for a name that [`build`] refuses.
+pub fn role(name: &str) -> Role {
+    let row = LAWS.iter().find(|row| row.description.name == name);
+    row.expect("a law that was built").description.role
+}
+
+/// tanh of each component. (8)
+fn tanh(e: Vec2) -> Vec2 {
+    e.map(f64::tanh)
 }

@@ -39,6 +39,8 @@ pub fn evaluate(
     let equal = |value, bound| value == bound;
     ask("min_distance_m", expect.min_distance_m, measures.min_distance_m, at_least);
     ask("final_error_m_max", expect.final_error_m_max, measures.final_error_m_max, at_most);
+    let hull = (expect.hull_distance_m_max, measures.hull_distance_m_max_final);
+    ask("hull_distance_m_max", hull.0, hull.1, at_most);
     ask("converged_by_s", expect.converged_by_s, measures.converged_at_s, at_most);
     let recoveries = measures.faults.iter().map(|fault| fault.recovered_after_s);
     let slowest =
@@ -63,6 +65,7 @@ mod tests {
             violations: 0,
             final_error_m: Vec::new(),
             final_error_m_max: Some(0.5),
+            hull_distance_m_max_final: None,
             converged_at_s: None,
             trajectory_hash: None,
             truths_lost: 0,
@@ -75,6 +78,7 @@ mod tests {
         let expect = Expectations {
             min_distance_m: Some(0.2),
             final_error_m_max: Some(0.4),
+            hull_distance_m_max: None,
             converged_by_s: Some(10.0),
             recovered_within_s: Some(1.0),
             deadline_misses_max: Some(0),

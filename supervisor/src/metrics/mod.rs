@@ -4,24 +4,26 @@
 //!
 //! | file | question it answers |
 //! |---|---|
+//! | `error` | how far is each robot from where its role wants it? |
 //! | `hash` | are two runs the same? |
 //! | `fault` | what did one fault do? |
 //! | `expect` | did it go as the scenario expects? |
 
+mod error;
 pub mod expect;
 pub mod fault;
 pub mod hash;
 
 use formation::Vec2;
 use formation::closest::closest_pair;
-use formation::desired::desired_position;
 use formation::front_point::front_point;
-use formation::graph::Edge;
+use formation::hull::hull_distance;
 use protocol::brief::Pace;
 use protocol::message::{Contact, TruthHeader, TruthRow};
 use serde::Serialize;
 
 use crate::scenario::Scenario;
+use error::Errors;
 use fault::{FaultReport, FaultWindow};
 use hash::TrajectoryHash;
 
@@ -32,8 +34,12 @@ const FINAL_SHARE: f64 = 0.1;
 pub struct Metrics {
     names: Vec<String>,
     front_points_m: Vec<f64>,
-    /// For each robot, the edges that end in it.
-    heard: Vec<Vec<Edge>>,
+    error: Errors,
+    /// Whose convex hull the contained are to be in.
+    leaders: Vec<usize>,
+    contained: Vec<usize>,
+    leaders_alphas: Vec<Vec2>,
+    hull_distance_m_max_final: Option<f64>,
     distance_min_m: f64,
     converged_error_m: f64,
     final_from_ns: u64,
@@ -76,6 +82,9 @@ pub struct Measures {
     pub final_error_m: Vec<(String, Option<f64>)>,
     /// The worst of these; `None` if the run did not get that far.
     pub final_error_m_max: Option<f64>,
+    /// Largest distance of a contained robot from the leaders' convex hull over the last 10 % of
+    /// the run, m; `None` where nobody is contained.
+    pub hull_distance_m_max_final: Option<f64>,
     /// Since when all living errors stayed below `converged_error_m`, s.
     pub converged_at_s: Option<f64>,
     /// In lockstep.
@@ -95,12 +104,15 @@ impl Metrics {
     /// Nothing measured yet.
     pub fn new(scenario: &Scenario, pace: Pace) -> Metrics {
         let robots = scenario.robots.len();
-        let heard = |i| scenario.graph.heard_by(i).copied().collect();
         let final_s = scenario.duration_ns as f64 * (1.0 - FINAL_SHARE);
         Metrics {
             names: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
             front_points_m: scenario.robots.iter().map(|robot| robot.front_point_m).collect(),
-            heard: (0..robots).map(heard).collect(),
+            error: Errors::new(scenario),
+            leaders: scenario.leaders(),
+            contained: scenario.contained(),
+            leaders_alphas: Vec::new(),
+            hull_distance_m_max_final: None,
             distance_min_m: scenario.avoidance.distance_min_m,
             converged_error_m: scenario.expect.converged_error_m,
             final_from_ns: final_s as u64,
@@ -133,12 +145,14 @@ impl Metrics {
             *alpha = front_point(row.pose(), *ell);
         }
         let distance_m = self.measure_distance(header);
-        self.measure_errors(header, alive, distance_m);
+        self.measure_errors(header, rows, alive, distance_m);
+        self.measure_containment(header, alive);
         self.newest_t_ns = Some(header.t_ns);
     }
 
-    /// The smallest distance since the previous truth, as far as it is known. The plant looks at the end of every arc and counts from the
-    /// start, so that neither shorter arcs nor lost truths hide anything.
+    /// The smallest distance since the previous truth, as far as it is known. The plant looks at
+    /// the end of every arc and counts from the start, so that neither shorter arcs nor lost
+    /// truths hide anything.
     fn measure_distance(&mut self, header: &TruthHeader) -> f64 {
         let now = closest_pair(&self.alphas).map(|closest| Closest {
             distance_m: closest.distance_m,
@@ -162,12 +176,19 @@ impl Metrics {
         plant.filter(news).map_or(distance_m, |closest| distance_m.min(closest.distance_m))
     }
 
-    /// e_i = alpha_i - alpha*_i over all robots that i hears. (13)
-    fn measure_errors(&mut self, header: &TruthHeader, alive: &[bool], distance_m: f64) {
+    /// Everybody's error, by role.
+    fn measure_errors(
+        &mut self,
+        header: &TruthHeader,
+        rows: &[TruthRow],
+        alive: &[bool],
+        distance_m: f64,
+    ) {
+        let t_s = seconds(header.t_ns);
+        let frame = self.error.frame(t_s, rows);
         let mut worst: Option<f64> = None;
-        for (i, heard) in self.heard.iter().enumerate() {
-            let asked = heard.iter().map(|edge| (self.alphas[edge.from], edge.offset_m));
-            let error = desired_position(asked).map(|desired| (self.alphas[i] - desired).norm());
+        for i in 0..self.alphas.len() {
+            let error = self.error.of(i, t_s, &frame, &self.alphas);
             // NaN would disappear in any maximum and pass as converged.
             let error = error.map(|error| if error.is_nan() { f64::INFINITY } else { error });
             self.errors[i] = error;
@@ -189,6 +210,19 @@ impl Metrics {
         for fault in &mut self.faults {
             fault.truth(header.t_ns, worst, self.converged_since_ns, distance_m);
         }
+    }
+
+    /// How far outside the leaders' hull the contained are towards the end. (49)
+    fn measure_containment(&mut self, header: &TruthHeader, alive: &[bool]) {
+        if header.t_ns < self.final_from_ns || self.contained.is_empty() {
+            return;
+        }
+        self.leaders_alphas.clear();
+        self.leaders_alphas.extend(self.leaders.iter().map(|&i| self.alphas[i]));
+        let living = self.contained.iter().filter(|&&i| alive[i]);
+        let outside = living.map(|&i| hull_distance(self.alphas[i], &self.leaders_alphas));
+        let worst = self.hull_distance_m_max_final.unwrap_or(0.0);
+        self.hull_distance_m_max_final = Some(outside.fold(worst, f64::max));
     }
 
     /// |e_i| at the newest truth, m, in scenario order; `None` for robots that hear nobody.
@@ -230,6 +264,7 @@ impl Metrics {
             violations: self.violations.max(self.violations_plant),
             final_error_m: self.names.iter().cloned().zip(self.final_errors_m.clone()).collect(),
             final_error_m_max: final_errors.reduce(f64::max),
+            hull_distance_m_max_final: self.hull_distance_m_max_final,
             converged_at_s: self.converged_since_ns.map(seconds),
             trajectory_hash: self.hash.as_ref().map(TrajectoryHash::finish),
             truths_lost: self.truths_lost,

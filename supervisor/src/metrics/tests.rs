@@ -13,6 +13,7 @@ const ALL: [bool; 3] = [true; 3];
 /// second, d = 0.2 m.
 pub(crate) fn row_of_three() -> Scenario {
     let robot = |name: &str| Robot {
+        role: protocol::law::Role::Formation,
         name: name.to_owned(),
         start: Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 },
         front_point_m: 0.1,
@@ -53,7 +54,9 @@ pub(crate) fn row_of_three() -> Scenario {
         robots: vec![robot("r1"), robot("r2"), robot("r3")],
         graph: FormationGraph::new(3, vec![behind(0, 1), behind(1, 2)]),
         faults: Vec::new(),
+        lead: None,
         expect: Expectations {
+            hull_distance_m_max: None,
             min_distance_m: None,
             final_error_m_max: None,
             converged_by_s: None,

@@ -19,9 +19,10 @@ mod tests;
 
 use std::collections::BTreeMap;
 
-use formation::graph::FormationGraph;
+use formation::graph::{Edge, FormationGraph};
 use formation::pose::Pose;
-use protocol::brief::{AvoidanceBrief, Pace, SilenceBrief, WheelsBrief};
+use protocol::brief::{AvoidanceBrief, LeadBrief, Pace, SilenceBrief, WheelsBrief};
+use protocol::law::Role;
 
 /// One experiment. Robots are numbered by their place in the file, from 0.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,8 +49,10 @@ pub struct Scenario {
     pub silence: SilenceBrief,
     /// The robots.
     pub robots: Vec<Robot>,
-    /// Who hears whom, at which offset.
+    /// Who hears whom, at which offset (zero where the hearer's law knows no offsets).
     pub graph: FormationGraph,
+    /// Where the main leader goes, if there is one.
+    pub lead: Option<LeadBrief>,
     /// What breaks, in order of time.
     pub faults: Vec<Fault>,
     /// What must hold for exit code 0.
@@ -69,6 +72,8 @@ pub struct Robot {
     pub wheels: Option<WheelsBrief>,
     /// Name of its control law.
     pub law: String,
+    /// What that law makes of it.
+    pub role: Role,
     /// The law's gains by key.
     pub gains: BTreeMap<String, f64>,
     /// What happens when its process dies unasked.
@@ -128,6 +133,8 @@ pub enum FaultKind {
 pub struct Expectations {
     /// No two front points nearer than this at any tick, m.
     pub min_distance_m: Option<f64>,
+    /// Bound on the distance of contained robots from the leaders' hull over the last 10 %, m.
+    pub hull_distance_m_max: Option<f64>,
     /// Bound on the worst living error over the last 10 % of the run, m.
     pub final_error_m_max: Option<f64>,
     /// All living errors below `converged_error_m` from then on, s.
@@ -155,6 +162,32 @@ impl Scenario {
                     + u64::from(self.hold_periods) * self.period_ns
             }
         }
+    }
+
+    /// The main leader's place, if there is one.
+    pub fn leader(&self) -> Option<usize> {
+        self.robots.iter().position(|robot| robot.role == Role::Leader)
+    }
+
+    /// The leaders of a containment: the main one and all that keep a place to it; by their places.
+    pub fn leaders(&self) -> Vec<usize> {
+        self.places(|role| role != Role::Contained)
+    }
+
+    /// The contained, by their places.
+    pub fn contained(&self) -> Vec<usize> {
+        self.places(|role| role == Role::Contained)
+    }
+
+    fn places(&self, of: impl Fn(Role) -> bool) -> Vec<usize> {
+        (0..self.robots.len()).filter(|&i| of(self.robots[i].role)).collect()
+    }
+
+    /// The edges whose offsets mean something: those into robots that keep a place in the
+    /// formation.
+    pub fn formation_edges(&self) -> impl Iterator<Item = (usize, &Edge)> {
+        let edges = self.graph.edges().iter().enumerate();
+        edges.filter(|(_, edge)| self.robots[edge.to].role == Role::Formation)
     }
 
     /// Names of the robots that robot `i` hears.

@@ -11,10 +11,14 @@ use std::ops::Range;
 use std::path::Path;
 
 use formation::Vec2;
+use formation::frame::Scale;
 use formation::graph::{Edge, FormationGraph};
 use formation::pose::{Pose, wrap_angle};
-use protocol::brief::{AvoidanceBrief, AvoidanceKind, SilenceBrief, SilencePolicy, WheelsBrief};
-use protocol::law::LawDescription;
+use formation::trajectory::Trajectory;
+use protocol::brief::{
+    AvoidanceBrief, AvoidanceKind, LeadBrief, SilenceBrief, SilencePolicy, WheelsBrief,
+};
+use protocol::law::{LawDescription, Role};
 use toml::de::DeTable;
 
 pub use super::overrides::Overrides;
@@ -48,6 +52,8 @@ const ROOT_KEYS: &[&str] = &[
     "edge",
     "fault",
     "expect",
+    "trajectory",
+    "scale",
 ];
 const ROBOT_KEYS: &[&str] = &[
     "front_point_m",
@@ -62,6 +68,7 @@ const ROBOT_KEYS: &[&str] = &[
 const EXPECT_KEYS: &[&str] = &[
     "min_distance_m",
     "final_error_m_max",
+    "hull_distance_m_max",
     "converged_by_s",
     "recovered_within_s",
     "deadline_misses_max",
@@ -258,6 +265,7 @@ fn scenario(
     let silence = silence(root, period_ns)?;
     let (robots, warnings) = robots(root, laws, document)?;
     let graph = graph(root, &robots)?;
+    let lead = lead(root, &robots)?;
     let faults = faults(root, &robots, duration_ns)?;
     let expect = expect(root, duration_ns)?;
     let mut scenario = Scenario {
@@ -273,6 +281,7 @@ fn scenario(
         silence,
         robots,
         graph,
+        lead,
         faults,
         expect,
     };
@@ -402,7 +411,15 @@ fn robots(
             ));
         }
         let table = table.named(&format!("robot.{name_text}"), &format!("robot {name_text}"));
-        robots.push(robot(&table, defaults.as_ref(), name_text, laws, document)?);
+        let robot = robot(&table, defaults.as_ref(), name_text, laws, document)?;
+        let leads = |other: &&Robot| other.role == Role::Leader;
+        if let (Role::Leader, Some(first)) = (robot.role, robots.iter().find(leads)) {
+            return Err(name.wrong(
+                format!("is \"{name_text}\", a second leader beside {}", first.name),
+                "expected one main leader; others keep their place to it with a formation law",
+            ));
+        }
+        robots.push(robot);
     }
     let unused = |(key, span): (&str, Range<usize>)| {
         let owner = laws.iter().find(|law| law.gains.contains(&key))?;
@@ -489,6 +506,7 @@ fn robot(
         front_point_m,
         wheels,
         law: law.name.to_owned(),
+        role: law.role,
         gains,
         restart: restart(table, defaults)?,
     })
@@ -585,12 +603,137 @@ fn graph(root: &Table<'_>, robots: &[Robot]) -> Result<FormationGraph, Diagnosti
                 "expected one edge for a pair and direction",
             ));
         }
-        let offset = table
-            .need("offset_m", "where to stand as seen from the robot heard: [x, y], in meters")?;
-        let [x, y] = offset.pair("m")?;
+        let hearer = &robots[ends.1];
+        let [x, y] = match (hearer.role, table.get("offset_m")) {
+            (Role::Leader, _) => {
+                return Err(to.wrong(
+                    format!("is \"{}\", the leader", hearer.name),
+                    "expected another robot: a leader goes by its trajectory and hears nobody",
+                ));
+            }
+            (Role::Formation, Some(offset)) => offset.pair("m")?,
+            (Role::Formation, None) => {
+                let expected = "where to stand as seen from the robot heard: [x, y], in meters";
+                return Err(table.missing("offset_m", expected));
+            }
+            (Role::Contained, None) => [0.0, 0.0],
+            (Role::Contained, Some(offset)) => {
+                return Err(offset.wrong(
+                    format!("is given, but {} is contained: its law knows no offsets", hearer.name),
+                    "expected no `offset_m` here, or a formation law for that robot",
+                ));
+            }
+        };
         edges.push(Edge { from: ends.0, to: ends.1, offset_m: Vec2::new(x, y) });
     }
     Ok(FormationGraph::new(robots.len(), edges))
+}
+
+/// `[trajectory]` and `[scale]`: there if and only if somebody leads.
+fn lead(root: &Table<'_>, robots: &[Robot]) -> Result<Option<LeadBrief>, Diagnostic> {
+    let leader = robots.iter().find(|robot| robot.role == Role::Leader);
+    let (Some(trajectory_value), scale_value) = (root.get("trajectory"), root.get("scale")) else {
+        return match (leader, root.get("scale")) {
+            (Some(leader), _) => {
+                let expected = format!("where {} leads: a table with `kind`", leader.name);
+                Err(root.missing("trajectory", &expected))
+            }
+            (None, Some(scale)) => {
+                Err(scale
+                    .wrong("is given, but nobody leads", "expected a robot with a leader's law"))
+            }
+            (None, None) => Ok(None),
+        };
+    };
+    if leader.is_none() {
+        return Err(trajectory_value
+            .wrong("is given, but nobody leads", "expected a robot with a leader's law"));
+    }
+    let trajectory = trajectory(&trajectory_value)?;
+    let scale = scale_value.as_ref().map_or(Ok(Scale::ONE), scale)?;
+    Ok(Some(LeadBrief { scale, trajectory }))
+}
+
+/// m(t).
+fn trajectory(value: &Value<'_>) -> Result<Trajectory, Diagnostic> {
+    const KEYS: &[&str] = &[
+        "kind",
+        "center_m",
+        "velocity_m_s",
+        "radius_m",
+        "radii_m",
+        "cycles",
+        "phase_rad",
+        "period_s",
+    ];
+    #[derive(Clone, Copy)]
+    enum Kind {
+        Still,
+        Line,
+        Circle,
+        Quadrifolium,
+        Lissajous,
+    }
+    let kinds = [
+        ("still", Kind::Still, &["center_m"][..]),
+        ("line", Kind::Line, &["center_m", "velocity_m_s"]),
+        ("circle", Kind::Circle, &["center_m", "radius_m", "period_s"]),
+        ("quadrifolium", Kind::Quadrifolium, &["center_m", "radius_m", "period_s"]),
+        ("lissajous", Kind::Lissajous, &["center_m", "radii_m", "cycles", "phase_rad", "period_s"]),
+    ];
+    let words = kinds.map(|(word, kind, _)| (word, kind));
+    let table = value.table(KEYS)?;
+    let kind_value = table.need("kind", "\"still\", \"line\", \"circle\", ...")?;
+    let kind = kind_value.word(&words)?;
+    let (word, _, keys) = kinds[kind as usize];
+    table.only(&[&["kind"], keys].concat())?;
+    let expected = format!("a key of the trajectory \"{word}\"");
+    let need = |key: &str| table.need(key, &expected);
+    let center_m = table.get("center_m").map_or(Ok([0.0, 0.0]), |center| center.pair("m"))?;
+    let radius = || need("radius_m")?.positive("m");
+    let period = || need("period_s")?.positive("s");
+    Ok(match kind {
+        Kind::Still => Trajectory::Still { center_m },
+        Kind::Line => {
+            Trajectory::Line { center_m, velocity_m_s: need("velocity_m_s")?.pair("m/s")? }
+        }
+        Kind::Circle => Trajectory::Circle { center_m, radius_m: radius()?, period_s: period()? },
+        Kind::Quadrifolium => {
+            Trajectory::Quadrifolium { center_m, radius_m: radius()?, period_s: period()? }
+        }
+        Kind::Lissajous => {
+            let cycles = need("cycles")?;
+            let whole = cycles.pair("cycles per period")?.map(|n| n as u32);
+            if cycles.pair("")? != whole.map(f64::from) || whole.contains(&0) {
+                return Err(cycles.wrong("are no cycles", "expected two whole numbers above 0"));
+            }
+            Trajectory::Lissajous {
+                center_m,
+                radii_m: need("radii_m")?.pair("m")?,
+                cycles: whole,
+                phase_rad: table.get("phase_rad").map_or(Ok(0.0), |phase| phase.number("rad"))?,
+                period_s: period()?,
+            }
+        }
+    })
+}
+
+/// delta(t), which must stay above 0.
+fn scale(value: &Value<'_>) -> Result<Scale, Diagnostic> {
+    let table = value.table(&["mean", "amplitude", "period_s"])?;
+    let mean = table.get("mean").map_or(Ok(1.0), |mean| mean.positive(""))?;
+    let Some(amplitude) = table.get("amplitude") else {
+        return Ok(Scale { mean, ..Scale::ONE });
+    };
+    let swing = amplitude.not_negative("")?;
+    if swing >= mean {
+        return Err(amplitude.wrong(
+            format!("is {swing}: the formation would shrink to a point"),
+            format!("expected less than `mean`, {mean}"),
+        ));
+    }
+    let period_s = table.need("period_s", "length of a swing, in seconds")?.positive("s")?;
+    Ok(Scale { mean, amplitude: swing, period_s })
 }
 
 /// All `[[fault]]`, in order of time.
@@ -659,6 +802,7 @@ fn expect(root: &Table<'_>, duration_ns: u64) -> Result<Expectations, Diagnostic
     Ok(Expectations {
         min_distance_m: positive("min_distance_m", "m")?,
         final_error_m_max: positive("final_error_m_max", "m")?,
+        hull_distance_m_max: get("hull_distance_m_max").map(|v| v.not_negative("m")).transpose()?,
         converged_by_s,
         recovered_within_s: positive("recovered_within_s", "s")?,
         deadline_misses_max: get("deadline_misses_max")

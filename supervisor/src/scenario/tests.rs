@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use protocol::brief::AvoidanceKind;
-use protocol::law::LawDescription;
+use protocol::law::{LawDescription, Role};
 
 use super::diagnostic::{Diagnostic, Severity};
 use super::read::{Overrides, read, read_text};
@@ -12,8 +12,18 @@ use super::{FaultKind, RestartWhen, Scenario};
 use crate::check;
 
 const LAWS: &[LawDescription] = &[
-    LawDescription { name: "formation-unit", source: "(18)", gains: &["speed_m_s"] },
-    LawDescription { name: "formation", source: "(28)", gains: &["gain_formation_per_s"] },
+    LawDescription {
+        role: Role::Formation,
+        name: "formation-unit",
+        source: "(18)",
+        gains: &["speed_m_s"],
+    },
+    LawDescription {
+        role: Role::Formation,
+        name: "formation",
+        source: "(28)",
+        gains: &["gain_formation_per_s"],
+    },
 ];
 
 fn scenarios() -> PathBuf {

@@ -1,0 +1,29 @@
+//! The main leader tracks m(t) with bounded effort. (28)
+//!
+//! gamma = -k_m tanh(alpha - m) + m'.
+
+use formation::Vec2;
+use protocol::law::{LawDescription, Role};
+
+use super::{Gains, Law, LawRow, Situation, tanh};
+
+pub(super) const ROW: LawRow = LawRow {
+    description: LawDescription {
+        name: "leader-tanh",
+        role: Role::Leader,
+        source: "(28)",
+        gains: &["k_m_m_s"],
+    },
+    build: |gains: &Gains<'_>| Box::new(LeaderTanh { k_m: gains.get("k_m_m_s") }),
+};
+
+struct LeaderTanh {
+    /// Largest correction along each axis, m/s. In paper.
+    k_m: f64,
+}
+
+impl Law for LeaderTanh {
+    fn gamma(&self, situation: &Situation) -> Vec2 {
+        -self.k_m * tanh(situation.error) + situation.desired_velocity // (28)
+    }
+}

@@ -176,7 +176,7 @@ impl Agent {
                 let answer = self.brain.answer(&odometry, clock::now_ns());
                 let sent_ns = clock::now_ns();
                 self.ports.send(&answer, sent_ns)?;
-                self.deadline_misses += u64::from(sent_ns > wake.next_due_ns);
+                self.deadline_misses += sent_ns.saturating_sub(wake.due_ns) / period_ns;
                 changed = answer.contacts_changed;
             } else if last_odometry.elapsed() > PLANT_SILENCE_MAX {
                 return Err(FlightError::PlantSilent);
@@ -211,7 +211,7 @@ impl Agent {
 /// What the process does: named, logging, and with an exit code that tells.
 pub fn main(brief_path: &Path, incarnation: u64) -> u8 {
     process::set_name("phalanx-agent");
-    process::log_to_stderr_as_json();
+    process::log_to_stderr();
     match run(brief_path, incarnation) {
         Ok(()) => process::exit::OK,
         Err(error) => {

@@ -13,6 +13,8 @@ pub struct Neighborhood {
     silence: SilenceBrief,
     /// The freshest leader's frame that anybody passed on, and its stamp, ns.
     frame: Option<(u64, LeaderFrame)>,
+    /// Stamp of the first sample, ns: silence counts from there.
+    first_ns: Option<u64>,
 }
 
 struct Neighbor {
@@ -52,7 +54,7 @@ impl Neighborhood {
                 since_t_ns: 0,
             })
             .collect();
-        Neighborhood { neighbors, silence, frame: None }
+        Neighborhood { neighbors, silence, frame: None, first_ns: None }
     }
 
     /// Takes a beacon of the neighbour at `place` (in the brief's order).
@@ -86,8 +88,12 @@ impl Neighborhood {
     /// Judges everybody's silence as of an odometry sample; whether any contact changed.
     pub fn judge(&mut self, tick: u64, t_ns: u64, stamp_ns: u64) -> bool {
         let mut changed = false;
+        let first_ns = *self.first_ns.get_or_insert(stamp_ns);
         for neighbor in &mut self.neighbors {
             let contact = match &neighbor.newest {
+                None if stamp_ns.saturating_sub(first_ns) > self.silence.lost_after_ns => {
+                    Contact::Lost
+                }
                 None => Contact::Unheard,
                 Some(beacon) => match stamp_ns.saturating_sub(beacon.stamp_ns) {
                     age if age > self.silence.lost_after_ns => Contact::Lost,
@@ -190,11 +196,13 @@ mod tests {
         hood.hear(0, &beacon(0, 100, 1.0), 100).unwrap();
         for (stamp, contact) in [(100, 1), (130, 1), (131, 2), (300, 2), (301, 3)] {
             hood.judge(stamp, stamp, stamp);
-            assert_eq!(contacts(&hood), [contact, 0], "at {stamp}");
+            // b was never heard, and is given up as soon as if it had fallen silent at the start.
+            let b = if stamp > 300 { Contact::Lost } else { Contact::Unheard };
+            assert_eq!(contacts(&hood), [contact, b as u64], "at {stamp}");
         }
         hood.hear(0, &beacon(1, 290, 1.0), 301).unwrap();
         assert!(hood.judge(302, 302, 302));
-        assert_eq!(contacts(&hood), [1, 0]);
+        assert_eq!(contacts(&hood), [1, 3]);
     }
 
     #[test]

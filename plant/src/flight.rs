@@ -126,6 +126,9 @@ impl Plant {
             if tick.is_multiple_of(ATTENTION_EVERY) {
                 barrier.attention();
             }
+            if self.stop.requested() {
+                return Ok(());
+            }
             let resumed = !barrier.pause_due(tick) || barrier.pause(tick, PAUSE_MAX);
             let in_lead = barrier.wait_lead(tick, LEAD_MAX, LEAD_WAIT_MAX);
             if self.stop.requested() {
@@ -151,6 +154,9 @@ impl Plant {
         }
         barrier.begin(tick);
         if let Err(silent) = barrier.wait_arrivals(tick, ANSWER_MAX) {
+            if self.stop.requested() {
+                return Ok(()); // they were told to stop as well
+            }
             return Err(FlightError::Silent { tick, robots: self.names(silent.into_iter()) });
         }
         for robot in barrier.members() {
@@ -164,6 +170,7 @@ impl Plant {
                         break;
                     }
                     // It died in this very tick, by nobody's plan.
+                    None if self.stop.requested() => break,
                     None if barrier.member_since(robot).is_none() => break,
                     None => {
                         let robot = self.brief.robots[robot].name.clone();
@@ -226,7 +233,7 @@ impl Plant {
 /// What the process does: named, logging, and with an exit code that tells.
 pub fn main(brief_path: &Path) -> u8 {
     process::set_name("phalanx-plant");
-    process::log_to_stderr_as_json();
+    process::log_to_stderr();
     match run(brief_path) {
         Ok(()) => process::exit::OK,
         Err(error) => {

@@ -62,6 +62,28 @@ pub struct AvoidanceBrief {
     pub sensing_error_m: f64,
 }
 
+impl AvoidanceBrief {
+    /// d_f, m: the distance from which the guard leads a robot around another, for commands that
+    /// live for `lifetime_s` (H).
+    pub fn deflection_distance_m(&self, lifetime_s: f64) -> f64 {
+        let d = self.distance_min_m;
+        d + (1.5 * self.speed_m_s() * lifetime_s).max(0.05 * d)
+    }
+
+    /// The speed limit, m/s; 0 where there is none and nothing rests on it.
+    fn speed_m_s(&self) -> f64 {
+        if self.speed_max_m_s.is_finite() { self.speed_max_m_s } else { 0.0 }
+    }
+
+    /// Within this radius, m, the guard must know everybody, for a period T and a lifetime H.
+    pub fn sensing_radius_needed_m(&self, period_s: f64, lifetime_s: f64) -> f64 {
+        let v_max = self.speed_m_s();
+        let bounded = self.distance_min_m + 3.0 * v_max * lifetime_s;
+        let deflected = self.deflection_distance_m(lifetime_s) + 4.0 * v_max * period_s;
+        bounded.max(deflected) + 2.0 * self.sensing_error_m
+    }
+}
+
 /// What to do about neighbours that fell silent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

@@ -3,7 +3,7 @@
 //! Must not: decide anything about the run, or touch stdout, which belongs to results.
 
 use std::ffi::CString;
-use std::io;
+use std::io::{self, IsTerminal};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -70,16 +70,17 @@ impl Stop {
     }
 }
 
-/// Logs to stderr, one JSON object a line, panics included. `PHALANX_LOG` names the level.
-pub fn log_to_stderr_as_json() {
+/// Logs to stderr, panics included: one JSON object a line, or plain text where a person reads it.
+/// `PHALANX_LOG` names the level.
+pub fn log_to_stderr() {
     let level = level(std::env::var("PHALANX_LOG").ok().as_deref());
     // Fails only if this process logs already, which then goes on as it was.
-    let _ = tracing_subscriber::fmt()
-        .json()
-        .flatten_event(true)
-        .with_max_level(level)
-        .with_writer(io::stderr)
-        .try_init();
+    let log = tracing_subscriber::fmt().with_max_level(level).with_writer(io::stderr);
+    let _ = if io::stderr().is_terminal() {
+        log.with_target(false).try_init()
+    } else {
+        log.json().flatten_event(true).try_init()
+    };
     std::panic::set_hook(Box::new(|panic| {
         let payload = panic.payload();
         let message = payload

@@ -124,6 +124,17 @@ impl Child {
     }
 }
 
+impl Drop for Child {
+    /// Nobody outlives whoever keeps it: a run that fails half-way leaves no process.
+    fn drop(&mut self) {
+        if self.ended().is_none() {
+            self.kill();
+            // SIGKILL cannot be ignored: this wait is short.
+            let _ = self.process.wait();
+        }
+    }
+}
+
 /// How a process ended, in words.
 pub fn in_words(status: ExitStatus) -> String {
     match (status.code(), status.signal()) {

@@ -4,6 +4,7 @@
 
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use clap::{Args, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -20,6 +21,8 @@ use crate::scenario::Scenario;
 use crate::scenario::diagnostic::Diagnostic;
 use crate::scenario::read::{Overrides, read};
 use crate::summary::{self, Summary};
+
+const MS: u64 = 1_000_000;
 
 /// The supervisor's verbs.
 #[derive(Debug, Subcommand)]
@@ -88,7 +91,7 @@ enum Output {
 /// Does what was asked for; `laws` are those that the agents know.
 pub fn main(verb: &Verb, laws: &[LawDescription]) -> u8 {
     tracing_subscriber::fmt()
-        .with_writer(io::stderr)
+        .with_writer(|| AboveTheBar)
         .with_ansi(in_color())
         .with_target(false)
         .without_time()
@@ -98,6 +101,25 @@ pub fn main(verb: &Verb, laws: &[LawDescription]) -> u8 {
     match verb {
         Verb::Run(args) => run(args, laws),
         Verb::Check(args) => check(args, laws),
+    }
+}
+
+/// The progress bar of the run at hand.
+static BAR: OnceLock<ProgressBar> = OnceLock::new();
+
+/// Standard error, with the progress bar out of the way while something is written.
+struct AboveTheBar;
+
+impl Write for AboveTheBar {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match BAR.get() {
+            Some(bar) => bar.suspend(|| io::stderr().write(bytes)),
+            None => io::stderr().write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        io::stderr().flush()
     }
 }
 
@@ -130,6 +152,8 @@ fn run(args: &RunArgs, laws: &[LawDescription]) -> u8 {
     match fly(&scenario, &text, pace, &args.scenario.scenario, &out) {
         Ok(flown) => {
             let printed = match args.output {
+                // What was wrong was said already; of nothing there is nothing to show.
+                Output::Text if !flown.took_off => exit::OK,
                 Output::Text => print(&format!(
                     "{}\nwritten to {}\n",
                     summary::screen(&flown.summary).trim_end(),
@@ -157,6 +181,7 @@ enum NotFlown {
 }
 
 struct Flown {
+    took_off: bool,
     summary: Summary,
     exit: u8,
 }
@@ -174,9 +199,9 @@ fn fly(
     run_dir.write_scenario(text)?;
     run_dir.write_manifest(&Manifest::collect(scenario, path, pace))?;
     let mut metrics = Metrics::new(scenario, pace);
-    let bar = progress_bar(scenario.duration_ns);
+    let bar = BAR.get_or_init(|| progress_bar(scenario.duration_ns));
     let (outcome, flown) = match Flight::launch(scenario, pace, &mut run_dir, &mut metrics, stop) {
-        Ok(flight) => flight.fly(|t_ns| bar.set_position(t_ns / 1_000_000)),
+        Ok(flight) => flight.fly(|t_ns| show_progress(bar, t_ns)),
         Err(error) => (flight::Outcome::default(), Err(error)),
     };
     bar.finish_and_clear();
@@ -197,17 +222,24 @@ fn fly(
     };
     let summary = Summary::new(scenario, pace, &measures, &outcome, expectations, exit);
     run_dir.finish(&summary)?;
-    Ok(Flown { summary, exit })
+    Ok(Flown { took_off: outcome.truth.is_some(), summary, exit })
 }
 
 fn progress_bar(duration_ns: u64) -> ProgressBar {
     if !io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }
-    let bar = ProgressBar::new(duration_ns / 1_000_000);
-    let style = ProgressStyle::with_template("{wide_bar} {pos}/{len} ms of run time, {elapsed}");
-    bar.set_style(style.expect("a valid template"));
+    let bar = ProgressBar::new(duration_ns / MS);
+    let style = ProgressStyle::with_template("{wide_bar} {msg}").expect("a valid template");
+    bar.set_style(style);
     bar
+}
+
+fn show_progress(bar: &ProgressBar, t_ns: u64) {
+    bar.set_position(t_ns / MS);
+    let seconds = |ms: u64| ms as f64 / 1e3;
+    let whole = bar.length().map_or(0.0, seconds);
+    bar.set_message(format!("{:.1} of {whole} s", seconds(t_ns / MS)));
 }
 
 /// The scenario with its effective text; what is wrong with it is printed.

@@ -507,7 +507,7 @@ impl<'a> Flight<'a> {
         let recent = robot.unplanned_restarts_ns.len() as u32;
         let returns = wanted && recent < policy.restarts_max;
         let starting_up = self.outcome.truth.is_none();
-        let gave_up = !wanted && status.code().is_some_and(|code| code != 0);
+        let gave_up = !returns && status.code().is_some_and(|code| code != 0);
         if gave_up || starting_up && !returns {
             let log = child::last_lines(&robot.log, LOG_LINES);
             return Err(FlightError::AgentDied { robot: robot.name.clone(), how, log });
@@ -527,12 +527,11 @@ impl<'a> Flight<'a> {
             let fault = self.faults;
             self.faults += 1;
             let what = format!("death of {} ({how})", robot.name);
-            robot.fault = returns.then_some(fault);
-            let began_ns = self.all_seen_alive_ns;
-            self.metrics.fault_began(fault, what, Some(i), began_ns);
-            if !returns {
-                self.metrics.fault_ended(fault, began_ns);
-            }
+            robot.fault = Some(fault);
+            self.metrics.fault_began(fault, what, Some(i), self.all_seen_alive_ns);
+        }
+        if !returns && let Some(fault) = robot.fault.take() {
+            self.metrics.fault_ended(fault, self.all_seen_alive_ns);
         }
         self.set_next_pause();
         Ok(())
@@ -566,6 +565,7 @@ impl<'a> Flight<'a> {
                 robot.restart_at_ns = None;
                 robot.incarnation += 1;
                 robot.start()?;
+                self.last_news = Instant::now();
                 self.outcome.restarts[i] += 1;
                 let detail = format!("incarnation {}", robot.incarnation);
                 self.run_dir.event(now_ns, "restart", &robot.name, &detail)?;
@@ -592,6 +592,9 @@ impl<'a> Flight<'a> {
         robot.restart_at_ns = kill.restart_after_ns.map(|after_ns| kill.at_ns + after_ns);
         let what = format!("kill {}", robot.name);
         self.run_dir.event(now_ns, "kill", &robot.name, "SIGKILL, as planned")?;
+        if let Some(earlier) = robot.fault.take() {
+            self.metrics.fault_ended(earlier, now_ns);
+        }
         self.metrics.fault_began(kill.fault, what, Some(kill.robot), now_ns);
         if kill.restart_after_ns.is_some() {
             robot.fault = Some(kill.fault);
@@ -630,7 +633,8 @@ impl<'a> Flight<'a> {
                 return Err(FlightError::NotReady { robot: robot.name.clone(), log });
             }
         }
-        if !self.plant_stands() && self.last_news.elapsed() > TRUTH_SILENCE_MAX {
+        let paused = self.barrier.as_ref().is_some_and(|barrier| barrier.paused().is_some());
+        if !paused && self.last_news.elapsed() > TRUTH_SILENCE_MAX {
             return Err(FlightError::PlantSilent);
         }
         Ok(())
@@ -649,7 +653,10 @@ impl<'a> Flight<'a> {
         while self.children().any(|child| child.ended().is_none()) {
             if !killed && asked.elapsed() > GRACE {
                 killed = true;
-                for child in self.children() {
+                for child in self.children().filter_map(|child| match child.ended() {
+                    None => Some(child),
+                    Some(_) => None,
+                }) {
                     tracing::warn!(pid = child.pid(), "did not end when asked; killed");
                     child.kill();
                 }
@@ -661,9 +668,10 @@ impl<'a> Flight<'a> {
         }
     }
 
+    /// All children, the plant first: it waits for the robots, and they for nobody.
     fn children(&mut self) -> impl Iterator<Item = &mut Child> {
         let robots = self.robots.iter_mut().filter_map(|robot| robot.seat.child_mut());
-        robots.chain([&mut self.plant])
+        [&mut self.plant].into_iter().chain(robots)
     }
 }
 

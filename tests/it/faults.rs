@@ -124,6 +124,40 @@ fn a_robot_that_is_stopped_from_outside_in_lockstep_is_named_and_the_run_ends_wi
 }
 
 #[test]
+fn a_robot_that_keeps_giving_up_ends_the_run_with_4() {
+    let mut running = run("triangle").lockstep().set("period_s=0.0001").start();
+    running.wait_for_event("contact");
+    // Its replacements find a brief that is none.
+    std::fs::write(running.run_dir().join("briefs/r2.toml"), "no brief").unwrap();
+    let (pid, _) =
+        running.wait_for("r2", |run| run.children().into_iter().find(|(_, name)| name == "r2"));
+    signal_pid(pid, Signal::KILL);
+    let ended = running.finish();
+    ended.exits_with(4).leaves_nothing();
+    ended.claim(ended.stderr.contains("r2 died (exit code 4) and is not restarted"), "it is named");
+    ended.claim(ended.stderr.contains("not a brief"), "and why it gave up");
+}
+
+#[test]
+fn a_robot_stopped_in_real_time_misses_deadlines_and_is_counted() {
+    let mut running = run("triangle").set("duration_s=3").set("expect={}").start();
+    running.wait_for_event("contact");
+    let (pid, _) =
+        running.wait_for("r2", |run| run.children().into_iter().find(|(_, name)| name == "r2"));
+    signal_pid(pid, Signal::STOP);
+    running.wait_for("lost", |run| {
+        let events = std::fs::read_to_string(run.run_dir().join("events.csv")).ok()?;
+        events.contains("lost r2").then_some(())
+    });
+    signal_pid(pid, Signal::CONT);
+    let ended = running.finish();
+    ended.exits_with(0).leaves_nothing();
+    // At least 100 ms without an answer, at a period of 5 ms.
+    ended.claim(ended.number("/deadline_misses") >= 15.0, "the missed periods are counted");
+    ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
+}
+
+#[test]
 fn in_real_time_kills_by_plan_and_by_hand_are_survived_alike() {
     let mut planned = killed_on_the_way("triangle").set("expect.converged_by_s=12").start();
     let mut by_hand = run("triangle").set("duration_s=16").start();

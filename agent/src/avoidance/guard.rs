@@ -83,7 +83,6 @@ impl Guard {
         let (d, v_max) = (avoidance.distance_min_m, avoidance.speed_max_m_s);
         let period = brief.period_ns as f64 / 1e9;
         let lifetime = brief.command_lifetime_ns as f64 / 1e9;
-        let d_f = deflection_distance(d, v_max, lifetime);
         let phase = (GOLDEN * brief.index as f64).fract();
         Guard {
             d,
@@ -93,8 +92,8 @@ impl Guard {
             lifetime,
             lifetime_ns: brief.command_lifetime_ns,
             sensing_error: avoidance.sensing_error_m,
-            d_f,
-            radius_needed: (d + 3.0 * v_max * lifetime).max(d_f + 4.0 * v_max * period),
+            d_f: avoidance.deflection_distance_m(lifetime),
+            radius_needed: avoidance.sensing_radius_needed_m(period, lifetime),
             dither_period: DITHER_PERIOD_S * (1.0 + 4.0 * phase / 3.0),
             dither_phase: phase,
             alive: VecDeque::new(),
@@ -243,11 +242,6 @@ impl Guard {
             }));
         }
     }
-}
-
-/// d_f, m: the distance from which the deflection leads a robot around another.
-pub fn deflection_distance(d: f64, v_max: f64, lifetime_s: f64) -> f64 {
-    d + (1.5 * v_max * lifetime_s).max(0.05 * d)
 }
 
 /// `vector`, shortened to `length_max` if it is longer.

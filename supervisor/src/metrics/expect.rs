@@ -45,6 +45,8 @@ pub fn evaluate(
     let recoveries = measures.faults.iter().map(|fault| fault.recovered_after_s);
     let slowest =
         recoveries.collect::<Option<Vec<f64>>>().map(|all| all.into_iter().fold(0.0, f64::max));
+    // Without a fault there is nothing that could recover, and a typing error in the timeline.
+    let slowest = slowest.filter(|_| !measures.faults.is_empty());
     ask("recovered_within_s", expect.recovered_within_s, slowest, at_most);
     let misses_max = expect.deadline_misses_max.filter(|_| pace == Pace::Realtime);
     let misses = Some(deadline_misses as f64);
@@ -93,7 +95,7 @@ mod tests {
             ("min_distance_m", true),
             ("final_error_m_max", false),
             ("converged_by_s", false),
-            ("recovered_within_s", true),
+            ("recovered_within_s", false),
         ];
         assert_eq!(held(Pace::Lockstep), [&in_both[..], &[("exit", true)]].concat());
         let in_real_time = [("deadline_misses_max", false), ("exit", true)];

@@ -266,7 +266,11 @@ impl Metrics {
             final_error_m_max: final_errors.reduce(f64::max),
             hull_distance_m_max_final: self.hull_distance_m_max_final,
             converged_at_s: self.converged_since_ns.map(seconds),
-            trajectory_hash: self.hash.as_ref().map(TrajectoryHash::finish),
+            trajectory_hash: self
+                .hash
+                .as_ref()
+                .filter(|_| self.truths > 0)
+                .map(TrajectoryHash::finish),
             truths_lost: self.truths_lost,
             faults: self.faults.iter().map(FaultWindow::report).collect(),
         }

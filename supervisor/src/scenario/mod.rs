@@ -203,17 +203,14 @@ impl Scenario {
     /// d_f = d + max(1.5 v_max H, 0.05 d), m: robots nearer than this are steered around each
     /// other. Without a speed limit, v_max counts as 0.
     pub fn deflection_distance_m(&self) -> f64 {
-        let d = self.avoidance.distance_min_m;
-        d + (1.5 * self.speed_max_or_zero() * self.command_lifetime_s_max()).max(0.05 * d)
+        self.avoidance.deflection_distance_m(self.command_lifetime_s_max())
     }
 
     /// max(d + 3 v_max H, d_f + 4 v_max T) and twice the sensing error, m: nobody farther away
     /// than this can matter.
     pub fn sensing_radius_needed_m(&self) -> f64 {
-        let v_max = self.speed_max_or_zero();
-        let near = self.avoidance.distance_min_m + 3.0 * v_max * self.command_lifetime_s_max();
-        let around = self.deflection_distance_m() + 4.0 * v_max * seconds(self.period_ns);
-        near.max(around) + 2.0 * self.avoidance.sensing_error_m
+        let period_s = seconds(self.period_ns);
+        self.avoidance.sensing_radius_needed_m(period_s, self.command_lifetime_s_max())
     }
 
     /// min(d/4, ell/2) / H, m/s: above this speed limit the guard brakes more than it helps.
@@ -224,11 +221,6 @@ impl Scenario {
 
     fn command_lifetime_s_max(&self) -> f64 {
         seconds(self.command_lifetime_ns_max())
-    }
-
-    fn speed_max_or_zero(&self) -> f64 {
-        let v_max = self.avoidance.speed_max_m_s;
-        if v_max.is_finite() { v_max } else { 0.0 }
     }
 }
 

@@ -519,7 +519,16 @@ fn robot_name<'t>(value: &Value<'t>) -> Result<&'t str, Diagnostic> {
     let sound = name.starts_with(|c: char| c.is_ascii_alphabetic())
         && name.len() <= 31
         && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_');
-    if sound { Ok(name) } else { Err(value.wrong(format!("is \"{name}\""), expected)) }
+    if !sound {
+        return Err(value.wrong(format!("is \"{name}\""), expected));
+    }
+    if name == "plant" || name == "supervisor" {
+        return Err(value.wrong(
+            format!("is \"{name}\", which is a process of every run already"),
+            "expected another name",
+        ));
+    }
+    Ok(name)
 }
 
 /// A start pose.
@@ -763,12 +772,12 @@ fn faults(root: &Table<'_>, robots: &[Robot], duration_ns: u64) -> Result<Vec<Fa
         let name = &robots[robot].name;
         let at_s = seconds(fault.at_ns);
         match dead_until[robot] {
-            Some(back_ns) if back_ns <= fault.at_ns => {}
+            Some(back_ns) if back_ns < fault.at_ns || back_ns == 0 => {}
             Some(back_ns) => {
                 return Err(at.wrong(
                     format!("is {at_s}, when {name} is dead already"),
                     format!(
-                        "expected {} s or later, when {name} is started again",
+                        "expected more than {} s, when {name} is started again",
                         seconds(back_ns)
                     ),
                 ));

@@ -349,13 +349,17 @@ pub fn report(scenario: &Scenario) -> String {
         let heard: Vec<String> = scenario
             .graph
             .heard_by(i)
-            .map(|e| {
-                format!("{} at ({:.3}, {:.3}) m", robots[e.from].name, e.offset_m.x, e.offset_m.y)
+            .map(|e| match robot.role {
+                Role::Contained => robots[e.from].name.clone(),
+                Role::Leader | Role::Formation => {
+                    let (name, at) = (&robots[e.from].name, e.offset_m);
+                    format!("{name} at ({:.3}, {:.3}) m", at.x, at.y)
+                }
             })
             .collect();
         let label = if i == 0 { "who hears whom" } else { "" };
         let heard = if heard.is_empty() { "nobody".to_owned() } else { heard.join(", ") };
-        line(label, format!("{} hears {heard}", robot.name));
+        line(label, format!("{}, {}, hears {heard}", robot.name, robot.role.word()));
     }
     let reached = reachability(&scenario.graph);
     let roots: Vec<&str> = (0..robots.len())
@@ -384,6 +388,9 @@ pub fn report(scenario: &Scenario) -> String {
         "",
         match settled_shape(scenario) {
             Some((_, closest)) => format!("{} in the final shape", pair(closest)),
+            None if !scenario.contained().is_empty() => {
+                "no final shape: some robots are contained, and have no place of their own".into()
+            }
             None => "no final shape: offsets do not agree".to_owned(),
         },
     );

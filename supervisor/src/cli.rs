@@ -230,7 +230,8 @@ fn progress_bar(duration_ns: u64) -> ProgressBar {
         return ProgressBar::hidden();
     }
     let bar = ProgressBar::new(duration_ns / MS);
-    let style = ProgressStyle::with_template("{wide_bar} {msg}").expect("a valid template");
+    // Not as wide as the screen: the echo of a Ctrl-C would break the line.
+    let style = ProgressStyle::with_template("{bar:50} {msg}").expect("a valid template");
     bar.set_style(style);
     bar
 }

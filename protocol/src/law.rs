@@ -14,17 +14,6 @@ pub enum Role {
     Contained,
 }
 
-impl Role {
-    /// The word for it in messages.
-    pub fn word(self) -> &'static str {
-        match self {
-            Role::Leader => "leader",
-            Role::Formation => "formation robot",
-            Role::Contained => "contained robot",
-        }
-    }
-}
-
 /// A law's name in scenario files and the gains it needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LawDescription {

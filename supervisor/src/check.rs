@@ -359,7 +359,18 @@ pub fn report(scenario: &Scenario) -> String {
             .collect();
         let label = if i == 0 { "who hears whom" } else { "" };
         let heard = if heard.is_empty() { "nobody".to_owned() } else { heard.join(", ") };
-        line(label, format!("{}, {}, hears {heard}", robot.name, robot.role.word()));
+        line(label, format!("{} hears {heard}", robot.name));
+    }
+    for (label, role) in [
+        ("leads", Role::Leader),
+        ("keep a place", Role::Formation),
+        ("are contained", Role::Contained),
+    ] {
+        let names = robots.iter().filter(|robot| robot.role == role);
+        let names: Vec<&str> = names.map(|robot| robot.name.as_str()).collect();
+        if !names.is_empty() {
+            line(label, names.join(", "));
+        }
     }
     let reached = reachability(&scenario.graph);
     let roots: Vec<&str> = (0..robots.len())

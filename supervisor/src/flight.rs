@@ -5,7 +5,6 @@
 //! lockstep the plant pauses at the exact tick of each fault until every seat is at rest.
 
 use std::io;
-use std::path::PathBuf;
 use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
@@ -23,8 +22,9 @@ use crate::briefs;
 use crate::child::{self, Child, Role, SpawnError};
 use crate::cleanup::Cleaner;
 use crate::metrics::Metrics;
+use crate::robot::{AfterDeath, Robot, Seat, start_order};
 use crate::run_dir::{RunDir, RunDirError};
-use crate::scenario::{FaultKind, RestartWhen, Scenario};
+use crate::scenario::{FaultKind, Scenario};
 
 /// Every robot must be ready within this, at the start and at a restart.
 const READY_MAX: Duration = Duration::from_secs(10);
@@ -91,67 +91,6 @@ pub enum FlightError {
     /// The plant lives, and says nothing.
     #[error("the plant sent no truth for {} s", TRUTH_SILENCE_MAX.as_secs())]
     PlantSilent,
-}
-
-/// Where a robot's process is in its life.
-#[derive(Debug)]
-enum Seat {
-    /// Started; its first status is awaited.
-    Starting { child: Child, since: Instant },
-    /// Taking part.
-    Flying { child: Child },
-    /// Killed on purpose; its end is awaited.
-    Ending { child: Child },
-    /// Dead and reaped; the clean-up is at work.
-    Cleaning,
-    /// Dead and cleaned up.
-    Down,
-}
-
-/// One robot as the supervisor keeps it.
-struct Robot {
-    name: String,
-    brief: PathBuf,
-    log: PathBuf,
-    seat: Seat,
-    incarnation: u64,
-    /// Run time at which a replacement is due, ns.
-    restart_at_ns: Option<u64>,
-    /// Run times of restarts nobody planned, ns.
-    unplanned_restarts_ns: Vec<u64>,
-    /// The fault that its present death, or its replacement's start, belongs to.
-    fault: Option<usize>,
-    status: Subscriber<[NeighborStatus], StatusHeader>,
-    /// How it last said it hears each robot.
-    contacts: Vec<Contact>,
-    /// Deadline misses of earlier incarnations, and of this one so far.
-    misses_before: u64,
-    misses: u64,
-}
-
-impl Robot {
-    /// Starts its process.
-    fn start(&mut self) -> Result<(), SpawnError> {
-        let role = Role::Agent { incarnation: self.incarnation };
-        let child = Child::spawn(role, &self.brief, &self.log)?;
-        self.seat = Seat::Starting { child, since: Instant::now() };
-        Ok(())
-    }
-}
-
-/// The order in which the first processes are started, drawn from the seed: no result may lean
-/// on it. (Fisher and Yates, with xorshift64*.)
-fn start_order(seed: u64, robots: usize) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..robots).collect();
-    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
-    for last in (1..robots).rev() {
-        state ^= state >> 12;
-        state ^= state << 25;
-        state ^= state >> 27;
-        let draw = state.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33;
-        order.swap(last, draw as usize % (last + 1));
-    }
-    order
 }
 
 /// A kill that the scenario plans and that has not happened yet.
@@ -272,20 +211,10 @@ impl<'a> Flight<'a> {
         let mut robots = Vec::new();
         for (i, robot) in scenario.robots.iter().enumerate() {
             let brief = briefs::agent(scenario, i, pace, run_root.path());
-            robots.push(Robot {
-                name: robot.name.clone(),
-                brief: run_dir.write_brief(&robot.name, &brief)?,
-                log: run_dir.log_path(&robot.name),
-                seat: Seat::Down,
-                incarnation: 0,
-                restart_at_ns: None,
-                unplanned_restarts_ns: Vec::new(),
-                fault: None,
-                status: services.status[i].subscriber()?,
-                contacts: vec![Contact::Unheard; scenario.robots.len()],
-                misses_before: 0,
-                misses: 0,
-            });
+            let told = run_dir.write_brief(&robot.name, &brief)?;
+            let log = run_dir.log_path(&robot.name);
+            let status = services.status[i].subscriber()?;
+            robots.push(Robot::new(&robot.name, told, log, status, scenario.robots.len()));
         }
         for i in start_order(scenario.seed, robots.len()) {
             robots[i].start()?;
@@ -496,31 +425,26 @@ impl<'a> Flight<'a> {
         }
         tracing::warn!(robot = robot.name, t_s = t_ns as f64 / 1e9, how, "died unasked");
         let policy = self.scenario.robots[i].restart;
-        let failed = !status.success();
-        let wanted = match policy.when {
-            RestartWhen::Never => false,
-            RestartWhen::OnFailure => failed,
-            RestartWhen::Always => true,
-        };
-        let window_began_ns = t_ns.saturating_sub(policy.window_ns);
-        robot.unplanned_restarts_ns.retain(|&at_ns| at_ns >= window_began_ns);
-        let recent = robot.unplanned_restarts_ns.len() as u32;
-        let returns = wanted && recent < policy.restarts_max;
+        let verdict = policy.after_death(status.success(), robot.recent_restarts(t_ns, &policy));
+        let returns = matches!(verdict, AfterDeath::Return { .. });
         let starting_up = self.outcome.truth.is_none();
-        let gave_up = !returns && status.code().is_some_and(|code| code != 0);
-        if gave_up || starting_up && !returns {
+        let gave_up = status.code().is_some_and(|code| code != 0);
+        if !returns && (gave_up || starting_up) {
             let log = child::last_lines(&robot.log, LOG_LINES);
             return Err(FlightError::AgentDied { robot: robot.name.clone(), how, log });
         }
-        if returns {
-            // The run's clock stands still during the start-up: no use in waiting for it.
-            let grown_ns = policy.delay_ns.saturating_mul(1 << recent.min(32));
-            let delay_ns = if starting_up { 0 } else { grown_ns.min(policy.delay_ns_max) };
-            robot.unplanned_restarts_ns.push(t_ns);
-            robot.restart_at_ns = Some(t_ns + delay_ns);
-        } else if wanted {
-            let detail = format!("{recent} restarts within {} s", policy.window_ns as f64 / 1e9);
-            self.run_dir.event(t_ns, "restart-ceiling", &robot.name, &detail)?;
+        match verdict {
+            AfterDeath::Return { delay_ns } => {
+                // The run's clock stands still during the start-up: no use in waiting for it.
+                let delay_ns = if starting_up { 0 } else { delay_ns };
+                robot.restart_unplanned(t_ns, delay_ns);
+            }
+            AfterDeath::Ceiling => {
+                let (count, window_s) = (policy.restarts_max, policy.window_ns as f64 / 1e9);
+                let detail = format!("{count} restarts within {window_s} s");
+                self.run_dir.event(t_ns, "restart-ceiling", &robot.name, &detail)?;
+            }
+            AfterDeath::StayDead => {}
         }
         // A death on top of a fault that is still going on belongs to that fault.
         if robot.fault.is_none() {
@@ -672,45 +596,6 @@ impl<'a> Flight<'a> {
     fn children(&mut self) -> impl Iterator<Item = &mut Child> {
         let robots = self.robots.iter_mut().filter_map(|robot| robot.seat.child_mut());
         [&mut self.plant].into_iter().chain(robots)
-    }
-}
-
-impl Seat {
-    fn child(&self) -> Option<&Child> {
-        match self {
-            Seat::Starting { child, .. } | Seat::Flying { child } | Seat::Ending { child } => {
-                Some(child)
-            }
-            Seat::Cleaning | Seat::Down => None,
-        }
-    }
-
-    fn child_mut(&mut self) -> Option<&mut Child> {
-        match self {
-            Seat::Starting { child, .. } | Seat::Flying { child } | Seat::Ending { child } => {
-                Some(child)
-            }
-            Seat::Cleaning | Seat::Down => None,
-        }
-    }
-
-    /// Its first status has come.
-    fn has_started(&mut self) {
-        *self = match std::mem::replace(self, Seat::Down) {
-            Seat::Starting { child, .. } => Seat::Flying { child },
-            other => other,
-        };
-    }
-
-    /// It is killed on purpose, if there is anybody to kill.
-    fn is_killed(&mut self) {
-        *self = match std::mem::replace(self, Seat::Down) {
-            Seat::Starting { child, .. } | Seat::Flying { child } | Seat::Ending { child } => {
-                child.kill();
-                Seat::Ending { child }
-            }
-            other => other,
-        };
     }
 }
 

@@ -8,6 +8,7 @@
 //! | `check` | what can be said about it before it flies? |
 //! | `briefs` | what is each process told? |
 //! | `flight` | what happens, in order, from the first process to the last? |
+//! | `robot` | where is a robot's process in its life, and does it come back? |
 //! | `child` | how is a process started, watched and ended? |
 //! | `cleanup` | what did a dead process leave behind? |
 //! | `metrics/` | how far apart, how far off, detected and recovered when? |
@@ -21,6 +22,7 @@ pub mod cleanup;
 pub mod cli;
 pub mod flight;
 pub mod metrics;
+mod robot;
 pub mod run_dir;
 pub mod scenario;
 pub mod summary;

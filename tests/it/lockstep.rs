@@ -119,9 +119,12 @@ fn the_literal_focus_falls_below_d_and_start_c_ends_in_the_known_livelock() {
     }
 }
 
+/// A scenario, its d in m, and for each period what was measured.
+type Measured = (&'static str, f64, [(f64, f64); 5]);
+
 /// Worst error of the last 10 % and smallest distance / d at periods of 1, 2, 5, 10 and 20 ms, as
 /// an independent simulation of the same laws measured them.
-const MEASURED: [(&str, f64, [(f64, f64); 5]); 2] = [
+const MEASURED: [Measured; 2] = [
     (
         "pentagon",
         0.3,

@@ -187,12 +187,12 @@ impl Metrics {
         let t_s = seconds(header.t_ns);
         let frame = self.error.frame(t_s, rows);
         let mut worst: Option<f64> = None;
-        for i in 0..self.alphas.len() {
+        for (i, &alive) in alive.iter().enumerate() {
             let error = self.error.of(i, t_s, &frame, &self.alphas);
             // NaN would disappear in any maximum and pass as converged.
             let error = error.map(|error| if error.is_nan() { f64::INFINITY } else { error });
             self.errors[i] = error;
-            let Some(error) = error.filter(|_| alive[i]) else { continue };
+            let Some(error) = error.filter(|_| alive) else { continue };
             worst = Some(worst.map_or(error, |worst| worst.max(error)));
             if header.t_ns >= self.final_from_ns {
                 let last = &mut self.final_errors_m[i];

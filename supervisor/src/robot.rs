@@ -1,0 +1,218 @@
+//! One robot as the supervisor keeps it: where its process is in its life, and what follows on a
+//! death that nobody planned.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use protocol::message::{Contact, NeighborStatus, StatusHeader};
+use protocol::service::Subscriber;
+
+use crate::child::{Child, Role, SpawnError};
+use crate::scenario::{RestartPolicy, RestartWhen};
+
+/// Where a robot's process is in its life.
+#[derive(Debug)]
+pub(crate) enum Seat {
+    /// Started; its first status is awaited.
+    Starting { child: Child, since: Instant },
+    /// Taking part.
+    Flying { child: Child },
+    /// Killed on purpose; its end is awaited.
+    Ending { child: Child },
+    /// Dead and reaped; the clean-up is at work.
+    Cleaning,
+    /// Dead and cleaned up.
+    Down,
+}
+
+/// One robot as the supervisor keeps it.
+pub(crate) struct Robot {
+    pub(crate) name: String,
+    pub(crate) brief: PathBuf,
+    pub(crate) log: PathBuf,
+    pub(crate) seat: Seat,
+    pub(crate) incarnation: u64,
+    /// Run time at which a replacement is due, ns.
+    pub(crate) restart_at_ns: Option<u64>,
+    /// Run times of restarts nobody planned, ns.
+    unplanned_restarts_ns: Vec<u64>,
+    /// The fault that its present death, or its replacement's start, belongs to.
+    pub(crate) fault: Option<usize>,
+    pub(crate) status: Subscriber<[NeighborStatus], StatusHeader>,
+    /// How it last said it hears each robot.
+    pub(crate) contacts: Vec<Contact>,
+    /// Deadline misses of earlier incarnations, and of this one so far.
+    pub(crate) misses_before: u64,
+    pub(crate) misses: u64,
+}
+
+impl Robot {
+    /// A robot whose process was not started yet.
+    pub(crate) fn new(
+        name: &str,
+        brief: PathBuf,
+        log: PathBuf,
+        status: Subscriber<[NeighborStatus], StatusHeader>,
+        robots: usize,
+    ) -> Robot {
+        Robot {
+            name: name.into(),
+            brief,
+            log,
+            seat: Seat::Down,
+            incarnation: 0,
+            restart_at_ns: None,
+            unplanned_restarts_ns: Vec::new(),
+            fault: None,
+            status,
+            contacts: vec![Contact::Unheard; robots],
+            misses_before: 0,
+            misses: 0,
+        }
+    }
+
+    /// How many restarts nobody planned fall into the policy's window that ends at `t_ns`.
+    pub(crate) fn recent_restarts(&mut self, t_ns: u64, policy: &RestartPolicy) -> u32 {
+        let window_began_ns = t_ns.saturating_sub(policy.window_ns);
+        self.unplanned_restarts_ns.retain(|&at_ns| at_ns >= window_began_ns);
+        self.unplanned_restarts_ns.len() as u32
+    }
+
+    /// Plans the restart after a death at `t_ns` that nobody planned.
+    pub(crate) fn restart_unplanned(&mut self, t_ns: u64, delay_ns: u64) {
+        self.unplanned_restarts_ns.push(t_ns);
+        self.restart_at_ns = Some(t_ns + delay_ns);
+    }
+
+    /// Starts its process.
+    pub(crate) fn start(&mut self) -> Result<(), SpawnError> {
+        let role = Role::Agent { incarnation: self.incarnation };
+        let child = Child::spawn(role, &self.brief, &self.log)?;
+        self.seat = Seat::Starting { child, since: Instant::now() };
+        Ok(())
+    }
+}
+
+/// The order in which the first processes are started, drawn from the seed: no result may lean
+/// on it. (Fisher and Yates, with xorshift64*.)
+pub(crate) fn start_order(seed: u64, robots: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..robots).collect();
+    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+    for last in (1..robots).rev() {
+        state ^= state >> 12;
+        state ^= state << 25;
+        state ^= state >> 27;
+        let draw = state.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33;
+        order.swap(last, draw as usize % (last + 1));
+    }
+    order
+}
+
+impl Seat {
+    pub(crate) fn child(&self) -> Option<&Child> {
+        match self {
+            Seat::Starting { child, .. } | Seat::Flying { child } | Seat::Ending { child } => {
+                Some(child)
+            }
+            Seat::Cleaning | Seat::Down => None,
+        }
+    }
+
+    pub(crate) fn child_mut(&mut self) -> Option<&mut Child> {
+        match self {
+            Seat::Starting { child, .. } | Seat::Flying { child } | Seat::Ending { child } => {
+                Some(child)
+            }
+            Seat::Cleaning | Seat::Down => None,
+        }
+    }
+
+    /// Its first status has come.
+    pub(crate) fn has_started(&mut self) {
+        *self = match std::mem::replace(self, Seat::Down) {
+            Seat::Starting { child, .. } => Seat::Flying { child },
+            other => other,
+        };
+    }
+
+    /// It is killed on purpose, if there is anybody to kill.
+    pub(crate) fn is_killed(&mut self) {
+        *self = match std::mem::replace(self, Seat::Down) {
+            Seat::Starting { child, .. } | Seat::Flying { child } | Seat::Ending { child } => {
+                child.kill();
+                Seat::Ending { child }
+            }
+            other => other,
+        };
+    }
+}
+
+/// What follows on a death that nobody planned.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum AfterDeath {
+    /// A replacement, this long after the death, ns.
+    Return { delay_ns: u64 },
+    /// No replacement, by policy.
+    StayDead,
+    /// No replacement: there were too many within the window.
+    Ceiling,
+}
+
+impl RestartPolicy {
+    /// What follows on a death with or without `success`, after `recent` restarts in the window.
+    pub(crate) fn after_death(&self, success: bool, recent: u32) -> AfterDeath {
+        let wanted = match self.when {
+            RestartWhen::Never => false,
+            RestartWhen::OnFailure => !success,
+            RestartWhen::Always => true,
+        };
+        if !wanted {
+            AfterDeath::StayDead
+        } else if recent >= self.restarts_max {
+            AfterDeath::Ceiling
+        } else {
+            let grown_ns = self.delay_ns.saturating_mul(1 << recent.min(32));
+            AfterDeath::Return { delay_ns: grown_ns.min(self.delay_ns_max) }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn policy(when: RestartWhen) -> RestartPolicy {
+        RestartPolicy { when, delay_ns: 100, delay_ns_max: 350, restarts_max: 3, window_ns: 1000 }
+    }
+
+    #[test]
+    fn the_wait_doubles_up_to_its_limit_and_ends_at_the_ceiling() {
+        let after = |recent| policy(RestartWhen::OnFailure).after_death(false, recent);
+        let waits = [0, 1, 2, 3].map(after);
+        let wait = |delay_ns| AfterDeath::Return { delay_ns };
+        assert_eq!(waits, [wait(100), wait(200), wait(350), AfterDeath::Ceiling]);
+    }
+
+    #[test]
+    fn who_ends_well_returns_only_if_it_always_does() {
+        for (when, success, returns) in [
+            (RestartWhen::Never, false, false),
+            (RestartWhen::OnFailure, true, false),
+            (RestartWhen::OnFailure, false, true),
+            (RestartWhen::Always, true, true),
+        ] {
+            let found = policy(when).after_death(success, 0);
+            assert_eq!(matches!(found, AfterDeath::Return { .. }), returns, "{when:?} {success}");
+        }
+    }
+
+    #[test]
+    fn every_seed_starts_every_robot_once() {
+        for seed in 0..50 {
+            let mut order = start_order(seed, 9);
+            order.sort_unstable();
+            assert_eq!(order, (0..9).collect::<Vec<_>>());
+        }
+        assert_ne!(start_order(1, 9), start_order(2, 9));
+    }
+}

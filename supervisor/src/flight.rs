@@ -410,6 +410,11 @@ impl<'a> Flight<'a> {
     fn bury(&mut self, i: usize, status: ExitStatus) -> Result<(), FlightError> {
         let t_ns = self.now_ns();
         let how = child::in_words(status);
+        // Nobody has moved yet.
+        let starting_up = match &self.barrier {
+            Some(_) => t_ns == 0 && self.plant_stands(),
+            None => self.outcome.truth.is_none(),
+        };
         let robot = &mut self.robots[i];
         robot.misses_before += std::mem::take(&mut robot.misses);
         self.alive[i] = false;
@@ -427,7 +432,6 @@ impl<'a> Flight<'a> {
         let policy = self.scenario.robots[i].restart;
         let verdict = policy.after_death(status.success(), robot.recent_restarts(t_ns, &policy));
         let returns = matches!(verdict, AfterDeath::Return { .. });
-        let starting_up = self.outcome.truth.is_none();
         let gave_up = status.code().is_some_and(|code| code != 0);
         if !returns && (gave_up || starting_up) {
             let log = child::last_lines(&robot.log, LOG_LINES);

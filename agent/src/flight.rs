@@ -13,6 +13,7 @@ use protocol::process::{self, Stop};
 use protocol::run_root::{self, RunRootError};
 
 use crate::brain::{Brain, BrainError};
+use crate::golden_phase;
 use crate::ports::{PortError, Ports};
 
 /// Without a sign of the plant for this long, the agent gives up. Longer than the start-up of a
@@ -22,8 +23,6 @@ const PLANT_SILENCE_MAX: Duration = Duration::from_secs(30);
 const WAIT_MAX: Duration = Duration::from_millis(200);
 /// The supervisor hears from every agent at least this often.
 const STATUS_EVERY: Duration = Duration::from_millis(100);
-/// Fractional part of the golden ratio: spreads the agents' wake-ups evenly over the period.
-const GOLDEN: f64 = 0.618_033_988_7;
 
 /// Why an agent gave up.
 #[derive(Debug, thiserror::Error)]
@@ -159,7 +158,7 @@ impl Agent {
 
     fn fly_in_real_time(mut self) -> Result<(), FlightError> {
         let period_ns = self.brief.period_ns;
-        let phase = (GOLDEN * self.brief.index as f64).fract();
+        let phase = golden_phase(self.brief.index);
         let mut timer = Timer::new(period_ns, (phase * period_ns as f64) as u64);
         let mut last_odometry = Instant::now();
         self.report_if(true)?;

@@ -2,7 +2,7 @@
 //!
 //! An edge points the way information flows: `from` is heard by `to`.
 
-use std::collections::BTreeMap;
+use std::cell::OnceCell;
 
 use crate::Vec2;
 
@@ -62,22 +62,30 @@ impl FormationGraph {
         self.edges.iter().filter(move |e| e.from == robot)
     }
 
-    /// For each robot, whether information from `source` reaches it.
-    pub fn reached_from(&self, source: usize) -> Vec<bool> {
-        let mut reached = vec![false; self.robots];
-        let mut open = vec![source];
-        while let Some(robot) = open.pop() {
-            if !std::mem::replace(&mut reached[robot], true) {
-                open.extend(self.hearers_of(robot).map(|e| e.to));
-            }
+    /// For each robot, which robots its information reaches, itself included.
+    pub fn reachability(&self) -> Vec<Vec<bool>> {
+        let mut hearers = vec![Vec::new(); self.robots];
+        for edge in &self.edges {
+            hearers[edge.from].push(edge.to);
         }
-        reached
+        let from = |source: usize| {
+            let mut reached = vec![false; self.robots];
+            let mut open = vec![source];
+            while let Some(robot) = open.pop() {
+                if !std::mem::replace(&mut reached[robot], true) {
+                    open.extend(hearers[robot].iter().copied().filter(|&next| !reached[next]));
+                }
+            }
+            reached
+        };
+        (0..self.robots).map(from).collect()
     }
 
     /// Robots from which information reaches every other robot. Empty: the formation falls apart
     /// into groups that never agree on where it stands.
     pub fn roots(&self) -> Vec<usize> {
-        (0..self.robots).filter(|&r| self.reached_from(r).iter().all(|&reached| reached)).collect()
+        let reached = self.reachability();
+        (0..self.robots).filter(|&r| reached[r].iter().all(|&yes| yes)).collect()
     }
 
     /// Positions that meet as many offsets as possible (the first robot of each connected part at
@@ -108,12 +116,13 @@ impl FormationGraph {
         let place: Vec<Vec2> =
             place.into_iter().map(|p| p.expect("every robot is placed")).collect();
         let mut open_cycles = Vec::new();
-        let mut reached = BTreeMap::new();
+        let reached = OnceCell::new();
         for (index, edge) in self.edges.iter().enumerate() {
             let gap_m = (place[edge.from] + edge.offset_m - place[edge.to]).norm();
             if gap_m > tolerance_m {
-                let reached = reached.entry(edge.to).or_insert_with(|| self.reached_from(edge.to));
-                open_cycles.push(OpenCycle { edge: index, gap_m, directed: reached[edge.from] });
+                let reached = reached.get_or_init(|| self.reachability());
+                let directed = reached[edge.to][edge.from];
+                open_cycles.push(OpenCycle { edge: index, gap_m, directed });
             }
         }
         (place, open_cycles)

@@ -63,17 +63,12 @@ impl Stop {
     pub fn requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
-
-    /// Asks this process to stop from within.
-    pub fn request(&self) {
-        self.0.store(true, Ordering::Relaxed);
-    }
 }
 
 /// Logs to stderr, panics included: one JSON object a line, or plain text where a person reads it.
 /// `PHALANX_LOG` names the level.
 pub fn log_to_stderr() {
-    let level = level(std::env::var("PHALANX_LOG").ok().as_deref());
+    let level = log_level(Level::INFO);
     // Fails only if this process logs already, which then goes on as it was.
     let log = tracing_subscriber::fmt().with_max_level(level).with_writer(io::stderr);
     let _ = if io::stderr().is_terminal() {
@@ -99,9 +94,13 @@ pub fn quiet_iceoryx2() {
     set_log_level_from_env_or(LogLevel::Error);
 }
 
-/// The level that a value of `PHALANX_LOG` stands for.
-fn level(text: Option<&str>) -> Level {
-    text.and_then(|text| text.parse().ok()).unwrap_or(Level::INFO)
+/// The level that `PHALANX_LOG` names, or `default` if it names none.
+pub fn log_level(default: Level) -> Level {
+    level(std::env::var("PHALANX_LOG").ok().as_deref(), default)
+}
+
+fn level(text: Option<&str>, default: Level) -> Level {
+    text.and_then(|text| text.parse().ok()).unwrap_or(default)
 }
 
 #[cfg(test)]
@@ -118,8 +117,8 @@ mod tests {
 
     #[test]
     fn the_log_level_defaults_to_info() {
-        assert_eq!(level(None), Level::INFO);
-        assert_eq!(level(Some("debug")), Level::DEBUG);
-        assert_eq!(level(Some("loud")), Level::INFO);
+        assert_eq!(level(None, Level::INFO), Level::INFO);
+        assert_eq!(level(Some("debug"), Level::INFO), Level::DEBUG);
+        assert_eq!(level(Some("loud"), Level::INFO), Level::INFO);
     }
 }

@@ -60,7 +60,7 @@ fn finding(
 
 /// Information must flow from some robot to all others.
 fn roots(scenario: &Scenario, findings: &mut Vec<Finding>) {
-    let reached: Vec<Vec<bool>> = reachability(&scenario.graph);
+    let reached = scenario.graph.reachability();
     let n = scenario.robots.len();
     if let Some(leader) = scenario.leader() {
         for (robot, led) in scenario.robots.iter().zip(&reached[leader]) {
@@ -107,31 +107,11 @@ fn roots(scenario: &Scenario, findings: &mut Vec<Finding>) {
     ));
 }
 
-/// For each robot, which robots its information reaches.
-fn reachability(graph: &FormationGraph) -> Vec<Vec<bool>> {
-    let n = graph.robots();
-    let mut hearers = vec![Vec::new(); n];
-    for edge in graph.edges() {
-        hearers[edge.from].push(edge.to);
-    }
-    let from = |source: usize| {
-        let mut reached = vec![false; n];
-        let mut open = vec![source];
-        while let Some(robot) = open.pop() {
-            if !std::mem::replace(&mut reached[robot], true) {
-                open.extend(hearers[robot].iter().copied().filter(|&next| !reached[next]));
-            }
-        }
-        reached
-    };
-    (0..n).map(from).collect()
-}
-
 /// Offsets must close: around a directed cycle the formation would walk away for ever, around
 /// any other the robots settle for a mean that fits no offset.
 fn offsets(scenario: &Scenario, findings: &mut Vec<Finding>) {
     let graph = &scenario.graph;
-    let reached = reachability(graph);
+    let reached = graph.reachability();
     // Edges within groups that hear each other: every cycle among them is made of directed ones.
     let within: Vec<usize> = scenario
         .formation_edges()
@@ -297,8 +277,7 @@ fn final_shape(scenario: &Scenario, findings: &mut Vec<Finding>) {
 /// The shape that the robots settle in, at its smallest, and its closest pair; only if all keep a
 /// place in it and their offsets agree.
 fn settled_shape(scenario: &Scenario) -> Option<(Vec<Vec2>, Option<ClosestPair>)> {
-    let reached = reachability(&scenario.graph);
-    let rooted = reached.iter().any(|row| row.iter().all(|&yes| yes));
+    let rooted = !scenario.graph.roots().is_empty();
     let rigid = scenario.robots.iter().all(|robot| robot.role != Role::Contained);
     let (mut shape, open) = scenario.graph.shape(OFFSET_GAP_M_MAX);
     // At its smallest, where robots come nearest.
@@ -372,11 +351,8 @@ pub fn report(scenario: &Scenario) -> String {
             line(label, names.join(", "));
         }
     }
-    let reached = reachability(&scenario.graph);
-    let roots: Vec<&str> = (0..robots.len())
-        .filter(|&r| reached[r].iter().all(|&yes| yes))
-        .map(|r| robots[r].name.as_str())
-        .collect();
+    let roots: Vec<&str> =
+        scenario.graph.roots().into_iter().map(|r| robots[r].name.as_str()).collect();
     line(
         "roots",
         match roots.len() {

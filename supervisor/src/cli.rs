@@ -10,7 +10,7 @@ use clap::{Args, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use protocol::brief::Pace;
 use protocol::law::LawDescription;
-use protocol::process::{Stop, exit, quiet_iceoryx2};
+use protocol::process::{Stop, exit, log_level, quiet_iceoryx2};
 
 use crate::check;
 use crate::flight::{self, Flight};
@@ -95,7 +95,7 @@ pub fn main(verb: &Verb, laws: &[LawDescription]) -> u8 {
         .with_ansi(in_color())
         .with_target(false)
         .without_time()
-        .with_max_level(log_level())
+        .with_max_level(log_level(tracing::Level::WARN))
         .init();
     quiet_iceoryx2();
     match verb {
@@ -121,11 +121,6 @@ impl Write for AboveTheBar {
     fn flush(&mut self) -> io::Result<()> {
         io::stderr().flush()
     }
-}
-
-fn log_level() -> tracing::Level {
-    let asked = std::env::var("PHALANX_LOG").ok();
-    asked.and_then(|level| level.parse().ok()).unwrap_or(tracing::Level::WARN)
 }
 
 /// Colors only for people who want them: NO_COLOR, and a terminal.

@@ -96,9 +96,8 @@ fn a_full_disk_ends_the_run_with_4_and_keeps_what_was_written() {
 fn without_its_plant_a_run_ends_with_4_and_says_why() {
     let mut running = run("triangle").start();
     running.wait_for("a robot", |run| (!run.children().is_empty()).then_some(()));
-    let plant = running
-        .wait_for("the plant", |run| run.children().into_iter().find(|(_, name)| name == "plant"));
-    crate::harness::signal_pid(plant.0, Signal::KILL);
+    let plant = running.pid_of("plant");
+    crate::harness::signal_pid(plant, Signal::KILL);
     let ended = running.finish();
     ended.exits_with(4).leaves_nothing();
     ended.claim(ended.stderr.contains("the plant died (signal 9)"), "the plant's death is named");

@@ -64,8 +64,7 @@ fn an_unplanned_death_in_lockstep_is_met_by_the_restart_policy() {
     // Slow enough to be hit: half a minute of run time in a few seconds of wall time.
     let mut running = run("triangle").lockstep().set("period_s=0.0001").start();
     running.wait_for_event("contact");
-    let (pid, _) =
-        running.wait_for("r2", |run| run.children().into_iter().find(|(_, name)| name == "r2"));
+    let pid = running.pid_of("r2");
     signal_pid(pid, Signal::KILL);
     let ended = running.finish();
     ended.exits_with(0).leaves_nothing();
@@ -78,8 +77,7 @@ fn a_robot_killed_before_the_clock_starts_is_replaced_and_the_run_is_the_same() 
     let whole = run("triangle").lockstep().finish();
     for _ in 0..5 {
         let mut running = run("triangle").lockstep().start();
-        let (pid, _) =
-            running.wait_for("r2", |run| run.children().into_iter().find(|(_, name)| name == "r2"));
+        let pid = running.pid_of("r2");
         signal_pid(pid, Signal::KILL);
         let ended = running.finish();
         ended.exits_with(0).leaves_nothing();
@@ -99,8 +97,7 @@ fn a_robot_that_keeps_dying_is_given_up_at_the_ceiling_and_the_run_goes_on() {
         .start();
     running.wait_for_event("contact");
     for _ in 0..2 {
-        let (pid, _) =
-            running.wait_for("r2", |run| run.children().into_iter().find(|(_, name)| name == "r2"));
+        let pid = running.pid_of("r2");
         signal_pid(pid, Signal::KILL);
         running.wait_for("its death", |run| {
             run.children().iter().all(|(other, _)| *other != pid).then_some(())
@@ -115,8 +112,7 @@ fn a_robot_that_keeps_dying_is_given_up_at_the_ceiling_and_the_run_goes_on() {
 fn a_robot_that_is_stopped_from_outside_in_lockstep_is_named_and_the_run_ends_with_4() {
     let mut running = run("triangle").lockstep().set("period_s=0.0001").start();
     running.wait_for_event("contact");
-    let (pid, _) =
-        running.wait_for("r2", |run| run.children().into_iter().find(|(_, name)| name == "r2"));
+    let pid = running.pid_of("r2");
     signal_pid(pid, Signal::STOP);
     let ended = running.finish();
     ended.exits_with(4).leaves_nothing();
@@ -129,8 +125,7 @@ fn a_robot_that_keeps_giving_up_ends_the_run_with_4() {
     running.wait_for_event("contact");
     // Its replacements find a brief that is none.
     std::fs::write(running.run_dir().join("briefs/r2.toml"), "no brief").unwrap();
-    let (pid, _) =
-        running.wait_for("r2", |run| run.children().into_iter().find(|(_, name)| name == "r2"));
+    let pid = running.pid_of("r2");
     signal_pid(pid, Signal::KILL);
     let ended = running.finish();
     ended.exits_with(4).leaves_nothing();
@@ -142,8 +137,7 @@ fn a_robot_that_keeps_giving_up_ends_the_run_with_4() {
 fn a_robot_stopped_in_real_time_misses_deadlines_and_is_counted() {
     let mut running = run("triangle").set("duration_s=3").set("expect={}").start();
     running.wait_for_event("contact");
-    let (pid, _) =
-        running.wait_for("r2", |run| run.children().into_iter().find(|(_, name)| name == "r2"));
+    let pid = running.pid_of("r2");
     signal_pid(pid, Signal::STOP);
     running.wait_for("lost", |run| {
         let events = std::fs::read_to_string(run.run_dir().join("events.csv")).ok()?;

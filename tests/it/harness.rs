@@ -127,6 +127,13 @@ impl Running {
         }
     }
 
+    /// Process id of a robot, or of the plant, once it lives.
+    pub fn pid_of(&mut self, name: &str) -> u32 {
+        self.wait_for(name, |run| {
+            run.children().into_iter().find(|(_, other)| other == name).map(|(pid, _)| pid)
+        })
+    }
+
     /// Waits until an event of this kind was written.
     pub fn wait_for_event(&mut self, kind: &str) {
         self.wait_for(kind, |run| {

@@ -34,6 +34,7 @@ use protocol::brief::{AgentBrief, Pace};
 
 use super::polygon::{HalfPlane, nearest_point};
 use super::{Sample, exact_hold};
+use crate::golden_phase;
 
 /// kappa: the deflection begins where a period's approach exceeds this share of the slack to d_f.
 const KAPPA: f64 = 0.25;
@@ -41,8 +42,6 @@ const KAPPA: f64 = 0.25;
 const DITHER_RAD: f64 = 1.0;
 /// The dither's shortest period, s; each robot has its own, so that no pair stays symmetric.
 const DITHER_PERIOD_S: f64 = 1.5;
-/// Fractional part of the golden ratio: spreads phases and periods evenly over the robots.
-const GOLDEN: f64 = 0.618_033_988_7;
 /// Taken off every distance, m: covers rounding, here and in the plant.
 const ROUNDING_M: f64 = 1e-9;
 /// Scales of the wanted command that the bound tries.
@@ -83,7 +82,7 @@ impl Guard {
         let (d, v_max) = (avoidance.distance_min_m, avoidance.speed_max_m_s);
         let period = brief.period_ns as f64 / 1e9;
         let lifetime = brief.command_lifetime_ns as f64 / 1e9;
-        let phase = (GOLDEN * brief.index as f64).fract();
+        let phase = golden_phase(brief.index);
         Guard {
             d,
             v_max,

@@ -6,7 +6,7 @@
 use formation::Vec2;
 use formation::desired::Target;
 use formation::frame::LeaderFrame;
-use formation::front_point::{front_point, twist_for};
+use formation::front_point::front_point;
 use formation::pose::wrap_angle;
 use protocol::brief::{AgentBrief, LeadBrief, Pace};
 use protocol::law::Role;
@@ -139,15 +139,16 @@ impl Brain {
             Task::Lead { lead, turned } => {
                 let (scale, scale_rate_per_s) = lead.scale.at(odometry.t_ns as f64 / 1e9);
                 // Free of avoidance: beta turns the leader, and must not turn the formation.
-                let twist = twist_for(pose.heading_rad, self.front_point_m, gamma);
-                let (stamp_ns, rate) = (odometry.stamp_ns, twist.w_rad_s);
+                let held = self.avoidance.follow(pose.heading_rad, gamma).w_rad_s;
+                let stamp_ns = odometry.stamp_ns;
                 let acceleration =
-                    turned.replace((stamp_ns, rate)).map_or(0.0, |(then_ns, was)| {
-                        (rate - was) / (stamp_ns.saturating_sub(then_ns).max(1) as f64 / 1e9)
+                    turned.replace((stamp_ns, held)).map_or(0.0, |(then_ns, was)| {
+                        (held - was) / (stamp_ns.saturating_sub(then_ns).max(1) as f64 / 1e9)
                     });
                 let own = LeaderFrame {
                     heading_rad: pose.heading_rad,
-                    turn_rate_rad_s: rate,
+                    // What is held for a period is the rate at its middle.
+                    turn_rate_rad_s: held - 0.5 * self.period_s * acceleration,
                     turn_acceleration_rad_s2: acceleration,
                     scale,
                     scale_rate_per_s,

@@ -147,8 +147,7 @@ fn tracking_and_containment_are_as_exact_and_as_far_apart_as_was_measured() {
             let (found_m, found_error_m) = far(&flight);
             assert!(found_m >= d, "{name} at {period_s} s: {found_m}");
             assert_within(0.05, found_m / d, distance, name);
-            // First order in the period, like the measured ones; up to 2.6 times as large.
-            assert!(found_error_m < 2.7 * error_m, "{name} at {period_s} s: {found_error_m}");
+            assert!(found_error_m < 1.1 * error_m, "{name} at {period_s} s: {found_error_m}");
         }
     }
 }

@@ -28,12 +28,16 @@ impl Focus {
         }
     }
 
+    pub(super) fn follow(&self, heading_rad: f64, u: Vec2) -> Twist {
+        twist_for(heading_rad, self.front_point_m, u) // (17)
+    }
+
     pub(super) fn steer(&self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
         if !sample.proximity_valid {
             return Twist::ZERO;
         }
         let u = gamma + self.beta(sample.away); // (19)
-        twist_for(sample.heading_rad, self.front_point_m, u) // (17)
+        self.follow(sample.heading_rad, u)
     }
 
     /// beta, m/s: an unstable focus on everybody within d. (11) (12)

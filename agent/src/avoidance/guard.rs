@@ -107,6 +107,11 @@ impl Guard {
         clip(gamma, self.v_max)
     }
 
+    /// The twist that moves the front point by gamma T.
+    pub(super) fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
+        exact_hold(heading_rad, self.ell, gamma * self.period, self.period)
+    }
+
     /// The twist that answers `sample` when gamma is wanted.
     pub fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
         self.forget_the_dead(sample.stamp_ns);

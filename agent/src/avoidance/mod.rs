@@ -74,12 +74,20 @@ impl Avoidance {
         }
     }
 
+    /// The twist that follows the admitted gamma from `heading_rad` while nobody is near: held for
+    /// a period it moves the front point by gamma T exactly with `guard`, by (17) otherwise.
+    pub fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
+        match self {
+            Avoidance::None { front_point_m } => twist_for(heading_rad, *front_point_m, gamma),
+            Avoidance::Focus(focus) => focus.follow(heading_rad, gamma),
+            Avoidance::Guard(guard) => guard.follow(heading_rad, gamma),
+        }
+    }
+
     /// The twist that answers `sample`, given the admitted gamma.
     pub fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
         match self {
-            Avoidance::None { front_point_m } => {
-                twist_for(sample.heading_rad, *front_point_m, gamma)
-            }
+            Avoidance::None { .. } => self.follow(sample.heading_rad, gamma),
             Avoidance::Focus(focus) => focus.steer(sample, gamma),
             Avoidance::Guard(guard) => guard.steer(sample, gamma),
         }

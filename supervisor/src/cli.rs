@@ -216,7 +216,7 @@ fn fly(
         (code, _) => code,
     };
     let summary = Summary::new(scenario, pace, &measures, &outcome, expectations, exit);
-    run_dir.finish(&summary)?;
+    run_dir.finish(&summary, &measures.pairs)?;
     Ok(Flown { took_off: outcome.truth.is_some(), summary, exit })
 }
 

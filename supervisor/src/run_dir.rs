@@ -11,7 +11,7 @@ use protocol::brief::{self, Pace};
 use protocol::message::{TruthHeader, TruthRow};
 use serde::Serialize;
 
-use crate::metrics::seconds;
+use crate::metrics::{PairDistance, seconds};
 use crate::scenario::Scenario;
 use crate::summary::Summary;
 
@@ -193,9 +193,14 @@ impl RunDir {
     }
 
     /// Writes what came out, and everything still in hand.
-    pub fn finish(&mut self, summary: &Summary) -> Result<(), RunDirError> {
+    pub fn finish(&mut self, summary: &Summary, pairs: &[PairDistance]) -> Result<(), RunDirError> {
         // The summary first: it is small, and tells most if the disk is full.
         self.write("summary.json", &summary.to_json())?;
+        let mut text = "robot_a,robot_b,min_distance_m,t_s\n".to_owned();
+        for PairDistance { pair: [a, b], min_distance_m, t_s } in pairs {
+            text += &format!("{a},{b},{min_distance_m},{t_s}\n");
+        }
+        self.write("pairs.csv", &text)?;
         self.events.flush()?;
         self.write_last_truth()
     }

@@ -1,10 +1,9 @@
 //! What came out: `summary.json` for programs, one screen for people.
 
-use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use protocol::brief::Pace;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use crate::flight::Outcome;
 use crate::metrics::Measures;
@@ -12,6 +11,9 @@ use crate::metrics::expect::Expectation;
 use crate::metrics::fault::FaultReport;
 use crate::run_dir::to_json;
 use crate::scenario::Scenario;
+
+/// Of more robots than this, the screen shows only those with the largest errors.
+const ROBOTS_SHOWN: usize = 12;
 
 /// The content of `summary.json`. What never came about is `null`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -45,9 +47,15 @@ pub struct Summary {
     /// Ticks at which some pair was nearer than d.
     pub violations: u64,
     /// Worst error over the last 10 % of the run by robot, m.
-    pub final_error_m: BTreeMap<String, Option<f64>>,
+    #[serde(serialize_with = "in_order")]
+    pub final_error_m: Vec<(String, Option<f64>)>,
     /// The worst of these.
     pub final_error_m_max: Option<f64>,
+    /// The main leader's: how well its trajectory is tracked, m.
+    pub tracking_error_m_max: Option<f64>,
+    /// Integral of the error by robot over the time it lived, m s.
+    #[serde(serialize_with = "in_order")]
+    pub integrated_error_m_s: Vec<(String, Option<f64>)>,
     /// Largest distance of a contained robot from the leaders' hull over the last 10 %, m.
     pub hull_distance_m_max_final: Option<f64>,
     /// Since when all living errors stayed below the converged error, s.
@@ -59,11 +67,20 @@ pub struct Summary {
     /// Truths that the supervisor did not get.
     pub truths_lost: u64,
     /// Restarts by robot.
-    pub restarts: BTreeMap<String, u64>,
+    #[serde(serialize_with = "in_order")]
+    pub restarts: Vec<(String, u64)>,
     /// What each fault did.
     pub faults: Vec<FaultReport>,
     /// What was expected, and what came.
     pub expectations: Vec<Expectation>,
+}
+
+/// A map in the order of the list: robots as the scenario has them, r2 before r10.
+fn in_order<V: Serialize, S: Serializer>(
+    list: &[(String, V)],
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(list.iter().map(|(name, value)| (name, value)))
 }
 
 /// What became of commands at the plant.
@@ -112,8 +129,10 @@ impl Summary {
             min_distance_pair: measures.min_distance_pair,
             min_distance_t_s: measures.min_distance_t_s,
             violations: measures.violations,
-            final_error_m: measures.final_error_m.into_iter().collect(),
+            final_error_m: measures.final_error_m,
             final_error_m_max: measures.final_error_m_max,
+            tracking_error_m_max: measures.tracking_error_m_max,
+            integrated_error_m_s: measures.integrated_error_m_s,
             hull_distance_m_max_final: measures.hull_distance_m_max_final,
             converged_at_s: measures.converged_at_s,
             deadline_misses: outcome.deadline_misses,
@@ -170,9 +189,16 @@ pub fn screen(summary: &Summary) -> String {
     }
     let converged = summary.converged_at_s.map_or("never".into(), |t_s| format!("at {t_s:.3} s"));
     row("converged", converged);
-    let errors = summary.final_error_m.iter();
-    let errors: Vec<String> = errors.map(|(robot, e)| format!("{robot} {}", short(*e))).collect();
-    row("final errors, m", errors.join("  "));
+    let mut errors: Vec<_> = summary.final_error_m.iter().collect();
+    let label = if errors.len() > ROBOTS_SHOWN {
+        errors.sort_by(|(_, a), (_, b)| b.partial_cmp(a).expect("errors are no NaN"));
+        errors.truncate(ROBOTS_SHOWN / 2);
+        "largest errors, m"
+    } else {
+        "final errors, m"
+    };
+    let errors: Vec<_> = errors.iter().map(|(robot, e)| format!("{robot} {}", short(*e))).collect();
+    row(label, errors.join("  "));
     row(
         "time",
         format!(

@@ -5,17 +5,18 @@
 //! | file | question it answers |
 //! |---|---|
 //! | `error` | how far is each robot from where its role wants it? |
+//! | `distance` | how near did every pair come, and when? |
 //! | `hash` | are two runs the same? |
 //! | `fault` | what did one fault do? |
 //! | `expect` | did it go as the scenario expects? |
 
+mod distance;
 mod error;
 pub mod expect;
 pub mod fault;
 pub mod hash;
 
 use formation::Vec2;
-use formation::closest::closest_pair;
 use formation::front_point::front_point;
 use formation::hull::hull_distance;
 use protocol::brief::Pace;
@@ -23,6 +24,8 @@ use protocol::message::{Contact, TruthHeader, TruthRow};
 use serde::Serialize;
 
 use crate::scenario::Scenario;
+pub use distance::PairDistance;
+use distance::{Closest, Distances};
 use error::Errors;
 use fault::{FaultReport, FaultWindow};
 use hash::TrajectoryHash;
@@ -35,6 +38,7 @@ pub struct Metrics {
     names: Vec<String>,
     front_points_m: Vec<f64>,
     error: Errors,
+    leader: Option<usize>,
     /// Whose convex hull the contained are to be in.
     leaders: Vec<usize>,
     contained: Vec<usize>,
@@ -46,6 +50,9 @@ pub struct Metrics {
     hash: Option<TrajectoryHash>,
     alphas: Vec<Vec2>,
     errors: Vec<Option<f64>>,
+    /// Integral of each robot's error over the time it lived, m s.
+    integrated_errors_m_s: Vec<Option<f64>>,
+    distances: Distances,
     closest: Option<Closest>,
     violations: u64,
     violations_plant: u64,
@@ -56,14 +63,6 @@ pub struct Metrics {
     newest_tick: Option<u64>,
     newest_t_ns: Option<u64>,
     faults: Vec<FaultWindow>,
-}
-
-/// Two robots at their nearest.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Closest {
-    distance_m: f64,
-    pair: [usize; 2],
-    t_ns: u64,
 }
 
 /// What was measured over a whole run.
@@ -82,6 +81,12 @@ pub struct Measures {
     pub final_error_m: Vec<(String, Option<f64>)>,
     /// The worst of these; `None` if the run did not get that far.
     pub final_error_m_max: Option<f64>,
+    /// The same of the main leader alone: how well m(t) is tracked (25).
+    pub tracking_error_m_max: Option<f64>,
+    /// Integral of the error by robot over the time it lived, m s.
+    pub integrated_error_m_s: Vec<(String, Option<f64>)>,
+    /// How near every pair came, and when.
+    pub pairs: Vec<PairDistance>,
     /// Largest distance of a contained robot from the leaders' convex hull over the last 10 % of
     /// the run, m; `None` where nobody is contained.
     pub hull_distance_m_max_final: Option<f64>,
@@ -109,6 +114,7 @@ impl Metrics {
             names: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
             front_points_m: scenario.robots.iter().map(|robot| robot.front_point_m).collect(),
             error: Errors::new(scenario),
+            leader: scenario.leader(),
             leaders: scenario.leaders(),
             contained: scenario.contained(),
             leaders_alphas: Vec::new(),
@@ -119,6 +125,8 @@ impl Metrics {
             hash: (pace == Pace::Lockstep).then(TrajectoryHash::new),
             alphas: vec![Vec2::zeros(); robots],
             errors: vec![None; robots],
+            integrated_errors_m_s: vec![None; robots],
+            distances: Distances::new(robots),
             closest: None,
             violations: 0,
             violations_plant: 0,
@@ -154,16 +162,8 @@ impl Metrics {
     /// the end of every arc and counts from the start, so that neither shorter arcs nor lost
     /// truths hide anything.
     fn measure_distance(&mut self, header: &TruthHeader) -> f64 {
-        let now = closest_pair(&self.alphas).map(|closest| Closest {
-            distance_m: closest.distance_m,
-            pair: closest.pair,
-            t_ns: header.t_ns,
-        });
-        let plant = header.closest_m.is_finite().then(|| Closest {
-            distance_m: header.closest_m,
-            pair: header.closest_pair.map(|place| place as usize),
-            t_ns: header.closest_t_ns,
-        });
+        let now = self.distances.truth(header.t_ns, &self.alphas);
+        let plant = self.distances.seen_by_plant(header);
         for seen in [plant, now].into_iter().flatten() {
             if self.closest.is_none_or(|closest| seen.distance_m < closest.distance_m) {
                 self.closest = Some(seen);
@@ -186,6 +186,7 @@ impl Metrics {
     ) {
         let t_s = seconds(header.t_ns);
         let frame = self.error.frame(t_s, rows);
+        let since_s = self.newest_t_ns.map_or(0.0, |then_ns| t_s - seconds(then_ns));
         let mut worst: Option<f64> = None;
         for (i, &alive) in alive.iter().enumerate() {
             let error = self.error.of(i, t_s, &frame, &self.alphas);
@@ -193,6 +194,7 @@ impl Metrics {
             let error = error.map(|error| if error.is_nan() { f64::INFINITY } else { error });
             self.errors[i] = error;
             let Some(error) = error.filter(|_| alive) else { continue };
+            *self.integrated_errors_m_s[i].get_or_insert(0.0) += error * since_s;
             worst = Some(worst.map_or(error, |worst| worst.max(error)));
             if header.t_ns >= self.final_from_ns {
                 let last = &mut self.final_errors_m[i];
@@ -256,14 +258,20 @@ impl Metrics {
     /// What was measured in all.
     pub fn finish(&self) -> Measures {
         let name = |i: usize| self.names[i].clone();
+        let by_name = |values: &[Option<f64>]| -> Vec<(String, Option<f64>)> {
+            self.names.iter().cloned().zip(values.iter().copied()).collect()
+        };
         let final_errors = self.final_errors_m.iter().flatten().copied();
         Measures {
             min_distance_m: self.closest.map(|closest| closest.distance_m),
             min_distance_pair: self.closest.map(|closest| closest.pair.map(name)),
             min_distance_t_s: self.closest.map(|closest| seconds(closest.t_ns)),
             violations: self.violations.max(self.violations_plant),
-            final_error_m: self.names.iter().cloned().zip(self.final_errors_m.clone()).collect(),
+            final_error_m: by_name(&self.final_errors_m),
             final_error_m_max: final_errors.reduce(f64::max),
+            tracking_error_m_max: self.leader.and_then(|leader| self.final_errors_m[leader]),
+            integrated_error_m_s: by_name(&self.integrated_errors_m_s),
+            pairs: self.distances.pairs(&self.names),
             hull_distance_m_max_final: self.hull_distance_m_max_final,
             converged_at_s: self.converged_since_ns.map(seconds),
             trajectory_hash: self

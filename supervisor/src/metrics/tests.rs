@@ -118,6 +118,18 @@ fn errors_are_distances_from_where_the_heard_robots_ask_one_to_stand() {
 }
 
 #[test]
+fn the_integrated_error_counts_the_time_a_robot_lives() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for tick in 0..=4 {
+        // r3 dies after 3 s.
+        metrics.truth(&header(tick), &r3_off(0.25), &[true, true, tick < 4]);
+    }
+    let integrated = metrics.finish().integrated_error_m_s;
+    assert_eq!(integrated[0], ("r1".to_owned(), None));
+    assert!(close(integrated[1].1, 0.0) && close(integrated[2].1, 0.75), "{integrated:?}");
+}
+
+#[test]
 fn the_smallest_distance_is_named_with_its_pair_and_time() {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     for (tick, x_m) in [(0, 1.0), (1, 0.15), (2, 0.1), (3, 0.5)] {

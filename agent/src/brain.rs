@@ -6,9 +6,9 @@
 use formation::Vec2;
 use formation::desired::Target;
 use formation::frame::LeaderFrame;
-use formation::front_point::front_point;
+use formation::front_point::{front_point, front_velocity};
 use formation::pose::wrap_angle;
-use protocol::brief::{AgentBrief, LeadBrief, Pace};
+use protocol::brief::{AgentBrief, LeadBrief, Pace, PublishedVelocity};
 use protocol::law::Role;
 use protocol::message::{Beacon, Command, NeighborStatus, Odometry, StatusHeader};
 
@@ -60,6 +60,9 @@ pub struct Brain {
     law: Box<dyn Law>,
     avoidance: Avoidance,
     neighborhood: Neighborhood,
+    published_velocity: PublishedVelocity,
+    /// The previous sample's stamp, ns, and front point; kept only where velocities are differenced.
+    sensed: Option<(u64, Vec2)>,
     away: Vec<Vec2>,
     sequence: u64,
     beacons_refused: u64,
@@ -96,6 +99,8 @@ impl Brain {
             law,
             avoidance: Avoidance::new(brief),
             neighborhood: Neighborhood::new(&brief.neighbors, brief.silence.clone()),
+            published_velocity: brief.published_velocity,
+            sensed: None,
             away: Vec::new(),
             sequence: 0,
             beacons_refused: 0,
@@ -173,6 +178,13 @@ impl Brain {
             proximity_cut: odometry.proximity_cut == 1,
         };
         let twist = self.avoidance.steer(&sample, gamma);
+        let published = match self.published_velocity {
+            PublishedVelocity::Gamma => gamma,
+            PublishedVelocity::GammaAndBeta => {
+                front_velocity(pose.heading_rad, self.front_point_m, twist)
+            }
+            PublishedVelocity::Differenced => self.differenced(odometry.stamp_ns, alpha),
+        };
 
         self.sequence += 1;
         Answer {
@@ -183,8 +195,8 @@ impl Brain {
                 incarnation: self.incarnation,
                 x_m: alpha.x,
                 y_m: alpha.y,
-                vx_m_s: gamma.x,
-                vy_m_s: gamma.y,
+                vx_m_s: published.x,
+                vy_m_s: published.y,
                 ..Beacon::default()
             }
             .with_frame(frame),
@@ -199,6 +211,14 @@ impl Brain {
             },
             contacts_changed,
         }
+    }
+
+    /// By how much alpha moved since the previous sample, over the time between, m/s.
+    fn differenced(&mut self, stamp_ns: u64, alpha: Vec2) -> Vec2 {
+        let before = self.sensed.replace((stamp_ns, alpha));
+        before.map_or(Vec2::zeros(), |(then_ns, was)| {
+            (alpha - was) / (stamp_ns.saturating_sub(then_ns).max(1) as f64 / 1e9)
+        })
     }
 
     /// alpha* at an odometry sample, and alpha*' half a period later: the answer acts for a period,

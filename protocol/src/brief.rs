@@ -108,6 +108,21 @@ pub struct SilenceBrief {
     pub policy: SilencePolicy,
 }
 
+/// Which velocity a robot publishes: the one by which others extrapolate its position and follow
+/// it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum PublishedVelocity {
+    /// The nominal one, free of avoidance: kicks do not echo between mutual neighbours.
+    #[serde(rename = "gamma")]
+    Gamma,
+    /// The commanded one, avoidance included. For study.
+    #[serde(rename = "gamma+beta")]
+    GammaAndBeta,
+    /// The difference of the last two sensed positions over the time between. For study.
+    #[serde(rename = "differenced")]
+    Differenced,
+}
+
 /// A robot that is heard.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -159,6 +174,8 @@ pub struct AgentBrief {
     /// Where to lead, for the main leader only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lead: Option<LeadBrief>,
+    /// Which velocity to publish.
+    pub published_velocity: PublishedVelocity,
     /// How to keep distance.
     pub avoidance: AvoidanceBrief,
     /// What to do about the silent.

@@ -28,6 +28,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         gains: robot.gains.clone(),
         led: scenario.lead.is_some(),
         lead: scenario.lead.clone().filter(|_| robot.role == Role::Leader),
+        published_velocity: scenario.published_velocity,
         avoidance: scenario.avoidance.clone(),
         silence: scenario.silence.clone(),
         neighbors: neighbors.collect(),

@@ -119,6 +119,19 @@ fn the_literal_focus_falls_below_d_and_start_c_ends_in_the_known_livelock() {
     }
 }
 
+#[test]
+fn what_robots_publish_decides_how_well_they_are_followed_and_never_how_near_they_come() {
+    for (name, d) in [("pentagon", 0.3), ("containment", 0.2)] {
+        let errors = ["gamma", "gamma+beta", "differenced"].map(|kind| {
+            let set = format!("published_velocity=\"{kind}\"");
+            let (distance_m, error_m) = far(&oracle::fly(&scenario(name, &[&set])));
+            assert!(distance_m >= d, "{name}, {kind}: {distance_m}");
+            error_m
+        });
+        assert!(errors.is_sorted() && errors[2] > 1.5 * errors[0], "{name}: {errors:?}");
+    }
+}
+
 /// A scenario, its d in m, and for each period what was measured.
 type Measured = (&'static str, f64, [(f64, f64); 5]);
 

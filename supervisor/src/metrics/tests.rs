@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use crate::scenario::{Expectations, RestartPolicy, RestartWhen, Robot};
 use formation::graph::{Edge, FormationGraph};
 use formation::pose::Pose;
-use protocol::brief::{AvoidanceBrief, AvoidanceKind, SilenceBrief, SilencePolicy};
+use protocol::brief::{
+    AvoidanceBrief, AvoidanceKind, PublishedVelocity, SilenceBrief, SilencePolicy,
+};
 
 const SECOND_NS: u64 = 1_000_000_000;
 const ALL: [bool; 3] = [true; 3];
@@ -38,6 +40,7 @@ pub(crate) fn row_of_three() -> Scenario {
         hold_periods: 1,
         seed: 7,
         record_hz: 0.5,
+        published_velocity: PublishedVelocity::Gamma,
         avoidance: AvoidanceBrief {
             kind: AvoidanceKind::Guard,
             distance_min_m: 0.2,

@@ -21,7 +21,9 @@ use std::collections::BTreeMap;
 
 use formation::graph::{Edge, FormationGraph};
 use formation::pose::Pose;
-use protocol::brief::{AvoidanceBrief, LeadBrief, Pace, SilenceBrief, WheelsBrief};
+use protocol::brief::{
+    AvoidanceBrief, LeadBrief, Pace, PublishedVelocity, SilenceBrief, WheelsBrief,
+};
 use protocol::law::Role;
 
 /// One experiment. Robots are numbered by their place in the file, from 0.
@@ -43,6 +45,8 @@ pub struct Scenario {
     pub seed: u64,
     /// Rows of `samples.csv` per second of run time and robot.
     pub record_hz: f64,
+    /// Which velocity robots publish.
+    pub published_velocity: PublishedVelocity,
     /// How robots keep their distance.
     pub avoidance: AvoidanceBrief,
     /// What silence means.

@@ -16,7 +16,8 @@ use formation::graph::{Edge, FormationGraph};
 use formation::pose::{Pose, wrap_angle};
 use formation::trajectory::Trajectory;
 use protocol::brief::{
-    AvoidanceBrief, AvoidanceKind, LeadBrief, SilenceBrief, SilencePolicy, WheelsBrief,
+    AvoidanceBrief, AvoidanceKind, LeadBrief, PublishedVelocity, SilenceBrief, SilencePolicy,
+    WheelsBrief,
 };
 use protocol::law::{LawDescription, Role};
 use toml::de::DeTable;
@@ -44,6 +45,7 @@ const ROOT_KEYS: &[&str] = &[
     "period_s",
     "seed",
     "record_hz",
+    "published_velocity",
     "realtime",
     "avoidance",
     "silence",
@@ -250,6 +252,14 @@ fn scenario(
         Some(record_hz) => record_hz.positive("Hz")?,
         None => 100.0,
     };
+    let velocities = [
+        ("gamma", PublishedVelocity::Gamma),
+        ("gamma+beta", PublishedVelocity::GammaAndBeta),
+        ("differenced", PublishedVelocity::Differenced),
+    ];
+    let published_velocity = root
+        .get("published_velocity")
+        .map_or(Ok(PublishedVelocity::Gamma), |kind| kind.word(&velocities))?;
     let (plant_tick_ns, latency_allowed_ns, hold_periods) = realtime(root)?;
     let avoidance_table = root
         .need("avoidance", "a table with `kind`, `distance_min_m`, `speed_max_m_s`")?
@@ -277,6 +287,7 @@ fn scenario(
         hold_periods,
         seed,
         record_hz,
+        published_velocity,
         avoidance,
         silence,
         robots,

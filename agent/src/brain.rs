@@ -9,11 +9,13 @@ use formation::frame::LeaderFrame;
 use formation::front_point::{front_point, front_velocity};
 use formation::pose::wrap_angle;
 use protocol::brief::{AgentBrief, LeadBrief, Pace, PublishedVelocity};
+use protocol::fault::SlowFault;
 use protocol::law::Role;
 use protocol::message::{Beacon, Command, NeighborStatus, Odometry, StatusHeader};
 
 use crate::avoidance::{Avoidance, Sample};
 use crate::laws::{self, Law, LawError, Situation};
+use crate::link::Link;
 use crate::neighborhood::{BeaconRefusal, Neighborhood};
 
 /// a of the boundary layer: how many periods old a beacon is when it is used. In lockstep exactly
@@ -60,6 +62,12 @@ pub struct Brain {
     law: Box<dyn Law>,
     avoidance: Avoidance,
     neighborhood: Neighborhood,
+    /// From each neighbour, in the brief's order.
+    links: Vec<Link>,
+    slow: Vec<SlowFault>,
+    /// Stamp of t = 0, ns; known with the first sample.
+    start_ns: u64,
+    contacts_changed: bool,
     published_velocity: PublishedVelocity,
     /// The previous sample's stamp, ns, and front point; kept only where velocities are differenced.
     sensed: Option<(u64, Vec2)>,
@@ -76,8 +84,8 @@ pub struct Answer {
     pub beacon: Beacon,
     /// For the plant.
     pub command: Command,
-    /// Some neighbour's contact changed.
-    pub contacts_changed: bool,
+    /// How much longer than the answer itself it takes to send it, ns: a fault of the brief.
+    pub delay_ns: u64,
 }
 
 impl Brain {
@@ -99,6 +107,10 @@ impl Brain {
             law,
             avoidance: Avoidance::new(brief),
             neighborhood: Neighborhood::new(&brief.neighbors, brief.silence.clone()),
+            links: brief.neighbors.iter().map(|neighbor| Link::new(&neighbor.faults)).collect(),
+            slow: brief.slow.clone(),
+            start_ns: 0,
+            contacts_changed: false,
             published_velocity: brief.published_velocity,
             sensed: None,
             away: Vec::new(),
@@ -108,9 +120,22 @@ impl Brain {
         })
     }
 
-    /// Takes a beacon from the neighbour at `place` (in the brief's order). A refused one is
-    /// counted and changes nothing.
+    /// Takes a beacon from the neighbour at `place` (in the brief's order), after the first sample.
+    /// A refused one is counted and changes nothing; one that the link's faults swallow or keep
+    /// under way is not heard, for now.
     pub fn hear(
+        &mut self,
+        place: usize,
+        beacon: &Beacon,
+        now_ns: u64,
+    ) -> Result<(), BeaconRefusal> {
+        match self.links[place].pass(beacon, self.start_ns) {
+            Some(beacon) => self.hear_now(place, &beacon, now_ns),
+            None => Ok(()),
+        }
+    }
+
+    fn hear_now(
         &mut self,
         place: usize,
         beacon: &Beacon,
@@ -121,12 +146,33 @@ impl Brain {
         heard
     }
 
-    /// Answers an odometry sample. `effect_ns`: the stamp at which the answer is expected to take
-    /// effect; the sample's own stamp in lockstep. The caller fills in `sent_ns`.
-    pub fn answer(&mut self, odometry: &Odometry, effect_ns: u64) -> Answer {
+    /// Whether a sample was taken.
+    pub fn has_flown(&self) -> bool {
+        self.newest.is_some()
+    }
+
+    /// Whether some neighbour's contact changed since this was asked last.
+    pub fn take_news(&mut self) -> bool {
+        std::mem::take(&mut self.contacts_changed)
+    }
+
+    /// Answers an odometry sample; `None` if it does not know where the robot is. `effect_ns`: the
+    /// stamp at which the answer is expected to take effect; the sample's own stamp in lockstep.
+    /// The caller fills in `sent_ns`.
+    pub fn answer(&mut self, odometry: &Odometry, effect_ns: u64) -> Option<Answer> {
         self.newest = Some((odometry.tick, odometry.t_ns));
-        let contacts_changed =
+        self.start_ns = odometry.stamp_ns.saturating_sub(odometry.t_ns);
+        for place in 0..self.links.len() {
+            while let Some(beacon) = self.links[place].due(odometry.t_ns) {
+                // A refusal is counted: jitter lets beacons overtake each other.
+                let _ = self.hear_now(place, &beacon, odometry.stamp_ns);
+            }
+        }
+        self.contacts_changed |=
             self.neighborhood.judge(odometry.tick, odometry.t_ns, odometry.stamp_ns);
+        if odometry.pose_valid != 1 {
+            return None;
+        }
 
         let pose = odometry.pose();
         let alpha = front_point(pose, self.front_point_m); // (2)
@@ -187,7 +233,8 @@ impl Brain {
         };
 
         self.sequence += 1;
-        Answer {
+        let slow = self.slow.iter().filter(|fault| fault.span.holds(odometry.t_ns));
+        Some(Answer {
             beacon: Beacon {
                 tick: odometry.tick,
                 stamp_ns: odometry.stamp_ns,
@@ -209,8 +256,8 @@ impl Brain {
                 v_m_s: twist.v_m_s,
                 w_rad_s: twist.w_rad_s,
             },
-            contacts_changed,
-        }
+            delay_ns: slow.map(|fault| fault.delay_ns).sum(),
+        })
     }
 
     /// By how much alpha moved since the previous sample, over the time between, m/s.

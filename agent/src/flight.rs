@@ -21,6 +21,8 @@ use crate::ports::{PortError, Ports};
 const PLANT_SILENCE_MAX: Duration = Duration::from_secs(30);
 /// How long one wait for the next tick may last before the signs of an end are looked at.
 const WAIT_MAX: Duration = Duration::from_millis(200);
+/// A robot that is slow on purpose looks this often whether it is to stop.
+const LINGER_STEP: Duration = Duration::from_millis(50);
 /// The supervisor hears from every agent at least this often.
 const STATUS_EVERY: Duration = Duration::from_millis(100);
 
@@ -109,9 +111,17 @@ impl Agent {
                 self.hear_tick(barrier, tick - 1, odometry.stamp_ns)?;
             }
             let answer = self.brain.answer(&odometry, odometry.stamp_ns);
-            self.ports.send(&answer, clock::now_ns())?;
-            self.report_if(answer.contacts_changed)?;
-            barrier.arrive(slot, tick);
+            // An answer that takes a period or more is dead before it is sent.
+            let in_time = answer.filter(|answer| answer.delay_ns < self.brief.period_ns);
+            if let Some(answer) = &in_time {
+                self.ports.send(answer, clock::now_ns())?;
+            }
+            let news = self.brain.take_news();
+            self.report_if(news)?;
+            match in_time {
+                Some(_) => barrier.arrive(slot, tick),
+                None => barrier.arrive_mute(slot, tick),
+            }
         }
         Ok(())
     }
@@ -132,7 +142,7 @@ impl Agent {
         for (place, neighbor) in self.brief.neighbors.iter().enumerate() {
             let slot = neighbor.index - 1;
             let takes_part = || barrier.member_since(slot).is_some_and(|since| since <= tick);
-            if !takes_part() {
+            if !takes_part() || barrier.is_mute(slot, tick) {
                 continue;
             }
             loop {
@@ -168,21 +178,37 @@ impl Agent {
             while let Some(odometry) = self.ports.odometry()? {
                 newest = Some(odometry);
             }
-            self.hear_newest()?;
-            let mut changed = false;
+            // At its first sample a robot has heard nothing, as in lockstep.
+            if self.brain.has_flown() {
+                self.hear_newest()?;
+            }
             if let Some(odometry) = newest {
                 last_odometry = Instant::now();
-                let answer = self.brain.answer(&odometry, clock::now_ns());
-                let sent_ns = clock::now_ns();
-                self.ports.send(&answer, sent_ns)?;
-                self.deadline_misses += sent_ns.saturating_sub(wake.due_ns) / period_ns;
-                changed = answer.contacts_changed;
+                if let Some(answer) = self.brain.answer(&odometry, clock::now_ns()) {
+                    self.linger(answer.delay_ns);
+                    let sent_ns = clock::now_ns();
+                    self.ports.send(&answer, sent_ns)?;
+                    self.deadline_misses += sent_ns.saturating_sub(wake.due_ns) / period_ns;
+                }
             } else if last_odometry.elapsed() > PLANT_SILENCE_MAX {
                 return Err(FlightError::PlantSilent);
             }
-            self.report_if(changed)?;
+            let news = self.brain.take_news();
+            self.report_if(news)?;
         }
         Ok(())
+    }
+
+    /// Lets this much time pass, but for the end of the run.
+    fn linger(&self, ns: u64) {
+        let end_ns = clock::now_ns().saturating_add(ns);
+        while !self.stop.requested() {
+            let left_ns = end_ns.saturating_sub(clock::now_ns());
+            if left_ns == 0 {
+                return;
+            }
+            std::thread::sleep(Duration::from_nanos(left_ns).min(LINGER_STEP));
+        }
     }
 
     /// Takes whatever the neighbours said last.

@@ -7,6 +7,7 @@
 //! |---|---|
 //! | `laws/` | where does the robot want to go? |
 //! | `neighborhood` | what is known of those it hears, and what does silence mean? |
+//! | `link` | what gets through from a neighbour, and when? |
 //! | `avoidance/` | how does it keep its distance? |
 //! | `brain` | what does one sample lead to? |
 //! | `ports` | through which services does it speak? |
@@ -16,6 +17,7 @@ pub mod avoidance;
 pub mod brain;
 pub mod flight;
 pub mod laws;
+pub mod link;
 pub mod neighborhood;
 pub mod ports;
 

@@ -166,8 +166,12 @@ mod tests {
     use super::*;
 
     fn neighborhood(policy: SilencePolicy) -> Neighborhood {
-        let neighbor =
-            |name: &str, index| NeighborBrief { name: name.into(), index, offset_m: [0.0, 1.0] };
+        let neighbor = |name: &str, index| NeighborBrief {
+            name: name.into(),
+            index,
+            offset_m: [0.0, 1.0],
+            faults: Vec::new(),
+        };
         let silence = SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy };
         Neighborhood::new(&[neighbor("a", 1), neighbor("b", 2)], silence)
     }

@@ -172,6 +172,7 @@ impl Plant {
                     // It died in this very tick, by nobody's plan.
                     None if self.stop.requested() => break,
                     None if barrier.member_since(robot).is_none() => break,
+                    None if barrier.is_mute(robot, tick) => break,
                     None => {
                         let robot = self.brief.robots[robot].name.clone();
                         return Err(FlightError::NoCommand { tick, robot });

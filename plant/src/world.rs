@@ -10,6 +10,7 @@ use formation::front_point::{front_point, front_speed};
 use formation::pose::{Pose, Twist};
 use formation::unicycle::arc;
 use protocol::brief::{BodyBrief, Pace, PlantBrief};
+use protocol::fault::{Sensor, SensorFault, SensorFaultKind, WheelFaultKind};
 use protocol::message::{Command, Odometry, PROXIMITY_MAX, TruthHeader, TruthRow};
 
 /// Speeds above the limit by less than this share are rounding, not worth counting.
@@ -161,7 +162,8 @@ impl World {
         Ok(())
     }
 
-    /// Lets time pass until `t_ns` since the start, in arcs that end where a command dies.
+    /// Lets time pass until `t_ns` since the start, in arcs that end where a command dies and where
+    /// wheels begin or cease to fail.
     pub fn advance(&mut self, t_ns: u64) {
         while self.t_ns < t_ns {
             let now_ns = self.stamp_ns();
@@ -174,11 +176,17 @@ impl World {
                 if let Some(obeyed) = &robot.obeyed {
                     end_ns = end_ns.min(obeyed.dies_ns);
                 }
+                for fault in &robot.body.wheel_faults {
+                    let bound_ns = fault.span.next_bound_ns(self.t_ns);
+                    end_ns = end_ns.min(bound_ns.map_or(u64::MAX, |t_ns| self.start_ns + t_ns));
+                }
             }
             let dt_s = (end_ns - now_ns) as f64 / 1e9;
             for robot in &mut self.robots {
                 robot.commanded = robot.obeyed.is_some();
-                robot.twist = robot.obeyed.as_ref().map_or(Twist::ZERO, |obeyed| obeyed.twist);
+                robot.twist = robot.obeyed.as_ref().map_or(Twist::ZERO, |obeyed| {
+                    robot.body.within_failing_wheels(obeyed.twist, self.t_ns)
+                });
                 robot.pose = arc(robot.pose, robot.twist, dt_s);
             }
             self.t_ns = end_ns - self.start_ns;
@@ -201,7 +209,7 @@ impl World {
 
     /// What `robot` senses now.
     pub fn odometry(&self, robot: usize) -> Odometry {
-        let Robot { pose, twist, .. } = &self.robots[robot];
+        let Robot { body, pose, twist, .. } = &self.robots[robot];
         let mut near: Vec<(f64, Vec2)> = self
             .alphas
             .iter()
@@ -212,24 +220,41 @@ impl World {
             .collect();
         near.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut proximity_m = [[0.0; 2]; PROXIMITY_MAX];
-        for (place, (_, alpha)) in proximity_m.iter_mut().zip(&near) {
-            *place = [alpha.x, alpha.y];
+        for (item, (place, (_, alpha))) in proximity_m.iter_mut().zip(&near).enumerate() {
+            let off = self.noise_m(body, Sensor::Proximity, item as u64 + 1);
+            *place = [alpha.x + off.x, alpha.y + off.y];
         }
+        let off = self.noise_m(body, Sensor::Odometry, 0);
+        let works = |sensor| {
+            let mut faults = body.sensor_faults.iter();
+            !faults.any(|fault| {
+                let dark = fault.sensor == sensor && fault.kind == SensorFaultKind::Blackout;
+                dark && fault.span.holds(self.t_ns)
+            })
+        };
         Odometry {
             tick: self.tick,
             t_ns: self.t_ns,
             stamp_ns: self.stamp_ns(),
             sent_ns: 0,
-            x_m: pose.x_m,
-            y_m: pose.y_m,
+            x_m: pose.x_m + off.x,
+            y_m: pose.y_m + off.y,
             heading_rad: pose.heading_rad,
             v_m_s: twist.v_m_s,
             w_rad_s: twist.w_rad_s,
-            proximity_valid: 1,
+            pose_valid: u64::from(works(Sensor::Odometry)),
+            proximity_valid: u32::from(works(Sensor::Proximity)),
             proximity_cut: u32::from(near.len() > PROXIMITY_MAX),
             proximity_count: near.len().min(PROXIMITY_MAX) as u64,
             proximity_m,
         }
+    }
+
+    /// By how much position number `item` of this tick's sample is off, m.
+    fn noise_m(&self, body: &BodyBrief, sensor: Sensor, item: u64) -> Vec2 {
+        let active = |fault: &&SensorFault| fault.sensor == sensor && fault.span.holds(self.t_ns);
+        let faults = body.sensor_faults.iter().filter(active);
+        faults.map(|fault| Vec2::from(fault.offset_m(self.tick, item))).sum()
     }
 
     /// The time of this truth, and what happened up to it.
@@ -270,24 +295,40 @@ impl World {
 trait WheelLimits {
     /// `twist`, scaled down until no wheel is faster than its limit.
     fn within_wheel_limits(&self, twist: Twist) -> Twist;
+    /// `twist`, scaled down to what failing wheels can still do at `t_ns`.
+    fn within_failing_wheels(&self, twist: Twist, t_ns: u64) -> Twist;
 }
 
 impl WheelLimits for BodyBrief {
     fn within_wheel_limits(&self, twist: Twist) -> Twist {
-        let Some(wheels) = &self.wheels else { return twist };
-        let fastest = twist.v_m_s.abs() + 0.5 * wheels.track_m * twist.w_rad_s.abs();
-        if fastest > wheels.speed_max_m_s {
-            twist.scaled(wheels.speed_max_m_s / fastest)
-        } else {
-            twist
+        match &self.wheels {
+            Some(wheels) => limited(twist, wheels.speed_max_m_s, wheels.track_m),
+            None => twist,
         }
     }
+
+    fn within_failing_wheels(&self, twist: Twist, t_ns: u64) -> Twist {
+        // Without wheels in the brief, those that limit the front point's speed.
+        let track_m = self.wheels.map_or(2.0 * self.front_point_m, |wheels| wheels.track_m);
+        let active = self.wheel_faults.iter().filter(|fault| fault.span.holds(t_ns));
+        active.fold(twist, |twist, fault| match fault.kind {
+            WheelFaultKind::Stuck => Twist::ZERO,
+            WheelFaultKind::Limit { speed_max_m_s } => limited(twist, speed_max_m_s, track_m),
+        })
+    }
+}
+
+/// `twist`, scaled down until no wheel of an axle `track_m` wide is faster than `speed_max_m_s`.
+fn limited(twist: Twist, speed_max_m_s: f64, track_m: f64) -> Twist {
+    let fastest = twist.v_m_s.abs() + 0.5 * track_m * twist.w_rad_s.abs();
+    if fastest > speed_max_m_s { twist.scaled(speed_max_m_s / fastest) } else { twist }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use protocol::brief::WheelsBrief;
+    use protocol::fault::{Span, WheelFault};
 
     const MS: u64 = 1_000_000;
 
@@ -297,6 +338,8 @@ mod tests {
             front_point_m: 0.1,
             wheels,
             start: Pose { x_m, y_m: 0.0, heading_rad: 0.0 },
+            sensor_faults: Vec::new(),
+            wheel_faults: Vec::new(),
         };
         PlantBrief {
             run_root: "/nowhere".into(),
@@ -387,6 +430,64 @@ mod tests {
         let near: Vec<Vec2> = world.odometry(1).proximity().collect();
         assert_eq!(near, [Vec2::new(0.1, 0.0), Vec2::new(4.6, 0.0)]);
         assert_eq!(world.odometry(0).proximity().count(), 1);
+    }
+
+    #[test]
+    fn wheels_fail_exactly_from_the_first_to_the_last_instant_of_their_fault() {
+        let mut brief = brief(None);
+        let span = |from, until| Span { from_ns: from * MS, until_ns: until * MS };
+        brief.robots[0].wheel_faults = vec![
+            WheelFault { span: span(5, 8), kind: WheelFaultKind::Stuck },
+            WheelFault { span: span(10, 20), kind: WheelFaultKind::Limit { speed_max_m_s: 0.5 } },
+        ];
+        brief.plant_tick_ns = 20 * MS;
+        let mut world = World::new(&brief);
+        world.accept(0, &command(0, 1, 1.0, 0.0)).unwrap();
+        world.advance(15 * MS);
+        // 5 ms and 2 ms at 1 m/s, 5 ms at 0.5 m/s.
+        assert!((x(&world, 0) - 0.0095).abs() < 1e-15, "{}", x(&world, 0));
+    }
+
+    #[test]
+    fn a_dark_sensor_says_so_and_a_noisy_one_stays_within_its_bound() {
+        let mut brief = brief(None);
+        let fault = |sensor, kind, from_ns| SensorFault {
+            span: Span { from_ns, until_ns: from_ns + MS },
+            sensor,
+            kind,
+            seed: 5,
+        };
+        let noise = SensorFaultKind::Noise { bound_m: 0.1 };
+        brief.robots[1].sensor_faults = vec![
+            fault(Sensor::Odometry, SensorFaultKind::Blackout, 0),
+            fault(Sensor::Proximity, SensorFaultKind::Blackout, MS),
+            fault(Sensor::Odometry, noise, 2 * MS),
+            fault(Sensor::Proximity, noise, 3 * MS),
+        ];
+        let mut world = World::new(&brief);
+        let mut seen = Vec::new();
+        for t_ms in 0..5 {
+            world.advance(t_ms * MS);
+            let sample = world.odometry(1);
+            let near = sample.proximity().next().unwrap();
+            let off_m = (sample.x_m - 2.0).hypot(sample.y_m);
+            let off_near_m = (near - Vec2::new(0.1, 0.0)).norm();
+            assert!(off_m <= 0.1 && off_near_m <= 0.1);
+            let works = (sample.pose_valid == 1, sample.proximity_valid == 1);
+            seen.push((works, off_m > 0.0, off_near_m > 1e-9));
+            world.next_tick();
+        }
+        let works = (true, true);
+        assert_eq!(
+            seen,
+            [
+                ((false, true), false, false),
+                ((true, false), false, false),
+                (works, true, false),
+                (works, false, true),
+                (works, false, false),
+            ]
+        );
     }
 
     #[test]

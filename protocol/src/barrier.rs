@@ -34,7 +34,7 @@ const RECHECK: Duration = Duration::from_millis(50);
 const SPIN_ROUNDS: u32 = 32;
 
 const MAGIC: u64 = u64::from_le_bytes(*b"phxbarri");
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// "No member", "not paused", "pause never".
 const NEVER: u64 = u64::MAX;
 /// In the arrivals word: the member set changed, so every arrival wakes the plant.
@@ -117,6 +117,9 @@ struct Slot {
     since: AtomicU64,
     /// The last tick it arrived at, plus 1.
     arrived: AtomicU64,
+    /// The last even and the last odd tick at which it had nothing to say, plus 1. Two, because a
+    /// neighbour may be a tick behind.
+    mute: [AtomicU64; 2],
 }
 
 /// The barrier as one process sees it.
@@ -243,6 +246,7 @@ impl Barrier {
     pub fn set_member(&self, slot: usize, since_tick: u64) {
         let place = &self.all_slots()[slot];
         place.arrived.store(0, SeqCst);
+        place.mute.iter().for_each(|mute| mute.store(0, SeqCst));
         place.since.store(since_tick, SeqCst);
         self.nudge();
     }
@@ -358,6 +362,17 @@ impl Barrier {
                 return None;
             }
         }
+    }
+
+    /// Arrives without having sent anything at this tick.
+    pub fn arrive_mute(&self, slot: usize, tick: u64) {
+        self.all_slots()[slot].mute[tick as usize & 1].store(tick + 1, SeqCst);
+        self.arrive(slot, tick);
+    }
+
+    /// Whether a slot that has arrived at this tick sent nothing; known until two ticks later.
+    pub fn is_mute(&self, slot: usize, tick: u64) -> bool {
+        self.all_slots()[slot].mute[tick as usize & 1].load(SeqCst) == tick + 1
     }
 
     /// Says that this slot has sent all it has to say at this tick.
@@ -768,7 +783,7 @@ mod tests {
         bytes[8] = 9;
         std::fs::write(&path, &bytes).unwrap();
         let error = Barrier::open(&path).unwrap_err().to_string();
-        assert!(error.contains("version 9, expected 1"), "{error}");
+        assert!(error.contains(&format!("version 9, expected {VERSION}")), "{error}");
         bytes[0] = 0;
         std::fs::write(&path, &bytes).unwrap();
         assert!(Barrier::open(&path).is_err());

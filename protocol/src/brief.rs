@@ -12,6 +12,8 @@ use formation::trajectory::Trajectory;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
+use crate::fault::{LinkFault, SensorFault, SlowFault, WheelFault};
+
 /// How time passes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -133,6 +135,9 @@ pub struct NeighborBrief {
     pub index: usize,
     /// c_ji: where to stand as seen from it, m, in `map`.
     pub offset_m: [f64; 2],
+    /// What is to be wrong with the link from it.
+    #[serde(default, rename = "fault", skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<LinkFault>,
 }
 
 /// What the main leader alone is told: where to go, and how large the formation is to be.
@@ -180,6 +185,9 @@ pub struct AgentBrief {
     pub avoidance: AvoidanceBrief,
     /// What to do about the silent.
     pub silence: SilenceBrief,
+    /// When it is to need longer for an answer.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub slow: Vec<SlowFault>,
     /// Who is heard.
     #[serde(default, rename = "neighbor")]
     pub neighbors: Vec<NeighborBrief>,
@@ -208,6 +216,12 @@ pub struct BodyBrief {
     pub wheels: Option<WheelsBrief>,
     /// Where it starts.
     pub start: Pose,
+    /// What is to be wrong with its sensors.
+    #[serde(default, rename = "sensor_fault", skip_serializing_if = "Vec::is_empty")]
+    pub sensor_faults: Vec<SensorFault>,
+    /// What is to be wrong with its wheels.
+    #[serde(default, rename = "wheel_fault", skip_serializing_if = "Vec::is_empty")]
+    pub wheel_faults: Vec<WheelFault>,
 }
 
 /// What the plant is told.

@@ -6,6 +6,7 @@
 //! | `service` | under which name, to how many, with which queue? |
 //! | `run_root` | where do the shared files of one run live, and who removes them? |
 //! | `brief` | what is one process told when it starts? |
+//! | `fault` | what breaks in it, and when? |
 //! | `law` | how does a control law describe itself to the rest? |
 //! | `clock` | what time is it, and when is the next tick? |
 //! | `barrier` | in lockstep: whose turn is it? |
@@ -14,6 +15,7 @@
 pub mod barrier;
 pub mod brief;
 pub mod clock;
+pub mod fault;
 pub mod law;
 pub mod message;
 pub mod process;

@@ -54,7 +54,7 @@ macro_rules! message {
 
 message! {
     /// Plant to agent: what a robot senses about itself and about who is near.
-    Odometry / 1 {
+    Odometry / 2 {
         /// Plant tick, from 0.
         tick: u64,
         /// Time since the run's start, ns.
@@ -73,6 +73,8 @@ message! {
         v_m_s: f64,
         /// Turn rate in force up to now, rad/s.
         w_rad_s: f64,
+        /// 1 if pose and twist are known; otherwise they mean nothing.
+        pose_valid: u64,
         /// 1 if the proximity sensor works.
         proximity_valid: u32,
         /// 1 if more robots were near than fit in the list.

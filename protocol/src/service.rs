@@ -486,6 +486,7 @@ mod tests {
             heading_rad: 3.0,
             v_m_s: 4.0,
             w_rad_s: 5.0,
+            pose_valid: 1,
             proximity_valid: 1,
             proximity_cut: 0,
             proximity_count: 1,

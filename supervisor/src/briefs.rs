@@ -14,6 +14,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         name: scenario.robots[edge.from].name.clone(),
         index: edge.from + 1,
         offset_m: edge.offset_m.into(),
+        faults: Vec::new(),
     });
     AgentBrief {
         name: robot.name.clone(),
@@ -31,6 +32,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         published_velocity: scenario.published_velocity,
         avoidance: scenario.avoidance.clone(),
         silence: scenario.silence.clone(),
+        slow: Vec::new(),
         neighbors: neighbors.collect(),
     }
 }
@@ -42,6 +44,8 @@ pub fn plant(scenario: &Scenario, pace: Pace, run_root: &Path) -> PlantBrief {
         front_point_m: robot.front_point_m,
         wheels: robot.wheels,
         start: robot.start,
+        sensor_faults: Vec::new(),
+        wheel_faults: Vec::new(),
     });
     let avoidance = &scenario.avoidance;
     PlantBrief {

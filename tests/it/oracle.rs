@@ -58,6 +58,10 @@ pub fn fly(scenario: &Scenario) -> Measures {
                 }
             }
             let answer = robot.brain.answer(&odometry, odometry.stamp_ns);
+            // An answer that takes a period or more is dead before it is sent.
+            let Some(answer) = answer.filter(|answer| answer.delay_ns < plant.period_ns) else {
+                continue;
+            };
             world.accept(i, &answer.command).expect("an answer in time");
             beacons[i] = Some(answer.beacon);
         }

@@ -25,6 +25,9 @@ enum Role {
         /// The plant's brief.
         brief: PathBuf,
     },
+    /// Take processor time until killed.
+    #[command(hide = true)]
+    Load,
 }
 
 #[derive(clap::Args)]
@@ -41,6 +44,7 @@ fn main() -> ExitCode {
         Role::Supervisor(verb) => supervisor::cli::main(&verb, &agent::laws::descriptions()),
         Role::Agent(args) => agent::flight::main(&args.brief, args.incarnation),
         Role::Plant { brief } => plant::flight::main(&brief),
+        Role::Load => supervisor::child::load(),
     };
     ExitCode::from(code)
 }

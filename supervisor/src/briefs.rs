@@ -3,18 +3,25 @@
 use std::path::Path;
 
 use protocol::brief::{AgentBrief, AvoidanceKind, BodyBrief, NeighborBrief, Pace, PlantBrief};
-
-use crate::scenario::Scenario;
+use protocol::fault::{LinkFault, SensorFault, SlowFault, Span, WheelFault};
 use protocol::law::Role;
+
+use crate::scenario::{Fault, FaultKind, Scenario};
 
 /// The brief of robot `i` (from 0).
 pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> AgentBrief {
     let robot = &scenario.robots[i];
-    let neighbors = scenario.graph.heard_by(i).map(|edge| NeighborBrief {
+    let edges = scenario.graph.edges().iter().enumerate();
+    let neighbors = edges.filter(|(_, edge)| edge.to == i).map(|(e, edge)| NeighborBrief {
         name: scenario.robots[edge.from].name.clone(),
         index: edge.from + 1,
         offset_m: edge.offset_m.into(),
-        faults: Vec::new(),
+        faults: faults(scenario, |fault, span, seed| match &fault.kind {
+            FaultKind::Link { edge, kind } if *edge == e => {
+                Some(LinkFault { span, kind: kind.clone(), seed })
+            }
+            _ => None,
+        }),
     });
     AgentBrief {
         name: robot.name.clone(),
@@ -32,20 +39,31 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         published_velocity: scenario.published_velocity,
         avoidance: scenario.avoidance.clone(),
         silence: scenario.silence.clone(),
-        slow: Vec::new(),
+        slow: faults(scenario, |fault, span, _| match fault.kind {
+            FaultKind::Slow { robot, delay_ns } if robot == i => Some(SlowFault { span, delay_ns }),
+            _ => None,
+        }),
         neighbors: neighbors.collect(),
     }
 }
 
 /// The plant's brief.
 pub fn plant(scenario: &Scenario, pace: Pace, run_root: &Path) -> PlantBrief {
-    let robots = scenario.robots.iter().map(|robot| BodyBrief {
+    let robots = scenario.robots.iter().enumerate().map(|(i, robot)| BodyBrief {
         name: robot.name.clone(),
         front_point_m: robot.front_point_m,
         wheels: robot.wheels,
         start: robot.start,
-        sensor_faults: Vec::new(),
-        wheel_faults: Vec::new(),
+        sensor_faults: faults(scenario, |fault, span, seed| match fault.kind {
+            FaultKind::Sensor { robot, sensor, kind } if robot == i => {
+                Some(SensorFault { span, sensor, kind, seed })
+            }
+            _ => None,
+        }),
+        wheel_faults: faults(scenario, |fault, span, _| match fault.kind {
+            FaultKind::Wheels { robot, kind } if robot == i => Some(WheelFault { span, kind }),
+            _ => None,
+        }),
     });
     let avoidance = &scenario.avoidance;
     PlantBrief {
@@ -60,4 +78,11 @@ pub fn plant(scenario: &Scenario, pace: Pace, run_root: &Path) -> PlantBrief {
         sensing_radius_m: avoidance.sensing_radius_m,
         robots: robots.collect(),
     }
+}
+
+/// Those of the scenario's faults that `of` makes something of, each with a seed of its own.
+fn faults<T>(scenario: &Scenario, of: impl Fn(&Fault, Span, u64) -> Option<T>) -> Vec<T> {
+    let numbered = (0u64..).zip(&scenario.faults);
+    let seed = |number: u64| scenario.seed.wrapping_mul(1 << 20).wrapping_add(number);
+    numbered.filter_map(|(number, fault)| of(fault, fault.span(), seed(number))).collect()
 }

@@ -423,13 +423,8 @@ pub fn report(scenario: &Scenario) -> String {
         ),
     );
     for (i, fault) in scenario.faults.iter().enumerate() {
-        let crate::scenario::FaultKind::Kill { robot, restart_after_ns } = fault.kind;
-        let back = restart_after_ns.map_or("for good".to_owned(), |after| {
-            format!("back after {} s", short(seconds(after)))
-        });
         let label = if i == 0 { "faults" } else { "" };
-        let at_s = short(seconds(fault.at_ns));
-        line(label, format!("{at_s} s: kill {}, {back}", robots[robot].name));
+        line(label, format!("{} s: {}", short(seconds(fault.at_ns)), fault.words(scenario)));
     }
     text
 }

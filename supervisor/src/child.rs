@@ -17,14 +17,21 @@ const TAIL_BYTES: u64 = 16 * 1024;
 
 /// What a child is to be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Role {
+pub enum Role<'a> {
     /// `phalanx agent BRIEF --incarnation N`.
     Agent {
+        /// Its brief.
+        brief: &'a Path,
         /// How often this robot's process was started before.
         incarnation: u64,
     },
     /// `phalanx plant BRIEF`.
-    Plant,
+    Plant {
+        /// Its brief.
+        brief: &'a Path,
+    },
+    /// `phalanx load`.
+    Load,
 }
 
 /// A running child, or a dead one not yet reaped.
@@ -46,18 +53,20 @@ pub struct SpawnError {
 impl Child {
     /// Starts this very executable in another role, its log appended to `log`. The calling thread
     /// must live as long as the run: the child dies with it.
-    pub fn spawn(role: Role, brief: &Path, log: &Path) -> Result<Child, SpawnError> {
-        let failed =
-            |source| SpawnError { what: format!("{role:?} with {}", brief.display()), source };
+    pub fn spawn(role: Role<'_>, log: &Path) -> Result<Child, SpawnError> {
+        let failed = |source| SpawnError { what: format!("{role:?}"), source };
         let out = File::options().create(true).append(true).open(log).map_err(failed)?;
         let mut command = Command::new("/proc/self/exe");
         match role {
-            Role::Agent { incarnation } => {
+            Role::Agent { brief, incarnation } => {
                 command.arg0("phalanx-agent").arg("agent").arg(brief);
                 command.arg("--incarnation").arg(incarnation.to_string());
             }
-            Role::Plant => {
+            Role::Plant { brief } => {
                 command.arg0("phalanx-plant").arg("plant").arg(brief);
+            }
+            Role::Load => {
+                command.arg0("phalanx-load").arg("load");
             }
         }
         command
@@ -97,9 +106,20 @@ impl Child {
         self.signal(Signal::KILL);
     }
 
-    /// Asks it to end.
+    /// Asks it to end; one that was stopped hears of it as well.
     pub fn terminate(&self) {
         self.signal(Signal::TERM);
+        self.signal(Signal::CONT);
+    }
+
+    /// Stops it, wherever it is, until [`Child::go_on`].
+    pub fn stop(&self) {
+        self.signal(Signal::STOP);
+    }
+
+    /// Lets it go on after [`Child::stop`].
+    pub fn go_on(&self) {
+        self.signal(Signal::CONT);
     }
 
     fn signal(&self, signal: Signal) {
@@ -132,6 +152,14 @@ impl Drop for Child {
             // SIGKILL cannot be ignored: this wait is short.
             let _ = self.process.wait();
         }
+    }
+}
+
+/// What a load process does: nothing, as fast as it can, until it is killed.
+pub fn load() -> ! {
+    protocol::process::set_name("phalanx-load");
+    loop {
+        std::hint::spin_loop();
     }
 }
 

@@ -24,7 +24,8 @@ use crate::cleanup::Cleaner;
 use crate::metrics::Metrics;
 use crate::robot::{AfterDeath, Robot, Seat, start_order};
 use crate::run_dir::{RunDir, RunDirError};
-use crate::scenario::{FaultKind, Scenario};
+use crate::scenario::Scenario;
+use crate::timeline::{Act, Due, Timeline};
 
 /// Every robot must be ready within this, at the start and at a restart.
 const READY_MAX: Duration = Duration::from_secs(10);
@@ -93,15 +94,6 @@ pub enum FlightError {
     PlantSilent,
 }
 
-/// A kill that the scenario plans and that has not happened yet.
-#[derive(Debug, Clone, Copy)]
-struct PlannedKill {
-    fault: usize,
-    robot: usize,
-    at_ns: u64,
-    restart_after_ns: Option<u64>,
-}
-
 /// What a run leaves besides its metrics.
 #[derive(Debug, Clone, Default)]
 pub struct Outcome {
@@ -124,8 +116,7 @@ pub struct Flight<'a> {
     metrics: &'a mut Metrics,
     stop: Stop,
     outcome: Outcome,
-    planned: Vec<PlannedKill>,
-    faults: usize,
+    timeline: Timeline,
     alive: Vec<bool>,
     last_news: Instant,
     /// Run time at which deaths were last looked for: those found next came after it, ns.
@@ -134,6 +125,8 @@ pub struct Flight<'a> {
     // In the order in which they must go: processes before services before the run root.
     robots: Vec<Robot>,
     plant: Child,
+    /// Processes that take processor time, and the faults they belong to.
+    loads: Vec<(usize, Child)>,
     truth: Subscriber<[TruthRow], TruthHeader>,
     cleaner: Cleaner,
     barrier: Option<Barrier>,
@@ -207,7 +200,7 @@ impl<'a> Flight<'a> {
 
         let plant_brief = briefs::plant(scenario, pace, run_root.path());
         let plant_brief = run_dir.write_brief("plant", &plant_brief)?;
-        let plant = Child::spawn(Role::Plant, &plant_brief, &run_dir.log_path("plant"))?;
+        let plant = Child::spawn(Role::Plant { brief: &plant_brief }, &run_dir.log_path("plant"))?;
         let mut robots = Vec::new();
         for (i, robot) in scenario.robots.iter().enumerate() {
             let brief = briefs::agent(scenario, i, pace, run_root.path());
@@ -219,24 +212,20 @@ impl<'a> Flight<'a> {
         for i in start_order(scenario.seed, robots.len()) {
             robots[i].start()?;
         }
-        let planned = scenario.faults.iter().enumerate().map(|(fault, planned)| {
-            let FaultKind::Kill { robot, restart_after_ns } = planned.kind;
-            PlannedKill { fault, robot, at_ns: planned.at_ns, restart_after_ns }
-        });
         Ok(Flight {
             scenario,
             run_dir,
             metrics,
             stop,
             outcome: Outcome { restarts: vec![0; robots.len()], ..Outcome::default() },
-            planned: planned.collect(),
-            faults: scenario.faults.len(),
+            timeline: Timeline::new(scenario),
             alive: vec![true; robots.len()],
             last_news: Instant::now(),
             all_seen_alive_ns: 0,
             took_off: None,
             robots,
             plant,
+            loads: Vec::new(),
             truth,
             cleaner,
             barrier,
@@ -258,6 +247,7 @@ impl<'a> Flight<'a> {
             outcome,
             robots,
             plant,
+            loads,
             truth,
             cleaner,
             barrier,
@@ -266,7 +256,7 @@ impl<'a> Flight<'a> {
             run_root,
             ..
         } = self;
-        drop((robots, plant, truth, cleaner, barrier, _services, _node));
+        drop((robots, plant, loads, truth, cleaner, barrier, _services, _node));
         if let Err(error) = run_root.remove() {
             tracing::warn!(%error, "could not remove the run root");
         }
@@ -378,7 +368,7 @@ impl<'a> Flight<'a> {
             if contact == Contact::Unheard || neighbor >= self.robots.len() {
                 continue;
             }
-            self.metrics.contact(neighbor, contact, status.since_t_ns);
+            self.metrics.contact(i, neighbor, contact, status.since_t_ns);
             let known = &mut self.robots[i].contacts[neighbor];
             if std::mem::replace(known, contact) != contact {
                 let detail = format!("{} {}", contact.word(), self.robots[neighbor].name);
@@ -402,6 +392,7 @@ impl<'a> Flight<'a> {
                 self.bury(i, status)?;
             }
         }
+        self.loads.retain_mut(|(_, child)| child.ended().is_none());
         self.all_seen_alive_ns = self.now_ns();
         Ok(())
     }
@@ -452,11 +443,7 @@ impl<'a> Flight<'a> {
         }
         // A death on top of a fault that is still going on belongs to that fault.
         if robot.fault.is_none() {
-            let fault = self.faults;
-            self.faults += 1;
-            let what = format!("death of {} ({how})", robot.name);
-            robot.fault = Some(fault);
-            self.metrics.fault_began(fault, what, Some(i), self.all_seen_alive_ns);
+            robot.fault = Some(self.metrics.died_unplanned(i, &how, self.all_seen_alive_ns));
         }
         if !returns && let Some(fault) = robot.fault.take() {
             self.metrics.fault_ended(fault, self.all_seen_alive_ns);
@@ -479,12 +466,10 @@ impl<'a> Flight<'a> {
             return Ok(());
         }
         let now_ns = self.now_ns();
-        let due = |kill: &PlannedKill| kill.at_ns <= now_ns;
         while self.outcome.truth.is_some()
-            && let Some(position) = self.planned.iter().position(due)
+            && let Some(due) = self.timeline.take_due(now_ns)
         {
-            let kill = self.planned.remove(position);
-            self.kill(kill, now_ns)?;
+            self.act_on(due, now_ns)?;
         }
         for i in 0..self.robots.len() {
             let robot = &mut self.robots[i];
@@ -500,7 +485,7 @@ impl<'a> Flight<'a> {
             }
         }
         let at_rest = self.robots.iter().all(|robot| match robot.seat {
-            Seat::Flying { .. } => true,
+            Seat::Flying { .. } | Seat::Frozen { .. } => true,
             Seat::Down => robot.restart_at_ns.is_none_or(|at_ns| at_ns > now_ns),
             Seat::Starting { .. } | Seat::Ending { .. } | Seat::Cleaning => false,
         });
@@ -514,22 +499,75 @@ impl<'a> Flight<'a> {
         Ok(())
     }
 
-    fn kill(&mut self, kill: PlannedKill, now_ns: u64) -> Result<(), FlightError> {
-        let robot = &mut self.robots[kill.robot];
-        robot.seat.is_killed();
-        robot.restart_at_ns = kill.restart_after_ns.map(|after_ns| kill.at_ns + after_ns);
-        let what = format!("kill {}", robot.name);
-        self.run_dir.event(now_ns, "kill", &robot.name, "SIGKILL, as planned")?;
-        if let Some(earlier) = robot.fault.take() {
-            self.metrics.fault_ended(earlier, now_ns);
-        }
-        self.metrics.fault_began(kill.fault, what, Some(kill.robot), now_ns);
-        if kill.restart_after_ns.is_some() {
-            robot.fault = Some(kill.fault);
-        } else {
-            self.metrics.fault_ended(kill.fault, now_ns);
+    /// Does one thing of the timeline.
+    fn act_on(&mut self, due: Due, now_ns: u64) -> Result<(), FlightError> {
+        let fault = due.fault;
+        match due.act {
+            Act::Kill { robot, restart_at_ns } => {
+                self.event(now_ns, "kill", Some(robot), "SIGKILL, as planned")?;
+                let struck = &mut self.robots[robot];
+                struck.seat.is_killed();
+                struck.restart_at_ns = restart_at_ns;
+                let earlier = std::mem::replace(&mut struck.fault, restart_at_ns.map(|_| fault));
+                if let Some(earlier) = earlier {
+                    self.metrics.fault_ended(earlier, now_ns);
+                }
+                self.metrics.fault_began(fault, now_ns);
+                if restart_at_ns.is_none() {
+                    self.metrics.fault_ended(fault, now_ns);
+                }
+            }
+            Act::Freeze { robot } => {
+                if let Some(barrier) = &self.barrier {
+                    barrier.remove_member(robot);
+                }
+                let stopped = self.robots[robot].seat.freezes();
+                let detail = if stopped { "SIGSTOP" } else { "nobody there to stop" };
+                self.event(now_ns, "freeze", Some(robot), detail)?;
+                self.metrics.fault_began(fault, now_ns);
+            }
+            Act::Thaw { robot } => {
+                if self.robots[robot].seat.thaws()
+                    && let Some(barrier) = &self.barrier
+                {
+                    barrier.set_member(robot, barrier.paused().unwrap_or(0));
+                }
+                self.event(now_ns, "thaw", Some(robot), "SIGCONT")?;
+                self.metrics.fault_ended(fault, now_ns);
+            }
+            Act::KillPlant => {
+                self.event(now_ns, "kill", None, "SIGKILL of the plant, as planned")?;
+                self.metrics.fault_began(fault, now_ns);
+                self.plant.kill();
+            }
+            Act::StartLoad { processes } => {
+                let log = self.run_dir.log_path("load");
+                for _ in 0..processes {
+                    self.loads.push((fault, Child::spawn(Role::Load, &log)?));
+                }
+                self.event(now_ns, "load", None, &format!("{processes} processes"))?;
+                self.metrics.fault_began(fault, now_ns);
+            }
+            Act::EndLoad => {
+                let ours = self.loads.iter().filter(|(of, _)| *of == fault);
+                ours.for_each(|(_, child)| child.kill());
+                self.event(now_ns, "load-ended", None, "")?;
+                self.metrics.fault_ended(fault, now_ns);
+            }
         }
         Ok(())
+    }
+
+    /// Writes down what happened, to a robot or to the run as a whole.
+    fn event(
+        &mut self,
+        t_ns: u64,
+        kind: &str,
+        robot: Option<usize>,
+        detail: &str,
+    ) -> Result<(), FlightError> {
+        let name = robot.map_or("", |robot| self.robots[robot].name.as_str());
+        Ok(self.run_dir.event(t_ns, kind, name, detail)?)
     }
 
     /// In lockstep: it has not started, or is paused and the truth of that tick, sent before the
@@ -545,9 +583,8 @@ impl<'a> Flight<'a> {
     /// In lockstep, the plant pauses at the first tick at which something is due.
     fn set_next_pause(&self) {
         if let Some(barrier) = &self.barrier {
-            let kills = self.planned.iter().map(|kill| kill.at_ns);
             let restarts = self.robots.iter().filter_map(|robot| robot.restart_at_ns);
-            let next = kills.chain(restarts).min();
+            let next = restarts.chain(self.timeline.next_ns()).min();
             barrier.pause_at(next.map_or(u64::MAX, |t_ns| t_ns.div_ceil(self.scenario.period_ns)));
         }
     }
@@ -599,7 +636,8 @@ impl<'a> Flight<'a> {
     /// All children, the plant first: it waits for the robots, and they for nobody.
     fn children(&mut self) -> impl Iterator<Item = &mut Child> {
         let robots = self.robots.iter_mut().filter_map(|robot| robot.seat.child_mut());
-        [&mut self.plant].into_iter().chain(robots)
+        let loads = self.loads.iter_mut().map(|(_, child)| child);
+        [&mut self.plant].into_iter().chain(robots).chain(loads)
     }
 }
 

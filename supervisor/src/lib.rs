@@ -9,6 +9,7 @@
 //! | `briefs` | what is each process told? |
 //! | `flight` | what happens, in order, from the first process to the last? |
 //! | `robot` | where is a robot's process in its life, and does it come back? |
+//! | `timeline` | what does the supervisor do to processes, and when? |
 //! | `child` | how is a process started, watched and ended? |
 //! | `cleanup` | what did a dead process leave behind? |
 //! | `metrics/` | how far apart, how far off, detected and recovered when? |
@@ -26,3 +27,4 @@ mod robot;
 pub mod run_dir;
 pub mod scenario;
 pub mod summary;
+mod timeline;

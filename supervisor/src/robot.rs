@@ -17,6 +17,8 @@ pub(crate) enum Seat {
     Starting { child: Child, since: Instant },
     /// Taking part.
     Flying { child: Child },
+    /// Stopped by SIGSTOP.
+    Frozen { child: Child },
     /// Killed on purpose; its end is awaited.
     Ending { child: Child },
     /// Dead and reaped; the clean-up is at work.
@@ -86,8 +88,8 @@ impl Robot {
 
     /// Starts its process.
     pub(crate) fn start(&mut self) -> Result<(), SpawnError> {
-        let role = Role::Agent { incarnation: self.incarnation };
-        let child = Child::spawn(role, &self.brief, &self.log)?;
+        let role = Role::Agent { brief: &self.brief, incarnation: self.incarnation };
+        let child = Child::spawn(role, &self.log)?;
         self.seat = Seat::Starting { child, since: Instant::now() };
         Ok(())
     }
@@ -111,18 +113,20 @@ pub(crate) fn start_order(seed: u64, robots: usize) -> Vec<usize> {
 impl Seat {
     pub(crate) fn child(&self) -> Option<&Child> {
         match self {
-            Seat::Starting { child, .. } | Seat::Flying { child } | Seat::Ending { child } => {
-                Some(child)
-            }
+            Seat::Starting { child, .. }
+            | Seat::Flying { child }
+            | Seat::Frozen { child }
+            | Seat::Ending { child } => Some(child),
             Seat::Cleaning | Seat::Down => None,
         }
     }
 
     pub(crate) fn child_mut(&mut self) -> Option<&mut Child> {
         match self {
-            Seat::Starting { child, .. } | Seat::Flying { child } | Seat::Ending { child } => {
-                Some(child)
-            }
+            Seat::Starting { child, .. }
+            | Seat::Flying { child }
+            | Seat::Frozen { child }
+            | Seat::Ending { child } => Some(child),
             Seat::Cleaning | Seat::Down => None,
         }
     }
@@ -135,10 +139,38 @@ impl Seat {
         };
     }
 
+    /// It is stopped; whether there was anybody taking part.
+    pub(crate) fn freezes(&mut self) -> bool {
+        *self = match std::mem::replace(self, Seat::Down) {
+            Seat::Flying { child } => {
+                child.stop();
+                Seat::Frozen { child }
+            }
+            other => other,
+        };
+        matches!(self, Seat::Frozen { .. })
+    }
+
+    /// It goes on; whether it was frozen.
+    pub(crate) fn thaws(&mut self) -> bool {
+        let frozen = matches!(self, Seat::Frozen { .. });
+        *self = match std::mem::replace(self, Seat::Down) {
+            Seat::Frozen { child } => {
+                child.go_on();
+                Seat::Flying { child }
+            }
+            other => other,
+        };
+        frozen
+    }
+
     /// It is killed on purpose, if there is anybody to kill.
     pub(crate) fn is_killed(&mut self) {
         *self = match std::mem::replace(self, Seat::Down) {
-            Seat::Starting { child, .. } | Seat::Flying { child } | Seat::Ending { child } => {
+            Seat::Starting { child, .. }
+            | Seat::Flying { child }
+            | Seat::Frozen { child }
+            | Seat::Ending { child } => {
                 child.kill();
                 Seat::Ending { child }
             }

@@ -9,7 +9,7 @@ use supervisor::briefs;
 use supervisor::metrics::{Measures, Metrics};
 use supervisor::scenario::{FaultKind, Scenario};
 
-/// Flies `scenario` in lockstep, with its kills and restarts, and measures what it would do.
+/// Flies `scenario` in lockstep, with its faults, and measures what it would do.
 pub fn fly(scenario: &Scenario) -> Measures {
     let run_root = "/nowhere".as_ref();
     let plant = briefs::plant(scenario, Pace::Lockstep, run_root);
@@ -21,43 +21,57 @@ pub fn fly(scenario: &Scenario) -> Measures {
 
     let mut world = World::new(&plant);
     let mut metrics = Metrics::new(scenario, Pace::Lockstep);
-    let mut robots: Vec<Option<Robot>> =
-        agents.iter().map(|brief| Some(Robot::new(brief, 0, 0))).collect();
-    let mut starts = vec![0u64; robots.len()];
+    let mut robots: Vec<Robot> = agents.iter().map(|brief| Robot::new(brief, 0, 0)).collect();
     let mut last_beacons: Vec<Option<Beacon>> = vec![None; robots.len()];
-    let mut alive = vec![true; robots.len()];
 
     for tick in 0..=ticks {
         let truth: Vec<TruthRow> = world.truth().collect();
+        let alive: Vec<bool> = robots.iter().map(|robot| robot.brain.is_some()).collect();
         metrics.truth(&world.truth_header(), &truth, &alive);
         if tick == ticks {
             break;
         }
         for fault in &scenario.faults {
-            let FaultKind::Kill { robot, restart_after_ns } = fault.kind;
-            if tick_of(fault.at_ns) == tick {
-                robots[robot] = None;
-                alive[robot] = false;
-            }
-            if restart_after_ns.is_some_and(|after| tick_of(fault.at_ns + after) == tick) {
-                starts[robot] += 1;
-                alive[robot] = true;
-                robots[robot] = Some(Robot::new(&agents[robot], starts[robot], tick));
+            let (begins, ends) = (tick_of(fault.at_ns) == tick, fault.until_ns().map(tick_of));
+            match fault.kind {
+                FaultKind::Kill { robot, restart_after_ns } => {
+                    if begins {
+                        robots[robot].brain = None;
+                        robots[robot].frozen = false;
+                        last_beacons[robot] = None;
+                    }
+                    if restart_after_ns.is_some_and(|after| tick_of(fault.at_ns + after) == tick) {
+                        let incarnation = robots[robot].incarnation + 1;
+                        robots[robot] = Robot::new(&agents[robot], incarnation, tick);
+                    }
+                }
+                FaultKind::Freeze { robot } => {
+                    if begins && robots[robot].brain.is_some() {
+                        robots[robot].frozen = true;
+                        last_beacons[robot] = None;
+                    }
+                    if ends == Some(tick) && robots[robot].frozen {
+                        robots[robot].frozen = false;
+                        robots[robot].first_tick = tick;
+                    }
+                }
+                // The others act by the briefs, or not on a simulated time.
+                _ => {}
             }
         }
         let mut beacons = vec![None; robots.len()];
-        for (i, slot) in robots.iter_mut().enumerate() {
-            let Some(robot) = slot else { continue };
+        for (i, robot) in robots.iter_mut().enumerate() {
+            let Some(brain) = robot.brain.as_mut().filter(|_| !robot.frozen) else { continue };
             let odometry = world.odometry(i);
             if tick > robot.first_tick {
                 for (place, neighbor) in agents[i].neighbors.iter().enumerate() {
                     // A beacon of the tick before, from a robot that still takes part.
                     if let Some(beacon) = last_beacons[neighbor.index - 1] {
-                        robot.brain.hear(place, &beacon, odometry.stamp_ns).expect("in order");
+                        let _ = brain.hear(place, &beacon, odometry.stamp_ns);
                     }
                 }
             }
-            let answer = robot.brain.answer(&odometry, odometry.stamp_ns);
+            let answer = brain.answer(&odometry, odometry.stamp_ns);
             // An answer that takes a period or more is dead before it is sent.
             let Some(answer) = answer.filter(|answer| answer.delay_ns < plant.period_ns) else {
                 continue;
@@ -67,25 +81,22 @@ pub fn fly(scenario: &Scenario) -> Measures {
         }
         world.advance((tick + 1) * plant.period_ns);
         world.next_tick();
-        // Who dies at the next tick is not heard in it.
-        for fault in &scenario.faults {
-            let FaultKind::Kill { robot, .. } = fault.kind;
-            if tick_of(fault.at_ns) == tick + 1 {
-                beacons[robot] = None;
-            }
-        }
         last_beacons = beacons;
     }
     metrics.finish()
 }
 
 struct Robot {
-    brain: Brain,
+    brain: Option<Brain>,
+    frozen: bool,
+    incarnation: u64,
+    /// The first tick since it was started, or went on after a freeze.
     first_tick: u64,
 }
 
 impl Robot {
     fn new(brief: &AgentBrief, incarnation: u64, first_tick: u64) -> Robot {
-        Robot { brain: Brain::new(brief, incarnation).expect("a checked brief"), first_tick }
+        let brain = Some(Brain::new(brief, incarnation).expect("a checked brief"));
+        Robot { brain, frozen: false, incarnation, first_tick }
     }
 }

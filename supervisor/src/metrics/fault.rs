@@ -10,7 +10,7 @@ use super::seconds;
 pub(super) struct FaultWindow {
     number: usize,
     what: String,
-    robot: Option<(usize, String)>,
+    struck: Struck,
     began_ns: u64,
     ended_ns: Option<u64>,
     /// When the robot came back; it may never.
@@ -26,6 +26,15 @@ pub(super) struct FaultWindow {
     recovered_ns: Option<u64>,
     /// Another fault began after this one had recovered: what follows is not its doing.
     closed: bool,
+}
+
+/// Whom a fault strikes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Struck {
+    /// The robot that falls silent, or stands wrong; `None` if it is no robot.
+    pub robot: Option<usize>,
+    /// The only robot that cannot hear it; `None`: nobody can.
+    pub hearer: Option<usize>,
 }
 
 /// The worst of a stretch of time.
@@ -70,16 +79,11 @@ pub struct FaultReport {
 }
 
 impl FaultWindow {
-    pub(super) fn new(
-        number: usize,
-        what: String,
-        robot: Option<(usize, String)>,
-        began_ns: u64,
-    ) -> FaultWindow {
+    pub(super) fn new(number: usize, what: String, struck: Struck, began_ns: u64) -> FaultWindow {
         FaultWindow {
             number,
             what,
-            robot,
+            struck,
             began_ns,
             ended_ns: None,
             returned_ns: None,
@@ -133,9 +137,16 @@ impl FaultWindow {
         }
     }
 
-    /// Somebody calls `neighbor` so since then; the first to do so counts.
-    pub(super) fn contact(&mut self, neighbor: usize, contact: Contact, since_ns: u64) {
-        let struck = self.robot.as_ref().is_some_and(|(robot, _)| *robot == neighbor);
+    /// `hearer` calls `neighbor` so since then; the first to do so counts.
+    pub(super) fn contact(
+        &mut self,
+        hearer: usize,
+        neighbor: usize,
+        contact: Contact,
+        since_ns: u64,
+    ) {
+        let struck = self.struck.robot == Some(neighbor)
+            && self.struck.hearer.is_none_or(|only| only == hearer);
         let over = self.returned_ns.is_some_and(|returned_ns| since_ns > returned_ns);
         if !struck || since_ns < self.began_ns || over {
             return;
@@ -148,7 +159,7 @@ impl FaultWindow {
         *first = Some(first.map_or(since_ns, |first_ns| since_ns.min(first_ns)));
     }
 
-    pub(super) fn report(&self) -> FaultReport {
+    pub(super) fn report(&self, names: &[String]) -> FaultReport {
         let after = |from_ns: u64| move |t_ns: u64| seconds(t_ns.saturating_sub(from_ns));
         let since_begin = after(self.began_ns);
         let mut worst = self.worst;
@@ -158,7 +169,7 @@ impl FaultWindow {
         FaultReport {
             t_s: seconds(self.began_ns),
             what: self.what.clone(),
-            robot: self.robot.as_ref().map(|(_, name)| name.clone()),
+            robot: self.struck.robot.map(|robot| names[robot].clone()),
             lasted_s: self.ended_ns.map(since_begin),
             stale_after_s: self.stale_ns.map(since_begin),
             lost_after_s: self.lost_ns.map(since_begin),
@@ -177,28 +188,42 @@ mod tests {
 
     const S: u64 = 1_000_000_000;
 
+    fn names() -> Vec<String> {
+        ["r1", "r2", "r3"].map(String::from).into()
+    }
+
     fn window() -> FaultWindow {
-        FaultWindow::new(0, "kill r2".into(), Some((1, "r2".into())), 10 * S)
+        FaultWindow::new(0, "kill r2".into(), Struck { robot: Some(1), hearer: None }, 10 * S)
     }
 
     #[test]
     fn detection_is_the_first_neighbors_and_recovery_counts_from_the_faults_end() {
         let mut fault = window();
-        fault.contact(1, Contact::Lost, 10 * S + S / 2);
-        fault.contact(1, Contact::Stale, 10 * S + S / 10);
-        fault.contact(1, Contact::Stale, 10 * S + S / 5); // a later neighbour
-        fault.contact(0, Contact::Stale, 10 * S); // another robot
-        fault.contact(1, Contact::Stale, 9 * S); // before it began
+        fault.contact(2, 1, Contact::Lost, 10 * S + S / 2);
+        fault.contact(2, 1, Contact::Stale, 10 * S + S / 10);
+        fault.contact(2, 1, Contact::Stale, 10 * S + S / 5); // a later neighbour
+        fault.contact(2, 0, Contact::Stale, 10 * S); // another robot
+        fault.contact(2, 1, Contact::Stale, 9 * S); // before it began
         fault.truth(11 * S, 0.5, None, 0.3);
         fault.truth(12 * S, 0.1, Some(12 * S), 0.4);
         fault.ended(12 * S);
         fault.truth(13 * S, 0.2, None, 0.25);
         fault.truth(14 * S, 0.0, Some(14 * S), 0.26);
         fault.truth(15 * S, 0.0, Some(14 * S), 0.1);
-        let report = fault.report();
+        let report = fault.report(&names());
         assert_eq!((report.stale_after_s, report.lost_after_s), (Some(0.1), Some(0.5)));
         assert_eq!((report.lasted_s, report.recovered_after_s), (Some(2.0), Some(2.0)));
         assert_eq!((report.peak_error_m, report.min_distance_m), (0.5, Some(0.25)));
+    }
+
+    #[test]
+    fn a_cut_is_noticed_by_the_one_that_no_longer_hears() {
+        let struck = Struck { robot: Some(1), hearer: Some(2) };
+        let mut fault = FaultWindow::new(0, "cut r2->r3".into(), struck, 10 * S);
+        fault.contact(0, 1, Contact::Stale, 11 * S);
+        assert_eq!(fault.report(&names()).stale_after_s, None);
+        fault.contact(2, 1, Contact::Stale, 12 * S);
+        assert_eq!(fault.report(&names()).stale_after_s, Some(2.0));
     }
 
     #[test]
@@ -207,7 +232,7 @@ mod tests {
         fault.truth(11 * S, 0.001, Some(S), 0.3);
         fault.ended(12 * S);
         fault.truth(13 * S, 0.001, Some(S), 0.3);
-        assert_eq!(fault.report().recovered_after_s, Some(0.0));
+        assert_eq!(fault.report(&names()).recovered_after_s, Some(0.0));
     }
 
     #[test]
@@ -220,7 +245,7 @@ mod tests {
         for fault in [&mut alone, &mut followed] {
             fault.truth(12 * S, 1.0, None, 1.0);
         }
-        assert_eq!(alone.report().recovered_after_s, None);
-        assert_eq!(followed.report().recovered_after_s, Some(1.0));
+        assert_eq!(alone.report(&names()).recovered_after_s, None);
+        assert_eq!(followed.report(&names()).recovered_after_s, Some(1.0));
     }
 }

@@ -16,6 +16,8 @@ pub mod expect;
 pub mod fault;
 pub mod hash;
 
+use std::collections::VecDeque;
+
 use formation::Vec2;
 use formation::front_point::front_point;
 use formation::hull::hull_distance;
@@ -27,7 +29,7 @@ use crate::scenario::Scenario;
 pub use distance::PairDistance;
 use distance::{Closest, Distances};
 use error::Errors;
-use fault::{FaultReport, FaultWindow};
+use fault::{FaultReport, FaultWindow, Struck};
 use hash::TrajectoryHash;
 
 /// Final errors are the worst over this last share of the run.
@@ -63,6 +65,17 @@ pub struct Metrics {
     newest_tick: Option<u64>,
     newest_t_ns: Option<u64>,
     faults: Vec<FaultWindow>,
+    /// What the scenario plans to break: its words, and whom it strikes.
+    planned: Vec<(String, Struck)>,
+    /// Beginnings and ends of faults that act by the briefs, in order of time, ns.
+    scheduled: VecDeque<(u64, usize, Bound)>,
+}
+
+/// One end of a fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Bound {
+    Begin,
+    End,
 }
 
 /// What was measured over a whole run.
@@ -137,11 +150,22 @@ impl Metrics {
             newest_tick: None,
             newest_t_ns: None,
             faults: Vec::new(),
+            planned: scenario.faults.iter().map(|fault| fault.kind.struck(scenario)).collect(),
+            scheduled: scheduled(scenario),
         }
     }
 
     /// Takes in one truth, and who was alive at it.
     pub fn truth(&mut self, header: &TruthHeader, rows: &[TruthRow], alive: &[bool]) {
+        while let Some(&(t_ns, fault, bound)) = self.scheduled.front()
+            && t_ns <= header.t_ns
+        {
+            self.scheduled.pop_front();
+            match bound {
+                Bound::Begin => self.fault_began(fault, t_ns),
+                Bound::End => self.fault_ended(fault, t_ns),
+            }
+        }
         let expected = self.newest_tick.map_or(0, |tick| tick + 1);
         self.truths_lost += header.tick.saturating_sub(expected);
         self.newest_tick = Some(header.tick);
@@ -232,13 +256,26 @@ impl Metrics {
         &self.errors
     }
 
-    /// A fault of this number began.
-    pub fn fault_began(&mut self, fault: usize, what: String, robot: Option<usize>, t_ns: u64) {
+    /// The scenario's fault of this number began.
+    pub fn fault_began(&mut self, fault: usize, t_ns: u64) {
+        let (what, struck) = self.planned[fault].clone();
+        self.window(fault, what, struck, t_ns);
+    }
+
+    /// A robot died, and nobody had planned it; the number of this fault.
+    pub fn died_unplanned(&mut self, robot: usize, how: &str, t_ns: u64) -> usize {
+        let fault = self.planned.len();
+        let what = format!("death of {} ({how})", self.names[robot]);
+        self.planned.push((what, Struck { robot: Some(robot), hearer: None }));
+        self.fault_began(fault, t_ns);
+        fault
+    }
+
+    fn window(&mut self, fault: usize, what: String, struck: Struck, t_ns: u64) {
         for earlier in &mut self.faults {
             earlier.another_began();
         }
-        let robot = robot.map(|robot| (robot, self.names[robot].clone()));
-        self.faults.push(FaultWindow::new(fault, what, robot, t_ns));
+        self.faults.push(FaultWindow::new(fault, what, struck, t_ns));
     }
 
     /// What the fault broke is whole again, as far as it is ever going to be.
@@ -248,10 +285,10 @@ impl Metrics {
         }
     }
 
-    /// Somebody says how `neighbor` is heard, and since when.
-    pub fn contact(&mut self, neighbor: usize, contact: Contact, since_t_ns: u64) {
+    /// `hearer` says how `neighbor` is heard, and since when.
+    pub fn contact(&mut self, hearer: usize, neighbor: usize, contact: Contact, since_t_ns: u64) {
         for fault in &mut self.faults {
-            fault.contact(neighbor, contact, since_t_ns);
+            fault.contact(hearer, neighbor, contact, since_t_ns);
         }
     }
 
@@ -280,9 +317,22 @@ impl Metrics {
                 .filter(|_| self.truths > 0)
                 .map(TrajectoryHash::finish),
             truths_lost: self.truths_lost,
-            faults: self.faults.iter().map(FaultWindow::report).collect(),
+            faults: self.faults.iter().map(|fault| fault.report(&self.names)).collect(),
         }
     }
+}
+
+/// When the faults that act by the briefs, with nobody doing anything, begin and end.
+fn scheduled(scenario: &Scenario) -> VecDeque<(u64, usize, Bound)> {
+    let mut bounds = Vec::new();
+    let faults = scenario.faults.iter().enumerate();
+    for (number, fault) in faults.filter(|(_, fault)| fault.kind.acts_by_brief()) {
+        bounds.push((fault.at_ns, number, Bound::Begin));
+        // What lasts to the end is never going to be any better than it is.
+        bounds.push((fault.until_ns().unwrap_or(fault.at_ns), number, Bound::End));
+    }
+    bounds.sort_by_key(|&(t_ns, ..)| t_ns);
+    bounds.into()
 }
 
 #[cfg(test)]

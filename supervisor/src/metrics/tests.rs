@@ -148,7 +148,7 @@ fn the_smallest_distance_is_named_with_its_pair_and_time() {
 fn what_the_plant_saw_between_two_truths_counts() {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     metrics.truth(&header(0), &r3_off(0.0), &ALL);
-    metrics.fault_began(0, "kill r2".to_owned(), Some(1), SECOND_NS / 4);
+    metrics.died_unplanned(1, "signal 9", SECOND_NS / 4);
     let seen = TruthHeader {
         closest_m: 0.05,
         closest_t_ns: SECOND_NS / 2,
@@ -236,7 +236,7 @@ fn killed_and_replaced(off_m: &[f64]) -> FaultReport {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     for (tick, &off_m) in (0u64..).zip(off_m) {
         if tick == 3 {
-            metrics.fault_began(0, "kill r2".to_owned(), Some(1), tick * SECOND_NS);
+            metrics.died_unplanned(1, "signal 9", tick * SECOND_NS);
         }
         if tick == 5 {
             metrics.fault_ended(0, tick * SECOND_NS);
@@ -290,8 +290,8 @@ fn a_later_fault_closes_the_window_of_one_recovered_from_and_no_other() {
         let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
         for (tick, off_m) in (0u64..).zip(off_m) {
             if tick == 1 || tick == 5 {
-                metrics.fault_began(tick as usize, "kill r1".to_owned(), Some(0), tick * SECOND_NS);
-                metrics.fault_ended(tick as usize, tick * SECOND_NS);
+                let fault = metrics.died_unplanned(0, "signal 9", tick * SECOND_NS);
+                metrics.fault_ended(fault, tick * SECOND_NS);
             }
             metrics.truth(&header(tick), &r3_off(off_m), &ALL);
         }
@@ -311,7 +311,7 @@ fn faults_at_the_same_instant_share_what_follows() {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     metrics.truth(&header(0), &r3_off(0.0), &ALL);
     for fault in [0, 1] {
-        metrics.fault_began(fault, "kill".to_owned(), Some(fault), SECOND_NS);
+        metrics.died_unplanned(fault, "signal 9", SECOND_NS);
         metrics.fault_ended(fault, SECOND_NS);
     }
     metrics.truth(&header(1), &r3_off(0.0), &ALL);
@@ -325,9 +325,9 @@ fn faults_at_the_same_instant_share_what_follows() {
 #[test]
 fn the_first_neighbor_to_call_a_faulty_robot_stale_and_lost_sets_the_times() {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
-    metrics.fault_began(0, "kill r2".to_owned(), Some(1), 10 * SECOND_NS);
-    metrics.fault_began(1, "kill r2".to_owned(), Some(1), 30 * SECOND_NS);
-    for (_, neighbor, contact, since_s) in [
+    metrics.died_unplanned(1, "signal 9", 10 * SECOND_NS);
+    metrics.died_unplanned(1, "signal 9", 30 * SECOND_NS);
+    for (hearer, neighbor, contact, since_s) in [
         (2, 1, Contact::Stale, 5),
         (2, 1, Contact::Stale, 14),
         (0, 1, Contact::Stale, 13),
@@ -336,7 +336,7 @@ fn the_first_neighbor_to_call_a_faulty_robot_stale_and_lost_sets_the_times() {
         (2, 1, Contact::Lost, 25),
         (2, 1, Contact::Stale, 32),
     ] {
-        metrics.contact(neighbor, contact, since_s * SECOND_NS);
+        metrics.contact(hearer, neighbor, contact, since_s * SECOND_NS);
     }
     let faults = metrics.finish().faults;
     assert_eq!((faults[0].stale_after_s, faults[0].lost_after_s), (Some(3.0), Some(15.0)));
@@ -346,8 +346,8 @@ fn the_first_neighbor_to_call_a_faulty_robot_stale_and_lost_sets_the_times() {
 #[test]
 fn silence_after_the_replacement_flew_is_not_the_faults() {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
-    metrics.fault_began(0, "kill r2".to_owned(), Some(1), 10 * SECOND_NS);
+    metrics.died_unplanned(1, "signal 9", 10 * SECOND_NS);
     metrics.fault_ended(0, 12 * SECOND_NS);
-    metrics.contact(1, Contact::Stale, 25 * SECOND_NS);
+    metrics.contact(2, 1, Contact::Stale, 25 * SECOND_NS);
     assert_eq!(metrics.finish().faults[0].stale_after_s, None);
 }

@@ -1,12 +1,107 @@
-//! What breaks when, as it is written on the command line: `kill r2 @10 restart 2`.
+//! What breaks when, in words: on the command line, `kill r2 @10 restart 2`, and in reports.
 //!
 //! Here only the words are read. Whether there is such a robot, and whether it is alive then, is
 //! asked where faults of the file are read too: both become the same `[[fault]]` tables.
 
+use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind, WheelFaultKind};
 use toml_edit::{Table, value};
+
+use super::{Fault, FaultKind, Scenario, seconds as in_seconds};
+use crate::metrics::fault::Struck;
 
 /// How a fault is written on the command line.
 pub const GRAMMAR: &str = "kill ROBOT @SECONDS [restart SECONDS]";
+
+impl Fault {
+    /// What it is and for how long, in words.
+    pub fn words(&self, scenario: &Scenario) -> String {
+        let (what, _) = self.kind.struck(scenario);
+        let lasts = |ns| format!("{} s", in_seconds(ns));
+        match (&self.kind, self.for_ns) {
+            (FaultKind::KillPlant, _) => what,
+            (FaultKind::Kill { restart_after_ns: None, .. }, _) => format!("{what}, for good"),
+            (FaultKind::Kill { restart_after_ns: Some(after_ns), .. }, _) => {
+                format!("{what}, back after {}", lasts(*after_ns))
+            }
+            (_, None) => format!("{what}, to the end"),
+            (_, Some(for_ns)) => format!("{what}, for {}", lasts(for_ns)),
+        }
+    }
+}
+
+impl FaultKind {
+    /// What it is, in words, and whom it strikes.
+    pub fn struck(&self, scenario: &Scenario) -> (String, Struck) {
+        let name = |robot: usize| scenario.robots[robot].name.as_str();
+        let silent = |robot| Struck { robot: Some(robot), hearer: None };
+        match *self {
+            FaultKind::Kill { robot, .. } => (format!("kill {}", name(robot)), silent(robot)),
+            FaultKind::KillPlant => ("kill plant".to_owned(), Struck::default()),
+            FaultKind::Freeze { robot } => (format!("freeze {}", name(robot)), silent(robot)),
+            FaultKind::Slow { robot, delay_ns } => {
+                (format!("slow {} by {}", name(robot), in_seconds(delay_ns)), silent(robot))
+            }
+            FaultKind::Link { edge, ref kind } => {
+                let edge = scenario.graph.edges()[edge];
+                let link = format!("{}->{}", name(edge.from), name(edge.to));
+                let what = match *kind {
+                    LinkFaultKind::Cut => format!("cut {link}"),
+                    LinkFaultKind::Loss { probability, burst: 1 } => {
+                        format!("loss {link} of {probability}")
+                    }
+                    LinkFaultKind::Loss { probability, burst } => {
+                        format!("loss {link} of {probability} burst {burst}")
+                    }
+                    LinkFaultKind::Delay { delay_ns, jitter_ns: 0 } => {
+                        format!("delay {link} by {}", in_seconds(delay_ns))
+                    }
+                    LinkFaultKind::Delay { delay_ns, jitter_ns } => {
+                        let (by_s, jitter_s) = (in_seconds(delay_ns), in_seconds(jitter_ns));
+                        format!("delay {link} by {by_s} jitter {jitter_s}")
+                    }
+                };
+                (what, Struck { robot: Some(edge.from), hearer: Some(edge.to) })
+            }
+            FaultKind::Sensor { robot, sensor, kind } => {
+                let sensor = match sensor {
+                    Sensor::Odometry => "odometry",
+                    Sensor::Proximity => "proximity",
+                };
+                let what = match kind {
+                    SensorFaultKind::Blackout => format!("blackout {} {sensor}", name(robot)),
+                    SensorFaultKind::Noise { bound_m } => {
+                        format!("noise {} {sensor} by {bound_m}", name(robot))
+                    }
+                };
+                (what, silent(robot))
+            }
+            FaultKind::Wheels { robot, kind } => {
+                let what = match kind {
+                    WheelFaultKind::Stuck => format!("wheels {} stuck", name(robot)),
+                    WheelFaultKind::Limit { speed_max_m_s } => {
+                        format!("wheels {} limit {speed_max_m_s}", name(robot))
+                    }
+                };
+                (what, silent(robot))
+            }
+            FaultKind::Load { processes } => (format!("load {processes}"), Struck::default()),
+        }
+    }
+
+    /// Whether it acts in agents or plant by their briefs, with nobody doing anything.
+    pub fn acts_by_brief(&self) -> bool {
+        match self {
+            FaultKind::Slow { .. }
+            | FaultKind::Link { .. }
+            | FaultKind::Sensor { .. }
+            | FaultKind::Wheels { .. } => true,
+            FaultKind::Kill { .. }
+            | FaultKind::KillPlant
+            | FaultKind::Freeze { .. }
+            | FaultKind::Load { .. } => false,
+        }
+    }
+}
 
 /// Why an argument is no fault.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

@@ -24,6 +24,7 @@ use formation::pose::Pose;
 use protocol::brief::{
     AvoidanceBrief, LeadBrief, Pace, PublishedVelocity, SilenceBrief, WheelsBrief,
 };
+use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind, Span, WheelFaultKind};
 use protocol::law::Role;
 
 /// One experiment. Robots are numbered by their place in the file, from 0.
@@ -115,8 +116,22 @@ pub enum RestartWhen {
 pub struct Fault {
     /// When it begins, ns since the run's start.
     pub at_ns: u64,
+    /// How long it lasts, ns; without, to the run's end. A kill has no length.
+    pub for_ns: Option<u64>,
     /// What it is.
     pub kind: FaultKind,
+}
+
+impl Fault {
+    /// When it ends, ns since the run's start; `None` if it lasts to the end.
+    pub fn until_ns(&self) -> Option<u64> {
+        self.for_ns.map(|for_ns| self.at_ns.saturating_add(for_ns))
+    }
+
+    /// When it acts.
+    pub fn span(&self) -> Span {
+        Span { from_ns: self.at_ns, until_ns: self.until_ns().unwrap_or(Span::END_NS) }
+    }
 }
 
 /// What breaks.
@@ -129,6 +144,48 @@ pub enum FaultKind {
         /// Its replacement is started this long after the kill, ns; without, the robot stays dead
         /// (its restart policy is for deaths that nobody planned).
         restart_after_ns: Option<u64>,
+    },
+    /// SIGKILL of the plant: the run ends.
+    KillPlant,
+    /// SIGSTOP of a robot's process, and SIGCONT at its end.
+    Freeze {
+        /// Which robot.
+        robot: usize,
+    },
+    /// A robot that needs longer to answer.
+    Slow {
+        /// Which robot.
+        robot: usize,
+        /// By how much, ns.
+        delay_ns: u64,
+    },
+    /// A link that loses or delays what it carries.
+    Link {
+        /// Place of its edge in the graph.
+        edge: usize,
+        /// What is wrong with it.
+        kind: LinkFaultKind,
+    },
+    /// A sensor that sees nothing, or not exactly.
+    Sensor {
+        /// Whose.
+        robot: usize,
+        /// Which.
+        sensor: Sensor,
+        /// What is wrong with it.
+        kind: SensorFaultKind,
+    },
+    /// Wheels that are stuck, or slow.
+    Wheels {
+        /// Whose.
+        robot: usize,
+        /// What is wrong with them.
+        kind: WheelFaultKind,
+    },
+    /// Processes that take processor time from everybody.
+    Load {
+        /// How many.
+        processes: usize,
     },
 }
 

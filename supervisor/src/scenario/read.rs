@@ -773,13 +773,16 @@ fn faults(root: &Table<'_>, robots: &[Robot], duration_ns: u64) -> Result<Vec<Fa
         let robot = robot_named(&table.need("robot", "the name of a robot")?, robots)?;
         let restart_after_ns =
             table.get("restart_after_s").map(|after| after.duration_ns()).transpose()?;
-        faults.push((Fault { at_ns, kind: FaultKind::Kill { robot, restart_after_ns } }, at));
+        faults.push((
+            Fault { at_ns, for_ns: None, kind: FaultKind::Kill { robot, restart_after_ns } },
+            at,
+        ));
     }
     faults.sort_by_key(|(fault, _)| fault.at_ns);
     // For each robot: when it is up again after its latest kill; `None` for never.
     let mut dead_until: Vec<Option<u64>> = vec![Some(0); robots.len()];
     for (fault, at) in &faults {
-        let FaultKind::Kill { robot, restart_after_ns } = fault.kind;
+        let FaultKind::Kill { robot, restart_after_ns } = fault.kind else { continue };
         let name = &robots[robot].name;
         let at_s = seconds(fault.at_ns);
         match dead_until[robot] {

@@ -3,6 +3,8 @@
 //! | file | question it answers |
 //! |---|---|
 //! | `read` | what does the text say, and where does it go wrong? |
+//! | `robots` `graph` `lead` `faults` `expect` | the same for one kind of table each |
+//! | `file` | how is a file's text had, and when is it refused? |
 //! | `table` | which type, unit and range has a value, and where does it stand? |
 //! | `overrides` | what do `--set`, `--fault` and `--seed` change? |
 //! | `diagnostic` | how is a mistake shown: file, line, column, snippet, value, expectation? |
@@ -10,9 +12,15 @@
 //! | `fault` | what breaks when, and how is that written on the command line? |
 
 pub mod diagnostic;
+mod expect;
 pub mod fault;
+mod faults;
+mod file;
+mod graph;
+mod lead;
 mod overrides;
 pub mod read;
+mod robots;
 mod table;
 #[cfg(test)]
 mod tests;

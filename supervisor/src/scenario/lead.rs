@@ -1,0 +1,117 @@
+//! Where the main leader goes: `[trajectory]` and `[scale]`.
+
+use formation::frame::Scale;
+use formation::trajectory::Trajectory;
+use protocol::brief::LeadBrief;
+use protocol::law::Role;
+
+use super::Robot;
+use super::diagnostic::Diagnostic;
+use super::table::{Table, Value};
+
+/// `[trajectory]` and `[scale]`: there if and only if somebody leads.
+pub(super) fn lead(root: &Table<'_>, robots: &[Robot]) -> Result<Option<LeadBrief>, Diagnostic> {
+    let leader = robots.iter().find(|robot| robot.role == Role::Leader);
+    let (Some(trajectory_value), scale_value) = (root.get("trajectory"), root.get("scale")) else {
+        return match (leader, root.get("scale")) {
+            (Some(leader), _) => {
+                let expected = format!("where {} leads: a table with `kind`", leader.name);
+                Err(root.missing("trajectory", &expected))
+            }
+            (None, Some(scale)) => {
+                Err(scale
+                    .wrong("is given, but nobody leads", "expected a robot with a leader's law"))
+            }
+            (None, None) => Ok(None),
+        };
+    };
+    if leader.is_none() {
+        return Err(trajectory_value
+            .wrong("is given, but nobody leads", "expected a robot with a leader's law"));
+    }
+    let trajectory = trajectory(&trajectory_value)?;
+    let scale = scale_value.as_ref().map_or(Ok(Scale::ONE), scale)?;
+    Ok(Some(LeadBrief { scale, trajectory }))
+}
+
+/// m(t).
+fn trajectory(value: &Value<'_>) -> Result<Trajectory, Diagnostic> {
+    const KEYS: &[&str] = &[
+        "kind",
+        "center_m",
+        "velocity_m_s",
+        "radius_m",
+        "radii_m",
+        "cycles",
+        "phase_rad",
+        "period_s",
+    ];
+    #[derive(Clone, Copy)]
+    enum Kind {
+        Still,
+        Line,
+        Circle,
+        Quadrifolium,
+        Lissajous,
+    }
+    let kinds = [
+        ("still", Kind::Still, &["center_m"][..]),
+        ("line", Kind::Line, &["center_m", "velocity_m_s"]),
+        ("circle", Kind::Circle, &["center_m", "radius_m", "period_s"]),
+        ("quadrifolium", Kind::Quadrifolium, &["center_m", "radius_m", "period_s"]),
+        ("lissajous", Kind::Lissajous, &["center_m", "radii_m", "cycles", "phase_rad", "period_s"]),
+    ];
+    let words = kinds.map(|(word, kind, _)| (word, kind));
+    let table = value.table(KEYS)?;
+    let kind_value = table.need("kind", "\"still\", \"line\", \"circle\", ...")?;
+    let kind = kind_value.word(&words)?;
+    let (word, _, keys) = kinds[kind as usize];
+    table.only(&[&["kind"], keys].concat())?;
+    let expected = format!("a key of the trajectory \"{word}\"");
+    let need = |key: &str| table.need(key, &expected);
+    let center_m = table.get("center_m").map_or(Ok([0.0, 0.0]), |center| center.pair("m"))?;
+    let radius = || need("radius_m")?.positive("m");
+    let period = || need("period_s")?.positive("s");
+    Ok(match kind {
+        Kind::Still => Trajectory::Still { center_m },
+        Kind::Line => {
+            Trajectory::Line { center_m, velocity_m_s: need("velocity_m_s")?.pair("m/s")? }
+        }
+        Kind::Circle => Trajectory::Circle { center_m, radius_m: radius()?, period_s: period()? },
+        Kind::Quadrifolium => {
+            Trajectory::Quadrifolium { center_m, radius_m: radius()?, period_s: period()? }
+        }
+        Kind::Lissajous => {
+            let cycles = need("cycles")?;
+            let whole = cycles.pair("cycles per period")?.map(|n| n as u32);
+            if cycles.pair("")? != whole.map(f64::from) || whole.contains(&0) {
+                return Err(cycles.wrong("are no cycles", "expected two whole numbers above 0"));
+            }
+            Trajectory::Lissajous {
+                center_m,
+                radii_m: need("radii_m")?.pair("m")?,
+                cycles: whole,
+                phase_rad: table.get("phase_rad").map_or(Ok(0.0), |phase| phase.number("rad"))?,
+                period_s: period()?,
+            }
+        }
+    })
+}
+
+/// delta(t), which must stay above 0.
+fn scale(value: &Value<'_>) -> Result<Scale, Diagnostic> {
+    let table = value.table(&["mean", "amplitude", "period_s"])?;
+    let mean = table.get("mean").map_or(Ok(1.0), |mean| mean.positive(""))?;
+    let Some(amplitude) = table.get("amplitude") else {
+        return Ok(Scale { mean, ..Scale::ONE });
+    };
+    let swing = amplitude.not_negative("")?;
+    if swing >= mean {
+        return Err(amplitude.wrong(
+            format!("is {swing}: the formation would shrink to a point"),
+            format!("expected less than `mean`, {mean}"),
+        ));
+    }
+    let period_s = table.need("period_s", "length of a swing, in seconds")?.positive("s")?;
+    Ok(Scale { mean, amplitude: swing, period_s })
+}

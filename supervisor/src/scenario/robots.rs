@@ -1,0 +1,262 @@
+//! The robots of a scenario: `[robot_defaults]` and all `[[robot]]`.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use formation::pose::{Pose, wrap_angle};
+use protocol::brief::WheelsBrief;
+use protocol::law::{LawDescription, Role};
+
+use super::diagnostic::{Diagnostic, Severity, meant};
+use super::table::{Document, Table, Value};
+use super::{RestartPolicy, RestartWhen, Robot, seconds};
+
+/// Most robots in one scenario: each is a process.
+const ROBOTS_MAX: usize = 256;
+
+const ROBOT_KEYS: &[&str] = &[
+    "front_point_m",
+    "law",
+    "wheels",
+    "restart_policy",
+    "max_restarts",
+    "restart_delay_s",
+    "max_restart_delay_s",
+    "restart_window_s",
+];
+
+/// All `[[robot]]`, and gains that nobody uses.
+pub(super) fn robots(
+    root: &Table<'_>,
+    laws: &[LawDescription],
+    document: &Document,
+) -> Result<(Vec<Robot>, Vec<Diagnostic>), Diagnostic> {
+    let all_gains: Vec<&str> = laws.iter().flat_map(|law| law.gains.iter().copied()).collect();
+    let default_keys = [ROBOT_KEYS, &all_gains].concat();
+    let robot_keys = [&["name", "pose"], ROBOT_KEYS, &all_gains].concat();
+    let defaults =
+        root.get("robot_defaults").map(|value| value.table(&default_keys)).transpose()?;
+    let tables = root.tables("robot")?;
+    if tables.is_empty() {
+        return Err(root.missing("robot", "at least one table headed `[[robot]]`"));
+    }
+    let mut robots: Vec<Robot> = Vec::new();
+    for table in tables {
+        table.only(&robot_keys)?;
+        let name = table.need("name", "a letter, then letters, digits, `-` or `_`")?;
+        let name_text = robot_name(&name)?;
+        if let Some(first) = robots.iter().position(|robot| robot.name == name_text) {
+            return Err(name.wrong(
+                format!("is \"{name_text}\", which robot {} is called already", first + 1),
+                "expected a name of its own",
+            ));
+        }
+        if robots.len() == ROBOTS_MAX {
+            return Err(name.wrong(
+                format!("begins robot {}", ROBOTS_MAX + 1),
+                format!("expected at most {ROBOTS_MAX} robots: each is a process"),
+            ));
+        }
+        let table = table.named(&format!("robot.{name_text}"), &format!("robot {name_text}"));
+        let robot = robot(&table, defaults.as_ref(), name_text, laws, document)?;
+        let leads = |other: &&Robot| other.role == Role::Leader;
+        if let (Role::Leader, Some(first)) = (robot.role, robots.iter().find(leads)) {
+            return Err(name.wrong(
+                format!("is \"{name_text}\", a second leader beside {}", first.name),
+                "expected one main leader; others keep their place to it with a formation law",
+            ));
+        }
+        robots.push(robot);
+    }
+    let unused = |(key, span): (&str, Range<usize>)| {
+        let owner = laws.iter().find(|law| law.gains.contains(&key))?;
+        let used = |robot: &Robot| {
+            laws.iter().any(|law| law.name == robot.law && law.gains.contains(&key))
+        };
+        if robots.iter().any(used) {
+            return None;
+        }
+        let mut warning = document.source.error(
+            &span,
+            format!("`{key}` has no effect: no robot follows the law \"{}\"", owner.name),
+            "expected a gain of a law that is used, or none",
+        );
+        warning.severity = Severity::Warning;
+        Some(warning)
+    };
+    let warnings =
+        defaults.iter().flat_map(|defaults| defaults.keys()).filter_map(unused).collect();
+    Ok((robots, warnings))
+}
+
+/// One robot.
+fn robot(
+    table: &Table<'_>,
+    defaults: Option<&Table<'_>>,
+    name: &str,
+    laws: &[LawDescription],
+    document: &Document,
+) -> Result<Robot, Diagnostic> {
+    let start = pose(&table.need("pose", "{ x_m = 0.0, y_m = 0.0, heading_rad = 0.0 }")?)?;
+    let need = |key: &str, expected: &str| {
+        table.get_or(defaults, key).ok_or_else(|| table.missing(key, expected))
+    };
+    let front_point_m =
+        need("front_point_m", "how far the front point lies ahead of the axle, in meters")?
+            .positive("m")?;
+    let wheels = match table.get_or(defaults, "wheels") {
+        Some(value) => {
+            let wheels = value.table(&["speed_max_m_s", "track_m"])?;
+            Some(WheelsBrief {
+                speed_max_m_s: wheels
+                    .need("speed_max_m_s", "largest speed of a wheel's rim, in m/s")?
+                    .positive("m/s")?,
+                track_m: wheels
+                    .need("track_m", "distance between the wheels, in meters")?
+                    .positive("m")?,
+            })
+        }
+        None => None,
+    };
+    let law_names: Vec<&str> = laws.iter().map(|law| law.name).collect();
+    let known_laws = format!("one of {}", quoted(&law_names));
+    let law_value = need("law", &known_laws)?;
+    let law_name = law_value.text(&format!("expected {known_laws}"))?;
+    let Some(law) = laws.iter().find(|law| law.name == law_name) else {
+        let expected = match meant(law_name, law_names.iter().copied()) {
+            Some(close) => format!("did you mean \"{close}\"?"),
+            None => format!("expected {known_laws}"),
+        };
+        return Err(law_value.wrong(format!("is \"{law_name}\", which is no known law"), expected));
+    };
+    for (key, span) in table.keys() {
+        let owner = laws.iter().find(|other| other.gains.contains(&key));
+        if let Some(owner) = owner.filter(|_| !law.gains.contains(&key)) {
+            return Err(document.source.error(
+                &span,
+                format!(
+                    "`{key}` is a gain of the law \"{}\", but robot {name} follows \"{}\"",
+                    owner.name, law.name
+                ),
+                format!("expected gains of \"{}\": {}", law.name, law.gains.join(", ")),
+            ));
+        }
+    }
+    let mut gains = BTreeMap::new();
+    for &key in law.gains {
+        let expected = format!("a gain of the law \"{}\", above 0", law.name);
+        gains.insert(key.to_owned(), need(key, &expected)?.positive(unit_of(key))?);
+    }
+    Ok(Robot {
+        name: name.to_owned(),
+        start,
+        front_point_m,
+        wheels,
+        law: law.name.to_owned(),
+        role: law.role,
+        gains,
+        restart: restart(table, defaults)?,
+    })
+}
+
+/// A robot's name, which becomes part of names of services, processes and files.
+fn robot_name<'t>(value: &Value<'t>) -> Result<&'t str, Diagnostic> {
+    let expected = "expected a letter, then at most 30 letters, digits, `-` or `_`";
+    let name = value.text(expected)?;
+    let sound = name.starts_with(|c: char| c.is_ascii_alphabetic())
+        && name.len() <= 31
+        && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_');
+    if !sound {
+        return Err(value.wrong(format!("is \"{name}\""), expected));
+    }
+    if name == "plant" || name == "supervisor" {
+        return Err(value.wrong(
+            format!("is \"{name}\", which is a process of every run already"),
+            "expected another name",
+        ));
+    }
+    Ok(name)
+}
+
+/// A start pose.
+fn pose(value: &Value<'_>) -> Result<Pose, Diagnostic> {
+    let table = value.table(&["x_m", "y_m", "heading_rad"])?;
+    let coordinate = |key: &str| table.need(key, "a number of meters")?.number("m");
+    let (x_m, y_m) = (coordinate("x_m")?, coordinate("y_m")?);
+    let heading = table.need("heading_rad", "counter-clockwise from x, in radians")?;
+    let heading_rad = heading.number("rad")?;
+    if heading_rad.abs() > std::f64::consts::TAU {
+        return Err(heading.wrong(
+            format!("is {heading_rad}: more than one turn"),
+            format!(
+                "expected radians from -pi to pi; {heading_rad} degrees are {:.6}",
+                wrap_angle(heading_rad.to_radians())
+            ),
+        ));
+    }
+    Ok(Pose { x_m, y_m, heading_rad: wrap_angle(heading_rad) })
+}
+
+/// What happens when a robot's process dies unasked.
+fn restart(table: &Table<'_>, defaults: Option<&Table<'_>>) -> Result<RestartPolicy, Diagnostic> {
+    let words = [
+        ("never", RestartWhen::Never),
+        ("on-failure", RestartWhen::OnFailure),
+        ("always", RestartWhen::Always),
+    ];
+    let get = |key: &str| table.get_or(defaults, key);
+    let when = get("restart_policy").map_or(Ok(RestartWhen::OnFailure), |v| v.word(&words))?;
+    let restarts_max = get("max_restarts").map_or(Ok(3), |v| v.integer(0, 1_000_000))? as u32;
+    let delay_ns = get("restart_delay_s").map_or(Ok(500_000_000), |v| v.instant_ns())?;
+    let ceiling = get("max_restart_delay_s");
+    let delay_ns_max =
+        ceiling.as_ref().map_or(Ok(delay_ns.max(10_000_000_000)), Value::instant_ns)?;
+    if let Some(ceiling) = ceiling.filter(|_| delay_ns_max < delay_ns) {
+        return Err(ceiling.wrong(
+            format!("is {}, shorter than the first wait", seconds(delay_ns_max)),
+            format!("expected at least `restart_delay_s`, {} s", seconds(delay_ns)),
+        ));
+    }
+    let window_ns = get("restart_window_s").map_or(Ok(60_000_000_000), |v| v.duration_ns())?;
+    Ok(RestartPolicy { when, delay_ns, delay_ns_max, restarts_max, window_ns })
+}
+
+/// The place of the robot that `value` names.
+pub(super) fn robot_named(value: &Value<'_>, robots: &[Robot]) -> Result<usize, Diagnostic> {
+    let names: Vec<&str> = robots.iter().map(|robot| robot.name.as_str()).collect();
+    let expected = format!("expected the name of a robot: {}", shortened(&names));
+    let name = value.text(&expected)?;
+    names.iter().position(|known| *known == name).ok_or_else(|| {
+        let expected = match meant(name, names.iter().copied()) {
+            Some(close) if close.len() > 2 => format!("did you mean \"{close}\"?"),
+            _ => expected,
+        };
+        value.wrong(format!("is \"{name}\", but there is no such robot"), expected)
+    })
+}
+
+/// The unit that a gain's key ends in.
+fn unit_of(key: &str) -> &'static str {
+    match key {
+        key if key.ends_with("_per_s") => "1/s",
+        key if key.ends_with("_rad_s") => "rad/s",
+        key if key.ends_with("_m_s") => "m/s",
+        key if key.ends_with("_m") => "m",
+        key if key.ends_with("_s") => "s",
+        _ => "",
+    }
+}
+
+fn quoted(names: &[&str]) -> String {
+    names.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", ")
+}
+
+/// The first few of many names.
+fn shortened(names: &[&str]) -> String {
+    match names {
+        [_, _, _, _, _, _, _, _, _, ..] => {
+            format!("{}, ... ({} in all)", names[..8].join(", "), names.len())
+        }
+        few => few.join(", "),
+    }
+}

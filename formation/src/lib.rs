@@ -10,6 +10,7 @@
 //! | `front_point` | which point is controlled, and how does (v, w) move it? (2) (3) (17) |
 //! | `graph` | who hears whom, at which offset? (4)-(6) |
 //! | `trajectory` | where is the main leader to be? |
+//! | `path` | which curve goes through waypoints, and where on it is one at a time? |
 //! | `frame` | how do offsets turn and grow with the leader? (20)-(23) |
 //! | `desired` | where should a robot be, seen from those it hears? (13) (24) (46) |
 //! | `hull` | how far is a follower from the leaders' convex hull? (7) (49) |
@@ -21,6 +22,7 @@ pub mod frame;
 pub mod front_point;
 pub mod graph;
 pub mod hull;
+pub mod path;
 pub mod pose;
 pub mod trajectory;
 pub mod unicycle;

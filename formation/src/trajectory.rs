@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::Vec2;
 use crate::desired::Target;
+use crate::path::Path;
 
 /// A navigation trajectory m(t), t in seconds since the run's start.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -56,6 +57,18 @@ pub enum Trajectory {
         /// 2 pi / w, s.
         period_s: f64,
     },
+    /// A lying eight, Bernoulli's lemniscate: a cos wt / (1 + sin^2 wt) (1, sin wt), from its
+    /// easternmost point up to the left.
+    Lemniscate {
+        /// Its center, m.
+        center_m: [f64; 2],
+        /// a: from the center to the tips in the east and west, m.
+        radius_m: f64,
+        /// 2 pi / w: once through both loops, s.
+        period_s: f64,
+    },
+    /// A path through waypoints.
+    Waypoints(Path),
 }
 
 impl Trajectory {
@@ -92,6 +105,19 @@ impl Trajectory {
                     Vec2::new(a_x * w[0] * cos_x, a_y * w[1] * cos_y),
                 )
             }
+            Trajectory::Lemniscate { center_m, radius_m, period_s } => {
+                let w = TAU / period_s;
+                let (sin, cos) = (w * t_s).sin_cos();
+                let q = 1.0 / (1.0 + sin * sin);
+                let place = Vec2::from(center_m) + radius_m * q * Vec2::new(cos, sin * cos);
+                // (cos q)' = -sin q (1 + 2 cos^2 q), (sin cos q)' = (1 - 3 sin^2) q^2, by wt.
+                let slope = Vec2::new(
+                    -sin * q * (1.0 + 2.0 * cos * cos * q),
+                    (1.0 - 3.0 * sin * sin) * q * q,
+                );
+                (place, radius_m * w * slope)
+            }
+            Trajectory::Waypoints(ref path) => return path.at(t_s),
         };
         Target { position, velocity }
     }
@@ -116,7 +142,40 @@ mod tests {
                 phase_rad: 0.4,
                 period_s,
             },
+            Trajectory::Lemniscate { center_m, radius_m: 2.0, period_s },
         ]
+    }
+
+    #[test]
+    fn the_products_of_distances_from_a_lemniscates_foci_are_all_equal() {
+        let trajectory =
+            Trajectory::Lemniscate { center_m: [1.0, -2.0], radius_m: 2.0, period_s: 40.0 };
+        let focus = Vec2::new(2.0 / 2f64.sqrt(), 0.0);
+        for t in 0..40 {
+            let from_center = trajectory.at(f64::from(t)).position - Vec2::new(1.0, -2.0);
+            let product = (from_center - focus).norm() * (from_center + focus).norm();
+            assert!((product - 2.0).abs() < 1e-12, "{product}");
+        }
+        let start = trajectory.at(0.0);
+        assert!((start.position - Vec2::new(3.0, -2.0)).norm() < 1e-12);
+        assert!(start.velocity.y > 0.0);
+    }
+
+    #[test]
+    fn waypoints_are_written_as_they_were_read_and_bad_ones_are_refused() {
+        let text = |points: &str| {
+            format!(
+                "kind = \"waypoints\"\npoints_m = {points}\nspeed_m_s = 0.5\n\
+                 acceleration_m_s2 = 0.5\nclosed = true\n"
+            )
+        };
+        let square = text("[[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]");
+        let trajectory: Trajectory = toml::from_str(&square).unwrap();
+        let again: Trajectory = toml::from_str(&toml::to_string(&trajectory).unwrap()).unwrap();
+        assert_eq!(again, trajectory);
+        let error = toml::from_str::<Trajectory>(&text("[[0.0, 0.0]]")).unwrap_err();
+        assert!(error.to_string().contains("there are 1 waypoints"), "{error}");
+        assert!(toml::from_str::<Trajectory>(&format!("{square}rate_hz = 1\n")).is_err());
     }
 
     proptest! {

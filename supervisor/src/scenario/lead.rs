@@ -1,6 +1,7 @@
 //! Where the main leader goes: `[trajectory]` and `[scale]`.
 
 use formation::frame::Scale;
+use formation::path::{Path, PathError, WAYPOINT_DISTANCE_M_MIN, WAYPOINTS_MAX, Waypoints};
 use formation::trajectory::Trajectory;
 use protocol::brief::LeadBrief;
 use protocol::law::Role;
@@ -45,6 +46,10 @@ fn trajectory(value: &Value<'_>) -> Result<Trajectory, Diagnostic> {
         "cycles",
         "phase_rad",
         "period_s",
+        "points_m",
+        "speed_m_s",
+        "acceleration_m_s2",
+        "closed",
     ];
     #[derive(Clone, Copy)]
     enum Kind {
@@ -53,6 +58,8 @@ fn trajectory(value: &Value<'_>) -> Result<Trajectory, Diagnostic> {
         Circle,
         Quadrifolium,
         Lissajous,
+        Lemniscate,
+        Waypoints,
     }
     let kinds = [
         ("still", Kind::Still, &["center_m"][..]),
@@ -60,6 +67,8 @@ fn trajectory(value: &Value<'_>) -> Result<Trajectory, Diagnostic> {
         ("circle", Kind::Circle, &["center_m", "radius_m", "period_s"]),
         ("quadrifolium", Kind::Quadrifolium, &["center_m", "radius_m", "period_s"]),
         ("lissajous", Kind::Lissajous, &["center_m", "radii_m", "cycles", "phase_rad", "period_s"]),
+        ("lemniscate", Kind::Lemniscate, &["center_m", "radius_m", "period_s"]),
+        ("waypoints", Kind::Waypoints, &["points_m", "speed_m_s", "acceleration_m_s2", "closed"]),
     ];
     let words = kinds.map(|(word, kind, _)| (word, kind));
     let table = value.table(KEYS)?;
@@ -94,6 +103,41 @@ fn trajectory(value: &Value<'_>) -> Result<Trajectory, Diagnostic> {
                 phase_rad: table.get("phase_rad").map_or(Ok(0.0), |phase| phase.number("rad"))?,
                 period_s: period()?,
             }
+        }
+        Kind::Lemniscate => {
+            Trajectory::Lemniscate { center_m, radius_m: radius()?, period_s: period()? }
+        }
+        Kind::Waypoints => Trajectory::Waypoints(waypoints(&table)?),
+    })
+}
+
+/// A path through waypoints; unless told otherwise, it takes 1 s to its speed.
+fn waypoints(table: &Table<'_>) -> Result<Path, Diagnostic> {
+    let points_value =
+        table.need("points_m", "the waypoints in order: [[0.0, 0.0], [1.0, 0.5]]")?;
+    let points = points_value.elements("expected a list of points: [[0.0, 0.0], [1.0, 0.5]]")?;
+    let points_m = points.iter().map(|point| point.pair("m")).collect::<Result<Vec<_>, _>>()?;
+    let speed_m_s =
+        table.need("speed_m_s", "how fast the path is driven, in m/s")?.positive("m/s")?;
+    let acceleration_m_s2 =
+        table.get("acceleration_m_s2").map_or(Ok(speed_m_s), |a| a.positive("m/s^2"))?;
+    let closed = table.get("closed").map_or(Ok(false), |closed| closed.truth())?;
+    let waypoints = Waypoints { points_m, speed_m_s, acceleration_m_s2, closed };
+    waypoints.try_into().map_err(|error| match error {
+        PathError::Count(count) => points_value.wrong(
+            format!("has {count} waypoint{}", if count == 1 { "" } else { "s" }),
+            format!("expected 2 to {WAYPOINTS_MAX}; kind = \"still\" stays at a point"),
+        ),
+        PathError::Coincident(last, 0) => points[last].wrong(
+            "is the first waypoint again",
+            "expected no repetition: a closed path leads back by itself",
+        ),
+        PathError::Coincident(_, again) => points[again].wrong(
+            "is the place of the waypoint before it",
+            format!("expected waypoints at least {WAYPOINT_DISTANCE_M_MIN} m from their neighbors"),
+        ),
+        PathError::Number => {
+            points_value.wrong("makes no path", "expected a speed and an acceleration of sane size")
         }
     })
 }

@@ -297,23 +297,34 @@ impl<'t> Value<'t> {
         }
     }
 
+    /// True or false.
+    pub(crate) fn truth(&self) -> Result<bool, Diagnostic> {
+        match self.value {
+            DeValue::Boolean(truth) => Ok(*truth),
+            _ => Err(self.wrong_type("expected true or false")),
+        }
+    }
+
+    /// The elements of a list; messages count them from 1.
+    pub(crate) fn elements(&self, expected: &str) -> Result<Vec<Value<'t>>, Diagnostic> {
+        let DeValue::Array(list) = self.value else { return Err(self.wrong_type(expected)) };
+        let element = |(index, element): (usize, &'t toml::Spanned<DeValue<'t>>)| Value {
+            document: self.document,
+            path: self.path.clone(),
+            key: format!("{} ({})", self.key, index + 1),
+            value: element.get_ref(),
+            span: element.span(),
+        };
+        Ok(list.iter().enumerate().map(element).collect())
+    }
+
     /// Two numbers, `[x, y]`.
     pub(crate) fn pair(&self, unit: &str) -> Result<[f64; 2], Diagnostic> {
         let expected = format!("expected two numbers{}: [x, y]", in_unit(unit));
-        let DeValue::Array(list) = self.value else { return Err(self.wrong_type(&expected)) };
-        let [x, y] = [0, 1].map(|at| list.get(at));
-        let (Some(x), Some(y), 2) = (x, y, list.len()) else {
-            return Err(self.wrong(format!("has {} elements", list.len()), expected));
-        };
-        let component = |element: &'t toml::Spanned<DeValue<'t>>, name: &str| {
-            let value = Value {
-                document: self.document,
-                path: self.path.clone(),
-                key: format!("{} ({name})", self.key),
-                value: element.get_ref(),
-                span: element.span(),
-            };
-            value.number(unit)
+        let [x, y] = <[Value<'t>; 2]>::try_from(self.elements(&expected)?)
+            .map_err(|list| self.wrong(format!("has {} elements", list.len()), &expected))?;
+        let component = |element: Value<'t>, name: &str| {
+            Value { key: format!("{} ({name})", self.key), ..element }.number(unit)
         };
         Ok([component(x, "x")?, component(y, "y")?])
     }

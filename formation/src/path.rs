@@ -1,0 +1,363 @@
+//! A path through waypoints, driven at constant speed: two circular arcs between neighbors.
+//!
+//! At each waypoint the turn from one leg to the next is shared between both, the shorter leg
+//! bending more. Between two waypoints, at a distance L, the path leaves at the angle a from the
+//! chord and arrives at the angle b. Two arcs do that: they meet in the direction -(a + b)/2 from
+//! the chord, and their own chords are both L / (2 cos((b - a)/4)) long. So the path goes through
+//! every waypoint, its direction never jumps, its length is exact, and it is what a unicycle
+//! drives with piecewise constant (v, w). Its curvature does jump, where arcs meet.
+
+use std::f64::consts::FRAC_PI_2;
+
+use serde::{Deserialize, Serialize};
+
+use crate::Vec2;
+use crate::desired::Target;
+use crate::pose::{Pose, Twist, wrap_angle};
+use crate::unicycle::arc;
+
+/// Most waypoints: a path of this many is compiled in microseconds and searched in nine steps.
+pub const WAYPOINTS_MAX: usize = 256;
+/// Neighbors nearer than this coincide, m: between them there is no direction to drive in.
+pub const WAYPOINT_DISTANCE_M_MIN: f64 = 1e-6;
+
+/// Waypoints, and how fast to go through them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Waypoints {
+    /// The waypoints, m.
+    pub points_m: Vec<[f64; 2]>,
+    /// Speed along the path, m/s.
+    pub speed_m_s: f64,
+    /// How fast that speed is reached from rest, and left again at the end, m/s^2.
+    pub acceleration_m_s2: f64,
+    /// Whether the last waypoint leads to the first again, without end.
+    pub closed: bool,
+}
+
+/// Why waypoints make no path. Waypoints are counted from 0.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum PathError {
+    /// Fewer than two, or more than [`WAYPOINTS_MAX`].
+    #[error("there are {0} waypoints, expected 2 to {WAYPOINTS_MAX}")]
+    Count(usize),
+    /// Two neighbors in one place.
+    #[error("waypoints {0} and {1} coincide")]
+    Coincident(usize, usize),
+    /// A number that is not finite, or a speed or acceleration that is not above 0.
+    #[error("the path has a number that is not finite, or a speed or acceleration not above 0")]
+    Number,
+}
+
+/// A path ready to be driven.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Waypoints", into = "Waypoints")]
+pub struct Path {
+    waypoints: Waypoints,
+    pieces: Vec<Piece>,
+    length_m: f64,
+}
+
+/// A circular arc.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Piece {
+    /// How far along the path it begins, m.
+    from_m: f64,
+    /// Where it begins, and in which direction.
+    start: Pose,
+    /// Turn per length, 1/m, counter-clockwise.
+    curvature_per_m: f64,
+}
+
+impl From<Path> for Waypoints {
+    fn from(path: Path) -> Waypoints {
+        path.waypoints
+    }
+}
+
+impl TryFrom<Waypoints> for Path {
+    type Error = PathError;
+
+    fn try_from(waypoints: Waypoints) -> Result<Path, PathError> {
+        let Waypoints { ref points_m, speed_m_s, acceleration_m_s2, closed } = waypoints;
+        if !(2..=WAYPOINTS_MAX).contains(&points_m.len()) {
+            return Err(PathError::Count(points_m.len()));
+        }
+        let sound = |number: f64| number.is_finite() && number > 0.0;
+        let points: Vec<Vec2> = points_m.iter().map(|&point| point.into()).collect();
+        if !points.iter().all(|point| point.norm_squared().is_finite())
+            || ![speed_m_s, acceleration_m_s2, speed_m_s * speed_m_s / acceleration_m_s2]
+                .into_iter()
+                .all(sound)
+        {
+            return Err(PathError::Number);
+        }
+        let legs = if closed { points.len() } else { points.len() - 1 };
+        let next = |i: usize| (i + 1) % points.len();
+        // Each leg's chord: its length and direction.
+        let mut chords = Vec::with_capacity(legs);
+        for i in 0..legs {
+            let chord = points[next(i)] - points[i];
+            if chord.norm() < WAYPOINT_DISTANCE_M_MIN {
+                return Err(PathError::Coincident(i, next(i)));
+            }
+            chords.push((chord.norm(), chord.y.atan2(chord.x)));
+        }
+        // By how much the path's direction differs from each chord's, at its start and its end.
+        let mut starts = vec![None; legs];
+        let mut ends = vec![None; legs];
+        for here in 0..legs {
+            let before = match (here, closed) {
+                (0, false) => continue,
+                (0, true) => legs - 1,
+                _ => here - 1,
+            };
+            let (to_here, onward) = shared_turn(chords[before], chords[here]);
+            ends[before] = Some(to_here);
+            starts[here] = Some(onward);
+        }
+        let mut pieces = Vec::with_capacity(2 * legs);
+        let mut length_m = 0.0;
+        for leg in 0..legs {
+            // Where a path begins or ends, its last leg is a single arc.
+            let (a, b) = match (starts[leg], ends[leg]) {
+                (Some(a), Some(b)) => (a, b),
+                (Some(a), None) => (a, -a),
+                (None, Some(b)) => (-b, b),
+                (None, None) => (0.0, 0.0),
+            };
+            let (chord_m, direction) = chords[leg];
+            let half_m = chord_m / (2.0 * ((b - a) / 4.0).cos());
+            let meeting = -(a + b) / 2.0;
+            let mut from = points[leg];
+            for (enter, leave) in [(a, meeting), (meeting, b)] {
+                let turn = leave - enter;
+                let piece_m = half_m * arc_over_chord(turn);
+                let heading_rad = wrap_angle(direction + enter);
+                pieces.push(Piece {
+                    from_m: length_m,
+                    start: Pose { x_m: from.x, y_m: from.y, heading_rad },
+                    curvature_per_m: turn / piece_m,
+                });
+                length_m += piece_m;
+                let (sin, cos) = (direction + (enter + leave) / 2.0).sin_cos();
+                from += half_m * Vec2::new(cos, sin);
+            }
+        }
+        Ok(Path { waypoints, pieces, length_m })
+    }
+}
+
+/// The turn from one chord to the next, shared: by how much the direction of the path at the
+/// waypoint between them differs from the first's, and from the second's. The longer one gives
+/// way less, and neither by more than a right angle: what doubles back goes around.
+fn shared_turn(
+    (length, direction): (f64, f64),
+    (next_length, next_direction): (f64, f64),
+) -> (f64, f64) {
+    let turn = wrap_angle(next_direction - direction);
+    let rest = turn.abs() - FRAC_PI_2;
+    let first = (turn.abs() * next_length / (length + next_length)).clamp(rest.max(0.0), FRAC_PI_2);
+    let first = first.copysign(turn);
+    (first, first - turn)
+}
+
+/// How much longer an arc is than its chord, by how far it turns, rad: at most half a turn.
+fn arc_over_chord(turn: f64) -> f64 {
+    let half = turn / 2.0;
+    if half.abs() < 1e-4 { 1.0 + half * half / 6.0 } else { half / half.sin() }
+}
+
+impl Path {
+    /// Its waypoints.
+    pub fn waypoints(&self) -> &Waypoints {
+        &self.waypoints
+    }
+
+    /// Its length, m; of a closed one, once around.
+    pub fn length_m(&self) -> f64 {
+        self.length_m
+    }
+
+    /// Where it is at `t_s`, and how it moves. It starts from rest at the first waypoint and, if
+    /// it is open, comes to rest at the last and stays there.
+    pub fn at(&self, t_s: f64) -> Target {
+        let (along_m, speed_m_s) = self.driven(t_s);
+        let pose = self.pose(along_m);
+        let (sin, cos) = pose.heading_rad.sin_cos();
+        Target {
+            position: Vec2::new(pose.x_m, pose.y_m),
+            velocity: speed_m_s * Vec2::new(cos, sin),
+        }
+    }
+
+    /// How far along the path it is at `t_s`, m, and how fast, m/s.
+    fn driven(&self, t_s: f64) -> (f64, f64) {
+        let t_s = t_s.max(0.0);
+        let Waypoints { speed_m_s, acceleration_m_s2, closed, .. } = self.waypoints;
+        // A short open path is braked before it reaches its speed.
+        let speed_m_s = if closed {
+            speed_m_s
+        } else {
+            speed_m_s.min((acceleration_m_s2 * self.length_m).sqrt())
+        };
+        let ramp_s = speed_m_s / acceleration_m_s2;
+        let speeding_up = |t_s: f64| (0.5 * acceleration_m_s2 * t_s * t_s, acceleration_m_s2 * t_s);
+        if t_s < ramp_s {
+            return speeding_up(t_s);
+        }
+        // Both ramps together take the time of one more ramp.
+        let end_s = self.length_m / speed_m_s + ramp_s;
+        let left_s = end_s - t_s;
+        if closed || left_s > ramp_s {
+            return (speed_m_s * (t_s - 0.5 * ramp_s), speed_m_s);
+        }
+        let (left_m, speed_m_s) = speeding_up(left_s.max(0.0));
+        (self.length_m - left_m, speed_m_s)
+    }
+
+    /// Place and direction at a length along the path.
+    fn pose(&self, along_m: f64) -> Pose {
+        let along_m = if self.waypoints.closed {
+            along_m.rem_euclid(self.length_m)
+        } else {
+            along_m.clamp(0.0, self.length_m)
+        };
+        let piece = self.pieces.partition_point(|piece| piece.from_m <= along_m).saturating_sub(1);
+        let piece = &self.pieces[piece];
+        let twist = Twist { v_m_s: 1.0, w_rad_s: piece.curvature_per_m };
+        arc(piece.start, twist, along_m - piece.from_m)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::f64::consts::TAU;
+
+    fn path(points_m: &[[f64; 2]], closed: bool) -> Result<Path, PathError> {
+        let points_m = points_m.to_vec();
+        Waypoints { points_m, speed_m_s: 0.5, acceleration_m_s2: 0.25, closed }.try_into()
+    }
+
+    /// Any waypoints but coincident ones, those that double back included.
+    fn paths() -> impl Strategy<Value = Path> {
+        let point = [-4..5i32, -4..5i32].prop_map(|point| point.map(|x| 0.5 * f64::from(x)));
+        let points = prop::collection::vec(point, 2..20);
+        (points, any::<bool>())
+            .prop_filter_map("coincident", |(points, closed)| path(&points, closed).ok())
+    }
+
+    fn places(path: &Path) -> Vec<Vec2> {
+        path.waypoints.points_m.iter().map(|&point| point.into()).collect()
+    }
+
+    proptest! {
+        #[test]
+        fn the_velocity_is_the_derivative_of_the_place(path in paths(), t in 0.0..200.0f64) {
+            let h = 1e-5;
+            let slope = (path.at(t + h).position - path.at(t - h).position) / (2.0 * h);
+            // Within one arc to second order; where arcs or ramps meet, to first.
+            let bend = path.pieces.iter().map(|p| p.curvature_per_m.abs()).fold(0.0, f64::max);
+            let jump = h * (0.25 * bend + 0.25) + 1e-9;
+            prop_assert!((slope - path.at(t).velocity).norm() < jump);
+        }
+
+        #[test]
+        fn a_path_goes_through_every_waypoint_in_turn(path in paths()) {
+            for (piece, place) in path.pieces.iter().step_by(2).zip(places(&path)) {
+                let pose = path.pose(piece.from_m);
+                prop_assert!((Vec2::new(pose.x_m, pose.y_m) - place).norm() < 1e-12);
+            }
+            let end = path.pose(path.length_m * (1.0 - 1e-15));
+            let last = if path.waypoints.closed { places(&path)[0] } else { places(&path)[places(&path).len() - 1] };
+            prop_assert!((Vec2::new(end.x_m, end.y_m) - last).norm() < 1e-12);
+        }
+
+        #[test]
+        fn where_arcs_meet_neither_place_nor_direction_jumps(path in paths()) {
+            for (before, after) in path.pieces.iter().zip(&path.pieces[1..]) {
+                let twist = Twist { v_m_s: 1.0, w_rad_s: before.curvature_per_m };
+                let end = arc(before.start, twist, after.from_m - before.from_m);
+                let gap = (end.x_m - after.start.x_m).hypot(end.y_m - after.start.y_m);
+                prop_assert!(gap < 1e-12, "{gap}");
+                let turn = wrap_angle(end.heading_rad - after.start.heading_rad);
+                prop_assert!(turn.abs() < 1e-12, "{turn}");
+            }
+        }
+
+        #[test]
+        fn the_speed_is_the_one_asked_for_between_the_ramps(path in paths(), t in 2.0..200.0f64) {
+            let ramps_s = 2.0;
+            let cruise_end_s = path.length_m / 0.5;
+            if path.waypoints.closed || (ramps_s < cruise_end_s && t < cruise_end_s) {
+                prop_assert!((path.at(t).velocity.norm() - 0.5).abs() < 1e-12);
+            }
+            prop_assert!(path.at(t).velocity.norm() < 0.5 + 1e-12);
+        }
+
+        #[test]
+        fn an_open_path_starts_from_rest_and_stays_at_its_end(path in paths()) {
+            prop_assert_eq!(path.at(0.0).velocity.norm(), 0.0);
+            prop_assert!((path.at(0.0).position - places(&path)[0]).norm() < 1e-12);
+            if !path.waypoints.closed {
+                let end = path.at(1e4);
+                prop_assert_eq!(end.velocity.norm(), 0.0);
+                prop_assert!((end.position - places(&path)[places(&path).len() - 1]).norm() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn two_waypoints_are_a_straight_line_with_two_ramps() {
+        let line = path(&[[0.0, 0.0], [3.0, 4.0]], false).unwrap();
+        assert!((line.length_m() - 5.0).abs() < 1e-12);
+        // 2 s of ramp cover 0.5 m, so the speed is kept for 4 m, from 2 s to 10 s.
+        for (t, along) in
+            [(1.0, 0.125), (2.0, 0.5), (6.0, 2.5), (10.0, 4.5), (11.0, 4.875), (12.0, 5.0)]
+        {
+            assert!((line.at(t).position - along * Vec2::new(0.6, 0.8)).norm() < 1e-12, "{t}");
+        }
+    }
+
+    #[test]
+    fn evenly_spaced_waypoints_on_a_circle_are_that_circle() {
+        let points: Vec<[f64; 2]> = (0..5)
+            .map(|i| (TAU * f64::from(i) / 5.0).sin_cos())
+            .map(|(s, c)| [2.0 * c, 2.0 * s])
+            .collect();
+        let circle = path(&points, true).unwrap();
+        assert!((circle.length_m() - 2.0 * TAU).abs() < 1e-12);
+        for t in [0.3, 7.0, 31.0, 100.0] {
+            assert!((circle.at(t).position.norm() - 2.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn what_doubles_back_goes_around() {
+        let there_and_back = path(&[[0.0, 0.0], [2.0, 0.0]], true).unwrap();
+        assert!((there_and_back.length_m() - TAU).abs() < 1e-12);
+        let hairpin = path(&[[0.0, 0.0], [10.0, 0.0], [9.0, 0.0]], false).unwrap();
+        assert!(hairpin.length_m() < 40.0);
+    }
+
+    #[test]
+    fn waypoints_that_make_no_path_are_refused() {
+        assert_eq!(path(&[[0.0, 0.0]], false), Err(PathError::Count(1)));
+        assert_eq!(path(&vec![[0.0, 0.0]; 257], false), Err(PathError::Count(257)));
+        let twice = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [2.0, 0.0]];
+        assert_eq!(path(&twice, false), Err(PathError::Coincident(1, 2)));
+        let back = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 0.0]];
+        assert!(path(&back, false).is_ok());
+        assert_eq!(path(&back, true), Err(PathError::Coincident(3, 0)));
+        assert_eq!(path(&[[0.0, 0.0], [f64::NAN, 0.0]], false), Err(PathError::Number));
+        let still = Waypoints {
+            points_m: vec![[0.0, 0.0], [1.0, 0.0]],
+            speed_m_s: 0.0,
+            acceleration_m_s2: 1.0,
+            closed: false,
+        };
+        assert_eq!(Path::try_from(still), Err(PathError::Number));
+    }
+}

@@ -1,7 +1,7 @@
 //! Arguments that change a scenario: applied to its text, so that what was really run can be
 //! written down and run again, comments and all.
 
-use toml_edit::{ArrayOfTables, DocumentMut, Item, Key, TableLike, Value};
+use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Key, TableLike, Value};
 
 use super::diagnostic::Diagnostic;
 use super::fault;
@@ -64,31 +64,55 @@ fn set(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnostic> {
 
     let (last, parents) = keys.split_last().expect("a parsed key has a part");
     let mut table: &mut dyn TableLike = document.as_table_mut();
+    // Within a value, a missing table is written as a value too.
+    let mut inline = false;
     let mut names = parents.iter();
     while let Some(name) = names.next() {
         let name = name.get();
-        let item = table.entry(name).or_insert_with(toml_edit::table);
-        table = if item.is_array_of_tables() {
+        let item = table.entry(name).or_insert_with(|| match inline {
+            true => Item::Value(InlineTable::new().into()),
+            false => toml_edit::table(),
+        });
+        inline |= item.is_value();
+        table = if item.is_array() || item.is_array_of_tables() {
             let wanted = names.next().ok_or_else(|| {
                 wrong(format!("`{name}` is a list: say which of them by its name"))
             })?;
-            let tables = item.as_array_of_tables_mut().expect("asked just now");
-            let named = |t: &&mut toml_edit::Table| {
-                t.get("name").and_then(Item::as_str) == Some(wanted.get())
-            };
-            tables
-                .iter_mut()
-                .find(named)
+            element(item, wanted.get())
                 .ok_or_else(|| wrong(format!("there is no {name} named `{}`", wanted.get())))?
         } else {
             item.as_table_like_mut().ok_or_else(|| wrong(format!("`{name}` is not a table")))?
         };
     }
-    if table.get(last.get()).is_some_and(Item::is_array_of_tables) {
+    if table.get(last.get()).is_some_and(is_list_of_tables) {
         return Err(wrong(format!("`{}` is a list of tables", last.get())));
     }
     put(table, last.get(), value);
     Ok(())
+}
+
+/// The table called `name` in a list of tables, however that is written.
+fn element<'i>(list: &'i mut Item, name: &str) -> Option<&'i mut dyn TableLike> {
+    fn is_named(table: &dyn TableLike, name: &str) -> bool {
+        table.get("name").and_then(Item::as_str) == Some(name)
+    }
+    match list {
+        Item::ArrayOfTables(tables) => {
+            let table = tables.iter_mut().find(|table| is_named(*table, name))?;
+            Some(table)
+        }
+        Item::Value(Value::Array(array)) => {
+            let mut tables = array.iter_mut().filter_map(Value::as_inline_table_mut);
+            let table = tables.find(|table| is_named(*table, name))?;
+            Some(table)
+        }
+        _ => None,
+    }
+}
+
+fn is_list_of_tables(item: &Item) -> bool {
+    let tables = |array: &Array| !array.is_empty() && array.iter().all(Value::is_inline_table);
+    item.is_array_of_tables() || item.as_array().is_some_and(tables)
 }
 
 /// Puts a value in the place of the old one, keeping the comment behind it.

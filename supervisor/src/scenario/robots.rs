@@ -14,6 +14,9 @@ use super::{RestartPolicy, RestartWhen, Robot, seconds};
 /// Most robots in one scenario: each is a process.
 const ROBOTS_MAX: usize = 256;
 
+/// Keys of one robot alone.
+const OWN_KEYS: &[&str] = &["name", "pose", "place_m", "hears"];
+/// Keys that `[robot_defaults]` may have too, beside gains.
 const ROBOT_KEYS: &[&str] = &[
     "front_point_m",
     "law",
@@ -25,22 +28,42 @@ const ROBOT_KEYS: &[&str] = &[
     "restart_window_s",
 ];
 
-/// All `[[robot]]`, and gains that nobody uses.
-pub(super) fn robots(
-    root: &Table<'_>,
+/// All robots, and what the file says of each that becomes part of the graph.
+pub(super) struct Robots<'t> {
+    /// The robots.
+    pub(super) robots: Vec<Robot>,
+    /// For each of them, its ties to others.
+    pub(super) ties: Vec<Ties<'t>>,
+    /// Gains that nobody uses.
+    pub(super) warnings: Vec<Diagnostic>,
+}
+
+/// How a robot names its part of the graph without edges.
+pub(super) struct Ties<'t> {
+    /// Its place in the desired shape, m.
+    pub(super) place_m: Option<[f64; 2]>,
+    /// Whom it hears: a list of names.
+    pub(super) hears: Option<Value<'t>>,
+}
+
+/// All `[[robot]]`.
+pub(super) fn robots<'t>(
+    root: &Table<'t>,
     laws: &[LawDescription],
     document: &Document,
-) -> Result<(Vec<Robot>, Vec<Diagnostic>), Diagnostic> {
+) -> Result<Robots<'t>, Diagnostic> {
     let all_gains: Vec<&str> = laws.iter().flat_map(|law| law.gains.iter().copied()).collect();
     let default_keys = [ROBOT_KEYS, &all_gains].concat();
-    let robot_keys = [&["name", "pose"], ROBOT_KEYS, &all_gains].concat();
+    let robot_keys = [OWN_KEYS, ROBOT_KEYS, &all_gains].concat();
     let defaults =
         root.get("robot_defaults").map(|value| value.table(&default_keys)).transpose()?;
     let tables = root.tables("robot")?;
     if tables.is_empty() {
-        return Err(root.missing("robot", "at least one table headed `[[robot]]`"));
+        return Err(root
+            .missing("robot", "at least one table headed `[[robot]]`, or robot = [{ ... }, ...]"));
     }
     let mut robots: Vec<Robot> = Vec::new();
+    let mut ties = Vec::new();
     for table in tables {
         table.only(&robot_keys)?;
         let name = table.need("name", "a letter, then letters, digits, `-` or `_`")?;
@@ -66,6 +89,8 @@ pub(super) fn robots(
                 "expected one main leader; others keep their place to it with a formation law",
             ));
         }
+        let place_m = table.get("place_m").map(|place| place.pair("m")).transpose()?;
+        ties.push(Ties { place_m, hears: table.get("hears") });
         robots.push(robot);
     }
     let unused = |(key, span): (&str, Range<usize>)| {
@@ -86,7 +111,7 @@ pub(super) fn robots(
     };
     let warnings =
         defaults.iter().flat_map(|defaults| defaults.keys()).filter_map(unused).collect();
-    Ok((robots, warnings))
+    Ok(Robots { robots, ties, warnings })
 }
 
 /// One robot.

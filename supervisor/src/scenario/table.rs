@@ -121,14 +121,20 @@ impl<'t> Table<'t> {
 
     /// That `key` is not there.
     pub(crate) fn missing(&self, key: &str, expected: &str) -> Diagnostic {
-        let message = format!("{} has no `{key}`", self.title);
-        self.document.source.error(&self.span, message, format!("expected `{key}`: {expected}"))
+        self.wrong(&format!("has no `{key}`"), &format!("expected `{key}`: {expected}"))
+    }
+
+    /// An error at this table: `message` says what is wrong with it.
+    pub(crate) fn wrong(&self, message: &str, expected: &str) -> Diagnostic {
+        self.document.source.error(&self.span, format!("{} {message}", self.title), expected)
     }
 
     /// The tables of the list `key`; none if it is absent.
     pub(crate) fn tables(&self, key: &str) -> Result<Vec<Table<'t>>, Diagnostic> {
         let Some(list) = self.get(key) else { return Ok(Vec::new()) };
-        let expected = format!("expected a list of tables, each headed `[[{key}]]`");
+        let expected = format!(
+            "expected a list of tables, each headed `[[{key}]]`, or {key} = [{{ ... }}, ...]"
+        );
         let DeValue::Array(elements) = list.value else { return Err(list.wrong_type(&expected)) };
         let element = |(index, element): (usize, &'t toml::Spanned<DeValue<'t>>)| {
             let title = format!("{key} {}", index + 1);
@@ -163,6 +169,17 @@ impl<'t> Value<'t> {
         expected: impl Into<String>,
     ) -> Diagnostic {
         self.document.source.error(&self.span, format!("`{}` {message}", self.key), expected)
+    }
+
+    /// What is found at `path` stands here; whoever looks for its parents finds them here too.
+    pub(crate) fn is_at(&self, path: &str) {
+        let mut places = self.document.places.borrow_mut();
+        let mut path = path;
+        places.insert(path.to_owned(), self.span.clone());
+        while let Some((parent, _)) = path.rsplit_once('.') {
+            path = parent;
+            places.entry(path.to_owned()).or_insert_with(|| self.span.clone());
+        }
     }
 
     /// The table that this value is.
@@ -321,8 +338,10 @@ impl<'t> Value<'t> {
     /// Two numbers, `[x, y]`.
     pub(crate) fn pair(&self, unit: &str) -> Result<[f64; 2], Diagnostic> {
         let expected = format!("expected two numbers{}: [x, y]", in_unit(unit));
-        let [x, y] = <[Value<'t>; 2]>::try_from(self.elements(&expected)?)
-            .map_err(|list| self.wrong(format!("has {} elements", list.len()), &expected))?;
+        let [x, y] = <[Value<'t>; 2]>::try_from(self.elements(&expected)?).map_err(|list| {
+            let plural = if list.len() == 1 { "" } else { "s" };
+            self.wrong(format!("has {} element{plural}", list.len()), &expected)
+        })?;
         let component = |element: Value<'t>, name: &str| {
             Value { key: format!("{} ({name})", self.key), ..element }.number(unit)
         };

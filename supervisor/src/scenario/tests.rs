@@ -137,6 +137,96 @@ fn the_effective_text_holds_the_changes_keeps_comments_and_reads_to_the_same_sce
     assert_eq!((again, same), (scenario, text));
 }
 
+/// The triangle with its robots and edges as inline lists.
+fn inline_triangle() -> String {
+    r#"name = "triangle"
+duration_s = 30.0
+period_s = 0.005
+avoidance = { kind = "guard", distance_min_m = 0.2, speed_max_m_s = 0.3 }
+robot_defaults = { front_point_m = 0.045, law = "formation-unit", speed_m_s = 0.1 }
+robot = [
+    { name = "r1", pose = { x_m = -0.045, y_m = -0.35, heading_rad = 0.0 } },
+    # The one that is killed.
+    { name = "r2", pose = { x_m = 0.4, y_m = 0.205, heading_rad = 1.5707963267948966 } },
+    { name = "r3", pose = { x_m = -0.4, y_m = 0.295, heading_rad = -1.5707963267948966 } },
+]
+edge = [
+    { from = "r2", to = "r1", offset_m = [0.15, 0.2598076211353316] },
+    { from = "r3", to = "r2", offset_m = [-0.3, 0.0] },
+    { from = "r1", to = "r3", offset_m = [0.15, -0.2598076211353316] },
+]
+fault = [{ at_s = 1.0, kind = "kill", robot = "r2", restart_after_s = 1.0 }]
+expect = { min_distance_m = 0.2, final_error_m_max = 1e-3, converged_by_s = 15.0 }
+"#
+    .to_owned()
+}
+
+#[test]
+fn robots_and_edges_may_be_inline_lists() {
+    let (inline, _, warnings) = parse(&inline_triangle(), &Overrides::default()).unwrap();
+    let (long, _, _) = parse(&triangle(), &Overrides::default()).unwrap();
+    assert_eq!(warnings, []);
+    assert_eq!((&inline.robots, &inline.graph), (&long.robots, &long.graph));
+}
+
+#[test]
+fn arguments_change_inline_lists_too() {
+    let overrides = Overrides {
+        set: [
+            "robot.r2.speed_m_s=0.2",
+            "robot.r1.pose.x_m=-0.05",
+            "robot.r3.wheels.track_m=0.1",
+            "robot.r3.wheels.speed_max_m_s=0.5",
+            "robot_defaults.restart_policy=never",
+        ]
+        .map(String::from)
+        .to_vec(),
+        faults: vec!["kill r2 @10 restart 2".into()],
+        seed: None,
+    };
+    let (scenario, text, _) = parse(&inline_triangle(), &overrides).unwrap();
+    assert_eq!(scenario.robots[1].gains["speed_m_s"], 0.2);
+    assert_eq!(scenario.robots[0].start.x_m, -0.05);
+    assert_eq!(scenario.robots[2].wheels.map(|wheels| wheels.track_m), Some(0.1));
+    assert_eq!(scenario.robots[2].restart.when, RestartWhen::Never);
+    assert_eq!(scenario.faults.len(), 2);
+    assert!(text.contains("# The one that is killed."), "{text}");
+    assert_eq!(parse(&text, &Overrides::default()).unwrap().0, scenario);
+    for (argument, part) in [
+        ("robot.r9.law=x", "there is no robot named `r9`"),
+        ("robot.name=x", "say which of them by its name"),
+        ("edge=3", "`edge` is a list of tables"),
+    ] {
+        let error = parse(&inline_triangle(), &set(&[argument])).unwrap_err();
+        assert!(error.message.contains(part), "{}", error.message);
+    }
+    let error = parse(&inline_triangle(), &set(&["robot.r2.sped_m_s=1"])).unwrap_err();
+    assert_eq!((error.message.as_str(), error.line), ("robot 2 has no key `sped_m_s`", 9));
+}
+
+#[test]
+fn an_offset_that_is_not_given_is_the_difference_of_places() {
+    let by_places = inline_triangle()
+        .replace("name = \"r1\"", "name = \"r1\", hears = [\"r2\"], place_m = [1.0, 1.0]")
+        .replace("name = \"r2\"", "name = \"r2\", place_m = [0.75, 0.5]")
+        .replace("    { from = \"r2\", to = \"r1\", offset_m = [0.15, 0.2598076211353316] },\n", "")
+        .replace("name = \"r3\"", "name = \"r3\", place_m = [1.25, 0.5]")
+        .replace(", offset_m = [-0.3, 0.0]", "")
+        .replace("[0.15, -0.2598076211353316]", "[0.25, -0.5]");
+    let (scenario, _, _) = parse(&by_places, &Overrides::default()).unwrap();
+    let edges: Vec<_> = scenario
+        .graph
+        .edges()
+        .iter()
+        .map(|edge| (edge.from, edge.to, edge.offset_m.x, edge.offset_m.y))
+        .collect();
+    assert_eq!(edges, [(2, 1, -0.5, 0.0), (0, 2, 0.25, -0.5), (1, 0, 0.25, 0.5)]);
+    // What is said outright wins over the places, and is found again where it stands.
+    let error = parse(&by_places.replace("[0.25, -0.5]", "[0.3, -0.5]"), &Overrides::default());
+    let error = error.unwrap_err();
+    assert!(error.message.contains("do not close"), "{}", error.message);
+}
+
 #[test]
 fn an_argument_that_makes_no_sense_is_quoted() {
     for (arguments, part) in [

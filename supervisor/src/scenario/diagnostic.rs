@@ -113,6 +113,25 @@ pub(crate) struct Source {
     file: Arc<str>,
     text: Arc<str>,
     note: Option<&'static str>,
+    parts: Option<Box<Parts>>,
+}
+
+/// Where the parts of a text come from that was put together from two files.
+#[derive(Debug)]
+struct Parts {
+    /// From where on in the text which part stands.
+    starts: Vec<(usize, Origin)>,
+    scenario: Source,
+    graph: Source,
+}
+
+/// Where a part of such a text comes from.
+#[derive(Debug)]
+pub(crate) enum Origin {
+    /// A copy of the scenario from this byte on.
+    Scenario(usize),
+    /// Something that stands there in the graph's file, written in other words.
+    Graph(Range<usize>),
 }
 
 impl Source {
@@ -124,7 +143,21 @@ impl Source {
             note: edited.then_some(
                 "--set, --fault and --seed are applied: lines are those of the resulting file",
             ),
+            parts: None,
         }
+    }
+
+    /// A text put together from the scenario and a graph; its mistakes are shown in these.
+    /// `starts`: from where on in the text which part stands, in order.
+    pub(crate) fn spliced(
+        file: &Path,
+        text: &str,
+        starts: Vec<(usize, Origin)>,
+        scenario: Source,
+        graph: Source,
+    ) -> Source {
+        let parts = Some(Box::new(Parts { starts, scenario, graph }));
+        Source { parts, ..Source::new(file, text, false) }
     }
 
     /// An error at `span`, a range of bytes of the text.
@@ -134,6 +167,20 @@ impl Source {
         message: impl Into<String>,
         expected: impl Into<String>,
     ) -> Diagnostic {
+        if let Some(parts) = &self.parts {
+            let part = parts.starts.partition_point(|(start, _)| *start <= span.start);
+            match &parts.starts[part.saturating_sub(1)] {
+                (start, Origin::Scenario(original)) => {
+                    let length = match parts.starts.get(part) {
+                        Some((next, _)) => span.end.min(*next).saturating_sub(span.start),
+                        None => span.end.saturating_sub(span.start),
+                    };
+                    let at = original + span.start.saturating_sub(*start);
+                    return parts.scenario.error(&(at..at + length), message, expected);
+                }
+                (_, Origin::Graph(origin)) => return parts.graph.error(origin, message, expected),
+            }
+        }
         let start = self.boundary(span.start);
         let end = self.boundary(span.end.max(start));
         let before = &self.text[..start];

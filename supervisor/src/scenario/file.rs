@@ -6,28 +6,42 @@ use std::path::Path;
 
 use super::diagnostic::Diagnostic;
 
-/// Largest scenario file, bytes. 256 robots that all hear each other fit.
-const FILE_BYTES_MAX: u64 = 1 << 20;
+/// Largest file, bytes. 256 robots that all hear each other fit.
+pub(super) const FILE_BYTES_MAX: u64 = 8 << 20;
 
-/// The file's text.
-pub(super) fn load(path: &Path) -> Result<String, Diagnostic> {
-    let expected = "expected a scenario file, such as scenarios/triangle.toml";
+/// Why a file cannot be had.
+pub(super) struct Trouble {
+    /// What is wrong with it, to be put behind its name.
+    pub(super) what: String,
+    /// What was expected.
+    pub(super) expected: &'static str,
+}
+
+impl Trouble {
+    /// A diagnostic about the file as a whole.
+    pub(super) fn about(self, path: &Path) -> Diagnostic {
+        Diagnostic::plain(format!("`{}` {}", path.display(), self.what), self.expected)
+    }
+}
+
+/// The file's text; `expected`: what should be there instead of no such file.
+pub(super) fn load(path: &Path, expected: &'static str) -> Result<String, Trouble> {
+    let trouble = |what: String| Trouble { what, expected };
     let cannot = |error: std::io::Error| match error.kind() {
-        std::io::ErrorKind::NotFound => about(path, "does not exist", expected),
-        std::io::ErrorKind::PermissionDenied => {
-            about(path, "may not be read by this user", expected)
-        }
-        _ => about(path, &format!("cannot be read: {error}"), expected),
+        std::io::ErrorKind::NotFound => trouble("does not exist".into()),
+        std::io::ErrorKind::PermissionDenied => trouble("may not be read by this user".into()),
+        _ => trouble(format!("cannot be read: {error}")),
     };
     let metadata = std::fs::metadata(path).map_err(cannot)?;
     if metadata.is_dir() {
-        return Err(about(path, "is a directory", expected));
+        return Err(trouble("is a directory".into()));
     }
     if !metadata.is_file() {
-        return Err(about(path, "is not a regular file", expected));
+        return Err(trouble("is not a regular file".into()));
     }
-    let too_large = |bytes: u64| {
-        about(path, &format!("has {bytes} bytes"), "expected a scenario of at most 1 MiB")
+    let too_large = |bytes: u64| Trouble {
+        what: format!("has {bytes} bytes"),
+        expected: "expected at most 8 MiB",
     };
     if metadata.len() > FILE_BYTES_MAX {
         return Err(too_large(metadata.len()));
@@ -44,15 +58,9 @@ pub(super) fn load(path: &Path) -> Result<String, Diagnostic> {
         let at = error.utf8_error().valid_up_to();
         let line = error.as_bytes()[..at].iter().filter(|&&byte| byte == b'\n').count() + 1;
         let byte = error.as_bytes()[at];
-        about(
-            path,
-            &format!("is not UTF-8: byte 0x{byte:02x} at offset {at}, on line {line}"),
-            "expected a scenario in TOML, which is UTF-8 text",
-        )
+        Trouble {
+            what: format!("is not UTF-8: byte 0x{byte:02x} at offset {at}, on line {line}"),
+            expected: "expected UTF-8 text",
+        }
     })
-}
-
-/// A diagnostic about the file as a whole.
-pub(super) fn about(path: &Path, message: &str, expected: &str) -> Diagnostic {
-    Diagnostic::plain(format!("`{}` {message}", path.display()), expected)
 }

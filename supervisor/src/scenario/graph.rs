@@ -23,8 +23,8 @@ pub(super) fn graph(
         let from = table.need("from", "the robot that is heard")?;
         let to = table.need("to", "the robot that hears")?;
         let ends = [robot_named(&from, robots)?, robot_named(&to, robots)?];
-        let missing = |what: &str, expected: &str| table.wrong(what, expected);
-        edges.add(ends, &to, table.get("offset_m"), &missing)?;
+        let whole = |message, expected| table.here(message, expected);
+        edges.add(ends, &to, &whole, table.get("offset_m"))?;
     }
     for (hearer, tie) in ties.iter().enumerate() {
         let Some(hears) = &tie.hears else { continue };
@@ -32,10 +32,7 @@ pub(super) fn graph(
         for heard in hears.elements(expected)? {
             heard.is_at(&format!("edge.{}", edges.list.len()));
             let ends = [robot_named(&heard, robots)?, hearer];
-            let missing = |what: &str, expected: &str| {
-                heard.wrong(format!("is \"{}\": the edge {what}", robots[ends[0]].name), expected)
-            };
-            edges.add(ends, &heard, None, &missing)?;
+            edges.add(ends, &heard, &|message, expected| heard.here(message, expected), None)?;
         }
     }
     Ok(FormationGraph::new(robots.len(), edges.list))
@@ -51,37 +48,38 @@ struct Edges<'a, 't> {
 }
 
 impl Edges<'_, '_> {
-    /// Adds an edge, or says what is wrong: at `blamed`, or, about its offset, by `missing`.
+    /// Adds an edge, or says what is wrong: at its hearer, or where the `whole` edge stands.
     fn add(
         &mut self,
         ends: [usize; 2],
-        blamed: &Value<'_>,
+        hearer: &Value<'_>,
+        whole: &dyn Fn(String, String) -> Diagnostic,
         offset: Option<Value<'_>>,
-        missing: &dyn Fn(&str, &str) -> Diagnostic,
     ) -> Result<(), Diagnostic> {
         let [from, to] = ends.map(|end| &self.robots[end]);
         if ends[0] == ends[1] {
-            return Err(blamed.wrong(
-                format!("is \"{}\", the robot itself", to.name),
-                "expected another robot: nobody hears itself",
+            return Err(hearer.here(
+                format!("an edge leads from {} to itself", to.name),
+                "expected another robot: nobody hears itself".to_owned(),
             ));
         }
-        let number = self.list.len() + 1;
-        if let Some(first) = self.seen.insert(ends, number) {
-            return Err(blamed.wrong(
-                format!("repeats edge {first}: it leads from {} to {} already", from.name, to.name),
-                "expected one edge for a pair and direction, in `edge` or in `hears`",
+        if let Some(first) = self.seen.insert(ends, self.list.len() + 1) {
+            return Err(hearer.here(
+                format!("an edge repeats edge {first}: from {} to {}", from.name, to.name),
+                "expected one edge for a pair and direction, in `edge`, `hears` or `graph`"
+                    .to_owned(),
             ));
         }
         let [x, y] = match (to.role, offset) {
             (Role::Leader, _) => {
-                return Err(blamed.wrong(
-                    format!("makes {}, the leader, hear {}", to.name, from.name),
-                    "expected no edge into the leader: it goes by its trajectory and hears nobody",
+                return Err(hearer.here(
+                    format!("an edge makes {}, the leader, hear {}", to.name, from.name),
+                    "expected no edge into the leader: it goes by its trajectory and hears nobody"
+                        .to_owned(),
                 ));
             }
             (Role::Formation, Some(offset)) => offset.pair("m")?,
-            (Role::Formation, None) => self.between_places(ends, missing)?,
+            (Role::Formation, None) => self.between_places(ends, whole)?,
             (Role::Contained, None) => [0.0, 0.0],
             (Role::Contained, Some(offset)) => {
                 return Err(offset.wrong(
@@ -98,18 +96,18 @@ impl Edges<'_, '_> {
     fn between_places(
         &self,
         ends: [usize; 2],
-        missing: &dyn Fn(&str, &str) -> Diagnostic,
+        whole: &dyn Fn(String, String) -> Diagnostic,
     ) -> Result<[f64; 2], Diagnostic> {
         let [from, to] = ends.map(|end| &self.robots[end].name);
         let without = match ends.map(|end| self.ties[end].place_m) {
             [Some(from), Some(to)] => return Ok([to[0] - from[0], to[1] - from[1]]),
-            [None, None] => format!("neither {from} nor {to} has"),
+            [None, None] => "neither robot has a".to_owned(),
             [None, Some(_)] => format!("{from} has no"),
             [Some(_), None] => format!("{to} has no"),
         };
-        Err(missing(
-            &format!("has no `offset_m`, and {without} `place_m`"),
-            &format!(
+        Err(whole(
+            format!("the edge from {from} to {to} has no `offset_m`, and {without} `place_m`"),
+            format!(
                 "expected `place_m` = [x, y] in both robots, their places in the shape; or an edge \
                  with `offset_m` = [x, y], where {to} stands as seen from {from}"
             ),

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `read` | what does the text say, and where does it go wrong? |
 //! | `robots` `graph` `lead` `faults` `expect` | the same for one kind of table each |
+//! | `import/` | which robots and edges does a graph of another tool hold? |
 //! | `file` | how is a file's text had, and when is it refused? |
 //! | `table` | which type, unit and range has a value, and where does it stand? |
 //! | `overrides` | what do `--set`, `--fault` and `--seed` change? |
@@ -17,6 +18,7 @@ pub mod fault;
 mod faults;
 mod file;
 mod graph;
+mod import;
 mod lead;
 mod overrides;
 pub mod read;

@@ -24,9 +24,19 @@ impl Overrides {
         self.set.is_empty() && self.faults.is_empty() && self.seed.is_none()
     }
 
-    /// Applies them all.
+    /// Whether they name another graph.
+    pub(crate) fn name_graph(&self) -> bool {
+        self.set.iter().any(|argument| names_graph(argument))
+    }
+
+    /// Names that graph, before anything else is done.
+    pub(crate) fn apply_graph(&self, document: &mut DocumentMut) -> Result<(), Diagnostic> {
+        self.set.iter().filter(|argument| names_graph(argument)).try_for_each(|a| set(document, a))
+    }
+
+    /// Applies all others.
     pub(crate) fn apply(&self, document: &mut DocumentMut) -> Result<(), Diagnostic> {
-        for argument in &self.set {
+        for argument in self.set.iter().filter(|argument| !names_graph(argument)) {
             set(document, argument)?;
         }
         if let Some(seed) = self.seed {
@@ -43,6 +53,10 @@ impl Overrides {
         }
         Ok(())
     }
+}
+
+fn names_graph(argument: &str) -> bool {
+    argument.split_once('=').is_some_and(|(key, _)| key.trim() == "graph")
 }
 
 /// Applies one `key=value`.

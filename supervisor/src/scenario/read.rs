@@ -4,6 +4,7 @@
 //! and nowhere else. What the values mean together is asked in [`crate::check`]. Nothing is
 //! spawned.
 
+use std::borrow::Cow;
 use std::cell::RefCell;
 use std::ops::Range;
 use std::path::Path;
@@ -12,17 +13,20 @@ use protocol::brief::{
     AvoidanceBrief, AvoidanceKind, PublishedVelocity, SilenceBrief, SilencePolicy,
 };
 use protocol::law::LawDescription;
+use toml::Spanned;
 use toml::de::DeTable;
+use toml_edit::DocumentMut;
 
 pub use super::overrides::Overrides;
 
 use super::diagnostic::{Diagnostic, Severity, Source};
 use super::expect::expect;
 use super::faults::faults;
-use super::file::{about, load};
+use super::file::{Trouble, load};
 use super::graph::graph;
+use super::import::splice::{Spliced, splice};
 use super::lead::lead;
-use super::robots::{Robots, robots};
+use super::robots::{Robots, robot_keys, robots};
 use super::table::{Document, Places, Table, Value};
 use super::{Scenario, seconds};
 use crate::check;
@@ -47,6 +51,7 @@ const ROOT_KEYS: &[&str] = &[
     "robot_defaults",
     "robot",
     "edge",
+    "graph",
     "fault",
     "expect",
     "trajectory",
@@ -62,7 +67,9 @@ pub fn read(
     overrides: &Overrides,
     laws: &[LawDescription],
 ) -> Result<(Scenario, String, Vec<Diagnostic>), Diagnostic> {
-    read_text(path, &load(path)?, overrides, laws)
+    let expected = "expected a scenario file, such as scenarios/triangle.toml";
+    let text = load(path, expected).map_err(|trouble| trouble.about(path))?;
+    read_text(path, &text, overrides, laws)
 }
 
 /// The same for a text at hand; `path` is only shown.
@@ -73,26 +80,28 @@ pub fn read_text(
     laws: &[LawDescription],
 ) -> Result<(Scenario, String, Vec<Diagnostic>), Diagnostic> {
     if text.trim().is_empty() {
-        return Err(about(path, "is empty", "expected a scenario in TOML"));
+        let expected = "expected a scenario in TOML";
+        return Err(Trouble { what: "is empty".to_owned(), expected }.about(path));
     }
     // The file's own text first: its mistakes get places in the file as it is on disk.
-    let source = Source::new(path, text, false);
-    DeTable::parse(text).map_err(|error| no_toml(&source, error.span(), error.message()))?;
-    let text = if overrides.is_empty() {
-        text.to_owned()
-    } else {
-        let mut document = text
-            .parse::<toml_edit::DocumentMut>()
-            .map_err(|error| no_toml(&source, error.span(), error.message()))?;
-        overrides.apply(&mut document)?;
-        document.to_string()
-    };
-    let source = Source::new(path, &text, !overrides.is_empty());
-    let entries =
-        DeTable::parse(&text).map_err(|error| no_toml(&source, error.span(), error.message()))?;
+    let mut source = Source::new(path, text, false);
+    let mut text = Cow::from(text);
+    if overrides.name_graph() {
+        text = edited(&text, &source, |document| overrides.apply_graph(document))?.into();
+        source = Source::new(path, &text, true);
+    }
+    let entries = toml(&text, &source)?;
+    let spliced = splice(path, &text, source, entries.get_ref(), &robot_keys(laws))?;
+    let Spliced { mut text, mut source, warnings: graph_warnings } = spliced;
+    if !overrides.is_empty() {
+        text = edited(&text, &source, |document| overrides.apply(document))?;
+        source = Source::new(path, &text, true);
+    }
+    let entries = toml(&text, &source)?;
     let document = Document { source, places: RefCell::default() };
     let root = Table::root(&document, entries.get_ref());
     let (scenario, mut warnings) = scenario(&root, laws, &document)?;
+    warnings.splice(..0, graph_warnings);
 
     let places = document.places.borrow();
     for finding in check::check(&scenario) {
@@ -109,6 +118,24 @@ pub fn read_text(
     }
     drop(places);
     Ok((scenario, text, warnings))
+}
+
+/// The text's tables.
+fn toml<'t>(text: &'t str, source: &Source) -> Result<Spanned<DeTable<'t>>, Diagnostic> {
+    DeTable::parse(text).map_err(|error| no_toml(source, error.span(), error.message()))
+}
+
+/// The text after a change that keeps its comments.
+fn edited(
+    text: &str,
+    source: &Source,
+    change: impl FnOnce(&mut DocumentMut) -> Result<(), Diagnostic>,
+) -> Result<String, Diagnostic> {
+    let mut document = text
+        .parse::<DocumentMut>()
+        .map_err(|error| no_toml(source, error.span(), error.message()))?;
+    change(&mut document)?;
+    Ok(document.to_string())
 }
 
 /// The place of `path`, or of the nearest thing around it that the text has.

@@ -14,8 +14,8 @@ use super::{RestartPolicy, RestartWhen, Robot, seconds};
 /// Most robots in one scenario: each is a process.
 const ROBOTS_MAX: usize = 256;
 
-/// Keys of one robot alone.
-const OWN_KEYS: &[&str] = &["name", "pose", "place_m", "hears"];
+/// Keys of one robot alone, beside its name.
+const OWN_KEYS: &[&str] = &["pose", "place_m", "hears"];
 /// Keys that `[robot_defaults]` may have too, beside gains.
 const ROBOT_KEYS: &[&str] = &[
     "front_point_m",
@@ -46,15 +46,25 @@ pub(super) struct Ties<'t> {
     pub(super) hears: Option<Value<'t>>,
 }
 
+/// What may be said of a robot beside its name.
+pub(super) fn robot_keys(laws: &[LawDescription]) -> Vec<&'static str> {
+    [OWN_KEYS, &default_keys(laws)].concat()
+}
+
+/// What may be said of all robots at once.
+fn default_keys(laws: &[LawDescription]) -> Vec<&'static str> {
+    let gains = laws.iter().flat_map(|law| law.gains.iter().copied());
+    ROBOT_KEYS.iter().copied().chain(gains).collect()
+}
+
 /// All `[[robot]]`.
 pub(super) fn robots<'t>(
     root: &Table<'t>,
     laws: &[LawDescription],
     document: &Document,
 ) -> Result<Robots<'t>, Diagnostic> {
-    let all_gains: Vec<&str> = laws.iter().flat_map(|law| law.gains.iter().copied()).collect();
-    let default_keys = [ROBOT_KEYS, &all_gains].concat();
-    let robot_keys = [OWN_KEYS, ROBOT_KEYS, &all_gains].concat();
+    let default_keys = default_keys(laws);
+    let robot_keys = [&["name"], &robot_keys(laws)[..]].concat();
     let defaults =
         root.get("robot_defaults").map(|value| value.table(&default_keys)).transpose()?;
     let tables = root.tables("robot")?;

@@ -86,6 +86,11 @@ impl<'t> Table<'t> {
         Err(self.document.source.error(&key.span(), message, expected))
     }
 
+    /// Where it stands; with a header, only that.
+    pub(crate) fn span(&self) -> Range<usize> {
+        self.span.clone()
+    }
+
     /// The keys that are there, with their places.
     pub(crate) fn keys(&self) -> impl Iterator<Item = (&'t str, Range<usize>)> {
         self.entries.iter().map(|(key, _)| (key.get_ref().as_ref(), key.span()))
@@ -121,12 +126,13 @@ impl<'t> Table<'t> {
 
     /// That `key` is not there.
     pub(crate) fn missing(&self, key: &str, expected: &str) -> Diagnostic {
-        self.wrong(&format!("has no `{key}`"), &format!("expected `{key}`: {expected}"))
+        let message = format!("{} has no `{key}`", self.title);
+        self.here(message, format!("expected `{key}`: {expected}"))
     }
 
-    /// An error at this table: `message` says what is wrong with it.
-    pub(crate) fn wrong(&self, message: &str, expected: &str) -> Diagnostic {
-        self.document.source.error(&self.span, format!("{} {message}", self.title), expected)
+    /// An error at this table.
+    pub(crate) fn here(&self, message: String, expected: String) -> Diagnostic {
+        self.document.source.error(&self.span, message, expected)
     }
 
     /// The tables of the list `key`; none if it is absent.
@@ -162,6 +168,11 @@ impl<'t> Table<'t> {
 }
 
 impl<'t> Value<'t> {
+    /// An error at this value.
+    pub(crate) fn here(&self, message: String, expected: String) -> Diagnostic {
+        self.document.source.error(&self.span, message, expected)
+    }
+
     /// An error at this value: `message` says what is wrong with the key named before it.
     pub(crate) fn wrong(
         &self,
@@ -169,6 +180,11 @@ impl<'t> Value<'t> {
         expected: impl Into<String>,
     ) -> Diagnostic {
         self.document.source.error(&self.span, format!("`{}` {message}", self.key), expected)
+    }
+
+    /// Where it stands.
+    pub(crate) fn span(&self) -> Range<usize> {
+        self.span.clone()
     }
 
     /// What is found at `path` stands here; whoever looks for its parents finds them here too.

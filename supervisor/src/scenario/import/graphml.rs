@@ -1,0 +1,193 @@
+//! GraphML: nodes, edges and typed attributes, as networkx, yEd and others write it.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use roxmltree::{Document, Node as Element};
+
+use super::{Attribute, Builder, Name, Network, chunk, quoted};
+use crate::scenario::diagnostic::{Diagnostic, Source};
+
+pub(super) fn read(
+    source: &Source,
+    text: &str,
+    robot_keys: &[&str],
+) -> Result<Network, Diagnostic> {
+    let document = Document::parse(text).map_err(|error| no_xml(source, text, &error))?;
+    let xml = Xml { source };
+    let root = document.root_element();
+    if root.tag_name().name() != "graphml" {
+        let message = format!("this is no GraphML, but `{}`", root.tag_name().name());
+        return Err(xml.wrong(root, message, "expected the element `graphml`"));
+    }
+    let graphs: Vec<Element<'_, '_>> = children(root, "graph").collect();
+    let &[graph] = &graphs[..] else {
+        let message = format!("the file has {} graphs", graphs.len());
+        let at = graphs.last().copied().unwrap_or(root);
+        return Err(xml.wrong(at, message, "expected one element `graph`"));
+    };
+    let mut keys = BTreeMap::new();
+    for key in children(root, "key") {
+        keys.insert(xml.need(key, "id")?, key);
+    }
+    let directed = match xml.need(graph, "edgedefault")? {
+        "directed" => true,
+        "undirected" => false,
+        other => {
+            let message = format!("`edgedefault` is {other:?}");
+            return Err(xml.wrong(graph, message, "expected \"directed\" or \"undirected\""));
+        }
+    };
+    let mut builder = Builder::new(source, robot_keys);
+    if let Some(element) = children(graph, "hyperedge").next() {
+        return Err(xml.wrong(
+            element,
+            "a hyperedge has no direction from one robot to another",
+            "expected edges between two robots each",
+        ));
+    }
+    for node in children(graph, "node") {
+        if let Some(nested) = children(node, "graph").next() {
+            let expected = "expected all nodes in one graph";
+            return Err(xml.wrong(nested, "a graph stands within a node", expected));
+        }
+        let name = Name::read(xml.need(node, "id")?);
+        let attributes = xml.attributes(node, &keys)?;
+        builder.node(name, node.range(), attributes)?;
+    }
+    for edge in children(graph, "edge") {
+        let mut ends = Vec::new();
+        for key in ["source", "target"] {
+            ends.push((Name::read(xml.need(edge, key)?), xml.attribute(edge, key)));
+        }
+        let ends = <[_; 2]>::try_from(ends).expect("there are two ends");
+        let directed = match edge.attribute("directed") {
+            None => directed,
+            Some("true") => true,
+            Some("false") => false,
+            Some(other) => {
+                let message = format!("`directed` is {other:?}");
+                return Err(xml.wrong(edge, message, "expected \"true\" or \"false\""));
+            }
+        };
+        let attributes = xml.attributes(edge, &keys)?;
+        builder.link(ends, directed, edge.range(), attributes)?;
+    }
+    Ok(builder.network)
+}
+
+/// What the XML parser has to say.
+fn no_xml(source: &Source, text: &str, error: &roxmltree::Error) -> Diagnostic {
+    let pos = error.pos();
+    let (row, column) = (pos.row as usize, pos.col as usize);
+    let line_start: usize =
+        text.split_inclusive('\n').take(row.saturating_sub(1)).map(str::len).sum();
+    let line = &text[line_start..];
+    let within = line.char_indices().nth(column.saturating_sub(1)).map_or(line.len(), |(at, _)| at);
+    let at = line_start + within;
+    let message = error.to_string();
+    let message = message.rsplit_once(" at ").map_or(message.as_str(), |(what, _)| what);
+    source.error(&(at..at + 1), format!("this is no GraphML: {message}"), "expected XML here")
+}
+
+fn children<'x, 'i>(
+    element: Element<'x, 'i>,
+    name: &'static str,
+) -> impl Iterator<Item = Element<'x, 'i>> {
+    element.children().filter(move |child| child.tag_name().name() == name)
+}
+
+/// The text, for places in it.
+struct Xml<'a> {
+    source: &'a Source,
+}
+
+impl Xml<'_> {
+    fn wrong(
+        &self,
+        element: Element<'_, '_>,
+        message: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Diagnostic {
+        self.source.error(&element.range(), message, expected)
+    }
+
+    /// Where the value of an XML attribute stands.
+    fn attribute(&self, element: Element<'_, '_>, name: &str) -> Range<usize> {
+        element.attribute_node(name).map_or(element.range(), |node| node.range_value())
+    }
+
+    fn need<'x>(&self, element: Element<'x, '_>, name: &str) -> Result<&'x str, Diagnostic> {
+        element.attribute(name).ok_or_else(|| {
+            let tag = element.tag_name().name();
+            self.wrong(
+                element,
+                format!("`{tag}` has no `{name}`"),
+                format!("expected {name}=\"...\""),
+            )
+        })
+    }
+
+    /// What `data` says of a node or an edge, and the defaults of keys where it says nothing.
+    fn attributes(
+        &self,
+        element: Element<'_, '_>,
+        keys: &BTreeMap<&str, Element<'_, '_>>,
+    ) -> Result<Vec<Attribute>, Diagnostic> {
+        let kind = element.tag_name().name();
+        let mut attributes: Vec<Attribute> = Vec::new();
+        for data in children(element, "data") {
+            let id = self.need(data, "key")?;
+            let Some(key) = keys.get(id) else {
+                let message = format!("`data` has the key {id:?}, which is declared nowhere");
+                return Err(self.wrong(data, message, "expected the id of an element `key`"));
+            };
+            let attribute = self.value(*key, data)?;
+            if attributes.iter().any(|other| other.key == attribute.key) {
+                let message = format!("the {kind} has `{}` twice", attribute.key);
+                return Err(self.wrong(data, message, "expected it once"));
+            }
+            attributes.push(attribute);
+        }
+        for key in keys.values() {
+            let meant_for = key.attribute("for").unwrap_or("all");
+            let Some(default) = children(*key, "default").next() else { continue };
+            if meant_for == kind || meant_for == "all" {
+                let attribute = self.value(*key, default)?;
+                if attributes.iter().all(|other| other.key != attribute.key) {
+                    attributes.push(attribute);
+                }
+            }
+        }
+        Ok(attributes)
+    }
+
+    /// The value of a `key` that stands in `holder`.
+    fn value(
+        &self,
+        key: Element<'_, '_>,
+        holder: Element<'_, '_>,
+    ) -> Result<Attribute, Diagnostic> {
+        // Drawings of editors have no name.
+        let name = key.attribute("attr.name").or(key.attribute("id")).unwrap_or_default();
+        let text = holder.text().unwrap_or_default().trim();
+        let wrong = |expected: &str| self.wrong(holder, format!("`{name}` is {text:?}"), expected);
+        let value = match key.attribute("attr.type").unwrap_or("string") {
+            "int" | "long" => match text.parse::<i64>() {
+                Ok(number) => number.to_string(),
+                Err(_) => return Err(wrong("expected a whole number")),
+            },
+            "float" | "double" => match text.parse::<f64>() {
+                Ok(number) if number.is_finite() => format!("{number:?}"),
+                _ => return Err(wrong("expected a finite number")),
+            },
+            "boolean" => match text.to_ascii_lowercase().as_str() {
+                truth @ ("true" | "false") => truth.to_owned(),
+                _ => return Err(wrong("expected true or false")),
+            },
+            _ => quoted(text),
+        };
+        let span = holder.range();
+        Ok(Attribute { key: name.to_owned(), value: vec![chunk(value, &span)], span })
+    }
+}

@@ -99,6 +99,9 @@ pub enum FlightError {
 pub struct Outcome {
     /// Ended by a signal.
     pub interrupted: bool,
+    /// Wall time from the start of the first process to t = 0, when all were ready; `None` if it
+    /// never came to that.
+    pub startup: Option<Duration>,
     /// Wall time from t = 0 to the last truth.
     pub wall: Duration,
     /// The newest truth.
@@ -121,6 +124,7 @@ pub struct Flight<'a> {
     last_news: Instant,
     /// Run time at which deaths were last looked for: those found next came after it, ns.
     all_seen_alive_ns: u64,
+    launched: Instant,
     took_off: Option<Instant>,
     // In the order in which they must go: processes before services before the run root.
     robots: Vec<Robot>,
@@ -200,6 +204,7 @@ impl<'a> Flight<'a> {
 
         let plant_brief = briefs::plant(scenario, pace, run_root.path());
         let plant_brief = run_dir.write_brief("plant", &plant_brief)?;
+        let launched = Instant::now();
         let plant = Child::spawn(Role::Plant { brief: &plant_brief }, &run_dir.log_path("plant"))?;
         let mut robots = Vec::new();
         for (i, robot) in scenario.robots.iter().enumerate() {
@@ -222,6 +227,7 @@ impl<'a> Flight<'a> {
             alive: vec![true; robots.len()],
             last_news: Instant::now(),
             all_seen_alive_ns: 0,
+            launched,
             took_off: None,
             robots,
             plant,
@@ -320,6 +326,7 @@ impl<'a> Flight<'a> {
                 barrier.consumed(header.tick + 1);
             }
         }
+        self.outcome.startup = self.took_off.map(|at| at - self.launched);
         self.outcome.wall = self.took_off.map_or(Duration::ZERO, |at| self.last_news - at);
         Ok(())
     }

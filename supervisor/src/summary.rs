@@ -30,6 +30,8 @@ pub struct Summary {
     pub t_s: f64,
     /// Plant ticks.
     pub ticks: u64,
+    /// Wall time from the start of the first process to t = 0, when all were ready, s.
+    pub startup_s: Option<f64>,
     /// Wall time from t = 0 to the end, s.
     pub wall_s: f64,
     /// Plant ticks per second of wall time.
@@ -121,6 +123,7 @@ impl Summary {
             interrupted: outcome.interrupted,
             t_s,
             ticks: truth.tick,
+            startup_s: outcome.startup.map(|startup| startup.as_secs_f64()),
             wall_s,
             ticks_per_s: per_wall(truth.tick as f64),
             real_time_factor: per_wall(t_s),

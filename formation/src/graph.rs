@@ -1,4 +1,4 @@
-//! The formation graph: who hears whom, and at which offset. (Definition 1, (4)-(6))
+//! The formation graph: who hears whom, and at which offset. (Definition 1)
 //!
 //! An edge points the way information flows: `from` is heard by `to`.
 

@@ -8,7 +8,9 @@
 //! | `pose` | where is a robot, and how does it move in its own frame? |
 //! | `unicycle` | where does a held (v, w) take it, exactly? (1) |
 //! | `front_point` | which point is controlled, and how does (v, w) move it? (2) (3) (17) |
-//! | `graph` | who hears whom, at which offset? (4)-(6) |
+//! | `graph` | who hears whom, at which offset? (Definition 1) |
+//! | `reachability` | whose information reaches whom, and what does a death take from whom? |
+//! | `laplacian` | what do the matrices L and A say, and where does the formation settle? (4)-(6) (31) |
 //! | `trajectory` | where is the main leader to be? |
 //! | `path` | which curve goes through waypoints, and where on it is one at a time? |
 //! | `frame` | how do offsets turn and grow with the leader? (20)-(23) |
@@ -22,8 +24,10 @@ pub mod frame;
 pub mod front_point;
 pub mod graph;
 pub mod hull;
+pub mod laplacian;
 pub mod path;
 pub mod pose;
+pub mod reachability;
 pub mod trajectory;
 pub mod unicycle;
 

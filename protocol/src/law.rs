@@ -25,4 +25,9 @@ pub struct LawDescription {
     pub source: &'static str,
     /// Keys of its gains, with unit suffixes. All must be given, and positive.
     pub gains: &'static [&'static str],
+    /// Whether it uses alpha*', which a robot knows by the published velocities of those it hears.
+    pub feed_forward: bool,
+    /// Key of the gain, in m/s, that bounds each component of what it adds to alpha*' (or to 0,
+    /// without feed-forward): k in Lemma 1, mu in Proposition 2. `None`: no gain bounds it.
+    pub correction_max: Option<&'static str>,
 }

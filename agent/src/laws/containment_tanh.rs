@@ -13,6 +13,8 @@ pub(super) const ROW: LawRow = LawRow {
         role: Role::Contained,
         source: "(51)",
         gains: &["k_c_m_s"],
+        feed_forward: true,
+        correction_max: Some("k_c_m_s"),
     },
     build: |gains: &Gains<'_>| Box::new(ContainmentTanh { k_c: gains.get("k_c_m_s") }),
 };

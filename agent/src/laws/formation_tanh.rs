@@ -13,6 +13,8 @@ pub(super) const ROW: LawRow = LawRow {
         role: Role::Formation,
         source: "(28)",
         gains: &["k_f_m_s"],
+        feed_forward: true,
+        correction_max: Some("k_f_m_s"),
     },
     build: |gains: &Gains<'_>| Box::new(FormationTanh { k_f: gains.get("k_f_m_s") }),
 };

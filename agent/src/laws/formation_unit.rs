@@ -14,6 +14,8 @@ pub(super) const ROW: LawRow = LawRow {
         role: Role::Formation,
         source: "(18)",
         gains: &["speed_m_s"], // mu
+        feed_forward: false,
+        correction_max: Some("speed_m_s"),
     },
     build: |gains: &Gains<'_>| Box::new(FormationUnit { mu: gains.get("speed_m_s") }),
 };

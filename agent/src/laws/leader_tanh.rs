@@ -13,6 +13,8 @@ pub(super) const ROW: LawRow = LawRow {
         role: Role::Leader,
         source: "(28)",
         gains: &["k_m_m_s"],
+        feed_forward: true,
+        correction_max: Some("k_m_m_s"),
     },
     build: |gains: &Gains<'_>| Box::new(LeaderTanh { k_m: gains.get("k_m_m_s") }),
 };

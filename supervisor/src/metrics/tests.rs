@@ -22,6 +22,8 @@ pub(crate) fn row_of_three() -> Scenario {
         wheels: None,
         law: "formation-unit".to_owned(),
         gains: BTreeMap::new(),
+        feed_forward: false,
+        correction_max_m_s: None,
         restart: RestartPolicy {
             when: RestartWhen::Never,
             delay_ns: 0,

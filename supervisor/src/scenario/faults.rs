@@ -26,7 +26,10 @@ pub(super) fn faults(
         let robot = robot_named(&table.need("robot", "the name of a robot")?, robots)?;
         let restart_after_ns =
             table.get("restart_after_s").map(|after| after.duration_ns()).transpose()?;
-        faults.push((Fault { at_ns, for_ns: None, kind: FaultKind::Kill { robot, restart_after_ns } }, at));
+        faults.push((
+            Fault { at_ns, for_ns: None, kind: FaultKind::Kill { robot, restart_after_ns } },
+            at,
+        ));
     }
     faults.sort_by_key(|(fault, _)| fault.at_ns);
     // For each robot: when it is up again after its latest kill; `None` for never.

@@ -31,6 +31,7 @@ use std::collections::BTreeMap;
 
 use formation::graph::{Edge, FormationGraph};
 use formation::pose::Pose;
+use formation::reachability::Reachability;
 use protocol::brief::{
     AvoidanceBrief, LeadBrief, Pace, PublishedVelocity, SilenceBrief, WheelsBrief,
 };
@@ -91,6 +92,10 @@ pub struct Robot {
     pub role: Role,
     /// The law's gains by key.
     pub gains: BTreeMap<String, f64>,
+    /// Whether that law uses the velocities of those heard.
+    pub feed_forward: bool,
+    /// Bound on each component of what the law adds to that, m/s, if one of its gains is one.
+    pub correction_max_m_s: Option<f64>,
     /// What happens when its process dies unasked.
     pub restart: RestartPolicy,
 }
@@ -248,6 +253,11 @@ impl Scenario {
     /// The contained, by their places.
     pub fn contained(&self) -> Vec<usize> {
         self.places(|role| role == Role::Contained)
+    }
+
+    /// Who needs whom, and what a death takes from whom.
+    pub fn reachability(&self) -> Reachability {
+        Reachability::new(&self.graph, self.leader(), &self.contained())
     }
 
     fn places(&self, of: impl Fn(Role) -> bool) -> Vec<usize> {

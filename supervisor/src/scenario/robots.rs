@@ -189,6 +189,8 @@ fn robot(
         wheels,
         law: law.name.to_owned(),
         role: law.role,
+        feed_forward: law.feed_forward,
+        correction_max_m_s: law.correction_max.map(|key| gains[key]),
         gains,
         restart: restart(table, defaults)?,
     })

@@ -17,12 +17,16 @@ const LAWS: &[LawDescription] = &[
         name: "formation-unit",
         source: "(18)",
         gains: &["speed_m_s"],
+        feed_forward: false,
+        correction_max: Some("speed_m_s"),
     },
     LawDescription {
         role: Role::Formation,
         name: "formation",
         source: "(28)",
         gains: &["gain_formation_per_s"],
+        feed_forward: false,
+        correction_max: None,
     },
 ];
 

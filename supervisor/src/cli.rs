@@ -12,7 +12,7 @@ use protocol::brief::Pace;
 use protocol::law::LawDescription;
 use protocol::process::{Stop, exit, log_level, quiet_iceoryx2};
 
-use crate::check;
+use crate::check::{self, Theory};
 use crate::flight::{self, Flight};
 use crate::metrics::Metrics;
 use crate::metrics::expect;
@@ -54,6 +54,9 @@ pub struct RunArgs {
 pub struct CheckArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
+    /// What to print.
+    #[arg(long, value_enum, default_value_t = Output::Text)]
+    output: Output,
 }
 
 /// A scenario file, and changes to it.
@@ -84,7 +87,7 @@ enum PaceArg {
 enum Output {
     /// One screen for people.
     Text,
-    /// summary.json.
+    /// The same and more for programs; of a run, summary.json.
     Json,
 }
 
@@ -132,7 +135,11 @@ fn check(args: &CheckArgs, laws: &[LawDescription]) -> u8 {
     let Some((scenario, _)) = read_scenario(&args.scenario, laws) else {
         return exit::BAD_SCENARIO;
     };
-    print(&check::report(&scenario))
+    let theory = Theory::of(&scenario);
+    print(&match args.output {
+        Output::Text => check::report(&scenario, &theory),
+        Output::Json => theory.to_json(),
+    })
 }
 
 fn run(args: &RunArgs, laws: &[LawDescription]) -> u8 {

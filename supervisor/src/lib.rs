@@ -5,7 +5,7 @@
 //! |---|---|
 //! | `cli` | what was asked for? |
 //! | `scenario/` | what is the experiment, and is it sound? |
-//! | `check` | what can be said about it before it flies? |
+//! | `check/` | what can be said about it before it flies? |
 //! | `briefs` | what is each process told? |
 //! | `flight` | what happens, in order, from the first process to the last? |
 //! | `robot` | where is a robot's process in its life, and does it come back? |

@@ -8,3 +8,4 @@ mod isolation;
 mod lockstep;
 mod oracle;
 mod realtime;
+mod theory;

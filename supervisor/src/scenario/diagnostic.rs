@@ -8,12 +8,14 @@ use std::path::Path;
 use std::sync::Arc;
 
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
+use serde::Serialize;
 
 /// Longest line that is shown as a snippet, bytes; longer ones are no scenario, but noise.
 const SNIPPET_LINE_BYTES_MAX: usize = 1000;
 
 /// Whether the scenario can be run all the same.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Severity {
     /// It cannot.
     Error,

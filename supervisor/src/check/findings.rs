@@ -1,0 +1,409 @@
+//! What is wrong with a scenario, or worth knowing.
+//!
+//! Single values are checked where they are read. Here they are held against each other and
+//! against the theory. Nothing is read or spawned.
+
+use formation::closest::{ClosestPair, closest_pair};
+use formation::graph::{Edge, FormationGraph};
+use formation::laplacian::echoing;
+use protocol::brief::AvoidanceKind;
+use protocol::law::Role;
+use serde::Serialize;
+
+use super::steady::{Motion, Settled};
+use super::{rounded_up, short, start_points};
+use crate::scenario::diagnostic::Severity;
+use crate::scenario::{Scenario, seconds};
+
+/// Offsets around a cycle may miss by this much, m: rounding of decimals, and no more.
+const OFFSET_GAP_M_MAX: f64 = 1e-6;
+/// Above this epsilon T, a sampled focus overshoots (measured on all three cases of the chapter).
+const EPSILON_PERIOD_MAX: f64 = 0.1;
+
+/// Something about a scenario that is wrong, or worth knowing.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Finding {
+    /// Whether it can be run all the same.
+    pub severity: Severity,
+    /// What is wrong, with the offending values.
+    pub message: String,
+    /// What was expected instead.
+    pub expected: String,
+    /// The key that says so, as in `avoidance.kind`, `robot.r1.pose` or `edge.0.offset_m`.
+    pub path: String,
+}
+
+/// All that is wrong or worth knowing, errors first.
+pub fn check(scenario: &Scenario) -> Vec<Finding> {
+    let mut findings = unsettled(scenario);
+    // A formation that never settles has nothing to be measured.
+    if findings.iter().all(|finding| finding.severity != Severity::Error) {
+        let settled = Settled::of(scenario);
+        let motion = Motion::of(scenario, &settled);
+        findings.extend(once_settled(scenario, &settled, motion.as_ref()));
+    }
+    findings.sort_by_key(|finding| finding.severity != Severity::Error);
+    findings
+}
+
+/// What can be found without knowing where the robots settle.
+pub(super) fn unsettled(scenario: &Scenario) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    leaders_hear_leaders(scenario, &mut findings);
+    references(scenario, &mut findings);
+    echoes(scenario, &mut findings);
+    offsets(scenario, &mut findings);
+    speeds(scenario, &mut findings);
+    start_distances(scenario, &mut findings);
+    sensing(scenario, &mut findings);
+    if scenario.avoidance.kind == AvoidanceKind::Focus {
+        focus_strength(scenario, &mut findings);
+    }
+    findings
+}
+
+/// The rest, of a scenario without errors.
+pub(super) fn once_settled(
+    scenario: &Scenario,
+    settled: &Settled,
+    motion: Option<&Motion>,
+) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    settled_distances(scenario, settled, &mut findings);
+    if let Some(motion) = motion {
+        steady_speeds(scenario, motion, &mut findings);
+        steady_wheels(scenario, motion, &mut findings);
+    }
+    findings
+}
+
+fn finding(
+    severity: Severity,
+    path: impl Into<String>,
+    message: String,
+    expected: impl Into<String>,
+) -> Finding {
+    Finding { severity, message, expected: expected.into(), path: path.into() }
+}
+
+/// Nobody that leads or keeps a place hears a contained robot: P of (52) has a block of zeros there.
+fn leaders_hear_leaders(scenario: &Scenario, findings: &mut Vec<Finding>) {
+    for (index, edge) in scenario.formation_edges() {
+        let (from, to) = (&scenario.robots[edge.from], &scenario.robots[edge.to]);
+        if from.role == Role::Contained {
+            findings.push(finding(
+                Severity::Error,
+                format!("edge.{index}.from"),
+                format!(
+                    "{} keeps a place, but is to hear {}, which is contained and has none",
+                    to.name, from.name
+                ),
+                "expected a robot that leads or keeps a place itself (52)",
+            ));
+        }
+    }
+}
+
+/// Everybody must have what it goes by. (Assumptions 3 to 5)
+fn references(scenario: &Scenario, findings: &mut Vec<Finding>) {
+    let reachability = scenario.reachability();
+    let standing = reachability.intact();
+    let robots = &scenario.robots;
+    if let Some(leader) = scenario.leader() {
+        let leader = &robots[leader].name;
+        let mut unreached =
+            [&standing.unled[..], &standing.uncontained[..], &standing.adrift[..]].concat();
+        unreached.sort_unstable();
+        for robot in unreached {
+            let name = &robots[robot].name;
+            findings.push(finding(
+                Severity::Error,
+                format!("robot.{name}"),
+                format!("nothing that {leader} says ever reaches {name}"),
+                format!("expected a path of edges from the leader {leader} (Assumptions 3 to 5)"),
+            ));
+        }
+        return;
+    }
+    let names = |group: &[usize]| {
+        let shown: Vec<&str> = group.iter().take(6).map(|&r| robots[r].name.as_str()).collect();
+        let more = if group.len() > 6 { ", ..." } else { "" };
+        format!("{{{}{more}}}", shown.join(", "))
+    };
+    if let [_, second, ..] = &standing.groups[..] {
+        let list: Vec<String> = standing.groups.iter().take(4).map(|group| names(group)).collect();
+        findings.push(finding(
+            Severity::Error,
+            format!("robot.{}", robots[second[0]].name),
+            format!(
+                "the formation falls apart: {} groups hear nobody outside: {}",
+                standing.groups.len(),
+                list.join(" and ")
+            ),
+            format!("expected an edge from another group into {}", names(second)),
+        ));
+    }
+    if let Some(&robot) = standing.uncontained.first() {
+        let name = &robots[robot].name;
+        let others = match standing.uncontained.len() {
+            1 => String::new(),
+            n => format!(" (and {} more)", n - 1),
+        };
+        findings.push(finding(
+            Severity::Error,
+            format!("robot.{name}"),
+            format!(
+                "{name} is contained{others}, but nothing ever reaches it from anybody who leads \
+                 or keeps a place"
+            ),
+            "expected a path of edges from a robot that leads or keeps a place (Assumption 4)",
+        ));
+    }
+}
+
+/// The velocities that robots learn from each other must die out: a radius of the iteration below
+/// 1.
+fn echoes(scenario: &Scenario, findings: &mut Vec<Finding>) {
+    let feed_forward: Vec<bool> = scenario.robots.iter().map(|r| r.feed_forward).collect();
+    let echoing = echoing(&scenario.graph, &feed_forward);
+    if let Some(&first) = echoing.first() {
+        let names: Vec<&str> =
+            echoing.iter().take(6).map(|&r| scenario.robots[r].name.as_str()).collect();
+        let more = if echoing.len() > 6 { ", ..." } else { "" };
+        findings.push(finding(
+            Severity::Error,
+            format!("robot.{}", scenario.robots[first].name),
+            format!(
+                "{}{more} go only by the velocities of each other, which never die out: the \
+                 iteration's spectral radius is 1",
+                names.join(", ")
+            ),
+            "expected a leader's information to reach them, or a law without feed-forward",
+        ));
+    }
+}
+
+/// Offsets must close: around a directed cycle the formation would walk away for ever, around
+/// any other the robots settle for a mean that fits no offset.
+fn offsets(scenario: &Scenario, findings: &mut Vec<Finding>) {
+    let graph = &scenario.graph;
+    let reached = graph.reachability();
+    // Edges within groups that hear each other: every cycle among them is made of directed ones.
+    let within: Vec<usize> = scenario
+        .formation_edges()
+        .filter(|(_, edge)| reached[edge.to][edge.from])
+        .map(|(e, _)| e)
+        .collect();
+    let directed =
+        FormationGraph::new(graph.robots(), within.iter().map(|&e| graph.edges()[e]).collect());
+    let mut say = |edge: usize, gap_m: f64, severity, what: &str| {
+        let ends = graph.edges()[edge];
+        findings.push(finding(
+            severity,
+            format!("edge.{edge}.offset_m"),
+            format!(
+                "offsets around a {what} through {} and {} do not close: they miss by {} m",
+                scenario.robots[ends.from].name,
+                scenario.robots[ends.to].name,
+                short(gap_m)
+            ),
+            "expected offsets that add up to zero around every cycle",
+        ));
+    };
+    let (_, open) = directed.shape(OFFSET_GAP_M_MAX);
+    if let Some(cycle) = open.first() {
+        say(within[cycle.edge], cycle.gap_m, Severity::Error, "directed cycle");
+        return;
+    }
+    let kept: Vec<(usize, &Edge)> = scenario.formation_edges().collect();
+    let rigid = FormationGraph::new(graph.robots(), kept.iter().map(|(_, e)| **e).collect());
+    let (_, open) = rigid.shape(OFFSET_GAP_M_MAX);
+    if let Some(cycle) = open.first() {
+        say(kept[cycle.edge].0, cycle.gap_m, Severity::Warning, "cycle");
+    }
+}
+
+/// v_max T < ell, v_max below its cap, and front points nearer to the axle than d/2.
+fn speeds(scenario: &Scenario, findings: &mut Vec<Finding>) {
+    let a = &scenario.avoidance;
+    let d = a.distance_min_m;
+    if a.speed_max_m_s.is_finite() {
+        let step_m = a.speed_max_m_s * seconds(scenario.period_ns);
+        if let Some(robot) = scenario.robots.iter().find(|robot| step_m >= robot.front_point_m) {
+            findings.push(finding(
+                Severity::Error,
+                "avoidance.speed_max_m_s",
+                format!(
+                    "in one period a front point may move {} m, no less than it lies ahead of \
+                     the axle of {} ({} m)",
+                    short(step_m),
+                    robot.name,
+                    short(robot.front_point_m)
+                ),
+                format!(
+                    "expected less than front_point_m / period_s = {} m/s",
+                    short(robot.front_point_m / seconds(scenario.period_ns))
+                ),
+            ));
+        }
+        let cap = scenario.speed_cap_m_s();
+        if a.kind == AvoidanceKind::Guard && a.speed_max_m_s > cap {
+            findings.push(finding(
+                Severity::Warning,
+                "avoidance.speed_max_m_s",
+                format!(
+                    "the speed limit {} m/s is above min(d/4, ell/2) / H = {} m/s: safe, but the \
+                     guard will brake a lot",
+                    short(a.speed_max_m_s),
+                    short(cap)
+                ),
+                format!(
+                    "expected at most {} m/s, or a shorter H (now {} s)",
+                    short(cap),
+                    short(seconds(scenario.command_lifetime_ns_max()))
+                ),
+            ));
+        }
+    }
+    if let Some(robot) = scenario.robots.iter().find(|robot| d < 2.0 * robot.front_point_m) {
+        findings.push(finding(
+            Severity::Warning,
+            "avoidance.distance_min_m",
+            format!(
+                "d = {} m keeps front points apart, but not bodies: that of {} is {} m ahead",
+                short(d),
+                robot.name,
+                short(robot.front_point_m)
+            ),
+            format!("expected at least twice that, {} m", short(2.0 * robot.front_point_m)),
+        ));
+    }
+}
+
+/// Assumption 1: all start at least d apart.
+fn start_distances(scenario: &Scenario, findings: &mut Vec<Finding>) {
+    let severity = match scenario.avoidance.kind {
+        AvoidanceKind::Guard => Severity::Error,
+        AvoidanceKind::Focus => Severity::Warning,
+        AvoidanceKind::None => return,
+    };
+    let d = scenario.avoidance.distance_min_m;
+    if let Some(ClosestPair { pair: [i, j], distance_m }) =
+        closest_pair(&start_points(&scenario.robots))
+        && distance_m < d
+    {
+        let (a, b) = (&scenario.robots[i].name, &scenario.robots[j].name);
+        findings.push(finding(
+            severity,
+            format!("robot.{b}.pose"),
+            format!("the front points of {a} and {b} start {} m apart", short(distance_m)),
+            format!("expected at least `distance_min_m`, {} m (Assumption 1)", short(d)),
+        ));
+    }
+}
+
+/// With `guard`, whoever matters must be seen.
+fn sensing(scenario: &Scenario, findings: &mut Vec<Finding>) {
+    let a = &scenario.avoidance;
+    let needed_m = scenario.sensing_radius_needed_m();
+    if a.kind == AvoidanceKind::Guard && a.sensing_radius_m < needed_m {
+        findings.push(finding(
+            Severity::Error,
+            "avoidance.sensing_radius_m",
+            format!(
+                "`sensing_radius_m` is {}: the guard would see too late",
+                short(a.sensing_radius_m)
+            ),
+            format!("expected at least {} m, or no such key", rounded_up(needed_m)),
+        ));
+    }
+}
+
+/// Remark 1: in the final shape nobody stands where avoidance would push it away.
+fn settled_distances(scenario: &Scenario, settled: &Settled, findings: &mut Vec<Finding>) {
+    let (bound_m, name) = match scenario.avoidance.kind {
+        AvoidanceKind::Guard => (scenario.deflection_distance_m(), "d_f"),
+        AvoidanceKind::Focus => (scenario.avoidance.distance_min_m, "d"),
+        AvoidanceKind::None => return,
+    };
+    let Some(ClosestPair { pair: [i, j], distance_m }) = settled.closest else { return };
+    if distance_m <= bound_m {
+        let (a, b) = (&scenario.robots[i].name, &scenario.robots[j].name);
+        let mut edges = scenario.formation_edges();
+        let direct = edges.find(|(_, e)| [e.from, e.to] == [i, j] || [e.from, e.to] == [j, i]);
+        findings.push(finding(
+            Severity::Warning,
+            direct.map_or(format!("robot.{b}"), |(edge, _)| format!("edge.{edge}.offset_m")),
+            format!(
+                "in the final shape {a} and {b} stand {} m apart: avoidance will keep them from it",
+                short(distance_m)
+            ),
+            format!("expected more than {name} = {} m (Remark 1)", short(bound_m)),
+        ));
+    }
+}
+
+/// With `guard`, nobody may need to be faster than v_max to stay in its place.
+fn steady_speeds(scenario: &Scenario, motion: &Motion, findings: &mut Vec<Finding>) {
+    let (v_max, guard) = (scenario.avoidance.speed_max_m_s, AvoidanceKind::Guard);
+    let front = |i: &usize| motion.peaks[*i].front_speed_m_s;
+    let fastest = (0..scenario.robots.len()).max_by(|a, b| front(a).total_cmp(&front(b)));
+    let Some(i) = fastest.filter(|i| scenario.avoidance.kind == guard && front(i) > v_max) else {
+        return;
+    };
+    findings.push(finding(
+        Severity::Warning,
+        "avoidance.speed_max_m_s",
+        format!(
+            "to stay in its place {} must go at {} m/s, faster than the speed limit of {} m/s",
+            scenario.robots[i].name,
+            short(front(&i)),
+            short(v_max)
+        ),
+        format!("expected more than {} m/s, or a slower trajectory", short(front(&i))),
+    ));
+}
+
+/// Wheels must be able to follow.
+fn steady_wheels(scenario: &Scenario, motion: &Motion, findings: &mut Vec<Finding>) {
+    let too_slow = |i: &usize| {
+        let (rim_m_s, wheels) = (motion.peaks[*i].rim_speed_m_s?, scenario.robots[*i].wheels?);
+        (rim_m_s > wheels.speed_max_m_s).then_some((rim_m_s, wheels.speed_max_m_s))
+    };
+    let slow: Vec<usize> = (0..scenario.robots.len()).filter(|i| too_slow(i).is_some()).collect();
+    let excess = |i: &usize| too_slow(i).map_or(0.0, |(rim_m_s, limit)| rim_m_s / limit);
+    let Some(&worst) = slow.iter().max_by(|a, b| excess(a).total_cmp(&excess(b))) else { return };
+    let Some((rim_m_s, limit_m_s)) = too_slow(&worst) else { return };
+    let name = &scenario.robots[worst].name;
+    let others = match slow.len() {
+        1 => String::new(),
+        n => format!(" (and {} more cannot follow)", n - 1),
+    };
+    findings.push(finding(
+        Severity::Warning,
+        format!("robot.{name}.wheels.speed_max_m_s"),
+        format!(
+            "to stay in its place a wheel of {name} must go at {} m/s, faster than its limit of \
+             {} m/s{others}",
+            short(rim_m_s),
+            short(limit_m_s)
+        ),
+        format!("expected more than {} m/s, or a slower trajectory", short(rim_m_s)),
+    ));
+}
+
+/// A focus that turns by more than a tenth within one period overshoots.
+fn focus_strength(scenario: &Scenario, findings: &mut Vec<Finding>) {
+    let product = scenario.avoidance.epsilon_per_s * seconds(scenario.period_ns);
+    if product > EPSILON_PERIOD_MAX {
+        findings.push(finding(
+            Severity::Warning,
+            "avoidance.epsilon_per_s",
+            format!("epsilon T = {}: a focus sampled this slowly does not keep d", short(product)),
+            format!(
+                "expected a period of at most {} s, or kind = \"guard\"",
+                short(EPSILON_PERIOD_MAX / scenario.avoidance.epsilon_per_s)
+            ),
+        ));
+    }
+}

@@ -1,0 +1,50 @@
+//! Does a scenario make sense, and what does it amount to? All before anything flies.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `findings` | what is wrong with it, or worth knowing? |
+//! | `steady` | where does everybody settle, and how fast must it go to stay there? |
+//! | `theory` | what does the chapter's theory make of it: graph, matrices, bounds? |
+//! | `report` | how is all that shown to people? |
+
+mod findings;
+mod report;
+mod steady;
+mod theory;
+
+pub use findings::{Finding, check};
+pub use report::report;
+pub use steady::Peak;
+pub use theory::{
+    Death, Distances, EdgeCut, Epsilon, Gap, Guard, Hears, Loss, MatrixFacts, RobotTheory,
+    SpeedBounds, Theory, TrajectoryFacts,
+};
+
+use formation::Vec2;
+use formation::front_point::front_point;
+
+use crate::scenario::Robot;
+
+/// The front points at the start, m.
+fn start_points(robots: &[Robot]) -> Vec<Vec2> {
+    robots.iter().map(|robot| front_point(robot.start, robot.front_point_m)).collect()
+}
+
+/// Six significant digits, without trailing zeros.
+fn short(number: f64) -> String {
+    if number == 0.0 || !number.is_finite() {
+        return number.to_string();
+    }
+    let digits = 5 - (number.abs().log10().floor() as i32);
+    let rounded = format!("{number:.*}", digits.clamp(0, 15) as usize);
+    if rounded.contains('.') {
+        rounded.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        rounded
+    }
+}
+
+/// Four decimals, never less than `number`.
+fn rounded_up(number: f64) -> String {
+    format!("{:.4}", (number * 1e4 - 1e-6).ceil() / 1e4)
+}

@@ -1,0 +1,356 @@
+//! What a scenario amounts to, as `phalanx check` prints it: aligned text for people.
+
+use std::fmt::Write;
+
+use protocol::brief::AvoidanceKind;
+
+use super::short;
+use super::theory::{Epsilon, Gap, Loss, Theory};
+use crate::scenario::{Scenario, seconds};
+
+/// Matrices of more robots than this are not for people.
+const MATRIX_ROBOTS_MAX: usize = 12;
+/// No list has more lines or names than this.
+const LIST_MAX: usize = 24;
+
+/// Lines that begin with a label, or with nothing where they continue the line before.
+struct Page(String);
+
+impl Page {
+    fn line(&mut self, label: &str, value: impl AsRef<str>) {
+        // Writing to a string cannot fail.
+        let _ = writeln!(self.0, "{label:<24}{}", value.as_ref());
+    }
+
+    /// One line for each of `values`, the first with the label; of too many only the first.
+    fn list(&mut self, label: &str, values: impl IntoIterator<Item = String>) {
+        let mut values = values.into_iter();
+        for (i, value) in values.by_ref().take(LIST_MAX).enumerate() {
+            self.line(if i == 0 { label } else { "" }, value);
+        }
+        match values.count() {
+            0 => {}
+            more => self.line("", format!("... and {more} more: --output json has all")),
+        }
+    }
+}
+
+/// All that is known of a scenario without errors.
+pub fn report(scenario: &Scenario, theory: &Theory<'_>) -> String {
+    let mut page = Page(String::new());
+    page.line("scenario", theory.scenario);
+    page.line(
+        "time",
+        format!(
+            "{} s in periods of {} s: {} ticks, seed {}",
+            short(seconds(scenario.duration_ns)),
+            short(seconds(scenario.period_ns)),
+            scenario.duration_ns / scenario.period_ns,
+            scenario.seed
+        ),
+    );
+    graph(&mut page, theory);
+    fragility(&mut page, theory);
+    matrices(&mut page, scenario, theory);
+    bounds(&mut page, theory);
+    motion(&mut page, theory);
+    distances(&mut page, theory);
+    avoidance(&mut page, scenario, theory);
+    page.line(
+        "silence",
+        format!(
+            "stale after {} s, lost after {} s",
+            short(seconds(scenario.silence.stale_after_ns)),
+            short(seconds(scenario.silence.lost_after_ns))
+        ),
+    );
+    page.list(
+        "faults",
+        scenario
+            .faults
+            .iter()
+            .map(|fault| format!("{} s: {}", short(seconds(fault.at_ns)), fault.words(scenario))),
+    );
+    page.0
+}
+
+/// Who hears whom, who plays which part, and who reaches everybody.
+fn graph(page: &mut Page, theory: &Theory<'_>) {
+    page.list(
+        "who hears whom",
+        theory.robots.iter().map(|robot| {
+            let heard: Vec<String> = robot
+                .hears
+                .iter()
+                .map(|hears| match hears.offset_m {
+                    Some([x, y]) => format!("{} at ({x:.3}, {y:.3}) m", hears.robot),
+                    None => hears.robot.to_owned(),
+                })
+                .collect();
+            match heard.len() {
+                0 => format!("{} hears nobody", robot.name),
+                _ => format!("{} hears {}", robot.name, heard.join(", ")),
+            }
+        }),
+    );
+    for (label, role) in
+        [("leads", "leader"), ("keep a place", "formation"), ("are contained", "contained")]
+    {
+        let of_role = theory.robots.iter().filter(|robot| robot.role == role);
+        let of_role: Vec<&str> = of_role.map(|robot| robot.name).collect();
+        if !of_role.is_empty() {
+            page.line(label, names(&of_role));
+        }
+    }
+    let contains = theory.robots.iter().any(|robot| robot.role == "contained");
+    let reachability = match theory.leader {
+        Some(leader) if contains => {
+            format!("the leader {leader} reaches all who keep a place (Assumption 5)")
+        }
+        Some(leader) => format!("the leader {leader} reaches everybody (Assumption 3)"),
+        None if theory.roots.len() == theory.robots.len() => {
+            "anybody's information reaches everybody".to_owned()
+        }
+        None => format!("everybody is reached from {}", names(&theory.roots)),
+    };
+    page.line("reachability", reachability);
+    if contains {
+        page.line("", "one who leads or keeps a place reaches each contained robot (Assumption 4)");
+    }
+}
+
+/// Which single deaths and cuts take something from whom.
+fn fragility(page: &mut Page, theory: &Theory<'_>) {
+    let breaking: Vec<_> = theory.deaths.iter().filter(|death| !death.loss.is_none()).collect();
+    if breaking.is_empty() {
+        page.line("single deaths", "none takes anything from the others");
+    }
+    page.list(
+        "single deaths",
+        breaking.into_iter().map(|death| {
+            let leads =
+                if theory.leader == Some(death.robot) { ", who leads all others" } else { "" };
+            format!("without {}{leads}: {}", death.robot, lost(&death.loss))
+        }),
+    );
+    if theory.breaking_cuts.is_empty() {
+        page.line("single cuts", "none takes anything from anybody");
+    }
+    page.list(
+        "single cuts",
+        theory
+            .breaking_cuts
+            .iter()
+            .map(|cut| format!("without {} -> {}: {}", cut.from, cut.to, lost(&cut.loss))),
+    );
+}
+
+/// What is lost by whom.
+fn lost(loss: &Loss<'_>) -> String {
+    let mut parts = Vec::new();
+    let mut say = |who: &[&str], one: &str, many: &str| {
+        if !who.is_empty() {
+            parts.push(format!("{} {}", names(who), if who.len() == 1 { one } else { many }));
+        }
+    };
+    say(&loss.unled, "loses the leader", "lose the leader");
+    say(&loss.pulled, "is pulled out of its place", "are pulled out of their places");
+    say(&loss.uncontained, "is contained by nobody", "are contained by nobody");
+    say(&loss.adrift, "is contained by the unled only", "are contained by the unled only");
+    if !loss.groups.is_empty() {
+        let groups: Vec<String> = loss
+            .groups
+            .iter()
+            .take(LIST_MAX)
+            .map(|group| format!("{{{}}}", names(group)))
+            .collect();
+        parts.push(format!("the formation falls apart into {}", groups.join(" and ")));
+    }
+    parts.join("; ")
+}
+
+/// L, A and what follows from them.
+fn matrices(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
+    let n = theory.robots.len();
+    if n <= MATRIX_ROBOTS_MAX {
+        let row = |row: &Vec<f64>, width, digits| {
+            let elements = row.iter().map(|x| {
+                // No minus before a zero.
+                format!(" {:>width$.digits$}", if *x == 0.0 { 0.0 } else { *x })
+            });
+            elements.collect::<String>()
+        };
+        page.list("L (4)-(6)", theory.laplacian.iter().map(|elements| row(elements, 3, 0)));
+        page.list("A = Lambda L + Gamma", theory.system.iter().map(|elements| row(elements, 7, 4)));
+    } else {
+        page.line("L, A", format!("{n} x {n}: --output json has them"));
+    }
+    let matrix = &theory.matrix;
+    page.line(
+        "",
+        match (matrix.inverse_radius, matrix.inverse_norm_2) {
+            (Some(radius), Some(norm)) => format!(
+                "{}: eigenvalues from {} on, rho(A^-1) = {}, |A^-1| = {}",
+                if matrix.m_matrix { "an M-matrix, invertible" } else { "no M-matrix" },
+                short(matrix.system_eigenvalue_min),
+                short(radius),
+                short(norm)
+            ),
+            _ => "singular: without a leader there is a shape, but no place for it".to_owned(),
+        },
+    );
+    let iterated = scenario.robots.iter().any(|robot| robot.feed_forward);
+    page.line(
+        "velocity iteration",
+        match matrix.iteration_radius {
+            _ if !iterated => "none: no law uses the velocities of others".to_owned(),
+            0.0 => "spectral radius 0: velocities agree exactly after some ticks".to_owned(),
+            radius => format!("spectral radius {}, below 1: velocities agree", short(radius)),
+        },
+    );
+}
+
+/// eta and epsilon, by each rule.
+fn bounds(page: &mut Page, theory: &Theory<'_>) {
+    if let Some(facts) = &theory.trajectory {
+        page.line(
+            "trajectory and offsets",
+            format!(
+                "eta_m = {} m/s, eta_c = {} m/s over {} s",
+                short(facts.eta_m_m_s),
+                short(facts.eta_c_m_s),
+                short(facts.horizon_s)
+            ),
+        );
+    }
+    if let Some(bounds) = &theory.bounds {
+        page.line(
+            "bounds on |alpha'|",
+            format!(
+                "eta = {} m/s by Lemma 1, which is no bound; {} m/s by the 2-norm of A^-1",
+                short(bounds.lemma_1_m_s),
+                short(bounds.norm_2_m_s)
+            ),
+        );
+        page.line(
+            "",
+            format!("with k* = {} m/s, eta* = {} m/s", short(bounds.k_m_s), short(bounds.eta_m_s)),
+        );
+    }
+    if theory.epsilon.is_empty() {
+        page.line("epsilon", "no rule of the chapter applies to these laws");
+    }
+    page.list(
+        "epsilon by the rules",
+        theory.epsilon.iter().map(|epsilon| {
+            let Epsilon { rule, source, epsilon_per_s, epsilon_norm_2_per_s } = epsilon;
+            let true_bound = epsilon_norm_2_per_s
+                .map_or(String::new(), |epsilon| format!(", by the 2-norm {}", short(epsilon)));
+            format!("{rule} = {} 1/s ({source}){true_bound}", short(*epsilon_per_s))
+        }),
+    );
+}
+
+/// Peak speeds of everybody once all errors are gone.
+fn motion(page: &mut Page, theory: &Theory<'_>) {
+    if theory.trajectory.is_none() {
+        page.line("once settled", "all stand still");
+        return;
+    }
+    page.list(
+        "peaks once settled",
+        theory.robots.iter().map(|robot| {
+            let peak = &robot.peak;
+            let rim = match (peak.rim_speed_m_s, robot.rim_speed_max_m_s) {
+                (Some(rim_m_s), Some(limit)) => {
+                    format!(", wheel rim {rim_m_s:.4} of {} m/s", short(limit))
+                }
+                _ => String::new(),
+            };
+            format!(
+                "{} front point {:.4} m/s, v {:.4} m/s, w {:.4} rad/s{rim}",
+                robot.name, peak.front_speed_m_s, peak.v_m_s, peak.w_rad_s
+            )
+        }),
+    );
+    if let Some(limit_m_s) = theory.guard.speed_max_m_s {
+        let fastest = theory.robots.iter().map(|robot| robot.peak.front_speed_m_s);
+        let fastest_m_s = fastest.fold(0.0, f64::max);
+        page.line("", format!("at most {fastest_m_s:.4} of v_max = {} m/s", short(limit_m_s)));
+    }
+}
+
+/// Where everybody settles, and how near to each other.
+fn distances(page: &mut Page, theory: &Theory<'_>) {
+    page.list(
+        "places once settled",
+        theory.robots.iter().map(|robot| {
+            let [x, y] = robot.settled_m.map(|c| if c.abs() < 5e-5 { 0.0 } else { c });
+            format!("{} ({x:.4}, {y:.4}) m", robot.name)
+        }),
+    );
+    let of = |gap: &Option<Gap<'_>>| {
+        gap.map_or("one robot alone".to_owned(), |Gap { robots: [a, b], distance_m }| {
+            format!("{distance_m:.4} m ({a} and {b})")
+        })
+    };
+    let distances = &theory.distances;
+    let [smallest, largest] = distances.scale.map(short);
+    let d = short(distances.distance_min_m);
+    page.line(
+        "smallest distance",
+        format!("{} at the start; Assumption 1 asks for {d} m", of(&distances.start)),
+    );
+    page.line(
+        "",
+        format!(
+            "{} once settled, at scale {smallest} of {smallest} to {largest}; Remark 1 asks for \
+             more than {d} m",
+            of(&distances.settled)
+        ),
+    );
+}
+
+/// What keeps them apart.
+fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
+    let a = &scenario.avoidance;
+    let guard = &theory.guard;
+    let kind = match a.kind {
+        AvoidanceKind::None => "none",
+        AvoidanceKind::Focus => "focus",
+        AvoidanceKind::Guard => "guard",
+    };
+    let speed = guard.speed_max_m_s.map_or("no speed limit".to_owned(), |speed_max_m_s| {
+        format!("v_max = {} m/s", short(speed_max_m_s))
+    });
+    page.line("avoidance", format!("{kind}, d = {} m, {speed}", short(a.distance_min_m)));
+    if a.epsilon_per_s > 0.0 {
+        let product = a.epsilon_per_s * seconds(scenario.period_ns);
+        page.line(
+            "",
+            format!("epsilon = {} 1/s, epsilon T = {}", short(a.epsilon_per_s), short(product)),
+        );
+    }
+    page.line(
+        "command lifetime H",
+        format!(
+            "{} s in lockstep, {} s in real time",
+            short(guard.lifetime_lockstep_s),
+            short(guard.lifetime_realtime_s)
+        ),
+    );
+    page.line("deflects within d_f", format!("{:.4} m", guard.deflection_distance_m));
+    page.line(
+        "sensing radius",
+        format!("{:.4} m, needed {:.4} m", guard.sensing_radius_m, guard.sensing_radius_needed_m),
+    );
+    page.line("cap on v_max", format!("{:.4} m/s", guard.speed_cap_m_s));
+}
+
+/// The first of these names, and how many there are.
+fn names(names: &[&str]) -> String {
+    match names.len() {
+        n if n > LIST_MAX => format!("{}, ... ({n} in all)", names[..LIST_MAX].join(", ")),
+        _ => names.join(", "),
+    }
+}

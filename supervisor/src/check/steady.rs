@@ -1,0 +1,185 @@
+//! Where the robots settle, and how fast they must go to stay there.
+//!
+//! Once all errors are gone, alpha = (A^-1 tensor I) C(t): every robot stands at a fixed place in
+//! the leader's frame, and all places turn and grow with it. (20)-(23) (30) (33)
+
+use formation::Vec2;
+use formation::closest::{ClosestPair, closest_pair};
+use formation::frame::LeaderFrame;
+use formation::front_point::{front_speed, rotate, twist_for};
+use formation::laplacian::settled;
+use formation::pose::wrap_angle;
+use protocol::law::Role;
+use serde::Serialize;
+
+use crate::scenario::{Scenario, seconds};
+
+/// Steps of all robots together: a second of work at most.
+const STEPS_MAX: usize = 1 << 22;
+/// A step is at least this long, s: the shipped trajectories turn by less than 1 mrad in it.
+const STEP_S_MIN: f64 = 2e-3;
+/// A step is at most this long, s. What would take more of them than there may be is cut short.
+const STEP_S_MAX: f64 = 1e-2;
+
+/// The shape that the robots settle in.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Settled {
+    /// Places at scale 1 and heading 0, seen from the leader (without one, from the first root), m.
+    pub places: Vec<Vec2>,
+    /// Smallest and largest scale.
+    pub scale: [f64; 2],
+    /// The two nearest to each other at the smallest scale.
+    pub closest: Option<ClosestPair>,
+}
+
+impl Settled {
+    /// Of a scenario without errors, whose robots all are reached from a common one.
+    pub fn of(scenario: &Scenario) -> Settled {
+        let pinned = scenario.leader().or_else(|| scenario.graph.roots().first().copied());
+        let places = pinned.and_then(|pinned| settled(&scenario.graph, pinned));
+        let places = places.expect("a sound scenario has a root that reaches all");
+        let scale = scenario.lead.as_ref().map_or([1.0; 2], |lead| {
+            let (mean, amplitude) = (lead.scale.mean, lead.scale.amplitude);
+            [mean - amplitude, mean + amplitude]
+        });
+        let smallest: Vec<Vec2> = places.iter().map(|place| scale[0] * place).collect();
+        Settled { closest: closest_pair(&smallest), places, scale }
+    }
+}
+
+/// The fastest that one robot must go to stay in its place.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Peak {
+    /// |alpha'|, m/s: what the speed limit bounds.
+    pub front_speed_m_s: f64,
+    /// |v|, m/s.
+    pub v_m_s: f64,
+    /// |w|, rad/s.
+    pub w_rad_s: f64,
+    /// |v| + track |w| / 2, m/s, of the faster wheel's rim, if the track is known.
+    pub rim_speed_m_s: Option<f64>,
+}
+
+/// How leader and formation move once all errors are gone.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Motion {
+    /// Looked at from 0 to this time, s: the run, or as much of it as is quickly done.
+    pub horizon_s: f64,
+    /// eta_m: bound on |m'|, m/s.
+    pub trajectory_speed_m_s: f64,
+    /// eta_c: bound on |C'_ji| over all edges with an offset, m/s.
+    pub offset_rate_m_s: f64,
+    /// Of each robot.
+    pub peaks: Vec<Peak>,
+}
+
+impl Motion {
+    /// `None` without a leader: then all stand still in the end.
+    ///
+    /// The leader's front point is on m(t) from the start, and its heading starts as it does in
+    /// the scenario. The others start with the heading they are drawn to.
+    pub fn of(scenario: &Scenario, settled: &Settled) -> Option<Motion> {
+        let (leader, lead) = (scenario.leader()?, scenario.lead.as_ref()?);
+        let robots = &scenario.robots;
+        let steps_max = (STEPS_MAX / robots.len()) as f64;
+        let duration_s = seconds(scenario.duration_ns);
+        let step_s = (duration_s / steps_max).clamp(STEP_S_MIN, STEP_S_MAX).min(duration_s);
+        let steps = (duration_s / step_s).ceil().min(steps_max) as usize;
+        let offset_m =
+            scenario.formation_edges().map(|(_, edge)| edge.offset_m.norm()).fold(0.0, f64::max);
+
+        let mut motion = Motion {
+            horizon_s: (steps as f64 * step_s).min(duration_s),
+            trajectory_speed_m_s: 0.0,
+            offset_rate_m_s: 0.0,
+            peaks: vec![Peak::default(); robots.len()],
+        };
+        let mut headings_rad: Vec<f64> = robots.iter().map(|r| r.start.heading_rad).collect();
+        let mut before: Option<Vec<Vec2>> = None;
+        for step in 0..=steps {
+            let t_s = step as f64 * step_s;
+            let ell_m = robots[leader].front_point_m;
+            if step > 0 {
+                let between = lead.trajectory.at(t_s - 0.5 * step_s).velocity;
+                headings_rad[leader] = drawn(headings_rad[leader], ell_m, between, step_s);
+            }
+            let target = lead.trajectory.at(t_s);
+            let (scale, scale_rate_per_s) = lead.scale.at(t_s);
+            let frame = LeaderFrame {
+                heading_rad: headings_rad[leader],
+                turn_rate_rad_s: twist_for(headings_rad[leader], ell_m, target.velocity).w_rad_s,
+                turn_acceleration_rad_s2: 0.0,
+                scale,
+                scale_rate_per_s,
+            };
+            let velocities: Vec<Vec2> = settled
+                .places
+                .iter()
+                .map(|&place| target.velocity + frame.offset(place).velocity)
+                .collect();
+            for (i, robot) in robots.iter().enumerate() {
+                if robot.role != Role::Leader {
+                    headings_rad[i] = match &before {
+                        None => heading_of(velocities[i]).unwrap_or(headings_rad[i]),
+                        Some(before) => {
+                            let between = 0.5 * (before[i] + velocities[i]);
+                            drawn(headings_rad[i], robot.front_point_m, between, step_s)
+                        }
+                    };
+                }
+                let twist = twist_for(headings_rad[i], robot.front_point_m, velocities[i]);
+                let (v, w) = (twist.v_m_s.abs(), twist.w_rad_s.abs());
+                let peak = &mut motion.peaks[i];
+                peak.front_speed_m_s =
+                    peak.front_speed_m_s.max(front_speed(robot.front_point_m, twist));
+                peak.v_m_s = peak.v_m_s.max(v);
+                peak.w_rad_s = peak.w_rad_s.max(w);
+                peak.rim_speed_m_s = robot.wheels.map(|wheels| {
+                    peak.rim_speed_m_s.unwrap_or(0.0).max(v + 0.5 * wheels.track_m * w)
+                });
+            }
+            motion.trajectory_speed_m_s = motion.trajectory_speed_m_s.max(target.velocity.norm());
+            let longest = frame.offset(Vec2::new(offset_m, 0.0)).velocity.norm();
+            motion.offset_rate_m_s = motion.offset_rate_m_s.max(longest);
+            before = Some(velocities);
+        }
+        Some(motion)
+    }
+}
+
+/// The heading after a step in which the front point moves at the constant velocity `u`.
+///
+/// theta' = (-sin theta u_x + cos theta u_y) / ell (17). The angle psi between heading and u
+/// closes like tan(psi / 2) = tan(psi_0 / 2) exp(-|u| t / ell).
+fn drawn(heading_rad: f64, ell_m: f64, u: Vec2, step_s: f64) -> f64 {
+    let Some(direction_rad) = heading_of(u) else { return heading_rad };
+    let ahead = rotate(-direction_rad, Vec2::new(heading_rad.cos(), heading_rad.sin()));
+    let half_rad = 0.5 * ahead.y.atan2(ahead.x);
+    let closed = (-u.norm() * step_s / ell_m).exp();
+    wrap_angle(direction_rad + 2.0 * (half_rad.sin() * closed).atan2(half_rad.cos()))
+}
+
+/// Where a velocity points, if anywhere.
+fn heading_of(velocity: Vec2) -> Option<f64> {
+    (velocity.norm() > 0.0).then(|| velocity.y.atan2(velocity.x))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_drawn_heading_follows_its_differential_equation() {
+        let (ell, u) = (0.15, Vec2::new(0.3, -0.4));
+        for start in [-3.0, -1.0, 0.2, 2.0] {
+            // Euler's method with steps so short that it is exact to 1e-5.
+            let (mut euler, steps) = (start, 200_000);
+            let step_s = 0.7 / f64::from(steps);
+            for _ in 0..steps {
+                euler += step_s * twist_for(euler, ell, u).w_rad_s;
+            }
+            let exact = drawn(start, ell, u, 0.7);
+            assert!(wrap_angle(exact - euler).abs() < 1e-5, "from {start}: {exact}, {euler}");
+        }
+    }
+}

@@ -1,0 +1,438 @@
+//! What the chapter's theory makes of a scenario, as numbers: the text of `phalanx check` and its
+//! JSON both come from here. Equation numbers in round brackets are the chapter's.
+
+use formation::closest::{ClosestPair, closest_pair};
+use formation::laplacian::{self, Matrix};
+use formation::reachability::Standing;
+use protocol::brief::{AvoidanceKind, Pace};
+use protocol::law::Role;
+use serde::Serialize;
+
+use super::findings::{Finding, once_settled, unsettled};
+use super::start_points;
+use super::steady::{Motion, Peak, Settled};
+use crate::scenario::{Robot, Scenario, seconds};
+
+/// What can be said about a scenario before it flies. Rows and columns of matrices are robots in
+/// scenario order.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Theory<'s> {
+    /// Its name.
+    pub scenario: &'s str,
+    /// Each robot.
+    pub robots: Vec<RobotTheory<'s>>,
+    /// The main leader, if there is one.
+    pub leader: Option<&'s str>,
+    /// Robots whose information reaches everybody.
+    pub roots: Vec<&'s str>,
+    /// What the death of each single robot takes from the others; all robots, in order.
+    pub deaths: Vec<Death<'s>>,
+    /// The single edges whose cut takes something from somebody, and what.
+    pub breaking_cuts: Vec<EdgeCut<'s>>,
+    /// L. (4)-(6)
+    pub laplacian: Vec<Vec<f64>>,
+    /// A = Lambda L + Gamma. (31)
+    pub system: Vec<Vec<f64>>,
+    /// What follows from the matrices.
+    pub matrix: MatrixFacts,
+    /// How fast trajectory and offsets change, if somebody leads.
+    pub trajectory: Option<TrajectoryFacts>,
+    /// Bounds on |alpha'|, where Lemma 1 has something to say: somebody leads, and all laws have
+    /// feed-forward and a bounded correction.
+    pub bounds: Option<SpeedBounds>,
+    /// Strength of the repulsive field by each rule that applies.
+    pub epsilon: Vec<Epsilon>,
+    /// Smallest distances.
+    pub distances: Distances<'s>,
+    /// What `guard` rests on.
+    pub guard: Guard,
+    /// What is wrong or worth knowing. No errors: with one, there is no theory.
+    pub findings: Vec<Finding>,
+}
+
+/// One robot.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RobotTheory<'s> {
+    /// Its name.
+    pub name: &'s str,
+    /// `leader`, `formation` or `contained`.
+    pub role: &'static str,
+    /// Its law.
+    pub law: &'s str,
+    /// Its receive list.
+    pub hears: Vec<Hears<'s>>,
+    /// Where it settles at scale 1, in the leader's frame; without a leader in `map`, as seen from
+    /// the first root, m.
+    pub settled_m: [f64; 2],
+    /// The fastest it must go to stay there; at rest without a leader.
+    pub peak: Peak,
+    /// What its wheels' rims can do, m/s, if that is limited.
+    pub rim_speed_max_m_s: Option<f64>,
+}
+
+/// One entry of a receive list.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Hears<'s> {
+    /// Who is heard.
+    pub robot: &'s str,
+    /// c_ji, m; for contained robots there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub offset_m: Option<[f64; 2]>,
+}
+
+/// What the others lose, by name. Each list as in [`Standing`].
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+pub struct Loss<'s> {
+    /// Robots that keep a place and that the leader no longer reaches.
+    pub unled: Vec<&'s str>,
+    /// Robots that keep a place, are led, and hear of an unled one too, which pulls them off it.
+    pub pulled: Vec<&'s str>,
+    /// Contained robots that nobody contains any more.
+    pub uncontained: Vec<&'s str>,
+    /// Contained robots that only unled ones contain.
+    pub adrift: Vec<&'s str>,
+    /// Without a leader: the groups that the formation falls apart into.
+    pub groups: Vec<Vec<&'s str>>,
+}
+
+impl<'s> Loss<'s> {
+    /// `standing` with the names of these robots.
+    pub fn new(standing: &Standing, robots: &'s [Robot]) -> Loss<'s> {
+        let names = |places: &Vec<usize>| places.iter().map(|&i| robots[i].name.as_str()).collect();
+        let Standing { unled, pulled, uncontained, adrift, groups } = standing;
+        Loss {
+            unled: names(unled),
+            pulled: names(pulled),
+            uncontained: names(uncontained),
+            adrift: names(adrift),
+            groups: groups.iter().map(names).collect(),
+        }
+    }
+
+    /// Whether nobody loses anything.
+    pub fn is_none(&self) -> bool {
+        *self == Loss::default()
+    }
+}
+
+/// The death of one robot.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Death<'s> {
+    /// Who dies.
+    pub robot: &'s str,
+    /// What it takes from the others.
+    #[serde(flatten)]
+    pub loss: Loss<'s>,
+}
+
+/// The cut of one edge.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct EdgeCut<'s> {
+    /// Who is no longer heard.
+    pub from: &'s str,
+    /// By whom.
+    pub to: &'s str,
+    /// What that takes from all robots.
+    #[serde(flatten)]
+    pub loss: Loss<'s>,
+}
+
+/// What follows from A and its iteration.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct MatrixFacts {
+    /// Smallest real part of an eigenvalue of A. 0 without a leader: then A is singular, and the
+    /// formation has a shape, but no place of its own.
+    pub system_eigenvalue_min: f64,
+    /// Whether A is an M-matrix (Definition 3), and with it invertible.
+    pub m_matrix: bool,
+    /// rho(A^-1), which Lemma 1 takes the root of.
+    pub inverse_radius: Option<f64>,
+    /// |A^-1|_2.
+    pub inverse_norm_2: Option<f64>,
+    /// Spectral radius of the iteration by which robots learn each other's velocities, one tick
+    /// late. Below 1 they agree in the end. Rows of laws without feed-forward are zero.
+    pub iteration_radius: f64,
+}
+
+/// How fast trajectory and offsets change.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TrajectoryFacts {
+    /// eta_m: largest |m'|, m/s.
+    pub eta_m_m_s: f64,
+    /// eta_c: largest |C'_ji| over all offsets, with the w_n of a leader on its trajectory, m/s.
+    pub eta_c_m_s: f64,
+    /// Both from 0 to this time, s.
+    pub horizon_s: f64,
+}
+
+/// Bounds on |alpha'|, all robots stacked, while beta = 0.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SpeedBounds {
+    /// k*: the largest gain, m/s.
+    pub k_m_s: f64,
+    /// eta*: the larger of eta_m and eta_c, m/s.
+    pub eta_m_s: f64,
+    /// sqrt(rho(A^-1)) (k* sqrt(2 n) + eta* sqrt(n)), m/s, of Lemma 1 (39). No bound in truth:
+    /// sqrt(rho) is no norm.
+    pub lemma_1_m_s: f64,
+    /// The same with |A^-1|_2, m/s: a bound, by (38).
+    pub norm_2_m_s: f64,
+}
+
+/// Strength of the repulsive field (11) by one rule.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Epsilon {
+    /// The rule.
+    pub rule: &'static str,
+    /// Where the chapter has it.
+    pub source: &'static str,
+    /// What it gives, 1/s.
+    pub epsilon_per_s: f64,
+    /// What it gives with the bound by the 2-norm in place of Lemma 1's, 1/s.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub epsilon_norm_2_per_s: Option<f64>,
+}
+
+/// Two robots, and how far apart they are.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Gap<'s> {
+    /// Who.
+    pub robots: [&'s str; 2],
+    /// How far, m.
+    pub distance_m: f64,
+}
+
+/// Smallest distances; none for a robot alone.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Distances<'s> {
+    /// d, m.
+    pub distance_min_m: f64,
+    /// Among the front points at the start (Assumption 1: at least d).
+    pub start: Option<Gap<'s>>,
+    /// Among all settled robots at the smallest scale (Remark 1: more than d, and with `guard`
+    /// more than d_f).
+    pub settled: Option<Gap<'s>>,
+    /// Smallest and largest scale.
+    pub scale: [f64; 2],
+}
+
+/// What `guard` rests on.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Guard {
+    /// Whether it is on.
+    pub on: bool,
+    /// H in lockstep, s.
+    pub lifetime_lockstep_s: f64,
+    /// H in real time, s.
+    pub lifetime_realtime_s: f64,
+    /// d_f, m.
+    pub deflection_distance_m: f64,
+    /// Within this radius robots are seen, m.
+    pub sensing_radius_m: f64,
+    /// Within this radius they must be, m.
+    pub sensing_radius_needed_m: f64,
+    /// v_max, m/s, if there is a limit.
+    pub speed_max_m_s: Option<f64>,
+    /// Above this v_max the guard brakes more than it helps, m/s.
+    pub speed_cap_m_s: f64,
+}
+
+impl<'s> Theory<'s> {
+    /// Of a scenario without errors.
+    pub fn of(scenario: &'s Scenario) -> Theory<'s> {
+        let robots = &scenario.robots;
+        let name = |i: usize| robots[i].name.as_str();
+        let settled = Settled::of(scenario);
+        let motion = Motion::of(scenario, &settled);
+        let mut findings = unsettled(scenario);
+        findings.extend(once_settled(scenario, &settled, motion.as_ref()));
+        let leader = scenario.leader();
+        let reachability = scenario.reachability();
+        let system = laplacian::system(&scenario.graph, leader);
+        let matrix = matrix_facts(scenario, &system);
+        let bounds = motion.as_ref().and_then(|motion| speed_bounds(robots, &matrix, motion));
+        let gap = |closest: Option<ClosestPair>| {
+            closest
+                .map(|ClosestPair { pair, distance_m }| Gap { robots: pair.map(name), distance_m })
+        };
+        let a = &scenario.avoidance;
+        let lifetime_s = |pace| seconds(scenario.command_lifetime_ns(pace));
+        let edges = scenario.graph.edges();
+        Theory {
+            scenario: &scenario.name,
+            robots: (0..robots.len())
+                .map(|i| robot_theory(scenario, i, &settled, motion.as_ref()))
+                .collect(),
+            leader: leader.map(name),
+            roots: scenario.graph.roots().into_iter().map(name).collect(),
+            deaths: (0..robots.len())
+                .map(|i| Death {
+                    robot: name(i),
+                    loss: Loss::new(&reachability.loss(&[i], &[]), robots),
+                })
+                .collect(),
+            breaking_cuts: reachability
+                .breaking_cuts()
+                .iter()
+                .map(|(edge, loss)| EdgeCut {
+                    from: name(edges[*edge].from),
+                    to: name(edges[*edge].to),
+                    loss: Loss::new(loss, robots),
+                })
+                .collect(),
+            laplacian: rows(&laplacian::laplacian(&scenario.graph)),
+            system: rows(&system),
+            matrix,
+            trajectory: motion.as_ref().map(|motion| TrajectoryFacts {
+                eta_m_m_s: motion.trajectory_speed_m_s,
+                eta_c_m_s: motion.offset_rate_m_s,
+                horizon_s: motion.horizon_s,
+            }),
+            bounds,
+            epsilon: epsilon_rules(scenario, bounds),
+            distances: Distances {
+                distance_min_m: a.distance_min_m,
+                start: gap(closest_pair(&start_points(robots))),
+                settled: gap(settled.closest),
+                scale: settled.scale,
+            },
+            guard: Guard {
+                on: a.kind == AvoidanceKind::Guard,
+                lifetime_lockstep_s: lifetime_s(Pace::Lockstep),
+                lifetime_realtime_s: lifetime_s(Pace::Realtime),
+                deflection_distance_m: scenario.deflection_distance_m(),
+                sensing_radius_m: a.sensing_radius_m,
+                sensing_radius_needed_m: scenario.sensing_radius_needed_m(),
+                speed_max_m_s: a.speed_max_m_s.is_finite().then_some(a.speed_max_m_s),
+                speed_cap_m_s: scenario.speed_cap_m_s(),
+            },
+            findings,
+        }
+    }
+
+    /// As indented JSON with a newline at its end.
+    pub fn to_json(&self) -> String {
+        let text = serde_json::to_string_pretty(self);
+        text.expect("a theory has string keys only") + "\n"
+    }
+}
+
+fn robot_theory<'s>(
+    scenario: &'s Scenario,
+    i: usize,
+    settled: &Settled,
+    motion: Option<&Motion>,
+) -> RobotTheory<'s> {
+    let robot = &scenario.robots[i];
+    let role = match robot.role {
+        Role::Leader => "leader",
+        Role::Formation => "formation",
+        Role::Contained => "contained",
+    };
+    let hears = scenario.graph.heard_by(i).map(|edge| Hears {
+        robot: &scenario.robots[edge.from].name,
+        offset_m: (robot.role == Role::Formation).then(|| edge.offset_m.into()),
+    });
+    let at_rest = Peak { rim_speed_m_s: robot.wheels.map(|_| 0.0), ..Peak::default() };
+    RobotTheory {
+        name: &robot.name,
+        role,
+        law: &robot.law,
+        hears: hears.collect(),
+        settled_m: settled.places[i].into(),
+        peak: motion.map_or(at_rest, |motion| motion.peaks[i]),
+        rim_speed_max_m_s: robot.wheels.map(|wheels| wheels.speed_max_m_s),
+    }
+}
+
+fn matrix_facts(scenario: &Scenario, system: &Matrix) -> MatrixFacts {
+    let graph = &scenario.graph;
+    let n = graph.robots();
+    let feed_forward: Vec<bool> = scenario.robots.iter().map(|r| r.feed_forward).collect();
+    let iteration_radius = laplacian::spectral_radius(&laplacian::iteration(graph, &feed_forward));
+    // Sound with a leader means that it reaches all, and so A is an M-matrix; without one, the
+    // vector of ones solves A x = 0.
+    let Some(inverse) = scenario.leader().and_then(|_| system.clone().try_inverse()) else {
+        return MatrixFacts {
+            system_eigenvalue_min: 0.0,
+            m_matrix: false,
+            inverse_radius: None,
+            inverse_norm_2: None,
+            iteration_radius,
+        };
+    };
+    let radius = if feed_forward.iter().all(|&uses| uses) {
+        iteration_radius
+    } else {
+        laplacian::spectral_radius(&laplacian::iteration(graph, &vec![true; n]))
+    };
+    MatrixFacts {
+        system_eigenvalue_min: 1.0 - radius,
+        m_matrix: radius < 1.0,
+        inverse_radius: Some(1.0 / (1.0 - radius)),
+        inverse_norm_2: Some(laplacian::norm_2(&inverse)),
+        iteration_radius,
+    }
+}
+
+/// The largest gain that bounds a law's correction, if every law has one.
+fn correction_max_m_s(robots: &[Robot]) -> Option<f64> {
+    let gains: Option<Vec<f64>> = robots.iter().map(|robot| robot.correction_max_m_s).collect();
+    gains.map(|gains| gains.into_iter().fold(0.0, f64::max))
+}
+
+/// Lemma 1, and what it should say.
+fn speed_bounds(robots: &[Robot], matrix: &MatrixFacts, motion: &Motion) -> Option<SpeedBounds> {
+    if !robots.iter().all(|robot| robot.feed_forward) {
+        return None;
+    }
+    let n = robots.len() as f64;
+    let k = correction_max_m_s(robots)?;
+    let eta = motion.trajectory_speed_m_s.max(motion.offset_rate_m_s);
+    let right = k * (2.0 * n).sqrt() + eta * n.sqrt();
+    Some(SpeedBounds {
+        k_m_s: k,
+        eta_m_s: eta,
+        lemma_1_m_s: matrix.inverse_radius?.sqrt() * right, // (39)
+        norm_2_m_s: matrix.inverse_norm_2? * right,         // (38)
+    })
+}
+
+fn epsilon_rules(scenario: &Scenario, bounds: Option<SpeedBounds>) -> Vec<Epsilon> {
+    let d = scenario.avoidance.distance_min_m;
+    if let Some(SpeedBounds { lemma_1_m_s, norm_2_m_s, .. }) = bounds {
+        let rules = [
+            ("eta / d", 1.0, "Proposition 4, two robots"),
+            ("2 eta / d", 2.0, "Propositions 5 and 6, more"),
+            ("3 eta / d", 3.0, "simulations of 3.2 and 3.3"),
+        ];
+        return rules
+            .map(|(rule, factor, source)| Epsilon {
+                rule,
+                source,
+                epsilon_per_s: factor * lemma_1_m_s / d,
+                epsilon_norm_2_per_s: Some(factor * norm_2_m_s / d),
+            })
+            .to_vec();
+    }
+    let unit = |robot: &Robot| robot.role == Role::Formation && !robot.feed_forward;
+    match correction_max_m_s(&scenario.robots).filter(|_| scenario.robots.iter().all(unit)) {
+        Some(mu) => {
+            let rules =
+                [("6 mu / d", 6.0, "Proposition 2"), ("2 mu / d", 2.0, "simulation of 2.5")];
+            rules
+                .map(|(rule, factor, source)| Epsilon {
+                    rule,
+                    source,
+                    epsilon_per_s: factor * mu / d,
+                    epsilon_norm_2_per_s: None,
+                })
+                .to_vec()
+        }
+        None => Vec::new(),
+    }
+}
+
+fn rows(matrix: &Matrix) -> Vec<Vec<f64>> {
+    matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
+}

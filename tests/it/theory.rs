@@ -1,0 +1,251 @@
+//! What `phalanx check` says of the shipped scenarios, held against sets and numbers written down
+//! by hand.
+
+use std::path::Path;
+use std::process::Command;
+
+use formation::Vec2;
+use serde_json::{Value, json};
+use supervisor::check::Theory;
+use supervisor::scenario::Scenario;
+use supervisor::scenario::read::{Overrides, read};
+
+/// A shipped scenario with some `--set`s, and its warnings.
+fn scenario(name: &str, set: &[&str]) -> (Scenario, Vec<String>) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenarios/{name}.toml"));
+    let set = set.iter().map(|&s| s.to_owned()).collect();
+    let overrides = Overrides { set, ..Overrides::default() };
+    let (scenario, _, warnings) = read(&path, &overrides, &agent::laws::descriptions())
+        .unwrap_or_else(|error| panic!("{}", error.render(false)));
+    (scenario, warnings.into_iter().map(|warning| warning.message).collect())
+}
+
+/// `phalanx check ... --output json`.
+fn check_json(name: &str) -> Value {
+    let output = Command::new(env!("CARGO_BIN_EXE_phalanx"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(["check", &format!("scenarios/{name}.toml"), "--output", "json"])
+        .output()
+        .unwrap();
+    let shown = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{shown}");
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// The deaths that take something, each with the lists that are not empty.
+fn losses(entries: &Value) -> Vec<Value> {
+    let bare = |entry: &Value| {
+        let mut entry = entry.as_object().unwrap().clone();
+        entry.retain(|_, value| value.as_array().is_none_or(|list| !list.is_empty()));
+        entry
+    };
+    let lists = |entry: &serde_json::Map<String, Value>| entry.values().any(Value::is_array);
+    let entries = entries.as_array().unwrap().iter();
+    entries.map(bare).filter(lists).map(Value::Object).collect()
+}
+
+fn assert_near(found: f64, expected: f64, within: f64) {
+    assert!((found - expected).abs() <= within, "{found} is not {expected}");
+}
+
+#[test]
+fn no_single_death_and_no_single_cut_breaks_a_triangle() {
+    for name in ["triangle", "triangle-b", "triangle-c", "triangle-d", "triangle-kill"] {
+        let theory = check_json(name);
+        assert_eq!(theory["deaths"].as_array().unwrap().len(), 3);
+        assert_eq!(losses(&theory["deaths"]), Vec::<Value>::new(), "{name}");
+        assert_eq!(theory["breaking_cuts"], json!([]), "{name}");
+    }
+}
+
+#[test]
+fn in_the_pentagon_each_death_takes_the_leader_from_all_behind() {
+    let theory = check_json("pentagon");
+    let deaths = [
+        json!({ "robot": "r2", "unled": ["r1"] }),
+        json!({ "robot": "r3", "unled": ["r1", "r2"] }),
+        json!({ "robot": "r4", "unled": ["r1", "r2", "r3"] }),
+        json!({ "robot": "r5", "unled": ["r1", "r2", "r3", "r4"] }),
+    ];
+    assert_eq!(losses(&theory["deaths"]), deaths);
+    // A mutual pair cut in one direction: who still hears the other is pulled by it.
+    let cuts = [
+        json!({ "from": "r2", "to": "r1", "unled": ["r1"], "pulled": ["r2"] }),
+        json!({ "from": "r3", "to": "r2", "unled": ["r1", "r2"] }),
+        json!({ "from": "r4", "to": "r3", "unled": ["r1", "r2", "r3"], "pulled": ["r4"] }),
+        json!({ "from": "r5", "to": "r4", "unled": ["r1", "r2", "r3", "r4"] }),
+    ];
+    assert_eq!(losses(&theory["breaking_cuts"]), cuts);
+}
+
+#[test]
+fn in_the_containment_no_single_death_leaves_anybody_uncontained() {
+    let theory = check_json("containment");
+    let deaths = [
+        json!({ "robot": "r6", "unled": ["r5"] }),
+        json!({ "robot": "r7", "unled": ["r5", "r6"] }),
+        json!({
+            "robot": "r8",
+            "unled": ["r5", "r6", "r7"],
+            "adrift": ["r1", "r2", "r3", "r4"],
+        }),
+    ];
+    assert_eq!(losses(&theory["deaths"]), deaths);
+    let cuts = [
+        json!({ "from": "r6", "to": "r5", "unled": ["r5"] }),
+        json!({ "from": "r7", "to": "r6", "unled": ["r5", "r6"], "pulled": ["r7"] }),
+        json!({ "from": "r8", "to": "r7", "unled": ["r5", "r6", "r7"] }),
+    ];
+    assert_eq!(losses(&theory["breaking_cuts"]), cuts);
+}
+
+#[test]
+fn the_pentagon_has_the_chapters_numbers() {
+    let (scenario, warnings) = scenario("pentagon", &[]);
+    assert_eq!(warnings, Vec::<String>::new());
+    let theory = Theory::of(&scenario);
+    assert_near(theory.matrix.iteration_radius, 0.5f64.sqrt(), 1e-12);
+    assert_near(theory.matrix.inverse_radius.unwrap(), 2.0 + 2f64.sqrt(), 1e-9);
+    assert!(theory.matrix.m_matrix);
+    // |m'| of the rose is largest at its center: 2 a w.
+    let facts = theory.trajectory.unwrap();
+    assert_near(facts.eta_m_m_s, 8.0 * std::f64::consts::TAU / 80.0, 1e-12);
+    assert!(facts.eta_c_m_s < facts.eta_m_m_s && facts.horizon_s == 80.0);
+    assert_near(theory.bounds.unwrap().lemma_1_m_s, 20.125, 1e-3);
+    let epsilon: Vec<f64> = theory.epsilon.iter().map(|rule| rule.epsilon_per_s).collect();
+    assert_near(epsilon[2], 201.25, 5e-3);
+    assert_near(epsilon[0], epsilon[2] / 3.0, 1e-9);
+}
+
+#[test]
+fn the_containment_has_the_chapters_numbers() {
+    let (scenario, warnings) = scenario("containment", &[]);
+    assert_eq!(warnings.len(), 1, "{warnings:?}");
+    let theory = Theory::of(&scenario);
+    assert_near(theory.matrix.iteration_radius, 0.5f64.sqrt(), 1e-12);
+    let facts = theory.trajectory.unwrap();
+    // Here the turning kite is faster than the trajectory.
+    assert!(facts.eta_c_m_s > facts.eta_m_m_s);
+    assert_near(facts.eta_c_m_s, 0.7048, 1e-4);
+    assert_near(theory.epsilon[2].epsilon_per_s, 277.0, 0.02);
+}
+
+#[test]
+fn the_triangle_has_the_chapters_epsilon_and_no_place_of_its_own() {
+    let (scenario, _) = scenario("triangle", &[]);
+    let theory = Theory::of(&scenario);
+    let epsilon: Vec<f64> = theory.epsilon.iter().map(|rule| rule.epsilon_per_s).collect();
+    assert_eq!(epsilon.len(), 2);
+    assert_near(epsilon[0], 3.0, 1e-12);
+    assert_near(epsilon[1], 1.0, 1e-12);
+    // A directed ring would echo velocities; this law uses none.
+    assert_eq!(theory.matrix.iteration_radius, 0.0);
+    assert!(!theory.matrix.m_matrix && theory.matrix.inverse_radius.is_none());
+    assert!(theory.trajectory.is_none() && theory.bounds.is_none());
+    assert_near(theory.distances.settled.unwrap().distance_m, 0.3, 1e-12);
+}
+
+#[test]
+fn a_state_exceeds_the_bound_of_lemma_1_and_stays_below_that_of_the_norm() {
+    let (scenario, _) = scenario("pentagon", &[]);
+    let theory = Theory::of(&scenario);
+    let n = theory.robots.len();
+    let inverse = formation::laplacian::Matrix::from_fn(n, n, |i, j| theory.system[i][j]);
+    let inverse = inverse.try_inverse().unwrap();
+    // All far behind where they should be, along both axes, at t = 0: alpha' by (29).
+    let trajectory = &scenario.lead.as_ref().unwrap().trajectory;
+    let pull = |i: usize| {
+        let k = scenario.robots[i].correction_max_m_s.unwrap();
+        let ahead = if i == n - 1 { trajectory.at(0.0).velocity } else { Vec2::zeros() };
+        Vec2::new(k, k) + ahead
+    };
+    let velocity = |i: usize| (0..n).map(|j| inverse[(i, j)] * pull(j)).sum::<Vec2>();
+    let speed = (0..n).map(|i| velocity(i).norm_squared()).sum::<f64>().sqrt();
+    let bounds = theory.bounds.unwrap();
+    assert!(speed > bounds.lemma_1_m_s, "{speed} {bounds:?}");
+    assert!(speed < bounds.norm_2_m_s, "{speed} {bounds:?}");
+}
+
+#[test]
+fn wheels_limited_to_half_a_meter_per_second_cannot_follow_cases_2_and_3() {
+    for (name, warned_of_bodies) in [("pentagon", 0), ("containment", 1)] {
+        let wheels = |limit| format!("robot_defaults.wheels={{speed_max_m_s={limit},track_m=0.2}}");
+        let (_, warnings) = scenario(name, &[&wheels("0.5")]);
+        let slow = warnings.iter().filter(|warning| warning.contains("than its limit of 0.5 m/s"));
+        assert_eq!(slow.count(), 1, "{name}: {warnings:?}");
+        let (_, warnings) = scenario(name, &[&wheels("1.0")]);
+        assert_eq!(warnings.len(), warned_of_bodies, "{name}: {warnings:?}");
+    }
+}
+
+#[test]
+fn on_a_circle_the_formation_turns_about_its_center_like_a_rigid_body() {
+    // The leader's front point is drawn along a circle of radius 2 m once in 40 s; its heading
+    // trails the tangent by lambda, sin lambda = ell / radius. r2 keeps its place at c.
+    let (radius, ell, turn_rate) = (2.0, 0.1, std::f64::consts::TAU / 40.0);
+    let lambda = f64::asin(ell / radius);
+    let text = format!(
+        "name = 'circle'\nduration_s = 40.0\nperiod_s = 0.005\n\
+         [trajectory]\nkind = 'circle'\nradius_m = {radius:?}\nperiod_s = 40.0\n\
+         [avoidance]\ndistance_min_m = 0.2\nspeed_max_m_s = 1.0\n\
+         [robot_defaults]\nfront_point_m = {ell:?}\nlaw = 'formation-tanh'\nk_f_m_s = 1.0\n\
+         [[robot]]\nname = 'r1'\nlaw = 'leader-tanh'\nk_m_m_s = 1.0\n\
+         pose = {{ x_m = 2.0, y_m = 0.0, heading_rad = {:?} }}\n\
+         [[robot]]\nname = 'r2'\npose = {{ x_m = 1.0, y_m = 0.0, heading_rad = 0.0 }}\n\
+         [[edge]]\nfrom = 'r1'\nto = 'r2'\noffset_m = [-0.8, -0.5]\n",
+        std::f64::consts::FRAC_PI_2 - lambda
+    );
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("circle.toml");
+    std::fs::write(&path, text).unwrap();
+    let laws = agent::laws::descriptions();
+    let (scenario, _, _) = read(&path, &Overrides::default(), &laws)
+        .unwrap_or_else(|error| panic!("{}", error.render(false)));
+    let theory = Theory::of(&scenario);
+    let facts = theory.trajectory.unwrap();
+    assert_near(facts.eta_m_m_s, turn_rate * radius, 1e-12);
+    assert_near(facts.eta_c_m_s, turn_rate * 0.8f64.hypot(0.5), 1e-6);
+    let center = radius * Vec2::new(-lambda.sin(), lambda.cos()); // in the leader's frame
+    let arm = (Vec2::new(-0.8, -0.5) - center).norm();
+    assert_near(theory.robots[1].peak.front_speed_m_s, turn_rate * arm, 1e-6);
+    for robot in &theory.robots {
+        assert_near(robot.peak.w_rad_s, turn_rate, 1e-6);
+    }
+}
+
+#[test]
+fn a_speed_limit_below_what_the_formation_needs_is_warned_of() {
+    let (scenario, warnings) = scenario("pentagon", &["avoidance.speed_max_m_s=0.7"]);
+    assert_eq!(warnings.len(), 1, "{warnings:?}");
+    assert!(warnings[0].contains("faster than the speed limit of 0.7 m/s"), "{warnings:?}");
+    assert_eq!(Theory::of(&scenario).findings.len(), 1);
+}
+
+#[test]
+fn contained_robots_that_would_meet_are_warned_of() {
+    // r1 and r4 of the containment settle 0.365 m apart at the smallest scale, r4 and r7 0.364 m.
+    let (_, warnings) = scenario("containment", &["avoidance.distance_min_m=0.36"]);
+    assert_eq!(warnings.len(), 1, "{warnings:?}");
+    assert!(warnings[0].contains("in the final shape r4 and r7 stand 0.36"), "{warnings:?}");
+}
+
+#[test]
+fn the_text_says_what_the_json_says() {
+    let output = Command::new(env!("CARGO_BIN_EXE_phalanx"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(["check", "scenarios/containment.toml"])
+        .output()
+        .unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    for part in [
+        "r7 hears r6 at (0.000, -1.200) m, r8 at (-1.200, -0.600) m",
+        "without r7: r5, r6 lose the leader",
+        "without r8, who leads all others: r5, r6, r7 lose the leader; r1, r2, r3, r4 are contained",
+        "without r7 -> r6: r5, r6 lose the leader; r7 is pulled out of its place",
+        "spectral radius 0.707107, below 1",
+        "3 eta / d = 276.98",
+        "(r4 and r7) once settled, at scale 0.8 of 0.8 to 1.2",
+    ] {
+        assert!(text.contains(part), "{part:?} is missing in\n{text}");
+    }
+}

@@ -2,6 +2,9 @@
 //!
 //! Once all errors are gone, alpha = (A^-1 tensor I) C(t): every robot stands at a fixed place in
 //! the leader's frame, and all places turn and grow with it. (20)-(23) (30) (33)
+//!
+//! Errors go with feed-forward laws. One without lags behind a moving leader, by more the slower
+//! it is; that is not told here.
 
 use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};

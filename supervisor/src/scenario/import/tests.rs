@@ -17,8 +17,17 @@ const LAWS: &[LawDescription] = &[
         name: "formation-unit",
         source: "(18)",
         gains: &["speed_m_s"],
+        feed_forward: false,
+        correction_max: None,
     },
-    LawDescription { role: Role::Contained, name: "mean", source: "(47)", gains: &[] },
+    LawDescription {
+        role: Role::Contained,
+        name: "mean",
+        source: "(47)",
+        gains: &[],
+        feed_forward: false,
+        correction_max: None,
+    },
 ];
 
 const HEAD: &str = "name = \"t\"\nduration_s = 1.0\nperiod_s = 0.005\n\

@@ -183,15 +183,15 @@ fn arguments_change_imported_robots_and_name_another_graph() {
 fn numbers_count_robots_from_0_or_from_1_and_make_r1_r2_where_there_are_none() {
     let folder = tempfile::tempdir().unwrap();
     let read_graph = |nodes: [i64; 2]| {
-        let node = |id: i64| {
+        let node = |id: i64, law: &str| {
             format!(
-                "{{\"id\": {id}, \"x_m\": {id}, \"y_m\": 0, \"heading_rad\": 0, \"law\": \"mean\"}}"
+                "{{\"id\": {id}, \"x_m\": {id}, \"y_m\": 0, \"heading_rad\": 0, \"law\": {law}}}"
             )
         };
         let json = format!(
             "{{\"directed\": true, \"nodes\": [{}, {}], \"edges\": [{{\"source\": {}, \"target\": {}}}]}}",
-            node(nodes[0]),
-            node(nodes[1]),
+            node(nodes[0], "\"formation-unit\", \"speed_m_s\": 1"),
+            node(nodes[1], "\"mean\""),
             nodes[0],
             nodes[1]
         );

@@ -13,6 +13,7 @@ use protocol::law::LawDescription;
 use protocol::process::{Stop, exit, log_level, quiet_iceoryx2};
 
 use crate::check::{self, Theory};
+use crate::drawing::{Drawing, drawn};
 use crate::flight::{self, Flight};
 use crate::metrics::Metrics;
 use crate::metrics::expect;
@@ -57,6 +58,9 @@ pub struct CheckArgs {
     /// What to print.
     #[arg(long, value_enum, default_value_t = Output::Text)]
     output: Output,
+    /// Print the formation graph instead, to be drawn.
+    #[arg(long, value_enum, value_name = "FORMAT", conflicts_with = "output")]
+    graph: Option<Drawing>,
 }
 
 /// A scenario file, and changes to it.
@@ -135,6 +139,9 @@ fn check(args: &CheckArgs, laws: &[LawDescription]) -> u8 {
     let Some((scenario, _)) = read_scenario(&args.scenario, laws) else {
         return exit::BAD_SCENARIO;
     };
+    if let Some(drawing) = args.graph {
+        return print(&drawn(&scenario, drawing));
+    }
     let theory = Theory::of(&scenario);
     print(&match args.output {
         Output::Text => check::report(&scenario, &theory),

@@ -6,6 +6,7 @@
 //! | `cli` | what was asked for? |
 //! | `scenario/` | what is the experiment, and is it sound? |
 //! | `check/` | what can be said about it before it flies? |
+//! | `drawing` | what does its graph look like? |
 //! | `briefs` | what is each process told? |
 //! | `flight` | what happens, in order, from the first process to the last? |
 //! | `robot` | where is a robot's process in its life, and does it come back? |
@@ -21,6 +22,7 @@ pub mod check;
 pub mod child;
 pub mod cleanup;
 pub mod cli;
+pub mod drawing;
 pub mod flight;
 pub mod metrics;
 mod robot;

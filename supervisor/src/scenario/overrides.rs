@@ -19,14 +19,15 @@ pub struct Overrides {
 }
 
 impl Overrides {
-    /// Whether they change nothing.
-    pub fn is_empty(&self) -> bool {
-        self.set.is_empty() && self.faults.is_empty() && self.seed.is_none()
-    }
-
     /// Whether they name another graph.
     pub(crate) fn name_graph(&self) -> bool {
         self.set.iter().any(|argument| names_graph(argument))
+    }
+
+    /// Whether they change nothing but, perhaps, the graph's name.
+    pub(crate) fn name_at_most_a_graph(&self) -> bool {
+        let only_graph = self.set.iter().all(|argument| names_graph(argument));
+        only_graph && self.faults.is_empty() && self.seed.is_none()
     }
 
     /// Names that graph, before anything else is done.

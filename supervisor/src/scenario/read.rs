@@ -93,7 +93,7 @@ pub fn read_text(
     let entries = toml(&text, &source)?;
     let spliced = splice(path, &text, source, entries.get_ref(), &robot_keys(laws))?;
     let Spliced { mut text, mut source, warnings: graph_warnings } = spliced;
-    if !overrides.is_empty() {
+    if !overrides.name_at_most_a_graph() {
         text = edited(&text, &source, |document| overrides.apply(document))?;
         source = Source::new(path, &text, true);
     }

@@ -3,6 +3,7 @@
 mod bad_files;
 mod cleanup;
 mod faults;
+mod formats;
 mod harness;
 mod isolation;
 mod lockstep;

@@ -21,7 +21,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
-use super::diagnostic::{Diagnostic, Severity, Source, meant};
+use crate::scenario::diagnostic::{Diagnostic, Severity, Source, meant};
 
 /// Keys of an edge, beside its ends.
 const EDGE_KEYS: &[&str] = &["offset_m"];

@@ -9,20 +9,20 @@ use std::path::Path;
 
 use toml::de::DeTable;
 
-use super::super::diagnostic::{Diagnostic, Origin, Source};
-use super::super::file::{FILE_BYTES_MAX, load};
-use super::super::table::{Document, Table, Value};
-use super::{Attribute, Chunk, Name, Network, Node, chunk, network, quoted};
+use super::{Attribute, Chunk, Link, Name, Network, Node, chunk, network, quoted};
+use crate::scenario::diagnostic::{Diagnostic, Origin, Source};
+use crate::scenario::file::{FILE_BYTES_MAX, load};
+use crate::scenario::table::{Document, Table, Value};
 
 /// A scenario's text with its graph in it.
-pub(in super::super) struct Spliced {
-    pub(in super::super) text: String,
-    pub(in super::super) source: Source,
-    pub(in super::super) warnings: Vec<Diagnostic>,
+pub(in crate::scenario) struct Spliced {
+    pub(in crate::scenario) text: String,
+    pub(in crate::scenario) source: Source,
+    pub(in crate::scenario) warnings: Vec<Diagnostic>,
 }
 
 /// The text with the graph that it names, if it names one.
-pub(in super::super) fn splice(
+pub(in crate::scenario) fn splice(
     path: &Path,
     text: &str,
     source: Source,
@@ -206,7 +206,7 @@ fn new_robots(network: &Network, names: &[String], robots: &Robots<'_>) -> Vec<I
 }
 
 fn edges(network: &Network, names: &[String]) -> Vec<Item> {
-    let item = |link: &super::Link| {
+    let item = |link: &Link| {
         let mut keys = vec![
             text_key("from", &names[link.from], &link.span),
             text_key("to", &names[link.to], &link.span),

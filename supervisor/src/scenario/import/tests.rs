@@ -322,6 +322,49 @@ fn changes() -> impl Strategy<Value = Vec<Change>> {
     prop::collection::vec((any::<prop::sample::Index>(), 0..12usize, piece), 0..5)
 }
 
+fn mutated(text: &str, changes: &[Change]) -> String {
+    let mut text: Vec<char> = text.chars().collect();
+    for (at, cut, piece) in changes {
+        let at = at.index(text.len() + 1);
+        let cut = (*cut).min(text.len() - at);
+        text.splice(at..at + cut, piece.chars());
+    }
+    text.into_iter().collect()
+}
+
+fn changes_of_toml() -> impl Strategy<Value = Vec<Change>> {
+    let pieces = prop::sample::select(vec![
+        "",
+        "{",
+        "}",
+        "[",
+        "]",
+        "[[",
+        "\"",
+        ",",
+        "=",
+        "\n",
+        "\r\n",
+        "#",
+        "\"\"\"",
+        "'",
+        ".",
+        "ä",
+        "graph",
+        "graph = \"triangle.graphml\"\n",
+        "[graph]\n",
+        "robot = []\n",
+        "[[robot]]\n",
+        "[[edge]]\n",
+        "edge = 3\n",
+        "name = \"r1\"\n",
+        "{ name = \"r2\" },",
+        "\u{feff}",
+    ]);
+    let piece = pieces.prop_map(str::to_owned);
+    prop::collection::vec((any::<prop::sample::Index>(), 0..8usize, piece), 0..4)
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(600))]
 
@@ -335,14 +378,8 @@ proptest! {
             "all-hear-all.graphml", "triangle-matrix.csv", "triangle-names.csv",
         ] {
             let whole = std::fs::read_to_string(graphs().join(file)).unwrap();
-            let mut text: Vec<char> =
-                if noise && changes.is_empty() { bytes.chars().collect() } else { whole.chars().collect() };
-            for (at, cut, piece) in &changes {
-                let at = at.index(text.len() + 1);
-                let cut = (*cut).min(text.len() - at);
-                text.splice(at..at + cut, piece.chars());
-            }
-            let text: String = text.into_iter().collect();
+            let text = if noise && changes.is_empty() { &bytes } else { &whole };
+            let text = mutated(text, &changes);
             std::fs::write(folder.path().join(file), text).unwrap();
             let placed = ROBOTS.replace("pose =", "law = \"mean\", pose =");
             for robots in ["", &placed] {
@@ -356,6 +393,27 @@ proptest! {
                     Err(error) => prop_assert!(error.render(false).starts_with("error: ")),
                 }
             }
+        }
+    }
+
+    #[test]
+    fn no_scenario_around_a_graph_makes_the_reader_panic_and_what_is_read_reads_again(
+        form in 0..4usize, file in 0..3usize, changes in changes_of_toml(), seed in any::<bool>(),
+    ) {
+        let file = ["triangle.graphml", "triangle-edges.json", "triangle-names.csv"][file];
+        let tables = [
+            "robot = [{ name = \"r3\", pose = { x_m = 5, y_m = 0, heading_rad = 0 } }, # c\n]\n\
+             edge = [] # e\n",
+            "[[robot]]\nname = \"r3\" # c\n[robot.pose]\nx_m = 5\ny_m = 0\nheading_rad = 0\n\
+             [[edge]]\nfrom = \"r1\"\nto = \"r2\"\noffset_m = [-0.15, -0.2598076211353316]",
+            "robot = [{ name = \"r1\" }, { name = \"r2\", hears = [\"r1\"], place_m = [0, 0] }]",
+            "[expect]\nmin_distance_m = 0.1\n",
+        ][form];
+        let text = mutated(&format!("{HEAD}graph = \"{file}\" # g\n{tables}"), &changes);
+        let overrides = Overrides { seed: seed.then_some(7), ..Overrides::default() };
+        match parse_with(&text, &overrides) {
+            Ok((scenario, effective, _)) => reads_again(&scenario, &effective),
+            Err(error) => prop_assert!(error.render(false).starts_with("error: ")),
         }
     }
 }

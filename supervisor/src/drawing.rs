@@ -90,7 +90,14 @@ mod tests {
     use crate::scenario::read::{Overrides, read_text};
 
     fn scenario() -> Scenario {
-        let law = |name, role| LawDescription { name, role, source: "", gains: &[] };
+        let law = |name, role| LawDescription {
+            name,
+            role,
+            source: "",
+            gains: &[],
+            feed_forward: false,
+            correction_max: None,
+        };
         let laws =
             [law("lead", Role::Leader), law("keep", Role::Formation), law("mean", Role::Contained)];
         let text = r#"

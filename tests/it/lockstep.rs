@@ -1,11 +1,9 @@
 //! Lockstep: real processes do, bit by bit, what the oracle foretells.
 
 use supervisor::metrics::Measures;
-use supervisor::scenario::Scenario;
-use supervisor::scenario::read::{Overrides, read};
 
 use crate::harness::run;
-use crate::oracle;
+use crate::oracle::{self, scenario};
 
 const STARTS: [&str; 4] = ["triangle", "triangle-b", "triangle-c", "triangle-d"];
 
@@ -21,16 +19,6 @@ fn shipped(robots_max: usize) -> Vec<String> {
     names.sort();
     assert!(names.iter().any(|name| name == "triangle"), "{folder}: {names:?}");
     names
-}
-
-fn scenario(name: &str, set: &[&str]) -> Scenario {
-    let set = set.iter().map(|&assignment| assignment.into()).collect();
-    let overrides = Overrides { set, ..Overrides::default() };
-    let path = format!("{}/scenarios/{name}.toml", env!("CARGO_MANIFEST_DIR"));
-    match read(path.as_ref(), &overrides, &agent::laws::descriptions()) {
-        Ok((scenario, ..)) => scenario,
-        Err(diagnostic) => panic!("{}", diagnostic.render(false)),
-    }
 }
 
 /// Smallest distance and worst final error, m.

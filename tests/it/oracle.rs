@@ -7,7 +7,19 @@ use protocol::brief::{AgentBrief, Pace};
 use protocol::message::{Beacon, TruthRow};
 use supervisor::briefs;
 use supervisor::metrics::{Measures, Metrics};
+use supervisor::scenario::read::{Overrides, read};
 use supervisor::scenario::{FaultKind, Scenario};
+
+/// `scenarios/<name>.toml`, with these keys set.
+pub fn scenario(name: &str, set: &[&str]) -> Scenario {
+    let set = set.iter().map(|&assignment| assignment.into()).collect();
+    let overrides = Overrides { set, ..Overrides::default() };
+    let path = format!("{}/scenarios/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+    match read(path.as_ref(), &overrides, &agent::laws::descriptions()) {
+        Ok((scenario, ..)) => scenario,
+        Err(diagnostic) => panic!("{}", diagnostic.render(false)),
+    }
+}
 
 /// Flies `scenario` in lockstep, with its faults, and measures what it would do.
 pub fn fly(scenario: &Scenario) -> Measures {

@@ -1,0 +1,359 @@
+//! The real-time pace in one process: the same brains and the same world, driven by events that a
+//! seed draws. What `agent/src/flight.rs` and `plant/src/flight.rs` do by the machine's clock
+//! happens here at times that an adversary chooses (`model/adversary.rs`).
+//!
+//! - The plant wakes late, integrates to now, then takes the commands that have arrived.
+//! - An agent reads the newest sample, answers it, and sends the answer: three moments, with any
+//!   delay between them. It may be frozen or killed at each; what it sent stays under way.
+//! - Beacons are lost, late, and overtake each other.
+
+mod adversary;
+
+use std::sync::{Arc, Mutex};
+
+use agent::brain::{Answer, Brain};
+use formation::Vec2;
+use formation::front_point::front_point;
+use plant::world::World;
+use protocol::brief::{AgentBrief, Pace, PlantBrief};
+use protocol::message::{Beacon, Command, Odometry, TruthHeader, TruthRow};
+use supervisor::briefs;
+use supervisor::scenario::Scenario;
+
+pub use adversary::{ADVERSARIES, Adversary, Wish, stay_at};
+
+const US: u64 = 1_000;
+const MS: u64 = 1_000_000;
+/// The stamp of t = 0: not 0, so that a time taken for a stamp shows.
+const START_NS: u64 = 1_000_000_007;
+
+/// What everybody is told.
+#[derive(Clone)]
+pub struct Fleet {
+    pub plant: PlantBrief,
+    pub agents: Vec<AgentBrief>,
+}
+
+impl Fleet {
+    pub fn of(scenario: &Scenario) -> Fleet {
+        let run_root = "/nowhere".as_ref();
+        let agent = |i| briefs::agent(scenario, i, Pace::Realtime, run_root);
+        Fleet {
+            plant: briefs::plant(scenario, Pace::Realtime, run_root),
+            agents: (0..scenario.robots.len()).map(agent).collect(),
+        }
+    }
+}
+
+/// One flight's circumstances.
+#[derive(Debug, Clone, Copy)]
+pub struct Flight {
+    pub seed: u64,
+    pub adversary: Adversary,
+    pub wish: Wish,
+    pub expiry: Expiry,
+    /// Faults happen until here; then everybody is let go, started again and served in time.
+    pub hostile_ns: u64,
+    pub duration_ns: u64,
+}
+
+/// From when a command's lifetime counts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Expiry {
+    /// From the stamp of the sample it answers, as it must be.
+    FromSample,
+    /// From its arrival: a mistake that the tests must find.
+    FromArrival,
+}
+
+/// What came of a flight.
+#[derive(Debug, Clone, Copy)]
+pub struct Outcome {
+    pub closest_m: f64,
+    pub commands_late: u64,
+    pub freezes: u64,
+    pub kills: u64,
+}
+
+/// Flies `fleet`; `watch` sees every truth, and who was alive at it.
+pub fn fly(
+    fleet: &Fleet,
+    flight: Flight,
+    mut watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
+) -> Outcome {
+    let mut model = Model::new(fleet, flight);
+    while model.now_ns < START_NS + flight.duration_ns {
+        if model.step() {
+            let truth: Vec<TruthRow> = model.world.truth().collect();
+            let alive: Vec<bool> = model.robots.iter().map(|r| r.brain.is_some()).collect();
+            watch(&model.world.truth_header(), &truth, &alive);
+        }
+    }
+    let header = model.world.truth_header();
+    Outcome {
+        closest_m: header.closest_m,
+        commands_late: header.commands_late,
+        freezes: model.freezes,
+        kills: model.kills,
+    }
+}
+
+struct Model<'a> {
+    fleet: &'a Fleet,
+    flight: Flight,
+    dice: Dice,
+    world: World,
+    robots: Vec<Robot>,
+    now_ns: u64,
+    plant_wakes_ns: u64,
+    tick: u64,
+    /// Front points at the newest tick and at the one before, m.
+    alphas: Vec<Vec2>,
+    alphas_before: Vec<Vec2>,
+    freezes: u64,
+    kills: u64,
+}
+
+/// A robot's process, and what is under way to and from it.
+#[derive(Default)]
+struct Robot {
+    /// `None`: dead.
+    brain: Option<Brain>,
+    /// How often it was started.
+    starts: u64,
+    phase_ns: u64,
+    /// When the timer goes off next.
+    due_ns: u64,
+    /// What it does next, and when, unless it is frozen then.
+    next: Next,
+    next_ns: u64,
+    frozen_until_ns: u64,
+    /// Tick of the newest sample it took.
+    newest_tick: Option<u64>,
+    /// Dead, and to be started at this time.
+    starts_ns: Option<u64>,
+    /// Frozen until somebody is nearer than this, m.
+    ambush_m: Option<f64>,
+    /// To be killed when it has sent.
+    doomed: bool,
+    /// Where to ram, m/s; shared with its law.
+    wish: Arc<Mutex<Vec2>>,
+    /// Commands on their way to the plant, with their arrival.
+    commands: Vec<(u64, Command)>,
+    /// Beacons on their way to this robot: arrival, the sender's place in its brief, content.
+    beacons: Vec<(u64, usize, Beacon)>,
+}
+
+#[derive(Default)]
+enum Next {
+    #[default]
+    Wake,
+    Answer(Box<Odometry>),
+    Send(Box<Answer>),
+}
+
+impl Robot {
+    fn is_frozen(&self, now_ns: u64) -> bool {
+        self.brain.is_some() && self.frozen_until_ns > now_ns
+    }
+
+    /// When it really does what it does next.
+    fn acts_ns(&self) -> Option<u64> {
+        self.brain.as_ref().map(|_| self.next_ns.max(self.frozen_until_ns))
+    }
+}
+
+impl<'a> Model<'a> {
+    fn new(fleet: &'a Fleet, flight: Flight) -> Model<'a> {
+        let mut world = World::new(&fleet.plant);
+        world.start_at(START_NS);
+        let mut model = Model {
+            fleet,
+            flight,
+            dice: Dice(flight.seed),
+            world,
+            robots: fleet.agents.iter().map(|_| Robot::default()).collect(),
+            now_ns: START_NS,
+            plant_wakes_ns: START_NS + fleet.plant.plant_tick_ns,
+            tick: 0,
+            alphas: Vec::new(),
+            alphas_before: Vec::new(),
+            freezes: 0,
+            kills: 0,
+        };
+        model.look();
+        for i in 0..model.robots.len() {
+            model.start(i);
+            // The first sample is published once everybody is there.
+            model.robots[i].newest_tick = None;
+        }
+        model
+    }
+
+    fn is_hostile(&self) -> bool {
+        self.now_ns < START_NS + self.flight.hostile_ns
+    }
+
+    /// Lets the next thing happen; whether that was a tick of the plant.
+    fn step(&mut self) -> bool {
+        let acts = self.robots.iter().map(Robot::acts_ns).enumerate();
+        let first = acts.filter_map(|(i, acts_ns)| acts_ns.map(|acts_ns| (acts_ns, i))).min();
+        match first {
+            Some((acts_ns, i)) if acts_ns < self.plant_wakes_ns => {
+                self.now_ns = acts_ns;
+                self.act(i);
+                false
+            }
+            _ => {
+                self.now_ns = self.plant_wakes_ns;
+                self.tick();
+                true
+            }
+        }
+    }
+
+    /// What the plant's loop does, and then the adversary.
+    fn tick(&mut self) {
+        self.world.advance(self.now_ns - START_NS);
+        self.tick = self.world.next_tick();
+        for (i, robot) in self.robots.iter_mut().enumerate() {
+            robot.commands.sort_by_key(|(arrival_ns, _)| *arrival_ns);
+            let arrived = robot.commands.partition_point(|(at_ns, _)| *at_ns <= self.now_ns);
+            for (arrival_ns, mut command) in robot.commands.drain(..arrived) {
+                if self.flight.expiry == Expiry::FromArrival {
+                    command.stamp_ns = arrival_ns;
+                }
+                // The world counts refusals.
+                let _ = self.world.accept(i, &command);
+            }
+        }
+        let due_ns = first_after(self.now_ns, self.fleet.plant.plant_tick_ns, START_NS);
+        self.plant_wakes_ns = due_ns + self.plant_lateness_ns();
+        self.look();
+        for i in 0..self.robots.len() {
+            if self.robots[i].starts_ns.is_some_and(|starts_ns| starts_ns <= self.now_ns) {
+                self.start(i);
+            }
+        }
+        if self.is_hostile() {
+            self.harm();
+        } else {
+            self.make_peace();
+        }
+    }
+
+    fn look(&mut self) {
+        let bodies = self.fleet.plant.robots.iter();
+        let points = self.world.truth().zip(bodies);
+        let alphas = points.map(|(row, body)| front_point(row.pose(), body.front_point_m));
+        let alphas: Vec<Vec2> = alphas.collect();
+        self.alphas_before = std::mem::replace(&mut self.alphas, alphas);
+    }
+
+    /// The next moment of an agent's loop.
+    fn act(&mut self, i: usize) {
+        let period_ns = self.fleet.agents[i].period_ns;
+        match std::mem::take(&mut self.robots[i].next) {
+            Next::Wake => {
+                let robot = &mut self.robots[i];
+                robot.due_ns = first_after(self.now_ns, period_ns, robot.phase_ns);
+                if robot.newest_tick == Some(self.tick) {
+                    robot.next_ns = robot.due_ns;
+                    return;
+                }
+                robot.newest_tick = Some(self.tick);
+                robot.next = Next::Answer(Box::new(self.world.odometry(i)));
+                robot.next_ns = self.now_ns + self.dice.between(5 * US, 100 * US);
+            }
+            Next::Answer(odometry) => {
+                let sends_ns = self.answer_takes_until_ns(odometry.stamp_ns);
+                let (odometry, effect_ns) = self.mislead(i, *odometry);
+                let robot = &mut self.robots[i];
+                let brain = robot.brain.as_mut().expect("only the living act");
+                robot.beacons.sort_by_key(|(arrival_ns, ..)| *arrival_ns);
+                let heard = robot.beacons.partition_point(|(at_ns, ..)| *at_ns <= self.now_ns);
+                for (_, place, beacon) in robot.beacons.drain(..heard) {
+                    // One that was overtaken is refused.
+                    let _ = brain.hear(place, &beacon, self.now_ns);
+                }
+                let answer = brain.answer(&odometry, effect_ns);
+                robot.next = Next::Send(Box::new(answer.expect("odometry that works")));
+                robot.next_ns = sends_ns.max(self.now_ns);
+            }
+            Next::Send(answer) => {
+                let arrival_ns = self.now_ns + self.transport_ns();
+                let oversleeps_ns = self.oversleeping_ns(period_ns);
+                let robot = &mut self.robots[i];
+                robot.commands.push((arrival_ns, answer.command));
+                robot.next_ns = self.now_ns.max(robot.due_ns + oversleeps_ns);
+                let doomed = robot.doomed;
+                self.spread(i, answer.beacon);
+                if doomed {
+                    self.kill(i);
+                }
+            }
+        }
+    }
+
+    /// Sends a beacon to all that hear `i`.
+    fn spread(&mut self, i: usize, beacon: Beacon) {
+        for (listener, brief) in self.fleet.agents.iter().enumerate() {
+            let place = brief.neighbors.iter().position(|neighbor| neighbor.index == i + 1);
+            if let Some(place) = place
+                && self.robots[listener].brain.is_some()
+                && let Some(delay_ns) = self.beacon_delay_ns()
+            {
+                self.robots[listener].beacons.push((self.now_ns + delay_ns, place, beacon));
+            }
+        }
+    }
+
+    /// Starts the next incarnation of `i`; it sees the first sample that is published from now on.
+    fn start(&mut self, i: usize) {
+        let period_ns = self.fleet.agents[i].period_ns;
+        let phase_ns = self.dice.between(0, period_ns - 1);
+        let before = std::mem::take(&mut self.robots[i]);
+        self.robots[i] = Robot {
+            brain: Some(self.brain(i, before.starts, &before.wish)),
+            starts: before.starts + 1,
+            phase_ns,
+            next_ns: first_after(self.now_ns, period_ns, phase_ns),
+            newest_tick: Some(self.tick),
+            wish: before.wish,
+            commands: before.commands,
+            ..Robot::default()
+        };
+    }
+}
+
+/// The first `n * period + phase` later than `now`.
+fn first_after(now_ns: u64, period_ns: u64, phase_ns: u64) -> u64 {
+    let phase_ns = phase_ns % period_ns;
+    (now_ns.saturating_sub(phase_ns) / period_ns + 1) * period_ns + phase_ns
+}
+
+/// Random numbers from a seed: SplitMix64.
+struct Dice(u64);
+
+impl Dice {
+    fn roll(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// In [0, 1).
+    fn unit(&mut self) -> f64 {
+        (self.roll() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn chance(&mut self, probability: f64) -> bool {
+        self.unit() < probability
+    }
+
+    /// From `least` to `most`, both included.
+    fn between(&mut self, least: u64, most: u64) -> u64 {
+        least + self.roll() % (most - least + 1)
+    }
+}

@@ -1,0 +1,265 @@
+//! What goes wrong in the model: who decides it, what the robots are made to want, and how late
+//! everything is.
+
+use std::f64::consts::PI;
+use std::sync::{Arc, Mutex};
+
+use agent::brain::Brain;
+use agent::laws::{Law, Situation};
+use formation::Vec2;
+use formation::frame::Scale;
+use formation::front_point::front_speed;
+use formation::trajectory::Trajectory;
+use protocol::brief::{AgentBrief, LeadBrief};
+use protocol::message::Odometry;
+
+use super::{MS, Model, Next, Robot, US};
+
+/// Who decides what goes wrong, and when.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Adversary {
+    /// Freezes, kills and latencies far beyond H, at random.
+    Chance,
+    /// Freezes a robot just as its nearest neighbour comes near.
+    FreezeTheNear,
+    /// Makes every command arrive just before or just after it dies.
+    JustInTime,
+    /// Stops a robot between reading and sending, lets it go once somebody is near, and kills it
+    /// when it has sent.
+    Ambush,
+}
+
+pub const ADVERSARIES: [Adversary; 4] =
+    [Adversary::Chance, Adversary::FreezeTheNear, Adversary::JustInTime, Adversary::Ambush];
+
+/// Where the robots want to go.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Wish {
+    /// Where their brief's law says.
+    Law,
+    /// At their nearest neighbour, as fast as they can. What they are told of their own turning is
+    /// such that leading them around the neighbour turns them towards it: the bound is alone.
+    Ram,
+}
+
+/// How often each robot is killed, Hz.
+const KILLS_HZ: f64 = 0.33;
+/// kappa of the guard's deflection.
+const KAPPA: f64 = 0.25;
+
+impl Model<'_> {
+    /// What the adversary does at a tick.
+    pub(super) fn harm(&mut self) {
+        let tick_s = self.fleet.plant.plant_tick_ns as f64 / 1e9;
+        for i in 0..self.robots.len() {
+            if self.robots[i].brain.is_none() {
+                continue;
+            }
+            if self.dice.chance(KILLS_HZ * tick_s) {
+                self.kill(i);
+                continue;
+            }
+            match self.flight.adversary {
+                Adversary::Chance if self.dice.chance(2.0 * tick_s) => {
+                    let doublings = self.dice.between(0, 8);
+                    self.freeze(i, MS << doublings);
+                }
+                Adversary::FreezeTheNear if self.is_approached(i) && self.dice.chance(0.1) => {
+                    let freeze_ns = self.dice.between(MS, 200 * MS);
+                    self.freeze(i, freeze_ns);
+                }
+                Adversary::JustInTime if self.dice.chance(tick_s) => self.freeze(i, 20 * MS),
+                Adversary::Ambush => self.ambush(i),
+                _ => {}
+            }
+        }
+    }
+
+    /// Its nearest neighbour is near, and was farther away a tick ago.
+    fn is_approached(&self, i: usize) -> bool {
+        let (nearest, towards) = self.nearest(i);
+        let before = (self.alphas_before[nearest] - self.alphas_before[i]).norm();
+        let near = self.fleet.plant.distance_min_m + 3.0 * self.reach_m();
+        towards.norm() < near.min(before)
+    }
+
+    fn ambush(&mut self, i: usize) {
+        let (_, towards) = self.nearest(i);
+        let brief = &self.fleet.agents[i];
+        let fast = 0.25 * brief.avoidance.speed_max_m_s;
+        // One at a time: the others must be free to come near.
+        let lies = |robot: &Robot| robot.ambush_m.is_some() && robot.is_frozen(self.now_ns);
+        let another = self.robots.iter().any(lies);
+        let robot = &mut self.robots[i];
+        match &robot.next {
+            Next::Send(_) if robot.ambush_m.is_some_and(|ambush_m| towards.norm() < ambush_m) => {
+                robot.ambush_m = None;
+                robot.frozen_until_ns = self.now_ns;
+                robot.doomed = true;
+            }
+            Next::Send(answer)
+                if !another
+                    && !robot.doomed
+                    && front_speed(brief.front_point_m, answer.command.twist()) > fast
+                    && self.dice.chance(0.1) =>
+            {
+                let ambush_m = self.fleet.plant.distance_min_m + self.reach_m() * self.dice.unit();
+                self.freeze(i, 1000 * MS);
+                self.robots[i].ambush_m = Some(ambush_m);
+            }
+            _ => {}
+        }
+    }
+
+    /// v_max H, m: how far a robot moves while a command lives.
+    fn reach_m(&self) -> f64 {
+        let lifetime_s = self.fleet.plant.command_lifetime_ns as f64 / 1e9;
+        self.fleet.agents[0].avoidance.speed_max_m_s * lifetime_s
+    }
+
+    /// The other robot nearest to `i`, and where it is seen from there, m.
+    fn nearest(&self, i: usize) -> (usize, Vec2) {
+        let others = (0..self.alphas.len()).filter(|&j| j != i);
+        let seen = others.map(|j| (j, self.alphas[j] - self.alphas[i]));
+        let nearest = seen.min_by(|(_, a), (_, b)| a.norm().total_cmp(&b.norm()));
+        nearest.expect("more than one robot")
+    }
+
+    fn freeze(&mut self, i: usize, freeze_ns: u64) {
+        let robot = &mut self.robots[i];
+        if !robot.is_frozen(self.now_ns) {
+            robot.frozen_until_ns = self.now_ns + freeze_ns;
+            self.freezes += 1;
+        }
+    }
+
+    /// Kills `i`, unless it is the last. One in four stays dead for as long as faults last.
+    pub(super) fn kill(&mut self, i: usize) {
+        if self.robots.iter().filter(|robot| robot.brain.is_some()).count() == 1 {
+            return;
+        }
+        let starts_ns = self.now_ns + self.dice.between(20 * MS, 600 * MS);
+        let robot = &mut self.robots[i];
+        robot.brain = None;
+        robot.beacons.clear();
+        robot.starts_ns = self.dice.chance(0.75).then_some(starts_ns);
+        self.kills += 1;
+    }
+
+    /// Nobody is frozen or dead any more.
+    pub(super) fn make_peace(&mut self) {
+        for i in 0..self.robots.len() {
+            let robot = &mut self.robots[i];
+            robot.frozen_until_ns = robot.frozen_until_ns.min(self.now_ns);
+            if robot.brain.is_none() {
+                self.start(i);
+            }
+        }
+    }
+
+    pub(super) fn plant_lateness_ns(&mut self) -> u64 {
+        match self.is_hostile() && self.dice.chance(0.005) {
+            true => self.dice.between(0, 5 * MS),
+            false => self.dice.between(0, 100 * US),
+        }
+    }
+
+    pub(super) fn oversleeping_ns(&mut self, period_ns: u64) -> u64 {
+        match self.is_hostile() && self.dice.chance(0.05) {
+            true => self.dice.between(0, 2 * period_ns),
+            false => self.dice.between(0, 100 * US),
+        }
+    }
+
+    /// From an agent's sending to the plant.
+    pub(super) fn transport_ns(&mut self) -> u64 {
+        match self.is_hostile() && self.dice.chance(0.1) {
+            true => self.dice.between(0, 2 * self.fleet.plant.command_lifetime_ns),
+            false => self.dice.between(0, 20 * US),
+        }
+    }
+
+    /// From an agent's sending to one that hears it; `None`: lost.
+    pub(super) fn beacon_delay_ns(&mut self) -> Option<u64> {
+        match self.is_hostile() {
+            true if self.dice.chance(0.1) => None,
+            true if self.dice.chance(0.2) => Some(self.dice.between(0, 50 * MS)),
+            _ => Some(self.dice.between(0, 20 * US)),
+        }
+    }
+
+    /// When the answer to a sample with this stamp is sent.
+    pub(super) fn answer_takes_until_ns(&mut self, stamp_ns: u64) -> u64 {
+        let lifetime_ns = self.fleet.plant.command_lifetime_ns;
+        let tick_ns = self.fleet.plant.plant_tick_ns;
+        let soon_ns = self.now_ns + self.dice.between(10 * US, 300 * US);
+        if !self.is_hostile() {
+            return soon_ns;
+        }
+        match self.flight.adversary {
+            Adversary::JustInTime if self.dice.chance(0.8) => {
+                let dies_ns = stamp_ns + lifetime_ns;
+                self.dice.between(dies_ns - 3 * tick_ns, dies_ns + tick_ns / 2)
+            }
+            // Long enough that ticks fall between reading and sending.
+            Adversary::Ambush => self.now_ns + self.dice.between(100 * US, 4 * MS),
+            _ if self.dice.chance(0.6) => soon_ns,
+            _ if self.dice.chance(0.7) => self.now_ns + self.dice.between(0, lifetime_ns),
+            _ => self.now_ns + self.dice.between(0, 4 * lifetime_ns),
+        }
+    }
+
+    pub(super) fn brain(&self, i: usize, incarnation: u64, wish: &Arc<Mutex<Vec2>>) -> Brain {
+        let brief = &self.fleet.agents[i];
+        let brain = match self.flight.wish {
+            Wish::Law => Brain::new(brief, incarnation),
+            // A leader asks its law for a velocity whoever is silent.
+            Wish::Ram => {
+                let lead = Some(stay_at([0.0, 0.0]));
+                let leader = AgentBrief { law: "leader-tanh".into(), lead, ..brief.clone() };
+                Brain::with_law(&leader, incarnation, Box::new(Ram(wish.clone())))
+            }
+        };
+        brain.expect("a checked brief")
+    }
+
+    /// A sample as the robot is told it, and when its answer is said to take effect. To one that is
+    /// to ram, both lie about how far it will have turned by then. The guard uses them for nothing
+    /// but the heading that the deflected displacement is turned into wheels' speeds at.
+    pub(super) fn mislead(&mut self, i: usize, mut odometry: Odometry) -> (Odometry, u64) {
+        if self.flight.wish == Wish::Law {
+            return (odometry, self.now_ns);
+        }
+        let brief = &self.fleet.agents[i];
+        let speed_max = brief.avoidance.speed_max_m_s;
+        let (_, towards) = self.nearest(i);
+        let direction = towards / towards.norm().max(f64::MIN_POSITIVE);
+        *self.robots[i].wish.lock().unwrap() = 2.0 * speed_max * direction;
+        // Against one neighbour, deflection makes of -V n this p, in n and t: turn it back.
+        let reach = speed_max * brief.period_ns as f64 / 1e9; // V
+        let lifetime_s = brief.command_lifetime_ns as f64 / 1e9;
+        let excess = KAPPA * (brief.avoidance.deflection_distance_m(lifetime_s) - towards.norm());
+        let (p_n, p_t) = (excess, reach + excess);
+        if p_t <= 0.0 {
+            return (odometry, self.now_ns);
+        }
+        // The dither is not foreseen; a bit of chance stands against it.
+        let turn_rad = PI - p_t.atan2(p_n) + 0.6 * (self.dice.unit() - 0.5);
+        odometry.w_rad_s = -1.0;
+        (odometry, odometry.stamp_ns + (turn_rad.max(0.0) * 1e9) as u64)
+    }
+}
+
+/// A law that goes where the adversary wants.
+struct Ram(Arc<Mutex<Vec2>>);
+
+impl Law for Ram {
+    fn gamma(&self, _: &Situation) -> Vec2 {
+        *self.0.lock().unwrap()
+    }
+}
+
+/// Tells a leader to go to a point, m, and stay there.
+pub fn stay_at(center_m: [f64; 2]) -> LeadBrief {
+    LeadBrief { scale: Scale::ONE, trajectory: Trajectory::Still { center_m } }
+}

@@ -164,6 +164,7 @@ impl Neighborhood {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     fn neighborhood(policy: SilencePolicy) -> Neighborhood {
         let neighbor = |name: &str, index| NeighborBrief {
@@ -265,5 +266,96 @@ mod tests {
     #[test]
     fn with_nobody_heard_there_is_nowhere_to_go() {
         assert_eq!(neighborhood(SilencePolicy::Ignore).desired(0, Target::still), None);
+    }
+
+    /// theta_n with constant jerk and delta with constant acceleration, rad/s^3 and 1/s^2.
+    #[derive(Debug, Clone, Copy)]
+    struct Leader {
+        start: LeaderFrame,
+        jerk: f64,
+        scale_acceleration: f64,
+    }
+
+    impl Leader {
+        fn at(&self, t_s: f64) -> LeaderFrame {
+            let frame = self.start.later(t_s);
+            LeaderFrame {
+                heading_rad: frame.heading_rad + self.jerk * t_s.powi(3) / 6.0,
+                turn_rate_rad_s: frame.turn_rate_rad_s + self.jerk * t_s.powi(2) / 2.0,
+                turn_acceleration_rad_s2: frame.turn_acceleration_rad_s2 + self.jerk * t_s,
+                scale: frame.scale + self.scale_acceleration * t_s.powi(2) / 2.0,
+                scale_rate_per_s: frame.scale_rate_per_s + self.scale_acceleration * t_s,
+            }
+        }
+    }
+
+    fn leaders() -> impl Strategy<Value = Leader> {
+        let steady = prop_oneof![Just((0.0, 0.0)), (-4.0..4.0f64, -1.0..1.0f64)];
+        let start = (-3.0..3.0f64, -2.0..2.0f64, -3.0..3.0f64, 0.5..2.0f64, -0.3..0.3f64);
+        (start, steady).prop_map(|((heading, rate, acceleration, scale, growth), (jerk, bend))| {
+            let start = LeaderFrame {
+                heading_rad: heading,
+                turn_rate_rad_s: rate,
+                turn_acceleration_rad_s2: acceleration,
+                scale,
+                scale_rate_per_s: growth,
+            };
+            Leader { start, jerk, scale_acceleration: bend }
+        })
+    }
+
+    proptest! {
+        /// In lockstep, robot 0 leads and robot i hears a robot before it. What a robot d hops
+        /// away knows is d ticks old, and off by what jerk did since: nothing, without any.
+        #[test]
+        fn on_any_tree_the_leaders_frame_arrives_after_as_many_ticks_as_hops_and_is_its_frame_now(
+            parents in proptest::collection::vec(any::<proptest::sample::Index>(), 1..12),
+            leader in leaders(),
+            period_ns in 1_000_000..20_000_000u64,
+        ) {
+            let parents: Vec<usize> =
+                parents.iter().enumerate().map(|(i, parent)| parent.index(i + 1)).collect();
+            let mut depth = vec![0u64];
+            for parent in &parents {
+                depth.push(depth[*parent] + 1);
+            }
+            let lost_after_ns = 100 * period_ns;
+            let policy = SilencePolicy::Ignore;
+            let silence = SilenceBrief { stale_after_ns: lost_after_ns, lost_after_ns, policy };
+            let mut hoods: Vec<Neighborhood> = parents
+                .iter()
+                .map(|parent| {
+                    let index = parent + 1;
+                    let heard = NeighborBrief { name: "".into(), index, offset_m: [0.0, 0.0] };
+                    Neighborhood::new(&[heard], silence.clone())
+                })
+                .collect();
+            let mut said: Vec<Beacon> = Vec::new();
+            for tick in 0..20 {
+                let stamp_ns = tick * period_ns;
+                let truth = leader.at(stamp_ns as f64 / 1e9);
+                for (i, hood) in hoods.iter_mut().enumerate() {
+                    if let Some(beacon) = said.get(parents[i]) {
+                        hood.hear(0, beacon, stamp_ns).unwrap();
+                    }
+                    let known = hood.frame_at(stamp_ns);
+                    prop_assert_eq!(known.is_some(), tick >= depth[i + 1]);
+                    let Some(known) = known else { continue };
+                    let age_s = (depth[i + 1] * period_ns) as f64 / 1e9;
+                    let jerk = leader.jerk.abs();
+                    let bend = leader.scale_acceleration.abs();
+                    for (known, truth, bound) in [
+                        (known.heading_rad, truth.heading_rad, jerk * age_s.powi(3) / 6.0),
+                        (known.turn_rate_rad_s, truth.turn_rate_rad_s, jerk * age_s.powi(2) / 2.0),
+                        (known.scale, truth.scale, bend * age_s.powi(2) / 2.0),
+                    ] {
+                        prop_assert!((known - truth).abs() <= bound + 1e-12, "{known} {truth}");
+                    }
+                }
+                let frames = hoods.iter().map(Neighborhood::frame);
+                let frames = std::iter::once(Some((stamp_ns, truth))).chain(frames);
+                said = frames.map(|frame| beacon(0, stamp_ns, 0.0).with_frame(frame)).collect();
+            }
+        }
     }
 }

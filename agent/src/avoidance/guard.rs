@@ -253,3 +253,157 @@ fn clip(vector: Vec2, length_max: f64) -> Vec2 {
     let length = vector.norm();
     if length > length_max { vector * (length_max / length) } else { vector }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use formation::front_point::{front_point, front_velocity};
+    use formation::pose::Pose;
+    use formation::unicycle::arc;
+    use proptest::prelude::*;
+    use protocol::brief::{AvoidanceBrief, AvoidanceKind, SilenceBrief, SilencePolicy};
+
+    fn guard(d: f64, v_max: f64, ell: f64, period_ns: u64, lifetime_ns: u64) -> Guard {
+        Guard::new(&AgentBrief {
+            name: "r1".into(),
+            index: 1,
+            run_root: "/nowhere".into(),
+            pace: Pace::Realtime,
+            period_ns,
+            plant_tick_ns: 1_000_000,
+            command_lifetime_ns: lifetime_ns,
+            front_point_m: ell,
+            law: String::new(),
+            gains: Default::default(),
+            led: false,
+            lead: None,
+            avoidance: AvoidanceBrief {
+                kind: AvoidanceKind::Guard,
+                distance_min_m: d,
+                speed_max_m_s: v_max,
+                epsilon_per_s: 1.0,
+                sensing_radius_m: f64::INFINITY,
+                sensing_error_m: 0.0,
+            },
+            silence: SilenceBrief {
+                stale_after_ns: 1,
+                lost_after_ns: 1,
+                policy: SilencePolicy::Ignore,
+            },
+            neighbors: Vec::new(),
+        })
+    }
+
+    fn sample<'a>(stamp_ns: u64, pose: Pose, away: &'a [Vec2]) -> Sample<'a> {
+        Sample {
+            stamp_ns,
+            t_s: stamp_ns as f64 / 1e9,
+            heading_rad: pose.heading_rad,
+            heading_effect_rad: pose.heading_rad,
+            away,
+            proximity_valid: true,
+            proximity_cut: false,
+        }
+    }
+
+    /// Another robot: its distance beyond d in units of v_max H, its direction, where it drives at
+    /// v_max, rad.
+    fn others() -> impl Strategy<Value = Vec<(f64, f64, f64)>> {
+        proptest::collection::vec((0.0..3.0f64, -3.2..3.2f64, -3.2..3.2f64), 1..5)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(4000))]
+
+        /// The lemma that the proof rests on. Two samples less than H apart; the plant obeys the
+        /// answer to the first one until that to the second takes effect, at whatever moment.
+        #[test]
+        fn while_a_command_acts_it_approaches_nobody_faster_than_its_share_of_the_slack(
+            d in 0.1..0.4f64,
+            steps in 0.05..1.0f64, // v_max H in units of min(d/4, ell/2), the advised limit
+            ell in 0.03..0.2f64,
+            period_share in 0.1..0.9f64,
+            others in others(),
+            heading_rad in -3.1..3.1f64,
+            wishes in [(-3.2..3.2f64, 0.0..1.0f64), (-3.2..3.2f64, 0.0..1.0f64)],
+            bounds_alone in any::<bool>(),
+            second in 0.05..0.95f64,   // the second sample's stamp, in H after the first
+            effects in [0.0..1.0f64, 0.0..1.0f64], // when each takes effect, in H after its stamp
+        ) {
+            let lifetime_ns = 20_000_000;
+            let lifetime = 0.02;
+            let v_max = steps * (0.25 * d).min(0.5 * ell) / lifetime;
+            let period_ns = (period_share * 2e7) as u64;
+            let mut guard = guard(d, v_max, ell, period_ns, lifetime_ns);
+            // Long in the air: no predecessor's command is alive.
+            let first_ns = 1_000_000_000;
+            let start = Pose { x_m: 0.0, y_m: 0.0, heading_rad };
+            guard.steer(&sample(0, start, &[]), Vec2::zeros());
+
+            let alpha = front_point(start, ell);
+            let others: Vec<(Vec2, Vec2)> = others
+                .iter()
+                .map(|&(far, direction, course)| {
+                    let r = d + far * v_max * lifetime;
+                    let place = alpha + rotate(direction, Vec2::new(r, 0.0));
+                    (place, rotate(course, Vec2::new(v_max, 0.0)))
+                })
+                .collect();
+            let other_at = |(place, velocity): &(Vec2, Vec2), t: f64| place + t * velocity;
+            let mut answer = |stamp_ns: u64, t: f64, pose: Pose, wish: (f64, f64)| {
+                let alpha = front_point(pose, ell);
+                let mut away: Vec<Vec2> =
+                    others.iter().map(|other| alpha - other_at(other, t)).collect();
+                away.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
+                let sample = sample(stamp_ns, pose, &away);
+                if bounds_alone {
+                    // As if all that leads around others had failed.
+                    let wanted = rotate(wish.0, Vec2::new(wish.1 * v_max, 0.0));
+                    let wanted = Twist { v_m_s: wanted.x, w_rad_s: wanted.y / ell };
+                    guard.forget_the_dead(stamp_ns);
+                    let granted = guard.bound(&sample, wanted);
+                    guard.alive.push_back((stamp_ns, granted));
+                    granted
+                } else {
+                    guard.steer(&sample, rotate(wish.0, Vec2::new(wish.1 * v_max, 0.0)))
+                }
+            };
+
+            let one = answer(first_ns, 0.0, start, wishes[0]);
+            let t_one = effects[0] * second * lifetime;
+            let t_second = second * lifetime;
+            let turned = arc(start, one, t_second - t_one);
+            let second_ns = first_ns + (t_second * 1e9) as u64;
+            let two = answer(second_ns, t_second, turned, wishes[1]);
+
+            let dies_one = lifetime;
+            let t_two = t_second + effects[1] * lifetime;
+            let dies_two = t_second + lifetime;
+            let stands_from = dies_one.min(t_two);
+            let before_two = arc(turned, one, stands_from - t_second);
+
+            // (pose and twist at t, and its command's sample: stamp and pose, fastest own command)
+            let speeds = [front_speed(ell, one), front_speed(ell, two)];
+            let acting = [
+                (t_one, stands_from, start, one, 0.0, start, speeds[0]),
+                (t_two, dies_two, before_two, two, t_second, turned, speeds[0].max(speeds[1])),
+            ];
+            for (from, until, pose, twist, sampled, sampled_pose, v_own) in acting {
+                for k in 0..=20 {
+                    let t = from + (until - from) * f64::from(k) / 20.0;
+                    let now = arc(pose, twist, t - from);
+                    let velocity = front_velocity(now.heading_rad, ell, twist);
+                    for other in &others {
+                        let r = (front_point(sampled_pose, ell) - other_at(other, sampled)).norm();
+                        let rho = (r - d).max(0.0);
+                        let reach = (v_max + v_own) * lifetime; // M
+                        let b = (rho * (-2.0f64).exp()).max(rho - reach) / lifetime;
+                        let z = front_point(now, ell) - other_at(other, t);
+                        let approach = -z.normalize().dot(&velocity);
+                        prop_assert!(approach <= b + 1e-9, "{approach} > {b} at {t}");
+                    }
+                }
+            }
+        }
+    }
+}

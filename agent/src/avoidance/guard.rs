@@ -316,7 +316,8 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(4000))]
 
         /// The lemma that the proof rests on. Two samples less than H apart; the plant obeys the
-        /// answer to the first one until that to the second takes effect, at whatever moment.
+        /// answer to the first one until that to the second takes effect, at whatever moment. After
+        /// a restart it obeys some command of the robot's predecessor before.
         #[test]
         fn while_a_command_acts_it_approaches_nobody_faster_than_its_share_of_the_slack(
             d in 0.1..0.4f64,
@@ -327,6 +328,7 @@ mod tests {
             heading_rad in -3.1..3.1f64,
             wishes in [(-3.2..3.2f64, 0.0..1.0f64), (-3.2..3.2f64, 0.0..1.0f64)],
             bounds_alone in any::<bool>(),
+            predecessor in proptest::option::of((-3.2..3.2f64, 0.0..1.0f64)),
             second in 0.05..0.95f64,   // the second sample's stamp, in H after the first
             effects in [0.0..1.0f64, 0.0..1.0f64], // when each takes effect, in H after its stamp
         ) {
@@ -335,10 +337,17 @@ mod tests {
             let v_max = steps * (0.25 * d).min(0.5 * ell) / lifetime;
             let period_ns = (period_share * 2e7) as u64;
             let mut guard = guard(d, v_max, ell, period_ns, lifetime_ns);
-            // Long in the air: no predecessor's command is alive.
             let first_ns = 1_000_000_000;
             let start = Pose { x_m: 0.0, y_m: 0.0, heading_rad };
-            guard.steer(&sample(0, start, &[]), Vec2::zeros());
+            let driven = |(angle, share): (f64, f64)| {
+                let body = rotate(angle, Vec2::new(share * v_max, 0.0));
+                Twist { v_m_s: body.x, w_rad_s: body.y / ell }
+            };
+            let before = predecessor.map_or(Twist::ZERO, driven);
+            if predecessor.is_none() {
+                // Long in the air: no predecessor's command is alive.
+                guard.steer(&sample(0, start, &[]), Vec2::zeros());
+            }
 
             let alpha = front_point(start, ell);
             let others: Vec<(Vec2, Vec2)> = others
@@ -358,10 +367,8 @@ mod tests {
                 let sample = sample(stamp_ns, pose, &away);
                 if bounds_alone {
                     // As if all that leads around others had failed.
-                    let wanted = rotate(wish.0, Vec2::new(wish.1 * v_max, 0.0));
-                    let wanted = Twist { v_m_s: wanted.x, w_rad_s: wanted.y / ell };
                     guard.forget_the_dead(stamp_ns);
-                    let granted = guard.bound(&sample, wanted);
+                    let granted = guard.bound(&sample, driven(wish));
                     guard.alive.push_back((stamp_ns, granted));
                     granted
                 } else {
@@ -372,7 +379,8 @@ mod tests {
             let one = answer(first_ns, 0.0, start, wishes[0]);
             let t_one = effects[0] * second * lifetime;
             let t_second = second * lifetime;
-            let turned = arc(start, one, t_second - t_one);
+            let moved = arc(start, before, t_one);
+            let turned = arc(moved, one, t_second - t_one);
             let second_ns = first_ns + (t_second * 1e9) as u64;
             let two = answer(second_ns, t_second, turned, wishes[1]);
 
@@ -383,10 +391,11 @@ mod tests {
             let before_two = arc(turned, one, stands_from - t_second);
 
             // (pose and twist at t, and its command's sample: stamp and pose, fastest own command)
-            let speeds = [front_speed(ell, one), front_speed(ell, two)];
+            let fastest_one = front_speed(ell, one).max(front_speed(ell, before));
+            let fastest_two = front_speed(ell, one).max(front_speed(ell, two));
             let acting = [
-                (t_one, stands_from, start, one, 0.0, start, speeds[0]),
-                (t_two, dies_two, before_two, two, t_second, turned, speeds[0].max(speeds[1])),
+                (t_one, stands_from, moved, one, 0.0, start, fastest_one),
+                (t_two, dies_two, before_two, two, t_second, turned, fastest_two),
             ];
             for (from, until, pose, twist, sampled, sampled_pose, v_own) in acting {
                 for k in 0..=20 {

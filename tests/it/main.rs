@@ -1,4 +1,5 @@
-//! Real processes, one test binary. Every test has its own run root, so tests run side by side.
+//! One test binary. Real processes, each test in its own run root, so that tests run side by side;
+//! and the same brains and world composed in one process: `oracle` (lockstep), `model` (real time).
 
 mod bad_files;
 mod cleanup;

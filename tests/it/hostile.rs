@@ -111,7 +111,7 @@ fn once_faults_stop_everybody_comes_home() {
     let cases = TRIANGLES.map(|name| (name, 3)).into_iter().chain([("pentagon", 2)]);
     for (place, (name, hostile_s)) in cases.enumerate() {
         for (seed, adversary) in (10 * place as u64..).zip(ADVERSARIES) {
-            let scenario = scenario(name, &["duration_s=20", "expect={}"]);
+            let scenario = scenario(name, &["duration_s=30", "expect={}"]);
             let fleet = Fleet::of(&scenario);
             let mut metrics = Metrics::new(&scenario, Pace::Realtime);
             let flight = Flight {

@@ -101,7 +101,7 @@ fn in_2160_hostile_flights_no_two_robots_come_nearer_than_d() {
 }
 
 #[test]
-#[ignore = "minutes; the same with other seeds"]
+#[ignore = "minutes; ten times as many seeds"]
 fn in_21600_hostile_flights_no_two_robots_come_nearer_than_d() {
     nobody_comes_nearer_than_d(100);
 }

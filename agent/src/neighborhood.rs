@@ -326,7 +326,12 @@ mod tests {
                 .iter()
                 .map(|parent| {
                     let index = parent + 1;
-                    let heard = NeighborBrief { name: "".into(), index, offset_m: [0.0, 0.0] };
+                    let heard = NeighborBrief {
+                        name: "".into(),
+                        index,
+                        offset_m: [0.0, 0.0],
+                        faults: Vec::new(),
+                    };
                     Neighborhood::new(&[heard], silence.clone())
                 })
                 .collect();

@@ -261,7 +261,9 @@ mod tests {
     use formation::pose::Pose;
     use formation::unicycle::arc;
     use proptest::prelude::*;
-    use protocol::brief::{AvoidanceBrief, AvoidanceKind, SilenceBrief, SilencePolicy};
+    use protocol::brief::{
+        AvoidanceBrief, AvoidanceKind, PublishedVelocity, SilenceBrief, SilencePolicy,
+    };
 
     fn guard(d: f64, v_max: f64, ell: f64, period_ns: u64, lifetime_ns: u64) -> Guard {
         Guard::new(&AgentBrief {
@@ -277,6 +279,7 @@ mod tests {
             gains: Default::default(),
             led: false,
             lead: None,
+            published_velocity: PublishedVelocity::Gamma,
             avoidance: AvoidanceBrief {
                 kind: AvoidanceKind::Guard,
                 distance_min_m: d,
@@ -290,6 +293,7 @@ mod tests {
                 lost_after_ns: 1,
                 policy: SilencePolicy::Ignore,
             },
+            slow: Vec::new(),
             neighbors: Vec::new(),
         })
     }

@@ -105,7 +105,10 @@ impl Agent {
             };
             epoch = new_epoch;
             last_tick = Instant::now();
-            let Some(first_tick) = barrier.member_since(slot) else { continue };
+            // After a freeze it first sees a tick that went by without it.
+            let Some(first_tick) = barrier.member_since(slot).filter(|&since| since <= tick) else {
+                continue;
+            };
             let odometry = self.odometry_of(tick)?;
             if tick > first_tick {
                 self.hear_tick(barrier, tick - 1, odometry.stamp_ns)?;

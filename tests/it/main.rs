@@ -3,6 +3,7 @@
 
 mod bad_files;
 mod cleanup;
+mod every_fault;
 mod faults;
 mod formats;
 mod harness;

@@ -12,8 +12,13 @@ use supervisor::scenario::{FaultKind, Scenario};
 
 /// `scenarios/<name>.toml`, with these keys set.
 pub fn scenario(name: &str, set: &[&str]) -> Scenario {
-    let set = set.iter().map(|&assignment| assignment.into()).collect();
-    let overrides = Overrides { set, ..Overrides::default() };
+    with_faults(name, set, &[])
+}
+
+/// The same with these faults added, in the words of `--fault`.
+pub fn with_faults(name: &str, set: &[&str], faults: &[&str]) -> Scenario {
+    let owned = |list: &[&str]| list.iter().map(|&word| word.into()).collect();
+    let overrides = Overrides { set: owned(set), faults: owned(faults), seed: None };
     let path = format!("{}/scenarios/{name}.toml", env!("CARGO_MANIFEST_DIR"));
     match read(path.as_ref(), &overrides, &agent::laws::descriptions()) {
         Ok((scenario, ..)) => scenario,

@@ -1,16 +1,164 @@
 //! What breaks when, in words: on the command line, `kill r2 @10 restart 2`, and in reports.
 //!
 //! Here only the words are read. Whether there is such a robot, and whether it is alive then, is
-//! asked where faults of the file are read too: both become the same `[[fault]]` tables.
+//! asked in `faults`, where those of the file are read too: both become the same `[[fault]]` tables.
 
 use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind, WheelFaultKind};
 use toml_edit::{Table, value};
 
+use super::diagnostic::meant;
 use super::{Fault, FaultKind, Scenario, seconds as in_seconds};
 use crate::metrics::fault::Struck;
 
-/// How a fault is written on the command line.
-pub const GRAMMAR: &str = "kill ROBOT @SECONDS [restart SECONDS]";
+/// How a kind of fault is written: as `KIND SUBJECT [WORD NUMBER]... @SECONDS [for SECONDS]` on the
+/// command line, as keys in a file.
+#[derive(Debug)]
+pub(crate) struct Form {
+    /// Value of the key `kind`, and first word.
+    pub(crate) kind: &'static str,
+    /// Whom it strikes.
+    pub(crate) subject: Subject,
+    /// Whether it lasts: it may have `for_s`.
+    pub(crate) lasts: bool,
+    /// What else there may be.
+    details: &'static [Detail],
+    /// One line for people.
+    grammar: &'static str,
+}
+
+/// Whom a fault strikes, and which keys say so.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Subject {
+    /// `robot`.
+    Robot,
+    /// `from` and `to`: `r1->r2`.
+    Link,
+    /// `robot` and `sensor`: `r1 proximity`.
+    Sensor,
+    /// Nobody.
+    Machine,
+}
+
+/// A word of the command line, and the key that it stands for.
+#[derive(Debug)]
+struct Detail {
+    word: &'static str,
+    key: &'static str,
+    value: DetailValue,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum DetailValue {
+    Number,
+    Whole,
+    /// The word alone says it all.
+    Yes,
+}
+
+const fn number(word: &'static str, key: &'static str) -> Detail {
+    Detail { word, key, value: DetailValue::Number }
+}
+
+const fn whole(word: &'static str, key: &'static str) -> Detail {
+    Detail { word, key, value: DetailValue::Whole }
+}
+
+/// Every kind of fault.
+pub(crate) const FORMS: &[Form] = &[
+    Form {
+        kind: "kill",
+        subject: Subject::Robot,
+        lasts: false,
+        details: &[number("restart", "restart_after_s")],
+        grammar: "kill ROBOT|plant @SECONDS [restart SECONDS]",
+    },
+    Form {
+        kind: "freeze",
+        subject: Subject::Robot,
+        lasts: true,
+        details: &[],
+        grammar: "freeze ROBOT @SECONDS [for SECONDS]",
+    },
+    Form {
+        kind: "slow",
+        subject: Subject::Robot,
+        lasts: true,
+        details: &[number("by", "delay_s")],
+        grammar: "slow ROBOT by SECONDS @SECONDS [for SECONDS]",
+    },
+    Form {
+        kind: "cut",
+        subject: Subject::Link,
+        lasts: true,
+        details: &[],
+        grammar: "cut FROM->TO @SECONDS [for SECONDS]",
+    },
+    Form {
+        kind: "loss",
+        subject: Subject::Link,
+        lasts: true,
+        details: &[number("of", "probability"), whole("burst", "burst")],
+        grammar: "loss FROM->TO of SHARE [burst BEACONS] @SECONDS [for SECONDS]",
+    },
+    Form {
+        kind: "delay",
+        subject: Subject::Link,
+        lasts: true,
+        details: &[number("by", "delay_s"), number("jitter", "jitter_s")],
+        grammar: "delay FROM->TO by SECONDS [jitter SECONDS] @SECONDS [for SECONDS]",
+    },
+    Form {
+        kind: "blackout",
+        subject: Subject::Sensor,
+        lasts: true,
+        details: &[],
+        grammar: "blackout ROBOT odometry|proximity @SECONDS [for SECONDS]",
+    },
+    Form {
+        kind: "noise",
+        subject: Subject::Sensor,
+        lasts: true,
+        details: &[number("by", "bound_m")],
+        grammar: "noise ROBOT odometry|proximity by METERS @SECONDS [for SECONDS]",
+    },
+    Form {
+        kind: "wheels",
+        subject: Subject::Robot,
+        lasts: true,
+        details: &[
+            Detail { word: "stuck", key: "stuck", value: DetailValue::Yes },
+            number("limit", "speed_max_m_s"),
+        ],
+        grammar: "wheels ROBOT stuck|limit M_PER_S @SECONDS [for SECONDS]",
+    },
+    Form {
+        kind: "load",
+        subject: Subject::Machine,
+        lasts: true,
+        details: &[whole("of", "processes")],
+        grammar: "load of PROCESSES @SECONDS [for SECONDS]",
+    },
+];
+
+impl Form {
+    /// The keys of its table.
+    pub(crate) fn keys(&self) -> Vec<&'static str> {
+        let subject: &[&str] = match self.subject {
+            Subject::Robot => &["robot"],
+            Subject::Link => &["from", "to"],
+            Subject::Sensor => &["robot", "sensor"],
+            Subject::Machine => &[],
+        };
+        let lasts = self.lasts.then_some("for_s");
+        let details = self.details.iter().map(|detail| detail.key);
+        ["at_s", "kind"]
+            .into_iter()
+            .chain(subject.iter().copied())
+            .chain(details)
+            .chain(lasts)
+            .collect()
+    }
+}
 
 impl Fault {
     /// What it is and for how long, in words.
@@ -103,53 +251,98 @@ impl FaultKind {
     }
 }
 
-/// Why an argument is no fault.
+/// Why an argument is no fault, and how it would be one.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{reason}")]
 pub struct FaultError {
     reason: String,
+    /// How the fault that was meant is written, or all of them.
+    pub expected: String,
 }
 
 /// The keys of the `[[fault]]` table that `argument` stands for.
 pub fn parse(argument: &str) -> Result<Table, FaultError> {
-    let words: Vec<&str> = argument.split_whitespace().collect();
-    let (robot, at, restart) = match words[..] {
-        ["kill", robot, at] => (robot, at, None),
-        ["kill", robot, at, "restart", after] => (robot, at, Some(after)),
-        ["kill", _, _, "restart"] => return Err(wrong("`restart` needs seconds after it")),
-        ["kill", _, _, word, ..] if word != "restart" => {
-            return Err(wrong(format!("`{word}` stands where only `restart` may")));
-        }
-        ["kill", _, _, _, _, word, ..] => {
-            return Err(wrong(format!("`{word}` is one word too many")));
-        }
-        ["kill", ..] => return Err(wrong("`kill` needs a robot and a time")),
-        [word, ..] => return Err(wrong(format!("there is no fault `{word}`"))),
-        [] => return Err(wrong("it is empty")),
+    let mut words = argument.split_whitespace();
+    let kind = words.next().unwrap_or_default();
+    let Some(form) = FORMS.iter().find(|form| form.kind == kind) else {
+        let kinds: Vec<&str> = FORMS.iter().map(|form| form.kind).collect();
+        let reason = match kind {
+            "" => "it is empty".to_owned(),
+            kind => format!("there is no fault `{kind}`"),
+        };
+        let expected = match meant(kind, kinds.iter().copied()) {
+            Some(close) => format!("did you mean `{close}`?"),
+            None => format!("expected one of {}, such as kill r2 @10 restart 2", kinds.join(", ")),
+        };
+        return Err(FaultError { reason, expected });
     };
-    let at_s = at
-        .strip_prefix('@')
-        .ok_or_else(|| wrong(format!("the time `{at}` does not begin with `@`")))?;
+    let wrong =
+        |reason: String| FaultError { reason, expected: format!("expected {}", form.grammar) };
     let mut table = Table::new();
-    table["at_s"] = value(seconds(at_s)?);
-    table["kind"] = value("kill");
-    table["robot"] = value(robot);
-    if let Some(after) = restart {
-        table["restart_after_s"] = value(seconds(after)?);
+    table["kind"] = value(kind);
+    match form.subject {
+        Subject::Robot | Subject::Sensor => {
+            let robot = words.next().ok_or_else(|| wrong(format!("`{kind}` needs a robot")))?;
+            table["robot"] = value(robot);
+        }
+        Subject::Link => {
+            let link = words.next().and_then(|link| link.split_once("->"));
+            let (from, to) =
+                link.ok_or_else(|| wrong(format!("`{kind}` needs a link, such as r1->r2")))?;
+            table["from"] = value(from);
+            table["to"] = value(to);
+        }
+        Subject::Machine => {}
+    }
+    if form.subject == Subject::Sensor {
+        let sensor = words.next().ok_or_else(|| wrong(format!("`{kind}` needs a sensor")))?;
+        table["sensor"] = value(sensor);
+    }
+    while let Some(word) = words.next() {
+        let of_time = match word {
+            "for" if form.lasts => Some("for_s"),
+            _ => None,
+        };
+        let detail = form.details.iter().find(|detail| detail.word == word);
+        let (key, item) = match (word.strip_prefix('@'), of_time, detail) {
+            (Some(at), ..) => ("at_s", value(parsed(at).map_err(wrong)?)),
+            (None, Some(key), _) => (key, value(number_after(word, &mut words).map_err(wrong)?)),
+            (None, None, Some(detail)) => match detail.value {
+                DetailValue::Yes => (detail.key, value(true)),
+                DetailValue::Number => {
+                    (detail.key, value(number_after(word, &mut words).map_err(wrong)?))
+                }
+                DetailValue::Whole => {
+                    let number = number_after(word, &mut words).map_err(wrong)?;
+                    if number.fract() != 0.0 || number > 1e9 {
+                        return Err(wrong(format!("`{word} {number}` is not a whole number")));
+                    }
+                    (detail.key, value(number as i64))
+                }
+            },
+            (None, None, None) => return Err(wrong(format!("`{word}` has no place here"))),
+        };
+        if table.contains_key(key) {
+            return Err(wrong(format!("`{word}` says again what was said before")));
+        }
+        table[key] = item;
+    }
+    if !table.contains_key("at_s") {
+        return Err(wrong(format!("`{kind}` needs a time, such as @10")));
     }
     Ok(table)
 }
 
-/// A number of seconds, written as Rust writes one.
-fn seconds(word: &str) -> Result<f64, FaultError> {
-    match word.parse::<f64>() {
-        Ok(number) if number.is_finite() && number >= 0.0 => Ok(number),
-        _ => Err(wrong(format!("`{word}` is not a number of seconds from 0"))),
-    }
+fn number_after<'w>(word: &str, words: &mut impl Iterator<Item = &'w str>) -> Result<f64, String> {
+    parsed(words.next().ok_or_else(|| format!("`{word}` needs a number after it"))?)
 }
 
-fn wrong(reason: impl Into<String>) -> FaultError {
-    FaultError { reason: reason.into() }
+/// A number from 0, written as Rust writes one.
+fn parsed(word: &str) -> Result<f64, String> {
+    match word.parse::<f64>() {
+        Ok(number) if number.is_finite() && number >= 0.0 => Ok(number),
+        _ => Err(format!("`{word}` is not a number from 0")),
+    }
 }
 
 #[cfg(test)]
@@ -157,11 +350,45 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_kill_becomes_the_table_that_a_file_would_hold() {
-        let with = parse("kill r2 @10 restart 2").unwrap().to_string();
-        assert_eq!(with, "at_s = 10.0\nkind = \"kill\"\nrobot = \"r2\"\nrestart_after_s = 2.0\n");
-        let without = parse("  kill r2   @0.5").unwrap().to_string();
-        assert_eq!(without, "at_s = 0.5\nkind = \"kill\"\nrobot = \"r2\"\n");
+    fn every_kind_becomes_the_table_that_a_file_would_hold() {
+        for (argument, table) in [
+            (
+                "kill r2 @10 restart 2",
+                "kind = 'kill', robot = 'r2', at_s = 10.0, restart_after_s = 2.0",
+            ),
+            ("  kill plant   @0.5", "kind = 'kill', robot = 'plant', at_s = 0.5"),
+            ("freeze r2 @12 for 1.5", "kind = 'freeze', robot = 'r2', at_s = 12.0, for_s = 1.5"),
+            ("slow r2 by 0.01 @5", "kind = 'slow', robot = 'r2', delay_s = 0.01, at_s = 5.0"),
+            (
+                "cut r1->r2 for 5 @1",
+                "kind = 'cut', from = 'r1', to = 'r2', for_s = 5.0, at_s = 1.0",
+            ),
+            (
+                "loss a->b of 0.3 burst 5 @1",
+                "kind = 'loss', from = 'a', to = 'b', probability = 0.3, burst = 5, at_s = 1.0",
+            ),
+            (
+                "delay a->b by 0.02 jitter 0.01 @0",
+                "kind = 'delay', from = 'a', to = 'b', delay_s = 0.02, jitter_s = 0.01, at_s = 0.0",
+            ),
+            (
+                "blackout r2 proximity @5",
+                "kind = 'blackout', robot = 'r2', sensor = 'proximity', at_s = 5.0",
+            ),
+            (
+                "noise r2 odometry by 0.01 @5",
+                "kind = 'noise', robot = 'r2', sensor = 'odometry', bound_m = 0.01, at_s = 5.0",
+            ),
+            ("wheels r2 stuck @5", "kind = 'wheels', robot = 'r2', stuck = true, at_s = 5.0"),
+            (
+                "wheels r2 limit 0.2 @5",
+                "kind = 'wheels', robot = 'r2', speed_max_m_s = 0.2, at_s = 5.0",
+            ),
+            ("load of 2 @5", "kind = 'load', processes = 2, at_s = 5.0"),
+        ] {
+            let found = parse(argument).unwrap().to_string();
+            assert_eq!(found.trim().replace('\n', ", ").replace('"', "'"), table, "{argument}");
+        }
     }
 
     #[test]
@@ -170,17 +397,24 @@ mod tests {
             ("", "empty"),
             ("explode r2 @1", "no fault `explode`"),
             ("kill", "needs a robot"),
-            ("kill r2", "needs a robot"),
-            ("kill r2 10", "`10` does not begin with `@`"),
+            ("kill r2", "needs a time"),
+            ("kill r2 10", "`10` has no place"),
             ("kill r2 @ten", "`ten` is not a number"),
             ("kill r2 @inf", "`inf` is not a number"),
             ("kill r2 @-1", "`-1` is not a number"),
-            ("kill r2 @1 restart", "needs seconds"),
-            ("kill r2 @1 again 2", "`again` stands where"),
-            ("kill r2 @1 restart 2 3", "`3` is one word too many"),
+            ("kill r2 @1 restart", "`restart` needs a number"),
+            ("kill r2 @1 again 2", "`again` has no place"),
+            ("kill r2 @1 restart 2 3", "`3` has no place"),
+            ("kill r2 @1 @2", "`@2` says again"),
+            ("kill r2 @1 for 2", "`for` has no place"),
+            ("cut r1 @1", "needs a link"),
+            ("noise r1", "needs a sensor"),
+            ("load of 1.5 @1", "`of 1.5` is not a whole number"),
         ] {
-            let error = parse(argument).unwrap_err().to_string();
-            assert!(error.contains(word), "{argument}: {error}");
+            let error = parse(argument).unwrap_err();
+            assert!(error.to_string().contains(word), "{argument}: {error}");
+            assert!(!error.expected.is_empty());
         }
+        assert!(parse("frezze r1 @1").unwrap_err().expected.contains("`freeze`"));
     }
 }

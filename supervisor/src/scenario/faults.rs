@@ -1,62 +1,247 @@
-//! What breaks in a scenario, and that it can: all `[[fault]]`.
+//! What breaks in a scenario, and that it can: all `[[fault]]`, and `[chaos]`.
 
+use formation::graph::FormationGraph;
+use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind, WheelFaultKind};
+
+use super::chaos::Chaos;
 use super::diagnostic::Diagnostic;
+use super::fault::{FORMS, Form, Subject};
 use super::robots::robot_named;
-use super::table::Table;
+use super::table::{Table, Value};
 use super::{Fault, FaultKind, Robot, seconds};
 
-/// All `[[fault]]`, in order of time.
-pub(super) fn faults(
-    root: &Table<'_>,
-    robots: &[Robot],
-    duration_ns: u64,
-) -> Result<Vec<Fault>, Diagnostic> {
-    let mut faults = Vec::new();
+/// Most beacons that are lost together, most load processes: more is a slip of the keyboard.
+const BURST_MAX: u64 = 1_000_000;
+const LOAD_MAX: u64 = 256;
+
+/// What faults of a scenario may name, and when.
+pub(super) struct Scene<'a> {
+    pub(super) robots: &'a [Robot],
+    pub(super) graph: &'a FormationGraph,
+    pub(super) duration_ns: u64,
+    pub(super) seed: u64,
+}
+
+/// All faults in order of time: those of the file, then those that chaos draws around them.
+pub(super) fn faults(root: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, Diagnostic> {
+    let mut planned = Vec::new();
     for table in root.tables("fault")? {
-        table.only(&["at_s", "kind", "robot", "restart_after_s"])?;
         let at = table.need("at_s", "when it happens, in seconds since the start")?;
-        let at_ns = at.instant_ns()?;
-        if at_ns >= duration_ns {
-            return Err(at.wrong(
-                format!("is {}, when the run is over", seconds(at_ns)),
-                format!("expected less than `duration_s`, {} s", seconds(duration_ns)),
-            ));
-        }
-        table.need("kind", "\"kill\"")?.word(&[("kill", ())])?;
-        let robot = robot_named(&table.need("robot", "the name of a robot")?, robots)?;
-        let restart_after_ns =
-            table.get("restart_after_s").map(|after| after.duration_ns()).transpose()?;
-        faults.push((
-            Fault { at_ns, for_ns: None, kind: FaultKind::Kill { robot, restart_after_ns } },
-            at,
+        planned.push((fault(&table, &at, scene)?, at));
+    }
+    planned.sort_by_key(|(fault, _)| fault.at_ns);
+    let mut lives = Lives::new(scene.robots.len());
+    for (fault, at) in &planned {
+        lives.take(fault).map_err(|why| {
+            let name = |robot: usize| scene.robots[robot].name.as_str();
+            let (is, expected) = why.in_words(name);
+            at.wrong(format!("is {}, when {is}", seconds(fault.at_ns)), expected)
+        })?;
+    }
+    let mut faults: Vec<Fault> = planned.into_iter().map(|(fault, _)| fault).collect();
+    if let Some(chaos) = root.get("chaos") {
+        let drawn = Chaos::read(&chaos, scene)?.draw(scene, &mut lives);
+        faults.extend(drawn);
+        faults.sort_by_key(|fault| fault.at_ns);
+    }
+    Ok(faults)
+}
+
+/// One `[[fault]]`.
+fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Fault, Diagnostic> {
+    let kinds: Vec<(&str, &Form)> = FORMS.iter().map(|form| (form.kind, form)).collect();
+    let form = table.need("kind", "\"kill\", \"freeze\", \"cut\", ...")?.word(&kinds)?;
+    table.only(&form.keys())?;
+    let at_ns = at.instant_ns()?;
+    if at_ns >= scene.duration_ns {
+        return Err(at.wrong(
+            format!("is {}, when the run is over", seconds(at_ns)),
+            format!("expected less than `duration_s`, {} s", seconds(scene.duration_ns)),
         ));
     }
-    faults.sort_by_key(|(fault, _)| fault.at_ns);
-    // For each robot: when it is up again after its latest kill; `None` for never.
-    let mut dead_until: Vec<Option<u64>> = vec![Some(0); robots.len()];
-    for (fault, at) in &faults {
-        let FaultKind::Kill { robot, restart_after_ns } = fault.kind else { continue };
-        let name = &robots[robot].name;
-        let at_s = seconds(fault.at_ns);
-        match dead_until[robot] {
-            Some(back_ns) if back_ns < fault.at_ns || back_ns == 0 => {}
-            Some(back_ns) => {
-                return Err(at.wrong(
-                    format!("is {at_s}, when {name} is dead already"),
-                    format!(
-                        "expected more than {} s, when {name} is started again",
-                        seconds(back_ns)
-                    ),
-                ));
-            }
-            None => {
-                return Err(at.wrong(
-                    format!("is {at_s}, when {name} is dead already"),
-                    format!("expected `restart_after_s` in the kill of {name} before this one"),
-                ));
+    let for_ns = table.get("for_s").map(|lasts| lasts.duration_ns()).transpose()?;
+    let robot_value = || table.need("robot", "the name of a robot");
+    let robot = || robot_named(&robot_value()?, scene.robots);
+    let delay_ns = || table.need("delay_s", "how much later, in seconds")?.duration_ns();
+    let kind = match form.kind {
+        "kill" => {
+            let restart = table.get("restart_after_s");
+            if robot_value()?.text("expected a name")? == "plant" {
+                if let Some(restart) = restart {
+                    return Err(restart.wrong(
+                        "is given for the plant",
+                        "expected none: with the plant's death the run ends, with exit code 4",
+                    ));
+                }
+                FaultKind::KillPlant
+            } else {
+                let restart_after_ns = restart.map(|after| after.duration_ns()).transpose()?;
+                FaultKind::Kill { robot: robot()?, restart_after_ns }
             }
         }
-        dead_until[robot] = restart_after_ns.map(|after_ns| fault.at_ns + after_ns);
+        "freeze" => FaultKind::Freeze { robot: robot()? },
+        "slow" => FaultKind::Slow { robot: robot()?, delay_ns: delay_ns()? },
+        "cut" => FaultKind::Link { edge: edge(table, scene)?, kind: LinkFaultKind::Cut },
+        "loss" => {
+            let share = table.need("probability", "share of the beacons that are lost")?;
+            let probability = share.positive("")?;
+            if probability > 1.0 {
+                return Err(share.wrong(
+                    format!("is {probability}"),
+                    "expected a share of the beacons, above 0 and at most 1",
+                ));
+            }
+            let burst = table.get("burst").map_or(Ok(1), |burst| burst.integer(1, BURST_MAX))?;
+            let kind = LinkFaultKind::Loss { probability, burst };
+            FaultKind::Link { edge: edge(table, scene)?, kind }
+        }
+        "delay" => {
+            let jitter_ns = table.get("jitter_s").map_or(Ok(0), |jitter| jitter.instant_ns())?;
+            let kind = LinkFaultKind::Delay { delay_ns: delay_ns()?, jitter_ns };
+            FaultKind::Link { edge: edge(table, scene)?, kind }
+        }
+        "blackout" => FaultKind::Sensor {
+            robot: robot()?,
+            sensor: sensor(table)?,
+            kind: SensorFaultKind::Blackout,
+        },
+        "noise" => {
+            let bound_m = table.need("bound_m", "positions are off by at most this, in meters")?;
+            let kind = SensorFaultKind::Noise { bound_m: bound_m.positive("m")? };
+            FaultKind::Sensor { robot: robot()?, sensor: sensor(table)?, kind }
+        }
+        "wheels" => {
+            let kind = match (table.get("stuck"), table.get("speed_max_m_s")) {
+                (Some(stuck), None) if stuck.boolean()? => WheelFaultKind::Stuck,
+                (None, Some(limit)) => {
+                    WheelFaultKind::Limit { speed_max_m_s: limit.positive("m/s")? }
+                }
+                (Some(stuck), _) => {
+                    return Err(stuck.wrong(
+                        "says too little, or too much",
+                        "expected either `stuck = true` or `speed_max_m_s`",
+                    ));
+                }
+                (None, None) => {
+                    return Err(table.missing("stuck", "or else `speed_max_m_s`, in m/s"));
+                }
+            };
+            FaultKind::Wheels { robot: robot()?, kind }
+        }
+        "load" => {
+            let processes = table.need("processes", "how many processes take processor time")?;
+            FaultKind::Load { processes: processes.integer(1, LOAD_MAX)? as usize }
+        }
+        other => unreachable!("{other} is a form, and read here"),
+    };
+    debug_assert!(form.subject != Subject::Link || matches!(kind, FaultKind::Link { .. }));
+    Ok(Fault { at_ns, for_ns, kind })
+}
+
+/// The place of the edge that `from` and `to` name.
+fn edge(table: &Table<'_>, scene: &Scene<'_>) -> Result<usize, Diagnostic> {
+    let (from, to) =
+        (table.need("from", "the robot that is heard")?, table.need("to", "the robot that hears")?);
+    let ends = [robot_named(&from, scene.robots)?, robot_named(&to, scene.robots)?];
+    let found = scene.graph.edges().iter().position(|edge| [edge.from, edge.to] == ends);
+    found.ok_or_else(|| {
+        let [speaker, hearer] = ends.map(|end| scene.robots[end].name.as_str());
+        let heard = scene.graph.heard_by(ends[1]);
+        let heard: Vec<&str> = heard.map(|edge| scene.robots[edge.from].name.as_str()).collect();
+        let expected = match heard[..] {
+            [] => format!("expected a link that exists: {hearer} hears nobody"),
+            _ => format!("expected a link that exists: {hearer} hears {}", heard.join(", ")),
+        };
+        to.wrong(format!("is \"{hearer}\", which does not hear {speaker}"), expected)
+    })
+}
+
+fn sensor(table: &Table<'_>) -> Result<Sensor, Diagnostic> {
+    let words = [("odometry", Sensor::Odometry), ("proximity", Sensor::Proximity)];
+    table.need("sensor", "\"odometry\" or \"proximity\"")?.word(&words)
+}
+
+/// Which robots live, and go on, at the time of the newest fault taken.
+pub(super) struct Lives {
+    /// For each robot: when it is up again after its latest kill, ns; `None` for never.
+    dead_until: Vec<Option<u64>>,
+    /// For each robot: when its latest freeze ends, ns.
+    frozen_until: Vec<u64>,
+}
+
+/// Why a fault cannot happen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Impossible {
+    /// Dead at that time, and until that.
+    Dead { robot: usize, until_ns: Option<u64> },
+    /// Frozen at that time, and until that.
+    Frozen { robot: usize, until_ns: u64 },
+}
+
+impl Impossible {
+    /// What is in the way, and what was expected instead.
+    fn in_words<'n>(self, name: impl Fn(usize) -> &'n str) -> (String, String) {
+        match self {
+            Impossible::Dead { robot, until_ns: Some(until_ns) } => (
+                format!("{} is dead already", name(robot)),
+                format!(
+                    "expected more than {} s, when {} is started again",
+                    seconds(until_ns),
+                    name(robot)
+                ),
+            ),
+            Impossible::Dead { robot, until_ns: None } => (
+                format!("{} is dead already", name(robot)),
+                format!(
+                    "expected `restart_after_s` in the kill of {} before this one",
+                    name(robot)
+                ),
+            ),
+            Impossible::Frozen { robot, until_ns } => (
+                format!("{} is frozen already", name(robot)),
+                format!("expected at least {} s, when {} goes on", seconds(until_ns), name(robot)),
+            ),
+        }
     }
-    Ok(faults.into_iter().map(|(fault, _)| fault).collect())
+}
+
+impl Lives {
+    pub(super) fn new(robots: usize) -> Lives {
+        Lives { dead_until: vec![Some(0); robots], frozen_until: vec![0; robots] }
+    }
+
+    /// Whether this robot is dead or frozen at that time.
+    pub(super) fn is_down(&self, robot: usize, at_ns: u64) -> bool {
+        self.dead(robot, at_ns) || self.frozen_until[robot] > at_ns
+    }
+
+    fn dead(&self, robot: usize, at_ns: u64) -> bool {
+        self.dead_until[robot].is_none_or(|until_ns| until_ns >= at_ns && until_ns > 0)
+    }
+
+    /// Lets a fault happen, no earlier than those taken before.
+    pub(super) fn take(&mut self, fault: &Fault) -> Result<(), Impossible> {
+        let at_ns = fault.at_ns;
+        match fault.kind {
+            FaultKind::Kill { robot, restart_after_ns } => {
+                if self.dead(robot, at_ns) {
+                    return Err(Impossible::Dead { robot, until_ns: self.dead_until[robot] });
+                }
+                self.dead_until[robot] = restart_after_ns.map(|after_ns| at_ns + after_ns);
+                self.frozen_until[robot] = 0;
+            }
+            FaultKind::Freeze { robot } => {
+                if self.dead(robot, at_ns) {
+                    return Err(Impossible::Dead { robot, until_ns: self.dead_until[robot] });
+                }
+                let until_ns = self.frozen_until[robot];
+                if until_ns > at_ns {
+                    return Err(Impossible::Frozen { robot, until_ns });
+                }
+                self.frozen_until[robot] = fault.until_ns().unwrap_or(u64::MAX);
+            }
+            _ => {}
+        }
+        Ok(())
+    }
 }

@@ -11,7 +11,9 @@
 //! | `diagnostic` | how is a mistake shown: file, line, column, snippet, value, expectation? |
 //! | `../check` | does it make sense: graph, offsets, distances, speeds? |
 //! | `fault` | what breaks when, and how is that written on the command line? |
+//! | `chaos` | which faults does a seed draw? |
 
+mod chaos;
 pub mod diagnostic;
 mod expect;
 pub mod fault;

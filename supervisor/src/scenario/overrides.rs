@@ -12,7 +12,7 @@ pub struct Overrides {
     /// `key=value`, in order; keys are dotted as in `avoidance.kind` or `robot.r1.law`. The value
     /// is TOML, or a bare string where it is none.
     pub set: Vec<String>,
-    /// Faults to add, in the words of [`fault::GRAMMAR`].
+    /// Faults to add, in the words of [`fault::parse`].
     pub faults: Vec<String>,
     /// Seed to use instead of the file's.
     pub seed: Option<u64>,
@@ -147,10 +147,7 @@ fn put(table: &mut dyn TableLike, key: &str, mut value: Value) {
 /// Appends one `[[fault]]`.
 fn add_fault(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnostic> {
     let table = fault::parse(argument).map_err(|error| {
-        Diagnostic::plain(
-            format!("`--fault '{argument}'`: {error}"),
-            format!("expected {}, such as kill r2 @10 restart 2", fault::GRAMMAR),
-        )
+        Diagnostic::plain(format!("`--fault '{argument}'`: {error}"), error.expected.clone())
     })?;
     let list = document.entry("fault").or_insert_with(|| Item::ArrayOfTables(ArrayOfTables::new()));
     if let Some(tables) = list.as_array_of_tables_mut() {

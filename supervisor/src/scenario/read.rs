@@ -12,6 +12,7 @@ use std::path::Path;
 use protocol::brief::{
     AvoidanceBrief, AvoidanceKind, PublishedVelocity, SilenceBrief, SilencePolicy,
 };
+use protocol::fault::SensorFaultKind;
 use protocol::law::LawDescription;
 use toml::Spanned;
 use toml::de::DeTable;
@@ -21,14 +22,14 @@ pub use super::overrides::Overrides;
 
 use super::diagnostic::{Diagnostic, Severity, Source};
 use super::expect::expect;
-use super::faults::faults;
+use super::faults::{Scene, faults};
 use super::file::{Trouble, load};
 use super::graph::graph;
 use super::import::splice::{Spliced, splice};
 use super::lead::lead;
 use super::robots::{Robots, robot_keys, robots};
 use super::table::{Document, Places, Table, Value};
-use super::{Scenario, seconds};
+use super::{Fault, FaultKind, Scenario, seconds};
 use crate::check;
 
 /// Most ticks in one run: a day at 1 kHz.
@@ -53,6 +54,7 @@ const ROOT_KEYS: &[&str] = &[
     "edge",
     "graph",
     "fault",
+    "chaos",
     "expect",
     "trajectory",
     "scale",
@@ -230,7 +232,7 @@ fn scenario(
     let Robots { robots, ties, warnings } = robots(root, laws, document)?;
     let graph = graph(root, &robots, &ties)?;
     let lead = lead(root, &robots)?;
-    let faults = faults(root, &robots, duration_ns)?;
+    let faults = faults(root, &Scene { robots: &robots, graph: &graph, duration_ns, seed })?;
     let expect = expect(root, duration_ns)?;
     let mut scenario = Scenario {
         name: name_text.to_owned(),
@@ -250,11 +252,28 @@ fn scenario(
         faults,
         expect,
     };
+    let noise_m = noise_bound_m(scenario.robots.len(), &scenario.faults);
+    let avoidance = &mut scenario.avoidance;
+    avoidance.sensing_error_m = avoidance.sensing_error_m.max(noise_m);
     scenario.avoidance.sensing_radius_m = match avoidance_table.get("sensing_radius_m") {
         Some(radius) => radius.positive("m")?,
         None => scenario.sensing_radius_needed_m(),
     };
     Ok((scenario, warnings))
+}
+
+/// By how much a distance that some robot senses may be off, m: noise in its own position and in
+/// those of others adds up.
+fn noise_bound_m(robots: usize, faults: &[Fault]) -> f64 {
+    let mut bounds_m = vec![0.0; robots];
+    for fault in faults {
+        if let FaultKind::Sensor { robot, kind: SensorFaultKind::Noise { bound_m }, .. } =
+            fault.kind
+        {
+            bounds_m[robot] += bound_m;
+        }
+    }
+    bounds_m.into_iter().fold(0.0, f64::max)
 }
 
 /// T_p, L and h.

@@ -226,6 +226,14 @@ impl<'t> Value<'t> {
         }
     }
 
+    /// True or false.
+    pub(crate) fn boolean(&self) -> Result<bool, Diagnostic> {
+        match self.value {
+            DeValue::Boolean(boolean) => Ok(*boolean),
+            _ => Err(self.wrong_type("expected true or false")),
+        }
+    }
+
     /// One of the `words`.
     pub(crate) fn word<T: Copy>(&self, words: &[(&str, T)]) -> Result<T, Diagnostic> {
         let list: Vec<String> = words.iter().map(|(word, _)| format!("\"{word}\"")).collect();

@@ -256,7 +256,9 @@ fn an_argument_that_makes_no_sense_is_quoted() {
     }
     let faulty = Overrides { faults: vec!["kill r2 10".into()], ..Overrides::default() };
     let rendered = parse(&triangle(), &faulty).unwrap_err().render(false);
-    assert!(rendered.contains("--fault 'kill r2 10'") && rendered.contains("kill ROBOT @SECONDS"));
+    assert!(
+        rendered.contains("--fault 'kill r2 10'") && rendered.contains("kill ROBOT|plant @SECONDS")
+    );
 }
 
 #[test]

@@ -1,0 +1,110 @@
+//! Every kind of fault, in lockstep: foretold bit by bit, survived, reported, and over when it is over.
+
+use crate::harness::run;
+use crate::oracle::{self, with_faults};
+
+/// A fault on the way into the formation, and whether it changes what happens.
+const FAULTS: [(&str, bool); 17] = [
+    ("kill r2 @2.5 restart 2", true),
+    ("freeze r2 @2.5 for 1.5", true),
+    ("slow r2 by 0.005 @2 for 1", true),
+    // Less than a period: its answers still come in time.
+    ("slow r2 by 0.004 @2 for 1", false),
+    ("cut r3->r2 @2 for 2", true),
+    ("loss r2->r1 of 0.9 @1 for 5", true),
+    ("loss r2->r1 of 0.9 burst 7 @1 for 5", true),
+    ("delay r2->r1 by 0.2 @1 for 5", true),
+    ("delay r2->r1 by 0.02 jitter 0.1 @1 for 5", true),
+    ("blackout r1 odometry @2 for 1", true),
+    ("blackout r1 proximity @2 for 1", true),
+    ("noise r1 odometry by 0.01 @2 for 5", true),
+    ("noise r1 proximity by 0.01 @2 for 5", true),
+    ("wheels r1 stuck @2 for 1", true),
+    ("wheels r1 limit 0.03 @2 for 4", true),
+    ("load of 2 @2 for 1", false),
+    // Between two ticks: it only misses what it would have heard at the second.
+    ("freeze r2 @2.5011 for 0.002", true),
+];
+
+#[test]
+fn every_fault_is_foretold_and_survived_and_nothing_of_it_stays() {
+    let set = ["duration_s=20", "expect={}"];
+    for (fault, changes) in FAULTS {
+        let ended = set
+            .into_iter()
+            .fold(run("triangle").lockstep(), |run, set| run.set(set))
+            .fault(fault)
+            .finish();
+        ended.exits_with(0).leaves_nothing();
+        let foretold = oracle::fly(&with_faults("triangle", &set, &[fault]));
+        let hash = foretold.trajectory_hash.unwrap();
+        ended.claim(ended.hash() == hash, format!("{fault}: the hash is {hash}"));
+        let undisturbed = oracle::fly(&with_faults("triangle", &set, &[])).trajectory_hash;
+        // Noise makes the guard more careful from the start, also where nobody is near yet.
+        let changed = Some(ended.hash()) != undisturbed.as_deref();
+        ended.claim(changed == changes, format!("{fault}: it changes something: {changes}"));
+        ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
+        ended.claim(ended.number("/violations") == 0.0, "no tick violates d");
+        ended.claim(ended.number("/final_error_m_max") < 1e-3, "the formation stands again");
+        let reported = ended.summary["faults"].as_array().map(Vec::len);
+        ended.claim(reported == Some(1), "one fault is reported");
+        ended.claim(ended.number("/faults/0/recovered_after_s") >= 0.0, "it was recovered from");
+    }
+}
+
+#[test]
+fn who_is_silent_is_called_stale_and_then_lost_by_the_tick() {
+    for (fault, stale_s, lost_s) in [
+        // The last beacon is of the tick before the fault: 3 and 20 periods later, and one more.
+        ("freeze r2 @2.5 for 1.5", 0.01, 0.095),
+        // Here it is heard a tick later, for the link fails by the stamps of what it carries.
+        ("cut r2->r1 @2.5 for 1.5", 0.015, 0.1),
+        ("slow r2 by 0.01 @2.5 for 1.5", 0.015, 0.1),
+        ("blackout r2 odometry @2.5 for 1.5", 0.015, 0.1),
+    ] {
+        let ended = run("triangle").lockstep().set("expect={}").fault(fault).finish();
+        ended.exits_with(0);
+        ended.claim(ended.number("/faults/0/stale_after_s") == stale_s, format!("{fault}: stale"));
+        ended.claim(ended.number("/faults/0/lost_after_s") == lost_s, format!("{fault}: lost"));
+        let events = ended.file("events.csv");
+        let last = events.lines().rfind(|line| line.ends_with(" r2")).unwrap_or_default();
+        ended
+            .claim(last.ends_with(",contact,r1,fresh r2"), format!("{fault}: heard again: {last}"));
+    }
+}
+
+#[test]
+fn the_same_seed_draws_the_same_chaos_and_flies_it_the_same_ten_times() {
+    let set = [
+        "duration_s=20",
+        "expect={}",
+        "chaos.mean_time_between_kills_s=1.5",
+        "chaos.mean_time_between_freezes_s=2",
+        "chaos.restart_after_s=0.5",
+        "chaos.until_s=12",
+    ];
+    let foretold = oracle::fly(&with_faults("triangle", &set, &[]));
+    let hash = foretold.trajectory_hash.unwrap();
+    for _ in 0..10 {
+        let ended =
+            set.into_iter().fold(run("triangle").lockstep(), |run, set| run.set(set)).finish();
+        ended.exits_with(0).leaves_nothing();
+        ended.claim(ended.hash() == hash, format!("the hash is {hash}"));
+        ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
+        ended.claim(ended.number("/final_error_m_max") < 1e-3, "the formation stands again");
+        let faults = ended.summary["faults"].as_array().map_or(0, Vec::len);
+        ended.claim(faults >= 8, "there was chaos");
+    }
+}
+
+#[test]
+fn the_plants_death_ends_the_run_with_4_and_a_scenario_may_expect_that() {
+    for pace in ["lockstep", "realtime"] {
+        let flight = || run("triangle").args(["--pace", pace]).fault("kill plant @1");
+        let ended = flight().set("expect={}").finish();
+        ended.exits_with(4).leaves_nothing();
+        ended.claim(ended.stderr.contains("the plant died (signal 9)"), "it says why");
+        let expected = flight().set("expect={ exit = 4 }").finish();
+        expected.exits_with(0).leaves_nothing();
+    }
+}

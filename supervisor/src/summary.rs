@@ -239,6 +239,15 @@ pub fn screen(summary: &Summary) -> String {
                 short(fault.min_distance_m),
                 short(fault.recovered_after_s),
             );
+            let who = |robots: &[String]| match robots {
+                [] => "nobody".to_owned(),
+                [few @ .., _] if few.len() >= ROBOTS_SHOWN => {
+                    format!("{} and {} more", robots[..8].join(", "), robots.len() - 8)
+                }
+                few => few.join(", "),
+            };
+            let (predicted, affected) = (who(&fault.predicted), who(&fault.affected));
+            let _ = writeln!(text, "{:13}breaks, by theory: {predicted}; seen: {affected}", "");
         }
     }
     text

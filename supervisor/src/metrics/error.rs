@@ -8,20 +8,22 @@ use protocol::brief::LeadBrief;
 use protocol::law::Role;
 use protocol::message::TruthRow;
 
+use super::Silent;
 use crate::scenario::Scenario;
 
 /// What the errors of a scenario's robots are measured against.
 pub(super) struct Errors {
     roles: Vec<Role>,
-    /// For each robot, the edges that end in it.
-    heard: Vec<Vec<Edge>>,
+    /// For each robot, the edges that end in it, and their places in the graph.
+    heard: Vec<Vec<(usize, Edge)>>,
     lead: Option<LeadBrief>,
     leader: Option<usize>,
 }
 
 impl Errors {
     pub(super) fn new(scenario: &Scenario) -> Errors {
-        let heard = |i| scenario.graph.heard_by(i).copied().collect();
+        let edges = || scenario.graph.edges().iter().copied().enumerate();
+        let heard = |i| edges().filter(|(_, edge)| edge.to == i).collect();
         Errors {
             roles: scenario.robots.iter().map(|robot| robot.role).collect(),
             heard: (0..scenario.robots.len()).map(heard).collect(),
@@ -40,19 +42,20 @@ impl Errors {
     }
 
     /// |alpha_i - alpha*_i|, m: alpha* is m(t) for the leader (25), the mean of what all heard ask
-    /// for in a formation (13) (24) (45), their mean for a contained robot (46). `None` for one
-    /// that has nothing to go by.
+    /// for in a formation (13) (24) (45), their mean for a contained robot (46); the silent have no
+    /// say in it while anybody else is heard. `None` for one that has nothing to go by.
     pub(super) fn of(
         &self,
         robot: usize,
         t_s: f64,
         frame: &LeaderFrame,
         alphas: &[Vec2],
+        silent: &Silent,
     ) -> Option<f64> {
         let target = match self.roles[robot] {
             Role::Leader => self.lead.as_ref().map(|lead| lead.trajectory.at(t_s)),
-            Role::Formation => self.mean(robot, alphas, |c_ji| frame.offset(c_ji)),
-            Role::Contained => self.mean(robot, alphas, |_| Target::still(Vec2::zeros())),
+            Role::Formation => self.mean(robot, alphas, silent, |c_ji| frame.offset(c_ji)),
+            Role::Contained => self.mean(robot, alphas, silent, |_| Target::still(Vec2::zeros())),
         };
         target.map(|target| (alphas[robot] - target.position).norm())
     }
@@ -61,9 +64,14 @@ impl Errors {
         &self,
         robot: usize,
         alphas: &[Vec2],
+        silent: &Silent,
         offset: impl Fn(Vec2) -> Target,
     ) -> Option<Target> {
-        let heard = self.heard[robot].iter();
-        desired(heard.map(|edge| (Target::still(alphas[edge.from]), offset(edge.offset_m))))
+        let heard = &self.heard[robot];
+        let speaks = |edge: usize, from: usize| silent.carries(edge, from);
+        let nobody = !heard.iter().any(|(edge, ends)| speaks(*edge, ends.from));
+        let counted = heard.iter().filter(|(edge, ends)| nobody || speaks(*edge, ends.from));
+        let place = |ends: &Edge| Target::still(alphas[ends.from]);
+        desired(counted.map(|(_, ends)| (place(ends), offset(ends.offset_m))))
     }
 }

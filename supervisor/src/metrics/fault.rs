@@ -24,6 +24,10 @@ pub(super) struct FaultWindow {
     /// Whether an error was ever above the bound.
     disturbed: bool,
     recovered_ns: Option<u64>,
+    /// Robots that lose what they go by, says the theory.
+    predicted: Vec<usize>,
+    /// For each robot: its error was below the bound when the fault began; and is above it.
+    affected: Vec<(bool, bool)>,
     /// Another fault began after this one had recovered: what follows is not its doing.
     closed: bool,
 }
@@ -35,6 +39,20 @@ pub struct Struck {
     pub robot: Option<usize>,
     /// The only robot that cannot hear it; `None`: nobody can.
     pub hearer: Option<usize>,
+    /// What nobody hears any more while it lasts.
+    pub silenced: Silenced,
+}
+
+/// What a fault silences.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Silenced {
+    /// Nobody.
+    #[default]
+    Nobody,
+    /// A robot.
+    Robot(usize),
+    /// One edge, by its place in the graph.
+    Edge(usize),
 }
 
 /// The worst of a stretch of time.
@@ -62,6 +80,13 @@ pub struct FaultReport {
     pub what: String,
     /// Whom it struck.
     pub robot: Option<String>,
+    /// Robots that lose what they go by, says the theory: no path from the leader, nobody to be
+    /// contained by, or a formation that falls apart.
+    pub predicted: Vec<String>,
+    /// Living robots other than the silenced whose error was below `converged_error_m` when it
+    /// began, and above it when it ended (or, if it never does, at last): who did not find back
+    /// into bounds while it lasted.
+    pub affected: Vec<String>,
     /// From its beginning until what it broke was whole again (a restart's first tick), s.
     pub lasted_s: Option<f64>,
     /// From its beginning until the first neighbour called the robot stale, s.
@@ -79,8 +104,19 @@ pub struct FaultReport {
 }
 
 impl FaultWindow {
-    pub(super) fn new(number: usize, what: String, struck: Struck, began_ns: u64) -> FaultWindow {
+    /// `predicted`: who loses what it goes by. `calm`: whose error is below the bound.
+    pub(super) fn new(
+        number: usize,
+        what: String,
+        struck: Struck,
+        began_ns: u64,
+        predicted: Vec<usize>,
+        calm: impl Iterator<Item = bool>,
+    ) -> FaultWindow {
+        let silenced = |robot| struck.silenced == Silenced::Robot(robot);
         FaultWindow {
+            predicted,
+            affected: (0..).zip(calm).map(|(i, calm)| (calm && !silenced(i), false)).collect(),
             number,
             what,
             struck,
@@ -101,25 +137,38 @@ impl FaultWindow {
         self.number
     }
 
-    pub(super) fn ended(&mut self, t_ns: u64) {
-        let ended_ns = *self.ended_ns.get_or_insert(t_ns);
-        self.returned_ns = (ended_ns > self.began_ns).then_some(ended_ns);
+    /// What it broke is whole again, or never will be: then `t_ns` is when it began. Gives what it
+    /// had silenced and no longer does.
+    pub(super) fn ended(&mut self, t_ns: u64) -> Silenced {
+        if self.ended_ns.is_some() {
+            return Silenced::Nobody;
+        }
+        self.ended_ns = Some(t_ns);
+        self.returned_ns = (t_ns > self.began_ns).then_some(t_ns);
+        self.returned_ns.map_or(Silenced::Nobody, |_| self.struck.silenced)
     }
 
     pub(super) fn another_began(&mut self) {
         self.closed |= self.recovered_ns.is_some();
     }
 
-    /// Takes in one truth; `calm_since_ns`: since when all living errors are below the bound.
+    /// Takes in one truth; `calm_since_ns`: since when all living errors are below the bound;
+    /// `beyond`: which living robots' errors are above it.
     pub(super) fn truth(
         &mut self,
         t_ns: u64,
         error_m: f64,
         calm_since_ns: Option<u64>,
+        beyond: impl Iterator<Item = bool>,
         distance_m: f64,
     ) {
         if self.closed || t_ns < self.began_ns {
             return;
+        }
+        if self.returned_ns.is_none_or(|returned_ns| t_ns <= returned_ns) {
+            for ((calm, affected), beyond) in self.affected.iter_mut().zip(beyond) {
+                *affected = *calm && beyond;
+            }
         }
         self.disturbed |= calm_since_ns.is_none();
         let ended_ns = self.ended_ns.filter(|&ended_ns| t_ns >= ended_ns);
@@ -170,6 +219,14 @@ impl FaultWindow {
             t_s: seconds(self.began_ns),
             what: self.what.clone(),
             robot: self.struck.robot.map(|robot| names[robot].clone()),
+            predicted: self.predicted.iter().map(|&robot| names[robot].clone()).collect(),
+            affected: self
+                .affected
+                .iter()
+                .zip(names)
+                .filter(|((_, affected), _)| *affected)
+                .map(|(_, name)| name.clone())
+                .collect(),
             lasted_s: self.ended_ns.map(since_begin),
             stale_after_s: self.stale_ns.map(since_begin),
             lost_after_s: self.lost_ns.map(since_begin),
@@ -188,12 +245,18 @@ mod tests {
 
     const S: u64 = 1_000_000_000;
 
+    const STRUCK: Struck = Struck { robot: Some(1), hearer: None, silenced: Silenced::Robot(1) };
+
+    fn none() -> impl Iterator<Item = bool> {
+        [false; 3].into_iter()
+    }
+
     fn names() -> Vec<String> {
         ["r1", "r2", "r3"].map(String::from).into()
     }
 
     fn window() -> FaultWindow {
-        FaultWindow::new(0, "kill r2".into(), Struck { robot: Some(1), hearer: None }, 10 * S)
+        FaultWindow::new(0, "kill r2".into(), STRUCK, 10 * S, vec![0], [true; 3].into_iter())
     }
 
     #[test]
@@ -204,12 +267,12 @@ mod tests {
         fault.contact(2, 1, Contact::Stale, 10 * S + S / 5); // a later neighbour
         fault.contact(2, 0, Contact::Stale, 10 * S); // another robot
         fault.contact(2, 1, Contact::Stale, 9 * S); // before it began
-        fault.truth(11 * S, 0.5, None, 0.3);
-        fault.truth(12 * S, 0.1, Some(12 * S), 0.4);
+        fault.truth(11 * S, 0.5, None, none(), 0.3);
+        fault.truth(12 * S, 0.1, Some(12 * S), none(), 0.4);
         fault.ended(12 * S);
-        fault.truth(13 * S, 0.2, None, 0.25);
-        fault.truth(14 * S, 0.0, Some(14 * S), 0.26);
-        fault.truth(15 * S, 0.0, Some(14 * S), 0.1);
+        fault.truth(13 * S, 0.2, None, none(), 0.25);
+        fault.truth(14 * S, 0.0, Some(14 * S), none(), 0.26);
+        fault.truth(15 * S, 0.0, Some(14 * S), none(), 0.1);
         let report = fault.report(&names());
         assert_eq!((report.stale_after_s, report.lost_after_s), (Some(0.1), Some(0.5)));
         assert_eq!((report.lasted_s, report.recovered_after_s), (Some(2.0), Some(2.0)));
@@ -217,9 +280,33 @@ mod tests {
     }
 
     #[test]
+    fn who_was_calm_and_does_not_find_back_while_it_lasts_is_affected() {
+        let calm = [true, true, false].into_iter();
+        let mut fault = FaultWindow::new(0, "kill r2".into(), STRUCK, 10 * S, vec![0], calm);
+        let all = || [true; 3].into_iter();
+        let affected = |fault: &FaultWindow| fault.report(&names()).affected;
+        fault.truth(11 * S, 0.5, None, all(), 0.3);
+        assert_eq!(affected(&fault), ["r1"], "r2 is dead, and r3 was off before");
+        fault.truth(12 * S, 0.0, None, none(), 0.3);
+        fault.ended(12 * S);
+        fault.truth(13 * S, 0.5, None, all(), 0.3);
+        assert!(affected(&fault).is_empty(), "what follows on the return is not the silence's");
+        assert_eq!(fault.report(&names()).predicted, ["r1"]);
+    }
+
+    #[test]
+    fn what_never_ends_stays_silenced() {
+        let mut fault = window();
+        assert_eq!(fault.clone().ended(10 * S), Silenced::Nobody);
+        assert_eq!(fault.ended(11 * S), Silenced::Robot(1));
+        assert_eq!(fault.ended(12 * S), Silenced::Nobody, "it had ended already");
+    }
+
+    #[test]
     fn a_cut_is_noticed_by_the_one_that_no_longer_hears() {
-        let struck = Struck { robot: Some(1), hearer: Some(2) };
-        let mut fault = FaultWindow::new(0, "cut r2->r3".into(), struck, 10 * S);
+        let struck = Struck { hearer: Some(2), ..STRUCK };
+        let calm = [true; 3].into_iter();
+        let mut fault = FaultWindow::new(0, "cut r2->r3".into(), struck, 10 * S, Vec::new(), calm);
         fault.contact(0, 1, Contact::Stale, 11 * S);
         assert_eq!(fault.report(&names()).stale_after_s, None);
         fault.contact(2, 1, Contact::Stale, 12 * S);
@@ -229,9 +316,9 @@ mod tests {
     #[test]
     fn what_was_never_disturbed_has_recovered_at_once() {
         let mut fault = window();
-        fault.truth(11 * S, 0.001, Some(S), 0.3);
+        fault.truth(11 * S, 0.001, Some(S), none(), 0.3);
         fault.ended(12 * S);
-        fault.truth(13 * S, 0.001, Some(S), 0.3);
+        fault.truth(13 * S, 0.001, Some(S), none(), 0.3);
         assert_eq!(fault.report(&names()).recovered_after_s, Some(0.0));
     }
 
@@ -239,11 +326,11 @@ mod tests {
     fn a_relapse_undoes_a_recovery_unless_another_fault_is_to_blame() {
         let mut alone = window();
         alone.ended(10 * S);
-        alone.truth(11 * S, 0.0, Some(11 * S), 1.0);
+        alone.truth(11 * S, 0.0, Some(11 * S), none(), 1.0);
         let mut followed = alone.clone();
         followed.another_began();
         for fault in [&mut alone, &mut followed] {
-            fault.truth(12 * S, 1.0, None, 1.0);
+            fault.truth(12 * S, 1.0, None, none(), 1.0);
         }
         assert_eq!(alone.report(&names()).recovered_after_s, None);
         assert_eq!(followed.report(&names()).recovered_after_s, Some(1.0));

@@ -21,6 +21,7 @@ use std::collections::VecDeque;
 use formation::Vec2;
 use formation::front_point::front_point;
 use formation::hull::hull_distance;
+use formation::reachability::Reachability;
 use protocol::brief::Pace;
 use protocol::message::{Contact, TruthHeader, TruthRow};
 use serde::Serialize;
@@ -29,7 +30,7 @@ use crate::scenario::Scenario;
 pub use distance::PairDistance;
 use distance::{Closest, Distances};
 use error::Errors;
-use fault::{FaultReport, FaultWindow, Struck};
+use fault::{FaultReport, FaultWindow, Silenced, Struck};
 use hash::TrajectoryHash;
 
 /// Final errors are the worst over this last share of the run.
@@ -65,10 +66,47 @@ pub struct Metrics {
     newest_tick: Option<u64>,
     newest_t_ns: Option<u64>,
     faults: Vec<FaultWindow>,
+    silent: Silent,
+    reachability: Reachability,
     /// What the scenario plans to break: its words, and whom it strikes.
     planned: Vec<(String, Struck)>,
     /// Beginnings and ends of faults that act by the briefs, in order of time, ns.
     scheduled: VecDeque<(u64, usize, Bound)>,
+}
+
+/// Who and what is silent now, and by how many faults.
+#[derive(Debug, Clone)]
+struct Silent {
+    robots: Vec<i32>,
+    edges: Vec<i32>,
+}
+
+impl Silent {
+    fn count(&mut self, silenced: Silenced, by: i32) {
+        match silenced {
+            Silenced::Nobody => {}
+            Silenced::Robot(robot) => self.robots[robot] += by,
+            Silenced::Edge(edge) => self.edges[edge] += by,
+        }
+    }
+
+    /// Whether anything is heard over this edge.
+    fn carries(&self, edge: usize, from: usize) -> bool {
+        self.robots[from] <= 0 && self.edges[edge] <= 0
+    }
+
+    /// Everybody who loses what it goes by.
+    fn loses(&self, reachability: &Reachability) -> Vec<usize> {
+        let gone = |counts: &[i32]| -> Vec<usize> {
+            (0..counts.len()).filter(|&place| counts[place] > 0).collect()
+        };
+        let loss = reachability.loss(&gone(&self.robots), &gone(&self.edges));
+        let lists = [loss.unled, loss.pulled, loss.uncontained, loss.adrift, loss.groups.concat()];
+        let mut robots = lists.concat();
+        robots.sort_unstable();
+        robots.dedup();
+        robots
+    }
 }
 
 /// One end of a fault.
@@ -150,6 +188,11 @@ impl Metrics {
             newest_tick: None,
             newest_t_ns: None,
             faults: Vec::new(),
+            silent: Silent {
+                robots: vec![0; robots],
+                edges: vec![0; scenario.graph.edges().len()],
+            },
+            reachability: scenario.reachability(),
             planned: scenario.faults.iter().map(|fault| fault.kind.struck(scenario)).collect(),
             scheduled: scheduled(scenario),
         }
@@ -213,7 +256,7 @@ impl Metrics {
         let since_s = self.newest_t_ns.map_or(0.0, |then_ns| t_s - seconds(then_ns));
         let mut worst: Option<f64> = None;
         for (i, &alive) in alive.iter().enumerate() {
-            let error = self.error.of(i, t_s, &frame, &self.alphas);
+            let error = self.error.of(i, t_s, &frame, &self.alphas, &self.silent);
             // NaN would disappear in any maximum and pass as converged.
             let error = error.map(|error| if error.is_nan() { f64::INFINITY } else { error });
             self.errors[i] = error;
@@ -233,8 +276,11 @@ impl Metrics {
         } else if self.converged_since_ns.is_none() {
             self.converged_since_ns = Some(header.t_ns);
         }
+        let bound_m = self.converged_error_m;
         for fault in &mut self.faults {
-            fault.truth(header.t_ns, worst, self.converged_since_ns, distance_m);
+            let living = self.errors.iter().zip(alive);
+            let beyond = living.map(|(error, &alive)| alive && error.is_some_and(|e| e >= bound_m));
+            fault.truth(header.t_ns, worst, self.converged_since_ns, beyond, distance_m);
         }
     }
 
@@ -266,7 +312,8 @@ impl Metrics {
     pub fn died_unplanned(&mut self, robot: usize, how: &str, t_ns: u64) -> usize {
         let fault = self.planned.len();
         let what = format!("death of {} ({how})", self.names[robot]);
-        self.planned.push((what, Struck { robot: Some(robot), hearer: None }));
+        let silenced = Silenced::Robot(robot);
+        self.planned.push((what, Struck { robot: Some(robot), hearer: None, silenced }));
         self.fault_began(fault, t_ns);
         fault
     }
@@ -275,13 +322,21 @@ impl Metrics {
         for earlier in &mut self.faults {
             earlier.another_began();
         }
-        self.faults.push(FaultWindow::new(fault, what, struck, t_ns));
+        self.silent.count(struck.silenced, 1);
+        let predicted = match struck.silenced {
+            Silenced::Nobody => Vec::new(),
+            _ => self.silent.loses(&self.reachability),
+        };
+        let calm =
+            self.errors.iter().map(|error| error.is_some_and(|e| e < self.converged_error_m));
+        self.faults.push(FaultWindow::new(fault, what, struck, t_ns, predicted, calm));
     }
 
     /// What the fault broke is whole again, as far as it is ever going to be.
     pub fn fault_ended(&mut self, fault: usize, t_ns: u64) {
         if let Some(window) = self.faults.iter_mut().find(|window| window.number() == fault) {
-            window.ended(t_ns);
+            let heard_again = window.ended(t_ns);
+            self.silent.count(heard_again, -1);
         }
     }
 

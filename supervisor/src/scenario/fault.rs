@@ -8,7 +8,7 @@ use toml_edit::{Table, value};
 
 use super::diagnostic::meant;
 use super::{Fault, FaultKind, Scenario, seconds as in_seconds};
-use crate::metrics::fault::Struck;
+use crate::metrics::fault::{Silenced, Struck};
 
 /// How a kind of fault is written: as `KIND SUBJECT [WORD NUMBER]... @SECONDS [for SECONDS]` on the
 /// command line, as keys in a file.
@@ -181,17 +181,18 @@ impl FaultKind {
     /// What it is, in words, and whom it strikes.
     pub fn struck(&self, scenario: &Scenario) -> (String, Struck) {
         let name = |robot: usize| scenario.robots[robot].name.as_str();
-        let silent = |robot| Struck { robot: Some(robot), hearer: None };
+        let strikes = |robot| Struck { robot: Some(robot), ..Struck::default() };
+        let silences = |robot| Struck { silenced: Silenced::Robot(robot), ..strikes(robot) };
         match *self {
-            FaultKind::Kill { robot, .. } => (format!("kill {}", name(robot)), silent(robot)),
+            FaultKind::Kill { robot, .. } => (format!("kill {}", name(robot)), silences(robot)),
             FaultKind::KillPlant => ("kill plant".to_owned(), Struck::default()),
-            FaultKind::Freeze { robot } => (format!("freeze {}", name(robot)), silent(robot)),
+            FaultKind::Freeze { robot } => (format!("freeze {}", name(robot)), silences(robot)),
             FaultKind::Slow { robot, delay_ns } => {
-                (format!("slow {} by {}", name(robot), in_seconds(delay_ns)), silent(robot))
+                (format!("slow {} by {}", name(robot), in_seconds(delay_ns)), strikes(robot))
             }
             FaultKind::Link { edge, ref kind } => {
-                let edge = scenario.graph.edges()[edge];
-                let link = format!("{}->{}", name(edge.from), name(edge.to));
+                let ends = scenario.graph.edges()[edge];
+                let link = format!("{}->{}", name(ends.from), name(ends.to));
                 let what = match *kind {
                     LinkFaultKind::Cut => format!("cut {link}"),
                     LinkFaultKind::Loss { probability, burst: 1 } => {
@@ -208,20 +209,28 @@ impl FaultKind {
                         format!("delay {link} by {by_s} jitter {jitter_s}")
                     }
                 };
-                (what, Struck { robot: Some(edge.from), hearer: Some(edge.to) })
+                let silenced = match kind {
+                    LinkFaultKind::Cut => Silenced::Edge(edge),
+                    LinkFaultKind::Loss { .. } | LinkFaultKind::Delay { .. } => Silenced::Nobody,
+                };
+                (what, Struck { robot: Some(ends.from), hearer: Some(ends.to), silenced })
             }
             FaultKind::Sensor { robot, sensor, kind } => {
-                let sensor = match sensor {
+                let word = match sensor {
                     Sensor::Odometry => "odometry",
                     Sensor::Proximity => "proximity",
                 };
                 let what = match kind {
-                    SensorFaultKind::Blackout => format!("blackout {} {sensor}", name(robot)),
+                    SensorFaultKind::Blackout => format!("blackout {} {word}", name(robot)),
                     SensorFaultKind::Noise { bound_m } => {
-                        format!("noise {} {sensor} by {bound_m}", name(robot))
+                        format!("noise {} {word} by {bound_m}", name(robot))
                     }
                 };
-                (what, silent(robot))
+                // Who does not know where it is says nothing about it.
+                match (sensor, kind) {
+                    (Sensor::Odometry, SensorFaultKind::Blackout) => (what, silences(robot)),
+                    _ => (what, strikes(robot)),
+                }
             }
             FaultKind::Wheels { robot, kind } => {
                 let what = match kind {
@@ -230,7 +239,7 @@ impl FaultKind {
                         format!("wheels {} limit {speed_max_m_s}", name(robot))
                     }
                 };
-                (what, silent(robot))
+                (what, strikes(robot))
             }
             FaultKind::Load { processes } => (format!("load {processes}"), Struck::default()),
         }

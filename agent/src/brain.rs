@@ -11,7 +11,7 @@ use formation::pose::wrap_angle;
 use protocol::brief::{AgentBrief, LeadBrief, Pace, PublishedVelocity};
 use protocol::fault::SlowFault;
 use protocol::law::Role;
-use protocol::message::{Beacon, Command, NeighborStatus, Odometry, StatusHeader};
+use protocol::message::{Beacon, Command, Contact, NeighborStatus, Odometry, StatusHeader};
 
 use crate::avoidance::{Avoidance, Sample};
 use crate::laws::{self, Law, LawError, Situation};
@@ -279,7 +279,8 @@ impl Brain {
 
     /// alpha* at an odometry sample, and alpha*' half a period later: the answer acts for a period,
     /// and what is known of the velocities to come is taken at its middle. `None`: nothing to go
-    /// by, so stop.
+    /// by, so stop. Once the leader's frame is lost, velocities count as 0: they are somebody's
+    /// echo, and without a path from the leader an echo never dies away.
     fn target(&self, odometry: &Odometry) -> Option<Target> {
         let half_s = 0.5 * self.period_s;
         match &self.task {
@@ -296,16 +297,23 @@ impl Brain {
                     false => LeaderFrame::STILL,
                 };
                 let later = frame.later(half_s);
-                self.neighborhood.desired(stamp_ns, |c_ji| Target {
+                let target = self.neighborhood.desired(stamp_ns, |c_ji| Target {
                     position: frame.offset(c_ji).position,
                     velocity: later.offset(c_ji).velocity,
-                })
+                });
+                self.without_echo(target)
             }
             Task::Contained => {
                 let nowhere = Target::still(Vec2::zeros());
-                self.neighborhood.desired(odometry.stamp_ns, |_| nowhere)
+                let target = self.neighborhood.desired(odometry.stamp_ns, |_| nowhere);
+                self.without_echo(target)
             }
         }
+    }
+
+    fn without_echo(&self, target: Option<Target>) -> Option<Target> {
+        let lost = self.neighborhood.frame_contact().contact == Contact::Lost;
+        target.map(|target| if lost { Target::still(target.position) } else { target })
     }
 
     /// How the brain is doing, for the supervisor. The caller knows the deadline misses.
@@ -321,6 +329,8 @@ impl Brain {
             flying: u64::from(self.newest.is_some()),
             deadline_misses,
             beacons_refused: self.beacons_refused,
+            frame: self.neighborhood.frame_contact().contact as u64,
+            frame_since_t_ns: self.neighborhood.frame_contact().t_ns,
         };
         (header, self.neighborhood.status())
     }

@@ -11,8 +11,9 @@ use protocol::message::{Beacon, Contact, NeighborStatus};
 pub struct Neighborhood {
     neighbors: Vec<Neighbor>,
     silence: SilenceBrief,
-    /// The freshest leader's frame that anybody passed on, and its stamp, ns.
-    frame: Option<(u64, LeaderFrame)>,
+    /// The freshest leader's frame that anybody passed on.
+    frame: Option<HeardFrame>,
+    frame_contact: Since,
     /// Stamp of the first sample, ns: silence counts from there.
     first_ns: Option<u64>,
 }
@@ -21,9 +22,39 @@ struct Neighbor {
     index: u64,
     offset: Vec2,
     newest: Option<Beacon>,
-    contact: Contact,
-    since_tick: u64,
-    since_t_ns: u64,
+    contact: Since,
+}
+
+/// A leader's frame that somebody passed on.
+#[derive(Debug, Clone, Copy)]
+struct HeardFrame {
+    /// Stamp of the leader's sample that it is from, ns.
+    stamp_ns: u64,
+    frame: LeaderFrame,
+    /// When it came, ns.
+    heard_ns: u64,
+}
+
+/// How somebody is heard, and since when.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Since {
+    /// How.
+    pub contact: Contact,
+    /// Since this tick.
+    pub tick: u64,
+    /// The same as time since the run's start, ns.
+    pub t_ns: u64,
+}
+
+impl Since {
+    /// Whether it turns into something else now.
+    fn turns(&mut self, contact: Contact, tick: u64, t_ns: u64) -> bool {
+        let turned = contact != self.contact;
+        if turned {
+            *self = Since { contact, tick, t_ns };
+        }
+        turned
+    }
 }
 
 /// Why a beacon was not used.
@@ -49,12 +80,11 @@ impl Neighborhood {
                 index: brief.index as u64,
                 offset: Vec2::from(brief.offset_m),
                 newest: None,
-                contact: Contact::Unheard,
-                since_tick: 0,
-                since_t_ns: 0,
+                contact: Since::default(),
             })
             .collect();
-        Neighborhood { neighbors, silence, frame: None, first_ns: None }
+        let frame_contact = Since::default();
+        Neighborhood { neighbors, silence, frame: None, frame_contact, first_ns: None }
     }
 
     /// Takes a beacon of the neighbour at `place` (in the brief's order).
@@ -77,60 +107,66 @@ impl Neighborhood {
             return Err(BeaconRefusal::Old);
         }
         neighbor.newest = Some(*beacon);
-        if let Some((stamp_ns, _)) = frame
-            && self.frame.is_none_or(|(freshest_ns, _)| stamp_ns > freshest_ns)
+        if let Some((stamp_ns, frame)) = frame
+            && self.frame.is_none_or(|freshest| stamp_ns > freshest.stamp_ns)
         {
-            self.frame = frame;
+            self.frame = Some(HeardFrame { stamp_ns, frame, heard_ns: now_ns });
         }
         Ok(())
     }
 
     /// Judges everybody's silence as of an odometry sample; whether any contact changed.
     pub fn judge(&mut self, tick: u64, t_ns: u64, stamp_ns: u64) -> bool {
-        let mut changed = false;
         let first_ns = *self.first_ns.get_or_insert(stamp_ns);
-        for neighbor in &mut self.neighbors {
-            let contact = match &neighbor.newest {
-                None if stamp_ns.saturating_sub(first_ns) > self.silence.lost_after_ns => {
-                    Contact::Lost
-                }
+        let silence = &self.silence;
+        let judged = |heard_ns: Option<u64>| {
+            let since_ns = stamp_ns.saturating_sub(heard_ns.unwrap_or(first_ns));
+            match heard_ns {
+                _ if since_ns > silence.lost_after_ns => Contact::Lost,
                 None => Contact::Unheard,
-                Some(beacon) => match stamp_ns.saturating_sub(beacon.stamp_ns) {
-                    age if age > self.silence.lost_after_ns => Contact::Lost,
-                    age if age > self.silence.stale_after_ns => Contact::Stale,
-                    _ => Contact::Fresh,
-                },
-            };
-            if contact != neighbor.contact {
-                neighbor.contact = contact;
-                neighbor.since_tick = tick;
-                neighbor.since_t_ns = t_ns;
-                changed = true;
+                Some(_) if since_ns > silence.stale_after_ns => Contact::Stale,
+                Some(_) => Contact::Fresh,
             }
+        };
+        let frame = self.frame.map(|heard| heard.heard_ns);
+        // A formation without a leader never hears of one, and lacks nothing.
+        let mut changed = frame.is_some() && self.frame_contact.turns(judged(frame), tick, t_ns);
+        for neighbor in &mut self.neighbors {
+            let heard = neighbor.newest.as_ref().map(|beacon| beacon.stamp_ns);
+            changed |= neighbor.contact.turns(judged(heard), tick, t_ns);
         }
         changed
     }
 
     /// The freshest leader's frame heard, with its stamp, ns: what this robot passes on.
     pub fn frame(&self) -> Option<(u64, LeaderFrame)> {
-        self.frame
+        self.frame.map(|heard| (heard.stamp_ns, heard.frame))
     }
 
-    /// The leader's frame at `stamp_ns`, extrapolated by its age; once lost it stands still, so
-    /// that nobody spins for ever around a dead leader.
+    /// The leader's frame at `stamp_ns`, extrapolated by its age. Once no newer one has come for as
+    /// long as makes a neighbour lost, it stands still, so that nobody spins for ever around a dead
+    /// leader. It is the silence that counts, not the age: a relay of many hops is old and well.
     pub fn frame_at(&self, stamp_ns: u64) -> Option<LeaderFrame> {
-        let (heard_ns, frame) = self.frame?;
-        let age_ns = stamp_ns as i64 - heard_ns as i64;
-        let lost_ns = self.silence.lost_after_ns as i64;
-        let later = frame.later(age_ns.min(lost_ns) as f64 / 1e9);
-        Some(if age_ns > lost_ns { later.frozen() } else { later })
+        let HeardFrame { stamp_ns: told_ns, frame, heard_ns } = self.frame?;
+        let lost_after_ns = self.silence.lost_after_ns;
+        let lost = stamp_ns.saturating_sub(heard_ns) > lost_after_ns;
+        // All that have heard the same last of the leader stand by the same frame, whoever heard it
+        // when: frames that differ by a hair would let mutual neighbours walk away together.
+        let age_ns = if lost { lost_after_ns } else { stamp_ns.saturating_sub(told_ns) };
+        let later = frame.later(age_ns as f64 / 1e9);
+        Some(if lost { later.frozen() } else { later })
+    }
+
+    /// How the leader's frame is heard, and since when.
+    pub fn frame_contact(&self) -> Since {
+        self.frame_contact
     }
 
     /// alpha* at `stamp_ns` with offsets C_ji = `offset`(c_ji), neighbours extrapolated by their
     /// published velocity; `None` where the robot is to stop: nobody left to go by, or somebody
     /// lost under `stop`. (13) (24) (45) (46)
     pub fn desired(&self, stamp_ns: u64, offset: impl Fn(Vec2) -> Target) -> Option<Target> {
-        let lost = |n: &&Neighbor| n.contact == Contact::Lost;
+        let lost = |n: &&Neighbor| n.contact.contact == Contact::Lost;
         if self.silence.policy == SilencePolicy::Stop && self.neighbors.iter().any(|n| lost(&n)) {
             return None;
         }
@@ -138,7 +174,7 @@ impl Neighborhood {
             let beacon = neighbor.newest.as_ref()?;
             let age_ns = stamp_ns as i64 - beacon.stamp_ns as i64;
             let said = Target { position: beacon.position(), velocity: beacon.velocity() };
-            let alpha_j = match (neighbor.contact, self.silence.policy) {
+            let alpha_j = match (neighbor.contact.contact, self.silence.policy) {
                 (Contact::Lost, SilencePolicy::Keep) => {
                     Target::still(said.later(self.silence.lost_after_ns as f64 / 1e9).position)
                 }
@@ -154,9 +190,9 @@ impl Neighborhood {
     pub fn status(&self) -> impl ExactSizeIterator<Item = NeighborStatus> {
         self.neighbors.iter().map(|neighbor| NeighborStatus {
             robot: neighbor.index,
-            contact: neighbor.contact as u64,
-            since_tick: neighbor.since_tick,
-            since_t_ns: neighbor.since_t_ns,
+            contact: neighbor.contact.contact as u64,
+            since_tick: neighbor.contact.tick,
+            since_t_ns: neighbor.contact.t_ns,
         })
     }
 }
@@ -259,8 +295,28 @@ mod tests {
             (found.heading_rad - heading).abs() < 1e-9 && found.turn_rate_rad_s == rate
         };
         assert!(close(hood.frame_at(100), 0.6, 1e7));
-        assert!(close(hood.frame_at(290), 2.5, 1e7));
-        assert!(close(hood.frame_at(1000), 2.5, 0.0), "200 ns after it was heard it is lost");
+        assert!(close(hood.frame_at(300), 2.6, 1e7), "heard at 100 ns, for a neighbour's 200 ns");
+        assert!(close(hood.frame_at(1000), 2.5, 0.0), "then it is lost, 200 ns after it was told");
+        for (stamp_ns, contact) in
+            [(130, Contact::Fresh), (131, Contact::Stale), (301, Contact::Lost)]
+        {
+            assert!(hood.judge(stamp_ns, stamp_ns, stamp_ns) || contact == Contact::Lost);
+            assert_eq!(hood.frame_contact().contact, contact, "at {stamp_ns} ns");
+        }
+    }
+
+    #[test]
+    fn a_frame_that_is_old_but_comes_regularly_is_not_lost() {
+        let mut hood = neighborhood(SilencePolicy::Ignore);
+        let frame = LeaderFrame { turn_rate_rad_s: 1e7, ..LeaderFrame::STILL };
+        for now_ns in 1000..1100 {
+            let heard = beacon(0, now_ns, 1.0).with_frame(Some((now_ns - 500, frame)));
+            hood.hear(0, &heard, now_ns).unwrap();
+            hood.judge(now_ns, now_ns, now_ns);
+            assert_eq!(hood.frame_contact().contact, Contact::Fresh);
+            let known = hood.frame_at(now_ns).unwrap();
+            assert!((known.heading_rad - 5.0).abs() < 1e-9 && known.turn_rate_rad_s == 1e7);
+        }
     }
 
     #[test]

@@ -220,7 +220,7 @@ impl Beacon {
 
 message! {
     /// Agent to supervisor, before the slice of [`NeighborStatus`]: how the agent is doing.
-    StatusHeader / 1 {
+    StatusHeader / 2 {
         /// Tick of the newest odometry taken; 0 before the first.
         tick: u64,
         /// Time since the run's start of that odometry, ns.
@@ -233,6 +233,10 @@ message! {
         deadline_misses: u64,
         /// Beacons refused: not finite, from the future, older than the newest one.
         beacons_refused: u64,
+        /// How the leader's frame is heard, a [`Contact`] as a number.
+        frame: u64,
+        /// Time since the run's start since which it is so, ns.
+        frame_since_t_ns: u64,
     }
 }
 

@@ -369,6 +369,12 @@ impl<'a> Flight<'a> {
                 self.metrics.fault_ended(fault, t_ns);
             }
         }
+        if let Some(frame) = Contact::from_number(header.frame)
+            && std::mem::replace(&mut self.robots[i].frame, frame) != frame
+        {
+            let detail = format!("{} frame of the leader", frame.word());
+            self.event(header.frame_since_t_ns, "contact", Some(i), &detail)?;
+        }
         for status in neighbors {
             let Some(contact) = Contact::from_number(status.contact) else { continue };
             let Some(neighbor) = (status.robot as usize).checked_sub(1) else { continue };

@@ -43,6 +43,8 @@ pub(crate) struct Robot {
     pub(crate) status: Subscriber<[NeighborStatus], StatusHeader>,
     /// How it last said it hears each robot.
     pub(crate) contacts: Vec<Contact>,
+    /// How it last said it hears the leader's frame.
+    pub(crate) frame: Contact,
     /// Deadline misses of earlier incarnations, and of this one so far.
     pub(crate) misses_before: u64,
     pub(crate) misses: u64,
@@ -68,6 +70,7 @@ impl Robot {
             fault: None,
             status,
             contacts: vec![Contact::Unheard; robots],
+            frame: Contact::Unheard,
             misses_before: 0,
             misses: 0,
         }

@@ -13,4 +13,5 @@ mod lockstep;
 mod model;
 mod oracle;
 mod realtime;
+mod silence;
 mod theory;

@@ -116,7 +116,7 @@ fn a_robot_that_is_stopped_from_outside_in_lockstep_is_named_and_the_run_ends_wi
     signal_pid(pid, Signal::STOP);
     let ended = running.finish();
     ended.exits_with(4).leaves_nothing();
-    ended.claim(ended.stderr.contains("no answer within 1 s from: r2"), "r2 is named");
+    ended.claim(ended.stderr.contains("no answer within 5 s from: r2"), "r2 is named");
 }
 
 #[test]

@@ -23,3 +23,60 @@ fn a_run_takes_the_time_it_says_in_one_process_per_robot_and_one_for_the_plant()
     ended.claim(ended.number("/final_error_m_max") < 1e-3, "and the formation stands");
     ended.claim(ended.summary["trajectory_hash"].is_null(), "real time has no hash");
 }
+
+/// Faults that a guard must survive with real processes: freezes when robots are near each other,
+/// answers that come just before and long after their commands die, deaths of all but one.
+const HOSTILE: [&[&str]; 3] = [
+    &[
+        "freeze r1 @1 for 0.3",
+        "freeze r2 @1.1 for 0.5",
+        "freeze r1 @2 for 0.05",
+        "freeze r3 @2.02 for 0.4",
+        "freeze r2 @3 for 0.02",
+        "freeze r1 @3.5 for 0.2",
+    ],
+    &[
+        "slow r1 by 0.008 @0 for 2",
+        "slow r2 by 0.011 @0.5 for 2",
+        "slow r3 by 0.03 @1 for 3",
+        "slow r1 by 0.2 @2 for 2",
+        "load of 3 @1 for 2",
+    ],
+    &["kill r1 @1 restart 1", "kill r2 @1.2", "freeze r3 @1.5 for 1", "kill r1 @3.5"],
+];
+
+/// Flies from these starts in real time at three periods, each with another set of faults.
+fn hostile_flights(starts: &[&str], first: usize) {
+    for (turn, start) in starts.iter().enumerate() {
+        let sets = (0..3).map(|place| HOSTILE[(first + turn + place) % 3]);
+        let flights = [0.005, 0.01, 0.02].into_iter().zip(sets);
+        let flights: Vec<_> = flights
+            .map(|(period_s, faults)| {
+                let flight = run(start)
+                    .set(format!("period_s={period_s}"))
+                    .set("duration_s=5")
+                    .set("expect={ min_distance_m = 0.2 }");
+                faults.iter().fold(flight, |flight, fault| flight.fault(fault)).start()
+            })
+            .collect();
+        for flight in flights {
+            let ended = flight.finish();
+            ended.exits_with(0).leaves_nothing();
+            ended.claim(ended.number("/violations") == 0.0, "no arc ends below d");
+        }
+    }
+}
+
+#[test]
+fn guard_keeps_d_in_real_time_whoever_freezes_or_is_late_or_dies() {
+    hostile_flights(&["triangle-b", "triangle-d"], 0);
+}
+
+/// `cargo test --release --test it -- --ignored dozens`
+#[test]
+#[ignore = "36 flights of 5 s: a minute"]
+fn guard_keeps_d_in_dozens_of_hostile_flights() {
+    for first in 0..3 {
+        hostile_flights(&["triangle", "triangle-b", "triangle-c", "triangle-d"], first);
+    }
+}

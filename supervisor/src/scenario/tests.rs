@@ -313,7 +313,7 @@ fn what_is_safe_but_unwise_is_a_warning() {
         warning_with(&["avoidance.kind=focus", "avoidance.epsilon_per_s=50"])
             .contains("epsilon T = 0.25")
     );
-    let two_ways = triangle().replace("from = \"r1\"\nto = \"r3\"", "from = \"r3\"\nto = \"r1\"");
+    let two_ways = triangle().replace("from = \"r1\", to = \"r3\"", "from = \"r3\", to = \"r1\"");
     let (_, _, warnings) = parse(&two_ways, &Overrides::default()).unwrap();
     assert_eq!(warnings.len(), 2);
     assert!(warnings[0].message.contains("around a cycle through"), "{}", warnings[0].message);

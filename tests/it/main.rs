@@ -9,6 +9,7 @@ mod formats;
 mod harness;
 mod hostile;
 mod isolation;
+mod law_example;
 mod lockstep;
 mod model;
 mod oracle;

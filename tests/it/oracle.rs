@@ -28,6 +28,13 @@ pub fn with_faults(name: &str, set: &[&str], faults: &[&str]) -> Scenario {
 
 /// Flies `scenario` in lockstep, with its faults, and measures what it would do.
 pub fn fly(scenario: &Scenario) -> Measures {
+    fly_with(scenario, &|brief, incarnation| {
+        Brain::new(brief, incarnation).expect("a checked brief")
+    })
+}
+
+/// The same with brains made by `think` of a brief and an incarnation.
+pub fn fly_with(scenario: &Scenario, think: &dyn Fn(&AgentBrief, u64) -> Brain) -> Measures {
     let run_root = "/nowhere".as_ref();
     let plant = briefs::plant(scenario, Pace::Lockstep, run_root);
     let agents: Vec<AgentBrief> = (0..scenario.robots.len())
@@ -38,7 +45,8 @@ pub fn fly(scenario: &Scenario) -> Measures {
 
     let mut world = World::new(&plant);
     let mut metrics = Metrics::new(scenario, Pace::Lockstep);
-    let mut robots: Vec<Robot> = agents.iter().map(|brief| Robot::new(brief, 0, 0)).collect();
+    let mut robots: Vec<Robot> =
+        agents.iter().map(|brief| Robot::new(think(brief, 0), 0, 0)).collect();
     let mut last_beacons: Vec<Option<Beacon>> = vec![None; robots.len()];
 
     for tick in 0..=ticks {
@@ -59,7 +67,8 @@ pub fn fly(scenario: &Scenario) -> Measures {
                     }
                     if restart_after_ns.is_some_and(|after| tick_of(fault.at_ns + after) == tick) {
                         let incarnation = robots[robot].incarnation + 1;
-                        robots[robot] = Robot::new(&agents[robot], incarnation, tick);
+                        let brain = think(&agents[robot], incarnation);
+                        robots[robot] = Robot::new(brain, incarnation, tick);
                     }
                 }
                 FaultKind::Freeze { robot } => {
@@ -112,8 +121,7 @@ struct Robot {
 }
 
 impl Robot {
-    fn new(brief: &AgentBrief, incarnation: u64, first_tick: u64) -> Robot {
-        let brain = Some(Brain::new(brief, incarnation).expect("a checked brief"));
-        Robot { brain, frozen: false, incarnation, first_tick }
+    fn new(brain: Brain, incarnation: u64, first_tick: u64) -> Robot {
+        Robot { brain: Some(brain), frozen: false, incarnation, first_tick }
     }
 }

@@ -39,6 +39,24 @@ pub struct LawRow {
     pub build: fn(&Gains<'_>) -> Box<dyn Law>,
 }
 
+impl LawRow {
+    /// The law with these gains: exactly its own, and all of them positive.
+    pub fn make(&self, gains: &BTreeMap<String, f64>) -> Result<Box<dyn Law>, LawError> {
+        let law = || self.description.name.to_owned();
+        let mut expected: Vec<String> =
+            self.description.gains.iter().map(|&key| key.into()).collect();
+        expected.sort();
+        if !gains.keys().eq(expected.iter()) {
+            let found = gains.keys().cloned().collect();
+            return Err(LawError::Gains { law: law(), expected, found });
+        }
+        if let Some((key, &value)) = gains.iter().find(|(_, v)| !(v.is_finite() && **v > 0.0)) {
+            return Err(LawError::NotPositive { law: law(), key: key.clone(), value });
+        }
+        Ok((self.build)(&Gains(gains)))
+    }
+}
+
 /// Every law there is.
 pub const LAWS: &[LawRow] =
     &[formation_unit::ROW, leader_tanh::ROW, formation_tanh::ROW, containment_tanh::ROW];
@@ -52,7 +70,7 @@ pub fn descriptions() -> Vec<LawDescription> {
 pub struct Gains<'a>(&'a BTreeMap<String, f64>);
 
 impl Gains<'_> {
-    /// The gain called `key`. Panics if it was not checked to be there, see [`build`].
+    /// The gain called `key`. Panics if it was not checked to be there, see [`LawRow::make`].
     pub fn get(&self, key: &str) -> f64 {
         self.0[key]
     }
@@ -97,16 +115,7 @@ pub fn build(name: &str, gains: &BTreeMap<String, f64>) -> Result<Box<dyn Law>, 
         let known: Vec<_> = LAWS.iter().map(|row| row.description.name).collect();
         LawError::Unknown { name: name.into(), known: known.join(", ") }
     })?;
-    let mut expected: Vec<String> = row.description.gains.iter().map(|&k| k.into()).collect();
-    expected.sort();
-    if !gains.keys().eq(expected.iter()) {
-        let found = gains.keys().cloned().collect();
-        return Err(LawError::Gains { law: name.into(), expected, found });
-    }
-    if let Some((key, &value)) = gains.iter().find(|(_, v)| !(v.is_finite() && **v > 0.0)) {
-        return Err(LawError::NotPositive { law: name.into(), key: key.clone(), value });
-    }
-    Ok((row.build)(&Gains(gains)))
+    row.make(gains)
 }
 
 /// What the law called `name` makes of a robot. Panics for a name that [`build`] refuses.

@@ -5,7 +5,7 @@ use supervisor::metrics::Measures;
 use crate::harness::run;
 use crate::oracle::{self, scenario};
 
-const STARTS: [&str; 4] = ["triangle", "triangle-b", "triangle-c", "triangle-d"];
+pub const STARTS: [&str; 4] = ["triangle", "triangle-b", "triangle-c", "triangle-d"];
 
 /// The names of all scenarios with at most `robots_max` robots, so that a new file is never
 /// forgotten.
@@ -22,7 +22,7 @@ fn shipped(robots_max: usize) -> Vec<String> {
 }
 
 /// Smallest distance and worst final error, m.
-fn far(flight: &Measures) -> (f64, f64) {
+pub fn far(flight: &Measures) -> (f64, f64) {
     (flight.min_distance_m.unwrap(), flight.final_error_m_max.unwrap())
 }
 
@@ -213,11 +213,11 @@ fn the_swap_and_the_lattice_untangle_from_disturbed_starts_too() {
 }
 
 /// A scenario, its d in m, and for each period what was measured.
-type Measured = (&'static str, f64, [(f64, f64); 5]);
+pub type Measured = (&'static str, f64, [(f64, f64); 5]);
 
 /// Worst error of the last 10 % and smallest distance / d at periods of 1, 2, 5, 10 and 20 ms, as
 /// an independent simulation of the same laws measured them.
-const MEASURED: [Measured; 2] = [
+pub const MEASURED: [Measured; 2] = [
     (
         "pentagon",
         0.3,

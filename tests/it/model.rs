@@ -333,7 +333,7 @@ fn first_after(now_ns: u64, period_ns: u64, phase_ns: u64) -> u64 {
 }
 
 /// Random numbers from a seed: SplitMix64.
-struct Dice(u64);
+pub struct Dice(pub u64);
 
 impl Dice {
     fn roll(&mut self) -> u64 {
@@ -344,7 +344,7 @@ impl Dice {
     }
 
     /// In [0, 1).
-    fn unit(&mut self) -> f64 {
+    pub fn unit(&mut self) -> f64 {
         (self.roll() >> 11) as f64 / (1u64 << 53) as f64
     }
 

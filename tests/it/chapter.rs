@@ -1,0 +1,227 @@
+//! The tables of `docs/chapter.md`, measured again in the oracle. Each test prints its table and
+//! asks for every row of it in the page:
+//! `cargo test --test it -- --ignored --nocapture the_page_has`, some minutes in all.
+
+use formation::Vec2;
+use formation::front_point::front_point;
+use formation::graph::{Edge, FormationGraph};
+use formation::pose::Pose;
+use supervisor::check::Theory;
+use supervisor::scenario::Scenario;
+
+use crate::lockstep::{MEASURED, STARTS, far};
+use crate::model::Dice;
+use crate::oracle::{fly, scenario};
+
+/// Cases 2 and 3, and their d, m.
+const LED: [(&str, f64); 2] = [("pentagon", 0.3), ("containment", 0.2)];
+
+#[track_caller]
+fn the_page_has(rows: &[String]) {
+    println!("\n{}", rows.join("\n"));
+    let page = include_str!("../../docs/chapter.md");
+    let missing: Vec<_> =
+        rows.iter().filter(|row| !page.lines().any(|line| line == *row)).collect();
+    assert!(missing.is_empty(), "docs/chapter.md has other rows than these: {missing:#?}");
+}
+
+/// A row of a table.
+fn row(cells: impl IntoIterator<Item = String>) -> String {
+    let cells: Vec<String> = cells.into_iter().collect();
+    format!("| {} |", cells.join(" | "))
+}
+
+/// A period in ms as `--set` has it, in s.
+fn period(ms: f64) -> String {
+    format!("period_s={}", ms / 1e3)
+}
+
+/// An error, m. What is left of rounding differs from machine to machine.
+fn error(error_m: f64) -> String {
+    if error_m < 1e-12 { "rounding".into() } else { format!("{error_m:.0e}") }
+}
+
+fn settled_at(converged_at_s: Option<f64>) -> String {
+    converged_at_s.map_or("never".into(), |at_s| format!("{at_s:.2}"))
+}
+
+#[test]
+fn what_the_page_names_is_where_it_says() {
+    let page = include_str!("../../docs/chapter.md");
+    let (_, rest) = page.split_once("## Where the equations stand").expect("a table");
+    let (table, _) = rest.split_once("\n## ").expect("a next section");
+    let mut names = 0;
+    for line in table.lines().filter(|line| line.starts_with("| ")) {
+        let mut file = String::new();
+        for code in line.split('`').skip(1).step_by(2) {
+            if code.contains('/') {
+                let path = format!("{}/{code}", env!("CARGO_MANIFEST_DIR"));
+                file = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{path}: {e}"));
+            } else {
+                assert!(file.contains(code), "`{code}` is not in the file before it: {line}");
+                names += 1;
+            }
+        }
+    }
+    assert!(names > 40, "{names} names");
+}
+
+#[test]
+fn the_page_has_the_bounds_and_the_rules_for_epsilon() {
+    let rows = LED.map(|(name, _)| {
+        let scenario = scenario(name, &[]);
+        let theory = Theory::of(&scenario);
+        let (facts, bounds) = (theory.trajectory.unwrap(), theory.bounds.unwrap());
+        let speeds = [facts.eta_m_m_s, facts.eta_c_m_s, bounds.lemma_1_m_s, bounds.norm_2_m_s];
+        let speeds = speeds.iter().map(|speed| format!("{speed:.3}"));
+        let epsilon = theory.epsilon.iter().map(|rule| format!("{:.2}", rule.epsilon_per_s));
+        row([name.to_owned()].into_iter().chain(speeds).chain(epsilon))
+    });
+    the_page_has(&rows);
+}
+
+#[test]
+#[ignore = "a table of docs/chapter.md"]
+fn the_page_has_the_laws_without_avoidance() {
+    let names = STARTS.into_iter().chain(LED.map(|(name, _)| name));
+    let rows = names.map(|name| {
+        let flight = fly(&scenario(name, &["avoidance.kind=none"]));
+        let hull = flight.hull_distance_m_max_final.map(|hull_m| hull_m.to_string());
+        let worst = error(far(&flight).1);
+        row([name.into(), settled_at(flight.converged_at_s), worst, hull.unwrap_or("-".into())])
+    });
+    the_page_has(&rows.collect::<Vec<_>>());
+}
+
+#[test]
+#[ignore = "a table of docs/chapter.md"]
+fn the_page_has_case_1_from_its_four_starts() {
+    let rows = STARTS.map(|name| {
+        let guard = fly(&scenario(name, &[]));
+        let focus = fly(&scenario(name, &["avoidance.kind=focus", "period_s=0.001"]));
+        let none = fly(&scenario(name, &["avoidance.kind=none"]));
+        let start = Theory::of(&scenario(name, &[])).distances.start.unwrap().distance_m;
+        let ((near_m, error_m), (focus_m, focus_error_m)) = (far(&guard), far(&focus));
+        row([
+            name.to_owned(),
+            format!("{:.3}", start / 0.2),
+            format!("{:.4}", near_m / 0.2),
+            settled_at(guard.converged_at_s),
+            error(error_m),
+            format!("{:.4}", focus_m / 0.2),
+            settled_at(focus.converged_at_s),
+            error(focus_error_m),
+            format!("{:.3}", far(&none).0 / 0.2),
+        ])
+    });
+    the_page_has(&rows);
+}
+
+#[test]
+#[ignore = "a table of docs/chapter.md"]
+fn the_page_has_cases_2_and_3_with_the_guard() {
+    let mut rows = Vec::new();
+    for (name, d, measured) in MEASURED {
+        for (ms, (error_m, distance)) in [1.0, 2.0, 5.0, 10.0, 20.0].into_iter().zip(measured) {
+            let flight = fly(&scenario(name, &[&period(ms)]));
+            let (found_m, found_error_m) = far(&flight);
+            let hull = flight.hull_distance_m_max_final.map(|hull_m| hull_m.to_string());
+            rows.push(row([
+                name.to_owned(),
+                format!("{ms}"),
+                format!("{found_error_m:.1e}"),
+                format!("{error_m:.1e}"),
+                format!("{:.3}", found_m / d),
+                format!("{distance:.3}"),
+                settled_at(flight.converged_at_s),
+                hull.unwrap_or("-".into()),
+            ]));
+        }
+    }
+    the_page_has(&rows);
+}
+
+#[test]
+#[ignore = "a table of docs/chapter.md: millions of ticks"]
+fn the_page_has_how_near_the_literal_focus_lets_them_come() {
+    let literal = |name: &str, ms: f64| {
+        far(&fly(&scenario(name, &["avoidance.kind=focus", &period(ms), "expect={}"])))
+    };
+    let rows = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0].map(|ms| {
+        let starts = STARTS.map(|name| literal(name, ms));
+        let nearest_m = starts.iter().map(|start| start.0).fold(f64::INFINITY, f64::min);
+        let led = LED.map(|(name, d)| {
+            let (distance_m, error_m) = literal(name, ms);
+            [format!("{:.3}", distance_m / d), error(error_m)]
+        });
+        let case_1 = [format!("{:.4}", nearest_m / 0.2), format!("{:.2}", starts[2].1)];
+        row([format!("{ms}")].into_iter().chain(case_1).chain(led.into_iter().flatten()))
+    });
+    the_page_has(&rows);
+}
+
+#[test]
+#[ignore = "a table of docs/chapter.md"]
+fn the_page_has_what_each_published_velocity_gains() {
+    let rows = ["gamma", "gamma+beta", "differenced"].map(|kind| {
+        let flown = LED.map(|(name, d)| {
+            let set = format!("published_velocity=\"{kind}\"");
+            let (distance_m, error_m) = far(&fly(&scenario(name, &[&set])));
+            [format!("{error_m:.2e}"), format!("{:.3}", distance_m / d)]
+        });
+        row([format!("`{kind}`")].into_iter().chain(flown.into_iter().flatten()))
+    });
+    the_page_has(&rows);
+}
+
+/// Twelve robots scattered over a square of 2.4 m, which are to form a lattice of three rows and
+/// four columns; each hears those to its left and below, or with `both_ways` all beside it.
+fn scattered(gap_m: f64, both_ways: bool, seed: u64) -> Scenario {
+    let mut dice = Dice(seed);
+    let mut scenario = scenario("lattice-12", &["duration_s=120"]);
+    let mut alphas: Vec<Vec2> = Vec::new();
+    for robot in &mut scenario.robots {
+        loop {
+            let [x_m, y_m] = [0, 1].map(|_| 2.4 * dice.unit() - 1.2);
+            let heading_rad = std::f64::consts::TAU * (dice.unit() - 0.5);
+            let start = Pose { x_m, y_m, heading_rad };
+            let alpha = front_point(start, robot.front_point_m);
+            if alphas.iter().all(|other| (alpha - other).norm() > 0.25) {
+                (robot.start, _) = (start, alphas.push(alpha));
+                break;
+            }
+        }
+    }
+    let beside = |at: usize| {
+        let column = at % 4;
+        let left = (column > 0).then(|| (at - 1, Vec2::new(gap_m, 0.0)));
+        let below = (at >= 4).then(|| (at - 4, Vec2::new(0.0, gap_m)));
+        [left, below].into_iter().flatten()
+    };
+    let ahead = |to| beside(to).map(move |(from, offset_m)| Edge { from, to, offset_m });
+    let mut edges: Vec<Edge> = (0..12).flat_map(ahead).collect();
+    if both_ways {
+        let back = |edge: &Edge| Edge { from: edge.to, to: edge.from, offset_m: -edge.offset_m };
+        edges.extend(edges.clone().iter().map(back));
+    }
+    scenario.graph = FormationGraph::new(12, edges);
+    scenario
+}
+
+#[test]
+#[ignore = "a table of docs/chapter.md: 1400 flights"]
+fn the_page_has_how_many_lattices_get_stuck() {
+    let rows = [1.1, 1.2, 1.5, 2.0, 2.2, 2.5, 3.0].map(|gap| {
+        let stuck = [false, true].map(|both_ways| {
+            let flights = (1..=100).map(|seed| fly(&scattered(0.2 * gap, both_ways, seed)));
+            let mut stuck = 0;
+            for flight in flights {
+                assert!(flight.min_distance_m.unwrap() >= 0.2, "{:?}", flight.min_distance_m);
+                stuck += usize::from(flight.converged_at_s.is_none());
+            }
+            stuck.to_string()
+        });
+        row([format!("{gap}")].into_iter().chain(stuck))
+    });
+    the_page_has(&rows);
+}

@@ -271,17 +271,90 @@ pub enum BriefError {
         /// Why, with line and column.
         source: Box<toml::de::Error>,
     },
+    /// It says what no process can do.
+    #[error("{path} cannot be followed: {flaw}")]
+    Unsound {
+        /// Which file.
+        path: PathBuf,
+        /// Which key, its value, and what was expected.
+        flaw: String,
+    },
 }
 
+/// An [`AgentBrief`] or a [`PlantBrief`].
+pub trait Brief: DeserializeOwned + Serialize {
+    /// What is wrong with it beyond its form, if anything: on a real robot a person wrote it.
+    fn flaw(&self) -> Option<String>;
+}
+
+impl Brief for AgentBrief {
+    fn flaw(&self) -> Option<String> {
+        let places = self.neighbors.iter().map(|neighbor| ("neighbor.index", neighbor.index));
+        let places = places.chain([("index", self.index)]);
+        let zero = |(key, place)| (place == 0).then(|| format!("{key} is 0, expected 1 or more"));
+        { places }.find_map(zero).or_else(|| {
+            unsound(
+                &[
+                    ("period_ns", self.period_ns),
+                    ("plant_tick_ns", self.plant_tick_ns),
+                    ("command_lifetime_ns", self.command_lifetime_ns),
+                ],
+                &[
+                    ("front_point_m", self.front_point_m),
+                    ("avoidance.distance_min_m", self.avoidance.distance_min_m),
+                    ("avoidance.speed_max_m_s", self.avoidance.speed_max_m_s),
+                ],
+            )
+        })
+    }
+}
+
+impl Brief for PlantBrief {
+    fn flaw(&self) -> Option<String> {
+        let ells = self.robots.iter().map(|robot| ("robot.front_point_m", robot.front_point_m));
+        unsound(
+            &[
+                ("period_ns", self.period_ns),
+                ("plant_tick_ns", self.plant_tick_ns),
+                ("command_lifetime_ns", self.command_lifetime_ns),
+                ("duration_ns", self.duration_ns),
+            ],
+            &ells.collect::<Vec<_>>(),
+        )
+    }
+}
+
+/// The first of these that no process can live by.
+fn unsound(times_ns: &[(&str, u64)], positive: &[(&str, f64)]) -> Option<String> {
+    let time = times_ns.iter().find(|(_, ns)| !(1..=TIME_NS_MAX).contains(ns));
+    let number = positive.iter().find(|(_, number)| number.is_nan() || *number <= 0.0);
+    time.map(|(key, ns)| format!("{key} is {ns}, expected 1 to {TIME_NS_MAX}"))
+        .or(number.map(|(key, number)| format!("{key} is {number}, expected more than 0")))
+}
+
+/// A third of the time that 64 bits of ns hold: sums of two stay within. 194 years.
+const TIME_NS_MAX: u64 = u64::MAX / 3;
+
 /// Reads an [`AgentBrief`] or a [`PlantBrief`].
-pub fn read<B: DeserializeOwned>(path: &Path) -> Result<B, BriefError> {
+pub fn read<B: Brief>(path: &Path) -> Result<B, BriefError> {
     let text = std::fs::read_to_string(path)
         .map_err(|source| BriefError::Read { path: path.into(), source })?;
-    toml::from_str(&text)
-        .map_err(|source| BriefError::Parse { path: path.into(), source: Box::new(source) })
+    parse(path, &text)
+}
+
+fn parse<B: Brief>(path: &Path, text: &str) -> Result<B, BriefError> {
+    let brief: B = toml::from_str(text)
+        .map_err(|source| BriefError::Parse { path: path.into(), source: Box::new(source) })?;
+    match brief.flaw() {
+        None => Ok(brief),
+        Some(flaw) => Err(BriefError::Unsound { path: path.into(), flaw }),
+    }
 }
 
 /// The text of a brief.
 pub fn to_text<B: Serialize>(brief: &B) -> String {
     toml::to_string(brief).expect("a brief has string keys and no empty values")
 }
+
+#[cfg(test)]
+mod tests;

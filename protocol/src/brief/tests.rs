@@ -1,0 +1,198 @@
+//! Briefs as whole texts: that no text at all makes a process panic over its brief.
+
+use formation::trajectory::Trajectory;
+
+use super::*;
+use crate::fault::{
+    LinkFaultKind, Sensor, SensorFaultKind, SlowFault, Span, WheelFault, WheelFaultKind, draw,
+};
+
+const SPAN: Span = Span { from_ns: 5, until_ns: 9 };
+
+/// A brief that says everything a brief can say.
+fn agent() -> AgentBrief {
+    let fault = |kind| LinkFault { span: SPAN, kind, seed: 3 };
+    AgentBrief {
+        name: "r1".into(),
+        index: 1,
+        run_root: "/nowhere".into(),
+        pace: Pace::Realtime,
+        period_ns: 5_000_000,
+        plant_tick_ns: 1_000_000,
+        command_lifetime_ns: 13_000_000,
+        front_point_m: 0.045,
+        law: "formation-unit".into(),
+        gains: [("speed_m_s".into(), 0.1)].into(),
+        led: true,
+        lead: Some(LeadBrief {
+            scale: Scale::ONE,
+            trajectory: Trajectory::Still { center_m: [0.0, 1.0] },
+        }),
+        published_velocity: PublishedVelocity::GammaAndBeta,
+        avoidance: AvoidanceBrief {
+            kind: AvoidanceKind::Guard,
+            distance_min_m: 0.2,
+            speed_max_m_s: 0.3,
+            epsilon_per_s: 1.0,
+            sensing_radius_m: 0.3,
+            sensing_error_m: 0.0,
+        },
+        silence: SilenceBrief {
+            stale_after_ns: 15_000_000,
+            lost_after_ns: 100_000_000,
+            policy: SilencePolicy::Ignore,
+        },
+        slow: vec![SlowFault { span: SPAN, delay_ns: 7 }],
+        neighbors: vec![NeighborBrief {
+            name: "r2".into(),
+            index: 2,
+            offset_m: [0.15, 0.25],
+            faults: vec![
+                fault(LinkFaultKind::Cut),
+                fault(LinkFaultKind::Delay { delay_ns: 1, jitter_ns: 2 }),
+            ],
+        }],
+    }
+}
+
+fn plant() -> PlantBrief {
+    PlantBrief {
+        run_root: "/nowhere".into(),
+        pace: Pace::Lockstep,
+        duration_ns: 30_000_000_000,
+        period_ns: 5_000_000,
+        plant_tick_ns: 1_000_000,
+        command_lifetime_ns: 13_000_000,
+        distance_min_m: 0.2,
+        speed_max_m_s: Some(0.3),
+        sensing_radius_m: 0.3,
+        robots: vec![BodyBrief {
+            name: "r1".into(),
+            front_point_m: 0.045,
+            wheels: Some(WheelsBrief { speed_max_m_s: 0.5, track_m: 0.1 }),
+            start: Pose { x_m: 0.0, y_m: -0.5, heading_rad: 1.0 },
+            sensor_faults: vec![SensorFault {
+                span: SPAN,
+                sensor: Sensor::Proximity,
+                kind: SensorFaultKind::Blackout,
+                seed: 1,
+            }],
+            wheel_faults: vec![WheelFault { span: SPAN, kind: WheelFaultKind::Stuck }],
+        }],
+    }
+}
+
+const PIECES: [&str; 34] = [
+    "[",
+    "]",
+    "[[",
+    "]]",
+    "{",
+    "}",
+    "=",
+    "\"",
+    "'",
+    "\n",
+    "\r\n",
+    "#",
+    ".",
+    ",",
+    "-",
+    "0",
+    "9",
+    "e9",
+    "1e400",
+    "nan",
+    "inf",
+    "0x",
+    "1979-05-27",
+    "true",
+    "ä",
+    "\u{0}",
+    "\u{feff}",
+    "𝔘",
+    "robot",
+    "index = 0",
+    "period_ns = 0\n",
+    "[[neighbor]]\n",
+    "99999999999999999999",
+    "-0.0",
+];
+
+/// `original` with a few changes that `seed` draws.
+fn mutated(original: &str, seed: u64) -> String {
+    let mut drawn = 0;
+    let mut below = |bound: usize| {
+        drawn += 1;
+        (draw(seed, drawn) * bound as f64) as usize
+    };
+    let mut text: Vec<char> = original.chars().collect();
+    for _ in 0..1 + below(3) {
+        let at = below(text.len() + 1);
+        let cut = below(4).min(text.len() - at);
+        // Half of the changes take something away, which numbers and names often survive.
+        let piece = if below(2) == 0 { "" } else { PIECES[below(PIECES.len())] };
+        text.splice(at..at + cut, piece.chars());
+    }
+    text.into_iter().collect()
+}
+
+/// (read, refused) of this many texts near `original`. What is read is read again from its text.
+fn shaken<B: Brief>(original: &B, seeds: std::ops::Range<u64>) -> (u64, u64) {
+    let text = to_text(original);
+    let (mut sound, mut refused) = (0, 0);
+    for seed in seeds {
+        let changed = mutated(&text, seed);
+        match parse::<B>(Path::new("r1.toml"), &changed) {
+            Ok(brief) => {
+                sound += 1;
+                // Compared as texts: NaN is not equal to itself.
+                let told = to_text(&brief);
+                let again: B = parse(Path::new("r1.toml"), &told).expect("it reads what it wrote");
+                assert_eq!(to_text(&again), told, "seed {seed}");
+            }
+            Err(error) => {
+                refused += 1;
+                assert!(error.to_string().starts_with("r1.toml "), "seed {seed}: {error}");
+            }
+        }
+    }
+    (sound, refused)
+}
+
+fn no_text_makes_it_panic(texts: u64) {
+    let found = [shaken(&agent(), 0..texts), shaken(&plant(), 0..texts)];
+    for (sound, refused) in found {
+        assert!(sound > texts / 50 && refused > texts / 50, "{found:?}");
+    }
+}
+
+#[test]
+fn no_brief_makes_a_process_panic_and_what_is_read_reads_again() {
+    no_text_makes_it_panic(2000);
+}
+
+#[test]
+#[ignore = "minutes; two million briefs"]
+fn no_brief_of_two_million_makes_a_process_panic() {
+    no_text_makes_it_panic(1_000_000);
+}
+
+#[test]
+fn a_brief_that_no_process_can_follow_names_the_key_and_what_was_expected() {
+    let flaw = |text: &str, from: &str, to: &str| {
+        assert!(text.contains(from), "{text}");
+        let error = parse::<AgentBrief>(Path::new("r1.toml"), &text.replacen(from, to, 1));
+        error.unwrap_err().to_string()
+    };
+    let text = to_text(&agent());
+    for (from, to, said) in [
+        ("period_ns = 5000000", "period_ns = 0", "period_ns is 0, expected 1 to"),
+        ("index = 1", "index = 0", "index is 0, expected 1 or more"),
+        ("index = 2", "index = 0", "neighbor.index is 0, expected 1 or more"),
+        ("front_point_m = 0.045", "front_point_m = nan", "front_point_m is NaN, expected more"),
+    ] {
+        let error = flaw(&text, from, to);
+        assert!(error.contains("r1.toml cannot be followed") && error.contains(said), "{error}");
+    }
+}

@@ -63,6 +63,9 @@ pub enum BeaconRefusal {
     /// A number in it is NaN or infinite.
     #[error("not finite")]
     NotFinite,
+    /// A number in it is larger than any robot's.
+    #[error("not plausible")]
+    NotPlausible,
     /// Its stamp lies ahead of the clock.
     #[error("from the future")]
     Future,
@@ -97,6 +100,9 @@ impl Neighborhood {
         let neighbor = &mut self.neighbors[place];
         if !beacon.is_finite() {
             return Err(BeaconRefusal::NotFinite);
+        }
+        if !beacon.is_plausible() {
+            return Err(BeaconRefusal::NotPlausible);
         }
         let frame = beacon.frame();
         if beacon.stamp_ns > now_ns || frame.is_some_and(|(stamp_ns, _)| stamp_ns > now_ns) {
@@ -221,7 +227,7 @@ mod tests {
             incarnation,
             x_m,
             y_m: 0.0,
-            vx_m_s: 1e7,
+            vx_m_s: 1e6,
             vy_m_s: 0.0,
             ..Beacon::default()
         }
@@ -258,6 +264,15 @@ mod tests {
             (beacon(1, 111, 2.0), BeaconRefusal::Future),
             (beacon(1, 105, f64::NAN), BeaconRefusal::NotFinite),
             (beacon(1, 105, f64::INFINITY), BeaconRefusal::NotFinite),
+            (beacon(1, 105, 1e300), BeaconRefusal::NotPlausible),
+            (beacon(1, 105, -1.001e9), BeaconRefusal::NotPlausible),
+            (Beacon { vy_m_s: 1e300, ..beacon(1, 105, 2.0) }, BeaconRefusal::NotPlausible),
+            (
+                Beacon { frame_heading_rad: -1e300, ..beacon(1, 105, 2.0) },
+                BeaconRefusal::NotPlausible,
+            ),
+            // It would be newer than whatever the honest robot says for the rest of the run.
+            (beacon(u64::MAX, 105, 2.0), BeaconRefusal::NotPlausible),
         ];
         for (beacon, why) in refused {
             assert_eq!(hood.hear(0, &beacon, 110), Err(why));
@@ -269,8 +284,8 @@ mod tests {
     fn the_lost_are_left_out_kept_standing_or_stop_the_robot_by_policy() {
         for (policy, at_lost) in [
             (SilencePolicy::Ignore, Some(Vec2::new(5.0, 1.0))),
-            // a: 1 m + 200 ns of 1e7 m/s, b: 5 m; both + (0, 1)
-            (SilencePolicy::Keep, Some(Vec2::new(4.0, 1.0))),
+            // a: 1 m + 200 ns of 1e6 m/s, b: 5 m; both + (0, 1)
+            (SilencePolicy::Keep, Some(Vec2::new(3.1, 1.0))),
             (SilencePolicy::Stop, None),
         ] {
             let mut hood = neighborhood(policy);

@@ -62,8 +62,8 @@ struct Counters {
 /// Why a command was not obeyed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {
-    /// A number in it is NaN or infinite.
-    #[error("not finite")]
+    /// A number in it is NaN, infinite, or larger than any robot's.
+    #[error("not finite, or not plausible")]
     NotFinite,
     /// It answers a sample that is not yet, or is too old to be acted on.
     #[error("late, or from the future")]
@@ -137,7 +137,7 @@ impl World {
         let dies_ns = command.stamp_ns.saturating_add(self.command_lifetime_ns);
         let order = (command.incarnation, command.stamp_ns, command.sequence);
         let mut twist = command.twist();
-        if !twist.is_finite() {
+        if !command.is_plausible() {
             self.counters.not_finite += 1;
             return Err(Refusal::NotFinite);
         }
@@ -387,6 +387,12 @@ mod tests {
             (command(44 * MS, 9, 0.5, 0.0), Refusal::Old),
             (command(46 * MS, 9, f64::NAN, 0.0), Refusal::NotFinite),
             (command(46 * MS, 9, 0.0, f64::NEG_INFINITY), Refusal::NotFinite),
+            (command(46 * MS, 9, 1e300, 0.0), Refusal::NotFinite),
+            // It would be newer than whatever the honest agent says for the rest of the run.
+            (
+                Command { incarnation: u64::MAX, ..command(46 * MS, 9, 0.0, 0.0) },
+                Refusal::NotFinite,
+            ),
             (command(u64::MAX, 9, 0.5, 0.0), Refusal::Late),
         ];
         for (command, why) in refused {
@@ -397,7 +403,7 @@ mod tests {
         let header = world.truth_header();
         assert_eq!(
             (header.commands_late, header.commands_old, header.commands_not_finite),
-            (3, 2, 2)
+            (3, 2, 4)
         );
         let replacement = Command { incarnation: 1, ..command(55 * MS, 1, 0.5, 0.0) };
         assert_eq!(world.accept(0, &replacement), Ok(()));

@@ -12,6 +12,18 @@ use formation::Vec2;
 use formation::frame::LeaderFrame;
 use formation::pose::{Pose, Twist};
 
+/// No front point is farther from the origin than this, m: beyond, doubles resolve less than
+/// 0.1 um.
+pub const POSITION_MAX_M: f64 = 1e9;
+/// No robot is faster than this, m/s.
+pub const SPEED_MAX_M_S: f64 = 1e6;
+/// No angle, scale, turn rate or other rate is larger than this, in SI units: products of two stay
+/// far from overflow.
+pub const OTHER_MAX: f64 = 1e9;
+/// No robot's process was started more often than this: a larger number is garbage, and would lock
+/// out the honest.
+pub const INCARNATION_MAX: u64 = u32::MAX as u64;
+
 /// The most robots that one odometry sample reports as near.
 pub const PROXIMITY_MAX: usize = 32;
 
@@ -129,6 +141,13 @@ impl Command {
     pub fn twist(&self) -> Twist {
         Twist { v_m_s: self.v_m_s, w_rad_s: self.w_rad_s }
     }
+
+    /// Whether a robot that works could have said this. NaN is not plausible.
+    pub fn is_plausible(&self) -> bool {
+        self.v_m_s.abs() <= SPEED_MAX_M_S
+            && self.w_rad_s.abs() <= OTHER_MAX
+            && self.incarnation <= INCARNATION_MAX
+    }
 }
 
 message! {
@@ -208,13 +227,26 @@ impl Beacon {
     /// Whether all its numbers are numbers.
     pub fn is_finite(&self) -> bool {
         let motion = [self.x_m, self.y_m, self.vx_m_s, self.vy_m_s];
-        let angles = [
+        motion.iter().chain(&self.frame_numbers()).all(|number| number.is_finite())
+    }
+
+    /// Whether a robot that works could have said this, so that no law overflows on it.
+    pub fn is_plausible(&self) -> bool {
+        let within = |numbers: &[f64], max: f64| numbers.iter().all(|number| number.abs() <= max);
+        within(&[self.x_m, self.y_m], POSITION_MAX_M)
+            && within(&[self.vx_m_s, self.vy_m_s], SPEED_MAX_M_S)
+            && within(&self.frame_numbers(), OTHER_MAX)
+            && self.incarnation <= INCARNATION_MAX
+    }
+
+    fn frame_numbers(&self) -> [f64; 5] {
+        [
             self.frame_heading_rad,
             self.frame_turn_rate_rad_s,
             self.frame_turn_acceleration_rad_s2,
-        ];
-        let scales = [self.frame_scale, self.frame_scale_rate_per_s];
-        motion.iter().chain(&angles).chain(&scales).all(|number| number.is_finite())
+            self.frame_scale,
+            self.frame_scale_rate_per_s,
+        ]
     }
 }
 
@@ -231,7 +263,7 @@ message! {
         flying: u64,
         /// Commands sent after the next wake-up was due.
         deadline_misses: u64,
-        /// Beacons refused: not finite, from the future, older than the newest one.
+        /// Beacons refused: not finite, not plausible, from the future, older than the newest one.
         beacons_refused: u64,
         /// How the leader's frame is heard, a [`Contact`] as a number.
         frame: u64,
@@ -312,7 +344,7 @@ message! {
         commands_late: u64,
         /// Commands refused because a newer one had been accepted.
         commands_old: u64,
-        /// Commands refused because they were not finite.
+        /// Commands refused because they were not finite, or not plausible.
         commands_not_finite: u64,
         /// Commands scaled down to the speed limit.
         commands_scaled: u64,

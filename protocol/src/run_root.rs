@@ -1,13 +1,17 @@
 //! The run root: a directory on tmpfs with everything that the processes of one run share, and
 //! the iceoryx2 configuration that keeps two runs from seeing each other.
 //!
-//! Its lock file is held for the supervisor's life; a root whose lock is free belongs to a run
-//! that died, and the next run sweeps it. Must not: remove anything whose lock it could not take,
-//! or follow a symbolic link.
+//! Its lock file is held for the supervisor's life, and so is a second one among the run's shared
+//! memory, which may outlive the root. What has a free lock belongs to a run that died: the next
+//! run sweeps dead roots, `phalanx clean` everything. All of it is the user's alone. Must not:
+//! remove anything whose lock it could not take, touch what belongs to another user, or follow a
+//! symbolic link.
 
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, Read as _};
-use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _};
+use std::io::{self, Read as _, Write as _};
+use std::os::unix::fs::{
+    DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _,
+};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -15,11 +19,15 @@ use iceoryx2::prelude::{Config, FilePath, SemanticString as _};
 use rustix::fs::{FlockOperation, OFlags, flock};
 
 /// Where POSIX shared memory lives on Linux.
-const SHARED_MEMORY: &str = "/dev/shm";
+pub const SHARED_MEMORY: &str = "/dev/shm";
 /// A directory without a lock file younger than this may be one that another run is making.
 const UNLOCKED_AGE_MIN: Duration = Duration::from_secs(10);
 /// How many names are tried. One is lost when another run ends and takes the base with it.
 const ATTEMPTS: usize = 16;
+/// What the names of all runs' shared memory begin with.
+const PREFIX: &str = "phx";
+/// What the lock among a run's shared memory is called behind its prefix.
+const MEMORY_LOCK: &str = "lock";
 /// Ending of a root's name while it is being made.
 const UNNAMED: &str = ".new";
 /// iceoryx2 refuses longer paths (255 bytes); what it puts below the root needs about 100.
@@ -95,7 +103,7 @@ pub struct RunRoot {
     path: PathBuf,
     id: String,
     removed: bool,
-    _lock: File,
+    _locks: [File; 2],
 }
 
 /// The directory of this user's run roots: `phalanx-<uid>` under PHALANX_RUN_ROOT or /dev/shm.
@@ -135,16 +143,29 @@ impl RunRoot {
                 Err(error) if lost(&error) => continue,
                 Err(source) => return Err(failed("make", &unnamed, source)),
             }
-            let Some(lock) = lock_fresh(&unnamed)? else { continue };
-            match fs::rename(&unnamed, &path) {
-                Ok(()) if same_file(&lock, &path.join("lock")) => {}
-                Ok(()) => continue,
-                Err(error) if lost(&error) => continue,
-                Err(source) => return Err(failed("name", &path, source)),
+            let Some(lock) = lock_fresh(&unnamed.join("lock"))? else { continue };
+            // Before the first shared memory, and gone after the last.
+            let memory_lock_path = memory_lock_path(&id);
+            let Some(memory_lock) = lock_fresh(&memory_lock_path)? else {
+                let _ = fs::remove_dir_all(&unnamed);
+                continue;
+            };
+            // Whoever finds it later asks whether the root is still there.
+            (&memory_lock)
+                .write_all(path.as_os_str().as_encoded_bytes())
+                .map_err(|source| failed("write", &memory_lock_path, source))?;
+            let named = fs::rename(&unnamed, &path);
+            if !(named.is_ok() && same_file(&lock, &path.join("lock"))) {
+                let _ = fs::remove_file(&memory_lock_path);
+                match named {
+                    Err(source) if !lost(&source) => return Err(failed("name", &path, source)),
+                    _ => continue,
+                }
             }
-            let root = RunRoot { base, path, id, removed: false, _lock: lock };
+            let root = RunRoot { base, path, id, removed: false, _locks: [lock, memory_lock] };
             let config = root.config_path();
-            fs::write(&config, root.config()).map_err(|source| failed("write", &config, source))?;
+            write_private(&config, &root.config())
+                .map_err(|source| failed("write", &config, source))?;
             return Ok(root);
         }
         Err(RunRootError::NoFreeName { base })
@@ -170,6 +191,15 @@ impl RunRoot {
         barrier_path(&self.path)
     }
 
+    /// Takes from other users what iceoryx2 gives them: it opens one segment of every run to all.
+    /// To be called once the first node is there.
+    pub fn make_private(&self) -> io::Result<()> {
+        for path in shared_memory_of(&self.id)? {
+            fs::set_permissions(&path, fs::Permissions::from_mode(0o600))?;
+        }
+        Ok(())
+    }
+
     /// Removes the run's shared memory and directory, and the base if nothing else is in it.
     pub fn remove(mut self) -> io::Result<()> {
         self.removed = true;
@@ -177,7 +207,7 @@ impl RunRoot {
     }
 
     fn clear(&self) -> io::Result<()> {
-        remove_shared_memory(&self.prefix())?;
+        remove_shared_memory(&self.id)?;
         fs::remove_dir_all(&self.path)?;
         // Other runs may live in the base.
         let _ = fs::remove_dir(&self.base);
@@ -211,37 +241,36 @@ impl Drop for RunRoot {
     }
 }
 
+/// What a dead run left. It is locked while this value lives, so that nobody else removes it.
+#[derive(Debug)]
+pub struct Leftover {
+    /// Its run root, if that is still there.
+    pub root: Option<PathBuf>,
+    /// Its shared memory.
+    pub shared_memory: Vec<PathBuf>,
+    id: String,
+    _lock: Option<File>,
+}
+
+impl Leftover {
+    /// Its shared memory as a shell would find it.
+    pub fn pattern(&self) -> String {
+        format!("{SHARED_MEMORY}/{}*", prefix(&self.id))
+    }
+
+    /// Removes it.
+    pub fn remove(self) -> io::Result<()> {
+        remove_shared_memory(&self.id)?;
+        self.root.map_or(Ok(()), fs::remove_dir_all)
+    }
+}
+
 /// Removes every run root whose lock is free, with its shared memory; returns what was removed.
 pub fn sweep(base: &Path) -> Vec<PathBuf> {
-    // A base that is a link or somebody else's is refused by `create`; here it is left alone.
-    if !fs::symlink_metadata(base).is_ok_and(|found| foreign(&found).is_none()) {
-        return Vec::new();
-    }
-    let Ok(entries) = fs::read_dir(base) else { return Vec::new() };
     let mut removed = Vec::new();
-    for path in entries.flatten().map(|entry| entry.path()) {
-        let Some(name) = path.file_name().and_then(|name| name.to_str()) else { continue };
-        let id = name.strip_suffix(UNNAMED).unwrap_or(name);
-        if !is_id(id) || (name != id && !older(&path)) {
-            continue;
-        }
-        if !fs::symlink_metadata(&path).is_ok_and(|found| found.is_dir()) {
-            continue;
-        }
-        let lock_path = path.join("lock");
-        let lock = match lock_options().open(&lock_path) {
-            Ok(lock) => Some(lock),
-            Err(error) if error.kind() == io::ErrorKind::NotFound && older(&path) => None,
-            Err(_) => continue,
-        };
-        // Held to the end of this round, so that nobody takes the root while it goes.
-        if let Some(lock) = &lock
-            && (flock(lock, FlockOperation::NonBlockingLockExclusive).is_err()
-                || !same_file(lock, &lock_path))
-        {
-            continue;
-        }
-        match remove_shared_memory(&prefix(id)).and_then(|()| fs::remove_dir_all(&path)) {
+    for leftover in dead_roots(base) {
+        let Some(path) = leftover.root.clone() else { continue };
+        match leftover.remove() {
             Ok(()) => removed.push(path),
             Err(error) => {
                 tracing::warn!(%error, path = %path.display(), "a dead run's root stays behind");
@@ -249,6 +278,71 @@ pub fn sweep(base: &Path) -> Vec<PathBuf> {
         }
     }
     removed
+}
+
+/// What dead runs left: roots below `base` whose lock is free, and shared memory of this user that
+/// no run holds any more and whose root, wherever it was, is gone.
+pub fn leftovers(base: &Path) -> Vec<Leftover> {
+    let mut found: Vec<Leftover> = dead_roots(base).collect();
+    let names = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
+    for name in names.map(|entry| entry.file_name()) {
+        let id = name.to_str().and_then(|name| name.strip_prefix(PREFIX)?.strip_suffix("_lock"));
+        let Some(id) = id.filter(|id| is_id(id)) else { continue };
+        if found.iter().any(|leftover| leftover.id == id) {
+            continue;
+        }
+        let path = memory_lock_path(id);
+        if !fs::symlink_metadata(&path).is_ok_and(|found| own(&found) && found.is_file()) {
+            continue;
+        }
+        if let Ok(lock) = lock_options().open(&path)
+            && flock(&lock, FlockOperation::NonBlockingLockExclusive).is_ok()
+            && same_file(&lock, &path)
+            && fs::read_to_string(&path).is_ok_and(|root| !Path::new(&root).exists())
+        {
+            let shared_memory = shared_memory_of(id).unwrap_or_default();
+            let id = id.to_owned();
+            found.push(Leftover { root: None, shared_memory, id, _lock: Some(lock) });
+        }
+    }
+    found
+}
+
+/// The run roots below `base` whose lock is free, each locked when it is reached.
+fn dead_roots(base: &Path) -> impl Iterator<Item = Leftover> {
+    // A base that is a link or somebody else's is refused by `create`; here it is left alone.
+    let ours = fs::symlink_metadata(base).is_ok_and(|found| foreign(&found).is_none());
+    let entries = ours.then(|| fs::read_dir(base).ok()).flatten();
+    entries.into_iter().flatten().flatten().filter_map(|entry| {
+        let path = entry.path();
+        let name = path.file_name().and_then(|name| name.to_str())?;
+        let id = name.strip_suffix(UNNAMED).unwrap_or(name).to_owned();
+        if !is_id(&id) || (name != id && !older(&path)) {
+            return None;
+        }
+        if !fs::symlink_metadata(&path).is_ok_and(|found| found.is_dir()) {
+            return None;
+        }
+        let lock_path = path.join("lock");
+        let lock = match lock_options().open(&lock_path) {
+            Ok(lock) => Some(lock),
+            Err(error) if error.kind() == io::ErrorKind::NotFound && older(&path) => None,
+            Err(_) => return None,
+        };
+        if let Some(lock) = &lock
+            && (flock(lock, FlockOperation::NonBlockingLockExclusive).is_err()
+                || !same_file(lock, &lock_path))
+        {
+            return None;
+        }
+        let shared_memory = shared_memory_of(&id).unwrap_or_default();
+        Some(Leftover { root: Some(path), shared_memory, id, _lock: lock })
+    })
+}
+
+/// What makes `base` unfit for run roots, if it is there and unfit.
+pub fn unfit(base: &Path) -> Option<String> {
+    fs::symlink_metadata(base).ok().and_then(|found| foreign(&found))
 }
 
 /// Joins a run: iceoryx2 uses its root from now on. Every process calls this first.
@@ -275,7 +369,11 @@ fn failed(action: &'static str, path: &Path, source: io::Error) -> RunRootError 
 }
 
 fn prefix(id: &str) -> String {
-    format!("phx{id}_")
+    format!("{PREFIX}{id}_")
+}
+
+fn memory_lock_path(id: &str) -> PathBuf {
+    Path::new(SHARED_MEMORY).join(prefix(id) + MEMORY_LOCK)
 }
 
 fn is_id(name: &str) -> bool {
@@ -325,13 +423,22 @@ fn foreign(found: &fs::Metadata) -> Option<String> {
         Some("it is a symbolic link".into())
     } else if !found.is_dir() {
         Some("it is no directory".into())
-    } else if found.uid() != rustix::process::geteuid().as_raw() {
+    } else if !own(found) {
         Some(format!("it belongs to user {}", found.uid()))
-    } else if found.mode() & 0o022 != 0 {
-        Some(format!("others may write to it (mode {:o})", found.mode() & 0o777))
+    } else if found.mode() & 0o077 != 0 {
+        Some(format!("it is open to others (mode {:o})", found.mode() & 0o777))
     } else {
         None
     }
+}
+
+fn own(found: &fs::Metadata) -> bool {
+    found.uid() == rustix::process::geteuid().as_raw()
+}
+
+fn write_private(path: &Path, text: &str) -> io::Result<()> {
+    let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path)?;
+    file.write_all(text.as_bytes())
 }
 
 fn lock_options() -> OpenOptions {
@@ -340,18 +447,17 @@ fn lock_options() -> OpenOptions {
     options
 }
 
-/// Locks a directory just made; `None` if a sweep was faster.
+/// Makes and locks a lock file; `None` if there is one, or if a sweep was faster.
 fn lock_fresh(path: &Path) -> Result<Option<File>, RunRootError> {
-    let lock_path = path.join("lock");
-    let lock = match lock_options().create_new(true).open(&lock_path) {
+    let lock = match lock_options().create_new(true).open(path) {
         Ok(lock) => lock,
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-        Err(source) => return Err(failed("make", &lock_path, source)),
+        Err(error) if lost(&error) => return Ok(None),
+        Err(source) => return Err(failed("make", path, source)),
     };
     match flock(&lock, FlockOperation::NonBlockingLockExclusive) {
-        Ok(()) if same_file(&lock, &lock_path) => Ok(Some(lock)),
+        Ok(()) if same_file(&lock, path) => Ok(Some(lock)),
         Ok(()) | Err(rustix::io::Errno::WOULDBLOCK) => Ok(None),
-        Err(error) => Err(failed("lock", &lock_path, error.into())),
+        Err(error) => Err(failed("lock", path, error.into())),
     }
 }
 
@@ -377,14 +483,28 @@ fn older(path: &Path) -> bool {
         .is_some_and(|age| age > UNLOCKED_AGE_MIN)
 }
 
-fn remove_shared_memory(prefix: &str) -> io::Result<()> {
+/// This user's shared memory of a run, its lock last.
+fn shared_memory_of(id: &str) -> io::Result<Vec<PathBuf>> {
+    let prefix = prefix(id);
+    let mut found = Vec::new();
     for entry in fs::read_dir(SHARED_MEMORY)? {
         let entry = entry?;
-        if entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes()) {
-            match fs::remove_file(entry.path()) {
-                Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-                _ => {}
-            }
+        if entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes())
+            && fs::symlink_metadata(entry.path()).is_ok_and(|found| own(&found))
+        {
+            found.push(entry.path());
+        }
+    }
+    let lock = memory_lock_path(id);
+    found.sort_by_key(|path| *path == lock);
+    Ok(found)
+}
+
+fn remove_shared_memory(id: &str) -> io::Result<()> {
+    for path in shared_memory_of(id)? {
+        match fs::remove_file(path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => {}
         }
     }
     Ok(())
@@ -430,6 +550,43 @@ mod tests {
         assert_eq!(sweep(&base), std::slice::from_ref(&dead));
         assert!(!dead.exists() && !shm.exists());
         assert!(living.path().exists() && being_made.exists());
+    }
+
+    #[test]
+    fn shared_memory_without_a_root_is_found_and_that_of_the_living_is_spared() {
+        let (_parent, base) = temporary_base();
+        let living = RunRoot::create(&base).unwrap();
+        let orphaned = RunRoot::create(&base).unwrap();
+        let shm = |root: &RunRoot| {
+            let path = Path::new(SHARED_MEMORY).join(format!("{}left", root.prefix()));
+            fs::write(&path, "x").unwrap();
+            path
+        };
+        let (kept, left) = (shm(&living), shm(&orphaned));
+        fs::remove_dir_all(orphaned.path()).unwrap();
+        let id = orphaned.id.clone();
+        let of_this = |id: &str| leftovers(&base).into_iter().find(|leftover| leftover.id == id);
+        assert!(of_this(&id).is_none(), "its supervisor lives, and may still need it");
+        // As the kernel does for a supervisor that was killed.
+        for lock in &orphaned._locks {
+            flock(lock, FlockOperation::Unlock).unwrap();
+        }
+        // Unless somebody on this machine cleans up at this very moment.
+        if let Some(found) = of_this(&id) {
+            assert_eq!((&found.root, found.shared_memory.len()), (&None, 2));
+            found.remove().unwrap();
+        }
+        assert!(!left.exists() && !memory_lock_path(&id).exists());
+        assert!(of_this(&living.id).is_none() && kept.exists());
+    }
+
+    #[test]
+    fn a_base_that_others_may_enter_is_refused() {
+        let (_parent, base) = temporary_base();
+        fs::create_dir(&base).unwrap();
+        fs::set_permissions(&base, fs::Permissions::from_mode(0o755)).unwrap();
+        let error = RunRoot::create(&base).unwrap_err().to_string();
+        assert!(error.contains("open to others (mode 755)"), "{error}");
     }
 
     #[test]

@@ -24,6 +24,9 @@ enum Role {
     Plant {
         /// The plant's brief.
         brief: PathBuf,
+        /// Run before every ordinary process, with all memory locked.
+        #[arg(long)]
+        realtime_priority: bool,
     },
     /// Take processor time until killed.
     #[command(hide = true)]
@@ -37,13 +40,18 @@ struct AgentArgs {
     /// How often this robot's process was started before.
     #[arg(long, default_value_t = 0)]
     incarnation: u64,
+    /// Run before every ordinary process, with all memory locked.
+    #[arg(long)]
+    realtime_priority: bool,
 }
 
 fn main() -> ExitCode {
     let code = match Cli::parse().role {
         Role::Supervisor(verb) => supervisor::cli::main(&verb, &agent::laws::descriptions()),
-        Role::Agent(args) => agent::flight::main(&args.brief, args.incarnation),
-        Role::Plant { brief } => plant::flight::main(&brief),
+        Role::Agent(AgentArgs { brief, incarnation, realtime_priority }) => {
+            agent::flight::main(&brief, incarnation, realtime_priority)
+        }
+        Role::Plant { brief, realtime_priority } => plant::flight::main(&brief, realtime_priority),
         Role::Load => supervisor::child::load(),
     };
     ExitCode::from(code)

@@ -237,9 +237,12 @@ impl Agent {
 }
 
 /// What the process does: named, logging, and with an exit code that tells.
-pub fn main(brief_path: &Path, incarnation: u64) -> u8 {
+pub fn main(brief_path: &Path, incarnation: u64, realtime_priority: bool) -> u8 {
     process::set_name("phalanx-agent");
     process::log_to_stderr();
+    if realtime_priority {
+        process::hurry();
+    }
     match run(brief_path, incarnation) {
         Ok(()) => process::exit::OK,
         Err(error) => {

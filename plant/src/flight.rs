@@ -233,9 +233,12 @@ impl Plant {
 }
 
 /// What the process does: named, logging, and with an exit code that tells.
-pub fn main(brief_path: &Path) -> u8 {
+pub fn main(brief_path: &Path, realtime_priority: bool) -> u8 {
     process::set_name("phalanx-plant");
     process::log_to_stderr();
+    if realtime_priority {
+        process::hurry();
+    }
     match run(brief_path) {
         Ok(()) => process::exit::OK,
         Err(error) => {

@@ -14,9 +14,12 @@ struct Cli {
     /// How often this robot's process was started before.
     #[arg(long, default_value_t = 0)]
     incarnation: u64,
+    /// Run before every ordinary process, with all memory locked.
+    #[arg(long)]
+    realtime_priority: bool,
 }
 
 fn main() -> ExitCode {
-    let Cli { brief, incarnation } = Cli::parse();
-    ExitCode::from(agent::flight::main(&brief, incarnation))
+    let Cli { brief, incarnation, realtime_priority } = Cli::parse();
+    ExitCode::from(agent::flight::main(&brief, incarnation, realtime_priority))
 }

@@ -53,7 +53,8 @@ pub struct SpawnError {
 impl Child {
     /// Starts this very executable in another role, its log appended to `log`. The calling thread
     /// must live as long as the run: the child dies with it.
-    pub fn spawn(role: Role<'_>, log: &Path) -> Result<Child, SpawnError> {
+    /// `realtime_priority`: it is to run before every ordinary process.
+    pub fn spawn(role: Role<'_>, log: &Path, realtime_priority: bool) -> Result<Child, SpawnError> {
         let failed = |source| SpawnError { what: format!("{role:?}"), source };
         let out = File::options().create(true).append(true).open(log).map_err(failed)?;
         let mut command = Command::new("/proc/self/exe");
@@ -68,6 +69,9 @@ impl Child {
             Role::Load => {
                 command.arg0("phalanx-load").arg("load");
             }
+        }
+        if realtime_priority {
+            command.arg("--realtime-priority");
         }
         command
             .stdin(Stdio::null())

@@ -10,14 +10,17 @@ use clap::{Args, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use protocol::brief::Pace;
 use protocol::law::LawDescription;
-use protocol::process::{Stop, exit, log_level, quiet_iceoryx2};
+use protocol::process::{Stop, exit, log_level, quiet_iceoryx2, try_realtime_priority};
+use protocol::run_root;
 
 use crate::check::{self, Theory};
+use crate::clean;
+use crate::doctor;
 use crate::drawing::{Drawing, drawn};
 use crate::flight::{self, Flight};
 use crate::metrics::Metrics;
 use crate::metrics::expect;
-use crate::run_dir::{Manifest, RunDir, RunDirError, default_out};
+use crate::run_dir::{Manifest, RunDir, RunDirError, default_out, to_json};
 use crate::scenario::Scenario;
 use crate::scenario::diagnostic::Diagnostic;
 use crate::scenario::read::{Overrides, read};
@@ -32,6 +35,10 @@ pub enum Verb {
     Run(RunArgs),
     /// Validate a scenario and print what can be said before it flies.
     Check(CheckArgs),
+    /// Say whether this machine is fit for runs, and what to do about it.
+    Doctor(DoctorArgs),
+    /// Remove what dead runs left in the run root and in shared memory.
+    Clean(CleanArgs),
 }
 
 /// Arguments of `phalanx run`.
@@ -45,6 +52,10 @@ pub struct RunArgs {
     /// Where to write the run; must not exist [default: runs/NAME-DATE-TIME].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Let agents and plant run before every ordinary process, with their memory locked
+    /// (SCHED_FIFO, mlockall); real time only.
+    #[arg(long)]
+    realtime_priority: bool,
     /// What to print at the end.
     #[arg(long, value_enum, default_value_t = Output::Text)]
     output: Output,
@@ -61,6 +72,25 @@ pub struct CheckArgs {
     /// Print the formation graph instead, to be drawn.
     #[arg(long, value_enum, value_name = "FORMAT", conflicts_with = "output")]
     graph: Option<Drawing>,
+}
+
+/// Arguments of `phalanx doctor`.
+#[derive(Debug, Args)]
+pub struct DoctorArgs {
+    /// Robots that the machine is to be fit for.
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    robots: u32,
+    /// What to print.
+    #[arg(long, value_enum, default_value_t = Output::Text)]
+    output: Output,
+}
+
+/// Arguments of `phalanx clean`.
+#[derive(Debug, Args)]
+pub struct CleanArgs {
+    /// Only say what would be removed.
+    #[arg(long)]
+    dry_run: bool,
 }
 
 /// A scenario file, and changes to it.
@@ -108,6 +138,8 @@ pub fn main(verb: &Verb, laws: &[LawDescription]) -> u8 {
     match verb {
         Verb::Run(args) => run(args, laws),
         Verb::Check(args) => check(args, laws),
+        Verb::Doctor(args) => diagnose(args),
+        Verb::Clean(args) => tidy(args),
     }
 }
 
@@ -149,7 +181,29 @@ fn check(args: &CheckArgs, laws: &[LawDescription]) -> u8 {
     })
 }
 
+fn diagnose(args: &DoctorArgs) -> u8 {
+    let findings = doctor::examine(args.robots as usize);
+    let printed = print(&match args.output {
+        Output::Text => doctor::screen(&findings),
+        Output::Json => to_json(&findings),
+    });
+    if doctor::is_wrong(&findings) { exit::INFRASTRUCTURE } else { printed }
+}
+
+fn tidy(args: &CleanArgs) -> u8 {
+    let (said, failures) = clean::clean(&run_root::base(), args.dry_run);
+    let printed = print(&said);
+    for failure in &failures {
+        complain(failure);
+    }
+    if failures.is_empty() { printed } else { exit::INFRASTRUCTURE }
+}
+
 fn run(args: &RunArgs, laws: &[LawDescription]) -> u8 {
+    if args.realtime_priority && args.pace == PaceArg::Lockstep {
+        complain(&"--realtime-priority is for --pace realtime: lockstep has no deadlines");
+        return exit::USAGE;
+    }
     let Some((scenario, text)) = read_scenario(&args.scenario, laws) else {
         return exit::BAD_SCENARIO;
     };
@@ -158,7 +212,21 @@ fn run(args: &RunArgs, laws: &[LawDescription]) -> u8 {
         PaceArg::Realtime => Pace::Realtime,
     };
     let out = args.out.clone().unwrap_or_else(|| default_out(&scenario.name));
-    match fly(&scenario, &text, pace, &args.scenario.scenario, &out) {
+    let mut manifest = Manifest::collect(&scenario, &args.scenario.scenario, pace);
+    let mut hurried = false;
+    if args.realtime_priority {
+        manifest.realtime_priority = Some(match try_realtime_priority() {
+            Ok(()) => {
+                hurried = true;
+                "granted".into()
+            }
+            Err(error) => {
+                tracing::warn!("flying with ordinary priority: {error}");
+                error.to_string()
+            }
+        });
+    }
+    match fly(&scenario, &text, pace, hurried, &manifest, &out) {
         Ok(flown) => {
             let printed = match args.output {
                 // What was wrong was said already; of nothing there is nothing to show.
@@ -200,16 +268,18 @@ fn fly(
     scenario: &Scenario,
     text: &str,
     pace: Pace,
-    path: &Path,
+    hurried: bool,
+    manifest: &Manifest,
     out: &Path,
 ) -> Result<Flown, NotFlown> {
     let stop = Stop::on_signals_twice_at_once()?;
     let mut run_dir = RunDir::create(out, scenario)?;
     run_dir.write_scenario(text)?;
-    run_dir.write_manifest(&Manifest::collect(scenario, path, pace))?;
+    run_dir.write_manifest(manifest)?;
     let mut metrics = Metrics::new(scenario, pace);
     let bar = BAR.get_or_init(|| progress_bar(scenario.duration_ns));
-    let (outcome, flown) = match Flight::launch(scenario, pace, &mut run_dir, &mut metrics, stop) {
+    let launched = Flight::launch(scenario, pace, hurried, &mut run_dir, &mut metrics, stop);
+    let (outcome, flown) = match launched {
         Ok(flight) => flight.fly(|t_ns| show_progress(bar, t_ns)),
         Err(error) => (flight::Outcome::default(), Err(error)),
     };

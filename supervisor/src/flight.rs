@@ -108,6 +108,8 @@ pub struct Outcome {
     pub truth: Option<TruthHeader>,
     /// Commands sent too late, by all agents.
     pub deadline_misses: u64,
+    /// Beacons that each robot refused, in scenario order.
+    pub beacons_refused: Vec<u64>,
     /// Restarts by robot, in scenario order.
     pub restarts: Vec<u64>,
 }
@@ -172,10 +174,12 @@ impl Services {
 }
 
 impl<'a> Flight<'a> {
-    /// Makes the run root and all services, writes the briefs and starts every process.
+    /// Makes the run root and all services, writes the briefs and starts every process; agents and
+    /// plant before every ordinary process of the machine, if `realtime_priority`.
     pub fn launch(
         scenario: &'a Scenario,
         pace: Pace,
+        realtime_priority: bool,
         run_dir: &'a mut RunDir,
         metrics: &'a mut Metrics,
         stop: Stop,
@@ -187,6 +191,11 @@ impl<'a> Flight<'a> {
         let run_root = RunRoot::create(&base)?;
         run_root::join(run_root.path())?;
         let node = service::node("supervisor")?;
+        run_root.make_private().map_err(|source| RunRootError::Io {
+            action: "close to other users",
+            path: run_root.path().into(),
+            source,
+        })?;
         let services = Services::create(&node, scenario, pace)?;
         let truth = services.truth.subscriber()?;
         let barrier = match pace {
@@ -205,14 +214,16 @@ impl<'a> Flight<'a> {
         let plant_brief = briefs::plant(scenario, pace, run_root.path());
         let plant_brief = run_dir.write_brief("plant", &plant_brief)?;
         let launched = Instant::now();
-        let plant = Child::spawn(Role::Plant { brief: &plant_brief }, &run_dir.log_path("plant"))?;
+        let plant = Role::Plant { brief: &plant_brief };
+        let plant = Child::spawn(plant, &run_dir.log_path("plant"), realtime_priority)?;
         let mut robots = Vec::new();
         for (i, robot) in scenario.robots.iter().enumerate() {
             let brief = briefs::agent(scenario, i, pace, run_root.path());
             let told = run_dir.write_brief(&robot.name, &brief)?;
             let log = run_dir.log_path(&robot.name);
             let status = services.status[i].subscriber()?;
-            robots.push(Robot::new(&robot.name, told, log, status, scenario.robots.len()));
+            let count = scenario.robots.len();
+            robots.push(Robot::new(&robot.name, told, log, status, count, realtime_priority));
         }
         for i in start_order(scenario.seed, robots.len()) {
             robots[i].start()?;
@@ -352,6 +363,7 @@ impl<'a> Flight<'a> {
             return Ok(()); // sent before its death
         }
         robot.misses = header.deadline_misses;
+        robot.refused = header.beacons_refused;
         // In lockstep a replacement is ready before its first tick; in real time it takes part
         // once it has answered a sample.
         let takes_part = self.barrier.is_some() || robot.incarnation == 0 || header.flying == 1;
@@ -421,6 +433,7 @@ impl<'a> Flight<'a> {
         };
         let robot = &mut self.robots[i];
         robot.misses_before += std::mem::take(&mut robot.misses);
+        robot.refused_before += std::mem::take(&mut robot.refused);
         self.alive[i] = false;
         if let Some(barrier) = &self.barrier {
             barrier.remove_member(i);
@@ -556,7 +569,7 @@ impl<'a> Flight<'a> {
             Act::StartLoad { processes } => {
                 let log = self.run_dir.log_path("load");
                 for _ in 0..processes {
-                    self.loads.push((fault, Child::spawn(Role::Load, &log)?));
+                    self.loads.push((fault, Child::spawn(Role::Load, &log, false)?));
                 }
                 self.event(now_ns, "load", None, &format!("{processes} processes"))?;
                 self.metrics.fault_began(fault, now_ns);
@@ -623,6 +636,8 @@ impl<'a> Flight<'a> {
         let _ = self.take_statuses();
         let misses = self.robots.iter().map(|robot| robot.misses_before + robot.misses);
         self.outcome.deadline_misses = misses.sum();
+        let refused = self.robots.iter().map(|robot| robot.refused_before + robot.refused);
+        self.outcome.beacons_refused = refused.collect();
         let asked = Instant::now();
         let mut killed = false;
         for child in self.children() {

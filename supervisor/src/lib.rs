@@ -10,6 +10,8 @@
 //! | `briefs` | what is each process told? |
 //! | `flight` | what happens, in order, from the first process to the last? |
 //! | `robot` | where is a robot's process in its life, and does it come back? |
+//! | `doctor` | is this machine fit for it? |
+//! | `clean` | what did dead runs leave behind? |
 //! | `timeline` | what does the supervisor do to processes, and when? |
 //! | `child` | how is a process started, watched and ended? |
 //! | `cleanup` | what did a dead process leave behind? |
@@ -20,8 +22,10 @@
 pub mod briefs;
 pub mod check;
 pub mod child;
+pub mod clean;
 pub mod cleanup;
 pub mod cli;
+pub mod doctor;
 pub mod drawing;
 pub mod flight;
 pub mod metrics;

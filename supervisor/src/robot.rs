@@ -45,6 +45,11 @@ pub(crate) struct Robot {
     pub(crate) contacts: Vec<Contact>,
     /// How it last said it hears the leader's frame.
     pub(crate) frame: Contact,
+    /// Its process runs before every ordinary one.
+    realtime_priority: bool,
+    /// Beacons refused by earlier incarnations, and by this one so far.
+    pub(crate) refused_before: u64,
+    pub(crate) refused: u64,
     /// Deadline misses of earlier incarnations, and of this one so far.
     pub(crate) misses_before: u64,
     pub(crate) misses: u64,
@@ -58,6 +63,7 @@ impl Robot {
         log: PathBuf,
         status: Subscriber<[NeighborStatus], StatusHeader>,
         robots: usize,
+        realtime_priority: bool,
     ) -> Robot {
         Robot {
             name: name.into(),
@@ -71,6 +77,9 @@ impl Robot {
             status,
             contacts: vec![Contact::Unheard; robots],
             frame: Contact::Unheard,
+            realtime_priority,
+            refused_before: 0,
+            refused: 0,
             misses_before: 0,
             misses: 0,
         }
@@ -92,7 +101,7 @@ impl Robot {
     /// Starts its process.
     pub(crate) fn start(&mut self) -> Result<(), SpawnError> {
         let role = Role::Agent { brief: &self.brief, incarnation: self.incarnation };
-        let child = Child::spawn(role, &self.log)?;
+        let child = Child::spawn(role, &self.log, self.realtime_priority)?;
         self.seat = Seat::Starting { child, since: Instant::now() };
         Ok(())
     }

@@ -281,6 +281,8 @@ pub struct Manifest {
     pub pace: Pace,
     /// T, s.
     pub period_s: f64,
+    /// What became of `--realtime-priority`, if it was asked for: `granted`, or why not.
+    pub realtime_priority: Option<String>,
     /// Operating system and version.
     pub kernel: String,
     /// Processor architecture.
@@ -309,6 +311,7 @@ impl Manifest {
             seed: scenario.seed,
             pace,
             period_s: seconds(scenario.period_ns),
+            realtime_priority: None,
             kernel: format!("{} {}", text(system.sysname()), text(system.release())),
             machine: text(system.machine()),
             cores: std::thread::available_parallelism().map_or(1, usize::from),

@@ -66,6 +66,9 @@ pub struct Summary {
     pub deadline_misses: u64,
     /// What became of commands at the plant.
     pub commands: Commands,
+    /// Beacons that each robot refused: not finite, not plausible, old or from the future.
+    #[serde(serialize_with = "in_order")]
+    pub beacons_refused: Vec<(String, u64)>,
     /// Truths that the supervisor did not get.
     pub truths_lost: u64,
     /// Restarts by robot.
@@ -92,7 +95,7 @@ pub struct Commands {
     pub late: u64,
     /// Refused: a newer one had been accepted.
     pub old: u64,
-    /// Refused: not finite.
+    /// Refused: not finite, or not plausible.
     pub not_finite: u64,
     /// Scaled down to the speed limit.
     pub scaled: u64,
@@ -114,7 +117,10 @@ impl Summary {
         let wall_s = outcome.wall.as_secs_f64();
         let per_wall = |amount: f64| if wall_s > 0.0 { amount / wall_s } else { 0.0 };
         let t_s = crate::metrics::seconds(truth.t_ns);
-        let names = scenario.robots.iter().map(|robot| robot.name.clone());
+        let by_robot = |counts: &[u64]| {
+            let names = scenario.robots.iter().map(|robot| robot.name.clone());
+            names.zip(counts.iter().copied()).collect()
+        };
         let measures = measures.clone();
         Summary {
             scenario: scenario.name.clone(),
@@ -146,8 +152,9 @@ impl Summary {
                 scaled: truth.commands_scaled,
                 expired: truth.commands_expired,
             },
+            beacons_refused: by_robot(&outcome.beacons_refused),
             truths_lost: measures.truths_lost,
-            restarts: names.zip(outcome.restarts.iter().copied()).collect(),
+            restarts: by_robot(&outcome.restarts),
             faults: measures.faults,
             expectations,
         }
@@ -218,6 +225,10 @@ pub fn screen(summary: &Summary) -> String {
     }
     let refused = late + old + not_finite;
     row("commands", format!("{refused} refused, {scaled} scaled, {expired} expired"));
+    let beacons: u64 = summary.beacons_refused.iter().map(|(_, refused)| refused).sum();
+    if beacons > 0 {
+        row("beacons", format!("{beacons} refused"));
+    }
     if summary.truths_lost > 0 {
         row("truths lost", summary.truths_lost.to_string());
     }

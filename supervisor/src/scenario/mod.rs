@@ -25,6 +25,8 @@ mod lead;
 mod overrides;
 pub mod read;
 mod robots;
+#[cfg(test)]
+mod shaken;
 mod table;
 #[cfg(test)]
 mod tests;

@@ -1,0 +1,390 @@
+//! `phalanx doctor`: looks at this machine and says whether it is fit for runs.
+//!
+//! Must not: change anything, or call wrong what only might be.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use protocol::clock::{Timer, now_ns, tighten_timer_slack};
+use protocol::process::{PriorityError, REALTIME_RUNTIME, may_lock_memory, try_realtime_priority};
+use protocol::run_root::{self, SHARED_MEMORY};
+use rustix::fs::{Access, access, statfs, statvfs};
+use rustix::process::{PidfdFlags, Resource, getpid, getrlimit, pidfd_open};
+use serde::Serialize;
+
+use crate::clean;
+
+/// Descriptors of the supervisor, measured with 8 and 64 robots: this many, and so many for each
+/// robot. No other process needs as many.
+const DESCRIPTORS: u64 = 18;
+const DESCRIPTORS_PER_ROBOT: u64 = 12;
+/// Processes and threads besides the robots: supervisor, its clean-up, plant, and a little room.
+const PROCESSES: u64 = 8;
+/// Bytes on tmpfs: 35 KiB of run root and 70 KiB of shared memory a robot were measured with 8 and
+/// with 64 robots; the rest is room for denser graphs.
+const TMPFS_BYTES_PER_ROBOT: u64 = 256 * 1024;
+/// Robots at 1 kHz that one core was seen to carry with fewer than 1 % of the deadlines missed
+/// (64 on two).
+const ROBOTS_PER_CORE: usize = 32;
+/// Wake-ups tried, and the time between two.
+const WAKE_UPS: usize = 200;
+const WAKE_UP_EVERY_NS: u64 = 1_000_000;
+/// The default slack of a timer is 50 us: a median beyond it tells that something else is late.
+const LATENESS_NS_MAX: u64 = 100_000;
+/// What statfs calls a tmpfs.
+const TMPFS_MAGIC: u64 = 0x0102_1994;
+
+/// How bad it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// As it should be.
+    Fine,
+    /// Runs fly, and not as well as they could.
+    WorthKnowing,
+    /// Runs fail.
+    Wrong,
+}
+
+impl Verdict {
+    fn word(self) -> &'static str {
+        match self {
+            Verdict::Fine => "fine",
+            Verdict::WorthKnowing => "worth knowing",
+            Verdict::Wrong => "WRONG",
+        }
+    }
+}
+
+/// One thing looked at.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Finding {
+    /// What was looked at.
+    pub topic: &'static str,
+    /// How bad it is.
+    pub verdict: Verdict,
+    /// What was found.
+    pub found: String,
+    /// What to do about it; `null` if nothing.
+    pub advice: Option<String>,
+}
+
+impl Finding {
+    fn fine(topic: &'static str, found: impl Into<String>) -> Finding {
+        Finding { topic, verdict: Verdict::Fine, found: found.into(), advice: None }
+    }
+
+    fn or(self, verdict: Verdict, bad: bool, advice: impl Into<String>) -> Finding {
+        match bad {
+            true => Finding { verdict, advice: Some(advice.into()), ..self },
+            false => self,
+        }
+    }
+}
+
+/// Looks at everything a run with so many robots depends on.
+pub fn examine(robots: usize) -> Vec<Finding> {
+    let base = run_root::base();
+    let mut findings = vec![kernel(), cores(robots), load(), wake_ups()];
+    findings.extend(governor());
+    findings.push(descriptors(robots));
+    findings.push(processes(robots));
+    findings.extend(process_group_limit(robots));
+    findings.push(realtime_priority());
+    findings.push(locked_memory());
+    findings.push(place("run root", base.parent().unwrap_or(Path::new("/")), robots));
+    findings.push(place("shared memory", Path::new(SHARED_MEMORY), robots));
+    findings.push(privacy(&base));
+    findings.push(leftovers(&base));
+    findings
+}
+
+/// Whether anything is wrong for sure.
+pub fn is_wrong(findings: &[Finding]) -> bool {
+    findings.iter().any(|finding| finding.verdict == Verdict::Wrong)
+}
+
+/// One screen for people.
+pub fn screen(findings: &[Finding]) -> String {
+    let mut text = String::new();
+    for Finding { topic, verdict, found, advice } in findings {
+        let _ = writeln!(text, "{:<13}  {topic:<17} {found}", verdict.word());
+        if let Some(advice) = advice {
+            let _ = writeln!(text, "{:33}-> {advice}", "");
+        }
+    }
+    text
+}
+
+/// Robots are watched through a pidfd, and started with close_range(CLOEXEC) of Linux 5.11.
+fn kernel() -> Finding {
+    let release = rustix::system::uname().release().to_string_lossy().into_owned();
+    let pidfd = pidfd_open(getpid(), PidfdFlags::empty()).is_ok();
+    // SAFETY: a plain system call on a range that holds no descriptor.
+    let close_range =
+        unsafe { libc::close_range(u32::MAX, u32::MAX, libc::CLOSE_RANGE_CLOEXEC as i32) } == 0;
+    let found = match (pidfd, close_range) {
+        (true, true) => format!("Linux {release}"),
+        (false, _) => format!("Linux {release}, without pidfd_open"),
+        (true, false) => format!("Linux {release}, without close_range(CLOEXEC)"),
+    };
+    let advice =
+        "Linux 5.11 or newer is needed; in a container, its seccomp profile must allow both";
+    Finding::fine("kernel", found).or(Verdict::Wrong, !(pidfd && close_range), advice)
+}
+
+fn cores(robots: usize) -> Finding {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let enough = cores * ROBOTS_PER_CORE;
+    let found = format!("{cores}, enough for about {enough} robots in real time at 1 kHz");
+    let advice = format!(
+        "{robots} robots need a longer period_s, or --pace lockstep, which any number of cores can do"
+    );
+    Finding::fine("cores", found).or(Verdict::WorthKnowing, robots > enough, advice)
+}
+
+fn load() -> Finding {
+    let text = fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let Some(load) = text.split(' ').next().and_then(|word| word.parse::<f64>().ok()) else {
+        return Finding::fine("load", "not readable");
+    };
+    Finding::fine("load", format!("{load:.2} over the last minute")).or(
+        Verdict::WorthKnowing,
+        load > cores as f64,
+        "other processes want all cores: real time will miss deadlines; wait, or try --realtime-priority",
+    )
+}
+
+/// How late the timer that every agent lives by wakes up here and now.
+fn wake_ups() -> Finding {
+    let measure = || {
+        tighten_timer_slack();
+        let slack_ns = rustix::thread::current_timer_slack().unwrap_or(0);
+        let mut timer = Timer::new(WAKE_UP_EVERY_NS, now_ns() % WAKE_UP_EVERY_NS);
+        let wakes = (0..WAKE_UPS).filter_map(|_| timer.wait());
+        let mut late_ns: Vec<u64> = wakes.map(|wake| wake.lateness_ns).collect();
+        late_ns.sort_unstable();
+        (slack_ns, late_ns)
+    };
+    let (slack_ns, late_ns) =
+        std::thread::scope(|scope| scope.spawn(measure).join().expect("it does not panic"));
+    let [Some(median_ns), Some(worst_ns)] = [late_ns.get(late_ns.len() / 2), late_ns.last()] else {
+        return Finding::fine("timer", "not measured");
+    };
+    let us = |ns: &u64| ns / 1000;
+    let (median, worst) = (us(median_ns), us(worst_ns));
+    Finding::fine("timer", format!("wakes up {median} us late, at worst {worst} us of {WAKE_UPS}"))
+        .or(
+            Verdict::WorthKnowing,
+            slack_ns > 1 || *median_ns > LATENESS_NS_MAX,
+            format!(
+                "timer slack is {slack_ns} ns; a virtual machine, power saving or load may add more"
+            ),
+        )
+}
+
+fn governor() -> Option<Finding> {
+    let mut governors: Vec<String> = (0..4096)
+        .map_while(|cpu| {
+            let file = format!("/sys/devices/system/cpu/cpu{cpu}/cpufreq/scaling_governor");
+            fs::read_to_string(file).ok()
+        })
+        .map(|text| text.trim().to_owned())
+        .collect();
+    governors.sort();
+    governors.dedup();
+    let slow = governors.iter().any(|governor| governor != "performance");
+    (!governors.is_empty()).then(|| {
+        Finding::fine("cpu frequency", format!("governor {}", governors.join(", "))).or(
+            Verdict::WorthKnowing,
+            slow,
+            "a core that was asleep is slow at first: cpupower frequency-set -g performance",
+        )
+    })
+}
+
+fn descriptors(robots: usize) -> Finding {
+    let needed = DESCRIPTORS + DESCRIPTORS_PER_ROBOT * robots as u64;
+    let limit = getrlimit(Resource::Nofile).current;
+    let found = format!("{} (RLIMIT_NOFILE), {robots} robots need {needed}", limited(limit));
+    let advice = format!("ulimit -n {needed}");
+    Finding::fine("open files", found).or(Verdict::Wrong, limit.is_some_and(|n| n < needed), advice)
+}
+
+fn processes(robots: usize) -> Finding {
+    let limit = getrlimit(Resource::Nproc).current;
+    let needed = PROCESSES + robots as u64;
+    let found = format!("{} (RLIMIT_NPROC), all of this user", limited(limit));
+    let advice = format!("{robots} robots need {needed} on top of what runs: ulimit -u");
+    // It does not bind root.
+    let binds = !rustix::process::geteuid().is_root();
+    Finding::fine("processes", found).or(
+        Verdict::Wrong,
+        binds && limit.is_some_and(|n| n < needed),
+        advice,
+    )
+}
+
+fn limited(limit: Option<u64>) -> String {
+    limit.map_or("unlimited".into(), |limit| limit.to_string())
+}
+
+/// The tightest pids.max of the control groups that this process is in.
+fn process_group_limit(robots: usize) -> Option<Finding> {
+    let number = |path: PathBuf| fs::read_to_string(path).ok()?.trim().parse::<u64>().ok();
+    let groups = fs::read_to_string("/proc/self/cgroup").ok()?;
+    let folders = groups.lines().filter_map(|line| {
+        let mut parts = line.splitn(3, ':').skip(1);
+        let (controllers, path) = (parts.next()?, parts.next()?.trim_start_matches('/'));
+        let mount = match controllers {
+            "" => "/sys/fs/cgroup",
+            controllers if controllers.split(',').any(|word| word == "pids") => {
+                "/sys/fs/cgroup/pids"
+            }
+            _ => return None,
+        };
+        Some((Path::new(mount), Path::new(mount).join(path)))
+    });
+    let left = folders
+        .flat_map(|(mount, folder)| {
+            let above: Vec<PathBuf> = folder.ancestors().map(Path::to_path_buf).collect();
+            above.into_iter().take_while(move |folder| folder.starts_with(mount))
+        })
+        .filter_map(|folder| {
+            let max = number(folder.join("pids.max"))?;
+            let used = number(folder.join("pids.current")).unwrap_or(0);
+            Some((max.saturating_sub(used), max))
+        });
+    let (left, max) = left.min()?;
+    let needed = PROCESSES + robots as u64;
+    Some(Finding::fine("control group", format!("{left} of {max} processes left (pids.max)")).or(
+        Verdict::Wrong,
+        left < needed,
+        format!("{robots} robots need {needed}; in a container: --pids-limit"),
+    ))
+}
+
+fn realtime_priority() -> Finding {
+    let limit = limited(getrlimit(Resource::Rtprio).current);
+    match try_realtime_priority() {
+        Ok(()) => {
+            let runtime = fs::read_to_string(REALTIME_RUNTIME).unwrap_or_default();
+            let runtime = runtime.trim();
+            let found = format!("SCHED_FIFO is permitted, for {runtime} us of each second");
+            Finding::fine("real-time prio", found)
+        }
+        Err(error) => {
+            let found = match error {
+                PriorityError::Unlimited(_) => "real-time processes are not limited".to_owned(),
+                PriorityError::Refused(_) => format!("not permitted (RLIMIT_RTPRIO {limit})"),
+            };
+            let advice = format!("--realtime-priority has no effect: {error}");
+            Finding::fine("real-time prio", found).or(Verdict::WorthKnowing, true, advice)
+        }
+    }
+}
+
+fn locked_memory() -> Finding {
+    let bytes = getrlimit(Resource::Memlock).current;
+    let found = match (may_lock_memory(), bytes) {
+        (true, _) => "may be locked".to_owned(),
+        (false, bytes) => format!("may not be locked (RLIMIT_MEMLOCK {} bytes)", limited(bytes)),
+    };
+    let advice = "--realtime-priority will not lock memory: ulimit -l unlimited, or CAP_IPC_LOCK";
+    Finding::fine("memory", found).or(Verdict::WorthKnowing, !may_lock_memory(), advice)
+}
+
+/// A folder on tmpfs with room for the files that a run shares.
+fn place(topic: &'static str, folder: &Path, robots: usize) -> Finding {
+    let shown = folder.display();
+    let wrong =
+        |found: String, advice: &str| Finding::fine(topic, found).or(Verdict::Wrong, true, advice);
+    let (system, space) = match (statfs(folder), statvfs(folder)) {
+        (Ok(system), Ok(space)) => (system, space),
+        (Err(error), _) | (_, Err(error)) => {
+            return wrong(
+                format!("{shown}: {error}"),
+                "mount a tmpfs there, or see PHALANX_RUN_ROOT",
+            );
+        }
+    };
+    if let Err(error) = access(folder, Access::WRITE_OK | Access::EXEC_OK) {
+        return wrong(format!("{shown} is not writable: {error}"), "chmod 1777, as on any Linux");
+    }
+    let (free, needed) = (space.f_bavail * space.f_frsize, TMPFS_BYTES_PER_ROBOT * robots as u64);
+    let mib = |bytes: u64| bytes.div_ceil(1 << 20);
+    let found = format!("{shown}, {} MiB free", mib(free));
+    if free < needed {
+        let advice =
+            format!("{robots} robots need {} MiB; in a container: --shm-size", mib(needed));
+        return wrong(found, &advice);
+    }
+    let on_disk = system.f_type as u64 != TMPFS_MAGIC;
+    Finding::fine(topic, found).or(
+        Verdict::WorthKnowing,
+        on_disk,
+        "it is not on tmpfs: starting takes twice as long; see PHALANX_RUN_ROOT",
+    )
+}
+
+fn privacy(base: &Path) -> Finding {
+    let shown = base.display();
+    match run_root::unfit(base) {
+        None => Finding::fine("privacy", format!("{shown} is this user's alone")),
+        Some(flaw) => Finding::fine("privacy", format!("{shown}: {flaw}")).or(
+            Verdict::Wrong,
+            true,
+            "every run refuses it: remove it, or let PHALANX_RUN_ROOT name another folder",
+        ),
+    }
+}
+
+fn leftovers(base: &Path) -> Finding {
+    let left: Vec<String> = run_root::leftovers(base).iter().map(clean::in_words).collect();
+    let found = match &left[..] {
+        [] => "no dead run left anything".to_owned(),
+        left => left.join("; "),
+    };
+    Finding::fine("dead runs", found).or(Verdict::WorthKnowing, !left.is_empty(), "phalanx clean")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_machine_too_small_for_a_million_robots_is_told_so() {
+        let findings = examine(1_000_000);
+        let of = |topic| findings.iter().find(|finding| finding.topic == topic).unwrap();
+        assert_eq!(of("cores").verdict, Verdict::WorthKnowing);
+        let limit = getrlimit(Resource::Nofile).current;
+        let short = limit.is_some_and(|limit| limit < 12_000_018);
+        assert_eq!(of("open files").verdict == Verdict::Wrong, short, "{findings:?}");
+        assert!(of("open files").found.contains("need 12000018"));
+        assert!(short <= is_wrong(&findings));
+        assert!(screen(&findings).contains("1000000 robots need a longer period_s"));
+    }
+
+    #[test]
+    fn a_folder_that_is_not_there_is_wrong_and_one_on_disk_worth_knowing() {
+        let gone = place("run root", Path::new("/nowhere/at/all"), 3);
+        assert_eq!(gone.verdict, Verdict::Wrong);
+        assert!(gone.found.contains("/nowhere/at/all"), "{gone:?}");
+        // procfs is neither tmpfs nor a place for files.
+        assert_ne!(place("run root", Path::new("/proc"), 3).verdict, Verdict::Fine);
+        assert_eq!(place("shared memory", Path::new(SHARED_MEMORY), 3).verdict, Verdict::Fine);
+    }
+
+    #[test]
+    fn a_base_open_to_others_is_wrong() {
+        use std::os::unix::fs::PermissionsExt as _;
+        let folder = tempfile::tempdir().unwrap();
+        for (mode, verdict) in [(0o700, Verdict::Fine), (0o711, Verdict::Wrong)] {
+            fs::set_permissions(folder.path(), fs::Permissions::from_mode(mode)).unwrap();
+            assert_eq!(privacy(folder.path()).verdict, verdict);
+        }
+        assert_eq!(privacy(&folder.path().join("not-yet")).verdict, Verdict::Fine);
+    }
+}

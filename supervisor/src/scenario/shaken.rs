@@ -1,0 +1,156 @@
+//! Texts by the million: that no `--fault`, no scenario and no imported graph makes a reader panic.
+//! The short forms for scenarios and graphs are with the other tests of those.
+
+use std::path::{Path, PathBuf};
+
+use protocol::fault::draw;
+use protocol::law::{LawDescription, Role};
+
+use super::read::{Overrides, read_text};
+
+const LAWS: &[LawDescription] = &[LawDescription {
+    role: Role::Formation,
+    name: "formation-unit",
+    source: "(18)",
+    gains: &["speed_m_s"],
+    feed_forward: false,
+    correction_max: None,
+}];
+
+const SPECS: [&str; 8] = [
+    "kill r2 @10 restart 2",
+    "kill r1 @0.5",
+    "kill plant @3",
+    "freeze r2 @1 for 2",
+    "cut r2->r1 @1 for 2",
+    "loss r2->r1 of 0.5 burst 3 @1 for 2",
+    "delay r2->r1 by 0.01 jitter 0.002 @1 for 2",
+    "load 2 @1 for 2",
+];
+
+const PIECES: [&str; 40] = [
+    "[",
+    "]",
+    "[[",
+    "]]",
+    "{",
+    "}",
+    "=",
+    "\"",
+    "'",
+    "\n",
+    "\r\n",
+    "#",
+    ".",
+    ",",
+    "-",
+    "->",
+    "@",
+    " ",
+    "1e400",
+    "-1",
+    "0",
+    "nan",
+    "inf",
+    "1e300",
+    "99999999999999999999",
+    "true",
+    "ä",
+    "\u{0}",
+    "𝔘",
+    "\u{feff}",
+    "<",
+    ">",
+    "/",
+    "&amp;",
+    "for",
+    "restart 2",
+    "[[edge]]\n",
+    "[[fault]]\n",
+    "null",
+    "robot",
+];
+
+fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+fn file(path: &str) -> String {
+    std::fs::read_to_string(repository().join(path)).unwrap()
+}
+
+/// `original` with a few changes that `seed` draws.
+fn mutated(original: &str, seed: u64) -> String {
+    let mut drawn = 0;
+    let mut below = |bound: usize| {
+        drawn += 1;
+        (draw(seed, drawn) * bound as f64) as usize
+    };
+    let mut text: Vec<char> = original.chars().collect();
+    for _ in 0..1 + below(4) {
+        let at = below(text.len() + 1);
+        let cut = below(6).min(text.len() - at);
+        let piece = if below(3) == 0 { "" } else { PIECES[below(PIECES.len())] };
+        text.splice(at..at + cut, piece.chars());
+    }
+    text.into_iter().collect()
+}
+
+/// Whether this is read; if not, its diagnostic can be shown. Neither panics.
+fn is_read(path: &Path, text: &str, overrides: &Overrides) -> bool {
+    match read_text(path, text, overrides, LAWS) {
+        Ok(_) => true,
+        Err(diagnostic) => {
+            assert!(diagnostic.render(false).starts_with("error: "));
+            false
+        }
+    }
+}
+
+fn no_fault_makes_the_reader_panic(specs: u64) {
+    let triangle = file("scenarios/triangle.toml");
+    let read = (0..specs).filter(|&seed| {
+        let spec = mutated(SPECS[(seed % SPECS.len() as u64) as usize], seed);
+        let overrides = Overrides { faults: vec![spec], ..Overrides::default() };
+        is_read(Path::new("test.toml"), &triangle, &overrides)
+    });
+    let read = read.count() as u64;
+    assert!(read > specs / 1000 && read < specs, "{read} of {specs} were read");
+}
+
+#[test]
+fn no_fault_on_the_command_line_makes_the_reader_panic() {
+    no_fault_makes_the_reader_panic(4000);
+}
+
+#[test]
+#[ignore = "minutes; a million faults"]
+fn no_fault_of_a_million_makes_the_reader_panic() {
+    no_fault_makes_the_reader_panic(1_000_000);
+}
+
+#[test]
+#[ignore = "minutes; a million scenarios"]
+fn no_scenario_of_a_million_makes_the_reader_panic() {
+    let scenarios = [file("scenarios/triangle.toml"), file("scenarios/triangle-kill.toml")];
+    for seed in 0..1_000_000 {
+        let text = mutated(&scenarios[(seed % 2) as usize], seed);
+        is_read(Path::new("test.toml"), &text, &Overrides::default());
+    }
+}
+
+#[test]
+#[ignore = "minutes; half a million graphs"]
+fn no_graph_of_half_a_million_makes_the_reader_panic() {
+    let graphs = ["triangle-edges.json", "triangle-names.csv", "triangle.graphml"];
+    let texts = graphs.map(|graph| file(&format!("tests/graphs/{graph}")));
+    let triangle = file("scenarios/triangle.toml");
+    let (head, _) = triangle.split_once("[[robot]]").unwrap();
+    let folder = tempfile::tempdir_in("/dev/shm").unwrap();
+    for seed in 0..500_000 {
+        let which = (seed % 3) as usize;
+        std::fs::write(folder.path().join(graphs[which]), mutated(&texts[which], seed)).unwrap();
+        let scenario = format!("graph = \"{}\"\n{head}", graphs[which]);
+        is_read(&folder.path().join("test.toml"), &scenario, &Overrides::default());
+    }
+}

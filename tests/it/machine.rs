@@ -1,0 +1,129 @@
+//! What phalanx makes of the machine: its doctor, its clean-up, and its priority.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use rustix::process::Signal;
+use serde_json::Value;
+
+use crate::harness::{files_below, processes_of, run};
+
+fn phalanx(args: &[&str], run_root: &Path) -> (Output, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_phalanx"))
+        .args(args)
+        .env("PHALANX_RUN_ROOT", run_root)
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    (output, said)
+}
+
+#[test]
+fn the_doctor_finds_nothing_wrong_where_runs_fly_and_says_what_is_wrong_where_they_cannot() {
+    let run_root = tempfile::tempdir_in("/dev/shm").unwrap();
+    let (output, said) = phalanx(&["doctor", "--output", "json"], run_root.path());
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let findings: Value = serde_json::from_str(&said).unwrap();
+    let findings = findings.as_array().unwrap();
+    assert!(findings.len() >= 12, "{said}");
+    assert!(findings.iter().all(|finding| finding["verdict"] != "wrong"), "{said}");
+
+    let (output, said) = phalanx(&["doctor"], &run_root.path().join("gone"));
+    assert_eq!(output.status.code(), Some(4), "{output:?}");
+    assert!(said.contains("WRONG          run root") && said.contains("gone"), "{said}");
+}
+
+#[test]
+fn clean_removes_shared_memory_whose_root_is_gone_and_spares_the_living() {
+    let root_of = |run_root: &Path| {
+        let roots = files_below(run_root);
+        roots.into_iter().filter(|path| path.join("iceoryx2.toml").exists()).collect::<Vec<_>>()
+    };
+    let pattern = |root: &Path| format!("phx{}_", root.file_name().unwrap().to_string_lossy());
+    let count = |prefix: &str| {
+        let entries = std::fs::read_dir("/dev/shm").unwrap().flatten();
+        entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(prefix)).count()
+    };
+
+    let mut killed = run("triangle").set("duration_s=60").start();
+    killed.wait_for_event("contact");
+    let run_root = killed.run_root().to_path_buf();
+    let dead_root = root_of(&run_root).remove(0);
+    let mut living = run("triangle").set("expect={}").set("duration_s=60");
+    living = living.in_run_root_of(&run_root);
+    let mut living = living.start();
+    living.wait_for_event("contact");
+    let living_root = root_of(&run_root).into_iter().find(|root| *root != dead_root).unwrap();
+    let (dead, alive) = (pattern(&dead_root), pattern(&living_root));
+    let alive_before = count(&alive);
+
+    killed.signal(Signal::KILL);
+    let began = std::time::Instant::now();
+    while !processes_of(&killed.run_dir()).is_empty() {
+        assert!(began.elapsed().as_secs() < 20, "children outlive their supervisor");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    std::fs::remove_dir_all(&dead_root).unwrap();
+    assert!(count(&dead) > 13, "a killed supervisor cannot have cleaned up");
+
+    let (output, said) = phalanx(&["clean", "--dry-run"], &run_root);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    assert!(said.contains("would remove") && said.contains(&dead), "{said}");
+    assert!(!said.contains(&alive), "{said}");
+    assert!(count(&dead) > 13, "a dry run removes nothing");
+    let (output, said) = phalanx(&["clean"], &run_root);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    assert!(said.contains("removed") && said.contains(&dead), "{said}");
+    assert_eq!(count(&dead), 0);
+    assert_eq!((count(&alive), living_root.exists()), (alive_before, true));
+
+    // It flies on and ends as if nothing had been.
+    living.signal(Signal::INT);
+    living.finish().exits_with(130);
+    assert_eq!(count(&alive), 0);
+    assert_eq!(files_below(&run_root), Vec::<std::path::PathBuf>::new());
+}
+
+#[test]
+fn with_realtime_priority_robots_and_plant_run_first_where_that_is_permitted() {
+    let mut running =
+        run("triangle").set("duration_s=4").set("expect={}").args(["--realtime-priority"]).start();
+    running.wait_for_event("contact");
+    let children = running.children();
+    let states: Vec<(String, u64)> = children.iter().map(|(pid, _)| scheduling(*pid)).collect();
+    let (supervisor, _) = scheduling(running.pid());
+    let ended = running.finish();
+    ended.exits_with(0).leaves_nothing();
+    ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
+    ended.claim(supervisor == "0 0", format!("the supervisor is ordinary, not {supervisor}"));
+    let manifest: Value = serde_json::from_str(&ended.file("manifest.json")).unwrap();
+    let said = manifest["realtime_priority"].as_str().unwrap_or("nothing");
+    let granted = said == "granted";
+    ended.claim(granted || said.contains("SCHED_FIFO") || said.contains("sched_rt"), said);
+    ended.claim(granted != ended.stderr.contains("flying with ordinary priority"), "one warning");
+    ended.claim(states.len() == 4, "three robots and a plant were looked at");
+    for (policy, _) in &states {
+        let wanted = if granted { "10 1" } else { "0 0" };
+        ended.claim(policy == wanted, format!("all {said}: {states:?}"));
+    }
+    if granted && protocol::process::may_lock_memory() {
+        ended.claim(states.iter().all(|(_, locked)| *locked > 1000), format!("locked: {states:?}"));
+    }
+}
+
+#[test]
+fn realtime_priority_is_refused_in_lockstep() {
+    let ended = run("triangle").lockstep().args(["--realtime-priority"]).finish();
+    ended.exits_with(2);
+    ended.claim(ended.stderr.contains("lockstep has no deadlines"), "it says why");
+}
+
+/// Real-time priority and policy as in /proc/PID/stat, and locked memory, KiB.
+fn scheduling(pid: u32) -> (String, u64) {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
+    let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+    let locked = status.lines().find_map(|line| line.strip_prefix("VmLck:"));
+    let locked = locked.and_then(|text| text.split_whitespace().next()?.parse().ok());
+    (fields[37..39].join(" "), locked.unwrap_or(0))
+}

@@ -1,0 +1,171 @@
+//! A run is its user's alone, and garbage from the inside moves nobody.
+
+use std::cell::Cell;
+use std::os::unix::fs::PermissionsExt as _;
+use std::os::unix::process::CommandExt as _;
+use std::path::PathBuf;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use protocol::clock::now_ns;
+use protocol::message::{self, Beacon};
+use protocol::{run_root, service};
+
+use crate::harness::{Running, files_below, run};
+
+/// The user `nobody`, who has no business here.
+const STRANGER: u32 = 65534;
+
+#[test]
+fn no_other_user_can_open_any_file_of_a_run_under_way() {
+    let mut running = run("triangle").set("duration_s=60").set("expect={}").start();
+    // What protects the run must be its own.
+    let outer = running.run_root().to_path_buf();
+    std::fs::set_permissions(&outer, std::fs::Permissions::from_mode(0o755)).unwrap();
+    running.wait_for_event("contact");
+    let mode = |path: &PathBuf| path.symlink_metadata().unwrap().permissions().mode() & 0o7777;
+    let root = root_of(&running);
+    let base = root.parent().unwrap().to_path_buf();
+    assert_eq!((mode(&base), mode(&root)), (0o700, 0o700));
+    assert_eq!(mode(&run_root::config_path(&root)), 0o600);
+    let shared_memory = shared_memory_of(&running);
+    assert!(shared_memory.len() > 13, "{shared_memory:?}");
+    for path in &shared_memory {
+        assert_eq!(mode(path) & 0o077, 0, "{}", path.display());
+    }
+    if !rustix::process::geteuid().is_root() {
+        return; // nobody to compare with
+    }
+    let mut paths = files_below(&outer);
+    paths.extend(shared_memory);
+    let script = r#"for path; do
+        { ls "$path/" || cat "$path" || (: >>"$path"); } >/dev/null 2>&1 && echo "opened $path"
+    done; true"#;
+    let mut stranger = Command::new("sh");
+    stranger.args(["-c", script, "sh", "/dev/shm", "/proc/version"]).args(&paths);
+    let output = stranger.current_dir("/").uid(STRANGER).gid(STRANGER).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stdout);
+    // The first two are for all, and show that it tried.
+    assert_eq!(said, "opened /dev/shm\nopened /proc/version\n", "{output:?}");
+    assert!(paths.len() > 100, "{paths:?}");
+}
+
+/// All of it in one run and one process, because iceoryx2's configuration is process-wide.
+#[test]
+fn garbage_with_the_right_type_moves_no_robot_dead_or_alive_and_is_counted() {
+    let mut running = run("triangle")
+        .set("duration_s=8")
+        .set("expect={}")
+        .fault("kill r1 @1.5 restart 0.5")
+        .fault("kill r2 @4")
+        .start();
+    running.wait_for_event("contact");
+    run_root::join(&root_of(&running)).unwrap();
+    let node = service::node("hostile").unwrap();
+    let beacon = service::beacon("r2").open(&node).unwrap().publisher().unwrap();
+    let open = |robot: &str| service::command(robot).open(&node).unwrap();
+    let to_r1 = open("r1").publisher().unwrap();
+    let to_r2 = open("r2").publisher().unwrap();
+    let full = open("r2").publisher().unwrap_err().to_string();
+    assert!(full.contains("room for 2 senders"), "{full}");
+
+    let rounds = Cell::new(0u64);
+    let publish = |r1_is_new: bool| {
+        rounds.set(rounds.get() + 1);
+        let numbers = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e300];
+        let number = numbers[rounds.get() as usize % numbers.len()];
+        let second = Duration::from_secs(1).as_nanos() as u64;
+        let fresh = now_ns() - second / 1000;
+        let near = Beacon { stamp_ns: fresh, x_m: 0.1, y_m: 0.1, ..Beacon::default() };
+        let fast = message::Command {
+            stamp_ns: fresh,
+            sequence: u64::MAX,
+            v_m_s: 0.3,
+            w_rad_s: 1.0,
+            ..message::Command::default()
+        };
+        for garbage in [
+            Beacon { x_m: number, ..near },
+            Beacon { vy_m_s: number, ..near },
+            Beacon { frame_known: 1, frame_turn_rate_rad_s: number, ..near },
+            Beacon { stamp_ns: fresh + 3600 * second, ..near },
+            Beacon { stamp_ns: u64::MAX, ..near },
+            Beacon { stamp_ns: 0, ..near },
+            Beacon { incarnation: u64::MAX, ..near },
+        ] {
+            beacon.send_copy(garbage).unwrap();
+            std::thread::sleep(Duration::from_micros(100));
+        }
+        let mut commands = vec![
+            message::Command { v_m_s: number, ..fast },
+            message::Command { w_rad_s: number, ..fast },
+            message::Command { stamp_ns: fresh + 3600 * second, ..fast },
+            message::Command { stamp_ns: u64::MAX, ..fast },
+            message::Command { stamp_ns: fresh - second, ..fast },
+            message::Command { incarnation: u64::MAX, ..fast },
+        ];
+        if r1_is_new {
+            // Of the incarnation that died.
+            commands.push(message::Command { v_m_s: 0.0, w_rad_s: 0.0, ..fast });
+        }
+        for garbage in commands {
+            to_r1.send_copy(garbage).unwrap();
+            if garbage.sequence != fast.sequence || garbage.v_m_s != 0.0 {
+                to_r2.send_copy(garbage).unwrap();
+            }
+            std::thread::sleep(Duration::from_micros(100));
+        }
+    };
+    let events = |run: &Running| {
+        std::fs::read_to_string(run.run_dir().join("events.csv")).unwrap_or_default()
+    };
+    running.wait_for("the new r1", |run| {
+        publish(false);
+        events(run).contains("ready,r1,incarnation 1").then_some(())
+    });
+    running.wait_for("the death of r2", |run| {
+        publish(true);
+        events(run).contains("died,r2").then_some(())
+    });
+    let dead_since = Instant::now();
+    while dead_since.elapsed() < Duration::from_secs(3) {
+        publish(true);
+    }
+    drop((beacon, to_r1, to_r2, node));
+
+    let ended = running.finish();
+    ended.exits_with(0).leaves_nothing();
+    ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
+    ended.claim(ended.number("/violations") == 0.0, "no tick violates d");
+    for counter in ["not_finite", "late", "old"] {
+        let count = ended.number(&format!("/commands/{counter}"));
+        ended.claim(count > 50.0, format!("commands are counted as {counter}"));
+    }
+    ended.claim(ended.number("/commands/scaled") == 0.0, "none was obeyed after scaling");
+    ended.claim(ended.number("/beacons_refused/r1") > 100.0, "r1 refused the garbage it heard");
+    ended.claim(ended.number("/beacons_refused/r3") == 0.0, "r3 heard none");
+    let samples = ended.file("samples.csv");
+    for robot in ["r1", "r2"] {
+        // r2 is dead, and r1 hears only r2.
+        let standing = samples.lines().skip(1).map(|line| line.split(',').collect::<Vec<_>>());
+        let standing = standing
+            .filter(|cells| cells[1] == robot && cells[0].parse::<f64>().unwrap() > 5.0)
+            .map(|cells| cells[2..7].join(","));
+        let mut places: Vec<String> = standing.collect();
+        ended.claim(places.len() > 200, format!("{robot} was sampled"));
+        places.dedup();
+        ended.claim(places.len() == 1, format!("{robot} stands, at {places:?}"));
+    }
+}
+
+fn root_of(running: &Running) -> PathBuf {
+    let files = files_below(running.run_root());
+    files.into_iter().find(|path| path.join("iceoryx2.toml").exists()).expect("it has a run root")
+}
+
+fn shared_memory_of(running: &Running) -> Vec<PathBuf> {
+    let prefix = format!("phx{}_", root_of(running).file_name().unwrap().to_string_lossy());
+    let entries = std::fs::read_dir("/dev/shm").unwrap().flatten();
+    let ours = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix));
+    ours.map(|entry| entry.path()).collect()
+}

@@ -133,7 +133,8 @@ pub fn take_realtime_priority() -> Result<(), PriorityError> {
 /// Whether [`take_realtime_priority`] would be granted to processes that this one starts.
 pub fn try_realtime_priority() -> Result<(), PriorityError> {
     std::thread::scope(|scope| {
-        scope.spawn(take_realtime_priority).join().expect("it does not panic")
+        let thread = std::thread::Builder::new().spawn_scoped(scope, take_realtime_priority);
+        thread.map_err(PriorityError::Refused)?.join().expect("it does not panic")
     })
 }
 

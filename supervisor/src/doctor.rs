@@ -168,8 +168,21 @@ fn wake_ups() -> Finding {
         late_ns.sort_unstable();
         (slack_ns, late_ns)
     };
-    let (slack_ns, late_ns) =
-        std::thread::scope(|scope| scope.spawn(measure).join().expect("it does not panic"));
+    let measured = std::thread::scope(|scope| {
+        let thread = std::thread::Builder::new().spawn_scoped(scope, measure)?;
+        Ok::<_, std::io::Error>(thread.join().expect("it does not panic"))
+    });
+    let (slack_ns, late_ns) = match measured {
+        Ok(measured) => measured,
+        Err(error) => {
+            let advice = "the user's processes, or the control group's, are at their limit";
+            return Finding::fine("timer", format!("cannot start a thread: {error}")).or(
+                Verdict::Wrong,
+                true,
+                advice,
+            );
+        }
+    };
     let [Some(median_ns), Some(worst_ns)] = [late_ns.get(late_ns.len() / 2), late_ns.last()] else {
         return Finding::fine("timer", "not measured");
     };

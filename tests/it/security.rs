@@ -144,18 +144,21 @@ fn garbage_with_the_right_type_moves_no_robot_dead_or_alive_and_is_counted() {
     ended.claim(ended.number("/commands/scaled") == 0.0, "none was obeyed after scaling");
     ended.claim(ended.number("/beacons_refused/r1") > 100.0, "r1 refused the garbage it heard");
     ended.claim(ended.number("/beacons_refused/r3") == 0.0, "r3 heard none");
-    let samples = ended.file("samples.csv");
-    for robot in ["r1", "r2"] {
-        // r2 is dead, and r1 hears only r2.
-        let standing = samples.lines().skip(1).map(|line| line.split(',').collect::<Vec<_>>());
-        let standing = standing
-            .filter(|cells| cells[1] == robot && cells[0].parse::<f64>().unwrap() > 5.0)
-            .map(|cells| cells[2..7].join(","));
-        let mut places: Vec<String> = standing.collect();
-        ended.claim(places.len() > 200, format!("{robot} was sampled"));
-        places.dedup();
-        ended.claim(places.len() == 1, format!("{robot} stands, at {places:?}"));
+    // r2 is dead, and r1 hears only r2; it gives way if r3 comes near, by no more than 0.05 d.
+    for (robot, moved_m_max) in [("r1", 0.01), ("r2", 0.0)] {
+        let moved_m = moved_m(&ended.file("samples.csv"), robot, 5.0);
+        ended.claim(moved_m <= moved_m_max, format!("{robot} stands, and moved by {moved_m} m"));
     }
+}
+
+/// How far a robot's axle was from where it was at `from_s`, at most, m; NaN without samples.
+fn moved_m(samples: &str, robot: &str, from_s: f64) -> f64 {
+    let rows = samples.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let rows = rows.filter(|cells| cells[1] == robot);
+    let numbers = rows.map(|cells| [0, 2, 3].map(|cell| cells[cell].parse::<f64>().unwrap()));
+    let places: Vec<[f64; 3]> = numbers.filter(|[t_s, ..]| *t_s >= from_s).collect();
+    let Some([_, x, y]) = places.first().copied() else { return f64::NAN };
+    places.iter().map(|[_, x_m, y_m]| (x_m - x).hypot(y_m - y)).fold(0.0, f64::max)
 }
 
 fn root_of(running: &Running) -> PathBuf {

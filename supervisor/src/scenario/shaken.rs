@@ -17,7 +17,7 @@ const LAWS: &[LawDescription] = &[LawDescription {
     correction_max: None,
 }];
 
-const SPECS: [&str; 8] = [
+const SPECS: [&str; 12] = [
     "kill r2 @10 restart 2",
     "kill r1 @0.5",
     "kill plant @3",
@@ -25,7 +25,11 @@ const SPECS: [&str; 8] = [
     "cut r2->r1 @1 for 2",
     "loss r2->r1 of 0.5 burst 3 @1 for 2",
     "delay r2->r1 by 0.01 jitter 0.002 @1 for 2",
-    "load 2 @1 for 2",
+    "load of 2 @1 for 2",
+    "slow r2 by 0.01 @1",
+    "blackout r1 odometry @1 for 2",
+    "noise r1 proximity by 0.01 @1",
+    "wheels r1 limit 0.1 @1",
 ];
 
 const PIECES: [&str; 40] = [

@@ -1,5 +1,5 @@
-//! Texts by the million: that no `--fault`, no scenario and no imported graph makes a reader panic.
-//! The short forms for scenarios and graphs are with the other tests of those.
+//! Texts by the thousand, or by the million: that no scenario, no `--fault` and no imported graph
+//! makes a reader panic. The short form for graphs is with the other tests of imports.
 
 use std::path::{Path, PathBuf};
 
@@ -7,6 +7,7 @@ use protocol::fault::draw;
 use protocol::law::{LawDescription, Role};
 
 use super::read::{Overrides, read_text};
+use crate::check::{Theory, report};
 
 const LAWS: &[LawDescription] = &[LawDescription {
     role: Role::Formation,
@@ -106,9 +107,50 @@ fn is_read(path: &Path, text: &str, overrides: &Overrides) -> bool {
         Ok(_) => true,
         Err(diagnostic) => {
             assert!(diagnostic.render(false).starts_with("error: "));
+            assert!(diagnostic.render(true).contains("error"));
             false
         }
     }
+}
+
+/// Scenarios near a sound one, and some from nothing: read or refused, and what is read can be
+/// reported and is the same when it is read again.
+fn no_scenario_makes_the_reader_panic(texts: u64) {
+    let originals = [file("scenarios/triangle.toml"), file("scenarios/triangle-kill.toml")];
+    let set = vec!["robot.r1.pose.x_m=0.1".to_owned()];
+    let overrides = [
+        Overrides::default(),
+        Overrides { set, seed: Some(3), ..Overrides::default() },
+        Overrides { faults: vec!["kill r3 @1".into()], ..Overrides::default() },
+    ];
+    let path = Path::new("test.toml");
+    let read = (0..texts).filter(|&seed| {
+        let original = if seed % 10 == 0 { "" } else { originals[(seed % 2) as usize].as_str() };
+        let text = mutated(original, seed);
+        let overrides = &overrides[(seed % 3) as usize];
+        if !is_read(path, &text, overrides) {
+            return false;
+        }
+        let (scenario, effective, warnings) = read_text(path, &text, overrides, LAWS).unwrap();
+        assert!(warnings.iter().all(|warning| !warning.render(false).is_empty()));
+        assert!(!report(&scenario, &Theory::of(&scenario)).is_empty());
+        let again = read_text(path, &effective, &Overrides::default(), LAWS).unwrap().0;
+        assert_eq!(again, scenario, "seed {seed}");
+        true
+    });
+    let read = read.count() as u64;
+    assert!(read > texts / 30 && read < texts, "{read} of {texts} were read");
+}
+
+#[test]
+fn no_scenario_makes_the_reader_panic_and_every_diagnostic_can_be_shown() {
+    no_scenario_makes_the_reader_panic(3000);
+}
+
+#[test]
+#[ignore = "minutes; a million scenarios"]
+fn no_scenario_of_a_million_makes_the_reader_panic() {
+    no_scenario_makes_the_reader_panic(1_000_000);
 }
 
 fn no_fault_makes_the_reader_panic(specs: u64) {
@@ -134,27 +176,18 @@ fn no_fault_of_a_million_makes_the_reader_panic() {
 }
 
 #[test]
-#[ignore = "minutes; a million scenarios"]
-fn no_scenario_of_a_million_makes_the_reader_panic() {
-    let scenarios = [file("scenarios/triangle.toml"), file("scenarios/triangle-kill.toml")];
-    for seed in 0..1_000_000 {
-        let text = mutated(&scenarios[(seed % 2) as usize], seed);
-        is_read(Path::new("test.toml"), &text, &Overrides::default());
-    }
-}
-
-#[test]
 #[ignore = "minutes; half a million graphs"]
 fn no_graph_of_half_a_million_makes_the_reader_panic() {
     let graphs = ["triangle-edges.json", "triangle-names.csv", "triangle.graphml"];
     let texts = graphs.map(|graph| file(&format!("tests/graphs/{graph}")));
     let triangle = file("scenarios/triangle.toml");
-    let (head, _) = triangle.split_once("[[robot]]").unwrap();
+    let (head, robots) = triangle.split_once("robot = [").unwrap();
+    let (_, tail) = robots.split_once("\n]\n").unwrap();
     let folder = tempfile::tempdir_in("/dev/shm").unwrap();
     for seed in 0..500_000 {
         let which = (seed % 3) as usize;
         std::fs::write(folder.path().join(graphs[which]), mutated(&texts[which], seed)).unwrap();
-        let scenario = format!("graph = \"{}\"\n{head}", graphs[which]);
+        let scenario = format!("graph = \"{}\"\n{head}{tail}", graphs[which]);
         is_read(&folder.path().join("test.toml"), &scenario, &Overrides::default());
     }
 }

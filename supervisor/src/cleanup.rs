@@ -4,6 +4,7 @@
 //! Only the supervisor cleans up, one death at a time, and only after the dead was reaped: before,
 //! iceoryx2 takes it for alive, and its replacement finds no free port.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -69,6 +70,8 @@ impl Drop for Cleaner {
 enum CleanupError {
     #[error(transparent)]
     Service(#[from] ServiceError),
+    #[error("cannot look into {path}: {source}")]
+    Look { path: PathBuf, source: io::Error },
     #[error("cannot remove {path}: {source}")]
     Remove { path: PathBuf, source: io::Error },
 }
@@ -76,50 +79,84 @@ enum CleanupError {
 /// Removes what dead processes left in this run.
 fn clean(run_root: &Path) -> Result<(), CleanupError> {
     let node = service::node("cleanup")?;
+    let nodes = run_root.join("nodes");
+    // Whoever dies from here on has ports that iceoryx2 has not seen to: the next clean-up's work.
+    let dead: BTreeSet<u128> = files_of_the_dead(&nodes)?.into_iter().map(|(id, _)| id).collect();
     let state = node.blocking_cleanup_dead_nodes(ATTEMPT_MAX);
     tracing::debug!(?state, "cleaned up");
-    if state.failed_cleanups > 0 {
-        remove_half_registered(&node, run_root)?;
+    // A process killed while it registered leaves a node that iceoryx2 cannot remove, or does not
+    // even list: its files go by hand.
+    for (_, path) in files_of_the_dead(&nodes)?.into_iter().filter(|(id, _)| dead.contains(id)) {
+        let removed =
+            if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+        removed.map_err(|source| CleanupError::Remove { path, source })?;
     }
     Ok(())
 }
 
-/// A process killed while it registered leaves a node that iceoryx2 cannot remove: its files go by
-/// hand, known by the node's id in their names.
-fn remove_half_registered(node: &service::Node, run_root: &Path) -> Result<(), CleanupError> {
-    use iceoryx2::prelude::{CallbackProgression, NodeState};
-    let mut dead = Vec::new();
-    let listed = service::Node::list(node.config(), |state| {
-        if let NodeState::Dead(_) = &state {
-            dead.push(state.node_id().to_string());
-        }
-        CallbackProgression::Continue
+/// Files and directories of nodes whose processes are dead, each with the node's id.
+fn files_of_the_dead(nodes: &Path) -> Result<Vec<(u128, PathBuf)>, CleanupError> {
+    let failed = |source| CleanupError::Look { path: nodes.into(), source };
+    let entries = fs::read_dir(nodes).map_err(failed)?.flatten();
+    let files = entries.filter_map(|entry| {
+        let id = node_in(&entry.file_name().to_string_lossy())?;
+        is_gone(id).then(|| (id, entry.path()))
     });
-    if let Err(error) = listed {
-        tracing::warn!(%error, "cannot list nodes");
-    }
-    for id in dead {
-        remove_named(run_root, &id)?;
-    }
-    Ok(())
+    Ok(files.collect())
 }
 
-/// Removes every file and directory below `directory` whose name contains `id`.
-fn remove_named(directory: &Path, id: &str) -> Result<(), CleanupError> {
-    let failed = |path: &Path| {
-        let path = path.to_path_buf();
-        move |source| CleanupError::Remove { path, source }
-    };
-    for entry in fs::read_dir(directory).map_err(failed(directory))?.flatten() {
-        let path = entry.path();
-        let is_directory = entry.file_type().is_ok_and(|kind| kind.is_dir());
-        let named = entry.file_name().to_string_lossy().contains(id);
-        match (named, is_directory) {
-            (true, true) => fs::remove_dir_all(&path).map_err(failed(&path))?,
-            (true, false) => fs::remove_file(&path).map_err(failed(&path))?,
-            (false, true) => remove_named(&path, id)?,
-            (false, false) => {}
+/// The id of the node that a file or directory below `nodes/` belongs to: `<id>` is what it owns,
+/// `<prefix>_<id>.node_monitor` and its like show that it lives.
+fn node_in(name: &str) -> Option<u128> {
+    let (stem, _) = name.split_once('.').unwrap_or((name, ""));
+    let (_, id) = stem.rsplit_once('_').unwrap_or(("", stem));
+    id.parse().ok()
+}
+
+/// Whether the process that made an id is dead. None is reused so soon; if one were, a later
+/// clean-up would find what this one left.
+fn is_gone(id: u128) -> bool {
+    !Path::new("/proc").join(process_of(id).to_string()).exists()
+}
+
+/// The process that made a node's id: its third 32 bits, after seconds and nanoseconds.
+fn process_of(id: u128) -> u32 {
+    (id >> 64) as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::run_root::{self, RunRoot};
+
+    use super::*;
+
+    #[test]
+    fn who_died_while_it_registered_leaves_nothing_and_the_living_keep_their_nodes() {
+        let base = tempfile::tempdir().unwrap();
+        let run_root = RunRoot::create(&base.path().join("runs")).unwrap();
+        run_root::join(run_root.path()).unwrap();
+        let living = service::node("living").unwrap();
+        assert_eq!(process_of(living.id().value()), std::process::id());
+
+        let mut gone = std::process::Command::new("true").spawn().unwrap();
+        gone.wait().unwrap();
+        let nodes = run_root.path().join("nodes");
+        let files = || {
+            let names = fs::read_dir(&nodes).unwrap().map(|entry| entry.unwrap().file_name());
+            names.collect::<BTreeSet<_>>()
+        };
+        let before = files();
+        // One had made its directory alone, another the file that shows that it lives as well.
+        let ids = [1, 2].map(|time_s: u128| u128::from(gone.id()) << 64 | time_s);
+        for id in ids {
+            fs::create_dir(nodes.join(id.to_string())).unwrap();
+            fs::write(nodes.join(format!("{id}/{}node.details", run_root.prefix())), "").unwrap();
         }
+        fs::write(nodes.join(format!("{}{}.node_monitor", run_root.prefix(), ids[1])), "").unwrap();
+        assert_eq!(files().len(), before.len() + 3);
+        clean(run_root.path()).unwrap();
+        assert_eq!(files(), before);
+        drop(living);
+        run_root.remove().unwrap();
     }
-    Ok(())
 }

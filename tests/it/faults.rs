@@ -12,9 +12,18 @@ fn survived_the_kill(ended: &Ended) {
     ended.claim(ended.number("/violations") == 0.0, "no tick violates d");
     ended.claim(ended.number("/final_error_m_max") < 1e-3, "the formation stands again");
     ended.claim(ended.number("/restarts/r2") == 1.0, "r2 was restarted once");
-    ended.claim(ended.number("/faults/0/stale_after_s") > 0.0, "r2 was called stale");
-    ended.claim(ended.number("/faults/0/lost_after_s") >= 0.09, "then lost");
-    ended.claim(ended.number("/faults/0/recovered_after_s") >= 0.0, "and came back");
+    ended.claim(ended.number("/faults/0/recovered_after_s") >= 0.0, "and recovered from it");
+    // When r1 noticed is exact in lockstep alone: a busy machine may silence r2 before its death.
+    let events = ended.file("events.csv");
+    let (dead, back) = events.split_once(",restart,r2").unwrap_or_default();
+    ended.claim(last_of_r2(dead) == Some("lost"), "r1 had lost r2 before it was restarted");
+    ended.claim(back.contains(",contact,r1,fresh r2"), "and heard it again");
+}
+
+/// What r1, which hears it, said last of r2 in this part of `events.csv`.
+fn last_of_r2(events: &str) -> Option<&str> {
+    let said = events.lines().filter_map(|line| line.split_once(",contact,r1,"));
+    said.filter_map(|(_, said)| said.strip_suffix(" r2")).next_back()
 }
 
 /// A kill in mid-manoeuvre, where it shows: r2 stops, the others go on, and r2 joins them again.

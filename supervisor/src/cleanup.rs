@@ -7,15 +7,22 @@
 use std::collections::BTreeSet;
 use std::fs;
 use std::io;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use iceoryx2::prelude::{CallbackProgression, NodeState};
 use protocol::service::{self, ServiceError};
 
 /// One attempt to remove what the dead left.
 const ATTEMPT_MAX: Duration = Duration::from_millis(500);
+
+/// Where iceoryx2 keeps connections.
+const SHARED_MEMORY: &str = "/dev/shm";
+/// Permissions of shared memory that is being made; when it is whole, it may be read too.
+const HALF_MADE: u32 = 0o200;
 
 /// The thread, and the way to it.
 pub struct Cleaner {
@@ -82,8 +89,21 @@ fn clean(run_root: &Path) -> Result<(), CleanupError> {
     let nodes = run_root.join("nodes");
     // Whoever dies from here on has ports that iceoryx2 has not seen to: the next clean-up's work.
     let dead: BTreeSet<u128> = files_of_the_dead(&nodes)?.into_iter().map(|(id, _)| id).collect();
-    let state = node.blocking_cleanup_dead_nodes(ATTEMPT_MAX);
-    tracing::debug!(?state, "cleaned up");
+    let prefix = node.config().global.prefix.to_string();
+    remove_half_made_connections(Path::new(SHARED_MEMORY), &prefix)?;
+    let listed = service::Node::list(node.config(), |state| {
+        // Others that died meanwhile may have left half-made connections as well.
+        let seen_to = dead.contains(&state.node_id().value());
+        if let (true, NodeState::Dead(of_the_dead)) = (seen_to, state)
+            && let Err(error) = of_the_dead.blocking_remove_stale_resources(ATTEMPT_MAX)
+        {
+            tracing::debug!(?error, "removed by hand");
+        }
+        CallbackProgression::Continue
+    });
+    if let Err(error) = listed {
+        tracing::warn!(%error, "cannot list nodes");
+    }
     // A process killed while it registered leaves a node that iceoryx2 cannot remove, or does not
     // even list: its files go by hand.
     for (_, path) in files_of_the_dead(&nodes)?.into_iter().filter(|(id, _)| dead.contains(id)) {
@@ -105,6 +125,30 @@ fn files_of_the_dead(nodes: &Path) -> Result<Vec<(u128, PathBuf)>, CleanupError>
     Ok(files.collect())
 }
 
+/// Removes connections that a process was making when it was killed: iceoryx2 would wait for ever
+/// until they are whole.
+fn remove_half_made_connections(shared_memory: &Path, prefix: &str) -> Result<(), CleanupError> {
+    let failed = |source| CleanupError::Look { path: shared_memory.into(), source };
+    for entry in fs::read_dir(shared_memory).map_err(failed)?.flatten() {
+        let name = entry.file_name();
+        let ends = name.to_str().and_then(|name| name.strip_prefix(prefix)).and_then(ends_in);
+        let dead = ends.is_some_and(|ends| ends.into_iter().any(is_gone));
+        let half_made = |found: fs::Metadata| found.mode() & 0o777 == HALF_MADE;
+        if dead && entry.metadata().is_ok_and(half_made) {
+            let path = entry.path();
+            fs::remove_file(&path).map_err(|source| CleanupError::Remove { path, source })?;
+        }
+    }
+    Ok(())
+}
+
+/// The ids of sender and receiver in `<type>_<sender>_<receiver>.connection`.
+fn ends_in(name: &str) -> Option<[u128; 2]> {
+    let (rest, receiver) = name.strip_suffix(".connection")?.rsplit_once('_')?;
+    let (_, sender) = rest.rsplit_once('_')?;
+    Some([sender.parse().ok()?, receiver.parse().ok()?])
+}
+
 /// The id of the node that a file or directory below `nodes/` belongs to: `<id>` is what it owns,
 /// `<prefix>_<id>.node_monitor` and its like show that it lives.
 fn node_in(name: &str) -> Option<u128> {
@@ -119,13 +163,15 @@ fn is_gone(id: u128) -> bool {
     !Path::new("/proc").join(process_of(id).to_string()).exists()
 }
 
-/// The process that made a node's id: its third 32 bits, after seconds and nanoseconds.
+/// The process that made an id, of a node or a port: its third 32 bits, after seconds and nanoseconds.
 fn process_of(id: u128) -> u32 {
     (id >> 64) as u32
 }
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::fs::OpenOptionsExt as _;
+
     use protocol::run_root::{self, RunRoot};
 
     use super::*;
@@ -156,6 +202,17 @@ mod tests {
         assert_eq!(files().len(), before.len() + 3);
         clean(run_root.path()).unwrap();
         assert_eq!(files(), before);
+        // Of two half-made connections, the one between the living is left to them.
+        let memory = tempfile::tempdir().unwrap();
+        let alive = living.id().value();
+        let paths = [ids[0], alive].map(|end| {
+            let name = format!("{}type_{alive}_{end}.connection", run_root.prefix());
+            let path = memory.path().join(name);
+            fs::File::options().write(true).create_new(true).mode(HALF_MADE).open(&path).unwrap();
+            path
+        });
+        remove_half_made_connections(memory.path(), &run_root.prefix()).unwrap();
+        assert_eq!(paths.map(|path| path.exists()), [false, true]);
         drop(living);
         run_root.remove().unwrap();
     }

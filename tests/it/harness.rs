@@ -113,6 +113,33 @@ impl Running {
         processes_of(&self.run_dir())
     }
 
+    /// Process ids of its living agents, those included that are forked and not yet agents. Empty
+    /// until the plant, which is started first, is known. Cheap: made to be asked often.
+    pub fn agents(&self) -> Vec<u32> {
+        let (pid, briefs) = (self.pid(), self.run_dir().join("briefs"));
+        let listed = std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/children"));
+        let listed = listed.unwrap_or_default();
+        let children = listed.split_whitespace().filter_map(|pid| pid.parse().ok());
+        // The dead that are not yet reaped have no words.
+        let living = children.map(|pid| (pid, words_of(pid))).filter(|(_, words)| words.len() > 1);
+        let briefed = living.map(|(pid, words)| (pid, briefed(&words, &briefs)));
+        let (plant, agents): (Vec<_>, Vec<_>) =
+            briefed.partition(|(_, name)| name.as_deref() == Some("plant"));
+        if plant.is_empty() { Vec::new() } else { agents.into_iter().map(|(pid, _)| pid).collect() }
+    }
+
+    /// What its run roots are called: as long as it flies, there is one.
+    pub fn roots(&self) -> Vec<PathBuf> {
+        let bases = std::fs::read_dir(self.run_root()).into_iter().flatten().flatten();
+        let roots = bases.flat_map(|base| std::fs::read_dir(base.path()).into_iter().flatten());
+        roots.flatten().map(|entry| entry.path()).collect()
+    }
+
+    /// The lines of `events.csv` so far.
+    pub fn events(&self) -> String {
+        std::fs::read_to_string(self.run_dir().join("events.csv")).unwrap_or_default()
+    }
+
     /// Waits until `condition` gives something; fails if the run ends or hangs before.
     pub fn wait_for<T>(&mut self, what: &str, condition: impl Fn(&Running) -> Option<T>) -> T {
         let began = Instant::now();
@@ -261,17 +288,33 @@ pub fn processes_of(run_dir: &Path) -> Vec<(u32, String)> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir("/proc").unwrap().flatten() {
         let Ok(pid) = entry.file_name().to_string_lossy().parse::<u32>() else { continue };
-        let Ok(line) = std::fs::read(entry.path().join("cmdline")) else { continue };
-        let words: Vec<_> = line.split(|b| *b == 0).map(String::from_utf8_lossy).collect();
-        let brief = words.iter().map(|word| Path::new(word.as_ref())).find(|word| {
-            word.parent() == Some(&briefs) && word.extension().is_some_and(|end| end == "toml")
-        });
-        if let Some(brief) = brief {
-            found.push((pid, brief.file_stem().unwrap().to_string_lossy().into_owned()));
+        if let Some(name) = briefed(&words_of(pid), &briefs) {
+            found.push((pid, name));
         }
     }
     found.sort();
     found
+}
+
+/// The command line of a process; none once it is dead.
+fn words_of(pid: u32) -> Vec<String> {
+    let line = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+    line.split(|b| *b == 0).map(|word| String::from_utf8_lossy(word).into_owned()).collect()
+}
+
+/// Whom a command line's brief in `briefs` is for.
+fn briefed(words: &[String], briefs: &Path) -> Option<String> {
+    let brief = words.iter().map(Path::new).find(|word| {
+        word.parent() == Some(briefs) && word.extension().is_some_and(|end| end == "toml")
+    })?;
+    Some(brief.file_stem()?.to_string_lossy().into_owned())
+}
+
+/// The files of POSIX shared memory whose names begin so.
+pub fn shared_memory_of(prefix: &str) -> Vec<PathBuf> {
+    let files = std::fs::read_dir("/dev/shm").unwrap().flatten();
+    let ours = files.filter(|file| file.file_name().to_string_lossy().starts_with(prefix));
+    ours.map(|file| file.path()).collect()
 }
 
 /// Everything below a directory.

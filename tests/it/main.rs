@@ -18,4 +18,5 @@ mod oracle;
 mod realtime;
 mod security;
 mod silence;
+mod soak;
 mod theory;

@@ -353,7 +353,7 @@ impl Dice {
     }
 
     /// From `least` to `most`, both included.
-    fn between(&mut self, least: u64, most: u64) -> u64 {
+    pub fn between(&mut self, least: u64, most: u64) -> u64 {
         least + self.roll() % (most - least + 1)
     }
 }

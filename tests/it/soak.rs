@@ -1,0 +1,388 @@
+//! The soak: robots are killed at random moments, from outside, and nobody plans it. Whatever dies,
+//! no two come nearer than d, each robot returns, nothing is left behind; and once the kills stop,
+//! everybody comes home.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::panic::{catch_unwind, resume_unwind};
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use rustix::process::Signal;
+
+use crate::harness::{Ended, Phalanx, Running, files_below, run, shared_memory_of, signal_pid};
+use crate::model::Dice;
+use crate::oracle::scenario;
+
+/// Runs at a time: as many as a small machine has cores.
+const SIDE_BY_SIDE: usize = 2;
+
+/// After the last kill nothing is left of the dead within this of wall time, far more than it takes.
+const SETTLED_WITHIN: Duration = Duration::from_secs(5);
+
+/// A scenario that is soaked.
+#[derive(Debug, Clone, Copy)]
+struct Soaked {
+    name: &'static str,
+    lockstep: bool,
+    /// In real time it is short; lockstep makes little of a minute.
+    duration_s: f64,
+    /// Nobody is killed after this much run time.
+    hostile_s: f64,
+}
+
+const fn in_real_time(name: &'static str) -> Soaked {
+    Soaked { name, lockstep: false, duration_s: 14.0, hostile_s: 6.0 }
+}
+
+const fn in_lockstep(name: &'static str) -> Soaked {
+    Soaked { name, lockstep: true, duration_s: 60.0, hostile_s: 40.0 }
+}
+
+/// What came of one run, or of all.
+#[derive(Debug, Clone, Copy)]
+struct Toll {
+    runs: usize,
+    kills: usize,
+    /// Of them before t = 0, as far as the run's clock tells.
+    at_start_up: usize,
+    /// Of them of processes that had not said yet that they are ready.
+    unready: usize,
+    /// Smallest distance by d.
+    nearest: f64,
+    error_m: f64,
+}
+
+impl Toll {
+    const NONE: Toll = Toll {
+        runs: 0,
+        kills: 0,
+        at_start_up: 0,
+        unready: 0,
+        nearest: f64::INFINITY,
+        error_m: 0.0,
+    };
+
+    fn add(&mut self, other: &Toll) {
+        self.runs += other.runs;
+        self.kills += other.kills;
+        self.at_start_up += other.at_start_up;
+        self.unready += other.unready;
+        self.nearest = self.nearest.min(other.nearest);
+        self.error_m = self.error_m.max(other.error_m);
+    }
+}
+
+/// Kills agents of one run at random.
+struct Reaper {
+    dice: Dice,
+    /// Process ids of those it killed.
+    killed: BTreeSet<u32>,
+}
+
+impl Reaper {
+    /// Strikes until so many are dead, or the run has come so far.
+    fn strike(&mut self, running: &Running, kills: usize, until_s: f64) {
+        while self.killed.len() < kills && run_time_s(&running.events()) < until_s {
+            let left = (kills - self.killed.len()) as u64;
+            match self.dice.between(0, 3) {
+                // Several at the same instant, perhaps all.
+                0 => {
+                    let count = self.dice.between(2, 8).min(left);
+                    self.kill_some(running, count);
+                }
+                // One, and whoever is started next, while it comes up.
+                1 => {
+                    self.kill_some(running, 1);
+                    self.kill_the_next(running);
+                }
+                _ => self.kill_some(running, 1),
+            }
+            // From within a restart to long after it.
+            let doublings = self.dice.between(0, 8);
+            pause(Duration::from_millis(1 << doublings).mul_f64(1.0 + self.dice.unit()));
+        }
+    }
+
+    fn living(&self, running: &Running) -> Vec<u32> {
+        running.agents().into_iter().filter(|pid| !self.killed.contains(pid)).collect()
+    }
+
+    fn kill_some(&mut self, running: &Running, count: u64) {
+        let mut living = self.living(running);
+        for _ in 0..count.min(living.len() as u64) {
+            let place = self.dice.between(0, living.len() as u64 - 1) as usize;
+            self.kill(living.swap_remove(place));
+        }
+    }
+
+    fn kill_the_next(&mut self, running: &Running) {
+        let others = self.living(running);
+        let began = Instant::now();
+        let next = loop {
+            let next = self.living(running).into_iter().find(|pid| !others.contains(pid));
+            if next.is_some() || began.elapsed() > Duration::from_secs(1) {
+                break next;
+            }
+            pause(Duration::from_micros(100));
+        };
+        if let Some(next) = next {
+            // Being ready takes 10 to 30 ms.
+            pause(Duration::from_micros(self.dice.between(0, 30_000)));
+            self.kill(next);
+        }
+    }
+
+    fn kill(&mut self, pid: u32) {
+        signal_pid(pid, Signal::KILL);
+        self.killed.insert(pid);
+    }
+}
+
+fn pause(time: Duration) {
+    std::thread::sleep(time);
+}
+
+/// Columns of the lines of `events.csv`: time in s, kind, robot, detail.
+fn rows(events: &str) -> impl Iterator<Item = (f64, &str, &str, &str)> {
+    events.lines().skip(1).filter_map(|line| {
+        let mut fields = line.splitn(4, ',');
+        let t_s = fields.next()?.parse().ok()?;
+        Some((t_s, fields.next()?, fields.next()?, fields.next()?))
+    })
+}
+
+/// How far the run has come, by its newest event.
+fn run_time_s(events: &str) -> f64 {
+    rows(events).map(|(t_s, ..)| t_s).fold(0.0, f64::max)
+}
+
+/// d, m.
+fn distance_min_m(what: Soaked) -> f64 {
+    scenario(what.name, &[]).avoidance.distance_min_m
+}
+
+/// The run as it is soaked.
+fn soaked(what: Soaked, seed: u64) -> Phalanx {
+    let seed_word = seed.to_string();
+    let delay_s = [0.0, 0.02, 0.2][seed as usize % 3];
+    let run = run(what.name)
+        .args(["--seed", seed_word.as_str()])
+        .set(format!("duration_s={:?}", what.duration_s))
+        .set(format!("expect={{min_distance_m={}}}", distance_min_m(what)))
+        .set(format!("robot_defaults.restart_delay_s={delay_s:?}"))
+        .set(format!("robot_defaults.max_restart_delay_s={delay_s:?}"))
+        .set("robot_defaults.max_restarts=1000000");
+    // Five times the chapter's period in real time: a busy machine is not what is soaked.
+    if what.lockstep { run.lockstep() } else { run.set("period_s=0.01") }
+}
+
+/// How many files of each kind its processes share at present, shared memory included. The kind is
+/// what a name ends in.
+fn shared_files(running: &Running) -> BTreeMap<String, usize> {
+    let mut kinds = BTreeMap::new();
+    for root in running.roots() {
+        let id = root.file_name().unwrap().to_string_lossy().into_owned();
+        let names = shared_memory_of(&format!("phx{id}_")).into_iter().chain(files_below(&root));
+        for name in names {
+            let kind = name.extension().map_or("none".into(), |kind| kind.to_string_lossy());
+            *kinds.entry(kind.into_owned()).or_default() += 1;
+        }
+    }
+    kinds
+}
+
+/// What the processes of such a run share when nobody dies.
+fn files_of_an_undisturbed_run(what: Soaked) -> BTreeMap<String, usize> {
+    let mut running = soaked(what, 0).start();
+    let edges = scenario(what.name, &[]).graph.edges().len();
+    running.wait_for("everybody heard", |run| {
+        let events = run.events();
+        (rows(&events).filter(|row| row.3.starts_with("fresh")).count() >= edges).then_some(())
+    });
+    shared_files(&running)
+}
+
+/// One run: kills, then peace. `files`: what its processes share if nobody dies.
+fn fly(what: Soaked, seed: u64, kills: usize, files: &BTreeMap<String, usize>) -> Toll {
+    println!("soak: seed {seed}, up to {kills} kills, {what:?}");
+    let mut reaper = Reaper { dice: Dice(seed), killed: BTreeSet::new() };
+    let running = soaked(what, seed).start();
+    // The first die while the robots are coming up.
+    while running.agents().is_empty() {
+        pause(Duration::from_micros(100));
+    }
+    for _ in 0..reaper.dice.between(1, 3) {
+        pause(Duration::from_micros(reaper.dice.between(0, 20_000)));
+        reaper.kill_some(&running, 1);
+    }
+    reaper.strike(&running, kills, what.hostile_s);
+    let kills = reaper.killed.len();
+
+    // No remains of the dead among what the living share.
+    let peace = Instant::now();
+    let settled = loop {
+        let found = (returned(&running.events(), kills), shared_files(&running));
+        let settled = found.0 && found.1 == *files;
+        if settled || peace.elapsed() > SETTLED_WITHIN || running.children().is_empty() {
+            break found;
+        }
+        pause(Duration::from_millis(10));
+    };
+    let roots = running.roots();
+    let ended = running.finish();
+    ended.exits_with(0).leaves_nothing();
+    ended.claim(settled.0, "everybody returned");
+    ended.claim(settled.1 == *files, format!("they share {files:?}, found {:?}", settled.1));
+    for root in roots {
+        let prefix = format!("phx{}_", root.file_name().unwrap().to_string_lossy());
+        ended.claim(shared_memory_of(&prefix).is_empty(), "no shared memory is left");
+    }
+    ended.claim(ended.number("/violations") == 0.0, "nobody came nearer than d");
+    ended.claim(ended.number("/t_s") == what.duration_s, "the run reached its end");
+    survived(&ended, what, kills)
+}
+
+/// The newest time at which all were alive with errors below the bound, s; in `samples.csv`.
+fn home_since_s(samples: &str, error_m_max: f64) -> f64 {
+    let mut instants: BTreeMap<u64, (&str, bool)> = BTreeMap::new();
+    for line in samples.lines().skip(1) {
+        let fields: Vec<&str> = line.split(',').collect();
+        let [t_s, _, _, _, _, _, _, error_m, alive] = fields[..] else { continue };
+        let home = alive == "1" && error_m.parse().is_ok_and(|error_m: f64| error_m < error_m_max);
+        let t_ns = (t_s.parse::<f64>().unwrap() * 1e9) as u64;
+        instants.entry(t_ns).or_insert((t_s, true)).1 &= home;
+    }
+    let newest = instants.values().rev().find(|(_, home)| *home);
+    newest.map_or(-1.0, |(t_s, _)| t_s.parse().unwrap())
+}
+
+/// Whether as many died as were killed, and everybody who died is ready again.
+fn returned(events: &str, kills: usize) -> bool {
+    let last: BTreeMap<&str, &str> = rows(events)
+        .filter(|row| ["died", "restart", "ready"].contains(&row.1))
+        .map(|row| (row.2, row.1))
+        .collect();
+    rows(events).filter(|row| row.1 == "died").count() == kills
+        && last.values().all(|kind| *kind == "ready")
+}
+
+/// What the events tell of each death, each restart and each contact.
+fn survived(ended: &Ended, what: Soaked, kills: usize) -> Toll {
+    let events = ended.file("events.csv");
+    let deaths: Vec<_> = rows(&events).filter(|row| row.1 == "died").collect();
+    ended.claim(deaths.len() == kills, format!("{kills} died, found {}", deaths.len()));
+    ended.claim(deaths.iter().all(|row| row.3 == "signal 9"), "of our signal, none by itself");
+    let restarts = ended.summary["restarts"].as_object().unwrap();
+    let restarts: u64 = restarts.values().map(|count| count.as_u64().unwrap()).sum();
+    ended.claim(restarts == kills as u64, format!("{kills} restarts, found {restarts}"));
+    ended.claim(returned(&events, kills), "everybody is ready again");
+
+    if what.lockstep {
+        ended.claim(ended.number("/final_error_m_max") < 1e-3, "everybody came home");
+    } else {
+        let home_s = home_since_s(&ended.file("samples.csv"), 2e-2);
+        let last_s = deaths.iter().map(|row| row.0).fold(0.0, f64::max);
+        ended.claim(home_s > last_s, "all came home at once after the last death");
+    }
+
+    let mut contacts = BTreeMap::new();
+    for (t_s, kind, robot, detail) in rows(&events) {
+        if kind == "contact" {
+            let (state, heard) = detail.split_once(' ').unwrap();
+            contacts.insert((robot, heard), (state, t_s));
+        }
+    }
+    let edges = scenario(what.name, &[]).graph.edges().len();
+    ended.claim(contacts.len() == edges, "every neighbor was heard");
+    for ((robot, heard), (state, since_s)) in contacts {
+        // In real time a busy machine makes anybody stale for some milliseconds, even at the end.
+        let momentary = !what.lockstep && state == "stale" && since_s > what.duration_s - 0.1;
+        let hears = state == "fresh" || momentary;
+        ended.claim(hears, format!("{robot} hears {heard}: {state} since {since_s} s"));
+    }
+
+    let mut ready = BTreeSet::new();
+    let mut unready = 0;
+    for (_, kind, robot, _) in rows(&events) {
+        match kind {
+            "ready" => _ = ready.insert(robot),
+            "died" => unready += usize::from(!ready.remove(robot)),
+            _ => {}
+        }
+    }
+    let toll = Toll {
+        runs: 1,
+        kills,
+        at_start_up: deaths.iter().filter(|row| row.0 == 0.0).count(),
+        unready,
+        nearest: ended.number("/min_distance_m") / distance_min_m(what),
+        error_m: ended.number("/final_error_m_max"),
+    };
+    println!("soak: {toll:?}");
+    toll
+}
+
+/// Runs side by side, as many as a small machine has cores, until so many were killed.
+fn soak(runs: &[Soaked], kills: usize, kills_of_a_run: usize) -> Toll {
+    let files: Vec<_> = runs.iter().map(|what| files_of_an_undisturbed_run(*what)).collect();
+    let began = Instant::now();
+    // The newest seed, the kills of all runs that were begun, and what came of those that ended.
+    let state = Mutex::new((0, 0, Toll::NONE));
+    let work = || loop {
+        let seed = {
+            let (seed, promised, _) = &mut *state.lock().unwrap();
+            if *promised >= kills {
+                break;
+            }
+            (*seed, *promised) = (*seed + 1, *promised + kills_of_a_run);
+            *seed
+        };
+        let place = (seed - 1) as usize % runs.len();
+        let flown = catch_unwind(|| fly(runs[place], seed, kills_of_a_run, &files[place]));
+        let mut state = state.lock().unwrap();
+        match flown {
+            Ok(flown) => {
+                state.1 = state.1 + flown.kills - kills_of_a_run;
+                state.2.add(&flown);
+            }
+            Err(why) => {
+                // No more runs.
+                state.1 = kills;
+                drop(state);
+                eprintln!("soak: seed {seed} failed, {:?}", runs[place]);
+                resume_unwind(why)
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        let others: Vec<_> = (1..SIDE_BY_SIDE).map(|_| scope.spawn(work)).collect();
+        work();
+        others.into_iter().for_each(|other| other.join().unwrap_or_else(|why| resume_unwind(why)));
+    });
+    let toll = state.into_inner().unwrap().2;
+    println!("soak: in {:.0?} of wall time, in all {toll:?}", began.elapsed());
+    assert!(toll.kills >= kills, "{toll:?}");
+    toll
+}
+
+#[test]
+fn robots_killed_at_any_moment_in_real_time_return_and_nobody_comes_nearer_than_d() {
+    let toll = soak(&[in_real_time("pentagon"), in_real_time("containment")], 40, 20);
+    assert!(toll.unready > 0, "somebody died while coming up: {toll:?}");
+}
+
+#[test]
+fn robots_killed_at_any_moment_in_lockstep_return_and_nobody_comes_nearer_than_d() {
+    let toll = soak(&[in_lockstep("pentagon"), in_lockstep("containment")], 20, 10);
+    assert!(toll.unready > 0, "somebody died while coming up: {toll:?}");
+}
+
+/// `cargo test --test it -- --ignored soak --nocapture`
+#[test]
+#[ignore = "minutes: a thousand kills"]
+fn a_thousand_robots_killed_at_any_moment_return_and_nobody_comes_nearer_than_d() {
+    let real_time = [in_real_time("pentagon"), in_real_time("containment")];
+    let lockstep = [in_lockstep("pentagon"), in_lockstep("containment")];
+    let toll = soak(&[real_time, real_time, lockstep].concat(), 1000, 40);
+    assert!(toll.at_start_up > 20 && toll.unready > 50, "{toll:?}");
+}

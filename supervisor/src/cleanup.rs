@@ -9,15 +9,22 @@ use std::fs;
 use std::io;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::{CallbackProgression, NodeState};
+use protocol::run_root::RunRoot;
 use protocol::service::{self, ServiceError};
 
 /// One attempt to remove what the dead left.
 const ATTEMPT_MAX: Duration = Duration::from_millis(500);
+
+/// While a clean-up is at work, half-made connections are looked for this often: iceoryx2 waits
+/// for ever for one whose maker has died meanwhile, and goes on once it is gone.
+const LOOK_EVERY: Duration = Duration::from_millis(20);
+/// The last clean-up is waited for no longer than this at the end of a run.
+const LAST_MAX: Duration = Duration::from_secs(5);
 
 /// Where iceoryx2 keeps connections.
 const SHARED_MEMORY: &str = "/dev/shm";
@@ -33,13 +40,13 @@ pub struct Cleaner {
 
 impl Cleaner {
     /// Starts the thread in a run that this process has joined.
-    pub fn start(run_root: &Path) -> io::Result<Cleaner> {
+    pub fn start(run_root: &RunRoot) -> io::Result<Cleaner> {
         let (requests, incoming) = channel::<usize>();
         let (outgoing, done) = channel();
-        let run_root = run_root.to_path_buf();
+        let (run_root, prefix) = (run_root.path().to_path_buf(), run_root.prefix());
         let thread = std::thread::Builder::new().name("cleanup".into()).spawn(move || {
             for robot in incoming {
-                if let Err(error) = clean(&run_root) {
+                if let Err(error) = clean_watched(&run_root, &prefix) {
                     tracing::warn!(robot, %error, "clean-up failed");
                 }
                 if outgoing.send(robot).is_err() {
@@ -65,10 +72,18 @@ impl Cleaner {
 impl Drop for Cleaner {
     fn drop(&mut self) {
         self.requests = None;
-        if let Some(thread) = self.thread.take() {
-            // It ends after the clean-up at hand, which is bounded; a panic was logged there.
-            let _ = thread.join();
+        let Some(thread) = self.thread.take() else { return };
+        // It ends after the clean-up at hand.
+        let asked = Instant::now();
+        while !thread.is_finished() {
+            if asked.elapsed() > LAST_MAX {
+                tracing::warn!("a clean-up does not end; left to the next run");
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(1));
         }
+        // A panic was logged there.
+        let _ = thread.join();
     }
 }
 
@@ -83,14 +98,30 @@ enum CleanupError {
     Remove { path: PathBuf, source: io::Error },
 }
 
+/// [`clean`], with somebody beside it who removes what others leave half-made meanwhile.
+fn clean_watched(run_root: &Path, prefix: &str) -> Result<(), CleanupError> {
+    let (at_work, done) = channel::<()>();
+    std::thread::scope(|scope| {
+        scope.spawn(move || {
+            while done.recv_timeout(LOOK_EVERY) == Err(RecvTimeoutError::Timeout) {
+                if let Err(error) = remove_half_made_connections(Path::new(SHARED_MEMORY), prefix) {
+                    tracing::debug!(%error, "cannot look for half-made connections");
+                }
+            }
+        });
+        let cleaned = clean(run_root, prefix);
+        drop(at_work);
+        cleaned
+    })
+}
+
 /// Removes what dead processes left in this run.
-fn clean(run_root: &Path) -> Result<(), CleanupError> {
+fn clean(run_root: &Path, prefix: &str) -> Result<(), CleanupError> {
     let node = service::node("cleanup")?;
     let nodes = run_root.join("nodes");
     // Whoever dies from here on has ports that iceoryx2 has not seen to: the next clean-up's work.
     let dead: BTreeSet<u128> = files_of_the_dead(&nodes)?.into_iter().map(|(id, _)| id).collect();
-    let prefix = node.config().global.prefix.to_string();
-    remove_half_made_connections(Path::new(SHARED_MEMORY), &prefix)?;
+    remove_half_made_connections(Path::new(SHARED_MEMORY), prefix)?;
     let listed = service::Node::list(node.config(), |state| {
         // Others that died meanwhile may have left half-made connections as well.
         let seen_to = dead.contains(&state.node_id().value());
@@ -172,7 +203,7 @@ fn process_of(id: u128) -> u32 {
 mod tests {
     use std::os::unix::fs::OpenOptionsExt as _;
 
-    use protocol::run_root::{self, RunRoot};
+    use protocol::run_root;
 
     use super::*;
 
@@ -200,7 +231,7 @@ mod tests {
         }
         fs::write(nodes.join(format!("{}{}.node_monitor", run_root.prefix(), ids[1])), "").unwrap();
         assert_eq!(files().len(), before.len() + 3);
-        clean(run_root.path()).unwrap();
+        clean_watched(run_root.path(), &run_root.prefix()).unwrap();
         assert_eq!(files(), before);
         // Of two half-made connections, the one between the living is left to them.
         let memory = tempfile::tempdir().unwrap();

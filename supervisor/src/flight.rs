@@ -209,7 +209,7 @@ impl<'a> Flight<'a> {
                 Some(barrier)
             }
         };
-        let cleaner = Cleaner::start(run_root.path()).map_err(FlightError::Cleanup)?;
+        let cleaner = Cleaner::start(&run_root).map_err(FlightError::Cleanup)?;
 
         let plant_brief = briefs::plant(scenario, pace, run_root.path());
         let plant_brief = run_dir.write_brief("plant", &plant_brief)?;

@@ -121,7 +121,12 @@ fn clean(run_root: &Path, prefix: &str) -> Result<(), CleanupError> {
     let nodes = run_root.join("nodes");
     // Whoever dies from here on has ports that iceoryx2 has not seen to: the next clean-up's work.
     let dead: BTreeSet<u128> = files_of_the_dead(&nodes)?.into_iter().map(|(id, _)| id).collect();
-    remove_half_made_connections(Path::new(SHARED_MEMORY), prefix)?;
+    let shared_memory = Path::new(SHARED_MEMORY);
+    remove_half_made_connections(shared_memory, prefix)?;
+    let between_the_dead: Vec<PathBuf> = connections(shared_memory, prefix)?
+        .filter(|(_, ends)| ends.iter().all(|&end| is_gone(end)))
+        .map(|(path, _)| path)
+        .collect();
     let listed = service::Node::list(node.config(), |state| {
         // Others that died meanwhile may have left half-made connections as well.
         let seen_to = dead.contains(&state.node_id().value());
@@ -142,7 +147,17 @@ fn clean(run_root: &Path, prefix: &str) -> Result<(), CleanupError> {
             if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
         removed.map_err(|source| CleanupError::Remove { path, source })?;
     }
-    Ok(())
+    // Each end's clean-up leaves a connection to the other end, who died before it could.
+    between_the_dead.into_iter().try_for_each(remove_if_there)
+}
+
+fn remove_if_there(path: PathBuf) -> Result<(), CleanupError> {
+    match fs::remove_file(&path) {
+        Err(source) if source.kind() != io::ErrorKind::NotFound => {
+            Err(CleanupError::Remove { path, source })
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Files and directories of nodes whose processes are dead, each with the node's id.
@@ -159,18 +174,27 @@ fn files_of_the_dead(nodes: &Path) -> Result<Vec<(u128, PathBuf)>, CleanupError>
 /// Removes connections that a process was making when it was killed: iceoryx2 would wait for ever
 /// until they are whole.
 fn remove_half_made_connections(shared_memory: &Path, prefix: &str) -> Result<(), CleanupError> {
-    let failed = |source| CleanupError::Look { path: shared_memory.into(), source };
-    for entry in fs::read_dir(shared_memory).map_err(failed)?.flatten() {
-        let name = entry.file_name();
-        let ends = name.to_str().and_then(|name| name.strip_prefix(prefix)).and_then(ends_in);
-        let dead = ends.is_some_and(|ends| ends.into_iter().any(is_gone));
+    for (path, ends) in connections(shared_memory, prefix)? {
         let half_made = |found: fs::Metadata| found.mode() & 0o777 == HALF_MADE;
-        if dead && entry.metadata().is_ok_and(half_made) {
-            let path = entry.path();
-            fs::remove_file(&path).map_err(|source| CleanupError::Remove { path, source })?;
+        if ends.into_iter().any(is_gone) && fs::metadata(&path).is_ok_and(half_made) {
+            remove_if_there(path)?;
         }
     }
     Ok(())
+}
+
+/// This run's connections, and the ids of their ends.
+fn connections(
+    shared_memory: &Path,
+    prefix: &str,
+) -> Result<impl Iterator<Item = (PathBuf, [u128; 2])>, CleanupError> {
+    let failed = |source| CleanupError::Look { path: shared_memory.into(), source };
+    let entries = fs::read_dir(shared_memory).map_err(failed)?.flatten();
+    Ok(entries.filter_map(move |entry| {
+        let name = entry.file_name();
+        let ends = ends_in(name.to_str()?.strip_prefix(prefix)?)?;
+        Some((entry.path(), ends))
+    }))
 }
 
 /// The ids of sender and receiver in `<type>_<sender>_<receiver>.connection`.
@@ -231,8 +255,13 @@ mod tests {
         }
         fs::write(nodes.join(format!("{}{}.node_monitor", run_root.prefix(), ids[1])), "").unwrap();
         assert_eq!(files().len(), before.len() + 3);
+        // And one knew the other.
+        let known = format!("{}type_{}_{}.connection", run_root.prefix(), ids[0], ids[1]);
+        let known = Path::new(SHARED_MEMORY).join(known);
+        fs::write(&known, "whole").unwrap();
         clean_watched(run_root.path(), &run_root.prefix()).unwrap();
         assert_eq!(files(), before);
+        assert!(!known.exists(), "a connection between the dead");
         // Of two half-made connections, the one between the living is left to them.
         let memory = tempfile::tempdir().unwrap();
         let alive = living.id().value();

@@ -22,6 +22,7 @@ use crate::briefs;
 use crate::child::{self, Child, Role, SpawnError};
 use crate::cleanup::Cleaner;
 use crate::metrics::Metrics;
+use crate::metrics::fault::End;
 use crate::robot::{AfterDeath, Robot, Seat, start_order};
 use crate::run_dir::{RunDir, RunDirError};
 use crate::scenario::Scenario;
@@ -378,7 +379,7 @@ impl<'a> Flight<'a> {
             let detail = format!("incarnation {}", header.incarnation);
             self.run_dir.event(t_ns, "ready", &name, &detail)?;
             if let Some(fault) = fault {
-                self.metrics.fault_ended(fault, t_ns);
+                self.metrics.fault_ended(fault, End::Whole, t_ns);
             }
         }
         if let Some(frame) = Contact::from_number(header.frame)
@@ -472,7 +473,7 @@ impl<'a> Flight<'a> {
             robot.fault = Some(self.metrics.died_unplanned(i, &how, self.all_seen_alive_ns));
         }
         if !returns && let Some(fault) = robot.fault.take() {
-            self.metrics.fault_ended(fault, self.all_seen_alive_ns);
+            self.metrics.fault_ended(fault, End::ForGood, self.all_seen_alive_ns);
         }
         self.set_next_pause();
         Ok(())
@@ -536,11 +537,11 @@ impl<'a> Flight<'a> {
                 struck.restart_at_ns = restart_at_ns;
                 let earlier = std::mem::replace(&mut struck.fault, restart_at_ns.map(|_| fault));
                 if let Some(earlier) = earlier {
-                    self.metrics.fault_ended(earlier, now_ns);
+                    self.metrics.fault_ended(earlier, End::Whole, now_ns);
                 }
                 self.metrics.fault_began(fault, now_ns);
                 if restart_at_ns.is_none() {
-                    self.metrics.fault_ended(fault, now_ns);
+                    self.metrics.fault_ended(fault, End::ForGood, now_ns);
                 }
             }
             Act::Freeze { robot } => {
@@ -551,6 +552,9 @@ impl<'a> Flight<'a> {
                 let detail = if stopped { "SIGSTOP" } else { "nobody there to stop" };
                 self.event(now_ns, "freeze", Some(robot), detail)?;
                 self.metrics.fault_began(fault, now_ns);
+                if self.scenario.faults[fault].for_ns.is_none() {
+                    self.metrics.fault_ended(fault, End::ForGood, now_ns);
+                }
             }
             Act::Thaw { robot } => {
                 if self.robots[robot].seat.thaws()
@@ -559,7 +563,7 @@ impl<'a> Flight<'a> {
                     barrier.set_member(robot, barrier.paused().unwrap_or(0));
                 }
                 self.event(now_ns, "thaw", Some(robot), "SIGCONT")?;
-                self.metrics.fault_ended(fault, now_ns);
+                self.metrics.fault_ended(fault, End::Whole, now_ns);
             }
             Act::KillPlant => {
                 self.event(now_ns, "kill", None, "SIGKILL of the plant, as planned")?;
@@ -578,7 +582,7 @@ impl<'a> Flight<'a> {
                 let ours = self.loads.iter().filter(|(of, _)| *of == fault);
                 ours.for_each(|(_, child)| child.kill());
                 self.event(now_ns, "load-ended", None, "")?;
-                self.metrics.fault_ended(fault, now_ns);
+                self.metrics.fault_ended(fault, End::Whole, now_ns);
             }
         }
         Ok(())

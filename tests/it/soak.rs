@@ -287,7 +287,7 @@ fn survived(ended: &Ended, what: Soaked, kills: usize) -> Toll {
 
     let mut contacts = BTreeMap::new();
     for (t_s, kind, robot, detail) in rows(&events) {
-        if kind == "contact" {
+        if kind == "contact" && !detail.contains("frame of the leader") {
             let (state, heard) = detail.split_once(' ').unwrap();
             contacts.insert((robot, heard), (state, t_s));
         }

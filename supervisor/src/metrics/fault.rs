@@ -55,6 +55,15 @@ pub enum Silenced {
     Edge(usize),
 }
 
+/// How a fault ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum End {
+    /// What it broke is whole again.
+    Whole,
+    /// Nothing will be made whole: it is over as soon as it began.
+    ForGood,
+}
+
 /// The worst of a stretch of time.
 #[derive(Debug, Clone, Copy)]
 struct Worst {
@@ -137,15 +146,13 @@ impl FaultWindow {
         self.number
     }
 
-    /// What it broke is whole again, or never will be: then `t_ns` is when it began. Gives what it
-    /// had silenced and no longer does.
-    pub(super) fn ended(&mut self, t_ns: u64) -> Silenced {
-        if self.ended_ns.is_some() {
+    /// Nothing changes any more. Gives what it had silenced and no longer does.
+    pub(super) fn ended(&mut self, end: End, t_ns: u64) -> Silenced {
+        if self.ended_ns.replace(t_ns).is_some() || end == End::ForGood {
             return Silenced::Nobody;
         }
-        self.ended_ns = Some(t_ns);
-        self.returned_ns = (t_ns > self.began_ns).then_some(t_ns);
-        self.returned_ns.map_or(Silenced::Nobody, |_| self.struck.silenced)
+        self.returned_ns = Some(t_ns);
+        self.struck.silenced
     }
 
     pub(super) fn another_began(&mut self) {
@@ -269,7 +276,7 @@ mod tests {
         fault.contact(2, 1, Contact::Stale, 9 * S); // before it began
         fault.truth(11 * S, 0.5, None, none(), 0.3);
         fault.truth(12 * S, 0.1, Some(12 * S), none(), 0.4);
-        fault.ended(12 * S);
+        fault.ended(End::Whole, 12 * S);
         fault.truth(13 * S, 0.2, None, none(), 0.25);
         fault.truth(14 * S, 0.0, Some(14 * S), none(), 0.26);
         fault.truth(15 * S, 0.0, Some(14 * S), none(), 0.1);
@@ -288,7 +295,7 @@ mod tests {
         fault.truth(11 * S, 0.5, None, all(), 0.3);
         assert_eq!(affected(&fault), ["r1"], "r2 is dead, and r3 was off before");
         fault.truth(12 * S, 0.0, None, none(), 0.3);
-        fault.ended(12 * S);
+        fault.ended(End::Whole, 12 * S);
         fault.truth(13 * S, 0.5, None, all(), 0.3);
         assert!(affected(&fault).is_empty(), "what follows on the return is not the silence's");
         assert_eq!(fault.report(&names()).predicted, ["r1"]);
@@ -297,9 +304,10 @@ mod tests {
     #[test]
     fn what_never_ends_stays_silenced() {
         let mut fault = window();
-        assert_eq!(fault.clone().ended(10 * S), Silenced::Nobody);
-        assert_eq!(fault.ended(11 * S), Silenced::Robot(1));
-        assert_eq!(fault.ended(12 * S), Silenced::Nobody, "it had ended already");
+        assert_eq!(fault.clone().ended(End::ForGood, 10 * S), Silenced::Nobody);
+        // Before the clock starts, a replacement comes at the time of the death.
+        assert_eq!(fault.ended(End::Whole, 10 * S), Silenced::Robot(1));
+        assert_eq!(fault.ended(End::Whole, 12 * S), Silenced::Nobody, "it had ended already");
     }
 
     #[test]
@@ -317,7 +325,7 @@ mod tests {
     fn what_was_never_disturbed_has_recovered_at_once() {
         let mut fault = window();
         fault.truth(11 * S, 0.001, Some(S), none(), 0.3);
-        fault.ended(12 * S);
+        fault.ended(End::Whole, 12 * S);
         fault.truth(13 * S, 0.001, Some(S), none(), 0.3);
         assert_eq!(fault.report(&names()).recovered_after_s, Some(0.0));
     }
@@ -325,7 +333,7 @@ mod tests {
     #[test]
     fn a_relapse_undoes_a_recovery_unless_another_fault_is_to_blame() {
         let mut alone = window();
-        alone.ended(10 * S);
+        alone.ended(End::ForGood, 10 * S);
         alone.truth(11 * S, 0.0, Some(11 * S), none(), 1.0);
         let mut followed = alone.clone();
         followed.another_began();

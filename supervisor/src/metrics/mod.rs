@@ -30,7 +30,7 @@ use crate::scenario::Scenario;
 pub use distance::PairDistance;
 use distance::{Closest, Distances};
 use error::Errors;
-use fault::{FaultReport, FaultWindow, Silenced, Struck};
+use fault::{End, FaultReport, FaultWindow, Silenced, Struck};
 use hash::TrajectoryHash;
 
 /// Final errors are the worst over this last share of the run.
@@ -113,7 +113,7 @@ impl Silent {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Bound {
     Begin,
-    End,
+    End(End),
 }
 
 /// What was measured over a whole run.
@@ -206,7 +206,7 @@ impl Metrics {
             self.scheduled.pop_front();
             match bound {
                 Bound::Begin => self.fault_began(fault, t_ns),
-                Bound::End => self.fault_ended(fault, t_ns),
+                Bound::End(end) => self.fault_ended(fault, end, t_ns),
             }
         }
         let expected = self.newest_tick.map_or(0, |tick| tick + 1);
@@ -333,9 +333,9 @@ impl Metrics {
     }
 
     /// What the fault broke is whole again, as far as it is ever going to be.
-    pub fn fault_ended(&mut self, fault: usize, t_ns: u64) {
+    pub fn fault_ended(&mut self, fault: usize, end: End, t_ns: u64) {
         if let Some(window) = self.faults.iter_mut().find(|window| window.number() == fault) {
-            let heard_again = window.ended(t_ns);
+            let heard_again = window.ended(end, t_ns);
             self.silent.count(heard_again, -1);
         }
     }
@@ -384,7 +384,11 @@ fn scheduled(scenario: &Scenario) -> VecDeque<(u64, usize, Bound)> {
     for (number, fault) in faults.filter(|(_, fault)| fault.kind.acts_by_brief()) {
         bounds.push((fault.at_ns, number, Bound::Begin));
         // What lasts to the end is never going to be any better than it is.
-        bounds.push((fault.until_ns().unwrap_or(fault.at_ns), number, Bound::End));
+        let (end, t_ns) = match fault.until_ns() {
+            Some(until_ns) => (End::Whole, until_ns),
+            None => (End::ForGood, fault.at_ns),
+        };
+        bounds.push((t_ns, number, Bound::End(end)));
     }
     bounds.sort_by_key(|&(t_ns, ..)| t_ns);
     bounds.into()

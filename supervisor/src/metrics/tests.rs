@@ -1,3 +1,4 @@
+use super::fault::End;
 use super::*;
 use std::collections::BTreeMap;
 
@@ -241,7 +242,7 @@ fn killed_and_replaced(off_m: &[f64]) -> FaultReport {
             metrics.died_unplanned(1, "signal 9", tick * SECOND_NS);
         }
         if tick == 5 {
-            metrics.fault_ended(0, tick * SECOND_NS);
+            metrics.fault_ended(0, End::Whole, tick * SECOND_NS);
         }
         metrics.truth(&header(tick), &r3_off(off_m), &[true, !(3..5).contains(&tick), true]);
     }
@@ -293,7 +294,7 @@ fn a_later_fault_closes_the_window_of_one_recovered_from_and_no_other() {
         for (tick, off_m) in (0u64..).zip(off_m) {
             if tick == 1 || tick == 5 {
                 let fault = metrics.died_unplanned(0, "signal 9", tick * SECOND_NS);
-                metrics.fault_ended(fault, tick * SECOND_NS);
+                metrics.fault_ended(fault, End::ForGood, tick * SECOND_NS);
             }
             metrics.truth(&header(tick), &r3_off(off_m), &ALL);
         }
@@ -314,7 +315,7 @@ fn faults_at_the_same_instant_share_what_follows() {
     metrics.truth(&header(0), &r3_off(0.0), &ALL);
     for fault in [0, 1] {
         metrics.died_unplanned(fault, "signal 9", SECOND_NS);
-        metrics.fault_ended(fault, SECOND_NS);
+        metrics.fault_ended(fault, End::ForGood, SECOND_NS);
     }
     metrics.truth(&header(1), &r3_off(0.0), &ALL);
     metrics.truth(&header(2), &r3_off(0.5), &ALL);
@@ -349,7 +350,7 @@ fn the_first_neighbor_to_call_a_faulty_robot_stale_and_lost_sets_the_times() {
 fn silence_after_the_replacement_flew_is_not_the_faults() {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     metrics.died_unplanned(1, "signal 9", 10 * SECOND_NS);
-    metrics.fault_ended(0, 12 * SECOND_NS);
+    metrics.fault_ended(0, End::Whole, 12 * SECOND_NS);
     metrics.contact(2, 1, Contact::Stale, 25 * SECOND_NS);
     assert_eq!(metrics.finish().faults[0].stale_after_s, None);
 }

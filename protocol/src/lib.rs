@@ -10,12 +10,14 @@
 //! | `law` | how does a control law describe itself to the rest? |
 //! | `clock` | what time is it, and when is the next tick? |
 //! | `barrier` | in lockstep: whose turn is it? |
+//! | `latency` | what is measured of delays, and how does it get to the supervisor? |
 //! | `process` | how does a child name itself, log, and stop? |
 
 pub mod barrier;
 pub mod brief;
 pub mod clock;
 pub mod fault;
+pub mod latency;
 pub mod law;
 pub mod message;
 pub mod process;

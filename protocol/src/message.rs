@@ -378,6 +378,31 @@ impl TruthRow {
     }
 }
 
+message! {
+    /// Agent or plant to supervisor, before the slice of [`LatencyRow`]: which values these are.
+    LatencyHeader / 1 {
+        /// How often this robot's process was started before; 0 for the plant.
+        incarnation: u64,
+        /// How many values this incarnation had measured before these.
+        first_row: u64,
+        /// Samples so far that this process should have taken and that were gone.
+        samples_lost: u64,
+    }
+}
+
+message! {
+    /// One value measured by an agent or the plant.
+    LatencyRow / 1 {
+        /// A [`Stage`](crate::latency::Stage) as a number.
+        stage: u32,
+        /// Place in the scenario, from 1, of the robot whose beacon or command it is about; 0 for
+        /// none.
+        from: u32,
+        /// The value, ns.
+        value_ns: u64,
+    }
+}
+
 /// The layout hash (FNV-1a) and the names made of it, at compile time.
 mod layout {
     pub const START: u64 = 0xcbf2_9ce4_8422_2325;

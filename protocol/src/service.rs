@@ -22,7 +22,8 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
 use crate::brief::Pace;
 use crate::message::{
-    Beacon, Command, NeighborStatus, Odometry, StatusHeader, TruthHeader, TruthRow,
+    Beacon, Command, LatencyHeader, LatencyRow, NeighborStatus, Odometry, StatusHeader,
+    TruthHeader, TruthRow,
 };
 
 /// Shared memory between processes, each port used by one thread.
@@ -145,6 +146,11 @@ impl Qos {
         Qos { subscribers, buffer: 64 }
     }
 
+    /// For latencies: at least 1.6 s of what comes every 100 ms.
+    pub fn of_latency(subscribers: usize) -> Qos {
+        Qos { subscribers, buffer: 16 }
+    }
+
     /// For truth: twice the lead that the plant may have in lockstep; a second at 1 kHz.
     pub fn of_truth(pace: Pace, subscribers: usize) -> Qos {
         let buffer = match pace {
@@ -180,6 +186,16 @@ pub fn beacon(robot: &str) -> Topic<Beacon> {
 /// `robot/<id>/status`: agent to supervisor.
 pub fn status(robot: &str) -> Topic<[NeighborStatus], StatusHeader> {
     Topic::new(format!("robot/{robot}/status"))
+}
+
+/// `robot/<id>/latency`: agent to supervisor.
+pub fn latency(robot: &str) -> Topic<[LatencyRow], LatencyHeader> {
+    Topic::new(format!("robot/{robot}/latency"))
+}
+
+/// `plant/latency`: plant to supervisor.
+pub fn plant_latency() -> Topic<[LatencyRow], LatencyHeader> {
+    Topic::new("plant/latency".into())
 }
 
 /// `plant/truth`: plant to supervisor.

@@ -1,0 +1,210 @@
+//! How late, how long, how old: what a process measures of itself and tells the supervisor.
+//!
+//! A process only writes values down; the supervisor makes histograms of them, so that none is
+//! trimmed and nothing is computed between two ticks. Must not: allocate, wait, or read a clock.
+
+use crate::message::{LatencyHeader, LatencyRow};
+use crate::service::{Factory, Publisher, ServiceError, send_slice};
+
+/// Values are sent at least this often, ns: a killed process loses no more than this.
+const SEND_EVERY_NS: u64 = 100_000_000;
+/// Values that a process keeps until they are sent. They are sent once half of it is used.
+const ROWS_MAX: usize = 1024;
+
+/// What is measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u32)]
+pub enum Stage {
+    /// Real time: from a timer's deadline to the return of the wait for it.
+    Wake = 0,
+    /// From the sending of odometry to its taking by the agent.
+    Odometry = 1,
+    /// From the taking of odometry to the sending of the answer.
+    Compute = 2,
+    /// Sensor to actuator, at the plant. Real time: from the odometry's stamp to the taking of the
+    /// command that answers it. Lockstep, where stamps are simulated: from the odometry's sending.
+    Command = 3,
+    /// Age of a neighbour's newest beacon when an answer used it, by stamps: the information age
+    /// of an edge. In lockstep it is simulated time. Lost neighbours are not used.
+    BeaconAge = 4,
+    /// Real time: from the sending of a beacon to its taking.
+    BeaconDelivery = 5,
+}
+
+impl Stage {
+    /// All of them, in the order of their numbers.
+    pub const ALL: [Stage; 6] = [
+        Stage::Wake,
+        Stage::Odometry,
+        Stage::Compute,
+        Stage::Command,
+        Stage::BeaconAge,
+        Stage::BeaconDelivery,
+    ];
+
+    /// The stage that a number in a [`LatencyRow`] stands for.
+    pub fn from_number(number: u32) -> Option<Stage> {
+        Stage::ALL.get(number as usize).copied()
+    }
+
+    /// The word for it in files.
+    pub fn word(self) -> &'static str {
+        match self {
+            Stage::Wake => "wake",
+            Stage::Odometry => "odometry",
+            Stage::Compute => "compute",
+            Stage::Command => "command",
+            Stage::BeaconAge => "beacon_age",
+            Stage::BeaconDelivery => "beacon_delivery",
+        }
+    }
+}
+
+/// Values written down and not yet sent.
+#[derive(Debug)]
+pub struct Recorder {
+    rows: Vec<LatencyRow>,
+    rows_max: usize,
+    header: LatencyHeader,
+    /// Values for which there was no room since the last batch.
+    dropped: u64,
+    sent_ns: u64,
+}
+
+impl Recorder {
+    /// Room for `rows_max` values.
+    pub fn new(incarnation: u64, rows_max: usize) -> Recorder {
+        Recorder {
+            rows: Vec::with_capacity(rows_max),
+            rows_max,
+            header: LatencyHeader { incarnation, ..LatencyHeader::default() },
+            dropped: 0,
+            sent_ns: 0,
+        }
+    }
+
+    /// Writes down one value, ns. `from`: place in the scenario, from 1, of the robot whose beacon
+    /// or command it is about; 0 for none.
+    pub fn record(&mut self, stage: Stage, from: usize, value_ns: u64) {
+        if self.rows.len() < self.rows_max {
+            self.rows.push(LatencyRow { stage: stage as u32, from: from as u32, value_ns });
+        } else {
+            self.dropped += 1;
+        }
+    }
+
+    /// Counts samples that should have been taken and were gone.
+    pub fn count_lost(&mut self, samples: u64) {
+        self.header.samples_lost = self.header.samples_lost.saturating_add(samples);
+    }
+
+    /// Whether there is something that should be sent at `now_ns`.
+    pub fn is_due(&self, now_ns: u64) -> bool {
+        let waited = now_ns >= self.sent_ns.saturating_add(SEND_EVERY_NS);
+        !self.rows.is_empty() && (waited || self.rows.len() >= self.rows_max / 2)
+    }
+
+    /// What is to be sent.
+    pub fn batch(&self) -> (LatencyHeader, &[LatencyRow]) {
+        (self.header, &self.rows)
+    }
+
+    /// Begins the next batch: the last one was sent at `now_ns`.
+    pub fn clear(&mut self, now_ns: u64) {
+        self.header.first_row += self.rows.len() as u64 + std::mem::take(&mut self.dropped);
+        self.rows.clear();
+        self.sent_ns = now_ns;
+    }
+}
+
+/// A [`Recorder`] and where it sends to. What is left goes out when it is dropped.
+#[derive(Debug)]
+pub struct LatencyPort {
+    recorder: Recorder,
+    publisher: Publisher<[LatencyRow], LatencyHeader>,
+}
+
+impl LatencyPort {
+    /// A sender of what this incarnation measures, `rows_per_tick` values at most in one tick.
+    pub fn new(
+        service: &Factory<[LatencyRow], LatencyHeader>,
+        incarnation: u64,
+        rows_per_tick: usize,
+    ) -> Result<LatencyPort, ServiceError> {
+        let rows_max = ROWS_MAX.max(2 * rows_per_tick);
+        let publisher = service.publisher(rows_max)?;
+        Ok(LatencyPort { recorder: Recorder::new(incarnation, rows_max), publisher })
+    }
+
+    /// See [`Recorder::record`].
+    pub fn record(&mut self, stage: Stage, from: usize, value_ns: u64) {
+        self.recorder.record(stage, from, value_ns);
+    }
+
+    /// See [`Recorder::count_lost`].
+    pub fn count_lost(&mut self, samples: u64) {
+        self.recorder.count_lost(samples);
+    }
+
+    /// Sends if it is time, by a `now_ns` that the caller read anyhow.
+    pub fn send_if_due(&mut self, now_ns: u64) {
+        if self.recorder.is_due(now_ns) {
+            self.send(now_ns);
+        }
+    }
+
+    /// A robot does not stop flying because it cannot say how: the supervisor counts what is
+    /// missing.
+    fn send(&mut self, now_ns: u64) {
+        let (header, rows) = self.recorder.batch();
+        if let Err(error) = send_slice(&self.publisher, header, rows.len(), |i| rows[i]) {
+            tracing::warn!(%error, "latencies not sent");
+        }
+        self.recorder.clear(now_ns);
+    }
+}
+
+impl Drop for LatencyPort {
+    fn drop(&mut self) {
+        if !self.recorder.batch().1.is_empty() {
+            self.send(0);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_stage_survives_the_wire() {
+        for stage in Stage::ALL {
+            assert_eq!(Stage::from_number(stage as u32), Some(stage));
+        }
+        assert_eq!(Stage::from_number(Stage::ALL.len() as u32), None);
+    }
+
+    #[test]
+    fn values_are_due_after_a_tenth_of_a_second_or_when_half_the_room_is_used() {
+        let mut recorder = Recorder::new(0, 4);
+        assert!(!recorder.is_due(u64::MAX), "there is nothing to send");
+        recorder.clear(7);
+        recorder.record(Stage::Wake, 0, 1);
+        assert!(!recorder.is_due(7 + SEND_EVERY_NS - 1));
+        assert!(recorder.is_due(7 + SEND_EVERY_NS));
+        recorder.record(Stage::Wake, 0, 2);
+        assert!(recorder.is_due(7));
+    }
+
+    #[test]
+    fn values_without_room_leave_a_gap_in_the_numbers_of_the_rows() {
+        let mut recorder = Recorder::new(3, 4);
+        (0..6).for_each(|value_ns| recorder.record(Stage::BeaconAge, 2, value_ns));
+        let (header, rows) = recorder.batch();
+        assert_eq!((header.incarnation, header.first_row, rows.len()), (3, 0, 4));
+        assert_eq!(rows[3], LatencyRow { stage: 4, from: 2, value_ns: 3 });
+        recorder.clear(0);
+        recorder.record(Stage::BeaconAge, 2, 6);
+        assert_eq!(recorder.batch().0.first_row, 6);
+    }
+}

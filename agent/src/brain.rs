@@ -316,6 +316,11 @@ impl Brain {
         target.map(|target| if lost { Target::still(target.position) } else { target })
     }
 
+    /// How old at `now_ns` the beacons are that answers go by: see [`Neighborhood::ages`].
+    pub fn ages(&self, now_ns: u64) -> impl Iterator<Item = (usize, u64)> {
+        self.neighborhood.ages(now_ns)
+    }
+
     /// How the brain is doing, for the supervisor. The caller knows the deadline misses.
     pub fn status(
         &self,

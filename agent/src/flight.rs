@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use protocol::barrier::{Barrier, BarrierError};
 use protocol::brief::{self, AgentBrief, BriefError, Pace};
 use protocol::clock::{self, Timer};
+use protocol::latency::Stage;
 use protocol::message::Odometry;
 use protocol::process::{self, Stop};
 use protocol::run_root::{self, RunRootError};
@@ -73,7 +74,7 @@ pub fn run(brief_path: &Path, incarnation: u64) -> Result<(), FlightError> {
         Pace::Realtime => None,
     };
     let epoch = barrier.as_ref().map_or(0, Barrier::epoch);
-    let ports = Ports::open(&brief)?;
+    let ports = Ports::open(&brief, incarnation)?;
     tracing::info!(robot = brief.name, incarnation, law = brief.law, "ready");
     let agent = Agent { brief, brain, ports, stop, deadline_misses: 0, reported: None };
     match barrier {
@@ -110,6 +111,12 @@ impl Agent {
                 continue;
             };
             let odometry = self.odometry_of(tick)?;
+            let taken_ns = clock::now_ns();
+            self.ports.latency.record(
+                Stage::Odometry,
+                0,
+                taken_ns.saturating_sub(odometry.sent_ns),
+            );
             if tick > first_tick {
                 self.hear_tick(barrier, tick - 1, odometry.stamp_ns)?;
             }
@@ -117,7 +124,9 @@ impl Agent {
             // An answer that takes a period or more is dead before it is sent.
             let in_time = answer.filter(|answer| answer.delay_ns < self.brief.period_ns);
             if let Some(answer) = &in_time {
-                self.ports.send(answer, clock::now_ns())?;
+                let sent_ns = clock::now_ns();
+                self.ports.send(answer, sent_ns)?;
+                self.measure(taken_ns, odometry.stamp_ns, sent_ns);
             }
             let news = self.brain.take_news();
             self.report_if(news)?;
@@ -125,6 +134,7 @@ impl Agent {
                 Some(_) => barrier.arrive(slot, tick),
                 None => barrier.arrive_mute(slot, tick),
             }
+            self.ports.latency.send_if_due(taken_ns);
         }
         Ok(())
     }
@@ -177,20 +187,32 @@ impl Agent {
         self.report_if(true)?;
         while !self.stop.requested() {
             let Some(wake) = timer.wait() else { continue };
+            // From its first sample on: before, everybody waits for the last one to start.
+            if self.brain.has_flown() {
+                self.ports.latency.record(Stage::Wake, 0, wake.lateness_ns);
+            }
             let mut newest = None;
             while let Some(odometry) = self.ports.odometry()? {
                 newest = Some(odometry);
             }
+            let taken_ns = clock::now_ns();
             // At its first sample a robot has heard nothing, as in lockstep.
             if self.brain.has_flown() {
                 self.hear_newest()?;
             }
             if let Some(odometry) = newest {
                 last_odometry = Instant::now();
-                if let Some(answer) = self.brain.answer(&odometry, clock::now_ns()) {
+                self.ports.latency.record(
+                    Stage::Odometry,
+                    0,
+                    taken_ns.saturating_sub(odometry.sent_ns),
+                );
+                let used_ns = clock::now_ns();
+                if let Some(answer) = self.brain.answer(&odometry, used_ns) {
                     self.linger(answer.delay_ns);
                     let sent_ns = clock::now_ns();
                     self.ports.send(&answer, sent_ns)?;
+                    self.measure(taken_ns, used_ns, sent_ns);
                     self.deadline_misses += sent_ns.saturating_sub(wake.due_ns) / period_ns;
                 }
             } else if last_odometry.elapsed() > PLANT_SILENCE_MAX {
@@ -198,8 +220,18 @@ impl Agent {
             }
             let news = self.brain.take_news();
             self.report_if(news)?;
+            self.ports.latency.send_if_due(taken_ns);
         }
         Ok(())
+    }
+
+    /// Writes down how long an answer took, and how old the beacons were that it used.
+    fn measure(&mut self, taken_ns: u64, used_ns: u64, sent_ns: u64) {
+        let latency = &mut self.ports.latency;
+        latency.record(Stage::Compute, 0, sent_ns.saturating_sub(taken_ns));
+        for (from, age_ns) in self.brain.ages(used_ns) {
+            latency.record(Stage::BeaconAge, from, age_ns);
+        }
     }
 
     /// Lets this much time pass, but for the end of the run.
@@ -218,7 +250,10 @@ impl Agent {
     fn hear_newest(&mut self) -> Result<(), FlightError> {
         for (place, neighbor) in self.brief.neighbors.iter().enumerate() {
             while let Some(beacon) = self.ports.beacon(place)? {
-                if let Err(refusal) = self.brain.hear(place, &beacon, clock::now_ns()) {
+                let taken_ns = clock::now_ns();
+                let under_way_ns = taken_ns.saturating_sub(beacon.sent_ns);
+                self.ports.latency.record(Stage::BeaconDelivery, neighbor.index, under_way_ns);
+                if let Err(refusal) = self.brain.hear(place, &beacon, taken_ns) {
                     tracing::debug!(neighbor = neighbor.name, %refusal, "beacon refused");
                 }
             }

@@ -192,6 +192,16 @@ impl Neighborhood {
         desired(heard)
     }
 
+    /// The age at `now_ns` of each beacon that is gone by, ns, with its sender's place in the
+    /// scenario, from 1. Those never heard or lost are left out.
+    pub fn ages(&self, now_ns: u64) -> impl Iterator<Item = (usize, u64)> {
+        self.neighbors.iter().filter_map(move |neighbor| {
+            let beacon = neighbor.newest.as_ref()?;
+            let used = neighbor.contact.contact != Contact::Lost;
+            used.then(|| (neighbor.index as usize, now_ns.saturating_sub(beacon.stamp_ns)))
+        })
+    }
+
     /// How everybody is heard, for the supervisor.
     pub fn status(&self) -> impl ExactSizeIterator<Item = NeighborStatus> {
         self.neighbors.iter().map(|neighbor| NeighborStatus {
@@ -246,6 +256,8 @@ mod tests {
             // b was never heard, and is given up as soon as if it had fallen silent at the start.
             let b = if stamp > 300 { Contact::Lost } else { Contact::Unheard };
             assert_eq!(contacts(&hood), [contact, b as u64], "at {stamp}");
+            let age = (stamp <= 300).then_some((1, stamp - 100));
+            assert_eq!(hood.ages(stamp).collect::<Vec<_>>(), Vec::from_iter(age));
         }
         hood.hear(0, &beacon(1, 290, 1.0), 301).unwrap();
         assert!(hood.judge(302, 302, 302));

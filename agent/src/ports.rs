@@ -1,6 +1,7 @@
-//! An agent's ports: its own four services, and the beacons of those it hears. It opens no others.
+//! An agent's ports: its own five services, and the beacons of those it hears. It opens no others.
 
 use protocol::brief::AgentBrief;
+use protocol::latency::LatencyPort;
 use protocol::message::{Beacon, Command, NeighborStatus, Odometry, StatusHeader};
 use protocol::service::{self, Node, Publisher, SendError, ServiceError, Subscriber, send_slice};
 
@@ -12,6 +13,8 @@ pub struct Ports {
     odometry: Subscriber<Odometry>,
     neighbors: Vec<Subscriber<Beacon>>,
     status: Publisher<[NeighborStatus], StatusHeader>,
+    /// For what the loop measures.
+    pub latency: LatencyPort,
     beacon: Publisher<Beacon>,
     command: Publisher<Command>,
     _node: Node,
@@ -46,7 +49,7 @@ pub enum PortError {
 
 impl Ports {
     /// Opens the services that the brief names.
-    pub fn open(brief: &AgentBrief) -> Result<Ports, PortError> {
+    pub fn open(brief: &AgentBrief, incarnation: u64) -> Result<Ports, PortError> {
         let node = service::node(&format!("agent-{}", brief.name))?;
         let own = brief.name.as_str();
         let neighbors = brief
@@ -58,6 +61,11 @@ impl Ports {
             odometry: service::odometry(own).open(&node)?.subscriber()?,
             neighbors,
             status: service::status(own).open(&node)?.publisher(brief.neighbors.len())?,
+            latency: LatencyPort::new(
+                &service::latency(own).open(&node)?,
+                incarnation,
+                3 + 2 * brief.neighbors.len(),
+            )?,
             beacon: service::beacon(own).open(&node)?.publisher()?,
             command: service::command(own).open(&node)?.publisher()?,
             _node: node,

@@ -9,9 +9,11 @@ use std::time::{Duration, Instant};
 use protocol::barrier::{Barrier, BarrierError, LEAD_MAX};
 use protocol::brief::{self, BriefError, Pace, PlantBrief};
 use protocol::clock::{self, Timer};
+use protocol::latency::Stage;
 use protocol::process::{self, Stop};
 use protocol::run_root::{self, RunRootError};
 
+use crate::gaps::Gaps;
 use crate::ports::{PortError, Ports};
 use crate::world::World;
 
@@ -88,7 +90,8 @@ pub fn run(brief_path: &Path) -> Result<(), FlightError> {
     run_root::join(&brief.run_root)?;
     clock::tighten_timer_slack();
     let ports = Ports::open(&brief)?;
-    let plant = Plant { world: World::new(&brief), brief, ports, stop };
+    let sent_ns = vec![0; brief.robots.len()];
+    let plant = Plant { world: World::new(&brief), brief, ports, stop, sent_ns };
     plant.wait_until_ready()?;
     if plant.stop.requested() {
         return Ok(());
@@ -105,6 +108,8 @@ struct Plant {
     world: World,
     ports: Ports,
     stop: Stop,
+    /// When each robot's newest odometry was sent, ns.
+    sent_ns: Vec<u64>,
 }
 
 impl Plant {
@@ -151,7 +156,7 @@ impl Plant {
     /// Odometry to everybody who takes part, and a command from each.
     fn fly_one_tick(&mut self, barrier: &Barrier, tick: u64) -> Result<(), FlightError> {
         for robot in barrier.members() {
-            self.ports.send_odometry(&self.world, robot)?;
+            self.sent_ns[robot] = self.ports.send_odometry(&self.world, robot)?;
         }
         barrier.begin(tick);
         if let Err(silent) = barrier.wait_arrivals(tick, ANSWER_MAX) {
@@ -165,6 +170,8 @@ impl Plant {
                 match self.ports.command(robot)? {
                     Some(command) if command.tick < tick => {}
                     Some(command) => {
+                        let answered_ns = clock::now_ns().saturating_sub(self.sent_ns[robot]);
+                        self.ports.latency.record(Stage::Command, robot + 1, answered_ns);
                         if let Err(refusal) = self.world.accept(robot, &command) {
                             tracing::warn!(robot, tick, %refusal, "command refused");
                         }
@@ -181,6 +188,7 @@ impl Plant {
                 }
             }
         }
+        self.ports.latency.send_if_due(clock::now_ns());
         Ok(())
     }
 
@@ -190,21 +198,26 @@ impl Plant {
         let mut timer = Timer::new(tick_ns, start_ns % tick_ns);
         self.world.start_at(start_ns);
         self.publish()?;
+        let mut gaps = vec![Gaps::default(); self.brief.robots.len()];
         while !self.stop.requested() && self.world.t_ns() < self.brief.duration_ns {
-            if timer.wait().is_none() {
-                continue;
-            }
-            let t_ns = (clock::now_ns() - start_ns).min(self.brief.duration_ns);
+            let Some(wake) = timer.wait() else { continue };
+            self.ports.latency.record(Stage::Wake, 0, wake.lateness_ns);
+            let now_ns = clock::now_ns();
+            let t_ns = (now_ns - start_ns).min(self.brief.duration_ns);
             self.world.advance(t_ns);
             self.world.next_tick();
-            for robot in 0..self.brief.robots.len() {
+            for (robot, gaps) in gaps.iter_mut().enumerate() {
                 while let Some(command) = self.ports.command(robot)? {
+                    let answered_ns = clock::now_ns().saturating_sub(command.stamp_ns);
+                    self.ports.latency.record(Stage::Command, robot + 1, answered_ns);
+                    self.ports.latency.count_lost(gaps.before(&command));
                     if let Err(refusal) = self.world.accept(robot, &command) {
                         tracing::debug!(robot, t_ns, %refusal, "command refused");
                     }
                 }
             }
             self.publish()?;
+            self.ports.latency.send_if_due(now_ns);
         }
         self.land();
         Ok(())

@@ -2,6 +2,7 @@
 
 use protocol::brief::PlantBrief;
 use protocol::clock;
+use protocol::latency::LatencyPort;
 use protocol::message::{Command, Odometry, TruthHeader, TruthRow};
 use protocol::service::{
     self, Factory, Node, Publisher, SendError, ServiceError, Subscriber, send_slice,
@@ -13,6 +14,8 @@ use crate::world::World;
 pub struct Ports {
     robots: Vec<RobotPorts>,
     truth: Publisher<[TruthRow], TruthHeader>,
+    /// For what the loop measures.
+    pub latency: LatencyPort,
     _node: Node,
 }
 
@@ -56,7 +59,9 @@ impl Ports {
             })
             .collect::<Result<_, ServiceError>>()?;
         let truth = service::truth().open(&node)?.publisher(brief.robots.len())?;
-        Ok(Ports { robots, truth, _node: node })
+        let latency = service::plant_latency().open(&node)?;
+        let latency = LatencyPort::new(&latency, 0, 1 + brief.robots.len())?;
+        Ok(Ports { robots, truth, latency, _node: node })
     }
 
     /// Robots whose agents have not yet made all their ports.
@@ -70,11 +75,11 @@ impl Ports {
         Ok(self.robots[robot].command.receive()?.map(|sample| *sample))
     }
 
-    /// Sends `robot` what it senses.
-    pub fn send_odometry(&self, world: &World, robot: usize) -> Result<(), PortError> {
+    /// Sends `robot` what it senses; when that was, ns.
+    pub fn send_odometry(&self, world: &World, robot: usize) -> Result<u64, PortError> {
         let odometry = Odometry { sent_ns: clock::now_ns(), ..world.odometry(robot) };
         self.robots[robot].odometry.send_copy(odometry)?;
-        Ok(())
+        Ok(odometry.sent_ns)
     }
 
     /// Sends the supervisor the true state of everybody.

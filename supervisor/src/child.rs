@@ -12,6 +12,8 @@ use std::process::{Command, ExitStatus, Stdio};
 
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 
+use crate::usage::Usage;
+
 /// How much of a log's end is looked at for its last lines.
 const TAIL_BYTES: u64 = 16 * 1024;
 
@@ -40,6 +42,7 @@ pub struct Child {
     process: std::process::Child,
     pidfd: OwnedFd,
     log: PathBuf,
+    usage: Option<Usage>,
 }
 
 /// Why a child could not be started.
@@ -85,7 +88,7 @@ impl Child {
         let mut process = command.spawn().map_err(failed)?;
         let pid = Pid::from_child(&process);
         match pidfd_open(pid, PidfdFlags::empty()) {
-            Ok(pidfd) => Ok(Child { process, pidfd, log: log.into() }),
+            Ok(pidfd) => Ok(Child { process, pidfd, log: log.into(), usage: None }),
             Err(error) => {
                 // Without the descriptor it could not be watched. SIGKILL cannot be ignored.
                 let _ = process.kill();
@@ -136,10 +139,22 @@ impl Child {
 
     /// How it ended, once it has; it is reaped then.
     pub fn ended(&mut self) -> Option<ExitStatus> {
+        if self.usage.is_none() {
+            match Usage::of_dead(self.pidfd.as_fd()) {
+                Ok(None) => return None,
+                Ok(dead) => self.usage = dead,
+                Err(error) => tracing::warn!(pid = self.pid(), %error, "cannot ask what it took"),
+            }
+        }
         self.process.try_wait().unwrap_or_else(|error| {
             tracing::warn!(pid = self.pid(), %error, "cannot ask for its end");
             None
         })
+    }
+
+    /// What it took from the machine, once it has ended.
+    pub fn usage(&self) -> Option<Usage> {
+        self.usage
     }
 
     /// The last lines of its log, for a screen.

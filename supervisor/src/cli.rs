@@ -300,7 +300,7 @@ fn fly(
         (code, _) => code,
     };
     let summary = Summary::new(scenario, pace, &measures, &outcome, expectations, exit);
-    run_dir.finish(&summary, &measures.pairs)?;
+    run_dir.finish(&summary, &measures.pairs, &outcome.latency)?;
     Ok(Flown { took_off: outcome.truth.is_some(), summary, exit })
 }
 

@@ -11,7 +11,8 @@ use std::time::{Duration, Instant};
 use protocol::barrier::{Barrier, BarrierError};
 use protocol::brief::Pace;
 use protocol::message::{
-    Beacon, Command, Contact, NeighborStatus, Odometry, StatusHeader, TruthHeader, TruthRow,
+    Beacon, Command, Contact, LatencyHeader, LatencyRow, NeighborStatus, Odometry, StatusHeader,
+    TruthHeader, TruthRow,
 };
 use protocol::process::{Stop, exit};
 use protocol::run_root::{self, RunRoot, RunRootError};
@@ -21,12 +22,14 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use crate::briefs;
 use crate::child::{self, Child, Role, SpawnError};
 use crate::cleanup::Cleaner;
+use crate::latency::Latency;
 use crate::metrics::Metrics;
 use crate::metrics::fault::End;
 use crate::robot::{AfterDeath, Robot, Seat, start_order};
 use crate::run_dir::{RunDir, RunDirError};
 use crate::scenario::Scenario;
 use crate::timeline::{Act, Due, Timeline};
+use crate::usage::Usage;
 
 /// Every robot must be ready within this, at the start and at a restart.
 const READY_MAX: Duration = Duration::from_secs(10);
@@ -113,6 +116,11 @@ pub struct Outcome {
     pub beacons_refused: Vec<u64>,
     /// Restarts by robot, in scenario order.
     pub restarts: Vec<u64>,
+    /// What the processes measured of delays.
+    pub latency: Latency,
+    /// What each process took from the machine, with how often it was started: the supervisor, the
+    /// plant, and the robots in scenario order.
+    pub usages: Vec<(String, u64, Usage)>,
 }
 
 /// A run under way.
@@ -135,6 +143,8 @@ pub struct Flight<'a> {
     /// Processes that take processor time, and the faults they belong to.
     loads: Vec<(usize, Child)>,
     truth: Subscriber<[TruthRow], TruthHeader>,
+    /// Of the plant, then of the robots in scenario order.
+    latencies: Vec<Subscriber<[LatencyRow], LatencyHeader>>,
     cleaner: Cleaner,
     barrier: Option<Barrier>,
     _services: Services,
@@ -149,6 +159,8 @@ struct Services {
     _beacon: Vec<Factory<Beacon>>,
     status: Vec<Factory<[NeighborStatus], StatusHeader>>,
     truth: Factory<[TruthRow], TruthHeader>,
+    /// Of the plant, then of the robots in scenario order.
+    latencies: Vec<Factory<[LatencyRow], LatencyHeader>>,
 }
 
 impl Services {
@@ -170,6 +182,10 @@ impl Services {
                 .map(|(_, robot)| service::status(&robot.name).create(node, Qos::of_status(1)))
                 .collect::<Result<_, _>>()?,
             truth: service::truth().create(node, Qos::of_truth(pace, 1))?,
+            latencies: std::iter::once(service::plant_latency())
+                .chain(robots().map(|(_, robot)| service::latency(&robot.name)))
+                .map(|topic| topic.create(node, Qos::of_latency(1)))
+                .collect::<Result<_, _>>()?,
         })
     }
 }
@@ -199,6 +215,8 @@ impl<'a> Flight<'a> {
         })?;
         let services = Services::create(&node, scenario, pace)?;
         let truth = services.truth.subscriber()?;
+        let latencies =
+            services.latencies.iter().map(Factory::subscriber).collect::<Result<_, _>>()?;
         let barrier = match pace {
             Pace::Realtime => None,
             Pace::Lockstep => {
@@ -234,7 +252,11 @@ impl<'a> Flight<'a> {
             run_dir,
             metrics,
             stop,
-            outcome: Outcome { restarts: vec![0; robots.len()], ..Outcome::default() },
+            outcome: Outcome {
+                restarts: vec![0; robots.len()],
+                latency: Latency::new(scenario, pace),
+                ..Outcome::default()
+            },
             timeline: Timeline::new(scenario),
             alive: vec![true; robots.len()],
             last_news: Instant::now(),
@@ -245,6 +267,7 @@ impl<'a> Flight<'a> {
             plant,
             loads: Vec::new(),
             truth,
+            latencies,
             cleaner,
             barrier,
             _services: services,
@@ -261,12 +284,17 @@ impl<'a> Flight<'a> {
             tracing::debug!(%error, "the run ends early");
         }
         self.end_children();
+        // The last values are sent at the very end.
+        let taken = self.take_latencies();
+        self.sum_up_usages();
+        let flown = flown.and(taken);
         let Flight {
             outcome,
             robots,
             plant,
             loads,
             truth,
+            latencies,
             cleaner,
             barrier,
             _services,
@@ -274,7 +302,7 @@ impl<'a> Flight<'a> {
             run_root,
             ..
         } = self;
-        drop((robots, plant, loads, truth, cleaner, barrier, _services, _node));
+        drop((robots, plant, loads, truth, latencies, cleaner, barrier, _services, _node));
         if let Err(error) = run_root.remove() {
             tracing::warn!(%error, "could not remove the run root");
         }
@@ -292,6 +320,7 @@ impl<'a> Flight<'a> {
             // Deaths first: whoever calls a robot stale then does so of a fault that is known.
             self.take_deaths()?;
             self.take_statuses()?;
+            self.take_latencies()?;
             self.take_cleaned();
             progress(self.now_ns());
             if self.now_ns() >= self.scenario.duration_ns {
@@ -348,6 +377,15 @@ impl<'a> Flight<'a> {
             while let Some(sample) = self.robots[i].status.receive()? {
                 let header = *sample.user_header();
                 self.take_status(i, &header, sample.payload())?;
+            }
+        }
+        Ok(())
+    }
+
+    fn take_latencies(&mut self) -> Result<(), FlightError> {
+        for (process, subscriber) in self.latencies.iter().enumerate() {
+            while let Some(sample) = subscriber.receive()? {
+                self.outcome.latency.take(process, sample.user_header(), sample.payload());
             }
         }
         Ok(())
@@ -425,6 +463,8 @@ impl<'a> Flight<'a> {
 
     /// A robot's process is dead and reaped.
     fn bury(&mut self, i: usize, status: ExitStatus) -> Result<(), FlightError> {
+        // Before the clean-up takes what it sent last.
+        self.take_latencies()?;
         let t_ns = self.now_ns();
         let how = child::in_words(status);
         // Nobody has moved yet.
@@ -435,6 +475,7 @@ impl<'a> Flight<'a> {
         let robot = &mut self.robots[i];
         robot.misses_before += std::mem::take(&mut robot.misses);
         robot.refused_before += std::mem::take(&mut robot.refused);
+        robot.usage += robot.seat.child().and_then(Child::usage).unwrap_or_default();
         self.alive[i] = false;
         if let Some(barrier) = &self.barrier {
             barrier.remove_member(i);
@@ -663,6 +704,23 @@ impl<'a> Flight<'a> {
             }
             std::thread::sleep(Duration::from_millis(1));
         }
+    }
+
+    /// Puts together what everybody took, once all have ended.
+    fn sum_up_usages(&mut self) {
+        let plant = self.plant.usage().unwrap_or_default();
+        let robots = self.robots.iter().zip(&self.outcome.restarts).map(|(robot, restarts)| {
+            let mut usage = robot.usage;
+            usage += robot.seat.child().and_then(Child::usage).unwrap_or_default();
+            (robot.name.clone(), restarts + 1, usage)
+        });
+        self.outcome.usages = [
+            ("supervisor".to_owned(), 1, Usage::of_this_process()),
+            ("plant".to_owned(), 1, plant),
+        ]
+        .into_iter()
+        .chain(robots)
+        .collect();
     }
 
     /// All children, the plant first: it waits for the robots, and they for nobody.

@@ -15,7 +15,9 @@
 //! | `timeline` | what does the supervisor do to processes, and when? |
 //! | `child` | how is a process started, watched and ended? |
 //! | `cleanup` | what did a dead process leave behind? |
+//! | `usage` | what did a process take from the machine? |
 //! | `metrics/` | how far apart, how far off, detected and recovered when? |
+//! | `latency` | how late, how long, how old was everything? |
 //! | `run_dir` | where is it written down? |
 //! | `summary` | what came out? |
 
@@ -28,9 +30,11 @@ pub mod cli;
 pub mod doctor;
 pub mod drawing;
 pub mod flight;
+pub mod latency;
 pub mod metrics;
 mod robot;
 pub mod run_dir;
 pub mod scenario;
 pub mod summary;
 mod timeline;
+pub mod usage;

@@ -9,6 +9,7 @@ use protocol::service::Subscriber;
 
 use crate::child::{Child, Role, SpawnError};
 use crate::scenario::{RestartPolicy, RestartWhen};
+use crate::usage::Usage;
 
 /// Where a robot's process is in its life.
 #[derive(Debug)]
@@ -53,6 +54,8 @@ pub(crate) struct Robot {
     /// Deadline misses of earlier incarnations, and of this one so far.
     pub(crate) misses_before: u64,
     pub(crate) misses: u64,
+    /// What its processes took from the machine, up to the last death.
+    pub(crate) usage: Usage,
 }
 
 impl Robot {
@@ -82,6 +85,7 @@ impl Robot {
             refused: 0,
             misses_before: 0,
             misses: 0,
+            usage: Usage::default(),
         }
     }
 

@@ -11,6 +11,7 @@ use protocol::brief::{self, Pace};
 use protocol::message::{TruthHeader, TruthRow};
 use serde::Serialize;
 
+use crate::latency::Latency;
 use crate::metrics::{PairDistance, seconds};
 use crate::scenario::Scenario;
 use crate::summary::Summary;
@@ -121,13 +122,13 @@ impl RunDir {
 
     /// Writes what was run, where and how.
     pub fn write_manifest(&self, manifest: &Manifest) -> Result<(), RunDirError> {
-        self.write("manifest.json", &to_json(manifest))
+        self.write("manifest.json", to_json(manifest))
     }
 
     /// Writes the brief of a process; where to.
     pub fn write_brief<B: Serialize>(&self, name: &str, told: &B) -> Result<PathBuf, RunDirError> {
         let file = format!("briefs/{name}.toml");
-        self.write(&file, &brief::to_text(told))?;
+        self.write(&file, brief::to_text(told))?;
         let path = self.path.join(file);
         // Children may run elsewhere one day, and a relative path would mean something else.
         path.canonicalize().map_err(failed(&path))
@@ -193,21 +194,33 @@ impl RunDir {
     }
 
     /// Writes what came out, and everything still in hand.
-    pub fn finish(&mut self, summary: &Summary, pairs: &[PairDistance]) -> Result<(), RunDirError> {
+    pub fn finish(
+        &mut self,
+        summary: &Summary,
+        pairs: &[PairDistance],
+        latency: &Latency,
+    ) -> Result<(), RunDirError> {
         // The summary first: it is small, and tells most if the disk is full.
-        self.write("summary.json", &summary.to_json())?;
+        self.write("summary.json", summary.to_json())?;
         let mut text = "robot_a,robot_b,min_distance_m,t_s\n".to_owned();
         for PairDistance { pair: [a, b], min_distance_m, t_s } in pairs {
             text += &format!("{a},{b},{min_distance_m},{t_s}\n");
         }
         self.write("pairs.csv", &text)?;
+        let mut lines = csv::Writer::from_writer(Vec::new());
+        for line in &summary.latency {
+            lines.serialize(line).expect("memory takes everything");
+        }
+        self.write("latency.csv", lines.into_inner().expect("memory takes everything"))?;
+        let lasted = Duration::from_secs_f64(summary.wall_s);
+        self.write("latency.hlog", latency.hlog(SystemTime::now() - lasted, lasted))?;
         self.events.flush()?;
         self.write_last_truth()
     }
 
-    fn write(&self, name: &str, text: &str) -> Result<(), RunDirError> {
+    fn write(&self, name: &str, content: impl AsRef<[u8]>) -> Result<(), RunDirError> {
         let path = self.path.join(name);
-        fs::write(&path, text).map_err(failed(&path))
+        fs::write(&path, content).map_err(failed(&path))
     }
 }
 

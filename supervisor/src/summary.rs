@@ -6,11 +6,13 @@ use protocol::brief::Pace;
 use serde::{Serialize, Serializer};
 
 use crate::flight::Outcome;
+use crate::latency::{self, StageLatency};
 use crate::metrics::Measures;
 use crate::metrics::expect::Expectation;
 use crate::metrics::fault::FaultReport;
 use crate::run_dir::to_json;
 use crate::scenario::Scenario;
+use crate::usage::Usage;
 
 /// Of more robots than this, the screen shows only those with the largest errors.
 const ROBOTS_SHOWN: usize = 12;
@@ -71,6 +73,12 @@ pub struct Summary {
     pub beacons_refused: Vec<(String, u64)>,
     /// Truths that the supervisor did not get.
     pub truths_lost: u64,
+    /// How late, how long and how old everything was, by stage and by robot or edge.
+    pub latency: Vec<StageLatency>,
+    /// Values that belong in there and did not arrive.
+    pub latencies_lost: u64,
+    /// What each process took from the machine.
+    pub processes: Vec<ProcessUsage>,
     /// Restarts by robot.
     #[serde(serialize_with = "in_order")]
     pub restarts: Vec<(String, u64)>,
@@ -101,6 +109,20 @@ pub struct Commands {
     pub scaled: u64,
     /// Died with no successor: the wheels stopped.
     pub expired: u64,
+    /// In real time: a newer one came before the plant had taken them.
+    pub lost: u64,
+}
+
+/// What one process took from the machine, over all its incarnations.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ProcessUsage {
+    /// `supervisor`, `plant`, or the robot.
+    pub name: String,
+    /// How often it was started.
+    pub starts: u64,
+    /// What it took.
+    #[serde(flatten)]
+    pub usage: Usage,
 }
 
 impl Summary {
@@ -151,9 +173,21 @@ impl Summary {
                 not_finite: truth.commands_not_finite,
                 scaled: truth.commands_scaled,
                 expired: truth.commands_expired,
+                lost: outcome.latency.commands_lost(),
             },
             beacons_refused: by_robot(&outcome.beacons_refused),
             truths_lost: measures.truths_lost,
+            latency: outcome.latency.stages(),
+            latencies_lost: outcome.latency.rows_lost(),
+            processes: outcome
+                .usages
+                .iter()
+                .map(|(name, starts, usage)| ProcessUsage {
+                    name: name.clone(),
+                    starts: *starts,
+                    usage: *usage,
+                })
+                .collect(),
             restarts: by_robot(&outcome.restarts),
             faults: measures.faults,
             expectations,
@@ -219,18 +253,44 @@ pub fn screen(summary: &Summary) -> String {
     if let Some(hash) = &summary.trajectory_hash {
         row("trajectory hash", hash.clone());
     }
-    let Commands { late, old, not_finite, scaled, expired } = summary.commands;
+    let Commands { late, old, not_finite, scaled, expired, lost } = summary.commands;
     if summary.pace == Pace::Realtime {
         row("deadline misses", summary.deadline_misses.to_string());
     }
     let refused = late + old + not_finite;
-    row("commands", format!("{refused} refused, {scaled} scaled, {expired} expired"));
+    row("commands", format!("{refused} refused, {scaled} scaled, {expired} expired, {lost} lost"));
     let beacons: u64 = summary.beacons_refused.iter().map(|(_, refused)| refused).sum();
     if beacons > 0 {
         row("beacons", format!("{beacons} refused"));
     }
     if summary.truths_lost > 0 {
         row("truths lost", summary.truths_lost.to_string());
+    }
+    if summary.latencies_lost > 0 {
+        row("latencies lost", summary.latencies_lost.to_string());
+    }
+    if !summary.latency.is_empty() {
+        let _ = writeln!(
+            text,
+            "\n  {:<16} {:<16} {:>9} {:>9} {:>9} {:>9} {:>9}",
+            "latency, us", "worst", "count", "p50", "p99", "p99.9", "max"
+        );
+        for line in latency::worst(&summary.latency) {
+            let robot = &line.robot;
+            let edge =
+                line.from.as_ref().map_or(robot.clone(), |from| format!("{from} -> {robot}"));
+            let us = |ns: u64| digits(ns as f64 / 1e3);
+            let _ = writeln!(
+                text,
+                "  {:<16} {edge:<16} {:>9} {:>9} {:>9} {:>9} {:>9}",
+                line.stage,
+                line.count,
+                us(line.p50_ns),
+                us(line.p99_ns),
+                us(line.p99_9_ns),
+                us(line.max_ns),
+            );
+        }
     }
     if !summary.faults.is_empty() {
         let _ = writeln!(

@@ -1,0 +1,343 @@
+//! How late, how long and how old everything was: the values of all processes, of all their
+//! incarnations, as one HDR histogram for each robot or edge and stage.
+//!
+//! Nothing is trimmed. A wake-up that overslept deadlines counts for each of them with its own
+//! lateness (the correction of coordinated omission, exact where the schedule is known).
+
+use std::time::{Duration, SystemTime};
+
+use hdrhistogram::Histogram;
+use hdrhistogram::serialization::V2DeflateSerializer;
+use hdrhistogram::serialization::interval_log::{IntervalLogWriterBuilder, Tag};
+use protocol::brief::Pace;
+use protocol::latency::Stage;
+use protocol::message::{LatencyHeader, LatencyRow};
+use serde::Serialize;
+
+use crate::scenario::Scenario;
+
+/// A histogram tells values apart that differ in this many digits.
+const DIGITS: u8 = 3;
+/// No wait of a run lasts this long, ns: a larger value is a broken one.
+const VALUE_NS_MAX: u64 = 3_600_000_000_000;
+
+/// Everything that the processes of a run measured.
+#[derive(Debug, Clone, Default)]
+pub struct Latency {
+    robots: Vec<String>,
+    /// The plant, then the robots in scenario order.
+    processes: Vec<Process>,
+    rows_lost: u64,
+}
+
+/// What one process measured, over all its incarnations.
+#[derive(Debug, Clone)]
+struct Process {
+    /// Time between two deadlines of its timer, ns.
+    wake_every_ns: u64,
+    /// By stage, and by the robot from 1 that a value is about, 0 for none.
+    spreads: Vec<Vec<Option<Spread>>>,
+    incarnation: u64,
+    next_row: u64,
+    samples_lost: u64,
+}
+
+/// How the values of one stage, and robot or edge, are spread.
+#[derive(Debug, Clone)]
+struct Spread {
+    histogram: Histogram<u64>,
+    min_ns: u64,
+    max_ns: u64,
+    sum_ns: u128,
+}
+
+impl Spread {
+    fn new() -> Spread {
+        let histogram = Histogram::new(DIGITS).expect("a sound number of digits");
+        Spread { histogram, min_ns: u64::MAX, max_ns: 0, sum_ns: 0 }
+    }
+
+    fn add(&mut self, value_ns: u64) {
+        self.histogram.record(value_ns).expect("the histogram grows as needed");
+        self.min_ns = self.min_ns.min(value_ns);
+        self.max_ns = self.max_ns.max(value_ns);
+        self.sum_ns += u128::from(value_ns);
+    }
+
+    /// A quantile as exact as the histogram is, and never beyond the smallest and largest value.
+    fn quantile_ns(&self, quantile: f64) -> u64 {
+        self.histogram.value_at_quantile(quantile).clamp(self.min_ns, self.max_ns)
+    }
+}
+
+/// One line of `latency.csv`, and one entry of the summary's `latency`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StageLatency {
+    /// A [`Stage`], in its word.
+    pub stage: &'static str,
+    /// The robot it is measured at, or whose loop it is; or `plant`.
+    pub robot: String,
+    /// Of an edge: whom the robot hears.
+    pub from: Option<String>,
+    /// How many values.
+    pub count: u64,
+    /// The smallest, ns.
+    pub min_ns: u64,
+    /// Half of the values are at most this, ns.
+    pub p50_ns: u64,
+    /// 90 % of them.
+    pub p90_ns: u64,
+    /// 99 % of them.
+    pub p99_ns: u64,
+    /// 99.9 % of them.
+    #[serde(rename = "p99.9_ns")]
+    pub p99_9_ns: u64,
+    /// 99.99 % of them.
+    #[serde(rename = "p99.99_ns")]
+    pub p99_99_ns: u64,
+    /// The largest, ns.
+    pub max_ns: u64,
+    /// Their mean, ns.
+    pub mean_ns: f64,
+}
+
+impl Latency {
+    /// Nothing was measured yet.
+    pub fn new(scenario: &Scenario, pace: Pace) -> Latency {
+        let robots: Vec<String> = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
+        let process = |process| Process {
+            wake_every_ns: match (pace, process) {
+                (Pace::Lockstep, _) => u64::MAX, // nobody wakes by a timer
+                (Pace::Realtime, 0) => scenario.plant_tick_ns,
+                (Pace::Realtime, _) => scenario.period_ns,
+            },
+            spreads: Stage::ALL.map(|_| vec![None; robots.len() + 1]).into(),
+            incarnation: 0,
+            next_row: 0,
+            samples_lost: 0,
+        };
+        let processes = (0..=robots.len()).map(process).collect();
+        Latency { robots, processes, rows_lost: 0 }
+    }
+
+    /// Takes in what a process measured: the plant is 0, robots count from 1.
+    pub fn take(&mut self, process: usize, header: &LatencyHeader, rows: &[LatencyRow]) {
+        let process = &mut self.processes[process];
+        if header.incarnation != process.incarnation {
+            process.incarnation = header.incarnation;
+            process.next_row = 0;
+        }
+        self.rows_lost += header.first_row.saturating_sub(process.next_row);
+        process.next_row = header.first_row.saturating_add(rows.len() as u64);
+        process.samples_lost = process.samples_lost.max(header.samples_lost);
+        for row in rows {
+            let stage = Stage::from_number(row.stage);
+            let spreads = stage.and_then(|stage| process.spreads.get_mut(stage as usize));
+            let spread = spreads.and_then(|spreads| spreads.get_mut(row.from as usize));
+            let (Some(spread), true) = (spread, row.value_ns <= VALUE_NS_MAX) else {
+                self.rows_lost += 1;
+                continue;
+            };
+            let spread = spread.get_or_insert_with(Spread::new);
+            spread.add(row.value_ns);
+            if stage == Some(Stage::Wake) {
+                let mut later_ns = row.value_ns.checked_sub(process.wake_every_ns);
+                while let Some(value_ns) = later_ns {
+                    spread.add(value_ns);
+                    later_ns = value_ns.checked_sub(process.wake_every_ns);
+                }
+            }
+        }
+    }
+
+    /// Values that were measured and did not arrive, or were broken.
+    pub fn rows_lost(&self) -> u64 {
+        self.rows_lost
+    }
+
+    /// Commands that the plant should have taken, and that a newer one had replaced.
+    pub fn commands_lost(&self) -> u64 {
+        self.processes.first().map_or(0, |plant| plant.samples_lost)
+    }
+
+    /// Everything measured, by stage, then by process in scenario order, the plant first.
+    fn spreads(&self) -> impl Iterator<Item = (Stage, &str, Option<&str>, &Spread)> {
+        let name = |place: usize| match place.checked_sub(1) {
+            Some(robot) => self.robots[robot].as_str(),
+            None => "plant",
+        };
+        let of_process = move |stage: Stage, place: usize| {
+            let spreads = self.processes[place].spreads[stage as usize].iter().enumerate();
+            spreads.filter_map(move |(about, spread)| {
+                // A command is taken by the plant; the loop that it closes is the robot's.
+                let (robot, from) = match stage {
+                    Stage::Command => (about, None),
+                    _ => (place, (about > 0).then(|| name(about))),
+                };
+                Some((stage, name(robot), from, spread.as_ref()?))
+            })
+        };
+        Stage::ALL.into_iter().flat_map(move |stage| {
+            (0..self.processes.len()).flat_map(move |place| of_process(stage, place))
+        })
+    }
+
+    /// The lines of `latency.csv`.
+    pub fn stages(&self) -> Vec<StageLatency> {
+        let line = |(stage, robot, from, spread): (Stage, &str, Option<&str>, &Spread)| {
+            let count = spread.histogram.len();
+            StageLatency {
+                stage: stage.word(),
+                robot: robot.into(),
+                from: from.map(str::to_owned),
+                count,
+                min_ns: spread.min_ns,
+                p50_ns: spread.quantile_ns(0.5),
+                p90_ns: spread.quantile_ns(0.9),
+                p99_ns: spread.quantile_ns(0.99),
+                p99_9_ns: spread.quantile_ns(0.999),
+                p99_99_ns: spread.quantile_ns(0.9999),
+                max_ns: spread.max_ns,
+                mean_ns: spread.sum_ns as f64 / count as f64,
+            }
+        };
+        self.spreads().map(line).collect()
+    }
+
+    /// `latency.hlog`, the log format of HdrHistogram: one interval, the run, for each tag
+    /// `stage:robot` or `stage:from->to`. Values are ns, its column of maxima is in ms.
+    pub fn hlog(&self, began: SystemTime, lasted: Duration) -> Vec<u8> {
+        let mut log = Vec::new();
+        let mut serializer = V2DeflateSerializer::new();
+        let mut writer = IntervalLogWriterBuilder::new()
+            .add_comment("phalanx: latencies in ns, maxima in ms")
+            .with_start_time(began)
+            .with_base_time(began)
+            .with_max_value_divisor(1e6)
+            .begin_log_with(&mut log, &mut serializer)
+            .expect("memory takes everything");
+        for (stage, robot, from, spread) in self.spreads() {
+            let edge = from.map_or(robot.to_owned(), |from| format!("{from}->{robot}"));
+            // A tag has no comma and no white space.
+            let banned = |c: char| c == ',' || c.is_whitespace();
+            let tag = format!("{}:{edge}", stage.word()).replace(banned, "_");
+            writer
+                .write_histogram(&spread.histogram, Duration::ZERO, lasted, Tag::new(&tag))
+                .expect("memory takes everything");
+        }
+        log
+    }
+}
+
+/// For each stage, the robot or edge that fares worst: by p99.9, then by the largest value.
+pub fn worst(stages: &[StageLatency]) -> impl Iterator<Item = &StageLatency> {
+    Stage::ALL.into_iter().filter_map(|stage| {
+        let of_stage = stages.iter().filter(|line| line.stage == stage.word());
+        of_stage.max_by_key(|line| (line.p99_9_ns, line.max_ns))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::tests::row_of_three;
+    use proptest::prelude::*;
+    use protocol::latency::Recorder;
+
+    const MS: u64 = 1_000_000;
+
+    fn row(stage: Stage, from: u32, value_ns: u64) -> LatencyRow {
+        LatencyRow { stage: stage as u32, from, value_ns }
+    }
+
+    #[test]
+    fn a_wake_up_that_overslept_deadlines_counts_for_each_of_them() {
+        let scenario = row_of_three();
+        let mut latency = Latency::new(&scenario, Pace::Realtime);
+        let overslept_ns = 2 * scenario.period_ns + 7;
+        let rows = [row(Stage::Wake, 0, 3), row(Stage::Wake, 0, overslept_ns)];
+        latency.take(2, &LatencyHeader::default(), &rows);
+        let [wake] = &latency.stages()[..] else { panic!("one line") };
+        assert_eq!((wake.stage, wake.robot.as_str(), &wake.from), ("wake", "r2", &None));
+        assert_eq!((wake.count, wake.min_ns, wake.max_ns), (4, 3, overslept_ns));
+        let sum_ns = (3 + overslept_ns + (scenario.period_ns + 7) + 7) as f64;
+        assert_eq!(wake.mean_ns, sum_ns / 4.0);
+    }
+
+    #[test]
+    fn a_robot_that_returns_adds_to_what_it_measured_before_it_died() {
+        let mut latency = Latency::new(&row_of_three(), Pace::Realtime);
+        let header =
+            |incarnation, first_row| LatencyHeader { incarnation, first_row, samples_lost: 0 };
+        latency.take(1, &header(0, 0), &[row(Stage::BeaconAge, 2, 5)]);
+        latency.take(1, &header(0, 4), &[row(Stage::BeaconAge, 2, 6)]);
+        assert_eq!(latency.rows_lost(), 3, "rows 1 to 3 of the first incarnation");
+        latency.take(1, &header(1, 0), &[row(Stage::BeaconAge, 2, 7)]);
+        assert_eq!(latency.rows_lost(), 3, "the second counts from 0");
+        let [age] = &latency.stages()[..] else { panic!("one line") };
+        assert_eq!((age.robot.as_str(), age.from.as_deref()), ("r1", Some("r2")));
+        assert_eq!((age.count, age.min_ns, age.max_ns), (3, 5, 7));
+    }
+
+    #[test]
+    fn broken_values_are_counted_and_left_out() {
+        let mut latency = Latency::new(&row_of_three(), Pace::Realtime);
+        let mut unknown = row(Stage::Wake, 0, 1);
+        unknown.stage = 99;
+        let rows = [unknown, row(Stage::Wake, 4, 1), row(Stage::Wake, 0, u64::MAX)];
+        latency.take(0, &LatencyHeader::default(), &rows);
+        assert_eq!((latency.rows_lost(), latency.stages()), (3, Vec::new()));
+    }
+
+    #[test]
+    fn the_worst_of_a_stage_is_the_one_with_the_longest_tail() {
+        let mut latency = Latency::new(&row_of_three(), Pace::Lockstep);
+        for (robot, value_ns) in [(1, MS), (2, 3 * MS), (3, 2 * MS)] {
+            latency.take(robot, &LatencyHeader::default(), &[row(Stage::Compute, 0, value_ns)]);
+        }
+        let stages = latency.stages();
+        let found: Vec<&str> = worst(&stages).map(|line| line.robot.as_str()).collect();
+        assert_eq!(found, ["r2"]);
+    }
+
+    proptest! {
+        /// However often a robot sends, the histogram is that of all its values.
+        #[test]
+        fn batches_add_up_to_what_was_measured(
+            values_ns in proptest::collection::vec(0..2 * VALUE_NS_MAX / 3, 1..400),
+            send_at in proptest::collection::vec(any::<bool>(), 400),
+            room in 1..500_usize,
+        ) {
+            let mut recorder = Recorder::new(0, room);
+            let mut latency = Latency::new(&row_of_three(), Pace::Lockstep);
+            let mut direct = Spread::new();
+            let mut kept = 0;
+            for (&value_ns, send) in values_ns.iter().zip(send_at) {
+                if kept < room {
+                    direct.add(value_ns);
+                    kept += 1;
+                }
+                recorder.record(Stage::Odometry, 0, value_ns);
+                if send {
+                    let (header, rows) = recorder.batch();
+                    latency.take(3, &header, rows);
+                    recorder.clear(0);
+                    kept = 0;
+                }
+            }
+            recorder.record(Stage::Compute, 0, 0); // so that the last batch has a successor
+            let (header, rows) = recorder.batch();
+            latency.take(3, &header, rows);
+            recorder.clear(0);
+            latency.take(3, &recorder.batch().0, &[]);
+            let found = latency.processes[3].spreads[Stage::Odometry as usize][0].as_ref().unwrap();
+            prop_assert_eq!(&found.histogram, &direct.histogram);
+            prop_assert_eq!(found.sum_ns, direct.sum_ns);
+            let arrived = found.histogram.len()
+                + latency.processes[3].spreads[Stage::Compute as usize][0]
+                    .as_ref()
+                    .map_or(0, |spread| spread.histogram.len());
+            prop_assert_eq!(arrived + latency.rows_lost(), values_ns.len() as u64 + 1);
+        }
+    }
+}

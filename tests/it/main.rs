@@ -11,6 +11,7 @@ mod harness;
 mod hostile;
 mod isolation;
 mod law_example;
+mod latency;
 mod lockstep;
 mod machine;
 mod model;

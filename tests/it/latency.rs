@@ -1,0 +1,184 @@
+//! What a run says about its delays: complete, consistent in all its files, and true to what
+//! happened.
+
+use std::collections::BTreeMap;
+
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
+use hdrhistogram::Histogram;
+use hdrhistogram::serialization::Deserializer;
+use hdrhistogram::serialization::interval_log::{IntervalLogIterator, LogEntry};
+use serde_json::Value;
+
+use crate::harness::{Ended, run};
+
+/// Of the triangle, whom hears whom.
+const EDGES: [(&str, &str); 3] = [("r1", "r2"), ("r2", "r3"), ("r3", "r1")];
+
+const STAGES_OF_ROBOTS: [&str; 3] = ["odometry", "compute", "command"];
+
+/// `latency.csv`: the numbers by column, by stage, robot and neighbour.
+type Lines = BTreeMap<(String, String, String), BTreeMap<String, f64>>;
+
+fn lines(ended: &Ended) -> Lines {
+    let text = ended.file("latency.csv");
+    let mut rows = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
+    let columns = rows.next().expect("a header");
+    assert_eq!(
+        columns.join(","),
+        "stage,robot,from,count,min_ns,p50_ns,p90_ns,p99_ns,p99.9_ns,p99.99_ns,max_ns,mean_ns"
+    );
+    rows.map(|row| {
+        let numbers = columns[3..].iter().cloned().zip(row[3..].iter().map(|n| n.parse().unwrap()));
+        ((row[0].clone(), row[1].clone(), row[2].clone()), numbers.collect())
+    })
+    .collect()
+}
+
+fn number(lines: &Lines, stage: &str, robot: &str, from: &str, column: &str) -> f64 {
+    let key = (stage.to_owned(), robot.to_owned(), from.to_owned());
+    let line = lines.get(&key).unwrap_or_else(|| panic!("no {key:?} in {:?}", lines.keys()));
+    line[column]
+}
+
+/// Quantiles rise from the smallest value to the largest, the mean lies between these, and the
+/// summary and the HDR log say the same as the table.
+fn is_consistent(ended: &Ended) -> Lines {
+    let lines = lines(ended);
+    let rising = ["min_ns", "p50_ns", "p90_ns", "p99_ns", "p99.9_ns", "p99.99_ns", "max_ns"];
+    for (key, line) in &lines {
+        let values = rising.map(|column| line[column]);
+        ended.claim(values.is_sorted(), format!("the quantiles of {key:?} rise: {values:?}"));
+        let spread = values[0]..=values[6];
+        ended.claim(spread.contains(&line["mean_ns"]), format!("so lies the mean of {key:?}"));
+    }
+
+    let told = ended.summary["latency"].as_array().unwrap();
+    ended.claim(told.len() == lines.len(), "the summary has every line of the table");
+    for entry in told {
+        let name = |key: &str| entry[key].as_str().unwrap_or_default().to_owned();
+        let line = &lines[&(name("stage"), name("robot"), name("from"))];
+        for (column, value) in line {
+            let same = entry[column].as_f64().is_some_and(|told| (told - value).abs() < 1e-6);
+            ended.claim(same, format!("{column} of {entry}"));
+        }
+    }
+
+    let log = std::fs::read(ended.run_dir().join("latency.hlog")).unwrap();
+    let mut logged = 0;
+    for entry in IntervalLogIterator::new(&log) {
+        let LogEntry::Interval(interval) = entry.unwrap() else { continue };
+        let tag = interval.tag().unwrap().as_str();
+        let (stage, edge) = tag.split_once(':').unwrap();
+        let (from, robot) = edge.split_once("->").unwrap_or(("", edge));
+        let line = &lines[&(stage.to_owned(), robot.to_owned(), from.to_owned())];
+        let bytes = BASE64_STANDARD.decode(interval.encoded_histogram()).unwrap();
+        let found: Histogram<u64> = Deserializer::new().deserialize(&mut &bytes[..]).unwrap();
+        ended.claim(found.len() as f64 == line["count"], format!("{tag}: as many values"));
+        for (column, quantile) in
+            [("p50_ns", 0.5), ("p99_ns", 0.99), ("p99.9_ns", 0.999), ("p99.99_ns", 0.9999)]
+        {
+            let value = found.value_at_quantile(quantile) as f64;
+            let value = value.clamp(line["min_ns"], line["max_ns"]);
+            ended.claim(value == line[column], format!("{tag}: the same {column}"));
+        }
+        logged += 1;
+    }
+    ended.claim(logged == lines.len(), "the HDR log has every line of the table");
+    lines
+}
+
+#[test]
+fn a_run_in_real_time_tells_the_delays_of_every_robot_and_edge() {
+    let ended = run("triangle").set("duration_s=4").set("expect={}").finish();
+    ended.exits_with(0).leaves_nothing();
+    let lines = is_consistent(&ended);
+    let count = |stage: &str, robot: &str, from: &str| number(&lines, stage, robot, from, "count");
+    // One value for each deadline, overslept or not.
+    ended.claim(count("wake", "plant", "") >= 3999.0, "the plant woke every millisecond");
+    for (robot, from) in EDGES {
+        let answers = count("compute", robot, "");
+        ended.claim((200.0..1200.0).contains(&answers), "it answered every 5 ms, or almost");
+        ended.claim(count("wake", robot, "") >= answers - 1.0, "and woke for each answer");
+        ended.claim(count("odometry", robot, "") == answers, "to one odometry sample each");
+        let commands = count("command", robot, "");
+        ended.claim((1.0..=answers).contains(&commands), "each of them commands, unless lost");
+        let ages = count("beacon_age", robot, from);
+        ended.claim((1.0..answers).contains(&ages), "used once in each answer but the first");
+        let heard = count("beacon_delivery", robot, from);
+        ended.claim((1.0..=count("compute", from, "")).contains(&heard), "no more than was said");
+    }
+    let edges = lines.keys().filter(|(_, _, from)| !from.is_empty()).count();
+    ended.claim(edges == 2 * EDGES.len(), "nobody else is heard");
+    let taken: f64 = EDGES.map(|(robot, _)| count("command", robot, "")).iter().sum();
+    let answered: f64 = EDGES.map(|(robot, _)| count("compute", robot, "")).iter().sum();
+    // Of the last commands it may never be known that they are missing.
+    ended.claim(
+        taken + ended.number("/commands/lost") <= answered,
+        "no more commands were taken or lost than sent",
+    );
+
+    let processes = ended.summary["processes"].as_array().unwrap();
+    let names: Vec<&str> =
+        processes.iter().filter_map(|process| process["name"].as_str()).collect();
+    ended.claim(names == ["supervisor", "plant", "r1", "r2", "r3"], "every process is there");
+    for process in processes {
+        let of = |key: &str| process[key].as_f64().unwrap();
+        ended.claim(of("starts") == 1.0, "started once");
+        ended.claim(of("user_s") + of("system_s") > 0.0, "it took processor time");
+        ended.claim(of("voluntary_switches") > 100.0, "waited many times");
+        ended.claim(of("minor_faults") > 0.0, "and touched memory");
+    }
+}
+
+#[test]
+fn in_lockstep_every_beacon_is_one_period_old_and_every_tick_is_measured() {
+    let ended = run("triangle").lockstep().finish();
+    ended.exits_with(0).leaves_nothing();
+    let lines = is_consistent(&ended);
+    let ticks = ended.number("/ticks");
+    for (robot, from) in EDGES {
+        for stage in STAGES_OF_ROBOTS {
+            let count = number(&lines, stage, robot, "", "count");
+            ended.claim(count == ticks, format!("{stage} of {robot} at each of {ticks} ticks"));
+        }
+        let age = |column: &str| number(&lines, "beacon_age", robot, from, column);
+        ended.claim(age("count") == ticks - 1.0, "at the first tick nothing was heard");
+        ended.claim(age("min_ns") == 5e6 && age("max_ns") == 5e6, "5 ms old, always");
+        ended.claim(age("p50_ns") == 5e6 && age("mean_ns") == 5e6, "and exactly");
+    }
+    ended.claim(lines.len() == 4 * EDGES.len(), "nobody waits for a clock");
+    ended.claim(ended.number("/latencies_lost") == 0.0, "no value is lost");
+}
+
+#[test]
+fn what_a_robot_measured_before_it_was_killed_is_kept() {
+    let fault = "kill r2 @15 restart 2";
+    let ended = run("triangle").lockstep().set("expect={}").fault(fault).finish();
+    ended.exits_with(0).leaves_nothing();
+    let lines = is_consistent(&ended);
+    // 3000 ticks before its death and 2600 after it. What was not yet sent dies with it: at most
+    // 512 values, three of them a tick.
+    for stage in ["odometry", "compute"] {
+        let count = number(&lines, stage, "r2", "", "count");
+        ended.claim((5600.0 - 512.0 / 3.0..=5600.0).contains(&count), format!("{count} {stage}"));
+    }
+    ended.claim(number(&lines, "command", "r2", "", "count") == 5600.0, "the plant lost none");
+    let of_r2 = |process: &&Value| process["name"] == "r2";
+    let r2 = ended.summary["processes"].as_array().unwrap().iter().find(of_r2).unwrap();
+    ended.claim(r2["starts"] == 2, "both its processes are counted");
+}
+
+#[test]
+fn a_frozen_robot_is_late_for_every_deadline_it_slept_through() {
+    let fault = "freeze r2 @1 for 0.5";
+    let ended = run("triangle").set("duration_s=3").set("expect={}").fault(fault).finish();
+    ended.exits_with(0).leaves_nothing();
+    let lines = is_consistent(&ended);
+    let wake = |column: &str| number(&lines, "wake", "r2", "", column);
+    let (late_ns, period_ns) = (wake("max_ns"), 5e6);
+    ended.claim(late_ns > 3.0 * period_ns, "it overslept");
+    // L + (L - T) + (L - 2 T) + ... is at least L^2 / (2 T).
+    let sum_ns = wake("mean_ns") * wake("count");
+    ended.claim(sum_ns >= late_ns * late_ns / (2.0 * period_ns), "and each deadline counts");
+}

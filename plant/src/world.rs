@@ -210,17 +210,30 @@ impl World {
     /// What `robot` senses now.
     pub fn odometry(&self, robot: usize) -> Odometry {
         let Robot { body, pose, twist, .. } = &self.robots[robot];
-        let mut near: Vec<(f64, Vec2)> = self
-            .alphas
-            .iter()
-            .enumerate()
-            .filter(|&(other, _)| other != robot)
-            .map(|(_, alpha)| ((alpha - self.alphas[robot]).norm(), *alpha))
-            .filter(|&(distance, _)| distance <= self.sensing_radius_m)
-            .collect();
-        near.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (radius_m, own) = (self.sensing_radius_m, self.alphas[robot]);
+        let mut near = [(0.0, Vec2::zeros()); PROXIMITY_MAX];
+        let mut within = 0;
+        for (other, alpha) in self.alphas.iter().enumerate() {
+            let apart = alpha - own;
+            // Most robots are far away; no root is needed to tell.
+            if other == robot || apart.x.abs() > radius_m || apart.y.abs() > radius_m {
+                continue;
+            }
+            let distance = apart.norm();
+            if distance <= radius_m {
+                let kept = within.min(PROXIMITY_MAX);
+                within += 1;
+                // Behind those at the same distance: they stay in scenario order.
+                let place = near[..kept].partition_point(|nearer| nearer.0 <= distance);
+                if place < PROXIMITY_MAX {
+                    near.copy_within(place..kept.min(PROXIMITY_MAX - 1), place + 1);
+                    near[place] = (distance, *alpha);
+                }
+            }
+        }
+        let kept = within.min(PROXIMITY_MAX);
         let mut proximity_m = [[0.0; 2]; PROXIMITY_MAX];
-        for (item, (place, (_, alpha))) in proximity_m.iter_mut().zip(&near).enumerate() {
+        for (item, (place, (_, alpha))) in proximity_m.iter_mut().zip(&near[..kept]).enumerate() {
             let off = self.noise_m(body, Sensor::Proximity, item as u64 + 1);
             *place = [alpha.x + off.x, alpha.y + off.y];
         }
@@ -244,8 +257,8 @@ impl World {
             w_rad_s: twist.w_rad_s,
             pose_valid: u64::from(works(Sensor::Odometry)),
             proximity_valid: u32::from(works(Sensor::Proximity)),
-            proximity_cut: u32::from(near.len() > PROXIMITY_MAX),
-            proximity_count: near.len().min(PROXIMITY_MAX) as u64,
+            proximity_cut: u32::from(within > PROXIMITY_MAX),
+            proximity_count: kept as u64,
             proximity_m,
         }
     }
@@ -436,6 +449,37 @@ mod tests {
         let near: Vec<Vec2> = world.odometry(1).proximity().collect();
         assert_eq!(near, [Vec2::new(0.1, 0.0), Vec2::new(4.6, 0.0)]);
         assert_eq!(world.odometry(0).proximity().count(), 1);
+    }
+
+    #[test]
+    fn in_a_crowd_the_nearest_32_are_sensed_and_those_equally_far_in_scenario_order() {
+        let mut brief = brief(None);
+        let body = brief.robots[0].clone();
+        // A lattice, on which many distances are equal, in no order of distance.
+        brief.robots = (0..100)
+            .map(|i| {
+                let (column, row) = (i * 37 % 100 / 10, i * 37 % 10);
+                let start = Pose { x_m: column as f64, y_m: row as f64, heading_rad: 0.0 };
+                BodyBrief { start, ..body.clone() }
+            })
+            .collect();
+        for (robot, radius_m) in (0..100).zip([0.5, 1.0, 2.0, 3.0, 4.0, 20.0].into_iter().cycle()) {
+            brief.sensing_radius_m = radius_m;
+            let world = World::new(&brief);
+            let mut near: Vec<(f64, Vec2)> = (0..100)
+                .filter(|&other| other != robot)
+                .map(|other| {
+                    ((world.alphas[other] - world.alphas[robot]).norm(), world.alphas[other])
+                })
+                .filter(|&(distance_m, _)| distance_m <= radius_m)
+                .collect();
+            near.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let sample = world.odometry(robot);
+            assert_eq!(sample.proximity_cut == 1, near.len() > PROXIMITY_MAX);
+            near.truncate(PROXIMITY_MAX);
+            let nearest: Vec<Vec2> = near.into_iter().map(|(_, alpha)| alpha).collect();
+            assert_eq!(sample.proximity().collect::<Vec<_>>(), nearest, "{robot} {radius_m}");
+        }
     }
 
     #[test]

@@ -18,6 +18,8 @@ struct Cli {
 enum Role {
     #[command(flatten)]
     Supervisor(supervisor::cli::Verb),
+    /// Measure this machine's floors, and the ratio of ours to each.
+    Bench(bench::cli::BenchArgs),
     /// Fly one robot of a run that is under way.
     Agent(AgentArgs),
     /// Stand in for the hardware of a run that is under way.
@@ -31,6 +33,9 @@ enum Role {
     /// Take processor time until killed.
     #[command(hide = true)]
     Load,
+    /// Take part in a measurement.
+    #[command(hide = true, subcommand)]
+    BenchPeer(bench::cli::PeerVerb),
 }
 
 #[derive(clap::Args)]
@@ -53,6 +58,8 @@ fn main() -> ExitCode {
         }
         Role::Plant { brief, realtime_priority } => plant::flight::main(&brief, realtime_priority),
         Role::Load => supervisor::child::load(),
+        Role::Bench(args) => bench::cli::main(&args),
+        Role::BenchPeer(verb) => bench::cli::peer(&verb),
     };
     ExitCode::from(code)
 }

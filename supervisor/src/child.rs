@@ -3,6 +3,7 @@
 //! Children die with the supervisor, even on its SIGKILL, and inherit none of its descriptors.
 //! Nothing here waits for a child.
 
+use std::ffi::OsString;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -34,6 +35,11 @@ pub enum Role<'a> {
     },
     /// `phalanx load`.
     Load,
+    /// `phalanx WORD...`: a run, or a peer in a measurement, of `phalanx bench`.
+    Bench {
+        /// The command line.
+        words: &'a [OsString],
+    },
 }
 
 /// A running child, or a dead one not yet reaped.
@@ -71,6 +77,9 @@ impl Child {
             }
             Role::Load => {
                 command.arg0("phalanx-load").arg("load");
+            }
+            Role::Bench { words } => {
+                command.arg0("phalanx-bench").args(words);
             }
         }
         if realtime_priority {

@@ -260,7 +260,7 @@ pub fn default_out(name: &str) -> PathBuf {
 }
 
 /// `20261121-041500` for seconds since 1970, UTC.
-fn date_and_time(seconds: u64) -> String {
+pub fn date_and_time(seconds: u64) -> String {
     let (days, of_day) = (seconds / 86_400, seconds % 86_400);
     // Civil date from a day count: eras of 400 years, years that begin in March.
     let shifted = days + 719_468;

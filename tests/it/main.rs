@@ -3,6 +3,7 @@
 
 mod bad_files;
 mod chapter;
+mod bench;
 mod cleanup;
 mod every_fault;
 mod faults;

@@ -1,0 +1,231 @@
+//! What was asked for, and in which order it is measured.
+//!
+//! The table goes to stdout, everything else to stderr. A bench fails only if something could not
+//! be measured, or if the trajectories differ.
+
+use std::io::{self, IsTerminal as _, Write as _};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, Subcommand, ValueEnum};
+use protocol::process::{Stop, exit, quiet_iceoryx2, set_name};
+use protocol::run_root::{self, RunRoot};
+
+use crate::floor::Carrier;
+use crate::machine::Machine;
+use crate::round_trip::Transport;
+use crate::table::Report;
+use crate::{BenchError, floor, lockstep, peers, realtime, replacement, round_trip, startup};
+
+/// Round trips by each means in one second's worth of a round; five rounds of a full bench make
+/// 100,000.
+const TRIPS_PER_S: f64 = 20_000.0;
+/// A means that is this much slower than a second's worth should be is cut off.
+const TRIPS_LIMIT: f64 = 10.0;
+/// A flight in real time takes this much longer than one in lockstep: rare misses need time.
+const REALTIME: f64 = 3.0;
+
+/// Arguments of `phalanx bench`.
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// A minute instead of several: fewer and shorter rounds.
+    #[arg(long)]
+    quick: bool,
+    /// Measure these parts alone.
+    #[arg(long, value_enum, value_name = "PART", value_delimiter = ',')]
+    only: Vec<Part>,
+    /// Numbers of robots [default: 3, 8, 16, 32, 64 in lockstep; 3, 8, 32, 64 in real time;
+    /// 8, 64 for the start-up].
+    #[arg(long, value_name = "N", value_delimiter = ',', value_parser = robots)]
+    robots: Vec<usize>,
+    /// How often ours and the floors take turns [default: 5; 3 if quick].
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
+    rounds: Option<u16>,
+    /// Kills in each round of the part replacement.
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..))]
+    kills: u16,
+    /// Measure the start-up of 256 robots too.
+    #[arg(long)]
+    large: bool,
+    /// How long each measurement is to take, s, about [default: 1; 0.2 if quick].
+    #[arg(long, hide = true, value_parser = seconds)]
+    seconds: Option<f64>,
+    /// What to print.
+    #[arg(long, value_enum, default_value_t = Output::Text)]
+    output: Output,
+}
+
+/// The parts of a bench.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Part {
+    /// A robot's round trip, against those of bare transports.
+    Floors,
+    /// Ticks per second, against the same without iceoryx2.
+    Lockstep,
+    /// Deadlines missed, by size and rate.
+    Realtime,
+    /// Time until everybody is ready.
+    Startup,
+    /// Time from a kill to the replacement's first command.
+    Replacement,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Output {
+    /// A table for people.
+    Text,
+    /// The same for programs, with every round's figures.
+    Json,
+}
+
+fn robots(word: &str) -> Result<usize, String> {
+    match word.parse() {
+        Ok(robots @ 2..=256) => Ok(robots),
+        _ => Err("expected a number from 2 to 256".into()),
+    }
+}
+
+fn seconds(word: &str) -> Result<f64, String> {
+    match word.parse() {
+        Ok(seconds) if (0.001..=100.0).contains(&seconds) => Ok(seconds),
+        _ => Err("expected a number from 0.001 to 100".into()),
+    }
+}
+
+/// `phalanx bench`.
+pub fn main(args: &BenchArgs) -> u8 {
+    quiet_iceoryx2();
+    let measured = Stop::on_signals_twice_at_once()
+        .map_err(|error| BenchError::Wrong(format!("cannot handle signals: {error}")))
+        .and_then(|stop| measure(args, &stop));
+    if io::stderr().is_terminal() {
+        let _ = write!(io::stderr(), "\r\x1b[K");
+    }
+    let report = match measured {
+        Ok(report) => report,
+        Err(error @ BenchError::Interrupted) => {
+            complain(&error);
+            return exit::INTERRUPTED;
+        }
+        Err(error) => return complain(&error),
+    };
+    let text = match args.output {
+        Output::Text => report.screen(),
+        Output::Json => report.to_json(),
+    };
+    match io::stdout().write_all(text.as_bytes()).and_then(|()| io::stdout().flush()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => return complain(&error),
+        _ => {}
+    }
+    let differ = report.trajectories.iter().find(|trajectory| !trajectory.is_one());
+    match differ {
+        Some(trajectory) => complain(&format!(
+            "trajectories of {} robots differ, so their speeds do not compare: {:?}",
+            trajectory.robots, trajectory.hashes
+        )),
+        None => exit::OK,
+    }
+}
+
+fn measure(args: &BenchArgs, stop: &Stop) -> Result<Report, BenchError> {
+    let mut machine = Machine::look();
+    let warnings = machine.warnings();
+    let terminal = io::stderr().is_terminal();
+    // Before the wait, for whoever would rather not; the table says it again.
+    for warning in warnings.iter().filter(|_| terminal) {
+        let _ = writeln!(io::stderr(), "warning: {warning}");
+    }
+    let base = run_root::base();
+    run_root::sweep(&base);
+    let root = RunRoot::create(&base)?;
+    let rounds = args.rounds.map_or(if args.quick { 3 } else { 5 }, usize::from);
+    let seconds = args.seconds.unwrap_or(if args.quick { 0.2 } else { 1.0 });
+    let or = |default: &[usize]| match &args.robots[..] {
+        [] => default.to_vec(),
+        chosen => chosen.to_vec(),
+    };
+    let wanted = |part| args.only.is_empty() || args.only.contains(&part);
+    let progress = |what: &str| {
+        if terminal {
+            let _ = write!(io::stderr(), "\r\x1b[K{what} of {rounds}");
+        }
+    };
+    let (mut rows, mut trajectories) = (Vec::new(), Vec::new());
+    if wanted(Part::Floors) {
+        let trips = ((TRIPS_PER_S * seconds) as usize).max(1);
+        let limit = Duration::from_secs_f64(TRIPS_LIMIT * seconds);
+        rows.extend(round_trip::measure(&root, stop, rounds, trips, limit, progress)?);
+    }
+    if wanted(Part::Lockstep) {
+        let robots = or(&[3, 8, 16, 32, 64]);
+        let measured = lockstep::measure(&root, stop, &robots, rounds, seconds, progress)?;
+        rows.extend(measured.0);
+        trajectories = measured.1;
+    }
+    if wanted(Part::Realtime) {
+        let robots = or(&[3, 8, 32, 64]);
+        let seconds = REALTIME * seconds;
+        rows.extend(realtime::measure(&root, stop, &robots, rounds, seconds, progress)?);
+    }
+    if wanted(Part::Startup) {
+        let mut robots = or(&[8, 64]);
+        robots.extend(args.large.then_some(256));
+        rows.extend(startup::measure(&root, stop, &robots, rounds, progress)?);
+    }
+    if wanted(Part::Replacement) {
+        rows.extend(replacement::measure(&root, stop, rounds, args.kills.into(), progress)?);
+    }
+    if let Err(error) = root.remove() {
+        let _ = writeln!(io::stderr(), "warning: could not remove the run root: {error}");
+    }
+    machine.look_again();
+    Ok(Report { machine, warnings, trajectories, rows })
+}
+
+fn complain(error: &dyn std::fmt::Display) -> u8 {
+    let _ = writeln!(io::stderr(), "error: {error}");
+    exit::INFRASTRUCTURE
+}
+
+/// A process that takes part in a measurement.
+#[derive(Debug, Subcommand)]
+pub enum PeerVerb {
+    /// Answer samples.
+    RoundTrip {
+        /// What carries them.
+        #[arg(value_enum)]
+        transport: Transport,
+        /// Where the ends are.
+        dir: PathBuf,
+    },
+    /// Fly a robot without iceoryx2.
+    Floor {
+        /// What carries the samples.
+        #[arg(value_enum)]
+        carrier: Carrier,
+        /// The robot's brief.
+        brief: PathBuf,
+    },
+    /// Kill a robot and wait for its replacement.
+    Kill {
+        /// The robot's brief.
+        brief: PathBuf,
+        /// How often.
+        kills: usize,
+        /// Where to write how long each took.
+        result: PathBuf,
+    },
+}
+
+/// `phalanx bench-peer`.
+pub fn peer(verb: &PeerVerb) -> u8 {
+    set_name("phalanx-bench");
+    quiet_iceoryx2();
+    peers::limit_life();
+    let done = match verb {
+        PeerVerb::RoundTrip { transport, dir } => round_trip::peer(*transport, dir),
+        PeerVerb::Floor { carrier, brief } => floor::agent(*carrier, brief),
+        PeerVerb::Kill { brief, kills, result } => replacement::onlooker(brief, *kills, result),
+    };
+    done.map_or_else(|error| complain(&error), |()| exit::OK)
+}

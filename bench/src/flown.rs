@@ -1,0 +1,140 @@
+//! One `phalanx run` as a child, as a user would start it, and its summary.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use protocol::brief::Pace;
+use protocol::process::Stop;
+use protocol::run_root::RunRoot;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use serde_json::Value;
+use supervisor::child::{Child, Role, in_words};
+
+use crate::{BenchError, Place, failed};
+
+/// No run of a bench takes this long, even on a machine that is busy with other things.
+const LIMIT: Duration = Duration::from_secs(240);
+/// A run asked to end has ended its children and removed its files within this.
+const END_MAX: Duration = Duration::from_secs(15);
+/// How often signals are looked for.
+const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
+const LOG_LINES: usize = 8;
+
+/// A run under way.
+pub(crate) struct Flying<'a> {
+    stop: &'a Stop,
+    run: Child,
+    place: Place,
+}
+
+impl Flying<'_> {
+    /// Starts `phalanx run` of this scenario.
+    pub(crate) fn start<'a>(
+        root: &RunRoot,
+        stop: &'a Stop,
+        scenario: &str,
+        pace: Pace,
+    ) -> Result<Flying<'a>, BenchError> {
+        let place = Place::new(root, "flown")?;
+        let file = place.path().join("scenario.toml");
+        std::fs::write(&file, scenario).map_err(failed("write", &file))?;
+        let words: [OsString; 7] = [
+            "run".into(),
+            file.into(),
+            "--pace".into(),
+            pace.word().into(),
+            "--output=json".into(),
+            "--out".into(),
+            place.path().join("run").into(),
+        ];
+        let run = Child::spawn(Role::Bench { words: &words }, &place.path().join("log"))?;
+        Ok(Flying { stop, run, place })
+    }
+
+    /// What a robot of the run is told.
+    pub(crate) fn brief(&self, robot: &str) -> PathBuf {
+        self.run_dir().join(format!("briefs/{robot}.toml"))
+    }
+
+    /// Whether at least so many events of this kind were written down.
+    pub(crate) fn has_events(&self, kind: &str, count: usize) -> bool {
+        let events = std::fs::read_to_string(self.run_dir().join("events.csv"));
+        let events = events.unwrap_or_default();
+        events.lines().filter(|line| line.split(',').nth(1) == Some(kind)).count() >= count
+    }
+
+    fn run_dir(&self) -> PathBuf {
+        self.place.path().join("run")
+    }
+
+    /// Fails if the run has ended, or the bench is to end.
+    pub(crate) fn check(&mut self) -> Result<(), BenchError> {
+        if self.stop.requested() {
+            return Err(BenchError::Interrupted);
+        }
+        match self.run.ended() {
+            None => Ok(()),
+            Some(status) => Err(self.broken(format!("the run ended ({})", in_words(status)))),
+        }
+    }
+
+    /// Waits for its end; its summary.
+    pub(crate) fn summary(mut self) -> Result<Value, BenchError> {
+        let began = Instant::now();
+        let status = loop {
+            // An interruption is a turn without news.
+            let _ =
+                poll(&mut [PollFd::from_borrowed_fd(self.run.pidfd(), PollFlags::IN)], Some(&LOOK));
+            if let Some(status) = self.run.ended() {
+                break status;
+            }
+            if self.stop.requested() {
+                return Err(BenchError::Interrupted);
+            }
+            if began.elapsed() > LIMIT {
+                return Err(self.broken(format!("a run took more than {} s", LIMIT.as_secs())));
+            }
+        };
+        if !status.success() {
+            return Err(self.broken(format!("a run failed ({})", in_words(status))));
+        }
+        let path = self.run_dir().join("summary.json");
+        let bytes = std::fs::read(&path).map_err(failed("read", &path))?;
+        serde_json::from_slice(&bytes)
+            .map_err(|error| BenchError::Wrong(format!("{}: {error}", path.display())))
+    }
+
+    fn broken(&self, what: String) -> BenchError {
+        BenchError::Peer { what, log: self.run.last_lines(LOG_LINES) }
+    }
+}
+
+impl Drop for Flying<'_> {
+    /// Lets it end its children and remove what they shared; a run that is killed cannot.
+    fn drop(&mut self) {
+        if self.run.ended().is_none() {
+            self.run.terminate();
+            let began = Instant::now();
+            while self.run.ended().is_none() && began.elapsed() < END_MAX {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        }
+    }
+}
+
+/// Flies a scenario to its end.
+pub(crate) fn fly(
+    root: &RunRoot,
+    stop: &Stop,
+    scenario: &str,
+    pace: Pace,
+) -> Result<Value, BenchError> {
+    Flying::start(root, stop, scenario, pace)?.summary()
+}
+
+/// A number of a summary.
+pub(crate) fn number(summary: &Value, pointer: &str) -> Result<f64, BenchError> {
+    let found = summary.pointer(pointer).and_then(Value::as_f64);
+    found.ok_or_else(|| BenchError::Wrong(format!("summary.json has no number at {pointer}")))
+}

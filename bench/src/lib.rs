@@ -1,0 +1,102 @@
+//! `phalanx bench`: how fast this machine could be, how fast we are, and the ratio of both.
+//!
+//! Floors and ours take turns within one run, so that whatever else the machine does meets both
+//! alike. Timings are printed and never judged: nothing in here is a test. Must not: leave a
+//! process or a file behind, or wait without a deadline.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `cli` | what was asked for, and in which order is it measured? |
+//! | `round_trip` | how long from a robot's sample to its command, and over bare transports? |
+//! | `cores` | on which cores? |
+//! | `lockstep` | how many ticks a second, and without iceoryx2? |
+//! | `floor` | the same brains and world over a mapping or over pipes |
+//! | `realtime` | how many deadlines are missed, at which rate and size? |
+//! | `startup` | how long until everybody is ready? |
+//! | `replacement` | how long from a kill to the replacement's first command? |
+//! | `ring` | which scenario is flown? |
+//! | `flown` | one `phalanx run` as a child, and its summary |
+//! | `peers` | child processes that take part in a measurement, and their end |
+//! | `mapping`, `pipe` | plain shared memory, and plain pipes |
+//! | `machine` | on what was it measured? |
+//! | `table` | medians with least and most, on a screen and as JSON |
+
+pub mod cli;
+mod cores;
+mod floor;
+mod flown;
+mod lockstep;
+mod machine;
+mod mapping;
+mod peers;
+mod pipe;
+mod realtime;
+mod replacement;
+mod ring;
+mod round_trip;
+mod startup;
+mod table;
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use protocol::run_root::RunRoot;
+
+/// Why there is no figure.
+#[derive(Debug, thiserror::Error)]
+enum BenchError {
+    /// A signal came.
+    #[error("interrupted")]
+    Interrupted,
+    /// A file, pipe, socket or mapping failed.
+    #[error("cannot {action} {path}: {source}")]
+    Io { action: &'static str, path: PathBuf, source: io::Error },
+    /// A process of a measurement ended or hung.
+    #[error("{what}; the last lines of its log:\n{log}")]
+    Peer { what: String, log: String },
+    /// What came back was not what was sent for.
+    #[error("{0}")]
+    Wrong(String),
+    #[error(transparent)]
+    RunRoot(#[from] protocol::run_root::RunRootError),
+    #[error(transparent)]
+    Service(#[from] protocol::service::ServiceError),
+    #[error(transparent)]
+    Plant(#[from] plant::ports::PortError),
+    #[error(transparent)]
+    Barrier(#[from] protocol::barrier::BarrierError),
+    #[error(transparent)]
+    Spawn(#[from] supervisor::child::SpawnError),
+    #[error(transparent)]
+    Brief(#[from] protocol::brief::BriefError),
+    #[error(transparent)]
+    Brain(#[from] agent::brain::BrainError),
+}
+
+/// Says which file it was.
+fn failed(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> BenchError {
+    let path = path.to_owned();
+    move |source| BenchError::Io { action, path, source }
+}
+
+/// A directory of one measurement in the bench's run root, on tmpfs, removed with everything in it.
+struct Place(PathBuf);
+
+impl Place {
+    fn new(root: &RunRoot, name: &str) -> Result<Place, BenchError> {
+        let path = root.path().join(name);
+        std::fs::create_dir(&path).map_err(failed("make", &path))?;
+        Ok(Place(path))
+    }
+
+    fn path(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        // What stays goes with the run root.
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}

@@ -1,0 +1,65 @@
+//! Ticks per second in lockstep: `phalanx run`, against the same brains and world without
+//! iceoryx2. All three must fly the same trajectory, bit by bit.
+
+use protocol::brief::Pace;
+use protocol::process::Stop;
+use protocol::run_root::RunRoot;
+
+use crate::BenchError;
+use crate::floor::{self, Carrier};
+use crate::flown::{self, number};
+use crate::ring;
+use crate::table::{Row, Trajectory};
+
+/// T, s. Simulated.
+const PERIOD_S: f64 = 0.005;
+/// Robots times ticks that a small machine flies in about a second.
+const ROBOT_TICKS_PER_S: f64 = 80_000.0;
+/// Fewer ticks than this measure the start.
+const TICKS_MIN: u64 = 50;
+
+/// Measures in turns, each for about `seconds` on a small and quiet machine.
+pub(crate) fn measure(
+    root: &RunRoot,
+    stop: &Stop,
+    robots: &[usize],
+    rounds: usize,
+    seconds: f64,
+    mut progress: impl FnMut(&str),
+) -> Result<(Vec<Row>, Vec<Trajectory>), BenchError> {
+    let mut rows = Vec::new();
+    let mut trajectories = Vec::new();
+    for &robots in robots {
+        let ticks = ((seconds * ROBOT_TICKS_PER_S / robots as f64) as u64).max(TICKS_MIN);
+        let text = ring::text(robots, ticks, PERIOD_S);
+        let scenario = ring::read(&text)?;
+        let mut ours = Vec::new();
+        let mut floors = Carrier::ALL.map(|_| Vec::new());
+        let mut hashes: Vec<(String, String)> = Vec::new();
+        let mut flown_by = |means: &str, hash: String| {
+            let flown = (means.to_owned(), hash);
+            if !hashes.contains(&flown) {
+                hashes.push(flown);
+            }
+        };
+        for round in 1..=rounds {
+            progress(&format!("lockstep, {robots} robots, ours, round {round}"));
+            let summary = flown::fly(root, stop, &text, Pace::Lockstep)?;
+            ours.push(number(&summary, "/ticks_per_s")?);
+            flown_by("phalanx run", summary["trajectory_hash"].as_str().unwrap_or("none").into());
+            for (carrier, floor) in Carrier::ALL.into_iter().zip(&mut floors) {
+                let name = carrier.name();
+                progress(&format!("lockstep, {robots} robots, {name}, round {round}"));
+                let flight = floor::fly(root, stop, &scenario, carrier)?;
+                floor.push(flight.ticks_per_s);
+                flown_by(name, flight.hash);
+            }
+        }
+        for (carrier, floor) in Carrier::ALL.into_iter().zip(floors) {
+            let what = format!("{robots} robots, ticks/s");
+            rows.push(Row::against("lockstep", &what, carrier.name(), ours.clone(), floor));
+        }
+        trajectories.push(Trajectory { robots, ticks, hashes });
+    }
+    Ok((rows, trajectories))
+}

@@ -1,0 +1,42 @@
+//! From the first process's start until everybody is ready: our agents and plant, against
+//! processes of the same binary that read the same briefs and map one file.
+
+use protocol::brief::Pace;
+use protocol::process::Stop;
+use protocol::run_root::RunRoot;
+
+use crate::BenchError;
+use crate::floor::{self, Carrier};
+use crate::flown::{self, number};
+use crate::ring;
+use crate::table::Row;
+
+/// T, s.
+const PERIOD_S: f64 = 0.005;
+/// As little flight as there may be.
+const TICKS: u64 = 10;
+
+/// Measures in turns.
+pub(crate) fn measure(
+    root: &RunRoot,
+    stop: &Stop,
+    robots: &[usize],
+    rounds: usize,
+    mut progress: impl FnMut(&str),
+) -> Result<Vec<Row>, BenchError> {
+    let mut rows = Vec::new();
+    for &robots in robots {
+        let text = ring::text(robots, TICKS, PERIOD_S);
+        let scenario = ring::read(&text)?;
+        let (mut ours, mut floor) = (Vec::new(), Vec::new());
+        for round in 1..=rounds {
+            progress(&format!("start-up, {robots} robots, round {round}"));
+            let summary = flown::fly(root, stop, &text, Pace::Lockstep)?;
+            ours.push(number(&summary, "/startup_s")?);
+            floor.push(floor::fly(root, stop, &scenario, Carrier::Mapping)?.startup_s);
+        }
+        let what = format!("{robots} robots ready, s");
+        rows.push(Row::against("startup", &what, "bare processes", ours, floor));
+    }
+    Ok(rows)
+}

@@ -1,0 +1,131 @@
+//! `phalanx bench` measures every part, flies one trajectory by all means, and leaves nothing, not
+//! even when it is interrupted. What it measures is nobody's claim.
+
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use rustix::process::Signal;
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::harness::{files_below, signal_pid};
+
+/// Only a hang takes this long.
+const HANG: Duration = Duration::from_secs(60);
+
+struct Bench {
+    run_root: TempDir,
+    command: Command,
+}
+
+fn bench(args: &[&str]) -> Bench {
+    let run_root = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
+    command
+        .args(["bench", "--quick", "--rounds", "1", "--output", "json"])
+        .args(args)
+        .env("PHALANX_RUN_ROOT", run_root.path())
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
+    Bench { run_root, command }
+}
+
+impl Bench {
+    /// Runs it to its end, and signals it once `until` holds for its run root.
+    fn finish(mut self, signal: Option<Signal>, until: impl Fn(&Path) -> bool) -> Output {
+        let mut child = self.command.spawn().unwrap();
+        let began = Instant::now();
+        let mut signal = signal;
+        while child.try_wait().unwrap().is_none() {
+            if began.elapsed() > HANG {
+                let _ = child.kill();
+                let _ = child.wait();
+                panic!("{:?} hangs", self.command);
+            }
+            if let Some(signal) = signal.take_if(|_| until(self.run_root.path())) {
+                signal_pid(child.id(), signal);
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        let output = child.wait_with_output().unwrap();
+        let left = files_below(self.run_root.path());
+        assert!(left.is_empty(), "{:?} leaves {left:?}\n{output:?}", self.command);
+        let processes = processes_in(self.run_root.path());
+        assert!(processes.is_empty(), "{:?} leaves {processes:?}\n{output:?}", self.command);
+        output
+    }
+}
+
+impl Drop for Bench {
+    /// Leaves nothing even where the test fails: what a bench shares outlives its kill, and is
+    /// swept once its robots are dead.
+    fn drop(&mut self) {
+        let began = Instant::now();
+        while !files_below(self.run_root.path()).is_empty() && began.elapsed() < HANG {
+            for base in std::fs::read_dir(self.run_root.path()).into_iter().flatten().flatten() {
+                protocol::run_root::sweep(&base.path());
+                let _ = std::fs::remove_dir(base.path());
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+}
+
+/// Command lines of living processes that name something below a directory.
+fn processes_in(directory: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir("/proc").unwrap().flatten();
+    let lines = entries.filter_map(|entry| std::fs::read(entry.path().join("cmdline")).ok());
+    let lines = lines.map(|line| String::from_utf8_lossy(&line).replace('\0', " "));
+    let name = directory.display().to_string();
+    lines.filter(|line| line.contains(&name)).collect()
+}
+
+#[test]
+fn every_part_gives_figures_and_all_means_fly_the_robots_along_one_trajectory() {
+    let args = ["--robots", "3", "--seconds", "0.02", "--kills", "2"];
+    let output = bench(&args).finish(None, |_| false);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let report: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+
+    let [trajectory] = &report["trajectories"].as_array().unwrap()[..] else {
+        panic!("one number of robots, one trajectory: {report:#}");
+    };
+    let hashes = trajectory["hashes"].as_array().unwrap();
+    let means: Vec<&str> = hashes.iter().map(|hash| hash[0].as_str().unwrap()).collect();
+    assert_eq!(means, ["phalanx run", "mapping + futex", "pipes"]);
+    assert!(hashes.iter().all(|hash| hash[1] == hashes[0][1]), "{hashes:?}");
+    assert_eq!(hashes[0][1].as_str().unwrap().len(), 16);
+
+    let rows = report["rows"].as_array().unwrap();
+    let count = |part: &str| rows.iter().filter(|row| row["part"] == part).count();
+    let parts = ["floors", "lockstep", "realtime", "startup", "replacement"];
+    assert_eq!(parts.map(count), [12, 2, 4, 1, 2], "{report:#}");
+    for row in rows {
+        let figure = |of: &str| row[of]["median"].as_f64();
+        assert!(figure("ours").is_some_and(|ours| ours >= 0.0), "{row:#}");
+        if let Some(floor) = figure("floor") {
+            let ratio = figure("ours").unwrap() / floor;
+            assert!((figure("ratio").unwrap() / ratio - 1.0).abs() < 1e-9, "{row:#}");
+        }
+    }
+}
+
+#[test]
+fn an_interrupted_bench_ends_its_robots_and_leaves_nothing() {
+    // Measurements far longer than the test waits; but the first peer of a floor comes after ours.
+    for (part, seconds, sign) in [
+        ("floors", "50", "agent.log"),
+        ("floors", "0.2", "ready-0"),
+        ("lockstep", "50", "samples.csv"),
+        ("realtime", "50", "samples.csv"),
+        ("replacement", "50", "peer-0.log"),
+    ] {
+        let args = ["--only", part, "--robots", "3", "--seconds", seconds, "--kills", "10000"];
+        let is_there = |root: &Path| files_below(root).iter().any(|file| file.ends_with(sign));
+        let output = bench(&args).finish(Some(Signal::INT), is_there);
+        assert_eq!(output.status.code(), Some(130), "{part}: {output:?}");
+        assert!(output.stdout.is_empty(), "{part}: {output:?}");
+    }
+}

@@ -62,8 +62,6 @@ enum BenchError {
     #[error(transparent)]
     Service(#[from] protocol::service::ServiceError),
     #[error(transparent)]
-    Plant(#[from] plant::ports::PortError),
-    #[error(transparent)]
     Barrier(#[from] protocol::barrier::BarrierError),
     #[error(transparent)]
     Spawn(#[from] supervisor::child::SpawnError),

@@ -1,9 +1,10 @@
-//! Real time at several sizes and rates, up to saturation: deadlines missed, and commands that
-//! died at the plant because none came after them.
+//! Real time at several sizes and rates, up to saturation: deadlines missed, commands that died at
+//! the plant because none came after them, and how late the robots wake.
 
 use protocol::brief::Pace;
 use protocol::process::Stop;
 use protocol::run_root::RunRoot;
+use serde_json::Value;
 
 use crate::BenchError;
 use crate::flown::{self, number};
@@ -12,6 +13,9 @@ use crate::table::Row;
 
 /// Rates of the robots, Hz.
 const RATES_HZ: [u64; 2] = [100, 1000];
+
+/// Of the lateness: its names in `summary.json`, and in the table.
+const LATENESS: [(&str, &str); 3] = [("p50_ns", "p50"), ("p99_ns", "p99"), ("p99.9_ns", "p99.9")];
 
 /// Measures runs of `seconds` each.
 pub(crate) fn measure(
@@ -28,6 +32,7 @@ pub(crate) fn measure(
         .collect();
     let mut missed = vec![Vec::new(); cases.len()];
     let mut expired = vec![Vec::new(); cases.len()];
+    let mut late_us = vec![LATENESS.map(|_| Vec::new()); cases.len()];
     for round in 1..=rounds {
         for (case, &(robots, rate_hz)) in cases.iter().enumerate() {
             progress(&format!("real time, {robots} robots at {rate_hz} Hz, round {round}"));
@@ -39,15 +44,52 @@ pub(crate) fn measure(
             };
             missed[case].push(percent("/deadline_misses")?);
             expired[case].push(percent("/commands/expired")?);
+            for ((key, _), late_us) in LATENESS.iter().zip(&mut late_us[case]) {
+                late_us.extend(latest_wake_us(&summary, key));
+            }
         }
     }
     let mut rows = Vec::new();
-    for ((robots, rate_hz), (missed, expired)) in
-        cases.into_iter().zip(missed.into_iter().zip(expired))
+    for (((robots, rate_hz), missed), (expired, late_us)) in
+        cases.into_iter().zip(missed).zip(expired.into_iter().zip(late_us))
     {
-        let what = |of: &str| format!("{robots} robots at {rate_hz} Hz, {of}, % of periods");
-        rows.push(Row::alone("realtime", &what("deadlines missed"), missed));
-        rows.push(Row::alone("realtime", &what("commands expired"), expired));
+        let what = |of: &str| format!("{robots} robots at {rate_hz} Hz, {of}");
+        rows.push(Row::alone("realtime", &what("deadlines missed, % of periods"), missed));
+        rows.push(Row::alone("realtime", &what("commands expired, % of periods"), expired));
+        for ((_, name), late_us) in LATENESS.iter().zip(late_us) {
+            // A summary need not tell.
+            if !late_us.is_empty() {
+                let what = what(&format!("wake lateness {name} of the latest robot, us"));
+                rows.push(Row::alone("realtime", &what, late_us));
+            }
+        }
     }
     Ok(rows)
+}
+
+/// The largest of the robots' figures of this name of how late they woke, us; `None` where the
+/// summary tells nothing of it.
+fn latest_wake_us(summary: &Value, key: &str) -> Option<f64> {
+    let stages = summary["latency"].as_array()?;
+    let robots = stages.iter().filter(|row| row["stage"] == "wake" && row["robot"] != "plant");
+    robots.filter_map(|row| row[key].as_f64()).reduce(f64::max).map(|ns| ns / 1e3)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_latest_robot_counts_and_the_plant_does_not() {
+        let row = |stage: &str, robot: &str, p50_ns: u64| serde_json::json!({ "stage": stage, "robot": robot, "p50_ns": p50_ns });
+        let rows = [
+            row("wake", "plant", 9000),
+            row("wake", "r1", 1000),
+            row("wake", "r2", 2500),
+            row("compute", "r1", 8000),
+        ];
+        let summary = serde_json::json!({ "latency": rows });
+        assert_eq!(latest_wake_us(&summary, "p50_ns"), Some(2.5));
+        assert_eq!(latest_wake_us(&serde_json::json!({}), "p50_ns"), None);
+    }
 }

@@ -1,6 +1,6 @@
 //! The round trip: an odometry sample to another process, and a command back.
 //!
-//! Ours is one lockstep tick of one robot: the plant's ports, the barrier, and a real agent that
+//! Ours is one lockstep tick of one robot: the world, iceoryx2, the barrier, and a real agent that
 //! thinks. The floors carry the same two messages between two processes, and think nothing. Each end
 //! has a core of its own.
 
@@ -15,10 +15,10 @@ use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
 use iceoryx2::prelude::ZeroCopySend;
-use plant::ports::Ports;
 use plant::world::World;
 use protocol::barrier::Barrier;
 use protocol::brief::{self, Pace};
+use protocol::clock;
 use protocol::message::{Command, Odometry};
 use protocol::process::Stop;
 use protocol::run_root::{self, RunRoot};
@@ -122,7 +122,6 @@ pub(crate) fn measure(
 ) -> Result<Vec<Row>, BenchError> {
     run_root::join(root.path())?;
     let node = service::node("bench")?;
-    let truth = service::truth().create(&node, Qos::of_truth(Pace::Lockstep, 1))?;
     let cores = Cores::take();
     let with = With { root, stop, cores: cores.as_ref(), node: &node, trips, limit };
     let mut ours = Vec::new();
@@ -135,7 +134,7 @@ pub(crate) fn measure(
             floor.push(with.bare(transport, round)?);
         }
     }
-    drop((truth, cores));
+    drop(cores);
     let mut rows = Vec::new();
     let mut rows_of = |name: &str, figure: fn(&Trips) -> f64| {
         let column = |trips: &[Trips]| trips.iter().map(figure).collect::<Vec<_>>();
@@ -197,10 +196,9 @@ impl With<'_> {
         let scenario = ring::read(&ring::alone(&name, (WARM_UP + trips) as u64, PERIOD_S))?;
         let told = briefs::agent(&scenario, 0, Pace::Lockstep, root.path());
         let plant = briefs::plant(&scenario, Pace::Lockstep, root.path());
-        let one = Qos::of_robot(Pace::Lockstep, 1);
-        let services = (
-            service::odometry(&name).create(node, one)?,
-            service::command(&name).create(node, one)?,
+        let own = Services::of(&name, node)?;
+        // Nobody receives these.
+        let others = (
             service::beacon(&name).create(node, Qos::of_robot(Pace::Lockstep, 0))?,
             service::status(&name).create(node, Qos::of_status(1))?,
         );
@@ -209,7 +207,7 @@ impl With<'_> {
         let place = Place::new(root, &name)?;
         let path = place.path().join("brief.toml");
         std::fs::write(&path, brief::to_text(&told)).map_err(failed("write", &path))?;
-        let ports = Ports::open(&plant)?;
+        let (odometry, command) = (own.odometry.publisher()?, own.command.subscriber()?);
         let mut world = World::new(&plant);
         let role = Role::Agent { brief: &path, incarnation: 0 };
         let log = place.path().join("agent.log");
@@ -223,7 +221,7 @@ impl With<'_> {
             }
         };
         let began = Instant::now();
-        while ports.not_ready().next().is_some() {
+        while own.command.number_of_publishers() == 0 {
             lives()?;
             if began.elapsed() > READY_MAX {
                 return Err(BenchError::Wrong("the agent was not ready in time".into()));
@@ -231,7 +229,8 @@ impl With<'_> {
             std::thread::sleep(READY_EVERY);
         }
         let timed = self.timed(|tick| {
-            ports.send_odometry(&world, 0)?;
+            let sample = Odometry { sent_ns: clock::now_ns(), ..world.odometry(0) };
+            odometry.send_copy(sample).map_err(not_sent)?;
             barrier.begin(tick);
             let began = Instant::now();
             while barrier.wait_arrivals(tick, WAIT_MAX).is_err() {
@@ -240,15 +239,16 @@ impl With<'_> {
                     return Err(BenchError::Wrong("the agent did not answer in time".into()));
                 }
             }
-            let command = ports.command(0)?.filter(|command| command.tick == tick);
-            let command =
-                command.ok_or_else(|| BenchError::Wrong(format!("no command at tick {tick}")))?;
-            world.accept(0, &command).map_err(|refusal| BenchError::Wrong(refusal.to_string()))?;
+            let answer = command.receive().map_err(not_received)?;
+            let answer = answer.filter(|answer| answer.tick == tick);
+            let answer =
+                answer.ok_or_else(|| BenchError::Wrong(format!("no command at tick {tick}")))?;
+            world.accept(0, &answer).map_err(|refusal| BenchError::Wrong(refusal.to_string()))?;
             world.advance((tick + 1) * plant.period_ns);
             world.next_tick();
             Ok(())
         });
-        drop((ports, agent, services));
+        drop((odometry, command, agent, own, others));
         timed
     }
 
@@ -257,7 +257,7 @@ impl With<'_> {
         let With { root, stop, cores, node, .. } = *self;
         let place = Place::new(root, &format!("{}-{round}", transport.word()))?;
         let services = match transport.is_iceoryx2() {
-            true => Some(Services::create(node, place.path())?),
+            true => Some(Services::of(&service_name(place.path()), node)?),
             false => None,
         };
         if transport == Transport::Pipe {
@@ -321,11 +321,12 @@ struct Services {
 }
 
 impl Services {
-    fn create(node: &Node, dir: &Path) -> Result<Services, BenchError> {
-        let (name, one) = (service_name(dir), Qos::of_robot(Pace::Lockstep, 1));
+    /// Creates those of a robot of this name.
+    fn of(name: &str, node: &Node) -> Result<Services, BenchError> {
+        let one = Qos::of_robot(Pace::Lockstep, 1);
         Ok(Services {
-            odometry: service::odometry(&name).create(node, one)?,
-            command: service::command(&name).create(node, one)?,
+            odometry: service::odometry(name).create(node, one)?,
+            command: service::command(name).create(node, one)?,
         })
     }
 
@@ -340,6 +341,14 @@ impl Services {
 
 fn service_name(dir: &Path) -> String {
     dir.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn not_sent(cause: iceoryx2::port::SendError) -> BenchError {
+    BenchError::Wrong(format!("not sent: {cause}"))
+}
+
+fn not_received(cause: iceoryx2::port::ReceiveError) -> BenchError {
+    BenchError::Wrong(format!("not received: {cause}"))
 }
 
 /// Two messages in shared memory, and a word each that counts them.
@@ -444,7 +453,7 @@ impl<O: Sent, I: Sent> End<O, I> {
             }
             Data::Iceoryx2 { out, .. } => {
                 let sent = out.send_copy(*message);
-                sent.map(drop).map_err(|cause| BenchError::Wrong(format!("not sent: {cause}")))?;
+                sent.map(drop).map_err(not_sent)?;
             }
         }
         if let Some(exchange) = self.exchange.as_ref().map(|exchange| &exchange[0]) {
@@ -501,9 +510,7 @@ impl<O: Sent, I: Sent> End<O, I> {
             }
             Data::Iceoryx2 { incoming, .. } => loop {
                 let sample = incoming.receive();
-                let sample =
-                    sample.map_err(|cause| BenchError::Wrong(format!("not received: {cause}")))?;
-                match sample {
+                match sample.map_err(not_received)? {
                     Some(sample) => return Ok(Some(*sample)),
                     None if gone() => return Ok(None),
                     None => std::hint::spin_loop(),

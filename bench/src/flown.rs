@@ -48,7 +48,7 @@ impl Flying<'_> {
             "--out".into(),
             place.path().join("run").into(),
         ];
-        let run = Child::spawn(Role::Bench { words: &words }, &place.path().join("log"))?;
+        let run = Child::spawn(Role::Bench { words: &words }, &place.path().join("log"), false)?;
         Ok(Flying { stop, run, place })
     }
 

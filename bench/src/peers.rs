@@ -48,7 +48,7 @@ impl Peers {
         let mut children = Vec::new();
         for words in peers {
             let log = dir.join(format!("peer-{}.log", children.len()));
-            children.push(Child::spawn(Role::Bench { words: &words }, &log)?);
+            children.push(Child::spawn(Role::Bench { words: &words }, &log, false)?);
         }
         let count = children.len();
         let children = Arc::new(Mutex::new(children));

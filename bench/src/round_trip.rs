@@ -201,6 +201,7 @@ impl With<'_> {
         let others = (
             service::beacon(&name).create(node, Qos::of_robot(Pace::Lockstep, 0))?,
             service::status(&name).create(node, Qos::of_status(1))?,
+            service::latency(&name).create(node, Qos::of_latency(1))?,
         );
         let barrier = Barrier::create(&root.barrier_path(), 1)?;
         barrier.set_member(0, 0);
@@ -211,7 +212,7 @@ impl With<'_> {
         let mut world = World::new(&plant);
         let role = Role::Agent { brief: &path, incarnation: 0 };
         let log = place.path().join("agent.log");
-        let mut agent = on_the_other(cores, || Child::spawn(role, &log))?;
+        let mut agent = on_the_other(cores, || Child::spawn(role, &log, false))?;
         let mut lives = || match agent.ended() {
             _ if stop.requested() => Err(BenchError::Interrupted),
             None => Ok(()),

@@ -2,8 +2,8 @@
 //! and the same brains and world composed in one process: `oracle` (lockstep), `model` (real time).
 
 mod bad_files;
-mod chapter;
 mod bench;
+mod chapter;
 mod cleanup;
 mod every_fault;
 mod faults;

@@ -305,20 +305,6 @@ impl Metrics {
     /// The scenario's fault of this number began.
     pub fn fault_began(&mut self, fault: usize, t_ns: u64) {
         let (what, struck) = self.planned[fault].clone();
-        self.window(fault, what, struck, t_ns);
-    }
-
-    /// A robot died, and nobody had planned it; the number of this fault.
-    pub fn died_unplanned(&mut self, robot: usize, how: &str, t_ns: u64) -> usize {
-        let fault = self.planned.len();
-        let what = format!("death of {} ({how})", self.names[robot]);
-        let silenced = Silenced::Robot(robot);
-        self.planned.push((what, Struck { robot: Some(robot), hearer: None, silenced }));
-        self.fault_began(fault, t_ns);
-        fault
-    }
-
-    fn window(&mut self, fault: usize, what: String, struck: Struck, t_ns: u64) {
         for earlier in &mut self.faults {
             earlier.another_began();
         }
@@ -330,6 +316,16 @@ impl Metrics {
         let calm =
             self.errors.iter().map(|error| error.is_some_and(|e| e < self.converged_error_m));
         self.faults.push(FaultWindow::new(fault, what, struck, t_ns, predicted, calm));
+    }
+
+    /// A robot died, and nobody had planned it; the number of this fault.
+    pub fn died_unplanned(&mut self, robot: usize, how: &str, t_ns: u64) -> usize {
+        let fault = self.planned.len();
+        let what = format!("death of {} ({how})", self.names[robot]);
+        let silenced = Silenced::Robot(robot);
+        self.planned.push((what, Struck { robot: Some(robot), hearer: None, silenced }));
+        self.fault_began(fault, t_ns);
+        fault
     }
 
     /// What the fault broke is whole again, as far as it is ever going to be.

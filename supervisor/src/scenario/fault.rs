@@ -17,9 +17,9 @@ pub(crate) struct Form {
     /// Value of the key `kind`, and first word.
     pub(crate) kind: &'static str,
     /// Whom it strikes.
-    pub(crate) subject: Subject,
+    subject: Subject,
     /// Whether it lasts: it may have `for_s`.
-    pub(crate) lasts: bool,
+    lasts: bool,
     /// What else there may be.
     details: &'static [Detail],
     /// One line for people.
@@ -28,7 +28,7 @@ pub(crate) struct Form {
 
 /// Whom a fault strikes, and which keys say so.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Subject {
+enum Subject {
     /// `robot`.
     Robot,
     /// `from` and `to`: `r1->r2`.

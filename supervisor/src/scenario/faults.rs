@@ -5,7 +5,7 @@ use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind, WheelFaultKind};
 
 use super::chaos::Chaos;
 use super::diagnostic::Diagnostic;
-use super::fault::{FORMS, Form, Subject};
+use super::fault::{FORMS, Form};
 use super::robots::robot_named;
 use super::table::{Table, Value};
 use super::{Fault, FaultKind, Robot, seconds};
@@ -134,7 +134,6 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Fault, 
         }
         other => unreachable!("{other} is a form, and read here"),
     };
-    debug_assert!(form.subject != Subject::Link || matches!(kind, FaultKind::Link { .. }));
     Ok(Fault { at_ns, for_ns, kind })
 }
 

@@ -4,19 +4,10 @@
 use std::path::{Path, PathBuf};
 
 use protocol::fault::draw;
-use protocol::law::{LawDescription, Role};
 
 use super::read::{Overrides, read_text};
+use super::tests::LAWS;
 use crate::check::{Theory, report};
-
-const LAWS: &[LawDescription] = &[LawDescription {
-    role: Role::Formation,
-    name: "formation-unit",
-    source: "(18)",
-    gains: &["speed_m_s"],
-    feed_forward: false,
-    correction_max: None,
-}];
 
 const SPECS: [&str; 12] = [
     "kill r2 @10 restart 2",

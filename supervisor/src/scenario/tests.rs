@@ -11,7 +11,7 @@ use super::read::{Overrides, read, read_text};
 use super::{FaultKind, RestartWhen, Scenario};
 use crate::check;
 
-const LAWS: &[LawDescription] = &[
+pub(super) const LAWS: &[LawDescription] = &[
     LawDescription {
         role: Role::Formation,
         name: "formation-unit",

@@ -1,0 +1,116 @@
+//! What is in the picture of a run: what stays the same, and one instant.
+//!
+//! Both become JSON for the page, which draws a finished run and one under way alike. World frame:
+//! x forward, y left, counter-clockwise positive.
+
+use serde::Serialize;
+
+/// What does not change during a run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Scene {
+    /// The scenario's name.
+    pub name: String,
+    /// `lockstep` or `realtime`.
+    pub pace: String,
+    /// When the run ends, s.
+    pub duration_s: f64,
+    /// d: no two front points shall be nearer to each other, m.
+    pub distance_min_m: f64,
+    /// In scenario order; everything else names robots by their place here, from 0.
+    pub robots: Vec<SceneRobot>,
+    /// The formation graph: robot `to` hears robot `from`.
+    pub edges: Vec<SceneEdge>,
+    /// What goes wrong, as far as it is known; in order of time.
+    pub faults: Vec<SceneFault>,
+}
+
+/// One robot.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SceneRobot {
+    /// Its name.
+    pub name: String,
+    /// `main-leader`, `leader`, `formation` or `contained`.
+    pub role: String,
+    /// Distance from the middle of the axle to the front point, m.
+    pub front_point_m: f64,
+}
+
+/// One edge of the formation graph.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct SceneEdge {
+    /// Who is heard.
+    pub from: usize,
+    /// Who hears.
+    pub to: usize,
+}
+
+/// Something that goes wrong.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SceneFault {
+    /// When it begins, s.
+    pub t_s: f64,
+    /// When it ends, s; `None` if never.
+    pub until_s: Option<f64>,
+    /// As it is written on the command line: `kill r2`.
+    pub what: String,
+    /// Robots that it strikes.
+    pub robots: Vec<usize>,
+    /// Place of the edge that it strikes.
+    pub edge: Option<usize>,
+}
+
+/// One instant.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Frame {
+    /// Run time, s.
+    pub t_s: f64,
+    /// In scenario order.
+    pub robots: Vec<FrameRobot>,
+    /// State of each edge, in the scene's order.
+    pub edges: Vec<EdgeState>,
+    /// The smallest distance of two front points at this instant, m; `None` with fewer than two.
+    pub distance_m: Option<f64>,
+}
+
+/// One robot at one instant.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct FrameRobot {
+    /// Of the middle of the axle, m.
+    pub x_m: f64,
+    /// Of the middle of the axle, m.
+    pub y_m: f64,
+    /// In (-pi, pi].
+    pub heading_rad: f64,
+    /// Distance from where it wants to be, m; `None` while it has no error.
+    pub error_m: Option<f64>,
+    /// What its process does.
+    pub state: RobotState,
+}
+
+/// What a robot's process does.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RobotState {
+    /// It flies.
+    #[default]
+    Flying,
+    /// It was stopped by SIGSTOP.
+    Frozen,
+    /// It is dead, and no replacement is on its way.
+    Dead,
+    /// Its replacement was started and does not take part yet.
+    Starting,
+}
+
+/// How an edge is heard.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum EdgeState {
+    /// Heard lately.
+    #[default]
+    Fresh,
+    /// Extrapolated.
+    Stale,
+    /// Not counted on any more.
+    Lost,
+}

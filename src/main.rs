@@ -33,6 +33,9 @@ enum Role {
     /// Take processor time until killed.
     #[command(hide = true)]
     Load,
+    /// Keep a core from falling asleep until killed.
+    #[command(hide = true)]
+    Awake,
     /// Take part in a measurement.
     #[command(hide = true, subcommand)]
     BenchPeer(bench::cli::PeerVerb),
@@ -51,6 +54,10 @@ struct AgentArgs {
 }
 
 fn main() -> ExitCode {
+    if let Err(error) = supervisor::child::obey_parent() {
+        eprintln!("error: cannot start as a child: {error}");
+        return ExitCode::from(protocol::process::exit::INFRASTRUCTURE);
+    }
     let code = match Cli::parse().role {
         Role::Supervisor(verb) => supervisor::cli::main(&verb, &agent::laws::descriptions()),
         Role::Agent(AgentArgs { brief, incarnation, realtime_priority }) => {
@@ -58,6 +65,7 @@ fn main() -> ExitCode {
         }
         Role::Plant { brief, realtime_priority } => plant::flight::main(&brief, realtime_priority),
         Role::Load => supervisor::child::load(),
+        Role::Awake => supervisor::child::awake(),
         Role::Bench(args) => bench::cli::main(&args),
         Role::BenchPeer(verb) => bench::cli::peer(&verb),
     };

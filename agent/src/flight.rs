@@ -73,7 +73,7 @@ pub fn run(brief_path: &Path, incarnation: u64) -> Result<(), FlightError> {
         Pace::Lockstep => Some(Barrier::open(&run_root::barrier_path(&brief.run_root))?),
         Pace::Realtime => None,
     };
-    let epoch = barrier.as_ref().map_or(0, Barrier::epoch);
+    let epoch = barrier.as_ref().map_or(0, |barrier| barrier.epoch(brief.index - 1));
     let ports = Ports::open(&brief, incarnation)?;
     tracing::info!(robot = brief.name, incarnation, law = brief.law, "ready");
     let agent = Agent { brief, brain, ports, stop, deadline_misses: 0, reported: None };
@@ -98,7 +98,7 @@ impl Agent {
         let mut last_tick = Instant::now();
         self.report_if(true)?;
         while !self.stop.requested() {
-            let Some((new_epoch, tick)) = barrier.wait_tick(epoch, WAIT_MAX) else {
+            let Some((new_epoch, tick)) = barrier.wait_tick(slot, epoch, WAIT_MAX) else {
                 if last_tick.elapsed() > PLANT_SILENCE_MAX {
                     return Err(FlightError::PlantSilent);
                 }
@@ -191,10 +191,8 @@ impl Agent {
             if self.brain.has_flown() {
                 self.ports.latency.record(Stage::Wake, 0, wake.lateness_ns);
             }
-            let mut newest = None;
-            while let Some(odometry) = self.ports.odometry()? {
-                newest = Some(odometry);
-            }
+            // In real time a queue holds the newest sample and no other.
+            let newest = self.ports.odometry()?;
             let taken_ns = clock::now_ns();
             // At its first sample a robot has heard nothing, as in lockstep.
             if self.brain.has_flown() {
@@ -249,7 +247,7 @@ impl Agent {
     /// Takes whatever the neighbours said last.
     fn hear_newest(&mut self) -> Result<(), FlightError> {
         for (place, neighbor) in self.brief.neighbors.iter().enumerate() {
-            while let Some(beacon) = self.ports.beacon(place)? {
+            if let Some(beacon) = self.ports.beacon(place)? {
                 let taken_ns = clock::now_ns();
                 let under_way_ns = taken_ns.saturating_sub(beacon.sent_ns);
                 self.ports.latency.record(Stage::BeaconDelivery, neighbor.index, under_way_ns);

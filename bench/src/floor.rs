@@ -160,7 +160,7 @@ struct MappedPlant {
 
 impl MappedPlant {
     fn new(dir: &Path, robots: usize) -> Result<MappedPlant, BenchError> {
-        let barrier = Barrier::create(&dir.join("barrier"), robots)?;
+        let barrier = Barrier::create(&dir.join("barrier"), robots, 1)?;
         (0..robots).for_each(|slot| barrier.set_member(slot, 0));
         Ok(MappedPlant { seats: seats(dir, robots)?, barrier })
     }
@@ -177,6 +177,7 @@ impl PlantEnd for MappedPlant {
             seat.odometry.write(world.odometry(robot));
         }
         self.barrier.begin(tick);
+        self.barrier.release(0);
         while self.barrier.wait_arrivals(tick, WAIT_MAX).is_err() {
             peers.check()?;
         }
@@ -201,7 +202,7 @@ impl MappedAgent {
         let barrier = Barrier::open(&dir.join("barrier"))?;
         Ok(MappedAgent {
             seats: seats(dir, barrier.slots())?,
-            epoch: barrier.epoch(),
+            epoch: barrier.epoch(brief.index - 1),
             barrier,
             slot: brief.index - 1,
             neighbors: brief.neighbors.iter().map(|neighbor| neighbor.index - 1).collect(),
@@ -212,7 +213,7 @@ impl MappedAgent {
 impl AgentEnd for MappedAgent {
     fn odometry(&mut self) -> Result<Odometry, BenchError> {
         loop {
-            if let Some((epoch, _)) = self.barrier.wait_tick(self.epoch, WAIT_MAX) {
+            if let Some((epoch, _)) = self.barrier.wait_tick(self.slot, self.epoch, WAIT_MAX) {
                 self.epoch = epoch;
                 return Ok(self.seats[self.slot].odometry.read());
             }

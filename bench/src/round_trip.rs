@@ -203,7 +203,7 @@ impl With<'_> {
             service::status(&name).create(node, Qos::of_status(1))?,
             service::latency(&name).create(node, Qos::of_latency(1))?,
         );
-        let barrier = Barrier::create(&root.barrier_path(), 1)?;
+        let barrier = Barrier::create(&root.barrier_path(), 1, 1)?;
         barrier.set_member(0, 0);
         let place = Place::new(root, &name)?;
         let path = place.path().join("brief.toml");
@@ -233,6 +233,7 @@ impl With<'_> {
             let sample = Odometry { sent_ns: clock::now_ns(), ..world.odometry(0) };
             odometry.send_copy(sample).map_err(not_sent)?;
             barrier.begin(tick);
+            barrier.release(0);
             let began = Instant::now();
             while barrier.wait_arrivals(tick, WAIT_MAX).is_err() {
                 lives()?;

@@ -155,10 +155,13 @@ impl Plant {
 
     /// Odometry to everybody who takes part, and a command from each.
     fn fly_one_tick(&mut self, barrier: &Barrier, tick: u64) -> Result<(), FlightError> {
-        for robot in barrier.members() {
-            self.sent_ns[robot] = self.ports.send_odometry(&self.world, robot)?;
-        }
         barrier.begin(tick);
+        for group in 0..barrier.groups() {
+            for robot in barrier.members_of(group) {
+                self.sent_ns[robot] = self.ports.send_odometry(&self.world, robot)?;
+            }
+            barrier.release(group);
+        }
         if let Err(silent) = barrier.wait_arrivals(tick, ANSWER_MAX) {
             if self.stop.requested() {
                 return Ok(()); // they were told to stop as well

@@ -1,7 +1,7 @@
 //! The lockstep barrier: whose turn is it? Futex words in a small file mapped by all processes.
 //!
-//! The plant begins a tick and wakes the agents; the last agent to arrive wakes the plant. The
-//! supervisor decides who is a member, pauses the plant for faults, and tells how far it has
+//! The plant begins a tick and releases the agents group by group, so that one group thinks while
+//! the plant still sends to the next; the last agent to arrive wakes the plant. The supervisor decides who is a member, pauses the plant for faults, and tells how far it has
 //! read. Must not: carry control data, or wait without a deadline. No lost wake-up and no dead
 //! process costs more than `RECHECK`, because the plant decides by the slots, not by the count.
 //!
@@ -29,12 +29,11 @@ pub const LEAD_MAX: u64 = 63;
 pub const SLOTS_MAX: usize = 4096;
 /// The plant looks at all members at least this often while it waits.
 const RECHECK: Duration = Duration::from_millis(50);
-/// Looks at a word before sleeping on it: about 1 us. With more processes than cores, longer
-/// spinning only takes time from those waited for.
-const SPIN_ROUNDS: u32 = 32;
+/// Most groups of agents that are released apart.
+pub const GROUPS_MAX: usize = 16;
 
 const MAGIC: u64 = u64::from_le_bytes(*b"phxbarri");
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// "No member", "not paused", "pause never".
 const NEVER: u64 = u64::MAX;
 /// In the arrivals word: the member set changed, so every arrival wakes the plant.
@@ -84,8 +83,10 @@ struct Head {
     magic: u64,
     version: u32,
     slots: u32,
-    /// Counts begun ticks; the agents sleep on it.
-    epoch: Line<AtomicU32>,
+    /// Into how many groups the slots are dealt, in turns.
+    groups: u32,
+    /// Counts the ticks that each group was released to; its agents sleep on it.
+    epochs: [Line<AtomicU32>; GROUPS_MAX],
     /// The tick of an even and of an odd epoch, so that a late reader sees a matching pair.
     ticks: Line<[AtomicU64; 2]>,
     /// Tick's low 16 bits, nudge bit, remaining members; the plant sleeps on it.
@@ -128,6 +129,7 @@ pub struct Barrier {
     memory: NonNull<u8>,
     bytes: usize,
     slots: usize,
+    groups: usize,
     attention_seen: AtomicU32,
 }
 
@@ -146,11 +148,13 @@ impl Drop for Barrier {
 
 /// Making and opening.
 impl Barrier {
-    /// Makes the mapping: no members, not paused, nothing consumed. The supervisor only.
-    pub fn create(path: &Path, slots: usize) -> Result<Barrier, BarrierError> {
+    /// Makes the mapping: no members, not paused, nothing consumed. Slot i is in group
+    /// i mod `groups`, of which there are 1 to [`GROUPS_MAX`]. The supervisor only.
+    pub fn create(path: &Path, slots: usize, groups: usize) -> Result<Barrier, BarrierError> {
         if slots == 0 || slots > SLOTS_MAX {
             return Err(BarrierError::Slots { slots });
         }
+        let groups = groups.clamp(1, GROUPS_MAX.min(slots));
         let bytes = bytes_for(slots);
         let failed =
             |action, source: io::Error| BarrierError::Io { action, path: path.into(), source };
@@ -169,13 +173,14 @@ impl Barrier {
             Err(error) => return Err(failed("allocate", error.into())),
         }
         let memory = map(&file, bytes).map_err(|source| failed("map", source))?;
-        let barrier = Barrier { memory, bytes, slots, attention_seen: AtomicU32::new(0) };
+        let barrier = Barrier { memory, bytes, slots, groups, attention_seen: AtomicU32::new(0) };
         // SAFETY: the mapping is large and aligned enough for `Head`, and still ours alone.
         unsafe {
             let head = memory.cast::<Head>().as_ptr();
             (*head).magic = MAGIC;
             (*head).version = VERSION;
             (*head).slots = slots as u32;
+            (*head).groups = groups as u32;
         }
         barrier.head().pause_at.0.store(NEVER, SeqCst);
         barrier.head().paused.0.store(NEVER, SeqCst);
@@ -202,19 +207,23 @@ impl Barrier {
             return Err(foreign(format!("it has only {bytes} bytes")));
         }
         let memory = map(&file, bytes).map_err(|source| failed("map", source))?;
-        let mut barrier = Barrier { memory, bytes, slots: 0, attention_seen: AtomicU32::new(0) };
-        let Head { magic, version, slots, .. } = *barrier.head();
+        let mut barrier =
+            Barrier { memory, bytes, slots: 0, groups: 0, attention_seen: AtomicU32::new(0) };
+        let Head { magic, version, slots, groups, .. } = *barrier.head();
         if magic != MAGIC {
             return Err(foreign(format!("it begins with {magic:#x}")));
         }
         if version != VERSION {
             return Err(foreign(format!("it has version {version}, expected {VERSION}")));
         }
-        let slots = slots as usize;
+        let (slots, groups) = (slots as usize, groups as usize);
+        if groups == 0 || groups > GROUPS_MAX {
+            return Err(foreign(format!("it has {groups} groups")));
+        }
         if slots == 0 || slots > SLOTS_MAX || bytes != bytes_for(slots) {
             return Err(foreign(format!("it has {slots} slots in {bytes} bytes")));
         }
-        barrier.slots = slots;
+        (barrier.slots, barrier.groups) = (slots, groups);
         barrier.attention_seen = AtomicU32::new(barrier.head().attention.0.load(SeqCst));
         Ok(barrier)
     }
@@ -222,6 +231,11 @@ impl Barrier {
     /// How many slots there are.
     pub fn slots(&self) -> usize {
         self.slots
+    }
+
+    /// How many groups there are.
+    pub fn groups(&self) -> usize {
+        self.groups
     }
 
     fn head(&self) -> &Head {
@@ -282,7 +296,7 @@ impl Barrier {
 
 /// The plant's side of a tick.
 impl Barrier {
-    /// Begins a tick: from here on members may arrive at it.
+    /// Begins a tick: from here on members may arrive at it, each once its group is released.
     pub fn begin(&self, tick: u64) {
         let head = self.head();
         let changes = head.changes.0.load(SeqCst);
@@ -292,10 +306,22 @@ impl Barrier {
         if head.changes.0.load(SeqCst) != changes {
             head.arrivals.0.fetch_or(NUDGE, SeqCst);
         }
-        let epoch = head.epoch.0.load(SeqCst).wrapping_add(1);
+        // The last group is the last to be released: all others are at its epoch.
+        let epoch = head.epochs[self.groups - 1].0.load(SeqCst).wrapping_add(1);
         head.ticks.0[epoch as usize & 1].store(tick, SeqCst);
-        head.epoch.0.store(epoch, SeqCst);
-        wake(&head.epoch.0);
+    }
+
+    /// Wakes a group to the tick that was begun. All are released, in order, before the next tick.
+    pub fn release(&self, group: usize) {
+        let word = &self.head().epochs[group].0;
+        word.fetch_add(1, SeqCst);
+        wake(word);
+    }
+
+    /// The members of a group.
+    pub fn members_of(&self, group: usize) -> impl Iterator<Item = usize> + '_ {
+        let slots = (group..self.slots).step_by(self.groups);
+        slots.filter(|&slot| self.member_since(slot).is_some())
     }
 
     /// Waits until every member has arrived at the tick; at the limit, names those that have not.
@@ -314,9 +340,7 @@ impl Barrier {
                 let missing: Vec<usize> = self.missing(tick).collect();
                 return if missing.is_empty() { Ok(()) } else { Err(missing) };
             }
-            let woken = sleep_while_last(word, seen, left.min(RECHECK), |now| {
-                now & REMAINING == 0 || now & NUDGE != 0
-            });
+            let woken = sleep_while(word, seen, left.min(RECHECK));
             // Nobody called for that long: believe the slots, not the count.
             if woken == Woken::TimedOut && self.all_arrived(tick) {
                 return Ok(());
@@ -337,28 +361,34 @@ impl Barrier {
 
 /// The agent's side of a tick.
 impl Barrier {
-    /// The epoch now; take it before announcing readiness, then wait for the next one.
-    pub fn epoch(&self) -> u32 {
-        self.head().epoch.0.load(SeqCst)
+    /// The epoch of a slot's group now; take it before announcing readiness, then wait for the
+    /// next one.
+    pub fn epoch(&self, slot: usize) -> u32 {
+        self.epoch_word(slot).load(SeqCst)
     }
 
-    /// Waits for another epoch than the one seen: that epoch and its tick. `None` at the limit
-    /// and after a signal.
-    pub fn wait_tick(&self, seen_epoch: u32, limit: Duration) -> Option<(u32, u64)> {
+    fn epoch_word(&self, slot: usize) -> &AtomicU32 {
+        &self.head().epochs[slot % self.groups].0
+    }
+
+    /// A slot waits for another epoch than the one seen: that epoch and its tick. `None` at the
+    /// limit and after a signal.
+    pub fn wait_tick(&self, slot: usize, seen_epoch: u32, limit: Duration) -> Option<(u32, u64)> {
         let head = self.head();
+        let word = self.epoch_word(slot);
         let end = Instant::now() + limit;
         loop {
-            let epoch = head.epoch.0.load(SeqCst);
+            let epoch = word.load(SeqCst);
             if epoch != seen_epoch {
                 let tick = head.ticks.0[epoch as usize & 1].load(SeqCst);
                 // Else the plant went on without us, and the tick may be of a later epoch.
-                if head.epoch.0.load(SeqCst) == epoch {
+                if word.load(SeqCst) == epoch {
                     return Some((epoch, tick));
                 }
                 continue;
             }
             let left = end.saturating_duration_since(Instant::now());
-            if left.is_zero() || sleep_while(&head.epoch.0, seen_epoch, left) == Woken::Signal {
+            if left.is_zero() || sleep_while(word, seen_epoch, left) == Woken::Signal {
                 return None;
             }
         }
@@ -513,23 +543,6 @@ fn wait_until(word: &AtomicU32, condition: impl Fn() -> bool, limit: Duration) -
 
 /// Sleeps while the word has this value, at most for the limit; may return early.
 fn sleep_while(word: &AtomicU32, value: u32, limit: Duration) -> Woken {
-    sleep_while_last(word, value, limit, |_| true)
-}
-
-/// The same for a word that counts down to a final value: the spin ends only there.
-fn sleep_while_last(
-    word: &AtomicU32,
-    value: u32,
-    limit: Duration,
-    last: impl Fn(u32) -> bool,
-) -> Woken {
-    for _ in 0..SPIN_ROUNDS {
-        let now = word.load(SeqCst);
-        if now != value && last(now) {
-            return Woken::Perhaps;
-        }
-        std::hint::spin_loop();
-    }
     let limit = Timespec {
         tv_sec: limit.as_secs().min(i32::MAX as u64) as i64,
         tv_nsec: limit.subsec_nanos() as _,
@@ -579,10 +592,34 @@ mod tests {
     fn pair(slots: usize) -> (tempfile::TempDir, Barrier, Barrier) {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("barrier");
-        let made = Barrier::create(&path, slots).unwrap();
+        let made = Barrier::create(&path, slots, 2).unwrap();
         let opened = Barrier::open(&path).unwrap();
         assert_eq!(opened.slots(), slots);
         (directory, made, opened)
+    }
+
+    fn begin(plant: &Barrier, tick: u64) {
+        plant.begin(tick);
+        (0..plant.groups()).for_each(|group| plant.release(group));
+    }
+
+    #[test]
+    fn a_group_that_is_not_released_sleeps_on_and_is_still_waited_for() {
+        let (_directory, plant, agents) = pair(3);
+        (0..3).for_each(|slot| plant.set_member(slot, 0));
+        assert_eq!(plant.members_of(0).collect::<Vec<_>>(), [0, 2]);
+        plant.begin(0);
+        plant.release(0);
+        for slot in [0, 2] {
+            assert_eq!(agents.wait_tick(slot, 0, LIMIT), Some((1, 0)));
+            agents.arrive(slot, 0);
+        }
+        assert_eq!(agents.wait_tick(1, 0, SHORT), None);
+        assert_eq!(plant.wait_arrivals(0, SHORT), Err(vec![1]));
+        plant.release(1);
+        assert_eq!(agents.wait_tick(1, 0, LIMIT), Some((1, 0)));
+        agents.arrive(1, 0);
+        plant.wait_arrivals(0, LIMIT).unwrap();
     }
 
     #[test]
@@ -593,13 +630,13 @@ mod tests {
         let at = [const { AtomicU64::new(0) }; AGENTS];
         (0..AGENTS).for_each(|slot| plant.set_member(slot, 0));
         thread::scope(|scope| {
-            let ready = agents.epoch();
+            let ready = agents.epoch(0);
             for (slot, at) in at.iter().enumerate() {
                 let agents = &agents;
                 scope.spawn(move || {
                     let mut seen = ready;
                     for expected in 0..TICKS {
-                        let (epoch, tick) = agents.wait_tick(seen, LIMIT).unwrap();
+                        let (epoch, tick) = agents.wait_tick(slot, seen, LIMIT).unwrap();
                         assert_eq!(tick, expected);
                         seen = epoch;
                         at.store(tick + 1, SeqCst);
@@ -609,7 +646,7 @@ mod tests {
             }
             let start = Instant::now();
             for tick in 0..TICKS {
-                plant.begin(tick);
+                begin(&plant, tick);
                 plant.wait_arrivals(tick, LIMIT).unwrap();
                 assert!(at.iter().all(|at| at.load(SeqCst) == tick + 1));
             }
@@ -623,7 +660,7 @@ mod tests {
         let (_directory, plant, supervisor) = pair(3);
         (0..3).for_each(|slot| plant.set_member(slot, 0));
         thread::scope(|scope| {
-            plant.begin(0);
+            begin(&plant, 0);
             scope.spawn(|| {
                 supervisor.arrive(2, 0);
                 thread::sleep(SHORT);
@@ -635,7 +672,7 @@ mod tests {
         });
         assert_eq!(plant.members().collect::<Vec<_>>(), [0, 2]);
         assert_eq!(plant.member_since(1), None);
-        plant.begin(1);
+        begin(&plant, 1);
         assert_eq!(plant.head().arrivals.0.load(SeqCst), 1 << 16 | 2);
     }
 
@@ -645,11 +682,11 @@ mod tests {
         plant.set_member(0, 0);
         let done = AtomicBool::new(false);
         thread::scope(|scope| {
-            let ready = other.epoch();
+            let ready = other.epoch(0);
             let other = &other;
             scope.spawn(move || {
                 let mut seen = ready;
-                while let Some((epoch, tick)) = other.wait_tick(seen, Duration::from_secs(1)) {
+                while let Some((epoch, tick)) = other.wait_tick(0, seen, Duration::from_secs(1)) {
                     seen = epoch;
                     other.arrive(0, tick);
                 }
@@ -663,7 +700,7 @@ mod tests {
                 }
             });
             for tick in 0..2_000 {
-                plant.begin(tick);
+                begin(&plant, tick);
                 plant.wait_arrivals(tick, LIMIT).unwrap();
             }
             done.store(true, SeqCst);
@@ -675,20 +712,20 @@ mod tests {
         let (_directory, plant, agents) = pair(4);
         (0..3).for_each(|slot| plant.set_member(slot, 0));
         plant.set_member(3, 8);
-        plant.begin(7);
+        begin(&plant, 7);
         agents.arrive(1, 7);
         agents.arrive(1, 7);
         assert_eq!(plant.wait_arrivals(7, SHORT), Err(vec![0, 2]));
-        assert_eq!(agents.wait_tick(agents.epoch(), SHORT), None);
+        assert_eq!(agents.wait_tick(2, agents.epoch(2), SHORT), None);
     }
 
     #[test]
     fn a_late_arrival_at_an_older_tick_does_no_harm() {
         let (_directory, plant, agents) = pair(2);
         (0..2).for_each(|slot| plant.set_member(slot, 0));
-        plant.begin(0);
+        begin(&plant, 0);
         agents.arrive(0, 0);
-        plant.begin(1);
+        begin(&plant, 1);
         agents.arrive(1, 0);
         agents.arrive(0, 1);
         assert_eq!(plant.wait_arrivals(1, SHORT), Err(vec![1]));
@@ -700,9 +737,9 @@ mod tests {
     fn a_non_member_may_look_on_and_is_not_waited_for() {
         let (_directory, plant, agents) = pair(2);
         plant.set_member(0, 0);
-        let seen = agents.epoch();
-        plant.begin(3);
-        assert_eq!(agents.wait_tick(seen, SHORT).unwrap().1, 3);
+        let seen = agents.epoch(1);
+        begin(&plant, 3);
+        assert_eq!(agents.wait_tick(1, seen, SHORT).unwrap().1, 3);
         agents.arrive(1, 3);
         assert_eq!(plant.wait_arrivals(3, SHORT), Err(vec![0]));
         agents.arrive(0, 3);
@@ -778,7 +815,7 @@ mod tests {
         let (directory, made, _opened) = pair(2);
         drop(made);
         let path = directory.path().join("barrier");
-        assert!(Barrier::create(&path, 0).is_err());
+        assert!(Barrier::create(&path, 0, 1).is_err());
         let mut bytes = std::fs::read(&path).unwrap();
         bytes[8] = 9;
         std::fs::write(&path, &bytes).unwrap();

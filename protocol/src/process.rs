@@ -159,6 +159,16 @@ pub fn hurry() {
     }
 }
 
+/// Lets the calling thread run only while no other wants its core.
+pub fn stand_back() -> io::Result<()> {
+    let parameters = libc::sched_param { sched_priority: 0 };
+    // SAFETY: a plain system call that reads `parameters`; 0 is the calling thread.
+    match unsafe { libc::sched_setscheduler(0, libc::SCHED_IDLE, &parameters) } {
+        0 => Ok(()),
+        _ => Err(io::Error::last_os_error()),
+    }
+}
+
 /// Lets iceoryx2 log errors only, unless `IOX2_LOG_LEVEL` says otherwise.
 pub fn quiet_iceoryx2() {
     set_log_level_from_env_or(LogLevel::Error);

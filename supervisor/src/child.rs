@@ -7,7 +7,7 @@ use std::ffi::OsString;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
-use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::os::unix::process::{CommandExt, ExitStatusExt, parent_id};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 
@@ -17,6 +17,9 @@ use crate::usage::Usage;
 
 /// How much of a log's end is looked at for its last lines.
 const TAIL_BYTES: u64 = 16 * 1024;
+
+/// The environment variable that tells a child which process started it.
+const PARENT: &str = "PHALANX_PARENT";
 
 /// What a child is to be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,6 +38,8 @@ pub enum Role<'a> {
     },
     /// `phalanx load`.
     Load,
+    /// `phalanx awake`.
+    Awake,
     /// `phalanx WORD...`: a run, or a peer in a measurement, of `phalanx bench`.
     Bench {
         /// The command line.
@@ -78,6 +83,9 @@ impl Child {
             Role::Load => {
                 command.arg0("phalanx-load").arg("load");
             }
+            Role::Awake => {
+                command.arg0("phalanx-awake").arg("awake");
+            }
             Role::Bench { words } => {
                 command.arg0("phalanx-bench").args(words);
             }
@@ -90,10 +98,9 @@ impl Child {
             .stdout(out.try_clone().map_err(failed)?)
             .stderr(out)
             .process_group(0); // a Ctrl-C on the terminal is the supervisor's alone
-        let parent = std::process::id();
-        // SAFETY: between fork and exec only async-signal-safe system calls are made, and no
-        // memory is allocated.
-        unsafe { command.pre_exec(move || die_with(parent)) };
+        // Nothing may be asked to run between fork and exec: the start would copy the page tables
+        // of this process, whose shared memory grows with the robots, once for each of them.
+        command.env(PARENT, std::process::id().to_string());
         let mut process = command.spawn().map_err(failed)?;
         let pid = Pid::from_child(&process);
         match pidfd_open(pid, PidfdFlags::empty()) {
@@ -186,8 +193,26 @@ impl Drop for Child {
 /// What a load process does: nothing, as fast as it can, until it is killed.
 pub fn load() -> ! {
     protocol::process::set_name("phalanx-load");
+    spin()
+}
+
+fn spin() -> ! {
     loop {
         std::hint::spin_loop();
+    }
+}
+
+/// What keeps a core awake does: nothing, and only while nobody else wants that core. A core that
+/// sleeps takes longer to wake than a robot to think.
+pub fn awake() -> u8 {
+    protocol::process::set_name("phalanx-awake");
+    match protocol::process::stand_back() {
+        Ok(()) => spin(),
+        // It must not run beside those for whom it is there.
+        Err(error) => {
+            eprintln!("the core is not kept awake: {error}");
+            protocol::process::exit::OK
+        }
     }
 }
 
@@ -224,13 +249,17 @@ fn for_people(line: &str) -> String {
     }
 }
 
-/// Runs in the child before exec: dies with its parent, and keeps no descriptor but the first three.
-fn die_with(parent: u32) -> io::Result<()> {
+/// What every process does first of all, before it has threads or files: a child dies with its
+/// parent from here on, even on its SIGKILL, and keeps no descriptor but the first three. Whoever
+/// was started by hand goes on as it is.
+pub fn obey_parent() -> io::Result<()> {
+    let parent = std::env::var(PARENT).ok().and_then(|id| id.parse().ok());
+    let Some(parent): Option<u32> = parent else { return Ok(()) };
     rustix::process::set_parent_process_death_signal(Some(Signal::KILL))?;
-    if rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get() as u32) != Some(parent) {
-        return Err(io::Error::from(io::ErrorKind::BrokenPipe)); // the parent is gone already
+    if parent_id() != parent {
+        return Err(io::Error::other("whoever started this process is gone already"));
     }
-    // SAFETY: a plain system call; marking descriptors close-on-exec touches no memory.
-    let closed = unsafe { libc::close_range(3, u32::MAX, libc::CLOSE_RANGE_CLOEXEC as i32) };
+    // SAFETY: a plain system call; no descriptor beyond the first three is anybody's yet.
+    let closed = unsafe { libc::close_range(3, u32::MAX, 0) };
     if closed == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }

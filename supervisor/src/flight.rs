@@ -22,6 +22,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use crate::briefs;
 use crate::child::{self, Child, Role, SpawnError};
 use crate::cleanup::Cleaner;
+use crate::cores::{Cores, Stay};
 use crate::latency::Latency;
 use crate::metrics::Metrics;
 use crate::metrics::fault::End;
@@ -40,6 +41,8 @@ const TRUTH_SILENCE_MAX: Duration = Duration::from_secs(15);
 const GRACE: Duration = Duration::from_secs(2);
 /// How long one turn of the loop waits for news.
 const TURN: Duration = Duration::from_millis(2);
+/// How often the agents' reports are looked at; each look costs a little for every robot.
+const REPORTS_EVERY: Duration = Duration::from_millis(10);
 /// How many lines of a dead child's log are shown.
 const LOG_LINES: usize = 8;
 
@@ -119,7 +122,8 @@ pub struct Outcome {
     /// What the processes measured of delays.
     pub latency: Latency,
     /// What each process took from the machine, with how often it was started: the supervisor, the
-    /// plant, and the robots in scenario order.
+    /// plant, the robots in scenario order, and in lockstep what kept the cores awake, which is
+    /// time that nobody else wanted.
     pub usages: Vec<(String, u64, Usage)>,
 }
 
@@ -133,6 +137,7 @@ pub struct Flight<'a> {
     timeline: Timeline,
     alive: Vec<bool>,
     last_news: Instant,
+    reports_taken: Instant,
     /// Run time at which deaths were last looked for: those found next came after it, ns.
     all_seen_alive_ns: u64,
     launched: Instant,
@@ -142,6 +147,7 @@ pub struct Flight<'a> {
     plant: Child,
     /// Processes that take processor time, and the faults they belong to.
     loads: Vec<(usize, Child)>,
+    stay: Option<Stay>,
     truth: Subscriber<[TruthRow], TruthHeader>,
     /// Of the plant, then of the robots in scenario order.
     latencies: Vec<Subscriber<[LatencyRow], LatencyHeader>>,
@@ -217,11 +223,17 @@ impl<'a> Flight<'a> {
         let truth = services.truth.subscriber()?;
         let latencies =
             services.latencies.iter().map(Factory::subscriber).collect::<Result<_, _>>()?;
+        let count = scenario.robots.len();
+        let cores = match pace {
+            Pace::Realtime => None,
+            Pace::Lockstep => Cores::deal(count, std::process::id() as usize),
+        };
         let barrier = match pace {
             Pace::Realtime => None,
             Pace::Lockstep => {
-                let barrier = Barrier::create(&run_root.barrier_path(), scenario.robots.len())?;
-                (0..scenario.robots.len()).for_each(|slot| barrier.set_member(slot, 0));
+                let groups = cores.as_ref().map_or(1, Cores::groups);
+                let barrier = Barrier::create(&run_root.barrier_path(), count, groups)?;
+                (0..count).for_each(|slot| barrier.set_member(slot, 0));
                 // Nobody moves before everybody has reported, so that a death during the start-up
                 // is dealt with as if it had not been. It must stand before the first process.
                 barrier.pause_at(0);
@@ -241,7 +253,6 @@ impl<'a> Flight<'a> {
             let told = run_dir.write_brief(&robot.name, &brief)?;
             let log = run_dir.log_path(&robot.name);
             let status = services.status[i].subscriber()?;
-            let count = scenario.robots.len();
             robots.push(Robot::new(&robot.name, told, log, status, count, realtime_priority));
         }
         for i in start_order(scenario.seed, robots.len()) {
@@ -260,12 +271,14 @@ impl<'a> Flight<'a> {
             timeline: Timeline::new(scenario),
             alive: vec![true; robots.len()],
             last_news: Instant::now(),
+            reports_taken: Instant::now(),
             all_seen_alive_ns: 0,
             launched,
             took_off: None,
             robots,
             plant,
             loads: Vec::new(),
+            stay: cores.map(Stay::new),
             truth,
             latencies,
             cleaner,
@@ -293,6 +306,7 @@ impl<'a> Flight<'a> {
             robots,
             plant,
             loads,
+            stay,
             truth,
             latencies,
             cleaner,
@@ -302,7 +316,7 @@ impl<'a> Flight<'a> {
             run_root,
             ..
         } = self;
-        drop((robots, plant, loads, truth, latencies, cleaner, barrier, _services, _node));
+        drop((robots, plant, loads, stay, truth, latencies, cleaner, barrier, _services, _node));
         if let Err(error) = run_root.remove() {
             tracing::warn!(%error, "could not remove the run root");
         }
@@ -319,8 +333,11 @@ impl<'a> Flight<'a> {
             self.take_truths()?;
             // Deaths first: whoever calls a robot stale then does so of a fault that is known.
             self.take_deaths()?;
-            self.take_statuses()?;
-            self.take_latencies()?;
+            if self.reports_taken.elapsed() >= REPORTS_EVERY {
+                self.reports_taken = Instant::now();
+                self.take_statuses()?;
+                self.take_latencies()?;
+            }
             self.take_cleaned();
             progress(self.now_ns());
             if self.now_ns() >= self.scenario.duration_ns {
@@ -328,6 +345,11 @@ impl<'a> Flight<'a> {
             }
             self.act()?;
             self.check_deadlines()?;
+            if let Some(stay) = &mut self.stay {
+                let robots = self.robots.iter().enumerate();
+                let flying = robots.filter_map(|(i, robot)| Some((i, robot.seat.child()?)));
+                stay.look(&self.plant, flying, &self.run_dir.log_path("awake"))?;
+            }
         }
     }
 
@@ -714,12 +736,14 @@ impl<'a> Flight<'a> {
             usage += robot.seat.child().and_then(Child::usage).unwrap_or_default();
             (robot.name.clone(), restarts + 1, usage)
         });
+        let awake = self.stay.as_mut().map(|stay| ("awake".to_owned(), 1, stay.end()));
         self.outcome.usages = [
             ("supervisor".to_owned(), 1, Usage::of_this_process()),
             ("plant".to_owned(), 1, plant),
         ]
         .into_iter()
         .chain(robots)
+        .chain(awake)
         .collect();
     }
 

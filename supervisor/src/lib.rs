@@ -14,6 +14,7 @@
 //! | `clean` | what did dead runs leave behind? |
 //! | `timeline` | what does the supervisor do to processes, and when? |
 //! | `child` | how is a process started, watched and ended? |
+//! | `cores` | where do the processes of a lockstep run stay? |
 //! | `cleanup` | what did a dead process leave behind? |
 //! | `usage` | what did a process take from the machine? |
 //! | `metrics/` | how far apart, how far off, detected and recovered when? |
@@ -27,6 +28,7 @@ pub mod child;
 pub mod clean;
 pub mod cleanup;
 pub mod cli;
+mod cores;
 pub mod doctor;
 pub mod drawing;
 pub mod flight;

@@ -1,0 +1,224 @@
+//! Where the processes of a lockstep run stay: few on one core, many dealt to all, no core asleep.
+//!
+//! In lockstep everybody waits for the slowest, again and again. Whoever wakes a process on another
+//! core, or a core that fell asleep, waits longer than a robot thinks; so each robot is kept on a
+//! core, and a process that gives way to everybody keeps that core awake. Only while the machine
+//! has nothing else to do: beside other work the kernel balances better than any fixed deal. Not
+//! for real time, where everybody wakes at a time of his own.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use protocol::barrier::GROUPS_MAX;
+use rustix::process::Pid;
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+
+use crate::child::{Child, Role, SpawnError};
+use crate::usage::Usage;
+
+/// Robots for which one core is faster than two: on one, nobody is woken from afar.
+const ROBOTS_PER_CORE_MIN: usize = 4;
+/// How often it is looked at what others want of the machine.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
+/// Others want the machine if they take more of it than this, in cores.
+const OTHERS_MAX: f64 = 0.3;
+
+/// Which core is whose.
+#[derive(Debug)]
+pub(crate) struct Cores {
+    usable: CpuSet,
+    /// One for each group of robots.
+    groups: Vec<usize>,
+    plant: usize,
+}
+
+impl Cores {
+    /// Deals the usable cores to so many robots, beginning with any: runs side by side on a large
+    /// machine shall not all begin with the first. `None` with a single core, or if the kernel
+    /// does not say.
+    pub(crate) fn deal(robots: usize, first: usize) -> Option<Cores> {
+        let usable = sched_getaffinity(None).ok()?;
+        let cores: Vec<usize> = (0..CpuSet::MAX_CPU).filter(|&core| usable.is_set(core)).collect();
+        if cores.len() < 2 {
+            return None;
+        }
+        let core = |i: usize| cores[(first + i) % cores.len()];
+        let most = cores.len().min(GROUPS_MAX);
+        let groups = ((robots + 1) / ROBOTS_PER_CORE_MIN).clamp(1, most);
+        // The plant's is that of the group which is released last.
+        Some(Cores { usable, groups: (0..groups).map(core).collect(), plant: core(groups - 1) })
+    }
+
+    /// Into how many groups the robots are dealt, in turns.
+    pub(crate) fn groups(&self) -> usize {
+        self.groups.len()
+    }
+
+    fn of_robot(&self, i: usize) -> usize {
+        self.groups[i % self.groups.len()]
+    }
+}
+
+/// Keeps the processes of one run on their cores while nobody else wants them.
+#[derive(Debug)]
+pub(crate) struct Stay {
+    cores: Cores,
+    looked: Instant,
+    busy_s: f64,
+    ours_s: f64,
+    /// While they stay, one process for each core that keeps it awake.
+    awake: Vec<Child>,
+    /// What those took that are gone.
+    usage: Usage,
+}
+
+impl Stay {
+    /// Nobody stays yet.
+    pub(crate) fn new(cores: Cores) -> Stay {
+        let (busy_s, ours_s) = (busy_s().unwrap_or(0.0), 0.0);
+        let (awake, usage) = (Vec::new(), Usage::default());
+        Stay { cores, looked: Instant::now(), busy_s, ours_s, awake, usage }
+    }
+
+    /// Looks, if it is time, at what others take, and keeps the plant and the robots (by slot) on
+    /// their cores, or lets them go. `log`: of those that keep cores awake.
+    pub(crate) fn look<'a>(
+        &mut self,
+        plant: &Child,
+        robots: impl Iterator<Item = (usize, &'a Child)> + Clone,
+        log: &Path,
+    ) -> Result<(), SpawnError> {
+        let passed = self.looked.elapsed();
+        if passed < LOOK_EVERY {
+            return Ok(());
+        }
+        let Some(busy_s) = busy_s() else { return Ok(()) };
+        let processes = robots.clone().map(|(_, child)| child).chain([plant]).chain(&self.awake);
+        let ours_s = own_time_s() + processes.map(|child| time_s(child.pid())).sum::<f64>();
+        // A process of ours that died takes its time with it: others seem to have had it.
+        let others = (busy_s - self.busy_s) - (ours_s - self.ours_s).max(0.0);
+        (self.looked, self.busy_s, self.ours_s) = (Instant::now(), busy_s, ours_s);
+        if others > OTHERS_MAX * passed.as_secs_f64() {
+            if !self.awake.is_empty() {
+                self.let_go(plant, robots);
+            }
+            return Ok(());
+        }
+        if self.awake.is_empty() {
+            for &core in &self.cores.groups {
+                let child = Child::spawn(Role::Awake, log, false)?;
+                keep_on(child.pid(), &alone(core));
+                self.awake.push(child);
+            }
+        }
+        // Each time: replacements are somewhere else.
+        for (i, child) in robots {
+            keep_on(child.pid(), &alone(self.cores.of_robot(i)));
+        }
+        keep_on(plant.pid(), &alone(self.cores.plant));
+        Ok(())
+    }
+
+    fn let_go<'a>(&mut self, plant: &Child, robots: impl Iterator<Item = (usize, &'a Child)>) {
+        self.end();
+        for child in robots.map(|(_, child)| child).chain([plant]) {
+            keep_on(child.pid(), &self.cores.usable);
+        }
+    }
+
+    /// Ends those that keep cores awake: what all of them took.
+    pub(crate) fn end(&mut self) -> Usage {
+        for mut child in self.awake.drain(..) {
+            child.kill();
+            // SIGKILL cannot be ignored: this wait is short.
+            while child.ended().is_none() {
+                std::thread::yield_now();
+            }
+            self.usage += child.usage().unwrap_or_default();
+        }
+        self.usage
+    }
+}
+
+fn alone(core: usize) -> CpuSet {
+    let mut set = CpuSet::new();
+    set.set(core);
+    set
+}
+
+/// Keeps a process on these cores. Whoever may not stays where it may be: slower, and no less right.
+fn keep_on(pid: u32, cores: &CpuSet) {
+    let kept = Pid::from_raw(pid as i32).map(|pid| sched_setaffinity(Some(pid), cores));
+    if let Some(Err(error)) = kept {
+        tracing::debug!(pid, %error, "not kept on its core");
+    }
+}
+
+/// Processor time that all processes of the machine took since it started, s.
+fn busy_s() -> Option<f64> {
+    let stat = std::fs::read_to_string("/proc/stat").ok()?;
+    let mut ticks = stat.lines().next()?.split_whitespace().skip(1).map(str::parse::<f64>);
+    let mut next = || ticks.next()?.ok();
+    let (user, nice, system) = (next()?, next()?, next()?);
+    Some((user + nice + system) / rustix::param::clock_ticks_per_second() as f64)
+}
+
+/// Processor time that a process took so far, s; 0 if it is gone.
+fn time_s(pid: u32) -> f64 {
+    let mut clock = 0;
+    // SAFETY: a plain call that writes `clock`.
+    let known = unsafe { libc::clock_getcpuclockid(pid as i32, &mut clock) } == 0;
+    if known { clock_s(clock) } else { 0.0 }
+}
+
+/// Processor time that this process took so far, s.
+fn own_time_s() -> f64 {
+    clock_s(libc::CLOCK_PROCESS_CPUTIME_ID)
+}
+
+fn clock_s(clock: libc::clockid_t) -> f64 {
+    let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+    // SAFETY: a plain call that writes `time`.
+    match unsafe { libc::clock_gettime(clock, &mut time) } {
+        0 => time.tv_sec as f64 + time.tv_nsec as f64 / 1e9,
+        _ => 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_robot_and_the_plant_have_a_core_of_this_machine() {
+        let usable = sched_getaffinity(None).unwrap();
+        for robots in [1, 2, 3, 8, 64, 4096] {
+            for first in 0..5 {
+                let Some(cores) = Cores::deal(robots, first) else {
+                    assert!(usable.count() < 2);
+                    continue;
+                };
+                assert!(cores.groups() <= robots.min(GROUPS_MAX));
+                for core in (0..robots).map(|i| cores.of_robot(i)).chain([cores.plant]) {
+                    assert!(usable.is_set(core) && cores.groups.contains(&core));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn few_robots_share_one_core() {
+        if let Some(cores) = Cores::deal(3, 0) {
+            assert_eq!(cores.groups(), 1);
+            assert!(Cores::deal(8, 0).unwrap().groups() > 1);
+        }
+    }
+
+    #[test]
+    fn the_time_of_this_process_is_part_of_what_the_machine_took() {
+        let own = own_time_s();
+        assert!(own > 0.0 && time_s(std::process::id()) >= own);
+        assert!(busy_s().unwrap() > 0.0);
+        assert_eq!(time_s(u32::MAX >> 1), 0.0);
+    }
+}

@@ -17,7 +17,10 @@
 //! | `desired` | where should a robot be, seen from those it hears? (13) (24) (46) |
 //! | `hull` | how far is a follower from the leaders' convex hull? (7) (49) |
 //! | `closest` | which two robots are nearest to each other? (15) |
+//! | `near` | which robots are near which, from one instant to the next? |
+//! | `cells` | which may be, among many? |
 
+mod cells;
 pub mod closest;
 pub mod desired;
 pub mod frame;
@@ -25,6 +28,7 @@ pub mod front_point;
 pub mod graph;
 pub mod hull;
 pub mod laplacian;
+pub mod near;
 pub mod path;
 pub mod pose;
 pub mod reachability;

@@ -7,6 +7,7 @@
 use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::front_point::{front_point, front_speed};
+use formation::near::NearPairs;
 use formation::pose::{Pose, Twist};
 use formation::unicycle::arc;
 use protocol::brief::{BodyBrief, Pace, PlantBrief};
@@ -28,6 +29,8 @@ pub struct World {
     sensing_radius_m: f64,
     robots: Vec<Robot>,
     alphas: Vec<Vec2>,
+    /// As far as anybody senses, and as any pair that is or will be worth telling of is apart.
+    near: NearPairs,
     closest: Option<(ClosestPair, u64)>,
     violations: u64,
     counters: Counters,
@@ -92,7 +95,14 @@ impl World {
             Pace::Lockstep => brief.period_ns,
             Pace::Realtime => brief.plant_tick_ns,
         };
-        let mut world = World {
+        let start = |body: &BodyBrief| front_point(body.start, body.front_point_m);
+        let alphas: Vec<Vec2> = brief.robots.iter().map(start).collect();
+        let closest = closest_pair(&alphas);
+        let apart_m = closest.map_or(0.0, |pair| pair.distance_m);
+        let reach_m = brief.sensing_radius_m.max(brief.distance_min_m).max(apart_m);
+        let mut near = NearPairs::new(reach_m);
+        near.update(&alphas);
+        World {
             start_ns: 0,
             t_ns: 0,
             tick: 0,
@@ -101,14 +111,13 @@ impl World {
             distance_min_m: brief.distance_min_m,
             speed_max_m_s: brief.speed_max_m_s,
             sensing_radius_m: brief.sensing_radius_m,
-            alphas: vec![Vec2::zeros(); robots.len()],
+            alphas,
+            near,
             robots,
-            closest: None,
-            violations: 0,
+            closest: closest.map(|pair| (pair, 0)),
+            violations: closest.map_or(0, |pair| u64::from(pair.distance_m < brief.distance_min_m)),
             counters: Counters::default(),
-        };
-        world.look();
-        world
+        }
     }
 
     /// In real time, t = 0 is at this stamp; in lockstep stamps are times.
@@ -199,7 +208,9 @@ impl World {
         for (alpha, robot) in self.alphas.iter_mut().zip(&self.robots) {
             *alpha = front_point(robot.pose, robot.body.front_point_m);
         }
-        if let Some(pair) = closest_pair(&self.alphas) {
+        self.near.update(&self.alphas);
+        // If none of those near is the closest of all, the closest is no news either.
+        if let Some(pair) = self.near.closest(&self.alphas) {
             self.violations += u64::from(pair.distance_m < self.distance_min_m);
             if self.closest.is_none_or(|(closest, _)| pair.distance_m < closest.distance_m) {
                 self.closest = Some((pair, self.t_ns));
@@ -213,13 +224,8 @@ impl World {
         let (radius_m, own) = (self.sensing_radius_m, self.alphas[robot]);
         let mut near = [(0.0, Vec2::zeros()); PROXIMITY_MAX];
         let mut within = 0;
-        for (other, alpha) in self.alphas.iter().enumerate() {
-            let apart = alpha - own;
-            // Most robots are far away; no root is needed to tell.
-            if other == robot || apart.x.abs() > radius_m || apart.y.abs() > radius_m {
-                continue;
-            }
-            let distance = apart.norm();
+        for alpha in self.near.of(robot).map(|other| self.alphas[other]) {
+            let distance = (alpha - own).norm();
             if distance <= radius_m {
                 let kept = within.min(PROXIMITY_MAX);
                 within += 1;
@@ -227,7 +233,7 @@ impl World {
                 let place = near[..kept].partition_point(|nearer| nearer.0 <= distance);
                 if place < PROXIMITY_MAX {
                     near.copy_within(place..kept.min(PROXIMITY_MAX - 1), place + 1);
-                    near[place] = (distance, *alpha);
+                    near[place] = (distance, alpha);
                 }
             }
         }

@@ -1,0 +1,117 @@
+//! A uniform cell grid over points of the plane: who may be within a cell's side of whom.
+//!
+//! Cells are hashed into as many buckets as there are points, so that it does not matter how far
+//! apart the points are. What it once allocated it uses again. Must not: decide who is near, or be
+//! asked about points that are not finite.
+
+use crate::Vec2;
+
+/// Cells are larger than the side asked for by this share, so that no rounding puts two points
+/// that are one side apart two cells apart.
+const SIDE_MARGIN: f64 = 1e-6;
+/// Most cells along one axis: their numbers must be exact to less than the margin.
+const ALONG_AXIS_MAX: f64 = (1_u32 << 24) as f64;
+
+/// The cells that were last filled.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Cells {
+    /// Of each point, its column and row.
+    cell: Vec<[u32; 2]>,
+    /// Where each bucket begins in `members`, and the end of the last one.
+    begins: Vec<u32>,
+    /// Points by bucket, in ascending order within each.
+    members: Vec<u32>,
+}
+
+impl Cells {
+    /// Sorts finite points into cells with sides of at least `side_m`, m.
+    pub(crate) fn fill(&mut self, points: &[Vec2], side_m: f64) {
+        let least = points.iter().copied().reduce(|a, b| a.inf(&b)).unwrap_or_default();
+        let most = points.iter().copied().reduce(|a, b| a.sup(&b)).unwrap_or_default();
+        let side_m = (side_m * (1.0 + SIDE_MARGIN)).max((most - least).max() / ALONG_AXIS_MAX);
+        let number = |along_m: f64| if along_m > 0.0 { (along_m / side_m) as u32 + 1 } else { 1 };
+        self.cell.clear();
+        self.cell.extend(points.iter().map(|point| {
+            let from = point - least;
+            [number(from.x), number(from.y)]
+        }));
+        let buckets = points.len().next_power_of_two();
+        self.begins.clear();
+        self.begins.resize(buckets + 1, 0);
+        for &cell in &self.cell {
+            self.begins[bucket(cell, buckets)] += 1;
+        }
+        let mut end = 0;
+        for begin in &mut self.begins {
+            end += *begin;
+            *begin = end;
+        }
+        self.members.clear();
+        self.members.resize(points.len(), 0);
+        for (point, &cell) in self.cell.iter().enumerate().rev() {
+            let begin = &mut self.begins[bucket(cell, buckets)];
+            *begin -= 1;
+            self.members[*begin as usize] = point as u32;
+        }
+    }
+
+    /// Every point, `point` included, in its cell and the eight around it, each once: all that are
+    /// within a side of it are among them.
+    pub(crate) fn around(&self, point: usize) -> impl Iterator<Item = usize> {
+        let [column, row] = self.cell[point];
+        let buckets = self.begins.len() - 1;
+        let cells = (row - 1..=row + 1)
+            .flat_map(move |row| (column - 1..=column + 1).map(move |column| [column, row]));
+        cells.flat_map(move |cell| {
+            let place = bucket(cell, buckets);
+            let [begin, end] = [place, place + 1].map(|place| self.begins[place] as usize);
+            let members = self.members[begin..end].iter().map(|&member| member as usize);
+            // Cells may share a bucket.
+            members.filter(move |&member| self.cell[member] == cell)
+        })
+    }
+}
+
+/// Where a cell's points are kept; `buckets` is a power of two.
+fn bucket([column, row]: [u32; 2], buckets: usize) -> usize {
+    let mixed = column.wrapping_mul(0x9E37_79B1) ^ row.wrapping_mul(0x85EB_CA77);
+    (mixed ^ (mixed >> 15)) as usize & (buckets - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::near::tests::crowd;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn whoever_is_within_a_side_is_around_and_nobody_twice(
+            points in crowd(), side_m in prop_oneof![1e-12..1e-9f64, 0.01..3.0f64, 1e5..1e9f64],
+        ) {
+            let mut cells = Cells::default();
+            // What was there before must not matter.
+            cells.fill(&[Vec2::new(3.0, 4.0); 5], 1.0);
+            cells.fill(&points, side_m);
+            for (i, a) in points.iter().enumerate() {
+                let mut around: Vec<usize> = cells.around(i).collect();
+                around.sort_unstable();
+                prop_assert!(around.windows(2).all(|two| two[0] < two[1]));
+                for (j, b) in points.iter().enumerate() {
+                    prop_assert!((a - b).norm() > side_m || around.binary_search(&j).is_ok());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn of_many_scattered_robots_only_few_are_around_one() {
+        let side = 100;
+        let points: Vec<Vec2> =
+            (0..side * side).map(|i| Vec2::new((i % side) as f64, (i / side) as f64)).collect();
+        let mut cells = Cells::default();
+        cells.fill(&points, 1.0);
+        let around: usize = (0..points.len()).map(|i| cells.around(i).count()).sum();
+        assert!(around <= 10 * points.len());
+    }
+}

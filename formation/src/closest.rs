@@ -3,7 +3,7 @@
 use crate::Vec2;
 use crate::near::NearPairs;
 
-/// Below so many points it is faster to look at all pairs (measured).
+/// Below so many points all pairs are looked at. A guess, not yet measured.
 const LIST_MIN: usize = 8;
 /// Pairs are listed as far as this times the closest distance, so that it may grow for a while.
 const REACH: f64 = 1.25;

@@ -15,7 +15,7 @@ const MARGIN: f64 = 0.125;
 const INSTANTS: f64 = 16.0;
 /// Rounding moves no distance by so large a share.
 const ROUNDING: f64 = 1e-9;
-/// Below so many points it is faster to look at all pairs than to fill a grid (measured).
+/// Below so many points all pairs are looked at, and no grid filled. A guess, not yet measured.
 const GRID_MIN: usize = 24;
 /// Squares of distances and coordinates within these bounds, m, neither vanish nor overflow.
 const LENGTH_M: std::ops::Range<f64> = 1e-100..1e100;

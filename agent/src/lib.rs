@@ -23,6 +23,6 @@ pub mod ports;
 
 /// A phase in [0, 1) of its own for the robot with this place in the scenario: multiples of the
 /// golden ratio's fractional part spread evenly, however many robots there are.
-fn golden_phase(index: usize) -> f64 {
+pub fn golden_phase(index: usize) -> f64 {
     (0.618_033_988_7 * index as f64).fract()
 }

@@ -15,7 +15,9 @@ use crate::floor::Carrier;
 use crate::machine::Machine;
 use crate::round_trip::Transport;
 use crate::table::Report;
-use crate::{BenchError, floor, lockstep, peers, realtime, replacement, round_trip, startup};
+use crate::{
+    BenchError, floor, lockstep, neighbor, peers, realtime, replacement, round_trip, startup,
+};
 
 /// Round trips by each means in one second's worth of a round; five rounds of a full bench make
 /// 100,000.
@@ -35,7 +37,7 @@ pub struct BenchArgs {
     #[arg(long, value_enum, value_name = "PART", value_delimiter = ',')]
     only: Vec<Part>,
     /// Numbers of robots [default: 3, 8, 16, 32, 64 in lockstep; 3, 8, 32, 64 in real time;
-    /// 8, 64 for the start-up].
+    /// 2, 8 for neighbors; 8, 64 for the start-up].
     #[arg(long, value_name = "N", value_delimiter = ',', value_parser = robots)]
     robots: Vec<usize>,
     /// How often ours and the floors take turns [default: 5; 3 if quick].
@@ -64,6 +66,8 @@ enum Part {
     Lockstep,
     /// Deadlines missed, by size and rate.
     Realtime,
+    /// From a neighbor's publication to its use, against iceoryx2 polled by the same timers.
+    Neighbor,
     /// Time until everybody is ready.
     Startup,
     /// Time from a kill to the replacement's first command.
@@ -167,6 +171,11 @@ fn measure(args: &BenchArgs, stop: &Stop) -> Result<Report, BenchError> {
         let seconds = REALTIME * seconds;
         rows.extend(realtime::measure(&root, stop, &robots, rounds, seconds, progress)?);
     }
+    if wanted(Part::Neighbor) {
+        let robots = or(&[2, 8]);
+        let seconds = REALTIME * seconds;
+        rows.extend(neighbor::measure(&root, stop, &robots, rounds, seconds, progress)?);
+    }
     if wanted(Part::Startup) {
         let mut robots = or(&[8, 64]);
         robots.extend(args.large.then_some(256));
@@ -206,6 +215,15 @@ pub enum PeerVerb {
         /// The robot's brief.
         brief: PathBuf,
     },
+    /// Hear neighbors and be heard, without a brain.
+    Neighbor {
+        /// The robot's brief.
+        brief: PathBuf,
+        /// For how many wake-ups.
+        ticks: u64,
+        /// Where to write what was seen.
+        result: PathBuf,
+    },
     /// Kill a robot and wait for its replacement.
     Kill {
         /// The robot's brief.
@@ -225,6 +243,7 @@ pub fn peer(verb: &PeerVerb) -> u8 {
     let done = match verb {
         PeerVerb::RoundTrip { transport, dir } => round_trip::peer(*transport, dir),
         PeerVerb::Floor { carrier, brief } => floor::agent(*carrier, brief),
+        PeerVerb::Neighbor { brief, ticks, result } => neighbor::peer(brief, *ticks, result),
         PeerVerb::Kill { brief, kills, result } => replacement::onlooker(brief, *kills, result),
     };
     done.map_or_else(|error| complain(&error), |()| exit::OK)

@@ -12,6 +12,7 @@
 //! | `lockstep` | how many ticks a second, and without iceoryx2? |
 //! | `floor` | the same brains and world over a mapping or over pipes |
 //! | `realtime` | how many deadlines are missed, at which rate and size? |
+//! | `neighbor` | how long from a neighbor's publication to its use? |
 //! | `startup` | how long until everybody is ready? |
 //! | `replacement` | how long from a kill to the replacement's first command? |
 //! | `ring` | which scenario is flown? |
@@ -28,11 +29,12 @@ mod flown;
 mod lockstep;
 mod machine;
 mod mapping;
+mod neighbor;
 mod peers;
 mod pipe;
 mod realtime;
 mod replacement;
-mod ring;
+pub mod ring;
 mod round_trip;
 mod startup;
 mod table;

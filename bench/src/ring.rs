@@ -32,7 +32,7 @@ restart_window_s = 1.0
 
 /// A ring of `robots` (2 or more), each of which hears the next four or, in smaller rings, all
 /// others, for so many ticks of `period_s`. They start off their places, in all directions.
-pub(crate) fn text(robots: usize, ticks: u64, period_s: f64) -> String {
+pub fn text(robots: usize, ticks: u64, period_s: f64) -> String {
     let mut text = head(&format!("ring-{robots}"), ticks, period_s);
     let radius_m = GAP_M / (2.0 * (PI / robots as f64).sin());
     for i in 0..robots {

@@ -100,8 +100,8 @@ fn every_part_gives_figures_and_all_means_fly_the_robots_along_one_trajectory() 
 
     let rows = report["rows"].as_array().unwrap();
     let count = |part: &str| rows.iter().filter(|row| row["part"] == part).count();
-    let parts = ["floors", "lockstep", "startup", "replacement"];
-    assert_eq!(parts.map(count), [12, 2, 1, 2], "{report:#}");
+    let parts = ["floors", "lockstep", "neighbor", "startup", "replacement"];
+    assert_eq!(parts.map(count), [12, 2, 12, 1, 2], "{report:#}");
     // Two rates, each with misses, expired commands, and what the summary tells of lateness.
     assert!([4, 10].contains(&count("realtime")), "{report:#}");
     for row in rows {
@@ -122,6 +122,7 @@ fn an_interrupted_bench_ends_its_robots_and_leaves_nothing() {
         ("floors", "0.2", "ready-0"),
         ("lockstep", "50", "samples.csv"),
         ("realtime", "50", "samples.csv"),
+        ("neighbor", "0.2", "ready-0"),
         ("replacement", "50", "peer-0.log"),
     ] {
         let args = ["--only", part, "--robots", "3", "--seconds", seconds, "--kills", "10000"];

@@ -1,0 +1,145 @@
+#!/usr/bin/env python3
+"""Processor time per robot and step: ir-sim against Phalanx in lockstep.
+
+What is compared: N differential-drive robots on a circle swap with those opposite.
+- ir-sim does it in one Python process, in steps of 0.1 s, without a display, its own collision check
+  off; with `--behavior rvo` (default) each robot avoids all others by reciprocal velocity obstacles,
+  with `dash` nobody avoids anybody. Only `env.step()` is timed, after a warm-up.
+- Phalanx flies it as N + 2 processes, in steps of 5 ms, with the guard, samples over iceoryx2,
+  metrics and recording; its time is that of all processes, start-up included.
+So the work is alike and not the same: another avoidance, another language, another isolation. A
+step of ir-sim covers 20 of ours; per simulated second multiply by the steps.
+
+    python3 -m venv target/peers
+    target/peers/bin/pip install -r bench/peers/requirements.txt
+    cargo build --release
+    target/peers/bin/python bench/peers/ir_sim.py --phalanx target/release/phalanx
+"""
+
+import argparse
+import contextlib
+import json
+import math
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+PERIOD_S = 0.005
+# A robot of ir-sim has this radius, m.
+RADIUS_M = 0.1
+
+
+def ir_sim_us(robots, steps, behavior):
+    """Microseconds of processor time per robot and step, after a tenth of the steps as warm-up."""
+    with contextlib.redirect_stdout(sys.stderr):  # it tells of displays that are not there
+        import irsim
+
+    circle_m = max(2.0, 0.6 * robots / math.tau)
+    side_m = 2 * circle_m + 2
+    place = lambda k, turn: (
+        side_m / 2 + circle_m * math.cos(math.tau * k / robots + turn),
+        side_m / 2 + circle_m * math.sin(math.tau * k / robots + turn),
+    )
+    states = [[*place(k, 0.0), math.tau * k / robots + math.pi] for k in range(robots)]
+    goals = [[*place(k, math.pi), 0.0] for k in range(robots)]
+    world = {
+        "world": {
+            "height": side_m, "width": side_m, "step_time": 0.1, "sample_time": 0.1,
+            "collision_mode": "unobstructed",
+        },
+        "robot": [{
+            "number": robots,
+            "distribution": {"name": "manual"},
+            "kinematics": {"name": "diff"},
+            "shape": {"name": "circle", "radius": RADIUS_M},
+            "vel_min": [-0.3, -3.0], "vel_max": [0.3, 3.0],
+            "behavior": {"name": behavior},
+            "state": states, "goal": goals,
+        }],
+    }
+    with tempfile.TemporaryDirectory() as directory:
+        file = Path(directory) / "world.yaml"
+        file.write_text(json.dumps(world))  # JSON is YAML
+        env = irsim.make(str(file), display=False, disable_all_plot=True, log_level="ERROR")
+        found = len(env.robot_list)
+        if found != robots:
+            sys.exit(f"error: ir-sim made {found} robots, expected {robots}")
+        for _ in range(max(1, steps // 10)):
+            env.step()
+        before = [robot.state.copy() for robot in env.robot_list]
+        began = time.process_time()
+        for _ in range(steps):
+            env.step()
+        taken_s = time.process_time() - began
+        after = [robot.state for robot in env.robot_list]
+        moved_m = min(math.dist(a[:2, 0], b[:2, 0]) for a, b in zip(before, after))
+        env.end(0)
+        if moved_m == 0.0:
+            sys.exit("error: a robot of ir-sim did not move: nothing was measured")
+    return 1e6 * taken_s / steps / robots
+
+
+def phalanx_us(phalanx, robots, ticks):
+    """The same of all processes of one lockstep run, by its summary."""
+    circle_m = max(0.8, 0.6 * robots / math.tau)
+    lines = [
+        'name = "swap"', f"duration_s = {ticks * PERIOD_S:.6f}", f"period_s = {PERIOD_S}",
+        "[avoidance]", 'kind = "guard"', "distance_min_m = 0.2", "speed_max_m_s = 0.3",
+        "[robot_defaults]", "front_point_m = 0.045", 'law = "formation-unit"', "speed_m_s = 0.1",
+    ]
+    for k in range(robots):
+        angle = math.tau * k / robots
+        x_m, y_m = math.cos(angle), math.sin(angle)
+        hears = f'"r{(k - 1) % robots + 1}", "r{(k + 1) % robots + 1}"'
+        start_m = circle_m + 0.045
+        heading = math.remainder(angle + math.pi, math.tau)
+        lines += [
+            "[[robot]]", f'name = "r{k + 1}"', f"hears = [{hears}]",
+            f"place_m = [{-circle_m * x_m:.6f}, {-circle_m * y_m:.6f}]",
+            f"pose = {{ x_m = {start_m * x_m:.6f}, y_m = {start_m * y_m:.6f}, "
+            f"heading_rad = {heading:.6f} }}",
+        ]
+    with tempfile.TemporaryDirectory() as directory:
+        file, out = Path(directory) / "swap.toml", Path(directory) / "run"
+        file.write_text("\n".join(lines) + "\n")
+        command = [phalanx, "run", file, "--pace", "lockstep", "--output=json", "--out", out]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+        if done.returncode != 0:
+            sys.exit(f"error: phalanx ended with {done.returncode}\n{done.stderr}")
+        summary = json.loads((out / "summary.json").read_text())
+    taken_s = sum(process["user_s"] + process["system_s"] for process in summary["processes"])
+    return 1e6 * taken_s / summary["ticks"] / robots
+
+
+def shown(figures):
+    return f"{statistics.median(figures):.1f} ({min(figures):.1f}-{max(figures):.1f})"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--phalanx", default="target/release/phalanx")
+    parser.add_argument("--robots", type=int, nargs="+", default=[8, 20, 50])
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--steps", type=int, default=100)
+    parser.add_argument("--ticks", type=int, default=4000)
+    parser.add_argument("--behavior", choices=["dash", "rvo"], default="rvo")
+    args = parser.parse_args()
+    print(f"{time.strftime('%Y-%m-%d')}, {os.cpu_count()} cores, ir-sim `{args.behavior}`, "
+          f"{args.rounds} rounds by turns, load average {os.getloadavg()[0]:.2f}\n")
+    print("| processor time per robot and step, us | ir-sim | Phalanx, all | ir-sim / Phalanx |")
+    print("|---|---|---|---|")
+    for robots in args.robots:
+        theirs, ours = [], []
+        for _ in range(args.rounds):
+            theirs.append(ir_sim_us(robots, args.steps, args.behavior))
+            ours.append(phalanx_us(args.phalanx, robots, args.ticks))
+        ratio = [one / other for one, other in zip(theirs, ours)]
+        print(f"| {robots} robots | {shown(theirs)} | {shown(ours)} | {shown(ratio)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

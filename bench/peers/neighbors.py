@@ -12,7 +12,7 @@ same graph, rates and phases.
 all alike. "Woken": taken when it comes, in zenoh's callback or a thread in recv; Phalanx has no
 such mode. Means over all edges; medians (least-most) of rounds, in which all take turns.
 
-Rust alone is needed, and some minutes to build zenoh's 250 crates, once:
+Rust alone is needed, and some minutes to build zenoh and what it pulls in, once:
     bench/peers/neighbors.py
 """
 

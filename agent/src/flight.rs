@@ -190,6 +190,8 @@ impl Agent {
             // From its first sample on: before, everybody waits for the last one to start.
             if self.brain.has_flown() {
                 self.ports.latency.record(Stage::Wake, 0, wake.lateness_ns);
+            } else {
+                self.ports.connect();
             }
             // In real time a queue holds the newest sample and no other.
             let newest = self.ports.odometry()?;

@@ -1,5 +1,6 @@
 //! An agent's ports: its own five services, and the beacons of those it hears. It opens no others.
 
+use iceoryx2::port::update_connections::UpdateConnections as _;
 use protocol::brief::AgentBrief;
 use protocol::latency::LatencyPort;
 use protocol::message::{Beacon, Command, NeighborStatus, Odometry, StatusHeader};
@@ -70,6 +71,15 @@ impl Ports {
             command: service::command(own).open(&node)?.publisher()?,
             _node: node,
         })
+    }
+
+    /// Connects to everybody who is there by now, which otherwise happens at the next sample.
+    pub fn connect(&self) {
+        let connected = (self.neighbors.iter().map(Subscriber::update_connections))
+            .chain([self.odometry.update_connections()])
+            .chain([self.beacon.update_connections(), self.command.update_connections()]);
+        // A failure shows again, with its reason, at the next sample.
+        connected.for_each(|_| ());
     }
 
     /// The next odometry sample in the queue.

@@ -21,6 +21,8 @@ use crate::world::World;
 const READY_MAX: Duration = Duration::from_secs(30);
 /// How often readiness is looked at.
 const READY_EVERY: Duration = Duration::from_millis(1);
+/// In real time, once all are ready, they have this long and two periods to connect to each other.
+const SETTLE_MIN: Duration = Duration::from_millis(20);
 /// A robot that takes part in lockstep must answer within this. Far longer than any answer takes: a
 /// machine that is busy with other things starves a process for a second now and then.
 const ANSWER_MAX: Duration = Duration::from_secs(5);
@@ -196,6 +198,9 @@ impl Plant {
     }
 
     fn fly_in_real_time(mut self) -> Result<(), FlightError> {
+        // Else everybody would connect to everybody in the first period, and all be late.
+        self.ports.connect();
+        std::thread::sleep(SETTLE_MIN.max(2 * Duration::from_nanos(self.brief.period_ns)));
         let tick_ns = self.brief.plant_tick_ns;
         let start_ns = clock::now_ns();
         let mut timer = Timer::new(tick_ns, start_ns % tick_ns);

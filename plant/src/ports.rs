@@ -1,5 +1,6 @@
 //! The plant's ports: odometry to and commands from every robot, truth to the supervisor.
 
+use iceoryx2::port::update_connections::UpdateConnections as _;
 use protocol::brief::PlantBrief;
 use protocol::clock;
 use protocol::latency::LatencyPort;
@@ -68,6 +69,15 @@ impl Ports {
     pub fn not_ready(&self) -> impl Iterator<Item = usize> {
         let ready = |robot: &RobotPorts| robot.command_service.number_of_publishers() > 0;
         (0..self.robots.len()).filter(move |&i| !ready(&self.robots[i]))
+    }
+
+    /// Connects to everybody who is there, which otherwise happens at the first samples.
+    pub fn connect(&self) {
+        for robot in &self.robots {
+            // A failure shows again, with its reason, at the next sample.
+            let _ = robot.odometry.update_connections();
+            let _ = robot.command.update_connections();
+        }
     }
 
     /// The next command in the queue of `robot`.

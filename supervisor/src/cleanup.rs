@@ -7,8 +7,10 @@
 use std::collections::BTreeSet;
 use std::fs;
 use std::io;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -16,6 +18,7 @@ use std::time::{Duration, Instant};
 use iceoryx2::prelude::{CallbackProgression, NodeState};
 use protocol::run_root::RunRoot;
 use protocol::service::{self, ServiceError};
+use rustix::event::{EventfdFlags, eventfd};
 
 /// One attempt to remove what the dead left.
 const ATTEMPT_MAX: Duration = Duration::from_millis(500);
@@ -35,6 +38,8 @@ const HALF_MADE: u32 = 0o200;
 pub struct Cleaner {
     requests: Option<Sender<usize>>,
     done: Receiver<usize>,
+    /// Readable while there may be news in `done`.
+    news: Arc<OwnedFd>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -43,6 +48,8 @@ impl Cleaner {
     pub fn start(run_root: &RunRoot) -> io::Result<Cleaner> {
         let (requests, incoming) = channel::<usize>();
         let (outgoing, done) = channel();
+        let news = Arc::new(eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?);
+        let told = news.clone();
         let (run_root, prefix) = (run_root.path().to_path_buf(), run_root.prefix());
         let thread = std::thread::Builder::new().name("cleanup".into()).spawn(move || {
             for robot in incoming {
@@ -52,9 +59,11 @@ impl Cleaner {
                 if outgoing.send(robot).is_err() {
                     break;
                 }
+                // Full is as good as told.
+                let _ = rustix::io::write(&*told, &1u64.to_ne_bytes());
             }
         })?;
-        Ok(Cleaner { requests: Some(requests), done, thread: Some(thread) })
+        Ok(Cleaner { requests: Some(requests), done, news, thread: Some(thread) })
     }
 
     /// Asks for the remains of `robot`'s process, which is reaped, to be removed.
@@ -65,7 +74,13 @@ impl Cleaner {
 
     /// The next robot whose remains are gone.
     pub fn done(&self) -> Option<usize> {
+        let _ = rustix::io::read(&*self.news, &mut [0; 8]);
         self.done.try_recv().ok()
+    }
+
+    /// Readable when [`Cleaner::done`] has something new to say.
+    pub fn news(&self) -> BorrowedFd<'_> {
+        self.news.as_fd()
     }
 }
 

@@ -368,7 +368,9 @@ impl<'a> Flight<'a> {
                 let children = self.robots.iter().filter_map(|robot| robot.seat.child());
                 let mut descriptors: Vec<PollFd<'_>> = children
                     .chain([&self.plant])
-                    .map(|child| PollFd::from_borrowed_fd(child.pidfd(), PollFlags::IN))
+                    .map(Child::pidfd)
+                    .chain([self.cleaner.news()])
+                    .map(|descriptor| PollFd::from_borrowed_fd(descriptor, PollFlags::IN))
                     .collect();
                 let turn = Timespec { tv_sec: 0, tv_nsec: TURN.as_nanos() as i64 };
                 // An interruption is a turn without news.

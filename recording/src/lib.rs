@@ -1,0 +1,50 @@
+//! A run as a recording that other people's tools open: MCAP with the profile `ros2`, messages in
+//! CDR, their definitions beside them.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `recorder` | how does a run get into the file? |
+//! | `topics` | under which names? |
+//! | `messages` | what does one recorded instant look like, byte by byte? |
+//! | `schemas` | how is each message defined, in ROS 2's own words? |
+//! | `cdr` | how do numbers and strings become bytes, and bytes numbers? |
+//! | `pieces` | what is in a file, as far as it is whole? |
+//! | `recover` | how does a file get its end back that a killed supervisor never wrote? |
+//! | `export` | how does a recording become tables? |
+//!
+//! Knows nothing of processes, scenarios or iceoryx2, and reads no clock but to flush in time.
+//!
+//! # What is recorded
+//!
+//! All stamps, of messages and in them, are the start of the run by the wall clock plus run time, in
+//! either pace. World frame `map`, SI units, x forward, y left.
+//!
+//! | topic | type | content |
+//! |---|---|---|
+//! | `/tf` | `tf2_msgs/TFMessage` | `map` to `<robot>/base_link`, all robots in one message |
+//! | `/<robot>/odom` | `nav_msgs/Odometry` | the true pose, and the twist in the robot's own frame; covariances are 0 |
+//! | `/<robot>/pose` | `geometry_msgs/PoseStamped` | the true pose of the middle of the axle |
+//! | `/<robot>/cmd_vel` | `geometry_msgs/Twist` | the twist that drove the robot over the arc that ends here: its command, as far as limits, faults and the dead man's switch let it through |
+//! | `/metrics` | `phalanx_msgs/Metrics` | the smallest distance and its pair, errors, who lives |
+//! | `/rosout` | `rcl_interfaces/Log` | events, with the robot as `name`, the kind as `function` |
+//!
+//! A robot's name is as it is in frames and messages; in topics, where ROS allows no dash, it is
+//! [spelled](topics) with underscores. The scenario and the manifest are attachments, the facts of
+//! the run metadata under the name `phalanx`.
+
+mod cdr;
+pub mod export;
+mod messages;
+mod pieces;
+pub mod recorder;
+pub mod recover;
+mod schemas;
+pub mod topics;
+
+/// Nanoseconds as seconds. Divided, not multiplied by 1e-9: 15 ms are 0.015 s, with no digits behind.
+fn seconds(t_ns: u64) -> f64 {
+    t_ns as f64 / 1e9
+}
+
+#[cfg(test)]
+mod tests;

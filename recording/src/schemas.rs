@@ -1,0 +1,117 @@
+//! The definitions of all recorded messages, as ROS 2 has them (our own `phalanx_msgs/Metrics` in the
+//! same manner), each with those of everything in it.
+
+/// A message type and all types in it.
+pub(crate) struct Schema {
+    /// As ROS 2 names it.
+    pub(crate) name: &'static str,
+    fields: &'static str,
+    parts: &'static [&'static Part],
+}
+
+/// A type inside of messages: its name and fields.
+struct Part(&'static str, &'static str);
+
+/// All definitions are of this kind.
+pub(crate) const ENCODING: &str = "ros2msg";
+
+impl Schema {
+    /// The whole definition: the fields, then each type in them under its name.
+    pub(crate) fn text(&self) -> String {
+        let mut text = self.fields.to_owned();
+        for Part(name, fields) in self.parts {
+            text += &format!("{}\nMSG: {name}\n{fields}", "=".repeat(80));
+        }
+        text
+    }
+}
+
+const TIME: Part = Part("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n");
+const HEADER: Part = Part("std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id\n");
+const VECTOR: Part = Part("geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z\n");
+const POINT: Part = Part("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z\n");
+const QUATERNION: Part =
+    Part("geometry_msgs/Quaternion", "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n");
+const POSE: Part = Part(
+    "geometry_msgs/Pose",
+    "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
+);
+const TWIST: Part =
+    Part("geometry_msgs/Twist", "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n");
+const POSE_WITH_COVARIANCE: Part =
+    Part("geometry_msgs/PoseWithCovariance", "geometry_msgs/Pose pose\nfloat64[36] covariance\n");
+const TWIST_WITH_COVARIANCE: Part = Part(
+    "geometry_msgs/TwistWithCovariance",
+    "geometry_msgs/Twist twist\nfloat64[36] covariance\n",
+);
+const TRANSFORM: Part = Part(
+    "geometry_msgs/Transform",
+    "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
+);
+const TRANSFORM_STAMPED: Part = Part(
+    "geometry_msgs/TransformStamped",
+    "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform\n",
+);
+
+/// `/tf`
+pub(crate) const TF: Schema = Schema {
+    name: "tf2_msgs/msg/TFMessage",
+    fields: "geometry_msgs/TransformStamped[] transforms\n",
+    parts: &[&TRANSFORM_STAMPED, &HEADER, &TIME, &TRANSFORM, &VECTOR, &QUATERNION],
+};
+
+/// `/<robot>/odom`
+pub(crate) const ODOMETRY: Schema = Schema {
+    name: "nav_msgs/msg/Odometry",
+    fields: "std_msgs/Header header\nstring child_frame_id\n\
+             geometry_msgs/PoseWithCovariance pose\ngeometry_msgs/TwistWithCovariance twist\n",
+    parts: &[
+        &HEADER,
+        &TIME,
+        &POSE_WITH_COVARIANCE,
+        &POSE,
+        &POINT,
+        &QUATERNION,
+        &TWIST_WITH_COVARIANCE,
+        &TWIST,
+        &VECTOR,
+    ],
+};
+
+/// `/<robot>/pose`
+pub(crate) const POSE_STAMPED: Schema = Schema {
+    name: "geometry_msgs/msg/PoseStamped",
+    fields: "std_msgs/Header header\ngeometry_msgs/Pose pose\n",
+    parts: &[&HEADER, &TIME, &POSE, &POINT, &QUATERNION],
+};
+
+/// `/<robot>/cmd_vel`
+pub(crate) const COMMAND: Schema =
+    Schema { name: "geometry_msgs/msg/Twist", fields: TWIST.1, parts: &[&VECTOR] };
+
+/// `/rosout`
+pub(crate) const LOG: Schema = Schema {
+    name: "rcl_interfaces/msg/Log",
+    fields: "byte DEBUG=10\nbyte INFO=20\nbyte WARN=30\nbyte ERROR=40\nbyte FATAL=50\n\
+             builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\n\
+             string function\nuint32 line\n",
+    parts: &[&TIME],
+};
+
+/// `/metrics`
+pub(crate) const METRICS: Schema = Schema {
+    name: "phalanx_msgs/msg/Metrics",
+    fields: "# Distances and errors of all robots at one instant, in SI units.\n\
+             builtin_interfaces/Time stamp\n\
+             # Smallest distance between two front points, m; NaN with fewer than two robots.\n\
+             float64 min_distance_m\n\
+             # Between which two: places in the lists below, from 0.\n\
+             uint32[2] min_distance_pair\n\
+             # Names in the scenario's order; so are the lists below.\n\
+             string[] robot\n\
+             # How far each is from where its role wants it, m; NaN for one that has no such place.\n\
+             float64[] error_m\n\
+             # Whether its process lived.\n\
+             bool[] alive\n",
+    parts: &[&TIME],
+};

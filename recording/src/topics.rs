@@ -1,0 +1,65 @@
+//! How robots are spelled in topics.
+//!
+//! A scenario allows letters, digits, `-` and `_`, after a letter. ROS 2 allows no `-` in a topic and
+//! no two `_` in a row.
+
+/// Each robot's name as a part of topics, in the same order: dashes become underscores, several in a
+/// row one. Where that makes two alike, the later one gets a number: `r-1` and `r_1` are `r_1` and
+/// `r_1_2`.
+pub fn spelled(names: &[String]) -> Vec<String> {
+    let plain = |name: &String| -> String {
+        let mut topic = String::with_capacity(name.len());
+        for letter in name.chars() {
+            let letter = if letter == '-' { '_' } else { letter };
+            if letter != '_' || !topic.ends_with('_') {
+                topic.push(letter);
+            }
+        }
+        topic
+    };
+    let mut topics: Vec<String> = Vec::with_capacity(names.len());
+    for name in names {
+        let wanted = plain(name);
+        // A name that needs no change keeps its spelling, whoever comes first.
+        let taken = |topic: &String| topics.contains(topic) || names.contains(topic);
+        let topic = if wanted == *name || !taken(&wanted) {
+            wanted
+        } else {
+            let stem = wanted.trim_end_matches('_');
+            let numbered = (2..).map(|number| format!("{stem}_{number}"));
+            numbered.into_iter().find(|topic| !taken(topic)).expect("some number is free")
+        };
+        topics.push(topic);
+    }
+    topics
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn topics(names: &[&str]) -> Vec<String> {
+        spelled(&names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn a_name_that_ros_takes_stays_as_it_is() {
+        assert_eq!(topics(&["r1", "Leader_2", "tf"]), ["r1", "Leader_2", "tf"]);
+        assert_eq!(topics(&["r-1", "r_1", "r--1"]), ["r_1_2", "r_1", "r_1_3"]);
+    }
+
+    proptest! {
+        #[test]
+        fn every_robot_has_a_topic_of_its_own_that_ros_takes(
+            names in prop::collection::hash_set("[ab][-_12]{0,4}", 1..30),
+        ) {
+            let names: Vec<String> = names.into_iter().collect();
+            let topics = spelled(&names);
+            for (i, topic) in topics.iter().enumerate() {
+                prop_assert!(!topic.contains("__") && !topic.contains('-'), "{}", topic);
+                prop_assert!(!topics[..i].contains(topic), "{} twice in {:?}", topic, names);
+            }
+        }
+    }
+}

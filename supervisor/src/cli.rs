@@ -12,6 +12,8 @@ use protocol::brief::Pace;
 use protocol::law::LawDescription;
 use protocol::process::{Stop, exit, log_level, quiet_iceoryx2, try_realtime_priority};
 use protocol::run_root;
+use recording::export::{ExportError, Exported};
+use recording::recover::{Outcome as Recovery, RecoverError};
 
 use crate::check::{self, Theory};
 use crate::clean;
@@ -20,7 +22,7 @@ use crate::drawing::{Drawing, drawn};
 use crate::flight::{self, Flight};
 use crate::metrics::Metrics;
 use crate::metrics::expect;
-use crate::run_dir::{Manifest, RunDir, RunDirError, default_out, to_json};
+use crate::run_dir::{Manifest, RECORDING, RunDir, RunDirError, default_out, to_json};
 use crate::scenario::Scenario;
 use crate::scenario::diagnostic::Diagnostic;
 use crate::scenario::read::{Overrides, read};
@@ -39,6 +41,10 @@ pub enum Verb {
     Doctor(DoctorArgs),
     /// Remove what dead runs left in the run root and in shared memory.
     Clean(CleanArgs),
+    /// Give a recording that a kill cut short its index back, in a new file.
+    Recover(RecoverArgs),
+    /// Turn a recording into CSV tables, one for each kind of observation.
+    Export(ExportArgs),
 }
 
 /// Arguments of `phalanx run`.
@@ -93,6 +99,28 @@ pub struct CleanArgs {
     dry_run: bool,
 }
 
+/// Arguments of `phalanx recover`.
+#[derive(Debug, Args)]
+pub struct RecoverArgs {
+    /// The recording; it is only read. One that is whole is left alone.
+    file: PathBuf,
+    /// The new recording; must not exist [default: FILE with .recovered.mcap for its ending].
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+/// Arguments of `phalanx export`.
+#[derive(Debug, Args)]
+pub struct ExportArgs {
+    /// A run directory, or a recording by itself.
+    #[arg(value_name = "RUN_DIR|FILE")]
+    run: PathBuf,
+    /// Where to write the tables; must not exist [default: RUN_DIR/export, or FILE with -export for
+    /// its ending].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
 /// A scenario file, and changes to it.
 #[derive(Debug, Args)]
 struct ScenarioArgs {
@@ -140,6 +168,8 @@ pub fn main(verb: &Verb, laws: &[LawDescription]) -> u8 {
         Verb::Check(args) => check(args, laws),
         Verb::Doctor(args) => diagnose(args),
         Verb::Clean(args) => tidy(args),
+        Verb::Recover(args) => recover(args),
+        Verb::Export(args) => export(args),
     }
 }
 
@@ -197,6 +227,47 @@ fn tidy(args: &CleanArgs) -> u8 {
         complain(failure);
     }
     if failures.is_empty() { printed } else { exit::INFRASTRUCTURE }
+}
+
+fn recover(args: &RecoverArgs) -> u8 {
+    let out = args.out.clone().unwrap_or_else(|| args.file.with_extension("recovered.mcap"));
+    match recording::recover::recover(&args.file, &out) {
+        Ok(Recovery::Whole) => {
+            print(&format!("{} is whole: nothing to recover\n", args.file.display()))
+        }
+        Ok(Recovery::Recovered(recovered)) => {
+            print(&format!("{recovered}written to {}\n", out.display()))
+        }
+        Err(error) => {
+            let code = complain(&error);
+            if matches!(error, RecoverError::Write { .. }) { code } else { exit::USAGE }
+        }
+    }
+}
+
+fn export(args: &ExportArgs) -> u8 {
+    let (file, out) = if args.run.is_dir() {
+        (args.run.join(RECORDING), args.run.join("export"))
+    } else {
+        let stem = args.run.file_stem().unwrap_or_default().to_string_lossy();
+        (args.run.clone(), args.run.with_file_name(format!("{stem}-export")))
+    };
+    let out = args.out.clone().unwrap_or(out);
+    match recording::export::export(&file, &out) {
+        Ok(Exported { tables, whole }) => {
+            if !whole {
+                tracing::warn!("{} is cut or damaged; what is whole is exported", file.display());
+            }
+            let rows = |(name, rows): &(&str, u64)| format!("{rows:>9} rows  {name}\n");
+            let tables: String = tables.iter().map(rows).collect();
+            print(&format!("{tables}written to {}\n", out.display()))
+        }
+        Err(error) => {
+            let code = complain(&error);
+            let wrote = matches!(error, ExportError::Write { .. } | ExportError::Message { .. });
+            if wrote { code } else { exit::USAGE }
+        }
+    }
 }
 
 fn run(args: &RunArgs, laws: &[LawDescription]) -> u8 {
@@ -276,6 +347,7 @@ fn fly(
     let mut run_dir = RunDir::create(out, scenario)?;
     run_dir.write_scenario(text)?;
     run_dir.write_manifest(manifest)?;
+    run_dir.begin_recording(text, manifest)?;
     let mut metrics = Metrics::new(scenario, pace);
     let bar = BAR.get_or_init(|| progress_bar(scenario.duration_ns));
     let launched = Flight::launch(scenario, pace, hurried, &mut run_dir, &mut metrics, stop);

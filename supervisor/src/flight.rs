@@ -339,6 +339,7 @@ impl<'a> Flight<'a> {
                 self.take_latencies()?;
             }
             self.take_cleaned();
+            self.run_dir.flush_if_due(Instant::now())?;
             progress(self.now_ns());
             if self.now_ns() >= self.scenario.duration_ns {
                 return Ok(());
@@ -384,7 +385,8 @@ impl<'a> Flight<'a> {
             let header = *sample.user_header();
             self.took_off.get_or_insert_with(Instant::now);
             self.metrics.truth(&header, sample.payload(), &self.alive);
-            self.run_dir.truth(&header, sample.payload(), self.metrics.errors(), &self.alive)?;
+            let (errors_m, nearest) = (self.metrics.errors(), self.metrics.nearest());
+            self.run_dir.truth(&header, sample.payload(), errors_m, &self.alive, nearest)?;
             self.outcome.truth = Some(header);
             self.last_news = Instant::now();
             if let Some(barrier) = &self.barrier {

@@ -1,5 +1,6 @@
-//! Where a run is written down. Everything in it is plain text and stays readable if the run ends
-//! early; every failure to write names its file.
+//! Where a run is written down. Everything in it is plain text, but for the recording, and stays
+//! readable if the run ends early (the recording by `phalanx recover`); every failure to write names
+//! its file.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
@@ -9,6 +10,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use protocol::brief::{self, Pace};
 use protocol::message::{TruthHeader, TruthRow};
+use recording::recorder::{FLUSH_EVERY, Nearest, Recorder, Run, State};
 use serde::Serialize;
 
 use crate::latency::Latency;
@@ -18,6 +20,8 @@ use crate::summary::Summary;
 
 /// Runs without `--out` go below this directory.
 const RUNS: &str = "runs";
+/// The recording.
+pub const RECORDING: &str = "run.mcap";
 /// git is asked for the version of the tree, and not waited for any longer.
 const GIT_MAX: Duration = Duration::from_secs(1);
 
@@ -30,7 +34,11 @@ pub struct RunDir {
     recorded: Option<u64>,
     newest: Newest,
     samples: Log,
+    /// When what was written was last seen to be in the file.
+    samples_flushed: Instant,
     events: Log,
+    /// None before it is begun, and after it could not be written.
+    recording: Option<Recorder>,
 }
 
 /// The newest truth, and whether it still has to be written if the run ends now.
@@ -41,6 +49,7 @@ struct Newest {
     rows: Vec<TruthRow>,
     errors_m: Vec<Option<f64>>,
     alive: Vec<bool>,
+    nearest: Option<(f64, [usize; 2])>,
 }
 
 /// A file that is appended to, and its name for messages.
@@ -111,7 +120,9 @@ impl RunDir {
                 path.join("samples.csv"),
                 "t_s,robot,x_m,y_m,heading_rad,v_m_s,w_rad_s,error_m,alive",
             )?,
+            samples_flushed: Instant::now(),
             events: Log::create(path.join("events.csv"), "t_s,kind,robot,detail")?,
+            recording: None,
         })
     }
 
@@ -123,6 +134,48 @@ impl RunDir {
     /// Writes what was run, where and how.
     pub fn write_manifest(&self, manifest: &Manifest) -> Result<(), RunDirError> {
         self.write("manifest.json", to_json(manifest))
+    }
+
+    /// Begins the recording, with the effective scenario and the manifest in it.
+    pub fn begin_recording(
+        &mut self,
+        scenario: &str,
+        manifest: &Manifest,
+    ) -> Result<(), RunDirError> {
+        let path = self.path.join(RECORDING);
+        let run = self.path.file_name().unwrap_or_default().to_string_lossy();
+        let facts = [
+            ("run", run.as_ref()),
+            ("scenario", &manifest.scenario),
+            ("pace", manifest.pace.word()),
+            ("seed", &manifest.seed.to_string()),
+            ("phalanx", manifest.phalanx),
+            ("git_hash", manifest.git_hash.as_deref().unwrap_or("")),
+        ];
+        let run = Run {
+            started_unix_ns: manifest.started_unix_ns,
+            robots: &self.robots,
+            facts: facts.map(|(key, value)| (key.to_owned(), value.to_owned())).into(),
+            attachments: &[
+                ("scenario.toml", "application/toml", scenario),
+                ("manifest.json", "application/json", &to_json(manifest)),
+            ],
+        };
+        self.recording = Some(Recorder::create(&path, &run).map_err(failed(&path))?);
+        Ok(())
+    }
+
+    /// Lets `write` write into the recording, which is given up at the first failure: it is told
+    /// once, and everything else is still written.
+    fn record(
+        &mut self,
+        write: impl FnOnce(&mut Recorder, &Newest) -> io::Result<()>,
+    ) -> Result<(), RunDirError> {
+        let Some(recording) = &mut self.recording else { return Ok(()) };
+        write(recording, &self.newest).map_err(|error| {
+            self.recording = None;
+            failed(&self.path.join(RECORDING))(error)
+        })
     }
 
     /// Writes the brief of a process; where to.
@@ -139,13 +192,15 @@ impl RunDir {
         self.path.join(format!("logs/{name}.jsonl"))
     }
 
-    /// Writes a truth to `samples.csv` if one is due; the last one is written at the end anyhow.
+    /// Writes a truth to `samples.csv` and the recording if one is due; the last one is written at
+    /// the end anyhow. `nearest` are the two nearest robots, and how far apart they are in m.
     pub fn truth(
         &mut self,
         header: &TruthHeader,
         rows: &[TruthRow],
         errors_m: &[Option<f64>],
         alive: &[bool],
+        nearest: Option<(f64, [usize; 2])>,
     ) -> Result<(), RunDirError> {
         let newest = &mut self.newest;
         newest.unwritten = true;
@@ -153,6 +208,7 @@ impl RunDir {
         replace(&mut newest.rows, rows);
         replace(&mut newest.errors_m, errors_m);
         replace(&mut newest.alive, alive);
+        newest.nearest = nearest;
         // A tick's time is a whole number of ns, its rate is not: a hair's breadth early counts.
         let stretch = (seconds(header.t_ns) * self.record_hz + 1e-6) as u64;
         if self.recorded.replace(stretch) == Some(stretch) { Ok(()) } else { self.write_newest() }
@@ -172,7 +228,15 @@ impl RunDir {
                 "{t_s},{robot},{x_m},{y_m},{heading_rad},{v_m_s},{w_rad_s},{error},{alive}"
             ))?;
         }
-        Ok(())
+        self.record(|recording, newest| {
+            let Newest { t_ns, rows, errors_m, alive, nearest, .. } = newest;
+            let states = rows.iter().map(|row| {
+                let &TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = row;
+                State { x_m, y_m, heading_rad, v_m_s, w_rad_s }
+            });
+            let nearest = nearest.map(|(distance_m, pair)| Nearest { distance_m, pair });
+            recording.instant(*t_ns, states, errors_m, alive, nearest)
+        })
     }
 
     fn write_last_truth(&mut self) -> Result<(), RunDirError> {
@@ -180,7 +244,17 @@ impl RunDir {
         self.samples.flush()
     }
 
-    /// Writes an event, at once.
+    /// Sees to it that a kill costs no more than what was written within [`FLUSH_EVERY`]. To be
+    /// called often.
+    pub fn flush_if_due(&mut self, now: Instant) -> Result<(), RunDirError> {
+        if now.saturating_duration_since(self.samples_flushed) >= FLUSH_EVERY {
+            self.samples_flushed = now;
+            self.samples.flush()?;
+        }
+        self.record(|recording, _| recording.flush_if_due(now))
+    }
+
+    /// Writes an event, into `events.csv` at once.
     pub fn event(
         &mut self,
         t_ns: u64,
@@ -188,9 +262,10 @@ impl RunDir {
         robot: &str,
         detail: &str,
     ) -> Result<(), RunDirError> {
-        let (t_s, detail) = (seconds(t_ns), quoted(detail));
-        self.events.line(format_args!("{t_s},{kind},{robot},{detail}"))?;
-        self.events.flush()
+        let (t_s, quoted) = (seconds(t_ns), quoted(detail));
+        self.events.line(format_args!("{t_s},{kind},{robot},{quoted}"))?;
+        self.events.flush()?;
+        self.record(|recording, _| recording.event(t_ns, kind, robot, detail))
     }
 
     /// Writes what came out, and everything still in hand.
@@ -215,7 +290,11 @@ impl RunDir {
         let lasted = Duration::from_secs_f64(summary.wall_s);
         self.write("latency.hlog", latency.hlog(SystemTime::now() - lasted, lasted))?;
         self.events.flush()?;
-        self.write_last_truth()
+        self.write_last_truth()?;
+        match self.recording.take() {
+            Some(recording) => recording.finish().map_err(failed(&self.path.join(RECORDING))),
+            None => Ok(()),
+        }
     }
 
     fn write(&self, name: &str, content: impl AsRef<[u8]>) -> Result<(), RunDirError> {
@@ -443,7 +522,9 @@ mod tests {
         let mut run_dir = RunDir::create(&place.0.join("run"), &row_of_three()).unwrap();
         for tick in 1..=7 {
             let rows = rows([tick as f64, -1.0, -2.0]);
-            run_dir.truth(&header(tick), &rows, &[None, Some(0.5), None], &[true; 3]).unwrap();
+            run_dir
+                .truth(&header(tick), &rows, &[None, Some(0.5), None], &[true; 3], None)
+                .unwrap();
         }
         run_dir.write_last_truth().unwrap();
         let text = fs::read_to_string(place.0.join("run/samples.csv")).unwrap();
@@ -461,7 +542,7 @@ mod tests {
         let scenario = Scenario { record_hz: 1e12, ..row_of_three() };
         let mut run_dir = RunDir::create(&place.0.join("run"), &scenario).unwrap();
         for tick in 0..3 {
-            run_dir.truth(&header(tick), &rows([0.0; 3]), &[None; 3], &[true; 3]).unwrap();
+            run_dir.truth(&header(tick), &rows([0.0; 3]), &[None; 3], &[true; 3], None).unwrap();
         }
         drop(run_dir);
         let text = fs::read_to_string(place.0.join("run/samples.csv")).unwrap();

@@ -86,9 +86,16 @@ fn a_full_disk_ends_the_run_with_4_and_keeps_what_was_written() {
     let ended =
         Phalanx::new(limited).lockstep().set("period_s=0.0005").set("record_hz=2000").finish();
     ended.exits_with(4).leaves_nothing();
-    ended.claim(ended.stderr.contains("samples.csv"), "the error names the file");
+    let named = ["samples.csv", "run.mcap"].iter().any(|file| ended.stderr.contains(file));
+    ended.claim(named, "the error names the file");
     ended.claim(ended.stderr.contains("kept"), "and says that the rest is kept");
     ended.claim(ended.file("samples.csv").len() > 1_000_000, "samples are kept");
+    let tables = ended.run_dir().join("tables");
+    let mut export = Command::new(env!("CARGO_BIN_EXE_phalanx"));
+    export.arg("export").arg(ended.run_dir()).arg("--out").arg(&tables);
+    ended.claim(export.status().unwrap().success(), "the recording is exported");
+    let poses = std::fs::read_to_string(tables.join("poses.csv")).unwrap();
+    ended.claim(poses.len() > 1_000_000, "as far as it was kept");
     ended.claim(ended.number("/t_s") > 0.0, "and there is a summary");
 }
 

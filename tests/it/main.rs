@@ -18,6 +18,7 @@ mod machine;
 mod model;
 mod oracle;
 mod realtime;
+mod recording;
 mod security;
 mod silence;
 mod soak;

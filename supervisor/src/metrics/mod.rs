@@ -57,6 +57,8 @@ pub struct Metrics {
     integrated_errors_m_s: Vec<Option<f64>>,
     distances: Distances,
     closest: Option<Closest>,
+    /// At the newest truth.
+    nearest: Option<Closest>,
     violations: u64,
     violations_plant: u64,
     final_errors_m: Vec<Option<f64>>,
@@ -179,6 +181,7 @@ impl Metrics {
             integrated_errors_m_s: vec![None; robots],
             distances: Distances::new(robots),
             closest: None,
+            nearest: None,
             violations: 0,
             violations_plant: 0,
             final_errors_m: vec![None; robots],
@@ -230,6 +233,7 @@ impl Metrics {
     /// truths hide anything.
     fn measure_distance(&mut self, header: &TruthHeader) -> f64 {
         let now = self.distances.truth(header.t_ns, &self.alphas);
+        self.nearest = now;
         let plant = self.distances.seen_by_plant(header);
         for seen in [plant, now].into_iter().flatten() {
             if self.closest.is_none_or(|closest| seen.distance_m < closest.distance_m) {
@@ -300,6 +304,12 @@ impl Metrics {
     /// |e_i| at the newest truth, m, in scenario order; `None` for robots that hear nobody.
     pub fn errors(&self) -> &[Option<f64>] {
         &self.errors
+    }
+
+    /// The smallest distance of two front points at the newest truth, m, and their places; `None`
+    /// with fewer than two robots.
+    pub fn nearest(&self) -> Option<(f64, [usize; 2])> {
+        self.nearest.map(|nearest| (nearest.distance_m, nearest.pair))
     }
 
     /// The scenario's fault of this number began.

@@ -1,0 +1,208 @@
+//! The recording: it says the same as the tables, to our own reader and to those that others wrote;
+//! a kill of the supervisor costs little of it; and it stays small.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::time::{Duration, Instant};
+
+use rustix::process::Signal;
+
+use crate::harness::{Ended, run, signal_pid};
+
+const FAULT: &str = "kill r2 @2.5 restart 2";
+
+/// `phalanx`, with these arguments.
+fn phalanx<'a>(args: impl IntoIterator<Item = &'a Path>) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
+    command.env("NO_COLOR", "1").args(args).output().unwrap()
+}
+
+#[track_caller]
+fn must(output: &Output, code: i32) -> String {
+    let text = |bytes| String::from_utf8_lossy(bytes).into_owned();
+    let said = text(&output.stdout) + &text(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{said}");
+    said
+}
+
+/// The rows of a table; columns by name.
+fn table(path: &Path) -> Vec<BTreeMap<String, String>> {
+    let text = std::fs::read_to_string(path).unwrap();
+    let mut rows = text.lines().map(|line| line.split(',').map(str::to_owned));
+    let columns: Vec<String> = rows.next().expect("a header").collect();
+    rows.map(|row| columns.iter().cloned().zip(row).collect()).collect()
+}
+
+/// Row by row, the columns of one table are those of the other, number by number.
+#[track_caller]
+fn agree(one: &Path, other: &Path, columns: &[&str], rows_max: usize) {
+    let (one_rows, other_rows) = (table(one), table(other));
+    for (one_row, other_row) in one_rows.iter().zip(&other_rows).take(rows_max) {
+        for &column in columns {
+            let (a, b) = (&one_row[column], &other_row[column]);
+            let same = match (a.parse::<f64>(), b.parse::<f64>()) {
+                // Through a quaternion and back.
+                (Ok(a), Ok(b)) if column == "heading_rad" => (a - b).abs() < 1e-14,
+                (Ok(a), Ok(b)) => a == b,
+                _ => a == b,
+            };
+            assert!(same, "{column} at {}: {a} and {b}", one_row["t_s"]);
+        }
+    }
+    let rows = (one_rows.len().min(rows_max), other_rows.len().min(rows_max));
+    assert_eq!(rows.0, rows.1, "{} and {}", one.display(), other.display());
+}
+
+fn flown() -> Ended {
+    let ended = run("triangle").lockstep().fault(FAULT).finish();
+    ended.exits_with(0).leaves_nothing();
+    ended
+}
+
+#[test]
+fn an_export_says_of_every_robot_and_event_what_the_run_wrote_itself() {
+    let ended = flown();
+    let run_dir = ended.run_dir();
+    let said = must(&phalanx([Path::new("export"), &run_dir]), 0);
+    ended.claim(said.contains("poses.csv"), format!("the tables are named: {said}"));
+    let (samples, export) = (run_dir.join("samples.csv"), run_dir.join("export"));
+    let all = usize::MAX;
+    let pose = ["t_s", "robot", "x_m", "y_m", "heading_rad"];
+    agree(&samples, &export.join("poses.csv"), &pose, all);
+    agree(&samples, &export.join("commands.csv"), &["t_s", "robot", "v_m_s", "w_rad_s"], all);
+    agree(&samples, &export.join("errors.csv"), &["t_s", "robot", "error_m", "alive"], all);
+    agree(&run_dir.join("events.csv"), &export.join("events.csv"), &["t_s", "kind", "robot"], all);
+    // At the recorded instants only: never nearer than at any tick.
+    let nearest = table(&export.join("distances.csv"))
+        .iter()
+        .map(|row| row["min_distance_m"].parse().unwrap())
+        .fold(f64::INFINITY, f64::min);
+    let least = ended.number("/min_distance_m");
+    ended.claim((least..1.01 * least).contains(&nearest), format!("{nearest} m apart at last"));
+
+    let again = must(&phalanx([Path::new("export"), &run_dir]), 2);
+    ended.claim(again.contains("exists already"), format!("it is not overwritten: {again}"));
+    let whole = must(&phalanx([Path::new("recover"), &run_dir.join("run.mcap")]), 0);
+    ended.claim(whole.contains("is whole"), format!("nothing is to be recovered: {whole}"));
+    let missing = must(&phalanx([Path::new("recover"), Path::new("missing.mcap")]), 2);
+    ended.claim(missing.contains("missing.mcap"), format!("the file is named: {missing}"));
+}
+
+/// A run whose supervisor was killed in its middle, and what it said of itself.
+struct Cut {
+    /// Held for its directory.
+    _running: crate::harness::Running,
+    recovered: PathBuf,
+    run_dir: PathBuf,
+    /// A run time that had passed when the supervisor was killed, s.
+    killed_after_s: f64,
+}
+
+/// In real time: r2 is killed, which the supervisor writes down with its run time; a while later the
+/// supervisor is killed. What it knew then reaches at least as far as that run time plus the while.
+fn cut() -> Cut {
+    let mut running = run("triangle").set("expect={}").start();
+    running.wait_for("a second of samples", |run| {
+        let samples = std::fs::read_to_string(run.run_dir().join("samples.csv")).ok()?;
+        (samples.lines().count() > 300).then_some(())
+    });
+    let robot = running.pid_of("r2");
+    signal_pid(robot, Signal::KILL);
+    running.wait_for_event("died");
+    let seen = Instant::now();
+    running
+        .wait_for("1.2 s more", |_| (seen.elapsed() > Duration::from_millis(1200)).then_some(()));
+    running.signal(Signal::KILL);
+    let later_s = seen.elapsed().as_secs_f64();
+    let run_dir = running.run_dir();
+    let died = table(&run_dir.join("events.csv")).into_iter().find(|row| row["kind"] == "died");
+    let died_s: f64 = died.expect("it was waited for")["t_s"].parse().unwrap();
+    let recovered = run_dir.join("run.recovered.mcap");
+    // The supervisor is gone once its last word is: it wrote within the last milliseconds.
+    let gone = Instant::now();
+    while gone.elapsed() < Duration::from_secs(20)
+        && std::fs::read(format!("/proc/{}/cmdline", running.pid())).is_ok_and(|w| !w.is_empty())
+    {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    must(&phalanx([Path::new("recover"), &run_dir.join("run.mcap")]), 0);
+    Cut { _running: running, recovered, run_dir, killed_after_s: died_s + later_s }
+}
+
+#[test]
+fn a_supervisor_killed_in_mid_run_costs_the_recording_at_most_a_second() {
+    let cut = cut();
+    let out = cut.run_dir.join("tables");
+    let args = [Path::new("export"), &cut.recovered, Path::new("--out"), &out];
+    must(&phalanx(args), 0);
+    let poses = table(&out.join("poses.csv"));
+    let last_s: f64 = poses.last().expect("there are poses")["t_s"].parse().unwrap();
+    let lost_s = cut.killed_after_s - last_s;
+    assert!(lost_s <= 1.0, "the last {lost_s} s are lost: {last_s} of {} s", cut.killed_after_s);
+    let samples = cut.run_dir.join("samples.csv");
+    let rows = poses.len().min(table(&samples).len() - 1);
+    agree(&samples, &out.join("poses.csv"), &["t_s", "robot", "x_m", "y_m"], rows);
+    let events = table(&out.join("events.csv"));
+    assert!(events.iter().any(|row| row["kind"] == "died"), "{events:?}");
+}
+
+/// The Python that has the readers.
+fn python() -> PathBuf {
+    let installed = concat!(env!("CARGO_MANIFEST_DIR"), "/target/readers/bin/python");
+    let python = std::env::var_os("PHALANX_PYTHON").map_or(installed.into(), PathBuf::from);
+    assert!(
+        python.exists(),
+        "{}: no such Python. Install the readers with: tests/readers/install",
+        python.display()
+    );
+    python
+}
+
+#[track_caller]
+fn reads(script: &str, args: &[&Path]) {
+    let output = Command::new(python())
+        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .arg(format!("{}/tests/readers/{script}.py", env!("CARGO_MANIFEST_DIR")))
+        .args(args)
+        .output()
+        .unwrap();
+    must(&output, 0);
+}
+
+const READERS: &str = "by_rosbags by_mcap by_rerun";
+
+#[test]
+#[ignore = "needs the readers that tests/readers/install installs"]
+fn readers_that_others_wrote_find_every_number_of_the_tables() {
+    let ended = flown();
+    for script in READERS.split(' ') {
+        reads(script, &[&ended.run_dir()]);
+    }
+}
+
+#[test]
+#[ignore = "needs the readers that tests/readers/install installs"]
+fn readers_that_others_wrote_open_what_was_recovered() {
+    let cut = cut();
+    for script in ["by_rosbags", "by_mcap"] {
+        reads(script, &[&cut.run_dir, &cut.recovered]);
+    }
+}
+
+/// `cargo test --release --test it -- --ignored stay_small`
+#[test]
+#[ignore = "two runs of 66 processes and 4000 ticks: half a minute with --release"]
+fn eighty_seconds_of_sixty_four_robots_stay_small() {
+    const MB: u64 = 1_000_000;
+    for (record_hz, size_max) in [("100", 150 * MB), ("10", 15 * MB)] {
+        // The plant ticks as often as is recorded.
+        let set = ["duration_s=80", "period_s=0.01", "expect={}"];
+        let swarm = set.iter().fold(run("swarm64").lockstep(), |run, set| run.set(set));
+        let ended = swarm.set(format!("record_hz={record_hz}")).finish();
+        ended.exits_with(0);
+        let size = std::fs::metadata(ended.run_dir().join("run.mcap")).unwrap().len();
+        println!("{record_hz} Hz: {size} bytes");
+        ended.claim(size < size_max, format!("{size} bytes are below {size_max}"));
+    }
+}

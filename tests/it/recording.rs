@@ -190,9 +190,9 @@ fn readers_that_others_wrote_open_what_was_recovered() {
     }
 }
 
-/// `cargo test --release --test it -- --ignored stay_small`
+/// `cargo test --test it -- --ignored stay_small --nocapture`
 #[test]
-#[ignore = "two runs of 66 processes and 4000 ticks: half a minute with --release"]
+#[ignore = "two runs of 66 processes and 8000 ticks: a minute or two"]
 fn eighty_seconds_of_sixty_four_robots_stay_small() {
     const MB: u64 = 1_000_000;
     for (record_hz, size_max) in [("100", 150 * MB), ("10", 15 * MB)] {

@@ -3,6 +3,7 @@
 
 mod bad_files;
 mod bench;
+mod browser;
 mod chapter;
 mod cleanup;
 mod every_fault;

@@ -1,0 +1,72 @@
+"""Report and live view of real runs."""
+
+import subprocess
+
+import pytest
+from playwright.sync_api import expect
+
+from conftest import HANG_S, PHALANX, shot, wait_until
+from test_replay import go_to, now_s
+
+help_text = subprocess.run([PHALANX, "run", "--help"], capture_output=True, text=True, timeout=HANG_S).stdout
+needs_view = pytest.mark.skipif("--view" not in help_text, reason="this phalanx has no live view")
+needs_report = pytest.mark.skipif("--no-report" not in help_text, reason="this phalanx writes no report")
+
+
+def states(page):
+    return page.locator(".plane g.robot").evaluate_all("robots => robots.map(r => r.dataset.state)")
+
+
+def every_state(page, *asked):
+    """Waits until the robots are in these states; the run goes on at its own pace."""
+    shown = "[...document.querySelectorAll('.plane g.robot')].map(robot => robot.dataset.state).join()"
+    wait_until(page, f"asked => {shown} === asked", ",".join(asked))
+
+
+@needs_report
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1280, 390])
+def test_a_report_replays_its_run(visit, report_address, width, scheme):
+    page = visit(report_address, width, scheme)
+    assert page.evaluate("performance.getEntriesByType('navigation')[0].domComplete") < 10_000
+    go_to(page, 9.9)
+    assert states(page) == ["flying"] * 3
+    go_to(page, 11)
+    assert states(page) == ["flying", "dead", "flying"]
+    shot(page, f"report-{width}-{scheme}")
+    go_to(page, 13)
+    assert states(page) == ["flying"] * 3
+    page.get_by_role("button", name="Play").click()
+    wait_until(page, "document.querySelector('.scrub').value > 13.2")
+    assert now_s(page) > 13
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+@needs_view
+def test_a_robot_of_a_run_is_killed_and_brought_back_by_hand(flight, visit):
+    page = visit(flight)
+    expect(page.locator(".lamp")).to_have_attribute("data-link", "live")
+    every_state(page, "flying", "flying", "flying")
+    page.get_by_role("button", name="kill r2").click()
+    every_state(page, "flying", "dead", "flying")
+    expect(page.locator(".plane .edge").first).to_have_attribute("data-state", "lost")
+    expect(page.locator(".log")).to_contain_text("kill r2")
+    shot(page, "run-1280-light")
+    page.get_by_role("button", name="restart r2").click()
+    every_state(page, "flying", "flying", "flying")
+    page.get_by_role("button", name="freeze r1").click()
+    every_state(page, "frozen", "flying", "flying")
+    page.get_by_role("button", name="thaw r1").click()
+    every_state(page, "flying", "flying", "flying")
+    expect(page.locator(".latency tbody tr").first).to_be_visible()
+
+
+@needs_view
+def test_an_edge_of_a_run_is_cut_and_mended_by_hand(flight, visit):
+    page = visit(flight)
+    state = page.locator(".edges tbody tr").first.locator(".state")
+    expect(state).to_have_text("fresh")
+    page.get_by_role("button", name="cut r2 to r1").click()
+    expect(state).to_have_text("lost")
+    page.get_by_role("button", name="mend r2 to r1").click()
+    expect(state).to_have_text("fresh")

@@ -680,15 +680,15 @@ function live(root, scene, picture, control) {
       const acts = html(parts.row, "td", "acts");
       const one = (text, body = text) => button(acts, text, name, () => ({ act: typeof body === "string" ? body : body(), robot: name }));
       parts.kill = one("kill");
-      parts.freeze = one("freeze", () => (picture.frame?.robots[i].state === "frozen" ? "thaw" : "freeze"));
       parts.restart = one("restart");
+      parts.freeze = one("freeze", () => (picture.frame?.robots[i].state === "frozen" ? "thaw" : "freeze"));
     });
     picture.changed = (i, state) => {
       const { kill, freeze, restart } = picture.robots[i];
       const name = state === "frozen" ? "thaw" : "freeze";
       say(freeze, name);
       freeze.setAttribute("aria-label", `${name} ${scene.robots[i].name}`);
-      kill.hidden = state === "dead";
+      kill.hidden = freeze.hidden = state === "dead";
       restart.hidden = !kill.hidden;
       kill.disabled = restart.disabled = landed;
       freeze.disabled = landed || (state !== "flying" && state !== "frozen");
@@ -729,13 +729,15 @@ function live(root, scene, picture, control) {
 
   function happened(event) {
     const { t_s, kind, robot, detail } = JSON.parse(event.data);
+    // Whom each hears from is in the picture and among the edges, many times a second perhaps.
+    if (kind === "contact") return;
     const item = document.createElement("li");
     item.append(`${seconds(t_s)} `);
     html(item, "b", "", `${kind} ${robot ?? ""}`);
     if (detail) item.append(` ${detail}`);
     log.prepend(item);
     while (log.childElementCount > 200) log.lastChild.remove();
-    if (track.marks.childElementCount < 300) track.mark(t_s, undefined, `${kind} ${robot ?? ""}`);
+    if (kind !== "ready" && track.marks.childElementCount < 300) track.mark(t_s, undefined, `${kind} ${robot ?? ""}`);
   }
 
   function latency(event) {

@@ -16,7 +16,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import expect, sync_playwright
 
 from stand_in import StandIn
 
@@ -26,6 +26,7 @@ PHALANX = os.environ["PHALANX"]
 SHOTS = Path(os.environ["SHOTS"])
 # Only a hang takes this long, s.
 HANG_S = 120
+expect.set_options(timeout=HANG_S * 1000 / 4)
 
 
 @pytest.fixture(scope="session")
@@ -114,23 +115,26 @@ def report_address(tmp_path_factory):
 
 
 @pytest.fixture
-def flight(tmp_path):
-    """The address of the live view of a real run, with control; interrupted in the end."""
-    command = [PHALANX, "run", "scenarios/triangle.toml", "--set", "duration_s=600", "--set", "expect={}"]
-    command += ["--view", "--view-control", "--out", tmp_path / "run"]
-    run = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
-    said = []
-    try:
+def fly(tmp_path):
+    """Starts a real run with a live view and control, and gives its address; interrupts it in the end."""
+    runs = []
+
+    def fly(duration_s):
+        command = [PHALANX, "run", "scenarios/triangle.toml", "--set", f"duration_s={duration_s}"]
+        command += ["--set", "expect={}", "--view", "--view-control", "--out", tmp_path / "run"]
+        run = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+        runs.append(run)
+        said = []
         for line in run.stderr:
             said.append(line)
             if found := re.search(r"view: (http://\S+)", line):
                 # Keeps reading, so that the run never waits for a full pipe.
                 threading.Thread(target=run.stderr.read, daemon=True).start()
-                yield found[1]
-                break
-        else:
-            pytest.fail(f"the run names no address: {''.join(said)}")
-    finally:
+                return found[1]
+        pytest.fail(f"the run names no address: {''.join(said)}")
+
+    yield fly
+    for run in runs:
         run.send_signal(signal.SIGINT)
         run.wait(timeout=HANG_S)
 

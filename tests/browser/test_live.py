@@ -143,6 +143,7 @@ def test_what_happened_and_how_late_is_listed_as_words(stand_in, visit, names):
     detail = "<b onclick=alert(1)>by hand</b>"
     stand_in.send("happened", {"t_s": 3.25, "kind": "kill", "robot": "r2", "detail": detail})
     stand_in.send("happened", {"t_s": 4.5, "kind": "ready", "robot": "r2", "detail": ""})
+    stand_in.send("happened", {"t_s": 4.6, "kind": "contact", "robot": "r1", "detail": "fresh r2"})
     stages = [{"stage": "wake", "worst": "r2", "p50_us": 61.25, "p99_us": 1234.5, "max_us": 8000, "count": 77}]
     stand_in.send("latency", stages)
     expect(page.locator(".log li")).to_have_text(["4.50 s ready r2", f"3.25 s kill r2 {detail}"])

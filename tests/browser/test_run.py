@@ -43,14 +43,15 @@ def test_a_report_replays_its_run(visit, report_address, width, scheme):
 
 
 @needs_view
-def test_a_robot_of_a_run_is_killed_and_brought_back_by_hand(flight, visit):
-    page = visit(flight)
+def test_a_robot_of_a_run_is_killed_and_brought_back_by_hand(fly, visit):
+    page = visit(fly(duration_s=600))
     expect(page.locator(".lamp")).to_have_attribute("data-link", "live")
     every_state(page, "flying", "flying", "flying")
     page.get_by_role("button", name="kill r2").click()
     every_state(page, "flying", "dead", "flying")
     expect(page.locator(".plane .edge").first).to_have_attribute("data-state", "lost")
     expect(page.locator(".log")).to_contain_text("kill r2")
+    expect(page.locator(".latency tbody tr").first).to_be_visible()
     shot(page, "run-1280-light")
     page.get_by_role("button", name="restart r2").click()
     every_state(page, "flying", "flying", "flying")
@@ -58,15 +59,24 @@ def test_a_robot_of_a_run_is_killed_and_brought_back_by_hand(flight, visit):
     every_state(page, "frozen", "flying", "flying")
     page.get_by_role("button", name="thaw r1").click()
     every_state(page, "flying", "flying", "flying")
-    expect(page.locator(".latency tbody tr").first).to_be_visible()
 
 
 @needs_view
-def test_an_edge_of_a_run_is_cut_and_mended_by_hand(flight, visit):
-    page = visit(flight)
+def test_an_edge_of_a_run_is_cut_and_mended_by_hand(fly, visit):
+    page = visit(fly(duration_s=600))
     state = page.locator(".edges tbody tr").first.locator(".state")
     expect(state).to_have_text("fresh")
     page.get_by_role("button", name="cut r2 to r1").click()
     expect(state).to_have_text("lost")
     page.get_by_role("button", name="mend r2 to r1").click()
     expect(state).to_have_text("fresh")
+
+
+@needs_view
+def test_a_run_that_ends_says_so_and_is_not_asked_again(fly, visit):
+    page = visit(fly(duration_s=8))
+    lamp = page.locator(".lamp")
+    expect(lamp).to_have_attribute("data-link", "live")
+    expect(lamp).to_contain_text("landed, exit code 0")
+    page.wait_for_timeout(3000)
+    expect(lamp).to_have_attribute("data-link", "landed")

@@ -1,0 +1,76 @@
+//! Where the view listens: on this machine alone, unless somebody insists.
+
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+
+/// Without a wish: this machine alone, at a port that is free, so that runs side by side each have
+/// theirs.
+pub const DEFAULT: &str = "127.0.0.1:0";
+
+/// The address that a word of the command line stands for: `8080`, `127.0.0.1`, `localhost:8080`,
+/// `[::1]:8080`. Port 0, or none, is any that is free.
+pub fn address(word: &str) -> Result<SocketAddr, String> {
+    let loopback = IpAddr::V4(Ipv4Addr::LOCALHOST);
+    if let Ok(port) = word.parse::<u16>() {
+        return Ok(SocketAddr::new(loopback, port));
+    }
+    if let Ok(ip) = word.parse::<IpAddr>() {
+        return Ok(SocketAddr::new(ip, 0));
+    }
+    let port_of_localhost = match word.strip_prefix("localhost") {
+        Some("") => Some(0),
+        Some(rest) => rest.strip_prefix(':').and_then(|port| port.parse().ok()),
+        None => None,
+    };
+    match port_of_localhost {
+        Some(port) => Ok(SocketAddr::new(loopback, port)),
+        None => word.parse().map_err(|_| {
+            "expected a port or ADDRESS:PORT, such as 8080, 127.0.0.1:8080 or [::1]:8080".into()
+        }),
+    }
+}
+
+/// What to write into a browser for a server that listens there.
+pub(crate) fn reachable(listens: SocketAddr) -> SocketAddr {
+    let ip = match listens.ip() {
+        IpAddr::V4(ip) if ip.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
+        IpAddr::V6(ip) if ip.is_unspecified() => Ipv6Addr::LOCALHOST.into(),
+        ip => ip,
+    };
+    SocketAddr::new(ip, listens.port())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_port_an_address_or_both_say_where() {
+        for (word, expected) in [
+            ("0", "127.0.0.1:0"),
+            ("8080", "127.0.0.1:8080"),
+            ("127.0.0.1:80", "127.0.0.1:80"),
+            ("localhost", "127.0.0.1:0"),
+            ("localhost:81", "127.0.0.1:81"),
+            ("192.168.1.2", "192.168.1.2:0"),
+            ("::1", "[::1]:0"),
+            ("[::1]:82", "[::1]:82"),
+            (DEFAULT, "127.0.0.1:0"),
+        ] {
+            assert_eq!(address(word), Ok(expected.parse().unwrap()), "{word}");
+        }
+        for word in ["", "localhosts", "localhost:", "70000", "example.org:80", "127.0.0.1:x"] {
+            assert!(address(word).unwrap_err().contains("such as 8080"), "{word}");
+        }
+    }
+
+    #[test]
+    fn who_listens_everywhere_is_reached_on_this_machine() {
+        for (listens, url) in [
+            ("0.0.0.0:80", "127.0.0.1:80"),
+            ("[::]:80", "[::1]:80"),
+            ("10.0.0.1:80", "10.0.0.1:80"),
+        ] {
+            assert_eq!(reachable(listens.parse().unwrap()).to_string(), url);
+        }
+    }
+}

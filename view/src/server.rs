@@ -1,0 +1,329 @@
+//! The thread, and what it answers to which address.
+//!
+//! | address | answer |
+//! |---|---|
+//! | `GET /` | the page |
+//! | `GET /events` | what happens, as server-sent events, until the run is over |
+//! | `POST /control` | 204 once it is done; 4xx with a reason |
+
+use std::io;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::mpsc::{Sender, SyncSender, TrySendError, channel, sync_channel};
+use std::time::{Duration, Instant};
+
+use axum::Router;
+use axum::body::Bytes;
+use axum::extract::{DefaultBodyLimit, Request as HttpRequest, State};
+use axum::http::header::{
+    CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
+};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
+use axum::middleware::{self, Next};
+use axum::response::{IntoResponse as _, Response};
+use axum::routing::{get, post};
+use report::scene::Scene;
+use tokio::net::{TcpListener, TcpSocket};
+use tokio::runtime::{Builder, Runtime};
+use tokio::sync::{oneshot, watch};
+use tokio::time::{sleep, timeout};
+
+use crate::act::{self, NoAct, Request};
+use crate::address::reachable;
+use crate::gate::{Gate, may_order};
+use crate::listener::Limited;
+use crate::news::{News, tell};
+use crate::post::Post;
+use crate::token::Token;
+use crate::view::View;
+
+/// How often the letter box is looked into: nobody wakes this thread for it, so that the supervisor
+/// need not.
+const LOOK_EVERY: Duration = Duration::from_millis(25);
+/// The same while nobody looks at the page.
+const LOOK_EVERY_ALONE: Duration = Duration::from_millis(200);
+/// The last event gets this long to reach everybody.
+const FAREWELL_MAX: Duration = Duration::from_millis(500);
+/// What was written gets this long to be sent.
+const FLUSH: Duration = Duration::from_millis(20);
+/// An order is far shorter, bytes.
+const BODY_MAX: usize = 4096;
+/// Orders that wait for the supervisor; it looks every few milliseconds.
+const REQUESTS_MAX: usize = 16;
+/// An order is answered within this, even if the supervisor is held up.
+const ANSWER_MAX: Duration = Duration::from_secs(5);
+/// What the kernel keeps of a stream for a client that does not read, bytes. Little, so that a slow
+/// client misses frames instead of getting old ones.
+const SEND_BUFFER: u32 = 32 * 1024;
+/// Connections that wait to be accepted.
+const BACKLOG: u32 = 32;
+
+/// The page is given away by nobody, framed by nobody, and asks nobody but us. Its own policy, which
+/// names its scripts, holds beside this one.
+const HEADERS: [(HeaderName, &str); 4] = [
+    (CACHE_CONTROL, "no-store"),
+    (REFERRER_POLICY, "no-referrer"),
+    (X_CONTENT_TYPE_OPTIONS, "nosniff"),
+    (
+        CONTENT_SECURITY_POLICY,
+        "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; \
+         connect-src 'self'; img-src data:; base-uri 'none'; form-action 'none'; \
+         frame-ancestors 'none'",
+    ),
+];
+
+/// Why there is no live view.
+#[derive(Debug, thiserror::Error)]
+pub enum ViewError {
+    /// Others could come.
+    #[error(
+        "--view={0} would let other machines see the run: expected a loopback address such as 127.0.0.1, or --insecure for no encryption and a token as the only protection (or forward a port: ssh -L 8080:127.0.0.1:PORT)"
+    )]
+    NotLoopback(SocketAddr),
+    /// The port is taken, or the address is not ours.
+    #[error(
+        "cannot listen on {address} for the live view: {source}; another port may be free, and --view alone finds one"
+    )]
+    Listen {
+        /// Where.
+        address: SocketAddr,
+        /// Why.
+        source: io::Error,
+    },
+    /// No thread, no random numbers, no descriptors.
+    #[error("cannot start the live view: {0}")]
+    Start(#[from] io::Error),
+}
+
+/// A place that is taken, with nobody there yet to answer.
+pub struct Bound {
+    runtime: Runtime,
+    listener: TcpListener,
+    address: SocketAddr,
+    gate: Gate,
+}
+
+/// Takes the place. `insecure`: other machines may come, if the address lets them.
+pub fn bind(address: SocketAddr, insecure: bool) -> Result<Bound, ViewError> {
+    let loopback = address.ip().is_loopback();
+    if !(loopback || insecure) {
+        return Err(ViewError::NotLoopback(address));
+    }
+    let runtime = Builder::new_current_thread().enable_io().enable_time().build()?;
+    let entered = runtime.enter();
+    let listen = || -> io::Result<TcpListener> {
+        let socket = if address.is_ipv4() { TcpSocket::new_v4()? } else { TcpSocket::new_v6()? };
+        socket.set_reuseaddr(true)?;
+        // Connections inherit it.
+        socket.set_send_buffer_size(SEND_BUFFER)?;
+        socket.bind(address)?;
+        socket.listen(BACKLOG)
+    };
+    let listener = listen().map_err(|source| ViewError::Listen { address, source })?;
+    let address = listener.local_addr()?;
+    drop(entered);
+    let gate = Gate { token: Token::draw()?, open_to_others: !loopback };
+    Ok(Bound { runtime, listener, address, gate })
+}
+
+/// What the answers are made of.
+#[derive(Clone)]
+struct Answers {
+    gate: Gate,
+    page: Bytes,
+    scene: Arc<Scene>,
+    /// `None`: this page only looks.
+    control: Option<SyncSender<Request>>,
+    post: Arc<Post>,
+    news: watch::Receiver<News>,
+}
+
+impl Bound {
+    /// What to open in a browser; the token in it lets in whoever has it.
+    pub fn url(&self) -> String {
+        format!("http://{}/?token={}", reachable(self.address), self.gate.token)
+    }
+
+    /// Starts to answer, on a thread of its own. `control`: clients may act.
+    pub fn serve(self, scene: Scene, control: bool) -> Result<View, ViewError> {
+        let Bound { runtime, listener, gate, .. } = self;
+        let post = Arc::new(Post::default());
+        let (requests, asked) = sync_channel(REQUESTS_MAX);
+        let (here, gone) = channel::<()>();
+        let (told, news) = watch::channel(News::default());
+        let answers = Answers {
+            gate,
+            page: report::page::live(&scene, control).into(),
+            scene: Arc::new(scene),
+            control: control.then_some(requests),
+            post: post.clone(),
+            news,
+        };
+        let letter_box = post.clone();
+        std::thread::Builder::new().name("view".into()).spawn(move || {
+            let _here: Sender<()> = here; // until the thread ends
+            give_way();
+            runtime.block_on(async move {
+                let listener = Limited::new(listener);
+                tokio::spawn(axum::serve(listener, router(answers)).into_future());
+                deliver(&letter_box, told).await;
+            });
+        })?;
+        Ok(View::new(post, asked, gone))
+    }
+}
+
+/// Lets every other thread of the machine run before this one.
+fn give_way() {
+    let parameters = libc::sched_param { sched_priority: 0 };
+    // SAFETY: a plain system call that reads `parameters`; 0 is the calling thread. Where it fails
+    // the thread is an ordinary one.
+    unsafe { libc::sched_setscheduler(0, libc::SCHED_IDLE, &parameters) };
+}
+
+/// Brings what the supervisor hands over to everybody, until the run is over.
+async fn deliver(post: &Post, told: watch::Sender<News>) {
+    let mut over = false;
+    while !over {
+        sleep(if post.clients() > 0 { LOOK_EVERY } else { LOOK_EVERY_ALONE }).await;
+        let letters = post.take();
+        over = letters.landed.is_some();
+        told.send_if_modified(|news| news.take(letters));
+    }
+    let end = Instant::now() + FAREWELL_MAX;
+    while post.clients() > 0 && Instant::now() < end {
+        sleep(LOOK_EVERY).await;
+    }
+    sleep(FLUSH).await;
+}
+
+fn router(answers: Answers) -> Router {
+    Router::new()
+        .route("/", get(page))
+        .route("/events", get(events))
+        .route("/control", post(control).layer(DefaultBodyLimit::max(BODY_MAX)))
+        .layer(middleware::from_fn_with_state(answers.clone(), guarded))
+        .with_state(answers)
+}
+
+/// Nobody gets past the gate, and every answer has its headers.
+async fn guarded(State(answers): State<Answers>, request: HttpRequest, next: Next) -> Response {
+    let mut response = match answers.gate.admits(request.uri(), request.headers()) {
+        Ok(()) => next.run(request).await,
+        Err(refusal) => refusal.into_response(),
+    };
+    for (name, value) in HEADERS {
+        response.headers_mut().insert(name, HeaderValue::from_static(value));
+    }
+    response
+}
+
+async fn page(State(answers): State<Answers>) -> Response {
+    ([(CONTENT_TYPE, "text/html; charset=utf-8")], answers.page).into_response()
+}
+
+async fn events(State(answers): State<Answers>) -> Response {
+    match answers.post.seat() {
+        Some(seat) => tell(answers.news, seat),
+        None => (StatusCode::SERVICE_UNAVAILABLE, "too many look at this run").into_response(),
+    }
+}
+
+async fn control(State(answers): State<Answers>, headers: HeaderMap, body: Bytes) -> Response {
+    let Some(requests) = answers.control else {
+        let reason = "this run is only to be looked at: start it with --view-control to act";
+        return (StatusCode::FORBIDDEN, reason).into_response();
+    };
+    if let Err(refusal) = may_order(&headers) {
+        return refusal.into_response();
+    }
+    let act = match act::read(&body, &answers.scene) {
+        Ok(act) => act,
+        Err(NoAct::Malformed(reason)) => return (StatusCode::BAD_REQUEST, reason).into_response(),
+        Err(NoAct::Unknown(reason)) => return (StatusCode::NOT_FOUND, reason).into_response(),
+    };
+    let (answer, answered) = oneshot::channel();
+    let over = (StatusCode::CONFLICT, "the run is over");
+    match requests.try_send(Request { act, answer }) {
+        Ok(()) => {}
+        Err(TrySendError::Disconnected(_)) => return over.into_response(),
+        Err(TrySendError::Full(_)) => {
+            return (StatusCode::SERVICE_UNAVAILABLE, "too many orders at once").into_response();
+        }
+    }
+    match timeout(ANSWER_MAX, answered).await {
+        Ok(Ok(Ok(()))) => StatusCode::NO_CONTENT.into_response(),
+        Ok(Ok(Err(reason))) => (StatusCode::CONFLICT, reason).into_response(),
+        Ok(Err(_)) => over.into_response(),
+        Err(_) => {
+            let reason = "the run does not answer; it may still do it";
+            (StatusCode::GATEWAY_TIMEOUT, reason).into_response()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use report::scene::{Frame, FrameRobot};
+    use std::io::{BufRead as _, BufReader, Write as _};
+    use std::net::TcpStream;
+
+    /// So many robots that the sockets on the way hold few frames.
+    const ROBOTS: usize = 300;
+    /// Only a hang takes this long.
+    const HANG: Duration = Duration::from_secs(60);
+
+    fn frame(t_s: f64) -> Frame {
+        Frame { t_s, robots: vec![FrameRobot::default(); ROBOTS], ..Frame::default() }
+    }
+
+    #[test]
+    fn a_client_that_does_not_read_misses_frames_and_holds_up_nobody() {
+        let bound = bind("127.0.0.1:0".parse().unwrap(), false).unwrap();
+        let url = bound.url();
+        let (host, query) = url.strip_prefix("http://").unwrap().split_once('/').unwrap();
+        let mut view = bound.serve(crate::act::tests::two_robots(), false).unwrap();
+        let began = Instant::now();
+        let come = || {
+            let mut stream = TcpStream::connect(host).unwrap();
+            stream.set_read_timeout(Some(HANG)).unwrap();
+            write!(stream, "GET /events{query} HTTP/1.0\r\nHost: {host}\r\n\r\n").unwrap();
+            BufReader::new(stream)
+        };
+        let frames = |lines: BufReader<TcpStream>| {
+            let data = lines.lines().map_while(Result::ok);
+            let data = data.filter_map(|line| Some(line.strip_prefix("data: ")?.to_owned()));
+            let frames = data.map(|data| serde_json::from_str::<serde_json::Value>(&data).unwrap());
+            frames.filter(|frame| frame["t_s"].is_f64())
+        };
+        let idle = come();
+        let mut reader = frames(come());
+        while view.post.clients() < 2 {
+            assert!(began.elapsed() < HANG, "they do not get in");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        // Far more than the sockets hold, each of which the one that reads gets.
+        for number in 0..200 {
+            let before = view.frames;
+            while view.frames == before {
+                view.frame(frame(f64::from(number)));
+            }
+            assert_eq!(reader.next().expect("a frame")["t_s"].as_f64(), Some(f64::from(number)));
+        }
+        // The other one reads at last: it gets the newest soon, and hears what it has missed.
+        let mut shown = 0;
+        for frame in frames(idle) {
+            shown += 1;
+            let (t_s, dropped) =
+                (frame["t_s"].as_f64().unwrap(), frame["dropped"].as_u64().unwrap());
+            if t_s == 199.0 {
+                assert!(dropped > 0 && shown + dropped <= 200, "{shown} shown, {dropped} dropped");
+                break;
+            }
+        }
+        assert!(shown < 200, "it got every frame, however old");
+        view.landed(0, "done");
+        assert!(began.elapsed() < HANG);
+    }
+}

@@ -1,0 +1,60 @@
+//! The secret in the address: whoever has it may look and, where that was asked for, act.
+
+use std::fmt;
+use std::fs::File;
+use std::hint::black_box;
+use std::io::{self, Read as _};
+
+/// 128 bits that nobody can guess.
+#[derive(Clone, Copy)]
+pub(crate) struct Token(u128);
+
+impl Token {
+    /// Drawn by the operating system.
+    pub(crate) fn draw() -> io::Result<Token> {
+        let mut bytes = [0; 16];
+        File::open("/dev/urandom")?.read_exact(&mut bytes)?;
+        Ok(Token(u128::from_le_bytes(bytes)))
+    }
+
+    /// Whether this is it, as it stands in the address. All bits are compared at once, so that the
+    /// time it takes tells nothing of how much was right.
+    pub(crate) fn is(self, given: &str) -> bool {
+        let digits = given.len() == 32 && given.bytes().all(|byte| byte.is_ascii_hexdigit());
+        let given = u128::from_str_radix(given, 16).unwrap_or_default();
+        let differs = black_box(given ^ self.0);
+        digits && differs == 0
+    }
+}
+
+impl fmt::Display for Token {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:032x}", self.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn two_draws_differ() {
+        assert_ne!(Token::draw().unwrap().0, Token::draw().unwrap().0);
+    }
+
+    proptest! {
+        #[test]
+        fn only_the_very_token_is_it(bits in any::<u128>(), flip in 0..128, other in ".{0,40}") {
+            let token = Token(bits);
+            let written = token.to_string();
+            prop_assert_eq!(written.len(), 32);
+            prop_assert!(token.is(&written));
+            prop_assert!(!Token(bits ^ (1u128 << flip)).is(&written));
+            prop_assert!(!token.is(&written[1..]));
+            let longer = format!("0{written}");
+            prop_assert!(!token.is(&longer));
+            prop_assert!(other == written || !token.is(&other));
+        }
+    }
+}

@@ -146,9 +146,14 @@ impl FaultWindow {
         self.number
     }
 
-    /// Nothing changes any more. Gives what it had silenced and no longer does.
+    /// Nothing changes any more; or, of what had ended for good, it is whole after all. Gives what it
+    /// had silenced and no longer does.
     pub(super) fn ended(&mut self, end: End, t_ns: u64) -> Silenced {
-        if self.ended_ns.replace(t_ns).is_some() || end == End::ForGood {
+        if self.returned_ns.is_some() {
+            return Silenced::Nobody;
+        }
+        self.ended_ns = Some(t_ns);
+        if end == End::ForGood {
             return Silenced::Nobody;
         }
         self.returned_ns = Some(t_ns);
@@ -308,6 +313,19 @@ mod tests {
         // Before the clock starts, a replacement comes at the time of the death.
         assert_eq!(fault.ended(End::Whole, 10 * S), Silenced::Robot(1));
         assert_eq!(fault.ended(End::Whole, 12 * S), Silenced::Nobody, "it had ended already");
+    }
+
+    #[test]
+    fn the_dead_for_good_may_be_brought_back_by_hand_and_recovery_counts_from_there() {
+        let mut fault = window();
+        fault.ended(End::ForGood, 10 * S);
+        fault.truth(11 * S, 0.0, Some(9 * S), none(), 1.0);
+        assert_eq!(fault.ended(End::Whole, 15 * S), Silenced::Robot(1));
+        fault.truth(16 * S, 0.5, None, none(), 1.0);
+        fault.truth(17 * S, 0.0, Some(17 * S), none(), 1.0);
+        let report = fault.report(&names());
+        assert_eq!((report.lasted_s, report.recovered_after_s), (Some(5.0), Some(2.0)));
+        assert_eq!(report.peak_error_m, 0.5);
     }
 
     #[test]

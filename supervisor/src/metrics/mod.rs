@@ -312,7 +312,7 @@ impl Metrics {
         self.nearest.map(|nearest| (nearest.distance_m, nearest.pair))
     }
 
-    /// The scenario's fault of this number began.
+    /// The fault of this number began.
     pub fn fault_began(&mut self, fault: usize, t_ns: u64) {
         let (what, struck) = self.planned[fault].clone();
         for earlier in &mut self.faults {
@@ -330,12 +330,17 @@ impl Metrics {
 
     /// A robot died, and nobody had planned it; the number of this fault.
     pub fn died_unplanned(&mut self, robot: usize, how: &str, t_ns: u64) -> usize {
-        let fault = self.planned.len();
         let what = format!("death of {} ({how})", self.names[robot]);
         let silenced = Silenced::Robot(robot);
-        self.planned.push((what, Struck { robot: Some(robot), hearer: None, silenced }));
+        let fault = self.new_fault(what, Struck { robot: Some(robot), hearer: None, silenced });
         self.fault_began(fault, t_ns);
         fault
+    }
+
+    /// The number of a fault that is not the scenario's, and that is about to begin.
+    pub fn new_fault(&mut self, what: String, struck: Struck) -> usize {
+        self.planned.push((what, struck));
+        self.planned.len() - 1
     }
 
     /// What the fault broke is whole again, as far as it is ever going to be.

@@ -101,6 +101,34 @@ pub struct StageLatency {
     pub mean_ns: f64,
 }
 
+impl StageLatency {
+    /// The robot, or the edge as `r1 -> r2`.
+    pub fn edge(&self) -> String {
+        match &self.from {
+            Some(from) => format!("{from} -> {}", self.robot),
+            None => self.robot.clone(),
+        }
+    }
+}
+
+fn line((stage, robot, from, spread): (Stage, &str, Option<&str>, &Spread)) -> StageLatency {
+    let count = spread.histogram.len();
+    StageLatency {
+        stage: stage.word(),
+        robot: robot.into(),
+        from: from.map(str::to_owned),
+        count,
+        min_ns: spread.min_ns,
+        p50_ns: spread.quantile_ns(0.5),
+        p90_ns: spread.quantile_ns(0.9),
+        p99_ns: spread.quantile_ns(0.99),
+        p99_9_ns: spread.quantile_ns(0.999),
+        p99_99_ns: spread.quantile_ns(0.9999),
+        max_ns: spread.max_ns,
+        mean_ns: spread.sum_ns as f64 / count as f64,
+    }
+}
+
 impl Latency {
     /// Nothing was measured yet.
     pub fn new(scenario: &Scenario, pace: Pace) -> Latency {
@@ -184,24 +212,20 @@ impl Latency {
 
     /// The lines of `latency.csv`.
     pub fn stages(&self) -> Vec<StageLatency> {
-        let line = |(stage, robot, from, spread): (Stage, &str, Option<&str>, &Spread)| {
-            let count = spread.histogram.len();
-            StageLatency {
-                stage: stage.word(),
-                robot: robot.into(),
-                from: from.map(str::to_owned),
-                count,
-                min_ns: spread.min_ns,
-                p50_ns: spread.quantile_ns(0.5),
-                p90_ns: spread.quantile_ns(0.9),
-                p99_ns: spread.quantile_ns(0.99),
-                p99_9_ns: spread.quantile_ns(0.999),
-                p99_99_ns: spread.quantile_ns(0.9999),
-                max_ns: spread.max_ns,
-                mean_ns: spread.sum_ns as f64 / count as f64,
-            }
-        };
         self.spreads().map(line).collect()
+    }
+
+    /// For each stage the robot or edge with the largest value so far: quickly, for quantiles of all
+    /// take long.
+    pub fn latest(&self) -> Vec<StageLatency> {
+        let mut latest = Stage::ALL.map(|_| None);
+        for (stage, robot, from, spread) in self.spreads() {
+            let known: &mut Option<(_, _, _, &Spread)> = &mut latest[stage as usize];
+            if known.is_none_or(|(.., known)| known.max_ns < spread.max_ns) {
+                *known = Some((stage, robot, from, spread));
+            }
+        }
+        latest.into_iter().flatten().map(line).collect()
     }
 
     /// `latency.hlog`, the log format of HdrHistogram: one interval, the run, for each tag
@@ -298,6 +322,8 @@ mod tests {
         let stages = latency.stages();
         let found: Vec<&str> = worst(&stages).map(|line| line.robot.as_str()).collect();
         assert_eq!(found, ["r2"]);
+        let [latest] = &latency.latest()[..] else { panic!("one stage") };
+        assert_eq!((latest.edge(), latest.max_ns), ("r2".into(), 3 * MS));
     }
 
     proptest! {

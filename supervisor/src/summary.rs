@@ -276,9 +276,7 @@ pub fn screen(summary: &Summary) -> String {
             "latency, us", "worst", "count", "p50", "p99", "p99.9", "max"
         );
         for line in latency::worst(&summary.latency) {
-            let robot = &line.robot;
-            let edge =
-                line.from.as_ref().map_or(robot.clone(), |from| format!("{from} -> {robot}"));
+            let edge = line.edge();
             let us = |ns: u64| digits(ns as f64 / 1e3);
             let _ = writeln!(
                 text,

@@ -144,6 +144,14 @@ impl Brain {
         }
     }
 
+    /// Cuts the link from a robot, by its place in the scenario from 1, or mends it. One that is not
+    /// heard has none.
+    pub fn set_cut(&mut self, robot: u64, cut: bool) {
+        if let Some(place) = self.neighborhood.place_of(robot) {
+            self.links[place].set_cut(cut);
+        }
+    }
+
     fn hear_now(
         &mut self,
         place: usize,

@@ -196,6 +196,7 @@ impl Agent {
             // In real time a queue holds the newest sample and no other.
             let newest = self.ports.odometry()?;
             let taken_ns = clock::now_ns();
+            self.ports.faults_by_hand(|robot, cut| self.brain.set_cut(robot, cut))?;
             // At its first sample a robot has heard nothing, as in lockstep.
             if self.brain.has_flown() {
                 self.hear_newest()?;

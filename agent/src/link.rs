@@ -1,4 +1,5 @@
-//! A link from one neighbour, with whatever the brief says is to be wrong with it.
+//! A link from one neighbour, with whatever the brief says is to be wrong with it, or somebody does
+//! to it by hand.
 //!
 //! Beacons go in as they come and come out when they may be heard. A pure function of stamps and
 //! seeds: no I/O, no clock.
@@ -13,6 +14,8 @@ const WAITING_MAX: usize = 4096;
 #[derive(Debug, Clone)]
 pub struct Link {
     faults: Vec<LinkFault>,
+    /// Cut by hand, until it is mended.
+    cut: bool,
     /// Beacons under way, and the run times from which on they may be heard, ns.
     waiting: Vec<(u64, Beacon)>,
     lost: u64,
@@ -21,11 +24,20 @@ pub struct Link {
 impl Link {
     /// A link with these faults.
     pub fn new(faults: &[LinkFault]) -> Link {
-        Link { faults: faults.to_vec(), waiting: Vec::new(), lost: 0 }
+        Link { faults: faults.to_vec(), cut: false, waiting: Vec::new(), lost: 0 }
+    }
+
+    /// Cuts it by hand, or mends what was cut so. What was under way still arrives.
+    pub fn set_cut(&mut self, cut: bool) {
+        self.cut = cut;
     }
 
     /// Takes a beacon; gives it back if it may be heard at once. `start_ns`: the stamp of t = 0.
     pub fn pass(&mut self, beacon: &Beacon, start_ns: u64) -> Option<Beacon> {
+        if self.cut {
+            self.lost += 1;
+            return None;
+        }
         let t_ns = beacon.stamp_ns.saturating_sub(start_ns);
         let mut due_ns = t_ns;
         for fault in &self.faults {
@@ -83,6 +95,17 @@ mod tests {
             [109, 110, 119, 120].map(|ns| link.pass(&beacon(ns), 100).is_some()).into();
         assert_eq!(heard, [true, false, false, true]);
         assert_eq!((link.lost(), link.due(u64::MAX)), (2, None));
+    }
+
+    #[test]
+    fn a_link_cut_by_hand_is_silent_until_it_is_mended_but_for_what_was_under_way() {
+        let mut link = link(LinkFaultKind::Delay { delay_ns: 5, jitter_ns: 0 });
+        assert_eq!(link.pass(&beacon(12), 0), None);
+        link.set_cut(true);
+        assert_eq!((link.pass(&beacon(14), 0), link.pass(&beacon(30), 0)), (None, None));
+        assert_eq!((link.due(u64::MAX), link.due(u64::MAX)), (Some(beacon(12)), None));
+        link.set_cut(false);
+        assert_eq!((link.pass(&beacon(31), 0), link.lost()), (Some(beacon(31)), 2));
     }
 
     #[test]

@@ -90,6 +90,11 @@ impl Neighborhood {
         Neighborhood { neighbors, silence, frame: None, frame_contact, first_ns: None }
     }
 
+    /// Where in the brief's order a robot is heard, by its place in the scenario from 1.
+    pub fn place_of(&self, robot: u64) -> Option<usize> {
+        self.neighbors.iter().position(|neighbor| neighbor.index == robot)
+    }
+
     /// Takes a beacon of the neighbour at `place` (in the brief's order).
     pub fn hear(
         &mut self,

@@ -1,9 +1,10 @@
-//! An agent's ports: its own five services, and the beacons of those it hears. It opens no others.
+//! An agent's ports: its own services (in real time six, in lockstep five), and the beacons of those
+//! it hears. It opens no others.
 
 use iceoryx2::port::update_connections::UpdateConnections as _;
-use protocol::brief::AgentBrief;
+use protocol::brief::{AgentBrief, Pace};
 use protocol::latency::LatencyPort;
-use protocol::message::{Beacon, Command, NeighborStatus, Odometry, StatusHeader};
+use protocol::message::{Beacon, Command, LinkFaultByHand, NeighborStatus, Odometry, StatusHeader};
 use protocol::service::{self, Node, Publisher, SendError, ServiceError, Subscriber, send_slice};
 
 use crate::brain::{Answer, Brain};
@@ -13,6 +14,8 @@ use crate::brain::{Answer, Brain};
 pub struct Ports {
     odometry: Subscriber<Odometry>,
     neighbors: Vec<Subscriber<Beacon>>,
+    /// In real time.
+    faults: Option<Subscriber<[LinkFaultByHand]>>,
     status: Publisher<[NeighborStatus], StatusHeader>,
     /// For what the loop measures.
     pub latency: LatencyPort,
@@ -61,6 +64,10 @@ impl Ports {
         Ok(Ports {
             odometry: service::odometry(own).open(&node)?.subscriber()?,
             neighbors,
+            faults: match brief.pace {
+                Pace::Realtime => Some(service::faults(own).open(&node)?.subscriber()?),
+                Pace::Lockstep => None,
+            },
             status: service::status(own).open(&node)?.publisher(brief.neighbors.len())?,
             latency: LatencyPort::new(
                 &service::latency(own).open(&node)?,
@@ -90,6 +97,17 @@ impl Ports {
     /// The next beacon in the queue of the neighbour at `place`.
     pub fn beacon(&self, place: usize) -> Result<Option<Beacon>, PortError> {
         take(&self.neighbors[place], "beacon")
+    }
+
+    /// Takes what was cut and mended by hand, if that changed: hands each neighbour's place in the
+    /// scenario, from 1, and whether its link is cut, to `link`.
+    pub fn faults_by_hand(&self, mut link: impl FnMut(u64, bool)) -> Result<(), PortError> {
+        let Some(faults) = &self.faults else { return Ok(()) };
+        let failed = |cause| PortError::Receive { what: "faults", cause };
+        while let Some(sample) = faults.receive().map_err(failed)? {
+            sample.payload().iter().for_each(|fault| link(fault.robot, fault.cut == 1));
+        }
+        Ok(())
     }
 
     /// Sends an answer: the beacon first, for others wait for it.

@@ -273,6 +273,17 @@ message! {
 }
 
 message! {
+    /// Supervisor to agent, in real time: whether somebody cut the link from a neighbour by hand. What
+    /// the scenario cuts is in the brief.
+    LinkFaultByHand / 1 {
+        /// Place of the neighbour in the scenario, from 1.
+        robot: u64,
+        /// 1 if nothing gets through.
+        cut: u64,
+    }
+}
+
+message! {
     /// What an agent thinks of one robot it hears.
     NeighborStatus / 1 {
         /// Place of the neighbour in the scenario, from 1.

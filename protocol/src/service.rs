@@ -22,8 +22,8 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
 use crate::brief::Pace;
 use crate::message::{
-    Beacon, Command, LatencyHeader, LatencyRow, NeighborStatus, Odometry, StatusHeader,
-    TruthHeader, TruthRow,
+    Beacon, Command, LatencyHeader, LatencyRow, LinkFaultByHand, NeighborStatus, Odometry,
+    StatusHeader, TruthHeader, TruthRow,
 };
 
 /// Shared memory between processes, each port used by one thread.
@@ -186,6 +186,12 @@ pub fn beacon(robot: &str) -> Topic<Beacon> {
 /// `robot/<id>/status`: agent to supervisor.
 pub fn status(robot: &str) -> Topic<[NeighborStatus], StatusHeader> {
     Topic::new(format!("robot/{robot}/status"))
+}
+
+/// `robot/<id>/faults`: supervisor to agent, in real time: how all of its links are, each time that one
+/// is cut or mended by hand.
+pub fn faults(robot: &str) -> Topic<[LinkFaultByHand]> {
+    Topic::new(format!("robot/{robot}/faults"))
 }
 
 /// `robot/<id>/latency`: agent to supervisor.
@@ -526,6 +532,16 @@ mod tests {
         assert_eq!((*sample.user_header(), sample.len()), (header, 2));
         assert_eq!(sample[1], neighbor(1));
         assert_eq!(subscriber.receive().unwrap().unwrap().len(), 0);
+
+        let one = Qos::of_robot(Pace::Realtime, 1);
+        let publisher = faults("r1").create(&supervisor, one).unwrap().publisher(2).unwrap();
+        let subscriber = faults("r1").open(&child).unwrap().subscriber().unwrap();
+        let link = |i: usize| LinkFaultByHand { robot: i as u64 + 1, cut: 1 };
+        for length in [1, 2] {
+            send_slice(&publisher, (), length, link).unwrap();
+        }
+        let sample = subscriber.receive().unwrap().unwrap();
+        assert_eq!(sample.payload(), [link(0), link(1)], "the newest wins");
 
         let held = truth().create(&supervisor, Qos::of_truth(Pace::Realtime, 1)).unwrap();
         let subscriber = held.subscriber().unwrap();

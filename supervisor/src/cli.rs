@@ -3,6 +3,7 @@
 //! Results go to stdout, everything else to stderr. The exit code tells how it went.
 
 use std::io::{self, IsTerminal, Write};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
@@ -14,12 +15,14 @@ use protocol::process::{Stop, exit, log_level, quiet_iceoryx2, try_realtime_prio
 use protocol::run_root;
 use recording::export::{ExportError, Exported};
 use recording::recover::{Outcome as Recovery, RecoverError};
+use view::{Bound, ViewError};
 
 use crate::check::{self, Theory};
 use crate::clean;
 use crate::doctor;
 use crate::drawing::{Drawing, drawn};
 use crate::flight::{self, Flight};
+use crate::live;
 use crate::metrics::Metrics;
 use crate::metrics::expect;
 use crate::run_dir::{Manifest, RECORDING, RunDir, RunDirError, default_out, to_json};
@@ -62,6 +65,24 @@ pub struct RunArgs {
     /// (SCHED_FIFO, mlockall); real time only.
     #[arg(long)]
     realtime_priority: bool,
+    /// Show the run in a browser while it flies, at a port or address of this machine [default: any
+    /// free port]; the address to open is printed on stderr. Nobody is waited for.
+    #[arg(
+        long,
+        value_name = "ADDR",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = view::DEFAULT,
+        value_parser = view::address
+    )]
+    view: Option<SocketAddr>,
+    /// Let that page kill, freeze and restart robots and cut links.
+    #[arg(long, requires = "view")]
+    view_control: bool,
+    /// Let --view listen where other machines can reach it. There is no encryption: whoever sees the
+    /// address printed, or the traffic, sees the run and, with --view-control, breaks it.
+    #[arg(long, requires = "view")]
+    insecure: bool,
     /// What to print at the end.
     #[arg(long, value_enum, default_value_t = Output::Text)]
     output: Output,
@@ -278,6 +299,15 @@ fn run(args: &RunArgs, laws: &[LawDescription]) -> u8 {
     let Some((scenario, text)) = read_scenario(&args.scenario, laws) else {
         return exit::BAD_SCENARIO;
     };
+    // Before anything is written or spawned: the port may be taken.
+    let place = args.view.map(|address| view::bind(address, args.insecure)).transpose();
+    let looks = match place {
+        Ok(place) => place.map(|bound| Looks { bound, control: args.view_control }),
+        Err(error) => {
+            let code = complain(&error);
+            return if matches!(error, ViewError::NotLoopback(_)) { exit::USAGE } else { code };
+        }
+    };
     let pace = match args.pace {
         PaceArg::Lockstep => Pace::Lockstep,
         PaceArg::Realtime => Pace::Realtime,
@@ -297,7 +327,7 @@ fn run(args: &RunArgs, laws: &[LawDescription]) -> u8 {
             }
         });
     }
-    match fly(&scenario, &text, pace, hurried, &manifest, &out) {
+    match fly(&scenario, &text, pace, hurried, &manifest, &out, looks) {
         Ok(flown) => {
             let printed = match args.output {
                 // What was wrong was said already; of nothing there is nothing to show.
@@ -311,7 +341,7 @@ fn run(args: &RunArgs, laws: &[LawDescription]) -> u8 {
             };
             if flown.exit == exit::OK { printed } else { flown.exit }
         }
-        Err(error @ NotFlown::Signals(_)) => complain(&error),
+        Err(error @ (NotFlown::Signals(_) | NotFlown::View(_))) => complain(&error),
         Err(NotFlown::RunDir(error)) => {
             let code = complain(&error);
             if matches!(error, RunDirError::Exists(_)) { exit::USAGE } else { code }
@@ -326,6 +356,15 @@ enum NotFlown {
     Signals(#[from] io::Error),
     #[error(transparent)]
     RunDir(#[from] RunDirError),
+    #[error(transparent)]
+    View(#[from] ViewError),
+}
+
+/// Where people may look at a run under way.
+struct Looks {
+    bound: Bound,
+    /// They may act as well.
+    control: bool,
 }
 
 struct Flown {
@@ -342,6 +381,7 @@ fn fly(
     hurried: bool,
     manifest: &Manifest,
     out: &Path,
+    looks: Option<Looks>,
 ) -> Result<Flown, NotFlown> {
     let stop = Stop::on_signals_twice_at_once()?;
     let mut run_dir = RunDir::create(out, scenario)?;
@@ -349,10 +389,15 @@ fn fly(
     run_dir.write_manifest(manifest)?;
     run_dir.begin_recording(text, manifest)?;
     let mut metrics = Metrics::new(scenario, pace);
+    let mut view = None;
+    if let Some(Looks { bound, control }) = looks {
+        let _ = writeln!(io::stderr(), "view: {}", bound.url());
+        view = Some(bound.serve(live::scene(scenario, pace), control)?);
+    }
     let bar = BAR.get_or_init(|| progress_bar(scenario.duration_ns));
     let launched = Flight::launch(scenario, pace, hurried, &mut run_dir, &mut metrics, stop);
     let (outcome, flown) = match launched {
-        Ok(flight) => flight.fly(|t_ns| show_progress(bar, t_ns)),
+        Ok(flight) => flight.watched_by(view.as_mut()).fly(|t_ns| show_progress(bar, t_ns)),
         Err(error) => (flight::Outcome::default(), Err(error)),
     };
     bar.finish_and_clear();
@@ -372,7 +417,17 @@ fn fly(
         (code, _) => code,
     };
     let summary = Summary::new(scenario, pace, &measures, &outcome, expectations, exit);
-    run_dir.finish(&summary, &measures.pairs, &outcome.latency)?;
+    let finished = run_dir.finish(&summary, &measures.pairs, &outcome.latency);
+    if let Some(view) = view {
+        let text = match (&flown, &finished) {
+            (Err(error), _) => format!("error: {error}"),
+            (_, Err(error)) => format!("error: {error}"),
+            _ => summary::screen(&summary),
+        };
+        let exit = if finished.is_ok() { exit } else { exit::INFRASTRUCTURE };
+        view.landed(exit, &text);
+    }
+    finished?;
     Ok(Flown { took_off: outcome.truth.is_some(), summary, exit })
 }
 

@@ -4,6 +4,9 @@
 //! for a child: a robot's seat is a state, and each turn of the loop moves it on if it can. In
 //! lockstep the plant pauses at the exact tick of each fault until every seat is at rest.
 
+mod by_hand;
+
+use std::collections::VecDeque;
 use std::io;
 use std::process::ExitStatus;
 use std::time::{Duration, Instant};
@@ -11,19 +14,21 @@ use std::time::{Duration, Instant};
 use protocol::barrier::{Barrier, BarrierError};
 use protocol::brief::Pace;
 use protocol::message::{
-    Beacon, Command, Contact, LatencyHeader, LatencyRow, NeighborStatus, Odometry, StatusHeader,
-    TruthHeader, TruthRow,
+    Beacon, Command, Contact, LatencyHeader, LatencyRow, LinkFaultByHand, NeighborStatus, Odometry,
+    StatusHeader, TruthHeader, TruthRow,
 };
 use protocol::process::{Stop, exit};
 use protocol::run_root::{self, RunRoot, RunRootError};
-use protocol::service::{self, Factory, Node, Qos, ServiceError, Subscriber};
+use protocol::service::{self, Factory, Node, Publisher, Qos, SendError, ServiceError, Subscriber};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use view::View;
 
 use crate::briefs;
 use crate::child::{self, Child, Role, SpawnError};
 use crate::cleanup::Cleaner;
 use crate::cores::{Cores, Stay};
 use crate::latency::Latency;
+use crate::live;
 use crate::metrics::Metrics;
 use crate::metrics::fault::End;
 use crate::robot::{AfterDeath, Robot, Seat, start_order};
@@ -43,6 +48,8 @@ const GRACE: Duration = Duration::from_secs(2);
 const TURN: Duration = Duration::from_millis(2);
 /// How often the agents' reports are looked at; each look costs a little for every robot.
 const REPORTS_EVERY: Duration = Duration::from_millis(10);
+/// How what the scenario planned is written down.
+const AS_PLANNED: &str = "as planned";
 /// How many lines of a dead child's log are shown.
 const LOG_LINES: usize = 8;
 
@@ -70,6 +77,9 @@ pub enum FlightError {
     /// A sample could not be taken.
     #[error("cannot receive from an agent or the plant: {0}")]
     Receive(#[from] iceoryx2::port::ReceiveError),
+    /// A robot could not be told of a link that was cut or mended by hand.
+    #[error("cannot tell a robot of its links: {0}")]
+    Tell(#[from] SendError),
     /// A robot did not come up.
     #[error("{robot} was not ready after {} s; the last lines of its log:\n{log}", READY_MAX.as_secs())]
     NotReady {
@@ -133,6 +143,12 @@ pub struct Flight<'a> {
     run_dir: &'a mut RunDir,
     metrics: &'a mut Metrics,
     stop: Stop,
+    /// Whoever looks on.
+    view: Option<&'a mut View>,
+    /// What was asked for there, and is yet to be done or refused.
+    asked: VecDeque<view::Request>,
+    /// By edge, the fault by which it is cut by hand.
+    cuts: Vec<Option<usize>>,
     outcome: Outcome,
     timeline: Timeline,
     alive: Vec<bool>,
@@ -151,6 +167,8 @@ pub struct Flight<'a> {
     truth: Subscriber<[TruthRow], TruthHeader>,
     /// Of the plant, then of the robots in scenario order.
     latencies: Vec<Subscriber<[LatencyRow], LatencyHeader>>,
+    /// To each robot in scenario order, in real time.
+    faults_by_hand: Vec<Publisher<[LinkFaultByHand]>>,
     cleaner: Cleaner,
     barrier: Option<Barrier>,
     _services: Services,
@@ -167,6 +185,8 @@ struct Services {
     truth: Factory<[TruthRow], TruthHeader>,
     /// Of the plant, then of the robots in scenario order.
     latencies: Vec<Factory<[LatencyRow], LatencyHeader>>,
+    /// Of the robots in scenario order; in lockstep none.
+    faults: Vec<Factory<[LinkFaultByHand]>>,
 }
 
 impl Services {
@@ -191,6 +211,10 @@ impl Services {
             latencies: std::iter::once(service::plant_latency())
                 .chain(robots().map(|(_, robot)| service::latency(&robot.name)))
                 .map(|topic| topic.create(node, Qos::of_latency(1)))
+                .collect::<Result<_, _>>()?,
+            faults: robots()
+                .filter(|_| pace == Pace::Realtime)
+                .map(|(_, robot)| service::faults(&robot.name).create(node, one))
                 .collect::<Result<_, _>>()?,
         })
     }
@@ -228,6 +252,10 @@ impl<'a> Flight<'a> {
             Pace::Realtime => None,
             Pace::Lockstep => Cores::deal(count, std::process::id() as usize),
         };
+        let heard = |i| scenario.graph.heard_by(i).count();
+        let to_robots = services.faults.iter().enumerate();
+        let faults_by_hand =
+            to_robots.map(|(i, faults)| faults.publisher(heard(i))).collect::<Result<_, _>>()?;
         let barrier = match pace {
             Pace::Realtime => None,
             Pace::Lockstep => {
@@ -263,6 +291,9 @@ impl<'a> Flight<'a> {
             run_dir,
             metrics,
             stop,
+            view: None,
+            asked: VecDeque::new(),
+            cuts: vec![None; scenario.graph.edges().len()],
             outcome: Outcome {
                 restarts: vec![0; robots.len()],
                 latency: Latency::new(scenario, pace),
@@ -281,12 +312,18 @@ impl<'a> Flight<'a> {
             stay: cores.map(Stay::new),
             truth,
             latencies,
+            faults_by_hand,
             cleaner,
             barrier,
             _services: services,
             _node: node,
             run_root,
         })
+    }
+
+    /// Lets somebody look on, and act by hand.
+    pub fn watched_by(self, view: Option<&'a mut View>) -> Flight<'a> {
+        Flight { view, ..self }
     }
 
     /// Flies to the end, to a signal, or to an error; then ends every process and removes what
@@ -309,6 +346,7 @@ impl<'a> Flight<'a> {
             stay,
             truth,
             latencies,
+            faults_by_hand,
             cleaner,
             barrier,
             _services,
@@ -316,7 +354,8 @@ impl<'a> Flight<'a> {
             run_root,
             ..
         } = self;
-        drop((robots, plant, loads, stay, truth, latencies, cleaner, barrier, _services, _node));
+        drop((robots, plant, loads, stay, truth, latencies, faults_by_hand));
+        drop((cleaner, barrier, _services, _node));
         if let Err(error) = run_root.remove() {
             tracing::warn!(%error, "could not remove the run root");
         }
@@ -340,6 +379,8 @@ impl<'a> Flight<'a> {
             }
             self.take_cleaned();
             self.run_dir.flush_if_due(Instant::now())?;
+            self.take_requests();
+            self.tell_view();
             progress(self.now_ns());
             if self.now_ns() >= self.scenario.duration_ns {
                 return Ok(());
@@ -389,6 +430,13 @@ impl<'a> Flight<'a> {
             self.run_dir.truth(&header, sample.payload(), errors_m, &self.alive, nearest)?;
             self.outcome.truth = Some(header);
             self.last_news = Instant::now();
+            if let Some(view) = &mut self.view
+                && (view.wants_frame(self.last_news)
+                    || view.is_watched() && header.t_ns >= self.scenario.duration_ns)
+            {
+                let (rows, errors_m) = (sample.payload(), self.metrics.errors());
+                view.frame(live::frame(self.scenario, &header, rows, errors_m, &self.robots));
+            }
             if let Some(barrier) = &self.barrier {
                 barrier.consumed(header.tick + 1);
             }
@@ -417,6 +465,15 @@ impl<'a> Flight<'a> {
         Ok(())
     }
 
+    /// Hands over what else there is to see. Waits for nobody.
+    fn tell_view(&mut self) {
+        let Some(view) = &mut self.view else { return };
+        view.pass_on();
+        if view.wants_latency(Instant::now()) {
+            view.latency(live::stages(&self.outcome.latency));
+        }
+    }
+
     fn take_status(
         &mut self,
         i: usize,
@@ -429,19 +486,24 @@ impl<'a> Flight<'a> {
         }
         robot.misses = header.deadline_misses;
         robot.refused = header.beacons_refused;
+        // It says so before it hears anybody, and knows nothing of links cut before its birth.
+        if matches!(robot.seat, Seat::Starting { .. }) && self.cuts.iter().any(Option::is_some) {
+            self.tell_links(i)?;
+        }
+        let robot = &mut self.robots[i];
         // In lockstep a replacement is ready before its first tick; in real time it takes part
         // once it has answered a sample.
         let takes_part = self.barrier.is_some() || robot.incarnation == 0 || header.flying == 1;
         if takes_part && let Seat::Starting { .. } = robot.seat {
             robot.seat.has_started();
-            let (name, fault) = (robot.name.clone(), robot.fault.take());
+            let fault = robot.fault.take();
             let t_ns = self.now_ns().max(header.t_ns);
             self.alive[i] = true;
             if let Some(barrier) = &self.barrier {
                 barrier.set_member(i, barrier.paused().unwrap_or(0));
             }
             let detail = format!("incarnation {}", header.incarnation);
-            self.run_dir.event(t_ns, "ready", &name, &detail)?;
+            self.event(t_ns, "ready", Some(i), &detail)?;
             if let Some(fault) = fault {
                 self.metrics.fault_ended(fault, End::Whole, t_ns);
             }
@@ -462,7 +524,7 @@ impl<'a> Flight<'a> {
             let known = &mut self.robots[i].contacts[neighbor];
             if std::mem::replace(known, contact) != contact {
                 let detail = format!("{} {}", contact.word(), self.robots[neighbor].name);
-                self.run_dir.event(status.since_t_ns, "contact", &self.robots[i].name, &detail)?;
+                self.event(status.since_t_ns, "contact", Some(i), &detail)?;
             }
         }
         Ok(())
@@ -509,10 +571,16 @@ impl<'a> Flight<'a> {
         let planned = matches!(robot.seat, Seat::Ending { .. });
         robot.seat = Seat::Cleaning;
         self.cleaner.request(i);
-        self.run_dir.event(t_ns, "died", &robot.name, &how)?;
+        let frozen_by = robot.frozen_by.take();
+        self.event(t_ns, "died", Some(i), &how)?;
+        // The dead are not frozen any more.
+        if let Some(fault) = frozen_by {
+            self.metrics.fault_ended(fault, End::Whole, t_ns);
+        }
         if planned {
             return Ok(());
         }
+        let robot = &mut self.robots[i];
         tracing::warn!(robot = robot.name, t_s = t_ns as f64 / 1e9, how, "died unasked");
         let policy = self.scenario.robots[i].restart;
         let verdict = policy.after_death(status.success(), robot.recent_restarts(t_ns, &policy));
@@ -531,15 +599,17 @@ impl<'a> Flight<'a> {
             AfterDeath::Ceiling => {
                 let (count, window_s) = (policy.restarts_max, policy.window_ns as f64 / 1e9);
                 let detail = format!("{count} restarts within {window_s} s");
-                self.run_dir.event(t_ns, "restart-ceiling", &robot.name, &detail)?;
+                self.event(t_ns, "restart-ceiling", Some(i), &detail)?;
             }
             AfterDeath::StayDead => {}
         }
+        let robot = &mut self.robots[i];
         // A death on top of a fault that is still going on belongs to that fault.
         if robot.fault.is_none() {
             robot.fault = Some(self.metrics.died_unplanned(i, &how, self.all_seen_alive_ns));
         }
-        if !returns && let Some(fault) = robot.fault.take() {
+        // Unless somebody brings it back by hand.
+        if !returns && let Some(fault) = robot.fault {
             self.metrics.fault_ended(fault, End::ForGood, self.all_seen_alive_ns);
         }
         self.set_next_pause();
@@ -563,8 +633,9 @@ impl<'a> Flight<'a> {
         while self.outcome.truth.is_some()
             && let Some(due) = self.timeline.take_due(now_ns)
         {
-            self.act_on(due, now_ns)?;
+            self.act_on(due, now_ns, AS_PLANNED)?;
         }
+        self.act_by_hand(now_ns)?;
         for i in 0..self.robots.len() {
             let robot = &mut self.robots[i];
             let due = robot.restart_at_ns.is_some_and(|at_ns| at_ns <= now_ns);
@@ -575,7 +646,7 @@ impl<'a> Flight<'a> {
                 self.last_news = Instant::now();
                 self.outcome.restarts[i] += 1;
                 let detail = format!("incarnation {}", robot.incarnation);
-                self.run_dir.event(now_ns, "restart", &robot.name, &detail)?;
+                self.event(now_ns, "restart", Some(i), &detail)?;
             }
         }
         let at_rest = self.robots.iter().all(|robot| match robot.seat {
@@ -593,17 +664,16 @@ impl<'a> Flight<'a> {
         Ok(())
     }
 
-    /// Does one thing of the timeline.
-    fn act_on(&mut self, due: Due, now_ns: u64) -> Result<(), FlightError> {
+    /// Does one thing of the timeline, or the same by hand: `why` is written down.
+    fn act_on(&mut self, due: Due, now_ns: u64, why: &str) -> Result<(), FlightError> {
         let fault = due.fault;
         match due.act {
             Act::Kill { robot, restart_at_ns } => {
-                self.event(now_ns, "kill", Some(robot), "SIGKILL, as planned")?;
+                self.event(now_ns, "kill", Some(robot), &format!("SIGKILL, {why}"))?;
                 let struck = &mut self.robots[robot];
                 struck.seat.is_killed();
                 struck.restart_at_ns = restart_at_ns;
-                let earlier = std::mem::replace(&mut struck.fault, restart_at_ns.map(|_| fault));
-                if let Some(earlier) = earlier {
+                if let Some(earlier) = struck.fault.replace(fault) {
                     self.metrics.fault_ended(earlier, End::Whole, now_ns);
                 }
                 self.metrics.fault_began(fault, now_ns);
@@ -616,10 +686,14 @@ impl<'a> Flight<'a> {
                     barrier.remove_member(robot);
                 }
                 let stopped = self.robots[robot].seat.freezes();
-                let detail = if stopped { "SIGSTOP" } else { "nobody there to stop" };
-                self.event(now_ns, "freeze", Some(robot), detail)?;
+                if stopped {
+                    self.robots[robot].frozen_by = Some(fault);
+                }
+                let sent = if stopped { "SIGSTOP" } else { "nobody there to stop" };
+                self.event(now_ns, "freeze", Some(robot), &format!("{sent}, {why}"))?;
                 self.metrics.fault_began(fault, now_ns);
-                if self.scenario.faults[fault].for_ns.is_none() {
+                // By hand, it lasts until somebody ends it.
+                if self.scenario.faults.get(fault).is_none_or(|fault| fault.for_ns.is_none()) {
                     self.metrics.fault_ended(fault, End::ForGood, now_ns);
                 }
             }
@@ -629,8 +703,11 @@ impl<'a> Flight<'a> {
                 {
                     barrier.set_member(robot, barrier.paused().unwrap_or(0));
                 }
-                self.event(now_ns, "thaw", Some(robot), "SIGCONT")?;
-                self.metrics.fault_ended(fault, End::Whole, now_ns);
+                self.event(now_ns, "thaw", Some(robot), &format!("SIGCONT, {why}"))?;
+                let frozen_by = self.robots[robot].frozen_by.take();
+                for fault in [Some(fault), frozen_by].into_iter().flatten() {
+                    self.metrics.fault_ended(fault, End::Whole, now_ns);
+                }
             }
             Act::KillPlant => {
                 self.event(now_ns, "kill", None, "SIGKILL of the plant, as planned")?;
@@ -664,6 +741,9 @@ impl<'a> Flight<'a> {
         detail: &str,
     ) -> Result<(), FlightError> {
         let name = robot.map_or("", |robot| self.robots[robot].name.as_str());
+        if let Some(view) = &mut self.view {
+            view.happened(live::happened(t_ns, kind, name, detail));
+        }
         Ok(self.run_dir.event(t_ns, kind, name, detail)?)
     }
 
@@ -681,7 +761,8 @@ impl<'a> Flight<'a> {
     fn set_next_pause(&self) {
         if let Some(barrier) = &self.barrier {
             let restarts = self.robots.iter().filter_map(|robot| robot.restart_at_ns);
-            let next = restarts.chain(self.timeline.next_ns()).min();
+            let asked = (!self.asked.is_empty()).then_some(0);
+            let next = restarts.chain(self.timeline.next_ns()).chain(asked).min();
             barrier.pause_at(next.map_or(u64::MAX, |t_ns| t_ns.div_ceil(self.scenario.period_ns)));
         }
     }

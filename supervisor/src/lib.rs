@@ -9,6 +9,7 @@
 //! | `drawing` | what does its graph look like? |
 //! | `briefs` | what is each process told? |
 //! | `flight` | what happens, in order, from the first process to the last? |
+//! | `flight/by_hand` | what may people do to it meanwhile? |
 //! | `robot` | where is a robot's process in its life, and does it come back? |
 //! | `doctor` | is this machine fit for it? |
 //! | `clean` | what did dead runs leave behind? |
@@ -19,6 +20,7 @@
 //! | `usage` | what did a process take from the machine? |
 //! | `metrics/` | how far apart, how far off, detected and recovered when? |
 //! | `latency` | how late, how long, how old was everything? |
+//! | `live` | what does the live view show of it? |
 //! | `run_dir` | where is it written down? |
 //! | `summary` | what came out? |
 
@@ -33,6 +35,7 @@ pub mod doctor;
 pub mod drawing;
 pub mod flight;
 pub mod latency;
+pub mod live;
 pub mod metrics;
 mod robot;
 pub mod run_dir;

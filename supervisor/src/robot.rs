@@ -41,6 +41,8 @@ pub(crate) struct Robot {
     unplanned_restarts_ns: Vec<u64>,
     /// The fault that its present death, or its replacement's start, belongs to.
     pub(crate) fault: Option<usize>,
+    /// The fault by which it is frozen.
+    pub(crate) frozen_by: Option<usize>,
     pub(crate) status: Subscriber<[NeighborStatus], StatusHeader>,
     /// How it last said it hears each robot.
     pub(crate) contacts: Vec<Contact>,
@@ -77,6 +79,7 @@ impl Robot {
             restart_at_ns: None,
             unplanned_restarts_ns: Vec::new(),
             fault: None,
+            frozen_by: None,
             status,
             contacts: vec![Contact::Unheard; robots],
             frame: Contact::Unheard,

@@ -2,6 +2,7 @@
 //! about it fails.
 
 use std::fmt::Write as _;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -23,6 +24,8 @@ pub struct Phalanx {
 /// A run under way.
 pub struct Running {
     child: Option<Child>,
+    /// What it has said and somebody has read already.
+    said: String,
     shown: String,
     scratch: TempDir,
     run_root: TempDir,
@@ -86,7 +89,13 @@ impl Phalanx {
         self.command.stdout(Stdio::piped()).stderr(Stdio::piped()).stdin(Stdio::null());
         let shown = format!("{:?}", self.command);
         let child = Some(self.command.spawn().unwrap());
-        Running { child, shown, scratch: self.scratch, run_root: self.run_root }
+        Running {
+            child,
+            said: String::new(),
+            shown,
+            scratch: self.scratch,
+            run_root: self.run_root,
+        }
     }
 
     /// Runs to the end.
@@ -169,6 +178,26 @@ impl Running {
         });
     }
 
+    /// Waits for the rest of a line on stderr that begins so.
+    pub fn line(&mut self, begins: &str) -> String {
+        let stderr = self.child.as_mut().expect("runs").stderr.as_mut().expect("piped");
+        let mut line = Vec::new();
+        let mut byte = [0];
+        // Byte by byte: what follows the line is not ours to take.
+        while stderr.read(&mut byte).unwrap() > 0 {
+            line.push(byte[0]);
+            if line.ends_with(b"\n") {
+                let whole = String::from_utf8_lossy(&line).into_owned();
+                line.clear();
+                self.said += &whole;
+                if let Some(rest) = whole.strip_prefix(begins) {
+                    return rest.trim_end().to_owned();
+                }
+            }
+        }
+        panic!("{} ended without saying {begins:?}, but: {}", self.shown, self.said);
+    }
+
     pub fn signal(&self, signal: Signal) {
         signal_pid(self.pid(), signal);
     }
@@ -187,7 +216,7 @@ impl Running {
         let summary = std::fs::read(self.run_dir().join("summary.json"))
             .map(|bytes| serde_json::from_slice(&bytes).expect("summary.json is JSON"))
             .unwrap_or(Value::Null);
-        let stderr = String::from_utf8_lossy(&stderr).into_owned();
+        let stderr = std::mem::take(&mut self.said) + &String::from_utf8_lossy(&stderr);
         let shown = format!(
             "command: {}\ndirectory: {}\nstatus: {status}\nstdout:\n{}\nstderr:\n{stderr}",
             self.shown,

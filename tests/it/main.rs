@@ -24,3 +24,4 @@ mod security;
 mod silence;
 mod soak;
 mod theory;
+mod view;

@@ -1,0 +1,160 @@
+//! What the live view shows of a run: the picture, one instant of it, and how late it all is.
+
+use formation::front_point::front_point;
+use protocol::brief::Pace;
+use protocol::law::Role;
+use protocol::message::{Contact, TruthHeader, TruthRow};
+use report::scene::{
+    EdgeState, Frame, FrameRobot, RobotState, Scene, SceneEdge, SceneFault, SceneRobot,
+};
+use view::{Happened, StageNow};
+
+use crate::latency::Latency;
+use crate::robot::{Robot, Seat};
+use crate::scenario::{FaultKind, Scenario, seconds};
+
+/// What does not change during the run.
+pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
+    let contains = !scenario.contained().is_empty();
+    let robots = scenario.robots.iter().map(|robot| SceneRobot {
+        name: robot.name.clone(),
+        role: match robot.role {
+            Role::Leader => "main-leader",
+            Role::Formation if contains => "leader",
+            Role::Formation => "formation",
+            Role::Contained => "contained",
+        }
+        .into(),
+        front_point_m: robot.front_point_m,
+    });
+    let edges = scenario.graph.edges().iter();
+    let faults = scenario.faults.iter().map(|fault| {
+        let (what, struck) = fault.kind.struck(scenario);
+        let until_ns = match fault.kind {
+            FaultKind::Kill { restart_after_ns, .. } => {
+                restart_after_ns.map(|after_ns| fault.at_ns + after_ns)
+            }
+            _ => fault.until_ns(),
+        };
+        let edge = match fault.kind {
+            FaultKind::Link { edge, .. } => Some(edge),
+            _ => None,
+        };
+        SceneFault {
+            t_s: seconds(fault.at_ns),
+            until_s: until_ns.map(seconds),
+            what,
+            robots: struck.robot.filter(|_| edge.is_none()).into_iter().collect(),
+            edge,
+        }
+    });
+    Scene {
+        name: scenario.name.clone(),
+        pace: pace.word().into(),
+        duration_s: seconds(scenario.duration_ns),
+        distance_min_m: scenario.avoidance.distance_min_m,
+        robots: robots.collect(),
+        edges: edges.map(|edge| SceneEdge { from: edge.from, to: edge.to }).collect(),
+        faults: faults.collect(),
+    }
+}
+
+/// The instant of one truth.
+pub(crate) fn frame(
+    scenario: &Scenario,
+    header: &TruthHeader,
+    rows: &[TruthRow],
+    errors_m: &[Option<f64>],
+    robots: &[Robot],
+) -> Frame {
+    let alphas: Vec<_> = rows
+        .iter()
+        .zip(&scenario.robots)
+        .map(|(row, robot)| front_point(row.pose(), robot.front_point_m))
+        .collect();
+    let pairs = alphas.iter().enumerate().flat_map(|(i, a)| {
+        let others = &alphas[i + 1..];
+        others.iter().map(move |b| (a - b).norm())
+    });
+    let shown = rows.iter().zip(errors_m).zip(robots).map(|((row, error_m), robot)| {
+        let state = state(&robot.seat);
+        FrameRobot {
+            x_m: row.x_m,
+            y_m: row.y_m,
+            heading_rad: row.heading_rad,
+            error_m: error_m.filter(|_| state != RobotState::Dead),
+            state,
+        }
+    });
+    let edges = scenario.graph.edges().iter();
+    let edge = |from: usize, to: usize| match (&robots[to].seat, robots[to].contacts[from]) {
+        (Seat::Flying { .. }, Contact::Fresh) => EdgeState::Fresh,
+        (Seat::Flying { .. }, Contact::Stale | Contact::Unheard) => EdgeState::Stale,
+        // Whoever does not fly hears nobody.
+        _ => EdgeState::Lost,
+    };
+    Frame {
+        t_s: seconds(header.t_ns),
+        robots: shown.collect(),
+        edges: edges.map(|ends| edge(ends.from, ends.to)).collect(),
+        distance_m: pairs.reduce(f64::min),
+    }
+}
+
+fn state(seat: &Seat) -> RobotState {
+    match seat {
+        Seat::Flying { .. } => RobotState::Flying,
+        Seat::Frozen { .. } => RobotState::Frozen,
+        Seat::Starting { .. } => RobotState::Starting,
+        Seat::Ending { .. } | Seat::Cleaning | Seat::Down => RobotState::Dead,
+    }
+}
+
+/// An event of the run.
+pub(crate) fn happened(t_ns: u64, kind: &str, robot: &str, detail: &str) -> Happened {
+    Happened { t_s: seconds(t_ns), kind: kind.into(), robot: robot.into(), detail: detail.into() }
+}
+
+/// How late every stage is so far.
+pub(crate) fn stages(latency: &Latency) -> Vec<StageNow> {
+    let us = |ns: u64| ns as f64 / 1e3;
+    let stages = latency.latest().into_iter().map(|line| StageNow {
+        stage: line.stage,
+        worst: line.edge(),
+        p50_us: us(line.p50_ns),
+        p99_us: us(line.p99_ns),
+        max_us: us(line.max_ns),
+        count: line.count,
+    });
+    stages.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::tests::row_of_three;
+    use crate::scenario::Fault;
+    use protocol::fault::LinkFaultKind;
+
+    #[test]
+    fn the_picture_names_edges_and_faults_by_their_places() {
+        let mut scenario = row_of_three();
+        let cut = FaultKind::Link { edge: 0, kind: LinkFaultKind::Cut };
+        scenario.faults = vec![
+            Fault { at_ns: 1_000_000_000, for_ns: Some(500_000_000), kind: cut },
+            Fault {
+                at_ns: 2_000_000_000,
+                for_ns: None,
+                kind: FaultKind::Kill { robot: 2, restart_after_ns: Some(1_000_000_000) },
+            },
+        ];
+        let scene = scene(&scenario, Pace::Lockstep);
+        let ends = scenario.graph.edges()[0];
+        assert_eq!(scene.edges[0], SceneEdge { from: ends.from, to: ends.to });
+        let [cut, kill] = &scene.faults[..] else { panic!("{:?}", scene.faults) };
+        assert_eq!((cut.t_s, cut.until_s, cut.edge), (1.0, Some(1.5), Some(0)));
+        assert!(cut.robots.is_empty(), "{cut:?}");
+        assert_eq!((kill.what.as_str(), kill.until_s), ("kill r3", Some(3.0)));
+        assert_eq!((&kill.robots[..], kill.edge), (&[2][..], None));
+    }
+}

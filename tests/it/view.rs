@@ -1,0 +1,396 @@
+//! The live view, seen from the browser's side: who is let in, what is shown, and what buttons do.
+
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
+use std::time::Duration;
+
+use rustix::process::Signal;
+use serde_json::{Value, json};
+
+use crate::harness::{Ended, Phalanx, Running, run};
+
+/// Only a hang takes this long.
+const HANG: Duration = Duration::from_secs(60);
+
+/// The page of a run, as a browser knows it.
+struct Page {
+    host: String,
+    token: String,
+}
+
+/// An answer: status, headers, body.
+struct Answer {
+    status: u16,
+    headers: String,
+    body: String,
+}
+
+impl Page {
+    fn of(running: &mut Running) -> Page {
+        let url = running.line("view: ");
+        let rest = url.strip_prefix("http://").unwrap();
+        let (host, token) = rest.split_once("/?token=").unwrap();
+        Page { host: host.into(), token: token.into() }
+    }
+
+    fn connect(&self) -> TcpStream {
+        let stream = TcpStream::connect(&self.host).unwrap();
+        stream.set_read_timeout(Some(HANG)).unwrap();
+        stream
+    }
+
+    /// Sends a request as it stands, but for its last lines, and waits for the whole answer.
+    fn ask(&self, head: &str, body: &str) -> Answer {
+        let mut stream = self.connect();
+        let length = body.len();
+        write!(stream, "{head}\r\nContent-Length: {length}\r\n\r\n{body}").unwrap();
+        let mut text = String::new();
+        stream.read_to_string(&mut text).unwrap();
+        let (headers, body) = text.split_once("\r\n\r\n").unwrap();
+        let status = headers.split(' ').nth(1).unwrap().parse().unwrap();
+        Answer { status, headers: headers.to_lowercase(), body: body.into() }
+    }
+
+    /// With the token; HTTP/1.0, so that the answer ends with the connection.
+    fn head(&self, method: &str, path: &str) -> String {
+        let Page { host, token } = self;
+        format!("{method} {path}?token={token} HTTP/1.0\r\nHost: {host}")
+    }
+
+    fn get(&self, path: &str) -> Answer {
+        self.ask(&self.head("GET", path), "")
+    }
+
+    /// Presses a button; the status, and the reason where it was refused.
+    fn press(&self, order: Value) -> (u16, String) {
+        let Page { host, .. } = self;
+        let head = self.head("POST", "/control");
+        let head = format!("{head}\r\nOrigin: http://{host}\r\nContent-Type: application/json");
+        let answer = self.ask(&head, &order.to_string());
+        (answer.status, answer.body)
+    }
+
+    fn press_on(&self, act: &str, robot: &str) -> (u16, String) {
+        self.press(json!({ "act": act, "robot": robot }))
+    }
+
+    fn press_on_link(&self, act: &str, from: &str, to: &str) -> (u16, String) {
+        self.press(json!({ "act": act, "from": from, "to": to }))
+    }
+
+    fn events(&self) -> Events {
+        let mut stream = self.connect();
+        write!(stream, "{}\r\n\r\n", self.head("GET", "/events")).unwrap();
+        let mut lines = BufReader::new(stream);
+        let mut line = String::new();
+        lines.read_line(&mut line).unwrap();
+        assert!(line.contains(" 200 "), "{line}");
+        while line != "\r\n" {
+            line.clear();
+            lines.read_line(&mut line).unwrap();
+        }
+        Events(lines)
+    }
+}
+
+/// A client's stream.
+struct Events(BufReader<TcpStream>);
+
+impl Iterator for Events {
+    type Item = (String, Value);
+
+    /// The next event, its name empty for a frame; `None` once the stream has ended.
+    fn next(&mut self) -> Option<(String, Value)> {
+        let (mut name, mut data) = (String::new(), None);
+        loop {
+            let mut line = String::new();
+            if self.0.read_line(&mut line).unwrap() == 0 {
+                return None;
+            }
+            match line.trim_end().split_once(": ") {
+                Some(("event", word)) => name = word.into(),
+                Some(("data", json)) => data = Some(serde_json::from_str(json).unwrap()),
+                // The end of an event, or a sign of life.
+                _ => {
+                    if let Some(data) = data.take() {
+                        return Some((name, data));
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl Events {
+    /// The first frame of which this holds, within some thousand of events.
+    #[track_caller]
+    fn frame(&mut self, what: &str, holds: impl Fn(&Value) -> bool) -> Value {
+        let frames = self.take(5000).filter(|(name, _)| name.is_empty());
+        let found = frames.map(|(_, frame)| frame).find(|frame| holds(frame));
+        found.unwrap_or_else(|| panic!("no frame shows {what}"))
+    }
+
+    #[track_caller]
+    fn robot_is(&mut self, place: usize, state: &str) {
+        self.frame(state, |frame| frame["robots"][place]["state"] == state);
+    }
+
+    #[track_caller]
+    fn edge_is(&mut self, place: usize, state: &str) {
+        self.frame(state, |frame| frame["edges"][place] == state);
+    }
+
+    #[track_caller]
+    fn happens(&mut self, kind: &str, robot: &str) -> Value {
+        let mut events = self.take(5000).filter(|(name, _)| name == "happened");
+        let found = events.find(|(_, said)| said["kind"] == kind && said["robot"] == robot);
+        found.unwrap_or_else(|| panic!("no {kind} of {robot} is told")).1
+    }
+}
+
+/// A triangle in real time that flies until it is interrupted; r1 hears r2, r2 r3, and r3 r1.
+fn watched(args: &[&str]) -> (Running, Page) {
+    let triangle = run("triangle").set("duration_s=100").set("expect={}");
+    let mut running = triangle.args(args.iter().copied()).start();
+    let page = Page::of(&mut running);
+    (running, page)
+}
+
+/// Interrupts a run under way.
+#[track_caller]
+fn interrupted(running: Running) -> Ended {
+    running.signal(Signal::INT);
+    let ended = running.finish();
+    ended.exits_with(130).leaves_nothing();
+    ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
+    ended
+}
+
+#[test]
+fn the_page_and_its_stream_are_for_those_with_the_token_who_come_by_our_name() {
+    let (running, page) = watched(&["--view"]);
+    assert!(page.host.starts_with("127.0.0.1:"), "{}", page.host);
+    let shown = page.get("/");
+    assert_eq!(shown.status, 200, "{}", shown.body);
+    assert!(shown.body.contains("<script"), "{}", shown.body);
+    for header in [
+        "content-type: text/html",
+        "content-security-policy: default-src 'none'",
+        "referrer-policy: no-referrer",
+        "cache-control: no-store",
+    ] {
+        assert!(shown.headers.contains(header), "{header}: {}", shown.headers);
+    }
+    assert_eq!(page.get("/nothing").status, 404);
+    let Page { host, token } = &page;
+    let other = token.replace(['0', '1', '2', '3', '4', '5', '6', '7'], "8");
+    for (path, host) in [
+        ("/".to_owned(), host.as_str()),
+        (format!("/?token={other}"), host),
+        ("/events".to_owned(), host),
+        (format!("/events?token={token}0"), host),
+        (format!("/?token={token}"), "evil.example"),
+        (format!("/events?token={token}"), "127.0.0.1.evil.example:80"),
+    ] {
+        let answer = page.ask(&format!("GET {path} HTTP/1.0\r\nHost: {host}"), "");
+        assert_eq!(answer.status, 403, "{path} of {host}: {}", answer.body);
+        assert!(!answer.body.contains(token.as_str()));
+    }
+    let (status, reason) = page.press_on("kill", "r1");
+    assert_eq!(status, 403, "it may only be looked at");
+    assert!(reason.contains("--view-control"), "{reason}");
+
+    let mut events = page.events();
+    let (mut t_s, mut dropped) = (-1.0, 0);
+    for _ in 0..10 {
+        let frame = events.frame("later", |frame| frame["t_s"].as_f64() > Some(t_s));
+        t_s = frame["t_s"].as_f64().unwrap();
+        assert!(frame["dropped"].as_u64() >= Some(dropped), "{frame}");
+        dropped = frame["dropped"].as_u64().unwrap();
+        let has =
+            |key: &str| frame["robots"].as_array().unwrap().iter().all(|r| r.get(key).is_some());
+        assert!(
+            ["x_m", "y_m", "heading_rad", "error_m", "state"].iter().all(|key| has(key)),
+            "{frame}"
+        );
+        assert_eq!(frame["robots"].as_array().unwrap().len(), 3);
+        assert_eq!(frame["edges"].as_array().unwrap().len(), 3);
+        assert!(frame["distance_m"].as_f64() >= Some(0.2), "{frame}");
+        assert!(frame["behind_ms"].is_u64() && frame["at_unix_ms"].is_u64(), "{frame}");
+    }
+    let (_, latency) = events.find(|(name, _)| name == "latency").expect("latencies");
+    let stages = latency.as_array().unwrap();
+    let wake = stages.iter().find(|row| row["stage"] == "wake").expect("of waking up");
+    assert!(wake["count"].as_u64() > Some(0) && wake["max_us"].as_f64() >= wake["p50_us"].as_f64());
+
+    running.signal(Signal::INT);
+    let (_, landed) = events.find(|(name, _)| name == "landed").expect("the end is told");
+    assert_eq!(landed["exit"], 130);
+    assert!(landed["text"].as_str().unwrap().contains("interrupted"), "{landed}");
+    assert!(events.next().is_none(), "the stream ends");
+    interrupted(running);
+}
+
+#[test]
+fn robots_killed_frozen_and_brought_back_by_hand_count_like_those_of_the_scenario() {
+    let (running, page) = watched(&["--view", "--view-control"]);
+    let mut events = page.events();
+    events.robot_is(1, "flying");
+    for (order, status, reason) in [
+        (json!({ "act": "kill", "robot": "r9" }), 404, "no robot \"r9\""),
+        (json!({ "act": "explode", "robot": "r1" }), 400, "kill"),
+        (json!({ "act": "restart", "robot": "r1" }), 409, "r1 is flying, expected dead"),
+        (json!({ "act": "thaw", "robot": "r1" }), 409, "r1 is flying, expected frozen"),
+    ] {
+        let (found, said) = page.press(order);
+        assert_eq!(found, status, "{said}");
+        assert!(said.contains(reason), "{said}");
+    }
+    let plain = page.head("POST", "/control");
+    let foreign =
+        format!("{plain}\r\nContent-Type: application/json\r\nOrigin: http://evil.example");
+    let kill = r#"{"act":"kill","robot":"r1"}"#;
+    assert_eq!(page.ask(&plain, kill).status, 415, "a form of another site has no JSON");
+    assert_eq!(page.ask(&foreign, kill).status, 403, "a script of another site has its origin");
+    let long = format!("{plain}\r\nContent-Type: application/json");
+    assert_eq!(page.ask(&long, &" ".repeat(5000)).status, 413, "no order is that long");
+
+    assert_eq!(page.press_on("kill", "r2"), (204, String::new()));
+    assert_eq!(events.happens("kill", "r2")["detail"], "SIGKILL, by hand");
+    events.happens("died", "r2");
+    events.robot_is(1, "dead");
+    let (status, reason) = page.press_on("kill", "r2");
+    assert_eq!(
+        (status, reason.as_str()),
+        (409, "r2 is dead, expected starting or flying or frozen")
+    );
+    assert_eq!(page.press_on("restart", "r2").0, 204);
+    events.robot_is(1, "flying");
+    assert_eq!(page.press_on("freeze", "r3").0, 204);
+    events.robot_is(2, "frozen");
+    assert_eq!(page.press_on("freeze", "r3").0, 409, "it is frozen already");
+    assert_eq!(page.press_on("thaw", "r3").0, 204);
+    events.robot_is(2, "flying");
+    // Frozen and killed, it is not frozen when it comes back.
+    assert_eq!(page.press_on("freeze", "r1").0, 204);
+    assert_eq!(page.press_on("kill", "r1").0, 204);
+    assert_eq!(page.press_on("restart", "r1").0, 204);
+    events.happens("ready", "r1");
+    events.robot_is(0, "flying");
+
+    let ended = interrupted(running);
+    let faults = ended.summary["faults"].as_array().cloned().unwrap_or_default();
+    let what: Vec<&str> = faults.iter().filter_map(|fault| fault["what"].as_str()).collect();
+    let struck = ["kill r2", "freeze r3", "freeze r1", "kill r1"].map(|s| format!("{s}, by hand"));
+    ended.claim(what == struck, format!("the report names what was done: {what:?}"));
+    let over = faults.iter().all(|fault| fault["lasted_s"].as_f64() >= Some(0.0));
+    ended.claim(over, "and that it is over");
+    ended.claim(ended.number("/restarts/r2") == 1.0, "r2 was restarted once");
+    ended.claim(ended.number("/restarts/r1") == 1.0, "and r1");
+    let written = ended.file("events.csv");
+    for event in ["kill,r2,\"SIGKILL, by hand\"", "freeze,r3,", "thaw,r3,\"SIGCONT, by hand\""] {
+        ended.claim(written.contains(event), format!("it is written down: {event}"));
+    }
+}
+
+#[test]
+fn a_link_cut_by_hand_is_lost_to_its_hearer_until_it_is_mended_even_if_that_one_dies_meanwhile() {
+    let (mut running, page) = watched(&["--view", "--view-control"]);
+    let mut events = page.events();
+    // The scenario's edges in order: r1 hears r2, r2 r3, r3 r1.
+    events.edge_is(0, "fresh");
+    let (status, reason) = page.press_on_link("cut", "r1", "r2");
+    assert_eq!((status, reason.contains("r2 does not hear r1")), (404, true), "{reason}");
+    let (status, reason) = page.press_on_link("mend", "r2", "r1");
+    assert_eq!((status, reason.as_str()), (409, "r2->r1 was not cut by hand"));
+    assert_eq!(page.press_on_link("cut", "r2", "r1").0, 204);
+    assert_eq!(page.press_on_link("cut", "r2", "r1").0, 409, "it is cut already");
+    events.edge_is(0, "lost");
+    let lost = events.frame("the others", |frame| frame["edges"][1] == "fresh");
+    assert_eq!(lost["edges"][0], "lost", "the others are well: {lost}");
+
+    assert_eq!(page.press_on("kill", "r1").0, 204);
+    assert_eq!(page.press_on("restart", "r1").0, 204);
+    events.happens("ready", "r1");
+    events.frame("r1 flying and deaf", |frame| {
+        frame["robots"][0]["state"] == "flying" && frame["edges"][0] == "lost"
+    });
+    assert_eq!(page.press_on_link("mend", "r2", "r1").0, 204);
+    events.edge_is(0, "fresh");
+    running.wait_for("the return of r2", |run| {
+        let events = run.events();
+        let (_, since) = events.split_once(",mend,r1,")?;
+        since.contains(",contact,r1,fresh r2").then_some(())
+    });
+    let ended = interrupted(running);
+    let written = ended.file("events.csv");
+    let (_, since_cut) = written.split_once(",cut,r1,\"r2->r1, by hand\"").unwrap_or_default();
+    let lost = since_cut.find(",contact,r1,lost r2");
+    ended.claim(lost.is_some(), "r1 has lost r2");
+    ended.claim(since_cut.find(",contact,r1,stale r2") < lost, "after it had been stale");
+    ended.claim(ended.summary["faults"][0]["what"] == "cut r2->r1, by hand", "it is a fault");
+    ended.claim(ended.number("/faults/0/lost_after_s") > 0.0, "that was noticed");
+    ended.claim(ended.number("/faults/0/lasted_s") > 0.0, "and has ended");
+}
+
+/// Slow enough to be looked at: half a minute of run time in some seconds of wall time.
+fn lockstep() -> Phalanx {
+    run("triangle").lockstep().set("period_s=0.0005").set("expect={}")
+}
+
+#[test]
+fn who_looks_changes_nothing_in_lockstep_whether_it_reads_or_not() {
+    let alone = lockstep().finish();
+    let mut running = lockstep().args(["--view", "--view-control"]).start();
+    let page = Page::of(&mut running);
+    let idle = page.events();
+    let (told, _) = page.events().partition::<Vec<_>, _>(|(name, _)| !name.is_empty());
+    let (name, landed) = told.last().expect("something is told");
+    assert_eq!((name.as_str(), &landed["exit"]), ("landed", &json!(0)), "{told:?}");
+    let ended = running.finish();
+    ended.exits_with(0).leaves_nothing();
+    ended.claim(ended.hash() == alone.hash(), format!("the same hash, {}", alone.hash()));
+    drop(idle);
+}
+
+#[test]
+fn in_lockstep_robots_are_broken_by_hand_at_the_next_tick_and_links_are_not() {
+    let mut running = lockstep().set("period_s=0.0001").args(["--view", "--view-control"]).start();
+    let page = Page::of(&mut running);
+    let mut events = page.events();
+    events.robot_is(1, "flying");
+    let (status, reason) = page.press_on_link("cut", "r2", "r1");
+    assert_eq!((status, reason.contains("--pace realtime")), (409, true), "{reason}");
+    assert_eq!(page.press_on("freeze", "r3").0, 204);
+    events.robot_is(2, "frozen");
+    assert_eq!(page.press_on("thaw", "r3").0, 204);
+    assert_eq!(page.press_on("kill", "r2").0, 204);
+    events.robot_is(1, "dead");
+    assert_eq!(page.press_on("restart", "r2").0, 204);
+    events.happens("ready", "r2");
+    drop(events);
+    let ended = running.finish();
+    ended.exits_with(0).leaves_nothing();
+    ended.claim(ended.number("/restarts/r2") == 1.0, "r2 was restarted");
+    ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
+    ended.claim(ended.number("/final_error_m_max") < 1e-3, "and the formation stands");
+}
+
+#[test]
+fn a_view_that_others_could_reach_or_that_finds_its_port_taken_starts_nothing() {
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port().to_string();
+    for (args, code, said) in [
+        (vec!["--view=0.0.0.0:0"], 2, "--insecure"),
+        (vec!["--view=[::]:0"], 2, "--insecure"),
+        (vec!["--view=nowhere"], 2, "such as 8080"),
+        (vec!["--view-control"], 2, "--view"),
+        (vec!["--insecure"], 2, "--view"),
+        (vec![&*format!("--view={port}")], 4, "Address already in use"),
+    ] {
+        let ended = run("triangle").args(args).finish();
+        ended.exits_with(code).leaves_nothing();
+        ended.claim(ended.stderr.contains(said), format!("it says {said}"));
+        ended.claim(!ended.run_dir().exists(), "nothing is written");
+    }
+}

@@ -16,7 +16,7 @@ use crate::machine::Machine;
 use crate::round_trip::Transport;
 use crate::table::Report;
 use crate::{
-    BenchError, floor, lockstep, neighbor, peers, realtime, replacement, round_trip, startup,
+    BenchError, floor, lockstep, neighbor, peers, realtime, replacement, round_trip, startup, view,
 };
 
 /// Round trips by each means in one second's worth of a round; five rounds of a full bench make
@@ -68,6 +68,8 @@ enum Part {
     Realtime,
     /// From a neighbor's publication to its use, against iceoryx2 polled by the same timers.
     Neighbor,
+    /// The same with a live view that is looked at, and without; not unless asked for.
+    View,
     /// Time until everybody is ready.
     Startup,
     /// Time from a kill to the replacement's first command.
@@ -175,6 +177,9 @@ fn measure(args: &BenchArgs, stop: &Stop) -> Result<Report, BenchError> {
         let robots = or(&[2, 8]);
         let seconds = REALTIME * seconds;
         rows.extend(neighbor::measure(&root, stop, &robots, rounds, seconds, progress)?);
+    }
+    if args.only.contains(&Part::View) {
+        rows.extend(view::measure(&root, stop, &or(&[8]), rounds, REALTIME * seconds, progress)?);
     }
     if wanted(Part::Startup) {
         let mut robots = or(&[8, 64]);

@@ -36,10 +36,21 @@ impl Flying<'_> {
         scenario: &str,
         pace: Pace,
     ) -> Result<Flying<'a>, BenchError> {
+        Flying::start_with(root, stop, scenario, pace, &[])
+    }
+
+    /// The same with more words on its command line.
+    pub(crate) fn start_with<'a>(
+        root: &RunRoot,
+        stop: &'a Stop,
+        scenario: &str,
+        pace: Pace,
+        more: &[&str],
+    ) -> Result<Flying<'a>, BenchError> {
         let place = Place::new(root, "flown")?;
         let file = place.path().join("scenario.toml");
         std::fs::write(&file, scenario).map_err(failed("write", &file))?;
-        let words: [OsString; 7] = [
+        let mut words: Vec<OsString> = vec![
             "run".into(),
             file.into(),
             "--pace".into(),
@@ -48,6 +59,7 @@ impl Flying<'_> {
             "--out".into(),
             place.path().join("run").into(),
         ];
+        words.extend(more.iter().map(OsString::from));
         let run = Child::spawn(Role::Bench { words: &words }, &place.path().join("log"), false)?;
         Ok(Flying { stop, run, place })
     }
@@ -66,6 +78,20 @@ impl Flying<'_> {
 
     fn run_dir(&self) -> PathBuf {
         self.place.path().join("run")
+    }
+
+    /// Waits for the rest of a line that it says and that begins so.
+    pub(crate) fn said(&mut self, begins: &str) -> Result<String, BenchError> {
+        let log = self.place.path().join("log");
+        loop {
+            let text = std::fs::read_to_string(&log).map_err(failed("read", &log))?;
+            let whole = text.split_inclusive('\n').filter(|line| line.ends_with('\n'));
+            if let Some(rest) = whole.filter_map(|line| line.strip_prefix(begins)).next() {
+                return Ok(rest.trim_end().to_owned());
+            }
+            self.check()?;
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
 
     /// Fails if the run has ended, or the bench is to end.

@@ -13,6 +13,7 @@
 //! | `floor` | the same brains and world over a mapping or over pipes |
 //! | `realtime` | how many deadlines are missed, at which rate and size? |
 //! | `neighbor` | how long from a neighbor's publication to its use? |
+//! | `view` | is anybody later if a browser looks on? |
 //! | `startup` | how long until everybody is ready? |
 //! | `replacement` | how long from a kill to the replacement's first command? |
 //! | `ring` | which scenario is flown? |
@@ -38,6 +39,7 @@ pub mod ring;
 mod round_trip;
 mod startup;
 mod table;
+mod view;
 
 use std::io;
 use std::path::{Path, PathBuf};

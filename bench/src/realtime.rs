@@ -15,7 +15,8 @@ use crate::table::Row;
 const RATES_HZ: [u64; 2] = [100, 1000];
 
 /// Of the lateness: its names in `summary.json`, and in the table.
-const LATENESS: [(&str, &str); 3] = [("p50_ns", "p50"), ("p99_ns", "p99"), ("p99.9_ns", "p99.9")];
+pub(crate) const LATENESS: [(&str, &str); 3] =
+    [("p50_ns", "p50"), ("p99_ns", "p99"), ("p99.9_ns", "p99.9")];
 
 /// Measures runs of `seconds` each.
 pub(crate) fn measure(
@@ -69,7 +70,7 @@ pub(crate) fn measure(
 
 /// The largest of the robots' figures of this name of how late they woke, us; `None` where the
 /// summary tells nothing of it.
-fn latest_wake_us(summary: &Value, key: &str) -> Option<f64> {
+pub(crate) fn latest_wake_us(summary: &Value, key: &str) -> Option<f64> {
     let stages = summary["latency"].as_array()?;
     let robots = stages.iter().filter(|row| row["stage"] == "wake" && row["robot"] != "plant");
     robots.filter_map(|row| row[key].as_f64()).reduce(f64::max).map(|ns| ns / 1e3)

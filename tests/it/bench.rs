@@ -115,6 +115,26 @@ fn every_part_gives_figures_and_all_means_fly_the_robots_along_one_trajectory() 
 }
 
 #[test]
+fn a_bench_of_the_live_view_flies_with_a_reader_and_without() {
+    let args = ["--only", "view", "--robots", "3", "--seconds", "0.3"];
+    let output = bench(&args).finish(None, |_| false);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let report: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let rows = report["rows"].as_array().unwrap();
+    let figure = |what: &str, of: &str| {
+        let row = rows.iter().find(|row| row["what"].as_str().unwrap().contains(what));
+        row.unwrap_or_else(|| panic!("no {what}: {report:#}"))[of]["median"].as_f64()
+    };
+    assert!(figure("missed, % of periods, watched", "ours") >= Some(0.0));
+    assert!(figure("missed, % of periods, without a view", "ours") >= Some(0.0));
+    assert!(figure("frames", "ours") > Some(0.0), "the reader was shown the run: {report:#}");
+    for quantile in ["p50", "p99", "p99.9"] {
+        let what = format!("wake lateness {quantile} ");
+        assert!(figure(&what, "ours") > Some(0.0) && figure(&what, "floor") > Some(0.0));
+    }
+}
+
+#[test]
 fn an_interrupted_bench_ends_its_robots_and_leaves_nothing() {
     // Measurements far longer than the test waits; but the first peer of a floor comes after ours.
     for (part, seconds, sign) in [

@@ -1,8 +1,8 @@
-//! An agent's ports: its own services (in real time six, in lockstep five), and the beacons of those
-//! it hears. It opens no others.
+//! An agent's ports: its own five services, a sixth where links may be cut by hand, and the beacons
+//! of those it hears. It opens no others.
 
 use iceoryx2::port::update_connections::UpdateConnections as _;
-use protocol::brief::{AgentBrief, Pace};
+use protocol::brief::AgentBrief;
 use protocol::latency::LatencyPort;
 use protocol::message::{Beacon, Command, LinkFaultByHand, NeighborStatus, Odometry, StatusHeader};
 use protocol::service::{self, Node, Publisher, SendError, ServiceError, Subscriber, send_slice};
@@ -14,7 +14,7 @@ use crate::brain::{Answer, Brain};
 pub struct Ports {
     odometry: Subscriber<Odometry>,
     neighbors: Vec<Subscriber<Beacon>>,
-    /// In real time.
+    /// Where links may be cut by hand.
     faults: Option<Subscriber<[LinkFaultByHand]>>,
     status: Publisher<[NeighborStatus], StatusHeader>,
     /// For what the loop measures.
@@ -64,9 +64,9 @@ impl Ports {
         Ok(Ports {
             odometry: service::odometry(own).open(&node)?.subscriber()?,
             neighbors,
-            faults: match brief.pace {
-                Pace::Realtime => Some(service::faults(own).open(&node)?.subscriber()?),
-                Pace::Lockstep => None,
+            faults: match brief.links_by_hand {
+                true => Some(service::faults(own).open(&node)?.subscriber()?),
+                false => None,
             },
             status: service::status(own).open(&node)?.publisher(brief.neighbors.len())?,
             latency: LatencyPort::new(

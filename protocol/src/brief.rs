@@ -185,6 +185,9 @@ pub struct AgentBrief {
     pub avoidance: AvoidanceBrief,
     /// What to do about the silent.
     pub silence: SilenceBrief,
+    /// Links may be cut by hand: it is told so over `robot/<id>/faults`. In real time only.
+    #[serde(default)]
+    pub links_by_hand: bool,
     /// When it is to need longer for an answer.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub slow: Vec<SlowFault>,

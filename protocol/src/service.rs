@@ -188,7 +188,7 @@ pub fn status(robot: &str) -> Topic<[NeighborStatus], StatusHeader> {
     Topic::new(format!("robot/{robot}/status"))
 }
 
-/// `robot/<id>/faults`: supervisor to agent, in real time: how all of its links are, each time that one
+/// `robot/<id>/faults`: supervisor to agent, in real time, where links may be cut by hand: how all of its links are, each time that one
 /// is cut or mended by hand.
 pub fn faults(robot: &str) -> Topic<[LinkFaultByHand]> {
     Topic::new(format!("robot/{robot}/faults"))

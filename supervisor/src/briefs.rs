@@ -43,6 +43,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
             FaultKind::Slow { robot, delay_ns } if robot == i => Some(SlowFault { span, delay_ns }),
             _ => None,
         }),
+        links_by_hand: false,
         neighbors: neighbors.collect(),
     }
 }

@@ -389,13 +389,15 @@ fn fly(
     run_dir.write_manifest(manifest)?;
     run_dir.begin_recording(text, manifest)?;
     let mut metrics = Metrics::new(scenario, pace);
+    let by_hand = looks.as_ref().is_some_and(|looks| looks.control);
     let mut view = None;
     if let Some(Looks { bound, control }) = looks {
         let _ = writeln!(io::stderr(), "view: {}", bound.url());
         view = Some(bound.serve(live::scene(scenario, pace), control)?);
     }
     let bar = BAR.get_or_init(|| progress_bar(scenario.duration_ns));
-    let launched = Flight::launch(scenario, pace, hurried, &mut run_dir, &mut metrics, stop);
+    let launched =
+        Flight::launch(scenario, pace, hurried, by_hand, &mut run_dir, &mut metrics, stop);
     let (outcome, flown) = match launched {
         Ok(flight) => flight.watched_by(view.as_mut()).fly(|t_ns| show_progress(bar, t_ns)),
         Err(error) => (flight::Outcome::default(), Err(error)),

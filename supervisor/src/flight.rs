@@ -12,7 +12,7 @@ use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
 use protocol::barrier::{Barrier, BarrierError};
-use protocol::brief::Pace;
+use protocol::brief::{AgentBrief, Pace};
 use protocol::message::{
     Beacon, Command, Contact, LatencyHeader, LatencyRow, LinkFaultByHand, NeighborStatus, Odometry,
     StatusHeader, TruthHeader, TruthRow,
@@ -167,7 +167,7 @@ pub struct Flight<'a> {
     truth: Subscriber<[TruthRow], TruthHeader>,
     /// Of the plant, then of the robots in scenario order.
     latencies: Vec<Subscriber<[LatencyRow], LatencyHeader>>,
-    /// To each robot in scenario order, in real time.
+    /// To each robot in scenario order, if links may be cut by hand.
     faults_by_hand: Vec<Publisher<[LinkFaultByHand]>>,
     cleaner: Cleaner,
     barrier: Option<Barrier>,
@@ -185,12 +185,17 @@ struct Services {
     truth: Factory<[TruthRow], TruthHeader>,
     /// Of the plant, then of the robots in scenario order.
     latencies: Vec<Factory<[LatencyRow], LatencyHeader>>,
-    /// Of the robots in scenario order; in lockstep none.
+    /// Of the robots in scenario order; none unless links may be cut by hand.
     faults: Vec<Factory<[LinkFaultByHand]>>,
 }
 
 impl Services {
-    fn create(node: &Node, scenario: &Scenario, pace: Pace) -> Result<Services, ServiceError> {
+    fn create(
+        node: &Node,
+        scenario: &Scenario,
+        pace: Pace,
+        links_by_hand: bool,
+    ) -> Result<Services, ServiceError> {
         let robots = || scenario.robots.iter().enumerate();
         let one = Qos::of_robot(pace, 1);
         let hearers = |i| Qos::of_robot(pace, scenario.graph.hearers_of(i).count());
@@ -213,7 +218,7 @@ impl Services {
                 .map(|topic| topic.create(node, Qos::of_latency(1)))
                 .collect::<Result<_, _>>()?,
             faults: robots()
-                .filter(|_| pace == Pace::Realtime)
+                .filter(|_| links_by_hand)
                 .map(|(_, robot)| service::faults(&robot.name).create(node, one))
                 .collect::<Result<_, _>>()?,
         })
@@ -222,11 +227,13 @@ impl Services {
 
 impl<'a> Flight<'a> {
     /// Makes the run root and all services, writes the briefs and starts every process; agents and
-    /// plant before every ordinary process of the machine, if `realtime_priority`.
+    /// plant before every ordinary process of the machine, if `realtime_priority`. `by_hand`: somebody
+    /// may break things by hand.
     pub fn launch(
         scenario: &'a Scenario,
         pace: Pace,
         realtime_priority: bool,
+        by_hand: bool,
         run_dir: &'a mut RunDir,
         metrics: &'a mut Metrics,
         stop: Stop,
@@ -243,7 +250,9 @@ impl<'a> Flight<'a> {
             path: run_root.path().into(),
             source,
         })?;
-        let services = Services::create(&node, scenario, pace)?;
+        // Each takes descriptors and memory: only where they can be of use.
+        let links_by_hand = by_hand && pace == Pace::Realtime;
+        let services = Services::create(&node, scenario, pace, links_by_hand)?;
         let truth = services.truth.subscriber()?;
         let latencies =
             services.latencies.iter().map(Factory::subscriber).collect::<Result<_, _>>()?;
@@ -278,6 +287,7 @@ impl<'a> Flight<'a> {
         let mut robots = Vec::new();
         for (i, robot) in scenario.robots.iter().enumerate() {
             let brief = briefs::agent(scenario, i, pace, run_root.path());
+            let brief = AgentBrief { links_by_hand, ..brief };
             let told = run_dir.write_brief(&robot.name, &brief)?;
             let log = run_dir.log_path(&robot.name);
             let status = services.status[i].subscriber()?;

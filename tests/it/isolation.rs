@@ -12,11 +12,12 @@ fn an_agent_opens_its_own_services_and_the_beacons_it_hears_and_no_others() {
     let mut running = run("triangle").set("duration_s=60").start();
     running.wait_for_event("contact");
     let services = services(&running);
-    assert_eq!(services.len(), 20, "{services:?}");
+    assert_eq!(services.len(), 17, "{services:?}");
     for (pid, name) in running.children().iter().filter(|(_, name)| name != "plant") {
-        let own = ["odometry", "command", "beacon", "status", "latency", "faults"];
-        let mut expected: BTreeSet<String> =
-            own.iter().map(|service| format!("robot/{name}/{service}")).collect();
+        let mut expected: BTreeSet<String> = ["odometry", "command", "beacon", "status", "latency"]
+            .iter()
+            .map(|service| format!("robot/{name}/{service}"))
+            .collect();
         expected.insert(format!("robot/{}/beacon", hears[name.as_str()]));
 
         let tagged = tagged(&running, *pid, &services);
@@ -28,10 +29,9 @@ fn an_agent_opens_its_own_services_and_the_beacons_it_hears_and_no_others() {
             .map(|service| service.name.clone())
             .collect();
         assert_eq!(open, expected, "mappings of {name}");
-        // One data segment for each sender: four of its own, the plant's, the neighbour's, and the
-        // supervisor's, who may cut links by hand.
+        // One data segment for each sender: four of its own, the plant's, the neighbour's.
         let data = mapped.iter().filter(|path| path.ends_with(".data")).count();
-        assert_eq!(data, 7, "{name}: {mapped:?}");
+        assert_eq!(data, 6, "{name}: {mapped:?}");
     }
 }
 

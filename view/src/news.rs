@@ -120,8 +120,11 @@ pub(crate) fn tell(mut news: watch::Receiver<News>, seat: Seat) -> Response {
         loop {
             let (lines, last) = told.more(&news.borrow_and_update());
             for (name, data) in lines {
-                let event = Event::default().data(data);
-                yield Ok::<Event, Infallible>(if name.is_empty() { event } else { event.event(name) });
+                let event = match name {
+                    "" => Event::default(),
+                    name => Event::default().event(name),
+                };
+                yield Ok::<Event, Infallible>(event.data(data));
             }
             if last || news.changed().await.is_err() {
                 break;

@@ -294,6 +294,7 @@ mod tests {
                 policy: SilencePolicy::Ignore,
             },
             slow: Vec::new(),
+            links_by_hand: false,
             neighbors: Vec::new(),
         })
     }

@@ -43,6 +43,7 @@ fn agent() -> AgentBrief {
             policy: SilencePolicy::Ignore,
         },
         slow: vec![SlowFault { span: SPAN, delay_ns: 7 }],
+        links_by_hand: true,
         neighbors: vec![NeighborBrief {
             name: "r2".into(),
             index: 2,

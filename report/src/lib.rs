@@ -1,9 +1,28 @@
-//! What people look at: the picture in the plane.
+//! What people look at: figures, the page of a finished run, and the picture in the plane.
 //!
-//! - [`page`]: the picture for a browser, replayed or live
-//! - [`scene`]: what is in the picture, and one instant of it
+//! | file | question it answers |
+//! |---|---|
+//! | `run` | what is known of a finished run? |
+//! | `outcome` | what does its `summary.json` say? |
+//! | `figures/` | which figures does it get, and what is in each? |
+//! | `chart` | how does a figure become SVG? |
+//! | `axis` | where on an axis is a value, and where are the ticks? |
+//! | `palette` | which color and which dashes? |
+//! | `simplify` | which points of a curve can be seen? |
+//! | `html` | what is on the page of a run? |
+//! | `scene` | what is in the picture in the plane, and one instant of it? |
+//! | `page` | how does that move? |
 //!
-//! Reads no clock, starts no process and knows nothing of iceoryx2.
+//! Text in, text out: reads and writes no file, reads no clock, starts no process and knows nothing
+//! of iceoryx2.
 
+pub mod axis;
+pub mod chart;
+pub mod figures;
+pub mod html;
+pub mod outcome;
 pub mod page;
+pub mod palette;
+pub mod run;
 pub mod scene;
+mod simplify;

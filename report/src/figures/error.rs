@@ -1,0 +1,176 @@
+//! How far everybody was from where it wanted to be: the chapter's Figures 6, 10 and 14.
+
+use super::{
+    BOUND, NAMED, SEEN, WIDTH, about_bands, judged, largest, last_stretch, over_time, row,
+};
+use crate::axis::Axis;
+use crate::chart::{Figure, Panel};
+use crate::outcome::asked;
+use crate::palette::{BLACK, Dash, Line, VERMILION, line};
+use crate::run::Run;
+
+/// Errors below this are drawn here: nobody looks at less than a micrometer, m.
+const LEAST_M: f64 = 1e-6;
+/// The components are shown until so many times the time at which all had converged.
+const TRANSIENTS: f64 = 4.0;
+
+pub(super) fn sizes(run: &Run) -> Option<Figure> {
+    let errors = run.tracks.iter().flatten().filter_map(|sample| sample.error_m);
+    let highest = errors.filter(|error| error.is_finite()).reduce(f64::max)?;
+    let reached = last_errors(run).into_iter().fold(f64::INFINITY, f64::min);
+    let converged_m = run.limits.converged_error_m;
+    let low = reached.clamp(LEAST_M, (converged_m / 2.0).max(LEAST_M));
+    let mut panel = over_time(run, Axis::log("error |e| (m)", low, highest.max(2.0 * low)));
+    let floor = panel.y.bounds().0;
+    let error = |robot: usize| {
+        let samples = run.tracks[robot].iter().zip(&run.times_s);
+        samples.map(move |(sample, &t_s)| {
+            sample.error_m.filter(|_| sample.alive).map(|error| (t_s, error.max(floor)))
+        })
+    };
+    let named = named(run);
+    for robot in (0..run.tracks.len()).filter(|robot| !named.contains(robot)) {
+        panel.over_x(error(robot), Line::CROWD);
+    }
+    let mut key = Vec::new();
+    for (place, &robot) in named.iter().enumerate() {
+        panel.over_x(error(robot), line(place).weight(2));
+        key.push((line(place), run.scene.robots[robot].name.clone()));
+    }
+    let crowd = run.tracks.len() - named.len();
+    if crowd > 0 {
+        key.push((Line::CROWD.weight(2), format!("{crowd} others")));
+        let worst = (0..run.times_s.len()).map(|instant| {
+            let living = run.tracks.iter().map(|track| track[instant]).filter(|now| now.alive);
+            let worst = living.filter_map(|sample| sample.error_m).reduce(f64::max)?;
+            Some((run.times_s[instant], worst.max(floor)))
+        });
+        panel.over_x(worst, Line::solid(BLACK).weight(4));
+        key.push((Line::solid(BLACK).weight(4), "largest of all".to_owned()));
+    }
+
+    let mut caption = match crowd {
+        0 => "Errors of all living robots".to_owned(),
+        _ => format!("Errors of all living robots, the {NAMED} that are largest at last by name"),
+    };
+    let least = if floor < 1e-6 * 1.01 { "; what is below 1 \u{b5}m is drawn there" } else { "" };
+    caption += &format!(", logarithmic{least}.{}", about_bands(run));
+    let label = format!("converged below {} m", asked(converged_m));
+    let dotted = Line::solid(VERMILION).weight(2).dashed(Dash::Dotted);
+    panel.bound(converged_m, (0.0, run.end_s()), label, dotted);
+    if let Some(rule) = panel.rules.last_mut() {
+        rule.label_ends = 0.75 * run.end_s();
+    }
+    caption += &converging(run, &mut panel);
+    Some(Figure {
+        name: "errors",
+        title: "Position errors".into(),
+        caption,
+        width: WIDTH,
+        height: 320.0,
+        panels: vec![(row(0.0, 320.0), panel)],
+        key,
+    })
+}
+
+/// What is asked of the errors, and what came of it.
+fn converging(run: &Run, panel: &mut Panel) -> String {
+    let Some(outcome) = &run.outcome else { return String::new() };
+    let mut said = String::new();
+    if let Some(t_s) = outcome.converged_at_s {
+        panel.upright(t_s, 1.0, format!("converged at {t_s:.2} s"), SEEN);
+    }
+    if let Some(expectation) = outcome.expected("converged_by_s") {
+        let label = format!("asked by {} s", asked(expectation.bound));
+        panel.upright(expectation.bound, 0.9, label, BOUND);
+        said += &judged(expectation, "All errors stay small from", "s");
+    }
+    if let Some(expectation) = outcome.expected("final_error_m_max") {
+        let label = format!("asked at last: {} m", asked(expectation.bound));
+        panel.bound(expectation.bound, last_stretch(run), label, BOUND);
+        said += &judged(expectation, "The worst over the last 10 % of the run", "m");
+    }
+    said
+}
+
+pub(super) fn components(run: &Run) -> Option<Figure> {
+    let known = run.tracks.iter().flatten().filter_map(|sample| sample.error_xy_m);
+    let (low, high) = known
+        .flatten()
+        .filter(|error| error.is_finite())
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), e| (low.min(e), high.max(e)));
+    if low > high {
+        return None;
+    }
+    let named = named(run);
+    // Of a calm end there is nothing to see.
+    let converged_at_s = run.outcome.as_ref().and_then(|outcome| outcome.converged_at_s);
+    let shown_s = converged_at_s.map_or(run.end_s(), |t_s| (TRANSIENTS * t_s).max(1.0));
+    let shown_s = shown_s.min(run.end_s());
+    let mut key = Vec::new();
+    let mut panels = Vec::new();
+    for (axis, label) in ["error along x (m)", "error along y (m)"].into_iter().enumerate() {
+        let mut panel = over_time(run, Axis::linear(label, low, high));
+        panel.x = Axis::exact(&panel.x.label, 0.0, shown_s);
+        panel.bands.retain(|band| band.from < shown_s);
+        if axis == 1 {
+            panel.bands.iter_mut().for_each(|band| band.label.clear());
+        }
+        let error = |robot: usize| {
+            let samples = run.tracks[robot].iter().zip(&run.times_s);
+            let shown = samples.take_while(move |(_, t_s)| **t_s <= shown_s);
+            shown.map(move |(sample, &t_s)| {
+                sample.error_xy_m.filter(|_| sample.alive).map(|error| (t_s, error[axis]))
+            })
+        };
+        for robot in (0..run.tracks.len()).filter(|robot| !named.contains(robot)) {
+            panel.over_x(error(robot), Line::CROWD);
+        }
+        for (place, &robot) in named.iter().enumerate() {
+            panel.over_x(error(robot), line(place).weight(2));
+            if axis == 0 {
+                key.push((line(place), run.scene.robots[robot].name.clone()));
+            }
+        }
+        panels.push((row(axis as f64 * 210.0, 210.0), panel));
+    }
+    let crowd = run.tracks.len() - named.len();
+    if crowd > 0 {
+        key.push((Line::CROWD.weight(2), format!("{crowd} others")));
+    }
+    let mut caption = format!("Components of the errors of all living robots.{}", about_bands(run));
+    if let Some(t_s) = converged_at_s {
+        for (_, panel) in &mut panels {
+            panel.upright(t_s, 1.0, format!("converged at {t_s:.2} s"), SEEN);
+        }
+        if shown_s < run.end_s() {
+            caption +=
+                &format!(" From {shown_s:.1} s on, all are as small as the figure before says.");
+        }
+    }
+    if let Some(expectation) = run.outcome.as_ref().and_then(|o| o.expected("converged_by_s")) {
+        caption += &judged(expectation, "They converge to zero, all stay small from", "s");
+    }
+    Some(Figure {
+        name: "error_components",
+        title: "Components of the position errors".into(),
+        caption,
+        width: WIDTH,
+        height: 420.0,
+        panels,
+        key,
+    })
+}
+
+/// Who is told by name: all, or those whose errors are largest at last.
+fn named(run: &Run) -> Vec<usize> {
+    largest(&last_errors(run))
+}
+
+/// Everybody's last error, m; 0 for who never had one.
+fn last_errors(run: &Run) -> Vec<f64> {
+    let last = |track: &Vec<crate::run::Sample>| {
+        track.iter().rev().find_map(|sample| sample.error_m).filter(|error| error.is_finite())
+    };
+    run.tracks.iter().map(|track| last(track).unwrap_or(0.0)).collect()
+}

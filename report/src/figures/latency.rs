@@ -1,0 +1,186 @@
+//! How old what was heard was, and how late everybody woke: over time, and how that is spread.
+
+use super::{BOUND, NAMED, SEEN, WIDTH, about_bands, largest, over_time};
+use crate::axis::Axis;
+use crate::chart::{Figure, Panel, Place};
+use crate::outcome::asked;
+use crate::palette::{Dash, Line, VERMILION, line};
+use crate::run::{Bin, Run, Spread};
+
+const HEIGHT: f64 = 300.0;
+/// The left panel, over time, is so wide, px.
+const OVER_TIME: f64 = 390.0;
+
+/// Shares smaller than this are not drawn.
+const SHARE_LEAST: f64 = 1e-6;
+
+pub(super) fn information_age(run: &Run) -> Option<Figure> {
+    let mut figure = of_stage(
+        run,
+        "beacon_age",
+        "information_age",
+        "information age",
+        Some(run.limits.lost_after_s),
+    )?;
+    let limits = run.limits;
+    for (place, (_, panel)) in figure.panels.iter_mut().enumerate() {
+        for (bound_s, word) in [(limits.stale_after_s, "stale"), (limits.lost_after_s, "lost")] {
+            let ms = bound_s * 1e3;
+            let label = format!("{word} after {} ms", asked(ms));
+            let line = match word {
+                "stale" => Line::solid(VERMILION).weight(2).dashed(Dash::Dotted),
+                _ => BOUND,
+            };
+            let (low, high) = panel.x.bounds();
+            if place == 0 {
+                panel.bound(ms, (low, high), label, line);
+            } else if (low..=high).contains(&ms) {
+                let share = if word == "stale" { 1.0 } else { 0.9 };
+                panel.upright(ms, share, word.to_owned(), line);
+            }
+        }
+    }
+    figure.title = "Information age".into();
+    figure.caption = format!(
+        "How old a neighbor's newest beacon was when it was used, by edge.{} Who is lost is not \
+         used any more.{}",
+        figure.caption,
+        about_bands(run)
+    );
+    Some(figure)
+}
+
+pub(super) fn wake_lateness(run: &Run) -> Option<Figure> {
+    let mut figure = of_stage(run, "wake", "wake_lateness", "lateness", None)?;
+    figure.title = "Wake lateness".into();
+    figure.caption = format!(
+        "How much later than its timer's deadline each process woke; deadlines that were overslept \
+         count as well.{}{}",
+        figure.caption,
+        about_bands(run)
+    );
+    Some(figure)
+}
+
+/// A stage over time and as distribution, on an axis with `bound_s` on it; the caption says what
+/// the lines are.
+fn of_stage(
+    run: &Run,
+    stage: &str,
+    name: &'static str,
+    word: &str,
+    bound_s: Option<f64>,
+) -> Option<Figure> {
+    let bins: Vec<&Bin> = run.over_time.iter().filter(|bin| bin.stage == stage).collect();
+    let spreads: Vec<&Spread> = run.spreads.iter().filter(|spread| spread.stage == stage).collect();
+    let mut who: Vec<String> = bins.iter().map(|bin| of_bin(bin)).collect();
+    who.extend(spreads.iter().map(|spread| spread.of.clone()));
+    let mut seen = std::collections::HashSet::new();
+    who.retain(|name| seen.insert(name.clone()));
+    if who.is_empty() {
+        return None;
+    }
+    let place_of: std::collections::HashMap<&str, usize> =
+        who.iter().enumerate().map(|(place, name)| (name.as_str(), place)).collect();
+    let mut by_who: Vec<Vec<&Bin>> = vec![Vec::new(); who.len()];
+    for bin in &bins {
+        by_who[place_of[of_bin(bin).as_str()]].push(bin);
+    }
+    let mut worst = vec![0.0f64; who.len()];
+    for (worst, bins) in worst.iter_mut().zip(&by_who) {
+        *worst = bins.iter().map(|bin| bin.max_ns as f64).fold(0.0, f64::max);
+    }
+    for spread in &spreads {
+        let place = place_of[spread.of.as_str()];
+        let largest = spread.above.last().map_or(0, |&(value_ns, _)| value_ns);
+        worst[place] = worst[place].max(largest as f64);
+    }
+    let named = largest(&worst);
+    let style = |place: usize| named.iter().position(|&other| other == place).map(line);
+
+    let least = bins.iter().map(|bin| bin.p50_ns);
+    let least = least.chain(spreads.iter().filter_map(|spread| Some(spread.above.first()?.0)));
+    // Nobody looks at less than a microsecond.
+    let low = ms(least.filter(|&ns| ns > 0).min().unwrap_or(1).max(1000));
+    let high = (worst.iter().copied().fold(0.0, f64::max) / 1e6).max(low);
+    // A bound is seen with some room above it.
+    let high = high.max(bound_s.map_or(low, |bound_s| 1.2e3 * bound_s));
+    let values = |label: &str| Axis::log(label, low, high);
+    let mut left = over_time(run, values(&format!("{word} (ms)")));
+    let mut right = Panel::new(values(&format!("{word} (ms)")), share_axis(&spreads));
+    let order = (0..who.len()).filter(|place| style(*place).is_none()).chain(named.iter().copied());
+    for place in order {
+        let line = style(place).unwrap_or(Line::CROWD);
+        let points = by_who[place].iter().map(|bin| Some((bin.t_s, ms(bin.max_ns).max(low))));
+        left.over_x(points, line.weight(line.weight.min(2)));
+        for spread in spreads.iter().filter(|spread| spread.of == who[place]) {
+            right.curves.push((stairs(spread, low), line.weight(line.weight.min(2)), true));
+        }
+    }
+    left.over_x(medians(&bins, low).into_iter().map(Some), SEEN.weight(3));
+    let mut key: Vec<(Line, String)> =
+        named.iter().map(|&place| (style(place).unwrap_or(SEEN), who[place].clone())).collect();
+    if who.len() > named.len() {
+        key.push((Line::CROWD.weight(2), format!("{} others", who.len() - named.len())));
+    }
+    if !bins.is_empty() {
+        key.push((SEEN.weight(3), "median of the worst".to_owned()));
+    }
+    let told = if who.len() > named.len() {
+        format!(" The {NAMED} that are worst by name.")
+    } else {
+        String::new()
+    };
+    let right_place = Place { x: OVER_TIME, y: 0.0, width: WIDTH - OVER_TIME, height: HEIGHT };
+    let left_place = Place { x: 0.0, y: 0.0, width: OVER_TIME, height: HEIGHT };
+    Some(Figure {
+        name,
+        title: String::new(),
+        caption: format!(
+            " Left: the largest value of each stretch of time, by when it reached the supervisor. \
+             Right: the share of all values that are larger.{told}"
+        ),
+        width: WIDTH,
+        height: HEIGHT,
+        panels: vec![(left_place, left), (right_place, right)],
+        key,
+    })
+}
+
+fn of_bin(bin: &Bin) -> String {
+    bin.from.as_ref().map_or(bin.robot.clone(), |from| format!("{from}->{}", bin.robot))
+}
+
+fn ms(ns: u64) -> f64 {
+    ns as f64 / 1e6
+}
+
+fn share_axis(spreads: &[&Spread]) -> Axis {
+    let shares = spreads.iter().flat_map(|spread| &spread.above).map(|&(_, share)| share);
+    let least = shares.filter(|&share| share > 0.0).fold(1.0, f64::min).max(SHARE_LEAST);
+    Axis::log("share that is larger", least.min(0.1), 1.0)
+}
+
+/// The share that is larger falls in steps, from 1 at the smallest value.
+fn stairs(spread: &Spread, low: f64) -> Vec<(f64, f64)> {
+    let mut share = 1.0;
+    let mut points = Vec::new();
+    for &(value_ns, above) in &spread.above {
+        let value = ms(value_ns).max(low);
+        points.push((value, share));
+        if above > 0.0 {
+            points.push((value, above));
+        }
+        share = above;
+    }
+    points
+}
+
+/// For each stretch of time, the largest of all medians.
+fn medians(bins: &[&Bin], low: f64) -> Vec<(f64, f64)> {
+    let mut sorted: Vec<(f64, u64)> = bins.iter().map(|bin| (bin.t_s, bin.p50_ns)).collect();
+    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let stretches = sorted.chunk_by(|a, b| a.0 == b.0);
+    let largest = stretches.map(|group| (group[0].0, group.iter().map(|bin| bin.1).max()));
+    largest.map(|(t_s, ns)| (t_s, ms(ns.unwrap_or(0)).max(low))).collect()
+}

@@ -1,0 +1,212 @@
+//! Where everybody went: the chapter's Figures 4, 8 and 12.
+
+use formation::Vec2;
+
+use super::{WIDTH, judged};
+use crate::axis::Axis;
+use crate::chart::{Figure, Mark, Panel, Place, Shape};
+use crate::palette::{BLACK, Dash, GRAY, Line, ORANGE, dash, of_role};
+use crate::run::Run;
+use crate::simplify::Point;
+
+/// Robots are named in the picture and in its key up to this many.
+const NAMES_MAX: usize = 10;
+/// Height of the picture: at least, and at most, px.
+const HEIGHT: (f64, f64) = (240.0, 620.0);
+/// A robot is at least so long, px.
+const BODY: f64 = 9.0;
+/// Between two instants at which the robots are drawn they have moved by so many times the size of
+/// the formation.
+const APART: f64 = 1.3;
+/// Robots are drawn at so many instants at most.
+const INSTANTS_MAX: usize = 8;
+
+pub(super) fn trajectories(run: &Run) -> Option<Figure> {
+    let robots = run.scene.robots.len();
+    let instants = run.times_s.len();
+    let paths: Vec<Vec<Point>> = (0..robots)
+        .map(|robot| (0..instants).map(|instant| point(run.alpha(robot, instant))).collect())
+        .collect();
+    let lead: Vec<Point> = run.lead_m.iter().map(|&[x, y]| (x, y)).collect();
+    let finite = |at: &&Point| at.0.is_finite() && at.1.is_finite();
+    let all = || paths.iter().chain([&lead]).flatten().filter(finite);
+    let lowest = all().fold((f64::INFINITY, f64::INFINITY), |a, b| (a.0.min(b.0), a.1.min(b.1)));
+    let highest = all().fold((-f64::INFINITY, -f64::INFINITY), |a, b| (a.0.max(b.0), a.1.max(b.1)));
+    if !(lowest.0.is_finite() && highest.0.is_finite()) {
+        return None;
+    }
+
+    // Both axes have the same scale: the height follows the width within bounds, then one of both
+    // ranges grows until it fits.
+    let margin = |low: f64, high: f64| (high - low).max(0.1) * 0.06 + 0.02;
+    let (dx, dy) = (margin(lowest.0, highest.0), margin(lowest.1, highest.1));
+    let size = (highest.0 - lowest.0 + 2.0 * dx, highest.1 - lowest.1 + 2.0 * dy);
+    let mut place = Place { x: 0.0, y: 0.0, width: WIDTH, height: 0.0 };
+    let frame = place.height - place.inner(&[]).height;
+    let (low, high) = HEIGHT;
+    place.height = (place.inner(&[]).width * size.1 / size.0 + frame).clamp(low, high);
+    let inner = place.inner(&[]);
+    let m_per_px = (size.0 / inner.width).max(size.1 / inner.height);
+    let axis = |label: &str, low: f64, high: f64, px: f64| {
+        let (middle, half) = ((low + high) / 2.0, m_per_px * px / 2.0);
+        Axis::exact(label, middle - half, middle + half)
+    };
+    let mut panel = Panel::new(
+        axis("x (m)", lowest.0, highest.0, inner.width),
+        axis("y (m)", lowest.1, highest.1, inner.height),
+    );
+
+    let mut key = Vec::new();
+    let few = robots <= NAMES_MAX;
+    if !lead.is_empty() {
+        let line = Line::solid(BLACK).weight(4).dashed(Dash::Dotted);
+        panel.curves.push((lead, line, false));
+        key.push((line, "m(t), asked of the main leader".to_owned()));
+    }
+    let mut starts = Vec::new();
+    let mut of_role_before: Vec<&str> = Vec::new();
+    for (robot, path) in paths.iter().enumerate() {
+        let role = run.scene.robots[robot].role.as_str();
+        let place_in_role = of_role_before.iter().filter(|other| **other == role).count();
+        let (weight, dashes) = if few { (2, dash(place_in_role)) } else { (1, Dash::Solid) };
+        let line = Line::solid(of_role(role)).weight(weight).dashed(dashes);
+        panel.curves.push((path.clone(), line, false));
+        if few {
+            key.push((line, format!("{} ({})", run.scene.robots[robot].name, in_words(role))));
+        } else if place_in_role == 0 {
+            key.push((line.weight(3), in_words(role).to_owned()));
+        }
+        of_role_before.push(role);
+        let name = if few { run.scene.robots[robot].name.clone() } else { String::new() };
+        starts.push(Mark { at: path[0], shape: Shape::Cross, color: BLACK, label: name });
+    }
+    let shown = instants_apart(run);
+    for &instant in &shown {
+        formation(run, instant, m_per_px, &mut panel);
+    }
+    panel.marks.extend(starts);
+    let times: Vec<String> =
+        shown.iter().map(|&instant| format!("{:.1}", run.times_s[instant])).collect();
+    let drawn = match run.containment() {
+        Some(_) => {
+            key.push((Line::solid(ORANGE).weight(4), "hull of the leaders".to_owned()));
+            "with the hull of the leaders"
+        }
+        None => "with who hears whom",
+    };
+    let mut caption = format!(
+        "Paths of the front points. Crosses: starts; robots as triangles that point forward, {drawn}, \
+         at {} s.",
+        times.join(", ")
+    );
+    if let Some(outcome) = &run.outcome {
+        if let Some(expectation) = outcome.expected("tracking_error_m_max") {
+            caption +=
+                &judged(expectation, "The main leader follows m(t), worst error at last", "m");
+        }
+        if let Some(expectation) = outcome.expected("final_error_m_max") {
+            caption += &judged(expectation, "The formation is reached, worst error at last", "m");
+        }
+        if let Some(expectation) = outcome.expected("hull_distance_m_max") {
+            caption += &judged(
+                expectation,
+                "The contained are in the hull, farthest outside at last",
+                "m",
+            );
+        }
+    }
+    Some(Figure {
+        name: "trajectories",
+        title: "Trajectories in the plane".into(),
+        caption,
+        width: WIDTH,
+        height: place.height,
+        panels: vec![(place, panel)],
+        key,
+    })
+}
+
+fn point(at: Vec2) -> Point {
+    (at.x, at.y)
+}
+
+fn in_words(role: &str) -> &str {
+    match role {
+        "main-leader" => "main leader",
+        "leader" => "secondary leader",
+        "formation" => "in formation",
+        other => other,
+    }
+}
+
+/// The robots at one instant, and what holds them together.
+fn formation(run: &Run, instant: usize, m_per_px: f64, panel: &mut Panel) {
+    let robots = run.scene.robots.len();
+    if let Some((_, leaders)) = run.containment() {
+        let mut corners: Vec<Point> = run.hull(&leaders, instant).into_iter().map(point).collect();
+        panel.areas.push((corners.clone(), ORANGE, 0.16));
+        corners.extend(corners.first().copied());
+        panel.curves.push((corners, Line::solid(ORANGE).weight(2), false));
+    } else {
+        for edge in &run.scene.edges {
+            let ends = [edge.from, edge.to].map(|robot| point(run.alpha(robot, instant)));
+            panel.curves.push((ends.into(), Line::solid(GRAY).weight(1), false));
+        }
+    }
+    let mut top: Point = (0.0, f64::NEG_INFINITY);
+    for robot in 0..robots {
+        let sample = run.tracks[robot][instant];
+        let nose = run.alpha(robot, instant);
+        if !(nose.x.is_finite() && nose.y.is_finite()) {
+            continue;
+        }
+        let length = run.scene.robots[robot].front_point_m.max(BODY * m_per_px);
+        let (sin, cos) = sample.heading_rad.sin_cos();
+        let back = nose - length * Vec2::new(cos, sin);
+        let side = 0.4 * length * Vec2::new(-sin, cos);
+        let color = if sample.alive { of_role(&run.scene.robots[robot].role) } else { GRAY };
+        let body: Vec<Point> = [nose, back + side, back - side].into_iter().map(point).collect();
+        let mut outline = body.clone();
+        outline.push(body[0]);
+        panel.areas.push((body, color, 1.0));
+        panel.curves.push((outline, Line::solid(BLACK).weight(1), false));
+        top = (top.0 + nose.x / robots as f64, top.1.max(nose.y));
+    }
+    if top.1.is_finite() {
+        let at = (top.0, top.1 + 14.0 * m_per_px);
+        let label = format!("{:.1} s", run.times_s[instant]);
+        panel.marks.push(Mark { at, shape: Shape::Words, color: BLACK, label });
+    }
+}
+
+/// Instants between which the robots have moved far enough to be told apart; the last one is the
+/// end of the run.
+fn instants_apart(run: &Run) -> Vec<usize> {
+    let robots = run.scene.robots.len();
+    let instants = run.times_s.len();
+    let step = |instant: usize| {
+        let moved = (0..robots).map(|robot| {
+            let moved = (run.alpha(robot, instant) - run.alpha(robot, instant - 1)).norm();
+            if moved.is_finite() { moved } else { 0.0 }
+        });
+        moved.sum::<f64>() / robots as f64
+    };
+    let mut walked = vec![0.0];
+    for instant in 1..instants {
+        walked.push(walked[instant - 1] + step(instant));
+    }
+    let whole = walked[instants - 1];
+    let size = (1..robots)
+        .map(|robot| (run.alpha(robot, instants - 1) - run.alpha(0, instants - 1)).norm())
+        .fold(1e-3, f64::max);
+    let many = ((whole / (APART * size)) as usize).clamp(2, INSTANTS_MAX);
+    let mut shown: Vec<usize> = (1..=many)
+        .map(|n| walked.partition_point(|&way| way < whole * n as f64 / many as f64 - 1e-12))
+        .map(|instant| instant.min(instants - 1))
+        .collect();
+    if let Some(last) = shown.last_mut() {
+        *last = instants - 1;
+    }
+    shown.dedup();
+    shown
+}

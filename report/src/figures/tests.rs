@@ -1,0 +1,247 @@
+use proptest::prelude::*;
+
+use super::*;
+use crate::html;
+use crate::outcome::Outcome;
+use crate::run::{Bin, Change, ChangedTo, Limits, Sample, Spread};
+use crate::scene::{EdgeState, RobotState, Scene, SceneEdge, SceneFault, SceneRobot};
+
+/// Robots in a row, half a meter apart, that come to rest; the last one leads, the others are
+/// contained or in formation, and the second is killed.
+fn flown(robots: usize, instants: usize, role: &str) -> Run {
+    let end_s = instants.saturating_sub(1) as f64 * 0.1;
+    let name = |robot: usize| format!("r{}", robot + 1);
+    let sample = |robot: usize, instant: usize| {
+        let error = 0.9f64.powi(instant as i32);
+        Sample {
+            x_m: 0.5 * robot as f64 + error,
+            y_m: error * robot as f64,
+            heading_rad: 0.3,
+            error_m: Some(error),
+            error_xy_m: Some([0.6 * error, -0.8 * error]),
+            alive: robot != 1 || instant % 7 != 3,
+        }
+    };
+    let scene = Scene {
+        name: "row </script><b>&".into(),
+        pace: "lockstep".into(),
+        duration_s: end_s,
+        distance_min_m: 0.2,
+        robots: (0..robots)
+            .map(|robot| SceneRobot {
+                name: name(robot),
+                role: if robot + 1 == robots { "main-leader" } else { role }.into(),
+                front_point_m: 0.1,
+            })
+            .collect(),
+        edges: (1..robots).map(|to| SceneEdge { from: to, to: to - 1 }).collect(),
+        faults: vec![SceneFault {
+            t_s: 0.3,
+            until_s: Some(0.5),
+            what: "kill r2".into(),
+            robots: vec![1],
+            edge: None,
+        }],
+    };
+    let outcome: Outcome = serde_json::from_value(serde_json::json!({
+        "t_s": end_s, "min_distance_m": 0.2107, "min_distance_pair": ["r1", "r2"],
+        "min_distance_t_s": 0.2, "converged_at_s": 0.7, "final_error_m": { "r1": 1e-3, "r2": null },
+        "expectations": [
+            { "name": "min_distance_m", "value": 0.2107, "bound": 0.2, "held": true },
+            { "name": "final_error_m_max", "value": 0.02, "bound": 0.01, "held": false },
+            { "name": "tracking_error_m_max", "value": 1e-4, "bound": 0.01, "held": true },
+            { "name": "hull_distance_m_max", "value": 0.0, "bound": 0.0, "held": true },
+            { "name": "converged_by_s", "value": 0.7, "bound": 0.9, "held": true },
+        ],
+        "faults": [{ "t_s": 0.3, "what": "kill r2", "robot": "r2", "predicted": ["r1"] }],
+        "latency": [{ "stage": "wake", "robot": "plant", "count": 3, "max_ns": 5_000_000 }],
+        "processes": [{ "name": "r1", "starts": 1 }],
+    }))
+    .unwrap();
+    let bin = |stage: &str, from: Option<&str>| Bin {
+        t_s: 0.5,
+        stage: stage.into(),
+        robot: "r1".into(),
+        from: from.map(str::to_owned),
+        p50_ns: 5_000_000,
+        p99_ns: 6_000_000,
+        max_ns: 7_000_000,
+    };
+    Run {
+        limits: Limits { converged_error_m: 0.01, stale_after_s: 0.015, lost_after_s: 0.1 },
+        times_s: (0..instants).map(|instant| instant as f64 * 0.1).collect(),
+        tracks: (0..robots)
+            .map(|robot| (0..instants).map(|instant| sample(robot, instant)).collect())
+            .collect(),
+        lead_m: vec![[0.0, 0.0]; instants],
+        every: 1,
+        changes: vec![
+            Change { t_s: 0.3, to: ChangedTo::Robot(1, RobotState::Dead) },
+            Change { t_s: 0.4, to: ChangedTo::Edge(0, EdgeState::Stale) },
+            Change { t_s: 0.5, to: ChangedTo::Robot(1, RobotState::Flying) },
+        ],
+        outcome: Some(outcome),
+        manifest: vec![("kernel".into(), "Linux <6>".into())],
+        over_time: vec![bin("beacon_age", Some("r2")), bin("wake", None)],
+        spreads: vec![Spread {
+            stage: "beacon_age".into(),
+            of: "r2->r1".into(),
+            above: vec![(5_000_000, 0.01), (7_000_000, 0.0)],
+        }],
+        scene,
+    }
+}
+
+/// The words in a figure.
+fn words(figure: &Figure) -> Vec<String> {
+    let svg = figure.svg();
+    let document = roxmltree::Document::parse(&svg).unwrap_or_else(|e| panic!("{e}\n{svg}"));
+    let texts = document.descendants().filter(|node| node.has_tag_name("text"));
+    texts.map(|node| node.text().unwrap_or_default().trim().to_owned()).collect()
+}
+
+fn named<'a>(figures: &'a [Figure], name: &str) -> &'a Figure {
+    figures.iter().find(|figure| figure.name == name).unwrap_or_else(|| panic!("no {name}"))
+}
+
+#[test]
+fn a_run_with_everything_gets_every_figure_with_its_bounds_its_marks_and_its_faults() {
+    let figures = all(&flown(4, 30, "contained"));
+    let expected: [(&str, &[&str]); 7] = [
+        ("trajectories", &["x (m)", "y (m)", "r1", "r4 (main leader)", "hull of the leaders"]),
+        (
+            "distances",
+            &["d = 0.2 m", "smallest 0.2107 m, r1 \u{2013} r2 at 0.20 s", "kill r2", "time (s)"],
+        ),
+        ("errors", &["converged at 0.70 s", "asked by 0.9 s", "asked at last: 0.01 m", "kill r2"]),
+        ("error_components", &["error along x (m)", "error along y (m)", "kill r2"]),
+        ("hull_distance", &["asked at last: 0 m", "outside the hull (m)", "kill r2"]),
+        (
+            "information_age",
+            &["stale after 15 ms", "lost after 100 ms", "information age (ms)", "r2->r1"],
+        ),
+        ("wake_lateness", &["lateness (ms)", "share that is larger", "kill r2"]),
+    ];
+    assert_eq!(figures.len(), expected.len());
+    for (name, labels) in expected {
+        let found = words(named(&figures, name));
+        for label in labels {
+            assert!(found.iter().any(|word| word == label), "{name}: no {label:?} in {found:?}");
+        }
+    }
+}
+
+#[test]
+fn captions_say_what_was_asked_and_whether_it_held() {
+    let figures = all(&flown(4, 30, "contained"));
+    let held = "The smallest at any tick: 0.2107 m, asked 0.2 m: held.";
+    assert!(named(&figures, "distances").caption.contains(held));
+    let missed = "worst over the last 10 % of the run: 0.02 m, asked 0.01 m: missed.";
+    assert!(named(&figures, "errors").caption.contains(missed));
+    let follows = "The main leader follows m(t), worst error at last: 1.0e-4 m";
+    assert!(named(&figures, "trajectories").caption.contains(follows));
+}
+
+#[test]
+fn of_sixty_four_robots_few_are_named_and_the_smallest_distance_is_that_of_all_pairs() {
+    let figures = all(&flown(64, 30, "formation"));
+    let distances = words(named(&figures, "distances"));
+    assert!(distances.iter().any(|word| word == "smallest of all 2016 pairs"), "{distances:?}");
+    let errors = words(named(&figures, "errors"));
+    assert!(errors.iter().any(|word| word == "58 others"), "{errors:?}");
+    for figure in &figures {
+        assert!(figure.svg().len() < 400_000, "{}: {} bytes", figure.name, figure.svg().len());
+    }
+}
+
+#[test]
+fn the_plane_has_one_scale_on_both_axes() {
+    let figures = all(&flown(4, 30, "formation"));
+    let [(place, panel)] = &named(&figures, "trajectories").panels[..] else { panic!("one panel") };
+    let (inner, x, y) = (place.inner(&[]), panel.x.bounds(), panel.y.bounds());
+    let scales = (inner.width / (x.1 - x.0), inner.height / (y.1 - y.0));
+    assert!((scales.0 / scales.1 - 1.0).abs() < 1e-9, "{scales:?} px per m");
+}
+
+#[test]
+fn the_page_asks_nobody_for_anything_and_takes_no_word_for_markup() {
+    let run = flown(4, 30, "contained");
+    let page = html::report(&run, &all(&run));
+    let markup = "row &lt;/script&gt;&lt;b&gt;&amp;";
+    assert!(page.contains(markup) && page.contains("Linux &lt;6&gt;"));
+    assert!(!page.contains("</script><b>"));
+    for asks in ["http:", "https:", "src=", "url(", "@import", "<link", "//"] {
+        assert!(!page.contains(asks), "{asks}");
+    }
+    assert!(page.split("href=\"").skip(1).all(|rest| rest.starts_with('#')));
+    assert!(page.contains("Content-Security-Policy") && page.contains("default-src 'none'"));
+    assert!(page.contains("<td class=\"missed\">missed</td>"));
+}
+
+#[test]
+fn a_run_that_was_cut_short_still_has_a_page() {
+    let run = Run { outcome: None, over_time: Vec::new(), ..flown(3, 5, "formation") };
+    assert!(html::report(&run, &all(&run)).contains("cut short"));
+}
+
+#[test]
+fn the_replay_has_at_most_twenty_instants_a_second_and_the_last_one() {
+    let mut run = flown(3, 301, "formation");
+    run.times_s = (0..301).map(|instant| f64::from(instant) / 100.0).collect();
+    run.scene.duration_s = 3.0;
+    run.outcome = None;
+    let frames = run.frames();
+    assert_eq!(frames.len(), 61);
+    assert_eq!(frames[60].t_s, 3.0);
+    assert_eq!(frames[7].robots[1].state, RobotState::Dead, "killed at 0.3 s");
+    assert_eq!(frames[8].edges[0], EdgeState::Stale);
+    assert_eq!(frames[10].robots[1].state, RobotState::Flying);
+}
+
+fn any_number() -> impl Strategy<Value = f64> {
+    prop_oneof![-9.0..9.0f64, any::<f64>(), Just(0.0)]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Whatever was recorded, the figures are sound files and the page is made.
+    #[test]
+    fn figures_are_well_formed_whatever_was_recorded(
+        robots in 0..14_usize,
+        instants in 0..9_usize,
+        contained in any::<bool>(),
+        numbers in prop::collection::vec(any_number(), 16),
+        word in "\\PC*|[\\x00-\\x7f]{0,9}",
+    ) {
+        let mut run = flown(robots, instants, if contained { "contained" } else { "formation" });
+        if robots < 2 {
+            run.changes.clear(); // they are about the second one
+        }
+        let mut next = numbers.iter().copied().cycle();
+        let mut number = || next.next().unwrap();
+        for sample in run.tracks.iter_mut().flatten() {
+            (sample.x_m, sample.y_m, sample.heading_rad) = (number(), number(), number());
+            sample.error_m = sample.error_m.map(|_| number());
+            sample.error_xy_m = sample.error_xy_m.map(|_| [number(), number()]);
+        }
+        run.scene.name = word.clone();
+        run.scene.faults[0].what = word.clone();
+        run.scene.faults[0].t_s = number();
+        run.scene.faults[0].until_s = Some(number());
+        run.scene.distance_min_m = number();
+        run.limits.converged_error_m = number();
+        let outcome = run.outcome.as_mut().unwrap();
+        outcome.t_s = number();
+        outcome.converged_at_s = Some(number());
+        outcome.min_distance_m = Some(number());
+        outcome.min_distance_t_s = Some(number());
+        outcome.expectations.iter_mut().for_each(|expectation| expectation.bound = number());
+        let figures = all(&run);
+        for figure in &figures {
+            words(figure);
+        }
+        let page = html::report(&run, &figures);
+        prop_assert!(page.ends_with("</html>\n"));
+    }
+}

@@ -1,0 +1,361 @@
+//! The page of a finished run: one file that needs no other and asks nobody for anything.
+
+use std::fmt::Write as _;
+
+use serde_json::{Map, Value};
+
+use crate::chart::Figure;
+use crate::outcome::{Expectation, Fault, Outcome, Stage, asked, digits};
+use crate::page;
+use crate::run::Run;
+
+/// Nothing is loaded; what stands in the file may run.
+const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; \
+                      img-src data:; base-uri 'none'; form-action 'none'";
+const STYLE: &str = include_str!("../assets/report.css");
+/// Of a longer list of names only the first ones are told.
+const NAMES_MAX: usize = 12;
+
+/// A text as it stands in HTML and XML, in elements and in quotes; what XML has no words for
+/// becomes a space.
+pub fn escaped(text: &str) -> String {
+    let mut safe = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '&' => safe.push_str("&amp;"),
+            '<' => safe.push_str("&lt;"),
+            '>' => safe.push_str("&gt;"),
+            '"' => safe.push_str("&quot;"),
+            '\'' => safe.push_str("&#39;"),
+            '\n' | '\t' => safe.push(character),
+            '\u{fffe}' | '\u{ffff}' => safe.push(' '),
+            control if control.is_control() => safe.push(' '),
+            other => safe.push(other),
+        }
+    }
+    safe
+}
+
+/// `report.html`.
+pub fn report(run: &Run, figures: &[Figure]) -> String {
+    let name = escaped(&run.scene.name);
+    let mut page = format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <title>{name}: report of a run</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n"
+    );
+    let sections = sections(run, figures);
+    let _ = write!(page, "<header>\n<h1>{name}</h1>\n{}<nav aria-label=\"Sections\">", head(run));
+    for Section { id, title, .. } in &sections {
+        let _ = write!(page, "<a href=\"#{id}\">{title}</a> ");
+    }
+    page.push_str("</nav>\n</header>\n<main>\n");
+    for Section { id, title, content } in sections {
+        let _ = writeln!(
+            page,
+            "<section id=\"{id}\" aria-labelledby=\"{id}-title\">\n<h2 id=\"{id}-title\">{title}</h2>\n\
+             {content}</section>"
+        );
+    }
+    page.push_str("</main>\n</body>\n</html>\n");
+    page
+}
+
+struct Section {
+    id: &'static str,
+    title: &'static str,
+    content: String,
+}
+
+/// All that have something in them, in order.
+fn sections(run: &Run, figures: &[Figure]) -> Vec<Section> {
+    let outcome = run.outcome.as_ref();
+    let of = |content: fn(&Outcome) -> String| outcome.map(content).unwrap_or_default();
+    let replay = page::replay(&run.scene, &run.frames());
+    let all = [
+        ("replay", "Replay", replay),
+        ("summary", "Summary", of(summary)),
+        ("expectations", "Expectations", of(|outcome| expectations(&outcome.expectations))),
+        ("faults", "Faults", of(|outcome| faults(&outcome.faults))),
+        ("figures", "Figures", drawn(figures)),
+        ("latency", "Latency", of(latency)),
+        ("robots", "Robots and processes", of(robots)),
+        ("machine", "Machine and manifest", listed(&run.manifest)),
+    ];
+    all.into_iter()
+        .filter(|(_, _, content)| !content.is_empty())
+        .map(|(id, title, content)| Section { id, title, content })
+        .collect()
+}
+
+/// What the run was, and how it went.
+fn head(run: &Run) -> String {
+    let pace = escaped(&run.scene.pace);
+    let (robots, edges) = (run.scene.robots.len(), run.scene.edges.len());
+    let mut text = format!(
+        "<p class=\"quiet\">{robots} robots, {edges} edges, {} s, {pace}</p>\n",
+        asked(run.scene.duration_s)
+    );
+    let (class, verdict) = match &run.outcome {
+        None => ("missed", "cut short: the run was never summed up; what was recorded is shown"),
+        Some(outcome) if outcome.interrupted => ("missed", "interrupted"),
+        Some(outcome) if outcome.exit == 4 => ("missed", "ended early"),
+        Some(outcome) if outcome.expectations.is_empty() => ("held", "nothing was expected"),
+        Some(outcome) if outcome.expectations.iter().all(|expectation| expectation.held) => {
+            ("held", "every expectation held")
+        }
+        Some(_) => ("missed", "an expectation was missed"),
+    };
+    let _ = writeln!(text, "<p class=\"verdict {class}\">{verdict}</p>");
+    if run.every > 1 {
+        let _ = writeln!(
+            text,
+            "<p class=\"quiet\">The record is long: the figures and the replay use one of every {} \
+             recorded instants.</p>",
+            run.every
+        );
+    }
+    text
+}
+
+fn summary(outcome: &Outcome) -> String {
+    let mut rows: Vec<(&str, String)> = Vec::new();
+    if let (Some(distance_m), Some([a, b]), Some(t_s)) =
+        (outcome.min_distance_m, &outcome.min_distance_pair, outcome.min_distance_t_s)
+    {
+        let below = match outcome.violations {
+            0 => String::new(),
+            ticks => format!(", below d at {ticks} ticks"),
+        };
+        let distance = digits(distance_m);
+        rows.push((
+            "Smallest distance",
+            format!("{distance} m, {a} \u{2013} {b} at {t_s:.3} s{below}"),
+        ));
+    }
+    let converged = outcome.converged_at_s.map_or("never".into(), |t_s| format!("at {t_s:.3} s"));
+    rows.push(("Converged", converged));
+    let in_m = |value: Option<f64>| value.map(|value| format!("{} m", digits(value)));
+    let measured = [
+        ("Worst error, last 10 %", in_m(outcome.final_error_m_max)),
+        ("Main leader's error, last 10 %", in_m(outcome.tracking_error_m_max)),
+        ("Outside the hull, last 10 %", in_m(outcome.hull_distance_m_max_final)),
+        ("Trajectory hash", outcome.trajectory_hash.clone()),
+    ];
+    rows.extend(measured.into_iter().filter_map(|(name, value)| Some((name, value?))));
+    rows.push((
+        "Time",
+        format!(
+            "{:.3} s of run time, {} ticks, in {:.3} s of wall time: {} x real time",
+            outcome.t_s,
+            outcome.ticks,
+            outcome.wall_s,
+            digits(outcome.real_time_factor)
+        ),
+    ));
+    rows.push(("Deadline misses", outcome.deadline_misses.to_string()));
+    let commands = outcome.commands.iter().filter(|(_, count)| **count > 0);
+    let commands: Vec<String> =
+        commands.map(|(word, count)| format!("{count} {}", word.replace('_', " "))).collect();
+    let fine = "all taken in time".to_owned();
+    rows.push(("Commands", if commands.is_empty() { fine } else { commands.join(", ") }));
+    for (name, lost) in
+        [("Truths lost", outcome.truths_lost), ("Latencies lost", outcome.latencies_lost)]
+    {
+        if lost > 0 {
+            rows.push((name, lost.to_string()));
+        }
+    }
+    described(rows.iter().map(|(name, value)| (*name, value.as_str())))
+}
+
+fn expectations(expectations: &[Expectation]) -> String {
+    let rows = expectations.iter().map(|Expectation { name, value, bound, held }| {
+        // A miss by a hair's breadth must not be rounded to its bound.
+        let shown = |value: f64| if *held { digits(value) } else { value.to_string() };
+        let verdict = if *held { "held" } else { "missed" };
+        vec![
+            Cell::Text(name.clone()),
+            Cell::Number(value.map_or("never".into(), shown)),
+            Cell::Number(if *held { asked(*bound) } else { bound.to_string() }),
+            Cell::Verdict(verdict),
+        ]
+    });
+    table(&["Expected", "#Came", "#Asked", "Verdict"], rows)
+}
+
+fn faults(faults: &[Fault]) -> String {
+    let seconds = |value: Option<f64>| Cell::Number(value.map_or("\u{2013}".into(), digits));
+    let rows = faults.iter().enumerate().map(|(place, fault)| {
+        vec![
+            Cell::Number((place + 1).to_string()),
+            Cell::Number(format!("{:.3}", fault.t_s)),
+            Cell::Word(fault.what.clone()),
+            seconds(fault.stale_after_s),
+            seconds(fault.lost_after_s),
+            Cell::Number(digits(fault.peak_error_m)),
+            seconds(fault.min_distance_m),
+            seconds(fault.recovered_after_s),
+            Cell::Text(who(&fault.predicted)),
+            Cell::Text(who(&fault.affected)),
+        ]
+    });
+    let heads = [
+        "#No.",
+        "#At, s",
+        "What",
+        "#Stale after, s",
+        "#Lost after, s",
+        "#Peak error, m",
+        "#Least distance, m",
+        "#Recovered after, s",
+        "Breaks, by theory",
+        "Seen to break",
+    ];
+    table(&heads, rows)
+}
+
+fn who(robots: &[String]) -> String {
+    match robots.len() {
+        0 => "nobody".into(),
+        many if many > NAMES_MAX => {
+            let few = &robots[..NAMES_MAX - 4];
+            format!("{} and {} more", few.join(", "), many - few.len())
+        }
+        _ => robots.join(", "),
+    }
+}
+
+fn drawn(figures: &[Figure]) -> String {
+    let mut text = String::new();
+    for figure in figures {
+        // Inline, the name space is known and the size is that of the page.
+        let svg = figure.svg().replacen(" xmlns=\"http://www.w3.org/2000/svg\"", "", 1);
+        let (title, caption) = (escaped(&figure.title), escaped(&figure.caption));
+        let _ = writeln!(
+            text,
+            "<figure id=\"{name}\">\n<div class=\"wide\" tabindex=\"0\" role=\"group\" aria-label=\"{title}\">\n{svg}</div>\n\
+             <figcaption><strong>{title}.</strong> {caption} \
+             <span class=\"quiet\">figures/{name}.svg</span></figcaption>\n</figure>",
+            name = figure.name
+        );
+    }
+    text
+}
+
+fn latency(outcome: &Outcome) -> String {
+    let us = |ns: u64| Cell::Number(digits(ns as f64 / 1e3));
+    let row = |line: &Stage| {
+        let edge = line
+            .from
+            .as_ref()
+            .map_or(line.robot.clone(), |from| format!("{from} \u{2192} {}", line.robot));
+        let count = Cell::Number(line.count.to_string());
+        let values = [line.p50_ns, line.p99_ns, line.p99_9_ns, line.max_ns].map(us);
+        [Cell::Text(line.stage.clone()), Cell::Text(edge), count]
+            .into_iter()
+            .chain(values)
+            .collect()
+    };
+    let heads =
+        ["Stage", "Robot or edge", "#Count", "#p50, us", "#p99, us", "#p99.9, us", "#max, us"];
+    let mut stages: Vec<&str> = Vec::new();
+    for line in &outcome.latency {
+        if !stages.contains(&line.stage.as_str()) {
+            stages.push(&line.stage);
+        }
+    }
+    let worst = stages.iter().filter_map(|stage| {
+        let of_stage = outcome.latency.iter().filter(|line| line.stage == *stage);
+        of_stage.max_by_key(|line| (line.p99_9_ns, line.max_ns))
+    });
+    let worst = table(&heads, worst.map(row));
+    if worst.is_empty() {
+        return worst;
+    }
+    format!(
+        "<p>Of each stage the robot or edge that fares worst.</p>\n{worst}<details>\n\
+         <summary>All {} robots, edges and stages</summary>\n{}</details>\n",
+        outcome.latency.len(),
+        table(&heads, outcome.latency.iter().map(row))
+    )
+}
+
+fn robots(outcome: &Outcome) -> String {
+    let of = |map: &Map<String, Value>, name: &str| {
+        let value = map.get(name).and_then(Value::as_f64);
+        Cell::Number(value.map_or("\u{2013}".into(), digits))
+    };
+    let rows = outcome.processes.iter().map(|process| {
+        vec![
+            Cell::Text(process.name.clone()),
+            of(&outcome.final_error_m, &process.name),
+            of(&outcome.integrated_error_m_s, &process.name),
+            Cell::Number(process.starts.to_string()),
+            Cell::Number(digits(process.user_s + process.system_s)),
+            Cell::Number(process.involuntary_switches.to_string()),
+            Cell::Number(process.major_faults.to_string()),
+        ]
+    });
+    let heads = [
+        "Process",
+        "#Final error, m",
+        "#Integrated error, m s",
+        "#Starts",
+        "#Processor time, s",
+        "#Preempted",
+        "#Pages read",
+    ];
+    table(&heads, rows)
+}
+
+fn listed(entries: &[(String, String)]) -> String {
+    described(entries.iter().map(|(name, value)| (name.as_str(), value.as_str())))
+}
+
+fn described<'a>(entries: impl Iterator<Item = (&'a str, &'a str)>) -> String {
+    let entries: String = entries
+        .map(|(name, value)| format!("<dt>{}</dt><dd>{}</dd>\n", escaped(name), escaped(value)))
+        .collect();
+    if entries.is_empty() { entries } else { format!("<dl>\n{entries}</dl>\n") }
+}
+
+enum Cell {
+    Text(String),
+    /// Not broken.
+    Word(String),
+    Number(String),
+    /// `held` or `missed`.
+    Verdict(&'static str),
+}
+
+/// A table that scrolls by itself where it is too wide; heads of numbers begin with `#`. Nothing
+/// for no rows.
+fn table(heads: &[&str], rows: impl Iterator<Item = Vec<Cell>>) -> String {
+    let mut body = String::new();
+    for row in rows {
+        body.push_str("<tr>");
+        for cell in row {
+            let _ = match cell {
+                Cell::Text(text) => write!(body, "<td>{}</td>", escaped(&text)),
+                Cell::Word(text) => write!(body, "<td class=\"word\">{}</td>", escaped(&text)),
+                Cell::Number(text) => write!(body, "<td class=\"number\">{}</td>", escaped(&text)),
+                Cell::Verdict(word) => write!(body, "<td class=\"{word}\">{word}</td>"),
+            };
+        }
+        body.push_str("</tr>\n");
+    }
+    if body.is_empty() {
+        return body;
+    }
+    let heads = heads.iter().map(|head| match head.strip_prefix('#') {
+        Some(head) => format!("<th scope=\"col\" class=\"number\">{head}</th>"),
+        None => format!("<th scope=\"col\">{head}</th>"),
+    });
+    let heads: String = heads.collect();
+    format!(
+        "<div class=\"wide\" tabindex=\"0\" role=\"group\" aria-label=\"Table\">\n<table>\n\
+         <thead><tr>{heads}</tr></thead>\n<tbody>\n{body}</tbody>\n</table>\n</div>\n"
+    )
+}

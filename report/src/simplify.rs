@@ -1,0 +1,150 @@
+//! What can be seen of a curve: fewer points, and no extreme lost.
+
+/// A point of the canvas.
+pub type Point = (f64, f64);
+
+/// Of a curve over x, the first, lowest, highest and last point of every `column` of the canvas.
+pub fn by_column(points: &[Point], column: f64) -> Vec<Point> {
+    let mut kept = Vec::new();
+    for group in points.chunk_by(|a, b| (a.0 / column).floor() == (b.0 / column).floor()) {
+        let places = 0..group.len();
+        let lowest = places.clone().min_by(|&a, &b| group[a].1.total_cmp(&group[b].1));
+        let highest = places.max_by(|&a, &b| group[a].1.total_cmp(&group[b].1));
+        let mut chosen = [Some(0), lowest, highest, Some(group.len() - 1)].map(Option::unwrap);
+        chosen.sort_unstable();
+        kept.extend(chosen.iter().map(|&place| group[place]));
+    }
+    kept.dedup();
+    kept
+}
+
+/// A curve through some of its points that passes every other one within `tolerance`.
+/// (Douglas and Peucker.)
+pub fn within(points: &[Point], tolerance: f64) -> Vec<Point> {
+    if points.len() < 3 {
+        return points.to_vec();
+    }
+    let mut keep = vec![false; points.len()];
+    keep[0] = true;
+    keep[points.len() - 1] = true;
+    let mut open = vec![(0, points.len() - 1)];
+    while let Some((first, last)) = open.pop() {
+        let between = first + 1..last;
+        let far = |&place: &usize| distance(points[place], points[first], points[last]);
+        let farthest = between.max_by(|a, b| far(a).total_cmp(&far(b)));
+        if let Some(place) = farthest.filter(|place| far(place) > tolerance) {
+            keep[place] = true;
+            open.extend([(first, place), (place, last)]);
+        }
+    }
+    points.iter().zip(keep).filter(|(_, keep)| *keep).map(|(point, _)| *point).collect()
+}
+
+/// From a point to the stretch from `a` to `b`.
+fn distance(point: Point, a: Point, b: Point) -> f64 {
+    let (dx, dy) = (b.0 - a.0, b.1 - a.1);
+    let (x, y) = (point.0 - a.0, point.1 - a.1);
+    let square = dx * dx + dy * dy;
+    let along = if square > 0.0 { ((x * dx + y * dy) / square).clamp(0.0, 1.0) } else { 0.0 };
+    (x - along * dx).hypot(y - along * dy)
+}
+
+/// The parts of a curve between two heights, cut where it leaves and enters.
+pub fn clipped(points: &[Point], low: f64, high: f64) -> Vec<Vec<Point>> {
+    let inside = |point: Point| (low..=high).contains(&point.1);
+    let mut parts: Vec<Vec<Point>> = Vec::new();
+    let mut drawing = false;
+    for (place, &point) in points.iter().enumerate() {
+        let before = place.checked_sub(1).map(|place| points[place]);
+        if let Some(before) = before {
+            // Where the stretch crosses a bound, in the order in which it does.
+            let mut crossings: Vec<(f64, f64)> = [low, high]
+                .into_iter()
+                .filter(|&bound| (before.1 - bound) * (point.1 - bound) < 0.0)
+                .map(|bound| ((bound - before.1) / (point.1 - before.1), bound))
+                .collect();
+            crossings.sort_by(|a, b| a.0.total_cmp(&b.0));
+            for (share, bound) in crossings {
+                let at = (before.0 + share * (point.0 - before.0), bound);
+                if drawing {
+                    parts.last_mut().expect("one is being drawn").push(at);
+                } else {
+                    parts.push(vec![at]);
+                }
+                drawing = !drawing;
+            }
+        }
+        if inside(point) {
+            if drawing {
+                parts.last_mut().expect("one is being drawn").push(point);
+            } else {
+                parts.push(vec![point]);
+                drawing = true;
+            }
+        } else {
+            drawing = false;
+        }
+    }
+    parts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn curve() -> impl Strategy<Value = Vec<Point>> {
+        prop::collection::vec((0.0..3.0f64, -9.0..9.0f64), 1..200).prop_map(|steps| {
+            let mut x = 0.0;
+            let step = |(dx, y)| {
+                x += dx;
+                (x, y)
+            };
+            steps.into_iter().map(step).collect()
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn no_extreme_of_a_curve_is_lost_to_its_columns(points in curve(), column in 0.1..50.0f64) {
+            let kept = by_column(&points, column);
+            let extremes = |points: &[Point]| {
+                let heights = points.iter().map(|point| point.1);
+                (heights.clone().fold(f64::INFINITY, f64::min), heights.fold(-99.0, f64::max))
+            };
+            prop_assert_eq!(extremes(&kept), extremes(&points));
+            prop_assert_eq!((kept[0], kept[kept.len() - 1]), (points[0], points[points.len() - 1]));
+            let columns = (points[points.len() - 1].0 / column) as usize + 1;
+            prop_assert!(kept.len() <= 4 * columns && kept.is_sorted_by_key(|point| point.0));
+        }
+
+        #[test]
+        fn no_point_is_farther_from_the_simpler_curve_than_allowed(
+            points in curve(), tolerance in 0.0..3.0f64,
+        ) {
+            let kept = within(&points, tolerance);
+            for &point in &points {
+                let near = |pair: &[Point]| distance(point, pair[0], pair[1]) <= tolerance + 1e-9;
+                prop_assert!(kept.contains(&point) || kept.windows(2).any(near));
+            }
+        }
+
+        #[test]
+        fn a_clipped_curve_stays_between_its_bounds_and_keeps_every_point_there(points in curve()) {
+            let parts = clipped(&points, -2.0, 3.0);
+            let kept = parts.concat();
+            prop_assert!(kept.iter().all(|point| (-2.0..=3.0).contains(&point.1)));
+            let inside = points.iter().filter(|point| (-2.0..=3.0).contains(&point.1));
+            for point in inside {
+                prop_assert!(kept.contains(point));
+            }
+        }
+    }
+
+    #[test]
+    fn a_curve_that_crosses_the_whole_picture_at_once_is_seen() {
+        let parts = clipped(&[(0.0, -4.0), (8.0, 4.0)], -2.0, 2.0);
+        assert_eq!(parts, [[(2.0, -2.0), (6.0, 2.0)]]);
+        assert!(clipped(&[(0.0, 4.0), (8.0, 5.0)], -2.0, 2.0).is_empty());
+    }
+}

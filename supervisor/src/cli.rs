@@ -398,7 +398,7 @@ fn fly(
     let bar = BAR.get_or_init(|| progress_bar(scenario.duration_ns));
     let launched =
         Flight::launch(scenario, pace, hurried, by_hand, &mut run_dir, &mut metrics, stop);
-    let (outcome, flown) = match launched {
+    let (mut outcome, flown) = match launched {
         Ok(flight) => flight.watched_by(view.as_mut()).fly(|t_ns| show_progress(bar, t_ns)),
         Err(error) => (flight::Outcome::default(), Err(error)),
     };
@@ -419,7 +419,7 @@ fn fly(
         (code, _) => code,
     };
     let summary = Summary::new(scenario, pace, &measures, &outcome, expectations, exit);
-    let finished = run_dir.finish(&summary, &measures.pairs, &outcome.latency);
+    let finished = run_dir.finish(&summary, &measures.pairs, &mut outcome.latency);
     if let Some(view) = view {
         let text = match (&flown, &finished) {
             (Err(error), _) => format!("error: {error}"),

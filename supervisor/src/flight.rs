@@ -467,6 +467,7 @@ impl<'a> Flight<'a> {
     }
 
     fn take_latencies(&mut self) -> Result<(), FlightError> {
+        self.outcome.latency.now(self.now_ns());
         for (process, subscriber) in self.latencies.iter().enumerate() {
             while let Some(sample) = subscriber.receive()? {
                 self.outcome.latency.take(process, sample.user_header(), sample.payload());

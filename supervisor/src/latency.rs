@@ -4,6 +4,8 @@
 //! Nothing is trimmed. A wake-up that overslept deadlines counts for each of them with its own
 //! lateness (the correction of coordinated omission, exact where the schedule is known).
 
+mod over_time;
+
 use std::time::{Duration, SystemTime};
 
 use hdrhistogram::Histogram;
@@ -15,6 +17,8 @@ use protocol::message::{LatencyHeader, LatencyRow};
 use serde::Serialize;
 
 use crate::scenario::Scenario;
+pub use over_time::Stretch;
+use over_time::Stretches;
 
 /// A histogram tells values apart that differ in this many digits.
 const DIGITS: u8 = 3;
@@ -28,6 +32,7 @@ pub struct Latency {
     /// The plant, then the robots in scenario order.
     processes: Vec<Process>,
     rows_lost: u64,
+    stretches: Stretches,
 }
 
 /// What one process measured, over all its incarnations.
@@ -49,12 +54,14 @@ struct Spread {
     min_ns: u64,
     max_ns: u64,
     sum_ns: u128,
+    /// The values of the stretch of run time at hand.
+    recent_ns: Vec<u64>,
 }
 
 impl Spread {
     fn new() -> Spread {
         let histogram = Histogram::new(DIGITS).expect("a sound number of digits");
-        Spread { histogram, min_ns: u64::MAX, max_ns: 0, sum_ns: 0 }
+        Spread { histogram, min_ns: u64::MAX, max_ns: 0, sum_ns: 0, recent_ns: Vec::new() }
     }
 
     fn add(&mut self, value_ns: u64) {
@@ -62,6 +69,7 @@ impl Spread {
         self.min_ns = self.min_ns.min(value_ns);
         self.max_ns = self.max_ns.max(value_ns);
         self.sum_ns += u128::from(value_ns);
+        self.recent_ns.push(value_ns);
     }
 
     /// A quantile as exact as the histogram is, and never beyond the smallest and largest value.
@@ -145,7 +153,42 @@ impl Latency {
             samples_lost: 0,
         };
         let processes = (0..=robots.len()).map(process).collect();
-        Latency { robots, processes, rows_lost: 0 }
+        let stretches = Stretches::new(scenario.duration_ns);
+        Latency { robots, processes, rows_lost: 0, stretches }
+    }
+
+    /// What is taken in from here on reached the supervisor at this run time, ns.
+    pub fn now(&mut self, t_ns: u64) {
+        if let Some(middle_s) = self.stretches.begin(t_ns) {
+            self.sum_up(middle_s);
+        }
+    }
+
+    /// Closes the stretch of run time at hand.
+    fn sum_up(&mut self, middle_s: f64) {
+        for stage in Stage::ALL {
+            for (place, process) in self.processes.iter_mut().enumerate() {
+                for (about, spread) in process.spreads[stage as usize].iter_mut().enumerate() {
+                    let Some(spread) = spread else { continue };
+                    let (robot, from) = whose(stage, place, about);
+                    self.stretches.add(middle_s, stage, robot, from, &mut spread.recent_ns);
+                }
+            }
+        }
+    }
+
+    /// The lines of `latency_over_time.csv`.
+    pub fn over_time(&mut self) -> Vec<Stretch> {
+        self.sum_up(self.stretches.end());
+        self.stretches.lines(|place| self.name(place))
+    }
+
+    /// `plant`, or the robot that counts from 1.
+    fn name(&self, place: usize) -> &str {
+        match place.checked_sub(1) {
+            Some(robot) => self.robots[robot].as_str(),
+            None => "plant",
+        }
     }
 
     /// Takes in what a process measured: the plant is 0, robots count from 1.
@@ -190,19 +233,11 @@ impl Latency {
 
     /// Everything measured, by stage, then by process in scenario order, the plant first.
     fn spreads(&self) -> impl Iterator<Item = (Stage, &str, Option<&str>, &Spread)> {
-        let name = |place: usize| match place.checked_sub(1) {
-            Some(robot) => self.robots[robot].as_str(),
-            None => "plant",
-        };
         let of_process = move |stage: Stage, place: usize| {
             let spreads = self.processes[place].spreads[stage as usize].iter().enumerate();
             spreads.filter_map(move |(about, spread)| {
-                // A command is taken by the plant; the loop that it closes is the robot's.
-                let (robot, from) = match stage {
-                    Stage::Command => (about, None),
-                    _ => (place, (about > 0).then(|| name(about))),
-                };
-                Some((stage, name(robot), from, spread.as_ref()?))
+                let (robot, from) = whose(stage, place, about);
+                Some((stage, self.name(robot), from.map(|from| self.name(from)), spread.as_ref()?))
             })
         };
         Stage::ALL.into_iter().flat_map(move |stage| {
@@ -250,6 +285,15 @@ impl Latency {
                 .expect("memory takes everything");
         }
         log
+    }
+}
+
+/// Whose value it is that a process measured about a robot, and of an edge whom that one hears.
+fn whose(stage: Stage, process: usize, about: usize) -> (usize, Option<usize>) {
+    match stage {
+        // A command is taken by the plant; the loop that it closes is the robot's.
+        Stage::Command => (about, None),
+        _ => (process, (about > 0).then_some(about)),
     }
 }
 
@@ -324,6 +368,36 @@ mod tests {
         assert_eq!(found, ["r2"]);
         let [latest] = &latency.latest()[..] else { panic!("one stage") };
         assert_eq!((latest.edge(), latest.max_ns), ("r2".into(), 3 * MS));
+    }
+
+    #[test]
+    fn a_stretch_of_time_has_its_own_median_and_maximum_and_the_silent_have_none() {
+        let mut latency = Latency::new(&row_of_three(), Pace::Lockstep); // 20 s
+        let mut taken = |t_ms: u64, robot, values_ms: &[u64]| {
+            latency.now(t_ms * MS);
+            let row = |value_ms: &u64| row(Stage::BeaconAge, 1, value_ms * MS);
+            let rows: Vec<LatencyRow> = values_ms.iter().map(row).collect();
+            latency.take(robot, &LatencyHeader::default(), &rows);
+        };
+        taken(100, 2, &[4, 2]);
+        taken(900, 2, &[3, 9]);
+        taken(900, 3, &[5]);
+        taken(7_000, 2, &[1]);
+        taken(20_000, 2, &[8]);
+        let lines = latency.over_time();
+        let seen: Vec<_> = lines
+            .iter()
+            .map(|line| (line.t_s, line.robot.as_str(), line.count, line.p50_ns, line.max_ns))
+            .collect();
+        let ms = |p50: u64, max: u64| (p50 * MS, max * MS);
+        let expected = [
+            (0.5, "r2", 4, ms(3, 9)),
+            (0.5, "r3", 1, ms(5, 5)),
+            (7.5, "r2", 1, ms(1, 1)),
+            (20.0, "r2", 1, ms(8, 8)), // the last values are sent at the very end
+        ];
+        assert_eq!(seen, expected.map(|(t_s, robot, n, (p50, max))| (t_s, robot, n, p50, max)));
+        assert!(lines.iter().all(|line| line.from.as_deref() == Some("r1")));
     }
 
     proptest! {

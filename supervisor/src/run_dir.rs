@@ -273,7 +273,7 @@ impl RunDir {
         &mut self,
         summary: &Summary,
         pairs: &[PairDistance],
-        latency: &Latency,
+        latency: &mut Latency,
     ) -> Result<(), RunDirError> {
         // The summary first: it is small, and tells most if the disk is full.
         self.write("summary.json", summary.to_json())?;
@@ -282,11 +282,8 @@ impl RunDir {
             text += &format!("{a},{b},{min_distance_m},{t_s}\n");
         }
         self.write("pairs.csv", &text)?;
-        let mut lines = csv::Writer::from_writer(Vec::new());
-        for line in &summary.latency {
-            lines.serialize(line).expect("memory takes everything");
-        }
-        self.write("latency.csv", lines.into_inner().expect("memory takes everything"))?;
+        self.write("latency.csv", to_csv(&summary.latency))?;
+        self.write("latency_over_time.csv", to_csv(&latency.over_time()))?;
         let lasted = Duration::from_secs_f64(summary.wall_s);
         self.write("latency.hlog", latency.hlog(SystemTime::now() - lasted, lasted))?;
         self.events.flush()?;
@@ -315,6 +312,15 @@ fn quoted(field: &str) -> String {
     } else {
         field.into()
     }
+}
+
+/// A line for each, below a line of names.
+fn to_csv<T: Serialize>(lines: &[T]) -> Vec<u8> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for line in lines {
+        writer.serialize(line).expect("memory takes everything");
+    }
+    writer.into_inner().expect("memory takes everything")
 }
 
 /// JSON with a final newline.

@@ -39,6 +39,8 @@ pub fn evaluate(
     let equal = |value, bound| value == bound;
     ask("min_distance_m", expect.min_distance_m, measures.min_distance_m, at_least);
     ask("final_error_m_max", expect.final_error_m_max, measures.final_error_m_max, at_most);
+    let tracking = (expect.tracking_error_m_max, measures.tracking_error_m_max);
+    ask("tracking_error_m_max", tracking.0, tracking.1, at_most);
     let hull = (expect.hull_distance_m_max, measures.hull_distance_m_max_final);
     ask("hull_distance_m_max", hull.0, hull.1, at_most);
     ask("converged_by_s", expect.converged_by_s, measures.converged_at_s, at_most);
@@ -83,6 +85,7 @@ mod tests {
         let expect = Expectations {
             min_distance_m: Some(0.2),
             final_error_m_max: Some(0.4),
+            tracking_error_m_max: Some(0.4),
             hull_distance_m_max: None,
             converged_by_s: Some(10.0),
             recovered_within_s: Some(1.0),
@@ -97,6 +100,7 @@ mod tests {
         let in_both = [
             ("min_distance_m", true),
             ("final_error_m_max", false),
+            ("tracking_error_m_max", false),
             ("converged_by_s", false),
             ("recovered_within_s", false),
         ];

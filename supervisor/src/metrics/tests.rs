@@ -65,6 +65,7 @@ pub(crate) fn row_of_three() -> Scenario {
             hull_distance_m_max: None,
             min_distance_m: None,
             final_error_m_max: None,
+            tracking_error_m_max: None,
             converged_by_s: None,
             recovered_within_s: None,
             deadline_misses_max: None,

@@ -7,6 +7,7 @@ use super::{Expectations, seconds};
 const EXPECT_KEYS: &[&str] = &[
     "min_distance_m",
     "final_error_m_max",
+    "tracking_error_m_max",
     "hull_distance_m_max",
     "converged_by_s",
     "recovered_within_s",
@@ -32,6 +33,7 @@ pub(super) fn expect(root: &Table<'_>, duration_ns: u64) -> Result<Expectations,
     Ok(Expectations {
         min_distance_m: positive("min_distance_m", "m")?,
         final_error_m_max: positive("final_error_m_max", "m")?,
+        tracking_error_m_max: positive("tracking_error_m_max", "m")?,
         hull_distance_m_max: get("hull_distance_m_max").map(|v| v.not_negative("m")).transpose()?,
         converged_by_s,
         recovered_within_s: positive("recovered_within_s", "s")?,

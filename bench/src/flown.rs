@@ -56,6 +56,7 @@ impl Flying<'_> {
             "--pace".into(),
             pace.word().into(),
             "--output=json".into(),
+            "--no-report".into(),
             "--out".into(),
             place.path().join("run").into(),
         ];

@@ -25,6 +25,7 @@ use crate::flight::{self, Flight};
 use crate::live;
 use crate::metrics::Metrics;
 use crate::metrics::expect;
+use crate::report;
 use crate::run_dir::{Manifest, RECORDING, RunDir, RunDirError, default_out, to_json};
 use crate::scenario::Scenario;
 use crate::scenario::diagnostic::Diagnostic;
@@ -40,6 +41,8 @@ pub enum Verb {
     Run(RunArgs),
     /// Validate a scenario and print what can be said before it flies.
     Check(CheckArgs),
+    /// Draw the figures of a run and write its page, from what it has written.
+    Report(ReportArgs),
     /// Say whether this machine is fit for runs, and what to do about it.
     Doctor(DoctorArgs),
     /// Remove what dead runs left in the run root and in shared memory.
@@ -83,6 +86,9 @@ pub struct RunArgs {
     /// address printed, or the traffic, sees the run and, with --view-control, breaks it.
     #[arg(long, requires = "view")]
     insecure: bool,
+    /// Write no figures and no report.html; `phalanx report` makes them later.
+    #[arg(long)]
+    no_report: bool,
     /// What to print at the end.
     #[arg(long, value_enum, default_value_t = Output::Text)]
     output: Output,
@@ -99,6 +105,13 @@ pub struct CheckArgs {
     /// Print the formation graph instead, to be drawn.
     #[arg(long, value_enum, value_name = "FORMAT", conflicts_with = "output")]
     graph: Option<Drawing>,
+}
+
+/// Arguments of `phalanx report`.
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    /// The directory that a run has written; figures and page of an earlier report are replaced.
+    run_dir: PathBuf,
 }
 
 /// Arguments of `phalanx doctor`.
@@ -187,6 +200,7 @@ pub fn main(verb: &Verb, laws: &[LawDescription]) -> u8 {
     match verb {
         Verb::Run(args) => run(args, laws),
         Verb::Check(args) => check(args, laws),
+        Verb::Report(args) => report(&args.run_dir, laws),
         Verb::Doctor(args) => diagnose(args),
         Verb::Clean(args) => tidy(args),
         Verb::Recover(args) => recover(args),
@@ -230,6 +244,28 @@ fn check(args: &CheckArgs, laws: &[LawDescription]) -> u8 {
         Output::Text => check::report(&scenario, &theory),
         Output::Json => theory.to_json(),
     })
+}
+
+fn report(run_dir: &Path, laws: &[LawDescription]) -> u8 {
+    let scenario = match report::scenario_path(run_dir) {
+        Ok(scenario) => scenario,
+        Err(error) => {
+            complain(&error);
+            return exit::USAGE;
+        }
+    };
+    // Its warnings were shown when it flew.
+    let (scenario, ..) = match read(&scenario, &Overrides::default(), laws) {
+        Ok(read) => read,
+        Err(diagnostic) => {
+            let _ = writeln!(io::stderr(), "{}", diagnostic.render(in_color()));
+            return exit::BAD_SCENARIO;
+        }
+    };
+    match report::write(run_dir, &scenario) {
+        Ok(page) => print(&format!("written to {}\n", page.display())),
+        Err(error) => complain(&error),
+    }
 }
 
 fn diagnose(args: &DoctorArgs) -> u8 {
@@ -329,6 +365,12 @@ fn run(args: &RunArgs, laws: &[LawDescription]) -> u8 {
     }
     match fly(&scenario, &text, pace, hurried, &manifest, &out, looks) {
         Ok(flown) => {
+            if flown.took_off && !args.no_report {
+                // The run is written down: that its pictures are not changes nothing about it.
+                if let Err(error) = report::write(&out, &scenario) {
+                    complain(&error);
+                }
+            }
             let printed = match args.output {
                 // What was wrong was said already; of nothing there is nothing to show.
                 Output::Text if !flown.took_off => exit::OK,

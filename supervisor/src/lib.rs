@@ -23,6 +23,7 @@
 //! | `live` | what does the live view show of it? |
 //! | `run_dir` | where is it written down? |
 //! | `summary` | what came out? |
+//! | `report` | what does a run directory look like in pictures? |
 
 pub mod briefs;
 pub mod check;
@@ -37,6 +38,7 @@ pub mod flight;
 pub mod latency;
 pub mod live;
 pub mod metrics;
+pub mod report;
 mod robot;
 pub mod run_dir;
 pub mod scenario;

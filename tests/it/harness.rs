@@ -17,6 +17,7 @@ const HANG: Duration = Duration::from_secs(120);
 /// A run yet to be started.
 pub struct Phalanx {
     command: Command,
+    draws: bool,
     scratch: TempDir,
     run_root: TempDir,
 }
@@ -49,7 +50,8 @@ pub fn run(name: &str) -> Phalanx {
 }
 
 impl Phalanx {
-    /// A command that runs phalanx in the end; `--out` is added to it.
+    /// A command that runs phalanx in the end; `--out` is added to it, and that it draws
+    /// nothing.
     pub fn new(mut command: Command) -> Phalanx {
         let scratch = tempfile::tempdir().unwrap();
         let run_root = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
@@ -59,11 +61,16 @@ impl Phalanx {
             .env("NO_COLOR", "1")
             .arg("--out")
             .arg(scratch.path().join("run"));
-        Phalanx { command, scratch, run_root }
+        Phalanx { command, draws: false, scratch, run_root }
     }
 
     pub fn lockstep(self) -> Phalanx {
         self.args(["--pace", "lockstep"])
+    }
+
+    /// Figures and page are made at the end after all.
+    pub fn drawing(self) -> Phalanx {
+        Phalanx { draws: true, ..self }
     }
 
     pub fn set(self, assignment: impl AsRef<str>) -> Phalanx {
@@ -86,6 +93,9 @@ impl Phalanx {
     }
 
     pub fn start(mut self) -> Running {
+        if !self.draws {
+            self.command.arg("--no-report");
+        }
         self.command.stdout(Stdio::piped()).stderr(Stdio::piped()).stdin(Stdio::null());
         let shown = format!("{:?}", self.command);
         let child = Some(self.command.spawn().unwrap());

@@ -20,6 +20,7 @@ mod model;
 mod oracle;
 mod realtime;
 mod recording;
+mod report;
 mod security;
 mod silence;
 mod soak;

@@ -3,12 +3,13 @@
 use formation::Vec2;
 use formation::desired::{Target, desired};
 use formation::frame::LeaderFrame;
+use formation::front_point::front_point;
 use formation::graph::Edge;
+use formation::pose::Pose;
 use protocol::brief::LeadBrief;
 use protocol::law::Role;
-use protocol::message::TruthRow;
 
-use super::Silent;
+use super::{Silenced, Silent};
 use crate::scenario::Scenario;
 
 /// What the errors of a scenario's robots are measured against.
@@ -33,15 +34,15 @@ impl Errors {
     }
 
     /// Where the offsets turn and grow to at `t_s`, from the leader's true heading.
-    pub(super) fn frame(&self, t_s: f64, rows: &[TruthRow]) -> LeaderFrame {
+    pub(super) fn frame(&self, t_s: f64, heading_rad: impl Fn(usize) -> f64) -> LeaderFrame {
         let (Some(lead), Some(leader)) = (&self.lead, self.leader) else {
             return LeaderFrame::STILL;
         };
-        let heading_rad = rows[leader].heading_rad;
+        let heading_rad = heading_rad(leader);
         LeaderFrame { heading_rad, scale: lead.scale.at(t_s).0, ..LeaderFrame::STILL }
     }
 
-    /// |alpha_i - alpha*_i|, m: alpha* is m(t) for the leader (25), the mean of what all heard ask
+    /// alpha_i - alpha*_i, m: alpha* is m(t) for the leader (25), the mean of what all heard ask
     /// for in a formation (13) (24) (45), their mean for a contained robot (46); the silent have no
     /// say in it while anybody else is heard. `None` for one that has nothing to go by.
     pub(super) fn of(
@@ -51,13 +52,13 @@ impl Errors {
         frame: &LeaderFrame,
         alphas: &[Vec2],
         silent: &Silent,
-    ) -> Option<f64> {
+    ) -> Option<Vec2> {
         let target = match self.roles[robot] {
             Role::Leader => self.lead.as_ref().map(|lead| lead.trajectory.at(t_s)),
             Role::Formation => self.mean(robot, alphas, silent, |c_ji| frame.offset(c_ji)),
             Role::Contained => self.mean(robot, alphas, silent, |_| Target::still(Vec2::zeros())),
         };
-        target.map(|target| (alphas[robot] - target.position).norm())
+        target.map(|target| alphas[robot] - target.position)
     }
 
     fn mean(
@@ -73,5 +74,49 @@ impl Errors {
         let counted = heard.iter().filter(|(edge, ends)| nobody || speaks(*edge, ends.from));
         let place = |ends: &Edge| Target::still(alphas[ends.from]);
         desired(counted.map(|(_, ends)| (place(ends), offset(ends.offset_m))))
+    }
+}
+
+/// The errors of a run that is over, as vectors.
+pub(crate) struct ErrorVectors {
+    errors: Errors,
+    front_points_m: Vec<f64>,
+    silences: Vec<Silence>,
+    silent: Silent,
+    alphas: Vec<Vec2>,
+}
+
+/// What is silent from when until when, s.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Silence {
+    pub(crate) from_s: f64,
+    pub(crate) until_s: f64,
+    pub(crate) silenced: Silenced,
+}
+
+impl ErrorVectors {
+    pub(crate) fn new(scenario: &Scenario, silences: Vec<Silence>) -> ErrorVectors {
+        ErrorVectors {
+            errors: Errors::new(scenario),
+            front_points_m: scenario.robots.iter().map(|robot| robot.front_point_m).collect(),
+            silences,
+            silent: Silent::new(scenario),
+            alphas: vec![Vec2::zeros(); scenario.robots.len()],
+        }
+    }
+
+    /// e_i of everybody, m, from where they were at that time; `None` for one that has nothing to
+    /// go by.
+    pub(crate) fn at(&mut self, t_s: f64, poses: &[Pose]) -> impl Iterator<Item = Option<Vec2>> {
+        self.silent.robots.fill(0);
+        self.silent.edges.fill(0);
+        for silence in self.silences.iter().filter(|s| (s.from_s..s.until_s).contains(&t_s)) {
+            self.silent.count(silence.silenced, 1);
+        }
+        for ((alpha, pose), ell) in self.alphas.iter_mut().zip(poses).zip(&self.front_points_m) {
+            *alpha = front_point(*pose, *ell);
+        }
+        let frame = self.errors.frame(t_s, |leader| poses[leader].heading_rad);
+        (0..poses.len()).map(move |i| self.errors.of(i, t_s, &frame, &self.alphas, &self.silent))
     }
 }

@@ -11,7 +11,7 @@
 //! | `expect` | did it go as the scenario expects? |
 
 mod distance;
-mod error;
+pub(crate) mod error;
 pub mod expect;
 pub mod fault;
 pub mod hash;
@@ -84,6 +84,11 @@ struct Silent {
 }
 
 impl Silent {
+    fn new(scenario: &Scenario) -> Silent {
+        let edges = scenario.graph.edges().len();
+        Silent { robots: vec![0; scenario.robots.len()], edges: vec![0; edges] }
+    }
+
     fn count(&mut self, silenced: Silenced, by: i32) {
         match silenced {
             Silenced::Nobody => {}
@@ -191,10 +196,7 @@ impl Metrics {
             newest_tick: None,
             newest_t_ns: None,
             faults: Vec::new(),
-            silent: Silent {
-                robots: vec![0; robots],
-                edges: vec![0; scenario.graph.edges().len()],
-            },
+            silent: Silent::new(scenario),
             reachability: scenario.reachability(),
             planned: scenario.faults.iter().map(|fault| fault.kind.struck(scenario)).collect(),
             scheduled: scheduled(scenario),
@@ -256,11 +258,12 @@ impl Metrics {
         distance_m: f64,
     ) {
         let t_s = seconds(header.t_ns);
-        let frame = self.error.frame(t_s, rows);
+        let frame = self.error.frame(t_s, |leader| rows[leader].heading_rad);
         let since_s = self.newest_t_ns.map_or(0.0, |then_ns| t_s - seconds(then_ns));
         let mut worst: Option<f64> = None;
         for (i, &alive) in alive.iter().enumerate() {
             let error = self.error.of(i, t_s, &frame, &self.alphas, &self.silent);
+            let error = error.map(|error| error.norm());
             // NaN would disappear in any maximum and pass as converged.
             let error = error.map(|error| if error.is_nan() { f64::INFINITY } else { error });
             self.errors[i] = error;

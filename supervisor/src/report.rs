@@ -1,0 +1,249 @@
+//! From a run directory to its figures and its page.
+//!
+//! Reads what the run has written, and nothing else: a run of yesterday and one that was killed
+//! half-way get a report as well. What a run had no time to write is left out; what is broken is
+//! named.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `record` | where was everybody, and what happened, as far as it was written down? |
+//! | `delays` | how late, how long and how old was everything? |
+
+mod delays;
+mod record;
+#[cfg(test)]
+mod tests;
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use protocol::law::Role;
+use report::outcome::{self, Outcome};
+use report::run::{ChangedTo, Limits, Run};
+use report::scene::{EdgeState, RobotState, Scene, SceneEdge, SceneFault, SceneRobot};
+
+use crate::metrics::seconds;
+use crate::scenario::{Fault, FaultKind, Scenario};
+
+/// A report takes in no file larger than this, bytes: hours of any experiment.
+const FILE_BYTES_MAX: u64 = 1 << 34;
+
+/// Why there is no report.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// The directory is of another kind.
+    #[error(
+        "{} is no run directory: it has no scenario.toml; expected the directory that `phalanx run` \
+         has written",
+        .0.display()
+    )]
+    NotARun(PathBuf),
+    /// A file could not be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A file is not as a run writes it.
+    #[error("{}:{line}: {what}", path.display())]
+    Broken {
+        /// Which.
+        path: PathBuf,
+        /// Where, from 1.
+        line: u64,
+        /// What is there, and what was expected.
+        what: String,
+    },
+    /// A figure or the page could not be written.
+    #[error("cannot write {}: {source}; the run itself is kept", path.display())]
+    Write {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+/// Refuses a directory that no run has written.
+pub fn scenario_path(run_dir: &Path) -> Result<PathBuf, ReportError> {
+    let path = run_dir.join("scenario.toml");
+    if path.is_file() { Ok(path) } else { Err(ReportError::NotARun(run_dir.into())) }
+}
+
+/// Writes `figures/*.svg` and `report.html` of a run of this scenario; where the page is.
+pub fn write(run_dir: &Path, scenario: &Scenario) -> Result<PathBuf, ReportError> {
+    let run = load(run_dir, scenario)?;
+    let figures = report::figures::all(&run);
+    let directory = run_dir.join("figures");
+    fs::create_dir_all(&directory).map_err(unwritten(&directory))?;
+    for figure in &figures {
+        let path = directory.join(format!("{}.svg", figure.name));
+        fs::write(&path, figure.svg()).map_err(unwritten(&path))?;
+    }
+    let path = run_dir.join("report.html");
+    fs::write(&path, report::html::report(&run, &figures)).map_err(unwritten(&path))?;
+    Ok(path)
+}
+
+fn unwritten(path: &Path) -> impl FnOnce(io::Error) -> ReportError {
+    let path = path.to_path_buf();
+    move |source| ReportError::Write { path, source }
+}
+
+/// Everything that a run directory says.
+pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
+    let manifest: serde_json::Map<String, serde_json::Value> =
+        json(&run_dir.join("manifest.json"))?.unwrap_or_default();
+    let outcome: Option<Outcome> = json(&run_dir.join("summary.json"))?;
+    let pace = manifest.get("pace").and_then(serde_json::Value::as_str);
+    let mut scene = scene(scenario, pace.unwrap_or("unknown pace"));
+    let changes = record::changes(&run_dir.join("events.csv"), &scene)?;
+    scene.faults = faults(scenario, outcome.as_ref(), &changes);
+    let record = record::record(&run_dir.join("samples.csv"), scenario, &scene.faults)?;
+    let lead_m = |lead: &protocol::brief::LeadBrief| {
+        let places = record.times_s.iter().map(|&t_s| lead.trajectory.at(t_s).position);
+        places.map(|place| [place.x, place.y]).collect()
+    };
+    Ok(Run {
+        limits: Limits {
+            converged_error_m: scenario.expect.converged_error_m,
+            stale_after_s: seconds(scenario.silence.stale_after_ns),
+            lost_after_s: seconds(scenario.silence.lost_after_ns),
+        },
+        lead_m: scenario.lead.as_ref().map(lead_m).unwrap_or_default(),
+        times_s: record.times_s,
+        tracks: record.tracks,
+        every: record.every,
+        changes,
+        outcome,
+        manifest: manifest.iter().map(|(name, value)| (name.clone(), in_words(value))).collect(),
+        over_time: delays::over_time(&run_dir.join("latency_over_time.csv"))?,
+        spreads: delays::spreads(&run_dir.join("latency.hlog"))?,
+        scene,
+    })
+}
+
+fn in_words(value: &serde_json::Value) -> String {
+    match value {
+        serde_json::Value::Null => "-".into(),
+        serde_json::Value::String(text) => text.clone(),
+        serde_json::Value::Array(list) => list.iter().map(in_words).collect::<Vec<_>>().join(" "),
+        other => other.to_string(),
+    }
+}
+
+/// What a file holds; `None` if there is none.
+fn text(path: &Path) -> Result<Option<Vec<u8>>, ReportError> {
+    let unread = |source| ReportError::Read { path: path.into(), source };
+    match fs::metadata(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(unread(error)),
+        Ok(found) if !found.is_file() => {
+            return Err(unread(io::Error::other("it is no file")));
+        }
+        Ok(found) if found.len() > FILE_BYTES_MAX => {
+            return Err(unread(io::Error::other(format!(
+                "it has {} bytes, expected at most {FILE_BYTES_MAX}",
+                found.len()
+            ))));
+        }
+        Ok(_) => {}
+    }
+    fs::read(path).map(Some).map_err(unread)
+}
+
+fn json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<Option<T>, ReportError> {
+    let Some(text) = text(path)? else { return Ok(None) };
+    let broken = |error: serde_json::Error| ReportError::Broken {
+        path: path.into(),
+        line: error.line() as u64,
+        what: format!("{error}; expected JSON as a run writes it"),
+    };
+    serde_json::from_slice(&text).map(Some).map_err(broken)
+}
+
+/// The picture without its faults.
+fn scene(scenario: &Scenario, pace: &str) -> Scene {
+    let contains = !scenario.contained().is_empty();
+    let role = |role: Role| match role {
+        Role::Leader => "main-leader",
+        Role::Contained => "contained",
+        Role::Formation if contains => "leader",
+        Role::Formation => "formation",
+    };
+    let robots = scenario.robots.iter().map(|robot| SceneRobot {
+        name: robot.name.clone(),
+        role: role(robot.role).into(),
+        front_point_m: robot.front_point_m,
+    });
+    let edges = scenario.graph.edges().iter();
+    Scene {
+        name: scenario.name.clone(),
+        pace: pace.into(),
+        duration_s: seconds(scenario.duration_ns),
+        distance_min_m: scenario.avoidance.distance_min_m,
+        robots: robots.collect(),
+        edges: edges.map(|edge| SceneEdge { from: edge.from, to: edge.to }).collect(),
+        faults: Vec::new(),
+    }
+}
+
+/// What went wrong: as it was seen, or, of a run that was cut short, as it was planned.
+fn faults(
+    scenario: &Scenario,
+    outcome: Option<&Outcome>,
+    changes: &[report::run::Change],
+) -> Vec<SceneFault> {
+    let planned = |fault: &Fault| {
+        let (what, struck) = fault.kind.struck(scenario);
+        let until_ns = match fault.kind {
+            FaultKind::Kill { restart_after_ns, .. } => {
+                restart_after_ns.map(|after_ns| fault.at_ns.saturating_add(after_ns))
+            }
+            _ => fault.until_ns(),
+        };
+        let edge = match fault.kind {
+            FaultKind::Link { edge, .. } => Some(edge),
+            _ => None,
+        };
+        let t_s = seconds(fault.at_ns);
+        let robots = struck.robot.into_iter().collect();
+        SceneFault { t_s, until_s: until_ns.map(seconds), what, robots, edge }
+    };
+    let planned: Vec<SceneFault> = scenario.faults.iter().map(planned).collect();
+    let Some(outcome) = outcome else { return planned };
+    let seen = |fault: &outcome::Fault| {
+        let before = |plan: &&SceneFault| plan.what == fault.what && plan.t_s <= fault.t_s + 1e-9;
+        let plan = planned.iter().rfind(before);
+        let place = |name: &String| scenario.robots.iter().position(|robot| robot.name == *name);
+        let robot = fault.robot.as_ref().and_then(place);
+        // What never ends is over as soon as it began.
+        let lasted_s = fault.lasted_s.filter(|&lasted_s| lasted_s > 0.0);
+        let back = changes.iter().any(|change| {
+            change.t_s == fault.t_s
+                && robot.map(|place| ChangedTo::Robot(place, RobotState::Flying)) == Some(change.to)
+        });
+        let at_once = (back && fault.lasted_s.is_some()).then_some(0.0);
+        SceneFault {
+            t_s: fault.t_s,
+            until_s: lasted_s.or(at_once).map(|lasted_s| fault.t_s + lasted_s),
+            what: fault.what.clone(),
+            robots: robot.into_iter().collect(),
+            edge: plan.and_then(|plan| plan.edge),
+        }
+    };
+    outcome.faults.iter().map(seen).collect()
+}
+
+/// The state of an edge, by its word in `events.csv`.
+fn edge_state(word: &str) -> Option<EdgeState> {
+    match word {
+        "fresh" => Some(EdgeState::Fresh),
+        "stale" => Some(EdgeState::Stale),
+        "lost" => Some(EdgeState::Lost),
+        _ => None,
+    }
+}

@@ -1,0 +1,146 @@
+//! Figures and page of a run, as a user gets them.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use crate::harness::{Ended, run};
+
+/// A page is no larger than this, bytes.
+const PAGE_BYTES_MAX: usize = 3_000_000;
+
+fn report(run_dir: &Path) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
+    command.arg("report").arg(run_dir).env("NO_COLOR", "1").output().unwrap()
+}
+
+/// The page of a run that has ended; every figure is a sound SVG file.
+#[track_caller]
+fn page(ended: &Ended, figures: &[&str]) -> String {
+    let Output { status, stderr, .. } = report(&ended.run_dir());
+    ended.claim(status.success(), format!("a report: {}", String::from_utf8_lossy(&stderr)));
+    for name in figures {
+        let svg = ended.file(&format!("figures/{name}.svg"));
+        let sound = roxmltree::Document::parse(&svg);
+        let drawn = sound.as_ref().is_ok_and(|svg| svg.root_element().has_tag_name("svg"));
+        ended.claim(drawn, format!("{name}.svg is one: {sound:?}"));
+    }
+    let page = ended.file("report.html");
+    ended.claim(page.len() < PAGE_BYTES_MAX, format!("the page has {} bytes", page.len()));
+    for asks in ["http:", "https:", "src=", "url("] {
+        ended.claim(!page.contains(asks), format!("the page asks for nothing: {asks}"));
+    }
+    page
+}
+
+/// What the scenario expects, by name, all of it held.
+#[track_caller]
+fn expected(ended: &Ended) -> Vec<String> {
+    ended.exits_with(0);
+    let expectations = ended.summary["expectations"].as_array().unwrap();
+    expectations.iter().map(|each| each["name"].as_str().unwrap().to_owned()).collect()
+}
+
+#[test]
+fn a_killed_robot_is_in_every_figure_over_time() {
+    let ended = run("triangle").lockstep().fault("kill r2 @2.5 restart 2").finish();
+    let over_time = ["distances", "errors", "error_components", "information_age"];
+    let page = page(&ended, &over_time);
+    for name in over_time {
+        let svg = ended.file(&format!("figures/{name}.svg"));
+        ended.claim(svg.contains("kill r2"), format!("{name}.svg names the fault"));
+    }
+    let (pair, distance_m) = (&ended.summary["min_distance_pair"], ended.number("/min_distance_m"));
+    let mark = format!("smallest {distance_m:.4} m, {} \u{2013}", pair[0].as_str().unwrap());
+    ended.claim(page.contains(&mark), format!("the page says: {mark}"));
+    ended.claim(page.contains("every expectation held"), "the page says how it went");
+    let over_time = ended.file("latency_over_time.csv");
+    ended.claim(over_time.lines().count() > 100, "latencies over time were written");
+}
+
+#[test]
+fn what_the_chapter_says_of_its_figures_is_expected_and_drawn() {
+    let all = ["min_distance_m", "final_error_m_max", "converged_by_s"];
+    let led = [&all[..2], &["tracking_error_m_max"], &all[2..]].concat();
+    let contained = [&led[..3], &["hull_distance_m_max"], &led[3..]].concat();
+    let plane = ["trajectories", "distances", "errors", "error_components"];
+    let hull = [&plane[..], &["hull_distance"]].concat();
+    for (name, keys, figures) in [
+        ("triangle", &all[..], &plane[..]),
+        ("pentagon", &led, &plane),
+        ("containment", &contained, &hull),
+    ] {
+        let ended = run(name).lockstep().set("duration_s=12").finish();
+        ended.claim(expected(&ended) == keys, format!("{keys:?} are expected"));
+        let page = page(&ended, figures);
+        let held = page.matches(": held.").count();
+        ended.claim(held >= keys.len(), format!("{held} verdicts stand below the figures"));
+        ended.claim(!page.contains(": missed."), "none was missed");
+    }
+}
+
+#[test]
+fn a_run_draws_its_figures_by_itself_and_flies_as_well_if_it_cannot() {
+    for hindered in [false, true] {
+        let mut flying = run("triangle").set("duration_s=1").set("expect={}").drawing().start();
+        if hindered {
+            let page = flying.run_dir().join("report.html");
+            flying.wait_for("a run directory", |_| std::fs::create_dir(&page).ok());
+        }
+        let ended = flying.finish();
+        ended.exits_with(0);
+        let complained = ended.stderr.contains("cannot write") && !ended.summary.is_null();
+        ended.claim(complained == hindered, "it complains if and only if it cannot");
+        let drawn = ended.file("figures/trajectories.svg").contains("<svg");
+        ended.claim(drawn, "the figures are there");
+    }
+}
+
+#[test]
+fn a_supervisor_that_was_killed_leaves_enough_for_a_report() {
+    let mut flying = run("triangle").start();
+    flying.wait_for("samples", |run| {
+        let samples = std::fs::metadata(run.run_dir().join("samples.csv")).ok()?;
+        (samples.len() > 20_000).then_some(())
+    });
+    flying.signal(rustix::process::Signal::KILL);
+    let ended = flying.finish();
+    ended.claim(ended.summary.is_null(), "there is no summary");
+    let page = page(&ended, &["trajectories", "distances", "errors"]);
+    ended.claim(page.contains("cut short"), "the page says so");
+}
+
+#[test]
+fn what_is_no_run_directory_is_refused() {
+    let place = tempfile::tempdir().unwrap();
+    for path in [place.path().to_path_buf(), place.path().join("none")] {
+        let Output { status, stderr, .. } = report(&path);
+        let said = String::from_utf8_lossy(&stderr);
+        assert_eq!(status.code(), Some(2), "{said}");
+        assert!(said.contains("is no run directory") && said.lines().count() == 1, "{said}");
+    }
+    std::fs::write(place.path().join("scenario.toml"), "name = 3\n").unwrap();
+    let Output { status, stderr, .. } = report(place.path());
+    assert_eq!(status.code(), Some(3), "{}", String::from_utf8_lossy(&stderr));
+    std::fs::copy("scenarios/triangle.toml", place.path().join("scenario.toml")).unwrap();
+    std::fs::write(place.path().join("summary.json"), "{ \"t_s\": ").unwrap();
+    let Output { status, stderr, .. } = report(place.path());
+    let said = String::from_utf8_lossy(&stderr);
+    assert_eq!(status.code(), Some(4), "{said}");
+    assert!(said.contains("summary.json:1: "), "{said}");
+}
+
+#[test]
+#[ignore = "every shipped scenario at full length"]
+fn every_shipped_scenario_has_a_page_below_three_megabytes() {
+    for entry in std::fs::read_dir("scenarios").unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_none_or(|extension| extension != "toml") {
+            continue;
+        }
+        let name = path.file_stem().unwrap().to_str().unwrap();
+        let ended = run(name).lockstep().finish();
+        let began = std::time::Instant::now();
+        let page = page(&ended, &["trajectories", "distances", "errors"]);
+        println!("{name}: {} bytes, drawn in {:?}", page.len(), began.elapsed());
+    }
+}

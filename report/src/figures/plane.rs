@@ -18,6 +18,8 @@ const BODY: f64 = 9.0;
 /// Between two instants at which the robots are drawn they have moved by so many times the size of
 /// the formation.
 const APART: f64 = 1.3;
+/// A time has so much room beside the times before, px.
+const LABEL: (f64, f64) = (42.0, 15.0);
 /// Robots are drawn at so many instants at most.
 const INSTANTS_MAX: usize = 8;
 
@@ -173,7 +175,16 @@ fn formation(run: &Run, instant: usize, m_per_px: f64, panel: &mut Panel) {
         top = (top.0 + nose.x / robots as f64, top.1.max(nose.y));
     }
     if top.1.is_finite() {
-        let at = (top.0, top.1 + 14.0 * m_per_px);
+        let taken = |at: Point| {
+            let near = |mark: &&Mark| {
+                let (dx, dy) = (mark.at.0 - at.0, mark.at.1 - at.1);
+                dx.abs() < LABEL.0 * m_per_px && dy.abs() < LABEL.1 * m_per_px
+            };
+            panel.marks.iter().any(|mark| near(&mark))
+        };
+        let places = (1..=INSTANTS_MAX).map(|row| row as f64 * LABEL.1 * m_per_px);
+        let mut places = places.map(|above| (top.0, top.1 + above));
+        let Some(at) = places.find(|&at| !taken(at)) else { return };
         let label = format!("{:.1} s", run.times_s[instant]);
         panel.marks.push(Mark { at, shape: Shape::Words, color: BLACK, label });
     }

@@ -9,9 +9,6 @@ use crate::outcome::{Expectation, Fault, Outcome, Stage, asked, digits};
 use crate::page;
 use crate::run::Run;
 
-/// Nothing is loaded; what stands in the file may run.
-const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; \
-                      img-src data:; base-uri 'none'; form-action 'none'";
 const STYLE: &str = include_str!("../assets/report.css");
 /// Of a longer list of names only the first ones are told.
 const NAMES_MAX: usize = 12;
@@ -39,9 +36,10 @@ pub fn escaped(text: &str) -> String {
 /// `report.html`.
 pub fn report(run: &Run, figures: &[Figure]) -> String {
     let name = escaped(&run.scene.name);
+    let policy = page::content_security_policy();
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <title>{name}: report of a run</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n"
     );

@@ -10,6 +10,7 @@ use base64::prelude::{BASE64_STANDARD, Engine as _};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
+use crate::html::escaped;
 use crate::scene::{Frame, Scene};
 
 mod pack;
@@ -81,21 +82,6 @@ fn data(class: &str, value: &impl Serialize) -> String {
     let json = serde_json::to_string(value).expect("numbers and text become JSON");
     let json = json.replace('<', "\\u003c");
     format!("<script type=\"application/json\" class=\"{class}\">{json}</script>\n")
-}
-
-fn escaped(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for letter in text.chars() {
-        match letter {
-            '&' => escaped.push_str("&amp;"),
-            '<' => escaped.push_str("&lt;"),
-            '>' => escaped.push_str("&gt;"),
-            '"' => escaped.push_str("&quot;"),
-            '\'' => escaped.push_str("&#39;"),
-            _ => escaped.push(letter),
-        }
-    }
-    escaped
 }
 
 #[cfg(test)]

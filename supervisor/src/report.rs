@@ -18,11 +18,12 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use protocol::law::Role;
+use protocol::brief::Pace;
 use report::outcome::{self, Outcome};
 use report::run::{ChangedTo, Limits, Run};
-use report::scene::{EdgeState, RobotState, Scene, SceneEdge, SceneFault, SceneRobot};
+use report::scene::{EdgeState, RobotState, Scene, SceneFault};
 
+use crate::live;
 use crate::metrics::seconds;
 use crate::scenario::{Fault, FaultKind, Scenario};
 
@@ -99,7 +100,8 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
         json(&run_dir.join("manifest.json"))?.unwrap_or_default();
     let outcome: Option<Outcome> = json(&run_dir.join("summary.json"))?;
     let pace = manifest.get("pace").and_then(serde_json::Value::as_str);
-    let mut scene = scene(scenario, pace.unwrap_or("unknown pace"));
+    let pace = pace.unwrap_or("unknown pace").to_owned();
+    let mut scene = Scene { pace, ..live::scene(scenario, Pace::Realtime) };
     let changes = record::changes(&run_dir.join("events.csv"), &scene)?;
     scene.faults = faults(scenario, outcome.as_ref(), &changes);
     let record = record::record(&run_dir.join("samples.csv"), scenario, &scene.faults)?;
@@ -163,32 +165,6 @@ fn json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<Option<T>, Report
         what: format!("{error}; expected JSON as a run writes it"),
     };
     serde_json::from_slice(&text).map(Some).map_err(broken)
-}
-
-/// The picture without its faults.
-fn scene(scenario: &Scenario, pace: &str) -> Scene {
-    let contains = !scenario.contained().is_empty();
-    let role = |role: Role| match role {
-        Role::Leader => "main-leader",
-        Role::Contained => "contained",
-        Role::Formation if contains => "leader",
-        Role::Formation => "formation",
-    };
-    let robots = scenario.robots.iter().map(|robot| SceneRobot {
-        name: robot.name.clone(),
-        role: role(robot.role).into(),
-        front_point_m: robot.front_point_m,
-    });
-    let edges = scenario.graph.edges().iter();
-    Scene {
-        name: scenario.name.clone(),
-        pace: pace.into(),
-        duration_s: seconds(scenario.duration_ns),
-        distance_min_m: scenario.avoidance.distance_min_m,
-        robots: robots.collect(),
-        edges: edges.map(|edge| SceneEdge { from: edge.from, to: edge.to }).collect(),
-        faults: Vec::new(),
-    }
 }
 
 /// What went wrong: as it was seen, or, of a run that was cut short, as it was planned.

@@ -1,16 +1,10 @@
 """Report and live view of real runs."""
 
-import subprocess
-
 import pytest
 from playwright.sync_api import expect
 
-from conftest import HANG_S, PHALANX, shot, wait_until
+from conftest import shot, wait_until
 from test_replay import go_to, now_s
-
-help_text = subprocess.run([PHALANX, "run", "--help"], capture_output=True, text=True, timeout=HANG_S).stdout
-needs_view = pytest.mark.skipif("--view" not in help_text, reason="this phalanx has no live view")
-needs_report = pytest.mark.skipif("--no-report" not in help_text, reason="this phalanx writes no report")
 
 
 def states(page):
@@ -23,7 +17,6 @@ def every_state(page, *asked):
     wait_until(page, f"asked => {shown} === asked", ",".join(asked))
 
 
-@needs_report
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1280, 390])
 def test_a_report_replays_its_run(visit, report_address, width, scheme):
@@ -42,7 +35,6 @@ def test_a_report_replays_its_run(visit, report_address, width, scheme):
     assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
-@needs_view
 def test_a_robot_of_a_run_is_killed_and_brought_back_by_hand(fly, visit):
     page = visit(fly(duration_s=600))
     expect(page.locator(".lamp")).to_have_attribute("data-link", "live")
@@ -61,7 +53,6 @@ def test_a_robot_of_a_run_is_killed_and_brought_back_by_hand(fly, visit):
     every_state(page, "flying", "flying", "flying")
 
 
-@needs_view
 def test_an_edge_of_a_run_is_cut_and_mended_by_hand(fly, visit):
     page = visit(fly(duration_s=600))
     state = page.locator(".edges tbody tr").first.locator(".state")
@@ -72,7 +63,6 @@ def test_an_edge_of_a_run_is_cut_and_mended_by_hand(fly, visit):
     expect(state).to_have_text("fresh")
 
 
-@needs_view
 def test_a_run_that_ends_says_so_and_is_not_asked_again(fly, visit):
     page = visit(fly(duration_s=8))
     lamp = page.locator(".lamp")

@@ -26,8 +26,10 @@ fn page(ended: &Ended, figures: &[&str]) -> String {
     }
     let page = ended.file("report.html");
     ended.claim(page.len() < PAGE_BYTES_MAX, format!("the page has {} bytes", page.len()));
+    // The name of SVG is no address to ask.
+    let asks_of = page.replace("http://www.w3.org/2000/svg", "");
     for asks in ["http:", "https:", "src=", "url("] {
-        ended.claim(!page.contains(asks), format!("the page asks for nothing: {asks}"));
+        ended.claim(!asks_of.contains(asks), format!("the page asks for nothing: {asks}"));
     }
     page
 }

@@ -190,8 +190,10 @@ fn the_page_asks_nobody_for_anything_and_takes_no_word_for_markup() {
     let markup = "row &lt;/script&gt;&lt;b&gt;&amp;";
     assert!(page.contains(markup) && page.contains("Linux &lt;6&gt;"));
     assert!(!page.contains("</script><b>"));
+    // The name of SVG is no address to ask, and a comment in the script is none either.
+    let page_asks = page.replace("http://www.w3.org/2000/svg", "").replace("// ", "");
     for asks in ["http:", "https:", "src=", "url(", "@import", "<link", "//"] {
-        assert!(!page.contains(asks), "{asks}");
+        assert!(!page_asks.contains(asks), "{asks}");
     }
     assert!(page.split("href=\"").skip(1).all(|rest| rest.starts_with('#')));
     assert!(page.contains("Content-Security-Policy") && page.contains("default-src 'none'"));

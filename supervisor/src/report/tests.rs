@@ -18,7 +18,8 @@ fn run_dir(below: &Path) -> PathBuf {
     for tick in 0..8 {
         let errors = [Some(0.1), None, Some(0.3)];
         let at = [0.0, 1.0, 2.0].map(|x| x + tick as f64 * 0.1);
-        run_dir.truth(&header(tick), &rows(at), &errors, &[true, tick != 4, true]).unwrap();
+        let alive = [true, tick != 4, true];
+        run_dir.truth(&header(tick), &rows(at), &errors, &alive, Some((1.0, [0, 1]))).unwrap();
     }
     run_dir.event(2_000_000_000, "kill", "r2", "SIGKILL, as planned").unwrap();
     run_dir.event(3_000_000_000, "contact", "r3", "stale r2").unwrap();

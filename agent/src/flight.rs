@@ -68,6 +68,9 @@ pub fn run(brief_path: &Path, incarnation: u64) -> Result<(), FlightError> {
     let stop = Stop::on_signals()?;
     run_root::join(&brief.run_root)?;
     clock::tighten_timer_slack();
+    if brief.pace == Pace::Realtime {
+        process::take_short_turns();
+    }
     // Before the ports, whose presence tells the plant that it may begin.
     let barrier = match brief.pace {
         Pace::Lockstep => Some(Barrier::open(&run_root::barrier_path(&brief.run_root))?),

@@ -91,6 +91,9 @@ pub fn run(brief_path: &Path) -> Result<(), FlightError> {
     let stop = Stop::on_signals()?;
     run_root::join(&brief.run_root)?;
     clock::tighten_timer_slack();
+    if brief.pace == Pace::Realtime {
+        process::take_short_turns();
+    }
     let ports = Ports::open(&brief)?;
     let sent_ns = vec![0; brief.robots.len()];
     let plant = Plant { world: World::new(&brief), brief, ports, stop, sent_ns };

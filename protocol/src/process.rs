@@ -159,6 +159,30 @@ pub fn hurry() {
     }
 }
 
+/// How long a process that is due may run before others have their turn, ns: the least that Linux
+/// grants. Whoever asks for little is served first, which is what a control loop wants: a tenth of
+/// a millisecond is more than it needs.
+const TURN_NS: u64 = 100_000;
+
+/// Asks for short turns, and thereby for early ones, for the calling thread, if its priority is an
+/// ordinary one. Linux before 6.12 pays no heed, which is no harm.
+pub fn take_short_turns() {
+    // SAFETY: zeros are a value of this plain struct.
+    let mut attributes: libc::sched_attr = unsafe { std::mem::zeroed() };
+    let size = size_of_val(&attributes) as u32;
+    // SAFETY: writes `size` bytes at most to `attributes`; 0 is the calling thread.
+    let read = unsafe { libc::syscall(libc::SYS_sched_getattr, 0, &mut attributes, size, 0) };
+    if read != 0 || attributes.sched_policy != libc::SCHED_OTHER as u32 {
+        return;
+    }
+    attributes.sched_runtime = TURN_NS;
+    // SAFETY: reads `attributes`, which says its own size.
+    if unsafe { libc::syscall(libc::SYS_sched_setattr, 0, &attributes, 0) } != 0 {
+        let error = io::Error::last_os_error();
+        tracing::debug!(%error, "turns are as long as everybody's");
+    }
+}
+
 /// Lets the calling thread run only while no other wants its core.
 pub fn stand_back() -> io::Result<()> {
     let parameters = libc::sched_param { sched_priority: 0 };

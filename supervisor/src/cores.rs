@@ -30,6 +30,8 @@ pub(crate) struct Cores {
     /// One for each group of robots.
     groups: Vec<usize>,
     plant: usize,
+    /// Never the plant's, for whom everybody waits.
+    supervisor: usize,
 }
 
 impl Cores {
@@ -46,7 +48,8 @@ impl Cores {
         let most = cores.len().min(GROUPS_MAX);
         let groups = ((robots + 1) / ROBOTS_PER_CORE_MIN).clamp(1, most);
         // The plant's is that of the group which is released last.
-        Some(Cores { usable, groups: (0..groups).map(core).collect(), plant: core(groups - 1) })
+        let (plant, supervisor) = (core(groups - 1), core(groups));
+        Some(Cores { usable, groups: (0..groups).map(core).collect(), plant, supervisor })
     }
 
     /// Into how many groups the robots are dealt, in turns.
@@ -98,6 +101,7 @@ impl Stay {
         // A process of ours that died takes its time with it: others seem to have had it.
         let others = (busy_s - self.busy_s) - (ours_s - self.ours_s).max(0.0);
         (self.looked, self.busy_s, self.ours_s) = (Instant::now(), busy_s, ours_s);
+        tracing::debug!(others = others / passed.as_secs_f64(), "cores that others take");
         if others > OTHERS_MAX * passed.as_secs_f64() {
             if !self.awake.is_empty() {
                 self.let_go(plant, robots);
@@ -116,6 +120,7 @@ impl Stay {
             keep_on(child.pid(), &alone(self.cores.of_robot(i)));
         }
         keep_on(plant.pid(), &alone(self.cores.plant));
+        keep_on(0, &alone(self.cores.supervisor));
         Ok(())
     }
 
@@ -126,8 +131,9 @@ impl Stay {
         }
     }
 
-    /// Ends those that keep cores awake: what all of them took.
+    /// Ends those that keep cores awake, and lets the calling thread go: what all of them took.
     pub(crate) fn end(&mut self) -> Usage {
+        keep_on(0, &self.cores.usable);
         for mut child in self.awake.drain(..) {
             child.kill();
             // SIGKILL cannot be ignored: this wait is short.
@@ -146,10 +152,9 @@ fn alone(core: usize) -> CpuSet {
     set
 }
 
-/// Keeps a process on these cores. Whoever may not stays where it may be: slower, and no less right.
+/// Keeps a process, or as 0 the calling thread, on these cores. Whoever may not stays where it may be: slower, and no less right.
 fn keep_on(pid: u32, cores: &CpuSet) {
-    let kept = Pid::from_raw(pid as i32).map(|pid| sched_setaffinity(Some(pid), cores));
-    if let Some(Err(error)) = kept {
+    if let Err(error) = sched_setaffinity(Pid::from_raw(pid as i32), cores) {
         tracing::debug!(pid, %error, "not kept on its core");
     }
 }
@@ -202,6 +207,7 @@ mod tests {
                 for core in (0..robots).map(|i| cores.of_robot(i)).chain([cores.plant]) {
                     assert!(usable.is_set(core) && cores.groups.contains(&core));
                 }
+                assert!(usable.is_set(cores.supervisor) && cores.supervisor != cores.plant);
             }
         }
     }
@@ -219,6 +225,6 @@ mod tests {
         let own = own_time_s();
         assert!(own > 0.0 && time_s(std::process::id()) >= own);
         assert!(busy_s().unwrap() > 0.0);
-        assert_eq!(time_s(u32::MAX >> 1), 0.0);
+        assert_eq!(time_s(4_194_305), 0.0, "there is no such process");
     }
 }

@@ -66,7 +66,8 @@ impl Cores {
 #[derive(Debug)]
 pub(crate) struct Stay {
     cores: Cores,
-    looked: Instant,
+    /// When it was last looked around; `None` before the first time.
+    looked: Option<Instant>,
     busy_s: f64,
     ours_s: f64,
     /// While they stay, one process for each core that keeps it awake.
@@ -78,31 +79,30 @@ pub(crate) struct Stay {
 impl Stay {
     /// Nobody stays yet.
     pub(crate) fn new(cores: Cores) -> Stay {
-        let (busy_s, ours_s) = (busy_s().unwrap_or(0.0), 0.0);
         let (awake, usage) = (Vec::new(), Usage::default());
-        Stay { cores, looked: Instant::now(), busy_s, ours_s, awake, usage }
+        Stay { cores, looked: None, busy_s: 0.0, ours_s: 0.0, awake, usage }
     }
 
     /// Looks, if it is time, at what others take, and keeps the plant and the robots (by slot) on
-    /// their cores, or lets them go. `log`: of those that keep cores awake.
+    /// their cores, or lets them go. At first nothing is known of others, and everybody stays.
+    /// `log`: of those that keep cores awake.
     pub(crate) fn look<'a>(
         &mut self,
         plant: &Child,
         robots: impl Iterator<Item = (usize, &'a Child)> + Clone,
         log: &Path,
     ) -> Result<(), SpawnError> {
-        let passed = self.looked.elapsed();
-        if passed < LOOK_EVERY {
+        let passed = self.looked.map(|at| at.elapsed());
+        if passed.is_some_and(|passed| passed < LOOK_EVERY) {
             return Ok(());
         }
         let Some(busy_s) = busy_s() else { return Ok(()) };
         let processes = robots.clone().map(|(_, child)| child).chain([plant]).chain(&self.awake);
         let ours_s = own_time_s() + processes.map(|child| time_s(child.pid())).sum::<f64>();
         // A process of ours that died takes its time with it: others seem to have had it.
-        let others = (busy_s - self.busy_s) - (ours_s - self.ours_s).max(0.0);
-        (self.looked, self.busy_s, self.ours_s) = (Instant::now(), busy_s, ours_s);
-        tracing::debug!(others = others / passed.as_secs_f64(), "cores that others take");
-        if others > OTHERS_MAX * passed.as_secs_f64() {
+        let others_s = (busy_s - self.busy_s) - (ours_s - self.ours_s).max(0.0);
+        (self.looked, self.busy_s, self.ours_s) = (Some(Instant::now()), busy_s, ours_s);
+        if passed.is_some_and(|passed| others_s > OTHERS_MAX * passed.as_secs_f64()) {
             if !self.awake.is_empty() {
                 self.let_go(plant, robots);
             }

@@ -397,7 +397,9 @@ impl<'a> Flight<'a> {
             }
             self.act()?;
             self.check_deadlines()?;
-            if let Some(stay) = &mut self.stay {
+            if self.took_off.is_some()
+                && let Some(stay) = &mut self.stay
+            {
                 let robots = self.robots.iter().enumerate();
                 let flying = robots.filter_map(|(i, robot)| Some((i, robot.seat.child()?)));
                 stay.look(&self.plant, flying, &self.run_dir.log_path("awake"))?;

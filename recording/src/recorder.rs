@@ -233,7 +233,7 @@ fn level(kind: &str) -> u8 {
     const ERROR: u8 = 40;
     match kind {
         "died" | "restart-ceiling" => ERROR,
-        "kill" | "freeze" | "load" => WARN,
+        "kill" | "freeze" | "load" | "cut" => WARN,
         _ => INFO,
     }
 }

@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::{CallbackProgression, NodeState};
 use protocol::run_root::RunRoot;
-use protocol::service::{self, ServiceError};
+use protocol::service::{self, Node};
 use rustix::event::{EventfdFlags, eventfd};
 
 /// One attempt to remove what the dead left.
@@ -52,9 +52,14 @@ impl Cleaner {
         let told = news.clone();
         let (run_root, prefix) = (run_root.path().to_path_buf(), run_root.prefix());
         let thread = std::thread::Builder::new().name("cleanup".into()).spawn(move || {
+            let node = service::node("cleanup");
             for robot in incoming {
-                if let Err(error) = clean_watched(&run_root, &prefix) {
-                    tracing::warn!(robot, %error, "clean-up failed");
+                let cleaned = match &node {
+                    Ok(node) => clean_watched(node, &run_root, &prefix).map_err(|e| e.to_string()),
+                    Err(error) => Err(error.to_string()),
+                };
+                if let Err(error) = cleaned {
+                    tracing::warn!(robot, error, "clean-up failed");
                 }
                 if outgoing.send(robot).is_err() {
                     break;
@@ -105,8 +110,6 @@ impl Drop for Cleaner {
 /// Why the dead could not be cleaned up.
 #[derive(Debug, thiserror::Error)]
 enum CleanupError {
-    #[error(transparent)]
-    Service(#[from] ServiceError),
     #[error("cannot look into {path}: {source}")]
     Look { path: PathBuf, source: io::Error },
     #[error("cannot remove {path}: {source}")]
@@ -114,7 +117,7 @@ enum CleanupError {
 }
 
 /// [`clean`], with somebody beside it who removes what others leave half-made meanwhile.
-fn clean_watched(run_root: &Path, prefix: &str) -> Result<(), CleanupError> {
+fn clean_watched(node: &Node, run_root: &Path, prefix: &str) -> Result<(), CleanupError> {
     let (at_work, done) = channel::<()>();
     std::thread::scope(|scope| {
         scope.spawn(move || {
@@ -124,15 +127,14 @@ fn clean_watched(run_root: &Path, prefix: &str) -> Result<(), CleanupError> {
                 }
             }
         });
-        let cleaned = clean(run_root, prefix);
+        let cleaned = clean(node, run_root, prefix);
         drop(at_work);
         cleaned
     })
 }
 
 /// Removes what dead processes left in this run.
-fn clean(run_root: &Path, prefix: &str) -> Result<(), CleanupError> {
-    let node = service::node("cleanup")?;
+fn clean(node: &Node, run_root: &Path, prefix: &str) -> Result<(), CleanupError> {
     let nodes = run_root.join("nodes");
     // Whoever dies from here on has ports that iceoryx2 has not seen to: the next clean-up's work.
     let dead: BTreeSet<u128> = files_of_the_dead(&nodes)?.into_iter().map(|(id, _)| id).collect();
@@ -142,7 +144,7 @@ fn clean(run_root: &Path, prefix: &str) -> Result<(), CleanupError> {
         .filter(|(_, ends)| ends.iter().all(|&end| is_gone(end)))
         .map(|(path, _)| path)
         .collect();
-    let listed = service::Node::list(node.config(), |state| {
+    let listed = Node::list(node.config(), |state| {
         // Others that died meanwhile may have left half-made connections as well.
         let seen_to = dead.contains(&state.node_id().value());
         if let (true, NodeState::Dead(of_the_dead)) = (seen_to, state)
@@ -274,7 +276,7 @@ mod tests {
         let known = format!("{}type_{}_{}.connection", run_root.prefix(), ids[0], ids[1]);
         let known = Path::new(SHARED_MEMORY).join(known);
         fs::write(&known, "whole").unwrap();
-        clean_watched(run_root.path(), &run_root.prefix()).unwrap();
+        clean_watched(&living, run_root.path(), &run_root.prefix()).unwrap();
         assert_eq!(files(), before);
         assert!(!known.exists(), "a connection between the dead");
         // Of two half-made connections, the one between the living is left to them.

@@ -46,6 +46,8 @@ const TRUTH_SILENCE_MAX: Duration = Duration::from_secs(15);
 const GRACE: Duration = Duration::from_secs(2);
 /// How long one turn of the loop waits for news.
 const TURN: Duration = Duration::from_millis(2);
+/// The plant may send as fast as they are taken: after so many it is time for reports and deaths.
+const TRUTHS_PER_TURN: usize = 64;
 /// How often the agents' reports are looked at; each look costs a little for every robot.
 const REPORTS_EVERY: Duration = Duration::from_millis(10);
 /// How what the scenario planned is written down.
@@ -382,7 +384,8 @@ impl<'a> Flight<'a> {
             self.take_truths()?;
             // Deaths first: whoever calls a robot stale then does so of a fault that is known.
             self.take_deaths()?;
-            if self.reports_taken.elapsed() >= REPORTS_EVERY {
+            // While the plant stands, all that was said before its next act is known before it.
+            if self.reports_taken.elapsed() >= REPORTS_EVERY || self.plant_stands() {
                 self.reports_taken = Instant::now();
                 self.take_statuses()?;
                 self.take_latencies()?;
@@ -433,8 +436,14 @@ impl<'a> Flight<'a> {
         }
     }
 
-    fn take_truths(&mut self) -> Result<(), FlightError> {
-        while let Some(sample) = self.truth.receive()? {
+    /// Takes in new truths, but not for longer than other news can wait; whether all are taken.
+    fn take_truths(&mut self) -> Result<bool, FlightError> {
+        let mut all = false;
+        for _ in 0..TRUTHS_PER_TURN {
+            let Some(sample) = self.truth.receive()? else {
+                all = true;
+                break;
+            };
             let header = *sample.user_header();
             self.took_off.get_or_insert_with(Instant::now);
             self.metrics.truth(&header, sample.payload(), &self.alive);
@@ -455,7 +464,7 @@ impl<'a> Flight<'a> {
         }
         self.outcome.startup = self.took_off.map(|at| at - self.launched);
         self.outcome.wall = self.took_off.map_or(Duration::ZERO, |at| self.last_news - at);
-        Ok(())
+        Ok(all)
     }
 
     fn take_statuses(&mut self) -> Result<(), FlightError> {
@@ -546,7 +555,7 @@ impl<'a> Flight<'a> {
     fn take_deaths(&mut self) -> Result<(), FlightError> {
         if let Some(status) = self.plant.ended() {
             // Its last truth may have been sent between our last look and its end.
-            self.take_truths()?;
+            while !self.take_truths()? {}
             if self.now_ns() < self.scenario.duration_ns {
                 let log = self.plant.last_lines(LOG_LINES);
                 return Err(FlightError::PlantDied { how: child::in_words(status), log });

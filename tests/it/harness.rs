@@ -132,18 +132,16 @@ impl Running {
         processes_of(&self.run_dir())
     }
 
-    /// Process ids of its living agents, those included that are forked and not yet agents. Empty
-    /// until the plant, which is started first, is known. Cheap: made to be asked often.
+    /// Process ids of its living agents, from the moment they are told to be one. Empty until the
+    /// plant, which is started first, is known. Cheap: made to be asked often.
     pub fn agents(&self) -> Vec<u32> {
         let (pid, briefs) = (self.pid(), self.run_dir().join("briefs"));
         let listed = std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/children"));
         let listed = listed.unwrap_or_default();
         let children = listed.split_whitespace().filter_map(|pid| pid.parse().ok());
         // The dead that are not yet reaped have no words.
-        let living = children.map(|pid| (pid, words_of(pid))).filter(|(_, words)| words.len() > 1);
-        let briefed = living.map(|(pid, words)| (pid, briefed(&words, &briefs)));
-        let (plant, agents): (Vec<_>, Vec<_>) =
-            briefed.partition(|(_, name)| name.as_deref() == Some("plant"));
+        let told = children.filter_map(|pid| Some((pid, briefed(&words_of(pid), &briefs)?)));
+        let (plant, agents): (Vec<_>, Vec<_>) = told.partition(|(_, name)| name == "plant");
         if plant.is_empty() { Vec::new() } else { agents.into_iter().map(|(pid, _)| pid).collect() }
     }
 

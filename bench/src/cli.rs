@@ -16,7 +16,8 @@ use crate::machine::Machine;
 use crate::round_trip::Transport;
 use crate::table::Report;
 use crate::{
-    BenchError, floor, lockstep, neighbor, peers, realtime, replacement, round_trip, startup, view,
+    BenchError, floor, growth, lockstep, neighbor, peers, realtime, replacement, round_trip,
+    startup, view,
 };
 
 /// Round trips by each means in one second's worth of a round; five rounds of a full bench make
@@ -26,6 +27,8 @@ const TRIPS_PER_S: f64 = 20_000.0;
 const TRIPS_LIMIT: f64 = 10.0;
 /// A flight in real time takes this much longer than one in lockstep: rare misses need time.
 const REALTIME: f64 = 3.0;
+/// A flight whose cost is to be told from that of starting 256 processes takes this much longer.
+const GROWTH: f64 = 3.0;
 
 /// Arguments of `phalanx bench`.
 #[derive(Debug, Args)]
@@ -37,7 +40,7 @@ pub struct BenchArgs {
     #[arg(long, value_enum, value_name = "PART", value_delimiter = ',')]
     only: Vec<Part>,
     /// Numbers of robots [default: 3, 8, 16, 32, 64 in lockstep; 3, 8, 32, 64 in real time;
-    /// 2, 8 for neighbors; 8, 64 for the start-up].
+    /// 2, 8 for neighbors; 8, 64 for the start-up; 3, 8, 16, 32, 64, 128, 256 for growth].
     #[arg(long, value_name = "N", value_delimiter = ',', value_parser = robots)]
     robots: Vec<usize>,
     /// How often ours and the floors take turns [default: 5; 3 if quick].
@@ -70,6 +73,8 @@ enum Part {
     Neighbor,
     /// The same with a live view that is looked at, and without; not unless asked for.
     View,
+    /// What a tick costs as the robots grow in number, to 256; not unless asked for.
+    Growth,
     /// Time until everybody is ready.
     Startup,
     /// Time from a kill to the replacement's first command.
@@ -156,7 +161,7 @@ fn measure(args: &BenchArgs, stop: &Stop) -> Result<Report, BenchError> {
             let _ = write!(io::stderr(), "\r\x1b[K{what} of {rounds}");
         }
     };
-    let (mut rows, mut trajectories) = (Vec::new(), Vec::new());
+    let (mut rows, mut trajectories, mut notes) = (Vec::new(), Vec::new(), Vec::new());
     if wanted(Part::Floors) {
         let trips = ((TRIPS_PER_S * seconds) as usize).max(1);
         let limit = Duration::from_secs_f64(TRIPS_LIMIT * seconds);
@@ -181,6 +186,12 @@ fn measure(args: &BenchArgs, stop: &Stop) -> Result<Report, BenchError> {
     if args.only.contains(&Part::View) {
         rows.extend(view::measure(&root, stop, &or(&[8]), rounds, REALTIME * seconds, progress)?);
     }
+    if args.only.contains(&Part::Growth) {
+        let robots = or(&[3, 8, 16, 32, 64, 128, 256]);
+        let seconds = GROWTH * seconds;
+        rows.extend(growth::measure(&root, stop, &robots, rounds, seconds, progress)?);
+        notes.extend(growth::NOTES);
+    }
     if wanted(Part::Startup) {
         let mut robots = or(&[8, 64]);
         robots.extend(args.large.then_some(256));
@@ -193,7 +204,7 @@ fn measure(args: &BenchArgs, stop: &Stop) -> Result<Report, BenchError> {
         let _ = writeln!(io::stderr(), "warning: could not remove the run root: {error}");
     }
     machine.look_again();
-    Ok(Report { machine, warnings, trajectories, rows })
+    Ok(Report { machine, warnings, trajectories, rows, notes })
 }
 
 fn complain(error: &dyn std::fmt::Display) -> u8 {

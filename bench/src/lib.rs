@@ -14,6 +14,7 @@
 //! | `realtime` | how many deadlines are missed, at which rate and size? |
 //! | `neighbor` | how long from a neighbor's publication to its use? |
 //! | `view` | is anybody later if a browser looks on? |
+//! | `growth` | what does a tick cost, to 256 robots, and how does that grow? |
 //! | `startup` | how long until everybody is ready? |
 //! | `replacement` | how long from a kill to the replacement's first command? |
 //! | `ring` | which scenario is flown? |
@@ -27,6 +28,7 @@ pub mod cli;
 mod cores;
 mod floor;
 mod flown;
+mod growth;
 mod lockstep;
 mod machine;
 mod mapping;

@@ -12,11 +12,16 @@ use crate::ring;
 use crate::table::{Row, Trajectory};
 
 /// T, s. Simulated.
-const PERIOD_S: f64 = 0.005;
+pub(crate) const PERIOD_S: f64 = 0.005;
 /// Robots times ticks that a small machine flies in about a second.
 const ROBOT_TICKS_PER_S: f64 = 80_000.0;
 /// Fewer ticks than this measure the start.
 const TICKS_MIN: u64 = 50;
+
+/// As many ticks as so many robots fly in about `seconds` on a small and quiet machine.
+pub(crate) fn ticks(robots: usize, seconds: f64) -> u64 {
+    ((seconds * ROBOT_TICKS_PER_S / robots as f64) as u64).max(TICKS_MIN)
+}
 
 /// Measures in turns, each for about `seconds` on a small and quiet machine.
 pub(crate) fn measure(
@@ -30,7 +35,7 @@ pub(crate) fn measure(
     let mut rows = Vec::new();
     let mut trajectories = Vec::new();
     for &robots in robots {
-        let ticks = ((seconds * ROBOT_TICKS_PER_S / robots as f64) as u64).max(TICKS_MIN);
+        let ticks = ticks(robots, seconds);
         let text = ring::text(robots, ticks, PERIOD_S);
         let scenario = ring::read(&text)?;
         let mut ours = Vec::new();

@@ -87,6 +87,8 @@ pub(crate) struct Report {
     /// By number of robots: one trajectory, bit by bit, of ours and of every floor.
     pub(crate) trajectories: Vec<Trajectory>,
     pub(crate) rows: Vec<Row>,
+    /// What the rows do not say.
+    pub(crate) notes: Vec<&'static str>,
 }
 
 /// The hashes of one trajectory, flown by several means.
@@ -150,6 +152,9 @@ impl Report {
             let _ = writeln!(text, "{robots} robots, {ticks} ticks: {verdict}: {}", hashes[0].1);
         }
         text += "median (least-most) of the rounds; ours and floors took turns within each round\n";
+        for note in &self.notes {
+            let _ = writeln!(text, "{note}");
+        }
         for warning in &self.warnings {
             let _ = writeln!(text, "warning: {warning}");
         }

@@ -135,6 +135,34 @@ fn a_bench_of_the_live_view_flies_with_a_reader_and_without() {
 }
 
 #[test]
+fn a_bench_of_growth_says_what_a_tick_costs_with_few_robots_and_with_more_and_by_which_power() {
+    let args = ["--only", "growth", "--robots", "5,2", "--seconds", "0.05"];
+    let output = bench(&args).finish(None, |_| false);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let report: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let rows = report["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), 2 * 6 + 1, "{report:#}");
+    let figure = |what: &str| {
+        let row = rows.iter().find(|row| row["what"] == what);
+        row.unwrap_or_else(|| panic!("no {what}: {report:#}"))["ours"]["median"].as_f64().unwrap()
+    };
+    let all_us = [2, 5].map(|robots| {
+        assert!(figure(&format!("{robots} robots, ticks/s")) > 0.0);
+        assert!(figure(&format!("{robots} robots, ready, s")) > 0.0);
+        let all_us = figure(&format!("{robots} robots, processor time per robot and tick, us"));
+        let parts = ["robots", "plant", "supervisor"];
+        let parts_us = parts.map(|part| figure(&format!("{robots} robots, of it {part}, us")));
+        assert!((parts_us.iter().sum::<f64>() / all_us - 1.0).abs() < 1e-9, "{report:#}");
+        all_us
+    });
+    let power = figure("2 to 5 robots, exponent of the processor time per tick");
+    let grown = 5.0 * all_us[1] / (2.0 * all_us[0]);
+    assert!((2.5_f64.powf(power) / grown - 1.0).abs() < 1e-9, "{report:#}");
+    let notes = report["notes"].as_array().unwrap();
+    assert!(notes.iter().any(|note| note.as_str().unwrap().contains("robots of the ring grow")));
+}
+
+#[test]
 fn an_interrupted_bench_ends_its_robots_and_leaves_nothing() {
     // Measurements far longer than the test waits; but the first peer of a floor comes after ours.
     for (part, seconds, sign) in [
@@ -143,6 +171,7 @@ fn an_interrupted_bench_ends_its_robots_and_leaves_nothing() {
         ("lockstep", "50", "samples.csv"),
         ("realtime", "50", "samples.csv"),
         ("neighbor", "0.2", "ready-0"),
+        ("growth", "50", "samples.csv"),
         ("replacement", "50", "peer-0.log"),
     ] {
         let args = ["--only", part, "--robots", "3", "--seconds", seconds, "--kills", "10000"];

@@ -132,8 +132,14 @@ impl Flying<'_> {
             .map_err(|error| BenchError::Wrong(format!("{}: {error}", path.display())))
     }
 
+    /// With its own complaint if there is one, for its summary comes after that; else with the last
+    /// lines of its log.
     fn broken(&self, what: String) -> BenchError {
-        BenchError::Peer { what, log: self.run.last_lines(LOG_LINES) }
+        let log = std::fs::read_to_string(self.place.path().join("log")).unwrap_or_default();
+        match log.lines().rev().find_map(|line| line.strip_prefix("error: ")) {
+            Some(complaint) => BenchError::Wrong(format!("{what}: {complaint}")),
+            None => BenchError::Peer { what, log: self.run.last_lines(LOG_LINES) },
+        }
     }
 }
 

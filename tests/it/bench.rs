@@ -163,6 +163,21 @@ fn a_bench_of_growth_says_what_a_tick_costs_with_few_robots_and_with_more_and_by
 }
 
 #[test]
+fn a_bench_whose_run_fails_passes_on_what_the_run_complained_of() {
+    let few_descriptors = "ulimit -n 300 && exec \"$0\" \"$@\"";
+    let mut bench = bench(&["--only", "growth", "--robots", "64"]);
+    let mut limited = Command::new("sh");
+    limited.args(["-c", few_descriptors]).arg(bench.command.get_program());
+    limited.args(bench.command.get_args()).env("PHALANX_RUN_ROOT", bench.run_root.path());
+    limited.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    bench.command = limited;
+    let output = bench.finish(None, |_| false);
+    assert_eq!(output.status.code(), Some(4), "{output:?}");
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert!(error.contains("a run failed (exit code 4): cannot create the service"), "{error}");
+}
+
+#[test]
 fn an_interrupted_bench_ends_its_robots_and_leaves_nothing() {
     // Measurements far longer than the test waits; but the first peer of a floor comes after ours.
     for (part, seconds, sign) in [

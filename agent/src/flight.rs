@@ -3,14 +3,14 @@
 //! Every wait has a deadline. The loops need the plant; they never need the supervisor.
 
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use protocol::barrier::{Barrier, BarrierError};
 use protocol::brief::{self, AgentBrief, BriefError, Pace};
 use protocol::clock::{self, Timer};
 use protocol::latency::Stage;
 use protocol::message::Odometry;
-use protocol::process::{self, Stop};
+use protocol::process::{self, Alarm, Stop};
 use protocol::run_root::{self, RunRootError};
 
 use crate::brain::{Brain, BrainError};
@@ -19,13 +19,13 @@ use crate::ports::{PortError, Ports};
 
 /// Without a sign of the plant for this long, the agent gives up. Longer than the start-up of a
 /// large experiment, or a pause in lockstep, may take.
-const PLANT_SILENCE_MAX: Duration = Duration::from_secs(30);
+const PLANT_SILENCE_MAX_NS: u64 = 30_000_000_000;
 /// How long one wait for the next tick may last before the signs of an end are looked at.
 const WAIT_MAX: Duration = Duration::from_millis(200);
 /// A robot that is slow on purpose looks this often whether it is to stop.
 const LINGER_STEP: Duration = Duration::from_millis(50);
 /// The supervisor hears from every agent at least this often.
-const STATUS_EVERY: Duration = Duration::from_millis(100);
+const STATUS_EVERY_NS: u64 = 100_000_000;
 
 /// Why an agent gave up.
 #[derive(Debug, thiserror::Error)]
@@ -49,7 +49,7 @@ pub enum FlightError {
     #[error("cannot handle signals: {0}")]
     Signals(#[from] std::io::Error),
     /// Nothing was heard of the plant.
-    #[error("no sign of the plant for {} s", PLANT_SILENCE_MAX.as_secs())]
+    #[error("no sign of the plant for {} s", PLANT_SILENCE_MAX_NS / 1_000_000_000)]
     PlantSilent,
     /// A sample that lockstep promises is not there.
     #[error("lockstep is broken: at tick {tick} there is no {what}")]
@@ -73,13 +73,17 @@ pub fn run(brief_path: &Path, incarnation: u64) -> Result<(), FlightError> {
     }
     // Before the ports, whose presence tells the plant that it may begin.
     let barrier = match brief.pace {
-        Pace::Lockstep => Some(Barrier::open(&run_root::barrier_path(&brief.run_root))?),
+        Pace::Lockstep => {
+            let mut barrier = Barrier::open(&run_root::barrier_path(&brief.run_root))?;
+            barrier.rely_on(Alarm::start(&stop)?);
+            Some(barrier)
+        }
         Pace::Realtime => None,
     };
     let epoch = barrier.as_ref().map_or(0, |barrier| barrier.epoch(brief.index - 1));
     let ports = Ports::open(&brief, incarnation)?;
     tracing::info!(robot = brief.name, incarnation, law = brief.law, "ready");
-    let agent = Agent { brief, brain, ports, stop, deadline_misses: 0, reported: None };
+    let agent = Agent { brief, brain, ports, stop, deadline_misses: 0, reported_ns: 0 };
     match barrier {
         Some(barrier) => agent.fly_in_lockstep(&barrier, epoch),
         None => agent.fly_in_real_time(),
@@ -92,29 +96,30 @@ struct Agent {
     ports: Ports,
     stop: Stop,
     deadline_misses: u64,
-    reported: Option<Instant>,
+    reported_ns: u64,
 }
 
 impl Agent {
     fn fly_in_lockstep(mut self, barrier: &Barrier, mut epoch: u32) -> Result<(), FlightError> {
         let slot = self.brief.index - 1;
-        let mut last_tick = Instant::now();
-        self.report_if(true)?;
+        let mut heard_ns = clock::now_ns();
+        self.report_if(true, heard_ns)?;
         while !self.stop.requested() {
             let Some((new_epoch, tick)) = barrier.wait_tick(slot, epoch, WAIT_MAX) else {
-                if last_tick.elapsed() > PLANT_SILENCE_MAX {
+                if clock::now_ns() - heard_ns > PLANT_SILENCE_MAX_NS {
                     return Err(FlightError::PlantSilent);
                 }
                 continue;
             };
             epoch = new_epoch;
-            last_tick = Instant::now();
             // After a freeze it first sees a tick that went by without it.
             let Some(first_tick) = barrier.member_since(slot).filter(|&since| since <= tick) else {
+                heard_ns = clock::now_ns();
                 continue;
             };
             let odometry = self.odometry_of(tick)?;
             let taken_ns = clock::now_ns();
+            heard_ns = taken_ns;
             self.ports.latency.record(
                 Stage::Odometry,
                 0,
@@ -132,7 +137,7 @@ impl Agent {
                 self.measure(taken_ns, odometry.stamp_ns, sent_ns);
             }
             let news = self.brain.take_news();
-            self.report_if(news)?;
+            self.report_if(news, taken_ns)?;
             match in_time {
                 Some(_) => barrier.arrive(slot, tick),
                 None => barrier.arrive_mute(slot, tick),
@@ -186,8 +191,8 @@ impl Agent {
         let period_ns = self.brief.period_ns;
         let phase = golden_phase(self.brief.index);
         let mut timer = Timer::new(period_ns, (phase * period_ns as f64) as u64);
-        let mut last_odometry = Instant::now();
-        self.report_if(true)?;
+        let mut heard_ns = clock::now_ns();
+        self.report_if(true, heard_ns)?;
         while !self.stop.requested() {
             let Some(wake) = timer.wait() else { continue };
             // From its first sample on: before, everybody waits for the last one to start.
@@ -205,7 +210,7 @@ impl Agent {
                 self.hear_newest()?;
             }
             if let Some(odometry) = newest {
-                last_odometry = Instant::now();
+                heard_ns = taken_ns;
                 self.ports.latency.record(
                     Stage::Odometry,
                     0,
@@ -219,11 +224,11 @@ impl Agent {
                     self.measure(taken_ns, used_ns, sent_ns);
                     self.deadline_misses += sent_ns.saturating_sub(wake.due_ns) / period_ns;
                 }
-            } else if last_odometry.elapsed() > PLANT_SILENCE_MAX {
+            } else if taken_ns - heard_ns > PLANT_SILENCE_MAX_NS {
                 return Err(FlightError::PlantSilent);
             }
             let news = self.brain.take_news();
-            self.report_if(news)?;
+            self.report_if(news, taken_ns)?;
             self.ports.latency.send_if_due(taken_ns);
         }
         Ok(())
@@ -266,10 +271,10 @@ impl Agent {
     }
 
     /// Tells the supervisor how it goes if there is news, or if it has heard nothing for long.
-    fn report_if(&mut self, news: bool) -> Result<(), FlightError> {
-        if news || self.reported.is_none_or(|at| at.elapsed() >= STATUS_EVERY) {
+    fn report_if(&mut self, news: bool, now_ns: u64) -> Result<(), FlightError> {
+        if news || now_ns - self.reported_ns >= STATUS_EVERY_NS {
             self.ports.report(&self.brain, self.deadline_misses)?;
-            self.reported = Some(Instant::now());
+            self.reported_ns = now_ns;
         }
         Ok(())
     }

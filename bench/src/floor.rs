@@ -199,7 +199,9 @@ struct MappedAgent {
 
 impl MappedAgent {
     fn new(dir: &Path, brief: &AgentBrief) -> Result<MappedAgent, BenchError> {
-        let barrier = Barrier::open(&dir.join("barrier"))?;
+        let mut barrier = Barrier::open(&dir.join("barrier"))?;
+        let alarm = Alarm::start(&Stop::default());
+        barrier.rely_on(alarm.map_err(failed("set an alarm for", dir))?);
         Ok(MappedAgent {
             seats: seats(dir, barrier.slots())?,
             epoch: barrier.epoch(brief.index - 1),

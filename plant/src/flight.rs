@@ -10,7 +10,7 @@ use protocol::barrier::{Barrier, BarrierError, LEAD_MAX};
 use protocol::brief::{self, BriefError, Pace, PlantBrief};
 use protocol::clock::{self, Timer};
 use protocol::latency::Stage;
-use protocol::process::{self, Stop};
+use protocol::process::{self, Alarm, Stop};
 use protocol::run_root::{self, RunRootError};
 
 use crate::gaps::Gaps;
@@ -130,7 +130,8 @@ impl Plant {
     }
 
     fn fly_in_lockstep(mut self) -> Result<(), FlightError> {
-        let barrier = Barrier::open(&run_root::barrier_path(&self.brief.run_root))?;
+        let mut barrier = Barrier::open(&run_root::barrier_path(&self.brief.run_root))?;
+        barrier.rely_on(Alarm::start(&self.stop)?);
         let ticks = self.brief.duration_ns / self.brief.period_ns;
         for tick in 0..ticks {
             self.ports.send_truth(&self.world)?;

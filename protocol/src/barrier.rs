@@ -1,9 +1,10 @@
 //! The lockstep barrier: whose turn is it? Futex words in a small file mapped by all processes.
 //!
 //! The plant begins a tick and releases the agents group by group, so that one group thinks while
-//! the plant still sends to the next; the last agent to arrive wakes the plant. The supervisor decides who is a member, pauses the plant for faults, and tells how far it has
-//! read. Must not: carry control data, or wait without a deadline. No lost wake-up and no dead
-//! process costs more than `RECHECK`, because the plant decides by the slots, not by the count.
+//! the plant still sends to the next; the last agent to arrive wakes the plant. The supervisor
+//! decides who is a member, pauses the plant for faults, and tells how far it has read. Must not:
+//! carry control data, or wait without a deadline. No lost wake-up and no dead process costs more
+//! than `RECHECK` or a period of the alarm, because the plant decides by the slots, not by the count.
 //!
 //! Whoever waits reads a word, looks at the condition, and sleeps only while the word is the one
 //! read; whoever changes the condition changes the word. All accesses are `SeqCst`: a flag set
@@ -23,6 +24,8 @@ use rustix::mm::{MapFlags, ProtFlags};
 use rustix::thread::futex;
 use rustix::time::Timespec;
 
+use crate::process::Alarm;
+
 /// The plant runs at most this many ticks ahead of the supervisor.
 pub const LEAD_MAX: u64 = 63;
 /// Most slots of a barrier.
@@ -33,7 +36,7 @@ const RECHECK: Duration = Duration::from_millis(50);
 pub const GROUPS_MAX: usize = 16;
 
 const MAGIC: u64 = u64::from_le_bytes(*b"phxbarri");
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 /// "No member", "not paused", "pause never".
 const NEVER: u64 = u64::MAX;
 /// In the arrivals word: the member set changed, so every arrival wakes the plant.
@@ -111,13 +114,12 @@ struct Head {
     supervisor_waiting: Line<AtomicU32>,
 }
 
-/// One robot's place.
-#[repr(C, align(128))]
+/// One robot's place: what its neighbors and the plant read at each tick, and what seldom changes.
+/// Behind all places follows for each the last tick it arrived at, plus 1, which changes at each.
+#[repr(C, align(32))]
 struct Slot {
     /// First tick it takes part in, or [`NEVER`].
     since: AtomicU64,
-    /// The last tick it arrived at, plus 1.
-    arrived: AtomicU64,
     /// The last even and the last odd tick at which it had nothing to say, plus 1. Two, because a
     /// neighbour may be a tick behind.
     mute: [AtomicU64; 2],
@@ -131,6 +133,7 @@ pub struct Barrier {
     slots: usize,
     groups: usize,
     attention_seen: AtomicU32,
+    alarm: Option<Alarm>,
 }
 
 // SAFETY: the mapping is only read and written through atomics (the constant head fields are
@@ -173,7 +176,8 @@ impl Barrier {
             Err(error) => return Err(failed("allocate", error.into())),
         }
         let memory = map(&file, bytes).map_err(|source| failed("map", source))?;
-        let barrier = Barrier { memory, bytes, slots, groups, attention_seen: AtomicU32::new(0) };
+        let attention_seen = AtomicU32::new(0);
+        let barrier = Barrier { memory, bytes, slots, groups, attention_seen, alarm: None };
         // SAFETY: the mapping is large and aligned enough for `Head`, and still ours alone.
         unsafe {
             let head = memory.cast::<Head>().as_ptr();
@@ -207,8 +211,9 @@ impl Barrier {
             return Err(foreign(format!("it has only {bytes} bytes")));
         }
         let memory = map(&file, bytes).map_err(|source| failed("map", source))?;
-        let mut barrier =
-            Barrier { memory, bytes, slots: 0, groups: 0, attention_seen: AtomicU32::new(0) };
+        let attention_seen = AtomicU32::new(0);
+        let (slots, groups) = (0, 0);
+        let mut barrier = Barrier { memory, bytes, slots, groups, attention_seen, alarm: None };
         let Head { magic, version, slots, groups, .. } = *barrier.head();
         if magic != MAGIC {
             return Err(foreign(format!("it begins with {magic:#x}")));
@@ -226,6 +231,12 @@ impl Barrier {
         (barrier.slots, barrier.groups) = (slots, groups);
         barrier.attention_seen = AtomicU32::new(barrier.head().attention.0.load(SeqCst));
         Ok(barrier)
+    }
+
+    /// From now on waits for a tick, and for arrivals at it, end by this alarm: arming a time-out
+    /// for each of them, and taking it back, costs more than a robot's thinking.
+    pub fn rely_on(&mut self, alarm: Alarm) {
+        self.alarm = Some(alarm);
     }
 
     /// How many slots there are.
@@ -252,6 +263,16 @@ impl Barrier {
             std::slice::from_raw_parts(first.as_ptr(), self.slots)
         }
     }
+
+    /// Of each slot the last tick it arrived at, plus 1.
+    fn arrived(&self) -> &[AtomicU64] {
+        // SAFETY: as above; these follow the slots, whose size is a multiple of their alignment.
+        unsafe {
+            let behind = size_of::<Head>() + self.slots * size_of::<Slot>();
+            let first = self.memory.byte_add(behind).cast::<AtomicU64>();
+            std::slice::from_raw_parts(first.as_ptr(), self.slots)
+        }
+    }
 }
 
 /// Members: changed by the supervisor while the plant is paused, or after an unplanned death.
@@ -259,7 +280,7 @@ impl Barrier {
     /// Makes a slot a member that must arrive at this tick and all later ones.
     pub fn set_member(&self, slot: usize, since_tick: u64) {
         let place = &self.all_slots()[slot];
-        place.arrived.store(0, SeqCst);
+        self.arrived()[slot].store(0, SeqCst);
         place.mute.iter().for_each(|mute| mute.store(0, SeqCst));
         place.since.store(since_tick, SeqCst);
         self.nudge();
@@ -340,9 +361,9 @@ impl Barrier {
                 let missing: Vec<usize> = self.missing(tick).collect();
                 return if missing.is_empty() { Ok(()) } else { Err(missing) };
             }
-            let woken = sleep_while(word, seen, left.min(RECHECK));
             // Nobody called for that long: believe the slots, not the count.
-            if woken == Woken::TimedOut && self.all_arrived(tick) {
+            if self.rest(word, seen, left.min(RECHECK)) != Woken::Perhaps && self.all_arrived(tick)
+            {
                 return Ok(());
             }
         }
@@ -353,9 +374,17 @@ impl Barrier {
     }
 
     fn missing(&self, tick: u64) -> impl Iterator<Item = usize> + '_ {
-        let late =
-            move |slot: &Slot| self.expected(slot, tick) && slot.arrived.load(SeqCst) != tick + 1;
-        self.all_slots().iter().enumerate().filter(move |(_, slot)| late(slot)).map(|(i, _)| i)
+        let places = self.all_slots().iter().zip(self.arrived()).enumerate();
+        places
+            .filter(move |(_, (slot, arrived))| {
+                self.expected(slot, tick) && arrived.load(SeqCst) != tick + 1
+            })
+            .map(|(i, _)| i)
+    }
+
+    /// Sleeps within a tick, by the alarm if there is one.
+    fn rest(&self, word: &AtomicU32, value: u32, limit: Duration) -> Woken {
+        sleep_while(word, value, self.alarm.is_none().then_some(limit))
     }
 }
 
@@ -372,11 +401,10 @@ impl Barrier {
     }
 
     /// A slot waits for another epoch than the one seen: that epoch and its tick. `None` at the
-    /// limit and after a signal.
+    /// limit and after a signal or alarm.
     pub fn wait_tick(&self, slot: usize, seen_epoch: u32, limit: Duration) -> Option<(u32, u64)> {
         let head = self.head();
         let word = self.epoch_word(slot);
-        let end = Instant::now() + limit;
         loop {
             let epoch = word.load(SeqCst);
             if epoch != seen_epoch {
@@ -387,8 +415,7 @@ impl Barrier {
                 }
                 continue;
             }
-            let left = end.saturating_duration_since(Instant::now());
-            if left.is_zero() || sleep_while(word, seen_epoch, left) == Woken::Signal {
+            if self.rest(word, seen_epoch, limit) != Woken::Perhaps {
                 return None;
             }
         }
@@ -408,7 +435,7 @@ impl Barrier {
     /// Says that this slot has sent all it has to say at this tick.
     pub fn arrive(&self, slot: usize, tick: u64) {
         let place = &self.all_slots()[slot];
-        let before = place.arrived.swap(tick + 1, SeqCst);
+        let before = self.arrived()[slot].swap(tick + 1, SeqCst);
         if before == tick + 1 || !self.expected(place, tick) {
             return;
         }
@@ -447,7 +474,7 @@ impl Barrier {
         }
         head.lead_waiting.0.store(1, SeqCst);
         self.attention();
-        let reached = wait_until(&head.lead.0, near, limit);
+        let reached = self.wait_until(&head.lead.0, near, limit);
         head.lead_waiting.0.store(0, SeqCst);
         reached
     }
@@ -473,7 +500,8 @@ impl Barrier {
         let before = head.resumes.0.load(SeqCst);
         head.paused.0.store(tick, SeqCst);
         self.attention();
-        let resumed = wait_until(&head.resumes.0, || head.resumes.0.load(SeqCst) != before, limit);
+        let resumed = || head.resumes.0.load(SeqCst) != before;
+        let resumed = self.wait_until(&head.resumes.0, resumed, limit);
         if !resumed {
             head.paused.0.store(NEVER, SeqCst);
         }
@@ -510,7 +538,7 @@ impl Barrier {
         let head = self.head();
         let seen = self.attention_seen.load(SeqCst);
         head.supervisor_waiting.0.store(1, SeqCst);
-        wait_until(&head.attention.0, || head.attention.0.load(SeqCst) != seen, limit);
+        self.wait_until(&head.attention.0, || head.attention.0.load(SeqCst) != seen, limit);
         head.supervisor_waiting.0.store(0, SeqCst);
         let now = head.attention.0.load(SeqCst);
         self.attention_seen.store(now, SeqCst);
@@ -525,30 +553,36 @@ enum Woken {
     Signal,
 }
 
-/// Sleeps until the condition holds; whoever makes it true changes the word. False at the limit
-/// and after a signal.
-fn wait_until(word: &AtomicU32, condition: impl Fn() -> bool, limit: Duration) -> bool {
-    let end = Instant::now() + limit;
-    loop {
-        let seen = word.load(SeqCst);
-        if condition() {
-            return true;
-        }
-        let left = end.saturating_duration_since(Instant::now());
-        if left.is_zero() || sleep_while(word, seen, left) == Woken::Signal {
-            return condition();
+impl Barrier {
+    /// Sleeps until the condition holds; whoever makes it true changes the word. False at the
+    /// limit and after a signal, but for alarms.
+    fn wait_until(&self, word: &AtomicU32, condition: impl Fn() -> bool, limit: Duration) -> bool {
+        let end = Instant::now() + limit;
+        let only_alarm = || self.alarm.as_ref().is_some_and(|alarm| !alarm.stops());
+        loop {
+            let seen = word.load(SeqCst);
+            if condition() {
+                return true;
+            }
+            let left = end.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return condition();
+            }
+            if sleep_while(word, seen, Some(left)) == Woken::Signal && !only_alarm() {
+                return condition();
+            }
         }
     }
 }
 
 /// Sleeps while the word has this value, at most for the limit; may return early.
-fn sleep_while(word: &AtomicU32, value: u32, limit: Duration) -> Woken {
-    let limit = Timespec {
+fn sleep_while(word: &AtomicU32, value: u32, limit: Option<Duration>) -> Woken {
+    let limit = limit.map(|limit| Timespec {
         tv_sec: limit.as_secs().min(i32::MAX as u64) as i64,
         tv_nsec: limit.subsec_nanos() as _,
-    };
+    });
     // Not the private flag: the word is shared between processes.
-    match futex::wait(word, futex::Flags::empty(), value, Some(&limit)) {
+    match futex::wait(word, futex::Flags::empty(), value, limit.as_ref()) {
         Err(Errno::TIMEDOUT) => Woken::TimedOut,
         Err(Errno::INTR) => Woken::Signal,
         _ => Woken::Perhaps,
@@ -561,7 +595,7 @@ fn wake(word: &AtomicU32) {
 }
 
 fn bytes_for(slots: usize) -> usize {
-    size_of::<Head>() + slots * size_of::<Slot>()
+    size_of::<Head>() + slots * (size_of::<Slot>() + size_of::<AtomicU64>())
 }
 
 fn map(file: &File, bytes: usize) -> io::Result<NonNull<u8>> {

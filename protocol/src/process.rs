@@ -7,6 +7,7 @@ use std::ffi::CString;
 use std::io::{self, IsTerminal};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::process::{Resource, getrlimit};
@@ -67,6 +68,57 @@ impl Stop {
     /// Whether the process was asked to stop.
     pub fn requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// While it lives, a signal interrupts whatever the process waits for, every [`Alarm::PERIOD`]: a
+/// deadline for all its waits that costs nothing at each of them. One at a time in a process, and
+/// only for those whose main thread does the waiting.
+#[derive(Debug)]
+pub struct Alarm {
+    stop: Stop,
+}
+
+impl Alarm {
+    /// Time between two interruptions.
+    pub const PERIOD: Duration = Duration::from_millis(100);
+
+    /// Begins; the owner of `stop` is who waits.
+    pub fn start(stop: &Stop) -> io::Result<Alarm> {
+        extern "C" fn nothing(_signal: libc::c_int) {}
+        let handler: extern "C" fn(libc::c_int) = nothing;
+        // SAFETY: zeros are a value of this plain struct.
+        let mut action: libc::sigaction = unsafe { std::mem::zeroed() };
+        // No SA_RESTART: that is what it is for.
+        action.sa_sigaction = handler as libc::sighandler_t;
+        // SAFETY: reads `action`; its handler does nothing, which is safe at any time.
+        if unsafe { libc::sigaction(libc::SIGALRM, &action, std::ptr::null_mut()) } != 0 {
+            return Err(io::Error::last_os_error());
+        }
+        set_alarm(Alarm::PERIOD)?;
+        Ok(Alarm { stop: stop.clone() })
+    }
+
+    /// Whether it is more than an alarm: the process was asked to stop.
+    pub(crate) fn stops(&self) -> bool {
+        self.stop.requested()
+    }
+}
+
+impl Drop for Alarm {
+    fn drop(&mut self) {
+        // Fails for a strange time only. The handler stays: an alarm may be under way.
+        let _ = set_alarm(Duration::ZERO);
+    }
+}
+
+fn set_alarm(period: Duration) -> io::Result<()> {
+    let period = libc::timeval { tv_sec: 0, tv_usec: period.subsec_micros().into() };
+    let timer = libc::itimerval { it_interval: period, it_value: period };
+    // SAFETY: reads `timer`.
+    match unsafe { libc::setitimer(libc::ITIMER_REAL, &timer, std::ptr::null_mut()) } {
+        0 => Ok(()),
+        _ => Err(io::Error::last_os_error()),
     }
 }
 
@@ -217,6 +269,30 @@ mod tests {
         assert!(!stop.requested());
         signal_hook::low_level::raise(SIGTERM).unwrap();
         assert!(stop.clone().requested());
+    }
+
+    #[test]
+    fn an_alarm_interrupts_a_wait_without_a_limit_again_and_again() {
+        // In a process of its own: which thread of several is interrupted is the kernel's choice.
+        const ALONE: &str = "PHALANX_TEST_ALONE";
+        if std::env::var_os(ALONE).is_none() {
+            let name = "process::tests::an_alarm_interrupts_a_wait_without_a_limit_again_and_again";
+            let mut child = std::process::Command::new(std::env::current_exe().unwrap());
+            let child = child.args([name, "--exact", "--test-threads=1"]).env(ALONE, "1");
+            assert!(child.status().unwrap().success());
+            return;
+        }
+        let stop = Stop::default();
+        let alarm = Alarm::start(&stop).unwrap();
+        let interrupted = || {
+            // SAFETY: a wait for nobody, that only a signal ends.
+            let ended = unsafe { libc::poll(std::ptr::null_mut(), 0, 20_000) };
+            ended == -1 && io::Error::last_os_error().kind() == io::ErrorKind::Interrupted
+        };
+        assert!(interrupted() && interrupted());
+        assert!(!alarm.stops());
+        stop.0.store(true, Ordering::Relaxed);
+        assert!(alarm.stops());
     }
 
     #[test]

@@ -7,6 +7,9 @@
 //! | `topics` | under which names? |
 //! | `messages` | what does one recorded instant look like, byte by byte? |
 //! | `schemas` | how is each message defined, in ROS 2's own words? |
+//! | `writer` | what is in a file of MCAP, from its first byte to its last? |
+//! | `chunk` | how do messages become a chunk and its indexes? |
+//! | `records` | how do MCAP's records become bytes? |
 //! | `cdr` | how do numbers and strings become bytes, and bytes numbers? |
 //! | `pieces` | what is in a file, as far as it is whole? |
 //! | `recover` | how does a file get its end back that a killed supervisor never wrote? |
@@ -33,13 +36,16 @@
 //! the run metadata under the name `phalanx`.
 
 mod cdr;
+mod chunk;
 pub mod export;
 mod messages;
 mod pieces;
 pub mod recorder;
+mod records;
 pub mod recover;
 mod schemas;
 pub mod topics;
+mod writer;
 
 /// Nanoseconds as seconds. Divided, not multiplied by 1e-9: 15 ms are 0.015 s, with no digits behind.
 fn seconds(t_ns: u64) -> f64 {

@@ -1,25 +1,20 @@
-//! Writes a run down while it goes on. Every failure is the file's; after one the recorder writes
-//! nothing more, and what was written before is kept.
+//! Writes a run down while it goes on. Every failure is the file's; what was written before is kept.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{self, BufWriter};
+use std::io;
+use std::ops::RangeInclusive;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use mcap::records::MessageHeader;
-use mcap::write::{Metadata, NoSeek};
-use mcap::{Attachment, Compression, McapError, WriteOptions};
+use mcap::records::{AttachmentHeader, Channel, MessageHeader, Metadata, SchemaHeader};
 
 use crate::cdr::Sheet;
 use crate::messages::{self, Event, Sheets};
 pub use crate::messages::{Nearest, State};
 use crate::schemas::{self, Schema};
 use crate::topics::spelled;
+use crate::writer::Writer;
 
-/// Uncompressed size after which a chunk is closed, bytes. A chunk that a kill cuts is lost; and small
-/// ones are quick to look something up in.
-const CHUNK_SIZE: u64 = 64 * 1024;
 /// What is written is in the file after this, whether its chunk is full or not: a kill must not cost
 /// more than a second, on a busy machine neither.
 pub const FLUSH_EVERY: Duration = Duration::from_millis(500);
@@ -34,32 +29,6 @@ pub(crate) const ROBOTS: &str = "robots";
 pub(crate) const TOPICS: &str = "topics";
 /// Who speaks in `/rosout` of what happens to no single robot. No robot may be called so.
 pub(crate) const SUPERVISOR: &str = "supervisor";
-
-/// The file that is written to: never sought in, so that what is in it is whole up to a point.
-pub(crate) type Writer = mcap::Writer<NoSeek<BufWriter<File>>>;
-
-/// A new file of MCAP.
-pub(crate) fn create(path: &Path, profile: &str) -> io::Result<Writer> {
-    let file = BufWriter::new(File::create_new(path)?);
-    WriteOptions::new()
-        .profile(profile)
-        .library(concat!("phalanx ", env!("CARGO_PKG_VERSION")))
-        .compression(Some(Compression::Lz4))
-        .chunk_size(Some(CHUNK_SIZE))
-        .disable_seeking(true)
-        // Every chunk has a checksum of its own.
-        .calculate_data_section_crc(false)
-        .create(NoSeek::new(file))
-        .map_err(failed)
-}
-
-/// Writing fails for the file's reasons, which have words already.
-pub(crate) fn failed(error: McapError) -> io::Error {
-    match error {
-        McapError::Io(error) => error,
-        other => io::Error::other(other),
-    }
-}
 
 /// What is known of a run before it begins.
 #[derive(Debug)]
@@ -96,40 +65,40 @@ impl Recorder {
     /// Begins a file, which must not exist, with everything in it that is known beforehand.
     pub fn create(path: &Path, run: &Run<'_>) -> io::Result<Recorder> {
         let topics = spelled(run.robots);
-        let mut writer = create(path, "ros2")?;
+        let mut writer = Writer::create(path, "ros2")?;
         let mut facts = run.facts.clone();
         facts.insert(EPOCH.into(), run.started_unix_ns.to_string());
         facts.insert(ROBOTS.into(), run.robots.join(","));
         facts.insert(TOPICS.into(), topics.join(","));
         let facts = Metadata { name: FACTS.into(), metadata: facts };
-        writer.write_metadata(&facts).map_err(failed)?;
+        writer.metadata(&facts)?;
         for (name, media_type, content) in run.attachments {
-            let attachment = Attachment {
+            let header = AttachmentHeader {
                 log_time: run.started_unix_ns,
                 create_time: run.started_unix_ns,
                 name: (*name).into(),
                 media_type: (*media_type).into(),
-                data: content.as_bytes().into(),
             };
-            writer.attach(&attachment).map_err(failed)?;
+            writer.attachment(&header, content.as_bytes())?;
         }
-        let tf = channel(&mut writer, &schemas::TF, "/tf")?;
-        let rosout = channel(&mut writer, &schemas::LOG, "/rosout")?;
-        let metrics = channel(&mut writer, &schemas::METRICS, "/metrics")?;
-        let mut channels = Vec::with_capacity(topics.len());
+        let mut channels = Channels { writer: &mut writer, ids: 0..=u16::MAX };
+        let tf = channels.open(&schemas::TF, "/tf")?;
+        let rosout = channels.open(&schemas::LOG, "/rosout")?;
+        let metrics = channels.open(&schemas::METRICS, "/metrics")?;
+        let mut of_robots = Vec::with_capacity(topics.len());
         for robot in &topics {
-            channels.push([
-                channel(&mut writer, &schemas::ODOMETRY, &format!("/{robot}/odom"))?,
-                channel(&mut writer, &schemas::POSE_STAMPED, &format!("/{robot}/pose"))?,
-                channel(&mut writer, &schemas::COMMAND, &format!("/{robot}/cmd_vel"))?,
+            of_robots.push([
+                channels.open(&schemas::ODOMETRY, &format!("/{robot}/odom"))?,
+                channels.open(&schemas::POSE_STAMPED, &format!("/{robot}/pose"))?,
+                channels.open(&schemas::COMMAND, &format!("/{robot}/cmd_vel"))?,
             ]);
         }
-        writer.flush().map_err(failed)?;
+        writer.flush()?;
         Ok(Recorder {
             writer,
             started_unix_ns: run.started_unix_ns,
             sheets: Sheets::new(run.robots),
-            channels,
+            channels: of_robots,
             tf,
             metrics,
             rosout,
@@ -161,15 +130,15 @@ impl Recorder {
             publish_time: stamp_ns,
         };
         let writer = &mut self.writer;
-        writer.write_to_known_channel(&header, self.sheets.tf()).map_err(failed)?;
+        writer.message(&header, self.sheets.tf())?;
         for (robot, channels) in self.sheets.robots.iter().zip(&self.channels) {
             for (bytes, &channel_id) in robot.bytes().into_iter().zip(channels) {
                 header.channel_id = channel_id;
-                writer.write_to_known_channel(&header, bytes).map_err(failed)?;
+                writer.message(&header, bytes)?;
             }
         }
         header.channel_id = self.metrics;
-        writer.write_to_known_channel(&header, self.sheets.metrics()).map_err(failed)?;
+        writer.message(&header, self.sheets.metrics())?;
         self.instants = self.instants.wrapping_add(1);
         self.unflushed = true;
         Ok(())
@@ -193,7 +162,7 @@ impl Recorder {
             log_time: stamp_ns,
             publish_time: stamp_ns,
         };
-        self.writer.write_to_known_channel(&header, self.log.bytes()).map_err(failed)?;
+        self.writer.message(&header, self.log.bytes())?;
         self.events = self.events.wrapping_add(1);
         self.unflushed = true;
         Ok(())
@@ -207,23 +176,41 @@ impl Recorder {
         }
         self.flushed = now;
         if std::mem::take(&mut self.unflushed) {
-            self.writer.flush().map_err(failed)?;
+            self.writer.flush()?;
         }
         Ok(())
     }
 
     /// Writes the index and the summary, by which the file is whole.
-    pub fn finish(mut self) -> io::Result<()> {
-        self.writer.finish().map_err(failed).map(drop)
+    pub fn finish(self) -> io::Result<()> {
+        self.writer.finish()
     }
 }
 
-fn channel(writer: &mut Writer, schema: &Schema, topic: &str) -> io::Result<u16> {
-    let text = schema.text();
-    let id = writer.add_schema(schema.name, schemas::ENCODING, text.as_bytes()).map_err(failed)?;
-    // Empty: whoever plays it back takes the defaults. Half a profile would not be understood.
-    let metadata = BTreeMap::from([("offered_qos_profiles".to_owned(), String::new())]);
-    writer.add_channel(id, topic, "cdr", &metadata).map_err(failed)
+/// Opens channels, with ids in a row.
+struct Channels<'a> {
+    writer: &'a mut Writer,
+    ids: RangeInclusive<u16>,
+}
+
+impl Channels<'_> {
+    fn open(&mut self, schema: &Schema, topic: &str) -> io::Result<u16> {
+        let &Schema { id: schema_id, name, .. } = schema;
+        let encoding = schemas::ENCODING.to_owned();
+        let header = SchemaHeader { id: schema_id, name: name.to_owned(), encoding };
+        self.writer.schema(&header, schema.text().as_bytes())?;
+        let too_many = || io::Error::other("it has more than the 65536 channels of an MCAP file");
+        let id = self.ids.next().ok_or_else(too_many)?;
+        self.writer.channel(&Channel {
+            id,
+            schema_id,
+            topic: topic.to_owned(),
+            message_encoding: "cdr".to_owned(),
+            // Empty: whoever plays it back takes the defaults. Half a profile would not be understood.
+            metadata: BTreeMap::from([("offered_qos_profiles".to_owned(), String::new())]),
+        })?;
+        Ok(id)
+    }
 }
 
 /// How bad a kind of event is, as ROS counts it.

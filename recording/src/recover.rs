@@ -7,10 +7,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use mcap::records::Record;
-use mcap::{Attachment, McapError};
 
 use crate::pieces::{Pieces, Soundness};
-use crate::recorder::{Writer, create, failed};
+use crate::writer::{WriteError, Writer};
 
 /// What came of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -83,7 +82,7 @@ pub fn recover(file: &Path, out: &Path) -> Result<Outcome, RecoverError> {
         return Ok(Outcome::Whole);
     }
 
-    let writer = create(out, &profile).map_err(|source| match source.kind() {
+    let writer = Writer::create(out, &profile).map_err(|source| match source.kind() {
         io::ErrorKind::AlreadyExists => RecoverError::Exists(out.into()),
         _ => RecoverError::Write { path: out.into(), source },
     })?;
@@ -111,18 +110,12 @@ fn copied(pieces: Pieces, mut writer: Writer, soundness: Soundness) -> Result<Re
         let record = piece.map_err(Failure::Read)?;
         match copy(&record, &mut writer, &mut recovered) {
             Ok(()) => {}
+            Err(WriteError::File(source)) => return Err(Failure::Write(source)),
             // It refers to something that was lost, or contradicts what came before.
-            Err(
-                McapError::UnknownChannel(..)
-                | McapError::UnknownSchema(..)
-                | McapError::ConflictingChannels(_)
-                | McapError::ConflictingSchemas(_)
-                | McapError::InvalidSchemaId,
-            ) => recovered.orphans += u64::from(matches!(record, Record::Message { .. })),
-            Err(error) => return Err(Failure::Write(failed(error))),
+            Err(_) => recovered.orphans += u64::from(matches!(record, Record::Message { .. })),
         }
     }
-    writer.finish().map_err(|error| Failure::Write(failed(error)))?;
+    writer.finish().map_err(Failure::Write)?;
     Ok(recovered)
 }
 
@@ -130,39 +123,23 @@ fn copy(
     record: &Record<'_>,
     writer: &mut Writer,
     recovered: &mut Recovered,
-) -> Result<(), McapError> {
+) -> Result<(), WriteError> {
     match record {
-        Record::Schema { header, data } => {
-            writer.add_schema_with_id(header.id, &header.name, &header.encoding, data)?;
-        }
-        Record::Channel(channel) => {
-            writer.add_channel_with_id(
-                channel.id,
-                channel.schema_id,
-                &channel.topic,
-                &channel.message_encoding,
-                &channel.metadata,
-            )?;
-        }
+        Record::Schema { header, data } => writer.schema(header, data)?,
+        Record::Channel(channel) => writer.channel(channel)?,
         Record::Message { header, data } => {
-            writer.write_to_known_channel(header, data)?;
+            writer.message(header, data)?;
             recovered.messages += 1;
             let (first, last) = recovered.stamps_ns.unwrap_or((u64::MAX, 0));
             let stamp_ns = header.log_time;
             recovered.stamps_ns = Some((first.min(stamp_ns), last.max(stamp_ns)));
         }
         Record::Attachment { header, data, .. } => {
-            writer.attach(&Attachment {
-                log_time: header.log_time,
-                create_time: header.create_time,
-                name: header.name.clone(),
-                media_type: header.media_type.clone(),
-                data: data.as_ref().into(),
-            })?;
+            writer.attachment(header, data)?;
             recovered.attachments += 1;
         }
         Record::Metadata(metadata) => {
-            writer.write_metadata(metadata)?;
+            writer.metadata(metadata)?;
             recovered.metadata += 1;
         }
         _ => {}

@@ -3,6 +3,8 @@
 
 /// A message type and all types in it.
 pub(crate) struct Schema {
+    /// By which channels say that they are of this type. 0 would be no type.
+    pub(crate) id: u16,
     /// As ROS 2 names it.
     pub(crate) name: &'static str,
     fields: &'static str,
@@ -55,6 +57,7 @@ const TRANSFORM_STAMPED: Part = Part(
 
 /// `/tf`
 pub(crate) const TF: Schema = Schema {
+    id: 1,
     name: "tf2_msgs/msg/TFMessage",
     fields: "geometry_msgs/TransformStamped[] transforms\n",
     parts: &[&TRANSFORM_STAMPED, &HEADER, &TIME, &TRANSFORM, &VECTOR, &QUATERNION],
@@ -62,6 +65,7 @@ pub(crate) const TF: Schema = Schema {
 
 /// `/<robot>/odom`
 pub(crate) const ODOMETRY: Schema = Schema {
+    id: 2,
     name: "nav_msgs/msg/Odometry",
     fields: "std_msgs/Header header\nstring child_frame_id\n\
              geometry_msgs/PoseWithCovariance pose\ngeometry_msgs/TwistWithCovariance twist\n",
@@ -80,6 +84,7 @@ pub(crate) const ODOMETRY: Schema = Schema {
 
 /// `/<robot>/pose`
 pub(crate) const POSE_STAMPED: Schema = Schema {
+    id: 3,
     name: "geometry_msgs/msg/PoseStamped",
     fields: "std_msgs/Header header\ngeometry_msgs/Pose pose\n",
     parts: &[&HEADER, &TIME, &POSE, &POINT, &QUATERNION],
@@ -87,10 +92,11 @@ pub(crate) const POSE_STAMPED: Schema = Schema {
 
 /// `/<robot>/cmd_vel`
 pub(crate) const COMMAND: Schema =
-    Schema { name: "geometry_msgs/msg/Twist", fields: TWIST.1, parts: &[&VECTOR] };
+    Schema { id: 6, name: "geometry_msgs/msg/Twist", fields: TWIST.1, parts: &[&VECTOR] };
 
 /// `/rosout`
 pub(crate) const LOG: Schema = Schema {
+    id: 4,
     name: "rcl_interfaces/msg/Log",
     fields: "byte DEBUG=10\nbyte INFO=20\nbyte WARN=30\nbyte ERROR=40\nbyte FATAL=50\n\
              builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\n\
@@ -100,6 +106,7 @@ pub(crate) const LOG: Schema = Schema {
 
 /// `/metrics`
 pub(crate) const METRICS: Schema = Schema {
+    id: 5,
     name: "phalanx_msgs/msg/Metrics",
     fields: "# Distances and errors of all robots at one instant, in SI units.\n\
              builtin_interfaces/Time stamp\n\

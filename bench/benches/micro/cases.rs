@@ -2,6 +2,7 @@
 //!
 //! Inputs are fixed, and time goes on by one period with each call, as in lockstep.
 
+use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::hint::black_box;
 use std::path::Path;
@@ -15,6 +16,7 @@ use formation::hull::hull_distance;
 use plant::world::World;
 use protocol::brief::Pace;
 use protocol::message::{Beacon, Command, TruthRow};
+use recording::recorder::{Nearest, Recorder, Run, State};
 use supervisor::briefs;
 use supervisor::metrics::Metrics;
 use supervisor::scenario::Scenario;
@@ -26,6 +28,8 @@ const PERIOD_S: f64 = 0.005;
 const PERIOD_NS: u64 = 5_000_000;
 /// As long as a run may be, and longer than anybody calls anything.
 const TICKS: u64 = 100_000_000;
+/// How many instants are made beforehand.
+const RECORDED: usize = 256;
 /// Of a golden turn: points that fill a disk evenly.
 const GOLDEN: f64 = 0.618_033_988_7;
 
@@ -61,6 +65,9 @@ pub fn all() -> Vec<Case> {
     for robots in [8, 64, 256] {
         case(format!("closest pair of {robots}"), Box::new(move || closest(robots)));
         case(format!("metrics, truth of {robots}"), Box::new(move || truth(robots)));
+    }
+    for robots in [8, 64] {
+        case(format!("recording, an instant of {robots}"), Box::new(move || recorded(robots)));
     }
     cases
 }
@@ -200,6 +207,44 @@ fn truth(robots: usize) -> Body {
         metrics.truth(black_box(&header), black_box(&rows), &alive);
         header.tick += 1;
         header.t_ns += PERIOD_NS;
+    })
+}
+
+/// What is recorded of one instant, chunks compressed and written out.
+fn recorded(robots: usize) -> Body {
+    let scratch = tempfile::tempdir().expect("a place for the file");
+    let names: Vec<String> = (1..=robots).map(|number| format!("r{number}")).collect();
+    let run = Run {
+        started_unix_ns: 1_795_233_599_000_000_000,
+        robots: &names,
+        facts: BTreeMap::new(),
+        attachments: &[],
+    };
+    let mut recorder = Recorder::create(&scratch.path().join("run.mcap"), &run).expect("a file");
+    let (errors_m, alive) = (vec![Some(0.01); robots], vec![true; robots]);
+    let state = |tick: usize, robot: usize| {
+        let (t_s, number) = (tick as f64 * PERIOD_S, robot as f64);
+        let phase_rad = 0.1 * t_s + number;
+        State {
+            x_m: phase_rad.cos(),
+            y_m: phase_rad.sin(),
+            heading_rad: (phase_rad + 0.3) % TAU,
+            v_m_s: 0.1 + 0.01 * (t_s + number).sin(),
+            w_rad_s: 0.1 + 0.02 * (t_s - number).cos(),
+        }
+    };
+    // Every number is another at every instant; only after many chunks do they come again.
+    let states: Vec<Vec<State>> =
+        (0..RECORDED).map(|tick| (0..robots).map(|robot| state(tick, robot)).collect()).collect();
+    let mut tick = 0;
+    Box::new(move || {
+        let states = &states[tick as usize % RECORDED];
+        let nearest = Some(Nearest { distance_m: states[0].v_m_s, pair: [0, 1] });
+        let states = black_box(states).iter().copied();
+        recorder.instant(tick * PERIOD_NS, states, &errors_m, &alive, nearest).expect("room");
+        tick += 1;
+        // The file lives as long as its recorder.
+        let _ = &scratch;
     })
 }
 

@@ -15,7 +15,7 @@ use plant::world::World;
 use protocol::barrier::Barrier;
 use protocol::brief::{self, AgentBrief, Pace};
 use protocol::message::{Beacon, Command, Odometry, TruthRow};
-use protocol::process::Stop;
+use protocol::process::{Alarm, Stop};
 use protocol::run_root::RunRoot;
 use supervisor::briefs;
 use supervisor::metrics::hash::TrajectoryHash;

@@ -616,6 +616,7 @@ fn map(file: &File, bytes: usize) -> io::Result<NonNull<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::process::Stop;
     use std::sync::atomic::AtomicBool;
     use std::thread;
 
@@ -842,6 +843,27 @@ mod tests {
         plant.attention();
         assert!(supervisor.wait_attention(SHORT));
         assert!(!supervisor.wait_attention(SHORT));
+    }
+
+    #[test]
+    fn with_an_alarm_waits_within_a_tick_end_though_they_have_no_limit_of_their_own() {
+        let (_directory, mut plant, mut agents) = pair(2);
+        thread::scope(|scope| {
+            plant.set_member(0, 0);
+            plant.begin(0);
+            scope.spawn(move || {
+                agents.rely_on(Alarm::start(&Stop::default()).unwrap());
+                assert_eq!(agents.wait_tick(0, agents.epoch(0), Duration::MAX), None);
+                // Waits for longer things go on over alarms, to their limit or until a stop.
+                let began = Instant::now();
+                assert!(!agents.wait_lead(LEAD_MAX + 1, LEAD_MAX, 2 * Alarm::PERIOD));
+                assert!(began.elapsed() >= 2 * Alarm::PERIOD);
+            });
+            scope.spawn(move || {
+                plant.rely_on(Alarm::start(&Stop::default()).unwrap());
+                assert_eq!(plant.wait_arrivals(0, SHORT), Err(vec![0]));
+            });
+        });
     }
 
     #[test]

@@ -71,32 +71,47 @@ impl Stop {
     }
 }
 
-/// While it lives, a signal interrupts whatever the process waits for, every [`Alarm::PERIOD`]: a
-/// deadline for all its waits that costs nothing at each of them. One at a time in a process, and
-/// only for those whose main thread does the waiting.
+/// While it lives, a signal interrupts whatever the thread that started it waits for, every
+/// [`Alarm::PERIOD`]: a deadline for all waits that costs nothing at each of them.
 #[derive(Debug)]
 pub struct Alarm {
     stop: Stop,
+    timer: libc::timer_t,
 }
+
+// SAFETY: the timer's number is the process's, whichever thread holds it.
+unsafe impl Send for Alarm {}
+// SAFETY: as above; nothing but dropping it touches the timer.
+unsafe impl Sync for Alarm {}
 
 impl Alarm {
     /// Time between two interruptions.
     pub const PERIOD: Duration = Duration::from_millis(100);
 
-    /// Begins; the owner of `stop` is who waits.
+    /// Interrupts the calling thread, which `stop` asks to stop.
     pub fn start(stop: &Stop) -> io::Result<Alarm> {
         extern "C" fn nothing(_signal: libc::c_int) {}
         let handler: extern "C" fn(libc::c_int) = nothing;
-        // SAFETY: zeros are a value of this plain struct.
-        let mut action: libc::sigaction = unsafe { std::mem::zeroed() };
-        // No SA_RESTART: that is what it is for.
+        let succeeded = |code| if code == 0 { Ok(()) } else { Err(io::Error::last_os_error()) };
+        // SAFETY: zeros are a value of these plain structs.
+        let (mut action, mut event): (libc::sigaction, libc::sigevent) =
+            unsafe { (std::mem::zeroed(), std::mem::zeroed()) };
+        // Without SA_RESTART: that is what it is for.
         action.sa_sigaction = handler as libc::sighandler_t;
         // SAFETY: reads `action`; its handler does nothing, which is safe at any time.
-        if unsafe { libc::sigaction(libc::SIGALRM, &action, std::ptr::null_mut()) } != 0 {
-            return Err(io::Error::last_os_error());
-        }
-        set_alarm(Alarm::PERIOD)?;
-        Ok(Alarm { stop: stop.clone() })
+        succeeded(unsafe { libc::sigaction(libc::SIGALRM, &action, std::ptr::null_mut()) })?;
+        event.sigev_signo = libc::SIGALRM;
+        event.sigev_notify = libc::SIGEV_THREAD_ID;
+        event.sigev_notify_thread_id = rustix::thread::gettid().as_raw_nonzero().get();
+        let mut timer = std::ptr::null_mut();
+        // SAFETY: reads `event`, writes `timer`.
+        succeeded(unsafe { libc::timer_create(libc::CLOCK_MONOTONIC, &mut event, &mut timer) })?;
+        let alarm = Alarm { stop: stop.clone(), timer };
+        let period = libc::timespec { tv_sec: 0, tv_nsec: Alarm::PERIOD.subsec_nanos().into() };
+        let times = libc::itimerspec { it_interval: period, it_value: period };
+        // SAFETY: a timer that was made; reads `times`.
+        succeeded(unsafe { libc::timer_settime(timer, 0, &times, std::ptr::null_mut()) })?;
+        Ok(alarm)
     }
 
     /// Whether it is more than an alarm: the process was asked to stop.
@@ -107,18 +122,8 @@ impl Alarm {
 
 impl Drop for Alarm {
     fn drop(&mut self) {
-        // Fails for a strange time only. The handler stays: an alarm may be under way.
-        let _ = set_alarm(Duration::ZERO);
-    }
-}
-
-fn set_alarm(period: Duration) -> io::Result<()> {
-    let period = libc::timeval { tv_sec: 0, tv_usec: period.subsec_micros().into() };
-    let timer = libc::itimerval { it_interval: period, it_value: period };
-    // SAFETY: reads `timer`.
-    match unsafe { libc::setitimer(libc::ITIMER_REAL, &timer, std::ptr::null_mut()) } {
-        0 => Ok(()),
-        _ => Err(io::Error::last_os_error()),
+        // SAFETY: made by `start`, and deleted once. The handler stays: a signal may be under way.
+        unsafe { libc::timer_delete(self.timer) };
     }
 }
 
@@ -273,19 +278,10 @@ mod tests {
 
     #[test]
     fn an_alarm_interrupts_a_wait_without_a_limit_again_and_again() {
-        // In a process of its own: which thread of several is interrupted is the kernel's choice.
-        const ALONE: &str = "PHALANX_TEST_ALONE";
-        if std::env::var_os(ALONE).is_none() {
-            let name = "process::tests::an_alarm_interrupts_a_wait_without_a_limit_again_and_again";
-            let mut child = std::process::Command::new(std::env::current_exe().unwrap());
-            let child = child.args([name, "--exact", "--test-threads=1"]).env(ALONE, "1");
-            assert!(child.status().unwrap().success());
-            return;
-        }
         let stop = Stop::default();
         let alarm = Alarm::start(&stop).unwrap();
         let interrupted = || {
-            // SAFETY: a wait for nobody, that only a signal ends.
+            // SAFETY: a wait for nothing, which only a signal ends before its 20 s.
             let ended = unsafe { libc::poll(std::ptr::null_mut(), 0, 20_000) };
             ended == -1 && io::Error::last_os_error().kind() == io::ErrorKind::Interrupted
         };

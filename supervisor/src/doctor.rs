@@ -13,12 +13,8 @@ use rustix::fs::{Access, access, statfs, statvfs};
 use rustix::process::{PidfdFlags, Resource, getpid, getrlimit, pidfd_open};
 use serde::Serialize;
 
-use crate::clean;
+use crate::{clean, descriptors};
 
-/// Descriptors of the supervisor, measured with 8 and 64 robots: 28, and 17 for each robot; with
-/// `--view-control` 4 more for each, and a few for those who look on. No other process needs as many.
-const DESCRIPTORS: u64 = 40;
-const DESCRIPTORS_PER_ROBOT: u64 = 21;
 /// Processes and threads besides the robots: supervisor, its clean-up, plant, and a little room.
 const PROCESSES: u64 = 8;
 /// Bytes on tmpfs: 35 KiB of run root and 70 KiB of shared memory a robot were measured with 8 and
@@ -219,10 +215,10 @@ fn governor() -> Option<Finding> {
 }
 
 fn descriptors(robots: usize) -> Finding {
-    let needed = DESCRIPTORS + DESCRIPTORS_PER_ROBOT * robots as u64;
-    let limit = getrlimit(Resource::Nofile).current;
+    let needed = descriptors::needed(robots);
+    let limit = descriptors::most();
     let found = format!("{} (RLIMIT_NOFILE), {robots} robots need {needed}", limited(limit));
-    let advice = format!("ulimit -n {needed}");
+    let advice = format!("ulimit -n {needed} as root, or nofile in /etc/security/limits.conf");
     Finding::fine("open files", found).or(Verdict::Wrong, limit.is_some_and(|n| n < needed), advice)
 }
 
@@ -372,7 +368,7 @@ mod tests {
         let findings = examine(1_000_000);
         let of = |topic| findings.iter().find(|finding| finding.topic == topic).unwrap();
         assert_eq!(of("cores").verdict, Verdict::WorthKnowing);
-        let limit = getrlimit(Resource::Nofile).current;
+        let limit = descriptors::most();
         let short = limit.is_some_and(|limit| limit < 21_000_040);
         assert_eq!(of("open files").verdict == Verdict::Wrong, short, "{findings:?}");
         assert!(of("open files").found.contains("need 21000040"));

@@ -27,6 +27,7 @@ use crate::briefs;
 use crate::child::{self, Child, Role, SpawnError};
 use crate::cleanup::Cleaner;
 use crate::cores::{Cores, Stay};
+use crate::descriptors;
 use crate::latency::Latency;
 use crate::live;
 use crate::metrics::Metrics;
@@ -67,6 +68,9 @@ pub enum FlightError {
     /// The barrier could not be made.
     #[error(transparent)]
     Barrier(#[from] BarrierError),
+    /// So many robots need more open files than this process may have.
+    #[error(transparent)]
+    Descriptors(#[from] descriptors::TooFew),
     /// A process could not be started.
     #[error(transparent)]
     Spawn(#[from] SpawnError),
@@ -240,6 +244,7 @@ impl<'a> Flight<'a> {
         metrics: &'a mut Metrics,
         stop: Stop,
     ) -> Result<Flight<'a>, FlightError> {
+        descriptors::make_room(scenario.robots.len())?;
         let base = run_root::base();
         for removed in run_root::sweep(&base) {
             tracing::info!(path = %removed.display(), "removed what a dead run left");

@@ -11,6 +11,7 @@
 //! | `flight` | what happens, in order, from the first process to the last? |
 //! | `flight/by_hand` | what may people do to it meanwhile? |
 //! | `robot` | where is a robot's process in its life, and does it come back? |
+//! | `descriptors` | how many files may it open? |
 //! | `doctor` | is this machine fit for it? |
 //! | `clean` | what did dead runs leave behind? |
 //! | `timeline` | what does the supervisor do to processes, and when? |
@@ -32,6 +33,7 @@ pub mod clean;
 pub mod cleanup;
 pub mod cli;
 mod cores;
+pub mod descriptors;
 pub mod doctor;
 pub mod drawing;
 pub mod flight;

@@ -26,6 +26,8 @@ const WAIT_MAX: Duration = Duration::from_millis(200);
 const LINGER_STEP: Duration = Duration::from_millis(50);
 /// The supervisor hears from every agent at least this often.
 const STATUS_EVERY_NS: u64 = 100_000_000;
+/// Wake-ups that are kept until a sample shows that the run goes on. More are of a plant in trouble.
+const LATE_MAX: usize = 100;
 
 /// Why an agent gave up.
 #[derive(Debug, thiserror::Error)]
@@ -192,17 +194,22 @@ impl Agent {
         let phase = golden_phase(self.brief.index);
         let mut timer = Timer::new(period_ns, (phase * period_ns as f64) as u64);
         let mut heard_ns = clock::now_ns();
+        let mut late_ns = Vec::with_capacity(LATE_MAX);
         self.report_if(true, heard_ns)?;
         while !self.stop.requested() {
             let Some(wake) = timer.wait() else { continue };
             // From its first sample on: before, everybody waits for the last one to start.
             if self.brain.has_flown() {
-                self.ports.latency.record(Stage::Wake, 0, wake.lateness_ns);
+                late_ns.push(wake.lateness_ns);
             } else {
                 self.ports.connect();
             }
             // In real time a queue holds the newest sample and no other.
             let newest = self.ports.odometry()?;
+            // Without another sample the run is over, and everybody late who is not yet told.
+            if newest.is_some() || late_ns.len() == LATE_MAX {
+                late_ns.drain(..).for_each(|ns| self.ports.latency.record(Stage::Wake, 0, ns));
+            }
             let taken_ns = clock::now_ns();
             self.ports.faults_by_hand(|robot, cut| self.brain.set_cut(robot, cut))?;
             // At its first sample a robot has heard nothing, as in lockstep.

@@ -15,9 +15,10 @@ use crate::floor::Carrier;
 use crate::machine::Machine;
 use crate::round_trip::Transport;
 use crate::table::Report;
+use crate::timers::Task;
 use crate::{
     BenchError, floor, growth, lockstep, neighbor, peers, realtime, replacement, round_trip,
-    startup, view,
+    startup, timers, view,
 };
 
 /// Round trips by each means in one second's worth of a round; five rounds of a full bench make
@@ -240,6 +241,16 @@ pub enum PeerVerb {
         /// Where to write what was seen.
         result: PathBuf,
     },
+    /// Wake by a robot's timer, and do nothing.
+    Timer {
+        /// Which robot's, from 1.
+        index: usize,
+        /// What to do.
+        #[command(flatten)]
+        task: Task,
+        /// Where to write what was seen.
+        result: PathBuf,
+    },
     /// Kill a robot and wait for its replacement.
     Kill {
         /// The robot's brief.
@@ -260,6 +271,7 @@ pub fn peer(verb: &PeerVerb) -> u8 {
         PeerVerb::RoundTrip { transport, dir } => round_trip::peer(*transport, dir),
         PeerVerb::Floor { carrier, brief } => floor::agent(*carrier, brief),
         PeerVerb::Neighbor { brief, ticks, result } => neighbor::peer(brief, *ticks, result),
+        PeerVerb::Timer { index, task, result } => timers::peer(*index, *task, result),
         PeerVerb::Kill { brief, kills, result } => replacement::onlooker(brief, *kills, result),
     };
     done.map_or_else(|error| complain(&error), |()| exit::OK)

@@ -29,7 +29,7 @@ const TICKS_START: u64 = 10;
 const TICKS_MIN: u64 = 500;
 
 /// Who takes processor time.
-const TAKERS: [&str; 3] = ["robots", "plant", "supervisor"];
+pub(crate) const TAKERS: [&str; 3] = ["robots", "plant", "supervisor"];
 
 /// One size of the ring, round by round.
 #[derive(Default)]
@@ -129,7 +129,7 @@ fn per_tick_us(start: &Value, whole: &Value) -> Result<[f64; TAKERS.len()], Benc
 }
 
 /// Processor time by [`TAKERS`], s, from the first process to the last one's end.
-fn taken_s(summary: &Value) -> Result<[f64; TAKERS.len()], BenchError> {
+pub(crate) fn taken_s(summary: &Value) -> Result<[f64; TAKERS.len()], BenchError> {
     let processes = summary["processes"].as_array();
     let processes = processes
         .ok_or_else(|| BenchError::Wrong("summary.json has no list at /processes".into()))?;

@@ -12,6 +12,7 @@
 //! | `lockstep` | how many ticks a second, and without iceoryx2? |
 //! | `floor` | the same brains and world over a mapping or over pipes |
 //! | `realtime` | how many deadlines are missed, at which rate and size? |
+//! | `timers` | and how many by processes that do nothing but wake? |
 //! | `neighbor` | how long from a neighbor's publication to its use? |
 //! | `view` | is anybody later if a browser looks on? |
 //! | `growth` | what does a tick cost, to 256 robots, and how does that grow? |
@@ -21,6 +22,7 @@
 //! | `flown` | one `phalanx run` as a child, and its summary |
 //! | `peers` | child processes that take part in a measurement, and their end |
 //! | `mapping`, `pipe` | plain shared memory, and plain pipes |
+//! | `quantiles` | what is told of a spread of times? |
 //! | `machine` | on what was it measured? |
 //! | `table` | medians with least and most, on a screen and as JSON |
 
@@ -35,12 +37,14 @@ mod mapping;
 mod neighbor;
 mod peers;
 mod pipe;
+mod quantiles;
 mod realtime;
 mod replacement;
 pub mod ring;
 mod round_trip;
 mod startup;
 mod table;
+mod timers;
 mod view;
 
 use std::io;

@@ -7,7 +7,6 @@
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 use agent::golden_phase;
 use protocol::brief::{self, AgentBrief, Pace};
@@ -23,6 +22,7 @@ use supervisor::briefs;
 use supervisor::scenario::Scenario;
 
 use crate::peers::{self, Peers};
+use crate::quantiles::{QUANTILES, Quantiles, quantiles_us};
 use crate::table::Row;
 use crate::{BenchError, Place, failed, flown, ring};
 
@@ -30,17 +30,6 @@ use crate::{BenchError, Place, failed, flown, ring};
 const RATES_HZ: [u64; 2] = [100, 1000];
 /// Fewer wake-ups than this measure the start.
 const TICKS_MIN: u64 = 50;
-/// What is told of every spread: its names in `summary.json` and in the table, and the share.
-const QUANTILES: [(&str, &str, f64); 3] =
-    [("p50_ns", "p50", 0.5), ("p99_ns", "p99", 0.99), ("p99.9_ns", "p99.9", 0.999)];
-/// Everybody is there, and begins, within this.
-const BEGIN_MAX: Duration = Duration::from_secs(20);
-const LOOK_EVERY: Duration = Duration::from_millis(1);
-/// Made once everybody is ready: begin.
-const GO: &str = "go";
-
-/// [`QUANTILES`] of one spread, us.
-type Quantiles = [f64; 3];
 
 /// What one measurement gave: means over all edges, or over all robots.
 struct Told {
@@ -163,18 +152,10 @@ fn without_brains(
         words.push(peer.into_iter().chain([result.into()]).collect());
     }
     let peers = Peers::start(dir, stop, words)?;
-    peers.wait_ready()?;
-    let go = dir.join(GO);
-    std::fs::write(&go, "").map_err(failed("make", &go))?;
+    peers.go()?;
     let (mut edges, mut wakes, mut answers) = (Vec::new(), Vec::new(), Vec::new());
     for path in &results {
-        while !path.exists() {
-            peers.check()?;
-            std::thread::sleep(LOOK_EVERY);
-        }
-        let bytes = std::fs::read(path).map_err(failed("read", path))?;
-        let seen: Seen = serde_json::from_slice(&bytes)
-            .map_err(|error| BenchError::Wrong(format!("{}: {error}", path.display())))?;
+        let seen: Seen = peers.told(path)?;
         edges.extend(seen.used);
         wakes.extend(seen.wake);
         answers.extend(seen.answer);
@@ -203,14 +184,7 @@ pub(crate) fn peer(brief_path: &Path, ticks: u64, result: &Path) -> Result<(), B
     let out = opened(&brief.name)?.publisher()?;
     let heard = brief.neighbors.iter().map(|neighbor| opened(&neighbor.name)?.subscriber());
     let heard: Vec<_> = heard.collect::<Result<_, _>>()?;
-    peers::say_ready(dir, brief.index - 1)?;
-    let began = Instant::now();
-    while !dir.join(GO).exists() {
-        if began.elapsed() > BEGIN_MAX {
-            return Err(BenchError::Wrong("the others were not ready in time".into()));
-        }
-        std::thread::sleep(LOOK_EVERY);
-    }
+    peers::await_go(dir, brief.index - 1)?;
 
     let room = || Vec::with_capacity(ticks as usize);
     let mut used_ns: Vec<Vec<u64>> = heard.iter().map(|_| room()).collect();
@@ -235,27 +209,14 @@ pub(crate) fn peer(brief_path: &Path, ticks: u64, result: &Path) -> Result<(), B
         wake_ns.push(wake.lateness_ns);
         answer_ns.push(sent_ns - looked_ns);
     }
-    // The bench ends this process once it has the result; nobody is then left to clean up after.
+    // The bench ends this process once it has the result; nothing is then left to clean up.
     drop((out, heard, node));
     let seen = Seen {
         used: used_ns.into_iter().filter_map(quantiles_us).collect(),
         wake: quantiles_us(wake_ns),
         answer: quantiles_us(answer_ns),
     };
-    let unnamed = result.with_extension("new");
-    let text = serde_json::to_string(&seen).expect("numbers only");
-    std::fs::write(&unnamed, text).map_err(failed("write", &unnamed))?;
-    std::fs::rename(&unnamed, result).map_err(failed("name", result))?;
-    std::thread::sleep(BEGIN_MAX);
-    Ok(())
-}
-
-/// `None` of nothing.
-fn quantiles_us(mut values_ns: Vec<u64>) -> Option<Quantiles> {
-    values_ns.sort_unstable();
-    let last = values_ns.len().checked_sub(1)?;
-    let at = |share: f64| values_ns[(share * last as f64).round() as usize] as f64 / 1e3;
-    Some(QUANTILES.map(|(.., share)| at(share)))
+    peers::tell(result, &seen)
 }
 
 #[cfg(test)]
@@ -287,14 +248,5 @@ mod tests {
         assert_eq!(told.used, [2.0, 4.0, 6.0]);
         assert_eq!((told.wake[0], told.answer[0]), (4.0, 5.0));
         assert!(told_by(&serde_json::json!({ "latency": rows[2..] })).is_none());
-    }
-
-    #[test]
-    fn quantiles_are_values_that_were_seen() {
-        assert_eq!(
-            quantiles_us((1..=101).rev().map(|us| us * 1000).collect()),
-            Some([51.0, 100.0, 101.0])
-        );
-        assert_eq!(quantiles_us(Vec::new()), None);
     }
 }

@@ -11,6 +11,8 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use protocol::process::Stop;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use supervisor::child::{Child, Role};
 
 use crate::{BenchError, failed};
@@ -21,8 +23,12 @@ const LIMIT: Duration = Duration::from_secs(240);
 const LIFE_S_MAX: u32 = 300;
 /// How often the watch looks around.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
-/// How often readiness is looked at.
+/// How often readiness is looked at, and results are.
 const READY_EVERY: Duration = Duration::from_millis(1);
+/// Made once everybody is ready: begin.
+const GO: &str = "go";
+/// Everybody is there, and begins, within this; and whoever is done is ended within it.
+const BEGIN_MAX: Duration = Duration::from_secs(20);
 /// How many lines of a dead peer's log are shown.
 const LOG_LINES: usize = 8;
 
@@ -73,6 +79,24 @@ impl Peers {
             }
         }
         Ok(())
+    }
+
+    /// Once every peer is ready, lets all begin that [`await_go`].
+    pub(crate) fn go(&self) -> Result<(), BenchError> {
+        self.wait_ready()?;
+        let go = self.dir.join(GO);
+        std::fs::write(&go, "").map_err(failed("make", &go))
+    }
+
+    /// What a peer will [`tell`].
+    pub(crate) fn told<T: DeserializeOwned>(&self, result: &Path) -> Result<T, BenchError> {
+        while !result.exists() {
+            self.check()?;
+            std::thread::sleep(READY_EVERY);
+        }
+        let bytes = std::fs::read(result).map_err(failed("read", result))?;
+        serde_json::from_slice(&bytes)
+            .map_err(|error| BenchError::Wrong(format!("{}: {error}", result.display())))
     }
 
     /// Fails once the peers are dead, and says why.
@@ -152,6 +176,29 @@ fn ready(dir: &Path, peer: usize) -> PathBuf {
 pub(crate) fn say_ready(dir: &Path, peer: usize) -> Result<(), BenchError> {
     let sign = ready(dir, peer);
     std::fs::write(&sign, "").map_err(failed("make", &sign))
+}
+
+/// A peer says that it is ready, and waits until all others are.
+pub(crate) fn await_go(dir: &Path, peer: usize) -> Result<(), BenchError> {
+    say_ready(dir, peer)?;
+    let began = Instant::now();
+    while !dir.join(GO).exists() {
+        if began.elapsed() > BEGIN_MAX {
+            return Err(BenchError::Wrong("the others were not ready in time".into()));
+        }
+        std::thread::sleep(READY_EVERY);
+    }
+    Ok(())
+}
+
+/// A peer leaves its result and waits to be ended: an end of its own would count as too early.
+pub(crate) fn tell<T: Serialize>(result: &Path, seen: &T) -> Result<(), BenchError> {
+    let unnamed = result.with_extension("new");
+    let text = serde_json::to_string(seen).expect("string keys and finite numbers only");
+    std::fs::write(&unnamed, text).map_err(failed("write", &unnamed))?;
+    std::fs::rename(&unnamed, result).map_err(failed("name", result))?;
+    std::thread::sleep(BEGIN_MAX);
+    Ok(())
 }
 
 /// A peer's waits need no deadline of their own after this: the kernel ends it.

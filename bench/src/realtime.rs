@@ -1,5 +1,6 @@
 //! Real time at several sizes and rates, up to saturation: deadlines missed, commands that died at
-//! the plant because none came after them, and how late the robots wake.
+//! the plant because none came after them, and how late the robots wake; against processes that
+//! have the same timers and take as much of the processor, and do nothing.
 
 use protocol::brief::Pace;
 use protocol::process::Stop;
@@ -8,15 +9,14 @@ use serde_json::Value;
 
 use crate::BenchError;
 use crate::flown::{self, number};
+use crate::growth;
+use crate::quantiles::QUANTILES;
 use crate::ring;
 use crate::table::Row;
+use crate::timers::{self, Task};
 
 /// Rates of the robots, Hz.
 const RATES_HZ: [u64; 2] = [100, 1000];
-
-/// Of the lateness: its names in `summary.json`, and in the table.
-pub(crate) const LATENESS: [(&str, &str); 3] =
-    [("p50_ns", "p50"), ("p99_ns", "p99"), ("p99.9_ns", "p99.9")];
 
 /// Measures runs of `seconds` each.
 pub(crate) fn measure(
@@ -33,7 +33,9 @@ pub(crate) fn measure(
         .collect();
     let mut missed = vec![Vec::new(); cases.len()];
     let mut expired = vec![Vec::new(); cases.len()];
-    let mut late_us = vec![LATENESS.map(|_| Vec::new()); cases.len()];
+    let mut late_us = vec![QUANTILES.map(|_| Vec::new()); cases.len()];
+    let mut timers_missed = vec![Vec::new(); cases.len()];
+    let mut timers_late_us = vec![QUANTILES.map(|_| Vec::new()); cases.len()];
     for round in 1..=rounds {
         for (case, &(robots, rate_hz)) in cases.iter().enumerate() {
             progress(&format!("real time, {robots} robots at {rate_hz} Hz, round {round}"));
@@ -45,24 +47,38 @@ pub(crate) fn measure(
             };
             missed[case].push(percent("/deadline_misses")?);
             expired[case].push(percent("/commands/expired")?);
-            for ((key, _), late_us) in LATENESS.iter().zip(&mut late_us[case]) {
-                late_us.extend(latest_wake_us(&summary, key));
+            for ((key, ..), late_us) in QUANTILES.iter().zip(&mut late_us[case]) {
+                let nobody = || BenchError::Wrong(format!("{robots} robots: nobody woke"));
+                late_us.push(latest_wake_us(&summary, key).ok_or_else(nobody)?);
+            }
+            progress(&format!("real time, {robots} timers at {rate_hz} Hz, round {round}"));
+            let (periods, period_ns) = ((ticks * robots as u64) as f64, 1_000_000_000 / rate_hz);
+            let busy_ns = (1e9 * growth::taken_s(&summary)?[0] / periods) as u64;
+            let seen = timers::measure(root, stop, robots, Task { period_ns, ticks, busy_ns })?;
+            let missed = seen.iter().map(|seen| seen.missed).sum::<u64>() as f64;
+            timers_missed[case].push(100.0 * missed / periods);
+            for (place, late_us) in timers_late_us[case].iter_mut().enumerate() {
+                late_us.push(seen.iter().map(|seen| seen.late_us[place]).fold(0.0, f64::max));
             }
         }
     }
     let mut rows = Vec::new();
-    for (((robots, rate_hz), missed), (expired, late_us)) in
-        cases.into_iter().zip(missed).zip(expired.into_iter().zip(late_us))
+    let ours = missed.into_iter().zip(expired).zip(late_us);
+    let timers = timers_missed.into_iter().zip(timers_late_us);
+    for (((robots, rate_hz), ours), (timers_missed, timers_late_us)) in
+        cases.into_iter().zip(ours).zip(timers)
     {
+        let ((missed, expired), late_us) = ours;
         let what = |of: &str| format!("{robots} robots at {rate_hz} Hz, {of}");
-        rows.push(Row::alone("realtime", &what("deadlines missed, % of periods"), missed));
+        let against = |of: &str, ours, timers| {
+            Row::against("realtime", &what(of), "timers, as busy", ours, timers)
+        };
+        rows.push(against("deadlines missed, % of periods", missed, timers_missed));
         rows.push(Row::alone("realtime", &what("commands expired, % of periods"), expired));
-        for ((_, name), late_us) in LATENESS.iter().zip(late_us) {
-            // A summary need not tell.
-            if !late_us.is_empty() {
-                let what = what(&format!("wake lateness {name} of the latest robot, us"));
-                rows.push(Row::alone("realtime", &what, late_us));
-            }
+        for ((_, name, _), (ours, timers)) in
+            QUANTILES.iter().zip(late_us.into_iter().zip(timers_late_us))
+        {
+            rows.push(against(&format!("wake lateness {name} of the latest, us"), ours, timers));
         }
     }
     Ok(rows)

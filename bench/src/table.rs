@@ -68,11 +68,12 @@ impl Row {
         ours: Vec<f64>,
         floor: Vec<f64>,
     ) -> Row {
-        let ratio = ours.iter().zip(&floor).map(|(ours, floor)| ours / floor).collect();
+        let ratio: Vec<f64> = ours.iter().zip(&floor).map(|(ours, floor)| ours / floor).collect();
         Row {
             floor_name: Some(floor_name.into()),
             floor: Some(Spread::of(floor)),
-            ratio: Some(Spread::of(ratio)),
+            // Nothing is a multiple of nothing.
+            ratio: ratio.iter().all(|ratio| ratio.is_finite()).then(|| Spread::of(ratio)),
             ..Row::alone(part, what, ours)
         }
     }

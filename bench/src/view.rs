@@ -15,7 +15,8 @@ use serde_json::Value;
 
 use crate::BenchError;
 use crate::flown::{self, Flying, number};
-use crate::realtime::{LATENESS, latest_wake_us};
+use crate::quantiles::QUANTILES;
+use crate::realtime::latest_wake_us;
 use crate::ring;
 use crate::table::Row;
 
@@ -28,13 +29,13 @@ const SILENCE_MAX: Duration = Duration::from_secs(60);
 #[derive(Default)]
 struct Seen {
     missed: Vec<f64>,
-    late_us: [Vec<f64>; LATENESS.len()],
+    late_us: [Vec<f64>; QUANTILES.len()],
 }
 
 impl Seen {
     fn take(&mut self, summary: &Value, periods: u64) -> Result<(), BenchError> {
         self.missed.push(100.0 * number(summary, "/deadline_misses")? / periods as f64);
-        for ((key, _), late_us) in LATENESS.iter().zip(&mut self.late_us) {
+        for ((key, ..), late_us) in QUANTILES.iter().zip(&mut self.late_us) {
             late_us.extend(latest_wake_us(summary, key));
         }
         Ok(())
@@ -76,8 +77,8 @@ pub(crate) fn measure(
             let what = what(&format!("deadlines missed, % of periods, {how}"));
             rows.push(Row::alone("view", &what, missed));
         }
-        for ((_, name), (ours, floor)) in
-            LATENESS.iter().zip(watched.late_us.into_iter().zip(alone.late_us))
+        for ((_, name, _), (ours, floor)) in
+            QUANTILES.iter().zip(watched.late_us.into_iter().zip(alone.late_us))
         {
             // A summary need not tell.
             if !ours.is_empty() && ours.len() == floor.len() {

@@ -228,7 +228,12 @@ impl Plant {
                     }
                 }
             }
-            self.publish()?;
+            if t_ns < self.brief.duration_ns {
+                self.publish()?;
+            } else {
+                // Nobody is to act on the end.
+                self.ports.send_truth(&self.world)?;
+            }
             self.ports.latency.send_if_due(now_ns);
         }
         self.land();

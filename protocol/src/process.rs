@@ -92,6 +92,8 @@ impl Alarm {
     pub fn start(stop: &Stop) -> io::Result<Alarm> {
         extern "C" fn nothing(_signal: libc::c_int) {}
         let handler: extern "C" fn(libc::c_int) = nothing;
+        // Not SIGALRM, which ends processes that set an end to their lives.
+        let signal = libc::SIGRTMIN();
         let succeeded = |code| if code == 0 { Ok(()) } else { Err(io::Error::last_os_error()) };
         // SAFETY: zeros are a value of these plain structs.
         let (mut action, mut event): (libc::sigaction, libc::sigevent) =
@@ -99,8 +101,8 @@ impl Alarm {
         // Without SA_RESTART: that is what it is for.
         action.sa_sigaction = handler as libc::sighandler_t;
         // SAFETY: reads `action`; its handler does nothing, which is safe at any time.
-        succeeded(unsafe { libc::sigaction(libc::SIGALRM, &action, std::ptr::null_mut()) })?;
-        event.sigev_signo = libc::SIGALRM;
+        succeeded(unsafe { libc::sigaction(signal, &action, std::ptr::null_mut()) })?;
+        event.sigev_signo = signal;
         event.sigev_notify = libc::SIGEV_THREAD_ID;
         event.sigev_notify_thread_id = rustix::thread::gettid().as_raw_nonzero().get();
         let mut timer = std::ptr::null_mut();

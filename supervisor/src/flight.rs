@@ -401,6 +401,10 @@ impl<'a> Flight<'a> {
             self.tell_view();
             progress(self.now_ns());
             if self.now_ns() >= self.scenario.duration_ns {
+                // In real time some are still at their last sample: none is ended over it.
+                if self.barrier.is_none() {
+                    std::thread::sleep(2 * Duration::from_nanos(self.scenario.period_ns));
+                }
                 return Ok(());
             }
             self.act()?;

@@ -103,11 +103,12 @@ fn every_part_gives_figures_and_all_means_fly_the_robots_along_one_trajectory() 
     let parts = ["floors", "lockstep", "neighbor", "startup", "replacement"];
     assert_eq!(parts.map(count), [12, 2, 12, 1, 2], "{report:#}");
     // Two rates, each with misses, expired commands, and what the summary tells of lateness.
-    assert!([4, 10].contains(&count("realtime")), "{report:#}");
+    assert_eq!(count("realtime"), 10, "{report:#}");
     for row in rows {
         let figure = |of: &str| row[of]["median"].as_f64();
         assert!(figure("ours").is_some_and(|ours| ours >= 0.0), "{row:#}");
-        if let Some(floor) = figure("floor") {
+        // Nothing is a multiple of nothing: nobody need miss a deadline.
+        if let Some(floor) = figure("floor").filter(|floor| *floor > 0.0) {
             let ratio = figure("ours").unwrap() / floor;
             assert!((figure("ratio").unwrap() / ratio - 1.0).abs() < 1e-9, "{row:#}");
         }
@@ -186,6 +187,7 @@ fn an_interrupted_bench_ends_its_robots_and_leaves_nothing() {
         ("floors", "0.2", "ready-0"),
         ("lockstep", "50", "samples.csv"),
         ("realtime", "50", "samples.csv"),
+        ("realtime", "0.2", "ready-0"),
         ("neighbor", "0.2", "ready-0"),
         ("growth", "50", "samples.csv"),
         ("replacement", "50", "peer-0.log"),

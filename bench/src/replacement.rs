@@ -7,6 +7,7 @@ use std::ffi::OsString;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use agent::golden_phase;
 use protocol::brief::{self, AgentBrief, Pace};
 use protocol::message::Command;
 use protocol::process::Stop;
@@ -15,16 +16,17 @@ use protocol::service::{self, Subscriber};
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::flown::Flying;
-use crate::peers::Peers;
+use crate::peers::{self, Peers};
 use crate::table::Row;
 use crate::{BenchError, Place, failed, ring};
 
 /// Robots in the run.
 const ROBOTS: usize = 8;
-/// T, s.
-const PERIOD_S: f64 = 0.005;
+/// Rates of the robots, Hz. A replacement waits for the plant's next sample, and then for its own
+/// next wake-up: two periods at most, one on average.
+const RATES_HZ: [u64; 2] = [200, 1000];
 /// Longer than any measurement; the run is ended when it is done.
-const TICKS: u64 = 200_000;
+const TICKS: u64 = 1_000_000;
 /// The robot that is killed.
 const VICTIM: &str = "r1";
 /// A replacement has come within this, or never will.
@@ -42,24 +44,30 @@ pub(crate) fn measure(
     kills: usize,
     mut progress: impl FnMut(&str),
 ) -> Result<Vec<Row>, BenchError> {
-    let (mut p50, mut p99) = (Vec::new(), Vec::new());
+    const SHARES: [(&str, f64); 2] = [("p50", 0.50), ("p99", 0.99)];
+    let mut taken = RATES_HZ.map(|_| SHARES.map(|_| Vec::new()));
     for round in 1..=rounds {
-        progress(&format!("replacement, {kills} kills, round {round}"));
-        let mut taken_ms = killed(root, stop, kills)?;
-        taken_ms.sort_by(f64::total_cmp);
-        let at = |share: f64| taken_ms[(share * (taken_ms.len() - 1) as f64).round() as usize];
-        p50.push(at(0.50));
-        p99.push(at(0.99));
+        for (rate_hz, taken) in RATES_HZ.iter().zip(&mut taken) {
+            progress(&format!("replacement at {rate_hz} Hz, {kills} kills, round {round}"));
+            let mut taken_ms = killed(root, stop, *rate_hz, kills)?;
+            taken_ms.sort_by(f64::total_cmp);
+            let last = (taken_ms.len() - 1) as f64;
+            for ((_, share), taken) in SHARES.iter().zip(taken) {
+                taken.push(taken_ms[(share * last).round() as usize]);
+            }
+        }
     }
-    let what = |name: &str| format!("kill to first command, {name} of {kills}, ms");
-    Ok(vec![
-        Row::alone("replacement", &what("p50"), p50),
-        Row::alone("replacement", &what("p99"), p99),
-    ])
+    let rows = RATES_HZ.iter().zip(taken).flat_map(|(rate_hz, taken)| {
+        SHARES.iter().zip(taken).map(move |((name, _), taken)| {
+            let what = format!("{rate_hz} Hz, kill to first command, {name} of {kills}, ms");
+            Row::alone("replacement", &what, taken)
+        })
+    });
+    Ok(rows.collect())
 }
 
-fn killed(root: &RunRoot, stop: &Stop, kills: usize) -> Result<Vec<f64>, BenchError> {
-    let text = ring::text(ROBOTS, TICKS, PERIOD_S);
+fn killed(root: &RunRoot, stop: &Stop, rate_hz: u64, kills: usize) -> Result<Vec<f64>, BenchError> {
+    let text = ring::text(ROBOTS, TICKS, 1.0 / rate_hz as f64);
     let place = Place::new(root, "onlooker")?;
     let mut flying = Flying::start(root, stop, &text, Pace::Realtime)?;
     let began = Instant::now();
@@ -100,9 +108,11 @@ pub(crate) fn onlooker(brief_path: &Path, kills: usize, result: &Path) -> Result
     let service = service::command(&brief.name).open(&node)?;
     let commands = service.subscriber()?;
     let mut incarnation = next(&commands, 0)?;
+    let period_s = brief.period_ns as f64 / 1e9;
     let mut taken_ms = Vec::with_capacity(kills);
-    for _ in 0..kills {
-        std::thread::sleep(SETTLE);
+    for kill in 0..kills {
+        // After a command the robot sleeps: a kill shall meet it, and its timer, at any phase.
+        std::thread::sleep(SETTLE + Duration::from_secs_f64(golden_phase(kill) * period_s));
         let pid = process_of(brief_path).ok_or_else(|| {
             BenchError::Wrong(format!("found no process of {}", brief_path.display()))
         })?;
@@ -112,14 +122,7 @@ pub(crate) fn onlooker(brief_path: &Path, kills: usize, result: &Path) -> Result
         incarnation = next(&commands, incarnation + 1)?;
         taken_ms.push(began.elapsed().as_secs_f64() * 1e3);
     }
-    // Named once it is whole.
-    let unnamed = result.with_extension("new");
-    let text = serde_json::to_string(&taken_ms).expect("numbers only");
-    std::fs::write(&unnamed, text).map_err(failed("write", &unnamed))?;
-    std::fs::rename(&unnamed, result).map_err(failed("name", result))?;
-    // The bench ends this process; its own end would look like a failure.
-    std::thread::sleep(BACK_MAX);
-    Ok(())
+    peers::tell(result, &taken_ms)
 }
 
 /// Waits for a command of this incarnation or a later one: which it was.

@@ -4,7 +4,7 @@
 //! Only the supervisor cleans up, one death at a time, and only after the dead was reaped: before,
 //! iceoryx2 takes it for alive, and its replacement finds no free port.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -136,30 +136,29 @@ fn clean_watched(node: &Node, run_root: &Path, prefix: &str) -> Result<(), Clean
 /// Removes what dead processes left in this run.
 fn clean(node: &Node, run_root: &Path, prefix: &str) -> Result<(), CleanupError> {
     let nodes = run_root.join("nodes");
+    let mut census = Census::default();
     // Whoever dies from here on has ports that iceoryx2 has not seen to: the next clean-up's work.
-    let dead: BTreeSet<u128> = files_of_the_dead(&nodes)?.into_iter().map(|(id, _)| id).collect();
-    let shared_memory = Path::new(SHARED_MEMORY);
-    remove_half_made_connections(shared_memory, prefix)?;
-    let between_the_dead: Vec<PathBuf> = connections(shared_memory, prefix)?
-        .filter(|(_, ends)| ends.iter().all(|&end| is_gone(end)))
-        .map(|(path, _)| path)
-        .collect();
+    let files = files_by_node(&nodes)?;
+    let dead: BTreeSet<u128> = files.map(|(id, _)| id).filter(|&id| census.is_gone(id)).collect();
+    let between_the_dead = remove_half_made_connections(Path::new(SHARED_MEMORY), prefix)?;
+    let mut unseen = dead.clone();
     let listed = Node::list(node.config(), |state| {
         // Others that died meanwhile may have left half-made connections as well.
-        let seen_to = dead.contains(&state.node_id().value());
+        let seen_to = unseen.remove(&state.node_id().value());
         if let (true, NodeState::Dead(of_the_dead)) = (seen_to, state)
             && let Err(error) = of_the_dead.blocking_remove_stale_resources(ATTEMPT_MAX)
         {
             tracing::debug!(?error, "removed by hand");
         }
-        CallbackProgression::Continue
+        // Looking at one of the living is as dear as removing a port of the dead.
+        if unseen.is_empty() { CallbackProgression::Stop } else { CallbackProgression::Continue }
     });
     if let Err(error) = listed {
         tracing::warn!(%error, "cannot list nodes");
     }
     // A process killed while it registered leaves a node that iceoryx2 cannot remove, or does not
     // even list: its files go by hand.
-    for (_, path) in files_of_the_dead(&nodes)?.into_iter().filter(|(id, _)| dead.contains(id)) {
+    for (_, path) in files_by_node(&nodes)?.filter(|(id, _)| dead.contains(id)) {
         let removed =
             if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
         removed.map_err(|source| CleanupError::Remove { path, source })?;
@@ -177,27 +176,34 @@ fn remove_if_there(path: PathBuf) -> Result<(), CleanupError> {
     }
 }
 
-/// Files and directories of nodes whose processes are dead, each with the node's id.
-fn files_of_the_dead(nodes: &Path) -> Result<Vec<(u128, PathBuf)>, CleanupError> {
+/// Files and directories of nodes, each with the node's id.
+fn files_by_node(
+    nodes: &Path,
+) -> Result<impl Iterator<Item = (u128, PathBuf)> + use<>, CleanupError> {
     let failed = |source| CleanupError::Look { path: nodes.into(), source };
     let entries = fs::read_dir(nodes).map_err(failed)?.flatten();
-    let files = entries.filter_map(|entry| {
-        let id = node_in(&entry.file_name().to_string_lossy())?;
-        is_gone(id).then(|| (id, entry.path()))
-    });
-    Ok(files.collect())
+    Ok(entries
+        .filter_map(|entry| Some((node_in(&entry.file_name().to_string_lossy())?, entry.path()))))
 }
 
 /// Removes connections that a process was making when it was killed: iceoryx2 would wait for ever
-/// until they are whole.
-fn remove_half_made_connections(shared_memory: &Path, prefix: &str) -> Result<(), CleanupError> {
+/// until they are whole. Those between two dead processes are left, and told.
+fn remove_half_made_connections(
+    shared_memory: &Path,
+    prefix: &str,
+) -> Result<Vec<PathBuf>, CleanupError> {
+    let mut census = Census::default();
+    let mut between_the_dead = Vec::new();
     for (path, ends) in connections(shared_memory, prefix)? {
+        let gone = ends.into_iter().filter(|&end| census.is_gone(end)).count();
         let half_made = |found: fs::Metadata| found.mode() & 0o777 == HALF_MADE;
-        if ends.into_iter().any(is_gone) && fs::metadata(&path).is_ok_and(half_made) {
+        if gone > 0 && fs::metadata(&path).is_ok_and(half_made) {
             remove_if_there(path)?;
+        } else if gone == 2 {
+            between_the_dead.push(path);
         }
     }
-    Ok(())
+    Ok(between_the_dead)
 }
 
 /// This run's connections, and the ids of their ends.
@@ -229,10 +235,20 @@ fn node_in(name: &str) -> Option<u128> {
     id.parse().ok()
 }
 
-/// Whether the process that made an id is dead. None is reused so soon; if one were, a later
-/// clean-up would find what this one left.
-fn is_gone(id: u128) -> bool {
-    !Path::new("/proc").join(process_of(id).to_string()).exists()
+/// Who is dead, each looked at once.
+#[derive(Debug, Default)]
+struct Census(BTreeMap<u32, bool>);
+
+impl Census {
+    /// Whether the process that made an id is dead. None is reused so soon; if one were, a later
+    /// clean-up would find what this one left.
+    fn is_gone(&mut self, id: u128) -> bool {
+        let process = process_of(id);
+        *self
+            .0
+            .entry(process)
+            .or_insert_with(|| !Path::new("/proc").join(process.to_string()).exists())
+    }
 }
 
 /// The process that made an id, of a node or a port: its third 32 bits, after seconds and nanoseconds.

@@ -431,13 +431,8 @@ impl<'a> Flight<'a> {
                 barrier.wait_attention(TURN);
             }
             None => {
-                let children = self.robots.iter().filter_map(|robot| robot.seat.child());
-                let mut descriptors: Vec<PollFd<'_>> = children
-                    .chain([&self.plant])
-                    .map(Child::pidfd)
-                    .chain([self.cleaner.news()])
-                    .map(|descriptor| PollFd::from_borrowed_fd(descriptor, PollFlags::IN))
-                    .collect();
+                let mut descriptors = watch(&self.robots, &self.plant);
+                descriptors.push(PollFd::from_borrowed_fd(self.cleaner.news(), PollFlags::IN));
                 let turn = Timespec { tv_sec: 0, tv_nsec: TURN.as_nanos() as i64 };
                 // An interruption is a turn without news.
                 let _ = poll(&mut descriptors, Some(&turn));
@@ -562,6 +557,10 @@ impl<'a> Flight<'a> {
     }
 
     fn take_deaths(&mut self) -> Result<(), FlightError> {
+        if !self.anybody_died() {
+            self.all_seen_alive_ns = self.now_ns();
+            return Ok(());
+        }
         if let Some(status) = self.plant.ended() {
             // Its last truth may have been sent between our last look and its end.
             while !self.take_truths()? {}
@@ -578,6 +577,15 @@ impl<'a> Flight<'a> {
         self.loads.retain_mut(|(_, child)| child.ended().is_none());
         self.all_seen_alive_ns = self.now_ns();
         Ok(())
+    }
+
+    /// Asks about all at once: nearly always, none did.
+    fn anybody_died(&self) -> bool {
+        let loads = self.loads.iter().map(|(_, child)| child);
+        let mut watched = watch(&self.robots, &self.plant);
+        watched.extend(loads.map(|child| PollFd::from_borrowed_fd(child.pidfd(), PollFlags::IN)));
+        // An interruption tells nothing.
+        poll(&mut watched, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })) != Ok(0)
     }
 
     /// A robot's process is dead and reaped.
@@ -878,4 +886,10 @@ pub fn exit_code(outcome: &Outcome, flown: &Result<(), FlightError>) -> u8 {
         Ok(()) if outcome.interrupted => exit::INTERRUPTED,
         Ok(()) => exit::OK,
     }
+}
+
+/// What is readable once one of these is dead.
+fn watch<'a>(robots: &'a [Robot], plant: &'a Child) -> Vec<PollFd<'a>> {
+    let children = robots.iter().filter_map(|robot| robot.seat.child()).chain([plant]);
+    children.map(|child| PollFd::from_borrowed_fd(child.pidfd(), PollFlags::IN)).collect()
 }

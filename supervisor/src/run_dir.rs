@@ -36,6 +36,8 @@ pub struct RunDir {
     samples: Log,
     /// When what was written was last seen to be in the file.
     samples_flushed: Instant,
+    /// The lines of one truth, kept for the next.
+    text: String,
     events: Log,
     /// None before it is begun, and after it could not be written.
     recording: Option<Recorder>,
@@ -91,6 +93,10 @@ impl Log {
         writeln!(self.file, "{line}").map_err(failed(&self.path))
     }
 
+    fn text(&mut self, text: &str) -> Result<(), RunDirError> {
+        self.file.write_all(text.as_bytes()).map_err(failed(&self.path))
+    }
+
     fn flush(&mut self) -> Result<(), RunDirError> {
         self.file.flush().map_err(failed(&self.path))
     }
@@ -121,6 +127,7 @@ impl RunDir {
                 "t_s,robot,x_m,y_m,heading_rad,v_m_s,w_rad_s,error_m,alive",
             )?,
             samples_flushed: Instant::now(),
+            text: String::new(),
             events: Log::create(path.join("events.csv"), "t_s,kind,robot,detail")?,
             recording: None,
         })
@@ -219,15 +226,25 @@ impl RunDir {
             return Ok(());
         }
         let Newest { t_ns, rows, errors_m, alive, .. } = &self.newest;
-        let t_s = seconds(*t_ns);
+        let t_s = seconds(*t_ns).to_string();
+        // Many numbers at a time: the formatter of the standard library is slow at shortest digits.
+        let (text, mut digits) = (&mut self.text, zmij::Buffer::new());
+        text.clear();
         for (i, row) in rows.iter().enumerate() {
-            let TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = row;
-            let (robot, alive) = (&self.robots[i], u8::from(alive[i]));
-            let error = errors_m[i].map_or(String::new(), |error| error.to_string());
-            self.samples.line(format_args!(
-                "{t_s},{robot},{x_m},{y_m},{heading_rad},{v_m_s},{w_rad_s},{error},{alive}"
-            ))?;
+            let &TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = row;
+            text.extend([&t_s, ",", &self.robots[i]]);
+            for number in
+                [x_m, y_m, heading_rad, v_m_s, w_rad_s].map(Some).iter().chain([&errors_m[i]])
+            {
+                text.push(',');
+                if let Some(number) = number {
+                    let number = digits.format(*number);
+                    text.push_str(number.strip_suffix(".0").unwrap_or(number));
+                }
+            }
+            text.push_str(if alive[i] { ",1\n" } else { ",0\n" });
         }
+        self.samples.text(text)?;
         self.record(|recording, newest| {
             let Newest { t_ns, rows, errors_m, alive, nearest, .. } = newest;
             let states = rows.iter().map(|row| {

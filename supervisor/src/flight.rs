@@ -608,7 +608,8 @@ impl<'a> Flight<'a> {
             barrier.remove_member(i);
         }
         let planned = matches!(robot.seat, Seat::Ending { .. });
-        robot.seat = Seat::Cleaning;
+        robot.seat = Seat::Down;
+        robot.remains += 1;
         self.cleaner.request(i);
         let frozen_by = robot.frozen_by.take();
         self.event(t_ns, "died", Some(i), &how)?;
@@ -657,7 +658,7 @@ impl<'a> Flight<'a> {
 
     fn take_cleaned(&mut self) {
         while let Some(i) = self.cleaner.done() {
-            self.robots[i].seat = Seat::Down;
+            self.robots[i].remains -= 1;
         }
     }
 
@@ -675,10 +676,14 @@ impl<'a> Flight<'a> {
             self.act_on(due, now_ns, AS_PLANNED)?;
         }
         self.act_by_hand(now_ns)?;
+        // Services have room for a replacement beside one of the dead, and nobody waits for the
+        // clean-up in real time; in lockstep all do, so that each restart finds the same.
+        let remains: usize = self.robots.iter().map(|robot| robot.remains).sum();
+        let room = self.barrier.is_none() && remains <= 1;
         for i in 0..self.robots.len() {
             let robot = &mut self.robots[i];
             let due = robot.restart_at_ns.is_some_and(|at_ns| at_ns <= now_ns);
-            if due && matches!(robot.seat, Seat::Down) {
+            if due && matches!(robot.seat, Seat::Down) && (room || robot.remains == 0) {
                 robot.restart_at_ns = None;
                 robot.incarnation += 1;
                 robot.start()?;
@@ -690,8 +695,10 @@ impl<'a> Flight<'a> {
         }
         let at_rest = self.robots.iter().all(|robot| match robot.seat {
             Seat::Flying { .. } | Seat::Frozen { .. } => true,
-            Seat::Down => robot.restart_at_ns.is_none_or(|at_ns| at_ns > now_ns),
-            Seat::Starting { .. } | Seat::Ending { .. } | Seat::Cleaning => false,
+            Seat::Down => {
+                robot.remains == 0 && robot.restart_at_ns.is_none_or(|at_ns| at_ns > now_ns)
+            }
+            Seat::Starting { .. } | Seat::Ending { .. } => false,
         });
         if at_rest
             && self.outcome.truth.is_some()

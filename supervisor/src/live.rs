@@ -106,7 +106,7 @@ fn state(seat: &Seat) -> RobotState {
         Seat::Flying { .. } => RobotState::Flying,
         Seat::Frozen { .. } => RobotState::Frozen,
         Seat::Starting { .. } => RobotState::Starting,
-        Seat::Ending { .. } | Seat::Cleaning | Seat::Down => RobotState::Dead,
+        Seat::Ending { .. } | Seat::Down => RobotState::Dead,
     }
 }
 

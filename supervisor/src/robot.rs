@@ -22,9 +22,7 @@ pub(crate) enum Seat {
     Frozen { child: Child },
     /// Killed on purpose; its end is awaited.
     Ending { child: Child },
-    /// Dead and reaped; the clean-up is at work.
-    Cleaning,
-    /// Dead and cleaned up.
+    /// Dead and reaped.
     Down,
 }
 
@@ -35,6 +33,8 @@ pub(crate) struct Robot {
     pub(crate) log: PathBuf,
     pub(crate) seat: Seat,
     pub(crate) incarnation: u64,
+    /// Its processes that are dead and reaped, and not yet cleaned up.
+    pub(crate) remains: usize,
     /// Run time at which a replacement is due, ns.
     pub(crate) restart_at_ns: Option<u64>,
     /// Run times of restarts nobody planned, ns.
@@ -76,6 +76,7 @@ impl Robot {
             log,
             seat: Seat::Down,
             incarnation: 0,
+            remains: 0,
             restart_at_ns: None,
             unplanned_restarts_ns: Vec::new(),
             fault: None,
@@ -136,7 +137,7 @@ impl Seat {
             | Seat::Flying { child }
             | Seat::Frozen { child }
             | Seat::Ending { child } => Some(child),
-            Seat::Cleaning | Seat::Down => None,
+            Seat::Down => None,
         }
     }
 
@@ -146,7 +147,7 @@ impl Seat {
             | Seat::Flying { child }
             | Seat::Frozen { child }
             | Seat::Ending { child } => Some(child),
-            Seat::Cleaning | Seat::Down => None,
+            Seat::Down => None,
         }
     }
 

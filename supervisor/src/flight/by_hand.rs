@@ -88,7 +88,7 @@ impl Flight<'_> {
             Seat::Starting { .. } => "starting",
             Seat::Flying { .. } => "flying",
             Seat::Frozen { .. } => "frozen",
-            Seat::Ending { .. } | Seat::Cleaning | Seat::Down => "dead",
+            Seat::Ending { .. } | Seat::Down => "dead",
         };
         let of_robot = |robot: usize, expected: &[&str]| match is(robot) {
             found if expected.contains(&found) => Ok(()),

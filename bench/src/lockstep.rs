@@ -1,5 +1,6 @@
 //! Ticks per second in lockstep: `phalanx run`, against the same brains and world without
-//! iceoryx2. All three must fly the same trajectory, bit by bit.
+//! iceoryx2, all of which must fly the same trajectory, bit by bit; and against itself with nothing
+//! measured or recorded.
 
 use protocol::brief::Pace;
 use protocol::process::Stop;
@@ -7,7 +8,7 @@ use protocol::run_root::RunRoot;
 
 use crate::BenchError;
 use crate::floor::{self, Carrier};
-use crate::flown::{self, number};
+use crate::flown::{self, Flying, number};
 use crate::ring;
 use crate::table::{Row, Trajectory};
 
@@ -40,6 +41,7 @@ pub(crate) fn measure(
         let scenario = ring::read(&text)?;
         let mut ours = Vec::new();
         let mut floors = Carrier::ALL.map(|_| Vec::new());
+        let mut unmeasured = Vec::new();
         let mut hashes: Vec<(String, String)> = Vec::new();
         let mut flown_by = |means: &str, hash: String| {
             let flown = (means.to_owned(), hash);
@@ -59,10 +61,14 @@ pub(crate) fn measure(
                 floor.push(flight.ticks_per_s);
                 flown_by(name, flight.hash);
             }
+            progress(&format!("lockstep, {robots} robots, ours unmeasured, round {round}"));
+            let flying = Flying::start_with(root, stop, &text, Pace::Lockstep, &["--unmeasured"])?;
+            unmeasured.push(number(&flying.summary()?, "/ticks_per_s")?);
         }
-        for (carrier, floor) in Carrier::ALL.into_iter().zip(floors) {
+        let floors = Carrier::ALL.map(Carrier::name).into_iter().zip(floors);
+        for (name, floor) in floors.chain([("ours, not measured or recorded", unmeasured)]) {
             let what = format!("{robots} robots, ticks/s");
-            rows.push(Row::against("lockstep", &what, carrier.name(), ours.clone(), floor));
+            rows.push(Row::against("lockstep", &what, name, ours.clone(), floor));
         }
         trajectories.push(Trajectory { robots, ticks, hashes });
     }

@@ -89,6 +89,9 @@ pub struct RunArgs {
     /// Write no figures and no report.html; `phalanx report` makes them later.
     #[arg(long)]
     no_report: bool,
+    /// Measure and record nothing: what measuring costs is measured against this.
+    #[arg(long, hide = true)]
+    unmeasured: bool,
     /// What to print at the end.
     #[arg(long, value_enum, default_value_t = Output::Text)]
     output: Output,
@@ -363,7 +366,8 @@ fn run(args: &RunArgs, laws: &[LawDescription]) -> u8 {
             }
         });
     }
-    match fly(&scenario, &text, pace, hurried, &manifest, &out, looks) {
+    let how = How { pace, hurried, unmeasured: args.unmeasured, looks };
+    match fly(&scenario, &text, &manifest, &out, how) {
         Ok(flown) => {
             if flown.took_off && !args.no_report {
                 // The run is written down: that its pictures are not changes nothing about it.
@@ -402,6 +406,15 @@ enum NotFlown {
     View(#[from] ViewError),
 }
 
+/// How a scenario is flown.
+struct How {
+    pace: Pace,
+    /// With real-time priority.
+    hurried: bool,
+    unmeasured: bool,
+    looks: Option<Looks>,
+}
+
 /// Where people may look at a run under way.
 struct Looks {
     bound: Bound,
@@ -419,18 +432,21 @@ struct Flown {
 fn fly(
     scenario: &Scenario,
     text: &str,
-    pace: Pace,
-    hurried: bool,
     manifest: &Manifest,
     out: &Path,
-    looks: Option<Looks>,
+    how: How,
 ) -> Result<Flown, NotFlown> {
+    let How { pace, hurried, unmeasured, looks } = how;
     let stop = Stop::on_signals_twice_at_once()?;
     let mut run_dir = RunDir::create(out, scenario)?;
     run_dir.write_scenario(text)?;
     run_dir.write_manifest(manifest)?;
     run_dir.begin_recording(text, manifest)?;
     let mut metrics = Metrics::new(scenario, pace);
+    if unmeasured {
+        run_dir.record_nothing();
+        metrics.look_away();
+    }
     let by_hand = looks.as_ref().is_some_and(|looks| looks.control);
     let mut view = None;
     if let Some(Looks { bound, control }) = looks {

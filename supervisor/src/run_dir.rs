@@ -199,6 +199,11 @@ impl RunDir {
         self.path.join(format!("logs/{name}.jsonl"))
     }
 
+    /// Of all truths that come, only the first and the last are written.
+    pub fn record_nothing(&mut self) {
+        self.record_hz = 0.0;
+    }
+
     /// Writes a truth to `samples.csv` and the recording if one is due; the last one is written at
     /// the end anyhow. `nearest` are the two nearest robots, and how far apart they are in m.
     pub fn truth(

@@ -38,6 +38,7 @@ const FINAL_SHARE: f64 = 0.1;
 
 /// Measures a run as its truths come in.
 pub struct Metrics {
+    looks_away: bool,
     names: Vec<String>,
     front_points_m: Vec<f64>,
     error: Errors,
@@ -169,6 +170,7 @@ impl Metrics {
         let robots = scenario.robots.len();
         let final_s = scenario.duration_ns as f64 * (1.0 - FINAL_SHARE);
         Metrics {
+            looks_away: false,
             names: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
             front_points_m: scenario.robots.iter().map(|robot| robot.front_point_m).collect(),
             error: Errors::new(scenario),
@@ -203,8 +205,16 @@ impl Metrics {
         }
     }
 
+    /// Measures nothing from here on.
+    pub fn look_away(&mut self) {
+        self.looks_away = true;
+    }
+
     /// Takes in one truth, and who was alive at it.
     pub fn truth(&mut self, header: &TruthHeader, rows: &[TruthRow], alive: &[bool]) {
+        if self.looks_away {
+            return;
+        }
         while let Some(&(t_ns, fault, bound)) = self.scheduled.front()
             && t_ns <= header.t_ns
         {

@@ -17,8 +17,8 @@ use crate::round_trip::Transport;
 use crate::table::Report;
 use crate::timers::Task;
 use crate::{
-    BenchError, floor, growth, lockstep, neighbor, peers, realtime, replacement, round_trip,
-    startup, timers, view,
+    BenchError, Setting, floor, growth, lockstep, neighbor, peers, realtime, replacement,
+    round_trip, startup, timers, view,
 };
 
 /// Round trips by each means in one second's worth of a round; five rounds of a full bench make
@@ -157,49 +157,45 @@ fn measure(args: &BenchArgs, stop: &Stop) -> Result<Report, BenchError> {
         chosen => chosen.to_vec(),
     };
     let wanted = |part| args.only.is_empty() || args.only.contains(&part);
-    let progress = |what: &str| {
-        if terminal {
-            let _ = write!(io::stderr(), "\r\x1b[K{what} of {rounds}");
-        }
-    };
+    let setting = &Setting { root: &root, stop, rounds, tells: terminal };
     let (mut rows, mut trajectories, mut notes) = (Vec::new(), Vec::new(), Vec::new());
     if wanted(Part::Floors) {
         let trips = ((TRIPS_PER_S * seconds) as usize).max(1);
         let limit = Duration::from_secs_f64(TRIPS_LIMIT * seconds);
-        rows.extend(round_trip::measure(&root, stop, rounds, trips, limit, progress)?);
+        rows.extend(round_trip::measure(setting, trips, limit)?);
     }
     if wanted(Part::Lockstep) {
         let robots = or(&[3, 8, 16, 32, 64]);
-        let measured = lockstep::measure(&root, stop, &robots, rounds, seconds, progress)?;
+        let measured = lockstep::measure(setting, &robots, seconds)?;
         rows.extend(measured.0);
         trajectories = measured.1;
     }
     if wanted(Part::Realtime) {
         let robots = or(&[3, 8, 32, 64]);
         let seconds = REALTIME * seconds;
-        rows.extend(realtime::measure(&root, stop, &robots, rounds, seconds, progress)?);
+        rows.extend(realtime::measure(setting, &robots, seconds)?);
     }
     if wanted(Part::Neighbor) {
         let robots = or(&[2, 8]);
         let seconds = REALTIME * seconds;
-        rows.extend(neighbor::measure(&root, stop, &robots, rounds, seconds, progress)?);
+        rows.extend(neighbor::measure(setting, &robots, seconds)?);
     }
     if args.only.contains(&Part::View) {
-        rows.extend(view::measure(&root, stop, &or(&[8]), rounds, REALTIME * seconds, progress)?);
+        rows.extend(view::measure(setting, &or(&[8]), REALTIME * seconds)?);
     }
     if args.only.contains(&Part::Growth) {
         let robots = or(&[3, 8, 16, 32, 64, 128, 256]);
         let seconds = GROWTH * seconds;
-        rows.extend(growth::measure(&root, stop, &robots, rounds, seconds, progress)?);
+        rows.extend(growth::measure(setting, &robots, seconds)?);
         notes.extend(growth::NOTES);
     }
     if wanted(Part::Startup) {
         let mut robots = or(&[8, 64]);
         robots.extend(args.large.then_some(256));
-        rows.extend(startup::measure(&root, stop, &robots, rounds, progress)?);
+        rows.extend(startup::measure(setting, &robots)?);
     }
     if wanted(Part::Replacement) {
-        rows.extend(replacement::measure(&root, stop, rounds, args.kills.into(), progress)?);
+        rows.extend(replacement::measure(setting, args.kills.into())?);
     }
     if let Err(error) = root.remove() {
         let _ = writeln!(io::stderr(), "warning: could not remove the run root: {error}");

@@ -5,15 +5,13 @@
 //! not: count those that keep cores awake. They take what nobody else wanted.
 
 use protocol::brief::Pace;
-use protocol::process::Stop;
-use protocol::run_root::RunRoot;
 use serde_json::Value;
 
-use crate::BenchError;
 use crate::flown::{self, number};
 use crate::lockstep::{self, PERIOD_S};
 use crate::ring;
 use crate::table::Row;
+use crate::{BenchError, Setting};
 
 /// What grows, and how to read the rows.
 pub(crate) const NOTES: [&str; 4] = [
@@ -45,13 +43,11 @@ struct Size {
 
 /// Measures in turns, each run for about `seconds` on a small and quiet machine.
 pub(crate) fn measure(
-    root: &RunRoot,
-    stop: &Stop,
+    setting: &Setting<'_>,
     robots: &[usize],
-    rounds: usize,
     seconds: f64,
-    mut progress: impl FnMut(&str),
 ) -> Result<Vec<Row>, BenchError> {
+    let &Setting { root, stop, rounds, .. } = setting;
     let mut robots = robots.to_vec();
     robots.sort_unstable();
     robots.dedup();
@@ -59,7 +55,7 @@ pub(crate) fn measure(
     let mut sizes: Vec<Size> = robots.into_iter().map(sized).collect();
     for round in 1..=rounds {
         for size in &mut sizes {
-            progress(&format!("growth, {} robots, round {round}", size.robots));
+            setting.progress(&format!("growth, {} robots, round {round}", size.robots));
             let ticks = lockstep::ticks(size.robots, seconds).max(TICKS_MIN);
             let fly = |ticks| {
                 let text = ring::text(size.robots, ticks, PERIOD_S);

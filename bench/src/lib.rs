@@ -47,9 +47,10 @@ mod table;
 mod timers;
 mod view;
 
-use std::io;
+use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
+use protocol::process::Stop;
 use protocol::run_root::RunRoot;
 
 /// Why there is no figure.
@@ -79,6 +80,25 @@ enum BenchError {
     Brief(#[from] protocol::brief::BriefError),
     #[error(transparent)]
     Brain(#[from] agent::brain::BrainError),
+}
+
+/// What all measurements have in common.
+struct Setting<'a> {
+    root: &'a RunRoot,
+    stop: &'a Stop,
+    /// How often ours and the floors take turns.
+    rounds: usize,
+    /// Somebody looks on.
+    tells: bool,
+}
+
+impl Setting<'_> {
+    /// Says what is being measured.
+    fn progress(&self, what: &str) {
+        if self.tells {
+            let _ = write!(io::stderr(), "\r\x1b[K{what} of {}", self.rounds);
+        }
+    }
 }
 
 /// Says which file it was.

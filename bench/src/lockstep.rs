@@ -3,14 +3,12 @@
 //! measured or recorded.
 
 use protocol::brief::Pace;
-use protocol::process::Stop;
-use protocol::run_root::RunRoot;
 
-use crate::BenchError;
 use crate::floor::{self, Carrier};
 use crate::flown::{self, Flying, number};
 use crate::ring;
 use crate::table::{Row, Trajectory};
+use crate::{BenchError, Setting};
 
 /// T, s. Simulated.
 pub(crate) const PERIOD_S: f64 = 0.005;
@@ -26,13 +24,11 @@ pub(crate) fn ticks(robots: usize, seconds: f64) -> u64 {
 
 /// Measures in turns, each for about `seconds` on a small and quiet machine.
 pub(crate) fn measure(
-    root: &RunRoot,
-    stop: &Stop,
+    setting: &Setting<'_>,
     robots: &[usize],
-    rounds: usize,
     seconds: f64,
-    mut progress: impl FnMut(&str),
 ) -> Result<(Vec<Row>, Vec<Trajectory>), BenchError> {
+    let &Setting { root, stop, rounds, .. } = setting;
     let mut rows = Vec::new();
     let mut trajectories = Vec::new();
     for &robots in robots {
@@ -50,18 +46,18 @@ pub(crate) fn measure(
             }
         };
         for round in 1..=rounds {
-            progress(&format!("lockstep, {robots} robots, ours, round {round}"));
+            setting.progress(&format!("lockstep, {robots} robots, ours, round {round}"));
             let summary = flown::fly(root, stop, &text, Pace::Lockstep)?;
             ours.push(number(&summary, "/ticks_per_s")?);
             flown_by("phalanx run", summary["trajectory_hash"].as_str().unwrap_or("none").into());
             for (carrier, floor) in Carrier::ALL.into_iter().zip(&mut floors) {
                 let name = carrier.name();
-                progress(&format!("lockstep, {robots} robots, {name}, round {round}"));
+                setting.progress(&format!("lockstep, {robots} robots, {name}, round {round}"));
                 let flight = floor::fly(root, stop, &scenario, carrier)?;
                 floor.push(flight.ticks_per_s);
                 flown_by(name, flight.hash);
             }
-            progress(&format!("lockstep, {robots} robots, ours unmeasured, round {round}"));
+            setting.progress(&format!("lockstep, {robots} robots, ours unmeasured, round {round}"));
             let flying = Flying::start_with(root, stop, &text, Pace::Lockstep, &["--unmeasured"])?;
             unmeasured.push(number(&flying.summary()?, "/ticks_per_s")?);
         }

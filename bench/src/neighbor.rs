@@ -24,7 +24,7 @@ use supervisor::scenario::Scenario;
 use crate::peers::{self, Peers};
 use crate::quantiles::{QUANTILES, Quantiles, quantiles_us};
 use crate::table::Row;
-use crate::{BenchError, Place, failed, flown, ring};
+use crate::{BenchError, Place, Setting, failed, flown, ring};
 
 /// Rates of the robots, Hz.
 const RATES_HZ: [u64; 2] = [100, 1000];
@@ -56,13 +56,11 @@ fn mean(all: &[Quantiles]) -> Option<Quantiles> {
 
 /// Measures in turns, about `seconds` each.
 pub(crate) fn measure(
-    root: &RunRoot,
-    stop: &Stop,
+    setting: &Setting<'_>,
     robots: &[usize],
-    rounds: usize,
     seconds: f64,
-    mut progress: impl FnMut(&str),
 ) -> Result<Vec<Row>, BenchError> {
+    let &Setting { root, stop, rounds, .. } = setting;
     run_root::join(root.path())?;
     let node = service::node("bench")?;
     let mut rows = Vec::new();
@@ -74,11 +72,11 @@ pub(crate) fn measure(
             let (mut ours, mut bare) = (Vec::new(), Vec::new());
             for round in 1..=rounds {
                 let case = format!("neighbors, {robots} robots at {rate_hz} Hz");
-                progress(&format!("{case}, ours, round {round}"));
+                setting.progress(&format!("{case}, ours, round {round}"));
                 let summary = flown::fly(root, stop, &text, Pace::Realtime)?;
                 let nobody = || BenchError::Wrong(format!("{case}: nobody heard anybody"));
                 ours.push(told_by(&summary).ok_or_else(nobody)?);
-                progress(&format!("{case}, iceoryx2 alone, round {round}"));
+                setting.progress(&format!("{case}, iceoryx2 alone, round {round}"));
                 let told = without_brains(root, stop, &node, &scenario, ticks)?;
                 bare.push(told.ok_or_else(nobody)?);
             }

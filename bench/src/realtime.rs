@@ -3,30 +3,26 @@
 //! have the same timers and take as much of the processor, and do nothing.
 
 use protocol::brief::Pace;
-use protocol::process::Stop;
-use protocol::run_root::RunRoot;
 use serde_json::Value;
 
-use crate::BenchError;
 use crate::flown::{self, number};
 use crate::growth;
 use crate::quantiles::QUANTILES;
 use crate::ring;
 use crate::table::Row;
 use crate::timers::{self, Task};
+use crate::{BenchError, Setting};
 
 /// Rates of the robots, Hz.
 const RATES_HZ: [u64; 2] = [100, 1000];
 
 /// Measures runs of `seconds` each.
 pub(crate) fn measure(
-    root: &RunRoot,
-    stop: &Stop,
+    setting: &Setting<'_>,
     robots: &[usize],
-    rounds: usize,
     seconds: f64,
-    mut progress: impl FnMut(&str),
 ) -> Result<Vec<Row>, BenchError> {
+    let &Setting { root, stop, rounds, .. } = setting;
     let cases: Vec<(usize, u64)> = RATES_HZ
         .iter()
         .flat_map(|&rate| robots.iter().map(move |&robots| (robots, rate)))
@@ -38,7 +34,7 @@ pub(crate) fn measure(
     let mut timers_late_us = vec![QUANTILES.map(|_| Vec::new()); cases.len()];
     for round in 1..=rounds {
         for (case, &(robots, rate_hz)) in cases.iter().enumerate() {
-            progress(&format!("real time, {robots} robots at {rate_hz} Hz, round {round}"));
+            setting.progress(&format!("real time, {robots} robots at {rate_hz} Hz, round {round}"));
             let ticks = ((seconds * rate_hz as f64) as u64).max(1);
             let text = ring::text(robots, ticks, 1.0 / rate_hz as f64);
             let summary = flown::fly(root, stop, &text, Pace::Realtime)?;
@@ -51,7 +47,7 @@ pub(crate) fn measure(
                 let nobody = || BenchError::Wrong(format!("{robots} robots: nobody woke"));
                 late_us.push(latest_wake_us(&summary, key).ok_or_else(nobody)?);
             }
-            progress(&format!("real time, {robots} timers at {rate_hz} Hz, round {round}"));
+            setting.progress(&format!("real time, {robots} timers at {rate_hz} Hz, round {round}"));
             let (periods, period_ns) = ((ticks * robots as u64) as f64, 1_000_000_000 / rate_hz);
             let busy_ns = (1e9 * growth::taken_s(&summary)?[0] / periods) as u64;
             let seen = timers::measure(root, stop, robots, Task { period_ns, ticks, busy_ns })?;

@@ -18,7 +18,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use crate::flown::Flying;
 use crate::peers::{self, Peers};
 use crate::table::Row;
-use crate::{BenchError, Place, failed, ring};
+use crate::{BenchError, Place, Setting, failed, ring};
 
 /// Robots in the run.
 const ROBOTS: usize = 8;
@@ -37,18 +37,13 @@ const SETTLE: Duration = Duration::from_millis(50);
 const LOOK_EVERY: Duration = Duration::from_micros(100);
 
 /// Kills so often, in each of the rounds.
-pub(crate) fn measure(
-    root: &RunRoot,
-    stop: &Stop,
-    rounds: usize,
-    kills: usize,
-    mut progress: impl FnMut(&str),
-) -> Result<Vec<Row>, BenchError> {
+pub(crate) fn measure(setting: &Setting<'_>, kills: usize) -> Result<Vec<Row>, BenchError> {
+    let &Setting { root, stop, rounds, .. } = setting;
     const SHARES: [(&str, f64); 2] = [("p50", 0.50), ("p99", 0.99)];
     let mut taken = RATES_HZ.map(|_| SHARES.map(|_| Vec::new()));
     for round in 1..=rounds {
         for (rate_hz, taken) in RATES_HZ.iter().zip(&mut taken) {
-            progress(&format!("replacement at {rate_hz} Hz, {kills} kills, round {round}"));
+            setting.progress(&format!("replacement at {rate_hz} Hz, {kills} kills, round {round}"));
             let mut taken_ms = killed(root, stop, *rate_hz, kills)?;
             taken_ms.sort_by(f64::total_cmp);
             let last = (taken_ms.len() - 1) as f64;

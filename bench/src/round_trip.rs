@@ -32,7 +32,7 @@ use crate::cores::{Cores, on_the_other};
 use crate::mapping::{Line, Mapping, Plain, Word};
 use crate::peers::{self, Peers};
 use crate::table::Row;
-use crate::{BenchError, Place, failed, pipe, ring};
+use crate::{BenchError, Place, Setting, failed, pipe, ring};
 
 /// How long a wait lasts before it is looked whether the other lives.
 const WAIT_MAX: Duration = Duration::from_millis(200);
@@ -113,13 +113,11 @@ impl Trips {
 
 /// Measures in turns: `trips` round trips by each transport, at most for `limit` each.
 pub(crate) fn measure(
-    root: &RunRoot,
-    stop: &Stop,
-    rounds: usize,
+    setting: &Setting<'_>,
     trips: usize,
     limit: Duration,
-    mut progress: impl FnMut(&str),
 ) -> Result<Vec<Row>, BenchError> {
+    let &Setting { root, stop, rounds, .. } = setting;
     run_root::join(root.path())?;
     let node = service::node("bench")?;
     let cores = Cores::take();
@@ -127,10 +125,10 @@ pub(crate) fn measure(
     let mut ours = Vec::new();
     let mut floors: Vec<Vec<Trips>> = Transport::ALL.iter().map(|_| Vec::new()).collect();
     for round in 0..rounds {
-        progress(&format!("round trip, ours, round {}", round + 1));
+        setting.progress(&format!("round trip, ours, round {}", round + 1));
         ours.push(with.an_agent(round)?);
         for (transport, floor) in Transport::ALL.into_iter().zip(&mut floors) {
-            progress(&format!("round trip, {}, round {}", transport.name(), round + 1));
+            setting.progress(&format!("round trip, {}, round {}", transport.name(), round + 1));
             floor.push(with.bare(transport, round)?);
         }
     }

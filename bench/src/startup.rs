@@ -2,14 +2,12 @@
 //! processes of the same binary that read the same briefs and map one file.
 
 use protocol::brief::Pace;
-use protocol::process::Stop;
-use protocol::run_root::RunRoot;
 
-use crate::BenchError;
 use crate::floor::{self, Carrier};
 use crate::flown::{self, number};
 use crate::ring;
 use crate::table::Row;
+use crate::{BenchError, Setting};
 
 /// T, s.
 const PERIOD_S: f64 = 0.005;
@@ -17,20 +15,15 @@ const PERIOD_S: f64 = 0.005;
 const TICKS: u64 = 10;
 
 /// Measures in turns.
-pub(crate) fn measure(
-    root: &RunRoot,
-    stop: &Stop,
-    robots: &[usize],
-    rounds: usize,
-    mut progress: impl FnMut(&str),
-) -> Result<Vec<Row>, BenchError> {
+pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize]) -> Result<Vec<Row>, BenchError> {
+    let &Setting { root, stop, rounds, .. } = setting;
     let mut rows = Vec::new();
     for &robots in robots {
         let text = ring::text(robots, TICKS, PERIOD_S);
         let scenario = ring::read(&text)?;
         let (mut ours, mut floor) = (Vec::new(), Vec::new());
         for round in 1..=rounds {
-            progress(&format!("start-up, {robots} robots, round {round}"));
+            setting.progress(&format!("start-up, {robots} robots, round {round}"));
             let summary = flown::fly(root, stop, &text, Pace::Lockstep)?;
             ours.push(number(&summary, "/startup_s")?);
             floor.push(floor::fly(root, stop, &scenario, Carrier::Mapping)?.startup_s);

@@ -13,12 +13,12 @@ use protocol::process::Stop;
 use protocol::run_root::RunRoot;
 use serde_json::Value;
 
-use crate::BenchError;
 use crate::flown::{self, Flying, number};
 use crate::quantiles::QUANTILES;
 use crate::realtime::latest_wake_us;
 use crate::ring;
 use crate::table::Row;
+use crate::{BenchError, Setting};
 
 /// Rate of the robots, Hz.
 const RATE_HZ: u64 = 1000;
@@ -44,13 +44,11 @@ impl Seen {
 
 /// Measures runs of `seconds` each.
 pub(crate) fn measure(
-    root: &RunRoot,
-    stop: &Stop,
+    setting: &Setting<'_>,
     robots: &[usize],
-    rounds: usize,
     seconds: f64,
-    mut progress: impl FnMut(&str),
 ) -> Result<Vec<Row>, BenchError> {
+    let &Setting { root, stop, rounds, .. } = setting;
     let ticks = ((seconds * RATE_HZ as f64) as u64).max(1);
     let mut rows = Vec::new();
     for &robots in robots {
@@ -59,7 +57,7 @@ pub(crate) fn measure(
         let (mut watched, mut alone) = (Seen::default(), Seen::default());
         let mut frames = Vec::new();
         for round in 1..=rounds {
-            progress(&format!("live view, {robots} robots at {RATE_HZ} Hz, round {round}"));
+            setting.progress(&format!("live view, {robots} robots at {RATE_HZ} Hz, round {round}"));
             // Who goes first changes, for the second may find the machine warm.
             for with_view in [round % 2 == 0, round % 2 != 0] {
                 if with_view {

@@ -11,7 +11,7 @@ use crate::flown::{self, number};
 use crate::lockstep::{self, PERIOD_S};
 use crate::ring;
 use crate::table::Row;
-use crate::{BenchError, Setting};
+use crate::{BenchError, Measured, Setting};
 
 /// What grows, and how to read the rows.
 pub(crate) const NOTES: [&str; 4] = [
@@ -42,11 +42,7 @@ struct Size {
 }
 
 /// Measures in turns, each run for about `seconds` on a small and quiet machine.
-pub(crate) fn measure(
-    setting: &Setting<'_>,
-    robots: &[usize],
-    seconds: f64,
-) -> Result<Vec<Row>, BenchError> {
+pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> Measured {
     let &Setting { root, stop, rounds, .. } = setting;
     let mut robots = robots.to_vec();
     robots.sort_unstable();

@@ -82,6 +82,9 @@ enum BenchError {
     Brain(#[from] agent::brain::BrainError),
 }
 
+/// The rows of one part.
+type Measured = Result<Vec<table::Row>, BenchError>;
+
 /// What all measurements have in common.
 struct Setting<'a> {
     root: &'a RunRoot,

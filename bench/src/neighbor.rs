@@ -24,7 +24,7 @@ use supervisor::scenario::Scenario;
 use crate::peers::{self, Peers};
 use crate::quantiles::{QUANTILES, Quantiles, quantiles_us};
 use crate::table::Row;
-use crate::{BenchError, Place, Setting, failed, flown, ring};
+use crate::{BenchError, Measured, Place, Setting, failed, flown, ring};
 
 /// Rates of the robots, Hz.
 const RATES_HZ: [u64; 2] = [100, 1000];
@@ -55,11 +55,7 @@ fn mean(all: &[Quantiles]) -> Option<Quantiles> {
 }
 
 /// Measures in turns, about `seconds` each.
-pub(crate) fn measure(
-    setting: &Setting<'_>,
-    robots: &[usize],
-    seconds: f64,
-) -> Result<Vec<Row>, BenchError> {
+pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> Measured {
     let &Setting { root, stop, rounds, .. } = setting;
     run_root::join(root.path())?;
     let node = service::node("bench")?;

@@ -11,17 +11,13 @@ use crate::quantiles::QUANTILES;
 use crate::ring;
 use crate::table::Row;
 use crate::timers::{self, Task};
-use crate::{BenchError, Setting};
+use crate::{BenchError, Measured, Setting};
 
 /// Rates of the robots, Hz.
 const RATES_HZ: [u64; 2] = [100, 1000];
 
 /// Measures runs of `seconds` each.
-pub(crate) fn measure(
-    setting: &Setting<'_>,
-    robots: &[usize],
-    seconds: f64,
-) -> Result<Vec<Row>, BenchError> {
+pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> Measured {
     let &Setting { root, stop, rounds, .. } = setting;
     let cases: Vec<(usize, u64)> = RATES_HZ
         .iter()

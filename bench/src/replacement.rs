@@ -18,7 +18,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use crate::flown::Flying;
 use crate::peers::{self, Peers};
 use crate::table::Row;
-use crate::{BenchError, Place, Setting, failed, ring};
+use crate::{BenchError, Measured, Place, Setting, failed, ring};
 
 /// Robots in the run.
 const ROBOTS: usize = 8;
@@ -37,7 +37,7 @@ const SETTLE: Duration = Duration::from_millis(50);
 const LOOK_EVERY: Duration = Duration::from_micros(100);
 
 /// Kills so often, in each of the rounds.
-pub(crate) fn measure(setting: &Setting<'_>, kills: usize) -> Result<Vec<Row>, BenchError> {
+pub(crate) fn measure(setting: &Setting<'_>, kills: usize) -> Measured {
     let &Setting { root, stop, rounds, .. } = setting;
     const SHARES: [(&str, f64); 2] = [("p50", 0.50), ("p99", 0.99)];
     let mut taken = RATES_HZ.map(|_| SHARES.map(|_| Vec::new()));

@@ -32,7 +32,7 @@ use crate::cores::{Cores, on_the_other};
 use crate::mapping::{Line, Mapping, Plain, Word};
 use crate::peers::{self, Peers};
 use crate::table::Row;
-use crate::{BenchError, Place, Setting, failed, pipe, ring};
+use crate::{BenchError, Measured, Place, Setting, failed, pipe, ring};
 
 /// How long a wait lasts before it is looked whether the other lives.
 const WAIT_MAX: Duration = Duration::from_millis(200);
@@ -112,11 +112,7 @@ impl Trips {
 }
 
 /// Measures in turns: `trips` round trips by each transport, at most for `limit` each.
-pub(crate) fn measure(
-    setting: &Setting<'_>,
-    trips: usize,
-    limit: Duration,
-) -> Result<Vec<Row>, BenchError> {
+pub(crate) fn measure(setting: &Setting<'_>, trips: usize, limit: Duration) -> Measured {
     let &Setting { root, stop, rounds, .. } = setting;
     run_root::join(root.path())?;
     let node = service::node("bench")?;

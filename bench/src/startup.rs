@@ -7,7 +7,7 @@ use crate::floor::{self, Carrier};
 use crate::flown::{self, number};
 use crate::ring;
 use crate::table::Row;
-use crate::{BenchError, Setting};
+use crate::{Measured, Setting};
 
 /// T, s.
 const PERIOD_S: f64 = 0.005;
@@ -15,7 +15,7 @@ const PERIOD_S: f64 = 0.005;
 const TICKS: u64 = 10;
 
 /// Measures in turns.
-pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize]) -> Result<Vec<Row>, BenchError> {
+pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize]) -> Measured {
     let &Setting { root, stop, rounds, .. } = setting;
     let mut rows = Vec::new();
     for &robots in robots {

@@ -18,7 +18,7 @@ use crate::quantiles::QUANTILES;
 use crate::realtime::latest_wake_us;
 use crate::ring;
 use crate::table::Row;
-use crate::{BenchError, Setting};
+use crate::{BenchError, Measured, Setting};
 
 /// Rate of the robots, Hz.
 const RATE_HZ: u64 = 1000;
@@ -43,11 +43,7 @@ impl Seen {
 }
 
 /// Measures runs of `seconds` each.
-pub(crate) fn measure(
-    setting: &Setting<'_>,
-    robots: &[usize],
-    seconds: f64,
-) -> Result<Vec<Row>, BenchError> {
+pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> Measured {
     let &Setting { root, stop, rounds, .. } = setting;
     let ticks = ((seconds * RATE_HZ as f64) as u64).max(1);
     let mut rows = Vec::new();

@@ -21,6 +21,9 @@ const END_MAX: Duration = Duration::from_secs(15);
 const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
 const LOG_LINES: usize = 8;
 
+/// Who takes processor time.
+pub(crate) const TAKERS: [&str; 3] = ["robots", "plant", "supervisor"];
+
 /// A run under way.
 pub(crate) struct Flying<'a> {
     stop: &'a Stop,
@@ -170,4 +173,22 @@ pub(crate) fn fly(
 pub(crate) fn number(summary: &Value, pointer: &str) -> Result<f64, BenchError> {
     let found = summary.pointer(pointer).and_then(Value::as_f64);
     found.ok_or_else(|| BenchError::Wrong(format!("summary.json has no number at {pointer}")))
+}
+
+/// Processor time by [`TAKERS`], s, from the first process to the last one's end.
+pub(crate) fn taken_s(summary: &Value) -> Result<[f64; TAKERS.len()], BenchError> {
+    let processes = summary["processes"].as_array();
+    let processes = processes
+        .ok_or_else(|| BenchError::Wrong("summary.json has no list at /processes".into()))?;
+    let mut taken_s = [0.0; TAKERS.len()];
+    for process in processes {
+        let taker = match process["name"].as_str() {
+            Some("plant") => 1,
+            Some("supervisor") => 2,
+            Some("awake") => continue,
+            _ => 0,
+        };
+        taken_s[taker] += number(process, "/user_s")? + number(process, "/system_s")?;
+    }
+    Ok(taken_s)
 }

@@ -7,7 +7,7 @@
 use protocol::brief::Pace;
 use serde_json::Value;
 
-use crate::flown::{self, number};
+use crate::flown::{self, TAKERS, number, taken_s};
 use crate::lockstep::{self, PERIOD_S};
 use crate::ring;
 use crate::table::Row;
@@ -25,9 +25,6 @@ pub(crate) const NOTES: [&str; 4] = [
 const TICKS_START: u64 = 10;
 /// Fewer ticks of 256 robots take less than what their start takes more or less from run to run.
 const TICKS_MIN: u64 = 500;
-
-/// Who takes processor time.
-pub(crate) const TAKERS: [&str; 3] = ["robots", "plant", "supervisor"];
 
 /// One size of the ring, round by round.
 #[derive(Default)]
@@ -118,24 +115,6 @@ fn per_tick_us(start: &Value, whole: &Value) -> Result<[f64; TAKERS.len()], Benc
     let ticks = number(whole, "/ticks")? - number(start, "/ticks")?;
     let (start_s, whole_s) = (taken_s(start)?, taken_s(whole)?);
     Ok(std::array::from_fn(|taker| 1e6 * (whole_s[taker] - start_s[taker]) / ticks))
-}
-
-/// Processor time by [`TAKERS`], s, from the first process to the last one's end.
-pub(crate) fn taken_s(summary: &Value) -> Result<[f64; TAKERS.len()], BenchError> {
-    let processes = summary["processes"].as_array();
-    let processes = processes
-        .ok_or_else(|| BenchError::Wrong("summary.json has no list at /processes".into()))?;
-    let mut taken_s = [0.0; TAKERS.len()];
-    for process in processes {
-        let taker = match process["name"].as_str() {
-            Some("plant") => 1,
-            Some("supervisor") => 2,
-            Some("awake") => continue,
-            _ => 0,
-        };
-        taken_s[taker] += number(process, "/user_s")? + number(process, "/system_s")?;
-    }
-    Ok(taken_s)
 }
 
 #[cfg(test)]

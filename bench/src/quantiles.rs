@@ -8,10 +8,10 @@ pub(crate) const QUANTILES: [(&str, &str, f64); 3] =
 pub(crate) type Quantiles = [f64; 3];
 
 /// `None` of nothing.
-pub(crate) fn quantiles_us(mut values_ns: Vec<u64>) -> Option<Quantiles> {
+pub(crate) fn quantiles_us<N: Copy + Ord + Into<u64>>(mut values_ns: Vec<N>) -> Option<Quantiles> {
     values_ns.sort_unstable();
     let last = values_ns.len().checked_sub(1)?;
-    let at = |share: f64| values_ns[(share * last as f64).round() as usize] as f64 / 1e3;
+    let at = |share: f64| values_ns[(share * last as f64).round() as usize].into() as f64 / 1e3;
     Some(QUANTILES.map(|(.., share)| at(share)))
 }
 
@@ -22,9 +22,9 @@ mod tests {
     #[test]
     fn quantiles_are_values_that_were_seen() {
         assert_eq!(
-            quantiles_us((1..=101).rev().map(|us| us * 1000).collect()),
+            quantiles_us((1..=101_u64).rev().map(|us| us * 1000).collect()),
             Some([51.0, 100.0, 101.0])
         );
-        assert_eq!(quantiles_us(Vec::new()), None);
+        assert_eq!(quantiles_us::<u64>(Vec::new()), None);
     }
 }

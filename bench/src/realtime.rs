@@ -6,7 +6,6 @@ use protocol::brief::Pace;
 use serde_json::Value;
 
 use crate::flown::{self, number};
-use crate::growth;
 use crate::quantiles::QUANTILES;
 use crate::ring;
 use crate::table::Row;
@@ -45,7 +44,7 @@ pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> 
             }
             setting.progress(&format!("real time, {robots} timers at {rate_hz} Hz, round {round}"));
             let (periods, period_ns) = ((ticks * robots as u64) as f64, 1_000_000_000 / rate_hz);
-            let busy_ns = (1e9 * growth::taken_s(&summary)?[0] / periods) as u64;
+            let busy_ns = (1e9 * flown::taken_s(&summary)?[0] / periods) as u64;
             let seen = timers::measure(root, stop, robots, Task { period_ns, ticks, busy_ns })?;
             let missed = seen.iter().map(|seen| seen.missed).sum::<u64>() as f64;
             timers_missed[case].push(100.0 * missed / periods);

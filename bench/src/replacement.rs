@@ -17,6 +17,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::flown::Flying;
 use crate::peers::{self, Peers};
+use crate::quantiles::{QUANTILES, quantiles_us};
 use crate::table::Row;
 use crate::{BenchError, Measured, Place, Setting, failed, ring};
 
@@ -33,35 +34,36 @@ const VICTIM: &str = "r1";
 const BACK_MAX: Duration = Duration::from_secs(20);
 /// Between two kills, so that each finds a run that has settled.
 const SETTLE: Duration = Duration::from_millis(50);
+/// So many of the quantiles are told: a kill in a thousand is more than anybody waits for.
+const TOLD: usize = 2;
 /// How often commands are looked for.
 const LOOK_EVERY: Duration = Duration::from_micros(100);
 
 /// Kills so often, in each of the rounds.
 pub(crate) fn measure(setting: &Setting<'_>, kills: usize) -> Measured {
     let &Setting { root, stop, rounds, .. } = setting;
-    const SHARES: [(&str, f64); 2] = [("p50", 0.50), ("p99", 0.99)];
-    let mut taken = RATES_HZ.map(|_| SHARES.map(|_| Vec::new()));
+    let mut taken_ms = RATES_HZ.map(|_| [const { Vec::new() }; TOLD]);
     for round in 1..=rounds {
-        for (rate_hz, taken) in RATES_HZ.iter().zip(&mut taken) {
+        for (rate_hz, taken_ms) in RATES_HZ.iter().zip(&mut taken_ms) {
             setting.progress(&format!("replacement at {rate_hz} Hz, {kills} kills, round {round}"));
-            let mut taken_ms = killed(root, stop, *rate_hz, kills)?;
-            taken_ms.sort_by(f64::total_cmp);
-            let last = (taken_ms.len() - 1) as f64;
-            for ((_, share), taken) in SHARES.iter().zip(taken) {
-                taken.push(taken_ms[(share * last).round() as usize]);
+            let nobody = || BenchError::Wrong("nobody was killed".into());
+            let taken_us = quantiles_us(killed(root, stop, *rate_hz, kills)?).ok_or_else(nobody)?;
+            for (taken_ms, us) in taken_ms.iter_mut().zip(taken_us) {
+                taken_ms.push(us / 1e3);
             }
         }
     }
-    let rows = RATES_HZ.iter().zip(taken).flat_map(|(rate_hz, taken)| {
-        SHARES.iter().zip(taken).map(move |((name, _), taken)| {
+    let rows = RATES_HZ.iter().zip(taken_ms).flat_map(|(rate_hz, taken_ms)| {
+        QUANTILES.iter().zip(taken_ms).map(move |((_, name, _), taken_ms)| {
             let what = format!("{rate_hz} Hz, kill to first command, {name} of {kills}, ms");
-            Row::alone("replacement", &what, taken)
+            Row::alone("replacement", &what, taken_ms)
         })
     });
     Ok(rows.collect())
 }
 
-fn killed(root: &RunRoot, stop: &Stop, rate_hz: u64, kills: usize) -> Result<Vec<f64>, BenchError> {
+/// How long each replacement took, ns.
+fn killed(root: &RunRoot, stop: &Stop, rate_hz: u64, kills: usize) -> Result<Vec<u64>, BenchError> {
     let text = ring::text(ROBOTS, TICKS, 1.0 / rate_hz as f64);
     let place = Place::new(root, "onlooker")?;
     let mut flying = Flying::start(root, stop, &text, Pace::Realtime)?;
@@ -88,14 +90,11 @@ fn killed(root: &RunRoot, stop: &Stop, rate_hz: u64, kills: usize) -> Result<Vec
         peers.check()?;
         std::thread::sleep(Duration::from_millis(5));
     }
-    drop(peers);
-    drop(flying);
-    let text = std::fs::read_to_string(&result).map_err(failed("read", &result))?;
-    serde_json::from_str(&text).map_err(|error| BenchError::Wrong(error.to_string()))
+    peers.told(&result)
 }
 
 /// The onlooker: kills the robot of this brief and waits for its replacement, so often; writes how
-/// long each took, ms.
+/// long each took, ns.
 pub(crate) fn onlooker(brief_path: &Path, kills: usize, result: &Path) -> Result<(), BenchError> {
     let brief: AgentBrief = brief::read(brief_path)?;
     run_root::join(&brief.run_root)?;
@@ -104,7 +103,7 @@ pub(crate) fn onlooker(brief_path: &Path, kills: usize, result: &Path) -> Result
     let commands = service.subscriber()?;
     let mut incarnation = next(&commands, 0)?;
     let period_s = brief.period_ns as f64 / 1e9;
-    let mut taken_ms = Vec::with_capacity(kills);
+    let mut taken_ns = Vec::with_capacity(kills);
     for kill in 0..kills {
         // After a command the robot sleeps: a kill shall meet it, and its timer, at any phase.
         std::thread::sleep(SETTLE + Duration::from_secs_f64(golden_phase(kill) * period_s));
@@ -115,9 +114,9 @@ pub(crate) fn onlooker(brief_path: &Path, kills: usize, result: &Path) -> Result
         kill_process(pid, Signal::KILL)
             .map_err(|error| failed("kill the agent of", brief_path)(error.into()))?;
         incarnation = next(&commands, incarnation + 1)?;
-        taken_ms.push(began.elapsed().as_secs_f64() * 1e3);
+        taken_ns.push(began.elapsed().as_nanos() as u64);
     }
-    peers::tell(result, &taken_ms)
+    peers::tell(result, &taken_ns)
 }
 
 /// Waits for a command of this incarnation or a later one: which it was.

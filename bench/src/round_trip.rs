@@ -31,6 +31,7 @@ use supervisor::child::{Child, Role};
 use crate::cores::{Cores, on_the_other};
 use crate::mapping::{Line, Mapping, Plain, Word};
 use crate::peers::{self, Peers};
+use crate::quantiles::quantiles_us;
 use crate::table::Row;
 use crate::{BenchError, Measured, Place, Setting, failed, pipe, ring};
 
@@ -101,13 +102,9 @@ struct Trips {
 }
 
 impl Trips {
-    fn of(mut trips_ns: Vec<u32>) -> Trips {
-        trips_ns.sort_unstable();
-        let at = |share: f64| {
-            let place = (share * (trips_ns.len() - 1) as f64).round() as usize;
-            f64::from(trips_ns[place]) / 1e3
-        };
-        Trips { p50_us: at(0.50), p99_us: at(0.99) }
+    fn of(trips_ns: Vec<u32>) -> Trips {
+        let [p50_us, p99_us, _] = quantiles_us(trips_ns).expect("at least one trip");
+        Trips { p50_us, p99_us }
     }
 }
 

@@ -192,10 +192,8 @@ impl Writer {
 
     /// Attaches a file, behind everything that came before.
     pub(crate) fn attachment(&mut self, header: &AttachmentHeader, data: &[u8]) -> io::Result<()> {
-        self.flush()?;
         let AttachmentHeader { log_time, create_time, name, media_type } = header;
-        self.out.clear();
-        self.out.record(op::ATTACHMENT, |record| {
+        let (offset, length) = self.put(op::ATTACHMENT, |record| {
             let begin = record.len();
             record.u64(*log_time);
             record.u64(*create_time);
@@ -203,9 +201,7 @@ impl Writer {
             record.text(media_type);
             record.counted(|content| content.bytes(data));
             record.u32(crc32fast::hash(&record.as_bytes()[begin..]));
-        });
-        let (offset, length) = (self.file.end, self.out.len() as u64);
-        self.file.append(self.out.as_bytes())?;
+        })?;
         self.attachments.count += 1;
         self.attachments.records.record(op::ATTACHMENT_INDEX, |index| {
             index.u64(offset);
@@ -221,14 +217,10 @@ impl Writer {
 
     /// Adds facts under a name, behind everything that came before.
     pub(crate) fn metadata(&mut self, metadata: &Metadata) -> io::Result<()> {
-        self.flush()?;
-        self.out.clear();
-        self.out.record(op::METADATA, |record| {
+        let (offset, length) = self.put(op::METADATA, |record| {
             record.text(&metadata.name);
             record.texts(&metadata.metadata);
-        });
-        let (offset, length) = (self.file.end, self.out.len() as u64);
-        self.file.append(self.out.as_bytes())?;
+        })?;
         self.metadata.count += 1;
         self.metadata.records.record(op::METADATA_INDEX, |index| {
             index.u64(offset);
@@ -236,6 +228,16 @@ impl Writer {
             index.text(&metadata.name);
         });
         Ok(())
+    }
+
+    /// Puts a record that is in no chunk behind everything that came before; where, and how long.
+    fn put(&mut self, opcode: u8, body: impl FnOnce(&mut Records)) -> io::Result<(u64, u64)> {
+        self.flush()?;
+        self.out.clear();
+        self.out.record(opcode, body);
+        let (offset, length) = (self.file.end, self.out.len() as u64);
+        self.file.append(self.out.as_bytes())?;
+        Ok((offset, length))
     }
 
     /// Closes the chunk unless a record of `length` bytes still fits into it.
@@ -271,11 +273,8 @@ impl Writer {
 
     fn end(&mut self) -> io::Result<()> {
         self.finished = true;
-        self.flush()?;
-        self.out.clear();
         // Of the data, each chunk has a checksum of its own.
-        self.out.record(op::DATA_END, |record| record.u32(0));
-        self.file.append(self.out.as_bytes())?;
+        self.put(op::DATA_END, |record| record.u32(0))?;
 
         let summary = self.file.end;
         let (mut crc, mut offsets) = (crc32fast::Hasher::new(), Records::default());

@@ -319,6 +319,14 @@ pub fn signal_pid(pid: u32, signal: Signal) {
     let _ = kill_process(Pid::from_raw(pid as i32).expect("a process id"), signal);
 }
 
+/// `phalanx` under a limit of the shell's `ulimit`.
+pub fn limited(limit: &str) -> Command {
+    let script = format!("ulimit {limit} && exec \"$0\" \"$@\"");
+    let mut command = Command::new("sh");
+    command.args(["-c", &script, env!("CARGO_BIN_EXE_phalanx")]);
+    command
+}
+
 /// Living agents and plants whose brief lies in `run_dir`: process id and robot (or `plant`).
 pub fn processes_of(run_dir: &Path) -> Vec<(u32, String)> {
     let briefs = run_dir.join("briefs");

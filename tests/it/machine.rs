@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 use rustix::process::Signal;
 use serde_json::Value;
 
-use crate::harness::{files_below, processes_of, run};
+use crate::harness::{files_below, limited, processes_of, run};
 
 fn phalanx(args: &[&str], run_root: &Path) -> (Output, String) {
     let output = Command::new(env!("CARGO_BIN_EXE_phalanx"))
@@ -36,18 +36,17 @@ fn the_doctor_finds_nothing_wrong_where_runs_fly_and_says_what_is_wrong_where_th
 #[test]
 fn a_run_asks_for_the_open_files_it_needs_and_says_so_where_it_may_not_have_them() {
     let run_root = tempfile::tempdir_in("/dev/shm").unwrap();
-    let limited = |limit: &str| {
-        let script = format!("ulimit {limit} && exec \"$0\" \"$@\"");
+    let run_with = |limit: &str| {
         let out = run_root.path().join(format!("out{limit}"));
-        let mut run = Command::new("sh");
-        run.args(["-c", &script, env!("CARGO_BIN_EXE_phalanx"), "run", "scenarios/triangle.toml"]);
+        let mut run = limited(limit);
+        run.args(["run", "scenarios/triangle.toml"]);
         run.args(["--pace", "lockstep", "--set", "duration_s=1", "--set", "expect={}", "--out"]);
         run.arg(out).env("PHALANX_RUN_ROOT", run_root.path()).output().unwrap()
     };
     // 3 robots need 103.
-    let output = limited("-Sn 64");
+    let output = run_with("-Sn 64");
     assert_eq!(output.status.code(), Some(0), "{output:?}");
-    let output = limited("-n 64");
+    let output = run_with("-n 64");
     assert_eq!(output.status.code(), Some(4), "{output:?}");
     let error = String::from_utf8(output.stderr).unwrap();
     assert!(error.contains("3 robots need 103 open files"), "{error}");

@@ -18,7 +18,7 @@ use recording::recover::{Outcome as Recovery, RecoverError};
 use view::{Bound, ViewError};
 
 use crate::check::{self, Theory};
-use crate::clean;
+use crate::dead_runs;
 use crate::doctor;
 use crate::drawing::{Drawing, drawn};
 use crate::flight::{self, Flight};
@@ -281,7 +281,7 @@ fn diagnose(args: &DoctorArgs) -> u8 {
 }
 
 fn tidy(args: &CleanArgs) -> u8 {
-    let (said, failures) = clean::clean(&run_root::base(), args.dry_run);
+    let (said, failures) = dead_runs::remove(&run_root::base(), args.dry_run);
     let printed = print(&said);
     for failure in &failures {
         complain(failure);

@@ -13,7 +13,7 @@ use rustix::fs::{Access, access, statfs, statvfs};
 use rustix::process::{PidfdFlags, Resource, getpid, getrlimit, pidfd_open};
 use serde::Serialize;
 
-use crate::{clean, descriptors};
+use crate::{dead_runs, descriptors};
 
 /// Processes and threads besides the robots: supervisor, its clean-up, plant, and a little room.
 const PROCESSES: u64 = 8;
@@ -351,7 +351,7 @@ fn privacy(base: &Path) -> Finding {
 }
 
 fn leftovers(base: &Path) -> Finding {
-    let left: Vec<String> = run_root::leftovers(base).iter().map(clean::in_words).collect();
+    let left: Vec<String> = run_root::leftovers(base).iter().map(dead_runs::in_words).collect();
     let found = match &left[..] {
         [] => "no dead run left anything".to_owned(),
         left => left.join("; "),

@@ -25,8 +25,8 @@ use view::View;
 
 use crate::briefs;
 use crate::child::{self, Child, Role, SpawnError};
-use crate::cleanup::Cleaner;
 use crate::cores::{Cores, Stay};
+use crate::dead_nodes::Cleaner;
 use crate::descriptors;
 use crate::latency::Latency;
 use crate::live;

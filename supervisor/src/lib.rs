@@ -13,11 +13,11 @@
 //! | `robot` | where is a robot's process in its life, and does it come back? |
 //! | `descriptors` | how many files may it open? |
 //! | `doctor` | is this machine fit for it? |
-//! | `clean` | what did dead runs leave behind? |
+//! | `dead_runs` | what did earlier runs that died leave behind? |
 //! | `timeline` | what does the supervisor do to processes, and when? |
 //! | `child` | how is a process started, watched and ended? |
 //! | `cores` | where do the processes of a lockstep run stay? |
-//! | `cleanup` | what did a dead process leave behind? |
+//! | `dead_nodes` | what did a dead process of this run leave in iceoryx2? |
 //! | `usage` | what did a process take from the machine? |
 //! | `metrics/` | how far apart, how far off, detected and recovered when? |
 //! | `latency` | how late, how long, how old was everything? |
@@ -29,10 +29,10 @@
 pub mod briefs;
 pub mod check;
 pub mod child;
-pub mod clean;
-pub mod cleanup;
 pub mod cli;
 mod cores;
+pub mod dead_nodes;
+pub mod dead_runs;
 pub mod descriptors;
 pub mod doctor;
 pub mod drawing;

@@ -1,5 +1,5 @@
-//! `phalanx clean`: removes what dead runs left on tmpfs. A new run does the same for roots; this
-//! also finds shared memory whose root is gone, wherever it was.
+//! What runs that died left on tmpfs, and its removal: the work of `phalanx clean`. A new run does
+//! the same for roots; this also finds shared memory whose root is gone, wherever it was.
 //!
 //! Must not: touch a run that is under way, or what belongs to another user.
 
@@ -11,7 +11,7 @@ use protocol::run_root::{Leftover, SHARED_MEMORY, leftovers};
 
 /// Removes what dead runs left below `base` and in shared memory, or only looks, if `dry_run`; what
 /// there is to say, and what could not be removed.
-pub fn clean(base: &Path, dry_run: bool) -> (String, Vec<String>) {
+pub fn remove(base: &Path, dry_run: bool) -> (String, Vec<String>) {
     let (mut said, mut failures) = (String::new(), Vec::new());
     let verb = if dry_run { "would remove" } else { "removed" };
     for leftover in leftovers(base) {

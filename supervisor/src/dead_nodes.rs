@@ -1,5 +1,5 @@
-//! Cleaning up after the dead, on a thread of its own: it may take long, and the supervisor's loop
-//! must not wait for it.
+//! What a process that died during the run left in iceoryx2, its node and ports, and their removal
+//! on a thread of its own: it may take long, and the supervisor's loop must not wait for it.
 //!
 //! Only the supervisor cleans up, one death at a time, and only after the dead was reaped: before,
 //! iceoryx2 takes it for alive, and its replacement finds no free port.

@@ -21,11 +21,12 @@ use crate::check::{self, Theory};
 use crate::dead_runs;
 use crate::doctor;
 use crate::drawing::{Drawing, drawn};
-use crate::flight::{self, Flight};
 use crate::live;
 use crate::metrics::Metrics;
 use crate::metrics::expect;
+use crate::outcome::Outcome;
 use crate::report;
+use crate::run::{self, Run};
 use crate::run_dir::{Manifest, RECORDING, RunDir, RunDirError, default_out, to_json};
 use crate::scenario::Scenario;
 use crate::scenario::diagnostic::Diagnostic;
@@ -361,7 +362,7 @@ fn run(args: &RunArgs, laws: &[LawDescription]) -> u8 {
                 "granted".into()
             }
             Err(error) => {
-                tracing::warn!("flying with ordinary priority: {error}");
+                tracing::warn!("running with ordinary priority: {error}");
                 error.to_string()
             }
         });
@@ -406,7 +407,7 @@ enum NotFlown {
     View(#[from] ViewError),
 }
 
-/// How a scenario is flown.
+/// How a scenario is run.
 struct How {
     pace: Pace,
     /// With real-time priority.
@@ -428,7 +429,7 @@ struct Flown {
     exit: u8,
 }
 
-/// Flies a sound scenario and writes everything down.
+/// Runs a sound scenario and writes everything down.
 fn fly(
     scenario: &Scenario,
     text: &str,
@@ -454,14 +455,13 @@ fn fly(
         view = Some(bound.serve(live::scene(scenario, pace), control)?);
     }
     let bar = BAR.get_or_init(|| progress_bar(scenario.duration_ns));
-    let launched =
-        Flight::launch(scenario, pace, hurried, by_hand, &mut run_dir, &mut metrics, stop);
+    let launched = Run::launch(scenario, pace, hurried, by_hand, &mut run_dir, &mut metrics, stop);
     let (mut outcome, flown) = match launched {
-        Ok(flight) => flight.watched_by(view.as_mut()).fly(|t_ns| show_progress(bar, t_ns)),
-        Err(error) => (flight::Outcome::default(), Err(error)),
+        Ok(run) => run.watched_by(view.as_mut()).to_the_end(|t_ns| show_progress(bar, t_ns)),
+        Err(error) => (Outcome::default(), Err(error)),
     };
     bar.finish_and_clear();
-    let ended_with = flight::exit_code(&outcome, &flown);
+    let ended_with = run::exit_code(&outcome, &flown);
     if let Err(error) = &flown {
         complain(error);
     }

@@ -8,8 +8,8 @@
 //! | `check/` | what can be said about it before it flies? |
 //! | `drawing` | what does its graph look like? |
 //! | `briefs` | what is each process told? |
-//! | `flight` | what happens, in order, from the first process to the last? |
-//! | `flight/by_hand` | what may people do to it meanwhile? |
+//! | `run/` | what happens, in order, from the first process to the last? |
+//! | `outcome` | what does it leave besides its metrics? |
 //! | `robot` | where is a robot's process in its life, and does it come back? |
 //! | `descriptors` | how many files may it open? |
 //! | `doctor` | is this machine fit for it? |
@@ -36,12 +36,13 @@ pub mod dead_runs;
 pub mod descriptors;
 pub mod doctor;
 pub mod drawing;
-pub mod flight;
 pub mod latency;
 pub mod live;
 pub mod metrics;
+pub mod outcome;
 pub mod report;
 mod robot;
+pub mod run;
 pub mod run_dir;
 pub mod scenario;
 pub mod summary;

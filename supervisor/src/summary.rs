@@ -5,11 +5,11 @@ use std::fmt::Write as _;
 use protocol::brief::Pace;
 use serde::{Serialize, Serializer};
 
-use crate::flight::Outcome;
 use crate::latency::{self, StageLatency};
 use crate::metrics::Measures;
 use crate::metrics::expect::Expectation;
 use crate::metrics::fault::FaultReport;
+use crate::outcome::Outcome;
 use crate::run_dir::to_json;
 use crate::scenario::Scenario;
 use crate::usage::Usage;

@@ -3,48 +3,51 @@
 //! One loop takes in truths, statuses, deaths and signals, and acts on what is due. It never waits
 //! for a child: a robot's seat is a state, and each turn of the loop moves it on if it can. In
 //! lockstep the plant pauses at the exact tick of each fault until every seat is at rest.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `launch` | how does it begin? |
+//! | `services` | over what do the processes speak? |
+//! | `by_hand` | what may people do to it meanwhile? |
+//! | `farewell` | how does it end? |
+//! | `error` | why could it not go on? |
 
 mod by_hand;
+mod error;
+mod farewell;
+mod launch;
+mod services;
 
 use std::collections::VecDeque;
-use std::io;
 use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
-use protocol::barrier::{Barrier, BarrierError};
-use protocol::brief::{AgentBrief, Pace};
+use protocol::barrier::Barrier;
 use protocol::message::{
-    Beacon, Command, Contact, LatencyHeader, LatencyRow, LinkFaultByHand, NeighborStatus, Odometry,
-    StatusHeader, TruthHeader, TruthRow,
+    Contact, LatencyHeader, LatencyRow, LinkFaultByHand, NeighborStatus, StatusHeader, TruthHeader,
+    TruthRow,
 };
 use protocol::process::{Stop, exit};
-use protocol::run_root::{self, RunRoot, RunRootError};
-use protocol::service::{self, Factory, Node, Publisher, Qos, SendError, ServiceError, Subscriber};
+use protocol::run_root::RunRoot;
+use protocol::service::{Node, Publisher, Subscriber};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use view::View;
 
-use crate::briefs;
-use crate::child::{self, Child, Role, SpawnError};
-use crate::cores::{Cores, Stay};
+use crate::child::{self, Child, Role};
+use crate::cores::Stay;
 use crate::dead_nodes::Cleaner;
-use crate::descriptors;
-use crate::latency::Latency;
 use crate::live;
 use crate::metrics::Metrics;
 use crate::metrics::fault::End;
-use crate::robot::{AfterDeath, Robot, Seat, start_order};
-use crate::run_dir::{RunDir, RunDirError};
+use crate::outcome::Outcome;
+use crate::robot::{AfterDeath, Robot, Seat};
+use crate::run_dir::RunDir;
 use crate::scenario::Scenario;
 use crate::timeline::{Act, Due, Timeline};
-use crate::usage::Usage;
+pub use error::RunError;
+use error::{READY_MAX, TRUTH_SILENCE_MAX};
+use services::Services;
 
-/// Every robot must be ready within this, at the start and at a restart.
-const READY_MAX: Duration = Duration::from_secs(10);
-/// Without a truth for this long the plant counts as hung. Longer than its own bounds, so that it
-/// can say itself what is wrong.
-const TRUTH_SILENCE_MAX: Duration = Duration::from_secs(15);
-/// Children asked to end are killed after this.
-const GRACE: Duration = Duration::from_secs(2);
 /// How long one turn of the loop waits for news.
 const TURN: Duration = Duration::from_millis(2);
 /// The plant may send as fast as they are taken: after so many it is time for reports and deaths.
@@ -56,95 +59,8 @@ const AS_PLANNED: &str = "as planned";
 /// How many lines of a dead child's log are shown.
 const LOG_LINES: usize = 8;
 
-/// Why a run could not go on. What was written is kept.
-#[derive(Debug, thiserror::Error)]
-pub enum FlightError {
-    /// No place for the files that the processes share.
-    #[error(transparent)]
-    RunRoot(#[from] RunRootError),
-    /// A service could not be made.
-    #[error(transparent)]
-    Service(#[from] ServiceError),
-    /// The barrier could not be made.
-    #[error(transparent)]
-    Barrier(#[from] BarrierError),
-    /// So many robots need more open files than this process may have.
-    #[error(transparent)]
-    Descriptors(#[from] descriptors::TooFew),
-    /// A process could not be started.
-    #[error(transparent)]
-    Spawn(#[from] SpawnError),
-    /// The run directory could not be written.
-    #[error(transparent)]
-    RunDir(#[from] RunDirError),
-    /// The clean-up thread could not be started.
-    #[error("cannot start the clean-up thread: {0}")]
-    Cleanup(io::Error),
-    /// A sample could not be taken.
-    #[error("cannot receive from an agent or the plant: {0}")]
-    Receive(#[from] iceoryx2::port::ReceiveError),
-    /// A robot could not be told of a link that was cut or mended by hand.
-    #[error("cannot tell a robot of its links: {0}")]
-    Tell(#[from] SendError),
-    /// A robot did not come up.
-    #[error("{robot} was not ready after {} s; the last lines of its log:\n{log}", READY_MAX.as_secs())]
-    NotReady {
-        /// Its name.
-        robot: String,
-        /// The end of its log.
-        log: String,
-    },
-    /// A robot's process gave up, or died before t = 0, and its policy allows no (further) restart.
-    #[error("{robot} died ({how}) and is not restarted; the last lines of its log:\n{log}")]
-    AgentDied {
-        /// Its name.
-        robot: String,
-        /// How it ended.
-        how: String,
-        /// The end of its log.
-        log: String,
-    },
-    /// The plant's process died.
-    #[error("the plant died ({how}); the last lines of its log:\n{log}")]
-    PlantDied {
-        /// How it ended.
-        how: String,
-        /// The end of its log.
-        log: String,
-    },
-    /// The plant lives, and says nothing.
-    #[error("the plant sent no truth for {} s", TRUTH_SILENCE_MAX.as_secs())]
-    PlantSilent,
-}
-
-/// What a run leaves besides its metrics.
-#[derive(Debug, Clone, Default)]
-pub struct Outcome {
-    /// Ended by a signal.
-    pub interrupted: bool,
-    /// Wall time from the start of the first process to t = 0, when all were ready; `None` if it
-    /// never came to that.
-    pub startup: Option<Duration>,
-    /// Wall time from t = 0 to the last truth.
-    pub wall: Duration,
-    /// The newest truth.
-    pub truth: Option<TruthHeader>,
-    /// Commands sent too late, by all agents.
-    pub deadline_misses: u64,
-    /// Beacons that each robot refused, in scenario order.
-    pub beacons_refused: Vec<u64>,
-    /// Restarts by robot, in scenario order.
-    pub restarts: Vec<u64>,
-    /// What the processes measured of delays.
-    pub latency: Latency,
-    /// What each process took from the machine, with how often it was started: the supervisor, the
-    /// plant, the robots in scenario order, and in lockstep what kept the cores awake, which is
-    /// time that nobody else wanted.
-    pub usages: Vec<(String, u64, Usage)>,
-}
-
 /// A run under way.
-pub struct Flight<'a> {
+pub struct Run<'a> {
     scenario: &'a Scenario,
     run_dir: &'a mut RunDir,
     metrics: &'a mut Metrics,
@@ -163,7 +79,7 @@ pub struct Flight<'a> {
     /// Run time at which deaths were last looked for: those found next came after it, ns.
     all_seen_alive_ns: u64,
     launched: Instant,
-    took_off: Option<Instant>,
+    began: Option<Instant>,
     // In the order in which they must go: processes before services before the run root.
     robots: Vec<Robot>,
     plant: Child,
@@ -182,204 +98,24 @@ pub struct Flight<'a> {
     run_root: RunRoot,
 }
 
-/// Every service of the run, kept in being.
-struct Services {
-    _odometry: Vec<Factory<Odometry>>,
-    _command: Vec<Factory<Command>>,
-    _beacon: Vec<Factory<Beacon>>,
-    status: Vec<Factory<[NeighborStatus], StatusHeader>>,
-    truth: Factory<[TruthRow], TruthHeader>,
-    /// Of the plant, then of the robots in scenario order.
-    latencies: Vec<Factory<[LatencyRow], LatencyHeader>>,
-    /// Of the robots in scenario order; none unless links may be cut by hand.
-    faults: Vec<Factory<[LinkFaultByHand]>>,
-}
-
-impl Services {
-    fn create(
-        node: &Node,
-        scenario: &Scenario,
-        pace: Pace,
-        links_by_hand: bool,
-    ) -> Result<Services, ServiceError> {
-        let robots = || scenario.robots.iter().enumerate();
-        let one = Qos::of_robot(pace, 1);
-        let hearers = |i| Qos::of_robot(pace, scenario.graph.hearers_of(i).count());
-        Ok(Services {
-            _odometry: robots()
-                .map(|(_, robot)| service::odometry(&robot.name).create(node, one))
-                .collect::<Result<_, _>>()?,
-            _command: robots()
-                .map(|(_, robot)| service::command(&robot.name).create(node, one))
-                .collect::<Result<_, _>>()?,
-            _beacon: robots()
-                .map(|(i, robot)| service::beacon(&robot.name).create(node, hearers(i)))
-                .collect::<Result<_, _>>()?,
-            status: robots()
-                .map(|(_, robot)| service::status(&robot.name).create(node, Qos::of_status(1)))
-                .collect::<Result<_, _>>()?,
-            truth: service::truth().create(node, Qos::of_truth(pace, 1))?,
-            latencies: std::iter::once(service::plant_latency())
-                .chain(robots().map(|(_, robot)| service::latency(&robot.name)))
-                .map(|topic| topic.create(node, Qos::of_latency(1)))
-                .collect::<Result<_, _>>()?,
-            faults: robots()
-                .filter(|_| links_by_hand)
-                .map(|(_, robot)| service::faults(&robot.name).create(node, one))
-                .collect::<Result<_, _>>()?,
-        })
-    }
-}
-
-impl<'a> Flight<'a> {
-    /// Makes the run root and all services, writes the briefs and starts every process; agents and
-    /// plant before every ordinary process of the machine, if `realtime_priority`. `by_hand`: somebody
-    /// may break things by hand.
-    pub fn launch(
-        scenario: &'a Scenario,
-        pace: Pace,
-        realtime_priority: bool,
-        by_hand: bool,
-        run_dir: &'a mut RunDir,
-        metrics: &'a mut Metrics,
-        stop: Stop,
-    ) -> Result<Flight<'a>, FlightError> {
-        descriptors::make_room(scenario.robots.len())?;
-        let base = run_root::base();
-        for removed in run_root::sweep(&base) {
-            tracing::info!(path = %removed.display(), "removed what a dead run left");
-        }
-        let run_root = RunRoot::create(&base)?;
-        run_root::join(run_root.path())?;
-        let node = service::node("supervisor")?;
-        run_root.make_private().map_err(|source| RunRootError::Io {
-            action: "close to other users",
-            path: run_root.path().into(),
-            source,
-        })?;
-        // Each takes descriptors and memory: only where they can be of use.
-        let links_by_hand = by_hand && pace == Pace::Realtime;
-        let services = Services::create(&node, scenario, pace, links_by_hand)?;
-        let truth = services.truth.subscriber()?;
-        let latencies =
-            services.latencies.iter().map(Factory::subscriber).collect::<Result<_, _>>()?;
-        let count = scenario.robots.len();
-        let cores = match pace {
-            Pace::Realtime => None,
-            Pace::Lockstep => Cores::deal(count, std::process::id() as usize),
-        };
-        let heard = |i| scenario.graph.heard_by(i).count();
-        let to_robots = services.faults.iter().enumerate();
-        let faults_by_hand =
-            to_robots.map(|(i, faults)| faults.publisher(heard(i))).collect::<Result<_, _>>()?;
-        let barrier = match pace {
-            Pace::Realtime => None,
-            Pace::Lockstep => {
-                let groups = cores.as_ref().map_or(1, Cores::groups);
-                let barrier = Barrier::create(&run_root.barrier_path(), count, groups)?;
-                (0..count).for_each(|slot| barrier.set_member(slot, 0));
-                // Nobody moves before everybody has reported, so that a death during the start-up
-                // is dealt with as if it had not been. It must stand before the first process.
-                barrier.pause_at(0);
-                Some(barrier)
-            }
-        };
-        let cleaner = Cleaner::start(&run_root).map_err(FlightError::Cleanup)?;
-
-        let plant_brief = briefs::plant(scenario, pace, run_root.path());
-        let plant_brief = run_dir.write_brief("plant", &plant_brief)?;
-        let launched = Instant::now();
-        let plant = Role::Plant { brief: &plant_brief };
-        let plant = Child::spawn(plant, &run_dir.log_path("plant"), realtime_priority)?;
-        let mut robots = Vec::new();
-        for (i, robot) in scenario.robots.iter().enumerate() {
-            let brief = briefs::agent(scenario, i, pace, run_root.path());
-            let brief = AgentBrief { links_by_hand, ..brief };
-            let told = run_dir.write_brief(&robot.name, &brief)?;
-            let log = run_dir.log_path(&robot.name);
-            let status = services.status[i].subscriber()?;
-            robots.push(Robot::new(&robot.name, told, log, status, count, realtime_priority));
-        }
-        for i in start_order(scenario.seed, robots.len()) {
-            robots[i].start()?;
-        }
-        Ok(Flight {
-            scenario,
-            run_dir,
-            metrics,
-            stop,
-            view: None,
-            asked: VecDeque::new(),
-            cuts: vec![None; scenario.graph.edges().len()],
-            outcome: Outcome {
-                restarts: vec![0; robots.len()],
-                latency: Latency::new(scenario, pace),
-                ..Outcome::default()
-            },
-            timeline: Timeline::new(scenario),
-            alive: vec![true; robots.len()],
-            last_news: Instant::now(),
-            reports_taken: Instant::now(),
-            all_seen_alive_ns: 0,
-            launched,
-            took_off: None,
-            robots,
-            plant,
-            loads: Vec::new(),
-            stay: cores.map(Stay::new),
-            truth,
-            latencies,
-            faults_by_hand,
-            cleaner,
-            barrier,
-            _services: services,
-            _node: node,
-            run_root,
-        })
-    }
-
+impl<'a> Run<'a> {
     /// Lets somebody look on, and act by hand.
-    pub fn watched_by(self, view: Option<&'a mut View>) -> Flight<'a> {
-        Flight { view, ..self }
+    pub fn watched_by(self, view: Option<&'a mut View>) -> Run<'a> {
+        Run { view, ..self }
     }
 
-    /// Flies to the end, to a signal, or to an error; then ends every process and removes what
-    /// they shared. `progress` is told the run time of the newest truth, ns.
-    pub fn fly(mut self, mut progress: impl FnMut(u64)) -> (Outcome, Result<(), FlightError>) {
-        let flown = self.turn_until_landed(&mut progress);
-        if let Err(error) = &flown {
+    /// Goes on to the end, to a signal, or to an error; then ends every process and removes what they
+    /// shared. `progress` is told the run time of the newest truth, ns.
+    pub fn to_the_end(mut self, mut progress: impl FnMut(u64)) -> (Outcome, Result<(), RunError>) {
+        let ran = self.turn_until_the_end(&mut progress);
+        if let Err(error) = &ran {
             tracing::debug!(%error, "the run ends early");
         }
-        self.end_children();
-        // The last values are sent at the very end.
-        let taken = self.take_latencies();
-        self.sum_up_usages();
-        let flown = flown.and(taken);
-        let Flight {
-            outcome,
-            robots,
-            plant,
-            loads,
-            stay,
-            truth,
-            latencies,
-            faults_by_hand,
-            cleaner,
-            barrier,
-            _services,
-            _node,
-            run_root,
-            ..
-        } = self;
-        drop((robots, plant, loads, stay, truth, latencies, faults_by_hand));
-        drop((cleaner, barrier, _services, _node));
-        if let Err(error) = run_root.remove() {
-            tracing::warn!(%error, "could not remove the run root");
-        }
-        (outcome, flown)
+        let (outcome, ended) = self.farewell();
+        (outcome, ran.and(ended))
     }
 
-    fn turn_until_landed(&mut self, progress: &mut impl FnMut(u64)) -> Result<(), FlightError> {
+    fn turn_until_the_end(&mut self, progress: &mut impl FnMut(u64)) -> Result<(), RunError> {
         loop {
             if self.stop.requested() {
                 self.outcome.interrupted = true;
@@ -409,7 +145,7 @@ impl<'a> Flight<'a> {
             }
             self.act()?;
             self.check_deadlines()?;
-            if self.took_off.is_some()
+            if self.began.is_some()
                 && let Some(stay) = &mut self.stay
             {
                 let robots = self.robots.iter().enumerate();
@@ -441,7 +177,7 @@ impl<'a> Flight<'a> {
     }
 
     /// Takes in new truths, but not for longer than other news can wait; whether all are taken.
-    fn take_truths(&mut self) -> Result<bool, FlightError> {
+    fn take_truths(&mut self) -> Result<bool, RunError> {
         let mut all = false;
         for _ in 0..TRUTHS_PER_TURN {
             let Some(sample) = self.truth.receive()? else {
@@ -449,7 +185,7 @@ impl<'a> Flight<'a> {
                 break;
             };
             let header = *sample.user_header();
-            self.took_off.get_or_insert_with(Instant::now);
+            self.began.get_or_insert_with(Instant::now);
             self.metrics.truth(&header, sample.payload(), &self.alive);
             let (errors_m, nearest) = (self.metrics.errors(), self.metrics.nearest());
             self.run_dir.truth(&header, sample.payload(), errors_m, &self.alive, nearest)?;
@@ -466,12 +202,12 @@ impl<'a> Flight<'a> {
                 barrier.consumed(header.tick + 1);
             }
         }
-        self.outcome.startup = self.took_off.map(|at| at - self.launched);
-        self.outcome.wall = self.took_off.map_or(Duration::ZERO, |at| self.last_news - at);
+        self.outcome.startup = self.began.map(|at| at - self.launched);
+        self.outcome.wall = self.began.map_or(Duration::ZERO, |at| self.last_news - at);
         Ok(all)
     }
 
-    fn take_statuses(&mut self) -> Result<(), FlightError> {
+    fn take_statuses(&mut self) -> Result<(), RunError> {
         for i in 0..self.robots.len() {
             while let Some(sample) = self.robots[i].status.receive()? {
                 let header = *sample.user_header();
@@ -481,7 +217,7 @@ impl<'a> Flight<'a> {
         Ok(())
     }
 
-    fn take_latencies(&mut self) -> Result<(), FlightError> {
+    fn take_latencies(&mut self) -> Result<(), RunError> {
         self.outcome.latency.now(self.now_ns());
         for (process, subscriber) in self.latencies.iter().enumerate() {
             while let Some(sample) = subscriber.receive()? {
@@ -505,7 +241,7 @@ impl<'a> Flight<'a> {
         i: usize,
         header: &StatusHeader,
         neighbors: &[NeighborStatus],
-    ) -> Result<(), FlightError> {
+    ) -> Result<(), RunError> {
         let robot = &mut self.robots[i];
         if header.incarnation != robot.incarnation {
             return Ok(()); // sent before its death
@@ -556,7 +292,7 @@ impl<'a> Flight<'a> {
         Ok(())
     }
 
-    fn take_deaths(&mut self) -> Result<(), FlightError> {
+    fn take_deaths(&mut self) -> Result<(), RunError> {
         if !self.anybody_died() {
             self.all_seen_alive_ns = self.now_ns();
             return Ok(());
@@ -566,7 +302,7 @@ impl<'a> Flight<'a> {
             while !self.take_truths()? {}
             if self.now_ns() < self.scenario.duration_ns {
                 let log = self.plant.last_lines(LOG_LINES);
-                return Err(FlightError::PlantDied { how: child::in_words(status), log });
+                return Err(RunError::PlantDied { how: child::in_words(status), log });
             }
         }
         for i in 0..self.robots.len() {
@@ -589,7 +325,7 @@ impl<'a> Flight<'a> {
     }
 
     /// A robot's process is dead and reaped.
-    fn bury(&mut self, i: usize, status: ExitStatus) -> Result<(), FlightError> {
+    fn bury(&mut self, i: usize, status: ExitStatus) -> Result<(), RunError> {
         // Before the clean-up takes what it sent last.
         self.take_latencies()?;
         let t_ns = self.now_ns();
@@ -628,7 +364,7 @@ impl<'a> Flight<'a> {
         let gave_up = status.code().is_some_and(|code| code != 0);
         if !returns && (gave_up || starting_up) {
             let log = child::last_lines(&robot.log, LOG_LINES);
-            return Err(FlightError::AgentDied { robot: robot.name.clone(), how, log });
+            return Err(RunError::AgentDied { robot: robot.name.clone(), how, log });
         }
         match verdict {
             AfterDeath::Return { delay_ns } => {
@@ -664,7 +400,7 @@ impl<'a> Flight<'a> {
 
     /// Does what is due now; in lockstep, only while the plant is paused, which goes on once
     /// nothing is under way.
-    fn act(&mut self) -> Result<(), FlightError> {
+    fn act(&mut self) -> Result<(), RunError> {
         let stands = self.plant_stands();
         if self.barrier.is_some() && !stands {
             return Ok(());
@@ -711,7 +447,7 @@ impl<'a> Flight<'a> {
     }
 
     /// Does one thing of the timeline, or the same by hand: `why` is written down.
-    fn act_on(&mut self, due: Due, now_ns: u64, why: &str) -> Result<(), FlightError> {
+    fn act_on(&mut self, due: Due, now_ns: u64, why: &str) -> Result<(), RunError> {
         let fault = due.fault;
         match due.act {
             Act::Kill { robot, restart_at_ns } => {
@@ -785,7 +521,7 @@ impl<'a> Flight<'a> {
         kind: &str,
         robot: Option<usize>,
         detail: &str,
-    ) -> Result<(), FlightError> {
+    ) -> Result<(), RunError> {
         let name = robot.map_or("", |robot| self.robots[robot].name.as_str());
         if let Some(view) = &mut self.view {
             view.happened(live::happened(t_ns, kind, name, detail));
@@ -813,82 +549,26 @@ impl<'a> Flight<'a> {
         }
     }
 
-    fn check_deadlines(&self) -> Result<(), FlightError> {
+    fn check_deadlines(&self) -> Result<(), RunError> {
         for robot in &self.robots {
             if let Seat::Starting { child, since } = &robot.seat
                 && since.elapsed() > READY_MAX
             {
                 let log = child.last_lines(LOG_LINES);
-                return Err(FlightError::NotReady { robot: robot.name.clone(), log });
+                return Err(RunError::NotReady { robot: robot.name.clone(), log });
             }
         }
         let paused = self.barrier.as_ref().is_some_and(|barrier| barrier.paused().is_some());
         if !paused && self.last_news.elapsed() > TRUTH_SILENCE_MAX {
-            return Err(FlightError::PlantSilent);
+            return Err(RunError::PlantSilent);
         }
         Ok(())
-    }
-
-    /// Asks everybody to end, and kills whoever does not.
-    fn end_children(&mut self) {
-        let _ = self.take_statuses();
-        let misses = self.robots.iter().map(|robot| robot.misses_before + robot.misses);
-        self.outcome.deadline_misses = misses.sum();
-        let refused = self.robots.iter().map(|robot| robot.refused_before + robot.refused);
-        self.outcome.beacons_refused = refused.collect();
-        let asked = Instant::now();
-        let mut killed = false;
-        for child in self.children() {
-            child.terminate();
-        }
-        while self.children().any(|child| child.ended().is_none()) {
-            if !killed && asked.elapsed() > GRACE {
-                killed = true;
-                for child in self.children().filter_map(|child| match child.ended() {
-                    None => Some(child),
-                    Some(_) => None,
-                }) {
-                    tracing::warn!(pid = child.pid(), "did not end when asked; killed");
-                    child.kill();
-                }
-            } else if asked.elapsed() > 2 * GRACE {
-                tracing::error!("a killed process does not end; the kernel holds it");
-                return;
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
-    }
-
-    /// Puts together what everybody took, once all have ended.
-    fn sum_up_usages(&mut self) {
-        let plant = self.plant.usage().unwrap_or_default();
-        let robots = self.robots.iter().zip(&self.outcome.restarts).map(|(robot, restarts)| {
-            let mut usage = robot.usage;
-            usage += robot.seat.child().and_then(Child::usage).unwrap_or_default();
-            (robot.name.clone(), restarts + 1, usage)
-        });
-        let awake = self.stay.as_mut().map(|stay| ("awake".to_owned(), 1, stay.end()));
-        self.outcome.usages = [
-            ("supervisor".to_owned(), 1, Usage::of_this_process()),
-            ("plant".to_owned(), 1, plant),
-        ]
-        .into_iter()
-        .chain(robots)
-        .chain(awake)
-        .collect();
-    }
-
-    /// All children, the plant first: it waits for the robots, and they for nobody.
-    fn children(&mut self) -> impl Iterator<Item = &mut Child> {
-        let robots = self.robots.iter_mut().filter_map(|robot| robot.seat.child_mut());
-        let loads = self.loads.iter_mut().map(|(_, child)| child);
-        [&mut self.plant].into_iter().chain(robots).chain(loads)
     }
 }
 
 /// The exit code of a run that ended with this error.
-pub fn exit_code(outcome: &Outcome, flown: &Result<(), FlightError>) -> u8 {
-    match flown {
+pub fn exit_code(outcome: &Outcome, ran: &Result<(), RunError>) -> u8 {
+    match ran {
         Err(_) => exit::INFRASTRUCTURE,
         Ok(()) if outcome.interrupted => exit::INTERRUPTED,
         Ok(()) => exit::OK,

@@ -9,7 +9,7 @@ use protocol::fault::LinkFaultKind;
 use protocol::message::LinkFaultByHand;
 use protocol::service::send_slice;
 
-use super::{Flight, FlightError};
+use super::{Run, RunError};
 use crate::metrics::fault::End;
 use crate::robot::Seat;
 use crate::scenario::FaultKind;
@@ -18,7 +18,7 @@ use crate::timeline;
 /// Why something was not done.
 type Refusal = String;
 
-impl Flight<'_> {
+impl Run<'_> {
     /// Takes what was asked for; it is done when the next acts are.
     pub(super) fn take_requests(&mut self) {
         let Some(view) = &self.view else { return };
@@ -30,7 +30,7 @@ impl Flight<'_> {
     }
 
     /// Does everything that was asked for.
-    pub(super) fn act_by_hand(&mut self, now_ns: u64) -> Result<(), FlightError> {
+    pub(super) fn act_by_hand(&mut self, now_ns: u64) -> Result<(), RunError> {
         while let Some(request) = self.asked.pop_front() {
             let done = match self.outcome.truth {
                 Some(_) => self.do_by_hand(request.act, now_ns)?,
@@ -41,11 +41,7 @@ impl Flight<'_> {
         Ok(())
     }
 
-    fn do_by_hand(
-        &mut self,
-        act: view::Act,
-        now_ns: u64,
-    ) -> Result<Result<(), Refusal>, FlightError> {
+    fn do_by_hand(&mut self, act: view::Act, now_ns: u64) -> Result<Result<(), Refusal>, RunError> {
         if let Err(refusal) = self.makes_sense(act) {
             return Ok(Err(refusal));
         }
@@ -123,7 +119,7 @@ impl Flight<'_> {
         kind: &FaultKind,
         act: timeline::Act,
         now_ns: u64,
-    ) -> Result<(), FlightError> {
+    ) -> Result<(), RunError> {
         let fault = self.new_fault(kind);
         self.act_on(timeline::Due { at_ns: now_ns, fault, act }, now_ns, BY_HAND)
     }
@@ -135,7 +131,7 @@ impl Flight<'_> {
     }
 
     /// Writes down what became of a link, and tells the robot that hears.
-    fn link_event(&mut self, t_ns: u64, kind: &str, edge: usize) -> Result<(), FlightError> {
+    fn link_event(&mut self, t_ns: u64, kind: &str, edge: usize) -> Result<(), RunError> {
         let hearer = self.scenario.graph.edges()[edge].to;
         let detail = format!("{}, {BY_HAND}", self.link(edge));
         self.event(t_ns, kind, Some(hearer), &detail)?;
@@ -143,7 +139,7 @@ impl Flight<'_> {
     }
 
     /// Tells a robot which of its links are cut by hand: it may be a replacement.
-    pub(super) fn tell_links(&self, hearer: usize) -> Result<(), FlightError> {
+    pub(super) fn tell_links(&self, hearer: usize) -> Result<(), RunError> {
         let Some(publisher) = self.faults_by_hand.get(hearer) else { return Ok(()) };
         let edges = self.scenario.graph.edges().iter().zip(&self.cuts);
         let links: Vec<LinkFaultByHand> = edges

@@ -1,0 +1,79 @@
+//! Why a run could not go on.
+
+use std::io;
+use std::time::Duration;
+
+use protocol::barrier::BarrierError;
+use protocol::run_root::RunRootError;
+use protocol::service::{SendError, ServiceError};
+
+use crate::child::SpawnError;
+use crate::descriptors;
+use crate::run_dir::RunDirError;
+
+/// Every robot must be ready within this, at the start and at a restart.
+pub(super) const READY_MAX: Duration = Duration::from_secs(10);
+/// Without a truth for this long the plant counts as hung. Longer than its own bounds, so that it
+/// can say itself what is wrong.
+pub(super) const TRUTH_SILENCE_MAX: Duration = Duration::from_secs(15);
+
+/// Why a run could not go on. What was written is kept.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// No place for the files that the processes share.
+    #[error(transparent)]
+    RunRoot(#[from] RunRootError),
+    /// A service could not be made.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    /// The barrier could not be made.
+    #[error(transparent)]
+    Barrier(#[from] BarrierError),
+    /// So many robots need more open files than this process may have.
+    #[error(transparent)]
+    Descriptors(#[from] descriptors::TooFew),
+    /// A process could not be started.
+    #[error(transparent)]
+    Spawn(#[from] SpawnError),
+    /// The run directory could not be written.
+    #[error(transparent)]
+    RunDir(#[from] RunDirError),
+    /// The clean-up thread could not be started.
+    #[error("cannot start the clean-up thread: {0}")]
+    Cleanup(io::Error),
+    /// A sample could not be taken.
+    #[error("cannot receive from an agent or the plant: {0}")]
+    Receive(#[from] iceoryx2::port::ReceiveError),
+    /// A robot could not be told of a link that was cut or mended by hand.
+    #[error("cannot tell a robot of its links: {0}")]
+    Tell(#[from] SendError),
+    /// A robot did not come up.
+    #[error("{robot} was not ready after {} s; the last lines of its log:\n{log}", READY_MAX.as_secs())]
+    NotReady {
+        /// Its name.
+        robot: String,
+        /// The end of its log.
+        log: String,
+    },
+    /// A robot's process gave up, or died before t = 0, and its policy allows no (further) restart.
+    #[error("{robot} died ({how}) and is not restarted; the last lines of its log:\n{log}")]
+    AgentDied {
+        /// Its name.
+        robot: String,
+        /// How it ended.
+        how: String,
+        /// The end of its log.
+        log: String,
+    },
+    /// The plant's process died.
+    #[error("the plant died ({how}); the last lines of its log:\n{log}")]
+    PlantDied {
+        /// How it ended.
+        how: String,
+        /// The end of its log.
+        log: String,
+    },
+    /// The plant lives, and says nothing.
+    #[error("the plant sent no truth for {} s", TRUTH_SILENCE_MAX.as_secs())]
+    PlantSilent,
+}

@@ -1,0 +1,134 @@
+//! How a run begins: from the run root to the first process of every robot.
+
+use std::collections::VecDeque;
+use std::time::Instant;
+
+use protocol::barrier::Barrier;
+use protocol::brief::{AgentBrief, Pace};
+use protocol::process::Stop;
+use protocol::run_root::{self, RunRoot, RunRootError};
+use protocol::service::{self, Factory};
+
+use super::Run;
+use super::error::RunError;
+use super::services::Services;
+use crate::briefs;
+use crate::child::{Child, Role};
+use crate::cores::{Cores, Stay};
+use crate::dead_nodes::Cleaner;
+use crate::descriptors;
+use crate::latency::Latency;
+use crate::metrics::Metrics;
+use crate::outcome::Outcome;
+use crate::robot::{Robot, start_order};
+use crate::run_dir::RunDir;
+use crate::scenario::Scenario;
+use crate::timeline::Timeline;
+
+impl<'a> Run<'a> {
+    /// Makes the run root and all services, writes the briefs and starts every process; agents and
+    /// plant before every ordinary process of the machine, if `realtime_priority`. `by_hand`: somebody
+    /// may break things by hand.
+    pub fn launch(
+        scenario: &'a Scenario,
+        pace: Pace,
+        realtime_priority: bool,
+        by_hand: bool,
+        run_dir: &'a mut RunDir,
+        metrics: &'a mut Metrics,
+        stop: Stop,
+    ) -> Result<Run<'a>, RunError> {
+        descriptors::make_room(scenario.robots.len())?;
+        let base = run_root::base();
+        for removed in run_root::sweep(&base) {
+            tracing::info!(path = %removed.display(), "removed what a dead run left");
+        }
+        let run_root = RunRoot::create(&base)?;
+        run_root::join(run_root.path())?;
+        let node = service::node("supervisor")?;
+        run_root.make_private().map_err(|source| RunRootError::Io {
+            action: "close to other users",
+            path: run_root.path().into(),
+            source,
+        })?;
+        // Each takes descriptors and memory: only where they can be of use.
+        let links_by_hand = by_hand && pace == Pace::Realtime;
+        let services = Services::create(&node, scenario, pace, links_by_hand)?;
+        let truth = services.truth.subscriber()?;
+        let latencies =
+            services.latencies.iter().map(Factory::subscriber).collect::<Result<_, _>>()?;
+        let count = scenario.robots.len();
+        let cores = match pace {
+            Pace::Realtime => None,
+            Pace::Lockstep => Cores::deal(count, std::process::id() as usize),
+        };
+        let heard = |i| scenario.graph.heard_by(i).count();
+        let to_robots = services.faults.iter().enumerate();
+        let faults_by_hand =
+            to_robots.map(|(i, faults)| faults.publisher(heard(i))).collect::<Result<_, _>>()?;
+        let barrier = match pace {
+            Pace::Realtime => None,
+            Pace::Lockstep => {
+                let groups = cores.as_ref().map_or(1, Cores::groups);
+                let barrier = Barrier::create(&run_root.barrier_path(), count, groups)?;
+                (0..count).for_each(|slot| barrier.set_member(slot, 0));
+                // Nobody moves before everybody has reported, so that a death during the start-up
+                // is dealt with as if it had not been. It must stand before the first process.
+                barrier.pause_at(0);
+                Some(barrier)
+            }
+        };
+        let cleaner = Cleaner::start(&run_root).map_err(RunError::Cleanup)?;
+
+        let plant_brief = briefs::plant(scenario, pace, run_root.path());
+        let plant_brief = run_dir.write_brief("plant", &plant_brief)?;
+        let launched = Instant::now();
+        let plant = Role::Plant { brief: &plant_brief };
+        let plant = Child::spawn(plant, &run_dir.log_path("plant"), realtime_priority)?;
+        let mut robots = Vec::new();
+        for (i, robot) in scenario.robots.iter().enumerate() {
+            let brief = briefs::agent(scenario, i, pace, run_root.path());
+            let brief = AgentBrief { links_by_hand, ..brief };
+            let told = run_dir.write_brief(&robot.name, &brief)?;
+            let log = run_dir.log_path(&robot.name);
+            let status = services.status[i].subscriber()?;
+            robots.push(Robot::new(&robot.name, told, log, status, count, realtime_priority));
+        }
+        for i in start_order(scenario.seed, robots.len()) {
+            robots[i].start()?;
+        }
+        Ok(Run {
+            scenario,
+            run_dir,
+            metrics,
+            stop,
+            view: None,
+            asked: VecDeque::new(),
+            cuts: vec![None; scenario.graph.edges().len()],
+            outcome: Outcome {
+                restarts: vec![0; robots.len()],
+                latency: Latency::new(scenario, pace),
+                ..Outcome::default()
+            },
+            timeline: Timeline::new(scenario),
+            alive: vec![true; robots.len()],
+            last_news: Instant::now(),
+            reports_taken: Instant::now(),
+            all_seen_alive_ns: 0,
+            launched,
+            began: None,
+            robots,
+            plant,
+            loads: Vec::new(),
+            stay: cores.map(Stay::new),
+            truth,
+            latencies,
+            faults_by_hand,
+            cleaner,
+            barrier,
+            _services: services,
+            _node: node,
+            run_root,
+        })
+    }
+}

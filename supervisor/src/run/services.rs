@@ -1,0 +1,60 @@
+//! Every service of a run. The supervisor makes them all and keeps them in being; agents and the plant
+//! open them.
+
+use protocol::brief::Pace;
+use protocol::message::{
+    Beacon, Command, LatencyHeader, LatencyRow, LinkFaultByHand, NeighborStatus, Odometry,
+    StatusHeader, TruthHeader, TruthRow,
+};
+use protocol::service::{self, Factory, Node, Qos, ServiceError};
+
+use crate::scenario::Scenario;
+
+/// Every service of the run, kept in being.
+pub(super) struct Services {
+    _odometry: Vec<Factory<Odometry>>,
+    _command: Vec<Factory<Command>>,
+    _beacon: Vec<Factory<Beacon>>,
+    pub(super) status: Vec<Factory<[NeighborStatus], StatusHeader>>,
+    pub(super) truth: Factory<[TruthRow], TruthHeader>,
+    /// Of the plant, then of the robots in scenario order.
+    pub(super) latencies: Vec<Factory<[LatencyRow], LatencyHeader>>,
+    /// Of the robots in scenario order; none unless links may be cut by hand.
+    pub(super) faults: Vec<Factory<[LinkFaultByHand]>>,
+}
+
+impl Services {
+    pub(super) fn create(
+        node: &Node,
+        scenario: &Scenario,
+        pace: Pace,
+        links_by_hand: bool,
+    ) -> Result<Services, ServiceError> {
+        let robots = || scenario.robots.iter().enumerate();
+        let one = Qos::of_robot(pace, 1);
+        let hearers = |i| Qos::of_robot(pace, scenario.graph.hearers_of(i).count());
+        Ok(Services {
+            _odometry: robots()
+                .map(|(_, robot)| service::odometry(&robot.name).create(node, one))
+                .collect::<Result<_, _>>()?,
+            _command: robots()
+                .map(|(_, robot)| service::command(&robot.name).create(node, one))
+                .collect::<Result<_, _>>()?,
+            _beacon: robots()
+                .map(|(i, robot)| service::beacon(&robot.name).create(node, hearers(i)))
+                .collect::<Result<_, _>>()?,
+            status: robots()
+                .map(|(_, robot)| service::status(&robot.name).create(node, Qos::of_status(1)))
+                .collect::<Result<_, _>>()?,
+            truth: service::truth().create(node, Qos::of_truth(pace, 1))?,
+            latencies: std::iter::once(service::plant_latency())
+                .chain(robots().map(|(_, robot)| service::latency(&robot.name)))
+                .map(|topic| topic.create(node, Qos::of_latency(1)))
+                .collect::<Result<_, _>>()?,
+            faults: robots()
+                .filter(|_| links_by_hand)
+                .map(|(_, robot)| service::faults(&robot.name).create(node, one))
+                .collect::<Result<_, _>>()?,
+        })
+    }
+}

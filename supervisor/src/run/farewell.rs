@@ -24,19 +24,18 @@ impl Run<'_> {
             robots,
             plant,
             loads,
-            stay,
             truth,
             latencies,
             faults_by_hand,
             cleaner,
-            barrier,
+            conduct,
             _services,
             _node,
             run_root,
             ..
         } = self;
-        drop((robots, plant, loads, stay, truth, latencies, faults_by_hand));
-        drop((cleaner, barrier, _services, _node));
+        drop((robots, plant, loads, truth, latencies, faults_by_hand));
+        drop((cleaner, conduct, _services, _node));
         if let Err(error) = run_root.remove() {
             tracing::warn!(%error, "could not remove the run root");
         }
@@ -81,7 +80,7 @@ impl Run<'_> {
             usage += robot.seat.child().and_then(Child::usage).unwrap_or_default();
             (robot.name.clone(), restarts + 1, usage)
         });
-        let awake = self.stay.as_mut().map(|stay| ("awake".to_owned(), 1, stay.end()));
+        let awake = self.conduct.end().map(|usage| ("awake".to_owned(), 1, usage));
         self.outcome.usages = [
             ("supervisor".to_owned(), 1, Usage::of_this_process()),
             ("plant".to_owned(), 1, plant),

@@ -3,18 +3,17 @@
 use std::collections::VecDeque;
 use std::time::Instant;
 
-use protocol::barrier::Barrier;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::process::Stop;
 use protocol::run_root::{self, RunRoot, RunRootError};
 use protocol::service::{self, Factory};
 
 use super::Run;
+use super::conduct::Conduct;
 use super::error::RunError;
 use super::services::Services;
 use crate::briefs;
 use crate::child::{Child, Role};
-use crate::cores::{Cores, Stay};
 use crate::dead_nodes::Cleaner;
 use crate::descriptors;
 use crate::latency::Latency;
@@ -51,33 +50,18 @@ impl<'a> Run<'a> {
             path: run_root.path().into(),
             source,
         })?;
+        let conduct = Conduct::new(scenario, pace, &run_root)?;
         // Each takes descriptors and memory: only where they can be of use.
-        let links_by_hand = by_hand && pace == Pace::Realtime;
+        let links_by_hand = by_hand && conduct.cuts_links_by_hand();
         let services = Services::create(&node, scenario, pace, links_by_hand)?;
         let truth = services.truth.subscriber()?;
         let latencies =
             services.latencies.iter().map(Factory::subscriber).collect::<Result<_, _>>()?;
         let count = scenario.robots.len();
-        let cores = match pace {
-            Pace::Realtime => None,
-            Pace::Lockstep => Cores::deal(count, std::process::id() as usize),
-        };
         let heard = |i| scenario.graph.heard_by(i).count();
         let to_robots = services.faults.iter().enumerate();
         let faults_by_hand =
             to_robots.map(|(i, faults)| faults.publisher(heard(i))).collect::<Result<_, _>>()?;
-        let barrier = match pace {
-            Pace::Realtime => None,
-            Pace::Lockstep => {
-                let groups = cores.as_ref().map_or(1, Cores::groups);
-                let barrier = Barrier::create(&run_root.barrier_path(), count, groups)?;
-                (0..count).for_each(|slot| barrier.set_member(slot, 0));
-                // Nobody moves before everybody has reported, so that a death during the start-up
-                // is dealt with as if it had not been. It must stand before the first process.
-                barrier.pause_at(0);
-                Some(barrier)
-            }
-        };
         let cleaner = Cleaner::start(&run_root).map_err(RunError::Cleanup)?;
 
         let plant_brief = briefs::plant(scenario, pace, run_root.path());
@@ -120,12 +104,11 @@ impl<'a> Run<'a> {
             robots,
             plant,
             loads: Vec::new(),
-            stay: cores.map(Stay::new),
             truth,
             latencies,
             faults_by_hand,
             cleaner,
-            barrier,
+            conduct,
             _services: services,
             _node: node,
             run_root,

@@ -8,11 +8,13 @@
 //! |---|---|
 //! | `launch` | how does it begin? |
 //! | `services` | over what do the processes speak? |
+//! | `conduct` | how does time pass, and what follows from that? |
 //! | `by_hand` | what may people do to it meanwhile? |
 //! | `farewell` | how does it end? |
 //! | `error` | why could it not go on? |
 
 mod by_hand;
+mod conduct;
 mod error;
 mod farewell;
 mod launch;
@@ -22,7 +24,6 @@ use std::collections::VecDeque;
 use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
-use protocol::barrier::Barrier;
 use protocol::message::{
     Contact, LatencyHeader, LatencyRow, LinkFaultByHand, NeighborStatus, StatusHeader, TruthHeader,
     TruthRow,
@@ -34,7 +35,6 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use view::View;
 
 use crate::child::{self, Child, Role};
-use crate::cores::Stay;
 use crate::dead_nodes::Cleaner;
 use crate::live;
 use crate::metrics::Metrics;
@@ -44,12 +44,11 @@ use crate::robot::{AfterDeath, Robot, Seat};
 use crate::run_dir::RunDir;
 use crate::scenario::Scenario;
 use crate::timeline::{Act, Due, Timeline};
+use conduct::Conduct;
 pub use error::RunError;
 use error::{READY_MAX, TRUTH_SILENCE_MAX};
 use services::Services;
 
-/// How long one turn of the loop waits for news.
-const TURN: Duration = Duration::from_millis(2);
 /// The plant may send as fast as they are taken: after so many it is time for reports and deaths.
 const TRUTHS_PER_TURN: usize = 64;
 /// How often the agents' reports are looked at; each look costs a little for every robot.
@@ -85,14 +84,13 @@ pub struct Run<'a> {
     plant: Child,
     /// Processes that take processor time, and the faults they belong to.
     loads: Vec<(usize, Child)>,
-    stay: Option<Stay>,
     truth: Subscriber<[TruthRow], TruthHeader>,
     /// Of the plant, then of the robots in scenario order.
     latencies: Vec<Subscriber<[LatencyRow], LatencyHeader>>,
     /// To each robot in scenario order, if links may be cut by hand.
     faults_by_hand: Vec<Publisher<[LinkFaultByHand]>>,
     cleaner: Cleaner,
-    barrier: Option<Barrier>,
+    conduct: Conduct,
     _services: Services,
     _node: Node,
     run_root: RunRoot,
@@ -126,7 +124,9 @@ impl<'a> Run<'a> {
             // Deaths first: whoever calls a robot stale then does so of a fault that is known.
             self.take_deaths()?;
             // While the plant stands, all that was said before its next act is known before it.
-            if self.reports_taken.elapsed() >= REPORTS_EVERY || self.plant_stands() {
+            if self.reports_taken.elapsed() >= REPORTS_EVERY
+                || self.conduct.stands(self.outcome.truth.as_ref())
+            {
                 self.reports_taken = Instant::now();
                 self.take_statuses()?;
                 self.take_latencies()?;
@@ -137,20 +137,15 @@ impl<'a> Run<'a> {
             self.tell_view();
             progress(self.now_ns());
             if self.now_ns() >= self.scenario.duration_ns {
-                // In real time some are still at their last sample: none is ended over it.
-                if self.barrier.is_none() {
-                    std::thread::sleep(2 * Duration::from_nanos(self.scenario.period_ns));
-                }
+                self.conduct.let_finish();
                 return Ok(());
             }
             self.act()?;
             self.check_deadlines()?;
-            if self.began.is_some()
-                && let Some(stay) = &mut self.stay
-            {
+            if self.began.is_some() {
                 let robots = self.robots.iter().enumerate();
-                let flying = robots.filter_map(|(i, robot)| Some((i, robot.seat.child()?)));
-                stay.look(&self.plant, flying, &self.run_dir.log_path("awake"))?;
+                let running = robots.filter_map(|(i, robot)| Some((i, robot.seat.child()?)));
+                self.conduct.place(&self.plant, running, &self.run_dir.log_path("awake"))?;
             }
         }
     }
@@ -160,20 +155,13 @@ impl<'a> Run<'a> {
         self.outcome.truth.map_or(0, |header| header.t_ns)
     }
 
-    /// Waits until something may have happened, for at most one turn.
+    /// Waits until something may have happened.
     fn wait_for_news(&self) {
-        match &self.barrier {
-            Some(barrier) => {
-                barrier.wait_attention(TURN);
-            }
-            None => {
-                let mut descriptors = watch(&self.robots, &self.plant);
-                descriptors.push(PollFd::from_borrowed_fd(self.cleaner.news(), PollFlags::IN));
-                let turn = Timespec { tv_sec: 0, tv_nsec: TURN.as_nanos() as i64 };
-                // An interruption is a turn without news.
-                let _ = poll(&mut descriptors, Some(&turn));
-            }
-        }
+        self.conduct.wait_for_news(|| {
+            let mut news = watch(&self.robots, &self.plant);
+            news.push(PollFd::from_borrowed_fd(self.cleaner.news(), PollFlags::IN));
+            news
+        });
     }
 
     /// Takes in new truths, but not for longer than other news can wait; whether all are taken.
@@ -198,9 +186,7 @@ impl<'a> Run<'a> {
                 let (rows, errors_m) = (sample.payload(), self.metrics.errors());
                 view.frame(live::frame(self.scenario, &header, rows, errors_m, &self.robots));
             }
-            if let Some(barrier) = &self.barrier {
-                barrier.consumed(header.tick + 1);
-            }
+            self.conduct.took(&header);
         }
         self.outcome.startup = self.began.map(|at| at - self.launched);
         self.outcome.wall = self.began.map_or(Duration::ZERO, |at| self.last_news - at);
@@ -253,17 +239,14 @@ impl<'a> Run<'a> {
             self.tell_links(i)?;
         }
         let robot = &mut self.robots[i];
-        // In lockstep a replacement is ready before its first tick; in real time it takes part
-        // once it has answered a sample.
-        let takes_part = self.barrier.is_some() || robot.incarnation == 0 || header.flying == 1;
-        if takes_part && let Seat::Starting { .. } = robot.seat {
+        if self.conduct.takes_part(header)
+            && let Seat::Starting { .. } = robot.seat
+        {
             robot.seat.has_started();
             let fault = robot.fault.take();
             let t_ns = self.now_ns().max(header.t_ns);
             self.alive[i] = true;
-            if let Some(barrier) = &self.barrier {
-                barrier.set_member(i, barrier.paused().unwrap_or(0));
-            }
+            self.conduct.join(i);
             let detail = format!("incarnation {}", header.incarnation);
             self.event(t_ns, "ready", Some(i), &detail)?;
             if let Some(fault) = fault {
@@ -330,19 +313,13 @@ impl<'a> Run<'a> {
         self.take_latencies()?;
         let t_ns = self.now_ns();
         let how = child::in_words(status);
-        // Nobody has moved yet.
-        let starting_up = match &self.barrier {
-            Some(_) => t_ns == 0 && self.plant_stands(),
-            None => self.outcome.truth.is_none(),
-        };
+        let starting_up = self.conduct.starting_up(self.outcome.truth.as_ref());
         let robot = &mut self.robots[i];
         robot.misses_before += std::mem::take(&mut robot.misses);
         robot.refused_before += std::mem::take(&mut robot.refused);
         robot.usage += robot.seat.child().and_then(Child::usage).unwrap_or_default();
         self.alive[i] = false;
-        if let Some(barrier) = &self.barrier {
-            barrier.remove_member(i);
-        }
+        self.conduct.leave(i);
         let planned = matches!(robot.seat, Seat::Ending { .. });
         robot.seat = Seat::Down;
         robot.remains += 1;
@@ -401,8 +378,7 @@ impl<'a> Run<'a> {
     /// Does what is due now; in lockstep, only while the plant is paused, which goes on once
     /// nothing is under way.
     fn act(&mut self) -> Result<(), RunError> {
-        let stands = self.plant_stands();
-        if self.barrier.is_some() && !stands {
+        if !self.conduct.may_act(self.outcome.truth.as_ref()) {
             return Ok(());
         }
         let now_ns = self.now_ns();
@@ -415,7 +391,7 @@ impl<'a> Run<'a> {
         // Services have room for a replacement beside one of the dead, and nobody waits for the
         // clean-up in real time; in lockstep all do, so that each restart finds the same.
         let remains: usize = self.robots.iter().map(|robot| robot.remains).sum();
-        let room = self.barrier.is_none() && remains <= 1;
+        let room = self.conduct.starts_beside_remains() && remains <= 1;
         for i in 0..self.robots.len() {
             let robot = &mut self.robots[i];
             let due = robot.restart_at_ns.is_some_and(|at_ns| at_ns <= now_ns);
@@ -436,12 +412,9 @@ impl<'a> Run<'a> {
             }
             Seat::Starting { .. } | Seat::Ending { .. } => false,
         });
-        if at_rest
-            && self.outcome.truth.is_some()
-            && let Some(barrier) = &self.barrier
-        {
+        if at_rest && self.outcome.truth.is_some() {
             self.set_next_pause();
-            barrier.resume();
+            self.conduct.resume();
         }
         Ok(())
     }
@@ -464,9 +437,7 @@ impl<'a> Run<'a> {
                 }
             }
             Act::Freeze { robot } => {
-                if let Some(barrier) = &self.barrier {
-                    barrier.remove_member(robot);
-                }
+                self.conduct.leave(robot);
                 let stopped = self.robots[robot].seat.freezes();
                 if stopped {
                     self.robots[robot].frozen_by = Some(fault);
@@ -480,10 +451,8 @@ impl<'a> Run<'a> {
                 }
             }
             Act::Thaw { robot } => {
-                if self.robots[robot].seat.thaws()
-                    && let Some(barrier) = &self.barrier
-                {
-                    barrier.set_member(robot, barrier.paused().unwrap_or(0));
+                if self.robots[robot].seat.thaws() {
+                    self.conduct.join(robot);
                 }
                 self.event(now_ns, "thaw", Some(robot), &format!("SIGCONT, {why}"))?;
                 let frozen_by = self.robots[robot].frozen_by.take();
@@ -529,24 +498,11 @@ impl<'a> Run<'a> {
         Ok(self.run_dir.event(t_ns, kind, name, detail)?)
     }
 
-    /// In lockstep: it has not started, or is paused and the truth of that tick, sent before the
-    /// pause, was taken in.
-    fn plant_stands(&self) -> bool {
-        match (&self.barrier, &self.outcome.truth) {
-            (None, _) => false,
-            (Some(_), None) => true,
-            (Some(barrier), Some(truth)) => barrier.paused() == Some(truth.tick),
-        }
-    }
-
-    /// In lockstep, the plant pauses at the first tick at which something is due.
+    /// Says when something is due next.
     fn set_next_pause(&self) {
-        if let Some(barrier) = &self.barrier {
-            let restarts = self.robots.iter().filter_map(|robot| robot.restart_at_ns);
-            let asked = (!self.asked.is_empty()).then_some(0);
-            let next = restarts.chain(self.timeline.next_ns()).chain(asked).min();
-            barrier.pause_at(next.map_or(u64::MAX, |t_ns| t_ns.div_ceil(self.scenario.period_ns)));
-        }
+        let restarts = self.robots.iter().filter_map(|robot| robot.restart_at_ns);
+        let asked = (!self.asked.is_empty()).then_some(0);
+        self.conduct.pause_at(restarts.chain(self.timeline.next_ns()).chain(asked).min());
     }
 
     fn check_deadlines(&self) -> Result<(), RunError> {
@@ -558,8 +514,7 @@ impl<'a> Run<'a> {
                 return Err(RunError::NotReady { robot: robot.name.clone(), log });
             }
         }
-        let paused = self.barrier.as_ref().is_some_and(|barrier| barrier.paused().is_some());
-        if !paused && self.last_news.elapsed() > TRUTH_SILENCE_MAX {
+        if !self.conduct.is_paused() && self.last_news.elapsed() > TRUTH_SILENCE_MAX {
             return Err(RunError::PlantSilent);
         }
         Ok(())

@@ -1,0 +1,194 @@
+//! How time passes in a run, and what follows from that for the supervisor. No other file asks.
+//!
+//! In lockstep the plant pauses at the tick of whatever is due, and the supervisor acts only then,
+//! until everybody is at rest: wall time is not simulated time. In real time nobody waits for it.
+
+use std::path::Path;
+use std::time::Duration;
+
+use protocol::barrier::{Barrier, BarrierError};
+use protocol::brief::Pace;
+use protocol::message::{StatusHeader, TruthHeader};
+use protocol::run_root::RunRoot;
+use rustix::event::{PollFd, Timespec, poll};
+
+use crate::child::{Child, SpawnError};
+use crate::cores::{Cores, Stay};
+use crate::scenario::Scenario;
+use crate::usage::Usage;
+
+/// How long one turn of the loop waits for news.
+const TURN: Duration = Duration::from_millis(2);
+
+/// How time passes.
+pub(super) enum Conduct {
+    /// As fast as the machine allows.
+    Lockstep {
+        barrier: Barrier,
+        /// Where the processes stay.
+        stay: Option<Box<Stay>>,
+        period_ns: u64,
+    },
+    /// As on the wall.
+    Realtime { period_ns: u64 },
+}
+
+impl Conduct {
+    /// What must stand before the first process.
+    pub(super) fn new(
+        scenario: &Scenario,
+        pace: Pace,
+        run_root: &RunRoot,
+    ) -> Result<Conduct, BarrierError> {
+        let (robots, period_ns) = (scenario.robots.len(), scenario.period_ns);
+        if pace == Pace::Realtime {
+            return Ok(Conduct::Realtime { period_ns });
+        }
+        let cores = Cores::deal(robots, std::process::id() as usize);
+        let groups = cores.as_ref().map_or(1, Cores::groups);
+        let barrier = Barrier::create(&run_root.barrier_path(), robots, groups)?;
+        // Nobody moves before everybody has reported, so that a death during the start-up is dealt
+        // with as if it had not been.
+        barrier.pause_at(0);
+        Ok(Conduct::Lockstep {
+            barrier,
+            stay: cores.map(|cores| Box::new(Stay::new(cores))),
+            period_ns,
+        })
+    }
+
+    /// Whether links can be cut by hand: what the agents are told meanwhile has no tick.
+    pub(super) fn cuts_links_by_hand(&self) -> bool {
+        matches!(self, Conduct::Realtime { .. })
+    }
+
+    /// Whether a replacement may start before what the dead left is removed. In lockstep all wait for
+    /// that, so that each restart finds the same.
+    pub(super) fn starts_beside_remains(&self) -> bool {
+        matches!(self, Conduct::Realtime { .. })
+    }
+
+    /// Waits until something may have happened, for at most one turn. `news`: what is readable then;
+    /// in lockstep the plant calls.
+    pub(super) fn wait_for_news<'f>(&self, news: impl FnOnce() -> Vec<PollFd<'f>>) {
+        match self {
+            Conduct::Lockstep { barrier, .. } => {
+                barrier.wait_attention(TURN);
+            }
+            Conduct::Realtime { .. } => {
+                let turn = Timespec { tv_sec: 0, tv_nsec: TURN.as_nanos() as i64 };
+                // An interruption is a turn without news.
+                let _ = poll(&mut news(), Some(&turn));
+            }
+        }
+    }
+
+    /// A truth was taken in.
+    pub(super) fn took(&self, truth: &TruthHeader) {
+        if let Conduct::Lockstep { barrier, .. } = self {
+            barrier.consumed(truth.tick + 1);
+        }
+    }
+
+    /// Whether the plant stands and will not move before the supervisor has acted: it has not
+    /// started, or it is paused and the truth of that tick, sent before the pause, was taken in.
+    pub(super) fn stands(&self, newest: Option<&TruthHeader>) -> bool {
+        match (self, newest) {
+            (Conduct::Realtime { .. }, _) => false,
+            (Conduct::Lockstep { .. }, None) => true,
+            (Conduct::Lockstep { barrier, .. }, Some(truth)) => {
+                barrier.paused() == Some(truth.tick)
+            }
+        }
+    }
+
+    /// Whether the supervisor may kill, stop and start robots now.
+    pub(super) fn may_act(&self, newest: Option<&TruthHeader>) -> bool {
+        matches!(self, Conduct::Realtime { .. }) || self.stands(newest)
+    }
+
+    /// Whether nobody has moved yet.
+    pub(super) fn starting_up(&self, newest: Option<&TruthHeader>) -> bool {
+        match self {
+            Conduct::Lockstep { .. } => {
+                newest.is_none_or(|truth| truth.t_ns == 0) && self.stands(newest)
+            }
+            Conduct::Realtime { .. } => newest.is_none(),
+        }
+    }
+
+    /// Whether a robot that reports so takes part. In lockstep a replacement is ready before its
+    /// first tick; in real time it takes part once it has answered a sample.
+    pub(super) fn takes_part(&self, status: &StatusHeader) -> bool {
+        match self {
+            Conduct::Lockstep { .. } => true,
+            Conduct::Realtime { .. } => status.incarnation == 0 || status.flying == 1,
+        }
+    }
+
+    /// The plant waits for this robot from the next tick on.
+    pub(super) fn join(&self, robot: usize) {
+        if let Conduct::Lockstep { barrier, .. } = self {
+            barrier.set_member(robot, barrier.paused().unwrap_or(0));
+        }
+    }
+
+    /// The plant waits for this robot no more.
+    pub(super) fn leave(&self, robot: usize) {
+        if let Conduct::Lockstep { barrier, .. } = self {
+            barrier.remove_member(robot);
+        }
+    }
+
+    /// Something is due at this run time, ns, or never.
+    pub(super) fn pause_at(&self, t_ns: Option<u64>) {
+        if let Conduct::Lockstep { barrier, period_ns, .. } = self {
+            barrier.pause_at(t_ns.map_or(u64::MAX, |t_ns| t_ns.div_ceil(*period_ns)));
+        }
+    }
+
+    /// Lets the plant go on, after [`Conduct::pause_at`] said where to.
+    pub(super) fn resume(&self) {
+        if let Conduct::Lockstep { barrier, .. } = self {
+            barrier.resume();
+        }
+    }
+
+    /// Whether the plant is silent because it was told to wait.
+    pub(super) fn is_paused(&self) -> bool {
+        match self {
+            Conduct::Lockstep { barrier, .. } => barrier.paused().is_some(),
+            Conduct::Realtime { .. } => false,
+        }
+    }
+
+    /// The last truth is in: lets everybody come to the end of what they are at, so that none is
+    /// ended over it.
+    pub(super) fn let_finish(&self) {
+        if let Conduct::Realtime { period_ns } = self {
+            std::thread::sleep(2 * Duration::from_nanos(*period_ns));
+        }
+    }
+
+    /// Keeps the plant and the robots (by place) on their cores, while nobody else wants those.
+    /// `log`: of what keeps the cores awake.
+    pub(super) fn place<'c>(
+        &mut self,
+        plant: &Child,
+        robots: impl Iterator<Item = (usize, &'c Child)> + Clone,
+        log: &Path,
+    ) -> Result<(), SpawnError> {
+        match self {
+            Conduct::Lockstep { stay: Some(stay), .. } => stay.look(plant, robots, log),
+            _ => Ok(()),
+        }
+    }
+
+    /// Lets go of the cores: what it took to keep them awake.
+    pub(super) fn end(&mut self) -> Option<Usage> {
+        match self {
+            Conduct::Lockstep { stay: Some(stay), .. } => Some(stay.end()),
+            _ => None,
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! How the barrier's file is made and opened, and which files are refused.
+
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::{Path, PathBuf};
+use std::ptr::NonNull;
+use std::sync::atomic::AtomicU32;
+use std::sync::atomic::Ordering::SeqCst;
+
+use rustix::io::Errno;
+use rustix::mm::{MapFlags, ProtFlags};
+
+use super::layout::{Head, MAGIC, NEVER, VERSION, bytes_for};
+use super::{Barrier, GROUPS_MAX, SLOTS_MAX};
+
+/// Why a barrier could not be made or opened.
+#[derive(Debug, thiserror::Error)]
+pub enum BarrierError {
+    /// The file or its mapping failed.
+    #[error("cannot {action} the barrier {path}: {source}")]
+    Io {
+        /// What was tried.
+        action: &'static str,
+        /// Which file.
+        path: PathBuf,
+        /// Why it failed.
+        source: io::Error,
+    },
+    /// Too many robots, or none.
+    #[error("a barrier of {slots} slots: expected 1 to {SLOTS_MAX}")]
+    Slots {
+        /// How many were asked for.
+        slots: usize,
+    },
+    /// The file is none of ours.
+    #[error(
+        "{path} is no barrier of this version: {found}; supervisor and children must be of one build"
+    )]
+    Foreign {
+        /// Which file.
+        path: PathBuf,
+        /// What is wrong with it.
+        found: String,
+    },
+}
+
+impl Barrier {
+    /// Makes the mapping: no members, not paused, nothing consumed. Slot i is in group
+    /// i mod `groups`, of which there are 1 to [`GROUPS_MAX`]. The supervisor only.
+    pub fn create(path: &Path, slots: usize, groups: usize) -> Result<Barrier, BarrierError> {
+        if slots == 0 || slots > SLOTS_MAX {
+            return Err(BarrierError::Slots { slots });
+        }
+        let groups = groups.clamp(1, GROUPS_MAX.min(slots));
+        let bytes = bytes_for(slots);
+        let failed =
+            |action, source: io::Error| BarrierError::Io { action, path: path.into(), source };
+        let unnamed = path.with_extension("new");
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create_new(true)
+            .mode(0o600)
+            .open(&unnamed)
+            .map_err(|source| failed("make", source))?;
+        file.set_len(bytes as u64).map_err(|source| failed("size", source))?;
+        // Takes the memory now: a full tmpfs is an error here and a SIGBUS later.
+        match rustix::fs::fallocate(&file, rustix::fs::FallocateFlags::empty(), 0, bytes as u64) {
+            Ok(()) | Err(Errno::OPNOTSUPP) => {}
+            Err(error) => return Err(failed("allocate", error.into())),
+        }
+        let memory = map(&file, bytes).map_err(|source| failed("map", source))?;
+        let attention_seen = AtomicU32::new(0);
+        let barrier = Barrier { memory, bytes, slots, groups, attention_seen, alarm: None };
+        // SAFETY: the mapping is large and aligned enough for `Head`, and still ours alone.
+        unsafe {
+            let head = memory.cast::<Head>().as_ptr();
+            (*head).magic = MAGIC;
+            (*head).version = VERSION;
+            (*head).slots = slots as u32;
+            (*head).groups = groups as u32;
+        }
+        barrier.head().pause_at.0.store(NEVER, SeqCst);
+        barrier.head().paused.0.store(NEVER, SeqCst);
+        for slot in barrier.all_slots() {
+            slot.since.store(NEVER, SeqCst);
+        }
+        // Named once it is whole.
+        std::fs::rename(&unnamed, path).map_err(|source| failed("name", source))?;
+        Ok(barrier)
+    }
+
+    /// Opens the mapping that the supervisor made.
+    pub fn open(path: &Path) -> Result<Barrier, BarrierError> {
+        let failed =
+            |action, source: io::Error| BarrierError::Io { action, path: path.into(), source };
+        let foreign = |found: String| BarrierError::Foreign { path: path.into(), found };
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .open(path)
+            .map_err(|source| failed("open", source))?;
+        let bytes = file.metadata().map_err(|source| failed("look at", source))?.len() as usize;
+        if bytes < bytes_for(1) {
+            return Err(foreign(format!("it has only {bytes} bytes")));
+        }
+        let memory = map(&file, bytes).map_err(|source| failed("map", source))?;
+        let attention_seen = AtomicU32::new(0);
+        let (slots, groups) = (0, 0);
+        let mut barrier = Barrier { memory, bytes, slots, groups, attention_seen, alarm: None };
+        let Head { magic, version, slots, groups, .. } = *barrier.head();
+        if magic != MAGIC {
+            return Err(foreign(format!("it begins with {magic:#x}")));
+        }
+        if version != VERSION {
+            return Err(foreign(format!("it has version {version}, expected {VERSION}")));
+        }
+        let (slots, groups) = (slots as usize, groups as usize);
+        if groups == 0 || groups > GROUPS_MAX {
+            return Err(foreign(format!("it has {groups} groups")));
+        }
+        if slots == 0 || slots > SLOTS_MAX || bytes != bytes_for(slots) {
+            return Err(foreign(format!("it has {slots} slots in {bytes} bytes")));
+        }
+        (barrier.slots, barrier.groups) = (slots, groups);
+        barrier.attention_seen = AtomicU32::new(barrier.head().attention.0.load(SeqCst));
+        Ok(barrier)
+    }
+}
+
+fn map(file: &File, bytes: usize) -> io::Result<NonNull<u8>> {
+    // SAFETY: a fresh mapping at an address of the kernel's choice.
+    let memory = unsafe {
+        rustix::mm::mmap(
+            std::ptr::null_mut(),
+            bytes,
+            ProtFlags::READ | ProtFlags::WRITE,
+            MapFlags::SHARED,
+            file,
+            0,
+        )?
+    };
+    Ok(NonNull::new(memory.cast()).expect("the kernel maps nothing at 0 unasked"))
+}

@@ -1,0 +1,78 @@
+//! The supervisor's side: it decides who is a member, lets the plant pause and go on, tells how far
+//! it has read, and rests until it is called.
+
+use std::sync::atomic::Ordering::SeqCst;
+use std::time::Duration;
+
+use super::Barrier;
+use super::futex::wake;
+use super::layout::{NEVER, NUDGE};
+
+/// Members: changed while the plant is paused, or after an unplanned death.
+impl Barrier {
+    /// Makes a slot a member that must arrive at this tick and all later ones.
+    pub fn set_member(&self, slot: usize, since_tick: u64) {
+        let place = &self.all_slots()[slot];
+        self.arrived()[slot].store(0, SeqCst);
+        place.mute.iter().for_each(|mute| mute.store(0, SeqCst));
+        place.since.store(since_tick, SeqCst);
+        self.nudge();
+    }
+
+    /// Lets the plant go on without this slot, even in the middle of a tick.
+    pub fn remove_member(&self, slot: usize) {
+        self.all_slots()[slot].since.store(NEVER, SeqCst);
+        self.nudge();
+    }
+
+    /// Lets the plant look at the members again.
+    fn nudge(&self) {
+        self.head().changes.0.fetch_add(1, SeqCst);
+        self.head().arrivals.0.fetch_or(NUDGE, SeqCst);
+        wake(&self.head().arrivals.0);
+    }
+}
+
+/// The plant's lead and pauses, and its calls.
+impl Barrier {
+    /// The supervisor has consumed the truth of this many ticks.
+    pub fn consumed(&self, ticks: u64) {
+        let head = self.head();
+        head.consumed.0.store(ticks, SeqCst);
+        if head.lead_waiting.0.load(SeqCst) != 0 {
+            head.lead.0.fetch_add(1, SeqCst);
+            wake(&head.lead.0);
+        }
+    }
+
+    /// The plant shall pause at this tick or, if it is past, at the next; `u64::MAX` is never.
+    /// Stays in force over [`Barrier::resume`]: set the next one before resuming.
+    pub fn pause_at(&self, tick: u64) {
+        self.head().pause_at.0.store(tick, SeqCst);
+    }
+
+    /// The tick before which the plant is paused, if it is.
+    pub fn paused(&self) -> Option<u64> {
+        Some(self.head().paused.0.load(SeqCst)).filter(|&tick| tick != NEVER)
+    }
+
+    /// Lets the paused plant go on.
+    pub fn resume(&self) {
+        self.head().paused.0.store(NEVER, SeqCst);
+        self.head().resumes.0.fetch_add(1, SeqCst);
+        wake(&self.head().resumes.0);
+    }
+
+    /// The supervisor rests until it was called since the last time it asked; false at the limit
+    /// and after a signal. For one thread only.
+    pub fn wait_attention(&self, limit: Duration) -> bool {
+        let head = self.head();
+        let seen = self.attention_seen.load(SeqCst);
+        head.supervisor_waiting.0.store(1, SeqCst);
+        self.wait_until(&head.attention.0, || head.attention.0.load(SeqCst) != seen, limit);
+        head.supervisor_waiting.0.store(0, SeqCst);
+        let now = head.attention.0.load(SeqCst);
+        self.attention_seen.store(now, SeqCst);
+        now != seen
+    }
+}

@@ -1,0 +1,275 @@
+//! The barrier between threads, each with a mapping of its own.
+
+use std::sync::atomic::Ordering::SeqCst;
+use std::sync::atomic::{AtomicBool, AtomicU64};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use super::futex::RECHECK;
+use super::layout::VERSION;
+use super::{Barrier, LEAD_MAX};
+use crate::process::{Alarm, Stop};
+
+const LIMIT: Duration = Duration::from_secs(10);
+const SHORT: Duration = Duration::from_millis(20);
+
+/// A barrier and another mapping of the same file.
+fn pair(slots: usize) -> (tempfile::TempDir, Barrier, Barrier) {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("barrier");
+    let made = Barrier::create(&path, slots, 2).unwrap();
+    let opened = Barrier::open(&path).unwrap();
+    assert_eq!(opened.slots(), slots);
+    (directory, made, opened)
+}
+
+fn begin(plant: &Barrier, tick: u64) {
+    plant.begin(tick);
+    (0..plant.groups()).for_each(|group| plant.release(group));
+}
+
+#[test]
+fn a_group_that_is_not_released_sleeps_on_and_is_still_waited_for() {
+    let (_directory, plant, agents) = pair(3);
+    (0..3).for_each(|slot| plant.set_member(slot, 0));
+    assert_eq!(plant.members_of(0).collect::<Vec<_>>(), [0, 2]);
+    plant.begin(0);
+    plant.release(0);
+    for slot in [0, 2] {
+        assert_eq!(agents.wait_tick(slot, 0, LIMIT), Some((1, 0)));
+        agents.arrive(slot, 0);
+    }
+    assert_eq!(agents.wait_tick(1, 0, SHORT), None);
+    assert_eq!(plant.wait_arrivals(0, SHORT), Err(vec![1]));
+    plant.release(1);
+    assert_eq!(agents.wait_tick(1, 0, LIMIT), Some((1, 0)));
+    agents.arrive(1, 0);
+    plant.wait_arrivals(0, LIMIT).unwrap();
+}
+
+#[test]
+fn nobody_is_lost_in_many_ticks() {
+    const TICKS: u64 = 5_000;
+    const AGENTS: usize = 5;
+    let (_directory, plant, agents) = pair(AGENTS + 1);
+    let at = [const { AtomicU64::new(0) }; AGENTS];
+    (0..AGENTS).for_each(|slot| plant.set_member(slot, 0));
+    thread::scope(|scope| {
+        let ready = agents.epoch(0);
+        for (slot, at) in at.iter().enumerate() {
+            let agents = &agents;
+            scope.spawn(move || {
+                let mut seen = ready;
+                for expected in 0..TICKS {
+                    let (epoch, tick) = agents.wait_tick(slot, seen, LIMIT).unwrap();
+                    assert_eq!(tick, expected);
+                    seen = epoch;
+                    at.store(tick + 1, SeqCst);
+                    agents.arrive(slot, tick);
+                }
+            });
+        }
+        let start = Instant::now();
+        for tick in 0..TICKS {
+            begin(&plant, tick);
+            plant.wait_arrivals(tick, LIMIT).unwrap();
+            assert!(at.iter().all(|at| at.load(SeqCst) == tick + 1));
+        }
+        // With lost wake-ups each tick would take RECHECK.
+        assert!(start.elapsed() < RECHECK * TICKS as u32 / 4);
+    });
+}
+
+#[test]
+fn the_plant_goes_on_without_a_member_removed_in_the_middle_of_a_tick() {
+    let (_directory, plant, supervisor) = pair(3);
+    (0..3).for_each(|slot| plant.set_member(slot, 0));
+    thread::scope(|scope| {
+        begin(&plant, 0);
+        scope.spawn(|| {
+            supervisor.arrive(2, 0);
+            thread::sleep(SHORT);
+            supervisor.remove_member(1);
+            thread::sleep(SHORT);
+            supervisor.arrive(0, 0);
+        });
+        plant.wait_arrivals(0, LIMIT).unwrap();
+    });
+    assert_eq!(plant.members().collect::<Vec<_>>(), [0, 2]);
+    assert_eq!(plant.member_since(1), None);
+    begin(&plant, 1);
+    assert_eq!(plant.head().arrivals.0.load(SeqCst), 1 << 16 | 2);
+}
+
+#[test]
+fn removals_that_race_with_ticks_never_hang_them() {
+    let (_directory, plant, other) = pair(2);
+    plant.set_member(0, 0);
+    let done = AtomicBool::new(false);
+    thread::scope(|scope| {
+        let ready = other.epoch(0);
+        let other = &other;
+        scope.spawn(move || {
+            let mut seen = ready;
+            while let Some((epoch, tick)) = other.wait_tick(0, seen, Duration::from_secs(1)) {
+                seen = epoch;
+                other.arrive(0, tick);
+            }
+        });
+        // Slot 1 never arrives, and is removed each time.
+        scope.spawn(|| {
+            while !done.load(SeqCst) {
+                other.set_member(1, 0);
+                thread::yield_now();
+                other.remove_member(1);
+            }
+        });
+        for tick in 0..2_000 {
+            begin(&plant, tick);
+            plant.wait_arrivals(tick, LIMIT).unwrap();
+        }
+        done.store(true, SeqCst);
+    });
+}
+
+#[test]
+fn the_limit_names_those_that_did_not_arrive() {
+    let (_directory, plant, agents) = pair(4);
+    (0..3).for_each(|slot| plant.set_member(slot, 0));
+    plant.set_member(3, 8);
+    begin(&plant, 7);
+    agents.arrive(1, 7);
+    agents.arrive(1, 7);
+    assert_eq!(plant.wait_arrivals(7, SHORT), Err(vec![0, 2]));
+    assert_eq!(agents.wait_tick(2, agents.epoch(2), SHORT), None);
+}
+
+#[test]
+fn a_late_arrival_at_an_older_tick_does_no_harm() {
+    let (_directory, plant, agents) = pair(2);
+    (0..2).for_each(|slot| plant.set_member(slot, 0));
+    begin(&plant, 0);
+    agents.arrive(0, 0);
+    begin(&plant, 1);
+    agents.arrive(1, 0);
+    agents.arrive(0, 1);
+    assert_eq!(plant.wait_arrivals(1, SHORT), Err(vec![1]));
+    agents.arrive(1, 1);
+    plant.wait_arrivals(1, SHORT).unwrap();
+}
+
+#[test]
+fn a_non_member_may_look_on_and_is_not_waited_for() {
+    let (_directory, plant, agents) = pair(2);
+    plant.set_member(0, 0);
+    let seen = agents.epoch(1);
+    begin(&plant, 3);
+    assert_eq!(agents.wait_tick(1, seen, SHORT).unwrap().1, 3);
+    agents.arrive(1, 3);
+    assert_eq!(plant.wait_arrivals(3, SHORT), Err(vec![0]));
+    agents.arrive(0, 3);
+    plant.wait_arrivals(3, SHORT).unwrap();
+}
+
+#[test]
+fn the_plant_pauses_and_resumes() {
+    let (_directory, plant, supervisor) = pair(1);
+    assert!(!plant.pause_due(u64::MAX - 1));
+    thread::scope(|scope| {
+        supervisor.pause_at(5);
+        scope.spawn(|| {
+            assert!(!plant.pause_due(4));
+            for tick in 5..500 {
+                assert!(plant.pause_due(tick));
+                assert!(plant.pause(tick, LIMIT));
+            }
+        });
+        for tick in 5..500 {
+            while supervisor.paused() != Some(tick) {
+                assert!(supervisor.wait_attention(LIMIT));
+            }
+            supervisor.pause_at(tick + 1);
+            supervisor.resume();
+        }
+    });
+    assert!(!plant.pause(500, SHORT));
+    assert_eq!(supervisor.paused(), None);
+    supervisor.pause_at(u64::MAX);
+    assert!(!plant.pause_due(501));
+}
+
+#[test]
+fn the_lead_is_bounded() {
+    const TICKS: u64 = 3_000;
+    let (_directory, plant, supervisor) = pair(1);
+    let published = AtomicU64::new(0);
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            for tick in 0..TICKS {
+                assert!(plant.wait_lead(tick, LEAD_MAX, LIMIT));
+                published.store(tick + 1, SeqCst);
+                plant.attention();
+            }
+        });
+        let mut consumed = 0;
+        while consumed < TICKS {
+            let ready = published.load(SeqCst);
+            assert!(ready <= consumed + LEAD_MAX + 1);
+            if ready == consumed {
+                assert!(supervisor.wait_attention(LIMIT));
+                continue;
+            }
+            consumed = ready;
+            supervisor.consumed(consumed);
+        }
+    });
+    assert!(!plant.wait_lead(TICKS + LEAD_MAX + 1, LEAD_MAX, SHORT));
+}
+
+#[test]
+fn attention_is_remembered_and_told_once() {
+    let (_directory, plant, supervisor) = pair(1);
+    plant.attention();
+    plant.attention();
+    assert!(supervisor.wait_attention(SHORT));
+    assert!(!supervisor.wait_attention(SHORT));
+}
+
+#[test]
+fn with_an_alarm_waits_within_a_tick_end_though_they_have_no_limit_of_their_own() {
+    let (_directory, mut plant, mut agents) = pair(2);
+    thread::scope(|scope| {
+        plant.set_member(0, 0);
+        plant.begin(0);
+        scope.spawn(move || {
+            agents.rely_on(Alarm::start(&Stop::default()).unwrap());
+            assert_eq!(agents.wait_tick(0, agents.epoch(0), Duration::MAX), None);
+            // Waits for longer things go on over alarms, to their limit or until a stop.
+            let began = Instant::now();
+            assert!(!agents.wait_lead(LEAD_MAX + 1, LEAD_MAX, 2 * Alarm::PERIOD));
+            assert!(began.elapsed() >= 2 * Alarm::PERIOD);
+        });
+        scope.spawn(move || {
+            plant.rely_on(Alarm::start(&Stop::default()).unwrap());
+            assert_eq!(plant.wait_arrivals(0, SHORT), Err(vec![0]));
+        });
+    });
+}
+
+#[test]
+fn a_strange_file_is_refused() {
+    let (directory, made, _opened) = pair(2);
+    drop(made);
+    let path = directory.path().join("barrier");
+    assert!(Barrier::create(&path, 0, 1).is_err());
+    let mut bytes = std::fs::read(&path).unwrap();
+    bytes[8] = 9;
+    std::fs::write(&path, &bytes).unwrap();
+    let error = Barrier::open(&path).unwrap_err().to_string();
+    assert!(error.contains(&format!("version 9, expected {VERSION}")), "{error}");
+    bytes[0] = 0;
+    std::fs::write(&path, &bytes).unwrap();
+    assert!(Barrier::open(&path).is_err());
+    std::fs::write(&path, "short").unwrap();
+    assert!(Barrier::open(&path).is_err());
+}

@@ -1,0 +1,65 @@
+//! How a process shows itself to people: its name in `ps`, and its log on stderr.
+
+use std::ffi::CString;
+use std::io::{self, IsTerminal};
+
+use iceoryx2::prelude::{LogLevel, set_log_level_from_env_or};
+use tracing::Level;
+
+/// Names the calling thread as `ps` and `top` show it; the kernel keeps the first 15 bytes.
+pub fn set_name(name: &str) {
+    if let Ok(name) = CString::new(name) {
+        // A missing name harms nobody.
+        let _ = rustix::thread::set_name(&name);
+    }
+}
+
+/// Logs to stderr, panics included: one JSON object a line, or plain text where a person reads it.
+/// `PHALANX_LOG` names the level.
+pub fn log_to_stderr() {
+    let level = log_level(Level::INFO);
+    // Fails only if this process logs already, which then goes on as it was.
+    let log = tracing_subscriber::fmt().with_max_level(level).with_writer(io::stderr);
+    let _ = if io::stderr().is_terminal() {
+        log.with_target(false).try_init()
+    } else {
+        log.json().flatten_event(true).try_init()
+    };
+    std::panic::set_hook(Box::new(|panic| {
+        let payload = panic.payload();
+        let message = payload
+            .downcast_ref::<&str>()
+            .copied()
+            .or_else(|| payload.downcast_ref::<String>().map(String::as_str))
+            .unwrap_or("(no message)");
+        let at = panic.location().map(ToString::to_string).unwrap_or_default();
+        tracing::error!(at, "panicked: {message}");
+    }));
+    quiet_iceoryx2();
+}
+
+/// Lets iceoryx2 log errors only, unless `IOX2_LOG_LEVEL` says otherwise.
+pub fn quiet_iceoryx2() {
+    set_log_level_from_env_or(LogLevel::Error);
+}
+
+/// The level that `PHALANX_LOG` names, or `default` if it names none.
+pub fn log_level(default: Level) -> Level {
+    level(std::env::var("PHALANX_LOG").ok().as_deref(), default)
+}
+
+fn level(text: Option<&str>, default: Level) -> Level {
+    text.and_then(|text| text.parse().ok()).unwrap_or(default)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_log_level_defaults_to_info() {
+        assert_eq!(level(None, Level::INFO), Level::INFO);
+        assert_eq!(level(Some("debug"), Level::INFO), Level::DEBUG);
+        assert_eq!(level(Some("loud"), Level::INFO), Level::INFO);
+    }
+}

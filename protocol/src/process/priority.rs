@@ -1,0 +1,125 @@
+//! Who runs before whom on this machine, and for how long: SCHED_FIFO, locked memory, short turns,
+//! and standing back.
+
+use std::io;
+
+use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::process::{Resource, getrlimit};
+use rustix::thread::{CapabilitySet, capabilities};
+
+/// Priority under SCHED_FIFO: above every ordinary process, below the kernel's own threads (50 and
+/// more) and whatever else on this machine is in a hurry for a reason.
+pub const REALTIME_PRIORITY: i32 = 10;
+/// How much of each second real-time processes may have, us; -1 for all of it.
+pub const REALTIME_RUNTIME: &str = "/proc/sys/kernel/sched_rt_runtime_us";
+
+/// Why a process goes on with ordinary priority.
+#[derive(Debug, thiserror::Error)]
+pub enum PriorityError {
+    /// One process that spins would take its core from everybody for good.
+    #[error(
+        "{REALTIME_RUNTIME} is {0:?}, expected a positive number: without that limit a real-time process that spins starves the machine; set it to 950000"
+    )]
+    Unlimited(String),
+    /// The kernel does not let this user.
+    #[error(
+        "the kernel does not permit SCHED_FIFO at priority {REALTIME_PRIORITY}: {0}; it needs root, CAP_SYS_NICE, or an rtprio of {REALTIME_PRIORITY} in /etc/security/limits.conf"
+    )]
+    Refused(io::Error),
+}
+
+/// Lets the calling thread run before every ordinary process of the machine. Threads that it
+/// starts from now on do the same.
+pub fn take_realtime_priority() -> Result<(), PriorityError> {
+    let runtime = std::fs::read_to_string(REALTIME_RUNTIME).unwrap_or_default();
+    if !runtime.trim().parse::<i64>().is_ok_and(|us| us > 0) {
+        return Err(PriorityError::Unlimited(runtime.trim().into()));
+    }
+    let parameters = libc::sched_param { sched_priority: REALTIME_PRIORITY };
+    // SAFETY: a plain system call that reads `parameters`; 0 is the calling thread.
+    match unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &parameters) } {
+        0 => Ok(()),
+        _ => Err(PriorityError::Refused(io::Error::last_os_error())),
+    }
+}
+
+/// Whether [`take_realtime_priority`] would be granted to processes that this one starts.
+pub fn try_realtime_priority() -> Result<(), PriorityError> {
+    std::thread::scope(|scope| {
+        let thread = std::thread::Builder::new().spawn_scoped(scope, take_realtime_priority);
+        thread.map_err(PriorityError::Refused)?.join().expect("it does not panic")
+    })
+}
+
+/// Whether a process may lock all its memory, whatever it grows to. With less, a mapping made later
+/// would fail.
+pub fn may_lock_memory() -> bool {
+    let unlimited = getrlimit(Resource::Memlock).current.is_none();
+    unlimited
+        || capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK))
+}
+
+/// What a child does that was told to take priority: SCHED_FIFO, and its memory locked so that it
+/// waits for no page. It goes on without whatever it does not get; the supervisor has said so.
+pub fn hurry() {
+    if let Err(error) = take_realtime_priority() {
+        tracing::warn!("ordinary priority: {error}");
+    }
+    if !may_lock_memory() {
+        tracing::warn!("memory is not locked: RLIMIT_MEMLOCK is not unlimited");
+    } else if let Err(error) = mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE) {
+        tracing::warn!(%error, "memory is not locked");
+    }
+}
+
+/// How long a process that is due may run before others have their turn, ns: the least that Linux
+/// grants. Whoever asks for little is served first, which is what a control loop wants: a tenth of
+/// a millisecond is more than it needs.
+const TURN_NS: u64 = 100_000;
+
+/// Asks for short turns, and thereby for early ones, for the calling thread, if its priority is an
+/// ordinary one. Linux before 6.12 pays no heed, which is no harm.
+pub fn take_short_turns() {
+    // SAFETY: zeros are a value of this plain struct.
+    let mut attributes: libc::sched_attr = unsafe { std::mem::zeroed() };
+    let size = size_of_val(&attributes) as u32;
+    // SAFETY: writes `size` bytes at most to `attributes`; 0 is the calling thread.
+    let read = unsafe { libc::syscall(libc::SYS_sched_getattr, 0, &mut attributes, size, 0) };
+    if read != 0 || attributes.sched_policy != libc::SCHED_OTHER as u32 {
+        return;
+    }
+    attributes.sched_runtime = TURN_NS;
+    // SAFETY: reads `attributes`, which says its own size.
+    if unsafe { libc::syscall(libc::SYS_sched_setattr, 0, &attributes, 0) } != 0 {
+        let error = io::Error::last_os_error();
+        tracing::debug!(%error, "turns are as long as everybody's");
+    }
+}
+
+/// Lets the calling thread run only while no other wants its core.
+pub fn stand_back() -> io::Result<()> {
+    let parameters = libc::sched_param { sched_priority: 0 };
+    // SAFETY: a plain system call that reads `parameters`; 0 is the calling thread.
+    match unsafe { libc::sched_setscheduler(0, libc::SCHED_IDLE, &parameters) } {
+        0 => Ok(()),
+        _ => Err(io::Error::last_os_error()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn trying_for_priority_leaves_the_caller_as_it_was() {
+        // SAFETY: plain system calls about the calling thread.
+        let policy = || unsafe { libc::sched_getscheduler(0) };
+        let before = policy();
+        let granted = try_realtime_priority();
+        assert_eq!(policy(), before);
+        let then = std::thread::spawn(move || (take_realtime_priority().is_ok(), policy()));
+        let (taken, policy) = then.join().unwrap();
+        assert_eq!(taken, granted.is_ok());
+        assert_eq!(policy == libc::SCHED_FIFO, taken);
+    }
+}

@@ -59,7 +59,10 @@ fn main() -> ExitCode {
         return ExitCode::from(protocol::process::exit::INFRASTRUCTURE);
     }
     let code = match Cli::parse().role {
-        Role::Supervisor(verb) => supervisor::cli::main(&verb, &agent::laws::descriptions()),
+        Role::Supervisor(verb) => {
+            let launcher = supervisor::spawn::Launcher::of_this_executable();
+            supervisor::cli::main(&verb, &agent::laws::descriptions(), &launcher)
+        }
         Role::Agent(AgentArgs { brief, incarnation, realtime_priority }) => {
             agent::flight::main(&brief, incarnation, realtime_priority)
         }

@@ -9,7 +9,8 @@ use protocol::process::Stop;
 use protocol::run_root::RunRoot;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde_json::Value;
-use supervisor::child::{Child, Role, in_words};
+use supervisor::child::{Child, in_words};
+use supervisor::spawn::{Launcher, Role};
 
 use crate::{BenchError, Place, failed};
 
@@ -64,7 +65,8 @@ impl Flying<'_> {
             place.path().join("run").into(),
         ];
         words.extend(more.iter().map(OsString::from));
-        let run = Child::spawn(Role::Bench { words: &words }, &place.path().join("log"), false)?;
+        let run = Launcher::of_this_executable()
+            .spawn(Role::Bench { words: &words }, &place.path().join("log"))?;
         Ok(Flying { stop, run, place })
     }
 

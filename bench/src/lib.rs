@@ -75,7 +75,7 @@ enum BenchError {
     #[error(transparent)]
     Barrier(#[from] protocol::barrier::BarrierError),
     #[error(transparent)]
-    Spawn(#[from] supervisor::child::SpawnError),
+    Spawn(#[from] supervisor::spawn::SpawnError),
     #[error(transparent)]
     Brief(#[from] protocol::brief::BriefError),
     #[error(transparent)]

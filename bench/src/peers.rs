@@ -13,7 +13,8 @@ use std::time::{Duration, Instant};
 use protocol::process::Stop;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use supervisor::child::{Child, Role};
+use supervisor::child::Child;
+use supervisor::spawn::{Launcher, Role};
 
 use crate::{BenchError, failed};
 
@@ -51,10 +52,10 @@ impl Peers {
         stop: &Stop,
         peers: impl IntoIterator<Item = Vec<OsString>>,
     ) -> Result<Peers, BenchError> {
-        let mut children = Vec::new();
+        let (mut children, launcher) = (Vec::new(), Launcher::of_this_executable());
         for words in peers {
             let log = dir.join(format!("peer-{}.log", children.len()));
-            children.push(Child::spawn(Role::Bench { words: &words }, &log, false)?);
+            children.push(launcher.spawn(Role::Bench { words: &words }, &log)?);
         }
         let count = children.len();
         let children = Arc::new(Mutex::new(children));

@@ -26,7 +26,7 @@ use protocol::service::{self, Factory, Node, Publisher, Qos, Subscriber};
 use rustix::thread::futex;
 use rustix::time::Timespec;
 use supervisor::briefs;
-use supervisor::child::{Child, Role};
+use supervisor::spawn::{Launcher, Role};
 
 use crate::cores::{Cores, on_the_other};
 use crate::mapping::{Line, Mapping, Plain, Word};
@@ -203,7 +203,7 @@ impl With<'_> {
         let mut world = World::new(&plant);
         let role = Role::Agent { brief: &path, incarnation: 0 };
         let log = place.path().join("agent.log");
-        let mut agent = on_the_other(cores, || Child::spawn(role, &log, false))?;
+        let mut agent = on_the_other(cores, || Launcher::of_this_executable().spawn(role, &log))?;
         let mut lives = || match agent.ended() {
             _ if stop.requested() => Err(BenchError::Interrupted),
             None => Ok(()),

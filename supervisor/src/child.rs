@@ -1,16 +1,18 @@
-//! One child process: started, watched through a pidfd, ended, and reaped.
+//! One child process: watched through a pidfd, ended, and reaped. `spawn` starts it.
 //!
 //! Children die with the supervisor, even on its SIGKILL, and inherit none of its descriptors.
-//! Nothing here waits for a child.
+//! Nothing here waits for a child that was not killed, and for that one no longer than a bound.
 
-use std::ffi::OsString;
+use std::cell::OnceCell;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
-use std::os::unix::process::{CommandExt, ExitStatusExt, parent_id};
+use std::os::unix::process::{ExitStatusExt, parent_id};
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitStatus, Stdio};
+use std::process::ExitStatus;
+use std::time::{Duration, Instant};
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 
 use crate::usage::Usage;
@@ -19,33 +21,13 @@ use crate::usage::Usage;
 const TAIL_BYTES: u64 = 16 * 1024;
 
 /// The environment variable that tells a child which process started it.
-const PARENT: &str = "PHALANX_PARENT";
+pub(crate) const PARENT: &str = "PHALANX_PARENT";
 
-/// What a child is to be.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Role<'a> {
-    /// `phalanx agent BRIEF --incarnation N`.
-    Agent {
-        /// Its brief.
-        brief: &'a Path,
-        /// How often this robot's process was started before.
-        incarnation: u64,
-    },
-    /// `phalanx plant BRIEF`.
-    Plant {
-        /// Its brief.
-        brief: &'a Path,
-    },
-    /// `phalanx load`.
-    Load,
-    /// `phalanx awake`.
-    Awake,
-    /// `phalanx WORD...`: a run, or a peer in a measurement, of `phalanx bench`.
-    Bench {
-        /// The command line.
-        words: &'a [OsString],
-    },
-}
+/// SIGKILL cannot be ignored, but the kernel can hold a process (in an uninterruptible wait): for
+/// one that was killed nobody waits longer than this after the kill.
+const KILLED_MAX: Duration = Duration::from_secs(5);
+/// A wait that a signal interrupts begins anew after this.
+const LOOK_EVERY: Duration = Duration::from_millis(1);
 
 /// A running child, or a dead one not yet reaped.
 #[derive(Debug)]
@@ -54,62 +36,22 @@ pub struct Child {
     pidfd: OwnedFd,
     log: PathBuf,
     usage: Option<Usage>,
-}
-
-/// Why a child could not be started.
-#[derive(Debug, thiserror::Error)]
-#[error("cannot start {what}: {source}")]
-pub struct SpawnError {
-    what: String,
-    source: io::Error,
+    /// When it was first killed.
+    killed: OnceCell<Instant>,
 }
 
 impl Child {
-    /// Starts this very executable in another role, its log appended to `log`. The calling thread
-    /// must live as long as the run: the child dies with it.
-    /// `realtime_priority`: it is to run before every ordinary process.
-    pub fn spawn(role: Role<'_>, log: &Path, realtime_priority: bool) -> Result<Child, SpawnError> {
-        let failed = |source| SpawnError { what: format!("{role:?}"), source };
-        let out = File::options().create(true).append(true).open(log).map_err(failed)?;
-        let mut command = Command::new("/proc/self/exe");
-        match role {
-            Role::Agent { brief, incarnation } => {
-                command.arg0("phalanx-agent").arg("agent").arg(brief);
-                command.arg("--incarnation").arg(incarnation.to_string());
+    /// Watches a process that was just started; one that cannot be watched is killed.
+    pub(crate) fn watch(mut process: std::process::Child, log: &Path) -> io::Result<Child> {
+        match pidfd_open(Pid::from_child(&process), PidfdFlags::empty()) {
+            Ok(pidfd) => {
+                Ok(Child { process, pidfd, log: log.into(), usage: None, killed: OnceCell::new() })
             }
-            Role::Plant { brief } => {
-                command.arg0("phalanx-plant").arg("plant").arg(brief);
-            }
-            Role::Load => {
-                command.arg0("phalanx-load").arg("load");
-            }
-            Role::Awake => {
-                command.arg0("phalanx-awake").arg("awake");
-            }
-            Role::Bench { words } => {
-                command.arg0("phalanx-bench").args(words);
-            }
-        }
-        if realtime_priority {
-            command.arg("--realtime-priority");
-        }
-        command
-            .stdin(Stdio::null())
-            .stdout(out.try_clone().map_err(failed)?)
-            .stderr(out)
-            .process_group(0); // a Ctrl-C on the terminal is the supervisor's alone
-        // Nothing may be asked to run between fork and exec: the start would copy the page tables
-        // of this process, whose shared memory grows with the robots, once for each of them.
-        command.env(PARENT, std::process::id().to_string());
-        let mut process = command.spawn().map_err(failed)?;
-        let pid = Pid::from_child(&process);
-        match pidfd_open(pid, PidfdFlags::empty()) {
-            Ok(pidfd) => Ok(Child { process, pidfd, log: log.into(), usage: None }),
             Err(error) => {
-                // Without the descriptor it could not be watched. SIGKILL cannot be ignored.
                 let _ = process.kill();
-                let _ = process.wait();
-                Err(failed(error.into()))
+                // What does not end at once is reaped by nobody, and gone with this process.
+                let _ = process.try_wait();
+                Err(error.into())
             }
         }
     }
@@ -126,6 +68,7 @@ impl Child {
 
     /// Ends it at once. Harmless if it is dead already.
     pub fn kill(&self) {
+        self.killed.get_or_init(Instant::now);
         self.signal(Signal::KILL);
     }
 
@@ -168,6 +111,27 @@ impl Child {
         })
     }
 
+    /// Kills it and waits for its end, but not for one that the kernel holds; how it ended, or
+    /// `None`, with a warning.
+    pub fn end(&mut self) -> Option<ExitStatus> {
+        if let Some(status) = self.ended() {
+            return Some(status);
+        }
+        self.kill();
+        let killed = *self.killed.get_or_init(Instant::now);
+        while let Some(left) = KILLED_MAX.checked_sub(killed.elapsed()) {
+            let left =
+                Timespec { tv_sec: left.as_secs() as i64, tv_nsec: left.subsec_nanos().into() };
+            let _ = poll(&mut [PollFd::new(&self.pidfd, PollFlags::IN)], Some(&left));
+            if let Some(status) = self.ended() {
+                return Some(status);
+            }
+            std::thread::sleep(LOOK_EVERY);
+        }
+        tracing::warn!(pid = self.pid(), "killed, and does not end: the kernel holds it");
+        None
+    }
+
     /// What it took from the machine, once it has ended.
     pub fn usage(&self) -> Option<Usage> {
         self.usage
@@ -182,11 +146,7 @@ impl Child {
 impl Drop for Child {
     /// Nobody outlives whoever keeps it: a run that fails half-way leaves no process.
     fn drop(&mut self) {
-        if self.ended().is_none() {
-            self.kill();
-            // SIGKILL cannot be ignored: this wait is short.
-            let _ = self.process.wait();
-        }
+        self.end();
     }
 }
 
@@ -262,4 +222,40 @@ pub fn obey_parent() -> io::Result<()> {
     // SAFETY: a plain system call; no descriptor beyond the first three is anybody's yet.
     let closed = unsafe { libc::close_range(3, u32::MAX, 0) };
     if closed == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::process::Command;
+
+    fn started(program: &str, argument: &str) -> std::process::Child {
+        Command::new(program).arg(argument).spawn().unwrap()
+    }
+
+    #[test]
+    fn a_child_that_is_dropped_is_dead_and_reaped() {
+        let child = Child::watch(started("sleep", "1000"), Path::new("/dev/null")).unwrap();
+        let process = PathBuf::from(format!("/proc/{}", child.pid()));
+        assert!(process.exists());
+        drop(child);
+        assert!(!process.exists());
+    }
+
+    /// The kernel keeps the first process of a machine or container from the SIGKILLs of its own
+    /// kind: a child watched through that pidfd is one that no kill ends.
+    #[test]
+    fn a_process_that_no_kill_ends_is_given_up() {
+        let mut held = Child::watch(started("sleep", "1000"), Path::new("/dev/null")).unwrap();
+        let sleeping = Pid::from_child(&held.process);
+        let own =
+            std::mem::replace(&mut held.pidfd, pidfd_open(Pid::INIT, PidfdFlags::empty()).unwrap());
+        assert_eq!(held.end(), None);
+        // Once given up, it costs no further wait.
+        assert!(held.killed.get().unwrap().elapsed() >= KILLED_MAX);
+        drop(held);
+        assert!(PathBuf::from(format!("/proc/{}", sleeping.as_raw_nonzero())).exists());
+        pidfd_send_signal(&own, Signal::KILL).unwrap();
+        rustix::process::waitpid(Some(sleeping), rustix::process::WaitOptions::empty()).unwrap();
+    }
 }

@@ -31,6 +31,7 @@ use crate::run_dir::{Manifest, RECORDING, RunDir, RunDirError, default_out, to_j
 use crate::scenario::Scenario;
 use crate::scenario::diagnostic::Diagnostic;
 use crate::scenario::read::{Overrides, read};
+use crate::spawn::Launcher;
 use crate::summary::{self, Summary};
 
 const MS: u64 = 1_000_000;
@@ -191,8 +192,8 @@ enum Output {
     Json,
 }
 
-/// Does what was asked for; `laws` are those that the agents know.
-pub fn main(verb: &Verb, laws: &[LawDescription]) -> u8 {
+/// Does what was asked for; `laws` are those that the agents know, which `launcher` starts.
+pub fn main(verb: &Verb, laws: &[LawDescription], launcher: &Launcher) -> u8 {
     tracing_subscriber::fmt()
         .with_writer(|| AboveTheBar)
         .with_ansi(in_color())
@@ -202,7 +203,7 @@ pub fn main(verb: &Verb, laws: &[LawDescription]) -> u8 {
         .init();
     quiet_iceoryx2();
     match verb {
-        Verb::Run(args) => run(args, laws),
+        Verb::Run(args) => run(args, laws, launcher.clone()),
         Verb::Check(args) => check(args, laws),
         Verb::Report(args) => report(&args.run_dir, laws),
         Verb::Doctor(args) => diagnose(args),
@@ -331,7 +332,7 @@ fn export(args: &ExportArgs) -> u8 {
     }
 }
 
-fn run(args: &RunArgs, laws: &[LawDescription]) -> u8 {
+fn run(args: &RunArgs, laws: &[LawDescription], mut launcher: Launcher) -> u8 {
     if args.realtime_priority && args.pace == PaceArg::Lockstep {
         complain(&"--realtime-priority is for --pace realtime: lockstep has no deadlines");
         return exit::USAGE;
@@ -354,11 +355,10 @@ fn run(args: &RunArgs, laws: &[LawDescription]) -> u8 {
     };
     let out = args.out.clone().unwrap_or_else(|| default_out(&scenario.name));
     let mut manifest = Manifest::collect(&scenario, &args.scenario.scenario, pace);
-    let mut hurried = false;
     if args.realtime_priority {
         manifest.realtime_priority = Some(match try_realtime_priority() {
             Ok(()) => {
-                hurried = true;
+                launcher = launcher.with_realtime_priority();
                 "granted".into()
             }
             Err(error) => {
@@ -367,7 +367,7 @@ fn run(args: &RunArgs, laws: &[LawDescription]) -> u8 {
             }
         });
     }
-    let how = How { pace, hurried, unmeasured: args.unmeasured, looks };
+    let how = How { pace, launcher, unmeasured: args.unmeasured, looks };
     match fly(&scenario, &text, &manifest, &out, how) {
         Ok(flown) => {
             if flown.took_off && !args.no_report {
@@ -410,8 +410,7 @@ enum NotFlown {
 /// How a scenario is run.
 struct How {
     pace: Pace,
-    /// With real-time priority.
-    hurried: bool,
+    launcher: Launcher,
     unmeasured: bool,
     looks: Option<Looks>,
 }
@@ -437,7 +436,7 @@ fn fly(
     out: &Path,
     how: How,
 ) -> Result<Flown, NotFlown> {
-    let How { pace, hurried, unmeasured, looks } = how;
+    let How { pace, launcher, unmeasured, looks } = how;
     let stop = Stop::on_signals_twice_at_once()?;
     let mut run_dir = RunDir::create(out, scenario)?;
     run_dir.write_scenario(text)?;
@@ -455,7 +454,8 @@ fn fly(
         view = Some(bound.serve(live::scene(scenario, pace), control)?);
     }
     let bar = BAR.get_or_init(|| progress_bar(scenario.duration_ns));
-    let launched = Run::launch(scenario, pace, hurried, by_hand, &mut run_dir, &mut metrics, stop);
+    let launched =
+        Run::launch(scenario, pace, &launcher, by_hand, &mut run_dir, &mut metrics, stop);
     let (mut outcome, flown) = match launched {
         Ok(run) => run.watched_by(view.as_mut()).to_the_end(|t_ns| show_progress(bar, t_ns)),
         Err(error) => (Outcome::default(), Err(error)),

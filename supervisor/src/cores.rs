@@ -1,4 +1,5 @@
-//! Where the processes of a lockstep run stay: few on one core, many dealt to all, no core asleep.
+//! On which cores the processes of a lockstep run are: few on one core, many dealt to all, no core
+//! asleep.
 //!
 //! In lockstep everybody waits for the slowest, again and again. Whoever wakes a process on another
 //! core, or a core that fell asleep, waits longer than a robot thinks; so each robot is kept on a
@@ -13,7 +14,8 @@ use protocol::barrier::GROUPS_MAX;
 use rustix::process::Pid;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
-use crate::child::{Child, Role, SpawnError};
+use crate::child::Child;
+use crate::spawn::{Launcher, Role};
 use crate::usage::Usage;
 
 /// Robots for which one core is faster than two: on one, nobody is woken from afar.
@@ -62,41 +64,52 @@ impl Cores {
     }
 }
 
-/// Keeps the processes of one run on their cores while nobody else wants them.
+/// The placement of the processes of one run on their cores, while nobody else wants them.
 #[derive(Debug)]
-pub(crate) struct Stay {
+pub(crate) struct Placement {
     cores: Cores,
+    launcher: Launcher,
     /// When it was last looked around; `None` before the first time.
     looked: Option<Instant>,
     busy_s: f64,
     ours_s: f64,
-    /// While they stay, one process for each core that keeps it awake.
+    /// While they are placed, one process for each core that keeps it awake.
     awake: Vec<Child>,
+    /// One of those could not be started: there will be none any more.
+    without_awake: bool,
     /// What those took that are gone.
     usage: Usage,
 }
 
-impl Stay {
-    /// Nobody stays yet.
-    pub(crate) fn new(cores: Cores) -> Stay {
-        let (awake, usage) = (Vec::new(), Usage::default());
-        Stay { cores, looked: None, busy_s: 0.0, ours_s: 0.0, awake, usage }
+impl Placement {
+    /// Nobody is placed yet. `launcher`: of those that keep cores awake.
+    pub(crate) fn new(cores: Cores, launcher: Launcher) -> Placement {
+        Placement {
+            cores,
+            launcher,
+            looked: None,
+            busy_s: 0.0,
+            ours_s: 0.0,
+            awake: Vec::new(),
+            without_awake: false,
+            usage: Usage::default(),
+        }
     }
 
     /// Looks, if it is time, at what others take, and keeps the plant and the robots (by slot) on
-    /// their cores, or lets them go. At first nothing is known of others, and everybody stays.
-    /// `log`: of those that keep cores awake.
+    /// their cores, or lets them go. At first nothing is known of others, and everybody is placed.
+    /// `log`: of those that keep cores awake; a run is right without them, only slower.
     pub(crate) fn look<'a>(
         &mut self,
         plant: &Child,
         robots: impl Iterator<Item = (usize, &'a Child)> + Clone,
         log: &Path,
-    ) -> Result<(), SpawnError> {
+    ) {
         let passed = self.looked.map(|at| at.elapsed());
         if passed.is_some_and(|passed| passed < LOOK_EVERY) {
-            return Ok(());
+            return;
         }
-        let Some(busy_s) = busy_s() else { return Ok(()) };
+        let Some(busy_s) = busy_s() else { return };
         let processes = robots.clone().map(|(_, child)| child).chain([plant]).chain(&self.awake);
         let ours_s = own_time_s() + processes.map(|child| time_s(child.pid())).sum::<f64>();
         // A process of ours that died takes its time with it: others seem to have had it.
@@ -106,14 +119,10 @@ impl Stay {
             if !self.awake.is_empty() {
                 self.let_go(plant, robots);
             }
-            return Ok(());
+            return;
         }
-        if self.awake.is_empty() {
-            for &core in &self.cores.groups {
-                let child = Child::spawn(Role::Awake, log, false)?;
-                keep_on(child.pid(), &alone(core));
-                self.awake.push(child);
-            }
+        if self.awake.is_empty() && !self.without_awake {
+            self.keep_awake(log);
         }
         // Each time: replacements are somewhere else.
         for (i, child) in robots {
@@ -121,7 +130,22 @@ impl Stay {
         }
         keep_on(plant.pid(), &alone(self.cores.plant));
         keep_on(0, &alone(self.cores.supervisor));
-        Ok(())
+    }
+
+    fn keep_awake(&mut self, log: &Path) {
+        for &core in &self.cores.groups {
+            match self.launcher.spawn(Role::Awake, log) {
+                Ok(child) => {
+                    keep_on(child.pid(), &alone(core));
+                    self.awake.push(child);
+                }
+                Err(error) => {
+                    tracing::warn!("{error}; the run is slower without it, and no less right");
+                    self.without_awake = true;
+                    return;
+                }
+            }
+        }
     }
 
     fn let_go<'a>(&mut self, plant: &Child, robots: impl Iterator<Item = (usize, &'a Child)>) {
@@ -134,12 +158,10 @@ impl Stay {
     /// Ends those that keep cores awake, and lets the calling thread go: what all of them took.
     pub(crate) fn end(&mut self) -> Usage {
         keep_on(0, &self.cores.usable);
+        // All at once, then each is reaped.
+        self.awake.iter().for_each(Child::kill);
         for mut child in self.awake.drain(..) {
-            child.kill();
-            // SIGKILL cannot be ignored: this wait is short.
-            while child.ended().is_none() {
-                std::thread::yield_now();
-            }
+            child.end();
             self.usage += child.usage().unwrap_or_default();
         }
         self.usage
@@ -152,7 +174,8 @@ fn alone(core: usize) -> CpuSet {
     set
 }
 
-/// Keeps a process, or as 0 the calling thread, on these cores. Whoever may not stays where it may be: slower, and no less right.
+/// Keeps a process, or as 0 the calling thread, on these cores. Whoever may not stays where it may
+/// be: slower, and no less right.
 fn keep_on(pid: u32, cores: &CpuSet) {
     if let Err(error) = sched_setaffinity(Pid::from_raw(pid as i32), cores) {
         tracing::debug!(pid, %error, "not kept on its core");
@@ -193,6 +216,7 @@ fn clock_s(clock: libc::clockid_t) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::process::Command;
 
     #[test]
     fn every_robot_and_the_plant_have_a_core_of_this_machine() {
@@ -218,6 +242,20 @@ mod tests {
             assert_eq!(cores.groups(), 1);
             assert!(Cores::deal(8, 0).unwrap().groups() > 1);
         }
+    }
+
+    #[test]
+    fn without_what_keeps_cores_awake_the_others_are_placed_all_the_same() {
+        let Some(cores) = Cores::deal(1, 0) else { return };
+        let plants_core = cores.plant;
+        let sleep = Command::new("sleep").arg("1000").spawn().unwrap();
+        let plant = Child::watch(sleep, Path::new("/dev/null")).unwrap();
+        let mut placement = Placement::new(cores, Launcher::of("/no/such/executable"));
+        placement.look(&plant, std::iter::empty(), Path::new("/dev/null"));
+        assert!(placement.awake.is_empty() && placement.without_awake);
+        let placed = sched_getaffinity(Pid::from_raw(plant.pid() as i32)).unwrap();
+        assert_eq!((placed.count(), placed.is_set(plants_core)), (1, true));
+        placement.end();
     }
 
     #[test]

@@ -15,8 +15,10 @@
 //! | `doctor` | is this machine fit for it? |
 //! | `dead_runs` | what did earlier runs that died leave behind? |
 //! | `timeline` | what does the supervisor do to processes, and when? |
-//! | `child` | how is a process started, watched and ended? |
-//! | `cores` | where do the processes of a lockstep run stay? |
+//! | `spawn` | which executable is started, in which role, and why could it not be? |
+//! | `limits` | why does the kernel refuse another process? |
+//! | `child` | how is a process watched and ended? |
+//! | `cores` | on which cores are the processes of a lockstep run? |
 //! | `dead_nodes` | what did a dead process of this run leave in iceoryx2? |
 //! | `usage` | what did a process take from the machine? |
 //! | `metrics/` | how far apart, how far off, detected and recovered when? |
@@ -37,6 +39,7 @@ pub mod descriptors;
 pub mod doctor;
 pub mod drawing;
 pub mod latency;
+mod limits;
 pub mod live;
 pub mod metrics;
 pub mod outcome;
@@ -45,6 +48,7 @@ mod robot;
 pub mod run;
 pub mod run_dir;
 pub mod scenario;
+pub mod spawn;
 pub mod summary;
 mod timeline;
 pub mod usage;

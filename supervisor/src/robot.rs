@@ -7,8 +7,9 @@ use std::time::Instant;
 use protocol::message::{Contact, NeighborStatus, StatusHeader};
 use protocol::service::Subscriber;
 
-use crate::child::{Child, Role, SpawnError};
+use crate::child::Child;
 use crate::scenario::{RestartPolicy, RestartWhen};
+use crate::spawn::{Launcher, Role, SpawnError};
 use crate::usage::Usage;
 
 /// Where a robot's process is in its life.
@@ -48,8 +49,6 @@ pub(crate) struct Robot {
     pub(crate) contacts: Vec<Contact>,
     /// How it last said it hears the leader's frame.
     pub(crate) frame: Contact,
-    /// Its process runs before every ordinary one.
-    realtime_priority: bool,
     /// Beacons refused by earlier incarnations, and by this one so far.
     pub(crate) refused_before: u64,
     pub(crate) refused: u64,
@@ -68,7 +67,6 @@ impl Robot {
         log: PathBuf,
         status: Subscriber<[NeighborStatus], StatusHeader>,
         robots: usize,
-        realtime_priority: bool,
     ) -> Robot {
         Robot {
             name: name.into(),
@@ -84,7 +82,6 @@ impl Robot {
             status,
             contacts: vec![Contact::Unheard; robots],
             frame: Contact::Unheard,
-            realtime_priority,
             refused_before: 0,
             refused: 0,
             misses_before: 0,
@@ -107,9 +104,9 @@ impl Robot {
     }
 
     /// Starts its process.
-    pub(crate) fn start(&mut self) -> Result<(), SpawnError> {
+    pub(crate) fn start(&mut self, launcher: &Launcher) -> Result<(), SpawnError> {
         let role = Role::Agent { brief: &self.brief, incarnation: self.incarnation };
-        let child = Child::spawn(role, &self.log, self.realtime_priority)?;
+        let child = launcher.spawn(role, &self.log)?;
         self.seat = Seat::Starting { child, since: Instant::now() };
         Ok(())
     }

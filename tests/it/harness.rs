@@ -321,7 +321,12 @@ pub fn signal_pid(pid: u32, signal: Signal) {
 
 /// `phalanx` under a limit of the shell's `ulimit`.
 pub fn limited(limit: &str) -> Command {
-    let script = format!("ulimit {limit} && exec \"$0\" \"$@\"");
+    limited_by(&format!("ulimit {limit}"))
+}
+
+/// `phalanx` after these words of a shell.
+pub fn limited_by(words: &str) -> Command {
+    let script = format!("{words} && exec \"$0\" \"$@\"");
     let mut command = Command::new("sh");
     command.args(["-c", &script, env!("CARGO_BIN_EXE_phalanx")]);
     command

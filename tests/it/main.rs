@@ -18,6 +18,7 @@ mod lockstep;
 mod machine;
 mod model;
 mod oracle;
+mod processes;
 mod realtime;
 mod recording;
 mod report;

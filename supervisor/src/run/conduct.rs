@@ -12,9 +12,10 @@ use protocol::message::{StatusHeader, TruthHeader};
 use protocol::run_root::RunRoot;
 use rustix::event::{PollFd, Timespec, poll};
 
-use crate::child::{Child, SpawnError};
-use crate::cores::{Cores, Stay};
+use crate::child::Child;
+use crate::cores::{Cores, Placement};
 use crate::scenario::Scenario;
+use crate::spawn::Launcher;
 use crate::usage::Usage;
 
 /// How long one turn of the loop waits for news.
@@ -25,8 +26,8 @@ pub(super) enum Conduct {
     /// As fast as the machine allows.
     Lockstep {
         barrier: Barrier,
-        /// Where the processes stay.
-        stay: Option<Box<Stay>>,
+        /// On which cores the processes are.
+        placement: Option<Box<Placement>>,
         period_ns: u64,
     },
     /// As on the wall.
@@ -39,6 +40,7 @@ impl Conduct {
         scenario: &Scenario,
         pace: Pace,
         run_root: &RunRoot,
+        launcher: &Launcher,
     ) -> Result<Conduct, BarrierError> {
         let (robots, period_ns) = (scenario.robots.len(), scenario.period_ns);
         if pace == Pace::Realtime {
@@ -52,7 +54,7 @@ impl Conduct {
         barrier.pause_at(0);
         Ok(Conduct::Lockstep {
             barrier,
-            stay: cores.map(|cores| Box::new(Stay::new(cores))),
+            placement: cores.map(|cores| Box::new(Placement::new(cores, launcher.clone()))),
             period_ns,
         })
     }
@@ -177,17 +179,16 @@ impl Conduct {
         plant: &Child,
         robots: impl Iterator<Item = (usize, &'c Child)> + Clone,
         log: &Path,
-    ) -> Result<(), SpawnError> {
-        match self {
-            Conduct::Lockstep { stay: Some(stay), .. } => stay.look(plant, robots, log),
-            _ => Ok(()),
+    ) {
+        if let Conduct::Lockstep { placement: Some(placement), .. } = self {
+            placement.look(plant, robots, log);
         }
     }
 
     /// Lets go of the cores: what it took to keep them awake.
     pub(super) fn end(&mut self) -> Option<Usage> {
         match self {
-            Conduct::Lockstep { stay: Some(stay), .. } => Some(stay.end()),
+            Conduct::Lockstep { placement: Some(placement), .. } => Some(placement.end()),
             _ => None,
         }
     }

@@ -1,15 +1,14 @@
 //! Why a run could not go on.
 
-use std::io;
 use std::time::Duration;
 
 use protocol::barrier::BarrierError;
 use protocol::run_root::RunRootError;
 use protocol::service::{SendError, ServiceError};
 
-use crate::child::SpawnError;
 use crate::descriptors;
 use crate::run_dir::RunDirError;
+use crate::spawn::SpawnError;
 
 /// Every robot must be ready within this, at the start and at a restart.
 pub(super) const READY_MAX: Duration = Duration::from_secs(10);
@@ -32,15 +31,12 @@ pub enum RunError {
     /// So many robots need more open files than this process may have.
     #[error(transparent)]
     Descriptors(#[from] descriptors::TooFew),
-    /// A process could not be started.
+    /// A process or a thread could not be started.
     #[error(transparent)]
     Spawn(#[from] SpawnError),
     /// The run directory could not be written.
     #[error(transparent)]
     RunDir(#[from] RunDirError),
-    /// The clean-up thread could not be started.
-    #[error("cannot start the clean-up thread: {0}")]
-    Cleanup(io::Error),
     /// A sample could not be taken.
     #[error("cannot receive from an agent or the plant: {0}")]
     Receive(#[from] iceoryx2::port::ReceiveError),

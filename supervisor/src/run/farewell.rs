@@ -19,11 +19,12 @@ impl Run<'_> {
         // The last values are sent at the very end.
         let taken = self.take_latencies();
         self.sum_up_usages();
+        let complete = self.load.missing().map_err(RunError::from);
         let Run {
             outcome,
             robots,
             plant,
-            loads,
+            load,
             truth,
             latencies,
             faults_by_hand,
@@ -34,12 +35,12 @@ impl Run<'_> {
             run_root,
             ..
         } = self;
-        drop((robots, plant, loads, truth, latencies, faults_by_hand));
+        drop((robots, plant, load, truth, latencies, faults_by_hand));
         drop((cleaner, conduct, _services, _node));
         if let Err(error) = run_root.remove() {
             tracing::warn!(%error, "could not remove the run root");
         }
-        (outcome, taken)
+        (outcome, taken.and(complete))
     }
 
     /// Asks everybody to end, and kills whoever does not.
@@ -94,7 +95,6 @@ impl Run<'_> {
     /// All children, the plant first: it waits for the robots, and they for nobody.
     fn children(&mut self) -> impl Iterator<Item = &mut Child> {
         let robots = self.robots.iter_mut().filter_map(|robot| robot.seat.child_mut());
-        let loads = self.loads.iter_mut().map(|(_, child)| child);
-        [&mut self.plant].into_iter().chain(robots).chain(loads)
+        [&mut self.plant].into_iter().chain(robots).chain(self.load.children_mut())
     }
 }

@@ -11,9 +11,9 @@ use protocol::service::{self, Factory};
 use super::Run;
 use super::conduct::Conduct;
 use super::error::RunError;
+use super::load::Load;
 use super::services::Services;
 use crate::briefs;
-use crate::child::{Child, Role};
 use crate::dead_nodes::Cleaner;
 use crate::descriptors;
 use crate::latency::Latency;
@@ -22,16 +22,16 @@ use crate::outcome::Outcome;
 use crate::robot::{Robot, start_order};
 use crate::run_dir::RunDir;
 use crate::scenario::Scenario;
+use crate::spawn::{Launcher, Role, SpawnError};
 use crate::timeline::Timeline;
 
 impl<'a> Run<'a> {
-    /// Makes the run root and all services, writes the briefs and starts every process; agents and
-    /// plant before every ordinary process of the machine, if `realtime_priority`. `by_hand`: somebody
-    /// may break things by hand.
+    /// Makes the run root and all services, writes the briefs and starts every process. `by_hand`:
+    /// somebody may break things by hand.
     pub fn launch(
         scenario: &'a Scenario,
         pace: Pace,
-        realtime_priority: bool,
+        launcher: &Launcher,
         by_hand: bool,
         run_dir: &'a mut RunDir,
         metrics: &'a mut Metrics,
@@ -50,7 +50,7 @@ impl<'a> Run<'a> {
             path: run_root.path().into(),
             source,
         })?;
-        let conduct = Conduct::new(scenario, pace, &run_root)?;
+        let conduct = Conduct::new(scenario, pace, &run_root, launcher)?;
         // Each takes descriptors and memory: only where they can be of use.
         let links_by_hand = by_hand && conduct.cuts_links_by_hand();
         let services = Services::create(&node, scenario, pace, links_by_hand)?;
@@ -62,13 +62,14 @@ impl<'a> Run<'a> {
         let to_robots = services.faults.iter().enumerate();
         let faults_by_hand =
             to_robots.map(|(i, faults)| faults.publisher(heard(i))).collect::<Result<_, _>>()?;
-        let cleaner = Cleaner::start(&run_root).map_err(RunError::Cleanup)?;
+        let cleaner = Cleaner::start(&run_root)
+            .map_err(|source| SpawnError::of_thread("the clean-up thread", source))?;
 
         let plant_brief = briefs::plant(scenario, pace, run_root.path());
         let plant_brief = run_dir.write_brief("plant", &plant_brief)?;
         let launched = Instant::now();
         let plant = Role::Plant { brief: &plant_brief };
-        let plant = Child::spawn(plant, &run_dir.log_path("plant"), realtime_priority)?;
+        let plant = launcher.spawn(plant, &run_dir.log_path("plant"))?;
         let mut robots = Vec::new();
         for (i, robot) in scenario.robots.iter().enumerate() {
             let brief = briefs::agent(scenario, i, pace, run_root.path());
@@ -76,10 +77,10 @@ impl<'a> Run<'a> {
             let told = run_dir.write_brief(&robot.name, &brief)?;
             let log = run_dir.log_path(&robot.name);
             let status = services.status[i].subscriber()?;
-            robots.push(Robot::new(&robot.name, told, log, status, count, realtime_priority));
+            robots.push(Robot::new(&robot.name, told, log, status, count));
         }
         for i in start_order(scenario.seed, robots.len()) {
-            robots[i].start()?;
+            robots[i].start(launcher)?;
         }
         Ok(Run {
             scenario,
@@ -103,7 +104,8 @@ impl<'a> Run<'a> {
             began: None,
             robots,
             plant,
-            loads: Vec::new(),
+            load: Load::default(),
+            launcher: launcher.clone(),
             truth,
             latencies,
             faults_by_hand,

@@ -9,6 +9,7 @@
 //! | `launch` | how does it begin? |
 //! | `services` | over what do the processes speak? |
 //! | `conduct` | how does time pass, and what follows from that? |
+//! | `load` | what takes processor time on purpose? |
 //! | `by_hand` | what may people do to it meanwhile? |
 //! | `farewell` | how does it end? |
 //! | `error` | why could it not go on? |
@@ -18,6 +19,7 @@ mod conduct;
 mod error;
 mod farewell;
 mod launch;
+mod load;
 mod services;
 
 use std::collections::VecDeque;
@@ -34,7 +36,7 @@ use protocol::service::{Node, Publisher, Subscriber};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use view::View;
 
-use crate::child::{self, Child, Role};
+use crate::child::{self, Child};
 use crate::dead_nodes::Cleaner;
 use crate::live;
 use crate::metrics::Metrics;
@@ -43,10 +45,12 @@ use crate::outcome::Outcome;
 use crate::robot::{AfterDeath, Robot, Seat};
 use crate::run_dir::RunDir;
 use crate::scenario::Scenario;
+use crate::spawn::Launcher;
 use crate::timeline::{Act, Due, Timeline};
 use conduct::Conduct;
 pub use error::RunError;
 use error::{READY_MAX, TRUTH_SILENCE_MAX};
+use load::Load;
 use services::Services;
 
 /// The plant may send as fast as they are taken: after so many it is time for reports and deaths.
@@ -82,8 +86,8 @@ pub struct Run<'a> {
     // In the order in which they must go: processes before services before the run root.
     robots: Vec<Robot>,
     plant: Child,
-    /// Processes that take processor time, and the faults they belong to.
-    loads: Vec<(usize, Child)>,
+    load: Load,
+    launcher: Launcher,
     truth: Subscriber<[TruthRow], TruthHeader>,
     /// Of the plant, then of the robots in scenario order.
     latencies: Vec<Subscriber<[LatencyRow], LatencyHeader>>,
@@ -145,7 +149,7 @@ impl<'a> Run<'a> {
             if self.began.is_some() {
                 let robots = self.robots.iter().enumerate();
                 let running = robots.filter_map(|(i, robot)| Some((i, robot.seat.child()?)));
-                self.conduct.place(&self.plant, running, &self.run_dir.log_path("awake"))?;
+                self.conduct.place(&self.plant, running, &self.run_dir.log_path("awake"));
             }
         }
     }
@@ -293,16 +297,16 @@ impl<'a> Run<'a> {
                 self.bury(i, status)?;
             }
         }
-        self.loads.retain_mut(|(_, child)| child.ended().is_none());
+        self.load.bury();
         self.all_seen_alive_ns = self.now_ns();
         Ok(())
     }
 
     /// Asks about all at once: nearly always, none did.
     fn anybody_died(&self) -> bool {
-        let loads = self.loads.iter().map(|(_, child)| child);
+        let load = self.load.children();
         let mut watched = watch(&self.robots, &self.plant);
-        watched.extend(loads.map(|child| PollFd::from_borrowed_fd(child.pidfd(), PollFlags::IN)));
+        watched.extend(load.map(|child| PollFd::from_borrowed_fd(child.pidfd(), PollFlags::IN)));
         // An interruption tells nothing.
         poll(&mut watched, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })) != Ok(0)
     }
@@ -398,7 +402,7 @@ impl<'a> Run<'a> {
             if due && matches!(robot.seat, Seat::Down) && (room || robot.remains == 0) {
                 robot.restart_at_ns = None;
                 robot.incarnation += 1;
-                robot.start()?;
+                robot.start(&self.launcher)?;
                 self.last_news = Instant::now();
                 self.outcome.restarts[i] += 1;
                 let detail = format!("incarnation {}", robot.incarnation);
@@ -467,15 +471,12 @@ impl<'a> Run<'a> {
             }
             Act::StartLoad { processes } => {
                 let log = self.run_dir.log_path("load");
-                for _ in 0..processes {
-                    self.loads.push((fault, Child::spawn(Role::Load, &log, false)?));
-                }
-                self.event(now_ns, "load", None, &format!("{processes} processes"))?;
+                let started = self.load.start(&self.launcher, fault, processes, &log);
+                self.event(now_ns, "load", None, &started)?;
                 self.metrics.fault_began(fault, now_ns);
             }
             Act::EndLoad => {
-                let ours = self.loads.iter().filter(|(of, _)| *of == fault);
-                ours.for_each(|(_, child)| child.kill());
+                self.load.end(fault);
                 self.event(now_ns, "load-ended", None, "")?;
                 self.metrics.fault_ended(fault, End::Whole, now_ns);
             }

@@ -1,0 +1,103 @@
+//! Which processes are started, by whom, and what is said where one cannot be.
+
+use std::path::{Path, PathBuf};
+
+use clap::Parser;
+use supervisor::spawn::Launcher;
+
+use crate::harness::{Phalanx, limited_by};
+
+/// A program with the supervisor in it, as this test binary is.
+#[derive(Parser)]
+struct Embedding {
+    #[command(subcommand)]
+    verb: supervisor::cli::Verb,
+}
+
+#[test]
+fn a_program_that_embeds_the_supervisor_says_which_executable_robots_and_plant_are() {
+    let scratch = tempfile::tempdir().unwrap();
+    let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/triangle.toml");
+    let run_with = |launcher: &Launcher, name: &str| {
+        let out = scratch.path().join(name);
+        let mut words = ["embedding", "run", scenario.to_str().unwrap()].to_vec();
+        words.extend("--pace lockstep --no-report --set duration_s=1 --set expect={}".split(' '));
+        words.extend(["--out", out.to_str().unwrap()]);
+        let Embedding { verb } = Embedding::parse_from(words);
+        (supervisor::cli::main(&verb, &agent::laws::descriptions(), launcher), out)
+    };
+    let (code, out) = run_with(&Launcher::of(env!("CARGO_BIN_EXE_phalanx")), "run");
+    assert_eq!(code, 0);
+    let summary = std::fs::read(out.join("summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_slice(&summary).unwrap();
+    assert_eq!(summary["t_s"], 1.0);
+    // Robots and plant were told to be what `phalanx` can be, and this binary cannot.
+    assert!(std::fs::read_to_string(out.join("logs/plant.jsonl")).unwrap().contains("all ready"));
+    assert!(std::fs::read_to_string(out.join("logs/r1.jsonl")).unwrap().contains("ready"));
+}
+
+/// A control group of this test alone, which holds no more than so many processes and threads.
+struct Group(PathBuf);
+
+impl Group {
+    /// `None` where nobody may make one.
+    fn new() -> Option<Group> {
+        let name = format!("phalanx-test-{}", std::process::id());
+        let version_1 = Path::new("/sys/fs/cgroup/pids").join(&name);
+        let version_2 = Path::new("/sys/fs/cgroup").join(&name);
+        [version_1, version_2]
+            .into_iter()
+            .map(Group)
+            .find(|group| std::fs::create_dir(&group.0).is_ok() && group.permit(100).is_ok())
+    }
+
+    fn permit(&self, most: usize) -> std::io::Result<()> {
+        std::fs::write(self.0.join("pids.max"), most.to_string())
+    }
+}
+
+impl Drop for Group {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir(&self.0);
+    }
+}
+
+#[test]
+fn where_the_machine_permits_too_few_processes_that_is_said_with_the_limit_and_its_number() {
+    let Some(group) = Group::new() else {
+        eprintln!("skipped: no control group can be made here");
+        return;
+    };
+    let run_among = |most: usize| {
+        group.permit(most).unwrap();
+        let mut command = limited_by(&format!("echo $$ > {}/cgroup.procs", group.0.display()));
+        command.args(["run", "scenarios/triangle.toml", "--fault", "load of 3 @0.2 for 0.5"]);
+        Phalanx::new(command).lockstep().set("duration_s=1").set("expect={}").finish()
+    };
+    let limit = |most: usize| {
+        let group = group.0.display();
+        format!("pids.max of the control group {group} permits {most} processes and threads")
+    };
+    // Too few for the robots: there is no run.
+    run_among(40).exits_with(0).leaves_nothing();
+    let mut most = 3;
+    let barely = loop {
+        let ended = run_among(most);
+        ended.exits_with(4).leaves_nothing();
+        if ended.number("/t_s") > 0.0 {
+            break ended;
+        }
+        ended.claim(ended.stderr.contains("error: cannot start "), "what is missing is said");
+        ended.claim(ended.stderr.contains(&limit(most)), "and why");
+        most += 1;
+    };
+    assert!(most > 3, "a supervisor, a plant and three robots are more than three processes");
+    // Enough for the robots alone: the run is slower, and lasts; but it was not loaded as asked.
+    barely.claim(barely.number("/t_s") == 1.0, "it lasts as long as it should");
+    let warnings = barely.stderr.matches("cannot start a process that keeps a core awake").count();
+    let cores = std::thread::available_parallelism().unwrap().get();
+    barely.claim(warnings == usize::from(cores > 1), "one warning of what is optional");
+    barely.claim(barely.file("events.csv").contains("load,,0 of 3 processes"), "how much load");
+    let error = format!("error: cannot start a process that takes processor time: {}", limit(most));
+    barely.claim(barely.stderr.contains(&error), "and that it is not what was asked for");
+}

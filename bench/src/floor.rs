@@ -11,15 +11,15 @@ use std::time::{Duration, Instant};
 
 use agent::brain::Brain;
 use clap::ValueEnum;
+use experiment::briefs;
+use experiment::scenario::Scenario;
+use metrics::hash::TrajectoryHash;
 use plant::world::World;
 use protocol::barrier::Barrier;
 use protocol::brief::{self, AgentBrief, Pace};
 use protocol::message::{Beacon, Command, Odometry, TruthRow};
 use protocol::process::{Alarm, Stop};
 use protocol::run_root::RunRoot;
-use supervisor::briefs;
-use supervisor::metrics::hash::TrajectoryHash;
-use supervisor::scenario::Scenario;
 
 use crate::mapping::{Line, Mapping};
 use crate::peers::{self, Peers};

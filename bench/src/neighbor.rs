@@ -9,6 +9,8 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use agent::golden_phase;
+use experiment::briefs;
+use experiment::scenario::Scenario;
 use protocol::brief::{self, AgentBrief, Pace};
 use protocol::clock::{self, Timer};
 use protocol::latency::Stage;
@@ -18,8 +20,6 @@ use protocol::run_root::{self, RunRoot};
 use protocol::service::{self, Factory, Node, Qos};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use supervisor::briefs;
-use supervisor::scenario::Scenario;
 
 use crate::peers::{self, Peers};
 use crate::quantiles::{QUANTILES, Quantiles, quantiles_us};

@@ -4,8 +4,8 @@ use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;
 use std::path::Path;
 
-use supervisor::scenario::Scenario;
-use supervisor::scenario::read::{Overrides, read_text};
+use experiment::scenario::Scenario;
+use experiment::scenario::read::{Overrides, read_text};
 
 use crate::BenchError;
 

@@ -14,6 +14,7 @@ use std::sync::atomic::Ordering::SeqCst;
 use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
+use experiment::briefs;
 use iceoryx2::prelude::ZeroCopySend;
 use plant::world::World;
 use protocol::barrier::Barrier;
@@ -25,7 +26,6 @@ use protocol::run_root::{self, RunRoot};
 use protocol::service::{self, Factory, Node, Publisher, Qos, Subscriber};
 use rustix::thread::futex;
 use rustix::time::Timespec;
-use supervisor::briefs;
 use supervisor::spawn::{Launcher, Role};
 
 use crate::cores::{Cores, on_the_other};

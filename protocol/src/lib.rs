@@ -12,14 +12,23 @@
 //! | `barrier` | in lockstep: whose turn is it? |
 //! | `latency` | what is measured of delays, and how does it get to the supervisor? |
 //! | `process` | how does a child name itself, log, and stop? |
+//!
+//! Without the feature `ipc` there are only the words: `message`, `brief`, `fault`, `law`; no
+//! iceoryx2, no system calls.
 
+#[cfg(feature = "ipc")]
 pub mod barrier;
 pub mod brief;
+#[cfg(feature = "ipc")]
 pub mod clock;
 pub mod fault;
+#[cfg(feature = "ipc")]
 pub mod latency;
 pub mod law;
 pub mod message;
+#[cfg(feature = "ipc")]
 pub mod process;
+#[cfg(feature = "ipc")]
 pub mod run_root;
+#[cfg(feature = "ipc")]
 pub mod service;

@@ -58,6 +58,7 @@ macro_rules! message {
 
         // SAFETY: `#[repr(C)]`, plain numbers only (the layout hash covers every field), no
         // pointers; the name is unique to this layout.
+        #[cfg(feature = "ipc")]
         unsafe impl iceoryx2::prelude::ZeroCopySend for $name {
             unsafe fn type_name() -> &'static str { $name::TYPE_NAME }
         }

@@ -17,22 +17,22 @@ use recording::export::{ExportError, Exported};
 use recording::recover::{Outcome as Recovery, RecoverError};
 use view::{Bound, ViewError};
 
-use crate::check::{self, Theory};
 use crate::dead_runs;
 use crate::doctor;
-use crate::drawing::{Drawing, drawn};
 use crate::live;
-use crate::metrics::Metrics;
-use crate::metrics::expect;
 use crate::outcome::Outcome;
 use crate::report;
 use crate::run::{self, Run};
 use crate::run_dir::{Manifest, RECORDING, RunDir, RunDirError, default_out, to_json};
-use crate::scenario::Scenario;
-use crate::scenario::diagnostic::Diagnostic;
-use crate::scenario::read::{Overrides, read};
 use crate::spawn::Launcher;
 use crate::summary::{self, Summary};
+use experiment::check::{self, Theory};
+use experiment::drawing::{Drawing, drawn};
+use experiment::scenario::Scenario;
+use experiment::scenario::diagnostic::Diagnostic;
+use experiment::scenario::read::{Overrides, read};
+use metrics::Metrics;
+use metrics::expect;
 
 const MS: u64 = 1_000_000;
 
@@ -109,7 +109,24 @@ pub struct CheckArgs {
     output: Output,
     /// Print the formation graph instead, to be drawn.
     #[arg(long, value_enum, value_name = "FORMAT", conflicts_with = "output")]
-    graph: Option<Drawing>,
+    graph: Option<GraphFormat>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum GraphFormat {
+    /// Mermaid: GitHub and many editors draw it.
+    Mermaid,
+    /// Graphviz: `| dot -Tsvg`.
+    Dot,
+}
+
+impl From<GraphFormat> for Drawing {
+    fn from(format: GraphFormat) -> Drawing {
+        match format {
+            GraphFormat::Mermaid => Drawing::Mermaid,
+            GraphFormat::Dot => Drawing::Dot,
+        }
+    }
 }
 
 /// Arguments of `phalanx report`.
@@ -242,7 +259,7 @@ fn check(args: &CheckArgs, laws: &[LawDescription]) -> u8 {
         return exit::BAD_SCENARIO;
     };
     if let Some(drawing) = args.graph {
-        return print(&drawn(&scenario, drawing));
+        return print(&drawn(&scenario, drawing.into()));
     }
     let theory = Theory::of(&scenario);
     print(&match args.output {

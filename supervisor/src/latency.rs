@@ -16,7 +16,7 @@ use protocol::latency::Stage;
 use protocol::message::{LatencyHeader, LatencyRow};
 use serde::Serialize;
 
-use crate::scenario::Scenario;
+use experiment::scenario::Scenario;
 pub use over_time::Stretch;
 use over_time::Stretches;
 
@@ -308,7 +308,7 @@ pub fn worst(stages: &[StageLatency]) -> impl Iterator<Item = &StageLatency> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::tests::row_of_three;
+    use experiment::examples::row_of_three;
     use proptest::prelude::*;
     use protocol::latency::Recorder;
 

@@ -4,10 +4,6 @@
 //! | file | question it answers |
 //! |---|---|
 //! | `cli` | what was asked for? |
-//! | `scenario/` | what is the experiment, and is it sound? |
-//! | `check/` | what can be said about it before it flies? |
-//! | `drawing` | what does its graph look like? |
-//! | `briefs` | what is each process told? |
 //! | `run/` | what happens, in order, from the first process to the last? |
 //! | `outcome` | what does it leave besides its metrics? |
 //! | `robot` | where is a robot's process in its life, and does it come back? |
@@ -21,15 +17,12 @@
 //! | `cores` | on which cores are the processes of a lockstep run? |
 //! | `dead_nodes` | what did a dead process of this run leave in iceoryx2? |
 //! | `usage` | what did a process take from the machine? |
-//! | `metrics/` | how far apart, how far off, detected and recovered when? |
 //! | `latency` | how late, how long, how old was everything? |
 //! | `live` | what does the live view show of it? |
 //! | `run_dir` | where is it written down? |
 //! | `summary` | what came out? |
 //! | `report` | what does a run directory look like in pictures? |
 
-pub mod briefs;
-pub mod check;
 pub mod child;
 pub mod cli;
 mod cores;
@@ -37,17 +30,14 @@ pub mod dead_nodes;
 pub mod dead_runs;
 pub mod descriptors;
 pub mod doctor;
-pub mod drawing;
 pub mod latency;
 mod limits;
 pub mod live;
-pub mod metrics;
 pub mod outcome;
 pub mod report;
 mod robot;
 pub mod run;
 pub mod run_dir;
-pub mod scenario;
 pub mod spawn;
 pub mod summary;
 mod timeline;

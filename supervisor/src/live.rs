@@ -11,7 +11,7 @@ use view::{Happened, StageNow};
 
 use crate::latency::Latency;
 use crate::robot::{Robot, Seat};
-use crate::scenario::{FaultKind, Scenario, seconds};
+use experiment::scenario::{FaultKind, Scenario, seconds};
 
 /// What does not change during the run.
 pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
@@ -132,8 +132,8 @@ pub(crate) fn stages(latency: &Latency) -> Vec<StageNow> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::tests::row_of_three;
-    use crate::scenario::Fault;
+    use experiment::examples::row_of_three;
+    use experiment::scenario::Fault;
     use protocol::fault::LinkFaultKind;
 
     #[test]

@@ -24,8 +24,8 @@ use report::run::{ChangedTo, Limits, Run};
 use report::scene::{EdgeState, RobotState, Scene, SceneFault};
 
 use crate::live;
-use crate::metrics::seconds;
-use crate::scenario::{Fault, FaultKind, Scenario};
+use experiment::scenario::seconds;
+use experiment::scenario::{Fault, FaultKind, Scenario};
 
 /// A report takes in no file larger than this, bytes: hours of any experiment.
 const FILE_BYTES_MAX: u64 = 1 << 34;

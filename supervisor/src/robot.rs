@@ -8,9 +8,9 @@ use protocol::message::{Contact, NeighborStatus, StatusHeader};
 use protocol::service::Subscriber;
 
 use crate::child::Child;
-use crate::scenario::{RestartPolicy, RestartWhen};
 use crate::spawn::{Launcher, Role, SpawnError};
 use crate::usage::Usage;
+use experiment::scenario::RestartPolicy;
 
 /// Where a robot's process is in its life.
 #[derive(Debug)]
@@ -196,64 +196,9 @@ impl Seat {
     }
 }
 
-/// What follows on a death that nobody planned.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum AfterDeath {
-    /// A replacement, this long after the death, ns.
-    Return { delay_ns: u64 },
-    /// No replacement, by policy.
-    StayDead,
-    /// No replacement: there were too many within the window.
-    Ceiling,
-}
-
-impl RestartPolicy {
-    /// What follows on a death with or without `success`, after `recent` restarts in the window.
-    pub(crate) fn after_death(&self, success: bool, recent: u32) -> AfterDeath {
-        let wanted = match self.when {
-            RestartWhen::Never => false,
-            RestartWhen::OnFailure => !success,
-            RestartWhen::Always => true,
-        };
-        if !wanted {
-            AfterDeath::StayDead
-        } else if recent >= self.restarts_max {
-            AfterDeath::Ceiling
-        } else {
-            let grown_ns = self.delay_ns.saturating_mul(1 << recent.min(32));
-            AfterDeath::Return { delay_ns: grown_ns.min(self.delay_ns_max) }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn policy(when: RestartWhen) -> RestartPolicy {
-        RestartPolicy { when, delay_ns: 100, delay_ns_max: 350, restarts_max: 3, window_ns: 1000 }
-    }
-
-    #[test]
-    fn the_wait_doubles_up_to_its_limit_and_ends_at_the_ceiling() {
-        let after = |recent| policy(RestartWhen::OnFailure).after_death(false, recent);
-        let waits = [0, 1, 2, 3].map(after);
-        let wait = |delay_ns| AfterDeath::Return { delay_ns };
-        assert_eq!(waits, [wait(100), wait(200), wait(350), AfterDeath::Ceiling]);
-    }
-
-    #[test]
-    fn who_ends_well_returns_only_if_it_always_does() {
-        for (when, success, returns) in [
-            (RestartWhen::Never, false, false),
-            (RestartWhen::OnFailure, true, false),
-            (RestartWhen::OnFailure, false, true),
-            (RestartWhen::Always, true, true),
-        ] {
-            let found = policy(when).after_death(success, 0);
-            assert_eq!(matches!(found, AfterDeath::Return { .. }), returns, "{when:?} {success}");
-        }
-    }
 
     #[test]
     fn every_seed_starts_every_robot_once() {

@@ -14,9 +14,9 @@ use recording::recorder::{FLUSH_EVERY, Nearest, Recorder, Run, State};
 use serde::Serialize;
 
 use crate::latency::Latency;
-use crate::metrics::{PairDistance, seconds};
-use crate::scenario::Scenario;
 use crate::summary::Summary;
+use experiment::scenario::{Scenario, seconds};
+use metrics::PairDistance;
 
 /// Runs without `--out` go below this directory.
 const RUNS: &str = "runs";
@@ -495,7 +495,8 @@ mod tests {
         assert!(error.contains("/dev/full") && error.contains("No space left"), "{error}");
     }
 
-    use crate::metrics::tests::{header, row_of_three, rows};
+    use experiment::examples::row_of_three;
+    use metrics::examples::{header, rows};
 
     /// A directory for one test, removed when it passed.
     struct Place(PathBuf);

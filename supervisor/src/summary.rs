@@ -6,13 +6,13 @@ use protocol::brief::Pace;
 use serde::{Serialize, Serializer};
 
 use crate::latency::{self, StageLatency};
-use crate::metrics::Measures;
-use crate::metrics::expect::Expectation;
-use crate::metrics::fault::FaultReport;
 use crate::outcome::Outcome;
 use crate::run_dir::to_json;
-use crate::scenario::Scenario;
 use crate::usage::Usage;
+use experiment::scenario::Scenario;
+use metrics::Measures;
+use metrics::expect::Expectation;
+use metrics::fault::FaultReport;
 
 /// Of more robots than this, the screen shows only those with the largest errors.
 const ROBOTS_SHOWN: usize = 12;
@@ -138,7 +138,7 @@ impl Summary {
         let truth = outcome.truth.unwrap_or_default();
         let wall_s = outcome.wall.as_secs_f64();
         let per_wall = |amount: f64| if wall_s > 0.0 { amount / wall_s } else { 0.0 };
-        let t_s = crate::metrics::seconds(truth.t_ns);
+        let t_s = experiment::scenario::seconds(truth.t_ns);
         let by_robot = |counts: &[u64]| {
             let names = scenario.robots.iter().map(|robot| robot.name.clone());
             names.zip(counts.iter().copied()).collect()

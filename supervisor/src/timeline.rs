@@ -4,7 +4,7 @@
 
 use std::collections::VecDeque;
 
-use crate::scenario::{FaultKind, Scenario};
+use experiment::scenario::{FaultKind, Scenario};
 
 /// Something that the supervisor does at a time of the scenario's choice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

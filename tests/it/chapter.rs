@@ -2,12 +2,12 @@
 //! asks for every row of it in the page:
 //! `cargo test --test it -- --ignored --nocapture the_page_has`, some minutes in all.
 
+use experiment::check::Theory;
+use experiment::scenario::Scenario;
 use formation::Vec2;
 use formation::front_point::front_point;
 use formation::graph::{Edge, FormationGraph};
 use formation::pose::Pose;
-use supervisor::check::Theory;
-use supervisor::scenario::Scenario;
 
 use crate::lockstep::{MEASURED, STARTS, far};
 use crate::model::Dice;

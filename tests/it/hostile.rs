@@ -6,8 +6,8 @@ use std::f64::consts::TAU;
 
 use formation::Vec2;
 use formation::pose::Pose;
+use metrics::Metrics;
 use protocol::brief::{AgentBrief, BodyBrief, Pace};
-use supervisor::metrics::Metrics;
 
 use crate::model::{ADVERSARIES, Adversary, Expiry, Fleet, Flight, Outcome, Wish, fly, stay_at};
 use crate::oracle::scenario;

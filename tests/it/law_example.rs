@@ -5,12 +5,12 @@
 
 use agent::brain::Brain;
 use agent::laws::{Gains, Law, LawRow, Situation};
+use experiment::scenario::Scenario;
+use experiment::scenario::diagnostic::Diagnostic;
+use experiment::scenario::read::{Overrides, read};
 use formation::Vec2;
 use protocol::brief::AgentBrief;
 use protocol::law::LawDescription;
-use supervisor::scenario::Scenario;
-use supervisor::scenario::diagnostic::Diagnostic;
-use supervisor::scenario::read::{Overrides, read};
 
 use crate::oracle;
 

@@ -12,13 +12,13 @@ mod adversary;
 use std::sync::{Arc, Mutex};
 
 use agent::brain::{Answer, Brain};
+use experiment::briefs;
+use experiment::scenario::Scenario;
 use formation::Vec2;
 use formation::front_point::front_point;
 use plant::world::World;
 use protocol::brief::{AgentBrief, Pace, PlantBrief};
 use protocol::message::{Beacon, Command, Odometry, TruthHeader, TruthRow};
-use supervisor::briefs;
-use supervisor::scenario::Scenario;
 
 pub use adversary::{ADVERSARIES, Adversary, Wish, stay_at};
 

@@ -2,13 +2,13 @@
 //! lockstep run of real processes must fulfil bit by bit.
 
 use agent::brain::Brain;
+use experiment::briefs;
+use experiment::scenario::read::{Overrides, read};
+use experiment::scenario::{FaultKind, Scenario};
+use metrics::{Measures, Metrics};
 use plant::world::World;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::message::{Beacon, TruthRow};
-use supervisor::briefs;
-use supervisor::metrics::{Measures, Metrics};
-use supervisor::scenario::read::{Overrides, read};
-use supervisor::scenario::{FaultKind, Scenario};
 
 /// `scenarios/<name>.toml`, with these keys set.
 pub fn scenario(name: &str, set: &[&str]) -> Scenario {

@@ -4,11 +4,11 @@
 use std::path::Path;
 use std::process::Command;
 
+use experiment::check::Theory;
+use experiment::scenario::Scenario;
+use experiment::scenario::read::{Overrides, read};
 use formation::Vec2;
 use serde_json::{Value, json};
-use supervisor::check::Theory;
-use supervisor::scenario::Scenario;
-use supervisor::scenario::read::{Overrides, read};
 
 /// A shipped scenario with some `--set`s, and its warnings.
 fn scenario(name: &str, set: &[&str]) -> (Scenario, Vec<String>) {

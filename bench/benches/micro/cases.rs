@@ -10,17 +10,17 @@ use std::path::Path;
 use agent::avoidance::{Guard, Sample};
 use agent::brain::Brain;
 use agent::laws::{LAWS, Situation};
+use experiment::briefs;
+use experiment::scenario::Scenario;
+use experiment::scenario::read::{Overrides, read_text};
 use formation::Vec2;
 use formation::closest::closest_pair;
 use formation::hull::hull_distance;
+use metrics::Metrics;
 use plant::world::World;
 use protocol::brief::Pace;
 use protocol::message::{Beacon, Command, TruthRow};
 use recording::recorder::{Nearest, Recorder, Run, State};
-use supervisor::briefs;
-use supervisor::metrics::Metrics;
-use supervisor::scenario::Scenario;
-use supervisor::scenario::read::{Overrides, read_text};
 
 /// T, s.
 const PERIOD_S: f64 = 0.005;

@@ -6,7 +6,7 @@
 use protocol::latency::Stage;
 use serde::Serialize;
 
-use crate::metrics::seconds;
+use experiment::scenario::seconds;
 
 /// A run has about so many stretches,
 const STRETCHES: u64 = 100;

@@ -13,9 +13,9 @@ use report::run::{Change, ChangedTo, Sample};
 use report::scene::{RobotState, Scene, SceneFault};
 
 use super::{ReportError, edge_state, text};
-use crate::metrics::error::{ErrorVectors, Silence};
-use crate::metrics::fault::Silenced;
-use crate::scenario::Scenario;
+use experiment::scenario::Scenario;
+use experiment::scenario::Silenced;
+use metrics::error::{ErrorVectors, Silence};
 
 /// No more samples of one robot at one instant than this are taken in; of a longer record only one
 /// of so many instants.

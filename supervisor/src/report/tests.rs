@@ -2,8 +2,9 @@ use std::fs;
 
 use super::*;
 use crate::latency::Latency;
-use crate::metrics::tests::{header, row_of_three, rows};
 use crate::run_dir::RunDir;
+use experiment::examples::row_of_three;
+use metrics::examples::{header, rows};
 use proptest::prelude::*;
 use protocol::brief::Pace;
 use protocol::latency::Stage;

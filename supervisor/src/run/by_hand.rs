@@ -10,10 +10,10 @@ use protocol::message::LinkFaultByHand;
 use protocol::service::send_slice;
 
 use super::{Run, RunError};
-use crate::metrics::fault::End;
 use crate::robot::Seat;
-use crate::scenario::FaultKind;
 use crate::timeline;
+use experiment::scenario::FaultKind;
+use metrics::fault::End;
 
 /// Why something was not done.
 type Refusal = String;

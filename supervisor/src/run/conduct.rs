@@ -14,9 +14,9 @@ use rustix::event::{PollFd, Timespec, poll};
 
 use crate::child::Child;
 use crate::cores::{Cores, Placement};
-use crate::scenario::Scenario;
 use crate::spawn::Launcher;
 use crate::usage::Usage;
+use experiment::scenario::Scenario;
 
 /// How long one turn of the loop waits for news.
 const TURN: Duration = Duration::from_millis(2);

@@ -13,17 +13,17 @@ use super::conduct::Conduct;
 use super::error::RunError;
 use super::load::Load;
 use super::services::Services;
-use crate::briefs;
 use crate::dead_nodes::Cleaner;
 use crate::descriptors;
 use crate::latency::Latency;
-use crate::metrics::Metrics;
 use crate::outcome::Outcome;
 use crate::robot::{Robot, start_order};
 use crate::run_dir::RunDir;
-use crate::scenario::Scenario;
 use crate::spawn::{Launcher, Role, SpawnError};
 use crate::timeline::Timeline;
+use experiment::briefs;
+use experiment::scenario::Scenario;
+use metrics::Metrics;
 
 impl<'a> Run<'a> {
     /// Makes the run root and all services, writes the briefs and starts every process. `by_hand`:

@@ -39,18 +39,18 @@ use view::View;
 use crate::child::{self, Child};
 use crate::dead_nodes::Cleaner;
 use crate::live;
-use crate::metrics::Metrics;
-use crate::metrics::fault::End;
 use crate::outcome::Outcome;
-use crate::robot::{AfterDeath, Robot, Seat};
+use crate::robot::{Robot, Seat};
 use crate::run_dir::RunDir;
-use crate::scenario::Scenario;
 use crate::spawn::Launcher;
 use crate::timeline::{Act, Due, Timeline};
 use conduct::Conduct;
 pub use error::RunError;
 use error::{READY_MAX, TRUTH_SILENCE_MAX};
+use experiment::scenario::{AfterDeath, Scenario};
 use load::Load;
+use metrics::Metrics;
+use metrics::fault::End;
 use services::Services;
 
 /// The plant may send as fast as they are taken: after so many it is time for reports and deaths.

@@ -8,7 +8,7 @@ use protocol::message::{
 };
 use protocol::service::{self, Factory, Node, Qos, ServiceError};
 
-use crate::scenario::Scenario;
+use experiment::scenario::Scenario;
 
 /// Every service of the run, kept in being.
 pub(super) struct Services {

@@ -4,7 +4,7 @@ use protocol::brief::Pace;
 use serde::Serialize;
 
 use super::Measures;
-use crate::scenario::Expectations;
+use experiment::scenario::Expectations;
 
 /// One expectation and how it came out.
 #[derive(Debug, Clone, PartialEq, Serialize)]

@@ -9,8 +9,8 @@ use formation::pose::Pose;
 use protocol::brief::LeadBrief;
 use protocol::law::Role;
 
-use super::{Silenced, Silent};
-use crate::scenario::Scenario;
+use super::Silent;
+use experiment::scenario::{Scenario, Silenced};
 
 /// What the errors of a scenario's robots are measured against.
 pub(super) struct Errors {
@@ -78,7 +78,7 @@ impl Errors {
 }
 
 /// The errors of a run that is over, as vectors.
-pub(crate) struct ErrorVectors {
+pub struct ErrorVectors {
     errors: Errors,
     front_points_m: Vec<f64>,
     silences: Vec<Silence>,
@@ -88,14 +88,18 @@ pub(crate) struct ErrorVectors {
 
 /// What is silent from when until when, s.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Silence {
-    pub(crate) from_s: f64,
-    pub(crate) until_s: f64,
-    pub(crate) silenced: Silenced,
+pub struct Silence {
+    /// From then on, s.
+    pub from_s: f64,
+    /// Until then, s.
+    pub until_s: f64,
+    /// Who or what.
+    pub silenced: Silenced,
 }
 
 impl ErrorVectors {
-    pub(crate) fn new(scenario: &Scenario, silences: Vec<Silence>) -> ErrorVectors {
+    /// Of this scenario's robots, of whom these are silent for a while.
+    pub fn new(scenario: &Scenario, silences: Vec<Silence>) -> ErrorVectors {
         ErrorVectors {
             errors: Errors::new(scenario),
             front_points_m: scenario.robots.iter().map(|robot| robot.front_point_m).collect(),
@@ -107,7 +111,7 @@ impl ErrorVectors {
 
     /// e_i of everybody, m, from where they were at that time; `None` for one that has nothing to
     /// go by.
-    pub(crate) fn at(&mut self, t_s: f64, poses: &[Pose]) -> impl Iterator<Item = Option<Vec2>> {
+    pub fn at(&mut self, t_s: f64, poses: &[Pose]) -> impl Iterator<Item = Option<Vec2>> {
         self.silent.robots.fill(0);
         self.silent.edges.fill(0);
         for silence in self.silences.iter().filter(|s| (s.from_s..s.until_s).contains(&t_s)) {

@@ -11,6 +11,7 @@
 //! | `diagnostic` | how is a mistake shown: file, line, column, snippet, value, expectation? |
 //! | `../check` | does it make sense: graph, offsets, distances, speeds? |
 //! | `fault` | what breaks when, and how is that written on the command line? |
+//! | `restart` | does a robot come back after a death that nobody planned? |
 //! | `chaos` | which faults does a seed draw? |
 
 mod chaos;
@@ -24,6 +25,7 @@ mod import;
 mod lead;
 mod overrides;
 pub mod read;
+mod restart;
 mod robots;
 #[cfg(test)]
 mod shaken;
@@ -32,6 +34,8 @@ mod table;
 mod tests;
 
 use std::collections::BTreeMap;
+
+pub use restart::{AfterDeath, RestartPolicy, RestartWhen};
 
 use formation::graph::{Edge, FormationGraph};
 use formation::pose::Pose;
@@ -102,32 +106,6 @@ pub struct Robot {
     pub correction_max_m_s: Option<f64>,
     /// What happens when its process dies unasked.
     pub restart: RestartPolicy,
-}
-
-/// What happens when a process dies unasked.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RestartPolicy {
-    /// Whether it is started again.
-    pub when: RestartWhen,
-    /// Wait before the first restart, ns. It doubles from one restart to the next.
-    pub delay_ns: u64,
-    /// The wait grows no longer than this, ns.
-    pub delay_ns_max: u64,
-    /// No more than this many restarts within the window.
-    pub restarts_max: u32,
-    /// The window, ns.
-    pub window_ns: u64,
-}
-
-/// Which deaths lead to a restart.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum RestartWhen {
-    /// None.
-    Never,
-    /// Deaths by a signal or with an exit code other than 0.
-    OnFailure,
-    /// All.
-    Always,
 }
 
 /// Something that breaks on purpose.
@@ -206,6 +184,29 @@ pub enum FaultKind {
         /// How many.
         processes: usize,
     },
+}
+
+/// Whom a fault strikes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Struck {
+    /// The robot that falls silent, or stands wrong; `None` if it is no robot.
+    pub robot: Option<usize>,
+    /// The only robot that cannot hear it; `None`: nobody can.
+    pub hearer: Option<usize>,
+    /// What nobody hears any more while it lasts.
+    pub silenced: Silenced,
+}
+
+/// What a fault silences.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Silenced {
+    /// Nobody.
+    #[default]
+    Nobody,
+    /// A robot.
+    Robot(usize),
+    /// One edge, by its place in the graph.
+    Edge(usize),
 }
 
 /// What must hold for exit code 0; what is absent is not asked.
@@ -311,7 +312,7 @@ impl Scenario {
     }
 }
 
-/// Nanoseconds as seconds.
-pub(crate) fn seconds(ns: u64) -> f64 {
+/// Nanoseconds as seconds. Divided, not multiplied by 1e-9: 15 ms are 0.015 s, with no digits behind.
+pub fn seconds(ns: u64) -> f64 {
     ns as f64 / 1e9
 }

@@ -11,7 +11,7 @@ use protocol::law::Role;
 use crate::scenario::Scenario;
 
 /// Who draws it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Drawing {
     /// Mermaid: GitHub and many editors draw it.
     Mermaid,

@@ -135,7 +135,7 @@ impl Dice {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::tests::row_of_three;
+    use crate::examples::row_of_three;
 
     fn chaos() -> Chaos {
         Chaos {

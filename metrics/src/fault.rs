@@ -3,7 +3,7 @@
 use protocol::message::Contact;
 use serde::Serialize;
 
-use super::seconds;
+use experiment::scenario::{Silenced, Struck, seconds};
 
 /// A fault while it is watched.
 #[derive(Debug, Clone)]
@@ -30,29 +30,6 @@ pub(super) struct FaultWindow {
     affected: Vec<(bool, bool)>,
     /// Another fault began after this one had recovered: what follows is not its doing.
     closed: bool,
-}
-
-/// Whom a fault strikes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Struck {
-    /// The robot that falls silent, or stands wrong; `None` if it is no robot.
-    pub robot: Option<usize>,
-    /// The only robot that cannot hear it; `None`: nobody can.
-    pub hearer: Option<usize>,
-    /// What nobody hears any more while it lasts.
-    pub silenced: Silenced,
-}
-
-/// What a fault silences.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Silenced {
-    /// Nobody.
-    #[default]
-    Nobody,
-    /// A robot.
-    Robot(usize),
-    /// One edge, by its place in the graph.
-    Edge(usize),
 }
 
 /// How a fault ends.

@@ -11,7 +11,8 @@
 //! | `expect` | did it go as the scenario expects? |
 
 mod distance;
-pub(crate) mod error;
+pub mod error;
+pub mod examples;
 pub mod expect;
 pub mod fault;
 pub mod hash;
@@ -26,11 +27,11 @@ use protocol::brief::Pace;
 use protocol::message::{Contact, TruthHeader, TruthRow};
 use serde::Serialize;
 
-use crate::scenario::Scenario;
 pub use distance::PairDistance;
 use distance::{Closest, Distances};
 use error::Errors;
-use fault::{End, FaultReport, FaultWindow, Silenced, Struck};
+use experiment::scenario::{Scenario, Silenced, Struck, seconds};
+use fault::{End, FaultReport, FaultWindow};
 use hash::TrajectoryHash;
 
 /// Final errors are the worst over this last share of the run.
@@ -157,11 +158,6 @@ pub struct Measures {
     pub truths_lost: u64,
     /// What each fault did.
     pub faults: Vec<FaultReport>,
-}
-
-/// Nanoseconds as seconds. Divided, not multiplied by 1e-9: 15 ms are 0.015 s, with no digits behind.
-pub(crate) fn seconds(t_ns: u64) -> f64 {
-    t_ns as f64 / 1e9
 }
 
 impl Metrics {
@@ -419,4 +415,4 @@ fn scheduled(scenario: &Scenario) -> VecDeque<(u64, usize, Bound)> {
 }
 
 #[cfg(test)]
-pub(crate) mod tests;
+mod tests;

@@ -7,8 +7,7 @@ use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind, WheelFaultKind};
 use toml_edit::{Table, value};
 
 use super::diagnostic::meant;
-use super::{Fault, FaultKind, Scenario, seconds as in_seconds};
-use crate::metrics::fault::{Silenced, Struck};
+use super::{Fault, FaultKind, Scenario, Silenced, Struck, seconds as in_seconds};
 
 /// How a kind of fault is written: as `KIND SUBJECT [WORD NUMBER]... @SECONDS [for SECONDS]` on the
 /// command line, as keys in a file.

@@ -9,7 +9,7 @@ use formation::closest::ClosestInFlight;
 use protocol::message::TruthHeader;
 use serde::Serialize;
 
-use super::seconds;
+use experiment::scenario::seconds;
 
 /// Two robots at their nearest.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -216,7 +216,7 @@ impl Distances {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::tests::header;
+    use crate::examples::header;
     use formation::closest::closest_pair;
     use proptest::prelude::*;
 

@@ -1,0 +1,78 @@
+//! A small experiment, for the tests of those that take one.
+
+use std::collections::BTreeMap;
+
+use formation::Vec2;
+use formation::graph::{Edge, FormationGraph};
+use formation::pose::Pose;
+use protocol::brief::{
+    AvoidanceBrief, AvoidanceKind, PublishedVelocity, SilenceBrief, SilencePolicy,
+};
+use protocol::law::Role;
+
+use crate::scenario::{Expectations, RestartPolicy, RestartWhen, Robot, Scenario};
+
+const SECOND_NS: u64 = 1_000_000_000;
+
+/// Three robots in a row along x, 1 m apart: r1 leads, r2 hears r1, r3 hears r2; 20 s, one tick a
+/// second, d = 0.2 m.
+pub fn row_of_three() -> Scenario {
+    let robot = |name: &str| Robot {
+        role: Role::Formation,
+        name: name.to_owned(),
+        start: Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 },
+        front_point_m: 0.1,
+        wheels: None,
+        law: "formation-unit".to_owned(),
+        gains: BTreeMap::new(),
+        feed_forward: false,
+        correction_max_m_s: None,
+        restart: RestartPolicy {
+            when: RestartWhen::Never,
+            delay_ns: 0,
+            delay_ns_max: 0,
+            restarts_max: 0,
+            window_ns: 0,
+        },
+    };
+    let behind = |from, to| Edge { from, to, offset_m: Vec2::new(-1.0, 0.0) };
+    Scenario {
+        name: "row".to_owned(),
+        duration_ns: 20 * SECOND_NS,
+        period_ns: SECOND_NS,
+        plant_tick_ns: 1_000_000,
+        latency_allowed_ns: 0,
+        hold_periods: 1,
+        seed: 7,
+        record_hz: 0.5,
+        published_velocity: PublishedVelocity::Gamma,
+        avoidance: AvoidanceBrief {
+            kind: AvoidanceKind::Guard,
+            distance_min_m: 0.2,
+            speed_max_m_s: 0.3,
+            epsilon_per_s: 1.0,
+            sensing_radius_m: 2.0,
+            sensing_error_m: 0.0,
+        },
+        silence: SilenceBrief {
+            stale_after_ns: 3 * SECOND_NS,
+            lost_after_ns: 20 * SECOND_NS,
+            policy: SilencePolicy::Ignore,
+        },
+        robots: vec![robot("r1"), robot("r2"), robot("r3")],
+        graph: FormationGraph::new(3, vec![behind(0, 1), behind(1, 2)]),
+        faults: Vec::new(),
+        lead: None,
+        expect: Expectations {
+            hull_distance_m_max: None,
+            min_distance_m: None,
+            final_error_m_max: None,
+            tracking_error_m_max: None,
+            converged_by_s: None,
+            recovered_within_s: None,
+            deadline_misses_max: None,
+            exit: None,
+            converged_error_m: 0.01,
+        },
+    }
+}

@@ -1,0 +1,17 @@
+//! A file becomes an experiment: read, found sound or refused, and what theory says about it.
+//!
+//! Pure: no processes, no clock, no iceoryx2. It reads files and writes none.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `scenario/` | what is the experiment, and where does its file go wrong? |
+//! | `check/` | is it sound, and what can be said about it before it runs? |
+//! | `drawing` | what does its graph look like? |
+//! | `briefs` | what is each process told? |
+//! | `examples` | a small experiment for tests |
+
+pub mod briefs;
+pub mod check;
+pub mod drawing;
+pub mod examples;
+pub mod scenario;

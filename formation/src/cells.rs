@@ -79,10 +79,36 @@ fn bucket([column, row]: [u32; 2], buckets: usize) -> usize {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
-    use crate::near::tests::crowd;
     use proptest::prelude::*;
+
+    /// Robots scattered, on a lattice, in a line, in clusters far apart, and upon each other.
+    pub(crate) fn crowd() -> impl Strategy<Value = Vec<Vec2>> {
+        let count = || prop_oneof![0..8_usize, 20..90_usize];
+        let point = |x: BoxedStrategy<f64>, y: BoxedStrategy<f64>| {
+            count().prop_flat_map(move |count| {
+                prop::collection::vec(
+                    (x.clone(), y.clone()).prop_map(|(x, y)| Vec2::new(x, y)),
+                    count,
+                )
+            })
+        };
+        let span = |m: f64| (-m..m).boxed();
+        let steps = || (-4..5_i32).prop_map(|step| f64::from(step) * 0.5).boxed();
+        let far = || {
+            prop_oneof![(-1e9..-0.9999999999e9f64), Just(1e15), -1.0..1.0f64, (5e20..6e20f64),]
+                .boxed()
+        };
+        prop_oneof![
+            point(span(4.0), span(4.0)),
+            point(span(1e7), span(1e7)),
+            point(steps(), steps()),
+            point(span(9.0), Just(-0.0).boxed()),
+            point(far(), far()),
+            point(Just(7.7).boxed(), Just(1e-300).boxed()),
+        ]
+    }
 
     proptest! {
         #[test]

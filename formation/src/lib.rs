@@ -17,11 +17,13 @@
 //! | `desired` | where should a robot be, seen from those it hears? (13) (24) (46) |
 //! | `hull` | how far is a follower from the leaders' convex hull? (7) (49) |
 //! | `closest` | which two robots are nearest to each other? (15) |
+//! | `closest_over_time` | the same at every instant of a run |
 //! | `near` | which robots are near which, from one instant to the next? |
 //! | `cells` | which may be, among many? |
 
 mod cells;
 pub mod closest;
+pub mod closest_over_time;
 pub mod desired;
 pub mod frame;
 pub mod front_point;
@@ -37,3 +39,6 @@ pub mod unicycle;
 
 /// A point or vector of the plane in metres or metres per second, in the frame `map`.
 pub type Vec2 = nalgebra::Vector2<f64>;
+
+/// Rounding changes no coordinate, distance or square of one by so large a share.
+pub const ROUNDING: f64 = 1e-9;

@@ -5,16 +5,14 @@
 //! the list sees pairs in list order, and computes with them what he would with all pairs: the
 //! result is the same, bit by bit, at a cost that grows with the number of near pairs.
 
-use crate::Vec2;
 use crate::cells::Cells;
 use crate::closest::ClosestPair;
+use crate::{ROUNDING, Vec2};
 
 /// The margin for each of two points, as a share of the reach.
 const MARGIN: f64 = 0.125;
 /// So many instants are to pass from list to list, if a margin as large as the reach allows it.
 const INSTANTS: f64 = 16.0;
-/// Rounding moves no distance by so large a share.
-const ROUNDING: f64 = 1e-9;
 /// Below so many points all pairs are looked at, and no grid filled. A guess, not yet measured.
 const GRID_MIN: usize = 24;
 /// Squares of distances and coordinates within these bounds, m, neither vanish nor overflow.
@@ -143,43 +141,17 @@ impl NearPairs {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::cells::tests::crowd;
     use proptest::prelude::*;
-
-    /// Robots scattered, on a lattice, in a line, in clusters far apart, and upon each other.
-    pub(crate) fn crowd() -> impl Strategy<Value = Vec<Vec2>> {
-        let count = || prop_oneof![0..8_usize, 20..90_usize];
-        let point = |x: BoxedStrategy<f64>, y: BoxedStrategy<f64>| {
-            count().prop_flat_map(move |count| {
-                prop::collection::vec(
-                    (x.clone(), y.clone()).prop_map(|(x, y)| Vec2::new(x, y)),
-                    count,
-                )
-            })
-        };
-        let span = |m: f64| (-m..m).boxed();
-        let steps = || (-4..5_i32).prop_map(|step| f64::from(step) * 0.5).boxed();
-        let far = || {
-            prop_oneof![(-1e9..-0.9999999999e9f64), Just(1e15), -1.0..1.0f64, (5e20..6e20f64),]
-                .boxed()
-        };
-        prop_oneof![
-            point(span(4.0), span(4.0)),
-            point(span(1e7), span(1e7)),
-            point(steps(), steps()),
-            point(span(9.0), Just(-0.0).boxed()),
-            point(far(), far()),
-            point(Just(7.7).boxed(), Just(1e-300).boxed()),
-        ]
-    }
 
     /// What coordinates may become where something is badly broken.
     fn broken() -> impl Strategy<Value = f64> {
         prop::sample::select(vec![f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e200, -1e160])
     }
 
-    /// A flight: where everybody is at each of some instants. Most move slowly, one jumps, and one
+    /// A motion: where everybody is at each of some instants. Most move slowly, one jumps, and one
     /// may be broken at some instants.
-    pub(crate) fn flight() -> impl Strategy<Value = Vec<Vec<Vec2>>> {
+    pub(crate) fn motion() -> impl Strategy<Value = Vec<Vec<Vec2>>> {
         let jump = (0..30_usize, any::<prop::sample::Index>(), -3.0..3.0f64);
         let broken = prop::option::of((0..30_usize, any::<prop::sample::Index>(), broken()));
         let slow = prop_oneof![Just(0.0), Just(1e-17), 1e-4..0.2f64];
@@ -215,11 +187,11 @@ pub(crate) mod tests {
 
     proptest! {
         #[test]
-        fn whoever_is_within_reach_is_listed_at_every_instant_of_a_flight(
-            flight in flight(), reach_m in prop_oneof![Just(0.0), 0.1..2.0f64, Just(f64::INFINITY)],
+        fn whoever_is_within_reach_is_listed_at_every_instant_of_a_motion(
+            motion in motion(), reach_m in prop_oneof![Just(0.0), 0.1..2.0f64, Just(f64::INFINITY)],
         ) {
             let mut near = NearPairs::new(reach_m);
-            for points in flight {
+            for points in motion {
                 near.update(&points);
                 for (i, a) in points.iter().enumerate() {
                     let listed: Vec<usize> = near.of(i).collect();
@@ -234,7 +206,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn robots_that_fly_in_a_wide_lattice_have_short_lists_that_last() {
+    fn robots_that_move_in_a_wide_lattice_have_short_lists_that_last() {
         let mut near = NearPairs::new(0.5);
         let lattice: Vec<Vec2> =
             (0..400).map(|i| Vec2::new((i % 20) as f64, (i / 20) as f64)).collect();

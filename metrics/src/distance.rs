@@ -4,8 +4,8 @@
 //! truths: a pair whose way to its smallest distance is longer than the way it can have made
 //! within the window is passed over.
 
-use formation::Vec2;
-use formation::closest::ClosestInFlight;
+use formation::closest_over_time::ClosestOverTime;
+use formation::{ROUNDING, Vec2};
 use protocol::message::TruthHeader;
 use serde::Serialize;
 
@@ -35,13 +35,11 @@ pub struct PairDistance {
 
 /// Truths that are looked at together.
 const WINDOW: usize = 64;
-/// Rounding moves no coordinate and no square by so large a share.
-const ROUNDING: f64 = 1e-9;
 
 /// The smallest distance of every pair so far.
 pub(super) struct Distances {
     robots: usize,
-    closest: ClosestInFlight,
+    closest: ClosestOverTime,
     /// For each pair i < j, row by row: square of the smallest distance, m^2, and when, ns; the
     /// window under way not yet looked at.
     least: Vec<(f64, u64)>,
@@ -121,7 +119,7 @@ impl Distances {
         let pairs = robots * robots.saturating_sub(1) / 2;
         Distances {
             robots,
-            closest: ClosestInFlight::default(),
+            closest: ClosestOverTime::default(),
             least: vec![(f64::INFINITY, 0); pairs],
             window: Window {
                 t_ns: Vec::with_capacity(WINDOW),

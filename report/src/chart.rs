@@ -14,7 +14,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{Color, IntoFont, RGBColor, ShapeStyle, TextStyle};
 
 use crate::axis::Axis;
-use crate::html::escaped;
+use crate::markup::escaped;
 use crate::palette::{BLACK, Dash, GRAY, Line, VERMILION, WHITE};
 use crate::simplify::{Point, by_column, clipped, within};
 

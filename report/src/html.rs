@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use serde_json::{Map, Value};
 
 use crate::chart::Figure;
+use crate::markup::escaped;
 use crate::outcome::{Expectation, Fault, Outcome, Stage, asked, digits};
 use crate::page;
 use crate::run::Run;
@@ -12,26 +13,6 @@ use crate::run::Run;
 const STYLE: &str = include_str!("../assets/report.css");
 /// Of a longer list of names only the first ones are told.
 const NAMES_MAX: usize = 12;
-
-/// A text as it stands in HTML and XML, in elements and in quotes; what XML has no words for
-/// becomes a space.
-pub fn escaped(text: &str) -> String {
-    let mut safe = String::with_capacity(text.len());
-    for character in text.chars() {
-        match character {
-            '&' => safe.push_str("&amp;"),
-            '<' => safe.push_str("&lt;"),
-            '>' => safe.push_str("&gt;"),
-            '"' => safe.push_str("&quot;"),
-            '\'' => safe.push_str("&#39;"),
-            '\n' | '\t' => safe.push(character),
-            '\u{fffe}' | '\u{ffff}' => safe.push(' '),
-            control if control.is_control() => safe.push(' '),
-            other => safe.push(other),
-        }
-    }
-    safe
-}
 
 /// `report.html`.
 pub fn report(run: &Run, figures: &[Figure]) -> String {

@@ -10,6 +10,7 @@
 //! | `palette` | which color and which dashes? |
 //! | `simplify` | which points of a curve can be seen? |
 //! | `html` | what is on the page of a run? |
+//! | `markup` | how does a text stay a text in HTML and XML? |
 //! | `scene` | what is in the picture in the plane, and one instant of it? |
 //! | `page` | how does that move? |
 //!
@@ -20,6 +21,7 @@ pub mod axis;
 pub mod chart;
 pub mod figures;
 pub mod html;
+mod markup;
 pub mod outcome;
 pub mod page;
 pub mod palette;

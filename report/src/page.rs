@@ -10,7 +10,7 @@ use base64::prelude::{BASE64_STANDARD, Engine as _};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use crate::html::escaped;
+use crate::markup::escaped;
 use crate::scene::{Frame, Scene};
 
 mod pack;

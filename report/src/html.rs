@@ -80,7 +80,10 @@ fn head(run: &Run) -> String {
         None => ("missed", "cut short: the run was never summed up; what was recorded is shown"),
         Some(outcome) if outcome.interrupted => ("missed", "interrupted"),
         Some(outcome) if outcome.exit == 4 => ("missed", "ended early"),
-        Some(outcome) if outcome.expectations.is_empty() => ("held", "nothing was expected"),
+        Some(outcome) if outcome.expectations.is_empty() => (
+            "undeclared",
+            "no expectations declared; exit code 0 says that the run ended as planned",
+        ),
         Some(outcome) if outcome.expectations.iter().all(|expectation| expectation.held) => {
             ("held", "every expectation held")
         }

@@ -70,22 +70,23 @@ pub struct RunArgs {
     /// (SCHED_FIFO, mlockall); real time only.
     #[arg(long)]
     realtime_priority: bool,
-    /// Show the run in a browser while it flies, at a port or address of this machine [default: any
-    /// free port]; the address to open is printed on stderr. Nobody is waited for.
+    /// Show the run in a browser while it goes on, at a port or address of this machine [default: any
+    /// free port]; the address to open is printed on stderr. The run never waits for a browser.
     #[arg(
         long,
         value_name = "ADDR",
         num_args = 0..=1,
         require_equals = true,
         default_missing_value = view::DEFAULT,
+        default_value_if("view_control", "true", view::DEFAULT),
         value_parser = view::address
     )]
     view: Option<SocketAddr>,
-    /// Let that page kill, freeze and restart robots and cut links.
-    #[arg(long, requires = "view")]
+    /// Show the run as --view does, and let that page kill, freeze and restart robots and cut links.
+    #[arg(long)]
     view_control: bool,
-    /// Let --view listen where other machines can reach it. There is no encryption: whoever sees the
-    /// address printed, or the traffic, sees the run and, with --view-control, breaks it.
+    /// Let --view=ADDR listen where other machines can reach it. There is no encryption: whoever sees
+    /// the address printed, or the traffic, sees the run and, with --view-control, breaks it.
     #[arg(long, requires = "view")]
     insecure: bool,
     /// Write no figures and no report.html; `phalanx report` makes them later.

@@ -16,6 +16,8 @@ use metrics::fault::FaultReport;
 
 /// Of more robots than this, the screen shows only those with the largest errors.
 const ROBOTS_SHOWN: usize = 12;
+/// The verdict on a run of which nothing is expected: it has neither passed nor failed.
+const UNDECLARED: &str = "no expectations declared; exit code 0 says that the run ended as planned";
 
 /// The content of `summary.json`. What never came about is `null`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -207,6 +209,7 @@ pub fn screen(summary: &Summary) -> String {
     let verdict = match (summary.interrupted, summary.exit, held) {
         (true, ..) => "interrupted",
         (_, 4, _) => "ended early",
+        _ if summary.expectations.is_empty() => UNDECLARED,
         (.., true) => "every expectation held",
         (.., false) => "an expectation was missed",
     };

@@ -35,6 +35,7 @@ pub struct Running {
 /// A run that has ended.
 pub struct Ended {
     pub code: Option<i32>,
+    pub stdout: String,
     pub stderr: String,
     pub summary: Value,
     shown: String,
@@ -224,17 +225,17 @@ impl Running {
         let summary = std::fs::read(self.run_dir().join("summary.json"))
             .map(|bytes| serde_json::from_slice(&bytes).expect("summary.json is JSON"))
             .unwrap_or(Value::Null);
+        let stdout = String::from_utf8_lossy(&stdout).into_owned();
         let stderr = std::mem::take(&mut self.said) + &String::from_utf8_lossy(&stderr);
         let shown = format!(
-            "command: {}\ndirectory: {}\nstatus: {status}\nstdout:\n{}\nstderr:\n{stderr}",
+            "command: {}\ndirectory: {}\nstatus: {status}\nstdout:\n{stdout}\nstderr:\n{stderr}",
             self.shown,
             self.run_dir().display(),
-            String::from_utf8_lossy(&stdout),
         );
         let code = status.code();
         let scratch = std::mem::replace(&mut self.scratch, tempfile::tempdir().unwrap());
         let run_root = std::mem::replace(&mut self.run_root, tempfile::tempdir().unwrap());
-        Ended { code, stderr, summary, shown, scratch, run_root }
+        Ended { code, stdout, stderr, summary, shown, scratch, run_root }
     }
 }
 

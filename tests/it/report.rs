@@ -81,6 +81,21 @@ fn what_the_chapter_says_of_its_figures_is_expected_and_drawn() {
 }
 
 #[test]
+fn a_run_of_which_nothing_is_expected_has_neither_passed_nor_failed() {
+    for (expected, verdict, class) in [
+        ("expect={}", "no expectations declared; exit code 0", "verdict undeclared"),
+        ("expect={exit=0}", "every expectation held", "verdict held"),
+    ] {
+        let ended = run("triangle").lockstep().set("duration_s=1").set(expected).finish();
+        ended.exits_with(0);
+        let page = page(&ended, &[]);
+        ended.claim(ended.stdout.contains(verdict), format!("the screen says: {verdict}"));
+        ended.claim(page.contains(verdict), format!("the page says: {verdict}"));
+        ended.claim(page.contains(class), format!("the page shows it as {class}"));
+    }
+}
+
+#[test]
 fn a_run_draws_its_figures_by_itself_and_flies_as_well_if_it_cannot() {
     for hindered in [false, true] {
         let mut flying = run("triangle").set("duration_s=1").set("expect={}").drawing().start();

@@ -233,7 +233,7 @@ fn the_page_and_its_stream_are_for_those_with_the_token_who_come_by_our_name() {
 
 #[test]
 fn robots_killed_frozen_and_brought_back_by_hand_count_like_those_of_the_scenario() {
-    let (running, page) = watched(&["--view", "--view-control"]);
+    let (running, page) = watched(&["--view-control"]);
     let mut events = page.events();
     events.robot_is(1, "flying");
     for (order, status, reason) in [
@@ -347,6 +347,8 @@ fn who_looks_changes_nothing_in_lockstep_whether_it_reads_or_not() {
     let (told, _) = page.events().partition::<Vec<_>, _>(|(name, _)| !name.is_empty());
     let (name, landed) = told.last().expect("something is told");
     assert_eq!((name.as_str(), &landed["exit"]), ("landed", &json!(0)), "{told:?}");
+    let text = landed["text"].as_str().unwrap();
+    assert!(text.contains("no expectations declared"), "{text}");
     let ended = running.finish();
     ended.exits_with(0).leaves_nothing();
     ended.claim(ended.hash() == alone.hash(), format!("the same hash, {}", alone.hash()));
@@ -384,7 +386,6 @@ fn a_view_that_others_could_reach_or_that_finds_its_port_taken_starts_nothing() 
         (vec!["--view=0.0.0.0:0"], 2, "--insecure"),
         (vec!["--view=[::]:0"], 2, "--insecure"),
         (vec!["--view=nowhere"], 2, "such as 8080"),
-        (vec!["--view-control"], 2, "--view"),
         (vec!["--insecure"], 2, "--view"),
         (vec![&*format!("--view={port}")], 4, "Address already in use"),
     ] {

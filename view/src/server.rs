@@ -14,9 +14,10 @@ use std::time::{Duration, Instant};
 
 use axum::Router;
 use axum::body::Bytes;
-use axum::extract::{DefaultBodyLimit, Request as HttpRequest, State};
+use axum::extract::{ConnectInfo, DefaultBodyLimit, Request as HttpRequest, State};
 use axum::http::header::{
-    CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
+    CACHE_CONTROL, CONNECTION, CONTENT_SECURITY_POLICY, CONTENT_TYPE, REFERRER_POLICY,
+    X_CONTENT_TYPE_OPTIONS,
 };
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::middleware::{self, Next};
@@ -30,8 +31,8 @@ use tokio::time::{sleep, timeout};
 
 use crate::act::{self, NoAct, Request};
 use crate::address::reachable;
-use crate::gate::{Gate, may_order};
-use crate::listener::Limited;
+use crate::gate::{Gate, Refusal, may_order};
+use crate::listener::{Limited, Limits, Pass};
 use crate::news::{News, tell};
 use crate::post::Post;
 use crate::token::Token;
@@ -52,15 +53,21 @@ const BODY_MAX: usize = 4096;
 const REQUESTS_MAX: usize = 16;
 /// An order is answered within this, even if the supervisor is held up.
 const ANSWER_MAX: Duration = Duration::from_secs(5);
+/// A whole request is read and its answer begins within this; a little more than an order takes.
+const REQUEST_MAX: Duration = Duration::from_secs(10);
 /// What the kernel keeps of a stream for a client that does not read, bytes. Little, so that a slow
 /// client misses frames instead of getting old ones.
 const SEND_BUFFER: u32 = 32 * 1024;
 /// Connections that wait to be accepted.
 const BACKLOG: u32 = 32;
 
+const TOO_MANY: Refusal = (StatusCode::SERVICE_UNAVAILABLE, "too many look at this run");
+
 /// The page is given away by nobody, framed by nobody, and asks nobody but us. Its own policy, which
-/// names its scripts, holds beside this one.
-const HEADERS: [(HeaderName, &str); 4] = [
+/// names its scripts, holds beside this one. One request for each connection: none is kept for
+/// another that may never come.
+const HEADERS: [(HeaderName, &str); 5] = [
+    (CONNECTION, "close"),
     (CACHE_CONTROL, "no-store"),
     (REFERRER_POLICY, "no-referrer"),
     (X_CONTENT_TYPE_OPTIONS, "nosniff"),
@@ -101,6 +108,7 @@ pub struct Bound {
     listener: TcpListener,
     address: SocketAddr,
     gate: Gate,
+    limits: Limits,
 }
 
 /// Takes the place. `insecure`: other machines may come, if the address lets them.
@@ -123,7 +131,7 @@ pub fn bind(address: SocketAddr, insecure: bool) -> Result<Bound, ViewError> {
     let address = listener.local_addr()?;
     drop(entered);
     let gate = Gate { token: Token::draw()?, open_to_others: !loopback };
-    Ok(Bound { runtime, listener, address, gate })
+    Ok(Bound { runtime, listener, address, gate, limits: Limits::default() })
 }
 
 /// What the answers are made of.
@@ -146,7 +154,7 @@ impl Bound {
 
     /// Starts to answer, on a thread of its own. `control`: clients may act.
     pub fn serve(self, scene: Scene, control: bool) -> Result<View, ViewError> {
-        let Bound { runtime, listener, gate, .. } = self;
+        let Bound { runtime, listener, gate, limits, .. } = self;
         let post = Arc::new(Post::default());
         let (requests, asked) = sync_channel(REQUESTS_MAX);
         let (here, gone) = channel::<()>();
@@ -164,8 +172,9 @@ impl Bound {
             let _here: Sender<()> = here; // until the thread ends
             give_way();
             runtime.block_on(async move {
-                let listener = Limited::new(listener);
-                tokio::spawn(axum::serve(listener, router(answers)).into_future());
+                let listener = Limited::new(listener, limits);
+                let answers = router(answers).into_make_service_with_connect_info::<Pass>();
+                tokio::spawn(axum::serve(listener, answers).into_future());
                 deliver(&letter_box, told).await;
             });
         })?;
@@ -207,9 +216,18 @@ fn router(answers: Answers) -> Router {
 }
 
 /// Nobody gets past the gate, and every answer has its headers.
-async fn guarded(State(answers): State<Answers>, request: HttpRequest, next: Next) -> Response {
+async fn guarded(
+    State(answers): State<Answers>,
+    ConnectInfo(pass): ConnectInfo<Pass>,
+    request: HttpRequest,
+    next: Next,
+) -> Response {
     let mut response = match answers.gate.admits(request.uri(), request.headers()) {
-        Ok(()) => next.run(request).await,
+        Ok(()) if pass.authenticate() => match timeout(REQUEST_MAX, next.run(request)).await {
+            Ok(response) => response,
+            Err(_) => (StatusCode::REQUEST_TIMEOUT, "the request is not whole").into_response(),
+        },
+        Ok(()) => TOO_MANY.into_response(),
         Err(refusal) => refusal.into_response(),
     };
     for (name, value) in HEADERS {
@@ -225,7 +243,7 @@ async fn page(State(answers): State<Answers>) -> Response {
 async fn events(State(answers): State<Answers>) -> Response {
     match answers.post.seat() {
         Some(seat) => tell(answers.news, seat),
-        None => (StatusCode::SERVICE_UNAVAILABLE, "too many look at this run").into_response(),
+        None => TOO_MANY.into_response(),
     }
 }
 
@@ -263,67 +281,4 @@ async fn control(State(answers): State<Answers>, headers: HeaderMap, body: Bytes
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use report::scene::{Frame, FrameRobot};
-    use std::io::{BufRead as _, BufReader, Write as _};
-    use std::net::TcpStream;
-
-    /// So many robots that the sockets on the way hold few frames.
-    const ROBOTS: usize = 300;
-    /// Only a hang takes this long.
-    const HANG: Duration = Duration::from_secs(60);
-
-    fn frame(t_s: f64) -> Frame {
-        Frame { t_s, robots: vec![FrameRobot::default(); ROBOTS], ..Frame::default() }
-    }
-
-    #[test]
-    fn a_client_that_does_not_read_misses_frames_and_holds_up_nobody() {
-        let bound = bind("127.0.0.1:0".parse().unwrap(), false).unwrap();
-        let url = bound.url();
-        let (host, query) = url.strip_prefix("http://").unwrap().split_once('/').unwrap();
-        let mut view = bound.serve(crate::act::tests::two_robots(), false).unwrap();
-        let began = Instant::now();
-        let come = || {
-            let mut stream = TcpStream::connect(host).unwrap();
-            stream.set_read_timeout(Some(HANG)).unwrap();
-            write!(stream, "GET /events{query} HTTP/1.0\r\nHost: {host}\r\n\r\n").unwrap();
-            BufReader::new(stream)
-        };
-        let frames = |lines: BufReader<TcpStream>| {
-            let data = lines.lines().map_while(Result::ok);
-            let data = data.filter_map(|line| Some(line.strip_prefix("data: ")?.to_owned()));
-            let frames = data.map(|data| serde_json::from_str::<serde_json::Value>(&data).unwrap());
-            frames.filter(|frame| frame["t_s"].is_f64())
-        };
-        let idle = come();
-        let mut reader = frames(come());
-        while view.post.clients() < 2 {
-            assert!(began.elapsed() < HANG, "they do not get in");
-            std::thread::sleep(Duration::from_millis(1));
-        }
-        // Far more than the sockets hold, each of which the one that reads gets.
-        for number in 0..200 {
-            let before = view.frames;
-            while view.frames == before {
-                view.frame(frame(f64::from(number)));
-            }
-            assert_eq!(reader.next().expect("a frame")["t_s"].as_f64(), Some(f64::from(number)));
-        }
-        // The other one reads at last: it gets the newest soon, and hears what it has missed.
-        let mut shown = 0;
-        for frame in frames(idle) {
-            shown += 1;
-            let (t_s, dropped) =
-                (frame["t_s"].as_f64().unwrap(), frame["dropped"].as_u64().unwrap());
-            if t_s == 199.0 {
-                assert!(dropped > 0 && shown + dropped <= 200, "{shown} shown, {dropped} dropped");
-                break;
-            }
-        }
-        assert!(shown < 200, "it got every frame, however old");
-        view.landed(0, "done");
-        assert!(began.elapsed() < HANG);
-    }
-}
+mod tests;

@@ -1,0 +1,54 @@
+//! `phalanx check`: is the scenario sound, and what can be said about it before it runs?
+
+use clap::{Args, ValueEnum};
+use protocol::law::LawDescription;
+use protocol::process::exit;
+
+use super::scenario::ScenarioArgs;
+use super::screen::{Output, print};
+use experiment::check::{self, Theory};
+use experiment::drawing::{Drawing, drawn};
+
+/// Arguments of `phalanx check`.
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    #[command(flatten)]
+    scenario: ScenarioArgs,
+    /// What to print.
+    #[arg(long, value_enum, default_value_t = Output::Text)]
+    output: Output,
+    /// Print the formation graph instead, to be drawn.
+    #[arg(long, value_enum, value_name = "FORMAT", conflicts_with = "output")]
+    graph: Option<GraphFormat>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum GraphFormat {
+    /// Mermaid: GitHub and many editors draw it.
+    Mermaid,
+    /// Graphviz: `| dot -Tsvg`.
+    Dot,
+}
+
+impl From<GraphFormat> for Drawing {
+    fn from(format: GraphFormat) -> Drawing {
+        match format {
+            GraphFormat::Mermaid => Drawing::Mermaid,
+            GraphFormat::Dot => Drawing::Dot,
+        }
+    }
+}
+
+pub(super) fn check(args: &CheckArgs, laws: &[LawDescription]) -> u8 {
+    let Some((scenario, _)) = args.scenario.read(laws) else {
+        return exit::BAD_SCENARIO;
+    };
+    if let Some(drawing) = args.graph {
+        return print(&drawn(&scenario, drawing.into()));
+    }
+    let theory = Theory::of(&scenario);
+    print(&match args.output {
+        Output::Text => check::report(&scenario, &theory),
+        Output::Json => theory.to_json(),
+    })
+}

@@ -1,0 +1,25 @@
+//! `phalanx clean`: what dead runs left is removed.
+
+use clap::Args;
+use protocol::process::exit;
+use protocol::run_root;
+
+use super::screen::{complain, print};
+use crate::dead_runs;
+
+/// Arguments of `phalanx clean`.
+#[derive(Debug, Args)]
+pub struct CleanArgs {
+    /// Only say what would be removed.
+    #[arg(long)]
+    dry_run: bool,
+}
+
+pub(super) fn clean(args: &CleanArgs) -> u8 {
+    let (said, failures) = dead_runs::remove(&run_root::base(), args.dry_run);
+    let printed = print(&said);
+    for failure in &failures {
+        complain(failure);
+    }
+    if failures.is_empty() { printed } else { exit::INFRASTRUCTURE }
+}

@@ -1,0 +1,28 @@
+//! `phalanx doctor`: is this machine fit for runs?
+
+use clap::Args;
+use protocol::process::exit;
+
+use super::screen::{Output, print};
+use crate::doctor;
+use crate::run_dir::to_json;
+
+/// Arguments of `phalanx doctor`.
+#[derive(Debug, Args)]
+pub struct DoctorArgs {
+    /// Robots that the machine is to be fit for.
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    robots: u32,
+    /// What to print.
+    #[arg(long, value_enum, default_value_t = Output::Text)]
+    output: Output,
+}
+
+pub(super) fn doctor(args: &DoctorArgs) -> u8 {
+    let findings = doctor::examine(args.robots as usize);
+    let printed = print(&match args.output {
+        Output::Text => doctor::screen(&findings),
+        Output::Json => to_json(&findings),
+    });
+    if doctor::is_wrong(&findings) { exit::INFRASTRUCTURE } else { printed }
+}

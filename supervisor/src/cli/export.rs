@@ -1,0 +1,47 @@
+//! `phalanx export`: a recording becomes CSV tables.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use protocol::process::exit;
+use recording::export::{ExportError, Exported, export as write_tables};
+
+use super::screen::{complain, print};
+use crate::run_dir::RECORDING;
+
+/// Arguments of `phalanx export`.
+#[derive(Debug, Args)]
+pub struct ExportArgs {
+    /// A run directory, or a recording by itself.
+    #[arg(value_name = "RUN_DIR|FILE")]
+    run: PathBuf,
+    /// Where to write the tables; must not exist [default: RUN_DIR/export, or FILE with -export for
+    /// its ending].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+pub(super) fn export(args: &ExportArgs) -> u8 {
+    let (file, out) = if args.run.is_dir() {
+        (args.run.join(RECORDING), args.run.join("export"))
+    } else {
+        let stem = args.run.file_stem().unwrap_or_default().to_string_lossy();
+        (args.run.clone(), args.run.with_file_name(format!("{stem}-export")))
+    };
+    let out = args.out.clone().unwrap_or(out);
+    match write_tables(&file, &out) {
+        Ok(Exported { tables, whole }) => {
+            if !whole {
+                tracing::warn!("{} is cut or damaged; what is whole is exported", file.display());
+            }
+            let rows = |(name, rows): &(&str, u64)| format!("{rows:>9} rows  {name}\n");
+            let tables: String = tables.iter().map(rows).collect();
+            print(&format!("{tables}written to {}\n", out.display()))
+        }
+        Err(error) => {
+            let code = complain(&error);
+            let wrote = matches!(error, ExportError::Write { .. } | ExportError::Message { .. });
+            if wrote { code } else { exit::USAGE }
+        }
+    }
+}

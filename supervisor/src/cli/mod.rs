@@ -1,0 +1,59 @@
+//! What was asked for: the command line, one file for each verb.
+//!
+//! Results go to stdout, everything else to stderr. The exit code tells how it went.
+//!
+//! | file | what it does |
+//! |---|---|
+//! | `run` `check` `report` `doctor` `clean` `recover` `export` | the verb of its name |
+//! | `scenario` | reads the scenario that a verb is about, with the command line's changes |
+//! | `screen` | writes to the terminal: results, complaints, the log, the progress bar |
+
+mod check;
+mod clean;
+mod doctor;
+mod export;
+mod recover;
+mod report;
+mod run;
+mod scenario;
+mod screen;
+
+use clap::Subcommand;
+use protocol::law::LawDescription;
+use protocol::process::quiet_iceoryx2;
+
+use crate::spawn::Launcher;
+
+/// The supervisor's verbs.
+#[derive(Debug, Subcommand)]
+pub enum Verb {
+    /// Run a scenario: every robot is a process of its own.
+    Run(run::RunArgs),
+    /// Validate a scenario and print what can be said before it runs.
+    Check(check::CheckArgs),
+    /// Draw the figures of a run and write its page, from what it has written.
+    Report(report::ReportArgs),
+    /// Say whether this machine is fit for runs, and what to do about it.
+    Doctor(doctor::DoctorArgs),
+    /// Remove what dead runs left in the run root and in shared memory.
+    Clean(clean::CleanArgs),
+    /// Give a recording that a kill cut short its index back, in a new file.
+    Recover(recover::RecoverArgs),
+    /// Turn a recording into CSV tables, one for each kind of observation.
+    Export(export::ExportArgs),
+}
+
+/// Does what was asked for; `laws` are those that the agents know, which `launcher` starts.
+pub fn main(verb: &Verb, laws: &[LawDescription], launcher: &Launcher) -> u8 {
+    screen::log_to_stderr();
+    quiet_iceoryx2();
+    match verb {
+        Verb::Run(args) => run::run(args, laws, launcher.clone()),
+        Verb::Check(args) => check::check(args, laws),
+        Verb::Report(args) => report::report(args, laws),
+        Verb::Doctor(args) => doctor::doctor(args),
+        Verb::Clean(args) => clean::clean(args),
+        Verb::Recover(args) => recover::recover(args),
+        Verb::Export(args) => export::export(args),
+    }
+}

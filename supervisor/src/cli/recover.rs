@@ -1,0 +1,35 @@
+//! `phalanx recover`: the index of a truncated recording is rebuilt.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use protocol::process::exit;
+use recording::recover::{Outcome, RecoverError, recover as rebuild};
+
+use super::screen::{complain, print};
+
+/// Arguments of `phalanx recover`.
+#[derive(Debug, Args)]
+pub struct RecoverArgs {
+    /// The recording; it is only read. One that is whole is left alone.
+    file: PathBuf,
+    /// The new recording; must not exist [default: FILE with .recovered.mcap for its ending].
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+pub(super) fn recover(args: &RecoverArgs) -> u8 {
+    let out = args.out.clone().unwrap_or_else(|| args.file.with_extension("recovered.mcap"));
+    match rebuild(&args.file, &out) {
+        Ok(Outcome::Whole) => {
+            print(&format!("{} is whole: nothing to recover\n", args.file.display()))
+        }
+        Ok(Outcome::Recovered(recovered)) => {
+            print(&format!("{recovered}written to {}\n", out.display()))
+        }
+        Err(error) => {
+            let code = complain(&error);
+            if matches!(error, RecoverError::Write { .. }) { code } else { exit::USAGE }
+        }
+    }
+}

@@ -1,0 +1,40 @@
+//! `phalanx report`: figures and page of a run, from what it has written.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use protocol::law::LawDescription;
+use protocol::process::exit;
+
+use super::screen::{complain, print, show};
+use crate::report;
+use experiment::scenario::read::{Overrides, read};
+
+/// Arguments of `phalanx report`.
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    /// The directory that a run has written; figures and page of an earlier report are replaced.
+    run_dir: PathBuf,
+}
+
+pub(super) fn report(ReportArgs { run_dir }: &ReportArgs, laws: &[LawDescription]) -> u8 {
+    let scenario = match report::scenario_path(run_dir) {
+        Ok(scenario) => scenario,
+        Err(error) => {
+            complain(&error);
+            return exit::USAGE;
+        }
+    };
+    // Its warnings were shown when it ran.
+    let (scenario, ..) = match read(&scenario, &Overrides::default(), laws) {
+        Ok(read) => read,
+        Err(diagnostic) => {
+            show(&diagnostic);
+            return exit::BAD_SCENARIO;
+        }
+    };
+    match report::write(run_dir, &scenario) {
+        Ok(page) => print(&format!("written to {}\n", page.display())),
+        Err(error) => complain(&error),
+    }
+}

@@ -1,0 +1,236 @@
+//! `phalanx run`: a scenario is run, written down and judged.
+
+use std::io;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use protocol::brief::Pace;
+use protocol::law::LawDescription;
+use protocol::process::{Stop, exit, try_realtime_priority};
+use view::{Bound, ViewError};
+
+use super::scenario::ScenarioArgs;
+use super::screen::{Output, complain, print, progress, show_progress, tell};
+use crate::live;
+use crate::outcome::Outcome;
+use crate::report;
+use crate::run::{self, Run};
+use crate::run_dir::{Manifest, RunDir, RunDirError, default_out};
+use crate::spawn::Launcher;
+use crate::summary::{self, Summary};
+use experiment::scenario::Scenario;
+use metrics::Metrics;
+use metrics::expect;
+
+/// Arguments of `phalanx run`.
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    #[command(flatten)]
+    scenario: ScenarioArgs,
+    /// How time passes.
+    #[arg(long, value_enum, default_value_t = PaceArg::Realtime)]
+    pace: PaceArg,
+    /// Where to write the run; must not exist [default: runs/NAME-DATE-TIME].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Let agents and plant run before every ordinary process, with their memory locked
+    /// (SCHED_FIFO, mlockall); real time only.
+    #[arg(long)]
+    realtime_priority: bool,
+    /// Show the run in a browser while it goes on, at a port or address of this machine [default: any
+    /// free port]; the address to open is printed on stderr. The run never waits for a browser.
+    #[arg(
+        long,
+        value_name = "ADDR",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = view::DEFAULT,
+        default_value_if("view_control", "true", view::DEFAULT),
+        value_parser = view::address
+    )]
+    view: Option<SocketAddr>,
+    /// Show the run as --view does, and let that page kill, freeze and restart robots and cut links.
+    #[arg(long)]
+    view_control: bool,
+    /// Let --view=ADDR listen where other machines can reach it. There is no encryption: whoever sees
+    /// the address printed, or the traffic, sees the run and, with --view-control, breaks it.
+    #[arg(long, requires = "view")]
+    insecure: bool,
+    /// Write no figures and no report.html; `phalanx report` makes them later.
+    #[arg(long)]
+    no_report: bool,
+    /// Measure and record nothing: what measuring costs is measured against this.
+    #[arg(long, hide = true)]
+    unmeasured: bool,
+    /// What to print at the end.
+    #[arg(long, value_enum, default_value_t = Output::Text)]
+    output: Output,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum PaceArg {
+    /// Simulated time, bit-identical from run to run.
+    Lockstep,
+    /// The machine's clock.
+    Realtime,
+}
+
+pub(super) fn run(args: &RunArgs, laws: &[LawDescription], mut launcher: Launcher) -> u8 {
+    if args.realtime_priority && args.pace == PaceArg::Lockstep {
+        complain(&"--realtime-priority is for --pace realtime: lockstep has no deadlines");
+        return exit::USAGE;
+    }
+    let Some((scenario, text)) = args.scenario.read(laws) else {
+        return exit::BAD_SCENARIO;
+    };
+    // Before anything is written or spawned: the port may be taken.
+    let place = args.view.map(|address| view::bind(address, args.insecure)).transpose();
+    let looks = match place {
+        Ok(place) => place.map(|bound| Looks { bound, control: args.view_control }),
+        Err(error) => {
+            let code = complain(&error);
+            return if matches!(error, ViewError::NotLoopback(_)) { exit::USAGE } else { code };
+        }
+    };
+    let pace = match args.pace {
+        PaceArg::Lockstep => Pace::Lockstep,
+        PaceArg::Realtime => Pace::Realtime,
+    };
+    let out = args.out.clone().unwrap_or_else(|| default_out(&scenario.name));
+    let mut manifest = Manifest::collect(&scenario, &args.scenario.path, pace);
+    if args.realtime_priority {
+        manifest.realtime_priority = Some(match try_realtime_priority() {
+            Ok(()) => {
+                launcher = launcher.with_realtime_priority();
+                "granted".into()
+            }
+            Err(error) => {
+                tracing::warn!("running with ordinary priority: {error}");
+                error.to_string()
+            }
+        });
+    }
+    let how = How { pace, launcher, unmeasured: args.unmeasured, looks };
+    match fly(&scenario, &text, &manifest, &out, how) {
+        Ok(flown) => {
+            if flown.took_off && !args.no_report {
+                // The run is written down: that its pictures are not changes nothing about it.
+                if let Err(error) = report::write(&out, &scenario) {
+                    complain(&error);
+                }
+            }
+            let printed = match args.output {
+                // What was wrong was said already; of nothing there is nothing to show.
+                Output::Text if !flown.took_off => exit::OK,
+                Output::Text => print(&format!(
+                    "{}\nwritten to {}\n",
+                    summary::screen(&flown.summary).trim_end(),
+                    out.display()
+                )),
+                Output::Json => print(&flown.summary.to_json()),
+            };
+            if flown.exit == exit::OK { printed } else { flown.exit }
+        }
+        Err(error @ (NotFlown::Signals(_) | NotFlown::View(_))) => complain(&error),
+        Err(NotFlown::RunDir(error)) => {
+            let code = complain(&error);
+            if matches!(error, RunDirError::Exists(_)) { exit::USAGE } else { code }
+        }
+    }
+}
+
+/// Why a run left no summary.
+#[derive(Debug, thiserror::Error)]
+enum NotFlown {
+    #[error("cannot handle signals: {0}")]
+    Signals(#[from] io::Error),
+    #[error(transparent)]
+    RunDir(#[from] RunDirError),
+    #[error(transparent)]
+    View(#[from] ViewError),
+}
+
+/// How a scenario is run.
+struct How {
+    pace: Pace,
+    launcher: Launcher,
+    unmeasured: bool,
+    looks: Option<Looks>,
+}
+
+/// Where people may look at a run under way.
+struct Looks {
+    bound: Bound,
+    /// They may act as well.
+    control: bool,
+}
+
+struct Flown {
+    took_off: bool,
+    summary: Summary,
+    exit: u8,
+}
+
+/// Runs a sound scenario and writes everything down.
+fn fly(
+    scenario: &Scenario,
+    text: &str,
+    manifest: &Manifest,
+    out: &Path,
+    how: How,
+) -> Result<Flown, NotFlown> {
+    let How { pace, launcher, unmeasured, looks } = how;
+    let stop = Stop::on_signals_twice_at_once()?;
+    let mut run_dir = RunDir::create(out, scenario)?;
+    run_dir.write_scenario(text)?;
+    run_dir.write_manifest(manifest)?;
+    run_dir.begin_recording(text, manifest)?;
+    let mut metrics = Metrics::new(scenario, pace);
+    if unmeasured {
+        run_dir.record_nothing();
+        metrics.look_away();
+    }
+    let by_hand = looks.as_ref().is_some_and(|looks| looks.control);
+    let mut view = None;
+    if let Some(Looks { bound, control }) = looks {
+        tell(&format!("view: {}", bound.url()));
+        view = Some(bound.serve(live::scene(scenario, pace), control)?);
+    }
+    let bar = progress(scenario.duration_ns);
+    let launched =
+        Run::launch(scenario, pace, &launcher, by_hand, &mut run_dir, &mut metrics, stop);
+    let (mut outcome, flown) = match launched {
+        Ok(run) => run.watched_by(view.as_mut()).to_the_end(|t_ns| show_progress(bar, t_ns)),
+        Err(error) => (Outcome::default(), Err(error)),
+    };
+    bar.finish_and_clear();
+    let ended_with = run::exit_code(&outcome, &flown);
+    if let Err(error) = &flown {
+        complain(error);
+    }
+    let measures = metrics.finish();
+    let expectations =
+        expect::evaluate(&scenario.expect, &measures, pace, outcome.deadline_misses, ended_with);
+    let held = expectations.iter().all(|expectation| expectation.held);
+    let expected = scenario.expect.exit == Some(ended_with);
+    let exit = match (ended_with, held) {
+        (exit::OK, true) => exit::OK,
+        (exit::OK, false) => exit::EXPECTATION_MISSED,
+        (_, true) if expected => exit::OK,
+        (code, _) => code,
+    };
+    let summary = Summary::new(scenario, pace, &measures, &outcome, expectations, exit);
+    let finished = run_dir.finish(&summary, &measures.pairs, &mut outcome.latency);
+    if let Some(view) = view {
+        let text = match (&flown, &finished) {
+            (Err(error), _) => format!("error: {error}"),
+            (_, Err(error)) => format!("error: {error}"),
+            _ => summary::screen(&summary),
+        };
+        let exit = if finished.is_ok() { exit } else { exit::INFRASTRUCTURE };
+        view.landed(exit, &text);
+    }
+    finished?;
+    Ok(Flown { took_off: outcome.truth.is_some(), summary, exit })
+}

@@ -1,0 +1,45 @@
+//! The scenario that a verb is about: a file, and the command line's changes to it.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use protocol::law::LawDescription;
+
+use super::screen::show;
+use experiment::scenario::Scenario;
+use experiment::scenario::read::{Overrides, read};
+
+/// A scenario file, and changes to it.
+#[derive(Debug, Args)]
+pub(super) struct ScenarioArgs {
+    /// The scenario file.
+    #[arg(value_name = "SCENARIO")]
+    pub(super) path: PathBuf,
+    /// Seed of everything random.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Set a key of the scenario, as in avoidance.kind=none.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Add a fault, as in 'kill r2 @10 restart 2'.
+    #[arg(long, value_name = "SPEC")]
+    fault: Vec<String>,
+}
+
+impl ScenarioArgs {
+    /// The scenario with its effective text; what is wrong with it is shown.
+    pub(super) fn read(&self, laws: &[LawDescription]) -> Option<(Scenario, String)> {
+        let overrides =
+            Overrides { set: self.set.clone(), faults: self.fault.clone(), seed: self.seed };
+        match read(&self.path, &overrides, laws) {
+            Ok((scenario, text, warnings)) => {
+                warnings.iter().for_each(show);
+                Some((scenario, text))
+            }
+            Err(diagnostic) => {
+                show(&diagnostic);
+                None
+            }
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! The terminal: results on stdout; complaints, diagnostics, the log and the progress bar on stderr.
+//!
+//! Nothing else in the command line writes to either.
+
+use std::fmt::Display;
+use std::io::{self, IsTerminal, Write};
+use std::sync::OnceLock;
+
+use clap::ValueEnum;
+use indicatif::{ProgressBar, ProgressStyle};
+use protocol::process::{exit, log_level};
+
+use experiment::scenario::diagnostic::Diagnostic;
+
+const MS: u64 = 1_000_000;
+
+/// In which form a result is printed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum Output {
+    /// One screen for people.
+    Text,
+    /// The same and more for programs; of a run, summary.json.
+    Json,
+}
+
+/// Prints what is logged on stderr, warnings and worse unless the environment asks for more.
+pub(super) fn log_to_stderr() {
+    tracing_subscriber::fmt()
+        .with_writer(|| AboveTheBar)
+        .with_ansi(in_color())
+        .with_target(false)
+        .without_time()
+        .with_max_level(log_level(tracing::Level::WARN))
+        .init();
+}
+
+/// Prints a result; a closed pipe is the reader's choice, not an error.
+pub(super) fn print(text: &str) -> u8 {
+    match io::stdout().write_all(text.as_bytes()).and_then(|()| io::stdout().flush()) {
+        Ok(()) => exit::OK,
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => exit::OK,
+        Err(error) => complain(&error),
+    }
+}
+
+/// Says what went wrong, as one line.
+pub(super) fn complain(error: &dyn Display) -> u8 {
+    let _ = writeln!(io::stderr(), "error: {error}");
+    exit::INFRASTRUCTURE
+}
+
+/// Shows what is wrong with a file, or worth a warning.
+pub(super) fn show(diagnostic: &Diagnostic) {
+    let _ = writeln!(io::stderr(), "{}", diagnostic.render(in_color()));
+}
+
+/// Says something that is neither result nor complaint.
+pub(super) fn tell(line: &str) {
+    let _ = writeln!(io::stderr(), "{line}");
+}
+
+/// The progress bar of the run at hand.
+static BAR: OnceLock<ProgressBar> = OnceLock::new();
+
+/// The progress bar of a run of `duration_ns`; there is one run per process.
+pub(super) fn progress(duration_ns: u64) -> &'static ProgressBar {
+    BAR.get_or_init(|| progress_bar(duration_ns))
+}
+
+fn progress_bar(duration_ns: u64) -> ProgressBar {
+    if !io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::new(duration_ns / MS);
+    // Not as wide as the screen: the echo of a Ctrl-C would break the line.
+    let style = ProgressStyle::with_template("{bar:50} {msg}").expect("a valid template");
+    bar.set_style(style);
+    bar
+}
+
+/// Moves the bar to `t_ns` since the run's start.
+pub(super) fn show_progress(bar: &ProgressBar, t_ns: u64) {
+    bar.set_position(t_ns / MS);
+    let seconds = |ms: u64| ms as f64 / 1e3;
+    let whole = bar.length().map_or(0.0, seconds);
+    bar.set_message(format!("{:.1} of {whole} s", seconds(t_ns / MS)));
+}
+
+/// Standard error, with the progress bar out of the way while something is written.
+struct AboveTheBar;
+
+impl Write for AboveTheBar {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match BAR.get() {
+            Some(bar) => bar.suspend(|| io::stderr().write(bytes)),
+            None => io::stderr().write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        io::stderr().flush()
+    }
+}
+
+/// Colors only for people who want them: NO_COLOR, and a terminal.
+fn in_color() -> bool {
+    io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
+}

@@ -1,126 +1,120 @@
-//! How far each robot is from where its role wants it, from the truth about everybody.
+//! How far each robot is from where its role wants it: now, at last, in all, and since when no
+//! longer.
 
 use formation::Vec2;
-use formation::desired::{Target, desired};
-use formation::frame::LeaderFrame;
-use formation::front_point::front_point;
-use formation::graph::Edge;
-use formation::pose::Pose;
-use protocol::brief::LeadBrief;
-use protocol::law::Role;
+use protocol::message::TruthRow;
 
-use super::Silent;
-use experiment::scenario::{Scenario, Silenced};
+use crate::silence::Silent;
+use crate::target::Targets;
+use experiment::scenario::{Scenario, seconds};
 
-/// What the errors of a scenario's robots are measured against.
+/// The errors so far. Those of the dead count for nothing.
 pub(super) struct Errors {
-    roles: Vec<Role>,
-    /// For each robot, the edges that end in it, and their places in the graph.
-    heard: Vec<Vec<(usize, Edge)>>,
-    lead: Option<LeadBrief>,
+    targets: Targets,
     leader: Option<usize>,
+    converged_error_m: f64,
+    final_from_ns: u64,
+    /// At the newest truth.
+    now_m: Vec<Option<f64>>,
+    /// Integral of each robot's error over the time it lived, m s.
+    integrated_m_s: Vec<Option<f64>>,
+    final_m: Vec<Option<f64>>,
+    converged_since_ns: Option<u64>,
+    newest_t_ns: Option<u64>,
 }
 
 impl Errors {
-    pub(super) fn new(scenario: &Scenario) -> Errors {
-        let edges = || scenario.graph.edges().iter().copied().enumerate();
-        let heard = |i| edges().filter(|(_, edge)| edge.to == i).collect();
+    /// Nothing measured yet. `final_from_ns`: from then on errors are final.
+    pub(super) fn new(scenario: &Scenario, final_from_ns: u64) -> Errors {
+        let robots = scenario.robots.len();
         Errors {
-            roles: scenario.robots.iter().map(|robot| robot.role).collect(),
-            heard: (0..scenario.robots.len()).map(heard).collect(),
-            lead: scenario.lead.clone(),
+            targets: Targets::new(scenario),
             leader: scenario.leader(),
+            converged_error_m: scenario.expect.converged_error_m,
+            final_from_ns,
+            now_m: vec![None; robots],
+            integrated_m_s: vec![None; robots],
+            final_m: vec![None; robots],
+            converged_since_ns: None,
+            newest_t_ns: None,
         }
     }
 
-    /// Where the offsets turn and grow to at `t_s`, from the leader's true heading.
-    pub(super) fn frame(&self, t_s: f64, heading_rad: impl Fn(usize) -> f64) -> LeaderFrame {
-        let (Some(lead), Some(leader)) = (&self.lead, self.leader) else {
-            return LeaderFrame::STILL;
-        };
-        let heading_rad = heading_rad(leader);
-        LeaderFrame { heading_rad, scale: lead.scale.at(t_s).0, ..LeaderFrame::STILL }
-    }
-
-    /// alpha_i - alpha*_i, m: alpha* is m(t) for the leader (25), the mean of what all heard ask
-    /// for in a formation (13) (24) (45), their mean for a contained robot (46); the silent have no
-    /// say in it while anybody else is heard. `None` for one that has nothing to go by.
-    pub(super) fn of(
-        &self,
-        robot: usize,
-        t_s: f64,
-        frame: &LeaderFrame,
+    /// Takes in where everybody is now; the worst error of the living, m.
+    pub(super) fn truth(
+        &mut self,
+        t_ns: u64,
+        rows: &[TruthRow],
         alphas: &[Vec2],
+        alive: &[bool],
         silent: &Silent,
-    ) -> Option<Vec2> {
-        let target = match self.roles[robot] {
-            Role::Leader => self.lead.as_ref().map(|lead| lead.trajectory.at(t_s)),
-            Role::Formation => self.mean(robot, alphas, silent, |c_ji| frame.offset(c_ji)),
-            Role::Contained => self.mean(robot, alphas, silent, |_| Target::still(Vec2::zeros())),
-        };
-        target.map(|target| alphas[robot] - target.position)
+    ) -> f64 {
+        let t_s = seconds(t_ns);
+        let frame = self.targets.frame(t_s, |leader| rows[leader].heading_rad);
+        let since_s = self.newest_t_ns.replace(t_ns).map_or(0.0, |then_ns| t_s - seconds(then_ns));
+        let mut worst: Option<f64> = None;
+        for (i, &alive) in alive.iter().enumerate() {
+            let error = self.targets.error(i, t_s, &frame, alphas, silent);
+            let error = error.map(|error| error.norm());
+            // NaN would disappear in any maximum and pass as converged.
+            let error = error.map(|error| if error.is_nan() { f64::INFINITY } else { error });
+            self.now_m[i] = error;
+            let Some(error) = error.filter(|_| alive) else { continue };
+            *self.integrated_m_s[i].get_or_insert(0.0) += error * since_s;
+            worst = Some(worst.map_or(error, |worst| worst.max(error)));
+            if t_ns >= self.final_from_ns {
+                let last = &mut self.final_m[i];
+                *last = Some(last.map_or(error, |last| last.max(error)));
+            }
+        }
+        let worst = worst.unwrap_or(0.0);
+        // Of a formation in which nobody lives there is nothing to say.
+        let converged = alive.contains(&true) && worst < self.converged_error_m;
+        if !converged {
+            self.converged_since_ns = None;
+        } else if self.converged_since_ns.is_none() {
+            self.converged_since_ns = Some(t_ns);
+        }
+        worst
     }
 
-    fn mean(
-        &self,
-        robot: usize,
-        alphas: &[Vec2],
-        silent: &Silent,
-        offset: impl Fn(Vec2) -> Target,
-    ) -> Option<Target> {
-        let heard = &self.heard[robot];
-        let speaks = |edge: usize, from: usize| silent.carries(edge, from);
-        let nobody = !heard.iter().any(|(edge, ends)| speaks(*edge, ends.from));
-        let counted = heard.iter().filter(|(edge, ends)| nobody || speaks(*edge, ends.from));
-        let place = |ends: &Edge| Target::still(alphas[ends.from]);
-        desired(counted.map(|(_, ends)| (place(ends), offset(ends.offset_m))))
-    }
-}
-
-/// The errors of a run that is over, as vectors.
-pub struct ErrorVectors {
-    errors: Errors,
-    front_points_m: Vec<f64>,
-    silences: Vec<Silence>,
-    silent: Silent,
-    alphas: Vec<Vec2>,
-}
-
-/// What is silent from when until when, s.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Silence {
-    /// From then on, s.
-    pub from_s: f64,
-    /// Until then, s.
-    pub until_s: f64,
-    /// Who or what.
-    pub silenced: Silenced,
-}
-
-impl ErrorVectors {
-    /// Of this scenario's robots, of whom these are silent for a while.
-    pub fn new(scenario: &Scenario, silences: Vec<Silence>) -> ErrorVectors {
-        ErrorVectors {
-            errors: Errors::new(scenario),
-            front_points_m: scenario.robots.iter().map(|robot| robot.front_point_m).collect(),
-            silences,
-            silent: Silent::new(scenario),
-            alphas: vec![Vec2::zeros(); scenario.robots.len()],
-        }
+    /// At the newest truth, m; `None` for robots that hear nobody.
+    pub(super) fn now_m(&self) -> &[Option<f64>] {
+        &self.now_m
     }
 
-    /// e_i of everybody, m, from where they were at that time; `None` for one that has nothing to
-    /// go by.
-    pub fn at(&mut self, t_s: f64, poses: &[Pose]) -> impl Iterator<Item = Option<Vec2>> {
-        self.silent.robots.fill(0);
-        self.silent.edges.fill(0);
-        for silence in self.silences.iter().filter(|s| (s.from_s..s.until_s).contains(&t_s)) {
-            self.silent.count(silence.silenced, 1);
-        }
-        for ((alpha, pose), ell) in self.alphas.iter_mut().zip(poses).zip(&self.front_points_m) {
-            *alpha = front_point(*pose, *ell);
-        }
-        let frame = self.errors.frame(t_s, |leader| poses[leader].heading_rad);
-        (0..poses.len()).map(move |i| self.errors.of(i, t_s, &frame, &self.alphas, &self.silent))
+    /// Whose error is below the bound now.
+    pub(super) fn within(&self) -> impl Iterator<Item = bool> {
+        self.now_m.iter().map(|error| error.is_some_and(|error| error < self.converged_error_m))
+    }
+
+    /// Whose error is not.
+    pub(super) fn beyond(&self) -> impl Iterator<Item = bool> + Clone {
+        self.now_m.iter().map(|error| error.is_some_and(|error| error >= self.converged_error_m))
+    }
+
+    /// Since when all living errors are below the bound, ns.
+    pub(super) fn converged_since_ns(&self) -> Option<u64> {
+        self.converged_since_ns
+    }
+
+    /// The worst of the run's end by robot, m.
+    pub(super) fn final_m(&self) -> &[Option<f64>] {
+        &self.final_m
+    }
+
+    /// The worst of these.
+    pub(super) fn final_m_max(&self) -> Option<f64> {
+        self.final_m.iter().flatten().copied().reduce(f64::max)
+    }
+
+    /// The main leader's.
+    pub(super) fn tracking_m_max(&self) -> Option<f64> {
+        self.leader.and_then(|leader| self.final_m[leader])
+    }
+
+    /// Integral by robot over the time it lived, m s.
+    pub(super) fn integrated_m_s(&self) -> &[Option<f64>] {
+        &self.integrated_m_s
     }
 }

@@ -3,6 +3,7 @@ use super::*;
 
 use experiment::examples::row_of_three;
 use formation::graph::FormationGraph;
+use proptest::prelude::*;
 
 use crate::examples::{header, rows};
 
@@ -257,4 +258,100 @@ fn silence_after_the_replacement_flew_is_not_the_faults() {
     metrics.fault_ended(0, End::Whole, 12 * SECOND_NS);
     metrics.contact(2, 1, Contact::Stale, 25 * SECOND_NS);
     assert_eq!(metrics.finish().faults[0].stale_after_s, None);
+}
+
+/// What may be told in any order, as long as it is about the same run.
+#[derive(Debug, Clone, Copy)]
+enum Told {
+    /// The plant reached this second.
+    Truth(u64),
+    Began(usize, u64),
+    Ended(usize, End, u64),
+    Contact(usize, usize, Contact, u64),
+}
+
+/// r2 dies at 3 s, is back at 6 s, falls silent at 7 s for a reason of its own, and dies again at
+/// 8 s for good; r1 dies meanwhile.
+const STORY: [Told; 25] = [
+    Told::Truth(0),
+    Told::Truth(1),
+    Told::Truth(2),
+    Told::Truth(3),
+    Told::Began(0, 3),
+    Told::Truth(4),
+    Told::Began(1, 4),
+    Told::Ended(1, End::ForGood, 4),
+    Told::Truth(5),
+    Told::Truth(6),
+    Told::Ended(0, End::Whole, 6),
+    Told::Truth(7),
+    Told::Truth(8),
+    Told::Began(2, 8),
+    Told::Ended(2, End::ForGood, 8),
+    Told::Truth(9),
+    Told::Contact(2, 1, Contact::Stale, 2),
+    Told::Contact(2, 1, Contact::Stale, 5),
+    Told::Contact(0, 1, Contact::Stale, 4),
+    Told::Contact(0, 1, Contact::Lost, 6),
+    Told::Contact(2, 1, Contact::Fresh, 6),
+    Told::Contact(2, 1, Contact::Stale, 7),
+    Told::Contact(2, 1, Contact::Lost, 9),
+    Told::Contact(1, 0, Contact::Stale, 5),
+    Told::Contact(1, 0, Contact::Lost, 8),
+];
+
+fn faults_told(story: impl Iterator<Item = Told>) -> Vec<FaultReport> {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for robot in [1, 0, 1] {
+        let struck = Struck { robot: Some(robot), hearer: None, silenced: Silenced::Robot(robot) };
+        metrics.new_fault(format!("death of {robot}"), struck);
+    }
+    for told in story {
+        match told {
+            Told::Truth(tick) => metrics.truth(&header(tick), &r3_off(0.0), &ALL),
+            Told::Began(fault, s) => metrics.fault_began(fault, s * SECOND_NS),
+            Told::Ended(fault, end, s) => metrics.fault_ended(fault, end, s * SECOND_NS),
+            Told::Contact(hearer, neighbor, contact, s) => {
+                metrics.contact(hearer, neighbor, contact, s * SECOND_NS);
+            }
+        }
+    }
+    metrics.finish().faults
+}
+
+proptest! {
+    /// Who is heard first is the machine's doing: reports arrive in any order among each other, and
+    /// long before or after what they are about.
+    #[test]
+    fn contacts_count_alike_whenever_they_are_told(
+        places in prop::collection::vec(0..=16usize, 9),
+    ) {
+        let (acts, contacts) = STORY.split_at(16);
+        // Acts stay in their order; each contact is told before the act at its place.
+        let told_before = |place: usize| {
+            let places = places.iter().zip(contacts);
+            places.filter(move |(at, _)| **at == place).map(|(_, contact)| *contact).rev()
+        };
+        let story = (0..=16).flat_map(|place| {
+            told_before(place).chain(acts.get(place).copied())
+        });
+        let faults = faults_told(story);
+        let times: Vec<_> =
+            faults.iter().map(|fault| (fault.stale_after_s, fault.lost_after_s)).collect();
+        prop_assert_eq!(
+            times,
+            [(Some(1.0), Some(3.0)), (Some(1.0), Some(4.0)), (None, Some(1.0))]
+        );
+        prop_assert_eq!(faults, faults_told(STORY.into_iter()));
+    }
+}
+
+#[test]
+fn reports_are_kept_no_longer_than_a_fault_may_be_told_of() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for tick in 0..100_000 {
+        metrics.truth(&header(tick), &r3_off(0.0), &ALL);
+        metrics.contact(2, 1, Contact::Stale, tick * SECOND_NS);
+    }
+    assert!(metrics.faults.reports_kept() < 100, "{}", metrics.faults.reports_kept());
 }

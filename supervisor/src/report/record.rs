@@ -15,7 +15,7 @@ use report::scene::{RobotState, Scene, SceneFault};
 use super::{ReportError, edge_state, text};
 use experiment::scenario::Scenario;
 use experiment::scenario::Silenced;
-use metrics::error::{ErrorVectors, Silence};
+use metrics::vectors::{ErrorVectors, Silence};
 
 /// No more samples of one robot at one instant than this are taken in; of a longer record only one
 /// of so many instants.

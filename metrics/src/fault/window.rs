@@ -1,0 +1,343 @@
+//! What one fault did: when it was noticed, how far it threw the formation off, when that was over.
+
+use protocol::message::Contact;
+use serde::Serialize;
+
+use super::Report;
+use experiment::scenario::{Silenced, Struck, seconds};
+
+/// A fault while it is watched.
+#[derive(Debug, Clone)]
+pub(super) struct FaultWindow {
+    number: usize,
+    what: String,
+    struck: Struck,
+    began_ns: u64,
+    ended_ns: Option<u64>,
+    /// When the robot came back; it may never.
+    returned_ns: Option<u64>,
+    stale_ns: Option<u64>,
+    lost_ns: Option<u64>,
+    /// Until the recovery.
+    worst: Worst,
+    /// Since the recovery: counts if that did not last, or if nothing was ever disturbed.
+    worst_since: Worst,
+    /// Whether an error was ever above the bound.
+    disturbed: bool,
+    recovered_ns: Option<u64>,
+    /// Robots that lose what they go by, says the theory.
+    predicted: Vec<usize>,
+    /// For each robot: its error was below the bound when the fault began; and is above it.
+    affected: Vec<(bool, bool)>,
+    /// Another fault began after this one had recovered: what follows is not its doing.
+    closed: bool,
+}
+
+/// How a fault ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum End {
+    /// What it broke is whole again.
+    Whole,
+    /// Nothing will be made whole: it is over as soon as it began.
+    ForGood,
+}
+
+/// The worst of a stretch of time.
+#[derive(Debug, Clone, Copy)]
+struct Worst {
+    error_m: f64,
+    distance_m: f64,
+}
+
+impl Worst {
+    const NONE: Worst = Worst { error_m: 0.0, distance_m: f64::INFINITY };
+
+    fn merge(&mut self, other: Worst) {
+        self.error_m = self.error_m.max(other.error_m);
+        self.distance_m = self.distance_m.min(other.distance_m);
+    }
+}
+
+/// What one fault did, for the report.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FaultReport {
+    /// When it began, s.
+    pub t_s: f64,
+    /// What it was.
+    pub what: String,
+    /// Whom it struck.
+    pub robot: Option<String>,
+    /// Robots that lose what they go by, says the theory: no path from the leader, nobody to be
+    /// contained by, or a formation that falls apart.
+    pub predicted: Vec<String>,
+    /// Living robots other than the silenced whose error was below `converged_error_m` when it
+    /// began, and above it when it ended (or, if it never does, at last): who did not find back
+    /// into bounds while it lasted.
+    pub affected: Vec<String>,
+    /// From its beginning until what it broke was whole again (a restart's first tick), s.
+    pub lasted_s: Option<f64>,
+    /// From its beginning until the first neighbour called the robot stale, s.
+    pub stale_after_s: Option<f64>,
+    /// From its beginning until the first neighbour called the robot lost, s.
+    pub lost_after_s: Option<f64>,
+    /// Worst error of a living robot until the recovery, m; if nothing was disturbed, until the
+    /// next fault or the run's end.
+    pub peak_error_m: f64,
+    /// Smallest distance over the same time, m.
+    pub min_distance_m: Option<f64>,
+    /// From its end until all living errors were, and stayed, below `converged_error_m`, s; 0 if
+    /// they were all the time since.
+    pub recovered_after_s: Option<f64>,
+}
+
+impl FaultWindow {
+    /// `predicted`: who loses what it goes by. `calm`: whose error is below the bound.
+    pub(super) fn new(
+        number: usize,
+        what: String,
+        struck: Struck,
+        began_ns: u64,
+        predicted: Vec<usize>,
+        calm: impl Iterator<Item = bool>,
+    ) -> FaultWindow {
+        let silenced = |robot| struck.silenced == Silenced::Robot(robot);
+        FaultWindow {
+            predicted,
+            affected: (0..).zip(calm).map(|(i, calm)| (calm && !silenced(i), false)).collect(),
+            number,
+            what,
+            struck,
+            began_ns,
+            ended_ns: None,
+            returned_ns: None,
+            stale_ns: None,
+            lost_ns: None,
+            worst: Worst::NONE,
+            worst_since: Worst::NONE,
+            disturbed: false,
+            recovered_ns: None,
+            closed: false,
+        }
+    }
+
+    pub(super) fn number(&self) -> usize {
+        self.number
+    }
+
+    /// Nothing changes any more; or, of what had ended for good, it is whole after all. Gives what it
+    /// had silenced and no longer does.
+    pub(super) fn ended(&mut self, end: End, t_ns: u64) -> Silenced {
+        if self.returned_ns.is_some() {
+            return Silenced::Nobody;
+        }
+        self.ended_ns = Some(t_ns);
+        if end == End::ForGood {
+            return Silenced::Nobody;
+        }
+        self.returned_ns = Some(t_ns);
+        self.struck.silenced
+    }
+
+    pub(super) fn another_began(&mut self) {
+        self.closed |= self.recovered_ns.is_some();
+    }
+
+    /// Takes in one truth; `calm_since_ns`: since when all living errors are below the bound;
+    /// `beyond`: which living robots' errors are above it.
+    pub(super) fn truth(
+        &mut self,
+        t_ns: u64,
+        error_m: f64,
+        calm_since_ns: Option<u64>,
+        beyond: impl Iterator<Item = bool>,
+        distance_m: f64,
+    ) {
+        if self.closed || t_ns < self.began_ns {
+            return;
+        }
+        if self.returned_ns.is_none_or(|returned_ns| t_ns <= returned_ns) {
+            for ((calm, affected), beyond) in self.affected.iter_mut().zip(beyond) {
+                *affected = *calm && beyond;
+            }
+        }
+        self.disturbed |= calm_since_ns.is_none();
+        let ended_ns = self.ended_ns.filter(|&ended_ns| t_ns >= ended_ns);
+        // A truth of the very instant of its end cannot tell what the fault has led to.
+        self.recovered_ns = match (ended_ns, calm_since_ns) {
+            (Some(ended_ns), Some(calm_ns)) if t_ns > ended_ns => Some(calm_ns.max(ended_ns)),
+            _ => None,
+        };
+        let now = Worst { error_m, distance_m };
+        if ended_ns.is_some() && calm_since_ns.is_some() {
+            self.worst_since.merge(now);
+        } else {
+            self.worst.merge(std::mem::replace(&mut self.worst_since, Worst::NONE));
+            self.worst.merge(now);
+        }
+    }
+
+    /// Takes in how somebody is heard, in any order; the first to hear the struck so counts.
+    pub(super) fn contact(&mut self, report: Report) {
+        let Report { hearer, neighbor, contact, since_ns } = report;
+        let struck = self.struck.robot == Some(neighbor)
+            && self.struck.hearer.is_none_or(|only| only == hearer);
+        if !struck || since_ns < self.began_ns {
+            return;
+        }
+        let first = match contact {
+            Contact::Stale => &mut self.stale_ns,
+            Contact::Lost => &mut self.lost_ns,
+            Contact::Fresh | Contact::Unheard => return,
+        };
+        *first = Some(first.map_or(since_ns, |first_ns| since_ns.min(first_ns)));
+    }
+
+    pub(super) fn report(&self, names: &[String]) -> FaultReport {
+        let after = |from_ns: u64| move |t_ns: u64| seconds(t_ns.saturating_sub(from_ns));
+        let since_begin = after(self.began_ns);
+        // What began after the return is not this fault's; the return may be told last.
+        let meanwhile =
+            |&since_ns: &u64| self.returned_ns.is_none_or(|back_ns| since_ns <= back_ns);
+        let mut worst = self.worst;
+        if self.recovered_ns.is_none() || !self.disturbed {
+            worst.merge(self.worst_since);
+        }
+        FaultReport {
+            t_s: seconds(self.began_ns),
+            what: self.what.clone(),
+            robot: self.struck.robot.map(|robot| names[robot].clone()),
+            predicted: self.predicted.iter().map(|&robot| names[robot].clone()).collect(),
+            affected: self
+                .affected
+                .iter()
+                .zip(names)
+                .filter(|((_, affected), _)| *affected)
+                .map(|(_, name)| name.clone())
+                .collect(),
+            lasted_s: self.ended_ns.map(since_begin),
+            stale_after_s: self.stale_ns.filter(meanwhile).map(since_begin),
+            lost_after_s: self.lost_ns.filter(meanwhile).map(since_begin),
+            peak_error_m: worst.error_m,
+            min_distance_m: worst.distance_m.is_finite().then_some(worst.distance_m),
+            recovered_after_s: self
+                .ended_ns
+                .and_then(|ended_ns| self.recovered_ns.map(after(ended_ns))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const S: u64 = 1_000_000_000;
+
+    const STRUCK: Struck = Struck { robot: Some(1), hearer: None, silenced: Silenced::Robot(1) };
+
+    fn none() -> impl Iterator<Item = bool> {
+        [false; 3].into_iter()
+    }
+
+    fn names() -> Vec<String> {
+        ["r1", "r2", "r3"].map(String::from).into()
+    }
+
+    fn heard(hearer: usize, neighbor: usize, contact: Contact, since_ns: u64) -> Report {
+        Report { hearer, neighbor, contact, since_ns }
+    }
+
+    fn window() -> FaultWindow {
+        FaultWindow::new(0, "kill r2".into(), STRUCK, 10 * S, vec![0], [true; 3].into_iter())
+    }
+
+    #[test]
+    fn detection_is_the_first_neighbors_and_recovery_counts_from_the_faults_end() {
+        let mut fault = window();
+        fault.contact(heard(2, 1, Contact::Lost, 10 * S + S / 2));
+        fault.contact(heard(2, 1, Contact::Stale, 10 * S + S / 10));
+        fault.contact(heard(2, 1, Contact::Stale, 10 * S + S / 5)); // a later neighbour
+        fault.contact(heard(2, 0, Contact::Stale, 10 * S)); // another robot
+        fault.contact(heard(2, 1, Contact::Stale, 9 * S)); // before it began
+        fault.truth(11 * S, 0.5, None, none(), 0.3);
+        fault.truth(12 * S, 0.1, Some(12 * S), none(), 0.4);
+        fault.ended(End::Whole, 12 * S);
+        fault.truth(13 * S, 0.2, None, none(), 0.25);
+        fault.truth(14 * S, 0.0, Some(14 * S), none(), 0.26);
+        fault.truth(15 * S, 0.0, Some(14 * S), none(), 0.1);
+        let report = fault.report(&names());
+        assert_eq!((report.stale_after_s, report.lost_after_s), (Some(0.1), Some(0.5)));
+        assert_eq!((report.lasted_s, report.recovered_after_s), (Some(2.0), Some(2.0)));
+        assert_eq!((report.peak_error_m, report.min_distance_m), (0.5, Some(0.25)));
+    }
+
+    #[test]
+    fn who_was_calm_and_does_not_find_back_while_it_lasts_is_affected() {
+        let calm = [true, true, false].into_iter();
+        let mut fault = FaultWindow::new(0, "kill r2".into(), STRUCK, 10 * S, vec![0], calm);
+        let all = || [true; 3].into_iter();
+        let affected = |fault: &FaultWindow| fault.report(&names()).affected;
+        fault.truth(11 * S, 0.5, None, all(), 0.3);
+        assert_eq!(affected(&fault), ["r1"], "r2 is dead, and r3 was off before");
+        fault.truth(12 * S, 0.0, None, none(), 0.3);
+        fault.ended(End::Whole, 12 * S);
+        fault.truth(13 * S, 0.5, None, all(), 0.3);
+        assert!(affected(&fault).is_empty(), "what follows on the return is not the silence's");
+        assert_eq!(fault.report(&names()).predicted, ["r1"]);
+    }
+
+    #[test]
+    fn what_never_ends_stays_silenced() {
+        let mut fault = window();
+        assert_eq!(fault.clone().ended(End::ForGood, 10 * S), Silenced::Nobody);
+        // Before the clock starts, a replacement comes at the time of the death.
+        assert_eq!(fault.ended(End::Whole, 10 * S), Silenced::Robot(1));
+        assert_eq!(fault.ended(End::Whole, 12 * S), Silenced::Nobody, "it had ended already");
+    }
+
+    #[test]
+    fn the_dead_for_good_may_be_brought_back_by_hand_and_recovery_counts_from_there() {
+        let mut fault = window();
+        fault.ended(End::ForGood, 10 * S);
+        fault.truth(11 * S, 0.0, Some(9 * S), none(), 1.0);
+        assert_eq!(fault.ended(End::Whole, 15 * S), Silenced::Robot(1));
+        fault.truth(16 * S, 0.5, None, none(), 1.0);
+        fault.truth(17 * S, 0.0, Some(17 * S), none(), 1.0);
+        let report = fault.report(&names());
+        assert_eq!((report.lasted_s, report.recovered_after_s), (Some(5.0), Some(2.0)));
+        assert_eq!(report.peak_error_m, 0.5);
+    }
+
+    #[test]
+    fn a_cut_is_noticed_by_the_one_that_no_longer_hears() {
+        let struck = Struck { hearer: Some(2), ..STRUCK };
+        let calm = [true; 3].into_iter();
+        let mut fault = FaultWindow::new(0, "cut r2->r3".into(), struck, 10 * S, Vec::new(), calm);
+        fault.contact(heard(0, 1, Contact::Stale, 11 * S));
+        assert_eq!(fault.report(&names()).stale_after_s, None);
+        fault.contact(heard(2, 1, Contact::Stale, 12 * S));
+        assert_eq!(fault.report(&names()).stale_after_s, Some(2.0));
+    }
+
+    #[test]
+    fn what_was_never_disturbed_has_recovered_at_once() {
+        let mut fault = window();
+        fault.truth(11 * S, 0.001, Some(S), none(), 0.3);
+        fault.ended(End::Whole, 12 * S);
+        fault.truth(13 * S, 0.001, Some(S), none(), 0.3);
+        assert_eq!(fault.report(&names()).recovered_after_s, Some(0.0));
+    }
+
+    #[test]
+    fn a_relapse_undoes_a_recovery_unless_another_fault_is_to_blame() {
+        let mut alone = window();
+        alone.ended(End::ForGood, 10 * S);
+        alone.truth(11 * S, 0.0, Some(11 * S), none(), 1.0);
+        let mut followed = alone.clone();
+        followed.another_began();
+        for fault in [&mut alone, &mut followed] {
+            fault.truth(12 * S, 1.0, None, none(), 1.0);
+        }
+        assert_eq!(alone.report(&names()).recovered_after_s, None);
+        assert_eq!(followed.report(&names()).recovered_after_s, Some(1.0));
+    }
+}

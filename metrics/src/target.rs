@@ -1,0 +1,76 @@
+//! Where its role wants each robot, from the truth about everybody.
+
+use formation::Vec2;
+use formation::desired::{Target, desired};
+use formation::frame::LeaderFrame;
+use formation::graph::Edge;
+use protocol::brief::LeadBrief;
+use protocol::law::Role;
+
+use crate::silence::Silent;
+use experiment::scenario::Scenario;
+
+/// What the errors of a scenario's robots are measured against.
+pub(super) struct Targets {
+    roles: Vec<Role>,
+    /// For each robot, the edges that end in it, and their places in the graph.
+    heard: Vec<Vec<(usize, Edge)>>,
+    lead: Option<LeadBrief>,
+    leader: Option<usize>,
+}
+
+impl Targets {
+    pub(super) fn new(scenario: &Scenario) -> Targets {
+        let edges = || scenario.graph.edges().iter().copied().enumerate();
+        let heard = |i| edges().filter(|(_, edge)| edge.to == i).collect();
+        Targets {
+            roles: scenario.robots.iter().map(|robot| robot.role).collect(),
+            heard: (0..scenario.robots.len()).map(heard).collect(),
+            lead: scenario.lead.clone(),
+            leader: scenario.leader(),
+        }
+    }
+
+    /// Where the offsets turn and grow to at `t_s`, from the leader's true heading.
+    pub(super) fn frame(&self, t_s: f64, heading_rad: impl Fn(usize) -> f64) -> LeaderFrame {
+        let (Some(lead), Some(leader)) = (&self.lead, self.leader) else {
+            return LeaderFrame::STILL;
+        };
+        let heading_rad = heading_rad(leader);
+        LeaderFrame { heading_rad, scale: lead.scale.at(t_s).0, ..LeaderFrame::STILL }
+    }
+
+    /// alpha_i - alpha*_i, m: alpha* is m(t) for the leader (25), the mean of what all heard ask
+    /// for in a formation (13) (24) (45), their mean for a contained robot (46); the silent have no
+    /// say in it while anybody else is heard. `None` for one that has nothing to go by.
+    pub(super) fn error(
+        &self,
+        robot: usize,
+        t_s: f64,
+        frame: &LeaderFrame,
+        alphas: &[Vec2],
+        silent: &Silent,
+    ) -> Option<Vec2> {
+        let target = match self.roles[robot] {
+            Role::Leader => self.lead.as_ref().map(|lead| lead.trajectory.at(t_s)),
+            Role::Formation => self.mean(robot, alphas, silent, |c_ji| frame.offset(c_ji)),
+            Role::Contained => self.mean(robot, alphas, silent, |_| Target::still(Vec2::zeros())),
+        };
+        target.map(|target| alphas[robot] - target.position)
+    }
+
+    fn mean(
+        &self,
+        robot: usize,
+        alphas: &[Vec2],
+        silent: &Silent,
+        offset: impl Fn(Vec2) -> Target,
+    ) -> Option<Target> {
+        let heard = &self.heard[robot];
+        let speaks = |edge: usize, from: usize| silent.carries(edge, from);
+        let nobody = !heard.iter().any(|(edge, ends)| speaks(*edge, ends.from));
+        let counted = heard.iter().filter(|(edge, ends)| nobody || speaks(*edge, ends.from));
+        let place = |ends: &Edge| Target::still(alphas[ends.from]);
+        desired(counted.map(|(_, ends)| (place(ends), offset(ends.offset_m))))
+    }
+}

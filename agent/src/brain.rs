@@ -67,7 +67,7 @@ pub struct Brain {
     slow: Vec<SlowFault>,
     /// Stamp of t = 0, ns; known with the first sample.
     start_ns: u64,
-    contacts_changed: bool,
+    news: bool,
     published_velocity: PublishedVelocity,
     /// The previous sample's stamp, ns, and front point; kept only where velocities are differenced.
     sensed: Option<(u64, Vec2)>,
@@ -119,7 +119,7 @@ impl Brain {
             links: brief.neighbors.iter().map(|neighbor| Link::new(&neighbor.faults)).collect(),
             slow: brief.slow.clone(),
             start_ns: 0,
-            contacts_changed: false,
+            news: false,
             published_velocity: brief.published_velocity,
             sensed: None,
             away: Vec::new(),
@@ -160,6 +160,7 @@ impl Brain {
     ) -> Result<(), BeaconRefusal> {
         let heard = self.neighborhood.hear(place, beacon, now_ns);
         self.beacons_refused += u64::from(heard.is_err());
+        self.news |= heard.is_err();
         heard
     }
 
@@ -168,9 +169,9 @@ impl Brain {
         self.newest.is_some()
     }
 
-    /// Whether some neighbour's contact changed since this was asked last.
+    /// Whether some neighbour's contact changed, or a beacon was refused, since this was asked last.
     pub fn take_news(&mut self) -> bool {
-        std::mem::take(&mut self.contacts_changed)
+        std::mem::take(&mut self.news)
     }
 
     /// Answers an odometry sample; `None` if it does not know where the robot is. `effect_ns`: the
@@ -185,8 +186,7 @@ impl Brain {
                 let _ = self.hear_now(place, &beacon, odometry.stamp_ns);
             }
         }
-        self.contacts_changed |=
-            self.neighborhood.judge(odometry.tick, odometry.t_ns, odometry.stamp_ns);
+        self.news |= self.neighborhood.judge(odometry.tick, odometry.t_ns, odometry.stamp_ns);
         if odometry.pose_valid != 1 {
             return None;
         }

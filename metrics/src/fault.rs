@@ -96,6 +96,11 @@ impl Faults {
         self.newest_t_ns = t_ns;
     }
 
+    /// The number that the next fault gets which is not the scenario's.
+    pub(super) fn next(&self) -> usize {
+        self.planned.len()
+    }
+
     /// The number of a fault that is not the scenario's, and that is about to begin.
     pub(super) fn new_fault(&mut self, what: String, struck: Struck) -> usize {
         self.planned.push((what, struck));

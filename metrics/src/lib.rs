@@ -168,6 +168,11 @@ impl Metrics {
         fault
     }
 
+    /// The number that the next fault gets which is not the scenario's.
+    pub fn next_fault(&self) -> usize {
+        self.faults.next()
+    }
+
     /// The number of a fault that is not the scenario's, and that is about to begin.
     pub fn new_fault(&mut self, what: String, struck: Struck) -> usize {
         self.faults.new_fault(what, struck)

@@ -20,6 +20,7 @@ use iceoryx2::service::builder::publish_subscribe::{
 };
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
+use crate::barrier::LEAD_MAX;
 use crate::brief::Pace;
 use crate::message::{
     Beacon, Command, LatencyHeader, LatencyRow, LinkFaultByHand, NeighborStatus, Odometry,
@@ -141,9 +142,10 @@ impl Qos {
         Qos { subscribers, buffer }
     }
 
-    /// For status, which the supervisor takes in bursts.
+    /// For status: twice the lead that the plant may have in lockstep, where every tick may bring news
+    /// and none may be lost; the supervisor takes them in bursts.
     pub fn of_status(subscribers: usize) -> Qos {
-        Qos { subscribers, buffer: 64 }
+        Qos { subscribers, buffer: 2 * (LEAD_MAX as usize + 1) }
     }
 
     /// For latencies: at least 1.6 s of what comes every 100 ms.

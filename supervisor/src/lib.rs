@@ -6,7 +6,6 @@
 //! | `cli` | what was asked for? |
 //! | `run/` | what happens, in order, from the first process to the last? |
 //! | `outcome` | what does it leave besides its metrics? |
-//! | `robot` | where is a robot's process in its life, and does it come back? |
 //! | `descriptors` | how many files may it open? |
 //! | `doctor` | is this machine fit for it? |
 //! | `dead_runs` | what did earlier runs that died leave behind? |
@@ -35,7 +34,6 @@ mod limits;
 pub mod live;
 pub mod outcome;
 pub mod report;
-mod robot;
 pub mod run;
 pub mod run_dir;
 pub mod spawn;

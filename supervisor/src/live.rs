@@ -10,7 +10,7 @@ use report::scene::{
 use view::{Happened, StageNow};
 
 use crate::latency::Latency;
-use crate::robot::{Robot, Seat};
+use crate::run::lives::Seat;
 use experiment::scenario::{FaultKind, Scenario, seconds};
 
 /// What does not change during the run.
@@ -59,13 +59,14 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
     }
 }
 
-/// The instant of one truth.
+/// The instant of one truth. `seat` of a robot; how a robot is `heard` by another.
 pub(crate) fn frame(
     scenario: &Scenario,
     header: &TruthHeader,
     rows: &[TruthRow],
     errors_m: &[Option<f64>],
-    robots: &[Robot],
+    seat: impl Fn(usize) -> Seat,
+    heard: impl Fn(usize, usize) -> Contact,
 ) -> Frame {
     let alphas: Vec<_> = rows
         .iter()
@@ -76,8 +77,8 @@ pub(crate) fn frame(
         let others = &alphas[i + 1..];
         others.iter().map(move |b| (a - b).norm())
     });
-    let shown = rows.iter().zip(errors_m).zip(robots).map(|((row, error_m), robot)| {
-        let state = state(&robot.seat);
+    let shown = rows.iter().zip(errors_m).enumerate().map(|(robot, (row, error_m))| {
+        let state = state(seat(robot));
         FrameRobot {
             x_m: row.x_m,
             y_m: row.y_m,
@@ -87,10 +88,10 @@ pub(crate) fn frame(
         }
     });
     let edges = scenario.graph.edges().iter();
-    let edge = |from: usize, to: usize| match (&robots[to].seat, robots[to].contacts[from]) {
-        (Seat::Flying { .. }, Contact::Fresh) => EdgeState::Fresh,
-        (Seat::Flying { .. }, Contact::Stale | Contact::Unheard) => EdgeState::Stale,
-        // Whoever does not fly hears nobody.
+    let edge = |from: usize, to: usize| match (seat(to), heard(from, to)) {
+        (Seat::Moving, Contact::Fresh) => EdgeState::Fresh,
+        (Seat::Moving, Contact::Stale | Contact::Unheard) => EdgeState::Stale,
+        // Whoever does not move hears nobody.
         _ => EdgeState::Lost,
     };
     Frame {
@@ -101,12 +102,12 @@ pub(crate) fn frame(
     }
 }
 
-fn state(seat: &Seat) -> RobotState {
+fn state(seat: Seat) -> RobotState {
     match seat {
-        Seat::Flying { .. } => RobotState::Flying,
-        Seat::Frozen { .. } => RobotState::Frozen,
-        Seat::Starting { .. } => RobotState::Starting,
-        Seat::Ending { .. } | Seat::Down => RobotState::Dead,
+        Seat::Moving => RobotState::Flying,
+        Seat::Frozen => RobotState::Frozen,
+        Seat::Starting => RobotState::Starting,
+        Seat::Ending | Seat::Down => RobotState::Dead,
     }
 }
 

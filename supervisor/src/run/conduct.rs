@@ -92,6 +92,22 @@ impl Conduct {
         }
     }
 
+    /// Whether everything that robots said of the time before a truth is there before it. In lockstep
+    /// the plant waits for them, and they report before they arrive.
+    pub(super) fn reports_come_before_truths(&self) -> bool {
+        matches!(self, Conduct::Lockstep { .. })
+    }
+
+    /// Up to which run time, ns, everything is known once this truth was taken, and in lockstep what
+    /// came before it.
+    pub(super) fn known_before(&self, newest: &TruthHeader) -> u64 {
+        match self {
+            Conduct::Lockstep { .. } => newest.t_ns,
+            // Nobody waits for what is still under way.
+            Conduct::Realtime { .. } => newest.t_ns.saturating_add(1),
+        }
+    }
+
     /// Whether the plant stands and will not move before the supervisor has acted: it has not
     /// started, or it is paused and the truth of that tick, sent before the pause, was taken in.
     pub(super) fn stands(&self, newest: Option<&TruthHeader>) -> bool {

@@ -6,18 +6,19 @@ use std::time::Instant;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::process::Stop;
 use protocol::run_root::{self, RunRoot, RunRootError};
-use protocol::service::{self, Factory};
+use protocol::service;
 
 use super::Run;
 use super::conduct::Conduct;
 use super::error::RunError;
-use super::load::Load;
+use super::intake::Intake;
+use super::journal::Journal;
+use super::lives::Lives;
+use super::processes::{Processes, Robot};
 use super::services::Services;
 use crate::dead_nodes::Cleaner;
 use crate::descriptors;
 use crate::latency::Latency;
-use crate::outcome::Outcome;
-use crate::robot::{Robot, start_order};
 use crate::run_dir::RunDir;
 use crate::spawn::{Launcher, Role, SpawnError};
 use crate::timeline::Timeline;
@@ -54,10 +55,7 @@ impl<'a> Run<'a> {
         // Each takes descriptors and memory: only where they can be of use.
         let links_by_hand = by_hand && conduct.cuts_links_by_hand();
         let services = Services::create(&node, scenario, pace, links_by_hand)?;
-        let truth = services.truth.subscriber()?;
-        let latencies =
-            services.latencies.iter().map(Factory::subscriber).collect::<Result<_, _>>()?;
-        let count = scenario.robots.len();
+        let intake = Intake::new(&services, Latency::new(scenario, pace))?;
         let heard = |i| scenario.graph.heard_by(i).count();
         let to_robots = services.faults.iter().enumerate();
         let faults_by_hand =
@@ -75,39 +73,27 @@ impl<'a> Run<'a> {
             let brief = briefs::agent(scenario, i, pace, run_root.path());
             let brief = AgentBrief { links_by_hand, ..brief };
             let told = run_dir.write_brief(&robot.name, &brief)?;
-            let log = run_dir.log_path(&robot.name);
-            let status = services.status[i].subscriber()?;
-            robots.push(Robot::new(&robot.name, told, log, status, count));
+            robots.push(Robot::new(told, run_dir.log_path(&robot.name)));
         }
-        for i in start_order(scenario.seed, robots.len()) {
-            robots[i].start(launcher)?;
+        let mut processes = Processes::new(plant, robots, launcher.clone());
+        for robot in start_order(scenario.seed, scenario.robots.len()) {
+            processes.start(robot, 0)?;
         }
+        let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
+        let policies = scenario.robots.iter().map(|robot| robot.restart);
+        let hearers = scenario.graph.edges().iter().map(|edge| edge.to);
         Ok(Run {
             scenario,
-            run_dir,
-            metrics,
             stop,
-            view: None,
-            asked: VecDeque::new(),
-            cuts: vec![None; scenario.graph.edges().len()],
-            outcome: Outcome {
-                restarts: vec![0; robots.len()],
-                latency: Latency::new(scenario, pace),
-                ..Outcome::default()
-            },
-            timeline: Timeline::new(scenario),
-            alive: vec![true; robots.len()],
-            last_news: Instant::now(),
-            reports_taken: Instant::now(),
-            all_seen_alive_ns: 0,
+            interrupted: false,
             launched,
-            began: None,
-            robots,
-            plant,
-            load: Load::default(),
-            launcher: launcher.clone(),
-            truth,
-            latencies,
+            all_seen_alive_ns: 0,
+            timeline: Timeline::new(scenario),
+            lives: Lives::new(policies, hearers, conduct.starts_beside_remains()),
+            asked: VecDeque::new(),
+            journal: Journal::new(names, run_dir, metrics),
+            processes,
+            intake,
             faults_by_hand,
             cleaner,
             conduct,
@@ -115,5 +101,35 @@ impl<'a> Run<'a> {
             _node: node,
             run_root,
         })
+    }
+}
+
+/// The order in which the first processes are started, drawn from the seed: no result may lean
+/// on it. (Fisher and Yates, with xorshift64*.)
+fn start_order(seed: u64, robots: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..robots).collect();
+    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+    for last in (1..robots).rev() {
+        state ^= state >> 12;
+        state ^= state << 25;
+        state ^= state >> 27;
+        let draw = state.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33;
+        order.swap(last, draw as usize % (last + 1));
+    }
+    order
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_seed_starts_every_robot_once() {
+        for seed in 0..50 {
+            let mut order = start_order(seed, 9);
+            order.sort_unstable();
+            assert_eq!(order, (0..9).collect::<Vec<_>>());
+        }
+        assert_ne!(start_order(1, 9), start_order(2, 9));
     }
 }

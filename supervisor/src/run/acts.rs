@@ -1,0 +1,161 @@
+//! What is due is done: by the scenario's plan, or at the end of a wait.
+
+use std::process::ExitStatus;
+use std::time::Instant;
+
+use super::Run;
+use super::error::RunError;
+use super::lives::{Death, Effect, Event, Who};
+use crate::child::{self, Child};
+use crate::timeline::{Act, Due};
+use metrics::fault::End;
+
+impl Run<'_> {
+    /// Does what is due now, if this is a time to act. In lockstep the plant goes on once nothing is
+    /// under way.
+    pub(super) fn act(&mut self) -> Result<(), RunError> {
+        if !self.conduct.may_act(self.intake.newest.as_ref()) {
+            return Ok(());
+        }
+        let (now_ns, begun) = (self.intake.now_ns(), self.intake.newest.is_some());
+        while begun && let Some(due) = self.timeline.take_due(now_ns) {
+            self.act_on(due, now_ns)?;
+        }
+        self.act_by_hand(now_ns)?;
+        self.happens(now_ns, Event::Due)?;
+        if begun && self.lives.at_rest(now_ns) {
+            self.set_next_pause();
+            self.conduct.resume();
+        }
+        Ok(())
+    }
+
+    /// Does one thing of the timeline.
+    fn act_on(&mut self, due: Due, now_ns: u64) -> Result<(), RunError> {
+        let (fault, who) = (due.fault, Who::Plan);
+        match due.act {
+            Act::Kill { robot, restart_at_ns } => {
+                self.happens(now_ns, Event::Kill { robot, fault, restart_at_ns, who })?;
+            }
+            Act::Freeze { robot } => {
+                let ends = self.scenario.faults[fault].for_ns.is_some();
+                self.happens(now_ns, Event::Freeze { robot, fault, ends, who })?;
+            }
+            Act::Thaw { robot } => self.happens(now_ns, Event::Thaw { robot, fault, who })?,
+            Act::KillPlant => {
+                let detail = format!("SIGKILL of the plant, {}", who.word());
+                self.journal.event(now_ns, "kill", None, detail);
+                self.journal.metrics.fault_began(fault, now_ns);
+                self.processes.plant.kill();
+            }
+            Act::StartLoad { processes } => {
+                let log = self.journal.run_dir.log_path("load");
+                let started = self.processes.start_load(fault, processes, &log);
+                self.journal.event(now_ns, "load", None, started);
+                self.journal.metrics.fault_began(fault, now_ns);
+            }
+            Act::EndLoad => {
+                self.processes.load.end(fault);
+                self.journal.event(now_ns, "load-ended", None, String::new());
+                self.journal.metrics.fault_ended(fault, End::Whole, now_ns);
+            }
+        }
+        Ok(())
+    }
+
+    /// Lets something happen to a robot, and does what follows from it.
+    pub(super) fn happens(&mut self, now_ns: u64, event: Event) -> Result<(), RunError> {
+        for effect in self.lives.step(now_ns, event) {
+            match effect {
+                Effect::Start { robot, incarnation } => {
+                    self.intake.reports[robot].begins_anew();
+                    self.processes.start(robot, incarnation)?;
+                    self.intake.last_news = Instant::now();
+                }
+                Effect::Kill(robot) => self.signal(robot, Child::kill),
+                Effect::Stop(robot) => self.signal(robot, Child::stop),
+                Effect::GoOn(robot) => self.signal(robot, Child::go_on),
+                Effect::Join(robot) => self.conduct.join(robot),
+                Effect::Leave(robot) => self.conduct.leave(robot),
+                Effect::CleanUp(robot) => self.cleaner.request(robot),
+                Effect::TellLinks(robot) => self.tell_links(robot)?,
+                Effect::Note { kind, robot, detail } => {
+                    self.journal.event(now_ns, kind, Some(robot), detail);
+                }
+                Effect::Began(fault) => self.journal.metrics.fault_began(fault, now_ns),
+                Effect::DiedUnplanned { robot, how, at_ns, fault } => {
+                    let number = self.journal.metrics.died_unplanned(robot, &how, at_ns);
+                    debug_assert_eq!(number, fault);
+                    let robot = self.journal.name(robot);
+                    tracing::warn!(robot, t_s = now_ns as f64 / 1e9, how, "died unasked");
+                }
+                Effect::Ended { fault, end, at_ns } => {
+                    self.journal.metrics.fault_ended(fault, end, at_ns);
+                }
+                Effect::GaveUp { robot, how } => {
+                    let log = self.processes.last_lines(robot);
+                    let robot = self.journal.name(robot).to_owned();
+                    return Err(RunError::AgentDied { robot, how, log });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn signal(&self, robot: usize, signal: impl Fn(&Child)) {
+        if let Some(child) = self.processes.of(robot) {
+            signal(child);
+        }
+    }
+
+    /// Looks who died, and lets it happen.
+    pub(super) fn take_deaths(&mut self) -> Result<(), RunError> {
+        if self.processes.anybody_died() {
+            self.take_plants_death()?;
+            for robot in 0..self.scenario.robots.len() {
+                if let Some(status) = self.processes.reap(robot) {
+                    self.bury(robot, status)?;
+                }
+            }
+            self.processes.load.bury();
+        }
+        self.all_seen_alive_ns = self.intake.now_ns();
+        Ok(())
+    }
+
+    fn take_plants_death(&mut self) -> Result<(), RunError> {
+        let Some(status) = self.processes.plant.ended() else { return Ok(()) };
+        // Its last truth may have been sent between our last look and its end.
+        while !self.take_truths()? {}
+        if self.intake.now_ns() >= self.scenario.duration_ns {
+            return Ok(());
+        }
+        let log = self.processes.last_lines_of_plant();
+        Err(RunError::PlantDied { how: child::in_words(status), log })
+    }
+
+    /// A robot's process is dead and reaped.
+    fn bury(&mut self, robot: usize, status: ExitStatus) -> Result<(), RunError> {
+        // Before the clean-up takes what it sent last.
+        self.intake.take_latencies()?;
+        let death = Death {
+            robot,
+            how: child::in_words(status),
+            success: status.success(),
+            gave_up: status.code().is_some_and(|code| code != 0),
+            starting_up: self.conduct.starting_up(self.intake.newest.as_ref()),
+            alive_ns: self.all_seen_alive_ns,
+            fault: self.journal.metrics.next_fault(),
+        };
+        self.happens(self.intake.now_ns(), Event::Died(death))?;
+        self.set_next_pause();
+        Ok(())
+    }
+
+    /// Says when something is due next.
+    pub(super) fn set_next_pause(&self) {
+        let asked = (!self.asked.is_empty()).then_some(0);
+        let next = [self.lives.next_restart_ns(), self.timeline.next_ns(), asked];
+        self.conduct.pause_at(next.into_iter().flatten().min());
+    }
+}

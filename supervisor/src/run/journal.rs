@@ -1,0 +1,266 @@
+//! What is told of a run while it goes on: events in order of time, to the run directory, to the
+//! metrics and to whoever looks on.
+//!
+//! In which order reports arrive is the machine's doing. So a line waits here until everything up
+//! to its time is known, and is written in an order that only the run decides.
+
+use protocol::message::Contact;
+use view::View;
+
+use crate::live;
+use crate::run_dir::{RunDir, RunDirError};
+use metrics::Metrics;
+
+/// What is told, and whom.
+pub(super) struct Journal<'a> {
+    names: Vec<String>,
+    pub(super) run_dir: &'a mut RunDir,
+    pub(super) metrics: &'a mut Metrics,
+    /// Whoever looks on.
+    pub(super) view: Option<&'a mut View>,
+    waiting: Lines,
+}
+
+/// One event.
+#[derive(Debug, Clone, PartialEq)]
+struct Line {
+    /// Run time, ns.
+    t_ns: u64,
+    kind: &'static str,
+    /// By place; `None` for the run as a whole.
+    robot: Option<usize>,
+    detail: String,
+    /// How the robot hears another, if it is about that.
+    heard: Option<(usize, Contact)>,
+}
+
+/// Lines that wait.
+#[derive(Debug, Default)]
+struct Lines {
+    /// Each with how often before its robot began anew at the same time.
+    list: Vec<(usize, Line)>,
+}
+
+impl<'a> Journal<'a> {
+    /// Nothing was told yet. `names`: of the robots, in scenario order.
+    pub(super) fn new(
+        names: Vec<String>,
+        run_dir: &'a mut RunDir,
+        metrics: &'a mut Metrics,
+    ) -> Journal<'a> {
+        Journal { names, run_dir, metrics, view: None, waiting: Lines::default() }
+    }
+
+    /// The name of a robot.
+    pub(super) fn name(&self, robot: usize) -> &str {
+        &self.names[robot]
+    }
+
+    /// Something happened, to a robot or to the run as a whole. Whoever looks on is told at once.
+    pub(super) fn event(
+        &mut self,
+        t_ns: u64,
+        kind: &'static str,
+        robot: Option<usize>,
+        detail: String,
+    ) {
+        self.line(Line { t_ns, kind, robot, detail, heard: None });
+    }
+
+    /// A robot says that it hears another so, since then.
+    pub(super) fn heard(&mut self, t_ns: u64, robot: usize, other: usize, contact: Contact) {
+        let detail = format!("{} {}", contact.word(), self.names[other]);
+        let heard = Some((other, contact));
+        self.line(Line { t_ns, kind: CONTACT, robot: Some(robot), detail, heard });
+    }
+
+    /// A robot says that it hears the leader's frame so, since then.
+    pub(super) fn frame_heard(&mut self, t_ns: u64, robot: usize, contact: Contact) {
+        let detail = format!("{} frame of the leader", contact.word());
+        self.event(t_ns, CONTACT, Some(robot), detail);
+    }
+
+    fn line(&mut self, line: Line) {
+        if let Some(view) = &mut self.view {
+            let name = line.robot.map_or("", |robot| &self.names[robot]);
+            view.happened(live::happened(line.t_ns, line.kind, name, &line.detail));
+        }
+        self.waiting.push(line);
+    }
+
+    /// Everything before this run time, ns, is known: writes it down.
+    pub(super) fn known_before(&mut self, t_ns: u64) -> Result<(), RunDirError> {
+        if self.waiting.list.is_empty() {
+            return Ok(());
+        }
+        for line in self.waiting.take_before(t_ns) {
+            if let (Some(robot), Some((other, contact))) = (line.robot, line.heard) {
+                self.metrics.contact(robot, other, contact, line.t_ns);
+            }
+            let name = line.robot.map_or("", |robot| &self.names[robot]);
+            self.run_dir.event(line.t_ns, line.kind, name, &line.detail)?;
+        }
+        Ok(())
+    }
+}
+
+/// The kind of what robots say of those they hear.
+const CONTACT: &str = "contact";
+
+/// What may happen at the same time, in the order of causes: acts, in the order in which they were
+/// done; then what follows from them.
+fn rank(kind: &str) -> usize {
+    let follows = ["died", "restart-ceiling", "restart", "ready", CONTACT];
+    follows.iter().position(|&other| other == kind).map_or(0, |place| place + 1)
+}
+
+impl Lines {
+    fn push(&mut self, line: Line) {
+        // Whoever was brought back by hand may be killed again before time goes on.
+        let of_robot = |(_, other): &&(usize, Line)| {
+            line.kind != CONTACT
+                && other.kind != CONTACT
+                && (other.t_ns, other.robot) == (line.t_ns, line.robot)
+        };
+        let round = match self.list.iter().rev().find(of_robot) {
+            Some((round, other)) => round + usize::from(rank(line.kind) < rank(other.kind)),
+            None => 0,
+        };
+        self.list.push((round, line));
+    }
+
+    /// Those before this run time, ns, in order.
+    fn take_before(&mut self, t_ns: u64) -> Vec<Line> {
+        // Stable: acts of one time stay in the order in which they were done.
+        self.list.sort_by(|(a_round, a), (b_round, b)| {
+            let key = |round: usize, line: &Line| (line.t_ns, round, rank(line.kind));
+            let whose = || (a.robot, &a.detail).cmp(&(b.robot, &b.detail));
+            key(*a_round, a).cmp(&key(*b_round, b)).then_with(|| match rank(a.kind) {
+                0 => std::cmp::Ordering::Equal,
+                _ => whose(),
+            })
+        });
+        let known = self.list.partition_point(|(_, line)| line.t_ns < t_ns);
+        self.list.drain(..known).map(|(_, line)| line).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    use experiment::examples::row_of_three;
+    use experiment::scenario::{Fault, FaultKind};
+    use metrics::examples::{header, rows};
+    use protocol::brief::Pace;
+    use protocol::fault::LinkFaultKind;
+
+    #[test]
+    fn a_link_that_is_called_stale_before_the_truth_of_its_cut_was_taken_counts_all_the_same() {
+        let mut scenario = row_of_three();
+        let kind = FaultKind::Link { edge: 0, kind: LinkFaultKind::Cut };
+        scenario.faults = vec![Fault { at_ns: 2_000_000_000, for_ns: None, kind }];
+        let ends = scenario.graph.edges()[0];
+        let place = tempfile::tempdir().unwrap();
+        let mut run_dir = RunDir::create(&place.path().join("run"), &scenario).unwrap();
+        let mut metrics = Metrics::new(&scenario, Pace::Lockstep);
+        let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
+        let mut journal = Journal::new(names, &mut run_dir, &mut metrics);
+        // The robots are ahead of what the supervisor has taken in.
+        journal.heard(3_000_000_000, ends.to, ends.from, Contact::Stale);
+        for tick in 0..5 {
+            journal.known_before(header(tick).t_ns).unwrap();
+            journal.metrics.truth(&header(tick), &rows([0.0, 1.0, 2.0]), &[true; 3]);
+        }
+        let [fault] = &metrics.finish().faults[..] else { panic!("one fault") };
+        assert_eq!(fault.stale_after_s, Some(1.0));
+    }
+
+    fn line(t_ns: u64, kind: &'static str, robot: usize) -> Line {
+        Line { t_ns, kind, robot: Some(robot), detail: String::new(), heard: None }
+    }
+
+    fn kinds(lines: &[Line]) -> Vec<(u64, &str, usize)> {
+        lines.iter().map(|line| (line.t_ns, line.kind, line.robot.unwrap())).collect()
+    }
+
+    #[test]
+    fn a_line_waits_until_everything_before_it_is_known() {
+        let mut lines = Lines::default();
+        for late in [line(7, CONTACT, 1), line(5, "kill", 2), line(6, CONTACT, 0)] {
+            lines.push(late);
+        }
+        assert_eq!(kinds(&lines.take_before(7)), [(5, "kill", 2), (6, CONTACT, 0)]);
+        assert!(lines.take_before(7).is_empty());
+        assert_eq!(lines.take_before(u64::MAX).len(), 1);
+    }
+
+    #[test]
+    fn of_one_time_causes_stand_before_effects_and_robots_in_order() {
+        let mut lines = Lines::default();
+        // As they may come: who dies and is ready first is the machine's doing.
+        for (kind, robot) in [
+            ("kill", 2),
+            ("kill", 1),
+            ("freeze", 0),
+            ("thaw", 0),
+            ("died", 2),
+            ("restart", 2),
+            ("ready", 2),
+            ("died", 1),
+            ("restart", 1),
+            ("ready", 1),
+        ] {
+            lines.push(line(5, kind, robot));
+        }
+        let expected = [
+            (5, "kill", 2),
+            (5, "kill", 1),
+            (5, "freeze", 0),
+            (5, "thaw", 0),
+            (5, "died", 1),
+            (5, "died", 2),
+            (5, "restart", 1),
+            (5, "restart", 2),
+            (5, "ready", 1),
+            (5, "ready", 2),
+        ];
+        assert_eq!(kinds(&lines.take_before(6)), expected);
+    }
+
+    #[test]
+    fn who_is_killed_again_at_the_same_time_is_dead_at_the_end_of_it() {
+        let mut lines = Lines::default();
+        for kind in ["kill", "died", "restart", "ready", "kill", "died"] {
+            lines.push(line(5, kind, 1));
+        }
+        lines.push(line(5, CONTACT, 1));
+        let told: Vec<&str> = lines.take_before(6).iter().map(|line| line.kind).collect();
+        assert_eq!(told, ["kill", "died", "restart", "ready", CONTACT, "kill", "died"]);
+    }
+
+    proptest! {
+        /// What robots report arrives in any order, in bursts of any size.
+        #[test]
+        fn the_order_does_not_depend_on_when_what_was_reported(
+            mut reports in proptest::collection::vec((0..8u64, 0..4usize, 0..3usize), 0..40),
+            keys in proptest::collection::vec(any::<u32>(), 40),
+        ) {
+            reports.sort_unstable();
+            reports.dedup();
+            let told = |reports: &[(u64, usize, usize)]| {
+                let mut lines = Lines::default();
+                for &(t_ns, robot, about) in reports {
+                    lines.push(Line { detail: about.to_string(), ..line(t_ns, CONTACT, robot) });
+                }
+                lines.take_before(u64::MAX)
+            };
+            let expected = told(&reports);
+            let mut shuffled: Vec<_> = reports.iter().zip(keys).collect();
+            shuffled.sort_by_key(|&(_, key)| key);
+            let shuffled: Vec<_> = shuffled.into_iter().map(|(&report, _)| report).collect();
+            prop_assert_eq!(told(&shuffled), expected);
+        }
+    }
+}

@@ -1,0 +1,474 @@
+//! Where each robot's process is in its life, and what follows from what happens to it.
+//!
+//! Pure: an event in, effects out, in the order in which they are to be done. This is where kill,
+//! freeze, death and restart meet. Must not: start or signal a process, read a clock, write a file,
+//! or know how time passes.
+
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+
+use experiment::scenario::{AfterDeath, RestartPolicy};
+use metrics::fault::End;
+
+/// Where a robot's process is in its life.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Seat {
+    /// Started; its first status is awaited.
+    Starting,
+    /// Taking part.
+    Moving,
+    /// Stopped by SIGSTOP.
+    Frozen,
+    /// Killed on purpose; its end is awaited.
+    Ending,
+    /// Dead and reaped.
+    Down,
+}
+
+/// On whose account something is done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Who {
+    /// The scenario's.
+    Plan,
+    /// Somebody's, through the live view.
+    Hand,
+}
+
+impl Who {
+    /// How it is written down.
+    pub(crate) fn word(self) -> &'static str {
+        match self {
+            Who::Plan => "as planned",
+            Who::Hand => "by hand",
+        }
+    }
+}
+
+/// What happens to a robot, or is done to it on purpose. Faults go by their numbers in the report.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Event {
+    /// SIGKILL on purpose; a replacement at that run time, ns.
+    Kill { robot: usize, fault: usize, restart_at_ns: Option<u64>, who: Who },
+    /// SIGSTOP. `ends`: a thaw is planned for it.
+    Freeze { robot: usize, fault: usize, ends: bool, who: Who },
+    /// SIGCONT.
+    Thaw { robot: usize, fault: usize, who: Who },
+    /// Somebody wants a dead robot back.
+    Restart { robot: usize },
+    /// Somebody cuts a link.
+    Cut { edge: usize, fault: usize },
+    /// Somebody mends a link that was cut so.
+    Mend { edge: usize },
+    /// Its process is dead and reaped.
+    Died(Death),
+    /// What a dead process of it left is removed.
+    Cleaned { robot: usize },
+    /// Its process reported; whether it takes part by now.
+    Reported { robot: usize, takes_part: bool },
+    /// Whatever is due may be started.
+    Due,
+}
+
+/// How a robot's process ended.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Death {
+    pub(crate) robot: usize,
+    /// In words.
+    pub(crate) how: String,
+    /// With exit code 0.
+    pub(crate) success: bool,
+    /// With another exit code.
+    pub(crate) gave_up: bool,
+    /// Nobody had moved yet.
+    pub(crate) starting_up: bool,
+    /// Run time at which it was last seen alive, ns.
+    pub(crate) alive_ns: u64,
+    /// The number of the fault that it is, if nobody had planned it.
+    pub(crate) fault: usize,
+}
+
+/// What is to be done, in this order.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Effect {
+    /// A process is started.
+    Start { robot: usize, incarnation: u64 },
+    /// SIGKILL.
+    Kill(usize),
+    /// SIGSTOP.
+    Stop(usize),
+    /// SIGCONT.
+    GoOn(usize),
+    /// The plant waits for it from now on.
+    Join(usize),
+    /// The plant waits for it no more.
+    Leave(usize),
+    /// What its process left is to be removed.
+    CleanUp(usize),
+    /// It is told which of its links are cut by hand.
+    TellLinks(usize),
+    /// A line of the events.
+    Note { kind: &'static str, robot: usize, detail: String },
+    /// A fault with a number began now.
+    Began(usize),
+    /// A death that nobody had planned is a fault, which began at that run time, ns.
+    DiedUnplanned { robot: usize, how: String, at_ns: u64, fault: usize },
+    /// A fault ended at that run time, ns.
+    Ended { fault: usize, end: End, at_ns: u64 },
+    /// A robot gave up, and nobody will replace it: the run cannot go on.
+    GaveUp { robot: usize, how: String },
+}
+
+/// One robot's life.
+#[derive(Debug)]
+struct Life {
+    seat: Seat,
+    incarnation: u64,
+    /// The plant waits for it.
+    member: bool,
+    /// Its processes that are dead and reaped, and not yet cleaned up.
+    remains: usize,
+    /// Run time at which a replacement is due, ns.
+    restart_at_ns: Option<u64>,
+    policy: RestartPolicy,
+    /// Run times of restarts nobody planned, ns.
+    unplanned_ns: Vec<u64>,
+    /// The fault that its present death, or its replacement's start, belongs to.
+    fault: Option<usize>,
+    /// The fault by which it is frozen.
+    frozen_by: Option<usize>,
+}
+
+/// A link that may be cut by hand.
+#[derive(Debug)]
+struct Link {
+    hearer: usize,
+    /// The fault by which it is.
+    cut_by: Option<usize>,
+}
+
+/// All robots' lives.
+#[derive(Debug)]
+pub(crate) struct Lives {
+    robots: Vec<Life>,
+    alive: Vec<bool>,
+    links: Vec<Link>,
+    /// How far each fault is that began: `None` while it lasts.
+    faults: BTreeMap<usize, Option<End>>,
+    beside_remains: bool,
+}
+
+impl Lives {
+    /// All first processes are being started. `hearers`: of each edge. `beside_remains`: services
+    /// have room for a replacement beside one of the dead, and it need not wait for the clean-up.
+    pub(crate) fn new(
+        policies: impl Iterator<Item = RestartPolicy>,
+        hearers: impl Iterator<Item = usize>,
+        beside_remains: bool,
+    ) -> Lives {
+        let robots: Vec<Life> = policies
+            .map(|policy| Life {
+                seat: Seat::Starting,
+                incarnation: 0,
+                member: false,
+                remains: 0,
+                restart_at_ns: None,
+                policy,
+                unplanned_ns: Vec::new(),
+                fault: None,
+                frozen_by: None,
+            })
+            .collect();
+        Lives {
+            alive: vec![true; robots.len()],
+            robots,
+            links: hearers.map(|hearer| Link { hearer, cut_by: None }).collect(),
+            faults: BTreeMap::new(),
+            beside_remains,
+        }
+    }
+
+    /// Where a robot is in its life.
+    pub(crate) fn seat(&self, robot: usize) -> Seat {
+        self.robots[robot].seat
+    }
+
+    /// How often a robot's process was started before this one.
+    pub(crate) fn incarnation(&self, robot: usize) -> u64 {
+        self.robots[robot].incarnation
+    }
+
+    /// Who counts as alive: whoever did not die, or was replaced by one that takes part.
+    pub(crate) fn alive(&self) -> &[bool] {
+        &self.alive
+    }
+
+    /// Whether an edge is cut by hand.
+    pub(crate) fn is_cut(&self, edge: usize) -> bool {
+        self.links[edge].cut_by.is_some()
+    }
+
+    /// The fault by which a robot is frozen.
+    pub(crate) fn frozen_by(&self, robot: usize) -> Option<usize> {
+        self.robots[robot].frozen_by
+    }
+
+    /// When the next replacement is due, ns.
+    pub(crate) fn next_restart_ns(&self) -> Option<u64> {
+        self.robots.iter().filter_map(|life| life.restart_at_ns).min()
+    }
+
+    /// Whether nothing is under way at this run time, ns: nobody starts or ends, nothing of the dead
+    /// is left, no replacement is due.
+    pub(crate) fn at_rest(&self, now_ns: u64) -> bool {
+        self.robots.iter().all(|life| match life.seat {
+            Seat::Moving | Seat::Frozen => true,
+            Seat::Down => life.remains == 0 && life.restart_at_ns.is_none_or(|at| at > now_ns),
+            Seat::Starting | Seat::Ending => false,
+        })
+    }
+
+    /// What follows from an event at this run time, ns.
+    pub(crate) fn step(&mut self, now_ns: u64, event: Event) -> Vec<Effect> {
+        let mut effects = Effects { list: Vec::new(), now_ns };
+        let out = &mut effects;
+        match event {
+            Event::Kill { robot, fault, restart_at_ns, who } => {
+                self.kill(out, robot, fault, restart_at_ns, who);
+            }
+            Event::Freeze { robot, fault, ends, who } => {
+                self.freeze(out, robot, fault, ends, who);
+            }
+            Event::Thaw { robot, fault, who } => self.thaw(out, robot, fault, who),
+            Event::Restart { robot } => {
+                let life = &mut self.robots[robot];
+                if matches!(life.seat, Seat::Down | Seat::Ending) {
+                    life.restart_at_ns = Some(now_ns);
+                }
+            }
+            Event::Cut { edge, fault } => {
+                let link = &mut self.links[edge];
+                if link.cut_by.is_none() {
+                    link.cut_by = Some(fault);
+                    out.push(Effect::TellLinks(link.hearer));
+                    self.began(out, fault);
+                    self.ended(out, fault, End::ForGood, now_ns);
+                }
+            }
+            Event::Mend { edge } => {
+                let link = &mut self.links[edge];
+                if let Some(fault) = link.cut_by.take() {
+                    out.push(Effect::TellLinks(link.hearer));
+                    self.ended(out, fault, End::Whole, now_ns);
+                }
+            }
+            Event::Died(death) => self.died(out, death),
+            Event::Cleaned { robot } => {
+                let life = &mut self.robots[robot];
+                life.remains = life.remains.saturating_sub(1);
+            }
+            Event::Reported { robot, takes_part } => self.reported(out, robot, takes_part),
+            Event::Due => self.start_due(out),
+        }
+        effects.list
+    }
+
+    fn kill(
+        &mut self,
+        out: &mut Effects,
+        robot: usize,
+        fault: usize,
+        restart_at_ns: Option<u64>,
+        who: Who,
+    ) {
+        out.note("kill", robot, format!("SIGKILL, {}", who.word()));
+        let life = &mut self.robots[robot];
+        // Whoever is ending, or dead, is dead already: only its return is another.
+        if !matches!(life.seat, Seat::Ending | Seat::Down) {
+            life.leave(out, robot);
+            life.seat = Seat::Ending;
+            out.push(Effect::Kill(robot));
+        }
+        life.restart_at_ns = restart_at_ns;
+        let earlier = life.fault.replace(fault);
+        self.all_whole(out, earlier);
+        self.began(out, fault);
+        if restart_at_ns.is_none() {
+            self.ended(out, fault, End::ForGood, out.now_ns);
+        }
+    }
+
+    fn freeze(&mut self, out: &mut Effects, robot: usize, fault: usize, ends: bool, who: Who) {
+        let life = &mut self.robots[robot];
+        if life.seat == Seat::Moving {
+            life.leave(out, robot);
+            life.seat = Seat::Frozen;
+            out.push(Effect::Stop(robot));
+        }
+        let stopped = life.seat == Seat::Frozen;
+        let earlier = if stopped { life.frozen_by.replace(fault) } else { None };
+        let sent = if stopped { "SIGSTOP" } else { "nobody there to stop" };
+        out.note("freeze", robot, format!("{sent}, {}", who.word()));
+        self.all_whole(out, earlier);
+        self.began(out, fault);
+        // By hand, it lasts until somebody ends it.
+        if !ends {
+            self.ended(out, fault, End::ForGood, out.now_ns);
+        }
+    }
+
+    fn thaw(&mut self, out: &mut Effects, robot: usize, fault: usize, who: Who) {
+        let life = &mut self.robots[robot];
+        if life.seat == Seat::Frozen {
+            life.seat = Seat::Moving;
+            out.push(Effect::GoOn(robot));
+            life.join(out, robot);
+        }
+        out.note("thaw", robot, format!("SIGCONT, {}", who.word()));
+        let frozen_by = life.frozen_by.take();
+        self.all_whole(out, [Some(fault), frozen_by].into_iter().flatten());
+    }
+
+    fn died(&mut self, out: &mut Effects, death: Death) {
+        let Death { robot, how, .. } = death;
+        let now_ns = out.now_ns;
+        let life = &mut self.robots[robot];
+        let planned = life.seat == Seat::Ending;
+        life.leave(out, robot);
+        life.seat = Seat::Down;
+        life.remains += 1;
+        self.alive[robot] = false;
+        out.push(Effect::CleanUp(robot));
+        out.note("died", robot, how.clone());
+        // The dead are not frozen any more.
+        let frozen_by = life.frozen_by.take();
+        self.all_whole(out, frozen_by);
+        if planned {
+            return;
+        }
+        let life = &mut self.robots[robot];
+        let verdict = life.after_death(now_ns, death.success);
+        let returns = matches!(verdict, AfterDeath::Return { .. });
+        if !returns && (death.gave_up || death.starting_up) {
+            out.push(Effect::GaveUp { robot, how });
+            return;
+        }
+        match verdict {
+            AfterDeath::Return { delay_ns } => {
+                // The run's clock stands still during the start-up: no use in waiting for it.
+                let delay_ns = if death.starting_up { 0 } else { delay_ns };
+                life.unplanned_ns.push(now_ns);
+                life.restart_at_ns = Some(now_ns.saturating_add(delay_ns));
+            }
+            AfterDeath::Ceiling => {
+                let RestartPolicy { restarts_max, window_ns, .. } = life.policy;
+                let window_s = window_ns as f64 / 1e9;
+                let detail = format!("{restarts_max} restarts within {window_s} s");
+                out.note("restart-ceiling", robot, detail);
+            }
+            AfterDeath::StayDead => {}
+        }
+        // A death on top of a fault that is still going on belongs to that fault.
+        let fault = *life.fault.get_or_insert(death.fault);
+        let at_ns = death.alive_ns;
+        if fault == death.fault {
+            self.faults.insert(fault, None);
+            out.push(Effect::DiedUnplanned { robot, how, at_ns, fault });
+        }
+        // Unless somebody brings it back by hand.
+        if !returns {
+            self.ended(out, fault, End::ForGood, at_ns);
+        }
+    }
+
+    fn reported(&mut self, out: &mut Effects, robot: usize, takes_part: bool) {
+        let life = &mut self.robots[robot];
+        if life.seat != Seat::Starting {
+            return;
+        }
+        // It says so before it hears anybody, and knows nothing of links cut before its birth.
+        if self.links.iter().any(|link| link.hearer == robot && link.cut_by.is_some()) {
+            out.push(Effect::TellLinks(robot));
+        }
+        if takes_part {
+            life.seat = Seat::Moving;
+            self.alive[robot] = true;
+            life.join(out, robot);
+            out.note("ready", robot, format!("incarnation {}", life.incarnation));
+            let fault = life.fault.take();
+            self.all_whole(out, fault);
+        }
+    }
+
+    fn start_due(&mut self, out: &mut Effects) {
+        let remains: usize = self.robots.iter().map(|life| life.remains).sum();
+        let room = self.beside_remains && remains <= 1;
+        for (robot, life) in self.robots.iter_mut().enumerate() {
+            let due = life.restart_at_ns.is_some_and(|at_ns| at_ns <= out.now_ns);
+            if due && life.seat == Seat::Down && (room || life.remains == 0) {
+                life.restart_at_ns = None;
+                life.incarnation += 1;
+                life.seat = Seat::Starting;
+                let incarnation = life.incarnation;
+                out.push(Effect::Start { robot, incarnation });
+                out.note("restart", robot, format!("incarnation {incarnation}"));
+            }
+        }
+    }
+
+    fn began(&mut self, out: &mut Effects, fault: usize) {
+        self.faults.insert(fault, None);
+        out.push(Effect::Began(fault));
+    }
+
+    fn all_whole(&mut self, out: &mut Effects, faults: impl IntoIterator<Item = usize>) {
+        faults.into_iter().for_each(|fault| self.ended(out, fault, End::Whole, out.now_ns));
+    }
+
+    /// What ended for good may be made whole after all, by hand; what is whole stays so.
+    fn ended(&mut self, out: &mut Effects, fault: usize, end: End, at_ns: u64) {
+        let Some(known) = self.faults.get_mut(&fault) else { return };
+        if known.is_none() || (*known, end) == (Some(End::ForGood), End::Whole) {
+            *known = Some(end);
+            out.push(Effect::Ended { fault, end, at_ns });
+        }
+    }
+}
+
+impl Life {
+    /// What its policy says of a death at this run time, ns, with or without `success`.
+    fn after_death(&mut self, now_ns: u64, success: bool) -> AfterDeath {
+        let window_began_ns = now_ns.saturating_sub(self.policy.window_ns);
+        self.unplanned_ns.retain(|&at_ns| at_ns >= window_began_ns);
+        self.policy.after_death(success, self.unplanned_ns.len() as u32)
+    }
+
+    fn join(&mut self, out: &mut Effects, robot: usize) {
+        if !std::mem::replace(&mut self.member, true) {
+            out.push(Effect::Join(robot));
+        }
+    }
+
+    fn leave(&mut self, out: &mut Effects, robot: usize) {
+        if std::mem::take(&mut self.member) {
+            out.push(Effect::Leave(robot));
+        }
+    }
+}
+
+/// What is to be done so far.
+struct Effects {
+    list: Vec<Effect>,
+    now_ns: u64,
+}
+
+impl Effects {
+    fn push(&mut self, effect: Effect) {
+        self.list.push(effect);
+    }
+
+    fn note(&mut self, kind: &'static str, robot: usize, detail: String) {
+        self.push(Effect::Note { kind, robot, detail });
+    }
+}

@@ -1,0 +1,406 @@
+//! Random lives against a model of the processes, which knows nothing of seats.
+
+use proptest::prelude::*;
+
+use super::*;
+use experiment::scenario::RestartWhen;
+
+const ROBOTS: usize = 3;
+/// Who hears over each link.
+const HEARERS: [usize; 4] = [0, 1, 2, 0];
+const POLICY: RestartPolicy = RestartPolicy {
+    when: RestartWhen::OnFailure,
+    delay_ns: 10,
+    delay_ns_max: 35,
+    restarts_max: 3,
+    window_ns: 200,
+};
+
+/// What may happen next. Robots and links are numbers.
+#[derive(Debug, Clone, Copy)]
+enum Act {
+    Kill {
+        robot: usize,
+        restart_after_ns: Option<u64>,
+    },
+    Freeze {
+        robot: usize,
+        ends: bool,
+    },
+    Thaw {
+        robot: usize,
+    },
+    Restart {
+        robot: usize,
+    },
+    Cut {
+        edge: usize,
+    },
+    Mend {
+        edge: usize,
+    },
+    /// Its process dies, by nobody's plan, unless it is stopped and the exit would be its own.
+    Dies {
+        robot: usize,
+        success: bool,
+    },
+    /// The supervisor learns of a death.
+    Reaped {
+        robot: usize,
+    },
+    Cleaned {
+        robot: usize,
+    },
+    Reported {
+        robot: usize,
+        takes_part: bool,
+    },
+    /// Time passes, and what is due is started.
+    Wait {
+        ns: u64,
+    },
+}
+
+fn acts() -> impl Strategy<Value = Vec<Act>> {
+    let robot = || 0..ROBOTS;
+    let edge = || 0..HEARERS.len();
+    let act = prop_oneof![
+        2 => (robot(), proptest::option::of(0..60u64))
+            .prop_map(|(robot, restart_after_ns)| Act::Kill { robot, restart_after_ns }),
+        2 => (robot(), any::<bool>()).prop_map(|(robot, ends)| Act::Freeze { robot, ends }),
+        2 => robot().prop_map(|robot| Act::Thaw { robot }),
+        1 => robot().prop_map(|robot| Act::Restart { robot }),
+        1 => edge().prop_map(|edge| Act::Cut { edge }),
+        1 => edge().prop_map(|edge| Act::Mend { edge }),
+        2 => (robot(), proptest::bool::weighted(0.1))
+            .prop_map(|(robot, success)| Act::Dies { robot, success }),
+        4 => robot().prop_map(|robot| Act::Reaped { robot }),
+        4 => robot().prop_map(|robot| Act::Cleaned { robot }),
+        5 => (robot(), proptest::bool::weighted(0.8))
+            .prop_map(|(robot, takes_part)| Act::Reported { robot, takes_part }),
+        4 => (0..40u64).prop_map(|ns| Act::Wait { ns }),
+    ];
+    proptest::collection::vec(act, 0..150)
+}
+
+/// One process, as the kernel sees it.
+#[derive(Debug, Clone, Copy, Default)]
+struct Process {
+    /// It reported, and takes part.
+    reported: bool,
+    stopped: bool,
+    /// How often the supervisor sent it SIGKILL.
+    kills: u32,
+    /// It is dead, and not reaped: with exit code 0?
+    dead: Option<bool>,
+}
+
+/// A robot, as somebody sees it who only counts.
+#[derive(Debug, Clone, Default)]
+struct Robot {
+    process: Option<Process>,
+    starts: u64,
+    member: bool,
+    remains: usize,
+    /// When a replacement is due, ns.
+    due_ns: Option<u64>,
+    /// When deaths by nobody's plan led to a replacement, ns.
+    unplanned_ns: Vec<u64>,
+}
+
+#[derive(Debug)]
+struct World {
+    lives: Lives,
+    beside_remains: bool,
+    now_ns: u64,
+    robots: Vec<Robot>,
+    /// What began, when, ns, and how it ended.
+    faults: BTreeMap<usize, (u64, Vec<End>)>,
+    fault: usize,
+    told: Vec<usize>,
+}
+
+impl World {
+    fn new(beside_remains: bool) -> World {
+        let policies = std::iter::repeat_n(POLICY, ROBOTS);
+        let started = || Robot { process: Some(Process::default()), starts: 1, ..Robot::default() };
+        World {
+            lives: Lives::new(policies, HEARERS.into_iter(), beside_remains),
+            beside_remains,
+            now_ns: 0,
+            robots: (0..ROBOTS).map(|_| started()).collect(),
+            faults: BTreeMap::new(),
+            fault: 0,
+            told: Vec::new(),
+        }
+    }
+
+    fn next_fault(&mut self) -> usize {
+        self.fault += 1;
+        self.fault
+    }
+
+    fn happens(&mut self, act: Act) {
+        let now_ns = self.now_ns;
+        match act {
+            Act::Kill { robot, restart_after_ns } => {
+                let restart_at_ns = restart_after_ns.map(|after_ns| now_ns + after_ns);
+                self.robots[robot].due_ns = restart_at_ns;
+                let fault = self.next_fault();
+                self.step(Event::Kill { robot, fault, restart_at_ns, who: Who::Plan });
+            }
+            Act::Freeze { robot, ends } => {
+                let fault = self.next_fault();
+                self.step(Event::Freeze { robot, fault, ends, who: Who::Plan });
+            }
+            Act::Thaw { robot } => {
+                // By hand it ends the freeze that there is, by plan one that may be over.
+                let fault = self.lives.frozen_by(robot).unwrap_or(self.fault);
+                self.step(Event::Thaw { robot, fault, who: Who::Hand });
+            }
+            Act::Restart { robot } => {
+                if self.robots[robot].process.is_none_or(|process| process.kills > 0) {
+                    self.robots[robot].due_ns = Some(now_ns);
+                }
+                self.step(Event::Restart { robot });
+            }
+            Act::Cut { edge } => {
+                let fault = self.next_fault();
+                self.step(Event::Cut { edge, fault });
+            }
+            Act::Mend { edge } => self.step(Event::Mend { edge }),
+            Act::Dies { robot, success } => {
+                if let Some(process) = &mut self.robots[robot].process {
+                    // Whoever is stopped only dies of SIGKILL.
+                    let success = success && !process.stopped;
+                    process.dead.get_or_insert(success);
+                }
+            }
+            Act::Reaped { robot } => self.reaped(robot),
+            Act::Cleaned { robot } => {
+                if let Some(left) = self.robots[robot].remains.checked_sub(1) {
+                    self.robots[robot].remains = left;
+                    self.step(Event::Cleaned { robot });
+                }
+            }
+            Act::Reported { robot, takes_part } => {
+                let living = |process: &&mut Process| process.dead.is_none() && !process.stopped;
+                let process = self.robots[robot].process.as_mut();
+                if let Some(process) = process.filter(living) {
+                    // What was sent before a SIGKILL may come after it.
+                    process.reported |= takes_part && process.kills == 0;
+                    self.step(Event::Reported { robot, takes_part });
+                }
+            }
+            Act::Wait { ns } => {
+                self.now_ns += ns;
+                self.step(Event::Due);
+            }
+        }
+    }
+
+    /// The supervisor learns that a process is dead, if it is.
+    fn reaped(&mut self, robot: usize) {
+        let now_ns = self.now_ns;
+        let seen = &mut self.robots[robot];
+        let Some(process @ Process { dead: Some(success), .. }) = seen.process else { return };
+        seen.process = None;
+        let fault = self.fault + 1;
+        if process.kills == 0 && !success {
+            // Nobody had planned it: it returns unless it died too often of late.
+            let seen = &mut self.robots[robot];
+            let recent = seen.unplanned_ns.iter().filter(|&&at| at + POLICY.window_ns >= now_ns);
+            let recent = recent.count() as u32;
+            if recent < POLICY.restarts_max {
+                let wait_ns = (POLICY.delay_ns << recent).min(POLICY.delay_ns_max);
+                seen.due_ns = Some(now_ns + wait_ns);
+                seen.unplanned_ns.push(now_ns);
+            }
+        }
+        self.step(Event::Died(Death {
+            robot,
+            how: String::new(),
+            success,
+            gave_up: false,
+            starting_up: false,
+            alive_ns: now_ns,
+            fault,
+        }));
+        assert!(self.robots[robot].remains > 0, "what it left is asked to be removed");
+    }
+
+    fn step(&mut self, event: Event) {
+        let now_ns = self.now_ns;
+        for effect in self.lives.step(now_ns, event) {
+            self.takes_effect(effect);
+        }
+        for robot in &self.robots {
+            let waits_for = |process: Process| !process.stopped && process.kills == 0;
+            assert!(
+                !robot.member || robot.process.is_some_and(waits_for),
+                "{robot:?} is waited for"
+            );
+        }
+        let pending = self.robots.iter().any(|robot| match robot.process {
+            Some(process) => !process.reported || process.kills > 0,
+            None => robot.remains > 0 || robot.due_ns.is_some_and(|at_ns| at_ns <= now_ns),
+        });
+        assert_eq!(self.lives.at_rest(now_ns), !pending, "{:?}", self.robots);
+        let due = self.robots.iter().filter_map(|robot| robot.due_ns).min();
+        assert_eq!(self.lives.next_restart_ns(), due);
+    }
+
+    fn takes_effect(&mut self, effect: Effect) {
+        let now_ns = self.now_ns;
+        let all_remains: usize = self.robots.iter().map(|robot| robot.remains).sum();
+        let beside = self.beside_remains;
+        match effect {
+            Effect::Start { robot, incarnation } => {
+                let robot = &mut self.robots[robot];
+                assert!(robot.process.is_none(), "beside a living one");
+                assert_eq!(incarnation, robot.starts);
+                robot.starts += 1;
+                assert!(robot.due_ns.take().is_some_and(|at_ns| at_ns <= now_ns), "too early");
+                assert!(robot.remains == 0 || beside && all_remains <= 1, "no room");
+                robot.process = Some(Process::default());
+            }
+            Effect::Kill(robot) => {
+                let process = self.robots[robot].process.as_mut().expect("somebody to kill");
+                process.kills += 1;
+                assert_eq!(process.kills, 1, "killed once");
+                process.dead.get_or_insert(false);
+            }
+            Effect::Stop(robot) => {
+                let process = self.robots[robot].process.as_mut().expect("somebody to stop");
+                assert!(!process.stopped && process.kills == 0);
+                process.stopped = true;
+            }
+            Effect::GoOn(robot) => {
+                let process = self.robots[robot].process.as_mut().expect("somebody to thaw");
+                assert!(process.stopped && process.kills == 0);
+                process.stopped = false;
+            }
+            Effect::Join(robot) => {
+                assert!(!std::mem::replace(&mut self.robots[robot].member, true), "joins twice");
+            }
+            Effect::Leave(robot) => {
+                assert!(std::mem::take(&mut self.robots[robot].member), "leaves twice");
+            }
+            Effect::CleanUp(robot) => self.robots[robot].remains += 1,
+            Effect::TellLinks(robot) => self.told.push(robot),
+            Effect::Note { .. } => {}
+            Effect::Began(fault) => {
+                assert!(self.faults.insert(fault, (now_ns, Vec::new())).is_none(), "begins twice");
+            }
+            Effect::DiedUnplanned { fault, at_ns, .. } => {
+                assert_eq!(fault, self.next_fault());
+                assert!(self.faults.insert(fault, (at_ns, Vec::new())).is_none(), "begins twice");
+            }
+            Effect::Ended { fault, end, at_ns } => {
+                let (began_ns, ends) = self.faults.get_mut(&fault).expect("it began");
+                assert!(at_ns >= *began_ns);
+                ends.push(end);
+                let orders = [&[End::ForGood][..], &[End::Whole], &[End::ForGood, End::Whole]];
+                assert!(orders.contains(&&ends[..]), "{fault} ended so: {ends:?}");
+            }
+            Effect::GaveUp { .. } => panic!("only during the start-up, or with an exit code"),
+        }
+    }
+
+    /// Whatever is under way comes to its end, and nothing new happens.
+    fn settles(&mut self) {
+        for _ in 0..10 {
+            for robot in 0..ROBOTS {
+                for act in [
+                    Act::Reaped { robot },
+                    Act::Cleaned { robot },
+                    Act::Cleaned { robot },
+                    Act::Reported { robot, takes_part: true },
+                ] {
+                    self.happens(act);
+                }
+            }
+            self.happens(Act::Wait { ns: POLICY.delay_ns_max.max(60) });
+        }
+        assert!(self.lives.at_rest(self.now_ns), "{:?}", self.lives);
+    }
+}
+
+proptest! {
+    /// The model's assertions are the properties: no two processes of a robot at a time, incarnations
+    /// in a row, one SIGKILL for each, nobody thawed that died, nobody waited for that is dead or
+    /// frozen, joins and leaves in turns, faults that end once, waits and ceilings kept.
+    #[test]
+    fn whatever_happens_to_the_robots_every_process_is_dealt_with_once(
+        acts in acts(),
+        beside_remains: bool,
+    ) {
+        let mut world = World::new(beside_remains);
+        for act in acts {
+            world.happens(act);
+        }
+        world.settles();
+    }
+}
+
+fn kinds(effects: &[Effect]) -> Vec<&str> {
+    let kinds = effects.iter().filter_map(|effect| match effect {
+        Effect::Note { kind, .. } => Some(*kind),
+        _ => None,
+    });
+    kinds.collect()
+}
+
+#[test]
+fn a_frozen_robot_that_is_killed_ends_its_freeze_and_its_thaw_reaches_nobody() {
+    let mut world = World::new(false);
+    world.happens(Act::Reported { robot: 1, takes_part: true });
+    let lives = &mut world.lives;
+    lives.step(1, Event::Freeze { robot: 1, fault: 7, ends: true, who: Who::Plan });
+    let kill = Event::Kill { robot: 1, fault: 8, restart_at_ns: None, who: Who::Plan };
+    assert!(lives.step(2, kill).contains(&Effect::Kill(1)));
+    let death = Death {
+        robot: 1,
+        how: "signal 9".into(),
+        success: false,
+        gave_up: false,
+        starting_up: false,
+        alive_ns: 2,
+        fault: 9,
+    };
+    let effects = lives.step(3, Event::Died(death));
+    assert_eq!(kinds(&effects), ["died"]);
+    assert!(effects.contains(&Effect::Ended { fault: 7, end: End::Whole, at_ns: 3 }));
+    let effects = lives.step(4, Event::Thaw { robot: 1, fault: 7, who: Who::Plan });
+    assert_eq!((effects.len(), kinds(&effects)), (1, vec!["thaw"]));
+}
+
+#[test]
+fn a_replacement_is_told_of_links_that_were_cut_before_its_birth() {
+    let mut world = World::new(true);
+    world.happens(Act::Reported { robot: 0, takes_part: true });
+    world.happens(Act::Cut { edge: 3 });
+    assert_eq!(world.told, [0]);
+    world.happens(Act::Dies { robot: 0, success: false });
+    world.happens(Act::Reaped { robot: 0 });
+    world.happens(Act::Wait { ns: POLICY.delay_ns });
+    world.happens(Act::Reported { robot: 0, takes_part: false });
+    assert_eq!(world.told, [0, 0]);
+    assert_eq!(world.lives.seat(0), Seat::Starting, "it has not answered yet");
+    world.happens(Act::Reported { robot: 0, takes_part: true });
+    world.happens(Act::Mend { edge: 3 });
+    assert!(!world.lives.is_cut(3));
+}
+
+#[test]
+fn who_gives_up_or_dies_before_anybody_moves_and_is_not_replaced_ends_the_run() {
+    let never = RestartPolicy { when: RestartWhen::Never, ..POLICY };
+    for (gave_up, starting_up) in [(true, false), (false, true)] {
+        let mut lives = Lives::new([never].into_iter(), std::iter::empty(), false);
+        let how = "exit code 4".to_owned();
+        let death =
+            Death { robot: 0, how, success: false, gave_up, starting_up, alive_ns: 0, fault: 0 };
+        let effects = lives.step(0, Event::Died(death));
+        assert!(matches!(effects.last(), Some(Effect::GaveUp { robot: 0, .. })), "{effects:?}");
+    }
+}

@@ -1,0 +1,135 @@
+//! The processes of a run: started, signalled, watched, reaped. Must not: decide anything about
+//! them, or wait for one.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitStatus;
+use std::time::Instant;
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use super::load::Load;
+use crate::child::{self, Child};
+use crate::spawn::{Launcher, Role, SpawnError};
+use crate::usage::Usage;
+
+/// How many lines of a dead child's log are shown.
+const LOG_LINES: usize = 8;
+
+/// All of them.
+pub(super) struct Processes {
+    pub(super) plant: Child,
+    robots: Vec<Robot>,
+    /// What takes processor time on purpose.
+    pub(super) load: Load,
+    launcher: Launcher,
+}
+
+/// A robot's process, or the place for one.
+pub(super) struct Robot {
+    brief: PathBuf,
+    log: PathBuf,
+    child: Option<Child>,
+    /// When the newest was started.
+    started: Instant,
+    /// What those took that are reaped.
+    usage: Usage,
+}
+
+impl Robot {
+    /// One whose process was not started yet.
+    pub(super) fn new(brief: PathBuf, log: PathBuf) -> Robot {
+        Robot { brief, log, child: None, started: Instant::now(), usage: Usage::default() }
+    }
+
+    /// What all its processes took, once they are dead.
+    fn usage(&self) -> Usage {
+        let mut usage = self.usage;
+        usage += self.child.as_ref().and_then(Child::usage).unwrap_or_default();
+        usage
+    }
+}
+
+impl Processes {
+    /// The plant runs, the robots do not.
+    pub(super) fn new(plant: Child, robots: Vec<Robot>, launcher: Launcher) -> Processes {
+        Processes { plant, robots, load: Load::default(), launcher }
+    }
+
+    /// Starts a robot's process; there is none now.
+    pub(super) fn start(&mut self, robot: usize, incarnation: u64) -> Result<(), SpawnError> {
+        let robot = &mut self.robots[robot];
+        let role = Role::Agent { brief: &robot.brief, incarnation };
+        robot.child = Some(self.launcher.spawn(role, &robot.log)?);
+        robot.started = Instant::now();
+        Ok(())
+    }
+
+    /// Starts processes that take processor time, for a fault; how many there are, in words.
+    pub(super) fn start_load(&mut self, fault: usize, asked: usize, log: &Path) -> String {
+        self.load.start(&self.launcher, fault, asked, log)
+    }
+
+    /// A robot's process, if there is one.
+    pub(super) fn of(&self, robot: usize) -> Option<&Child> {
+        self.robots[robot].child.as_ref()
+    }
+
+    /// When a robot's newest process was started.
+    pub(super) fn started(&self, robot: usize) -> Instant {
+        self.robots[robot].started
+    }
+
+    /// The end of a robot's log.
+    pub(super) fn last_lines(&self, robot: usize) -> String {
+        child::last_lines(&self.robots[robot].log, LOG_LINES)
+    }
+
+    /// The end of the plant's log.
+    pub(super) fn last_lines_of_plant(&self) -> String {
+        self.plant.last_lines(LOG_LINES)
+    }
+
+    /// The robots' processes, by place.
+    pub(super) fn of_robots(&self) -> impl Iterator<Item = (usize, &Child)> + Clone {
+        let robots = self.robots.iter().enumerate();
+        robots.filter_map(|(i, robot)| Some((i, robot.child.as_ref()?)))
+    }
+
+    /// What is readable once the plant or a robot is dead.
+    pub(super) fn watched(&self) -> Vec<PollFd<'_>> {
+        let children = self.of_robots().map(|(_, child)| child).chain([&self.plant]);
+        children.map(watch).collect()
+    }
+
+    /// Asks about all at once: nearly always, none did.
+    pub(super) fn anybody_died(&self) -> bool {
+        let mut watched = self.watched();
+        watched.extend(self.load.children().map(watch));
+        // An interruption tells nothing.
+        poll(&mut watched, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })) != Ok(0)
+    }
+
+    /// How a robot's process ended, once it has; it is gone then.
+    pub(super) fn reap(&mut self, robot: usize) -> Option<ExitStatus> {
+        let robot = &mut self.robots[robot];
+        let status = robot.child.as_mut()?.ended()?;
+        robot.usage = robot.usage();
+        robot.child = None;
+        Some(status)
+    }
+
+    /// All children, the plant first: it waits for the robots, and they for nobody.
+    pub(super) fn all_mut(&mut self) -> impl Iterator<Item = &mut Child> {
+        let robots = self.robots.iter_mut().filter_map(|robot| robot.child.as_mut());
+        [&mut self.plant].into_iter().chain(robots).chain(self.load.children_mut())
+    }
+
+    /// What each robot's processes took, once they are dead.
+    pub(super) fn usages(&self) -> impl Iterator<Item = Usage> {
+        self.robots.iter().map(Robot::usage)
+    }
+}
+
+fn watch(child: &Child) -> PollFd<'_> {
+    PollFd::from_borrowed_fd(child.pidfd(), PollFlags::IN)
+}

@@ -1,10 +1,12 @@
 //! `phalanx`: one binary for every role. What it does is in the crates; here the roles are told
 //! apart, and the supervisor learns which laws the agents know.
 
+use std::io::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use protocol::process::{Stderr, exit};
 
 /// Decentralised multi-robot experiments on one machine, run the way they would be deployed.
 #[derive(Parser)]
@@ -55,8 +57,8 @@ struct AgentArgs {
 
 fn main() -> ExitCode {
     if let Err(error) = supervisor::child::obey_parent() {
-        eprintln!("error: cannot start as a child: {error}");
-        return ExitCode::from(protocol::process::exit::INFRASTRUCTURE);
+        let _ = writeln!(Stderr, "error: cannot start as a child: {error}");
+        return ExitCode::from(exit::INFRASTRUCTURE);
     }
     let code = match Cli::parse().role {
         Role::Supervisor(verb) => {

@@ -5,13 +5,14 @@
 
 use std::cell::OnceCell;
 use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom};
+use std::io::{self, Read, Seek, SeekFrom, Write as _};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::process::{ExitStatusExt, parent_id};
 use std::path::{Path, PathBuf};
 use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
+use protocol::process::Stderr;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 
@@ -170,7 +171,7 @@ pub fn awake() -> u8 {
         Ok(()) => spin(),
         // It must not run beside those for whom it is there.
         Err(error) => {
-            eprintln!("the core is not kept awake: {error}");
+            let _ = writeln!(Stderr, "the core is not kept awake: {error}");
             protocol::process::exit::OK
         }
     }

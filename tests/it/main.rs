@@ -1,6 +1,8 @@
 //! One test binary. Real processes, each test in its own run root, so that tests run side by side;
 //! and the same brains and world composed in one process: `oracle` (lockstep), `model` (real time).
 
+#![expect(clippy::print_stderr, clippy::print_stdout, reason = "tests tell whoever runs them")]
+
 mod bad_files;
 mod bench;
 mod browser;
@@ -15,6 +17,7 @@ mod isolation;
 mod latency;
 mod law_example;
 mod lockstep;
+mod lost_screen;
 mod machine;
 mod model;
 mod oracle;

@@ -28,7 +28,8 @@ fn main() -> ExitCode {
         }
         ["count", name, calls] => {
             let (Some(mut body), Ok(calls)) = (cases::start(name), calls.parse::<u64>()) else {
-                eprintln!("error: expected `count CASE CALLS`, got case {name:?}, calls {calls:?}");
+                let found = format!("got case {name:?}, calls {calls:?}");
+                let _ = writeln!(io::stderr(), "error: expected `count CASE CALLS`, {found}");
                 return ExitCode::from(2);
             };
             (0..calls).for_each(|_| body());

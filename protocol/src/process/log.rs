@@ -1,9 +1,9 @@
 //! How a process shows itself to people: its name in `ps`, and its log on stderr.
 
 use std::ffi::CString;
-use std::io::{self, IsTerminal};
+use std::io::{self, IsTerminal, Write};
 
-use iceoryx2::prelude::{LogLevel, set_log_level_from_env_or};
+use iceoryx2::prelude::{LogLevel, set_log_level};
 use tracing::Level;
 
 /// Names the calling thread as `ps` and `top` show it; the kernel keeps the first 15 bytes.
@@ -14,12 +14,28 @@ pub fn set_name(name: &str) {
     }
 }
 
+/// Standard error for whoever has something to say, and nothing to lose: if its reader is gone or
+/// its disk is full, what is said is lost, and the process goes on.
+#[derive(Debug, Clone, Copy)]
+pub struct Stderr;
+
+impl Write for Stderr {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let _ = io::stderr().write_all(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
 /// Logs to stderr, panics included: one JSON object a line, or plain text where a person reads it.
 /// `PHALANX_LOG` names the level.
 pub fn log_to_stderr() {
     let level = log_level(Level::INFO);
     // Fails only if this process logs already, which then goes on as it was.
-    let log = tracing_subscriber::fmt().with_max_level(level).with_writer(io::stderr);
+    let log = tracing_subscriber::fmt().with_max_level(level).with_writer(|| Stderr);
     let _ = if io::stderr().is_terminal() {
         log.with_target(false).try_init()
     } else {
@@ -40,7 +56,16 @@ pub fn log_to_stderr() {
 
 /// Lets iceoryx2 log errors only, unless `IOX2_LOG_LEVEL` says otherwise.
 pub fn quiet_iceoryx2() {
-    set_log_level_from_env_or(LogLevel::Error);
+    let asked = std::env::var("IOX2_LOG_LEVEL").unwrap_or_default();
+    // Not by its own function, which panics over another word if stderr is gone.
+    set_log_level(match asked.to_lowercase().as_str() {
+        "trace" => LogLevel::Trace,
+        "debug" => LogLevel::Debug,
+        "info" => LogLevel::Info,
+        "warn" => LogLevel::Warn,
+        "fatal" => LogLevel::Fatal,
+        _ => LogLevel::Error,
+    });
 }
 
 /// The level that `PHALANX_LOG` names, or `default` if it names none.

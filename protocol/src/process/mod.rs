@@ -18,7 +18,7 @@ mod priority;
 mod stop;
 
 pub use self::alarm::Alarm;
-pub use self::log::{log_level, log_to_stderr, quiet_iceoryx2, set_name};
+pub use self::log::{Stderr, log_level, log_to_stderr, quiet_iceoryx2, set_name};
 pub use self::priority::{
     PriorityError, REALTIME_PRIORITY, REALTIME_RUNTIME, hurry, may_lock_memory, stand_back,
     take_realtime_priority, take_short_turns, try_realtime_priority,

@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
-use protocol::process::{exit, log_level};
+use protocol::process::{Stderr, exit, log_level};
 
 use experiment::scenario::diagnostic::Diagnostic;
 
@@ -39,24 +39,24 @@ pub(super) fn print(text: &str) -> u8 {
     match io::stdout().write_all(text.as_bytes()).and_then(|()| io::stdout().flush()) {
         Ok(()) => exit::OK,
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => exit::OK,
-        Err(error) => complain(&error),
+        Err(error) => complain(&format_args!("cannot write to stdout: {error}")),
     }
 }
 
 /// Says what went wrong, as one line.
 pub(super) fn complain(error: &dyn Display) -> u8 {
-    let _ = writeln!(io::stderr(), "error: {error}");
+    let _ = writeln!(Stderr, "error: {error}");
     exit::INFRASTRUCTURE
 }
 
 /// Shows what is wrong with a file, or worth a warning.
 pub(super) fn show(diagnostic: &Diagnostic) {
-    let _ = writeln!(io::stderr(), "{}", diagnostic.render(in_color()));
+    let _ = writeln!(Stderr, "{}", diagnostic.render(in_color()));
 }
 
 /// Says something that is neither result nor complaint.
 pub(super) fn tell(line: &str) {
-    let _ = writeln!(io::stderr(), "{line}");
+    let _ = writeln!(Stderr, "{line}");
 }
 
 /// The progress bar of the run at hand.
@@ -92,13 +92,13 @@ struct AboveTheBar;
 impl Write for AboveTheBar {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match BAR.get() {
-            Some(bar) => bar.suspend(|| io::stderr().write(bytes)),
-            None => io::stderr().write(bytes),
+            Some(bar) => bar.suspend(|| Stderr.write(bytes)),
+            None => Stderr.write(bytes),
         }
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        io::stderr().flush()
+        Ok(())
     }
 }
 

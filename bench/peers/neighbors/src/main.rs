@@ -13,7 +13,7 @@
 
 mod transport;
 
-use std::io::{BufRead as _, BufReader, Write as _};
+use std::io::{self, BufRead as _, BufReader, Write as _};
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::time::Duration;
 
@@ -98,7 +98,7 @@ fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error}");
+            let _ = writeln!(io::stderr(), "error: {error}");
             ExitCode::FAILURE
         }
     }
@@ -109,7 +109,7 @@ fn limit_life(plan: &Plan) {
     let limit = Duration::from_secs(plan.seconds) + SLACK;
     std::thread::spawn(move || {
         std::thread::sleep(limit);
-        eprintln!("error: not done within {} s", limit.as_secs());
+        let _ = writeln!(io::stderr(), "error: not done within {} s", limit.as_secs());
         std::process::exit(1);
     });
 }
@@ -165,13 +165,14 @@ fn measure(words: &[String]) -> Result<(), Failed> {
     let mean = |place: usize| {
         edges.iter().map(|quantiles| quantiles[place]).sum::<f64>() / edges.len() as f64
     };
-    println!(
+    writeln!(
+        io::stdout(),
         "{{\"p50_us\": {:.1}, \"p99_us\": {:.1}, \"p99.9_us\": {:.1}, \"samples\": {}}}",
         mean(0),
         mean(1),
         mean(2),
         edges.iter().map(|quantiles| quantiles[SHARES.len()]).sum::<f64>(),
-    );
+    )?;
     Ok(())
 }
 
@@ -196,7 +197,7 @@ fn be_one(words: &[String]) -> Result<(), Failed> {
         "datagram" => Box::new(transport::Datagram::new(&plan, own, &heard, &ages)?),
         other => return Err(format!("expected zenoh or datagram, got {other:?}").into()),
     };
-    println!("ready");
+    writeln!(io::stdout(), "ready")?;
     let mut line = String::new();
     std::io::stdin().read_line(&mut line)?;
     let from_ns = number("when to begin", line.trim())?;
@@ -218,7 +219,7 @@ fn be_one(words: &[String]) -> Result<(), Failed> {
         let Some(last) = ages_ns.len().checked_sub(1) else { continue };
         let at = |share: f64| ages_ns[(share * last as f64).round() as usize] as f64 / 1e3;
         let [p50, p99, p99_9] = SHARES.map(at);
-        println!("{p50} {p99} {p99_9} {}", ages_ns.len());
+        writeln!(io::stdout(), "{p50} {p99} {p99_9} {}", ages_ns.len())?;
     }
     Ok(())
 }

@@ -1,0 +1,155 @@
+//! Whoever reads what a run says may go away, and the terminal may close: the run is written down
+//! all the same, and no process dies of a line that it could not say.
+
+use std::fs::File;
+use std::os::fd::AsRawFd;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use rustix::process::Signal;
+
+use crate::harness::{Phalanx, limited_by, run, signal_pid};
+
+/// Words of a shell after which nobody reads stderr: two ways in which writing fails.
+fn nobody_reads(scratch: &Path) -> [String; 2] {
+    let pipe = scratch.join("pipe");
+    let pipe = pipe.display();
+    let closed = format!("mkfifo {pipe} && exec 3<>{pipe} && exec 2>{pipe} && exec 3<&-");
+    ["exec 2>/dev/full".into(), closed]
+}
+
+#[test]
+fn a_run_whose_warnings_nobody_reads_ends_as_any_other() {
+    let scratch = tempfile::tempdir().unwrap();
+    for words in nobody_reads(scratch.path()) {
+        let mut command = limited_by(&words);
+        command.args(["run", "scenarios/triangle.toml"]);
+        let mut running = Phalanx::new(command).set("duration_s=2").set("expect={}").start();
+        running.wait_for_event("contact");
+        // A death that nobody planned is a warning.
+        let robot = running.pid_of("r2");
+        signal_pid(robot, Signal::KILL);
+        let ended = running.finish();
+        ended.exits_with(0).leaves_nothing();
+        ended.claim(ended.stderr.is_empty(), "nothing can be said");
+        ended.claim(ended.file("events.csv").contains("died,r2"), "there was something to say");
+        ended.claim(ended.number("/t_s") == 2.0, "and there is a summary");
+    }
+}
+
+#[test]
+fn a_robot_and_a_plant_whose_log_is_full_end_with_their_own_exit_code() {
+    let scratch = tempfile::tempdir().unwrap();
+    for words in nobody_reads(scratch.path()) {
+        for role in ["agent", "plant"] {
+            let _ = std::fs::remove_file(scratch.path().join("pipe"));
+            let status = limited_by(&words).args([role, "/no/such/brief"]).status().unwrap();
+            assert_eq!(status.code(), Some(4), "{role}, {words}: {status}");
+        }
+    }
+}
+
+/// Whether whoever runs these tests has them outlive their terminal (`nohup`): then there is no
+/// hang-up to be tested.
+fn hangups_are_ignored() -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:")).unwrap();
+    let ignored = u64::from_str_radix(ignored.trim(), 16).unwrap() & 1 != 0;
+    if ignored {
+        eprintln!("skipped: SIGHUP is ignored here");
+    }
+    ignored
+}
+
+#[test]
+fn a_hang_up_stops_a_run_like_an_interrupt_however_often_it_comes() {
+    if hangups_are_ignored() {
+        return;
+    }
+    for pace in ["realtime", "lockstep"] {
+        let started = run("triangle").args(["--pace", pace]).set("duration_s=3600");
+        let mut running = started.set("record_hz=1").drawing().start();
+        running.wait_for_event("contact");
+        // A shell passes on what the kernel sends as well.
+        running.signal(Signal::HUP);
+        running.signal(Signal::HUP);
+        let ended = running.finish();
+        ended.exits_with(130).leaves_nothing();
+        ended.claim(ended.summary["interrupted"] == true, "the summary says so");
+        ended.claim(ended.file("report.html").contains("</html>"), "and there is a report");
+    }
+}
+
+#[test]
+fn robots_and_plant_end_on_a_hang_up_by_themselves() {
+    if hangups_are_ignored() {
+        return;
+    }
+    let mut running = run("triangle").set("duration_s=60").start();
+    running.wait_for_event("contact");
+    let robot = running.pid_of("r2");
+    signal_pid(robot, Signal::HUP);
+    running.wait_for_event("died");
+    let log = |run: &crate::harness::Running, name: &str| {
+        std::fs::read_to_string(run.run_dir().join(format!("logs/{name}.jsonl"))).unwrap()
+    };
+    assert!(running.events().contains("died,r2,exit code 0"), "{}", running.events());
+    let said = log(&running, "r2");
+    let plant = running.pid_of("plant");
+    signal_pid(plant, Signal::HUP);
+    let ended = running.finish();
+    ended.exits_with(4).leaves_nothing();
+    ended.claim(ended.stderr.contains("the plant died (exit code 0)"), said);
+}
+
+#[test]
+fn under_nohup_a_run_goes_on_to_its_end() {
+    let mut command = limited_by("trap '' HUP");
+    command.args(["run", "scenarios/triangle.toml"]);
+    let mut running = Phalanx::new(command).set("duration_s=2").set("expect={}").start();
+    running.wait_for_event("contact");
+    running.signal(Signal::HUP);
+    let ended = running.finish();
+    ended.exits_with(0).leaves_nothing();
+    ended.claim(ended.number("/t_s") == 2.0, "it is whole");
+}
+
+/// The end of a terminal at which a screen would be. Dropped, the terminal is gone.
+struct Screen {
+    _end: File,
+    /// Where programs find the terminal.
+    path: PathBuf,
+}
+
+impl Screen {
+    fn new() -> Screen {
+        let end = File::options().read(true).write(true).open("/dev/ptmx").unwrap();
+        let (mut number, unlock) = (0u32, 0i32);
+        // SAFETY: plain system calls on a descriptor that is open; they read and write one number.
+        let made = unsafe {
+            libc::ioctl(end.as_raw_fd(), libc::TIOCSPTLCK, &unlock) == 0
+                && libc::ioctl(end.as_raw_fd(), libc::TIOCGPTN, &mut number) == 0
+        };
+        assert!(made, "{}", std::io::Error::last_os_error());
+        Screen { _end: end, path: format!("/dev/pts/{number}").into() }
+    }
+}
+
+#[test]
+fn a_run_whose_terminal_closes_is_stopped_and_written_down() {
+    if hangups_are_ignored() {
+        return;
+    }
+    let screen = Screen::new();
+    let script = format!("exec <>{} >&0 2>&0 && exec \"$0\" \"$@\"", screen.path.display());
+    // A session of its own, so that this terminal becomes its own: with a bar, and no warning.
+    let mut command = Command::new("setsid");
+    command.args(["sh", "-c", &script, env!("CARGO_BIN_EXE_phalanx")]);
+    command.args(["run", "scenarios/triangle.toml"]);
+    let mut running = Phalanx::new(command).set("duration_s=3600").start();
+    running.wait_for_event("contact");
+    drop(screen);
+    let ended = running.finish();
+    ended.exits_with(130).leaves_nothing();
+    ended.claim(ended.summary["interrupted"] == true, "the summary says so");
+}

@@ -1,5 +1,5 @@
 //! `phalanx`: one binary for every role. What it does is in the crates; here the roles are told
-//! apart, and the supervisor learns which laws the agents know.
+//! apart, and the supervisor learns what the agents know.
 
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -63,7 +63,7 @@ fn main() -> ExitCode {
     let code = match Cli::parse().role {
         Role::Supervisor(verb) => {
             let launcher = supervisor::spawn::Launcher::of_this_executable();
-            supervisor::cli::main(&verb, &agent::laws::descriptions(), &launcher)
+            supervisor::cli::main(&verb, &agent::catalog(), &launcher)
         }
         Role::Agent(AgentArgs { brief, incarnation, realtime_priority }) => {
             agent::flight::main(&brief, incarnation, realtime_priority)

@@ -4,19 +4,17 @@
 //! with the plant's world, inside a test that foretells the process's every bit.
 
 use formation::Vec2;
-use formation::desired::Target;
-use formation::frame::LeaderFrame;
 use formation::front_point::{front_point, front_velocity};
 use formation::pose::wrap_angle;
-use protocol::brief::{AgentBrief, LeadBrief, Pace, PublishedVelocity};
+use protocol::brief::{AgentBrief, Pace, PublishedVelocity};
 use protocol::fault::SlowFault;
-use protocol::law::Role;
-use protocol::message::{Beacon, Command, Contact, NeighborStatus, Odometry, StatusHeader};
+use protocol::message::{Beacon, Command, NeighborStatus, Odometry, PROXIMITY_MAX, StatusHeader};
 
-use crate::avoidance::{Avoidance, Sample};
-use crate::laws::{self, Law, LawError, Situation};
+use crate::avoidance::{self, Avoidance, AvoidanceError, Sample};
+use crate::laws::{self, Heard, Law, LawError, Situation};
 use crate::link::Link;
 use crate::neighborhood::{BeaconRefusal, Neighborhood};
+use crate::roles::{Moment, Role, RoleError};
 
 /// a of the boundary layer: how many periods old a beacon is when it is used. In lockstep exactly
 /// one; in real time up to one of the sender's period and one of delivery and phase.
@@ -27,18 +25,26 @@ fn age_periods(pace: Pace) -> f64 {
     }
 }
 
-/// What the law's role asks of the robot, with what it needs for that.
-enum Task {
-    Lead {
-        lead: LeadBrief,
-        /// The previous sample's stamp, ns, and turn rate, rad/s.
-        turned: Option<(u64, f64)>,
-    },
-    Formation {
-        /// Offsets turn and grow with the leader's frame.
-        led: bool,
-    },
-    Contained,
+/// What a brain is made of beside its brief: rows of this crate's tables, or a program's own.
+pub struct Parts {
+    /// Where the robot is to be.
+    pub role: Box<dyn Role>,
+    /// How it gets there.
+    pub law: Box<dyn Law>,
+    /// How it keeps its distance meanwhile.
+    pub avoidance: Box<dyn Avoidance>,
+}
+
+impl Parts {
+    /// Those that the brief names.
+    pub fn of(brief: &AgentBrief) -> Result<Parts, BrainError> {
+        let row = laws::row(&brief.law)?;
+        Ok(Parts {
+            role: row.role.make(brief)?,
+            law: row.make(&brief.gains)?,
+            avoidance: avoidance::build(brief)?,
+        })
+    }
 }
 
 /// Why a brief makes no brain.
@@ -47,21 +53,26 @@ pub enum BrainError {
     /// Its law does not exist, or not with these gains.
     #[error(transparent)]
     Law(#[from] LawError),
-    /// A leader without a trajectory.
-    #[error("{0} leads, but its brief has no [lead] with a trajectory")]
-    NothingToLead(String),
+    /// Its avoidance method does not exist, or not with these gains.
+    #[error(transparent)]
+    Avoidance(#[from] AvoidanceError),
+    /// Its law's role lacks something.
+    #[error(transparent)]
+    Role(#[from] RoleError),
 }
 
 /// One robot's brain.
 pub struct Brain {
-    task: Task,
+    role: Box<dyn Role>,
     incarnation: u64,
     front_point_m: f64,
     period_s: f64,
     age_periods: f64,
     law: Box<dyn Law>,
-    avoidance: Avoidance,
+    avoidance: Box<dyn Avoidance>,
     neighborhood: Neighborhood,
+    /// What is known of them at the sample at hand.
+    heard: Vec<Heard>,
     /// From each neighbour, in the brief's order.
     links: Vec<Link>,
     slow: Vec<SlowFault>,
@@ -72,6 +83,7 @@ pub struct Brain {
     /// The previous sample's stamp, ns, and front point; kept only where velocities are differenced.
     sensed: Option<(u64, Vec2)>,
     away: Vec<Vec2>,
+    velocities: Vec<Vec2>,
     sequence: u64,
     beacons_refused: u64,
     newest: Option<(u64, u64)>,
@@ -91,42 +103,34 @@ pub struct Answer {
 impl Brain {
     /// A brain that has heard nothing yet.
     pub fn new(brief: &AgentBrief, incarnation: u64) -> Result<Brain, BrainError> {
-        Brain::with_law(brief, incarnation, laws::build(&brief.law, &brief.gains)?)
+        Ok(Brain::with_parts(brief, incarnation, Parts::of(brief)?))
     }
 
-    /// The same with a law that is in no table. The brief's own law still says what the robot's
-    /// error is measured against; it must be one of [`laws::LAWS`].
-    pub fn with_law(
-        brief: &AgentBrief,
-        incarnation: u64,
-        law: Box<dyn Law>,
-    ) -> Result<Brain, BrainError> {
-        let task = match (laws::role(&brief.law), &brief.lead) {
-            (Role::Leader, Some(lead)) => Task::Lead { lead: lead.clone(), turned: None },
-            (Role::Leader, None) => return Err(BrainError::NothingToLead(brief.name.clone())),
-            (Role::Formation, _) => Task::Formation { led: brief.led },
-            (Role::Contained, _) => Task::Contained,
-        };
-        Ok(Brain {
-            task,
+    /// The same of other parts than the brief names: they need not be in any table.
+    pub fn with_parts(brief: &AgentBrief, incarnation: u64, parts: Parts) -> Brain {
+        let Parts { role, law, avoidance } = parts;
+        Brain {
+            role,
             incarnation,
             front_point_m: brief.front_point_m,
             period_s: brief.period_ns as f64 / 1e9,
             age_periods: age_periods(brief.pace),
             law,
-            avoidance: Avoidance::new(brief),
+            avoidance,
             neighborhood: Neighborhood::new(&brief.neighbors, brief.silence.clone()),
+            heard: Vec::with_capacity(brief.neighbors.len()),
             links: brief.neighbors.iter().map(|neighbor| Link::new(&neighbor.faults)).collect(),
             slow: brief.slow.clone(),
             start_ns: 0,
             news: false,
             published_velocity: brief.published_velocity,
             sensed: None,
-            away: Vec::new(),
+            away: Vec::with_capacity(PROXIMITY_MAX),
+            velocities: Vec::new(),
             sequence: 0,
             beacons_refused: 0,
             newest: None,
-        })
+        }
     }
 
     /// Takes a beacon from the neighbour at `place` (in the brief's order), after the first sample.
@@ -192,38 +196,27 @@ impl Brain {
         }
 
         let pose = odometry.pose();
+        let t_s = odometry.t_ns as f64 / 1e9;
         let alpha = front_point(pose, self.front_point_m); // (2)
-        let gamma = match self.target(odometry) {
+        let moment =
+            Moment { stamp_ns: odometry.stamp_ns, t_s, pose, neighborhood: &self.neighborhood };
+        let gamma = match self.role.target(&moment, &mut self.heard) {
             None => Vec2::zeros(),
             Some(target) => self.law.gamma(&Situation {
                 error: alpha - target.position,
                 desired_velocity: target.velocity,
                 period_s: self.period_s,
                 age_periods: self.age_periods,
+                t_s,
+                pose,
+                front_point: alpha,
+                heard: &self.heard,
             }),
         };
         let gamma = self.avoidance.admit(gamma);
-        let frame = match &mut self.task {
-            Task::Lead { lead, turned } => {
-                let (scale, scale_rate_per_s) = lead.scale.at(odometry.t_ns as f64 / 1e9);
-                // Free of avoidance: beta turns the leader, and must not turn the formation.
-                let held = self.avoidance.follow(pose.heading_rad, gamma).w_rad_s;
-                let stamp_ns = odometry.stamp_ns;
-                let acceleration =
-                    turned.replace((stamp_ns, held)).map_or(0.0, |(then_ns, was)| {
-                        (held - was) / (stamp_ns.saturating_sub(then_ns).max(1) as f64 / 1e9)
-                    });
-                let own = LeaderFrame {
-                    heading_rad: pose.heading_rad,
-                    // What is held for a period is the rate at its middle.
-                    turn_rate_rad_s: held - 0.5 * self.period_s * acceleration,
-                    turn_acceleration_rad_s2: acceleration,
-                    scale,
-                    scale_rate_per_s,
-                };
-                Some((stamp_ns, own))
-            }
-            Task::Formation { .. } | Task::Contained => self.neighborhood.frame(),
+        let frame = match self.role.frame(&moment, gamma, &*self.avoidance) {
+            Some(own) => Some((odometry.stamp_ns, own)),
+            None => self.neighborhood.frame(),
         };
 
         self.away.clear();
@@ -231,7 +224,7 @@ impl Brain {
         let until_effect_s = effect_ns.saturating_sub(odometry.stamp_ns) as f64 / 1e9;
         let sample = Sample {
             stamp_ns: odometry.stamp_ns,
-            t_s: odometry.t_ns as f64 / 1e9,
+            t_s,
             heading_rad: pose.heading_rad,
             heading_effect_rad: wrap_angle(
                 pose.heading_rad + odometry.twist().w_rad_s * until_effect_s,
@@ -239,6 +232,7 @@ impl Brain {
             away: &self.away,
             proximity_valid: odometry.proximity_valid == 1,
             proximity_cut: odometry.proximity_cut == 1,
+            velocities: &self.velocities,
         };
         let twist = self.avoidance.steer(&sample, gamma);
         let published = match self.published_velocity {
@@ -283,45 +277,6 @@ impl Brain {
         before.map_or(Vec2::zeros(), |(then_ns, was)| {
             (alpha - was) / (stamp_ns.saturating_sub(then_ns).max(1) as f64 / 1e9)
         })
-    }
-
-    /// alpha* at an odometry sample, and alpha*' half a period later: the answer acts for a period,
-    /// and what is known of the velocities to come is taken at its middle. `None`: nothing to go
-    /// by, so stop. Once the leader's frame is lost, velocities count as 0: they are somebody's
-    /// echo, and without a path from the leader an echo never dies away.
-    fn target(&self, odometry: &Odometry) -> Option<Target> {
-        let half_s = 0.5 * self.period_s;
-        match &self.task {
-            Task::Lead { lead, .. } => {
-                let t_s = odometry.t_ns as f64 / 1e9;
-                let Target { position, .. } = lead.trajectory.at(t_s);
-                let Target { velocity, .. } = lead.trajectory.at(t_s + half_s);
-                Some(Target { position, velocity })
-            }
-            Task::Formation { led } => {
-                let stamp_ns = odometry.stamp_ns;
-                let frame = match led {
-                    true => self.neighborhood.frame_at(stamp_ns)?,
-                    false => LeaderFrame::STILL,
-                };
-                let later = frame.later(half_s);
-                let target = self.neighborhood.desired(stamp_ns, |c_ji| Target {
-                    position: frame.offset(c_ji).position,
-                    velocity: later.offset(c_ji).velocity,
-                });
-                self.without_echo(target)
-            }
-            Task::Contained => {
-                let nowhere = Target::still(Vec2::zeros());
-                let target = self.neighborhood.desired(odometry.stamp_ns, |_| nowhere);
-                self.without_echo(target)
-            }
-        }
-    }
-
-    fn without_echo(&self, target: Option<Target>) -> Option<Target> {
-        let lost = self.neighborhood.frame_contact().contact == Contact::Lost;
-        target.map(|target| if lost { Target::still(target.position) } else { target })
     }
 
     /// How old at `now_ns` the beacons are that answers go by: see [`Neighborhood::ages`].

@@ -2,6 +2,7 @@
 //!
 //! Every wait has a deadline. The loops need the plant; they never need the supervisor.
 
+use std::error::Error;
 use std::path::Path;
 use std::time::Duration;
 
@@ -13,7 +14,7 @@ use protocol::message::Odometry;
 use protocol::process::{self, Alarm, Stop};
 use protocol::run_root::{self, RunRootError};
 
-use crate::brain::{Brain, BrainError};
+use crate::brain::{Brain, Parts};
 use crate::golden_phase;
 use crate::ports::{PortError, Ports};
 
@@ -37,7 +38,7 @@ pub enum FlightError {
     Brief(#[from] BriefError),
     /// Its brief makes no brain.
     #[error(transparent)]
-    Brain(#[from] BrainError),
+    Parts(#[from] Box<dyn Error + Send + Sync>),
     /// The run it belongs to is not there.
     #[error(transparent)]
     RunRoot(#[from] RunRootError),
@@ -63,10 +64,19 @@ pub enum FlightError {
     },
 }
 
-/// Flies the robot of this brief until told to stop.
-pub fn run(brief_path: &Path, incarnation: u64) -> Result<(), FlightError> {
+/// Moves the robot of this brief until told to stop. Its brain is made of what `parts` makes of the
+/// brief: [`Parts::of`], or a program's own law, role or method.
+pub fn run<E>(
+    brief_path: &Path,
+    incarnation: u64,
+    parts: impl FnOnce(&AgentBrief) -> Result<Parts, E>,
+) -> Result<(), FlightError>
+where
+    E: Into<Box<dyn Error + Send + Sync>>,
+{
     let brief: AgentBrief = brief::read(brief_path)?;
-    let brain = Brain::new(&brief, incarnation)?;
+    let parts = parts(&brief).map_err(Into::into)?;
+    let brain = Brain::with_parts(&brief, incarnation, parts);
     let stop = Stop::on_signals()?;
     run_root::join(&brief.run_root)?;
     clock::tighten_timer_slack();
@@ -287,14 +297,27 @@ impl Agent {
     }
 }
 
-/// What the process does: named, logging, and with an exit code that tells.
+/// What the process `phalanx-agent` does: named, logging, and with an exit code that tells.
 pub fn main(brief_path: &Path, incarnation: u64, realtime_priority: bool) -> u8 {
+    main_with(brief_path, incarnation, realtime_priority, Parts::of)
+}
+
+/// The same for a program that has a law, a role or an avoidance method of its own, see [`run`].
+pub fn main_with<E>(
+    brief_path: &Path,
+    incarnation: u64,
+    realtime_priority: bool,
+    parts: impl FnOnce(&AgentBrief) -> Result<Parts, E>,
+) -> u8
+where
+    E: Into<Box<dyn Error + Send + Sync>>,
+{
     process::set_name("phalanx-agent");
     process::log_to_stderr();
     if realtime_priority {
         process::hurry();
     }
-    match run(brief_path, incarnation) {
+    match run(brief_path, incarnation, parts) {
         Ok(()) => process::exit::OK,
         Err(error) => {
             tracing::error!("{error}");

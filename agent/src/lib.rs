@@ -5,10 +5,12 @@
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `laws/` | where does the robot want to go? |
+//! | `roles/` | where is the robot to be? |
+//! | `laws/` | how does it get there? |
 //! | `neighborhood` | what is known of those it hears, and what does silence mean? |
 //! | `link` | what gets through from a neighbour, and when? |
 //! | `avoidance/` | how does it keep its distance? |
+//! | `gains` | are these the gains that a law or a method asks for? |
 //! | `brain` | what does one sample lead to? |
 //! | `ports` | through which services does it speak? |
 //! | `flight` | when does it think? The loops of both paces |
@@ -16,10 +18,22 @@
 pub mod avoidance;
 pub mod brain;
 pub mod flight;
+mod gains;
 pub mod laws;
 pub mod link;
 pub mod neighborhood;
 pub mod ports;
+pub mod roles;
+
+use protocol::catalog::Catalog;
+
+/// Every law and every avoidance method of this crate.
+pub fn catalog() -> Catalog {
+    Catalog {
+        laws: laws::LAWS.iter().map(laws::LawRow::description).collect(),
+        methods: avoidance::METHODS.iter().map(|row| row.description).collect(),
+    }
+}
 
 /// A phase in [0, 1) of its own for the robot with this place in the scenario: multiples of the
 /// golden ratio's fractional part spread evenly, however many robots there are.

@@ -7,6 +7,8 @@ use formation::frame::LeaderFrame;
 use protocol::brief::{NeighborBrief, SilenceBrief, SilencePolicy};
 use protocol::message::{Beacon, Contact, NeighborStatus};
 
+use crate::laws::Heard;
+
 /// The robots heard, in the order of the brief.
 pub struct Neighborhood {
     neighbors: Vec<Neighbor>,
@@ -173,28 +175,50 @@ impl Neighborhood {
         self.frame_contact
     }
 
-    /// alpha* at `stamp_ns` with offsets C_ji = `offset`(c_ji), neighbours extrapolated by their
-    /// published velocity; `None` where the robot is to stop: nobody left to go by, or somebody
-    /// lost under `stop`. (13) (24) (45) (46)
-    pub fn desired(&self, stamp_ns: u64, offset: impl Fn(Vec2) -> Target) -> Option<Target> {
-        let lost = |n: &&Neighbor| n.contact.contact == Contact::Lost;
-        if self.silence.policy == SilencePolicy::Stop && self.neighbors.iter().any(|n| lost(&n)) {
-            return None;
-        }
-        let heard = self.neighbors.iter().filter_map(|neighbor| {
+    /// Fills `heard` with what is known of everybody who was ever heard, as of `stamp_ns`, with
+    /// offsets C_ji = `offset`(c_ji). Positions are extrapolated by the published velocity; those
+    /// of the lost stand still where they were given up.
+    pub fn recall(&self, stamp_ns: u64, offset: impl Fn(Vec2) -> Target, heard: &mut Vec<Heard>) {
+        heard.clear();
+        heard.extend(self.neighbors.iter().filter_map(|neighbor| {
             let beacon = neighbor.newest.as_ref()?;
-            let age_ns = stamp_ns as i64 - beacon.stamp_ns as i64;
+            let age_s = (stamp_ns as i64 - beacon.stamp_ns as i64) as f64 / 1e9;
             let said = Target { position: beacon.position(), velocity: beacon.velocity() };
-            let alpha_j = match (neighbor.contact.contact, self.silence.policy) {
-                (Contact::Lost, SilencePolicy::Keep) => {
+            let contact = neighbor.contact.contact;
+            let alpha_j = match contact {
+                Contact::Lost => {
                     Target::still(said.later(self.silence.lost_after_ns as f64 / 1e9).position)
                 }
-                (Contact::Lost, _) => return None,
-                _ => said.later(age_ns as f64 / 1e9),
+                _ => said.later(age_s),
             };
-            Some((alpha_j, offset(neighbor.offset)))
-        });
-        desired(heard)
+            Some(Heard {
+                index: neighbor.index as usize,
+                position: alpha_j.position,
+                velocity: alpha_j.velocity,
+                offset: offset(neighbor.offset),
+                age_s,
+                contact,
+            })
+        }));
+    }
+
+    /// alpha* by what was recalled: the mean of what all of them ask for. `None` where the robot is
+    /// to stop: nobody left to go by, or somebody lost under `stop`. (13) (24) (45) (46)
+    ///
+    /// Once the leader's frame is lost, velocities count as 0: they are somebody's echo, and
+    /// without a path from the leader an echo never dies away.
+    pub fn desired(&self, heard: &[Heard]) -> Option<Target> {
+        let lost = |neighbor: &Neighbor| neighbor.contact.contact == Contact::Lost;
+        if self.silence.policy == SilencePolicy::Stop && self.neighbors.iter().any(lost) {
+            return None;
+        }
+        let keep = self.silence.policy == SilencePolicy::Keep;
+        let counted = heard.iter().filter(|one| keep || one.contact != Contact::Lost);
+        let target = desired(counted.map(|&Heard { position, velocity, offset, .. }| {
+            (Target { position, velocity }, offset)
+        }))?;
+        let echo = self.frame_contact.contact == Contact::Lost;
+        Some(if echo { Target::still(target.position) } else { target })
     }
 
     /// The age at `now_ns` of each beacon that is gone by, ns, with its sender's place in the
@@ -248,6 +272,12 @@ mod tests {
         }
     }
 
+    fn desired(hood: &Neighborhood, stamp_ns: u64) -> Option<Target> {
+        let mut heard = Vec::new();
+        hood.recall(stamp_ns, Target::still, &mut heard);
+        hood.desired(&heard)
+    }
+
     fn contacts(neighborhood: &Neighborhood) -> Vec<u64> {
         neighborhood.status().map(|status| status.contact).collect()
     }
@@ -273,7 +303,7 @@ mod tests {
     fn beacons_that_lie_about_time_or_are_no_numbers_change_nothing() {
         let mut hood = neighborhood(SilencePolicy::Ignore);
         hood.hear(0, &beacon(1, 100, 1.0), 100).unwrap();
-        let before = hood.desired(100, Target::still);
+        let before = desired(&hood, 100);
         let refused = [
             (beacon(1, 100, 2.0), BeaconRefusal::Old),
             (beacon(1, 99, 2.0), BeaconRefusal::Old),
@@ -294,7 +324,7 @@ mod tests {
         for (beacon, why) in refused {
             assert_eq!(hood.hear(0, &beacon, 110), Err(why));
         }
-        assert_eq!(hood.desired(100, Target::still), before);
+        assert_eq!(desired(&hood, 100), before);
     }
 
     #[test]
@@ -309,7 +339,7 @@ mod tests {
             hood.hear(0, &beacon(0, 100, 1.0), 100).unwrap();
             hood.hear(1, &beacon(0, 400, 5.0), 400).unwrap();
             hood.judge(400, 400, 400);
-            let desired = hood.desired(400, Target::still).map(|target| target.position);
+            let desired = desired(&hood, 400).map(|target| target.position);
             assert_eq!(desired, at_lost, "{policy:?}");
         }
     }
@@ -353,7 +383,34 @@ mod tests {
 
     #[test]
     fn with_nobody_heard_there_is_nowhere_to_go() {
-        assert_eq!(neighborhood(SilencePolicy::Ignore).desired(0, Target::still), None);
+        assert_eq!(desired(&neighborhood(SilencePolicy::Ignore), 0), None);
+    }
+
+    #[test]
+    fn what_is_recalled_of_each_is_extrapolated_and_says_how_old_it_is() {
+        let mut hood = neighborhood(SilencePolicy::Ignore);
+        hood.hear(0, &beacon(0, 100, 1.0), 100).unwrap();
+        let mut heard = Vec::new();
+        let turned = Target { position: Vec2::new(-1.0, 0.0), velocity: Vec2::new(0.0, 2.0) };
+        let offset = |c_ji| {
+            assert_eq!(c_ji, Vec2::new(0.0, 1.0));
+            turned
+        };
+        for (stamp_ns, x_m, vx_m_s, contact) in [
+            (120, 1.02, 1e6, Contact::Fresh),
+            (200, 1.1, 1e6, Contact::Stale),
+            (900, 1.2, 0.0, Contact::Lost), // given up 200 ns after it was heard
+        ] {
+            hood.judge(stamp_ns, stamp_ns, stamp_ns);
+            hood.recall(stamp_ns, offset, &mut heard);
+            let [one] = heard[..] else { panic!("b was never heard: {heard:?}") };
+            assert!((one.position - Vec2::new(x_m, 0.0)).norm() < 1e-12, "{one:?}");
+            assert_eq!(
+                (one.index, one.velocity, one.contact),
+                (1, Vec2::new(vx_m_s, 0.0), contact)
+            );
+            assert_eq!((one.offset, one.age_s), (turned, (stamp_ns - 100) as f64 / 1e9));
+        }
     }
 
     /// theta_n with constant jerk and delta with constant acceleration, rad/s^3 and 1/s^2.

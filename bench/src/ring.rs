@@ -77,7 +77,7 @@ fn head(name: &str, ticks: u64, period_s: f64) -> String {
 /// The scenario of a text from here.
 pub(crate) fn read(text: &str) -> Result<Scenario, BenchError> {
     let overrides = Overrides { set: Vec::new(), faults: Vec::new(), seed: None };
-    match read_text(Path::new("bench.toml"), text, &overrides, &agent::laws::descriptions()) {
+    match read_text(Path::new("bench.toml"), text, &overrides, &agent::catalog()) {
         Ok((scenario, ..)) => Ok(scenario),
         Err(diagnostic) => Err(BenchError::Wrong(diagnostic.render(false))),
     }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use protocol::brief::{AgentBrief, AvoidanceKind, BodyBrief, NeighborBrief, Pace, PlantBrief};
+use protocol::brief::{AgentBrief, AvoidanceBrief, BodyBrief, NeighborBrief, Pace, PlantBrief};
 use protocol::fault::{LinkFault, SensorFault, SlowFault, Span, WheelFault};
 use protocol::law::Role;
 
@@ -37,7 +37,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         led: scenario.lead.is_some(),
         lead: scenario.lead.clone().filter(|_| robot.role == Role::Leader),
         published_velocity: scenario.published_velocity,
-        avoidance: scenario.avoidance.clone(),
+        avoidance: avoidance(scenario),
         silence: scenario.silence.clone(),
         slow: faults(scenario, |fault, span, _| match fault.kind {
             FaultKind::Slow { robot, delay_ns } if robot == i => Some(SlowFault { span, delay_ns }),
@@ -46,6 +46,14 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         links_by_hand: false,
         neighbors: neighbors.collect(),
     }
+}
+
+/// What the scenario's method is told: of the gains, its own.
+fn avoidance(scenario: &Scenario) -> AvoidanceBrief {
+    let mut avoidance = scenario.avoidance.clone();
+    let own = |key: &str| scenario.method.gains.iter().any(|gain| gain.key == key);
+    avoidance.gains.retain(|key, _| own(key));
+    avoidance
 }
 
 /// The plant's brief.
@@ -75,7 +83,7 @@ pub fn plant(scenario: &Scenario, pace: Pace, run_root: &Path) -> PlantBrief {
         plant_tick_ns: scenario.plant_tick_ns,
         command_lifetime_ns: scenario.command_lifetime_ns(pace),
         distance_min_m: avoidance.distance_min_m,
-        speed_max_m_s: (avoidance.kind == AvoidanceKind::Guard).then_some(avoidance.speed_max_m_s),
+        speed_max_m_s: scenario.method.clamps_speed.then_some(avoidance.speed_max_m_s),
         sensing_radius_m: avoidance.sensing_radius_m,
         robots: robots.collect(),
     }

@@ -84,6 +84,8 @@ fn label(scenario: &Scenario, edge: &Edge) -> Option<String> {
 mod tests {
     use std::path::Path;
 
+    use protocol::avoidance::AvoidanceDescription;
+    use protocol::catalog::Catalog;
     use protocol::law::LawDescription;
 
     use super::*;
@@ -100,6 +102,7 @@ mod tests {
         };
         let laws =
             [law("lead", Role::Leader), law("keep", Role::Formation), law("mean", Role::Contained)];
+        let catalog = Catalog { laws: laws.to_vec(), methods: vec![AvoidanceDescription::INERT] };
         let text = r#"
             name = 'a "quoted" \ name'
             duration_s = 1.0
@@ -114,7 +117,7 @@ mod tests {
             ]
             edge = [{ from = "end", to = "r2", offset_m = [1, -0.5] }]
         "#;
-        read_text(Path::new("t.toml"), text, &Overrides::default(), &laws)
+        read_text(Path::new("t.toml"), text, &Overrides::default(), &catalog)
             .unwrap_or_else(|error| panic!("{}", error.render(false)))
             .0
     }

@@ -5,9 +5,8 @@ use std::collections::BTreeMap;
 use formation::Vec2;
 use formation::graph::{Edge, FormationGraph};
 use formation::pose::Pose;
-use protocol::brief::{
-    AvoidanceBrief, AvoidanceKind, PublishedVelocity, SilenceBrief, SilencePolicy,
-};
+use protocol::avoidance::AvoidanceDescription;
+use protocol::brief::{AvoidanceBrief, PublishedVelocity, SilenceBrief, SilencePolicy};
 use protocol::law::Role;
 
 use crate::scenario::{Expectations, RestartPolicy, RestartWhen, Robot, Scenario};
@@ -46,13 +45,14 @@ pub fn row_of_three() -> Scenario {
         seed: 7,
         record_hz: 0.5,
         published_velocity: PublishedVelocity::Gamma,
+        method: AvoidanceDescription::INERT,
         avoidance: AvoidanceBrief {
-            kind: AvoidanceKind::Guard,
+            kind: "guard".to_owned(),
             distance_min_m: 0.2,
             speed_max_m_s: 0.3,
-            epsilon_per_s: 1.0,
             sensing_radius_m: 2.0,
             sensing_error_m: 0.0,
+            gains: BTreeMap::new(),
         },
         silence: SilenceBrief {
             stale_after_ns: 3 * SECOND_NS,

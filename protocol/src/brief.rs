@@ -34,56 +34,23 @@ impl Pace {
     }
 }
 
-/// How a robot keeps its distance.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum AvoidanceKind {
-    /// Not at all.
-    None,
-    /// The chapter's unstable focus, literally. (11)
-    Focus,
-    /// The focus as the way around, and a bound that holds for sampled and dying robots.
-    Guard,
-}
-
-/// Distances and speeds that avoidance rests on; one set for all robots of a scenario.
+/// The avoidance method, and what it rests on; one set for all robots of a scenario.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AvoidanceBrief {
-    /// Which kind.
-    pub kind: AvoidanceKind,
+    /// Which method.
+    pub kind: String,
     /// d: no two front points nearer than this, m.
     pub distance_min_m: f64,
-    /// v_max: the speed limit of every front point, m/s. It acts with `guard` only.
+    /// v_max: the speed limit of every front point, m/s. It acts with methods that clamp only.
     pub speed_max_m_s: f64,
-    /// epsilon: strength of the focus, 1/s.
-    pub epsilon_per_s: f64,
     /// Robots farther away than this are not reported, m.
     pub sensing_radius_m: f64,
     /// Bound on the error of a reported position, m.
     pub sensing_error_m: f64,
-}
-
-impl AvoidanceBrief {
-    /// d_f, m: the distance from which the guard leads a robot around another, for commands that
-    /// live for `lifetime_s` (H).
-    pub fn deflection_distance_m(&self, lifetime_s: f64) -> f64 {
-        let d = self.distance_min_m;
-        d + (1.5 * self.speed_m_s() * lifetime_s).max(0.05 * d)
-    }
-
-    /// The speed limit, m/s; 0 where there is none and nothing rests on it.
-    fn speed_m_s(&self) -> f64 {
-        if self.speed_max_m_s.is_finite() { self.speed_max_m_s } else { 0.0 }
-    }
-
-    /// Within this radius, m, the guard must know everybody, for a period T and a lifetime H.
-    pub fn sensing_radius_needed_m(&self, period_s: f64, lifetime_s: f64) -> f64 {
-        let v_max = self.speed_m_s();
-        let bounded = self.distance_min_m + 3.0 * v_max * lifetime_s;
-        let deflected = self.deflection_distance_m(lifetime_s) + 4.0 * v_max * period_s;
-        bounded.max(deflected) + 2.0 * self.sensing_error_m
-    }
+    /// The method's own gains by key.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub gains: BTreeMap<String, f64>,
 }
 
 /// What to do about neighbours that fell silent.

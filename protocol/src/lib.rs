@@ -7,18 +7,22 @@
 //! | `run_root` | where do the shared files of one run live, and who removes them? |
 //! | `brief` | what is one process told when it starts? |
 //! | `fault` | what breaks in it, and when? |
-//! | `law` | how does a control law describe itself to the rest? |
+//! | `law` `avoidance` | how does a control law, or an avoidance method, describe itself to the rest? |
+//! | `catalog` | which laws and methods are there? |
 //! | `clock` | what time is it, and when is the next tick? |
 //! | `barrier` | in lockstep: whose turn is it? |
 //! | `latency` | what is measured of delays, and how does it get to the supervisor? |
+//! | `number` | how is a number shown to people? |
 //! | `process` | how does a child name itself, log, and stop? |
 //!
-//! Without the feature `ipc` there are only the words: `message`, `brief`, `fault`, `law`; no
-//! iceoryx2, no system calls.
+//! Without the feature `ipc` there are only the words: `message`, `brief`, `fault`, `law`,
+//! `avoidance`, `catalog`, `number`; no iceoryx2, no system calls.
 
+pub mod avoidance;
 #[cfg(feature = "ipc")]
 pub mod barrier;
 pub mod brief;
+pub mod catalog;
 #[cfg(feature = "ipc")]
 pub mod clock;
 pub mod fault;
@@ -26,6 +30,7 @@ pub mod fault;
 pub mod latency;
 pub mod law;
 pub mod message;
+pub mod number;
 #[cfg(feature = "ipc")]
 pub mod process;
 #[cfg(feature = "ipc")]

@@ -20,7 +20,7 @@ pub fn with_faults(name: &str, set: &[&str], faults: &[&str]) -> Scenario {
     let owned = |list: &[&str]| list.iter().map(|&word| word.into()).collect();
     let overrides = Overrides { set: owned(set), faults: owned(faults), seed: None };
     let path = format!("{}/scenarios/{name}.toml", env!("CARGO_MANIFEST_DIR"));
-    match read(path.as_ref(), &overrides, &agent::laws::descriptions()) {
+    match read(path.as_ref(), &overrides, &agent::catalog()) {
         Ok((scenario, ..)) => scenario,
         Err(diagnostic) => panic!("{}", diagnostic.render(false)),
     }

@@ -15,7 +15,7 @@ fn scenario(name: &str, set: &[&str]) -> (Scenario, Vec<String>) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenarios/{name}.toml"));
     let set = set.iter().map(|&s| s.to_owned()).collect();
     let overrides = Overrides { set, ..Overrides::default() };
-    let (scenario, _, warnings) = read(&path, &overrides, &agent::laws::descriptions())
+    let (scenario, _, warnings) = read(&path, &overrides, &agent::catalog())
         .unwrap_or_else(|error| panic!("{}", error.render(false)));
     (scenario, warnings.into_iter().map(|warning| warning.message).collect())
 }
@@ -198,8 +198,8 @@ fn on_a_circle_the_formation_turns_about_its_center_like_a_rigid_body() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("circle.toml");
     std::fs::write(&path, text).unwrap();
-    let laws = agent::laws::descriptions();
-    let (scenario, _, _) = read(&path, &Overrides::default(), &laws)
+    let catalog = agent::catalog();
+    let (scenario, _, _) = read(&path, &Overrides::default(), &catalog)
         .unwrap_or_else(|error| panic!("{}", error.render(false)));
     let theory = Theory::of(&scenario);
     let facts = theory.trajectory.unwrap();

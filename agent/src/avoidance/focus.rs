@@ -1,51 +1,88 @@
-//! The chapter's avoidance, literally: an unstable focus around everybody nearer than d.
+//! The chapter's avoidance, as published: an unstable focus around everybody nearer than d.
 //!
-//! Needed to reproduce the chapter and to show where sampling breaks it; nothing is clamped here.
+//! Needed to reproduce the chapter and to show where sampling voids its guarantee; nothing is
+//! clamped here.
 
 use formation::Vec2;
 use formation::front_point::twist_for;
 use formation::pose::Twist;
-use protocol::brief::AgentBrief;
+use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Gain, Promise, Senses};
+use protocol::number::short;
 
-use super::Sample;
+use super::{Avoidance, AvoidanceRow, Sample};
+
+/// Above this epsilon T, a sampled focus overshoots (measured on all three cases of the chapter).
+const EPSILON_PERIOD_MAX: f64 = 0.1;
+
+pub(super) const ROW: AvoidanceRow = AvoidanceRow {
+    description: AvoidanceDescription {
+        name: "focus",
+        source: "(11) (12) (19)",
+        promise: Promise::Unsampled,
+        senses: Senses::Positions,
+        sensing_radius_m: |at| at.avoidance.distance_min_m + at.avoidance.sensing_error_m,
+        steers_within: Some(("d", |at| at.avoidance.distance_min_m)),
+        gains: &[Gain { key: "epsilon_per_s", meaning: "strength of the focus, in 1/s" }],
+        advice: overshoot,
+        ..AvoidanceDescription::INERT
+    },
+    build: |brief, gains| {
+        Box::new(Focus {
+            d: brief.avoidance.distance_min_m,
+            epsilon: gains.get("epsilon_per_s"),
+            ell: brief.front_point_m,
+        })
+    },
+};
 
 /// u = gamma + beta, turned into (v, w) by (17).
-pub struct Focus {
+struct Focus {
     /// d, m.
-    distance_min_m: f64,
+    d: f64,
     /// epsilon, 1/s.
-    epsilon_per_s: f64,
+    epsilon: f64,
     /// ell, m.
-    front_point_m: f64,
+    ell: f64,
 }
 
-impl Focus {
-    pub(super) fn new(brief: &AgentBrief) -> Focus {
-        Focus {
-            distance_min_m: brief.avoidance.distance_min_m,
-            epsilon_per_s: brief.avoidance.epsilon_per_s,
-            front_point_m: brief.front_point_m,
-        }
+impl Avoidance for Focus {
+    fn follow(&self, heading_rad: f64, u: Vec2) -> Twist {
+        twist_for(heading_rad, self.ell, u) // (17)
     }
 
-    pub(super) fn follow(&self, heading_rad: f64, u: Vec2) -> Twist {
-        twist_for(heading_rad, self.front_point_m, u) // (17)
-    }
-
-    pub(super) fn steer(&self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
+    fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
         if !sample.proximity_valid {
             return Twist::ZERO;
         }
         let u = gamma + self.beta(sample.away); // (19)
         self.follow(sample.heading_rad, u)
     }
+}
 
+impl Focus {
     /// beta, m/s: an unstable focus on everybody within d. (11) (12)
     fn beta(&self, away: &[Vec2]) -> Vec2 {
-        let near = away.iter().filter(|z| z.norm() <= self.distance_min_m); // (10) (12)
+        let near = away.iter().filter(|z| z.norm() <= self.d); // (10) (12)
         let sum: Vec2 = near.map(|z| Vec2::new(z.x - z.y, z.x + z.y)).sum();
-        self.epsilon_per_s * sum // (11)
+        self.epsilon * sum // (11)
     }
+}
+
+/// A focus that turns by more than a tenth within one period overshoots.
+fn overshoot(at: &Conditions<'_>) -> Option<Advice> {
+    let epsilon = *at.avoidance.gains.get("epsilon_per_s")?;
+    let product = epsilon * at.period_s;
+    (product > EPSILON_PERIOD_MAX).then(|| Advice {
+        key: "epsilon_per_s",
+        message: format!(
+            "epsilon T = {}: a focus sampled this slowly does not keep d",
+            short(product)
+        ),
+        expected: format!(
+            "expected a period of at most {} s, or kind = \"guard\"",
+            short(EPSILON_PERIOD_MAX / epsilon)
+        ),
+    })
 }
 
 #[cfg(test)]
@@ -54,7 +91,7 @@ mod tests {
 
     #[test]
     fn the_field_spirals_outwards_counter_clockwise_and_ends_at_d() {
-        let focus = Focus { distance_min_m: 0.2, epsilon_per_s: 2.0, front_point_m: 0.1 };
+        let focus = Focus { d: 0.2, epsilon: 2.0, ell: 0.1 };
         assert_eq!(focus.beta(&[Vec2::new(0.1, 0.0)]), Vec2::new(0.2, 0.2));
         assert_eq!(focus.beta(&[Vec2::new(0.0, 0.1)]), Vec2::new(-0.2, 0.2));
         assert_eq!(focus.beta(&[Vec2::new(0.21, 0.0)]), Vec2::zeros());

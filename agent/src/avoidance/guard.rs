@@ -30,10 +30,12 @@ use std::f64::consts::{PI, TAU};
 use formation::Vec2;
 use formation::front_point::{front_speed, rotate};
 use formation::pose::Twist;
+use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Senses};
 use protocol::brief::{AgentBrief, Pace};
+use protocol::number::short;
 
 use super::polygon::{HalfPlane, nearest_point};
-use super::{Sample, exact_hold};
+use super::{Avoidance, AvoidanceRow, Sample, exact_hold};
 use crate::golden_phase;
 
 /// kappa: the deflection begins where a period's approach exceeds this share of the slack to d_f.
@@ -49,8 +51,63 @@ const SIGMAS: [f64; 3] = [1.0, 0.5, 0.25];
 /// How often the range of turn rates is widened before the robot stands.
 const PASSES_MAX: usize = 4;
 
+pub(super) const ROW: AvoidanceRow = AvoidanceRow {
+    description: AvoidanceDescription {
+        name: "guard",
+        source: "not in the chapter",
+        promise: Promise::Always,
+        clamps_speed: true,
+        senses: Senses::Positions,
+        sensing_radius_m,
+        steers_within: Some(("d_f", deflection_distance_m)),
+        speed_cap_m_s: Some(speed_cap_m_s),
+        advice: braking,
+        ..AvoidanceDescription::INERT
+    },
+    build: |brief, _| Box::new(Guard::new(brief)),
+};
+
+/// d_f, m: the distance from which a robot is led around another.
+pub fn deflection_distance_m(at: &Conditions<'_>) -> f64 {
+    let d = at.avoidance.distance_min_m;
+    d + (1.5 * at.speed_m_s() * at.lifetime_s).max(0.05 * d)
+}
+
+/// max(d + 3 v_max H, d_f + 4 v_max T) and twice the sensing error, m: nobody farther away than
+/// this can matter.
+fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
+    let v_max = at.speed_m_s();
+    let bounded = at.avoidance.distance_min_m + 3.0 * v_max * at.lifetime_s;
+    let deflected = deflection_distance_m(at) + 4.0 * v_max * at.period_s;
+    bounded.max(deflected) + 2.0 * at.avoidance.sensing_error_m
+}
+
+/// min(d/4, ell/2) / H, m/s.
+fn speed_cap_m_s(at: &Conditions<'_>) -> f64 {
+    (0.25 * at.avoidance.distance_min_m).min(0.5 * at.front_point_m) / at.lifetime_s
+}
+
+/// Above the cap on v_max it brakes more than it helps.
+fn braking(at: &Conditions<'_>) -> Option<Advice> {
+    let (v_max, cap) = (at.avoidance.speed_max_m_s, speed_cap_m_s(at));
+    (v_max.is_finite() && v_max > cap).then(|| Advice {
+        key: "speed_max_m_s",
+        message: format!(
+            "the speed limit {} m/s is above min(d/4, ell/2) / H = {} m/s: safe, but the guard \
+             will brake a lot",
+            short(v_max),
+            short(cap)
+        ),
+        expected: format!(
+            "expected at most {} m/s, or a shorter H (now {} s)",
+            short(cap),
+            short(at.lifetime_s)
+        ),
+    })
+}
+
 /// State and constants of the guard of one robot.
-pub struct Guard {
+struct Guard {
     d: f64,
     v_max: f64,
     ell: f64,
@@ -75,45 +132,19 @@ pub struct Guard {
     sides: Vec<HalfPlane>,
 }
 
-impl Guard {
-    /// The guard of the robot with this brief.
-    pub fn new(brief: &AgentBrief) -> Guard {
-        let avoidance = &brief.avoidance;
-        let (d, v_max) = (avoidance.distance_min_m, avoidance.speed_max_m_s);
-        let period = brief.period_ns as f64 / 1e9;
-        let lifetime = brief.command_lifetime_ns as f64 / 1e9;
-        let phase = golden_phase(brief.index);
-        Guard {
-            d,
-            v_max,
-            ell: brief.front_point_m,
-            period,
-            lifetime,
-            lifetime_ns: brief.command_lifetime_ns,
-            sensing_error: avoidance.sensing_error_m,
-            d_f: avoidance.deflection_distance_m(lifetime),
-            radius_needed: avoidance.sensing_radius_needed_m(period, lifetime),
-            dither_period: DITHER_PERIOD_S * (1.0 + 4.0 * phase / 3.0),
-            dither_phase: phase,
-            alive: VecDeque::new(),
-            predecessor_until_ns: None,
-            remembers_predecessor: brief.pace == Pace::Realtime,
-            sides: Vec::new(),
-        }
-    }
-
+impl Avoidance for Guard {
     /// gamma, clipped to v_max: as it may be used and published.
-    pub fn admit(&self, gamma: Vec2) -> Vec2 {
+    fn admit(&self, gamma: Vec2) -> Vec2 {
         clip(gamma, self.v_max)
     }
 
     /// The twist that moves the front point by gamma T.
-    pub(super) fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
+    fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
         exact_hold(heading_rad, self.ell, gamma * self.period, self.period)
     }
 
     /// The twist that answers `sample` when gamma is wanted.
-    pub fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
+    fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
         self.forget_the_dead(sample.stamp_ns);
         let granted = if self.is_blind(sample) {
             Twist::ZERO
@@ -127,6 +158,34 @@ impl Guard {
         };
         self.alive.push_back((sample.stamp_ns, granted));
         granted
+    }
+}
+
+impl Guard {
+    fn new(brief: &AgentBrief) -> Guard {
+        let avoidance = &brief.avoidance;
+        let at = Conditions::of(brief);
+        let (d, v_max) = (avoidance.distance_min_m, avoidance.speed_max_m_s);
+        let period = brief.period_ns as f64 / 1e9;
+        let lifetime = brief.command_lifetime_ns as f64 / 1e9;
+        let phase = golden_phase(brief.index);
+        Guard {
+            d,
+            v_max,
+            ell: brief.front_point_m,
+            period,
+            lifetime,
+            lifetime_ns: brief.command_lifetime_ns,
+            sensing_error: avoidance.sensing_error_m,
+            d_f: deflection_distance_m(&at),
+            radius_needed: sensing_radius_m(&at),
+            dither_period: DITHER_PERIOD_S * (1.0 + 4.0 * phase / 3.0),
+            dither_phase: phase,
+            alive: VecDeque::new(),
+            predecessor_until_ns: None,
+            remembers_predecessor: brief.pace == Pace::Realtime,
+            sides: Vec::new(),
+        }
     }
 
     /// Nothing, or not enough, is known about who is near.
@@ -261,9 +320,7 @@ mod tests {
     use formation::pose::Pose;
     use formation::unicycle::arc;
     use proptest::prelude::*;
-    use protocol::brief::{
-        AvoidanceBrief, AvoidanceKind, PublishedVelocity, SilenceBrief, SilencePolicy,
-    };
+    use protocol::brief::{AvoidanceBrief, PublishedVelocity, SilenceBrief, SilencePolicy};
 
     fn guard(d: f64, v_max: f64, ell: f64, period_ns: u64, lifetime_ns: u64) -> Guard {
         Guard::new(&AgentBrief {
@@ -281,12 +338,12 @@ mod tests {
             lead: None,
             published_velocity: PublishedVelocity::Gamma,
             avoidance: AvoidanceBrief {
-                kind: AvoidanceKind::Guard,
+                kind: "guard".into(),
                 distance_min_m: d,
                 speed_max_m_s: v_max,
-                epsilon_per_s: 1.0,
                 sensing_radius_m: f64::INFINITY,
                 sensing_error_m: 0.0,
+                gains: Default::default(),
             },
             silence: SilenceBrief {
                 stale_after_ns: 1,
@@ -308,6 +365,7 @@ mod tests {
             away,
             proximity_valid: true,
             proximity_cut: false,
+            velocities: &[],
         }
     }
 

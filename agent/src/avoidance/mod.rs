@@ -1,9 +1,10 @@
 //! Keeping distance: from the nominal velocity gamma to a twist (v, w).
 //!
-//! No I/O, no clock, no iceoryx2 in here.
+//! No I/O, no clock, no iceoryx2 in here. A method is one file and one row of [`METHODS`].
 //!
 //! | file | question it answers |
 //! |---|---|
+//! | `none` | what does the law alone do? (17) |
 //! | `focus` | what does the chapter do? (11) (12) (19) |
 //! | `guard` | what keeps d when samples are late and robots die? |
 //! | `hold` | which held (v, w) moves the front point by exactly this much? |
@@ -12,16 +13,19 @@
 mod focus;
 mod guard;
 mod hold;
+mod none;
 mod polygon;
 
 use formation::Vec2;
-use formation::front_point::twist_for;
 use formation::pose::Twist;
-use protocol::brief::{AgentBrief, AvoidanceKind};
+use protocol::avoidance::AvoidanceDescription;
+use protocol::brief::AgentBrief;
 
-use focus::Focus;
-pub use guard::Guard;
+pub use guard::deflection_distance_m;
 pub use hold::exact_hold;
+
+pub use crate::gains::Gains;
+use crate::gains::GainsError;
 
 /// One odometry sample as avoidance sees it.
 #[derive(Debug, Clone, Copy)]
@@ -40,56 +44,79 @@ pub struct Sample<'a> {
     pub proximity_valid: bool,
     /// The list of the near is not complete.
     pub proximity_cut: bool,
+    /// Velocities of the others' front points, m/s, in `map`, in the order of `away`; empty where
+    /// they are not sensed: only methods that ask for [`Senses::Velocities`] get them.
+    ///
+    /// [`Senses::Velocities`]: protocol::avoidance::Senses::Velocities
+    pub velocities: &'a [Vec2],
 }
 
-/// One of the three kinds.
-pub enum Avoidance {
-    /// gamma alone, literally. (17)
-    None {
-        /// ell, m.
-        front_point_m: f64,
-    },
-    /// The chapter's repulsive field, literally. (19)
-    Focus(Focus),
-    /// The bound that survives sampling and death.
-    Guard(Box<Guard>),
+impl Sample<'_> {
+    /// Everybody near: own front point - other's, m, and the other's velocity, m/s. `None` where
+    /// nothing is known of that, and a robot that needs it stands.
+    pub fn moving(&self) -> Option<impl Iterator<Item = (Vec2, Vec2)>> {
+        let known = self.proximity_valid && self.velocities.len() == self.away.len();
+        known.then(|| self.away.iter().copied().zip(self.velocities.iter().copied()))
+    }
 }
 
-impl Avoidance {
-    /// The kind that the brief asks for.
-    pub fn new(brief: &AgentBrief) -> Avoidance {
-        let front_point_m = brief.front_point_m;
-        match brief.avoidance.kind {
-            AvoidanceKind::None => Avoidance::None { front_point_m },
-            AvoidanceKind::Focus => Avoidance::Focus(Focus::new(brief)),
-            AvoidanceKind::Guard => Avoidance::Guard(Box::new(Guard::new(brief))),
-        }
+/// A method of keeping distance: what one robot does about those that it senses near.
+pub trait Avoidance: Send {
+    /// gamma, m/s, as it may be used and published.
+    fn admit(&self, gamma: Vec2) -> Vec2 {
+        gamma
     }
 
-    /// gamma as it may be used and published: `guard` clips it to v_max.
-    pub fn admit(&self, gamma: Vec2) -> Vec2 {
-        match self {
-            Avoidance::Guard(guard) => guard.admit(gamma),
-            Avoidance::None { .. } | Avoidance::Focus(_) => gamma,
-        }
-    }
-
-    /// The twist that follows the admitted gamma from `heading_rad` while nobody is near: held for
-    /// a period it moves the front point by gamma T exactly with `guard`, by (17) otherwise.
-    pub fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
-        match self {
-            Avoidance::None { front_point_m } => twist_for(heading_rad, *front_point_m, gamma),
-            Avoidance::Focus(focus) => focus.follow(heading_rad, gamma),
-            Avoidance::Guard(guard) => guard.follow(heading_rad, gamma),
-        }
-    }
+    /// The twist that follows the admitted gamma from `heading_rad` while nobody is near.
+    fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist;
 
     /// The twist that answers `sample`, given the admitted gamma.
-    pub fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
-        match self {
-            Avoidance::None { .. } => self.follow(sample.heading_rad, gamma),
-            Avoidance::Focus(focus) => focus.steer(sample, gamma),
-            Avoidance::Guard(guard) => guard.steer(sample, gamma),
-        }
+    fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist;
+}
+
+/// A row of [`METHODS`].
+pub struct AvoidanceRow {
+    /// Name, source, keys and figures, as the supervisor may know them.
+    pub description: AvoidanceDescription,
+    /// Makes the method of a brief and of its gains (all present and positive).
+    pub build: fn(&AgentBrief, &Gains<'_>) -> Box<dyn Avoidance>,
+}
+
+impl AvoidanceRow {
+    /// The method for the robot of this brief.
+    pub fn make(&self, brief: &AgentBrief) -> Result<Box<dyn Avoidance>, AvoidanceError> {
+        let of = format!("avoidance {:?}", self.description.name);
+        let keys = self.description.gains.iter().map(|gain| gain.key);
+        let gains = Gains::check(&brief.avoidance.gains, &of, keys)?;
+        Ok((self.build)(brief, &gains))
     }
+}
+
+/// Every method there is; the first is the default.
+pub const METHODS: &[AvoidanceRow] = &[guard::ROW, focus::ROW, none::ROW];
+
+/// Why a method could not be made.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum AvoidanceError {
+    /// No row has this name.
+    #[error("unknown avoidance {name:?}, expected one of {known}")]
+    Unknown {
+        /// The name asked for.
+        name: String,
+        /// The names there are.
+        known: String,
+    },
+    /// The gains are not the method's.
+    #[error(transparent)]
+    Gains(#[from] GainsError),
+}
+
+/// The method that a brief asks for.
+pub fn build(brief: &AgentBrief) -> Result<Box<dyn Avoidance>, AvoidanceError> {
+    let name = &brief.avoidance.kind;
+    let row = METHODS.iter().find(|row| row.description.name == name).ok_or_else(|| {
+        let known: Vec<_> = METHODS.iter().map(|row| row.description.name).collect();
+        AvoidanceError::Unknown { name: name.clone(), known: known.join(", ") }
+    })?;
+    row.make(brief)
 }

@@ -3,19 +3,16 @@
 //! gamma = -k_c tanh(e) + alpha*', with alpha* by (46).
 
 use formation::Vec2;
-use protocol::law::{LawDescription, Role};
 
-use super::{Gains, Law, LawRow, Situation, tanh};
+use super::{CONTAINED, Gains, Law, LawRow, Situation, tanh};
 
 pub(super) const ROW: LawRow = LawRow {
-    description: LawDescription {
-        name: "containment-tanh",
-        role: Role::Contained,
-        source: "(51)",
-        gains: &["k_c_m_s"],
-        feed_forward: true,
-        correction_max: Some("k_c_m_s"),
-    },
+    name: "containment-tanh",
+    role: CONTAINED,
+    source: "(51)",
+    gains: &["k_c_m_s"],
+    feed_forward: true,
+    correction_max: Some("k_c_m_s"),
     build: |gains: &Gains<'_>| Box::new(ContainmentTanh { k_c: gains.get("k_c_m_s") }),
 };
 
@@ -25,7 +22,7 @@ struct ContainmentTanh {
 }
 
 impl Law for ContainmentTanh {
-    fn gamma(&self, situation: &Situation) -> Vec2 {
+    fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
         -self.k_c * tanh(situation.error) + situation.desired_velocity // (51)
     }
 }

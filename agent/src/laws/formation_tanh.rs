@@ -3,19 +3,16 @@
 //! gamma = -k_f tanh(e) + alpha*'.
 
 use formation::Vec2;
-use protocol::law::{LawDescription, Role};
 
-use super::{Gains, Law, LawRow, Situation, tanh};
+use super::{FORMATION, Gains, Law, LawRow, Situation, tanh};
 
 pub(super) const ROW: LawRow = LawRow {
-    description: LawDescription {
-        name: "formation-tanh",
-        role: Role::Formation,
-        source: "(28)",
-        gains: &["k_f_m_s"],
-        feed_forward: true,
-        correction_max: Some("k_f_m_s"),
-    },
+    name: "formation-tanh",
+    role: FORMATION,
+    source: "(28)",
+    gains: &["k_f_m_s"],
+    feed_forward: true,
+    correction_max: Some("k_f_m_s"),
     build: |gains: &Gains<'_>| Box::new(FormationTanh { k_f: gains.get("k_f_m_s") }),
 };
 
@@ -25,7 +22,7 @@ struct FormationTanh {
 }
 
 impl Law for FormationTanh {
-    fn gamma(&self, situation: &Situation) -> Vec2 {
+    fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
         -self.k_f * tanh(situation.error) + situation.desired_velocity // (28)
     }
 }

@@ -4,19 +4,16 @@
 //! e = 0, so inside the boundary layer |e| < 5 mu T (1 + a) it is linear in e (not in the paper).
 
 use formation::Vec2;
-use protocol::law::{LawDescription, Role};
 
-use super::{Gains, Law, LawRow, Situation};
+use super::{FORMATION, Gains, Law, LawRow, Situation};
 
 pub(super) const ROW: LawRow = LawRow {
-    description: LawDescription {
-        name: "formation-unit",
-        role: Role::Formation,
-        source: "(18)",
-        gains: &["speed_m_s"], // mu
-        feed_forward: false,
-        correction_max: Some("speed_m_s"),
-    },
+    name: "formation-unit",
+    role: FORMATION,
+    source: "(18)",
+    gains: &["speed_m_s"], // mu
+    feed_forward: false,
+    correction_max: Some("speed_m_s"),
     build: |gains: &Gains<'_>| Box::new(FormationUnit { mu: gains.get("speed_m_s") }),
 };
 
@@ -26,7 +23,8 @@ struct FormationUnit {
 }
 
 impl Law for FormationUnit {
-    fn gamma(&self, &Situation { error: e, period_s, age_periods, .. }: &Situation) -> Vec2 {
+    fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
+        let &Situation { error: e, period_s, age_periods, .. } = situation;
         let layer = 5.0 * self.mu * period_s * (1.0 + age_periods);
         -self.mu * e / e.norm().max(layer) // (18)
     }
@@ -37,12 +35,7 @@ mod tests {
     use super::*;
 
     fn gamma(error: Vec2) -> Vec2 {
-        FormationUnit { mu: 0.1 }.gamma(&Situation {
-            error,
-            desired_velocity: Vec2::zeros(),
-            period_s: 0.005,
-            age_periods: 1.0,
-        })
+        FormationUnit { mu: 0.1 }.gamma(&Situation { error, ..Situation::ALONE })
     }
 
     #[test]

@@ -3,19 +3,16 @@
 //! gamma = -k_m tanh(alpha - m) + m'.
 
 use formation::Vec2;
-use protocol::law::{LawDescription, Role};
 
-use super::{Gains, Law, LawRow, Situation, tanh};
+use super::{Gains, LEADER, Law, LawRow, Situation, tanh};
 
 pub(super) const ROW: LawRow = LawRow {
-    description: LawDescription {
-        name: "leader-tanh",
-        role: Role::Leader,
-        source: "(28)",
-        gains: &["k_m_m_s"],
-        feed_forward: true,
-        correction_max: Some("k_m_m_s"),
-    },
+    name: "leader-tanh",
+    role: LEADER,
+    source: "(28)",
+    gains: &["k_m_m_s"],
+    feed_forward: true,
+    correction_max: Some("k_m_m_s"),
     build: |gains: &Gains<'_>| Box::new(LeaderTanh { k_m: gains.get("k_m_m_s") }),
 };
 
@@ -25,7 +22,7 @@ struct LeaderTanh {
 }
 
 impl Law for LeaderTanh {
-    fn gamma(&self, situation: &Situation) -> Vec2 {
+    fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
         -self.k_m * tanh(situation.error) + situation.desired_velocity // (28)
     }
 }

@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 use std::hint::black_box;
 use std::path::Path;
 
-use agent::avoidance::{Guard, Sample};
+use agent::avoidance::{self, Sample};
 use agent::brain::Brain;
 use agent::laws::{LAWS, Situation};
 use experiment::briefs;
@@ -48,7 +48,7 @@ pub fn all() -> Vec<Case> {
     let mut cases = Vec::new();
     let mut case = |name: String, start: Box<dyn Fn() -> Body>| cases.push(Case { name, start });
     for (row, law) in LAWS.iter().enumerate() {
-        case(format!("law {}", law.description.name), Box::new(move || a_law(row)));
+        case(format!("law {}", law.name), Box::new(move || a_law(row)));
     }
     for near in [0, 4, 8, 31] {
         case(format!("guard, {near} near"), Box::new(move || the_guard(near)));
@@ -79,13 +79,13 @@ pub fn start(name: &str) -> Option<Body> {
 
 fn a_law(row: usize) -> Body {
     let law = &LAWS[row];
-    let gains = law.description.gains.iter().map(|&key| (key.to_owned(), 0.5)).collect();
-    let law = law.make(&gains).expect("positive gains of its own");
+    let gains = law.gains.iter().map(|&key| (key.to_owned(), 0.5)).collect();
+    let mut law = law.make(&gains).expect("positive gains of its own");
     let situation = Situation {
         error: Vec2::new(0.3, -0.2),
         desired_velocity: Vec2::new(0.05, 0.01),
         period_s: PERIOD_S,
-        age_periods: 1.0,
+        ..Situation::ALONE
     };
     Box::new(move || {
         black_box(law.gamma(black_box(&situation)));
@@ -96,7 +96,7 @@ fn a_law(row: usize) -> Body {
 fn the_guard(near: usize) -> Body {
     let scenario = ring(8);
     let brief = briefs::agent(&scenario, 0, Pace::Lockstep, Path::new("/"));
-    let mut guard = Guard::new(&brief);
+    let mut guard = avoidance::build(&brief).expect("a sound brief");
     let away: Vec<Vec2> =
         (0..near).map(|k| at(0.25 + 0.005 * k as f64, TAU * GOLDEN * k as f64)).collect();
     let gamma = guard.admit(Vec2::new(0.1, 0.05));
@@ -111,6 +111,7 @@ fn the_guard(near: usize) -> Body {
             away: &away,
             proximity_valid: true,
             proximity_cut: false,
+            velocities: &[],
         };
         black_box(guard.steer(black_box(&sample), gamma));
     })
@@ -257,8 +258,8 @@ fn at(radius_m: f64, angle_rad: f64) -> Vec2 {
 fn ring(robots: usize) -> Scenario {
     let text = bench::ring::text(robots, TICKS, PERIOD_S);
     let nothing = Overrides { set: Vec::new(), faults: Vec::new(), seed: None };
-    let laws = agent::laws::descriptions();
-    match read_text(Path::new("ring.toml"), &text, &nothing, &laws) {
+    let catalog = agent::catalog();
+    match read_text(Path::new("ring.toml"), &text, &nothing, &catalog) {
         Ok((scenario, ..)) => scenario,
         Err(diagnostic) => panic!("{}", diagnostic.render(false)),
     }

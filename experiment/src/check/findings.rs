@@ -6,19 +6,18 @@
 use formation::closest::{ClosestPair, closest_pair};
 use formation::graph::{Edge, FormationGraph};
 use formation::laplacian::echoing;
-use protocol::brief::AvoidanceKind;
+use protocol::avoidance::{Advice, Promise};
 use protocol::law::Role;
+use protocol::number::short;
 use serde::Serialize;
 
 use super::steady::{Motion, Settled};
-use super::{rounded_up, short, start_points};
+use super::{rounded_up, start_points};
 use crate::scenario::diagnostic::Severity;
 use crate::scenario::{Scenario, seconds};
 
 /// Offsets around a cycle may miss by this much, m: rounding of decimals, and no more.
 const OFFSET_GAP_M_MAX: f64 = 1e-6;
-/// Above this epsilon T, a sampled focus overshoots (measured on all three cases of the chapter).
-const EPSILON_PERIOD_MAX: f64 = 0.1;
 
 /// Something about a scenario that is wrong, or worth knowing.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -56,9 +55,7 @@ pub(super) fn unsettled(scenario: &Scenario) -> Vec<Finding> {
     speeds(scenario, &mut findings);
     start_distances(scenario, &mut findings);
     sensing(scenario, &mut findings);
-    if scenario.avoidance.kind == AvoidanceKind::Focus {
-        focus_strength(scenario, &mut findings);
-    }
+    advice(scenario, &mut findings);
     findings
 }
 
@@ -223,7 +220,7 @@ fn offsets(scenario: &Scenario, findings: &mut Vec<Finding>) {
     }
 }
 
-/// v_max T < ell, v_max below its cap, and front points nearer to the axle than d/2.
+/// v_max T < ell, and front points nearer to the axle than d/2.
 fn speeds(scenario: &Scenario, findings: &mut Vec<Finding>) {
     let a = &scenario.avoidance;
     let d = a.distance_min_m;
@@ -246,24 +243,6 @@ fn speeds(scenario: &Scenario, findings: &mut Vec<Finding>) {
                 ),
             ));
         }
-        let cap = scenario.speed_cap_m_s();
-        if a.kind == AvoidanceKind::Guard && a.speed_max_m_s > cap {
-            findings.push(finding(
-                Severity::Warning,
-                "avoidance.speed_max_m_s",
-                format!(
-                    "the speed limit {} m/s is above min(d/4, ell/2) / H = {} m/s: safe, but the \
-                     guard will brake a lot",
-                    short(a.speed_max_m_s),
-                    short(cap)
-                ),
-                format!(
-                    "expected at most {} m/s, or a shorter H (now {} s)",
-                    short(cap),
-                    short(seconds(scenario.command_lifetime_ns_max()))
-                ),
-            ));
-        }
     }
     if let Some(robot) = scenario.robots.iter().find(|robot| d < 2.0 * robot.front_point_m) {
         findings.push(finding(
@@ -282,10 +261,10 @@ fn speeds(scenario: &Scenario, findings: &mut Vec<Finding>) {
 
 /// Assumption 1: all start at least d apart.
 fn start_distances(scenario: &Scenario, findings: &mut Vec<Finding>) {
-    let severity = match scenario.avoidance.kind {
-        AvoidanceKind::Guard => Severity::Error,
-        AvoidanceKind::Focus => Severity::Warning,
-        AvoidanceKind::None => return,
+    let severity = match scenario.method.promise {
+        Promise::Always => Severity::Error,
+        Promise::Unsampled => Severity::Warning,
+        Promise::Nothing => return,
     };
     let d = scenario.avoidance.distance_min_m;
     if let Some(ClosestPair { pair: [i, j], distance_m }) =
@@ -302,17 +281,18 @@ fn start_distances(scenario: &Scenario, findings: &mut Vec<Finding>) {
     }
 }
 
-/// With `guard`, whoever matters must be seen.
+/// Whoever matters to the method must be seen.
 fn sensing(scenario: &Scenario, findings: &mut Vec<Finding>) {
     let a = &scenario.avoidance;
     let needed_m = scenario.sensing_radius_needed_m();
-    if a.kind == AvoidanceKind::Guard && a.sensing_radius_m < needed_m {
+    if a.sensing_radius_m < needed_m {
         findings.push(finding(
             Severity::Error,
             "avoidance.sensing_radius_m",
             format!(
-                "`sensing_radius_m` is {}: the guard would see too late",
-                short(a.sensing_radius_m)
+                "`sensing_radius_m` is {}: the {} would see too late",
+                short(a.sensing_radius_m),
+                a.kind
             ),
             format!("expected at least {} m, or no such key", rounded_up(needed_m)),
         ));
@@ -321,11 +301,8 @@ fn sensing(scenario: &Scenario, findings: &mut Vec<Finding>) {
 
 /// Remark 1: in the final shape nobody stands where avoidance would push it away.
 fn settled_distances(scenario: &Scenario, settled: &Settled, findings: &mut Vec<Finding>) {
-    let (bound_m, name) = match scenario.avoidance.kind {
-        AvoidanceKind::Guard => (scenario.deflection_distance_m(), "d_f"),
-        AvoidanceKind::Focus => (scenario.avoidance.distance_min_m, "d"),
-        AvoidanceKind::None => return,
-    };
+    let Some((name, bound_m)) = scenario.method.steers_within else { return };
+    let bound_m = bound_m(&scenario.conditions());
     let Some(ClosestPair { pair: [i, j], distance_m }) = settled.closest else { return };
     if distance_m <= bound_m {
         let (a, b) = (&scenario.robots[i].name, &scenario.robots[j].name);
@@ -343,12 +320,12 @@ fn settled_distances(scenario: &Scenario, settled: &Settled, findings: &mut Vec<
     }
 }
 
-/// With `guard`, nobody may need to be faster than v_max to stay in its place.
+/// Where speeds are limited, nobody may need to be faster than v_max to stay in its place.
 fn steady_speeds(scenario: &Scenario, motion: &Motion, findings: &mut Vec<Finding>) {
-    let (v_max, guard) = (scenario.avoidance.speed_max_m_s, AvoidanceKind::Guard);
+    let (v_max, limited) = (scenario.avoidance.speed_max_m_s, scenario.method.clamps_speed);
     let front = |i: &usize| motion.peaks[*i].front_speed_m_s;
     let fastest = (0..scenario.robots.len()).max_by(|a, b| front(a).total_cmp(&front(b)));
-    let Some(i) = fastest.filter(|i| scenario.avoidance.kind == guard && front(i) > v_max) else {
+    let Some(i) = fastest.filter(|i| limited && front(i) > v_max) else {
         return;
     };
     findings.push(finding(
@@ -392,18 +369,12 @@ fn steady_wheels(scenario: &Scenario, motion: &Motion, findings: &mut Vec<Findin
     ));
 }
 
-/// A focus that turns by more than a tenth within one period overshoots.
-fn focus_strength(scenario: &Scenario, findings: &mut Vec<Finding>) {
-    let product = scenario.avoidance.epsilon_per_s * seconds(scenario.period_ns);
-    if product > EPSILON_PERIOD_MAX {
-        findings.push(finding(
-            Severity::Warning,
-            "avoidance.epsilon_per_s",
-            format!("epsilon T = {}: a focus sampled this slowly does not keep d", short(product)),
-            format!(
-                "expected a period of at most {} s, or kind = \"guard\"",
-                short(EPSILON_PERIOD_MAX / scenario.avoidance.epsilon_per_s)
-            ),
-        ));
+/// What the method itself has to say.
+fn advice(scenario: &Scenario, findings: &mut Vec<Finding>) {
+    if let Some(Advice { key, message, expected }) =
+        (scenario.method.advice)(&scenario.conditions())
+    {
+        let path = format!("avoidance.{key}");
+        findings.push(finding(Severity::Warning, path, message, expected));
     }
 }

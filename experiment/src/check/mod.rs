@@ -30,20 +30,6 @@ fn start_points(robots: &[Robot]) -> Vec<Vec2> {
     robots.iter().map(|robot| front_point(robot.start, robot.front_point_m)).collect()
 }
 
-/// Six significant digits, without trailing zeros.
-fn short(number: f64) -> String {
-    if number == 0.0 || !number.is_finite() {
-        return number.to_string();
-    }
-    let digits = 5 - (number.abs().log10().floor() as i32);
-    let rounded = format!("{number:.*}", digits.clamp(0, 15) as usize);
-    if rounded.contains('.') {
-        rounded.trim_end_matches('0').trim_end_matches('.').to_owned()
-    } else {
-        rounded
-    }
-}
-
 /// Four decimals, never less than `number`.
 fn rounded_up(number: f64) -> String {
     format!("{:.4}", (number * 1e4 - 1e-6).ceil() / 1e4)

@@ -2,9 +2,8 @@
 
 use std::fmt::Write;
 
-use protocol::brief::AvoidanceKind;
+use protocol::number::short;
 
-use super::short;
 use super::theory::{Epsilon, Gap, Loss, Theory};
 use crate::scenario::{Scenario, seconds};
 
@@ -315,21 +314,13 @@ fn distances(page: &mut Page, theory: &Theory<'_>) {
 fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
     let a = &scenario.avoidance;
     let guard = &theory.guard;
-    let kind = match a.kind {
-        AvoidanceKind::None => "none",
-        AvoidanceKind::Focus => "focus",
-        AvoidanceKind::Guard => "guard",
-    };
     let speed = guard.speed_max_m_s.map_or("no speed limit".to_owned(), |speed_max_m_s| {
         format!("v_max = {} m/s", short(speed_max_m_s))
     });
-    page.line("avoidance", format!("{kind}, d = {} m, {speed}", short(a.distance_min_m)));
-    if a.epsilon_per_s > 0.0 {
-        let product = a.epsilon_per_s * seconds(scenario.period_ns);
-        page.line(
-            "",
-            format!("epsilon = {} 1/s, epsilon T = {}", short(a.epsilon_per_s), short(product)),
-        );
+    page.line("avoidance", format!("{}, d = {} m, {speed}", a.kind, short(a.distance_min_m)));
+    let own = |key: &String| scenario.method.gains.iter().any(|gain| gain.key == key);
+    for (key, gain) in a.gains.iter().filter(|(key, _)| own(key)) {
+        page.line("", format!("{key} = {}", short(*gain)));
     }
     page.line(
         "command lifetime H",
@@ -339,12 +330,18 @@ fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
             short(guard.lifetime_realtime_s)
         ),
     );
-    page.line("deflects within d_f", format!("{:.4} m", guard.deflection_distance_m));
+    if let (Some((symbol, _)), Some(distance_m)) =
+        (scenario.method.steers_within, guard.deflection_distance_m)
+    {
+        page.line(&format!("deflects within {symbol}"), format!("{distance_m:.4} m"));
+    }
     page.line(
         "sensing radius",
         format!("{:.4} m, needed {:.4} m", guard.sensing_radius_m, guard.sensing_radius_needed_m),
     );
-    page.line("cap on v_max", format!("{:.4} m/s", guard.speed_cap_m_s));
+    if let Some(speed_cap_m_s) = guard.speed_cap_m_s {
+        page.line("cap on v_max", format!("{speed_cap_m_s:.4} m/s"));
+    }
 }
 
 /// The first of these names, and how many there are.

@@ -4,7 +4,8 @@
 use formation::closest::{ClosestPair, closest_pair};
 use formation::laplacian::{self, Matrix};
 use formation::reachability::Standing;
-use protocol::brief::{AvoidanceKind, Pace};
+use protocol::avoidance::Promise;
+use protocol::brief::Pace;
 use protocol::law::Role;
 use serde::Serialize;
 
@@ -44,7 +45,7 @@ pub struct Theory<'s> {
     pub epsilon: Vec<Epsilon>,
     /// Smallest distances.
     pub distances: Distances<'s>,
-    /// What `guard` rests on.
+    /// What keeping distance rests on.
     pub guard: Guard,
     /// What is wrong or worth knowing. No errors: with one, there is no theory.
     pub findings: Vec<Finding>,
@@ -216,25 +217,25 @@ pub struct Distances<'s> {
     pub scale: [f64; 2],
 }
 
-/// What `guard` rests on.
+/// What keeping distance rests on.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Guard {
-    /// Whether it is on.
+    /// Whether d is kept whatever is late, frozen or dead.
     pub on: bool,
     /// H in lockstep, s.
     pub lifetime_lockstep_s: f64,
     /// H in real time, s.
     pub lifetime_realtime_s: f64,
-    /// d_f, m.
-    pub deflection_distance_m: f64,
+    /// Within this distance robots are steered around each other, m, if at all: d_f of `guard`.
+    pub deflection_distance_m: Option<f64>,
     /// Within this radius robots are seen, m.
     pub sensing_radius_m: f64,
     /// Within this radius they must be, m.
     pub sensing_radius_needed_m: f64,
     /// v_max, m/s, if there is a limit.
     pub speed_max_m_s: Option<f64>,
-    /// Above this v_max the guard brakes more than it helps, m/s.
-    pub speed_cap_m_s: f64,
+    /// Above this v_max the method brakes more than it helps, m/s, if there is such a speed.
+    pub speed_cap_m_s: Option<f64>,
 }
 
 impl<'s> Theory<'s> {
@@ -255,7 +256,7 @@ impl<'s> Theory<'s> {
             closest
                 .map(|ClosestPair { pair, distance_m }| Gap { robots: pair.map(name), distance_m })
         };
-        let a = &scenario.avoidance;
+        let (a, conditions) = (&scenario.avoidance, scenario.conditions());
         let lifetime_s = |pace| seconds(scenario.command_lifetime_ns(pace));
         let edges = scenario.graph.edges();
         Theory {
@@ -297,14 +298,14 @@ impl<'s> Theory<'s> {
                 scale: settled.scale,
             },
             guard: Guard {
-                on: a.kind == AvoidanceKind::Guard,
+                on: scenario.method.promise == Promise::Always,
                 lifetime_lockstep_s: lifetime_s(Pace::Lockstep),
                 lifetime_realtime_s: lifetime_s(Pace::Realtime),
-                deflection_distance_m: scenario.deflection_distance_m(),
+                deflection_distance_m: scenario.method.steers_within.map(|(_, m)| m(&conditions)),
                 sensing_radius_m: a.sensing_radius_m,
                 sensing_radius_needed_m: scenario.sensing_radius_needed_m(),
                 speed_max_m_s: a.speed_max_m_s.is_finite().then_some(a.speed_max_m_s),
-                speed_cap_m_s: scenario.speed_cap_m_s(),
+                speed_cap_m_s: scenario.method.speed_cap_m_s.map(|m_s| m_s(&conditions)),
             },
             findings,
         }

@@ -40,6 +40,7 @@ pub use restart::{AfterDeath, RestartPolicy, RestartWhen};
 use formation::graph::{Edge, FormationGraph};
 use formation::pose::Pose;
 use formation::reachability::Reachability;
+use protocol::avoidance::{AvoidanceDescription, Conditions};
 use protocol::brief::{
     AvoidanceBrief, LeadBrief, Pace, PublishedVelocity, SilenceBrief, WheelsBrief,
 };
@@ -68,6 +69,8 @@ pub struct Scenario {
     /// Which velocity robots publish.
     pub published_velocity: PublishedVelocity,
     /// How robots keep their distance.
+    pub method: AvoidanceDescription,
+    /// What that rests on. It may hold gains of other methods.
     pub avoidance: AvoidanceBrief,
     /// What silence means.
     pub silence: SilenceBrief,
@@ -288,27 +291,20 @@ impl Scenario {
         self.command_lifetime_ns(Pace::Lockstep).max(self.command_lifetime_ns(Pace::Realtime))
     }
 
-    /// d_f = d + max(1.5 v_max H, 0.05 d), m: robots nearer than this are steered around each
-    /// other. Without a speed limit, v_max counts as 0.
-    pub fn deflection_distance_m(&self) -> f64 {
-        self.avoidance.deflection_distance_m(self.command_lifetime_s_max())
+    /// What the method's figures follow from: the longer H, and the shortest front point.
+    pub fn conditions(&self) -> Conditions<'_> {
+        let front_points_m = self.robots.iter().map(|robot| robot.front_point_m);
+        Conditions {
+            avoidance: &self.avoidance,
+            period_s: seconds(self.period_ns),
+            lifetime_s: seconds(self.command_lifetime_ns_max()),
+            front_point_m: front_points_m.fold(f64::INFINITY, f64::min),
+        }
     }
 
-    /// max(d + 3 v_max H, d_f + 4 v_max T) and twice the sensing error, m: nobody farther away
-    /// than this can matter.
+    /// Nobody farther away than this, m, matters to the method.
     pub fn sensing_radius_needed_m(&self) -> f64 {
-        let period_s = seconds(self.period_ns);
-        self.avoidance.sensing_radius_needed_m(period_s, self.command_lifetime_s_max())
-    }
-
-    /// min(d/4, ell/2) / H, m/s: above this speed limit the guard brakes more than it helps.
-    pub fn speed_cap_m_s(&self) -> f64 {
-        let ell_min = self.robots.iter().map(|r| r.front_point_m).fold(f64::INFINITY, f64::min);
-        (0.25 * self.avoidance.distance_min_m).min(0.5 * ell_min) / self.command_lifetime_s_max()
-    }
-
-    fn command_lifetime_s_max(&self) -> f64 {
-        seconds(self.command_lifetime_ns_max())
+        (self.method.sensing_radius_m)(&self.conditions())
     }
 }
 

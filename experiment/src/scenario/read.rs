@@ -6,14 +6,14 @@
 
 use std::borrow::Cow;
 use std::cell::RefCell;
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
-use protocol::brief::{
-    AvoidanceBrief, AvoidanceKind, PublishedVelocity, SilenceBrief, SilencePolicy,
-};
+use protocol::avoidance::AvoidanceDescription;
+use protocol::brief::{AvoidanceBrief, PublishedVelocity, SilenceBrief, SilencePolicy};
+use protocol::catalog::Catalog;
 use protocol::fault::SensorFaultKind;
-use protocol::law::LawDescription;
 use toml::Spanned;
 use toml::de::DeTable;
 use toml_edit::DocumentMut;
@@ -27,7 +27,7 @@ use super::file::{Trouble, load};
 use super::graph::graph;
 use super::import::splice::{Spliced, splice};
 use super::lead::lead;
-use super::robots::{Robots, robot_keys, robots};
+use super::robots::{Robots, robot_keys, robots, unit_of};
 use super::table::{Document, Places, Table, Value};
 use super::{Fault, FaultKind, Scenario, seconds};
 use crate::check;
@@ -67,11 +67,11 @@ const ROOT_KEYS: &[&str] = &[
 pub fn read(
     path: &Path,
     overrides: &Overrides,
-    laws: &[LawDescription],
+    catalog: &Catalog,
 ) -> Result<(Scenario, String, Vec<Diagnostic>), Diagnostic> {
     let expected = "expected a scenario file, such as scenarios/triangle.toml";
     let text = load(path, expected).map_err(|trouble| trouble.about(path))?;
-    read_text(path, &text, overrides, laws)
+    read_text(path, &text, overrides, catalog)
 }
 
 /// The same for a text at hand; `path` is only shown.
@@ -79,7 +79,7 @@ pub fn read_text(
     path: &Path,
     text: &str,
     overrides: &Overrides,
-    laws: &[LawDescription],
+    catalog: &Catalog,
 ) -> Result<(Scenario, String, Vec<Diagnostic>), Diagnostic> {
     if text.trim().is_empty() {
         let expected = "expected a scenario in TOML";
@@ -93,7 +93,7 @@ pub fn read_text(
         source = Source::new(path, &text, true);
     }
     let entries = toml(&text, &source)?;
-    let spliced = splice(path, &text, source, entries.get_ref(), &robot_keys(laws))?;
+    let spliced = splice(path, &text, source, entries.get_ref(), &robot_keys(&catalog.laws))?;
     let Spliced { mut text, mut source, warnings: graph_warnings } = spliced;
     if !overrides.name_at_most_a_graph() {
         text = edited(&text, &source, |document| overrides.apply(document))?;
@@ -102,7 +102,7 @@ pub fn read_text(
     let entries = toml(&text, &source)?;
     let document = Document { source, places: RefCell::default() };
     let root = Table::root(&document, entries.get_ref());
-    let (scenario, mut warnings) = scenario(&root, laws, &document)?;
+    let (scenario, mut warnings) = scenario(&root, catalog, &document)?;
     warnings.splice(..0, graph_warnings);
 
     let places = document.places.borrow();
@@ -171,7 +171,7 @@ fn no_toml(source: &Source, span: Option<Range<usize>>, message: &str) -> Diagno
 /// The whole scenario.
 fn scenario(
     root: &Table<'_>,
-    laws: &[LawDescription],
+    catalog: &Catalog,
     document: &Document,
 ) -> Result<(Scenario, Vec<Diagnostic>), Diagnostic> {
     root.only(ROOT_KEYS)?;
@@ -219,17 +219,10 @@ fn scenario(
     let (plant_tick_ns, latency_allowed_ns, hold_periods) = realtime(root)?;
     let avoidance_table = root
         .need("avoidance", "a table with `kind`, `distance_min_m`, `speed_max_m_s`")?
-        .table(&[
-            "kind",
-            "distance_min_m",
-            "speed_max_m_s",
-            "epsilon_per_s",
-            "sensing_radius_m",
-            "sensing_error_m",
-        ])?;
-    let avoidance = avoidance(&avoidance_table)?;
+        .table(&avoidance_keys(&catalog.methods))?;
+    let (method, avoidance) = avoidance(&avoidance_table, &catalog.methods)?;
     let silence = silence(root, period_ns)?;
-    let Robots { robots, ties, warnings } = robots(root, laws, document)?;
+    let Robots { robots, ties, warnings } = robots(root, &catalog.laws, document)?;
     let graph = graph(root, &robots, &ties)?;
     let lead = lead(root, &robots)?;
     let faults = faults(root, &Scene { robots: &robots, graph: &graph, duration_ns, seed })?;
@@ -244,6 +237,7 @@ fn scenario(
         seed,
         record_hz,
         published_velocity,
+        method,
         avoidance,
         silence,
         robots,
@@ -289,41 +283,53 @@ fn realtime(root: &Table<'_>) -> Result<(u64, u64, u32), Diagnostic> {
     Ok((plant_tick_ns, latency_ns, hold as u32))
 }
 
+/// What may be said in `[avoidance]`, whatever the method: a scenario may hold what another one
+/// needs.
+fn avoidance_keys(methods: &[AvoidanceDescription]) -> Vec<&'static str> {
+    let common = ["kind", "distance_min_m", "speed_max_m_s", "sensing_radius_m", "sensing_error_m"];
+    let own = methods.iter().flat_map(|method| method.gains.iter().map(|gain| gain.key));
+    common.into_iter().chain(own).collect()
+}
+
 /// `[avoidance]`; the sensing radius is filled in later, from the whole scenario.
-fn avoidance(table: &Table<'_>) -> Result<AvoidanceBrief, Diagnostic> {
-    let kinds = [
-        ("none", AvoidanceKind::None),
-        ("focus", AvoidanceKind::Focus),
-        ("guard", AvoidanceKind::Guard),
-    ];
-    let kind = table.get("kind").map_or(Ok(AvoidanceKind::Guard), |kind| kind.word(&kinds))?;
+fn avoidance(
+    table: &Table<'_>,
+    methods: &[AvoidanceDescription],
+) -> Result<(AvoidanceDescription, AvoidanceBrief), Diagnostic> {
+    let kinds: Vec<_> = methods.iter().map(|method| (method.name, *method)).collect();
+    let default = methods[0];
+    let method = table.get("kind").map_or(Ok(default), |kind| kind.word(&kinds))?;
     let distance_min_m = table
         .need("distance_min_m", "no two front points may be nearer than this, in meters")?
         .positive("m")?;
     let speed_max_m_s = match table.get("speed_max_m_s") {
         Some(speed) => speed.positive("m/s")?,
-        None if kind == AvoidanceKind::Guard => {
-            return Err(table.missing("speed_max_m_s", "the guard needs a speed limit, in m/s"));
+        None if method.clamps_speed => {
+            let expected = format!("the {} needs a speed limit, in m/s", method.name);
+            return Err(table.missing("speed_max_m_s", &expected));
         }
         None => f64::INFINITY,
     };
-    let epsilon_per_s = match table.get("epsilon_per_s") {
-        Some(epsilon) => epsilon.positive("1/s")?,
-        None if kind == AvoidanceKind::Focus => {
-            return Err(table.missing("epsilon_per_s", "strength of the focus, in 1/s"));
+    let mut gains = BTreeMap::new();
+    for gain in methods.iter().flat_map(|method| method.gains) {
+        if let Some(value) = table.get(gain.key) {
+            gains.insert(gain.key.to_owned(), value.positive(unit_of(gain.key))?);
         }
-        None => 0.0,
-    };
+    }
+    if let Some(gain) = method.gains.iter().find(|gain| !gains.contains_key(gain.key)) {
+        return Err(table.missing(gain.key, gain.meaning));
+    }
     let sensing_error_m =
         table.get("sensing_error_m").map_or(Ok(0.0), |error| error.not_negative("m"))?;
-    Ok(AvoidanceBrief {
-        kind,
+    let avoidance = AvoidanceBrief {
+        kind: method.name.to_owned(),
         distance_min_m,
         speed_max_m_s,
-        epsilon_per_s,
         sensing_radius_m: 0.0,
         sensing_error_m,
-    })
+        gains,
+    };
+    Ok((method, avoidance))
 }
 
 /// `[silence]`.

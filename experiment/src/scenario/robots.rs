@@ -273,7 +273,7 @@ pub(super) fn robot_named(value: &Value<'_>, robots: &[Robot]) -> Result<usize, 
 }
 
 /// The unit that a gain's key ends in.
-fn unit_of(key: &str) -> &'static str {
+pub(super) fn unit_of(key: &str) -> &'static str {
     match key {
         key if key.ends_with("_per_s") => "1/s",
         key if key.ends_with("_rad_s") => "rad/s",

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use protocol::fault::draw;
 
 use super::read::{Overrides, read_text};
-use super::tests::LAWS;
+use super::tests::catalog;
 use crate::check::{Theory, report};
 
 const SPECS: [&str; 12] = [
@@ -94,7 +94,7 @@ fn mutated(original: &str, seed: u64) -> String {
 
 /// Whether this is read; if not, its diagnostic can be shown. Neither panics.
 fn is_read(path: &Path, text: &str, overrides: &Overrides) -> bool {
-    match read_text(path, text, overrides, LAWS) {
+    match read_text(path, text, overrides, &catalog()) {
         Ok(_) => true,
         Err(diagnostic) => {
             assert!(diagnostic.render(false).starts_with("error: "));
@@ -122,10 +122,11 @@ fn no_scenario_makes_the_reader_panic(texts: u64) {
         if !is_read(path, &text, overrides) {
             return false;
         }
-        let (scenario, effective, warnings) = read_text(path, &text, overrides, LAWS).unwrap();
+        let (scenario, effective, warnings) =
+            read_text(path, &text, overrides, &catalog()).unwrap();
         assert!(warnings.iter().all(|warning| !warning.render(false).is_empty()));
         assert!(!report(&scenario, &Theory::of(&scenario)).is_empty());
-        let again = read_text(path, &effective, &Overrides::default(), LAWS).unwrap().0;
+        let again = read_text(path, &effective, &Overrides::default(), &catalog()).unwrap().0;
         assert_eq!(again, scenario, "seed {seed}");
         true
     });

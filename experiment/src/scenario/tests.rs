@@ -3,7 +3,8 @@
 
 use std::path::{Path, PathBuf};
 
-use protocol::brief::AvoidanceKind;
+use protocol::avoidance::{Advice, AvoidanceDescription, Gain, Promise, Senses};
+use protocol::catalog::Catalog;
 use protocol::law::{LawDescription, Role};
 
 use super::diagnostic::{Diagnostic, Severity};
@@ -11,7 +12,7 @@ use super::read::{Overrides, read, read_text};
 use super::{FaultKind, RestartWhen, Scenario};
 use crate::check;
 
-pub(super) const LAWS: &[LawDescription] = &[
+const LAWS: &[LawDescription] = &[
     LawDescription {
         role: Role::Formation,
         name: "formation-unit",
@@ -30,6 +31,47 @@ pub(super) const LAWS: &[LawDescription] = &[
     },
 ];
 
+/// A method that limits speeds and keeps d, one that does neither, and none; with figures of their
+/// own, simpler than those of the agents' methods.
+const METHODS: &[AvoidanceDescription] = &[
+    AvoidanceDescription {
+        name: "guard",
+        promise: Promise::Always,
+        clamps_speed: true,
+        senses: Senses::Positions,
+        sensing_radius_m: |at| {
+            1.05 * at.avoidance.distance_min_m + 4.0 * at.speed_m_s() * at.period_s
+        },
+        steers_within: Some(("d_f", |at| 1.05 * at.avoidance.distance_min_m)),
+        ..AvoidanceDescription::INERT
+    },
+    AvoidanceDescription {
+        name: "focus",
+        promise: Promise::Unsampled,
+        senses: Senses::Positions,
+        sensing_radius_m: |at| at.avoidance.distance_min_m,
+        gains: &[Gain { key: "epsilon_per_s", meaning: "strength of the focus, in 1/s" }],
+        advice: |at| {
+            (at.avoidance.gains["epsilon_per_s"] > 10.0).then(|| Advice {
+                key: "epsilon_per_s",
+                message: "too strong".to_owned(),
+                expected: "expected at most 10".to_owned(),
+            })
+        },
+        ..AvoidanceDescription::INERT
+    },
+    AvoidanceDescription { name: "none", ..AvoidanceDescription::INERT },
+];
+
+/// These laws and methods.
+pub(super) fn catalog_of(laws: &[LawDescription]) -> Catalog {
+    Catalog { laws: laws.to_vec(), methods: METHODS.to_vec() }
+}
+
+pub(super) fn catalog() -> Catalog {
+    catalog_of(LAWS)
+}
+
 fn scenarios() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios")
 }
@@ -42,7 +84,7 @@ fn parse(
     text: &str,
     overrides: &Overrides,
 ) -> Result<(Scenario, String, Vec<Diagnostic>), Diagnostic> {
-    read_text(Path::new("test.toml"), text, overrides, LAWS)
+    read_text(Path::new("test.toml"), text, overrides, &catalog())
 }
 
 fn set(arguments: &[&str]) -> Overrides {
@@ -71,13 +113,13 @@ fn warning_with(arguments: &[&str]) -> String {
 #[test]
 fn the_triangle_is_read_as_the_chapter_has_it() {
     let (scenario, text, warnings) =
-        read(&scenarios().join("triangle.toml"), &Overrides::default(), LAWS).unwrap();
+        read(&scenarios().join("triangle.toml"), &Overrides::default(), &catalog()).unwrap();
     assert_eq!(text, triangle());
     assert_eq!(warnings, []);
     assert_eq!(scenario.name, "triangle");
     assert_eq!((scenario.duration_ns, scenario.period_ns), (30_000_000_000, 5_000_000));
     assert_eq!(scenario.command_lifetime_ns_max(), 13_000_000);
-    assert_eq!(scenario.avoidance.kind, AvoidanceKind::Guard);
+    assert_eq!(scenario.avoidance.kind, "guard");
     assert!((scenario.avoidance.sensing_radius_m - 0.216).abs() < 1e-12);
     assert_eq!(
         (scenario.silence.stale_after_ns, scenario.silence.lost_after_ns),
@@ -98,7 +140,7 @@ fn every_scenario_of_the_house_is_sound_and_without_warnings() {
     for entry in std::fs::read_dir(scenarios()).unwrap() {
         let path = entry.unwrap().path();
         if path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("triangle")) {
-            let (scenario, _, warnings) = read(&path, &Overrides::default(), LAWS)
+            let (scenario, _, warnings) = read(&path, &Overrides::default(), &catalog())
                 .unwrap_or_else(|error| panic!("{}", error.render(false)));
             assert_eq!(warnings, [], "{}", path.display());
             assert_eq!(scenario.name, path.file_stem().unwrap().to_string_lossy());
@@ -126,7 +168,7 @@ fn the_effective_text_holds_the_changes_keeps_comments_and_reads_to_the_same_sce
         seed: Some(7),
     };
     let (scenario, text, _) = parse(&triangle(), &overrides).unwrap();
-    assert_eq!(scenario.avoidance.kind, AvoidanceKind::Focus);
+    assert_eq!(scenario.avoidance.kind, "focus");
     assert_eq!(scenario.robots[1].gains["speed_m_s"], 0.2);
     assert_eq!(scenario.robots[0].start.x_m, -0.05);
     assert_eq!((scenario.hold_periods, scenario.seed), (3, 7));
@@ -306,12 +348,11 @@ fn times_are_whole_nanoseconds_and_exact() {
 
 #[test]
 fn what_is_safe_but_unwise_is_a_warning() {
-    assert!(warning_with(&["avoidance.speed_max_m_s=2"]).contains("above min(d/4, ell/2) / H"));
     assert!(warning_with(&["avoidance.distance_min_m=0.29"]).contains("in the final shape"));
     assert!(warning_with(&["avoidance.distance_min_m=0.08"]).contains("but not bodies"));
     assert!(
         warning_with(&["avoidance.kind=focus", "avoidance.epsilon_per_s=50"])
-            .contains("epsilon T = 0.25")
+            .contains("too strong")
     );
     let two_ways = triangle().replace("from = \"r1\", to = \"r3\"", "from = \"r3\", to = \"r1\"");
     let (_, _, warnings) = parse(&two_ways, &Overrides::default()).unwrap();
@@ -327,6 +368,6 @@ fn without_a_speed_limit_the_literal_focus_still_has_a_sensing_radius() {
     let (scenario, _, warnings) = parse(&text, &Overrides::default()).unwrap();
     assert_eq!(warnings, []);
     assert_eq!(scenario.avoidance.speed_max_m_s, f64::INFINITY);
-    assert!((scenario.avoidance.sensing_radius_m - 0.21).abs() < 1e-12);
+    assert!((scenario.avoidance.sensing_radius_m - 0.2).abs() < 1e-12);
     assert!(report(&scenario).contains("no speed limit"));
 }

@@ -30,12 +30,12 @@ fn agent() -> AgentBrief {
         }),
         published_velocity: PublishedVelocity::GammaAndBeta,
         avoidance: AvoidanceBrief {
-            kind: AvoidanceKind::Guard,
+            kind: "focus".into(),
             distance_min_m: 0.2,
             speed_max_m_s: 0.3,
-            epsilon_per_s: 1.0,
             sensing_radius_m: 0.3,
             sensing_error_m: 0.0,
+            gains: [("epsilon_per_s".into(), 1.0)].into(),
         },
         silence: SilenceBrief {
             stale_after_ns: 15_000_000,

@@ -1,7 +1,7 @@
 //! `phalanx check`: is the scenario sound, and what can be said about it before it runs?
 
 use clap::{Args, ValueEnum};
-use protocol::law::LawDescription;
+use protocol::catalog::Catalog;
 use protocol::process::exit;
 
 use super::scenario::ScenarioArgs;
@@ -39,8 +39,8 @@ impl From<GraphFormat> for Drawing {
     }
 }
 
-pub(super) fn check(args: &CheckArgs, laws: &[LawDescription]) -> u8 {
-    let Some((scenario, _)) = args.scenario.read(laws) else {
+pub(super) fn check(args: &CheckArgs, catalog: &Catalog) -> u8 {
+    let Some((scenario, _)) = args.scenario.read(catalog) else {
         return exit::BAD_SCENARIO;
     };
     if let Some(drawing) = args.graph {

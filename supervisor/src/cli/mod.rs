@@ -19,7 +19,7 @@ mod scenario;
 mod screen;
 
 use clap::Subcommand;
-use protocol::law::LawDescription;
+use protocol::catalog::Catalog;
 use protocol::process::quiet_iceoryx2;
 
 use crate::spawn::Launcher;
@@ -43,14 +43,14 @@ pub enum Verb {
     Export(export::ExportArgs),
 }
 
-/// Does what was asked for; `laws` are those that the agents know, which `launcher` starts.
-pub fn main(verb: &Verb, laws: &[LawDescription], launcher: &Launcher) -> u8 {
+/// Does what was asked for; `catalog` is what the agents know, which `launcher` starts.
+pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher) -> u8 {
     screen::log_to_stderr();
     quiet_iceoryx2();
     match verb {
-        Verb::Run(args) => run::run(args, laws, launcher.clone()),
-        Verb::Check(args) => check::check(args, laws),
-        Verb::Report(args) => report::report(args, laws),
+        Verb::Run(args) => run::run(args, catalog, launcher.clone()),
+        Verb::Check(args) => check::check(args, catalog),
+        Verb::Report(args) => report::report(args, catalog),
         Verb::Doctor(args) => doctor::doctor(args),
         Verb::Clean(args) => clean::clean(args),
         Verb::Recover(args) => recover::recover(args),

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use protocol::law::LawDescription;
+use protocol::catalog::Catalog;
 use protocol::process::exit;
 
 use super::screen::{complain, print, show};
@@ -17,7 +17,7 @@ pub struct ReportArgs {
     run_dir: PathBuf,
 }
 
-pub(super) fn report(ReportArgs { run_dir }: &ReportArgs, laws: &[LawDescription]) -> u8 {
+pub(super) fn report(ReportArgs { run_dir }: &ReportArgs, catalog: &Catalog) -> u8 {
     let scenario = match report::scenario_path(run_dir) {
         Ok(scenario) => scenario,
         Err(error) => {
@@ -26,7 +26,7 @@ pub(super) fn report(ReportArgs { run_dir }: &ReportArgs, laws: &[LawDescription
         }
     };
     // Its warnings were shown when it ran.
-    let (scenario, ..) = match read(&scenario, &Overrides::default(), laws) {
+    let (scenario, ..) = match read(&scenario, &Overrides::default(), catalog) {
         Ok(read) => read,
         Err(diagnostic) => {
             show(&diagnostic);

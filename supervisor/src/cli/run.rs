@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use protocol::brief::Pace;
-use protocol::law::LawDescription;
+use protocol::catalog::Catalog;
 use protocol::process::{Stop, exit, try_realtime_priority};
 use view::{Bound, ViewError};
 
@@ -76,12 +76,12 @@ enum PaceArg {
     Realtime,
 }
 
-pub(super) fn run(args: &RunArgs, laws: &[LawDescription], mut launcher: Launcher) -> u8 {
+pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher) -> u8 {
     if args.realtime_priority && args.pace == PaceArg::Lockstep {
         complain(&"--realtime-priority is for --pace realtime: lockstep has no deadlines");
         return exit::USAGE;
     }
-    let Some((scenario, text)) = args.scenario.read(laws) else {
+    let Some((scenario, text)) = args.scenario.read(catalog) else {
         return exit::BAD_SCENARIO;
     };
     // Before anything is written or spawned: the port may be taken.

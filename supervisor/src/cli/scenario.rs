@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use protocol::law::LawDescription;
+use protocol::catalog::Catalog;
 
 use super::screen::show;
 use experiment::scenario::Scenario;
@@ -28,10 +28,10 @@ pub(super) struct ScenarioArgs {
 
 impl ScenarioArgs {
     /// The scenario with its effective text; what is wrong with it is shown.
-    pub(super) fn read(&self, laws: &[LawDescription]) -> Option<(Scenario, String)> {
+    pub(super) fn read(&self, catalog: &Catalog) -> Option<(Scenario, String)> {
         let overrides =
             Overrides { set: self.set.clone(), faults: self.fault.clone(), seed: self.seed };
-        match read(&self.path, &overrides, laws) {
+        match read(&self.path, &overrides, catalog) {
             Ok((scenario, text, warnings)) => {
                 warnings.iter().for_each(show);
                 Some((scenario, text))

@@ -4,12 +4,15 @@
 use std::f64::consts::PI;
 use std::sync::{Arc, Mutex};
 
-use agent::brain::Brain;
+use agent::avoidance::{self, deflection_distance_m};
+use agent::brain::{Brain, Parts};
 use agent::laws::{Law, Situation};
+use agent::roles::LEADER;
 use formation::Vec2;
 use formation::frame::Scale;
 use formation::front_point::front_speed;
 use formation::trajectory::Trajectory;
+use protocol::avoidance::Conditions;
 use protocol::brief::{AgentBrief, LeadBrief};
 use protocol::message::Odometry;
 
@@ -211,16 +214,20 @@ impl Model<'_> {
 
     pub(super) fn brain(&self, i: usize, incarnation: u64, wish: &Arc<Mutex<Vec2>>) -> Brain {
         let brief = &self.fleet.agents[i];
-        let brain = match self.flight.wish {
-            Wish::Law => Brain::new(brief, incarnation),
+        match self.flight.wish {
+            Wish::Law => Brain::new(brief, incarnation).expect("a checked brief"),
             // A leader asks its law for a velocity whoever is silent.
             Wish::Ram => {
                 let lead = Some(stay_at([0.0, 0.0]));
-                let leader = AgentBrief { law: "leader-tanh".into(), lead, ..brief.clone() };
-                Brain::with_law(&leader, incarnation, Box::new(Ram(wish.clone())))
+                let leader = AgentBrief { lead, ..brief.clone() };
+                let parts = Parts {
+                    role: LEADER.make(&leader).expect("a trajectory"),
+                    law: Box::new(Ram(wish.clone())),
+                    avoidance: avoidance::build(brief).expect("a checked brief"),
+                };
+                Brain::with_parts(&leader, incarnation, parts)
             }
-        };
-        brain.expect("a checked brief")
+        }
     }
 
     /// A sample as the robot is told it, and when its answer is said to take effect. To one that is
@@ -237,8 +244,7 @@ impl Model<'_> {
         *self.robots[i].wish.lock().unwrap() = 2.0 * speed_max * direction;
         // Against one neighbour, deflection makes of -V n this p, in n and t: turn it back.
         let reach = speed_max * brief.period_ns as f64 / 1e9; // V
-        let lifetime_s = brief.command_lifetime_ns as f64 / 1e9;
-        let excess = KAPPA * (brief.avoidance.deflection_distance_m(lifetime_s) - towards.norm());
+        let excess = KAPPA * (deflection_distance_m(&Conditions::of(brief)) - towards.norm());
         let (p_n, p_t) = (excess, reach + excess);
         if p_t <= 0.0 {
             return (odometry, self.now_ns);
@@ -254,7 +260,7 @@ impl Model<'_> {
 struct Ram(Arc<Mutex<Vec2>>);
 
 impl Law for Ram {
-    fn gamma(&self, _: &Situation) -> Vec2 {
+    fn gamma(&mut self, _: &Situation<'_>) -> Vec2 {
         *self.0.lock().unwrap()
     }
 }

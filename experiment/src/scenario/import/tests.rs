@@ -10,6 +10,7 @@ use protocol::law::{LawDescription, Role};
 use crate::scenario::Scenario;
 use crate::scenario::diagnostic::Diagnostic;
 use crate::scenario::read::{Overrides, read, read_text};
+use crate::scenario::tests::catalog_of;
 
 const LAWS: &[LawDescription] = &[
     LawDescription {
@@ -54,7 +55,7 @@ fn parse_with(
     text: &str,
     overrides: &Overrides,
 ) -> Result<(Scenario, String, Vec<Diagnostic>), Diagnostic> {
-    read_text(&graphs().join("test.toml"), text, overrides, LAWS)
+    read_text(&graphs().join("test.toml"), text, overrides, &catalog_of(LAWS))
 }
 
 fn parse(text: &str) -> (Scenario, String) {
@@ -75,7 +76,7 @@ fn edges(scenario: &Scenario) -> Vec<(usize, usize, [f64; 2])> {
 /// The effective text is whole: it is read without any graph, to the same scenario and text.
 fn reads_again(scenario: &Scenario, text: &str) {
     let elsewhere = Path::new("/nowhere/scenario.toml");
-    let (again, same, _) = read_text(elsewhere, text, &Overrides::default(), LAWS)
+    let (again, same, _) = read_text(elsewhere, text, &Overrides::default(), &catalog_of(LAWS))
         .unwrap_or_else(|error| panic!("{}\n{text}", error.render(false)));
     assert_eq!((&again, same.as_str()), (scenario, text));
 }
@@ -198,7 +199,8 @@ fn numbers_count_robots_from_0_or_from_1_and_make_r1_r2_where_there_are_none() {
         std::fs::write(folder.path().join("g.json"), json).unwrap();
         let path = folder.path().join("s.toml");
         let scenario = format!("{HEAD}graph = \"g.json\"\n");
-        read_text(&path, &scenario, &Overrides::default(), LAWS).map(|(scenario, _, _)| scenario)
+        read_text(&path, &scenario, &Overrides::default(), &catalog_of(LAWS))
+            .map(|(scenario, _, _)| scenario)
     };
     for (nodes, first) in [([0, 1], "r1"), ([1, 2], "r1"), ([2, 1], "r2")] {
         let scenario = read_graph(nodes).unwrap();
@@ -249,7 +251,7 @@ fn an_attribute_without_a_meaning_is_left_out_with_a_warning() {
     std::fs::write(folder.path().join("g.json"), json).unwrap();
     std::fs::write(folder.path().join("s.toml"), format!("{HEAD}graph = \"g.json\"\n")).unwrap();
     let (_, _, warnings) =
-        read(&folder.path().join("s.toml"), &Overrides::default(), LAWS).unwrap();
+        read(&folder.path().join("s.toml"), &Overrides::default(), &catalog_of(LAWS)).unwrap();
     let messages: Vec<&str> = warnings.iter().map(|warning| warning.message.as_str()).collect();
     assert_eq!(messages.len(), 2, "{messages:?}");
     assert!(messages[0].contains("`color`") && messages[1].contains("`pos`"));
@@ -276,7 +278,8 @@ fn a_file_that_nests_without_end_is_refused() {
         std::fs::write(folder.path().join(file), text).unwrap();
         let scenario = format!("{HEAD}graph = \"{file}\"\n");
         let path = folder.path().join("s.toml");
-        let error = read_text(&path, &scenario, &Overrides::default(), LAWS).unwrap_err();
+        let error =
+            read_text(&path, &scenario, &Overrides::default(), &catalog_of(LAWS)).unwrap_err();
         assert!(error.render(false).contains(file), "{}", error.message);
     }
 }
@@ -385,7 +388,7 @@ proptest! {
             for robots in ["", &placed] {
                 let scenario = format!("{HEAD}graph = \"{file}\"\n{robots}");
                 let path = folder.path().join("s.toml");
-                match read_text(&path, &scenario, &Overrides::default(), LAWS) {
+                match read_text(&path, &scenario, &Overrides::default(), &catalog_of(LAWS)) {
                     Ok((scenario, effective, warnings)) => {
                         prop_assert!(warnings.iter().all(|w| !w.render(false).is_empty()));
                         reads_again(&scenario, &effective);

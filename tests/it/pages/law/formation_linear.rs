@@ -1,19 +1,16 @@
 //! Formation with a linear law, saturated. (16)
 
 use formation::Vec2;
-use protocol::law::{LawDescription, Role};
 
-use super::{Gains, Law, LawRow, Situation};
+use super::{FORMATION, Gains, Law, LawRow, Situation};
 
 pub(super) const ROW: LawRow = LawRow {
-    description: LawDescription {
-        name: "formation-linear",
-        role: Role::Formation,
-        source: "(16)",
-        gains: &["k_per_s", "limit_m_s"],
-        feed_forward: false,
-        correction_max: Some("limit_m_s"),
-    },
+    name: "formation-linear",
+    role: FORMATION,
+    source: "(16)",
+    gains: &["k_per_s", "limit_m_s"],
+    feed_forward: false,
+    correction_max: Some("limit_m_s"),
     build: |gains: &Gains<'_>| {
         Box::new(FormationLinear { k: gains.get("k_per_s"), limit: gains.get("limit_m_s") })
     },
@@ -25,7 +22,7 @@ struct FormationLinear {
 }
 
 impl Law for FormationLinear {
-    fn gamma(&self, situation: &Situation) -> Vec2 {
+    fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
         (-self.k * situation.error).cap_magnitude(self.limit) // (16)
     }
 }

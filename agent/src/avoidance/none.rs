@@ -1,0 +1,33 @@
+//! No avoidance: gamma alone, as published. (17)
+
+use formation::Vec2;
+use formation::front_point::twist_for;
+use formation::pose::Twist;
+use protocol::avoidance::AvoidanceDescription;
+
+use super::{Avoidance, AvoidanceRow, Sample};
+
+pub(super) const ROW: AvoidanceRow = AvoidanceRow {
+    description: AvoidanceDescription {
+        name: "none",
+        source: "(17)",
+        ..AvoidanceDescription::INERT
+    },
+    build: |brief, _| Box::new(Alone { ell: brief.front_point_m }),
+};
+
+/// A robot that minds nobody.
+struct Alone {
+    /// ell, m.
+    ell: f64,
+}
+
+impl Avoidance for Alone {
+    fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
+        twist_for(heading_rad, self.ell, gamma) // (17)
+    }
+
+    fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
+        self.follow(sample.heading_rad, gamma)
+    }
+}

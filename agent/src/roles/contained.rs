@@ -1,0 +1,24 @@
+//! Goes to the middle of those it hears, and so into the leaders' hull. (46)
+
+use formation::Vec2;
+use formation::desired::Target;
+use protocol::brief::AgentBrief;
+
+use super::{Moment, Role, RoleRow};
+use crate::laws::Heard;
+
+/// The row of the contained.
+pub const CONTAINED: RoleRow = RoleRow {
+    description: protocol::law::Role::Contained,
+    build: |_: &AgentBrief| Ok(Box::new(Contained)),
+};
+
+struct Contained;
+
+impl Role for Contained {
+    fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
+        let nowhere = Target::still(Vec2::zeros());
+        moment.neighborhood.recall(moment.stamp_ns, |_| nowhere, heard);
+        moment.neighborhood.desired(heard)
+    }
+}

@@ -1,0 +1,42 @@
+//! Keeps its place in the formation, as seen from those it hears. (13) (24) (45)
+
+use formation::desired::Target;
+use formation::frame::LeaderFrame;
+use protocol::brief::AgentBrief;
+
+use super::{Moment, Role, RoleRow};
+use crate::laws::Heard;
+
+/// The row of those that keep a place.
+pub const FORMATION: RoleRow = RoleRow {
+    description: protocol::law::Role::Formation,
+    build: |brief: &AgentBrief| {
+        Ok(Box::new(Formation { led: brief.led, period_s: brief.period_ns as f64 / 1e9 }))
+    },
+};
+
+struct Formation {
+    /// Offsets turn and grow with a leader's frame.
+    led: bool,
+    /// T, s.
+    period_s: f64,
+}
+
+impl Role for Formation {
+    fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
+        let frame = match self.led {
+            true => moment.neighborhood.frame_at(moment.stamp_ns)?,
+            false => LeaderFrame::STILL,
+        };
+        let later = frame.later(0.5 * self.period_s);
+        moment.neighborhood.recall(
+            moment.stamp_ns,
+            |c_ji| Target {
+                position: frame.offset(c_ji).position,
+                velocity: later.offset(c_ji).velocity,
+            },
+            heard,
+        );
+        moment.neighborhood.desired(heard)
+    }
+}

@@ -1,0 +1,77 @@
+//! What a law makes of a robot: where its front point is to be, and whether others turn and grow
+//! with it. No I/O, no clock, no iceoryx2 in here.
+//!
+//! A role is one file, and the row that its laws name. `docs/add-a-role.md` shows how.
+
+mod contained;
+mod formation;
+mod leader;
+
+use ::formation::Vec2;
+use ::formation::desired::Target;
+use ::formation::frame::LeaderFrame;
+use ::formation::pose::Pose;
+use protocol::brief::AgentBrief;
+
+pub use self::contained::CONTAINED;
+pub use self::formation::FORMATION;
+pub use self::leader::LEADER;
+use crate::avoidance::Avoidance;
+use crate::laws::Heard;
+use crate::neighborhood::Neighborhood;
+
+/// One odometry sample as a role sees it.
+pub struct Moment<'a> {
+    /// When it was sensed, ns.
+    pub stamp_ns: u64,
+    /// Time since the run's start, s.
+    pub t_s: f64,
+    /// Own pose.
+    pub pose: Pose,
+    /// Those heard.
+    pub neighborhood: &'a Neighborhood,
+}
+
+/// A role.
+pub trait Role: Send {
+    /// alpha* at the sample, and alpha*' half a period later: the answer acts for a period, and
+    /// what is known of the velocities to come is taken at its middle. `None`: nothing to go by, so
+    /// stop. `heard` is filled for the law, see [`Neighborhood::recall`].
+    fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target>;
+
+    /// The frame that offsets turn and grow with, at the sample, if it is this robot's own. Without
+    /// one the robot passes on what it hears. `gamma`, m/s, was admitted by `avoidance`.
+    fn frame(
+        &mut self,
+        moment: &Moment<'_>,
+        gamma: Vec2,
+        avoidance: &dyn Avoidance,
+    ) -> Option<LeaderFrame> {
+        let _ = (moment, gamma, avoidance);
+        None
+    }
+}
+
+/// The row of a role.
+#[derive(Clone, Copy)]
+pub struct RoleRow {
+    /// What the supervisor may know of it.
+    pub description: protocol::law::Role,
+    /// Makes it of a brief.
+    pub build: fn(&AgentBrief) -> Result<Box<dyn Role>, RoleError>,
+}
+
+impl RoleRow {
+    /// The role for the robot of this brief.
+    pub fn make(&self, brief: &AgentBrief) -> Result<Box<dyn Role>, RoleError> {
+        (self.build)(brief)
+    }
+}
+
+/// Why a role could not be made.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum RoleError {
+    /// A robot with a trajectory of its own, and none in the brief.
+    #[error("{0} leads, but its brief has no [lead] with a trajectory")]
+    NothingToLead(String),
+}

@@ -1,0 +1,139 @@
+//! How an avoidance method describes itself to those that may not link it.
+//!
+//! The methods live in the crate `agent`. The supervisor must know their keys and their figures, and
+//! the plant what to sense and to limit, without knowing any of them: the binary hands over the
+//! list, and briefs carry what follows from it.
+
+use std::fmt;
+
+use crate::brief::{AgentBrief, AvoidanceBrief};
+
+/// What a method promises about the distance of any two robots that use it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Promise {
+    /// Nothing.
+    Nothing,
+    /// d in continuous time; sampling voids it.
+    Unsampled,
+    /// d, whatever is sampled late, frozen or dead.
+    Always,
+}
+
+/// What a method must know of the robots near.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Senses {
+    /// Nothing.
+    Nothing,
+    /// The front points of all within its radius.
+    Positions,
+    /// Those, and how they move.
+    Velocities,
+}
+
+/// A key of `[avoidance]` that one method alone needs; its value is positive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Gain {
+    /// The key, with a unit suffix.
+    pub key: &'static str,
+    /// What it is, with its unit, as diagnostics say it.
+    pub meaning: &'static str,
+}
+
+/// What the figures of a method follow from.
+#[derive(Debug, Clone, Copy)]
+pub struct Conditions<'a> {
+    /// Distances, speeds and gains.
+    pub avoidance: &'a AvoidanceBrief,
+    /// T, s.
+    pub period_s: f64,
+    /// H: how long a command may act, s.
+    pub lifetime_s: f64,
+    /// ell, the smallest of all robots at hand, m.
+    pub front_point_m: f64,
+}
+
+impl<'a> Conditions<'a> {
+    /// Those of one robot.
+    pub fn of(brief: &'a AgentBrief) -> Conditions<'a> {
+        Conditions {
+            avoidance: &brief.avoidance,
+            period_s: brief.period_ns as f64 / 1e9,
+            lifetime_s: brief.command_lifetime_ns as f64 / 1e9,
+            front_point_m: brief.front_point_m,
+        }
+    }
+
+    /// v_max, m/s; 0 where there is no limit and nothing rests on it.
+    pub fn speed_m_s(&self) -> f64 {
+        let speed_max_m_s = self.avoidance.speed_max_m_s;
+        if speed_max_m_s.is_finite() { speed_max_m_s } else { 0.0 }
+    }
+}
+
+/// That a method would work badly.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Advice {
+    /// Which key of `[avoidance]` it is about.
+    pub key: &'static str,
+    /// What is wrong, with the values.
+    pub message: String,
+    /// What was expected instead.
+    pub expected: String,
+}
+
+/// A method's name in scenario files, what it needs and what it promises.
+#[derive(Clone, Copy)]
+pub struct AvoidanceDescription {
+    /// Value of the key `kind`.
+    pub name: &'static str,
+    /// Where it is published.
+    pub source: &'static str,
+    /// What it promises.
+    pub promise: Promise,
+    /// Whether agent and plant limit every front point to `speed_max_m_s`, which must be given then.
+    pub clamps_speed: bool,
+    /// What it must know of the robots near.
+    pub senses: Senses,
+    /// Within this radius it must know everybody, m.
+    pub sensing_radius_m: Figure,
+    /// The distance to another robot at which it begins to steer: its symbol, and its value, m.
+    /// Two robots that are nearer do not come to rest. (Remark 1) `None`: it never steers.
+    pub steers_within: Option<(&'static str, Figure)>,
+    /// Above this v_max it brakes more than it helps, m/s.
+    pub speed_cap_m_s: Option<Figure>,
+    /// Its own keys.
+    pub gains: &'static [Gain],
+    /// Whether it would work badly under such conditions.
+    pub advice: fn(&Conditions<'_>) -> Option<Advice>,
+}
+
+/// A number that follows from the conditions.
+pub type Figure = fn(&Conditions<'_>) -> f64;
+
+impl AvoidanceDescription {
+    /// One that senses, limits and promises nothing: a row says what is different.
+    pub const INERT: AvoidanceDescription = AvoidanceDescription {
+        name: "",
+        source: "",
+        promise: Promise::Nothing,
+        clamps_speed: false,
+        senses: Senses::Nothing,
+        sensing_radius_m: |_| 0.0,
+        steers_within: None,
+        speed_cap_m_s: None,
+        gains: &[],
+        advice: |_| None,
+    };
+}
+
+impl PartialEq for AvoidanceDescription {
+    fn eq(&self, other: &AvoidanceDescription) -> bool {
+        self.name == other.name
+    }
+}
+
+impl fmt::Debug for AvoidanceDescription {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("AvoidanceDescription").field("name", &self.name).finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,32 @@
+use agent::brain::{BrainError, Parts};
+use agent::laws::{Law, Situation};
+use agent::roles::FORMATION;
+use agent::{avoidance, flight};
+use formation::Vec2;
+use protocol::brief::AgentBrief;
+
+/// Approaches its place like a spring with an integrator; the gains are its own affair.
+struct Sprung {
+    integral: Vec2,
+}
+
+impl Law for Sprung {
+    fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
+        let e = situation.error.cap_magnitude(0.2);
+        self.integral = (self.integral + situation.period_s * e).cap_magnitude(0.05);
+        -0.8 * e - 0.1 * self.integral
+    }
+}
+
+pub fn parts(brief: &AgentBrief) -> Result<Parts, BrainError> {
+    Ok(Parts {
+        role: FORMATION.make(brief)?,
+        law: Box::new(Sprung { integral: Vec2::zeros() }),
+        avoidance: avoidance::build(brief)?,
+    })
+}
+
+/// What `main` does with `PROGRAM agent BRIEF --incarnation N`; the result is its exit code.
+pub fn agent(brief: &std::path::Path, incarnation: u64) -> u8 {
+    flight::main_with(brief, incarnation, false, parts)
+}

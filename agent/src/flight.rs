@@ -11,7 +11,7 @@ use protocol::brief::{self, AgentBrief, BriefError, Pace};
 use protocol::clock::{self, Timer};
 use protocol::latency::Stage;
 use protocol::message::Odometry;
-use protocol::process::{self, Alarm, Stop};
+use protocol::process::{self, Alarm, Resumed, Stop};
 use protocol::run_root::{self, RunRootError};
 
 use crate::brain::{Brain, Parts};
@@ -205,12 +205,16 @@ impl Agent {
         let mut timer = Timer::new(period_ns, (phase * period_ns as f64) as u64);
         let mut heard_ns = clock::now_ns();
         let mut late_ns = Vec::with_capacity(LATE_MAX);
+        let resumed = Resumed::on_signal()?;
+        let mut lingered = false;
         self.report_if(true, heard_ns)?;
         while !self.stop.requested() {
             let Some(wake) = timer.wait() else { continue };
+            // Whoever was stopped, or was slow on purpose, is not late by the machine's doing.
+            let on_purpose = resumed.take() | std::mem::take(&mut lingered);
             // From its first sample on: before, everybody waits for the last one to start.
             if self.brain.has_flown() {
-                late_ns.push(wake.lateness_ns);
+                late_ns.extend((!on_purpose).then_some(wake.lateness_ns));
             } else {
                 self.ports.connect();
             }
@@ -236,6 +240,7 @@ impl Agent {
                 let used_ns = clock::now_ns();
                 if let Some(answer) = self.brain.answer(&odometry, used_ns) {
                     self.linger(answer.delay_ns);
+                    lingered = answer.delay_ns > 0;
                     let sent_ns = clock::now_ns();
                     self.ports.send(&answer, sent_ns)?;
                     self.measure(taken_ns, used_ns, sent_ns);

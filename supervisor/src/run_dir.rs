@@ -14,7 +14,7 @@ use recording::recorder::{FLUSH_EVERY, Nearest, Recorder, Run, State};
 use serde::Serialize;
 
 use crate::latency::Latency;
-use crate::summary::Summary;
+use crate::summary::{Summary, to_json};
 use experiment::scenario::{Scenario, seconds};
 use metrics::PairDistance;
 
@@ -343,12 +343,6 @@ fn to_csv<T: Serialize>(lines: &[T]) -> Vec<u8> {
         writer.serialize(line).expect("memory takes everything");
     }
     writer.into_inner().expect("memory takes everything")
-}
-
-/// JSON with a final newline.
-pub(crate) fn to_json<T: Serialize>(value: &T) -> String {
-    let text = serde_json::to_string_pretty(value).expect("string keys and plain values only");
-    text + "\n"
 }
 
 /// `runs/<name>-<date>-<time>`, in UTC, with a number behind it if that exists.

@@ -7,7 +7,6 @@ use serde::{Serialize, Serializer};
 
 use crate::latency::{self, StageLatency};
 use crate::outcome::Outcome;
-use crate::run_dir::to_json;
 use crate::usage::Usage;
 use experiment::scenario::Scenario;
 use metrics::Measures;
@@ -96,6 +95,12 @@ fn in_order<V: Serialize, S: Serializer>(
     serializer: S,
 ) -> Result<S::Ok, S::Error> {
     serializer.collect_map(list.iter().map(|(name, value)| (name, value)))
+}
+
+/// JSON with a final newline.
+pub(crate) fn to_json<T: Serialize>(value: &T) -> String {
+    let text = serde_json::to_string_pretty(value).expect("string keys and plain values only");
+    text + "\n"
 }
 
 /// What became of commands at the plant.

@@ -170,15 +170,18 @@ fn what_a_robot_measured_before_it_was_killed_is_kept() {
 }
 
 #[test]
-fn a_frozen_robot_is_late_for_every_deadline_it_slept_through() {
-    let fault = "freeze r2 @1 for 0.5";
-    let ended = run("triangle").set("duration_s=3").set("expect={}").fault(fault).finish();
+fn who_is_frozen_or_slow_on_purpose_is_not_called_late_to_wake() {
+    let ended = run("triangle")
+        .set("duration_s=8")
+        .set("expect={}")
+        .fault("freeze r2 @1 for 3")
+        .fault("slow r3 by 3 @1 for 0.1")
+        .finish();
     ended.exits_with(0).leaves_nothing();
     let lines = is_consistent(&ended);
-    let wake = |column: &str| number(&lines, "wake", "r2", "", column);
-    let (late_ns, period_ns) = (wake("max_ns"), 5e6);
-    ended.claim(late_ns > 3.0 * period_ns, "it overslept");
-    // L + (L - T) + (L - 2 T) + ... is at least L^2 / (2 T).
-    let sum_ns = wake("mean_ns") * wake("count");
-    ended.claim(sum_ns >= late_ns * late_ns / (2.0 * period_ns), "and each deadline counts");
+    for robot in ["r2", "r3"] {
+        let late_ns = number(&lines, "wake", robot, "", "max_ns");
+        ended.claim(late_ns < 2.5e9, format!("{robot}: {late_ns} ns are no machine's doing"));
+    }
+    ended.claim(ended.number("/deadline_misses") >= 600.0, "the periods are missed all the same");
 }

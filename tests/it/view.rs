@@ -239,8 +239,8 @@ fn robots_killed_frozen_and_brought_back_by_hand_count_like_those_of_the_scenari
     for (order, status, reason) in [
         (json!({ "act": "kill", "robot": "r9" }), 404, "no robot \"r9\""),
         (json!({ "act": "explode", "robot": "r1" }), 400, "kill"),
-        (json!({ "act": "restart", "robot": "r1" }), 409, "r1 is flying, expected dead"),
-        (json!({ "act": "thaw", "robot": "r1" }), 409, "r1 is flying, expected frozen"),
+        (json!({ "act": "restart", "robot": "r1" }), 409, "r1 is moving, expected dead"),
+        (json!({ "act": "thaw", "robot": "r1" }), 409, "r1 is moving, expected frozen"),
     ] {
         let (found, said) = page.press(order);
         assert_eq!(found, status, "{said}");
@@ -262,7 +262,7 @@ fn robots_killed_frozen_and_brought_back_by_hand_count_like_those_of_the_scenari
     let (status, reason) = page.press_on("kill", "r2");
     assert_eq!(
         (status, reason.as_str()),
-        (409, "r2 is dead, expected starting or flying or frozen")
+        (409, "r2 is dead, expected starting or moving or frozen")
     );
     assert_eq!(page.press_on("restart", "r2").0, 204);
     events.robot_is(1, "flying");

@@ -7,6 +7,7 @@
 //! |---|---|
 //! | `log` | what is it called, where does its log go, and what is in it? |
 //! | `stop` | was it asked to stop? |
+//! | `resumed` | does it go on after it was stopped? |
 //! | `alarm` | what ends its waits? |
 //! | `priority` | who runs before it, and for how long? |
 //! | `exit` | which exit code says what? |
@@ -15,6 +16,7 @@ mod alarm;
 pub mod exit;
 mod log;
 mod priority;
+mod resumed;
 mod stop;
 
 pub use self::alarm::Alarm;
@@ -23,4 +25,5 @@ pub use self::priority::{
     PriorityError, REALTIME_PRIORITY, REALTIME_RUNTIME, hurry, may_lock_memory, stand_back,
     take_realtime_priority, take_short_turns, try_realtime_priority,
 };
+pub use self::resumed::Resumed;
 pub use self::stop::Stop;

@@ -5,7 +5,7 @@ use protocol::process::exit;
 
 use super::screen::{Output, print};
 use crate::doctor;
-use crate::run_dir::to_json;
+use crate::summary::to_json;
 
 /// Arguments of `phalanx doctor`.
 #[derive(Debug, Args)]

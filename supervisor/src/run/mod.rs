@@ -8,7 +8,8 @@
 //! | `launch` | how does it begin? |
 //! | `services` | over what do the processes speak? |
 //! | `conduct` | how does time pass, and what follows from that? |
-//! | `intake` | what do the plant and the robots say? |
+//! | `intake` | what did the plant and the robots say up to now? |
+//! | `listen` | in which order is that taken in, and who is told? |
 //! | `lives` | where is each robot's process in its life, and what follows on what? |
 //! | `acts` | what is done, when it is due? |
 //! | `by_hand` | what may people do to it meanwhile? |
@@ -26,6 +27,7 @@ mod farewell;
 mod intake;
 mod journal;
 mod launch;
+mod listen;
 pub(crate) mod lives;
 mod load;
 mod processes;

@@ -1,0 +1,90 @@
+//! What the plant and the robots say is taken in, in an order that loses no cause before its effect,
+//! and told to whom it concerns.
+
+use std::time::Instant;
+
+use protocol::message::{NeighborStatus, StatusHeader, TruthHeader, TruthRow};
+
+use super::Run;
+use super::error::RunError;
+use super::intake::News;
+use super::lives::Event;
+use crate::live;
+
+/// The plant may send as fast as they are taken: after so many it is time for reports and deaths.
+const TRUTHS_PER_TURN: usize = 64;
+
+impl Run<'_> {
+    /// Takes in new truths, but not for longer than other news can wait; whether all are taken.
+    pub(super) fn take_truths(&mut self) -> Result<bool, RunError> {
+        for _ in 0..TRUTHS_PER_TURN {
+            let Some(sample) = self.intake.truths.receive()? else { return Ok(true) };
+            let header = *sample.user_header();
+            // All that was said before this truth is known before it.
+            if self.conduct.reports_come_before_truths() {
+                self.take_statuses()?;
+                self.journal.known_before(header.t_ns)?;
+            }
+            self.take_truth(&header, sample.payload())?;
+        }
+        Ok(false)
+    }
+
+    fn take_truth(&mut self, header: &TruthHeader, rows: &[TruthRow]) -> Result<(), RunError> {
+        let now = Instant::now();
+        self.intake.began.get_or_insert(now);
+        self.intake.last_news = now;
+        self.intake.newest = Some(*header);
+        let (journal, alive) = (&mut self.journal, self.lives.alive());
+        journal.metrics.truth(header, rows, alive);
+        let (errors_m, nearest) = (journal.metrics.errors(), journal.metrics.nearest());
+        journal.run_dir.truth(header, rows, errors_m, alive, nearest)?;
+        if let Some(view) = &mut journal.view
+            && (view.wants_frame(now)
+                || view.is_watched() && header.t_ns >= self.scenario.duration_ns)
+        {
+            let (lives, reports) = (&self.lives, &self.intake.reports);
+            let heard = |from: usize, to: usize| reports[to].contact(from);
+            let seat = |robot| lives.seat(robot);
+            view.frame(live::frame(self.scenario, header, rows, errors_m, seat, heard));
+        }
+        self.conduct.took(header);
+        Ok(())
+    }
+
+    /// Takes in what the robots say of themselves.
+    pub(super) fn take_statuses(&mut self) -> Result<(), RunError> {
+        for robot in 0..self.intake.statuses.len() {
+            while let Some(sample) = self.intake.statuses[robot].receive()? {
+                self.take_status(robot, sample.user_header(), sample.payload())?;
+            }
+        }
+        Ok(())
+    }
+
+    fn take_status(
+        &mut self,
+        robot: usize,
+        header: &StatusHeader,
+        neighbors: &[NeighborStatus],
+    ) -> Result<(), RunError> {
+        if header.incarnation != self.lives.incarnation(robot) {
+            return Ok(()); // sent before its death
+        }
+        let news = self.intake.reports[robot].take(header, neighbors);
+        let takes_part = self.conduct.takes_part(header);
+        let t_ns = self.intake.now_ns().max(header.t_ns);
+        self.happens(t_ns, Event::Reported { robot, takes_part })?;
+        for news in news {
+            match news {
+                News::Heard { other, contact, since_ns } => {
+                    self.journal.heard(since_ns, robot, other, contact);
+                }
+                News::FrameHeard { contact, since_ns } => {
+                    self.journal.frame_heard(since_ns, robot, contact);
+                }
+            }
+        }
+        Ok(())
+    }
+}

@@ -14,9 +14,10 @@
 //! | `latency` | what is measured of delays, and how does it get to the supervisor? |
 //! | `number` | how is a number shown to people? |
 //! | `process` | how does a child name itself, log, and stop? |
+//! | `visible` | how is text from anywhere shown on a terminal? |
 //!
 //! Without the feature `ipc` there are only the words: `message`, `brief`, `fault`, `law`,
-//! `avoidance`, `catalog`, `number`; no iceoryx2, no system calls.
+//! `avoidance`, `catalog`, `number`, `visible`; no iceoryx2, no system calls.
 
 pub mod avoidance;
 #[cfg(feature = "ipc")]
@@ -37,3 +38,4 @@ pub mod process;
 pub mod run_root;
 #[cfg(feature = "ipc")]
 pub mod service;
+pub mod visible;

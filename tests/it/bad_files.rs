@@ -29,6 +29,8 @@ fn refused(scenario: &Path) -> String {
     let shown = scenario.display();
     assert_eq!(output.status.code(), Some(3), "{shown}: {stderr}");
     assert!(output.stdout.is_empty(), "{shown}: {}", String::from_utf8_lossy(&output.stdout));
+    let raw = stderr.chars().any(|c| c.is_control() && c != '\n');
+    assert!(!raw, "{shown}: a terminal would obey {stderr:?}");
     stderr
 }
 
@@ -96,6 +98,15 @@ fn a_directory_is_no_scenario() {
 #[test]
 fn a_device_is_no_scenario() {
     refused_in_one_line(Path::new("/dev/zero"), "is not a regular file");
+}
+
+#[test]
+fn a_path_with_control_characters_is_shown_without_them() {
+    refused_in_one_line(Path::new("no\u{1b}[2J.toml"), r"`no\u{1b}[2J.toml` does not exist");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a\u{1b}]0;b\u{7}.toml");
+    std::fs::write(&path, "name = \"a\u{202e}\"\nname = 1\n").unwrap();
+    assert!(refused(&path).contains(r"a\u{1b}]0;b\u{7}.toml:2:1"));
 }
 
 #[test]

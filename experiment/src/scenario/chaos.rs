@@ -6,7 +6,7 @@
 use protocol::fault::draw;
 
 use super::diagnostic::Diagnostic;
-use super::faults::{Lives, Scene};
+use super::lives::Lives;
 use super::table::Value;
 use super::{Fault, FaultKind, seconds};
 
@@ -32,7 +32,7 @@ pub(super) struct Chaos {
 
 impl Chaos {
     /// Reads the table.
-    pub(super) fn read(value: &Value<'_>, scene: &Scene<'_>) -> Result<Chaos, Diagnostic> {
+    pub(super) fn read(value: &Value<'_>, duration_ns: u64) -> Result<Chaos, Diagnostic> {
         let table = value.table(&[
             "mean_time_between_kills_s",
             "restart_after_s",
@@ -52,7 +52,7 @@ impl Chaos {
             between_freezes_s: positive("mean_time_between_freezes_s")?,
             freeze_s: positive("mean_freeze_s")?.unwrap_or(0.5),
             from_ns: instant("from_s", 0)?,
-            until_ns: instant("until_s", scene.duration_ns)?.min(scene.duration_ns),
+            until_ns: instant("until_s", duration_ns)?.min(duration_ns),
         };
         if chaos.between_kills_s.is_none() && chaos.between_freezes_s.is_none() {
             let expected =
@@ -72,8 +72,8 @@ impl Chaos {
     }
 
     /// The faults that the seed draws, each at a robot that is up at that time.
-    pub(super) fn draw(&self, scene: &Scene<'_>, lives: &mut Lives) -> Vec<Fault> {
-        let mut dice = Dice { seed: scene.seed ^ u64::from_le_bytes(*b"in chaos"), drawn: 0 };
+    pub(super) fn draw(&self, seed: u64, lives: &mut Lives) -> Vec<Fault> {
+        let mut dice = Dice { seed: seed ^ u64::from_le_bytes(*b"in chaos"), drawn: 0 };
         let mut times = Vec::new();
         for (mean_s, freezes) in [(self.between_kills_s, false), (self.between_freezes_s, true)] {
             let Some(mean_s) = mean_s else { continue };
@@ -90,8 +90,7 @@ impl Chaos {
         times.truncate(2 * FAULTS_MAX);
         let mut faults = Vec::new();
         for (at_ns, freezes) in times {
-            let up: Vec<usize> =
-                (0..scene.robots.len()).filter(|&robot| !lives.is_down(robot, at_ns)).collect();
+            let up = lives.up(at_ns);
             if up.is_empty() {
                 continue;
             }
@@ -135,7 +134,6 @@ impl Dice {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::examples::row_of_three;
 
     fn chaos() -> Chaos {
         Chaos {
@@ -149,9 +147,7 @@ mod tests {
     }
 
     fn drawn(seed: u64) -> Vec<Fault> {
-        let row = row_of_three();
-        let scene = Scene { robots: &row.robots, graph: &row.graph, duration_ns: u64::MAX, seed };
-        chaos().draw(&scene, &mut Lives::new(3))
+        chaos().draw(seed, &mut Lives::new(3))
     }
 
     #[test]

@@ -1,13 +1,15 @@
 //! How a mistake in a scenario is shown: what is wrong, where, and what was expected instead.
 //!
-//! A diagnostic is data first; [`Diagnostic::render`] makes the text. It never decides whether
-//! the run goes on: the caller does, by [`Severity`].
+//! A diagnostic is data first; [`Diagnostic::render`] makes the text, in which nothing of a file
+//! reaches a terminal raw. It never decides whether the run goes on: the caller does, by
+//! [`Severity`].
 
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
+use annotate_snippets::{Annotation, AnnotationKind, Level, Renderer, Snippet};
+use protocol::visible::{lines, one_line};
 use serde::Serialize;
 
 /// Longest line that is shown as a snippet, bytes; longer ones are no scenario, but noise.
@@ -37,10 +39,59 @@ pub struct Diagnostic {
     pub line: u32,
     /// Column of the offending value in characters, from 1; 0 where there is none.
     pub column: u32,
+    place: Option<Box<Place>>,
+}
+
+/// Where a mistake stands.
+#[derive(Debug, Clone, PartialEq)]
+struct Place {
+    spot: Spot,
+    /// Where that file is named in another one.
+    imported_by: Option<Spot>,
+    /// What else a reader must know about it.
+    note: Option<&'static str>,
+}
+
+/// A place in a file.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Spot {
+    /// As it is shown.
     file: Arc<str>,
     text: Arc<str>,
+    /// First and last byte.
     span: [u32; 2],
-    note: Option<&'static str>,
+    line: u32,
+    column: u32,
+}
+
+impl Spot {
+    /// The line on which it begins, with `mark` at the place; `None` if that is too long to show.
+    /// One line is enough to point at: a value over several lines is underlined on its first.
+    fn snippet<'s>(
+        &'s self,
+        mark: impl FnOnce(Range<usize>) -> Annotation<'s>,
+    ) -> Option<Snippet<'s, Annotation<'s>>> {
+        let [start, end] = self.span.map(|at| at as usize);
+        let line_start = self.text[..start].rfind('\n').map_or(0, |at| at + 1);
+        let line_end = self.text[start..].find('\n').map_or(self.text.len(), |at| start + at);
+        if line_end - line_start > SNIPPET_LINE_BYTES_MAX {
+            return None;
+        }
+        let end = end.min(line_end);
+        let mut line = lines(&self.text[line_start..start]).into_owned();
+        let marked_from = line.len();
+        line += &lines(&self.text[start..end]);
+        let marked = marked_from..line.len();
+        line += &lines(self.text[end..line_end].trim_end_matches('\r'));
+        let snippet = Snippet::source(line).line_start(self.line as usize);
+        Some(snippet.path(self.file.as_ref()).annotation(mark(marked)))
+    }
+}
+
+impl std::fmt::Display for Spot {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}:{}:{}", self.file, self.line, self.column)
+    }
 }
 
 impl Diagnostic {
@@ -52,61 +103,44 @@ impl Diagnostic {
             expected: expected.into(),
             line: 0,
             column: 0,
-            file: "".into(),
-            text: "".into(),
-            span: [0, 0],
-            note: None,
+            place: None,
         }
     }
 
     /// The text shown to people, without a newline at its end. `color`: with ANSI escapes.
     pub fn render(&self, color: bool) -> String {
-        let level = match self.severity {
-            Severity::Error => Level::ERROR,
-            Severity::Warning => Level::WARNING,
+        let (level, word) = match self.severity {
+            Severity::Error => (Level::ERROR, "error"),
+            Severity::Warning => (Level::WARNING, "warning"),
         };
-        if self.line == 0 {
-            let word = match self.severity {
-                Severity::Error => "error",
-                Severity::Warning => "warning",
-            };
-            return format!("{word}: {}; {}", one_line(&self.message), one_line(&self.expected));
-        }
-        let message = one_line(&self.message);
-        let expected = one_line(&self.expected);
-        let [start, end] = self.span.map(|at| at as usize);
-        let line_start = self.text[..start].rfind('\n').map_or(0, |at| at + 1);
-        let line_end = self.text[start..].find('\n').map_or(self.text.len(), |at| start + at);
-        if line_end - line_start > SNIPPET_LINE_BYTES_MAX {
+        let (message, expected) = (one_line(&self.message), one_line(&self.expected));
+        let Some(place) = &self.place else {
+            return format!("{word}: {message}; {expected}");
+        };
+        let Place { spot, imported_by, note } = place.as_ref();
+        let here = |span| AnnotationKind::Primary.span(span).label(expected.as_ref());
+        let Some(snippet) = spot.snippet(here) else {
+            let imported = imported_by.iter().map(|spot| format!("\n ::: {spot}: imported here"));
             return format!(
-                "error: {message}; {expected}\n --> {}:{}:{}",
-                self.file, self.line, self.column
+                "{word}: {message}; {expected}\n --> {spot}{}",
+                imported.collect::<String>()
             );
+        };
+        let mut group = level.primary_title(message.as_ref()).element(snippet);
+        if let Some(importer) = imported_by {
+            let there = |span| AnnotationKind::Context.span(span).label("imported here");
+            group = match importer.snippet(there) {
+                Some(snippet) => group.element(snippet),
+                None => group.element(Level::NOTE.message(format!("imported by {importer}"))),
+            };
         }
-        // One line is enough to point at: a value over several lines is underlined on its first.
-        let snippet = Snippet::source(&self.text[line_start..line_end])
-            .line_start(self.line as usize)
-            .path(self.file.as_ref())
-            .annotation(
-                AnnotationKind::Primary
-                    .span(start - line_start..end.min(line_end) - line_start)
-                    .label(expected.as_str()),
-            );
-        let mut group = level.primary_title(message.as_str()).element(snippet);
-        if let Some(note) = self.note {
-            group = group.element(Level::NOTE.message(note));
+        if let Some(note) = note {
+            group = group.element(Level::NOTE.message(*note));
         }
         let renderer = if color { Renderer::styled() } else { Renderer::plain() };
         let rendered = renderer.render(&[group]);
         rendered.lines().map(str::trim_end).collect::<Vec<_>>().join("\n")
     }
-}
-
-/// Control characters written out, so that a message stays on its line.
-fn one_line(text: &str) -> String {
-    text.chars()
-        .flat_map(|c| if c.is_control() { c.escape_default().collect() } else { vec![c] })
-        .collect()
 }
 
 /// The text that places refer to, and under which name it is shown.
@@ -115,6 +149,7 @@ pub(crate) struct Source {
     file: Arc<str>,
     text: Arc<str>,
     note: Option<&'static str>,
+    imported_by: Option<Spot>,
     parts: Option<Box<Parts>>,
 }
 
@@ -140,13 +175,19 @@ impl Source {
     /// `edited`: the text is not the file's own, because arguments changed it.
     pub(crate) fn new(file: &Path, text: &str, edited: bool) -> Source {
         Source {
-            file: file.display().to_string().into(),
+            file: one_line(&file.display().to_string()).into(),
             text: text.into(),
+            imported_by: None,
             note: edited.then_some(
                 "--set, --fault and --seed are applied: lines are those of the resulting file",
             ),
             parts: None,
         }
+    }
+
+    /// The same text, which another file names at that place.
+    pub(crate) fn imported_by(self, importer: Spot) -> Source {
+        Source { imported_by: Some(importer), ..self }
     }
 
     /// A text put together from the scenario and a graph; its mistakes are shown in these.
@@ -183,21 +224,34 @@ impl Source {
                 (_, Origin::Graph(origin)) => return parts.graph.error(origin, message, expected),
             }
         }
+        let spot = self.spot(span);
+        Diagnostic {
+            severity: Severity::Error,
+            message: message.into(),
+            expected: expected.into(),
+            line: spot.line,
+            column: spot.column,
+            place: Some(Box::new(Place {
+                spot,
+                imported_by: self.imported_by.clone(),
+                note: self.note,
+            })),
+        }
+    }
+
+    /// That range of bytes of the text.
+    pub(crate) fn spot(&self, span: &Range<usize>) -> Spot {
         let start = self.boundary(span.start);
         let end = self.boundary(span.end.max(start));
         let before = &self.text[..start];
         let line_start = before.rfind('\n').map_or(0, |at| at + 1);
         let small = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
-        Diagnostic {
-            severity: Severity::Error,
-            message: message.into(),
-            expected: expected.into(),
-            line: small(before.matches('\n').count() + 1),
-            column: small(before[line_start..].chars().count() + 1),
+        Spot {
             file: Arc::clone(&self.file),
             text: Arc::clone(&self.text),
             span: [small(start), small(end)],
-            note: self.note,
+            line: small(before.matches('\n').count() + 1),
+            column: small(before[line_start..].chars().count() + 1),
         }
     }
 
@@ -249,6 +303,8 @@ fn edits(a: &str, b: &str) -> usize {
 
 #[cfg(test)]
 mod tests {
+    use protocol::visible::is_hidden;
+
     use super::*;
 
     #[test]
@@ -272,9 +328,51 @@ error: `period_s` is -1
         for start in 0..text.len() + 3 {
             for end in 0..text.len() + 3 {
                 let source = Source::new(Path::new("t"), text, true);
-                assert!(!source.error(&(start..end), "m", "e").render(false).is_empty());
+                let shown = source.error(&(start..end), "m", "e").render(false);
+                assert!(!shown.is_empty() && !shown.contains('\u{1b}'), "{shown:?}");
             }
         }
+    }
+
+    #[test]
+    fn nothing_of_a_file_reaches_a_terminal_raw() {
+        let text = "name = \"\u{1b}[2J\u{9b}\u{202e}\"\n";
+        let importer = Source::new(Path::new("\u{7}.toml"), text, false).spot(&(0..4));
+        for path in ["\u{1b}]0;x\u{7}.toml", "b\nc\u{202e}.toml"] {
+            for text in [text, &format!("{text} # {}", "\u{1b}".repeat(2 * SNIPPET_LINE_BYTES_MAX))]
+            {
+                let source =
+                    Source::new(Path::new(path), text, false).imported_by(importer.clone());
+                for diagnostic in [
+                    source.error(&(7..12), format!("`name` is {text}"), text),
+                    Diagnostic::plain(format!("`{path}` is {text}"), text),
+                ] {
+                    let shown = diagnostic.render(false);
+                    let raw = |c| is_hidden(c) && c != '\n';
+                    assert!(!shown.contains(raw) && shown.lines().count() < 12, "{shown:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_mistake_in_an_imported_file_names_the_file_that_imports_it() {
+        let importer = Source::new(Path::new("a.toml"), "\ngraph = \"b.csv\"\n", false);
+        let importer = importer.spot(&(9..16));
+        let source = Source::new(Path::new("b.csv"), "0,x\n", false).imported_by(importer);
+        let expected = "\
+error: `x` is no number
+ --> b.csv:1:3
+  |
+1 | 0,x
+  |   ^ expected 0 or 1
+  |
+ ::: a.toml:2:9
+  |
+2 | graph = \"b.csv\"
+  |         ------- imported here";
+        let error = source.error(&(2..3), "`x` is no number", "expected 0 or 1");
+        assert_eq!(error.render(false), expected);
     }
 
     #[test]

@@ -13,6 +13,7 @@
 //! | `fault` | what breaks when, and how is that written on the command line? |
 //! | `restart` | does a robot come back after a death that nobody planned? |
 //! | `chaos` | which faults does a seed draw? |
+//! | `lives` | who is alive when a fault is to happen? |
 
 mod chaos;
 pub mod diagnostic;
@@ -23,6 +24,7 @@ mod file;
 mod graph;
 mod import;
 mod lead;
+mod lives;
 mod overrides;
 pub mod read;
 mod restart;

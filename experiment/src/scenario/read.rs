@@ -14,6 +14,7 @@ use protocol::avoidance::AvoidanceDescription;
 use protocol::brief::{AvoidanceBrief, PublishedVelocity, SilenceBrief, SilencePolicy};
 use protocol::catalog::Catalog;
 use protocol::fault::SensorFaultKind;
+use protocol::visible::is_hidden;
 use toml::Spanned;
 use toml::de::DeTable;
 use toml_edit::DocumentMut;
@@ -179,6 +180,11 @@ fn scenario(
     let name_text = name.text("expected a string")?;
     if name_text.trim().is_empty() {
         return Err(name.wrong("is empty", "expected a short name, such as \"triangle\""));
+    }
+    if name_text.contains(is_hidden) {
+        return Err(
+            name.wrong(format!("is \"{name_text}\""), "expected a name without control characters")
+        );
     }
     if let Some(description) = root.get("description") {
         description.text("expected a string")?;

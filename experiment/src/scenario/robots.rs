@@ -14,6 +14,9 @@ use super::{RestartPolicy, RestartWhen, Robot, seconds};
 /// Most robots in one scenario: each is a process.
 const ROBOTS_MAX: usize = 256;
 
+/// Processes and rows of a run that are no robots: their logs and files bear these names.
+const RESERVED: &[&str] = &["awake", "load", "machine", "plant", "supervisor"];
+
 /// Keys of one robot alone, beside its name.
 const OWN_KEYS: &[&str] = &["pose", "place_m", "hears"];
 /// Keys that `[robot_defaults]` may have too, beside gains.
@@ -206,10 +209,10 @@ fn robot_name<'t>(value: &Value<'t>) -> Result<&'t str, Diagnostic> {
     if !sound {
         return Err(value.wrong(format!("is \"{name}\""), expected));
     }
-    if name == "plant" || name == "supervisor" {
+    if RESERVED.contains(&name) {
         return Err(value.wrong(
-            format!("is \"{name}\", which is a process of every run already"),
-            "expected another name",
+            format!("is \"{name}\", which is the name of another part of a run"),
+            format!("expected another name, none of {}", RESERVED.join(", ")),
         ));
     }
     Ok(name)

@@ -5,7 +5,7 @@ use protocol::catalog::Catalog;
 use protocol::process::exit;
 
 use super::scenario::ScenarioArgs;
-use super::screen::{Output, print};
+use super::screen::{Output, print, print_as};
 use experiment::check::{self, Theory};
 use experiment::drawing::{Drawing, drawn};
 
@@ -47,8 +47,11 @@ pub(super) fn check(args: &CheckArgs, catalog: &Catalog) -> u8 {
         return print(&drawn(&scenario, drawing.into()));
     }
     let theory = Theory::of(&scenario);
-    print(&match args.output {
-        Output::Text => check::report(&scenario, &theory),
-        Output::Json => theory.to_json(),
-    })
+    print_as(
+        args.output,
+        &match args.output {
+            Output::Text => check::report(&scenario, &theory),
+            Output::Json => theory.to_json(),
+        },
+    )
 }

@@ -3,7 +3,7 @@
 use clap::Args;
 use protocol::process::exit;
 
-use super::screen::{Output, print};
+use super::screen::{Output, print_as};
 use crate::doctor;
 use crate::summary::to_json;
 
@@ -20,9 +20,12 @@ pub struct DoctorArgs {
 
 pub(super) fn doctor(args: &DoctorArgs) -> u8 {
     let findings = doctor::examine(args.robots as usize);
-    let printed = print(&match args.output {
-        Output::Text => doctor::screen(&findings),
-        Output::Json => to_json(&findings),
-    });
+    let printed = print_as(
+        args.output,
+        &match args.output {
+            Output::Text => doctor::screen(&findings),
+            Output::Json => to_json(&findings),
+        },
+    );
     if doctor::is_wrong(&findings) { exit::INFRASTRUCTURE } else { printed }
 }

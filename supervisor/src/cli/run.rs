@@ -11,7 +11,7 @@ use protocol::process::{Stop, exit, try_realtime_priority};
 use view::{Bound, ViewError};
 
 use super::scenario::ScenarioArgs;
-use super::screen::{Output, complain, print, progress, show_progress, tell};
+use super::screen::{Output, complain, print, print_as, progress, show_progress, tell};
 use crate::live;
 use crate::outcome::Outcome;
 use crate::report;
@@ -128,7 +128,7 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher) -> 
                     summary::screen(&flown.summary).trim_end(),
                     out.display()
                 )),
-                Output::Json => print(&flown.summary.to_json()),
+                Output::Json => print_as(Output::Json, &flown.summary.to_json()),
             };
             if flown.exit == exit::OK { printed } else { flown.exit }
         }

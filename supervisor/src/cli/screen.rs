@@ -1,6 +1,7 @@
 //! The terminal: results on stdout; complaints, diagnostics, the log and the progress bar on stderr.
 //!
-//! Nothing else in the command line writes to either.
+//! Nothing else in the command line writes to either. Text of files and of other processes never
+//! commands the terminal: its control characters are written out.
 
 use std::fmt::Display;
 use std::io::{self, IsTerminal, Write};
@@ -9,6 +10,7 @@ use std::sync::OnceLock;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
 use protocol::process::{Stderr, exit, log_level};
+use protocol::visible;
 
 use experiment::scenario::diagnostic::Diagnostic;
 
@@ -34,8 +36,12 @@ pub(super) fn log_to_stderr() {
         .init();
 }
 
-/// Prints a result; a closed pipe is the reader's choice, not an error.
-pub(super) fn print(text: &str) -> u8 {
+/// Prints a result in this form; a closed pipe is the reader's choice, not an error.
+pub(super) fn print_as(output: Output, text: &str) -> u8 {
+    let text = match output {
+        Output::Text => visible::lines(text),
+        Output::Json => visible::json(text),
+    };
     match io::stdout().write_all(text.as_bytes()).and_then(|()| io::stdout().flush()) {
         Ok(()) => exit::OK,
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => exit::OK,
@@ -43,9 +49,14 @@ pub(super) fn print(text: &str) -> u8 {
     }
 }
 
+/// Prints a result for people.
+pub(super) fn print(text: &str) -> u8 {
+    print_as(Output::Text, text)
+}
+
 /// Says what went wrong, as one line.
 pub(super) fn complain(error: &dyn Display) -> u8 {
-    let _ = writeln!(Stderr, "error: {error}");
+    let _ = writeln!(Stderr, "error: {}", visible::lines(&error.to_string()));
     exit::INFRASTRUCTURE
 }
 
@@ -56,7 +67,7 @@ pub(super) fn show(diagnostic: &Diagnostic) {
 
 /// Says something that is neither result nor complaint.
 pub(super) fn tell(line: &str) {
-    let _ = writeln!(Stderr, "{line}");
+    let _ = writeln!(Stderr, "{}", visible::lines(line));
 }
 
 /// The progress bar of the run at hand.

@@ -44,6 +44,7 @@ pub(in crate::scenario) fn splice(
     })?;
     let graph_text = graph_text.strip_prefix('\u{feff}').unwrap_or(&graph_text);
     let graph = Source::new(&file, graph_text, false);
+    let graph = graph.imported_by(document.source.spot(&value.span()));
     let network = network(&file, &graph, graph_text, robot_keys)
         .unwrap_or_else(|| Err(value.wrong(format!("is \"{name}\""), expected)))?;
     let warnings = network.warnings(&graph);

@@ -1,0 +1,93 @@
+//! Who is alive, and moving, when a fault is to happen. It knows no file.
+
+use super::{Fault, FaultKind, seconds};
+
+/// Which robots live, and go on, at the time of the newest fault taken.
+pub(super) struct Lives {
+    /// For each robot: when it is up again after its latest kill, ns; `None` for never.
+    dead_until: Vec<Option<u64>>,
+    /// For each robot: when its latest freeze ends, ns.
+    frozen_until: Vec<u64>,
+}
+
+/// Why a fault cannot happen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Impossible {
+    /// Dead at that time, and until that.
+    Dead { robot: usize, until_ns: Option<u64> },
+    /// Frozen at that time, and until that.
+    Frozen { robot: usize, until_ns: u64 },
+}
+
+impl Impossible {
+    /// What is in the way, and what was expected instead.
+    pub(super) fn in_words<'n>(self, name: impl Fn(usize) -> &'n str) -> (String, String) {
+        match self {
+            Impossible::Dead { robot, until_ns: Some(until_ns) } => (
+                format!("{} is dead already", name(robot)),
+                format!(
+                    "expected more than {} s, when {} is started again",
+                    seconds(until_ns),
+                    name(robot)
+                ),
+            ),
+            Impossible::Dead { robot, until_ns: None } => (
+                format!("{} is dead already", name(robot)),
+                format!(
+                    "expected `restart_after_s` in the kill of {} before this one",
+                    name(robot)
+                ),
+            ),
+            Impossible::Frozen { robot, until_ns } => (
+                format!("{} is frozen already", name(robot)),
+                format!("expected at least {} s, when {} goes on", seconds(until_ns), name(robot)),
+            ),
+        }
+    }
+}
+
+impl Lives {
+    pub(super) fn new(robots: usize) -> Lives {
+        Lives { dead_until: vec![Some(0); robots], frozen_until: vec![0; robots] }
+    }
+
+    /// The robots that are neither dead nor frozen at that time.
+    pub(super) fn up(&self, at_ns: u64) -> Vec<usize> {
+        (0..self.frozen_until.len()).filter(|&robot| !self.is_down(robot, at_ns)).collect()
+    }
+
+    /// Whether this robot is dead or frozen at that time.
+    fn is_down(&self, robot: usize, at_ns: u64) -> bool {
+        self.dead(robot, at_ns) || self.frozen_until[robot] > at_ns
+    }
+
+    fn dead(&self, robot: usize, at_ns: u64) -> bool {
+        self.dead_until[robot].is_none_or(|until_ns| until_ns >= at_ns && until_ns > 0)
+    }
+
+    /// Lets a fault happen, no earlier than those taken before.
+    pub(super) fn take(&mut self, fault: &Fault) -> Result<(), Impossible> {
+        let at_ns = fault.at_ns;
+        match fault.kind {
+            FaultKind::Kill { robot, restart_after_ns } => {
+                if self.dead(robot, at_ns) {
+                    return Err(Impossible::Dead { robot, until_ns: self.dead_until[robot] });
+                }
+                self.dead_until[robot] = restart_after_ns.map(|after_ns| at_ns + after_ns);
+                self.frozen_until[robot] = 0;
+            }
+            FaultKind::Freeze { robot } => {
+                if self.dead(robot, at_ns) {
+                    return Err(Impossible::Dead { robot, until_ns: self.dead_until[robot] });
+                }
+                let until_ns = self.frozen_until[robot];
+                if until_ns > at_ns {
+                    return Err(Impossible::Frozen { robot, until_ns });
+                }
+                self.frozen_until[robot] = fault.until_ns().unwrap_or(u64::MAX);
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}

@@ -39,8 +39,8 @@ function unpack({ count, data }, scene) {
   const time = column(1e3);
   const distance = column(1e6);
   const robots = scene.robots.map(() => [column(1e3), column(1e3), column(1e3), column(1e4)]);
-  const states = scene.robots.map(() => runs(["flying", "frozen", "dead", "starting"]));
-  const edges = scene.edges.map(() => runs(["fresh", "stale", "lost"]));
+  const states = scene.robots.map(() => runs(["moving", "frozen", "dead", "starting"]));
+  const edges = scene.edges.map(() => runs(["fresh", "stale", "lost", "cut", "dead"]));
   return time.map((t_s, i) => ({
     t_s: t_s ?? 0,
     distance_m: distance[i],
@@ -134,6 +134,12 @@ const seconds = (value) => `${value.toFixed(2)} s`;
 const px = (value) => Math.round(value * 10) / 10;
 const line = (points) => "M" + points.map(([x, y]) => `${px(x)} ${px(y)}`).join("L");
 
+/** By place, the classes that give robots their colors: one for each role, but in formation each has its own. */
+function looks(scene) {
+  let formed = 0;
+  return scene.robots.map(({ role }) => (role === "formation" ? `formation c${formed++ % 5}` : role));
+}
+
 /** Robots, edges and hull in the plane, and the list beside it. */
 class Picture {
   constructor(root, scene) {
@@ -153,14 +159,15 @@ class Picture {
     const { scene, canvas, root } = this;
     this.grid = svg(canvas, "g", { class: "grid" });
     this.area = svg(canvas, "path", { class: "hull" });
-    this.trails = scene.robots.map((robot) => svg(canvas, "path", { class: `trail ${robot.role}` }));
+    const look = looks(scene);
+    this.trails = look.map((look) => svg(canvas, "path", { class: `trail ${look}` }));
     this.arrows = scene.edges.map(() => {
       const group = svg(canvas, "g", { class: "edge" });
-      return { group, line: svg(group, "path", { class: "line" }), head: svg(group, "path", { class: "head" }) };
+      return { group, line: svg(group, "path", { class: "line" }), head: svg(group, "path", { class: "head" }), cut: svg(group, "path", { class: "cut" }) };
     });
     const rows = root.querySelector(".robots tbody");
     this.robots = scene.robots.map((robot, i) => {
-      const group = svg(canvas, "g", { class: `robot ${robot.role}` });
+      const group = svg(canvas, "g", { class: `robot ${look[i]}` });
       group.dataset.robot = robot.name;
       const title = svg(group, "title");
       const reach = svg(group, "circle", { class: "reach" });
@@ -178,7 +185,7 @@ class Picture {
       pick.title = `${robot.name}, ${robot.role}`;
       pick.setAttribute("aria-pressed", "false");
       pick.addEventListener("click", () => this.select(i));
-      html(pick, "i", `swatch ${robot.role}`);
+      html(pick, "i", `swatch ${look[i]}`);
       html(pick, "span", "", robot.name);
       const cells = [html(row, "td", "state"), html(row, "td", "error")];
       return { group, title, reach, body, mark, name, row, pick, cells };
@@ -410,7 +417,7 @@ class Picture {
 
   drawEdges() {
     if (this.root.classList.contains("no-edges")) return;
-    this.arrows.forEach(({ group, line: shaft, head }, i) => {
+    this.arrows.forEach(({ group, line: shaft, head, cut }, i) => {
       const { from, to } = this.scene.edges[i];
       const [p, q] = [this.points[from], this.points[to]];
       const apart = p && q ? Math.hypot(q[0] - p[0], q[1] - p[1]) : 0;
@@ -425,6 +432,8 @@ class Picture {
       const tip = apart - room;
       shaft.setAttribute("d", line([on(room, 0), on(tip - size, 0)]));
       head.setAttribute("d", line([on(tip, 0), on(tip - size, size / 2), on(tip - size, -size / 2)]) + "Z");
+      const middle = (room + tip - size) / 2;
+      cut.setAttribute("d", line([on(middle - 4, 5), on(middle, -5)]) + line([on(middle, 5), on(middle + 4, -5)]));
     });
   }
 
@@ -632,7 +641,7 @@ function replay(root, scene, picture) {
 }
 
 function live(root, scene, picture, control) {
-  const [lamp, dropped, answer, log] = [".lamp", ".dropped", ".answer", ".log"].map((selector) => root.querySelector(selector));
+  const [lamp, dropped, answer, log, end] = [".lamp", ".dropped", ".answer", ".log", ".end"].map((selector) => root.querySelector(selector));
   const track = new Track(root, scene, scene.duration_s ?? 60);
   for (const fault of scene.faults) track.mark(fault.t_s, fault.until_s, fault.what);
   let [frames, waiting, drawn, heard, lost, lostAt, landed] = [[], false, 0, 0, 0, -Infinity, false];
@@ -691,7 +700,7 @@ function live(root, scene, picture, control) {
       kill.hidden = freeze.hidden = state === "dead";
       restart.hidden = !kill.hidden;
       kill.disabled = restart.disabled = landed;
-      freeze.disabled = landed || (state !== "flying" && state !== "frozen");
+      freeze.disabled = landed || (state !== "moving" && state !== "frozen");
     };
   }
 
@@ -760,7 +769,8 @@ function live(root, scene, picture, control) {
       const { exit, text } = JSON.parse(event.data);
       landed = true;
       source.close();
-      link("landed", `landed, exit code ${exit}: ${text}`);
+      link("landed", `the run has ended, exit code ${exit}`);
+      say(end, text);
       for (const element of root.querySelectorAll(".acts button")) element.disabled = true;
       if (frames.length) requestAnimationFrame(draw);
     });

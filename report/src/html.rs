@@ -1,4 +1,4 @@
-//! The page of a finished run: one file that needs no other and asks nobody for anything.
+//! The page of a finished run: one file that needs no other and makes no request.
 
 use std::fmt::Write as _;
 
@@ -77,7 +77,9 @@ fn head(run: &Run) -> String {
         asked(run.scene.duration_s)
     );
     let (class, verdict) = match &run.outcome {
-        None => ("missed", "cut short: the run was never summed up; what was recorded is shown"),
+        None => {
+            ("missed", "cut short: the run ended without a summary; what was recorded is shown")
+        }
         Some(outcome) if outcome.interrupted => ("missed", "interrupted"),
         Some(outcome) if outcome.exit == 4 => ("missed", "ended early"),
         Some(outcome) if outcome.expectations.is_empty() => (
@@ -164,7 +166,7 @@ fn expectations(expectations: &[Expectation]) -> String {
             Cell::Verdict(verdict),
         ]
     });
-    table(&["Expected", "#Came", "#Asked", "Verdict"], rows)
+    table(&["Expected", "#Measured", "#Required", "Verdict"], rows)
 }
 
 fn faults(faults: &[Fault]) -> String {
@@ -192,8 +194,8 @@ fn faults(faults: &[Fault]) -> String {
         "#Peak error, m",
         "#Least distance, m",
         "#Recovered after, s",
-        "Breaks, by theory",
-        "Seen to break",
+        "Predicted to break",
+        "Observed to break",
     ];
     table(&heads, rows)
 }
@@ -257,7 +259,7 @@ fn latency(outcome: &Outcome) -> String {
         return worst;
     }
     format!(
-        "<p>Of each stage the robot or edge that fares worst.</p>\n{worst}<details>\n\
+        "<p>For each stage, the robot or edge with the largest p99.9.</p>\n{worst}<details>\n\
          <summary>All {} robots, edges and stages</summary>\n{}</details>\n",
         outcome.latency.len(),
         table(&heads, outcome.latency.iter().map(row))

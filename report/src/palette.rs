@@ -78,12 +78,16 @@ pub fn dash(place: usize) -> Dash {
     DASHES[place % DASHES.len()]
 }
 
-/// The color of a role, by its word in a scene.
-pub fn of_role(role: &str) -> RGBColor {
+/// The colors of robots in formation, in turns: none is that of the main leader, faults or the dead.
+pub const FORMATION: [RGBColor; 5] = [BLUE, PURPLE, GREEN, BLACK, ORANGE];
+
+/// The color of the `nth` robot of a role, by the role's word in a scene: one for each role, but
+/// robots in formation are told apart.
+pub fn of_robot(role: &str, nth: usize) -> RGBColor {
     match role {
         "main-leader" => VERMILION,
         "leader" => ORANGE,
         "contained" => GREEN,
-        _ => BLUE,
+        _ => FORMATION[nth % FORMATION.len()],
     }
 }

@@ -6,7 +6,7 @@ use formation::hull::{convex_hull, hull_distance};
 use formation::pose::Pose;
 
 use crate::outcome::Outcome;
-use crate::scene::{EdgeState, Frame, FrameRobot, RobotState, Scene};
+use crate::scene::{EdgeState, Frame, FrameRobot, RobotState, Scene, SceneEdge};
 
 /// The replay has this many instants per second of run time, and no more of one robot in all than
 /// the second number: what is longer is replayed at a lower rate.
@@ -162,8 +162,8 @@ impl Run {
         let seconds = self.end_s().max(1e-9);
         let most_hz = FRAME_ROBOTS_MAX / robots.max(1) as f64 / seconds;
         let step_s = 1.0 / FRAMES_HZ.min(most_hz);
-        let mut states = vec![RobotState::Flying; robots];
-        let mut edges = vec![EdgeState::Fresh; self.scene.edges.len()];
+        let mut states = vec![RobotState::Moving; robots];
+        let mut heard = vec![EdgeState::Fresh; self.scene.edges.len()];
         let mut changes = self.changes.iter().peekable();
         let mut frames = Vec::new();
         let mut due_s = f64::NEG_INFINITY;
@@ -177,17 +177,26 @@ impl Run {
             while let Some(change) = changes.next_if(|change| change.t_s <= t_s) {
                 match change.to {
                     ChangedTo::Robot(robot, state) => states[robot] = state,
-                    ChangedTo::Edge(edge, state) => edges[edge] = state,
+                    ChangedTo::Edge(edge, state) => heard[edge] = state,
                 }
             }
             let robot = |robot: usize| {
                 let Sample { x_m, y_m, heading_rad, error_m, .. } = self.tracks[robot][instant];
                 FrameRobot { x_m, y_m, heading_rad, error_m, state: states[robot] }
             };
+            let cut = |edge: usize| {
+                let mut faults = self.scene.faults.iter().filter(|fault| fault.cuts == Some(edge));
+                faults.any(|fault| {
+                    fault.t_s <= t_s && fault.until_s.is_none_or(|until_s| t_s < until_s)
+                })
+            };
+            let edge = |(place, edge): (usize, &SceneEdge)| {
+                heard[place].of([states[edge.from], states[edge.to]], cut(place))
+            };
             frames.push(Frame {
                 t_s,
                 robots: (0..robots).map(robot).collect(),
-                edges: edges.clone(),
+                edges: self.scene.edges.iter().enumerate().map(edge).collect(),
                 distance_m: self.nearest(instant),
             });
         }

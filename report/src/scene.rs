@@ -24,6 +24,14 @@ pub struct Scene {
     pub faults: Vec<SceneFault>,
 }
 
+impl Scene {
+    /// How many robots of the same role come before this one.
+    pub fn nth_of_role(&self, robot: usize) -> usize {
+        let role = &self.robots[robot].role;
+        self.robots[..robot].iter().filter(|other| other.role == *role).count()
+    }
+}
+
 /// One robot.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SceneRobot {
@@ -55,8 +63,8 @@ pub struct SceneFault {
     pub what: String,
     /// Robots that it strikes.
     pub robots: Vec<usize>,
-    /// Place of the edge that it strikes.
-    pub edge: Option<usize>,
+    /// Place of the edge that it cuts: while it lasts, nothing gets over it.
+    pub cuts: Option<usize>,
 }
 
 /// One instant.
@@ -91,9 +99,9 @@ pub struct FrameRobot {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RobotState {
-    /// It flies.
+    /// It computes and commands.
     #[default]
-    Flying,
+    Moving,
     /// It was stopped by SIGSTOP.
     Frozen,
     /// It is dead, and no replacement is on its way.
@@ -102,7 +110,7 @@ pub enum RobotState {
     Starting,
 }
 
-/// How an edge is heard.
+/// What gets over an edge.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum EdgeState {
@@ -113,4 +121,45 @@ pub enum EdgeState {
     Stale,
     /// Not counted on any more.
     Lost,
+    /// A fault cuts it: nothing gets over it.
+    Cut,
+    /// A robot at one of its ends is dead.
+    Dead,
+}
+
+impl EdgeState {
+    /// The state of an edge from a robot in one state to a robot in another, as that one hears it.
+    pub fn of(self, [from, to]: [RobotState; 2], cut: bool) -> EdgeState {
+        match (from, to) {
+            (RobotState::Dead, _) | (_, RobotState::Dead) => EdgeState::Dead,
+            _ if cut => EdgeState::Cut,
+            // Whoever does not move hears nobody.
+            (_, RobotState::Frozen | RobotState::Starting) => EdgeState::Lost,
+            _ => self,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_edge_at_the_dead_is_dead_and_one_that_is_cut_is_cut_whatever_was_heard_last() {
+        use RobotState::{Dead, Frozen, Moving, Starting};
+        for heard in [EdgeState::Fresh, EdgeState::Stale, EdgeState::Lost] {
+            for (ends, cut, state) in [
+                ([Moving, Moving], false, heard),
+                ([Frozen, Moving], false, heard),
+                ([Moving, Frozen], false, EdgeState::Lost),
+                ([Moving, Starting], false, EdgeState::Lost),
+                ([Moving, Moving], true, EdgeState::Cut),
+                ([Dead, Moving], false, EdgeState::Dead),
+                ([Moving, Dead], false, EdgeState::Dead),
+                ([Moving, Dead], true, EdgeState::Dead),
+            ] {
+                assert_eq!(heard.of(ends, cut), state, "{heard:?} {ends:?} {cut}");
+            }
+        }
+    }
 }

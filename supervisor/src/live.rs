@@ -1,6 +1,7 @@
 //! What the live view shows of a run: the picture, one instant of it, and how late it all is.
 
 use formation::front_point::front_point;
+use formation::graph::Edge;
 use protocol::brief::Pace;
 use protocol::law::Role;
 use protocol::message::{Contact, TruthHeader, TruthRow};
@@ -11,7 +12,7 @@ use view::{Happened, StageNow};
 
 use crate::latency::Latency;
 use crate::run::lives::Seat;
-use experiment::scenario::{FaultKind, Scenario, seconds};
+use experiment::scenario::{FaultKind, Scenario, Silenced, seconds};
 
 /// What does not change during the run.
 pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
@@ -36,16 +37,13 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
             }
             _ => fault.until_ns(),
         };
-        let edge = match fault.kind {
-            FaultKind::Link { edge, .. } => Some(edge),
-            _ => None,
-        };
+        let is_link = matches!(fault.kind, FaultKind::Link { .. });
         SceneFault {
             t_s: seconds(fault.at_ns),
             until_s: until_ns.map(seconds),
             what,
-            robots: struck.robot.filter(|_| edge.is_none()).into_iter().collect(),
-            edge,
+            robots: struck.robot.filter(|_| !is_link).into_iter().collect(),
+            cuts: cut_by(struck.silenced),
         }
     });
     Scene {
@@ -59,7 +57,24 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
     }
 }
 
-/// The instant of one truth. `seat` of a robot; how a robot is `heard` by another.
+/// The edge over which nothing gets any more.
+pub(crate) fn cut_by(silenced: Silenced) -> Option<usize> {
+    match silenced {
+        Silenced::Edge(edge) => Some(edge),
+        Silenced::Robot(_) | Silenced::Nobody => None,
+    }
+}
+
+/// Whether the scenario cuts an edge at this time.
+fn is_cut(scenario: &Scenario, edge: usize, t_ns: u64) -> bool {
+    scenario.faults.iter().any(|fault| {
+        let lasts = fault.at_ns <= t_ns && fault.until_ns().is_none_or(|until_ns| t_ns < until_ns);
+        lasts && cut_by(fault.kind.struck(scenario).1.silenced) == Some(edge)
+    })
+}
+
+/// The instant of one truth. `seat` of a robot; how a robot is `heard` by another; whether an edge
+/// is `cut_by_hand`.
 pub(crate) fn frame(
     scenario: &Scenario,
     header: &TruthHeader,
@@ -67,6 +82,7 @@ pub(crate) fn frame(
     errors_m: &[Option<f64>],
     seat: impl Fn(usize) -> Seat,
     heard: impl Fn(usize, usize) -> Contact,
+    cut_by_hand: impl Fn(usize) -> bool,
 ) -> Frame {
     let alphas: Vec<_> = rows
         .iter()
@@ -87,24 +103,26 @@ pub(crate) fn frame(
             state,
         }
     });
-    let edges = scenario.graph.edges().iter();
-    let edge = |from: usize, to: usize| match (seat(to), heard(from, to)) {
-        (Seat::Moving, Contact::Fresh) => EdgeState::Fresh,
-        (Seat::Moving, Contact::Stale | Contact::Unheard) => EdgeState::Stale,
-        // Whoever does not move hears nobody.
-        _ => EdgeState::Lost,
+    let edge = |(place, ends): (usize, &Edge)| {
+        let contact = match heard(ends.from, ends.to) {
+            Contact::Fresh => EdgeState::Fresh,
+            Contact::Stale | Contact::Unheard => EdgeState::Stale,
+            Contact::Lost => EdgeState::Lost,
+        };
+        let cut = cut_by_hand(place) || is_cut(scenario, place, header.t_ns);
+        contact.of([ends.from, ends.to].map(|end| state(seat(end))), cut)
     };
     Frame {
         t_s: seconds(header.t_ns),
         robots: shown.collect(),
-        edges: edges.map(|ends| edge(ends.from, ends.to)).collect(),
+        edges: scenario.graph.edges().iter().enumerate().map(edge).collect(),
         distance_m: pairs.reduce(f64::min),
     }
 }
 
 fn state(seat: Seat) -> RobotState {
     match seat {
-        Seat::Moving => RobotState::Flying,
+        Seat::Moving => RobotState::Moving,
         Seat::Frozen => RobotState::Frozen,
         Seat::Starting => RobotState::Starting,
         Seat::Ending | Seat::Down => RobotState::Dead,
@@ -153,9 +171,13 @@ mod tests {
         let ends = scenario.graph.edges()[0];
         assert_eq!(scene.edges[0], SceneEdge { from: ends.from, to: ends.to });
         let [cut, kill] = &scene.faults[..] else { panic!("{:?}", scene.faults) };
-        assert_eq!((cut.t_s, cut.until_s, cut.edge), (1.0, Some(1.5), Some(0)));
+        assert_eq!((cut.t_s, cut.until_s, cut.cuts), (1.0, Some(1.5), Some(0)));
         assert!(cut.robots.is_empty(), "{cut:?}");
         assert_eq!((kill.what.as_str(), kill.until_s), ("kill r3", Some(3.0)));
-        assert_eq!((&kill.robots[..], kill.edge), (&[2][..], None));
+        assert_eq!((&kill.robots[..], kill.cuts), (&[2][..], None));
+        let cut_at = |t_ns| [0, 1].map(|edge| is_cut(&scenario, edge, t_ns));
+        assert_eq!(cut_at(999_999_999), [false; 2]);
+        assert_eq!(cut_at(1_000_000_000), [true, false]);
+        assert_eq!(cut_at(1_500_000_000), [false; 2]);
     }
 }

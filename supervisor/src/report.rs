@@ -19,6 +19,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use protocol::brief::Pace;
+use protocol::fault::LinkFaultKind;
 use report::outcome::{self, Outcome};
 use report::run::{ChangedTo, Limits, Run};
 use report::scene::{EdgeState, RobotState, Scene, SceneFault};
@@ -181,13 +182,15 @@ fn faults(
             }
             _ => fault.until_ns(),
         };
-        let edge = match fault.kind {
-            FaultKind::Link { edge, .. } => Some(edge),
-            _ => None,
-        };
         let t_s = seconds(fault.at_ns);
         let robots = struck.robot.into_iter().collect();
-        SceneFault { t_s, until_s: until_ns.map(seconds), what, robots, edge }
+        SceneFault {
+            t_s,
+            until_s: until_ns.map(seconds),
+            what,
+            robots,
+            cuts: live::cut_by(struck.silenced),
+        }
     };
     let planned: Vec<SceneFault> = scenario.faults.iter().map(planned).collect();
     let Some(outcome) = outcome else { return planned };
@@ -200,7 +203,7 @@ fn faults(
         let lasted_s = fault.lasted_s.filter(|&lasted_s| lasted_s > 0.0);
         let back = changes.iter().any(|change| {
             change.t_s == fault.t_s
-                && robot.map(|place| ChangedTo::Robot(place, RobotState::Flying)) == Some(change.to)
+                && robot.map(|place| ChangedTo::Robot(place, RobotState::Moving)) == Some(change.to)
         });
         let at_once = (back && fault.lasted_s.is_some()).then_some(0.0);
         SceneFault {
@@ -208,10 +211,18 @@ fn faults(
             until_s: lasted_s.or(at_once).map(|lasted_s| fault.t_s + lasted_s),
             what: fault.what.clone(),
             robots: robot.into_iter().collect(),
-            edge: plan.and_then(|plan| plan.edge),
+            cuts: plan.and_then(|plan| plan.cuts).or_else(|| cut_by_hand(scenario, &fault.what)),
         }
     };
     outcome.faults.iter().map(seen).collect()
+}
+
+/// The edge that somebody has cut by hand, by what the summary says of it.
+fn cut_by_hand(scenario: &Scenario, what: &str) -> Option<usize> {
+    let what = what.strip_suffix(", by hand")?;
+    let mut edges = 0..scenario.graph.edges().len();
+    edges
+        .find(|&edge| FaultKind::Link { edge, kind: LinkFaultKind::Cut }.struck(scenario).0 == what)
 }
 
 /// The state of an edge, by its word in `events.csv`.

@@ -224,7 +224,7 @@ pub fn screen(summary: &Summary) -> String {
         // A miss by a hair's breadth must not be rounded to its bound.
         let shown = |value: f64| if *held { digits(value) } else { value.to_string() };
         let (value, bound) = (value.map_or("-".into(), shown), shown(*bound));
-        let _ = writeln!(text, "  {sign} {name:<20} {value:>12}  asked {bound}");
+        let _ = writeln!(text, "  {sign} {name:<20} {value:>12}  required {bound}");
     }
     let mut row = |name: &str, value: String| {
         let _ = writeln!(text, "{name:<19} {value}");
@@ -324,7 +324,8 @@ pub fn screen(summary: &Summary) -> String {
                 few => few.join(", "),
             };
             let (predicted, affected) = (who(&fault.predicted), who(&fault.affected));
-            let _ = writeln!(text, "{:13}breaks, by theory: {predicted}; seen: {affected}", "");
+            let _ =
+                writeln!(text, "{:13}predicted to break: {predicted}; observed: {affected}", "");
         }
     }
     text

@@ -77,7 +77,7 @@ class StandIn:
         self.address = f"http://127.0.0.1:{self.server.server_port}/?token={TOKEN}"
 
     def act(self, body):
-        states = {"kill": "dead", "freeze": "frozen", "thaw": "flying", "restart": "flying"}
+        states = {"kill": "dead", "freeze": "frozen", "thaw": "moving", "restart": "moving"}
         if body["act"] in states:
             self.state[body["robot"]] = states[body["act"]]
 
@@ -91,7 +91,7 @@ class StandIn:
         frame = copy.deepcopy(self.frames[self.step % len(self.frames)])
         self.step += 1
         for robot, name in zip(frame["robots"], names):
-            robot["state"] = self.state.get(name, "flying")
+            robot["state"] = self.state.get(name, "moving")
         frame |= {"behind_ms": behind_ms, "dropped": dropped}
         self.send("message", frame)
         return frame

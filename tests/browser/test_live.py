@@ -57,7 +57,7 @@ def test_without_control_there_is_nothing_to_press(stand_in, visit, names):
 def test_a_click_kills_the_circle_shows_it_and_restart_brings_it_back(stand_in, visit, names):
     page = opened(visit, stand_in, names)
     circle = page.locator(".plane g.robot").nth(1)
-    flying = circle.locator(".reach").evaluate("e => getComputedStyle(e).stroke")
+    moving = circle.locator(".reach").evaluate("e => getComputedStyle(e).stroke")
     kill, restart = (page.get_by_role("button", name=f"{act} r2") for act in ("kill", "restart"))
     expect(restart).to_be_hidden()
     kill.click()
@@ -65,12 +65,12 @@ def test_a_click_kills_the_circle_shows_it_and_restart_brings_it_back(stand_in, 
     assert stand_in.posted == [
         (f"/control?token={TOKEN}", "application/json", {"act": "kill", "robot": "r2"})
     ]
-    assert circle.locator(".reach").evaluate("e => getComputedStyle(e).stroke") != flying
+    assert circle.locator(".reach").evaluate("e => getComputedStyle(e).stroke") != moving
     expect(kill).to_be_hidden()
     restart.click()
-    until(page, stand_in, names, lambda: circle.get_attribute("data-state") == "flying")
+    until(page, stand_in, names, lambda: circle.get_attribute("data-state") == "moving")
     assert stand_in.posted[-1][2] == {"act": "restart", "robot": "r2"}
-    assert circle.locator(".reach").evaluate("e => getComputedStyle(e).stroke") == flying
+    assert circle.locator(".reach").evaluate("e => getComputedStyle(e).stroke") == moving
 
 
 @control
@@ -129,7 +129,8 @@ def test_a_broken_stream_is_said_and_found_again(stand_in, visit, names):
 def test_after_landing_nobody_connects_again(stand_in, visit, names):
     page = opened(visit, stand_in, names)
     stand_in.send("landed", {"exit": 1, "text": "an expectation was missed"})
-    expect(page.locator(".lamp")).to_have_text("landed, exit code 1: an expectation was missed")
+    expect(page.locator(".lamp")).to_have_text("the run has ended, exit code 1")
+    expect(page.locator(".end")).to_have_text("an expectation was missed")
     stand_in.break_off()
     page.wait_for_timeout(3000)
     assert stand_in.connections == 1

@@ -143,31 +143,62 @@ def test_dead_frozen_and_returning_robots_are_marked(replay):
         return shown
 
     gray = "getComputedStyle(document.querySelectorAll('.plane .reach')[1]).stroke"
-    flying = replay.evaluate(gray)
-    assert states(4.9) == ["flying", "flying", "flying"]
-    assert states(6) == ["flying", "dead", "flying"]
-    assert replay.evaluate(gray) != flying
+    moving = replay.evaluate(gray)
+    assert states(4.9) == ["moving", "moving", "moving"]
+    assert states(6) == ["moving", "dead", "moving"]
+    assert replay.evaluate(gray) != moving
     assert replay.locator(".plane .mark").nth(1).get_attribute("d") != ""
     expect(replay.locator(".fault")).to_have_text("kill r2")
-    assert states(7.8) == ["flying", "starting", "flying"]
-    assert states(8.5) == ["flying", "flying", "flying"]
-    assert replay.evaluate(gray) == flying
+    assert states(7.8) == ["moving", "starting", "moving"]
+    assert states(8.5) == ["moving", "moving", "moving"]
+    assert replay.evaluate(gray) == moving
     assert replay.locator(".plane .mark").nth(1).get_attribute("d") == ""
-    assert states(11) == ["frozen", "flying", "flying"]
+    assert states(11) == ["frozen", "moving", "moving"]
 
 
-def test_edges_fade_when_stale_and_are_dashed_when_lost(replay):
-    def edge(t_s):
+def test_edges_show_whether_they_are_heard_cut_or_end_at_the_dead(replay):
+    def edge(place, t_s):
         go_to(replay, t_s)
-        arrow = replay.locator(".plane .edge").nth(1)
-        return arrow.get_attribute("data-state"), arrow.evaluate("e => getComputedStyle(e).opacity")
+        arrow = replay.locator(".plane .edge").nth(place)
+        return arrow.get_attribute("data-state"), arrow.evaluate(
+            """e => {
+                const look = getComputedStyle(e.querySelector('.line'));
+                return [getComputedStyle(e).opacity, look.stroke, look.strokeDasharray].join();
+            }"""
+        )
 
-    assert edge(4.9) == ("fresh", "1")
-    assert edge(5.1) == ("stale", "0.4")
-    assert edge(6)[0] == "lost"
-    dashes = replay.locator(".plane .edge .line").nth(1).evaluate("e => getComputedStyle(e).strokeDasharray")
-    assert dashes != "none"
-    assert edge(9) == ("fresh", "1")
+    looks = {}
+    # r1 is frozen from 10 s: r2 hears nothing of it. r2 is dead from 5 s to 7.5 s.
+    for place, t_s, state in [
+        (0, 4.9, "fresh"), (0, 10.1, "stale"), (0, 11, "lost"), (0, 14, "fresh"),
+        (0, 6, "dead"), (1, 6, "dead"), (2, 6, "fresh"), (0, 7.8, "lost"), (2, 17.5, "cut"), (2, 19, "fresh"),
+    ]:
+        found, look = edge(place, t_s)
+        assert found == state, f"edge {place} at {t_s} s"
+        assert looks.setdefault(state, look) == look
+    assert len(set(looks.values())) == 5, looks
+    assert all("none" not in looks[state] for state in ("lost", "cut", "dead")), looks
+    for state in looks:
+        expect(replay.locator(f".legend .edge[data-state={state}]")).to_have_count(1)
+
+
+def test_robots_in_formation_have_colors_of_their_own(visit, report_address):
+    page = visit(report_address)
+    look = "all => all.map(e => getComputedStyle(e)[{}])"
+    bodies = page.locator(".plane .body").evaluate_all(look.format("'fill'"))
+    assert len(set(bodies)) == 3, bodies
+    swatches = page.locator(".robots .swatch").evaluate_all(look.format("'backgroundColor'"))
+    assert swatches == bodies
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_numbers_stay_on_one_line(visit, replay_address, width):
+    page = visit(replay_address, width)
+    go_to(page, 14.5)
+    lines = "all => all.map(e => e.getClientRects().length && e.getBoundingClientRect().height / parseFloat(getComputedStyle(e).lineHeight))"
+    for numbers in (".readout .time", ".readout .distance", ".robots td.error"):
+        high = page.locator(numbers).evaluate_all(lines)
+        assert all(0 < each < 1.9 for each in high), (numbers, high)
 
 
 def test_circles_that_overlap_are_shown_while_somebody_is_nearer_than_d(replay):

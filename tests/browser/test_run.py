@@ -23,12 +23,12 @@ def test_a_report_replays_its_run(visit, report_address, width, scheme):
     page = visit(report_address, width, scheme)
     assert page.evaluate("performance.getEntriesByType('navigation')[0].domComplete") < 10_000
     go_to(page, 9.9)
-    assert states(page) == ["flying"] * 3
+    assert states(page) == ["moving"] * 3
     go_to(page, 11)
-    assert states(page) == ["flying", "dead", "flying"]
+    assert states(page) == ["moving", "dead", "moving"]
     shot(page, f"report-{width}-{scheme}")
     go_to(page, 13)
-    assert states(page) == ["flying"] * 3
+    assert states(page) == ["moving"] * 3
     page.get_by_role("button", name="Play").click()
     wait_until(page, "document.querySelector('.scrub').value > 13.2")
     assert now_s(page) > 13
@@ -38,19 +38,21 @@ def test_a_report_replays_its_run(visit, report_address, width, scheme):
 def test_a_robot_of_a_run_is_killed_and_brought_back_by_hand(fly, visit):
     page = visit(fly(duration_s=600))
     expect(page.locator(".lamp")).to_have_attribute("data-link", "live")
-    every_state(page, "flying", "flying", "flying")
+    every_state(page, "moving", "moving", "moving")
     page.get_by_role("button", name="kill r2").click()
-    every_state(page, "flying", "dead", "flying")
-    expect(page.locator(".plane .edge").first).to_have_attribute("data-state", "lost")
+    every_state(page, "moving", "dead", "moving")
+    # r1 hears r2 and r2 hears r3: of the dead, and to the dead.
+    for place, state in enumerate(["dead", "dead", "fresh"]):
+        expect(page.locator(".plane .edge").nth(place)).to_have_attribute("data-state", state)
     expect(page.locator(".log")).to_contain_text("kill r2")
     expect(page.locator(".latency tbody tr").first).to_be_visible()
     shot(page, "run-1280-light")
     page.get_by_role("button", name="restart r2").click()
-    every_state(page, "flying", "flying", "flying")
+    every_state(page, "moving", "moving", "moving")
     page.get_by_role("button", name="freeze r1").click()
-    every_state(page, "frozen", "flying", "flying")
+    every_state(page, "frozen", "moving", "moving")
     page.get_by_role("button", name="thaw r1").click()
-    every_state(page, "flying", "flying", "flying")
+    every_state(page, "moving", "moving", "moving")
 
 
 def test_an_edge_of_a_run_is_cut_and_mended_by_hand(fly, visit):
@@ -58,7 +60,8 @@ def test_an_edge_of_a_run_is_cut_and_mended_by_hand(fly, visit):
     state = page.locator(".edges tbody tr").first.locator(".state")
     expect(state).to_have_text("fresh")
     page.get_by_role("button", name="cut r2 to r1").click()
-    expect(state).to_have_text("lost")
+    expect(state).to_have_text("cut")
+    expect(page.locator(".plane .edge").first).to_have_attribute("data-state", "cut")
     page.get_by_role("button", name="mend r2 to r1").click()
     expect(state).to_have_text("fresh")
 
@@ -67,6 +70,7 @@ def test_a_run_that_ends_says_so_and_is_not_asked_again(fly, visit):
     page = visit(fly(duration_s=8))
     lamp = page.locator(".lamp")
     expect(lamp).to_have_attribute("data-link", "live")
-    expect(lamp).to_contain_text("landed, exit code 0")
+    expect(lamp).to_contain_text("the run has ended, exit code 0")
+    expect(page.locator(".end")).to_contain_text("no expectations declared")
     page.wait_for_timeout(3000)
     expect(lamp).to_have_attribute("data-link", "landed")

@@ -1,6 +1,6 @@
 //! The pages in a real browser: `tests/browser/*.py`, after `tests/browser/install`.
 //!
-//! Writes the pages of a run that nobody flew, of which every frame is known, and hands them over
+//! Writes the pages of a run that never was, of which every frame is known, and hands them over
 //! with the binary that makes the pages of real runs.
 
 use std::f64::consts::TAU;
@@ -20,6 +20,8 @@ const HANG: Duration = Duration::from_secs(900);
 const DURATION_S: u32 = 20;
 const FRAMES_PER_S: u32 = 20;
 const FRONT_POINT_M: f64 = 0.045;
+/// Who is heard, and who hears.
+const EDGES: [(usize, usize); 3] = [(0, 1), (1, 2), (2, 0)];
 
 /// Three robots; the last one's name would be markup if anybody forgot to escape it.
 fn scene() -> Scene {
@@ -33,7 +35,7 @@ fn scene() -> Scene {
         until_s: Some(until_s),
         what: what.into(),
         robots: vec![robot],
-        edge: None,
+        cuts: None,
     };
     Scene {
         name: "made up & <b>bold</b>".into(),
@@ -45,13 +47,14 @@ fn scene() -> Scene {
             robot("r2", "formation"),
             robot("<img src=x onerror=alert(1)>", "contained"),
         ],
-        edges: [(0, 1), (1, 2), (2, 0)].map(|(from, to)| SceneEdge { from, to }).to_vec(),
+        edges: EDGES.map(|(from, to)| SceneEdge { from, to }).to_vec(),
         faults: vec![fault("kill r2", 1, 5.0, 8.0), fault("freeze r1", 0, 10.0, 12.0)],
     }
 }
 
 /// They drive round a circle, which narrows around 14.5 s until they are nearer than d. r2 is dead
-/// from 5 s, its replacement starts at 7.5 s and flies from 8 s; r1 is frozen from 10 s to 12 s.
+/// from 5 s, its replacement starts at 7.5 s and moves from 8 s; r1 is frozen from 10 s to 12 s, and
+/// the edge to it is cut from 17 s to 18 s.
 fn frame(step: u32) -> Frame {
     let t_s = f64::from(step) / f64::from(FRAMES_PER_S);
     let narrower = if (13.0..16.0).contains(&t_s) { (TAU / 6.0 * (t_s - 13.0)).sin() } else { 0.0 };
@@ -59,11 +62,11 @@ fn frame(step: u32) -> Frame {
     let robot = |place: usize| {
         let (state, stood_s) = match place {
             0 if (10.0..12.0).contains(&t_s) => (RobotState::Frozen, t_s - 10.0),
-            0 if t_s >= 12.0 => (RobotState::Flying, 2.0),
+            0 if t_s >= 12.0 => (RobotState::Moving, 2.0),
             1 if (5.0..7.5).contains(&t_s) => (RobotState::Dead, t_s - 5.0),
             1 if (7.5..8.0).contains(&t_s) => (RobotState::Starting, t_s - 5.0),
-            1 if t_s >= 8.0 => (RobotState::Flying, 3.0),
-            _ => (RobotState::Flying, 0.0),
+            1 if t_s >= 8.0 => (RobotState::Moving, 3.0),
+            _ => (RobotState::Moving, 0.0),
         };
         let angle = 0.2 * (t_s - stood_s) + TAU * place as f64 / 3.0;
         let heading = angle + TAU / 4.0;
@@ -84,18 +87,18 @@ fn frame(step: u32) -> Frame {
         let (a, b) = (front(&robots[a]), front(&robots[b]));
         (a.0 - b.0).hypot(a.1 - b.1)
     };
-    let distance_m = [(0, 1), (1, 2), (2, 0)].map(distance).into_iter().reduce(f64::min);
-    let heard_from_r2 = match t_s {
-        _ if !(5.05..8.0).contains(&t_s) => EdgeState::Fresh,
-        _ if t_s < 5.2 => EdgeState::Stale,
-        _ => EdgeState::Lost,
+    let distance_m = EDGES.map(distance).into_iter().reduce(f64::min);
+    let heard = match t_s {
+        _ if (10.05..10.2).contains(&t_s) => [EdgeState::Stale, EdgeState::Fresh, EdgeState::Fresh],
+        _ if (10.2..12.0).contains(&t_s) => [EdgeState::Lost, EdgeState::Fresh, EdgeState::Fresh],
+        _ => [EdgeState::Fresh; 3],
     };
-    Frame {
-        t_s,
-        robots,
-        edges: vec![EdgeState::Fresh, heard_from_r2, EdgeState::Fresh],
-        distance_m,
-    }
+    let edge = |(place, (from, to)): (usize, (usize, usize))| {
+        let cut = place == 2 && (17.0..18.0).contains(&t_s);
+        heard[place].of([robots[from].state, robots[to].state], cut)
+    };
+    let edges = EDGES.into_iter().enumerate().map(edge).collect();
+    Frame { t_s, robots, edges, distance_m }
 }
 
 fn write_pages(folder: &Path) {

@@ -235,7 +235,7 @@ fn the_page_and_its_stream_are_for_those_with_the_token_who_come_by_our_name() {
 fn robots_killed_frozen_and_brought_back_by_hand_count_like_those_of_the_scenario() {
     let (running, page) = watched(&["--view-control"]);
     let mut events = page.events();
-    events.robot_is(1, "flying");
+    events.robot_is(1, "moving");
     for (order, status, reason) in [
         (json!({ "act": "kill", "robot": "r9" }), 404, "no robot \"r9\""),
         (json!({ "act": "explode", "robot": "r1" }), 400, "kill"),
@@ -258,25 +258,28 @@ fn robots_killed_frozen_and_brought_back_by_hand_count_like_those_of_the_scenari
     assert_eq!(page.press_on("kill", "r2"), (204, String::new()));
     assert_eq!(events.happens("kill", "r2")["detail"], "SIGKILL, by hand");
     events.happens("died", "r2");
-    events.robot_is(1, "dead");
+    let dead = events.frame("dead", |frame| frame["robots"][1]["state"] == "dead");
+    // r1 hears r2, r2 r3, and r3 r1.
+    assert_eq!([&dead["edges"][0], &dead["edges"][1]], ["dead", "dead"], "{dead}");
+    assert_ne!(dead["edges"][2], "dead", "{dead}");
     let (status, reason) = page.press_on("kill", "r2");
     assert_eq!(
         (status, reason.as_str()),
         (409, "r2 is dead, expected starting or moving or frozen")
     );
     assert_eq!(page.press_on("restart", "r2").0, 204);
-    events.robot_is(1, "flying");
+    events.robot_is(1, "moving");
     assert_eq!(page.press_on("freeze", "r3").0, 204);
     events.robot_is(2, "frozen");
     assert_eq!(page.press_on("freeze", "r3").0, 409, "it is frozen already");
     assert_eq!(page.press_on("thaw", "r3").0, 204);
-    events.robot_is(2, "flying");
+    events.robot_is(2, "moving");
     // Frozen and killed, it is not frozen when it comes back.
     assert_eq!(page.press_on("freeze", "r1").0, 204);
     assert_eq!(page.press_on("kill", "r1").0, 204);
     assert_eq!(page.press_on("restart", "r1").0, 204);
     events.happens("ready", "r1");
-    events.robot_is(0, "flying");
+    events.robot_is(0, "moving");
 
     let ended = interrupted(running);
     let faults = ended.summary["faults"].as_array().cloned().unwrap_or_default();
@@ -305,15 +308,18 @@ fn a_link_cut_by_hand_is_lost_to_its_hearer_until_it_is_mended_even_if_that_one_
     assert_eq!((status, reason.as_str()), (409, "r2->r1 was not cut by hand"));
     assert_eq!(page.press_on_link("cut", "r2", "r1").0, 204);
     assert_eq!(page.press_on_link("cut", "r2", "r1").0, 409, "it is cut already");
-    events.edge_is(0, "lost");
-    let lost = events.frame("the others", |frame| frame["edges"][1] == "fresh");
-    assert_eq!(lost["edges"][0], "lost", "the others are well: {lost}");
+    events.edge_is(0, "cut");
+    let cut = events.frame("the others", |frame| frame["edges"][1] == "fresh");
+    assert_eq!(cut["edges"][0], "cut", "the others are well: {cut}");
+    running.wait_for("the loss of r2", |run| {
+        run.events().contains(",contact,r1,lost r2").then_some(())
+    });
 
     assert_eq!(page.press_on("kill", "r1").0, 204);
     assert_eq!(page.press_on("restart", "r1").0, 204);
     events.happens("ready", "r1");
-    events.frame("r1 flying and deaf", |frame| {
-        frame["robots"][0]["state"] == "flying" && frame["edges"][0] == "lost"
+    events.frame("r1 moving and deaf", |frame| {
+        frame["robots"][0]["state"] == "moving" && frame["edges"][0] == "cut"
     });
     assert_eq!(page.press_on_link("mend", "r2", "r1").0, 204);
     events.edge_is(0, "fresh");
@@ -360,7 +366,7 @@ fn in_lockstep_robots_are_broken_by_hand_at_the_next_tick_and_links_are_not() {
     let mut running = lockstep().set("period_s=0.0001").args(["--view", "--view-control"]).start();
     let page = Page::of(&mut running);
     let mut events = page.events();
-    events.robot_is(1, "flying");
+    events.robot_is(1, "moving");
     let (status, reason) = page.press_on_link("cut", "r2", "r1");
     assert_eq!((status, reason.contains("--pace realtime")), (409, true), "{reason}");
     assert_eq!(page.press_on("freeze", "r3").0, 204);

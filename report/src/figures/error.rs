@@ -51,7 +51,9 @@ pub(super) fn sizes(run: &Run) -> Option<Figure> {
 
     let mut caption = match crowd {
         0 => "Errors of all living robots".to_owned(),
-        _ => format!("Errors of all living robots, the {NAMED} that are largest at last by name"),
+        _ => {
+            format!("Errors of all living robots, the {NAMED} that are largest at the end by name")
+        }
     };
     let least = if floor < 1e-6 * 1.01 { "; what is below 1 \u{b5}m is drawn there" } else { "" };
     caption += &format!(", logarithmic{least}.{}", about_bands(run));
@@ -81,12 +83,12 @@ fn converging(run: &Run, panel: &mut Panel) -> String {
         panel.upright(t_s, 1.0, format!("converged at {t_s:.2} s"), SEEN);
     }
     if let Some(expectation) = outcome.expected("converged_by_s") {
-        let label = format!("asked by {} s", asked(expectation.bound));
+        let label = format!("required by {} s", asked(expectation.bound));
         panel.upright(expectation.bound, 0.9, label, BOUND);
         said += &judged(expectation, "All errors stay small from", "s");
     }
     if let Some(expectation) = outcome.expected("final_error_m_max") {
-        let label = format!("asked at last: {} m", asked(expectation.bound));
+        let label = format!("required at the end: {} m", asked(expectation.bound));
         panel.bound(expectation.bound, last_stretch(run), label, BOUND);
         said += &judged(expectation, "The worst over the last 10 % of the run", "m");
     }

@@ -54,7 +54,7 @@ pub(super) fn distance(run: &Run) -> Option<Figure> {
     if let Some(expectation) =
         run.outcome.as_ref().and_then(|outcome| outcome.expected("hull_distance_m_max"))
     {
-        let label = format!("asked at last: {} m", asked(expectation.bound));
+        let label = format!("required at the end: {} m", asked(expectation.bound));
         panel.bound(expectation.bound, last_stretch(run), label, BOUND);
         caption += &judged(expectation, "Farthest outside over the last 10 % of the run", "m");
     }

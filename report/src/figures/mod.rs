@@ -94,7 +94,7 @@ fn about_bands(run: &Run) -> &'static str {
     }
 }
 
-/// An expectation in words: what came, what was asked, and whether it held.
+/// An expectation in words: what was measured, what was required, and whether it held.
 fn judged(expectation: &Expectation, of: &str, unit: &str) -> String {
     let Expectation { value, bound, held, .. } = expectation;
     // A miss by a hair's breadth must not be rounded to its bound.
@@ -104,7 +104,7 @@ fn judged(expectation: &Expectation, of: &str, unit: &str) -> String {
         false => (value.map(exact), exact(*bound), "missed"),
     };
     let shown = shown.map_or("never".into(), |value| format!("{value} {unit}"));
-    format!(" {of}: {shown}, asked {bound} {unit}: {verdict}.")
+    format!(" {of}: {shown}, required {bound} {unit}: {verdict}.")
 }
 
 /// Places of the `NAMED` largest of `values`, or of all if they are few; the largest first.

@@ -1,11 +1,12 @@
 //! Where everybody went: the chapter's Figures 4, 8 and 12.
 
 use formation::Vec2;
+use plotters::style::RGBColor;
 
 use super::{WIDTH, judged};
 use crate::axis::Axis;
 use crate::chart::{Figure, Mark, Panel, Place, Shape};
-use crate::palette::{BLACK, Dash, GRAY, Line, ORANGE, dash, of_role};
+use crate::palette::{BLACK, Dash, GRAY, Line, ORANGE, dash, of_robot};
 use crate::run::Run;
 use crate::simplify::Point;
 
@@ -63,22 +64,20 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
     if !lead.is_empty() {
         let line = Line::solid(BLACK).weight(4).dashed(Dash::Dotted);
         panel.curves.push((lead, line, false));
-        key.push((line, "m(t), asked of the main leader".to_owned()));
+        key.push((line, "m(t), the main leader's reference".to_owned()));
     }
     let mut starts = Vec::new();
-    let mut of_role_before: Vec<&str> = Vec::new();
     for (robot, path) in paths.iter().enumerate() {
         let role = run.scene.robots[robot].role.as_str();
-        let place_in_role = of_role_before.iter().filter(|other| **other == role).count();
-        let (weight, dashes) = if few { (2, dash(place_in_role)) } else { (1, Dash::Solid) };
-        let line = Line::solid(of_role(role)).weight(weight).dashed(dashes);
+        let nth = run.scene.nth_of_role(robot);
+        let (weight, dashes) = if few { (2, dash(nth)) } else { (1, Dash::Solid) };
+        let line = Line::solid(color_of(run, robot)).weight(weight).dashed(dashes);
         panel.curves.push((path.clone(), line, false));
         if few {
             key.push((line, format!("{} ({})", run.scene.robots[robot].name, in_words(role))));
-        } else if place_in_role == 0 {
+        } else if nth == 0 {
             key.push((line.weight(3), in_words(role).to_owned()));
         }
-        of_role_before.push(role);
         let name = if few { run.scene.robots[robot].name.clone() } else { String::new() };
         starts.push(Mark { at: path[0], shape: Shape::Cross, color: BLACK, label: name });
     }
@@ -94,7 +93,7 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
             key.push((Line::solid(ORANGE).weight(4), "hull of the leaders".to_owned()));
             "with the hull of the leaders"
         }
-        None => "with who hears whom",
+        None => "with the edges of the formation graph",
     };
     let mut caption = format!(
         "Paths of the front points. Crosses: starts; robots as triangles that point forward, {drawn}, \
@@ -104,15 +103,16 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
     if let Some(outcome) = &run.outcome {
         if let Some(expectation) = outcome.expected("tracking_error_m_max") {
             caption +=
-                &judged(expectation, "The main leader follows m(t), worst error at last", "m");
+                &judged(expectation, "The main leader follows m(t), worst error at the end", "m");
         }
         if let Some(expectation) = outcome.expected("final_error_m_max") {
-            caption += &judged(expectation, "The formation is reached, worst error at last", "m");
+            caption +=
+                &judged(expectation, "The formation is reached, worst error at the end", "m");
         }
         if let Some(expectation) = outcome.expected("hull_distance_m_max") {
             caption += &judged(
                 expectation,
-                "The contained are in the hull, farthest outside at last",
+                "The contained are in the hull, farthest outside at the end",
                 "m",
             );
         }
@@ -126,6 +126,13 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
         panels: vec![(place, panel)],
         key,
     })
+}
+
+/// Where robots are not named, all of a role look alike.
+fn color_of(run: &Run, robot: usize) -> RGBColor {
+    let named = run.scene.robots.len() <= NAMES_MAX;
+    let nth = if named { run.scene.nth_of_role(robot) } else { 0 };
+    of_robot(&run.scene.robots[robot].role, nth)
 }
 
 fn point(at: Vec2) -> Point {
@@ -166,7 +173,7 @@ fn formation(run: &Run, instant: usize, m_per_px: f64, panel: &mut Panel) {
         let (sin, cos) = sample.heading_rad.sin_cos();
         let back = nose - length * Vec2::new(cos, sin);
         let side = 0.4 * length * Vec2::new(-sin, cos);
-        let color = if sample.alive { of_role(&run.scene.robots[robot].role) } else { GRAY };
+        let color = if sample.alive { color_of(run, robot) } else { GRAY };
         let body: Vec<Point> = [nose, back + side, back - side].into_iter().map(point).collect();
         let mut outline = body.clone();
         outline.push(body[0]);

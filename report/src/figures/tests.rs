@@ -40,7 +40,7 @@ fn flown(robots: usize, instants: usize, role: &str) -> Run {
             until_s: Some(0.5),
             what: "kill r2".into(),
             robots: vec![1],
-            edge: None,
+            cuts: None,
         }],
     };
     let outcome: Outcome = serde_json::from_value(serde_json::json!({
@@ -78,7 +78,7 @@ fn flown(robots: usize, instants: usize, role: &str) -> Run {
         changes: vec![
             Change { t_s: 0.3, to: ChangedTo::Robot(1, RobotState::Dead) },
             Change { t_s: 0.4, to: ChangedTo::Edge(0, EdgeState::Stale) },
-            Change { t_s: 0.5, to: ChangedTo::Robot(1, RobotState::Flying) },
+            Change { t_s: 0.5, to: ChangedTo::Robot(1, RobotState::Moving) },
         ],
         outcome: Some(outcome),
         manifest: vec![("kernel".into(), "Linux <6>".into())],
@@ -113,9 +113,12 @@ fn a_run_with_everything_gets_every_figure_with_its_bounds_its_marks_and_its_fau
             "distances",
             &["d = 0.2 m", "smallest 0.2107 m, r1 \u{2013} r2 at 0.20 s", "kill r2", "time (s)"],
         ),
-        ("errors", &["converged at 0.70 s", "asked by 0.9 s", "asked at last: 0.01 m", "kill r2"]),
+        (
+            "errors",
+            &["converged at 0.70 s", "required by 0.9 s", "required at the end: 0.01 m", "kill r2"],
+        ),
         ("error_components", &["error along x (m)", "error along y (m)", "kill r2"]),
-        ("hull_distance", &["asked at last: 0 m", "outside the hull (m)", "kill r2"]),
+        ("hull_distance", &["required at the end: 0 m", "outside the hull (m)", "kill r2"]),
         (
             "information_age",
             &["stale after 15 ms", "lost after 100 ms", "information age (ms)", "r2->r1"],
@@ -134,11 +137,11 @@ fn a_run_with_everything_gets_every_figure_with_its_bounds_its_marks_and_its_fau
 #[test]
 fn captions_say_what_was_asked_and_whether_it_held() {
     let figures = all(&flown(4, 30, "contained"));
-    let held = "The smallest at any tick: 0.2107 m, asked 0.2 m: held.";
+    let held = "The smallest at any tick: 0.2107 m, required 0.2 m: held.";
     assert!(named(&figures, "distances").caption.contains(held));
-    let missed = "worst over the last 10 % of the run: 0.02 m, asked 0.01 m: missed.";
+    let missed = "worst over the last 10 % of the run: 0.02 m, required 0.01 m: missed.";
     assert!(named(&figures, "errors").caption.contains(missed));
-    let follows = "The main leader follows m(t), worst error at last: 1.0e-4 m";
+    let follows = "The main leader follows m(t), worst error at the end: 1.0e-4 m";
     assert!(named(&figures, "trajectories").caption.contains(follows));
 }
 
@@ -217,8 +220,39 @@ fn the_replay_has_at_most_twenty_instants_a_second_and_the_last_one() {
     assert_eq!(frames.len(), 61);
     assert_eq!(frames[60].t_s, 3.0);
     assert_eq!(frames[7].robots[1].state, RobotState::Dead, "killed at 0.3 s");
-    assert_eq!(frames[8].edges[0], EdgeState::Stale);
-    assert_eq!(frames[10].robots[1].state, RobotState::Flying);
+    assert_eq!(frames[10].robots[1].state, RobotState::Moving);
+}
+
+#[test]
+fn edges_from_and_to_the_dead_and_those_that_are_cut_look_it_while_it_lasts() {
+    let mut run = flown(3, 11, "formation");
+    let cut =
+        SceneFault { what: "cut r3->r2".into(), cuts: Some(1), ..run.scene.faults[0].clone() };
+    run.scene.faults.push(SceneFault { t_s: 0.7, until_s: Some(0.9), robots: vec![], ..cut });
+    let frames = run.frames();
+    let states = |t_s: f64| {
+        let frame = frames.iter().find(|frame| (frame.t_s - t_s).abs() < 1e-6).unwrap();
+        [frame.edges[0], frame.edges[1]]
+    };
+    use EdgeState::{Cut, Dead, Fresh, Stale};
+    assert_eq!(states(0.2), [Fresh, Fresh]);
+    assert_eq!(states(0.4), [Dead, Dead], "r2, at one end of either, is dead");
+    assert_eq!(states(0.6), [Stale, Fresh], "as they were heard last");
+    assert_eq!(states(0.8), [Stale, Cut]);
+    assert_eq!(states(1.0), [Stale, Fresh]);
+}
+
+#[test]
+fn robots_in_formation_have_colors_of_their_own_and_other_roles_one_each() {
+    let fills = |role: &str| {
+        let figure = all(&flown(5, 9, role)).swap_remove(0);
+        let colors = figure.panels[0].1.areas.iter().map(|(_, color, opacity)| (*color, *opacity));
+        let bodies = colors.filter(|(_, opacity)| *opacity == 1.0).map(|(color, _)| color);
+        bodies.take(5).collect::<Vec<_>>()
+    };
+    let apart = |fills: &[_]| fills.iter().enumerate().all(|(i, fill)| !fills[..i].contains(fill));
+    assert!(apart(&fills("formation")), "{:?}", fills("formation"));
+    assert!(!apart(&fills("contained")));
 }
 
 fn any_number() -> impl Strategy<Value = f64> {

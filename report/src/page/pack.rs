@@ -48,7 +48,7 @@ pub(super) fn pack(scene: &Scene, frames: &[Frame]) -> Packed {
 
 fn robot_code(state: RobotState) -> u64 {
     match state {
-        RobotState::Flying => 0,
+        RobotState::Moving => 0,
         RobotState::Frozen => 1,
         RobotState::Dead => 2,
         RobotState::Starting => 3,
@@ -60,6 +60,8 @@ fn edge_code(state: EdgeState) -> u64 {
         EdgeState::Fresh => 0,
         EdgeState::Stale => 1,
         EdgeState::Lost => 2,
+        EdgeState::Cut => 3,
+        EdgeState::Dead => 4,
     }
 }
 
@@ -204,7 +206,7 @@ mod tests {
 
     fn robot() -> impl Strategy<Value = FrameRobot> {
         let state = prop::sample::select(vec![
-            RobotState::Flying,
+            RobotState::Moving,
             RobotState::Frozen,
             RobotState::Dead,
             RobotState::Starting,
@@ -220,10 +222,15 @@ mod tests {
         )
     }
 
-    fn flight() -> impl Strategy<Value = (usize, usize, Vec<Frame>)> {
+    fn recorded() -> impl Strategy<Value = (usize, usize, Vec<Frame>)> {
         (0..4_usize, 0..4_usize, 0..30_usize).prop_flat_map(|(robots, edges, count)| {
-            let edge =
-                prop::sample::select(vec![EdgeState::Fresh, EdgeState::Stale, EdgeState::Lost]);
+            let edge = prop::sample::select(vec![
+                EdgeState::Fresh,
+                EdgeState::Stale,
+                EdgeState::Lost,
+                EdgeState::Cut,
+                EdgeState::Dead,
+            ]);
             let frame = (
                 length(),
                 prop::collection::vec(robot(), robots),
@@ -242,7 +249,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_frames_come_back_within_half_a_step((robots, edges, frames) in flight()) {
+        fn any_frames_come_back_within_half_a_step((robots, edges, frames) in recorded()) {
             check(&scene(robots, edges), &frames);
         }
     }
@@ -256,7 +263,7 @@ mod tests {
     #[test]
     fn a_frame_that_lacks_robots_or_edges_is_packed_all_the_same() {
         let packed = pack(&scene(1, 1), &[Frame { t_s: 0.001, ..Frame::default() }]);
-        // t: 1 + 2; no distance, x, y, heading, error; flying for one frame; fresh for one frame.
+        // t: 1 + 2; no distance, x, y, heading, error; moving for one frame; fresh for one frame.
         assert_eq!(BASE64_STANDARD.decode(packed.data).unwrap(), [3, 0, 0, 0, 0, 0, 0, 1, 0, 1]);
     }
 
@@ -272,7 +279,7 @@ mod tests {
                         y_m: 2.0 * turn.sin(),
                         heading_rad: turn.sin().atan2(turn.cos()),
                         error_m: Some((-0.1 * t_s).exp()),
-                        state: RobotState::Flying,
+                        state: RobotState::Moving,
                     }
                 };
                 let robots = (0..64).map(robot).collect();

@@ -171,12 +171,13 @@ fn silences(scenario: &Scenario, faults: &[SceneFault]) -> Vec<Silence> {
         .map(|(what, struck)| (what, struck.silenced))
         .collect();
     let silence = |fault: &SceneFault| {
-        // What nobody had planned is a death.
+        // What nobody had planned is a cut by hand, or a death.
         let died = || fault.robots.first().map_or(Silenced::Nobody, |&i| Silenced::Robot(i));
+        let by_hand = || fault.cuts.map_or_else(died, Silenced::Edge);
         Silence {
             from_s: fault.t_s,
             until_s: fault.until_s.unwrap_or(f64::INFINITY),
-            silenced: planned.get(&fault.what).copied().unwrap_or_else(died),
+            silenced: planned.get(&fault.what).copied().unwrap_or_else(by_hand),
         }
     };
     faults.iter().map(silence).collect()
@@ -199,8 +200,10 @@ pub(super) fn changes(path: &Path, scene: &Scene) -> Result<Vec<Change>, ReportE
         let to = match lines.word(1)? {
             "kill" | "died" => ChangedTo::Robot(robot, RobotState::Dead),
             "restart" => ChangedTo::Robot(robot, RobotState::Starting),
-            "ready" | "thaw" => ChangedTo::Robot(robot, RobotState::Flying),
-            "freeze" if detail == "SIGSTOP" => ChangedTo::Robot(robot, RobotState::Frozen),
+            "ready" | "thaw" => ChangedTo::Robot(robot, RobotState::Moving),
+            "freeze" if detail.starts_with("SIGSTOP") => {
+                ChangedTo::Robot(robot, RobotState::Frozen)
+            }
             "contact" => {
                 let words = detail.split_once(' ');
                 let known = words.and_then(|(word, heard)| {

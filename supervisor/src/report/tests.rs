@@ -25,6 +25,7 @@ fn run_dir(below: &Path) -> PathBuf {
     run_dir.event(2_000_000_000, "kill", "r2", "SIGKILL, as planned").unwrap();
     run_dir.event(3_000_000_000, "contact", "r3", "stale r2").unwrap();
     run_dir.event(4_000_000_000, "ready", "r2", "incarnation 1").unwrap();
+    run_dir.event(5_000_000_000, "freeze", "r3", "SIGSTOP, as planned").unwrap();
     drop(run_dir);
     let mut latency = Latency::new(&scenario, Pace::Realtime);
     let row = |value_ns| LatencyRow { stage: Stage::BeaconAge as u32, from: 1, value_ns };
@@ -38,7 +39,8 @@ fn run_dir(below: &Path) -> PathBuf {
     write("manifest.json", br#"{ "pace": "realtime", "cores": 2, "command": ["phalanx", "run"] }"#);
     let summary = r#"{ "t_s": 7.0, "min_distance_m": 1.0, "min_distance_pair": ["r1", "r2"],
         "min_distance_t_s": 0.0, "faults": [{ "t_s": 2.0, "what": "death of r2 (signal 9)",
-        "robot": "r2", "lasted_s": 2.0 }] }"#;
+        "robot": "r2", "lasted_s": 2.0 }, { "t_s": 5.0, "what": "cut r1->r2, by hand", "robot": "r1",
+        "lasted_s": 1.0 }] }"#;
     write("summary.json", summary.as_bytes());
     path
 }
@@ -62,6 +64,10 @@ fn a_run_directory_says_where_everybody_was_and_what_became_of_them() {
     assert!(!run.tracks[1][4].alive);
     let died = &run.scene.faults[0];
     assert_eq!((died.t_s, died.until_s, &died.robots[..]), (2.0, Some(4.0), &[1][..]));
+    let cut = &run.scene.faults[1];
+    assert_eq!((cut.t_s, cut.until_s, cut.cuts), (5.0, Some(6.0), Some(0)));
+    let frozen = ChangedTo::Robot(2, RobotState::Frozen);
+    assert!(run.changes.iter().any(|change| change.t_s == 5.0 && change.to == frozen));
     let stale = ChangedTo::Edge(1, EdgeState::Stale);
     assert!(run.changes.iter().any(|change| change.t_s == 3.0 && change.to == stale));
     assert_eq!(run.over_time[0].from.as_deref(), Some("r1"));

@@ -46,7 +46,8 @@ impl Run<'_> {
             let (lives, reports) = (&self.lives, &self.intake.reports);
             let heard = |from: usize, to: usize| reports[to].contact(from);
             let seat = |robot| lives.seat(robot);
-            view.frame(live::frame(self.scenario, header, rows, errors_m, seat, heard));
+            let cut = |edge| lives.is_cut(edge);
+            view.frame(live::frame(self.scenario, header, rows, errors_m, seat, heard, cut));
         }
         self.conduct.took(header);
         Ok(())

@@ -7,6 +7,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use protocol::process::{Stderr, exit};
+use supervisor::manifest::Build;
+use supervisor::spawn::Launcher;
 
 /// Decentralised multi-robot experiments on one machine, run the way they would be deployed.
 #[derive(Parser)]
@@ -62,8 +64,8 @@ fn main() -> ExitCode {
     }
     let code = match Cli::parse().role {
         Role::Supervisor(verb) => {
-            let launcher = supervisor::spawn::Launcher::of_this_executable();
-            supervisor::cli::main(&verb, &agent::catalog(), &launcher)
+            let launcher = Launcher::of_this_executable();
+            supervisor::cli::main(&verb, &agent::catalog(), &launcher, &build())
         }
         Role::Agent(AgentArgs { brief, incarnation, realtime_priority }) => {
             agent::flight::main(&brief, incarnation, realtime_priority)
@@ -75,4 +77,15 @@ fn main() -> ExitCode {
         Role::BenchPeer(verb) => bench::cli::peer(&verb),
     };
     ExitCode::from(code)
+}
+
+/// How this program was built, as the build script saw it.
+fn build() -> Build {
+    let known = |word: &str| Some(word.to_owned()).filter(|word| !word.is_empty());
+    Build {
+        git_hash: known(env!("PHALANX_GIT_HASH")),
+        git_dirty: env!("PHALANX_GIT_DIRTY").parse().ok(),
+        rustc: known(env!("PHALANX_RUSTC")),
+        profile: known(env!("PHALANX_PROFILE")),
+    }
 }

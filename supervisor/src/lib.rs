@@ -19,6 +19,8 @@
 //! | `latency` | how late, how long, how old was everything? |
 //! | `live` | what does the live view show of it? |
 //! | `run_dir` | where is it written down? |
+//! | `reserved` | what is written even if the disk is full? |
+//! | `manifest` | what was run, where and how? |
 //! | `summary` | what came out? |
 //! | `report` | what does a run directory look like in pictures? |
 
@@ -32,8 +34,10 @@ pub mod doctor;
 pub mod latency;
 mod limits;
 pub mod live;
+pub mod manifest;
 pub mod outcome;
 pub mod report;
+mod reserved;
 pub mod run;
 pub mod run_dir;
 pub mod spawn;

@@ -5,25 +5,27 @@
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use protocol::brief::{self, Pace};
+use protocol::brief;
 use protocol::message::{TruthHeader, TruthRow};
+use protocol::process::exit;
 use recording::recorder::{FLUSH_EVERY, Nearest, Recorder, Run, State};
 use serde::Serialize;
 
 use crate::latency::Latency;
+use crate::manifest::Manifest;
+use crate::reserved::Reserved;
 use crate::summary::{Summary, to_json};
 use experiment::scenario::{Scenario, seconds};
 use metrics::PairDistance;
 
 /// Runs without `--out` go below this directory.
 const RUNS: &str = "runs";
+/// What came out.
+const SUMMARY: &str = "summary.json";
 /// The recording.
 pub const RECORDING: &str = "run.mcap";
-/// git is asked for the version of the tree, and not waited for any longer.
-const GIT_MAX: Duration = Duration::from_secs(1);
 
 /// The directory of one run.
 pub struct RunDir {
@@ -41,6 +43,8 @@ pub struct RunDir {
     events: Log,
     /// None before it is begun, and after it could not be written.
     recording: Option<Recorder>,
+    /// None once it is written.
+    summary: Option<Reserved>,
 }
 
 /// The newest truth, and whether it still has to be written if the run ends now.
@@ -116,6 +120,7 @@ impl RunDir {
         for directory in [path.join("briefs"), path.join("logs")] {
             fs::create_dir(&directory).map_err(failed(&directory))?;
         }
+        let summary = path.join(SUMMARY);
         Ok(RunDir {
             path: path.into(),
             robots: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
@@ -130,6 +135,9 @@ impl RunDir {
             text: String::new(),
             events: Log::create(path.join("events.csv"), "t_s,kind,robot,detail")?,
             recording: None,
+            summary: Some(
+                Reserved::create(&summary, room_bytes(scenario)).map_err(failed(&summary))?,
+            ),
         })
     }
 
@@ -157,7 +165,7 @@ impl RunDir {
             ("pace", manifest.pace.word()),
             ("seed", &manifest.seed.to_string()),
             ("phalanx", manifest.phalanx),
-            ("git_hash", manifest.git_hash.as_deref().unwrap_or("")),
+            ("git_hash", manifest.build.git_hash.as_deref().unwrap_or("")),
         ];
         let run = Run {
             started_unix_ns: manifest.started_unix_ns,
@@ -290,30 +298,56 @@ impl RunDir {
         self.record(|recording, _| recording.event(t_ns, kind, robot, detail))
     }
 
-    /// Writes what came out, and everything still in hand.
+    /// Writes everything still in hand, as far as there is room, and what came out; with the exit code
+    /// that a failure makes it. The first failure is told.
     pub fn finish(
+        &mut self,
+        summary: &mut Summary,
+        pairs: &[PairDistance],
+        latency: &mut Latency,
+    ) -> Result<(), RunDirError> {
+        let kept = self.write_rest(summary, pairs, latency);
+        if kept.is_err() {
+            summary.exit = exit::INFRASTRUCTURE;
+        }
+        let summarized = match self.summary.take() {
+            Some(reserved) => reserved
+                .fill(summary.to_json().as_bytes())
+                .map_err(failed(&self.path.join(SUMMARY))),
+            None => Ok(()),
+        };
+        if summarized.is_err() {
+            summary.exit = exit::INFRASTRUCTURE;
+        }
+        kept.and(summarized)
+    }
+
+    fn write_rest(
         &mut self,
         summary: &Summary,
         pairs: &[PairDistance],
         latency: &mut Latency,
     ) -> Result<(), RunDirError> {
-        // The summary first: it is small, and tells most if the disk is full.
-        self.write("summary.json", summary.to_json())?;
         let mut text = "robot_a,robot_b,min_distance_m,t_s\n".to_owned();
         for PairDistance { pair: [a, b], min_distance_m, t_s } in pairs {
             text += &format!("{a},{b},{min_distance_m},{t_s}\n");
         }
-        self.write("pairs.csv", &text)?;
-        self.write("latency.csv", to_csv(&summary.latency))?;
-        self.write("latency_over_time.csv", to_csv(&latency.over_time()))?;
         let lasted = Duration::from_secs_f64(summary.wall_s);
-        self.write("latency.hlog", latency.hlog(SystemTime::now() - lasted, lasted))?;
-        self.events.flush()?;
-        self.write_last_truth()?;
-        match self.recording.take() {
-            Some(recording) => recording.finish().map_err(failed(&self.path.join(RECORDING))),
-            None => Ok(()),
-        }
+        let hlog = latency.hlog(SystemTime::now() - lasted, lasted);
+        // Each of them, whatever became of the one before.
+        [
+            self.events.flush(),
+            self.write_last_truth(),
+            self.write("pairs.csv", &text),
+            self.write("latency.csv", to_csv(&summary.latency)),
+            self.write("latency_over_time.csv", to_csv(&latency.over_time())),
+            self.write("latency.hlog", hlog),
+            self.recording.take().map_or(Ok(()), |recording| {
+                recording.finish().map_err(failed(&self.path.join(RECORDING)))
+            }),
+        ]
+        .into_iter()
+        .collect()
     }
 
     fn write(&self, name: &str, content: impl AsRef<[u8]>) -> Result<(), RunDirError> {
@@ -345,6 +379,12 @@ fn to_csv<T: Serialize>(lines: &[T]) -> Vec<u8> {
     writer.into_inner().expect("memory takes everything")
 }
 
+/// Room for what came out, far more than was ever seen.
+fn room_bytes(scenario: &Scenario) -> u64 {
+    let parts = scenario.robots.len() + scenario.graph.edges().len() + scenario.faults.len();
+    (1 << 16) + (1 << 12) * parts as u64
+}
+
 /// `runs/<name>-<date>-<time>`, in UTC, with a number behind it if that exists.
 pub fn default_out(name: &str) -> PathBuf {
     // A scenario's name is free text; a slash in it must not lead out of the folder.
@@ -374,92 +414,6 @@ pub fn date_and_time(seconds: u64) -> String {
     let year = era * 400 + year_of_era + u64::from(month <= 2);
     let (hour, minute, second) = (of_day / 3600, of_day / 60 % 60, of_day % 60);
     format!("{year:04}{month:02}{day:02}-{hour:02}{minute:02}{second:02}")
-}
-
-/// What was run, where and how.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Manifest {
-    /// Version of this program.
-    pub phalanx: &'static str,
-    /// Commit of the source tree that this program was built in, if it is there and one.
-    pub git_hash: Option<String>,
-    /// The scenario's name.
-    pub scenario: String,
-    /// The file it came from.
-    pub scenario_path: String,
-    /// The command line.
-    pub command: Vec<String>,
-    /// Seed of everything random.
-    pub seed: u64,
-    /// How time passed.
-    pub pace: Pace,
-    /// T, s.
-    pub period_s: f64,
-    /// What became of `--realtime-priority`, if it was asked for: `granted`, or why not.
-    pub realtime_priority: Option<String>,
-    /// Operating system and version.
-    pub kernel: String,
-    /// Processor architecture.
-    pub machine: String,
-    /// Cores that this process may use.
-    pub cores: usize,
-    /// Load averages over 1, 5 and 15 minutes when the run began.
-    pub load_average: String,
-    /// When the run began, ns since 1970, UTC.
-    pub started_unix_ns: u64,
-}
-
-impl Manifest {
-    /// Looks around, and never fails for it.
-    pub fn collect(scenario: &Scenario, path: &Path, pace: Pace) -> Manifest {
-        let system = rustix::system::uname();
-        let text = |part: &std::ffi::CStr| part.to_string_lossy().into_owned();
-        let load = fs::read_to_string("/proc/loadavg").unwrap_or_default();
-        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        Manifest {
-            phalanx: env!("CARGO_PKG_VERSION"),
-            git_hash: git_hash(),
-            scenario: scenario.name.clone(),
-            scenario_path: path.display().to_string(),
-            command: std::env::args_os().map(|arg| arg.to_string_lossy().into_owned()).collect(),
-            seed: scenario.seed,
-            pace,
-            period_s: seconds(scenario.period_ns),
-            realtime_priority: None,
-            kernel: format!("{} {}", text(system.sysname()), text(system.release())),
-            machine: text(system.machine()),
-            cores: std::thread::available_parallelism().map_or(1, usize::from),
-            load_average: load.split(' ').take(3).collect::<Vec<_>>().join(" "),
-            started_unix_ns: since_1970.as_nanos() as u64,
-        }
-    }
-}
-
-/// The commit of the source tree, if git says so soon enough. The working directory may be the
-/// tree of another project, whose commit says nothing about this program.
-fn git_hash() -> Option<String> {
-    let tree = Path::new(env!("CARGO_MANIFEST_DIR")).parent()?;
-    if !tree.join(".git").exists() {
-        return None;
-    }
-    let mut git = Command::new("git")
-        .args(["rev-parse", "HEAD"])
-        .current_dir(tree)
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn()
-        .ok()?;
-    let began = Instant::now();
-    while git.try_wait().ok()?.is_none() {
-        if began.elapsed() > GIT_MAX {
-            let _ = git.kill();
-        }
-        std::thread::sleep(Duration::from_millis(1));
-    }
-    let output = git.wait_with_output().ok()?;
-    let hash = String::from_utf8(output.stdout).ok()?.trim().to_owned();
-    (output.status.success() && !hash.is_empty()).then_some(hash)
 }
 
 #[cfg(test)]

@@ -100,6 +100,41 @@ fn a_full_disk_ends_the_run_with_4_and_keeps_what_was_written() {
 }
 
 #[test]
+fn on_a_disk_that_is_full_to_the_last_block_the_summary_and_the_verdict_survive() {
+    let place = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
+    let [disk, kept] = ["disk", "kept"].map(|name| place.path().join(name));
+    std::fs::create_dir(&disk).unwrap();
+    // A disk that is seen by the run alone, and gone with it: what is there is copied before.
+    let script = "mount -t tmpfs -o size=1500k tmpfs \"$1\" || exit 77
+        disk=$1 kept=$2; shift 2; \"$@\" --out \"$disk/run\"; code=$?
+        cp -r \"$disk/run\" \"$kept\"; exit $code";
+    let mut unshare = Command::new("unshare");
+    unshare.args(["--map-root-user", "--mount", "sh", "-c", script, "sh"]).args([&disk, &kept]);
+    unshare.args([env!("CARGO_BIN_EXE_phalanx"), "run", "scenarios/triangle.toml"]);
+    unshare.args("--pace lockstep --set period_s=0.0005 --set record_hz=2000".split(' '));
+    unshare.current_dir(env!("CARGO_MANIFEST_DIR")).env("PHALANX_RUN_ROOT", place.path());
+    let output = unshare.output().unwrap();
+    let [out, error] = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text));
+    if !kept.exists() {
+        assert!(error.contains("unshare") || error.contains("mount"), "{error}");
+        eprintln!("skipped: no disk can be mounted here: {error}");
+        return;
+    }
+    assert_eq!(output.status.code(), Some(4), "{out}{error}");
+    let named = ["samples.csv", "run.mcap"].iter().any(|file| error.contains(file));
+    assert!(named && error.contains("No space left"), "{error}");
+    let summary = std::fs::read(kept.join("summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_slice(&summary).unwrap();
+    assert_eq!(summary["exit"], 4);
+    assert!(summary["min_distance_m"].as_f64().unwrap() > 0.2, "{summary}");
+    assert!(out.contains("triangle, lockstep: ended early"), "{out}");
+    assert!(out.contains("smallest distance") && out.contains("not all of it is written"), "{out}");
+    let parts =
+        files_below(&kept).into_iter().filter(|path| path.extension() == Some("part".as_ref()));
+    assert_eq!(parts.count(), 0);
+}
+
+#[test]
 fn without_its_plant_a_run_ends_with_4_and_says_why() {
     let mut running = run("triangle").start();
     running.wait_for("a robot", |run| (!run.children().is_empty()).then_some(()));

@@ -22,6 +22,7 @@ mod model;
 mod oracle;
 mod pages;
 mod processes;
+mod provenance;
 mod realtime;
 mod recording;
 mod report;

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Parser;
+use supervisor::manifest::Build;
 use supervisor::spawn::Launcher;
 
 use crate::harness::{Phalanx, limited_by};
@@ -24,7 +25,7 @@ fn a_program_that_embeds_the_supervisor_says_which_executable_robots_and_plant_a
         words.extend("--pace lockstep --no-report --set duration_s=1 --set expect={}".split(' '));
         words.extend(["--out", out.to_str().unwrap()]);
         let Embedding { verb } = Embedding::parse_from(words);
-        (supervisor::cli::main(&verb, &agent::catalog(), launcher), out)
+        (supervisor::cli::main(&verb, &agent::catalog(), launcher, &Build::default()), out)
     };
     let (code, out) = run_with(&Launcher::of(env!("CARGO_BIN_EXE_phalanx")), "run");
     assert_eq!(code, 0);

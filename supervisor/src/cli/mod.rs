@@ -22,6 +22,7 @@ use clap::Subcommand;
 use protocol::catalog::Catalog;
 use protocol::process::quiet_iceoryx2;
 
+use crate::manifest::Build;
 use crate::spawn::Launcher;
 
 /// The supervisor's verbs.
@@ -43,12 +44,13 @@ pub enum Verb {
     Export(export::ExportArgs),
 }
 
-/// Does what was asked for; `catalog` is what the agents know, which `launcher` starts.
-pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher) -> u8 {
+/// Does what was asked for; `catalog` is what the agents know, which `launcher` starts, and `build` is
+/// what manifests say about this program.
+pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) -> u8 {
     screen::log_to_stderr();
     quiet_iceoryx2();
     match verb {
-        Verb::Run(args) => run::run(args, catalog, launcher.clone()),
+        Verb::Run(args) => run::run(args, catalog, launcher.clone(), build),
         Verb::Check(args) => check::check(args, catalog),
         Verb::Report(args) => report::report(args, catalog),
         Verb::Doctor(args) => doctor::doctor(args),

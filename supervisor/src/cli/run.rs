@@ -13,10 +13,11 @@ use view::{Bound, ViewError};
 use super::scenario::ScenarioArgs;
 use super::screen::{Output, complain, print, print_as, progress, show_progress, tell};
 use crate::live;
+use crate::manifest::{Build, Manifest};
 use crate::outcome::Outcome;
 use crate::report;
 use crate::run::{self, Run};
-use crate::run_dir::{Manifest, RunDir, RunDirError, default_out};
+use crate::run_dir::{RunDir, RunDirError, default_out};
 use crate::spawn::Launcher;
 use crate::summary::{self, Summary};
 use experiment::scenario::Scenario;
@@ -76,7 +77,7 @@ enum PaceArg {
     Realtime,
 }
 
-pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher) -> u8 {
+pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, build: &Build) -> u8 {
     if args.realtime_priority && args.pace == PaceArg::Lockstep {
         complain(&"--realtime-priority is for --pace realtime: lockstep has no deadlines");
         return exit::USAGE;
@@ -98,7 +99,7 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher) -> 
         PaceArg::Realtime => Pace::Realtime,
     };
     let out = args.out.clone().unwrap_or_else(|| default_out(&scenario.name));
-    let mut manifest = Manifest::collect(&scenario, &args.scenario.path, pace);
+    let mut manifest = Manifest::collect(&scenario, &args.scenario.path, pace, build);
     if args.realtime_priority {
         manifest.realtime_priority = Some(match try_realtime_priority() {
             Ok(()) => {
@@ -114,7 +115,7 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher) -> 
     let how = How { pace, launcher, unmeasured: args.unmeasured, looks };
     match fly(&scenario, &text, &manifest, &out, how) {
         Ok(flown) => {
-            if flown.took_off && !args.no_report {
+            if flown.took_off && flown.written && !args.no_report {
                 // The run is written down: that its pictures are not changes nothing about it.
                 if let Err(error) = report::write(&out, &scenario) {
                     complain(&error);
@@ -123,14 +124,14 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher) -> 
             let printed = match args.output {
                 // What was wrong was said already; of nothing there is nothing to show.
                 Output::Text if !flown.took_off => exit::OK,
-                Output::Text => print(&format!(
-                    "{}\nwritten to {}\n",
-                    summary::screen(&flown.summary).trim_end(),
-                    out.display()
-                )),
+                Output::Text => {
+                    let written =
+                        if flown.written { "written" } else { "not all of it is written" };
+                    print(&format!("{}\n{written} to {}\n", flown.screen.trim_end(), out.display()))
+                }
                 Output::Json => print_as(Output::Json, &flown.summary.to_json()),
             };
-            if flown.exit == exit::OK { printed } else { flown.exit }
+            if flown.summary.exit == exit::OK { printed } else { flown.summary.exit }
         }
         Err(error @ (NotFlown::Signals(_) | NotFlown::View(_))) => complain(&error),
         Err(NotFlown::RunDir(error)) => {
@@ -168,8 +169,10 @@ struct Looks {
 
 struct Flown {
     took_off: bool,
+    /// All of it, into its directory.
+    written: bool,
     summary: Summary,
-    exit: u8,
+    screen: String,
 }
 
 /// Runs a sound scenario and writes everything down.
@@ -220,17 +223,19 @@ fn fly(
         (_, true) if expected => exit::OK,
         (code, _) => code,
     };
-    let summary = Summary::new(scenario, pace, &measures, &outcome, expectations, exit);
-    let finished = run_dir.finish(&summary, &measures.pairs, &mut outcome.latency);
-    if let Some(view) = view {
-        let text = match (&flown, &finished) {
-            (Err(error), _) => format!("error: {error}"),
-            (_, Err(error)) => format!("error: {error}"),
-            _ => summary::screen(&summary),
-        };
-        let exit = if finished.is_ok() { exit } else { exit::INFRASTRUCTURE };
-        view.landed(exit, &text);
+    let mut summary = Summary::new(scenario, pace, &measures, &outcome, expectations, exit);
+    // The verdict is what it is, whether or not it can be written down.
+    let screen = summary::screen(&summary);
+    let finished = run_dir.finish(&mut summary, &measures.pairs, &mut outcome.latency);
+    let ended = flown.as_ref().err().map(ToString::to_string);
+    let unwritten = finished.as_ref().err().map(ToString::to_string);
+    if let Some(error) = unwritten.as_ref().filter(|error| ended.as_ref() != Some(error)) {
+        complain(error);
     }
-    finished?;
-    Ok(Flown { took_off: outcome.truth.is_some(), summary, exit })
+    if let Some(view) = view {
+        let error = ended.as_ref().or(unwritten.as_ref());
+        let text = error.map_or_else(|| screen.clone(), |error| format!("error: {error}"));
+        view.landed(summary.exit, &text);
+    }
+    Ok(Flown { took_off: outcome.truth.is_some(), written: finished.is_ok(), summary, screen })
 }

@@ -1,0 +1,82 @@
+//! A file whose room on the disk is taken at the beginning, and whose content comes at the end: it is
+//! written even if the disk is full by then. Nobody sees it before it is whole.
+
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+use rustix::fs::{FallocateFlags, fallocate};
+use rustix::io::Errno;
+
+/// Room for a file that is not there yet. Dropped, the room is given back.
+#[derive(Debug)]
+pub(crate) struct Reserved {
+    path: PathBuf,
+    /// What it is called until it is whole.
+    part: PathBuf,
+    file: File,
+}
+
+impl Reserved {
+    /// Takes so much room for a file at `path`, beside it.
+    pub(crate) fn create(path: &Path, bytes: u64) -> io::Result<Reserved> {
+        let mut part = path.as_os_str().to_owned();
+        part.push(".part");
+        let file = File::create_new(&part)?;
+        let mut reserved = Reserved { path: path.into(), part: part.into(), file };
+        match fallocate(&reserved.file, FallocateFlags::empty(), 0, bytes) {
+            Ok(()) => {}
+            // A file system that cannot: what was written once has room on nearly all of them.
+            Err(Errno::OPNOTSUPP | Errno::NOSYS | Errno::INTR) => {
+                reserved.file.write_all(&vec![0; bytes as usize])?;
+            }
+            Err(error) => return Err(error.into()),
+        }
+        Ok(reserved)
+    }
+
+    /// Writes the file.
+    pub(crate) fn fill(self, content: &[u8]) -> io::Result<()> {
+        self.file.write_all_at(content, 0)?;
+        self.file.set_len(content.len() as u64)?;
+        fs::rename(&self.part, &self.path)
+    }
+}
+
+impl Drop for Reserved {
+    fn drop(&mut self) {
+        // After the rename there is nothing of that name.
+        let _ = fs::remove_file(&self.part);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = fs::read_dir(folder).unwrap().flatten();
+        entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect()
+    }
+
+    #[test]
+    fn a_file_has_its_content_and_no_more_whatever_was_reserved() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("summary.json");
+        for (bytes, content) in [(4096, &b"short"[..]), (2, b"longer than that")] {
+            let reserved = Reserved::create(&path, bytes).unwrap();
+            assert!(reserved.file.metadata().unwrap().len() >= bytes);
+            reserved.fill(content).unwrap();
+            assert_eq!(fs::read(&path).unwrap(), content);
+            assert_eq!(names(place.path()), ["summary.json"]);
+        }
+    }
+
+    #[test]
+    fn room_that_was_not_used_is_given_back() {
+        let place = tempfile::tempdir().unwrap();
+        drop(Reserved::create(&place.path().join("summary.json"), 4096).unwrap());
+        assert_eq!(names(place.path()), Vec::<String>::new());
+    }
+}

@@ -1,0 +1,160 @@
+//! What a binary says about its own build, shown by the real build script in a tree of two small
+//! crates: sources that differ from their commit are never called clean.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::harness::run;
+
+/// A tree with our build script: a program, and a crate beside it with a law.
+struct Tree(TempDir);
+
+impl Tree {
+    fn new() -> Tree {
+        let tree = Tree(tempfile::tempdir().unwrap());
+        let main = r#"fn main() {
+            let of = ["GIT_HASH", "GIT_DIRTY", "RUSTC", "PROFILE"];
+            let is = [env!("PHALANX_GIT_HASH"), env!("PHALANX_GIT_DIRTY"),
+                env!("PHALANX_RUSTC"), env!("PHALANX_PROFILE")];
+            for (name, value) in of.iter().zip(is) { println!("{name}={value}"); }
+            agent::law();
+        }"#;
+        let manifest = |name: &str| {
+            format!("[package]\nname = \"{name}\"\nversion = \"0.1.0\"\nedition = \"2024\"\n")
+        };
+        let depends = "[dependencies]\nagent = { path = \"agent\" }\n[workspace]\n";
+        tree.write("Cargo.toml", &(manifest("program") + depends));
+        tree.write("src/main.rs", main);
+        tree.write("agent/Cargo.toml", &manifest("agent"));
+        tree.write("agent/src/lib.rs", "pub fn law() {}\n");
+        tree.write(".gitignore", "target\n");
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("build.rs");
+        tree.write("build.rs", &fs::read_to_string(script).unwrap());
+        tree
+    }
+
+    fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        let path = self.path().join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, text).unwrap();
+    }
+
+    /// Adds everything to a commit; its hash.
+    fn commit(&self) -> String {
+        let git = |words: &[&str]| {
+            let who = ["-c", "user.name=nobody", "-c", "user.email=nobody@localhost"];
+            let output = self.without_ours("git").args(who).args(words).output().unwrap();
+            assert!(output.status.success(), "git {words:?}: {output:?}");
+            String::from_utf8(output.stdout).unwrap().trim().to_owned()
+        };
+        git(&["init", "-q"]);
+        git(&["add", "-A"]);
+        git(&["commit", "-q", "-m", "a commit"]);
+        git(&["rev-parse", "HEAD"])
+    }
+
+    /// A command in this tree that knows nothing of the repository and build that it is run from.
+    fn without_ours(&self, program: &str) -> Command {
+        let mut command = Command::new(program);
+        command.current_dir(self.path());
+        for (name, _) in std::env::vars_os() {
+            let name = name.to_string_lossy().into_owned();
+            if ["GIT_", "CARGO_BUILD_", "CARGO_TARGET_"].iter().any(|ours| name.starts_with(ours)) {
+                command.env_remove(name);
+            }
+        }
+        command
+    }
+
+    fn build(&self) -> Output {
+        let cargo = self.without_ours(env!("CARGO")).args(["build", "--offline"]).output().unwrap();
+        assert!(cargo.status.success(), "{}", String::from_utf8_lossy(&cargo.stderr));
+        cargo
+    }
+
+    /// What the program, built anew if it must be, says of commit and sources.
+    fn says(&self) -> (String, String) {
+        self.build();
+        let output = Command::new(self.path().join("target/debug/program")).output().unwrap();
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert!(text.contains("\nRUSTC=rustc 1."), "{text}");
+        assert!(text.contains("\nPROFILE=debug\n"), "{text}");
+        (word(&text, "GIT_HASH="), word(&text, "GIT_DIRTY="))
+    }
+}
+
+fn word(text: &str, name: &str) -> String {
+    let found = text.lines().find_map(|line| line.strip_prefix(name));
+    found.unwrap_or_else(|| panic!("no {name} in {text}")).to_owned()
+}
+
+#[test]
+fn a_law_that_was_edited_after_the_commit_is_dirty_once_it_is_built() {
+    let tree = Tree::new();
+    tree.build(); // which makes Cargo.lock
+    let first = tree.commit();
+    // The repository is new, and nothing that was watched has changed.
+    tree.write("build.rs", &fs::read_to_string(tree.path().join("build.rs")).unwrap());
+    assert_eq!(tree.says(), (first.clone(), "false".into()));
+
+    let again = tree.build();
+    let again = String::from_utf8_lossy(&again.stderr);
+    assert!(!again.contains("Compiling"), "built again without a reason: {again}");
+
+    tree.write("agent/src/lib.rs", "pub fn law() { assert!(true); }\n");
+    assert_eq!(tree.says(), (first.clone(), "true".into()));
+    let second = tree.commit();
+    assert_ne!(first, second);
+    assert_eq!(tree.says(), (second.clone(), "false".into()));
+
+    // Nor is a law that no commit knows.
+    tree.write("agent/src/laws.rs", "");
+    assert_eq!(tree.says(), (second.clone(), "true".into()));
+    fs::remove_file(tree.path().join("agent/src/laws.rs")).unwrap();
+    assert_eq!(tree.says(), (second.clone(), "false".into()));
+    // What is no part of the program does not count.
+    tree.write("docs/notes.md", "");
+    assert_eq!(tree.says(), (second, "false".into()));
+}
+
+#[test]
+fn without_a_repository_or_without_git_the_commit_is_unknown() {
+    let tree = Tree::new();
+    assert_eq!(tree.says(), (String::new(), String::new()));
+    tree.commit();
+    let scripts = fs::read_dir(tree.path().join("target/debug/build")).unwrap().flatten();
+    let mut scripts = scripts.map(|entry| entry.path().join("build-script-build"));
+    let script: PathBuf = scripts.find(|path| path.exists()).unwrap();
+    let run_with = |path: &str| {
+        let mut script = tree.without_ours(script.to_str().unwrap());
+        script.env("CARGO_MANIFEST_DIR", tree.path()).env("PATH", path);
+        let output = script.output().unwrap();
+        assert!(output.status.success(), "{output:?}");
+        let text = String::from_utf8(output.stdout).unwrap();
+        word(&text, "cargo::rustc-env=PHALANX_GIT_HASH=")
+    };
+    assert_eq!(run_with(&std::env::var("PATH").unwrap()).len(), 40);
+    assert_eq!(run_with("/no/such/folder"), "");
+}
+
+#[test]
+fn a_manifest_says_how_the_program_was_built_and_on_which_processor_it_ran() {
+    let ended = run("triangle").lockstep().set("duration_s=0.1").set("expect={}").finish();
+    ended.exits_with(0);
+    let manifest: Value = serde_json::from_str(&ended.file("manifest.json")).unwrap();
+    let text = |key: &str| manifest[key].as_str().unwrap_or("none").to_owned();
+    ended.claim(text("rustc").starts_with("rustc 1."), text("rustc"));
+    ended.claim(["debug", "release"].contains(&text("profile").as_str()), text("profile"));
+    ended.claim(!["", "none"].contains(&text("processor").as_str()), "the processor is named");
+    let (hash, dirty) = (&manifest["git_hash"], &manifest["git_dirty"]);
+    let known = hash.as_str().is_some_and(|hash| hash.len() == 40) && dirty.is_boolean();
+    ended.claim(known || hash.is_null() && dirty.is_null(), format!("{hash}, {dirty}"));
+}

@@ -109,7 +109,10 @@ fn a_robot_frozen_in_real_time_stands_and_is_given_up_and_taken_back() {
     for word in ["stale", "lost", "fresh"] {
         ended.claim(words(word), format!("r1 calls r2 {word}"));
     }
-    ended.claim(of_r2.last().is_some_and(|line| line.ends_with("fresh r2")), "and fresh at last");
+    // A busy machine may make it stale again at any time.
+    let after = |line: &&str| line.split(',').next().unwrap().parse::<f64>().unwrap() >= 4.0;
+    let back = of_r2.iter().filter(|line| after(line)).any(|line| line.ends_with("fresh r2"));
+    ended.claim(back, "and fresh again once it goes on");
     // H is 13 ms here; that it is kept to the nanosecond is the plant's own test.
     stands(&ended, "r2", 2.2, 3.9);
     let before = motion(&ended, "r2", 1.0, 1.9);

@@ -184,10 +184,8 @@ impl World {
                 }
             }
             Act::Reported { robot, takes_part } => {
-                let living = |process: &&mut Process| process.dead.is_none() && !process.stopped;
-                let process = self.robots[robot].process.as_mut();
-                if let Some(process) = process.filter(living) {
-                    // What was sent before a SIGKILL may come after it.
+                // What was sent before it was stopped, killed, or died may come after that.
+                if let Some(process) = &mut self.robots[robot].process {
                     process.reported |= takes_part && process.kills == 0;
                     self.step(Event::Reported { robot, takes_part });
                 }

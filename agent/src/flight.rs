@@ -1,6 +1,7 @@
 //! When the brain thinks: one loop for each pace, the same body.
 //!
-//! Every wait has a deadline. The loops need the plant; they never need the supervisor.
+//! The loops need the plant; no command needs the supervisor. In lockstep, where a tick takes as long
+//! as the slowest robot, an agent waits as long as the supervisor is at work, which knows who is hung.
 
 use std::error::Error;
 use std::path::Path;
@@ -13,16 +14,18 @@ use protocol::latency::Stage;
 use protocol::message::Odometry;
 use protocol::process::{self, Alarm, Resumed, Stop};
 use protocol::run_root::{self, RunRootError};
+use protocol::watchdog::{SupervisorLost, SupervisorWatch};
 
 use crate::brain::{Brain, Parts};
 use crate::golden_phase;
 use crate::ports::{PortError, Ports};
 
-/// Without a sign of the plant for this long, the agent gives up. Longer than the start-up of a
-/// large experiment, or a pause in lockstep, may take.
+/// In real time, without a sign of the plant for this long, the agent gives up. Longer than the
+/// start-up of a large experiment may take.
 const PLANT_SILENCE_MAX_NS: u64 = 30_000_000_000;
-/// How long one wait for the next tick may last before the signs of an end are looked at.
-const WAIT_MAX: Duration = Duration::from_millis(200);
+/// Of the time between two wake-ups at most this much, or two periods, counts as silence: an agent
+/// that was stopped could hear nobody.
+const GAP_NS_MAX: u64 = 1_000_000_000;
 /// A robot that is slow on purpose looks this often whether it is to stop.
 const LINGER_STEP: Duration = Duration::from_millis(50);
 /// The supervisor hears from every agent at least this often.
@@ -51,6 +54,9 @@ pub enum FlightError {
     /// Signals cannot be handled.
     #[error("cannot handle signals: {0}")]
     Signals(#[from] std::io::Error),
+    /// In lockstep the supervisor watches over everybody: without it there is no run.
+    #[error(transparent)]
+    SupervisorLost(#[from] SupervisorLost),
     /// Nothing was heard of the plant.
     #[error("no sign of the plant for {} s", PLANT_SILENCE_MAX_NS / 1_000_000_000)]
     PlantSilent,
@@ -87,7 +93,7 @@ where
     let barrier = match brief.pace {
         Pace::Lockstep => {
             let mut barrier = Barrier::open(&run_root::barrier_path(&brief.run_root))?;
-            barrier.rely_on(Alarm::start(&stop)?);
+            barrier.rely_on(Alarm::start()?);
             Some(barrier)
         }
         Pace::Realtime => None,
@@ -114,24 +120,21 @@ struct Agent {
 impl Agent {
     fn fly_in_lockstep(mut self, barrier: &Barrier, mut epoch: u32) -> Result<(), FlightError> {
         let slot = self.brief.index - 1;
-        let mut heard_ns = clock::now_ns();
-        self.report_if(true, heard_ns)?;
+        let mut supervisor = SupervisorWatch::new(barrier);
+        self.report_if(true, clock::now_ns())?;
         while !self.stop.requested() {
-            let Some((new_epoch, tick)) = barrier.wait_tick(slot, epoch, WAIT_MAX) else {
-                if clock::now_ns() - heard_ns > PLANT_SILENCE_MAX_NS {
-                    return Err(FlightError::PlantSilent);
-                }
-                continue;
+            let patience = supervisor.patience(barrier, &self.stop);
+            let Some((new_epoch, tick)) = barrier.wait_tick(slot, epoch, patience) else {
+                break;
             };
             epoch = new_epoch;
+            supervisor.went_on();
             // After a freeze it first sees a tick that went by without it.
             let Some(first_tick) = barrier.member_since(slot).filter(|&since| since <= tick) else {
-                heard_ns = clock::now_ns();
                 continue;
             };
             let odometry = self.odometry_of(tick)?;
             let taken_ns = clock::now_ns();
-            heard_ns = taken_ns;
             self.ports.latency.record(
                 Stage::Odometry,
                 0,
@@ -156,7 +159,7 @@ impl Agent {
             }
             self.ports.latency.send_if_due(taken_ns);
         }
-        Ok(())
+        supervisor.lost().map_or(Ok(()), |lost| Err(lost.into()))
     }
 
     /// The odometry of exactly this tick; older samples are from before this robot took part.
@@ -203,11 +206,12 @@ impl Agent {
         let period_ns = self.brief.period_ns;
         let phase = golden_phase(self.brief.index);
         let mut timer = Timer::new(period_ns, (phase * period_ns as f64) as u64);
-        let mut heard_ns = clock::now_ns();
+        let mut awake_ns = clock::now_ns();
+        let mut silent_ns = 0;
         let mut late_ns = Vec::with_capacity(LATE_MAX);
         let resumed = Resumed::on_signal()?;
         let mut lingered = false;
-        self.report_if(true, heard_ns)?;
+        self.report_if(true, awake_ns)?;
         while !self.stop.requested() {
             let Some(wake) = timer.wait() else { continue };
             // Whoever was stopped, or was slow on purpose, is not late by the machine's doing.
@@ -225,13 +229,15 @@ impl Agent {
                 late_ns.drain(..).for_each(|ns| self.ports.latency.record(Stage::Wake, 0, ns));
             }
             let taken_ns = clock::now_ns();
+            silent_ns += (taken_ns - awake_ns).min(GAP_NS_MAX.max(2 * period_ns));
+            awake_ns = taken_ns;
             self.ports.faults_by_hand(|robot, cut| self.brain.set_cut(robot, cut))?;
             // At its first sample a robot has heard nothing, as in lockstep.
             if self.brain.has_flown() {
                 self.hear_newest()?;
             }
             if let Some(odometry) = newest {
-                heard_ns = taken_ns;
+                silent_ns = 0;
                 self.ports.latency.record(
                     Stage::Odometry,
                     0,
@@ -246,7 +252,7 @@ impl Agent {
                     self.measure(taken_ns, used_ns, sent_ns);
                     self.deadline_misses += sent_ns.saturating_sub(wake.due_ns) / period_ns;
                 }
-            } else if taken_ns - heard_ns > PLANT_SILENCE_MAX_NS {
+            } else if silent_ns > PLANT_SILENCE_MAX_NS {
                 return Err(FlightError::PlantSilent);
             }
             let news = self.brain.take_news();

@@ -7,7 +7,7 @@
 use std::ffi::OsString;
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use agent::brain::Brain;
 use clap::ValueEnum;
@@ -23,10 +23,7 @@ use protocol::run_root::RunRoot;
 
 use crate::mapping::{Line, Mapping};
 use crate::peers::{self, Peers};
-use crate::{BenchError, Place, failed, pipe};
-
-/// How long one wait lasts before it is looked whether the others live.
-const WAIT_MAX: Duration = Duration::from_millis(200);
+use crate::{BenchError, HUNG_AFTER, Place, failed, pipe};
 
 /// What carries the samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -160,7 +157,7 @@ struct MappedPlant {
 
 impl MappedPlant {
     fn new(dir: &Path, robots: usize) -> Result<MappedPlant, BenchError> {
-        let barrier = Barrier::create(&dir.join("barrier"), robots, 1)?;
+        let barrier = Barrier::create(&dir.join("barrier"), robots, 1, HUNG_AFTER)?;
         (0..robots).for_each(|slot| barrier.set_member(slot, 0));
         Ok(MappedPlant { seats: seats(dir, robots)?, barrier })
     }
@@ -178,10 +175,12 @@ impl PlantEnd for MappedPlant {
         }
         self.barrier.begin(tick);
         self.barrier.release(0);
-        while self.barrier.wait_arrivals(tick, WAIT_MAX).is_err() {
-            peers.check()?;
-        }
-        Ok(())
+        let mut checked = Ok(());
+        let arrived = self.barrier.wait_arrivals(tick, || {
+            checked = peers.check();
+            checked.is_ok()
+        });
+        arrived.or(checked)
     }
 
     fn command(&mut self, robot: usize, _: &Peers) -> Result<Command, BenchError> {
@@ -200,7 +199,7 @@ struct MappedAgent {
 impl MappedAgent {
     fn new(dir: &Path, brief: &AgentBrief) -> Result<MappedAgent, BenchError> {
         let mut barrier = Barrier::open(&dir.join("barrier"))?;
-        let alarm = Alarm::start(&Stop::default());
+        let alarm = Alarm::start();
         barrier.rely_on(alarm.map_err(failed("set an alarm for", dir))?);
         Ok(MappedAgent {
             seats: seats(dir, barrier.slots())?,
@@ -214,12 +213,11 @@ impl MappedAgent {
 
 impl AgentEnd for MappedAgent {
     fn odometry(&mut self) -> Result<Odometry, BenchError> {
-        loop {
-            if let Some((epoch, _)) = self.barrier.wait_tick(self.slot, self.epoch, WAIT_MAX) {
-                self.epoch = epoch;
-                return Ok(self.seats[self.slot].odometry.read());
-            }
+        // Until it is killed.
+        if let Some((epoch, _)) = self.barrier.wait_tick(self.slot, self.epoch, || true) {
+            self.epoch = epoch;
         }
+        Ok(self.seats[self.slot].odometry.read())
     }
 
     fn beacon(&mut self, place: usize, tick: u64) -> Result<Beacon, BenchError> {

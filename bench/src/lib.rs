@@ -49,9 +49,13 @@ mod view;
 
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use protocol::process::Stop;
 use protocol::run_root::RunRoot;
+
+/// How long a process under measurement may owe another an answer.
+const HUNG_AFTER: Duration = Duration::from_secs(60);
 
 /// Why there is no figure.
 #[derive(Debug, thiserror::Error)]

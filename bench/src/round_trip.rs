@@ -33,7 +33,7 @@ use crate::mapping::{Line, Mapping, Plain, Word};
 use crate::peers::{self, Peers};
 use crate::quantiles::quantiles_us;
 use crate::table::Row;
-use crate::{BenchError, Measured, Place, Setting, failed, pipe, ring};
+use crate::{BenchError, HUNG_AFTER, Measured, Place, Setting, failed, pipe, ring};
 
 /// How long a wait lasts before it is looked whether the other lives.
 const WAIT_MAX: Duration = Duration::from_millis(200);
@@ -194,7 +194,7 @@ impl With<'_> {
             service::status(&name).create(node, Qos::of_status(1))?,
             service::latency(&name).create(node, Qos::of_latency(1))?,
         );
-        let barrier = Barrier::create(&root.barrier_path(), 1, 1)?;
+        let barrier = Barrier::create(&root.barrier_path(), 1, 1, HUNG_AFTER)?;
         barrier.set_member(0, 0);
         let place = Place::new(root, &name)?;
         let path = place.path().join("brief.toml");
@@ -226,11 +226,14 @@ impl With<'_> {
             barrier.begin(tick);
             barrier.release(0);
             let began = Instant::now();
-            while barrier.wait_arrivals(tick, WAIT_MAX).is_err() {
-                lives()?;
-                if began.elapsed() > READY_MAX {
-                    return Err(BenchError::Wrong("the agent did not answer in time".into()));
-                }
+            let mut lived = Ok(());
+            let arrived = barrier.wait_arrivals(tick, || {
+                lived = lives();
+                lived.is_ok() && began.elapsed() < READY_MAX
+            });
+            if arrived.is_err() {
+                lived?;
+                return Err(BenchError::Wrong("the agent did not answer in time".into()));
             }
             let answer = command.receive().map_err(not_received)?;
             let answer = answer.filter(|answer| answer.tick == tick);

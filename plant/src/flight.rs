@@ -1,7 +1,7 @@
 //! When time passes: one loop for each pace over the same world.
 //!
-//! Every wait has a deadline. In lockstep the plant leads the barrier; in real time it waits for
-//! nobody but the clock.
+//! In lockstep the plant leads the barrier, and waits for robots and supervisor as long as that one
+//! is at work, which knows who is hung; in real time it waits for nobody but the clock.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -12,24 +12,20 @@ use protocol::clock::{self, Timer};
 use protocol::latency::Stage;
 use protocol::process::{self, Alarm, Stop};
 use protocol::run_root::{self, RunRootError};
+use protocol::watchdog::{SupervisorLost, SupervisorWatch};
 
 use crate::gaps::Gaps;
 use crate::ports::{PortError, Ports};
 use crate::world::World;
 
-/// All robots must be ready within this; the supervisor has a shorter bound and names the culprit.
+/// In real time all robots must be ready within this; the supervisor has a shorter bound and names
+/// the culprit.
 const READY_MAX: Duration = Duration::from_secs(30);
 /// How often readiness is looked at.
 const READY_EVERY: Duration = Duration::from_millis(1);
 /// In real time, once all are ready, they have this long and two periods to connect to each other.
 const SETTLE_MIN: Duration = Duration::from_millis(20);
-/// A robot that takes part in lockstep must answer within this. Far longer than any answer takes: a
-/// machine that is busy with other things starves a process for a second now and then.
-const ANSWER_MAX: Duration = Duration::from_secs(5);
-/// The supervisor must take in truths, and end a pause, within these.
-const LEAD_WAIT_MAX: Duration = Duration::from_secs(10);
-const PAUSE_MAX: Duration = Duration::from_secs(30);
-/// How long the last truth waits for the supervisor's signal to end.
+/// How long the last truth of real time waits for the supervisor's signal to end.
 const LANDED_MAX: Duration = Duration::from_secs(10);
 /// The supervisor's attention is drawn to new truths every so many ticks.
 const ATTENTION_EVERY: u64 = 16;
@@ -58,17 +54,6 @@ pub enum FlightError {
         /// Their names.
         robots: String,
     },
-    /// Robots that take part did not answer.
-    #[error(
-        "at tick {tick} no answer within {} s from: {robots} (alive, but stopped or starved?)",
-        ANSWER_MAX.as_secs()
-    )]
-    Silent {
-        /// The tick at hand.
-        tick: u64,
-        /// Their names.
-        robots: String,
-    },
     /// A robot arrived at the barrier without a command.
     #[error("lockstep is broken: {robot} arrived at tick {tick} without a command")]
     NoCommand {
@@ -77,12 +62,9 @@ pub enum FlightError {
         /// Its name.
         robot: String,
     },
-    /// The supervisor does not keep up.
-    #[error("the supervisor was silent for too long at tick {tick}")]
-    SupervisorSilent {
-        /// The tick at hand.
-        tick: u64,
-    },
+    /// In lockstep the supervisor watches over everybody: without it there is no run.
+    #[error(transparent)]
+    SupervisorLost(#[from] SupervisorLost),
 }
 
 /// Runs the world of this brief to its end.
@@ -97,14 +79,26 @@ pub fn run(brief_path: &Path) -> Result<(), FlightError> {
     let ports = Ports::open(&brief)?;
     let sent_ns = vec![0; brief.robots.len()];
     let plant = Plant { world: World::new(&brief), brief, ports, stop, sent_ns };
-    plant.wait_until_ready()?;
-    if plant.stop.requested() {
-        return Ok(());
-    }
-    tracing::info!(robots = plant.brief.robots.len(), "all ready, t = 0");
     match plant.brief.pace {
-        Pace::Lockstep => plant.fly_in_lockstep(),
-        Pace::Realtime => plant.fly_in_real_time(),
+        Pace::Lockstep => {
+            let mut barrier = Barrier::open(&run_root::barrier_path(&plant.brief.run_root))?;
+            barrier.rely_on(Alarm::start()?);
+            let mut supervisor = SupervisorWatch::new(&barrier);
+            if plant.wait_until_ready(supervisor.patience(&barrier, &plant.stop)) {
+                plant.fly_in_lockstep(&barrier, &mut supervisor)?;
+            }
+            supervisor.lost().map_or(Ok(()), |lost| Err(lost.into()))
+        }
+        Pace::Realtime => {
+            let began = Instant::now();
+            if plant.wait_until_ready(|| !plant.stop.requested() && began.elapsed() < READY_MAX) {
+                plant.fly_in_real_time()
+            } else if plant.stop.requested() {
+                Ok(())
+            } else {
+                Err(FlightError::NotReady { robots: plant.names(plant.ports.not_ready()) })
+            }
+        }
     }
 }
 
@@ -118,49 +112,54 @@ struct Plant {
 }
 
 impl Plant {
-    fn wait_until_ready(&self) -> Result<(), FlightError> {
-        let began = Instant::now();
-        while !self.stop.requested() && self.ports.not_ready().next().is_some() {
-            if began.elapsed() > READY_MAX {
-                return Err(FlightError::NotReady { robots: self.names(self.ports.not_ready()) });
+    /// Whether all robots are; false once `patience` ends.
+    fn wait_until_ready(&self, mut patience: impl FnMut() -> bool) -> bool {
+        while self.ports.not_ready().next().is_some() {
+            if !patience() {
+                return false;
             }
             std::thread::sleep(READY_EVERY);
         }
-        Ok(())
+        tracing::info!(robots = self.brief.robots.len(), "all ready, t = 0");
+        true
     }
 
-    fn fly_in_lockstep(mut self) -> Result<(), FlightError> {
-        let mut barrier = Barrier::open(&run_root::barrier_path(&self.brief.run_root))?;
-        barrier.rely_on(Alarm::start(&self.stop)?);
+    /// Ends early when asked to stop, or without a supervisor.
+    fn fly_in_lockstep(
+        mut self,
+        barrier: &Barrier,
+        supervisor: &mut SupervisorWatch,
+    ) -> Result<(), FlightError> {
         let ticks = self.brief.duration_ns / self.brief.period_ns;
         for tick in 0..ticks {
             self.ports.send_truth(&self.world)?;
             if tick.is_multiple_of(ATTENTION_EVERY) {
                 barrier.attention();
             }
-            if self.stop.requested() {
+            let mut patience = supervisor.patience(barrier, &self.stop);
+            let goes_on = !self.stop.requested()
+                && (!barrier.pause_due(tick) || barrier.pause(tick, &mut patience))
+                && barrier.wait_lead(tick, LEAD_MAX, &mut patience);
+            drop(patience);
+            if !goes_on || self.stop.requested() || !self.fly_one_tick(barrier, supervisor, tick)? {
                 return Ok(());
             }
-            let resumed = !barrier.pause_due(tick) || barrier.pause(tick, PAUSE_MAX);
-            let in_lead = barrier.wait_lead(tick, LEAD_MAX, LEAD_WAIT_MAX);
-            if self.stop.requested() {
-                return Ok(());
-            }
-            if !(resumed && in_lead) {
-                return Err(FlightError::SupervisorSilent { tick });
-            }
-            self.fly_one_tick(&barrier, tick)?;
             self.world.advance((tick + 1) * self.brief.period_ns);
             self.world.next_tick();
         }
         self.ports.send_truth(&self.world)?;
         barrier.attention();
-        self.land();
+        land(supervisor.patience(barrier, &self.stop));
         Ok(())
     }
 
-    /// Odometry to everybody who takes part, and a command from each.
-    fn fly_one_tick(&mut self, barrier: &Barrier, tick: u64) -> Result<(), FlightError> {
+    /// Odometry to everybody who takes part, and a command from each; false if it ends early.
+    fn fly_one_tick(
+        &mut self,
+        barrier: &Barrier,
+        supervisor: &mut SupervisorWatch,
+        tick: u64,
+    ) -> Result<bool, FlightError> {
         barrier.begin(tick);
         for group in 0..barrier.groups() {
             for robot in barrier.members_of(group) {
@@ -168,11 +167,8 @@ impl Plant {
             }
             barrier.release(group);
         }
-        if let Err(silent) = barrier.wait_arrivals(tick, ANSWER_MAX) {
-            if self.stop.requested() {
-                return Ok(()); // they were told to stop as well
-            }
-            return Err(FlightError::Silent { tick, robots: self.names(silent.into_iter()) });
+        if barrier.wait_arrivals(tick, supervisor.patience(barrier, &self.stop)).is_err() {
+            return Ok(false);
         }
         for robot in barrier.members() {
             loop {
@@ -198,7 +194,7 @@ impl Plant {
             }
         }
         self.ports.latency.send_if_due(clock::now_ns());
-        Ok(())
+        Ok(true)
     }
 
     fn fly_in_real_time(mut self) -> Result<(), FlightError> {
@@ -236,7 +232,8 @@ impl Plant {
             }
             self.ports.latency.send_if_due(now_ns);
         }
-        self.land();
+        let began = Instant::now();
+        land(|| !self.stop.requested() && began.elapsed() < LANDED_MAX);
         Ok(())
     }
 
@@ -248,17 +245,16 @@ impl Plant {
         Ok(())
     }
 
-    /// Leaves the last truth in place until the supervisor, having taken it, says stop.
-    fn land(&self) {
-        let began = Instant::now();
-        while !self.stop.requested() && began.elapsed() < LANDED_MAX {
-            std::thread::sleep(READY_EVERY);
-        }
-    }
-
     fn names(&self, robots: impl Iterator<Item = usize>) -> String {
         let names: Vec<&str> = robots.map(|i| self.brief.robots[i].name.as_str()).collect();
         names.join(", ")
+    }
+}
+
+/// Leaves the last truth in place until the supervisor, having taken it, says stop.
+fn land(mut patience: impl FnMut() -> bool) {
+    while patience() {
+        std::thread::sleep(READY_EVERY);
     }
 }
 

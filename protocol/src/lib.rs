@@ -13,6 +13,7 @@
 //! | `barrier` | in lockstep: whose turn is it? |
 //! | `latency` | what is measured of delays, and how does it get to the supervisor? |
 //! | `number` | how is a number shown to people? |
+//! | `watchdog` | is a process that owes an answer hung, or only kept from giving it? |
 //! | `process` | how does a child name itself, log, and stop? |
 //! | `visible` | how is text from anywhere shown on a terminal? |
 //!
@@ -39,3 +40,5 @@ pub mod run_root;
 #[cfg(feature = "ipc")]
 pub mod service;
 pub mod visible;
+#[cfg(feature = "ipc")]
+pub mod watchdog;

@@ -118,17 +118,6 @@ fn a_robot_that_keeps_dying_is_given_up_at_the_ceiling_and_the_run_goes_on() {
 }
 
 #[test]
-fn a_robot_that_is_stopped_from_outside_in_lockstep_is_named_and_the_run_ends_with_4() {
-    let mut running = run("triangle").lockstep().set("period_s=0.0001").start();
-    running.wait_for_event("contact");
-    let pid = running.pid_of("r2");
-    signal_pid(pid, Signal::STOP);
-    let ended = running.finish();
-    ended.exits_with(4).leaves_nothing();
-    ended.claim(ended.stderr.contains("no answer within 5 s from: r2"), "r2 is named");
-}
-
-#[test]
 fn a_robot_that_keeps_giving_up_ends_the_run_with_4() {
     let mut running = run("triangle").lockstep().set("period_s=0.0001").start();
     running.wait_for_event("contact");

@@ -13,6 +13,7 @@ mod faults;
 mod formats;
 mod harness;
 mod hostile;
+mod hung;
 mod isolation;
 mod latency;
 mod lockstep;

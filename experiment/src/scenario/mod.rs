@@ -64,6 +64,9 @@ pub struct Scenario {
     pub latency_allowed_ns: u64,
     /// h: for how many periods a command may be held in real time.
     pub hold_periods: u32,
+    /// A process that owes the others an answer in lockstep for this long is hung, ns: processor time
+    /// that it uses meanwhile, or wall time while it is blocked.
+    pub hung_after_ns: u64,
     /// Seed of everything random.
     pub seed: u64,
     /// Rows of `samples.csv` per second of run time and robot.

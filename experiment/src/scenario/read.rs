@@ -36,6 +36,11 @@ use crate::check;
 /// Most ticks in one run: a day at 1 kHz.
 const TICKS_MAX: u64 = 100_000_000;
 
+/// How long a process may owe the others an answer in lockstep, ns: longer than any law computes.
+const HUNG_AFTER_NS: u64 = 60_000_000_000;
+/// The least that may be asked for, ns.
+const HUNG_AFTER_NS_MIN: u64 = 100_000_000;
+
 /// Most periods that a command may be held.
 const HOLD_PERIODS_MAX: u64 = 100;
 
@@ -46,6 +51,7 @@ const ROOT_KEYS: &[&str] = &[
     "period_s",
     "seed",
     "record_hz",
+    "hung_after_s",
     "published_velocity",
     "realtime",
     "avoidance",
@@ -214,6 +220,17 @@ fn scenario(
         Some(record_hz) => record_hz.positive("Hz")?,
         None => 100.0,
     };
+    let hung_after_ns = match root.get("hung_after_s") {
+        Some(hung_after) => match hung_after.duration_ns()? {
+            ns if ns < HUNG_AFTER_NS_MIN => {
+                let (found, least) = (seconds(ns), seconds(HUNG_AFTER_NS_MIN));
+                let expected = format!("expected at least {least}: every robot waits now and then");
+                return Err(hung_after.wrong(format!("is {found}"), expected));
+            }
+            ns => ns,
+        },
+        None => HUNG_AFTER_NS,
+    };
     let velocities = [
         ("gamma", PublishedVelocity::Gamma),
         ("gamma+beta", PublishedVelocity::GammaAndBeta),
@@ -240,6 +257,7 @@ fn scenario(
         plant_tick_ns,
         latency_allowed_ns,
         hold_periods,
+        hung_after_ns,
         seed,
         record_hz,
         published_velocity,

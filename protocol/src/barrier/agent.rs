@@ -1,12 +1,10 @@
 //! An agent's side: it waits for its group's release, and arrives.
 
-use std::sync::atomic::AtomicU32;
 use std::sync::atomic::Ordering::SeqCst;
-use std::time::Duration;
 
 use super::Barrier;
-use super::futex::{Woken, wake};
 use super::layout::{NUDGE, REMAINING};
+use super::words::{AtomicU32, Woken, wake};
 
 impl Barrier {
     /// The epoch of a slot's group now; take it before announcing readiness, then wait for the
@@ -19,9 +17,14 @@ impl Barrier {
         &self.head().epochs[slot % self.groups].0
     }
 
-    /// A slot waits for another epoch than the one seen: that epoch and its tick. `None` at the
-    /// limit and after a signal or alarm.
-    pub fn wait_tick(&self, slot: usize, seen_epoch: u32, limit: Duration) -> Option<(u32, u64)> {
+    /// A slot waits for another epoch than the one seen: that epoch and its tick. `None` once
+    /// `patience` ends.
+    pub fn wait_tick(
+        &self,
+        slot: usize,
+        seen_epoch: u32,
+        mut patience: impl FnMut() -> bool,
+    ) -> Option<(u32, u64)> {
         let head = self.head();
         let word = self.epoch_word(slot);
         loop {
@@ -34,7 +37,7 @@ impl Barrier {
                 }
                 continue;
             }
-            if self.rest(word, seen_epoch, limit) != Woken::Perhaps {
+            if self.rest(word, seen_epoch) != Woken::Perhaps && !patience() {
                 return None;
             }
         }

@@ -5,13 +5,14 @@ use std::io;
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 use std::ptr::NonNull;
-use std::sync::atomic::AtomicU32;
 use std::sync::atomic::Ordering::SeqCst;
+use std::time::Duration;
 
 use rustix::io::Errno;
 use rustix::mm::{MapFlags, ProtFlags};
 
 use super::layout::{Head, MAGIC, NEVER, VERSION, bytes_for};
+use super::words::AtomicU32;
 use super::{Barrier, GROUPS_MAX, SLOTS_MAX};
 
 /// Why a barrier could not be made or opened.
@@ -48,7 +49,13 @@ pub enum BarrierError {
 impl Barrier {
     /// Makes the mapping: no members, not paused, nothing consumed. Slot i is in group
     /// i mod `groups`, of which there are 1 to [`GROUPS_MAX`]. The supervisor only.
-    pub fn create(path: &Path, slots: usize, groups: usize) -> Result<Barrier, BarrierError> {
+    /// Whoever owes the others an answer for `hung_after` counts as hung.
+    pub fn create(
+        path: &Path,
+        slots: usize,
+        groups: usize,
+        hung_after: Duration,
+    ) -> Result<Barrier, BarrierError> {
         if slots == 0 || slots > SLOTS_MAX {
             return Err(BarrierError::Slots { slots });
         }
@@ -80,6 +87,8 @@ impl Barrier {
             (*head).version = VERSION;
             (*head).slots = slots as u32;
             (*head).groups = groups as u32;
+            (*head).supervisor = std::process::id();
+            (*head).hung_after_ms = hung_after.as_millis() as u64;
         }
         barrier.head().pause_at.0.store(NEVER, SeqCst);
         barrier.head().paused.0.store(NEVER, SeqCst);

@@ -2,12 +2,11 @@
 //!
 //! Must not: read or change a word; the sides do that.
 
-use std::sync::atomic::{AtomicU32, AtomicU64};
-
 use super::GROUPS_MAX;
+use super::words::{AtomicU32, AtomicU64};
 
 pub(super) const MAGIC: u64 = u64::from_le_bytes(*b"phxbarri");
-pub(super) const VERSION: u32 = 4;
+pub(super) const VERSION: u32 = 5;
 /// "No member", "not paused", "pause never".
 pub(super) const NEVER: u64 = u64::MAX;
 /// In the arrivals word: the member set changed, so every arrival wakes the plant.
@@ -28,6 +27,10 @@ pub(super) struct Head {
     pub(super) slots: u32,
     /// Into how many groups the slots are dealt, in turns.
     pub(super) groups: u32,
+    /// Who made it: the process id of the supervisor.
+    pub(super) supervisor: u32,
+    /// How long a process may owe an answer before it counts as hung, ms.
+    pub(super) hung_after_ms: u64,
     /// Counts the ticks that each group was released to; its agents sleep on it.
     pub(super) epochs: [Line<AtomicU32>; GROUPS_MAX],
     /// The tick of an even and of an odd epoch, so that a late reader sees a matching pair.
@@ -52,6 +55,8 @@ pub(super) struct Head {
     pub(super) attention: Line<AtomicU32>,
     /// 1 while the supervisor sleeps.
     pub(super) supervisor_waiting: Line<AtomicU32>,
+    /// Counts the supervisor's turns, so that others see it at work.
+    pub(super) turns: Line<AtomicU32>,
 }
 
 /// One robot's place: what its neighbors and the plant read at each tick, and what seldom changes.

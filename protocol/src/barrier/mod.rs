@@ -3,8 +3,8 @@
 //! The plant begins a tick and releases the agents group by group, so that one group thinks while
 //! the plant still sends to the next; the last agent to arrive wakes the plant. The supervisor
 //! decides who is a member, pauses the plant for faults, and tells how far it has read. Must not:
-//! carry control data, or wait without a deadline. No lost wake-up and no dead process costs more
-//! than `RECHECK` or a period of the alarm, because the plant decides by the slots, not by the count.
+//! carry control data. Whoever waits asks a closure, every `RECHECK` or period of the alarm, whether
+//! to go on waiting: the caller's deadline.
 //!
 //! | file | question it answers |
 //! |---|---|
@@ -13,25 +13,26 @@
 //! | `plant` | what does the plant do at each tick? |
 //! | `agent` | what does an agent do at each tick? |
 //! | `supervisor` | who is a member, and when does the plant pause? |
-//! | `futex` | how does one sleep on a word? |
+//! | `words` | how does one sleep on a word until another process changes it? |
 
 mod agent;
 mod file;
-mod futex;
 mod layout;
 mod plant;
 mod supervisor;
 #[cfg(test)]
 mod tests;
+mod words;
 
 use std::ptr::NonNull;
 use std::sync::atomic::Ordering::SeqCst;
-use std::sync::atomic::{AtomicU32, AtomicU64};
+use std::time::Duration;
 
 use crate::process::Alarm;
 
 pub use self::file::BarrierError;
 use self::layout::{Head, NEVER, Slot};
+use self::words::{AtomicU32, AtomicU64};
 
 /// The plant runs at most this many ticks ahead of the supervisor.
 pub const LEAD_MAX: u64 = 63;
@@ -69,6 +70,16 @@ impl Barrier {
     /// for each of them, and taking it back, costs more than a robot's thinking.
     pub fn rely_on(&mut self, alarm: Alarm) {
         self.alarm = Some(alarm);
+    }
+
+    /// The process id of the supervisor.
+    pub fn supervisor(&self) -> u32 {
+        self.head().supervisor
+    }
+
+    /// How long a process may owe an answer before it counts as hung.
+    pub fn hung_after(&self) -> Duration {
+        Duration::from_millis(self.head().hung_after_ms)
     }
 
     /// How many slots there are.

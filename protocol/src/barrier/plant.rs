@@ -2,11 +2,10 @@
 //! its lead over the supervisor, and pauses when told.
 
 use std::sync::atomic::Ordering::SeqCst;
-use std::time::{Duration, Instant};
 
 use super::Barrier;
-use super::futex::{RECHECK, Woken, wake};
 use super::layout::{NEVER, NUDGE, REMAINING};
+use super::words::{Woken, wake};
 
 /// A tick.
 impl Barrier {
@@ -38,9 +37,13 @@ impl Barrier {
         slots.filter(|&slot| self.member_since(slot).is_some())
     }
 
-    /// Waits until every member has arrived at the tick; at the limit, names those that have not.
-    pub fn wait_arrivals(&self, tick: u64, limit: Duration) -> Result<(), Vec<usize>> {
-        let end = Instant::now() + limit;
+    /// Waits until every member has arrived at the tick; when `patience` ends, names those that
+    /// have not.
+    pub fn wait_arrivals(
+        &self,
+        tick: u64,
+        mut patience: impl FnMut() -> bool,
+    ) -> Result<(), Vec<usize>> {
         let word = &self.head().arrivals.0;
         loop {
             let seen = word.load(SeqCst);
@@ -49,15 +52,14 @@ impl Barrier {
             if settled && self.all_arrived(tick) {
                 return Ok(());
             }
-            let left = end.saturating_duration_since(Instant::now());
-            if left.is_zero() {
-                let missing: Vec<usize> = self.missing(tick).collect();
-                return if missing.is_empty() { Ok(()) } else { Err(missing) };
-            }
-            // Nobody called for that long: believe the slots, not the count.
-            if self.rest(word, seen, left.min(RECHECK)) != Woken::Perhaps && self.all_arrived(tick)
-            {
-                return Ok(());
+            if self.rest(word, seen) != Woken::Perhaps {
+                // Nobody called for that long: believe the slots, not the count.
+                if self.all_arrived(tick) {
+                    return Ok(());
+                }
+                if !patience() {
+                    return Err(self.missing(tick).collect());
+                }
             }
         }
     }
@@ -78,9 +80,9 @@ impl Barrier {
 
 /// Its lead over the supervisor, and pauses.
 impl Barrier {
-    /// The plant waits until the tick is at most `lead_max` after the ticks consumed; false at the
-    /// limit and after a signal. Calls for attention before it sleeps.
-    pub fn wait_lead(&self, tick: u64, lead_max: u64, limit: Duration) -> bool {
+    /// The plant waits until the tick is at most `lead_max` after the ticks consumed; false once
+    /// `patience` ends. Calls for attention before it sleeps.
+    pub fn wait_lead(&self, tick: u64, lead_max: u64, patience: impl FnMut() -> bool) -> bool {
         let head = self.head();
         let near = || tick.saturating_sub(head.consumed.0.load(SeqCst)) <= lead_max;
         if near() {
@@ -88,7 +90,7 @@ impl Barrier {
         }
         head.lead_waiting.0.store(1, SeqCst);
         self.attention();
-        let reached = self.wait_until(&head.lead.0, near, limit);
+        let reached = self.wait_until(&head.lead.0, near, patience);
         head.lead_waiting.0.store(0, SeqCst);
         reached
     }
@@ -98,19 +100,24 @@ impl Barrier {
         tick >= self.head().pause_at.0.load(SeqCst)
     }
 
-    /// The plant says that it is paused before this tick and waits to be resumed; false at the
-    /// limit and after a signal.
-    pub fn pause(&self, tick: u64, limit: Duration) -> bool {
+    /// The plant says that it is paused before this tick and waits to be resumed; false once
+    /// `patience` ends.
+    pub fn pause(&self, tick: u64, patience: impl FnMut() -> bool) -> bool {
         let head = self.head();
         let before = head.resumes.0.load(SeqCst);
         head.paused.0.store(tick, SeqCst);
         self.attention();
         let resumed = || head.resumes.0.load(SeqCst) != before;
-        let resumed = self.wait_until(&head.resumes.0, resumed, limit);
+        let resumed = self.wait_until(&head.resumes.0, resumed, patience);
         if !resumed {
             head.paused.0.store(NEVER, SeqCst);
         }
         resumed
+    }
+
+    /// How many turns the supervisor has made: a sign of its life.
+    pub fn turns(&self) -> u32 {
+        self.head().turns.0.load(SeqCst)
     }
 
     /// Calls the supervisor: there is truth to consume, or a pause to act in.

@@ -2,11 +2,11 @@
 //! it has read, and rests until it is called.
 
 use std::sync::atomic::Ordering::SeqCst;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::Barrier;
-use super::futex::wake;
 use super::layout::{NEVER, NUDGE};
+use super::words::{Woken, sleep_while, wake};
 
 /// Members: changed while the plant is paused, or after an unplanned death.
 impl Barrier {
@@ -67,12 +67,40 @@ impl Barrier {
     /// and after a signal. For one thread only.
     pub fn wait_attention(&self, limit: Duration) -> bool {
         let head = self.head();
+        head.turns.0.fetch_add(1, SeqCst);
         let seen = self.attention_seen.load(SeqCst);
         head.supervisor_waiting.0.store(1, SeqCst);
-        self.wait_until(&head.attention.0, || head.attention.0.load(SeqCst) != seen, limit);
+        let end = Instant::now() + limit;
+        let mut now = head.attention.0.load(SeqCst);
+        while now == seen {
+            let left = end.saturating_duration_since(Instant::now());
+            let called = || sleep_while(&head.attention.0, seen, Some(left)) == Woken::Perhaps;
+            let go_on = !left.is_zero() && called();
+            now = head.attention.0.load(SeqCst);
+            if !go_on {
+                break;
+            }
+        }
         head.supervisor_waiting.0.store(0, SeqCst);
-        let now = head.attention.0.load(SeqCst);
         self.attention_seen.store(now, SeqCst);
         now != seen
+    }
+
+    /// Who owes the plant an arrival, each with the tick: members whose group was released to it.
+    pub fn awaited(&self) -> Vec<(usize, u64)> {
+        let awaited = |slot: usize| {
+            let epoch = self.epoch(slot);
+            let tick = self.head().ticks.0[epoch as usize & 1].load(SeqCst);
+            // The first epoch is that before the first tick.
+            let released = epoch != 0 && self.expected(&self.all_slots()[slot], tick);
+            let owed = released && self.arrived()[slot].load(SeqCst) != tick + 1;
+            (owed && self.epoch(slot) == epoch).then_some((slot, tick))
+        };
+        (0..self.slots()).filter_map(awaited).collect()
+    }
+
+    /// Counts the ticks that all groups were released to: a sign of the plant's life.
+    pub fn ticks_begun(&self) -> u32 {
+        self.epoch(self.groups() - 1)
     }
 }

@@ -3,13 +3,10 @@
 use std::io;
 use std::time::Duration;
 
-use super::Stop;
-
 /// While it lives, a signal interrupts whatever the thread that started it waits for, every
 /// [`Alarm::PERIOD`]: a deadline for all waits that costs nothing at each of them.
 #[derive(Debug)]
 pub struct Alarm {
-    stop: Stop,
     timer: libc::timer_t,
 }
 
@@ -17,12 +14,13 @@ pub struct Alarm {
 unsafe impl Send for Alarm {}
 // SAFETY: as above; nothing but dropping it touches the timer.
 unsafe impl Sync for Alarm {}
+
 impl Alarm {
     /// Time between two interruptions.
     pub const PERIOD: Duration = Duration::from_millis(100);
 
-    /// Interrupts the calling thread, which `stop` asks to stop.
-    pub fn start(stop: &Stop) -> io::Result<Alarm> {
+    /// Interrupts the calling thread.
+    pub fn start() -> io::Result<Alarm> {
         extern "C" fn nothing(_signal: libc::c_int) {}
         let handler: extern "C" fn(libc::c_int) = nothing;
         // Not SIGALRM, which ends processes that set an end to their lives.
@@ -41,17 +39,12 @@ impl Alarm {
         let mut timer = std::ptr::null_mut();
         // SAFETY: reads `event`, writes `timer`.
         succeeded(unsafe { libc::timer_create(libc::CLOCK_MONOTONIC, &mut event, &mut timer) })?;
-        let alarm = Alarm { stop: stop.clone(), timer };
+        let alarm = Alarm { timer };
         let period = libc::timespec { tv_sec: 0, tv_nsec: Alarm::PERIOD.subsec_nanos().into() };
         let times = libc::itimerspec { it_interval: period, it_value: period };
         // SAFETY: a timer that was made; reads `times`.
         succeeded(unsafe { libc::timer_settime(timer, 0, &times, std::ptr::null_mut()) })?;
         Ok(alarm)
-    }
-
-    /// Whether it is more than an alarm: the process was asked to stop.
-    pub(crate) fn stops(&self) -> bool {
-        self.stop.requested()
     }
 }
 
@@ -64,22 +57,16 @@ impl Drop for Alarm {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::atomic::Ordering;
-
     use super::*;
 
     #[test]
     fn an_alarm_interrupts_a_wait_without_a_limit_again_and_again() {
-        let stop = Stop::default();
-        let alarm = Alarm::start(&stop).unwrap();
+        let _alarm = Alarm::start().unwrap();
         let interrupted = || {
             // SAFETY: a wait for nothing, which only a signal ends before its 20 s.
             let ended = unsafe { libc::poll(std::ptr::null_mut(), 0, 20_000) };
             ended == -1 && io::Error::last_os_error().kind() == io::ErrorKind::Interrupted
         };
         assert!(interrupted() && interrupted());
-        assert!(!alarm.stops());
-        stop.0.store(true, Ordering::Relaxed);
-        assert!(alarm.stops());
     }
 }

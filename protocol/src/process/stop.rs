@@ -10,7 +10,7 @@ use super::exit;
 
 /// Becomes true once the process was asked to stop.
 #[derive(Debug, Clone, Default)]
-pub struct Stop(pub(super) Arc<AtomicBool>);
+pub struct Stop(Arc<AtomicBool>);
 
 impl Stop {
     /// A flag that these signals set. Waits they interrupt return early.

@@ -4,7 +4,7 @@
 //! until everybody is at rest: wall time is not simulated time. In real time nobody waits for it.
 
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use protocol::barrier::{Barrier, BarrierError};
 use protocol::brief::Pace;
@@ -12,6 +12,9 @@ use protocol::message::{StatusHeader, TruthHeader};
 use protocol::run_root::RunRoot;
 use rustix::event::{PollFd, Timespec, poll};
 
+use super::error::{READY_MAX, RunError, TRUTH_SILENCE_MAX};
+use super::hung::{Watch, Watched};
+use super::processes::LOG_LINES;
 use crate::child::Child;
 use crate::cores::{Cores, Placement};
 use crate::spawn::Launcher;
@@ -29,6 +32,7 @@ pub(super) enum Conduct {
         /// On which cores the processes are.
         placement: Option<Box<Placement>>,
         period_ns: u64,
+        watch: Box<Watch>,
     },
     /// As on the wall.
     Realtime { period_ns: u64 },
@@ -46,9 +50,10 @@ impl Conduct {
         if pace == Pace::Realtime {
             return Ok(Conduct::Realtime { period_ns });
         }
+        let hung_after = Duration::from_nanos(scenario.hung_after_ns);
         let cores = Cores::deal(robots, std::process::id() as usize);
         let groups = cores.as_ref().map_or(1, Cores::groups);
-        let barrier = Barrier::create(&run_root.barrier_path(), robots, groups)?;
+        let barrier = Barrier::create(&run_root.barrier_path(), robots, groups, hung_after)?;
         // Nobody moves before everybody has reported, so that a death during the start-up is dealt
         // with as if it had not been.
         barrier.pause_at(0);
@@ -56,6 +61,7 @@ impl Conduct {
             barrier,
             placement: cores.map(|cores| Box::new(Placement::new(cores, launcher.clone()))),
             period_ns,
+            watch: Box::new(Watch::new(robots, hung_after)),
         })
     }
 
@@ -172,11 +178,28 @@ impl Conduct {
         }
     }
 
-    /// Whether the plant is silent because it was told to wait.
-    pub(super) fn is_paused(&self) -> bool {
+    /// Nobody is waited for without a limit. In real time that is one of the clock's; in lockstep a
+    /// process may take as long as the machine makes it. `last_news`: when the last truth came.
+    pub(super) fn check_deadlines<'c>(
+        &mut self,
+        newest: Option<&TruthHeader>,
+        last_news: Instant,
+        plant: &Child,
+        mut robots: impl Iterator<Item = Watched<'c>>,
+    ) -> Result<(), RunError> {
         match self {
-            Conduct::Lockstep { barrier, .. } => barrier.paused().is_some(),
-            Conduct::Realtime { .. } => false,
+            Conduct::Lockstep { barrier, watch, .. } => watch.look(barrier, newest, plant, robots),
+            Conduct::Realtime { .. } => {
+                let late = |since: Instant| since.elapsed() > READY_MAX;
+                if let Some(late) = robots.find(|robot| robot.starting_since.is_some_and(late)) {
+                    let log = late.child.last_lines(LOG_LINES);
+                    return Err(RunError::NotReady { robot: late.name.to_owned(), log });
+                }
+                match last_news.elapsed() > TRUTH_SILENCE_MAX {
+                    true => Err(RunError::PlantSilent),
+                    false => Ok(()),
+                }
+            }
         }
     }
 

@@ -5,15 +5,16 @@ use std::time::Duration;
 use protocol::barrier::BarrierError;
 use protocol::run_root::RunRootError;
 use protocol::service::{SendError, ServiceError};
+use protocol::watchdog::Instead;
 
 use crate::descriptors;
 use crate::run_dir::RunDirError;
 use crate::spawn::SpawnError;
 
-/// Every robot must be ready within this, at the start and at a restart.
+/// Every robot must be ready within this, at the start and at a restart. In lockstep only what it
+/// spends computing or blocked counts.
 pub(super) const READY_MAX: Duration = Duration::from_secs(10);
-/// Without a truth for this long the plant counts as hung. Longer than its own bounds, so that it
-/// can say itself what is wrong.
+/// In real time, without a truth for this long the plant counts as hung.
 pub(super) const TRUTH_SILENCE_MAX: Duration = Duration::from_secs(15);
 
 /// Why a run could not go on. What was written is kept.
@@ -69,7 +70,37 @@ pub enum RunError {
         /// The end of its log.
         log: String,
     },
-    /// The plant lives, and says nothing.
+    /// In lockstep a robot lives, and does not answer.
+    #[error(
+        "{robot} has not answered tick {tick} for {} s {instead} (hung_after_s); the last lines of its log:\n{log}",
+        limit.as_secs_f64()
+    )]
+    RobotHung {
+        /// Its name.
+        robot: String,
+        /// Which tick.
+        tick: u64,
+        /// For how long.
+        limit: Duration,
+        /// What it did meanwhile.
+        instead: Instead,
+        /// The end of its log.
+        log: String,
+    },
+    /// In lockstep the plant lives, owes nobody a wait, and does not go on.
+    #[error(
+        "the plant has not gone on for {} s {instead} (hung_after_s); the last lines of its log:\n{log}",
+        limit.as_secs_f64()
+    )]
+    PlantHung {
+        /// For how long.
+        limit: Duration,
+        /// What it did meanwhile.
+        instead: Instead,
+        /// The end of its log.
+        log: String,
+    },
+    /// In real time the plant lives, and says nothing.
     #[error("the plant sent no truth for {} s", TRUTH_SILENCE_MAX.as_secs())]
     PlantSilent,
 }

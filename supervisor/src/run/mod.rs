@@ -12,6 +12,7 @@
 //! | `listen` | in which order is that taken in, and who is told? |
 //! | `lives` | where is each robot's process in its life, and what follows on what? |
 //! | `acts` | what is done, when it is due? |
+//! | `hung` | who owes an answer for too long? |
 //! | `by_hand` | what may people do to it meanwhile? |
 //! | `processes` | how are the processes started, signalled and reaped? |
 //! | `load` | what takes processor time on purpose? |
@@ -24,6 +25,7 @@ mod by_hand;
 mod conduct;
 mod error;
 mod farewell;
+mod hung;
 mod intake;
 mod journal;
 mod launch;
@@ -49,8 +51,8 @@ use crate::outcome::Outcome;
 use crate::timeline::Timeline;
 use conduct::Conduct;
 pub use error::RunError;
-use error::{READY_MAX, TRUTH_SILENCE_MAX};
 use experiment::scenario::Scenario;
+use hung::Watched;
 use intake::Intake;
 use journal::Journal;
 use lives::{Event, Lives, Seat};
@@ -161,21 +163,15 @@ impl<'a> Run<'a> {
     }
 
     /// Nobody is waited for without a limit.
-    fn check_deadlines(&self) -> Result<(), RunError> {
-        for robot in 0..self.scenario.robots.len() {
-            if self.lives.seat(robot) == Seat::Starting
-                && self.processes.started(robot).elapsed() > READY_MAX
-            {
-                let log = self.processes.last_lines(robot);
-                let robot = self.journal.name(robot).to_owned();
-                return Err(RunError::NotReady { robot, log });
-            }
-        }
-        let silent = self.intake.last_news.elapsed() > TRUTH_SILENCE_MAX;
-        if silent && !self.conduct.is_paused() {
-            return Err(RunError::PlantSilent);
-        }
-        Ok(())
+    fn check_deadlines(&mut self) -> Result<(), RunError> {
+        let Run { lives, processes, journal, intake, conduct, .. } = self;
+        let watched = processes.of_robots().map(|(robot, child)| {
+            let starts = lives.seat(robot) == Seat::Starting;
+            let starting_since = starts.then(|| processes.started(robot));
+            Watched { robot, name: journal.name(robot), child, starting_since }
+        });
+        let newest = intake.newest.as_ref();
+        conduct.check_deadlines(newest, intake.last_news, &processes.plant, watched)
     }
 
     /// Keeps everybody on the cores where they are fastest.

@@ -13,7 +13,7 @@ use crate::spawn::{Launcher, Role, SpawnError};
 use crate::usage::Usage;
 
 /// How many lines of a dead child's log are shown.
-const LOG_LINES: usize = 8;
+pub(super) const LOG_LINES: usize = 8;
 
 /// All of them.
 pub(super) struct Processes {

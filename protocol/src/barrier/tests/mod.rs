@@ -5,19 +5,25 @@ use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::futex::RECHECK;
 use super::layout::VERSION;
+use super::words::RECHECK;
 use super::{Barrier, LEAD_MAX};
-use crate::process::{Alarm, Stop};
+use crate::process::Alarm;
 
 const LIMIT: Duration = Duration::from_secs(10);
 const SHORT: Duration = Duration::from_millis(20);
+
+/// Patience that lasts so long.
+fn within(limit: Duration) -> impl FnMut() -> bool {
+    let end = Instant::now() + limit;
+    move || Instant::now() < end
+}
 
 /// A barrier and another mapping of the same file.
 fn pair(slots: usize) -> (tempfile::TempDir, Barrier, Barrier) {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("barrier");
-    let made = Barrier::create(&path, slots, 2).unwrap();
+    let made = Barrier::create(&path, slots, 2, LIMIT).unwrap();
     let opened = Barrier::open(&path).unwrap();
     assert_eq!(opened.slots(), slots);
     (directory, made, opened)
@@ -36,15 +42,15 @@ fn a_group_that_is_not_released_sleeps_on_and_is_still_waited_for() {
     plant.begin(0);
     plant.release(0);
     for slot in [0, 2] {
-        assert_eq!(agents.wait_tick(slot, 0, LIMIT), Some((1, 0)));
+        assert_eq!(agents.wait_tick(slot, 0, within(LIMIT)), Some((1, 0)));
         agents.arrive(slot, 0);
     }
-    assert_eq!(agents.wait_tick(1, 0, SHORT), None);
-    assert_eq!(plant.wait_arrivals(0, SHORT), Err(vec![1]));
+    assert_eq!(agents.wait_tick(1, 0, within(SHORT)), None);
+    assert_eq!(plant.wait_arrivals(0, within(SHORT)), Err(vec![1]));
     plant.release(1);
-    assert_eq!(agents.wait_tick(1, 0, LIMIT), Some((1, 0)));
+    assert_eq!(agents.wait_tick(1, 0, within(LIMIT)), Some((1, 0)));
     agents.arrive(1, 0);
-    plant.wait_arrivals(0, LIMIT).unwrap();
+    plant.wait_arrivals(0, within(LIMIT)).unwrap();
 }
 
 #[test]
@@ -61,7 +67,7 @@ fn nobody_is_lost_in_many_ticks() {
             scope.spawn(move || {
                 let mut seen = ready;
                 for expected in 0..TICKS {
-                    let (epoch, tick) = agents.wait_tick(slot, seen, LIMIT).unwrap();
+                    let (epoch, tick) = agents.wait_tick(slot, seen, within(LIMIT)).unwrap();
                     assert_eq!(tick, expected);
                     seen = epoch;
                     at.store(tick + 1, SeqCst);
@@ -72,7 +78,7 @@ fn nobody_is_lost_in_many_ticks() {
         let start = Instant::now();
         for tick in 0..TICKS {
             begin(&plant, tick);
-            plant.wait_arrivals(tick, LIMIT).unwrap();
+            plant.wait_arrivals(tick, within(LIMIT)).unwrap();
             assert!(at.iter().all(|at| at.load(SeqCst) == tick + 1));
         }
         // With lost wake-ups each tick would take RECHECK.
@@ -93,7 +99,7 @@ fn the_plant_goes_on_without_a_member_removed_in_the_middle_of_a_tick() {
             thread::sleep(SHORT);
             supervisor.arrive(0, 0);
         });
-        plant.wait_arrivals(0, LIMIT).unwrap();
+        plant.wait_arrivals(0, within(LIMIT)).unwrap();
     });
     assert_eq!(plant.members().collect::<Vec<_>>(), [0, 2]);
     assert_eq!(plant.member_since(1), None);
@@ -111,7 +117,8 @@ fn removals_that_race_with_ticks_never_hang_them() {
         let other = &other;
         scope.spawn(move || {
             let mut seen = ready;
-            while let Some((epoch, tick)) = other.wait_tick(0, seen, Duration::from_secs(1)) {
+            while let Some((epoch, tick)) = other.wait_tick(0, seen, within(Duration::from_secs(1)))
+            {
                 seen = epoch;
                 other.arrive(0, tick);
             }
@@ -126,7 +133,7 @@ fn removals_that_race_with_ticks_never_hang_them() {
         });
         for tick in 0..2_000 {
             begin(&plant, tick);
-            plant.wait_arrivals(tick, LIMIT).unwrap();
+            plant.wait_arrivals(tick, within(LIMIT)).unwrap();
         }
         done.store(true, SeqCst);
     });
@@ -140,8 +147,8 @@ fn the_limit_names_those_that_did_not_arrive() {
     begin(&plant, 7);
     agents.arrive(1, 7);
     agents.arrive(1, 7);
-    assert_eq!(plant.wait_arrivals(7, SHORT), Err(vec![0, 2]));
-    assert_eq!(agents.wait_tick(2, agents.epoch(2), SHORT), None);
+    assert_eq!(plant.wait_arrivals(7, within(SHORT)), Err(vec![0, 2]));
+    assert_eq!(agents.wait_tick(2, agents.epoch(2), within(SHORT)), None);
 }
 
 #[test]
@@ -153,9 +160,9 @@ fn a_late_arrival_at_an_older_tick_does_no_harm() {
     begin(&plant, 1);
     agents.arrive(1, 0);
     agents.arrive(0, 1);
-    assert_eq!(plant.wait_arrivals(1, SHORT), Err(vec![1]));
+    assert_eq!(plant.wait_arrivals(1, within(SHORT)), Err(vec![1]));
     agents.arrive(1, 1);
-    plant.wait_arrivals(1, SHORT).unwrap();
+    plant.wait_arrivals(1, within(SHORT)).unwrap();
 }
 
 #[test]
@@ -164,11 +171,11 @@ fn a_non_member_may_look_on_and_is_not_waited_for() {
     plant.set_member(0, 0);
     let seen = agents.epoch(1);
     begin(&plant, 3);
-    assert_eq!(agents.wait_tick(1, seen, SHORT).unwrap().1, 3);
+    assert_eq!(agents.wait_tick(1, seen, within(SHORT)).unwrap().1, 3);
     agents.arrive(1, 3);
-    assert_eq!(plant.wait_arrivals(3, SHORT), Err(vec![0]));
+    assert_eq!(plant.wait_arrivals(3, within(SHORT)), Err(vec![0]));
     agents.arrive(0, 3);
-    plant.wait_arrivals(3, SHORT).unwrap();
+    plant.wait_arrivals(3, within(SHORT)).unwrap();
 }
 
 #[test]
@@ -181,7 +188,7 @@ fn the_plant_pauses_and_resumes() {
             assert!(!plant.pause_due(4));
             for tick in 5..500 {
                 assert!(plant.pause_due(tick));
-                assert!(plant.pause(tick, LIMIT));
+                assert!(plant.pause(tick, within(LIMIT)));
             }
         });
         for tick in 5..500 {
@@ -192,7 +199,7 @@ fn the_plant_pauses_and_resumes() {
             supervisor.resume();
         }
     });
-    assert!(!plant.pause(500, SHORT));
+    assert!(!plant.pause(500, within(SHORT)));
     assert_eq!(supervisor.paused(), None);
     supervisor.pause_at(u64::MAX);
     assert!(!plant.pause_due(501));
@@ -206,7 +213,7 @@ fn the_lead_is_bounded() {
     thread::scope(|scope| {
         scope.spawn(|| {
             for tick in 0..TICKS {
-                assert!(plant.wait_lead(tick, LEAD_MAX, LIMIT));
+                assert!(plant.wait_lead(tick, LEAD_MAX, within(LIMIT)));
                 published.store(tick + 1, SeqCst);
                 plant.attention();
             }
@@ -223,7 +230,7 @@ fn the_lead_is_bounded() {
             supervisor.consumed(consumed);
         }
     });
-    assert!(!plant.wait_lead(TICKS + LEAD_MAX + 1, LEAD_MAX, SHORT));
+    assert!(!plant.wait_lead(TICKS + LEAD_MAX + 1, LEAD_MAX, within(SHORT)));
 }
 
 #[test]
@@ -236,24 +243,54 @@ fn attention_is_remembered_and_told_once() {
 }
 
 #[test]
-fn with_an_alarm_waits_within_a_tick_end_though_they_have_no_limit_of_their_own() {
+fn with_an_alarm_every_wait_looks_up_at_each() {
     let (_directory, mut plant, mut agents) = pair(2);
+    /// Patience for a few looks, each of which an alarm is the reason for.
+    fn looks() -> impl FnMut() -> bool {
+        let mut left = 3;
+        move || {
+            left -= 1;
+            left > 0
+        }
+    }
     thread::scope(|scope| {
         plant.set_member(0, 0);
         plant.begin(0);
         scope.spawn(move || {
-            agents.rely_on(Alarm::start(&Stop::default()).unwrap());
-            assert_eq!(agents.wait_tick(0, agents.epoch(0), Duration::MAX), None);
-            // Waits for longer things go on over alarms, to their limit or until a stop.
             let began = Instant::now();
-            assert!(!agents.wait_lead(LEAD_MAX + 1, LEAD_MAX, 2 * Alarm::PERIOD));
-            assert!(began.elapsed() >= 2 * Alarm::PERIOD);
+            agents.rely_on(Alarm::start().unwrap());
+            assert_eq!(agents.wait_tick(0, agents.epoch(0), looks()), None);
+            assert!(!agents.wait_lead(LEAD_MAX + 1, LEAD_MAX, looks()));
+            assert!(!agents.pause(0, looks()));
+            // They look up no more often than the alarms come.
+            assert!(began.elapsed() >= 8 * Alarm::PERIOD);
         });
         scope.spawn(move || {
-            plant.rely_on(Alarm::start(&Stop::default()).unwrap());
-            assert_eq!(plant.wait_arrivals(0, SHORT), Err(vec![0]));
+            plant.rely_on(Alarm::start().unwrap());
+            assert_eq!(plant.wait_arrivals(0, looks()), Err(vec![0]));
         });
     });
+}
+
+#[test]
+fn who_owes_an_arrival_is_known_and_the_plant_is_seen_to_go_on() {
+    let (_directory, plant, supervisor) = pair(3);
+    (0..2).for_each(|slot| plant.set_member(slot, 0));
+    assert_eq!((supervisor.awaited(), supervisor.ticks_begun()), (vec![], 0));
+    plant.begin(7);
+    assert_eq!(supervisor.awaited(), []);
+    plant.release(0);
+    assert_eq!((supervisor.awaited(), supervisor.ticks_begun()), (vec![(0, 7)], 0));
+    plant.release(1);
+    assert_eq!((supervisor.awaited(), supervisor.ticks_begun()), (vec![(0, 7), (1, 7)], 1));
+    plant.arrive(0, 7);
+    assert_eq!(supervisor.awaited(), [(1, 7)]);
+    supervisor.remove_member(1);
+    assert_eq!(supervisor.awaited(), []);
+    assert_eq!(plant.turns(), 0);
+    supervisor.wait_attention(SHORT);
+    assert_eq!((plant.turns(), plant.supervisor()), (1, std::process::id()));
+    assert_eq!(plant.hung_after(), LIMIT);
 }
 
 #[test]
@@ -261,7 +298,7 @@ fn a_strange_file_is_refused() {
     let (directory, made, _opened) = pair(2);
     drop(made);
     let path = directory.path().join("barrier");
-    assert!(Barrier::create(&path, 0, 1).is_err());
+    assert!(Barrier::create(&path, 0, 1, LIMIT).is_err());
     let mut bytes = std::fs::read(&path).unwrap();
     bytes[8] = 9;
     std::fs::write(&path, &bytes).unwrap();

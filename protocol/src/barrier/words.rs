@@ -1,12 +1,12 @@
-//! How one sleeps on a word until somebody changes it.
+//! The words that processes share, and how one sleeps on a word until another process changes it.
 //!
 //! Whoever waits reads a word, looks at the condition, and sleeps only while the word is the one
 //! read; whoever changes the condition changes the word. All accesses are `SeqCst`: a flag set
 //! before sleeping and a word changed before looking at the flag must not pass each other.
 
-use std::sync::atomic::AtomicU32;
 use std::sync::atomic::Ordering::SeqCst;
-use std::time::{Duration, Instant};
+pub(super) use std::sync::atomic::{AtomicU32, AtomicU64};
+use std::time::Duration;
 
 use rustix::io::Errno;
 use rustix::thread::futex;
@@ -14,7 +14,7 @@ use rustix::time::Timespec;
 
 use super::Barrier;
 
-/// The plant looks at all members at least this often while it waits.
+/// Whoever waits looks up at least this often.
 pub(super) const RECHECK: Duration = Duration::from_millis(50);
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,31 +25,24 @@ pub(super) enum Woken {
 }
 
 impl Barrier {
-    /// Sleeps within a tick, by the alarm if there is one.
-    pub(super) fn rest(&self, word: &AtomicU32, value: u32, limit: Duration) -> Woken {
-        sleep_while(word, value, self.alarm.is_none().then_some(limit))
+    /// Sleeps while the word has this value, until the next alarm if there is one; may return early.
+    pub(super) fn rest(&self, word: &AtomicU32, value: u32) -> Woken {
+        sleep_while(word, value, self.alarm.is_none().then_some(RECHECK))
     }
 
-    /// Sleeps until the condition holds; whoever makes it true changes the word. False at the
-    /// limit and after a signal, but for alarms.
+    /// Sleeps until the condition holds, whose maker changes the word; false once `patience` ends.
     pub(super) fn wait_until(
         &self,
         word: &AtomicU32,
         condition: impl Fn() -> bool,
-        limit: Duration,
+        mut patience: impl FnMut() -> bool,
     ) -> bool {
-        let end = Instant::now() + limit;
-        let only_alarm = || self.alarm.as_ref().is_some_and(|alarm| !alarm.stops());
         loop {
             let seen = word.load(SeqCst);
             if condition() {
                 return true;
             }
-            let left = end.saturating_duration_since(Instant::now());
-            if left.is_zero() {
-                return condition();
-            }
-            if sleep_while(word, seen, Some(left)) == Woken::Signal && !only_alarm() {
+            if self.rest(word, seen) != Woken::Perhaps && !patience() {
                 return condition();
             }
         }
@@ -57,7 +50,7 @@ impl Barrier {
 }
 
 /// Sleeps while the word has this value, at most for the limit; may return early.
-fn sleep_while(word: &AtomicU32, value: u32, limit: Option<Duration>) -> Woken {
+pub(super) fn sleep_while(word: &AtomicU32, value: u32, limit: Option<Duration>) -> Woken {
     let limit = limit.map(|limit| Timespec {
         tv_sec: limit.as_secs().min(i32::MAX as u64) as i64,
         tv_nsec: limit.subsec_nanos() as _,

@@ -1,0 +1,113 @@
+//! What the kernel says of a process: `/proc/PID/stat`.
+
+use std::io;
+use std::time::Duration;
+
+use crate::clock;
+
+/// What a process is at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum State {
+    /// It runs, or waits for a processor.
+    Runnable,
+    /// It waits for something else.
+    Blocked,
+    /// Somebody stopped it: SIGSTOP, Ctrl-Z, a debugger.
+    Stopped,
+    /// It is dead.
+    Gone,
+}
+
+/// A process at one instant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sample {
+    /// What its first thread was at.
+    pub state: State,
+    /// Processor time that it has used.
+    pub computed: Duration,
+    /// When it was looked at: CLOCK_MONOTONIC, ns.
+    pub at_ns: u64,
+    /// When it was started, in the kernel's ticks since boot: another process may get its id later.
+    pub started: u64,
+}
+
+impl Sample {
+    /// Looks at a process. An error if there is none of this id.
+    pub fn of(pid: u32) -> io::Result<Sample> {
+        let stat = std::fs::read_to_string(format!("/proc/{pid}/stat"))?;
+        let ticks_per_s = rustix::param::clock_ticks_per_second();
+        parse(&stat, ticks_per_s, clock::now_ns())
+            .ok_or_else(|| io::Error::other(format!("/proc/{pid}/stat reads {stat:?}")))
+    }
+}
+
+/// The fields follow the name, which stands in brackets and may hold anything.
+fn parse(stat: &str, ticks_per_s: u64, at_ns: u64) -> Option<Sample> {
+    let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_ascii_whitespace().collect();
+    let number = |field: usize| fields.get(field)?.parse::<u64>().ok();
+    let state = match *fields.first()? {
+        "R" => State::Runnable,
+        "T" | "t" => State::Stopped,
+        "Z" | "X" | "x" => State::Gone,
+        _ => State::Blocked,
+    };
+    // In user mode and in the kernel.
+    let ticks = number(11)? + number(12)?;
+    let computed = Duration::from_millis(ticks * 1000 / ticks_per_s);
+    Some(Sample { state, computed, at_ns, started: number(19)? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::watchdog::{Instead, Watchdog};
+    use std::process::{Child, Command};
+
+    #[test]
+    fn a_line_of_the_kernel_is_read_whatever_the_name() {
+        let line = "12 (a) R (b) S 1 12 12 0 -1 4194560 5 0 0 0 250 51 0 0 20 0 1 0 987 1 2";
+        let sample = parse(line, 100, 5).unwrap();
+        let computed = Duration::from_millis(3010);
+        assert_eq!(sample, Sample { state: State::Blocked, computed, at_ns: 5, started: 987 });
+        assert_eq!(parse("12 (a) S 1", 100, 5), None);
+        assert_eq!(parse("", 100, 5), None);
+    }
+
+    #[test]
+    fn this_process_is_looked_at() {
+        let sample = Sample::of(std::process::id()).unwrap();
+        assert!(matches!(sample.state, State::Runnable | State::Blocked));
+        assert!(sample.started > 0);
+        assert!(Sample::of(u32::MAX).is_err());
+    }
+
+    /// What a process of this command line is found to do instead of answering.
+    fn found(script: &str) -> Option<Instead> {
+        struct Ended(Child);
+        impl Drop for Ended {
+            fn drop(&mut self) {
+                let _ = self.0.kill();
+                let _ = self.0.wait();
+            }
+        }
+        let child = Ended(Command::new("sh").arg("-c").arg(script).spawn().unwrap());
+        let mut dog = Watchdog::default();
+        for _ in 0..500 {
+            dog.see(Sample::of(child.0.id()).unwrap());
+            if let Some(instead) = dog.hung(Duration::from_millis(100)) {
+                return Some(instead);
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        None
+    }
+
+    #[test]
+    fn real_processes_that_spin_and_wait_are_told_apart_and_stopped_ones_left_alone() {
+        // On a busy machine a process has little of the time in which it is looked at.
+        let at_last = |script| (0..20).find_map(|_| found(script));
+        assert_eq!(at_last("while :; do :; done"), Some(Instead::Computed));
+        assert_eq!(at_last("exec sleep 1000"), Some(Instead::Waited));
+        assert_eq!(found("kill -STOP $$"), None);
+    }
+}

@@ -1,0 +1,87 @@
+//! A lockstep run and the clock on the wall: whoever is stopped or has no processor ends no run,
+//! for however long; whoever is hung does, and is named.
+
+use std::path::Path;
+use std::time::Duration;
+
+use protocol::barrier::Barrier;
+use protocol::run_root;
+use rustix::process::Signal;
+
+use crate::harness::{Phalanx, Running, run, signal_pid};
+use crate::oracle::{self, scenario};
+
+const SET: [&str; 3] = ["duration_s=240", "hung_after_s=0.5", "expect={}"];
+/// Several times `hung_after_s`: it would be found in that time. Nothing is awaited here but that
+/// nothing happens.
+const LONG: Duration = Duration::from_millis(2500);
+
+fn long() -> Phalanx {
+    SET.iter().fold(run("triangle").lockstep(), |run, set| run.set(set))
+}
+
+/// A run whose robots move.
+fn moving() -> Running {
+    let mut running = long().start();
+    running.wait_for_event("contact");
+    running
+}
+
+fn passes_as_if_nothing_had_been(running: Running) {
+    let ended = running.finish();
+    let foretold = oracle::fly(&scenario("triangle", &SET)).trajectory_hash.unwrap();
+    ended.exits_with(0).leaves_nothing();
+    ended.claim(ended.hash() == foretold, format!("the hash is {foretold}"));
+}
+
+#[test]
+fn a_run_waits_for_a_robot_and_for_the_plant_that_somebody_stopped() {
+    let mut running = moving();
+    for (name, who) in [("r2", "r2"), ("plant", "the plant")] {
+        let stopped = running.pid_of(name);
+        signal_pid(stopped, Signal::STOP);
+        running.line(&format!(" WARN {who} was stopped by somebody else"));
+        std::thread::sleep(LONG);
+        signal_pid(stopped, Signal::CONT);
+    }
+    passes_as_if_nothing_had_been(running);
+}
+
+#[test]
+fn a_run_goes_on_after_its_supervisor_was_stopped_and_after_everybody_was() {
+    let running = moving();
+    running.signal(Signal::STOP);
+    std::thread::sleep(LONG);
+    running.signal(Signal::CONT);
+    let children = running.children();
+    running.signal(Signal::STOP);
+    children.iter().for_each(|&(pid, _)| signal_pid(pid, Signal::STOP));
+    std::thread::sleep(LONG);
+    // The supervisor last: the others find it stopped.
+    children.iter().for_each(|&(pid, _)| signal_pid(pid, Signal::CONT));
+    std::thread::sleep(LONG);
+    running.signal(Signal::CONT);
+    passes_as_if_nothing_had_been(running);
+}
+
+#[test]
+fn a_robot_that_is_hung_is_named_and_ends_the_run_with_exit_code_4() {
+    let mut running = moving();
+    // A tick that lasts.
+    let r3 = running.pid_of("r3");
+    signal_pid(r3, Signal::STOP);
+    running.line(" WARN r3 was stopped by somebody else");
+    let root = running.roots().into_iter().find(|root| root.is_dir()).expect("a run root");
+    let barrier = Barrier::open(&run_root::barrier_path(Path::new(&root))).unwrap();
+    let tick = running.wait_for("a tick that lacks r3 alone", |_| match barrier.awaited()[..] {
+        [(2, tick)] => Some(tick),
+        _ => None,
+    });
+    // It has answered, and waits for the next tick; now nobody knows that it has.
+    barrier.set_member(1, 0);
+    signal_pid(r3, Signal::CONT);
+    let ended = running.finish();
+    ended.exits_with(4).leaves_nothing();
+    let named = format!("r2 has not answered tick {tick} for 0.5 s while blocked (hung_after_s)");
+    ended.claim(ended.stderr.contains(&named), named);
+}

@@ -6,6 +6,9 @@
 //! carry control data. Whoever waits asks a closure, every `RECHECK` or period of the alarm, whether
 //! to go on waiting: the caller's deadline.
 //!
+//! No wake-up is lost and nobody is counted twice, whoever dies, freezes or joins at whichever step:
+//! `tests/plots` searches all orders of steps of this very code.
+//!
 //! | file | question it answers |
 //! |---|---|
 //! | `layout` | what lies where in the mapping? |

@@ -2,9 +2,11 @@
 //!
 //! Whoever waits reads a word, looks at the condition, and sleeps only while the word is the one
 //! read; whoever changes the condition changes the word. All accesses are `SeqCst`: a flag set
-//! before sleeping and a word changed before looking at the flag must not pass each other.
+//! before sleeping and a word changed before looking at the flag must not pass each other. In tests
+//! every access can be a step of the model.
 
 use std::sync::atomic::Ordering::SeqCst;
+#[cfg(not(test))]
 pub(super) use std::sync::atomic::{AtomicU32, AtomicU64};
 use std::time::Duration;
 
@@ -13,6 +15,8 @@ use rustix::thread::futex;
 use rustix::time::Timespec;
 
 use super::Barrier;
+#[cfg(test)]
+pub(super) use super::tests::stepped::{AtomicU32, AtomicU64};
 
 /// Whoever waits looks up at least this often.
 pub(super) const RECHECK: Duration = Duration::from_millis(50);
@@ -51,6 +55,11 @@ impl Barrier {
 
 /// Sleeps while the word has this value, at most for the limit; may return early.
 pub(super) fn sleep_while(word: &AtomicU32, value: u32, limit: Option<Duration>) -> Woken {
+    #[cfg(test)]
+    let word = match super::tests::stepped::sleep_while(word, value) {
+        Some(woken) => return woken,
+        None => word.plain(),
+    };
     let limit = limit.map(|limit| Timespec {
         tv_sec: limit.as_secs().min(i32::MAX as u64) as i64,
         tv_nsec: limit.subsec_nanos() as _,
@@ -65,6 +74,11 @@ pub(super) fn sleep_while(word: &AtomicU32, value: u32, limit: Option<Duration>)
 
 /// Wakes whoever sleeps on the word.
 pub(super) fn wake(word: &AtomicU32) {
+    #[cfg(test)]
+    let word = match super::tests::stepped::wake(word) {
+        true => return,
+        false => word.plain(),
+    };
     // Fails only for a word that is not mapped.
     let _ = futex::wake(word, futex::Flags::empty(), i32::MAX as u32);
 }

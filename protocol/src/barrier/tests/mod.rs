@@ -1,5 +1,9 @@
 //! The barrier between threads, each with a mapping of its own.
 
+mod model;
+mod plots;
+pub(super) mod stepped;
+
 use std::sync::atomic::Ordering::SeqCst;
 use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::thread;

@@ -1,0 +1,125 @@
+//! What the model is asked, and what it must find wrong when a kind of step is left out.
+//!
+//! The answers: nothing but wake-ups is needed to end a wait, whoever dies, freezes, joins or is
+//! slow, and at whatever step; so time-outs and alarms are there for the caller's patience alone, and
+//! for two ticks 65,536 apart (the tag in the arrivals word has 16 bits).
+
+use std::collections::BTreeSet;
+
+use super::model::{Kind, Planned, Plot, Role, search};
+use super::stepped::Act;
+
+/// Two agents, two ticks, and nothing happens.
+fn quiet() -> Plot {
+    let (slots, groups, lead_max) = (2, 1, u64::MAX);
+    Plot { ticks: vec![0, 1], slots, groups, lead_max, deaths: 0, planned: vec![] }
+}
+
+/// Two groups, released one after the other.
+fn groups() -> Plot {
+    Plot { groups: 2, ..quiet() }
+}
+
+/// The plant may be one tick ahead of the supervisor.
+fn lead() -> Plot {
+    Plot { ticks: vec![0, 1, 2], slots: 1, lead_max: 1, ..quiet() }
+}
+
+/// An agent dies, at any step.
+fn death() -> Plot {
+    Plot { deaths: 1, ..quiet() }
+}
+
+/// An agent is frozen before the second tick and thawed before the third.
+fn freeze() -> Plot {
+    let planned = vec![(1, Planned::Freeze(0)), (2, Planned::Thaw(0))];
+    Plot { ticks: vec![0, 1, 2], planned, ..quiet() }
+}
+
+/// An agent is killed before the second tick, and another takes its place; either may die.
+fn replacement() -> Plot {
+    let planned = vec![(1, Planned::Replace(0))];
+    Plot { ticks: vec![0, 1, 2], slots: 1, deaths: 1, planned, ..quiet() }
+}
+
+/// An agent is frozen, thawed and replaced, and may die at any step before, meanwhile and after.
+fn all_at_once() -> Plot {
+    let planned = [Planned::Freeze(0), Planned::Thaw(0), Planned::Replace(0)];
+    let planned = (1..).zip(planned).collect();
+    Plot { ticks: vec![0, 1, 2, 3], slots: 1, lead_max: 2, deaths: 1, planned, ..quiet() }
+}
+
+/// Searched exhaustively; what is found is the number of states.
+fn holds(plot: Plot) {
+    let found = search(&plot, None);
+    assert_eq!(found.flaw, None, "{plot:?}");
+    // A model in which little happens shows little.
+    assert!(found.states > 1000, "{plot:?}: {}", found.states);
+}
+
+#[test]
+fn every_wait_ends_and_nobody_counts_twice_without_faults() {
+    holds(quiet());
+    holds(groups());
+    holds(lead());
+}
+
+#[test]
+fn every_wait_ends_and_nobody_counts_twice_whoever_dies_at_whichever_step() {
+    holds(death());
+}
+
+#[test]
+fn every_wait_ends_and_nobody_counts_twice_over_a_freeze() {
+    holds(freeze());
+}
+
+#[test]
+fn every_wait_ends_and_nobody_counts_twice_when_robots_come_and_go() {
+    holds(replacement());
+    holds(all_at_once());
+}
+
+/// The tag of the arrivals word keeps a late arrival from counting at a later tick. Here two ticks
+/// have the same tag, as they have in a run of 65,536 ticks: then it does count, and only looking
+/// up now and then ends the wait.
+#[test]
+fn without_the_ticks_tag_a_late_arrival_would_be_counted_twice() {
+    let flaw = search(&Plot { ticks: vec![0, 1 << 16], ..death() }, None).flaw;
+    let flaw = flaw.expect("a flaw");
+    assert!(flaw.starts_with("at tick 1 somebody was counted twice"), "{flaw}");
+}
+
+/// The kinds of steps without which nothing goes wrong, and why they are there.
+const DISPENSABLE: [(Kind, &str); 2] = [
+    (
+        (Role::Supervisor, "arrived", Act::Store),
+        "no tick comes twice, so what an earlier robot left cannot be taken for an arrival",
+    ),
+    (
+        (Role::Supervisor, "pause_at", Act::Store),
+        "the plant would go on pausing at every tick, which is slow and not wrong",
+    ),
+];
+
+/// Every kind of store, count and wake-up is left out in turn. So much for the model's own eyes: it
+/// would see a barrier without the nudge, without the second look at `changes` in `begin`, without
+/// any one of its flags or wake-ups.
+#[test]
+fn a_barrier_that_lacks_any_kind_of_step_is_found_out() {
+    let (mut kinds, mut found_out) = (BTreeSet::new(), BTreeSet::new());
+    for plot in [lead(), replacement()] {
+        kinds.extend(search(&plot, None).kinds);
+        for &kind in &kinds {
+            if !found_out.contains(&kind) && search(&plot, Some(kind)).flaw.is_some() {
+                found_out.insert(kind);
+            }
+        }
+    }
+    let not_found: Vec<Kind> = kinds.difference(&found_out).copied().collect();
+    assert_eq!(not_found, DISPENSABLE.map(|(kind, _)| kind));
+    // The nudge, twice: by whoever changes the members, and by the plant that began meanwhile.
+    for role in [Role::Supervisor, Role::Plant] {
+        assert!(found_out.contains(&(role, "arrivals", Act::Or)));
+    }
+}

@@ -1,0 +1,236 @@
+//! The words of the barrier as the model sees them: outside a turn of the model they are what they
+//! are in any process, within one every access is a step.
+//!
+//! In a turn one process makes one step. Its call of the barrier's own code runs from its start:
+//! the steps it made in earlier turns have the results that they had then, one more is made, and
+//! before the next the call is left. So the code needs no second form for the model.
+
+use std::cell::RefCell;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::rc::Rc;
+use std::sync::atomic::{self, Ordering};
+
+use crate::barrier::words::Woken;
+
+/// What a process does with a word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(in crate::barrier) enum Act {
+    Load,
+    Store,
+    Swap,
+    Add,
+    Or,
+    Exchange,
+    Sleep,
+    Wake,
+}
+
+/// One access: to the word at this address.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::barrier) struct Access {
+    pub(in crate::barrier) word: usize,
+    pub(in crate::barrier) act: Act,
+}
+
+/// How a turn ended.
+#[derive(Debug, PartialEq)]
+pub(in crate::barrier) enum Ended<R> {
+    /// The call returned.
+    Returned(R),
+    /// It has more steps to make.
+    Left,
+    /// It sleeps on the word at this address.
+    Asleep(usize),
+}
+
+/// What one turn did.
+pub(in crate::barrier) struct Turned<R> {
+    pub(in crate::barrier) ended: Ended<R>,
+    /// The step that was made, if any; not if it was to sleep and did not.
+    pub(in crate::barrier) made: Option<Access>,
+}
+
+/// What sleeping on a word returns to who was woken, and to who was not.
+pub(in crate::barrier) const WOKEN: u64 = 0;
+pub(in crate::barrier) const TIMED_OUT: u64 = 1;
+
+struct Turn {
+    history: Vec<u64>,
+    replayed: usize,
+    made: Option<Access>,
+    asleep: Option<usize>,
+    quiet: Rc<[Access]>,
+    left_out: Rc<[Access]>,
+}
+
+thread_local! {
+    static TURN: RefCell<Option<Turn>> = const { RefCell::new(None) };
+}
+
+/// The next step is another turn's.
+struct Left;
+
+/// Makes one step of a call that made those of `history`, and adds it there. `quiet` accesses are no
+/// steps of their own: nobody else can tell when they happen. What is `left_out` does nothing.
+pub(in crate::barrier) fn turn<R>(
+    history: &mut Vec<u64>,
+    quiet: &Rc<[Access]>,
+    left_out: &Rc<[Access]>,
+    call: impl FnOnce() -> R,
+) -> Turned<R> {
+    let begun = Turn {
+        history: std::mem::take(history),
+        replayed: 0,
+        made: None,
+        asleep: None,
+        quiet: quiet.clone(),
+        left_out: left_out.clone(),
+    };
+    TURN.set(Some(begun));
+    let ran = catch_unwind(AssertUnwindSafe(call));
+    let turn = TURN.take().expect("set above");
+    *history = turn.history;
+    let ended = match ran {
+        Ok(returned) => Ended::Returned(returned),
+        Err(panic) if panic.is::<Left>() => turn.asleep.map_or(Ended::Left, Ended::Asleep),
+        Err(panic) => resume_unwind(panic),
+    };
+    Turned { ended, made: turn.made }
+}
+
+/// What an access does: the result that it had, or has now. `None` outside a turn.
+fn step(access: Access, act: impl FnOnce() -> u64, omitted: impl FnOnce() -> u64) -> Option<u64> {
+    let leave = TURN.with_borrow_mut(|turn| {
+        let Some(turn) = turn else { return Some(None) };
+        if let Some(&result) = turn.history.get(turn.replayed) {
+            turn.replayed += 1;
+            return Some(Some(result));
+        }
+        if !turn.quiet.contains(&access) {
+            if turn.made.is_some() || turn.asleep.is_some() {
+                return None;
+            }
+            turn.made = Some(access);
+        }
+        let result = if turn.left_out.contains(&access) { omitted() } else { act() };
+        turn.history.push(result);
+        turn.replayed += 1;
+        Some(Some(result))
+    });
+    leave.unwrap_or_else(|| resume_unwind(Box::new(Left)))
+}
+
+macro_rules! stepped {
+    ($name:ident, $number:ty) => {
+        #[repr(transparent)]
+        #[derive(Debug)]
+        pub(in crate::barrier) struct $name(atomic::$name);
+
+        // The model's memory is sequentially consistent, as the code asks of the machine's.
+        impl $name {
+            #[allow(dead_code)] // not of every width
+            pub(in crate::barrier) fn new(value: $number) -> $name {
+                $name(atomic::$name::new(value))
+            }
+
+            /// The word itself: no step.
+            pub(in crate::barrier) fn plain(&self) -> &atomic::$name {
+                &self.0
+            }
+
+            pub(in crate::barrier) fn address(&self) -> usize {
+                std::ptr::from_ref(self) as usize
+            }
+
+            fn step(&self, act: Act, with: impl Fn(&atomic::$name) -> $number) -> $number {
+                let access = Access { word: self.address(), act };
+                // A step left out finds what it would have found, and changes nothing.
+                let found = || self.0.load(Ordering::SeqCst).into();
+                let stepped = step(access, || with(&self.0).into(), found);
+                stepped.map_or_else(|| with(&self.0), |result| result as $number)
+            }
+
+            pub(in crate::barrier) fn load(&self, order: Ordering) -> $number {
+                self.step(Act::Load, |word| word.load(order))
+            }
+
+            pub(in crate::barrier) fn store(&self, value: $number, order: Ordering) {
+                self.step(Act::Store, |word| {
+                    word.store(value, order);
+                    value
+                });
+            }
+
+            #[allow(dead_code)] // not of every width
+            pub(in crate::barrier) fn swap(&self, value: $number, order: Ordering) -> $number {
+                self.step(Act::Swap, |word| word.swap(value, order))
+            }
+
+            #[allow(dead_code)] // not of every width
+            pub(in crate::barrier) fn fetch_add(&self, value: $number, order: Ordering) -> $number {
+                self.step(Act::Add, |word| word.fetch_add(value, order))
+            }
+
+            #[allow(dead_code)] // not of every width
+            pub(in crate::barrier) fn fetch_or(&self, value: $number, order: Ordering) -> $number {
+                self.step(Act::Or, |word| word.fetch_or(value, order))
+            }
+
+            /// As in the standard library: a read, and exchanges until one succeeds.
+            #[allow(dead_code)] // not of every width
+            pub(in crate::barrier) fn fetch_update(
+                &self,
+                set: Ordering,
+                fetch: Ordering,
+                mut new: impl FnMut($number) -> Option<$number>,
+            ) -> Result<$number, $number> {
+                let mut seen = self.load(fetch);
+                while let Some(next) = new(seen) {
+                    let found = self.step(Act::Exchange, |word| {
+                        word.compare_exchange(seen, next, set, fetch).unwrap_or_else(|now| now)
+                    });
+                    if found == seen {
+                        return Ok(seen);
+                    }
+                    seen = found;
+                }
+                Err(seen)
+            }
+        }
+    };
+}
+
+stepped!(AtomicU32, u32);
+stepped!(AtomicU64, u64);
+
+/// Sleeps, in a turn; `None` outside one.
+pub(in crate::barrier) fn sleep_while(word: &AtomicU32, value: u32) -> Option<Woken> {
+    TURN.with_borrow(Option::is_some).then(|| {
+        let address = word.address();
+        let sleeps = || {
+            // The kernel compares and falls asleep at once.
+            let same = word.plain().load(Ordering::SeqCst) == value;
+            if same { SLEEPS } else { WOKEN }
+        };
+        let access = Access { word: address, act: Act::Sleep };
+        let result = step(access, sleeps, || WOKEN).expect("in a turn");
+        if result == SLEEPS {
+            TURN.with_borrow_mut(|turn| {
+                let turn = turn.as_mut().expect("in a turn");
+                turn.history.pop();
+                turn.asleep = Some(address);
+            });
+            resume_unwind(Box::new(Left));
+        }
+        if result == WOKEN { Woken::Perhaps } else { Woken::TimedOut }
+    })
+}
+
+/// Of [`sleep_while`] alone: it is left for now.
+const SLEEPS: u64 = u64::MAX;
+
+/// Wakes, in a turn; false outside one. Who was asleep is the model's to know.
+pub(in crate::barrier) fn wake(word: &AtomicU32) -> bool {
+    let access = Access { word: word.address(), act: Act::Wake };
+    step(access, || 0, || 0).is_some()
+}

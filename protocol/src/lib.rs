@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `message` | what is said, with which layout? |
 //! | `service` | under which name, to how many, with which queue? |
+//! | `ipc` | of which parts is its iceoryx2 made? |
 //! | `run_root` | where do the shared files of one run live, and who removes them? |
 //! | `brief` | what is one process told when it starts? |
 //! | `fault` | what breaks in it, and when? |
@@ -28,6 +29,8 @@ pub mod catalog;
 #[cfg(feature = "ipc")]
 pub mod clock;
 pub mod fault;
+#[cfg(feature = "ipc")]
+mod ipc;
 #[cfg(feature = "ipc")]
 pub mod latency;
 pub mod law;

@@ -1,44 +1,39 @@
-//! The run root: a directory on tmpfs with everything that the processes of one run share, and
-//! the iceoryx2 configuration that keeps two runs from seeing each other.
+//! The run root: a directory on tmpfs with everything that the processes of one run share, its
+//! memory included, and the iceoryx2 configuration that keeps two runs from seeing each other.
 //!
-//! Its lock file is held for the supervisor's life, and so is a second one among the run's shared
-//! memory, which may outlive the root. What has a free lock belongs to a run that died: the next
-//! run sweeps dead roots, `phalanx clean` everything. All of it is the user's alone. Must not:
-//! remove anything whose lock it could not take, touch what belongs to another user, or follow a
-//! symbolic link.
+//! Its lock file is held for the supervisor's life. A root whose lock is free belongs to a run that
+//! died: the next run removes it, and so does `phalanx clean`. All of it is the user's alone. Must
+//! not: remove anything whose lock it could not take, touch what belongs to another user, or follow
+//! a symbolic link.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read as _, Write as _};
-use std::os::unix::fs::{
-    DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _,
-};
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use iceoryx2::prelude::{Config, FilePath, SemanticString as _};
 use rustix::fs::{FlockOperation, OFlags, flock};
 
-/// Where POSIX shared memory lives on Linux.
-pub const SHARED_MEMORY: &str = "/dev/shm";
+/// Where run roots are unless PHALANX_RUN_ROOT says otherwise: a tmpfs on every Linux.
+const DEFAULT: &str = "/dev/shm";
 /// A directory without a lock file younger than this may be one that another run is making.
 const UNLOCKED_AGE_MIN: Duration = Duration::from_secs(10);
 /// How many names are tried. One is lost when another run ends and takes the base with it.
 const ATTEMPTS: usize = 16;
-/// What the names of all runs' shared memory begin with.
-const PREFIX: &str = "phx";
-/// What the lock among a run's shared memory is called behind its prefix.
-const MEMORY_LOCK: &str = "lock";
+/// What the names of iceoryx2's files in a run root begin with.
+pub const PREFIX: &str = "phx_";
 /// Ending of a root's name while it is being made.
 const UNNAMED: &str = ".new";
-/// iceoryx2 refuses longer paths (255 bytes); what it puts below the root needs about 100.
-const PATH_BYTES_MAX: usize = 128;
+/// iceoryx2 refuses paths of more than 255 bytes; what it puts below the root needs up to 123.
+pub(crate) const PATH_BYTES_MAX: usize = 128;
 
 /// Why a run root could not be made or joined.
 #[derive(Debug, thiserror::Error)]
 pub enum RunRootError {
     /// A file or directory could not be made or looked at.
     #[error(
-        "cannot {action} {path}: {source}; PHALANX_RUN_ROOT names the directory for run roots (default /dev/shm): it must exist, be writable, and should be on tmpfs"
+        "cannot {action} {path}: {source}; PHALANX_RUN_ROOT names the directory in which runs share their memory and files (default {DEFAULT}): it must exist, be writable, have room, and should be on tmpfs"
     )]
     Io {
         /// What was tried.
@@ -101,16 +96,15 @@ pub enum RunRootError {
 pub struct RunRoot {
     base: PathBuf,
     path: PathBuf,
-    id: String,
     removed: bool,
-    _locks: [File; 2],
+    _lock: File,
 }
 
 /// The directory of this user's run roots: `phalanx-<uid>` under PHALANX_RUN_ROOT or /dev/shm.
 pub fn base() -> PathBuf {
     let parent = std::env::var_os("PHALANX_RUN_ROOT")
         .filter(|value| !value.is_empty())
-        .map_or_else(|| PathBuf::from(SHARED_MEMORY), PathBuf::from);
+        .map_or_else(|| PathBuf::from(DEFAULT), PathBuf::from);
     parent.join(format!("phalanx-{}", rustix::process::geteuid().as_raw()))
 }
 
@@ -129,12 +123,12 @@ impl RunRoot {
     pub fn create(base: &Path) -> Result<RunRoot, RunRootError> {
         let base = std::path::absolute(base).map_err(|source| failed("resolve", base, source))?;
         for _ in 0..ATTEMPTS {
-            make_base(&base)?;
             let id = random_id()?;
             let path = base.join(&id);
             if !usable(&path) {
                 return Err(RunRootError::PathUnusable { path });
             }
+            make_base(&base)?;
             // Locked before it gets its name, so that no sweep finds it unlocked.
             let unnamed = base.join(format!("{id}{UNNAMED}"));
             match fs::DirBuilder::new().mode(0o700).create(&unnamed) {
@@ -144,27 +138,14 @@ impl RunRoot {
                 Err(source) => return Err(failed("make", &unnamed, source)),
             }
             let Some(lock) = lock_fresh(&unnamed.join("lock"))? else { continue };
-            // Before the first shared memory, and gone after the last.
-            let memory_lock_path = memory_lock_path(&id);
-            let Some(memory_lock) = lock_fresh(&memory_lock_path)? else {
-                let _ = fs::remove_dir_all(&unnamed);
-                continue;
-            };
-            // Whoever finds it later asks whether the root is still there.
-            (&memory_lock)
-                .write_all(path.as_os_str().as_encoded_bytes())
-                .map_err(|source| failed("write", &memory_lock_path, source))?;
-            let named = fs::rename(&unnamed, &path);
-            if !(named.is_ok() && same_file(&lock, &path.join("lock"))) {
-                let _ = fs::remove_file(&memory_lock_path);
-                match named {
-                    Err(source) if !lost(&source) => return Err(failed("name", &path, source)),
-                    _ => continue,
-                }
+            match fs::rename(&unnamed, &path) {
+                Ok(()) if same_file(&lock, &path.join("lock")) => {}
+                Err(source) if !lost(&source) => return Err(failed("name", &path, source)),
+                _ => continue,
             }
-            let root = RunRoot { base, path, id, removed: false, _locks: [lock, memory_lock] };
+            let root = RunRoot { base, path, removed: false, _lock: lock };
             let config = root.config_path();
-            write_private(&config, &root.config())
+            write_private(&config, &root.iceoryx2_config())
                 .map_err(|source| failed("write", &config, source))?;
             return Ok(root);
         }
@@ -174,11 +155,6 @@ impl RunRoot {
     /// The directory.
     pub fn path(&self) -> &Path {
         &self.path
-    }
-
-    /// What the names of this run's shared memory begin with.
-    pub fn prefix(&self) -> String {
-        prefix(&self.id)
     }
 
     /// The iceoryx2 configuration of this run.
@@ -191,23 +167,13 @@ impl RunRoot {
         barrier_path(&self.path)
     }
 
-    /// Takes from other users what iceoryx2 gives them: it opens one segment of every run to all.
-    /// To be called once the first node is there.
-    pub fn make_private(&self) -> io::Result<()> {
-        for path in shared_memory_of(&self.id)? {
-            fs::set_permissions(&path, fs::Permissions::from_mode(0o600))?;
-        }
-        Ok(())
-    }
-
-    /// Removes the run's shared memory and directory, and the base if nothing else is in it.
+    /// Removes the directory, and the base if nothing else is in it.
     pub fn remove(mut self) -> io::Result<()> {
         self.removed = true;
         self.clear()
     }
 
     fn clear(&self) -> io::Result<()> {
-        remove_shared_memory(&self.id)?;
         fs::remove_dir_all(&self.path)?;
         // Other runs may live in the base.
         let _ = fs::remove_dir(&self.base);
@@ -215,18 +181,17 @@ impl RunRoot {
     }
 
     /// Cleaning up after the dead is the supervisor's alone: iceoryx2 must not do it by itself.
-    fn config(&self) -> String {
+    fn iceoryx2_config(&self) -> String {
         format!(
             "[global]\n\
              root-path = '{}'\n\
-             prefix = '{}'\n\
+             prefix = '{PREFIX}'\n\
              [global.service]\n\
              cleanup-dead-nodes-on-open = false\n\
              [global.node]\n\
              cleanup-dead-nodes-on-creation = false\n\
              cleanup-dead-nodes-on-destruction = false\n",
-            self.path.display(),
-            self.prefix()
+            self.path.display()
         )
     }
 }
@@ -241,36 +206,27 @@ impl Drop for RunRoot {
     }
 }
 
-/// What a dead run left. It is locked while this value lives, so that nobody else removes it.
+/// The root of a run that died. It is locked while this value lives, so that nobody else removes it.
 #[derive(Debug)]
-pub struct Leftover {
-    /// Its run root, if that is still there.
-    pub root: Option<PathBuf>,
-    /// Its shared memory.
-    pub shared_memory: Vec<PathBuf>,
-    id: String,
+pub struct DeadRoot {
+    /// The directory.
+    pub path: PathBuf,
     _lock: Option<File>,
 }
 
-impl Leftover {
-    /// Its shared memory as a shell would find it.
-    pub fn pattern(&self) -> String {
-        format!("{SHARED_MEMORY}/{}*", prefix(&self.id))
-    }
-
+impl DeadRoot {
     /// Removes it.
     pub fn remove(self) -> io::Result<()> {
-        remove_shared_memory(&self.id)?;
-        self.root.map_or(Ok(()), fs::remove_dir_all)
+        fs::remove_dir_all(self.path)
     }
 }
 
-/// Removes every run root whose lock is free, with its shared memory; returns what was removed.
+/// Removes every run root whose lock is free; returns what was removed.
 pub fn sweep(base: &Path) -> Vec<PathBuf> {
     let mut removed = Vec::new();
-    for leftover in dead_roots(base) {
-        let Some(path) = leftover.root.clone() else { continue };
-        match leftover.remove() {
+    for root in dead_roots(base) {
+        let path = root.path.clone();
+        match root.remove() {
             Ok(()) => removed.push(path),
             Err(error) => {
                 tracing::warn!(%error, path = %path.display(), "a dead run's root stays behind");
@@ -280,44 +236,16 @@ pub fn sweep(base: &Path) -> Vec<PathBuf> {
     removed
 }
 
-/// What dead runs left: roots below `base` whose lock is free, and shared memory of this user that
-/// no run holds any more and whose root, wherever it was, is gone.
-pub fn leftovers(base: &Path) -> Vec<Leftover> {
-    let mut found: Vec<Leftover> = dead_roots(base).collect();
-    let names = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
-    for name in names.map(|entry| entry.file_name()) {
-        let id = name.to_str().and_then(|name| name.strip_prefix(PREFIX)?.strip_suffix("_lock"));
-        let Some(id) = id.filter(|id| is_id(id)) else { continue };
-        if found.iter().any(|leftover| leftover.id == id) {
-            continue;
-        }
-        let path = memory_lock_path(id);
-        if !fs::symlink_metadata(&path).is_ok_and(|found| own(&found) && found.is_file()) {
-            continue;
-        }
-        if let Ok(lock) = lock_options().open(&path)
-            && flock(&lock, FlockOperation::NonBlockingLockExclusive).is_ok()
-            && same_file(&lock, &path)
-            && fs::read_to_string(&path).is_ok_and(|root| !Path::new(&root).exists())
-        {
-            let shared_memory = shared_memory_of(id).unwrap_or_default();
-            let id = id.to_owned();
-            found.push(Leftover { root: None, shared_memory, id, _lock: Some(lock) });
-        }
-    }
-    found
-}
-
 /// The run roots below `base` whose lock is free, each locked when it is reached.
-fn dead_roots(base: &Path) -> impl Iterator<Item = Leftover> {
+pub fn dead_roots(base: &Path) -> impl Iterator<Item = DeadRoot> {
     // A base that is a link or somebody else's is refused by `create`; here it is left alone.
     let ours = fs::symlink_metadata(base).is_ok_and(|found| foreign(&found).is_none());
     let entries = ours.then(|| fs::read_dir(base).ok()).flatten();
     entries.into_iter().flatten().flatten().filter_map(|entry| {
         let path = entry.path();
         let name = path.file_name().and_then(|name| name.to_str())?;
-        let id = name.strip_suffix(UNNAMED).unwrap_or(name).to_owned();
-        if !is_id(&id) || (name != id && !older(&path)) {
+        let id = name.strip_suffix(UNNAMED).unwrap_or(name);
+        if !is_id(id) || (name != id && !older(&path)) {
             return None;
         }
         if !fs::symlink_metadata(&path).is_ok_and(|found| found.is_dir()) {
@@ -335,8 +263,7 @@ fn dead_roots(base: &Path) -> impl Iterator<Item = Leftover> {
         {
             return None;
         }
-        let shared_memory = shared_memory_of(&id).unwrap_or_default();
-        Some(Leftover { root: Some(path), shared_memory, id, _lock: lock })
+        Some(DeadRoot { path, _lock: lock })
     })
 }
 
@@ -366,14 +293,6 @@ pub fn join(run_root: &Path) -> Result<(), RunRootError> {
 
 fn failed(action: &'static str, path: &Path, source: io::Error) -> RunRootError {
     RunRootError::Io { action, path: path.into(), source }
-}
-
-fn prefix(id: &str) -> String {
-    format!("{PREFIX}{id}_")
-}
-
-fn memory_lock_path(id: &str) -> PathBuf {
-    Path::new(SHARED_MEMORY).join(prefix(id) + MEMORY_LOCK)
 }
 
 fn is_id(name: &str) -> bool {
@@ -483,35 +402,10 @@ fn older(path: &Path) -> bool {
         .is_some_and(|age| age > UNLOCKED_AGE_MIN)
 }
 
-/// This user's shared memory of a run, its lock last.
-fn shared_memory_of(id: &str) -> io::Result<Vec<PathBuf>> {
-    let prefix = prefix(id);
-    let mut found = Vec::new();
-    for entry in fs::read_dir(SHARED_MEMORY)? {
-        let entry = entry?;
-        if entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes())
-            && fs::symlink_metadata(entry.path()).is_ok_and(|found| own(&found))
-        {
-            found.push(entry.path());
-        }
-    }
-    let lock = memory_lock_path(id);
-    found.sort_by_key(|path| *path == lock);
-    Ok(found)
-}
-
-fn remove_shared_memory(id: &str) -> io::Result<()> {
-    for path in shared_memory_of(id)? {
-        match fs::remove_file(path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-            _ => {}
-        }
-    }
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
+    use std::os::unix::fs::PermissionsExt as _;
+
     use super::*;
 
     fn temporary_base() -> (tempfile::TempDir, PathBuf) {
@@ -526,10 +420,8 @@ mod tests {
         let root = RunRoot::create(&base).unwrap();
         assert_eq!(fs::metadata(root.path()).unwrap().mode() & 0o777, 0o700);
         assert!(root.config_path().exists());
-        let shm = Path::new(SHARED_MEMORY).join(format!("{}left", root.prefix()));
-        fs::write(&shm, "x").unwrap();
+        fs::write(root.path().join("left"), "x").unwrap();
         root.remove().unwrap();
-        assert!(!shm.exists());
         assert!(!base.exists());
         drop(parent);
     }
@@ -542,42 +434,13 @@ mod tests {
         let dead = base.join(&id);
         fs::create_dir(&dead).unwrap();
         fs::write(dead.join("lock"), "").unwrap();
-        let shm = Path::new(SHARED_MEMORY).join(format!("{}left", prefix(&id)));
-        fs::write(&shm, "x").unwrap();
+        fs::write(dead.join("left"), "x").unwrap();
         let being_made = base.join("0000beef");
         fs::create_dir(&being_made).unwrap();
         fs::create_dir(base.join("not-a-root")).unwrap();
         assert_eq!(sweep(&base), std::slice::from_ref(&dead));
-        assert!(!dead.exists() && !shm.exists());
+        assert!(!dead.exists());
         assert!(living.path().exists() && being_made.exists());
-    }
-
-    #[test]
-    fn shared_memory_without_a_root_is_found_and_that_of_the_living_is_spared() {
-        let (_parent, base) = temporary_base();
-        let living = RunRoot::create(&base).unwrap();
-        let orphaned = RunRoot::create(&base).unwrap();
-        let shm = |root: &RunRoot| {
-            let path = Path::new(SHARED_MEMORY).join(format!("{}left", root.prefix()));
-            fs::write(&path, "x").unwrap();
-            path
-        };
-        let (kept, left) = (shm(&living), shm(&orphaned));
-        fs::remove_dir_all(orphaned.path()).unwrap();
-        let id = orphaned.id.clone();
-        let of_this = |id: &str| leftovers(&base).into_iter().find(|leftover| leftover.id == id);
-        assert!(of_this(&id).is_none(), "its supervisor lives, and may still need it");
-        // As the kernel does for a supervisor that was killed.
-        for lock in &orphaned._locks {
-            flock(lock, FlockOperation::Unlock).unwrap();
-        }
-        // Unless somebody on this machine cleans up at this very moment.
-        if let Some(found) = of_this(&id) {
-            assert_eq!((&found.root, found.shared_memory.len()), (&None, 2));
-            found.remove().unwrap();
-        }
-        assert!(!left.exists() && !memory_lock_path(&id).exists());
-        assert!(of_this(&living.id).is_none() && kept.exists());
     }
 
     #[test]

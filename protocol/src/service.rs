@@ -27,8 +27,7 @@ use crate::message::{
     StatusHeader, TruthHeader, TruthRow,
 };
 
-/// Shared memory between processes, each port used by one thread.
-pub type Ipc = iceoryx2::service::ipc::Service;
+pub use crate::ipc::Ipc;
 /// A process's seat in iceoryx2. Not `Send`: a thread that needs one makes its own.
 pub type Node = iceoryx2::node::Node<Ipc>;
 /// The sending end of a service.
@@ -70,7 +69,7 @@ pub enum ServiceError {
     },
     /// The supervisor cannot create a service.
     #[error(
-        "cannot create the service {service}: {cause:?}; a name can be created once in a run, and shared memory must not be full (df /dev/shm)"
+        "cannot create the service {service}: {cause:?}; a name can be created once in a run, and the file system of the run root must not be full"
     )]
     Create {
         /// Its name.
@@ -204,6 +203,11 @@ pub fn latency(robot: &str) -> Topic<[LatencyRow], LatencyHeader> {
 /// `plant/latency`: plant to supervisor.
 pub fn plant_latency() -> Topic<[LatencyRow], LatencyHeader> {
     Topic::new("plant/latency".into())
+}
+
+/// `probe`: the supervisor to itself, to see what files a service has.
+pub fn probe() -> Topic<u64> {
+    Topic::new("probe".into())
 }
 
 /// `plant/truth`: plant to supervisor.
@@ -424,7 +428,7 @@ where
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run_root::{RunRoot, join};
+    use crate::run_root::{PATH_BYTES_MAX, RunRoot, join};
 
     /// A stranger's layout under the name of a command.
     type Wrong = Beacon;
@@ -433,7 +437,11 @@ mod tests {
     #[test]
     fn every_service_carries_its_message_and_refuses_another_layout() {
         let parent = tempfile::tempdir_in("/dev/shm").unwrap();
-        let root = RunRoot::create(&parent.path().join("base")).unwrap();
+        // The longest that is accepted: iceoryx2 must not run out of it further down.
+        let base =
+            "b".repeat(PATH_BYTES_MAX - "//01234567".len() - parent.path().as_os_str().len());
+        assert!(RunRoot::create(&parent.path().join(format!("{base}b"))).is_err());
+        let root = RunRoot::create(&parent.path().join(base)).unwrap();
         join(root.path()).unwrap();
         join(root.path()).unwrap();
         let other = RunRoot::create(&parent.path().join("base")).unwrap();
@@ -565,12 +573,15 @@ mod tests {
             assert_eq!((sample.user_header().tick, sample[63]), (tick, row(63)));
         }
 
-        // With ports still open, as after a SIGKILL: nothing outlives the root.
-        let prefix = root.prefix();
-        let shm = || listing("/dev/shm").into_iter().filter(|name| name.contains(&prefix)).count();
-        assert!(shm() > 0);
+        // All of it is in the root. With ports still open, as after a SIGKILL, nothing outlives it.
+        let of_a_kind = |end: &str| {
+            let names = listing(root.path().to_str().unwrap());
+            names.iter().filter(|name| name.ends_with(end)).count()
+        };
+        assert_eq!([".dynamic", ".data", ".connection"].map(of_a_kind), [6, 6, 6]);
+        let id = root.path().file_name().unwrap().to_str().unwrap();
+        assert!(!listing("/dev/shm").iter().any(|name| name.contains(id)));
         root.remove().unwrap();
-        assert_eq!(shm(), 0);
         assert_eq!(listing("/tmp/iceoryx2"), before);
         assert!(listing(parent.path().to_str().unwrap()).is_empty());
     }

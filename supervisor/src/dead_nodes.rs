@@ -4,9 +4,11 @@
 //! Only the supervisor cleans up, one death at a time, and only after the dead was reaped: before,
 //! iceoryx2 takes it for alive, and its replacement finds no free port.
 
+pub mod layout;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::io;
+use std::io::{self, Write as _};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
@@ -20,19 +22,33 @@ use protocol::run_root::RunRoot;
 use protocol::service::{self, Node};
 use rustix::event::{EventfdFlags, eventfd};
 
+use crate::spawn::SpawnError;
+
+use self::layout::{HALF_MADE, LayoutError, connections, nodes};
+
 /// One attempt to remove what the dead left.
 const ATTEMPT_MAX: Duration = Duration::from_millis(500);
 
 /// While a clean-up is at work, half-made connections are looked for this often: iceoryx2 waits
-/// for ever for one whose maker has died meanwhile, and goes on once it is gone.
+/// half a second for one whose maker has died meanwhile, and goes on once it is gone.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 /// The last clean-up is waited for no longer than this at the end of a run.
 const LAST_MAX: Duration = Duration::from_secs(5);
 
-/// Where iceoryx2 keeps connections.
-const SHARED_MEMORY: &str = "/dev/shm";
-/// Permissions of shared memory that is being made; when it is whole, it may be read too.
-const HALF_MADE: u32 = 0o200;
+/// Written at the beginning of a half-made file: no version of iceoryx2. Whoever waits for it to
+/// become whole gives up at once, even if it is open already.
+const SPOILT: [u8; 8] = [0xff; 8];
+
+/// Why nobody could be there to clean up.
+#[derive(Debug, thiserror::Error)]
+pub enum CleanerError {
+    /// It would not find what the dead leave.
+    #[error(transparent)]
+    Layout(#[from] LayoutError),
+    /// No thread.
+    #[error(transparent)]
+    Thread(#[from] SpawnError),
+}
 
 /// The thread, and the way to it.
 pub struct Cleaner {
@@ -44,18 +60,22 @@ pub struct Cleaner {
 }
 
 impl Cleaner {
-    /// Starts the thread in a run that this process has joined.
-    pub fn start(run_root: &RunRoot) -> io::Result<Cleaner> {
+    /// Starts the thread in a run that this process has joined, with a node of its own.
+    pub fn start(run_root: &RunRoot, node: &Node) -> Result<Cleaner, CleanerError> {
+        layout::verify(run_root.path(), node)?;
         let (requests, incoming) = channel::<usize>();
         let (outgoing, done) = channel();
-        let news = Arc::new(eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?);
+        let refused = |source| SpawnError::of_thread("the clean-up thread", source);
+        let news = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK);
+        let news = Arc::new(news.map_err(|error| refused(error.into()))?);
         let told = news.clone();
-        let (run_root, prefix) = (run_root.path().to_path_buf(), run_root.prefix());
-        let thread = std::thread::Builder::new().name("cleanup".into()).spawn(move || {
+        let run_root = run_root.path().to_path_buf();
+        let thread = std::thread::Builder::new().name("cleanup".into());
+        let thread = thread.spawn(move || {
             let node = service::node("cleanup");
             for robot in incoming {
                 let cleaned = match &node {
-                    Ok(node) => clean_watched(node, &run_root, &prefix).map_err(|e| e.to_string()),
+                    Ok(node) => clean_watched(node, &run_root).map_err(|e| e.to_string()),
                     Err(error) => Err(error.to_string()),
                 };
                 if let Err(error) = cleaned {
@@ -67,7 +87,8 @@ impl Cleaner {
                 // Full is as good as told.
                 let _ = rustix::io::write(&*told, &1u64.to_ne_bytes());
             }
-        })?;
+        });
+        let thread = thread.map_err(refused)?;
         Ok(Cleaner { requests: Some(requests), done, news, thread: Some(thread) })
     }
 
@@ -110,37 +131,36 @@ impl Drop for Cleaner {
 /// Why the dead could not be cleaned up.
 #[derive(Debug, thiserror::Error)]
 enum CleanupError {
-    #[error("cannot look into {path}: {source}")]
-    Look { path: PathBuf, source: io::Error },
+    #[error(transparent)]
+    Look(#[from] LayoutError),
     #[error("cannot remove {path}: {source}")]
     Remove { path: PathBuf, source: io::Error },
 }
 
 /// [`clean`], with somebody beside it who removes what others leave half-made meanwhile.
-fn clean_watched(node: &Node, run_root: &Path, prefix: &str) -> Result<(), CleanupError> {
+fn clean_watched(node: &Node, run_root: &Path) -> Result<(), CleanupError> {
     let (at_work, done) = channel::<()>();
     std::thread::scope(|scope| {
         scope.spawn(move || {
             while done.recv_timeout(LOOK_EVERY) == Err(RecvTimeoutError::Timeout) {
-                if let Err(error) = remove_half_made_connections(Path::new(SHARED_MEMORY), prefix) {
+                if let Err(error) = remove_half_made_connections(run_root) {
                     tracing::debug!(%error, "cannot look for half-made connections");
                 }
             }
         });
-        let cleaned = clean(node, run_root, prefix);
+        let cleaned = clean(node, run_root);
         drop(at_work);
         cleaned
     })
 }
 
 /// Removes what dead processes left in this run.
-fn clean(node: &Node, run_root: &Path, prefix: &str) -> Result<(), CleanupError> {
-    let nodes = run_root.join("nodes");
+fn clean(node: &Node, run_root: &Path) -> Result<(), CleanupError> {
     let mut census = Census::default();
     // Whoever dies from here on has ports that iceoryx2 has not seen to: the next clean-up's work.
-    let files = files_by_node(&nodes)?;
+    let files = nodes(run_root)?;
     let dead: BTreeSet<u128> = files.map(|(id, _)| id).filter(|&id| census.is_gone(id)).collect();
-    let between_the_dead = remove_half_made_connections(Path::new(SHARED_MEMORY), prefix)?;
+    let between_the_dead = remove_half_made_connections(run_root)?;
     let mut unseen = dead.clone();
     let listed = Node::list(node.config(), |state| {
         // Others that died meanwhile may have left half-made connections as well.
@@ -158,7 +178,7 @@ fn clean(node: &Node, run_root: &Path, prefix: &str) -> Result<(), CleanupError>
     }
     // A process killed while it registered leaves a node that iceoryx2 cannot remove, or does not
     // even list: its files go by hand.
-    for (_, path) in files_by_node(&nodes)?.filter(|(id, _)| dead.contains(id)) {
+    for (_, path) in nodes(run_root)?.filter(|(id, _)| dead.contains(id)) {
         let removed =
             if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
         removed.map_err(|source| CleanupError::Remove { path, source })?;
@@ -176,63 +196,26 @@ fn remove_if_there(path: PathBuf) -> Result<(), CleanupError> {
     }
 }
 
-/// Files and directories of nodes, each with the node's id.
-fn files_by_node(
-    nodes: &Path,
-) -> Result<impl Iterator<Item = (u128, PathBuf)> + use<>, CleanupError> {
-    let failed = |source| CleanupError::Look { path: nodes.into(), source };
-    let entries = fs::read_dir(nodes).map_err(failed)?.flatten();
-    Ok(entries
-        .filter_map(|entry| Some((node_in(&entry.file_name().to_string_lossy())?, entry.path()))))
-}
-
-/// Removes connections that a process was making when it was killed: iceoryx2 would wait for ever
-/// until they are whole. Those between two dead processes are left, and told.
-fn remove_half_made_connections(
-    shared_memory: &Path,
-    prefix: &str,
-) -> Result<Vec<PathBuf>, CleanupError> {
+/// Removes connections that a process was making when it was killed: iceoryx2 would wait until they
+/// are whole. Those between two dead processes are left, and told.
+fn remove_half_made_connections(run_root: &Path) -> Result<Vec<PathBuf>, CleanupError> {
     let mut census = Census::default();
     let mut between_the_dead = Vec::new();
-    for (path, ends) in connections(shared_memory, prefix)? {
+    for (path, ends) in connections(run_root)? {
         let gone = ends.into_iter().filter(|&end| census.is_gone(end)).count();
         let half_made = |found: fs::Metadata| found.mode() & 0o777 == HALF_MADE;
         if gone > 0 && fs::metadata(&path).is_ok_and(half_made) {
+            // It may be gone by now.
+            let _ = fs::File::options()
+                .write(true)
+                .open(&path)
+                .and_then(|mut file| file.write_all(&SPOILT));
             remove_if_there(path)?;
         } else if gone == 2 {
             between_the_dead.push(path);
         }
     }
     Ok(between_the_dead)
-}
-
-/// This run's connections, and the ids of their ends.
-fn connections(
-    shared_memory: &Path,
-    prefix: &str,
-) -> Result<impl Iterator<Item = (PathBuf, [u128; 2])>, CleanupError> {
-    let failed = |source| CleanupError::Look { path: shared_memory.into(), source };
-    let entries = fs::read_dir(shared_memory).map_err(failed)?.flatten();
-    Ok(entries.filter_map(move |entry| {
-        let name = entry.file_name();
-        let ends = ends_in(name.to_str()?.strip_prefix(prefix)?)?;
-        Some((entry.path(), ends))
-    }))
-}
-
-/// The ids of sender and receiver in `<type>_<sender>_<receiver>.connection`.
-fn ends_in(name: &str) -> Option<[u128; 2]> {
-    let (rest, receiver) = name.strip_suffix(".connection")?.rsplit_once('_')?;
-    let (_, sender) = rest.rsplit_once('_')?;
-    Some([sender.parse().ok()?, receiver.parse().ok()?])
-}
-
-/// The id of the node that a file or directory below `nodes/` belongs to: `<id>` is what it owns,
-/// `<prefix>_<id>.node_monitor` and its like show that it lives.
-fn node_in(name: &str) -> Option<u128> {
-    let (stem, _) = name.split_once('.').unwrap_or((name, ""));
-    let (_, id) = stem.rsplit_once('_').unwrap_or(("", stem));
-    id.parse().ok()
 }
 
 /// Who is dead, each looked at once.
@@ -243,7 +226,7 @@ impl Census {
     /// Whether the process that made an id is dead. None is reused so soon; if one were, a later
     /// clean-up would find what this one left.
     fn is_gone(&mut self, id: u128) -> bool {
-        let process = process_of(id);
+        let process = layout::process_of(id);
         *self
             .0
             .entry(process)
@@ -251,16 +234,13 @@ impl Census {
     }
 }
 
-/// The process that made an id, of a node or a port: its third 32 bits, after seconds and nanoseconds.
-fn process_of(id: u128) -> u32 {
-    (id >> 64) as u32
-}
-
 #[cfg(test)]
 mod tests {
     use std::os::unix::fs::OpenOptionsExt as _;
 
-    use protocol::run_root;
+    use protocol::run_root::{self, PREFIX};
+
+    use super::layout::{nodes_in, process_of};
 
     use super::*;
 
@@ -274,7 +254,7 @@ mod tests {
 
         let mut gone = std::process::Command::new("true").spawn().unwrap();
         gone.wait().unwrap();
-        let nodes = run_root.path().join("nodes");
+        let nodes = nodes_in(run_root.path());
         let files = || {
             let names = fs::read_dir(&nodes).unwrap().map(|entry| entry.unwrap().file_name());
             names.collect::<BTreeSet<_>>()
@@ -284,28 +264,30 @@ mod tests {
         let ids = [1, 2].map(|time_s: u128| u128::from(gone.id()) << 64 | time_s);
         for id in ids {
             fs::create_dir(nodes.join(id.to_string())).unwrap();
-            fs::write(nodes.join(format!("{id}/{}node.details", run_root.prefix())), "").unwrap();
+            fs::write(nodes.join(format!("{id}/{PREFIX}node.details")), "").unwrap();
         }
-        fs::write(nodes.join(format!("{}{}.node_monitor", run_root.prefix(), ids[1])), "").unwrap();
+        fs::write(nodes.join(format!("{PREFIX}{}.node_monitor", ids[1])), "").unwrap();
         assert_eq!(files().len(), before.len() + 3);
         // And one knew the other.
-        let known = format!("{}type_{}_{}.connection", run_root.prefix(), ids[0], ids[1]);
-        let known = Path::new(SHARED_MEMORY).join(known);
+        let connection = |sender, receiver| {
+            run_root.path().join(format!("{PREFIX}type_{sender}_{receiver}.connection"))
+        };
+        let known = connection(ids[0], ids[1]);
         fs::write(&known, "whole").unwrap();
-        clean_watched(&living, run_root.path(), &run_root.prefix()).unwrap();
+        clean_watched(&living, run_root.path()).unwrap();
         assert_eq!(files(), before);
         assert!(!known.exists(), "a connection between the dead");
         // Of two half-made connections, the one between the living is left to them.
-        let memory = tempfile::tempdir().unwrap();
         let alive = living.id().value();
-        let paths = [ids[0], alive].map(|end| {
-            let name = format!("{}type_{alive}_{end}.connection", run_root.prefix());
-            let path = memory.path().join(name);
-            fs::File::options().write(true).create_new(true).mode(HALF_MADE).open(&path).unwrap();
-            path
+        let made = [ids[0], alive].map(|end| {
+            let path = connection(alive, end);
+            let mut options = fs::File::options();
+            (options.write(true).create_new(true).mode(HALF_MADE).open(&path).unwrap(), path)
         });
-        remove_half_made_connections(memory.path(), &run_root.prefix()).unwrap();
-        assert_eq!(paths.map(|path| path.exists()), [false, true]);
+        remove_half_made_connections(run_root.path()).unwrap();
+        assert_eq!(made.each_ref().map(|(_, path)| path.exists()), [false, true]);
+        // Who has it open already stops waiting: it is not empty any more, and of no version.
+        assert_eq!(made.map(|(file, _)| file.metadata().unwrap().len()), [8, 0]);
         drop(living);
         run_root.remove().unwrap();
     }

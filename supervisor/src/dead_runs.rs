@@ -1,22 +1,23 @@
 //! What runs that died left on tmpfs, and its removal: the work of `phalanx clean`. A new run does
-//! the same for roots; this also finds shared memory whose root is gone, wherever it was.
+//! the same before it begins.
 //!
 //! Must not: touch a run that is under way, or what belongs to another user.
 
 use std::fmt::Write as _;
 use std::fs;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 
-use protocol::run_root::{Leftover, SHARED_MEMORY, leftovers};
+use protocol::run_root::{DeadRoot, dead_roots};
 
-/// Removes what dead runs left below `base` and in shared memory, or only looks, if `dry_run`; what
-/// there is to say, and what could not be removed.
+/// Removes what dead runs left below `base`, or only looks, if `dry_run`; what there is to say, and
+/// what could not be removed.
 pub fn remove(base: &Path, dry_run: bool) -> (String, Vec<String>) {
     let (mut said, mut failures) = (String::new(), Vec::new());
     let verb = if dry_run { "would remove" } else { "removed" };
-    for leftover in leftovers(base) {
-        let what = in_words(&leftover);
-        match if dry_run { Ok(()) } else { leftover.remove() } {
+    for root in dead_roots(base) {
+        let what = in_words(&root);
+        match if dry_run { Ok(()) } else { root.remove() } {
             Ok(()) => drop(writeln!(said, "{verb} {what}")),
             Err(error) => failures.push(format!("cannot remove {what}: {error}")),
         }
@@ -26,19 +27,26 @@ pub fn remove(base: &Path, dry_run: bool) -> (String, Vec<String>) {
         let _ = fs::remove_dir(base);
     }
     if said.is_empty() && failures.is_empty() {
-        let _ =
-            writeln!(said, "no dead run left anything in {} or {SHARED_MEMORY}", base.display());
+        let _ = writeln!(said, "no dead run left anything in {}", base.display());
     }
     (said, failures)
 }
 
 /// What a dead run left, on one line.
-pub(crate) fn in_words(leftover: &Leftover) -> String {
-    let files = &leftover.shared_memory;
-    let bytes: u64 = files.iter().filter_map(|path| fs::metadata(path).ok()).map(|m| m.len()).sum();
-    let memory = format!("{} files of shared memory ({} KiB)", files.len(), bytes.div_ceil(1024));
-    match &leftover.root {
-        Some(root) => format!("{} and {memory}", root.display()),
-        None => format!("{memory} of a run whose root is gone, {}", leftover.pattern()),
-    }
+pub(crate) fn in_words(root: &DeadRoot) -> String {
+    let (files, bytes) = taken(&root.path);
+    format!("{}, {files} files, {} KiB", root.path.display(), bytes.div_ceil(1024))
+}
+
+/// How many files there are below a directory, and how many bytes they take.
+fn taken(directory: &Path) -> (usize, u64) {
+    let entries = fs::read_dir(directory).into_iter().flatten().flatten();
+    entries.fold((0, 0), |(files, bytes), entry| match entry.metadata() {
+        Ok(found) if found.is_dir() => {
+            let (files_below, bytes_below) = taken(&entry.path());
+            (files + files_below, bytes + bytes_below)
+        }
+        Ok(found) => (files + 1, bytes + 512 * found.blocks()),
+        Err(_) => (files, bytes),
+    })
 }

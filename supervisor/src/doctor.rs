@@ -1,25 +1,33 @@
 //! `phalanx doctor`: looks at this machine and says whether it is fit for runs.
 //!
-//! Must not: change anything, or call wrong what only might be.
+//! What a run asks of the kernel is tried by the functions that a run uses. Must not: leave anything
+//! behind, or call wrong what only might be.
 
 use std::fmt::Write as _;
 use std::fs;
+use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
+use protocol::barrier::Barrier;
 use protocol::clock::{Timer, now_ns, tighten_timer_slack};
-use protocol::process::{PriorityError, REALTIME_RUNTIME, may_lock_memory, try_realtime_priority};
-use protocol::run_root::{self, SHARED_MEMORY};
-use rustix::fs::{Access, access, statfs, statvfs};
-use rustix::process::{PidfdFlags, Resource, getpid, getrlimit, pidfd_open};
+use protocol::process::{
+    Alarm, PriorityError, REALTIME_RUNTIME, may_lock_memory, stand_back, try_realtime_priority,
+};
+use protocol::run_root::{self, RunRoot};
+use rustix::fs::{Access, access};
+use rustix::process::{Resource, getrlimit};
+use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
 
-use crate::{dead_runs, descriptors};
+use crate::room::{Need, Room, RoomError};
+use crate::spawn::{Launcher, Role};
+use crate::{cores, dead_runs, descriptors};
 
 /// Processes and threads besides the robots: supervisor, its clean-up, plant, and a little room.
 const PROCESSES: u64 = 8;
-/// Bytes on tmpfs: 35 KiB of run root and 70 KiB of shared memory a robot were measured with 8 and
-/// with 64 robots; the rest is room for denser graphs.
-const TMPFS_BYTES_PER_ROBOT: u64 = 256 * 1024;
+/// How many others a robot hears, more than in most formations: the graph is not known here.
+const LINKS_PER_ROBOT: usize = 4;
 /// Robots at 1 kHz that one core was seen to carry with fewer than 1 % of the deadlines missed
 /// (64 on two).
 const ROBOTS_PER_CORE: usize = 32;
@@ -28,8 +36,11 @@ const WAKE_UPS: usize = 200;
 const WAKE_UP_EVERY_NS: u64 = 1_000_000;
 /// The default slack of a timer is 50 us: a median beyond it tells that something else is late.
 const LATENESS_NS_MAX: u64 = 100_000;
-/// What statfs calls a tmpfs.
-const TMPFS_MAGIC: u64 = 0x0102_1994;
+/// A child that is tried must have begun within this.
+const CHILD_MAX: Duration = Duration::from_secs(5);
+/// How long a wait is tried, and the processor time of one that does not sleep.
+const WAIT: Duration = Duration::from_millis(10);
+const SPUN: Duration = Duration::from_millis(5);
 
 /// How bad it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -82,7 +93,8 @@ impl Finding {
 /// Looks at everything a run with so many robots depends on.
 pub fn examine(robots: usize) -> Vec<Finding> {
     let base = run_root::base();
-    let mut findings = vec![kernel(), cores(robots), load(), wake_ups()];
+    let mut findings = vec![children(), waits(&base), cores(robots), keeping_cores(), load()];
+    findings.extend([wake_ups(), alarm()]);
     findings.extend(governor());
     findings.push(descriptors(robots));
     findings.push(processes(robots));
@@ -90,9 +102,8 @@ pub fn examine(robots: usize) -> Vec<Finding> {
     findings.push(realtime_priority());
     findings.push(locked_memory());
     findings.push(place("run root", base.parent().unwrap_or(Path::new("/")), robots));
-    findings.push(place("shared memory", Path::new(SHARED_MEMORY), robots));
     findings.push(privacy(&base));
-    findings.push(leftovers(&base));
+    findings.push(dead_runs(&base));
     findings
 }
 
@@ -113,21 +124,97 @@ pub fn screen(findings: &[Finding]) -> String {
     text
 }
 
-/// Robots are watched through a pidfd, and started with close_range(CLOEXEC) of Linux 5.11.
-fn kernel() -> Finding {
+/// A finding of something that every run needs.
+fn needed(topic: &'static str, tried: Result<String, String>, advice: &str) -> Finding {
+    match tried {
+        Ok(found) => Finding::fine(topic, found),
+        Err(found) => Finding::fine(topic, found).or(Verdict::Wrong, true, advice),
+    }
+}
+
+/// A child is started, obeys its parent, is watched, killed and reaped, as every robot is.
+fn children() -> Finding {
     let release = rustix::system::uname().release().to_string_lossy().into_owned();
-    let pidfd = pidfd_open(getpid(), PidfdFlags::empty()).is_ok();
-    // SAFETY: a plain system call on a range that holds no descriptor.
-    let close_range =
-        unsafe { libc::close_range(u32::MAX, u32::MAX, libc::CLOSE_RANGE_CLOEXEC as i32) } == 0;
-    let found = match (pidfd, close_range) {
-        (true, true) => format!("Linux {release}"),
-        (false, _) => format!("Linux {release}, without pidfd_open"),
-        (true, false) => format!("Linux {release}, without close_range(CLOEXEC)"),
+    let tried = || {
+        let log = Path::new("/dev/null");
+        let launched = Launcher::of_this_executable().spawn(Role::Awake, log);
+        let mut child = launched.map_err(|error| error.to_string())?;
+        // It takes its name once it has tied its life to its parent's and closed what is not its.
+        let comm = PathBuf::from(format!("/proc/{}/comm", child.pid()));
+        let began = Instant::now();
+        while !fs::read_to_string(&comm).is_ok_and(|name| name.starts_with("phalanx-")) {
+            if let Some(status) = child.ended() {
+                return Err(format!(
+                    "a child ends at once ({status}): prctl(PR_SET_PDEATHSIG) or close_range is refused"
+                ));
+            }
+            if began.elapsed() > CHILD_MAX {
+                return Err(format!("a child does not begin within {} s", CHILD_MAX.as_secs()));
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        match child.end() {
+            Some(status) if status.signal().is_some() => {
+                Ok(format!("Linux {release}; children can be started, watched and ended"))
+            }
+            Some(status) => Err(format!("a child that was killed ended otherwise: {status}")),
+            None => Err("a child cannot be ended: pidfd_send_signal or waitid is refused".into()),
+        }
     };
     let advice =
-        "Linux 5.11 or newer is needed; in a container, its seccomp profile must allow both";
-    Finding::fine("kernel", found).or(Verdict::Wrong, !(pidfd && close_range), advice)
+        "Linux 5.11 or newer is needed; in a container, its seccomp profile must allow these calls";
+    needed("kernel", tried().map_err(|why| format!("Linux {release}: {why}")), advice)
+}
+
+/// A run root is made and locked, and a barrier in it, on which this thread sleeps.
+fn waits(base: &Path) -> Finding {
+    let tried = || {
+        let root = RunRoot::create(base).map_err(|error| error.to_string())?;
+        let barrier = Barrier::create(&root.barrier_path(), 1, 1, WAIT);
+        let barrier = barrier.map_err(|error| error.to_string())?;
+        let processor_time = || {
+            let time = clock_gettime(ClockId::ThreadCPUTime);
+            Duration::new(time.tv_sec as u64, time.tv_nsec as u32)
+        };
+        let before = processor_time();
+        barrier.wait_attention(WAIT);
+        let spun = processor_time() - before;
+        root.remove().map_err(|error| format!("{}: {error}", base.display()))?;
+        match spun > SPUN {
+            true => Err("a wait on shared memory (futex) does not sleep".to_owned()),
+            false => Ok("run roots can be made and locked, and waits on them sleep".to_owned()),
+        }
+    };
+    let advice = "every run fails: the file system must permit flock, rename and shared mappings";
+    needed("shared files", tried(), advice)
+}
+
+/// The timer that bounds waits in lockstep.
+fn alarm() -> Finding {
+    let started = std::thread::scope(|scope| {
+        let try_it = || Alarm::start().map(drop);
+        std::thread::Builder::new().spawn_scoped(scope, try_it)?.join().expect("it does not panic")
+    });
+    let tried = started.map(|()| "can be set".to_owned());
+    let advice = "lockstep needs it; in a container, its seccomp profile must allow timer_create";
+    needed("alarm", tried.map_err(|error| format!("timer_create is refused: {error}")), advice)
+}
+
+/// What makes lockstep faster where it is permitted.
+fn keeping_cores() -> Finding {
+    let idle = std::thread::scope(|scope| {
+        let thread = std::thread::Builder::new().spawn_scoped(scope, stand_back)?;
+        thread.join().expect("it does not panic")
+    });
+    let idle = idle.map_err(|error| format!("SCHED_IDLE: {error}"));
+    match cores::try_to_keep().and(idle) {
+        Ok(()) => Finding::fine("keeping cores", "processes can be kept on cores, and cores awake"),
+        Err(why) => Finding::fine("keeping cores", format!("not permitted ({why})")).or(
+            Verdict::WorthKnowing,
+            true,
+            "lockstep is slower",
+        ),
+    }
 }
 
 fn cores(robots: usize) -> Finding {
@@ -305,35 +392,26 @@ fn locked_memory() -> Finding {
     Finding::fine("memory", found).or(Verdict::WorthKnowing, !may_lock_memory(), advice)
 }
 
-/// A folder on tmpfs with room for the files that a run shares.
-fn place(topic: &'static str, folder: &Path, robots: usize) -> Finding {
-    let shown = folder.display();
+/// A directory on tmpfs with room for everything that a run shares.
+fn place(topic: &'static str, directory: &Path, robots: usize) -> Finding {
+    let shown = directory.display();
     let wrong =
         |found: String, advice: &str| Finding::fine(topic, found).or(Verdict::Wrong, true, advice);
-    let (system, space) = match (statfs(folder), statvfs(folder)) {
-        (Ok(system), Ok(space)) => (system, space),
-        (Err(error), _) | (_, Err(error)) => {
-            return wrong(
-                format!("{shown}: {error}"),
-                "mount a tmpfs there, or see PHALANX_RUN_ROOT",
-            );
-        }
+    if let Err(error) = access(directory, Access::WRITE_OK | Access::EXEC_OK) {
+        let advice = "make it and give this user the right to write there, or let PHALANX_RUN_ROOT name another";
+        return wrong(format!("{shown} cannot be written to: {error}"), advice);
+    }
+    let room = match Room::of(directory) {
+        Ok(room) => room,
+        Err(error) => return wrong(format!("{shown}: {error}"), "see PHALANX_RUN_ROOT"),
     };
-    if let Err(error) = access(folder, Access::WRITE_OK | Access::EXEC_OK) {
-        return wrong(format!("{shown} is not writable: {error}"), "chmod 1777, as on any Linux");
+    let need = Need::of(robots, LINKS_PER_ROBOT * robots);
+    if !room.suffices(&need) {
+        return wrong(RoomError::Short { need, room }.to_string(), "every such run is refused");
     }
-    let (free, needed) = (space.f_bavail * space.f_frsize, TMPFS_BYTES_PER_ROBOT * robots as u64);
-    let mib = |bytes: u64| bytes.div_ceil(1 << 20);
-    let found = format!("{shown}, {} MiB free", mib(free));
-    if free < needed {
-        let advice =
-            format!("{robots} robots need {} MiB; in a container: --shm-size", mib(needed));
-        return wrong(found, &advice);
-    }
-    let on_disk = system.f_type as u64 != TMPFS_MAGIC;
-    Finding::fine(topic, found).or(
+    Finding::fine(topic, format!("{shown}: {room}")).or(
         Verdict::WorthKnowing,
-        on_disk,
+        !room.is_tmpfs(),
         "it is not on tmpfs: starting takes twice as long; see PHALANX_RUN_ROOT",
     )
 }
@@ -350,8 +428,9 @@ fn privacy(base: &Path) -> Finding {
     }
 }
 
-fn leftovers(base: &Path) -> Finding {
-    let left: Vec<String> = run_root::leftovers(base).iter().map(dead_runs::in_words).collect();
+fn dead_runs(base: &Path) -> Finding {
+    let dead: Vec<_> = run_root::dead_roots(base).collect();
+    let left: Vec<String> = dead.iter().map(dead_runs::in_words).collect();
     let found = match &left[..] {
         [] => "no dead run left anything".to_owned(),
         left => left.join("; "),
@@ -383,7 +462,7 @@ mod tests {
         assert!(gone.found.contains("/nowhere/at/all"), "{gone:?}");
         // procfs is neither tmpfs nor a place for files.
         assert_ne!(place("run root", Path::new("/proc"), 3).verdict, Verdict::Fine);
-        assert_eq!(place("shared memory", Path::new(SHARED_MEMORY), 3).verdict, Verdict::Fine);
+        assert_eq!(place("run root", Path::new("/dev/shm"), 3).verdict, Verdict::Fine);
     }
 
     #[test]

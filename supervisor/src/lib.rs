@@ -7,6 +7,7 @@
 //! | `run/` | what happens, in order, from the first process to the last? |
 //! | `outcome` | what does it leave besides its metrics? |
 //! | `descriptors` | how many files may it open? |
+//! | `room` | is there memory for what its processes share? |
 //! | `doctor` | is this machine fit for it? |
 //! | `dead_runs` | what did earlier runs that died leave behind? |
 //! | `timeline` | what does the supervisor do to processes, and when? |
@@ -38,6 +39,7 @@ pub mod manifest;
 pub mod outcome;
 pub mod report;
 mod reserved;
+pub mod room;
 pub mod run;
 pub mod run_dir;
 pub mod spawn;

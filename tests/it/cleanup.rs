@@ -4,7 +4,7 @@ use std::process::Command;
 
 use rustix::process::Signal;
 
-use crate::harness::{Phalanx, files_below, processes_of, run, shared_memory_of};
+use crate::harness::{Phalanx, files_below, processes_of, run};
 
 #[test]
 fn an_interrupt_ends_the_run_with_130_and_what_was_measured_is_kept() {
@@ -46,17 +46,11 @@ fn the_next_run_removes_what_a_killed_supervisor_left() {
     wait_until_gone(&running.run_dir());
     let left = files_below(&run_root);
     assert!(!left.is_empty(), "a killed supervisor cannot have cleaned up");
-    let prefixes: Vec<String> = left
-        .iter()
-        .filter(|path| path.join("iceoryx2.toml").exists())
-        .map(|path| format!("phx{}_", path.file_name().unwrap().to_string_lossy()))
-        .collect();
-    assert_eq!(prefixes.len(), 1, "{left:?}");
-    assert!(!shared_memory_of(&prefixes[0]).is_empty());
+    let memory = left.iter().filter(|path| path.extension().is_some_and(|end| end == "connection"));
+    assert!(memory.count() > 5, "its memory is there too: {left:?}");
 
     let next = run("triangle").lockstep().in_run_root_of(&run_root).finish();
     next.exits_with(0);
-    assert!(shared_memory_of(&prefixes[0]).is_empty());
     assert_eq!(files_below(&run_root), Vec::<std::path::PathBuf>::new());
 }
 

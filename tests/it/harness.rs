@@ -260,8 +260,8 @@ impl Drop for Ended {
     }
 }
 
-/// Removes what a run that ended badly left in its run root and in shared memory, so that a test
-/// leaves nothing even when it fails.
+/// Removes what a run that ended badly left in its run root, so that a test leaves nothing even when
+/// it fails.
 fn sweep(run_root: &Path) {
     for base in std::fs::read_dir(run_root).into_iter().flatten().flatten() {
         protocol::run_root::sweep(&base.path());
@@ -305,7 +305,7 @@ impl Ended {
         self.summary["trajectory_hash"].as_str().unwrap_or("none")
     }
 
-    /// No process, no shared memory, no file in the run root.
+    /// No process, no file in the run root, which has all shared memory.
     #[track_caller]
     pub fn leaves_nothing(&self) -> &Ended {
         let processes = processes_of(&self.run_dir());
@@ -359,13 +359,6 @@ fn briefed(words: &[String], briefs: &Path) -> Option<String> {
         word.parent() == Some(briefs) && word.extension().is_some_and(|end| end == "toml")
     })?;
     Some(brief.file_stem()?.to_string_lossy().into_owned())
-}
-
-/// The files of POSIX shared memory whose names begin so.
-pub fn shared_memory_of(prefix: &str) -> Vec<PathBuf> {
-    let files = std::fs::read_dir("/dev/shm").unwrap().flatten();
-    let ours = files.filter(|file| file.file_name().to_string_lossy().starts_with(prefix));
-    ours.map(|file| file.path()).collect()
 }
 
 /// Everything below a directory.

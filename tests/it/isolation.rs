@@ -80,7 +80,7 @@ fn tagged(running: &Running, pid: u32, services: &BTreeMap<String, Service>) -> 
         .collect()
 }
 
-/// Shared memory that the process has mapped.
+/// Files on tmpfs that the process has mapped.
 fn mapped(pid: u32) -> BTreeSet<String> {
     let maps: PathBuf = Path::new("/proc").join(pid.to_string()).join("maps");
     let text = std::fs::read_to_string(maps).unwrap();

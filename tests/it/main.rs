@@ -19,6 +19,7 @@ mod latency;
 mod lockstep;
 mod lost_screen;
 mod machine;
+mod memory;
 mod model;
 mod oracle;
 mod pages;

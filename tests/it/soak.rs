@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
 
-use crate::harness::{Ended, Phalanx, Running, files_below, run, shared_memory_of, signal_pid};
+use crate::harness::{Ended, Phalanx, Running, files_below, run, signal_pid};
 use crate::model::Dice;
 use crate::oracle::scenario;
 
@@ -177,17 +177,13 @@ fn soaked(what: Soaked, seed: u64) -> Phalanx {
     if what.lockstep { run.lockstep() } else { run.set("period_s=0.01") }
 }
 
-/// How many files of each kind its processes share at present, shared memory included. The kind is
-/// what a name ends in.
+/// How many files of each kind its processes share at present. The kind is what a name
+/// ends in.
 fn shared_files(running: &Running) -> BTreeMap<String, usize> {
     let mut kinds = BTreeMap::new();
-    for root in running.roots() {
-        let id = root.file_name().unwrap().to_string_lossy().into_owned();
-        let names = shared_memory_of(&format!("phx{id}_")).into_iter().chain(files_below(&root));
-        for name in names {
-            let kind = name.extension().map_or("none".into(), |kind| kind.to_string_lossy());
-            *kinds.entry(kind.into_owned()).or_default() += 1;
-        }
+    for name in running.roots().iter().flat_map(|root| files_below(root)) {
+        let kind = name.extension().map_or("none".into(), |kind| kind.to_string_lossy());
+        *kinds.entry(kind.into_owned()).or_default() += 1;
     }
     kinds
 }
@@ -229,7 +225,6 @@ fn fly(what: Soaked, seed: u64, kills: usize, files: &BTreeMap<String, usize>) -
         }
         pause(Duration::from_millis(10));
     };
-    let roots = running.roots();
     let lingering = connections_of_the_dead(&running);
     let ended = running.finish();
     ended.exits_with(0).leaves_nothing();
@@ -241,10 +236,6 @@ fn fly(what: Soaked, seed: u64, kills: usize, files: &BTreeMap<String, usize>) -
         *expected.entry("connection".into()).or_default() += 1;
     }
     ended.claim(found == expected, format!("they share {files:?}, found {found:?}"));
-    for root in roots {
-        let prefix = format!("phx{}_", root.file_name().unwrap().to_string_lossy());
-        ended.claim(shared_memory_of(&prefix).is_empty(), "no shared memory is left");
-    }
     ended.claim(ended.number("/violations") == 0.0, "nobody came nearer than d");
     ended.claim(ended.number("/t_s") == what.duration_s, "the run reached its end");
     survived(&ended, what, kills)
@@ -253,9 +244,7 @@ fn fly(what: Soaked, seed: u64, kills: usize, files: &BTreeMap<String, usize>) -
 /// Connections with an end that is dead: the process ids of receiver and sender, and the mode.
 fn connections_of_the_dead(running: &Running) -> Vec<([u32; 2], u32)> {
     let roots = running.roots();
-    let names = roots.iter().filter_map(|root| root.file_name());
-    let memory = names.flat_map(|name| shared_memory_of(&format!("phx{}_", name.display())));
-    let ends = memory.filter_map(|path| {
+    let ends = roots.iter().flat_map(|root| files_below(root)).filter_map(|path| {
         let name = path.file_stem()?.to_str()?.to_owned();
         let ids: Option<Vec<u128>> = name.rsplit('_').take(2).map(|id| id.parse().ok()).collect();
         // An id holds its process in its third 32 bits.

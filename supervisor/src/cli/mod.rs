@@ -36,7 +36,7 @@ pub enum Verb {
     Report(report::ReportArgs),
     /// Say whether this machine is fit for runs, and what to do about it.
     Doctor(doctor::DoctorArgs),
-    /// Remove what dead runs left in the run root and in shared memory.
+    /// Remove what dead runs left behind.
     Clean(clean::CleanArgs),
     /// Give a recording that a kill cut short its index back, in a new file.
     Recover(recover::RecoverArgs),

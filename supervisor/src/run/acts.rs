@@ -1,5 +1,6 @@
 //! What is due is done: by the scenario's plan, or at the end of a wait.
 
+use std::os::unix::process::ExitStatusExt as _;
 use std::process::ExitStatus;
 use std::time::Instant;
 
@@ -7,6 +8,7 @@ use super::Run;
 use super::error::RunError;
 use super::lives::{Death, Effect, Event, Who};
 use crate::child::{self, Child};
+use crate::room;
 use crate::timeline::{Act, Due};
 use metrics::fault::End;
 
@@ -131,7 +133,27 @@ impl Run<'_> {
             return Ok(());
         }
         let log = self.processes.last_lines_of_plant();
+        self.died_of_full_memory("the plant", status, &log)?;
         Err(RunError::PlantDied { how: child::in_words(status), log })
+    }
+
+    /// An error if a process gave up, or was killed by SIGBUS, while no shared memory is to be had:
+    /// whoever were to replace it would die as well.
+    fn died_of_full_memory(
+        &self,
+        who: &str,
+        status: ExitStatus,
+        log: &str,
+    ) -> Result<(), RunError> {
+        let may_be = match status.signal() {
+            Some(signal) => signal == libc::SIGBUS,
+            None => !status.success(),
+        };
+        let Some(room) = may_be.then(|| room::full(self.run_root.path())).flatten() else {
+            return Ok(());
+        };
+        let (who, how, log) = (who.into(), child::in_words(status), log.into());
+        Err(RunError::DiedOfFullMemory { room: room.into(), who, how, log })
     }
 
     /// A robot's process is dead and reaped.
@@ -147,7 +169,10 @@ impl Run<'_> {
             alive_ns: self.all_seen_alive_ns,
             fault: self.journal.metrics.next_fault(),
         };
-        self.happens(self.intake.now_ns(), Event::Died(death))?;
+        let happened = self.happens(self.intake.now_ns(), Event::Died(death));
+        let (who, log) = (self.journal.name(robot), self.processes.last_lines(robot));
+        self.died_of_full_memory(who, status, &log)?;
+        happened?;
         self.set_next_pause();
         Ok(())
     }

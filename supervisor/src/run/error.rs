@@ -7,7 +7,9 @@ use protocol::run_root::RunRootError;
 use protocol::service::{SendError, ServiceError};
 use protocol::watchdog::Instead;
 
+use crate::dead_nodes::CleanerError;
 use crate::descriptors;
+use crate::room::RoomError;
 use crate::run_dir::RunDirError;
 use crate::spawn::SpawnError;
 
@@ -29,6 +31,21 @@ pub enum RunError {
     /// The barrier could not be made.
     #[error(transparent)]
     Barrier(#[from] BarrierError),
+    /// The file system of the run root is too small, or full.
+    #[error(transparent)]
+    Room(#[from] RoomError),
+    /// A process died while the file system of the run root was full.
+    #[error("{room}\n{who} died of it ({how}); the last lines of its log:\n{log}")]
+    DiedOfFullMemory {
+        /// Which file system, and what to do.
+        room: Box<RoomError>,
+        /// A robot's name, or the plant.
+        who: String,
+        /// How it ended.
+        how: String,
+        /// The end of its log.
+        log: String,
+    },
     /// So many robots need more open files than this process may have.
     #[error(transparent)]
     Descriptors(#[from] descriptors::TooFew),
@@ -38,6 +55,9 @@ pub enum RunError {
     /// The run directory could not be written.
     #[error(transparent)]
     RunDir(#[from] RunDirError),
+    /// Nobody could clean up after the dead.
+    #[error(transparent)]
+    Cleaner(#[from] CleanerError),
     /// A sample could not be taken.
     #[error("cannot receive from an agent or the plant: {0}")]
     Receive(#[from] iceoryx2::port::ReceiveError),

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use protocol::brief::{AgentBrief, Pace};
 use protocol::process::Stop;
-use protocol::run_root::{self, RunRoot, RunRootError};
+use protocol::run_root::{self, RunRoot};
 use protocol::service;
 
 use super::Run;
@@ -19,8 +19,9 @@ use super::services::Services;
 use crate::dead_nodes::Cleaner;
 use crate::descriptors;
 use crate::latency::Latency;
+use crate::room::{self, Need};
 use crate::run_dir::RunDir;
-use crate::spawn::{Launcher, Role, SpawnError};
+use crate::spawn::{Launcher, Role};
 use crate::timeline::Timeline;
 use experiment::briefs;
 use experiment::scenario::Scenario;
@@ -43,14 +44,11 @@ impl<'a> Run<'a> {
         for removed in run_root::sweep(&base) {
             tracing::info!(path = %removed.display(), "removed what a dead run left");
         }
+        room::check(&base, Need::of(scenario.robots.len(), scenario.graph.edges().len()))?;
+        room::tell_of_sigbus(&base);
         let run_root = RunRoot::create(&base)?;
         run_root::join(run_root.path())?;
         let node = service::node("supervisor")?;
-        run_root.make_private().map_err(|source| RunRootError::Io {
-            action: "close to other users",
-            path: run_root.path().into(),
-            source,
-        })?;
         let conduct = Conduct::new(scenario, pace, &run_root, launcher)?;
         // Each takes descriptors and memory: only where they can be of use.
         let links_by_hand = by_hand && conduct.cuts_links_by_hand();
@@ -60,8 +58,8 @@ impl<'a> Run<'a> {
         let to_robots = services.faults.iter().enumerate();
         let faults_by_hand =
             to_robots.map(|(i, faults)| faults.publisher(heard(i))).collect::<Result<_, _>>()?;
-        let cleaner = Cleaner::start(&run_root)
-            .map_err(|source| SpawnError::of_thread("the clean-up thread", source))?;
+        let cleaner = Cleaner::start(&run_root, &node)?;
+        room::take(run_root.path())?;
 
         let plant_brief = briefs::plant(scenario, pace, run_root.path());
         let plant_brief = run_dir.write_brief("plant", &plant_brief)?;

@@ -8,8 +8,9 @@ use protocol::message::{NeighborStatus, StatusHeader, TruthHeader, TruthRow};
 use super::Run;
 use super::error::RunError;
 use super::intake::News;
-use super::lives::Event;
+use super::lives::{Event, Seat};
 use crate::live;
+use crate::room;
 
 /// The plant may send as fast as they are taken: after so many it is time for reports and deaths.
 const TRUTHS_PER_TURN: usize = 64;
@@ -75,7 +76,13 @@ impl Run<'_> {
         let news = self.intake.reports[robot].take(header, neighbors);
         let takes_part = self.conduct.takes_part(header);
         let t_ns = self.intake.now_ns().max(header.t_ns);
+        let was_starting = self.lives.seat(robot) == Seat::Starting;
         self.happens(t_ns, Event::Reported { robot, takes_part })?;
+        let mut seats = (0..self.scenario.robots.len()).map(|robot| self.lives.seat(robot));
+        if was_starting && seats.all(|seat| seat != Seat::Starting) {
+            // All ports are there now, and what fills the memory from here on harms nobody.
+            room::take(self.run_root.path())?;
+        }
         for news in news {
             match news {
                 News::Heard { other, contact, since_ns } => {

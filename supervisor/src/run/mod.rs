@@ -48,6 +48,7 @@ use view::View;
 use crate::dead_nodes::Cleaner;
 use crate::live;
 use crate::outcome::Outcome;
+use crate::room;
 use crate::timeline::Timeline;
 use conduct::Conduct;
 pub use error::RunError;
@@ -164,14 +165,16 @@ impl<'a> Run<'a> {
 
     /// Nobody is waited for without a limit.
     fn check_deadlines(&mut self) -> Result<(), RunError> {
-        let Run { lives, processes, journal, intake, conduct, .. } = self;
+        let Run { lives, processes, journal, intake, conduct, run_root, .. } = self;
         let watched = processes.of_robots().map(|(robot, child)| {
             let starts = lives.seat(robot) == Seat::Starting;
             let starting_since = starts.then(|| processes.started(robot));
             Watched { robot, name: journal.name(robot), child, starting_since }
         });
         let newest = intake.newest.as_ref();
-        conduct.check_deadlines(newest, intake.last_news, &processes.plant, watched)
+        conduct
+            .check_deadlines(newest, intake.last_news, &processes.plant, watched)
+            .map_err(|error| room::full(run_root.path()).map_or(error, RunError::Room))
     }
 
     /// Keeps everybody on the cores where they are fastest.

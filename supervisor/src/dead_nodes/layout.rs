@@ -1,0 +1,224 @@
+//! How iceoryx2 lays out its files in a run root, as far as the clean-up after the dead relies on
+//! it: names, ids and modes. None of it is promised by iceoryx2, hence [`verify`].
+//!
+//! Must not: remove or change anything.
+
+use std::fs;
+use std::io;
+use std::os::unix::fs::MetadataExt as _;
+use std::path::{Path, PathBuf};
+
+use protocol::run_root::PREFIX;
+use protocol::service::{self, Node, Qos, ServiceError};
+
+/// Permissions of memory that is being made.
+pub(super) const HALF_MADE: u32 = 0o200;
+/// Permissions of memory that is whole: it may be read too.
+const WHOLE: u32 = 0o600;
+/// The version of iceoryx2 that all of this was read from; the workspace pins it.
+const VERSION: &str = "0.10.0";
+
+/// Why the dead could not be cleaned up after.
+#[derive(Debug, thiserror::Error)]
+pub enum LayoutError {
+    /// A directory cannot be read.
+    #[error("cannot look into {path}: {source}")]
+    Look {
+        /// The directory.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// Something is not where, or as, it was expected.
+    #[error(
+        "iceoryx2 lays out its files otherwise than phalanx knows, which could then not clean up after \
+         a robot that dies: expected {expected} in {directory}, found {found}; phalanx needs iceoryx2 \
+         {VERSION}: build it with its own Cargo.lock"
+    )]
+    Otherwise {
+        /// What was expected.
+        expected: String,
+        /// Where.
+        directory: PathBuf,
+        /// What is there instead.
+        found: String,
+    },
+    /// No service to look at.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+}
+
+/// Whose files are looked at.
+#[derive(Debug, Clone, Copy)]
+struct Ids {
+    process: u32,
+    node: u128,
+    sender: u128,
+    receiver: u128,
+}
+
+/// Looks at the files that this process's own node, a sender and a receiver have, made for this
+/// purpose: whether they are as expected.
+pub fn verify(run_root: &Path, node: &Node) -> Result<(), LayoutError> {
+    let probe = service::probe().create(node, Qos { subscribers: 1, buffer: 1 })?;
+    let (sender, receiver) = (probe.publisher()?, probe.subscriber()?);
+    let ids = Ids {
+        process: std::process::id(),
+        node: node.id().value(),
+        sender: sender.id().value(),
+        receiver: receiver.id().value(),
+    };
+    verify_files(run_root, ids)
+}
+
+fn verify_files(run_root: &Path, ids: Ids) -> Result<(), LayoutError> {
+    let expect = |holds: bool, expected: String, directory: &Path| match holds {
+        true => Ok(()),
+        false => {
+            let (directory, found) = (directory.to_owned(), listed(directory));
+            Err(LayoutError::Otherwise { expected, directory, found })
+        }
+    };
+    let Ids { process, node, sender, receiver } = ids;
+    for (what, id) in [("node", node), ("sender", sender), ("receiver", receiver)] {
+        let expected = format!("process {process} within the id {id} of its {what}");
+        expect(process_of(id) == process, expected, run_root)?;
+    }
+    let of_the_node: Vec<PathBuf> =
+        nodes(run_root)?.filter(|(id, _)| *id == node).map(|(_, path)| path).collect();
+    let directories = of_the_node.iter().filter(|path| path.is_dir()).count();
+    expect(
+        directories == 1 && of_the_node.len() > 1,
+        format!("a directory {node} and a file {PREFIX}{node}.*"),
+        &nodes_in(run_root),
+    )?;
+    let connection = connections(run_root)?.find(|(_, ends)| *ends == [sender, receiver]);
+    let mode = connection.and_then(|(path, _)| Some(fs::metadata(path).ok()?.mode() & 0o777));
+    expect(
+        mode == Some(WHOLE),
+        format!("a file {PREFIX}*_{sender}_{receiver}.connection of mode {WHOLE:o}"),
+        run_root,
+    )
+}
+
+/// What is in a directory, on one line.
+fn listed(directory: &Path) -> String {
+    let entries = fs::read_dir(directory).into_iter().flatten().flatten();
+    let mode = |entry: &fs::DirEntry| entry.metadata().map_or(0, |found| found.mode() & 0o777);
+    let mut names: Vec<String> = entries
+        .map(|entry| format!("{} ({:o})", entry.file_name().display(), mode(&entry)))
+        .collect();
+    names.sort();
+    if names.is_empty() { "nothing".into() } else { names.join(", ") }
+}
+
+/// The directory of all nodes.
+pub(super) fn nodes_in(run_root: &Path) -> PathBuf {
+    run_root.join("nodes")
+}
+
+/// Files and directories of nodes, each with the node's id.
+pub(super) fn nodes(
+    run_root: &Path,
+) -> Result<impl Iterator<Item = (u128, PathBuf)> + use<>, LayoutError> {
+    Ok(names_in(&nodes_in(run_root))?.filter_map(|(name, path)| Some((node_in(&name)?, path))))
+}
+
+/// The connections of a run, and the ids of their ends, sender first.
+pub(super) fn connections(
+    run_root: &Path,
+) -> Result<impl Iterator<Item = (PathBuf, [u128; 2])> + use<>, LayoutError> {
+    Ok(names_in(run_root)?.filter_map(|(name, path)| Some((path, ends_in(&name)?))))
+}
+
+fn names_in(
+    directory: &Path,
+) -> Result<impl Iterator<Item = (String, PathBuf)> + use<>, LayoutError> {
+    let failed = |source| LayoutError::Look { path: directory.into(), source };
+    let entries = fs::read_dir(directory).map_err(failed)?.flatten();
+    Ok(entries.filter_map(|entry| Some((entry.file_name().into_string().ok()?, entry.path()))))
+}
+
+/// The ids of sender and receiver in `<prefix><type>_<sender>_<receiver>.connection`.
+fn ends_in(name: &str) -> Option<[u128; 2]> {
+    let name = name.strip_prefix(PREFIX)?.strip_suffix(".connection")?;
+    let (rest, receiver) = name.rsplit_once('_')?;
+    let (_, sender) = rest.rsplit_once('_')?;
+    Some([sender.parse().ok()?, receiver.parse().ok()?])
+}
+
+/// The id of the node that a file or directory below `nodes/` belongs to: `<id>` is what it owns,
+/// `<prefix><id>.node_monitor` and its like show that it lives.
+fn node_in(name: &str) -> Option<u128> {
+    let (stem, _) = name.split_once('.').unwrap_or((name, ""));
+    stem.strip_prefix(PREFIX).unwrap_or(stem).parse().ok()
+}
+
+/// The process that made an id, of a node or a port: its third 32 bits, after seconds and nanoseconds.
+pub(super) fn process_of(id: u128) -> u32 {
+    (id >> 64) as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::PermissionsExt as _;
+
+    use super::*;
+
+    const PROCESS: u32 = 77;
+
+    /// A run root as iceoryx2 would make it, and whose it is.
+    fn laid_out() -> (tempfile::TempDir, Ids, PathBuf) {
+        let root = tempfile::tempdir().unwrap();
+        let id = |time_s: u128| u128::from(PROCESS) << 64 | time_s;
+        let ids = Ids { process: PROCESS, node: id(1), sender: id(2), receiver: id(3) };
+        fs::create_dir_all(nodes_in(root.path()).join(ids.node.to_string())).unwrap();
+        let monitor = format!("{PREFIX}{}.node_monitor", ids.node);
+        fs::write(nodes_in(root.path()).join(monitor), "").unwrap();
+        let name = format!("{PREFIX}a_A-_{}_{}.connection", ids.sender, ids.receiver);
+        let connection = root.path().join(name);
+        fs::write(&connection, "").unwrap();
+        fs::set_permissions(&connection, fs::Permissions::from_mode(WHOLE)).unwrap();
+        (root, ids, connection)
+    }
+
+    fn refusal(root: &Path, ids: Ids) -> String {
+        verify_files(root, ids).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn the_layout_that_is_known_is_accepted() {
+        let (root, ids, connection) = laid_out();
+        verify_files(root.path(), ids).unwrap();
+        let ends = connections(root.path()).unwrap().collect::<Vec<_>>();
+        assert_eq!(ends, [(connection, [ids.sender, ids.receiver])]);
+    }
+
+    #[test]
+    fn another_layout_is_refused_and_the_refusal_says_what_was_expected_and_what_was_found() {
+        let (root, ids, connection) = laid_out();
+        let other = connection.with_extension("channel");
+        fs::rename(&connection, &other).unwrap();
+        let error = refusal(root.path(), ids);
+        assert!(error.contains(&format!("{}_{}.connection", ids.sender, ids.receiver)), "{error}");
+        assert!(error.contains(".channel (600)") && error.contains(VERSION), "{error}");
+        fs::rename(&other, &connection).unwrap();
+
+        fs::set_permissions(&connection, fs::Permissions::from_mode(0o640)).unwrap();
+        let error = refusal(root.path(), ids);
+        assert!(error.contains("of mode 600") && error.contains("(640)"), "{error}");
+        fs::set_permissions(&connection, fs::Permissions::from_mode(WHOLE)).unwrap();
+
+        let swapped = Ids { sender: ids.receiver, receiver: ids.sender, ..ids };
+        refusal(root.path(), swapped);
+        let error = refusal(root.path(), Ids { process: PROCESS + 1, ..ids });
+        assert!(error.contains("process 78 within the id"), "{error}");
+
+        // Ids in hexadecimal.
+        let nodes = nodes_in(root.path());
+        fs::rename(nodes.join(ids.node.to_string()), nodes.join(format!("{:x}", ids.node)))
+            .unwrap();
+        let error = refusal(root.path(), ids);
+        assert!(error.contains(&format!("a directory {}", ids.node)), "{error}");
+    }
+}

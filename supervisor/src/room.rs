@@ -1,0 +1,322 @@
+//! Room on the file system that the processes of a run share: whether there is enough before the run
+//! begins, the taking of it before anybody relies on it, and what is said when it ends.
+//!
+//! Memory on tmpfs is promised when a file is sized, and taken when it is first touched. Whoever
+//! touches it in vain is killed by SIGBUS. Hence all of it is taken once every port is there: what
+//! fills the file system later harms only those who start after it.
+
+use std::ffi::CString;
+use std::fmt::{self, Write as _};
+use std::fs::{self, OpenOptions};
+use std::io;
+use std::os::unix::ffi::OsStrExt as _;
+use std::os::unix::fs::MetadataExt as _;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use protocol::process::exit;
+use rustix::fs::{FallocateFlags, fallocate, statvfs};
+use rustix::io::Errno;
+
+/// Bytes on tmpfs with all memory taken, in real time, where queues are longest; measured with 3 to
+/// 64 robots of 1 to 8 in-neighbours, and rounded up by a quarter.
+const BYTES_OF_A_RUN: u64 = 256 * 1024;
+const BYTES_OF_A_ROBOT: u64 = 256 * 1024;
+const BYTES_OF_A_LINK: u64 = 16 * 1024;
+/// Files, directories included, measured and rounded up in the same way.
+const FILES_OF_A_RUN: u64 = 48;
+const FILES_OF_A_ROBOT: u64 = 56;
+const FILES_OF_A_LINK: u64 = 4;
+/// Taken of one file at most. Some ports have memory for long queues that never fill: they use the
+/// lowest free place, which is far below this.
+const TAKEN_MAX: u64 = 64 * 1024;
+/// Nothing can be done with less.
+const BYTES_MIN: u64 = 64 * 1024;
+/// What to do about it.
+const ADVICE: &str = "make room there (mount -o remount,size=...; in a container --shm-size), or let \
+                      PHALANX_RUN_ROOT name a directory on a larger tmpfs";
+
+/// Why there is too little.
+#[derive(Debug, thiserror::Error)]
+pub enum RoomError {
+    /// Not enough for this run.
+    #[error(
+        "shared memory is {}: {room}, and {} robots with {} links need {} and {} files; {ADVICE}",
+        room.too_small_or_full(need), need.robots, need.links, Bytes(need.bytes()), need.files()
+    )]
+    Short {
+        /// What the run needs.
+        need: Need,
+        /// What there is.
+        room: Room,
+    },
+    /// Enough at first, and none is left.
+    #[error("shared memory is full: {room}; {ADVICE}")]
+    Full {
+        /// What there is.
+        room: Room,
+    },
+}
+
+/// What a run needs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Need {
+    robots: usize,
+    links: usize,
+}
+
+impl Need {
+    /// Of a run with so many robots, and edges in its formation graph.
+    pub fn of(robots: usize, links: usize) -> Need {
+        Need { robots, links }
+    }
+
+    /// On tmpfs.
+    pub fn bytes(&self) -> u64 {
+        BYTES_OF_A_RUN + self.robots as u64 * BYTES_OF_A_ROBOT + self.links as u64 * BYTES_OF_A_LINK
+    }
+
+    /// Files and directories.
+    pub fn files(&self) -> u64 {
+        FILES_OF_A_RUN + self.robots as u64 * FILES_OF_A_ROBOT + self.links as u64 * FILES_OF_A_LINK
+    }
+}
+
+/// A file system, as far as a run is concerned.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Room {
+    mount: PathBuf,
+    kind: String,
+    /// Size and what is free of it; `None` is no limit.
+    bytes: Option<[u64; 2]>,
+    /// How many more files there may be; `None` is no limit.
+    files_free: Option<u64>,
+}
+
+impl Room {
+    /// Where `path` is, or would be.
+    pub fn of(path: &Path) -> io::Result<Room> {
+        let there = path.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/"));
+        let space = statvfs(there)?;
+        let (mount, kind) = mount_of(there).unwrap_or_else(|| (there.into(), "file system".into()));
+        // A tmpfs without a limit has 0 of 0 blocks.
+        let bytes = [space.f_blocks, space.f_bavail].map(|blocks| blocks * space.f_frsize);
+        Ok(Room {
+            mount,
+            kind,
+            bytes: (bytes[0] > 0).then_some(bytes),
+            files_free: (space.f_files > 0).then_some(space.f_favail),
+        })
+    }
+
+    /// Whether it is on tmpfs.
+    pub fn is_tmpfs(&self) -> bool {
+        self.kind == "tmpfs"
+    }
+
+    /// Whether it has what a run needs.
+    pub fn suffices(&self, need: &Need) -> bool {
+        self.bytes.is_none_or(|[_, free]| free >= need.bytes())
+            && self.files_free.is_none_or(|free| free >= need.files())
+    }
+
+    /// Whether next to nothing is left.
+    pub fn is_full(&self) -> bool {
+        self.bytes.is_some_and(|[_, free]| free < BYTES_MIN) || self.files_free == Some(0)
+    }
+
+    fn too_small_or_full(&self, need: &Need) -> &'static str {
+        match self.bytes {
+            Some([size, _]) if size < need.bytes() => "too small",
+            _ => "full",
+        }
+    }
+}
+
+impl fmt::Display for Room {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({}) has ", self.mount.display(), self.kind)?;
+        match self.bytes {
+            None => write!(f, "no limit")?,
+            Some([size, free]) => write!(f, "{} of {} free", Bytes(free), Bytes(size))?,
+        }
+        match self.files_free {
+            Some(free) if free < 10_000 => write!(f, " for {free} files"),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Refuses a run that `base` has no room for.
+pub fn check(base: &Path, need: Need) -> Result<(), RoomError> {
+    match Room::of(base) {
+        Ok(room) if !room.suffices(&need) => Err(RoomError::Short { need, room }),
+        // What cannot be looked at shows when the run root is made.
+        _ => Ok(()),
+    }
+}
+
+/// Takes the memory that the files of a run root were promised, as far as it will be used.
+pub fn take(run_root: &Path) -> Result<(), RoomError> {
+    for entry in fs::read_dir(run_root).into_iter().flatten().flatten() {
+        // It may be gone by now, as the files of the dead are.
+        let Ok(found) = entry.metadata() else { continue };
+        let wanted = found.len().min(TAKEN_MAX);
+        if !found.is_file() || 512 * found.blocks() >= wanted {
+            continue;
+        }
+        let Ok(file) = OpenOptions::new().write(true).open(entry.path()) else { continue };
+        if let Err(Errno::NOSPC) = fallocate(file, FallocateFlags::KEEP_SIZE, 0, wanted)
+            && let Ok(room) = Room::of(run_root)
+        {
+            return Err(RoomError::Full { room });
+        }
+    }
+    Ok(())
+}
+
+/// The full file system that a process may have died of, if it is full.
+pub fn full(run_root: &Path) -> Option<RoomError> {
+    Room::of(run_root).ok().filter(Room::is_full).map(|room| RoomError::Full { room })
+}
+
+/// Of whose memory a SIGBUS of this process tells: a path on it, and its mount.
+static SHARED: OnceLock<(CString, String)> = OnceLock::new();
+
+/// From now on a SIGBUS of this process, which shares the memory of `base`, is told in a sentence on
+/// stderr, and ends it with the exit code of a failed infrastructure.
+pub fn tell_of_sigbus(base: &Path) {
+    let there = base.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/"));
+    let Ok(path) = CString::new(there.as_os_str().as_bytes()) else { return };
+    let mount = mount_of(there).map_or_else(|| there.into(), |(mount, _)| mount);
+    let _ = SHARED.set((path, mount.display().to_string()));
+    let handler: extern "C" fn(libc::c_int) = at_sigbus;
+    // SAFETY: zeros are a value of this plain struct.
+    let mut action: libc::sigaction = unsafe { std::mem::zeroed() };
+    action.sa_sigaction = handler as libc::sighandler_t;
+    // SAFETY: reads `action`, whose handler does only what is safe in one. Without it the signal
+    // ends this process all the same, so that a failure changes little.
+    unsafe { libc::sigaction(libc::SIGBUS, &action, std::ptr::null_mut()) };
+}
+
+/// Only system calls, and no memory but the stack: it may come at any time.
+extern "C" fn at_sigbus(_signal: libc::c_int) {
+    let mut line = Line { bytes: [0; 1024], length: 0 };
+    if let Some((path, mount)) = SHARED.get() {
+        // SAFETY: zeros are a value of this plain struct.
+        let mut space: libc::statfs = unsafe { std::mem::zeroed() };
+        // SAFETY: reads a path that ends in 0, writes `space`.
+        let known = unsafe { libc::statfs(path.as_ptr(), &mut space) } == 0;
+        let bytes = |blocks: u64| Bytes(blocks * space.f_bsize as u64);
+        let full = known && bytes(space.f_bavail).0 < BYTES_MIN;
+        let what = match full {
+            true => "shared memory is full (SIGBUS)",
+            false => "a part of shared memory is gone, or was not to be had (SIGBUS)",
+        };
+        let (free, size) = (bytes(space.f_bavail), bytes(space.f_blocks));
+        let _ = writeln!(line, "error: {what}: {mount} has {free} of {size} free; {ADVICE}");
+    }
+    // SAFETY: plain system calls; the buffer is as long as said.
+    unsafe {
+        libc::write(2, line.bytes.as_ptr().cast(), line.length);
+        libc::_exit(i32::from(exit::INFRASTRUCTURE));
+    }
+}
+
+/// A text on the stack; what is too long for it is lost.
+struct Line {
+    bytes: [u8; 1024],
+    length: usize,
+}
+
+impl fmt::Write for Line {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        let room = &mut self.bytes[self.length..];
+        let taken = text.len().min(room.len());
+        room[..taken].copy_from_slice(&text.as_bytes()[..taken]);
+        self.length += taken;
+        Ok(())
+    }
+}
+
+/// A number of bytes, for people.
+struct Bytes(u64);
+
+impl fmt::Display for Bytes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            bytes if bytes >= 10 << 30 => write!(f, "{} GiB", bytes >> 30),
+            bytes if bytes >= 10 << 20 => write!(f, "{} MiB", bytes >> 20),
+            bytes => write!(f, "{} KiB", bytes >> 10),
+        }
+    }
+}
+
+/// The mount that a path is on, and the kind of its file system.
+fn mount_of(path: &Path) -> Option<(PathBuf, String)> {
+    let path = path.canonicalize().ok()?;
+    let mounts = fs::read_to_string("/proc/self/mountinfo").ok()?;
+    let parsed = mounts.lines().filter_map(|line| {
+        let (before, after) = line.split_once(" - ")?;
+        let mount = PathBuf::from(unescaped(before.split(' ').nth(4)?));
+        Some((mount, after.split(' ').next()?.to_owned()))
+    });
+    // The last of equals lies on top of the others.
+    parsed
+        .filter(|(mount, _)| path.starts_with(mount))
+        .max_by_key(|(mount, _)| mount.components().count())
+}
+
+/// The kernel writes blanks in paths as `\040`.
+fn unescaped(text: &str) -> String {
+    [("\\040", " "), ("\\011", "\t"), ("\\134", "\\")]
+        .iter()
+        .fold(text.to_owned(), |text, (written, meant)| text.replace(written, meant))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn room(bytes: Option<[u64; 2]>, files_free: Option<u64>) -> Room {
+        Room { mount: "/m".into(), kind: "tmpfs".into(), bytes, files_free }
+    }
+
+    #[test]
+    fn a_run_needs_room_for_its_bytes_and_its_files() {
+        let need = Need::of(3, 3);
+        let (bytes, files) = (need.bytes(), need.files());
+        assert!(room(Some([bytes, bytes]), Some(files)).suffices(&need));
+        assert!(room(None, None).suffices(&need), "a tmpfs without limits");
+        let small = room(Some([bytes - 1, bytes - 1]), None);
+        assert!(!small.suffices(&need) && !room(None, Some(files - 1)).suffices(&need));
+        let error = RoomError::Short { need, room: small }.to_string();
+        assert!(error.starts_with("shared memory is too small: /m (tmpfs) has "), "{error}");
+        assert!(error.contains("3 robots with 3 links need"), "{error}");
+        let error = RoomError::Short { need, room: room(Some([u64::MAX, 0]), None) }.to_string();
+        assert!(error.starts_with("shared memory is full: ") && error.contains(ADVICE), "{error}");
+    }
+
+    #[test]
+    fn what_was_promised_is_taken_as_far_as_it_will_be_used() {
+        let root = tempfile::tempdir_in("/dev/shm").unwrap();
+        let path = root.path().join("promised");
+        for (length, taken) in [(5_000, 8_192), (1_000_000, TAKEN_MAX)] {
+            fs::File::create(&path).unwrap().set_len(length).unwrap();
+            assert_eq!(fs::metadata(&path).unwrap().blocks(), 0);
+            take(root.path()).unwrap();
+            let found = fs::metadata(&path).unwrap();
+            assert_eq!((found.len(), 512 * found.blocks()), (length, taken));
+        }
+    }
+
+    #[test]
+    fn the_mount_of_a_path_is_known() {
+        let (mount, kind) = mount_of(Path::new("/proc/self")).unwrap();
+        assert_eq!((mount.to_str(), kind.as_str()), (Some("/proc"), "proc"));
+        let room = Room::of(Path::new("/dev/shm/not/yet/there")).unwrap();
+        assert_eq!(room.mount, Path::new("/dev/shm"));
+        assert!(room.is_tmpfs() && !room.is_full(), "{room}");
+        assert_eq!(unescaped("/a\\040b"), "/a b");
+    }
+}

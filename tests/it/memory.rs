@@ -1,0 +1,144 @@
+//! Shared memory that is too small or full: refused before anything starts, survived where it can be,
+//! and named as the cause where it cannot.
+//!
+//! Each test has a tmpfs of its own, in a mount namespace that only its processes are in.
+
+use std::fs::File;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rustix::process::Signal;
+
+use crate::harness::{Phalanx, Running, processes_of, signal_pid};
+
+/// `phalanx run scenarios/triangle.toml` with its run root on a tmpfs of so many KiB, of which so many
+/// are taken already. `None`, and said aloud, if this user may not mount one.
+fn triangle_on(kib: u64, taken_kib: u64) -> Option<Phalanx> {
+    let script = format!(
+        r#"mount -t tmpfs -o size={kib}k phalanx-test "$PHALANX_RUN_ROOT" || exit 77
+        head -c {taken_kib}k /dev/zero >"$PHALANX_RUN_ROOT/taken"; exec "$0" "$@""#
+    );
+    let in_namespace = |program: &str| {
+        let mut command = Command::new("unshare");
+        command.args(["--mount", "sh", "-c", &script, program]);
+        command
+    };
+    let place = tempfile::tempdir().unwrap();
+    let tried = in_namespace("true").env("PHALANX_RUN_ROOT", place.path()).status();
+    if !tried.is_ok_and(|status| status.success()) {
+        println!("SKIPPED: this user may not mount a tmpfs in a namespace of its own");
+        return None;
+    }
+    let mut command = in_namespace(env!("CARGO_BIN_EXE_phalanx"));
+    command.args(["run", "scenarios/triangle.toml"]);
+    Some(Phalanx::new(command).set("expect={}"))
+}
+
+/// The tmpfs of a run, seen from here.
+fn tmpfs_of(running: &Running) -> PathBuf {
+    format!("/proc/{}/root{}", running.pid(), running.run_root().display()).into()
+}
+
+/// Takes all that is left.
+fn fill(tmpfs: &Path) {
+    let filler = File::options().create(true).append(true).open(tmpfs.join("filler"));
+    let Ok(mut filler) = filler else { return };
+    for size in [1 << 16, 1 << 12] {
+        while filler.write(&vec![1; size]).is_ok_and(|written| written > 0) {}
+    }
+}
+
+fn wait_until_all_are_ready(running: &mut Running) {
+    running.wait_for("three robots that are ready", |run| {
+        (run.events().matches(",ready,").count() >= 3).then_some(())
+    });
+}
+
+#[test]
+fn a_tmpfs_that_is_too_small_or_too_full_is_refused_before_anything_is_started() {
+    for (kib, taken_kib, word) in [(64, 0, "too small"), (8192, 8000, "full")] {
+        let Some(run) = triangle_on(kib, taken_kib) else { return };
+        let running = run.start();
+        let mount = running.run_root().display().to_string();
+        let ended = running.finish();
+        ended.exits_with(4);
+        let said = format!("error: shared memory is {word}: {mount} (tmpfs) has ");
+        ended.claim(ended.stderr.contains(&said), format!("it says {said:?}"));
+        ended.claim(ended.stderr.contains("3 robots with 3 links need "), "and what is needed");
+        ended.claim(ended.stderr.contains("PHALANX_RUN_ROOT"), "and what to do");
+        ended.claim(!ended.run_dir().join("logs/plant.jsonl").exists(), "nothing was started");
+    }
+}
+
+#[test]
+fn what_fills_the_memory_once_all_are_ready_harms_nobody() {
+    let Some(run) = triangle_on(16 * 1024, 0) else { return };
+    // In lockstep no queue grows longer because the machine is busy.
+    let mut running = run.lockstep().set("duration_s=300").start();
+    wait_until_all_are_ready(&mut running);
+    fill(&tmpfs_of(&running));
+    let ended = running.finish();
+    ended.exits_with(0);
+    ended.claim(ended.number("/t_s") == 300.0, "it went on to its end");
+}
+
+#[test]
+fn a_replacement_that_finds_the_memory_full_ends_the_run_with_4_and_the_cause() {
+    let Some(run) = triangle_on(16 * 1024, 0) else { return };
+    let mut running = run.set("duration_s=60").fault("kill r2 @1 restart 1").start();
+    wait_until_all_are_ready(&mut running);
+    let tmpfs = tmpfs_of(&running);
+    let ended = AtomicBool::new(false);
+    let ended = std::thread::scope(|scope| {
+        // What the dead leave is taken too.
+        scope.spawn(|| {
+            while !ended.load(Ordering::Relaxed) {
+                fill(&tmpfs);
+                std::thread::sleep(std::time::Duration::from_millis(1));
+            }
+        });
+        let outcome = running.finish();
+        ended.store(true, Ordering::Relaxed);
+        outcome
+    });
+    ended.exits_with(4);
+    ended.claim(ended.stderr.contains("error: shared memory is full: "), "the cause is named");
+    ended.claim(ended.stderr.contains("0 KiB of 16 MiB free"), "with what is left");
+    ended.claim(ended.stderr.contains("r2 "), "and who met it");
+}
+
+#[test]
+fn signal_7_in_full_memory_is_told_as_full_memory_whoever_got_it() {
+    for who in ["plant", "r1", "supervisor"] {
+        let Some(run) = triangle_on(16 * 1024, 0) else { return };
+        let mut running = run.set("duration_s=60").start();
+        wait_until_all_are_ready(&mut running);
+        let pid = match who {
+            "supervisor" => running.pid(),
+            child => running.pid_of(child),
+        };
+        let run_dir = running.run_dir();
+        fill(&tmpfs_of(&running));
+        // The first ends Rust's own handler, which waits for a fault to come again. To a dead process
+        // that is not yet reaped the third does nothing.
+        for _ in 0..3 {
+            signal_pid(pid, Signal::BUS);
+            std::thread::sleep(std::time::Duration::from_millis(50));
+        }
+        let ended = running.finish();
+        ended.exits_with(4);
+        ended.claim(ended.stderr.contains("error: shared memory is full"), "the cause is named");
+        ended.claim(ended.stderr.contains("of 16 MiB free"), "with what is left");
+        if who != "supervisor" {
+            let said = format!("{who} died of it (signal 7");
+            ended.claim(ended.stderr.contains(&said), format!("it says {said:?}"));
+        }
+        let began = std::time::Instant::now();
+        while !processes_of(&run_dir).is_empty() {
+            assert!(began.elapsed().as_secs() < 20, "left: {:?}", processes_of(&run_dir));
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+    }
+}

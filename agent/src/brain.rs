@@ -221,6 +221,8 @@ impl Brain {
 
         self.away.clear();
         self.away.extend(odometry.proximity().map(|other| alpha - other));
+        self.velocities.clear();
+        self.velocities.extend(odometry.velocities());
         let until_effect_s = effect_ns.saturating_sub(odometry.stamp_ns) as f64 / 1e9;
         let sample = Sample {
             stamp_ns: odometry.stamp_ns,

@@ -2,9 +2,11 @@
 
 use std::path::Path;
 
-use protocol::brief::{AgentBrief, AvoidanceBrief, BodyBrief, NeighborBrief, Pace, PlantBrief};
+use protocol::avoidance::Senses;
+use protocol::brief::{
+    AgentBrief, AvoidanceBrief, BodyBrief, Format, NeighborBrief, Pace, PlantBrief,
+};
 use protocol::fault::{LinkFault, SensorFault, SlowFault, Span, WheelFault};
-use protocol::law::Role;
 
 use crate::scenario::{Fault, FaultKind, Scenario};
 
@@ -24,6 +26,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         }),
     });
     AgentBrief {
+        format: Format,
         name: robot.name.clone(),
         index: i + 1,
         run_root: run_root.into(),
@@ -35,7 +38,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         law: robot.law.clone(),
         gains: robot.gains.clone(),
         led: scenario.lead.is_some(),
-        lead: scenario.lead.clone().filter(|_| robot.role == Role::Leader),
+        lead: scenario.lead_of(i).cloned(),
         published_velocity: scenario.published_velocity,
         avoidance: avoidance(scenario),
         silence: scenario.silence.clone(),
@@ -76,6 +79,7 @@ pub fn plant(scenario: &Scenario, pace: Pace, run_root: &Path) -> PlantBrief {
     });
     let avoidance = &scenario.avoidance;
     PlantBrief {
+        format: Format,
         run_root: run_root.into(),
         pace,
         duration_ns: scenario.duration_ns,
@@ -85,6 +89,7 @@ pub fn plant(scenario: &Scenario, pace: Pace, run_root: &Path) -> PlantBrief {
         distance_min_m: avoidance.distance_min_m,
         speed_max_m_s: scenario.method.clamps_speed.then_some(avoidance.speed_max_m_s),
         sensing_radius_m: avoidance.sensing_radius_m,
+        velocities_sensed: scenario.method.senses == Senses::Velocities,
         robots: robots.collect(),
     }
 }

@@ -1,12 +1,12 @@
 //! The formation graph as text that others draw: Mermaid and Graphviz.
 //!
 //! Arrows point the way information flows: from the robot that is heard to the one that hears.
-//! The leader has two rings, those that keep a place one, the contained a box.
+//! Whoever follows a trajectory has two rings, those that keep a place one, the contained a box.
 
 use std::fmt::Write;
 
 use formation::graph::Edge;
-use protocol::law::Role;
+use protocol::law::Reference;
 
 use crate::scenario::Scenario;
 
@@ -32,10 +32,10 @@ fn mermaid(scenario: &Scenario) -> String {
     let title = serde_json::Value::from(scenario.name.as_str());
     let mut text = format!("---\ntitle: {title}\n---\nflowchart LR\n");
     for (i, robot) in scenario.robots.iter().enumerate() {
-        let (open, close) = match robot.role {
-            Role::Leader => ("(((", ")))"),
-            Role::Formation => ("((", "))"),
-            Role::Contained => ("[", "]"),
+        let (open, close) = match robot.role.reference {
+            Reference::Trajectory => ("(((", ")))"),
+            Reference::Offsets => ("((", "))"),
+            Reference::Middle => ("[", "]"),
         };
         // Names may be words of Mermaid's own, such as `end`: they are labels only.
         let name = robot.name.replace('"', "#quot;");
@@ -51,10 +51,10 @@ fn mermaid(scenario: &Scenario) -> String {
 fn dot(scenario: &Scenario) -> String {
     let mut text = format!("digraph {} {{\n    rankdir = LR\n", in_dot(&scenario.name));
     for robot in &scenario.robots {
-        let shape = match robot.role {
-            Role::Leader => "doublecircle",
-            Role::Formation => "circle",
-            Role::Contained => "box",
+        let shape = match robot.role.reference {
+            Reference::Trajectory => "doublecircle",
+            Reference::Offsets => "circle",
+            Reference::Middle => "box",
         };
         let _ = writeln!(text, "    {} [shape = {shape}]", in_dot(&robot.name));
     }
@@ -76,7 +76,7 @@ fn in_dot(text: &str) -> String {
 /// The offset, where the hearer's law knows one.
 fn label(scenario: &Scenario, edge: &Edge) -> Option<String> {
     let at = edge.offset_m;
-    (scenario.robots[edge.to].role == Role::Formation)
+    (scenario.robots[edge.to].role.reference == Reference::Offsets)
         .then(|| format!("({:.3}, {:.3}) m", at.x, at.y))
 }
 
@@ -86,7 +86,7 @@ mod tests {
 
     use protocol::avoidance::AvoidanceDescription;
     use protocol::catalog::Catalog;
-    use protocol::law::LawDescription;
+    use protocol::law::{LawDescription, Role};
 
     use super::*;
     use crate::scenario::read::{Overrides, read_text};
@@ -101,7 +101,7 @@ mod tests {
             correction_max: None,
         };
         let laws =
-            [law("lead", Role::Leader), law("keep", Role::Formation), law("mean", Role::Contained)];
+            [law("lead", Role::LEADER), law("keep", Role::FORMATION), law("mean", Role::CONTAINED)];
         let catalog = Catalog { laws: laws.to_vec(), methods: vec![AvoidanceDescription::INERT] };
         let text = r#"
             name = 'a "quoted" \ name'

@@ -17,7 +17,7 @@ const SECOND_NS: u64 = 1_000_000_000;
 /// second, d = 0.2 m.
 pub fn row_of_three() -> Scenario {
     let robot = |name: &str| Robot {
-        role: Role::Formation,
+        role: Role::FORMATION,
         name: name.to_owned(),
         start: Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 },
         front_point_m: 0.1,

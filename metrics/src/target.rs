@@ -5,17 +5,18 @@ use formation::desired::{Target, desired};
 use formation::frame::LeaderFrame;
 use formation::graph::Edge;
 use protocol::brief::LeadBrief;
-use protocol::law::Role;
+use protocol::law::Reference;
 
 use crate::silence::Silent;
 use experiment::scenario::Scenario;
 
 /// What the errors of a scenario's robots are measured against.
 pub(super) struct Targets {
-    roles: Vec<Role>,
+    references: Vec<Reference>,
     /// For each robot, the edges that end in it, and their places in the graph.
     heard: Vec<Vec<(usize, Edge)>>,
-    lead: Option<LeadBrief>,
+    /// The trajectory of each, if it follows one.
+    leads: Vec<Option<LeadBrief>>,
     leader: Option<usize>,
 }
 
@@ -24,16 +25,17 @@ impl Targets {
         let edges = || scenario.graph.edges().iter().copied().enumerate();
         let heard = |i| edges().filter(|(_, edge)| edge.to == i).collect();
         Targets {
-            roles: scenario.robots.iter().map(|robot| robot.role).collect(),
+            references: scenario.robots.iter().map(|robot| robot.role.reference).collect(),
             heard: (0..scenario.robots.len()).map(heard).collect(),
-            lead: scenario.lead.clone(),
+            leads: (0..scenario.robots.len()).map(|i| scenario.lead_of(i).cloned()).collect(),
             leader: scenario.leader(),
         }
     }
 
     /// Where the offsets turn and grow to at `t_s`, from the leader's true heading.
     pub(super) fn frame(&self, t_s: f64, heading_rad: impl Fn(usize) -> f64) -> LeaderFrame {
-        let (Some(lead), Some(leader)) = (&self.lead, self.leader) else {
+        let Some((leader, lead)) = self.leader.and_then(|i| Some((i, self.leads[i].as_ref()?)))
+        else {
             return LeaderFrame::STILL;
         };
         let heading_rad = heading_rad(leader);
@@ -51,10 +53,10 @@ impl Targets {
         alphas: &[Vec2],
         silent: &Silent,
     ) -> Option<Vec2> {
-        let target = match self.roles[robot] {
-            Role::Leader => self.lead.as_ref().map(|lead| lead.trajectory.at(t_s)),
-            Role::Formation => self.mean(robot, alphas, silent, |c_ji| frame.offset(c_ji)),
-            Role::Contained => self.mean(robot, alphas, silent, |_| Target::still(Vec2::zeros())),
+        let target = match self.references[robot] {
+            Reference::Trajectory => self.leads[robot].as_ref().map(|lead| lead.trajectory.at(t_s)),
+            Reference::Offsets => self.mean(robot, alphas, silent, |c_ji| frame.offset(c_ji)),
+            Reference::Middle => self.mean(robot, alphas, silent, |_| Target::still(Vec2::zeros())),
         };
         target.map(|target| alphas[robot] - target.position)
     }

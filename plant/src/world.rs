@@ -6,7 +6,7 @@
 
 use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
-use formation::front_point::{front_point, front_speed};
+use formation::front_point::{front_point, front_speed, front_velocity};
 use formation::near::NearPairs;
 use formation::pose::{Pose, Twist};
 use formation::unicycle::arc;
@@ -27,6 +27,7 @@ pub struct World {
     distance_min_m: f64,
     speed_max_m_s: Option<f64>,
     sensing_radius_m: f64,
+    velocities_sensed: bool,
     robots: Vec<Robot>,
     alphas: Vec<Vec2>,
     /// As far as anybody senses, and as any pair that is or will be worth telling of is apart.
@@ -111,6 +112,7 @@ impl World {
             distance_min_m: brief.distance_min_m,
             speed_max_m_s: brief.speed_max_m_s,
             sensing_radius_m: brief.sensing_radius_m,
+            velocities_sensed: brief.velocities_sensed,
             alphas,
             near,
             robots,
@@ -222,26 +224,35 @@ impl World {
     pub fn odometry(&self, robot: usize) -> Odometry {
         let Robot { body, pose, twist, .. } = &self.robots[robot];
         let (radius_m, own) = (self.sensing_radius_m, self.alphas[robot]);
-        let mut near = [(0.0, Vec2::zeros()); PROXIMITY_MAX];
+        let most = if self.velocities_sensed { PROXIMITY_MAX / 2 } else { PROXIMITY_MAX };
+        let mut near = [(0.0, 0); PROXIMITY_MAX];
         let mut within = 0;
-        for alpha in self.near.of(robot).map(|other| self.alphas[other]) {
-            let distance = (alpha - own).norm();
+        for other in self.near.of(robot) {
+            let distance = (self.alphas[other] - own).norm();
             if distance <= radius_m {
-                let kept = within.min(PROXIMITY_MAX);
+                let kept = within.min(most);
                 within += 1;
                 // Behind those at the same distance: they stay in scenario order.
                 let place = near[..kept].partition_point(|nearer| nearer.0 <= distance);
-                if place < PROXIMITY_MAX {
-                    near.copy_within(place..kept.min(PROXIMITY_MAX - 1), place + 1);
-                    near[place] = (distance, alpha);
+                if place < most {
+                    near.copy_within(place..kept.min(most - 1), place + 1);
+                    near[place] = (distance, other);
                 }
             }
         }
-        let kept = within.min(PROXIMITY_MAX);
-        let mut proximity_m = [[0.0; 2]; PROXIMITY_MAX];
-        for (item, (place, (_, alpha))) in proximity_m.iter_mut().zip(&near[..kept]).enumerate() {
+        let kept = within.min(most);
+        let mut reported = [[0.0; 2]; PROXIMITY_MAX];
+        for (item, (place, (_, other))) in reported.iter_mut().zip(&near[..kept]).enumerate() {
+            let alpha = self.alphas[*other];
             let off = self.noise_m(body, Sensor::Proximity, item as u64 + 1);
             *place = [alpha.x + off.x, alpha.y + off.y];
+        }
+        if self.velocities_sensed {
+            for (place, (_, other)) in reported[most..].iter_mut().zip(&near[..kept]) {
+                let Robot { body, pose, twist, .. } = &self.robots[*other];
+                let velocity = front_velocity(pose.heading_rad, body.front_point_m, *twist);
+                *place = velocity.into();
+            }
         }
         let off = self.noise_m(body, Sensor::Odometry, 0);
         let works = |sensor| {
@@ -263,9 +274,10 @@ impl World {
             w_rad_s: twist.w_rad_s,
             pose_valid: u64::from(works(Sensor::Odometry)),
             proximity_valid: u32::from(works(Sensor::Proximity)),
-            proximity_cut: u32::from(within > PROXIMITY_MAX),
-            proximity_count: kept as u64,
-            proximity_m,
+            proximity_cut: u32::from(within > most),
+            proximity_count: kept as u32,
+            velocities_sensed: u32::from(self.velocities_sensed),
+            near: reported,
         }
     }
 
@@ -346,7 +358,7 @@ fn limited(twist: Twist, speed_max_m_s: f64, track_m: f64) -> Twist {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::brief::WheelsBrief;
+    use protocol::brief::{Format, WheelsBrief};
     use protocol::fault::{Span, WheelFault};
 
     const MS: u64 = 1_000_000;
@@ -361,6 +373,7 @@ mod tests {
             wheel_faults: Vec::new(),
         };
         PlantBrief {
+            format: Format,
             run_root: "/nowhere".into(),
             pace: Pace::Realtime,
             duration_ns: 1000 * MS,
@@ -370,6 +383,7 @@ mod tests {
             distance_min_m: 0.5,
             speed_max_m_s: Some(1.0),
             sensing_radius_m: 3.0,
+            velocities_sensed: false,
             robots: vec![body("a", 0.0), body("b", 2.0), body("c", 4.5)],
         }
     }
@@ -380,6 +394,33 @@ mod tests {
 
     fn x(world: &World, robot: usize) -> f64 {
         world.robots[robot].pose.x_m
+    }
+
+    #[test]
+    fn velocities_are_sensed_where_they_are_asked_for_and_halve_the_room_for_the_near() {
+        let crowd = |velocities_sensed| {
+            let brief = brief(None);
+            let start = |i: u32| Pose { x_m: 0.01 * f64::from(i), y_m: 0.0, heading_rad: 0.1 };
+            let body = |i| BodyBrief { start: start(i), ..brief.robots[0].clone() };
+            let robots = (0..20).map(body).collect();
+            World::new(&PlantBrief { velocities_sensed, robots, ..brief.clone() })
+        };
+        let mut world = crowd(true);
+        world.accept(1, &command(0, 1, 0.3, 2.0)).unwrap();
+        world.advance(MS);
+        let sample = world.odometry(0);
+        let (near, velocities) = (sample.proximity(), sample.velocities());
+        let moving: Vec<(Vec2, Vec2)> = near.zip(velocities).collect();
+        assert_eq!((moving.len(), sample.proximity_cut), (PROXIMITY_MAX / 2, 1));
+        let robot = &world.robots[1];
+        let velocity =
+            front_velocity(robot.pose.heading_rad, 0.1, Twist { v_m_s: 0.3, w_rad_s: 2.0 });
+        assert_eq!(moving[0], (world.alphas[1], velocity));
+        assert!(moving[1..].iter().all(|(_, velocity)| *velocity == Vec2::zeros()));
+
+        let sample = crowd(false).odometry(0);
+        let found = (sample.proximity().count(), sample.velocities().count(), sample.proximity_cut);
+        assert_eq!(found, (19, 0, 0));
     }
 
     #[test]

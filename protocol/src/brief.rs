@@ -14,6 +14,32 @@ use serde::{Deserialize, Serialize};
 
 use crate::fault::{LinkFault, SensorFault, SlowFault, WheelFault};
 
+/// The version of the briefs' form that this build writes and reads. It is raised with every change
+/// that makes a brief of another build mean something else, or nothing.
+pub const FORMAT: u64 = 1;
+
+/// [`FORMAT`], as the first key of a brief: no other can be read or written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(try_from = "u64", into = "u64")]
+pub struct Format;
+
+impl From<Format> for u64 {
+    fn from(_: Format) -> u64 {
+        FORMAT
+    }
+}
+
+impl TryFrom<u64> for Format {
+    type Error = String;
+
+    fn try_from(format: u64) -> Result<Format, String> {
+        match format {
+            FORMAT => Ok(Format),
+            other => Err(format!("format {other}, expected {FORMAT}")),
+        }
+    }
+}
+
 /// How time passes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -121,6 +147,8 @@ pub struct LeadBrief {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AgentBrief {
+    /// The form that this is in.
+    pub format: Format,
     /// The robot's name.
     pub name: String,
     /// Its place in the scenario, from 1.
@@ -198,6 +226,8 @@ pub struct BodyBrief {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlantBrief {
+    /// The form that this is in.
+    pub format: Format,
     /// Where the files shared by this run live.
     pub run_root: PathBuf,
     /// How time passes.
@@ -217,6 +247,9 @@ pub struct PlantBrief {
     pub speed_max_m_s: Option<f64>,
     /// Robots within this distance are reported in odometry, m.
     pub sensing_radius_m: f64,
+    /// Their velocities are reported as well: the avoidance method asks for them.
+    #[serde(default)]
+    pub velocities_sensed: bool,
     /// The robots, in scenario order.
     #[serde(rename = "robot")]
     pub robots: Vec<BodyBrief>,
@@ -233,8 +266,19 @@ pub enum BriefError {
         /// Why.
         source: std::io::Error,
     },
+    /// Another build wrote it.
+    #[error(
+        "{path} has {found}, and this program reads format {FORMAT}: whoever wrote it is of another \
+         build; start supervisor, agents and plant from the same one"
+    )]
+    Format {
+        /// Which file.
+        path: PathBuf,
+        /// Its format.
+        found: String,
+    },
     /// The file's content is no such brief.
-    #[error("{path} is not a brief of this version: {source}")]
+    #[error("{path} is not a brief: {source}")]
     Parse {
         /// Which file.
         path: PathBuf,
@@ -313,6 +357,24 @@ pub fn read<B: Brief>(path: &Path) -> Result<B, BriefError> {
 }
 
 fn parse<B: Brief>(path: &Path, text: &str) -> Result<B, BriefError> {
+    /// All that is asked of a text before it is known to be of this build's form.
+    #[derive(Deserialize)]
+    struct Formatted {
+        format: Option<toml::Value>,
+    }
+    let found = match toml::from_str(text) {
+        Ok(Formatted { format: None }) => Some("no format".to_owned()),
+        Ok(Formatted { format: Some(toml::Value::Integer(format)) })
+            if u64::try_from(format) == Ok(FORMAT) =>
+        {
+            None
+        }
+        Ok(Formatted { format: Some(other) }) => Some(format!("format {other}")),
+        Err(_) => None, // it is no TOML, which is said below
+    };
+    if let Some(found) = found {
+        return Err(BriefError::Format { path: path.into(), found });
+    }
     let brief: B = toml::from_str(text)
         .map_err(|source| BriefError::Parse { path: path.into(), source: Box::new(source) })?;
     match brief.flaw() {

@@ -3,15 +3,49 @@
 //! The laws live in the crate `agent`; the supervisor must name them and their gains in its
 //! diagnostics without knowing any of them. The binary hands it this list.
 
-/// What a law makes of a robot.
+/// What alpha*, and with it a robot's error, is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Role {
-    /// Follows the trajectory m(t), which it alone knows, and hears nobody.
-    Leader,
-    /// Keeps its place in the formation, as seen from those it hears. (13) (24) (45)
-    Formation,
-    /// Goes to the middle of those it hears, and so into the leaders' hull. (46)
-    Contained,
+pub enum Reference {
+    /// A trajectory that the robot alone knows; it hears nobody. (25)
+    Trajectory,
+    /// Those it hears, and an offset from each. (13) (24) (45)
+    Offsets,
+    /// The middle of those it hears. (46)
+    Middle,
+}
+
+/// What a law makes of a robot, as those may know it that may not link the agent. Nobody asks for
+/// its name: all follows from the other fields.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Role {
+    /// The word for it in files.
+    pub name: &'static str,
+    /// What robots of this role do, as a list of them is headed.
+    pub does: &'static str,
+    /// What the error is measured against.
+    pub reference: Reference,
+    /// Whether offsets turn and grow with this robot's frame: one in a scenario at most.
+    pub leads: bool,
+}
+
+impl Role {
+    /// Follows the trajectory m(t); the formation turns and grows with it.
+    pub const LEADER: Role =
+        Role { name: "leader", does: "leads", reference: Reference::Trajectory, leads: true };
+    /// Keeps its place in the formation.
+    pub const FORMATION: Role = Role {
+        name: "formation",
+        does: "keep a place",
+        reference: Reference::Offsets,
+        leads: false,
+    };
+    /// Goes into the leaders' hull.
+    pub const CONTAINED: Role = Role {
+        name: "contained",
+        does: "are contained",
+        reference: Reference::Middle,
+        leads: false,
+    };
 }
 
 /// A law's name in scenario files and the gains it needs.

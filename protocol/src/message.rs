@@ -67,7 +67,7 @@ macro_rules! message {
 
 message! {
     /// Plant to agent: what a robot senses about itself and about who is near.
-    Odometry / 2 {
+    Odometry / 3 {
         /// Plant tick, from 0.
         tick: u64,
         /// Time since the run's start, ns.
@@ -92,10 +92,14 @@ message! {
         proximity_valid: u32,
         /// 1 if more robots were near than fit in the list.
         proximity_cut: u32,
-        /// How many entries of `proximity_m` are meant.
-        proximity_count: u64,
-        /// Front points of the robots within the sensing radius, nearest first, m.
-        proximity_m: [[f64; 2]; PROXIMITY_MAX],
+        /// How many robots are reported as near.
+        proximity_count: u32,
+        /// 1 if their velocities are sensed as well, which only some avoidance methods ask for.
+        velocities_sensed: u32,
+        /// Front points of the robots within the sensing radius, nearest first, m. Where velocities
+        /// are sensed these are half as many at most, and the second half has the velocities of
+        /// these front points, m/s, in the same order: nobody else pays for them.
+        near: [[f64; 2]; PROXIMITY_MAX],
     }
 }
 
@@ -112,8 +116,19 @@ impl Odometry {
 
     /// Front points of the robots within the sensing radius, nearest first, m.
     pub fn proximity(&self) -> impl Iterator<Item = Vec2> {
-        let count = (self.proximity_count as usize).min(PROXIMITY_MAX);
-        self.proximity_m[..count].iter().map(|&[x, y]| Vec2::new(x, y))
+        let count = (self.proximity_count as usize).min(self.proximity_max());
+        self.near[..count].iter().map(|&[x, y]| Vec2::new(x, y))
+    }
+
+    /// Velocities of these front points, m/s, in the same order; none where they are not sensed.
+    pub fn velocities(&self) -> impl Iterator<Item = Vec2> {
+        let (most, count) = (self.proximity_max(), self.proximity_count as usize);
+        let sensed = if self.velocities_sensed == 1 { count.min(most) } else { 0 };
+        self.near[PROXIMITY_MAX - most..][..sensed].iter().map(|&[x, y]| Vec2::new(x, y))
+    }
+
+    fn proximity_max(&self) -> usize {
+        if self.velocities_sensed == 1 { PROXIMITY_MAX / 2 } else { PROXIMITY_MAX }
     }
 }
 

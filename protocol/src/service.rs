@@ -522,7 +522,8 @@ mod tests {
             proximity_valid: 1,
             proximity_cut: 0,
             proximity_count: 1,
-            proximity_m: [[0.5; 2]; crate::message::PROXIMITY_MAX],
+            velocities_sensed: 0,
+            near: [[0.5; 2]; crate::message::PROXIMITY_MAX],
         };
         let subscriber = odometry("r1").open(&child).unwrap().subscriber().unwrap();
         let publisher = held.publisher().unwrap();

@@ -3,7 +3,7 @@
 use formation::front_point::front_point;
 use formation::graph::Edge;
 use protocol::brief::Pace;
-use protocol::law::Role;
+use protocol::law::Reference;
 use protocol::message::{Contact, TruthHeader, TruthRow};
 use report::scene::{
     EdgeState, Frame, FrameRobot, RobotState, Scene, SceneEdge, SceneFault, SceneRobot,
@@ -19,11 +19,12 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
     let contains = !scenario.contained().is_empty();
     let robots = scenario.robots.iter().map(|robot| SceneRobot {
         name: robot.name.clone(),
-        role: match robot.role {
-            Role::Leader => "main-leader",
-            Role::Formation if contains => "leader",
-            Role::Formation => "formation",
-            Role::Contained => "contained",
+        role: match robot.role.reference {
+            Reference::Trajectory if robot.role.leads => "main-leader",
+            Reference::Trajectory => robot.role.name,
+            Reference::Offsets if contains => "leader",
+            Reference::Offsets => "formation",
+            Reference::Middle => "contained",
         }
         .into(),
         front_point_m: robot.front_point_m,

@@ -3,7 +3,9 @@
 //! Each module stands in for the `mod.rs` that its page adds a row to; the files that the page shows
 //! are in the folder of the same name.
 
+mod avoidance;
 mod law;
+mod role;
 
 /// The blocks of Rust in a page, in order.
 fn blocks(page: &str) -> Vec<&str> {

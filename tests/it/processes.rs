@@ -1,8 +1,10 @@
 //! Which processes are started, by whom, and what is said where one cannot be.
 
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use clap::Parser;
+use protocol::brief;
 use supervisor::manifest::Build;
 use supervisor::spawn::Launcher;
 
@@ -35,6 +37,34 @@ fn a_program_that_embeds_the_supervisor_says_which_executable_robots_and_plant_a
     // Robots and plant were told to be what `phalanx` can be, and this binary cannot.
     assert!(std::fs::read_to_string(out.join("logs/plant.jsonl")).unwrap().contains("all ready"));
     assert!(std::fs::read_to_string(out.join("logs/r1.jsonl")).unwrap().contains("ready"));
+}
+
+#[test]
+fn children_of_another_build_say_so_and_the_run_ends() {
+    let scratch = tempfile::tempdir().unwrap();
+    let program = scratch.path().join("program");
+    // A brief as a later build would write it.
+    let text = format!(
+        "#!/bin/sh\ncase \"$1\" in agent|plant) sed -i 's/^format = .*/format = 99/' \"$2\";; esac\n\
+         exec '{}' \"$@\"\n",
+        env!("CARGO_BIN_EXE_phalanx")
+    );
+    std::fs::write(&program, text).unwrap();
+    std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let out = scratch.path().join("run");
+    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/triangle.toml");
+    let mut words = vec!["embedding", "run", scenario, "--out", out.to_str().unwrap()];
+    words.extend("--pace lockstep --no-report".split(' '));
+    let Embedding { verb } = Embedding::parse_from(words);
+    let launcher = Launcher::of(&program);
+    let code = supervisor::cli::main(&verb, &agent::catalog(), &launcher, &Build::default());
+    assert_eq!(code, 4);
+    let logs = ["plant", "r1", "r2", "r3"]
+        .map(|name| std::fs::read_to_string(out.join(format!("logs/{name}.jsonl"))));
+    let said = logs.iter().flatten().flat_map(|log| log.lines());
+    let said: Vec<&str> = said.filter(|line| line.contains("ERROR")).collect();
+    let expected = format!("has format 99, and this program reads format {}", brief::FORMAT);
+    assert!(!said.is_empty() && said.iter().all(|line| line.contains(&expected)), "{said:#?}");
 }
 
 /// A control group of this test alone, which holds no more than so many processes and threads.

@@ -320,10 +320,11 @@ mod tests {
     use formation::pose::Pose;
     use formation::unicycle::arc;
     use proptest::prelude::*;
-    use protocol::brief::{AvoidanceBrief, PublishedVelocity, SilenceBrief, SilencePolicy};
+    use protocol::brief::{AvoidanceBrief, Format, PublishedVelocity, SilenceBrief, SilencePolicy};
 
     fn guard(d: f64, v_max: f64, ell: f64, period_ns: u64, lifetime_ns: u64) -> Guard {
         Guard::new(&AgentBrief {
+            format: Format,
             name: "r1".into(),
             index: 1,
             run_root: "/nowhere".into(),

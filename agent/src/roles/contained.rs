@@ -9,7 +9,7 @@ use crate::laws::Heard;
 
 /// The row of the contained.
 pub const CONTAINED: RoleRow = RoleRow {
-    description: protocol::law::Role::Contained,
+    description: protocol::law::Role::CONTAINED,
     build: |_: &AgentBrief| Ok(Box::new(Contained)),
 };
 

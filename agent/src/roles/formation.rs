@@ -9,7 +9,7 @@ use crate::laws::Heard;
 
 /// The row of those that keep a place.
 pub const FORMATION: RoleRow = RoleRow {
-    description: protocol::law::Role::Formation,
+    description: protocol::law::Role::FORMATION,
     build: |brief: &AgentBrief| {
         Ok(Box::new(Formation { led: brief.led, period_s: brief.period_ns as f64 / 1e9 }))
     },

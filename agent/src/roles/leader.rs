@@ -12,7 +12,7 @@ use crate::laws::Heard;
 
 /// The leader's row.
 pub const LEADER: RoleRow = RoleRow {
-    description: protocol::law::Role::Leader,
+    description: protocol::law::Role::LEADER,
     build: |brief: &AgentBrief| {
         let lead = brief.lead.clone();
         Ok(Box::new(Leader {

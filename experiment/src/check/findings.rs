@@ -7,7 +7,7 @@ use formation::closest::{ClosestPair, closest_pair};
 use formation::graph::{Edge, FormationGraph};
 use formation::laplacian::echoing;
 use protocol::avoidance::{Advice, Promise};
-use protocol::law::Role;
+use protocol::law::Reference;
 use protocol::number::short;
 use serde::Serialize;
 
@@ -87,7 +87,7 @@ fn finding(
 fn leaders_hear_leaders(scenario: &Scenario, findings: &mut Vec<Finding>) {
     for (index, edge) in scenario.formation_edges() {
         let (from, to) = (&scenario.robots[edge.from], &scenario.robots[edge.to]);
-        if from.role == Role::Contained {
+        if from.role.reference == Reference::Middle {
             findings.push(finding(
                 Severity::Error,
                 format!("edge.{index}.from"),

@@ -92,16 +92,17 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
             }
         }),
     );
-    for (label, role) in
-        [("leads", "leader"), ("keep a place", "formation"), ("are contained", "contained")]
-    {
-        let of_role = theory.robots.iter().filter(|robot| robot.role == role);
-        let of_role: Vec<&str> = of_role.map(|robot| robot.name).collect();
-        if !of_role.is_empty() {
-            page.line(label, names(&of_role));
+    let mut parts: Vec<(&str, Vec<&str>)> = Vec::new();
+    for robot in &theory.robots {
+        match parts.iter_mut().find(|(does, _)| *does == robot.does) {
+            Some((_, of_role)) => of_role.push(robot.name),
+            None => parts.push((robot.does, vec![robot.name])),
         }
     }
-    let contains = theory.robots.iter().any(|robot| robot.role == "contained");
+    for (does, of_role) in parts {
+        page.line(does, names(&of_role));
+    }
+    let contains = theory.robots.iter().any(|robot| robot.contained);
     let reachability = match theory.leader {
         Some(leader) if contains => {
             format!("the leader {leader} reaches all who keep a place (Assumption 5)")

@@ -12,7 +12,6 @@ use formation::frame::LeaderFrame;
 use formation::front_point::{front_speed, rotate, twist_for};
 use formation::laplacian::settled;
 use formation::pose::wrap_angle;
-use protocol::law::Role;
 use serde::Serialize;
 
 use crate::scenario::{Scenario, seconds};
@@ -121,7 +120,7 @@ impl Motion {
                 .map(|&place| target.velocity + frame.offset(place).velocity)
                 .collect();
             for (i, robot) in robots.iter().enumerate() {
-                if robot.role != Role::Leader {
+                if i != leader {
                     headings_rad[i] = match &before {
                         None => heading_of(velocities[i]).unwrap_or(headings_rad[i]),
                         Some(before) => {

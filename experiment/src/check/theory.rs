@@ -6,7 +6,7 @@ use formation::laplacian::{self, Matrix};
 use formation::reachability::Standing;
 use protocol::avoidance::Promise;
 use protocol::brief::Pace;
-use protocol::law::Role;
+use protocol::law::Reference;
 use serde::Serialize;
 
 use super::findings::{Finding, once_settled, unsettled};
@@ -56,8 +56,14 @@ pub struct Theory<'s> {
 pub struct RobotTheory<'s> {
     /// Its name.
     pub name: &'s str,
-    /// `leader`, `formation` or `contained`.
+    /// The role that its law gives it: `leader`, `formation`, `contained`, ...
     pub role: &'static str,
+    /// What robots of this role do.
+    #[serde(skip)]
+    pub does: &'static str,
+    /// Whether it is drawn into the others' hull.
+    #[serde(skip)]
+    pub contained: bool,
     /// Its law.
     pub law: &'s str,
     /// Its receive list.
@@ -325,19 +331,16 @@ fn robot_theory<'s>(
     motion: Option<&Motion>,
 ) -> RobotTheory<'s> {
     let robot = &scenario.robots[i];
-    let role = match robot.role {
-        Role::Leader => "leader",
-        Role::Formation => "formation",
-        Role::Contained => "contained",
-    };
     let hears = scenario.graph.heard_by(i).map(|edge| Hears {
         robot: &scenario.robots[edge.from].name,
-        offset_m: (robot.role == Role::Formation).then(|| edge.offset_m.into()),
+        offset_m: (robot.role.reference == Reference::Offsets).then(|| edge.offset_m.into()),
     });
     let at_rest = Peak { rim_speed_m_s: robot.wheels.map(|_| 0.0), ..Peak::default() };
     RobotTheory {
         name: &robot.name,
-        role,
+        role: robot.role.name,
+        does: robot.role.does,
+        contained: robot.role.reference == Reference::Middle,
         law: &robot.law,
         hears: hears.collect(),
         settled_m: settled.places[i].into(),
@@ -416,7 +419,7 @@ fn epsilon_rules(scenario: &Scenario, bounds: Option<SpeedBounds>) -> Vec<Epsilo
             })
             .to_vec();
     }
-    let unit = |robot: &Robot| robot.role == Role::Formation && !robot.feed_forward;
+    let unit = |robot: &Robot| robot.role.reference == Reference::Offsets && !robot.feed_forward;
     match correction_max_m_s(&scenario.robots).filter(|_| scenario.robots.iter().all(unit)) {
         Some(mu) => {
             let rules =

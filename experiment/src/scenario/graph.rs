@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use formation::Vec2;
 use formation::graph::{Edge, FormationGraph};
-use protocol::law::Role;
+use protocol::law::Reference;
 
 use super::Robot;
 use super::diagnostic::Diagnostic;
@@ -70,18 +70,18 @@ impl Edges<'_, '_> {
                     .to_owned(),
             ));
         }
-        let [x, y] = match (to.role, offset) {
-            (Role::Leader, _) => {
+        let [x, y] = match (to.role.reference, offset) {
+            (Reference::Trajectory, _) => {
                 return Err(hearer.here(
                     format!("an edge makes {}, the leader, hear {}", to.name, from.name),
                     "expected no edge into the leader: it goes by its trajectory and hears nobody"
                         .to_owned(),
                 ));
             }
-            (Role::Formation, Some(offset)) => offset.pair("m")?,
-            (Role::Formation, None) => self.between_places(ends, whole)?,
-            (Role::Contained, None) => [0.0, 0.0],
-            (Role::Contained, Some(offset)) => {
+            (Reference::Offsets, Some(offset)) => offset.pair("m")?,
+            (Reference::Offsets, None) => self.between_places(ends, whole)?,
+            (Reference::Middle, None) => [0.0, 0.0],
+            (Reference::Middle, Some(offset)) => {
                 return Err(offset.wrong(
                     format!("is given, but {} is contained: its law knows no offsets", to.name),
                     "expected no `offset_m` here, or a formation law for that robot",

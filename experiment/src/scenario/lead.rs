@@ -4,7 +4,6 @@ use formation::frame::Scale;
 use formation::path::{Path, PathError, WAYPOINT_DISTANCE_M_MIN, WAYPOINTS_MAX, Waypoints};
 use formation::trajectory::Trajectory;
 use protocol::brief::LeadBrief;
-use protocol::law::Role;
 
 use super::Robot;
 use super::diagnostic::Diagnostic;
@@ -12,7 +11,7 @@ use super::table::{Table, Value};
 
 /// `[trajectory]` and `[scale]`: there if and only if somebody leads.
 pub(super) fn lead(root: &Table<'_>, robots: &[Robot]) -> Result<Option<LeadBrief>, Diagnostic> {
-    let leader = robots.iter().find(|robot| robot.role == Role::Leader);
+    let leader = robots.iter().find(|robot| robot.role.leads);
     let (Some(trajectory_value), scale_value) = (root.get("trajectory"), root.get("scale")) else {
         return match (leader, root.get("scale")) {
             (Some(leader), _) => {

@@ -47,7 +47,7 @@ use protocol::brief::{
     AvoidanceBrief, LeadBrief, Pace, PublishedVelocity, SilenceBrief, WheelsBrief,
 };
 use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind, Span, WheelFaultKind};
-use protocol::law::Role;
+use protocol::law::{Reference, Role};
 
 /// One experiment. Robots are numbered by their place in the file, from 0.
 #[derive(Debug, Clone, PartialEq)]
@@ -257,17 +257,22 @@ impl Scenario {
 
     /// The main leader's place, if there is one.
     pub fn leader(&self) -> Option<usize> {
-        self.robots.iter().position(|robot| robot.role == Role::Leader)
+        self.robots.iter().position(|robot| robot.role.leads)
+    }
+
+    /// The trajectory of robot `i`, if it follows one: that of the main leader.
+    pub fn lead_of(&self, i: usize) -> Option<&LeadBrief> {
+        self.lead.as_ref().filter(|_| self.robots[i].role.reference == Reference::Trajectory)
     }
 
     /// The leaders of a containment: the main one and all that keep a place to it; by their places.
     pub fn leaders(&self) -> Vec<usize> {
-        self.places(|role| role != Role::Contained)
+        self.places(|role| role.reference != Reference::Middle)
     }
 
     /// The contained, by their places.
     pub fn contained(&self) -> Vec<usize> {
-        self.places(|role| role == Role::Contained)
+        self.places(|role| role.reference == Reference::Middle)
     }
 
     /// Who needs whom, and what a death takes from whom.
@@ -283,7 +288,7 @@ impl Scenario {
     /// formation.
     pub fn formation_edges(&self) -> impl Iterator<Item = (usize, &Edge)> {
         let edges = self.graph.edges().iter().enumerate();
-        edges.filter(|(_, edge)| self.robots[edge.to].role == Role::Formation)
+        edges.filter(|(_, edge)| self.robots[edge.to].role.reference == Reference::Offsets)
     }
 
     /// Names of the robots that robot `i` hears.

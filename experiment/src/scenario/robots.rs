@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use formation::pose::{Pose, wrap_angle};
 use protocol::brief::WheelsBrief;
-use protocol::law::{LawDescription, Role};
+use protocol::law::LawDescription;
 
 use super::diagnostic::{Diagnostic, Severity, meant};
 use super::table::{Document, Table, Value};
@@ -95,8 +95,8 @@ pub(super) fn robots<'t>(
         }
         let table = table.named(&format!("robot.{name_text}"), &format!("robot {name_text}"));
         let robot = robot(&table, defaults.as_ref(), name_text, laws, document)?;
-        let leads = |other: &&Robot| other.role == Role::Leader;
-        if let (Role::Leader, Some(first)) = (robot.role, robots.iter().find(leads)) {
+        let leads = |other: &&Robot| other.role.leads;
+        if let (true, Some(first)) = (robot.role.leads, robots.iter().find(leads)) {
             return Err(name.wrong(
                 format!("is \"{name_text}\", a second leader beside {}", first.name),
                 "expected one main leader; others keep their place to it with a formation law",

@@ -14,7 +14,7 @@ use crate::check;
 
 const LAWS: &[LawDescription] = &[
     LawDescription {
-        role: Role::Formation,
+        role: Role::FORMATION,
         name: "formation-unit",
         source: "(18)",
         gains: &["speed_m_s"],
@@ -22,7 +22,7 @@ const LAWS: &[LawDescription] = &[
         correction_max: Some("speed_m_s"),
     },
     LawDescription {
-        role: Role::Formation,
+        role: Role::FORMATION,
         name: "formation",
         source: "(28)",
         gains: &["gain_formation_per_s"],

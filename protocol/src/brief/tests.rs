@@ -13,6 +13,7 @@ const SPAN: Span = Span { from_ns: 5, until_ns: 9 };
 fn agent() -> AgentBrief {
     let fault = |kind| LinkFault { span: SPAN, kind, seed: 3 };
     AgentBrief {
+        format: Format,
         name: "r1".into(),
         index: 1,
         run_root: "/nowhere".into(),
@@ -58,6 +59,7 @@ fn agent() -> AgentBrief {
 
 fn plant() -> PlantBrief {
     PlantBrief {
+        format: Format,
         run_root: "/nowhere".into(),
         pace: Pace::Lockstep,
         duration_ns: 30_000_000_000,
@@ -67,6 +69,7 @@ fn plant() -> PlantBrief {
         distance_min_m: 0.2,
         speed_max_m_s: Some(0.3),
         sensing_radius_m: 0.3,
+        velocities_sensed: true,
         robots: vec![BodyBrief {
             name: "r1".into(),
             front_point_m: 0.045,
@@ -195,5 +198,22 @@ fn a_brief_that_no_process_can_follow_names_the_key_and_what_was_expected() {
     ] {
         let error = flaw(&text, from, to);
         assert!(error.contains("r1.toml cannot be followed") && error.contains(said), "{error}");
+    }
+}
+
+#[test]
+fn a_brief_of_another_build_gets_one_sentence_with_both_formats_whatever_else_it_holds() {
+    let text = to_text(&agent());
+    assert!(text.starts_with(&format!("format = {FORMAT}\n")), "{text}");
+    let said =
+        |text: &str| parse::<AgentBrief>(Path::new("r1.toml"), text).unwrap_err().to_string();
+    let newer = text.replacen(&format!("format = {FORMAT}"), "format = 99\na_new_key = 3", 1);
+    let older = text.replacen(&format!("format = {FORMAT}\n"), "", 1);
+    for (text, found) in [(newer, "format 99"), (older, "no format")] {
+        let expected = format!(
+            "r1.toml has {found}, and this program reads format {FORMAT}: whoever wrote it is of \
+             another build; start supervisor, agents and plant from the same one"
+        );
+        assert_eq!(said(&text), expected);
     }
 }

@@ -14,7 +14,7 @@ use crate::scenario::tests::catalog_of;
 
 const LAWS: &[LawDescription] = &[
     LawDescription {
-        role: Role::Formation,
+        role: Role::FORMATION,
         name: "formation-unit",
         source: "(18)",
         gains: &["speed_m_s"],
@@ -22,7 +22,7 @@ const LAWS: &[LawDescription] = &[
         correction_max: None,
     },
     LawDescription {
-        role: Role::Contained,
+        role: Role::CONTAINED,
         name: "mean",
         source: "(47)",
         gains: &[],

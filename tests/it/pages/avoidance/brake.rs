@@ -1,0 +1,58 @@
+//! Brakes for everybody whom it would meet within a horizon tau: gamma, scaled down. An example.
+
+use formation::Vec2;
+use formation::front_point::twist_for;
+use formation::pose::Twist;
+use protocol::avoidance::{AvoidanceDescription, Gain, Senses};
+
+use super::{Avoidance, AvoidanceRow, Sample};
+
+pub(super) const ROW: AvoidanceRow = AvoidanceRow {
+    description: AvoidanceDescription {
+        name: "brake",
+        source: "an example",
+        clamps_speed: true,
+        senses: Senses::Velocities,
+        sensing_radius_m: |at| {
+            let tau = at.avoidance.gains["horizon_s"];
+            at.avoidance.distance_min_m + 2.0 * at.speed_m_s() * tau
+        },
+        gains: &[Gain { key: "horizon_s", meaning: "how far it looks ahead, in seconds" }],
+        ..AvoidanceDescription::INERT
+    },
+    build: |brief, gains| {
+        Box::new(Brake {
+            d: brief.avoidance.distance_min_m,
+            v_max: brief.avoidance.speed_max_m_s,
+            ell: brief.front_point_m,
+            tau: gains.get("horizon_s"),
+        })
+    },
+};
+
+struct Brake {
+    d: f64,
+    v_max: f64,
+    ell: f64,
+    tau: f64,
+}
+
+impl Avoidance for Brake {
+    fn admit(&self, gamma: Vec2) -> Vec2 {
+        gamma.cap_magnitude(self.v_max)
+    }
+
+    fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
+        twist_for(heading_rad, self.ell, gamma)
+    }
+
+    fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
+        let Some(near) = sample.moving() else { return Twist::ZERO };
+        let share = near.fold(1.0f64, |share, (z, v_j)| {
+            let closing = (v_j - gamma).dot(&z) / z.norm(); // -r', m/s
+            let slack = (z.norm() - self.d).max(0.0);
+            if closing > 0.0 { share.min(slack / (closing * self.tau)) } else { share }
+        });
+        self.follow(sample.heading_rad, share * gamma)
+    }
+}

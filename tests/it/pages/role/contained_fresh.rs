@@ -1,0 +1,26 @@
+//! Goes to the middle of those it hears well: whoever is stale has no say. An example.
+
+use formation::Vec2;
+use formation::desired::{Target, desired};
+use protocol::law::Role as Description;
+use protocol::message::Contact;
+
+use super::{Heard, Moment, Role, RoleRow};
+
+pub const CONTAINED_FRESH: RoleRow = RoleRow {
+    description: Description { name: "contained-fresh", ..Description::CONTAINED },
+    build: |_| Ok(Box::new(ContainedFresh)),
+};
+
+struct ContainedFresh;
+
+impl Role for ContainedFresh {
+    fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
+        let nowhere = Target::still(Vec2::zeros());
+        moment.neighborhood.recall(moment.stamp_ns, |_| nowhere, heard);
+        let fresh = heard.iter().filter(|one| one.contact == Contact::Fresh);
+        desired(fresh.map(|&Heard { position, velocity, offset, .. }| {
+            (Target { position, velocity }, offset)
+        }))
+    }
+}

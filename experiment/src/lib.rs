@@ -6,6 +6,7 @@
 //! |---|---|
 //! | `scenario/` | what is the experiment, and where does its file go wrong? |
 //! | `check/` | is it sound, and what can be said about it before it runs? |
+//! | `schema` | how is the format told to editors and other programs? |
 //! | `drawing` | what does its graph look like? |
 //! | `briefs` | what is each process told? |
 //! | `examples` | a small experiment for tests |
@@ -15,3 +16,4 @@ pub mod check;
 pub mod drawing;
 pub mod examples;
 pub mod scenario;
+pub mod schema;

@@ -28,6 +28,7 @@ mod provenance;
 mod realtime;
 mod recording;
 mod report;
+mod schema;
 mod security;
 mod silence;
 mod soak;

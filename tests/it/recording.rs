@@ -159,8 +159,9 @@ fn python() -> PathBuf {
     python
 }
 
+/// Runs a script of `tests/readers`, which must find everything as it should be.
 #[track_caller]
-fn reads(script: &str, args: &[&Path]) {
+pub fn reads(script: &str, args: &[&Path]) {
     let output = Command::new(python())
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .arg(format!("{}/tests/readers/{script}.py", env!("CARGO_MANIFEST_DIR")))

@@ -33,31 +33,18 @@ pub(super) struct Chaos {
 impl Chaos {
     /// Reads the table.
     pub(super) fn read(value: &Value<'_>, duration_ns: u64) -> Result<Chaos, Diagnostic> {
-        let table = value.table(&[
-            "mean_time_between_kills_s",
-            "restart_after_s",
-            "mean_time_between_freezes_s",
-            "mean_freeze_s",
-            "from_s",
-            "until_s",
-        ])?;
-        let positive = |key: &str| table.get(key).map(|value| value.positive("s")).transpose();
-        let instant =
-            |key: &str, otherwise| table.get(key).map_or(Ok(otherwise), |value| value.instant_ns());
+        let table = value.table()?;
+        let until_ns = table.get("until_s").map_or(Ok(duration_ns), |until| until.time_ns())?;
         let chaos = Chaos {
-            between_kills_s: positive("mean_time_between_kills_s")?,
-            restart_after_ns: table
-                .get("restart_after_s")
-                .map_or(Ok(1_000_000_000), |after| after.duration_ns())?,
-            between_freezes_s: positive("mean_time_between_freezes_s")?,
-            freeze_s: positive("mean_freeze_s")?.unwrap_or(0.5),
-            from_ns: instant("from_s", 0)?,
-            until_ns: instant("until_s", duration_ns)?.min(duration_ns),
+            between_kills_s: table.maybe_number("mean_time_between_kills_s")?,
+            restart_after_ns: table.time_ns("restart_after_s")?,
+            between_freezes_s: table.maybe_number("mean_time_between_freezes_s")?,
+            freeze_s: table.number("mean_freeze_s")?,
+            from_ns: table.time_ns("from_s")?,
+            until_ns: until_ns.min(duration_ns),
         };
         if chaos.between_kills_s.is_none() && chaos.between_freezes_s.is_none() {
-            let expected =
-                "how often a robot is killed, in seconds, or `mean_time_between_freezes_s`";
-            return Err(table.missing("mean_time_between_kills_s", expected));
+            return Err(table.need("mean_time_between_kills_s").expect_err("it is not given"));
         }
         let span_s = seconds(chaos.until_ns.saturating_sub(chaos.from_ns));
         let often = |mean_s: Option<f64>| mean_s.map_or(0.0, |mean_s| span_s / mean_s);

@@ -15,6 +15,8 @@ use super::{Fault, FaultKind, Scenario, Silenced, Struck, seconds as in_seconds}
 pub(crate) struct Form {
     /// Value of the key `kind`, and first word.
     pub(crate) kind: &'static str,
+    /// What it is, in one line.
+    pub(crate) says: &'static str,
     /// Whom it strikes.
     subject: Subject,
     /// Whether it lasts: it may have `for_s`.
@@ -44,6 +46,7 @@ struct Detail {
     word: &'static str,
     key: &'static str,
     value: DetailValue,
+    needed: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,17 +58,24 @@ enum DetailValue {
 }
 
 const fn number(word: &'static str, key: &'static str) -> Detail {
-    Detail { word, key, value: DetailValue::Number }
+    Detail { word, key, value: DetailValue::Number, needed: false }
 }
 
 const fn whole(word: &'static str, key: &'static str) -> Detail {
-    Detail { word, key, value: DetailValue::Whole }
+    Detail { word, key, value: DetailValue::Whole, needed: false }
+}
+
+impl Detail {
+    const fn needed(self) -> Detail {
+        Detail { needed: true, ..self }
+    }
 }
 
 /// Every kind of fault.
 pub(crate) const FORMS: &[Form] = &[
     Form {
         kind: "kill",
+        says: "SIGKILL of a robot's process, or of the plant",
         subject: Subject::Robot,
         lasts: false,
         details: &[number("restart", "restart_after_s")],
@@ -73,6 +83,7 @@ pub(crate) const FORMS: &[Form] = &[
     },
     Form {
         kind: "freeze",
+        says: "SIGSTOP of a robot's process, and SIGCONT at its end",
         subject: Subject::Robot,
         lasts: true,
         details: &[],
@@ -80,13 +91,15 @@ pub(crate) const FORMS: &[Form] = &[
     },
     Form {
         kind: "slow",
+        says: "a robot that needs longer to answer",
         subject: Subject::Robot,
         lasts: true,
-        details: &[number("by", "delay_s")],
+        details: &[number("by", "delay_s").needed()],
         grammar: "slow ROBOT by SECONDS @SECONDS [for SECONDS]",
     },
     Form {
         kind: "cut",
+        says: "a link that carries nothing",
         subject: Subject::Link,
         lasts: true,
         details: &[],
@@ -94,20 +107,23 @@ pub(crate) const FORMS: &[Form] = &[
     },
     Form {
         kind: "loss",
+        says: "a link that loses beacons",
         subject: Subject::Link,
         lasts: true,
-        details: &[number("of", "probability"), whole("burst", "burst")],
+        details: &[number("of", "probability").needed(), whole("burst", "burst")],
         grammar: "loss FROM->TO of SHARE [burst BEACONS] @SECONDS [for SECONDS]",
     },
     Form {
         kind: "delay",
+        says: "a link that delays beacons",
         subject: Subject::Link,
         lasts: true,
-        details: &[number("by", "delay_s"), number("jitter", "jitter_s")],
+        details: &[number("by", "delay_s").needed(), number("jitter", "jitter_s")],
         grammar: "delay FROM->TO by SECONDS [jitter SECONDS] @SECONDS [for SECONDS]",
     },
     Form {
         kind: "blackout",
+        says: "a sensor that sees nothing",
         subject: Subject::Sensor,
         lasts: true,
         details: &[],
@@ -115,47 +131,50 @@ pub(crate) const FORMS: &[Form] = &[
     },
     Form {
         kind: "noise",
+        says: "a sensor that sees not exactly",
         subject: Subject::Sensor,
         lasts: true,
-        details: &[number("by", "bound_m")],
+        details: &[number("by", "bound_m").needed()],
         grammar: "noise ROBOT odometry|proximity by METERS @SECONDS [for SECONDS]",
     },
     Form {
         kind: "wheels",
+        says: "wheels that are stuck, or slow",
         subject: Subject::Robot,
         lasts: true,
         details: &[
-            Detail { word: "stuck", key: "stuck", value: DetailValue::Yes },
+            Detail { word: "stuck", key: "stuck", value: DetailValue::Yes, needed: false },
             number("limit", "speed_max_m_s"),
         ],
         grammar: "wheels ROBOT stuck|limit M_PER_S @SECONDS [for SECONDS]",
     },
     Form {
         kind: "load",
+        says: "processes that take processor time from everybody",
         subject: Subject::Machine,
         lasts: true,
-        details: &[whole("of", "processes")],
+        details: &[whole("of", "processes").needed()],
         grammar: "load of PROCESSES @SECONDS [for SECONDS]",
     },
 ];
 
 impl Form {
-    /// The keys of its table.
-    pub(crate) fn keys(&self) -> Vec<&'static str> {
+    /// The keys that its table must have, beside `kind`.
+    pub(crate) fn needs(&self) -> Vec<&'static str> {
         let subject: &[&str] = match self.subject {
             Subject::Robot => &["robot"],
             Subject::Link => &["from", "to"],
             Subject::Sensor => &["robot", "sensor"],
             Subject::Machine => &[],
         };
-        let lasts = self.lasts.then_some("for_s");
-        let details = self.details.iter().map(|detail| detail.key);
-        ["at_s", "kind"]
-            .into_iter()
-            .chain(subject.iter().copied())
-            .chain(details)
-            .chain(lasts)
-            .collect()
+        let details = self.details.iter().filter(|detail| detail.needed).map(|detail| detail.key);
+        ["at_s"].into_iter().chain(subject.iter().copied()).chain(details).collect()
+    }
+
+    /// The keys that it may have.
+    pub(crate) fn may(&self) -> Vec<&'static str> {
+        let details = self.details.iter().filter(|detail| !detail.needed).map(|detail| detail.key);
+        details.chain(self.lasts.then_some("for_s")).collect()
     }
 }
 

@@ -11,10 +11,6 @@ use super::robots::robot_named;
 use super::table::{Table, Value};
 use super::{Fault, FaultKind, Robot, seconds};
 
-/// Most beacons that are lost together, most load processes: more is a slip of the keyboard.
-const BURST_MAX: u64 = 1_000_000;
-const LOAD_MAX: u64 = 256;
-
 /// What faults of a scenario may name, and when.
 pub(super) struct Scene<'a> {
     pub(super) robots: &'a [Robot],
@@ -27,7 +23,7 @@ pub(super) struct Scene<'a> {
 pub(super) fn faults(root: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, Diagnostic> {
     let mut planned = Vec::new();
     for table in root.tables("fault")? {
-        let at = table.need("at_s", "when it happens, in seconds since the start")?;
+        let at = table.need("at_s")?;
         planned.push((fault(&table, &at, scene)?, at));
     }
     planned.sort_by_key(|(fault, _)| fault.at_ns);
@@ -51,19 +47,19 @@ pub(super) fn faults(root: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, 
 /// One `[[fault]]`.
 fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Fault, Diagnostic> {
     let kinds: Vec<(&str, &Form)> = FORMS.iter().map(|form| (form.kind, form)).collect();
-    let form = table.need("kind", "\"kill\", \"freeze\", \"cut\", ...")?.word(&kinds)?;
-    table.only(&form.keys())?;
-    let at_ns = at.instant_ns()?;
+    let form = table.need("kind")?.word(&kinds)?;
+    table.only_of(form.kind)?;
+    let at_ns = at.time_ns()?;
     if at_ns >= scene.duration_ns {
         return Err(at.wrong(
             format!("is {}, when the run is over", seconds(at_ns)),
             format!("expected less than `duration_s`, {} s", seconds(scene.duration_ns)),
         ));
     }
-    let for_ns = table.get("for_s").map(|lasts| lasts.duration_ns()).transpose()?;
-    let robot_value = || table.need("robot", "the name of a robot");
+    let for_ns = table.get("for_s").map(|lasts| lasts.time_ns()).transpose()?;
+    let robot_value = || table.need("robot");
     let robot = || robot_named(&robot_value()?, scene.robots);
-    let delay_ns = || table.need("delay_s", "how much later, in seconds")?.duration_ns();
+    let delay_ns = || table.need("delay_s")?.time_ns();
     let kind = match form.kind {
         "kill" => {
             let restart = table.get("restart_after_s");
@@ -76,7 +72,7 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Fault, 
                 }
                 FaultKind::KillPlant
             } else {
-                let restart_after_ns = restart.map(|after| after.duration_ns()).transpose()?;
+                let restart_after_ns = restart.map(|after| after.time_ns()).transpose()?;
                 FaultKind::Kill { robot: robot()?, restart_after_ns }
             }
         }
@@ -84,20 +80,20 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Fault, 
         "slow" => FaultKind::Slow { robot: robot()?, delay_ns: delay_ns()? },
         "cut" => FaultKind::Link { edge: edge(table, scene)?, kind: LinkFaultKind::Cut },
         "loss" => {
-            let share = table.need("probability", "share of the beacons that are lost")?;
-            let probability = share.positive("")?;
+            let share = table.need("probability")?;
+            let probability = share.number()?;
             if probability > 1.0 {
                 return Err(share.wrong(
                     format!("is {probability}"),
                     "expected a share of the beacons, above 0 and at most 1",
                 ));
             }
-            let burst = table.get("burst").map_or(Ok(1), |burst| burst.integer(1, BURST_MAX))?;
+            let burst = table.whole("burst")?;
             let kind = LinkFaultKind::Loss { probability, burst };
             FaultKind::Link { edge: edge(table, scene)?, kind }
         }
         "delay" => {
-            let jitter_ns = table.get("jitter_s").map_or(Ok(0), |jitter| jitter.instant_ns())?;
+            let jitter_ns = table.time_ns("jitter_s")?;
             let kind = LinkFaultKind::Delay { delay_ns: delay_ns()?, jitter_ns };
             FaultKind::Link { edge: edge(table, scene)?, kind }
         }
@@ -107,16 +103,14 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Fault, 
             kind: SensorFaultKind::Blackout,
         },
         "noise" => {
-            let bound_m = table.need("bound_m", "positions are off by at most this, in meters")?;
-            let kind = SensorFaultKind::Noise { bound_m: bound_m.positive("m")? };
+            let bound_m = table.need("bound_m")?;
+            let kind = SensorFaultKind::Noise { bound_m: bound_m.number()? };
             FaultKind::Sensor { robot: robot()?, sensor: sensor(table)?, kind }
         }
         "wheels" => {
             let kind = match (table.get("stuck"), table.get("speed_max_m_s")) {
-                (Some(stuck), None) if stuck.boolean()? => WheelFaultKind::Stuck,
-                (None, Some(limit)) => {
-                    WheelFaultKind::Limit { speed_max_m_s: limit.positive("m/s")? }
-                }
+                (Some(stuck), None) if stuck.truth()? => WheelFaultKind::Stuck,
+                (None, Some(limit)) => WheelFaultKind::Limit { speed_max_m_s: limit.number()? },
                 (Some(stuck), _) => {
                     return Err(stuck.wrong(
                         "says too little, or too much",
@@ -130,8 +124,8 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Fault, 
             FaultKind::Wheels { robot: robot()?, kind }
         }
         "load" => {
-            let processes = table.need("processes", "how many processes take processor time")?;
-            FaultKind::Load { processes: processes.integer(1, LOAD_MAX)? as usize }
+            let processes = table.need("processes")?;
+            FaultKind::Load { processes: processes.whole()? as usize }
         }
         other => unreachable!("{other} is a form, and read here"),
     };
@@ -140,8 +134,7 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Fault, 
 
 /// The place of the edge that `from` and `to` name.
 fn edge(table: &Table<'_>, scene: &Scene<'_>) -> Result<usize, Diagnostic> {
-    let (from, to) =
-        (table.need("from", "the robot that is heard")?, table.need("to", "the robot that hears")?);
+    let (from, to) = (table.need("from")?, table.need("to")?);
     let ends = [robot_named(&from, scene.robots)?, robot_named(&to, scene.robots)?];
     let found = scene.graph.edges().iter().position(|edge| [edge.from, edge.to] == ends);
     found.ok_or_else(|| {
@@ -158,5 +151,5 @@ fn edge(table: &Table<'_>, scene: &Scene<'_>) -> Result<usize, Diagnostic> {
 
 fn sensor(table: &Table<'_>) -> Result<Sensor, Diagnostic> {
     let words = [("odometry", Sensor::Odometry), ("proximity", Sensor::Proximity)];
-    table.need("sensor", "\"odometry\" or \"proximity\"")?.word(&words)
+    table.need("sensor")?.word(&words)
 }

@@ -19,9 +19,9 @@ pub(super) fn graph(
 ) -> Result<FormationGraph, Diagnostic> {
     let mut edges = Edges { robots, ties, list: Vec::new(), seen: BTreeMap::new() };
     for table in root.tables("edge")? {
-        table.only(&["from", "to", "offset_m"])?;
-        let from = table.need("from", "the robot that is heard")?;
-        let to = table.need("to", "the robot that hears")?;
+        table.only()?;
+        let from = table.need("from")?;
+        let to = table.need("to")?;
         let ends = [robot_named(&from, robots)?, robot_named(&to, robots)?];
         let whole = |message, expected| table.here(message, expected);
         edges.add(ends, &to, &whole, table.get("offset_m"))?;
@@ -78,7 +78,7 @@ impl Edges<'_, '_> {
                         .to_owned(),
                 ));
             }
-            (Reference::Offsets, Some(offset)) => offset.pair("m")?,
+            (Reference::Offsets, Some(offset)) => offset.pair()?,
             (Reference::Offsets, None) => self.between_places(ends, whole)?,
             (Reference::Middle, None) => [0.0, 0.0],
             (Reference::Middle, Some(offset)) => {

@@ -36,20 +36,6 @@ pub(super) fn lead(root: &Table<'_>, robots: &[Robot]) -> Result<Option<LeadBrie
 
 /// m(t).
 fn trajectory(value: &Value<'_>) -> Result<Trajectory, Diagnostic> {
-    const KEYS: &[&str] = &[
-        "kind",
-        "center_m",
-        "velocity_m_s",
-        "radius_m",
-        "radii_m",
-        "cycles",
-        "phase_rad",
-        "period_s",
-        "points_m",
-        "speed_m_s",
-        "acceleration_m_s2",
-        "closed",
-    ];
     #[derive(Clone, Copy)]
     enum Kind {
         Still,
@@ -61,45 +47,41 @@ fn trajectory(value: &Value<'_>) -> Result<Trajectory, Diagnostic> {
         Waypoints,
     }
     let kinds = [
-        ("still", Kind::Still, &["center_m"][..]),
-        ("line", Kind::Line, &["center_m", "velocity_m_s"]),
-        ("circle", Kind::Circle, &["center_m", "radius_m", "period_s"]),
-        ("quadrifolium", Kind::Quadrifolium, &["center_m", "radius_m", "period_s"]),
-        ("lissajous", Kind::Lissajous, &["center_m", "radii_m", "cycles", "phase_rad", "period_s"]),
-        ("lemniscate", Kind::Lemniscate, &["center_m", "radius_m", "period_s"]),
-        ("waypoints", Kind::Waypoints, &["points_m", "speed_m_s", "acceleration_m_s2", "closed"]),
+        ("still", Kind::Still),
+        ("line", Kind::Line),
+        ("circle", Kind::Circle),
+        ("quadrifolium", Kind::Quadrifolium),
+        ("lissajous", Kind::Lissajous),
+        ("lemniscate", Kind::Lemniscate),
+        ("waypoints", Kind::Waypoints),
     ];
-    let words = kinds.map(|(word, kind, _)| (word, kind));
-    let table = value.table(KEYS)?;
-    let kind_value = table.need("kind", "\"still\", \"line\", \"circle\", ...")?;
-    let kind = kind_value.word(&words)?;
-    let (word, _, keys) = kinds[kind as usize];
-    table.only(&[&["kind"], keys].concat())?;
-    let expected = format!("a key of the trajectory \"{word}\"");
-    let need = |key: &str| table.need(key, &expected);
-    let center_m = table.get("center_m").map_or(Ok([0.0, 0.0]), |center| center.pair("m"))?;
-    let radius = || need("radius_m")?.positive("m");
-    let period = || need("period_s")?.positive("s");
+    let table = value.table()?;
+    let kind_value = table.need("kind")?;
+    let kind = kind_value.word(&kinds)?;
+    table.only_of(kinds[kind as usize].0)?;
+    let center_m = table.get("center_m").map_or(Ok([0.0, 0.0]), |center| center.pair())?;
+    let radius = || table.number("radius_m");
+    let period = || table.number("period_s");
     Ok(match kind {
         Kind::Still => Trajectory::Still { center_m },
         Kind::Line => {
-            Trajectory::Line { center_m, velocity_m_s: need("velocity_m_s")?.pair("m/s")? }
+            Trajectory::Line { center_m, velocity_m_s: table.need("velocity_m_s")?.pair()? }
         }
         Kind::Circle => Trajectory::Circle { center_m, radius_m: radius()?, period_s: period()? },
         Kind::Quadrifolium => {
             Trajectory::Quadrifolium { center_m, radius_m: radius()?, period_s: period()? }
         }
         Kind::Lissajous => {
-            let cycles = need("cycles")?;
-            let whole = cycles.pair("cycles per period")?.map(|n| n as u32);
-            if cycles.pair("")? != whole.map(f64::from) || whole.contains(&0) {
+            let cycles = table.need("cycles")?;
+            let whole = cycles.pair()?.map(|n| n as u32);
+            if cycles.pair()? != whole.map(f64::from) || whole.contains(&0) {
                 return Err(cycles.wrong("are no cycles", "expected two whole numbers above 0"));
             }
             Trajectory::Lissajous {
                 center_m,
-                radii_m: need("radii_m")?.pair("m")?,
+                radii_m: table.need("radii_m")?.pair()?,
                 cycles: whole,
-                phase_rad: table.get("phase_rad").map_or(Ok(0.0), |phase| phase.number("rad"))?,
+                phase_rad: table.number("phase_rad")?,
                 period_s: period()?,
             }
         }
@@ -112,15 +94,12 @@ fn trajectory(value: &Value<'_>) -> Result<Trajectory, Diagnostic> {
 
 /// A path through waypoints; unless told otherwise, it takes 1 s to its speed.
 fn waypoints(table: &Table<'_>) -> Result<Path, Diagnostic> {
-    let points_value =
-        table.need("points_m", "the waypoints in order: [[0.0, 0.0], [1.0, 0.5]]")?;
+    let points_value = table.need("points_m")?;
     let points = points_value.elements("expected a list of points: [[0.0, 0.0], [1.0, 0.5]]")?;
-    let points_m = points.iter().map(|point| point.pair("m")).collect::<Result<Vec<_>, _>>()?;
-    let speed_m_s =
-        table.need("speed_m_s", "how fast the path is driven, in m/s")?.positive("m/s")?;
-    let acceleration_m_s2 =
-        table.get("acceleration_m_s2").map_or(Ok(speed_m_s), |a| a.positive("m/s^2"))?;
-    let closed = table.get("closed").map_or(Ok(false), |closed| closed.truth())?;
+    let points_m = points.iter().map(|point| point.pair()).collect::<Result<Vec<_>, _>>()?;
+    let speed_m_s = table.number("speed_m_s")?;
+    let acceleration_m_s2 = table.maybe_number("acceleration_m_s2")?.unwrap_or(speed_m_s);
+    let closed = table.truth("closed")?;
     let waypoints = Waypoints { points_m, speed_m_s, acceleration_m_s2, closed };
     waypoints.try_into().map_err(|error| match error {
         PathError::Count(count) => points_value.wrong(
@@ -143,18 +122,18 @@ fn waypoints(table: &Table<'_>) -> Result<Path, Diagnostic> {
 
 /// delta(t), which must stay above 0.
 fn scale(value: &Value<'_>) -> Result<Scale, Diagnostic> {
-    let table = value.table(&["mean", "amplitude", "period_s"])?;
-    let mean = table.get("mean").map_or(Ok(1.0), |mean| mean.positive(""))?;
+    let table = value.table()?;
+    let mean = table.number("mean")?;
     let Some(amplitude) = table.get("amplitude") else {
         return Ok(Scale { mean, ..Scale::ONE });
     };
-    let swing = amplitude.not_negative("")?;
+    let swing = amplitude.number()?;
     if swing >= mean {
         return Err(amplitude.wrong(
             format!("is {swing}: the formation would shrink to a point"),
             format!("expected less than `mean`, {mean}"),
         ));
     }
-    let period_s = table.need("period_s", "length of a swing, in seconds")?.positive("s")?;
+    let period_s = table.number("period_s")?;
     Ok(Scale { mean, amplitude: swing, period_s })
 }

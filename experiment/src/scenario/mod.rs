@@ -2,11 +2,12 @@
 //!
 //! | file | question it answers |
 //! |---|---|
+//! | `keys` | THE table: which keys are there, of which type, unit, range and default? |
 //! | `read` | what does the text say, and where does it go wrong? |
 //! | `robots` `graph` `lead` `faults` `expect` | the same for one kind of table each |
 //! | `import/` | which robots and edges does a graph of another tool hold? |
 //! | `file` | how is a file's text had, and when is it refused? |
-//! | `table` | which type, unit and range has a value, and where does it stand? |
+//! | `table` | is a value what its key takes, and where does it stand? |
 //! | `overrides` | what do `--set`, `--fault` and `--seed` change? |
 //! | `diagnostic` | how is a mistake shown: file, line, column, snippet, value, expectation? |
 //! | `../check` | does it make sense: graph, offsets, distances, speeds? |
@@ -23,6 +24,7 @@ mod faults;
 mod file;
 mod graph;
 mod import;
+pub mod keys;
 mod lead;
 mod lives;
 mod overrides;
@@ -31,7 +33,7 @@ mod restart;
 mod robots;
 #[cfg(test)]
 mod shaken;
-mod table;
+pub(crate) mod table;
 #[cfg(test)]
 mod tests;
 

@@ -100,7 +100,12 @@ fn set(document: &mut DocumentMut, argument: &str) -> Result<(), Diagnostic> {
         };
     }
     if table.get(last.get()).is_some_and(is_list_of_tables) {
-        return Err(wrong(format!("`{}` is a list of tables", last.get())));
+        if value.as_array().is_some_and(Array::is_empty) {
+            table.remove(last.get());
+            return Ok(());
+        }
+        let name = last.get();
+        return Err(wrong(format!("`{name}` is a list of tables; {name}=[] removes them")));
     }
     put(table, last.get(), value);
     Ok(())

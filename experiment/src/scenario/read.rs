@@ -1,11 +1,9 @@
 //! From a file's text to a [`Scenario`]: the whole of it, and its tables without robots in them.
 //!
-//! Every key of the format is named in here, in `robots`, `graph`, `lead`, `faults` and `expect`,
-//! and nowhere else. What the values mean together is asked in [`crate::check`]. Nothing is
-//! spawned.
+//! Which keys there are, and what each may be, stands in `keys`. What the values mean together is
+//! asked in [`crate::check`]. Nothing is spawned.
 
 use std::borrow::Cow;
-use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
@@ -27,8 +25,9 @@ use super::faults::{Scene, faults};
 use super::file::{Trouble, load};
 use super::graph::graph;
 use super::import::splice::{Spliced, splice};
+use super::keys::{FORMAT, Format};
 use super::lead::lead;
-use super::robots::{Robots, robot_keys, robots, unit_of};
+use super::robots::{Robots, robots};
 use super::table::{Document, Places, Table, Value};
 use super::{Fault, FaultKind, Scenario, seconds};
 use crate::check;
@@ -36,36 +35,8 @@ use crate::check;
 /// Most ticks in one run: a day at 1 kHz.
 const TICKS_MAX: u64 = 100_000_000;
 
-/// How long a process may owe the others an answer in lockstep, ns: longer than any law computes.
-const HUNG_AFTER_NS: u64 = 60_000_000_000;
-/// The least that may be asked for, ns.
+/// The least time without an answer that may be allowed for, ns.
 const HUNG_AFTER_NS_MIN: u64 = 100_000_000;
-
-/// Most periods that a command may be held.
-const HOLD_PERIODS_MAX: u64 = 100;
-
-const ROOT_KEYS: &[&str] = &[
-    "name",
-    "description",
-    "duration_s",
-    "period_s",
-    "seed",
-    "record_hz",
-    "hung_after_s",
-    "published_velocity",
-    "realtime",
-    "avoidance",
-    "silence",
-    "robot_defaults",
-    "robot",
-    "edge",
-    "graph",
-    "fault",
-    "chaos",
-    "expect",
-    "trajectory",
-    "scale",
-];
 
 /// Reads a scenario with the command line's changes.
 ///
@@ -99,18 +70,19 @@ pub fn read_text(
         text = edited(&text, &source, |document| overrides.apply_graph(document))?.into();
         source = Source::new(path, &text, true);
     }
+    let format = Format::of(catalog);
     let entries = toml(&text, &source)?;
-    let spliced = splice(path, &text, source, entries.get_ref(), &robot_keys(&catalog.laws))?;
+    let spliced = splice(path, &text, source, entries.get_ref(), &format)?;
     let Spliced { mut text, mut source, warnings: graph_warnings } = spliced;
     if !overrides.name_at_most_a_graph() {
         text = edited(&text, &source, |document| overrides.apply(document))?;
         source = Source::new(path, &text, true);
     }
     let entries = toml(&text, &source)?;
-    let document = Document { source, places: RefCell::default() };
+    let document = Document::new(source, &format);
     let root = Table::root(&document, entries.get_ref());
     let (scenario, mut warnings) = scenario(&root, catalog, &document)?;
-    warnings.splice(..0, graph_warnings);
+    warnings.splice(..0, graph_warnings.into_iter().chain(document.warnings.take()));
 
     let places = document.places.borrow();
     for finding in check::check(&scenario) {
@@ -179,10 +151,15 @@ fn no_toml(source: &Source, span: Option<Range<usize>>, message: &str) -> Diagno
 fn scenario(
     root: &Table<'_>,
     catalog: &Catalog,
-    document: &Document,
+    document: &Document<'_>,
 ) -> Result<(Scenario, Vec<Diagnostic>), Diagnostic> {
-    root.only(ROOT_KEYS)?;
-    let name = root.need("name", "a short name for the experiment, such as \"triangle\"")?;
+    // Before anything else: another format has other keys.
+    if let Some(format) = root.get("format").filter(|format| format.whole().is_err()) {
+        let expected = format!("expected {FORMAT}, or a phalanx that reads that format");
+        return Err(format.wrong("is none that this phalanx reads", expected));
+    }
+    root.only()?;
+    let name = root.need("name")?;
     let name_text = name.text("expected a string")?;
     if name_text.trim().is_empty() {
         return Err(name.wrong("is empty", "expected a short name, such as \"triangle\""));
@@ -195,10 +172,10 @@ fn scenario(
     if let Some(description) = root.get("description") {
         description.text("expected a string")?;
     }
-    let duration = root.need("duration_s", "how long the run lasts, in seconds")?;
-    let duration_ns = duration.duration_ns()?;
-    let period = root.need("period_s", "seconds from one command to the next, such as 0.005")?;
-    let period_ns = period.duration_ns()?;
+    let duration = root.need("duration_s")?;
+    let duration_ns = duration.time_ns()?;
+    let period = root.need("period_s")?;
+    let period_ns = period.time_ns()?;
     if duration_ns < period_ns {
         return Err(duration.wrong(
             format!("is {}, shorter than one period", seconds(duration_ns)),
@@ -212,37 +189,25 @@ fn scenario(
             format!("expected at most {TICKS_MAX} ticks: a longer period or a shorter run"),
         ));
     }
-    let seed = match root.get("seed") {
-        Some(seed) => seed.integer(0, i64::MAX as u64)?,
-        None => 1,
-    };
-    let record_hz = match root.get("record_hz") {
-        Some(record_hz) => record_hz.positive("Hz")?,
-        None => 100.0,
-    };
-    let hung_after_ns = match root.get("hung_after_s") {
-        Some(hung_after) => match hung_after.duration_ns()? {
-            ns if ns < HUNG_AFTER_NS_MIN => {
-                let (found, least) = (seconds(ns), seconds(HUNG_AFTER_NS_MIN));
-                let expected = format!("expected at least {least}: every robot waits now and then");
-                return Err(hung_after.wrong(format!("is {found}"), expected));
-            }
-            ns => ns,
-        },
-        None => HUNG_AFTER_NS,
-    };
+    let seed = root.whole("seed")?;
+    let record_hz = root.number("record_hz")?;
+    let hung_after_ns = root.time_ns("hung_after_s")?;
+    if hung_after_ns < HUNG_AFTER_NS_MIN {
+        let (found, least) = (seconds(hung_after_ns), seconds(HUNG_AFTER_NS_MIN));
+        let expected = format!("expected at least {least}: every robot waits now and then");
+        return Err(root.need("hung_after_s")?.wrong(format!("is {found}"), expected));
+    }
     let velocities = [
         ("gamma", PublishedVelocity::Gamma),
         ("gamma+beta", PublishedVelocity::GammaAndBeta),
         ("differenced", PublishedVelocity::Differenced),
     ];
-    let published_velocity = root
-        .get("published_velocity")
-        .map_or(Ok(PublishedVelocity::Gamma), |kind| kind.word(&velocities))?;
-    let (plant_tick_ns, latency_allowed_ns, hold_periods) = realtime(root)?;
-    let avoidance_table = root
-        .need("avoidance", "a table with `kind`, `distance_min_m`, `speed_max_m_s`")?
-        .table(&avoidance_keys(&catalog.methods))?;
+    let published_velocity = root.word("published_velocity", &velocities)?;
+    let realtime = root.table("realtime")?;
+    let plant_tick_ns = realtime.time_ns("plant_tick_s")?;
+    let latency_allowed_ns = realtime.time_ns("latency_allowed_s")?;
+    let hold_periods = realtime.whole("hold_periods")? as u32;
+    let avoidance_table = root.need("avoidance")?.table()?;
     let (method, avoidance) = avoidance(&avoidance_table, &catalog.methods)?;
     let silence = silence(root, period_ns)?;
     let Robots { robots, ties, warnings } = robots(root, &catalog.laws, document)?;
@@ -273,8 +238,8 @@ fn scenario(
     let noise_m = noise_bound_m(scenario.robots.len(), &scenario.faults);
     let avoidance = &mut scenario.avoidance;
     avoidance.sensing_error_m = avoidance.sensing_error_m.max(noise_m);
-    scenario.avoidance.sensing_radius_m = match avoidance_table.get("sensing_radius_m") {
-        Some(radius) => radius.positive("m")?,
+    scenario.avoidance.sensing_radius_m = match avoidance_table.maybe_number("sensing_radius_m")? {
+        Some(radius_m) => radius_m,
         None => scenario.sensing_radius_needed_m(),
     };
     Ok((scenario, warnings))
@@ -294,27 +259,6 @@ fn noise_bound_m(robots: usize, faults: &[Fault]) -> f64 {
     bounds_m.into_iter().fold(0.0, f64::max)
 }
 
-/// T_p, L and h.
-fn realtime(root: &Table<'_>) -> Result<(u64, u64, u32), Diagnostic> {
-    let table = root
-        .get("realtime")
-        .map(|t| t.table(&["plant_tick_s", "latency_allowed_s", "hold_periods"]))
-        .transpose()?;
-    let get = |key: &str| table.as_ref().and_then(|table| table.get(key));
-    let plant_tick_ns = get("plant_tick_s").map_or(Ok(1_000_000), |v| v.duration_ns())?;
-    let latency_ns = get("latency_allowed_s").map_or(Ok(2_000_000), |v| v.instant_ns())?;
-    let hold = get("hold_periods").map_or(Ok(2), |v| v.integer(1, HOLD_PERIODS_MAX))?;
-    Ok((plant_tick_ns, latency_ns, hold as u32))
-}
-
-/// What may be said in `[avoidance]`, whatever the method: a scenario may hold what another one
-/// needs.
-fn avoidance_keys(methods: &[AvoidanceDescription]) -> Vec<&'static str> {
-    let common = ["kind", "distance_min_m", "speed_max_m_s", "sensing_radius_m", "sensing_error_m"];
-    let own = methods.iter().flat_map(|method| method.gains.iter().map(|gain| gain.key));
-    common.into_iter().chain(own).collect()
-}
-
 /// `[avoidance]`; the sensing radius is filled in later, from the whole scenario.
 fn avoidance(
     table: &Table<'_>,
@@ -323,11 +267,9 @@ fn avoidance(
     let kinds: Vec<_> = methods.iter().map(|method| (method.name, *method)).collect();
     let default = methods[0];
     let method = table.get("kind").map_or(Ok(default), |kind| kind.word(&kinds))?;
-    let distance_min_m = table
-        .need("distance_min_m", "no two front points may be nearer than this, in meters")?
-        .positive("m")?;
-    let speed_max_m_s = match table.get("speed_max_m_s") {
-        Some(speed) => speed.positive("m/s")?,
+    let distance_min_m = table.number("distance_min_m")?;
+    let speed_max_m_s = match table.maybe_number("speed_max_m_s")? {
+        Some(speed_max_m_s) => speed_max_m_s,
         None if method.clamps_speed => {
             let expected = format!("the {} needs a speed limit, in m/s", method.name);
             return Err(table.missing("speed_max_m_s", &expected));
@@ -337,14 +279,13 @@ fn avoidance(
     let mut gains = BTreeMap::new();
     for gain in methods.iter().flat_map(|method| method.gains) {
         if let Some(value) = table.get(gain.key) {
-            gains.insert(gain.key.to_owned(), value.positive(unit_of(gain.key))?);
+            gains.insert(gain.key.to_owned(), value.number()?);
         }
     }
     if let Some(gain) = method.gains.iter().find(|gain| !gains.contains_key(gain.key)) {
         return Err(table.missing(gain.key, gain.meaning));
     }
-    let sensing_error_m =
-        table.get("sensing_error_m").map_or(Ok(0.0), |error| error.not_negative("m"))?;
+    let sensing_error_m = table.maybe_number("sensing_error_m")?.unwrap_or(0.0);
     let avoidance = AvoidanceBrief {
         kind: method.name.to_owned(),
         distance_min_m,
@@ -363,16 +304,13 @@ fn silence(root: &Table<'_>, period_ns: u64) -> Result<SilenceBrief, Diagnostic>
         ("keep", SilencePolicy::Keep),
         ("stop", SilencePolicy::Stop),
     ];
-    let table = root
-        .get("silence")
-        .map(|t| t.table(&["stale_after_s", "lost_after_s", "policy"]))
-        .transpose()?;
-    let get = |key: &str| table.as_ref().and_then(|table| table.get(key));
-    let stale = get("stale_after_s");
-    let lost = get("lost_after_s");
-    let stale_after_ns = stale.as_ref().map_or(Ok(3 * period_ns), Value::duration_ns)?;
-    let lost_after_ns =
-        lost.as_ref().map_or(Ok((20 * period_ns).max(100_000_000)), Value::duration_ns)?;
+    let table = root.table("silence")?;
+    let (stale, lost) = (table.get("stale_after_s"), table.get("lost_after_s"));
+    let time_ns = |value: &Option<Value<'_>>, otherwise_ns| {
+        value.as_ref().map_or(Ok(otherwise_ns), |value| value.time_ns())
+    };
+    let stale_after_ns = time_ns(&stale, 3 * period_ns)?;
+    let lost_after_ns = time_ns(&lost, (20 * period_ns).max(100_000_000))?;
     if lost_after_ns < stale_after_ns {
         let (stale_s, lost_s) = (seconds(stale_after_ns), seconds(lost_after_ns));
         return Err(match (&lost, &stale) {
@@ -387,7 +325,6 @@ fn silence(root: &Table<'_>, period_ns: u64) -> Result<SilenceBrief, Diagnostic>
             (None, None) => unreachable!("3 T <= 20 T"),
         });
     }
-    let policy =
-        get("policy").map_or(Ok(SilencePolicy::Ignore), |policy| policy.word(&policies))?;
+    let policy = table.word("policy", &policies)?;
     Ok(SilenceBrief { stale_after_ns, lost_after_ns, policy })
 }

@@ -17,20 +17,6 @@ const ROBOTS_MAX: usize = 256;
 /// Processes and rows of a run that are no robots: their logs and files bear these names.
 const RESERVED: &[&str] = &["awake", "load", "machine", "plant", "supervisor"];
 
-/// Keys of one robot alone, beside its name.
-const OWN_KEYS: &[&str] = &["pose", "place_m", "hears"];
-/// Keys that `[robot_defaults]` may have too, beside gains.
-const ROBOT_KEYS: &[&str] = &[
-    "front_point_m",
-    "law",
-    "wheels",
-    "restart_policy",
-    "max_restarts",
-    "restart_delay_s",
-    "max_restart_delay_s",
-    "restart_window_s",
-];
-
 /// All robots, and what the file says of each that becomes part of the graph.
 pub(super) struct Robots<'t> {
     /// The robots.
@@ -49,37 +35,26 @@ pub(super) struct Ties<'t> {
     pub(super) hears: Option<Value<'t>>,
 }
 
-/// What may be said of a robot beside its name.
-pub(super) fn robot_keys(laws: &[LawDescription]) -> Vec<&'static str> {
-    [OWN_KEYS, &default_keys(laws)].concat()
-}
-
-/// What may be said of all robots at once.
-fn default_keys(laws: &[LawDescription]) -> Vec<&'static str> {
-    let gains = laws.iter().flat_map(|law| law.gains.iter().copied());
-    ROBOT_KEYS.iter().copied().chain(gains).collect()
-}
-
 /// All `[[robot]]`.
 pub(super) fn robots<'t>(
     root: &Table<'t>,
     laws: &[LawDescription],
-    document: &Document,
+    document: &Document<'_>,
 ) -> Result<Robots<'t>, Diagnostic> {
-    let default_keys = default_keys(laws);
-    let robot_keys = [&["name"], &robot_keys(laws)[..]].concat();
-    let defaults =
-        root.get("robot_defaults").map(|value| value.table(&default_keys)).transpose()?;
+    let defaults = root.get("robot_defaults").map(|value| value.table()).transpose()?;
     let tables = root.tables("robot")?;
     if tables.is_empty() {
-        return Err(root
-            .missing("robot", "at least one table headed `[[robot]]`, or robot = [{ ... }, ...]"));
+        root.need("robot")?;
+        return Err(root.here(
+            "the scenario has no robot".to_owned(),
+            "expected at least one table headed `[[robot]]`, or robot = [{ ... }, ...]".to_owned(),
+        ));
     }
     let mut robots: Vec<Robot> = Vec::new();
     let mut ties = Vec::new();
     for table in tables {
-        table.only(&robot_keys)?;
-        let name = table.need("name", "a letter, then letters, digits, `-` or `_`")?;
+        table.only()?;
+        let name = table.need("name")?;
         let name_text = robot_name(&name)?;
         if let Some(first) = robots.iter().position(|robot| robot.name == name_text) {
             return Err(name.wrong(
@@ -94,7 +69,8 @@ pub(super) fn robots<'t>(
             ));
         }
         let table = table.named(&format!("robot.{name_text}"), &format!("robot {name_text}"));
-        let robot = robot(&table, defaults.as_ref(), name_text, laws, document)?;
+        let table = table.with_defaults(defaults.clone());
+        let robot = robot(&table, name_text, laws, document)?;
         let leads = |other: &&Robot| other.role.leads;
         if let (true, Some(first)) = (robot.role.leads, robots.iter().find(leads)) {
             return Err(name.wrong(
@@ -102,7 +78,7 @@ pub(super) fn robots<'t>(
                 "expected one main leader; others keep their place to it with a formation law",
             ));
         }
-        let place_m = table.get("place_m").map(|place| place.pair("m")).transpose()?;
+        let place_m = table.get("place_m").map(|place| place.pair()).transpose()?;
         ties.push(Ties { place_m, hears: table.get("hears") });
         robots.push(robot);
     }
@@ -130,35 +106,23 @@ pub(super) fn robots<'t>(
 /// One robot.
 fn robot(
     table: &Table<'_>,
-    defaults: Option<&Table<'_>>,
     name: &str,
     laws: &[LawDescription],
-    document: &Document,
+    document: &Document<'_>,
 ) -> Result<Robot, Diagnostic> {
-    let start = pose(&table.need("pose", "{ x_m = 0.0, y_m = 0.0, heading_rad = 0.0 }")?)?;
-    let need = |key: &str, expected: &str| {
-        table.get_or(defaults, key).ok_or_else(|| table.missing(key, expected))
-    };
-    let front_point_m =
-        need("front_point_m", "how far the front point lies ahead of the axle, in meters")?
-            .positive("m")?;
-    let wheels = match table.get_or(defaults, "wheels") {
-        Some(value) => {
-            let wheels = value.table(&["speed_max_m_s", "track_m"])?;
-            Some(WheelsBrief {
-                speed_max_m_s: wheels
-                    .need("speed_max_m_s", "largest speed of a wheel's rim, in m/s")?
-                    .positive("m/s")?,
-                track_m: wheels
-                    .need("track_m", "distance between the wheels, in meters")?
-                    .positive("m")?,
-            })
-        }
-        None => None,
-    };
+    let start = pose(&table.need("pose")?)?;
+    let front_point_m = table.number("front_point_m")?;
+    let wheels = table.get("wheels").map(|wheels| wheels.table()).transpose()?;
+    let wheels = wheels.map(|wheels| {
+        Ok(WheelsBrief {
+            speed_max_m_s: wheels.number("speed_max_m_s")?,
+            track_m: wheels.number("track_m")?,
+        })
+    });
+    let wheels = wheels.transpose()?;
     let law_names: Vec<&str> = laws.iter().map(|law| law.name).collect();
     let known_laws = format!("one of {}", quoted(&law_names));
-    let law_value = need("law", &known_laws)?;
+    let law_value = table.get("law").ok_or_else(|| table.missing("law", &known_laws))?;
     let law_name = law_value.text(&format!("expected {known_laws}"))?;
     let Some(law) = laws.iter().find(|law| law.name == law_name) else {
         let expected = match meant(law_name, law_names.iter().copied()) {
@@ -183,7 +147,8 @@ fn robot(
     let mut gains = BTreeMap::new();
     for &key in law.gains {
         let expected = format!("a gain of the law \"{}\", above 0", law.name);
-        gains.insert(key.to_owned(), need(key, &expected)?.positive(unit_of(key))?);
+        let value = table.get(key).ok_or_else(|| table.missing(key, &expected))?;
+        gains.insert(key.to_owned(), value.number()?);
     }
     Ok(Robot {
         name: name.to_owned(),
@@ -195,7 +160,7 @@ fn robot(
         feed_forward: law.feed_forward,
         correction_max_m_s: law.correction_max.map(|key| gains[key]),
         gains,
-        restart: restart(table, defaults)?,
+        restart: restart(table)?,
     })
 }
 
@@ -220,11 +185,10 @@ fn robot_name<'t>(value: &Value<'t>) -> Result<&'t str, Diagnostic> {
 
 /// A start pose.
 fn pose(value: &Value<'_>) -> Result<Pose, Diagnostic> {
-    let table = value.table(&["x_m", "y_m", "heading_rad"])?;
-    let coordinate = |key: &str| table.need(key, "a number of meters")?.number("m");
-    let (x_m, y_m) = (coordinate("x_m")?, coordinate("y_m")?);
-    let heading = table.need("heading_rad", "counter-clockwise from x, in radians")?;
-    let heading_rad = heading.number("rad")?;
+    let table = value.table()?;
+    let (x_m, y_m) = (table.number("x_m")?, table.number("y_m")?);
+    let heading = table.need("heading_rad")?;
+    let heading_rad = heading.number()?;
     if heading_rad.abs() > std::f64::consts::TAU {
         return Err(heading.wrong(
             format!("is {heading_rad}: more than one turn"),
@@ -238,26 +202,25 @@ fn pose(value: &Value<'_>) -> Result<Pose, Diagnostic> {
 }
 
 /// What happens when a robot's process dies unasked.
-fn restart(table: &Table<'_>, defaults: Option<&Table<'_>>) -> Result<RestartPolicy, Diagnostic> {
+fn restart(table: &Table<'_>) -> Result<RestartPolicy, Diagnostic> {
     let words = [
         ("never", RestartWhen::Never),
         ("on-failure", RestartWhen::OnFailure),
         ("always", RestartWhen::Always),
     ];
-    let get = |key: &str| table.get_or(defaults, key);
-    let when = get("restart_policy").map_or(Ok(RestartWhen::OnFailure), |v| v.word(&words))?;
-    let restarts_max = get("max_restarts").map_or(Ok(3), |v| v.integer(0, 1_000_000))? as u32;
-    let delay_ns = get("restart_delay_s").map_or(Ok(500_000_000), |v| v.instant_ns())?;
-    let ceiling = get("max_restart_delay_s");
+    let when = table.word("restart_policy", &words)?;
+    let restarts_max = table.whole("max_restarts")? as u32;
+    let delay_ns = table.time_ns("restart_delay_s")?;
+    let ceiling = table.get("max_restart_delay_s");
     let delay_ns_max =
-        ceiling.as_ref().map_or(Ok(delay_ns.max(10_000_000_000)), Value::instant_ns)?;
+        ceiling.as_ref().map_or(Ok(delay_ns.max(10_000_000_000)), |ceiling| ceiling.time_ns())?;
     if let Some(ceiling) = ceiling.filter(|_| delay_ns_max < delay_ns) {
         return Err(ceiling.wrong(
             format!("is {}, shorter than the first wait", seconds(delay_ns_max)),
             format!("expected at least `restart_delay_s`, {} s", seconds(delay_ns)),
         ));
     }
-    let window_ns = get("restart_window_s").map_or(Ok(60_000_000_000), |v| v.duration_ns())?;
+    let window_ns = table.time_ns("restart_window_s")?;
     Ok(RestartPolicy { when, delay_ns, delay_ns_max, restarts_max, window_ns })
 }
 
@@ -273,18 +236,6 @@ pub(super) fn robot_named(value: &Value<'_>, robots: &[Robot]) -> Result<usize, 
         };
         value.wrong(format!("is \"{name}\", but there is no such robot"), expected)
     })
-}
-
-/// The unit that a gain's key ends in.
-pub(super) fn unit_of(key: &str) -> &'static str {
-    match key {
-        key if key.ends_with("_per_s") => "1/s",
-        key if key.ends_with("_rad_s") => "rad/s",
-        key if key.ends_with("_m_s") => "m/s",
-        key if key.ends_with("_m") => "m",
-        key if key.ends_with("_s") => "s",
-        _ => "",
-    }
 }
 
 fn quoted(names: &[&str]) -> String {

@@ -1,6 +1,7 @@
 //! Values of a TOML text together with their places, so that every mistake can be pointed at.
 //!
-//! [`Table`] and [`Value`] know types, units and ranges; they know no scenario.
+//! [`Table`] and [`Value`] take types, units, ranges and defaults from the rows of `keys`; asking
+//! for a key that has no row is a mistake in this crate, and panics.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -8,13 +9,14 @@ use std::ops::Range;
 
 use toml::de::{DeTable, DeValue};
 
-use super::diagnostic::{Diagnostic, Source, meant};
+use super::diagnostic::{Diagnostic, Severity, Source};
+use super::keys::{Format, Key, Otherwise, Range as Numbers, Section, Takes};
 
 /// Largest magnitude of any number, in its unit: what is larger is a slip of the keyboard, and
 /// squares of it would leave the range of exact arithmetic.
-const NUMBER_MAX: f64 = 1e9;
+pub(crate) const NUMBER_MAX: f64 = 1e9;
 /// Longest time, s: 115 days. Sums and hundredfolds of it still fit into 64 bits of nanoseconds.
-const SECONDS_MAX: f64 = 1e7;
+pub(crate) const SECONDS_MAX: f64 = 1e7;
 /// A time may miss a whole nanosecond by this much, ns.
 const NANOSECOND_TOLERANCE: f64 = 1e-6;
 
@@ -23,41 +25,63 @@ pub(crate) type Places = BTreeMap<String, Range<usize>>;
 
 /// The text, and the places found in it so far.
 #[derive(Debug)]
-pub(crate) struct Document {
+pub(crate) struct Document<'f> {
     /// The text.
     pub(crate) source: Source,
+    /// Which keys it may have.
+    format: &'f Format,
     /// Where things are.
     pub(crate) places: RefCell<Places>,
+    /// What is worth a warning: old names of keys.
+    pub(crate) warnings: RefCell<Vec<Diagnostic>>,
+}
+
+impl<'f> Document<'f> {
+    /// A text of which nothing was read.
+    pub(crate) fn new(source: Source, format: &'f Format) -> Document<'f> {
+        Document { source, format, places: RefCell::default(), warnings: RefCell::default() }
+    }
 }
 
 /// A table, under the path by which people would name it.
 #[derive(Debug, Clone)]
 pub(crate) struct Table<'t> {
-    document: &'t Document,
+    document: &'t Document<'t>,
     path: String,
     /// What to call it: `[avoidance]`, `robot r1`.
     title: String,
-    entries: &'t DeTable<'t>,
+    section: &'t Section,
+    /// None where it is not given.
+    entries: Option<&'t DeTable<'t>>,
+    /// Where keys are looked for that it does not have.
+    defaults: Option<Box<Table<'t>>>,
     span: Range<usize>,
 }
 
 /// A value and its place.
 #[derive(Debug, Clone)]
 pub(crate) struct Value<'t> {
-    document: &'t Document,
+    document: &'t Document<'t>,
     /// The key's path.
     path: String,
     /// The key as messages name it.
     key: String,
+    row: &'t Key,
     value: &'t DeValue<'t>,
     span: Range<usize>,
 }
 
 impl<'t> Table<'t> {
     /// The whole document.
-    pub(crate) fn root(document: &'t Document, entries: &'t DeTable<'t>) -> Table<'t> {
-        let title = "the scenario".to_owned();
-        Table { document, path: String::new(), title, entries, span: 0..0 }
+    pub(crate) fn root(document: &'t Document<'t>, entries: &'t DeTable<'t>) -> Table<'t> {
+        let (path, title) = (String::new(), "the scenario".to_owned());
+        let (section, entries) = (document.format.root(), Some(entries));
+        Table { document, path, title, section, entries, defaults: None, span: 0..0 }
+    }
+
+    /// The same table with those keys of `defaults` that it does not have itself.
+    pub(crate) fn with_defaults(self, defaults: Option<Table<'t>>) -> Table<'t> {
+        Table { defaults: defaults.map(Box::new), ..self }
     }
 
     /// The same table under another path and title: a list's element, once its name is known.
@@ -68,22 +92,55 @@ impl<'t> Table<'t> {
         self
     }
 
-    /// Refuses keys that are not `known`.
-    pub(crate) fn only(&self, known: &[&str]) -> Result<(), Diagnostic> {
-        let mut unknown: Vec<_> = self
-            .entries
-            .iter()
-            .filter(|(key, _)| !known.contains(&key.get_ref().as_ref()))
-            .collect();
-        unknown.sort_by_key(|(key, _)| key.span().start);
-        let Some((key, _)) = unknown.first() else { return Ok(()) };
-        let word = key.get_ref().as_ref();
-        let expected = match meant(word, known.iter().copied()) {
-            Some(close) => format!("did you mean `{close}`?"),
-            None => format!("expected one of {}", known.join(", ")),
+    /// Refuses keys that it may not have, and warns of old names.
+    pub(crate) fn only(&self) -> Result<(), Diagnostic> {
+        self.only_these(&|_| true, true)
+    }
+
+    /// Refuses keys that it may not have with that `kind`.
+    pub(crate) fn only_of(&self, word: &str) -> Result<(), Diagnostic> {
+        let kind = self.section.kinds.iter().find(|kind| kind.word == word);
+        let kind = kind.unwrap_or_else(|| panic!("`{word}` is a kind of {}", self.section.name));
+        let of_kind = |key: &Key| {
+            key.name == "kind" || kind.needs.contains(&key.name) || kind.may.contains(&key.name)
         };
-        let message = format!("{} has no key `{word}`", self.title);
-        Err(self.document.source.error(&key.span(), message, expected))
+        self.only_these(&of_kind, false)
+    }
+
+    fn only_these(&self, may: &dyn Fn(&Key) -> bool, elsewhere: bool) -> Result<(), Diagnostic> {
+        let rows: Vec<&Key> = self.section.keys.iter().filter(|key| may(key)).collect();
+        let mut keys: Vec<_> = self.keys().collect();
+        keys.sort_by_key(|(_, span)| span.start);
+        let wrong = |span, message, expected| self.document.source.error(span, message, expected);
+        for (word, span) in &keys {
+            if rows.iter().any(|row| row.name == *word) {
+                continue;
+            }
+            let Some(row) = rows.iter().find(|row| row.was.contains(word)) else {
+                let close = self.document.format.meant(self.section, &rows, word, elsewhere);
+                let expected = match close {
+                    Some(close) => format!("did you mean {close}?"),
+                    None => {
+                        let names: Vec<&str> = rows.iter().map(|row| row.name).collect();
+                        format!("expected one of {}", names.join(", "))
+                    }
+                };
+                return Err(wrong(span, format!("{} has no key `{word}`", self.title), expected));
+            };
+            let new = row.name;
+            if keys.iter().any(|(other, _)| *other == new) {
+                let message = format!("{} has `{new}` and `{word}`, its old name", self.title);
+                return Err(wrong(span, message, format!("expected `{new}` alone")));
+            }
+            let mut warning = wrong(
+                span,
+                format!("`{word}` is called `{new}` now"),
+                format!("expected `{new}`; the old name still works"),
+            );
+            warning.severity = Severity::Warning;
+            self.document.warnings.borrow_mut().push(warning);
+        }
+        Ok(())
     }
 
     /// Where it stands; with a header, only that.
@@ -92,39 +149,110 @@ impl<'t> Table<'t> {
     }
 
     /// The keys that are there, with their places.
-    pub(crate) fn keys(&self) -> impl Iterator<Item = (&'t str, Range<usize>)> {
-        self.entries.iter().map(|(key, _)| (key.get_ref().as_ref(), key.span()))
+    pub(crate) fn keys(&self) -> impl Iterator<Item = (&'t str, Range<usize>)> + use<'t> {
+        let entries = self.entries.into_iter().flat_map(|entries| entries.iter());
+        entries.map(|(key, _)| (key.get_ref().as_ref(), key.span()))
     }
 
-    /// The value of `key`, if it is there.
+    fn row(&self, key: &str) -> &'t Key {
+        let row = self.section.key(key);
+        row.unwrap_or_else(|| panic!("`{key}` is a key of {}", self.section.name))
+    }
+
+    /// The value of `key`, if it is there or among the defaults.
     pub(crate) fn get(&self, key: &str) -> Option<Value<'t>> {
-        let found = self.entries.get(key)?;
+        let row = self.row(key);
+        let given = self.entries.and_then(|entries| {
+            let old = || row.was.iter().find_map(|old| entries.get(*old));
+            entries.get(key).or_else(old)
+        });
         let path = self.path_of(key);
+        let Some(found) = given else {
+            let defaults = self.defaults.as_ref().filter(|d| d.section.key(key).is_some())?;
+            let value = defaults.get(key)?;
+            self.document.places.borrow_mut().insert(path, value.span.clone());
+            return Some(value);
+        };
         self.document.places.borrow_mut().insert(path.clone(), found.span());
         Some(Value {
             document: self.document,
             path,
             key: key.to_owned(),
+            row,
             value: found.get_ref(),
             span: found.span(),
         })
     }
 
-    /// The value of `key`; without it, `expected` says what to add.
-    pub(crate) fn need(&self, key: &str, expected: &str) -> Result<Value<'t>, Diagnostic> {
-        self.get(key).ok_or_else(|| self.missing(key, expected))
+    /// The value of `key`, which must be given.
+    pub(crate) fn need(&self, key: &str) -> Result<Value<'t>, Diagnostic> {
+        self.get(key).ok_or_else(|| self.missing(key, &self.row(key).says))
     }
 
-    /// The value of `key`, or else the one that `defaults` has.
-    pub(crate) fn get_or(&self, defaults: Option<&Table<'t>>, key: &str) -> Option<Value<'t>> {
-        self.get(key).or_else(|| {
-            let value = defaults?.get(key)?;
-            self.document.places.borrow_mut().insert(self.path_of(key), value.span.clone());
-            Some(value)
+    /// The number of `key`, or its default.
+    pub(crate) fn number(&self, key: &str) -> Result<f64, Diagnostic> {
+        match (self.get(key), self.row(key).otherwise) {
+            (None, Otherwise::Number(number)) => Ok(number),
+            _ => self.need(key)?.number(),
+        }
+    }
+
+    /// The time of `key`, or its default, ns.
+    pub(crate) fn time_ns(&self, key: &str) -> Result<u64, Diagnostic> {
+        match (self.get(key), self.row(key).otherwise) {
+            (None, Otherwise::Number(seconds)) => Ok((seconds * 1e9).round() as u64),
+            _ => self.need(key)?.time_ns(),
+        }
+    }
+
+    /// The whole number of `key`, or its default.
+    pub(crate) fn whole(&self, key: &str) -> Result<u64, Diagnostic> {
+        match (self.get(key), self.row(key).otherwise) {
+            (None, Otherwise::Whole(number)) => Ok(number),
+            _ => self.need(key)?.whole(),
+        }
+    }
+
+    /// Whether `key` says so.
+    pub(crate) fn truth(&self, key: &str) -> Result<bool, Diagnostic> {
+        match (self.get(key), self.row(key).otherwise) {
+            (None, Otherwise::No) => Ok(false),
+            _ => self.need(key)?.truth(),
+        }
+    }
+
+    /// What the word of `key`, or its default, means; `words` are those of its row.
+    pub(crate) fn word<T: Copy>(&self, key: &str, words: &[(&str, T)]) -> Result<T, Diagnostic> {
+        if let (None, Otherwise::Word(word)) = (self.get(key), self.row(key).otherwise) {
+            let meaning = words.iter().find(|(known, _)| *known == word);
+            return Ok(meaning.unwrap_or_else(|| panic!("`{word}` means something")).1);
+        }
+        self.need(key)?.word(words)
+    }
+
+    /// The number of `key`, if it is given.
+    pub(crate) fn maybe_number(&self, key: &str) -> Result<Option<f64>, Diagnostic> {
+        self.get(key).map(|value| value.number()).transpose()
+    }
+
+    /// The table `key`; an empty one if it is not given.
+    pub(crate) fn table(&self, key: &str) -> Result<Table<'t>, Diagnostic> {
+        if let Some(value) = self.get(key) {
+            return value.table();
+        }
+        let Takes::Table(section) = self.row(key).takes else { panic!("`{key}` is a table") };
+        Ok(Table {
+            document: self.document,
+            path: self.path_of(key),
+            title: format!("[{key}]"),
+            section: self.document.format.section(section),
+            entries: None,
+            defaults: None,
+            span: self.span(),
         })
     }
 
-    /// That `key` is not there.
+    /// That `key` is not there; `expected` says what to add.
     pub(crate) fn missing(&self, key: &str, expected: &str) -> Diagnostic {
         let message = format!("{} has no `{key}`", self.title);
         self.here(message, format!("expected `{key}`: {expected}"))
@@ -142,6 +270,8 @@ impl<'t> Table<'t> {
             "expected a list of tables, each headed `[[{key}]]`, or {key} = [{{ ... }}, ...]"
         );
         let DeValue::Array(elements) = list.value else { return Err(list.wrong_type(&expected)) };
+        let Takes::Tables(section) = list.row.takes else { panic!("`{key}` is a list of tables") };
+        let section = self.document.format.section(section);
         let element = |(index, element): (usize, &'t toml::Spanned<DeValue<'t>>)| {
             let title = format!("{key} {}", index + 1);
             match element.get_ref() {
@@ -149,7 +279,9 @@ impl<'t> Table<'t> {
                     document: self.document,
                     path: String::new(),
                     title: title.clone(),
-                    entries,
+                    section,
+                    entries: Some(entries),
+                    defaults: None,
                     span: element.span(),
                 }
                 .named(&format!("{key}.{index}"), &title)),
@@ -199,9 +331,12 @@ impl<'t> Value<'t> {
     }
 
     /// The table that this value is.
-    pub(crate) fn table(&self, known: &[&str]) -> Result<Table<'t>, Diagnostic> {
+    pub(crate) fn table(&self) -> Result<Table<'t>, Diagnostic> {
+        let Takes::Table(section) = self.row.takes else { panic!("`{}` is a table", self.key) };
+        let section = self.document.format.section(section);
         let DeValue::Table(entries) = self.value else {
-            return Err(self.wrong_type(&format!("expected a table of {}", known.join(", "))));
+            let names: Vec<&str> = section.keys.iter().map(|key| key.name).collect();
+            return Err(self.wrong_type(&format!("expected a table of {}", names.join(", "))));
         };
         let table = Table {
             document: self.document,
@@ -211,10 +346,12 @@ impl<'t> Value<'t> {
             } else {
                 format!("`{}`", self.key)
             },
-            entries,
+            section,
+            entries: Some(entries),
+            defaults: None,
             span: self.span.clone(),
         };
-        table.only(known)?;
+        table.only()?;
         Ok(table)
     }
 
@@ -226,16 +363,12 @@ impl<'t> Value<'t> {
         }
     }
 
-    /// True or false.
-    pub(crate) fn boolean(&self) -> Result<bool, Diagnostic> {
-        match self.value {
-            DeValue::Boolean(boolean) => Ok(*boolean),
-            _ => Err(self.wrong_type("expected true or false")),
-        }
-    }
-
-    /// One of the `words`.
+    /// What its word means; `words` are those of its row.
     pub(crate) fn word<T: Copy>(&self, words: &[(&str, T)]) -> Result<T, Diagnostic> {
+        if let Takes::Word(row) = self.row.takes {
+            let same = row.iter().map(|(word, _)| word).eq(words.iter().map(|(word, _)| word));
+            assert!(same, "`{}` has the words of its row", self.key);
+        }
         let list: Vec<String> = words.iter().map(|(word, _)| format!("\"{word}\"")).collect();
         let expected = match &list[..] {
             [only] => format!("expected {only}"),
@@ -248,8 +381,36 @@ impl<'t> Value<'t> {
         }
     }
 
-    /// A finite number of sane size; `unit` for the message.
-    pub(crate) fn number(&self, unit: &str) -> Result<f64, Diagnostic> {
+    /// A number, in the unit and range of its row.
+    pub(crate) fn number(&self) -> Result<f64, Diagnostic> {
+        match self.row.takes {
+            Takes::Number(unit, range) => self.within(unit, range),
+            _ => panic!("`{}` is a number", self.key),
+        }
+    }
+
+    /// A time in seconds, in the range of its row, as whole nanoseconds.
+    pub(crate) fn time_ns(&self) -> Result<u64, Diagnostic> {
+        match self.row.takes {
+            Takes::Time(range) => self.whole_nanoseconds(self.within("s", range)?),
+            _ => panic!("`{}` is a time", self.key),
+        }
+    }
+
+    fn within(&self, unit: &str, range: Numbers) -> Result<f64, Diagnostic> {
+        let number = self.finite(unit)?;
+        let expected = match range {
+            Numbers::Positive if number <= 0.0 => {
+                format!("expected a number{} above 0", in_unit(unit))
+            }
+            Numbers::NotNegative if number < 0.0 => format!("expected 0{} or more", spaced(unit)),
+            _ => return Ok(number),
+        };
+        Err(self.wrong(format!("is {number}"), expected))
+    }
+
+    /// A finite number of sane size.
+    fn finite(&self, unit: &str) -> Result<f64, Diagnostic> {
         let expected = format!("expected a number{}", in_unit(unit));
         let (number, text) = match self.value {
             DeValue::Float(float) => (float.as_str().parse::<f64>().ok(), float.to_string()),
@@ -268,40 +429,6 @@ impl<'t> Value<'t> {
                 format!("expected a number{} of at most 1e9 in size", in_unit(unit)),
             )),
         }
-    }
-
-    /// A number above 0.
-    pub(crate) fn positive(&self, unit: &str) -> Result<f64, Diagnostic> {
-        let number = self.number(unit)?;
-        if number > 0.0 {
-            return Ok(number);
-        }
-        Err(self
-            .wrong(format!("is {number}"), format!("expected a number{} above 0", in_unit(unit))))
-    }
-
-    /// A number from 0 on.
-    pub(crate) fn not_negative(&self, unit: &str) -> Result<f64, Diagnostic> {
-        let number = self.number(unit)?;
-        if number >= 0.0 {
-            return Ok(number);
-        }
-        Err(self.wrong(
-            format!("is {number}"),
-            format!("expected 0{unit_space} or more", unit_space = spaced(unit)),
-        ))
-    }
-
-    /// A time in seconds, above 0, as whole nanoseconds.
-    pub(crate) fn duration_ns(&self) -> Result<u64, Diagnostic> {
-        let seconds = self.positive("s")?;
-        self.whole_nanoseconds(seconds)
-    }
-
-    /// A time in seconds, from 0 on, as whole nanoseconds.
-    pub(crate) fn instant_ns(&self) -> Result<u64, Diagnostic> {
-        let seconds = self.not_negative("s")?;
-        self.whole_nanoseconds(seconds)
     }
 
     fn whole_nanoseconds(&self, seconds: f64) -> Result<u64, Diagnostic> {
@@ -323,8 +450,11 @@ impl<'t> Value<'t> {
         Ok(ns.round() as u64)
     }
 
-    /// A whole number within bounds.
-    pub(crate) fn integer(&self, least: u64, most: u64) -> Result<u64, Diagnostic> {
+    /// A whole number, within the bounds of its row.
+    pub(crate) fn whole(&self) -> Result<u64, Diagnostic> {
+        let Takes::Whole(least, most) = self.row.takes else {
+            panic!("`{}` is a whole number", self.key)
+        };
         let expected = format!("expected a whole number from {least} to {most}");
         let DeValue::Integer(integer) = self.value else {
             return match self.value {
@@ -353,21 +483,25 @@ impl<'t> Value<'t> {
             document: self.document,
             path: self.path.clone(),
             key: format!("{} ({})", self.key, index + 1),
+            row: self.row,
             value: element.get_ref(),
             span: element.span(),
         };
         Ok(list.iter().enumerate().map(element).collect())
     }
 
-    /// Two numbers, `[x, y]`.
-    pub(crate) fn pair(&self, unit: &str) -> Result<[f64; 2], Diagnostic> {
+    /// Two numbers, `[x, y]`, in the unit of its row.
+    pub(crate) fn pair(&self) -> Result<[f64; 2], Diagnostic> {
+        let (Takes::Pair(unit) | Takes::Points(unit)) = self.row.takes else {
+            panic!("`{}` has two numbers", self.key)
+        };
         let expected = format!("expected two numbers{}: [x, y]", in_unit(unit));
         let [x, y] = <[Value<'t>; 2]>::try_from(self.elements(&expected)?).map_err(|list| {
             let plural = if list.len() == 1 { "" } else { "s" };
             self.wrong(format!("has {} element{plural}", list.len()), &expected)
         })?;
         let component = |element: Value<'t>, name: &str| {
-            Value { key: format!("{} ({name})", self.key), ..element }.number(unit)
+            Value { key: format!("{} ({name})", self.key), ..element }.finite(unit)
         };
         Ok([component(x, "x")?, component(y, "y")?])
     }
@@ -401,5 +535,44 @@ fn with_article(value: &DeValue<'_>) -> &'static str {
         DeValue::Datetime(_) => "a date",
         DeValue::Array(_) => "a list",
         DeValue::Table(_) => "a table",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use protocol::catalog::Catalog;
+
+    use super::*;
+
+    /// Reads the key `period_s`, once called `step_s`, of a text.
+    fn period_of(text: &str) -> (Result<f64, Diagnostic>, Vec<Diagnostic>) {
+        let mut format = Format::of(&Catalog { laws: Vec::new(), methods: Vec::new() });
+        let keys = &mut format.sections[0].keys;
+        keys.iter_mut().find(|key| key.name == "period_s").unwrap().was = &["step_s"];
+        let document = Document::new(Source::new(Path::new("t.toml"), text, false), &format);
+        let entries = DeTable::parse(text).unwrap();
+        let root = Table::root(&document, entries.get_ref());
+        let period = root.only().and_then(|()| root.need("period_s")?.seconds());
+        (period, document.warnings.take())
+    }
+
+    impl Value<'_> {
+        fn seconds(&self) -> Result<f64, Diagnostic> {
+            self.time_ns().map(|ns| ns as f64 / 1e9)
+        }
+    }
+
+    #[test]
+    fn an_old_name_of_a_key_is_read_with_a_warning_that_names_the_new_one() {
+        assert_eq!(period_of("period_s = 0.5"), (Ok(0.5), Vec::new()));
+        let (period, warnings) = period_of("name = \"a\"\nstep_s = 0.5");
+        assert_eq!((period, warnings.len()), (Ok(0.5), 1));
+        assert_eq!((warnings[0].severity, warnings[0].line), (Severity::Warning, 2));
+        assert_eq!(warnings[0].message, "`step_s` is called `period_s` now");
+        let (both, _) = period_of("step_s = 0.5\nperiod_s = 0.5");
+        assert!(both.unwrap_err().message.contains("`period_s` and `step_s`, its old name"));
+        assert!(period_of("step_s = -1").0.unwrap_err().message.contains("is -1"));
     }
 }

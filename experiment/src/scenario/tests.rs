@@ -314,6 +314,64 @@ fn an_argument_with_a_wrong_key_or_value_is_shown_in_the_resulting_text() {
 }
 
 #[test]
+fn likely_guesses_of_keys_are_understood() {
+    for (guess, meant) in [
+        ("avoidance.v_max_m_s=1", "`speed_max_m_s`"),
+        ("avoidance.d=1", "`distance_min_m`"),
+        ("avoidance.d_min_m=1", "`distance_min_m`"),
+        ("avoidance.min_distance=1", "`distance_min_m`"),
+        ("avoidance.method=1", "`kind`"),
+        ("v_max=1", "`speed_max_m_s` in `avoidance`"),
+        ("min_distance=1", "`distance_min_m` in `avoidance`"),
+        ("dt=0.1", "`period_s`"),
+        ("T=0.1", "`period_s`"),
+        ("sample_time_s=0.1", "`period_s`"),
+        ("t_end=9", "`duration_s`"),
+        ("random_seed=9", "`seed`"),
+        ("robots=1", "`robot`"),
+        ("edges=1", "`edge`"),
+        ("L=1", "`latency_allowed_s` in `realtime`"),
+        ("lost_after_s=1", "`lost_after_s` in `silence`"),
+        ("robot_defaults.ell=1", "`front_point_m`"),
+        ("robot_defaults.L=1", "`front_point_m`"),
+        ("robot_defaults.mu=1", "`speed_m_s`"),
+        ("robot_defaults.controller=1", "`law`"),
+        ("robot.r1.pose.theta=1", "`heading_rad`"),
+        ("expect.error_max_m=1", "`final_error_m_max`"),
+        ("seed_s=1", "`seed`"),
+    ] {
+        let error = error_with(&[guess]);
+        assert_eq!(error.expected, format!("did you mean {meant}?"), "{guess}");
+    }
+    let text = triangle().replace("from = ", "source = ");
+    let error = parse(&text, &Overrides::default()).unwrap_err();
+    assert_eq!(error.expected, "did you mean `from`?");
+    let close = error_with(&["colour=1"]).expected;
+    assert!(close.starts_with("expected one of format, name"), "{close}");
+}
+
+#[test]
+fn an_empty_list_removes_the_faults_of_a_file_however_they_are_written() {
+    let kill = "at_s = 1.0, kind = \"kill\", robot = \"r2\"";
+    let inline = format!("fault = [{{ {kill} }}]\n{}", triangle());
+    let headed = format!("{}\n[[fault]]\n{}\n", triangle(), kill.replace(", ", "\n"));
+    for text in [inline, headed, triangle()] {
+        let (scenario, effective, _) = parse(&text, &set(&["fault=[]"])).unwrap();
+        assert_eq!(scenario.faults, [], "{effective}");
+        let faults = vec!["kill r1 @2".to_owned()];
+        let overrides = Overrides { faults, ..set(&["fault = []"]) };
+        assert_eq!(parse(&text, &overrides).unwrap().0.faults.len(), 1);
+    }
+}
+
+#[test]
+fn the_format_may_be_named() {
+    assert_eq!(parse(&format!("format = 1\n{}", triangle()), &set(&[])).unwrap().2, []);
+    let error = error_with(&["format=2"]);
+    assert!(error.message.contains("none that this phalanx reads"), "{}", error.message);
+}
+
+#[test]
 fn gains_belong_to_laws() {
     let error = error_with(&["robot.r1.gain_formation_per_s=2"]);
     assert_eq!(

@@ -4,7 +4,7 @@
 //!
 //! | file | what it does |
 //! |---|---|
-//! | `run` `check` `report` `doctor` `clean` `recover` `export` | the verb of its name |
+//! | `run` `check` `schema` `report` `doctor` `clean` `recover` `export` | the verb of its name |
 //! | `scenario` | reads the scenario that a verb is about, with the command line's changes |
 //! | `screen` | writes to the terminal: results, complaints, the log, the progress bar |
 
@@ -16,6 +16,7 @@ mod recover;
 mod report;
 mod run;
 mod scenario;
+mod schema;
 mod screen;
 
 use clap::Subcommand;
@@ -32,6 +33,8 @@ pub enum Verb {
     Run(run::RunArgs),
     /// Validate a scenario and print what can be said before it runs.
     Check(check::CheckArgs),
+    /// Print the JSON Schema of scenario files, for editors and other programs.
+    Schema,
     /// Draw the figures of a run and write its page, from what it has written.
     Report(report::ReportArgs),
     /// Say whether this machine is fit for runs, and what to do about it.
@@ -52,6 +55,7 @@ pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) 
     match verb {
         Verb::Run(args) => run::run(args, catalog, launcher.clone(), build),
         Verb::Check(args) => check::check(args, catalog),
+        Verb::Schema => schema::schema(catalog),
         Verb::Report(args) => report::report(args, catalog),
         Verb::Doctor(args) => doctor::doctor(args),
         Verb::Clean(args) => clean::clean(args),

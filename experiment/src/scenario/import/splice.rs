@@ -12,6 +12,7 @@ use toml::de::DeTable;
 use super::{Attribute, Chunk, Link, Name, Network, Node, chunk, network, quoted};
 use crate::scenario::diagnostic::{Diagnostic, Origin, Source};
 use crate::scenario::file::{FILE_BYTES_MAX, load};
+use crate::scenario::keys::{Format, Key};
 use crate::scenario::table::{Document, Table, Value};
 
 /// A scenario's text with its graph in it.
@@ -27,14 +28,14 @@ pub(in crate::scenario) fn splice(
     text: &str,
     source: Source,
     entries: &DeTable<'_>,
-    robot_keys: &[&str],
+    format: &Format,
 ) -> Result<Spliced, Diagnostic> {
     let Some((key, _)) = entries.get_key_value("graph") else {
         return Ok(Spliced { text: text.to_owned(), source, warnings: Vec::new() });
     };
-    let document = Document { source, places: Default::default() };
+    let document = Document::new(source, format);
     let root = Table::root(&document, entries);
-    let value = root.need("graph", "a file")?;
+    let value = root.need("graph")?;
     let expected = "expected a file that ends in .json (node-link), .csv (matrix) or .graphml";
     let name = value.text(expected)?;
     let file = path.parent().unwrap_or(Path::new("")).join(name);
@@ -45,7 +46,9 @@ pub(in crate::scenario) fn splice(
     let graph_text = graph_text.strip_prefix('\u{feff}').unwrap_or(&graph_text);
     let graph = Source::new(&file, graph_text, false);
     let graph = graph.imported_by(document.source.spot(&value.span()));
-    let network = network(&file, &graph, graph_text, robot_keys)
+    let robot_keys = format.section("robot").keys.iter().flat_map(Key::names);
+    let robot_keys: Vec<&str> = robot_keys.filter(|key| *key != "name").collect();
+    let network = network(&file, &graph, graph_text, &robot_keys)
         .unwrap_or_else(|| Err(value.wrong(format!("is \"{name}\""), expected)))?;
     let warnings = network.warnings(&graph);
 
@@ -238,8 +241,7 @@ impl<'t> Robots<'t> {
         let list = List::read(root, "robot", text)?;
         let inline = matches!(list, List::Inline { .. });
         let known = |table: &Table<'t>| {
-            let name: Value<'t> =
-                table.need("name", "a letter, then letters, digits, `-` or `_`")?;
+            let name: Value<'t> = table.need("name")?;
             let behind = &text[name.span().end..];
             // Behind the name's line, and whatever comment is on it.
             let rest = if inline { 0 } else { behind.find(['\r', '\n']).unwrap_or(behind.len()) };

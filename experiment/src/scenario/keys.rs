@@ -1,0 +1,932 @@
+//! THE table of the scenario format: every key with its type, unit, range, default and meaning.
+//!
+//! The reader takes types, units, ranges and defaults from these rows, diagnostics their words, the
+//! JSON Schema all of it. What values mean together is asked where they are read, and in
+//! [`crate::check`]. Nothing is read here.
+//!
+//! To rename a key, give its row the new name and put the old one into `was`: files that have it
+//! are read as before, with a warning.
+
+use std::borrow::Cow;
+
+use protocol::catalog::Catalog;
+
+use super::diagnostic::meant;
+use super::fault::FORMS;
+
+/// The number of this format.
+pub const FORMAT: u64 = 1;
+
+/// Most periods that a command may be held.
+const HOLD_PERIODS_MAX: u64 = 100;
+/// Most beacons that are lost together, most load processes: more is a slip of the keyboard.
+const BURST_MAX: u64 = 1_000_000;
+const LOAD_MAX: u64 = 256;
+
+/// One key.
+#[derive(Debug, Clone)]
+pub struct Key {
+    /// Its name, with the unit as suffix.
+    pub name: &'static str,
+    /// What its value is.
+    pub takes: Takes,
+    /// What holds where it is not given.
+    pub otherwise: Otherwise,
+    /// What it is, in one line.
+    pub says: Cow<'static, str>,
+    /// Names that it had: still read, with a warning.
+    pub was: &'static [&'static str],
+    /// What people write who mean it, without units, in small letters.
+    pub guesses: &'static [&'static str],
+}
+
+/// What a value is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Takes {
+    /// A string.
+    Text,
+    /// One of these words, each with its meaning.
+    Word(&'static [(&'static str, &'static str)]),
+    /// The name of a control law.
+    Law,
+    /// The name of an avoidance method.
+    Method,
+    /// True or false.
+    Truth,
+    /// A number in this unit (none: "").
+    Number(&'static str, Range),
+    /// A time in seconds that is a whole number of nanoseconds.
+    Time(Range),
+    /// A whole number from the first to the second.
+    Whole(u64, u64),
+    /// `[x, y]` in this unit.
+    Pair(&'static str),
+    /// A list of `[x, y]` in this unit.
+    Points(&'static str),
+    /// A list of names of robots.
+    Names,
+    /// A table with the keys of that section.
+    Table(&'static str),
+    /// A list of such tables.
+    Tables(&'static str),
+}
+
+/// Which numbers there may be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Range {
+    /// All.
+    Any,
+    /// From 0 on.
+    NotNegative,
+    /// Above 0.
+    Positive,
+}
+
+/// What holds where a key is not given.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Otherwise {
+    /// It must be given.
+    Needed,
+    /// That number.
+    Number(f64),
+    /// That whole number.
+    Whole(u64),
+    /// That word.
+    Word(&'static str),
+    /// No.
+    No,
+    /// What these words say.
+    Rule(&'static str),
+    /// Nothing: what it asks for does not happen.
+    Absent,
+}
+
+/// The keys of one table.
+#[derive(Debug)]
+pub struct Section {
+    /// What it is called: the key's name, in general.
+    pub name: &'static str,
+    /// What it is about, in one line.
+    pub says: &'static str,
+    /// Its keys, in the order in which people read them.
+    pub keys: Vec<Key>,
+    /// Where `kind` decides which of them there may be: its words. Empty: all of them.
+    pub kinds: Vec<Kind>,
+}
+
+/// A word of the key `kind`, and the other keys that there are with it.
+#[derive(Debug, Clone)]
+pub struct Kind {
+    /// The word.
+    pub word: &'static str,
+    /// What it is, in one line.
+    pub says: &'static str,
+    /// Keys that must be given.
+    pub needs: Vec<&'static str>,
+    /// Keys that may be.
+    pub may: Vec<&'static str>,
+}
+
+/// All sections, with the laws and methods that there are.
+#[derive(Debug)]
+pub struct Format {
+    /// The sections; the first is the whole file.
+    pub sections: Vec<Section>,
+    /// Names of the control laws.
+    pub laws: Vec<&'static str>,
+    /// Names of the avoidance methods; the first is the default.
+    pub methods: Vec<&'static str>,
+}
+
+impl Section {
+    /// The row of that name.
+    pub fn key(&self, name: &str) -> Option<&Key> {
+        self.keys.iter().find(|key| key.name == name)
+    }
+}
+
+impl Format {
+    /// The keys that scenarios may have with these laws and methods.
+    pub fn of(catalog: &Catalog) -> Format {
+        let kind = |&(word, says, needs, may): &KindRow| Kind {
+            word,
+            says,
+            needs: needs.to_vec(),
+            may: may.to_vec(),
+        };
+        let faults = FORMS.iter().map(|form| Kind {
+            word: form.kind,
+            says: form.says,
+            needs: form.needs(),
+            may: form.may(),
+        });
+        let section = |name, says, keys: &[Key]| Section {
+            name,
+            says,
+            keys: keys.to_vec(),
+            kinds: Vec::new(),
+        };
+        let mut avoidance = section("avoidance", "How robots keep their distance.", AVOIDANCE);
+        for (method, gain) in
+            catalog.methods.iter().flat_map(|m| m.gains.iter().map(move |g| (m, g)))
+        {
+            let says = format!("{}; `{}` needs it", gain.meaning, method.name);
+            avoidance.keys.push(gain_row(gain.key, says));
+        }
+        let mut gains: Vec<Key> = Vec::new();
+        for law in &catalog.laws {
+            for &name in law.gains {
+                if gains.iter().all(|gain| gain.name != name) {
+                    gains.push(gain_row(
+                        name,
+                        format!("gain of the law `{}` {}", law.name, law.source),
+                    ));
+                }
+            }
+        }
+        let defaults = [DEFAULTS, &gains].concat();
+        let robots = [ROBOT, DEFAULTS, &gains].concat();
+        let sections = vec![
+            section("scenario", "One experiment.", ROOT),
+            section("realtime", "How late things may be, in real time.", REALTIME),
+            avoidance,
+            section(
+                "silence",
+                "When a robot that is not heard counts as stale, and as lost.",
+                SILENCE,
+            ),
+            section("robot_defaults", "What all robots have that do not say otherwise.", &defaults),
+            section("robot", "One robot.", &robots),
+            section("pose", "A pose in the frame `map`.", POSE),
+            section("wheels", "What a robot's wheels can do.", WHEELS),
+            section("edge", "One robot hears another.", EDGE),
+            Section {
+                kinds: TRAJECTORIES.iter().map(kind).collect(),
+                ..section("trajectory", "Where the leader's front point goes.", TRAJECTORY)
+            },
+            section(
+                "scale",
+                "How the formation grows and shrinks: mean + amplitude sin(2 pi t / period).",
+                SCALE,
+            ),
+            Section {
+                kinds: faults.collect(),
+                ..section("fault", "Something that breaks on purpose.", FAULT)
+            },
+            section("chaos", "Kills and freezes at random times, drawn from the seed.", CHAOS),
+            section("expect", "What must hold for exit code 0.", EXPECT),
+        ];
+        Format {
+            sections,
+            laws: catalog.laws.iter().map(|law| law.name).collect(),
+            methods: catalog.methods.iter().map(|method| method.name).collect(),
+        }
+    }
+
+    /// The whole file.
+    pub fn root(&self) -> &Section {
+        &self.sections[0]
+    }
+
+    /// The section of that name, which must be one of a row.
+    pub fn section(&self, name: &str) -> &Section {
+        let found = self.sections.iter().find(|section| section.name == name);
+        found.unwrap_or_else(|| panic!("`{name}` is a section"))
+    }
+
+    /// What was probably meant by a `word` that is none of the `rows` of the section; `elsewhere`:
+    /// it may be a key of another one.
+    pub(crate) fn meant(
+        &self,
+        section: &Section,
+        rows: &[&Key],
+        word: &str,
+        elsewhere: bool,
+    ) -> Option<String> {
+        let guess = stem(word);
+        let guessed = |key: &Key| key.guesses.contains(&guess.as_str());
+        if let Some(key) = rows.iter().find(|key| guessed(key)) {
+            return Some(format!("`{}`", key.name));
+        }
+        if let Some(close) = meant(word, rows.iter().map(|key| key.name)) {
+            return Some(format!("`{close}`"));
+        }
+        let others = self.sections.iter().filter(|other| elsewhere && other.name != section.name);
+        others.into_iter().find_map(|other| {
+            let key = other.keys.iter().find(|key| stem(key.name) == guess || guessed(key))?;
+            Some(match other.name {
+                "scenario" => format!("`{}`, outside of all tables", key.name),
+                name => format!("`{}` in `{name}`", key.name),
+            })
+        })
+    }
+}
+
+impl Key {
+    /// Its name, and those that it had.
+    pub(crate) fn names(&self) -> impl Iterator<Item = &'static str> {
+        [self.name].into_iter().chain(self.was.iter().copied())
+    }
+
+    const fn guessed(mut self, guesses: &'static [&'static str]) -> Key {
+        self.guesses = guesses;
+        self
+    }
+}
+
+const fn key(name: &'static str, takes: Takes, otherwise: Otherwise, says: &'static str) -> Key {
+    Key { name, takes, otherwise, says: Cow::Borrowed(says), was: &[], guesses: &[] }
+}
+
+/// A gain: positive, and needed by those who use it.
+fn gain_row(name: &'static str, says: String) -> Key {
+    let guesses = GAIN_GUESSES.iter().find(|(key, _)| *key == name).map_or(&[][..], |row| row.1);
+    let takes = Takes::Number(unit_of(name), Range::Positive);
+    let otherwise = Otherwise::Rule("needed by those who use it");
+    Key { name, takes, otherwise, says: says.into(), was: &[], guesses }
+}
+
+/// The unit that a gain's key ends in.
+fn unit_of(key: &str) -> &'static str {
+    UNITS.iter().find(|(suffix, _)| key.ends_with(suffix)).map_or("", |(_, unit)| unit)
+}
+
+/// Suffixes and units, longer ones first.
+const UNITS: &[(&str, &str)] = &[
+    ("_m_s2", "m/s^2"),
+    ("_per_s", "1/s"),
+    ("_rad_s", "rad/s"),
+    ("_m_s", "m/s"),
+    ("_rad", "rad"),
+    ("_hz", "Hz"),
+    ("_ms", "ms"),
+    ("_m", "m"),
+    ("_s", "s"),
+];
+
+/// A word as guesses are written: small letters, no unit.
+fn stem(word: &str) -> String {
+    let word = word.to_lowercase().replace('-', "_");
+    let suffix = UNITS.iter().find_map(|(suffix, _)| word.strip_suffix(suffix));
+    suffix.filter(|stem| !stem.is_empty()).unwrap_or(&word).to_owned()
+}
+
+use Otherwise::{Absent, Needed, No, Rule};
+use Range::{Any, NotNegative, Positive};
+use Takes::{
+    Law, Method, Names, Number, Pair, Points, Table, Tables, Text, Time, Truth, Whole, Word,
+};
+
+const ROOT: &[Key] = &[
+    key(
+        "format",
+        Whole(FORMAT, FORMAT),
+        Otherwise::Whole(FORMAT),
+        "number of the format that the file is written in",
+    )
+    .guessed(&["version", "format_version", "schema"]),
+    key("name", Text, Needed, "a short name for the experiment, such as \"triangle\"")
+        .guessed(&["title", "id"]),
+    key("description", Text, Absent, "what it is about").guessed(&["comment", "about", "notes"]),
+    key("duration_s", Time(Positive), Needed, "how long the run lasts, in seconds").guessed(&[
+        "end",
+        "t_end",
+        "tmax",
+        "t_max",
+        "t_final",
+        "tf",
+        "length",
+        "horizon",
+        "time",
+        "total_time",
+    ]),
+    key("period_s", Time(Positive), Needed, "seconds from one command to the next, such as 0.005")
+        .guessed(&[
+            "dt",
+            "t",
+            "ts",
+            "delta_t",
+            "step",
+            "time_step",
+            "timestep",
+            "sample_time",
+            "sampling_time",
+            "sampling_period",
+            "control_period",
+            "cycle_time",
+            "tick",
+        ]),
+    key("seed", Whole(0, i64::MAX as u64), Otherwise::Whole(1), "seed of everything random")
+        .guessed(&["random_seed", "rng_seed", "rng"]),
+    key(
+        "record_hz",
+        Number("Hz", Positive),
+        Otherwise::Number(100.0),
+        "rows per second of run time and robot in `samples.csv` and in the recording",
+    )
+    .guessed(&["record", "record_rate", "sample_rate", "log_rate", "rate", "logging"]),
+    key(
+        "hung_after_s",
+        Time(Positive),
+        Otherwise::Number(60.0),
+        "how long a process may owe the others an answer in lockstep: processor time, or wall time while it is blocked",
+    )
+    .guessed(&["hung", "timeout", "hang", "deadline"]),
+    key(
+        "published_velocity",
+        Word(&[
+            ("gamma", "the law's"),
+            ("gamma+beta", "the law's with avoidance"),
+            ("differenced", "from one position to the next"),
+        ]),
+        Otherwise::Word("gamma"),
+        "which velocity robots publish",
+    ),
+    key(
+        "trajectory",
+        Table("trajectory"),
+        Rule("needed with a leader"),
+        "where the leader's front point goes",
+    )
+    .guessed(&["path", "reference", "m"]),
+    key("scale", Table("scale"), Rule("always 1"), "how the formation grows and shrinks")
+        .guessed(&["delta", "scaling"]),
+    key(
+        "avoidance",
+        Table("avoidance"),
+        Needed,
+        "a table with `kind`, `distance_min_m`, `speed_max_m_s`",
+    )
+    .guessed(&["collision_avoidance", "collision", "safety", "guard", "repulsion"]),
+    key("realtime", Table("realtime"), Absent, "how late things may be, in real time")
+        .guessed(&["real_time", "rt"]),
+    key(
+        "silence",
+        Table("silence"),
+        Absent,
+        "when a robot that is not heard counts as stale, and as lost",
+    ),
+    key(
+        "robot_defaults",
+        Table("robot_defaults"),
+        Absent,
+        "what all robots have that do not say otherwise",
+    )
+    .guessed(&["defaults", "default", "robots_defaults"]),
+    key(
+        "robot",
+        Tables("robot"),
+        Needed,
+        "at least one table headed `[[robot]]`, or robot = [{ ... }, ...]",
+    )
+    .guessed(&["robots", "agent", "agents", "node", "nodes", "vehicle", "vehicles"]),
+    key("edge", Tables("edge"), Absent, "who hears whom; robots may say so with `hears` too")
+        .guessed(&[
+            "edges",
+            "link",
+            "links",
+            "neighbor",
+            "neighbors",
+            "neighbour",
+            "neighbours",
+            "connections",
+            "adjacency",
+        ]),
+    key(
+        "graph",
+        Text,
+        Absent,
+        "a file with edges, and perhaps robots: .json (node-link), .csv (matrix) or .graphml",
+    )
+    .guessed(&["graph_file", "network", "topology", "import"]),
+    key("fault", Tables("fault"), Absent, "what breaks on purpose")
+        .guessed(&["faults", "failure", "failures", "event", "events"]),
+    key("chaos", Table("chaos"), Absent, "kills and freezes at random times")
+        .guessed(&["random_faults", "chaos_monkey"]),
+    key("expect", Table("expect"), Absent, "what must hold for exit code 0").guessed(&[
+        "expectations",
+        "expected",
+        "assert",
+        "require",
+        "check",
+    ]),
+];
+
+const REALTIME: &[Key] = &[
+    key(
+        "plant_tick_s",
+        Time(Positive),
+        Otherwise::Number(0.001),
+        "T_p: the plant's tick in real time",
+    )
+    .guessed(&["tick", "plant_period", "t_p"]),
+    key(
+        "latency_allowed_s",
+        Time(NotNegative),
+        Otherwise::Number(0.002),
+        "L: latency from odometry to command that is allowed for",
+    )
+    .guessed(&["l", "latency", "latency_max"]),
+    key(
+        "hold_periods",
+        Whole(1, HOLD_PERIODS_MAX),
+        Otherwise::Whole(2),
+        "h: for how many periods a command may be held",
+    )
+    .guessed(&["h", "hold", "periods"]),
+];
+
+const AVOIDANCE: &[Key] = &[
+    key("kind", Method, Rule("the first method of the list"), "the avoidance method")
+        .guessed(&["method", "type", "mode", "name"]),
+    key(
+        "distance_min_m",
+        Number("m", Positive),
+        Needed,
+        "d: no two front points may be nearer than this, in meters",
+    )
+    .guessed(&[
+        "d",
+        "d_min",
+        "dmin",
+        "min_distance",
+        "minimum_distance",
+        "minimal_distance",
+        "safe_distance",
+        "safety_distance",
+        "distance",
+        "radius",
+        "clearance",
+    ]),
+    key(
+        "speed_max_m_s",
+        Number("m/s", Positive),
+        Rule("no limit; `guard` needs one"),
+        "v_max: no front point moves faster than this",
+    )
+    .guessed(&[
+        "v_max",
+        "vmax",
+        "max_speed",
+        "speed",
+        "max_velocity",
+        "velocity_max",
+        "speed_limit",
+        "v",
+    ]),
+    key(
+        "sensing_radius_m",
+        Number("m", Positive),
+        Rule("as far as the method needs"),
+        "within this distance robots see each other",
+    )
+    .guessed(&["sensing", "sensor_range", "range", "sensing_range", "r_s"]),
+    key(
+        "sensing_error_m",
+        Number("m", NotNegative),
+        Rule("0, or what noise faults make of it"),
+        "by how much a sensed distance may be off",
+    )
+    .guessed(&["error", "sensing_noise"]),
+];
+
+const SILENCE: &[Key] = &[
+    key(
+        "stale_after_s",
+        Time(Positive),
+        Rule("3 periods"),
+        "who is not heard for longer is stale: extrapolated",
+    )
+    .guessed(&["stale"]),
+    key(
+        "lost_after_s",
+        Time(Positive),
+        Rule("20 periods, but 0.1 s at least"),
+        "who is not heard for longer is lost",
+    )
+    .guessed(&["lost", "timeout"]),
+    key(
+        "policy",
+        Word(&[
+            ("ignore", "the lost do not count"),
+            ("keep", "the lost are taken to stand at their last extrapolated point"),
+            ("stop", "who has lost one stops"),
+        ]),
+        Otherwise::Word("ignore"),
+        "what is done about the lost",
+    ),
+];
+
+/// Keys of one robot alone.
+const ROBOT: &[Key] =
+    &[
+        key("name", Text, Needed, "a letter, then letters, digits, `-` or `_`")
+            .guessed(&["id", "label"]),
+        key("pose", Table("pose"), Needed, "{ x_m = 0.0, y_m = 0.0, heading_rad = 0.0 }")
+            .guessed(&["start", "position", "initial", "initial_pose", "x0", "start_pose"]),
+        key(
+            "place_m",
+            Pair("m"),
+            Rule("offsets stand at the edges"),
+            "its place in the formation's shape",
+        )
+        .guessed(&["slot", "formation", "place"]),
+        key("hears", Names, Absent, "the robots that it hears").guessed(&[
+            "neighbors",
+            "neighbours",
+            "listens_to",
+            "heard",
+        ]),
+    ];
+
+/// Keys that `robot_defaults` may have too, beside gains.
+const DEFAULTS: &[Key] = &[
+    key(
+        "front_point_m",
+        Number("m", Positive),
+        Needed,
+        "how far the front point lies ahead of the axle, in meters",
+    )
+    .guessed(&["ell", "l", "front", "lookahead", "look_ahead", "off_axis"]),
+    key("law", Law, Needed, "its control law").guessed(&[
+        "controller",
+        "control",
+        "control_law",
+        "type",
+        "kind",
+        "role",
+    ]),
+    key("wheels", Table("wheels"), Rule("no limits"), "what its wheels can do").guessed(&["wheel"]),
+    key(
+        "restart_policy",
+        Word(&[
+            ("never", "it is not restarted"),
+            ("on-failure", "it is, after a signal or an exit code other than 0"),
+            ("always", "it is"),
+        ]),
+        Otherwise::Word("on-failure"),
+        "whether its process is restarted when it dies unasked",
+    )
+    .guessed(&["restart"]),
+    key(
+        "max_restarts",
+        Whole(0, 1_000_000),
+        Otherwise::Whole(3),
+        "no more restarts than this within the window",
+    )
+    .guessed(&["restarts_max", "restarts"]),
+    key(
+        "restart_delay_s",
+        Time(NotNegative),
+        Otherwise::Number(0.5),
+        "wait before the first restart; it doubles each time",
+    )
+    .guessed(&["delay", "restart_after"]),
+    key(
+        "max_restart_delay_s",
+        Time(NotNegative),
+        Rule("10 s, or the first wait if that is longer"),
+        "the wait grows no longer than this",
+    )
+    .guessed(&["restart_delay_max"]),
+    key(
+        "restart_window_s",
+        Time(Positive),
+        Otherwise::Number(60.0),
+        "restarts are counted over this time",
+    )
+    .guessed(&["window"]),
+];
+
+const GAIN_GUESSES: &[(&str, &[&str])] = &[
+    ("speed_m_s", &["mu", "gain", "k", "v", "velocity"]),
+    ("k_f_m_s", &["kf", "k_formation", "mu_f"]),
+    ("k_c_m_s", &["kc", "k_containment", "k_contained", "mu_c"]),
+    ("k_m_m_s", &["km", "k_m", "k_leader", "mu_m"]),
+    ("epsilon_per_s", &["eps", "e", "strength"]),
+];
+
+const POSE: &[Key] = &[
+    key("x_m", Number("m", Any), Needed, "x of the axle's middle, in meters").guessed(&["x0"]),
+    key("y_m", Number("m", Any), Needed, "y of the axle's middle, in meters").guessed(&["y0"]),
+    key("heading_rad", Number("rad", Any), Needed, "counter-clockwise from x, in radians")
+        .guessed(&["theta", "yaw", "phi", "angle", "theta0", "orientation", "heading_deg"]),
+];
+
+const WHEELS: &[Key] = &[
+    key("speed_max_m_s", Number("m/s", Positive), Needed, "largest speed of a wheel's rim, in m/s")
+        .guessed(&["v_max", "vmax", "max_speed", "speed", "limit"]),
+    key("track_m", Number("m", Positive), Needed, "distance between the wheels, in meters")
+        .guessed(&["width", "wheelbase", "wheel_base", "base", "axle"]),
+];
+
+const EDGE: &[Key] = &[
+    key("from", Text, Needed, "the robot that is heard")
+        .guessed(&["source", "src", "sender", "speaker", "heard", "start", "tail"]),
+    key("to", Text, Needed, "the robot that hears").guessed(&[
+        "target",
+        "dst",
+        "dest",
+        "destination",
+        "receiver",
+        "hearer",
+        "end",
+        "head",
+    ]),
+    key(
+        "offset_m",
+        Pair("m"),
+        Rule("the difference of both robots' `place_m`"),
+        "where `to` stands as seen from `from`",
+    )
+    .guessed(&["c", "displacement", "delta", "d", "relative_position"]),
+];
+
+const TRAJECTORY: &[Key] = &[
+    key(
+        "kind",
+        Word(&[
+            ("still", ""),
+            ("line", ""),
+            ("circle", ""),
+            ("quadrifolium", ""),
+            ("lissajous", ""),
+            ("lemniscate", ""),
+            ("waypoints", ""),
+        ]),
+        Needed,
+        "\"still\", \"line\", \"circle\", ...",
+    )
+    .guessed(&["type", "shape"]),
+    key("center_m", Pair("m"), Rule("[0.0, 0.0]"), "its center; of a line, where it begins")
+        .guessed(&["centre", "origin", "start"]),
+    key("velocity_m_s", Pair("m/s"), Needed, "velocity along a line").guessed(&["v", "speed"]),
+    key(
+        "radius_m",
+        Number("m", Positive),
+        Needed,
+        "radius; of a curve with leaves, half its largest extent",
+    )
+    .guessed(&["r", "a", "amplitude"]),
+    key("radii_m", Pair("m"), Needed, "half the extent in x and in y")
+        .guessed(&["amplitudes", "radius"]),
+    key(
+        "cycles",
+        Pair("cycles per period"),
+        Needed,
+        "two whole numbers: cycles per period in x and in y",
+    )
+    .guessed(&["frequencies", "ratio"]),
+    key("phase_rad", Number("rad", Any), Otherwise::Number(0.0), "phase of x").guessed(&["phi"]),
+    key("period_s", Number("s", Positive), Needed, "time for one turn").guessed(&["t", "turn"]),
+    key("points_m", Points("m"), Needed, "the waypoints in order: [[0.0, 0.0], [1.0, 0.5]]")
+        .guessed(&["waypoints", "path"]),
+    key("speed_m_s", Number("m/s", Positive), Needed, "how fast the path is driven, in m/s")
+        .guessed(&["v", "velocity"]),
+    key(
+        "acceleration_m_s2",
+        Number("m/s^2", Positive),
+        Rule("`speed_m_s` within 1 s"),
+        "how fast its speed is reached",
+    )
+    .guessed(&["a", "acceleration_max", "a_max"]),
+    key("closed", Truth, No, "whether it leads back to its first point, and goes on for ever")
+        .guessed(&["loop", "cyclic", "repeat"]),
+];
+
+/// Word, meaning, keys that it needs, keys that it may have.
+type KindRow = (&'static str, &'static str, &'static [&'static str], &'static [&'static str]);
+
+const TRAJECTORIES: &[KindRow] = &[
+    ("still", "a point", &[], &["center_m"]),
+    ("line", "a straight line at a constant speed", &["velocity_m_s"], &["center_m"]),
+    ("circle", "a circle", &["radius_m", "period_s"], &["center_m"]),
+    ("quadrifolium", "a rose of four leaves", &["radius_m", "period_s"], &["center_m"]),
+    (
+        "lissajous",
+        "a Lissajous curve",
+        &["radii_m", "cycles", "period_s"],
+        &["center_m", "phase_rad"],
+    ),
+    ("lemniscate", "Bernoulli's lemniscate", &["radius_m", "period_s"], &["center_m"]),
+    (
+        "waypoints",
+        "arcs through all points",
+        &["points_m", "speed_m_s"],
+        &["acceleration_m_s2", "closed"],
+    ),
+];
+
+const SCALE: &[Key] = &[
+    key("mean", Number("", Positive), Otherwise::Number(1.0), "mean scale"),
+    key(
+        "amplitude",
+        Number("", NotNegative),
+        Rule("0: the scale does not change"),
+        "by how much it swings, less than the mean",
+    ),
+    key(
+        "period_s",
+        Number("s", Positive),
+        Rule("needed with `amplitude`"),
+        "length of a swing, in seconds",
+    )
+    .guessed(&["t"]),
+];
+
+const FAULT: &[Key] = &[
+    key("at_s", Time(NotNegative), Needed, "when it happens, in seconds since the start")
+        .guessed(&["t", "time", "start", "when", "from"]),
+    key(
+        "kind",
+        Word(&[
+            ("kill", ""),
+            ("freeze", ""),
+            ("slow", ""),
+            ("cut", ""),
+            ("loss", ""),
+            ("delay", ""),
+            ("blackout", ""),
+            ("noise", ""),
+            ("wheels", ""),
+            ("load", ""),
+        ]),
+        Needed,
+        "\"kill\", \"freeze\", \"cut\", ...",
+    )
+    .guessed(&["type", "fault", "what"]),
+    key("robot", Text, Needed, "the name of a robot").guessed(&["name", "agent", "target", "who"]),
+    key("from", Text, Needed, "the robot that is heard").guessed(&["source", "sender"]),
+    key("to", Text, Needed, "the robot that hears").guessed(&["receiver"]),
+    key(
+        "sensor",
+        Word(&[("odometry", "its own pose"), ("proximity", "where others are")]),
+        Needed,
+        "\"odometry\" or \"proximity\"",
+    ),
+    key("for_s", Time(Positive), Rule("to the end of the run"), "how long it lasts")
+        .guessed(&["duration", "length", "until", "lasts"]),
+    key(
+        "restart_after_s",
+        Time(Positive),
+        Rule("it stays dead"),
+        "how long after a kill its replacement is started",
+    )
+    .guessed(&["restart", "back_after", "restart_delay"]),
+    key("delay_s", Time(Positive), Needed, "how much later, in seconds")
+        .guessed(&["by", "latency", "delay_ms"]),
+    key(
+        "jitter_s",
+        Time(NotNegative),
+        Otherwise::Number(0.0),
+        "by how much the delay varies at most",
+    )
+    .guessed(&["jitter_ms"]),
+    key("probability", Number("", Positive), Needed, "share of the beacons that are lost")
+        .guessed(&["p", "rate", "share", "loss"]),
+    key("burst", Whole(1, BURST_MAX), Otherwise::Whole(1), "how many beacons are lost together")
+        .guessed(&["burst_length"]),
+    key("bound_m", Number("m", Positive), Needed, "positions are off by at most this, in meters")
+        .guessed(&["amplitude", "sigma", "std", "noise", "bound"]),
+    key("stuck", Truth, Rule("or else `speed_max_m_s`"), "the robot stands"),
+    key(
+        "speed_max_m_s",
+        Number("m/s", Positive),
+        Rule("or else `stuck`"),
+        "its wheels' rims are no faster",
+    )
+    .guessed(&["v_max", "limit"]),
+    key("processes", Whole(1, LOAD_MAX), Needed, "how many processes take processor time")
+        .guessed(&["count", "n", "number"]),
+];
+
+const CHAOS: &[Key] = &[
+    key(
+        "mean_time_between_kills_s",
+        Number("s", Positive),
+        Absent,
+        "how often a robot is killed, in seconds, or `mean_time_between_freezes_s`",
+    )
+    .guessed(&["kills", "mtbf"]),
+    key(
+        "restart_after_s",
+        Time(Positive),
+        Otherwise::Number(1.0),
+        "how long after a kill its replacement is started",
+    )
+    .guessed(&["restart"]),
+    key(
+        "mean_time_between_freezes_s",
+        Number("s", Positive),
+        Absent,
+        "how often a robot is frozen, in seconds",
+    )
+    .guessed(&["freezes"]),
+    key("mean_freeze_s", Number("s", Positive), Otherwise::Number(0.5), "mean length of a freeze")
+        .guessed(&["freeze"]),
+    key("from_s", Time(NotNegative), Otherwise::Number(0.0), "nothing happens before")
+        .guessed(&["start"]),
+    key("until_s", Time(NotNegative), Rule("the end of the run"), "nothing begins from here on")
+        .guessed(&["end", "to"]),
+];
+
+const EXPECT: &[Key] = &[
+    key(
+        "min_distance_m",
+        Number("m", Positive),
+        Absent,
+        "no two front points nearer than this at any tick",
+    )
+    .guessed(&["distance_min", "d", "d_min", "distance"]),
+    key(
+        "final_error_m_max",
+        Number("m", Positive),
+        Absent,
+        "bound on the worst living error over the last 10 % of the run",
+    )
+    .guessed(&["final_error", "error_max", "max_error", "error"]),
+    key(
+        "tracking_error_m_max",
+        Number("m", Positive),
+        Absent,
+        "bound on the main leader's error over the last 10 % of the run",
+    )
+    .guessed(&["tracking_error"]),
+    key(
+        "hull_distance_m_max",
+        Number("m", NotNegative),
+        Absent,
+        "bound on the distance of contained robots from the leaders' hull over the last 10 %",
+    )
+    .guessed(&["hull_distance", "hull"]),
+    key(
+        "converged_by_s",
+        Number("s", Positive),
+        Absent,
+        "all living errors are below `converged_error_m` from then on",
+    )
+    .guessed(&["converged", "settling_time", "converged_at"]),
+    key(
+        "recovered_within_s",
+        Number("s", Positive),
+        Absent,
+        "the same within this long after each fault's end",
+    )
+    .guessed(&["recovery", "recovered"]),
+    key(
+        "deadline_misses_max",
+        Whole(0, i64::MAX as u64),
+        Absent,
+        "bound on deadline misses of all agents, in real time",
+    )
+    .guessed(&["deadline_misses", "misses"]),
+    key("exit", Whole(0, 255), Rule("0"), "the exit code that the run itself ends with")
+        .guessed(&["exit_code", "code"]),
+    key(
+        "converged_error_m",
+        Number("m", Positive),
+        Otherwise::Number(0.01),
+        "errors below this count as converged",
+    )
+    .guessed(&["tolerance", "converged_error", "epsilon"]),
+];

@@ -1,0 +1,147 @@
+//! The JSON Schema of scenario files, for editors and other programs: made of the rows of
+//! [`crate::scenario::keys`], nothing else. A file that it accepts may still make no sense.
+
+use protocol::catalog::Catalog;
+use serde_json::{Map, Value, json};
+
+use crate::scenario::keys::{Format, Key, Kind, Otherwise, Range, Section, Takes};
+use crate::scenario::table::{NUMBER_MAX, SECONDS_MAX};
+
+/// The schema for these laws and methods, as text with a newline at its end.
+pub fn schema(catalog: &Catalog) -> String {
+    let format = Format::of(catalog);
+    let (root, others) = format.sections.split_first().expect("the whole file is a section");
+    let mut schema = table(root, &format);
+    schema["$schema"] = "http://json-schema.org/draft-07/schema#".into();
+    schema["title"] = "A Phalanx scenario".into();
+    schema["anyOf"] = json!([{ "required": ["robot"] }, { "required": ["graph"] }]);
+    let definitions =
+        others.iter().map(|section| (section.name.to_owned(), table(section, &format)));
+    schema["definitions"] = Value::Object(definitions.collect());
+    let mut text = serde_json::to_string_pretty(&schema).expect("JSON has a text");
+    text.push('\n');
+    text
+}
+
+fn table(section: &Section, format: &Format) -> Value {
+    if section.kinds.is_empty() {
+        let needed = section.keys.iter().filter(|key| needed(section, key)).map(|key| key.name);
+        return object(
+            section.says,
+            &section.keys.iter().collect::<Vec<_>>(),
+            needed.collect(),
+            format,
+        );
+    }
+    let kinds = section.kinds.iter().map(|kind| of_kind(section, kind, format));
+    json!({ "description": section.says, "oneOf": kinds.collect::<Vec<Value>>() })
+}
+
+fn of_kind(section: &Section, kind: &Kind, format: &Format) -> Value {
+    let there = |key: &&Key| kind.needs.contains(&key.name) || kind.may.contains(&key.name);
+    let keys: Vec<&Key> = section.keys.iter().filter(there).collect();
+    let needed = ["kind"].into_iter().chain(kind.needs.iter().copied());
+    let mut object = object(kind.says, &keys, needed.collect(), format);
+    object["properties"]["kind"] = json!({ "const": kind.word });
+    object
+}
+
+/// Whether a key must be in this very table: robots have keys from `robot_defaults` and from the
+/// nodes of an imported graph too, which may be all robots there are.
+fn needed(section: &Section, key: &Key) -> bool {
+    let elsewhere = match section.name {
+        "scenario" => key.name == "robot",
+        "robot" => key.name != "name",
+        "robot_defaults" => true,
+        _ => false,
+    };
+    key.otherwise == Otherwise::Needed && !elsewhere
+}
+
+fn object(says: &str, keys: &[&Key], needed: Vec<&str>, format: &Format) -> Value {
+    let mut properties = Map::new();
+    for key in keys {
+        let value = value(key, format);
+        for old in key.was {
+            let mut value = value.clone();
+            value["deprecated"] = true.into();
+            value["description"] = format!("old name of `{}`", key.name).into();
+            properties.insert((*old).to_owned(), value);
+        }
+        properties.insert(key.name.to_owned(), value);
+    }
+    json!({
+        "type": "object",
+        "description": says,
+        "properties": properties,
+        "required": needed,
+        "additionalProperties": false,
+    })
+}
+
+fn value(key: &Key, format: &Format) -> Value {
+    let pair = json!({
+        "type": "array",
+        "items": { "type": "number" },
+        "minItems": 2,
+        "maxItems": 2,
+    });
+    let reference = |section: &str| json!({ "$ref": format!("#/definitions/{section}") });
+    let mut value = match key.takes {
+        Takes::Text => json!({ "type": "string" }),
+        Takes::Word(words) => {
+            json!({ "enum": words.iter().map(|(word, _)| word).collect::<Vec<_>>() })
+        }
+        Takes::Law => json!({ "enum": format.laws }),
+        Takes::Method => json!({ "enum": format.methods }),
+        Takes::Truth => json!({ "type": "boolean" }),
+        Takes::Number(_, range) => number(range, NUMBER_MAX),
+        Takes::Time(range) => number(range, SECONDS_MAX),
+        Takes::Whole(least, most) => {
+            json!({ "type": "integer", "minimum": least, "maximum": most })
+        }
+        Takes::Pair(_) => pair,
+        Takes::Points(_) => json!({ "type": "array", "items": pair }),
+        Takes::Names => json!({ "type": "array", "items": { "type": "string" } }),
+        // What stands beside a reference is not looked at: hence the list of one.
+        Takes::Table(section) => json!({ "allOf": [reference(section)] }),
+        Takes::Tables(section) => json!({ "type": "array", "items": reference(section) }),
+    };
+    let default: Option<Value> = match key.otherwise {
+        Otherwise::Number(number) => Some(number.into()),
+        Otherwise::Whole(number) => Some(number.into()),
+        Otherwise::Word(word) => Some(word.into()),
+        Otherwise::No => Some(false.into()),
+        Otherwise::Needed | Otherwise::Rule(_) | Otherwise::Absent => None,
+    };
+    let mut says = key.says.to_string();
+    let unit = match key.takes {
+        Takes::Number(unit, _) | Takes::Pair(unit) | Takes::Points(unit) => unit,
+        Takes::Time(_) => "s",
+        _ => "",
+    };
+    if !unit.is_empty() {
+        says += &format!(" [{unit}]");
+    }
+    if let Takes::Word(words) = key.takes {
+        for (word, meaning) in words.iter().filter(|(_, meaning)| !meaning.is_empty()) {
+            says += &format!("; {word}: {meaning}");
+        }
+    }
+    if let Otherwise::Rule(rule) = key.otherwise {
+        says += &format!("; without it: {rule}");
+    }
+    value["description"] = says.into();
+    if let Some(default) = default {
+        value["default"] = default;
+    }
+    value
+}
+
+fn number(range: Range, most: f64) -> Value {
+    match range {
+        Range::Any => json!({ "type": "number", "minimum": -most, "maximum": most }),
+        Range::NotNegative => json!({ "type": "number", "minimum": 0, "maximum": most }),
+        Range::Positive => json!({ "type": "number", "exclusiveMinimum": 0, "maximum": most }),
+    }
+}

@@ -1,0 +1,65 @@
+//! The JSON Schema of scenario files is what the reader's own table says, and fits the files there
+//! are. `PHALANX_BLESS=1` rewrites the committed file.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::recording::reads;
+
+const COMMITTED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/scenario.schema.json");
+
+fn files(folder: &str) -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
+    let paths = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    paths.filter(|path| path.extension().is_some_and(|ending| ending == "toml")).collect()
+}
+
+fn judged(verdict: &str, files: &[PathBuf]) {
+    let mut args = vec![Path::new(COMMITTED), Path::new(verdict)];
+    args.extend(files.iter().map(PathBuf::as_path));
+    reads("by_jsonschema", &args);
+}
+
+#[test]
+fn the_committed_schema_is_the_one_of_the_readers_table() {
+    let output = Command::new(env!("CARGO_BIN_EXE_phalanx")).arg("schema").output().unwrap();
+    assert_eq!(output.status.code(), Some(0));
+    let schema = String::from_utf8(output.stdout).unwrap();
+    if std::env::var_os("PHALANX_BLESS").is_some() {
+        std::fs::write(COMMITTED, &schema).unwrap();
+    }
+    assert!(
+        std::fs::read_to_string(COMMITTED).unwrap() == schema,
+        "write it anew: phalanx schema > docs/scenario.schema.json"
+    );
+}
+
+#[test]
+#[ignore = "needs the readers that tests/readers/install installs"]
+fn the_schema_as_readers_see_it_accepts_every_shipped_scenario() {
+    let shipped = files("scenarios");
+    assert!(shipped.len() >= 16);
+    judged("accepts", &shipped);
+}
+
+#[test]
+#[ignore = "needs the readers that tests/readers/install installs"]
+fn the_schema_as_readers_see_it_refuses_what_is_wrong_by_shape() {
+    const WRONG: &str = "expectation_misspelled fault_delay_of_nothing fault_for_no_time \
+        fault_load_of_half_a_process fault_of_unknown_kind fault_of_unknown_sensor \
+        fault_with_key_of_another_kind format_of_the_future gain_zero hears_in_defaults \
+        hears_one_without_a_list hold_periods_with_fraction inline_robot_with_a_typo key_guessed \
+        key_without_unit lemniscate_without_period missing_avoidance missing_period misspelled_key \
+        no_robots number_as_string offset_with_three_numbers period_negative place_with_one_number \
+        published_velocity_of_unknown_kind robot_as_single_table seed_negative \
+        trajectory_key_of_another_kind unknown_avoidance unknown_key unknown_law \
+        unknown_restart_policy unknown_silence_policy waypoint_with_three_numbers \
+        waypoints_closed_in_words waypoints_without_speed wheels_without_track";
+    let wrong = |path: &PathBuf| {
+        let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+        WRONG.split_whitespace().any(|wrong| wrong == name)
+    };
+    let files: Vec<PathBuf> = files("tests/bad").into_iter().filter(wrong).collect();
+    assert_eq!(files.len(), WRONG.split_whitespace().count());
+    judged("refuses", &files);
+}

@@ -112,7 +112,7 @@ def phalanx_us(phalanx, robots, ticks):
             sys.exit(f"error: phalanx ended with {done.returncode}\n{done.stderr}")
         summary = json.loads((out / "summary.json").read_text())
     # What keeps cores awake takes only what nobody else wants.
-    counted = [each for each in summary["processes"] if each["name"] != "awake"]
+    counted = [each for each in summary["wall"]["processes"] if each["name"] != "awake"]
     taken_s = sum(process["user_s"] + process["system_s"] for process in counted)
     return 1e6 * taken_s / summary["ticks"] / robots
 

@@ -179,9 +179,9 @@ pub(crate) fn number(summary: &Value, pointer: &str) -> Result<f64, BenchError> 
 
 /// Processor time by [`TAKERS`], s, from the first process to the last one's end.
 pub(crate) fn taken_s(summary: &Value) -> Result<[f64; TAKERS.len()], BenchError> {
-    let processes = summary["processes"].as_array();
+    let processes = summary["wall"]["processes"].as_array();
     let processes = processes
-        .ok_or_else(|| BenchError::Wrong("summary.json has no list at /processes".into()))?;
+        .ok_or_else(|| BenchError::Wrong("summary.json has no list at /wall/processes".into()))?;
     let mut taken_s = [0.0; TAKERS.len()];
     for process in processes {
         let taker = match process["name"].as_str() {

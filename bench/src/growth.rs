@@ -56,8 +56,8 @@ pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> 
             };
             let (start, whole) = (fly(TICKS_START)?, fly(ticks)?);
             let by_us = per_tick_us(&start, &whole)?.map(|us| us / size.robots as f64);
-            size.ticks_per_s.push(number(&whole, "/ticks_per_s")?);
-            size.ready_s.push(number(&whole, "/startup_s")?);
+            size.ticks_per_s.push(number(&whole, "/wall/ticks_per_s")?);
+            size.ready_s.push(number(&whole, "/wall/startup_s")?);
             size.all_us.push(by_us.iter().sum());
             for (rounds, us) in size.by_us.iter_mut().zip(by_us) {
                 rounds.push(us);
@@ -124,7 +124,7 @@ mod tests {
     fn summary(ticks: u64, processes: &[(&str, f64, f64)]) -> Value {
         let process = |&(name, user_s, system_s): &(&str, f64, f64)| serde_json::json!({ "name": name, "user_s": user_s, "system_s": system_s });
         let processes: Vec<Value> = processes.iter().map(process).collect();
-        serde_json::json!({ "ticks": ticks, "processes": processes })
+        serde_json::json!({ "ticks": ticks, "wall": { "processes": processes } })
     }
 
     #[test]

@@ -48,7 +48,7 @@ pub(crate) fn measure(
         for round in 1..=rounds {
             setting.progress(&format!("lockstep, {robots} robots, ours, round {round}"));
             let summary = flown::fly(root, stop, &text, Pace::Lockstep)?;
-            ours.push(number(&summary, "/ticks_per_s")?);
+            ours.push(number(&summary, "/wall/ticks_per_s")?);
             flown_by("phalanx run", summary["trajectory_hash"].as_str().unwrap_or("none").into());
             for (carrier, floor) in Carrier::ALL.into_iter().zip(&mut floors) {
                 let name = carrier.name();
@@ -59,7 +59,7 @@ pub(crate) fn measure(
             }
             setting.progress(&format!("lockstep, {robots} robots, ours unmeasured, round {round}"));
             let flying = Flying::start_with(root, stop, &text, Pace::Lockstep, &["--unmeasured"])?;
-            unmeasured.push(number(&flying.summary()?, "/ticks_per_s")?);
+            unmeasured.push(number(&flying.summary()?, "/wall/ticks_per_s")?);
         }
         let floors = Carrier::ALL.map(Carrier::name).into_iter().zip(floors);
         for (name, floor) in floors.chain([("ours, not measured or recorded", unmeasured)]) {

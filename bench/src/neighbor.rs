@@ -111,7 +111,7 @@ fn timers_alone_us(scenario: &Scenario) -> f64 {
 
 /// What a run's summary tells; `None` if nobody heard anybody.
 fn told_by(summary: &Value) -> Option<Told> {
-    let stages = summary["latency"].as_array()?;
+    let stages = summary["wall"]["latency"].as_array()?;
     let of = |stage: Stage| -> Vec<Quantiles> {
         let robots = |row: &&Value| row["stage"] == stage.word() && row["robot"] != "plant";
         let rows = stages.iter().filter(robots);
@@ -238,9 +238,9 @@ mod tests {
             row("wake", "r1", 4000),
             row("compute", "r1", 5000),
         ];
-        let told = told_by(&serde_json::json!({ "latency": rows })).unwrap();
+        let told = told_by(&serde_json::json!({ "wall": { "latency": rows } })).unwrap();
         assert_eq!(told.used, [2.0, 4.0, 6.0]);
         assert_eq!((told.wake[0], told.answer[0]), (4.0, 5.0));
-        assert!(told_by(&serde_json::json!({ "latency": rows[2..] })).is_none());
+        assert!(told_by(&serde_json::json!({ "wall": { "latency": rows[2..] } })).is_none());
     }
 }

@@ -78,7 +78,7 @@ pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> 
 /// The largest of the robots' figures of this name of how late they woke, us; `None` where the
 /// summary tells nothing of it.
 pub(crate) fn latest_wake_us(summary: &Value, key: &str) -> Option<f64> {
-    let stages = summary["latency"].as_array()?;
+    let stages = summary["wall"]["latency"].as_array()?;
     let robots = stages.iter().filter(|row| row["stage"] == "wake" && row["robot"] != "plant");
     robots.filter_map(|row| row[key].as_f64()).reduce(f64::max).map(|ns| ns / 1e3)
 }
@@ -96,7 +96,7 @@ mod tests {
             row("wake", "r2", 2500),
             row("compute", "r1", 8000),
         ];
-        let summary = serde_json::json!({ "latency": rows });
+        let summary = serde_json::json!({ "wall": { "latency": rows } });
         assert_eq!(latest_wake_us(&summary, "p50_ns"), Some(2.5));
         assert_eq!(latest_wake_us(&serde_json::json!({}), "p50_ns"), None);
     }

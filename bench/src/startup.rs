@@ -25,7 +25,7 @@ pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize]) -> Measured {
         for round in 1..=rounds {
             setting.progress(&format!("start-up, {robots} robots, round {round}"));
             let summary = flown::fly(root, stop, &text, Pace::Lockstep)?;
-            ours.push(number(&summary, "/startup_s")?);
+            ours.push(number(&summary, "/wall/startup_s")?);
             floor.push(floor::fly(root, stop, &scenario, Carrier::Mapping)?.startup_s);
         }
         let what = format!("{robots} robots ready, s");

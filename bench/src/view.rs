@@ -59,7 +59,7 @@ pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> 
                 if with_view {
                     let (summary, seen) = fly_watched(root, stop, &text)?;
                     watched.take(&summary, periods)?;
-                    frames.push(seen as f64 / number(&summary, "/wall_s")?);
+                    frames.push(seen as f64 / number(&summary, "/wall/wall_s")?);
                 } else {
                     alone.take(&flown::fly(root, stop, &text, Pace::Realtime)?, periods)?;
                 }

@@ -1,16 +1,17 @@
 //! The scenario's expectations, held against what was measured.
 
 use protocol::brief::Pace;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::Measures;
 use experiment::scenario::Expectations;
 
 /// One expectation and how it came out.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Expectation {
     /// Its key in the scenario.
-    pub name: &'static str,
+    pub name: String,
     /// What was measured; `None`: it never came about.
     pub value: Option<f64>,
     /// What was asked for.
@@ -28,12 +29,13 @@ pub fn evaluate(
     exit: u8,
 ) -> Vec<Expectation> {
     let mut found = Vec::new();
-    let mut ask = |name, bound: Option<f64>, value: Option<f64>, holds: fn(f64, f64) -> bool| {
-        if let Some(bound) = bound {
-            let held = value.is_some_and(|value| holds(value, bound));
-            found.push(Expectation { name, value, bound, held });
-        }
-    };
+    let mut ask =
+        |name: &str, bound: Option<f64>, value: Option<f64>, holds: fn(f64, f64) -> bool| {
+            if let Some(bound) = bound {
+                let held = value.is_some_and(|value| holds(value, bound));
+                found.push(Expectation { name: name.to_owned(), value, bound, held });
+            }
+        };
     let at_least = |value, bound| value >= bound;
     let at_most = |value, bound| value <= bound;
     let equal = |value, bound| value == bound;
@@ -93,9 +95,12 @@ mod tests {
             exit: Some(0),
             converged_error_m: 0.01,
         };
-        let held = |pace| -> Vec<(&str, bool)> {
+        let held = |pace| -> Vec<(String, bool)> {
             let found = evaluate(&expect, &measures(), pace, 1, 0);
-            found.iter().map(|expectation| (expectation.name, expectation.held)).collect()
+            found.into_iter().map(|expectation| (expectation.name, expectation.held)).collect()
+        };
+        let named = |held: &[(&str, bool)]| -> Vec<(String, bool)> {
+            held.iter().map(|&(name, held)| (name.to_owned(), held)).collect()
         };
         let in_both = [
             ("min_distance_m", true),
@@ -104,8 +109,8 @@ mod tests {
             ("converged_by_s", false),
             ("recovered_within_s", false),
         ];
-        assert_eq!(held(Pace::Lockstep), [&in_both[..], &[("exit", true)]].concat());
+        assert_eq!(held(Pace::Lockstep), named(&[&in_both[..], &[("exit", true)]].concat()));
         let in_real_time = [("deadline_misses_max", false), ("exit", true)];
-        assert_eq!(held(Pace::Realtime), [&in_both[..], &in_real_time[..]].concat());
+        assert_eq!(held(Pace::Realtime), named(&[&in_both[..], &in_real_time[..]].concat()));
     }
 }

@@ -13,6 +13,7 @@
 //! | `fault` | what did each fault do? |
 //! | `silence` | who is silent by faults, and who loses by that? |
 //! | `expect` | did it go as the scenario expects? |
+//! | `summary` | what came out, as it is written and read? |
 //! | `truths` | are two runs the same, and is any truth missing? |
 //! | `hash` | how does a trajectory become one word? |
 
@@ -25,6 +26,7 @@ pub mod fault;
 pub mod hash;
 mod pairs;
 mod silence;
+pub mod summary;
 mod target;
 mod truths;
 pub mod vectors;

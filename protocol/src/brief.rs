@@ -41,12 +41,13 @@ impl TryFrom<u64> for Format {
 }
 
 /// How time passes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Pace {
     /// Simulated time, tick by tick, as fast as the machine allows.
     Lockstep,
     /// CLOCK_MONOTONIC; every process keeps its own timer.
+    #[default]
     Realtime,
 }
 

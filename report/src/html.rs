@@ -2,11 +2,13 @@
 
 use std::fmt::Write as _;
 
-use serde_json::{Map, Value};
+use metrics::expect::Expectation;
+use metrics::fault::FaultReport;
+use metrics::summary::{Commands, StageLatency, Summary};
 
 use crate::chart::Figure;
+use crate::digits::{asked, digits};
 use crate::markup::escaped;
-use crate::outcome::{Expectation, Fault, Outcome, Stage, asked, digits};
 use crate::page;
 use crate::run::Run;
 
@@ -49,14 +51,14 @@ struct Section {
 
 /// All that have something in them, in order.
 fn sections(run: &Run, figures: &[Figure]) -> Vec<Section> {
-    let outcome = run.outcome.as_ref();
-    let of = |content: fn(&Outcome) -> String| outcome.map(content).unwrap_or_default();
+    let of =
+        |content: fn(&Summary) -> String| run.summary.as_ref().map(content).unwrap_or_default();
     let replay = page::replay(&run.scene, &run.frames());
     let all = [
         ("replay", "Replay", replay),
         ("summary", "Summary", of(summary)),
-        ("expectations", "Expectations", of(|outcome| expectations(&outcome.expectations))),
-        ("faults", "Faults", of(|outcome| faults(&outcome.faults))),
+        ("expectations", "Expectations", of(|summary| expectations(&summary.expectations))),
+        ("faults", "Faults", of(|summary| faults(&summary.faults))),
         ("figures", "Figures", drawn(figures)),
         ("latency", "Latency", of(latency)),
         ("robots", "Robots and processes", of(robots)),
@@ -76,17 +78,17 @@ fn head(run: &Run) -> String {
         "<p class=\"quiet\">{robots} robots, {edges} edges, {} s, {pace}</p>\n",
         asked(run.scene.duration_s)
     );
-    let (class, verdict) = match &run.outcome {
+    let (class, verdict) = match &run.summary {
         None => {
             ("missed", "cut short: the run ended without a summary; what was recorded is shown")
         }
-        Some(outcome) if outcome.interrupted => ("missed", "interrupted"),
-        Some(outcome) if outcome.exit == 4 => ("missed", "ended early"),
-        Some(outcome) if outcome.expectations.is_empty() => (
+        Some(summary) if summary.interrupted => ("missed", "interrupted"),
+        Some(summary) if summary.exit == 4 => ("missed", "ended early"),
+        Some(summary) if summary.expectations.is_empty() => (
             "undeclared",
             "no expectations declared; exit code 0 says that the run ended as planned",
         ),
-        Some(outcome) if outcome.expectations.iter().all(|expectation| expectation.held) => {
+        Some(summary) if summary.expectations.iter().all(|expectation| expectation.held) => {
             ("held", "every expectation held")
         }
         Some(_) => ("missed", "an expectation was missed"),
@@ -103,12 +105,12 @@ fn head(run: &Run) -> String {
     text
 }
 
-fn summary(outcome: &Outcome) -> String {
+fn summary(summary: &Summary) -> String {
     let mut rows: Vec<(&str, String)> = Vec::new();
     if let (Some(distance_m), Some([a, b]), Some(t_s)) =
-        (outcome.min_distance_m, &outcome.min_distance_pair, outcome.min_distance_t_s)
+        (summary.min_distance_m, &summary.min_distance_pair, summary.min_distance_t_s)
     {
-        let below = match outcome.violations {
+        let below = match summary.violations {
             0 => String::new(),
             ticks => format!(", below d at {ticks} ticks"),
         };
@@ -118,34 +120,42 @@ fn summary(outcome: &Outcome) -> String {
             format!("{distance} m, {a} \u{2013} {b} at {t_s:.3} s{below}"),
         ));
     }
-    let converged = outcome.converged_at_s.map_or("never".into(), |t_s| format!("at {t_s:.3} s"));
+    let converged = summary.converged_at_s.map_or("never".into(), |t_s| format!("at {t_s:.3} s"));
     rows.push(("Converged", converged));
     let in_m = |value: Option<f64>| value.map(|value| format!("{} m", digits(value)));
     let measured = [
-        ("Worst error, last 10 %", in_m(outcome.final_error_m_max)),
-        ("Main leader's error, last 10 %", in_m(outcome.tracking_error_m_max)),
-        ("Outside the hull, last 10 %", in_m(outcome.hull_distance_m_max_final)),
-        ("Trajectory hash", outcome.trajectory_hash.clone()),
+        ("Worst error, last 10 %", in_m(summary.final_error_m_max)),
+        ("Main leader's error, last 10 %", in_m(summary.tracking_error_m_max)),
+        ("Outside the hull, last 10 %", in_m(summary.hull_distance_m_max_final)),
+        ("Trajectory hash", summary.trajectory_hash.clone()),
     ];
     rows.extend(measured.into_iter().filter_map(|(name, value)| Some((name, value?))));
     rows.push((
         "Time",
         format!(
             "{:.3} s of run time, {} ticks, in {:.3} s of wall time: {} x real time",
-            outcome.t_s,
-            outcome.ticks,
-            outcome.wall_s,
-            digits(outcome.real_time_factor)
+            summary.t_s,
+            summary.ticks,
+            summary.wall.wall_s,
+            digits(summary.wall.real_time_factor)
         ),
     ));
-    rows.push(("Deadline misses", outcome.deadline_misses.to_string()));
-    let commands = outcome.commands.iter().filter(|(_, count)| **count > 0);
-    let commands: Vec<String> =
-        commands.map(|(word, count)| format!("{count} {}", word.replace('_', " "))).collect();
+    rows.push(("Deadline misses", summary.deadline_misses.to_string()));
+    let Commands { late, old, not_finite, scaled, expired, lost } = summary.commands;
+    let commands = [
+        (late, "late"),
+        (old, "old"),
+        (not_finite, "not finite"),
+        (scaled, "scaled"),
+        (expired, "expired"),
+        (lost, "lost"),
+    ];
+    let commands = commands.iter().filter(|(count, _)| *count > 0);
+    let commands: Vec<String> = commands.map(|(count, word)| format!("{count} {word}")).collect();
     let fine = "all taken in time".to_owned();
     rows.push(("Commands", if commands.is_empty() { fine } else { commands.join(", ") }));
     for (name, lost) in
-        [("Truths lost", outcome.truths_lost), ("Latencies lost", outcome.latencies_lost)]
+        [("Truths lost", summary.truths_lost), ("Latencies lost", summary.wall.latencies_lost)]
     {
         if lost > 0 {
             rows.push((name, lost.to_string()));
@@ -169,7 +179,7 @@ fn expectations(expectations: &[Expectation]) -> String {
     table(&["Expected", "#Measured", "#Required", "Verdict"], rows)
 }
 
-fn faults(faults: &[Fault]) -> String {
+fn faults(faults: &[FaultReport]) -> String {
     let seconds = |value: Option<f64>| Cell::Number(value.map_or("\u{2013}".into(), digits));
     let rows = faults.iter().enumerate().map(|(place, fault)| {
         vec![
@@ -228,9 +238,9 @@ fn drawn(figures: &[Figure]) -> String {
     text
 }
 
-fn latency(outcome: &Outcome) -> String {
+fn latency(summary: &Summary) -> String {
     let us = |ns: u64| Cell::Number(digits(ns as f64 / 1e3));
-    let row = |line: &Stage| {
+    let row = |line: &StageLatency| {
         let edge = line
             .from
             .as_ref()
@@ -244,38 +254,28 @@ fn latency(outcome: &Outcome) -> String {
     };
     let heads =
         ["Stage", "Robot or edge", "#Count", "#p50, us", "#p99, us", "#p99.9, us", "#max, us"];
-    let mut stages: Vec<&str> = Vec::new();
-    for line in &outcome.latency {
-        if !stages.contains(&line.stage.as_str()) {
-            stages.push(&line.stage);
-        }
-    }
-    let worst = stages.iter().filter_map(|stage| {
-        let of_stage = outcome.latency.iter().filter(|line| line.stage == *stage);
-        of_stage.max_by_key(|line| (line.p99_9_ns, line.max_ns))
-    });
-    let worst = table(&heads, worst.map(row));
+    let worst = table(&heads, summary.worst_latencies().into_iter().map(row));
     if worst.is_empty() {
         return worst;
     }
     format!(
         "<p>For each stage, the robot or edge with the largest p99.9.</p>\n{worst}<details>\n\
          <summary>All {} robots, edges and stages</summary>\n{}</details>\n",
-        outcome.latency.len(),
-        table(&heads, outcome.latency.iter().map(row))
+        summary.latencies().count(),
+        table(&heads, summary.latencies().map(row))
     )
 }
 
-fn robots(outcome: &Outcome) -> String {
-    let of = |map: &Map<String, Value>, name: &str| {
-        let value = map.get(name).and_then(Value::as_f64);
+fn robots(summary: &Summary) -> String {
+    let of = |list: &[(String, Option<f64>)], name: &str| {
+        let value = list.iter().find(|(robot, _)| robot == name).and_then(|(_, value)| *value);
         Cell::Number(value.map_or("\u{2013}".into(), digits))
     };
-    let rows = outcome.processes.iter().map(|process| {
+    let rows = summary.wall.processes.iter().map(|process| {
         vec![
             Cell::Text(process.name.clone()),
-            of(&outcome.final_error_m, &process.name),
-            of(&outcome.integrated_error_m_s, &process.name),
+            of(&summary.final_error_m, &process.name),
+            of(&summary.integrated_error_m_s, &process.name),
             Cell::Number(process.starts.to_string()),
             Cell::Number(digits(process.user_s + process.system_s)),
             Cell::Number(process.involuntary_switches.to_string()),

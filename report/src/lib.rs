@@ -3,13 +3,13 @@
 //! | file | question it answers |
 //! |---|---|
 //! | `run` | what is known of a finished run? |
-//! | `outcome` | what does its `summary.json` say? |
 //! | `figures/` | which figures does it get, and what is in each? |
 //! | `chart` | how does a figure become SVG? |
 //! | `axis` | where on an axis is a value, and where are the ticks? |
 //! | `palette` | which color and which dashes? |
 //! | `simplify` | which points of a curve can be seen? |
 //! | `html` | what is on the page of a run? |
+//! | `digits` | how does a number stay short? |
 //! | `markup` | how does a text stay a text in HTML and XML? |
 //! | `scene` | what is in the picture in the plane, and one instant of it? |
 //! | `page` | how does that move? |
@@ -19,10 +19,10 @@
 
 pub mod axis;
 pub mod chart;
+pub mod digits;
 pub mod figures;
 pub mod html;
 mod markup;
-pub mod outcome;
 pub mod page;
 pub mod palette;
 pub mod run;

@@ -4,8 +4,8 @@ use formation::Vec2;
 use formation::front_point::front_point;
 use formation::hull::{convex_hull, hull_distance};
 use formation::pose::Pose;
+use metrics::summary::Summary;
 
-use crate::outcome::Outcome;
 use crate::scene::{EdgeState, Frame, FrameRobot, RobotState, Scene, SceneEdge};
 
 /// The replay has this many instants per second of run time, and no more of one robot in all than
@@ -31,7 +31,7 @@ pub struct Run {
     /// What became of robots and edges, in order of time.
     pub changes: Vec<Change>,
     /// What came out; `None` if the run was cut short before it was summed up.
-    pub outcome: Option<Outcome>,
+    pub summary: Option<Summary>,
     /// What was run, where and how: words and their values.
     pub manifest: Vec<(String, String)>,
     /// Latencies over time.
@@ -120,7 +120,7 @@ impl Run {
     /// When the record ends, s.
     pub fn end_s(&self) -> f64 {
         let recorded = self.times_s.last().copied().unwrap_or(0.0);
-        self.outcome.as_ref().map_or(recorded, |outcome| outcome.t_s.max(recorded))
+        self.summary.as_ref().map_or(recorded, |summary| summary.t_s.max(recorded))
     }
 
     /// Where a robot's front point is at an instant, m.

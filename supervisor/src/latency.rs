@@ -14,9 +14,9 @@ use hdrhistogram::serialization::interval_log::{IntervalLogWriterBuilder, Tag};
 use protocol::brief::Pace;
 use protocol::latency::Stage;
 use protocol::message::{LatencyHeader, LatencyRow};
-use serde::Serialize;
 
 use experiment::scenario::Scenario;
+use metrics::summary::StageLatency;
 pub use over_time::Stretch;
 use over_time::Stretches;
 
@@ -78,51 +78,10 @@ impl Spread {
     }
 }
 
-/// One line of `latency.csv`, and one entry of the summary's `latency`.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct StageLatency {
-    /// A [`Stage`], in its word.
-    pub stage: &'static str,
-    /// The robot it is measured at, or whose loop it is; or `plant`.
-    pub robot: String,
-    /// Of an edge: whom the robot hears.
-    pub from: Option<String>,
-    /// How many values.
-    pub count: u64,
-    /// The smallest, ns.
-    pub min_ns: u64,
-    /// Half of the values are at most this, ns.
-    pub p50_ns: u64,
-    /// 90 % of them.
-    pub p90_ns: u64,
-    /// 99 % of them.
-    pub p99_ns: u64,
-    /// 99.9 % of them.
-    #[serde(rename = "p99.9_ns")]
-    pub p99_9_ns: u64,
-    /// 99.99 % of them.
-    #[serde(rename = "p99.99_ns")]
-    pub p99_99_ns: u64,
-    /// The largest, ns.
-    pub max_ns: u64,
-    /// Their mean, ns.
-    pub mean_ns: f64,
-}
-
-impl StageLatency {
-    /// The robot, or the edge as `r1 -> r2`.
-    pub fn edge(&self) -> String {
-        match &self.from {
-            Some(from) => format!("{from} -> {}", self.robot),
-            None => self.robot.clone(),
-        }
-    }
-}
-
 fn line((stage, robot, from, spread): (Stage, &str, Option<&str>, &Spread)) -> StageLatency {
     let count = spread.histogram.len();
     StageLatency {
-        stage: stage.word(),
+        stage: stage.word().into(),
         robot: robot.into(),
         from: from.map(str::to_owned),
         count,
@@ -297,14 +256,6 @@ fn whose(stage: Stage, process: usize, about: usize) -> (usize, Option<usize>) {
     }
 }
 
-/// For each stage, the robot or edge that fares worst: by p99.9, then by the largest value.
-pub fn worst(stages: &[StageLatency]) -> impl Iterator<Item = &StageLatency> {
-    Stage::ALL.into_iter().filter_map(|stage| {
-        let of_stage = stages.iter().filter(|line| line.stage == stage.word());
-        of_stage.max_by_key(|line| (line.p99_9_ns, line.max_ns))
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -326,7 +277,7 @@ mod tests {
         let rows = [row(Stage::Wake, 0, 3), row(Stage::Wake, 0, overslept_ns)];
         latency.take(2, &LatencyHeader::default(), &rows);
         let [wake] = &latency.stages()[..] else { panic!("one line") };
-        assert_eq!((wake.stage, wake.robot.as_str(), &wake.from), ("wake", "r2", &None));
+        assert_eq!((wake.stage.as_str(), wake.robot.as_str(), &wake.from), ("wake", "r2", &None));
         assert_eq!((wake.count, wake.min_ns, wake.max_ns), (4, 3, overslept_ns));
         let sum_ns = (3 + overslept_ns + (scenario.period_ns + 7) + 7) as f64;
         assert_eq!(wake.mean_ns, sum_ns / 4.0);
@@ -358,14 +309,11 @@ mod tests {
     }
 
     #[test]
-    fn the_worst_of_a_stage_is_the_one_with_the_longest_tail() {
+    fn the_latest_of_a_stage_is_the_one_with_the_largest_value() {
         let mut latency = Latency::new(&row_of_three(), Pace::Lockstep);
         for (robot, value_ns) in [(1, MS), (2, 3 * MS), (3, 2 * MS)] {
             latency.take(robot, &LatencyHeader::default(), &[row(Stage::Compute, 0, value_ns)]);
         }
-        let stages = latency.stages();
-        let found: Vec<&str> = worst(&stages).map(|line| line.robot.as_str()).collect();
-        assert_eq!(found, ["r2"]);
         let [latest] = &latency.latest()[..] else { panic!("one stage") };
         assert_eq!((latest.edge(), latest.max_ns), ("r2".into(), 3 * MS));
     }

@@ -139,8 +139,8 @@ pub(crate) fn happened(t_ns: u64, kind: &str, robot: &str, detail: &str) -> Happ
 pub(crate) fn stages(latency: &Latency) -> Vec<StageNow> {
     let us = |ns: u64| ns as f64 / 1e3;
     let stages = latency.latest().into_iter().map(|line| StageNow {
-        stage: line.stage,
         worst: line.edge(),
+        stage: line.stage,
         p50_us: us(line.p50_ns),
         p99_us: us(line.p99_ns),
         max_us: us(line.max_ns),

@@ -20,13 +20,14 @@ use std::path::{Path, PathBuf};
 
 use protocol::brief::Pace;
 use protocol::fault::LinkFaultKind;
-use report::outcome::{self, Outcome};
 use report::run::{ChangedTo, Limits, Run};
 use report::scene::{EdgeState, RobotState, Scene, SceneFault};
 
 use crate::live;
 use experiment::scenario::seconds;
 use experiment::scenario::{Fault, FaultKind, Scenario};
+use metrics::fault::FaultReport;
+use metrics::summary::{Summary, Wall};
 
 /// A report takes in no file larger than this, bytes: hours of any experiment.
 const FILE_BYTES_MAX: u64 = 1 << 34;
@@ -99,12 +100,19 @@ fn unwritten(path: &Path) -> impl FnOnce(io::Error) -> ReportError {
 pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
     let manifest: serde_json::Map<String, serde_json::Value> =
         json(&run_dir.join("manifest.json"))?.unwrap_or_default();
-    let outcome: Option<Outcome> = json(&run_dir.join("summary.json"))?;
+    let path = run_dir.join("summary.json");
+    let mut summary: Option<Summary> = json(&path)?;
+    // Before there was a section for it, what depends on wall time stood at the top.
+    if let (Some(summary), Some(at_the_top)) = (&mut summary, json::<Wall>(&path)?)
+        && at_the_top != Wall::default()
+    {
+        summary.wall = at_the_top;
+    }
     let pace = manifest.get("pace").and_then(serde_json::Value::as_str);
     let pace = pace.unwrap_or("unknown pace").to_owned();
     let mut scene = Scene { pace, ..live::scene(scenario, Pace::Realtime) };
     let changes = record::changes(&run_dir.join("events.csv"), &scene)?;
-    scene.faults = faults(scenario, outcome.as_ref(), &changes);
+    scene.faults = faults(scenario, summary.as_ref(), &changes);
     let record = record::record(&run_dir.join("samples.csv"), scenario, &scene.faults)?;
     let lead_m = |lead: &protocol::brief::LeadBrief| {
         let places = record.times_s.iter().map(|&t_s| lead.trajectory.at(t_s).position);
@@ -121,7 +129,7 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
         tracks: record.tracks,
         every: record.every,
         changes,
-        outcome,
+        summary,
         manifest: manifest.iter().map(|(name, value)| (name.clone(), in_words(value))).collect(),
         over_time: delays::over_time(&run_dir.join("latency_over_time.csv"))?,
         spreads: delays::spreads(&run_dir.join("latency.hlog"))?,
@@ -171,7 +179,7 @@ fn json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<Option<T>, Report
 /// What went wrong: as it was seen, or, of a run that was cut short, as it was planned.
 fn faults(
     scenario: &Scenario,
-    outcome: Option<&Outcome>,
+    summary: Option<&Summary>,
     changes: &[report::run::Change],
 ) -> Vec<SceneFault> {
     let planned = |fault: &Fault| {
@@ -193,8 +201,8 @@ fn faults(
         }
     };
     let planned: Vec<SceneFault> = scenario.faults.iter().map(planned).collect();
-    let Some(outcome) = outcome else { return planned };
-    let seen = |fault: &outcome::Fault| {
+    let Some(summary) = summary else { return planned };
+    let seen = |fault: &FaultReport| {
         let before = |plan: &&SceneFault| plan.what == fault.what && plan.t_s <= fault.t_s + 1e-9;
         let plan = planned.iter().rfind(before);
         let place = |name: &String| scenario.robots.iter().position(|robot| robot.name == *name);
@@ -214,7 +222,7 @@ fn faults(
             cuts: plan.and_then(|plan| plan.cuts).or_else(|| cut_by_hand(scenario, &fault.what)),
         }
     };
-    outcome.faults.iter().map(seen).collect()
+    summary.faults.iter().map(seen).collect()
 }
 
 /// The edge that somebody has cut by hand, by what the summary says of it.

@@ -16,9 +16,10 @@ use serde::Serialize;
 use crate::latency::Latency;
 use crate::manifest::Manifest;
 use crate::reserved::Reserved;
-use crate::summary::{Summary, to_json};
+use crate::summary::to_json;
 use experiment::scenario::{Scenario, seconds};
 use metrics::PairDistance;
+use metrics::summary::Summary;
 
 /// Runs without `--out` go below this directory.
 const RUNS: &str = "runs";
@@ -312,7 +313,7 @@ impl RunDir {
         }
         let summarized = match self.summary.take() {
             Some(reserved) => reserved
-                .fill(summary.to_json().as_bytes())
+                .fill(to_json(summary).as_bytes())
                 .map_err(failed(&self.path.join(SUMMARY))),
             None => Ok(()),
         };
@@ -332,14 +333,14 @@ impl RunDir {
         for PairDistance { pair: [a, b], min_distance_m, t_s } in pairs {
             text += &format!("{a},{b},{min_distance_m},{t_s}\n");
         }
-        let lasted = Duration::from_secs_f64(summary.wall_s);
+        let lasted = Duration::from_secs_f64(summary.wall.wall_s);
         let hlog = latency.hlog(SystemTime::now() - lasted, lasted);
         // Each of them, whatever became of the one before.
         [
             self.events.flush(),
             self.write_last_truth(),
             self.write("pairs.csv", &text),
-            self.write("latency.csv", to_csv(&summary.latency)),
+            self.write("latency.csv", to_csv(&latency.stages())),
             self.write("latency_over_time.csv", to_csv(&latency.over_time())),
             self.write("latency.hlog", hlog),
             self.recording.take().map_or(Ok(()), |recording| {

@@ -1,101 +1,21 @@
-//! What came out: `summary.json` for programs, one screen for people.
+//! What came out: summed up for programs, and on one screen for people.
 
 use std::fmt::Write as _;
 
 use protocol::brief::Pace;
-use serde::{Serialize, Serializer};
+use protocol::latency::Stage;
+use serde::Serialize;
 
-use crate::latency::{self, StageLatency};
 use crate::outcome::Outcome;
-use crate::usage::Usage;
-use experiment::scenario::Scenario;
+use experiment::scenario::{Scenario, seconds};
 use metrics::Measures;
 use metrics::expect::Expectation;
-use metrics::fault::FaultReport;
+use metrics::summary::{Commands, StageLatency, Summary, Wall};
 
 /// Of more robots than this, the screen shows only those with the largest errors.
 const ROBOTS_SHOWN: usize = 12;
 /// The verdict on a run of which nothing is expected: it has neither passed nor failed.
 const UNDECLARED: &str = "no expectations declared; exit code 0 says that the run ended as planned";
-
-/// The content of `summary.json`. What never came about is `null`.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Summary {
-    /// The scenario's name.
-    pub scenario: String,
-    /// How time passed.
-    pub pace: Pace,
-    /// The exit code.
-    pub exit: u8,
-    /// A signal ended the run.
-    pub interrupted: bool,
-    /// Run time reached, s.
-    pub t_s: f64,
-    /// Plant ticks.
-    pub ticks: u64,
-    /// Wall time from the start of the first process to t = 0, when all were ready, s.
-    pub startup_s: Option<f64>,
-    /// Wall time from t = 0 to the end, s.
-    pub wall_s: f64,
-    /// Plant ticks per second of wall time.
-    pub ticks_per_s: f64,
-    /// Run time per wall time.
-    pub real_time_factor: f64,
-    /// In lockstep: equal if and only if two runs are the same bit by bit.
-    pub trajectory_hash: Option<String>,
-    /// Smallest distance of two front points at any tick, m.
-    pub min_distance_m: Option<f64>,
-    /// Between which two.
-    pub min_distance_pair: Option<[String; 2]>,
-    /// When, s.
-    pub min_distance_t_s: Option<f64>,
-    /// Ticks at which some pair was nearer than d.
-    pub violations: u64,
-    /// Worst error over the last 10 % of the run by robot, m.
-    #[serde(serialize_with = "in_order")]
-    pub final_error_m: Vec<(String, Option<f64>)>,
-    /// The worst of these.
-    pub final_error_m_max: Option<f64>,
-    /// The main leader's: how well its trajectory is tracked, m.
-    pub tracking_error_m_max: Option<f64>,
-    /// Integral of the error by robot over the time it lived, m s.
-    #[serde(serialize_with = "in_order")]
-    pub integrated_error_m_s: Vec<(String, Option<f64>)>,
-    /// Largest distance of a contained robot from the leaders' hull over the last 10 %, m.
-    pub hull_distance_m_max_final: Option<f64>,
-    /// Since when all living errors stayed below the converged error, s.
-    pub converged_at_s: Option<f64>,
-    /// Commands sent after their agent's next wake-up was due.
-    pub deadline_misses: u64,
-    /// What became of commands at the plant.
-    pub commands: Commands,
-    /// Beacons that each robot refused: not finite, not plausible, old or from the future.
-    #[serde(serialize_with = "in_order")]
-    pub beacons_refused: Vec<(String, u64)>,
-    /// Truths that the supervisor did not get.
-    pub truths_lost: u64,
-    /// How late, how long and how old everything was, by stage and by robot or edge.
-    pub latency: Vec<StageLatency>,
-    /// Values that belong in there and did not arrive.
-    pub latencies_lost: u64,
-    /// What each process took from the machine.
-    pub processes: Vec<ProcessUsage>,
-    /// Restarts by robot.
-    #[serde(serialize_with = "in_order")]
-    pub restarts: Vec<(String, u64)>,
-    /// What each fault did.
-    pub faults: Vec<FaultReport>,
-    /// What was expected, and what came.
-    pub expectations: Vec<Expectation>,
-}
-
-/// A map in the order of the list: robots as the scenario has them, r2 before r10.
-fn in_order<V: Serialize, S: Serializer>(
-    list: &[(String, V)],
-    serializer: S,
-) -> Result<S::Ok, S::Error> {
-    serializer.collect_map(list.iter().map(|(name, value)| (name, value)))
-}
 
 /// JSON with a final newline.
 pub(crate) fn to_json<T: Serialize>(value: &T) -> String {
@@ -103,107 +23,72 @@ pub(crate) fn to_json<T: Serialize>(value: &T) -> String {
     text + "\n"
 }
 
-/// What became of commands at the plant.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-pub struct Commands {
-    /// Refused: dead on arrival, or from the future.
-    pub late: u64,
-    /// Refused: a newer one had been accepted.
-    pub old: u64,
-    /// Refused: not finite, or not plausible.
-    pub not_finite: u64,
-    /// Scaled down to the speed limit.
-    pub scaled: u64,
-    /// Died with no successor: the wheels stopped.
-    pub expired: u64,
-    /// In real time: a newer one came before the plant had taken them.
-    pub lost: u64,
-}
-
-/// What one process took from the machine, over all its incarnations.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct ProcessUsage {
-    /// `supervisor`, `plant`, or the robot.
-    pub name: String,
-    /// How often it was started.
-    pub starts: u64,
-    /// What it took.
-    #[serde(flatten)]
-    pub usage: Usage,
-}
-
-impl Summary {
-    /// Puts together what came out.
-    pub fn new(
-        scenario: &Scenario,
-        pace: Pace,
-        measures: &Measures,
-        outcome: &Outcome,
-        expectations: Vec<Expectation>,
-        exit: u8,
-    ) -> Summary {
-        let truth = outcome.truth.unwrap_or_default();
-        let wall_s = outcome.wall.as_secs_f64();
-        let per_wall = |amount: f64| if wall_s > 0.0 { amount / wall_s } else { 0.0 };
-        let t_s = experiment::scenario::seconds(truth.t_ns);
-        let by_robot = |counts: &[u64]| {
-            let names = scenario.robots.iter().map(|robot| robot.name.clone());
-            names.zip(counts.iter().copied()).collect()
-        };
-        let measures = measures.clone();
-        Summary {
-            scenario: scenario.name.clone(),
-            pace,
-            exit,
-            interrupted: outcome.interrupted,
-            t_s,
-            ticks: truth.tick,
+/// Puts together what came out.
+pub fn sum_up(
+    scenario: &Scenario,
+    pace: Pace,
+    measures: &Measures,
+    outcome: &Outcome,
+    expectations: Vec<Expectation>,
+    exit: u8,
+) -> Summary {
+    let truth = outcome.truth.unwrap_or_default();
+    let wall_s = outcome.wall.as_secs_f64();
+    let per_wall = |amount: f64| if wall_s > 0.0 { amount / wall_s } else { 0.0 };
+    let t_s = seconds(truth.t_ns);
+    let by_robot = |counts: &[u64]| {
+        let names = scenario.robots.iter().map(|robot| robot.name.clone());
+        names.zip(counts.iter().copied()).collect()
+    };
+    let is_age = |line: &StageLatency| line.stage == Stage::BeaconAge.word();
+    let (ages, latency) = outcome.latency.stages().into_iter().partition(is_age);
+    let measures = measures.clone();
+    Summary {
+        scenario: scenario.name.clone(),
+        pace,
+        exit,
+        interrupted: outcome.interrupted,
+        t_s,
+        ticks: truth.tick,
+        trajectory_hash: measures.trajectory_hash,
+        min_distance_m: measures.min_distance_m,
+        min_distance_pair: measures.min_distance_pair,
+        min_distance_t_s: measures.min_distance_t_s,
+        violations: measures.violations,
+        final_error_m: measures.final_error_m,
+        final_error_m_max: measures.final_error_m_max,
+        tracking_error_m_max: measures.tracking_error_m_max,
+        integrated_error_m_s: measures.integrated_error_m_s,
+        hull_distance_m_max_final: measures.hull_distance_m_max_final,
+        converged_at_s: measures.converged_at_s,
+        deadline_misses: outcome.deadline_misses,
+        commands: Commands {
+            late: truth.commands_late,
+            old: truth.commands_old,
+            not_finite: truth.commands_not_finite,
+            scaled: truth.commands_scaled,
+            expired: truth.commands_expired,
+            lost: outcome.latency.commands_lost(),
+        },
+        beacons_refused: by_robot(&outcome.beacons_refused),
+        truths_lost: measures.truths_lost,
+        ages,
+        restarts: by_robot(&outcome.restarts),
+        faults: measures.faults,
+        expectations,
+        wall: Wall {
             startup_s: outcome.startup.map(|startup| startup.as_secs_f64()),
             wall_s,
             ticks_per_s: per_wall(truth.tick as f64),
             real_time_factor: per_wall(t_s),
-            trajectory_hash: measures.trajectory_hash,
-            min_distance_m: measures.min_distance_m,
-            min_distance_pair: measures.min_distance_pair,
-            min_distance_t_s: measures.min_distance_t_s,
-            violations: measures.violations,
-            final_error_m: measures.final_error_m,
-            final_error_m_max: measures.final_error_m_max,
-            tracking_error_m_max: measures.tracking_error_m_max,
-            integrated_error_m_s: measures.integrated_error_m_s,
-            hull_distance_m_max_final: measures.hull_distance_m_max_final,
-            converged_at_s: measures.converged_at_s,
-            deadline_misses: outcome.deadline_misses,
-            commands: Commands {
-                late: truth.commands_late,
-                old: truth.commands_old,
-                not_finite: truth.commands_not_finite,
-                scaled: truth.commands_scaled,
-                expired: truth.commands_expired,
-                lost: outcome.latency.commands_lost(),
-            },
-            beacons_refused: by_robot(&outcome.beacons_refused),
-            truths_lost: measures.truths_lost,
-            latency: outcome.latency.stages(),
+            latency,
             latencies_lost: outcome.latency.rows_lost(),
             processes: outcome
                 .usages
                 .iter()
-                .map(|(name, starts, usage)| ProcessUsage {
-                    name: name.clone(),
-                    starts: *starts,
-                    usage: *usage,
-                })
+                .map(|(name, starts, usage)| usage.of_process(name, *starts))
                 .collect(),
-            restarts: by_robot(&outcome.restarts),
-            faults: measures.faults,
-            expectations,
-        }
-    }
-
-    /// `summary.json`.
-    pub fn to_json(&self) -> String {
-        to_json(self)
+        },
     }
 }
 
@@ -251,11 +136,12 @@ pub fn screen(summary: &Summary) -> String {
     };
     let errors: Vec<_> = errors.iter().map(|(robot, e)| format!("{robot} {}", short(*e))).collect();
     row(label, errors.join("  "));
+    let wall = &summary.wall;
     row(
         "time",
         format!(
             "{:.3} s run in {:.3} s of wall time, {:.0} ticks/s, {:.2} x real time",
-            summary.t_s, summary.wall_s, summary.ticks_per_s, summary.real_time_factor
+            summary.t_s, wall.wall_s, wall.ticks_per_s, wall.real_time_factor
         ),
     );
     if let Some(hash) = &summary.trajectory_hash {
@@ -274,16 +160,17 @@ pub fn screen(summary: &Summary) -> String {
     if summary.truths_lost > 0 {
         row("truths lost", summary.truths_lost.to_string());
     }
-    if summary.latencies_lost > 0 {
-        row("latencies lost", summary.latencies_lost.to_string());
+    if wall.latencies_lost > 0 {
+        row("latencies lost", wall.latencies_lost.to_string());
     }
-    if !summary.latency.is_empty() {
+    let worst = summary.worst_latencies();
+    if !worst.is_empty() {
         let _ = writeln!(
             text,
             "\n  {:<16} {:<16} {:>9} {:>9} {:>9} {:>9} {:>9}",
             "latency, us", "worst", "count", "p50", "p99", "p99.9", "max"
         );
-        for line in latency::worst(&summary.latency) {
+        for line in worst {
             let edge = line.edge();
             let us = |ns: u64| digits(ns as f64 / 1e3);
             let _ = writeln!(

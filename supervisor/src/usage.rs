@@ -5,10 +5,10 @@ use std::mem::MaybeUninit;
 use std::ops::AddAssign;
 use std::os::fd::{AsRawFd, BorrowedFd};
 
-use serde::Serialize;
+use metrics::summary::ProcessUsage;
 
 /// What a process took, or several one after the other.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Usage {
     /// Processor time in user mode, s.
     pub user_s: f64,
@@ -50,6 +50,23 @@ impl From<libc::rusage> for Usage {
 }
 
 impl Usage {
+    /// The same, for the summary.
+    pub(crate) fn of_process(&self, name: &str, starts: u64) -> ProcessUsage {
+        let &Usage { user_s, system_s, .. } = self;
+        let &Usage { voluntary_switches, involuntary_switches, minor_faults, major_faults, .. } =
+            self;
+        ProcessUsage {
+            name: name.into(),
+            starts,
+            user_s,
+            system_s,
+            voluntary_switches,
+            involuntary_switches,
+            minor_faults,
+            major_faults,
+        }
+    }
+
     /// What a child took, once it is dead; it is not reaped. `None` while it lives.
     pub(crate) fn of_dead(pidfd: BorrowedFd<'_>) -> io::Result<Option<Usage>> {
         let mut usage = MaybeUninit::<libc::rusage>::zeroed();

@@ -17,7 +17,7 @@ fn a_run_takes_the_time_it_says_in_one_process_per_robot_and_one_for_the_plant()
     let ended = running.finish();
     ended.exits_with(0).leaves_nothing();
     ended.claim(ended.number("/t_s") == 12.0, "12 s of run time");
-    ended.claim(ended.number("/wall_s") > 11.9, "in no less of wall time");
+    ended.claim(ended.number("/wall/wall_s") > 11.9, "in no less of wall time");
     ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
     ended.claim(ended.number("/violations") == 0.0, "at no arc's end");
     ended.claim(ended.number("/final_error_m_max") < 1e-3, "and the formation stands");

@@ -34,7 +34,7 @@ pub struct Happened {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StageNow {
     /// As in `latency.csv`.
-    pub stage: &'static str,
+    pub stage: String,
     /// The robot or edge that fares worst.
     pub worst: String,
     /// Half of its values are at most this, us.

@@ -1,9 +1,10 @@
 //! What one fault did: when it was noticed, how far it threw the formation off, when that was over.
 
 use protocol::message::Contact;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::Report;
+use crate::summary::or_infinite;
 use experiment::scenario::{Silenced, Struck, seconds};
 
 /// A fault while it is watched.
@@ -59,7 +60,8 @@ impl Worst {
 }
 
 /// What one fault did, for the report.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct FaultReport {
     /// When it began, s.
     pub t_s: f64,
@@ -82,6 +84,7 @@ pub struct FaultReport {
     pub lost_after_s: Option<f64>,
     /// Worst error of a living robot until the recovery, m; if nothing was disturbed, until the
     /// next fault or the run's end.
+    #[serde(deserialize_with = "or_infinite")]
     pub peak_error_m: f64,
     /// Smallest distance over the same time, m.
     pub min_distance_m: Option<f64>,

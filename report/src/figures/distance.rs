@@ -5,7 +5,7 @@ use formation::Vec2;
 use super::{BOUND, NAMED, NAMED_ALL, WIDTH, about_bands, judged, over_time, row};
 use crate::axis::Axis;
 use crate::chart::{Figure, Mark, Panel, Shape};
-use crate::outcome::{asked, digits};
+use crate::digits::{asked, digits};
 use crate::palette::{BLACK, Line, line};
 use crate::run::Run;
 
@@ -98,8 +98,8 @@ pub(super) fn of_pairs(run: &Run) -> Option<Figure> {
         _ => "All distances between front points. Below: the same near d.".to_owned(),
     };
     caption += about_bands(run);
-    if let Some(outcome) = &run.outcome {
-        match outcome.expected("min_distance_m") {
+    if let Some(summary) = &run.summary {
+        match summary.expected("min_distance_m") {
             Some(expectation) => {
                 caption += &judged(expectation, "The smallest at any tick", "m");
             }
@@ -120,9 +120,9 @@ pub(super) fn of_pairs(run: &Run) -> Option<Figure> {
 /// The line d, and the smallest distance at any tick.
 fn bounded(run: &Run, panel: &mut Panel, d: f64) {
     panel.bound(d, (0.0, run.end_s()), format!("d = {} m", asked(d)), BOUND);
-    let Some(outcome) = &run.outcome else { return };
+    let Some(summary) = &run.summary else { return };
     if let (Some(distance_m), Some([a, b]), Some(t_s)) =
-        (outcome.min_distance_m, &outcome.min_distance_pair, outcome.min_distance_t_s)
+        (summary.min_distance_m, &summary.min_distance_pair, summary.min_distance_t_s)
     {
         let label = format!("smallest {} m, {a} \u{2013} {b} at {t_s:.2} s", digits(distance_m));
         panel.marks.push(Mark { at: (t_s, distance_m), shape: Shape::Ring, color: BLACK, label });

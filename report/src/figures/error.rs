@@ -5,7 +5,7 @@ use super::{
 };
 use crate::axis::Axis;
 use crate::chart::{Figure, Panel};
-use crate::outcome::asked;
+use crate::digits::asked;
 use crate::palette::{BLACK, Dash, Line, VERMILION, line};
 use crate::run::Run;
 
@@ -77,17 +77,17 @@ pub(super) fn sizes(run: &Run) -> Option<Figure> {
 
 /// What is asked of the errors, and what came of it.
 fn converging(run: &Run, panel: &mut Panel) -> String {
-    let Some(outcome) = &run.outcome else { return String::new() };
+    let Some(summary) = &run.summary else { return String::new() };
     let mut said = String::new();
-    if let Some(t_s) = outcome.converged_at_s {
+    if let Some(t_s) = summary.converged_at_s {
         panel.upright(t_s, 1.0, format!("converged at {t_s:.2} s"), SEEN);
     }
-    if let Some(expectation) = outcome.expected("converged_by_s") {
+    if let Some(expectation) = summary.expected("converged_by_s") {
         let label = format!("required by {} s", asked(expectation.bound));
         panel.upright(expectation.bound, 0.9, label, BOUND);
         said += &judged(expectation, "All errors stay small from", "s");
     }
-    if let Some(expectation) = outcome.expected("final_error_m_max") {
+    if let Some(expectation) = summary.expected("final_error_m_max") {
         let label = format!("required at the end: {} m", asked(expectation.bound));
         panel.bound(expectation.bound, last_stretch(run), label, BOUND);
         said += &judged(expectation, "The worst over the last 10 % of the run", "m");
@@ -106,7 +106,7 @@ pub(super) fn components(run: &Run) -> Option<Figure> {
     }
     let named = named(run);
     // Of a calm end there is nothing to see.
-    let converged_at_s = run.outcome.as_ref().and_then(|outcome| outcome.converged_at_s);
+    let converged_at_s = run.summary.as_ref().and_then(|summary| summary.converged_at_s);
     let shown_s = converged_at_s.map_or(run.end_s(), |t_s| (TRANSIENTS * t_s).max(1.0));
     let shown_s = shown_s.min(run.end_s());
     let mut key = Vec::new();
@@ -150,7 +150,7 @@ pub(super) fn components(run: &Run) -> Option<Figure> {
                 &format!(" From {shown_s:.1} s on, all are as small as the figure before says.");
         }
     }
-    if let Some(expectation) = run.outcome.as_ref().and_then(|o| o.expected("converged_by_s")) {
+    if let Some(expectation) = run.summary.as_ref().and_then(|o| o.expected("converged_by_s")) {
         caption += &judged(expectation, "They converge to zero, all stay small from", "s");
     }
     Some(Figure {

@@ -3,7 +3,7 @@
 use super::{BOUND, SEEN, WIDTH, about_bands, judged, largest, last_stretch, over_time, row};
 use crate::axis::Axis;
 use crate::chart::Figure;
-use crate::outcome::asked;
+use crate::digits::asked;
 use crate::palette::{Line, line};
 use crate::run::Run;
 
@@ -52,7 +52,7 @@ pub(super) fn distance(run: &Run) -> Option<Figure> {
         about_bands(run)
     );
     if let Some(expectation) =
-        run.outcome.as_ref().and_then(|outcome| outcome.expected("hull_distance_m_max"))
+        run.summary.as_ref().and_then(|summary| summary.expected("hull_distance_m_max"))
     {
         let label = format!("required at the end: {} m", asked(expectation.bound));
         panel.bound(expectation.bound, last_stretch(run), label, BOUND);

@@ -3,7 +3,7 @@
 use super::{BOUND, NAMED, SEEN, WIDTH, about_bands, largest, over_time};
 use crate::axis::Axis;
 use crate::chart::{Figure, Panel, Place};
-use crate::outcome::asked;
+use crate::digits::asked;
 use crate::palette::{Dash, Line, VERMILION, line};
 use crate::run::{Bin, Run, Spread};
 

@@ -16,9 +16,11 @@ mod plane;
 #[cfg(test)]
 mod tests;
 
+use metrics::expect::Expectation;
+
 use crate::axis::Axis;
 use crate::chart::{Band, Figure, Panel, Place};
-use crate::outcome::{Expectation, asked, digits};
+use crate::digits::{asked, digits};
 use crate::palette::{BLACK, Dash, Line, VERMILION};
 use crate::run::Run;
 

@@ -100,16 +100,16 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
          at {} s.",
         times.join(", ")
     );
-    if let Some(outcome) = &run.outcome {
-        if let Some(expectation) = outcome.expected("tracking_error_m_max") {
+    if let Some(summary) = &run.summary {
+        if let Some(expectation) = summary.expected("tracking_error_m_max") {
             caption +=
                 &judged(expectation, "The main leader follows m(t), worst error at the end", "m");
         }
-        if let Some(expectation) = outcome.expected("final_error_m_max") {
+        if let Some(expectation) = summary.expected("final_error_m_max") {
             caption +=
                 &judged(expectation, "The formation is reached, worst error at the end", "m");
         }
-        if let Some(expectation) = outcome.expected("hull_distance_m_max") {
+        if let Some(expectation) = summary.expected("hull_distance_m_max") {
             caption += &judged(
                 expectation,
                 "The contained are in the hull, farthest outside at the end",

@@ -2,9 +2,9 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::html;
-use crate::outcome::Outcome;
 use crate::run::{Bin, Change, ChangedTo, Limits, Sample, Spread};
 use crate::scene::{EdgeState, RobotState, Scene, SceneEdge, SceneFault, SceneRobot};
+use metrics::summary::Summary;
 
 /// Robots in a row, half a meter apart, that come to rest; the last one leads, the others are
 /// contained or in formation, and the second is killed.
@@ -43,7 +43,7 @@ fn flown(robots: usize, instants: usize, role: &str) -> Run {
             cuts: None,
         }],
     };
-    let outcome: Outcome = serde_json::from_value(serde_json::json!({
+    let summary: Summary = serde_json::from_value(serde_json::json!({
         "t_s": end_s, "min_distance_m": 0.2107, "min_distance_pair": ["r1", "r2"],
         "min_distance_t_s": 0.2, "converged_at_s": 0.7, "final_error_m": { "r1": 1e-3, "r2": null },
         "expectations": [
@@ -54,8 +54,10 @@ fn flown(robots: usize, instants: usize, role: &str) -> Run {
             { "name": "converged_by_s", "value": 0.7, "bound": 0.9, "held": true },
         ],
         "faults": [{ "t_s": 0.3, "what": "kill r2", "robot": "r2", "predicted": ["r1"] }],
-        "latency": [{ "stage": "wake", "robot": "plant", "count": 3, "max_ns": 5_000_000 }],
-        "processes": [{ "name": "r1", "starts": 1 }],
+        "wall": {
+            "latency": [{ "stage": "wake", "robot": "plant", "count": 3, "max_ns": 5_000_000 }],
+            "processes": [{ "name": "r1", "starts": 1 }],
+        },
     }))
     .unwrap();
     let bin = |stage: &str, from: Option<&str>| Bin {
@@ -80,7 +82,7 @@ fn flown(robots: usize, instants: usize, role: &str) -> Run {
             Change { t_s: 0.4, to: ChangedTo::Edge(0, EdgeState::Stale) },
             Change { t_s: 0.5, to: ChangedTo::Robot(1, RobotState::Moving) },
         ],
-        outcome: Some(outcome),
+        summary: Some(summary),
         manifest: vec![("kernel".into(), "Linux <6>".into())],
         over_time: vec![bin("beacon_age", Some("r2")), bin("wake", None)],
         spreads: vec![Spread {
@@ -206,7 +208,7 @@ fn the_page_asks_nobody_for_anything_and_takes_no_word_for_markup() {
 
 #[test]
 fn a_run_that_was_cut_short_still_has_a_page() {
-    let run = Run { outcome: None, over_time: Vec::new(), ..flown(3, 5, "formation") };
+    let run = Run { summary: None, over_time: Vec::new(), ..flown(3, 5, "formation") };
     assert!(html::report(&run, &all(&run)).contains("cut short"));
 }
 
@@ -215,7 +217,7 @@ fn the_replay_has_at_most_twenty_instants_a_second_and_the_last_one() {
     let mut run = flown(3, 301, "formation");
     run.times_s = (0..301).map(|instant| f64::from(instant) / 100.0).collect();
     run.scene.duration_s = 3.0;
-    run.outcome = None;
+    run.summary = None;
     let frames = run.frames();
     assert_eq!(frames.len(), 61);
     assert_eq!(frames[60].t_s, 3.0);
@@ -288,12 +290,12 @@ proptest! {
         run.scene.faults[0].until_s = Some(number());
         run.scene.distance_min_m = number();
         run.limits.converged_error_m = number();
-        let outcome = run.outcome.as_mut().unwrap();
-        outcome.t_s = number();
-        outcome.converged_at_s = Some(number());
-        outcome.min_distance_m = Some(number());
-        outcome.min_distance_t_s = Some(number());
-        outcome.expectations.iter_mut().for_each(|expectation| expectation.bound = number());
+        let summary = run.summary.as_mut().unwrap();
+        summary.t_s = number();
+        summary.converged_at_s = Some(number());
+        summary.min_distance_m = Some(number());
+        summary.min_distance_t_s = Some(number());
+        summary.expectations.iter_mut().for_each(|expectation| expectation.bound = number());
         let figures = all(&run);
         for figure in &figures {
             words(figure);

@@ -19,10 +19,11 @@ use crate::report;
 use crate::run::{self, Run};
 use crate::run_dir::{RunDir, RunDirError, default_out};
 use crate::spawn::Launcher;
-use crate::summary::{self, Summary};
+use crate::summary::{self, to_json};
 use experiment::scenario::Scenario;
 use metrics::Metrics;
 use metrics::expect;
+use metrics::summary::Summary;
 
 /// Arguments of `phalanx run`.
 #[derive(Debug, Args)]
@@ -129,7 +130,7 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
                         if flown.written { "written" } else { "not all of it is written" };
                     print(&format!("{}\n{written} to {}\n", flown.screen.trim_end(), out.display()))
                 }
-                Output::Json => print_as(Output::Json, &flown.summary.to_json()),
+                Output::Json => print_as(Output::Json, &to_json(&flown.summary)),
             };
             if flown.summary.exit == exit::OK { printed } else { flown.summary.exit }
         }
@@ -223,7 +224,7 @@ fn fly(
         (_, true) if expected => exit::OK,
         (code, _) => code,
     };
-    let mut summary = Summary::new(scenario, pace, &measures, &outcome, expectations, exit);
+    let mut summary = summary::sum_up(scenario, pace, &measures, &outcome, expectations, exit);
     // The verdict is what it is, whether or not it can be written down.
     let screen = summary::screen(&summary);
     let finished = run_dir.finish(&mut summary, &measures.pairs, &mut outcome.latency);

@@ -105,6 +105,20 @@ fn a_run_that_was_killed_gets_a_report_of_what_it_had_written() {
 }
 
 #[test]
+fn a_summary_from_before_the_section_of_wall_times_is_read_as_well() {
+    let place = tempfile::tempdir().unwrap();
+    let path = run_dir(place.path());
+    let wall = |summary: &str| {
+        fs::write(path.join("summary.json"), summary).unwrap();
+        load(&path, &row_of_three()).unwrap().summary.unwrap().wall
+    };
+    let section = r#""wall_s": 3.5, "processes": [{ "name": "r1", "starts": 2 }]"#;
+    let now = wall(&format!(r#"{{ "t_s": 1.0, "wall": {{ {section} }} }}"#));
+    assert_eq!((now.wall_s, now.processes[0].starts), (3.5, 2));
+    assert_eq!(wall(&format!(r#"{{ "t_s": 1.0, {section} }}"#)), now);
+}
+
+#[test]
 fn a_broken_line_is_named() {
     let place = tempfile::tempdir().unwrap();
     let path = run_dir(place.path());

@@ -1,0 +1,265 @@
+//! What came out of a run, as `summary.json` has it: the run writes it, its report reads it.
+//!
+//! Everything that depends on wall time is in the section `wall`. What is outside is, in lockstep, a
+//! function of the run alone. A file of another version may lack keys or have more: what is missing
+//! counts as not known.
+
+mod by_name;
+
+use protocol::brief::Pace;
+use serde::{Deserialize, Deserializer, Serialize};
+
+use crate::expect::Expectation;
+use crate::fault::FaultReport;
+
+/// The content of `summary.json`. What never came about is `null`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Summary {
+    /// The scenario's name.
+    pub scenario: String,
+    /// How time passed.
+    pub pace: Pace,
+    /// The exit code.
+    pub exit: u8,
+    /// A signal ended the run.
+    pub interrupted: bool,
+    /// Run time reached, s.
+    pub t_s: f64,
+    /// Plant ticks.
+    pub ticks: u64,
+    /// In lockstep: equal if and only if two runs are the same bit by bit.
+    pub trajectory_hash: Option<String>,
+    /// Smallest distance of two front points at any tick, m.
+    pub min_distance_m: Option<f64>,
+    /// Between which two.
+    pub min_distance_pair: Option<[String; 2]>,
+    /// When, s.
+    pub min_distance_t_s: Option<f64>,
+    /// Ticks at which some pair was nearer than d.
+    pub violations: u64,
+    /// Worst error over the last 10 % of the run by robot, m.
+    #[serde(with = "by_name")]
+    pub final_error_m: Vec<(String, Option<f64>)>,
+    /// The worst of these.
+    pub final_error_m_max: Option<f64>,
+    /// The main leader's: how well its trajectory is tracked, m.
+    pub tracking_error_m_max: Option<f64>,
+    /// Integral of the error by robot over the time it lived, m s.
+    #[serde(with = "by_name")]
+    pub integrated_error_m_s: Vec<(String, Option<f64>)>,
+    /// Largest distance of a contained robot from the leaders' hull over the last 10 %, m.
+    pub hull_distance_m_max_final: Option<f64>,
+    /// Since when all living errors stayed below the converged error, s.
+    pub converged_at_s: Option<f64>,
+    /// Commands sent after their agent's next wake-up was due.
+    pub deadline_misses: u64,
+    /// What became of commands at the plant.
+    pub commands: Commands,
+    /// Beacons that each robot refused: not finite, not plausible, old or from the future.
+    #[serde(with = "by_name")]
+    pub beacons_refused: Vec<(String, u64)>,
+    /// Truths that the supervisor did not get.
+    pub truths_lost: u64,
+    /// How old beacons were, by stamps, when they were used, by edge: in lockstep simulated time.
+    pub ages: Vec<StageLatency>,
+    /// Restarts by robot.
+    #[serde(with = "by_name")]
+    pub restarts: Vec<(String, u64)>,
+    /// What each fault did.
+    pub faults: Vec<FaultReport>,
+    /// What was expected, and what came.
+    pub expectations: Vec<Expectation>,
+    /// What depends on wall time.
+    pub wall: Wall,
+}
+
+/// What depends on wall time: it differs from run to run in either pace.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Wall {
+    /// Wall time from the start of the first process to t = 0, when all were ready, s.
+    pub startup_s: Option<f64>,
+    /// Wall time from t = 0 to the end, s.
+    pub wall_s: f64,
+    /// Plant ticks per second of wall time.
+    pub ticks_per_s: f64,
+    /// Run time per wall time.
+    pub real_time_factor: f64,
+    /// How late and how long everything was, by stage and by robot or edge.
+    pub latency: Vec<StageLatency>,
+    /// Values that belong in there, or to the ages, and did not arrive.
+    pub latencies_lost: u64,
+    /// What each process took from the machine.
+    pub processes: Vec<ProcessUsage>,
+}
+
+/// What became of commands at the plant.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Commands {
+    /// Refused: dead on arrival, or from the future.
+    pub late: u64,
+    /// Refused: a newer one had been accepted.
+    pub old: u64,
+    /// Refused: not finite, or not plausible.
+    pub not_finite: u64,
+    /// Scaled down to the speed limit.
+    pub scaled: u64,
+    /// Died with no successor: the wheels stopped.
+    pub expired: u64,
+    /// In real time: a newer one came before the plant had taken them.
+    pub lost: u64,
+}
+
+/// How the values of one stage at one robot or edge are spread: a line of `latency.csv`, and an
+/// entry of the summary's `ages` or of `latency` in its section `wall`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct StageLatency {
+    /// A stage, in its word.
+    pub stage: String,
+    /// The robot it is measured at, or whose loop it is; or `plant`.
+    pub robot: String,
+    /// Of an edge: whom the robot hears.
+    pub from: Option<String>,
+    /// How many values.
+    pub count: u64,
+    /// The smallest, ns.
+    pub min_ns: u64,
+    /// Half of the values are at most this, ns.
+    pub p50_ns: u64,
+    /// 90 % of them.
+    pub p90_ns: u64,
+    /// 99 % of them.
+    pub p99_ns: u64,
+    /// 99.9 % of them.
+    #[serde(rename = "p99.9_ns")]
+    pub p99_9_ns: u64,
+    /// 99.99 % of them.
+    #[serde(rename = "p99.99_ns")]
+    pub p99_99_ns: u64,
+    /// The largest, ns.
+    pub max_ns: u64,
+    /// Their mean, ns.
+    pub mean_ns: f64,
+}
+
+impl StageLatency {
+    /// The robot, or the edge as `r1 -> r2`.
+    pub fn edge(&self) -> String {
+        match &self.from {
+            Some(from) => format!("{from} -> {}", self.robot),
+            None => self.robot.clone(),
+        }
+    }
+}
+
+/// What one process took from the machine, over all its incarnations.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ProcessUsage {
+    /// `supervisor`, `plant`, or the robot.
+    pub name: String,
+    /// How often it was started.
+    pub starts: u64,
+    /// Processor time in user mode, s.
+    pub user_s: f64,
+    /// Processor time in the kernel, s.
+    pub system_s: f64,
+    /// How often it waited for something.
+    pub voluntary_switches: u64,
+    /// How often its processor was taken away.
+    pub involuntary_switches: u64,
+    /// Page faults met without reading a disk.
+    pub minor_faults: u64,
+    /// Page faults that read a disk.
+    pub major_faults: u64,
+}
+
+impl Summary {
+    /// The expectation of this name, if the scenario has it.
+    pub fn expected(&self, name: &str) -> Option<&Expectation> {
+        self.expectations.iter().find(|expectation| expectation.name == name)
+    }
+
+    /// Latencies and ages, stage by stage.
+    pub fn latencies(&self) -> impl Iterator<Item = &StageLatency> {
+        self.wall.latency.iter().chain(&self.ages)
+    }
+
+    /// For each stage, the robot or edge that fares worst: by p99.9, then by the largest value.
+    pub fn worst_latencies(&self) -> Vec<&StageLatency> {
+        let mut worst: Vec<&StageLatency> = Vec::new();
+        for line in self.latencies() {
+            let size = |line: &StageLatency| (line.p99_9_ns, line.max_ns);
+            match worst.iter_mut().find(|known| known.stage == line.stage) {
+                Some(known) if size(known) <= size(line) => *known = line,
+                Some(_) => {}
+                None => worst.push(line),
+            }
+        }
+        worst
+    }
+}
+
+/// A number that may have been infinite, for which JSON has no word but `null`.
+pub(crate) fn or_infinite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Ok(Option::deserialize(deserializer)?.unwrap_or(f64::INFINITY))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line(stage: &str, robot: &str, p99_9_ns: u64, max_ns: u64) -> StageLatency {
+        let (stage, robot) = (stage.into(), robot.into());
+        StageLatency { stage, robot, p99_9_ns, max_ns, ..StageLatency::default() }
+    }
+
+    #[test]
+    fn what_is_written_is_read_again_with_robots_in_order_and_infinite_errors() {
+        let summary = Summary {
+            scenario: "row".into(),
+            pace: Pace::Lockstep,
+            min_distance_m: Some(0.1 + 0.2),
+            final_error_m: ["r2", "r10", "r1"].map(|robot| (robot.into(), None)).into(),
+            restarts: vec![("r10".into(), 3), ("r1".into(), 0)],
+            ages: vec![line("beacon_age", "r1", 1, 2)],
+            faults: vec![FaultReport { peak_error_m: f64::INFINITY, ..FaultReport::default() }],
+            wall: Wall { startup_s: Some(0.25), wall_s: 3.0, ..Wall::default() },
+            ..Summary::default()
+        };
+        let text = serde_json::to_string(&summary).unwrap();
+        assert_eq!(serde_json::from_str::<Summary>(&text).unwrap(), summary);
+    }
+
+    #[test]
+    fn a_summary_of_another_version_counts_as_not_known_where_it_lacks_something() {
+        let summary: Summary = serde_json::from_str(r#"{ "t_s": 2.0, "novelty": [1] }"#).unwrap();
+        assert_eq!(summary, Summary { t_s: 2.0, ..Summary::default() });
+    }
+
+    #[test]
+    fn the_worst_of_a_stage_is_the_one_with_the_longest_tail() {
+        let summary = Summary {
+            ages: vec![line("beacon_age", "r1", 5, 5)],
+            wall: Wall {
+                latency: vec![
+                    line("wake", "r1", 1, 9),
+                    line("wake", "r2", 3, 3),
+                    line("wake", "r3", 3, 4),
+                    line("compute", "r1", 0, 0),
+                ],
+                ..Wall::default()
+            },
+            ..Summary::default()
+        };
+        let worst: Vec<String> = summary
+            .worst_latencies()
+            .iter()
+            .map(|line| format!("{} {}", line.stage, line.robot))
+            .collect();
+        assert_eq!(worst, ["wake r3", "compute r1", "beacon_age r1"]);
+    }
+}

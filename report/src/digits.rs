@@ -1,0 +1,21 @@
+//! Numbers in few characters.
+
+/// A bound as it was asked for: at most four significant digits, and none that says nothing.
+pub fn asked(value: f64) -> String {
+    let text = digits(value);
+    let plain = text.contains('.') && !text.contains('e');
+    if plain { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
+}
+
+/// A number in few characters: four significant digits.
+pub fn digits(value: f64) -> String {
+    match value.abs() {
+        0.0 => "0".into(),
+        size if !size.is_finite() => value.to_string(),
+        size if !(1e-3..1e5).contains(&size) => format!("{value:.1e}"),
+        size => {
+            let before = size.log10().floor() as i32;
+            format!("{value:.*}", (3 - before).max(0) as usize)
+        }
+    }
+}

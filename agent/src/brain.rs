@@ -178,6 +178,11 @@ impl Brain {
         std::mem::take(&mut self.news)
     }
 
+    /// How many beacons were refused.
+    pub fn beacons_refused(&self) -> u64 {
+        self.beacons_refused
+    }
+
     /// Answers an odometry sample; `None` if it does not know where the robot is. `effect_ns`: the
     /// stamp at which the answer is expected to take effect; the sample's own stamp in lockstep.
     /// The caller fills in `sent_ns`.

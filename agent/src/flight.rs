@@ -28,7 +28,7 @@ const PLANT_SILENCE_MAX_NS: u64 = 30_000_000_000;
 const GAP_NS_MAX: u64 = 1_000_000_000;
 /// A robot that is slow on purpose looks this often whether it is to stop.
 const LINGER_STEP: Duration = Duration::from_millis(50);
-/// The supervisor hears from every agent at least this often.
+/// In real time the supervisor hears from every agent at least this often.
 const STATUS_EVERY_NS: u64 = 100_000_000;
 /// Wake-ups that are kept until a sample shows that the run goes on. More are of a plant in trouble.
 const LATE_MAX: usize = 100;
@@ -120,8 +120,8 @@ struct Agent {
 impl Agent {
     fn fly_in_lockstep(mut self, barrier: &Barrier, mut epoch: u32) -> Result<(), FlightError> {
         let slot = self.brief.index - 1;
-        let mut supervisor = SupervisorWatch::new(barrier);
-        self.report_if(true, clock::now_ns())?;
+        let (mut supervisor, mut refused) = (SupervisorWatch::new(barrier), 0);
+        self.report(clock::now_ns())?;
         while !self.stop.requested() {
             let patience = supervisor.patience(barrier, &self.stop);
             let Some((new_epoch, tick)) = barrier.wait_tick(slot, epoch, patience) else {
@@ -151,13 +151,17 @@ impl Agent {
                 self.ports.send(answer, sent_ns)?;
                 self.measure(taken_ns, odometry.stamp_ns, sent_ns);
             }
-            let news = self.brain.take_news();
-            self.report_if(news, taken_ns)?;
+            // Before it arrives, and by what happened alone: whoever is killed after this tick has
+            // told the same in every run.
+            if self.brain.take_news() | (self.brain.beacons_refused() != refused) {
+                refused = self.brain.beacons_refused();
+                self.report(taken_ns)?;
+            }
+            self.ports.latency.send_if_half_full(taken_ns);
             match in_time {
                 Some(_) => barrier.arrive(slot, tick),
                 None => barrier.arrive_mute(slot, tick),
             }
-            self.ports.latency.send_if_due(taken_ns);
         }
         supervisor.lost().map_or(Ok(()), |lost| Err(lost.into()))
     }
@@ -211,7 +215,7 @@ impl Agent {
         let mut late_ns = Vec::with_capacity(LATE_MAX);
         let resumed = Resumed::on_signal()?;
         let mut lingered = false;
-        self.report_if(true, awake_ns)?;
+        self.report(awake_ns)?;
         while !self.stop.requested() {
             let Some(wake) = timer.wait() else { continue };
             // Whoever was stopped, or was slow on purpose, is not late by the machine's doing.
@@ -301,9 +305,15 @@ impl Agent {
     /// Tells the supervisor how it goes if there is news, or if it has heard nothing for long.
     fn report_if(&mut self, news: bool, now_ns: u64) -> Result<(), FlightError> {
         if news || now_ns - self.reported_ns >= STATUS_EVERY_NS {
-            self.ports.report(&self.brain, self.deadline_misses)?;
-            self.reported_ns = now_ns;
+            self.report(now_ns)
+        } else {
+            Ok(())
         }
+    }
+
+    fn report(&mut self, now_ns: u64) -> Result<(), FlightError> {
+        self.ports.report(&self.brain, self.deadline_misses)?;
+        self.reported_ns = now_ns;
         Ok(())
     }
 }

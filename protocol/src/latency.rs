@@ -6,10 +6,13 @@
 use crate::message::{LatencyHeader, LatencyRow};
 use crate::service::{Factory, Publisher, ServiceError, send_slice};
 
-/// Values are sent at least this often, ns: a killed process loses no more than this.
+/// In real time values are sent at least this often, ns: a killed process loses no more than this.
 const SEND_EVERY_NS: u64 = 100_000_000;
 /// Values that a process keeps until they are sent. They are sent once half of it is used.
 const ROWS_MAX: usize = 1024;
+/// But at least those of so many ticks: what waits for the supervisor then lasts for twice the lead
+/// that the plant may have over it in lockstep.
+const TICKS_MIN: usize = 16;
 
 /// What is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -101,7 +104,12 @@ impl Recorder {
     /// Whether there is something that should be sent at `now_ns`.
     pub fn is_due(&self, now_ns: u64) -> bool {
         let waited = now_ns >= self.sent_ns.saturating_add(SEND_EVERY_NS);
-        !self.rows.is_empty() && (waited || self.rows.len() >= self.rows_max / 2)
+        !self.rows.is_empty() && (waited || self.is_half_full())
+    }
+
+    /// Whether half of the room is used.
+    pub fn is_half_full(&self) -> bool {
+        self.rows.len() >= self.rows_max / 2
     }
 
     /// What is to be sent.
@@ -131,7 +139,7 @@ impl LatencyPort {
         incarnation: u64,
         rows_per_tick: usize,
     ) -> Result<LatencyPort, ServiceError> {
-        let rows_max = ROWS_MAX.max(2 * rows_per_tick);
+        let rows_max = ROWS_MAX.max(TICKS_MIN * rows_per_tick);
         let publisher = service.publisher(rows_max)?;
         Ok(LatencyPort { recorder: Recorder::new(incarnation, rows_max), publisher })
     }
@@ -149,6 +157,14 @@ impl LatencyPort {
     /// Sends if it is time, by a `now_ns` that the caller read anyhow.
     pub fn send_if_due(&mut self, now_ns: u64) {
         if self.recorder.is_due(now_ns) {
+            self.send(now_ns);
+        }
+    }
+
+    /// Sends once half of the room is used, and not before: in lockstep, where what arrives of a robot
+    /// that is killed depends on nothing but the tick.
+    pub fn send_if_half_full(&mut self, now_ns: u64) {
+        if self.recorder.is_half_full() {
             self.send(now_ns);
         }
     }

@@ -15,12 +15,13 @@
 //! | `recover` | how does a file get its end back that a killed supervisor never wrote? |
 //! | `export` | how does a recording become tables? |
 //!
-//! Knows nothing of processes, scenarios or iceoryx2, and reads no clock but to flush in time.
+//! Knows nothing of processes, scenarios or iceoryx2, and reads no clock but to flush in time, which
+//! a reproducible recording does by run time.
 //!
 //! # What is recorded
 //!
-//! All stamps, of messages and in them, are the start of the run by the wall clock plus run time, in
-//! either pace. World frame `map`, SI units, x forward, y left.
+//! All stamps, of messages and in them, are the start of the run plus run time: by the wall clock in
+//! real time, and always the same in lockstep. World frame `map`, SI units, x forward, y left.
 //!
 //! | topic | type | content |
 //! |---|---|---|

@@ -33,8 +33,11 @@ pub(crate) const SUPERVISOR: &str = "supervisor";
 /// What is known of a run before it begins.
 #[derive(Debug)]
 pub struct Run<'a> {
-    /// When the run began, ns since 1970. Run time counts from here.
+    /// When the run began, ns since 1970, or what stands for it. Run time counts from here.
     pub started_unix_ns: u64,
+    /// Whether the same run gives the same file, byte by byte: then no clock decides what is written
+    /// together, and the last half second of run time waits for more.
+    pub reproducible: bool,
     /// The robots' names in scenario order.
     pub robots: &'a [String],
     /// Further facts, for people and scripts.
@@ -47,6 +50,7 @@ pub struct Run<'a> {
 pub struct Recorder {
     writer: Writer,
     started_unix_ns: u64,
+    reproducible: bool,
     sheets: Sheets,
     /// Of each robot's odometry, pose and command.
     channels: Vec<[u16; 3]>,
@@ -58,6 +62,8 @@ pub struct Recorder {
     instants: u32,
     events: u32,
     flushed: Instant,
+    /// Run time of the last flush, ns.
+    flushed_t_ns: u64,
     unflushed: bool,
 }
 
@@ -97,6 +103,7 @@ impl Recorder {
         Ok(Recorder {
             writer,
             started_unix_ns: run.started_unix_ns,
+            reproducible: run.reproducible,
             sheets: Sheets::new(run.robots),
             channels: of_robots,
             tf,
@@ -107,6 +114,7 @@ impl Recorder {
             instants: 0,
             events: 0,
             flushed: Instant::now(),
+            flushed_t_ns: 0,
             unflushed: false,
         })
     }
@@ -121,6 +129,12 @@ impl Recorder {
         alive: &[bool],
         nearest: Option<Nearest>,
     ) -> io::Result<()> {
+        if self.reproducible
+            && u128::from(t_ns.saturating_sub(self.flushed_t_ns)) >= FLUSH_EVERY.as_nanos()
+        {
+            self.flushed_t_ns = t_ns;
+            self.writer.flush()?;
+        }
         let stamp_ns = self.started_unix_ns + t_ns;
         self.sheets.set(stamp_ns, states, errors_m, alive, nearest);
         let mut header = MessageHeader {
@@ -169,9 +183,9 @@ impl Recorder {
     }
 
     /// Sees to it that what was written is in the file, if it has waited [`FLUSH_EVERY`]. To be asked
-    /// often.
+    /// often. Of a reproducible recording run time decides, and this does nothing.
     pub fn flush_if_due(&mut self, now: Instant) -> io::Result<()> {
-        if now.saturating_duration_since(self.flushed) < FLUSH_EVERY {
+        if self.reproducible || now.saturating_duration_since(self.flushed) < FLUSH_EVERY {
             return Ok(());
         }
         self.flushed = now;

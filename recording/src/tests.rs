@@ -19,8 +19,13 @@ const STEP_NS: u64 = 10_000_000;
 const SCENARIO: &str = "name = \"made up\"\n";
 
 fn begin(path: &Path) -> Recorder {
+    begin_one(path, false)
+}
+
+fn begin_one(path: &Path, reproducible: bool) -> Recorder {
     let run = Run {
         started_unix_ns: STARTED_UNIX_NS,
+        reproducible,
         robots: &["r-1".to_owned(), "r2".to_owned()],
         facts: BTreeMap::from([("scenario".to_owned(), "made up".to_owned())]),
         attachments: &[("scenario.toml", "application/toml", SCENARIO)],
@@ -198,6 +203,40 @@ fn neither_noise_nor_nothing_is_recovered_and_no_file_is_overwritten() {
     assert!(matches!(error, RecoverError::Exists(_)), "{error}");
     assert_eq!(fs::read(at("precious")).unwrap(), b"data");
     assert!(!at("out").exists());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(20))]
+    /// Whenever somebody looks at the clock, and whatever it shows.
+    #[test]
+    fn a_reproducible_recording_has_the_same_bytes_and_lacks_half_a_second_of_run_time_at_most(
+        looks in prop::collection::vec((0..200u64, 0..10_000u64), 0..40),
+    ) {
+        let scratch = tempfile::tempdir().unwrap();
+        let at = |name: &str| scratch.path().join(name);
+        let began = Instant::now();
+        let mut recorders = ["undisturbed", "looked at"].map(|name| begin_one(&at(name), true));
+        for k in 0..200 {
+            for recorder in &mut recorders {
+                fly(recorder, k..k + 1);
+            }
+            for (_, ms) in looks.iter().filter(|(at, _)| *at == k) {
+                recorders[1].flush_if_due(began + Duration::from_millis(*ms)).unwrap();
+            }
+            if k % 40 == 39 {
+                let last_ns = match recover(&at("undisturbed"), &at("out")).unwrap() {
+                    Outcome::Recovered(found) => found.stamps_ns.map_or(0, |(_, last_ns)| last_ns),
+                    Outcome::Whole => panic!("it has no end yet"),
+                };
+                let age_ns = (STARTED_UNIX_NS + k * STEP_NS).saturating_sub(last_ns);
+                let young = k * STEP_NS < 500_000_000 || age_ns <= 500_000_000;
+                prop_assert!(young, "{} ns are missing after {} instants", age_ns, k);
+                fs::remove_file(at("out")).unwrap();
+            }
+        }
+        recorders.into_iter().for_each(|recorder| recorder.finish().unwrap());
+        prop_assert!(fs::read(at("undisturbed")).unwrap() == fs::read(at("looked at")).unwrap());
+    }
 }
 
 #[test]

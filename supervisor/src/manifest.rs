@@ -11,6 +11,11 @@ use serde::Serialize;
 
 use experiment::scenario::{Scenario, seconds};
 
+/// When a run in lockstep began as far as its recording goes, ns since 1970: always the same, so that
+/// the same run gives the same bytes. The first instant of the year 2000 in UTC, which nobody takes
+/// for the real one, and not 0, which readers of ROS take for no time at all.
+const LOCKSTEP_EPOCH_UNIX_NS: u64 = 946_684_800_000_000_000;
+
 /// How this program was built. What was not known then is `None`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Build {
@@ -58,6 +63,8 @@ pub struct Manifest {
     pub load_average: String,
     /// When the run began, ns since 1970, UTC.
     pub started_unix_ns: u64,
+    /// The same in the stamps of the recording, where run time counts from: in lockstep a constant.
+    pub epoch_unix_ns: u64,
 }
 
 impl Manifest {
@@ -67,6 +74,7 @@ impl Manifest {
         let text = |part: &std::ffi::CStr| part.to_string_lossy().into_owned();
         let load = fs::read_to_string("/proc/loadavg").unwrap_or_default();
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let started_unix_ns = since_1970.as_nanos() as u64;
         Manifest {
             phalanx: env!("CARGO_PKG_VERSION"),
             build: build.clone(),
@@ -82,7 +90,11 @@ impl Manifest {
             processor: processor(&fs::read_to_string("/proc/cpuinfo").unwrap_or_default()),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             load_average: load.split(' ').take(3).collect::<Vec<_>>().join(" "),
-            started_unix_ns: since_1970.as_nanos() as u64,
+            started_unix_ns,
+            epoch_unix_ns: match pace {
+                Pace::Lockstep => LOCKSTEP_EPOCH_UNIX_NS,
+                Pace::Realtime => started_unix_ns,
+            },
         }
     }
 }

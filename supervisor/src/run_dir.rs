@@ -2,12 +2,13 @@
 //! readable if the run ends early (the recording by `phalanx recover`); every failure to write names
 //! its file.
 
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use protocol::brief;
+use protocol::brief::{self, Pace};
 use protocol::message::{TruthHeader, TruthRow};
 use protocol::process::exit;
 use recording::recorder::{FLUSH_EVERY, Nearest, Recorder, Run, State};
@@ -152,30 +153,36 @@ impl RunDir {
         self.write("manifest.json", to_json(manifest))
     }
 
-    /// Begins the recording, with the effective scenario and the manifest in it.
+    /// Begins the recording, with the effective scenario in it and in real time, where no two runs
+    /// are the same, the manifest.
     pub fn begin_recording(
         &mut self,
         scenario: &str,
         manifest: &Manifest,
     ) -> Result<(), RunDirError> {
         let path = self.path.join(RECORDING);
-        let run = self.path.file_name().unwrap_or_default().to_string_lossy();
-        let facts = [
-            ("run", run.as_ref()),
-            ("scenario", &manifest.scenario),
+        let run = self.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let (seed, reproducible) = (manifest.seed.to_string(), manifest.pace == Pace::Lockstep);
+        let mut facts = BTreeMap::from([
+            ("scenario", manifest.scenario.as_str()),
             ("pace", manifest.pace.word()),
-            ("seed", &manifest.seed.to_string()),
+            ("seed", &seed),
             ("phalanx", manifest.phalanx),
             ("git_hash", manifest.build.git_hash.as_deref().unwrap_or("")),
-        ];
+        ]);
+        let manifest_text = to_json(manifest);
+        let mut attachments = vec![("scenario.toml", "application/toml", scenario)];
+        if !reproducible {
+            facts.insert("run", &run);
+            attachments.push(("manifest.json", "application/json", &manifest_text));
+        }
+        let facts = facts.into_iter().map(|(key, value)| (key.to_owned(), value.to_owned()));
         let run = Run {
-            started_unix_ns: manifest.started_unix_ns,
+            started_unix_ns: manifest.epoch_unix_ns,
+            reproducible,
             robots: &self.robots,
-            facts: facts.map(|(key, value)| (key.to_owned(), value.to_owned())).into(),
-            attachments: &[
-                ("scenario.toml", "application/toml", scenario),
-                ("manifest.json", "application/json", &to_json(manifest)),
-            ],
+            facts: facts.collect(),
+            attachments: &attachments,
         };
         self.recording = Some(Recorder::create(&path, &run).map_err(failed(&path))?);
         Ok(())
@@ -312,9 +319,9 @@ impl RunDir {
             summary.exit = exit::INFRASTRUCTURE;
         }
         let summarized = match self.summary.take() {
-            Some(reserved) => reserved
-                .fill(to_json(summary).as_bytes())
-                .map_err(failed(&self.path.join(SUMMARY))),
+            Some(reserved) => {
+                reserved.fill(to_json(summary).as_bytes()).map_err(failed(&self.path.join(SUMMARY)))
+            }
             None => Ok(()),
         };
         if summarized.is_err() {

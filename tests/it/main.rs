@@ -6,6 +6,7 @@
 mod bad_files;
 mod bench;
 mod browser;
+mod byte_equality;
 mod chapter;
 mod cleanup;
 mod every_fault;

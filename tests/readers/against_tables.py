@@ -20,7 +20,7 @@ LAST_DIGIT = 1e-15
 class Tables:
     def __init__(self, run_dir: Path):
         manifest = json.loads((run_dir / "manifest.json").read_text())
-        self.start_ns = manifest["started_unix_ns"]
+        self.start_ns = manifest["epoch_unix_ns"]
         lines = (run_dir / "samples.csv").read_text().splitlines(keepends=True)
         # A kill may have cut the last line.
         rows = list(csv.DictReader(line for line in lines if line.endswith("\n")))

@@ -217,6 +217,7 @@ fn recorded(robots: usize) -> Body {
     let names: Vec<String> = (1..=robots).map(|number| format!("r{number}")).collect();
     let run = Run {
         started_unix_ns: 1_795_233_599_000_000_000,
+        reproducible: false,
         robots: &names,
         facts: BTreeMap::new(),
         attachments: &[],

@@ -20,6 +20,7 @@
 //! | `closest_over_time` | the same at every instant of a run |
 //! | `near` | which robots are near which, from one instant to the next? |
 //! | `cells` | which may be, among many? |
+//! | `random` | what does a seed draw? |
 
 mod cells;
 pub mod closest;
@@ -33,6 +34,7 @@ pub mod laplacian;
 pub mod near;
 pub mod path;
 pub mod pose;
+pub mod random;
 pub mod reachability;
 pub mod trajectory;
 pub mod unicycle;
@@ -42,3 +44,8 @@ pub type Vec2 = nalgebra::Vector2<f64>;
 
 /// Rounding changes no coordinate, distance or square of one by so large a share.
 pub const ROUNDING: f64 = 1e-9;
+
+/// Nanoseconds as seconds. Divided, not multiplied by 1e-9: 15 ms are 0.015 s, with no digits behind.
+pub fn seconds(ns: u64) -> f64 {
+    ns as f64 / 1e9
+}

@@ -106,8 +106,8 @@ fn seen_by_plant(header: &TruthHeader) -> Option<Closest> {
 mod tests {
     use super::*;
     use crate::examples::header;
-    use experiment::scenario::seconds;
     use formation::closest::closest_pair;
+    use formation::seconds;
     use proptest::prelude::*;
 
     /// What looking at all pairs at every truth gives.

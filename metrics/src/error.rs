@@ -6,7 +6,8 @@ use protocol::message::TruthRow;
 
 use crate::silence::Silent;
 use crate::target::Targets;
-use experiment::scenario::{Scenario, seconds};
+use experiment::scenario::Scenario;
+use formation::seconds;
 
 /// The errors so far. Those of the dead count for nothing.
 pub(super) struct Errors {

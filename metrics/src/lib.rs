@@ -40,8 +40,9 @@ use serde::Serialize;
 use containment::Containment;
 use distance::Distances;
 use error::Errors;
-use experiment::scenario::{Scenario, Silenced, Struck, seconds};
+use experiment::scenario::{Scenario, Silenced, Struck};
 use fault::{Bound, End, FaultReport, Faults, Report};
+use formation::seconds;
 pub use pairs::PairDistance;
 use truths::Truths;
 

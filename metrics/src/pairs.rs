@@ -7,7 +7,7 @@ use formation::{ROUNDING, Vec2};
 use serde::Serialize;
 
 use crate::distance::Closest;
-use experiment::scenario::seconds;
+use formation::seconds;
 
 /// Two robots by name, how near they came, and when.
 #[derive(Debug, Clone, PartialEq, Serialize)]

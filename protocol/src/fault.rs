@@ -4,6 +4,7 @@
 //! pure function of run time, a seed and a sample, so that a lockstep run with faults is repeated
 //! bit by bit, even by a process that was restarted half-way.
 
+use formation::random::draw;
 use serde::{Deserialize, Serialize};
 
 /// From `from_ns` of run time on, until before `until_ns`.
@@ -179,37 +180,12 @@ pub enum WheelFaultKind {
     },
 }
 
-/// The draw number `counter` of `seed`: from 0 to below 1, all equally likely. (SplitMix64)
-pub fn draw(seed: u64, counter: u64) -> f64 {
-    let golden = 0x9e37_79b9_7f4a_7c15u64;
-    let mut bits = mix(seed.wrapping_add(golden)).wrapping_add(counter.wrapping_mul(golden));
-    bits = mix(bits);
-    (bits >> 11) as f64 / (1u64 << 53) as f64
-}
-
-fn mix(mut bits: u64) -> u64 {
-    bits = (bits ^ bits >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    bits = (bits ^ bits >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-    bits ^ bits >> 31
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn link(kind: LinkFaultKind) -> LinkFault {
         LinkFault { span: Span { from_ns: 100, until_ns: 1_000_000 }, kind, seed: 7 }
-    }
-
-    #[test]
-    fn draws_are_even_and_independent_of_their_neighbors() {
-        let draws: Vec<f64> = (0..10_000).map(|counter| draw(1, counter)).collect();
-        let mean = draws.iter().sum::<f64>() / 1e4;
-        assert!((mean - 0.5).abs() < 0.02, "{mean}");
-        let pairs = draws.windows(2).map(|pair| (pair[0] - 0.5) * (pair[1] - 0.5)).sum::<f64>();
-        assert!((pairs / 1e4).abs() < 0.005);
-        assert!(draws.iter().all(|draw| (0.0..1.0).contains(draw)));
-        assert_ne!(draw(1, 0), draw(2, 0));
     }
 
     #[test]

@@ -17,13 +17,13 @@ use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 
+use formation::seconds;
 use mcap::records::{Metadata, Record};
 use serde::Serialize;
 
 use crate::messages::{Nearest, read_log, read_metrics, read_pose, read_twist};
 use crate::pieces::Pieces;
 use crate::recorder::{EPOCH, FACTS, ROBOTS, SUPERVISOR, TOPICS};
-use crate::seconds;
 
 /// What was exported.
 #[derive(Debug, Clone, PartialEq, Eq)]

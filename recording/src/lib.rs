@@ -48,10 +48,5 @@ mod schemas;
 pub mod topics;
 mod writer;
 
-/// Nanoseconds as seconds. Divided, not multiplied by 1e-9: 15 ms are 0.015 s, with no digits behind.
-fn seconds(t_ns: u64) -> f64 {
-    t_ns as f64 / 1e9
-}
-
 #[cfg(test)]
 mod tests;

@@ -154,7 +154,7 @@ impl fmt::Display for Recovered {
             f,
             "recovered  {} messages over {:.3} s, {} attachments, {} metadata",
             self.messages,
-            crate::seconds(last_ns - first_ns),
+            formation::seconds(last_ns - first_ns),
             self.attachments,
             self.metadata
         )?;

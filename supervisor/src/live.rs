@@ -12,7 +12,8 @@ use view::{Happened, StageNow};
 
 use crate::latency::Latency;
 use crate::run::lives::Seat;
-use experiment::scenario::{FaultKind, Scenario, Silenced, seconds};
+use experiment::scenario::{FaultKind, Scenario, Silenced};
+use formation::seconds;
 
 /// What does not change during the run.
 pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {

@@ -9,7 +9,8 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use protocol::brief::Pace;
 use serde::Serialize;
 
-use experiment::scenario::{Scenario, seconds};
+use experiment::scenario::Scenario;
+use formation::seconds;
 
 /// When a run in lockstep began as far as its recording goes, ns since 1970: always the same, so that
 /// the same run gives the same bytes. The first instant of the year 2000 in UTC, which nobody takes

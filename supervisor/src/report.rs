@@ -24,8 +24,8 @@ use report::run::{ChangedTo, Limits, Run};
 use report::scene::{EdgeState, RobotState, Scene, SceneFault};
 
 use crate::live;
-use experiment::scenario::seconds;
 use experiment::scenario::{Fault, FaultKind, Scenario};
+use formation::seconds;
 use metrics::fault::FaultReport;
 use metrics::summary::{Summary, Wall};
 

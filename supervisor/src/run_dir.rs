@@ -18,7 +18,8 @@ use crate::latency::Latency;
 use crate::manifest::Manifest;
 use crate::reserved::Reserved;
 use crate::summary::to_json;
-use experiment::scenario::{Scenario, seconds};
+use experiment::scenario::Scenario;
+use formation::seconds;
 use metrics::PairDistance;
 use metrics::summary::Summary;
 

@@ -7,7 +7,8 @@ use protocol::latency::Stage;
 use serde::Serialize;
 
 use crate::outcome::Outcome;
-use experiment::scenario::{Scenario, seconds};
+use experiment::scenario::Scenario;
+use formation::seconds;
 use metrics::Measures;
 use metrics::expect::Expectation;
 use metrics::summary::{Commands, StageLatency, Summary, Wall};

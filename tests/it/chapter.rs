@@ -8,9 +8,9 @@ use formation::Vec2;
 use formation::front_point::front_point;
 use formation::graph::{Edge, FormationGraph};
 use formation::pose::Pose;
+use formation::random::SplitMix64;
 
 use crate::lockstep::{MEASURED, STARTS, far};
-use crate::model::Dice;
 use crate::oracle::{fly, scenario};
 
 /// Cases 2 and 3, and their d, m.
@@ -177,7 +177,7 @@ fn the_page_has_what_each_published_velocity_gains() {
 /// Twelve robots scattered over a square of 2.4 m, which are to form a lattice of three rows and
 /// four columns; each hears those to its left and below, or with `both_ways` all beside it.
 fn scattered(gap_m: f64, both_ways: bool, seed: u64) -> Scenario {
-    let mut dice = Dice(seed);
+    let mut dice = SplitMix64::new(seed);
     let mut scenario = scenario("lattice-12", &["duration_s=120"]);
     let mut alphas: Vec<Vec2> = Vec::new();
     for robot in &mut scenario.robots {

@@ -16,6 +16,7 @@ use experiment::briefs;
 use experiment::scenario::Scenario;
 use formation::Vec2;
 use formation::front_point::front_point;
+use formation::random::SplitMix64;
 use plant::world::World;
 use protocol::brief::{AgentBrief, Pace, PlantBrief};
 use protocol::message::{Beacon, Command, Odometry, TruthHeader, TruthRow};
@@ -101,7 +102,7 @@ pub fn fly(
 struct Model<'a> {
     fleet: &'a Fleet,
     flight: Flight,
-    dice: Dice,
+    dice: SplitMix64,
     world: World,
     robots: Vec<Robot>,
     now_ns: u64,
@@ -170,7 +171,7 @@ impl<'a> Model<'a> {
         let mut model = Model {
             fleet,
             flight,
-            dice: Dice(flight.seed),
+            dice: SplitMix64::new(flight.seed),
             world,
             robots: fleet.agents.iter().map(|_| Robot::default()).collect(),
             now_ns: START_NS,
@@ -330,30 +331,4 @@ impl<'a> Model<'a> {
 fn first_after(now_ns: u64, period_ns: u64, phase_ns: u64) -> u64 {
     let phase_ns = phase_ns % period_ns;
     (now_ns.saturating_sub(phase_ns) / period_ns + 1) * period_ns + phase_ns
-}
-
-/// Random numbers from a seed: SplitMix64.
-pub struct Dice(pub u64);
-
-impl Dice {
-    fn roll(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// In [0, 1).
-    pub fn unit(&mut self) -> f64 {
-        (self.roll() >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn chance(&mut self, probability: f64) -> bool {
-        self.unit() < probability
-    }
-
-    /// From `least` to `most`, both included.
-    pub fn between(&mut self, least: u64, most: u64) -> u64 {
-        least + self.roll() % (most - least + 1)
-    }
 }

@@ -8,10 +8,10 @@ use std::panic::{catch_unwind, resume_unwind};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
+use formation::random::SplitMix64;
 use rustix::process::Signal;
 
 use crate::harness::{Ended, Phalanx, Running, files_below, run, signal_pid};
-use crate::model::Dice;
 use crate::oracle::scenario;
 
 /// Runs at a time: as many as a small machine has cores.
@@ -75,7 +75,7 @@ impl Toll {
 
 /// Kills agents of one run at random.
 struct Reaper {
-    dice: Dice,
+    dice: SplitMix64,
     /// Process ids of those it killed.
     killed: BTreeSet<u32>,
 }
@@ -202,7 +202,7 @@ fn files_of_an_undisturbed_run(what: Soaked) -> BTreeMap<String, usize> {
 /// One run: kills, then peace. `files`: what its processes share if nobody dies.
 fn fly(what: Soaked, seed: u64, kills: usize, files: &BTreeMap<String, usize>) -> Toll {
     println!("soak: seed {seed}, up to {kills} kills, {what:?}");
-    let mut reaper = Reaper { dice: Dice(seed), killed: BTreeSet::new() };
+    let mut reaper = Reaper { dice: SplitMix64::new(seed), killed: BTreeSet::new() };
     let running = soaked(what, seed).start();
     // The first die while the robots are coming up.
     while running.agents().is_empty() {

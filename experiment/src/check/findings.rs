@@ -13,8 +13,9 @@ use serde::Serialize;
 
 use super::steady::{Motion, Settled};
 use super::{rounded_up, start_points};
+use crate::scenario::Scenario;
 use crate::scenario::diagnostic::Severity;
-use crate::scenario::{Scenario, seconds};
+use formation::seconds;
 
 /// Offsets around a cycle may miss by this much, m: rounding of decimals, and no more.
 const OFFSET_GAP_M_MAX: f64 = 1e-6;

@@ -5,7 +5,8 @@ use std::fmt::Write;
 use protocol::number::short;
 
 use super::theory::{Epsilon, Gap, Loss, Theory};
-use crate::scenario::{Scenario, seconds};
+use crate::scenario::Scenario;
+use formation::seconds;
 
 /// Matrices of more robots than this are not for people.
 const MATRIX_ROBOTS_MAX: usize = 12;

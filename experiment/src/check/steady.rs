@@ -14,7 +14,8 @@ use formation::laplacian::settled;
 use formation::pose::wrap_angle;
 use serde::Serialize;
 
-use crate::scenario::{Scenario, seconds};
+use crate::scenario::Scenario;
+use formation::seconds;
 
 /// Steps of all robots together: a second of work at most.
 const STEPS_MAX: usize = 1 << 22;

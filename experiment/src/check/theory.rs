@@ -12,7 +12,8 @@ use serde::Serialize;
 use super::findings::{Finding, once_settled, unsettled};
 use super::start_points;
 use super::steady::{Motion, Peak, Settled};
-use crate::scenario::{Robot, Scenario, seconds};
+use crate::scenario::{Robot, Scenario};
+use formation::seconds;
 
 /// What can be said about a scenario before it flies. Rows and columns of matrices are robots in
 /// scenario order.

@@ -3,7 +3,7 @@
 //! The same seed draws the same faults. They are ordinary faults from then on: planned, exact to
 //! the tick in lockstep, reported one by one.
 
-use protocol::fault::draw;
+use formation::random::draw;
 
 use super::diagnostic::Diagnostic;
 use super::lives::Lives;

@@ -44,6 +44,7 @@ pub use restart::{AfterDeath, RestartPolicy, RestartWhen};
 use formation::graph::{Edge, FormationGraph};
 use formation::pose::Pose;
 use formation::reachability::Reachability;
+use formation::seconds;
 use protocol::avoidance::{AvoidanceDescription, Conditions};
 use protocol::brief::{
     AvoidanceBrief, LeadBrief, Pace, PublishedVelocity, SilenceBrief, WheelsBrief,
@@ -318,9 +319,4 @@ impl Scenario {
     pub fn sensing_radius_needed_m(&self) -> f64 {
         (self.method.sensing_radius_m)(&self.conditions())
     }
-}
-
-/// Nanoseconds as seconds. Divided, not multiplied by 1e-9: 15 ms are 0.015 s, with no digits behind.
-pub fn seconds(ns: u64) -> f64 {
-    ns as f64 / 1e9
 }

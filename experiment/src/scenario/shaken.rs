@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use protocol::fault::draw;
+use formation::random::draw;
 
 use super::read::{Overrides, read_text};
 use super::tests::catalog;

@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use super::Report;
 use crate::summary::or_infinite;
-use experiment::scenario::{Silenced, Struck, seconds};
+use experiment::scenario::{Silenced, Struck};
+use formation::seconds;
 
 /// A fault while it is watched.
 #[derive(Debug, Clone)]

@@ -1,10 +1,11 @@
 //! Briefs as whole texts: that no text at all makes a process panic over its brief.
 
+use formation::random::draw;
 use formation::trajectory::Trajectory;
 
 use super::*;
 use crate::fault::{
-    LinkFaultKind, Sensor, SensorFaultKind, SlowFault, Span, WheelFault, WheelFaultKind, draw,
+    LinkFaultKind, Sensor, SensorFaultKind, SlowFault, Span, WheelFault, WheelFaultKind,
 };
 
 const SPAN: Span = Span { from_ns: 5, until_ns: 9 };

@@ -6,7 +6,7 @@
 use protocol::latency::Stage;
 use serde::Serialize;
 
-use experiment::scenario::seconds;
+use formation::seconds;
 
 /// A run has about so many stretches,
 const STRETCHES: u64 = 100;

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::time::Instant;
 
+use formation::random::SplitMix64;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::process::Stop;
 use protocol::run_root::{self, RunRoot};
@@ -103,16 +104,12 @@ impl<'a> Run<'a> {
 }
 
 /// The order in which the first processes are started, drawn from the seed: no result may lean
-/// on it. (Fisher and Yates, with xorshift64*.)
+/// on it. (Fisher and Yates)
 fn start_order(seed: u64, robots: usize) -> Vec<usize> {
+    let mut random = SplitMix64::new(seed);
     let mut order: Vec<usize> = (0..robots).collect();
-    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     for last in (1..robots).rev() {
-        state ^= state >> 12;
-        state ^= state << 25;
-        state ^= state >> 27;
-        let draw = state.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33;
-        order.swap(last, draw as usize % (last + 1));
+        order.swap(last, random.between(0, last as u64) as usize);
     }
     order
 }

@@ -12,7 +12,7 @@ use protocol::brief::{self, AgentBrief, BriefError, Pace};
 use protocol::clock::{self, Timer};
 use protocol::latency::Stage;
 use protocol::message::Odometry;
-use protocol::process::{self, Alarm, Resumed, Stop};
+use protocol::process::{self, Alarm, Stop, Thaws};
 use protocol::run_root::{self, RunRootError};
 use protocol::watchdog::{SupervisorLost, SupervisorWatch};
 
@@ -210,19 +210,19 @@ impl Agent {
         let period_ns = self.brief.period_ns;
         let phase = golden_phase(self.brief.index);
         let mut timer = Timer::new(period_ns, (phase * period_ns as f64) as u64);
+        let thaws = Thaws::watch()?;
+        let mut slow_until_ns = 0;
         let mut awake_ns = clock::now_ns();
         let mut silent_ns = 0;
         let mut late_ns = Vec::with_capacity(LATE_MAX);
-        let resumed = Resumed::on_signal()?;
-        let mut lingered = false;
         self.report(awake_ns)?;
         while !self.stop.requested() {
             let Some(wake) = timer.wait() else { continue };
-            // Whoever was stopped, or was slow on purpose, is not late by the machine's doing.
-            let on_purpose = resumed.take() | std::mem::take(&mut lingered);
             // From its first sample on: before, everybody waits for the last one to start.
             if self.brain.has_flown() {
-                late_ns.extend((!on_purpose).then_some(wake.lateness_ns));
+                // Whoever was frozen or slow on purpose is not late by the machine's doing.
+                let held = wake.due_ns < slow_until_ns.max(thaws.last_ns());
+                late_ns.push((if held { Stage::Held } else { Stage::Wake }, wake.lateness_ns));
             } else {
                 self.ports.connect();
             }
@@ -230,7 +230,8 @@ impl Agent {
             let newest = self.ports.odometry()?;
             // Without another sample the run is over, and everybody late who is not yet told.
             if newest.is_some() || late_ns.len() == LATE_MAX {
-                late_ns.drain(..).for_each(|ns| self.ports.latency.record(Stage::Wake, 0, ns));
+                let late_ns = late_ns.drain(..);
+                late_ns.for_each(|(stage, ns)| self.ports.latency.record(stage, 0, ns));
             }
             let taken_ns = clock::now_ns();
             silent_ns += (taken_ns - awake_ns).min(GAP_NS_MAX.max(2 * period_ns));
@@ -250,8 +251,10 @@ impl Agent {
                 let used_ns = clock::now_ns();
                 if let Some(answer) = self.brain.answer(&odometry, used_ns) {
                     self.linger(answer.delay_ns);
-                    lingered = answer.delay_ns > 0;
                     let sent_ns = clock::now_ns();
+                    if answer.delay_ns > 0 {
+                        slow_until_ns = sent_ns;
+                    }
                     self.ports.send(&answer, sent_ns)?;
                     self.measure(taken_ns, used_ns, sent_ns);
                     self.deadline_misses += sent_ns.saturating_sub(wake.due_ns) / period_ns;

@@ -18,7 +18,7 @@ const TICKS_MIN: usize = 16;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
 pub enum Stage {
-    /// Real time: from a timer's deadline to the return of the wait for it.
+    /// Real time: from a timer's deadline to the return of the wait for it; but see [`Stage::Held`].
     Wake = 0,
     /// From the sending of odometry to its taking by the agent.
     Odometry = 1,
@@ -32,17 +32,21 @@ pub enum Stage {
     BeaconAge = 4,
     /// Real time: from the sending of a beacon to its taking.
     BeaconDelivery = 5,
+    /// The same as [`Stage::Wake`] where it was no fault of the machine: the robot was frozen on
+    /// purpose past the deadline, or slow on purpose.
+    Held = 6,
 }
 
 impl Stage {
     /// All of them, in the order of their numbers.
-    pub const ALL: [Stage; 6] = [
+    pub const ALL: [Stage; 7] = [
         Stage::Wake,
         Stage::Odometry,
         Stage::Compute,
         Stage::Command,
         Stage::BeaconAge,
         Stage::BeaconDelivery,
+        Stage::Held,
     ];
 
     /// The stage that a number in a [`LatencyRow`] stands for.
@@ -59,6 +63,7 @@ impl Stage {
             Stage::Command => "command",
             Stage::BeaconAge => "beacon_age",
             Stage::BeaconDelivery => "beacon_delivery",
+            Stage::Held => "held",
         }
     }
 }

@@ -2,18 +2,22 @@
 //! happened.
 
 use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
 
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use hdrhistogram::Histogram;
 use hdrhistogram::serialization::Deserializer;
 use hdrhistogram::serialization::interval_log::{IntervalLogIterator, LogEntry};
+use rustix::process::Signal;
 use serde_json::Value;
 
-use crate::harness::{Ended, run};
+use crate::harness::{Ended, run, signal_pid};
 
 /// Of the triangle, whom hears whom.
 const EDGES: [(&str, &str); 3] = [("r1", "r2"), ("r2", "r3"), ("r3", "r1")];
+
+const HALF_A_SECOND: Duration = Duration::from_millis(500);
 
 const STAGES_OF_ROBOTS: [&str; 3] = ["odometry", "compute", "command"];
 
@@ -36,9 +40,13 @@ fn lines(ended: &Ended) -> Lines {
 }
 
 fn number(lines: &Lines, stage: &str, robot: &str, from: &str, column: &str) -> f64 {
-    let key = (stage.to_owned(), robot.to_owned(), from.to_owned());
+    let key = key(stage, robot, from);
     let line = lines.get(&key).unwrap_or_else(|| panic!("no {key:?} in {:?}", lines.keys()));
     line[column]
+}
+
+fn key(stage: &str, robot: &str, from: &str) -> (String, String, String) {
+    (stage.to_owned(), robot.to_owned(), from.to_owned())
 }
 
 /// Quantiles rise from the smallest value to the largest, the mean lies between these, and the
@@ -174,6 +182,30 @@ fn what_a_robot_measured_before_it_was_killed_is_kept() {
 }
 
 #[test]
+fn a_robot_stopped_by_a_stranger_is_late_for_every_deadline_it_slept_through() {
+    let mut running = run("triangle").set("duration_s=6").set("expect={}").start();
+    let r2 = running.pid_of("r2");
+    running.wait_for("a second of samples", |run| {
+        let samples = std::fs::read_to_string(run.run_dir().join("samples.csv")).ok()?;
+        (samples.lines().count() > 300).then_some(())
+    });
+    let since = Instant::now();
+    signal_pid(r2, Signal::STOP);
+    running.wait_for("half a second", |_| (since.elapsed() > HALF_A_SECOND).then_some(()));
+    signal_pid(r2, Signal::CONT);
+    let ended = running.finish();
+    ended.exits_with(0).leaves_nothing();
+    let lines = is_consistent(&ended);
+    let wake = |column: &str| number(&lines, "wake", "r2", "", column);
+    let (late_ns, period_ns) = (wake("max_ns"), 5e6);
+    ended.claim(late_ns > 3.0 * period_ns, "it overslept");
+    // L + (L - T) + (L - 2 T) + ... is at least L^2 / (2 T).
+    let sum_ns = wake("mean_ns") * wake("count");
+    ended.claim(sum_ns >= late_ns * late_ns / (2.0 * period_ns), "and each deadline counts");
+    ended.claim(!lines.keys().any(|(stage, ..)| stage == "held"), "nobody did it on purpose");
+}
+
+#[test]
 fn who_is_frozen_or_slow_on_purpose_is_not_called_late_to_wake() {
     let ended = run("triangle")
         .set("duration_s=8")
@@ -184,8 +216,12 @@ fn who_is_frozen_or_slow_on_purpose_is_not_called_late_to_wake() {
     ended.exits_with(0).leaves_nothing();
     let lines = is_consistent(&ended);
     for robot in ["r2", "r3"] {
-        let late_ns = number(&lines, "wake", robot, "", "max_ns");
-        ended.claim(late_ns < 2.5e9, format!("{robot}: {late_ns} ns are no machine's doing"));
+        let late_ns = |stage: &str| number(&lines, stage, robot, "", "max_ns");
+        let (wake_ns, held_ns) = (late_ns("wake"), late_ns("held"));
+        ended.claim(wake_ns < 2.5e9, format!("{robot}: {wake_ns} ns are no machine's doing"));
+        ended.claim(held_ns > 1e9, format!("{robot}: they stand apart: {held_ns}"));
     }
+    ended.claim(number(&lines, "held", "r2", "", "count") == 1.0, "it woke from it once");
+    ended.claim(!lines.contains_key(&key("held", "r1", "")), "nobody held r1");
     ended.claim(ended.number("/deadline_misses") >= 600.0, "the periods are missed all the same");
 }

@@ -7,8 +7,8 @@
 //! |---|---|
 //! | `log` | what is it called, where does its log go, and what is in it? |
 //! | `stop` | was it asked to stop? |
-//! | `resumed` | does it go on after it was stopped? |
 //! | `alarm` | what ends its waits? |
+//! | `thaw` | when did a freeze on purpose end? |
 //! | `priority` | who runs before it, and for how long? |
 //! | `exit` | which exit code says what? |
 
@@ -16,8 +16,8 @@ mod alarm;
 pub mod exit;
 mod log;
 mod priority;
-mod resumed;
 mod stop;
+mod thaw;
 
 pub use self::alarm::Alarm;
 pub use self::log::{Stderr, log_level, log_to_stderr, quiet_iceoryx2, set_name};
@@ -25,5 +25,5 @@ pub use self::priority::{
     PriorityError, REALTIME_PRIORITY, REALTIME_RUNTIME, hurry, may_lock_memory, stand_back,
     take_realtime_priority, take_short_turns, try_realtime_priority,
 };
-pub use self::resumed::Resumed;
 pub use self::stop::Stop;
+pub use self::thaw::Thaws;

@@ -1,13 +1,14 @@
 //! `phalanx`: one binary for every role. What it does is in the crates; here the roles are told
-//! apart, and the supervisor learns what the agents know.
+//! apart, the verbs are one file each, and the supervisor learns what the agents know.
 
 use std::io::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use phalanx::verbs;
 use protocol::process::{Stderr, exit};
-use supervisor::manifest::Build;
+use results::manifest::Build;
 use supervisor::spawn::Launcher;
 
 /// Decentralised multi-robot experiments on one machine, run the way they would be deployed.
@@ -21,7 +22,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Role {
     #[command(flatten)]
-    Supervisor(supervisor::cli::Verb),
+    Supervisor(verbs::Verb),
     /// Measure this machine's floors, and the ratio of ours to each.
     Bench(bench::cli::BenchArgs),
     /// Fly one robot of a run that is under way.
@@ -65,7 +66,7 @@ fn main() -> ExitCode {
     let code = match Cli::parse().role {
         Role::Supervisor(verb) => {
             let launcher = Launcher::of_this_executable();
-            supervisor::cli::main(&verb, &agent::catalog(), &launcher, &build())
+            verbs::main(&verb, &agent::catalog(), &launcher, &build())
         }
         Role::Agent(AgentArgs { brief, incarnation, realtime_priority }) => {
             agent::flight::main(&brief, incarnation, realtime_priority)

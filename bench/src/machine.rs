@@ -3,8 +3,8 @@
 use std::fmt::Write as _;
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use results::run_dir::date_and_time;
 use serde::Serialize;
-use supervisor::run_dir::date_and_time;
 
 /// More load than this for each core, and the floors are those of a crowd.
 const LOAD_PER_CORE_MAX: f64 = 0.25;

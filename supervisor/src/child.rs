@@ -16,7 +16,7 @@ use protocol::process::Stderr;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 
-use crate::usage::Usage;
+use results::usage::Usage;
 
 /// How much of a log's end is looked at for its last lines.
 const TAIL_BYTES: u64 = 16 * 1024;

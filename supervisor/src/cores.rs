@@ -16,7 +16,7 @@ use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
 use crate::child::Child;
 use crate::spawn::{Launcher, Role};
-use crate::usage::Usage;
+use results::usage::Usage;
 
 /// Robots for which one core is faster than two: on one, nobody is woken from afar.
 const ROBOTS_PER_CORE_MIN: usize = 4;

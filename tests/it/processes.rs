@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Parser;
 use protocol::brief;
-use supervisor::manifest::Build;
+use results::manifest::Build;
 use supervisor::spawn::Launcher;
 
 use crate::harness::{Phalanx, limited_by};
@@ -14,7 +14,7 @@ use crate::harness::{Phalanx, limited_by};
 #[derive(Parser)]
 struct Embedding {
     #[command(subcommand)]
-    verb: supervisor::cli::Verb,
+    verb: phalanx::verbs::Verb,
 }
 
 #[test]
@@ -27,7 +27,7 @@ fn a_program_that_embeds_the_supervisor_says_which_executable_robots_and_plant_a
         words.extend("--pace lockstep --no-report --set duration_s=1 --set expect={}".split(' '));
         words.extend(["--out", out.to_str().unwrap()]);
         let Embedding { verb } = Embedding::parse_from(words);
-        (supervisor::cli::main(&verb, &agent::catalog(), launcher, &Build::default()), out)
+        (phalanx::verbs::main(&verb, &agent::catalog(), launcher, &Build::default()), out)
     };
     let (code, out) = run_with(&Launcher::of(env!("CARGO_BIN_EXE_phalanx")), "run");
     assert_eq!(code, 0);
@@ -57,7 +57,7 @@ fn children_of_another_build_say_so_and_the_run_ends() {
     words.extend("--pace lockstep --no-report".split(' '));
     let Embedding { verb } = Embedding::parse_from(words);
     let launcher = Launcher::of(&program);
-    let code = supervisor::cli::main(&verb, &agent::catalog(), &launcher, &Build::default());
+    let code = phalanx::verbs::main(&verb, &agent::catalog(), &launcher, &Build::default());
     assert_eq!(code, 4);
     let logs = ["plant", "r1", "r2", "r3"]
         .map(|name| std::fs::read_to_string(out.join(format!("logs/{name}.jsonl"))));

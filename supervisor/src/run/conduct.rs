@@ -18,8 +18,8 @@ use super::processes::LOG_LINES;
 use crate::child::Child;
 use crate::cores::{Cores, Placement};
 use crate::spawn::Launcher;
-use crate::usage::Usage;
 use experiment::scenario::Scenario;
+use results::usage::Usage;
 
 /// How long one turn of the loop waits for news.
 const TURN: Duration = Duration::from_millis(2);

@@ -10,8 +10,8 @@ use protocol::watchdog::Instead;
 use crate::dead_nodes::CleanerError;
 use crate::descriptors;
 use crate::room::RoomError;
-use crate::run_dir::RunDirError;
 use crate::spawn::SpawnError;
+use results::run_dir::RunDirError;
 
 /// Every robot must be ready within this, at the start and at a restart. In lockstep only what it
 /// spends computing or blocked counts.

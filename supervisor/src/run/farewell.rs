@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use super::Run;
 use super::error::RunError;
-use crate::outcome::Outcome;
-use crate::usage::Usage;
+use results::outcome::Outcome;
+use results::usage::Usage;
 
 /// Children asked to end are killed after this.
 const GRACE: Duration = Duration::from_secs(2);

@@ -10,9 +10,9 @@ use protocol::service::{Factory, ServiceError, Subscriber};
 use super::error::RunError;
 use super::lives::Lives;
 use super::services::Services;
-use crate::latency::Latency;
-use crate::outcome::Outcome;
-use crate::usage::Usage;
+use results::latency::Latency;
+use results::outcome::Outcome;
+use results::usage::Usage;
 
 /// How often latencies are looked at, and in real time reports; each look costs a little for every
 /// robot.

@@ -8,8 +8,8 @@ use protocol::message::Contact;
 use view::View;
 
 use crate::live;
-use crate::run_dir::{RunDir, RunDirError};
 use metrics::Metrics;
+use results::run_dir::{RunDir, RunDirError};
 
 /// What is told, and whom.
 pub(super) struct Journal<'a> {

@@ -19,14 +19,14 @@ use super::processes::{Processes, Robot};
 use super::services::Services;
 use crate::dead_nodes::Cleaner;
 use crate::descriptors;
-use crate::latency::Latency;
 use crate::room::{self, Need};
-use crate::run_dir::RunDir;
 use crate::spawn::{Launcher, Role};
 use crate::timeline::Timeline;
 use experiment::briefs;
 use experiment::scenario::Scenario;
 use metrics::Metrics;
+use results::latency::Latency;
+use results::run_dir::RunDir;
 
 impl<'a> Run<'a> {
     /// Makes the run root and all services, writes the briefs and starts every process. `by_hand`:

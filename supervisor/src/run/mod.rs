@@ -47,7 +47,6 @@ use view::View;
 
 use crate::dead_nodes::Cleaner;
 use crate::live;
-use crate::outcome::Outcome;
 use crate::room;
 use crate::timeline::Timeline;
 use conduct::Conduct;
@@ -58,6 +57,7 @@ use intake::Intake;
 use journal::Journal;
 use lives::{Event, Lives, Seat};
 use processes::Processes;
+use results::outcome::Outcome;
 use services::Services;
 
 /// A run under way.

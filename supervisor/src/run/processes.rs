@@ -10,7 +10,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use super::load::Load;
 use crate::child::{self, Child};
 use crate::spawn::{Launcher, Role, SpawnError};
-use crate::usage::Usage;
+use results::usage::Usage;
 
 /// How many lines of a dead child's log are shown.
 pub(super) const LOG_LINES: usize = 8;

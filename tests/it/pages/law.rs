@@ -131,7 +131,7 @@ fn program(folder: &Path) -> std::path::PathBuf {
 #[derive(Parser)]
 struct Embedding {
     #[command(subcommand)]
-    verb: supervisor::cli::Verb,
+    verb: phalanx::verbs::Verb,
 }
 
 #[test]
@@ -143,8 +143,8 @@ fn processes_of_a_program_of_ones_own_move_by_a_law_that_is_in_no_table() {
     words.extend("--pace lockstep --no-report --set expect={}".split(' '));
     let Embedding { verb } = Embedding::parse_from(words);
     let launcher = Launcher::of(program(scratch.path()));
-    let build = supervisor::manifest::Build::default();
-    assert_eq!(supervisor::cli::main(&verb, &agent::catalog(), &launcher, &build), 0);
+    let build = results::manifest::Build::default();
+    assert_eq!(phalanx::verbs::main(&verb, &agent::catalog(), &launcher, &build), 0);
     let summary = std::fs::read_to_string(out.join("summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
     let foretold = oracle::fly_with(&oracle::scenario("triangle", &[]), &|brief, incarnation| {

@@ -7,8 +7,8 @@ use protocol::catalog::Catalog;
 use protocol::process::exit;
 
 use super::screen::{complain, print, show};
-use crate::report;
 use experiment::scenario::read::{Overrides, read};
+use results::page;
 
 /// Arguments of `phalanx report`.
 #[derive(Debug, Args)]
@@ -18,7 +18,7 @@ pub struct ReportArgs {
 }
 
 pub(super) fn report(ReportArgs { run_dir }: &ReportArgs, catalog: &Catalog) -> u8 {
-    let scenario = match report::scenario_path(run_dir) {
+    let scenario = match page::scenario_path(run_dir) {
         Ok(scenario) => scenario,
         Err(error) => {
             complain(&error);
@@ -33,8 +33,8 @@ pub(super) fn report(ReportArgs { run_dir }: &ReportArgs, catalog: &Catalog) -> 
             return exit::BAD_SCENARIO;
         }
     };
-    match report::write(run_dir, &scenario) {
-        Ok(page) => print(&format!("written to {}\n", page.display())),
+    match page::write(run_dir, &scenario) {
+        Ok(path) => print(&format!("written to {}\n", path.display())),
         Err(error) => complain(&error),
     }
 }

@@ -4,8 +4,8 @@ use clap::Args;
 use protocol::process::exit;
 
 use super::screen::{Output, print_as};
-use crate::doctor;
-use crate::summary::to_json;
+use results::summary::to_json;
+use supervisor::doctor;
 
 /// Arguments of `phalanx doctor`.
 #[derive(Debug, Args)]

@@ -7,7 +7,7 @@ use protocol::process::exit;
 use recording::export::{ExportError, Exported, export as write_tables};
 
 use super::screen::{complain, print};
-use crate::run_dir::RECORDING;
+use results::run_dir::RECORDING;
 
 /// Arguments of `phalanx export`.
 #[derive(Debug, Args)]

@@ -12,18 +12,18 @@ use view::{Bound, ViewError};
 
 use super::scenario::ScenarioArgs;
 use super::screen::{Output, complain, print, print_as, progress, show_progress, tell};
-use crate::live;
-use crate::manifest::{Build, Manifest};
-use crate::outcome::Outcome;
-use crate::report;
-use crate::run::{self, Run};
-use crate::run_dir::{RunDir, RunDirError, default_out};
-use crate::spawn::Launcher;
-use crate::summary::{self, to_json};
 use experiment::scenario::Scenario;
 use metrics::Metrics;
 use metrics::expect;
 use metrics::summary::Summary;
+use results::manifest::{Build, Manifest};
+use results::outcome::Outcome;
+use results::page;
+use results::run_dir::{RunDir, RunDirError, default_out};
+use results::scene::scene;
+use results::summary::{self, to_json};
+use supervisor::run::{self, Run};
+use supervisor::spawn::Launcher;
 
 /// Arguments of `phalanx run`.
 #[derive(Debug, Args)]
@@ -118,7 +118,7 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
         Ok(flown) => {
             if flown.took_off && flown.written && !args.no_report {
                 // The run is written down: that its pictures are not changes nothing about it.
-                if let Err(error) = report::write(&out, &scenario) {
+                if let Err(error) = page::write(&out, &scenario) {
                     complain(&error);
                 }
             }
@@ -199,7 +199,7 @@ fn fly(
     let mut view = None;
     if let Some(Looks { bound, control }) = looks {
         tell(&format!("view: {}", bound.url()));
-        view = Some(bound.serve(live::scene(scenario, pace), control)?);
+        view = Some(bound.serve(scene(scenario, pace), control)?);
     }
     let bar = progress(scenario.duration_ns);
     let launched =

@@ -19,7 +19,7 @@ const ROBOTS_SHOWN: usize = 12;
 const UNDECLARED: &str = "no expectations declared; exit code 0 says that the run ended as planned";
 
 /// JSON with a final newline.
-pub(crate) fn to_json<T: Serialize>(value: &T) -> String {
+pub fn to_json<T: Serialize>(value: &T) -> String {
     let text = serde_json::to_string_pretty(value).expect("string keys and plain values only");
     text + "\n"
 }

@@ -23,8 +23,8 @@ use clap::Subcommand;
 use protocol::catalog::Catalog;
 use protocol::process::quiet_iceoryx2;
 
-use crate::manifest::Build;
-use crate::spawn::Launcher;
+use results::manifest::Build;
+use supervisor::spawn::Launcher;
 
 /// The supervisor's verbs.
 #[derive(Debug, Subcommand)]

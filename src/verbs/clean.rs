@@ -5,7 +5,7 @@ use protocol::process::exit;
 use protocol::run_root;
 
 use super::screen::{complain, print};
-use crate::dead_runs;
+use supervisor::dead_runs;
 
 /// Arguments of `phalanx clean`.
 #[derive(Debug, Args)]

@@ -68,7 +68,7 @@ impl Usage {
     }
 
     /// What a child took, once it is dead; it is not reaped. `None` while it lives.
-    pub(crate) fn of_dead(pidfd: BorrowedFd<'_>) -> io::Result<Option<Usage>> {
+    pub fn of_dead(pidfd: BorrowedFd<'_>) -> io::Result<Option<Usage>> {
         let mut usage = MaybeUninit::<libc::rusage>::zeroed();
         let mut info = MaybeUninit::<libc::siginfo_t>::zeroed();
         // SAFETY: both pointers are to memory of the right types that outlives the call. The C
@@ -93,7 +93,7 @@ impl Usage {
     }
 
     /// What this process took up to now.
-    pub(crate) fn of_this_process() -> Usage {
+    pub fn of_this_process() -> Usage {
         let mut usage = MaybeUninit::<libc::rusage>::zeroed();
         // SAFETY: the pointer is to memory of the right type; all zeros is a value of it.
         let usage = unsafe {

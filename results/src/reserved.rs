@@ -11,7 +11,7 @@ use rustix::io::Errno;
 
 /// Room for a file that is not there yet. Dropped, the room is given back.
 #[derive(Debug)]
-pub(crate) struct Reserved {
+pub struct Reserved {
     path: PathBuf,
     /// What it is called until it is whole.
     part: PathBuf,
@@ -20,7 +20,7 @@ pub(crate) struct Reserved {
 
 impl Reserved {
     /// Takes so much room for a file at `path`, beside it.
-    pub(crate) fn create(path: &Path, bytes: u64) -> io::Result<Reserved> {
+    pub fn create(path: &Path, bytes: u64) -> io::Result<Reserved> {
         let mut part = path.as_os_str().to_owned();
         part.push(".part");
         let file = File::create_new(&part)?;
@@ -37,7 +37,7 @@ impl Reserved {
     }
 
     /// Writes the file.
-    pub(crate) fn fill(self, content: &[u8]) -> io::Result<()> {
+    pub fn fill(self, content: &[u8]) -> io::Result<()> {
         self.file.write_all_at(content, 0)?;
         self.file.set_len(content.len() as u64)?;
         fs::rename(&self.part, &self.path)

@@ -23,7 +23,7 @@ use protocol::fault::LinkFaultKind;
 use report::run::{ChangedTo, Limits, Run};
 use report::scene::{EdgeState, RobotState, Scene, SceneFault};
 
-use crate::live;
+use crate::scene::{cut_by, scene};
 use experiment::scenario::{Fault, FaultKind, Scenario};
 use formation::seconds;
 use metrics::fault::FaultReport;
@@ -110,7 +110,7 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
     }
     let pace = manifest.get("pace").and_then(serde_json::Value::as_str);
     let pace = pace.unwrap_or("unknown pace").to_owned();
-    let mut scene = Scene { pace, ..live::scene(scenario, Pace::Realtime) };
+    let mut scene = Scene { pace, ..scene(scenario, Pace::Realtime) };
     let changes = record::changes(&run_dir.join("events.csv"), &scene)?;
     scene.faults = faults(scenario, summary.as_ref(), &changes);
     let record = record::record(&run_dir.join("samples.csv"), scenario, &scene.faults)?;
@@ -197,7 +197,7 @@ fn faults(
             until_s: until_ns.map(seconds),
             what,
             robots,
-            cuts: live::cut_by(struck.silenced),
+            cuts: cut_by(struck.silenced),
         }
     };
     let planned: Vec<SceneFault> = scenario.faults.iter().map(planned).collect();

@@ -1,0 +1,25 @@
+//! What a run leaves: its directory, written while it goes on, and read again for its page.
+//!
+//! Must not: start, signal or wait for a process, or decide anything about a run.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `run_dir` | which files are there, and what stands in them? |
+//! | `reserved` | how does a small file survive a full disk? |
+//! | `manifest` | what was run, where and how? |
+//! | `outcome` | what does a run leave besides its metrics? |
+//! | `summary` | what came out? |
+//! | `latency` | how late, how long, how old was everything? |
+//! | `usage` | what did a process take from the machine? |
+//! | `scene` | what does a picture of it show all the time? |
+//! | `page` | what does a run directory look like in pictures? |
+
+pub mod latency;
+pub mod manifest;
+pub mod outcome;
+pub mod page;
+mod reserved;
+pub mod run_dir;
+pub mod scene;
+pub mod summary;
+pub mod usage;

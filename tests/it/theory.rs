@@ -184,20 +184,20 @@ fn on_a_circle_the_formation_turns_about_its_center_like_a_rigid_body() {
     // trails the tangent by lambda, sin lambda = ell / radius. r2 keeps its place at c.
     let (radius, ell, turn_rate) = (2.0, 0.1, std::f64::consts::TAU / 40.0);
     let lambda = f64::asin(ell / radius);
+    let heading = format!("heading_rad = {:?}", std::f64::consts::FRAC_PI_2 - lambda);
     let text = format!(
         "name = 'circle'\nduration_s = 40.0\nperiod_s = 0.005\n\
          [trajectory]\nkind = 'circle'\nradius_m = {radius:?}\nperiod_s = 40.0\n\
          [avoidance]\ndistance_min_m = 0.2\nspeed_max_m_s = 1.0\n\
          [robot_defaults]\nfront_point_m = {ell:?}\nlaw = 'formation-tanh'\nk_f_m_s = 1.0\n\
          [[robot]]\nname = 'r1'\nlaw = 'leader-tanh'\nk_m_m_s = 1.0\n\
-         pose = {{ x_m = 2.0, y_m = 0.0, heading_rad = {:?} }}\n\
+         pose = {{ x_m = 2.0, y_m = 0.0, {heading} }}\n\
          [[robot]]\nname = 'r2'\npose = {{ x_m = 1.0, y_m = 0.0, heading_rad = 0.0 }}\n\
-         [[edge]]\nfrom = 'r1'\nto = 'r2'\noffset_m = [-0.8, -0.5]\n",
-        std::f64::consts::FRAC_PI_2 - lambda
+         [[edge]]\nfrom = 'r1'\nto = 'r2'\noffset_m = [-0.8, -0.5]\n"
     );
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("circle.toml");
-    std::fs::write(&path, text).unwrap();
+    std::fs::write(&path, &text).unwrap();
     let catalog = agent::catalog();
     let (scenario, _, _) = read(&path, &Overrides::default(), &catalog)
         .unwrap_or_else(|error| panic!("{}", error.render(false)));
@@ -210,7 +210,27 @@ fn on_a_circle_the_formation_turns_about_its_center_like_a_rigid_body() {
     assert_near(theory.robots[1].peak.front_speed_m_s, turn_rate * arm, 1e-6);
     for robot in &theory.robots {
         assert_near(robot.peak.w_rad_s, turn_rate, 1e-6);
+        assert_eq!(robot.transient, None);
     }
+    assert_eq!((theory.trajectory.unwrap().tangent_rad, &theory.findings[..]), (None, &[][..]));
+
+    // A leader that starts across its path swings the others around until it has turned.
+    let across = text.replace(&heading, "heading_rad = 0.5");
+    assert_ne!(across, text);
+    std::fs::write(&path, across).unwrap();
+    let (scenario, _, _) = read(&path, &Overrides::default(), &catalog).unwrap();
+    let theory = Theory::of(&scenario);
+    assert_near(theory.trajectory.unwrap().tangent_rad.unwrap(), std::f64::consts::FRAC_PI_2, 1e-9);
+    // Settled is settled, but for the front point's lag, which is here from the start.
+    assert_near(theory.robots[1].peak.front_speed_m_s, turn_rate * arm, 0.02 * turn_rate * arm);
+    let transient = theory.robots[1].transient.unwrap();
+    assert!(
+        transient.front_speed_m_s > 2.0 * turn_rate * arm && transient.t_s < 1.0,
+        "{transient:?}"
+    );
+    let alarms: Vec<&str> = theory.findings.iter().map(|f| f.message.as_str()).collect();
+    assert!(alarms.len() == 1 && alarms[0].contains("once settled"), "{alarms:?}");
+    assert!(theory.findings[0].expected.contains("heading_rad = 1.5708"));
 }
 
 #[test]

@@ -11,10 +11,10 @@ use protocol::law::Reference;
 use protocol::number::short;
 use serde::Serialize;
 
-use super::steady::{Motion, Settled};
+use super::steady::{Motion, Peak, Settled};
 use super::{rounded_up, start_points};
-use crate::scenario::Scenario;
 use crate::scenario::diagnostic::Severity;
+use crate::scenario::{Robot, Scenario};
 use formation::seconds;
 
 /// Offsets around a cycle may miss by this much, m: rounding of decimals, and no more.
@@ -327,6 +327,10 @@ fn steady_speeds(scenario: &Scenario, motion: &Motion, findings: &mut Vec<Findin
     let front = |i: &usize| motion.peaks[*i].front_speed_m_s;
     let fastest = (0..scenario.robots.len()).max_by(|a, b| front(a).total_cmp(&front(b)));
     let Some(i) = fastest.filter(|i| limited && front(i) > v_max) else {
+        if limited {
+            let front = |peak: &Peak| Some(peak.front_speed_m_s);
+            transient(scenario, motion, 0, "", front, |_| Some(v_max), findings);
+        }
         return;
     };
     findings.push(finding(
@@ -350,7 +354,12 @@ fn steady_wheels(scenario: &Scenario, motion: &Motion, findings: &mut Vec<Findin
     };
     let slow: Vec<usize> = (0..scenario.robots.len()).filter(|i| too_slow(i).is_some()).collect();
     let excess = |i: &usize| too_slow(i).map_or(0.0, |(rim_m_s, limit)| rim_m_s / limit);
-    let Some(&worst) = slow.iter().max_by(|a, b| excess(a).total_cmp(&excess(b))) else { return };
+    let Some(&worst) = slow.iter().max_by(|a, b| excess(a).total_cmp(&excess(b))) else {
+        let limit = |robot: &Robot| robot.wheels.map(|wheels| wheels.speed_max_m_s);
+        let rim = |peak: &Peak| peak.rim_speed_m_s;
+        transient(scenario, motion, 1, "a wheel of ", rim, limit, findings);
+        return;
+    };
     let Some((rim_m_s, limit_m_s)) = too_slow(&worst) else { return };
     let name = &scenario.robots[worst].name;
     let others = match slow.len() {
@@ -367,6 +376,46 @@ fn steady_wheels(scenario: &Scenario, motion: &Motion, findings: &mut Vec<Findin
             short(limit_m_s)
         ),
         format!("expected more than {} m/s, or a slower trajectory", short(rim_m_s)),
+    ));
+}
+
+/// That somebody is slow enough once settled, but not while the leader turns into its path.
+fn transient(
+    scenario: &Scenario,
+    motion: &Motion,
+    which: usize,
+    what: &str,
+    speed_m_s: impl Fn(&Peak) -> Option<f64>,
+    limit_m_s: impl Fn(&Robot) -> Option<f64>,
+    findings: &mut Vec<Finding>,
+) {
+    let (Some(transient), Some(leader)) = (&motion.transient, scenario.leader()) else { return };
+    let robots = &scenario.robots;
+    let excess = |i: &usize| {
+        let (speed, limit) = (speed_m_s(&transient.peaks[*i]), limit_m_s(&robots[*i]));
+        speed.zip(limit).map_or(0.0, |(speed, limit)| speed / limit)
+    };
+    let worst = (0..robots.len()).max_by(|a, b| excess(a).total_cmp(&excess(b)));
+    let Some(i) = worst.filter(|i| excess(i) > 1.0) else { return };
+    let speed = |peak: &Peak| short(speed_m_s(peak).unwrap_or_default());
+    let leader = &robots[leader];
+    findings.push(finding(
+        Severity::Warning,
+        format!("robot.{}.pose.heading_rad", leader.name),
+        format!(
+            "while {}, the leader, turns into its path, {what}{} would have to go at {} m/s at {} s \
+             to stay in its place ({} m/s once settled), faster than its limit of {} m/s",
+            leader.name,
+            robots[i].name,
+            speed(&transient.peaks[i]),
+            short(transient.peaks_at_s[i][which]),
+            speed(&motion.peaks[i]),
+            short(limit_m_s(&robots[i]).unwrap_or_default())
+        ),
+        format!(
+            "expected heading_rad = {}, the tangent of its path at the start",
+            short(transient.tangent_rad)
+        ),
     ));
 }
 

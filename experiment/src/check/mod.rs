@@ -17,7 +17,7 @@ pub use report::report;
 pub use steady::Peak;
 pub use theory::{
     Death, Distances, EdgeCut, Epsilon, Gap, Guard, Hears, Loss, MatrixFacts, RobotTheory,
-    SpeedBounds, Theory, TrajectoryFacts,
+    SpeedBounds, Theory, TrajectoryFacts, TransientPeak,
 };
 
 use formation::Vec2;

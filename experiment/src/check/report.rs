@@ -1,10 +1,11 @@
 //! What a scenario amounts to, as `phalanx check` prints it: aligned text for people.
 
+use std::cmp::Ordering::Equal;
 use std::fmt::Write;
 
 use protocol::number::short;
 
-use super::theory::{Epsilon, Gap, Loss, Theory};
+use super::theory::{Epsilon, Gap, Loss, RobotTheory, Theory};
 use crate::scenario::Scenario;
 use formation::seconds;
 
@@ -274,6 +275,24 @@ fn motion(page: &mut Page, theory: &Theory<'_>) {
             )
         }),
     );
+    let front = |robot: &&RobotTheory<'_>| robot.transient.map(|peak| peak.front_speed_m_s);
+    let fastest =
+        theory.robots.iter().max_by(|a, b| front(a).partial_cmp(&front(b)).unwrap_or(Equal));
+    let tangent_rad = theory.trajectory.and_then(|facts| facts.tangent_rad);
+    if let (Some(robot), Some(tangent_rad)) = (fastest, tangent_rad)
+        && let Some(peak) = robot.transient
+    {
+        page.line(
+            "before that",
+            format!(
+                "{} {:.4} m/s at {} s, while the leader turns into its path: that leads to {} rad",
+                robot.name,
+                peak.front_speed_m_s,
+                short(peak.t_s),
+                short(tangent_rad)
+            ),
+        );
+    }
     if let Some(limit_m_s) = theory.guard.speed_max_m_s {
         let fastest = theory.robots.iter().map(|robot| robot.peak.front_speed_m_s);
         let fastest_m_s = fastest.fold(0.0, f64::max);

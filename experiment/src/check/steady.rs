@@ -24,6 +24,9 @@ const STEP_S_MIN: f64 = 2e-3;
 /// A step is at most this long, s. What would take more of them than there may be is cut short.
 const STEP_S_MAX: f64 = 1e-2;
 
+/// A transient that makes nobody faster than this times its settled peak is none.
+const FASTER: f64 = 1.001;
+
 /// The shape that the robots settle in.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Settled {
@@ -72,16 +75,58 @@ pub(super) struct Motion {
     pub trajectory_speed_m_s: f64,
     /// eta_c: bound on |C'_ji| over all edges with an offset, m/s.
     pub offset_rate_m_s: f64,
-    /// Of each robot.
+    /// Of each robot once all have settled.
     pub peaks: Vec<Peak>,
+    /// When each robot is fastest, s since the start: its front point, and a wheel's rim.
+    peaks_at_s: Vec<[f64; 2]>,
+    /// Where the leader starts with another heading than its path has, and that makes somebody
+    /// faster.
+    pub transient: Option<Transient>,
+}
+
+/// What the leader's heading at the start asks of the others until it has turned.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Transient {
+    /// The heading of the leader's path at the start, rad: starting with it, there is no transient.
+    pub tangent_rad: f64,
+    /// Of each robot from the start on.
+    pub peaks: Vec<Peak>,
+    /// When each robot is fastest, s since the start: its front point, and a wheel's rim.
+    pub peaks_at_s: Vec<[f64; 2]>,
 }
 
 impl Motion {
     /// `None` without a leader: then all stand still in the end.
     ///
-    /// The leader's front point is on m(t) from the start, and its heading starts as it does in
-    /// the scenario. The others start with the heading they are drawn to.
+    /// The leader's front point is on m(t) from the start. Its heading starts as it does in the
+    /// scenario; what that alone asks of the others is told apart. The others start with the
+    /// heading they are drawn to.
     pub fn of(scenario: &Scenario, settled: &Settled) -> Option<Motion> {
+        let (leader, lead) = (scenario.leader()?, scenario.lead.as_ref()?);
+        let start_rad = scenario.robots[leader].start.heading_rad;
+        let given = Motion::from(start_rad, scenario, settled)?;
+        // A path that begins at rest has its heading a little later.
+        let begun = (0..=100).map(|step| lead.trajectory.at(f64::from(step) * STEP_S_MIN).velocity);
+        let Some(tangent_rad) = begun.into_iter().find_map(heading_of) else { return Some(given) };
+        let along = Motion::from(tangent_rad, scenario, settled)?;
+        let faster = |(given, along): (&Peak, &Peak)| {
+            given.front_speed_m_s > FASTER * along.front_speed_m_s
+                || given.rim_speed_m_s > along.rim_speed_m_s.map(|rim_m_s| FASTER * rim_m_s)
+        };
+        if !given.peaks.iter().zip(&along.peaks).any(faster) {
+            return Some(given);
+        }
+        let Motion { peaks, peaks_at_s, .. } = given;
+        Some(Motion {
+            peaks: along.peaks,
+            peaks_at_s: along.peaks_at_s,
+            transient: Some(Transient { tangent_rad, peaks, peaks_at_s }),
+            ..given
+        })
+    }
+
+    /// The motion whose leader starts with that heading.
+    fn from(leader_rad: f64, scenario: &Scenario, settled: &Settled) -> Option<Motion> {
         let (leader, lead) = (scenario.leader()?, scenario.lead.as_ref()?);
         let robots = &scenario.robots;
         let steps_max = (STEPS_MAX / robots.len()) as f64;
@@ -96,8 +141,11 @@ impl Motion {
             trajectory_speed_m_s: 0.0,
             offset_rate_m_s: 0.0,
             peaks: vec![Peak::default(); robots.len()],
+            peaks_at_s: vec![[0.0; 2]; robots.len()],
+            transient: None,
         };
         let mut headings_rad: Vec<f64> = robots.iter().map(|r| r.start.heading_rad).collect();
+        headings_rad[leader] = leader_rad;
         let mut before: Option<Vec<Vec2>> = None;
         for step in 0..=steps {
             let t_s = step as f64 * step_s;
@@ -132,14 +180,19 @@ impl Motion {
                 }
                 let twist = twist_for(headings_rad[i], robot.front_point_m, velocities[i]);
                 let (v, w) = (twist.v_m_s.abs(), twist.w_rad_s.abs());
-                let peak = &mut motion.peaks[i];
-                peak.front_speed_m_s =
-                    peak.front_speed_m_s.max(front_speed(robot.front_point_m, twist));
+                let (peak, peak_at_s) = (&mut motion.peaks[i], &mut motion.peaks_at_s[i]);
+                let front_m_s = front_speed(robot.front_point_m, twist);
+                if front_m_s > peak.front_speed_m_s {
+                    (peak.front_speed_m_s, peak_at_s[0]) = (front_m_s, t_s);
+                }
                 peak.v_m_s = peak.v_m_s.max(v);
                 peak.w_rad_s = peak.w_rad_s.max(w);
-                peak.rim_speed_m_s = robot.wheels.map(|wheels| {
-                    peak.rim_speed_m_s.unwrap_or(0.0).max(v + 0.5 * wheels.track_m * w)
-                });
+                if let Some(wheels) = robot.wheels {
+                    let rim_m_s = v + 0.5 * wheels.track_m * w;
+                    if peak.rim_speed_m_s.is_none_or(|peak_m_s| rim_m_s > peak_m_s) {
+                        (peak.rim_speed_m_s, peak_at_s[1]) = (Some(rim_m_s), t_s);
+                    }
+                }
             }
             motion.trajectory_speed_m_s = motion.trajectory_speed_m_s.max(target.velocity.norm());
             let longest = frame.offset(Vec2::new(offset_m, 0.0)).velocity.norm();

@@ -74,8 +74,21 @@ pub struct RobotTheory<'s> {
     pub settled_m: [f64; 2],
     /// The fastest it must go to stay there; at rest without a leader.
     pub peak: Peak,
+    /// The fastest its front point would have to go before that to be there all the time, and
+    /// when, if the leader's heading at the start makes a difference.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub transient: Option<TransientPeak>,
     /// What its wheels' rims can do, m/s, if that is limited.
     pub rim_speed_max_m_s: Option<f64>,
+}
+
+/// The fastest that a robot would have to be while the leader turns into its path.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TransientPeak {
+    /// |alpha'|, m/s.
+    pub front_speed_m_s: f64,
+    /// When, s since the start.
+    pub t_s: f64,
 }
 
 /// One entry of a receive list.
@@ -171,6 +184,9 @@ pub struct TrajectoryFacts {
     pub eta_c_m_s: f64,
     /// Both from 0 to this time, s.
     pub horizon_s: f64,
+    /// Heading of the path at the start, rad, if the leader starts with another one that makes
+    /// somebody faster until it has turned.
+    pub tangent_rad: Option<f64>,
 }
 
 /// Bounds on |alpha'|, all robots stacked, while beta = 0.
@@ -295,6 +311,7 @@ impl<'s> Theory<'s> {
                 eta_m_m_s: motion.trajectory_speed_m_s,
                 eta_c_m_s: motion.offset_rate_m_s,
                 horizon_s: motion.horizon_s,
+                tangent_rad: motion.transient.as_ref().map(|transient| transient.tangent_rad),
             }),
             bounds,
             epsilon: epsilon_rules(scenario, bounds),
@@ -346,6 +363,10 @@ fn robot_theory<'s>(
         hears: hears.collect(),
         settled_m: settled.places[i].into(),
         peak: motion.map_or(at_rest, |motion| motion.peaks[i]),
+        transient: motion.and_then(|motion| motion.transient.as_ref()).map(|transient| {
+            let front_speed_m_s = transient.peaks[i].front_speed_m_s;
+            TransientPeak { front_speed_m_s, t_s: transient.peaks_at_s[i][0] }
+        }),
         rim_speed_max_m_s: robot.wheels.map(|wheels| wheels.speed_max_m_s),
     }
 }

@@ -7,7 +7,7 @@ use formation::frame::LeaderFrame;
 use protocol::brief::{NeighborBrief, SilenceBrief, SilencePolicy};
 use protocol::message::{Beacon, Contact, NeighborStatus};
 
-use crate::laws::Heard;
+use crate::laws::situation::Heard;
 
 /// The robots heard, in the order of the brief.
 pub struct Neighborhood {

@@ -1,10 +1,15 @@
-//! What a picture of a run shows that does not change while it goes on.
+//! What a picture of a run shows: what does not change while it goes on, and one instant of it.
 
 use experiment::scenario::{FaultKind, Scenario, Silenced};
+use formation::front_point::front_point;
+use formation::graph::Edge;
 use formation::seconds;
 use protocol::brief::Pace;
 use protocol::law::Reference;
-use report::scene::{Scene, SceneEdge, SceneFault, SceneRobot};
+use protocol::message::{Contact, TruthHeader, TruthRow};
+use report::scene::{
+    EdgeState, Frame, FrameRobot, RobotState, Scene, SceneEdge, SceneFault, SceneRobot,
+};
 
 /// What does not change during the run.
 pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
@@ -59,11 +64,58 @@ pub fn cut_by(silenced: Silenced) -> Option<usize> {
 }
 
 /// Whether the scenario cuts an edge at this time.
-pub fn is_cut(scenario: &Scenario, edge: usize, t_ns: u64) -> bool {
+fn is_cut(scenario: &Scenario, edge: usize, t_ns: u64) -> bool {
     scenario.faults.iter().any(|fault| {
         let lasts = fault.at_ns <= t_ns && fault.until_ns().is_none_or(|until_ns| t_ns < until_ns);
         lasts && cut_by(fault.kind.struck(scenario).1.silenced) == Some(edge)
     })
+}
+
+/// The instant of one truth. The `state` of a robot; how a robot is `heard` by another; whether an edge
+/// is `cut_by_hand`.
+pub fn frame(
+    scenario: &Scenario,
+    header: &TruthHeader,
+    rows: &[TruthRow],
+    errors_m: &[Option<f64>],
+    state: impl Fn(usize) -> RobotState,
+    heard: impl Fn(usize, usize) -> Contact,
+    cut_by_hand: impl Fn(usize) -> bool,
+) -> Frame {
+    let alphas: Vec<_> = rows
+        .iter()
+        .zip(&scenario.robots)
+        .map(|(row, robot)| front_point(row.pose(), robot.front_point_m))
+        .collect();
+    let pairs = alphas.iter().enumerate().flat_map(|(i, a)| {
+        let others = &alphas[i + 1..];
+        others.iter().map(move |b| (a - b).norm())
+    });
+    let shown = rows.iter().zip(errors_m).enumerate().map(|(robot, (row, error_m))| {
+        let state = state(robot);
+        FrameRobot {
+            x_m: row.x_m,
+            y_m: row.y_m,
+            heading_rad: row.heading_rad,
+            error_m: error_m.filter(|_| state != RobotState::Dead),
+            state,
+        }
+    });
+    let edge = |(place, ends): (usize, &Edge)| {
+        let contact = match heard(ends.from, ends.to) {
+            Contact::Fresh => EdgeState::Fresh,
+            Contact::Stale | Contact::Unheard => EdgeState::Stale,
+            Contact::Lost => EdgeState::Lost,
+        };
+        let cut = cut_by_hand(place) || is_cut(scenario, place, header.t_ns);
+        contact.of([ends.from, ends.to].map(&state), cut)
+    };
+    Frame {
+        t_s: seconds(header.t_ns),
+        robots: shown.collect(),
+        edges: scenario.graph.edges().iter().enumerate().map(edge).collect(),
+        distance_m: pairs.reduce(f64::min),
+    }
 }
 
 #[cfg(test)]

@@ -4,8 +4,8 @@ use clap::Args;
 use protocol::process::exit;
 use protocol::run_root;
 
+use super::dead_runs;
 use super::screen::{complain, print};
-use supervisor::dead_runs;
 
 /// Arguments of `phalanx clean`.
 #[derive(Debug, Args)]

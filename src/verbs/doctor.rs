@@ -3,9 +3,10 @@
 use clap::Args;
 use protocol::process::exit;
 
+mod examine;
+
 use super::screen::{Output, print_as};
 use results::summary::to_json;
-use supervisor::doctor;
 
 /// Arguments of `phalanx doctor`.
 #[derive(Debug, Args)]
@@ -19,13 +20,13 @@ pub struct DoctorArgs {
 }
 
 pub(super) fn doctor(args: &DoctorArgs) -> u8 {
-    let findings = doctor::examine(args.robots as usize);
+    let findings = examine::examine(args.robots as usize);
     let printed = print_as(
         args.output,
         &match args.output {
-            Output::Text => doctor::screen(&findings),
+            Output::Text => examine::screen(&findings),
             Output::Json => to_json(&findings),
         },
     );
-    if doctor::is_wrong(&findings) { exit::INFRASTRUCTURE } else { printed }
+    if examine::is_wrong(&findings) { exit::INFRASTRUCTURE } else { printed }
 }

@@ -6,10 +6,12 @@
 //! |---|---|
 //! | `run` `check` `schema` `report` `doctor` `clean` `recover` `export` | the verb of its name |
 //! | `scenario` | reads the scenario that a verb is about, with the command line's changes |
+//! | `dead_runs` | what did earlier runs that died leave behind? |
 //! | `screen` | writes to the terminal: results, complaints, the log, the progress bar |
 
 mod check;
 mod clean;
+mod dead_runs;
 mod doctor;
 mod export;
 mod recover;

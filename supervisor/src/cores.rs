@@ -184,7 +184,7 @@ fn keep_on(pid: u32, cores: &CpuSet) {
 
 /// Whether processes can be kept on cores, and it can be seen what others want of them: tried on
 /// the calling thread, which stays where it is.
-pub(crate) fn try_to_keep() -> Result<(), String> {
+pub fn try_to_keep() -> Result<(), String> {
     let tried = sched_getaffinity(None).and_then(|usable| sched_setaffinity(None, &usable));
     tried.map_err(|error| format!("sched_setaffinity: {error}"))?;
     busy_s().map(|_| ()).ok_or_else(|| "/proc/stat is not readable".into())

@@ -1,13 +1,11 @@
-//! The supervisor: it starts an experiment's processes, breaks what the scenario says, watches,
-//! and reports. It never passes control data on, and no agent needs it to keep moving.
+//! The supervisor: it starts an experiment's processes, breaks what the scenario says, and watches.
+//! It never passes control data on, and no agent needs it to keep moving.
 //!
 //! | file | question it answers |
 //! |---|---|
 //! | `run/` | what happens, in order, from the first process to the last? |
 //! | `descriptors` | how many files may it open? |
 //! | `room` | is there memory for what its processes share? |
-//! | `doctor` | is this machine fit for it? |
-//! | `dead_runs` | what did earlier runs that died leave behind? |
 //! | `timeline` | what does the supervisor do to processes, and when? |
 //! | `spawn` | which executable is started, in which role, and why could it not be? |
 //! | `limits` | why does the kernel refuse another process? |
@@ -17,11 +15,9 @@
 //! | `live` | what does the live view show of it? |
 
 pub mod child;
-mod cores;
+pub mod cores;
 pub mod dead_nodes;
-pub mod dead_runs;
 pub mod descriptors;
-pub mod doctor;
 mod limits;
 pub mod live;
 pub mod room;

@@ -6,7 +6,7 @@ mod containment_tanh;
 mod formation_tanh;
 mod formation_unit;
 mod leader_tanh;
-mod situation;
+pub mod situation;
 
 use std::collections::BTreeMap;
 

@@ -5,7 +5,7 @@ use formation::desired::Target;
 use protocol::brief::AgentBrief;
 
 use super::{Moment, Role, RoleRow};
-use crate::laws::Heard;
+use crate::laws::situation::Heard;
 
 /// The row of the contained.
 pub const CONTAINED: RoleRow = RoleRow {

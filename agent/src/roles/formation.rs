@@ -5,7 +5,7 @@ use formation::frame::LeaderFrame;
 use protocol::brief::AgentBrief;
 
 use super::{Moment, Role, RoleRow};
-use crate::laws::Heard;
+use crate::laws::situation::Heard;
 
 /// The row of those that keep a place.
 pub const FORMATION: RoleRow = RoleRow {

@@ -8,7 +8,7 @@ use protocol::brief::{AgentBrief, LeadBrief};
 
 use super::{Moment, Role, RoleError, RoleRow};
 use crate::avoidance::Avoidance;
-use crate::laws::Heard;
+use crate::laws::situation::Heard;
 
 /// The leader's row.
 pub const LEADER: RoleRow = RoleRow {

@@ -17,7 +17,7 @@ pub use self::contained::CONTAINED;
 pub use self::formation::FORMATION;
 pub use self::leader::LEADER;
 use crate::avoidance::Avoidance;
-use crate::laws::Heard;
+use crate::laws::situation::Heard;
 use crate::neighborhood::Neighborhood;
 
 /// One odometry sample as a role sees it.

@@ -11,6 +11,7 @@ use super::intake::News;
 use super::lives::{Event, Seat};
 use crate::live;
 use crate::room;
+use results::scene;
 
 /// The plant may send as fast as they are taken: after so many it is time for reports and deaths.
 const TRUTHS_PER_TURN: usize = 64;
@@ -46,9 +47,9 @@ impl Run<'_> {
         {
             let (lives, reports) = (&self.lives, &self.intake.reports);
             let heard = |from: usize, to: usize| reports[to].contact(from);
-            let seat = |robot| lives.seat(robot);
+            let state = |robot| live::state(lives.seat(robot));
             let cut = |edge| lives.is_cut(edge);
-            view.frame(live::frame(self.scenario, header, rows, errors_m, seat, heard, cut));
+            view.frame(scene::frame(self.scenario, header, rows, errors_m, state, heard, cut));
         }
         self.conduct.took(header);
         Ok(())

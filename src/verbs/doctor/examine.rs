@@ -20,9 +20,10 @@ use rustix::process::{Resource, getrlimit};
 use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
 
-use crate::room::{Need, Room, RoomError};
-use crate::spawn::{Launcher, Role};
-use crate::{cores, dead_runs, descriptors};
+use super::super::dead_runs;
+use supervisor::room::{Need, Room, RoomError};
+use supervisor::spawn::{Launcher, Role};
+use supervisor::{cores, descriptors};
 
 /// Processes and threads besides the robots: supervisor, its clean-up, plant, and a little room.
 const PROCESSES: u64 = 8;

@@ -23,9 +23,9 @@ struct Cli {
 enum Role {
     #[command(flatten)]
     Supervisor(verbs::Verb),
-    /// Measure this machine's floors, and the ratio of ours to each.
+    /// Measure this machine's baselines, and the ratio of a run to each.
     Bench(bench::cli::BenchArgs),
-    /// Fly one robot of a run that is under way.
+    /// Run one robot's agent, in a run that is under way.
     Agent(AgentArgs),
     /// Stand in for the hardware of a run that is under way.
     Plant {

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 
-/// Fly one robot.
+/// Run one robot's agent.
 #[derive(Parser)]
 #[command(version)]
 struct Cli {

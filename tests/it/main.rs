@@ -3,6 +3,7 @@
 
 #![expect(clippy::print_stderr, clippy::print_stdout, reason = "tests tell whoever runs them")]
 
+mod architecture;
 mod bad_files;
 mod bench;
 mod browser;

@@ -4,18 +4,8 @@ use formation::Vec2;
 use formation::closest_over_time::ClosestOverTime;
 use protocol::message::TruthHeader;
 
+use crate::closest::Closest;
 use crate::pairs::Pairs;
-
-/// Two robots at their nearest.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Closest {
-    /// |alpha_i - alpha_j|, m.
-    pub(super) distance_m: f64,
-    /// Their places, the smaller one first.
-    pub(super) pair: [usize; 2],
-    /// When, ns.
-    pub(super) t_ns: u64,
-}
 
 /// The smallest distances so far.
 pub(super) struct Distances {

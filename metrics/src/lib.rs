@@ -5,6 +5,7 @@
 //! | file | question it answers |
 //! |---|---|
 //! | `distance` | how near did any two come to each other, and when? |
+//! | `closest` | what is the nearest of two? |
 //! | `pairs` | how near did every pair come? |
 //! | `error` | how far is each robot from where its role wants it? |
 //! | `target` | where does its role want it? |
@@ -17,6 +18,7 @@
 //! | `truths` | are two runs the same, and is any truth missing? |
 //! | `hash` | how does a trajectory become one word? |
 
+mod closest;
 mod containment;
 mod distance;
 mod error;

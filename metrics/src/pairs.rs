@@ -6,7 +6,7 @@
 use formation::{ROUNDING, Vec2};
 use serde::Serialize;
 
-use crate::distance::Closest;
+use crate::closest::Closest;
 use formation::seconds;
 
 /// Two robots by name, how near they came, and when.

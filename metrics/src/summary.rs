@@ -7,7 +7,7 @@
 mod by_name;
 
 use protocol::brief::Pace;
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Serialize};
 
 use crate::expect::Expectation;
 use crate::fault::FaultReport;
@@ -201,11 +201,6 @@ impl Summary {
         }
         worst
     }
-}
-
-/// A number that may have been infinite, for which JSON has no word but `null`.
-pub(crate) fn or_infinite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
-    Ok(Option::deserialize(deserializer)?.unwrap_or(f64::INFINITY))
 }
 
 #[cfg(test)]

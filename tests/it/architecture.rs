@@ -1,5 +1,6 @@
 //! The structure is what `ARCHITECTURE.md` says.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::process::Command;
 
@@ -51,4 +52,88 @@ fn experiment_and_metrics_are_built_without_iceoryx2() {
         // The third shows that the question can be answered with yes.
         assert_eq!(text.contains("iceoryx2"), package == "supervisor", "{package}:\n{text}");
     }
+}
+
+/// The crates whose files may not import each other in a circle.
+const CRATES: [&str; 12] = [
+    "formation",
+    "protocol",
+    "experiment",
+    "metrics",
+    "agent",
+    "plant",
+    "results",
+    "supervisor",
+    "recording",
+    "report",
+    "view",
+    "bench",
+];
+
+#[test]
+fn no_files_import_each_other_in_a_circle() {
+    let mut imports = 0;
+    for package in CRATES {
+        let files = modules(&Path::new(ROOT).join(package).join("src"), &[]);
+        let known: BTreeSet<&Module> = files.iter().map(|(module, _)| module).collect();
+        let mut edges: BTreeMap<&Module, BTreeSet<Module>> = BTreeMap::new();
+        for (module, text) in &files {
+            let uses = text.lines().filter_map(|line| line.trim_start().strip_prefix("use "));
+            let found = uses.filter_map(|line| imported(module, line, &known));
+            // A folder's own file and what is in the folder are one thing.
+            let apart = found.filter(|to| !to.starts_with(module) && !module.starts_with(to));
+            edges.insert(module, apart.collect());
+        }
+        imports += edges.values().map(BTreeSet::len).sum::<usize>();
+        // Whoever imports nobody that is left is in no circle.
+        while let Some(free) = edges
+            .iter()
+            .find_map(|(&module, to)| to.iter().all(|to| !edges.contains_key(to)).then_some(module))
+        {
+            edges.remove(free);
+        }
+        assert!(edges.is_empty(), "{package}: {edges:?} import each other");
+    }
+    assert!(imports > 100, "{imports} imports");
+}
+
+/// Where a file stands in its crate: the names of the modules down to it.
+type Module = Vec<String>;
+
+/// All files below a folder, without tests.
+fn modules(folder: &Path, module: &[String]) -> Vec<(Module, String)> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap().flatten() {
+        let path = entry.path();
+        let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+        let below = [module, std::slice::from_ref(&name)].concat();
+        if name == "tests" || name == "bin" {
+        } else if path.is_dir() {
+            found.extend(modules(&path, &below));
+        } else if path.extension().is_some_and(|extension| extension == "rs") && name != "lib" {
+            let text = std::fs::read_to_string(&path).unwrap();
+            let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap().to_owned();
+            found.push((if name == "mod" { module.to_vec() } else { below }, code));
+        }
+    }
+    found
+}
+
+/// The file that a `use` of `module` takes something from, if it is one of this crate's.
+fn imported(module: &Module, line: &str, known: &BTreeSet<&Module>) -> Option<Module> {
+    let names: Vec<&str> =
+        line.split([':', ';', '{', ' ']).filter(|name| !name.is_empty()).collect();
+    let up = names.iter().take_while(|&&name| name == "super").count();
+    let base = match names[0] {
+        "crate" => &[][..],
+        "self" => module,
+        "super" => &module[..module.len().checked_sub(up)?],
+        _ => return None,
+    };
+    let path = names[up.max(1)..].iter().map(|&name| name.to_owned());
+    let mut path: Module = base.iter().cloned().chain(path).collect();
+    while !known.contains(&path) {
+        path.pop()?;
+    }
+    (!path.is_empty() && path != *module).then_some(path)
 }

@@ -1,10 +1,9 @@
 //! What one fault did: when it was noticed, how far it threw the formation off, when that was over.
 
 use protocol::message::Contact;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use super::Report;
-use crate::summary::or_infinite;
 use experiment::scenario::{Silenced, Struck};
 use formation::seconds;
 
@@ -228,6 +227,11 @@ impl FaultWindow {
                 .and_then(|ended_ns| self.recovered_ns.map(after(ended_ns))),
         }
     }
+}
+
+/// A number that may have been infinite, for which JSON has no word but `null`.
+fn or_infinite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Ok(Option::deserialize(deserializer)?.unwrap_or(f64::INFINITY))
 }
 
 #[cfg(test)]

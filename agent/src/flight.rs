@@ -122,6 +122,7 @@ impl Agent {
         let slot = self.brief.index - 1;
         let (mut supervisor, mut refused) = (SupervisorWatch::new(barrier), 0);
         self.report(clock::now_ns())?;
+        barrier.reported();
         while !self.stop.requested() {
             let patience = supervisor.patience(barrier, &self.stop);
             let Some((new_epoch, tick)) = barrier.wait_tick(slot, epoch, patience) else {
@@ -156,6 +157,7 @@ impl Agent {
             if self.brain.take_news() | (self.brain.beacons_refused() != refused) {
                 refused = self.brain.beacons_refused();
                 self.report(taken_ns)?;
+                barrier.reported();
             }
             self.ports.latency.send_if_half_full(taken_ns);
             match in_time {

@@ -43,6 +43,11 @@ impl Barrier {
         }
     }
 
+    /// Says that a report to the supervisor was sent; before arriving at the tick that it is about.
+    pub fn reported(&self) {
+        self.head().reports.0.fetch_add(1, SeqCst);
+    }
+
     /// Says that this slot has sent all it has to say at this tick.
     pub fn arrive(&self, slot: usize, tick: u64) {
         let place = &self.all_slots()[slot];

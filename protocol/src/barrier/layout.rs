@@ -6,7 +6,7 @@ use super::GROUPS_MAX;
 use super::words::{AtomicU32, AtomicU64};
 
 pub(super) const MAGIC: u64 = u64::from_le_bytes(*b"phxbarri");
-pub(super) const VERSION: u32 = 5;
+pub(super) const VERSION: u32 = 6;
 /// "No member", "not paused", "pause never".
 pub(super) const NEVER: u64 = u64::MAX;
 /// In the arrivals word: the member set changed, so every arrival wakes the plant.
@@ -57,6 +57,8 @@ pub(super) struct Head {
     pub(super) supervisor_waiting: Line<AtomicU32>,
     /// Counts the supervisor's turns, so that others see it at work.
     pub(super) turns: Line<AtomicU32>,
+    /// Counts what agents reported, so that the supervisor need not ask each at every tick.
+    pub(super) reports: Line<AtomicU32>,
 }
 
 /// One robot's place: what its neighbors and the plant read at each tick, and what seldom changes.

@@ -63,6 +63,12 @@ impl Barrier {
         wake(&self.head().resumes.0);
     }
 
+    /// How many reports the agents have sent. Whoever has taken a truth finds all counted that were
+    /// sent at earlier ticks.
+    pub fn reports(&self) -> u32 {
+        self.head().reports.0.load(SeqCst)
+    }
+
     /// The supervisor rests until it was called since the last time it asked; false at the limit
     /// and after a signal. For one thread only.
     pub fn wait_attention(&self, limit: Duration) -> bool {

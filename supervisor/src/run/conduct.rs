@@ -98,10 +98,13 @@ impl Conduct {
         }
     }
 
-    /// Whether everything that robots said of the time before a truth is there before it. In lockstep
-    /// the plant waits for them, and they report before they arrive.
-    pub(super) fn reports_come_before_truths(&self) -> bool {
-        matches!(self, Conduct::Lockstep { .. })
+    /// How many reports of robots are there, if all of the time before the truth at hand are. In
+    /// lockstep the plant waits for the robots, and they report before they arrive.
+    pub(super) fn reports_before_truth(&self) -> Option<u32> {
+        match self {
+            Conduct::Lockstep { barrier, .. } => Some(barrier.reports()),
+            Conduct::Realtime { .. } => None,
+        }
     }
 
     /// Up to which run time, ns, everything is known once this truth was taken, and in lockstep what

@@ -25,6 +25,8 @@ pub(super) struct Intake {
     pub(super) statuses: Vec<Subscriber<[NeighborStatus], StatusHeader>>,
     /// Of the plant, then of the robots in scenario order.
     latencies: Vec<Subscriber<[LatencyRow], LatencyHeader>>,
+    /// How many reports had been sent when they were taken last, in lockstep.
+    pub(super) reports_taken: Option<u32>,
     /// What the robots say, in scenario order.
     pub(super) reports: Vec<Report>,
     /// The newest truth.
@@ -52,6 +54,7 @@ impl Intake {
                 .collect::<Result<_, _>>()?,
             reports: vec![Report::new(statuses.len()); statuses.len()],
             statuses,
+            reports_taken: None,
             newest: None,
             last_news: now,
             began: None,

@@ -23,8 +23,10 @@ impl Run<'_> {
             let Some(sample) = self.intake.truths.receive()? else { return Ok(true) };
             let header = *sample.user_header();
             // All that was said before this truth is known before it.
-            if self.conduct.reports_come_before_truths() {
-                self.take_statuses()?;
+            if let Some(reports) = self.conduct.reports_before_truth() {
+                if self.intake.reports_taken.replace(reports) != Some(reports) {
+                    self.take_statuses()?;
+                }
                 self.journal.known_before(header.t_ns)?;
             }
             self.take_truth(&header, sample.payload())?;

@@ -6,6 +6,8 @@
 
 mod by_name;
 
+use std::ops::AddAssign;
+
 use protocol::brief::Pace;
 use serde::{Deserialize, Serialize};
 
@@ -163,6 +165,15 @@ pub struct ProcessUsage {
     pub name: String,
     /// How often it was started.
     pub starts: u64,
+    /// What it took.
+    #[serde(flatten)]
+    pub usage: Usage,
+}
+
+/// What a process took from the machine, or several one after the other.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Usage {
     /// Processor time in user mode, s.
     pub user_s: f64,
     /// Processor time in the kernel, s.
@@ -175,6 +186,17 @@ pub struct ProcessUsage {
     pub minor_faults: u64,
     /// Page faults that read a disk.
     pub major_faults: u64,
+}
+
+impl AddAssign for Usage {
+    fn add_assign(&mut self, other: Usage) {
+        self.user_s += other.user_s;
+        self.system_s += other.system_s;
+        self.voluntary_switches += other.voluntary_switches;
+        self.involuntary_switches += other.involuntary_switches;
+        self.minor_faults += other.minor_faults;
+        self.major_faults += other.major_faults;
+    }
 }
 
 impl Summary {

@@ -277,9 +277,9 @@ fn robots(summary: &Summary) -> String {
             of(&summary.final_error_m, &process.name),
             of(&summary.integrated_error_m_s, &process.name),
             Cell::Number(process.starts.to_string()),
-            Cell::Number(digits(process.user_s + process.system_s)),
-            Cell::Number(process.involuntary_switches.to_string()),
-            Cell::Number(process.major_faults.to_string()),
+            Cell::Number(digits(process.usage.user_s + process.usage.system_s)),
+            Cell::Number(process.usage.involuntary_switches.to_string()),
+            Cell::Number(process.usage.major_faults.to_string()),
         ]
     });
     let heads = [

@@ -5,7 +5,7 @@ use std::time::Duration;
 use protocol::message::TruthHeader;
 
 use crate::latency::Latency;
-use crate::usage::Usage;
+use metrics::summary::ProcessUsage;
 
 /// What a run leaves besides its metrics.
 #[derive(Debug, Clone, Default)]
@@ -27,8 +27,7 @@ pub struct Outcome {
     pub restarts: Vec<u64>,
     /// What the processes measured of delays.
     pub latency: Latency,
-    /// What each process took from the machine, with how often it was started: the supervisor, the
-    /// plant, the robots in scenario order, and in lockstep what kept the cores awake, which is
-    /// time that nobody else wanted.
-    pub usages: Vec<(String, u64, Usage)>,
+    /// What each process took from the machine: the supervisor, the plant, the robots in scenario
+    /// order, and in lockstep what kept the cores awake, which is time that nobody else wanted.
+    pub usages: Vec<ProcessUsage>,
 }

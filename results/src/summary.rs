@@ -84,11 +84,7 @@ pub fn sum_up(
             real_time_factor: per_wall(t_s),
             latency,
             latencies_lost: outcome.latency.rows_lost(),
-            processes: outcome
-                .usages
-                .iter()
-                .map(|(name, starts, usage)| usage.of_process(name, *starts))
-                .collect(),
+            processes: outcome.usages.clone(),
         },
     }
 }

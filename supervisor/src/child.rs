@@ -16,7 +16,7 @@ use protocol::process::Stderr;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 
-use results::usage::Usage;
+use results::usage::{self, Usage};
 
 /// How much of a log's end is looked at for its last lines.
 const TAIL_BYTES: u64 = 16 * 1024;
@@ -100,7 +100,7 @@ impl Child {
     /// How it ended, once it has; it is reaped then.
     pub fn ended(&mut self) -> Option<ExitStatus> {
         if self.usage.is_none() {
-            match Usage::of_dead(self.pidfd.as_fd()) {
+            match usage::of_dead(self.pidfd.as_fd()) {
                 Ok(None) => return None,
                 Ok(dead) => self.usage = dead,
                 Err(error) => tracing::warn!(pid = self.pid(), %error, "cannot ask what it took"),

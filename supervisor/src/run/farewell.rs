@@ -5,8 +5,9 @@ use std::time::{Duration, Instant};
 
 use super::Run;
 use super::error::RunError;
+use metrics::summary::ProcessUsage;
 use results::outcome::Outcome;
-use results::usage::Usage;
+use results::usage;
 
 /// Children asked to end are killed after this.
 const GRACE: Duration = Duration::from_secs(2);
@@ -75,16 +76,14 @@ impl Run<'_> {
     }
 
     /// What everybody took, once all have ended, and how often each was started.
-    fn usages(&mut self) -> Vec<(String, u64, Usage)> {
+    fn usages(&mut self) -> Vec<ProcessUsage> {
+        let of = |name: &str, starts, usage| ProcessUsage { name: name.into(), starts, usage };
         let plant = self.processes.plant.usage().unwrap_or_default();
         let robots = self.processes.usages().enumerate().map(|(robot, usage)| {
-            (self.journal.name(robot).to_owned(), self.lives.incarnation(robot) + 1, usage)
+            of(self.journal.name(robot), self.lives.incarnation(robot) + 1, usage)
         });
-        let awake = self.conduct.end().map(|usage| ("awake".to_owned(), 1, usage));
-        let first = [
-            ("supervisor".to_owned(), 1, Usage::of_this_process()),
-            ("plant".to_owned(), 1, plant),
-        ];
+        let awake = self.conduct.end().map(|usage| of("awake", 1, usage));
+        let first = [of("supervisor", 1, usage::of_this_process()), of("plant", 1, plant)];
         first.into_iter().chain(robots).chain(awake).collect()
     }
 }

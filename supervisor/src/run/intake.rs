@@ -10,9 +10,9 @@ use protocol::service::{Factory, ServiceError, Subscriber};
 use super::error::RunError;
 use super::lives::Lives;
 use super::services::Services;
+use metrics::summary::ProcessUsage;
 use results::latency::Latency;
 use results::outcome::Outcome;
-use results::usage::Usage;
 
 /// How often latencies are looked at, and in real time reports; each look costs a little for every
 /// robot.
@@ -94,7 +94,7 @@ impl Intake {
         launched: Instant,
         lives: &Lives,
         interrupted: bool,
-        usages: Vec<(String, u64, Usage)>,
+        usages: Vec<ProcessUsage>,
     ) -> Outcome {
         let robots = 0..self.reports.len();
         Outcome {

@@ -27,13 +27,14 @@ pub(super) enum Output {
 
 /// Prints what is logged on stderr, warnings and worse unless the environment asks for more.
 pub(super) fn log_to_stderr() {
-    tracing_subscriber::fmt()
+    // Fails only in a program that logs already, which then goes on as it was.
+    let _ = tracing_subscriber::fmt()
         .with_writer(|| AboveTheBar)
         .with_ansi(in_color())
         .with_target(false)
         .without_time()
         .with_max_level(log_level(tracing::Level::WARN))
-        .init();
+        .try_init();
 }
 
 /// Prints a result in this form; a closed pipe is the reader's choice, not an error.

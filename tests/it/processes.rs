@@ -2,6 +2,7 @@
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use clap::Parser;
 use protocol::brief;
@@ -18,18 +19,39 @@ struct Embedding {
 }
 
 #[test]
+#[ignore = "a program of its own: another test starts it"]
+fn a_program_with_the_supervisor_in_it() {
+    let (Ok(program), Ok(words)) = (std::env::var("PROGRAM"), std::env::var("WORDS")) else {
+        return;
+    };
+    let Embedding { verb } = Embedding::parse_from(words.lines());
+    let launcher = Launcher::of(program);
+    let code = phalanx::verbs::main(&verb, &agent::catalog(), &launcher, &Build::default());
+    std::process::exit(code.into());
+}
+
+/// The exit code of such a program with this command line, whose robots and plant are `program`. A
+/// process of its own, because iceoryx2's configuration is process-wide.
+pub(crate) fn embedded(program: &Path, words: &[&str]) -> i32 {
+    let ended = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "processes::a_program_with_the_supervisor_in_it"])
+        .args(["--ignored", "--nocapture"])
+        .env("PROGRAM", program)
+        .env("WORDS", ["embedding"].iter().chain(words).copied().collect::<Vec<_>>().join("\n"))
+        .output()
+        .unwrap();
+    eprint!("{}", String::from_utf8_lossy(&ended.stderr));
+    ended.status.code().expect("it ends by itself")
+}
+
+#[test]
 fn a_program_that_embeds_the_supervisor_says_which_executable_robots_and_plant_are() {
     let scratch = tempfile::tempdir().unwrap();
     let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/triangle.toml");
-    let run_with = |launcher: &Launcher, name: &str| {
-        let out = scratch.path().join(name);
-        let mut words = ["embedding", "run", scenario.to_str().unwrap()].to_vec();
-        words.extend("--pace lockstep --no-report --set duration_s=1 --set expect={}".split(' '));
-        words.extend(["--out", out.to_str().unwrap()]);
-        let Embedding { verb } = Embedding::parse_from(words);
-        (phalanx::verbs::main(&verb, &agent::catalog(), launcher, &Build::default()), out)
-    };
-    let (code, out) = run_with(&Launcher::of(env!("CARGO_BIN_EXE_phalanx")), "run");
+    let out = scratch.path().join("run");
+    let mut words = vec!["run", scenario.to_str().unwrap(), "--out", out.to_str().unwrap()];
+    words.extend("--pace lockstep --no-report --set duration_s=1 --set expect={}".split(' '));
+    let code = embedded(Path::new(env!("CARGO_BIN_EXE_phalanx")), &words);
     assert_eq!(code, 0);
     let summary = std::fs::read(out.join("summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_slice(&summary).unwrap();
@@ -53,12 +75,9 @@ fn children_of_another_build_say_so_and_the_run_ends() {
     std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
     let out = scratch.path().join("run");
     let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/triangle.toml");
-    let mut words = vec!["embedding", "run", scenario, "--out", out.to_str().unwrap()];
+    let mut words = vec!["run", scenario, "--out", out.to_str().unwrap()];
     words.extend("--pace lockstep --no-report".split(' '));
-    let Embedding { verb } = Embedding::parse_from(words);
-    let launcher = Launcher::of(&program);
-    let code = phalanx::verbs::main(&verb, &agent::catalog(), &launcher, &Build::default());
-    assert_eq!(code, 4);
+    assert_eq!(embedded(&program, &words), 4);
     let logs = ["plant", "r1", "r2", "r3"]
         .map(|name| std::fs::read_to_string(out.join(format!("logs/{name}.jsonl"))));
     let said = logs.iter().flatten().flat_map(|log| log.lines());

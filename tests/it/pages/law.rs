@@ -7,16 +7,15 @@ use agent::avoidance;
 use agent::brain::{Brain, Parts};
 use agent::laws::{Gains, Law, LawRow, Situation};
 use agent::roles::FORMATION;
-use clap::Parser;
 use experiment::scenario::Scenario;
 use experiment::scenario::diagnostic::Diagnostic;
 use experiment::scenario::read::{Overrides, read};
 use formation::Vec2;
 use protocol::catalog::Catalog;
-use supervisor::spawn::Launcher;
 
 use super::{assert_row, blocks};
 use crate::oracle;
+use crate::processes::embedded;
 
 mod formation_linear;
 
@@ -127,24 +126,14 @@ fn program(folder: &Path) -> std::path::PathBuf {
     path
 }
 
-/// The supervisor's command line, in a program of one's own.
-#[derive(Parser)]
-struct Embedding {
-    #[command(subcommand)]
-    verb: phalanx::verbs::Verb,
-}
-
 #[test]
 fn processes_of_a_program_of_ones_own_move_by_a_law_that_is_in_no_table() {
     let scratch = tempfile::tempdir().unwrap();
     let out = scratch.path().join("run");
     let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/triangle.toml");
-    let mut words = vec!["embedding", "run", scenario, "--out", out.to_str().unwrap()];
+    let mut words = vec!["run", scenario, "--out", out.to_str().unwrap()];
     words.extend("--pace lockstep --no-report --set expect={}".split(' '));
-    let Embedding { verb } = Embedding::parse_from(words);
-    let launcher = Launcher::of(program(scratch.path()));
-    let build = results::manifest::Build::default();
-    assert_eq!(phalanx::verbs::main(&verb, &agent::catalog(), &launcher, &build), 0);
+    assert_eq!(embedded(&program(scratch.path()), &words), 0);
     let summary = std::fs::read_to_string(out.join("summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
     let foretold = oracle::fly_with(&oracle::scenario("triangle", &[]), &|brief, incarnation| {

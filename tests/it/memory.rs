@@ -50,9 +50,11 @@ fn fill(tmpfs: &Path) {
     }
 }
 
+/// Who has heard a neighbour was sent odometry: the plant and all robots are ready.
 fn wait_until_all_are_ready(running: &mut Running) {
-    running.wait_for("three robots that are ready", |run| {
-        (run.events().matches(",ready,").count() >= 3).then_some(())
+    running.wait_for("three robots that hear each other", |run| {
+        let seen = [",ready,", ",contact,"].map(|kind| run.events().matches(kind).count());
+        seen.iter().all(|&count| count >= 3).then_some(())
     });
 }
 

@@ -36,7 +36,11 @@ impl Run<'_> {
 
     fn take_truth(&mut self, header: &TruthHeader, rows: &[TruthRow]) -> Result<(), RunError> {
         let now = Instant::now();
-        self.intake.began.get_or_insert(now);
+        if self.intake.began.is_none() {
+            self.intake.began = Some(now);
+            // All ports of the plant are there now.
+            room::take(self.run_root.path())?;
+        }
         self.intake.last_news = now;
         self.intake.newest = Some(*header);
         let (journal, alive) = (&mut self.journal, self.lives.alive());
@@ -83,7 +87,8 @@ impl Run<'_> {
         self.happens(t_ns, Event::Reported { robot, takes_part })?;
         let mut seats = (0..self.scenario.robots.len()).map(|robot| self.lives.seat(robot));
         if was_starting && seats.all(|seat| seat != Seat::Starting) {
-            // All ports are there now, and what fills the memory from here on harms nobody.
+            // All ports of the robots are there now. Once those of the plant are too, what fills the
+            // memory harms nobody.
             room::take(self.run_root.path())?;
         }
         for news in news {

@@ -109,8 +109,8 @@ Proof.
   pose proof (acos_bound c) as B1. pose proof (asin_bound x) as B2. pose proof PI_RGT_0.
   assert (Hpos : 0 <= asin x).
   { destruct (Rle_lt_dec 0 (asin x)) as [|Hneg]; [assumption|exfalso].
-    assert (sin (asin x) < 0) by (apply sin_lt_0_var; lra).
-    rewrite sin_asin in H0 by lra. lra. }
+    assert (Hsin : sin (asin x) < 0) by (apply sin_lt_0_var; lra).
+    rewrite sin_asin in Hsin by lra. lra. }
   assert (Hcos : cos (acos c) < cos (asin x)) by (apply cos_decreasing_1; lra).
   rewrite cos_acos in Hcos by lra. rewrite cos_asin in Hcos by lra.
   assert (c * c < 1 - x * x).

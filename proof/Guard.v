@@ -1,0 +1,215 @@
+(** The guard's certificate: while a command may act, the robot approaches nobody faster than b, and
+    b is at most Lambda times e^-2 of the slack at the sample, or Lambda times the slack now.
+
+    The definitions from [rate] to [count] are the formulas of `Guard::grant` and
+    `Guard::collect_sides` in agent/src/avoidance/guard.rs; a test there reads them from this file,
+    evaluates them and compares them with what the guard does. *)
+
+Require Import Reals Lra Psatz Lia.
+From Coquelicot Require Import Coquelicot.
+From Phalanx Require Import Vectors Core Plant Geometry.
+Open Scope R_scope.
+
+(** What the scenario fixes for everybody: the lifetime of commands, s; the speed limit, m/s; the
+    distance kept, m; the bound on the error of a sensed position, m; what the guard takes off every
+    distance on top, m. *)
+Record setting := Setting {
+  lifetime : R;        (* H *)
+  v_max : R;
+  d : R;
+  eps : R;
+  rounding : R
+}.
+
+Definition sensible (S : setting) : Prop :=
+  0 < lifetime S /\ 0 <= v_max S /\ 0 < d S /\ 0 <= eps S /\ 0 <= rounding S.
+
+(* Lambda *)
+Definition rate (H : R) : R := 1 / H.
+(* M *)
+Definition reach (v_max v_own H eps : R) : R := (v_max + v_own) * H + eps.
+(* rho, of what is sensed *)
+Definition slack (r eps d rounding : R) : R := Rmax (r - eps - d - rounding) 0.
+(* b *)
+Definition bound (H rho M : R) : R := rate H * Rmax (rho * exp (-2)) (rho - M).
+(* by how much the direction to the other may turn *)
+Definition swing (M r : R) : R := if Rlt_dec M r then asin (M / r) else PI.
+(* thetabar *)
+Definition middle (theta H w_low w_high : R) : R := theta + 1 / 2 * H * (w_low + w_high).
+(* delta *)
+Definition spread (H w_low w_high : R) : R := 1 / 2 * H * (w_high - w_low).
+(* Psi *)
+Definition psi (spread swing : R) : R := Rmin (spread + swing) PI.
+(* K *)
+Definition count (psi : R) : nat := if Rlt_dec psi (12 / 10) then 3 else 5.
+
+(** The command [c] is one of those that v_own and the turn rates from w_low to w_high stand for. *)
+Definition covers (v_own w_low w_high ell : R) (c : command) : Prop :=
+  front_speed ell (speed c) (turn c) <= v_own /\ w_low <= turn c <= w_high.
+
+(** What [c] keeps with respect to one other robot, whose front point was at own - z_true when the
+    sample was taken: it is too far away to be sensed; or b does not matter; or the half-planes hold. *)
+Definition respects (S : setting) (v_own w_low w_high ell theta : R) (c : command) (z_true : vec)
+  : Prop :=
+  d S + 3 * v_max S * lifetime S <= norm z_true \/
+  exists r n,
+    0 <= r /\ dot n n = 1 /\ norm (minus (scale r n) z_true) <= eps S /\
+    let M := reach (v_max S) v_own (lifetime S) (eps S) in
+    let b := bound (lifetime S) (slack r (eps S) (d S) (rounding S)) M in
+    let Psi := psi (spread (lifetime S) w_low w_high) (swing M r) in
+    v_own <= b \/
+    cone_sides n (rotate (middle theta (lifetime S) w_low w_high) (speed c, ell * turn c)) b Psi (count Psi).
+
+Lemma count_fits p : 0 <= p <= PI -> (2 <= count p)%nat /\ cone_step p (count p) < PI.
+Proof.
+  intros Hp. pose proof PI2_3_2. unfold count, cone_step.
+  destruct (Rlt_dec p (12 / 10)); simpl INR; split; try lia; lra.
+Qed.
+
+Lemma swing_bounds M r : 0 <= M -> 0 <= swing M r <= PI.
+Proof.
+  intros HM. pose proof PI_RGT_0. unfold swing. destruct (Rlt_dec M r) as [Hr|]; [|lra].
+  pose proof (asin_bound (M / r)).
+  assert (Hx : 0 <= M / r <= 1).
+  { split; [apply Rdiv_le_0_compat; lra|].
+    apply Rmult_le_reg_r with r; [lra|]. unfold Rdiv. rewrite Rmult_assoc, Rinv_l; lra. }
+  split; [|lra].
+  destruct (Rle_lt_dec 0 (asin (M / r))) as [|Hneg]; [assumption|exfalso].
+  assert (Hsin : sin (asin (M / r)) < 0) by (apply sin_lt_0_var; lra).
+  rewrite sin_asin in Hsin by lra. lra.
+Qed.
+
+Lemma rate_times_H h : 0 < h -> rate h * h = 1.
+Proof. intros Hh. unfold rate. field. lra. Qed.
+
+Lemma rate_pos h : 0 < h -> 0 < rate h.
+Proof. intros Hh. unfold rate. apply Rdiv_lt_0_compat; lra. Qed.
+
+Lemma bound_pos h rho M : 0 < h -> 0 <= rho -> 0 <= bound h rho M.
+Proof.
+  intros Hh Hrho. apply Rmult_le_pos; [left; apply rate_pos; exact Hh|].
+  apply Rle_trans with (rho * exp (-2)); [|apply Rmax_l].
+  apply Rmult_le_pos; [exact Hrho|left; apply exp_pos].
+Qed.
+
+(** The direction of z(t), and so the constraint that counts, is one of the cone's. *)
+Lemma cone_contains_the_truth (n U z y : vec) (b r M mid spr theta_t lam : R) :
+  dot n n = 1 -> 0 <= M -> 0 <= spr -> 0 <= b -> 0 < norm z -> 0 <= lam <= 1 ->
+  norm (minus z (scale r n)) <= M ->
+  - spr <= theta_t - mid <= spr ->
+  U = rotate mid y ->
+  cone_sides n U b (psi spr (swing M r)) (count (psi spr (swing M r))) ->
+  - b <= dot (scale (/ norm z) z) (rotate theta_t (scale lam y)).
+Proof.
+  intros Hn HM Hspr Hb Hz Hlam Hmoved Hturned HU Hsides.
+  pose proof PI_RGT_0 as HPI. pose proof (swing_bounds M r HM) as Hsw.
+  assert (Ha : exists a, - swing M r <= a <= swing M r /\ z = scale (norm z) (rotate a n)).
+  { destruct (Rlt_dec M r) as [Hlt|Hge].
+    - destruct (direction_within_asin n z r M Hn ltac:(lra) Hmoved) as [_ [a [B E]]].
+      exists a. split; [|exact E]. unfold swing. destruct (Rlt_dec M r); [exact B|contradiction].
+    - destruct (direction_is_a_turn n z Hn Hz) as [a [B [E _]]].
+      exists a. split; [|exact E]. unfold swing. destruct (Rlt_dec M r); [contradiction|exact B]. }
+  destruct Ha as [a [Ha Ez]].
+  assert (Eunit : scale (/ norm z) z = rotate a n).
+  { rewrite Ez at 2. unfold scale. destruct (rotate a n) as [p q]. simpl. f_equal; field; lra. }
+  set (c := theta_t - mid) in *.
+  assert (Eu : rotate theta_t (scale lam y) = scale lam (rotate c U)).
+  { rewrite rotate_scale, HU, rotate_rotate. f_equal. f_equal. unfold c. ring. }
+  rewrite Eunit, Eu, dot_scale.
+  assert (Eturn : dot (rotate a n) (rotate c U) = dot (rotate (a - c) n) U).
+  { rewrite <- (rotate_dot (- c)), !rotate_rotate. rewrite Rplus_opp_l, rotate_0.
+    f_equal. f_equal. ring. }
+  rewrite Eturn.
+  set (P := psi spr (swing M r)) in *.
+  assert (HP : 0 <= P <= PI).
+  { unfold P, psi. split; [apply Rmin_glb; lra|apply Rmin_r]. }
+  destruct (count_fits P HP) as [HK Hstep].
+  assert (Hall : forall x, - P <= x <= P -> - b <= dot (rotate x n) U).
+  { intros x Hx. apply (sides_bound_the_cone n U b P (count P)); try assumption. apply HP. }
+  assert (Hbound : - b <= dot (rotate (a - c) n) U).
+  { unfold P, psi in Hall.
+    destruct (Rle_lt_dec (spr + swing M r) PI) as [Hsmall|Hlarge].
+    - rewrite Rmin_left in Hall by exact Hsmall. apply Hall. lra.
+    - rewrite Rmin_right in Hall by lra.
+      assert (Hu1 : norm (rotate (a - c) n) = 1) by (rewrite rotate_norm; apply unit_norm, Hn).
+      destruct (direction_is_a_turn n (rotate (a - c) n) Hn ltac:(lra)) as [x [Bx [Ex _]]].
+      rewrite Hu1 in Ex. rewrite Ex, scale_dot, Rmult_1_l. apply Hall. exact Bx. }
+  assert (lam * - b <= lam * dot (rotate (a - c) n) U) by (apply Rmult_le_compat_l; lra).
+  nra.
+Qed.
+
+(** A part of [c], from a heading within the range, when z has moved by at most (v_max + v_own) H. *)
+Theorem certificate_holds (S : setting) (v_own w_low w_high ell theta theta_t lam : R)
+    (c : command) (z_true z : vec) :
+  sensible S -> 0 <= v_own <= v_max S -> w_low <= 0 <= w_high ->
+  covers v_own w_low w_high ell c ->
+  respects S v_own w_low w_high ell theta c z_true ->
+  0 <= lam <= 1 -> 0 < norm z ->
+  norm (minus z z_true) <= (v_max S + v_own) * lifetime S ->
+  lifetime S * w_low <= theta_t - theta <= lifetime S * w_high ->
+  exists b,
+    - b <= dot (scale (/ norm z) z) (rotate theta_t (scale lam (speed c, ell * turn c))) /\
+    (b <= rate (lifetime S) * (exp (-2) * Rmax (norm z_true - d S) 0) \/
+     b <= rate (lifetime S) * Rmax (norm z - d S) 0).
+Proof.
+  intros [HH [HV [Hd [Heps Hrnd]]]] Hown Hw [Hcs _] Hresp Hlam Hz Hmoved Hturned.
+  pose proof (rate_pos (lifetime S) HH) as HL. pose proof (rate_times_H (lifetime S) HH) as HLH.
+  set (u := rotate theta_t (scale lam (speed c, ell * turn c))).
+  (* Whatever the direction, it is not faster than v_own. *)
+  assert (Hslow : forall b, v_own <= b -> - b <= dot (scale (/ norm z) z) u).
+  { intros b Hb. pose proof (dot_ge_norms (scale (/ norm z) z) u) as B.
+    assert (E1 : norm (scale (/ norm z) z) = 1).
+    { rewrite norm_scale by (left; apply Rinv_0_lt_compat; exact Hz). field. lra. }
+    assert (E2 : norm u <= v_own).
+    { unfold u. rewrite rotate_norm, norm_scale by lra. unfold front_speed in Hcs.
+      pose proof (norm_pos (speed c, ell * turn c)). nra. }
+    rewrite E1 in B. lra. }
+  pose proof (norm_triangle z_true z) as Hfar. rewrite norm_minus_sym in Hfar.
+  destruct Hresp as [Hunsensed | [r [n [Hr [Hn [Herr Hcase]]]]]].
+  - exists (rate (lifetime S) * Rmax (norm z - d S) 0). split; [|right; lra].
+    apply Hslow.
+    assert (v_max S * lifetime S <= Rmax (norm z - d S) 0).
+    { apply Rle_trans with (norm z - d S); [|apply Rmax_l].
+      assert ((v_max S + v_own) * lifetime S <= (v_max S + v_max S) * lifetime S)
+        by (apply Rmult_le_compat_r; lra). lra. }
+    assert (Hr : rate (lifetime S) * (v_max S * lifetime S)
+                 <= rate (lifetime S) * Rmax (norm z - d S) 0)
+      by (apply Rmult_le_compat_l; lra).
+    replace (rate (lifetime S) * (v_max S * lifetime S)) with (v_max S * (rate (lifetime S) * lifetime S)) in Hr by ring.
+    rewrite HLH in Hr. lra.
+  - simpl in Hcase.
+    set (M := reach (v_max S) v_own (lifetime S) (eps S)) in *.
+    set (rho := slack r (eps S) (d S) (rounding S)) in *.
+    set (b := bound (lifetime S) rho M) in *.
+    assert (HM0 : 0 <= (v_max S + v_own) * lifetime S) by (apply Rmult_le_pos; lra).
+    assert (HM : 0 <= M) by (unfold M, reach; lra).
+    assert (Hrho0 : 0 <= rho) by apply Rmax_r.
+    assert (Hrn : norm (scale r n) = r) by (rewrite norm_scale, (unit_norm n Hn); lra).
+    assert (Hrtrue : r <= norm z_true + eps S).
+    { pose proof (norm_triangle (scale r n) z_true). lra. }
+    exists b. split.
+    + destruct Hcase as [Hskip|Hsides]; [apply Hslow; exact Hskip|].
+      set (y := (speed c, ell * turn c)) in *.
+      apply (cone_contains_the_truth n (rotate (middle theta (lifetime S) w_low w_high) y) z y b r M
+               (middle theta (lifetime S) w_low w_high) (spread (lifetime S) w_low w_high) theta_t lam);
+        try assumption; try reflexivity.
+      * unfold spread. assert (0 <= lifetime S * (w_high - w_low)) by (apply Rmult_le_pos; lra). lra.
+      * apply bound_pos; assumption.
+      * assert (T : norm (minus z (scale r n)) <= norm (minus z z_true) + norm (minus z_true (scale r n))).
+        { replace (minus z (scale r n)) with (plus (minus z z_true) (minus z_true (scale r n)));
+            [apply norm_plus|].
+          unfold plus, minus. simpl. f_equal; ring. }
+        rewrite (norm_minus_sym z_true) in T. unfold M, reach. lra.
+      * unfold middle, spread. lra.
+    + (* Which of the two terms of b it is. *)
+      unfold b, bound. unfold Rmax at 1 3.
+      destruct (Rle_dec (rho * exp (-2)) (rho - M)) as [Hsec|Hfst].
+      * right. apply Rmult_le_compat_l; [lra|].
+        enough (Hnow : rho - M <= Rmax (norm z - d S) 0) by exact Hnow.
+        unfold rho, slack, Rmax at 1. destruct (Rle_dec _ 0).
+        -- apply Rle_trans with 0; [lra|apply Rmax_r].
+        -- apply Rle_trans with (norm z - d S); [|apply Rmax_l]. unfold M, reach. lra.
+      * left. apply Rmult_le_compat_l; [lra|]. rewrite Rmult_comm.
+        apply Rmult_le_compat_l; [left; apply exp_pos|].
+        unfold rho, slack. apply Rle_max_compat_r. lra.
+Qed.

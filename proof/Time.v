@@ -1,0 +1,229 @@
+(** At every instant, for every robot and whatever was lost, late, stopped or restarted: the robot
+    gives up no more than its half of the slack,
+
+        n(t) . alpha'(t) >= - Lambda e^(-2 Lambda t) g(t),
+
+    g being the running maximum of E = e^(2 Lambda t) rho, and rho the distance less d. *)
+
+Require Import Reals Lra Psatz Lia.
+From Phalanx Require Import Vectors Core Plant Geometry Motion Guard.
+Open Scope R_scope.
+
+(** ** What the agent's side provides. *)
+
+(** The command does nothing: `Twist::ZERO`, answered when blind or when no pass accepts. *)
+Definition stands (c : command) : Prop := speed c = 0 /\ turn c = 0.
+
+(** What v_own and the turn rates have to cover beside the command itself: every command computed
+    before that may still act. Of its own process the agent knows them (`alive`); of an earlier one it
+    only knows that the plant lets nothing exceed v_max. *)
+Definition covers_the_alive (S : setting) (r : robot) (k : nat) (v_own w_low w_high : R) : Prop :=
+  forall l, (l < k)%nat -> stamp (computed r k) < stamp (computed r l) + lifetime S ->
+  (incarnation (computed r l) = incarnation (computed r k) ->
+     covers v_own w_low w_high (ell r) (computed r l)) /\
+  (incarnation (computed r l) <> incarnation (computed r k) ->
+     v_max S <= v_own /\ w_low <= - (v_max S / ell r) /\ v_max S / ell r <= w_high).
+
+(** Command k of robot r stands, or carries the certificate against every other robot. *)
+Definition certified (S : setting) (r : robot) (others : robot -> Prop) (k : nat) : Prop :=
+  let c := computed r k in
+  stands c \/
+  exists v_own w_low w_high,
+    0 <= v_own <= v_max S /\ w_low <= 0 <= w_high /\
+    covers v_own w_low w_high (ell r) c /\
+    covers_the_alive S r k v_own w_low w_high /\
+    forall o, others o ->
+      respects S v_own w_low w_high (ell r) (heading r (stamp c)) c
+               (minus (front r (stamp c)) (front o (stamp c))).
+
+(** All that one robot must fulfil. *)
+Definition guarded (S : setting) (others : robot -> Prop) (r : robot) : Prop :=
+  moves r /\
+  obeys (lifetime S) (v_max S) r /\
+  chronological (mail r) /\
+  one_living_incarnation (computed r) /\
+  sent_by (computed r) (mail r) /\
+  forall k, 0 <= stamp (computed r k) /\ certified S r others k.
+
+(** ** Commands of an earlier process, after a restart. *)
+
+(** `Guard::forget_the_dead` sets `predecessor_until_ns` to the first stamp + H: until then the guard
+    counts v_max and +-v_max/ell. That is long enough. *)
+Theorem after_the_first_lifetime_no_predecessor_is_alive (computed : nat -> command) (h : R) f k l :
+  one_living_incarnation computed ->
+  (* f is the first of its incarnation, which is that of k *)
+  incarnation (computed f) = incarnation (computed k) ->
+  (forall l, (l < f)%nat -> incarnation (computed l) <> incarnation (computed f)) ->
+  (l < k)%nat -> incarnation (computed l) <> incarnation (computed k) ->
+  stamp (computed k) < stamp (computed l) + h ->
+  stamp (computed k) < stamp (computed f) + h.
+Proof.
+  intros Hone Hf _ Hlk Hdiff Halive.
+  assert (Hinc := incarnations_in_order computed l k Hone ltac:(lia)).
+  assert (Hlf : (l < f)%nat).
+  { destruct (Compare_dec.le_lt_dec f l) as [Hfl|]; [exfalso|assumption].
+    pose proof (incarnations_in_order computed f l Hone Hfl). lia. }
+  destruct (Hone l f Hlf) as [_ Hst]. lra.
+Qed.
+
+(** In lockstep H = T and a process that replaces another takes part from a later tick on: none of
+    its predecessor's commands is alive, so `remembers_predecessor` is not needed. *)
+Theorem in_lockstep_no_predecessor_is_alive (computed : nat -> command) (h : R) k l :
+  stamp (computed l) + h <= stamp (computed k) ->
+  ~ stamp (computed k) < stamp (computed l) + h.
+Proof. intros H1 H2. lra. Qed.
+
+(** ** What happened between the sample of the command in force and now. *)
+
+Lemma turn_rate_below_speed l a b V : 0 < l -> front_speed l a b <= V -> - (V / l) <= b <= V / l.
+Proof.
+  intros Hl Hs. unfold front_speed in Hs.
+  assert (HV : 0 <= V) by (apply Rle_trans with (norm (a, l * b)); [apply norm_pos|exact Hs]).
+  pose proof (norm_sq (a, l * b)) as Q. pose proof (norm_pos (a, l * b)) as P.
+  unfold dot in Q; simpl in Q.
+  assert (Hsq : (l * b) * (l * b) <= V * V) by nra.
+  assert (Hlb : - V <= l * b <= V) by (split; nra).
+  split.
+  - apply Rmult_le_reg_l with l; [exact Hl|]. replace (l * - (V / l)) with (- V) by (field; lra). lra.
+  - apply Rmult_le_reg_l with l; [exact Hl|]. replace (l * (V / l)) with V by (field; lra). lra.
+Qed.
+
+Lemma part_of_a_command l a b lam : 0 <= lam <= 1 -> front_speed l (lam * a) (lam * b) <= front_speed l a b.
+Proof.
+  intros Hlam. unfold front_speed.
+  replace (lam * a, l * (lam * b)) with (scale lam (a, l * b))
+    by (unfold scale; simpl; f_equal; ring).
+  rewrite norm_scale by lra. pose proof (norm_pos (a, l * b)). nra.
+Qed.
+
+Lemma wheels_since_the_sample (S : setting) (r : robot) others k v_own w_low w_high t tau :
+  sensible S -> guarded S others r -> 0 <= v_own -> w_low <= 0 <= w_high ->
+  covers v_own w_low w_high (ell r) (computed r k) ->
+  covers_the_alive S r k v_own w_low w_high ->
+  in_force (lifetime S) (mail r) t = Some (computed r k) ->
+  stamp (computed r k) <= tau <= t ->
+  front_speed (ell r) (v r tau) (w r tau) <= v_own /\ w_low <= w r tau <= w_high.
+Proof.
+  intros HS [[Hell _] [Hobey [Hchron [Hone [Hsent Hall]]]]] Hown Hw Hcov Halive Hforce Htau.
+  destruct (Hall k) as [Hs0 _].
+  destruct (Hobey tau ltac:(lra)) as [Hmax Hdoes].
+  assert (Hpart : forall c, covers v_own w_low w_high (ell r) c ->
+    forall lam, 0 <= lam <= 1 -> v r tau = lam * speed c -> w r tau = lam * turn c ->
+    front_speed (ell r) (v r tau) (w r tau) <= v_own /\ w_low <= w r tau <= w_high).
+  { intros c [C1 C2] lam Hlam -> ->. split.
+    - apply Rle_trans with (front_speed (ell r) (speed c) (turn c)); [|exact C1].
+      apply part_of_a_command. exact Hlam.
+    - split; nra. }
+  destruct (in_force (lifetime S) (mail r) tau) as [c'|] eqn:Hc'.
+  - destruct Hdoes as [lam [Hlam [Hv Hwt]]].
+    destruct (who_acted_since_the_sample (lifetime S) (mail r) (computed r) t tau k c'
+                Hchron Hone Hsent Hforce Htau Hc') as [-> | [l [Hlk [-> Hl]]]].
+    + apply (Hpart (computed r k) Hcov lam); assumption.
+    + destruct (Halive l Hlk Hl) as [Hsame Hother].
+      destruct (Nat.eq_dec (incarnation (computed r l)) (incarnation (computed r k))) as [E|E].
+      * apply (Hpart (computed r l) (Hsame E) lam); assumption.
+      * destruct (Hother E) as [V1 [V2 V3]].
+        pose proof (turn_rate_below_speed _ _ _ _ Hell Hmax). split; lra.
+  - destruct Hdoes as [-> ->]. unfold front_speed. rewrite Rmult_0_r.
+    assert (norm (0, 0) = 0) as -> by (unfold norm, dot; simpl; rewrite !Rmult_0_l, Rplus_0_l; apply sqrt_0).
+    lra.
+Qed.
+
+(** ** The bound at every instant. *)
+
+Definition distance (r o : robot) (t : R) : R := norm (minus (front r t) (front o t)).
+Definition rho (S : setting) (r o : robot) (t : R) : R := distance r o t - d S.
+(** The direction from o to r. *)
+Definition direction (r o : robot) (t : R) : vec :=
+  scale (/ distance r o t) (minus (front r t) (front o t)).
+
+Theorem share_of_the_slack (S : setting) (r o : robot) (others : robot -> Prop) (t g : R) :
+  sensible S -> guarded S others r -> others o ->
+  (* of the other robot only that it moves and keeps the speed limit *)
+  moves o -> obeys (lifetime S) (v_max S) o ->
+  0 <= rho S r o 0 -> 0 <= t -> 0 < distance r o t ->
+  running_max (E_of (rho S r o) (2 * rate (lifetime S))) t g ->
+  - (rate (lifetime S) * exp (- (2 * rate (lifetime S)) * t) * g) <= dot (direction r o t) (front_velocity r t).
+Proof.
+  intros HS Hr Ho Hmo Hobeyo Hstart Ht Hdist Hg.
+  pose proof HS as [HH [HV [Hd [Heps Hrnd]]]].
+  pose proof (rate_pos (lifetime S) HH) as HL. pose proof (rate_times_H (lifetime S) HH) as HLH.
+  set (L := rate (lifetime S)) in *. set (k2 := 2 * L) in *.
+  (* g >= E >= 0 at the start, and g >= E ever since *)
+  assert (Hg0 : 0 <= g).
+  { apply Rle_trans with (E_of (rho S r o) k2 0); [|apply (proj1 Hg); lra].
+    unfold E_of. rewrite Rmult_0_r, exp_0. lra. }
+  assert (Hslack : forall s, 0 <= s <= t -> Rmax (rho S r o s) 0 <= exp (- k2 * s) * g).
+  { intros s Hs. apply Rmax_lub.
+    - pose proof (proj1 Hg s Hs) as B. unfold E_of in B.
+      apply Rmult_le_reg_l with (exp (k2 * s)); [apply exp_pos|].
+      rewrite <- Rmult_assoc, <- exp_plus. replace (k2 * s + - k2 * s) with 0 by ring.
+      rewrite exp_0. lra.
+    - apply Rmult_le_pos; [left; apply exp_pos|exact Hg0]. }
+  assert (Henough : forall b, b <= L * (exp (- k2 * t) * g) ->
+            - b <= dot (direction r o t) (front_velocity r t) ->
+            - (L * exp (- k2 * t) * g) <= dot (direction r o t) (front_velocity r t)).
+  { intros b Hb Hdot. lra. }
+  assert (Hzero : 0 <= L * (exp (- k2 * t) * g)).
+  { apply Rmult_le_pos; [lra|]. apply Rmult_le_pos; [left; apply exp_pos|exact Hg0]. }
+  pose proof Hr as [Hmr [Hobeyr [Hchron [Hone [Hsent Hall]]]]].
+  destruct (Hobeyr t Ht) as [_ Hdoes].
+  assert (Hstill : v r t = 0 -> w r t = 0 ->
+            - (L * exp (- k2 * t) * g) <= dot (direction r o t) (front_velocity r t)).
+  { intros Hv Hw. apply (Henough 0); [lra|]. unfold front_velocity. rewrite Hv, Hw.
+    unfold dot, rotate; simpl. lra. }
+  destruct (in_force (lifetime S) (mail r) t) as [c|] eqn:Hc; [|destruct Hdoes; apply Hstill; assumption].
+  destruct Hdoes as [lam [Hlam [Hv Hw]]].
+  destruct (acts_within_its_lifetime (lifetime S) (mail r) t c Hchron Hc) as [Hlife [m Hm]].
+  destruct (Hsent m) as [k Hk]. rewrite Hk in Hm. subst c. clear m Hk.
+  destruct (Hall k) as [Hs0 [Hstands | [v_own [lo [hi [Hown [Hlohi [Hcov [Halive Hresp]]]]]]]]].
+  { destruct Hstands as [S1 S2]. rewrite S1, S2 in *. apply Hstill; lra. }
+  set (c := computed r k) in *. set (s := stamp c) in *.
+  assert (Hsince : forall tau, s <= tau < t ->
+            front_speed (ell r) (v r tau) (w r tau) <= v_own /\ lo <= w r tau <= hi).
+  { intros tau Htau.
+    apply (wheels_since_the_sample S r others k v_own lo hi t tau); try assumption; try lra.
+    fold c. fold s. lra. }
+  assert (Hown_moved : norm (minus (front r t) (front r s)) <= v_own * (t - s)).
+  { apply front_moves_at_most; [exact Hmr|lra|lra|]. intros x Hx. apply (Hsince x Hx). }
+  assert (Hother_moved : norm (minus (front o t) (front o s)) <= v_max S * (t - s)).
+  { apply front_moves_at_most; [exact Hmo|lra|lra|]. intros x Hx. apply (Hobeyo x). lra. }
+  assert (Hturned : lo * (t - s) <= heading r t - heading r s <= hi * (t - s)).
+  { apply heading_turns_within; [exact Hmr|lra|]. intros x Hx. apply (Hsince x Hx). }
+  set (z := minus (front r t) (front o t)).
+  set (zs := minus (front r s) (front o s)).
+  assert (Hmoved : norm (minus z zs) <= (v_max S + v_own) * lifetime S).
+  { assert (T : norm (minus z zs)
+                <= norm (minus (front r t) (front r s)) + norm (minus (front o s) (front o t))).
+    { replace (minus z zs)
+        with (plus (minus (front r t) (front r s)) (minus (front o s) (front o t)));
+        [apply norm_plus|].
+      unfold z, zs, plus, minus. simpl. f_equal; ring. }
+    rewrite (norm_minus_sym (front o s)) in T.
+    assert ((v_max S + v_own) * (t - s) <= (v_max S + v_own) * lifetime S)
+      by (apply Rmult_le_compat_l; lra). lra. }
+  destruct (certificate_holds S v_own lo hi (ell r) (heading r s) (heading r t) lam c zs z
+              HS Hown Hlohi Hcov (Hresp o Ho) Hlam Hdist Hmoved) as [b [Hb Hterms]].
+  { assert (lo * lifetime S <= lo * (t - s)) by (apply Rmult_le_compat_neg_l; lra).
+    assert (hi * (t - s) <= hi * lifetime S) by (apply Rmult_le_compat_l; lra). lra. }
+  apply (Henough b).
+  - destruct Hterms as [Hfirst|Hsecond].
+    + (* e^-2 of the slack at the sample, at most H ago *)
+      eapply Rle_trans; [exact Hfirst|]. apply Rmult_le_compat_l; [lra|].
+      pose proof (Hslack s ltac:(lra)) as B. unfold rho, distance in B. fold zs in B.
+      apply Rle_trans with (exp (-2) * (exp (- k2 * s) * g)).
+      * apply Rmult_le_compat_l; [left; apply exp_pos|exact B].
+      * rewrite <- Rmult_assoc, <- exp_plus. apply Rmult_le_compat_r; [exact Hg0|].
+        assert (Hexp : -2 + - k2 * s <= - k2 * t).
+        { unfold k2. assert (X : L * (t - s) <= L * lifetime S) by (apply Rmult_le_compat_l; lra).
+          rewrite HLH in X. lra. }
+        destruct (Rle_lt_or_eq_dec _ _ Hexp) as [Hlt|Heq];
+          [left; apply exp_increasing; exact Hlt|right; rewrite Heq; reflexivity].
+    + (* the slack now *)
+      eapply Rle_trans; [exact Hsecond|]. apply Rmult_le_compat_l; [lra|].
+      apply (Hslack t). lra.
+  - unfold direction, distance, front_velocity. fold z. rewrite Hv, Hw.
+    replace (lam * speed c, ell r * (lam * turn c)) with (scale lam (speed c, ell r * turn c))
+      by (unfold scale; simpl; f_equal; ring).
+    exact Hb.
+Qed.

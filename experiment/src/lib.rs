@@ -7,6 +7,7 @@
 //! | `scenario/` | what is the experiment, and where does its file go wrong? |
 //! | `check/` | is it sound, and what can be said about it before it runs? |
 //! | `schema` | how is the format told to editors and other programs? |
+//! | `reference` | how is it told to people? |
 //! | `drawing` | what does its graph look like? |
 //! | `briefs` | what is each process told? |
 //! | `examples` | a small experiment for tests |
@@ -15,5 +16,6 @@ pub mod briefs;
 pub mod check;
 pub mod drawing;
 pub mod examples;
+pub mod reference;
 pub mod scenario;
 pub mod schema;

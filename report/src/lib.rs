@@ -13,10 +13,12 @@
 //! | `markup` | how does a text stay a text in HTML and XML? |
 //! | `scene` | what is in the picture in the plane, and one instant of it? |
 //! | `page` | how does that move? |
+//! | `animation` | how does it move where there is no script? |
 //!
 //! Text in, text out: reads and writes no file, reads no clock, starts no process and knows nothing
 //! of iceoryx2.
 
+pub mod animation;
 pub mod axis;
 pub mod chart;
 pub mod digits;

@@ -60,6 +60,9 @@ pub enum ReportError {
         /// What is there, and what was expected.
         what: String,
     },
+    /// There is nothing that could move.
+    #[error("{} has no recorded movement to show", .0.display())]
+    Nothing(PathBuf),
     /// A figure or the page could not be written.
     #[error("cannot write {}: {source}; the run itself is kept", path.display())]
     Write {
@@ -89,6 +92,13 @@ pub fn write(run_dir: &Path, scenario: &Scenario) -> Result<PathBuf, ReportError
     let path = run_dir.join("report.html");
     fs::write(&path, report::html::report(&run, &figures)).map_err(unwritten(&path))?;
     Ok(path)
+}
+
+/// Writes a run of this scenario as one animated picture.
+pub fn animate(run_dir: &Path, scenario: &Scenario, path: &Path) -> Result<(), ReportError> {
+    let svg = report::animation::animation(&load(run_dir, scenario)?);
+    let svg = svg.ok_or_else(|| ReportError::Nothing(run_dir.into()))?;
+    fs::write(path, svg).map_err(unwritten(path))
 }
 
 fn unwritten(path: &Path) -> impl FnOnce(io::Error) -> ReportError {

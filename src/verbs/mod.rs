@@ -36,7 +36,7 @@ pub enum Verb {
     /// Validate a scenario and print what can be said before it runs.
     Check(check::CheckArgs),
     /// Print the JSON Schema of scenario files, for editors and other programs.
-    Schema,
+    Schema(schema::SchemaArgs),
     /// Draw the figures of a run and write its page, from what it has written.
     Report(report::ReportArgs),
     /// Say whether this machine is fit for runs, and what to do about it.
@@ -57,7 +57,7 @@ pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) 
     match verb {
         Verb::Run(args) => run::run(args, catalog, launcher.clone(), build),
         Verb::Check(args) => check::check(args, catalog),
-        Verb::Schema => schema::schema(catalog),
+        Verb::Schema(args) => schema::schema(args, catalog),
         Verb::Report(args) => report::report(args, catalog),
         Verb::Doctor(args) => doctor::doctor(args),
         Verb::Clean(args) => clean::clean(args),

@@ -15,9 +15,12 @@ use results::page;
 pub struct ReportArgs {
     /// The directory that a run has written; figures and page of an earlier report are replaced.
     run_dir: PathBuf,
+    /// Write the run as one animated picture (SVG) as well, for pages that run no scripts.
+    #[arg(long, value_name = "FILE")]
+    animate: Option<PathBuf>,
 }
 
-pub(super) fn report(ReportArgs { run_dir }: &ReportArgs, catalog: &Catalog) -> u8 {
+pub(super) fn report(ReportArgs { run_dir, animate }: &ReportArgs, catalog: &Catalog) -> u8 {
     let scenario = match page::scenario_path(run_dir) {
         Ok(scenario) => scenario,
         Err(error) => {
@@ -33,7 +36,11 @@ pub(super) fn report(ReportArgs { run_dir }: &ReportArgs, catalog: &Catalog) -> 
             return exit::BAD_SCENARIO;
         }
     };
-    match page::write(run_dir, &scenario) {
+    let written = page::write(run_dir, &scenario).and_then(|path| {
+        let animated = animate.as_ref().map(|path| page::animate(run_dir, &scenario, path));
+        animated.transpose().map(|_| path)
+    });
+    match written {
         Ok(path) => print(&format!("written to {}\n", path.display())),
         Err(error) => complain(&error),
     }

@@ -1,10 +1,23 @@
-//! `phalanx schema`: the JSON Schema of scenario files.
+//! `phalanx schema`: the format of scenario files, for programs and for people.
 
+use clap::Args;
 use protocol::catalog::Catalog;
 
-use super::screen::{Output, print_as};
-use experiment::schema;
+use super::screen::{Output, print, print_as};
+use experiment::{reference, schema};
 
-pub(super) fn schema(catalog: &Catalog) -> u8 {
-    print_as(Output::Json, &schema::schema(catalog))
+/// Arguments of `phalanx schema`.
+#[derive(Debug, Args)]
+pub struct SchemaArgs {
+    /// Print a page of Markdown that lists every key, instead of the JSON Schema.
+    #[arg(long)]
+    markdown: bool,
+}
+
+pub(super) fn schema(args: &SchemaArgs, catalog: &Catalog) -> u8 {
+    if args.markdown {
+        print(&reference::reference(catalog))
+    } else {
+        print_as(Output::Json, &schema::schema(catalog))
+    }
 }

@@ -45,20 +45,3 @@ fn a_run_with_an_imported_graph_can_be_run_again_without_the_graphs_file() {
     );
     drop(folder);
 }
-
-#[test]
-fn the_scenario_in_the_readme_is_sound() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let readme = std::fs::read_to_string(root.join("README.md")).unwrap();
-    let (_, rest) = readme.split_once("```toml\n").expect("the README shows a scenario");
-    let (scenario, _) = rest.split_once("```").unwrap();
-    let (_folder, path) = beside_graphs(scenario);
-    let output = Command::new(env!("CARGO_BIN_EXE_phalanx"))
-        .arg("check")
-        .arg(&path)
-        .env("NO_COLOR", "1")
-        .output()
-        .unwrap();
-    let stderr = String::from_utf8(output.stderr).unwrap();
-    assert_eq!((output.status.code(), stderr.as_str()), (Some(0), ""));
-}

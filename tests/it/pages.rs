@@ -1,10 +1,13 @@
-//! The pages `docs/add-*.md`: their code, word for word, compiles and does what they say.
+//! README and book: what they show runs and does what they say.
 //!
-//! Each module stands in for the `mod.rs` that its page adds a row to; the files that the page shows
-//! are in the folder of the same name.
+//! `book` follows the pages, and `reference` compares lists with what there is. The others are about
+//! `docs/add-*.md`, whose code, word for word, compiles: each module stands in for the `mod.rs` that
+//! its page adds a row to; the files that the page shows are in the folder of the same name.
 
 mod avoidance;
+mod book;
 mod law;
+mod reference;
 mod role;
 
 /// The blocks of Rust in a page, in order.

@@ -24,7 +24,7 @@ pub(crate) struct Form {
     /// What else there may be.
     details: &'static [Detail],
     /// One line for people.
-    grammar: &'static str,
+    pub(crate) grammar: &'static str,
 }
 
 /// Whom a fault strikes, and which keys say so.

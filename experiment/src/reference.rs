@@ -1,0 +1,166 @@
+//! The page of the book that lists every key of a scenario: made of the rows of
+//! [`crate::scenario::keys`] and of what the agents know, nothing else.
+
+use std::fmt::Write;
+
+use protocol::catalog::Catalog;
+
+use crate::scenario::fault::FORMS;
+use crate::scenario::keys::{Format, Key, Otherwise, Range, Section, Takes};
+use crate::scenario::table::{NUMBER_MAX, SECONDS_MAX};
+
+const HEAD: &str = "\
+# Scenario keys
+
+Written by `phalanx schema --markdown` from the table that the reader of scenarios uses; do not edit it.
+
+A key that is marked **needed** must be given where its table is. Ranges are inclusive unless they say otherwise. Robots take keys from
+`robot_defaults` and from the nodes of an imported graph too.
+";
+
+/// The page for these laws and methods, in Markdown.
+pub fn reference(catalog: &Catalog) -> String {
+    let format = Format::of(catalog);
+    let mut page = HEAD.to_owned();
+    for section in &format.sections {
+        table(&mut page, section, &format);
+    }
+    laws(&mut page, catalog);
+    methods(&mut page, catalog);
+    faults(&mut page);
+    page
+}
+
+fn table(page: &mut String, section: &Section, format: &Format) {
+    let heading = match section.name {
+        "scenario" => "The whole file".to_owned(),
+        name => format!("`{name}`"),
+    };
+    // Writing to a string cannot fail, here and below.
+    let _ = writeln!(page, "\n## {heading}\n\n{}\n", section.says);
+    page.push_str(
+        "| key | type | unit | default | range | what it is |\n|---|---|---|---|---|---|\n",
+    );
+    for key in &section.keys {
+        let (kind, unit, range) = type_of(key, format);
+        let _ = writeln!(
+            page,
+            "| `{}` | {kind} | {} | {} | {range} | {} |",
+            key.name,
+            unit.replace("^2", "²"),
+            default(key),
+            says(key),
+        );
+    }
+    if !section.kinds.is_empty() {
+        let _ = writeln!(page, "\n| `kind` | what it is | needs | may have |\n|---|---|---|---|");
+        for kind in &section.kinds {
+            let (needs, may) = (names(&kind.needs), names(&kind.may));
+            let _ = writeln!(page, "| `{}` | {} | {needs} | {may} |", kind.word, kind.says);
+        }
+    }
+}
+
+/// Type, unit and range of a key's value, in words.
+fn type_of(key: &Key, format: &Format) -> (String, &'static str, String) {
+    let within = |range: Range, most: f64| match range {
+        Range::Any => format!("-{most:e} to {most:e}"),
+        Range::NotNegative => format!("0 to {most:e}"),
+        Range::Positive => format!("above 0, to {most:e}"),
+    };
+    let link = |section: &str| format!("[`{section}`](#{section})");
+    match key.takes {
+        Takes::Text => ("string".into(), "", String::new()),
+        Takes::Word(words) => {
+            let words: Vec<&str> = words.iter().map(|(word, _)| *word).collect();
+            ("word".into(), "", names(&words))
+        }
+        Takes::Law => ("word".into(), "", format!("a [law](#laws): {}", names(&format.laws))),
+        Takes::Method => (
+            "word".into(),
+            "",
+            format!("a [method](#avoidance-methods): {}", names(&format.methods)),
+        ),
+        Takes::Truth => ("boolean".into(), "", String::new()),
+        Takes::Number(unit, range) => ("number".into(), unit, within(range, NUMBER_MAX)),
+        Takes::Time(range) => ("number, whole nanoseconds".into(), "s", within(range, SECONDS_MAX)),
+        Takes::Whole(least, most) => {
+            let most = if most == i64::MAX as u64 {
+                "2<sup>63</sup> - 1".into()
+            } else {
+                most.to_string()
+            };
+            ("integer".into(), "", format!("{least} to {most}"))
+        }
+        Takes::Pair(unit) => ("[x, y]".into(), unit, within(Range::Any, NUMBER_MAX)),
+        Takes::Points(unit) => ("list of [x, y]".into(), unit, within(Range::Any, NUMBER_MAX)),
+        Takes::Names => ("list of strings".into(), "", String::new()),
+        Takes::Table(section) => (format!("table {}", link(section)), "", String::new()),
+        Takes::Tables(section) => (format!("list of tables {}", link(section)), "", String::new()),
+    }
+}
+
+fn default(key: &Key) -> String {
+    match key.otherwise {
+        Otherwise::Needed => "**needed**".into(),
+        Otherwise::Number(number) => number.to_string(),
+        Otherwise::Whole(number) => number.to_string(),
+        Otherwise::Word(word) => format!("`{word}`"),
+        Otherwise::No => "false".into(),
+        Otherwise::Rule(rule) => rule.into(),
+        Otherwise::Absent => "-".into(),
+    }
+}
+
+fn says(key: &Key) -> String {
+    let mut says = key.says.replace('|', "\\|");
+    if let Takes::Word(words) = key.takes {
+        for (word, meaning) in words.iter().filter(|(_, meaning)| !meaning.is_empty()) {
+            let _ = write!(says, "; `{word}`: {meaning}");
+        }
+    }
+    if !key.was.is_empty() {
+        let _ = write!(says, "; older name: {}", names(key.was));
+    }
+    says
+}
+
+fn laws(page: &mut String, catalog: &Catalog) {
+    page.push_str(
+        "\n## Laws\n\n| `law` | equation | robots with it | gains |\n|---|---|---|---|\n",
+    );
+    for law in &catalog.laws {
+        let gains = names(law.gains);
+        let _ = writeln!(page, "| `{}` | {} | {} | {gains} |", law.name, law.source, law.role.does);
+    }
+}
+
+fn methods(page: &mut String, catalog: &Catalog) {
+    page.push_str("\n## Avoidance methods\n\n| `kind` | source | needs `speed_max_m_s` | its own keys |\n|---|---|---|---|\n");
+    for method in &catalog.methods {
+        let own: Vec<&str> = method.gains.iter().map(|gain| gain.key).collect();
+        let limited = if method.clamps_speed { "yes" } else { "no" };
+        let _ = writeln!(
+            page,
+            "| `{}` | {} | {limited} | {} |",
+            method.name,
+            method.source,
+            names(&own)
+        );
+    }
+}
+
+fn faults(page: &mut String) {
+    page.push_str(
+        "\n## Faults on the command line\n\nThe same as a table `[[fault]]`, for `--fault`:\n\n```text\n",
+    );
+    for form in FORMS {
+        let _ = writeln!(page, "{}", form.grammar);
+    }
+    page.push_str("```\n");
+}
+
+fn names(names: &[&str]) -> String {
+    let names: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
+    if names.is_empty() { "-".into() } else { names.join(", ") }
+}

@@ -1,0 +1,59 @@
+//! The command line of `phalanx`: every role of its one binary. Documentation, completions and manual
+//! pages are made of it too.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+use crate::verbs::Verb;
+
+/// Decentralised multi-robot experiments on one machine, run the way they would be deployed.
+#[derive(Debug, Parser)]
+#[command(name = "phalanx", version)]
+pub struct CommandLine {
+    /// What to do, or to be.
+    #[command(subcommand)]
+    pub role: Role,
+}
+
+/// What this process does, or is.
+#[derive(Debug, Subcommand)]
+pub enum Role {
+    /// A verb.
+    #[command(flatten)]
+    Supervisor(Verb),
+    /// Measure this machine's baselines, and the ratio of a run to each.
+    Bench(bench::cli::BenchArgs),
+    /// Run one robot's agent, in a run that is under way.
+    Agent(AgentArgs),
+    /// Stand in for the hardware of a run that is under way.
+    Plant {
+        /// The plant's brief.
+        brief: PathBuf,
+        /// Run before every ordinary process, with all memory locked.
+        #[arg(long)]
+        realtime_priority: bool,
+    },
+    /// Take processor time until killed.
+    #[command(hide = true)]
+    Load,
+    /// Keep a core from falling asleep until killed.
+    #[command(hide = true)]
+    Awake,
+    /// Take part in a measurement.
+    #[command(hide = true, subcommand)]
+    BenchPeer(bench::cli::PeerVerb),
+}
+
+/// Arguments of `phalanx agent`.
+#[derive(Debug, Args)]
+pub struct AgentArgs {
+    /// The robot's brief.
+    pub brief: PathBuf,
+    /// How often this robot's process was started before.
+    #[arg(long, default_value_t = 0)]
+    pub incarnation: u64,
+    /// Run before every ordinary process, with all memory locked.
+    #[arg(long)]
+    pub realtime_priority: bool,
+}

@@ -1,0 +1,175 @@
+//! `docs/reference/`: what is listed there is what there is, no more and no less. `PHALANX_BLESS=1`
+//! rewrites the pages that the program writes.
+
+use std::collections::BTreeSet;
+use std::process::Command;
+
+use experiment::scenario::keys::Format;
+
+use crate::harness::run;
+
+const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+
+fn phalanx(args: &[&str]) -> String {
+    let output = Command::new(env!("CARGO_BIN_EXE_phalanx"))
+        .args(args)
+        .env("NO_COLOR", "1")
+        .env("COLUMNS", "100")
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "phalanx {args:?}: {output:?}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn page(path: &str) -> String {
+    std::fs::read_to_string(format!("{ROOT}/docs/reference/{path}")).unwrap()
+}
+
+/// That a committed page is this text; rewrites it if asked to.
+#[track_caller]
+fn assert_page(path: &str, text: &str) {
+    if std::env::var_os("PHALANX_BLESS").is_some() {
+        std::fs::write(format!("{ROOT}/docs/reference/{path}"), text).unwrap();
+    }
+    let again = "PHALANX_BLESS=1 cargo test --test it pages::reference";
+    assert!(page(path) == text, "docs/reference/{path} is out of date, write it anew: {again}");
+}
+
+/// The words in backquotes in the first column of the tables below a heading.
+fn listed(page: &str, heading: &str) -> Vec<String> {
+    let (_, section) =
+        page.split_once(&format!("\n## {heading}\n")).unwrap_or_else(|| panic!("{heading}"));
+    let section = section.split("\n## ").next().unwrap();
+    let lines: Vec<&str> = section.lines().collect();
+    let heads = |line: usize| lines.get(line + 1).is_some_and(|below| below.starts_with("|---"));
+    let rows = lines.iter().enumerate().filter(|(line, _)| !heads(*line));
+    let rows = rows.filter_map(|(_, row)| row.strip_prefix("| `"));
+    let cells = rows.map(|row| row.split(" | ").next().unwrap());
+    cells
+        .flat_map(|cell| cell.split('`').step_by(2).collect::<Vec<_>>())
+        .filter(|word| !word.trim_matches([',', ' ']).is_empty())
+        .map(str::to_owned)
+        .collect()
+}
+
+#[test]
+fn the_page_of_scenario_keys_is_what_the_program_writes() {
+    assert_page("scenario.md", &phalanx(&["schema", "--markdown"]));
+}
+
+#[test]
+fn the_page_of_scenario_keys_lists_every_key_of_the_reader_and_no_other() {
+    let page = page("scenario.md");
+    let format = Format::of(&agent::catalog());
+    for section in &format.sections {
+        let heading = match section.name {
+            "scenario" => "The whole file".to_owned(),
+            name => format!("`{name}`"),
+        };
+        let keys: Vec<&str> = section.keys.iter().map(|key| key.name).collect();
+        let kinds: Vec<&str> = section.kinds.iter().map(|kind| kind.word).collect();
+        assert_eq!(listed(&page, &heading), [keys, kinds].concat(), "{heading}");
+    }
+    assert_eq!(listed(&page, "Laws"), format.laws);
+    assert_eq!(listed(&page, "Avoidance methods"), format.methods);
+}
+
+#[test]
+fn the_page_of_the_command_line_is_the_programs_help() {
+    let mut text =
+        "# Command line\n\nWritten from `phalanx VERB --help` by the tests; do not edit it.\n"
+            .to_owned();
+    text += &format!("\n```text\n{}```\n", phalanx(&["--help"]));
+    for verb in verbs() {
+        text += &format!("\n## `phalanx {verb}`\n\n```text\n{}```\n", phalanx(&[&verb, "--help"]));
+    }
+    let text: Vec<&str> = text.lines().map(str::trim_end).collect();
+    assert_page("command-line.md", &(text.join("\n") + "\n"));
+}
+
+/// The verbs that the help names.
+fn verbs() -> Vec<String> {
+    let help = phalanx(&["--help"]);
+    let (_, commands) = help.split_once("Commands:\n").unwrap();
+    let (commands, _) = commands.split_once("\n\n").unwrap();
+    let names = commands.lines().filter_map(|line| {
+        let name = line.strip_prefix("  ")?;
+        (!name.starts_with(' ')).then(|| name.split(' ').next().unwrap().to_owned())
+    });
+    names.filter(|name| name != "help").collect()
+}
+
+#[test]
+fn the_page_of_files_lists_every_file_of_a_run_and_every_column_of_its_tables() {
+    let page = page("files.md");
+    let ended = run("triangle").lockstep().drawing().set("duration_s=1").set("expect={}").finish();
+    ended.exits_with(0);
+    let directory = ended.run_dir();
+    let named =
+        |name: &str| page.contains(&format!("`{name}")) || page.contains(&format!("`{name}/*"));
+    for entry in std::fs::read_dir(&directory).unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        assert!(named(&name), "{name} is not on the page");
+    }
+    for table in ["samples.csv", "pairs.csv", "events.csv", "latency.csv", "latency_over_time.csv"]
+    {
+        let text = ended.file(table);
+        let columns: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+        assert_eq!(listed(&page, &format!("`{table}`")), columns, "{table}");
+    }
+    let keys: BTreeSet<String> = listed(&page, "`summary.json`").into_iter().collect();
+    let found: BTreeSet<String> = ended.summary.as_object().unwrap().keys().cloned().collect();
+    assert_eq!(keys, found);
+    let kinds = ended.file("events.csv");
+    for kind in kinds.lines().skip(1).filter_map(|line| line.split(',').nth(1)) {
+        assert!(
+            page.contains(&format!("`{kind}`")),
+            "the kind {kind} of events is not on the page"
+        );
+    }
+}
+
+#[test]
+fn the_page_of_messages_lists_every_message_and_its_fields_in_their_order() {
+    let page = page("messages.md");
+    let source = include_str!("../../../protocol/src/message.rs");
+    let mut messages = 0;
+    for declared in source.split("\nmessage! {\n").skip(1) {
+        let body = declared.split("\n}\n").next().unwrap();
+        let lines = body.lines().filter(|line| !line.trim_start().starts_with("///"));
+        let mut lines = lines.map(str::trim);
+        let name = lines.next().unwrap().split(' ').next().unwrap();
+        let fields: Vec<&str> = lines.filter_map(|line| Some(line.split_once(": ")?.0)).collect();
+        assert_eq!(listed(&page, &format!("`{name}`")), fields, "{name}");
+        messages += 1;
+    }
+    assert!(messages >= 9, "{messages} messages");
+}
+
+#[test]
+fn the_page_of_exit_codes_has_those_of_the_protocol() {
+    let page = page("exit-codes.md");
+    let source = include_str!("../../../protocol/src/process/exit.rs");
+    let codes: Vec<&str> = source
+        .lines()
+        .filter_map(|line| line.strip_prefix("pub const ")?.split(" = ").nth(1)?.strip_suffix(';'))
+        .collect();
+    let rows: Vec<&str> = page
+        .lines()
+        .filter_map(|line| line.strip_prefix("| ")?.split(' ').next())
+        .filter(|cell| cell.parse::<u8>().is_ok())
+        .collect();
+    assert_eq!(rows, codes);
+}
+
+#[test]
+fn the_page_of_shipped_scenarios_names_all_of_them() {
+    let page = page("scenarios.md");
+    let mut named = listed(&page.replace("# Shipped", "\n## Shipped"), "Shipped scenarios");
+    let folder = std::fs::read_dir(format!("{ROOT}/scenarios")).unwrap();
+    let files = folder.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let mut files: Vec<String> = files.filter(|name| name.ends_with(".toml")).collect();
+    named.sort();
+    files.sort();
+    assert_eq!(named, files);
+}

@@ -68,6 +68,7 @@ pub fn row_of_three() -> Scenario {
             hull_distance_m_max: None,
             min_distance_m: None,
             final_error_m_max: None,
+            final_ideal_error_m_max: None,
             tracking_error_m_max: None,
             converged_by_s: None,
             recovered_within_s: None,

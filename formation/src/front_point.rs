@@ -2,7 +2,7 @@
 //! and (v, w). Controlling alpha instead of xi keeps the decoupling matrix A(theta) invertible.
 
 use crate::Vec2;
-use crate::pose::{Pose, Twist};
+use crate::pose::{Pose, Twist, wrap_angle};
 
 /// alpha = xi + ell (cos theta, sin theta), m, in `map`. (2)
 pub fn front_point(pose: Pose, ell_m: f64) -> Vec2 {
@@ -24,6 +24,22 @@ pub fn twist_for(heading_rad: f64, ell_m: f64, u: Vec2) -> Twist {
 /// Speed of the front point, m/s: |A(theta) (v, w)| = hypot(v, ell w), at any heading.
 pub fn front_speed(ell_m: f64, twist: Twist) -> f64 {
     twist.v_m_s.hypot(ell_m * twist.w_rad_s)
+}
+
+/// The heading after `time_s`, rad, from `heading_rad`, while the front point moves at the constant
+/// velocity `u`, m/s: the vehicle is drawn behind it like a cart by its pole.
+///
+/// theta' = (-sin theta u_x + cos theta u_y) / ell (17). The angle psi between heading and u
+/// closes like tan(psi / 2) = tan(psi_0 / 2) exp(-|u| t / ell).
+pub fn drawn_heading(heading_rad: f64, ell_m: f64, u: Vec2, time_s: f64) -> f64 {
+    let speed_m_s = u.norm();
+    if speed_m_s == 0.0 {
+        return heading_rad;
+    }
+    let direction_rad = u.y.atan2(u.x);
+    let half_rad = 0.5 * wrap_angle(heading_rad - direction_rad);
+    let closed = (-speed_m_s * time_s / ell_m).exp();
+    wrap_angle(direction_rad + 2.0 * (half_rad.sin() * closed).atan2(half_rad.cos()))
 }
 
 /// `vector` turned counter-clockwise by `angle_rad`.
@@ -59,6 +75,21 @@ mod tests {
                 - front_point(arc(pose, twist, -h), ell)) / (2.0 * h);
             prop_assert!((slope - front_velocity(theta, ell, twist)).norm() < 1e-6);
             prop_assert!((slope.norm() - front_speed(ell, twist)).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_drawn_heading_follows_its_differential_equation() {
+        let (ell, u) = (0.15, Vec2::new(0.3, -0.4));
+        for start in [-3.0, -1.0, 0.2, 2.0] {
+            // Euler's method with steps so short that it is exact to 1e-5.
+            let (mut euler, steps) = (start, 200_000);
+            let step_s = 0.7 / f64::from(steps);
+            for _ in 0..steps {
+                euler += step_s * twist_for(euler, ell, u).w_rad_s;
+            }
+            let exact = drawn_heading(start, ell, u, 0.7);
+            assert!(wrap_angle(exact - euler).abs() < 1e-5, "from {start}: {exact}, {euler}");
         }
     }
 }

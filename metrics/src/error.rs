@@ -14,14 +14,49 @@ pub(super) struct Errors {
     targets: Targets,
     leader: Option<usize>,
     converged_error_m: f64,
-    final_from_ns: u64,
     /// At the newest truth.
     now_m: Vec<Option<f64>>,
     /// Integral of each robot's error over the time it lived, m s.
     integrated_m_s: Vec<Option<f64>>,
-    final_m: Vec<Option<f64>>,
+    finals: Finals,
     converged_since_ns: Option<u64>,
     newest_t_ns: Option<u64>,
+}
+
+/// The worst errors of the run's end, by robot.
+pub(super) struct Finals {
+    from_ns: u64,
+    worst_m: Vec<Option<f64>>,
+}
+
+impl Finals {
+    /// None yet. `from_ns`: from then on errors are final.
+    pub(super) fn new(robots: usize, from_ns: u64) -> Finals {
+        Finals { from_ns, worst_m: vec![None; robots] }
+    }
+
+    /// Takes in the error of a living robot, m.
+    pub(super) fn take(&mut self, t_ns: u64, robot: usize, error_m: f64) {
+        if t_ns >= self.from_ns {
+            let worst = &mut self.worst_m[robot];
+            *worst = Some(worst.map_or(error_m, |worst| worst.max(error_m)));
+        }
+    }
+
+    /// By robot, m; `None` for one that had none while it lived.
+    pub(super) fn by_robot_m(&self) -> &[Option<f64>] {
+        &self.worst_m
+    }
+
+    /// The worst of these.
+    pub(super) fn max_m(&self) -> Option<f64> {
+        self.worst_m.iter().flatten().copied().reduce(f64::max)
+    }
+}
+
+/// NaN would disappear in any maximum and pass as converged.
+pub(super) fn or_infinite(error_m: f64) -> f64 {
+    if error_m.is_nan() { f64::INFINITY } else { error_m }
 }
 
 impl Errors {
@@ -32,10 +67,9 @@ impl Errors {
             targets: Targets::new(scenario),
             leader: scenario.leader(),
             converged_error_m: scenario.expect.converged_error_m,
-            final_from_ns,
             now_m: vec![None; robots],
             integrated_m_s: vec![None; robots],
-            final_m: vec![None; robots],
+            finals: Finals::new(robots, final_from_ns),
             converged_since_ns: None,
             newest_t_ns: None,
         }
@@ -56,17 +90,12 @@ impl Errors {
         let mut worst: Option<f64> = None;
         for (i, &alive) in alive.iter().enumerate() {
             let error = self.targets.error(i, t_s, &frame, alphas, silent);
-            let error = error.map(|error| error.norm());
-            // NaN would disappear in any maximum and pass as converged.
-            let error = error.map(|error| if error.is_nan() { f64::INFINITY } else { error });
+            let error = error.map(|error| or_infinite(error.norm()));
             self.now_m[i] = error;
             let Some(error) = error.filter(|_| alive) else { continue };
             *self.integrated_m_s[i].get_or_insert(0.0) += error * since_s;
             worst = Some(worst.map_or(error, |worst| worst.max(error)));
-            if t_ns >= self.final_from_ns {
-                let last = &mut self.final_m[i];
-                *last = Some(last.map_or(error, |last| last.max(error)));
-            }
+            self.finals.take(t_ns, i, error);
         }
         let worst = worst.unwrap_or(0.0);
         // Of a formation in which nobody lives there is nothing to say.
@@ -99,19 +128,14 @@ impl Errors {
         self.converged_since_ns
     }
 
-    /// The worst of the run's end by robot, m.
-    pub(super) fn final_m(&self) -> &[Option<f64>] {
-        &self.final_m
-    }
-
-    /// The worst of these.
-    pub(super) fn final_m_max(&self) -> Option<f64> {
-        self.final_m.iter().flatten().copied().reduce(f64::max)
+    /// The worst of the run's end.
+    pub(super) fn finals(&self) -> &Finals {
+        &self.finals
     }
 
     /// The main leader's.
     pub(super) fn tracking_m_max(&self) -> Option<f64> {
-        self.leader.and_then(|leader| self.final_m[leader])
+        self.leader.and_then(|leader| self.finals.by_robot_m()[leader])
     }
 
     /// Integral by robot over the time it lived, m s.

@@ -41,6 +41,8 @@ pub fn evaluate(
     let equal = |value, bound| value == bound;
     ask("min_distance_m", expect.min_distance_m, measures.min_distance_m, at_least);
     ask("final_error_m_max", expect.final_error_m_max, measures.final_error_m_max, at_most);
+    let ideal = (expect.final_ideal_error_m_max, measures.final_ideal_error_m_max);
+    ask("final_ideal_error_m_max", ideal.0, ideal.1, at_most);
     let tracking = (expect.tracking_error_m_max, measures.tracking_error_m_max);
     ask("tracking_error_m_max", tracking.0, tracking.1, at_most);
     let hull = (expect.hull_distance_m_max, measures.hull_distance_m_max_final);
@@ -71,6 +73,8 @@ mod tests {
             violations: 0,
             final_error_m: Vec::new(),
             final_error_m_max: Some(0.5),
+            final_ideal_error_m: Vec::new(),
+            final_ideal_error_m_max: Some(0.5),
             tracking_error_m_max: None,
             integrated_error_m_s: Vec::new(),
             pairs: Vec::new(),
@@ -87,6 +91,7 @@ mod tests {
         let expect = Expectations {
             min_distance_m: Some(0.2),
             final_error_m_max: Some(0.4),
+            final_ideal_error_m_max: Some(0.5),
             tracking_error_m_max: Some(0.4),
             hull_distance_m_max: None,
             converged_by_s: Some(10.0),
@@ -105,6 +110,7 @@ mod tests {
         let in_both = [
             ("min_distance_m", true),
             ("final_error_m_max", false),
+            ("final_ideal_error_m_max", true),
             ("tracking_error_m_max", false),
             ("converged_by_s", false),
             ("recovered_within_s", false),

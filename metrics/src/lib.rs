@@ -9,6 +9,8 @@
 //! | `pairs` | how near did every pair come? |
 //! | `error` | how far is each robot from where its role wants it? |
 //! | `target` | where does its role want it? |
+//! | `ideal` | how far is each robot from its place in the whole formation? |
+//! | `frame` | how does that formation turn and grow? |
 //! | `vectors` | which way was it off, in a run that is over? |
 //! | `containment` | how far are the contained from the leaders' hull? |
 //! | `fault` | what did each fault do? |
@@ -25,7 +27,9 @@ mod error;
 pub mod examples;
 pub mod expect;
 pub mod fault;
+mod frame;
 pub mod hash;
+mod ideal;
 mod pairs;
 mod silence;
 pub mod summary;
@@ -45,6 +49,7 @@ use error::Errors;
 use experiment::scenario::{Scenario, Silenced, Struck};
 use fault::{Bound, End, FaultReport, Faults, Report};
 use formation::seconds;
+use ideal::Ideal;
 pub use pairs::PairDistance;
 use truths::Truths;
 
@@ -61,8 +66,21 @@ pub struct Metrics {
     truths: Truths,
     distances: Distances,
     errors: Errors,
+    ideal: Ideal,
     containment: Containment,
     faults: Faults,
+}
+
+/// What is known at the newest truth; lists in scenario order.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Now<'a> {
+    /// |e_i|, by those that each robot hears, m; `None` for robots that hear nobody.
+    pub errors_m: &'a [Option<f64>],
+    /// How far each is from its place in the ideal formation, m; `None` where it has none.
+    pub ideal_errors_m: &'a [Option<f64>],
+    /// The smallest distance of two front points, m, and their places; `None` with fewer than two
+    /// robots.
+    pub nearest: Option<(f64, [usize; 2])>,
 }
 
 /// What was measured over a whole run.
@@ -81,7 +99,12 @@ pub struct Measures {
     pub final_error_m: Vec<(String, Option<f64>)>,
     /// The worst of these; `None` if the run did not get that far.
     pub final_error_m_max: Option<f64>,
-    /// The same of the main leader alone: how well m(t) is tracked (25).
+    /// Worst error to the ideal formation over the last 10 % of the run by robot, m; `None` for one
+    /// without a place in it, and for one that was dead all that time.
+    pub final_ideal_error_m: Vec<(String, Option<f64>)>,
+    /// The worst of these.
+    pub final_ideal_error_m_max: Option<f64>,
+    /// The final error of the main leader alone: how well m(t) is tracked (25).
     pub tracking_error_m_max: Option<f64>,
     /// Integral of the error by robot over the time it lived, m s.
     pub integrated_error_m_s: Vec<(String, Option<f64>)>,
@@ -113,6 +136,7 @@ impl Metrics {
             truths: Truths::new(pace),
             distances: Distances::new(robots, scenario.avoidance.distance_min_m),
             errors: Errors::new(scenario, final_from_ns),
+            ideal: Ideal::new(scenario, final_from_ns),
             containment: Containment::new(scenario, final_from_ns),
             faults: Faults::new(scenario),
         }
@@ -142,15 +166,31 @@ impl Metrics {
         let distance_m = self.distances.truth(header, &self.alphas);
         let silent = self.faults.silent();
         let worst_m = self.errors.truth(t_ns, rows, &self.alphas, alive, silent);
+        self.ideal.truth(t_ns, rows, &self.alphas, alive, self.errors.now_m());
         let beyond = self.errors.beyond().zip(alive).map(|(beyond, &alive)| alive && beyond);
         let calm_since_ns = self.errors.converged_since_ns();
         self.faults.truth(t_ns, worst_m, calm_since_ns, beyond, distance_m);
         self.containment.truth(t_ns, &self.alphas, alive);
     }
 
+    /// What is known at the newest truth.
+    pub fn now(&self) -> Now<'_> {
+        Now {
+            errors_m: self.errors.now_m(),
+            ideal_errors_m: self.ideal.now_m(),
+            nearest: self.distances.nearest(),
+        }
+    }
+
     /// |e_i| at the newest truth, m, in scenario order; `None` for robots that hear nobody.
     pub fn errors(&self) -> &[Option<f64>] {
         self.errors.now_m()
+    }
+
+    /// How far each robot is from its place in the ideal formation at the newest truth, m, in
+    /// scenario order; `None` where the graph gives it none.
+    pub fn ideal_errors(&self) -> &[Option<f64>] {
+        self.ideal.now_m()
     }
 
     /// The smallest distance of two front points at the newest truth, m, and their places; `None`
@@ -206,8 +246,10 @@ impl Metrics {
                 .map(|closest| closest.pair.map(|robot| self.names[robot].clone())),
             min_distance_t_s: closest.map(|closest| seconds(closest.t_ns)),
             violations: self.distances.violations(),
-            final_error_m: by_name(self.errors.final_m()),
-            final_error_m_max: self.errors.final_m_max(),
+            final_error_m: by_name(self.errors.finals().by_robot_m()),
+            final_error_m_max: self.errors.finals().max_m(),
+            final_ideal_error_m: by_name(self.ideal.finals().by_robot_m()),
+            final_ideal_error_m_max: self.ideal.finals().max_m(),
             tracking_error_m_max: self.errors.tracking_m_max(),
             integrated_error_m_s: by_name(self.errors.integrated_m_s()),
             pairs: self.distances.pairs.report(&self.names),

@@ -45,6 +45,11 @@ pub struct Summary {
     pub final_error_m: Vec<(String, Option<f64>)>,
     /// The worst of these.
     pub final_error_m_max: Option<f64>,
+    /// Worst error to the ideal formation over the last 10 % of the run by robot, m.
+    #[serde(with = "by_name")]
+    pub final_ideal_error_m: Vec<(String, Option<f64>)>,
+    /// The worst of these.
+    pub final_ideal_error_m_max: Option<f64>,
     /// The main leader's: how well its trajectory is tracked, m.
     pub tracking_error_m_max: Option<f64>,
     /// Integral of the error by robot over the time it lived, m s.

@@ -5,7 +5,7 @@
 //! |---|---|
 //! | `poses.csv` | `t_s,robot,x_m,y_m,heading_rad` |
 //! | `commands.csv` | `t_s,robot,v_m_s,w_rad_s` |
-//! | `errors.csv` | `t_s,robot,error_m,alive`; no error where the robot has no place to be at |
+//! | `errors.csv` | `t_s,robot,error_m,alive,ideal_error_m`; no error where the robot has no place to be at |
 //! | `distances.csv` | `t_s,robot_a,robot_b,min_distance_m`: the nearest two |
 //! | `events.csv` | `t_s,kind,robot,level,detail`; no robot where it is the whole run's |
 //!
@@ -207,7 +207,11 @@ impl Tables {
         Ok(Tables {
             poses: Table::create(out, "poses.csv", &["t_s", "robot", "x_m", "y_m", "heading_rad"])?,
             commands: Table::create(out, "commands.csv", &["t_s", "robot", "v_m_s", "w_rad_s"])?,
-            errors: Table::create(out, "errors.csv", &["t_s", "robot", "error_m", "alive"])?,
+            errors: Table::create(
+                out,
+                "errors.csv",
+                &["t_s", "robot", "error_m", "alive", "ideal_error_m"],
+            )?,
             distances: Table::create(
                 out,
                 "distances.csv",
@@ -237,8 +241,9 @@ impl Tables {
             Observation::Metrics => {
                 let Some(metrics) = read_metrics(message) else { return Ok(None) };
                 let robots = metrics.robots.iter().zip(&metrics.errors_m).zip(&metrics.alive);
-                for ((robot, error_m), alive) in robots {
-                    self.errors.row((t_s, robot, error_m, u8::from(*alive)))?;
+                for (i, ((robot, error_m), alive)) in robots.enumerate() {
+                    let ideal_m = metrics.ideal_errors_m.get(i).copied().flatten();
+                    self.errors.row((t_s, robot, error_m, u8::from(*alive), ideal_m))?;
                 }
                 if let Some(Nearest { distance_m, pair: [a, b] }) = metrics.nearest {
                     let name = |place: usize| metrics.robots.get(place);

@@ -146,6 +146,7 @@ pub(crate) struct Sheets {
     metrics_distance: usize,
     metrics_errors: usize,
     metrics_alive: usize,
+    metrics_ideal: usize,
 }
 
 /// The smallest distance between two front points at an instant.
@@ -177,6 +178,8 @@ impl Sheets {
         let errors: Vec<usize> = names.iter().map(|_| metrics.f64(f64::NAN)).collect();
         metrics.u32(count);
         let alive: Vec<usize> = names.iter().map(|_| metrics.u8(0)).collect();
+        metrics.u32(count);
+        let ideal: Vec<usize> = names.iter().map(|_| metrics.f64(f64::NAN)).collect();
         Sheets {
             robots,
             tf,
@@ -184,6 +187,7 @@ impl Sheets {
             metrics_distance,
             metrics_errors: errors.first().copied().unwrap_or(0),
             metrics_alive: alive.first().copied().unwrap_or(0),
+            metrics_ideal: ideal.first().copied().unwrap_or(0),
         }
     }
 
@@ -192,7 +196,7 @@ impl Sheets {
         &mut self,
         stamp_ns: u64,
         states: impl Iterator<Item = State>,
-        errors_m: &[Option<f64>],
+        errors_m: [&[Option<f64>]; 2],
         alive: &[bool],
         nearest: Option<Nearest>,
     ) {
@@ -212,9 +216,12 @@ impl Sheets {
         let pair = nearest.map_or([0, 0], |n| n.pair);
         self.metrics.set_u32(self.metrics_distance + 8, pair[0] as u32);
         self.metrics.set_u32(self.metrics_distance + 12, pair[1] as u32);
-        for (i, (error_m, &alive)) in errors_m.iter().zip(alive).enumerate().take(self.robots.len())
-        {
-            self.metrics.set_f64(self.metrics_errors + 8 * i, error_m.unwrap_or(f64::NAN));
+        for (at, errors_m) in [self.metrics_errors, self.metrics_ideal].into_iter().zip(errors_m) {
+            for (i, error_m) in errors_m.iter().enumerate().take(self.robots.len()) {
+                self.metrics.set_f64(at + 8 * i, error_m.unwrap_or(f64::NAN));
+            }
+        }
+        for (i, &alive) in alive.iter().enumerate().take(self.robots.len()) {
             self.metrics.set_u8(self.metrics_alive + i, u8::from(alive));
         }
     }
@@ -284,6 +291,8 @@ pub(crate) struct Metrics<'a> {
     pub(crate) robots: Vec<&'a str>,
     pub(crate) errors_m: Vec<Option<f64>>,
     pub(crate) alive: Vec<bool>,
+    /// Empty in a recording of an earlier version.
+    pub(crate) ideal_errors_m: Vec<Option<f64>>,
 }
 
 pub(crate) fn read_metrics(message: &[u8]) -> Option<Metrics<'_>> {
@@ -291,15 +300,16 @@ pub(crate) fn read_metrics(message: &[u8]) -> Option<Metrics<'_>> {
     reader.time()?;
     let distance_m = reader.f64()?;
     let pair = [reader.u32()? as usize, reader.u32()? as usize];
+    let errors = |reader: &mut Reader<'_>| {
+        let list = reader.list(Reader::f64)?.into_iter();
+        Some(list.map(|error_m| (!error_m.is_nan()).then_some(error_m)).collect())
+    };
     Some(Metrics {
         nearest: (!distance_m.is_nan()).then_some(Nearest { distance_m, pair }),
         robots: reader.list(Reader::text)?,
-        errors_m: reader
-            .list(Reader::f64)?
-            .into_iter()
-            .map(|error_m| (!error_m.is_nan()).then_some(error_m))
-            .collect(),
+        errors_m: errors(&mut reader)?,
         alive: reader.list(|reader| Some(reader.u8()? != 0))?,
+        ideal_errors_m: errors(&mut reader).unwrap_or_default(),
     })
 }
 
@@ -327,11 +337,13 @@ mod tests {
             };
             let last = names.len() - 1;
             let errors: Vec<_> = (0..names.len()).map(|i| (i > 0).then_some(numbers[4])).collect();
+            let ideal: Vec<_> = errors.iter().map(|error| error.map(|e| 2.0 * e)).collect();
             let alive = vec![lives; names.len()];
             let nearest = (last > 0).then_some(Nearest { distance_m: 0.3, pair: [0, last] });
             // Twice: the second must not depend on what the first left.
             for _ in 0..2 {
-                sheets.set(stamp_ns, (0..names.len()).map(state), &errors, &alive, nearest);
+                let errors = [&errors[..], &ideal[..]];
+                sheets.set(stamp_ns, (0..names.len()).map(state), errors, &alive, nearest);
             }
             for (i, robot) in sheets.robots.iter().enumerate() {
                 let [odometry, pose, command] = robot.bytes();
@@ -364,6 +376,7 @@ mod tests {
             prop_assert_eq!(metrics.robots, names);
             prop_assert_eq!(metrics.errors_m, errors);
             prop_assert_eq!(metrics.alive, alive);
+            prop_assert_eq!(metrics.ideal_errors_m, ideal);
         }
     }
 }

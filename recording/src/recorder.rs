@@ -119,13 +119,13 @@ impl Recorder {
         })
     }
 
-    /// Writes one instant of the truth; the lists are in scenario order. An error of `None`: this
-    /// robot has no place to be at.
+    /// Writes one instant of the truth; the lists are in scenario order. `errors_m`: by those that
+    /// each robot hears, and to the ideal formation; `None`: this robot has no place to be at.
     pub fn instant(
         &mut self,
         t_ns: u64,
         states: impl Iterator<Item = State>,
-        errors_m: &[Option<f64>],
+        errors_m: [&[Option<f64>]; 2],
         alive: &[bool],
         nearest: Option<Nearest>,
     ) -> io::Result<()> {

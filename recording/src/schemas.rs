@@ -119,6 +119,8 @@ pub(crate) const METRICS: Schema = Schema {
              # How far each is from where its role wants it, m; NaN for one that has no such place.\n\
              float64[] error_m\n\
              # Whether its process lived.\n\
-             bool[] alive\n",
+             bool[] alive\n\
+             # How far each is from its place in the ideal formation, m; NaN for one without a place.\n\
+             float64[] ideal_error_m\n",
     parts: &[&TIME],
 };

@@ -49,7 +49,8 @@ fn fly(recorder: &mut Recorder, instants: std::ops::Range<u64>) {
     for k in instants {
         let states = (0..2).map(|robot| state(k, robot));
         let nearest = Some(Nearest { distance_m: 0.25 + k as f64, pair: [0, 1] });
-        recorder.instant(k * STEP_NS, states, &[None, Some(0.5)], &[true, k < 3], nearest).unwrap();
+        let errors = [&[None, Some(0.5)][..], &[Some(0.25), None]];
+        recorder.instant(k * STEP_NS, states, errors, &[true, k < 3], nearest).unwrap();
     }
 }
 
@@ -292,8 +293,8 @@ fn an_export_has_every_number_of_the_run() {
     let command = &rows(&out, "commands.csv")[3];
     assert_eq!(command[2].parse(), Ok(state(1, 1).v_m_s));
     assert_eq!(command[3].parse(), Ok(state(1, 1).w_rad_s));
-    assert_eq!(rows(&out, "errors.csv")[6], ["0.03", "r-1", "", "1"]);
-    assert_eq!(rows(&out, "errors.csv")[7], ["0.03", "r2", "0.5", "0"]);
+    assert_eq!(rows(&out, "errors.csv")[6], ["0.03", "r-1", "", "1", "0.25"]);
+    assert_eq!(rows(&out, "errors.csv")[7], ["0.03", "r2", "0.5", "0", ""]);
     assert_eq!(rows(&out, "distances.csv")[4], ["0.04", "r-1", "r2", "4.25"]);
     let events = fs::read_to_string(out.join("events.csv")).unwrap();
     assert!(events.contains("0.01,kill,r2,30,\"SIGKILL, as planned\"\n"), "{events}");

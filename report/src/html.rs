@@ -125,6 +125,7 @@ fn summary(summary: &Summary) -> String {
     let in_m = |value: Option<f64>| value.map(|value| format!("{} m", digits(value)));
     let measured = [
         ("Worst error, last 10 %", in_m(summary.final_error_m_max)),
+        ("Worst error to the ideal formation, last 10 %", in_m(summary.final_ideal_error_m_max)),
         ("Main leader's error, last 10 %", in_m(summary.tracking_error_m_max)),
         ("Outside the hull, last 10 %", in_m(summary.hull_distance_m_max_final)),
         ("Trajectory hash", summary.trajectory_hash.clone()),

@@ -62,6 +62,9 @@ pub struct Sample {
     pub heading_rad: f64,
     /// |e|, m; `None` while it has none.
     pub error_m: Option<f64>,
+    /// How far from its place in the ideal formation, m; `None` where it has none, or nobody
+    /// measured it.
+    pub ideal_error_m: Option<f64>,
     /// e, m; `None` where it cannot be told.
     pub error_xy_m: Option<[f64; 2]>,
     /// Its process lives.

@@ -20,8 +20,8 @@ use crate::reserved::Reserved;
 use crate::summary::to_json;
 use experiment::scenario::Scenario;
 use formation::seconds;
-use metrics::PairDistance;
 use metrics::summary::Summary;
+use metrics::{Now, PairDistance};
 
 /// Runs without `--out` go below this directory.
 const RUNS: &str = "runs";
@@ -57,6 +57,7 @@ struct Newest {
     t_ns: u64,
     rows: Vec<TruthRow>,
     errors_m: Vec<Option<f64>>,
+    ideal_errors_m: Vec<Option<f64>>,
     alive: Vec<bool>,
     nearest: Option<(f64, [usize; 2])>,
 }
@@ -132,7 +133,7 @@ impl RunDir {
             newest: Newest::default(),
             samples: Log::create(
                 path.join("samples.csv"),
-                "t_s,robot,x_m,y_m,heading_rad,v_m_s,w_rad_s,error_m,alive",
+                "t_s,robot,x_m,y_m,heading_rad,v_m_s,w_rad_s,error_m,alive,ideal_error_m",
             )?,
             samples_flushed: Instant::now(),
             text: String::new(),
@@ -222,22 +223,22 @@ impl RunDir {
     }
 
     /// Writes a truth to `samples.csv` and the recording if one is due; the last one is written at
-    /// the end anyhow. `nearest` are the two nearest robots, and how far apart they are in m.
+    /// the end anyhow. `measured`: what is known at that truth.
     pub fn truth(
         &mut self,
         header: &TruthHeader,
         rows: &[TruthRow],
-        errors_m: &[Option<f64>],
         alive: &[bool],
-        nearest: Option<(f64, [usize; 2])>,
+        measured: Now<'_>,
     ) -> Result<(), RunDirError> {
         let newest = &mut self.newest;
         newest.unwritten = true;
         newest.t_ns = header.t_ns;
         replace(&mut newest.rows, rows);
-        replace(&mut newest.errors_m, errors_m);
+        replace(&mut newest.errors_m, measured.errors_m);
+        replace(&mut newest.ideal_errors_m, measured.ideal_errors_m);
         replace(&mut newest.alive, alive);
-        newest.nearest = nearest;
+        newest.nearest = measured.nearest;
         // A tick's time is a whole number of ns, its rate is not: a hair's breadth early counts.
         let stretch = (seconds(header.t_ns) * self.record_hz + 1e-6) as u64;
         if self.recorded.replace(stretch) == Some(stretch) { Ok(()) } else { self.write_newest() }
@@ -247,7 +248,7 @@ impl RunDir {
         if !std::mem::take(&mut self.newest.unwritten) {
             return Ok(());
         }
-        let Newest { t_ns, rows, errors_m, alive, .. } = &self.newest;
+        let Newest { t_ns, rows, errors_m, ideal_errors_m, alive, .. } = &self.newest;
         let t_s = seconds(*t_ns).to_string();
         // Many numbers at a time: the formatter of the standard library is slow at shortest digits.
         let (text, mut digits) = (&mut self.text, zmij::Buffer::new());
@@ -255,25 +256,30 @@ impl RunDir {
         for (i, row) in rows.iter().enumerate() {
             let &TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = row;
             text.extend([&t_s, ",", &self.robots[i]]);
-            for number in
-                [x_m, y_m, heading_rad, v_m_s, w_rad_s].map(Some).iter().chain([&errors_m[i]])
-            {
+            let mut field = |text: &mut String, number: Option<f64>| {
                 text.push(',');
                 if let Some(number) = number {
-                    let number = digits.format(*number);
+                    let number = digits.format(number);
                     text.push_str(number.strip_suffix(".0").unwrap_or(number));
                 }
+            };
+            for number in [x_m, y_m, heading_rad, v_m_s, w_rad_s] {
+                field(text, Some(number));
             }
-            text.push_str(if alive[i] { ",1\n" } else { ",0\n" });
+            field(text, errors_m[i]);
+            text.push_str(if alive[i] { ",1" } else { ",0" });
+            field(text, ideal_errors_m[i]);
+            text.push('\n');
         }
         self.samples.text(text)?;
         self.record(|recording, newest| {
-            let Newest { t_ns, rows, errors_m, alive, nearest, .. } = newest;
+            let Newest { t_ns, rows, errors_m, ideal_errors_m, alive, nearest, .. } = newest;
             let states = rows.iter().map(|row| {
                 let &TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = row;
                 State { x_m, y_m, heading_rad, v_m_s, w_rad_s }
             });
             let nearest = nearest.map(|(distance_m, pair)| Nearest { distance_m, pair });
+            let errors_m = [errors_m, ideal_errors_m].map(Vec::as_slice);
             recording.instant(*t_ns, states, errors_m, alive, nearest)
         })
     }
@@ -508,15 +514,19 @@ mod tests {
         let mut run_dir = RunDir::create(&place.0.join("run"), &row_of_three()).unwrap();
         for tick in 1..=7 {
             let rows = rows([tick as f64, -1.0, -2.0]);
-            run_dir
-                .truth(&header(tick), &rows, &[None, Some(0.5), None], &[true; 3], None)
-                .unwrap();
+            let measured = Now {
+                errors_m: &[None, Some(0.5), None],
+                ideal_errors_m: &[None, None, Some(0.25)],
+                nearest: None,
+            };
+            run_dir.truth(&header(tick), &rows, &[true; 3], measured).unwrap();
         }
         run_dir.write_last_truth().unwrap();
         let text = fs::read_to_string(place.0.join("run/samples.csv")).unwrap();
         let lines: Vec<_> = text.lines().collect();
-        assert_eq!(lines[1], "1,r1,0.9,0,0,0,0,,1");
-        assert_eq!(lines[2], "1,r2,-1.1,0,0,0,0,0.5,1");
+        assert_eq!(lines[1], "1,r1,0.9,0,0,0,0,,1,");
+        assert_eq!(lines[2], "1,r2,-1.1,0,0,0,0,0.5,1,");
+        assert_eq!(lines[3], "1,r3,-2.1,0,0,0,0,,1,0.25");
         let mut times: Vec<_> = lines[1..].iter().map(|l| l.split_once(',').unwrap().0).collect();
         times.dedup();
         assert_eq!(times, ["1", "2", "4", "6", "7"]);
@@ -528,7 +538,8 @@ mod tests {
         let scenario = Scenario { record_hz: 1e12, ..row_of_three() };
         let mut run_dir = RunDir::create(&place.0.join("run"), &scenario).unwrap();
         for tick in 0..3 {
-            run_dir.truth(&header(tick), &rows([0.0; 3]), &[None; 3], &[true; 3], None).unwrap();
+            let measured = Now { errors_m: &[None; 3], ideal_errors_m: &[None; 3], nearest: None };
+            run_dir.truth(&header(tick), &rows([0.0; 3]), &[true; 3], measured).unwrap();
         }
         drop(run_dir);
         let text = fs::read_to_string(place.0.join("run/samples.csv")).unwrap();

@@ -58,6 +58,8 @@ pub fn sum_up(
         violations: measures.violations,
         final_error_m: measures.final_error_m,
         final_error_m_max: measures.final_error_m_max,
+        final_ideal_error_m: measures.final_ideal_error_m,
+        final_ideal_error_m_max: measures.final_ideal_error_m_max,
         tracking_error_m_max: measures.tracking_error_m_max,
         integrated_error_m_s: measures.integrated_error_m_s,
         hull_distance_m_max_final: measures.hull_distance_m_max_final,
@@ -123,16 +125,19 @@ pub fn screen(summary: &Summary) -> String {
     }
     let converged = summary.converged_at_s.map_or("never".into(), |t_s| format!("at {t_s:.3} s"));
     row("converged", converged);
-    let mut errors: Vec<_> = summary.final_error_m.iter().collect();
-    let label = if errors.len() > ROBOTS_SHOWN {
-        errors.sort_by(|(_, a), (_, b)| b.partial_cmp(a).expect("errors are no NaN"));
-        errors.truncate(ROBOTS_SHOWN / 2);
-        "largest errors, m"
-    } else {
-        "final errors, m"
-    };
-    let errors: Vec<_> = errors.iter().map(|(robot, e)| format!("{robot} {}", short(*e))).collect();
-    row(label, errors.join("  "));
+    for (errors, all, largest) in [
+        (&summary.final_error_m, "final errors, m", "largest errors, m"),
+        (&summary.final_ideal_error_m, "to ideal places, m", "farthest off, m"),
+    ] {
+        let mut errors: Vec<_> = errors.iter().collect();
+        let few = errors.len() <= ROBOTS_SHOWN;
+        if !few {
+            errors.sort_by(|(_, a), (_, b)| b.partial_cmp(a).expect("errors are no NaN"));
+            errors.truncate(ROBOTS_SHOWN / 2);
+        }
+        let shown = errors.iter().map(|(robot, e)| format!("{robot} {}", short(*e)));
+        row(if few { all } else { largest }, shown.collect::<Vec<_>>().join("  "));
+    }
     let wall = &summary.wall;
     row(
         "time",

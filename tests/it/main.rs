@@ -16,6 +16,7 @@ mod formats;
 mod harness;
 mod hostile;
 mod hung;
+mod ideal;
 mod isolation;
 mod latency;
 mod lockstep;

@@ -71,7 +71,8 @@ fn an_export_says_of_every_robot_and_event_what_the_run_wrote_itself() {
     let pose = ["t_s", "robot", "x_m", "y_m", "heading_rad"];
     agree(&samples, &export.join("poses.csv"), &pose, all);
     agree(&samples, &export.join("commands.csv"), &["t_s", "robot", "v_m_s", "w_rad_s"], all);
-    agree(&samples, &export.join("errors.csv"), &["t_s", "robot", "error_m", "alive"], all);
+    let errors = ["t_s", "robot", "error_m", "alive", "ideal_error_m"];
+    agree(&samples, &export.join("errors.csv"), &errors, all);
     agree(&run_dir.join("events.csv"), &export.join("events.csv"), &["t_s", "kind", "robot"], all);
     // At the recorded instants only: never nearer than at any tick.
     let nearest = table(&export.join("distances.csv"))

@@ -64,7 +64,7 @@ fn what_the_chapter_says_of_its_figures_is_expected_and_drawn() {
     let all = ["min_distance_m", "final_error_m_max", "converged_by_s"];
     let led = [&all[..2], &["tracking_error_m_max"], &all[2..]].concat();
     let contained = [&led[..3], &["hull_distance_m_max"], &led[3..]].concat();
-    let plane = ["trajectories", "distances", "errors", "error_components"];
+    let plane = ["trajectories", "distances", "errors", "ideal_errors", "error_components"];
     let hull = [&plane[..], &["hull_distance"]].concat();
     for (name, keys, figures) in [
         ("triangle", &all[..], &plane[..]),

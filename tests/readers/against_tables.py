@@ -94,13 +94,15 @@ def check(run_dir: Path, messages, partial=False):
         elif topic == "/metrics":
             is_stamp(message.stamp, stamp_ns)
             assert list(message.robot) == tables.robots
-            for robot, error_m, alive in zip(tables.robots, message.error_m, message.alive):
+            told = zip(tables.robots, message.error_m, message.alive, message.ideal_error_m)
+            for robot, error_m, alive, ideal_error_m in told:
                 row = row_of(robot)
                 assert bool(alive) == (row["alive"] == "1"), f"{robot} at {t_s} s"
-                if row["error_m"]:
-                    same(error_m, row["error_m"], "error")
-                else:
-                    assert math.isnan(error_m)
+                for column, found in (("error_m", error_m), ("ideal_error_m", ideal_error_m)):
+                    if row[column]:
+                        same(found, row[column], column)
+                    else:
+                        assert math.isnan(found)
             places = [tables.front_point(t_s, robot) for robot in tables.robots]
             apart = {
                 (a, b): math.dist(places[a], places[b])

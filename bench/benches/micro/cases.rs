@@ -243,7 +243,8 @@ fn recorded(robots: usize) -> Body {
         let states = &states[tick as usize % RECORDED];
         let nearest = Some(Nearest { distance_m: states[0].v_m_s, pair: [0, 1] });
         let states = black_box(states).iter().copied();
-        recorder.instant(tick * PERIOD_NS, states, &errors_m, &alive, nearest).expect("room");
+        let errors_m = [&errors_m[..]; 2];
+        recorder.instant(tick * PERIOD_NS, states, errors_m, &alive, nearest).expect("room");
         tick += 1;
         // The file lives as long as its recorder.
         let _ = &scratch;

@@ -9,9 +9,8 @@
 use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::frame::LeaderFrame;
-use formation::front_point::{front_speed, rotate, twist_for};
+use formation::front_point::{drawn_heading, front_speed, twist_for};
 use formation::laplacian::settled;
-use formation::pose::wrap_angle;
 use serde::Serialize;
 
 use crate::scenario::Scenario;
@@ -152,7 +151,7 @@ impl Motion {
             let ell_m = robots[leader].front_point_m;
             if step > 0 {
                 let between = lead.trajectory.at(t_s - 0.5 * step_s).velocity;
-                headings_rad[leader] = drawn(headings_rad[leader], ell_m, between, step_s);
+                headings_rad[leader] = drawn_heading(headings_rad[leader], ell_m, between, step_s);
             }
             let target = lead.trajectory.at(t_s);
             let (scale, scale_rate_per_s) = lead.scale.at(t_s);
@@ -174,7 +173,7 @@ impl Motion {
                         None => heading_of(velocities[i]).unwrap_or(headings_rad[i]),
                         Some(before) => {
                             let between = 0.5 * (before[i] + velocities[i]);
-                            drawn(headings_rad[i], robot.front_point_m, between, step_s)
+                            drawn_heading(headings_rad[i], robot.front_point_m, between, step_s)
                         }
                     };
                 }
@@ -203,39 +202,7 @@ impl Motion {
     }
 }
 
-/// The heading after a step in which the front point moves at the constant velocity `u`.
-///
-/// theta' = (-sin theta u_x + cos theta u_y) / ell (17). The angle psi between heading and u
-/// closes like tan(psi / 2) = tan(psi_0 / 2) exp(-|u| t / ell).
-fn drawn(heading_rad: f64, ell_m: f64, u: Vec2, step_s: f64) -> f64 {
-    let Some(direction_rad) = heading_of(u) else { return heading_rad };
-    let ahead = rotate(-direction_rad, Vec2::new(heading_rad.cos(), heading_rad.sin()));
-    let half_rad = 0.5 * ahead.y.atan2(ahead.x);
-    let closed = (-u.norm() * step_s / ell_m).exp();
-    wrap_angle(direction_rad + 2.0 * (half_rad.sin() * closed).atan2(half_rad.cos()))
-}
-
 /// Where a velocity points, if anywhere.
 fn heading_of(velocity: Vec2) -> Option<f64> {
     (velocity.norm() > 0.0).then(|| velocity.y.atan2(velocity.x))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_drawn_heading_follows_its_differential_equation() {
-        let (ell, u) = (0.15, Vec2::new(0.3, -0.4));
-        for start in [-3.0, -1.0, 0.2, 2.0] {
-            // Euler's method with steps so short that it is exact to 1e-5.
-            let (mut euler, steps) = (start, 200_000);
-            let step_s = 0.7 / f64::from(steps);
-            for _ in 0..steps {
-                euler += step_s * twist_for(euler, ell, u).w_rad_s;
-            }
-            let exact = drawn(start, ell, u, 0.7);
-            assert!(wrap_angle(exact - euler).abs() < 1e-5, "from {start}: {exact}, {euler}");
-        }
-    }
 }

@@ -20,6 +20,7 @@ pub(super) fn expect(root: &Table<'_>, duration_ns: u64) -> Result<Expectations,
     Ok(Expectations {
         min_distance_m: table.maybe_number("min_distance_m")?,
         final_error_m_max: table.maybe_number("final_error_m_max")?,
+        final_ideal_error_m_max: table.maybe_number("final_ideal_error_m_max")?,
         tracking_error_m_max: table.maybe_number("tracking_error_m_max")?,
         hull_distance_m_max: table.maybe_number("hull_distance_m_max")?,
         converged_by_s,

@@ -886,6 +886,14 @@ const EXPECT: &[Key] = &[
     )
     .guessed(&["final_error", "error_max", "max_error", "error"]),
     key(
+        "final_ideal_error_m_max",
+        Number("m", Positive),
+        Absent,
+        "bound on the worst living error to the ideal formation, by the main leader's true pose and \
+         the whole graph as planned, over the last 10 % of the run",
+    )
+    .guessed(&["final_ideal_error", "ideal_error", "ideal_error_m_max"]),
+    key(
         "tracking_error_m_max",
         Number("m", Positive),
         Absent,

@@ -229,6 +229,8 @@ pub struct Expectations {
     pub hull_distance_m_max: Option<f64>,
     /// Bound on the worst living error over the last 10 % of the run, m.
     pub final_error_m_max: Option<f64>,
+    /// Bound on the worst living error to the ideal formation over the last 10 % of the run, m.
+    pub final_ideal_error_m_max: Option<f64>,
     /// Bound on the main leader's error over the last 10 % of the run, m.
     pub tracking_error_m_max: Option<f64>,
     /// All living errors below `converged_error_m` from then on, s.

@@ -7,28 +7,70 @@ use crate::axis::Axis;
 use crate::chart::{Figure, Panel};
 use crate::digits::asked;
 use crate::palette::{BLACK, Dash, Line, VERMILION, line};
-use crate::run::Run;
+use crate::run::{Run, Sample};
+use metrics::summary::Summary;
 
 /// Errors below this are drawn here: nobody looks at less than a micrometer, m.
 const LEAST_M: f64 = 1e-6;
 /// The components are shown until so many times the time at which all had converged.
 const TRANSIENTS: f64 = 4.0;
 
-pub(super) fn sizes(run: &Run) -> Option<Figure> {
-    let errors = run.tracks.iter().flatten().filter_map(|sample| sample.error_m);
+/// The error by those a robot hears: against where they ask it to be.
+pub(super) fn by_those_heard(run: &Run) -> Option<Figure> {
+    let kind = Sizes {
+        name: "errors",
+        title: "Position errors",
+        axis: "error |e| (m)",
+        said: "Errors",
+        of: |sample| sample.error_m,
+        judge: converging,
+    };
+    sizes(run, &kind)
+}
+
+/// The error to the ideal formation: against the place that the whole graph gives the robot.
+pub(super) fn to_the_ideal(run: &Run) -> Option<Figure> {
+    let kind = Sizes {
+        name: "ideal_errors",
+        title: "Errors to the ideal formation",
+        axis: "distance from ideal place (m)",
+        said: "Distances from the places that the whole graph, as planned, gives everybody, seen from \
+               the main leader's true front point (without a leader: where most of the living fit),",
+        of: |sample| sample.ideal_error_m,
+        judge: staying,
+    };
+    sizes(run, &kind)
+}
+
+/// A figure of errors without their directions.
+struct Sizes {
+    name: &'static str,
+    title: &'static str,
+    axis: &'static str,
+    /// What they are, as the caption begins.
+    said: &'static str,
+    of: fn(&Sample) -> Option<f64>,
+    /// Draws what is asked of them; says what came of it.
+    judge: fn(&Run, &mut Panel) -> String,
+}
+
+fn sizes(run: &Run, kind: &Sizes) -> Option<Figure> {
+    let Sizes { name, title, axis, said, of, judge } = *kind;
+    let errors = run.tracks.iter().flatten().filter_map(of);
     let highest = errors.filter(|error| error.is_finite()).reduce(f64::max)?;
-    let reached = last_errors(run).into_iter().fold(f64::INFINITY, f64::min);
+    let last = last_errors(run, of);
+    let reached = last.iter().copied().fold(f64::INFINITY, f64::min);
     let converged_m = run.limits.converged_error_m;
     let low = reached.clamp(LEAST_M, (converged_m / 2.0).max(LEAST_M));
-    let mut panel = over_time(run, Axis::log("error |e| (m)", low, highest.max(2.0 * low)));
+    let mut panel = over_time(run, Axis::log(axis, low, highest.max(2.0 * low)));
     let floor = panel.y.bounds().0;
     let error = |robot: usize| {
         let samples = run.tracks[robot].iter().zip(&run.times_s);
         samples.map(move |(sample, &t_s)| {
-            sample.error_m.filter(|_| sample.alive).map(|error| (t_s, error.max(floor)))
+            of(sample).filter(|_| sample.alive).map(|error| (t_s, error.max(floor)))
         })
     };
-    let named = named(run);
+    let named = largest(&last);
     for robot in (0..run.tracks.len()).filter(|robot| !named.contains(robot)) {
         panel.over_x(error(robot), Line::CROWD);
     }
@@ -42,7 +84,7 @@ pub(super) fn sizes(run: &Run) -> Option<Figure> {
         key.push((Line::CROWD.weight(2), format!("{crowd} others")));
         let worst = (0..run.times_s.len()).map(|instant| {
             let living = run.tracks.iter().map(|track| track[instant]).filter(|now| now.alive);
-            let worst = living.filter_map(|sample| sample.error_m).reduce(f64::max)?;
+            let worst = living.filter_map(|sample| of(&sample)).reduce(f64::max)?;
             Some((run.times_s[instant], worst.max(floor)))
         });
         panel.over_x(worst, Line::solid(BLACK).weight(4));
@@ -50,10 +92,8 @@ pub(super) fn sizes(run: &Run) -> Option<Figure> {
     }
 
     let mut caption = match crowd {
-        0 => "Errors of all living robots".to_owned(),
-        _ => {
-            format!("Errors of all living robots, the {NAMED} that are largest at the end by name")
-        }
+        0 => format!("{said} of all living robots"),
+        _ => format!("{said} of all living robots, the {NAMED} largest at the end by name"),
     };
     let least = if floor < 1e-6 * 1.01 { "; what is below 1 \u{b5}m is drawn there" } else { "" };
     caption += &format!(", logarithmic{least}.{}", about_bands(run));
@@ -63,10 +103,10 @@ pub(super) fn sizes(run: &Run) -> Option<Figure> {
     if let Some(rule) = panel.rules.last_mut() {
         rule.label_ends = 0.75 * run.end_s();
     }
-    caption += &converging(run, &mut panel);
+    caption += &judge(run, &mut panel);
     Some(Figure {
-        name: "errors",
-        title: "Position errors".into(),
+        name,
+        title: title.into(),
         caption,
         width: WIDTH,
         height: 320.0,
@@ -95,6 +135,15 @@ fn converging(run: &Run, panel: &mut Panel) -> String {
     said
 }
 
+/// The same of the errors to the ideal formation.
+fn staying(run: &Run, panel: &mut Panel) -> String {
+    let expected = |summary: &Summary| summary.expected("final_ideal_error_m_max").cloned();
+    let Some(expectation) = run.summary.as_ref().and_then(expected) else { return String::new() };
+    let label = format!("required at the end: {} m", asked(expectation.bound));
+    panel.bound(expectation.bound, last_stretch(run), label, BOUND);
+    judged(&expectation, "The worst over the last 10 % of the run", "m")
+}
+
 pub(super) fn components(run: &Run) -> Option<Figure> {
     let known = run.tracks.iter().flatten().filter_map(|sample| sample.error_xy_m);
     let (low, high) = known
@@ -104,7 +153,7 @@ pub(super) fn components(run: &Run) -> Option<Figure> {
     if low > high {
         return None;
     }
-    let named = named(run);
+    let named = largest(&last_errors(run, |sample| sample.error_m));
     // Of a calm end there is nothing to see.
     let converged_at_s = run.summary.as_ref().and_then(|summary| summary.converged_at_s);
     let shown_s = converged_at_s.map_or(run.end_s(), |t_s| (TRANSIENTS * t_s).max(1.0));
@@ -164,15 +213,9 @@ pub(super) fn components(run: &Run) -> Option<Figure> {
     })
 }
 
-/// Who is told by name: all, or those whose errors are largest at last.
-fn named(run: &Run) -> Vec<usize> {
-    largest(&last_errors(run))
-}
-
 /// Everybody's last error, m; 0 for who never had one.
-fn last_errors(run: &Run) -> Vec<f64> {
-    let last = |track: &Vec<crate::run::Sample>| {
-        track.iter().rev().find_map(|sample| sample.error_m).filter(|error| error.is_finite())
-    };
+fn last_errors(run: &Run, of: fn(&Sample) -> Option<f64>) -> Vec<f64> {
+    let last =
+        |track: &Vec<Sample>| track.iter().rev().find_map(of).filter(|error| error.is_finite());
     run.tracks.iter().map(|track| last(track).unwrap_or(0.0)).collect()
 }

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `plane` | where did everybody go, and in which formation? |
 //! | `distance` | how near did every pair come? |
-//! | `error` | how far was everybody from where it wanted to be? |
+//! | `error` | how far was everybody from where it wanted to be, and from its place in the whole? |
 //! | `hull` | how far outside the leaders' hull were the contained? |
 //! | `latency` | how old was what was heard, and how late did everybody wake? |
 
@@ -48,7 +48,8 @@ pub fn all(run: &Run) -> Vec<Figure> {
     let figures = [
         plane::trajectories(run),
         distance::of_pairs(run),
-        error::sizes(run),
+        error::by_those_heard(run),
+        error::to_the_ideal(run),
         error::components(run),
         hull::distance(run),
         latency::information_age(run),

@@ -18,6 +18,7 @@ fn flown(robots: usize, instants: usize, role: &str) -> Run {
             y_m: error * robot as f64,
             heading_rad: 0.3,
             error_m: Some(error),
+            ideal_error_m: Some(2.0 * error),
             error_xy_m: Some([0.6 * error, -0.8 * error]),
             alive: robot != 1 || instant % 7 != 3,
         }
@@ -49,6 +50,7 @@ fn flown(robots: usize, instants: usize, role: &str) -> Run {
         "expectations": [
             { "name": "min_distance_m", "value": 0.2107, "bound": 0.2, "held": true },
             { "name": "final_error_m_max", "value": 0.02, "bound": 0.01, "held": false },
+            { "name": "final_ideal_error_m_max", "value": 0.02, "bound": 0.04, "held": true },
             { "name": "tracking_error_m_max", "value": 1e-4, "bound": 0.01, "held": true },
             { "name": "hull_distance_m_max", "value": 0.0, "bound": 0.0, "held": true },
             { "name": "converged_by_s", "value": 0.7, "bound": 0.9, "held": true },
@@ -109,7 +111,7 @@ fn named<'a>(figures: &'a [Figure], name: &str) -> &'a Figure {
 #[test]
 fn a_run_with_everything_gets_every_figure_with_its_bounds_its_marks_and_its_faults() {
     let figures = all(&flown(4, 30, "contained"));
-    let expected: [(&str, &[&str]); 7] = [
+    let expected: [(&str, &[&str]); 8] = [
         ("trajectories", &["x (m)", "y (m)", "r1", "r4 (main leader)", "hull of the leaders"]),
         (
             "distances",
@@ -119,6 +121,7 @@ fn a_run_with_everything_gets_every_figure_with_its_bounds_its_marks_and_its_fau
             "errors",
             &["converged at 0.70 s", "required by 0.9 s", "required at the end: 0.01 m", "kill r2"],
         ),
+        ("ideal_errors", &["r1", "required at the end: 0.04 m", "kill r2"]),
         ("error_components", &["error along x (m)", "error along y (m)", "kill r2"]),
         ("hull_distance", &["required at the end: 0 m", "outside the hull (m)", "kill r2"]),
         (

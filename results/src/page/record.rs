@@ -22,6 +22,8 @@ use metrics::vectors::{ErrorVectors, Silence};
 const SAMPLES_MAX: usize = 2_000_000;
 const SAMPLES_COLUMNS: [&str; 9] =
     ["t_s", "robot", "x_m", "y_m", "heading_rad", "v_m_s", "w_rad_s", "error_m", "alive"];
+/// Behind these; in a run of an earlier version there is none.
+const IDEAL_COLUMN: &str = "ideal_error_m";
 const EVENTS_COLUMNS: [&str; 4] = ["t_s", "kind", "robot", "detail"];
 
 /// What `samples.csv` holds.
@@ -31,12 +33,13 @@ pub(super) struct Record {
     pub(super) every: usize,
 }
 
-/// A table of known columns.
+/// A table that begins with known columns, in their order; later versions may append others.
 struct Lines<'a> {
     path: &'a Path,
     reader: csv::Reader<&'a [u8]>,
     record: ByteRecord,
-    columns: usize,
+    /// All that there are.
+    columns: Vec<String>,
 }
 
 impl<'a> Lines<'a> {
@@ -44,15 +47,17 @@ impl<'a> Lines<'a> {
         // Whatever follows the last line's end was being written when the run was killed.
         let whole = text.iter().rposition(|&byte| byte == b'\n').map_or(0, |place| place + 1);
         let mut reader = ReaderBuilder::new().flexible(true).from_reader(&text[..whole]);
-        let columns_found = reader.byte_headers().map(|found| found.iter().collect::<Vec<_>>());
-        let sound = columns_found.is_ok_and(|found| {
-            found.is_empty() || found.iter().copied().eq(columns.iter().map(|name| name.as_bytes()))
-        });
-        if !sound {
+        let name = |name: &[u8]| String::from_utf8_lossy(name).into_owned();
+        let found = reader.byte_headers().map(|found| found.iter().map(name).collect::<Vec<_>>());
+        let sound = |found: &Vec<String>| {
+            found.is_empty()
+                || found.iter().zip(columns).filter(|(a, b)| a == b).count() == columns.len()
+        };
+        let Some(found) = found.ok().filter(sound) else {
             let what = format!("has other columns, expected {}", columns.join(","));
             return Err(ReportError::Broken { path: path.into(), line: 1, what });
-        }
-        Ok(Lines { path, reader, record: ByteRecord::new(), columns: columns.len() })
+        };
+        Ok(Lines { path, reader, record: ByteRecord::new(), columns: found })
     }
 
     /// Goes on to the next line; `false` at the end.
@@ -61,10 +66,10 @@ impl<'a> Lines<'a> {
         if !read.map_err(|error| self.broken(error.to_string()))? {
             return Ok(false);
         }
-        if self.record.len() == self.columns {
+        let (found, expected) = (self.record.len(), self.columns.len());
+        if found == expected {
             return Ok(true);
         }
-        let (found, expected) = (self.record.len(), self.columns);
         Err(self.broken(format!("has {found} fields, expected {expected}")))
     }
 
@@ -77,6 +82,17 @@ impl<'a> Lines<'a> {
     fn number(&self, column: usize) -> Result<f64, ReportError> {
         let word = self.word(column)?;
         word.parse().map_err(|_| self.broken(format!("{word:?} is no number")))
+    }
+
+    /// Where a column is that may be missing.
+    fn column(&self, name: &str) -> Option<usize> {
+        self.columns.iter().position(|known| known == name)
+    }
+
+    /// A number, if the column is there and not empty.
+    fn maybe_number(&self, column: Option<usize>) -> Result<Option<f64>, ReportError> {
+        let filled = column.filter(|&column| !self.record[column].is_empty());
+        filled.map(|column| self.number(column)).transpose()
     }
 
     fn broken(&self, what: String) -> ReportError {
@@ -100,6 +116,7 @@ pub(super) fn record(
         scenario.robots.iter().enumerate().map(|(i, robot)| (robot.name.as_str(), i)).collect();
     let mut errors = ErrorVectors::new(scenario, silences(scenario, faults));
     let mut lines = Lines::new(path, &text, &SAMPLES_COLUMNS)?;
+    let ideal = lines.column(IDEAL_COLUMN);
     let mut instant: Vec<Option<Sample>> = vec![None; robots];
     let (mut missing, mut number) = (robots, 0usize);
     let mut instant_s = f64::NAN;
@@ -125,7 +142,8 @@ pub(super) fn record(
             x_m: lines.number(2)?,
             y_m: lines.number(3)?,
             heading_rad: lines.number(4)?,
-            error_m: if lines.record[7].is_empty() { None } else { Some(lines.number(7)?) },
+            error_m: lines.maybe_number(Some(7))?,
+            ideal_error_m: lines.maybe_number(ideal)?,
             error_xy_m: None,
             alive: &lines.record[8] == b"1",
         };

@@ -4,11 +4,13 @@ use super::*;
 use crate::latency::Latency;
 use crate::run_dir::RunDir;
 use experiment::examples::row_of_three;
+use metrics::Now;
 use metrics::examples::{header, rows};
 use proptest::prelude::*;
 use protocol::brief::Pace;
 use protocol::latency::Stage;
 use protocol::message::{LatencyHeader, LatencyRow};
+use report::run::Sample;
 use std::time::{Duration, SystemTime};
 
 /// Everything that a run of three robots writes, as far as a report reads it.
@@ -20,7 +22,10 @@ fn run_dir(below: &Path) -> PathBuf {
         let errors = [Some(0.1), None, Some(0.3)];
         let at = [0.0, 1.0, 2.0].map(|x| x + tick as f64 * 0.1);
         let alive = [true, tick != 4, true];
-        run_dir.truth(&header(tick), &rows(at), &errors, &alive, Some((1.0, [0, 1]))).unwrap();
+        let nearest = Some((1.0, [0, 1]));
+        let measured =
+            Now { errors_m: &errors, ideal_errors_m: &[None, Some(0.2), Some(0.4)], nearest };
+        run_dir.truth(&header(tick), &rows(at), &alive, measured).unwrap();
     }
     run_dir.event(2_000_000_000, "kill", "r2", "SIGKILL, as planned").unwrap();
     run_dir.event(3_000_000_000, "contact", "r3", "stale r2").unwrap();
@@ -127,7 +132,7 @@ fn a_broken_line_is_named() {
         ("1,r2,", "1,r9,", "samples.csv:6: \"r9\" is no robot of scenario.toml"),
         ("1,r2,", "1,r1,", "samples.csv:6: \"r1\" is here twice at one time"),
         ("2,r1,0.1,", "2,r1,0.1m,", "samples.csv:8: \"0.1m\" is no number"),
-        ("2,r1,0.1,", "2,r1,", "samples.csv:8: has 8 fields, expected 9"),
+        ("2,r1,0.1,", "2,r1,", "samples.csv:8: has 9 fields, expected 10"),
         ("2,r2,", "3,r2,", "samples.csv:9: begins an instant; 2 robots still miss one"),
         ("t_s,robot", "t,robot", "samples.csv:1: has other columns"),
     ] {
@@ -138,6 +143,19 @@ fn a_broken_line_is_named() {
         let error = write(&path, &row_of_three()).unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
     }
+}
+
+#[test]
+fn samples_without_the_columns_of_later_versions_are_read_as_well() {
+    let place = tempfile::tempdir().unwrap();
+    let path = run_dir(place.path());
+    let last = |path: &Path| load(path, &row_of_three()).unwrap().tracks[1].last().copied();
+    let now = last(&path).unwrap();
+    assert_eq!(now.ideal_error_m, Some(0.2));
+    let text = fs::read_to_string(path.join("samples.csv")).unwrap();
+    let before = text.lines().map(|line| format!("{}\n", line.rsplit_once(',').unwrap().0));
+    fs::write(path.join("samples.csv"), before.collect::<String>()).unwrap();
+    assert_eq!(last(&path), Some(Sample { ideal_error_m: None, ..now }));
 }
 
 #[test]

@@ -45,8 +45,8 @@ impl Run<'_> {
         self.intake.newest = Some(*header);
         let (journal, alive) = (&mut self.journal, self.lives.alive());
         journal.metrics.truth(header, rows, alive);
-        let (errors_m, nearest) = (journal.metrics.errors(), journal.metrics.nearest());
-        journal.run_dir.truth(header, rows, errors_m, alive, nearest)?;
+        let measured = journal.metrics.now();
+        journal.run_dir.truth(header, rows, alive, measured)?;
         if let Some(view) = &mut journal.view
             && (view.wants_frame(now)
                 || view.is_watched() && header.t_ns >= self.scenario.duration_ns)
@@ -55,6 +55,7 @@ impl Run<'_> {
             let heard = |from: usize, to: usize| reports[to].contact(from);
             let state = |robot| live::state(lives.seat(robot));
             let cut = |edge| lives.is_cut(edge);
+            let errors_m = measured.errors_m;
             view.frame(scene::frame(self.scenario, header, rows, errors_m, state, heard, cut));
         }
         self.conduct.took(header);

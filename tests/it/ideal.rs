@@ -1,0 +1,32 @@
+//! The error to the ideal formation, of robots that fly.
+
+use crate::oracle::{fly, scenario, with_faults};
+
+/// Of this robot, in m.
+fn of(errors: &[(String, Option<f64>)], robot: &str) -> f64 {
+    let found = errors.iter().find(|(name, _)| name == robot).and_then(|(_, error)| *error);
+    found.unwrap_or_else(|| panic!("{robot} has no error in {errors:?}"))
+}
+
+#[test]
+fn a_formation_that_nothing_disturbs_becomes_the_ideal_one() {
+    for (name, duration_s) in
+        [("triangle", 14), ("pentagon", 14), ("containment", 14), ("line-5", 60)]
+    {
+        let scenario = scenario(name, &[&format!("duration_s={duration_s}")]);
+        let measures = fly(&scenario);
+        let named = measures.final_ideal_error_m.iter().filter(|(_, error)| error.is_some());
+        assert_eq!(named.count(), scenario.robots.len(), "{name}: everybody has a place");
+        let worst_m = measures.final_ideal_error_m_max.unwrap();
+        assert!(worst_m < 5e-3, "{name}: {:?}", measures.final_ideal_error_m);
+    }
+}
+
+#[test]
+fn who_follows_a_dead_robot_is_right_by_what_it_hears_and_wrong_in_the_whole() {
+    let measures = fly(&with_faults("line-5", &[], &["kill r2 @40"]));
+    // r3 hears r2 alone, and stands where the last of r2's words let it stand.
+    let (heard_m, ideal_m) =
+        (of(&measures.final_error_m, "r3"), of(&measures.final_ideal_error_m, "r3"));
+    assert!(heard_m < 0.1 && ideal_m > 1.0, "{heard_m} m by r2, {ideal_m} m in the whole");
+}

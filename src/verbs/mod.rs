@@ -4,7 +4,7 @@
 //!
 //! | file | what it does |
 //! |---|---|
-//! | `run` `check` `schema` `report` `doctor` `clean` `recover` `export` | the verb of its name |
+//! | `new` `run` `check` `schema` `report` `doctor` `clean` `recover` `export` | the verb of its name |
 //! | `scenario` | reads the scenario that a verb is about, with the command line's changes |
 //! | `dead_runs` | what did earlier runs that died leave behind? |
 //! | `screen` | writes to the terminal: results, complaints, the log, the progress bar |
@@ -14,6 +14,7 @@ mod clean;
 mod dead_runs;
 mod doctor;
 mod export;
+mod new;
 mod recover;
 mod report;
 mod run;
@@ -31,6 +32,8 @@ use supervisor::spawn::Launcher;
 /// The supervisor's verbs.
 #[derive(Debug, Subcommand)]
 pub enum Verb {
+    /// Make a folder with a scenario to start from, its schema, and a control law.
+    New(new::NewArgs),
     /// Run a scenario: every robot is a process of its own.
     Run(run::RunArgs),
     /// Validate a scenario and print what can be said before it runs.
@@ -55,6 +58,7 @@ pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) 
     screen::log_to_stderr();
     quiet_iceoryx2();
     match verb {
+        Verb::New(args) => new::new(args, catalog),
         Verb::Run(args) => run::run(args, catalog, launcher.clone(), build),
         Verb::Check(args) => check::check(args, catalog),
         Verb::Schema(args) => schema::schema(args, catalog),

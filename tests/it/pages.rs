@@ -9,6 +9,7 @@ mod book;
 mod law;
 mod reference;
 mod role;
+mod tutorial;
 
 /// The blocks of Rust in a page, in order.
 fn blocks(page: &str) -> Vec<&str> {

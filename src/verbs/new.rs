@@ -1,0 +1,56 @@
+//! `phalanx new`: a folder to start an experiment from.
+
+use std::fs;
+use std::io;
+use std::path::PathBuf;
+
+use clap::Args;
+use protocol::catalog::Catalog;
+use protocol::process::exit;
+
+use super::screen::{complain, print};
+use experiment::schema;
+
+const SCENARIO: &str = include_str!("new/scenario.toml");
+const LAW: &str = include_str!("new/law.rs");
+
+/// Arguments of `phalanx new`.
+#[derive(Debug, Args)]
+pub struct NewArgs {
+    /// The folder to make, and the name of the experiment: a letter, then letters, digits, `-` or `_`.
+    #[arg(value_name = "NAME", value_parser = name)]
+    name: String,
+}
+
+fn name(word: &str) -> Result<String, String> {
+    let mut letters = word.chars();
+    let begins = letters.next().is_some_and(|letter| letter.is_ascii_alphabetic());
+    let goes_on = letters.all(|letter| letter.is_ascii_alphanumeric() || "-_".contains(letter));
+    if begins && goes_on {
+        Ok(word.to_owned())
+    } else {
+        Err("expected a letter, then letters, digits, `-` or `_`".into())
+    }
+}
+
+pub(super) fn new(NewArgs { name }: &NewArgs, catalog: &Catalog) -> u8 {
+    let folder = PathBuf::from(name);
+    if let Err(error) = fs::create_dir(&folder) {
+        let code = complain(&format_args!("cannot make {}: {error}", folder.display()));
+        return if error.kind() == io::ErrorKind::AlreadyExists { exit::USAGE } else { code };
+    }
+    let files = [
+        ("scenario.toml", SCENARIO.replace("NAME", name), "the experiment, with comments"),
+        ("scenario.schema.json", schema::schema(catalog), "lets editors complete and check it"),
+        ("law.rs", LAW.to_owned(), "a control law to start from; delete it if you need none"),
+    ];
+    let mut told = String::new();
+    for (file, text, about) in files {
+        let path = folder.join(file);
+        if let Err(error) = fs::write(&path, text) {
+            return complain(&format_args!("cannot write {}: {error}", path.display()));
+        }
+        told += &format!("{:<28}{about}\n", path.display());
+    }
+    print(&format!("{told}\nnext: phalanx run {name}/scenario.toml --pace lockstep\n"))
+}

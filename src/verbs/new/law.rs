@@ -1,0 +1,43 @@
+//! A control law to start from: it keeps a place in the formation, with an integrator.
+//!
+//! To build it in: this file goes to `agent/src/laws/my_law.rs`; `mod my_law;` and `my_law::ROW` go
+//! into `agent/src/laws/mod.rs`. Scenarios may then say `law = "my-law"` with `k_per_s` and `reset_s`.
+
+use formation::Vec2;
+
+use super::{FORMATION, Gains, Law, LawRow, Situation};
+
+pub(super) const ROW: LawRow = LawRow {
+    name: "my-law",
+    role: FORMATION,                // what the error is measured against
+    source: "PI, our own",          // where it is published
+    gains: &["k_per_s", "reset_s"], // keys in scenarios, all positive
+    feed_forward: true,             // it uses the velocities of those heard
+    correction_max: None,           // no gain bounds what it adds to them
+    build: |gains: &Gains<'_>| {
+        Box::new(MyLaw {
+            k: gains.get("k_per_s"),
+            reset_s: gains.get("reset_s"),
+            integral: Vec2::zeros(),
+        })
+    },
+};
+
+struct MyLaw {
+    k: f64,
+    reset_s: f64,
+    /// Of the error, m s. A replacement after a death starts from zero.
+    integral: Vec2,
+}
+
+impl Law for MyLaw {
+    /// The velocity that the front point is to have, m/s.
+    fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
+        let e = situation.error; // own front point - where it is to be, m
+        if e.norm() < 0.1 {
+            // Farther away the integrator rests, so that it does not wind up.
+            self.integral += situation.period_s * e;
+        }
+        situation.desired_velocity - self.k * (e + self.integral / self.reset_s)
+    }
+}

@@ -1,0 +1,77 @@
+//! `docs/tutorial/law.md`: the law that `phalanx new` writes, built in and compared.
+
+use agent::avoidance;
+use agent::brain::{Brain, Parts};
+use agent::laws::{Gains, Law, LawRow, Situation};
+use agent::roles::FORMATION;
+use experiment::scenario::Scenario;
+use experiment::scenario::read::{Overrides, read};
+use protocol::catalog::Catalog;
+use report::digits::digits;
+
+use super::{assert_row, blocks};
+use crate::oracle;
+
+#[path = "../../../src/verbs/new/law.rs"]
+mod my_law;
+
+pub const LAWS: &[LawRow] = &[my_law::ROW, formation_unit::ROW /* and the others */];
+
+/// A law of the house, as its file has it.
+mod formation_unit {
+    use agent::laws::{LAWS, LawRow};
+
+    pub(super) const ROW: LawRow = LawRow { ..LAWS[0] };
+}
+
+const PAGE: &str = include_str!("../../../docs/tutorial/law.md");
+const SCENARIO: &str = include_str!("../../../docs/tutorial/scenario.md");
+
+#[test]
+fn the_page_shows_the_law_that_the_program_writes_and_runs_here() {
+    let [file, row] = blocks(PAGE)[..] else { panic!("this test knows all of the page") };
+    assert_eq!(file, include_str!("../../../src/verbs/new/law.rs"));
+    assert_row(row, include_str!("tutorial.rs"), include_str!("../../../agent/src/laws/mod.rs"));
+}
+
+/// The scenario of the page before, with the keys that a command of this page sets.
+fn vee(command: &str) -> Scenario {
+    let scratch = tempfile::tempdir().unwrap();
+    let path = scratch.path().join("vee.toml");
+    let (_, text) = SCENARIO.split_once("```toml\n").unwrap();
+    std::fs::write(&path, text.split("```").next().unwrap()).unwrap();
+    let words = command.split("--set ").skip(1);
+    let set = words.map(|word| word.split_whitespace().next().unwrap().replace('\'', "")).collect();
+    let laws = agent::laws::LAWS.iter().chain(LAWS).map(LawRow::description).collect();
+    let catalog = Catalog { laws, ..agent::catalog() };
+    match read(&path, &Overrides { set, ..Overrides::default() }, &catalog) {
+        Ok((scenario, ..)) => scenario,
+        Err(error) => panic!("{command}: {}", error.render(false)),
+    }
+}
+
+#[test]
+fn both_laws_do_what_the_page_says() {
+    let commands = PAGE.lines().filter(|line| line.starts_with("phalanx run "));
+    let errors: Vec<String> = commands
+        .map(|command| {
+            let measured = oracle::fly_with(&vee(command), &|brief, incarnation| {
+                let mut rows = agent::laws::LAWS.iter().chain(LAWS);
+                let row = rows.find(|row| row.name == brief.law).expect("a law");
+                let parts = Parts {
+                    role: row.role.make(brief).unwrap(),
+                    law: row.make(&brief.gains).unwrap(),
+                    avoidance: avoidance::build(brief).unwrap(),
+                };
+                Brain::with_parts(brief, incarnation, parts)
+            });
+            assert!(measured.min_distance_m.unwrap() >= 0.3, "{command}");
+            digits(measured.final_error_m_max.unwrap())
+        })
+        .collect();
+    let [tanh, mine] = &errors[..] else { panic!("two runs") };
+    for (law, error) in [("formation-tanh", tanh), ("my-law", mine)] {
+        let row = format!("| `{law}` | {error} |");
+        assert!(PAGE.contains(&row), "the page has other rows than {row}, of {errors:?}");
+    }
+}

@@ -50,6 +50,8 @@ pub struct Conditions<'a> {
     pub lifetime_s: f64,
     /// ell, the smallest of all robots at hand, m.
     pub front_point_m: f64,
+    /// Whether some robot at hand makes way for others.
+    pub gives_way: bool,
 }
 
 impl<'a> Conditions<'a> {
@@ -60,6 +62,7 @@ impl<'a> Conditions<'a> {
             period_s: brief.period_ns as f64 / 1e9,
             lifetime_s: brief.command_lifetime_ns as f64 / 1e9,
             front_point_m: brief.front_point_m,
+            gives_way: brief.gives_way,
         }
     }
 

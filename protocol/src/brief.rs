@@ -175,6 +175,9 @@ pub struct AgentBrief {
     /// Where to lead, for the main leader only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lead: Option<LeadBrief>,
+    /// Whether avoidance is to make way for robots that lead or keep a place.
+    #[serde(default)]
+    pub gives_way: bool,
     /// Which velocity to publish.
     pub published_velocity: PublishedVelocity,
     /// How to keep distance.

@@ -26,18 +26,27 @@ pub struct Role {
     pub reference: Reference,
     /// Whether offsets turn and grow with this robot's frame: one in a scenario at most.
     pub leads: bool,
+    /// Whether avoidance has this robot make way for those that lead or keep a place. Comfort only:
+    /// the promise about distances does not know of it.
+    pub gives_way: bool,
 }
 
 impl Role {
     /// Follows the trajectory m(t); the formation turns and grows with it.
-    pub const LEADER: Role =
-        Role { name: "leader", does: "leads", reference: Reference::Trajectory, leads: true };
+    pub const LEADER: Role = Role {
+        name: "leader",
+        does: "leads",
+        reference: Reference::Trajectory,
+        leads: true,
+        gives_way: false,
+    };
     /// Keeps its place in the formation.
     pub const FORMATION: Role = Role {
         name: "formation",
         does: "keep a place",
         reference: Reference::Offsets,
         leads: false,
+        gives_way: false,
     };
     /// Goes into the leaders' hull.
     pub const CONTAINED: Role = Role {
@@ -45,6 +54,7 @@ impl Role {
         does: "are contained",
         reference: Reference::Middle,
         leads: false,
+        gives_way: true,
     };
 }
 

@@ -34,6 +34,7 @@ mod report;
 mod schema;
 mod security;
 mod silence;
+mod single_faults;
 mod soak;
 mod theory;
 mod view;

@@ -5,10 +5,11 @@ use agent::brain::Brain;
 use experiment::briefs;
 use experiment::scenario::read::{Overrides, read};
 use experiment::scenario::{FaultKind, Scenario};
+use metrics::fault::End;
 use metrics::{Measures, Metrics};
 use plant::world::World;
 use protocol::brief::{AgentBrief, Pace};
-use protocol::message::{Beacon, TruthRow};
+use protocol::message::{Beacon, TruthHeader, TruthRow};
 
 /// `scenarios/<name>.toml`, with these keys set.
 pub fn scenario(name: &str, set: &[&str]) -> Scenario {
@@ -35,6 +36,26 @@ pub fn fly(scenario: &Scenario) -> Measures {
 
 /// The same with brains made by `think` of a brief and an incarnation.
 pub fn fly_with(scenario: &Scenario, think: &dyn Fn(&AgentBrief, u64) -> Brain) -> Measures {
+    run(scenario, think, |_, _, _| {})
+}
+
+/// The same with the usual brains; `watch` sees every truth, and who was alive at it.
+pub fn fly_watched(
+    scenario: &Scenario,
+    watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
+) -> Measures {
+    run(
+        scenario,
+        &|brief, incarnation| Brain::new(brief, incarnation).expect("a checked brief"),
+        watch,
+    )
+}
+
+fn run(
+    scenario: &Scenario,
+    think: &dyn Fn(&AgentBrief, u64) -> Brain,
+    mut watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
+) -> Measures {
     let run_root = "/nowhere".as_ref();
     let plant = briefs::plant(scenario, Pace::Lockstep, run_root);
     let agents: Vec<AgentBrief> = (0..scenario.robots.len())
@@ -53,10 +74,12 @@ pub fn fly_with(scenario: &Scenario, think: &dyn Fn(&AgentBrief, u64) -> Brain) 
         let truth: Vec<TruthRow> = world.truth().collect();
         let alive: Vec<bool> = robots.iter().map(|robot| robot.brain.is_some()).collect();
         metrics.truth(&world.truth_header(), &truth, &alive);
+        watch(&world.truth_header(), &truth, &alive);
         if tick == ticks {
             break;
         }
-        for fault in &scenario.faults {
+        let now_ns = tick * plant.period_ns;
+        for (number, fault) in scenario.faults.iter().enumerate() {
             let (begins, ends) = (tick_of(fault.at_ns) == tick, fault.until_ns().map(tick_of));
             match fault.kind {
                 FaultKind::Kill { robot, restart_after_ns } => {
@@ -64,21 +87,28 @@ pub fn fly_with(scenario: &Scenario, think: &dyn Fn(&AgentBrief, u64) -> Brain) 
                         robots[robot].brain = None;
                         robots[robot].frozen = false;
                         last_beacons[robot] = None;
+                        metrics.fault_began(number, now_ns);
+                        if restart_after_ns.is_none() {
+                            metrics.fault_ended(number, End::ForGood, now_ns);
+                        }
                     }
                     if restart_after_ns.is_some_and(|after| tick_of(fault.at_ns + after) == tick) {
                         let incarnation = robots[robot].incarnation + 1;
                         let brain = think(&agents[robot], incarnation);
                         robots[robot] = Robot::new(brain, incarnation, tick);
+                        metrics.fault_ended(number, End::Whole, now_ns);
                     }
                 }
                 FaultKind::Freeze { robot } => {
                     if begins && robots[robot].brain.is_some() {
                         robots[robot].frozen = true;
                         last_beacons[robot] = None;
+                        metrics.fault_began(number, now_ns);
                     }
                     if ends == Some(tick) && robots[robot].frozen {
                         robots[robot].frozen = false;
                         robots[robot].first_tick = tick;
+                        metrics.fault_ended(number, End::Whole, now_ns);
                     }
                 }
                 // The others act by the briefs, or not on a simulated time.

@@ -302,9 +302,17 @@ fn sensing(scenario: &Scenario, findings: &mut Vec<Finding>) {
 
 /// Remark 1: in the final shape nobody stands where avoidance would push it away.
 fn settled_distances(scenario: &Scenario, settled: &Settled, findings: &mut Vec<Finding>) {
-    let Some((name, bound_m)) = scenario.method.steers_within else { return };
-    let bound_m = bound_m(&scenario.conditions());
-    let Some(ClosestPair { pair: [i, j], distance_m }) = settled.closest else { return };
+    let Some((name, _)) = scenario.method.steers_within else { return };
+    let steered: Vec<f64> =
+        (0..scenario.robots.len()).filter_map(|i| scenario.steers_within_m(i)).collect();
+    let pairs = (0..steered.len()).flat_map(|i| (0..i).map(move |j| [j, i]));
+    let spare = pairs.map(|[i, j]| {
+        let distance_m = settled.scale[0] * (settled.places[i] - settled.places[j]).norm();
+        ([i, j], distance_m, steered[i].max(steered[j]))
+    });
+    let tightest =
+        spare.min_by(|(_, a, a_bound), (_, b, b_bound)| (a - a_bound).total_cmp(&(b - b_bound)));
+    let Some(([i, j], distance_m, bound_m)) = tightest else { return };
     if distance_m <= bound_m {
         let (a, b) = (&scenario.robots[i].name, &scenario.robots[j].name);
         let mut edges = scenario.formation_edges();

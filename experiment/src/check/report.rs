@@ -354,7 +354,10 @@ fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
     if let (Some((symbol, _)), Some(distance_m)) =
         (scenario.method.steers_within, guard.deflection_distance_m)
     {
-        page.line(&format!("deflects within {symbol}"), format!("{distance_m:.4} m"));
+        let giving_way = guard.giving_way_distance_m;
+        let giving_way = giving_way.map(|m| format!(", {m:.4} m for those that give way"));
+        let distances = format!("{distance_m:.4} m{}", giving_way.unwrap_or_default());
+        page.line(&format!("deflects within {symbol}"), distances);
     }
     page.line(
         "sensing radius",

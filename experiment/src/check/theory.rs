@@ -4,7 +4,7 @@
 use formation::closest::{ClosestPair, closest_pair};
 use formation::laplacian::{self, Matrix};
 use formation::reachability::Standing;
-use protocol::avoidance::Promise;
+use protocol::avoidance::{Conditions, Promise};
 use protocol::brief::Pace;
 use protocol::law::Reference;
 use serde::Serialize;
@@ -251,6 +251,8 @@ pub struct Guard {
     pub lifetime_realtime_s: f64,
     /// Within this distance robots are steered around each other, m, if at all: d_f of `guard`.
     pub deflection_distance_m: Option<f64>,
+    /// The same of robots that give way to others, if there are any.
+    pub giving_way_distance_m: Option<f64>,
     /// Within this radius robots are seen, m.
     pub sensing_radius_m: f64,
     /// Within this radius they must be, m.
@@ -325,7 +327,13 @@ impl<'s> Theory<'s> {
                 on: scenario.method.promise == Promise::Always,
                 lifetime_lockstep_s: lifetime_s(Pace::Lockstep),
                 lifetime_realtime_s: lifetime_s(Pace::Realtime),
-                deflection_distance_m: scenario.method.steers_within.map(|(_, m)| m(&conditions)),
+                deflection_distance_m: scenario
+                    .method
+                    .steers_within
+                    .map(|(_, m)| m(&Conditions { gives_way: false, ..conditions })),
+                giving_way_distance_m: (0..robots.len())
+                    .find(|&i| robots[i].role.gives_way)
+                    .and_then(|i| scenario.steers_within_m(i)),
                 sensing_radius_m: a.sensing_radius_m,
                 sensing_radius_needed_m: scenario.sensing_radius_needed_m(),
                 speed_max_m_s: a.speed_max_m_s.is_finite().then_some(a.speed_max_m_s),

@@ -306,15 +306,26 @@ impl Scenario {
         self.command_lifetime_ns(Pace::Lockstep).max(self.command_lifetime_ns(Pace::Realtime))
     }
 
-    /// What the method's figures follow from: the longer H, and the shortest front point.
+    /// What the method's figures for all robots together follow from: the longer H, the shortest
+    /// front point, and whether anybody gives way.
     pub fn conditions(&self) -> Conditions<'_> {
         let front_points_m = self.robots.iter().map(|robot| robot.front_point_m);
+        let gives_way = self.robots.iter().any(|robot| robot.role.gives_way);
         Conditions {
             avoidance: &self.avoidance,
             period_s: seconds(self.period_ns),
             lifetime_s: seconds(self.command_lifetime_ns_max()),
             front_point_m: front_points_m.fold(f64::INFINITY, f64::min),
+            gives_way,
         }
+    }
+
+    /// Within this distance of robot `i`, m, another makes it steer: two that are nearer than the
+    /// larger of theirs do not both come to rest. `None` where the method never steers. (Remark 1)
+    pub fn steers_within_m(&self, i: usize) -> Option<f64> {
+        let (_, distance_m) = self.method.steers_within?;
+        let gives_way = self.robots[i].role.gives_way;
+        Some(distance_m(&Conditions { gives_way, ..self.conditions() }))
     }
 
     /// Nobody farther away than this, m, matters to the method.

@@ -1,0 +1,130 @@
+//! Every single death and every single cut of the shipped scenarios: for good, or whole again after
+//! five seconds.
+//!
+//! What is asked of them stands with whoever asks; here is which cases there are, and how one runs
+//! in the oracle.
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use experiment::scenario::{FaultKind, Scenario};
+use metrics::Measures;
+use protocol::message::{TruthHeader, TruthRow};
+
+use crate::oracle::{fly_watched, scenario, with_faults};
+
+/// The shipped scenarios that have no faults of their own and differ in more than their starts;
+/// `swarm64`, which is too long for all of its cases, is sampled by whoever needs it.
+pub const SHIPPED: [&str; 9] = [
+    "containment",
+    "escort",
+    "lattice-12",
+    "line-5",
+    "pentagon",
+    "ring-6",
+    "standing-leaders",
+    "swap-8",
+    "triangle",
+];
+
+/// How long until a fault that ends is over, s.
+pub const WHOLE_AFTER_S: f64 = 5.0;
+
+/// What breaks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Broken {
+    /// The robot of this place, from 0, is killed.
+    Robot(usize),
+    /// The edge of this place in the scenario's graph is cut.
+    Edge(usize),
+}
+
+/// One fault in one scenario.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Case {
+    /// `scenarios/<name>.toml`.
+    pub scenario: &'static str,
+    /// What breaks.
+    pub broken: Broken,
+    /// The same in the words of `--fault`, without times: `kill r1`, `cut r1->r2`.
+    pub what: String,
+    /// When, s: half-way, when all have settled.
+    pub at_s: f64,
+}
+
+impl Case {
+    /// The scenario with its fault, and without expectations; `whole_again`: the robot is restarted
+    /// and the edge mended, after [`WHOLE_AFTER_S`].
+    pub fn scenario(&self, whole_again: bool) -> Scenario {
+        let ends = match (whole_again, self.broken) {
+            (false, _) => String::new(),
+            (true, Broken::Robot(_)) => format!(" restart {WHOLE_AFTER_S}"),
+            (true, Broken::Edge(_)) => format!(" for {WHOLE_AFTER_S}"),
+        };
+        let fault = format!("{} @{}{ends}", self.what, self.at_s);
+        with_faults(self.scenario, &["expect={}"], &[&fault])
+    }
+
+    /// Runs it in the oracle; `watch` sees every truth, and who was alive at it.
+    pub fn run(
+        &self,
+        whole_again: bool,
+        watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
+    ) -> Measures {
+        fly_watched(&self.scenario(whole_again), watch)
+    }
+}
+
+/// Every case of a shipped scenario: all deaths, then all cuts.
+pub fn cases_of(name: &'static str) -> Vec<Case> {
+    let scenario = scenario(name, &[]);
+    let robot = |i: usize| scenario.robots[i].name.as_str();
+    let kills =
+        (0..scenario.robots.len()).map(|i| (Broken::Robot(i), format!("kill {}", robot(i))));
+    let edges = scenario.graph.edges().iter().enumerate();
+    let cuts = edges.map(|(e, edge)| {
+        (Broken::Edge(e), format!("cut {}->{}", robot(edge.from), robot(edge.to)))
+    });
+    let at_s = 0.5 * scenario.duration_ns as f64 / 1e9;
+    kills.chain(cuts).map(|(broken, what)| Case { scenario: name, broken, what, at_s }).collect()
+}
+
+/// Every case of every shipped scenario.
+pub fn cases() -> Vec<Case> {
+    SHIPPED.into_iter().flat_map(cases_of).collect()
+}
+
+/// What `of` makes of each of these, in their order, worked out by as many threads as there are
+/// cores.
+pub fn of_each<T: Send>(cases: &[Case], of: impl Fn(&Case) -> T + Sync) -> Vec<T> {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let next = AtomicUsize::new(0);
+    let done: Vec<Mutex<Option<T>>> = cases.iter().map(|_| Mutex::new(None)).collect();
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| {
+                while let Some(i) =
+                    Some(next.fetch_add(1, Ordering::Relaxed)).filter(|&i| i < cases.len())
+                {
+                    *done[i].lock().unwrap() = Some(of(&cases[i]));
+                }
+            });
+        }
+    });
+    done.into_iter().map(|one| one.into_inner().unwrap().expect("every case was taken")).collect()
+}
+
+#[test]
+fn the_shipped_scenarios_have_162_single_deaths_and_cuts() {
+    let cases = cases();
+    assert_eq!(cases.len(), 162);
+    let r4 = cases.iter().find(|case| case.scenario == "containment" && case.what == "kill r4");
+    let r4 = r4.expect("r4 may die");
+    assert_eq!((r4.broken, r4.at_s), (Broken::Robot(3), 40.0));
+    for (whole_again, restart_after_ns) in [(false, None), (true, Some(5_000_000_000))] {
+        let faults = r4.scenario(whole_again).faults;
+        let [fault] = &faults[..] else { panic!("one fault: {faults:?}") };
+        assert_eq!(fault.kind, FaultKind::Kill { robot: 3, restart_after_ns });
+        assert_eq!(fault.at_ns, 40_000_000_000);
+    }
+}

@@ -8,6 +8,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use experiment::scenario::{FaultKind, Scenario};
+use formation::front_point::front_point;
 use metrics::Measures;
 use protocol::message::{TruthHeader, TruthRow};
 
@@ -126,5 +127,30 @@ fn the_shipped_scenarios_have_162_single_deaths_and_cuts() {
         let [fault] = &faults[..] else { panic!("one fault: {faults:?}") };
         assert_eq!(fault.kind, FaultKind::Kill { robot: 3, restart_after_ns });
         assert_eq!(fault.at_ns, 40_000_000_000);
+    }
+}
+
+#[test]
+fn a_leader_is_not_held_up_by_a_contained_robot_that_wants_its_place() {
+    // r3 hears r8, the leader, and r4: without r4 it wants to be where r8 is.
+    let mut cases = cases_of("containment");
+    cases.retain(|case| ["kill r4", "cut r4->r3"].contains(&case.what.as_str()));
+    let held_up = of_each(&cases, |case| {
+        let scenario = case.scenario(false);
+        let (leader, lead) = (scenario.leader().unwrap(), scenario.lead.clone().unwrap());
+        let ell_m = scenario.robots[leader].front_point_m;
+        let mut off_m = 0.0f64;
+        let measures = case.run(false, |header, rows, _| {
+            let t_s = header.t_ns as f64 / 1e9;
+            if t_s >= case.at_s {
+                let alpha = front_point(rows[leader].pose(), ell_m);
+                off_m = off_m.max((alpha - lead.trajectory.at(t_s).position).norm());
+            }
+        });
+        (case.what.clone(), off_m, measures.violations)
+    });
+    assert_eq!(held_up.len(), 2);
+    for (what, off_m, violations) in held_up {
+        assert!(off_m < 1e-6 && violations == 0, "{what}: {off_m} m, {violations} violations");
     }
 }

@@ -220,9 +220,47 @@ impl World {
         }
     }
 
-    /// What `robot` senses now.
+    /// What `robot` senses now. Of what a sensor without power would know, nothing is in it.
     pub fn odometry(&self, robot: usize) -> Odometry {
+        let body = &self.robots[robot].body;
+        let works = |sensor| {
+            let mut faults = body.sensor_faults.iter();
+            !faults.any(|fault| {
+                let dark = fault.sensor == sensor && fault.kind == SensorFaultKind::Blackout;
+                dark && fault.span.holds(self.t_ns)
+            })
+        };
+        let mut sample = Odometry {
+            tick: self.tick,
+            t_ns: self.t_ns,
+            stamp_ns: self.stamp_ns(),
+            velocities_sensed: u32::from(self.velocities_sensed),
+            ..Odometry::default()
+        };
+        if works(Sensor::Odometry) {
+            self.sense_itself(robot, &mut sample);
+        }
+        if works(Sensor::Proximity) {
+            self.sense_the_near(robot, &mut sample);
+        }
+        sample
+    }
+
+    /// Fills in pose and twist.
+    fn sense_itself(&self, robot: usize, sample: &mut Odometry) {
         let Robot { body, pose, twist, .. } = &self.robots[robot];
+        let off = self.noise_m(body, Sensor::Odometry, 0);
+        sample.pose_valid = 1;
+        sample.x_m = pose.x_m + off.x;
+        sample.y_m = pose.y_m + off.y;
+        sample.heading_rad = pose.heading_rad;
+        sample.v_m_s = twist.v_m_s;
+        sample.w_rad_s = twist.w_rad_s;
+    }
+
+    /// Fills in who is near.
+    fn sense_the_near(&self, robot: usize, sample: &mut Odometry) {
+        let body = &self.robots[robot].body;
         let (radius_m, own) = (self.sensing_radius_m, self.alphas[robot]);
         let most = if self.velocities_sensed { PROXIMITY_MAX / 2 } else { PROXIMITY_MAX };
         let mut near = [(0.0, 0); PROXIMITY_MAX];
@@ -241,44 +279,21 @@ impl World {
             }
         }
         let kept = within.min(most);
-        let mut reported = [[0.0; 2]; PROXIMITY_MAX];
-        for (item, (place, (_, other))) in reported.iter_mut().zip(&near[..kept]).enumerate() {
+        for (item, (place, (_, other))) in sample.near.iter_mut().zip(&near[..kept]).enumerate() {
             let alpha = self.alphas[*other];
             let off = self.noise_m(body, Sensor::Proximity, item as u64 + 1);
             *place = [alpha.x + off.x, alpha.y + off.y];
         }
         if self.velocities_sensed {
-            for (place, (_, other)) in reported[most..].iter_mut().zip(&near[..kept]) {
+            for (place, (_, other)) in sample.near[most..].iter_mut().zip(&near[..kept]) {
                 let Robot { body, pose, twist, .. } = &self.robots[*other];
                 let velocity = front_velocity(pose.heading_rad, body.front_point_m, *twist);
                 *place = velocity.into();
             }
         }
-        let off = self.noise_m(body, Sensor::Odometry, 0);
-        let works = |sensor| {
-            let mut faults = body.sensor_faults.iter();
-            !faults.any(|fault| {
-                let dark = fault.sensor == sensor && fault.kind == SensorFaultKind::Blackout;
-                dark && fault.span.holds(self.t_ns)
-            })
-        };
-        Odometry {
-            tick: self.tick,
-            t_ns: self.t_ns,
-            stamp_ns: self.stamp_ns(),
-            sent_ns: 0,
-            x_m: pose.x_m + off.x,
-            y_m: pose.y_m + off.y,
-            heading_rad: pose.heading_rad,
-            v_m_s: twist.v_m_s,
-            w_rad_s: twist.w_rad_s,
-            pose_valid: u64::from(works(Sensor::Odometry)),
-            proximity_valid: u32::from(works(Sensor::Proximity)),
-            proximity_cut: u32::from(within > most),
-            proximity_count: kept as u32,
-            velocities_sensed: u32::from(self.velocities_sensed),
-            near: reported,
-        }
+        sample.proximity_valid = 1;
+        sample.proximity_cut = u32::from(within > most);
+        sample.proximity_count = kept as u32;
     }
 
     /// By how much position number `item` of this tick's sample is off, m.
@@ -556,33 +571,40 @@ mod tests {
         };
         let noise = SensorFaultKind::Noise { bound_m: 0.1 };
         brief.robots[1].sensor_faults = vec![
-            fault(Sensor::Odometry, SensorFaultKind::Blackout, 0),
-            fault(Sensor::Proximity, SensorFaultKind::Blackout, MS),
-            fault(Sensor::Odometry, noise, 2 * MS),
-            fault(Sensor::Proximity, noise, 3 * MS),
+            fault(Sensor::Odometry, SensorFaultKind::Blackout, MS),
+            fault(Sensor::Proximity, SensorFaultKind::Blackout, 2 * MS),
+            fault(Sensor::Odometry, noise, 3 * MS),
+            fault(Sensor::Proximity, noise, 4 * MS),
         ];
         let mut world = World::new(&brief);
+        world.accept(1, &command(0, 1, 0.0, 1.0)).unwrap();
         let mut seen = Vec::new();
-        for t_ms in 0..5 {
+        for t_ms in 1..6 {
             world.advance(t_ms * MS);
             let sample = world.odometry(1);
-            let near = sample.proximity().next().unwrap();
-            let off_m = (sample.x_m - 2.0).hypot(sample.y_m);
-            let off_near_m = (near - Vec2::new(0.1, 0.0)).norm();
-            assert!(off_m <= 0.1 && off_near_m <= 0.1);
             let works = (sample.pose_valid == 1, sample.proximity_valid == 1);
-            seen.push((works, off_m > 0.0, off_near_m > 1e-9));
+            let off_m = works.0.then(|| (sample.x_m - 2.0).hypot(sample.y_m));
+            let near = sample.proximity().next();
+            let off_near_m = near.map(|near| (near - Vec2::new(0.1, 0.0)).norm());
+            assert!(off_m.is_none_or(|off_m| off_m <= 0.1));
+            assert!(off_near_m.is_none_or(|off_m| off_m <= 0.1));
+            // A dark sensor sends nothing that is true.
+            let own = [sample.x_m, sample.y_m, sample.heading_rad, sample.v_m_s, sample.w_rad_s];
+            assert!(works.0 || own == [0.0; 5], "{own:?}");
+            assert!(works.1 || sample.near == [[0.0; 2]; PROXIMITY_MAX], "{:?}", sample.near);
+            assert_eq!(sample.proximity_count, if works.1 { 2 } else { 0 });
+            seen.push((works, off_m.map(|m| m > 0.0), off_near_m.map(|m| m > 1e-9)));
             world.next_tick();
         }
         let works = (true, true);
         assert_eq!(
             seen,
             [
-                ((false, true), false, false),
-                ((true, false), false, false),
-                (works, true, false),
-                (works, false, true),
-                (works, false, false),
+                ((false, true), None, Some(false)),
+                ((true, false), Some(false), None),
+                (works, Some(true), Some(false)),
+                (works, Some(false), Some(true)),
+                (works, Some(false), Some(false)),
             ]
         );
     }

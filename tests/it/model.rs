@@ -6,8 +6,11 @@
 //! - An agent reads the newest sample, answers it, and sends the answer: three moments, with any
 //!   delay between them. It may be frozen or killed at each; what it sent stays under way.
 //! - Beacons are lost, late, and overtake each other.
+//!
+//! What is wrong with sensors and wheels stands in the plant's brief, as in any run.
 
 mod adversary;
+mod hardship;
 
 use std::sync::{Arc, Mutex};
 
@@ -22,6 +25,7 @@ use protocol::brief::{AgentBrief, Pace, PlantBrief};
 use protocol::message::{Beacon, Command, Odometry, TruthHeader, TruthRow};
 
 pub use adversary::{ADVERSARIES, Adversary, Wish, stay_at};
+pub use hardship::{HARDSHIPS, Hardship};
 
 const US: u64 = 1_000;
 const MS: u64 = 1_000_000;
@@ -277,8 +281,11 @@ impl<'a> Model<'a> {
                     // One that was overtaken is refused.
                     let _ = brain.hear(place, &beacon, self.now_ns);
                 }
-                let answer = brain.answer(&odometry, effect_ns);
-                robot.next = Next::Send(Box::new(answer.expect("odometry that works")));
+                match brain.answer(&odometry, effect_ns) {
+                    Some(answer) => robot.next = Next::Send(Box::new(answer)),
+                    // It does not know where it is: on to the next sample.
+                    None => return robot.next_ns = self.now_ns.max(robot.due_ns),
+                }
                 robot.next_ns = sends_ns.max(self.now_ns);
             }
             Next::Send(answer) => {

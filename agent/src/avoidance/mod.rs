@@ -21,7 +21,7 @@ use formation::pose::Twist;
 use protocol::avoidance::AvoidanceDescription;
 use protocol::brief::AgentBrief;
 
-pub use guard::deflection_distance_m;
+pub use guard::{KAPPA, deflection_distance_m};
 pub use hold::exact_hold;
 
 pub use crate::gains::Gains;

@@ -4,7 +4,7 @@
 use std::f64::consts::PI;
 use std::sync::{Arc, Mutex};
 
-use agent::avoidance::{self, deflection_distance_m};
+use agent::avoidance::{self, KAPPA, deflection_distance_m};
 use agent::brain::{Brain, Parts};
 use agent::laws::{Law, Situation};
 use agent::roles::LEADER;
@@ -47,8 +47,6 @@ pub enum Wish {
 
 /// How often each robot is killed, Hz.
 const KILLS_HZ: f64 = 0.33;
-/// kappa of the guard's deflection.
-const KAPPA: f64 = 0.25;
 
 impl Model<'_> {
     /// What the adversary does at a tick.

@@ -1,0 +1,115 @@
+//! What makes it harder to keep d, whatever the adversary does meanwhile: sensors, bodies, speeds.
+
+use agent::avoidance::METHODS;
+use formation::front_point::front_point;
+use protocol::avoidance::Conditions;
+use protocol::brief::{AgentBrief, WheelsBrief};
+use protocol::fault::{Sensor, SensorFault, SensorFaultKind, Span};
+
+use super::{Fleet, MS};
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Hardship {
+    /// All is as in the scenario.
+    Nothing,
+    /// Every position that a robot senses is off: its own, and those of the others.
+    Noise,
+    /// Every robot's front point lies another length ahead.
+    MixedFrontPoints,
+    /// Wheels that cannot follow most commands.
+    WeakWheels,
+    /// v_max is three times what is advised.
+    Fast,
+    /// Sensors are dark again and again, each at times of its own.
+    DarkSensors,
+}
+
+pub const HARDSHIPS: [Hardship; 6] = [
+    Hardship::Nothing,
+    Hardship::Noise,
+    Hardship::MixedFrontPoints,
+    Hardship::WeakWheels,
+    Hardship::Fast,
+    Hardship::DarkSensors,
+];
+
+/// By how much positions are off at most, m: a robot's own, and those of others.
+const NOISE_M: [(Sensor, f64); 2] = [(Sensor::Odometry, 0.01), (Sensor::Proximity, 0.02)];
+
+impl Fleet {
+    /// The same robots, of whom this is true as well.
+    pub fn under(mut self, hardship: Hardship) -> Fleet {
+        match hardship {
+            Hardship::Nothing => {}
+            Hardship::Noise => {
+                for (seed, body) in (0..).zip(&mut self.plant.robots) {
+                    body.sensor_faults.extend(NOISE_M.map(|(sensor, bound_m)| SensorFault {
+                        span: Span { from_ns: 0, until_ns: Span::END_NS },
+                        sensor,
+                        kind: SensorFaultKind::Noise { bound_m },
+                        seed,
+                    }));
+                }
+                for agent in &mut self.agents {
+                    agent.avoidance.sensing_error_m = NOISE_M.iter().map(|(_, m)| m).sum();
+                }
+            }
+            Hardship::MixedFrontPoints => {
+                let robots = self.plant.robots.iter_mut().zip(&mut self.agents);
+                for (place, (body, agent)) in robots.enumerate() {
+                    let alpha = front_point(body.start, body.front_point_m);
+                    body.front_point_m *= [1.0, 0.6, 1.5][place % 3];
+                    agent.front_point_m = body.front_point_m;
+                    // The axle starts elsewhere, and the front point where it was.
+                    let off = alpha - front_point(body.start, body.front_point_m);
+                    body.start.x_m += off.x;
+                    body.start.y_m += off.y;
+                }
+            }
+            Hardship::WeakWheels => {
+                let speed_max_m_s = 0.4 * self.agents[0].avoidance.speed_max_m_s;
+                for body in &mut self.plant.robots {
+                    let track_m = 2.0 * body.front_point_m;
+                    body.wheels = Some(WheelsBrief { speed_max_m_s, track_m });
+                }
+            }
+            Hardship::Fast => {
+                let cap_m_s = METHODS[0].description.speed_cap_m_s.expect("the guard has a cap");
+                let least = |m_s: f64, agent| cap_m_s(&Conditions::of(agent)).min(m_s);
+                let speed_max_m_s = 3.0 * self.agents.iter().fold(f64::INFINITY, least);
+                for agent in &mut self.agents {
+                    agent.avoidance.speed_max_m_s = speed_max_m_s;
+                }
+                self.plant.speed_max_m_s = Some(speed_max_m_s);
+            }
+            Hardship::DarkSensors => {
+                for (i, body) in (0..).zip(&mut self.plant.robots) {
+                    for (sensor, from_ms) in [(Sensor::Odometry, 100), (Sensor::Proximity, 250)] {
+                        body.sensor_faults.extend((0..20).map(|k| {
+                            let from_ns = (from_ms + 37 * i + 400 * k) * MS;
+                            SensorFault {
+                                span: Span { from_ns, until_ns: from_ns + 60 * MS },
+                                sensor,
+                                kind: SensorFaultKind::Blackout,
+                                seed: 0,
+                            }
+                        }));
+                    }
+                }
+            }
+        }
+        self.sees_as_far_as_needed()
+    }
+
+    /// With the smallest sensing radius that all robots accept.
+    fn sees_as_far_as_needed(mut self) -> Fleet {
+        let needed_m =
+            |agent: &AgentBrief| (METHODS[0].description.sensing_radius_m)(&Conditions::of(agent));
+        let radius_m = self.agents.iter().map(needed_m).fold(0.0, f64::max);
+        self.plant.sensing_radius_m = radius_m;
+        for agent in &mut self.agents {
+            agent.avoidance.sensing_radius_m = radius_m;
+        }
+        self
+    }
+}

@@ -53,6 +53,7 @@ pub fn row_of_three() -> Scenario {
             speed_max_m_s: 0.3,
             sensing_radius_m: 2.0,
             sensing_error_m: 0.0,
+            heading_error_rad: 0.0,
             gains: BTreeMap::new(),
         },
         silence: SilenceBrief {

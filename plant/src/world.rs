@@ -8,7 +8,7 @@ use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::front_point::{front_point, front_speed, front_velocity};
 use formation::near::NearPairs;
-use formation::pose::{Pose, Twist};
+use formation::pose::{Pose, Twist, wrap_angle};
 use formation::unicycle::arc;
 use protocol::brief::{BodyBrief, Pace, PlantBrief};
 use protocol::fault::{Sensor, SensorFault, SensorFaultKind, WheelFaultKind};
@@ -224,11 +224,7 @@ impl World {
     pub fn odometry(&self, robot: usize) -> Odometry {
         let body = &self.robots[robot].body;
         let works = |sensor| {
-            let mut faults = body.sensor_faults.iter();
-            !faults.any(|fault| {
-                let dark = fault.sensor == sensor && fault.kind == SensorFaultKind::Blackout;
-                dark && fault.span.holds(self.t_ns)
-            })
+            !self.faults_of(body, sensor).any(|fault| fault.kind == SensorFaultKind::Blackout)
         };
         let mut sample = Odometry {
             tick: self.tick,
@@ -253,7 +249,7 @@ impl World {
         sample.pose_valid = 1;
         sample.x_m = pose.x_m + off.x;
         sample.y_m = pose.y_m + off.y;
-        sample.heading_rad = pose.heading_rad;
+        sample.heading_rad = wrap_angle(pose.heading_rad + self.heading_noise_rad(body));
         sample.v_m_s = twist.v_m_s;
         sample.w_rad_s = twist.w_rad_s;
     }
@@ -298,9 +294,25 @@ impl World {
 
     /// By how much position number `item` of this tick's sample is off, m.
     fn noise_m(&self, body: &BodyBrief, sensor: Sensor, item: u64) -> Vec2 {
-        let active = |fault: &&SensorFault| fault.sensor == sensor && fault.span.holds(self.t_ns);
-        let faults = body.sensor_faults.iter().filter(active);
+        let faults = self.faults_of(body, sensor);
         faults.map(|fault| Vec2::from(fault.offset_m(self.tick, item))).sum()
+    }
+
+    /// By how much the heading in this tick's sample is off, rad.
+    fn heading_noise_rad(&self, body: &BodyBrief) -> f64 {
+        let faults = self.faults_of(body, Sensor::Odometry);
+        faults.map(|fault| fault.heading_offset_rad(self.tick)).sum()
+    }
+
+    /// What is wrong with this sensor now.
+    fn faults_of<'b>(
+        &self,
+        body: &'b BodyBrief,
+        sensor: Sensor,
+    ) -> impl Iterator<Item = &'b SensorFault> {
+        let t_ns = self.t_ns;
+        let faults = body.sensor_faults.iter();
+        faults.filter(move |fault| fault.sensor == sensor && fault.span.holds(t_ns))
     }
 
     /// The time of this truth, and what happened up to it.
@@ -569,7 +581,7 @@ mod tests {
             kind,
             seed: 5,
         };
-        let noise = SensorFaultKind::Noise { bound_m: 0.1 };
+        let noise = SensorFaultKind::Noise { bound_m: 0.1, heading_bound_rad: 0.2 };
         brief.robots[1].sensor_faults = vec![
             fault(Sensor::Odometry, SensorFaultKind::Blackout, MS),
             fault(Sensor::Proximity, SensorFaultKind::Blackout, 2 * MS),
@@ -588,6 +600,9 @@ mod tests {
             let off_near_m = near.map(|near| (near - Vec2::new(0.1, 0.0)).norm());
             assert!(off_m.is_none_or(|off_m| off_m <= 0.1));
             assert!(off_near_m.is_none_or(|off_m| off_m <= 0.1));
+            let turned_rad = sample.heading_rad - world.robots[1].pose.heading_rad;
+            assert!(!works.0 || turned_rad.abs() <= 0.2);
+            assert_eq!(works.0 && turned_rad != 0.0, off_m.is_some_and(|m| m > 0.0));
             // A dark sensor sends nothing that is true.
             let own = [sample.x_m, sample.y_m, sample.heading_rad, sample.v_m_s, sample.w_rad_s];
             assert!(works.0 || own == [0.0; 5], "{own:?}");

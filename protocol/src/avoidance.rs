@@ -4,6 +4,7 @@
 //! the plant what to sense and to limit, without knowing any of them: the binary hands over the
 //! list, and briefs carry what follows from it.
 
+use std::f64::consts::PI;
 use std::fmt;
 
 use crate::brief::{AgentBrief, AvoidanceBrief};
@@ -64,6 +65,13 @@ impl<'a> Conditions<'a> {
             front_point_m: brief.front_point_m,
             gives_way: brief.gives_way,
         }
+    }
+
+    /// By how much the sensed distance to another front point may be off, m: by the error of reported
+    /// positions, and by that of the own front point where the heading is not exact.
+    pub fn distance_error_m(&self) -> f64 {
+        let heading_rad = self.avoidance.heading_error_rad.min(PI);
+        self.avoidance.sensing_error_m + 2.0 * self.front_point_m * (0.5 * heading_rad).sin()
     }
 
     /// v_max, m/s; 0 where there is no limit and nothing rests on it.

@@ -13,6 +13,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::fault::{LinkFault, SensorFault, SlowFault, WheelFault};
+use crate::number::told_apart;
 
 /// The version of the briefs' form that this build writes and reads. It is raised with every change
 /// that makes a brief of another build mean something else, or nothing.
@@ -75,9 +76,17 @@ pub struct AvoidanceBrief {
     pub sensing_radius_m: f64,
     /// Bound on the error of a reported position, m.
     pub sensing_error_m: f64,
+    /// Bound on the error of the robot's own reported heading, rad.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub heading_error_rad: f64,
     /// The method's own gains by key.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub gains: BTreeMap<String, f64>,
+}
+
+/// Whether a bound is 0, as it is where a brief does not name it.
+pub(crate) fn is_zero(bound: &f64) -> bool {
+    *bound == 0.0
 }
 
 /// What to do about neighbours that fell silent.
@@ -310,18 +319,47 @@ impl Brief for AgentBrief {
         let places = self.neighbors.iter().map(|neighbor| ("neighbor.index", neighbor.index));
         let places = places.chain([("index", self.index)]);
         let zero = |(key, place)| (place == 0).then(|| format!("{key} is 0, expected 1 or more"));
-        { places }.find_map(zero).or_else(|| {
-            unsound(
-                &[
-                    ("period_ns", self.period_ns),
-                    ("plant_tick_ns", self.plant_tick_ns),
-                    ("command_lifetime_ns", self.command_lifetime_ns),
-                ],
-                &[
-                    ("front_point_m", self.front_point_m),
-                    ("avoidance.distance_min_m", self.avoidance.distance_min_m),
-                    ("avoidance.speed_max_m_s", self.avoidance.speed_max_m_s),
-                ],
+        let a = &self.avoidance;
+        { places }
+            .find_map(zero)
+            .or_else(|| {
+                unsound(
+                    &[
+                        ("period_ns", self.period_ns),
+                        ("plant_tick_ns", self.plant_tick_ns),
+                        ("command_lifetime_ns", self.command_lifetime_ns),
+                    ],
+                    &[
+                        ("front_point_m", self.front_point_m),
+                        ("avoidance.distance_min_m", a.distance_min_m),
+                    ],
+                )
+            })
+            .or_else(|| {
+                let bounds = [
+                    ("avoidance.sensing_error_m", a.sensing_error_m),
+                    ("avoidance.heading_error_rad", a.heading_error_rad),
+                ];
+                let wrong = |(_, bound): &(&str, f64)| !(bound.is_finite() && *bound >= 0.0);
+                let (key, bound) = bounds.into_iter().find(wrong)?;
+                Some(format!("{key} is {bound}, expected a bound of 0 or more"))
+            })
+            .or_else(|| self.leap())
+    }
+}
+
+impl AgentBrief {
+    /// Whether the front point could leave its robot behind in one period: v_max T must be less than
+    /// ell. Where there is no speed limit nothing rests on it.
+    fn leap(&self) -> Option<String> {
+        let (v_max, ell) = (self.avoidance.speed_max_m_s, self.front_point_m);
+        let most = ell / (self.period_ns as f64 / 1e9);
+        let sound = v_max > 0.0 && (v_max == f64::INFINITY || v_max < most);
+        let [found, most] = told_apart(v_max, most);
+        (!sound).then(|| {
+            format!(
+                "avoidance.speed_max_m_s is {found}, expected more than 0 and less than \
+                 front_point_m / period = {most} m/s"
             )
         })
     }
@@ -337,7 +375,10 @@ impl Brief for PlantBrief {
                 ("command_lifetime_ns", self.command_lifetime_ns),
                 ("duration_ns", self.duration_ns),
             ],
-            &ells.collect::<Vec<_>>(),
+            &ells
+                .chain([("distance_min_m", self.distance_min_m)])
+                .chain(self.speed_max_m_s.map(|speed| ("speed_max_m_s", speed)))
+                .collect::<Vec<_>>(),
         )
     }
 }
@@ -345,9 +386,9 @@ impl Brief for PlantBrief {
 /// The first of these that no process can live by.
 fn unsound(times_ns: &[(&str, u64)], positive: &[(&str, f64)]) -> Option<String> {
     let time = times_ns.iter().find(|(_, ns)| !(1..=TIME_NS_MAX).contains(ns));
-    let number = positive.iter().find(|(_, number)| number.is_nan() || *number <= 0.0);
+    let number = positive.iter().find(|(_, number)| !(number.is_finite() && *number > 0.0));
     time.map(|(key, ns)| format!("{key} is {ns}, expected 1 to {TIME_NS_MAX}"))
-        .or(number.map(|(key, number)| format!("{key} is {number}, expected more than 0")))
+        .or(number.map(|(key, number)| format!("{key} is {number}, expected a number above 0")))
 }
 
 /// A third of the time that 64 bits of ns hold: sums of two stay within. 194 years.

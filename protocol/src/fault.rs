@@ -7,6 +7,8 @@
 use formation::random::draw;
 use serde::{Deserialize, Serialize};
 
+use crate::brief::is_zero;
+
 /// From `from_ns` of run time on, until before `until_ns`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -137,10 +139,13 @@ pub struct SensorFault {
 pub enum SensorFaultKind {
     /// It says nothing.
     Blackout,
-    /// Positions are off, by a draw for each sample.
+    /// Positions are off, and the heading of odometry, by a draw for each sample.
     Noise {
-        /// By no more than this, m.
+        /// Positions by no more than this, m.
         bound_m: f64,
+        /// The heading by no more than this, rad.
+        #[serde(default, skip_serializing_if = "is_zero")]
+        heading_bound_rad: f64,
     },
 }
 
@@ -148,12 +153,21 @@ impl SensorFault {
     /// By how much the position number `item` of the sample of `tick` is off, m: a point of the
     /// disc of radius `bound_m`, each as likely as any other.
     pub fn offset_m(&self, tick: u64, item: u64) -> [f64; 2] {
-        let SensorFaultKind::Noise { bound_m } = self.kind else { return [0.0, 0.0] };
+        let SensorFaultKind::Noise { bound_m, .. } = self.kind else { return [0.0, 0.0] };
         // A sample has far fewer than 2^10 positions, and each takes two draws.
         let counter = (tick << 10 | item) << 1;
         let radius_m = bound_m * draw(self.seed, counter).sqrt();
         let (sin, cos) = (std::f64::consts::TAU * draw(self.seed, counter | 1)).sin_cos();
         [radius_m * cos, radius_m * sin]
+    }
+
+    /// By how much the heading of the sample of `tick` is off, rad: each within the bound as likely
+    /// as any other.
+    pub fn heading_offset_rad(&self, tick: u64) -> f64 {
+        let SensorFaultKind::Noise { heading_bound_rad, .. } = self.kind else { return 0.0 };
+        // Of an odometry's draws only number 0 is taken, by its position.
+        let counter = (tick << 10 | 1) << 1;
+        heading_bound_rad * (2.0 * draw(self.seed, counter) - 1.0)
     }
 }
 
@@ -226,7 +240,7 @@ mod tests {
         let noisy = SensorFault {
             span: Span { from_ns: 0, until_ns: Span::END_NS },
             sensor: Sensor::Proximity,
-            kind: SensorFaultKind::Noise { bound_m: 0.02 },
+            kind: SensorFaultKind::Noise { bound_m: 0.02, heading_bound_rad: 0.3 },
             seed: 3,
         };
         let offsets: Vec<f64> =
@@ -235,5 +249,13 @@ mod tests {
         // Half of the disc's area lies within 0.71 of its radius.
         let inner = offsets.iter().filter(|&&off| off < 0.02 * 0.5f64.sqrt()).count();
         assert!((4700..5300).contains(&inner), "{inner}");
+
+        let turned: Vec<f64> = (0..10_000).map(|tick| noisy.heading_offset_rad(tick)).collect();
+        assert!(turned.iter().all(|turned_rad| turned_rad.abs() <= 0.3));
+        for part in 0..6 {
+            let from = -0.3 + 0.1 * f64::from(part);
+            let within = turned.iter().filter(|&&rad| rad >= from && rad < from + 0.1).count();
+            assert!((1500..1850).contains(&within), "{within} from {from}");
+        }
     }
 }

@@ -2,14 +2,47 @@
 
 /// Six significant digits, without trailing zeros.
 pub fn short(number: f64) -> String {
+    significant(number, 6)
+}
+
+/// Two numbers that a message compares, as short as shows that they differ, if they do.
+pub fn told_apart(a: f64, b: f64) -> [String; 2] {
+    // 17 digits tell any two doubles apart.
+    let shown = (6..=17).map(|digits| [a, b].map(|number| significant(number, digits)));
+    let mut shown = shown.skip_while(|[one, other]| one == other && a != b);
+    shown.next().unwrap_or_else(|| [a, b].map(|number| number.to_string()))
+}
+
+/// So many significant digits, without trailing zeros.
+fn significant(number: f64, digits: i32) -> String {
     if number == 0.0 || !number.is_finite() {
         return number.to_string();
     }
-    let digits = 5 - (number.abs().log10().floor() as i32);
-    let rounded = format!("{number:.*}", digits.clamp(0, 15) as usize);
+    let decimals = digits - 1 - (number.abs().log10().floor() as i32);
+    let rounded = format!("{number:.*}", decimals.clamp(0, digits + 9) as usize);
     if rounded.contains('.') {
         rounded.trim_end_matches('0').trim_end_matches('.').to_owned()
     } else {
         rounded
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn six_digits_unless_two_that_are_compared_would_look_the_same() {
+        assert_eq!(short(0.123_456_789), "0.123457");
+        assert_eq!(short(1_234_567.8), "1234568");
+        assert_eq!(short(-2.5e-5), "-0.000025");
+        assert_eq!([short(0.0), short(f64::INFINITY)], ["0", "inf"]);
+        assert_eq!(told_apart(0.2, 0.3), ["0.2", "0.3"]);
+        assert_eq!(told_apart(0.2, 0.2), ["0.2", "0.2"]);
+        assert_eq!(told_apart(0.199_999_999_97, 0.2), ["0.19999999997", "0.2"]);
+        let next = 0.2f64.next_down();
+        let [one, other] = told_apart(next, 0.2);
+        assert_ne!(one, other);
+        assert_eq!(one.parse(), Ok(next));
     }
 }

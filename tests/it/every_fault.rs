@@ -4,7 +4,7 @@ use crate::harness::run;
 use crate::oracle::{self, with_faults};
 
 /// A fault on the way into the formation, and whether it changes what happens.
-const FAULTS: [(&str, bool); 17] = [
+const FAULTS: [(&str, bool); 18] = [
     ("kill r2 @2.5 restart 2", true),
     ("freeze r2 @2.5 for 1.5", true),
     ("slow r2 by 0.005 @2 for 1", true),
@@ -18,6 +18,7 @@ const FAULTS: [(&str, bool); 17] = [
     ("blackout r1 odometry @2 for 1", true),
     ("blackout r1 proximity @2 for 1", true),
     ("noise r1 odometry by 0.01 @2 for 5", true),
+    ("noise r1 odometry by 0.01 heading 0.05 @2 for 5", true),
     ("noise r1 proximity by 0.01 @2 for 5", true),
     ("wheels r1 stuck @2 for 1", true),
     ("wheels r1 limit 0.03 @2 for 4", true),

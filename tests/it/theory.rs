@@ -6,7 +6,7 @@ use std::process::Command;
 
 use experiment::check::Theory;
 use experiment::scenario::Scenario;
-use experiment::scenario::read::{Overrides, read};
+use experiment::scenario::read::{Overrides, read, read_text};
 use formation::Vec2;
 use serde_json::{Value, json};
 
@@ -46,6 +46,50 @@ fn losses(entries: &Value) -> Vec<Value> {
 
 fn assert_near(found: f64, expected: f64, within: f64) {
     assert!((found - expected).abs() <= within, "{found} is not {expected}");
+}
+
+/// Forty robots in a square, each 0.051 m from the next, at T = 50 ms.
+fn crowd(speed_max_m_s: f64) -> String {
+    let robot = |i: u32| {
+        let (x_m, y_m) = (0.051 * f64::from(i % 7), 0.051 * f64::from(i / 7));
+        let pose = format!("{{ x_m = {x_m}, y_m = {y_m}, heading_rad = 0.0 }}");
+        match i {
+            0 => format!("[[robot]]\nname = \"r0\"\npose = {pose}\n"),
+            _ => format!(
+                "[[robot]]\nname = \"r{i}\"\npose = {pose}\n[[edge]]\nfrom = \"r{}\"\n\
+                 to = \"r{i}\"\noffset_m = [0.5, 0.0]\n",
+                i - 1
+            ),
+        }
+    };
+    let robots: String = (0..40).map(robot).collect();
+    format!(
+        "name = \"crowd\"\nduration_s = 30.0\nperiod_s = 0.05\n[avoidance]\n\
+         distance_min_m = 0.05\nspeed_max_m_s = {speed_max_m_s}\n[robot_defaults]\n\
+         front_point_m = 0.045\nlaw = \"formation-unit\"\nspeed_m_s = 0.1\n{robots}"
+    )
+}
+
+#[test]
+fn who_may_have_more_others_near_than_a_sample_reports_is_told_so_with_the_speed_that_avoids_it() {
+    let warnings = |speed_max_m_s: f64| {
+        let text = crowd(speed_max_m_s);
+        let overrides = Overrides::default();
+        let (scenario, ..) = read_text("crowd.toml".as_ref(), &text, &overrides, &agent::catalog())
+            .unwrap_or_else(|error| panic!("{}", error.render(false)));
+        let findings = Theory::of(&scenario).findings.into_iter();
+        findings.filter(|f| f.message.contains("sample reports")).collect::<Vec<_>>()
+    };
+    let [stand] = &warnings(0.8)[..] else { panic!("expected one warning") };
+    assert!(stand.message.starts_with("40 of 40 robots, "), "{}", stand.message);
+    let [may] = &warnings(0.3)[..] else { panic!("expected one warning") };
+    assert!(may.message.contains("others, d apart, fit within"), "{}", may.message);
+    // What is expected is enough, and hardly more is not.
+    let expected = may.expected.strip_prefix("expected at most ").unwrap();
+    let (speed, rest) = expected.split_once(' ').unwrap();
+    assert_eq!(rest, "m/s, or 33 robots");
+    let speed: f64 = speed.parse().unwrap();
+    assert_eq!((warnings(speed).len(), warnings(speed + 2e-4).len()), (0, 1), "{speed}");
 }
 
 #[test]

@@ -20,7 +20,7 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         source: "(11) (12) (19)",
         promise: Promise::Unsampled,
         senses: Senses::Positions,
-        sensing_radius_m: |at| at.avoidance.distance_min_m + at.avoidance.sensing_error_m,
+        sensing_radius_m: |at| at.avoidance.distance_min_m + at.distance_error_m(),
         steers_within: Some(("d", |at| at.avoidance.distance_min_m)),
         gains: &[Gain { key: "epsilon_per_s", meaning: "strength of the focus, in 1/s" }],
         advice: overshoot,

@@ -17,6 +17,13 @@
 //! the same for all, and takes nothing from d_f: whatever *deflect* wants, of however many ranks,
 //! passes through the same half-planes. So the promise does not depend on who gives way to whom.
 //!
+//! Sensors may err within known bounds, positions by eps and the heading by eta. An own front point
+//! that is computed with a wrong heading is off by 2 ell sin(eta/2) at most, which adds to eps. Then
+//! the true distance is r - eps or more, and z stays within M + eps of what was sensed. A wrong
+//! heading turns the arc of the coming motion as a whole: its shape follows from (v, w), which the
+//! plant does exactly, so the true heading stays within delta + eta of thetabar. With rho taken
+//! shorter by eps, M longer by eps and delta wider by eta, n(t) . alpha' >= -b holds as before.
+//!
 //! Everything is computed from one odometry sample. Not in the paper.
 //!
 //! | symbol | meaning |
@@ -25,6 +32,7 @@
 //! | p | displacement wanted within one period T, m; \|p\| <= V = v_max T |
 //! | d_f | distance at which the deflection begins to matter, m |
 //! | M | how far two robots can move relative to each other while a command acts, m |
+//! | eps, eta | bounds on the errors of a sensed distance, m, and of the heading, rad |
 //! | rho | slack r - d, m |
 //! | b | how fast this robot may approach another, m/s |
 //! | W-, W+ | range of turn rates that may be in force while this command acts, rad/s |
@@ -37,7 +45,7 @@ use formation::front_point::{front_speed, rotate};
 use formation::pose::Twist;
 use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Senses};
 use protocol::brief::{AgentBrief, Pace};
-use protocol::number::short;
+use protocol::number::{short, told_apart};
 
 use super::polygon::{HalfPlane, nearest_point};
 use super::{Avoidance, AvoidanceRow, Sample, exact_hold};
@@ -83,13 +91,13 @@ pub fn deflection_distance_m(at: &Conditions<'_>) -> f64 {
     if at.gives_way { GIVES_WAY * d_f } else { d_f }
 }
 
-/// max(d + 3 v_max H, d_f + 4 v_max T) and twice the sensing error, m: nobody farther away than
+/// max(d + 3 v_max H, d_f + 4 v_max T) and twice eps, m: nobody farther away than
 /// this can matter.
 fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
     let v_max = at.speed_m_s();
     let bounded = at.avoidance.distance_min_m + 3.0 * v_max * at.lifetime_s;
     let deflected = deflection_distance_m(at) + 4.0 * v_max * at.period_s;
-    bounded.max(deflected) + 2.0 * at.avoidance.sensing_error_m
+    bounded.max(deflected) + 2.0 * at.distance_error_m()
 }
 
 /// min(d/4, ell/2) / H, m/s.
@@ -100,17 +108,15 @@ fn speed_cap_m_s(at: &Conditions<'_>) -> f64 {
 /// Above the cap on v_max it brakes more than it helps.
 fn braking(at: &Conditions<'_>) -> Option<Advice> {
     let (v_max, cap) = (at.avoidance.speed_max_m_s, speed_cap_m_s(at));
+    let [limit, most] = told_apart(v_max, cap);
     (v_max.is_finite() && v_max > cap).then(|| Advice {
         key: "speed_max_m_s",
         message: format!(
-            "the speed limit {} m/s is above min(d/4, ell/2) / H = {} m/s: safe, but the guard \
-             will brake a lot",
-            short(v_max),
-            short(cap)
+            "the speed limit {limit} m/s is above min(d/4, ell/2) / H = {most} m/s: safe, but the \
+             guard will brake a lot"
         ),
         expected: format!(
-            "expected at most {} m/s, or a shorter H (now {} s)",
-            short(cap),
+            "expected at most {most} m/s, or a shorter H (now {} s)",
             short(at.lifetime_s)
         ),
     })
@@ -126,8 +132,10 @@ struct Guard {
     /// H, s.
     lifetime: f64,
     lifetime_ns: u64,
-    /// Bound on the error of a reported position, m.
-    sensing_error: f64,
+    /// eps, m.
+    distance_error: f64,
+    /// eta, rad.
+    heading_error: f64,
     /// d_f, m.
     d_f: f64,
     /// Within this radius the list of the near must be complete, m.
@@ -186,7 +194,8 @@ impl Guard {
             period,
             lifetime,
             lifetime_ns: brief.command_lifetime_ns,
-            sensing_error: avoidance.sensing_error_m,
+            distance_error: at.distance_error_m(),
+            heading_error: avoidance.heading_error_rad,
             d_f: deflection_distance_m(&at),
             radius_needed: sensing_radius_m(&at),
             dither_period: DITHER_PERIOD_S * (1.0 + 4.0 * phase / 3.0),
@@ -272,7 +281,7 @@ impl Guard {
         }
         for pass in 1..=PASSES_MAX {
             let mid = sample.heading_rad + 0.5 * self.lifetime * (w_low + w_high);
-            let spread = 0.5 * self.lifetime * (w_high - w_low);
+            let spread = 0.5 * self.lifetime * (w_high - w_low) + self.heading_error;
             self.collect_sides(sample.away, v_own, spread);
             let u = rotate(mid, Vec2::new(tried.v_m_s, self.ell * tried.w_rad_s));
             let Some(u) = nearest_point(u, &self.sides) else { return tried };
@@ -295,11 +304,11 @@ impl Guard {
     /// (within asin(M/r) of n) and the true heading (within `spread` of its middle).
     fn collect_sides(&mut self, away: &[Vec2], v_own: f64, spread: f64) {
         let rate = 1.0 / self.lifetime; // Lambda
-        let reach = (self.v_max + v_own) * self.lifetime + self.sensing_error; // M
+        let reach = (self.v_max + v_own) * self.lifetime + self.distance_error; // M + eps
         self.sides.clear();
         for z in away {
             let r = z.norm();
-            let rho = (r - self.sensing_error - self.d - ROUNDING_M).max(0.0);
+            let rho = (r - self.distance_error - self.d - ROUNDING_M).max(0.0);
             let b = rate * (rho * (-2.0f64).exp()).max(rho - reach); // Lambda H = 1
             if b >= v_own {
                 continue;

@@ -18,8 +18,9 @@ mod polygon;
 
 use formation::Vec2;
 use formation::pose::Twist;
-use protocol::avoidance::AvoidanceDescription;
-use protocol::brief::AgentBrief;
+use protocol::avoidance::{AvoidanceDescription, Conditions};
+use protocol::brief::{AgentBrief, AvoidanceBrief};
+use protocol::number::told_apart;
 
 pub use guard::{KAPPA, deflection_distance_m};
 pub use hold::exact_hold;
@@ -88,6 +89,16 @@ impl AvoidanceRow {
         let of = format!("avoidance {:?}", self.description.name);
         let keys = self.description.gains.iter().map(|gain| gain.key);
         let gains = Gains::check(&brief.avoidance.gains, &of, keys)?;
+        let AvoidanceBrief { speed_max_m_s, sensing_radius_m, .. } = brief.avoidance;
+        if self.description.clamps_speed && !speed_max_m_s.is_finite() {
+            return Err(AvoidanceError::NoSpeedLimit { of, speed_max_m_s });
+        }
+        let needed_m = (self.description.sensing_radius_m)(&Conditions::of(brief));
+        // Not a number is less than anything.
+        if sensing_radius_m.is_nan() || sensing_radius_m < needed_m {
+            let [found, needed] = told_apart(sensing_radius_m, needed_m);
+            return Err(AvoidanceError::SeesTooLate { of, found, needed });
+        }
         Ok((self.build)(brief, &gains))
     }
 }
@@ -105,6 +116,26 @@ pub enum AvoidanceError {
         name: String,
         /// The names there are.
         known: String,
+    },
+    /// It rests on a speed limit.
+    #[error("{of} needs a speed limit, got avoidance.speed_max_m_s = {speed_max_m_s}")]
+    NoSpeedLimit {
+        /// Which method: `avoidance "x"`.
+        of: String,
+        /// What was given, m/s.
+        speed_max_m_s: f64,
+    },
+    /// It would see others too late.
+    #[error(
+        "{of} sees too late with avoidance.sensing_radius_m = {found}, expected {needed} m or more"
+    )]
+    SeesTooLate {
+        /// Which method: `avoidance "x"`.
+        of: String,
+        /// The radius given, m.
+        found: String,
+        /// The radius needed, m.
+        needed: String,
     },
     /// The gains are not the method's.
     #[error(transparent)]

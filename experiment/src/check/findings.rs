@@ -3,16 +3,21 @@
 //! Single values are checked where they are read. Here they are held against each other and
 //! against the theory. Nothing is read or spawned.
 
+use std::f64::consts::PI;
+
+use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::graph::{Edge, FormationGraph};
 use formation::laplacian::echoing;
-use protocol::avoidance::{Advice, Promise};
+use protocol::avoidance::{Advice, Promise, Senses};
+use protocol::brief::AvoidanceBrief;
 use protocol::law::Reference;
-use protocol::number::short;
+use protocol::message::PROXIMITY_MAX;
+use protocol::number::{short, told_apart};
 use serde::Serialize;
 
 use super::steady::{Motion, Peak, Settled};
-use super::{rounded_up, start_points};
+use super::{rounded_down, rounded_up, start_points};
 use crate::scenario::diagnostic::Severity;
 use crate::scenario::{Robot, Scenario};
 use formation::seconds;
@@ -56,6 +61,7 @@ pub(super) fn unsettled(scenario: &Scenario) -> Vec<Finding> {
     speeds(scenario, &mut findings);
     start_distances(scenario, &mut findings);
     sensing(scenario, &mut findings);
+    crowds(scenario, &mut findings);
     advice(scenario, &mut findings);
     findings
 }
@@ -228,15 +234,14 @@ fn speeds(scenario: &Scenario, findings: &mut Vec<Finding>) {
     if a.speed_max_m_s.is_finite() {
         let step_m = a.speed_max_m_s * seconds(scenario.period_ns);
         if let Some(robot) = scenario.robots.iter().find(|robot| step_m >= robot.front_point_m) {
+            let [step, ell] = told_apart(step_m, robot.front_point_m);
             findings.push(finding(
                 Severity::Error,
                 "avoidance.speed_max_m_s",
                 format!(
-                    "in one period a front point may move {} m, no less than it lies ahead of \
-                     the axle of {} ({} m)",
-                    short(step_m),
-                    robot.name,
-                    short(robot.front_point_m)
+                    "in one period a front point may move {step} m, no less than it lies ahead of \
+                     the axle of {} ({ell} m)",
+                    robot.name
                 ),
                 format!(
                     "expected less than front_point_m / period_s = {} m/s",
@@ -273,11 +278,12 @@ fn start_distances(scenario: &Scenario, findings: &mut Vec<Finding>) {
         && distance_m < d
     {
         let (a, b) = (&scenario.robots[i].name, &scenario.robots[j].name);
+        let [distance, least] = told_apart(distance_m, d);
         findings.push(finding(
             severity,
             format!("robot.{b}.pose"),
-            format!("the front points of {a} and {b} start {} m apart", short(distance_m)),
-            format!("expected at least `distance_min_m`, {} m (Assumption 1)", short(d)),
+            format!("the front points of {a} and {b} start {distance} m apart"),
+            format!("expected at least `distance_min_m`, {least} m (Assumption 1)"),
         ));
     }
 }
@@ -287,17 +293,80 @@ fn sensing(scenario: &Scenario, findings: &mut Vec<Finding>) {
     let a = &scenario.avoidance;
     let needed_m = scenario.sensing_radius_needed_m();
     if a.sensing_radius_m < needed_m {
+        let [radius, needed] = told_apart(a.sensing_radius_m, needed_m);
+        let rounded = rounded_up(needed_m);
+        let more = rounded.parse().is_ok_and(|rounded_m: f64| rounded_m > a.sensing_radius_m);
+        let needed = if more { rounded } else { needed };
         findings.push(finding(
             Severity::Error,
             "avoidance.sensing_radius_m",
-            format!(
-                "`sensing_radius_m` is {}: the {} would see too late",
-                short(a.sensing_radius_m),
-                a.kind
-            ),
-            format!("expected at least {} m, or no such key", rounded_up(needed_m)),
+            format!("`sensing_radius_m` is {radius}: the {} would see too late", a.kind),
+            format!("expected at least {needed} m, or no such key"),
         ));
     }
+}
+
+/// A robot that may have more others near than a sample of its sensor reports stands, for it does
+/// not know where the rest are. With v_max below the cap no such crowd fits within the needed radius.
+fn crowds(scenario: &Scenario, findings: &mut Vec<Finding>) {
+    if scenario.method.promise != Promise::Always {
+        return;
+    }
+    let most = match scenario.method.senses {
+        Senses::Velocities => PROXIMITY_MAX / 2,
+        Senses::Positions | Senses::Nothing => PROXIMITY_MAX,
+    };
+    let (d, radius_m) = (scenario.avoidance.distance_min_m, scenario.sensing_radius_needed_m());
+    let fit = points_max(radius_m, d) - 1.0;
+    let others = scenario.robots.len().saturating_sub(1);
+    if others <= most || fit <= most as f64 {
+        return;
+    }
+    let points = start_points(&scenario.robots);
+    let near = |point: &Vec2| {
+        points.iter().filter(|other| (*other - point).norm() <= radius_m).count() - 1
+    };
+    let crowded: Vec<usize> = (0..points.len()).filter(|&i| near(&points[i]) > most).collect();
+    let worst = crowded.iter().copied().max_by_key(|&i| near(&points[i]));
+    let who = match worst {
+        Some(i) => format!(
+            "{} of {} robots, {} the most, start with more than {most} others within {} m, which \
+             is all that a sample reports: they stand, for good if all do",
+            crowded.len(),
+            points.len(),
+            scenario.robots[i].name,
+            short(radius_m)
+        ),
+        None => format!(
+            "up to {} others, d apart, fit within {} m of a robot, and a sample reports {most}: one \
+             with more of them that near stands until some leave",
+            fit.min(others as f64).floor(),
+            short(radius_m)
+        ),
+    };
+    // The radius grows with v_max: halve the interval until it is known to six digits.
+    let fits_at = |speed_max_m_s: f64| {
+        let avoidance = AvoidanceBrief { speed_max_m_s, ..scenario.avoidance.clone() };
+        let slower = Scenario { avoidance, ..scenario.clone() };
+        points_max(slower.sensing_radius_needed_m(), d) - 1.0 <= most as f64
+    };
+    let (mut low, mut high) = (0.0, scenario.avoidance.speed_max_m_s);
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        *if fits_at(middle) { &mut low } else { &mut high } = middle;
+    }
+    let expected = match low > 0.0 {
+        true => format!("expected at most {} m/s, or {} robots", rounded_down(low), most + 1),
+        false => format!("expected {} robots at most", most + 1),
+    };
+    findings.push(finding(Severity::Warning, "avoidance.speed_max_m_s", who, expected));
+}
+
+/// A bound on how many points lie within `radius_m` of one of them, itself included, if no two are
+/// nearer to each other than `apart_m`. (Oler 1961, of a disc)
+fn points_max(radius_m: f64, apart_m: f64) -> f64 {
+    let radii = radius_m / apart_m;
+    (2.0 / 3f64.sqrt() * PI * radii * radii + PI * radii + 1.0).floor()
 }
 
 /// Remark 1: in the final shape nobody stands where avoidance would push it away.
@@ -314,6 +383,7 @@ fn settled_distances(scenario: &Scenario, settled: &Settled, findings: &mut Vec<
         spare.min_by(|(_, a, a_bound), (_, b, b_bound)| (a - a_bound).total_cmp(&(b - b_bound)));
     let Some(([i, j], distance_m, bound_m)) = tightest else { return };
     if distance_m <= bound_m {
+        let [distance, bound] = told_apart(distance_m, bound_m);
         let (a, b) = (&scenario.robots[i].name, &scenario.robots[j].name);
         let mut edges = scenario.formation_edges();
         let direct = edges.find(|(_, e)| [e.from, e.to] == [i, j] || [e.from, e.to] == [j, i]);
@@ -321,10 +391,10 @@ fn settled_distances(scenario: &Scenario, settled: &Settled, findings: &mut Vec<
             Severity::Warning,
             direct.map_or(format!("robot.{b}"), |(edge, _)| format!("edge.{edge}.offset_m")),
             format!(
-                "in the final shape {a} and {b} stand {} m apart: avoidance will keep them from it",
-                short(distance_m)
+                "in the final shape {a} and {b} stand {distance} m apart: avoidance will keep them \
+                 from it"
             ),
-            format!("expected more than {name} = {} m (Remark 1)", short(bound_m)),
+            format!("expected more than {name} = {bound} m (Remark 1)"),
         ));
     }
 }
@@ -341,16 +411,16 @@ fn steady_speeds(scenario: &Scenario, motion: &Motion, findings: &mut Vec<Findin
         }
         return;
     };
+    let [needed, limit] = told_apart(front(&i), v_max);
     findings.push(finding(
         Severity::Warning,
         "avoidance.speed_max_m_s",
         format!(
-            "to stay in its place {} must go at {} m/s, faster than the speed limit of {} m/s",
-            scenario.robots[i].name,
-            short(front(&i)),
-            short(v_max)
+            "to stay in its place {} must go at {needed} m/s, faster than the speed limit of \
+             {limit} m/s",
+            scenario.robots[i].name
         ),
-        format!("expected more than {} m/s, or a slower trajectory", short(front(&i))),
+        format!("expected more than {needed} m/s, or a slower trajectory"),
     ));
 }
 
@@ -374,16 +444,15 @@ fn steady_wheels(scenario: &Scenario, motion: &Motion, findings: &mut Vec<Findin
         1 => String::new(),
         n => format!(" (and {} more cannot follow)", n - 1),
     };
+    let [needed, limit] = told_apart(rim_m_s, limit_m_s);
     findings.push(finding(
         Severity::Warning,
         format!("robot.{name}.wheels.speed_max_m_s"),
         format!(
-            "to stay in its place a wheel of {name} must go at {} m/s, faster than its limit of \
-             {} m/s{others}",
-            short(rim_m_s),
-            short(limit_m_s)
+            "to stay in its place a wheel of {name} must go at {needed} m/s, faster than its limit \
+             of {limit} m/s{others}"
         ),
-        format!("expected more than {} m/s, or a slower trajectory", short(rim_m_s)),
+        format!("expected more than {needed} m/s, or a slower trajectory"),
     ));
 }
 

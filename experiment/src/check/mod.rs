@@ -30,6 +30,11 @@ fn start_points(robots: &[Robot]) -> Vec<Vec2> {
     robots.iter().map(|robot| front_point(robot.start, robot.front_point_m)).collect()
 }
 
+/// Four decimals, never more than `number`.
+fn rounded_down(number: f64) -> String {
+    format!("{:.4}", (number * 1e4).floor() / 1e4)
+}
+
 /// Four decimals, never less than `number`.
 fn rounded_up(number: f64) -> String {
     format!("{:.4}", (number * 1e4 - 1e-6).ceil() / 1e4)

@@ -134,8 +134,8 @@ pub(crate) const FORMS: &[Form] = &[
         says: "a sensor that sees not exactly",
         subject: Subject::Sensor,
         lasts: true,
-        details: &[number("by", "bound_m").needed()],
-        grammar: "noise ROBOT odometry|proximity by METERS @SECONDS [for SECONDS]",
+        details: &[number("by", "bound_m").needed(), number("heading", "heading_bound_rad")],
+        grammar: "noise ROBOT odometry|proximity by METERS [heading RADIANS] @SECONDS [for SECONDS]",
     },
     Form {
         kind: "wheels",
@@ -240,8 +240,12 @@ impl FaultKind {
                 };
                 let what = match kind {
                     SensorFaultKind::Blackout => format!("blackout {} {word}", name(robot)),
-                    SensorFaultKind::Noise { bound_m } => {
+                    SensorFaultKind::Noise { bound_m, heading_bound_rad: 0.0 } => {
                         format!("noise {} {word} by {bound_m}", name(robot))
+                    }
+                    SensorFaultKind::Noise { bound_m, heading_bound_rad } => {
+                        let robot = name(robot);
+                        format!("noise {robot} {word} by {bound_m} heading {heading_bound_rad}")
                     }
                 };
                 // Who does not know where it is says nothing about it.
@@ -405,6 +409,11 @@ mod tests {
             (
                 "noise r2 odometry by 0.01 @5",
                 "kind = 'noise', robot = 'r2', sensor = 'odometry', bound_m = 0.01, at_s = 5.0",
+            ),
+            (
+                "noise r2 odometry by 0 heading 0.02 @5",
+                "kind = 'noise', robot = 'r2', sensor = 'odometry', bound_m = 0.0, \
+                 heading_bound_rad = 0.02, at_s = 5.0",
             ),
             ("wheels r2 stuck @5", "kind = 'wheels', robot = 'r2', stuck = true, at_s = 5.0"),
             (

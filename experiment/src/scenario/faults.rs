@@ -103,9 +103,20 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Fault, 
             kind: SensorFaultKind::Blackout,
         },
         "noise" => {
-            let bound_m = table.need("bound_m")?;
-            let kind = SensorFaultKind::Noise { bound_m: bound_m.number()? };
-            FaultKind::Sensor { robot: robot()?, sensor: sensor(table)?, kind }
+            let (bound, sensor) = (table.need("bound_m")?, sensor(table)?);
+            let (bound_m, heading_bound_rad) =
+                (bound.number()?, table.number("heading_bound_rad")?);
+            if sensor == Sensor::Proximity && heading_bound_rad > 0.0 {
+                return Err(table.need("heading_bound_rad")?.wrong(
+                    "is given for proximity, which senses no heading",
+                    "expected it with `sensor = \"odometry\"` only",
+                ));
+            }
+            if bound_m == 0.0 && heading_bound_rad == 0.0 {
+                return Err(bound.wrong("is 0: there is no noise", "expected more than 0"));
+            }
+            let kind = SensorFaultKind::Noise { bound_m, heading_bound_rad };
+            FaultKind::Sensor { robot: robot()?, sensor, kind }
         }
         "wheels" => {
             let kind = match (table.get("stuck"), table.get("speed_max_m_s")) {

@@ -528,6 +528,13 @@ const AVOIDANCE: &[Key] = &[
         "by how much a sensed distance may be off",
     )
     .guessed(&["error", "sensing_noise"]),
+    key(
+        "heading_error_rad",
+        Number("rad", NotNegative),
+        Rule("0, or what noise faults make of it"),
+        "by how much a robot may be wrong about its own heading",
+    )
+    .guessed(&["heading_noise", "heading_error_deg"]),
 ];
 
 const SILENCE: &[Key] = &[
@@ -826,8 +833,20 @@ const FAULT: &[Key] = &[
         .guessed(&["p", "rate", "share", "loss"]),
     key("burst", Whole(1, BURST_MAX), Otherwise::Whole(1), "how many beacons are lost together")
         .guessed(&["burst_length"]),
-    key("bound_m", Number("m", Positive), Needed, "positions are off by at most this, in meters")
-        .guessed(&["amplitude", "sigma", "std", "noise", "bound"]),
+    key(
+        "bound_m",
+        Number("m", NotNegative),
+        Needed,
+        "positions are off by at most this, in meters",
+    )
+    .guessed(&["amplitude", "sigma", "std", "noise", "bound"]),
+    key(
+        "heading_bound_rad",
+        Number("rad", NotNegative),
+        Otherwise::Number(0.0),
+        "the heading is off by at most this; of odometry only",
+    )
+    .guessed(&["heading", "heading_noise"]),
     key("stuck", Truth, Rule("or else `speed_max_m_s`"), "the robot stands"),
     key(
         "speed_max_m_s",

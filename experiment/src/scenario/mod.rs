@@ -330,6 +330,11 @@ impl Scenario {
 
     /// Nobody farther away than this, m, matters to the method.
     pub fn sensing_radius_needed_m(&self) -> f64 {
-        (self.method.sensing_radius_m)(&self.conditions())
+        let conditions = self.conditions();
+        let front_points_m = self.robots.iter().map(|robot| robot.front_point_m);
+        let radii_m = front_points_m.map(|front_point_m| {
+            (self.method.sensing_radius_m)(&Conditions { front_point_m, ..conditions })
+        });
+        radii_m.fold(0.0, f64::max)
     }
 }

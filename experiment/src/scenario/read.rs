@@ -235,9 +235,10 @@ fn scenario(
         faults,
         expect,
     };
-    let noise_m = noise_bound_m(scenario.robots.len(), &scenario.faults);
+    let [noise_m, noise_rad] = noise_bounds(scenario.robots.len(), &scenario.faults);
     let avoidance = &mut scenario.avoidance;
     avoidance.sensing_error_m = avoidance.sensing_error_m.max(noise_m);
+    avoidance.heading_error_rad = avoidance.heading_error_rad.max(noise_rad);
     scenario.avoidance.sensing_radius_m = match avoidance_table.maybe_number("sensing_radius_m")? {
         Some(radius_m) => radius_m,
         None => scenario.sensing_radius_needed_m(),
@@ -245,18 +246,20 @@ fn scenario(
     Ok((scenario, warnings))
 }
 
-/// By how much a distance that some robot senses may be off, m: noise in its own position and in
-/// those of others adds up.
-fn noise_bound_m(robots: usize, faults: &[Fault]) -> f64 {
-    let mut bounds_m = vec![0.0; robots];
+/// By how much some robot may be wrong about a position, m, where noise in its own and in those of
+/// others adds up, and about its heading, rad.
+fn noise_bounds(robots: usize, faults: &[Fault]) -> [f64; 2] {
+    let mut bounds = vec![[0.0; 2]; robots];
     for fault in faults {
-        if let FaultKind::Sensor { robot, kind: SensorFaultKind::Noise { bound_m }, .. } =
-            fault.kind
+        if let FaultKind::Sensor { robot, kind, .. } = fault.kind
+            && let SensorFaultKind::Noise { bound_m, heading_bound_rad } = kind
         {
-            bounds_m[robot] += bound_m;
+            bounds[robot][0] += bound_m;
+            bounds[robot][1] += heading_bound_rad;
         }
     }
-    bounds_m.into_iter().fold(0.0, f64::max)
+    let largest = |[m, rad]: [f64; 2], of: [f64; 2]| [m.max(of[0]), rad.max(of[1])];
+    bounds.into_iter().fold([0.0; 2], largest)
 }
 
 /// `[avoidance]`; the sensing radius is filled in later, from the whole scenario.
@@ -285,13 +288,14 @@ fn avoidance(
     if let Some(gain) = method.gains.iter().find(|gain| !gains.contains_key(gain.key)) {
         return Err(table.missing(gain.key, gain.meaning));
     }
-    let sensing_error_m = table.maybe_number("sensing_error_m")?.unwrap_or(0.0);
+    let bound = |key| table.maybe_number(key).map(|bound| bound.unwrap_or(0.0));
     let avoidance = AvoidanceBrief {
         kind: method.name.to_owned(),
         distance_min_m,
         speed_max_m_s,
         sensing_radius_m: 0.0,
-        sensing_error_m,
+        sensing_error_m: bound("sensing_error_m")?,
+        heading_error_rad: bound("heading_error_rad")?,
         gains,
     };
     Ok((method, avoidance))

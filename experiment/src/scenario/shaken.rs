@@ -9,7 +9,7 @@ use super::read::{Overrides, read_text};
 use super::tests::catalog;
 use crate::check::{Theory, report};
 
-const SPECS: [&str; 12] = [
+const SPECS: [&str; 13] = [
     "kill r2 @10 restart 2",
     "kill r1 @0.5",
     "kill plant @3",
@@ -21,6 +21,7 @@ const SPECS: [&str; 12] = [
     "slow r2 by 0.01 @1",
     "blackout r1 odometry @1 for 2",
     "noise r1 proximity by 0.01 @1",
+    "noise r1 odometry by 0 heading 0.1 @1",
     "wheels r1 limit 0.1 @1",
 ];
 

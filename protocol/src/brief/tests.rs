@@ -38,6 +38,7 @@ fn agent() -> AgentBrief {
             speed_max_m_s: 0.3,
             sensing_radius_m: 0.3,
             sensing_error_m: 0.0,
+            heading_error_rad: 0.1,
             gains: [("epsilon_per_s".into(), 1.0)].into(),
         },
         silence: SilenceBrief {
@@ -196,10 +197,56 @@ fn a_brief_that_no_process_can_follow_names_the_key_and_what_was_expected() {
         ("period_ns = 5000000", "period_ns = 0", "period_ns is 0, expected 1 to"),
         ("index = 1", "index = 0", "index is 0, expected 1 or more"),
         ("index = 2", "index = 0", "neighbor.index is 0, expected 1 or more"),
-        ("front_point_m = 0.045", "front_point_m = nan", "front_point_m is NaN, expected more"),
+        ("front_point_m = 0.045", "front_point_m = nan", "front_point_m is NaN, expected a number"),
+        ("front_point_m = 0.045", "front_point_m = inf", "front_point_m is inf, expected a number"),
+        (
+            "distance_min_m = 0.2",
+            "distance_min_m = 0.0",
+            "avoidance.distance_min_m is 0, expected a number above 0",
+        ),
+        (
+            "sensing_error_m = 0.0",
+            "sensing_error_m = -0.01",
+            "avoidance.sensing_error_m is -0.01, expected a bound of 0 or more",
+        ),
+        (
+            "heading_error_rad = 0.1",
+            "heading_error_rad = nan",
+            "avoidance.heading_error_rad is NaN, expected a bound of 0 or more",
+        ),
+        (
+            "speed_max_m_s = 0.3",
+            "speed_max_m_s = 9.0",
+            "avoidance.speed_max_m_s is 9, expected more than 0 and less than front_point_m / \
+             period = 9 m/s",
+        ),
+        (
+            "speed_max_m_s = 0.3",
+            "speed_max_m_s = -0.3",
+            "avoidance.speed_max_m_s is -0.3, expected",
+        ),
+        ("speed_max_m_s = 0.3", "speed_max_m_s = nan", "avoidance.speed_max_m_s is NaN, expected"),
     ] {
         let error = flaw(&text, from, to);
         assert!(error.contains("r1.toml cannot be followed") && error.contains(said), "{error}");
+    }
+    // Without a limit, nothing rests on one.
+    let unlimited = text.replacen("speed_max_m_s = 0.3", "speed_max_m_s = inf", 1);
+    assert!(parse::<AgentBrief>(Path::new("r1.toml"), &unlimited).is_ok());
+
+    let text = to_text(&plant());
+    for (from, to, said) in [
+        ("distance_min_m = 0.2", "distance_min_m = nan", "distance_min_m is NaN, expected"),
+        ("speed_max_m_s = 0.3", "speed_max_m_s = inf", "speed_max_m_s is inf, expected"),
+        ("front_point_m = 0.045", "front_point_m = 0.0", "robot.front_point_m is 0, expected"),
+    ] {
+        assert!(text.contains(from), "{text}");
+        let error = parse::<PlantBrief>(Path::new("plant.toml"), &text.replacen(from, to, 1));
+        let error = error.unwrap_err().to_string();
+        assert!(
+            error.contains("plant.toml cannot be followed: ") && error.contains(said),
+            "{error}"
+        );
     }
 }
 

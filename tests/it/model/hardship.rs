@@ -12,7 +12,7 @@ use super::{Fleet, MS};
 pub enum Hardship {
     /// All is as in the scenario.
     Nothing,
-    /// Every position that a robot senses is off: its own, and those of the others.
+    /// Every position that a robot senses is off, its own and those of the others, and its heading.
     Noise,
     /// Every robot's front point lies another length ahead.
     MixedFrontPoints,
@@ -33,6 +33,8 @@ pub const HARDSHIPS: [Hardship; 6] = [
     Hardship::DarkSensors,
 ];
 
+/// By how much a robot is wrong about its heading at most, rad.
+const HEADING_NOISE_RAD: f64 = 0.1;
 /// By how much positions are off at most, m: a robot's own, and those of others.
 const NOISE_M: [(Sensor, f64); 2] = [(Sensor::Odometry, 0.01), (Sensor::Proximity, 0.02)];
 
@@ -46,12 +48,19 @@ impl Fleet {
                     body.sensor_faults.extend(NOISE_M.map(|(sensor, bound_m)| SensorFault {
                         span: Span { from_ns: 0, until_ns: Span::END_NS },
                         sensor,
-                        kind: SensorFaultKind::Noise { bound_m },
+                        kind: SensorFaultKind::Noise {
+                            bound_m,
+                            heading_bound_rad: match sensor {
+                                Sensor::Odometry => HEADING_NOISE_RAD,
+                                Sensor::Proximity => 0.0,
+                            },
+                        },
                         seed,
                     }));
                 }
                 for agent in &mut self.agents {
                     agent.avoidance.sensing_error_m = NOISE_M.iter().map(|(_, m)| m).sum();
+                    agent.avoidance.heading_error_rad = HEADING_NOISE_RAD;
                 }
             }
             Hardship::MixedFrontPoints => {

@@ -33,6 +33,7 @@ fn brief() -> AgentBrief {
             speed_max_m_s: 0.5,
             sensing_radius_m: f64::INFINITY,
             sensing_error_m: 0.0,
+            heading_error_rad: 0.0,
             gains: Default::default(),
         },
         silence: SilenceBrief {
@@ -57,6 +58,33 @@ fn sample(stamp_ns: u64, heading_rad: f64, away: &[Vec2]) -> Sample<'_> {
         proximity_cut: false,
         velocities: &[],
     }
+}
+
+#[test]
+fn no_guard_is_made_of_a_brief_outside_its_proof() {
+    let refused = |change: &dyn Fn(&mut AvoidanceBrief)| {
+        let mut brief = brief();
+        change(&mut brief.avoidance);
+        super::super::build(&brief).err().map(|why| why.to_string())
+    };
+    let needed_m = sensing_radius_m(&Conditions::of(&brief()));
+    assert_eq!(refused(&|a| a.sensing_radius_m = needed_m), None);
+    let nearly = refused(&|a| a.sensing_radius_m = needed_m.next_down()).unwrap();
+    assert!(nearly.contains("\"guard\" sees too late"), "{nearly}");
+    assert!(refused(&|a| a.sensing_radius_m = f64::NAN).unwrap().contains("sees too late"));
+    // Errors of the sensors ask for a larger radius.
+    let erring: [&dyn Fn(&mut AvoidanceBrief); 2] =
+        [&|a| a.sensing_error_m = 0.01, &|a| a.heading_error_rad = 0.01];
+    for err in erring {
+        assert!(
+            refused(&|a| {
+                a.sensing_radius_m = needed_m;
+                err(a);
+            })
+            .is_some()
+        );
+    }
+    assert!(refused(&|a| a.speed_max_m_s = f64::INFINITY).unwrap().contains("a speed limit"));
 }
 
 /// A direction, rad.
@@ -106,6 +134,8 @@ proptest! {
         ell in 0.03..0.2f64,
         period_share in 0.1..0.9f64,
         error_m in prop_oneof![Just(0.0), 0.0..0.05f64],
+        heading_error in prop_oneof![Just(0.0), 0.0..0.5f64],
+        headings_off in [-1.0..1.0f64, -1.0..1.0f64], // at each sample, in heading_error
         others in others(),
         heading_rad in -3.1..3.1f64,
         wishes in [drive(), drive()],
@@ -125,6 +155,7 @@ proptest! {
         brief.avoidance.distance_min_m = d;
         brief.avoidance.speed_max_m_s = v_max;
         brief.avoidance.sensing_error_m = error_m;
+        brief.avoidance.heading_error_rad = heading_error;
         let mut guard = Guard::new(&brief);
         let first_ns = 1_000_000_000;
         let start = Pose { x_m: 0.0, y_m: 0.0, heading_rad };
@@ -145,14 +176,15 @@ proptest! {
             place + t * at_angle(v_max, other.course)
         };
         let mut answer = |which: usize, t: f64, pose: Pose| {
-            let alpha = front_point(pose, ell);
+            let heading_rad = pose.heading_rad + headings_off[which] * heading_error;
+            let alpha = front_point(Pose { heading_rad, ..pose }, ell);
             let reported = |other: &Other| {
                 alpha - other_at(other, t) + at_angle(error_m, other.reported_off[which])
             };
             let mut away: Vec<Vec2> = others.iter().map(reported).collect();
             away.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
             let stamp_ns = first_ns + (t * 1e9) as u64;
-            let sample = sample(stamp_ns, pose.heading_rad, &away);
+            let sample = sample(stamp_ns, heading_rad, &away);
             if bounds_alone {
                 // As if all that leads around others had failed.
                 guard.forget_the_dead(stamp_ns);

@@ -176,15 +176,16 @@ Qed.
 
 (** The half-planes of a cone of half-angle psi around n, K of them. *)
 Definition cone_step (psi : R) (K : nat) : R := 2 * psi / (INR K - 1).
+Definition side_angle (psi : R) (K q : nat) : R := - psi + INR q * cone_step psi K.
+Definition side_bound (b psi : R) (K : nat) : R := b * cos (cone_step psi K / 2).
 Definition cone_sides (n u : vec) (b psi : R) (K : nat) : Prop :=
-  forall q, (q < K)%nat ->
-  - (b * cos (cone_step psi K / 2)) <= dot (rotate (- psi + INR q * cone_step psi K) n) u.
+  forall q, (q < K)%nat -> - side_bound b psi K <= dot (rotate (side_angle psi K q) n) u.
 
 Theorem sides_bound_the_cone (n u : vec) (b psi : R) (K : nat) (x : R) :
   0 <= b -> (2 <= K)%nat -> 0 <= psi -> cone_step psi K < PI ->
   cone_sides n u b psi K -> - psi <= x <= psi -> - b <= dot (rotate x n) u.
 Proof.
-  intros Hb HK Hpsi Hst Hsides Hx.
+  unfold cone_sides, side_angle, side_bound. intros Hb HK Hpsi Hst Hsides Hx.
   assert (HKR : 2 <= INR K) by (replace 2 with (INR 2) by reflexivity; apply le_INR; exact HK).
   assert (Hfull : (INR K - 1) * cone_step psi K = 2 * psi) by (unfold cone_step; field; lra).
   destruct (Rle_lt_or_eq_dec 0 psi Hpsi) as [Hpos|H0].

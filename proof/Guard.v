@@ -1,7 +1,7 @@
 (** The guard's certificate: while a command may act, the robot approaches nobody faster than b, and
     b is at most Lambda times e^-2 of the slack at the sample, or Lambda times the slack now.
 
-    The definitions from [rate] to [count] are the formulas of `Guard::grant` and
+    The definitions from [rate] to [far] are the formulas of `Guard::grant` and
     `Guard::collect_sides` in agent/src/avoidance/guard.rs; a test there reads them from this file,
     evaluates them and compares them with what the guard does. *)
 
@@ -43,6 +43,9 @@ Definition psi (spread swing : R) : R := Rmin (spread + swing) PI.
 (* K *)
 Definition count (psi : R) : nat := if Rlt_dec psi (12 / 10) then 3 else 5.
 
+(* from here on nobody need be sensed *)
+Definition far (d v_max H : R) : R := d + 3 * v_max * H.
+
 (** The command [c] is one of those that v_own and the turn rates from w_low to w_high stand for. *)
 Definition covers (v_own w_low w_high ell : R) (c : command) : Prop :=
   front_speed ell (speed c) (turn c) <= v_own /\ w_low <= turn c <= w_high.
@@ -51,7 +54,7 @@ Definition covers (v_own w_low w_high ell : R) (c : command) : Prop :=
     sample was taken: it is too far away to be sensed; or b does not matter; or the half-planes hold. *)
 Definition respects (S : setting) (v_own w_low w_high ell theta : R) (c : command) (z_true : vec)
   : Prop :=
-  d S + 3 * v_max S * lifetime S <= norm z_true \/
+  far (d S) (v_max S) (lifetime S) <= norm z_true \/
   exists r n,
     0 <= r /\ dot n n = 1 /\ norm (minus (scale r n) z_true) <= eps S /\
     let M := reach (v_max S) v_own (lifetime S) (eps S) in
@@ -166,7 +169,8 @@ Proof.
     rewrite E1 in B. lra. }
   pose proof (norm_triangle z_true z) as Hfar. rewrite norm_minus_sym in Hfar.
   destruct Hresp as [Hunsensed | [r [n [Hr [Hn [Herr Hcase]]]]]].
-  - exists (rate (lifetime S) * Rmax (norm z - d S) 0). split; [|right; lra].
+  - unfold far in Hunsensed.
+    exists (rate (lifetime S) * Rmax (norm z - d S) 0). split; [|right; lra].
     apply Hslow.
     assert (v_max S * lifetime S <= Rmax (norm z - d S) 0).
     { apply Rle_trans with (norm z - d S); [|apply Rmax_l].

@@ -27,21 +27,21 @@ Definition granted_head_on (S : setting) (r v : R) : Prop :=
   v <= bound (lifetime S) (slack r (eps S) (d S) (rounding S)) (reach (v_max S) v (lifetime S) (eps S)).
 
 Lemma granted_head_on_is_certified S r v ell theta c :
-  0 <= r -> granted_head_on S r v -> front_speed ell (speed c) (turn c) = v -> 0 <= eps S ->
+  0 <= r -> granted_head_on S r v -> front_speed ell (speed c) (turn c) = v -> 0 <= eps S -> 0 <= eta S ->
   covers v (Rmin 0 (turn c)) (Rmax 0 (turn c)) ell c /\
   respects S v (Rmin 0 (turn c)) (Rmax 0 (turn c)) ell theta c (r, 0).
 Proof.
-  intros Hr [_ Hb] Hv Heps. split.
+  intros Hr [_ Hb] Hv Heps Heta. split.
   - split; [lra|]. split; [apply Rmin_r|apply Rmax_r].
-  - right. exists r, (1, 0). split; [exact Hr|].
-    split; [unfold dot; simpl; ring|]. split; [|left; exact Hb].
+  - right. exists r, (1, 0), theta. split; [exact Hr|].
+    split; [unfold dot; simpl; ring|]. split; [|split; [lra|left; exact Hb]].
     replace (minus (scale r (1, 0)) (r, 0)) with (0, 0).
     + unfold norm, dot; simpl. replace (0 * 0 + 0 * 0) with 0 by ring. rewrite sqrt_0. exact Heps.
     + unfold minus, scale; simpl. f_equal; ring.
 Qed.
 
 (** H = 1 s, v_max = 1 m/s, d = 1 m. *)
-Definition S1 : setting := Setting 1 1 1 0 0.
+Definition S1 : setting := Setting 1 1 1 0 0 0.
 
 Lemma e_minus_2 : 1 / 9 <= exp (-2).
 Proof.
@@ -145,7 +145,7 @@ Qed.
     0.5 m beyond d and faces away. On one sample it answers first: turn on the spot; and then: drive
     away. Each is certified by itself. The second takes effect when the first has turned the robot
     round, and drives it at the other. *)
-Definition S2 : setting := Setting 1 1 10 0 0.
+Definition S2 : setting := Setting 1 1 10 0 0 0.
 Definition turn_round : command := Command 0 0 1 0 40.
 Definition drive_away : command := Command 0 0 2 1 0.
 Definition ell2 : R := 1 / 1000.
@@ -162,12 +162,12 @@ Proof.
   pose proof e_minus_2 as He. split.
   - split; [|simpl; lra]. unfold front_speed, ell2; simpl.
     apply norm_le; [lra|]. unfold dot; simpl. lra.
-  - right. exists (10 + 1 / 2), (1, 0). split; [lra|]. split; [unfold dot; simpl; ring|].
+  - right. exists (10 + 1 / 2), (1, 0), 0. split; [lra|]. split; [unfold dot; simpl; ring|].
     split.
     + replace (minus (scale (10 + 1 / 2) (1, 0)) (10 + 1 / 2, 0)) with (0, 0).
       * unfold norm, dot; simpl. replace (0 * 0 + 0 * 0) with 0 by ring. rewrite sqrt_0. lra.
       * unfold minus, scale; simpl. f_equal; ring.
-    + left. unfold bound, slack, reach, rate, S2; simpl.
+    + split; [simpl; lra|]. left. unfold bound, slack, reach, rate, S2; simpl.
       rewrite (Rmax_left (10 + 1 / 2 - 0 - 10 - 0) 0) by lra.
       replace (1 / 1) with 1 by field. rewrite Rmult_1_l.
       eapply Rle_trans; [|apply Rmax_l]. lra.
@@ -179,15 +179,15 @@ Proof.
   split.
   - split; [|simpl; lra]. unfold front_speed, ell2; simpl.
     apply norm_le; [lra|]. unfold dot; simpl. lra.
-  - right. exists (10 + 1 / 2), (1, 0). split; [lra|]. split; [unfold dot; simpl; ring|].
+  - right. exists (10 + 1 / 2), (1, 0), 0. split; [lra|]. split; [unfold dot; simpl; ring|].
     split.
     + replace (minus (scale (10 + 1 / 2) (1, 0)) (10 + 1 / 2, 0)) with (0, 0).
       * unfold norm, dot; simpl. replace (0 * 0 + 0 * 0) with 0 by ring. rewrite sqrt_0. lra.
       * unfold minus, scale; simpl. f_equal; ring.
-    + right. simpl.
+    + split; [simpl; lra|]. right. simpl.
       set (M := reach 1 1 1 0). set (rho := slack (10 + 1 / 2) 0 10 0).
       set (b := bound 1 rho M).
-      set (P := psi (spread 1 0 0) (swing M (10 + 1 / 2))).
+      set (P := psi (spread 1 0 0 0) (swing M (10 + 1 / 2))).
       assert (HM : M = 2) by (unfold M, reach; lra).
       assert (Hb : 0 <= b) by (apply bound_pos; [lra|apply Rmax_r]).
       pose proof PI_RGT_0 as HPI.

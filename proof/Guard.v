@@ -11,18 +11,20 @@ From Phalanx Require Import Vectors Core Plant Geometry.
 Open Scope R_scope.
 
 (** What the scenario fixes for everybody: the lifetime of commands, s; the speed limit, m/s; the
-    distance kept, m; the bound on the error of a sensed position, m; what the guard takes off every
-    distance on top, m. *)
+    distance kept, m; bounds on the errors of a sensed vector to another robot, m, and of the heading,
+    rad; what the guard takes off every distance on top, m. *)
 Record setting := Setting {
   lifetime : R;        (* H *)
   v_max : R;
   d : R;
   eps : R;
+  eta : R;
   rounding : R
 }.
 
 Definition sensible (S : setting) : Prop :=
-  0 < lifetime S /\ 0 <= v_max S /\ 0 < d S /\ 0 <= eps S /\ 0 <= rounding S.
+  0 < lifetime S /\ 0 <= v_max S /\ 0 < d S /\ 0 <= eps S /\ 0 <= eta S /\
+  0 <= rounding S.
 
 (* Lambda *)
 Definition rate (H : R) : R := 1 / H.
@@ -37,7 +39,7 @@ Definition swing (M r : R) : R := if Rlt_dec M r then asin (M / r) else PI.
 (* thetabar *)
 Definition middle (theta H w_low w_high : R) : R := theta + 1 / 2 * H * (w_low + w_high).
 (* delta *)
-Definition spread (H w_low w_high : R) : R := 1 / 2 * H * (w_high - w_low).
+Definition spread (H w_low w_high eta : R) : R := 1 / 2 * H * (w_high - w_low) + eta.
 (* Psi *)
 Definition psi (spread swing : R) : R := Rmin (spread + swing) PI.
 (* K *)
@@ -55,13 +57,15 @@ Definition covers (v_own w_low w_high ell : R) (c : command) : Prop :=
 Definition respects (S : setting) (v_own w_low w_high ell theta : R) (c : command) (z_true : vec)
   : Prop :=
   far (d S) (v_max S) (lifetime S) <= norm z_true \/
-  exists r n,
+  exists r n theta_sensed,
     0 <= r /\ dot n n = 1 /\ norm (minus (scale r n) z_true) <= eps S /\
+    - eta S <= theta_sensed - theta <= eta S /\
     let M := reach (v_max S) v_own (lifetime S) (eps S) in
     let b := bound (lifetime S) (slack r (eps S) (d S) (rounding S)) M in
-    let Psi := psi (spread (lifetime S) w_low w_high) (swing M r) in
+    let Psi := psi (spread (lifetime S) w_low w_high (eta S)) (swing M r) in
     v_own <= b \/
-    cone_sides n (rotate (middle theta (lifetime S) w_low w_high) (speed c, ell * turn c)) b Psi (count Psi).
+    cone_sides n (rotate (middle theta_sensed (lifetime S) w_low w_high) (speed c, ell * turn c))
+      b Psi (count Psi).
 
 Lemma count_fits p : 0 <= p <= PI -> (2 <= count p)%nat /\ cone_step p (count p) < PI.
 Proof.
@@ -155,7 +159,7 @@ Theorem certificate_holds (S : setting) (v_own w_low w_high ell theta theta_t la
     (b <= rate (lifetime S) * (exp (-2) * Rmax (norm z_true - d S) 0) \/
      b <= rate (lifetime S) * Rmax (norm z - d S) 0).
 Proof.
-  intros [HH [HV [Hd [Heps Hrnd]]]] Hown Hw [Hcs _] Hresp Hlam Hz Hmoved Hturned.
+  intros [HH [HV [Hd [Heps [Heta Hrnd]]]]] Hown Hw [Hcs _] Hresp Hlam Hz Hmoved Hturned.
   pose proof (rate_pos (lifetime S) HH) as HL. pose proof (rate_times_H (lifetime S) HH) as HLH.
   set (u := rotate theta_t (scale lam (speed c, ell * turn c))).
   (* Whatever the direction, it is not faster than v_own. *)
@@ -168,7 +172,7 @@ Proof.
       pose proof (norm_pos (speed c, ell * turn c)). nra. }
     rewrite E1 in B. lra. }
   pose proof (norm_triangle z_true z) as Hfar. rewrite norm_minus_sym in Hfar.
-  destruct Hresp as [Hunsensed | [r [n [Hr [Hn [Herr Hcase]]]]]].
+  destruct Hresp as [Hunsensed | [r [n [theta_s [Hr [Hn [Herr [Htheta Hcase]]]]]]]].
   - unfold far in Hunsensed.
     exists (rate (lifetime S) * Rmax (norm z - d S) 0). split; [|right; lra].
     apply Hslow.
@@ -194,8 +198,9 @@ Proof.
     exists b. split.
     + destruct Hcase as [Hskip|Hsides]; [apply Hslow; exact Hskip|].
       set (y := (speed c, ell * turn c)) in *.
-      apply (cone_contains_the_truth n (rotate (middle theta (lifetime S) w_low w_high) y) z y b r M
-               (middle theta (lifetime S) w_low w_high) (spread (lifetime S) w_low w_high) theta_t lam);
+      apply (cone_contains_the_truth n (rotate (middle theta_s (lifetime S) w_low w_high) y) z y b r M
+               (middle theta_s (lifetime S) w_low w_high)
+               (spread (lifetime S) w_low w_high (eta S)) theta_t lam);
         try assumption; try reflexivity.
       * unfold spread. assert (0 <= lifetime S * (w_high - w_low)) by (apply Rmult_le_pos; lra). lra.
       * apply bound_pos; assumption.

@@ -6,7 +6,7 @@
     g being the running maximum of E = e^(2 Lambda t) rho, and rho the distance less d. *)
 
 Require Import Reals Lra Psatz Lia.
-From Phalanx Require Import Vectors Core Plant Geometry Motion Guard.
+From Phalanx Require Import Vectors Core Plant Geometry Motion Pair Guard.
 Open Scope R_scope.
 
 (** ** What the agent's side provides. *)
@@ -131,29 +131,23 @@ Qed.
 
 (** ** The bound at every instant. *)
 
-Definition distance (r o : robot) (t : R) : R := norm (minus (front r t) (front o t)).
-Definition rho (S : setting) (r o : robot) (t : R) : R := distance r o t - d S.
-(** The direction from o to r. *)
-Definition direction (r o : robot) (t : R) : vec :=
-  scale (/ distance r o t) (minus (front r t) (front o t)).
-
 Theorem share_of_the_slack (S : setting) (r o : robot) (others : robot -> Prop) (t g : R) :
   sensible S -> guarded S others r -> others o ->
   (* of the other robot only that it moves and keeps the speed limit *)
   moves o -> obeys (lifetime S) (v_max S) o ->
-  0 <= rho S r o 0 -> 0 <= t -> 0 < distance r o t ->
-  running_max (E_of (rho S r o) (2 * rate (lifetime S))) t g ->
+  0 <= rho (d S) r o 0 -> 0 <= t -> 0 < distance r o t ->
+  running_max (E_of (rho (d S) r o) (2 * rate (lifetime S))) t g ->
   - (rate (lifetime S) * exp (- (2 * rate (lifetime S)) * t) * g) <= dot (direction r o t) (front_velocity r t).
 Proof.
   intros HS Hr Ho Hmo Hobeyo Hstart Ht Hdist Hg.
-  pose proof HS as [HH [HV [Hd [Heps Hrnd]]]].
+  pose proof HS as [HH [HV [Hd [Heps [Heta Hrnd]]]]].
   pose proof (rate_pos (lifetime S) HH) as HL. pose proof (rate_times_H (lifetime S) HH) as HLH.
   set (L := rate (lifetime S)) in *. set (k2 := 2 * L) in *.
   (* g >= E >= 0 at the start, and g >= E ever since *)
   assert (Hg0 : 0 <= g).
-  { apply Rle_trans with (E_of (rho S r o) k2 0); [|apply (proj1 Hg); lra].
+  { apply Rle_trans with (E_of (rho (d S) r o) k2 0); [|apply (proj1 Hg); lra].
     unfold E_of. rewrite Rmult_0_r, exp_0. lra. }
-  assert (Hslack : forall s, 0 <= s <= t -> Rmax (rho S r o s) 0 <= exp (- k2 * s) * g).
+  assert (Hslack : forall s, 0 <= s <= t -> Rmax (rho (d S) r o s) 0 <= exp (- k2 * s) * g).
   { intros s Hs. apply Rmax_lub.
     - pose proof (proj1 Hg s Hs) as B. unfold E_of in B.
       apply Rmult_le_reg_l with (exp (k2 * s)); [apply exp_pos|].

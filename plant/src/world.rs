@@ -2,7 +2,8 @@
 //!
 //! Pure: commands and time in, odometry and truth out. Half of the guard's promise lives here: a
 //! command acts only until the stamp it answers + H, late and out-of-order ones are refused, and
-//! with a speed limit hypot(v, ell w) never exceeds it.
+//! with a speed limit hypot(v, ell w) never exceeds it. The rule stands once more, for
+//! Coq, in `proof/Plant.v::in_force`.
 
 use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
@@ -142,7 +143,8 @@ impl World {
         self.tick
     }
 
-    /// Lets `robot` obey `command` from now on.
+    /// Lets `robot` obey `command` from now on: `proof/Plant.v::accept`, and the scaling of
+    /// `proof/Motion.v::obeys`.
     pub fn accept(&mut self, robot: usize, command: &Command) -> Result<(), Refusal> {
         let now_ns = self.stamp_ns();
         let dies_ns = command.stamp_ns.saturating_add(self.command_lifetime_ns);
@@ -174,7 +176,8 @@ impl World {
     }
 
     /// Lets time pass until `t_ns` since the start, in arcs that end where a command dies and where
-    /// wheels begin or cease to fail.
+    /// wheels begin or cease to fail: `proof/Plant.v::in_force`, `proof/Motion.v::obeys`,
+    /// `proof/Motion.v::moves` and `proof/Motion.v::an_arc_moves_like_this`.
     pub fn advance(&mut self, t_ns: u64) {
         while self.t_ns < t_ns {
             let now_ns = self.stamp_ns();
@@ -349,7 +352,8 @@ impl World {
     }
 }
 
-/// Scaling of a twist to what the wheels can do.
+/// Scaling of a twist to what the wheels can do: always a part of it, as `proof/Motion.v::obeys`
+/// wants it.
 trait WheelLimits {
     /// `twist`, scaled down until no wheel is faster than its limit.
     fn within_wheel_limits(&self, twist: Twist) -> Twist;

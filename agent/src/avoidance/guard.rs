@@ -11,6 +11,7 @@
 //! stays within asin(M/r) of n, and the heading within delta of thetabar; hence n(t) . alpha' >= -b.
 //! With rho the true slack and E = e^(2 Lambda t) rho, both robots together keep E from falling.
 //! Nothing about latency, phase, freezes or deaths is used: they only cause refusals and stops.
+//! The folder `proof` has this checked by Coq; comments name its lemma where a rule is needed.
 //!
 //! Right of way is part of *deflect* alone: a robot that gives way has a larger d_f, so that it is
 //! led around the others before they are led around it. *Bound* knows d, v_max and H, which are
@@ -207,12 +208,15 @@ impl Guard {
         }
     }
 
-    /// Nothing, or not enough, is known about who is near.
+    /// Nothing, or not enough, is known about who is near: the proof needs all that are nearer than
+    /// `proof/Guard.v::far`.
     fn is_blind(&self, sample: &Sample<'_>) -> bool {
         let farthest = sample.away.last().map_or(0.0, |z| z.norm());
         !sample.proximity_valid || sample.proximity_cut && farthest < self.radius_needed
     }
 
+    /// What remains is what may still act: `proof/Time.v::covers_the_alive`, and
+    /// `proof/Time.v::after_the_first_lifetime_no_predecessor_is_alive`.
     fn forget_the_dead(&mut self, stamp_ns: u64) {
         let lifetime_ns = self.lifetime_ns;
         self.alive.retain(|(answered_ns, _)| answered_ns + lifetime_ns > stamp_ns);
@@ -266,6 +270,9 @@ impl Guard {
     }
 
     /// The nearest to `tried` that approaches nobody faster than b while it may act.
+    ///
+    /// It is `proof/Time.v::certified`. That v_own and w_low to w_high stand for every command that may
+    /// act, or have acted since the sample, is needed by `proof/Time.v::wheels_since_the_sample`.
     fn grant(&mut self, sample: &Sample<'_>, tried: Twist) -> Twist {
         let mut v_own = front_speed(self.ell, tried);
         let (mut w_low, mut w_high) = (tried.w_rad_s.min(0.0), tried.w_rad_s.max(0.0));
@@ -280,8 +287,7 @@ impl Guard {
             w_high = w_high.max(self.v_max / self.ell);
         }
         for pass in 1..=PASSES_MAX {
-            let mid = sample.heading_rad + 0.5 * self.lifetime * (w_low + w_high);
-            let spread = 0.5 * self.lifetime * (w_high - w_low) + self.heading_error;
+            let (mid, spread) = self.headings(sample.heading_rad, w_low, w_high);
             self.collect_sides(sample.away, v_own, spread);
             let u = rotate(mid, Vec2::new(tried.v_m_s, self.ell * tried.w_rad_s));
             let Some(u) = nearest_point(u, &self.sides) else { return tried };
@@ -300,8 +306,18 @@ impl Guard {
         Twist::ZERO
     }
 
+    /// Middle and half-width of the headings that are possible until the command dies, rad:
+    /// `proof/Guard.v::middle` and `proof/Guard.v::spread`.
+    fn headings(&self, heading_rad: f64, w_low: f64, w_high: f64) -> (f64, f64) {
+        let half = 0.5 * self.lifetime;
+        (heading_rad + half * (w_low + w_high), half * (w_high - w_low) + self.heading_error)
+    }
+
     /// For everybody near, the half-planes that bound the approach whatever the true direction
     /// (within asin(M/r) of n) and the true heading (within `spread` of its middle).
+    ///
+    /// The formulas of `proof/Guard.v::respects`, which `proof/Guard.v::certificate_holds` needs; see
+    /// `proof/Geometry.v::direction_within_asin` and `proof/Geometry.v::sides_bound_the_cone`.
     fn collect_sides(&mut self, away: &[Vec2], v_own: f64, spread: f64) {
         let rate = 1.0 / self.lifetime; // Lambda
         let reach = (self.v_max + v_own) * self.lifetime + self.distance_error; // M + eps
@@ -331,6 +347,9 @@ fn clip(vector: Vec2, length_max: f64) -> Vec2 {
     let length = vector.norm();
     if length > length_max { vector * (length_max / length) } else { vector }
 }
+
+#[cfg(test)]
+mod proof;
 
 #[cfg(test)]
 mod tests;

@@ -25,6 +25,8 @@ impl HalfPlane {
 ///
 /// One side at a time: while the best point so far fulfils the next side it stays the best;
 /// otherwise the best point lies on that side's line, within what the earlier sides leave of it.
+/// It is never longer than `target`, which the guard relies on:
+/// `proof/Geometry.v::nearest_is_not_longer`.
 pub fn nearest_point(target: Vec2, sides: &[HalfPlane]) -> Option<Vec2> {
     let mut best = target;
     for (done, side) in sides.iter().enumerate() {

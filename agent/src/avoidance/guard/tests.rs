@@ -10,7 +10,7 @@ use protocol::brief::{AvoidanceBrief, Format, PublishedVelocity, SilenceBrief, S
 use super::*;
 
 /// d = 0.2 m, v_max = 0.5 m/s, ell = 0.1 m, T = 10 ms, H = 25 ms, exact sensors.
-fn brief() -> AgentBrief {
+pub(super) fn brief() -> AgentBrief {
     AgentBrief {
         format: Format,
         name: "r1".into(),

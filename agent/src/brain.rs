@@ -6,6 +6,7 @@
 use formation::Vec2;
 use formation::front_point::{front_point, front_velocity};
 use formation::pose::wrap_angle;
+use protocol::age::AgeSums;
 use protocol::brief::{AgentBrief, Pace, PublishedVelocity};
 use protocol::fault::SlowFault;
 use protocol::message::{Beacon, Command, NeighborStatus, Odometry, PROXIMITY_MAX, StatusHeader};
@@ -289,6 +290,11 @@ impl Brain {
     /// How old at `now_ns` the beacons are that answers go by: see [`Neighborhood::ages`].
     pub fn ages(&self, now_ns: u64) -> impl Iterator<Item = (usize, u64)> {
         self.neighborhood.ages(now_ns)
+    }
+
+    /// What information ages came to since this was asked last: see [`Neighborhood::take_ages`].
+    pub fn take_ages(&mut self, now_ns: u64) -> impl Iterator<Item = (usize, AgeSums)> {
+        self.neighborhood.take_ages(now_ns)
     }
 
     /// How the brain is doing, for the supervisor. The caller knows the deadline misses.

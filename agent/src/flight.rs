@@ -121,6 +121,7 @@ impl Agent {
     fn fly_in_lockstep(mut self, barrier: &Barrier, mut epoch: u32) -> Result<(), FlightError> {
         let slot = self.brief.index - 1;
         let (mut supervisor, mut refused) = (SupervisorWatch::new(barrier), 0);
+        let mut newest_ns = 0;
         self.report(clock::now_ns())?;
         barrier.reported();
         while !self.stop.requested() {
@@ -135,6 +136,7 @@ impl Agent {
                 continue;
             };
             let odometry = self.odometry_of(tick)?;
+            newest_ns = odometry.stamp_ns;
             let taken_ns = clock::now_ns();
             self.ports.latency.record(
                 Stage::Odometry,
@@ -159,12 +161,16 @@ impl Agent {
                 self.report(taken_ns)?;
                 barrier.reported();
             }
-            self.ports.latency.send_if_half_full(taken_ns);
+            if self.ports.latency.is_half_full() {
+                self.tell_ages(newest_ns);
+                self.ports.latency.send_if_half_full(taken_ns);
+            }
             match in_time {
                 Some(_) => barrier.arrive(slot, tick),
                 None => barrier.arrive_mute(slot, tick),
             }
         }
+        self.tell_ages(newest_ns);
         supervisor.lost().map_or(Ok(()), |lost| Err(lost.into()))
     }
 
@@ -266,8 +272,12 @@ impl Agent {
             }
             let news = self.brain.take_news();
             self.report_if(news, taken_ns)?;
-            self.ports.latency.send_if_due(taken_ns);
+            if self.ports.latency.is_due(taken_ns) {
+                self.tell_ages(taken_ns);
+                self.ports.latency.send_if_due(taken_ns);
+            }
         }
+        self.tell_ages(clock::now_ns());
         Ok(())
     }
 
@@ -277,6 +287,13 @@ impl Agent {
         latency.record(Stage::Compute, 0, sent_ns.saturating_sub(taken_ns));
         for (from, age_ns) in self.brain.ages(used_ns) {
             latency.record(Stage::BeaconAge, from, age_ns);
+        }
+    }
+
+    /// Writes down what the ages of what is heard came to, for the next batch of latencies.
+    fn tell_ages(&mut self, now_ns: u64) {
+        for (from, sums) in self.brain.take_ages(now_ns) {
+            self.ports.latency.record_age(from, &sums);
         }
     }
 

@@ -4,6 +4,7 @@
 use formation::Vec2;
 use formation::desired::{Target, desired};
 use formation::frame::LeaderFrame;
+use protocol::age::{AgeSums, Sawtooth};
 use protocol::brief::{NeighborBrief, SilenceBrief, SilencePolicy};
 use protocol::message::{Beacon, Contact, NeighborStatus};
 
@@ -25,6 +26,7 @@ struct Neighbor {
     offset: Vec2,
     newest: Option<Beacon>,
     contact: Since,
+    age: Sawtooth,
 }
 
 /// A leader's frame that somebody passed on.
@@ -86,6 +88,7 @@ impl Neighborhood {
                 offset: Vec2::from(brief.offset_m),
                 newest: None,
                 contact: Since::default(),
+                age: Sawtooth::default(),
             })
             .collect();
         let frame_contact = Since::default();
@@ -120,6 +123,7 @@ impl Neighborhood {
             return Err(BeaconRefusal::Old);
         }
         neighbor.newest = Some(*beacon);
+        neighbor.age.heard(beacon.stamp_ns, now_ns);
         if let Some((stamp_ns, frame)) = frame
             && self.frame.is_none_or(|freshest| stamp_ns > freshest.stamp_ns)
         {
@@ -229,6 +233,14 @@ impl Neighborhood {
             let used = neighbor.contact.contact != Contact::Lost;
             used.then(|| (neighbor.index as usize, now_ns.saturating_sub(beacon.stamp_ns)))
         })
+    }
+
+    /// What the information age of everybody came to since this was asked last, with the sender's
+    /// place in the scenario, from 1. The silent have one as well.
+    pub fn take_ages(&mut self, now_ns: u64) -> impl Iterator<Item = (usize, AgeSums)> {
+        self.neighbors
+            .iter_mut()
+            .map(move |neighbor| (neighbor.index as usize, neighbor.age.take(now_ns)))
     }
 
     /// How everybody is heard, for the supervisor.

@@ -14,10 +14,11 @@ use std::collections::VecDeque;
 use formation::reachability::Reachability;
 use protocol::message::Contact;
 
+use crate::orphans::Orphans;
 use crate::silence::Silent;
 use experiment::scenario::{Scenario, Silenced, Struck};
-use window::FaultWindow;
 pub use window::{End, FaultReport};
+use window::{FaultWindow, Foretold};
 
 /// No fault is told later than this, ns of run time, after it began: reports that old are about
 /// faults already known.
@@ -28,6 +29,7 @@ pub(super) struct Faults {
     windows: Vec<FaultWindow>,
     silent: Silent,
     reachability: Reachability,
+    pub(super) orphans: Orphans,
     /// What the scenario plans to break: its words, and whom it strikes.
     planned: Vec<(String, Struck)>,
     /// Beginnings and ends of faults that act by the briefs, in order of time, ns.
@@ -62,6 +64,7 @@ impl Faults {
             windows: Vec::new(),
             silent: Silent::new(scenario),
             reachability: scenario.reachability(),
+            orphans: Orphans::new(scenario),
             planned: scenario.faults.iter().map(|fault| fault.kind.struck(scenario)).collect(),
             scheduled: scheduled(scenario),
             reports: Vec::new(),
@@ -113,12 +116,17 @@ impl Faults {
         for earlier in &mut self.windows {
             earlier.another_began();
         }
+        let before = self.silent.orphaned(&self.reachability);
         self.silent.count(struck.silenced, 1);
+        self.orphans.count(t_ns, struck.silenced, 1);
+        let mut orphaned = self.silent.orphaned(&self.reachability);
+        orphaned.retain(|robot| !before.contains(robot));
         let predicted = match struck.silenced {
             Silenced::Nobody => Vec::new(),
             _ => self.silent.loses(&self.reachability),
         };
-        let mut window = FaultWindow::new(fault, what, struck, t_ns, predicted, calm);
+        let foretold = Foretold { broken: predicted, orphaned };
+        let mut window = FaultWindow::new(fault, what, struck, t_ns, foretold, calm);
         self.reports.iter().for_each(|&report| window.contact(report));
         self.windows.push(window);
     }
@@ -128,6 +136,7 @@ impl Faults {
         if let Some(window) = self.windows.iter_mut().find(|window| window.number() == fault) {
             let heard_again = window.ended(end, t_ns);
             self.silent.count(heard_again, -1);
+            self.orphans.count(t_ns, heard_again, -1);
         }
     }
 

@@ -14,6 +14,7 @@
 //! | `vectors` | which way was it off, in a run that is over? |
 //! | `containment` | how far are the contained from the leaders' hull? |
 //! | `fault` | what did each fault do? |
+//! | `orphans` | who is cut off from its leader? |
 //! | `silence` | who is silent by faults, and who loses by that? |
 //! | `expect` | did it go as the scenario expects? |
 //! | `summary` | what came out, as it is written and read? |
@@ -30,6 +31,7 @@ pub mod fault;
 mod frame;
 pub mod hash;
 mod ideal;
+mod orphans;
 mod pairs;
 mod silence;
 pub mod summary;
@@ -50,6 +52,7 @@ use experiment::scenario::{Scenario, Silenced, Struck};
 use fault::{Bound, End, FaultReport, Faults, Report};
 use formation::seconds;
 use ideal::Ideal;
+pub use orphans::Turn;
 pub use pairs::PairDistance;
 use truths::Truths;
 
@@ -226,6 +229,17 @@ impl Metrics {
     /// What the fault broke is whole again, as far as it is ever going to be.
     pub fn fault_ended(&mut self, fault: usize, end: End, t_ns: u64) {
         self.faults.ended(fault, end, t_ns);
+    }
+
+    /// Everything before this run time, ns, is known, but for what was told already: who was cut off
+    /// from its leader since, and whom one reaches again.
+    pub fn orphans_before(&mut self, t_ns: u64) -> Vec<Turn> {
+        self.faults.orphans.settle_before(t_ns)
+    }
+
+    /// Who is cut off from its leader, as far as it was told; in scenario order.
+    pub fn orphaned(&self) -> &[bool] {
+        self.faults.orphans.now()
     }
 
     /// `hearer` says how `neighbor` is heard, and since when: before or after the fault is told that

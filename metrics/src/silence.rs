@@ -1,7 +1,7 @@
 //! Who is silent, by faults, and who loses by that what it goes by.
 
 use experiment::scenario::{Scenario, Silenced};
-use formation::reachability::Reachability;
+use formation::reachability::{Reachability, Standing};
 
 /// Who and what is silent now, and by how many faults.
 #[derive(Debug, Clone)]
@@ -37,16 +37,31 @@ impl Silent {
         self.robots[from] <= 0 && self.edges[edge] <= 0
     }
 
+    /// Whether nobody hears this robot.
+    pub(super) fn robot(&self, robot: usize) -> bool {
+        self.robots[robot] > 0
+    }
+
+    /// Everybody among the others whom no living leader reaches any more.
+    pub(super) fn orphaned(&self, reachability: &Reachability) -> Vec<usize> {
+        let loss = self.loss(reachability);
+        [loss.unled, loss.uncontained, loss.adrift].concat()
+    }
+
     /// Everybody who loses what it goes by.
     pub(super) fn loses(&self, reachability: &Reachability) -> Vec<usize> {
-        let gone = |counts: &[i32]| -> Vec<usize> {
-            (0..counts.len()).filter(|&place| counts[place] > 0).collect()
-        };
-        let loss = reachability.loss(&gone(&self.robots), &gone(&self.edges));
+        let loss = self.loss(reachability);
         let lists = [loss.unled, loss.pulled, loss.uncontained, loss.adrift, loss.groups.concat()];
         let mut robots = lists.concat();
         robots.sort_unstable();
         robots.dedup();
         robots
+    }
+
+    fn loss(&self, reachability: &Reachability) -> Standing {
+        let gone = |counts: &[i32]| -> Vec<usize> {
+            (0..counts.len()).filter(|&place| counts[place] > 0).collect()
+        };
+        reachability.loss(&gone(&self.robots), &gone(&self.edges))
     }
 }

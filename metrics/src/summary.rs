@@ -70,6 +70,9 @@ pub struct Summary {
     pub truths_lost: u64,
     /// How old beacons were, by stamps, when they were used, by edge: in lockstep simulated time.
     pub ages: Vec<StageLatency>,
+    /// The information age of every edge: at every instant, now minus the stamp of the newest beacon
+    /// heard, silence included. In lockstep simulated time.
+    pub information_ages: Vec<InformationAge>,
     /// Restarts by robot.
     #[serde(with = "by_name")]
     pub restarts: Vec<(String, u64)>,
@@ -152,6 +155,25 @@ pub struct StageLatency {
     pub mean_ns: f64,
 }
 
+/// The information age of one edge, from the first beacon heard over it to the last that its hearer
+/// told; while the hearer is dead there is none.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct InformationAge {
+    /// Who hears.
+    pub robot: String,
+    /// Who is heard.
+    pub from: String,
+    /// How many beacons were heard.
+    pub heard: u64,
+    /// Over how long, ns.
+    pub over_ns: u64,
+    /// The mean over that time, ns.
+    pub mean_ns: f64,
+    /// The largest age, ns.
+    pub peak_ns: u64,
+}
+
 impl StageLatency {
     /// The robot, or the edge as `r1 -> r2`.
     pub fn edge(&self) -> String {
@@ -213,6 +235,11 @@ impl Summary {
     /// Latencies and ages, stage by stage.
     pub fn latencies(&self) -> impl Iterator<Item = &StageLatency> {
         self.wall.latency.iter().chain(&self.ages)
+    }
+
+    /// The edge whose information grew oldest, if anything was heard over any.
+    pub fn oldest(&self) -> Option<&InformationAge> {
+        self.information_ages.iter().max_by_key(|age| age.peak_ns)
     }
 
     /// For each stage, the robot or edge that fares worst: by p99.9, then by the largest value.

@@ -3,6 +3,7 @@
 //! A process only writes values down; the supervisor makes histograms of them, so that none is
 //! trimmed and nothing is computed between two ticks. Must not: allocate, wait, or read a clock.
 
+use crate::age::AgeSums;
 use crate::message::{LatencyHeader, LatencyRow};
 use crate::service::{Factory, Publisher, ServiceError, send_slice};
 
@@ -27,8 +28,8 @@ pub enum Stage {
     /// Sensor to actuator, at the plant. Real time: from the odometry's stamp to the taking of the
     /// command that answers it. Lockstep, where stamps are simulated: from the odometry's sending.
     Command = 3,
-    /// Age of a neighbour's newest beacon when an answer used it, by stamps: the information age
-    /// of an edge. In lockstep it is simulated time. Lost neighbours are not used.
+    /// Age of a neighbour's newest beacon when an answer used it, by stamps. In lockstep it is
+    /// simulated time. Lost neighbours are not used: see [`crate::age`] for the age at every instant.
     BeaconAge = 4,
     /// Real time: from the sending of a beacon to its taking.
     BeaconDelivery = 5,
@@ -101,6 +102,17 @@ impl Recorder {
         }
     }
 
+    /// Writes down what the age of what was heard from a robot, by its place in the scenario from 1,
+    /// came to since this was written last.
+    pub fn record_age(&mut self, from: usize, sums: &AgeSums) {
+        let rows = sums.rows(from);
+        if self.rows.len() + rows.len() <= self.rows_max {
+            self.rows.extend(rows);
+        } else {
+            self.dropped += rows.len() as u64;
+        }
+    }
+
     /// Counts samples that should have been taken and were gone.
     pub fn count_lost(&mut self, samples: u64) {
         self.header.samples_lost = self.header.samples_lost.saturating_add(samples);
@@ -152,6 +164,21 @@ impl LatencyPort {
     /// See [`Recorder::record`].
     pub fn record(&mut self, stage: Stage, from: usize, value_ns: u64) {
         self.recorder.record(stage, from, value_ns);
+    }
+
+    /// See [`Recorder::record_age`].
+    pub fn record_age(&mut self, from: usize, sums: &AgeSums) {
+        self.recorder.record_age(from, sums);
+    }
+
+    /// See [`Recorder::is_due`].
+    pub fn is_due(&self, now_ns: u64) -> bool {
+        self.recorder.is_due(now_ns)
+    }
+
+    /// See [`Recorder::is_half_full`].
+    pub fn is_half_full(&self) -> bool {
+        self.recorder.is_half_full()
     }
 
     /// See [`Recorder::count_lost`].

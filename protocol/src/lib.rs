@@ -13,14 +13,16 @@
 //! | `clock` | what time is it, and when is the next tick? |
 //! | `barrier` | in lockstep: whose turn is it? |
 //! | `latency` | what is measured of delays, and how does it get to the supervisor? |
+//! | `age` | how old is what is known over an edge, at every instant? |
 //! | `number` | how is a number shown to people? |
 //! | `watchdog` | is a process that owes an answer hung, or only kept from giving it? |
 //! | `process` | how does a child name itself, log, and stop? |
 //! | `visible` | how is text from anywhere shown on a terminal? |
 //!
 //! Without the feature `ipc` there are only the words: `message`, `brief`, `fault`, `law`,
-//! `avoidance`, `catalog`, `number`, `visible`; no iceoryx2, no system calls.
+//! `avoidance`, `catalog`, `number`, `age`, `visible`; no iceoryx2, no system calls.
 
+pub mod age;
 pub mod avoidance;
 #[cfg(feature = "ipc")]
 pub mod barrier;

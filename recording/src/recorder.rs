@@ -234,7 +234,7 @@ fn level(kind: &str) -> u8 {
     const ERROR: u8 = 40;
     match kind {
         "died" | "restart-ceiling" => ERROR,
-        "kill" | "freeze" | "load" | "cut" => WARN,
+        "kill" | "freeze" | "load" | "cut" | "orphaned" => WARN,
         _ => INFO,
     }
 }

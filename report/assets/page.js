@@ -39,7 +39,7 @@ function unpack({ count, data }, scene) {
   const time = column(1e3);
   const distance = column(1e6);
   const robots = scene.robots.map(() => [column(1e3), column(1e3), column(1e3), column(1e4)]);
-  const states = scene.robots.map(() => runs(["moving", "frozen", "dead", "starting"]));
+  const states = scene.robots.map(() => runs(["moving", "frozen", "dead", "starting", "orphaned"]));
   const edges = scene.edges.map(() => runs(["fresh", "stale", "lost", "cut", "dead"]));
   return time.map((t_s, i) => ({
     t_s: t_s ?? 0,
@@ -462,6 +462,7 @@ class Picture {
       const wing = arm / 2;
       const rise = arm * 0.87;
       const marks = {
+        orphaned: `M${-wing / 2} ${-wing}A${wing / 2} ${wing / 2} 0 1 1 0 0V${wing / 2}M0 ${wing}V${wing + 1}`,
         dead: `M${-rise} ${-rise}L${rise} ${rise}M${-rise} ${rise}L${rise} ${-rise}`,
         frozen: `M0 ${-arm}V${arm}M${-rise} ${-wing}L${rise} ${wing}M${-rise} ${wing}L${rise} ${-wing}`,
       };
@@ -700,7 +701,7 @@ function live(root, scene, picture, control) {
       kill.hidden = freeze.hidden = state === "dead";
       restart.hidden = !kill.hidden;
       kill.disabled = restart.disabled = landed;
-      freeze.disabled = landed || (state !== "moving" && state !== "frozen");
+      freeze.disabled = landed || !["moving", "orphaned", "frozen"].includes(state);
     };
   }
 

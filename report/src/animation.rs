@@ -404,7 +404,7 @@ fn robots(svg: &mut Svg, run: &Run, frames: &[Frame], view: &View) {
         let state = |frame: &Frame| frame.robots[i].state;
         let colors: Vec<&str> = frames
             .iter()
-            .map(|frame| if state(frame) == RobotState::Moving { own.as_str() } else { &gray })
+            .map(|frame| if state(frame).moves() { own.as_str() } else { &gray })
             .collect();
         let crossed: Vec<&str> = frames
             .iter()
@@ -468,7 +468,7 @@ fn strips(svg: &mut Svg, run: &Run, frames: &[Frame]) {
     }
     let all = run.frames();
     let errors = all.iter().map(|frame| {
-        let living = frame.robots.iter().filter(|robot| robot.state == RobotState::Moving);
+        let living = frame.robots.iter().filter(|robot| robot.state.moves());
         (frame.t_s, living.filter_map(|robot| robot.error_m).fold(f64::NAN, f64::max))
     });
     let distances = all.iter().map(|frame| (frame.t_s, frame.distance_m.unwrap_or(f64::NAN)));

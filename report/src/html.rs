@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use metrics::expect::Expectation;
 use metrics::fault::FaultReport;
-use metrics::summary::{Commands, StageLatency, Summary};
+use metrics::summary::{Commands, InformationAge, StageLatency, Summary};
 
 use crate::chart::Figure;
 use crate::digits::{asked, digits};
@@ -194,6 +194,7 @@ fn faults(faults: &[FaultReport]) -> String {
             seconds(fault.recovered_after_s),
             Cell::Text(who(&fault.predicted)),
             Cell::Text(who(&fault.affected)),
+            Cell::Text(who(&fault.orphaned)),
         ]
     });
     let heads = [
@@ -207,6 +208,7 @@ fn faults(faults: &[FaultReport]) -> String {
         "#Recovered after, s",
         "Predicted to break",
         "Observed to break",
+        "Orphaned",
     ];
     table(&heads, rows)
 }
@@ -256,14 +258,35 @@ fn latency(summary: &Summary) -> String {
     let heads =
         ["Stage", "Robot or edge", "#Count", "#p50, us", "#p99, us", "#p99.9, us", "#max, us"];
     let worst = table(&heads, summary.worst_latencies().into_iter().map(row));
+    let ages = ages(&summary.information_ages);
     if worst.is_empty() {
-        return worst;
+        return ages;
     }
     format!(
         "<p>For each stage, the robot or edge with the largest p99.9.</p>\n{worst}<details>\n\
-         <summary>All {} robots, edges and stages</summary>\n{}</details>\n",
+         <summary>All {} robots, edges and stages</summary>\n{}</details>\n{ages}",
         summary.latencies().count(),
         table(&heads, summary.latencies().map(row))
+    )
+}
+
+fn ages(ages: &[InformationAge]) -> String {
+    let ms = |ns: f64| Cell::Number(digits(ns / 1e6));
+    let rows = ages.iter().map(|age| {
+        vec![
+            Cell::Text(format!("{} \u{2192} {}", age.from, age.robot)),
+            Cell::Number(age.heard.to_string()),
+            ms(age.mean_ns),
+            ms(age.peak_ns as f64),
+        ]
+    });
+    let all = table(&["Edge", "#Beacons heard", "#Mean age, ms", "#Peak age, ms"], rows);
+    if all.is_empty() {
+        return all;
+    }
+    format!(
+        "<h3>Information age</h3>\n<p>At every instant, now minus the stamp of the newest beacon heard: \
+         it grows while an edge is silent.</p>\n{all}"
     )
 }
 

@@ -108,6 +108,15 @@ pub enum RobotState {
     Dead,
     /// Its replacement was started and does not take part yet.
     Starting,
+    /// It computes and commands, and needs a leader, but no living one reaches it any more.
+    Orphaned,
+}
+
+impl RobotState {
+    /// Whether it computes and commands.
+    pub fn moves(self) -> bool {
+        matches!(self, RobotState::Moving | RobotState::Orphaned)
+    }
 }
 
 /// What gets over an edge.

@@ -11,12 +11,13 @@ use std::time::{Duration, SystemTime};
 use hdrhistogram::Histogram;
 use hdrhistogram::serialization::V2DeflateSerializer;
 use hdrhistogram::serialization::interval_log::{IntervalLogWriterBuilder, Tag};
+use protocol::age::AgeSums;
 use protocol::brief::Pace;
 use protocol::latency::Stage;
 use protocol::message::{LatencyHeader, LatencyRow};
 
 use experiment::scenario::Scenario;
-use metrics::summary::StageLatency;
+use metrics::summary::{InformationAge, StageLatency};
 pub use over_time::Stretch;
 use over_time::Stretches;
 
@@ -42,6 +43,8 @@ struct Process {
     wake_every_ns: u64,
     /// By stage, and by the robot from 1 that a value is about, 0 for none.
     spreads: Vec<Vec<Option<Spread>>>,
+    /// Of what is heard, by the robot from 1 that it is heard from.
+    ages: Vec<AgeSums>,
     incarnation: u64,
     next_row: u64,
     samples_lost: u64,
@@ -107,6 +110,7 @@ impl Latency {
                 (Pace::Realtime, _) => scenario.period_ns,
             },
             spreads: Stage::ALL.map(|_| vec![None; robots.len() + 1]).into(),
+            ages: vec![AgeSums::default(); robots.len() + 1],
             incarnation: 0,
             next_row: 0,
             samples_lost: 0,
@@ -161,6 +165,9 @@ impl Latency {
         process.next_row = header.first_row.saturating_add(rows.len() as u64);
         process.samples_lost = process.samples_lost.max(header.samples_lost);
         for row in rows {
+            if process.ages.get_mut(row.from as usize).is_some_and(|age| age.add(row)) {
+                continue;
+            }
             let stage = Stage::from_number(row.stage);
             let spreads = stage.and_then(|stage| process.spreads.get_mut(stage as usize));
             let spread = spreads.and_then(|spreads| spreads.get_mut(row.from as usize));
@@ -207,6 +214,24 @@ impl Latency {
     /// The lines of `latency.csv`.
     pub fn stages(&self) -> Vec<StageLatency> {
         self.spreads().map(line).collect()
+    }
+
+    /// The information age of every edge over which anything was heard.
+    pub fn information_ages(&self) -> Vec<InformationAge> {
+        let of = |place: usize| {
+            let ages = self.processes[place].ages.iter().enumerate();
+            ages.filter_map(move |(from, sums)| {
+                Some(InformationAge {
+                    robot: self.name(place).to_owned(),
+                    from: self.name(from).to_owned(),
+                    heard: sums.heard,
+                    over_ns: sums.over_ns,
+                    mean_ns: sums.mean_ns()?,
+                    peak_ns: sums.peak_ns,
+                })
+            })
+        };
+        (0..self.processes.len()).flat_map(of).collect()
     }
 
     /// For each stage the robot or edge with the largest value so far: quickly, for quantiles of all
@@ -296,6 +321,20 @@ mod tests {
         let [age] = &latency.stages()[..] else { panic!("one line") };
         assert_eq!((age.robot.as_str(), age.from.as_deref()), ("r1", Some("r2")));
         assert_eq!((age.count, age.min_ns, age.max_ns), (3, 5, 7));
+    }
+
+    #[test]
+    fn the_information_age_of_an_edge_is_summed_up_over_all_incarnations() {
+        let mut latency = Latency::new(&row_of_three(), Pace::Lockstep);
+        for (incarnation, area_s2, peak_ns) in [(0, 1.0, 7), (1, 2.0, 5)] {
+            let header = LatencyHeader { incarnation, ..LatencyHeader::default() };
+            let sums = AgeSums { heard: 3, over_ns: 1_000_000_000, area_s2, peak_ns };
+            latency.take(2, &header, &sums.rows(1));
+        }
+        assert_eq!((latency.stages(), latency.rows_lost()), (Vec::new(), 0));
+        let [age] = &latency.information_ages()[..] else { panic!("one edge") };
+        assert_eq!((age.robot.as_str(), age.from.as_str(), age.heard), ("r2", "r1", 6));
+        assert_eq!((age.over_ns, age.mean_ns, age.peak_ns), (2_000_000_000, 1.5e9, 7));
     }
 
     #[test]

@@ -11,7 +11,7 @@ use experiment::scenario::Scenario;
 use formation::seconds;
 use metrics::Measures;
 use metrics::expect::Expectation;
-use metrics::summary::{Commands, StageLatency, Summary, Wall};
+use metrics::summary::{Commands, InformationAge, StageLatency, Summary, Wall};
 
 /// Of more robots than this, the screen shows only those with the largest errors.
 const ROBOTS_SHOWN: usize = 12;
@@ -76,6 +76,7 @@ pub fn sum_up(
         beacons_refused: by_robot(&outcome.beacons_refused),
         truths_lost: measures.truths_lost,
         ages,
+        information_ages: outcome.latency.information_ages(),
         restarts: by_robot(&outcome.restarts),
         faults: measures.faults,
         expectations,
@@ -165,6 +166,11 @@ pub fn screen(summary: &Summary) -> String {
     if wall.latencies_lost > 0 {
         row("latencies lost", wall.latencies_lost.to_string());
     }
+    if let Some(InformationAge { robot, from, mean_ns, peak_ns, .. }) = summary.oldest() {
+        let ms = |ns: f64| digits(ns / 1e6);
+        let (mean, peak) = (ms(*mean_ns), ms(*peak_ns as f64));
+        row("information age", format!("oldest {from} -> {robot}: mean {mean} ms, peak {peak} ms"));
+    }
     let worst = summary.worst_latencies();
     if !worst.is_empty() {
         let _ = writeln!(
@@ -215,6 +221,9 @@ pub fn screen(summary: &Summary) -> String {
             let (predicted, affected) = (who(&fault.predicted), who(&fault.affected));
             let _ =
                 writeln!(text, "{:13}predicted to break: {predicted}; observed: {affected}", "");
+            if !fault.orphaned.is_empty() {
+                let _ = writeln!(text, "{:13}orphaned: {}", "", who(&fault.orphaned));
+            }
         }
     }
     text

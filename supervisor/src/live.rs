@@ -7,9 +7,10 @@ use crate::run::lives::Seat;
 use formation::seconds;
 use results::latency::Latency;
 
-/// How a robot in this seat looks.
-pub(crate) fn state(seat: Seat) -> RobotState {
+/// How a robot in this seat looks. `orphaned`: no living leader reaches it.
+pub(crate) fn state(seat: Seat, orphaned: bool) -> RobotState {
     match seat {
+        Seat::Moving if orphaned => RobotState::Orphaned,
         Seat::Moving => RobotState::Moving,
         Seat::Frozen => RobotState::Frozen,
         Seat::Starting => RobotState::Starting,

@@ -25,8 +25,9 @@ fn a_formation_that_nothing_disturbs_becomes_the_ideal_one() {
 #[test]
 fn who_follows_a_dead_robot_is_right_by_what_it_hears_and_wrong_in_the_whole() {
     let measures = fly(&with_faults("line-5", &[], &["kill r2 @40"]));
-    // r3 hears r2 alone, and stands where the last of r2's words let it stand.
+    // r3 hears r2 alone, and stands where the last of its words let it stand, but for the line that
+    // the leader goes on to turn.
     let (heard_m, ideal_m) =
         (of(&measures.final_error_m, "r3"), of(&measures.final_ideal_error_m, "r3"));
-    assert!(heard_m < 0.1 && ideal_m > 1.0, "{heard_m} m by r2, {ideal_m} m in the whole");
+    assert!(heard_m < 1.0 && ideal_m > 3.0, "{heard_m} m by r2, {ideal_m} m in the whole");
 }

@@ -118,3 +118,32 @@ fn a_robot_frozen_in_real_time_stands_and_is_given_up_and_taken_back() {
     let before = motion(&ended, "r2", 1.0, 1.9);
     ended.claim(before.iter().any(|(v_m_s, _)| v_m_s.abs() > 0.01), "it was on its way");
 }
+
+#[test]
+fn a_cut_orphans_those_behind_it_and_their_information_grows_as_old_as_it_lasts() {
+    let ended = run("pentagon-cut").lockstep().finish();
+    ended.exits_with(0);
+    let all = ["r1", "r2", "r3", "r4"];
+    ended.claim(names(&ended, "/faults/0/orphaned") == all, "the fault says whom it orphans");
+    let events = ended.file("events.csv");
+    for (t_s, kind, detail) in
+        [(20, "orphaned", "no living leader reaches it"), (24, "led", "a leader reaches it again")]
+    {
+        for robot in all {
+            let line = format!("\n{t_s},{kind},{robot},{detail}\n");
+            ended.claim(events.matches(&line).count() == 1, format!("once: {line:?}"));
+        }
+    }
+    ended.claim(!events.contains(",orphaned,r5,"), "who leads needs no leader");
+    let ages = ended.summary["information_ages"].as_array().expect("ages").clone();
+    ended.claim(ages.len() == 6, format!("every edge has an age: {ages:?}"));
+    for age in &ages {
+        let (peak_s, mean_s) =
+            (age["peak_ns"].as_f64().unwrap() / 1e9, age["mean_ns"].as_f64().unwrap() / 1e9);
+        let cut = age["from"] == "r5";
+        // Beacons are a period of 2 ms old when they are heard, and two when the next ones are.
+        let (peak, mean) = if cut { (4.002, 0.1..0.2) } else { (0.004, 0.00299..0.00301) };
+        let right = (peak_s - peak).abs() < 0.003 && mean.contains(&mean_s);
+        ended.claim(right, format!("the age of {age}"));
+    }
+}

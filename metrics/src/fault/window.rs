@@ -26,12 +26,20 @@ pub(super) struct FaultWindow {
     /// Whether an error was ever above the bound.
     disturbed: bool,
     recovered_ns: Option<u64>,
-    /// Robots that lose what they go by, says the theory.
-    predicted: Vec<usize>,
+    foretold: Foretold,
     /// For each robot: its error was below the bound when the fault began; and is above it.
     affected: Vec<(bool, bool)>,
     /// Another fault began after this one had recovered: what follows is not its doing.
     closed: bool,
+}
+
+/// What the graph says of a fault when it begins. Robots by their places.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Foretold {
+    /// Those that lose what they go by.
+    pub(super) broken: Vec<usize>,
+    /// Those that it cuts off from their leader.
+    pub(super) orphaned: Vec<usize>,
 }
 
 /// How a fault ends.
@@ -72,6 +80,8 @@ pub struct FaultReport {
     /// Robots that lose what they go by, says the theory: no path from the leader, nobody to be
     /// contained by, or a formation that falls apart.
     pub predicted: Vec<String>,
+    /// Robots that it cut off from their leader: alive, in need of one, and no longer reached by one.
+    pub orphaned: Vec<String>,
     /// Living robots other than the silenced whose error was below `converged_error_m` when it
     /// began, and above it when it ended (or, if it never does, at last): who did not find back
     /// into bounds while it lasted.
@@ -94,18 +104,18 @@ pub struct FaultReport {
 }
 
 impl FaultWindow {
-    /// `predicted`: who loses what it goes by. `calm`: whose error is below the bound.
+    /// `foretold`: what the graph says of it. `calm`: whose error is below the bound.
     pub(super) fn new(
         number: usize,
         what: String,
         struck: Struck,
         began_ns: u64,
-        predicted: Vec<usize>,
+        foretold: Foretold,
         calm: impl Iterator<Item = bool>,
     ) -> FaultWindow {
         let silenced = |robot| struck.silenced == Silenced::Robot(robot);
         FaultWindow {
-            predicted,
+            foretold,
             affected: (0..).zip(calm).map(|(i, calm)| (calm && !silenced(i), false)).collect(),
             number,
             what,
@@ -196,6 +206,7 @@ impl FaultWindow {
     }
 
     pub(super) fn report(&self, names: &[String]) -> FaultReport {
+        let named = |robots: &[usize]| robots.iter().map(|&robot| names[robot].clone()).collect();
         let after = |from_ns: u64| move |t_ns: u64| seconds(t_ns.saturating_sub(from_ns));
         let since_begin = after(self.began_ns);
         // What began after the return is not this fault's; the return may be told last.
@@ -209,7 +220,8 @@ impl FaultWindow {
             t_s: seconds(self.began_ns),
             what: self.what.clone(),
             robot: self.struck.robot.map(|robot| names[robot].clone()),
-            predicted: self.predicted.iter().map(|&robot| names[robot].clone()).collect(),
+            predicted: named(&self.foretold.broken),
+            orphaned: named(&self.foretold.orphaned),
             affected: self
                 .affected
                 .iter()
@@ -254,8 +266,12 @@ mod tests {
         Report { hearer, neighbor, contact, since_ns }
     }
 
+    fn foretold() -> Foretold {
+        Foretold { broken: vec![0], orphaned: vec![2] }
+    }
+
     fn window() -> FaultWindow {
-        FaultWindow::new(0, "kill r2".into(), STRUCK, 10 * S, vec![0], [true; 3].into_iter())
+        FaultWindow::new(0, "kill r2".into(), STRUCK, 10 * S, foretold(), [true; 3].into_iter())
     }
 
     #[test]
@@ -281,7 +297,7 @@ mod tests {
     #[test]
     fn who_was_calm_and_does_not_find_back_while_it_lasts_is_affected() {
         let calm = [true, true, false].into_iter();
-        let mut fault = FaultWindow::new(0, "kill r2".into(), STRUCK, 10 * S, vec![0], calm);
+        let mut fault = FaultWindow::new(0, "kill r2".into(), STRUCK, 10 * S, foretold(), calm);
         let all = || [true; 3].into_iter();
         let affected = |fault: &FaultWindow| fault.report(&names()).affected;
         fault.truth(11 * S, 0.5, None, all(), 0.3);
@@ -291,6 +307,7 @@ mod tests {
         fault.truth(13 * S, 0.5, None, all(), 0.3);
         assert!(affected(&fault).is_empty(), "what follows on the return is not the silence's");
         assert_eq!(fault.report(&names()).predicted, ["r1"]);
+        assert_eq!(fault.report(&names()).orphaned, ["r3"]);
     }
 
     #[test]
@@ -319,7 +336,8 @@ mod tests {
     fn a_cut_is_noticed_by_the_one_that_no_longer_hears() {
         let struck = Struck { hearer: Some(2), ..STRUCK };
         let calm = [true; 3].into_iter();
-        let mut fault = FaultWindow::new(0, "cut r2->r3".into(), struck, 10 * S, Vec::new(), calm);
+        let mut fault =
+            FaultWindow::new(0, "cut r2->r3".into(), struck, 10 * S, Foretold::default(), calm);
         fault.contact(heard(0, 1, Contact::Stale, 11 * S));
         assert_eq!(fault.report(&names()).stale_after_s, None);
         fault.contact(heard(2, 1, Contact::Stale, 12 * S));

@@ -19,7 +19,7 @@ pub(super) fn information_age(run: &Run) -> Option<Figure> {
         run,
         "beacon_age",
         "information_age",
-        "information age",
+        "age at use",
         Some(run.limits.lost_after_s),
     )?;
     let limits = run.limits;
@@ -40,10 +40,10 @@ pub(super) fn information_age(run: &Run) -> Option<Figure> {
             }
         }
     }
-    figure.title = "Information age".into();
+    figure.title = "Age of what was heard, at use".into();
     figure.caption = format!(
         "How old a neighbor's newest beacon was when it was used, by edge.{} Who is lost is not \
-         used any more.{}",
+         used any more: the information age, which silence makes grow, is in the table.{}",
         figure.caption,
         about_bands(run)
     );

@@ -55,6 +55,8 @@ fn flown(robots: usize, instants: usize, role: &str) -> Run {
             { "name": "hull_distance_m_max", "value": 0.0, "bound": 0.0, "held": true },
             { "name": "converged_by_s", "value": 0.7, "bound": 0.9, "held": true },
         ],
+        "information_ages": [{ "robot": "r1", "from": "r2", "heard": 9, "over_ns": 1_000_000_000,
+            "mean_ns": 7.5e6, "peak_ns": 4_001_000_000u64 }],
         "faults": [{ "t_s": 0.3, "what": "kill r2", "robot": "r2", "predicted": ["r1"] }],
         "wall": {
             "latency": [{ "stage": "wake", "robot": "plant", "count": 3, "max_ns": 5_000_000 }],
@@ -126,7 +128,7 @@ fn a_run_with_everything_gets_every_figure_with_its_bounds_its_marks_and_its_fau
         ("hull_distance", &["required at the end: 0 m", "outside the hull (m)", "kill r2"]),
         (
             "information_age",
-            &["stale after 15 ms", "lost after 100 ms", "information age (ms)", "r2->r1"],
+            &["stale after 15 ms", "lost after 100 ms", "age at use (ms)", "r2->r1"],
         ),
         ("wake_lateness", &["lateness (ms)", "share that is larger", "kill r2"]),
     ];

@@ -52,6 +52,7 @@ fn robot_code(state: RobotState) -> u64 {
         RobotState::Frozen => 1,
         RobotState::Dead => 2,
         RobotState::Starting => 3,
+        RobotState::Orphaned => 4,
     }
 }
 
@@ -210,6 +211,7 @@ mod tests {
             RobotState::Frozen,
             RobotState::Dead,
             RobotState::Starting,
+            RobotState::Orphaned,
         ]);
         (length(), length(), -3.15..3.15, prop::option::of(length()), state).prop_map(
             |(x_m, y_m, heading_rad, error_m, state)| FrameRobot {

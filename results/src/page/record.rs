@@ -218,7 +218,8 @@ pub(super) fn changes(path: &Path, scene: &Scene) -> Result<Vec<Change>, ReportE
         let to = match lines.word(1)? {
             "kill" | "died" => ChangedTo::Robot(robot, RobotState::Dead),
             "restart" => ChangedTo::Robot(robot, RobotState::Starting),
-            "ready" | "thaw" => ChangedTo::Robot(robot, RobotState::Moving),
+            "ready" | "thaw" | "led" => ChangedTo::Robot(robot, RobotState::Moving),
+            "orphaned" => ChangedTo::Robot(robot, RobotState::Orphaned),
             "freeze" if detail.starts_with("SIGSTOP") => {
                 ChangedTo::Robot(robot, RobotState::Frozen)
             }

@@ -8,7 +8,7 @@ use protocol::message::Contact;
 use view::View;
 
 use crate::live;
-use metrics::Metrics;
+use metrics::{Metrics, Turn};
 use results::run_dir::{RunDir, RunDirError};
 
 /// What is told, and whom.
@@ -90,6 +90,13 @@ impl<'a> Journal<'a> {
 
     /// Everything before this run time, ns, is known: writes it down.
     pub(super) fn known_before(&mut self, t_ns: u64) -> Result<(), RunDirError> {
+        for Turn { t_ns, robot, orphaned } in self.metrics.orphans_before(t_ns) {
+            let (kind, detail) = match orphaned {
+                true => (ORPHANED, "no living leader reaches it"),
+                false => (LED, "a leader reaches it again"),
+            };
+            self.event(t_ns, kind, Some(robot), detail.to_owned());
+        }
         if self.waiting.list.is_empty() {
             return Ok(());
         }
@@ -106,11 +113,14 @@ impl<'a> Journal<'a> {
 
 /// The kind of what robots say of those they hear.
 const CONTACT: &str = "contact";
+/// The kinds of what the metrics say of the graph.
+const ORPHANED: &str = "orphaned";
+const LED: &str = "led";
 
 /// What may happen at the same time, in the order of causes: acts, in the order in which they were
 /// done; then what follows from them.
 fn rank(kind: &str) -> usize {
-    let follows = ["died", "restart-ceiling", "restart", "ready", CONTACT];
+    let follows = ["died", "restart-ceiling", "restart", "ready", CONTACT, ORPHANED, LED];
     follows.iter().position(|&other| other == kind).map_or(0, |place| place + 1)
 }
 
@@ -118,8 +128,8 @@ impl Lines {
     fn push(&mut self, line: Line) {
         // Whoever was brought back by hand may be killed again before time goes on.
         let of_robot = |(_, other): &&(usize, Line)| {
-            line.kind != CONTACT
-                && other.kind != CONTACT
+            ![CONTACT, ORPHANED, LED].contains(&line.kind)
+                && ![CONTACT, ORPHANED, LED].contains(&other.kind)
                 && (other.t_ns, other.robot) == (line.t_ns, line.robot)
         };
         let round = match self.list.iter().rev().find(of_robot) {

@@ -53,7 +53,8 @@ impl Run<'_> {
         {
             let (lives, reports) = (&self.lives, &self.intake.reports);
             let heard = |from: usize, to: usize| reports[to].contact(from);
-            let state = |robot| live::state(lives.seat(robot));
+            let orphaned = journal.metrics.orphaned();
+            let state = |robot: usize| live::state(lives.seat(robot), orphaned[robot]);
             let cut = |edge| lives.is_cut(edge);
             let errors_m = measured.errors_m;
             view.frame(scene::frame(self.scenario, header, rows, errors_m, state, heard, cut));

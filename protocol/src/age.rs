@@ -1,0 +1,153 @@
+//! The information age of an edge: now minus the stamp of the newest sample heard over it, at every
+//! instant. It grows with time and falls when something newer is heard: a sawtooth.
+//!
+//! Whoever hears sums it up exactly, tooth by tooth, and tells the sums along with its latencies:
+//! silence makes the age grow, and is no lack of values. Must not: allocate, wait, or read a clock.
+
+use crate::message::LatencyRow;
+
+/// Rows that tell sums have numbers from here on, beyond those of all stages.
+const HEARD: u32 = 64;
+const OVER: u32 = 65;
+const AREA: u32 = 66;
+const PEAK: u32 = 67;
+
+/// What an age came to over some time.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct AgeSums {
+    /// How many samples were heard.
+    pub heard: u64,
+    /// How long there was an age, ns: from the first sample on.
+    pub over_ns: u64,
+    /// Its integral over that time, s^2.
+    pub area_s2: f64,
+    /// Its largest value, ns.
+    pub peak_ns: u64,
+}
+
+impl AgeSums {
+    /// The mean over the time that there was an age, ns; `None` if there never was.
+    pub fn mean_ns(&self) -> Option<f64> {
+        (self.over_ns > 0).then(|| self.area_s2 * 1e18 / self.over_ns as f64)
+    }
+
+    /// The rows that tell this of the robot heard, by its place in the scenario from 1.
+    pub fn rows(&self, from: usize) -> [LatencyRow; 4] {
+        let row = |stage, value_ns| LatencyRow { stage, from: from as u32, value_ns };
+        [
+            row(HEARD, self.heard),
+            row(OVER, self.over_ns),
+            row(AREA, self.area_s2.to_bits()),
+            row(PEAK, self.peak_ns),
+        ]
+    }
+
+    /// Adds what a row tells; whether it tells of ages.
+    pub fn add(&mut self, row: &LatencyRow) -> bool {
+        match row.stage {
+            HEARD => self.heard = self.heard.saturating_add(row.value_ns),
+            OVER => self.over_ns = self.over_ns.saturating_add(row.value_ns),
+            AREA => self.area_s2 += f64::from_bits(row.value_ns),
+            PEAK => self.peak_ns = self.peak_ns.max(row.value_ns),
+            _ => return false,
+        }
+        true
+    }
+}
+
+/// The age of one edge, at the one that hears.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Sawtooth {
+    /// Of the newest sample heard, ns.
+    stamp_ns: Option<u64>,
+    /// Up to then it is summed up, ns.
+    summed_ns: u64,
+    sums: AgeSums,
+}
+
+impl Sawtooth {
+    /// A newer sample was heard.
+    pub fn heard(&mut self, stamp_ns: u64, now_ns: u64) {
+        self.sum_up(now_ns);
+        self.stamp_ns = Some(stamp_ns);
+        self.summed_ns = now_ns;
+        self.sums.heard += 1;
+    }
+
+    /// What it came to since this was asked last.
+    pub fn take(&mut self, now_ns: u64) -> AgeSums {
+        self.sum_up(now_ns);
+        std::mem::take(&mut self.sums)
+    }
+
+    fn sum_up(&mut self, now_ns: u64) {
+        let Some(stamp_ns) = self.stamp_ns.filter(|_| now_ns > self.summed_ns) else { return };
+        let over_ns = now_ns - self.summed_ns;
+        let [from_ns, to_ns] = [self.summed_ns, now_ns].map(|at_ns| at_ns.saturating_sub(stamp_ns));
+        let middle_s = 0.5 * (from_ns as f64 + to_ns as f64) / 1e9;
+        self.sums.area_s2 += middle_s * (over_ns as f64 / 1e9);
+        self.sums.over_ns += over_ns;
+        self.sums.peak_ns = self.sums.peak_ns.max(to_ns);
+        self.summed_ns = now_ns;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const MS: u64 = 1_000_000;
+
+    #[test]
+    fn in_lockstep_the_age_goes_from_one_period_to_two_and_through_a_cut_as_long_as_that_lasts() {
+        let mut age = Sawtooth::default();
+        assert_eq!(age.take(7 * MS).mean_ns(), None, "nothing was heard yet");
+        for tick in 1..=100 {
+            age.heard((tick - 1) * MS, tick * MS);
+        }
+        let sums = age.take(101 * MS);
+        assert_eq!((sums.heard, sums.over_ns, sums.peak_ns), (100, 100 * MS, 2 * MS));
+        assert!((sums.mean_ns().unwrap() - 1.5e6).abs() < 1e-3);
+        age.heard(4099 * MS, 4101 * MS);
+        let cut = age.take(4101 * MS);
+        assert_eq!((cut.heard, cut.over_ns, cut.peak_ns), (1, 4000 * MS, 4002 * MS));
+        assert!((cut.mean_ns().unwrap() - 2002e6).abs() < 1e-3);
+    }
+
+    proptest! {
+        /// However often it is asked, and whatever the rows are added to.
+        #[test]
+        fn the_sums_are_those_of_all_the_time(
+            heard in prop::collection::vec((1..50u64, 0..20u64), 1..40),
+            asked in prop::collection::vec(any::<bool>(), 40),
+        ) {
+            let (mut once, mut often) = (Sawtooth::default(), Sawtooth::default());
+            let (mut told, mut now_ns) = (AgeSums::default(), 100 * MS);
+            let mut last_stamp_ns = 0;
+            for (&(pause_ms, old_ms), &asked) in heard.iter().zip(&asked) {
+                now_ns += pause_ms * MS;
+                let stamp_ns = (now_ns - old_ms * MS).max(last_stamp_ns + 1);
+                last_stamp_ns = stamp_ns;
+                once.heard(stamp_ns, now_ns);
+                often.heard(stamp_ns, now_ns);
+                if asked {
+                    for row in often.take(now_ns + MS / 2).rows(3) {
+                        prop_assert!(told.add(&row) && row.from == 3);
+                    }
+                    now_ns += MS / 2;
+                }
+            }
+            now_ns += MS;
+            often.take(now_ns).rows(3).iter().for_each(|row| {
+                told.add(row);
+            });
+            let all = once.take(now_ns);
+            prop_assert_eq!(
+                (all.heard, all.over_ns, all.peak_ns),
+                (told.heard, told.over_ns, told.peak_ns)
+            );
+            prop_assert!((all.area_s2 - told.area_s2).abs() <= 1e-12 * all.area_s2.max(1e-9));
+        }
+    }
+}

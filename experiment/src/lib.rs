@@ -6,6 +6,7 @@
 //! |---|---|
 //! | `scenario/` | what is the experiment, and where does its file go wrong? |
 //! | `check/` | is it sound, and what can be said about it before it runs? |
+//! | `prediction/` | whom does a death or a cut break, and why? |
 //! | `schema` | how is the format told to editors and other programs? |
 //! | `reference` | how is it told to people? |
 //! | `drawing` | what does its graph look like? |
@@ -16,6 +17,7 @@ pub mod briefs;
 pub mod check;
 pub mod drawing;
 pub mod examples;
+pub mod prediction;
 pub mod reference;
 pub mod scenario;
 pub mod schema;

@@ -100,15 +100,46 @@ pub fn settled(graph: &FormationGraph, pinned: usize) -> Option<Vec<Vec2>> {
     if !graph.reachability()[pinned].iter().all(|&reached| reached) {
         return None;
     }
-    let (mut c_x, mut c_y) = (DVector::zeros(graph.robots()), DVector::zeros(graph.robots()));
-    for i in (0..graph.robots()).filter(|&i| i != pinned) {
-        let g = graph.heard_by(i).count() as f64;
-        let mean = graph.heard_by(i).map(|edge| edge.offset_m).sum::<Vec2>() / g; // (30)
-        (c_x[i], c_y[i]) = (mean.x, mean.y);
+    let heard: Vec<Vec<(usize, Vec2)>> = (0..graph.robots())
+        .map(|i| graph.heard_by(i).map(|edge| (edge.from, edge.offset_m)).collect())
+        .collect();
+    let mut places = vec![Vec2::zeros(); graph.robots()];
+    let others: Vec<usize> = (0..graph.robots()).filter(|&i| i != pinned).collect();
+    settle(&heard, &others, &mut places)?;
+    Some(places)
+}
+
+/// Puts the robots `free` where they settle, m, while all the others stay at their `places`: each
+/// at the mean of what those ask for that it hears (with their offsets). (24) (46)
+///
+/// A robot that stays must reach each of them. `None`, and nothing moves, where the system that
+/// follows otherwise is singular to the last bit.
+pub fn settle(heard: &[Vec<(usize, Vec2)>], free: &[usize], places: &mut [Vec2]) -> Option<()> {
+    if free.is_empty() {
+        return Some(());
     }
-    let lu = system(graph, Some(pinned)).lu();
-    let (x, y) = (lu.solve(&c_x)?, lu.solve(&c_y)?);
-    Some(x.iter().zip(&y).map(|(&x, &y)| Vec2::new(x, y)).collect())
+    let mut row = vec![None; places.len()];
+    free.iter().enumerate().for_each(|(k, &i)| row[i] = Some(k));
+    let mut system = Matrix::identity(free.len(), free.len());
+    let (mut x, mut y) = (DVector::zeros(free.len()), DVector::zeros(free.len()));
+    for (k, &i) in free.iter().enumerate() {
+        let share = 1.0 / heard[i].len() as f64;
+        for &(from, offset_m) in &heard[i] {
+            let mut asked = offset_m;
+            match row[from] {
+                Some(column) => system[(k, column)] -= share,
+                None => asked += places[from],
+            }
+            (x[k], y[k]) = (x[k] + share * asked.x, y[k] + share * asked.y);
+        }
+    }
+    let lu = system.lu();
+    let (x, y) = (lu.solve(&x)?, lu.solve(&y)?);
+    if x.iter().chain(&y).any(|coordinate| !coordinate.is_finite()) {
+        return None;
+    }
+    free.iter().zip(x.iter().zip(&y)).for_each(|(&i, (&x, &y))| places[i] = Vec2::new(x, y));
+    Some(())
 }
 
 #[cfg(test)]

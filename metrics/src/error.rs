@@ -113,16 +113,6 @@ impl Errors {
         &self.now_m
     }
 
-    /// Whose error is below the bound now.
-    pub(super) fn within(&self) -> impl Iterator<Item = bool> {
-        self.now_m.iter().map(|error| error.is_some_and(|error| error < self.converged_error_m))
-    }
-
-    /// Whose error is not.
-    pub(super) fn beyond(&self) -> impl Iterator<Item = bool> + Clone {
-        self.now_m.iter().map(|error| error.is_some_and(|error| error >= self.converged_error_m))
-    }
-
     /// Since when all living errors are below the bound, ns.
     pub(super) fn converged_since_ns(&self) -> Option<u64> {
         self.converged_since_ns

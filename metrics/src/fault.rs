@@ -16,9 +16,10 @@ use protocol::message::Contact;
 
 use crate::orphans::Orphans;
 use crate::silence::Silent;
+use experiment::prediction::Predictor;
 use experiment::scenario::{Scenario, Silenced, Struck};
+use window::{Both, FaultWindow, Foretold};
 pub use window::{End, FaultReport};
-use window::{FaultWindow, Foretold};
 
 /// No fault is told later than this, ns of run time, after it began: reports that old are about
 /// faults already known.
@@ -29,6 +30,7 @@ pub(super) struct Faults {
     windows: Vec<FaultWindow>,
     silent: Silent,
     reachability: Reachability,
+    predictor: Predictor,
     pub(super) orphans: Orphans,
     /// What the scenario plans to break: its words, and whom it strikes.
     planned: Vec<(String, Struck)>,
@@ -64,6 +66,7 @@ impl Faults {
             windows: Vec::new(),
             silent: Silent::new(scenario),
             reachability: scenario.reachability(),
+            predictor: Predictor::of(scenario),
             orphans: Orphans::new(scenario),
             planned: scenario.faults.iter().map(|fault| fault.kind.struck(scenario)).collect(),
             scheduled: scheduled(scenario),
@@ -84,13 +87,13 @@ impl Faults {
     }
 
     /// Takes in one truth; `calm_since_ns`: since when all living errors are below the bound;
-    /// `beyond`: which living robots' errors are not.
+    /// `beyond`: which living robots' errors are not, by those heard and to the ideal formation.
     pub(super) fn truth(
         &mut self,
         t_ns: u64,
         error_m: f64,
         calm_since_ns: Option<u64>,
-        beyond: impl Iterator<Item = bool> + Clone,
+        beyond: impl Iterator<Item = Both> + Clone,
         distance_m: f64,
     ) {
         for fault in &mut self.windows {
@@ -111,7 +114,7 @@ impl Faults {
     }
 
     /// The fault of this number began. `calm`: whose error is below the bound.
-    pub(super) fn began(&mut self, fault: usize, t_ns: u64, calm: impl Iterator<Item = bool>) {
+    pub(super) fn began(&mut self, fault: usize, t_ns: u64, calm: impl Iterator<Item = Both>) {
         let (what, struck) = self.planned[fault].clone();
         for earlier in &mut self.windows {
             earlier.another_began();
@@ -123,7 +126,7 @@ impl Faults {
         orphaned.retain(|robot| !before.contains(robot));
         let predicted = match struck.silenced {
             Silenced::Nobody => Vec::new(),
-            _ => self.silent.loses(&self.reachability),
+            _ => self.silent.breaks(&self.predictor, t_ns),
         };
         let foretold = Foretold { broken: predicted, orphaned };
         let mut window = FaultWindow::new(fault, what, struck, t_ns, foretold, calm);
@@ -162,7 +165,8 @@ impl Faults {
 
     /// What each fault did, in the order in which they were told.
     pub(super) fn report(&self, names: &[String]) -> Vec<FaultReport> {
-        self.windows.iter().map(|fault| fault.report(names)).collect()
+        let broken_m = self.predictor.bound_m();
+        self.windows.iter().map(|fault| fault.report(names, broken_m)).collect()
     }
 }
 

@@ -15,7 +15,7 @@
 //! | `containment` | how far are the contained from the leaders' hull? |
 //! | `fault` | what did each fault do? |
 //! | `orphans` | who is cut off from its leader? |
-//! | `silence` | who is silent by faults, and who loses by that? |
+//! | `silence` | who is silent by faults, and whom does that break? |
 //! | `expect` | did it go as the scenario expects? |
 //! | `summary` | what came out, as it is written and read? |
 //! | `truths` | are two runs the same, and is any truth missing? |
@@ -62,6 +62,7 @@ const FINAL_SHARE: f64 = 0.1;
 /// Measures a run as its truths come in.
 pub struct Metrics {
     looks_away: bool,
+    converged_error_m: f64,
     names: Vec<String>,
     front_points_m: Vec<f64>,
     /// Front points at the newest truth.
@@ -133,6 +134,7 @@ impl Metrics {
         let final_from_ns = (scenario.duration_ns as f64 * (1.0 - FINAL_SHARE)) as u64;
         Metrics {
             looks_away: false,
+            converged_error_m: scenario.expect.converged_error_m,
             names: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
             front_points_m: scenario.robots.iter().map(|robot| robot.front_point_m).collect(),
             alphas: vec![Vec2::zeros(); robots],
@@ -170,7 +172,11 @@ impl Metrics {
         let silent = self.faults.silent();
         let worst_m = self.errors.truth(t_ns, rows, &self.alphas, alive, silent);
         self.ideal.truth(t_ns, rows, &self.alphas, alive, self.errors.now_m());
-        let beyond = self.errors.beyond().zip(alive).map(|(beyond, &alive)| alive && beyond);
+        let bound_m = self.converged_error_m;
+        let both = self.errors.now_m().iter().zip(self.ideal.now_m());
+        let beyond = both.zip(alive).map(|((heard, ideal), &alive)| {
+            [heard, ideal].map(|error| alive && error.is_some_and(|error| error >= bound_m))
+        });
         let calm_since_ns = self.errors.converged_since_ns();
         self.faults.truth(t_ns, worst_m, calm_since_ns, beyond, distance_m);
         self.containment.truth(t_ns, &self.alphas, alive);
@@ -204,7 +210,10 @@ impl Metrics {
 
     /// The fault of this number began.
     pub fn fault_began(&mut self, fault: usize, t_ns: u64) {
-        self.faults.began(fault, t_ns, self.errors.within());
+        let within = |error: &Option<f64>| error.is_some_and(|e| e < self.converged_error_m);
+        let both = self.errors.now_m().iter().zip(self.ideal.now_m());
+        let calm = both.map(|(heard, ideal)| [heard, ideal].map(within));
+        self.faults.began(fault, t_ns, calm);
     }
 
     /// A robot died, and nobody had planned it; the number of this fault.

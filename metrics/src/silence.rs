@@ -1,7 +1,9 @@
-//! Who is silent, by faults, and who loses by that what it goes by.
+//! Who is silent, by faults, and whom that breaks.
 
+use experiment::prediction::{Broken, Predictor};
 use experiment::scenario::{Scenario, Silenced};
-use formation::reachability::{Reachability, Standing};
+use formation::reachability::Reachability;
+use formation::seconds;
 
 /// Who and what is silent now, and by how many faults.
 #[derive(Debug, Clone)]
@@ -44,24 +46,17 @@ impl Silent {
 
     /// Everybody among the others whom no living leader reaches any more.
     pub(super) fn orphaned(&self, reachability: &Reachability) -> Vec<usize> {
-        let loss = self.loss(reachability);
+        let loss = reachability.loss(&gone(&self.robots), &gone(&self.edges));
         [loss.unled, loss.uncontained, loss.adrift].concat()
     }
 
-    /// Everybody who loses what it goes by.
-    pub(super) fn loses(&self, reachability: &Reachability) -> Vec<usize> {
-        let loss = self.loss(reachability);
-        let lists = [loss.unled, loss.pulled, loss.uncontained, loss.adrift, loss.groups.concat()];
-        let mut robots = lists.concat();
-        robots.sort_unstable();
-        robots.dedup();
-        robots
+    /// Whom it breaks that all these are silent from `t_ns` on.
+    pub(super) fn breaks(&self, predictor: &Predictor, t_ns: u64) -> Vec<Broken> {
+        predictor.broken(&gone(&self.robots), &gone(&self.edges), Some(seconds(t_ns)))
     }
+}
 
-    fn loss(&self, reachability: &Reachability) -> Standing {
-        let gone = |counts: &[i32]| -> Vec<usize> {
-            (0..counts.len()).filter(|&place| counts[place] > 0).collect()
-        };
-        reachability.loss(&gone(&self.robots), &gone(&self.edges))
-    }
+/// Those that some fault silences.
+fn gone(counts: &[i32]) -> Vec<usize> {
+    (0..counts.len()).filter(|&place| counts[place] > 0).collect()
 }

@@ -192,7 +192,8 @@ fn faults(faults: &[FaultReport]) -> String {
             Cell::Number(digits(fault.peak_error_m)),
             seconds(fault.min_distance_m),
             seconds(fault.recovered_after_s),
-            Cell::Text(who(&fault.predicted)),
+            Cell::Text(foretold(fault)),
+            Cell::Text(who(&fault.broken)),
             Cell::Text(who(&fault.affected)),
             Cell::Text(who(&fault.orphaned)),
         ]
@@ -208,9 +209,20 @@ fn faults(faults: &[FaultReport]) -> String {
         "#Recovered after, s",
         "Predicted to break",
         "Observed to break",
+        "Off by those they still hear",
         "Orphaned",
     ];
-    table(&heads, rows)
+    let Some(first) = faults.first() else { return String::new() };
+    let means = escaped(&first.broken_means());
+    format!("{}<p class=\"quiet\">{means}</p>\n", table(&heads, rows))
+}
+
+/// Who is to break, each with the reason.
+fn foretold(fault: &FaultReport) -> String {
+    match fault.predicted_why.is_empty() {
+        true => who(&fault.predicted),
+        false => fault.predicted_why.join("; "),
+    }
 }
 
 fn who(robots: &[String]) -> String {

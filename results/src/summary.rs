@@ -218,13 +218,22 @@ pub fn screen(summary: &Summary) -> String {
                 }
                 few => few.join(", "),
             };
-            let (predicted, affected) = (who(&fault.predicted), who(&fault.affected));
-            let _ =
-                writeln!(text, "{:13}predicted to break: {predicted}; observed: {affected}", "");
+            let (predicted, broken) = (who(&fault.predicted), who(&fault.broken));
+            let affected = who(&fault.affected);
+            let _ = writeln!(
+                text,
+                "{:13}predicted to break: {predicted}; observed: {broken}; off by those they still \
+                 hear: {affected}",
+                ""
+            );
+            for line in &fault.predicted_why {
+                let _ = writeln!(text, "{:15}{line}", "");
+            }
             if !fault.orphaned.is_empty() {
                 let _ = writeln!(text, "{:13}orphaned: {}", "", who(&fault.orphaned));
             }
         }
+        let _ = writeln!(text, "  {}", summary.faults[0].broken_means());
     }
     text
 }

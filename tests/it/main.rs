@@ -12,6 +12,7 @@ mod chapter;
 mod cleanup;
 mod every_fault;
 mod faults;
+mod foretold;
 mod formats;
 mod harness;
 mod hostile;

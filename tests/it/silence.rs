@@ -50,8 +50,7 @@ fn a_cut_breaks_it_for_those_foretold_and_no_others() {
     let all = &["r1", "r2", "r3", "r4"][..];
     for (cut, broken, beyond) in [
         ("r5->r4", all, all),
-        // r1 stands, and pulls r2 off its place, which r2 cannot know: it stands where r1 and r3
-        // want it.
+        // r1 stands, and holds r2 back, which r2 cannot know: it stands where r1 and r3 want it.
         ("r2->r1", &["r1", "r2"], &["r1"]),
     ] {
         let ended = run("pentagon")
@@ -64,7 +63,9 @@ fn a_cut_breaks_it_for_those_foretold_and_no_others() {
         let (predicted, affected) =
             (names(&ended, "/faults/0/predicted"), names(&ended, "/faults/0/affected"));
         ended.claim(predicted == broken, format!("{cut}: foretold is {predicted:?}"));
-        ended.claim(affected == beyond, format!("{cut}: seen is {affected:?}"));
+        ended.claim(affected == beyond, format!("{cut}: off by those they hear are {affected:?}"));
+        let seen = names(&ended, "/faults/0/broken");
+        ended.claim(seen == broken, format!("{cut}: seen is {seen:?}"));
         ended.claim(ended.number("/faults/0/recovered_after_s") < 10.0, "all come back");
         let events = ended.file("events.csv");
         let last = events.lines().rfind(|line| line.contains(",contact,")).unwrap_or_default();

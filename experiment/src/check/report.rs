@@ -5,7 +5,8 @@ use std::fmt::Write;
 
 use protocol::number::short;
 
-use super::theory::{Epsilon, Gap, Loss, RobotTheory, Theory};
+use super::theory::{Death, Epsilon, Gap, Loss, RobotTheory, Theory};
+use crate::prediction::{BrokenRobot, broken_means, lines};
 use crate::scenario::Scenario;
 use formation::seconds;
 
@@ -121,9 +122,10 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
     }
 }
 
-/// Which single deaths and cuts take something from whom.
+/// Which single deaths and cuts, for good, take something from whom, and whom they break.
 fn fragility(page: &mut Page, theory: &Theory<'_>) {
-    let breaking: Vec<_> = theory.deaths.iter().filter(|death| !death.loss.is_none()).collect();
+    let breaking = |death: &&Death<'_>| !death.loss.is_none() || !death.breaks.is_empty();
+    let breaking: Vec<_> = theory.deaths.iter().filter(breaking).collect();
     if breaking.is_empty() {
         page.line("single deaths", "none takes anything from the others");
     }
@@ -132,7 +134,7 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
         breaking.into_iter().map(|death| {
             let leads =
                 if theory.leader == Some(death.robot) { ", who leads all others" } else { "" };
-            format!("without {}{leads}: {}", death.robot, lost(&death.loss))
+            format!("without {}{leads}: {}", death.robot, lost(&death.loss, &death.breaks))
         }),
     );
     if theory.breaking_cuts.is_empty() {
@@ -140,25 +142,34 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
     }
     page.list(
         "single cuts",
-        theory
-            .breaking_cuts
-            .iter()
-            .map(|cut| format!("without {} -> {}: {}", cut.from, cut.to, lost(&cut.loss))),
+        theory.breaking_cuts.iter().map(|cut| {
+            format!("without {} -> {}: {}", cut.from, cut.to, lost(&cut.loss, &cut.breaks))
+        }),
     );
+    page.line("", broken_means(theory.broken_m));
 }
 
-/// What is lost by whom.
-fn lost(loss: &Loss<'_>) -> String {
+/// What is lost by whom, and who is broken.
+fn lost(loss: &Loss<'_>, breaks: &[BrokenRobot<'_>]) -> String {
     let mut parts = Vec::new();
     let mut say = |who: &[&str], one: &str, many: &str| {
         if !who.is_empty() {
             parts.push(format!("{} {}", names(who), if who.len() == 1 { one } else { many }));
         }
     };
-    say(&loss.unled, "loses the leader", "lose the leader");
-    say(&loss.pulled, "is pulled out of its place", "are pulled out of their places");
-    say(&loss.uncontained, "is contained by nobody", "are contained by nobody");
-    say(&loss.adrift, "is contained by the unled only", "are contained by the unled only");
+    // Whoever is broken is said to be so, with the reason.
+    let whole = |who: &[&'_ str]| -> Vec<String> {
+        let broken = |robot: &str| breaks.iter().any(|one| one.robot == robot);
+        who.iter().filter(|robot| !broken(robot)).map(|&robot| robot.to_owned()).collect()
+    };
+    let mut said = |who: &[&str], one: &str, many: &str| {
+        let who = whole(who);
+        say(&who.iter().map(String::as_str).collect::<Vec<_>>(), one, many);
+    };
+    said(&loss.unled, "loses the leader", "lose the leader");
+    said(&loss.pulled, "goes by one without the leader", "go by one without the leader");
+    said(&loss.uncontained, "is contained by nobody", "are contained by nobody");
+    said(&loss.adrift, "is contained by the unled only", "are contained by the unled only");
     if !loss.groups.is_empty() {
         let groups: Vec<String> = loss
             .groups
@@ -168,6 +179,11 @@ fn lost(loss: &Loss<'_>) -> String {
             .collect();
         parts.push(format!("the formation falls apart into {}", groups.join(" and ")));
     }
+    let broken = lines(breaks.iter().map(|one| (one.robot, one.why.clone())));
+    if broken.is_empty() {
+        parts.push("nobody is broken".to_owned());
+    }
+    parts.extend(broken);
     parts.join("; ")
 }
 

@@ -12,6 +12,7 @@ use serde::Serialize;
 use super::findings::{Finding, once_settled, unsettled};
 use super::start_points;
 use super::steady::{Motion, Peak, Settled};
+use crate::prediction::{BrokenRobot, Predictor};
 use crate::scenario::{Robot, Scenario};
 use formation::seconds;
 
@@ -27,9 +28,12 @@ pub struct Theory<'s> {
     pub leader: Option<&'s str>,
     /// Robots whose information reaches everybody.
     pub roots: Vec<&'s str>,
-    /// What the death of each single robot takes from the others; all robots, in order.
+    /// Farther than this from its place in the formation as planned a robot is broken, m.
+    pub broken_m: f64,
+    /// What the death of each single robot takes from the others, for good, and whom it breaks; all
+    /// robots, in order.
     pub deaths: Vec<Death<'s>>,
-    /// The single edges whose cut takes something from somebody, and what.
+    /// The single edges whose cut takes something from somebody, or breaks somebody.
     pub breaking_cuts: Vec<EdgeCut<'s>>,
     /// L. (4)-(6)
     pub laplacian: Vec<Vec<f64>>,
@@ -144,6 +148,8 @@ pub struct Death<'s> {
     /// What it takes from the others.
     #[serde(flatten)]
     pub loss: Loss<'s>,
+    /// Who ends off its place, and why.
+    pub breaks: Vec<BrokenRobot<'s>>,
 }
 
 /// The cut of one edge.
@@ -156,6 +162,8 @@ pub struct EdgeCut<'s> {
     /// What that takes from all robots.
     #[serde(flatten)]
     pub loss: Loss<'s>,
+    /// Who ends off its place, and why.
+    pub breaks: Vec<BrokenRobot<'s>>,
 }
 
 /// What follows from A and its iteration.
@@ -284,6 +292,16 @@ impl<'s> Theory<'s> {
         let (a, conditions) = (&scenario.avoidance, scenario.conditions());
         let lifetime_s = |pace| seconds(scenario.command_lifetime_ns(pace));
         let edges = scenario.graph.edges();
+        let breaking = reachability.breaking_cuts();
+        let lost_by_cut = |edge: usize| {
+            let found = breaking.iter().find(|(cut, _)| *cut == edge);
+            found.map_or(Standing::default(), |(_, loss)| loss.clone())
+        };
+        let predictor = Predictor::of(scenario);
+        let breaks = |dead: &[usize], cut: &[usize]| -> Vec<BrokenRobot<'s>> {
+            let broken = predictor.broken(dead, cut, None);
+            broken.iter().map(|broken| broken.named(robots)).collect()
+        };
         Theory {
             scenario: &scenario.name,
             robots: (0..robots.len())
@@ -291,20 +309,22 @@ impl<'s> Theory<'s> {
                 .collect(),
             leader: leader.map(name),
             roots: scenario.graph.roots().into_iter().map(name).collect(),
+            broken_m: predictor.bound_m(),
             deaths: (0..robots.len())
                 .map(|i| Death {
                     robot: name(i),
                     loss: Loss::new(&reachability.loss(&[i], &[]), robots),
+                    breaks: breaks(&[i], &[]),
                 })
                 .collect(),
-            breaking_cuts: reachability
-                .breaking_cuts()
-                .iter()
-                .map(|(edge, loss)| EdgeCut {
-                    from: name(edges[*edge].from),
-                    to: name(edges[*edge].to),
-                    loss: Loss::new(loss, robots),
+            breaking_cuts: (0..edges.len())
+                .map(|edge| EdgeCut {
+                    from: name(edges[edge].from),
+                    to: name(edges[edge].to),
+                    loss: Loss::new(&lost_by_cut(edge), robots),
+                    breaks: breaks(&[], &[edge]),
                 })
+                .filter(|cut| !cut.loss.is_none() || !cut.breaks.is_empty())
                 .collect(),
             laplacian: rows(&laplacian::laplacian(&scenario.graph)),
             system: rows(&system),

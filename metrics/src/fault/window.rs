@@ -4,6 +4,7 @@ use protocol::message::Contact;
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::Report;
+use experiment::prediction::{Broken, broken_means, lines};
 use experiment::scenario::{Silenced, Struck};
 use formation::seconds;
 
@@ -27,19 +28,50 @@ pub(super) struct FaultWindow {
     disturbed: bool,
     recovered_ns: Option<u64>,
     foretold: Foretold,
-    /// For each robot: its error was below the bound when the fault began; and is above it.
-    affected: Vec<(bool, bool)>,
+    /// Whose errors have gone beyond the bound.
+    left: Left,
     /// Another fault began after this one had recovered: what follows is not its doing.
     closed: bool,
 }
 
-/// What the graph says of a fault when it begins. Robots by their places.
+/// What theory says of a fault when it begins.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Foretold {
-    /// Those that lose what they go by.
-    pub(super) broken: Vec<usize>,
-    /// Those that it cuts off from their leader.
+    /// Whom it breaks.
+    pub(super) broken: Vec<Broken>,
+    /// Those that it cuts off from their leader, by their places.
     pub(super) orphaned: Vec<usize>,
+}
+
+/// For a robot: by those it hears, and to the ideal formation.
+pub(super) type Both = [bool; 2];
+
+/// Who was within bounds when the fault began, and is not any more.
+#[derive(Debug, Clone)]
+struct Left {
+    calm: Vec<Both>,
+    left: Vec<Both>,
+}
+
+impl Left {
+    fn new(calm: impl Iterator<Item = Both>, silenced: Silenced) -> Left {
+        let counts = |i| silenced != Silenced::Robot(i);
+        let calm: Vec<Both> =
+            (0..).zip(calm).map(|(i, calm)| calm.map(|c| c && counts(i))).collect();
+        Left { left: vec![[false; 2]; calm.len()], calm }
+    }
+
+    fn truth(&mut self, beyond: impl Iterator<Item = Both>) {
+        for ((left, calm), beyond) in self.left.iter_mut().zip(&self.calm).zip(beyond) {
+            *left = [calm[0] && beyond[0], calm[1] && beyond[1]];
+        }
+    }
+
+    /// `error`: 0 by those heard, 1 to the ideal formation.
+    fn names(&self, error: usize, names: &[String]) -> Vec<String> {
+        let left = self.left.iter().zip(names).filter(|(left, _)| left[error]);
+        left.map(|(_, name)| name.clone()).collect()
+    }
 }
 
 /// How a fault ends.
@@ -77,12 +109,20 @@ pub struct FaultReport {
     pub what: String,
     /// Whom it struck.
     pub robot: Option<String>,
-    /// Robots that lose what they go by, says the theory: no path from the leader, nobody to be
-    /// contained by, or a formation that falls apart.
+    /// Robots that it breaks while it lasts, says the theory: that end more than
+    /// `converged_error_m` off their places in the formation as planned.
     pub predicted: Vec<String>,
+    /// Why, each line for all of whom it is true: `r1, r2: the leader r5 is dead`.
+    pub predicted_why: Vec<String>,
     /// Robots that it cut off from their leader: alive, in need of one, and no longer reached by one.
     pub orphaned: Vec<String>,
-    /// Living robots other than the silenced whose error was below `converged_error_m` when it
+    /// Farther off its place than this, m, a robot is broken.
+    pub broken_m: f64,
+    /// Living robots other than the silenced that were within `broken_m` of their places in the
+    /// formation as planned when it began, and were not when it ended (or, if it never does, at last).
+    pub broken: Vec<String>,
+    /// The same by the error to those that a robot still hears: whose error was below
+    /// `converged_error_m` when it
     /// began, and above it when it ended (or, if it never does, at last): who did not find back
     /// into bounds while it lasted.
     pub affected: Vec<String>,
@@ -103,20 +143,27 @@ pub struct FaultReport {
     pub recovered_after_s: Option<f64>,
 }
 
+impl FaultReport {
+    /// What broken means, in words.
+    pub fn broken_means(&self) -> String {
+        broken_means(self.broken_m)
+    }
+}
+
 impl FaultWindow {
-    /// `foretold`: what the graph says of it. `calm`: whose error is below the bound.
+    /// `foretold`: what theory says of it. `calm`: whose error is below the bound, by those it hears
+    /// and to the ideal formation.
     pub(super) fn new(
         number: usize,
         what: String,
         struck: Struck,
         began_ns: u64,
         foretold: Foretold,
-        calm: impl Iterator<Item = bool>,
+        calm: impl Iterator<Item = Both>,
     ) -> FaultWindow {
-        let silenced = |robot| struck.silenced == Silenced::Robot(robot);
         FaultWindow {
             foretold,
-            affected: (0..).zip(calm).map(|(i, calm)| (calm && !silenced(i), false)).collect(),
+            left: Left::new(calm, struck.silenced),
             number,
             what,
             struck,
@@ -162,16 +209,14 @@ impl FaultWindow {
         t_ns: u64,
         error_m: f64,
         calm_since_ns: Option<u64>,
-        beyond: impl Iterator<Item = bool>,
+        beyond: impl Iterator<Item = Both>,
         distance_m: f64,
     ) {
         if self.closed || t_ns < self.began_ns {
             return;
         }
         if self.returned_ns.is_none_or(|returned_ns| t_ns <= returned_ns) {
-            for ((calm, affected), beyond) in self.affected.iter_mut().zip(beyond) {
-                *affected = *calm && beyond;
-            }
+            self.left.truth(beyond);
         }
         self.disturbed |= calm_since_ns.is_none();
         let ended_ns = self.ended_ns.filter(|&ended_ns| t_ns >= ended_ns);
@@ -205,10 +250,12 @@ impl FaultWindow {
         *first = Some(first.map_or(since_ns, |first_ns| since_ns.min(first_ns)));
     }
 
-    pub(super) fn report(&self, names: &[String]) -> FaultReport {
-        let named = |robots: &[usize]| robots.iter().map(|&robot| names[robot].clone()).collect();
+    /// `broken_m`: farther off its place than this, m, a robot is broken.
+    pub(super) fn report(&self, names: &[String], broken_m: f64) -> FaultReport {
+        let broken = &self.foretold.broken;
         let after = |from_ns: u64| move |t_ns: u64| seconds(t_ns.saturating_sub(from_ns));
         let since_begin = after(self.began_ns);
+        let name = |robot: usize| names[robot].as_str();
         // What began after the return is not this fault's; the return may be told last.
         let meanwhile =
             |&since_ns: &u64| self.returned_ns.is_none_or(|back_ns| since_ns <= back_ns);
@@ -220,15 +267,12 @@ impl FaultWindow {
             t_s: seconds(self.began_ns),
             what: self.what.clone(),
             robot: self.struck.robot.map(|robot| names[robot].clone()),
-            predicted: named(&self.foretold.broken),
-            orphaned: named(&self.foretold.orphaned),
-            affected: self
-                .affected
-                .iter()
-                .zip(names)
-                .filter(|((_, affected), _)| *affected)
-                .map(|(_, name)| name.clone())
-                .collect(),
+            predicted: broken.iter().map(|one| names[one.robot].clone()).collect(),
+            predicted_why: lines(broken.iter().map(|one| (name(one.robot), one.why(name)))),
+            orphaned: self.foretold.orphaned.iter().map(|&i| names[i].clone()).collect(),
+            broken: self.left.names(1, names),
+            affected: self.left.names(0, names),
+            broken_m,
             lasted_s: self.ended_ns.map(since_begin),
             stale_after_s: self.stale_ns.filter(meanwhile).map(since_begin),
             lost_after_s: self.lost_ns.filter(meanwhile).map(since_begin),
@@ -249,13 +293,14 @@ fn or_infinite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Err
 #[cfg(test)]
 mod tests {
     use super::*;
+    use experiment::prediction::Cause;
 
     const S: u64 = 1_000_000_000;
 
     const STRUCK: Struck = Struck { robot: Some(1), hearer: None, silenced: Silenced::Robot(1) };
 
-    fn none() -> impl Iterator<Item = bool> {
-        [false; 3].into_iter()
+    fn none() -> impl Iterator<Item = Both> {
+        [[false; 2]; 3].into_iter()
     }
 
     fn names() -> Vec<String> {
@@ -267,11 +312,20 @@ mod tests {
     }
 
     fn foretold() -> Foretold {
-        Foretold { broken: vec![0], orphaned: vec![2] }
+        let cause = Cause::Unled { leader: 1 };
+        let broken = vec![Broken { robot: 0, cause, off_m: None, outside_m: None }];
+        Foretold { broken, orphaned: vec![2] }
     }
 
     fn window() -> FaultWindow {
-        FaultWindow::new(0, "kill r2".into(), STRUCK, 10 * S, foretold(), [true; 3].into_iter())
+        FaultWindow::new(
+            0,
+            "kill r2".into(),
+            STRUCK,
+            10 * S,
+            foretold(),
+            [[true; 2]; 3].into_iter(),
+        )
     }
 
     #[test]
@@ -288,7 +342,7 @@ mod tests {
         fault.truth(13 * S, 0.2, None, none(), 0.25);
         fault.truth(14 * S, 0.0, Some(14 * S), none(), 0.26);
         fault.truth(15 * S, 0.0, Some(14 * S), none(), 0.1);
-        let report = fault.report(&names());
+        let report = fault.report(&names(), 0.01);
         assert_eq!((report.stale_after_s, report.lost_after_s), (Some(0.1), Some(0.5)));
         assert_eq!((report.lasted_s, report.recovered_after_s), (Some(2.0), Some(2.0)));
         assert_eq!((report.peak_error_m, report.min_distance_m), (0.5, Some(0.25)));
@@ -296,18 +350,22 @@ mod tests {
 
     #[test]
     fn who_was_calm_and_does_not_find_back_while_it_lasts_is_affected() {
-        let calm = [true, true, false].into_iter();
+        let calm = [[true; 2], [true, false], [false, true]].into_iter();
         let mut fault = FaultWindow::new(0, "kill r2".into(), STRUCK, 10 * S, foretold(), calm);
-        let all = || [true; 3].into_iter();
-        let affected = |fault: &FaultWindow| fault.report(&names()).affected;
+        let all = || [[true; 2]; 3].into_iter();
+        let affected = |fault: &FaultWindow| fault.report(&names(), 0.01).affected;
+        let broken = |fault: &FaultWindow| fault.report(&names(), 0.01).broken;
         fault.truth(11 * S, 0.5, None, all(), 0.3);
         assert_eq!(affected(&fault), ["r1"], "r2 is dead, and r3 was off before");
+        assert_eq!(broken(&fault), ["r1", "r3"], "but r3 was in its place");
         fault.truth(12 * S, 0.0, None, none(), 0.3);
         fault.ended(End::Whole, 12 * S);
         fault.truth(13 * S, 0.5, None, all(), 0.3);
         assert!(affected(&fault).is_empty(), "what follows on the return is not the silence's");
-        assert_eq!(fault.report(&names()).predicted, ["r1"]);
-        assert_eq!(fault.report(&names()).orphaned, ["r3"]);
+        let FaultReport { predicted, predicted_why, orphaned, .. } = fault.report(&names(), 0.01);
+        assert_eq!(predicted, ["r1"]);
+        assert_eq!(predicted_why, ["r1: nothing of the leader r2 arrives"]);
+        assert_eq!(orphaned, ["r3"]);
     }
 
     #[test]
@@ -327,7 +385,7 @@ mod tests {
         assert_eq!(fault.ended(End::Whole, 15 * S), Silenced::Robot(1));
         fault.truth(16 * S, 0.5, None, none(), 1.0);
         fault.truth(17 * S, 0.0, Some(17 * S), none(), 1.0);
-        let report = fault.report(&names());
+        let report = fault.report(&names(), 0.01);
         assert_eq!((report.lasted_s, report.recovered_after_s), (Some(5.0), Some(2.0)));
         assert_eq!(report.peak_error_m, 0.5);
     }
@@ -335,13 +393,13 @@ mod tests {
     #[test]
     fn a_cut_is_noticed_by_the_one_that_no_longer_hears() {
         let struck = Struck { hearer: Some(2), ..STRUCK };
-        let calm = [true; 3].into_iter();
+        let calm = [[true; 2]; 3].into_iter();
         let mut fault =
             FaultWindow::new(0, "cut r2->r3".into(), struck, 10 * S, Foretold::default(), calm);
         fault.contact(heard(0, 1, Contact::Stale, 11 * S));
-        assert_eq!(fault.report(&names()).stale_after_s, None);
+        assert_eq!(fault.report(&names(), 0.01).stale_after_s, None);
         fault.contact(heard(2, 1, Contact::Stale, 12 * S));
-        assert_eq!(fault.report(&names()).stale_after_s, Some(2.0));
+        assert_eq!(fault.report(&names(), 0.01).stale_after_s, Some(2.0));
     }
 
     #[test]
@@ -350,7 +408,7 @@ mod tests {
         fault.truth(11 * S, 0.001, Some(S), none(), 0.3);
         fault.ended(End::Whole, 12 * S);
         fault.truth(13 * S, 0.001, Some(S), none(), 0.3);
-        assert_eq!(fault.report(&names()).recovered_after_s, Some(0.0));
+        assert_eq!(fault.report(&names(), 0.01).recovered_after_s, Some(0.0));
     }
 
     #[test]
@@ -363,7 +421,7 @@ mod tests {
         for fault in [&mut alone, &mut followed] {
             fault.truth(12 * S, 1.0, None, none(), 1.0);
         }
-        assert_eq!(alone.report(&names()).recovered_after_s, None);
-        assert_eq!(followed.report(&names()).recovered_after_s, Some(1.0));
+        assert_eq!(alone.report(&names(), 0.01).recovered_after_s, None);
+        assert_eq!(followed.report(&names(), 0.01).recovered_after_s, Some(1.0));
     }
 }

@@ -1,0 +1,195 @@
+//! Whom the death of robots and the cut of edges break, and why: theory, before anything moves.
+//!
+//! The one function behind `phalanx check` and every fault of a report. A robot is *broken* if it
+//! ends farther than a bound from its place in the formation as planned. What is measured is
+//! measured elsewhere, by other code from the same definition (`metrics`).
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `reduced` | whom does everybody still go by, who stops, and whom does the leader reach? |
+//! | `course` | does the formation still move, and how fast? |
+//! | `crowd` | who stands where somebody else wants to be? (Remark 1) |
+//! | `broken` | how is it said: who, why, by how much? |
+//!
+//! Assumed is a formation that has settled when the fault strikes, and a fault that stays. Places
+//! are compared in the leader's frame (without a leader, in `map`). A formation that moves leaves
+//! behind whoever stops; in one that stands nobody who stops is off.
+
+mod broken;
+mod course;
+mod crowd;
+mod reduced;
+#[cfg(test)]
+mod tests;
+
+use formation::Vec2;
+use formation::laplacian::settle;
+use protocol::brief::SilencePolicy;
+use protocol::law::Reference;
+
+pub use broken::{Broken, BrokenRobot, Cause, broken_means, lines};
+use course::Course;
+use crowd::Crowd;
+use reduced::Reduced;
+
+use crate::scenario::Scenario;
+use formation::seconds;
+
+/// What theory needs to know of a scenario to foretell what its deaths and cuts break.
+#[derive(Debug, Clone)]
+pub struct Predictor {
+    robots: Vec<Facts>,
+    /// For each robot, whom it hears: the edge's place in the graph, who, and c_ji, m.
+    heard: Vec<Vec<Ear>>,
+    /// The main leader.
+    leader: Option<usize>,
+    /// Where each robot belongs: places as planned, at scale 1 and heading 0, m.
+    planned: Vec<Vec2>,
+    /// How the main leader goes, if there is one.
+    course: Option<Course>,
+    /// How far into its future a dead robot is believed, s: until it is lost, and its last beacon is
+    /// two periods old when it dies.
+    believed_s: f64,
+    /// Mean and smallest scale.
+    scale: [f64; 2],
+    /// Farther off its place than this a robot is broken, m.
+    bound_m: f64,
+}
+
+/// One robot.
+#[derive(Debug, Clone, Copy)]
+struct Facts {
+    reference: Reference,
+    silence: SilencePolicy,
+    /// Nearer to another than this it does not come to rest, m. (Remark 1)
+    stands_off_m: f64,
+    /// Whether it makes room for those that lead or keep a place.
+    gives_way: bool,
+}
+
+/// An edge, as the robot has it that hears.
+#[derive(Debug, Clone, Copy)]
+struct Ear {
+    edge: usize,
+    from: usize,
+    offset_m: Vec2,
+}
+
+impl Predictor {
+    /// Of a scenario, with its `converged_error_m` as the bound.
+    pub fn of(scenario: &Scenario) -> Predictor {
+        let facts = |i: usize| Facts {
+            reference: scenario.robots[i].role.reference,
+            silence: scenario.silence.policy,
+            stands_off_m: scenario.steers_within_m(i).unwrap_or(0.0),
+            gives_way: scenario.robots[i].role.gives_way,
+        };
+        let n = scenario.robots.len();
+        let mut heard = vec![Vec::new(); n];
+        for (edge, ends) in scenario.graph.edges().iter().enumerate() {
+            heard[ends.to].push(Ear { edge, from: ends.from, offset_m: ends.offset_m });
+        }
+        let mut predictor = Predictor {
+            robots: (0..n).map(facts).collect(),
+            heard,
+            leader: scenario.leader(),
+            planned: vec![Vec2::zeros(); n],
+            course: Course::of(scenario),
+            believed_s: seconds(scenario.silence.lost_after_ns) - 2.0 * seconds(scenario.period_ns),
+            scale: scenario
+                .lead
+                .as_ref()
+                .map_or([1.0; 2], |lead| [lead.scale.mean, lead.scale.mean - lead.scale.amplitude]),
+            bound_m: scenario.expect.converged_error_m,
+        };
+        let whole = Reduced::of(&predictor, &[], &[], false);
+        let mut places = whole.places(&predictor.planned);
+        let (free, _) = whole.free(&predictor);
+        // Singular only where somebody is reached by nobody, and that is an error of the scenario.
+        if settle(&whole.heard, &free, &mut places).is_some() {
+            predictor.planned = places[..n].to_vec();
+        }
+        predictor
+    }
+
+    /// The same with another bound, m.
+    pub fn with_bound(self, bound_m: f64) -> Predictor {
+        Predictor { bound_m, ..self }
+    }
+
+    /// Farther off its place than this, m, a robot is broken.
+    pub fn bound_m(&self) -> f64 {
+        self.bound_m
+    }
+
+    /// Whom of the living it breaks, by their places and in order, that from `t_s` on (at any time
+    /// without one) the robots `dead` are dead or frozen and the edges `cut` carry nothing.
+    pub fn broken(&self, dead: &[usize], cut: &[usize], t_s: Option<f64>) -> Vec<Broken> {
+        let moving = self.course.as_ref().is_some_and(|course| course.moves(t_s));
+        let leader_dead = self.leader.is_some_and(|leader| dead.contains(&leader));
+        // About a dead leader all stand.
+        let reduced = Reduced::of(self, dead, cut, moving && !leader_dead);
+        let mut causes = reduced.left_behind(self);
+        let places = self.settled(&reduced, &causes);
+        let crowd = Crowd::of(self, &reduced, &places, &causes);
+        for (i, cause) in crowd.causes(self, &reduced).into_iter().enumerate() {
+            if let Some((cause, off_m)) = cause {
+                let outside_m = crowd.outside_m(self, &reduced, i);
+                causes[i] = Some(Broken { robot: i, cause, off_m: Some(off_m), outside_m });
+            }
+        }
+        if moving && leader_dead {
+            self.run_on(&mut causes, &reduced, t_s);
+        }
+        causes.into_iter().flatten().collect()
+    }
+
+    /// Who has gone on until the leader was given up, with the speed of its place, for too far.
+    fn run_on(&self, causes: &mut [Option<Broken>], reduced: &Reduced, t_s: Option<f64>) {
+        let (Some(course), Some(leader)) = (&self.course, self.leader) else { return };
+        for robot in (0..self.robots.len()).filter(|&i| reduced.alive[i]) {
+            let ran_m = course.speed_m_s(self.planned[robot], t_s) * self.believed_s;
+            if ran_m > self.bound_m && self.robots[robot].reference != Reference::Trajectory {
+                let other = causes[robot];
+                let off_m = other.and_then(|other| other.off_m).unwrap_or(0.0).max(ran_m);
+                let outside_m = other.and_then(|other| other.outside_m);
+                let cause = Cause::LeaderDead { leader };
+                causes[robot] = Some(Broken { robot, cause, off_m: Some(off_m), outside_m });
+            }
+        }
+    }
+
+    /// The place as planned of a robot, or of where it was lost, m.
+    fn place_of(&self, i: usize) -> Vec2 {
+        self.planned[i % self.robots.len()]
+    }
+
+    /// Where those settle that are not left behind.
+    fn settled(&self, reduced: &Reduced, behind: &[Option<Broken>]) -> Vec<Vec2> {
+        let mut places = reduced.places(&self.planned);
+        let (free, adrift) = reduced.free(self);
+        let off = |&i: &usize| {
+            let heard = &reduced.heard[i];
+            let asked: Vec2 = heard.iter().map(|&(from, offset)| places[from] + offset).sum();
+            (asked / heard.len() as f64 - places[i]).norm() > 1e-9
+        };
+        let free: Vec<usize> = free.into_iter().filter(|&i| behind[i].is_none()).collect();
+        // Whoever hears only robots that stay where they were stays as well.
+        let moved: Vec<usize> = free.iter().copied().filter(off).collect();
+        let moved = reduced.downstream(&moved);
+        let free: Vec<usize> = free.into_iter().filter(|&i| moved[i]).collect();
+        if settle(&reduced.heard, &free, &mut places).is_none() {
+            return places;
+        }
+        // A group that hears nobody outside keeps its middle.
+        for group in adrift {
+            let shift: Vec2 = group.iter().map(|&i| self.planned[i] - places[i]).sum();
+            let shift = shift / group.len() as f64;
+            if shift.norm() > 1e-9 {
+                let with = reduced.downstream(&group);
+                (0..self.robots.len()).filter(|&i| with[i]).for_each(|i| places[i] += shift);
+            }
+        }
+        places
+    }
+}

@@ -1,0 +1,165 @@
+//! The graph that is left: whom everybody still goes by, who stops, whom the leader reaches.
+
+use formation::Vec2;
+use protocol::brief::SilencePolicy;
+use protocol::law::Reference;
+
+use super::{Broken, Cause, Predictor};
+
+/// What is left of a formation.
+///
+/// Places have two halves: those of the robots, and after them those where each was lost, which
+/// the policy `keep` goes by.
+#[derive(Debug)]
+pub(super) struct Reduced {
+    pub(super) alive: Vec<bool>,
+    /// For each robot, whom it goes by, with c_ji, m. Of the dead, and of those who stop, nobody.
+    pub(super) heard: Vec<Vec<(usize, Vec2)>>,
+    /// Whom each robot has lost, the first of them.
+    pub(super) lost: Vec<Option<usize>>,
+    /// For each robot, who goes by it.
+    hearers: Vec<Vec<usize>>,
+    pub(super) moving: bool,
+}
+
+impl Reduced {
+    /// Without these robots and edges, in a formation that moves or stands.
+    pub(super) fn of(p: &Predictor, dead: &[usize], cut: &[usize], moving: bool) -> Reduced {
+        let n = p.robots.len();
+        let mut reduced = Reduced {
+            alive: (0..n).map(|i| !dead.contains(&i)).collect(),
+            heard: vec![Vec::new(); n],
+            lost: vec![None; n],
+            hearers: vec![Vec::new(); n],
+            moving,
+        };
+        for (i, ears) in p.heard.iter().enumerate().filter(|(i, _)| !dead.contains(i)) {
+            if p.robots[i].reference == Reference::Trajectory {
+                continue;
+            }
+            let silent = |from: usize, edge: usize| dead.contains(&from) || cut.contains(&edge);
+            for ear in ears {
+                if !silent(ear.from, ear.edge) {
+                    reduced.heard[i].push((ear.from, ear.offset_m));
+                    continue;
+                }
+                reduced.lost[i].get_or_insert(ear.from);
+                if p.robots[i].silence == SilencePolicy::Keep {
+                    reduced.heard[i].push((n + ear.from, ear.offset_m));
+                }
+            }
+            if p.robots[i].silence == SilencePolicy::Stop && reduced.lost[i].is_some() {
+                reduced.heard[i].clear();
+            }
+            for &(from, _) in reduced.heard[i].iter().filter(|(from, _)| *from < n) {
+                reduced.hearers[from].push(i);
+            }
+        }
+        reduced
+    }
+
+    /// Places of robots, and of where they were lost.
+    pub(super) fn places(&self, planned: &[Vec2]) -> Vec<Vec2> {
+        [planned, planned].concat()
+    }
+
+    /// Everybody who goes by one of these, directly or over others, and these.
+    pub(super) fn downstream(&self, sources: &[usize]) -> Vec<bool> {
+        let mut reached = vec![false; self.heard.len()];
+        let mut open = sources.to_vec();
+        while let Some(robot) = open.pop() {
+            if !std::mem::replace(&mut reached[robot], true) {
+                open.extend(self.hearers[robot].iter().filter(|&&next| !reached[next]));
+            }
+        }
+        reached
+    }
+
+    /// The living that go by others, and the groups among them that hear nobody outside. One of
+    /// each group is left out: somebody has to stay for the rest to settle about.
+    pub(super) fn free(&self, p: &Predictor) -> (Vec<usize>, Vec<Vec<usize>>) {
+        let n = self.heard.len();
+        let living = || (0..n).filter(|&i| self.alive[i]);
+        let kept = |i: usize| self.heard[i].iter().any(|&(from, _)| from >= n);
+        let anchored = |i: &usize| {
+            self.heard[*i].is_empty() || kept(*i) || p.robots[*i].reference == Reference::Trajectory
+        };
+        let mut reached = self.downstream(&living().filter(anchored).collect::<Vec<_>>());
+        let (mut pinned, mut groups) = (Vec::new(), Vec::new());
+        while let Some(first) = living().find(|&i| !reached[i]) {
+            let group = self.closed_group(first);
+            let from = self.downstream(&group);
+            reached.iter_mut().zip(from).for_each(|(reached, from)| *reached |= from);
+            pinned.push(group[0]);
+            groups.push(group);
+        }
+        let free =
+            living().filter(|&i| !self.heard[i].is_empty() && !pinned.contains(&i)).collect();
+        (free, groups)
+    }
+
+    /// A group that hears nobody outside itself and that reaches `robot`, in order. Whoever hears
+    /// nobody at all must not reach it.
+    fn closed_group(&self, robot: usize) -> Vec<usize> {
+        let mut group = self.upstream(robot);
+        // Going up from any member ends in the same group, or in a smaller one.
+        while let Some(smaller) =
+            group.iter().map(|&i| self.upstream(i)).find(|up| up.len() < group.len())
+        {
+            group = smaller;
+        }
+        group
+    }
+
+    /// Everybody by whom this robot goes, directly or over others, and the robot, in order.
+    fn upstream(&self, robot: usize) -> Vec<usize> {
+        let mut reached = vec![false; self.heard.len()];
+        let mut open = vec![robot];
+        while let Some(robot) = open.pop() {
+            if !std::mem::replace(&mut reached[robot], true) {
+                let heard = self.heard[robot].iter().map(|&(from, _)| from);
+                open.extend(heard.filter(|&from| from < reached.len() && !reached[from]));
+            }
+        }
+        (0..reached.len()).filter(|&i| reached[i]).collect()
+    }
+
+    /// Whom a formation that moves leaves behind, and whom those hold back. In a formation that
+    /// stands that is nobody.
+    pub(super) fn left_behind(&self, p: &Predictor) -> Vec<Option<Broken>> {
+        let n = self.heard.len();
+        let mut causes = vec![None; n];
+        let (Some(leader), true) = (p.leader, self.moving) else { return causes };
+        let follows = |i: usize| p.robots[i].reference == Reference::Trajectory;
+        let leads: Vec<usize> = (0..n).filter(|&i| self.alive[i] && follows(i)).collect();
+        let led = self.downstream(&leads);
+        let places: Vec<usize> = (0..n)
+            .filter(|&i| self.alive[i] && p.robots[i].reference != Reference::Middle)
+            .collect();
+        let held = self.downstream(&places);
+        let kept = |i: usize| self.heard[i].iter().find(|&&(from, _)| from >= n);
+        let behind = |&i: &usize| self.alive[i] && !follows(i) && (!led[i] || kept(i).is_some());
+        let behind: Vec<usize> = (0..n).filter(behind).collect();
+        let dragged = self.downstream(&behind);
+        for i in (0..n).filter(|&i| self.alive[i] && !follows(i) && dragged[i]) {
+            let contained = p.robots[i].reference == Reference::Middle;
+            let cause = if self.heard[i].is_empty()
+                && let Some(lost) = self.lost[i]
+            {
+                Cause::Stops { lost }
+            } else if contained && !held[i] {
+                Cause::Uncontained
+            } else if !led[i] {
+                Cause::Unled { leader }
+            } else if let Some(&(lost, _)) = kept(i) {
+                Cause::Kept { lost: lost - n }
+            } else {
+                let stray = |&&(from, _): &&(usize, Vec2)| dragged[from];
+                let by = self.heard[i].iter().find(stray);
+                Cause::Pulled { by: by.map_or(leader, |&(by, _)| by) }
+            };
+            causes[i] = Some(Broken { robot: i, cause, off_m: None, outside_m: None });
+        }
+        causes
+    }
+}

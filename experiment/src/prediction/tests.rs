@@ -1,0 +1,221 @@
+//! Each cause by a formation whose outcome is known in closed form.
+
+use formation::frame::Scale;
+use formation::graph::{Edge, FormationGraph};
+use formation::trajectory::Trajectory;
+use protocol::avoidance::AvoidanceDescription;
+use protocol::brief::LeadBrief;
+use protocol::law::Role;
+
+use super::*;
+use crate::examples::row_of_three;
+
+const LEADS: Role = Role::LEADER;
+const KEEPS: Role = Role::FORMATION;
+const CONTAINED: Role = Role::CONTAINED;
+
+/// At 1 m/s along x.
+fn moving() -> Option<LeadBrief> {
+    let trajectory = Trajectory::Line { center_m: [0.0, 0.0], velocity_m_s: [1.0, 0.0] };
+    Some(LeadBrief { scale: Scale::ONE, trajectory })
+}
+
+fn standing() -> Option<LeadBrief> {
+    let trajectory = Trajectory::Still { center_m: [0.0, 0.0] };
+    Some(LeadBrief { scale: Scale::ONE, trajectory })
+}
+
+/// Robots of these roles; edges from, to, and offset. Nobody comes to rest nearer than 0.25 m to
+/// another; the lost are given up after 0.1 s; the bound is 1 cm.
+fn formation(
+    roles: &[Role],
+    edges: &[(usize, usize, [f64; 2])],
+    lead: Option<LeadBrief>,
+) -> Scenario {
+    let mut scenario = row_of_three();
+    let like = scenario.robots[0].clone();
+    scenario.robots = roles
+        .iter()
+        .enumerate()
+        .map(|(i, &role)| {
+            let mut robot = like.clone();
+            (robot.role, robot.name) = (role, format!("r{}", i + 1));
+            robot
+        })
+        .collect();
+    let edge =
+        |&(from, to, offset): &(usize, usize, [f64; 2])| Edge { from, to, offset_m: offset.into() };
+    scenario.graph = FormationGraph::new(roles.len(), edges.iter().map(edge).collect());
+    scenario.lead = lead;
+    scenario.silence.lost_after_ns = 100_000_000;
+    scenario.method = AvoidanceDescription {
+        steers_within: Some(("d_f", |_| 0.25)),
+        ..AvoidanceDescription::INERT
+    };
+    scenario
+}
+
+fn broken(scenario: &Scenario, dead: &[usize], cut: &[usize]) -> Vec<(usize, Cause)> {
+    let broken = Predictor::of(scenario).broken(dead, cut, Some(1.0));
+    broken.into_iter().map(|one| (one.robot, one.cause)).collect()
+}
+
+/// 0 leads; 1, 2, 3 follow each other in a line behind it.
+fn line(lead: Option<LeadBrief>) -> Scenario {
+    let behind = [-1.0, 0.0];
+    let edges = [(0, 1, behind), (1, 2, behind), (2, 3, behind)];
+    formation(&[LEADS, KEEPS, KEEPS, KEEPS], &edges, lead)
+}
+
+/// 0 leads, 1 and 2 keep places: a triangle of corners (0, 0), (-4, 2), (-4, -2). 3 hears 0 and 1,
+/// 4 hears 1, 2 and 3.
+fn hull(lead: Option<LeadBrief>) -> Scenario {
+    let none = [0.0, 0.0];
+    let edges = [
+        (0, 1, [-4.0, 2.0]),
+        (0, 2, [-4.0, -2.0]),
+        (0, 3, none),
+        (1, 3, none),
+        (1, 4, none),
+        (2, 4, none),
+        (3, 4, none),
+    ];
+    formation(&[LEADS, KEEPS, KEEPS, CONTAINED, CONTAINED], &edges, lead)
+}
+
+#[test]
+fn a_line_that_moves_leaves_behind_all_after_the_gap_and_one_that_stands_nobody() {
+    let expected = [(2, Cause::Stops { lost: 1 }), (3, Cause::Unled { leader: 0 })];
+    assert_eq!(broken(&line(moving()), &[1], &[]), expected);
+    assert_eq!(broken(&line(moving()), &[], &[1]), expected);
+    assert_eq!(broken(&line(moving()), &[3], &[]), []);
+    for dead in 0..4 {
+        assert_eq!(broken(&line(standing()), &[dead], &[]), [], "r{} dies", dead + 1);
+    }
+}
+
+#[test]
+fn about_a_dead_leader_all_stand_but_for_how_far_they_ran_on() {
+    // At 1 m/s for 0.1 s but for two periods.
+    let mut scenario = line(moving());
+    scenario.period_ns = 5_000_000;
+    let predictor = Predictor::of(&scenario);
+    let broken = predictor.broken(&[0], &[], Some(1.0));
+    assert_eq!(broken.len(), 3);
+    for one in &broken {
+        assert_eq!(one.cause, Cause::LeaderDead { leader: 0 });
+        assert!((one.off_m.unwrap() - 0.09).abs() < 1e-9, "{one:?}");
+    }
+    assert_eq!(predictor.with_bound(0.11).broken(&[0], &[], Some(1.0)), []);
+}
+
+#[test]
+fn one_who_goes_by_the_leader_and_by_one_left_behind_is_held_back() {
+    // 0 -> 1 -> 2 -> 1: without the edge 1 -> 2, 2 hears nobody.
+    let edges = [(0, 1, [-1.0, 0.0]), (1, 2, [-1.0, 0.0]), (2, 1, [1.0, 0.0])];
+    let scenario = formation(&[LEADS, KEEPS, KEEPS], &edges, moving());
+    let expected = [(1, Cause::Pulled { by: 2 }), (2, Cause::Stops { lost: 1 })];
+    assert_eq!(broken(&scenario, &[], &[1]), expected);
+}
+
+#[test]
+fn policies_stop_or_hold_who_has_lost_one_of_two() {
+    // 2 hears 0 and 1.
+    let edges = [(0, 1, [-1.0, 0.0]), (0, 2, [0.0, -1.0]), (1, 2, [1.0, -1.0])];
+    let mut scenario = formation(&[LEADS, KEEPS, KEEPS], &edges, moving());
+    assert_eq!(broken(&scenario, &[1], &[]), []);
+    scenario.silence.policy = SilencePolicy::Stop;
+    assert_eq!(broken(&scenario, &[1], &[]), [(2, Cause::Stops { lost: 1 })]);
+    scenario.silence.policy = SilencePolicy::Keep;
+    assert_eq!(broken(&scenario, &[1], &[]), [(2, Cause::Kept { lost: 1 })]);
+    scenario.lead = standing();
+    assert_eq!(broken(&scenario, &[1], &[]), []);
+}
+
+#[test]
+fn a_contained_robot_goes_to_the_middle_of_the_rest_and_takes_along_who_goes_by_it() {
+    for lead in [moving(), standing()] {
+        // r4 was in the middle of (0, 0) and (-4, 2), r5 in that of (-4, 2), (-4, -2), (-2, 1).
+        let predictor = Predictor::of(&hull(lead));
+        let broken = predictor.broken(&[2], &[], Some(1.0));
+        let [one] = broken[..] else { panic!("{broken:?}") };
+        assert_eq!((one.robot, one.cause), (4, Cause::Without { lost: 2 }));
+        // It goes from (-10/3, 1/3) to (-3, 3/2).
+        let off_m = Vec2::new(-10.0 / 3.0 + 3.0, 1.0 / 3.0 - 1.5).norm();
+        assert!((one.off_m.unwrap() - off_m).abs() < 1e-9, "{one:?}");
+        assert_eq!(one.outside_m, None);
+    }
+}
+
+#[test]
+fn one_left_with_one_neighbor_wants_its_place_and_stands_off_outside_the_hull_or_inside() {
+    // Without 1, robot 3 hears the leader alone; 4, who hears 2 and 3, follows.
+    let broken = Predictor::of(&hull(standing())).broken(&[], &[3], Some(1.0));
+    let causes: Vec<(usize, Cause)> = broken.iter().map(|one| (one.robot, one.cause)).collect();
+    assert_eq!(causes, [(3, Cause::Taken { by: 0 }), (4, Cause::Follows { whom: 3 })]);
+    // It came from (-2, 1), and stops 0.25 m before the leader.
+    let off_m = 5.0f64.sqrt() - 0.25;
+    assert!((broken[0].off_m.unwrap() - off_m).abs() < 1e-3, "{broken:?}");
+    assert!((broken[1].off_m.unwrap() - off_m / 3.0).abs() < 1e-3, "{broken:?}");
+    let scenario = hull(standing());
+    let name = |i: usize| scenario.robots[i].name.as_str();
+    assert_eq!(broken[0].why(name), "wants r1's place (Remark 1)");
+}
+
+#[test]
+fn contained_robots_without_anybody_to_contain_them_have_an_empty_hull() {
+    // 2 and 3 hear each other; 2 alone hears 1, who keeps a place.
+    let none = [0.0, 0.0];
+    let edges = [(0, 1, [-2.0, 0.0]), (1, 2, none), (2, 3, none), (3, 2, none), (0, 3, none)];
+    let scenario = formation(&[LEADS, KEEPS, CONTAINED, CONTAINED], &edges, moving());
+    let cut = [1, 4];
+    assert_eq!(broken(&scenario, &[], &cut), [(2, Cause::Uncontained), (3, Cause::Uncontained)]);
+}
+
+#[test]
+fn without_a_leader_nobody_moves_where_the_offsets_close() {
+    let side = [[0.5, 0.0], [0.0, 0.5], [-0.5, 0.0], [0.0, -0.5]];
+    let edges: Vec<_> = (0..4).map(|i| (i, (i + 1) % 4, side[i])).collect();
+    let ring = formation(&[KEEPS; 4], &edges, None);
+    for robot in 0..4 {
+        assert_eq!(broken(&ring, &[robot], &[]), []);
+        assert_eq!(broken(&ring, &[], &[robot]), []);
+    }
+}
+
+#[test]
+fn where_offsets_do_not_close_the_place_moves_with_the_mean() {
+    // 2 hears 0 and 1, who disagree by 0.1 m: it stands in the middle, and moves by half of that.
+    // 3 keeps its place to 0, and so with most of the living the formation stays.
+    let edges = [(0, 1, [1.0, 0.0]), (0, 2, [0.0, 1.0]), (1, 2, [-0.9, 1.0]), (0, 3, [-1.0, 0.0])];
+    let scenario = formation(&[KEEPS; 4], &edges, None);
+    let broken = Predictor::of(&scenario).broken(&[1], &[], None);
+    let [one] = broken[..] else { panic!("{broken:?}") };
+    assert_eq!((one.robot, one.cause), (2, Cause::Without { lost: 1 }));
+    assert!((one.off_m.unwrap() - 0.05).abs() < 1e-9, "{one:?}");
+}
+
+#[test]
+fn a_dead_body_in_a_formation_that_stands_is_in_the_way_and_one_that_moves_leaves_it_behind() {
+    // 3, in the middle of 0, 1 and 2, goes without 2 to the middle of 0 and 1: where 4 stands.
+    let none = [0.0, 0.0];
+    let edges = [
+        (0, 1, [2.0, 0.0]),
+        (0, 2, [1.0, 3.0]),
+        (0, 3, none),
+        (1, 3, none),
+        (2, 3, none),
+        (0, 4, [1.0, 0.0]),
+    ];
+    let roles = [LEADS, KEEPS, KEEPS, CONTAINED, KEEPS];
+    let causes = |lead| broken(&formation(&roles, &edges, lead), &[2, 4], &[]);
+    assert_eq!(causes(standing()), [(3, Cause::Taken { by: 4 })]);
+    assert_eq!(causes(moving()), [(3, Cause::Without { lost: 2 })]);
+}
+
+#[test]
+fn what_befalls_several_is_one_line() {
+    let why = |i: usize| ["a", "b", "a"][i].to_owned();
+    let broken = ["r1", "r2", "r3"].into_iter().enumerate().map(|(i, robot)| (robot, why(i)));
+    assert_eq!(lines(broken), ["r1, r3: a", "r2: b"]);
+}

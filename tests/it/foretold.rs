@@ -1,0 +1,163 @@
+//! Whom deaths and cuts break: what theory foretells, held against what the oracle does.
+//!
+//! `random` does the same in formations that nobody ships.
+
+mod random;
+
+use std::fmt::Write as _;
+
+use experiment::prediction::{Broken, Predictor};
+use experiment::scenario::Scenario;
+use metrics::Measures;
+
+use crate::single_faults::{self, Case, of_each};
+
+/// Farther than this, m, from its place in the formation as planned, over the last tenth of the run,
+/// a robot is broken.
+const BOUND_M: f64 = 0.02;
+/// Of `swarm64`, every so manieth case is looked at, once it has settled, s.
+const SWARM_EVERY: usize = 16;
+const SWARM_AT_S: f64 = 45.0;
+
+/// What one case was to do, and did.
+struct Outcome {
+    /// Who and what, with the scenario's name.
+    what: String,
+    names: Vec<String>,
+    foretold: Vec<Broken>,
+    /// How far off its place each robot is at the end, m; of the dead nothing.
+    off_m: Vec<Option<f64>>,
+    violations: u64,
+}
+
+impl Outcome {
+    fn of(
+        what: String,
+        scenario: &Scenario,
+        foretold: Vec<Broken>,
+        measures: &Measures,
+    ) -> Outcome {
+        Outcome {
+            what,
+            names: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
+            foretold,
+            off_m: measures.final_ideal_error_m.iter().map(|(_, off_m)| *off_m).collect(),
+            violations: measures.violations,
+        }
+    }
+
+    fn is_foretold(&self, robot: usize) -> bool {
+        self.foretold.iter().any(|one| one.robot == robot)
+    }
+
+    fn is_seen(&self, robot: usize) -> bool {
+        self.off_m[robot].is_some_and(|off_m| off_m > BOUND_M)
+    }
+
+    /// Whether exactly those are broken that were to be.
+    fn agrees(&self) -> bool {
+        (0..self.names.len()).all(|robot| self.is_foretold(robot) == self.is_seen(robot))
+    }
+
+    /// What happened, robot by robot, where something did or was to.
+    fn told(&self) -> String {
+        let mut text = format!("{}{}\n", if self.agrees() { "" } else { "DIFFERENT " }, self.what);
+        let name = |robot: usize| self.names[robot].as_str();
+        for robot in 0..self.names.len() {
+            let one = self.foretold.iter().find(|one| one.robot == robot);
+            if one.is_none() && !self.is_seen(robot) {
+                continue;
+            }
+            let why = one.map_or("nothing foretold".to_owned(), |one| one.why(name));
+            let about = one.and_then(|one| one.off_m);
+            let about = about.map_or(String::new(), |off_m| format!(" (about {off_m:.3} m)"));
+            let off_m = self.off_m[robot].unwrap_or(f64::NAN);
+            let _ = writeln!(text, "    {} off by {off_m:.3} m: {why}{about}", name(robot));
+        }
+        text
+    }
+}
+
+/// What it breaks that one robot dies, or one edge is cut, for good.
+fn foretold(scenario: &Scenario, broken: single_faults::Broken, at_s: f64) -> Vec<Broken> {
+    let (dead, cut) = match broken {
+        single_faults::Broken::Robot(robot) => (vec![robot], Vec::new()),
+        single_faults::Broken::Edge(edge) => (Vec::new(), vec![edge]),
+    };
+    Predictor::of(scenario).with_bound(BOUND_M).broken(&dead, &cut, Some(at_s))
+}
+
+fn outcome(case: &Case, whole_again: bool) -> Outcome {
+    let scenario = case.scenario(whole_again);
+    let measures = case.run(whole_again, |_, _, _| {});
+    let foretold = match whole_again {
+        // Everybody comes back.
+        true => Vec::new(),
+        false => foretold(&scenario, case.broken, case.at_s),
+    };
+    Outcome::of(format!("{}: {}", case.scenario, case.what), &scenario, foretold, &measures)
+}
+
+/// Runs these cases and prints what they did; those in which others are broken than foretold.
+fn different(cases: &[Case], whole_again: bool) -> Vec<Outcome> {
+    let outcomes = of_each(cases, |case| outcome(case, whole_again));
+    for outcome in &outcomes {
+        println!("{}", outcome.told());
+        assert_eq!(outcome.violations, 0, "{}: nearer than d", outcome.what);
+    }
+    let mut scenarios: Vec<(&str, [usize; 2])> = Vec::new();
+    for (case, outcome) in cases.iter().zip(&outcomes) {
+        let [all, agree] = match scenarios.last_mut() {
+            Some((name, counts)) if *name == case.scenario => counts,
+            _ => {
+                scenarios.push((case.scenario, [0; 2]));
+                &mut scenarios.last_mut().expect("it was just pushed").1
+            }
+        };
+        (*all, *agree) = (*all + 1, *agree + usize::from(outcome.agrees()));
+    }
+    for (name, [all, agree]) in &scenarios {
+        println!("{name}: {agree} of {all} as foretold");
+    }
+    outcomes.into_iter().filter(|outcome| !outcome.agrees()).collect()
+}
+
+/// All single deaths and cuts of the shipped scenarios, and some of `swarm64`'s.
+fn all_cases() -> Vec<Case> {
+    let swarm = single_faults::cases_of("swarm64").into_iter().step_by(SWARM_EVERY);
+    let settled = swarm.map(|case| Case { at_s: SWARM_AT_S, ..case });
+    single_faults::cases().into_iter().chain(settled).collect()
+}
+
+#[test]
+fn who_is_left_with_one_neighbor_is_foretold_to_want_its_place_and_nobody_else_is_broken() {
+    let case = single_faults::cases_of("containment").into_iter().find(|c| c.what == "kill r4");
+    let outcome = outcome(&case.unwrap(), false);
+    let why: Vec<String> = outcome
+        .foretold
+        .iter()
+        .map(|one| format!("{}: {}", outcome.names[one.robot], one.why(|i| &outcome.names[i])))
+        .collect();
+    assert!(why.contains(&"r3: wants r8's place (Remark 1)".to_owned()), "{why:?}");
+    assert!(outcome.agrees(), "{}", outcome.told());
+}
+
+/// `cargo test --release --test it -- --ignored foretold::every_single --nocapture`
+#[test]
+#[ignore = "hundreds of runs: minutes"]
+fn every_single_death_and_cut_breaks_whom_theory_says() {
+    let cases = all_cases();
+    let different = different(&cases, false).len();
+    println!("{} of {} as foretold", cases.len() - different, cases.len());
+    assert!(20 * different <= cases.len(), "{different} of {} differ", cases.len());
+}
+
+/// `cargo test --release --test it -- --ignored foretold::after_every --nocapture`
+#[test]
+#[ignore = "hundreds of runs: minutes"]
+fn after_every_death_and_cut_that_ends_everybody_comes_back() {
+    let cases = all_cases();
+    let different = different(&cases, true).len();
+    println!("{} of {} as foretold", cases.len() - different, cases.len());
+    assert!(20 * different <= cases.len(), "{different} of {} differ", cases.len());
+}

@@ -206,10 +206,12 @@ impl Brain {
         let alpha = front_point(pose, self.front_point_m); // (2)
         let moment =
             Moment { stamp_ns: odometry.stamp_ns, t_s, pose, neighborhood: &self.neighborhood };
+        self.away.clear();
+        self.away.extend(odometry.proximity().map(|other| alpha - other));
         let gamma = match self.role.target(&moment, &mut self.heard) {
             None => Vec2::zeros(),
             Some(target) => self.law.gamma(&Situation {
-                error: alpha - target.position,
+                error: self.avoidance.stand_off(&self.away, alpha - target.position),
                 desired_velocity: target.velocity,
                 period_s: self.period_s,
                 age_periods: self.age_periods,
@@ -220,13 +222,11 @@ impl Brain {
             }),
         };
         let gamma = self.avoidance.admit(gamma);
-        let frame = match self.role.frame(&moment, gamma, &*self.avoidance) {
+        let frame = match self.role.frame(&moment, &*self.avoidance) {
             Some(own) => Some((odometry.stamp_ns, own)),
             None => self.neighborhood.frame(),
         };
 
-        self.away.clear();
-        self.away.extend(odometry.proximity().map(|other| alpha - other));
         self.velocities.clear();
         self.velocities.extend(odometry.velocities());
         let until_effect_s = effect_ns.saturating_sub(odometry.stamp_ns) as f64 / 1e9;

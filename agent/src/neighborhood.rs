@@ -216,7 +216,12 @@ impl Neighborhood {
         if self.silence.policy == SilencePolicy::Stop && self.neighbors.iter().any(lost) {
             return None;
         }
-        let keep = self.silence.policy == SilencePolicy::Keep;
+        let all_lost = heard.iter().all(|one| one.contact == Contact::Lost);
+        let keep = match self.silence.policy {
+            SilencePolicy::Keep => true,
+            SilencePolicy::Last => all_lost,
+            SilencePolicy::Ignore | SilencePolicy::Stop => false,
+        };
         let counted = heard.iter().filter(|one| keep || one.contact != Contact::Lost);
         let target = desired(counted.map(|&Heard { position, velocity, offset, .. }| {
             (Target { position, velocity }, offset)
@@ -354,6 +359,20 @@ mod tests {
             let desired = desired(&hood, 400).map(|target| target.position);
             assert_eq!(desired, at_lost, "{policy:?}");
         }
+    }
+
+    #[test]
+    fn with_nobody_left_the_last_heard_say_where_to_stand() {
+        let mut hood = neighborhood(SilencePolicy::Last);
+        hood.hear(0, &beacon(0, 100, 1.0), 100).unwrap();
+        hood.hear(1, &beacon(0, 400, 5.0), 400).unwrap();
+        // a is lost: b alone counts; then both are: the middle of (1.2, 0) and (5.2, 0), + (0, 1).
+        for (stamp_ns, expected) in [(400, Vec2::new(5.0, 1.0)), (900, Vec2::new(3.2, 1.0))] {
+            hood.judge(stamp_ns, stamp_ns, stamp_ns);
+            let target = desired(&hood, stamp_ns).unwrap();
+            assert!((target.position - expected).norm() < 1e-9, "at {stamp_ns}: {target:?}");
+        }
+        assert_eq!(desired(&hood, 900).unwrap().velocity, Vec2::zeros());
     }
 
     #[test]

@@ -38,7 +38,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         law: robot.law.clone(),
         gains: robot.gains.clone(),
         led: scenario.lead.is_some(),
-        gives_way: robot.role.gives_way,
+        rank: scenario.rank(i),
         lead: scenario.lead_of(i).cloned(),
         published_velocity: scenario.published_velocity,
         avoidance: avoidance(scenario),

@@ -2,8 +2,10 @@
 //! longer.
 
 use formation::Vec2;
+use formation::frame::LeaderFrame;
 use protocol::message::TruthRow;
 
+use crate::frame::IdealFrame;
 use crate::silence::Silent;
 use crate::target::Targets;
 use experiment::scenario::Scenario;
@@ -12,6 +14,7 @@ use formation::seconds;
 /// The errors so far. Those of the dead count for nothing.
 pub(super) struct Errors {
     targets: Targets,
+    frame: Option<IdealFrame>,
     leader: Option<usize>,
     converged_error_m: f64,
     /// At the newest truth.
@@ -65,6 +68,7 @@ impl Errors {
         let robots = scenario.robots.len();
         Errors {
             targets: Targets::new(scenario),
+            frame: IdealFrame::new(scenario),
             leader: scenario.leader(),
             converged_error_m: scenario.expect.converged_error_m,
             now_m: vec![None; robots],
@@ -85,7 +89,10 @@ impl Errors {
         silent: &Silent,
     ) -> f64 {
         let t_s = seconds(t_ns);
-        let frame = self.targets.frame(t_s, |leader| rows[leader].heading_rad);
+        let frame = self.frame.as_mut().map_or(LeaderFrame::STILL, |frame| {
+            let leader = frame.leader();
+            frame.at(t_s, rows[leader].heading_rad, alive[leader])
+        });
         let since_s = self.newest_t_ns.replace(t_ns).map_or(0.0, |then_ns| t_s - seconds(then_ns));
         let mut worst: Option<f64> = None;
         for (i, &alive) in alive.iter().enumerate() {

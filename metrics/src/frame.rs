@@ -1,11 +1,10 @@
-//! The frame that the ideal formation turns and grows with: the main leader's, with the heading that
-//! it would have if nothing but its own law had ever turned it.
+//! The frame that the formation turns and grows with: the main leader's, with the heading that it
+//! would have if nothing but m(t) had ever turned it.
 //!
-//! Avoidance turns the leader, and must not turn the formation. So the heading is not read off the
-//! leader's pose: it is the one that the leader's nominal velocity draws it to, from the heading at
-//! its start (17). While nobody is in the leader's way, the two are the same.
+//! Avoidance, the way back to its path and noise turn the leader, and must not turn the formation.
+//! So the heading is not read off the leader's pose: it is the one that m'(t) draws it to, from the
+//! heading at its start (17). While the leader is on its path, the two are the same.
 
-use formation::Vec2;
 use formation::frame::LeaderFrame;
 use formation::front_point::drawn_heading;
 use formation::seconds;
@@ -19,9 +18,7 @@ pub(super) struct IdealFrame {
     lead: LeadBrief,
     /// ell, m.
     front_point_m: f64,
-    /// Bound on each component of the leader's correction, m/s; 0 where no gain bounds it.
-    correction_max_m_s: f64,
-    /// Bound on its nominal velocity, m/s; infinite where nothing limits it.
+    /// Bound on its velocity, m/s; infinite where nothing limits it.
     speed_max_m_s: f64,
     period_s: f64,
     /// At the newest truth at which the leader lived.
@@ -33,10 +30,6 @@ pub(super) struct IdealFrame {
 #[derive(Debug, Clone, Copy)]
 struct Moment {
     t_s: f64,
-    /// m(t), m.
-    wanted: Vec2,
-    /// Its front point, m.
-    alpha: Vec2,
     /// Of the frame.
     heading_rad: f64,
 }
@@ -54,7 +47,6 @@ impl IdealFrame {
             leader,
             lead: scenario.lead.clone()?,
             front_point_m: robot.front_point_m,
-            correction_max_m_s: robot.correction_max_m_s.unwrap_or(0.0),
             speed_max_m_s,
             period_s: seconds(scenario.period_ns),
             newest: None,
@@ -67,22 +59,15 @@ impl IdealFrame {
         self.leader
     }
 
-    /// The frame at the truth of this time, by the leader's true heading and front point. A dead
-    /// leader's frame stays as it was when it died; whoever replaces it begins with the true heading.
-    pub(super) fn at(
-        &mut self,
-        t_s: f64,
-        heading_rad: f64,
-        alpha: Vec2,
-        alive: bool,
-    ) -> LeaderFrame {
+    /// The frame at the truth of this time, by the leader's true heading. A dead leader's frame
+    /// stays as it was when it died; whoever replaces it begins with the true heading.
+    pub(super) fn at(&mut self, t_s: f64, heading_rad: f64, alive: bool) -> LeaderFrame {
         let lived = std::mem::replace(&mut self.lived, alive);
         let begins = alive && !lived;
         if alive || self.newest.is_none() {
             let drawn = self.newest.filter(|_| !begins).map(|newest| self.drawn(newest, t_s));
             let heading_rad = drawn.unwrap_or(heading_rad);
-            let wanted = self.lead.trajectory.at(t_s).position;
-            self.newest = Some(Moment { t_s, wanted, alpha, heading_rad });
+            self.newest = Some(Moment { t_s, heading_rad });
         }
         let Moment { t_s, heading_rad, .. } = self.newest.expect("it was just set");
         LeaderFrame { heading_rad, scale: self.lead.scale.at(t_s).0, ..LeaderFrame::STILL }
@@ -92,16 +77,15 @@ impl IdealFrame {
     fn drawn(&self, from: Moment, t_s: f64) -> f64 {
         let steps = ((t_s - from.t_s) / self.period_s - 1e-6).ceil().max(1.0);
         let step_s = (t_s - from.t_s) / steps;
-        let correction = self.correction_max_m_s * (from.alpha - from.wanted).map(f64::tanh);
-        let (mut heading_rad, mut wanted) = (from.heading_rad, from.wanted);
+        let (mut heading_rad, mut was) =
+            (from.heading_rad, self.lead.trajectory.at(from.t_s).position);
         for step in 1..=steps as u64 {
             let next = self.lead.trajectory.at(from.t_s + step as f64 * step_s).position;
-            // gamma over the step (28)
-            let gamma = (next - std::mem::replace(&mut wanted, next)) / step_s - correction;
-            let speed_m_s = gamma.norm();
+            let velocity = (next - std::mem::replace(&mut was, next)) / step_s;
+            let speed_m_s = velocity.norm();
             let limited = match speed_m_s > self.speed_max_m_s {
-                true => gamma * (self.speed_max_m_s / speed_m_s),
-                false => gamma,
+                true => velocity * (self.speed_max_m_s / speed_m_s),
+                false => velocity,
             };
             heading_rad = drawn_heading(heading_rad, self.front_point_m, limited, step_s);
         }

@@ -69,8 +69,8 @@ impl Ideal {
         let (frame, origin) = match &mut self.frame {
             Some(frame) => {
                 let leader = frame.leader();
-                let (heading_rad, alpha) = (rows[leader].heading_rad, alphas[leader]);
-                (frame.at(seconds(t_ns), heading_rad, alpha, alive[leader]), Some(alpha))
+                let heading_rad = rows[leader].heading_rad;
+                (frame.at(seconds(t_ns), heading_rad, alive[leader]), Some(alphas[leader]))
             }
             None => (LeaderFrame::STILL, self.fitted(alphas, alive)),
         };

@@ -4,7 +4,7 @@ use formation::Vec2;
 use formation::desired::{Target, desired};
 use formation::frame::LeaderFrame;
 use formation::graph::Edge;
-use protocol::brief::LeadBrief;
+use protocol::brief::{LeadBrief, SilencePolicy};
 use protocol::law::Reference;
 
 use crate::silence::Silent;
@@ -17,7 +17,7 @@ pub(super) struct Targets {
     heard: Vec<Vec<(usize, Edge)>>,
     /// The trajectory of each, if it follows one.
     leads: Vec<Option<LeadBrief>>,
-    leader: Option<usize>,
+    policy: SilencePolicy,
 }
 
 impl Targets {
@@ -28,23 +28,13 @@ impl Targets {
             references: scenario.robots.iter().map(|robot| robot.role.reference).collect(),
             heard: (0..scenario.robots.len()).map(heard).collect(),
             leads: (0..scenario.robots.len()).map(|i| scenario.lead_of(i).cloned()).collect(),
-            leader: scenario.leader(),
+            policy: scenario.silence.policy,
         }
     }
 
-    /// Where the offsets turn and grow to at `t_s`, from the leader's true heading.
-    pub(super) fn frame(&self, t_s: f64, heading_rad: impl Fn(usize) -> f64) -> LeaderFrame {
-        let Some((leader, lead)) = self.leader.and_then(|i| Some((i, self.leads[i].as_ref()?)))
-        else {
-            return LeaderFrame::STILL;
-        };
-        let heading_rad = heading_rad(leader);
-        LeaderFrame { heading_rad, scale: lead.scale.at(t_s).0, ..LeaderFrame::STILL }
-    }
-
     /// alpha_i - alpha*_i, m: alpha* is m(t) for the leader (25), the mean of what all heard ask
-    /// for in a formation (13) (24) (45), their mean for a contained robot (46); the silent have no
-    /// say in it while anybody else is heard. `None` for one that has nothing to go by.
+    /// for in a formation (13) (24) (45), their mean for a contained robot (46); see
+    /// `counted` for the silent. `None` for one that has nothing to go by.
     pub(super) fn error(
         &self,
         robot: usize,
@@ -61,6 +51,15 @@ impl Targets {
         target.map(|target| alphas[robot] - target.position)
     }
 
+    /// Those by which a robot's error is measured, as the policy on silence has it: those heard; if
+    /// nobody is, or if the silent are to count, all.
+    fn counted(&self, robot: usize, silent: &Silent) -> impl Iterator<Item = &(usize, Edge)> {
+        let heard = &self.heard[robot];
+        let speaks = |(edge, ends): &(usize, Edge)| silent.carries(*edge, ends.from);
+        let all = self.policy == SilencePolicy::Keep || !heard.iter().any(speaks);
+        heard.iter().filter(move |one| all || speaks(one))
+    }
+
     fn mean(
         &self,
         robot: usize,
@@ -68,10 +67,7 @@ impl Targets {
         silent: &Silent,
         offset: impl Fn(Vec2) -> Target,
     ) -> Option<Target> {
-        let heard = &self.heard[robot];
-        let speaks = |edge: usize, from: usize| silent.carries(edge, from);
-        let nobody = !heard.iter().any(|(edge, ends)| speaks(*edge, ends.from));
-        let counted = heard.iter().filter(|(edge, ends)| nobody || speaks(*edge, ends.from));
+        let counted = self.counted(robot, silent);
         let place = |ends: &Edge| Target::still(alphas[ends.from]);
         desired(counted.map(|(_, ends)| (place(ends), offset(ends.offset_m))))
     }

@@ -1,9 +1,11 @@
 //! The errors of a run that is over, as vectors.
 
 use formation::Vec2;
+use formation::frame::LeaderFrame;
 use formation::front_point::front_point;
 use formation::pose::Pose;
 
+use crate::frame::IdealFrame;
 use crate::silence::Silent;
 use crate::target::Targets;
 use experiment::scenario::{Scenario, Silenced};
@@ -11,6 +13,7 @@ use experiment::scenario::{Scenario, Silenced};
 /// The errors of a run that is over, as vectors.
 pub struct ErrorVectors {
     targets: Targets,
+    frame: Option<IdealFrame>,
     front_points_m: Vec<f64>,
     silences: Vec<Silence>,
     silent: Silent,
@@ -33,6 +36,7 @@ impl ErrorVectors {
     pub fn new(scenario: &Scenario, silences: Vec<Silence>) -> ErrorVectors {
         ErrorVectors {
             targets: Targets::new(scenario),
+            frame: IdealFrame::new(scenario),
             front_points_m: scenario.robots.iter().map(|robot| robot.front_point_m).collect(),
             silences,
             silent: Silent::new(scenario),
@@ -40,7 +44,7 @@ impl ErrorVectors {
         }
     }
 
-    /// e_i of everybody, m, from where they were at that time; `None` for one that has nothing to
+    /// e_i of everybody, m, from where they were at that time, asked in order of time; `None` for one that has nothing to
     /// go by.
     pub fn at(&mut self, t_s: f64, poses: &[Pose]) -> impl Iterator<Item = Option<Vec2>> {
         self.silent.clear();
@@ -50,7 +54,9 @@ impl ErrorVectors {
         for ((alpha, pose), ell) in self.alphas.iter_mut().zip(poses).zip(&self.front_points_m) {
             *alpha = front_point(*pose, *ell);
         }
-        let frame = self.targets.frame(t_s, |leader| poses[leader].heading_rad);
+        let frame = self.frame.as_mut().map_or(LeaderFrame::STILL, |frame| {
+            frame.at(t_s, poses[frame.leader()].heading_rad, true)
+        });
         (0..poses.len())
             .map(move |i| self.targets.error(i, t_s, &frame, &self.alphas, &self.silent))
     }

@@ -7,6 +7,8 @@
 use std::f64::consts::PI;
 use std::fmt;
 
+use serde::{Deserialize, Serialize};
+
 use crate::brief::{AgentBrief, AvoidanceBrief};
 
 /// What a method promises about the distance of any two robots that use it.
@@ -40,6 +42,20 @@ pub struct Gain {
     pub meaning: &'static str,
 }
 
+/// Whose way it is: who comes later here makes way for those before. Comfort only: no promise about
+/// distances knows of it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Rank {
+    /// Leads, or is in a formation that nobody leads.
+    #[default]
+    First,
+    /// Keeps a place in a formation that somebody leads.
+    Follower,
+    /// Has no place of its own.
+    Contained,
+}
+
 /// What the figures of a method follow from.
 #[derive(Debug, Clone, Copy)]
 pub struct Conditions<'a> {
@@ -51,8 +67,8 @@ pub struct Conditions<'a> {
     pub lifetime_s: f64,
     /// ell, the smallest of all robots at hand, m.
     pub front_point_m: f64,
-    /// Whether some robot at hand makes way for others.
-    pub gives_way: bool,
+    /// The last of all robots at hand.
+    pub rank: Rank,
 }
 
 impl<'a> Conditions<'a> {
@@ -63,7 +79,7 @@ impl<'a> Conditions<'a> {
             period_s: brief.period_ns as f64 / 1e9,
             lifetime_s: brief.command_lifetime_ns as f64 / 1e9,
             front_point_m: brief.front_point_m,
-            gives_way: brief.gives_way,
+            rank: brief.rank,
         }
     }
 

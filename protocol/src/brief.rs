@@ -12,6 +12,7 @@ use formation::trajectory::Trajectory;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
+use crate::avoidance::Rank;
 use crate::fault::{LinkFault, SensorFault, SlowFault, WheelFault};
 use crate::number::told_apart;
 
@@ -93,7 +94,9 @@ pub(crate) fn is_zero(bound: &f64) -> bool {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SilencePolicy {
-    /// Take the mean over the rest.
+    /// Take the mean over the rest; with nobody left, let their last extrapolated points stand still.
+    Last,
+    /// Take the mean over the rest; with nobody left, stop.
     Ignore,
     /// Let the last extrapolated point stand still.
     Keep,
@@ -184,9 +187,9 @@ pub struct AgentBrief {
     /// Where to lead, for the main leader only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lead: Option<LeadBrief>,
-    /// Whether avoidance is to make way for robots that lead or keep a place.
+    /// Whom avoidance is to make way for.
     #[serde(default)]
-    pub gives_way: bool,
+    pub rank: Rank,
     /// Which velocity to publish.
     pub published_velocity: PublishedVelocity,
     /// How to keep distance.

@@ -216,7 +216,8 @@ fn the_swap_and_the_lattice_untangle_from_disturbed_starts_too() {
 pub type Measured = (&'static str, f64, [(f64, f64); 5]);
 
 /// Worst error of the last 10 % and smallest distance / d at periods of 1, 2, 5, 10 and 20 ms, as
-/// an independent simulation of the same laws measured them.
+/// an independent simulation of the same laws measured them, without ranks: since some make way for
+/// others, robots stay farther apart.
 pub const MEASURED: [Measured; 2] = [
     (
         "pentagon",
@@ -239,7 +240,7 @@ fn tracking_and_containment_are_as_exact_and_as_far_apart_as_was_measured() {
             let flight = oracle::fly(&scenario(name, &[&format!("period_s={period_s}")]));
             let (found_m, found_error_m) = far(&flight);
             assert!(found_m >= d, "{name} at {period_s} s: {found_m}");
-            assert_within(0.05, found_m / d, distance, name);
+            assert!(found_m / d > 0.95 * distance, "{name} at {period_s} s: {found_m}");
             assert!(found_error_m < 1.1 * error_m, "{name} at {period_s} s: {found_error_m}");
         }
     }

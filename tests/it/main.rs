@@ -20,6 +20,7 @@ mod hung;
 mod ideal;
 mod isolation;
 mod latency;
+mod leader_frame;
 mod lockstep;
 mod lost_screen;
 mod machine;

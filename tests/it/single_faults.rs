@@ -8,11 +8,14 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use experiment::scenario::{FaultKind, Scenario};
+use formation::Vec2;
 use formation::front_point::front_point;
+use formation::graph::{Edge, FormationGraph};
 use metrics::Measures;
+use protocol::law::Reference;
 use protocol::message::{TruthHeader, TruthRow};
 
-use crate::oracle::{fly_watched, scenario, with_faults};
+use crate::oracle::{fly_watched, scenario as scenario_named, with_faults};
 
 /// The shipped scenarios that have no faults of their own and differ in more than their starts;
 /// `swarm64`, which is too long for all of its cases, is sampled by whoever needs it.
@@ -78,7 +81,7 @@ impl Case {
 
 /// Every case of a shipped scenario: all deaths, then all cuts.
 pub fn cases_of(name: &'static str) -> Vec<Case> {
-    let scenario = scenario(name, &[]);
+    let scenario = scenario_named(name, &[]);
     let robot = |i: usize| scenario.robots[i].name.as_str();
     let kills =
         (0..scenario.robots.len()).map(|i| (Broken::Robot(i), format!("kill {}", robot(i))));
@@ -153,4 +156,99 @@ fn a_leader_is_not_held_up_by_a_contained_robot_that_wants_its_place() {
     for (what, off_m, violations) in held_up {
         assert!(off_m < 1e-6 && violations == 0, "{what}: {off_m} m, {violations} violations");
     }
+}
+
+#[test]
+fn whoever_has_no_place_is_in_nobodys_way() {
+    // f2 hears f1 alone, and wants to be where f1 is; f1 hears f2, so that both are off.
+    let mut cases = cases_of("escort");
+    cases.retain(|case| case.what == "cut left->f2");
+    let [case] = &cases[..] else { panic!("one case: {cases:?}") };
+    let measures = case.run(false, |_, _, _| {});
+    for (robot, error_m) in &measures.final_error_m {
+        let error_m = error_m.expect("all live");
+        let bound_m = if ["f1", "f2"].contains(&robot.as_str()) { 0.3 } else { 0.005 };
+        assert!(error_m < bound_m, "{robot}: {error_m} m");
+    }
+}
+
+/// Where everybody settles without what is broken, m, seen from the leader at heading 0 and scale 1,
+/// of those that the leader reaches and no orphan pulls away.
+fn places_left(scenario: &Scenario, broken: Broken) -> Vec<Option<Vec2>> {
+    let edges = scenario.graph.edges().iter().enumerate();
+    let whole = |(e, edge): (usize, &Edge)| match broken {
+        Broken::Robot(dead) => (edge.from != dead && edge.to != dead).then_some(*edge),
+        Broken::Edge(cut) => (e != cut).then_some(*edge),
+    };
+    let left: Vec<Edge> = edges.filter_map(whole).collect();
+    let (robots, leader) = (scenario.robots.len(), scenario.leader().expect("a leader"));
+    let graph = FormationGraph::new(robots, left.clone());
+    let reached = graph.reachability();
+    let orphan = |i: usize| !reached[leader][i];
+    let pulled = |i: usize| (0..robots).any(|j| orphan(j) && reached[j][i]);
+    let stands = |i: usize| !orphan(i) && !pulled(i);
+    let mut places = vec![Vec2::zeros(); robots];
+    // The mean of what those heard ask for, again and again: it converges as velocities do. (33)
+    for _ in 0..5_000 {
+        for i in (0..robots).filter(|&i| i != leader && stands(i)) {
+            let heard: Vec<&Edge> = left.iter().filter(|edge| edge.to == i).collect();
+            let keeps_place = scenario.robots[i].role.reference == Reference::Offsets;
+            let offset = |edge: &Edge| if keeps_place { edge.offset_m } else { Vec2::zeros() };
+            let asked = heard.iter().map(|edge| places[edge.from] + offset(edge));
+            places[i] = asked.sum::<Vec2>() / heard.len() as f64;
+        }
+    }
+    (0..robots).map(|i| stands(i).then_some(places[i])).collect()
+}
+
+/// `cargo test --test it -- --ignored --nocapture nobody_who_can_stay`
+#[test]
+#[ignore = "minutes: 324 runs"]
+fn nobody_who_can_stay_in_its_place_is_thrown_off_it_by_a_death_or_a_cut() {
+    let found = of_each(&cases(), |case| {
+        let mut wrong = Vec::new();
+        let scenario = case.scenario(false);
+        let measures = case.run(false, |_, _, _| {});
+        let d = scenario.avoidance.distance_min_m;
+        let (near_m, dead) = (measures.min_distance_m.unwrap(), case.broken);
+        if near_m < d || measures.violations > 0 {
+            wrong.push(format!("{near_m} m apart"));
+        }
+        if let Some(leader) = scenario.leader().filter(|&i| dead != Broken::Robot(i)) {
+            let tracking_m = measures.tracking_error_m_max.unwrap();
+            if tracking_m >= 5e-3 {
+                wrong.push(format!("the leader is {tracking_m} m off"));
+            }
+            let lead = scenario.lead.as_ref().unwrap();
+            let end_s = scenario.duration_ns as f64 / 1e9;
+            let last = (0..=100).map(|k| lead.scale.at(end_s * (0.9 + 1e-3 * f64::from(k))).0);
+            let scale = last.fold(f64::INFINITY, f64::min);
+            let places = places_left(&scenario, case.broken);
+            let steers = |i: usize| scenario.steers_within_m(i).unwrap();
+            for i in (0..places.len()).filter(|&i| i != leader && dead != Broken::Robot(i)) {
+                let Some(place) = places[i] else { continue };
+                let taken = (0..places.len()).filter(|&j| j != i).any(|j| {
+                    let apart_m = places[j].map(|other| scale * (place - other).norm());
+                    apart_m.is_some_and(|apart_m| apart_m <= steers(i).max(steers(j)))
+                });
+                let own = scenario.robots[i].role.reference == Reference::Offsets;
+                let errors =
+                    if own { &measures.final_ideal_error_m } else { &measures.final_error_m };
+                let error_m = errors[i].1.unwrap();
+                if !taken && error_m >= 0.02 {
+                    wrong.push(format!("{} is {error_m} m off", errors[i].0));
+                }
+            }
+        }
+        let measures = case.run(true, |_, _, _| {});
+        let bound_m = scenario_named(case.scenario, &[]).expect.final_error_m_max.unwrap();
+        let error_m = measures.final_error_m_max.unwrap();
+        if error_m >= bound_m || measures.min_distance_m.unwrap() < d {
+            wrong.push(format!("whole again, somebody is {error_m} m off"));
+        }
+        (format!("{} {}", case.scenario, case.what), wrong)
+    });
+    let wrong: Vec<_> = found.iter().filter(|(_, wrong)| !wrong.is_empty()).collect();
+    println!("{} cases, {} of them not as promised", found.len(), wrong.len());
+    assert!(wrong.is_empty(), "{wrong:#?}");
 }

@@ -13,7 +13,11 @@
 //! Nothing about latency, phase, freezes or deaths is used: they only cause refusals and stops.
 //! The folder `proof` has this checked by Coq; comments name its lemma where a rule is needed.
 //!
-//! Right of way is part of *deflect* alone: a robot that gives way has a larger d_f, so that it is
+//! A place that is taken: a contained robot whose place lies within d_f of somebody stands off.
+//! It asks for a place beside the other, and is held back instead of led around until its own is
+//! free. Else it would circle the other for ever, and push aside whoever has a place there.
+//!
+//! Right of way is part of *deflect* alone: a robot of a later rank has a larger d_f, so that it is
 //! led around the others before they are led around it. *Bound* knows d, v_max and H, which are
 //! the same for all, and takes nothing from d_f: whatever *deflect* wants, of however many ranks,
 //! passes through the same half-planes. So the promise does not depend on who gives way to whom.
@@ -44,7 +48,7 @@ use std::f64::consts::{PI, TAU};
 use formation::Vec2;
 use formation::front_point::{front_speed, rotate};
 use formation::pose::Twist;
-use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Senses};
+use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Rank, Senses};
 use protocol::brief::{AgentBrief, Pace};
 use protocol::number::{short, told_apart};
 
@@ -58,10 +62,6 @@ pub const KAPPA: f64 = 0.25;
 const DITHER_RAD: f64 = 1.0;
 /// The dither's shortest period, s; each robot has its own, so that no pair stays symmetric.
 const DITHER_PERIOD_S: f64 = 1.5;
-/// d_f of a robot that gives way, as a multiple of the others'. Measured over all single deaths and
-/// cuts of the shipped scenarios: with 1.2 nobody that leads or keeps a place is held up by one that
-/// gives way; from 1.8 on those that give way disturb each other.
-const GIVES_WAY: f64 = 1.2;
 /// Taken off every distance, m: covers rounding, here and in the plant.
 const ROUNDING_M: f64 = 1e-9;
 /// Scales of the wanted command that the bound tries.
@@ -89,7 +89,19 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
 pub fn deflection_distance_m(at: &Conditions<'_>) -> f64 {
     let d = at.avoidance.distance_min_m;
     let d_f = d + (1.5 * at.speed_m_s() * at.lifetime_s).max(0.05 * d);
-    if at.gives_way { GIVES_WAY * d_f } else { d_f }
+    larger(at.rank) * d_f
+}
+
+/// d_f as a multiple of that of the first rank. Measured over all single deaths and cuts of the
+/// shipped scenarios: with these no leader is held up by a contained robot, nor by a follower that
+/// stands in its way because it has nobody left to go by; contained robots disturb each other from
+/// 1.8 on.
+fn larger(rank: Rank) -> f64 {
+    match rank {
+        Rank::First => 1.0,
+        Rank::Follower => 1.1,
+        Rank::Contained => 1.2,
+    }
 }
 
 /// max(d + 3 v_max H, d_f + 4 v_max T) and twice eps, m: nobody farther away than
@@ -139,6 +151,9 @@ struct Guard {
     heading_error: f64,
     /// d_f, m.
     d_f: f64,
+    rank: Rank,
+    /// Its place is taken: it is held back, and not led around.
+    stands_off: bool,
     /// Within this radius the list of the near must be complete, m.
     radius_needed: f64,
     dither_period: f64,
@@ -155,6 +170,21 @@ impl Avoidance for Guard {
     /// gamma, clipped to v_max: as it may be used and published.
     fn admit(&self, gamma: Vec2) -> Vec2 {
         clip(gamma, self.v_max)
+    }
+
+    /// A contained robot does not ask for a place nearer than d_f to somebody: it asks for one
+    /// beside it, at d_f. Beside: where the place lies as seen from the other, and, the nearer the two
+    /// are, where the robot is as seen from it. Both change without a jump as the other moves on.
+    fn stand_off(&mut self, away: &[Vec2], error: Vec2) -> Vec2 {
+        let gap = |z: &&Vec2| (*z - error).norm(); // |alpha* - alpha_j|
+        let nearest = away.iter().min_by(|a, b| gap(a).total_cmp(&gap(b)));
+        let taken = nearest.filter(|z| self.rank == Rank::Contained && gap(z) < self.d_f);
+        self.stands_off = taken.is_some();
+        let Some(z) = taken else { return error };
+        let beside = (z - error) + (self.d_f - gap(&z)) * z / z.norm();
+        let beside = self.d_f * beside / beside.norm(); // from alpha_j
+        let finite = beside.x.is_finite() && beside.y.is_finite();
+        if finite { z - beside } else { error }
     }
 
     /// The twist that moves the front point by gamma T.
@@ -198,6 +228,8 @@ impl Guard {
             distance_error: at.distance_error_m(),
             heading_error: avoidance.heading_error_rad,
             d_f: deflection_distance_m(&at),
+            rank: brief.rank,
+            stands_off: false,
             radius_needed: sensing_radius_m(&at),
             dither_period: DITHER_PERIOD_S * (1.0 + 4.0 * phase / 3.0),
             dither_phase: phase,
@@ -225,7 +257,9 @@ impl Guard {
         }
     }
 
-    /// The wanted displacement `p`, led around those it would come too near.
+    /// The wanted displacement `p`, led around those it would come too near. One that stands off is
+    /// held back only: around others there is nothing for it, and on the way it would be in
+    /// everybody else's.
     fn deflect(&self, sample: &Sample<'_>, mut p: Vec2) -> Vec2 {
         let reach = self.v_max * self.period; // V
         let excess = |r: f64| -KAPPA * (r - self.d_f);
@@ -233,7 +267,7 @@ impl Guard {
             let r = z.norm();
             z.dot(&p) < excess(r) * r
         });
-        if blocked {
+        if blocked && !self.stands_off {
             let turns = sample.t_s / self.dither_period + self.dither_phase;
             p = rotate(DITHER_RAD * (TAU * turns).sin(), p);
         }
@@ -243,7 +277,8 @@ impl Guard {
                 if -excess(r) < reach && r > 0.0 {
                     let n = z / r;
                     let lambda = (excess(r) - n.dot(&p)).max(0.0);
-                    p += lambda * (n + Vec2::new(-n.y, n.x));
+                    let around = if self.stands_off { 0.0 } else { 1.0 };
+                    p += lambda * (n + around * Vec2::new(-n.y, n.x));
                 }
             }
         }

@@ -68,6 +68,13 @@ pub trait Avoidance: Send {
         gamma
     }
 
+    /// e = alpha - alpha*, m, as the law is to see it, with those near at `away` (own front point -
+    /// other's, m): another where alpha* is a place that somebody has taken.
+    fn stand_off(&mut self, away: &[Vec2], error: Vec2) -> Vec2 {
+        let _ = away;
+        error
+    }
+
     /// The twist that follows the admitted gamma from `heading_rad` while nobody is near.
     fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist;
 

@@ -6,8 +6,8 @@
 mod contained;
 mod formation;
 mod leader;
+mod nominal_frame;
 
-use ::formation::Vec2;
 use ::formation::desired::Target;
 use ::formation::frame::LeaderFrame;
 use ::formation::pose::Pose;
@@ -40,14 +40,9 @@ pub trait Role: Send {
     fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target>;
 
     /// The frame that offsets turn and grow with, at the sample, if it is this robot's own. Without
-    /// one the robot passes on what it hears. `gamma`, m/s, was admitted by `avoidance`.
-    fn frame(
-        &mut self,
-        moment: &Moment<'_>,
-        gamma: Vec2,
-        avoidance: &dyn Avoidance,
-    ) -> Option<LeaderFrame> {
-        let _ = (moment, gamma, avoidance);
+    /// one the robot passes on what it hears.
+    fn frame(&mut self, moment: &Moment<'_>, avoidance: &dyn Avoidance) -> Option<LeaderFrame> {
+        let _ = (moment, avoidance);
         None
     }
 }

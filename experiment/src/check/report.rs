@@ -370,9 +370,12 @@ fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
     if let (Some((symbol, _)), Some(distance_m)) =
         (scenario.method.steers_within, guard.deflection_distance_m)
     {
-        let giving_way = guard.giving_way_distance_m;
-        let giving_way = giving_way.map(|m| format!(", {m:.4} m for those that give way"));
-        let distances = format!("{distance_m:.4} m{}", giving_way.unwrap_or_default());
+        let more = |m: Option<f64>, whose: &str| {
+            m.map(|m| format!(", {m:.4} m for {whose}")).unwrap_or_default()
+        };
+        let followers = more(guard.following_distance_m, "followers");
+        let contained = more(guard.giving_way_distance_m, "the contained");
+        let distances = format!("{distance_m:.4} m{followers}{contained}");
         page.line(&format!("deflects within {symbol}"), distances);
     }
     page.line(

@@ -4,7 +4,7 @@
 use formation::closest::{ClosestPair, closest_pair};
 use formation::laplacian::{self, Matrix};
 use formation::reachability::Standing;
-use protocol::avoidance::{Conditions, Promise};
+use protocol::avoidance::{Conditions, Promise, Rank};
 use protocol::brief::Pace;
 use protocol::law::Reference;
 use serde::Serialize;
@@ -259,7 +259,9 @@ pub struct Guard {
     pub lifetime_realtime_s: f64,
     /// Within this distance robots are steered around each other, m, if at all: d_f of `guard`.
     pub deflection_distance_m: Option<f64>,
-    /// The same of robots that give way to others, if there are any.
+    /// The same of followers, which make way for leaders, if there are any.
+    pub following_distance_m: Option<f64>,
+    /// The same of contained robots, which make way for all others, if there are any.
     pub giving_way_distance_m: Option<f64>,
     /// Within this radius robots are seen, m.
     pub sensing_radius_m: f64,
@@ -350,9 +352,12 @@ impl<'s> Theory<'s> {
                 deflection_distance_m: scenario
                     .method
                     .steers_within
-                    .map(|(_, m)| m(&Conditions { gives_way: false, ..conditions })),
+                    .map(|(_, m)| m(&Conditions { rank: Rank::First, ..conditions })),
                 giving_way_distance_m: (0..robots.len())
-                    .find(|&i| robots[i].role.gives_way)
+                    .find(|&i| scenario.rank(i) == Rank::Contained)
+                    .and_then(|i| scenario.steers_within_m(i)),
+                following_distance_m: (0..robots.len())
+                    .find(|&i| scenario.rank(i) == Rank::Follower)
                     .and_then(|i| scenario.steers_within_m(i)),
                 sensing_radius_m: a.sensing_radius_m,
                 sensing_radius_needed_m: scenario.sensing_radius_needed_m(),

@@ -555,11 +555,12 @@ const SILENCE: &[Key] = &[
     key(
         "policy",
         Word(&[
-            ("ignore", "the lost do not count"),
+            ("last", "the lost do not count, unless nobody else is left: then as with keep"),
+            ("ignore", "the lost do not count, and who has nobody left stops"),
             ("keep", "the lost are taken to stand at their last extrapolated point"),
             ("stop", "who has lost one stops"),
         ]),
-        Otherwise::Word("ignore"),
+        Otherwise::Word("last"),
         "what is done about the lost",
     ),
 ];
@@ -612,7 +613,7 @@ const DEFAULTS: &[Key] = &[
             ("always", "it is"),
         ]),
         Otherwise::Word("on-failure"),
-        "whether its process is restarted when it dies unexpectedly",
+        "whether its process is restarted when it dies unasked",
     )
     .guessed(&["restart"]),
     key(

@@ -45,7 +45,7 @@ use formation::graph::{Edge, FormationGraph};
 use formation::pose::Pose;
 use formation::reachability::Reachability;
 use formation::seconds;
-use protocol::avoidance::{AvoidanceDescription, Conditions};
+use protocol::avoidance::{AvoidanceDescription, Conditions, Rank};
 use protocol::brief::{
     AvoidanceBrief, LeadBrief, Pace, PublishedVelocity, SilenceBrief, WheelsBrief,
 };
@@ -307,16 +307,24 @@ impl Scenario {
     }
 
     /// What the method's figures for all robots together follow from: the longer H, the shortest
-    /// front point, and whether anybody gives way.
+    /// front point, and the last rank.
     pub fn conditions(&self) -> Conditions<'_> {
         let front_points_m = self.robots.iter().map(|robot| robot.front_point_m);
-        let gives_way = self.robots.iter().any(|robot| robot.role.gives_way);
         Conditions {
             avoidance: &self.avoidance,
             period_s: seconds(self.period_ns),
             lifetime_s: seconds(self.command_lifetime_ns_max()),
             front_point_m: front_points_m.fold(f64::INFINITY, f64::min),
-            gives_way,
+            rank: (0..self.robots.len()).map(|i| self.rank(i)).max().unwrap_or_default(),
+        }
+    }
+
+    /// Whom robot `i` makes way for.
+    pub fn rank(&self, i: usize) -> Rank {
+        match self.robots[i].role {
+            Role { gives_way: true, .. } => Rank::Contained,
+            Role { leads: false, .. } if self.lead.is_some() => Rank::Follower,
+            _ => Rank::First,
         }
     }
 
@@ -324,8 +332,7 @@ impl Scenario {
     /// larger of theirs do not both come to rest. `None` where the method never steers. (Remark 1)
     pub fn steers_within_m(&self, i: usize) -> Option<f64> {
         let (_, distance_m) = self.method.steers_within?;
-        let gives_way = self.robots[i].role.gives_way;
-        Some(distance_m(&Conditions { gives_way, ..self.conditions() }))
+        Some(distance_m(&Conditions { rank: self.rank(i), ..self.conditions() }))
     }
 
     /// Nobody farther away than this, m, matters to the method.

@@ -304,6 +304,7 @@ fn avoidance(
 /// `[silence]`.
 fn silence(root: &Table<'_>, period_ns: u64) -> Result<SilenceBrief, Diagnostic> {
     let policies = [
+        ("last", SilencePolicy::Last),
         ("ignore", SilencePolicy::Ignore),
         ("keep", SilencePolicy::Keep),
         ("stop", SilencePolicy::Stop),

@@ -316,3 +316,6 @@ impl Brain {
         (header, self.neighborhood.status())
     }
 }
+
+#[cfg(test)]
+mod tests;

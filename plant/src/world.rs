@@ -647,4 +647,89 @@ mod tests {
         // 1.5 m to 1.61 m at 1 mm an arc.
         assert!((105..=115).contains(&header.violations), "{}", header.violations);
     }
+
+    #[test]
+    fn stamps_count_from_the_start_times_from_zero_and_ticks_by_one() {
+        let mut world = World::new(&brief(None));
+        world.start_at(7 * MS);
+        assert_eq!((world.next_tick(), world.next_tick()), (1, 2));
+        world.advance(5 * MS);
+        let (header, sample) = (world.truth_header(), world.odometry(0));
+        assert_eq!((world.t_ns(), header.t_ns, sample.t_ns), (5 * MS, 5 * MS, 5 * MS));
+        assert_eq!((header.stamp_ns, sample.stamp_ns), (12 * MS, 12 * MS));
+        assert_eq!((header.tick, sample.tick), (2, 2));
+    }
+
+    #[test]
+    fn who_stands_exactly_d_apart_violates_nothing_and_who_starts_nearer_does_at_once() {
+        for (apart_m, at_start, later) in [(0.5, 0, 0), (0.49, 1, 11), (0.51, 0, 0)] {
+            let mut brief = brief(None);
+            brief.robots[1].start.x_m = apart_m;
+            let mut world = World::new(&brief);
+            assert_eq!(world.truth_header().violations, at_start, "{apart_m}");
+            world.advance(10 * MS);
+            let header = world.truth_header();
+            assert_eq!((header.violations, header.closest_t_ns), (later, 0), "{apart_m}");
+        }
+    }
+
+    #[test]
+    fn rounding_over_the_speed_limit_is_no_command_to_count() {
+        for (speed_m_s, counted) in [(1.0, 0), (1.0 + 1e-12, 0), (1.0 + 1e-6, 1)] {
+            let mut world = World::new(&brief(None));
+            world.accept(0, &command(0, 1, speed_m_s, 0.0)).unwrap();
+            assert_eq!(world.truth_header().commands_scaled, counted, "{speed_m_s}");
+        }
+    }
+
+    #[test]
+    fn noise_is_what_the_fault_draws_for_each_number_of_the_sample() {
+        let mut brief = brief(None);
+        let fault = |sensor| SensorFault {
+            span: Span { from_ns: 0, until_ns: MS },
+            sensor,
+            kind: SensorFaultKind::Noise { bound_m: 0.1, heading_bound_rad: 0.2 },
+            seed: 11,
+        };
+        let faults = [Sensor::Odometry, Sensor::Proximity].map(fault);
+        brief.robots[1].sensor_faults = faults.to_vec();
+        brief.robots[1].start.y_m = 0.3;
+        let mut world = World::new(&brief);
+        world.next_tick();
+        let sample = world.odometry(1);
+        let [x, y] = faults[0].offset_m(1, 0);
+        let turned_rad = faults[0].heading_offset_rad(1);
+        let pose = Pose { x_m: 2.0 + x, y_m: 0.3 + y, heading_rad: turned_rad };
+        assert_eq!(sample.pose(), pose);
+        let near: Vec<Vec2> = sample.proximity().collect();
+        let off = [1, 2].map(|item| Vec2::from(faults[1].offset_m(1, item)));
+        assert_eq!(near, [Vec2::new(0.1, 0.0) + off[0], Vec2::new(4.6, 0.0) + off[1]]);
+    }
+
+    #[test]
+    fn as_many_as_a_sample_holds_are_no_reason_to_call_it_cut() {
+        for (robots, cut) in [(PROXIMITY_MAX + 1, 0), (PROXIMITY_MAX + 2, 1)] {
+            let mut brief = brief(None);
+            let body = brief.robots[0].clone();
+            let start = |i: usize| Pose { x_m: 0.01 * i as f64, y_m: 0.0, heading_rad: 0.0 };
+            let bodies = (0..robots).map(|i| BodyBrief { start: start(i), ..body.clone() });
+            brief.robots = bodies.collect();
+            let sample = World::new(&brief).odometry(0);
+            assert_eq!((sample.proximity_cut, sample.proximity_count), (cut, 32), "{robots}");
+        }
+    }
+
+    #[test]
+    fn without_wheels_in_the_brief_failing_ones_stand_two_front_points_apart() {
+        let mut brief = brief(None);
+        let kind = WheelFaultKind::Limit { speed_max_m_s: 0.3 };
+        let span = Span { from_ns: 0, until_ns: 10 * MS };
+        brief.robots[0].wheel_faults = vec![WheelFault { span, kind }];
+        let mut world = World::new(&brief);
+        world.accept(0, &command(0, 1, 0.4, -2.0)).unwrap();
+        world.advance(MS);
+        // |v| + ell |w| = 0.6 m/s: half as fast.
+        let twist = world.robots[0].twist;
+        assert!((twist.v_m_s - 0.2).abs() < 1e-15 && (twist.w_rad_s + 1.0).abs() < 1e-15);
+    }
 }

@@ -88,6 +88,8 @@ fn overshoot(at: &Conditions<'_>) -> Option<Advice> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use protocol::avoidance::Rank;
+    use protocol::brief::AvoidanceBrief;
 
     #[test]
     fn the_field_spirals_outwards_counter_clockwise_and_ends_at_d() {
@@ -95,5 +97,42 @@ mod tests {
         assert_eq!(focus.beta(&[Vec2::new(0.1, 0.0)]), Vec2::new(0.2, 0.2));
         assert_eq!(focus.beta(&[Vec2::new(0.0, 0.1)]), Vec2::new(-0.2, 0.2));
         assert_eq!(focus.beta(&[Vec2::new(0.21, 0.0)]), Vec2::zeros());
+    }
+
+    #[test]
+    fn it_follows_gamma_and_beta_and_stands_while_it_sees_nothing() {
+        let mut focus = Focus { d: 0.2, epsilon: 2.0, ell: 0.1 };
+        let (gamma, away) = (Vec2::new(0.1, -0.3), [Vec2::new(0.1, 0.0)]);
+        let sample = Sample { heading_rad: 0.7, away: &away, ..Sample::default() };
+        let beside = gamma + Vec2::new(0.2, 0.2);
+        assert_eq!(focus.steer(&sample, gamma), twist_for(0.7, 0.1, beside));
+        assert_eq!(focus.follow(0.7, gamma), twist_for(0.7, 0.1, gamma));
+        let blind = Sample { proximity_valid: false, ..sample };
+        assert_eq!(focus.steer(&blind, gamma), Twist::ZERO);
+    }
+
+    #[test]
+    fn it_needs_to_see_d_and_what_sensors_err_by_and_a_period_short_for_epsilon() {
+        let avoidance = AvoidanceBrief {
+            kind: "focus".into(),
+            distance_min_m: 0.2,
+            speed_max_m_s: f64::INFINITY,
+            sensing_radius_m: 1.0,
+            sensing_error_m: 0.01,
+            heading_error_rad: 0.0,
+            gains: [("epsilon_per_s".into(), 10.0)].into(),
+        };
+        let at = |period_s: f64| Conditions {
+            avoidance: &avoidance,
+            period_s,
+            lifetime_s: period_s,
+            front_point_m: 0.1,
+            rank: Rank::First,
+        };
+        assert!(((ROW.description.sensing_radius_m)(&at(0.01)) - 0.21).abs() < 1e-12);
+        assert_eq!((overshoot(&at(0.009)), overshoot(&at(0.01))), (None, None));
+        let advice = overshoot(&at(0.02)).unwrap();
+        assert!(advice.message.starts_with("epsilon T = 0.2: "), "{}", advice.message);
+        assert!(advice.expected.contains("at most 0.01 s"), "{}", advice.expected);
     }
 }

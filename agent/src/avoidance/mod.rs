@@ -158,3 +158,34 @@ pub fn build(brief: &AgentBrief) -> Result<Box<dyn Avoidance>, AvoidanceError> {
     })?;
     row.make(brief)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    impl Default for Sample<'_> {
+        /// At the start, with a sensor that works and nobody near.
+        fn default() -> Self {
+            Sample {
+                stamp_ns: 0,
+                t_s: 0.0,
+                heading_rad: 0.0,
+                heading_effect_rad: 0.0,
+                away: &[],
+                proximity_valid: true,
+                proximity_cut: false,
+                velocities: &[],
+            }
+        }
+    }
+
+    #[test]
+    fn how_others_move_is_known_only_with_a_velocity_for_each_from_a_sensor_that_works() {
+        let (away, velocities) = ([Vec2::new(0.1, 0.0)], [Vec2::new(0.0, 0.3)]);
+        let sample = Sample { away: &away, velocities: &velocities, ..Sample::default() };
+        let known = |sample: Sample<'_>| sample.moving().map(Iterator::collect::<Vec<_>>);
+        assert_eq!(known(sample), Some(vec![(away[0], velocities[0])]));
+        assert_eq!(known(Sample { velocities: &[], ..sample }), None);
+        assert_eq!(known(Sample { proximity_valid: false, ..sample }), None);
+    }
+}

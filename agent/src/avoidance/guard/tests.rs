@@ -2,7 +2,7 @@
 //! and the figures by which it is led around others.
 
 use formation::front_point::{front_point, front_velocity};
-use formation::pose::Pose;
+use formation::pose::{Pose, wrap_angle};
 use formation::unicycle::arc;
 use proptest::prelude::*;
 use protocol::brief::{AvoidanceBrief, Format, PublishedVelocity, SilenceBrief, SilencePolicy};
@@ -245,6 +245,7 @@ fn a_robot_that_may_not_see_everybody_who_matters_stands() {
         (true, false, &[][..], true),
         (true, false, &inside, true),
         (true, true, &beyond, true),
+        (true, true, &[Vec2::new(needed, 0.0)], true),
         // Others that were left out may be nearer than they matter from.
         (true, true, &inside, false),
         (true, true, &[], false),
@@ -360,5 +361,223 @@ proptest! {
         let [keeps, gives] =
             [&brief, &gives_way].map(|brief| Guard::new(brief).bound(&sample, wanted));
         prop_assert_eq!(keeps, gives);
+    }
+}
+#[test]
+fn its_figures_are_those_of_the_documentation() {
+    let figures = |period_s: f64, ell: f64, v_max: f64| {
+        let mut brief = brief();
+        brief.period_ns = (period_s * 1e9) as u64;
+        brief.front_point_m = ell;
+        brief.avoidance.speed_max_m_s = v_max;
+        let at = Conditions::of(&brief);
+        [deflection_distance_m(&at), sensing_radius_m(&at), speed_cap_m_s(&at)]
+    };
+    let near = |found: [f64; 3], expected: [f64; 3]| {
+        let off = found.iter().zip(expected).map(|(found, expected)| (found - expected).abs());
+        assert!(off.fold(0.0, f64::max) < 1e-12, "{found:?} is not {expected:?}");
+    };
+    // d + 1.5 v_max H; d_f + 4 v_max T; d/4 and ell/2 over H.
+    near(figures(0.01, 0.2, 0.5), [0.21875, 0.23875, 2.0]);
+    near(figures(0.01, 0.08, 0.5), [0.21875, 0.23875, 1.6]);
+    // d + 3 v_max H is more, and 1.05 d.
+    near(figures(0.001, 0.2, 0.5), [0.21875, 0.2375, 2.0]);
+    near(figures(0.001, 0.2, 0.2), [0.21, 0.215, 2.0]);
+}
+
+#[test]
+fn more_than_the_advised_speed_is_advised_against_and_the_advised_one_is_not() {
+    let advice = |v_max: f64| {
+        let mut brief = brief();
+        brief.avoidance.speed_max_m_s = v_max;
+        braking(&Conditions::of(&brief))
+    };
+    assert_eq!((advice(1.9), advice(2.0), advice(f64::INFINITY)), (None, None, None));
+    let Advice { key, message, expected } = advice(2.5).unwrap();
+    assert_eq!(key, "speed_max_m_s");
+    assert!(
+        message.contains("2.5 m/s is above") && expected.contains("at most 2 m/s"),
+        "{message}"
+    );
+}
+
+#[test]
+fn with_nobody_near_the_front_point_moves_by_gamma_and_never_faster_than_v_max() {
+    let mut guard = Guard::new(&brief());
+    guard.steer(&sample(0, 0.0, &[]), Vec2::zeros());
+    assert!((guard.admit(Vec2::new(3.0, 4.0)) - Vec2::new(0.3, 0.4)).norm() < 1e-15);
+    let gamma = Vec2::new(0.1, 0.3);
+    let twist = guard.follow(0.7, gamma);
+    assert_eq!(twist, exact_hold(0.7, 0.1, 0.01 * gamma, 0.01));
+    assert_eq!(guard.steer(&sample(1_000_000_000, 0.7, &[]), gamma), twist);
+    // Sideways the arc is longer than its chord: the twist is slowed down to the limit.
+    let twist = guard.steer(&sample(2_000_000_000, 0.0, &[]), Vec2::new(0.0, 0.5));
+    let literal = exact_hold(0.0, 0.1, Vec2::new(0.0, 0.005), 0.01);
+    assert!(front_speed(0.1, literal) > 0.5 + 1e-6);
+    assert!((front_speed(0.1, twist) - 0.5).abs() < 1e-12, "{twist:?}");
+    assert!((twist.w_rad_s * literal.v_m_s - twist.v_m_s * literal.w_rad_s).abs() < 1e-12);
+}
+
+#[test]
+fn a_command_is_remembered_for_as_long_as_it_may_act_and_a_predecessors_only_in_real_time() {
+    let stamps = [1_000_000_000, 1_010_000_000, 1_025_000_000, 2_000_000_000];
+    let mut guard = Guard::new(&brief());
+    let remembered = stamps.map(|stamp_ns| {
+        guard.steer(&sample(stamp_ns, 0.0, &[]), Vec2::zeros());
+        guard.alive.iter().map(|(answered_ns, _)| *answered_ns).collect::<Vec<u64>>()
+    });
+    let [a, b, c, d] = stamps;
+    // The first dies at 1.025 s: it acts no more at the sample of that instant.
+    assert_eq!(remembered, [vec![a], vec![a, b], vec![b, c], vec![d]]);
+    assert_eq!(guard.predecessor_until_ns, Some(1_025_000_000));
+    let mut lockstep = Guard::new(&AgentBrief { pace: Pace::Lockstep, ..brief() });
+    lockstep.steer(&sample(0, 0.0, &[]), Vec2::zeros());
+    assert_eq!(lockstep.predecessor_until_ns, None);
+}
+
+/// All of it turned by an angle at which no component is 0.
+#[test]
+fn one_in_the_way_is_gone_around_by_a_focus_that_is_as_strong_as_needed() {
+    let guard = Guard::new(&AgentBrief { index: 2, ..brief() });
+    assert!((guard.dither_phase - 0.236_067_977_4).abs() < 1e-9);
+    assert!((guard.dither_period - 1.5 * (1.0 + 4.0 * 0.236_067_977_4 / 3.0)).abs() < 1e-9);
+    let turned = |x: f64, y: f64| rotate(0.7, Vec2::new(x, y));
+    // The instant at which the dither has gone through this many of its periods.
+    let at = |turns: f64| (turns - guard.dither_phase) * guard.dither_period;
+    let deflect = |turns: f64, away: &[Vec2], p: Vec2| {
+        guard.deflect(&Sample { t_s: at(turns), ..sample(0, 0.0, away) }, p)
+    };
+    let near = |found: Vec2, expected: Vec2| {
+        assert!((found - expected).norm() < 1e-12, "{found:?} is not {expected:?}");
+    };
+    let (d_f, reach) = (0.21875, 0.005); // V
+    let other = [turned(-0.212, 0.0)]; // ahead: n = (-1, 0), t = (0, -1)
+    let excess = 0.25 * (d_f - 0.212);
+    let clipped = |x: f64, y: f64| turned(x, y) * (reach / x.hypot(y));
+
+    // Straight at it, while the dither turns by nothing.
+    near(deflect(3.0, &other, turned(reach, 0.0)), clipped(-excess, -(excess + reach)));
+    // While the dither turns by 1 rad: less straight at it, and less is added.
+    let (sin, cos) = 1f64.sin_cos();
+    let lambda = excess + reach * cos;
+    let expected = turned(reach * cos - lambda, reach * sin - lambda);
+    near(deflect(3.25, &other, turned(reach, 0.0)), expected);
+    // Away from it faster than its share: nothing turns or pushes.
+    near(deflect(3.25, &other, turned(-0.004, 0.001)), turned(-0.004, 0.001));
+    // One that is too far to be reached in a period does not count, even where nearer ones push
+    // towards it by more than a period's way.
+    let deep = turned(-0.2, 0.0);
+    let excess = 0.25 * (d_f - 0.2);
+    let expected = clipped(-excess, -(excess + reach));
+    near(deflect(3.0, &[deep], turned(reach, 0.0)), expected);
+    near(deflect(3.0, &[deep, turned(0.0, 0.24)], turned(reach, 0.0)), expected);
+    // At the same place there is no direction to go around by.
+    assert!(deflect(3.0, &[Vec2::zeros()], turned(reach, 0.0)).norm() <= reach);
+}
+
+/// By how much the angle `to` may be less than `reach` away from `from`, rad: 0 if it is.
+fn beyond(from: f64, to: f64, reach: f64) -> f64 {
+    (wrap_angle(from - to).abs() - reach).max(0.0)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(6000))]
+
+    /// What the lemma above meets by chance, at its worst: the command granted, at every heading
+    /// that it may be obeyed at, towards everybody wherever they may have gone.
+    #[test]
+    fn no_heading_and_no_direction_that_are_possible_make_a_command_approach_too_fast(
+        steps in 0.1..2.0f64, // v_max H in min(d/4, ell/2)
+        ell in 0.02..0.2f64,
+        error_m in prop_oneof![Just(0.0), 0.0..0.02f64],
+        heading_error in prop_oneof![Just(0.0), 0.0..0.3f64],
+        others in others(),
+        heading_rad in direction(),
+        wanted in drive(),
+        alive in proptest::collection::vec(drive(), 0..3),
+    ) {
+        let (d, lifetime): (f64, f64) = (0.2, 0.025);
+        let v_max = steps * (0.25 * d).min(0.5 * ell) / lifetime;
+        let mut brief = AgentBrief { pace: Pace::Lockstep, front_point_m: ell, ..brief() };
+        brief.avoidance.speed_max_m_s = v_max;
+        brief.avoidance.sensing_error_m = error_m;
+        brief.avoidance.heading_error_rad = heading_error;
+        let mut guard = Guard::new(&brief);
+        let driven = |(angle, share): (f64, f64)| {
+            let body = rotate(angle, Vec2::new(share * v_max, 0.0));
+            Twist { v_m_s: body.x, w_rad_s: body.y / ell }
+        };
+        guard.alive = alive.into_iter().map(|drive| (0, driven(drive))).collect();
+        let place = |other: &Other| {
+            rotate(other.direction, Vec2::new(d + other.far * v_max * lifetime, 0.0))
+        };
+        let away: Vec<Vec2> = others.iter().map(place).collect();
+        let granted = guard.bound(&sample(0, heading_rad, &away), driven(wanted));
+
+        let acting = || guard.alive.iter().map(|(_, twist)| *twist).chain([granted]);
+        let turns = |of: fn(f64, f64) -> f64| acting().map(|twist| twist.w_rad_s).fold(0.0, of);
+        let (w_low, w_high) = (turns(f64::min), turns(f64::max));
+        let v_own = acting().map(|twist| front_speed(ell, twist)).fold(0.0, f64::max);
+        let middle = heading_rad + 0.5 * lifetime * (w_low + w_high);
+        let delta = 0.5 * lifetime * (w_high - w_low) + heading_error;
+        let course = (ell * granted.w_rad_s).atan2(granted.v_m_s) + middle;
+        let error_m = Conditions::of(&brief).distance_error_m();
+        let reach = (v_max + v_own) * lifetime; // M
+        for z in &away {
+            let rho = (z.norm() - error_m - d).max(0.0);
+            let b = (rho * (-2.0f64).exp()).max(rho - reach) / lifetime;
+            let sine = (reach + error_m) / z.norm();
+            let swing = if sine < 1.0 { sine.asin() } else { PI };
+            let off = beyond((-z.y).atan2(-z.x), course, delta + swing);
+            let approach = front_speed(ell, granted) * off.cos();
+            prop_assert!(approach <= b + 1e-9, "{approach} > {b}: {granted:?}");
+        }
+    }
+
+    /// The command is that of the scale which gets on best, by a choice made once more here.
+    #[test]
+    fn of_the_scales_tried_the_one_that_gets_on_best_is_granted(
+        others in others(), heading_rad in direction(), wanted in drive(),
+    ) {
+        let mut guard = Guard::new(&AgentBrief { pace: Pace::Lockstep, ..brief() });
+        let body = rotate(wanted.0, Vec2::new(0.5 * wanted.1, 0.0));
+        let wanted = Twist { v_m_s: body.x, w_rad_s: body.y / 0.1 };
+        let place = |other: &Other| rotate(other.direction, Vec2::new(0.2 + 0.0125 * other.far, 0.0));
+        let away: Vec<Vec2> = others.iter().map(place).collect();
+        let sample = sample(0, heading_rad, &away);
+        let granted = guard.bound(&sample, wanted);
+        let tried = [1.0, 0.5, 0.25].map(|sigma| guard.grant(&sample, wanted.scaled(sigma)));
+        let merit = |twist: Twist| {
+            twist.v_m_s * wanted.v_m_s + 0.1 * twist.w_rad_s * (0.1 * wanted.w_rad_s)
+        };
+        if tried[0] == wanted {
+            prop_assert_eq!(granted, wanted);
+        } else if tried.iter().all(|twist| merit(*twist) <= 0.0) {
+            prop_assert_eq!(granted, tried[0]);
+        } else {
+            let best = tried.into_iter().map(merit).fold(0.0, f64::max);
+            prop_assert!(tried.contains(&granted));
+            prop_assert!((merit(granted) - best).abs() < 1e-12, "{granted:?} of {tried:?}");
+        }
+    }
+}
+
+#[test]
+fn straight_at_somebody_it_goes_as_fast_as_its_share_of_the_slack_allows_and_no_slower() {
+    let (d, v_max, lifetime) = (0.2, 0.5, 0.025);
+    for slack_m in [0.0, 0.001, 0.005, 0.01, 0.02, 0.03, 0.1] {
+        let mut guard = Guard::new(&AgentBrief { pace: Pace::Lockstep, ..brief() });
+        let away = [Vec2::new(-(d + slack_m), 0.0)];
+        let wanted = Twist { v_m_s: v_max, w_rad_s: 0.0 };
+        let granted = guard.bound(&sample(0, 0.0, &away), wanted);
+        let at_scale = |sigma: f64| {
+            let reach = (1.0 + sigma) * v_max * lifetime; // M
+            let b = (slack_m * (-2.0f64).exp()).max(slack_m - reach) / lifetime;
+            let half_step = 0.5 * (reach / (d + slack_m)).asin();
+            (sigma * v_max).min(if b < sigma * v_max { b * half_step.cos() } else { f64::MAX })
+        };
+        let expected = [1.0, 0.5, 0.25].map(at_scale).into_iter().fold(0.0, f64::max);
+        assert!((granted.v_m_s - expected).abs() < 1e-6, "{slack_m}: {granted:?}, {expected}");
+        assert!(granted.w_rad_s.abs() < 1e-6, "{granted:?}");
     }
 }

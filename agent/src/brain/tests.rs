@@ -1,0 +1,169 @@
+//! What a brain tells of itself, and what it makes of one sample beside its law.
+
+use std::sync::{Arc, Mutex};
+
+use formation::pose::Twist;
+use protocol::avoidance::Rank;
+use protocol::brief::{AvoidanceBrief, Format, NeighborBrief, SilenceBrief, SilencePolicy};
+
+use super::*;
+
+const MS: u64 = 1_000_000;
+const START_NS: u64 = 500 * MS;
+
+/// r1, which hears r5 and r2, in this order.
+fn brief() -> AgentBrief {
+    let hears = |index: usize| NeighborBrief {
+        name: format!("r{index}"),
+        index,
+        offset_m: [0.0, 0.0],
+        faults: Vec::new(),
+    };
+    AgentBrief {
+        format: Format,
+        name: "r1".into(),
+        index: 1,
+        run_root: "/nowhere".into(),
+        pace: Pace::Realtime,
+        period_ns: 10 * MS,
+        plant_tick_ns: MS,
+        command_lifetime_ns: 25 * MS,
+        front_point_m: 0.1,
+        law: "formation-unit".into(),
+        gains: [("speed_m_s".into(), 0.1)].into(),
+        led: false,
+        rank: Rank::First,
+        lead: None,
+        published_velocity: PublishedVelocity::Gamma,
+        avoidance: AvoidanceBrief {
+            kind: "none".into(),
+            distance_min_m: 0.2,
+            speed_max_m_s: f64::INFINITY,
+            sensing_radius_m: 0.0,
+            sensing_error_m: 0.0,
+            heading_error_rad: 0.0,
+            gains: Default::default(),
+        },
+        silence: SilenceBrief {
+            stale_after_ns: 30 * MS,
+            lost_after_ns: 100 * MS,
+            policy: SilencePolicy::Ignore,
+        },
+        slow: Vec::new(),
+        links_by_hand: false,
+        neighbors: vec![hears(5), hears(2)],
+    }
+}
+
+/// The sample of this many milliseconds since the start, at x = 1 m + 1 m/s of it.
+fn odometry(t_ms: u64) -> Odometry {
+    Odometry {
+        tick: t_ms,
+        t_ns: t_ms * MS,
+        stamp_ns: START_NS + t_ms * MS,
+        x_m: 1.0 + 1e-3 * t_ms as f64,
+        heading_rad: 0.3,
+        w_rad_s: 2.0,
+        pose_valid: 1,
+        proximity_valid: 1,
+        ..Odometry::default()
+    }
+}
+
+fn answered(brain: &mut Brain, t_ms: u64) -> Answer {
+    let odometry = odometry(t_ms);
+    brain.answer(&odometry, odometry.stamp_ns).expect("it knows where it is")
+}
+
+fn beacon(t_ms: u64) -> Beacon {
+    Beacon { tick: t_ms, stamp_ns: START_NS + t_ms * MS, x_m: 3.0, ..Beacon::default() }
+}
+
+#[test]
+fn it_has_news_when_a_contact_changes_or_a_beacon_is_refused_and_counts_what_it_refuses() {
+    let mut brain = Brain::new(&brief(), 3).unwrap();
+    assert!(!brain.has_flown() && !brain.take_news());
+    let first = answered(&mut brain, 0);
+    assert!(brain.has_flown());
+    let second = answered(&mut brain, 10);
+    let said = |answer: &Answer| (answer.command.sequence, answer.command.incarnation);
+    assert_eq!([said(&first), said(&second)], [(1, 3), (2, 3)]);
+
+    // Both are heard for the first time: of a sample that is being taken now, at the latest.
+    brain.take_news();
+    let now_ns = START_NS + 10 * MS;
+    for place in [0, 1] {
+        assert_eq!(brain.hear(place, &beacon(10), now_ns), Ok(()));
+        assert!(brain.hear(place, &beacon(11), now_ns).is_err(), "from the future");
+    }
+    assert_eq!((brain.beacons_refused(), brain.take_news(), brain.take_news()), (2, true, false));
+    answered(&mut brain, 20);
+    assert_eq!((brain.take_news(), brain.take_news()), (true, false));
+    answered(&mut brain, 30);
+    assert!(!brain.take_news(), "nothing changed");
+    // One refused, one not: it stays news.
+    assert!(brain.hear(0, &beacon(10), now_ns).is_err(), "heard before");
+    assert_eq!(brain.hear(0, &beacon(30), START_NS + 30 * MS), Ok(()));
+    assert_eq!((brain.beacons_refused(), brain.take_news()), (3, true));
+    assert!(
+        brain.hear(0, &beacon(30), now_ns).is_err() && brain.hear(0, &beacon(30), now_ns).is_err()
+    );
+    assert!(brain.take_news(), "two are no less news than one");
+}
+
+#[test]
+fn a_cut_by_hand_acts_on_the_link_from_the_robot_that_is_named() {
+    let mut brain = Brain::new(&brief(), 0).unwrap();
+    answered(&mut brain, 10);
+    let now_ns = START_NS + 10 * MS;
+    let old_is_refused =
+        |brain: &mut Brain| [0, 1].map(|place| brain.hear(place, &beacon(10), now_ns).is_err());
+    assert_eq!(old_is_refused(&mut brain), [false, false], "it is new");
+    brain.set_cut(2, true);
+    // What does not get through is not refused.
+    assert_eq!(old_is_refused(&mut brain), [true, false]);
+    brain.set_cut(2, false);
+    brain.set_cut(7, true);
+    assert_eq!(old_is_refused(&mut brain), [true, true]);
+}
+
+#[test]
+fn beacons_are_up_to_one_period_old_in_lockstep_and_two_in_real_time() {
+    assert_eq!([Pace::Lockstep, Pace::Realtime].map(age_periods), [1.0, 2.0]);
+}
+
+#[test]
+fn a_differenced_velocity_is_the_way_since_the_sample_before_over_the_time() {
+    let published_velocity = PublishedVelocity::Differenced;
+    let mut brain = Brain::new(&AgentBrief { published_velocity, ..brief() }, 0).unwrap();
+    let velocities = [0, 10, 30].map(|t_ms| answered(&mut brain, t_ms).beacon.velocity());
+    assert_eq!(velocities[0], Vec2::zeros());
+    for velocity in &velocities[1..] {
+        assert!((velocity - Vec2::new(1.0, 0.0)).norm() < 1e-9, "{velocity:?}");
+    }
+}
+
+#[test]
+fn the_heading_at_which_an_answer_takes_effect_is_foretold_by_the_turn_rate() {
+    /// Keeps what it was told of headings.
+    struct Told(Arc<Mutex<[f64; 2]>>);
+    impl Avoidance for Told {
+        fn follow(&self, _: f64, _: Vec2) -> Twist {
+            Twist::ZERO
+        }
+        fn steer(&mut self, sample: &Sample<'_>, _: Vec2) -> Twist {
+            *self.0.lock().unwrap() = [sample.heading_rad, sample.heading_effect_rad];
+            Twist::ZERO
+        }
+    }
+    let told = Arc::new(Mutex::new([0.0; 2]));
+    let brief = brief();
+    let avoidance = Box::new(Told(told.clone()));
+    let parts = Parts { avoidance, ..Parts::of(&brief).unwrap() };
+    let mut brain = Brain::with_parts(&brief, 0, parts);
+    let odometry = odometry(10);
+    brain.answer(&odometry, odometry.stamp_ns + 5 * MS);
+    let [heading_rad, effect_rad] = *told.lock().unwrap();
+    assert_eq!(heading_rad, 0.3);
+    assert!((effect_rad - 0.31).abs() < 1e-12, "{effect_rad}");
+}

@@ -44,7 +44,7 @@ pub struct BenchArgs {
     /// 2, 8 for neighbors; 8, 64 for the start-up; 3, 8, 16, 32, 64, 128, 256 for growth].
     #[arg(long, value_name = "N", value_delimiter = ',', value_parser = robots)]
     robots: Vec<usize>,
-    /// How often ours and the floors take turns [default: 5; 3 if quick].
+    /// How often ours and the baselines take turns [default: 5; 3 if quick].
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
     rounds: Option<u16>,
     /// Kills in each round of the part replacement.
@@ -65,6 +65,7 @@ pub struct BenchArgs {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Part {
     /// A robot's round trip, against those of bare transports.
+    #[value(alias = "baselines")]
     Floors,
     /// Ticks per second, against the same without iceoryx2.
     Lockstep,
@@ -72,9 +73,9 @@ enum Part {
     Realtime,
     /// From a neighbor's publication to its use, against iceoryx2 polled by the same timers.
     Neighbor,
-    /// The same with a live view that is looked at, and without; not unless asked for.
+    /// The same with a live view open in a browser, and without; only if named here.
     View,
-    /// What a tick costs as the robots grow in number, to 256; not unless asked for.
+    /// What a tick costs as the robots grow in number, to 256; only if named here.
     Growth,
     /// Time until everybody is ready.
     Startup,

@@ -73,7 +73,7 @@ impl Machine {
         }
         if self.governor != "unknown" && self.governor != "performance" {
             warnings.push(format!(
-                "the frequency governor is {} (expected performance): floors that sleep look slow",
+                "the frequency governor is {} (expected performance): baselines that sleep look slow",
                 self.governor
             ));
         }

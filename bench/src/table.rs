@@ -117,7 +117,8 @@ impl Report {
     /// For people.
     pub(crate) fn screen(&self) -> String {
         let mut text = self.machine.screen();
-        let header = ["what", "ours", "floor", "", "ours / floor", "rounds"].map(str::to_owned);
+        let header =
+            ["what", "ours", "baseline", "", "ours / baseline", "rounds"].map(str::to_owned);
         let shown = |spread: &Option<Spread>| spread.as_ref().map_or("-".into(), Spread::shown);
         let lines: Vec<[String; 6]> = std::iter::once(header)
             .chain(self.rows.iter().map(|row| {
@@ -137,7 +138,7 @@ impl Report {
         let mut last = "";
         for (part, line) in parts.zip(&lines) {
             if part != last {
-                let _ = writeln!(text, "{part}");
+                let _ = writeln!(text, "{}", if part == "floors" { "baselines" } else { part });
                 last = part;
             }
             let mut shown = String::new();
@@ -152,14 +153,58 @@ impl Report {
                 if trajectory.is_one() { "the same trajectory bit by bit" } else { "DIFFERENT" };
             let _ = writeln!(text, "{robots} robots, {ticks} ticks: {verdict}: {}", hashes[0].1);
         }
-        text += "median (least-most) of the rounds; ours and floors took turns within each round\n";
+        text +=
+            "median (least-most) of the rounds; ours and baselines took turns within each round\n";
         for note in &self.notes {
             let _ = writeln!(text, "{note}");
         }
         for warning in &self.warnings {
             let _ = writeln!(text, "warning: {warning}");
         }
+        for line in self.conclusion() {
+            let _ = writeln!(text, "{line}");
+        }
         text
+    }
+
+    /// What the parts amount to, a line each: medians of the rounds.
+    fn conclusion(&self) -> Vec<String> {
+        let rows = |part| self.rows.iter().filter(move |row: &&Row| row.part == part);
+        let range = |values: &[f64]| {
+            let least = values.iter().copied().reduce(f64::min)?;
+            let most = values.iter().copied().reduce(f64::max)?;
+            let [least, most] = [least, most].map(digits);
+            Some(if least == most { least } else { format!("{least} to {most}") })
+        };
+        let ratios = |part| {
+            let ratios = rows(part).filter_map(|row| Some(row.ratio.as_ref()?.median));
+            range(&ratios.collect::<Vec<f64>>())
+        };
+        let missed = |of: fn(&Row) -> Option<&Spread>| {
+            let rows = rows("realtime").filter(|row| row.what.contains("deadlines missed"));
+            rows.filter_map(|row| Some(of(row)?.median)).reduce(f64::max).map(digits)
+        };
+        let replaced = rows("replacement").next();
+        [
+            ratios("floors").map(|ratio| {
+                format!("a robot's round trip takes {ratio} times that of bare transports")
+            }),
+            ratios("lockstep").map(|ratio| {
+                format!("lockstep has {ratio} times the ticks/s of the same work without it")
+            }),
+            missed(|row| Some(&row.ours)).zip(missed(|row| row.floor.as_ref())).map(
+                |(ours, timers)| {
+                    format!("at most {ours} % of deadlines were missed, by bare timers {timers} %")
+                },
+            ),
+            ratios("startup")
+                .map(|ratio| format!("start-up takes {ratio} times that of bare processes")),
+            replaced.map(|row| format!("{}: {}", row.what, row.ours.shown())),
+        ]
+        .into_iter()
+        .flatten()
+        .map(|line| format!("conclusion: {line}"))
+        .collect()
     }
 }
 
@@ -183,6 +228,33 @@ mod tests {
         let ratio = row.ratio.unwrap();
         assert_eq!((ratio.median, ratio.min, ratio.max), (10.0, 3.0, 20.0));
         assert_eq!(row.ours.median, 30.0);
+    }
+
+    #[test]
+    fn the_conclusion_has_a_line_for_each_part_that_was_measured() {
+        let row =
+            |part, what: &str, ours, floor| Row::against(part, what, "f", vec![ours], vec![floor]);
+        let report = |rows| Report {
+            machine: Machine::look(),
+            warnings: Vec::new(),
+            trajectories: Vec::new(),
+            rows,
+            notes: Vec::new(),
+        };
+        let rows = vec![
+            row("floors", "one", 2.0, 1.0),
+            row("floors", "two", 12.0, 4.0),
+            row("realtime", "8 robots, deadlines missed, %", 0.5, 0.25),
+            row("realtime", "8 robots, lateness", 100.0, 1.0),
+            Row::alone("replacement", "kill to first command, ms", vec![7.0]),
+        ];
+        let lines = [
+            "conclusion: a robot's round trip takes 2.00 to 3.00 times that of bare transports",
+            "conclusion: at most 0.500 % of deadlines were missed, by bare timers 0.250 %",
+            "conclusion: kill to first command, ms: 7.00",
+        ];
+        assert_eq!(report(rows).conclusion(), lines);
+        assert!(report(Vec::new()).conclusion().is_empty());
     }
 
     #[test]

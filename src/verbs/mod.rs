@@ -36,7 +36,7 @@ pub enum Verb {
     New(new::NewArgs),
     /// Run a scenario: every robot is a process of its own.
     Run(run::RunArgs),
-    /// Validate a scenario and print what can be said before it runs.
+    /// Validate a scenario, and print what theory says about it before it runs.
     Check(check::CheckArgs),
     /// Print the JSON Schema of scenario files, for editors and other programs.
     Schema(schema::SchemaArgs),
@@ -46,7 +46,7 @@ pub enum Verb {
     Doctor(doctor::DoctorArgs),
     /// Remove what dead runs left behind.
     Clean(clean::CleanArgs),
-    /// Give a recording that a kill cut short its index back, in a new file.
+    /// Rebuild the index of a truncated recording, in a new file.
     Recover(recover::RecoverArgs),
     /// Turn a recording into CSV tables, one for each kind of observation.
     Export(export::ExportArgs),

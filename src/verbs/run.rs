@@ -41,7 +41,7 @@ pub struct RunArgs {
     #[arg(long)]
     realtime_priority: bool,
     /// Show the run in a browser while it goes on, at a port or address of this machine [default: any
-    /// free port]; the address to open is printed on stderr. The run never waits for a browser.
+    /// free port]; the address to open is printed on stderr. The run never blocks on the browser.
     #[arg(
         long,
         value_name = "ADDR",
@@ -52,7 +52,7 @@ pub struct RunArgs {
         value_parser = view::address
     )]
     view: Option<SocketAddr>,
-    /// Show the run as --view does, and let that page kill, freeze and restart robots and cut links.
+    /// Show the run as --view does, and let that page kill, freeze and restart robots and cut edges.
     #[arg(long)]
     view_control: bool,
     /// Let --view=ADDR listen where other machines can reach it. There is no encryption: whoever sees

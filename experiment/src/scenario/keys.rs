@@ -613,7 +613,7 @@ const DEFAULTS: &[Key] = &[
             ("always", "it is"),
         ]),
         Otherwise::Word("on-failure"),
-        "whether its process is restarted when it dies unasked",
+        "whether its process is restarted when it dies unexpectedly",
     )
     .guessed(&["restart"]),
     key(

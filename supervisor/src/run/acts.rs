@@ -89,7 +89,7 @@ impl Run<'_> {
                     let number = self.journal.metrics.died_unplanned(robot, &how, at_ns);
                     debug_assert_eq!(number, fault);
                     let robot = self.journal.name(robot);
-                    tracing::warn!(robot, t_s = now_ns as f64 / 1e9, how, "died unasked");
+                    tracing::warn!(robot, t_s = now_ns as f64 / 1e9, how, "died unexpectedly");
                 }
                 Effect::Ended { fault, end, at_ns } => {
                     self.journal.metrics.fault_ended(fault, end, at_ns);

@@ -550,12 +550,12 @@ fn legend(svg: &mut Svg, run: &Run) {
         "Arrows: the way information flows.".to_owned(),
         "Orange and dashed: nothing gets through.".to_owned(),
         format!("Circles: radius d/2, d = {} m.", asked(run.scene.distance_min_m)),
-        "While no two overlap, no pair is nearer than d.".to_owned(),
+        "While none overlap, no pair is nearer than d.".to_owned(),
     ];
     for (i, line) in lines.iter().enumerate() {
         svg.line(format_args!(
             "<text x=\"{}\" y=\"{}\" fill=\"#57606a\">{line}</text>",
-            TIME.0 - 28.0,
+            TIME.0 - 36.0,
             LEGEND + 21.0 * i as f64
         ));
     }

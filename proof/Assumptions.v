@@ -1,6 +1,7 @@
-(** What the main theorem rests on beside its hypotheses: the axioms of Coq's real numbers. The check
+(** What the theorems rest on beside their hypotheses: the axioms of Coq's real numbers. The check
     compares this answer with `axioms.txt`. *)
 
-From Phalanx Require Import Promise.
+From Phalanx Require Import Promise Inertia.
 
 Print Assumptions no_two_robots_are_ever_nearer_than_d.
+Print Assumptions no_two_braking_robots_are_ever_nearer_than_d.

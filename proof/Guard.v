@@ -99,16 +99,14 @@ Proof.
   apply Rmult_le_pos; [exact Hrho|left; apply exp_pos].
 Qed.
 
-(** The direction of z(t), and so the constraint that counts, is one of the cone's. *)
-Lemma cone_contains_the_truth (n U z y : vec) (b r M mid spr theta_t lam : R) :
-  dot n n = 1 -> 0 <= M -> 0 <= spr -> 0 <= b -> 0 < norm z -> 0 <= lam <= 1 ->
-  norm (minus z (scale r n)) <= M ->
-  - spr <= theta_t - mid <= spr ->
-  U = rotate mid y ->
-  cone_sides n U b (psi spr (swing M r)) (count (psi spr (swing M r))) ->
-  - b <= dot (scale (/ norm z) z) (rotate theta_t (scale lam y)).
+(** The direction of z(t), seen from the true heading, is one of the cone's. *)
+Lemma truth_is_in_the_cone (n z : vec) (r M mid spr theta_t : R) :
+  dot n n = 1 -> 0 <= M -> 0 <= spr -> 0 < norm z ->
+  norm (minus z (scale r n)) <= M -> - spr <= theta_t - mid <= spr ->
+  exists x, - psi spr (swing M r) <= x <= psi spr (swing M r) /\
+    forall y, dot (scale (/ norm z) z) (rotate theta_t y) = dot (rotate x n) (rotate mid y).
 Proof.
-  intros Hn HM Hspr Hb Hz Hlam Hmoved Hturned HU Hsides.
+  intros Hn HM Hspr Hz Hmoved Hturned.
   pose proof PI_RGT_0 as HPI. pose proof (swing_bounds M r HM) as Hsw.
   assert (Ha : exists a, - swing M r <= a <= swing M r /\ z = scale (norm z) (rotate a n)).
   { destruct (Rlt_dec M r) as [Hlt|Hge].
@@ -120,28 +118,44 @@ Proof.
   assert (Eunit : scale (/ norm z) z = rotate a n).
   { rewrite Ez at 2. unfold scale. destruct (rotate a n) as [p q]. simpl. f_equal; field; lra. }
   set (c := theta_t - mid) in *.
-  assert (Eu : rotate theta_t (scale lam y) = scale lam (rotate c U)).
-  { rewrite rotate_scale, HU, rotate_rotate. f_equal. f_equal. unfold c. ring. }
-  rewrite Eunit, Eu, dot_scale.
-  assert (Eturn : dot (rotate a n) (rotate c U) = dot (rotate (a - c) n) U).
-  { rewrite <- (rotate_dot (- c)), !rotate_rotate. rewrite Rplus_opp_l, rotate_0.
-    f_equal. f_equal. ring. }
-  rewrite Eturn.
-  set (P := psi spr (swing M r)) in *.
-  assert (HP : 0 <= P <= PI).
-  { unfold P, psi. split; [apply Rmin_glb; lra|apply Rmin_r]. }
-  destruct (count_fits P HP) as [HK Hstep].
-  assert (Hall : forall x, - P <= x <= P -> - b <= dot (rotate x n) U).
-  { intros x Hx. apply (sides_bound_the_cone n U b P (count P)); try assumption. apply HP. }
-  assert (Hbound : - b <= dot (rotate (a - c) n) U).
-  { unfold P, psi in Hall.
-    destruct (Rle_lt_dec (spr + swing M r) PI) as [Hsmall|Hlarge].
-    - rewrite Rmin_left in Hall by exact Hsmall. apply Hall. lra.
-    - rewrite Rmin_right in Hall by lra.
-      assert (Hu1 : norm (rotate (a - c) n) = 1) by (rewrite rotate_norm; apply unit_norm, Hn).
-      destruct (direction_is_a_turn n (rotate (a - c) n) Hn ltac:(lra)) as [x [Bx [Ex _]]].
-      rewrite Hu1 in Ex. rewrite Ex, scale_dot, Rmult_1_l. apply Hall. exact Bx. }
-  assert (lam * - b <= lam * dot (rotate (a - c) n) U) by (apply Rmult_le_compat_l; lra).
+  assert (Eturn : forall y, dot (scale (/ norm z) z) (rotate theta_t y)
+                            = dot (rotate (a - c) n) (rotate mid y)).
+  { intros y. rewrite Eunit. replace theta_t with (c + mid) by (unfold c; ring).
+    rewrite <- (rotate_dot (- c)), !rotate_rotate. f_equal; f_equal; ring. }
+  destruct (Rle_lt_dec (spr + swing M r) PI) as [Hsmall|Hlarge].
+  - exists (a - c). split; [|exact Eturn]. unfold psi. rewrite Rmin_left by exact Hsmall. lra.
+  - assert (Hu1 : norm (rotate (a - c) n) = 1) by (rewrite rotate_norm; apply unit_norm, Hn).
+    destruct (direction_is_a_turn n (rotate (a - c) n) Hn ltac:(lra)) as [x [Bx [Ex _]]].
+    exists x. split.
+    + unfold psi. rewrite Rmin_right by lra. exact Bx.
+    + intros y. rewrite Eturn, Ex, Hu1, scale_dot. ring.
+Qed.
+
+Lemma psi_bounds spr M r : 0 <= spr -> 0 <= M -> 0 <= psi spr (swing M r) <= PI.
+Proof.
+  intros Hspr HM. pose proof PI_RGT_0. pose proof (swing_bounds M r HM).
+  unfold psi. split; [apply Rmin_glb; lra|apply Rmin_r].
+Qed.
+
+(** So the half-planes bound the approach. *)
+Lemma cone_contains_the_truth (n U z y : vec) (b r M mid spr theta_t lam : R) :
+  dot n n = 1 -> 0 <= M -> 0 <= spr -> 0 <= b -> 0 < norm z -> 0 <= lam <= 1 ->
+  norm (minus z (scale r n)) <= M ->
+  - spr <= theta_t - mid <= spr ->
+  U = rotate mid y ->
+  cone_sides n U b (psi spr (swing M r)) (count (psi spr (swing M r))) ->
+  - b <= dot (scale (/ norm z) z) (rotate theta_t (scale lam y)).
+Proof.
+  intros Hn HM Hspr Hb Hz Hlam Hmoved Hturned HU Hsides.
+  destruct (truth_is_in_the_cone n z r M mid spr theta_t Hn HM Hspr Hz Hmoved Hturned)
+    as [x [Hx Ex]].
+  pose proof (psi_bounds spr M r Hspr HM) as HP.
+  destruct (count_fits _ HP) as [HK Hstep].
+  assert (Hall : - b <= dot (rotate x n) U).
+  { apply (sides_bound_the_cone n U b (psi spr (swing M r)) (count (psi spr (swing M r))));
+      try assumption. apply HP. }
+  rewrite rotate_scale, dot_scale, Ex, <- HU.
+  assert (lam * - b <= lam * dot (rotate x n) U) by (apply Rmult_le_compat_l; lra).
   nra.
 Qed.
 

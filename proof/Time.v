@@ -66,12 +66,14 @@ Proof.
   destruct (Hone l f Hlf) as [_ Hst]. lra.
 Qed.
 
-(** In lockstep H = T and a process that replaces another takes part from a later tick on: none of
-    its predecessor's commands is alive, so `remembers_predecessor` is not needed. *)
-Theorem in_lockstep_no_predecessor_is_alive (computed : nat -> command) (h : R) k l :
-  stamp (computed l) + h <= stamp (computed k) ->
-  ~ stamp (computed k) < stamp (computed l) + h.
-Proof. intros H1 H2. lra. Qed.
+(** In lockstep H = T, and a process that replaces another answers later ticks only: none of its
+    predecessor's commands is alive, so `remembers_predecessor` is not needed. *)
+Theorem in_lockstep_no_command_of_an_earlier_tick_is_alive (T : R) (earlier later : nat) :
+  0 < T -> (earlier < later)%nat -> ~ INR later * T < INR earlier * T + T.
+Proof.
+  intros HT Hlt Halive. apply le_INR in Hlt. rewrite S_INR in Hlt.
+  assert ((INR earlier + 1) * T <= INR later * T) by (apply Rmult_le_compat_r; lra). lra.
+Qed.
 
 (** ** What happened between the sample of the command in force and now. *)
 

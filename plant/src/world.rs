@@ -387,6 +387,9 @@ fn limited(twist: Twist, speed_max_m_s: f64, track_m: f64) -> Twist {
 }
 
 #[cfg(test)]
+mod proof;
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use protocol::brief::{Format, WheelsBrief};

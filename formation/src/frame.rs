@@ -89,6 +89,7 @@ impl LeaderFrame {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use std::f64::consts::PI;
 
     proptest! {
         #[test]
@@ -122,5 +123,25 @@ mod tests {
     fn without_a_leader_offsets_stay_as_they_are() {
         let c = Vec2::new(0.3, 0.4);
         assert_eq!(LeaderFrame::STILL.offset(c), Target::still(c));
+    }
+
+    #[test]
+    fn a_scale_swings_and_a_frame_gains_what_its_rates_say() {
+        let scale = Scale { mean: 1.5, amplitude: 0.4, period_s: 8.0 };
+        let (at_peak, rate) = scale.at(2.0);
+        assert!((at_peak - 1.9).abs() < 1e-12 && rate.abs() < 1e-12, "{at_peak}, {rate}");
+        let (middle, rate) = scale.at(4.0);
+        assert!((middle - 1.5).abs() < 1e-12 && (rate + 0.1 * PI).abs() < 1e-12, "{rate}");
+        let frame = LeaderFrame {
+            heading_rad: 0.1,
+            turn_rate_rad_s: 0.5,
+            turn_acceleration_rad_s2: 0.25,
+            scale: 2.0,
+            scale_rate_per_s: -0.1,
+        };
+        let later = frame.later(2.0);
+        assert!((later.heading_rad - 1.6).abs() < 1e-12, "{later:?}");
+        assert!((later.turn_rate_rad_s - 1.0).abs() < 1e-12, "{later:?}");
+        assert!((later.scale - 1.8).abs() < 1e-12, "{later:?}");
     }
 }

@@ -167,4 +167,14 @@ mod tests {
         let chain = FormationGraph::new(3, vec![edge(0, 1, 1.0, 0.0), edge(1, 2, 1.0, 0.0)]);
         assert_eq!(chain.roots(), vec![0]);
     }
+
+    #[test]
+    fn who_is_heard_and_who_hears_are_the_two_ends_of_an_edge() {
+        let graph = FormationGraph::new(4, vec![edge(0, 1, 1.0, 0.0), edge(2, 1, 0.0, 1.0)]);
+        assert_eq!(graph.robots(), 4);
+        let heard = |robot| graph.heard_by(robot).map(|e| e.from).collect::<Vec<_>>();
+        let hearers = |robot| graph.hearers_of(robot).map(|e| e.to).collect::<Vec<_>>();
+        assert_eq!((heard(1), heard(0)), (vec![0, 2], vec![]));
+        assert_eq!((hearers(2), hearers(1)), (vec![1], vec![]));
+    }
 }

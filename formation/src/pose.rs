@@ -65,4 +65,13 @@ mod tests {
         assert_eq!(wrap_angle(-PI), PI);
         assert_eq!(wrap_angle(PI), PI);
     }
+
+    #[test]
+    fn a_twist_is_scaled_as_a_whole_and_finite_only_with_both_parts() {
+        let twist = Twist { v_m_s: 3.0, w_rad_s: -4.0 };
+        assert_eq!(twist.scaled(0.5), Twist { v_m_s: 1.5, w_rad_s: -2.0 });
+        assert!(twist.is_finite());
+        assert!(!Twist { v_m_s: f64::NAN, ..twist }.is_finite());
+        assert!(!Twist { w_rad_s: f64::INFINITY, ..twist }.is_finite());
+    }
 }

@@ -71,4 +71,18 @@ mod tests {
         assert!(draws.iter().all(|draw| (0.0..1.0).contains(draw)));
         assert_ne!(draw(1, 0), draw(2, 0));
     }
+
+    #[test]
+    fn numbers_between_two_are_all_of_them_and_chances_come_as_often_as_asked_for() {
+        let mut random = SplitMix64::new(5);
+        let mut drawn = [0; 4];
+        for _ in 0..4000 {
+            drawn[random.between(7, 10) as usize - 7] += 1;
+        }
+        assert!(drawn.iter().all(|&times| (850..1150).contains(&times)), "{drawn:?}");
+        assert_eq!(random.between(9, 9), 9);
+        let happened = (0..4000).filter(|_| random.chance(0.3)).count();
+        assert!((1050..1350).contains(&happened), "{happened}");
+        assert!(!random.chance(0.0) && random.chance(1.0));
+    }
 }

@@ -68,4 +68,13 @@ mod tests {
             prop_assert!((end.x_m - x).hypot(end.y_m - y) < 1e-4);
         }
     }
+
+    #[test]
+    fn the_chord_of_a_small_turn_is_exact_to_rounding_on_both_sides_of_its_series() {
+        // To the next term of the series, a^4 / 120.
+        for a in [0.0f64, 1e-9, 3e-5, 9.9e-5, 1.01e-4, 3e-4, 1e-3] {
+            let expected = 1.0 - a * a / 6.0 + a.powi(4) / 120.0;
+            assert!((sinc(a) - expected).abs() < 3e-16, "{a}: {}", sinc(a));
+        }
+    }
 }

@@ -581,3 +581,27 @@ fn straight_at_somebody_it_goes_as_fast_as_its_share_of_the_slack_allows_and_no_
         assert!(granted.w_rad_s.abs() < 1e-6, "{granted:?}");
     }
 }
+
+#[test]
+fn a_predecessors_commands_count_as_the_worst_there_can_be_for_as_long_as_they_may_act() {
+    let stamp_ns = 1_000_000_000;
+    let away = [Vec2::new(-0.21, 0.02)];
+    let tried = Twist { v_m_s: 0.3, w_rad_s: 1.0 };
+    // In the air since just now, or for H.
+    let granted_after = |since_ns: u64| {
+        let mut guard = Guard::new(&brief());
+        guard.forget_the_dead(stamp_ns - since_ns);
+        guard.grant(&sample(stamp_ns, 0.2, &away), tried)
+    };
+    let granted_beside = |alive: &[f64]| {
+        let mut guard = Guard::new(&AgentBrief { pace: Pace::Lockstep, ..brief() });
+        guard.alive = { alive }.iter().map(|&w_rad_s| (0, Twist { v_m_s: 0.0, w_rad_s })).collect();
+        guard.grant(&sample(stamp_ns, 0.2, &away), tried)
+    };
+    // v_max / ell = 5 rad/s.
+    assert_eq!(granted_after(0), granted_beside(&[-5.0, 5.0]));
+    assert_eq!(granted_after(24_999_999), granted_beside(&[-5.0, 5.0]));
+    assert_eq!(granted_after(25_000_000), granted_beside(&[]));
+    assert_ne!(granted_beside(&[-5.0, 5.0]), granted_beside(&[]));
+    assert_ne!(granted_beside(&[-5.0, 5.0]), granted_beside(&[5.0]));
+}

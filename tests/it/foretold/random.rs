@@ -19,11 +19,13 @@ const AT_S: f64 = 10.0;
 const DURATION_S: u64 = 40;
 /// All robots settle this far apart at least, m: farther than they steer around each other.
 const APART_M: f64 = 0.4;
+/// Where robots would settle too near to each other, others are drawn, so often.
+const DRAWS_MAX: u64 = 50;
 /// How far this is from the bound, as a share of it, nobody can foretell to be on this side of it.
 const UNSURE: f64 = 0.25;
 
 /// A formation of 3 to 7 robots: one leads, or nobody does; some keep places, some are contained.
-/// `None`: this seed's robots settle too near to each other.
+/// `None`: its robots settle too near to each other.
 fn drawn(seed: u64) -> Option<Scenario> {
     let mut random = SplitMix64::new(seed);
     // Laws, gains, speeds and the guard are those of a shipped scenario.
@@ -121,7 +123,8 @@ fn struck(mut scenario: Scenario, seed: u64) -> (Scenario, Broken) {
 }
 
 fn outcome(seed: u64) -> Option<Outcome> {
-    let (scenario, broken) = struck(drawn(seed)?, seed);
+    let mut draws = (0..DRAWS_MAX).map(|draw| drawn(DRAWS_MAX * seed + draw));
+    let (scenario, broken) = struck(draws.find_map(|drawn| drawn)?, seed);
     let foretold = foretold(&scenario, broken, AT_S);
     let edges: Vec<String> = scenario
         .graph
@@ -162,12 +165,12 @@ fn assert_foretold(seeds: std::ops::Range<u64>) {
 
 #[test]
 fn in_formations_drawn_at_random_theory_says_whom_a_death_or_a_cut_breaks() {
-    assert_foretold(0..40);
+    assert_foretold(0..20);
 }
 
 /// `cargo test --release --test it -- --ignored foretold::random --nocapture`
 #[test]
 #[ignore = "thousands of runs: minutes"]
 fn in_thousands_of_formations_drawn_at_random_theory_says_whom_a_death_or_a_cut_breaks() {
-    assert_foretold(0..10_000);
+    assert_foretold(0..2_000);
 }

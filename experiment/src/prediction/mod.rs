@@ -24,6 +24,7 @@ mod tests;
 
 use formation::Vec2;
 use formation::laplacian::settle;
+use protocol::avoidance::Rank;
 use protocol::brief::SilencePolicy;
 use protocol::law::Reference;
 
@@ -63,7 +64,7 @@ struct Facts {
     silence: SilencePolicy,
     /// Nearer to another than this it does not come to rest, m. (Remark 1)
     stands_off_m: f64,
-    /// Whether it makes room for those that lead or keep a place.
+    /// Whether it stands off where its place is taken.
     gives_way: bool,
 }
 
@@ -82,7 +83,7 @@ impl Predictor {
             reference: scenario.robots[i].role.reference,
             silence: scenario.silence.policy,
             stands_off_m: scenario.steers_within_m(i).unwrap_or(0.0),
-            gives_way: scenario.robots[i].role.gives_way,
+            gives_way: scenario.rank(i) == Rank::Contained,
         };
         let n = scenario.robots.len();
         let mut heard = vec![Vec::new(); n];

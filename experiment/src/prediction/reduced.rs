@@ -9,7 +9,7 @@ use super::{Broken, Cause, Predictor};
 /// What is left of a formation.
 ///
 /// Places have two halves: those of the robots, and after them those where each was lost, which
-/// the policy `keep` goes by.
+/// the policies `keep` and `last` go by.
 #[derive(Debug)]
 pub(super) struct Reduced {
     pub(super) alive: Vec<bool>,
@@ -48,8 +48,14 @@ impl Reduced {
                     reduced.heard[i].push((n + ear.from, ear.offset_m));
                 }
             }
-            if p.robots[i].silence == SilencePolicy::Stop && reduced.lost[i].is_some() {
-                reduced.heard[i].clear();
+            match p.robots[i].silence {
+                SilencePolicy::Stop if reduced.lost[i].is_some() => reduced.heard[i].clear(),
+                // With nobody left, the last points of all.
+                SilencePolicy::Last if reduced.heard[i].is_empty() => {
+                    reduced.heard[i] =
+                        ears.iter().map(|ear| (n + ear.from, ear.offset_m)).collect();
+                }
+                _ => {}
             }
             for &(from, _) in reduced.heard[i].iter().filter(|(from, _)| *from < n) {
                 reduced.hearers[from].push(i);

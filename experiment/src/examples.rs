@@ -73,6 +73,7 @@ pub fn row_of_three() -> Scenario {
             tracking_error_m_max: None,
             converged_by_s: None,
             recovered_within_s: None,
+            alive_at_end: None,
             deadline_misses_max: None,
             exit: None,
             converged_error_m: 0.01,

@@ -103,6 +103,11 @@ fn value(key: &Key, format: &Format) -> Value {
         Takes::Pair(_) => pair,
         Takes::Points(_) => json!({ "type": "array", "items": pair }),
         Takes::Names => json!({ "type": "array", "items": { "type": "string" } }),
+        Takes::NamesOrCount => json!({
+            "type": ["array", "integer"],
+            "items": { "type": "string" },
+            "minimum": 0,
+        }),
         // What stands beside a reference is not looked at: hence the list of one.
         Takes::Table(section) => json!({ "allOf": [reference(section)] }),
         Takes::Tables(section) => json!({ "type": "array", "items": reference(section) }),

@@ -36,11 +36,11 @@ impl Containment {
         self.corners.extend(self.leaders.iter().map(|&i| alphas[i]));
         let living = self.contained.iter().filter(|&&i| alive[i]);
         let outside = living.map(|&i| hull_distance(alphas[i], &self.corners));
-        self.final_m_max = Some(outside.fold(self.final_m_max.unwrap_or(0.0), f64::max));
+        self.final_m_max = outside.chain(self.final_m_max).reduce(f64::max);
     }
 
     /// The largest distance of a living contained robot from the hull, m; `None` where nobody is
-    /// contained.
+    /// contained, or alive.
     pub(super) fn final_m_max(&self) -> Option<f64> {
         self.final_m_max
     }

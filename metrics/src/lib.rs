@@ -67,6 +67,8 @@ pub struct Metrics {
     front_points_m: Vec<f64>,
     /// Front points at the newest truth.
     alphas: Vec<Vec2>,
+    /// Who was alive at it.
+    alive: Vec<bool>,
     truths: Truths,
     distances: Distances,
     errors: Errors,
@@ -88,7 +90,7 @@ pub struct Now<'a> {
 }
 
 /// What was measured over a whole run.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Measures {
     /// Smallest distance between two front points, m; `None` for one robot alone.
     pub min_distance_m: Option<f64>,
@@ -121,23 +123,33 @@ pub struct Measures {
     pub converged_at_s: Option<f64>,
     /// In lockstep.
     pub trajectory_hash: Option<String>,
+    /// Who was alive at the newest truth; in scenario order.
+    pub alive_at_end: Vec<bool>,
     /// Truths that never arrived.
     pub truths_lost: u64,
+    /// From when to when none arrived for more than 0.1 s, s, in order.
+    pub unseen_s: Vec<[f64; 2]>,
     /// What each fault did.
     pub faults: Vec<FaultReport>,
+}
+
+/// From then on values are final, ns.
+fn final_from_ns(scenario: &Scenario) -> u64 {
+    (scenario.duration_ns as f64 * (1.0 - FINAL_SHARE)) as u64
 }
 
 impl Metrics {
     /// Nothing measured yet.
     pub fn new(scenario: &Scenario, pace: Pace) -> Metrics {
         let robots = scenario.robots.len();
-        let final_from_ns = (scenario.duration_ns as f64 * (1.0 - FINAL_SHARE)) as u64;
+        let final_from_ns = final_from_ns(scenario);
         Metrics {
             looks_away: false,
             converged_error_m: scenario.expect.converged_error_m,
             names: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
             front_points_m: scenario.robots.iter().map(|robot| robot.front_point_m).collect(),
             alphas: vec![Vec2::zeros(); robots],
+            alive: vec![true; robots],
             truths: Truths::new(pace),
             distances: Distances::new(robots, scenario.avoidance.distance_min_m),
             errors: Errors::new(scenario, final_from_ns),
@@ -164,7 +176,9 @@ impl Metrics {
                 Bound::End(end) => self.fault_ended(fault, end, due_ns),
             }
         }
-        self.truths.truth(header.tick, rows);
+        self.truths.truth(header.tick, t_ns, rows);
+        self.alive.clear();
+        self.alive.extend_from_slice(alive);
         for ((alpha, row), ell) in self.alphas.iter_mut().zip(rows).zip(&self.front_points_m) {
             *alpha = front_point(row.pose(), *ell);
         }
@@ -279,7 +293,9 @@ impl Metrics {
             hull_distance_m_max_final: self.containment.final_m_max(),
             converged_at_s: self.errors.converged_since_ns().map(seconds),
             trajectory_hash: self.truths.hash(),
+            alive_at_end: self.alive.clone(),
             truths_lost: self.truths.lost(),
+            unseen_s: self.truths.unseen_ns().iter().map(|gap| gap.map(seconds)).collect(),
             faults: self.faults.report(&self.names),
         }
     }

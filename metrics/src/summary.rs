@@ -66,8 +66,12 @@ pub struct Summary {
     /// Beacons that each robot refused: not finite, not plausible, old or from the future.
     #[serde(with = "by_name")]
     pub beacons_refused: Vec<(String, u64)>,
+    /// Who was alive at the newest truth.
+    pub alive_at_end: Vec<String>,
     /// Truths that the supervisor did not get.
     pub truths_lost: u64,
+    /// From when to when it got none for more than 0.1 s, s, in order.
+    pub unseen_s: Vec<[f64; 2]>,
     /// How old beacons were, by stamps, when they were used, by edge: in lockstep simulated time.
     pub ages: Vec<StageLatency>,
     /// The information age of every edge: at every instant, now minus the stamp of the newest beacon

@@ -91,6 +91,8 @@ fn lost_truths_are_counted_from_the_gaps_and_repeated_ones_passed_over() {
     }
     let measures = metrics.finish();
     assert_eq!(measures.truths_lost, 4);
+    // Tick 0 was lost before the first.
+    assert_eq!(measures.unseen_s, [[0.0, 1.0], [2.0, 6.0]]);
 }
 
 #[test]
@@ -124,6 +126,7 @@ fn the_dead_have_no_say_in_convergence_and_final_errors() {
     assert_eq!(measures.converged_at_s, Some(0.0));
     let finals: Vec<_> = measures.final_error_m.into_iter().map(|(_, e)| e).collect();
     assert_eq!(finals, [None, Some(0.0), None]);
+    assert_eq!(measures.alive_at_end, [true, true, false]);
 }
 
 #[test]

@@ -9,21 +9,33 @@ use crate::hash::TrajectoryHash;
 pub(super) struct Truths {
     hash: Option<TrajectoryHash>,
     newest_tick: Option<u64>,
+    newest_t_ns: u64,
     lost: u64,
+    /// Stretches of run time, ns, that were too long without a truth.
+    unseen_ns: Vec<[u64; 2]>,
 }
+
+/// While truths are lost for longer than this, ns, something may have come and gone that no verdict
+/// knows of. Less than that passes for a look at the next truth: nothing moves far in it.
+const UNSEEN_NS: u64 = 100_000_000;
 
 impl Truths {
     /// None came yet. Only in lockstep are two runs the same.
     pub(super) fn new(pace: Pace) -> Truths {
         let hash = (pace == Pace::Lockstep).then(TrajectoryHash::new);
-        Truths { hash, newest_tick: None, lost: 0 }
+        Truths { hash, newest_tick: None, newest_t_ns: 0, lost: 0, unseen_ns: Vec::new() }
     }
 
     /// Takes in one.
-    pub(super) fn truth(&mut self, tick: u64, rows: &[TruthRow]) {
+    pub(super) fn truth(&mut self, tick: u64, t_ns: u64, rows: &[TruthRow]) {
         let expected = self.newest_tick.map_or(0, |tick| tick + 1);
-        self.lost += tick.saturating_sub(expected);
+        let lost = tick.saturating_sub(expected);
+        self.lost += lost;
+        if lost > 0 && t_ns.saturating_sub(self.newest_t_ns) > UNSEEN_NS {
+            self.unseen_ns.push([self.newest_t_ns, t_ns]);
+        }
         self.newest_tick = Some(tick);
+        self.newest_t_ns = t_ns;
         if let Some(hash) = &mut self.hash {
             hash.update(tick, rows);
         }
@@ -32,6 +44,11 @@ impl Truths {
     /// In lockstep, of all that came; `None` if none did.
     pub(super) fn hash(&self) -> Option<String> {
         self.hash.as_ref().filter(|_| self.newest_tick.is_some()).map(TrajectoryHash::finish)
+    }
+
+    /// From when to when none arrived for too long, ns, in order.
+    pub(super) fn unseen_ns(&self) -> &[[u64; 2]] {
+        &self.unseen_ns
     }
 
     /// Those that never arrived.

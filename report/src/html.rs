@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use metrics::expect::Expectation;
+use metrics::expect::{self, Expectation};
 use metrics::fault::FaultReport;
 use metrics::summary::{Commands, InformationAge, StageLatency, Summary};
 
@@ -84,14 +84,13 @@ fn head(run: &Run) -> String {
         }
         Some(summary) if summary.interrupted => ("missed", "interrupted"),
         Some(summary) if summary.exit == 4 => ("missed", "ended early"),
-        Some(summary) if summary.expectations.is_empty() => (
-            "undeclared",
-            "no expectations declared; exit code 0 says that the run ended as planned",
-        ),
-        Some(summary) if summary.expectations.iter().all(|expectation| expectation.held) => {
-            ("held", "every expectation held")
-        }
-        Some(_) => ("missed", "an expectation was missed"),
+        Some(summary) => match expect::worst(&summary.expectations) {
+            None => (
+                "undeclared",
+                "no expectations declared; exit code 0 says that the run ended as planned",
+            ),
+            Some(verdict) => (verdict.word(), verdict.of_all()),
+        },
     };
     let _ = writeln!(text, "<p class=\"verdict {class}\">{verdict}</p>");
     if run.every > 1 {
@@ -166,18 +165,19 @@ fn summary(summary: &Summary) -> String {
 }
 
 fn expectations(expectations: &[Expectation]) -> String {
-    let rows = expectations.iter().map(|Expectation { name, value, bound, held }| {
+    let rows = expectations.iter().map(|expectation| {
+        let Expectation { name, value, bound, held, reason, .. } = expectation;
         // A miss by a hair's breadth must not be rounded to its bound.
         let shown = |value: f64| if *held { digits(value) } else { value.to_string() };
-        let verdict = if *held { "held" } else { "missed" };
         vec![
             Cell::Text(name.clone()),
             Cell::Number(value.map_or("never".into(), shown)),
             Cell::Number(if *held { asked(*bound) } else { bound.to_string() }),
-            Cell::Verdict(verdict),
+            Cell::Verdict(expectation.verdict().word()),
+            Cell::Text(reason.clone().unwrap_or_default()),
         ]
     });
-    table(&["Expected", "#Measured", "#Required", "Verdict"], rows)
+    table(&["Expected", "#Measured", "#Required", "Verdict", "Why"], rows)
 }
 
 fn faults(faults: &[FaultReport]) -> String {
@@ -346,7 +346,7 @@ enum Cell {
     /// Not broken.
     Word(String),
     Number(String),
-    /// `held` or `missed`.
+    /// `held`, `missed` or `unseen`.
     Verdict(&'static str),
 }
 

@@ -10,7 +10,7 @@ use crate::outcome::Outcome;
 use experiment::scenario::Scenario;
 use formation::seconds;
 use metrics::Measures;
-use metrics::expect::Expectation;
+use metrics::expect::{self, Expectation, Verdict};
 use metrics::summary::{Commands, InformationAge, StageLatency, Summary, Wall};
 
 /// Of more robots than this, the screen shows only those with the largest errors.
@@ -74,7 +74,15 @@ pub fn sum_up(
             lost: outcome.latency.commands_lost(),
         },
         beacons_refused: by_robot(&outcome.beacons_refused),
+        alive_at_end: scenario
+            .robots
+            .iter()
+            .zip(&measures.alive_at_end)
+            .filter(|(_, alive)| **alive)
+            .map(|(robot, _)| robot.name.clone())
+            .collect(),
         truths_lost: measures.truths_lost,
+        unseen_s: measures.unseen_s,
         ages,
         information_ages: outcome.latency.information_ages(),
         restarts: by_robot(&outcome.restarts),
@@ -95,21 +103,24 @@ pub fn sum_up(
 /// One screen for people: first whether it went as expected, then why.
 pub fn screen(summary: &Summary) -> String {
     let mut text = String::new();
-    let held = summary.expectations.iter().all(|expectation| expectation.held);
-    let verdict = match (summary.interrupted, summary.exit, held) {
-        (true, ..) => "interrupted",
-        (_, 4, _) => "ended early",
-        _ if summary.expectations.is_empty() => UNDECLARED,
-        (.., true) => "every expectation held",
-        (.., false) => "an expectation was missed",
+    let verdict = match (summary.interrupted, summary.exit) {
+        (true, _) => "interrupted",
+        (_, 4) => "ended early",
+        _ => expect::worst(&summary.expectations).map_or(UNDECLARED, Verdict::of_all),
     };
     let _ = writeln!(text, "{}, {}: {verdict}", summary.scenario, summary.pace.word());
-    for Expectation { name, value, bound, held } in &summary.expectations {
-        let sign = if *held { "held  " } else { "MISSED" };
+    for expectation in &summary.expectations {
+        let Expectation { name, value, bound, held, reason, .. } = expectation;
+        let sign = match expectation.verdict() {
+            Verdict::Held => "held  ",
+            Verdict::Missed => "MISSED",
+            Verdict::Unseen => "UNSEEN",
+        };
         // A miss by a hair's breadth must not be rounded to its bound.
         let shown = |value: f64| if *held { digits(value) } else { value.to_string() };
         let (value, bound) = (value.map_or("-".into(), shown), shown(*bound));
-        let _ = writeln!(text, "  {sign} {name:<20} {value:>12}  required {bound}");
+        let reason = reason.as_ref().map_or(String::new(), |reason| format!(": {reason}"));
+        let _ = writeln!(text, "  {sign} {name:<23} {value:>12}  required {bound}{reason}");
     }
     let mut row = |name: &str, value: String| {
         let _ = writeln!(text, "{name:<19} {value}");
@@ -161,7 +172,10 @@ pub fn screen(summary: &Summary) -> String {
         row("beacons", format!("{beacons} refused"));
     }
     if summary.truths_lost > 0 {
-        row("truths lost", summary.truths_lost.to_string());
+        let gaps = summary.unseen_s.iter();
+        let gaps: String =
+            gaps.map(|[from, until]| format!(", none from {from:.3} s to {until:.3} s")).collect();
+        row("truths lost", format!("{}{gaps}", summary.truths_lost));
     }
     if wall.latencies_lost > 0 {
         row("latencies lost", wall.latencies_lost.to_string());

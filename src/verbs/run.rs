@@ -215,7 +215,7 @@ fn fly(
     }
     let measures = metrics.finish();
     let expectations =
-        expect::evaluate(&scenario.expect, &measures, pace, outcome.deadline_misses, ended_with);
+        expect::evaluate(scenario, &measures, pace, outcome.deadline_misses, ended_with);
     let held = expectations.iter().all(|expectation| expectation.held);
     let expected = scenario.expect.exit == Some(ended_with);
     let exit = match (ended_with, held) {

@@ -39,4 +39,5 @@ mod silence;
 mod single_faults;
 mod soak;
 mod theory;
+mod verdicts;
 mod view;

@@ -1,11 +1,16 @@
 //! What must hold for exit code 0: `[expect]`.
 
 use super::diagnostic::Diagnostic;
-use super::table::Table;
-use super::{Expectations, seconds};
+use super::robots::robot_named;
+use super::table::{Table, Value};
+use super::{AliveAtEnd, Expectations, Robot, seconds};
 
 /// `[expect]`.
-pub(super) fn expect(root: &Table<'_>, duration_ns: u64) -> Result<Expectations, Diagnostic> {
+pub(super) fn expect(
+    root: &Table<'_>,
+    robots: &[Robot],
+    duration_ns: u64,
+) -> Result<Expectations, Diagnostic> {
     let table = root.table("expect")?;
     let whole = |key: &str| table.get(key).map(|value| value.whole()).transpose();
     let converged_by_s = table.maybe_number("converged_by_s")?;
@@ -25,8 +30,30 @@ pub(super) fn expect(root: &Table<'_>, duration_ns: u64) -> Result<Expectations,
         hull_distance_m_max: table.maybe_number("hull_distance_m_max")?,
         converged_by_s,
         recovered_within_s: table.maybe_number("recovered_within_s")?,
+        alive_at_end: table.get("alive_at_end").map(|value| alive(&value, robots)).transpose()?,
         deadline_misses_max: whole("deadline_misses_max")?,
         exit: whole("exit")?.map(|code| code as u8),
         converged_error_m: table.number("converged_error_m")?,
     })
+}
+
+/// `alive_at_end`: names of robots, or how many.
+fn alive(value: &Value<'_>, robots: &[Robot]) -> Result<AliveAtEnd, Diagnostic> {
+    if !value.is_list() {
+        let count = value.whole()?;
+        if count > robots.len() as u64 {
+            let expected = format!("expected at most {}, all robots", robots.len());
+            return Err(value.wrong(format!("is {count}"), expected));
+        }
+        return Ok(AliveAtEnd::Count(count));
+    }
+    let mut names = Vec::new();
+    for name in value.elements("expected names of robots, or how many")? {
+        let robot = robot_named(&name, robots)?;
+        if names.contains(&robot) {
+            return Err(name.wrong("names a robot twice", "expected each robot once"));
+        }
+        names.push(robot);
+    }
+    Ok(AliveAtEnd::Names(names))
 }

@@ -65,6 +65,8 @@ pub enum Takes {
     Points(&'static str),
     /// A list of names of robots.
     Names,
+    /// The same, or a whole number of robots.
+    NamesOrCount,
     /// A table with the keys of that section.
     Table(&'static str),
     /// A list of such tables.
@@ -314,7 +316,8 @@ fn stem(word: &str) -> String {
 use Otherwise::{Absent, Needed, No, Rule};
 use Range::{Any, NotNegative, Positive};
 use Takes::{
-    Law, Method, Names, Number, Pair, Points, Table, Tables, Text, Time, Truth, Whole, Word,
+    Law, Method, Names, NamesOrCount, Number, Pair, Points, Table, Tables, Text, Time, Truth,
+    Whole, Word,
 };
 
 const ROOT: &[Key] = &[
@@ -941,6 +944,14 @@ const EXPECT: &[Key] = &[
         "the same within this long after each fault's end",
     )
     .guessed(&["recovery", "recovered"]),
+    key(
+        "alive_at_end",
+        NamesOrCount,
+        Rule("no bound, and the other expectations count all but those that the plan leaves dead"),
+        "names of the robots that live at the end, or how many do at least; others count in no \
+         expectation",
+    )
+    .guessed(&["alive", "survivors", "living"]),
     key(
         "deadline_misses_max",
         Whole(0, i64::MAX as u64),

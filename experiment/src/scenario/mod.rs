@@ -220,6 +220,15 @@ pub enum Silenced {
     Edge(usize),
 }
 
+/// Who shall live at the end of a run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum AliveAtEnd {
+    /// These, by their places.
+    Names(Vec<usize>),
+    /// At least so many, whoever they are.
+    Count(u64),
+}
+
 /// What must hold for exit code 0; what is absent is not asked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Expectations {
@@ -237,6 +246,8 @@ pub struct Expectations {
     pub converged_by_s: Option<f64>,
     /// The same within this long after each fault's end, s.
     pub recovered_within_s: Option<f64>,
+    /// Who shall live at the end; without, whom the plan leaves alive counts in the others.
+    pub alive_at_end: Option<AliveAtEnd>,
     /// Bound on deadline misses of all agents (real time only).
     pub deadline_misses_max: Option<u64>,
     /// The exit code that the run itself ends with, where it is not 0.

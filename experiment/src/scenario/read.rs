@@ -214,7 +214,7 @@ fn scenario(
     let graph = graph(root, &robots, &ties)?;
     let lead = lead(root, &robots)?;
     let faults = faults(root, &Scene { robots: &robots, graph: &graph, duration_ns, seed })?;
-    let expect = expect(root, duration_ns)?;
+    let expect = expect(root, &robots, duration_ns)?;
     let mut scenario = Scenario {
         name: name_text.to_owned(),
         duration_ns,

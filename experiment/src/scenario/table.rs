@@ -452,10 +452,15 @@ impl<'t> Value<'t> {
 
     /// A whole number, within the bounds of its row.
     pub(crate) fn whole(&self) -> Result<u64, Diagnostic> {
-        let Takes::Whole(least, most) = self.row.takes else {
-            panic!("`{}` is a whole number", self.key)
+        let (least, most, or) = match self.row.takes {
+            Takes::Whole(least, most) => (least, most, ""),
+            Takes::NamesOrCount => (0, i64::MAX as u64, ", or names of robots: [\"r1\", \"r2\"]"),
+            _ => panic!("`{}` is a whole number", self.key),
         };
-        let expected = format!("expected a whole number from {least} to {most}");
+        let expected = match or {
+            "" => format!("expected a whole number from {least} to {most}"),
+            or => format!("expected a whole number of robots{or}"),
+        };
         let DeValue::Integer(integer) = self.value else {
             return match self.value {
                 DeValue::Float(float) => Err(self.wrong(format!("is {float}"), expected)),
@@ -474,6 +479,11 @@ impl<'t> Value<'t> {
             DeValue::Boolean(truth) => Ok(*truth),
             _ => Err(self.wrong_type("expected true or false")),
         }
+    }
+
+    /// Whether it is a list.
+    pub(crate) fn is_list(&self) -> bool {
+        matches!(self.value, DeValue::Array(_))
     }
 
     /// The elements of a list; messages count them from 1.

@@ -102,12 +102,14 @@ fn judged(expectation: &Expectation, of: &str, unit: &str) -> String {
     let Expectation { value, bound, held, .. } = expectation;
     // A miss by a hair's breadth must not be rounded to its bound.
     let exact = |value: f64| value.to_string();
-    let (shown, bound, verdict) = match held {
-        true => (value.map(digits), asked(*bound), "held"),
-        false => (value.map(exact), exact(*bound), "missed"),
+    let (shown, bound) = match held {
+        true => (value.map(digits), asked(*bound)),
+        false => (value.map(exact), exact(*bound)),
     };
     let shown = shown.map_or("never".into(), |value| format!("{value} {unit}"));
-    format!(" {of}: {shown}, required {bound} {unit}: {verdict}.")
+    let verdict = expectation.verdict().word();
+    let reason = expectation.reason.as_ref().map_or(String::new(), |why| format!(" ({why})"));
+    format!(" {of}: {shown}, required {bound} {unit}: {verdict}{reason}.")
 }
 
 /// Places of the `NAMED` largest of `values`, or of all if they are few; the largest first.

@@ -1,0 +1,100 @@
+//! What a run is judged by, where nobody was left to judge or nobody looked.
+
+use rustix::process::Signal;
+
+use crate::harness::{Ended, run};
+
+/// (verdict, reason) of an expectation.
+#[track_caller]
+fn of(ended: &Ended, name: &str) -> (String, String) {
+    let all = ended.summary["expectations"].as_array().expect("expectations");
+    let found = all.iter().find(|one| one["name"] == name).expect(name);
+    let word = |key: &str| found[key].as_str().unwrap_or_default().to_owned();
+    (word("verdict"), word("reason"))
+}
+
+fn missed(reason: &str) -> (String, String) {
+    ("missed".to_owned(), reason.to_owned())
+}
+
+#[test]
+fn what_is_asked_of_the_dead_is_missed_and_says_why() {
+    let kills = ["kill r1 @2", "kill r2 @2", "kill r3 @2", "kill r4 @2"];
+    let all = |what| {
+        kills.iter().fold(run(what).lockstep().set("duration_s=6"), |run, kill| run.fault(kill))
+    };
+    let contained = all("containment").set("expect={ hull_distance_m_max = 0.0 }").finish();
+    contained.exits_with(1);
+    let nobody = missed("nobody is left of r1, r2, r3, r4");
+    contained.claim(of(&contained, "hull_distance_m_max") == nobody, "of nobody nothing holds");
+    contained.claim(contained.stdout.contains("nobody is left of r1"), "the screen says why");
+
+    let formation = all("pentagon").set("expect={ converged_by_s = 5.0, min_distance_m = 0.3 }");
+    let formation = formation.finish();
+    formation.exits_with(1);
+    let alone = missed("r5 alone is left");
+    formation.claim(of(&formation, "converged_by_s") == alone, "one robot is no formation");
+    formation.claim(of(&formation, "min_distance_m").0 == "held", "the dead are bodies");
+
+    let meant = "expect={ converged_by_s = 5.0, alive_at_end = [\"r5\"] }";
+    let meant = all("pentagon").set(meant).finish();
+    meant.exits_with(0);
+    meant.claim(meant.summary["alive_at_end"][0] == "r5", "and it lives");
+    let more = all("pentagon").set("expect={ alive_at_end = 2 }").finish();
+    more.exits_with(1);
+    let dead = missed("dead at the end: r1, r2, r3, r4");
+    more.claim(of(&more, "alive_at_end") == dead, "one is not two");
+}
+
+#[test]
+fn a_robot_that_nobody_planned_to_lose_has_not_converged() {
+    let mut running = run("triangle")
+        .set("duration_s=6")
+        .set("robot_defaults.restart_policy=never")
+        .set("expect={ converged_by_s = 6.0, converged_error_m = 100.0, min_distance_m = 0.1 }")
+        .start();
+    running.wait_for_event("contact");
+    let r2 = running.pid_of("r2");
+    crate::harness::signal_pid(r2, Signal::KILL);
+    let ended = running.finish();
+    ended.exits_with(1);
+    let dead = missed("dead at the end: r2");
+    ended.claim(of(&ended, "converged_by_s") == dead, "though all others are within 100 m");
+    ended.claim(of(&ended, "min_distance_m").0 == "held", "and nothing else is wrong");
+}
+
+/// How often a process went to sleep by itself; `None` once it is gone.
+fn naps(pid: u32) -> Option<u64> {
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("voluntary_ctxt_switches:"));
+    line.and_then(|count| count.trim().parse().ok())
+}
+
+#[test]
+fn what_could_have_failed_while_the_supervisor_stood_still_is_unseen_and_not_held() {
+    // Kept for the supervisor are 1024 truths, one for each time that the plant wakes.
+    const WAKES: u64 = 4096;
+    let mut running = run("triangle")
+        .set("duration_s=10")
+        .set("expect={ min_distance_m = 0.2, alive_at_end = 3 }")
+        .start();
+    running.wait_for_event("contact");
+    let plant = running.pid_of("plant");
+    let before = naps(plant).expect("the plant lives");
+    running.signal(Signal::STOP);
+    // The machine may be slow: only how often the plant woke tells what was lost.
+    while naps(plant).is_some_and(|now| now < before + WAKES) {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    running.signal(Signal::CONT);
+    let ended = running.finish();
+    ended.claim(ended.number("/truths_lost") > 0.0, "truths were lost");
+    let gaps = ended.summary["unseen_s"].as_array().expect("gaps").clone();
+    ended.claim(!gaps.is_empty(), "for a while");
+    ended.exits_with(1);
+    let (verdict, reason) = of(&ended, "min_distance_m");
+    ended.claim(verdict == "unseen", format!("it is {verdict}"));
+    ended.claim(reason.starts_with("no truths from "), reason);
+    ended.claim(of(&ended, "alive_at_end").0 == "held", "what no truth tells is known");
+    ended.claim(ended.stdout.contains("UNSEEN min_distance_m"), "the screen says so");
+}

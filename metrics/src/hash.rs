@@ -1,9 +1,12 @@
-//! The trajectory hash: one word that two runs share only if they are the same bit by bit.
+//! The trajectory hash: one word that two runs share only if they are the same bit by bit; and the
+//! same of the beginning of a run, second by second, which tells when two runs parted.
 
 use std::fmt::Write as _;
 
 use protocol::message::TruthRow;
 use sha2::{Digest, Sha256};
+
+const SECOND_NS: u64 = 1_000_000_000;
 
 /// SHA-256 over, for every tick, the tick and each robot's x, y, heading, v, w and commanded flag
 /// in scenario order, all as little-endian 64-bit words.
@@ -34,5 +37,58 @@ impl TrajectoryHash {
             let _ = write!(text, "{byte:02x}");
             text
         })
+    }
+}
+
+/// The trajectory hash of a run under way, and what it was at the end of each simulated second.
+#[derive(Debug, Clone, Default)]
+pub struct HashChain {
+    hash: TrajectoryHash,
+    by_second: Vec<String>,
+}
+
+impl HashChain {
+    /// Takes in one tick, at `t_ns` of run time.
+    pub fn update(&mut self, tick: u64, t_ns: u64, rows: &[TruthRow]) {
+        let seconds = (t_ns / SECOND_NS) as usize;
+        if self.by_second.len() < seconds {
+            self.by_second.resize(seconds, self.hash.finish());
+        }
+        self.hash.update(tick, rows);
+    }
+
+    /// The hash of all that came.
+    pub fn finish(&self) -> String {
+        self.hash.finish()
+    }
+
+    /// Entry k is the hash of all truths before k + 1 s.
+    pub fn by_second(&self) -> &[String] {
+        &self.by_second
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chain(changed_tick: Option<u64>) -> HashChain {
+        let mut chain = HashChain::default();
+        for tick in 0..=35 {
+            let x_m = if Some(tick) == changed_tick { 1.0 } else { 0.0 };
+            chain.update(tick, tick * SECOND_NS / 10, &[TruthRow { x_m, ..TruthRow::default() }]);
+        }
+        chain
+    }
+
+    #[test]
+    fn two_chains_part_in_the_second_of_the_first_difference() {
+        let (whole, parted) = (chain(None), chain(Some(19)));
+        assert_eq!((whole.by_second().len(), parted.by_second().len()), (3, 3));
+        let same = whole.by_second().iter().zip(parted.by_second()).map(|(a, b)| a == b);
+        assert_eq!(same.collect::<Vec<_>>(), [true, false, false]);
+        assert_ne!(whole.finish(), parted.finish());
+        assert_eq!(chain(Some(20)).by_second()[1], whole.by_second()[1], "20 is of the next");
+        assert_ne!(whole.finish(), chain(Some(35)).finish(), "the last second is not over");
     }
 }

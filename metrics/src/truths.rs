@@ -3,11 +3,11 @@
 use protocol::brief::Pace;
 use protocol::message::TruthRow;
 
-use crate::hash::TrajectoryHash;
+use crate::hash::HashChain;
 
 /// The truths so far.
 pub(super) struct Truths {
-    hash: Option<TrajectoryHash>,
+    hash: Option<HashChain>,
     newest_tick: Option<u64>,
     newest_t_ns: u64,
     lost: u64,
@@ -22,7 +22,7 @@ const UNSEEN_NS: u64 = 100_000_000;
 impl Truths {
     /// None came yet. Only in lockstep are two runs the same.
     pub(super) fn new(pace: Pace) -> Truths {
-        let hash = (pace == Pace::Lockstep).then(TrajectoryHash::new);
+        let hash = (pace == Pace::Lockstep).then(HashChain::default);
         Truths { hash, newest_tick: None, newest_t_ns: 0, lost: 0, unseen_ns: Vec::new() }
     }
 
@@ -37,13 +37,18 @@ impl Truths {
         self.newest_tick = Some(tick);
         self.newest_t_ns = t_ns;
         if let Some(hash) = &mut self.hash {
-            hash.update(tick, rows);
+            hash.update(tick, t_ns, rows);
         }
     }
 
     /// In lockstep, of all that came; `None` if none did.
     pub(super) fn hash(&self) -> Option<String> {
-        self.hash.as_ref().filter(|_| self.newest_tick.is_some()).map(TrajectoryHash::finish)
+        self.hash.as_ref().filter(|_| self.newest_tick.is_some()).map(HashChain::finish)
+    }
+
+    /// In lockstep, what the hash was at the end of each simulated second.
+    pub(super) fn hash_by_second(&self) -> Vec<String> {
+        self.hash.as_ref().map(|chain| chain.by_second().to_vec()).unwrap_or_default()
     }
 
     /// From when to when none arrived for too long, ns, in order.

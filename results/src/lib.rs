@@ -12,8 +12,10 @@
 //! | `latency` | how late, how long, how old was everything? |
 //! | `usage` | what did a process take from the machine? |
 //! | `scene` | what does a picture of it show all the time? |
+//! | `compare` | are two runs the same, and if not, where do they part? |
 //! | `page` | what does a run directory look like in pictures? |
 
+pub mod compare;
 pub mod latency;
 pub mod manifest;
 pub mod outcome;

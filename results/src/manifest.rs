@@ -52,6 +52,8 @@ pub struct Manifest {
     pub period_s: f64,
     /// What became of `--realtime-priority`, if it was asked for: `granted`, or why not.
     pub realtime_priority: Option<String>,
+    /// The C library, whose mathematical functions every trajectory depends on, and its version.
+    pub libc: Option<String>,
     /// Operating system and version.
     pub kernel: String,
     /// Processor architecture.
@@ -86,6 +88,7 @@ impl Manifest {
             pace,
             period_s: seconds(scenario.period_ns),
             realtime_priority: None,
+            libc: libc_version(),
             kernel: format!("{} {}", text(system.sysname()), text(system.release())),
             machine: text(system.machine()),
             processor: processor(&fs::read_to_string("/proc/cpuinfo").unwrap_or_default()),
@@ -98,6 +101,18 @@ impl Manifest {
             },
         }
     }
+}
+
+#[cfg(target_env = "gnu")]
+fn libc_version() -> Option<String> {
+    // SAFETY: takes nothing, and returns a constant string that ends in 0.
+    let version = unsafe { std::ffi::CStr::from_ptr(libc::gnu_get_libc_version()) };
+    Some(format!("glibc {}", version.to_string_lossy()))
+}
+
+#[cfg(not(target_env = "gnu"))]
+fn libc_version() -> Option<String> {
+    None
 }
 
 /// The model that /proc/cpuinfo names; which line does depends on the architecture.

@@ -25,8 +25,16 @@ use metrics::{Now, PairDistance};
 
 /// Runs without `--out` go below this directory.
 const RUNS: &str = "runs";
+/// What was run, where and how.
+pub const MANIFEST: &str = "manifest.json";
 /// What came out.
-const SUMMARY: &str = "summary.json";
+pub const SUMMARY: &str = "summary.json";
+/// Where everybody was.
+pub const SAMPLES: &str = "samples.csv";
+/// How near every pair came.
+pub const PAIRS: &str = "pairs.csv";
+/// What happened.
+pub const EVENTS: &str = "events.csv";
 /// The recording.
 pub const RECORDING: &str = "run.mcap";
 
@@ -132,12 +140,12 @@ impl RunDir {
             recorded: None,
             newest: Newest::default(),
             samples: Log::create(
-                path.join("samples.csv"),
+                path.join(SAMPLES),
                 "t_s,robot,x_m,y_m,heading_rad,v_m_s,w_rad_s,error_m,alive,ideal_error_m",
             )?,
             samples_flushed: Instant::now(),
             text: String::new(),
-            events: Log::create(path.join("events.csv"), "t_s,kind,robot,detail")?,
+            events: Log::create(path.join(EVENTS), "t_s,kind,robot,detail")?,
             recording: None,
             summary: Some(
                 Reserved::create(&summary, room_bytes(scenario)).map_err(failed(&summary))?,
@@ -152,7 +160,7 @@ impl RunDir {
 
     /// Writes what was run, where and how.
     pub fn write_manifest(&self, manifest: &Manifest) -> Result<(), RunDirError> {
-        self.write("manifest.json", to_json(manifest))
+        self.write(MANIFEST, to_json(manifest))
     }
 
     /// Begins the recording, with the effective scenario in it and in real time, where no two runs
@@ -353,7 +361,7 @@ impl RunDir {
         [
             self.events.flush(),
             self.write_last_truth(),
-            self.write("pairs.csv", &text),
+            self.write(PAIRS, &text),
             self.write("latency.csv", to_csv(&latency.stages())),
             self.write("latency_over_time.csv", to_csv(&latency.over_time())),
             self.write("latency.hlog", hlog),
@@ -397,7 +405,8 @@ fn to_csv<T: Serialize>(lines: &[T]) -> Vec<u8> {
 /// Room for what came out, far more than was ever seen.
 fn room_bytes(scenario: &Scenario) -> u64 {
     let parts = scenario.robots.len() + scenario.graph.edges().len() + scenario.faults.len();
-    (1 << 16) + (1 << 12) * parts as u64
+    let hashes = 32 * (scenario.duration_ns / 1_000_000_000);
+    (1 << 16) + (1 << 12) * parts as u64 + hashes
 }
 
 /// `runs/<name>-<date>-<time>`, in UTC, with a number behind it if that exists.

@@ -4,7 +4,7 @@
 //!
 //! | file | what it does |
 //! |---|---|
-//! | `new` `run` `check` `schema` `report` `doctor` `clean` `recover` `export` | the verb of its name |
+//! | `new` `run` `check` `schema` `report` `doctor` `clean` `recover` `export` `verify` | the verb of its name |
 //! | `scenario` | reads the scenario that a verb is about, with the command line's changes |
 //! | `dead_runs` | what did earlier runs that died leave behind? |
 //! | `screen` | writes to the terminal: results, complaints, the log, the progress bar |
@@ -21,6 +21,7 @@ mod run;
 mod scenario;
 mod schema;
 mod screen;
+mod verify;
 
 use clap::Subcommand;
 use protocol::catalog::Catalog;
@@ -50,6 +51,8 @@ pub enum Verb {
     Recover(recover::RecoverArgs),
     /// Turn a recording into CSV tables, one for each kind of observation.
     Export(export::ExportArgs),
+    /// Run a recorded run in lockstep again, and say whether it is the same bit by bit.
+    Verify(verify::VerifyArgs),
 }
 
 /// Does what was asked for; `catalog` is what the agents know, which `launcher` starts, and `build` is
@@ -67,5 +70,6 @@ pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) 
         Verb::Clean(args) => clean::clean(args),
         Verb::Recover(args) => recover::recover(args),
         Verb::Export(args) => export::export(args),
+        Verb::Verify(args) => verify::verify(args, catalog, launcher.clone(), build),
     }
 }

@@ -142,6 +142,27 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
     }
 }
 
+/// Runs a sound scenario in lockstep, into a new directory and without pictures. Whether it came to its
+/// end; what went wrong is said.
+pub(super) fn run_again(
+    scenario: &Scenario,
+    text: &str,
+    out: &Path,
+    launcher: Launcher,
+    build: &Build,
+) -> bool {
+    let pace = Pace::Lockstep;
+    let manifest = Manifest::collect(scenario, &out.join("scenario.toml"), pace, build);
+    let how = How { pace, launcher, unmeasured: false, looks: None };
+    match fly(scenario, text, &manifest, out, how) {
+        Ok(flown) => flown.took_off && flown.written && !flown.summary.interrupted,
+        Err(error) => {
+            complain(&error);
+            false
+        }
+    }
+}
+
 /// Why a run left no summary.
 #[derive(Debug, thiserror::Error)]
 enum NotFlown {

@@ -40,4 +40,5 @@ mod single_faults;
 mod soak;
 mod theory;
 mod verdicts;
+mod verify;
 mod view;

@@ -1,0 +1,94 @@
+//! `phalanx verify`: a recorded run in lockstep is run again from its directory, and compared.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use protocol::catalog::Catalog;
+use protocol::process::exit;
+
+use super::run::run_again;
+use super::screen::{Output, complain, print, print_as, show};
+use experiment::scenario::read::{Overrides, read};
+use results::compare::{Comparison, NotRepeatable, repeatable};
+use results::manifest::Build;
+use results::page;
+use results::summary::to_json;
+use supervisor::spawn::Launcher;
+
+/// Arguments of `phalanx verify`.
+#[derive(Debug, Args)]
+pub struct VerifyArgs {
+    /// The directory of a run in lockstep that ended by itself.
+    run_dir: PathBuf,
+    /// Keep the new run in this directory, which must not exist [default: it is removed].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// What to print.
+    #[arg(long, value_enum, default_value_t = Output::Text)]
+    output: Output,
+}
+
+/// A directory for the new run, removed with this unless it is to be kept.
+struct Scratch(Option<PathBuf>);
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        if let Some(path) = &self.0 {
+            // What is left of it stands beside the run, under a name that says what it is.
+            let _ = std::fs::remove_dir_all(path);
+        }
+    }
+}
+
+pub(super) fn verify(
+    args: &VerifyArgs,
+    catalog: &Catalog,
+    launcher: Launcher,
+    build: &Build,
+) -> u8 {
+    let run_dir = &args.run_dir;
+    let scenario = match page::scenario_path(run_dir) {
+        Ok(scenario) => scenario,
+        Err(error) => {
+            complain(&error);
+            return exit::USAGE;
+        }
+    };
+    if let Err(error) = repeatable(run_dir) {
+        let code = complain(&error);
+        let unreadable = matches!(error, NotRepeatable::Unreadable { .. });
+        return if unreadable { code } else { exit::USAGE };
+    }
+    let (scenario, text, _) = match read(&scenario, &Overrides::default(), catalog) {
+        Ok(read) => read,
+        Err(diagnostic) => {
+            show(&diagnostic);
+            return exit::BAD_SCENARIO;
+        }
+    };
+    let name = run_dir.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let beside = run_dir.with_file_name(format!("{name}-again-{}", std::process::id()));
+    let out = args.out.clone().unwrap_or_else(|| beside.clone());
+    if out.exists() {
+        complain(&format_args!("{} exists already; give --out a new name", out.display()));
+        return exit::USAGE;
+    }
+    let _scratch = Scratch(args.out.is_none().then_some(beside));
+    if !run_again(&scenario, &text, &out, launcher, build) {
+        return exit::INFRASTRUCTURE;
+    }
+    let comparison = match Comparison::of(run_dir, &out) {
+        Ok(comparison) => comparison,
+        Err(error) => {
+            return complain(&format_args!("cannot compare {}: {error}", run_dir.display()));
+        }
+    };
+    let printed = match args.output {
+        Output::Text => print(&format!("{}: {comparison}", run_dir.display())),
+        Output::Json => print_as(Output::Json, &to_json(&comparison)),
+    };
+    match (printed, comparison.same) {
+        (exit::OK, false) => exit::EXPECTATION_MISSED,
+        (printed, _) => printed,
+    }
+}

@@ -1,0 +1,81 @@
+//! `phalanx verify`: a recorded run is run again and compared, bit by bit.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use crate::harness::{Ended, run};
+
+fn verify(run_dir: &Path) -> Output {
+    let root = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
+    Command::new(env!("CARGO_BIN_EXE_phalanx"))
+        .arg("verify")
+        .arg(run_dir)
+        .env("PHALANX_RUN_ROOT", root.path())
+        .env("NO_COLOR", "1")
+        .output()
+        .unwrap()
+}
+
+fn short_run() -> Ended {
+    let run = run("triangle").lockstep().set("expect={}").set("duration_s=5");
+    let ended = run.fault("kill r2 @1 restart 1").finish();
+    ended.exits_with(0);
+    ended
+}
+
+#[track_caller]
+fn said(output: &Output, code: i32, words: &[&str]) {
+    let text = [&output.stdout, &output.stderr].map(|bytes| String::from_utf8_lossy(bytes));
+    assert_eq!(output.status.code(), Some(code), "{text:?}");
+    for word in words {
+        assert!(text.iter().any(|text| text.contains(word)), "{word:?} is not in {text:?}");
+    }
+}
+
+#[test]
+fn a_run_in_lockstep_is_verified_with_its_faults_and_nothing_is_left_beside_it() {
+    let ended = short_run();
+    let hash = ended.summary["trajectory_hash"].as_str().unwrap().to_owned();
+    let verified = verify(&ended.run_dir());
+    said(&verified, 0, &["the same, bit by bit", &hash, "run.mcap            the same"]);
+    let beside = fs::read_dir(ended.run_dir().parent().unwrap()).unwrap().count();
+    assert_eq!(beside, 1, "the new run is removed");
+}
+
+#[test]
+fn a_run_that_was_changed_is_told_with_second_line_and_column() {
+    let ended = short_run();
+    let run_dir = ended.run_dir();
+    let scenario = run_dir.join("scenario.toml");
+    let text = fs::read_to_string(&scenario).unwrap();
+    // Nothing is different before that fault acts.
+    let changed = text.replace("at_s = 1.0", "at_s = 3.5");
+    assert_ne!(text, changed);
+    fs::write(&scenario, changed).unwrap();
+    let verified = verify(&run_dir);
+    let words = ["NOT the same", "between 1 s and 2 s of simulated time", "samples.csv         line "];
+    said(&verified, 1, &words);
+    said(&verified, 1, &[", robot r", " was ", ", is "]);
+}
+
+#[test]
+fn what_no_run_can_repeat_is_refused() {
+    let real = run("triangle").set("expect={}").set("duration_s=0.5").finish();
+    said(&verify(&real.run_dir()), 2, &["real time", "--pace lockstep"]);
+
+    let ended = short_run();
+    let events = ended.run_dir().join("events.csv");
+    let text = fs::read_to_string(&events).unwrap();
+    fs::write(&events, text + "4,kill,r2,\"SIGKILL, by hand\"\n").unwrap();
+    said(&verify(&ended.run_dir()), 2, &["by hand", "4,kill,r2"]);
+
+    let summary = ended.run_dir().join("summary.json");
+    let text = fs::read_to_string(&summary).unwrap();
+    fs::write(&summary, text.replace("\"interrupted\": false", "\"interrupted\": true")).unwrap();
+    said(&verify(&ended.run_dir()), 2, &["interrupted"]);
+
+    fs::remove_file(&summary).unwrap();
+    said(&verify(&ended.run_dir()), 4, &["not a complete run", "summary.json"]);
+    said(&verify(Path::new("/nowhere")), 2, &["/nowhere"]);
+}

@@ -126,7 +126,7 @@ pub struct Measures {
     /// Who was alive at the newest truth; in scenario order.
     pub alive_at_end: Vec<bool>,
     /// In lockstep: entry k is the same of all truths before k + 1 s.
-    pub trajectory_hash_by_second: Vec<String>,
+    pub hash_by_second: Vec<String>,
     /// Truths that never arrived.
     pub truths_lost: u64,
     /// From when to when none arrived for more than 0.1 s, s, in order.
@@ -296,7 +296,7 @@ impl Metrics {
             converged_at_s: self.errors.converged_since_ns().map(seconds),
             trajectory_hash: self.truths.hash(),
             alive_at_end: self.alive.clone(),
-            trajectory_hash_by_second: self.truths.hash_by_second(),
+            hash_by_second: self.truths.hash_by_second(),
             truths_lost: self.truths.lost(),
             unseen_s: self.truths.unseen_ns().iter().map(|gap| gap.map(seconds)).collect(),
             faults: self.faults.report(&self.names),

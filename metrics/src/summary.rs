@@ -34,7 +34,7 @@ pub struct Summary {
     pub trajectory_hash: Option<String>,
     /// In lockstep: entry k is the hash of the run before k + 1 s.
     #[serde(default)]
-    pub trajectory_hash_by_second: Vec<String>,
+    pub hash_by_second: Vec<String>,
     /// Smallest distance of two front points at any tick, m.
     pub min_distance_m: Option<f64>,
     /// Between which two.

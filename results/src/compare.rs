@@ -155,11 +155,7 @@ impl Comparison {
         let same_hash = trajectory_hash[0] == trajectory_hash[1];
         Ok(Comparison {
             same: same_hash && files.iter().all(|file| file.first_difference.is_none()),
-            first_second: if same_hash {
-                None
-            } else {
-                first_second(&hashes("trajectory_hash_by_second"))
-            },
+            first_second: if same_hash { None } else { first_second(&hashes("hash_by_second")) },
             trajectory_hash,
             files,
             origins: origins.collect(),
@@ -305,7 +301,10 @@ impl fmt::Display for Comparison {
             writeln!(f, "{what}: was {recorded}, is {again}")?;
         }
         if !self.same && self.origins.is_empty() {
-            writeln!(f, "executable and machine are of the same kind, as far as the manifests tell")?;
+            writeln!(
+                f,
+                "executable and machine are of the same kind, as far as the manifests tell"
+            )?;
         }
         Ok(())
     }

@@ -52,7 +52,7 @@ pub fn sum_up(
         t_s,
         ticks: truth.tick,
         trajectory_hash: measures.trajectory_hash,
-        trajectory_hash_by_second: measures.trajectory_hash_by_second,
+        hash_by_second: measures.hash_by_second,
         min_distance_m: measures.min_distance_m,
         min_distance_pair: measures.min_distance_pair,
         min_distance_t_s: measures.min_distance_t_s,

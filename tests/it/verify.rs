@@ -54,7 +54,8 @@ fn a_run_that_was_changed_is_told_with_second_line_and_column() {
     assert_ne!(text, changed);
     fs::write(&scenario, changed).unwrap();
     let verified = verify(&run_dir);
-    let words = ["NOT the same", "between 1 s and 2 s of simulated time", "samples.csv         line "];
+    let words =
+        ["NOT the same", "between 1 s and 2 s of simulated time", "samples.csv         line "];
     said(&verified, 1, &words);
     said(&verified, 1, &[", robot r", " was ", ", is "]);
 }

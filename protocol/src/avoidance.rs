@@ -7,9 +7,7 @@
 use std::f64::consts::PI;
 use std::fmt;
 
-use serde::{Deserialize, Serialize};
-
-use crate::brief::{AgentBrief, AvoidanceBrief};
+use crate::brief::{AgentBrief, AvoidanceBrief, Rank};
 
 /// What a method promises about the distance of any two robots that use it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,20 +38,6 @@ pub struct Gain {
     pub key: &'static str,
     /// What it is, with its unit, as diagnostics say it.
     pub meaning: &'static str,
-}
-
-/// Whose way it is: who comes later here makes way for those before. Comfort only: no promise about
-/// distances knows of it.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Rank {
-    /// Leads, or is in a formation that nobody leads.
-    #[default]
-    First,
-    /// Keeps a place in a formation that somebody leads.
-    Follower,
-    /// Has no place of its own.
-    Contained,
 }
 
 /// What the figures of a method follow from.

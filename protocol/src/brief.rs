@@ -12,9 +12,8 @@ use formation::trajectory::Trajectory;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::avoidance::Rank;
 use crate::fault::{LinkFault, SensorFault, SlowFault, WheelFault};
-use crate::number::told_apart;
+use crate::number::{is_zero, told_apart};
 
 /// The version of the briefs' form that this build writes and reads. It is raised with every change
 /// that makes a brief of another build mean something else, or nothing.
@@ -85,9 +84,18 @@ pub struct AvoidanceBrief {
     pub gains: BTreeMap<String, f64>,
 }
 
-/// Whether a bound is 0, as it is where a brief does not name it.
-pub(crate) fn is_zero(bound: &f64) -> bool {
-    *bound == 0.0
+/// Whose way it is: who comes later here makes way for those before. Comfort only: no promise about
+/// distances knows of it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Rank {
+    /// Leads, or is in a formation that nobody leads.
+    #[default]
+    First,
+    /// Keeps a place in a formation that somebody leads.
+    Follower,
+    /// Has no place of its own.
+    Contained,
 }
 
 /// What to do about neighbours that fell silent.

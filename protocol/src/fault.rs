@@ -7,7 +7,7 @@
 use formation::random::draw;
 use serde::{Deserialize, Serialize};
 
-use crate::brief::is_zero;
+use crate::number::is_zero;
 
 /// From `from_ns` of run time on, until before `until_ns`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

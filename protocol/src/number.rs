@@ -27,6 +27,11 @@ fn significant(number: f64, digits: i32) -> String {
     }
 }
 
+/// Whether a bound is 0, as it is where a file does not name it.
+pub(crate) fn is_zero(bound: &f64) -> bool {
+    *bound == 0.0
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

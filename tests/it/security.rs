@@ -52,6 +52,7 @@ fn garbage_with_the_right_type_moves_no_robot_dead_or_alive_and_is_counted() {
     let mut running = run("triangle")
         .set("duration_s=8")
         .set("expect={}")
+        .set("silence.policy=ignore")
         .fault("kill r1 @1.5 restart 0.5")
         .fault("kill r2 @4")
         .start();

@@ -262,7 +262,7 @@ fn home_since_s(samples: &str, error_m_max: f64) -> f64 {
     let mut instants: BTreeMap<u64, (&str, bool)> = BTreeMap::new();
     for line in samples.lines().skip(1) {
         let fields: Vec<&str> = line.split(',').collect();
-        let [t_s, _, _, _, _, _, _, error_m, alive] = fields[..] else { continue };
+        let [t_s, _, _, _, _, _, _, error_m, alive, ..] = fields[..] else { continue };
         let home = alive == "1" && error_m.parse().is_ok_and(|error_m: f64| error_m < error_m_max);
         let t_ns = (t_s.parse::<f64>().unwrap() * 1e9) as u64;
         instants.entry(t_ns).or_insert((t_s, true)).1 &= home;

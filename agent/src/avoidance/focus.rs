@@ -88,8 +88,7 @@ fn overshoot(at: &Conditions<'_>) -> Option<Advice> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::avoidance::Rank;
-    use protocol::brief::AvoidanceBrief;
+    use protocol::brief::{AvoidanceBrief, Rank};
 
     #[test]
     fn the_field_spirals_outwards_counter_clockwise_and_ends_at_d() {

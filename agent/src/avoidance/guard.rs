@@ -48,8 +48,8 @@ use std::f64::consts::{PI, TAU};
 use formation::Vec2;
 use formation::front_point::{front_speed, rotate};
 use formation::pose::Twist;
-use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Rank, Senses};
-use protocol::brief::{AgentBrief, Pace};
+use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Senses};
+use protocol::brief::{AgentBrief, Pace, Rank};
 use protocol::number::{short, told_apart};
 
 use super::polygon::{HalfPlane, nearest_point};

@@ -3,8 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use formation::pose::Twist;
-use protocol::avoidance::Rank;
-use protocol::brief::{AvoidanceBrief, Format, NeighborBrief, SilenceBrief, SilencePolicy};
+use protocol::brief::{AvoidanceBrief, Format, NeighborBrief, Rank, SilenceBrief, SilencePolicy};
 
 use super::*;
 

@@ -4,8 +4,8 @@
 use formation::closest::{ClosestPair, closest_pair};
 use formation::laplacian::{self, Matrix};
 use formation::reachability::Standing;
-use protocol::avoidance::{Conditions, Promise, Rank};
-use protocol::brief::Pace;
+use protocol::avoidance::{Conditions, Promise};
+use protocol::brief::{Pace, Rank};
 use protocol::law::Reference;
 use serde::Serialize;
 

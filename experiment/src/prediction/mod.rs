@@ -24,8 +24,7 @@ mod tests;
 
 use formation::Vec2;
 use formation::laplacian::settle;
-use protocol::avoidance::Rank;
-use protocol::brief::SilencePolicy;
+use protocol::brief::{Rank, SilencePolicy};
 use protocol::law::Reference;
 
 pub use broken::{Broken, BrokenRobot, Cause, broken_means, lines};

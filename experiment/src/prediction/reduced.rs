@@ -153,6 +153,10 @@ impl Reduced {
                 && let Some(lost) = self.lost[i]
             {
                 Cause::Stops { lost }
+            } else if let Some(&(lost, _)) = kept(i)
+                && self.heard[i].iter().all(|&(from, _)| from >= n)
+            {
+                Cause::Kept { lost: lost - n }
             } else if contained && !held[i] {
                 Cause::Uncontained
             } else if !led[i] {

@@ -45,9 +45,9 @@ use formation::graph::{Edge, FormationGraph};
 use formation::pose::Pose;
 use formation::reachability::Reachability;
 use formation::seconds;
-use protocol::avoidance::{AvoidanceDescription, Conditions, Rank};
+use protocol::avoidance::{AvoidanceDescription, Conditions};
 use protocol::brief::{
-    AvoidanceBrief, LeadBrief, Pace, PublishedVelocity, SilenceBrief, WheelsBrief,
+    AvoidanceBrief, LeadBrief, Pace, PublishedVelocity, Rank, SilenceBrief, WheelsBrief,
 };
 use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind, Span, WheelFaultKind};
 use protocol::law::{Reference, Role};

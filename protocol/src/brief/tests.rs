@@ -26,7 +26,7 @@ fn agent() -> AgentBrief {
         law: "formation-unit".into(),
         gains: [("speed_m_s".into(), 0.1)].into(),
         led: true,
-        rank: crate::avoidance::Rank::Contained,
+        rank: Rank::Contained,
         lead: Some(LeadBrief {
             scale: Scale::ONE,
             trajectory: Trajectory::Still { center_m: [0.0, 1.0] },

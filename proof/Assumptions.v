@@ -1,7 +1,8 @@
 (** What the theorems rest on beside their hypotheses: the axioms of Coq's real numbers. The check
     compares this answer with `axioms.txt`. *)
 
-From Phalanx Require Import Promise Inertia.
+From Phalanx Require Import Promise Braking Obstacles.
 
 Print Assumptions no_two_robots_are_ever_nearer_than_d.
 Print Assumptions no_two_braking_robots_are_ever_nearer_than_d.
+Print Assumptions no_braking_robot_comes_nearer_to_an_obstacle.

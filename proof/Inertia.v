@@ -1,10 +1,8 @@
-(** Robots with inertia: a guard that brakes keeps the same promise. The code does not have this guard
-    yet; what is proven here is its argument.
+(** Robots with inertia: how the wheels follow what is commanded, which commands can act since a sample,
+    and how far a robot gets while it brakes.
 
-    Wheels now approach what is commanded: the twist moves on the straight segment towards the command
-    in force, and towards 0 on its ray, which takes at most its braking time. A certificate covers every
-    twist that can be on the way - the one at the sample, the commands alive, the new one - for the
-    lifetime H and the braking time tau_o after it. *)
+    The twist moves on the straight segment towards the command in force, and towards 0 on its ray,
+    which takes at most its braking time. *)
 
 Require Import Reals Lra Psatz Lia.
 From Coquelicot Require Import Coquelicot.
@@ -24,6 +22,18 @@ Proof.
     replace (1 - x) with (- (x - 1)) by ring. rewrite exp_Ropp.
     apply Rmult_le_reg_r with (exp (x - 1)); [apply exp_pos|].
     rewrite Rmult_assoc, Rinv_l by (pose proof (exp_pos (x - 1)); lra). lra.
+Qed.
+
+Lemma mu_falls x y : 0 <= x <= y -> mu y <= mu x.
+Proof.
+  intros Hxy. unfold mu at 2. destruct (Rle_dec x 1) as [Hx|Hx]; [apply mu_range|].
+  unfold mu. destruct (Rle_dec y 1) as [Hy|Hy]; [lra|].
+  (* y <= x (1 + (y - x)) <= x e^(y - x) *)
+  pose proof (exp_ineq1_le (y - x)) as E.
+  replace (1 - x) with ((y - x) + (1 - y)) by ring. rewrite exp_plus.
+  pose proof (exp_pos (1 - y)) as P.
+  rewrite <- Rmult_assoc. apply Rmult_le_compat_r; [lra|].
+  apply Rle_trans with (x * (1 + (y - x))); [nra|]. apply Rmult_le_compat_l; lra.
 Qed.
 
 (** Braking loses speed no faster than the slack may shrink. *)
@@ -211,82 +221,6 @@ Proof.
     exfalso. destruct (Hone l k Hlk) as [_ Hle]. lra.
 Qed.
 
-(** ** The certificate. *)
-
-(** Lambda is free; the guard takes 1 / (H + tau) with the largest braking time tau. *)
-Record braking_setting := BrakingSetting {
-  lifetime : R;
-  Lambda : R;
-  v_max : R;
-  d : R
-}.
-
-Definition sensible (S : braking_setting) : Prop :=
-  0 < lifetime S /\ 0 < Lambda S /\ 0 <= v_max S /\ 0 < d S.
-
-(** b *)
-Definition braking_bound (S : braking_setting) (v_own tau_o rho : R) : R :=
-  Lambda S * mu (2 * Lambda S * tau_o)
-  * Rmax (exp (-2 * Lambda S * lifetime S) * Rmax rho 0) (rho - (v_own + v_max S) * lifetime S).
-
-(** For every twist that may be in force, and be braked from: at most v_own, braked in tau_o, turning
-    between w_low and w_high; and slower than b towards the other, whatever its direction and the own
-    heading until then. [z] is own minus other at the sample. *)
-Definition fits (S : braking_setting) (a aw v_own tau_o w_low w_high ell : R) (y : vec) : Prop :=
-  norm y <= v_own /\ braking_time a aw y <= tau_o /\ ell * w_low <= snd y <= ell * w_high.
-
-Definition certified_against (S : braking_setting) (v_own tau_o w_low w_high theta : R) (z y : vec)
-  : Prop :=
-  let h := lifetime S + tau_o / 2 in
-  let M := v_own * h + v_max S * (lifetime S + tau_o) in
-  let b := braking_bound S v_own tau_o (norm z - d S) in
-  v_own <= b \/
-  exists n, dot n n = 1 /\ z = scale (norm z) n /\
-    forall x,
-      - psi (spread h w_low w_high 0) (swing M (norm z)) <= x
-        <= psi (spread h w_low w_high 0) (swing M (norm z)) ->
-      - b <= dot (rotate x n) (rotate (middle theta h w_low w_high) y).
-
-(** How a twist Y (turned into the middle heading) can be tested against the whole cone at once. *)
-Theorem one_test_for_the_cone (n Y : vec) (b Psi alpha : R) :
-  0 <= Psi -> - PI <= alpha <= PI -> Y = scale (norm Y) (rotate alpha n) -> dot n n = 1 ->
-  - b <= norm Y * cos (Rmin PI (Rabs alpha + Psi)) ->
-  forall x, - Psi <= x <= Psi -> - b <= dot (rotate x n) Y.
-Proof.
-  intros HP Ha HY Hn Htest x Hx.
-  assert (E : dot (rotate x n) Y = norm Y * cos (Rabs (alpha - x))).
-  { rewrite HY at 1. rewrite dot_scale, <- (rotate_dot (- x)), !rotate_rotate.
-    rewrite Rplus_opp_l, rotate_0. replace (- x + alpha) with (alpha - x) by ring.
-    assert (C : cos (Rabs (alpha - x)) = cos (alpha - x)).
-    { unfold Rabs. destruct (Rcase_abs (alpha - x)); [apply cos_neg|reflexivity]. }
-    rewrite C. f_equal. destruct n as [n1 n2]. unfold dot, rotate in *; simpl in *.
-    transitivity ((n1 * n1 + n2 * n2) * cos (alpha - x)); [ring|rewrite Hn; ring]. }
-  rewrite E. eapply Rle_trans; [exact Htest|].
-  apply Rmult_le_compat_l; [apply norm_pos|].
-  assert (Hax : Rabs (alpha - x) <= Rabs alpha + Psi).
-  { unfold Rabs. destruct (Rcase_abs (alpha - x)), (Rcase_abs alpha); lra. }
-  pose proof (Rabs_pos (alpha - x)). pose proof (Rabs_pos alpha).
-  destruct (Rle_lt_dec PI (Rabs alpha + Psi)) as [Hbig|Hsmall].
-  - rewrite Rmin_left by exact Hbig. rewrite cos_PI. apply COS_bound.
-  - rewrite Rmin_right by lra. apply cos_decr_1; lra.
-Qed.
-
-(** Command k stands, or this holds of 0, of the twist at the sample, of the commands alive, and of
-    itself. *)
-Definition certified (S : braking_setting) (a aw : R) (r : robot) (others : robot -> Prop) (k : nat)
-  : Prop :=
-  let c := computed r k in
-  let s := stamp c in
-  stands c \/
-  exists v_own tau_o w_low w_high,
-    0 <= v_own <= v_max S /\ 0 < tau_o /\ w_low <= 0 <= w_high /\
-    forall y,
-      y = zero \/ y = state r s \/ y = twist_of r c \/
-      (exists l, (l < k)%nat /\ s < stamp (computed r l) + lifetime S /\ y = twist_of r (computed r l)) ->
-      fits S a aw v_own tau_o w_low w_high (ell r) y /\
-      forall o, others o ->
-        certified_against S v_own tau_o w_low w_high (heading r s) (minus (front r s) (front o s)) y.
-
 (** ** How far a robot gets while it brakes. *)
 
 Lemma goes_at_most_while_braking (f l : R -> R) (L tau s t : R) :
@@ -370,15 +304,11 @@ Proof.
   - rewrite <- H0. assert (0 <= V * tau) by (apply Rmult_le_pos; lra). lra.
 Qed.
 
-(** ** At every instant, no more than half of the slack. *)
+(** ** What fits. *)
 
-(** All that one robot must fulfil. P1 is the plant's rule for commands, as without inertia. *)
-Definition brakes (S : braking_setting) (a aw : R) (others : robot -> Prop) (r : robot) : Prop :=
-  moves r /\ approaches (lifetime S) a aw r /\ state r 0 = zero /\
-  never_faster_than (v_max S) r /\
-  chronological (mail r) /\ one_living_incarnation (computed r) /\
-  sent_by (computed r) (mail r) /\
-  forall k, 0 <= stamp (computed r k) /\ certified S a aw r others k.
+(** A twist of at most v_own, braked in tau_o, turning between w_low and w_high. *)
+Definition fits (a aw v_own tau_o w_low w_high ell : R) (y : vec) : Prop :=
+  norm y <= v_own /\ braking_time a aw y <= tau_o /\ ell * w_low <= snd y <= ell * w_high.
 
 Lemma target_of_none_that_moves H r t :
   (forall c, in_force H (mail r) t = Some c -> stands c) -> target H r t = zero.
@@ -396,11 +326,11 @@ Lemma scale_zero k : scale k zero = zero.
 Proof. unfold scale, zero; simpl. f_equal; ring. Qed.
 
 (** Whatever fits is closed under what the plant does on the way. *)
-Lemma fits_on_the_way S a aw v_own tau_o lo hi l (K : vec -> Prop) y :
+Lemma fits_on_the_way a aw v_own tau_o lo hi l (K : vec -> Prop) y :
   0 < a -> 0 < aw -> 0 < l -> 0 <= v_own -> 0 < tau_o -> lo <= 0 <= hi ->
-  (forall y, K y -> fits S a aw v_own tau_o lo hi l y) ->
+  (forall y, K y -> fits a aw v_own tau_o lo hi l y) ->
   (forall L b, 0 <= b -> (forall y, K y -> - b <= dot L y) -> - b <= dot L y) ->
-  fits S a aw v_own tau_o lo hi l y.
+  fits a aw v_own tau_o lo hi l y.
 Proof.
   intros Ha Haw Hl Hv Htau Hlh HK Hinv.
   assert (Hfst : forall q z c, 0 < q -> Rabs z / q <= c -> - (q * c) <= z <= q * c).
@@ -479,279 +409,6 @@ Proof.
         apply Rabs_eq_0. pose proof (Rabs_pos z). lra. }
       destruct (state r t1) as [p q]. simpl in *. unfold zero. f_equal; [apply (Hz a)|apply (Hz aw)]; assumption. }
     rewrite E, Hst, !scale_zero. reflexivity.
-Qed.
-
-Theorem share_of_the_slack_with_inertia (S : braking_setting) (a aw : R) (r o : robot)
-    (others : robot -> Prop) :
-  sensible S -> brakes S a aw others r -> others o ->
-  moves o -> never_faster_than (v_max S) o -> 0 <= rho (d S) r o 0 ->
-  keeps_its_share (Lambda S) (d S) r o.
-Proof.
-  intros [HH [HL [HV Hd]]] [Mr [Happ [Hrest [Vr [Hchron [Hone [Hsent Hall]]]]]]] Ho Mo Vo Hstart.
-  intros t g Ht Hdist Hg.
-  set (L := Lambda S) in *. set (k2 := 2 * L) in *.
-  assert (Hg0 : 0 <= g).
-  { apply Rle_trans with (E_of (rho (d S) r o) k2 0); [|apply (proj1 Hg); lra].
-    unfold E_of. rewrite Rmult_0_r, exp_0. lra. }
-  assert (Hslack : forall s, 0 <= s <= t -> Rmax (rho (d S) r o s) 0 <= exp (- k2 * s) * g).
-  { intros s Hs. apply Rmax_lub.
-    - pose proof (proj1 Hg s Hs) as B. unfold E_of in B.
-      apply Rmult_le_reg_l with (exp (k2 * s)); [apply exp_pos|].
-      rewrite <- Rmult_assoc, <- exp_plus. replace (k2 * s + - k2 * s) with 0 by ring.
-      rewrite exp_0. lra.
-    - apply Rmult_le_pos; [left; apply exp_pos|exact Hg0]. }
-  set (n := direction r o t).
-  change (front_velocity r t) with (rotate (heading r t) (state r t)).
-  assert (Hzero : 0 <= L * (exp (- k2 * t) * g)).
-  { apply Rmult_le_pos; [lra|]. apply Rmult_le_pos; [left; apply exp_pos|exact Hg0]. }
-  assert (Henough : forall b, b <= L * (exp (- k2 * t) * g) ->
-            - b <= dot n (rotate (heading r t) (state r t)) ->
-            - (L * exp (- k2 * t) * g) <= dot n (rotate (heading r t) (state r t))).
-  { intros b Hb Hdot. lra. }
-  assert (Hstill : state r t = zero ->
-            - (L * exp (- k2 * t) * g) <= dot n (rotate (heading r t) (state r t))).
-  { intros E. apply (Henough 0); [lra|]. rewrite E. unfold rotate, zero, dot; simpl. lra. }
-  destruct (what_acts_since_the_last_sample (lifetime S) r t Hchron Hone Hsent HH)
-    as [Hnone|[k [Hmov [Hst [Hmay Hlater]]]]].
-  { (* nothing has moved it yet *)
-    pose proof Happ as [_ [_ [_ [_ [_ Hray]]]]].
-    destruct (Hray 0 t ltac:(lra)) as [lam [_ [E _]]].
-    { intros x Hx. apply target_of_none_that_moves. intros c Hc. apply (Hnone x c); [lra|exact Hc]. }
-    apply Hstill. rewrite E, Hrest. apply scale_zero. }
-  destruct (Hall k) as [Hs0 [Hstands|[v_own [tau_o [lo [hi [Hown [Htau [Hlh HK]]]]]]]]];
-    [contradiction|].
-  set (c := computed r k) in *. set (s := stamp c) in *.
-  set (K := fun y => y = zero \/ y = state r s \/ y = twist_of r c \/
-      (exists l, (l < k)%nat /\ s < stamp (computed r l) + lifetime S
-                 /\ y = twist_of r (computed r l))).
-  change (forall y, K y -> fits S a aw v_own tau_o lo hi (ell r) y /\
-            forall o, others o ->
-              certified_against S v_own tau_o lo hi (heading r s) (minus (front r s) (front o s)) y)
-    in HK.
-  pose proof Mr as [Hell [Ch [_ [_ Hdr]]]].
-  pose proof Happ as [Ha [Haw _]].
-  (* targets and twists since the sample *)
-  assert (Htarget : forall x, s <= x <= t -> K (target (lifetime S) r x)).
-  { intros x Hx. unfold target.
-    destruct (in_force (lifetime S) (mail r) x) as [c'|] eqn:E; [|left; reflexivity].
-    destruct (Hmay x c' Hx E) as [[S1 S2]|[->|[l [Hlk [-> Hal]]]]].
-    - left. unfold twist_of, zero. rewrite S1, S2. f_equal. ring.
-    - right. right. left. reflexivity.
-    - right. right. right. exists l. auto. }
-  assert (Hinv : forall x, s <= x <= t -> forall M b, 0 <= b ->
-            (forall y, K y -> - b <= dot M y) -> - b <= dot M (state r x)).
-  { intros x Hx M b Hb HM.
-    apply (stays_in_half_plane (lifetime S) a aw r M b s x Happ); [lra|exact Hb| |].
-    - apply HM. right. left. reflexivity.
-    - intros x' Hx'. apply HM. apply Htarget. lra. }
-  assert (Hfits : forall x, s <= x <= t -> fits S a aw v_own tau_o lo hi (ell r) (state r x)).
-  { intros x Hx. apply (fits_on_the_way S a aw v_own tau_o lo hi (ell r) K); try assumption; try lra.
-    - intros y Hy. apply (HK y Hy).
-    - apply Hinv. exact Hx. }
-  assert (Hw : forall x, s <= x <= t -> lo <= w r x <= hi).
-  { intros x Hx. destruct (Hfits x Hx) as [_ [_ B]]. unfold state in B; simpl in B.
-    split; apply Rmult_le_reg_l with (ell r); lra. }
-  set (t1 := s + lifetime S) in *.
-  assert (Et1 : t1 = s + lifetime S) by reflexivity.
-  assert (Hshrink : forall x, t1 <= x <= t ->
-            exists lam, 0 <= lam <= Rmax 0 (1 - (x - t1) / tau_o) /\
-                        state r x = scale lam (state r t1)).
-  { intros x Hx. apply (shrinks_on_its_ray (lifetime S) a aw); [exact Happ|lra|exact Htau| |].
-    - intros x' Hx'. apply target_of_none_that_moves. intros c' Hc'.
-      apply (Hlater x' c'); [lra|exact Hc'].
-    - apply (Hfits t1). lra. }
-  (* standing for good *)
-  destruct (Rle_lt_dec t (t1 + tau_o)) as [Hsoon|Hlate].
-  2: { destruct (Hshrink t ltac:(lra)) as [lam [Hlam E]].
-       assert (1 < (t - t1) / tau_o).
-       { apply Rmult_lt_reg_r with tau_o; [exact Htau|]. unfold Rdiv.
-         rewrite Rmult_assoc, Rinv_l; lra. }
-       rewrite Rmax_left in Hlam by lra. apply Hstill. rewrite E.
-       replace lam with 0 by lra. unfold scale, zero. f_equal; ring. }
-  set (h := lifetime S + tau_o / 2).
-  set (z := minus (front r t) (front o t)).
-  set (zs := minus (front r s) (front o s)).
-  assert (Hown_early : forall x, s <= x <= t -> x <= t1 ->
-            norm (minus (front r x) (front r s)) <= v_own * (x - s)).
-  { intros x Hx Hx1. apply front_moves_at_most; [exact Mr|lra|lra|].
-    intros x' Hx'. apply (Hfits x'). lra. }
-  assert (Hown_moved : norm (minus (front r t) (front r s)) <= v_own * h).
-  { destruct (Rle_lt_dec t t1) as [Hearly|Hbraking].
-    - pose proof (Hown_early t ltac:(lra) Hearly) as B. unfold h.
-      assert (v_own * (t - s) <= v_own * (lifetime S + tau_o / 2))
-        by (apply Rmult_le_compat_l; lra). lra.
-    - pose proof (Hown_early t1 ltac:(lra) ltac:(lra)) as B.
-      assert (C : norm (minus (front r t) (front r t1)) <= v_own * tau_o / 2).
-      { apply front_moves_while_braking; [exact Mr|lra|exact Htau|lra|].
-        intros x Hx. destruct (Hshrink x ltac:(lra)) as [lam [Hlam E]].
-        rewrite E, norm_scale by lra. destruct (Hfits t1 ltac:(lra)) as [N _].
-        pose proof (norm_pos (state r t1)). rewrite Rmult_comm.
-        apply Rmult_le_compat; lra. }
-      assert (T : norm (minus (front r t) (front r s))
-                  <= norm (minus (front r t) (front r t1)) + norm (minus (front r t1) (front r s))).
-      { replace (minus (front r t) (front r s))
-          with (plus (minus (front r t) (front r t1)) (minus (front r t1) (front r s)));
-          [apply norm_plus|].
-        unfold plus, minus. simpl. f_equal; ring. }
-      unfold h. unfold t1 in B at 2. lra. }
-  assert (Hother : forall x, s <= x <= t ->
-            norm (minus (front o x) (front o s)) <= v_max S * (x - s)).
-  { intros x Hx. apply front_moves_at_most; [exact Mo|exact HV|lra|].
-    intros x' Hx'. apply Vo. lra. }
-  assert (Hrel : forall x A B, s <= x <= t ->
-            norm (minus (front r x) (front r s)) <= A -> v_max S * (x - s) <= B ->
-            norm (minus (minus (front r x) (front o x)) zs) <= A + B).
-  { intros x A B Hx HA HB. pose proof (Hother x Hx) as HO.
-    assert (T : norm (minus (minus (front r x) (front o x)) zs)
-                <= norm (minus (front r x) (front r s)) + norm (minus (front o s) (front o x))).
-    { replace (minus (minus (front r x) (front o x)) zs)
-        with (plus (minus (front r x) (front r s)) (minus (front o s) (front o x)));
-        [apply norm_plus|].
-      unfold zs, plus, minus. simpl. f_equal; ring. }
-    rewrite (norm_minus_sym (front o s)) in T. lra. }
-  set (M := v_own * h + v_max S * (lifetime S + tau_o)).
-  assert (Hmoved : norm (minus z zs) <= M).
-  { apply (Hrel t); [lra|exact Hown_moved|]. apply Rmult_le_compat_l; [exact HV|].
-    lra. }
-  assert (Hturned : h * lo <= heading r t - heading r s <= h * hi).
-  { assert (Hearly : forall x, s <= x <= t -> x <= t1 ->
-              lo * (x - s) <= heading r x - heading r s <= hi * (x - s)).
-    { intros x Hx Hx1. apply heading_turns_within; [exact Mr|lra|].
-      intros x' Hx'. apply Hw. lra. }
-    destruct (Rle_lt_dec t t1) as [Ht1|Hbraking].
-    - pose proof (Hearly t ltac:(lra) Ht1) as B.
-      assert (lo * h <= lo * (t - s)) by (apply Rmult_le_compat_neg_l; unfold h; lra).
-      assert (hi * (t - s) <= hi * h) by (apply Rmult_le_compat_l; unfold h; lra). lra.
-    - pose proof (Hearly t1 ltac:(lra) ltac:(lra)) as B.
-      assert (Hlam : forall x, t1 <= x < t ->
-                lo * Rmax 0 (1 - (x - t1) / tau_o) <= w r x <= hi * Rmax 0 (1 - (x - t1) / tau_o)).
-      { intros x Hx. destruct (Hshrink x ltac:(lra)) as [lam [Hl E]].
-        assert (Ew : w r x = lam * w r t1).
-        { unfold state, scale in E. simpl in E. injection E as _ E.
-          apply Rmult_eq_reg_l with (ell r); lra. }
-        pose proof (Hw t1 ltac:(lra)) as W. rewrite Ew.
-        set (q := Rmax 0 (1 - (x - t1) / tau_o)) in *. split; nra. }
-      assert (C1 : heading r t - heading r t1 <= hi * tau_o / 2).
-      { apply (goes_at_most_while_braking _ (w r)); [exact Ch|lra|exact Htau|lra|].
-        intros x Hx. split; [apply Hdr; lra|apply Hlam; exact Hx]. }
-      assert (C2 : (-1 * heading r t + 0 * heading r t) - (-1 * heading r t1 + 0 * heading r t1)
-                   <= (- lo) * tau_o / 2).
-      { apply (goes_at_most_while_braking (fun x => -1 * heading r x + 0 * heading r x)
-                 (fun x => -1 * w r x + 0 * w r x));
-          [apply continuous_combination; exact Ch|lra|exact Htau|lra|].
-        intros x Hx. specialize (Hlam x Hx). split; [|lra].
-        apply right_derivative_combination; apply Hdr; lra. }
-      replace (t1 - s) with (lifetime S) in B by (unfold t1; ring). unfold h. lra. }
-  (* the certificate, for the direction and heading as they are now *)
-  set (b := braking_bound S v_own tau_o (norm zs - d S)).
-  set (beta := Rmax (exp (-2 * Lambda S * lifetime S) * Rmax (norm zs - d S) 0)
-                    (norm zs - d S - (v_own + v_max S) * lifetime S)).
-  fold L in beta.
-  assert (Hbeta0 : 0 <= beta).
-  { eapply Rle_trans; [|apply Rmax_l].
-    apply Rmult_le_pos; [left; apply exp_pos|apply Rmax_r]. }
-  pose proof (mu_range (k2 * tau_o)) as Hmu.
-  assert (Eb : b = L * mu (k2 * tau_o) * beta) by reflexivity.
-  assert (Hb0 : 0 <= b).
-  { rewrite Eb. apply Rmult_le_pos; [apply Rmult_le_pos; lra|exact Hbeta0]. }
-  assert (Hh : 0 < h) by (unfold h; lra).
-  assert (HM : 0 <= M).
-  { unfold M. assert (0 <= v_own * h) by (apply Rmult_le_pos; lra).
-    assert (0 <= v_max S * (lifetime S + tau_o)) by (apply Rmult_le_pos; lra). lra. }
-  assert (Hunit : norm n = 1).
-  { unfold n, direction. rewrite norm_scale by (left; apply Rinv_0_lt_compat; exact Hdist).
-    unfold distance. field. unfold distance in Hdist. lra. }
-  assert (Hcert : forall y, K y -> - b <= dot n (rotate (heading r t) y)).
-  { intros y Hy. destruct (HK y Hy) as [[N _] Hagainst].
-    specialize (Hagainst o Ho). unfold certified_against in Hagainst. cbv zeta in Hagainst.
-    fold zs in Hagainst. fold h in Hagainst. fold M in Hagainst. fold b in Hagainst.
-    destruct Hagainst as [Hskip|[m [Hm [Ezs Hcone]]]].
-    - pose proof (dot_ge_norms n (rotate (heading r t) y)) as B.
-      rewrite Hunit, rotate_norm in B. lra.
-    - assert (Hspr : 0 <= spread h lo hi 0).
-      { unfold spread. assert (0 <= h * (hi - lo)) by (apply Rmult_le_pos; lra). lra. }
-      destruct (truth_is_in_the_cone m z (norm zs) M (middle (heading r s) h lo hi)
-                  (spread h lo hi 0) (heading r t) Hm HM Hspr Hdist) as [x [Hx Ex]].
-      + rewrite <- Ezs. exact Hmoved.
-      + unfold middle, spread. lra.
-      + unfold n, direction. unfold distance. fold z. rewrite Ex. apply Hcone. exact Hx. }
-  assert (Hfun : forall x, s <= x <= t -> - b <= dot n (rotate (heading r t) (state r x))).
-  { intros x Hx. rewrite dot_comm, dot_rotate, dot_comm.
-    apply (Hinv x Hx); [exact Hb0|].
-    intros y Hy. rewrite dot_comm. rewrite <- (dot_rotate (heading r t) y n), dot_comm.
-    apply Hcert. exact Hy. }
-  (* what b is worth at the end of the lifetime, or now *)
-  assert (Hworth : forall x, s <= x <= t -> x <= t1 -> beta <= exp (- k2 * x) * g).
-  { intros x Hx Hx1. apply Rmax_lub.
-    - pose proof (Hslack s ltac:(lra)) as B. unfold rho, distance in B. fold zs in B.
-      apply Rle_trans with (exp (-2 * L * lifetime S) * (exp (- k2 * s) * g)).
-      + apply Rmult_le_compat_l; [left; apply exp_pos|exact B].
-      + rewrite <- Rmult_assoc, <- exp_plus. apply Rmult_le_compat_r; [exact Hg0|].
-        assert (Hexp : -2 * L * lifetime S + - k2 * s <= - k2 * x).
-        { assert (X : L * (x - s) <= L * lifetime S)
-            by (apply Rmult_le_compat_l; lra).
-          unfold k2. lra. }
-        destruct (Rle_lt_or_eq_dec _ _ Hexp) as [Hlt|Heq];
-          [left; apply exp_increasing; exact Hlt|right; rewrite Heq; reflexivity].
-    - apply Rle_trans with (Rmax (rho (d S) r o x) 0); [|apply Hslack; lra].
-      eapply Rle_trans; [|apply Rmax_l].
-      assert (v_own * (x - s) <= v_own * lifetime S)
-        by (apply Rmult_le_compat_l; lra).
-      assert (v_max S * (x - s) <= v_max S * lifetime S)
-        by (apply Rmult_le_compat_l; lra).
-      pose proof (Hown_early x Hx Hx1) as B.
-      pose proof (Hrel x (v_own * lifetime S) (v_max S * lifetime S) Hx ltac:(lra) ltac:(lra)) as C.
-      pose proof (norm_triangle zs (minus (front r x) (front o x))) as T.
-      rewrite (norm_minus_sym zs) in T. unfold rho, distance. lra. }
-  destruct (Rle_lt_dec t t1) as [Hearly|Hbraking].
-  - apply (Henough b); [|apply Hfun; lra].
-    rewrite Eb. pose proof (Hworth t ltac:(lra) Hearly) as B.
-    assert (mu (k2 * tau_o) * beta <= 1 * beta) by (apply Rmult_le_compat_r; lra).
-    rewrite Rmult_assoc. apply Rmult_le_compat_l; lra.
-  - destruct (Hshrink t ltac:(lra)) as [lam [Hlam E]].
-    pose proof (Hfun t1 ltac:(lra)) as B.
-    set (q := Rmax 0 (1 - (t - t1) / tau_o)) in *.
-    apply (Henough (q * b)).
-    + pose proof (Hworth t1 ltac:(lra) ltac:(lra)) as W.
-      pose proof (braking_keeps_up k2 tau_o (t - t1) ltac:(unfold k2; lra) Htau ltac:(lra)) as U.
-      fold q in U. rewrite Eb.
-      replace (q * (L * mu (k2 * tau_o) * beta)) with (L * (q * mu (k2 * tau_o) * beta)) by ring.
-      apply Rmult_le_compat_l; [lra|].
-      apply Rle_trans with (exp (- k2 * (t - t1)) * (exp (- k2 * t1) * g)).
-      * apply Rmult_le_compat; [|exact Hbeta0|exact U|exact W].
-        apply Rmult_le_pos; [apply Rmax_l|lra].
-      * right. rewrite <- Rmult_assoc, <- exp_plus. f_equal. f_equal. ring.
-    + rewrite E, rotate_scale, dot_scale.
-      assert (lam * - b <= lam * dot n (rotate (heading r t) (state r t1)))
-        by (apply Rmult_le_compat_l; lra).
-      assert (lam * b <= q * b) by (apply Rmult_le_compat_r; lra). lra.
-Qed.
-
-(** ** The promise, with inertia. *)
-
-Theorem no_two_braking_robots_are_ever_nearer_than_d (I : Type) (S : braking_setting)
-    (a aw : I -> R) (robots : I -> robot) :
-  sensible S ->
-  (forall i, brakes S (a i) (aw i) (fun o => exists j, j <> i /\ o = robots j) (robots i)) ->
-  (forall i j, i <> j -> d S <= distance (robots i) (robots j) 0) ->
-  forall i j t, i <> j -> 0 <= t -> d S <= distance (robots i) (robots j) t.
-Proof.
-  intros HS G Hstart i j t Hij Ht. pose proof HS as [HH [HL [HV Hd]]].
-  assert (Hshare : forall p q, p <> q -> keeps_its_share (Lambda S) (d S) (robots p) (robots q)).
-  { intros p q Hpq. apply (share_of_the_slack_with_inertia S (a p) (aw p) _ _ _ HS (G p)).
-    - exists q. auto.
-    - apply (G q).
-    - apply (G q).
-    - unfold rho. pose proof (Hstart p q Hpq). lra. }
-  apply (E_keeps_the_distance (2 * Lambda S)); [|apply Hstart; exact Hij].
-  apply (two_shares_keep_E_from_falling _ _ (v_max S)); try assumption; try lra.
-  - apply (G i).
-  - apply (G j).
-  - apply (G i).
-  - apply (G j).
-  - apply Hshare. exact Hij.
-  - apply Hshare. auto.
-  - apply Hstart. exact Hij.
 Qed.
 
 (** ** Without mu the argument fails. *)

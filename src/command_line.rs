@@ -34,6 +34,21 @@ pub enum Role {
         #[arg(long)]
         realtime_priority: bool,
     },
+    /// Wake by the robots' timer and do nothing else, until killed.
+    #[command(hide = true)]
+    Machine {
+        /// The run it belongs to.
+        run_root: PathBuf,
+        /// The robots' period, ns.
+        #[arg(long)]
+        period_ns: u64,
+        /// How many robots there are.
+        #[arg(long)]
+        robots: usize,
+        /// Run before every ordinary process, with all memory locked.
+        #[arg(long)]
+        realtime_priority: bool,
+    },
     /// Take processor time until killed.
     #[command(hide = true)]
     Load,

@@ -9,6 +9,7 @@ use phalanx::command_line::{AgentArgs, CommandLine, Role};
 use phalanx::verbs;
 use protocol::process::{Stderr, exit};
 use results::manifest::Build;
+use supervisor::control_timer::{self, ControlTimer};
 use supervisor::spawn::Launcher;
 
 fn main() -> ExitCode {
@@ -25,6 +26,9 @@ fn main() -> ExitCode {
             agent::flight::main(&brief, incarnation, realtime_priority)
         }
         Role::Plant { brief, realtime_priority } => plant::flight::main(&brief, realtime_priority),
+        Role::Machine { run_root, period_ns, robots, realtime_priority } => {
+            control_timer::main(&ControlTimer { run_root, period_ns, robots, realtime_priority })
+        }
         Role::Load => supervisor::child::load(),
         Role::Awake => supervisor::child::awake(),
         Role::Bench(args) => bench::cli::main(&args),

@@ -26,6 +26,7 @@ pub mod ports;
 pub mod roles;
 
 use protocol::catalog::Catalog;
+pub use protocol::clock::golden_phase;
 
 /// Every law and every avoidance method of this crate.
 pub fn catalog() -> Catalog {
@@ -33,10 +34,4 @@ pub fn catalog() -> Catalog {
         laws: laws::LAWS.iter().map(laws::LawRow::description).collect(),
         methods: avoidance::METHODS.iter().map(|row| row.description).collect(),
     }
-}
-
-/// A phase in [0, 1) of its own for the robot with this place in the scenario: multiples of the
-/// golden ratio's fractional part spread evenly, however many robots there are.
-pub fn golden_phase(index: usize) -> f64 {
-    (0.618_033_988_7 * index as f64).fract()
 }

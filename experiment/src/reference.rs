@@ -108,6 +108,7 @@ fn default(key: &Key) -> String {
         Otherwise::Whole(number) => number.to_string(),
         Otherwise::Word(word) => format!("`{word}`"),
         Otherwise::No => "false".into(),
+        Otherwise::Yes => "true".into(),
         Otherwise::Rule(rule) => rule.into(),
         Otherwise::Absent => "-".into(),
     }

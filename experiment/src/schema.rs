@@ -117,6 +117,7 @@ fn value(key: &Key, format: &Format) -> Value {
         Otherwise::Whole(number) => Some(number.into()),
         Otherwise::Word(word) => Some(word.into()),
         Otherwise::No => Some(false.into()),
+        Otherwise::Yes => Some(true.into()),
         Otherwise::Needed | Otherwise::Rule(_) | Otherwise::Absent => None,
     };
     let mut says = key.says.to_string();

@@ -71,6 +71,12 @@ pub fn sleep_until(due_ns: u64) -> Option<()> {
     clock_nanosleep_absolute(ClockId::Monotonic, &due).ok()
 }
 
+/// A phase in [0, 1) of its own for the robot with this place in the scenario: multiples of the
+/// golden ratio's fractional part spread evenly, however many robots there are.
+pub fn golden_phase(index: usize) -> f64 {
+    (0.618_033_988_7 * index as f64).fract()
+}
+
 /// The first `n * period + phase` that is later than `now`.
 fn first_after(now_ns: u64, period_ns: u64, phase_ns: u64) -> u64 {
     if now_ns < phase_ns {

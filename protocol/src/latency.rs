@@ -36,11 +36,14 @@ pub enum Stage {
     /// The same as [`Stage::Wake`] where it was no fault of the machine: the robot was frozen on
     /// purpose past the deadline, or slow on purpose.
     Held = 6,
+    /// The same as [`Stage::Wake`] of a process with the robots' timer and nothing else: what the
+    /// machine did to anybody.
+    Machine = 7,
 }
 
 impl Stage {
     /// All of them, in the order of their numbers.
-    pub const ALL: [Stage; 7] = [
+    pub const ALL: [Stage; 8] = [
         Stage::Wake,
         Stage::Odometry,
         Stage::Compute,
@@ -48,6 +51,7 @@ impl Stage {
         Stage::BeaconAge,
         Stage::BeaconDelivery,
         Stage::Held,
+        Stage::Machine,
     ];
 
     /// The stage that a number in a [`LatencyRow`] stands for.
@@ -65,6 +69,7 @@ impl Stage {
             Stage::BeaconAge => "beacon_age",
             Stage::BeaconDelivery => "beacon_delivery",
             Stage::Held => "held",
+            Stage::Machine => "machine",
         }
     }
 }

@@ -205,6 +205,11 @@ pub fn plant_latency() -> Topic<[LatencyRow], LatencyHeader> {
     Topic::new("plant/latency".into())
 }
 
+/// `machine/latency`: the control timer of a run in real time to the supervisor.
+pub fn machine_latency() -> Topic<[LatencyRow], LatencyHeader> {
+    Topic::new("machine/latency".into())
+}
+
 /// `probe`: the supervisor to itself, to see what files a service has.
 pub fn probe() -> Topic<u64> {
     Topic::new("probe".into())

@@ -30,7 +30,7 @@ const VALUE_NS_MAX: u64 = 3_600_000_000_000;
 #[derive(Debug, Clone, Default)]
 pub struct Latency {
     robots: Vec<String>,
-    /// The plant, then the robots in scenario order.
+    /// The plant, then the robots in scenario order, then the control timer.
     processes: Vec<Process>,
     rows_lost: u64,
     stretches: Stretches,
@@ -48,6 +48,19 @@ struct Process {
     incarnation: u64,
     next_row: u64,
     samples_lost: u64,
+}
+
+impl Process {
+    /// A batch of so many rows came: how many before it did not.
+    fn rows_missing(&mut self, header: &LatencyHeader, rows: usize) -> u64 {
+        if header.incarnation != self.incarnation {
+            self.incarnation = header.incarnation;
+            self.next_row = 0;
+        }
+        let missing = header.first_row.saturating_sub(self.next_row);
+        self.next_row = header.first_row.saturating_add(rows as u64);
+        missing
+    }
 }
 
 /// How the values of one stage, and robot or edge, are spread.
@@ -115,7 +128,7 @@ impl Latency {
             next_row: 0,
             samples_lost: 0,
         };
-        let processes = (0..=robots.len()).map(process).collect();
+        let processes = (0..robots.len() + 2).map(process).collect();
         let stretches = Stretches::new(scenario.duration_ns);
         Latency { robots, processes, rows_lost: 0, stretches }
     }
@@ -146,23 +159,18 @@ impl Latency {
         self.stretches.lines(|place| self.name(place))
     }
 
-    /// `plant`, or the robot that counts from 1.
+    /// `plant`, the robot that counts from 1, or `machine` for the control timer.
     fn name(&self, place: usize) -> &str {
         match place.checked_sub(1) {
-            Some(robot) => self.robots[robot].as_str(),
+            Some(robot) => self.robots.get(robot).map_or("machine", String::as_str),
             None => "plant",
         }
     }
 
-    /// Takes in what a process measured: the plant is 0, robots count from 1.
+    /// Takes in what a process measured: the plant is 0, robots count from 1, then the control timer.
     pub fn take(&mut self, process: usize, header: &LatencyHeader, rows: &[LatencyRow]) {
         let process = &mut self.processes[process];
-        if header.incarnation != process.incarnation {
-            process.incarnation = header.incarnation;
-            process.next_row = 0;
-        }
-        self.rows_lost += header.first_row.saturating_sub(process.next_row);
-        process.next_row = header.first_row.saturating_add(rows.len() as u64);
+        self.rows_lost += process.rows_missing(header, rows.len());
         process.samples_lost = process.samples_lost.max(header.samples_lost);
         for row in rows {
             if process.ages.get_mut(row.from as usize).is_some_and(|age| age.add(row)) {
@@ -177,7 +185,7 @@ impl Latency {
             };
             let spread = spread.get_or_insert_with(Spread::new);
             spread.add(row.value_ns);
-            if stage == Some(Stage::Wake) {
+            if matches!(stage, Some(Stage::Wake | Stage::Machine)) {
                 let mut later_ns = row.value_ns.checked_sub(process.wake_every_ns);
                 while let Some(value_ns) = later_ns {
                     spread.add(value_ns);
@@ -185,6 +193,11 @@ impl Latency {
                 }
             }
         }
+    }
+
+    /// The same for what is measured before the run begins, and counts for nothing.
+    pub fn leave_out(&mut self, process: usize, header: &LatencyHeader, rows: &[LatencyRow]) {
+        self.processes[process].rows_missing(header, rows.len());
     }
 
     /// Values that were measured and did not arrive, or were broken.

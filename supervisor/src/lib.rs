@@ -15,6 +15,7 @@
 //! | `live` | what does the live view show of it? |
 
 pub mod child;
+pub mod control_timer;
 pub mod cores;
 pub mod dead_nodes;
 pub mod descriptors;

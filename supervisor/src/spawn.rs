@@ -36,6 +36,15 @@ pub enum Role<'a> {
         /// Its brief.
         brief: &'a Path,
     },
+    /// `phalanx machine RUN_ROOT --period-ns N --robots N`.
+    ControlTimer {
+        /// The run it belongs to.
+        run_root: &'a Path,
+        /// The robots' period, ns.
+        period_ns: u64,
+        /// How many robots there are.
+        robots: usize,
+    },
     /// `phalanx load`.
     Load,
     /// `phalanx awake`.
@@ -54,6 +63,7 @@ impl fmt::Display for Role<'_> {
                 write!(f, "robot {}", brief.file_stem().unwrap_or_default().display())
             }
             Role::Plant { .. } => f.write_str("the plant"),
+            Role::ControlTimer { .. } => f.write_str("the control timer"),
             Role::Load => f.write_str("a process that takes processor time"),
             Role::Awake => f.write_str("a process that keeps a core awake"),
             Role::Bench { words } => {
@@ -94,7 +104,7 @@ impl Launcher {
         Launcher { executable: executable.into(), realtime_priority: false }
     }
 
-    /// Robots and plant run before every ordinary process of the machine.
+    /// Robots, plant and control timer run before every ordinary process of the machine.
     pub fn with_realtime_priority(self) -> Launcher {
         Launcher { realtime_priority: true, ..self }
     }
@@ -122,6 +132,11 @@ impl Launcher {
             Role::Plant { brief } => {
                 command.arg0("phalanx-plant").arg("plant").arg(brief);
             }
+            Role::ControlTimer { run_root, period_ns, robots } => {
+                command.arg0("phalanx-machine").arg("machine").arg(run_root);
+                command.arg("--period-ns").arg(period_ns.to_string());
+                command.arg("--robots").arg(robots.to_string());
+            }
             Role::Load => {
                 command.arg0("phalanx-load").arg("load");
             }
@@ -132,7 +147,9 @@ impl Launcher {
                 command.arg0("phalanx-bench").args(words);
             }
         }
-        if self.realtime_priority && matches!(role, Role::Agent { .. } | Role::Plant { .. }) {
+        if self.realtime_priority
+            && matches!(role, Role::Agent { .. } | Role::Plant { .. } | Role::ControlTimer { .. })
+        {
             command.arg("--realtime-priority");
         }
         command

@@ -101,6 +101,19 @@ fn is_consistent(ended: &Ended) -> Lines {
 }
 
 #[test]
+fn without_a_control_timer_nothing_is_said_of_the_machine() {
+    let ended = run("triangle")
+        .set("duration_s=1")
+        .set("expect={}")
+        .set("realtime.control_timer=false")
+        .finish();
+    ended.exits_with(0).leaves_nothing();
+    let lines = is_consistent(&ended);
+    ended.claim(lines.keys().all(|(stage, ..)| stage != "machine"), "no stage of it");
+    ended.claim(!ended.run_dir().join("logs/machine.jsonl").exists(), "nobody who would say it");
+}
+
+#[test]
 fn a_run_in_real_time_tells_the_delays_of_every_robot_and_edge() {
     let ended = run("triangle").set("duration_s=4").set("expect={}").finish();
     ended.exits_with(0).leaves_nothing();
@@ -120,6 +133,7 @@ fn a_run_in_real_time_tells_the_delays_of_every_robot_and_edge() {
         let heard = count("beacon_delivery", robot, from);
         ended.claim((1.0..=count("compute", from, "")).contains(&heard), "no more than was said");
     }
+    ended.claim(count("machine", "machine", "") >= 1.0, "and a bare timer was late beside them");
     let edges = lines.keys().filter(|(_, _, from)| !from.is_empty()).count();
     ended.claim(edges == 2 * EDGES.len(), "nobody else is heard");
     let taken: f64 = EDGES.map(|(robot, _)| count("command", robot, "")).iter().sum();
@@ -133,7 +147,10 @@ fn a_run_in_real_time_tells_the_delays_of_every_robot_and_edge() {
     let processes = ended.summary["wall"]["processes"].as_array().unwrap();
     let names: Vec<&str> =
         processes.iter().filter_map(|process| process["name"].as_str()).collect();
-    ended.claim(names == ["supervisor", "plant", "r1", "r2", "r3"], "every process is there");
+    ended.claim(
+        names == ["supervisor", "plant", "r1", "r2", "r3", "machine"],
+        "every process is there",
+    );
     for process in processes {
         let of = |key: &str| process[key].as_f64().unwrap();
         ended.claim(of("starts") == 1.0, "started once");

@@ -97,6 +97,8 @@ pub enum Otherwise {
     Word(&'static str),
     /// No.
     No,
+    /// Yes.
+    Yes,
     /// What these words say.
     Rule(&'static str),
     /// Nothing: what it asks for does not happen.
@@ -477,6 +479,13 @@ const REALTIME: &[Key] = &[
         "h: for how many periods a command may be held",
     )
     .guessed(&["h", "hold", "periods"]),
+    key(
+        "control_timer",
+        Truth,
+        Otherwise::Yes,
+        "whether one process with the robots' timer and nothing else shows what the machine does to anybody",
+    )
+    .guessed(&["control", "control_group", "baseline", "machine"]),
 ];
 
 const AVOIDANCE: &[Key] = &[

@@ -67,6 +67,8 @@ pub struct Scenario {
     pub latency_allowed_ns: u64,
     /// h: for how many periods a command may be held in real time.
     pub hold_periods: u32,
+    /// In real time, whether a process with the robots' timer and nothing else runs beside them.
+    pub control_timer: bool,
     /// A process that owes the others an answer in lockstep for this long is hung, ns: processor time
     /// that it uses meanwhile, or wall time while it is blocked.
     pub hung_after_ns: u64,

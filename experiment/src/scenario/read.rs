@@ -207,6 +207,7 @@ fn scenario(
     let plant_tick_ns = realtime.time_ns("plant_tick_s")?;
     let latency_allowed_ns = realtime.time_ns("latency_allowed_s")?;
     let hold_periods = realtime.whole("hold_periods")? as u32;
+    let control_timer = realtime.truth("control_timer")?;
     let avoidance_table = root.need("avoidance")?.table()?;
     let (method, avoidance) = avoidance(&avoidance_table, &catalog.methods)?;
     let silence = silence(root, period_ns)?;
@@ -222,6 +223,7 @@ fn scenario(
         plant_tick_ns,
         latency_allowed_ns,
         hold_periods,
+        control_timer,
         hung_after_ns,
         seed,
         record_hz,

@@ -217,6 +217,7 @@ impl<'t> Table<'t> {
     pub(crate) fn truth(&self, key: &str) -> Result<bool, Diagnostic> {
         match (self.get(key), self.row(key).otherwise) {
             (None, Otherwise::No) => Ok(false),
+            (None, Otherwise::Yes) => Ok(true),
             _ => self.need(key)?.truth(),
         }
     }

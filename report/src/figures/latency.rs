@@ -4,7 +4,7 @@ use super::{BOUND, NAMED, SEEN, WIDTH, about_bands, largest, over_time};
 use crate::axis::Axis;
 use crate::chart::{Figure, Panel, Place};
 use crate::digits::asked;
-use crate::palette::{Dash, Line, VERMILION, line};
+use crate::palette::{BLACK, Dash, Line, VERMILION, line};
 use crate::run::{Bin, Run, Spread};
 
 const HEIGHT: f64 = 300.0;
@@ -13,6 +13,8 @@ const OVER_TIME: f64 = 390.0;
 
 /// Shares smaller than this are not drawn.
 const SHARE_LEAST: f64 = 1e-6;
+/// The control group.
+const CONTROL: Line = Line::solid(BLACK).dashed(Dash::Dashed);
 
 pub(super) fn information_age(run: &Run) -> Option<Figure> {
     let mut figure = of_stage(
@@ -21,6 +23,7 @@ pub(super) fn information_age(run: &Run) -> Option<Figure> {
         "information_age",
         "age at use",
         Some(run.limits.lost_after_s),
+        None,
     )?;
     let limits = run.limits;
     for (place, (_, panel)) in figure.panels.iter_mut().enumerate() {
@@ -51,25 +54,30 @@ pub(super) fn information_age(run: &Run) -> Option<Figure> {
 }
 
 pub(super) fn wake_lateness(run: &Run) -> Option<Figure> {
-    let mut figure = of_stage(run, "wake", "wake_lateness", "lateness", None)?;
+    let mut figure = of_stage(run, "wake", "wake_lateness", "lateness", None, Some("machine"))?;
     figure.title = "Wake lateness".into();
+    let control = match run.spreads.iter().any(|spread| spread.stage == "machine") {
+        true => " Dashed: a process with the robots' timer and nothing else, on this machine.",
+        false => "",
+    };
     figure.caption = format!(
         "How much later than its timer's deadline each process woke; deadlines that were overslept \
-         count as well.{}{}",
+         count as well.{}{control}{}",
         figure.caption,
         about_bands(run)
     );
     Some(figure)
 }
 
-/// A stage over time and as distribution, on an axis with `bound_s` on it; the caption says what
-/// the lines are.
+/// A stage over time and as distribution, on an axis with `bound_s` on it, and beside it the stage
+/// `control`; the caption says what the lines are.
 fn of_stage(
     run: &Run,
     stage: &str,
     name: &'static str,
     word: &str,
     bound_s: Option<f64>,
+    control: Option<&str>,
 ) -> Option<Figure> {
     let bins: Vec<&Bin> = run.over_time.iter().filter(|bin| bin.stage == stage).collect();
     let spreads: Vec<&Spread> = run.spreads.iter().filter(|spread| spread.stage == stage).collect();
@@ -102,6 +110,9 @@ fn of_stage(
     let least = least.chain(spreads.iter().filter_map(|spread| Some(spread.above.first()?.0)));
     // Nobody looks at less than a microsecond.
     let low = ms(least.filter(|&ns| ns > 0).min().unwrap_or(1).max(1000));
+    let is_control = |stage: &str| control == Some(stage);
+    let beside: Vec<&Bin> = run.over_time.iter().filter(|bin| is_control(&bin.stage)).collect();
+    worst.extend(beside.iter().map(|bin| bin.max_ns as f64));
     let high = (worst.iter().copied().fold(0.0, f64::max) / 1e6).max(low);
     // A bound is seen with some room above it.
     let high = high.max(bound_s.map_or(low, |bound_s| 1.2e3 * bound_s));
@@ -118,6 +129,10 @@ fn of_stage(
         }
     }
     left.over_x(medians(&bins, low).into_iter().map(Some), SEEN.weight(3));
+    left.over_x(beside.iter().map(|bin| Some((bin.t_s, ms(bin.max_ns).max(low)))), CONTROL);
+    for spread in run.spreads.iter().filter(|spread| is_control(&spread.stage)) {
+        right.curves.push((stairs(spread, low), CONTROL, true));
+    }
     let mut key: Vec<(Line, String)> =
         named.iter().map(|&place| (style(place).unwrap_or(SEEN), who[place].clone())).collect();
     if who.len() > named.len() {
@@ -125,6 +140,9 @@ fn of_stage(
     }
     if !bins.is_empty() {
         key.push((SEEN.weight(3), "median of the worst".to_owned()));
+    }
+    if !beside.is_empty() {
+        key.push((CONTROL, "bare timer".to_owned()));
     }
     let told = if who.len() > named.len() {
         format!(" The {NAMED} that are worst by name.")

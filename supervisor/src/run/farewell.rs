@@ -82,8 +82,9 @@ impl Run<'_> {
         let robots = self.processes.usages().enumerate().map(|(robot, usage)| {
             of(self.journal.name(robot), self.lives.incarnation(robot) + 1, usage)
         });
+        let timer = self.processes.control_timer_usage().map(|usage| of("machine", 1, usage));
         let awake = self.conduct.end().map(|usage| of("awake", 1, usage));
         let first = [of("supervisor", 1, usage::of_this_process()), of("plant", 1, plant)];
-        first.into_iter().chain(robots).chain(awake).collect()
+        first.into_iter().chain(robots).chain(timer).chain(awake).collect()
     }
 }

@@ -23,7 +23,7 @@ pub(super) struct Intake {
     pub(super) truths: Subscriber<[TruthRow], TruthHeader>,
     /// Of the robots in scenario order.
     pub(super) statuses: Vec<Subscriber<[NeighborStatus], StatusHeader>>,
-    /// Of the plant, then of the robots in scenario order.
+    /// Of the plant, then of the robots in scenario order, then of the control timer if there is one.
     latencies: Vec<Subscriber<[LatencyRow], LatencyHeader>>,
     /// How many reports had been sent when they were taken last, in lockstep.
     pub(super) reports_taken: Option<u32>,
@@ -81,8 +81,14 @@ impl Intake {
     pub(super) fn take_latencies(&mut self) -> Result<(), RunError> {
         self.latency.now(self.now_ns());
         for (process, subscriber) in self.latencies.iter().enumerate() {
+            // Robots are late from their first sample on, and the control timer with them.
+            let counts = self.began.is_some() || process <= self.reports.len();
             while let Some(sample) = subscriber.receive()? {
-                self.latency.take(process, sample.user_header(), sample.payload());
+                let (header, rows) = (sample.user_header(), sample.payload());
+                match counts {
+                    true => self.latency.take(process, header, rows),
+                    false => self.latency.leave_out(process, header, rows),
+                }
             }
         }
         Ok(())

@@ -16,7 +16,7 @@ use super::intake::Intake;
 use super::journal::Journal;
 use super::lives::Lives;
 use super::processes::{Processes, Robot};
-use super::services::Services;
+use super::services::{Services, has_control_timer};
 use crate::dead_nodes::Cleaner;
 use crate::descriptors;
 use crate::room::{self, Need};
@@ -67,6 +67,14 @@ impl<'a> Run<'a> {
         let launched = Instant::now();
         let plant = Role::Plant { brief: &plant_brief };
         let plant = launcher.spawn(plant, &run_dir.log_path("plant"))?;
+        let control_timer = has_control_timer(scenario, pace).then_some(Role::ControlTimer {
+            run_root: run_root.path(),
+            period_ns: scenario.period_ns,
+            robots: scenario.robots.len(),
+        });
+        let control_timer = control_timer
+            .map(|role| launcher.spawn(role, &run_dir.log_path("machine")))
+            .transpose()?;
         let mut robots = Vec::new();
         for (i, robot) in scenario.robots.iter().enumerate() {
             let brief = briefs::agent(scenario, i, pace, run_root.path());
@@ -74,7 +82,7 @@ impl<'a> Run<'a> {
             let told = run_dir.write_brief(&robot.name, &brief)?;
             robots.push(Robot::new(told, run_dir.log_path(&robot.name)));
         }
-        let mut processes = Processes::new(plant, robots, launcher.clone());
+        let mut processes = Processes::new(plant, control_timer, robots, launcher.clone());
         for robot in start_order(scenario.seed, scenario.robots.len()) {
             processes.start(robot, 0)?;
         }

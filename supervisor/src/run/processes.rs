@@ -19,6 +19,8 @@ pub(super) const LOG_LINES: usize = 8;
 pub(super) struct Processes {
     pub(super) plant: Child,
     robots: Vec<Robot>,
+    /// With the robots' timer and nothing else, if there is one.
+    control_timer: Option<Child>,
     /// What takes processor time on purpose.
     pub(super) load: Load,
     launcher: Launcher,
@@ -51,8 +53,13 @@ impl Robot {
 
 impl Processes {
     /// The plant runs, the robots do not.
-    pub(super) fn new(plant: Child, robots: Vec<Robot>, launcher: Launcher) -> Processes {
-        Processes { plant, robots, load: Load::default(), launcher }
+    pub(super) fn new(
+        plant: Child,
+        control_timer: Option<Child>,
+        robots: Vec<Robot>,
+        launcher: Launcher,
+    ) -> Processes {
+        Processes { plant, robots, control_timer, load: Load::default(), launcher }
     }
 
     /// Starts a robot's process; there is none now.
@@ -118,10 +125,17 @@ impl Processes {
         Some(status)
     }
 
-    /// All children, the plant first: it waits for the robots, and they for nobody.
+    /// All children. The control timer first: the end of a run is nobody's lateness. Then the plant,
+    /// which waits for the robots, and they for nobody.
     pub(super) fn all_mut(&mut self) -> impl Iterator<Item = &mut Child> {
         let robots = self.robots.iter_mut().filter_map(|robot| robot.child.as_mut());
-        [&mut self.plant].into_iter().chain(robots).chain(self.load.children_mut())
+        let first = self.control_timer.iter_mut().chain([&mut self.plant]);
+        first.chain(robots).chain(self.load.children_mut())
+    }
+
+    /// What the control timer took, once it is dead.
+    pub(super) fn control_timer_usage(&self) -> Option<Usage> {
+        self.control_timer.as_ref().map(|child| child.usage().unwrap_or_default())
     }
 
     /// What each robot's processes took, once they are dead.

@@ -17,10 +17,15 @@ pub(super) struct Services {
     _beacon: Vec<Factory<Beacon>>,
     pub(super) status: Vec<Factory<[NeighborStatus], StatusHeader>>,
     pub(super) truth: Factory<[TruthRow], TruthHeader>,
-    /// Of the plant, then of the robots in scenario order.
+    /// Of the plant, then of the robots in scenario order, then of the control timer if there is one.
     pub(super) latencies: Vec<Factory<[LatencyRow], LatencyHeader>>,
     /// Of the robots in scenario order; none unless links may be cut by hand.
     pub(super) faults: Vec<Factory<[LinkFaultByHand]>>,
+}
+
+/// Whether a process with the robots' timer and nothing else runs beside them.
+pub(super) fn has_control_timer(scenario: &Scenario, pace: Pace) -> bool {
+    pace == Pace::Realtime && scenario.control_timer
 }
 
 impl Services {
@@ -49,6 +54,7 @@ impl Services {
             truth: service::truth().create(node, Qos::of_truth(pace, 1))?,
             latencies: std::iter::once(service::plant_latency())
                 .chain(robots().map(|(_, robot)| service::latency(&robot.name)))
+                .chain(has_control_timer(scenario, pace).then(service::machine_latency))
                 .map(|topic| topic.create(node, Qos::of_latency(1)))
                 .collect::<Result<_, _>>()?,
             faults: robots()

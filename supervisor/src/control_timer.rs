@@ -1,0 +1,71 @@
+//! The control group of a run in real time: one process with the robots' timer and nothing else, so that
+//! what the machine does to anybody stands beside what it does to robots.
+//!
+//! Must not: hear a robot, the plant or the supervisor, or do more between two wake-ups than write down
+//! how late the last one was.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use protocol::clock::{self, Timer, golden_phase};
+use protocol::latency::{LatencyPort, Stage};
+use protocol::process::{self, Stop};
+use protocol::run_root::{self, RunRootError};
+use protocol::service::{self, ServiceError};
+
+/// What the control timer is told.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ControlTimer {
+    /// The run it belongs to.
+    pub run_root: PathBuf,
+    /// The robots' period, ns.
+    pub period_ns: u64,
+    /// How many robots there are: its phase is that of one more.
+    pub robots: usize,
+    /// Whether it runs before every ordinary process, as robots with this priority do.
+    pub realtime_priority: bool,
+}
+
+#[derive(Debug, thiserror::Error)]
+enum ControlError {
+    #[error("cannot handle signals: {0}")]
+    Signals(#[from] std::io::Error),
+    #[error(transparent)]
+    RunRoot(#[from] RunRootError),
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+}
+
+/// What the process `phalanx-machine` does.
+pub fn main(timer: &ControlTimer) -> u8 {
+    process::set_name("phalanx-machine");
+    process::log_to_stderr();
+    if timer.realtime_priority {
+        process::hurry();
+    }
+    match run(timer) {
+        Ok(()) => process::exit::OK,
+        Err(error) => {
+            tracing::error!("{error}");
+            process::exit::INFRASTRUCTURE
+        }
+    }
+}
+
+fn run(control: &ControlTimer) -> Result<(), ControlError> {
+    let stop = Stop::on_signals()?;
+    run_root::join(&control.run_root)?;
+    clock::tighten_timer_slack();
+    process::take_short_turns();
+    let node = service::node("machine")?;
+    let mut latency = LatencyPort::new(&service::machine_latency().open(&node)?, 0, 1)?;
+    let period = Duration::from_nanos(control.period_ns);
+    let phase = period.mul_f64(golden_phase(control.robots + 1));
+    let mut timer = Timer::new(control.period_ns, phase.as_nanos() as u64);
+    while !stop.requested() {
+        let Some(wake) = timer.wait() else { continue };
+        latency.record(Stage::Machine, 0, wake.lateness_ns);
+        latency.send_if_due(wake.due_ns);
+    }
+    Ok(())
+}

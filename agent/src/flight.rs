@@ -10,10 +10,11 @@ use std::time::Duration;
 use protocol::barrier::{Barrier, BarrierError};
 use protocol::brief::{self, AgentBrief, BriefError, Pace};
 use protocol::clock::{self, Timer};
-use protocol::latency::Stage;
+use protocol::lateness::{Late, Witness};
 use protocol::message::Odometry;
 use protocol::process::{self, Alarm, Stop, Thaws};
 use protocol::run_root::{self, RunRootError};
+use protocol::stage::Stage;
 use protocol::watchdog::{SupervisorLost, SupervisorWatch};
 
 use crate::brain::{Brain, Parts};
@@ -223,21 +224,35 @@ impl Agent {
         let mut awake_ns = clock::now_ns();
         let mut silent_ns = 0;
         let mut late_ns = Vec::with_capacity(LATE_MAX);
+        let mut witness = Witness::new(period_ns);
+        let (mut rested_ns, mut missed) = (awake_ns, false);
         self.report(awake_ns)?;
         while !self.stop.requested() {
-            let Some(wake) = timer.wait() else { continue };
+            let Some(wake) = timer.wait() else {
+                rested_ns = clock::now_ns();
+                continue;
+            };
             // From its first sample on: before, everybody waits for the last one to start.
             if self.brain.has_flown() {
                 // Whoever was frozen or slow on purpose is not late by the machine's doing.
                 let held = wake.due_ns < slow_until_ns.max(thaws.last_ns());
                 late_ns.push((if held { Stage::Held } else { Stage::Wake }, wake.lateness_ns));
+                let behind_ns = wake.lateness_ns;
+                let late = Late { behind_ns, at_work_ns: rested_ns.saturating_sub(wake.due_ns) };
+                let missed = std::mem::take(&mut missed);
+                match held {
+                    true => witness.look(),
+                    false => late_ns.extend(
+                        witness.cause_of(late, missed).map(|cause| (cause.stage(), behind_ns)),
+                    ),
+                }
             } else {
                 self.ports.connect();
             }
             // In real time a queue holds the newest sample and no other.
             let newest = self.ports.odometry()?;
             // Without another sample the run is over, and everybody late who is not yet told.
-            if newest.is_some() || late_ns.len() == LATE_MAX {
+            if newest.is_some() || late_ns.len() >= LATE_MAX {
                 let late_ns = late_ns.drain(..);
                 late_ns.for_each(|(stage, ns)| self.ports.latency.record(stage, 0, ns));
             }
@@ -265,17 +280,22 @@ impl Agent {
                     }
                     self.ports.send(&answer, sent_ns)?;
                     self.measure(taken_ns, used_ns, sent_ns);
-                    self.deadline_misses += sent_ns.saturating_sub(wake.due_ns) / period_ns;
+                    let misses = sent_ns.saturating_sub(wake.due_ns) / period_ns;
+                    self.deadline_misses += misses;
+                    missed = misses > 0;
                 }
             } else if silent_ns > PLANT_SILENCE_MAX_NS {
                 return Err(FlightError::PlantSilent);
             }
             let news = self.brain.take_news();
-            self.report_if(news, taken_ns)?;
+            if self.report_if(news, taken_ns)? {
+                witness.look();
+            }
             if self.ports.latency.is_due(taken_ns) {
                 self.tell_ages(taken_ns);
                 self.ports.latency.send_if_due(taken_ns);
             }
+            rested_ns = clock::now_ns();
         }
         self.tell_ages(clock::now_ns());
         Ok(())
@@ -324,13 +344,14 @@ impl Agent {
         Ok(())
     }
 
-    /// Tells the supervisor how it goes if there is news, or if it has heard nothing for long.
-    fn report_if(&mut self, news: bool, now_ns: u64) -> Result<(), FlightError> {
-        if news || now_ns - self.reported_ns >= STATUS_EVERY_NS {
-            self.report(now_ns)
-        } else {
-            Ok(())
+    /// Tells the supervisor how it goes if there is news, or if it has heard nothing for long; whether
+    /// it did.
+    fn report_if(&mut self, news: bool, now_ns: u64) -> Result<bool, FlightError> {
+        let due = news || now_ns - self.reported_ns >= STATUS_EVERY_NS;
+        if due {
+            self.report(now_ns)?;
         }
+        Ok(due)
     }
 
     fn report(&mut self, now_ns: u64) -> Result<(), FlightError> {

@@ -13,11 +13,11 @@ use experiment::briefs;
 use experiment::scenario::Scenario;
 use protocol::brief::{self, AgentBrief, Pace};
 use protocol::clock::{self, Timer};
-use protocol::latency::Stage;
 use protocol::message::Beacon;
 use protocol::process::Stop;
 use protocol::run_root::{self, RunRoot};
 use protocol::service::{self, Factory, Node, Qos};
+use protocol::stage::Stage;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 

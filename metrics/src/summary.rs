@@ -9,6 +9,7 @@ mod by_name;
 use std::ops::AddAssign;
 
 use protocol::brief::Pace;
+pub use protocol::stage::Cause;
 use serde::{Deserialize, Serialize};
 
 use crate::expect::Expectation;
@@ -249,10 +250,21 @@ impl Summary {
         self.information_ages.iter().max_by_key(|age| age.peak_ns)
     }
 
-    /// For each stage, the robot or edge that fares worst: by p99.9, then by the largest value.
+    /// How many wake-ups and answers of robots were late, for each cause that there was.
+    pub fn late_by_cause(&self) -> Vec<(Cause, u64)> {
+        let count = |cause: Cause| {
+            let lines = self.latencies().filter(|line| line.stage == cause.stage().word());
+            (cause, lines.map(|line| line.count).sum())
+        };
+        Cause::ALL.map(count).into_iter().filter(|&(_, count)| count > 0).collect()
+    }
+
+    /// For each stage, the robot or edge that fares worst: by p99.9, then by the largest value. What
+    /// was late by cause is elsewhere.
     pub fn worst_latencies(&self) -> Vec<&StageLatency> {
         let mut worst: Vec<&StageLatency> = Vec::new();
-        for line in self.latencies() {
+        let by_cause = Cause::ALL.map(|cause| cause.stage().word());
+        for line in self.latencies().filter(|line| !by_cause.contains(&line.stage.as_str())) {
             let size = |line: &StageLatency| (line.p99_9_ns, line.max_ns);
             match worst.iter_mut().find(|known| known.stage == line.stage) {
                 Some(known) if size(known) <= size(line) => *known = line,

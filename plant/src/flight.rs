@@ -9,9 +9,10 @@ use std::time::{Duration, Instant};
 use protocol::barrier::{Barrier, BarrierError, LEAD_MAX};
 use protocol::brief::{self, BriefError, Pace, PlantBrief};
 use protocol::clock::{self, Timer};
-use protocol::latency::Stage;
+use protocol::lateness::{Late, Witness};
 use protocol::process::{self, Alarm, Stop};
 use protocol::run_root::{self, RunRootError};
+use protocol::stage::Stage;
 use protocol::watchdog::{SupervisorLost, SupervisorWatch};
 
 use crate::gaps::Gaps;
@@ -206,10 +207,16 @@ impl Plant {
         let mut timer = Timer::new(tick_ns, start_ns % tick_ns);
         self.world.start_at(start_ns);
         self.publish()?;
+        let (mut witness, mut rested_ns) = (Witness::new(tick_ns), start_ns);
         let mut gaps = vec![Gaps::default(); self.brief.robots.len()];
         while !self.stop.requested() && self.world.t_ns() < self.brief.duration_ns {
             let Some(wake) = timer.wait() else { continue };
             self.ports.latency.record(Stage::Wake, 0, wake.lateness_ns);
+            let at_work_ns = rested_ns.saturating_sub(wake.due_ns);
+            let late = Late { behind_ns: wake.lateness_ns, at_work_ns };
+            if let Some(cause) = witness.cause_of(late, false) {
+                self.ports.latency.record(cause.stage(), 0, wake.lateness_ns);
+            }
             let now_ns = clock::now_ns();
             let t_ns = (now_ns - start_ns).min(self.brief.duration_ns);
             self.world.advance(t_ns);
@@ -230,7 +237,11 @@ impl Plant {
                 // Nobody is to act on the end.
                 self.ports.send_truth(&self.world)?;
             }
-            self.ports.latency.send_if_due(now_ns);
+            if self.ports.latency.is_due(now_ns) {
+                self.ports.latency.send_if_due(now_ns);
+                witness.look();
+            }
+            rested_ns = clock::now_ns();
         }
         let began = Instant::now();
         land(|| !self.stop.requested() && began.elapsed() < LANDED_MAX);

@@ -1,4 +1,5 @@
-//! How late, how long, how old: what a process measures of itself and tells the supervisor.
+//! How late, how long, how old: what a process measures of itself and tells the supervisor. What the
+//! values are: [`crate::stage`].
 //!
 //! A process only writes values down; the supervisor makes histograms of them, so that none is
 //! trimmed and nothing is computed between two ticks. Must not: allocate, wait, or read a clock.
@@ -6,6 +7,7 @@
 use crate::age::AgeSums;
 use crate::message::{LatencyHeader, LatencyRow};
 use crate::service::{Factory, Publisher, ServiceError, send_slice};
+use crate::stage::Stage;
 
 /// In real time values are sent at least this often, ns: a killed process loses no more than this.
 const SEND_EVERY_NS: u64 = 100_000_000;
@@ -14,65 +16,6 @@ const ROWS_MAX: usize = 1024;
 /// But at least those of so many ticks: what waits for the supervisor then lasts for twice the lead
 /// that the plant may have over it in lockstep.
 const TICKS_MIN: usize = 16;
-
-/// What is measured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-#[repr(u32)]
-pub enum Stage {
-    /// Real time: from a timer's deadline to the return of the wait for it; but see [`Stage::Held`].
-    Wake = 0,
-    /// From the sending of odometry to its taking by the agent.
-    Odometry = 1,
-    /// From the taking of odometry to the sending of the answer.
-    Compute = 2,
-    /// Sensor to actuator, at the plant. Real time: from the odometry's stamp to the taking of the
-    /// command that answers it. Lockstep, where stamps are simulated: from the odometry's sending.
-    Command = 3,
-    /// Age of a neighbour's newest beacon when an answer used it, by stamps. In lockstep it is
-    /// simulated time. Lost neighbours are not used: see [`crate::age`] for the age at every instant.
-    BeaconAge = 4,
-    /// Real time: from the sending of a beacon to its taking.
-    BeaconDelivery = 5,
-    /// The same as [`Stage::Wake`] where it was no fault of the machine: the robot was frozen on
-    /// purpose past the deadline, or slow on purpose.
-    Held = 6,
-    /// The same as [`Stage::Wake`] of a process with the robots' timer and nothing else: what the
-    /// machine did to anybody.
-    Machine = 7,
-}
-
-impl Stage {
-    /// All of them, in the order of their numbers.
-    pub const ALL: [Stage; 8] = [
-        Stage::Wake,
-        Stage::Odometry,
-        Stage::Compute,
-        Stage::Command,
-        Stage::BeaconAge,
-        Stage::BeaconDelivery,
-        Stage::Held,
-        Stage::Machine,
-    ];
-
-    /// The stage that a number in a [`LatencyRow`] stands for.
-    pub fn from_number(number: u32) -> Option<Stage> {
-        Stage::ALL.get(number as usize).copied()
-    }
-
-    /// The word for it in files.
-    pub fn word(self) -> &'static str {
-        match self {
-            Stage::Wake => "wake",
-            Stage::Odometry => "odometry",
-            Stage::Compute => "compute",
-            Stage::Command => "command",
-            Stage::BeaconAge => "beacon_age",
-            Stage::BeaconDelivery => "beacon_delivery",
-            Stage::Held => "held",
-            Stage::Machine => "machine",
-        }
-    }
-}
 
 /// Values written down and not yet sent.
 #[derive(Debug)]
@@ -228,14 +171,6 @@ impl Drop for LatencyPort {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn every_stage_survives_the_wire() {
-        for stage in Stage::ALL {
-            assert_eq!(Stage::from_number(stage as u32), Some(stage));
-        }
-        assert_eq!(Stage::from_number(Stage::ALL.len() as u32), None);
-    }
 
     #[test]
     fn values_are_due_after_a_tenth_of_a_second_or_when_half_the_room_is_used() {

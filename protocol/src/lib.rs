@@ -12,7 +12,9 @@
 //! | `catalog` | which laws and methods are there? |
 //! | `clock` | what time is it, and when is the next tick? |
 //! | `barrier` | in lockstep: whose turn is it? |
-//! | `latency` | what is measured of delays, and how does it get to the supervisor? |
+//! | `stage` | what is measured of delays, and why was something late? |
+//! | `latency` | how does that get to the supervisor? |
+//! | `lateness` | what does a process read of itself to tell why? |
 //! | `age` | how old is what is known over an edge, at every instant? |
 //! | `number` | how is a number shown to people? |
 //! | `watchdog` | is a process that owes an answer hung, or only kept from giving it? |
@@ -35,6 +37,8 @@ pub mod fault;
 mod ipc;
 #[cfg(feature = "ipc")]
 pub mod latency;
+#[cfg(feature = "ipc")]
+pub mod lateness;
 pub mod law;
 pub mod message;
 pub mod number;
@@ -44,6 +48,7 @@ pub mod process;
 pub mod run_root;
 #[cfg(feature = "ipc")]
 pub mod service;
+pub mod stage;
 pub mod visible;
 #[cfg(feature = "ipc")]
 pub mod watchdog;

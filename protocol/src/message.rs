@@ -420,7 +420,7 @@ message! {
 message! {
     /// One value measured by an agent or the plant.
     LatencyRow / 1 {
-        /// A [`Stage`](crate::latency::Stage) as a number.
+        /// A [`Stage`](crate::stage::Stage) as a number.
         stage: u32,
         /// Place in the scenario, from 1, of the robot whose beacon or command it is about; 0 for
         /// none.

@@ -100,6 +100,8 @@ pub struct Bin {
     pub robot: String,
     /// Of an edge: whom the robot hears.
     pub from: Option<String>,
+    /// How many values.
+    pub count: u64,
     /// Half of the values are at most this, ns.
     pub p50_ns: u64,
     /// 99 % of them.

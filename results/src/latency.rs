@@ -13,8 +13,8 @@ use hdrhistogram::serialization::V2DeflateSerializer;
 use hdrhistogram::serialization::interval_log::{IntervalLogWriterBuilder, Tag};
 use protocol::age::AgeSums;
 use protocol::brief::Pace;
-use protocol::latency::Stage;
 use protocol::message::{LatencyHeader, LatencyRow};
+use protocol::stage::Stage;
 
 use experiment::scenario::Scenario;
 use metrics::summary::{InformationAge, StageLatency};

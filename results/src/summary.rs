@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use protocol::brief::Pace;
-use protocol::latency::Stage;
+use protocol::stage::Stage;
 use serde::Serialize;
 
 use crate::outcome::Outcome;
@@ -185,6 +185,13 @@ pub fn screen(summary: &Summary) -> String {
         let ms = |ns: f64| digits(ns / 1e6);
         let (mean, peak) = (ms(*mean_ns), ms(*peak_ns as f64));
         row("information age", format!("oldest {from} -> {robot}: mean {mean} ms, peak {peak} ms"));
+    }
+    let late = summary.late_by_cause();
+    if !late.is_empty() {
+        let total: u64 = late.iter().map(|&(_, count)| count).sum();
+        let causes: Vec<String> =
+            late.iter().map(|(cause, count)| format!("{} {count}", cause.words())).collect();
+        row("late wake-ups", format!("{total}: {}", causes.join(", ")));
     }
     let worst = summary.worst_latencies();
     if !worst.is_empty() {

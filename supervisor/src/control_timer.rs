@@ -8,10 +8,11 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use protocol::clock::{self, Timer, golden_phase};
-use protocol::latency::{LatencyPort, Stage};
+use protocol::latency::LatencyPort;
 use protocol::process::{self, Stop};
 use protocol::run_root::{self, RunRootError};
 use protocol::service::{self, ServiceError};
+use protocol::stage::Stage;
 
 /// What the control timer is told.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -21,8 +21,10 @@ const HALF_A_SECOND: Duration = Duration::from_millis(500);
 
 const STAGES_OF_ROBOTS: [&str; 3] = ["odometry", "compute", "command"];
 
-/// `latency.csv`: the numbers by column, by stage, robot and neighbour.
-type Lines = BTreeMap<(String, String, String), BTreeMap<String, f64>>;
+/// Stage, robot and neighbour.
+type Key = (String, String, String);
+/// `latency.csv`: the numbers by column.
+type Lines = BTreeMap<Key, BTreeMap<String, f64>>;
 
 fn lines(ended: &Ended) -> Lines {
     let text = ended.file("latency.csv");
@@ -220,6 +222,14 @@ fn a_robot_stopped_by_a_stranger_is_late_for_every_deadline_it_slept_through() {
     let sum_ns = wake("mean_ns") * wake("count");
     ended.claim(sum_ns >= late_ns * late_ns / (2.0 * period_ns), "and each deadline counts");
     ended.claim(!lines.keys().any(|(stage, ..)| stage == "held"), "nobody did it on purpose");
+    ended.claim(latest_by_cause(&lines, "r2") == Some(late_ns), "and it has a cause");
+}
+
+/// The latest wake-up of a robot that has a cause, ns.
+fn latest_by_cause(lines: &Lines, robot: &str) -> Option<f64> {
+    let of_robot = |(stage, of, _): &Key| stage.starts_with("late_") && of == robot;
+    let late = lines.iter().filter(|(key, _)| of_robot(key)).map(|(_, line)| line["max_ns"]);
+    late.reduce(f64::max)
 }
 
 #[test]
@@ -237,6 +247,8 @@ fn who_is_frozen_or_slow_on_purpose_is_not_called_late_to_wake() {
         let (wake_ns, held_ns) = (late_ns("wake"), late_ns("held"));
         ended.claim(wake_ns < 2.5e9, format!("{robot}: {wake_ns} ns are no machine's doing"));
         ended.claim(held_ns > 1e9, format!("{robot}: they stand apart: {held_ns}"));
+        let late_ns = latest_by_cause(&lines, robot).unwrap_or(0.0);
+        ended.claim(late_ns <= wake_ns, format!("{robot}: and have no cause: {late_ns}"));
     }
     ended.claim(number(&lines, "held", "r2", "", "count") == 1.0, "it woke from it once");
     ended.claim(!lines.contains_key(&key("held", "r1", "")), "nobody held r1");

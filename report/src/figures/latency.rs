@@ -1,6 +1,8 @@
-//! How old what was heard was, and how late everybody woke: over time, and how that is spread.
+//! How old what was heard was, how late everybody woke, and why: over time, and how that is spread.
 
-use super::{BOUND, NAMED, SEEN, WIDTH, about_bands, largest, over_time};
+use metrics::summary::Cause;
+
+use super::{BOUND, NAMED, SEEN, WIDTH, about_bands, largest, over_time, row};
 use crate::axis::Axis;
 use crate::chart::{Figure, Panel, Place};
 use crate::digits::asked;
@@ -67,6 +69,51 @@ pub(super) fn wake_lateness(run: &Run) -> Option<Figure> {
         about_bands(run)
     );
     Some(figure)
+}
+
+/// How many wake-ups and answers were late so far, for each cause that there was.
+pub(super) fn late_by_cause(run: &Run) -> Option<Figure> {
+    let mut causes = Vec::new();
+    for cause in Cause::ALL {
+        let mut bins: Vec<(f64, u64)> = (run.over_time.iter())
+            .filter(|bin| bin.stage == cause.stage().word())
+            .map(|bin| (bin.t_s, bin.count))
+            .collect();
+        bins.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let total: u64 = bins.iter().map(|bin| bin.1).sum();
+        if total > 0 {
+            causes.push((cause, bins, total));
+        }
+    }
+    let most = causes.iter().map(|cause| cause.2).max()?;
+    let mut panel = over_time(run, Axis::linear("late so far", 0.0, most as f64));
+    let mut key = Vec::new();
+    for (place, (cause, bins, total)) in causes.iter().enumerate() {
+        let mut so_far = 0;
+        let mut points = vec![Some((0.0, 0.0))];
+        for &(t_s, count) in bins {
+            points.push(Some((t_s, so_far as f64)));
+            so_far += count;
+            points.push(Some((t_s, so_far as f64)));
+        }
+        points.push(Some((run.end_s(), so_far as f64)));
+        panel.over_x(points, line(place));
+        key.push((line(place), format!("{}: {total}", cause.words())));
+    }
+    Some(Figure {
+        name: "late_by_cause",
+        title: "Late, by cause".into(),
+        caption: format!(
+            "How many wake-ups of robots came more than a tenth of a period late or after a missed \
+             deadline, so far, by what explains at least half of the lateness. Planned freezes and \
+             slow robots are not counted.{}",
+            about_bands(run)
+        ),
+        width: WIDTH,
+        height: HEIGHT,
+        panels: vec![(row(0.0, HEIGHT), panel)],
+        key,
+    })
 }
 
 /// A stage over time and as distribution, on an axis with `bound_s` on it, and beside it the stage

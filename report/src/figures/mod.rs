@@ -6,7 +6,7 @@
 //! | `distance` | how near did every pair come? |
 //! | `error` | how far was everybody from where it wanted to be, and from its place in the whole? |
 //! | `hull` | how far outside the leaders' hull were the contained? |
-//! | `latency` | how old was what was heard, and how late did everybody wake? |
+//! | `latency` | how old was what was heard, how late did everybody wake, and why? |
 
 mod distance;
 mod error;
@@ -54,6 +54,7 @@ pub fn all(run: &Run) -> Vec<Figure> {
         hull::distance(run),
         latency::information_age(run),
         latency::wake_lateness(run),
+        latency::late_by_cause(run),
     ];
     figures.into_iter().flatten().collect()
 }

@@ -69,6 +69,7 @@ fn flown(robots: usize, instants: usize, role: &str) -> Run {
         stage: stage.into(),
         robot: "r1".into(),
         from: from.map(str::to_owned),
+        count: 3,
         p50_ns: 5_000_000,
         p99_ns: 6_000_000,
         max_ns: 7_000_000,
@@ -88,7 +89,7 @@ fn flown(robots: usize, instants: usize, role: &str) -> Run {
         ],
         summary: Some(summary),
         manifest: vec![("kernel".into(), "Linux <6>".into())],
-        over_time: vec![bin("beacon_age", Some("r2")), bin("wake", None)],
+        over_time: vec![bin("beacon_age", Some("r2")), bin("wake", None), bin("late_core", None)],
         spreads: vec![Spread {
             stage: "beacon_age".into(),
             of: "r2->r1".into(),
@@ -113,7 +114,7 @@ fn named<'a>(figures: &'a [Figure], name: &str) -> &'a Figure {
 #[test]
 fn a_run_with_everything_gets_every_figure_with_its_bounds_its_marks_and_its_faults() {
     let figures = all(&flown(4, 30, "contained"));
-    let expected: [(&str, &[&str]); 8] = [
+    let expected: [(&str, &[&str]); 9] = [
         ("trajectories", &["x (m)", "y (m)", "r1", "r4 (main leader)", "hull of the leaders"]),
         (
             "distances",
@@ -130,6 +131,7 @@ fn a_run_with_everything_gets_every_figure_with_its_bounds_its_marks_and_its_fau
             "information_age",
             &["stale after 15 ms", "lost after 100 ms", "age at use (ms)", "r2->r1"],
         ),
+        ("late_by_cause", &["late so far", "waited for a core: 3", "kill r2"]),
         ("wake_lateness", &["lateness (ms)", "share that is larger", "kill r2"]),
     ];
     assert_eq!(figures.len(), expected.len());

@@ -3,7 +3,7 @@
 //! A value belongs to the stretch in which it reached the supervisor: up to 0.1 s of wall time after
 //! it was measured, in lockstep up to a few hundred ticks.
 
-use protocol::latency::Stage;
+use protocol::stage::Stage;
 use serde::Serialize;
 
 use formation::seconds;

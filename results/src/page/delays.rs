@@ -23,6 +23,7 @@ struct Line {
     stage: String,
     robot: String,
     from: Option<String>,
+    count: u64,
     p50_ns: u64,
     p99_ns: u64,
     max_ns: u64,
@@ -33,13 +34,13 @@ pub(super) fn over_time(path: &Path) -> Result<Vec<Bin>, ReportError> {
     let Some(text) = text(path)? else { return Ok(Vec::new()) };
     let mut reader = csv::Reader::from_reader(&text[..]);
     let line = |line: Result<Line, csv::Error>| {
-        let Line { t_s, stage, robot, from, p50_ns, p99_ns, max_ns } =
+        let Line { t_s, stage, robot, from, count, p50_ns, p99_ns, max_ns } =
             line.map_err(|error| ReportError::Broken {
                 path: path.into(),
                 line: error.position().map_or(0, csv::Position::line),
                 what: error.to_string(),
             })?;
-        Ok(Bin { t_s, stage, robot, from, p50_ns, p99_ns, max_ns })
+        Ok(Bin { t_s, stage, robot, from, count, p50_ns, p99_ns, max_ns })
     };
     reader.deserialize().map(line).collect()
 }

@@ -8,8 +8,8 @@ use metrics::Now;
 use metrics::examples::{header, rows};
 use proptest::prelude::*;
 use protocol::brief::Pace;
-use protocol::latency::Stage;
 use protocol::message::{LatencyHeader, LatencyRow};
+use protocol::stage::Stage;
 use report::run::Sample;
 use std::time::{Duration, SystemTime};
 

@@ -1,0 +1,239 @@
+//! Why a robot was late, from what a process may read of itself and its machine without privilege.
+//!
+//! Counters are read now and then and after each late wake-up, so that being on time costs next to
+//! nothing. What they grew by in between, against how late it was, is the cause. Must not: allocate, or
+//! read anything that waits.
+
+use std::fs::File;
+use std::os::unix::fs::FileExt as _;
+
+use crate::stage::Cause;
+
+/// A wake-up is late if it comes this part of a period after its deadline.
+const LATE_PART: u64 = 10;
+/// What a page fault without a disk takes at most, ns.
+const MINOR_FAULT_NS: u64 = 1_000;
+
+/// What had been counted at one moment, since the process or the machine started.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// For how long this thread was ready to run while others ran, ns; 0 where the kernel does not say.
+    pub waited_ns: u64,
+    /// For how long the host of this virtual machine ran somebody else, on all cores together, ns; 0
+    /// where the kernel does not say. It grows in steps of 10 ms.
+    pub stolen_ns: u64,
+    /// Page faults that read a disk.
+    pub major_faults: u64,
+    /// Page faults that did not.
+    pub minor_faults: u64,
+}
+
+/// A wake-up after its deadline.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Late {
+    /// How long after, ns.
+    pub behind_ns: u64,
+    /// How much of that the loop was still at work, ns.
+    pub at_work_ns: u64,
+}
+
+/// The cause of what was late, by what was counted before and after it: whatever explains at least half.
+///
+/// Waiting comes before work: whoever is interrupted in the middle of its work is at work for longer. The
+/// host comes last of those that are counted, for its steps are coarse.
+pub fn cause(late: Late, before: Counters, after: Counters) -> Cause {
+    let half_ns = late.behind_ns.div_ceil(2);
+    let explains = |ns: u64| ns >= half_ns;
+    let minor = after.minor_faults.saturating_sub(before.minor_faults);
+    if explains(after.waited_ns.saturating_sub(before.waited_ns)) {
+        Cause::Core
+    } else if after.major_faults > before.major_faults
+        || explains(minor.saturating_mul(MINOR_FAULT_NS))
+    {
+        Cause::Faults
+    } else if explains(after.stolen_ns.saturating_sub(before.stolen_ns)) {
+        Cause::Host
+    } else if explains(late.at_work_ns) {
+        Cause::Work
+    } else {
+        Cause::Unknown
+    }
+}
+
+/// Tells why its thread was late, by what was counted since it looked last.
+#[derive(Debug)]
+pub struct Witness {
+    reader: Reader,
+    period_ns: u64,
+    counted: Counters,
+}
+
+impl Witness {
+    /// Of the thread that makes it, whose loop has this period, ns.
+    pub fn new(period_ns: u64) -> Witness {
+        let reader = Reader::new();
+        Witness { period_ns, counted: reader.read(), reader }
+    }
+
+    /// Looks again, so that what was counted until now explains nothing that comes.
+    pub fn look(&mut self) {
+        self.counted = self.reader.read();
+    }
+
+    /// Why it was late, if it was: by more than a tenth of the period, or after a `missed` deadline.
+    pub fn cause_of(&mut self, late: Late, missed: bool) -> Option<Cause> {
+        if !missed && late.behind_ns <= self.period_ns / LATE_PART {
+            return None;
+        }
+        let before = std::mem::replace(&mut self.counted, self.reader.read());
+        Some(cause(late, before, self.counted))
+    }
+}
+
+/// Reads [`Counters`], of the thread that made it. What cannot be read counts as 0.
+#[derive(Debug)]
+pub struct Reader {
+    schedstat: Option<File>,
+    stat: Option<File>,
+    ns_per_tick: u64,
+}
+
+impl Reader {
+    /// A reader for this thread.
+    pub fn new() -> Reader {
+        Reader {
+            schedstat: File::open("/proc/thread-self/schedstat").ok(),
+            stat: File::open("/proc/stat").ok(),
+            ns_per_tick: 1_000_000_000 / rustix::param::clock_ticks_per_second().max(1),
+        }
+    }
+
+    /// What is counted now.
+    pub fn read(&self) -> Counters {
+        let mut counters = faults();
+        let mut buffer = [0; 160];
+        // Time on a core, time waiting for one, and how often.
+        if let Some(waited_ns) = number(self.schedstat.as_ref(), &mut buffer, 1) {
+            counters.waited_ns = waited_ns;
+        }
+        // `cpu`, then user, nice, system, idle, iowait, irq, softirq and steal, of all cores.
+        if let Some(ticks) = number(self.stat.as_ref(), &mut buffer, 8) {
+            counters.stolen_ns = ticks.saturating_mul(self.ns_per_tick);
+        }
+        counters
+    }
+}
+
+impl Default for Reader {
+    fn default() -> Reader {
+        Reader::new()
+    }
+}
+
+/// The number at this place of a file's first line.
+fn number(file: Option<&File>, buffer: &mut [u8], place: usize) -> Option<u64> {
+    let length = file?.read_at(buffer, 0).ok()?;
+    let line = buffer[..length].split(|&byte| byte == b'\n').next()?;
+    let mut words = line.split(|&byte| byte == b' ').filter(|word| !word.is_empty());
+    str::from_utf8(words.nth(place)?).ok()?.parse().ok()
+}
+
+fn faults() -> Counters {
+    let mut usage = std::mem::MaybeUninit::<libc::rusage>::zeroed();
+    // SAFETY: it writes the whole of `usage`, which holds a valid value before.
+    let usage = unsafe {
+        libc::getrusage(libc::RUSAGE_THREAD, usage.as_mut_ptr());
+        usage.assume_init()
+    };
+    Counters {
+        major_faults: usage.ru_majflt as u64,
+        minor_faults: usage.ru_minflt as u64,
+        ..Counters::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+
+    fn late(behind_ns: u64, at_work_ns: u64) -> Late {
+        Late { behind_ns, at_work_ns }
+    }
+
+    fn counted(waited_ns: u64, stolen_ns: u64, major_faults: u64, minor_faults: u64) -> Counters {
+        Counters { waited_ns, stolen_ns, major_faults, minor_faults }
+    }
+
+    /// As each of them looks on a machine of two cores.
+    #[test]
+    fn each_kind_of_lateness_has_its_cause() {
+        let before = counted(1_203_377, 1_180 * MS, 2, 841);
+        let grown = |waited_ns, stolen_ns, major, minor| Counters {
+            waited_ns: before.waited_ns + waited_ns,
+            stolen_ns: before.stolen_ns + stolen_ns,
+            major_faults: before.major_faults + major,
+            minor_faults: before.minor_faults + minor,
+        };
+        for (what, late, after, expected) in [
+            (
+                "a process of higher priority",
+                late(4 * MS, 0),
+                grown(3_950_000, 0, 0, 0),
+                Cause::Core,
+            ),
+            ("a quota of the cgroup", late(60 * MS, 40 * MS), grown(58 * MS, 0, 0, 3), Cause::Core),
+            (
+                "memory that was paged out",
+                late(3 * MS, 2 * MS),
+                grown(40_000, 0, 5, 9),
+                Cause::Faults,
+            ),
+            ("fresh memory", late(900_000, 800_000), grown(9_000, 0, 0, 700), Cause::Faults),
+            ("a busy host", late(12 * MS, 0), grown(80_000, 10 * MS, 0, 0), Cause::Host),
+            ("a law that overruns", late(7 * MS, 7 * MS), grown(20_000, 0, 0, 1), Cause::Work),
+            ("a timer that fired late", late(MS, 0), grown(11_000, 0, 0, 0), Cause::Unknown),
+        ] {
+            assert_eq!(cause(late, before, after), expected, "{what}");
+        }
+    }
+
+    #[test]
+    fn only_what_is_late_or_follows_a_missed_deadline_has_a_cause() {
+        let mut witness = Witness::new(10 * MS);
+        assert_eq!(witness.cause_of(late(MS, 0), false), None);
+        assert!(witness.cause_of(late(MS, 0), true).is_some());
+        assert!(witness.cause_of(late(MS + 1, 0), false).is_some());
+    }
+
+    #[test]
+    fn counters_that_cannot_be_read_explain_nothing() {
+        let reader = Reader { schedstat: None, stat: None, ns_per_tick: 1 };
+        let now = reader.read();
+        assert_eq!((now.waited_ns, now.stolen_ns), (0, 0));
+        assert_eq!(cause(late(MS, 0), now, now), Cause::Unknown);
+    }
+
+    #[test]
+    fn what_is_read_only_grows_and_new_memory_shows_in_it() {
+        let reader = Reader::new();
+        let before = reader.read();
+        let memory = vec![1_u8; 8 << 20];
+        std::hint::black_box(&memory);
+        let after = reader.read();
+        assert!(after.minor_faults > before.minor_faults, "{before:?} {after:?}");
+        assert!(after.waited_ns >= before.waited_ns && after.stolen_ns >= before.stolen_ns);
+    }
+
+    #[test]
+    fn the_number_at_a_place_of_the_first_line_is_read() {
+        let mut file = tempfile::tempfile().unwrap();
+        std::io::Write::write_all(&mut file, b"cpu  10 20 30\ncpu0 1 2 3\n").unwrap();
+        let mut buffer = [0; 32];
+        assert_eq!(number(Some(&file), &mut buffer, 2), Some(20));
+        assert_eq!(number(Some(&file), &mut buffer, 0), None, "a word");
+        assert_eq!(number(Some(&file), &mut buffer, 4), None, "another line's");
+        assert_eq!(number(None, &mut buffer, 1), None);
+    }
+}

@@ -237,6 +237,7 @@ impl Brain {
             heading_effect_rad: wrap_angle(
                 pose.heading_rad + odometry.twist().w_rad_s * until_effect_s,
             ),
+            twist: odometry.twist(),
             away: &self.away,
             proximity_valid: odometry.proximity_valid == 1,
             proximity_cut: odometry.proximity_cut == 1,

@@ -41,6 +41,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         rank: scenario.rank(i),
         lead: scenario.lead_of(i).cloned(),
         published_velocity: scenario.published_velocity,
+        limits: robot.limits,
         avoidance: avoidance(scenario),
         silence: scenario.silence.clone(),
         slow: faults(scenario, |fault, span, _| match fault.kind {
@@ -66,6 +67,7 @@ pub fn plant(scenario: &Scenario, pace: Pace, run_root: &Path) -> PlantBrief {
         name: robot.name.clone(),
         front_point_m: robot.front_point_m,
         wheels: robot.wheels,
+        limits: robot.limits,
         start: robot.start,
         sensor_faults: faults(scenario, |fault, span, seed| match fault.kind {
             FaultKind::Sensor { robot, sensor, kind } if robot == i => {

@@ -22,6 +22,8 @@ pub fn row_of_three() -> Scenario {
         start: Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 },
         front_point_m: 0.1,
         wheels: None,
+        body_radius_m: None,
+        limits: None,
         law: "formation-unit".to_owned(),
         gains: BTreeMap::new(),
         feed_forward: false,
@@ -55,6 +57,7 @@ pub fn row_of_three() -> Scenario {
             sensing_radius_m: 2.0,
             sensing_error_m: 0.0,
             heading_error_rad: 0.0,
+            braking_time_max_s: 0.0,
             gains: BTreeMap::new(),
         },
         silence: SilenceBrief {

@@ -7,6 +7,7 @@ use protocol::catalog::Catalog;
 
 use crate::scenario::fault::FORMS;
 use crate::scenario::keys::{Format, Key, Otherwise, Range, Section, Takes};
+use crate::scenario::models::MODELS;
 use crate::scenario::table::{NUMBER_MAX, SECONDS_MAX};
 
 const HEAD: &str = "\
@@ -25,6 +26,7 @@ pub fn reference(catalog: &Catalog) -> String {
     for section in &format.sections {
         table(&mut page, section, &format);
     }
+    models(&mut page);
     laws(&mut page, catalog);
     methods(&mut page, catalog);
     faults(&mut page);
@@ -125,6 +127,28 @@ fn says(key: &Key) -> String {
         let _ = write!(says, "; older name: {}", names(key.was));
     }
     says
+}
+
+fn models(page: &mut String) {
+    page.push_str(
+        "\n## Models\n\nWhat a robot has with `model`, where its keys do not say otherwise. The front point is a choice of \
+         this project.\n\n| `model` | front point (m) | body (m) | wheels (m/s) | track (m) | a_v (m/s²) | a_w (rad/s²) | source \
+         |\n|---|---|---|---|---|---|---|---|\n",
+    );
+    for model in MODELS {
+        let _ = writeln!(
+            page,
+            "| `{}` | {} | {} | {} | {} | {} | {} | {} |",
+            model.name,
+            model.front_point_m,
+            model.body_radius_m,
+            model.wheels.speed_max_m_s,
+            model.wheels.track_m,
+            model.acceleration_m_s2,
+            model.turn_acceleration_rad_s2,
+            model.source
+        );
+    }
 }
 
 fn laws(page: &mut String, catalog: &Catalog) {

@@ -7,6 +7,7 @@
 //! |---|---|
 //! | `pose` | where is a robot, and how does it move in its own frame? |
 //! | `unicycle` | where does a held (v, w) take it, exactly? (1) |
+//! | `ramp` | where does it take it while it changes gradually? |
 //! | `front_point` | which point is controlled, and how does (v, w) move it? (2) (3) (17) |
 //! | `graph` | who hears whom, at which offset? (Definition 1) |
 //! | `reachability` | whose information reaches whom, and what does a death take from whom? |
@@ -34,6 +35,7 @@ pub mod laplacian;
 pub mod near;
 pub mod path;
 pub mod pose;
+pub mod ramp;
 pub mod random;
 pub mod reachability;
 pub mod trajectory;

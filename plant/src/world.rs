@@ -3,7 +3,8 @@
 //! Pure: commands and time in, odometry and truth out. Half of the guard's promise lives here: a
 //! command acts only until the stamp it answers + H, late and out-of-order ones are refused, and
 //! with a speed limit hypot(v, ell w) never exceeds it. The rule stands once more, for
-//! Coq, in `proof/Plant.v::in_force`.
+//! Coq, in `proof/Plant.v::in_force`. A robot with limits goes towards the command in force, and
+//! towards 0 where there is none, no faster than they allow.
 
 use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
@@ -41,12 +42,26 @@ pub struct World {
 struct Robot {
     body: BodyBrief,
     pose: Pose,
-    /// What the wheels did over the last arc.
+    /// What the wheels do: over the whole of the last arc, or, with limits, at its end.
     twist: Twist,
     commanded: bool,
     obeyed: Option<Obeyed>,
     /// (incarnation, stamp, sequence) of the newest command accepted.
     newest: Option<(u64, u64, u64)>,
+}
+
+impl Robot {
+    /// Lets the wheels go towards `target` for `dt_s`: at once, or as fast as their limits let them. On
+    /// the segment to it, and on its ray to 0: `proof/Inertia.v::approaches`.
+    fn drive(&mut self, target: Twist, dt_s: f64) {
+        (self.pose, self.twist) = match self.body.limits {
+            None => (arc(self.pose, target, dt_s), target),
+            Some(limits) => {
+                let accelerations = limits.accelerations();
+                accelerations.drive(self.pose, self.twist, target, limits.ramp.ramp(), dt_s)
+            }
+        };
+    }
 }
 
 /// A command in force.
@@ -198,10 +213,10 @@ impl World {
             let dt_s = (end_ns - now_ns) as f64 / 1e9;
             for robot in &mut self.robots {
                 robot.commanded = robot.obeyed.is_some();
-                robot.twist = robot.obeyed.as_ref().map_or(Twist::ZERO, |obeyed| {
+                let target = robot.obeyed.as_ref().map_or(Twist::ZERO, |obeyed| {
                     robot.body.within_failing_wheels(obeyed.twist, self.t_ns)
                 });
-                robot.pose = arc(robot.pose, robot.twist, dt_s);
+                robot.drive(target, dt_s);
             }
             self.t_ns = end_ns - self.start_ns;
             self.look();
@@ -387,6 +402,8 @@ fn limited(twist: Twist, speed_max_m_s: f64, track_m: f64) -> Twist {
 }
 
 #[cfg(test)]
+mod inertia;
+#[cfg(test)]
 mod proof;
 
 #[cfg(test)]
@@ -402,6 +419,7 @@ mod tests {
             name: name.into(),
             front_point_m: 0.1,
             wheels,
+            limits: None,
             start: Pose { x_m, y_m: 0.0, heading_rad: 0.0 },
             sensor_faults: Vec::new(),
             wheel_faults: Vec::new(),

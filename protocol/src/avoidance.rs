@@ -110,6 +110,8 @@ pub struct AvoidanceDescription {
     /// The distance to another robot at which it begins to steer: its symbol, and its value, m.
     /// Two robots that are nearer do not come to rest. (Remark 1) `None`: it never steers.
     pub steers_within: Option<(&'static str, Figure)>,
+    /// Farther beyond d than this, m, nobody slows a robot down, where somebody has inertia.
+    pub slow_down_zone_m: Option<Figure>,
     /// Above this v_max it brakes more than it helps, m/s.
     pub speed_cap_m_s: Option<Figure>,
     /// Its own keys.
@@ -131,6 +133,7 @@ impl AvoidanceDescription {
         senses: Senses::Nothing,
         sensing_radius_m: |_| 0.0,
         steers_within: None,
+        slow_down_zone_m: None,
         speed_cap_m_s: None,
         gains: &[],
         advice: |_| None,

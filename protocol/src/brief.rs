@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use formation::frame::Scale;
 use formation::pose::Pose;
+use formation::ramp::{Accelerations, Ramp};
 use formation::trajectory::Trajectory;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -79,6 +80,9 @@ pub struct AvoidanceBrief {
     /// Bound on the error of the robot's own reported heading, rad.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub heading_error_rad: f64,
+    /// The largest braking time of all robots, s: 0 where all stop at once.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub braking_time_max_s: f64,
     /// The method's own gains by key.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub gains: BTreeMap<String, f64>,
@@ -200,6 +204,9 @@ pub struct AgentBrief {
     pub rank: Rank,
     /// Which velocity to publish.
     pub published_velocity: PublishedVelocity,
+    /// How fast its twist can change; without, at once.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limits: Option<LimitsBrief>,
     /// How to keep distance.
     pub avoidance: AvoidanceBrief,
     /// What to do about the silent.
@@ -225,6 +232,56 @@ pub struct WheelsBrief {
     pub track_m: f64,
 }
 
+/// How fast a robot's twist can change: its inertia.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LimitsBrief {
+    /// a_v: largest acceleration, m/s^2.
+    pub acceleration_m_s2: f64,
+    /// a_w: largest acceleration of its turn rate, rad/s^2.
+    pub turn_acceleration_rad_s2: f64,
+    /// tau: it is never commanded a twist that takes longer to brake from, s.
+    pub braking_time_s: f64,
+    /// How both parts of the twist change together.
+    #[serde(default, skip_serializing_if = "RampKind::is_together")]
+    pub ramp: RampKind,
+}
+
+impl LimitsBrief {
+    /// Its accelerations.
+    pub fn accelerations(&self) -> Accelerations {
+        Accelerations {
+            forward_m_s2: self.acceleration_m_s2,
+            turn_rad_s2: self.turn_acceleration_rad_s2,
+        }
+    }
+}
+
+/// How the two parts of a twist change together.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RampKind {
+    /// On a straight segment: both arrive at the same time, as the guard's promise needs it.
+    #[default]
+    Together,
+    /// Each as fast as it can: the guard promises nothing then.
+    Independent,
+}
+
+impl RampKind {
+    fn is_together(&self) -> bool {
+        *self == RampKind::Together
+    }
+
+    /// The same for the integration.
+    pub fn ramp(self) -> Ramp {
+        match self {
+            RampKind::Together => Ramp::Together,
+            RampKind::Independent => Ramp::Independent,
+        }
+    }
+}
+
 /// One robot as the plant knows it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -236,6 +293,9 @@ pub struct BodyBrief {
     /// Wheel limits, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wheels: Option<WheelsBrief>,
+    /// How fast its twist can change; without, at once.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limits: Option<LimitsBrief>,
     /// Where it starts.
     pub start: Pose,
     /// What is to be wrong with its sensors.
@@ -350,16 +410,47 @@ impl Brief for AgentBrief {
                 let bounds = [
                     ("avoidance.sensing_error_m", a.sensing_error_m),
                     ("avoidance.heading_error_rad", a.heading_error_rad),
+                    ("avoidance.braking_time_max_s", a.braking_time_max_s),
                 ];
                 let wrong = |(_, bound): &(&str, f64)| !(bound.is_finite() && *bound >= 0.0);
                 let (key, bound) = bounds.into_iter().find(wrong)?;
                 Some(format!("{key} is {bound}, expected a bound of 0 or more"))
             })
+            .or_else(|| self.limits.and_then(|limits| limits.flaw("limits")))
+            .or_else(|| self.unbraked())
             .or_else(|| self.leap())
     }
 }
 
+impl LimitsBrief {
+    fn flaw(&self, path: &str) -> Option<String> {
+        let keys = [
+            ("acceleration_m_s2", self.acceleration_m_s2),
+            ("turn_acceleration_rad_s2", self.turn_acceleration_rad_s2),
+        ];
+        let wrong = |(_, number): &(&str, f64)| !(number.is_finite() && *number > 0.0);
+        let found = keys.into_iter().find(wrong);
+        let of = |(key, number)| format!("{path}.{key} is {number}, expected a number above 0");
+        let tau = self.braking_time_s;
+        let braking = (!(tau.is_finite() && tau >= 0.0))
+            .then(|| format!("{path}.braking_time_s is {tau}, expected a time of 0 or more"));
+        found.map(of).or(braking)
+    }
+}
+
 impl AgentBrief {
+    /// Whether it may need longer to brake than everybody reckons with.
+    fn unbraked(&self) -> Option<String> {
+        let (own, most) = (self.limits?.braking_time_s, self.avoidance.braking_time_max_s);
+        let [found, most_told] = told_apart(own, most);
+        (own > most).then(|| {
+            format!(
+                "limits.braking_time_s is {found}, expected at most avoidance.braking_time_max_s = \
+                 {most_told}"
+            )
+        })
+    }
+
     /// Whether the front point could leave its robot behind in one period: v_max T must be less than
     /// ell. Where there is no speed limit nothing rests on it.
     fn leap(&self) -> Option<String> {
@@ -379,7 +470,9 @@ impl AgentBrief {
 impl Brief for PlantBrief {
     fn flaw(&self) -> Option<String> {
         let ells = self.robots.iter().map(|robot| ("robot.front_point_m", robot.front_point_m));
-        unsound(
+        let limits = self.robots.iter().filter_map(|robot| robot.limits);
+        let limits = limits.filter_map(|limits| limits.flaw("robot.limits")).next();
+        limits.or(unsound(
             &[
                 ("period_ns", self.period_ns),
                 ("plant_tick_ns", self.plant_tick_ns),
@@ -390,7 +483,7 @@ impl Brief for PlantBrief {
                 .chain([("distance_min_m", self.distance_min_m)])
                 .chain(self.speed_max_m_s.map(|speed| ("speed_max_m_s", speed)))
                 .collect::<Vec<_>>(),
-        )
+        ))
     }
 }
 

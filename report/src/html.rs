@@ -93,6 +93,11 @@ fn head(run: &Run) -> String {
         },
     };
     let _ = writeln!(text, "<p class=\"verdict {class}\">{verdict}</p>");
+    if let Some(why) = &run.unpromised {
+        let why = escaped(why);
+        let _ =
+            writeln!(text, "<p class=\"verdict undeclared\">no promise about distances: {why}</p>");
+    }
     if run.every > 1 {
         let _ = writeln!(
             text,

@@ -32,6 +32,8 @@ pub struct Run {
     pub changes: Vec<Change>,
     /// What came out; `None` if the run was cut short before it was summed up.
     pub summary: Option<Summary>,
+    /// Why no promise about distances holds in it, if one otherwise would.
+    pub unpromised: Option<String>,
     /// What was run, where and how: words and their values.
     pub manifest: Vec<(String, String)>,
     /// Latencies over time.

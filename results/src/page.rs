@@ -140,6 +140,9 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
         every: record.every,
         changes,
         summary,
+        unpromised: scenario
+            .voids_the_promise()
+            .map(|name| format!("speed and turn rate of {name} change independently")),
         manifest: manifest.iter().map(|(name, value)| (name.clone(), in_words(value))).collect(),
         over_time: delays::over_time(&run_dir.join("latency_over_time.csv"))?,
         spreads: delays::spreads(&run_dir.join("latency.hlog"))?,

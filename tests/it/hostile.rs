@@ -16,28 +16,28 @@ use crate::model::{
 };
 use crate::oracle::scenario;
 
-const S: u64 = 1_000_000_000;
-const TRIANGLES: [&str; 4] = ["triangle", "triangle-b", "triangle-c", "triangle-d"];
-const PERIODS: [&str; 3] = ["period_s=0.005", "period_s=0.01", "period_s=0.02"];
+pub const S: u64 = 1_000_000_000;
+pub const TRIANGLES: [&str; 4] = ["triangle", "triangle-b", "triangle-c", "triangle-d"];
+pub const PERIODS: [&str; 3] = ["period_s=0.005", "period_s=0.01", "period_s=0.02"];
 
 /// A flight that is hostile from its beginning to its end.
-fn hostile(seed: u64, adversary: Adversary, wish: Wish) -> Flight {
+pub fn hostile(seed: u64, adversary: Adversary, wish: Wish) -> Flight {
     let expiry = Expiry::FromSample;
     Flight { seed, adversary, wish, expiry, hostile_ns: 3 * S, duration_ns: 3 * S }
 }
 
 /// By how much the two that came nearest to each other kept d, m, and the rest.
-fn margin(fleet: &Fleet, flight: Flight) -> (f64, Outcome) {
+pub fn margin(fleet: &Fleet, flight: Flight) -> (f64, Outcome) {
     let outcome = fly(fleet, flight, |_, _, _| ());
     (outcome.closest_m - fleet.plant.distance_min_m, outcome)
 }
 
-fn named(name: &str, set: &[&str]) -> Fleet {
+pub fn named(name: &str, set: &[&str]) -> Fleet {
     Fleet::of(&scenario(name, set))
 }
 
 /// `n` robots on a circle, each of which wants to go to the point opposite.
-fn swap(n: usize, period: &str) -> Fleet {
+pub fn swap(n: usize, period: &str) -> Fleet {
     let Fleet { mut plant, agents } = named("triangle", &[period]);
     let (body, agent) = (plant.robots[0].clone(), agents[0].clone());
     let radius_m = 0.06 * n as f64;

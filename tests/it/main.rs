@@ -18,6 +18,7 @@ mod harness;
 mod hostile;
 mod hung;
 mod ideal;
+mod inertia;
 mod isolation;
 mod latency;
 mod leader_frame;

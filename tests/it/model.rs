@@ -11,6 +11,7 @@
 
 mod adversary;
 mod hardship;
+mod limits;
 
 use std::sync::{Arc, Mutex};
 
@@ -26,6 +27,7 @@ use protocol::message::{Beacon, Command, Odometry, TruthHeader, TruthRow};
 
 pub use adversary::{ADVERSARIES, Adversary, Wish, stay_at};
 pub use hardship::{HARDSHIPS, Hardship};
+pub use limits::INERTIAS;
 
 const US: u64 = 1_000;
 const MS: u64 = 1_000_000;

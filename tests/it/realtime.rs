@@ -45,8 +45,12 @@ const HOSTILE: [&[&str]; 3] = [
     &["kill r1 @1 restart 1", "kill r2 @1.2", "freeze r3 @1.5 for 1", "kill r1 @3.5"],
 ];
 
+/// The accelerations of a TurtleBot3 Burger.
+const BURGER: &str = "robot_defaults.limits={acceleration_m_s2=2.5,turn_acceleration_rad_s2=3.2,\
+                      braking_time_s=0.35}";
+
 /// Flies from these starts in real time at three periods, each with another set of faults.
-fn hostile_flights(starts: &[&str], first: usize) {
+fn hostile_flights(starts: &[&str], first: usize, keys: &[&str]) {
     for (turn, start) in starts.iter().enumerate() {
         let sets = (0..3).map(|place| HOSTILE[(first + turn + place) % 3]);
         let flights = [0.005, 0.01, 0.02].into_iter().zip(sets);
@@ -56,6 +60,7 @@ fn hostile_flights(starts: &[&str], first: usize) {
                     .set(format!("period_s={period_s}"))
                     .set("duration_s=5")
                     .set("expect={ min_distance_m = 0.2 }");
+                let flight = keys.iter().fold(flight, |flight, key| flight.set(key));
                 faults.iter().fold(flight, |flight, fault| flight.fault(fault)).start()
             })
             .collect();
@@ -69,7 +74,12 @@ fn hostile_flights(starts: &[&str], first: usize) {
 
 #[test]
 fn guard_keeps_d_in_real_time_whoever_freezes_or_is_late_or_dies() {
-    hostile_flights(&["triangle-b", "triangle-d"], 0);
+    hostile_flights(&["triangle-b", "triangle-d"], 0, &[]);
+}
+
+#[test]
+fn robots_with_inertia_keep_d_in_real_time_whoever_freezes_or_is_late_or_dies() {
+    hostile_flights(&["triangle-c"], 0, &[BURGER]);
 }
 
 /// `cargo test --release --test it -- --ignored dozens`
@@ -77,6 +87,16 @@ fn guard_keeps_d_in_real_time_whoever_freezes_or_is_late_or_dies() {
 #[ignore = "36 flights of 5 s: a minute"]
 fn guard_keeps_d_in_dozens_of_hostile_flights() {
     for first in 0..3 {
-        hostile_flights(&["triangle", "triangle-b", "triangle-c", "triangle-d"], first);
+        hostile_flights(&["triangle", "triangle-b", "triangle-c", "triangle-d"], first, &[]);
+    }
+}
+
+/// `cargo test --release --test it -- --ignored with_inertia_keep_d_in_dozens`
+#[test]
+#[ignore = "36 flights of 5 s: a minute"]
+fn robots_with_inertia_keep_d_in_dozens_of_hostile_flights() {
+    for first in 0..3 {
+        let starts = ["triangle", "triangle-b", "triangle-c", "triangle-d"];
+        hostile_flights(&starts, first, &[BURGER]);
     }
 }

@@ -54,7 +54,7 @@ fn the_schema_as_readers_see_it_refuses_what_is_wrong_by_shape() {
         published_velocity_of_unknown_kind robot_as_single_table seed_negative \
         trajectory_key_of_another_kind unknown_avoidance unknown_key unknown_law \
         unknown_restart_policy unknown_silence_policy waypoint_with_three_numbers \
-        waypoints_closed_in_words waypoints_without_speed wheels_without_track";
+        waypoints_closed_in_words waypoints_without_speed limits_ramp_of_unknown_kind model_unknown";
     let wrong = |path: &PathBuf| {
         let name = path.file_stem().unwrap().to_string_lossy().into_owned();
         WRONG.split_whitespace().any(|wrong| wrong == name)

@@ -43,31 +43,21 @@
 //! | W-, W+ | range of turn rates that may be in force while this command acts, rad/s |
 
 use std::collections::VecDeque;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::PI;
 
 use formation::Vec2;
 use formation::front_point::{front_speed, rotate};
 use formation::pose::Twist;
 use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Senses};
-use protocol::brief::{AgentBrief, Pace, Rank};
+use protocol::brief::{AgentBrief, Pace};
 use protocol::number::{short, told_apart};
 
+use super::braking::slow_down_zone_m;
+use super::braking_guard::{self, BrakingGuard};
+use super::cone::{PASSES_MAX, ROUNDING_M, SIGMAS, cone_sides, direction, headings, swing};
+use super::deflection::{Deflection, deflection_distance_m};
 use super::polygon::{HalfPlane, nearest_point};
-use super::{Avoidance, AvoidanceRow, Sample, exact_hold};
-use crate::golden_phase;
-
-/// kappa: the deflection begins where a period's approach exceeds this share of the slack to d_f.
-pub const KAPPA: f64 = 0.25;
-/// A: how far the dither turns the wanted displacement, rad.
-const DITHER_RAD: f64 = 1.0;
-/// The dither's shortest period, s; each robot has its own, so that no pair stays symmetric.
-const DITHER_PERIOD_S: f64 = 1.5;
-/// Taken off every distance, m: covers rounding, here and in the plant.
-const ROUNDING_M: f64 = 1e-9;
-/// Scales of the wanted command that the bound tries.
-const SIGMAS: [f64; 3] = [1.0, 0.5, 0.25];
-/// How often the range of turn rates is widened before the robot stands.
-const PASSES_MAX: usize = 4;
+use super::{Avoidance, AvoidanceRow, Sample, clip, exact_hold, within_speed};
 
 pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
@@ -78,35 +68,23 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         senses: Senses::Positions,
         sensing_radius_m,
         steers_within: Some(("d_f", deflection_distance_m)),
+        slow_down_zone_m: Some(slow_down_zone_m),
         speed_cap_m_s: Some(speed_cap_m_s),
         advice: braking,
         ..AvoidanceDescription::INERT
     },
-    build: |brief, _| Box::new(Guard::new(brief)),
+    build: |brief, _| match brief.avoidance.braking_time_max_s > 0.0 {
+        true => Box::new(BrakingGuard::new(brief)),
+        false => Box::new(Guard::new(brief)),
+    },
 };
 
-/// d_f, m: the distance from which a robot is led around another; larger for one that gives way.
-pub fn deflection_distance_m(at: &Conditions<'_>) -> f64 {
-    let d = at.avoidance.distance_min_m;
-    let d_f = d + (1.5 * at.speed_m_s() * at.lifetime_s).max(0.05 * d);
-    larger(at.rank) * d_f
-}
-
-/// d_f as a multiple of that of the first rank. Measured over all single deaths and cuts of the
-/// shipped scenarios: with these no leader is held up by a contained robot, nor by a follower that
-/// stands in its way because it has nobody left to go by. From 1.2 on, replacements of contained
-/// robots may find every way in between two others too narrow.
-fn larger(rank: Rank) -> f64 {
-    match rank {
-        Rank::First => 1.0,
-        Rank::Follower => 1.1,
-        Rank::Contained => 1.12,
-    }
-}
-
 /// max(d + 3 v_max H, d_f + 4 v_max T) and twice eps, m: nobody farther away than
-/// this can matter.
+/// this can matter. Where somebody has inertia, that of the guard with inertia.
 fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
+    if at.avoidance.braking_time_max_s > 0.0 {
+        return braking_guard::sensing_radius_m(at);
+    }
     let v_max = at.speed_m_s();
     let bounded = at.avoidance.distance_min_m + 3.0 * v_max * at.lifetime_s;
     let deflected = deflection_distance_m(at) + 4.0 * v_max * at.period_s;
@@ -149,15 +127,9 @@ struct Guard {
     distance_error: f64,
     /// eta, rad.
     heading_error: f64,
-    /// d_f, m.
-    d_f: f64,
-    rank: Rank,
-    /// Its place is taken: it is held back, and not led around.
-    stands_off: bool,
+    deflection: Deflection,
     /// Within this radius the list of the near must be complete, m.
     radius_needed: f64,
-    dither_period: f64,
-    dither_phase: f64,
     /// Own commands that the plant may still obey: stamp answered, twist.
     alive: VecDeque<(u64, Twist)>,
     /// In real time, commands of an earlier incarnation may act until here.
@@ -172,19 +144,8 @@ impl Avoidance for Guard {
         clip(gamma, self.v_max)
     }
 
-    /// A contained robot does not ask for a place nearer than d_f to somebody: it asks for one
-    /// beside it, at d_f. Beside: where the place lies as seen from the other, and, the nearer the two
-    /// are, where the robot is as seen from it. Both change without a jump as the other moves on.
     fn stand_off(&mut self, away: &[Vec2], error: Vec2) -> Vec2 {
-        let gap = |z: &&Vec2| (*z - error).norm(); // |alpha* - alpha_j|
-        let nearest = away.iter().min_by(|a, b| gap(a).total_cmp(&gap(b)));
-        let taken = nearest.filter(|z| self.rank == Rank::Contained && gap(z) < self.d_f);
-        self.stands_off = taken.is_some();
-        let Some(z) = taken else { return error };
-        let beside = (z - error) + (self.d_f - gap(&z)) * z / z.norm();
-        let beside = self.d_f * beside / beside.norm(); // from alpha_j
-        let finite = beside.x.is_finite() && beside.y.is_finite();
-        if finite { z - beside } else { error }
+        self.deflection.stand_off(away, error)
     }
 
     /// The twist that moves the front point by gamma T.
@@ -198,12 +159,9 @@ impl Avoidance for Guard {
         let granted = if self.is_blind(sample) {
             Twist::ZERO
         } else {
-            let p = self.deflect(sample, gamma * self.period);
+            let p = self.deflection.deflect(sample, gamma * self.period);
             let wanted = exact_hold(sample.heading_effect_rad, self.ell, p, self.period);
-            let speed = front_speed(self.ell, wanted);
-            let wanted =
-                if speed > self.v_max { wanted.scaled(self.v_max / speed) } else { wanted };
-            self.bound(sample, wanted)
+            self.bound(sample, within_speed(self.v_max, self.ell, wanted))
         };
         self.alive.push_back((sample.stamp_ns, granted));
         granted
@@ -217,7 +175,6 @@ impl Guard {
         let (d, v_max) = (avoidance.distance_min_m, avoidance.speed_max_m_s);
         let period = brief.period_ns as f64 / 1e9;
         let lifetime = brief.command_lifetime_ns as f64 / 1e9;
-        let phase = golden_phase(brief.index);
         Guard {
             d,
             v_max,
@@ -227,12 +184,8 @@ impl Guard {
             lifetime_ns: brief.command_lifetime_ns,
             distance_error: at.distance_error_m(),
             heading_error: avoidance.heading_error_rad,
-            d_f: deflection_distance_m(&at),
-            rank: brief.rank,
-            stands_off: false,
+            deflection: Deflection::new(brief),
             radius_needed: sensing_radius_m(&at),
-            dither_period: DITHER_PERIOD_S * (1.0 + 4.0 * phase / 3.0),
-            dither_phase: phase,
             alive: VecDeque::new(),
             predecessor_until_ns: None,
             remembers_predecessor: brief.pace == Pace::Realtime,
@@ -255,34 +208,6 @@ impl Guard {
         if self.remembers_predecessor && self.predecessor_until_ns.is_none() {
             self.predecessor_until_ns = Some(stamp_ns + lifetime_ns);
         }
-    }
-
-    /// The wanted displacement `p`, led around those it would come too near. One that stands off is
-    /// held back only: around others there is nothing for it, and on the way it would be in
-    /// everybody else's.
-    fn deflect(&self, sample: &Sample<'_>, mut p: Vec2) -> Vec2 {
-        let reach = self.v_max * self.period; // V
-        let excess = |r: f64| -KAPPA * (r - self.d_f);
-        let blocked = sample.away.iter().any(|z| {
-            let r = z.norm();
-            z.dot(&p) < excess(r) * r
-        });
-        if blocked && !self.stands_off {
-            let turns = sample.t_s / self.dither_period + self.dither_phase;
-            p = rotate(DITHER_RAD * (TAU * turns).sin(), p);
-        }
-        for _ in 0..2 {
-            for z in sample.away.iter().rev() {
-                let r = z.norm();
-                if -excess(r) < reach && r > 0.0 {
-                    let n = z / r;
-                    let lambda = (excess(r) - n.dot(&p)).max(0.0);
-                    let around = if self.stands_off { 0.0 } else { 1.0 };
-                    p += lambda * (n + around * Vec2::new(-n.y, n.x));
-                }
-            }
-        }
-        clip(p, reach)
     }
 
     /// The part of `wanted` that keeps the promise.
@@ -344,8 +269,7 @@ impl Guard {
     /// Middle and half-width of the headings that are possible until the command dies, rad:
     /// `proof/Guard.v::middle` and `proof/Guard.v::spread`.
     fn headings(&self, heading_rad: f64, w_low: f64, w_high: f64) -> (f64, f64) {
-        let half = 0.5 * self.lifetime;
-        (heading_rad + half * (w_low + w_high), half * (w_high - w_low) + self.heading_error)
+        headings(heading_rad, self.lifetime, [w_low, w_high], self.heading_error)
     }
 
     /// For everybody near, the half-planes that bound the approach whatever the true direction
@@ -364,27 +288,14 @@ impl Guard {
             if b >= v_own {
                 continue;
             }
-            let swing = if reach < r { (reach / r).asin() } else { PI };
-            let psi = (spread + swing).min(PI);
-            let count = if psi < 1.2 { 3 } else { 5 };
-            let step = 2.0 * psi / f64::from(count - 1);
-            let n = if r > 0.0 { z / r } else { Vec2::new(1.0, 0.0) };
-            self.sides.extend((0..count).map(|q| HalfPlane {
-                normal: rotate(-psi + f64::from(q) * step, n),
-                bound: b * (0.5 * step).cos(),
-            }));
+            let psi = (spread + swing(reach, r)).min(PI);
+            self.sides.extend(cone_sides(direction(*z), psi, b));
         }
     }
-}
-
-/// `vector`, shortened to `length_max` if it is longer.
-fn clip(vector: Vec2, length_max: f64) -> Vec2 {
-    let length = vector.norm();
-    if length > length_max { vector * (length_max / length) } else { vector }
 }
 
 #[cfg(test)]
 mod proof;
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

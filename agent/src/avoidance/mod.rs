@@ -7,22 +7,33 @@
 //! | `none` | what does the law alone do? (17) |
 //! | `focus` | what does the chapter do? (11) (12) (19) |
 //! | `guard` | what keeps d when samples are late and robots die? |
+//! | `braking_guard` | the same where nobody stops at once |
+//! | `braking` | what does inertia do to its figures? |
+//! | `deflection` | which way leads around others? |
+//! | `cone` | in which directions may another be while a command acts? |
 //! | `hold` | which held (v, w) moves the front point by exactly this much? |
 //! | `polygon` | what is the nearest velocity that all bounds permit? |
 
+mod braking;
+mod braking_guard;
+mod cone;
+mod deflection;
 mod focus;
+#[cfg(test)]
+mod formulas;
 mod guard;
 mod hold;
 mod none;
 mod polygon;
 
 use formation::Vec2;
+use formation::front_point::front_speed;
 use formation::pose::Twist;
 use protocol::avoidance::{AvoidanceDescription, Conditions};
 use protocol::brief::{AgentBrief, AvoidanceBrief};
 use protocol::number::told_apart;
 
-pub use guard::{KAPPA, deflection_distance_m};
+pub use deflection::{deflection_distance_m, deflection_share};
 pub use hold::exact_hold;
 
 pub use crate::gains::Gains;
@@ -39,6 +50,8 @@ pub struct Sample<'a> {
     pub heading_rad: f64,
     /// Heading expected when the answer takes effect, rad.
     pub heading_effect_rad: f64,
+    /// The twist in force at the stamp.
+    pub twist: Twist,
     /// z_j = own front point - other's, m, in `map`, nearest first.
     pub away: &'a [Vec2],
     /// The sensor works; `false`: nothing is known about who is near.
@@ -159,6 +172,18 @@ pub fn build(brief: &AgentBrief) -> Result<Box<dyn Avoidance>, AvoidanceError> {
     row.make(brief)
 }
 
+/// `vector`, shortened to `length_max` if it is longer.
+fn clip(vector: Vec2, length_max: f64) -> Vec2 {
+    let length = vector.norm();
+    if length > length_max { vector * (length_max / length) } else { vector }
+}
+
+/// `twist`, slowed down on its path until the front point is no faster than `speed_max`, m/s.
+fn within_speed(speed_max: f64, ell: f64, twist: Twist) -> Twist {
+    let speed = front_speed(ell, twist);
+    if speed > speed_max { twist.scaled(speed_max / speed) } else { twist }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -171,6 +196,7 @@ mod tests {
                 t_s: 0.0,
                 heading_rad: 0.0,
                 heading_effect_rad: 0.0,
+                twist: Twist::ZERO,
                 away: &[],
                 proximity_valid: true,
                 proximity_cut: false,

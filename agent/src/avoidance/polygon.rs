@@ -13,7 +13,7 @@ pub struct HalfPlane {
 
 /// Rounding may leave the result outside a side by this much, m/s: over an hour it adds up to less
 /// than the nanometre that the guard keeps in hand.
-const TOLERANCE: f64 = 1e-13;
+pub const TOLERANCE: f64 = 1e-13;
 
 impl HalfPlane {
     fn excess(&self, u: Vec2) -> f64 {

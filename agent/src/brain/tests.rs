@@ -34,6 +34,7 @@ fn brief() -> AgentBrief {
         rank: Rank::First,
         lead: None,
         published_velocity: PublishedVelocity::Gamma,
+        limits: None,
         avoidance: AvoidanceBrief {
             kind: "none".into(),
             distance_min_m: 0.2,
@@ -41,6 +42,7 @@ fn brief() -> AgentBrief {
             sensing_radius_m: 0.0,
             sensing_error_m: 0.0,
             heading_error_rad: 0.0,
+            braking_time_max_s: 0.0,
             gains: Default::default(),
         },
         silence: SilenceBrief {

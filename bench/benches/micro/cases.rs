@@ -16,6 +16,7 @@ use experiment::scenario::read::{Overrides, read_text};
 use formation::Vec2;
 use formation::closest::closest_pair;
 use formation::hull::hull_distance;
+use formation::pose::Twist;
 use metrics::Metrics;
 use plant::world::World;
 use protocol::brief::Pace;
@@ -108,6 +109,7 @@ fn the_guard(near: usize) -> Body {
             t_s: tick as f64 * PERIOD_S,
             heading_rad: 0.4,
             heading_effect_rad: 0.4,
+            twist: Twist::ZERO,
             away: &away,
             proximity_valid: true,
             proximity_cut: false,

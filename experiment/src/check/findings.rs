@@ -59,6 +59,7 @@ pub(super) fn unsettled(scenario: &Scenario) -> Vec<Finding> {
     echoes(scenario, &mut findings);
     offsets(scenario, &mut findings);
     speeds(scenario, &mut findings);
+    ramps(scenario, &mut findings);
     start_distances(scenario, &mut findings);
     sensing(scenario, &mut findings);
     crowds(scenario, &mut findings);
@@ -250,17 +251,40 @@ fn speeds(scenario: &Scenario, findings: &mut Vec<Finding>) {
             ));
         }
     }
-    if let Some(robot) = scenario.robots.iter().find(|robot| d < 2.0 * robot.front_point_m) {
+    // From the front point to the far side of the body.
+    let reach_m = |robot: &Robot| robot.front_point_m + robot.body_radius_m.unwrap_or(0.0);
+    if let Some(robot) = scenario.robots.iter().find(|robot| d < 2.0 * reach_m(robot)) {
+        let body = robot.body_radius_m.map_or(String::new(), |body_radius_m| {
+            format!(", and its body reaches {} m from the axle", short(body_radius_m))
+        });
         findings.push(finding(
             Severity::Warning,
             "avoidance.distance_min_m",
             format!(
-                "d = {} m keeps front points apart, but not bodies: that of {} is {} m ahead",
+                "d = {} m keeps front points apart, but not bodies: that of {} is {} m ahead{body}",
                 short(d),
                 robot.name,
                 short(robot.front_point_m)
             ),
-            format!("expected at least twice that, {} m", short(2.0 * robot.front_point_m)),
+            format!("expected at least twice that, {} m", short(2.0 * reach_m(robot))),
+        ));
+    }
+}
+
+/// Wheels whose speed and turn rate do not change together leave the segment that the guard certifies.
+fn ramps(scenario: &Scenario, findings: &mut Vec<Finding>) {
+    if scenario.method.promise != Promise::Always {
+        return;
+    }
+    if let Some(name) = scenario.voids_the_promise() {
+        findings.push(finding(
+            Severity::Warning,
+            format!("robot.{name}.limits"),
+            format!(
+                "speed and turn rate of {name} change independently: the {} promises nothing then",
+                scenario.method.name
+            ),
+            "expected `ramp = \"together\"`: both arrive at the same time",
         ));
     }
 }

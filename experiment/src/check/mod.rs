@@ -3,15 +3,18 @@
 //! | file | question it answers |
 //! |---|---|
 //! | `findings` | what is wrong with it, or worth knowing? |
+//! | `braking` | how long and how far does a robot brake, and how fast may it be? |
 //! | `steady` | where does everybody settle, and how fast must it go to stay there? |
 //! | `theory` | what does the chapter's theory make of it: graph, matrices, bounds? |
 //! | `report` | how is all that shown to people? |
 
+mod braking;
 mod findings;
 mod report;
 mod steady;
 mod theory;
 
+pub use braking::Braking;
 pub use findings::{Finding, check};
 pub use report::report;
 pub use steady::Peak;

@@ -5,6 +5,7 @@ use std::fmt::Write;
 
 use protocol::number::short;
 
+use super::braking::Braking;
 use super::theory::{Death, Epsilon, Gap, Loss, RobotTheory, Theory};
 use crate::prediction::{BrokenRobot, broken_means, lines};
 use crate::scenario::Scenario;
@@ -385,6 +386,34 @@ fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
     if let Some(speed_cap_m_s) = guard.speed_cap_m_s {
         page.line("cap on v_max", format!("{speed_cap_m_s:.4} m/s"));
     }
+    if let Some(zone_m) = guard.slow_down_zone_m {
+        page.line(
+            "slows down within",
+            format!("{:.4} m: d and {zone_m:.4} m", a.distance_min_m + zone_m),
+        );
+    }
+    let braking = theory.robots.iter().filter_map(|robot| {
+        let braking = robot.braking?;
+        Some((robot.name, braking_line(&braking)))
+    });
+    page.list("inertia", lines(braking));
+    if let Some(name) = scenario.voids_the_promise() {
+        page.line("", format!("{name} ramps independently: no promise about distances"));
+    }
+}
+
+fn braking_line(braking: &Braking) -> String {
+    format!(
+        "brakes in {} s at most, stops within {:.4} m ({:.4} m at worst), turns at {} rad/s at most, \
+         must see {:.4} m far, v_max up to {} m/s ({})",
+        short(braking.braking_time_s),
+        braking.stopping_distance_m,
+        braking.stopping_distance_m_max,
+        short(braking.turn_rate_max_rad_s),
+        braking.sensing_radius_needed_m,
+        short(braking.speed_max_m_s),
+        braking.limited_by
+    )
 }
 
 /// The first of these names, and how many there are.

@@ -9,6 +9,7 @@ use protocol::brief::{Pace, Rank};
 use protocol::law::Reference;
 use serde::Serialize;
 
+use super::braking::Braking;
 use super::findings::{Finding, once_settled, unsettled};
 use super::start_points;
 use super::steady::{Motion, Peak, Settled};
@@ -82,6 +83,9 @@ pub struct RobotTheory<'s> {
     /// when, if the leader's heading at the start makes a difference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub transient: Option<TransientPeak>,
+    /// What its inertia means, if it has any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub braking: Option<Braking>,
     /// What its wheels' rims can do, m/s, if that is limited.
     pub rim_speed_max_m_s: Option<f64>,
 }
@@ -267,6 +271,9 @@ pub struct Guard {
     pub sensing_radius_m: f64,
     /// Within this radius they must be, m.
     pub sensing_radius_needed_m: f64,
+    /// Farther beyond d than this nobody slows a robot down, m, where somebody has inertia.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub slow_down_zone_m: Option<f64>,
     /// v_max, m/s, if there is a limit.
     pub speed_max_m_s: Option<f64>,
     /// Above this v_max the method brakes more than it helps, m/s, if there is such a speed.
@@ -346,7 +353,8 @@ impl<'s> Theory<'s> {
                 scale: settled.scale,
             },
             guard: Guard {
-                on: scenario.method.promise == Promise::Always,
+                on: scenario.method.promise == Promise::Always
+                    && scenario.voids_the_promise().is_none(),
                 lifetime_lockstep_s: lifetime_s(Pace::Lockstep),
                 lifetime_realtime_s: lifetime_s(Pace::Realtime),
                 deflection_distance_m: scenario
@@ -361,6 +369,9 @@ impl<'s> Theory<'s> {
                     .and_then(|i| scenario.steers_within_m(i)),
                 sensing_radius_m: a.sensing_radius_m,
                 sensing_radius_needed_m: scenario.sensing_radius_needed_m(),
+                slow_down_zone_m: (a.braking_time_max_s > 0.0)
+                    .then(|| scenario.method.slow_down_zone_m.map(|m| m(&conditions)))
+                    .flatten(),
                 speed_max_m_s: a.speed_max_m_s.is_finite().then_some(a.speed_max_m_s),
                 speed_cap_m_s: scenario.method.speed_cap_m_s.map(|m_s| m_s(&conditions)),
             },
@@ -400,6 +411,7 @@ fn robot_theory<'s>(
             let front_speed_m_s = transient.peaks[i].front_speed_m_s;
             TransientPeak { front_speed_m_s, t_s: transient.peaks_at_s[i][0] }
         }),
+        braking: Braking::of(scenario, i),
         rim_speed_max_m_s: robot.wheels.map(|wheels| wheels.speed_max_m_s),
     }
 }

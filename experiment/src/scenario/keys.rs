@@ -13,6 +13,7 @@ use protocol::catalog::Catalog;
 
 use super::diagnostic::meant;
 use super::fault::FORMS;
+use super::models;
 
 /// The number of this format.
 pub const FORMAT: u64 = 1;
@@ -203,6 +204,7 @@ impl Format {
             section("robot", "One robot.", &robots),
             section("pose", "A pose in the frame `map`.", POSE),
             section("wheels", "What a robot's wheels can do.", WHEELS),
+            section("limits", "How fast a robot's twist can change: its inertia.", LIMITS),
             section("edge", "One robot hears another.", EDGE),
             Section {
                 kinds: TRAJECTORIES.iter().map(kind).collect(),
@@ -604,7 +606,7 @@ const DEFAULTS: &[Key] = &[
     key(
         "front_point_m",
         Number("m", Positive),
-        Needed,
+        Rule("needed without a `model`"),
         "how far the front point lies ahead of the axle, in meters",
     )
     .guessed(&["ell", "l", "front", "lookahead", "look_ahead", "off_axis"]),
@@ -616,7 +618,28 @@ const DEFAULTS: &[Key] = &[
         "kind",
         "role",
     ]),
-    key("wheels", Table("wheels"), Rule("no limits"), "what its wheels can do").guessed(&["wheel"]),
+    key("wheels", Table("wheels"), Rule("those of the model, or no limits"), "what its wheels can do").guessed(&["wheel"]),
+    key(
+        "model",
+        Word(models::WORDS),
+        Absent,
+        "a robot that one can buy: its front point, body, wheels and limits where keys do not say otherwise",
+    )
+    .guessed(&["robot_model", "platform", "vehicle", "body"]),
+    key(
+        "body_radius_m",
+        Number("m", Positive),
+        Rule("that of the model, or not known"),
+        "how far its body reaches from the axle's middle",
+    )
+    .guessed(&["body_radius", "robot_radius", "radius", "size"]),
+    key(
+        "limits",
+        Table("limits"),
+        Rule("those of the model, or it stops at once"),
+        "how fast its twist can change",
+    )
+        .guessed(&["limit", "inertia", "acceleration", "accelerations", "dynamics"]),
     key(
         "restart_policy",
         Word(&[
@@ -674,10 +697,53 @@ const POSE: &[Key] = &[
 ];
 
 const WHEELS: &[Key] = &[
-    key("speed_max_m_s", Number("m/s", Positive), Needed, "largest speed of a wheel's rim, in m/s")
-        .guessed(&["v_max", "vmax", "max_speed", "speed", "limit"]),
-    key("track_m", Number("m", Positive), Needed, "distance between the wheels, in meters")
-        .guessed(&["width", "wheelbase", "wheel_base", "base", "axle"]),
+    key(
+        "speed_max_m_s",
+        Number("m/s", Positive),
+        Rule("needed without a `model`"),
+        "largest speed of a wheel's rim, in m/s",
+    )
+    .guessed(&["v_max", "vmax", "max_speed", "speed", "limit"]),
+    key(
+        "track_m",
+        Number("m", Positive),
+        Rule("needed without a `model`"),
+        "distance between the wheels, in meters",
+    )
+    .guessed(&["width", "wheelbase", "wheel_base", "base", "axle"]),
+];
+
+const LIMITS: &[Key] = &[
+    key(
+        "acceleration_m_s2",
+        Number("m/s^2", Positive),
+        Rule("needed without a `model`"),
+        "a_v: how fast its speed can change, when braking too",
+    )
+    .guessed(&["a", "a_v", "acceleration", "a_max", "linear_acceleration", "deceleration"]),
+    key(
+        "turn_acceleration_rad_s2",
+        Number("rad/s^2", Positive),
+        Rule("needed without a `model`"),
+        "a_w: how fast its turn rate can change",
+    )
+    .guessed(&["a_w", "alpha", "angular_acceleration", "turn_acceleration"]),
+    key(
+        "braking_time_s",
+        Number("s", Positive),
+        Rule("the longer of v_max / a_v and v_max / (2 a_w `front_point_m`)"),
+        "tau: no command takes longer to brake from; its turn rate is a_w tau at most",
+    )
+    .guessed(&["tau", "braking_time", "stopping_time"]),
+    key(
+        "ramp",
+        Word(&[
+            ("together", "speed and turn rate arrive at the same time"),
+            ("independent", "each is as fast as it can be: the guard promises nothing then"),
+        ]),
+        Otherwise::Word("together"),
+        "how speed and turn rate change together",
+    ),
 ];
 
 const EDGE: &[Key] = &[

@@ -5,6 +5,7 @@
 //! | `keys` | THE table: which keys are there, of which type, unit, range and default? |
 //! | `read` | what does the text say, and where does it go wrong? |
 //! | `robots` `graph` `lead` `faults` `expect` | the same for one kind of table each |
+//! | `models` | which robots can one buy, and what can they do? |
 //! | `import/` | which robots and edges does a graph of another tool hold? |
 //! | `file` | how is a file's text had, and when is it refused? |
 //! | `table` | is a value what its key takes, and where does it stand? |
@@ -27,6 +28,7 @@ mod import;
 pub mod keys;
 mod lead;
 mod lives;
+pub mod models;
 mod overrides;
 pub mod read;
 mod restart;
@@ -47,7 +49,8 @@ use formation::reachability::Reachability;
 use formation::seconds;
 use protocol::avoidance::{AvoidanceDescription, Conditions};
 use protocol::brief::{
-    AvoidanceBrief, LeadBrief, Pace, PublishedVelocity, Rank, SilenceBrief, WheelsBrief,
+    AvoidanceBrief, LeadBrief, LimitsBrief, Pace, PublishedVelocity, RampKind, Rank, SilenceBrief,
+    WheelsBrief,
 };
 use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind, Span, WheelFaultKind};
 use protocol::law::{Reference, Role};
@@ -107,6 +110,10 @@ pub struct Robot {
     pub front_point_m: f64,
     /// Wheel limits, if any.
     pub wheels: Option<WheelsBrief>,
+    /// How far its body reaches from the axle's middle, m, if that is known.
+    pub body_radius_m: Option<f64>,
+    /// How fast its twist can change; without, at once.
+    pub limits: Option<LimitsBrief>,
     /// Name of its control law.
     pub law: String,
     /// What that law makes of it.
@@ -330,6 +337,15 @@ impl Scenario {
             front_point_m: front_points_m.fold(f64::INFINITY, f64::min),
             rank: (0..self.robots.len()).map(|i| self.rank(i)).max().unwrap_or_default(),
         }
+    }
+
+    /// The first robot whose speed and turn rate change independently, by its name: the guard with
+    /// inertia promises nothing then.
+    pub fn voids_the_promise(&self) -> Option<&str> {
+        let independent = |robot: &&Robot| {
+            robot.limits.is_some_and(|limits| limits.ramp == RampKind::Independent)
+        };
+        self.robots.iter().find(independent).map(|robot| robot.name.as_str())
     }
 
     /// Whom robot `i` makes way for.

@@ -211,7 +211,8 @@ fn scenario(
     let avoidance_table = root.need("avoidance")?.table()?;
     let (method, avoidance) = avoidance(&avoidance_table, &catalog.methods)?;
     let silence = silence(root, period_ns)?;
-    let Robots { robots, ties, warnings } = robots(root, &catalog.laws, document)?;
+    let Robots { robots, ties, warnings } =
+        robots(root, &catalog.laws, avoidance.speed_max_m_s, document)?;
     let graph = graph(root, &robots, &ties)?;
     let lead = lead(root, &robots)?;
     let faults = faults(root, &Scene { robots: &robots, graph: &graph, duration_ns, seed })?;
@@ -241,6 +242,9 @@ fn scenario(
     let avoidance = &mut scenario.avoidance;
     avoidance.sensing_error_m = avoidance.sensing_error_m.max(noise_m);
     avoidance.heading_error_rad = avoidance.heading_error_rad.max(noise_rad);
+    let braking_times_s = scenario.robots.iter().filter_map(|robot| robot.limits);
+    scenario.avoidance.braking_time_max_s =
+        braking_times_s.map(|limits| limits.braking_time_s).fold(0.0, f64::max);
     scenario.avoidance.sensing_radius_m = match avoidance_table.maybe_number("sensing_radius_m")? {
         Some(radius_m) => radius_m,
         None => scenario.sensing_radius_needed_m(),
@@ -264,7 +268,8 @@ fn noise_bounds(robots: usize, faults: &[Fault]) -> [f64; 2] {
     bounds.into_iter().fold([0.0; 2], largest)
 }
 
-/// `[avoidance]`; the sensing radius is filled in later, from the whole scenario.
+/// `[avoidance]`; the sensing radius and the largest braking time are filled in later, from the whole
+/// scenario.
 fn avoidance(
     table: &Table<'_>,
     methods: &[AvoidanceDescription],
@@ -298,6 +303,7 @@ fn avoidance(
         sensing_radius_m: 0.0,
         sensing_error_m: bound("sensing_error_m")?,
         heading_error_rad: bound("heading_error_rad")?,
+        braking_time_max_s: 0.0,
         gains,
     };
     Ok((method, avoidance))

@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use formation::pose::{Pose, wrap_angle};
-use protocol::brief::WheelsBrief;
+use protocol::brief::{LimitsBrief, RampKind, WheelsBrief};
 use protocol::law::LawDescription;
 
 use super::diagnostic::{Diagnostic, Severity, meant};
+use super::models::{MODELS, Model};
 use super::table::{Document, Table, Value};
 use super::{RestartPolicy, RestartWhen, Robot, seconds};
 
@@ -35,10 +36,11 @@ pub(super) struct Ties<'t> {
     pub(super) hears: Option<Value<'t>>,
 }
 
-/// All `[[robot]]`.
+/// All `[[robot]]`, where no front point is faster than `speed_max_m_s`.
 pub(super) fn robots<'t>(
     root: &Table<'t>,
     laws: &[LawDescription],
+    speed_max_m_s: f64,
     document: &Document<'_>,
 ) -> Result<Robots<'t>, Diagnostic> {
     let defaults = root.get("robot_defaults").map(|value| value.table()).transpose()?;
@@ -70,7 +72,7 @@ pub(super) fn robots<'t>(
         }
         let table = table.named(&format!("robot.{name_text}"), &format!("robot {name_text}"));
         let table = table.with_defaults(defaults.clone());
-        let robot = robot(&table, name_text, laws, document)?;
+        let robot = robot(&table, name_text, laws, speed_max_m_s, document)?;
         let leads = |other: &&Robot| other.role.leads;
         if let (true, Some(first)) = (robot.role.leads, robots.iter().find(leads)) {
             return Err(name.wrong(
@@ -108,18 +110,27 @@ fn robot(
     table: &Table<'_>,
     name: &str,
     laws: &[LawDescription],
+    speed_max_m_s: f64,
     document: &Document<'_>,
 ) -> Result<Robot, Diagnostic> {
     let start = pose(&table.need("pose")?)?;
-    let front_point_m = table.number("front_point_m")?;
-    let wheels = table.get("wheels").map(|wheels| wheels.table()).transpose()?;
-    let wheels = wheels.map(|wheels| {
+    let models: Vec<_> = MODELS.iter().map(|model| (model.name, model)).collect();
+    let model = table.get("model").map(|model| model.word(&models)).transpose()?;
+    let front_point_m = number(table, "front_point_m", model.map(|model| model.front_point_m))?;
+    let body_radius_m = table.maybe_number("body_radius_m")?;
+    let given = |key| model.is_some() || table.get(key).is_some();
+    let wheels = given("wheels").then(|| {
+        let table = table.table("wheels")?;
+        let own = model.map(|model| model.wheels);
         Ok(WheelsBrief {
-            speed_max_m_s: wheels.number("speed_max_m_s")?,
-            track_m: wheels.number("track_m")?,
+            speed_max_m_s: number(&table, "speed_max_m_s", own.map(|own| own.speed_max_m_s))?,
+            track_m: number(&table, "track_m", own.map(|own| own.track_m))?,
         })
     });
     let wheels = wheels.transpose()?;
+    let limits = given("limits")
+        .then(|| limits_of(&table.table("limits")?, model, front_point_m, speed_max_m_s));
+    let limits = limits.transpose()?;
     let law_names: Vec<&str> = laws.iter().map(|law| law.name).collect();
     let known_laws = format!("one of {}", quoted(&law_names));
     let law_value = table.get("law").ok_or_else(|| table.missing("law", &known_laws))?;
@@ -155,6 +166,8 @@ fn robot(
         start,
         front_point_m,
         wheels,
+        body_radius_m: body_radius_m.or(model.map(|model| model.body_radius_m)),
+        limits,
         law: law.name.to_owned(),
         role: law.role,
         feed_forward: law.feed_forward,
@@ -162,6 +175,38 @@ fn robot(
         gains,
         restart: restart(table)?,
     })
+}
+
+/// The number of `key`, which must be given where the model does not have it.
+fn number(table: &Table<'_>, key: &str, of_model: Option<f64>) -> Result<f64, Diagnostic> {
+    match (table.maybe_number(key)?, of_model) {
+        (Some(number), _) | (None, Some(number)) => Ok(number),
+        (None, None) => table.number(key),
+    }
+}
+
+/// `limits`; without a speed limit, nothing rests on the braking time.
+fn limits_of(
+    table: &Table<'_>,
+    model: Option<&Model>,
+    front_point_m: f64,
+    speed_max_m_s: f64,
+) -> Result<LimitsBrief, Diagnostic> {
+    let own = model.map(|model| [model.acceleration_m_s2, model.turn_acceleration_rad_s2]);
+    let acceleration_m_s2 = number(table, "acceleration_m_s2", own.map(|own| own[0]))?;
+    let turn_acceleration_rad_s2 =
+        number(table, "turn_acceleration_rad_s2", own.map(|own| own[1]))?;
+    let ramps = [("together", RampKind::Together), ("independent", RampKind::Independent)];
+    let braking_time_s = match table.maybe_number("braking_time_s")? {
+        Some(braking_time_s) => braking_time_s,
+        None if speed_max_m_s.is_finite() => {
+            let turning_s = 0.5 * speed_max_m_s / (front_point_m * turn_acceleration_rad_s2);
+            turning_s.max(speed_max_m_s / acceleration_m_s2)
+        }
+        None => 0.0,
+    };
+    let ramp = table.word("ramp", &ramps)?;
+    Ok(LimitsBrief { acceleration_m_s2, turn_acceleration_rad_s2, braking_time_s, ramp })
 }
 
 /// A robot's name, which becomes part of names of services, processes and files.

@@ -256,6 +256,44 @@ fn arguments_change_inline_lists_too() {
 }
 
 #[test]
+fn a_model_gives_what_the_robots_keys_do_not_say() {
+    let burger = set(&["robot_defaults.model=turtlebot3-burger"]);
+    let (scenario, ..) = parse(&inline_triangle(), &burger).unwrap();
+    let robot = &scenario.robots[0];
+    // The file's own front point, and the rest of the model.
+    assert_eq!((robot.front_point_m, robot.body_radius_m), (0.045, Some(0.105)));
+    assert_eq!(
+        robot.wheels.map(|wheels| [wheels.speed_max_m_s, wheels.track_m]),
+        Some([0.22, 0.16])
+    );
+    let limits = robot.limits.unwrap();
+    assert_eq!([limits.acceleration_m_s2, limits.turn_acceleration_rad_s2], [2.5, 3.2]);
+    // Half of the largest turn rate: v_max / (2 ell a_w).
+    let braking_time_s = scenario.avoidance.speed_max_m_s / (2.0 * 0.045 * 3.2);
+    assert!((limits.braking_time_s - braking_time_s).abs() < 1e-12);
+    assert_eq!(scenario.avoidance.braking_time_max_s, limits.braking_time_s);
+
+    let own = set(&[
+        "robot_defaults.model=turtlebot3-burger",
+        "robot.r2.limits={acceleration_m_s2=1.0, braking_time_s=3.0, ramp=\"independent\"}",
+        "robot.r3.wheels={speed_max_m_s=0.1}",
+        "robot.r3.body_radius_m=0.2",
+    ]);
+    let (scenario, ..) = parse(&inline_triangle(), &own).unwrap();
+    let limits = scenario.robots[1].limits.unwrap();
+    let found = [limits.acceleration_m_s2, limits.turn_acceleration_rad_s2, limits.braking_time_s];
+    assert_eq!(found, [1.0, 3.2, 3.0]);
+    assert_eq!(scenario.avoidance.braking_time_max_s, 3.0);
+    assert_eq!(scenario.voids_the_promise(), Some("r2"));
+    let robot = &scenario.robots[2];
+    assert_eq!(
+        robot.wheels.map(|wheels| [wheels.speed_max_m_s, wheels.track_m]),
+        Some([0.1, 0.16])
+    );
+    assert_eq!(robot.body_radius_m, Some(0.2));
+}
+
+#[test]
 fn an_offset_that_is_not_given_is_the_difference_of_places() {
     let by_places = inline_triangle()
         .replace("name = \"r1\"", "name = \"r1\", hears = [\"r2\"], place_m = [1.0, 1.0]")

@@ -49,6 +49,7 @@ fn world() -> World {
             name: "r1".into(),
             front_point_m: 0.1,
             wheels: None,
+            limits: None,
             start: Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 },
             sensor_faults: Vec::new(),
             wheel_faults: Vec::new(),

@@ -32,6 +32,12 @@ fn agent() -> AgentBrief {
             trajectory: Trajectory::Still { center_m: [0.0, 1.0] },
         }),
         published_velocity: PublishedVelocity::GammaAndBeta,
+        limits: Some(LimitsBrief {
+            acceleration_m_s2: 2.5,
+            turn_acceleration_rad_s2: 3.2,
+            braking_time_s: 0.35,
+            ramp: RampKind::Together,
+        }),
         avoidance: AvoidanceBrief {
             kind: "focus".into(),
             distance_min_m: 0.2,
@@ -39,6 +45,7 @@ fn agent() -> AgentBrief {
             sensing_radius_m: 0.3,
             sensing_error_m: 0.0,
             heading_error_rad: 0.1,
+            braking_time_max_s: 0.5,
             gains: [("epsilon_per_s".into(), 1.0)].into(),
         },
         silence: SilenceBrief {
@@ -77,6 +84,12 @@ fn plant() -> PlantBrief {
             name: "r1".into(),
             front_point_m: 0.045,
             wheels: Some(WheelsBrief { speed_max_m_s: 0.5, track_m: 0.1 }),
+            limits: Some(LimitsBrief {
+                acceleration_m_s2: 1.0,
+                turn_acceleration_rad_s2: 3.0,
+                braking_time_s: 0.5,
+                ramp: RampKind::Independent,
+            }),
             start: Pose { x_m: 0.0, y_m: -0.5, heading_rad: 1.0 },
             sensor_faults: vec![SensorFault {
                 span: SPAN,
@@ -226,6 +239,26 @@ fn a_brief_that_no_process_can_follow_names_the_key_and_what_was_expected() {
             "avoidance.speed_max_m_s is -0.3, expected",
         ),
         ("speed_max_m_s = 0.3", "speed_max_m_s = nan", "avoidance.speed_max_m_s is NaN, expected"),
+        (
+            "acceleration_m_s2 = 2.5",
+            "acceleration_m_s2 = 0.0",
+            "limits.acceleration_m_s2 is 0, expected a number above 0",
+        ),
+        (
+            "turn_acceleration_rad_s2 = 3.2",
+            "turn_acceleration_rad_s2 = inf",
+            "limits.turn_acceleration_rad_s2 is inf, expected a number above 0",
+        ),
+        (
+            "braking_time_s = 0.35",
+            "braking_time_s = nan",
+            "limits.braking_time_s is NaN, expected a time of 0 or more",
+        ),
+        (
+            "braking_time_s = 0.35",
+            "braking_time_s = 0.6",
+            "limits.braking_time_s is 0.6, expected at most avoidance.braking_time_max_s = 0.5",
+        ),
     ] {
         let error = flaw(&text, from, to);
         assert!(error.contains("r1.toml cannot be followed") && error.contains(said), "{error}");
@@ -239,6 +272,11 @@ fn a_brief_that_no_process_can_follow_names_the_key_and_what_was_expected() {
         ("distance_min_m = 0.2", "distance_min_m = nan", "distance_min_m is NaN, expected"),
         ("speed_max_m_s = 0.3", "speed_max_m_s = inf", "speed_max_m_s is inf, expected"),
         ("front_point_m = 0.045", "front_point_m = 0.0", "robot.front_point_m is 0, expected"),
+        (
+            "turn_acceleration_rad_s2 = 3.0",
+            "turn_acceleration_rad_s2 = -3.0",
+            "robot.limits.turn_acceleration_rad_s2 is -3, expected a number above 0",
+        ),
     ] {
         assert!(text.contains(from), "{text}");
         let error = parse::<PlantBrief>(Path::new("plant.toml"), &text.replacen(from, to, 1));

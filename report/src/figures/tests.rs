@@ -88,6 +88,7 @@ fn flown(robots: usize, instants: usize, role: &str) -> Run {
             Change { t_s: 0.5, to: ChangedTo::Robot(1, RobotState::Moving) },
         ],
         summary: Some(summary),
+        unpromised: None,
         manifest: vec![("kernel".into(), "Linux <6>".into())],
         over_time: vec![bin("beacon_age", Some("r2")), bin("wake", None), bin("late_core", None)],
         spreads: vec![Spread {
@@ -217,6 +218,16 @@ fn the_page_asks_nobody_for_anything_and_takes_no_word_for_markup() {
 fn a_run_that_was_cut_short_still_has_a_page() {
     let run = Run { summary: None, over_time: Vec::new(), ..flown(3, 5, "formation") };
     assert!(html::report(&run, &all(&run)).contains("cut short"));
+}
+
+#[test]
+fn a_run_in_which_no_promise_holds_says_so_and_why() {
+    let unpromised = Some("r1 <slips>".to_owned());
+    let run = Run { unpromised, ..flown(3, 5, "formation") };
+    let said = "no promise about distances: r1 &lt;slips&gt;";
+    assert!(html::report(&run, &all(&run)).contains(said));
+    let run = flown(3, 5, "formation");
+    assert!(!html::report(&run, &all(&run)).contains("no promise"));
 }
 
 #[test]

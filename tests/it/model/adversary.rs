@@ -1,10 +1,10 @@
 //! What goes wrong in the model: who decides it, what the robots are made to want, and how late
 //! everything is.
 
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 use std::sync::{Arc, Mutex};
 
-use agent::avoidance::{self, KAPPA, deflection_distance_m};
+use agent::avoidance::{self, deflection_distance_m, deflection_share};
 use agent::brain::{Brain, Parts};
 use agent::laws::{Law, Situation};
 use agent::roles::LEADER;
@@ -242,13 +242,21 @@ impl Model<'_> {
         *self.robots[i].wish.lock().unwrap() = 2.0 * speed_max * direction;
         // Against one neighbour, deflection makes of -V n this p, in n and t: turn it back.
         let reach = speed_max * brief.period_ns as f64 / 1e9; // V
-        let excess = KAPPA * (deflection_distance_m(&Conditions::of(brief)) - towards.norm());
+        let at = Conditions::of(brief);
+        let excess = deflection_share(&at) * (deflection_distance_m(&at) - towards.norm());
         let (p_n, p_t) = (excess, reach + excess);
         if p_t <= 0.0 {
             return (odometry, self.now_ns);
         }
         // The dither is not foreseen; a bit of chance stands against it.
         let turn_rad = PI - p_t.atan2(p_n) + 0.6 * (self.dice.unit() - 0.5);
+        if brief.avoidance.braking_time_max_s > 0.0 {
+            // The guard with inertia rests on the true twist: only the moment is a lie.
+            let w = odometry.w_rad_s;
+            let turns_s =
+                if w.abs() > 1e-3 { (-turn_rad / w).rem_euclid(TAU / w.abs()) } else { 0.0 };
+            return (odometry, odometry.stamp_ns + (turns_s * 1e9) as u64);
+        }
         odometry.w_rad_s = -1.0;
         (odometry, odometry.stamp_ns + (turn_rad.max(0.0) * 1e9) as u64)
     }

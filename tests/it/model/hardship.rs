@@ -111,7 +111,7 @@ impl Fleet {
     }
 
     /// With the smallest sensing radius that all robots accept.
-    fn sees_as_far_as_needed(mut self) -> Fleet {
+    pub(super) fn sees_as_far_as_needed(mut self) -> Fleet {
         let needed_m =
             |agent: &AgentBrief| (METHODS[0].description.sensing_radius_m)(&Conditions::of(agent));
         let radius_m = self.agents.iter().map(needed_m).fold(0.0, f64::max);

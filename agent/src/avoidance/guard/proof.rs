@@ -1,13 +1,11 @@
 //! The guard against its proof: the formulas that the lemmas of the folder `proof` speak of, read from
 //! there and evaluated, say what the guard does. Whoever changes one of the two has to change the other.
 
-use std::collections::HashMap;
-use std::f64::consts::PI;
-
 use formation::Vec2;
 use formation::front_point::rotate;
 use proptest::prelude::*;
 
+use super::super::formulas::Formulas;
 use super::tests::brief;
 use super::*;
 
@@ -15,170 +13,6 @@ const SOURCES: [&str; 2] = [
     include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../proof/Geometry.v")),
     include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../proof/Guard.v")),
 ];
-
-/// Functions of real numbers that a Coq file defines: `Definition name (a b : R) : R := body.`
-struct Formulas<'a>(HashMap<&'a str, (Vec<&'a str>, Vec<&'a str>)>);
-
-impl<'a> Formulas<'a> {
-    fn read(sources: &[&'a str]) -> Formulas<'a> {
-        let definitions = sources.iter().flat_map(|source| source.split("\nDefinition ").skip(1));
-        let formulas = definitions.filter_map(|text| {
-            let (head, rest) = text.split_once(":=")?;
-            let (body, _) = rest.split_once('.')?;
-            let mut head = tokens(head).into_iter();
-            let name = head.next()?;
-            // The types stand between a colon and a parenthesis.
-            let mut in_type = false;
-            let arguments = head.filter(|token| {
-                in_type = *token == ":" || in_type && *token != "(";
-                !in_type && !matches!(*token, "(" | ")")
-            });
-            Some((name, (arguments.collect(), tokens(body))))
-        });
-        Formulas(formulas.collect())
-    }
-
-    fn value(&self, name: &str, arguments: &[f64]) -> f64 {
-        let (names, body) = self.0.get(name).unwrap_or_else(|| panic!("{name} is not defined"));
-        assert_eq!(names.len(), arguments.len(), "arguments of {name}");
-        let known = names.iter().copied().zip(arguments.iter().copied()).collect();
-        let mut reader = Reader { formulas: self, known, rest: body };
-        let value = reader.sum();
-        assert!(reader.rest.is_empty(), "{name} ends before {:?}", reader.rest);
-        value
-    }
-
-    /// How many arguments `name` takes, if it is a function.
-    fn arity(&self, name: &str) -> Option<usize> {
-        match name {
-            "Rmax" | "Rmin" => Some(2),
-            "exp" | "cos" | "sin" | "asin" | "INR" => Some(1),
-            _ => self.0.get(name).map(|(names, _)| names.len()),
-        }
-    }
-
-    fn call(&self, name: &str, arguments: &[f64]) -> f64 {
-        match (name, arguments) {
-            ("Rmax", [a, b]) => a.max(*b),
-            ("Rmin", [a, b]) => a.min(*b),
-            ("exp", [a]) => a.exp(),
-            ("cos", [a]) => a.cos(),
-            ("sin", [a]) => a.sin(),
-            ("asin", [a]) => a.asin(),
-            ("INR", [a]) => *a,
-            _ => self.value(name, arguments),
-        }
-    }
-}
-
-fn tokens(text: &str) -> Vec<&str> {
-    let mut found = Vec::new();
-    let mut rest = text.trim_start();
-    while let Some(first) = rest.chars().next() {
-        let word = |c: char| c.is_alphanumeric() || c == '_' || c == '\'';
-        let length = if word(first) {
-            rest.find(|c| !word(c)).unwrap_or(rest.len())
-        } else {
-            first.len_utf8()
-        };
-        let (token, after) = rest.split_at(length);
-        found.push(token);
-        rest = after.trim_start();
-    }
-    found
-}
-
-/// Evaluates a Coq expression from left to right.
-struct Reader<'a> {
-    formulas: &'a Formulas<'a>,
-    known: HashMap<&'a str, f64>,
-    rest: &'a [&'a str],
-}
-
-impl<'a> Reader<'a> {
-    fn next(&mut self) -> &'a str {
-        let (first, rest) = self.rest.split_first().expect("the expression goes on");
-        self.rest = rest;
-        first
-    }
-
-    fn take(&mut self, token: &str) -> bool {
-        let there = self.rest.first() == Some(&token);
-        if there {
-            self.next();
-        }
-        there
-    }
-
-    fn expect(&mut self, token: &str) {
-        assert!(self.take(token), "expected {token} before {:?}", self.rest);
-    }
-
-    fn sum(&mut self) -> f64 {
-        if self.take("if") {
-            self.expect("Rlt_dec");
-            let less = self.atom() < self.atom();
-            self.expect("then");
-            let then = self.sum();
-            self.expect("else");
-            let otherwise = self.sum();
-            return if less { then } else { otherwise };
-        }
-        let mut value = self.product();
-        loop {
-            if self.take("+") {
-                value += self.product();
-            } else if self.take("-") {
-                value -= self.product();
-            } else {
-                return value;
-            }
-        }
-    }
-
-    fn product(&mut self) -> f64 {
-        let mut value = self.application();
-        loop {
-            if self.take("*") {
-                value *= self.application();
-            } else if self.take("/") {
-                value /= self.application();
-            } else {
-                return value;
-            }
-        }
-    }
-
-    fn application(&mut self) -> f64 {
-        if self.take("-") {
-            return -self.application();
-        }
-        let name = self.rest.first().filter(|name| !self.known.contains_key(*name));
-        match name.and_then(|name| self.formulas.arity(name)) {
-            None => self.atom(),
-            Some(arity) => {
-                let name = self.next();
-                let arguments: Vec<f64> = (0..arity).map(|_| self.atom()).collect();
-                self.formulas.call(name, &arguments)
-            }
-        }
-    }
-
-    fn atom(&mut self) -> f64 {
-        match self.next() {
-            "(" => {
-                let value = self.sum();
-                self.expect(")");
-                value
-            }
-            "PI" => PI,
-            token => match self.known.get(token) {
-                Some(value) => *value,
-                None => token.parse().unwrap_or_else(|_| panic!("what is {token}?")),
-            },
-        }
-    }
-}
 
 /// T = 10 ms, H = 25 ms, ell = 0.1 m.
 fn guard(d: f64, v_max: f64, sensing_error: f64, heading_error: f64) -> Guard {

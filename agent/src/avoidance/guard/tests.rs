@@ -5,12 +5,14 @@ use formation::front_point::{front_point, front_velocity};
 use formation::pose::{Pose, wrap_angle};
 use formation::unicycle::arc;
 use proptest::prelude::*;
-use protocol::brief::{AvoidanceBrief, Format, PublishedVelocity, SilenceBrief, SilencePolicy};
+use protocol::brief::{
+    AvoidanceBrief, Format, PublishedVelocity, Rank, SilenceBrief, SilencePolicy,
+};
 
 use super::*;
 
 /// d = 0.2 m, v_max = 0.5 m/s, ell = 0.1 m, T = 10 ms, H = 25 ms, exact sensors.
-pub(super) fn brief() -> AgentBrief {
+pub(in super::super) fn brief() -> AgentBrief {
     AgentBrief {
         format: Format,
         name: "r1".into(),
@@ -27,6 +29,7 @@ pub(super) fn brief() -> AgentBrief {
         rank: Rank::First,
         lead: None,
         published_velocity: PublishedVelocity::Gamma,
+        limits: None,
         avoidance: AvoidanceBrief {
             kind: "guard".into(),
             distance_min_m: 0.2,
@@ -34,6 +37,7 @@ pub(super) fn brief() -> AgentBrief {
             sensing_radius_m: f64::INFINITY,
             sensing_error_m: 0.0,
             heading_error_rad: 0.0,
+            braking_time_max_s: 0.0,
             gains: Default::default(),
         },
         silence: SilenceBrief {
@@ -47,12 +51,13 @@ pub(super) fn brief() -> AgentBrief {
     }
 }
 
-fn sample(stamp_ns: u64, heading_rad: f64, away: &[Vec2]) -> Sample<'_> {
+pub(in super::super) fn sample(stamp_ns: u64, heading_rad: f64, away: &[Vec2]) -> Sample<'_> {
     Sample {
         stamp_ns,
         t_s: stamp_ns as f64 / 1e9,
         heading_rad,
         heading_effect_rad: heading_rad,
+        twist: Twist::ZERO,
         away,
         proximity_valid: true,
         proximity_cut: false,
@@ -271,16 +276,16 @@ fn a_robot_that_may_not_see_everybody_who_matters_stands() {
 fn one_that_gives_way_is_led_around_from_farther_away_and_asks_for_a_wider_view() {
     let [keeps, gives] = [Rank::First, Rank::Contained].map(of_rank);
     let expected_d_f = 0.21; // 0.05 d is more than 1.5 v_max H
-    assert!((keeps.d_f - expected_d_f).abs() < 1e-12, "{}", keeps.d_f);
-    assert!((of_rank(Rank::Follower).d_f - 1.1 * expected_d_f).abs() < 1e-12);
-    assert!((gives.d_f - 1.12 * expected_d_f).abs() < 1e-12, "{}", gives.d_f);
-    assert!((gives.radius_needed - (gives.d_f + 4.0 * 0.3 * 0.005)).abs() < 1e-12);
+    assert!((keeps.deflection.d_f - expected_d_f).abs() < 1e-12, "{}", keeps.deflection.d_f);
+    assert!((of_rank(Rank::Follower).deflection.d_f - 1.1 * expected_d_f).abs() < 1e-12);
+    assert!((gives.deflection.d_f - 1.12 * expected_d_f).abs() < 1e-12, "{}", gives.deflection.d_f);
+    assert!((gives.radius_needed - (gives.deflection.d_f + 4.0 * 0.3 * 0.005)).abs() < 1e-12);
 
     // The other stands ahead, between the two d_f; both want to go there.
     let (ahead, away) = (Vec2::new(1e-3, 0.0), [Vec2::new(-0.23, 0.0)]);
     let sample = sample(0, 0.0, &away);
-    assert_eq!(keeps.deflect(&sample, ahead), ahead);
-    let led = gives.deflect(&sample, ahead);
+    assert_eq!(keeps.deflection.deflect(&sample, ahead), ahead);
+    let led = gives.deflection.deflect(&sample, ahead);
     assert!(led.x < 0.0 && led.y.abs() > 0.0, "back, and around: {led:?}");
 }
 
@@ -333,16 +338,16 @@ fn who_stands_off_is_held_back_and_not_led_around_until_its_place_is_free() {
     let mut guard = of_rank(Rank::Contained);
     let (ahead, away) = (Vec2::new(1.5e-3, 0.0), [Vec2::new(-0.233, 0.0)]);
     let at = |t_ns| sample(t_ns, 0.0, &away);
-    let around = guard.deflect(&at(0), ahead);
+    let around = guard.deflection.deflect(&at(0), ahead);
     assert!(around.y.abs() > 1e-4, "{around:?}");
     guard.stand_off(&away, Vec2::new(-0.233, 0.0));
     // Neither around nor, while the dither's clock goes round, to either side.
     for t_ns in [0, 300_000_000, 900_000_000] {
-        let back = guard.deflect(&at(t_ns), ahead);
+        let back = guard.deflection.deflect(&at(t_ns), ahead);
         assert!(back.x < 0.0 && back.y == 0.0, "{back:?}");
     }
     guard.stand_off(&away, Vec2::new(-1.0, 0.0));
-    assert_eq!(guard.deflect(&at(0), ahead), around);
+    assert_eq!(guard.deflection.deflect(&at(0), ahead), around);
 }
 
 proptest! {
@@ -439,13 +444,15 @@ fn a_command_is_remembered_for_as_long_as_it_may_act_and_a_predecessors_only_in_
 #[test]
 fn one_in_the_way_is_gone_around_by_a_focus_that_is_as_strong_as_needed() {
     let guard = Guard::new(&AgentBrief { index: 2, ..brief() });
-    assert!((guard.dither_phase - 0.236_067_977_4).abs() < 1e-9);
-    assert!((guard.dither_period - 1.5 * (1.0 + 4.0 * 0.236_067_977_4 / 3.0)).abs() < 1e-9);
+    assert!((guard.deflection.dither_phase - 0.236_067_977_4).abs() < 1e-9);
+    assert!(
+        (guard.deflection.dither_period - 1.5 * (1.0 + 4.0 * 0.236_067_977_4 / 3.0)).abs() < 1e-9
+    );
     let turned = |x: f64, y: f64| rotate(0.7, Vec2::new(x, y));
     // The instant at which the dither has gone through this many of its periods.
-    let at = |turns: f64| (turns - guard.dither_phase) * guard.dither_period;
+    let at = |turns: f64| (turns - guard.deflection.dither_phase) * guard.deflection.dither_period;
     let deflect = |turns: f64, away: &[Vec2], p: Vec2| {
-        guard.deflect(&Sample { t_s: at(turns), ..sample(0, 0.0, away) }, p)
+        guard.deflection.deflect(&Sample { t_s: at(turns), ..sample(0, 0.0, away) }, p)
     };
     let near = |found: Vec2, expected: Vec2| {
         assert!((found - expected).norm() < 1e-12, "{found:?} is not {expected:?}");

@@ -1,0 +1,24 @@
+//! What inertia does to a guard's figures: the rate Lambda, the factor mu, the zone in which robots slow
+//! down. Not in the paper: `docs/explanation/inertia.md`.
+
+use protocol::avoidance::Conditions;
+
+/// mu: how much less may be granted because braking takes time: `proof/Inertia.v::mu`,
+/// `proof/Inertia.v::braking_keeps_up`.
+pub fn mu(x: f64) -> f64 {
+    if x <= 1.0 { 1.0 } else { x * (1.0 - x).exp() }
+}
+
+/// Lambda, 1/s: `proof/Braking.v::braking_rate`.
+pub fn rate_per_s(at: &Conditions<'_>) -> f64 {
+    1.0 / (at.lifetime_s + at.avoidance.braking_time_max_s)
+}
+
+/// Z, m: from d + Z on, a robot of the largest braking time may do as it likes:
+/// `proof/Braking.v::far_braking`, `proof/Braking.v::far_is_far_enough`.
+pub fn slow_down_zone_m(at: &Conditions<'_>) -> f64 {
+    let (rate, tau) = (rate_per_s(at), at.avoidance.braking_time_max_s);
+    let less = mu(2.0 * rate * tau);
+    let lasting = 2.0 * rate * at.lifetime_s;
+    at.speed_m_s() / (rate * less) * lasting.exp().min(1.0 + lasting * less)
+}

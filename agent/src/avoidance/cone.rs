@@ -1,0 +1,77 @@
+//! Cones of directions: whatever the true direction to another robot and the true heading become
+//! while a command acts, and the half-planes that bound an approach in all of them.
+
+use std::f64::consts::PI;
+
+use formation::Vec2;
+use formation::front_point::rotate;
+
+use super::polygon::{HalfPlane, TOLERANCE};
+
+/// Taken off every distance, m: covers rounding, here and in the plant.
+pub const ROUNDING_M: f64 = 1e-9;
+/// Scales of the wanted command that the bound tries.
+pub const SIGMAS: [f64; 3] = [1.0, 0.5, 0.25];
+/// How often the range of turn rates is widened before the robot stands.
+pub const PASSES_MAX: usize = 4;
+
+/// Directions in which another may be, and how fast it may be approached there.
+#[derive(Debug, Clone, Copy)]
+pub struct Cone {
+    /// n: from the other to this robot, as sensed.
+    pub n: Vec2,
+    /// By how much the true direction, as seen from the robot's own frame, may be off n, rad.
+    pub psi: f64,
+    /// b, m/s.
+    pub b: f64,
+}
+
+impl Cone {
+    /// Whether the velocity `u` approaches slower than b in all directions at once:
+    /// `proof/Braking.v::one_test_for_the_cone`.
+    pub fn permits(&self, u: Vec2) -> bool {
+        let speed = u.norm();
+        if speed <= self.b {
+            return true;
+        }
+        let cross = self.n.x * u.y - self.n.y * u.x;
+        let angle = cross.abs().atan2(self.n.dot(&u));
+        speed * (angle + self.psi).min(PI).cos() >= -self.b - TOLERANCE
+    }
+
+    /// Half-planes of velocities, all of which it permits.
+    pub fn sides(&self) -> impl Iterator<Item = HalfPlane> + use<> {
+        cone_sides(self.n, self.psi, self.b)
+    }
+}
+
+/// n = z / r; any direction at r = 0.
+pub fn direction(z: Vec2) -> Vec2 {
+    let r = z.norm();
+    if r > 0.0 { z / r } else { Vec2::new(1.0, 0.0) }
+}
+
+/// By how much the direction of z, r m long, may turn while z moves by at most `reach`, m, rad:
+/// `proof/Guard.v::swing`, `proof/Geometry.v::direction_within_asin`.
+pub fn swing(reach: f64, r: f64) -> f64 {
+    if reach < r { (reach / r).asin() } else { PI }
+}
+
+/// Middle and half-width of the headings that are possible within `time`, s, at turn rates from the
+/// first to the second of `w`, rad/s, where the sensed heading is off by at most `error`, rad:
+/// `proof/Guard.v::middle` and `proof/Guard.v::spread`.
+pub fn headings(heading_rad: f64, time: f64, w: [f64; 2], error: f64) -> (f64, f64) {
+    let half = 0.5 * time;
+    (heading_rad + half * (w[0] + w[1]), half * (w[1] - w[0]) + error)
+}
+
+/// Half-planes of which each velocity approaches slower than `b`, m/s, in every direction within
+/// `psi`, rad, of n: `proof/Geometry.v::sides_bound_the_cone`.
+pub fn cone_sides(n: Vec2, psi: f64, b: f64) -> impl Iterator<Item = HalfPlane> {
+    let count = if psi < 1.2 { 3 } else { 5 };
+    let step = 2.0 * psi / f64::from(count - 1);
+    (0..count).map(move |q| HalfPlane {
+        normal: rotate(-psi + f64::from(q) * step, n),
+        bound: b * (0.5 * step).cos(),
+    })
+}

@@ -1,0 +1,130 @@
+//! Deflection: the way around others. It keeps the chapter's unstable focus, only as strong as
+//! needed, and adds a dither that breaks symmetric deadlocks. It is comfort: it promises nothing.
+//!
+//! | symbol | meaning |
+//! |---|---|
+//! | z, r, n, t | own minus other, its length, its direction, n turned +90 degrees |
+//! | p | displacement wanted within one period T, m; \|p\| <= V = v_max T |
+//! | d_f | distance at which the deflection begins to matter, m |
+//! | kappa | share of the slack to d_f that a period's approach may use up |
+
+use std::f64::consts::TAU;
+
+use formation::Vec2;
+use formation::front_point::rotate;
+use protocol::avoidance::Conditions;
+use protocol::brief::{AgentBrief, Rank};
+
+use super::braking::rate_per_s;
+use super::{Sample, clip};
+use crate::golden_phase;
+
+/// kappa: the deflection begins where a period's approach exceeds this share of the slack to d_f.
+const KAPPA: f64 = 0.25;
+/// A: how far the dither turns the wanted displacement, rad.
+const DITHER_RAD: f64 = 1.0;
+/// The dither's shortest period, s; each robot has its own, so that no pair stays symmetric.
+const DITHER_PERIOD_S: f64 = 1.5;
+
+/// d_f, m: the distance from which a robot is led around another; larger for one that gives way.
+pub fn deflection_distance_m(at: &Conditions<'_>) -> f64 {
+    let d = at.avoidance.distance_min_m;
+    let d_f = d + (1.5 * at.speed_m_s() * at.lifetime_s).max(0.05 * d);
+    larger(at.rank) * d_f
+}
+
+/// d_f as a multiple of that of the first rank. Measured over all single deaths and cuts of the
+/// shipped scenarios: with these no leader is held up by a contained robot, nor by a follower that
+/// stands in its way because it has nobody left to go by. From 1.2 on, replacements of contained
+/// robots may find every way in between two others too narrow.
+fn larger(rank: Rank) -> f64 {
+    match rank {
+        Rank::First => 1.0,
+        Rank::Follower => 1.1,
+        Rank::Contained => 1.12,
+    }
+}
+
+/// kappa. Where somebody has inertia it asks for no more than the bound grants, Lambda of the slack a
+/// second.
+pub fn deflection_share(at: &Conditions<'_>) -> f64 {
+    match at.avoidance.braking_time_max_s > 0.0 {
+        true => KAPPA.min(rate_per_s(at) * at.period_s),
+        false => KAPPA,
+    }
+}
+
+/// The way of one robot around others.
+pub struct Deflection {
+    v_max: f64,
+    /// T, s.
+    period: f64,
+    kappa: f64,
+    pub(super) d_f: f64,
+    rank: Rank,
+    /// Its place is taken: it is held back, and not led around.
+    stands_off: bool,
+    pub(super) dither_period: f64,
+    pub(super) dither_phase: f64,
+}
+
+impl Deflection {
+    /// That of the robot of this brief.
+    pub fn new(brief: &AgentBrief) -> Deflection {
+        let at = Conditions::of(brief);
+        let phase = golden_phase(brief.index);
+        Deflection {
+            v_max: brief.avoidance.speed_max_m_s,
+            period: brief.period_ns as f64 / 1e9,
+            kappa: deflection_share(&at),
+            d_f: deflection_distance_m(&at),
+            rank: brief.rank,
+            stands_off: false,
+            dither_period: DITHER_PERIOD_S * (1.0 + 4.0 * phase / 3.0),
+            dither_phase: phase,
+        }
+    }
+
+    /// A contained robot does not ask for a place nearer than d_f to somebody: it asks for one
+    /// beside it, at d_f. Beside: where the place lies as seen from the other, and, the nearer the two
+    /// are, where the robot is as seen from it. Both change without a jump as the other moves on.
+    pub fn stand_off(&mut self, away: &[Vec2], error: Vec2) -> Vec2 {
+        let gap = |z: &&Vec2| (*z - error).norm(); // |alpha* - alpha_j|
+        let nearest = away.iter().min_by(|a, b| gap(a).total_cmp(&gap(b)));
+        let taken = nearest.filter(|z| self.rank == Rank::Contained && gap(z) < self.d_f);
+        self.stands_off = taken.is_some();
+        let Some(z) = taken else { return error };
+        let beside = (z - error) + (self.d_f - gap(&z)) * z / z.norm();
+        let beside = self.d_f * beside / beside.norm(); // from alpha_j
+        let finite = beside.x.is_finite() && beside.y.is_finite();
+        if finite { z - beside } else { error }
+    }
+
+    /// The wanted displacement `p`, led around those it would come too near. One that stands off is
+    /// held back only: around others there is nothing for it, and on the way it would be in
+    /// everybody else's.
+    pub fn deflect(&self, sample: &Sample<'_>, mut p: Vec2) -> Vec2 {
+        let reach = self.v_max * self.period; // V
+        let excess = |r: f64| -self.kappa * (r - self.d_f);
+        let blocked = sample.away.iter().any(|z| {
+            let r = z.norm();
+            z.dot(&p) < excess(r) * r
+        });
+        if blocked && !self.stands_off {
+            let turns = sample.t_s / self.dither_period + self.dither_phase;
+            p = rotate(DITHER_RAD * (TAU * turns).sin(), p);
+        }
+        for _ in 0..2 {
+            for z in sample.away.iter().rev() {
+                let r = z.norm();
+                if -excess(r) < reach && r > 0.0 {
+                    let n = z / r;
+                    let lambda = (excess(r) - n.dot(&p)).max(0.0);
+                    let around = if self.stands_off { 0.0 } else { 1.0 };
+                    p += lambda * (n + around * Vec2::new(-n.y, n.x));
+                }
+            }
+        }
+        clip(p, reach)
+    }
+}

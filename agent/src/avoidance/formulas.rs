@@ -1,0 +1,176 @@
+//! Formulas of the folder `proof`, read from there and evaluated, for tests that compare them with the
+//! code.
+
+use std::collections::HashMap;
+use std::f64::consts::PI;
+
+/// Functions of real numbers that a Coq file defines: `Definition name (a b : R) : R := body.`
+pub struct Formulas<'a>(HashMap<&'a str, (Vec<&'a str>, Vec<&'a str>)>);
+
+impl<'a> Formulas<'a> {
+    pub fn read(sources: &[&'a str]) -> Formulas<'a> {
+        let definitions = sources.iter().flat_map(|source| source.split("\nDefinition ").skip(1));
+        let formulas = definitions.filter_map(|text| {
+            let (head, rest) = text.split_once(":=")?;
+            let (body, _) = rest.split_once('.')?;
+            let mut head = tokens(head).into_iter();
+            let name = head.next()?;
+            // The types stand between a colon and a parenthesis.
+            let mut in_type = false;
+            let arguments = head.filter(|token| {
+                in_type = *token == ":" || in_type && *token != "(";
+                !in_type && !matches!(*token, "(" | ")")
+            });
+            Some((name, (arguments.collect(), tokens(body))))
+        });
+        Formulas(formulas.collect())
+    }
+
+    /// The value of `name` for these arguments.
+    pub fn value(&self, name: &str, arguments: &[f64]) -> f64 {
+        let (names, body) = self.0.get(name).unwrap_or_else(|| panic!("{name} is not defined"));
+        assert_eq!(names.len(), arguments.len(), "arguments of {name}");
+        let known = names.iter().copied().zip(arguments.iter().copied()).collect();
+        let mut reader = Reader { formulas: self, known, rest: body };
+        let value = reader.sum();
+        assert!(reader.rest.is_empty(), "{name} ends before {:?}", reader.rest);
+        value
+    }
+
+    /// How many arguments `name` takes, if it is a function.
+    fn arity(&self, name: &str) -> Option<usize> {
+        match name {
+            "Rmax" | "Rmin" => Some(2),
+            "exp" | "cos" | "sin" | "asin" | "Rabs" | "INR" => Some(1),
+            _ => self.0.get(name).map(|(names, _)| names.len()),
+        }
+    }
+
+    fn call(&self, name: &str, arguments: &[f64]) -> f64 {
+        match (name, arguments) {
+            ("Rmax", [a, b]) => a.max(*b),
+            ("Rmin", [a, b]) => a.min(*b),
+            ("exp", [a]) => a.exp(),
+            ("cos", [a]) => a.cos(),
+            ("sin", [a]) => a.sin(),
+            ("asin", [a]) => a.asin(),
+            ("Rabs", [a]) => a.abs(),
+            ("INR", [a]) => *a,
+            _ => self.value(name, arguments),
+        }
+    }
+}
+
+fn tokens(text: &str) -> Vec<&str> {
+    let mut found = Vec::new();
+    let mut rest = text.trim_start();
+    while let Some(first) = rest.chars().next() {
+        let word = |c: char| c.is_alphanumeric() || c == '_' || c == '\'';
+        let length = if word(first) {
+            rest.find(|c| !word(c)).unwrap_or(rest.len())
+        } else {
+            first.len_utf8()
+        };
+        let (token, after) = rest.split_at(length);
+        found.push(token);
+        rest = after.trim_start();
+    }
+    found
+}
+
+/// Evaluates a Coq expression from left to right.
+struct Reader<'a> {
+    formulas: &'a Formulas<'a>,
+    known: HashMap<&'a str, f64>,
+    rest: &'a [&'a str],
+}
+
+impl<'a> Reader<'a> {
+    fn next(&mut self) -> &'a str {
+        let (first, rest) = self.rest.split_first().expect("the expression goes on");
+        self.rest = rest;
+        first
+    }
+
+    fn take(&mut self, token: &str) -> bool {
+        let there = self.rest.first() == Some(&token);
+        if there {
+            self.next();
+        }
+        there
+    }
+
+    fn expect(&mut self, token: &str) {
+        assert!(self.take(token), "expected {token} before {:?}", self.rest);
+    }
+
+    fn sum(&mut self) -> f64 {
+        if self.take("if") {
+            let strictly = match self.next() {
+                "Rlt_dec" => true,
+                "Rle_dec" => false,
+                other => panic!("{other} decides nothing"),
+            };
+            let (a, b) = (self.atom(), self.atom());
+            let less = if strictly { a < b } else { a <= b };
+            self.expect("then");
+            let then = self.sum();
+            self.expect("else");
+            let otherwise = self.sum();
+            return if less { then } else { otherwise };
+        }
+        let mut value = self.product();
+        loop {
+            if self.take("+") {
+                value += self.product();
+            } else if self.take("-") {
+                value -= self.product();
+            } else {
+                return value;
+            }
+        }
+    }
+
+    fn product(&mut self) -> f64 {
+        let mut value = self.application();
+        loop {
+            if self.take("*") {
+                value *= self.application();
+            } else if self.take("/") {
+                value /= self.application();
+            } else {
+                return value;
+            }
+        }
+    }
+
+    fn application(&mut self) -> f64 {
+        if self.take("-") {
+            return -self.application();
+        }
+        let name = self.rest.first().filter(|name| !self.known.contains_key(*name));
+        match name.and_then(|name| self.formulas.arity(name)) {
+            None => self.atom(),
+            Some(arity) => {
+                let name = self.next();
+                let arguments: Vec<f64> = (0..arity).map(|_| self.atom()).collect();
+                self.formulas.call(name, &arguments)
+            }
+        }
+    }
+
+    fn atom(&mut self) -> f64 {
+        match self.next() {
+            "(" => {
+                let value = self.sum();
+                self.expect(")");
+                value
+            }
+            "PI" => PI,
+            token => match self.known.get(token) {
+                Some(value) => *value,
+                None => token.parse().unwrap_or_else(|_| panic!("what is {token}?")),
+            },
+        }
+    }
+}

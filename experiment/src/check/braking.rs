@@ -1,0 +1,85 @@
+//! What inertia means for each robot: how long and how far it brakes, and how fast it may be at all.
+
+use formation::seconds;
+use protocol::avoidance::Conditions;
+use protocol::brief::AvoidanceBrief;
+use serde::Serialize;
+
+use crate::scenario::Scenario;
+
+/// A robot that cannot stop at once.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Braking {
+    /// tau: no command takes longer to brake from, s.
+    pub braking_time_s: f64,
+    /// a_w tau: the largest turn rate that it is commanded, rad/s.
+    pub turn_rate_max_rad_s: f64,
+    /// From v_max straight on, the command's lifetime included, m.
+    pub stopping_distance_m: f64,
+    /// The same of the worst command, m.
+    pub stopping_distance_m_max: f64,
+    /// Within this radius it must see others, m.
+    pub sensing_radius_needed_m: f64,
+    /// Up to this v_max it keeps its promise without braking more than it drives, m/s.
+    pub speed_max_m_s: f64,
+    /// What limits that.
+    pub limited_by: &'static str,
+}
+
+impl Braking {
+    /// That of robot `i`, if it has inertia and the method limits speeds.
+    pub fn of(scenario: &Scenario, i: usize) -> Option<Braking> {
+        let robot = &scenario.robots[i];
+        let limits = robot.limits.filter(|_| scenario.method.clamps_speed)?;
+        let conditions = Conditions {
+            front_point_m: robot.front_point_m,
+            rank: scenario.rank(i),
+            ..scenario.conditions()
+        };
+        let (v_max, lifetime_s) = (conditions.speed_m_s(), conditions.lifetime_s);
+        let (speed_max_m_s, limited_by) = fastest(scenario, i, &conditions);
+        Some(Braking {
+            braking_time_s: limits.braking_time_s,
+            turn_rate_max_rad_s: (limits.turn_acceleration_rad_s2 * limits.braking_time_s)
+                .min(v_max / robot.front_point_m),
+            stopping_distance_m: v_max * (lifetime_s + 0.5 * v_max / limits.acceleration_m_s2),
+            stopping_distance_m_max: v_max * (lifetime_s + 0.5 * limits.braking_time_s),
+            sensing_radius_needed_m: (scenario.method.sensing_radius_m)(&conditions),
+            speed_max_m_s,
+            limited_by,
+        })
+    }
+}
+
+/// The largest v_max that makes sense for a robot, m/s, and why.
+fn fastest(scenario: &Scenario, i: usize, conditions: &Conditions<'_>) -> (f64, &'static str) {
+    let d = scenario.avoidance.distance_min_m;
+    let mut limits = vec![
+        (0.25 * d / conditions.lifetime_s, "d/4 per command lifetime"),
+        (0.5 * conditions.front_point_m / conditions.lifetime_s, "ell/2 per command lifetime"),
+        (conditions.front_point_m / seconds(scenario.period_ns), "ell per period"),
+    ];
+    if let Some(wheels) = scenario.robots[i].wheels {
+        limits.push((wheels.speed_max_m_s, "its wheels"));
+    }
+    let radius_m = scenario.avoidance.sensing_radius_m;
+    // Braking times grow with v_max, and the radius with both.
+    let needed_m = |speed_max_m_s: f64| {
+        let share = speed_max_m_s / scenario.avoidance.speed_max_m_s;
+        let braking_time_max_s = share * scenario.avoidance.braking_time_max_s;
+        let avoidance =
+            AvoidanceBrief { speed_max_m_s, braking_time_max_s, ..scenario.avoidance.clone() };
+        (scenario.method.sensing_radius_m)(&Conditions { avoidance: &avoidance, ..*conditions })
+    };
+    let most = limits.iter().map(|limit| limit.0).fold(f64::INFINITY, f64::min);
+    if needed_m(most) > radius_m {
+        let (mut low, mut high) = (0.0, most);
+        // To twelve digits.
+        for _ in 0..40 {
+            let middle = 0.5 * (low + high);
+            *if needed_m(middle) <= radius_m { &mut low } else { &mut high } = middle;
+        }
+        limits.push((low, "the sensing radius"));
+    }
+    { limits }.into_iter().fold((f64::INFINITY, ""), |a, b| if b.0 < a.0 { b } else { a })
+}

@@ -1,0 +1,253 @@
+//! Twists that change gradually: wheels with inertia.
+//!
+//! Both parts of a twist change at constant rates and arrive together, or each as fast as it can.
+//! While both change at constant rates the heading is exact; the position is an integral without a
+//! closed form (a clothoid), by Gauss-Legendre over pieces of small turns. Its error is below
+//! [`SHARE_OFF_MAX`] of the way.
+
+use crate::pose::{Pose, Twist, wrap_angle};
+use crate::unicycle::arc;
+
+/// Bound on the error of a position, as a share of the way driven: see the test against a reference.
+pub const SHARE_OFF_MAX: f64 = 1e-12;
+
+/// How far the heading may turn within one piece, rad.
+const PIECE_RAD: f64 = 0.1;
+
+/// Abscissas on [0, 1] and weights of Gauss-Legendre with five points.
+const NODES: [(f64, f64); 5] = [
+    (0.046_910_077_030_668_004, 0.118_463_442_528_094_54),
+    (0.230_765_344_947_158_45, 0.239_314_335_249_683_23),
+    (0.5, 0.284_444_444_444_444_44),
+    (0.769_234_655_052_841_5, 0.239_314_335_249_683_23),
+    (0.953_089_922_969_332, 0.118_463_442_528_094_54),
+];
+
+/// How fast the twist of a robot can change.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Accelerations {
+    /// a_v: of its longitudinal speed, m/s^2.
+    pub forward_m_s2: f64,
+    /// a_w: of its turn rate, rad/s^2.
+    pub turn_rad_s2: f64,
+}
+
+/// How the two parts of a twist change together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ramp {
+    /// Both at constant rates that let them arrive at the same time: a straight segment.
+    Together,
+    /// Each at its largest rate.
+    Independent,
+}
+
+impl Accelerations {
+    /// ||change||: how long a change of the twist takes, s.
+    pub fn time_s(self, change: Twist) -> f64 {
+        self.times_s(change).into_iter().fold(0.0, f64::max)
+    }
+
+    fn times_s(self, change: Twist) -> [f64; 2] {
+        [change.v_m_s.abs() / self.forward_m_s2, change.w_rad_s.abs() / self.turn_rad_s2]
+    }
+
+    /// Pose and twist after `dt_s`, from this twist towards that one, which is then held.
+    pub fn drive(
+        self,
+        mut pose: Pose,
+        mut twist: Twist,
+        target: Twist,
+        ramp: Ramp,
+        mut dt_s: f64,
+    ) -> (Pose, Twist) {
+        // Two ramps at most: with independent ones, until the first part has arrived.
+        for _ in 0..2 {
+            let change = difference(target, twist);
+            let times_s = self.times_s(change);
+            let whole_s = times_s.into_iter().fold(0.0, f64::max);
+            if whole_s == 0.0 || dt_s <= 0.0 {
+                break;
+            }
+            let shares = |ramp_s: f64| match ramp {
+                Ramp::Together => [ramp_s / whole_s; 2],
+                Ramp::Independent => {
+                    times_s.map(|s| if s > 0.0 { (ramp_s / s).min(1.0) } else { 1.0 })
+                }
+            };
+            let first_s = match ramp {
+                Ramp::Independent => {
+                    times_s.into_iter().filter(|s| *s > 0.0).fold(whole_s, f64::min)
+                }
+                Ramp::Together => whole_s,
+            };
+            let ramp_s = first_s.min(dt_s);
+            let [v, w] = shares(ramp_s);
+            // Arrived exactly, whatever rounding makes of it.
+            let part = |from: f64, to: f64, share: f64| {
+                if share >= 1.0 { to } else { from + share * (to - from) }
+            };
+            let next = Twist {
+                v_m_s: part(twist.v_m_s, target.v_m_s, v),
+                w_rad_s: part(twist.w_rad_s, target.w_rad_s, w),
+            };
+            pose = glide(pose, twist, next, ramp_s);
+            twist = next;
+            dt_s -= ramp_s;
+        }
+        if dt_s > 0.0 {
+            pose = arc(pose, twist, dt_s);
+        }
+        (pose, twist)
+    }
+}
+
+fn difference(a: Twist, b: Twist) -> Twist {
+    Twist { v_m_s: a.v_m_s - b.v_m_s, w_rad_s: a.w_rad_s - b.w_rad_s }
+}
+
+/// Pose after `dt_s` in which the twist went from the first to the second at constant rates.
+pub fn glide(mut pose: Pose, from: Twist, to: Twist, dt_s: f64) -> Pose {
+    if from == to {
+        return arc(pose, from, dt_s);
+    }
+    let turn = from.w_rad_s.abs().max(to.w_rad_s.abs()) * dt_s;
+    let pieces = (turn / PIECE_RAD).ceil().max(1.0);
+    let change = difference(to, from);
+    let piece_s = dt_s / pieces;
+    let at = |k: f64| Twist {
+        v_m_s: from.v_m_s + change.v_m_s * (k / pieces),
+        w_rad_s: from.w_rad_s + change.w_rad_s * (k / pieces),
+    };
+    let mut k = 0.0;
+    while k < pieces {
+        pose = glide_piece(pose, at(k), at(k + 1.0), piece_s);
+        k += 1.0;
+    }
+    pose
+}
+
+fn glide_piece(pose: Pose, from: Twist, to: Twist, dt_s: f64) -> Pose {
+    let change = difference(to, from);
+    let turned = |s: f64| dt_s * s * (from.w_rad_s + 0.5 * s * change.w_rad_s);
+    let (mut x, mut y) = (0.0, 0.0);
+    for (s, weight) in NODES {
+        let (sin, cos) = (pose.heading_rad + turned(s)).sin_cos();
+        let way = weight * (from.v_m_s + s * change.v_m_s);
+        x += way * cos;
+        y += way * sin;
+    }
+    Pose {
+        x_m: pose.x_m + dt_s * x,
+        y_m: pose.y_m + dt_s * y,
+        heading_rad: wrap_angle(pose.heading_rad + turned(1.0)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const START: Pose = Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.4 };
+
+    fn twist() -> impl Strategy<Value = Twist> {
+        (-2.0..2.0f64, -8.0..8.0f64).prop_map(|(v_m_s, w_rad_s)| Twist { v_m_s, w_rad_s })
+    }
+
+    fn off(a: Pose, b: Pose) -> f64 {
+        (a.x_m - b.x_m).hypot(a.y_m - b.y_m)
+    }
+
+    /// Simpson's rule over so many pieces that its own error is rounding.
+    fn reference(from: Twist, to: Twist, dt_s: f64) -> Pose {
+        let change = difference(to, from);
+        let at = |s: f64| {
+            let turned = dt_s * s * (from.w_rad_s + 0.5 * s * change.w_rad_s);
+            let (sin, cos) = (START.heading_rad + turned).sin_cos();
+            let v = from.v_m_s + s * change.v_m_s;
+            [v * cos, v * sin]
+        };
+        let pieces = 2000;
+        let h = 1.0 / f64::from(pieces);
+        let mut sum = [0.0; 2];
+        for k in 0..pieces {
+            let a = f64::from(k) * h;
+            for (part, share) in [(at(a), 1.0), (at(a + 0.5 * h), 4.0), (at(a + h), 1.0)] {
+                sum[0] += share * part[0] * h / 6.0;
+                sum[1] += share * part[1] * h / 6.0;
+            }
+        }
+        let turned = dt_s * (from.w_rad_s + 0.5 * change.w_rad_s);
+        Pose {
+            x_m: dt_s * sum[0],
+            y_m: dt_s * sum[1],
+            heading_rad: wrap_angle(START.heading_rad + turned),
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_position_is_off_by_less_than_its_share_of_the_way(
+            from in twist(), to in twist(), dt in 1e-4..0.5f64,
+        ) {
+            let (found, expected) = (glide(START, from, to, dt), reference(from, to, dt));
+            let way = dt * from.v_m_s.abs().max(to.v_m_s.abs());
+            // The reference has rounding of its own.
+            prop_assert!(off(found, expected) <= SHARE_OFF_MAX * way + 1e-14);
+            prop_assert!(wrap_angle(found.heading_rad - expected.heading_rad).abs() < 1e-12);
+        }
+
+        #[test]
+        fn where_it_gets_to_does_not_depend_on_how_time_is_cut(
+            from in twist(), target in twist(), a in 0.5..3.0f64, aw in 1.0..10.0f64,
+            together in any::<bool>(), dt in 1e-3..2.0f64, cut in 0.0..1.0f64,
+        ) {
+            let accelerations = Accelerations { forward_m_s2: a, turn_rad_s2: aw };
+            let ramp = if together { Ramp::Together } else { Ramp::Independent };
+            let drive = |pose, twist, dt| accelerations.drive(pose, twist, target, ramp, dt);
+            let (pose, twist) = drive(START, from, dt);
+            let (half, on_the_way) = drive(START, from, cut * dt);
+            let (pieced, twist_pieced) = drive(half, on_the_way, dt - cut * dt);
+            prop_assert!(off(pose, pieced) < 1e-11);
+            prop_assert!(accelerations.time_s(difference(twist, twist_pieced)) < 1e-12);
+        }
+
+        /// P2 and P3: on the segment towards the target, and there when its time has passed.
+        #[test]
+        fn both_parts_arrive_together_on_a_straight_segment(
+            from in twist(), target in twist(), a in 0.5..3.0f64, aw in 1.0..10.0f64, part in 0.0..1.5f64,
+        ) {
+            let accelerations = Accelerations { forward_m_s2: a, turn_rad_s2: aw };
+            let whole = accelerations.time_s(difference(target, from));
+            let (_, twist) =
+                accelerations.drive(START, from, target, Ramp::Together, part * whole);
+            let expected = from.scaled(1.0 - part.min(1.0));
+            let expected = Twist {
+                v_m_s: expected.v_m_s + part.min(1.0) * target.v_m_s,
+                w_rad_s: expected.w_rad_s + part.min(1.0) * target.w_rad_s,
+            };
+            prop_assert!(accelerations.time_s(difference(twist, expected)) < 1e-12);
+            prop_assert!(part < 1.0 || twist == target);
+        }
+    }
+
+    #[test]
+    fn independent_parts_arrive_each_in_its_own_time() {
+        let accelerations = Accelerations { forward_m_s2: 1.0, turn_rad_s2: 2.0 };
+        let target = Twist { v_m_s: 0.5, w_rad_s: -2.0 };
+        let at = |dt| accelerations.drive(START, Twist::ZERO, target, Ramp::Independent, dt).1;
+        assert_eq!(at(0.25), Twist { v_m_s: 0.25, w_rad_s: -0.5 });
+        assert_eq!(at(0.75), Twist { v_m_s: 0.5, w_rad_s: -1.5 });
+        assert_eq!(at(1.0), target);
+        let together = accelerations.drive(START, Twist::ZERO, target, Ramp::Together, 0.5).1;
+        assert_eq!(together, Twist { v_m_s: 0.25, w_rad_s: -1.0 });
+    }
+
+    #[test]
+    fn who_has_arrived_drives_arcs() {
+        let accelerations = Accelerations { forward_m_s2: 1.0, turn_rad_s2: 2.0 };
+        let twist = Twist { v_m_s: 0.3, w_rad_s: 1.1 };
+        let (pose, after) = accelerations.drive(START, twist, twist, Ramp::Together, 0.2);
+        assert_eq!((pose, after), (arc(START, twist, 0.2), twist));
+    }
+}

@@ -22,7 +22,14 @@ fn main() {
     embed("GIT_DIRTY", dirty.map(|dirty| dirty.to_string()));
     let rustc = env::var_os("RUSTC").unwrap_or("rustc".into());
     embed("RUSTC", said(Command::new(rustc).arg("--version")));
-    embed("PROFILE", env::var("PROFILE").ok());
+    embed("PROFILE", profile());
+}
+
+/// The profile's folder, as in `target/dist/build/phalanx-0/out`: cargo's own `PROFILE` only says
+/// which of its two it is made of.
+fn profile() -> Option<String> {
+    let out = PathBuf::from(env::var_os("OUT_DIR")?);
+    Some(out.ancestors().nth(3)?.file_name()?.to_str()?.to_owned())
 }
 
 fn embed(name: &str, value: Option<String>) {

@@ -1,6 +1,7 @@
 //! The command line of `phalanx`: every role of its one binary. Documentation, completions and manual
 //! pages are made of it too.
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
@@ -22,8 +23,13 @@ pub enum Role {
     /// A verb.
     #[command(flatten)]
     Supervisor(Verb),
-    /// Measure this machine's baselines, and the ratio of a run to each.
-    Bench(bench::cli::BenchArgs),
+    /// Measure this machine's baselines, and the ratio of a run to each: the program phalanx-bench.
+    #[command(disable_help_flag = true)]
+    Bench {
+        /// Passed on; `--help` lists them.
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "ARGUMENTS")]
+        words: Vec<OsString>,
+    },
     /// Run one robot's agent, in a run that is under way.
     Agent(AgentArgs),
     /// Stand in for the hardware of a run that is under way.
@@ -55,9 +61,6 @@ pub enum Role {
     /// Keep a core from falling asleep until killed.
     #[command(hide = true)]
     Awake,
-    /// Take part in a measurement.
-    #[command(hide = true, subcommand)]
-    BenchPeer(bench::cli::PeerVerb),
 }
 
 /// Arguments of `phalanx agent`.

@@ -2,4 +2,5 @@
 //! their own; and its own command line, for its documentation.
 
 pub mod command_line;
+pub mod roles;
 pub mod verbs;

@@ -170,7 +170,7 @@ impl Brain {
     }
 
     /// Whether a sample was taken.
-    pub fn has_flown(&self) -> bool {
+    pub fn has_started(&self) -> bool {
         self.newest.is_some()
     }
 
@@ -308,7 +308,7 @@ impl Brain {
             tick,
             t_ns,
             incarnation: self.incarnation,
-            flying: u64::from(self.newest.is_some()),
+            moving: u64::from(self.newest.is_some()),
             deadline_misses,
             beacons_refused: self.beacons_refused,
             frame: self.neighborhood.frame_contact().contact as u64,

@@ -13,11 +13,11 @@
 //! | `gains` | are these the gains that a law or a method asks for? |
 //! | `brain` | what does one sample lead to? |
 //! | `ports` | through which services does it speak? |
-//! | `flight` | when does it think? The loops of both paces |
+//! | `control_loop` | when does it think? The loops of both paces |
 
 pub mod avoidance;
 pub mod brain;
-pub mod flight;
+pub mod control_loop;
 mod gains;
 pub mod laws;
 pub mod link;

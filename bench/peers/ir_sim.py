@@ -5,15 +5,15 @@ What is compared: N differential-drive robots on a circle swap with those opposi
 - ir-sim does it in one Python process, in steps of 0.1 s, without a display, its own collision check
   off; with `--behavior rvo` (default) each robot avoids all others by reciprocal velocity obstacles,
   with `dash` nobody avoids anybody. Only `env.step()` is timed, after a warm-up.
-- Phalanx flies it as N + 2 processes, in steps of 5 ms, with the guard, samples over iceoryx2,
+- Phalanx runs it as N + 2 processes, in steps of 5 ms, with the guard, samples over iceoryx2,
   metrics and recording; its time is that of all processes, start-up included.
 So the work is alike and not the same: another avoidance, another language, another isolation. A
 step of ir-sim covers 20 of ours; per simulated second multiply by the steps.
 
     python3 -m venv target/peers
     target/peers/bin/pip install -r bench/peers/requirements.txt
-    cargo build --release
-    target/peers/bin/python bench/peers/ir_sim.py --phalanx target/release/phalanx
+    cargo build --profile dist
+    target/peers/bin/python bench/peers/ir_sim.py --phalanx target/dist/phalanx
 """
 
 import argparse
@@ -123,7 +123,7 @@ def shown(figures):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--phalanx", default="target/release/phalanx")
+    parser.add_argument("--phalanx", default="target/dist/phalanx")
     parser.add_argument("--robots", type=int, nargs="+", default=[8, 20, 50])
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--steps", type=int, default=100)

@@ -34,7 +34,7 @@ PEERS = [("datagram", "polled"), ("zenoh", "polled"), ("datagram", "woken"), ("z
 def built(words, name, release):
     """Builds a binary; where it is."""
     command = ["cargo", "build", "--locked", "--message-format=json", *words]
-    command += ["--release"] if release else []
+    command += ["--profile", "dist"] if release else []
     done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
     if done.returncode != 0:
         sys.exit(f"error: {' '.join(command)} ended with {done.returncode}")
@@ -58,7 +58,7 @@ def main():
     parser.add_argument("--seconds", type=int, default=3)
     parser.add_argument("--debug", action="store_true", help="debug builds, to try it out")
     args = parser.parse_args()
-    phalanx = built(["--bin", "phalanx"], "phalanx", not args.debug)
+    phalanx = built(["-p", "bench"], "phalanx-bench", not args.debug)
     target = os.environ.get("CARGO_TARGET_DIR", str(ROOT / "target"))
     peers = built(
         ["--manifest-path", "bench/peers/neighbors/Cargo.toml", "--target-dir", f"{target}/peers-rust"],
@@ -71,7 +71,7 @@ def main():
 
     for _ in range(args.rounds):
         for robots in args.robots:
-            command = [phalanx, "bench", "--only", "neighbor", "--rounds", "1", "--robots", robots,
+            command = [phalanx, "--only", "neighbor", "--rounds", "1", "--robots", robots,
                        "--seconds", args.seconds / 3, "--output", "json"]
             rows = output(list(map(str, command)), 60 + 10 * args.seconds)["rows"]
             for rate_hz in RATES_HZ:

@@ -7,7 +7,7 @@ use std::io::{self, IsTerminal as _, Write as _};
 use std::path::PathBuf;
 use std::time::Duration;
 
-use clap::{Args, Subcommand, ValueEnum};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 use protocol::process::{Stop, exit, quiet_iceoryx2, set_name};
 use protocol::run_root::{self, RunRoot};
 
@@ -26,14 +26,38 @@ use crate::{
 const TRIPS_PER_S: f64 = 20_000.0;
 /// A means that is this much slower than a second's worth should be is cut off.
 const TRIPS_LIMIT: f64 = 10.0;
-/// A flight in real time takes this much longer than one in lockstep: rare misses need time.
+/// A run in real time takes this much longer than one in lockstep: rare misses need time.
 const REALTIME: f64 = 3.0;
-/// A flight whose cost is to be told from that of starting 256 processes takes this much longer.
+/// A run whose cost is to be told from that of starting 256 processes takes this much longer.
 const GROWTH: f64 = 3.0;
+
+/// The first word of a process that takes part in a measurement.
+pub const PEER: &str = "peer";
+
+/// Measure this machine's baselines, and the ratio of a run to each.
+#[derive(Debug, Parser)]
+#[command(name = "phalanx bench", bin_name = "phalanx bench", version)]
+#[command(args_conflicts_with_subcommands = true)]
+pub struct CommandLine {
+    /// What to measure.
+    #[command(flatten)]
+    args: BenchArgs,
+    /// Or what to do in a measurement.
+    #[command(subcommand)]
+    peer: Option<Child>,
+}
+
+#[derive(Debug, Subcommand)]
+#[command(disable_help_subcommand = true)]
+enum Child {
+    /// Take part in a measurement.
+    #[command(hide = true, subcommand)]
+    Peer(PeerVerb),
+}
 
 /// Arguments of `phalanx bench`.
 #[derive(Debug, Args)]
-pub struct BenchArgs {
+struct BenchArgs {
     /// A minute instead of several: fewer and shorter rounds.
     #[arg(long)]
     quick: bool,
@@ -65,8 +89,8 @@ pub struct BenchArgs {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Part {
     /// A robot's round trip, against those of bare transports.
-    #[value(alias = "baselines")]
-    Floors,
+    #[value(alias = "floors")]
+    Baselines,
     /// Ticks per second, against the same without iceoryx2.
     Lockstep,
     /// Deadlines missed, by size and rate.
@@ -85,7 +109,7 @@ enum Part {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Output {
-    /// A table for people.
+    /// A table.
     Text,
     /// The same for programs, with every round's figures.
     Json,
@@ -105,9 +129,16 @@ fn seconds(word: &str) -> Result<f64, String> {
     }
 }
 
-/// `phalanx bench`.
-pub fn main(args: &BenchArgs) -> u8 {
+/// `phalanx bench`, or a process that it starts.
+pub fn main(command_line: &CommandLine) -> u8 {
     quiet_iceoryx2();
+    match &command_line.peer {
+        Some(Child::Peer(verb)) => peer(verb),
+        None => bench(&command_line.args),
+    }
+}
+
+fn bench(args: &BenchArgs) -> u8 {
     let measured = Stop::on_signals_twice_at_once()
         .map_err(|error| BenchError::Wrong(format!("cannot handle signals: {error}")))
         .and_then(|stop| measure(args, &stop));
@@ -160,7 +191,7 @@ fn measure(args: &BenchArgs, stop: &Stop) -> Result<Report, BenchError> {
     let wanted = |part| args.only.is_empty() || args.only.contains(&part);
     let setting = &Setting { root: &root, stop, rounds, tells: terminal };
     let (mut rows, mut trajectories, mut notes) = (Vec::new(), Vec::new(), Vec::new());
-    if wanted(Part::Floors) {
+    if wanted(Part::Baselines) {
         let trips = ((TRIPS_PER_S * seconds) as usize).max(1);
         let limit = Duration::from_secs_f64(TRIPS_LIMIT * seconds);
         rows.extend(round_trip::measure(setting, trips, limit)?);
@@ -212,7 +243,7 @@ fn complain(error: &dyn std::fmt::Display) -> u8 {
 
 /// A process that takes part in a measurement.
 #[derive(Debug, Subcommand)]
-pub enum PeerVerb {
+enum PeerVerb {
     /// Answer samples.
     RoundTrip {
         /// What carries them.
@@ -221,7 +252,7 @@ pub enum PeerVerb {
         /// Where the ends are.
         dir: PathBuf,
     },
-    /// Fly a robot without iceoryx2.
+    /// Run a robot without iceoryx2.
     Floor {
         /// What carries the samples.
         #[arg(value_enum)]
@@ -259,10 +290,9 @@ pub enum PeerVerb {
     },
 }
 
-/// `phalanx bench-peer`.
-pub fn peer(verb: &PeerVerb) -> u8 {
+/// `phalanx-bench peer`.
+fn peer(verb: &PeerVerb) -> u8 {
     set_name("phalanx-bench");
-    quiet_iceoryx2();
     peers::limit_life();
     let done = match verb {
         PeerVerb::RoundTrip { transport, dir } => round_trip::peer(*transport, dir),

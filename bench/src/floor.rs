@@ -54,8 +54,8 @@ impl Carrier {
     }
 }
 
-/// What a flight over a floor gave.
-pub(crate) struct FloorFlight {
+/// What a run over a floor gave.
+pub(crate) struct FloorRun {
     /// Wall time from the first agent's start until all were ready, s.
     pub(crate) startup_s: f64,
     /// Ticks per second of wall time.
@@ -73,13 +73,13 @@ struct Seat {
     beacons: [Line<Beacon>; 2],
 }
 
-/// Flies a scenario without faults over this carrier.
-pub(crate) fn fly(
+/// Runs a scenario without faults over this carrier.
+pub(crate) fn run(
     root: &RunRoot,
     stop: &Stop,
     scenario: &Scenario,
     carrier: Carrier,
-) -> Result<FloorFlight, BenchError> {
+) -> Result<FloorRun, BenchError> {
     let place = Place::new(root, "floor")?;
     let dir = place.path();
     let robots = scenario.robots.len();
@@ -90,7 +90,7 @@ pub(crate) fn fly(
         let told = briefs::agent(scenario, i, Pace::Lockstep, dir);
         let path = dir.join(format!("brief-{i}.toml"));
         std::fs::write(&path, brief::to_text(&told)).map_err(failed("write", &path))?;
-        words.push(vec!["bench-peer".into(), "floor".into(), carrier.word().into(), path.into()]);
+        words.push(vec!["peer".into(), "floor".into(), carrier.word().into(), path.into()]);
     }
     let mut plant_end: Box<dyn PlantEnd> = match carrier {
         Carrier::Mapping => Box::new(MappedPlant::new(dir, robots)?),
@@ -129,7 +129,7 @@ pub(crate) fn fly(
         hash.update(tick, rows);
     }
     let ticks_per_s = ticks as f64 / wall.as_secs_f64();
-    Ok(FloorFlight { startup_s, ticks_per_s, hash: hash.finish() })
+    Ok(FloorRun { startup_s, ticks_per_s, hash: hash.finish() })
 }
 
 /// The plant's end of a carrier.

@@ -1,13 +1,13 @@
 //! How the cost of a tick grows with the number of robots: the ring in lockstep, larger and larger.
 //!
-//! From each run's processor time that of a run of the same ring is taken off that hardly flies:
+//! From each run's processor time that of a run of the same ring is taken off that hardly moves:
 //! the start of many processes is dear, and would be most of what few ticks seem to cost. Must
 //! not: count those that keep cores awake. They take what nobody else wanted.
 
 use protocol::brief::Pace;
 use serde_json::Value;
 
-use crate::flown::{self, TAKERS, number, taken_s};
+use crate::child::{self, TAKERS, number, taken_s};
 use crate::lockstep::{self, PERIOD_S};
 use crate::ring;
 use crate::table::Row;
@@ -21,7 +21,7 @@ pub(crate) const NOTES: [&str; 4] = [
     "  two runs, it scatters with many robots. Exponent 1: per tick it grows as the robots do",
 ];
 
-/// Ticks of a run that hardly flies.
+/// Ticks of a run that hardly moves.
 const TICKS_START: u64 = 10;
 /// Fewer ticks of 256 robots take less than what their start takes more or less from run to run.
 const TICKS_MIN: u64 = 500;
@@ -50,11 +50,11 @@ pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> 
         for size in &mut sizes {
             setting.progress(&format!("growth, {} robots, round {round}", size.robots));
             let ticks = lockstep::ticks(size.robots, seconds).max(TICKS_MIN);
-            let fly = |ticks| {
+            let run = |ticks| {
                 let text = ring::text(size.robots, ticks, PERIOD_S);
-                flown::fly(root, stop, &text, Pace::Lockstep)
+                child::run(root, stop, &text, Pace::Lockstep)
             };
-            let (start, whole) = (fly(TICKS_START)?, fly(ticks)?);
+            let (start, whole) = (run(TICKS_START)?, run(ticks)?);
             let by_us = per_tick_us(&start, &whole)?.map(|us| us / size.robots as f64);
             size.ticks_per_s.push(number(&whole, "/wall/ticks_per_s")?);
             size.ready_s.push(number(&whole, "/wall/startup_s")?);
@@ -109,7 +109,7 @@ fn exponent((few, few_us): (usize, f64), (many, many_us): (usize, f64)) -> f64 {
     (many * many_us / (few * few_us)).ln() / (many / few).ln()
 }
 
-/// Processor time per tick by [`TAKERS`], us, of the ticks that the second run flew beyond the
+/// Processor time per tick by [`TAKERS`], us, of the ticks that the second run made beyond the
 /// first.
 fn per_tick_us(start: &Value, whole: &Value) -> Result<[f64; TAKERS.len()], BenchError> {
     let ticks = number(whole, "/ticks")? - number(start, "/ticks")?;

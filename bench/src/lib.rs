@@ -1,4 +1,4 @@
-//! `phalanx bench`: how fast this machine could be, how fast we are, and the ratio of both.
+//! `phalanx bench`, the program `phalanx-bench`: how fast this machine could be, how fast we are, and the ratio of both.
 //!
 //! Floors and ours take turns within one run, so that whatever else the machine does meets both
 //! alike. Timings are printed and never judged: nothing in here is a test. Must not: leave a
@@ -18,18 +18,18 @@
 //! | `growth` | what does a tick cost, to 256 robots, and how does that grow? |
 //! | `startup` | how long until everybody is ready? |
 //! | `replacement` | how long from a kill to the replacement's first command? |
-//! | `ring` | which scenario is flown? |
-//! | `flown` | one `phalanx run` as a child, and its summary |
+//! | `ring` | which scenario is run? |
+//! | `child` | one `phalanx run` as a child, and its summary |
 //! | `peers` | child processes that take part in a measurement, and their end |
 //! | `mapping`, `pipe` | plain shared memory, and plain pipes |
 //! | `quantiles` | what is told of a spread of times? |
 //! | `machine` | on what was it measured? |
 //! | `table` | medians with least and most, on a screen and as JSON |
 
+mod child;
 pub mod cli;
 mod cores;
 mod floor;
-mod flown;
 mod growth;
 mod lockstep;
 mod machine;

@@ -24,7 +24,7 @@ use serde_json::Value;
 use crate::peers::{self, Peers};
 use crate::quantiles::{QUANTILES, Quantiles, quantiles_us};
 use crate::table::Row;
-use crate::{BenchError, Measured, Place, Setting, failed, flown, ring};
+use crate::{BenchError, Measured, Place, Setting, child, failed, ring};
 
 /// Rates of the robots, Hz.
 const RATES_HZ: [u64; 2] = [100, 1000];
@@ -69,7 +69,7 @@ pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> 
             for round in 1..=rounds {
                 let case = format!("neighbors, {robots} robots at {rate_hz} Hz");
                 setting.progress(&format!("{case}, ours, round {round}"));
-                let summary = flown::fly(root, stop, &text, Pace::Realtime)?;
+                let summary = child::run(root, stop, &text, Pace::Realtime)?;
                 let nobody = || BenchError::Wrong(format!("{case}: nobody heard anybody"));
                 ours.push(told_by(&summary).ok_or_else(nobody)?);
                 setting.progress(&format!("{case}, iceoryx2 alone, round {round}"));
@@ -142,7 +142,7 @@ fn without_brains(
         let told = briefs::agent(scenario, i, Pace::Realtime, root.path());
         let path = dir.join(format!("brief-{i}.toml"));
         std::fs::write(&path, brief::to_text(&told)).map_err(failed("write", &path))?;
-        let peer = ["bench-peer".into(), "neighbor".into(), path.into(), ticks.to_string().into()];
+        let peer = ["peer".into(), "neighbor".into(), path.into(), ticks.to_string().into()];
         words.push(peer.into_iter().chain([result.into()]).collect());
     }
     let peers = Peers::start(dir, stop, words)?;

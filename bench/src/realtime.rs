@@ -5,7 +5,7 @@
 use protocol::brief::Pace;
 use serde_json::Value;
 
-use crate::flown::{self, number};
+use crate::child::{self, number};
 use crate::quantiles::QUANTILES;
 use crate::ring;
 use crate::table::Row;
@@ -32,7 +32,7 @@ pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> 
             setting.progress(&format!("real time, {robots} robots at {rate_hz} Hz, round {round}"));
             let ticks = ((seconds * rate_hz as f64) as u64).max(1);
             let text = ring::text(robots, ticks, 1.0 / rate_hz as f64);
-            let summary = flown::fly(root, stop, &text, Pace::Realtime)?;
+            let summary = child::run(root, stop, &text, Pace::Realtime)?;
             let percent = |pointer| -> Result<f64, BenchError> {
                 Ok(100.0 * number(&summary, pointer)? / (ticks * robots as u64) as f64)
             };
@@ -44,7 +44,7 @@ pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> 
             }
             setting.progress(&format!("real time, {robots} timers at {rate_hz} Hz, round {round}"));
             let (periods, period_ns) = ((ticks * robots as u64) as f64, 1_000_000_000 / rate_hz);
-            let busy_ns = (1e9 * flown::taken_s(&summary)?[0] / periods) as u64;
+            let busy_ns = (1e9 * child::taken_s(&summary)?[0] / periods) as u64;
             let seen = timers::measure(root, stop, robots, Task { period_ns, ticks, busy_ns })?;
             let missed = seen.iter().map(|seen| seen.missed).sum::<u64>() as f64;
             timers_missed[case].push(100.0 * missed / periods);

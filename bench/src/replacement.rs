@@ -15,7 +15,7 @@ use protocol::run_root::{self, RunRoot};
 use protocol::service::{self, Subscriber};
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::flown::Flying;
+use crate::child::Running;
 use crate::peers::{self, Peers};
 use crate::quantiles::{QUANTILES, quantiles_us};
 use crate::table::Row;
@@ -66,11 +66,11 @@ pub(crate) fn measure(setting: &Setting<'_>, kills: usize) -> Measured {
 fn killed(root: &RunRoot, stop: &Stop, rate_hz: u64, kills: usize) -> Result<Vec<u64>, BenchError> {
     let text = ring::text(ROBOTS, TICKS, 1.0 / rate_hz as f64);
     let place = Place::new(root, "onlooker")?;
-    let mut flying = Flying::start(root, stop, &text, Pace::Realtime)?;
+    let mut running = Running::start(root, stop, &text, Pace::Realtime)?;
     let began = Instant::now();
-    let brief = flying.brief(VICTIM);
-    while !flying.has_events("ready", ROBOTS) {
-        flying.check()?;
+    let brief = running.brief(VICTIM);
+    while !running.has_events("ready", ROBOTS) {
+        running.check()?;
         if began.elapsed() > BACK_MAX {
             return Err(BenchError::Wrong("the run was not ready in time".into()));
         }
@@ -78,7 +78,7 @@ fn killed(root: &RunRoot, stop: &Stop, rate_hz: u64, kills: usize) -> Result<Vec
     }
     let result = place.path().join("result.json");
     let words: Vec<OsString> = vec![
-        "bench-peer".into(),
+        "peer".into(),
         "kill".into(),
         brief.into(),
         kills.to_string().into(),
@@ -86,7 +86,7 @@ fn killed(root: &RunRoot, stop: &Stop, rate_hz: u64, kills: usize) -> Result<Vec
     ];
     let peers = Peers::start(place.path(), stop, [words])?;
     while !result.exists() {
-        flying.check()?;
+        running.check()?;
         peers.check()?;
         std::thread::sleep(Duration::from_millis(5));
     }

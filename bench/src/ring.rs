@@ -1,4 +1,4 @@
-//! The scenario that is flown: a ring of any size, and a robot alone.
+//! The scenario that is run: a ring of any size, and a robot alone.
 
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_may_fly_alone() {
+    fn a_robot_may_run_alone() {
         assert_eq!(read(&alone("solo", 7, 0.005)).unwrap().robots.len(), 1);
     }
 }

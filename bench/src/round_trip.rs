@@ -263,15 +263,12 @@ impl With<'_> {
         let mut end = match &services {
             None => End::<Odometry, Command>::new(transport, place.path())?,
             Some(Services { odometry, command }) => {
-                End::of_iceoryx2(transport, place.path(), odometry, command)?
+                let (out, incoming) = (odometry.publisher()?, command.subscriber()?);
+                End::of_iceoryx2(transport, place.path(), out, incoming)?
             }
         };
-        let words: Vec<OsString> = vec![
-            "bench-peer".into(),
-            "round-trip".into(),
-            transport.word().into(),
-            place.path().into(),
-        ];
+        let words: Vec<OsString> =
+            vec!["peer".into(), "round-trip".into(), transport.word().into(), place.path().into()];
         let peers = on_the_other(cores, || Peers::start(place.path(), stop, [words]))?;
         peers.wait_ready()?;
         let answers = |_: BenchError| peers.why();
@@ -301,7 +298,8 @@ pub(crate) fn peer(transport: Transport, dir: &Path) -> Result<(), BenchError> {
             let node = service::node("echo")?;
             let services = Services::open(&node, dir)?;
             let Services { odometry, command } = &services;
-            (End::of_iceoryx2(transport, dir, command, odometry)?, Some((services, node)))
+            let (out, incoming) = (command.publisher()?, odometry.subscriber()?);
+            (End::of_iceoryx2(transport, dir, out, incoming)?, Some((services, node)))
         }
     };
     peers::say_ready(dir, 0)?;
@@ -420,11 +418,10 @@ impl<O: Sent, I: Sent> End<O, I> {
     fn of_iceoryx2(
         transport: Transport,
         dir: &Path,
-        out: &Factory<O>,
-        incoming: &Factory<I>,
+        out: Publisher<O>,
+        incoming: Subscriber<I>,
     ) -> Result<End<O, I>, BenchError> {
-        let data = Data::Iceoryx2 { out: out.publisher()?, incoming: incoming.subscriber()? };
-        End::with(transport, dir, data)
+        End::with(transport, dir, Data::Iceoryx2 { out, incoming })
     }
 
     fn with(transport: Transport, dir: &Path, data: Data<O, I>) -> Result<End<O, I>, BenchError> {

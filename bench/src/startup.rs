@@ -3,15 +3,15 @@
 
 use protocol::brief::Pace;
 
+use crate::child::{self, number};
 use crate::floor::{self, Carrier};
-use crate::flown::{self, number};
 use crate::ring;
 use crate::table::Row;
 use crate::{Measured, Setting};
 
 /// T, s.
 const PERIOD_S: f64 = 0.005;
-/// As little flight as there may be.
+/// As short a run as there may be.
 const TICKS: u64 = 10;
 
 /// Measures in turns.
@@ -24,9 +24,9 @@ pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize]) -> Measured {
         let (mut ours, mut floor) = (Vec::new(), Vec::new());
         for round in 1..=rounds {
             setting.progress(&format!("start-up, {robots} robots, round {round}"));
-            let summary = flown::fly(root, stop, &text, Pace::Lockstep)?;
+            let summary = child::run(root, stop, &text, Pace::Lockstep)?;
             ours.push(number(&summary, "/wall/startup_s")?);
-            floor.push(floor::fly(root, stop, &scenario, Carrier::Mapping)?.startup_s);
+            floor.push(floor::run(root, stop, &scenario, Carrier::Mapping)?.startup_s);
         }
         let what = format!("{robots} robots ready, s");
         rows.push(Row::against("startup", &what, "bare processes", ours, floor));

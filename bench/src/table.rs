@@ -92,7 +92,7 @@ pub(crate) struct Report {
     pub(crate) notes: Vec<&'static str>,
 }
 
-/// The hashes of one trajectory, flown by several means.
+/// The hashes of one trajectory, computed by several means.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Trajectory {
     pub(crate) robots: usize,
@@ -102,7 +102,7 @@ pub(crate) struct Trajectory {
 }
 
 impl Trajectory {
-    /// Whether all means flew the same.
+    /// Whether all means gave the same.
     pub(crate) fn is_one(&self) -> bool {
         self.hashes.iter().all(|(_, hash)| *hash == self.hashes[0].1)
     }

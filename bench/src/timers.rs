@@ -48,7 +48,7 @@ pub(crate) fn measure(
         (1..=robots).map(|index| place.path().join(format!("result-{index}.json"))).collect();
     let words = results.iter().zip(1..).map(|(result, index): (_, usize)| {
         let numbers = [index as u64, task.period_ns, task.ticks, task.busy_ns];
-        let words = ["bench-peer", "timer"].map(OsString::from).into_iter();
+        let words = ["peer", "timer"].map(OsString::from).into_iter();
         words.chain(numbers.map(|n| n.to_string().into())).chain([result.into()]).collect()
     });
     let peers = Peers::start(place.path(), stop, words)?;

@@ -13,7 +13,7 @@ use protocol::process::Stop;
 use protocol::run_root::RunRoot;
 use serde_json::Value;
 
-use crate::flown::{self, Flying, number};
+use crate::child::{self, Running, number};
 use crate::quantiles::QUANTILES;
 use crate::realtime::latest_wake_us;
 use crate::ring;
@@ -25,7 +25,7 @@ const RATE_HZ: u64 = 1000;
 /// A stream that says nothing for this long is broken: the start-up of many robots is far shorter.
 const SILENCE_MAX: Duration = Duration::from_secs(60);
 
-/// What one way of flying showed, round by round.
+/// What one way of running showed, round by round.
 #[derive(Default)]
 struct Seen {
     missed: Vec<f64>,
@@ -57,11 +57,11 @@ pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> 
             // Who goes first changes, for the second may find the machine warm.
             for with_view in [round % 2 == 0, round % 2 != 0] {
                 if with_view {
-                    let (summary, seen) = fly_watched(root, stop, &text)?;
+                    let (summary, seen) = run_watched(root, stop, &text)?;
                     watched.take(&summary, periods)?;
                     frames.push(seen as f64 / number(&summary, "/wall/wall_s")?);
                 } else {
-                    alone.take(&flown::fly(root, stop, &text, Pace::Realtime)?, periods)?;
+                    alone.take(&child::run(root, stop, &text, Pace::Realtime)?, periods)?;
                 }
             }
         }
@@ -86,12 +86,12 @@ pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> 
 }
 
 /// A run that is looked at: its summary, and how many frames the reader was shown.
-fn fly_watched(root: &RunRoot, stop: &Stop, text: &str) -> Result<(Value, u64), BenchError> {
-    let mut flying = Flying::start_with(root, stop, text, Pace::Realtime, &["--view"])?;
-    let url = flying.said("view: ")?;
+fn run_watched(root: &RunRoot, stop: &Stop, text: &str) -> Result<(Value, u64), BenchError> {
+    let mut running = Running::start_with(root, stop, text, Pace::Realtime, &["--view"])?;
+    let url = running.said("view: ")?;
     let reader = reader(&url)?;
     // Where this fails the run is ended, and with it the stream.
-    let summary = flying.summary()?;
+    let summary = running.summary()?;
     let frames = reader.join().expect("the reader does not panic");
     Ok((summary, frames))
 }

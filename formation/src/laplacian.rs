@@ -181,7 +181,7 @@ mod tests {
     fn by_qr(matrix: &Matrix) -> Option<(f64, f64)> {
         let schur = nalgebra::Schur::try_new(matrix.clone(), 1e-14, 10_000)?;
         let values = schur.complex_eigenvalues();
-        let largest = values.iter().map(|z| z.norm()).fold(0.0, f64::max);
+        let largest = values.iter().map(|z| z.re.hypot(z.im)).fold(0.0, f64::max);
         Some((largest, values.iter().map(|z| z.re).fold(f64::INFINITY, f64::min)))
     }
 

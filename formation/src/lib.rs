@@ -23,6 +23,12 @@
 //! | `cells` | which may be, among many? |
 //! | `random` | what does a seed draw? |
 
+// Here, because everything is built on this: whoever builds elsewhere sees this sentence and no other.
+#[cfg(not(target_os = "linux"))]
+compile_error!(
+    "Phalanx runs on Linux only: on macOS and Windows, use Docker (see the Dockerfile) or WSL2."
+);
+
 mod cells;
 pub mod closest;
 pub mod closest_over_time;

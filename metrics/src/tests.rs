@@ -142,7 +142,7 @@ fn final_errors_are_the_worst_of_the_last_tenth_of_the_run() {
     assert_eq!(short.finish().final_error_m_max, None);
 }
 
-/// A run in which r2 is killed at 3 s and flies again at 5 s; `off_m` is r3's error at each tick.
+/// A run in which r2 is killed at 3 s and moves again at 5 s; `off_m` is r3's error at each tick.
 fn killed_and_replaced(off_m: &[f64]) -> FaultReport {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     for (tick, &off_m) in (0u64..).zip(off_m) {
@@ -183,7 +183,7 @@ fn a_fault_from_which_the_formation_did_not_recover_is_measured_to_the_end() {
 }
 
 #[test]
-fn a_fault_whose_replacement_never_flew_is_not_recovered_from() {
+fn a_fault_whose_replacement_never_moved_is_not_recovered_from() {
     let fault = killed_and_replaced(&[0.0; 5]);
     assert_eq!((fault.lasted_s, fault.recovered_after_s), (None, None));
 }
@@ -255,7 +255,7 @@ fn the_first_neighbor_to_call_a_faulty_robot_stale_and_lost_sets_the_times() {
 }
 
 #[test]
-fn silence_after_the_replacement_flew_is_not_the_faults() {
+fn silence_after_the_replacement_moved_is_not_the_faults() {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     metrics.died_unplanned(1, "signal 9", 10 * SECOND_NS);
     metrics.fault_ended(0, End::Whole, 12 * SECOND_NS);

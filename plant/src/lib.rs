@@ -7,9 +7,9 @@
 //! | `world` | where is everybody, what do they sense, which commands count? |
 //! | `ports` | through which services does it speak? |
 //! | `gaps` | did a command get lost on its way? |
-//! | `flight` | when does time pass? The loops of both paces |
+//! | `world_loop` | when does time pass? The loops of both paces |
 
-pub mod flight;
 mod gaps;
 pub mod ports;
 pub mod world;
+pub mod world_loop;

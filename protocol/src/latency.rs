@@ -149,7 +149,7 @@ impl LatencyPort {
         }
     }
 
-    /// A robot does not stop flying because it cannot say how: the supervisor counts what is
+    /// A robot does not stop moving because it cannot say how: the supervisor counts what is
     /// missing.
     fn send(&mut self, now_ns: u64) {
         let (header, rows) = self.recorder.batch();

@@ -276,7 +276,7 @@ message! {
         /// How often this robot's process was started before.
         incarnation: u64,
         /// 1 once the first odometry was answered.
-        flying: u64,
+        moving: u64,
         /// Commands sent after the next wake-up was due.
         deadline_misses: u64,
         /// Beacons refused: not finite, not plausible, from the future, older than the newest one.

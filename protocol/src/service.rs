@@ -243,38 +243,66 @@ impl<P: ?Sized, H> Topic<P, H> {
     }
 }
 
-macro_rules! topic_of {
-    ($payload:ty) => {
-        impl<P, H> Topic<$payload, H>
-        where
-            P: Debug + ZeroCopySend + iceoryx2::prelude::IceoryxSend + 'static,
-            H: Debug + Default + ZeroCopySend + 'static,
-        {
+/// A service that carries one message, or a slice of them behind a header. Not generic: what iceoryx2
+/// makes of a message to open and to connect is compiled here once, and not again in each crate.
+macro_rules! service {
+    ([$row:ty], $header:ty) => {
+        service!(of [$row], $header);
+
+        impl Factory<[$row], $header> {
+            /// A sender of slices up to a length, which never waits and never allocates.
+            pub fn publisher(
+                &self,
+                length_max: usize,
+            ) -> Result<Publisher<[$row], $header>, ServiceError> {
+                self.ports
+                    .publisher_builder()
+                    .backpressure_strategy(BackpressureStrategy::DiscardData)
+                    .initial_max_slice_len(length_max.max(1))
+                    .allocation_strategy(AllocationStrategy::Static)
+                    .create()
+                    .map_err(|cause| ServiceError::Publisher { service: self.name.clone(), cause })
+            }
+        }
+    };
+    ($message:ty) => {
+        service!(of $message, ());
+
+        impl Factory<$message> {
+            /// A sender that never waits.
+            pub fn publisher(&self) -> Result<Publisher<$message>, ServiceError> {
+                self.ports
+                    .publisher_builder()
+                    .backpressure_strategy(BackpressureStrategy::DiscardData)
+                    .create()
+                    .map_err(|cause| ServiceError::Publisher { service: self.name.clone(), cause })
+            }
+        }
+    };
+    (of $payload:ty, $header:ty) => {
+        impl Topic<$payload, $header> {
             /// Creates the service. The supervisor only: a process killed in here would leave
             /// the name unusable for the rest of the run.
             pub fn create(
                 &self,
                 node: &Node,
                 qos: Qos,
-            ) -> Result<Factory<$payload, H>, ServiceError> {
+            ) -> Result<Factory<$payload, $header>, ServiceError> {
                 let builder = node.service_builder(&self.service_name()?);
-                let ports =
-                    with_qos(builder.publish_subscribe::<$payload>().user_header::<H>(), qos)
-                        .create()
-                        .map_err(|cause| ServiceError::Create {
-                            service: self.name.clone(),
-                            cause,
-                        })?;
+                let builder = builder.publish_subscribe::<$payload>().user_header::<$header>();
+                let ports = with_qos(builder, qos).create().map_err(|cause| {
+                    ServiceError::Create { service: self.name.clone(), cause }
+                })?;
                 Ok(Factory { name: self.name.clone(), ports })
             }
 
             /// Opens the service that the supervisor created.
-            pub fn open(&self, node: &Node) -> Result<Factory<$payload, H>, ServiceError> {
+            pub fn open(&self, node: &Node) -> Result<Factory<$payload, $header>, ServiceError> {
                 let name = self.service_name()?;
                 let mut attempts = 1;
                 loop {
                     let builder = node.service_builder(&name).publish_subscribe::<$payload>();
-                    match builder.user_header::<H>().open() {
+                    match builder.user_header::<$header>().open() {
                         Ok(ports) => return Ok(Factory { name: self.name.clone(), ports }),
                         Err(cause) if attempts == OPEN_ATTEMPTS || !passing(cause) => {
                             let service = self.name.clone();
@@ -287,11 +315,27 @@ macro_rules! topic_of {
                 }
             }
         }
+
+        impl Factory<$payload, $header> {
+            /// A receiver with the service's full queue.
+            pub fn subscriber(&self) -> Result<Subscriber<$payload, $header>, ServiceError> {
+                self.ports
+                    .subscriber_builder()
+                    .create()
+                    .map_err(|cause| ServiceError::Subscriber { service: self.name.clone(), cause })
+            }
+        }
     };
 }
 
-topic_of!(P);
-topic_of!([P]);
+service!(Odometry);
+service!(Command);
+service!(Beacon);
+service!([NeighborStatus], StatusHeader);
+service!([LinkFaultByHand], ());
+service!([LatencyRow], LatencyHeader);
+service!([TruthRow], TruthHeader);
+service!(u64);
 
 fn with_qos<P, H>(builder: Builder<P, H, Ipc>, qos: Qos) -> Builder<P, H, Ipc>
 where
@@ -355,42 +399,6 @@ where
     /// How many receive from this service now, the dead not yet cleaned up included.
     pub fn number_of_subscribers(&self) -> usize {
         self.ports.dynamic_config().number_of_subscribers()
-    }
-
-    /// A receiver with the service's full queue.
-    pub fn subscriber(&self) -> Result<Subscriber<P, H>, ServiceError> {
-        self.ports
-            .subscriber_builder()
-            .create()
-            .map_err(|cause| ServiceError::Subscriber { service: self.name.clone(), cause })
-    }
-}
-
-impl<P: Debug + ZeroCopySend + iceoryx2::prelude::IceoryxSend, H: Debug + ZeroCopySend>
-    Factory<P, H>
-{
-    /// A sender that never waits.
-    pub fn publisher(&self) -> Result<Publisher<P, H>, ServiceError> {
-        self.ports
-            .publisher_builder()
-            .backpressure_strategy(BackpressureStrategy::DiscardData)
-            .create()
-            .map_err(|cause| ServiceError::Publisher { service: self.name.clone(), cause })
-    }
-}
-
-impl<P: Debug + ZeroCopySend + iceoryx2::prelude::IceoryxSend, H: Debug + ZeroCopySend>
-    Factory<[P], H>
-{
-    /// A sender of slices up to a length, which never waits and never allocates.
-    pub fn publisher(&self, length_max: usize) -> Result<Publisher<[P], H>, ServiceError> {
-        self.ports
-            .publisher_builder()
-            .backpressure_strategy(BackpressureStrategy::DiscardData)
-            .initial_max_slice_len(length_max.max(1))
-            .allocation_strategy(AllocationStrategy::Static)
-            .create()
-            .map_err(|cause| ServiceError::Publisher { service: self.name.clone(), cause })
     }
 }
 

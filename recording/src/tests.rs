@@ -45,7 +45,7 @@ fn state(k: u64, robot: u64) -> State {
     }
 }
 
-fn fly(recorder: &mut Recorder, instants: std::ops::Range<u64>) {
+fn record(recorder: &mut Recorder, instants: std::ops::Range<u64>) {
     for k in instants {
         let states = (0..2).map(|robot| state(k, robot));
         let nearest = Some(Nearest { distance_m: 0.25 + k as f64, pair: [0, 1] });
@@ -55,11 +55,11 @@ fn fly(recorder: &mut Recorder, instants: std::ops::Range<u64>) {
 }
 
 /// A whole recording of `instants` instants and two events.
-fn flown(instants: u64) -> (TempDir, PathBuf) {
+fn recorded(instants: u64) -> (TempDir, PathBuf) {
     let scratch = tempfile::tempdir().unwrap();
     let path = scratch.path().join("run.mcap");
     let mut recorder = begin(&path);
-    fly(&mut recorder, 0..instants);
+    record(&mut recorder, 0..instants);
     recorder.event(STEP_NS, "kill", "r2", "SIGKILL, as planned").unwrap();
     recorder.event(2 * STEP_NS, "load", "", "2 processes").unwrap();
     recorder.finish().unwrap();
@@ -87,7 +87,7 @@ fn recovered(from: &Path, to: &Path) -> Recovered {
 
 #[test]
 fn a_whole_recording_is_left_alone() {
-    let (scratch, path) = flown(50);
+    let (scratch, path) = recorded(50);
     let before = fs::read(&path).unwrap();
     assert_eq!(recover(&path, &scratch.path().join("out.mcap")).unwrap(), Outcome::Whole);
     assert_eq!(fs::read(&path).unwrap(), before);
@@ -96,7 +96,7 @@ fn a_whole_recording_is_left_alone() {
 
 #[test]
 fn a_recording_opens_in_the_reader_of_its_format_with_index_and_summary() {
-    let (_scratch, path) = flown(500);
+    let (_scratch, path) = recorded(500);
     let bytes = fs::read(&path).unwrap();
     let summary = mcap::Summary::read(&bytes).unwrap().expect("a summary");
     let stats = summary.stats.as_ref().expect("statistics");
@@ -120,7 +120,7 @@ fn a_recording_opens_in_the_reader_of_its_format_with_index_and_summary() {
 
 #[test]
 fn a_recording_cut_at_any_byte_gives_back_every_whole_chunk() {
-    let (scratch, path) = flown(300);
+    let (scratch, path) = recorded(300);
     let (bytes, all) = (fs::read(&path).unwrap(), messages(&path));
     let (cut, out) = (scratch.path().join("cut.mcap"), scratch.path().join("out.mcap"));
     let mut before = 0;
@@ -146,7 +146,7 @@ fn a_recording_cut_at_any_byte_gives_back_every_whole_chunk() {
 
 #[test]
 fn what_is_recovered_is_whole_and_has_its_attachments_and_metadata() {
-    let (scratch, path) = flown(300);
+    let (scratch, path) = recorded(300);
     let bytes = fs::read(&path).unwrap();
     let (cut, out) = (scratch.path().join("cut.mcap"), scratch.path().join("out.mcap"));
     fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
@@ -164,7 +164,7 @@ fn what_is_recovered_is_whole_and_has_its_attachments_and_metadata() {
 
 #[test]
 fn a_chunk_damaged_in_the_middle_costs_only_itself() {
-    let (scratch, path) = flown(500);
+    let (scratch, path) = recorded(500);
     let mut bytes = fs::read(&path).unwrap();
     let summary = mcap::Summary::read(&bytes).unwrap().expect("a summary");
     let chunk = &summary.chunk_indexes[2];
@@ -186,7 +186,7 @@ fn a_chunk_damaged_in_the_middle_costs_only_itself() {
 
 #[test]
 fn neither_noise_nor_nothing_is_recovered_and_no_file_is_overwritten() {
-    let (scratch, path) = flown(20);
+    let (scratch, path) = recorded(20);
     let at = |name: &str| scratch.path().join(name);
     for (name, content) in [("empty", &b""[..]), ("noise", b"noise, and no recording at all")] {
         fs::write(at(name), content).unwrap();
@@ -219,7 +219,7 @@ proptest! {
         let mut recorders = ["undisturbed", "looked at"].map(|name| begin_one(&at(name), true));
         for k in 0..200 {
             for recorder in &mut recorders {
-                fly(recorder, k..k + 1);
+                record(recorder, k..k + 1);
             }
             for (_, ms) in looks.iter().filter(|(at, _)| *at == k) {
                 recorders[1].flush_if_due(began + Duration::from_millis(*ms)).unwrap();
@@ -249,7 +249,7 @@ fn at_every_moment_what_is_older_than_half_a_second_is_in_the_file() {
     recorder.flush_if_due(began + FLUSH_EVERY).unwrap();
     // A truth each 10 ms, and a look at the clock after it.
     for k in 0..200 {
-        fly(&mut recorder, k..k + 1);
+        record(&mut recorder, k..k + 1);
         let now = began + FLUSH_EVERY + Duration::from_nanos((k + 1) * STEP_NS);
         recorder.flush_if_due(now).unwrap();
         if k % 10 == 9 {
@@ -276,7 +276,7 @@ fn rows(out: &Path, table: &str) -> Vec<Vec<String>> {
 
 #[test]
 fn an_export_has_every_number_of_the_run() {
-    let (scratch, path) = flown(5);
+    let (scratch, path) = recorded(5);
     let out = scratch.path().join("tables");
     let exported = export(&path, &out).unwrap();
     assert!(exported.whole);
@@ -303,7 +303,7 @@ fn an_export_has_every_number_of_the_run() {
 
 #[test]
 fn an_export_never_overwrites_and_refuses_what_is_no_run() {
-    let (scratch, path) = flown(5);
+    let (scratch, path) = recorded(5);
     let at = |name: &str| scratch.path().join(name);
     fs::create_dir(at("mine")).unwrap();
     let error = export(&path, &at("mine")).unwrap_err();
@@ -321,7 +321,7 @@ proptest! {
         places in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..20),
         cut in any::<prop::sample::Index>(),
     ) {
-        let (scratch, path) = flown(100);
+        let (scratch, path) = recorded(100);
         let mut bytes = fs::read(&path).unwrap();
         bytes.truncate(cut.index(bytes.len()) + 1);
         for (place, value) in places {

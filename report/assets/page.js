@@ -645,7 +645,7 @@ function live(root, scene, picture, control) {
   const [lamp, dropped, answer, log, end] = [".lamp", ".dropped", ".answer", ".log", ".end"].map((selector) => root.querySelector(selector));
   const track = new Track(root, scene, scene.duration_s ?? 60);
   for (const fault of scene.faults) track.mark(fault.t_s, fault.until_s, fault.what);
-  let [frames, waiting, drawn, heard, lost, lostAt, landed] = [[], false, 0, 0, 0, -Infinity, false];
+  let [frames, waiting, drawn, heard, lost, lostAt, ended] = [[], false, 0, 0, 0, -Infinity, false];
 
   function link(state, text) {
     lamp.dataset.link = state;
@@ -700,17 +700,17 @@ function live(root, scene, picture, control) {
       freeze.setAttribute("aria-label", `${name} ${scene.robots[i].name}`);
       kill.hidden = freeze.hidden = state === "dead";
       restart.hidden = !kill.hidden;
-      kill.disabled = restart.disabled = landed;
-      freeze.disabled = landed || !["moving", "orphaned", "frozen"].includes(state);
+      kill.disabled = restart.disabled = ended;
+      freeze.disabled = ended || !["moving", "orphaned", "frozen"].includes(state);
     };
   }
 
   /** The newest frame only, however many came since the last drawing. */
   function draw(time) {
-    if (still.matches && time - drawn < 500 && !landed) return void requestAnimationFrame(draw);
+    if (still.matches && time - drawn < 500 && !ended) return void requestAnimationFrame(draw);
     [waiting, drawn] = [false, time];
     const frame = frames.at(-1);
-    picture.exact = landed;
+    picture.exact = ended;
     picture.show(frame, frames.slice(0, -1).filter((_, i) => i % 2 === 0));
     track.move(frame.t_s);
     edges.forEach(({ row, cell }, i) => {
@@ -766,17 +766,17 @@ function live(root, scene, picture, control) {
     source.addEventListener("message", take);
     source.addEventListener("happened", happened);
     source.addEventListener("latency", latency);
-    source.addEventListener("landed", (event) => {
+    source.addEventListener("ended", (event) => {
       const { exit, text } = JSON.parse(event.data);
-      landed = true;
+      ended = true;
       source.close();
-      link("landed", `the run has ended, exit code ${exit}`);
+      link("ended", `the run has ended, exit code ${exit}`);
       say(end, text);
       for (const element of root.querySelectorAll(".acts button")) element.disabled = true;
       if (frames.length) requestAnimationFrame(draw);
     });
     source.addEventListener("error", () => {
-      if (landed) return;
+      if (ended) return;
       link("reconnecting", "no connection: trying again");
       if (source.readyState === EventSource.CLOSED) setTimeout(connect, 2000);
     });
@@ -785,7 +785,7 @@ function live(root, scene, picture, control) {
   setInterval(() => {
     track.flush();
     const silent_s = (performance.now() - heard) / 1000;
-    if (heard && silent_s > 1 && !landed && lamp.dataset.link !== "reconnecting") link("behind", `behind: nothing heard for ${silent_s.toFixed(0)} s`);
+    if (heard && silent_s > 1 && !ended && lamp.dataset.link !== "reconnecting") link("behind", `behind: nothing heard for ${silent_s.toFixed(0)} s`);
   }, 500);
   connect();
 }

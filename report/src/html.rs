@@ -170,19 +170,22 @@ fn summary(summary: &Summary) -> String {
 }
 
 fn expectations(expectations: &[Expectation]) -> String {
+    let reasons = expectations.iter().any(|expectation| expectation.reason.is_some());
     let rows = expectations.iter().map(|expectation| {
         let Expectation { name, value, bound, held, reason, .. } = expectation;
         // A miss by a hair's breadth must not be rounded to its bound.
         let shown = |value: f64| if *held { digits(value) } else { value.to_string() };
-        vec![
+        let mut row = vec![
             Cell::Text(name.clone()),
             Cell::Number(value.map_or("never".into(), shown)),
             Cell::Number(if *held { asked(*bound) } else { bound.to_string() }),
             Cell::Verdict(expectation.verdict().word()),
-            Cell::Text(reason.clone().unwrap_or_default()),
-        ]
+        ];
+        row.extend(reasons.then(|| Cell::Long(reason.clone().unwrap_or_default())));
+        row
     });
-    table(&["Expected", "#Measured", "#Required", "Verdict", "Why"], rows)
+    let heads = ["Expected", "#Measured", "#Required", "Verdict", "Why"];
+    table(&heads[..if reasons { 5 } else { 4 }], rows)
 }
 
 fn faults(faults: &[FaultReport]) -> String {
@@ -197,7 +200,7 @@ fn faults(faults: &[FaultReport]) -> String {
             Cell::Number(digits(fault.peak_error_m)),
             seconds(fault.min_distance_m),
             seconds(fault.recovered_after_s),
-            Cell::Text(foretold(fault)),
+            Cell::Long(predicted(fault)),
             Cell::Text(who(&fault.broken)),
             Cell::Text(who(&fault.affected)),
             Cell::Text(who(&fault.orphaned)),
@@ -214,7 +217,7 @@ fn faults(faults: &[FaultReport]) -> String {
         "#Recovered after, s",
         "Predicted to break",
         "Observed to break",
-        "Off by those they still hear",
+        "Affected",
         "Orphaned",
     ];
     let Some(first) = faults.first() else { return String::new() };
@@ -223,7 +226,7 @@ fn faults(faults: &[FaultReport]) -> String {
 }
 
 /// Who is to break, each with the reason.
-fn foretold(fault: &FaultReport) -> String {
+fn predicted(fault: &FaultReport) -> String {
     match fault.predicted_why.is_empty() {
         true => who(&fault.predicted),
         false => fault.predicted_why.join("; "),
@@ -348,6 +351,8 @@ fn described<'a>(entries: impl Iterator<Item = (&'a str, &'a str)>) -> String {
 
 enum Cell {
     Text(String),
+    /// A sentence: not squeezed into a narrow column.
+    Long(String),
     /// Not broken.
     Word(String),
     Number(String),
@@ -364,6 +369,7 @@ fn table(heads: &[&str], rows: impl Iterator<Item = Vec<Cell>>) -> String {
         for cell in row {
             let _ = match cell {
                 Cell::Text(text) => write!(body, "<td>{}</td>", escaped(&text)),
+                Cell::Long(text) => write!(body, "<td class=\"long\">{}</td>", escaped(&text)),
                 Cell::Word(text) => write!(body, "<td class=\"word\">{}</td>", escaped(&text)),
                 Cell::Number(text) => write!(body, "<td class=\"number\">{}</td>", escaped(&text)),
                 Cell::Verdict(word) => write!(body, "<td class=\"{word}\">{word}</td>"),

@@ -244,8 +244,7 @@ pub fn screen(summary: &Summary) -> String {
             let affected = who(&fault.affected);
             let _ = writeln!(
                 text,
-                "{:13}predicted to break: {predicted}; observed: {broken}; off by those they still \
-                 hear: {affected}",
+                "{:13}predicted to break: {predicted}; observed: {broken}; affected: {affected}",
                 ""
             );
             for line in &fault.predicted_why {

@@ -21,5 +21,5 @@ struct Cli {
 
 fn main() -> ExitCode {
     let Cli { brief, incarnation, realtime_priority } = Cli::parse();
-    ExitCode::from(agent::flight::main(&brief, incarnation, realtime_priority))
+    ExitCode::from(agent::control_loop::main(&brief, incarnation, realtime_priority))
 }

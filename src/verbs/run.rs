@@ -114,9 +114,9 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
         });
     }
     let how = How { pace, launcher, unmeasured: args.unmeasured, looks };
-    match fly(&scenario, &text, &manifest, &out, how) {
-        Ok(flown) => {
-            if flown.took_off && flown.written && !args.no_report {
+    match execute(&scenario, &text, &manifest, &out, how) {
+        Ok(ended) => {
+            if ended.began && ended.written && !args.no_report {
                 // The run is written down: that its pictures are not changes nothing about it.
                 if let Err(error) = page::write(&out, &scenario) {
                     complain(&error);
@@ -124,18 +124,18 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
             }
             let printed = match args.output {
                 // What was wrong was said already; of nothing there is nothing to show.
-                Output::Text if !flown.took_off => exit::OK,
+                Output::Text if !ended.began => exit::OK,
                 Output::Text => {
                     let written =
-                        if flown.written { "written" } else { "not all of it is written" };
-                    print(&format!("{}\n{written} to {}\n", flown.screen.trim_end(), out.display()))
+                        if ended.written { "written" } else { "not all of it is written" };
+                    print(&format!("{}\n{written} to {}\n", ended.screen.trim_end(), out.display()))
                 }
-                Output::Json => print_as(Output::Json, &to_json(&flown.summary)),
+                Output::Json => print_as(Output::Json, &to_json(&ended.summary)),
             };
-            if flown.summary.exit == exit::OK { printed } else { flown.summary.exit }
+            if ended.summary.exit == exit::OK { printed } else { ended.summary.exit }
         }
-        Err(error @ (NotFlown::Signals(_) | NotFlown::View(_))) => complain(&error),
-        Err(NotFlown::RunDir(error)) => {
+        Err(error @ (NotRun::Signals(_) | NotRun::View(_))) => complain(&error),
+        Err(NotRun::RunDir(error)) => {
             let code = complain(&error);
             if matches!(error, RunDirError::Exists(_)) { exit::USAGE } else { code }
         }
@@ -154,8 +154,8 @@ pub(super) fn run_again(
     let pace = Pace::Lockstep;
     let manifest = Manifest::collect(scenario, &out.join("scenario.toml"), pace, build);
     let how = How { pace, launcher, unmeasured: false, looks: None };
-    match fly(scenario, text, &manifest, out, how) {
-        Ok(flown) => flown.took_off && flown.written && !flown.summary.interrupted,
+    match execute(scenario, text, &manifest, out, how) {
+        Ok(ended) => ended.began && ended.written && !ended.summary.interrupted,
         Err(error) => {
             complain(&error);
             false
@@ -165,7 +165,7 @@ pub(super) fn run_again(
 
 /// Why a run left no summary.
 #[derive(Debug, thiserror::Error)]
-enum NotFlown {
+enum NotRun {
     #[error("cannot handle signals: {0}")]
     Signals(#[from] io::Error),
     #[error(transparent)]
@@ -189,8 +189,8 @@ struct Looks {
     control: bool,
 }
 
-struct Flown {
-    took_off: bool,
+struct Ended {
+    began: bool,
     /// All of it, into its directory.
     written: bool,
     summary: Summary,
@@ -198,13 +198,13 @@ struct Flown {
 }
 
 /// Runs a sound scenario and writes everything down.
-fn fly(
+fn execute(
     scenario: &Scenario,
     text: &str,
     manifest: &Manifest,
     out: &Path,
     how: How,
-) -> Result<Flown, NotFlown> {
+) -> Result<Ended, NotRun> {
     let How { pace, launcher, unmeasured, looks } = how;
     let stop = Stop::on_signals_twice_at_once()?;
     let mut run_dir = RunDir::create(out, scenario)?;
@@ -225,13 +225,13 @@ fn fly(
     let bar = progress(scenario.duration_ns);
     let launched =
         Run::launch(scenario, pace, &launcher, by_hand, &mut run_dir, &mut metrics, stop);
-    let (mut outcome, flown) = match launched {
+    let (mut outcome, result) = match launched {
         Ok(run) => run.watched_by(view.as_mut()).to_the_end(|t_ns| show_progress(bar, t_ns)),
         Err(error) => (Outcome::default(), Err(error)),
     };
     bar.finish_and_clear();
-    let ended_with = run::exit_code(&outcome, &flown);
-    if let Err(error) = &flown {
+    let ended_with = run::exit_code(&outcome, &result);
+    if let Err(error) = &result {
         complain(error);
     }
     let measures = metrics.finish();
@@ -249,7 +249,7 @@ fn fly(
     // The verdict is what it is, whether or not it can be written down.
     let screen = summary::screen(&summary);
     let finished = run_dir.finish(&mut summary, &measures.pairs, &mut outcome.latency);
-    let ended = flown.as_ref().err().map(ToString::to_string);
+    let ended = result.as_ref().err().map(ToString::to_string);
     let unwritten = finished.as_ref().err().map(ToString::to_string);
     if let Some(error) = unwritten.as_ref().filter(|error| ended.as_ref() != Some(error)) {
         complain(error);
@@ -257,7 +257,7 @@ fn fly(
     if let Some(view) = view {
         let error = ended.as_ref().or(unwritten.as_ref());
         let text = error.map_or_else(|| screen.clone(), |error| format!("error: {error}"));
-        view.landed(summary.exit, &text);
+        view.ended(summary.exit, &text);
     }
-    Ok(Flown { took_off: outcome.truth.is_some(), written: finished.is_ok(), summary, screen })
+    Ok(Ended { began: outcome.truth.is_some(), written: finished.is_ok(), summary, screen })
 }

@@ -19,9 +19,9 @@ const MS: u64 = 1_000_000;
 /// In which form a result is printed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum Output {
-    /// One screen for people.
+    /// Text, at most a screen.
     Text,
-    /// The same and more for programs; of a run, summary.json.
+    /// The same and more, as JSON; for a run, summary.json.
     Json,
 }
 

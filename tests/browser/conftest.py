@@ -115,11 +115,11 @@ def report_address(tmp_path_factory):
 
 
 @pytest.fixture
-def fly(tmp_path):
+def start_run(tmp_path):
     """Starts a real run with a live view and control, and gives its address; interrupts it in the end."""
     runs = []
 
-    def fly(duration_s):
+    def start_run(duration_s):
         command = [PHALANX, "run", "scenarios/triangle.toml", "--set", f"duration_s={duration_s}"]
         command += ["--set", "expect={}", "--view", "--view-control", "--out", tmp_path / "run"]
         run = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
@@ -133,7 +133,7 @@ def fly(tmp_path):
                 return found[1]
         pytest.fail(f"the run names no address: {''.join(said)}")
 
-    yield fly
+    yield start_run
     for run in runs:
         run.send_signal(signal.SIGINT)
         run.wait(timeout=HANG_S)

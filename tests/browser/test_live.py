@@ -126,15 +126,15 @@ def test_a_broken_stream_is_said_and_found_again(stand_in, visit, names):
 
 
 @control
-def test_after_landing_nobody_connects_again(stand_in, visit, names):
+def test_after_the_end_nobody_connects_again(stand_in, visit, names):
     page = opened(visit, stand_in, names)
-    stand_in.send("landed", {"exit": 1, "text": "an expectation was missed"})
+    stand_in.send("ended", {"exit": 1, "text": "an expectation was missed"})
     expect(page.locator(".lamp")).to_have_text("the run has ended, exit code 1")
     expect(page.locator(".end")).to_have_text("an expectation was missed")
     stand_in.break_off()
     page.wait_for_timeout(3000)
     assert stand_in.connections == 1
-    expect(page.locator(".lamp")).to_have_attribute("data-link", "landed")
+    expect(page.locator(".lamp")).to_have_attribute("data-link", "ended")
     expect(page.get_by_role("button", name="kill r2")).to_be_disabled()
 
 

@@ -35,8 +35,8 @@ def test_a_report_replays_its_run(visit, report_address, width, scheme):
     assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
-def test_a_robot_of_a_run_is_killed_and_brought_back_by_hand(fly, visit):
-    page = visit(fly(duration_s=600))
+def test_a_robot_of_a_run_is_killed_and_brought_back_by_hand(start_run, visit):
+    page = visit(start_run(duration_s=600))
     expect(page.locator(".lamp")).to_have_attribute("data-link", "live")
     every_state(page, "moving", "moving", "moving")
     page.get_by_role("button", name="kill r2").click()
@@ -55,8 +55,8 @@ def test_a_robot_of_a_run_is_killed_and_brought_back_by_hand(fly, visit):
     every_state(page, "moving", "moving", "moving")
 
 
-def test_an_edge_of_a_run_is_cut_and_mended_by_hand(fly, visit):
-    page = visit(fly(duration_s=600))
+def test_an_edge_of_a_run_is_cut_and_mended_by_hand(start_run, visit):
+    page = visit(start_run(duration_s=600))
     state = page.locator(".edges tbody tr").first.locator(".state")
     expect(state).to_have_text("fresh")
     page.get_by_role("button", name="cut r2 to r1").click()
@@ -66,11 +66,11 @@ def test_an_edge_of_a_run_is_cut_and_mended_by_hand(fly, visit):
     expect(state).to_have_text("fresh")
 
 
-def test_a_run_that_ends_says_so_and_is_not_asked_again(fly, visit):
-    page = visit(fly(duration_s=8))
+def test_a_run_that_ends_says_so_and_is_not_asked_again(start_run, visit):
+    page = visit(start_run(duration_s=8))
     lamp = page.locator(".lamp")
     expect(lamp).to_have_attribute("data-link", "live")
     expect(lamp).to_contain_text("the run has ended, exit code 0")
     expect(page.locator(".end")).to_contain_text("no expectations declared")
     page.wait_for_timeout(3000)
-    expect(lamp).to_have_attribute("data-link", "landed")
+    expect(lamp).to_have_attribute("data-link", "ended")

@@ -11,7 +11,7 @@ use formation::pose::Pose;
 use formation::random::SplitMix64;
 
 use crate::lockstep::{MEASURED, STARTS, far};
-use crate::oracle::{fly, scenario};
+use crate::oracle::{scenario, simulate};
 
 /// Cases 2 and 3, and their d, m.
 const LED: [(&str, f64); 2] = [("pentagon", 0.3), ("containment", 0.2)];
@@ -85,10 +85,10 @@ fn the_page_has_the_bounds_and_the_rules_for_epsilon() {
 fn the_page_has_the_laws_without_avoidance() {
     let names = STARTS.into_iter().chain(LED.map(|(name, _)| name));
     let rows = names.map(|name| {
-        let flight = fly(&scenario(name, &["avoidance.kind=none"]));
-        let hull = flight.hull_distance_m_max_final.map(|hull_m| hull_m.to_string());
-        let worst = error(far(&flight).1);
-        row([name.into(), settled_at(flight.converged_at_s), worst, hull.unwrap_or("-".into())])
+        let simulated = simulate(&scenario(name, &["avoidance.kind=none"]));
+        let hull = simulated.hull_distance_m_max_final.map(|hull_m| hull_m.to_string());
+        let worst = error(far(&simulated).1);
+        row([name.into(), settled_at(simulated.converged_at_s), worst, hull.unwrap_or("-".into())])
     });
     the_page_has(&rows.collect::<Vec<_>>());
 }
@@ -97,9 +97,9 @@ fn the_page_has_the_laws_without_avoidance() {
 #[ignore = "a table of docs/chapter.md"]
 fn the_page_has_case_1_from_its_four_starts() {
     let rows = STARTS.map(|name| {
-        let guard = fly(&scenario(name, &[]));
-        let focus = fly(&scenario(name, &["avoidance.kind=focus", "period_s=0.001"]));
-        let none = fly(&scenario(name, &["avoidance.kind=none"]));
+        let guard = simulate(&scenario(name, &[]));
+        let focus = simulate(&scenario(name, &["avoidance.kind=focus", "period_s=0.001"]));
+        let none = simulate(&scenario(name, &["avoidance.kind=none"]));
         let start = Theory::of(&scenario(name, &[])).distances.start.unwrap().distance_m;
         let ((near_m, error_m), (focus_m, focus_error_m)) = (far(&guard), far(&focus));
         row([
@@ -123,9 +123,9 @@ fn the_page_has_cases_2_and_3_with_the_guard() {
     let mut rows = Vec::new();
     for (name, d, measured) in MEASURED {
         for (ms, (error_m, distance)) in [1.0, 2.0, 5.0, 10.0, 20.0].into_iter().zip(measured) {
-            let flight = fly(&scenario(name, &[&period(ms)]));
-            let (found_m, found_error_m) = far(&flight);
-            let hull = flight.hull_distance_m_max_final.map(|hull_m| hull_m.to_string());
+            let simulated = simulate(&scenario(name, &[&period(ms)]));
+            let (found_m, found_error_m) = far(&simulated);
+            let hull = simulated.hull_distance_m_max_final.map(|hull_m| hull_m.to_string());
             rows.push(row([
                 name.to_owned(),
                 format!("{ms}"),
@@ -133,7 +133,7 @@ fn the_page_has_cases_2_and_3_with_the_guard() {
                 format!("{error_m:.1e}"),
                 format!("{:.3}", found_m / d),
                 format!("{distance:.3}"),
-                settled_at(flight.converged_at_s),
+                settled_at(simulated.converged_at_s),
                 hull.unwrap_or("-".into()),
             ]));
         }
@@ -145,7 +145,7 @@ fn the_page_has_cases_2_and_3_with_the_guard() {
 #[ignore = "a table of docs/chapter.md: millions of ticks"]
 fn the_page_has_how_near_the_literal_focus_lets_them_come() {
     let literal = |name: &str, ms: f64| {
-        far(&fly(&scenario(name, &["avoidance.kind=focus", &period(ms), "expect={}"])))
+        far(&simulate(&scenario(name, &["avoidance.kind=focus", &period(ms), "expect={}"])))
     };
     let rows = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0].map(|ms| {
         let starts = STARTS.map(|name| literal(name, ms));
@@ -164,12 +164,12 @@ fn the_page_has_how_near_the_literal_focus_lets_them_come() {
 #[ignore = "a table of docs/chapter.md"]
 fn the_page_has_what_each_published_velocity_gains() {
     let rows = ["gamma", "gamma+beta", "differenced"].map(|kind| {
-        let flown = LED.map(|(name, d)| {
+        let measured = LED.map(|(name, d)| {
             let set = format!("published_velocity=\"{kind}\"");
-            let (distance_m, error_m) = far(&fly(&scenario(name, &[&set])));
+            let (distance_m, error_m) = far(&simulate(&scenario(name, &[&set])));
             [format!("{error_m:.2e}"), format!("{:.3}", distance_m / d)]
         });
-        row([format!("`{kind}`")].into_iter().chain(flown.into_iter().flatten()))
+        row([format!("`{kind}`")].into_iter().chain(measured.into_iter().flatten()))
     });
     the_page_has(&rows);
 }
@@ -209,15 +209,15 @@ fn scattered(gap_m: f64, both_ways: bool, seed: u64) -> Scenario {
 }
 
 #[test]
-#[ignore = "a table of docs/chapter.md: 1400 flights"]
+#[ignore = "a table of docs/chapter.md: 1400 runs"]
 fn the_page_has_how_many_lattices_get_stuck() {
     let rows = [1.1, 1.2, 1.5, 2.0, 2.2, 2.5, 3.0].map(|gap| {
         let stuck = [false, true].map(|both_ways| {
-            let flights = (1..=100).map(|seed| fly(&scattered(0.2 * gap, both_ways, seed)));
+            let runs = (1..=100).map(|seed| simulate(&scattered(0.2 * gap, both_ways, seed)));
             let mut stuck = 0;
-            for flight in flights {
-                assert!(flight.min_distance_m.unwrap() >= 0.2, "{:?}", flight.min_distance_m);
-                stuck += usize::from(flight.converged_at_s.is_none());
+            for simulated in runs {
+                assert!(simulated.min_distance_m.unwrap() >= 0.2, "{:?}", simulated.min_distance_m);
+                stuck += usize::from(simulated.converged_at_s.is_none());
             }
             stuck.to_string()
         });

@@ -37,10 +37,10 @@ fn every_fault_is_foretold_and_survived_and_nothing_of_it_stays() {
             .fault(fault)
             .finish();
         ended.exits_with(0).leaves_nothing();
-        let foretold = oracle::fly(&with_faults("triangle", &set, &[fault]));
+        let foretold = oracle::simulate(&with_faults("triangle", &set, &[fault]));
         let hash = foretold.trajectory_hash.unwrap();
         ended.claim(ended.hash() == hash, format!("{fault}: the hash is {hash}"));
-        let undisturbed = oracle::fly(&with_faults("triangle", &set, &[])).trajectory_hash;
+        let undisturbed = oracle::simulate(&with_faults("triangle", &set, &[])).trajectory_hash;
         // Noise makes the guard more careful from the start, also where nobody is near yet.
         let changed = Some(ended.hash()) != undisturbed.as_deref();
         ended.claim(changed == changes, format!("{fault}: it changes something: {changes}"));
@@ -75,7 +75,7 @@ fn who_is_silent_is_called_stale_and_then_lost_by_the_tick() {
 }
 
 #[test]
-fn the_same_seed_draws_the_same_chaos_and_flies_it_the_same_ten_times() {
+fn the_same_seed_draws_the_same_chaos_and_runs_it_the_same_ten_times() {
     let set = [
         "duration_s=20",
         "expect={}",
@@ -84,7 +84,7 @@ fn the_same_seed_draws_the_same_chaos_and_flies_it_the_same_ten_times() {
         "chaos.restart_after_s=0.5",
         "chaos.until_s=12",
     ];
-    let foretold = oracle::fly(&with_faults("triangle", &set, &[]));
+    let foretold = oracle::simulate(&with_faults("triangle", &set, &[]));
     let hash = foretold.trajectory_hash.unwrap();
     for _ in 0..10 {
         let ended =
@@ -119,11 +119,11 @@ fn a_replacement_says_whom_it_hears_with_times_of_its_own() {
 #[test]
 fn the_plants_death_ends_the_run_with_4_and_a_scenario_may_expect_that() {
     for pace in ["lockstep", "realtime"] {
-        let flight = || run("triangle").args(["--pace", pace]).fault("kill plant @1");
-        let ended = flight().set("expect={}").finish();
+        let killed = || run("triangle").args(["--pace", pace]).fault("kill plant @1");
+        let ended = killed().set("expect={}").finish();
         ended.exits_with(4).leaves_nothing();
         ended.claim(ended.stderr.contains("the plant died (signal 9)"), "it says why");
-        let expected = flight().set("expect={ exit = 4 }").finish();
+        let expected = killed().set("expect={ exit = 4 }").finish();
         expected.exits_with(0).leaves_nothing();
     }
 }

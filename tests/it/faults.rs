@@ -169,7 +169,7 @@ fn a_robot_stopped_in_real_time_misses_deadlines_and_is_counted() {
 fn in_real_time_kills_by_plan_and_by_hand_are_survived_alike() {
     let mut planned = killed_on_the_way("triangle").set("expect.converged_by_s=12").start();
     let mut by_hand = run("triangle").set("duration_s=16").start();
-    let (pid, _) = by_hand.wait_for("flight", |run| {
+    let (pid, _) = by_hand.wait_for("a moving robot", |run| {
         let events = std::fs::read_to_string(run.run_dir().join("events.csv")).ok()?;
         events.contains("contact").then_some(())?;
         run.children().into_iter().find(|(_, name)| name == "r2")

@@ -10,7 +10,7 @@ use experiment::prediction::{Broken, Predictor};
 use experiment::scenario::Scenario;
 use metrics::Measures;
 
-use crate::oracle::fly;
+use crate::oracle::simulate;
 use crate::single_faults::{self, Case, of_each};
 
 /// Farther than this, m, from its place in the formation as planned, over the last tenth of the run,
@@ -94,7 +94,7 @@ fn outcome(case: &Case, whole_again: bool) -> Outcome {
         // Where gains are small the way back is long.
         scenario.duration_ns += scenario.duration_ns / 4;
     }
-    let measures = fly(&scenario);
+    let measures = simulate(&scenario);
     let foretold = match whole_again {
         // Everybody comes back.
         true => Vec::new(),

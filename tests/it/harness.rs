@@ -146,7 +146,7 @@ impl Running {
         if plant.is_empty() { Vec::new() } else { agents.into_iter().map(|(pid, _)| pid).collect() }
     }
 
-    /// What its run roots are called: as long as it flies, there is one.
+    /// What its run roots are called: as long as it runs, there is one.
     pub fn roots(&self) -> Vec<PathBuf> {
         let bases = std::fs::read_dir(self.run_root()).into_iter().flatten().flatten();
         let roots = bases.flat_map(|base| std::fs::read_dir(base.path()).into_iter().flatten());

@@ -12,7 +12,8 @@ use protocol::brief::{AgentBrief, BodyBrief, Pace};
 use protocol::message::PROXIMITY_MAX;
 
 use crate::model::{
-    ADVERSARIES, Adversary, Expiry, Fleet, Flight, HARDSHIPS, Hardship, Outcome, Wish, fly, stay_at,
+    ADVERSARIES, Adversary, Expiry, Fleet, HARDSHIPS, Hardship, Outcome, Trial, Wish, simulate,
+    stay_at,
 };
 use crate::oracle::scenario;
 
@@ -20,15 +21,15 @@ pub const S: u64 = 1_000_000_000;
 pub const TRIANGLES: [&str; 4] = ["triangle", "triangle-b", "triangle-c", "triangle-d"];
 pub const PERIODS: [&str; 3] = ["period_s=0.005", "period_s=0.01", "period_s=0.02"];
 
-/// A flight that is hostile from its beginning to its end.
-pub fn hostile(seed: u64, adversary: Adversary, wish: Wish) -> Flight {
+/// A trial that is hostile from its beginning to its end.
+pub fn hostile(seed: u64, adversary: Adversary, wish: Wish) -> Trial {
     let expiry = Expiry::FromSample;
-    Flight { seed, adversary, wish, expiry, hostile_ns: 3 * S, duration_ns: 3 * S }
+    Trial { seed, adversary, wish, expiry, hostile_ns: 3 * S, duration_ns: 3 * S }
 }
 
 /// By how much the two that came nearest to each other kept d, m, and the rest.
-pub fn margin(fleet: &Fleet, flight: Flight) -> (f64, Outcome) {
-    let outcome = fly(fleet, flight, |_, _, _| ());
+pub fn margin(fleet: &Fleet, trial: Trial) -> (f64, Outcome) {
+    let outcome = simulate(fleet, trial, |_, _, _| ());
     (outcome.closest_m - fleet.plant.distance_min_m, outcome)
 }
 
@@ -111,9 +112,9 @@ fn nobody_comes_nearer_than_d(rounds: usize) {
             for adversary in ADVERSARIES {
                 for wish in [Wish::Law, Wish::Ram] {
                     seed += 1;
-                    let flight = hostile(seed, adversary, wish);
-                    let (margin_m, outcome) = margin(&fleet, flight);
-                    let run = format!("{name}, {period}, {hardship:?}, {flight:?}");
+                    let trial = hostile(seed, adversary, wish);
+                    let (margin_m, outcome) = margin(&fleet, trial);
+                    let run = format!("{name}, {period}, {hardship:?}, {trial:?}");
                     assert!(margin_m >= 0.0, "{run}: {margin_m}, {outcome:?}");
                     if hardship == Hardship::Nothing && wish == Wish::Ram {
                         rammed_m = rammed_m.min(margin_m);
@@ -155,9 +156,9 @@ fn a_crowd_that_starts_exactly_d_apart_and_sees_not_everybody_keeps_d() {
     assert!(most > Some(PROXIMITY_MAX), "{most:?}");
     for (seed, adversary) in (0..).zip(ADVERSARIES) {
         for wish in [Wish::Law, Wish::Ram] {
-            let flight = Flight { duration_ns: S, ..hostile(seed, adversary, wish) };
-            let (margin_m, outcome) = margin(&fleet, flight);
-            assert!(margin_m >= 0.0, "{flight:?}: {margin_m}, {outcome:?}");
+            let trial = Trial { duration_ns: S, ..hostile(seed, adversary, wish) };
+            let (margin_m, outcome) = margin(&fleet, trial);
+            assert!(margin_m >= 0.0, "{trial:?}: {margin_m}, {outcome:?}");
         }
     }
 }
@@ -170,42 +171,42 @@ fn once_faults_stop_everybody_comes_home() {
             let scenario = scenario(name, &["duration_s=30", "expect={}"]);
             let fleet = Fleet::of(&scenario);
             let mut metrics = Metrics::new(&scenario, Pace::Realtime);
-            let flight = Flight {
+            let trial = Trial {
                 hostile_ns: hostile_s * S,
                 duration_ns: scenario.duration_ns,
                 ..hostile(seed, adversary, Wish::Law)
             };
-            let outcome = fly(&fleet, flight, |header, truth, alive| {
+            let outcome = simulate(&fleet, trial, |header, truth, alive| {
                 metrics.truth(header, truth, alive);
             });
             let measures = metrics.finish();
-            let error_m = measures.final_error_m_max.expect("it flew to the end");
-            assert!(error_m < 1e-2, "{name}, {flight:?}: {error_m}, {outcome:?}");
-            assert_eq!(measures.violations, 0, "{name}, {flight:?}: {outcome:?}");
+            let error_m = measures.final_error_m_max.expect("it ran to the end");
+            assert!(error_m < 1e-2, "{name}, {trial:?}: {error_m}, {outcome:?}");
+            assert_eq!(measures.violations, 0, "{name}, {trial:?}: {outcome:?}");
         }
     }
 }
 
-/// How many of 40 flights go below d with a mistake, and the worst by how much, m. With the mistake
+/// How many of 40 trials go below d with a mistake, and the worst by how much, m. With the mistake
 /// undone, all of them keep d.
-fn below_d(fleet: &Fleet, mistaken: &Fleet, flight: impl Fn(u64) -> Flight) -> (usize, f64) {
+fn below_d(fleet: &Fleet, mistaken: &Fleet, trial: impl Fn(u64) -> Trial) -> (usize, f64) {
     let mut below = (0, 0.0f64);
     for seed in 0..40 {
-        let honest = Flight { expiry: Expiry::FromSample, ..flight(seed) };
+        let honest = Trial { expiry: Expiry::FromSample, ..trial(seed) };
         let (margin_m, outcome) = margin(fleet, honest);
         assert!(margin_m >= 0.0, "{honest:?}: {outcome:?}");
-        let (margin_m, _) = margin(mistaken, flight(seed));
+        let (margin_m, _) = margin(mistaken, trial(seed));
         below = (below.0 + usize::from(margin_m < 0.0), below.1.max(-margin_m));
     }
     below
 }
 
 #[test]
-fn the_literal_focus_falls_below_d_in_such_flights() {
+fn the_literal_focus_falls_below_d_in_such_trials() {
     let guarded = named("triangle-d", &[]);
     let literal = named("triangle-d", &["avoidance.kind=focus"]);
-    let flight = |seed| hostile(seed, Adversary::Chance, Wish::Law);
-    let (count, worst_m) = below_d(&guarded, &literal, flight);
+    let trial = |seed| hostile(seed, Adversary::Chance, Wish::Law);
+    let (count, worst_m) = below_d(&guarded, &literal, trial);
     assert!(count > 20 && worst_m > 1e-3, "{count}, {worst_m}");
 }
 
@@ -213,11 +214,11 @@ fn the_literal_focus_falls_below_d_in_such_flights() {
 fn a_lifetime_counted_from_a_commands_arrival_lets_robots_come_nearer_than_d() {
     let fleet = named("containment", &["period_s=0.01"]);
     for (adversary, count_min) in [(Adversary::JustInTime, 20), (Adversary::Ambush, 1)] {
-        let flight = |seed| {
+        let trial = |seed| {
             let expiry = Expiry::FromArrival;
-            Flight { expiry, ..hostile(seed, adversary, Wish::Ram) }
+            Trial { expiry, ..hostile(seed, adversary, Wish::Ram) }
         };
-        let (count, worst_m) = below_d(&fleet, &fleet, flight);
+        let (count, worst_m) = below_d(&fleet, &fleet, trial);
         assert!(count >= count_min && worst_m > 1e-2, "{adversary:?}: {count}, {worst_m}");
     }
 }
@@ -230,8 +231,8 @@ fn agents_that_believe_in_a_quarter_of_the_lifetime_come_nearer_than_d() {
         agent.command_lifetime_ns /= 4;
     }
     for adversary in ADVERSARIES {
-        let flight = |seed| hostile(seed, adversary, Wish::Ram);
-        let (count, worst_m) = below_d(&fleet, &hasty, flight);
+        let trial = |seed| hostile(seed, adversary, Wish::Ram);
+        let (count, worst_m) = below_d(&fleet, &hasty, trial);
         assert!(count > 10 && worst_m > 1e-2, "{adversary:?}: {count}, {worst_m}");
     }
 }

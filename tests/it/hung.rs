@@ -29,7 +29,7 @@ fn moving() -> Running {
 
 fn passes_as_if_nothing_had_been(running: Running) {
     let ended = running.finish();
-    let foretold = oracle::fly(&scenario("triangle", &SET)).trajectory_hash.unwrap();
+    let foretold = oracle::simulate(&scenario("triangle", &SET)).trajectory_hash.unwrap();
     ended.exits_with(0).leaves_nothing();
     ended.claim(ended.hash() == foretold, format!("the hash is {foretold}"));
 }

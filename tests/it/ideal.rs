@@ -1,6 +1,6 @@
-//! The error to the ideal formation, of robots that fly.
+//! The error to the ideal formation, of robots that move.
 
-use crate::oracle::{fly, scenario, with_faults};
+use crate::oracle::{scenario, simulate, with_faults};
 
 /// Of this robot, in m.
 fn of(errors: &[(String, Option<f64>)], robot: &str) -> f64 {
@@ -14,7 +14,7 @@ fn a_formation_that_nothing_disturbs_becomes_the_ideal_one() {
         [("triangle", 14), ("pentagon", 14), ("containment", 14), ("line-5", 60)]
     {
         let scenario = scenario(name, &[&format!("duration_s={duration_s}")]);
-        let measures = fly(&scenario);
+        let measures = simulate(&scenario);
         let named = measures.final_ideal_error_m.iter().filter(|(_, error)| error.is_some());
         assert_eq!(named.count(), scenario.robots.len(), "{name}: everybody has a place");
         let worst_m = measures.final_ideal_error_m_max.unwrap();
@@ -24,7 +24,7 @@ fn a_formation_that_nothing_disturbs_becomes_the_ideal_one() {
 
 #[test]
 fn who_follows_a_dead_robot_is_right_by_what_it_hears_and_wrong_in_the_whole() {
-    let measures = fly(&with_faults("line-5", &[], &["kill r2 @40"]));
+    let measures = simulate(&with_faults("line-5", &[], &["kill r2 @40"]));
     // r3 hears r2 alone, and stands where the last of its words let it stand, but for the line that
     // the leader goes on to turn.
     let (heard_m, ideal_m) =

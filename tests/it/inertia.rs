@@ -13,7 +13,7 @@ use metrics::Measures;
 use protocol::brief::AgentBrief;
 
 use crate::hostile::{PERIODS, S, TRIANGLES, hostile, margin, named, swap};
-use crate::model::{ADVERSARIES, Fleet, Flight, HARDSHIPS, Hardship, INERTIAS, Wish};
+use crate::model::{ADVERSARIES, Fleet, HARDSHIPS, Hardship, INERTIAS, Trial, Wish};
 use crate::oracle::{self, scenario};
 
 /// Every fleet at every period, with every inertia in turn.
@@ -45,16 +45,16 @@ fn nobody_comes_nearer_than_d(rounds: usize) {
             for adversary in ADVERSARIES {
                 for wish in [Wish::Law, Wish::Ram] {
                     seed += 1;
-                    let flight = Flight { duration_ns: 2 * S, ..hostile(seed, adversary, wish) };
-                    let (margin_m, outcome) = margin(&fleet, flight);
-                    let run = format!("{name}, {hardship:?}, {flight:?}");
+                    let trial = Trial { duration_ns: 2 * S, ..hostile(seed, adversary, wish) };
+                    let (margin_m, outcome) = margin(&fleet, trial);
+                    let run = format!("{name}, {hardship:?}, {trial:?}");
                     assert!(margin_m >= 0.0, "{run}: {margin_m}, {outcome:?}");
                     closest = closest.min(margin_m);
                     late += outcome.commands_late;
                     freezes += outcome.freezes;
                     kills += outcome.kills;
                     if hardship == Hardship::Nothing {
-                        let (margin_m, outcome) = margin(&unknowing, flight);
+                        let (margin_m, outcome) = margin(&unknowing, trial);
                         compared += 1;
                         below += u64::from(margin_m < 0.0);
                         worst = worst.min(outcome.closest_m / unknowing.plant.distance_min_m);
@@ -111,9 +111,9 @@ fn without_inertia(mut scenario: Scenario) -> Scenario {
     scenario
 }
 
-/// Flies it with the guard that does not know that robots have inertia.
-fn fly_unknowing(scenario: &Scenario) -> Measures {
-    oracle::fly_with(scenario, &|brief, incarnation| {
+/// Runs it with the guard that does not know that robots have inertia.
+fn simulate_unknowing(scenario: &Scenario) -> Measures {
+    oracle::simulate_with(scenario, &|brief, incarnation| {
         let mut brief = AgentBrief { limits: None, ..brief.clone() };
         brief.avoidance.braking_time_max_s = 0.0;
         Brain::new(&brief, incarnation).expect("a checked brief")
@@ -121,29 +121,29 @@ fn fly_unknowing(scenario: &Scenario) -> Measures {
 }
 
 /// Mean time until all have arrived, s, how many did, and the smallest distance in units of d.
-fn told(what: &str, flights: &[Measures]) -> (usize, f64) {
-    let arrived: Vec<f64> = flights.iter().filter_map(|flight| flight.converged_at_s).collect();
+fn told(what: &str, trials: &[Measures]) -> (usize, f64) {
+    let arrived: Vec<f64> = trials.iter().filter_map(|trial| trial.converged_at_s).collect();
     let mean_s = arrived.iter().sum::<f64>() / arrived.len() as f64;
-    let closest =
-        flights.iter().filter_map(|flight| flight.min_distance_m).fold(f64::MAX, f64::min);
+    let closest = trials.iter().filter_map(|trial| trial.min_distance_m).fold(f64::MAX, f64::min);
     let ratio = closest / 0.42;
-    println!("| {what} | {} of {} | {mean_s:.1} | {ratio:.3} |", arrived.len(), flights.len());
+    println!("| {what} | {} of {} | {mean_s:.1} | {ratio:.3} |", arrived.len(), trials.len());
     (arrived.len(), ratio)
 }
 
 /// `cargo test --release --test it -- --ignored --nocapture swaps_of_eight_burgers`
 #[test]
-#[ignore = "a table of docs/explanation/inertia.md: 60 flights of a minute"]
+#[ignore = "a table of docs/explanation/inertia.md: 60 trials of a minute"]
 fn swaps_of_eight_burgers_arrive_and_keep_d_and_without_the_guard_that_knows_they_do_not() {
     let swaps: Vec<Scenario> = (1..=20).map(swap_from).collect();
     println!(
         "| guard, plant | arrived | mean time (s) | smallest distance / d |\n|---|---|---|---|"
     );
-    let ideal: Vec<_> = swaps.iter().map(|s| oracle::fly(&without_inertia(s.clone()))).collect();
+    let ideal: Vec<_> =
+        swaps.iter().map(|s| oracle::simulate(&without_inertia(s.clone()))).collect();
     told("without inertia, robots that stop at once", &ideal);
-    let unknowing: Vec<_> = swaps.iter().map(fly_unknowing).collect();
+    let unknowing: Vec<_> = swaps.iter().map(simulate_unknowing).collect();
     let (_, without) = told("without inertia, Burgers", &unknowing);
-    let knowing: Vec<_> = swaps.iter().map(oracle::fly).collect();
+    let knowing: Vec<_> = swaps.iter().map(oracle::simulate).collect();
     let (arrived, with) = told("with inertia, Burgers", &knowing);
     assert!(arrived == 20 && with >= 1.0 && without < 1.0);
 }

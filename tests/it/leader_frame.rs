@@ -4,7 +4,7 @@ use experiment::scenario::FaultKind;
 use experiment::scenario::read::{Overrides, read};
 use formation::front_point::front_point;
 
-use crate::oracle::{fly, fly_watched, scenario, with_faults};
+use crate::oracle::{scenario, simulate, simulate_watched, with_faults};
 
 /// Five millimeters of noise on the leader's odometry, and nobody hears of it for 0.4 s: the others
 /// go on by its last turn rate and acceleration.
@@ -13,7 +13,7 @@ fn noise_on_the_leader_does_not_throw_the_formation_while_it_is_silent() {
     let set = ["expect={}", "duration_s=50", "silence.lost_after_s=0.5"];
     let cut = "cut r5->r4 @40 for 0.4";
     let peak_m = |faults: &[&str]| {
-        let measures = fly(&with_faults("pentagon", &set, faults));
+        let measures = simulate(&with_faults("pentagon", &set, faults));
         measures.faults.iter().map(|fault| (fault.what.clone(), fault.peak_error_m)).next_back()
     };
     let (what, noisy_m) = peak_m(&["noise r5 odometry by 0.005 @0", cut]).expect("two faults");
@@ -25,7 +25,7 @@ fn noise_on_the_leader_does_not_throw_the_formation_while_it_is_silent() {
 #[test]
 fn without_noise_nobody_is_farther_off_than_a_period_of_the_relay_makes_it() {
     for (name, error_m) in [("pentagon", 1.3e-4), ("containment", 2.95e-4)] {
-        let found_m = fly(&scenario(name, &[])).final_error_m_max.expect("errors");
+        let found_m = simulate(&scenario(name, &[])).final_error_m_max.expect("errors");
         assert!(found_m < error_m, "{name}: {found_m} m, expected {error_m} m");
     }
 }
@@ -35,7 +35,7 @@ fn without_noise_nobody_is_farther_off_than_a_period_of_the_relay_makes_it() {
 fn the_way_to_its_path_does_not_turn_a_leaders_formation() {
     let aside = "robot.l1.pose={x_m=0.4,y_m=1.6,heading_rad=0.0}";
     let scenario = scenario("standing-leaders", &[aside, "expect={}"]);
-    let measures = fly(&scenario);
+    let measures = simulate(&scenario);
     let worst_m = measures.final_ideal_error_m_max.expect("errors");
     assert!(worst_m < 1e-3, "{:?}", measures.final_ideal_error_m);
     let worst_m = measures.final_error_m_max.expect("errors");
@@ -56,7 +56,7 @@ fn chaos_keeps_the_leader_off_its_path_only_while_it_is_down_and_on_its_way_back
         let (scenario, ..) = read.unwrap_or_else(|error| panic!("{}", error.render(false)));
         let (leader, lead) = (scenario.leader().unwrap(), scenario.lead.clone().unwrap());
         let (mut off, mut living) = (0u32, 0u32);
-        let measures = fly_watched(&scenario, |header, rows, alive| {
+        let measures = simulate_watched(&scenario, |header, rows, alive| {
             let t_s = header.t_ns as f64 / 1e9;
             let alpha = front_point(rows[leader].pose(), scenario.robots[leader].front_point_m);
             let off_m = (alpha - lead.trajectory.at(t_s).position).norm();

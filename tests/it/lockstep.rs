@@ -22,8 +22,8 @@ fn shipped(robots_max: usize) -> Vec<String> {
 }
 
 /// Smallest distance and worst final error, m.
-pub fn far(flight: &Measures) -> (f64, f64) {
-    (flight.min_distance_m.unwrap(), flight.final_error_m_max.unwrap())
+pub fn far(simulated: &Measures) -> (f64, f64) {
+    (simulated.min_distance_m.unwrap(), simulated.final_error_m_max.unwrap())
 }
 
 #[track_caller]
@@ -37,7 +37,7 @@ fn every_run_of_real_processes_is_the_one_the_oracle_foretold() {
     for name in shipped(12) {
         let ended = run(&name).lockstep().finish();
         ended.exits_with(0).leaves_nothing();
-        let foretold = oracle::fly(&scenario(&name, &[]));
+        let foretold = oracle::simulate(&scenario(&name, &[]));
         let hash = foretold.trajectory_hash.unwrap();
         ended.claim(ended.hash() == hash, format!("{name}: the hash is {hash}"));
         let distance = foretold.min_distance_m.unwrap();
@@ -52,7 +52,7 @@ fn sixty_four_robots_follow_one_leader_and_keep_their_distance() {
     let set = ["duration_s=30", "expect.converged_by_s=20"];
     let ended = set.iter().fold(run("swarm64").lockstep(), |run, set| run.set(set)).finish();
     ended.exits_with(0).leaves_nothing();
-    let foretold = oracle::fly(&scenario("swarm64", &set)).trajectory_hash.unwrap();
+    let foretold = oracle::simulate(&scenario("swarm64", &set)).trajectory_hash.unwrap();
     ended.claim(ended.hash() == foretold, format!("the hash is {foretold}"));
     let errors = ended.summary["final_error_m"].as_object().unwrap();
     ended.claim(errors.len() == 64, "64 robots have an error");
@@ -68,7 +68,8 @@ fn every_kind_of_avoidance_is_foretold() {
         let set = format!("avoidance.kind={kind}");
         let ended =
             run("triangle-d").lockstep().set(&set).set("duration_s=8").set("expect={}").finish();
-        let expected = oracle::fly(&scenario("triangle-d", &[&set, "duration_s=8", "expect={}"]));
+        let expected =
+            oracle::simulate(&scenario("triangle-d", &[&set, "duration_s=8", "expect={}"]));
         ended.exits_with(0);
         ended.claim(
             Some(ended.hash()) == expected.trajectory_hash.as_deref(),
@@ -88,7 +89,7 @@ fn ten_runs_agree_whatever_order_the_robots_start_in() {
         })
         .collect();
     assert!(hashes.iter().all(|hash| *hash == hashes[0]), "{hashes:?}");
-    let undisturbed = oracle::fly(&scenario("triangle", &[])).trajectory_hash;
+    let undisturbed = oracle::simulate(&scenario("triangle", &[])).trajectory_hash;
     assert_ne!(Some(&hashes[0]), undisturbed.as_ref());
 }
 
@@ -98,7 +99,7 @@ fn two_runs_at_once_are_the_same_as_alone() {
         (run("triangle").lockstep().start(), run("triangle-kill").lockstep().start());
     for (run, name) in [(one, "triangle"), (other, "triangle-kill")] {
         let ended = run.finish();
-        let foretold = oracle::fly(&scenario(name, &[])).trajectory_hash.unwrap();
+        let foretold = oracle::simulate(&scenario(name, &[])).trajectory_hash.unwrap();
         ended.exits_with(0).leaves_nothing();
         ended.claim(ended.hash() == foretold, format!("{name} is undisturbed"));
     }
@@ -108,8 +109,8 @@ fn two_runs_at_once_are_the_same_as_alone() {
 fn guard_converges_from_every_start_and_keeps_d_at_every_period() {
     for name in STARTS {
         for period in ["period_s=0.001", "period_s=0.005", "period_s=0.02"] {
-            let flight = oracle::fly(&scenario(name, &[period]));
-            let (distance_m, error_m) = far(&flight);
+            let simulated = oracle::simulate(&scenario(name, &[period]));
+            let (distance_m, error_m) = far(&simulated);
             assert!(distance_m >= 0.2, "{name} {period}: {distance_m}");
             assert!(error_m < 1e-3, "{name} {period}: {error_m}");
         }
@@ -120,8 +121,8 @@ fn guard_converges_from_every_start_and_keeps_d_at_every_period() {
 fn without_avoidance_the_robots_come_as_near_as_was_measured() {
     for period in ["period_s=0.001", "period_s=0.005"] {
         for (name, expected) in STARTS.into_iter().zip([0.188, 0.0096, 0.091, 0.0935]) {
-            let flight = oracle::fly(&scenario(name, &["avoidance.kind=none", period]));
-            assert_within(0.05, far(&flight).0, expected, name);
+            let simulated = oracle::simulate(&scenario(name, &["avoidance.kind=none", period]));
+            assert_within(0.05, far(&simulated).0, expected, name);
         }
     }
 }
@@ -129,8 +130,9 @@ fn without_avoidance_the_robots_come_as_near_as_was_measured() {
 #[test]
 fn the_literal_focus_falls_below_d_and_start_c_ends_in_the_known_livelock() {
     for name in STARTS {
-        let flight = oracle::fly(&scenario(name, &["avoidance.kind=focus", "period_s=0.001"]));
-        let (distance_m, error_m) = far(&flight);
+        let simulated =
+            oracle::simulate(&scenario(name, &["avoidance.kind=focus", "period_s=0.001"]));
+        let (distance_m, error_m) = far(&simulated);
         assert!(distance_m < 0.2, "{name}: {distance_m}");
         let expected = if name == "triangle-c" { 0.38..0.42 } else { 0.0..1e-3 };
         assert!(expected.contains(&error_m), "{name}: {error_m}");
@@ -142,7 +144,7 @@ fn what_robots_publish_decides_how_well_they_are_followed_and_never_how_near_the
     for (name, d) in [("pentagon", 0.3), ("containment", 0.2)] {
         let errors = ["gamma", "gamma+beta", "differenced"].map(|kind| {
             let set = format!("published_velocity=\"{kind}\"");
-            let (distance_m, error_m) = far(&oracle::fly(&scenario(name, &[&set])));
+            let (distance_m, error_m) = far(&oracle::simulate(&scenario(name, &[&set])));
             assert!(distance_m >= d, "{name}, {kind}: {distance_m}");
             error_m
         });
@@ -162,7 +164,7 @@ fn the_literal_focus_almost_keeps_d_at_a_tenth_of_a_millisecond_and_not_at_one()
         let distance = |period_s: f64| {
             let period = format!("period_s={period_s}");
             let set = ["avoidance.kind=focus", &period, "duration_s=5", "expect={}"];
-            oracle::fly(&scenario(name, &set)).min_distance_m.unwrap() / d
+            oracle::simulate(&scenario(name, &set)).min_distance_m.unwrap() / d
         };
         let fine = distance(0.0001);
         assert!((1.0 - lost..1.0).contains(&fine), "{name} at 0.1 ms: {fine} d");
@@ -179,17 +181,17 @@ fn the_literal_focus_almost_keeps_d_at_a_tenth_of_a_millisecond_and_not_at_one()
 fn a_whole_run_of_focus_at_a_tenth_of_a_millisecond_comes_no_nearer_than_its_start() {
     for (name, d, lost, _) in FOCUS {
         let set = ["avoidance.kind=focus", "period_s=0.0001", "expect={}"];
-        let flight = oracle::fly(&scenario(name, &set));
-        let distance = flight.min_distance_m.unwrap() / d;
+        let simulated = oracle::simulate(&scenario(name, &set));
+        let distance = simulated.min_distance_m.unwrap() / d;
         assert!((1.0 - lost..1.0).contains(&distance), "{name}: {distance} d");
-        let nearest_s = flight.min_distance_t_s.unwrap();
+        let nearest_s = simulated.min_distance_t_s.unwrap();
         assert!(nearest_s < 5.0, "{name}: nearest at {nearest_s} s");
 
         let set = [&set[..], &["duration_s=20"]].concat();
-        let flown = set.iter().fold(run(name).lockstep(), |run, set| run.set(set)).finish();
-        let foretold = oracle::fly(&scenario(name, &set)).trajectory_hash.unwrap();
-        flown.exits_with(0);
-        flown.claim(flown.hash() == foretold, format!("the hash is {foretold}"));
+        let ended = set.iter().fold(run(name).lockstep(), |run, set| run.set(set)).finish();
+        let foretold = oracle::simulate(&scenario(name, &set)).trajectory_hash.unwrap();
+        ended.exits_with(0);
+        ended.claim(ended.hash() == foretold, format!("the hash is {foretold}"));
     }
 }
 
@@ -204,8 +206,8 @@ fn the_swap_and_the_lattice_untangle_from_disturbed_starts_too() {
                 robot.start.y_m += 0.02 * (2.0 * phase).sin();
                 robot.start.heading_rad += 0.5 * (3.0 * phase).sin();
             }
-            let flight = oracle::fly(&scenario);
-            let (distance_m, error_m) = far(&flight);
+            let simulated = oracle::simulate(&scenario);
+            let (distance_m, error_m) = far(&simulated);
             assert!(distance_m >= 0.2, "{name}, disturbance {disturbance}: {distance_m}");
             assert!(error_m < 1e-3, "{name}, disturbance {disturbance}: {error_m}");
         }
@@ -237,8 +239,8 @@ fn tracking_and_containment_are_as_exact_and_as_far_apart_as_was_measured() {
         for (period_s, (error_m, distance)) in
             [0.001, 0.002, 0.005, 0.01, 0.02].into_iter().zip(rows)
         {
-            let flight = oracle::fly(&scenario(name, &[&format!("period_s={period_s}")]));
-            let (found_m, found_error_m) = far(&flight);
+            let simulated = oracle::simulate(&scenario(name, &[&format!("period_s={period_s}")]));
+            let (found_m, found_error_m) = far(&simulated);
             assert!(found_m >= d, "{name} at {period_s} s: {found_m}");
             assert!(found_m / d > 0.95 * distance, "{name} at {period_s} s: {found_m}");
             assert!(found_error_m < 1.1 * error_m, "{name} at {period_s} s: {found_error_m}");

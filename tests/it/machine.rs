@@ -19,7 +19,7 @@ fn phalanx(args: &[&str], run_root: &Path) -> (Output, String) {
 }
 
 #[test]
-fn the_doctor_finds_nothing_wrong_where_runs_fly_and_says_what_is_wrong_where_they_cannot() {
+fn the_doctor_finds_nothing_wrong_where_runs_work_and_says_what_is_wrong_where_they_cannot() {
     let run_root = tempfile::tempdir_in("/dev/shm").unwrap();
     let (output, said) = phalanx(&["doctor", "--output", "json"], run_root.path());
     assert_eq!(output.status.code(), Some(0), "{output:?}");
@@ -107,7 +107,7 @@ fn with_realtime_priority_robots_and_plant_run_first_where_that_is_permitted() {
     let said = manifest["realtime_priority"].as_str().unwrap_or("nothing");
     let granted = said == "granted";
     ended.claim(granted || said.contains("SCHED_FIFO") || said.contains("sched_rt"), said);
-    ended.claim(granted != ended.stderr.contains("flying with ordinary priority"), "one warning");
+    ended.claim(granted != ended.stderr.contains("running with ordinary priority"), "one warning");
     ended.claim(states.len() == 4, "three robots and a plant were looked at");
     for (policy, _) in &states {
         let wanted = if granted { "10 1" } else { "0 0" };

@@ -5,11 +5,11 @@
 
 mod architecture;
 mod bad_files;
-mod bench;
 mod browser;
 mod byte_equality;
 mod chapter;
 mod cleanup;
+mod container;
 mod every_fault;
 mod faults;
 mod foretold;

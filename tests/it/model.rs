@@ -1,5 +1,5 @@
 //! The real-time pace in one process: the same brains and the same world, driven by events that a
-//! seed draws. What `agent/src/flight.rs` and `plant/src/flight.rs` do by the machine's clock
+//! seed draws. What `agent/src/trial.rs` and `plant/src/trial.rs` do by the machine's clock
 //! happens here at times that an adversary chooses (`model/adversary.rs`).
 //!
 //! - The plant wakes late, integrates to now, then takes the commands that have arrived.
@@ -52,9 +52,9 @@ impl Fleet {
     }
 }
 
-/// One flight's circumstances.
+/// One trial's circumstances.
 #[derive(Debug, Clone, Copy)]
-pub struct Flight {
+pub struct Trial {
     pub seed: u64,
     pub adversary: Adversary,
     pub wish: Wish,
@@ -73,7 +73,7 @@ pub enum Expiry {
     FromArrival,
 }
 
-/// What came of a flight.
+/// What came of a trial.
 #[derive(Debug, Clone, Copy)]
 pub struct Outcome {
     pub closest_m: f64,
@@ -82,14 +82,14 @@ pub struct Outcome {
     pub kills: u64,
 }
 
-/// Flies `fleet`; `watch` sees every truth, and who was alive at it.
-pub fn fly(
+/// Runs `fleet`; `watch` sees every truth, and who was alive at it.
+pub fn simulate(
     fleet: &Fleet,
-    flight: Flight,
+    trial: Trial,
     mut watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
 ) -> Outcome {
-    let mut model = Model::new(fleet, flight);
-    while model.now_ns < START_NS + flight.duration_ns {
+    let mut model = Model::new(fleet, trial);
+    while model.now_ns < START_NS + trial.duration_ns {
         if model.step() {
             let truth: Vec<TruthRow> = model.world.truth().collect();
             let alive: Vec<bool> = model.robots.iter().map(|r| r.brain.is_some()).collect();
@@ -107,7 +107,7 @@ pub fn fly(
 
 struct Model<'a> {
     fleet: &'a Fleet,
-    flight: Flight,
+    trial: Trial,
     dice: SplitMix64,
     world: World,
     robots: Vec<Robot>,
@@ -171,13 +171,13 @@ impl Robot {
 }
 
 impl<'a> Model<'a> {
-    fn new(fleet: &'a Fleet, flight: Flight) -> Model<'a> {
+    fn new(fleet: &'a Fleet, trial: Trial) -> Model<'a> {
         let mut world = World::new(&fleet.plant);
         world.start_at(START_NS);
         let mut model = Model {
             fleet,
-            flight,
-            dice: SplitMix64::new(flight.seed),
+            trial,
+            dice: SplitMix64::new(trial.seed),
             world,
             robots: fleet.agents.iter().map(|_| Robot::default()).collect(),
             now_ns: START_NS,
@@ -198,7 +198,7 @@ impl<'a> Model<'a> {
     }
 
     fn is_hostile(&self) -> bool {
-        self.now_ns < START_NS + self.flight.hostile_ns
+        self.now_ns < START_NS + self.trial.hostile_ns
     }
 
     /// Lets the next thing happen; whether that was a tick of the plant.
@@ -227,7 +227,7 @@ impl<'a> Model<'a> {
             robot.commands.sort_by_key(|(arrival_ns, _)| *arrival_ns);
             let arrived = robot.commands.partition_point(|(at_ns, _)| *at_ns <= self.now_ns);
             for (arrival_ns, mut command) in robot.commands.drain(..arrived) {
-                if self.flight.expiry == Expiry::FromArrival {
+                if self.trial.expiry == Expiry::FromArrival {
                     command.stamp_ns = arrival_ns;
                 }
                 // The world counts refusals.

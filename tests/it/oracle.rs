@@ -27,20 +27,20 @@ pub fn with_faults(name: &str, set: &[&str], faults: &[&str]) -> Scenario {
     }
 }
 
-/// Flies `scenario` in lockstep, with its faults, and measures what it would do.
-pub fn fly(scenario: &Scenario) -> Measures {
-    fly_with(scenario, &|brief, incarnation| {
+/// Simulates `scenario` in lockstep, with its faults, and measures what it would do.
+pub fn simulate(scenario: &Scenario) -> Measures {
+    simulate_with(scenario, &|brief, incarnation| {
         Brain::new(brief, incarnation).expect("a checked brief")
     })
 }
 
 /// The same with brains made by `think` of a brief and an incarnation.
-pub fn fly_with(scenario: &Scenario, think: &dyn Fn(&AgentBrief, u64) -> Brain) -> Measures {
+pub fn simulate_with(scenario: &Scenario, think: &dyn Fn(&AgentBrief, u64) -> Brain) -> Measures {
     run(scenario, think, |_, _, _| {})
 }
 
 /// The same with the usual brains; `watch` sees every truth, and who was alive at it.
-pub fn fly_watched(
+pub fn simulate_watched(
     scenario: &Scenario,
     watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
 ) -> Measures {

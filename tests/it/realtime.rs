@@ -49,23 +49,23 @@ const HOSTILE: [&[&str]; 3] = [
 const BURGER: &str = "robot_defaults.limits={acceleration_m_s2=2.5,turn_acceleration_rad_s2=3.2,\
                       braking_time_s=0.35}";
 
-/// Flies from these starts in real time at three periods, each with another set of faults.
-fn hostile_flights(starts: &[&str], first: usize, keys: &[&str]) {
+/// Runs from these starts in real time at three periods, each with another set of faults.
+fn hostile_runs(starts: &[&str], first: usize, keys: &[&str]) {
     for (turn, start) in starts.iter().enumerate() {
         let sets = (0..3).map(|place| HOSTILE[(first + turn + place) % 3]);
-        let flights = [0.005, 0.01, 0.02].into_iter().zip(sets);
-        let flights: Vec<_> = flights
+        let runs = [0.005, 0.01, 0.02].into_iter().zip(sets);
+        let runs: Vec<_> = runs
             .map(|(period_s, faults)| {
-                let flight = run(start)
+                let hostile = run(start)
                     .set(format!("period_s={period_s}"))
                     .set("duration_s=5")
                     .set("expect={ min_distance_m = 0.2 }");
-                let flight = keys.iter().fold(flight, |flight, key| flight.set(key));
-                faults.iter().fold(flight, |flight, fault| flight.fault(fault)).start()
+                let hostile = keys.iter().fold(hostile, |hostile, key| hostile.set(key));
+                faults.iter().fold(hostile, |hostile, fault| hostile.fault(fault)).start()
             })
             .collect();
-        for flight in flights {
-            let ended = flight.finish();
+        for hostile in runs {
+            let ended = hostile.finish();
             ended.exits_with(0).leaves_nothing();
             ended.claim(ended.number("/violations") == 0.0, "no arc ends below d");
         }
@@ -74,29 +74,29 @@ fn hostile_flights(starts: &[&str], first: usize, keys: &[&str]) {
 
 #[test]
 fn guard_keeps_d_in_real_time_whoever_freezes_or_is_late_or_dies() {
-    hostile_flights(&["triangle-b", "triangle-d"], 0, &[]);
+    hostile_runs(&["triangle-b", "triangle-d"], 0, &[]);
 }
 
 #[test]
 fn robots_with_inertia_keep_d_in_real_time_whoever_freezes_or_is_late_or_dies() {
-    hostile_flights(&["triangle-c"], 0, &[BURGER]);
+    hostile_runs(&["triangle-c"], 0, &[BURGER]);
 }
 
 /// `cargo test --release --test it -- --ignored dozens`
 #[test]
-#[ignore = "36 flights of 5 s: a minute"]
-fn guard_keeps_d_in_dozens_of_hostile_flights() {
+#[ignore = "36 runs of 5 s: a minute"]
+fn guard_keeps_d_in_dozens_of_hostile_runs() {
     for first in 0..3 {
-        hostile_flights(&["triangle", "triangle-b", "triangle-c", "triangle-d"], first, &[]);
+        hostile_runs(&["triangle", "triangle-b", "triangle-c", "triangle-d"], first, &[]);
     }
 }
 
 /// `cargo test --release --test it -- --ignored with_inertia_keep_d_in_dozens`
 #[test]
-#[ignore = "36 flights of 5 s: a minute"]
-fn robots_with_inertia_keep_d_in_dozens_of_hostile_flights() {
+#[ignore = "36 runs of 5 s: a minute"]
+fn robots_with_inertia_keep_d_in_dozens_of_hostile_runs() {
     for first in 0..3 {
         let starts = ["triangle", "triangle-b", "triangle-c", "triangle-d"];
-        hostile_flights(&starts, first, &[BURGER]);
+        hostile_runs(&starts, first, &[BURGER]);
     }
 }

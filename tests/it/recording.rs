@@ -54,7 +54,7 @@ fn agree(one: &Path, other: &Path, columns: &[&str], rows_max: usize) {
     assert_eq!(rows.0, rows.1, "{} and {}", one.display(), other.display());
 }
 
-fn flown() -> Ended {
+fn recorded() -> Ended {
     let ended = run("triangle").lockstep().fault(FAULT).finish();
     ended.exits_with(0).leaves_nothing();
     ended
@@ -62,7 +62,7 @@ fn flown() -> Ended {
 
 #[test]
 fn an_export_says_of_every_robot_and_event_what_the_run_wrote_itself() {
-    let ended = flown();
+    let ended = recorded();
     let run_dir = ended.run_dir();
     let said = must(&phalanx([Path::new("export"), &run_dir]), 0);
     ended.claim(said.contains("poses.csv"), format!("the tables are named: {said}"));
@@ -177,7 +177,7 @@ const READERS: &str = "by_rosbags by_mcap by_rerun";
 #[test]
 #[ignore = "needs the readers that tests/readers/install installs"]
 fn readers_that_others_wrote_find_every_number_of_the_tables() {
-    let ended = flown();
+    let ended = recorded();
     for script in READERS.split(' ') {
         reads(script, &[&ended.run_dir()]);
     }

@@ -96,14 +96,14 @@ fn a_run_of_which_nothing_is_expected_has_neither_passed_nor_failed() {
 }
 
 #[test]
-fn a_run_draws_its_figures_by_itself_and_flies_as_well_if_it_cannot() {
+fn a_run_draws_its_figures_by_itself_and_passes_if_it_cannot() {
     for hindered in [false, true] {
-        let mut flying = run("triangle").set("duration_s=1").set("expect={}").drawing().start();
+        let mut running = run("triangle").set("duration_s=1").set("expect={}").drawing().start();
         if hindered {
-            let page = flying.run_dir().join("report.html");
-            flying.wait_for("a run directory", |_| std::fs::create_dir(&page).ok());
+            let page = running.run_dir().join("report.html");
+            running.wait_for("a run directory", |_| std::fs::create_dir(&page).ok());
         }
-        let ended = flying.finish();
+        let ended = running.finish();
         ended.exits_with(0);
         let complained = ended.stderr.contains("cannot write") && !ended.summary.is_null();
         ended.claim(complained == hindered, "it complains if and only if it cannot");
@@ -114,13 +114,13 @@ fn a_run_draws_its_figures_by_itself_and_flies_as_well_if_it_cannot() {
 
 #[test]
 fn a_supervisor_that_was_killed_leaves_enough_for_a_report() {
-    let mut flying = run("triangle").start();
-    flying.wait_for("samples", |run| {
+    let mut running = run("triangle").start();
+    running.wait_for("samples", |run| {
         let samples = std::fs::metadata(run.run_dir().join("samples.csv")).ok()?;
         (samples.len() > 20_000).then_some(())
     });
-    flying.signal(rustix::process::Signal::KILL);
-    let ended = flying.finish();
+    running.signal(rustix::process::Signal::KILL);
+    let ended = running.finish();
     ended.claim(ended.summary.is_null(), "there is no summary");
     let page = page(&ended, &["trajectories", "distances", "errors"]);
     ended.claim(page.contains("cut short"), "the page says so");

@@ -15,7 +15,7 @@ use metrics::Measures;
 use protocol::law::Reference;
 use protocol::message::{TruthHeader, TruthRow};
 
-use crate::oracle::{fly_watched, scenario as scenario_named, with_faults};
+use crate::oracle::{scenario as scenario_named, simulate_watched, with_faults};
 
 /// The shipped scenarios that have no faults of their own and differ in more than their starts;
 /// `swarm64`, which is too long for all of its cases, is sampled by whoever needs it.
@@ -75,7 +75,7 @@ impl Case {
         whole_again: bool,
         watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
     ) -> Measures {
-        fly_watched(&self.scenario(whole_again), watch)
+        simulate_watched(&self.scenario(whole_again), watch)
     }
 }
 
@@ -243,7 +243,7 @@ fn nobody_who_can_stay_in_its_place_is_thrown_off_it_by_a_death_or_a_cut() {
         // Half as long again: gains of 0.3 per second take their time.
         let mut longer = case.scenario(true);
         longer.duration_ns += longer.duration_ns / 2;
-        let measures = fly_watched(&longer, |_, _, _| {});
+        let measures = simulate_watched(&longer, |_, _, _| {});
         let bound_m = scenario_named(case.scenario, &[]).expect.final_error_m_max.unwrap();
         let error_m = measures.final_error_m_max.unwrap();
         let name = format!("{} {}", case.scenario, case.what);

@@ -200,7 +200,7 @@ fn files_of_an_undisturbed_run(what: Soaked) -> BTreeMap<String, usize> {
 }
 
 /// One run: kills, then peace. `files`: what its processes share if nobody dies.
-fn fly(what: Soaked, seed: u64, kills: usize, files: &BTreeMap<String, usize>) -> Toll {
+fn simulate(what: Soaked, seed: u64, kills: usize, files: &BTreeMap<String, usize>) -> Toll {
     println!("soak: seed {seed}, up to {kills} kills, {what:?}");
     let mut reaper = Reaper { dice: SplitMix64::new(seed), killed: BTreeSet::new() };
     let running = soaked(what, seed).start();
@@ -353,12 +353,12 @@ fn soak(runs: &[Soaked], kills: usize, kills_of_a_run: usize) -> Toll {
             *seed
         };
         let place = (seed - 1) as usize % runs.len();
-        let flown = catch_unwind(|| fly(runs[place], seed, kills_of_a_run, &files[place]));
+        let ran = catch_unwind(|| simulate(runs[place], seed, kills_of_a_run, &files[place]));
         let mut state = state.lock().unwrap();
-        match flown {
-            Ok(flown) => {
-                state.1 = state.1 + flown.kills - kills_of_a_run;
-                state.2.add(&flown);
+        match ran {
+            Ok(ran) => {
+                state.1 = state.1 + ran.kills - kills_of_a_run;
+                state.2.add(&ran);
             }
             Err(why) => {
                 // No more runs.

@@ -148,7 +148,7 @@ impl Events {
     }
 }
 
-/// A triangle in real time that flies until it is interrupted; r1 hears r2, r2 r3, and r3 r1.
+/// A triangle in real time that runs until it is interrupted; r1 hears r2, r2 r3, and r3 r1.
 fn watched(args: &[&str]) -> (Running, Page) {
     let triangle = run("triangle").set("duration_s=100").set("expect={}");
     let mut running = triangle.args(args.iter().copied()).start();
@@ -224,9 +224,9 @@ fn the_page_and_its_stream_are_for_those_with_the_token_who_come_by_our_name() {
     assert!(wake["count"].as_u64() > Some(0) && wake["max_us"].as_f64() >= wake["p50_us"].as_f64());
 
     running.signal(Signal::INT);
-    let (_, landed) = events.find(|(name, _)| name == "landed").expect("the end is told");
-    assert_eq!(landed["exit"], 130);
-    assert!(landed["text"].as_str().unwrap().contains("interrupted"), "{landed}");
+    let (_, end) = events.find(|(name, _)| name == "ended").expect("the end is told");
+    assert_eq!(end["exit"], 130);
+    assert!(end["text"].as_str().unwrap().contains("interrupted"), "{end}");
     assert!(events.next().is_none(), "the stream ends");
     interrupted(running);
 }
@@ -351,9 +351,9 @@ fn who_looks_changes_nothing_in_lockstep_whether_it_reads_or_not() {
     let page = Page::of(&mut running);
     let idle = page.events();
     let (told, _) = page.events().partition::<Vec<_>, _>(|(name, _)| !name.is_empty());
-    let (name, landed) = told.last().expect("something is told");
-    assert_eq!((name.as_str(), &landed["exit"]), ("landed", &json!(0)), "{told:?}");
-    let text = landed["text"].as_str().unwrap();
+    let (name, end) = told.last().expect("something is told");
+    assert_eq!((name.as_str(), &end["exit"]), ("ended", &json!(0)), "{told:?}");
+    let text = end["text"].as_str().unwrap();
     assert!(text.contains("no expectations declared"), "{text}");
     let ended = running.finish();
     ended.exits_with(0).leaves_nothing();

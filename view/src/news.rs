@@ -26,14 +26,14 @@ pub(crate) struct News {
     forgotten: u64,
     /// Number and JSON of the newest latencies.
     latency: Option<(u64, Arc<str>)>,
-    landed: Option<Arc<str>>,
+    ended: Option<Arc<str>>,
 }
 
 impl News {
     /// Takes in what the supervisor handed over; whether there was anything.
     pub(crate) fn take(&mut self, letters: Letters) -> bool {
-        let Letters { frame, happened, latency, landed } = letters;
-        let any = frame.is_some() || !happened.is_empty() || latency.is_some() || landed.is_some();
+        let Letters { frame, happened, latency, ended } = letters;
+        let any = frame.is_some() || !happened.is_empty() || latency.is_some() || ended.is_some();
         if let Some(frame) = frame {
             self.frame = Some(Arc::new(frame));
         }
@@ -48,8 +48,8 @@ impl News {
             let number = self.latency.as_ref().map_or(0, |(number, _)| *number);
             self.latency = Some((number + 1, json(&latency)));
         }
-        if let Some(landed) = landed {
-            self.landed = Some(json(&landed));
+        if let Some(ended) = ended {
+            self.ended = Some(json(&ended));
         }
         any
     }
@@ -105,10 +105,10 @@ impl Told {
             self.latency = *number;
             lines.push(("latency", json.clone()));
         }
-        if let Some(landed) = &news.landed {
-            lines.push(("landed", landed.clone()));
+        if let Some(ended) = &news.ended {
+            lines.push(("ended", ended.clone()));
         }
-        (lines, news.landed.is_some())
+        (lines, news.ended.is_some())
     }
 }
 
@@ -200,12 +200,12 @@ mod tests {
     fn the_end_is_told_last() {
         let mut news = News::default();
         assert!(!news.take(Letters::default()), "there is nothing new");
-        let landed = crate::post::Landed { exit: 1, text: "missed".into() };
-        let letters = Letters { frame: Some(frame(1)), landed: Some(landed), ..Letters::default() };
+        let ended = crate::post::Ended { exit: 1, text: "missed".into() };
+        let letters = Letters { frame: Some(frame(1)), ended: Some(ended), ..Letters::default() };
         assert!(news.take(letters));
         let (lines, last) = Told::default().more(&news);
         assert!(last);
-        assert_eq!(lines.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["", "landed"]);
+        assert_eq!(lines.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["", "ended"]);
         assert_eq!(&*lines[1].1, r#"{"exit":1,"text":"missed"}"#);
     }
 }

@@ -49,7 +49,7 @@ pub struct StageNow {
 
 /// How the run ended.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct Landed {
+pub(crate) struct Ended {
     /// Its exit code.
     pub(crate) exit: u8,
     /// What it prints.
@@ -72,7 +72,7 @@ pub(crate) struct Letters {
     pub(crate) frame: Option<Handed>,
     pub(crate) happened: VecDeque<Happened>,
     pub(crate) latency: Option<Vec<StageNow>>,
-    pub(crate) landed: Option<Landed>,
+    pub(crate) ended: Option<Ended>,
 }
 
 /// The box, and how many clients are told of the run.

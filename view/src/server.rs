@@ -196,7 +196,7 @@ async fn deliver(post: &Post, told: watch::Sender<News>) {
     while !over {
         sleep(if post.clients() > 0 { LOOK_EVERY } else { LOOK_EVERY_ALONE }).await;
         let letters = post.take();
-        over = letters.landed.is_some();
+        over = letters.ended.is_some();
         told.send_if_modified(|news| news.take(letters));
     }
     let end = Instant::now() + FAREWELL_MAX;

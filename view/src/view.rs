@@ -8,7 +8,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use report::scene::Frame;
 
 use crate::act::Request;
-use crate::post::{HAPPENED_MAX, Handed, Happened, Landed, Post, StageNow};
+use crate::post::{Ended, HAPPENED_MAX, Handed, Happened, Post, StageNow};
 
 /// At most 20 frames a second: enough for the eye.
 const FRAME_EVERY: Duration = Duration::from_millis(50);
@@ -107,11 +107,11 @@ impl View {
 
     /// Tells everybody how the run ended, and ends the server; waits for that, but not for long, and
     /// not if nobody looks. `text`: what the run prints.
-    pub fn landed(mut self, exit: u8, text: &str) {
+    pub fn ended(mut self, exit: u8, text: &str) {
         let end = Instant::now() + LANDED_MAX;
         self.pass_on();
-        let mut landed = Some(Landed { exit, text: text.into() });
-        while !self.post.put(|letters| letters.landed = landed.take()) && Instant::now() < end {
+        let mut ended = Some(Ended { exit, text: text.into() });
+        while !self.post.put(|letters| letters.ended = ended.take()) && Instant::now() < end {
             std::thread::sleep(Duration::from_millis(1));
         }
         // No more requests: whoever still waits for an answer hears that the run is over.

@@ -83,9 +83,9 @@ fn beacon(t_ms: u64) -> Beacon {
 #[test]
 fn it_has_news_when_a_contact_changes_or_a_beacon_is_refused_and_counts_what_it_refuses() {
     let mut brain = Brain::new(&brief(), 3).unwrap();
-    assert!(!brain.has_flown() && !brain.take_news());
+    assert!(!brain.has_started() && !brain.take_news());
     let first = answered(&mut brain, 0);
-    assert!(brain.has_flown());
+    assert!(brain.has_started());
     let second = answered(&mut brain, 10);
     let said = |answer: &Answer| (answer.command.sequence, answer.command.incarnation);
     assert_eq!([said(&first), said(&second)], [(1, 3), (2, 3)]);

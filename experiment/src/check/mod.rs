@@ -1,4 +1,4 @@
-//! Does a scenario make sense, and what does it amount to? All before anything flies.
+//! Does a scenario make sense, and what does it amount to? All before anything runs.
 //!
 //! | file | question it answers |
 //! |---|---|

@@ -17,7 +17,7 @@ use crate::prediction::{BrokenRobot, Predictor};
 use crate::scenario::{Robot, Scenario};
 use formation::seconds;
 
-/// What can be said about a scenario before it flies. Rows and columns of matrices are robots in
+/// What can be said about a scenario before it runs. Rows and columns of matrices are robots in
 /// scenario order.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Theory<'s> {

@@ -94,13 +94,13 @@ impl Cause {
     pub fn words<'s>(self, name: impl Fn(usize) -> &'s str) -> String {
         match self {
             Cause::LeaderDead { leader } => format!("the leader {} is dead", name(leader)),
-            Cause::Unled { leader } => format!("nothing of the leader {} arrives", name(leader)),
-            Cause::Stops { lost } => format!("nobody left to go by without {}", name(lost)),
-            Cause::Kept { lost } => format!("held by the point where {} was lost", name(lost)),
+            Cause::Unled { leader } => format!("not reached by the leader {}", name(leader)),
+            Cause::Stops { lost } => format!("no in-neighbor left without {}", name(lost)),
+            Cause::Kept { lost } => format!("follows the last known point of {}", name(lost)),
             Cause::Pulled { by } => format!("held back by {}, which is left behind", name(by)),
             Cause::Uncontained => "an empty hull: nobody who leads or keeps a place".to_owned(),
             Cause::Without { lost } => format!("place elsewhere without {}", name(lost)),
-            Cause::Follows { whom } => format!("place given by {}, itself off", name(whom)),
+            Cause::Follows { whom } => format!("follows {}, itself off its place", name(whom)),
             Cause::Taken { by } => format!("wants {}'s place (Remark 1)", name(by)),
             Cause::Crowded { by } => format!("{} wants the same place (Remark 1)", name(by)),
         }

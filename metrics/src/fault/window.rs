@@ -364,7 +364,7 @@ mod tests {
         assert!(affected(&fault).is_empty(), "what follows on the return is not the silence's");
         let FaultReport { predicted, predicted_why, orphaned, .. } = fault.report(&names(), 0.01);
         assert_eq!(predicted, ["r1"]);
-        assert_eq!(predicted_why, ["r1: nothing of the leader r2 arrives"]);
+        assert_eq!(predicted_why, ["r1: not reached by the leader r2"]);
         assert_eq!(orphaned, ["r3"]);
     }
 

@@ -8,7 +8,7 @@ use metrics::summary::Summary;
 
 /// Robots in a row, half a meter apart, that come to rest; the last one leads, the others are
 /// contained or in formation, and the second is killed.
-fn flown(robots: usize, instants: usize, role: &str) -> Run {
+fn example(robots: usize, instants: usize, role: &str) -> Run {
     let end_s = instants.saturating_sub(1) as f64 * 0.1;
     let name = |robot: usize| format!("r{}", robot + 1);
     let sample = |robot: usize, instant: usize| {
@@ -114,7 +114,7 @@ fn named<'a>(figures: &'a [Figure], name: &str) -> &'a Figure {
 
 #[test]
 fn a_run_with_everything_gets_every_figure_with_its_bounds_its_marks_and_its_faults() {
-    let figures = all(&flown(4, 30, "contained"));
+    let figures = all(&example(4, 30, "contained"));
     let expected: [(&str, &[&str]); 9] = [
         ("trajectories", &["x (m)", "y (m)", "r1", "r4 (main leader)", "hull of the leaders"]),
         (
@@ -146,7 +146,7 @@ fn a_run_with_everything_gets_every_figure_with_its_bounds_its_marks_and_its_fau
 
 #[test]
 fn captions_say_what_was_asked_and_whether_it_held() {
-    let figures = all(&flown(4, 30, "contained"));
+    let figures = all(&example(4, 30, "contained"));
     let held = "The smallest at any tick: 0.2107 m, required 0.2 m: held.";
     assert!(named(&figures, "distances").caption.contains(held));
     let missed = "worst over the last 10 % of the run: 0.02 m, required 0.01 m: missed.";
@@ -157,7 +157,7 @@ fn captions_say_what_was_asked_and_whether_it_held() {
 
 #[test]
 fn of_sixty_four_robots_few_are_named_and_the_smallest_distance_is_that_of_all_pairs() {
-    let figures = all(&flown(64, 30, "formation"));
+    let figures = all(&example(64, 30, "formation"));
     let distances = words(named(&figures, "distances"));
     assert!(distances.iter().any(|word| word == "smallest of all 2016 pairs"), "{distances:?}");
     let errors = words(named(&figures, "errors"));
@@ -169,7 +169,7 @@ fn of_sixty_four_robots_few_are_named_and_the_smallest_distance_is_that_of_all_p
 
 #[test]
 fn the_plane_has_one_scale_on_both_axes() {
-    let figures = all(&flown(4, 30, "formation"));
+    let figures = all(&example(4, 30, "formation"));
     let [(place, panel)] = &named(&figures, "trajectories").panels[..] else { panic!("one panel") };
     let (inner, x, y) = (place.inner(&[]), panel.x.bounds(), panel.y.bounds());
     let scales = (inner.width / (x.1 - x.0), inner.height / (y.1 - y.0));
@@ -178,7 +178,7 @@ fn the_plane_has_one_scale_on_both_axes() {
 
 #[test]
 fn times_of_instants_stand_beside_each_other_where_nobody_has_moved_on() {
-    let mut run = flown(3, 30, "formation");
+    let mut run = example(3, 30, "formation");
     for track in &mut run.tracks {
         let there = track[0];
         track.iter_mut().for_each(|sample| (sample.x_m, sample.y_m) = (there.x_m, there.y_m));
@@ -198,7 +198,7 @@ fn times_of_instants_stand_beside_each_other_where_nobody_has_moved_on() {
 
 #[test]
 fn the_page_asks_nobody_for_anything_and_takes_no_word_for_markup() {
-    let run = flown(4, 30, "contained");
+    let run = example(4, 30, "contained");
     let page = html::report(&run, &all(&run));
     let markup = "row &lt;/script&gt;&lt;b&gt;&amp;";
     assert!(page.contains(markup) && page.contains("Linux &lt;6&gt;"));
@@ -216,23 +216,23 @@ fn the_page_asks_nobody_for_anything_and_takes_no_word_for_markup() {
 
 #[test]
 fn a_run_that_was_cut_short_still_has_a_page() {
-    let run = Run { summary: None, over_time: Vec::new(), ..flown(3, 5, "formation") };
+    let run = Run { summary: None, over_time: Vec::new(), ..example(3, 5, "formation") };
     assert!(html::report(&run, &all(&run)).contains("cut short"));
 }
 
 #[test]
 fn a_run_in_which_no_promise_holds_says_so_and_why() {
     let unpromised = Some("r1 <slips>".to_owned());
-    let run = Run { unpromised, ..flown(3, 5, "formation") };
+    let run = Run { unpromised, ..example(3, 5, "formation") };
     let said = "no promise about distances: r1 &lt;slips&gt;";
     assert!(html::report(&run, &all(&run)).contains(said));
-    let run = flown(3, 5, "formation");
+    let run = example(3, 5, "formation");
     assert!(!html::report(&run, &all(&run)).contains("no promise"));
 }
 
 #[test]
 fn the_replay_has_at_most_twenty_instants_a_second_and_the_last_one() {
-    let mut run = flown(3, 301, "formation");
+    let mut run = example(3, 301, "formation");
     run.times_s = (0..301).map(|instant| f64::from(instant) / 100.0).collect();
     run.scene.duration_s = 3.0;
     run.summary = None;
@@ -245,7 +245,7 @@ fn the_replay_has_at_most_twenty_instants_a_second_and_the_last_one() {
 
 #[test]
 fn edges_from_and_to_the_dead_and_those_that_are_cut_look_it_while_it_lasts() {
-    let mut run = flown(3, 11, "formation");
+    let mut run = example(3, 11, "formation");
     let cut =
         SceneFault { what: "cut r3->r2".into(), cuts: Some(1), ..run.scene.faults[0].clone() };
     run.scene.faults.push(SceneFault { t_s: 0.7, until_s: Some(0.9), robots: vec![], ..cut });
@@ -265,7 +265,7 @@ fn edges_from_and_to_the_dead_and_those_that_are_cut_look_it_while_it_lasts() {
 #[test]
 fn robots_in_formation_have_colors_of_their_own_and_other_roles_one_each() {
     let fills = |role: &str| {
-        let figure = all(&flown(5, 9, role)).swap_remove(0);
+        let figure = all(&example(5, 9, role)).swap_remove(0);
         let colors = figure.panels[0].1.areas.iter().map(|(_, color, opacity)| (*color, *opacity));
         let bodies = colors.filter(|(_, opacity)| *opacity == 1.0).map(|(color, _)| color);
         bodies.take(5).collect::<Vec<_>>()
@@ -291,7 +291,7 @@ proptest! {
         numbers in prop::collection::vec(any_number(), 16),
         word in "\\PC*|[\\x00-\\x7f]{0,9}",
     ) {
-        let mut run = flown(robots, instants, if contained { "contained" } else { "formation" });
+        let mut run = example(robots, instants, if contained { "contained" } else { "formation" });
         if robots < 2 {
             run.changes.clear(); // they are about the second one
         }

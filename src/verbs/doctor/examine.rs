@@ -49,7 +49,7 @@ const SPUN: Duration = Duration::from_millis(5);
 pub enum Verdict {
     /// As it should be.
     Fine,
-    /// Runs fly, and not as well as they could.
+    /// Runs work, but not as well as they could.
     WorthKnowing,
     /// Runs fail.
     Wrong,

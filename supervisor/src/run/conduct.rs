@@ -149,7 +149,7 @@ impl Conduct {
     pub(super) fn takes_part(&self, status: &StatusHeader) -> bool {
         match self {
             Conduct::Lockstep { .. } => true,
-            Conduct::Realtime { .. } => status.incarnation == 0 || status.flying == 1,
+            Conduct::Realtime { .. } => status.incarnation == 0 || status.moving == 1,
         }
     }
 

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use protocol::message::{
     Contact, LatencyHeader, LatencyRow, NeighborStatus, StatusHeader, TruthHeader, TruthRow,
 };
-use protocol::service::{Factory, ServiceError, Subscriber};
+use protocol::service::{ServiceError, Subscriber};
 
 use super::error::RunError;
 use super::lives::Lives;
@@ -43,14 +43,14 @@ impl Intake {
     /// Nothing was said yet.
     pub(super) fn new(services: &Services, latency: Latency) -> Result<Intake, ServiceError> {
         let statuses: Vec<_> =
-            services.status.iter().map(Factory::subscriber).collect::<Result<_, _>>()?;
+            services.status.iter().map(|service| service.subscriber()).collect::<Result<_, _>>()?;
         let now = Instant::now();
         Ok(Intake {
             truths: services.truth.subscriber()?,
             latencies: services
                 .latencies
                 .iter()
-                .map(Factory::subscriber)
+                .map(|service| service.subscriber())
                 .collect::<Result<_, _>>()?,
             reports: vec![Report::new(statuses.len()); statuses.len()],
             statuses,

@@ -12,7 +12,7 @@ use protocol::fault::LinkFaultKind;
 use protocol::law::Reference;
 
 use super::{BOUND_M, Outcome, foretold};
-use crate::oracle::{fly, scenario};
+use crate::oracle::{scenario, simulate};
 use crate::single_faults::Broken;
 
 const AT_S: f64 = 10.0;
@@ -139,7 +139,7 @@ fn outcome(seed: u64) -> Option<Outcome> {
         "seed {seed}: {broken:?} of {} ({contained:?} contained; {lead:?})",
         edges.join(" ")
     );
-    Some(Outcome::of(what, &scenario, foretold, &fly(&scenario)))
+    Some(Outcome::of(what, &scenario, foretold, &simulate(&scenario)))
 }
 
 /// Whether theory itself is not sure: somebody is to be about as far off as the bound.

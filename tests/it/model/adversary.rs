@@ -60,7 +60,7 @@ impl Model<'_> {
                 self.kill(i);
                 continue;
             }
-            match self.flight.adversary {
+            match self.trial.adversary {
                 Adversary::Chance if self.dice.chance(2.0 * tick_s) => {
                     let doublings = self.dice.between(0, 8);
                     self.freeze(i, MS << doublings);
@@ -197,7 +197,7 @@ impl Model<'_> {
         if !self.is_hostile() {
             return soon_ns;
         }
-        match self.flight.adversary {
+        match self.trial.adversary {
             Adversary::JustInTime if self.dice.chance(0.8) => {
                 let dies_ns = stamp_ns + lifetime_ns;
                 self.dice.between(dies_ns - 3 * tick_ns, dies_ns + tick_ns / 2)
@@ -212,7 +212,7 @@ impl Model<'_> {
 
     pub(super) fn brain(&self, i: usize, incarnation: u64, wish: &Arc<Mutex<Vec2>>) -> Brain {
         let brief = &self.fleet.agents[i];
-        match self.flight.wish {
+        match self.trial.wish {
             Wish::Law => Brain::new(brief, incarnation).expect("a checked brief"),
             // A leader asks its law for a velocity whoever is silent.
             Wish::Ram => {
@@ -232,7 +232,7 @@ impl Model<'_> {
     /// to ram, both lie about how far it will have turned by then. The guard uses them for nothing
     /// but the heading that the deflected displacement is turned into wheels' speeds at.
     pub(super) fn mislead(&mut self, i: usize, mut odometry: Odometry) -> (Odometry, u64) {
-        if self.flight.wish == Wish::Law {
+        if self.trial.wish == Wish::Law {
             return (odometry, self.now_ns);
         }
         let brief = &self.fleet.agents[i];

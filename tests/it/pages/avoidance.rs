@@ -37,7 +37,7 @@ fn triangle(set: &[&str]) -> Result<Scenario, Diagnostic> {
 }
 
 fn run(scenario: &Scenario) -> Measures {
-    oracle::fly_with(scenario, &|brief, incarnation| {
+    oracle::simulate_with(scenario, &|brief, incarnation| {
         let method = METHODS.iter().find(|row| row.description.name == brief.avoidance.kind);
         let law = laws::row(&brief.law).unwrap();
         let parts = Parts {
@@ -78,9 +78,9 @@ fn a_row_suffices_for_keys_limits_and_sensed_velocities() {
 #[test]
 fn robots_with_the_pages_method_stop_before_each_other() {
     let braked = run(&triangle(&BRAKE).unwrap()).min_distance_m.unwrap();
-    let unheeding = oracle::fly(&oracle::scenario("triangle-d", &["avoidance.kind=none"]));
+    let unheeding = oracle::simulate(&oracle::scenario("triangle-d", &["avoidance.kind=none"]));
     assert!(unheeding.min_distance_m.unwrap() < 0.1);
     assert!(braked > 0.19, "{braked}");
     let guarded = run(&triangle(&[]).unwrap()).trajectory_hash;
-    assert_eq!(guarded, oracle::fly(&oracle::scenario("triangle-d", &[])).trajectory_hash);
+    assert_eq!(guarded, oracle::simulate(&oracle::scenario("triangle-d", &[])).trajectory_hash);
 }

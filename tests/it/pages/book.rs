@@ -17,8 +17,17 @@ use tempfile::TempDir;
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
 /// Commands that tests cannot run: they are the tests, take minutes or change the machine.
-const ELSEWHERE: &[&str] =
-    &["cargo ", "tests/", "bench/", "proof/", "target/", "phalanx bench", "python3 "];
+const ELSEWHERE: &[&str] = &[
+    "cargo ",
+    "tests/",
+    "bench/",
+    "proof/",
+    "target/",
+    "release/",
+    "docker ",
+    "phalanx bench",
+    "python3 ",
+];
 
 /// Pages whose runs take long, and are run by `cargo test --test it -- --ignored pages::`.
 const LONG: &[&str] =
@@ -88,7 +97,11 @@ fn pages() -> Vec<(String, String)> {
 fn commands(block: &Block) -> Vec<String> {
     let text = block.text.replace("\\\n", " ");
     let lines = text.lines().filter(|line| !line.trim().is_empty() && !line.starts_with('#'));
-    lines.map(|line| line.replace("cargo run --release -- ", "phalanx ")).collect()
+    let said = [
+        ("cargo run --release -- ", "phalanx "),
+        ("cargo run --profile dist -p bench -- ", "phalanx bench "),
+    ];
+    lines.map(|line| said.iter().fold(line.to_owned(), |line, (a, b)| line.replace(a, b))).collect()
 }
 
 /// The words of a command, without quotes, comment, redirection and pipe.
@@ -126,15 +139,20 @@ fn every_command_of_every_page_is_one_that_the_program_takes() {
             for command in commands(block) {
                 let Some(rest) = command.strip_prefix("phalanx ") else {
                     let known = [
-                        "cargo ", "tests/", "bench/", "proof/", "target/", "python3 ", "export ",
-                        "cp ", "sed ", "head ", "cat ", "grep ", "ls ",
+                        "cargo ", "tests/", "bench/", "proof/", "target/", "release/", "docker ",
+                        "python3 ", "export ", "cp ", "sed ", "head ", "cat ", "grep ", "ls ",
                     ];
                     let known = known.iter().any(|begins| command.starts_with(begins));
                     assert!(known, "{path}:{}: what is `{command}`?", block.line);
                     continue;
                 };
                 let words = ["phalanx".to_owned()].into_iter().chain(words(rest));
-                if let Err(error) = CommandLine::try_parse_from(words) {
+                let words: Vec<String> = words.collect();
+                let mut parsed_as = CommandLine::try_parse_from(&words).map(drop);
+                if words[1] == "bench" {
+                    parsed_as = bench::cli::CommandLine::try_parse_from(&words[1..]).map(drop);
+                }
+                if let Err(error) = parsed_as {
                     panic!("{path}:{}: `{command}`: {error}", block.line);
                 }
                 parsed += 1;

@@ -64,7 +64,7 @@ fn the_page_shows_the_law_that_runs_here() {
 #[test]
 fn robots_with_the_pages_law_form_the_triangle_and_keep_their_distance() {
     let scenario = triangle(GAINS).unwrap_or_else(|error| panic!("{}", error.render(false)));
-    let measured = oracle::fly_with(&scenario, &|brief, incarnation| {
+    let measured = oracle::simulate_with(&scenario, &|brief, incarnation| {
         let row = row(&brief.law);
         let parts = Parts {
             role: row.role.make(brief).unwrap(),
@@ -136,9 +136,10 @@ fn processes_of_a_program_of_ones_own_move_by_a_law_that_is_in_no_table() {
     assert_eq!(embedded(&program(scratch.path()), &words), 0);
     let summary = std::fs::read_to_string(out.join("summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
-    let foretold = oracle::fly_with(&oracle::scenario("triangle", &[]), &|brief, incarnation| {
-        Brain::with_parts(brief, incarnation, own::parts(brief).unwrap())
-    });
+    let foretold =
+        oracle::simulate_with(&oracle::scenario("triangle", &[]), &|brief, incarnation| {
+            Brain::with_parts(brief, incarnation, own::parts(brief).unwrap())
+        });
     assert_eq!(summary["trajectory_hash"].as_str(), foretold.trajectory_hash.as_deref());
     let error_m = summary["final_error_m_max"].as_f64().unwrap();
     assert!(error_m < 1e-2, "they arrive: {error_m}");

@@ -4,6 +4,7 @@
 use std::collections::BTreeSet;
 use std::process::Command;
 
+use clap::CommandFactory as _;
 use experiment::scenario::keys::Format;
 
 use crate::harness::run;
@@ -81,7 +82,12 @@ fn the_page_of_the_command_line_is_the_programs_help() {
             .to_owned();
     text += &format!("\n```text\n{}```\n", phalanx(&["--help"]));
     for verb in verbs() {
-        text += &format!("\n## `phalanx {verb}`\n\n```text\n{}```\n", phalanx(&[&verb, "--help"]));
+        let help = match verb.as_str() {
+            // A program of its own, which need not be built.
+            "bench" => bench::cli::CommandLine::command().render_long_help().to_string(),
+            _ => phalanx(&[&verb, "--help"]),
+        };
+        text += &format!("\n## `phalanx {verb}`\n\n```text\n{help}```\n");
     }
     let text: Vec<&str> = text.lines().map(str::trim_end).collect();
     assert_page("command-line.md", &(text.join("\n") + "\n"));

@@ -32,7 +32,7 @@ fn hash(fault: Option<&str>) -> Option<String> {
     let overrides = Overrides { set, faults, ..Overrides::default() };
     let (scenario, ..) = read(path.as_ref(), &overrides, &catalog)
         .unwrap_or_else(|error| panic!("{}", error.render(false)));
-    let measured = oracle::fly_with(&scenario, &|brief, incarnation| {
+    let measured = oracle::simulate_with(&scenario, &|brief, incarnation| {
         let own = fresh();
         let law = LAWS.iter().find(|row| row.name == brief.law).unwrap_or(&own);
         let parts = Parts {
@@ -57,7 +57,7 @@ fn the_page_shows_the_role_that_runs_here() {
 #[test]
 fn robots_of_the_pages_role_move_like_the_contained_until_somebody_is_stale() {
     let houses = |faults: &[&str]| {
-        oracle::fly(&oracle::with_faults("containment", &SHORT, faults)).trajectory_hash
+        oracle::simulate(&oracle::with_faults("containment", &SHORT, faults)).trajectory_hash
     };
     assert_eq!(hash(None), houses(&[]));
     let cut = "cut r6->r1 @1 for 2";

@@ -55,7 +55,7 @@ fn both_laws_do_what_the_page_says() {
     let commands = PAGE.lines().filter(|line| line.starts_with("phalanx run "));
     let errors: Vec<String> = commands
         .map(|command| {
-            let measured = oracle::fly_with(&vee(command), &|brief, incarnation| {
+            let measured = oracle::simulate_with(&vee(command), &|brief, incarnation| {
                 let mut rows = agent::laws::LAWS.iter().chain(LAWS);
                 let row = rows.find(|row| row.name == brief.law).expect("a law");
                 let parts = Parts {

@@ -58,7 +58,7 @@ fn a_client_that_does_not_read_misses_frames_and_holds_up_nobody() {
         }
     }
     assert!(shown < 200, "it got every frame, however old");
-    view.landed(0, "done");
+    view.ended(0, "done");
     assert!(began.elapsed() < HANG);
 }
 

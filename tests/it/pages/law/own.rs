@@ -1,7 +1,7 @@
 use agent::brain::{BrainError, Parts};
 use agent::laws::{Law, Situation};
 use agent::roles::FORMATION;
-use agent::{avoidance, flight};
+use agent::{avoidance, control_loop};
 use formation::Vec2;
 use protocol::brief::AgentBrief;
 
@@ -28,5 +28,5 @@ pub fn parts(brief: &AgentBrief) -> Result<Parts, BrainError> {
 
 /// What `main` does with `PROGRAM agent BRIEF --incarnation N`; the result is its exit code.
 pub fn agent(brief: &std::path::Path, incarnation: u64) -> u8 {
-    flight::main_with(brief, incarnation, false, parts)
+    control_loop::main_with(brief, incarnation, false, parts)
 }

@@ -27,13 +27,13 @@ const READY_EVERY: Duration = Duration::from_millis(1);
 /// In real time, once all are ready, they have this long and two periods to connect to each other.
 const SETTLE_MIN: Duration = Duration::from_millis(20);
 /// How long the last truth of real time waits for the supervisor's signal to end.
-const LANDED_MAX: Duration = Duration::from_secs(10);
+const RELEASE_MAX: Duration = Duration::from_secs(10);
 /// The supervisor's attention is drawn to new truths every so many ticks.
 const ATTENTION_EVERY: u64 = 16;
 
 /// Why the plant gave up.
 #[derive(Debug, thiserror::Error)]
-pub enum FlightError {
+pub enum LoopError {
     /// Its brief is unreadable.
     #[error(transparent)]
     Brief(#[from] BriefError),
@@ -69,7 +69,7 @@ pub enum FlightError {
 }
 
 /// Runs the world of this brief to its end.
-pub fn run(brief_path: &Path) -> Result<(), FlightError> {
+pub fn run(brief_path: &Path) -> Result<(), LoopError> {
     let brief: PlantBrief = brief::read(brief_path)?;
     let stop = Stop::on_signals()?;
     run_root::join(&brief.run_root)?;
@@ -86,18 +86,18 @@ pub fn run(brief_path: &Path) -> Result<(), FlightError> {
             barrier.rely_on(Alarm::start()?);
             let mut supervisor = SupervisorWatch::new(&barrier);
             if plant.wait_until_ready(supervisor.patience(&barrier, &plant.stop)) {
-                plant.fly_in_lockstep(&barrier, &mut supervisor)?;
+                plant.run_in_lockstep(&barrier, &mut supervisor)?;
             }
             supervisor.lost().map_or(Ok(()), |lost| Err(lost.into()))
         }
         Pace::Realtime => {
             let began = Instant::now();
             if plant.wait_until_ready(|| !plant.stop.requested() && began.elapsed() < READY_MAX) {
-                plant.fly_in_real_time()
+                plant.run_in_real_time()
             } else if plant.stop.requested() {
                 Ok(())
             } else {
-                Err(FlightError::NotReady { robots: plant.names(plant.ports.not_ready()) })
+                Err(LoopError::NotReady { robots: plant.names(plant.ports.not_ready()) })
             }
         }
     }
@@ -126,11 +126,11 @@ impl Plant {
     }
 
     /// Ends early when asked to stop, or without a supervisor.
-    fn fly_in_lockstep(
+    fn run_in_lockstep(
         mut self,
         barrier: &Barrier,
         supervisor: &mut SupervisorWatch,
-    ) -> Result<(), FlightError> {
+    ) -> Result<(), LoopError> {
         let ticks = self.brief.duration_ns / self.brief.period_ns;
         for tick in 0..ticks {
             self.ports.send_truth(&self.world)?;
@@ -142,7 +142,7 @@ impl Plant {
                 && (!barrier.pause_due(tick) || barrier.pause(tick, &mut patience))
                 && barrier.wait_lead(tick, LEAD_MAX, &mut patience);
             drop(patience);
-            if !goes_on || self.stop.requested() || !self.fly_one_tick(barrier, supervisor, tick)? {
+            if !goes_on || self.stop.requested() || !self.run_one_tick(barrier, supervisor, tick)? {
                 return Ok(());
             }
             self.world.advance((tick + 1) * self.brief.period_ns);
@@ -150,17 +150,17 @@ impl Plant {
         }
         self.ports.send_truth(&self.world)?;
         barrier.attention();
-        land(supervisor.patience(barrier, &self.stop));
+        release(supervisor.patience(barrier, &self.stop));
         Ok(())
     }
 
     /// Odometry to everybody who takes part, and a command from each; false if it ends early.
-    fn fly_one_tick(
+    fn run_one_tick(
         &mut self,
         barrier: &Barrier,
         supervisor: &mut SupervisorWatch,
         tick: u64,
-    ) -> Result<bool, FlightError> {
+    ) -> Result<bool, LoopError> {
         barrier.begin(tick);
         for group in 0..barrier.groups() {
             for robot in barrier.members_of(group) {
@@ -189,7 +189,7 @@ impl Plant {
                     None if barrier.is_mute(robot, tick) => break,
                     None => {
                         let robot = self.brief.robots[robot].name.clone();
-                        return Err(FlightError::NoCommand { tick, robot });
+                        return Err(LoopError::NoCommand { tick, robot });
                     }
                 }
             }
@@ -198,7 +198,7 @@ impl Plant {
         Ok(true)
     }
 
-    fn fly_in_real_time(mut self) -> Result<(), FlightError> {
+    fn run_in_real_time(mut self) -> Result<(), LoopError> {
         // Else everybody would connect to everybody in the first period, and all be late.
         self.ports.connect();
         std::thread::sleep(SETTLE_MIN.max(2 * Duration::from_nanos(self.brief.period_ns)));
@@ -244,11 +244,11 @@ impl Plant {
             rested_ns = clock::now_ns();
         }
         let began = Instant::now();
-        land(|| !self.stop.requested() && began.elapsed() < LANDED_MAX);
+        release(|| !self.stop.requested() && began.elapsed() < RELEASE_MAX);
         Ok(())
     }
 
-    fn publish(&self) -> Result<(), FlightError> {
+    fn publish(&self) -> Result<(), LoopError> {
         for robot in 0..self.brief.robots.len() {
             self.ports.send_odometry(&self.world, robot)?;
         }
@@ -263,7 +263,7 @@ impl Plant {
 }
 
 /// Leaves the last truth in place until the supervisor, having taken it, says stop.
-fn land(mut patience: impl FnMut() -> bool) {
+fn release(mut patience: impl FnMut() -> bool) {
     while patience() {
         std::thread::sleep(READY_EVERY);
     }

@@ -36,7 +36,7 @@ const LATE_MAX: usize = 100;
 
 /// Why an agent gave up.
 #[derive(Debug, thiserror::Error)]
-pub enum FlightError {
+pub enum LoopError {
     /// Its brief is unreadable.
     #[error(transparent)]
     Brief(#[from] BriefError),
@@ -77,7 +77,7 @@ pub fn run<E>(
     brief_path: &Path,
     incarnation: u64,
     parts: impl FnOnce(&AgentBrief) -> Result<Parts, E>,
-) -> Result<(), FlightError>
+) -> Result<(), LoopError>
 where
     E: Into<Box<dyn Error + Send + Sync>>,
 {
@@ -104,8 +104,8 @@ where
     tracing::info!(robot = brief.name, incarnation, law = brief.law, "ready");
     let agent = Agent { brief, brain, ports, stop, deadline_misses: 0, reported_ns: 0 };
     match barrier {
-        Some(barrier) => agent.fly_in_lockstep(&barrier, epoch),
-        None => agent.fly_in_real_time(),
+        Some(barrier) => agent.run_in_lockstep(&barrier, epoch),
+        None => agent.run_in_real_time(),
     }
 }
 
@@ -119,7 +119,7 @@ struct Agent {
 }
 
 impl Agent {
-    fn fly_in_lockstep(mut self, barrier: &Barrier, mut epoch: u32) -> Result<(), FlightError> {
+    fn run_in_lockstep(mut self, barrier: &Barrier, mut epoch: u32) -> Result<(), LoopError> {
         let slot = self.brief.index - 1;
         let (mut supervisor, mut refused) = (SupervisorWatch::new(barrier), 0);
         let mut newest_ns = 0;
@@ -176,18 +176,18 @@ impl Agent {
     }
 
     /// The odometry of exactly this tick; older samples are from before this robot took part.
-    fn odometry_of(&self, tick: u64) -> Result<Odometry, FlightError> {
+    fn odometry_of(&self, tick: u64) -> Result<Odometry, LoopError> {
         while let Some(odometry) = self.ports.odometry()? {
             if odometry.tick == tick {
                 return Ok(odometry);
             }
         }
-        Err(FlightError::Missing { tick, what: "odometry".into() })
+        Err(LoopError::Missing { tick, what: "odometry".into() })
     }
 
     /// Takes from every neighbour that took part in `tick` its beacon of that tick, and from
     /// others nothing. A neighbour may be a tick ahead: what it said there stays in the queue.
-    fn hear_tick(&mut self, barrier: &Barrier, tick: u64, now_ns: u64) -> Result<(), FlightError> {
+    fn hear_tick(&mut self, barrier: &Barrier, tick: u64, now_ns: u64) -> Result<(), LoopError> {
         for (place, neighbor) in self.brief.neighbors.iter().enumerate() {
             let slot = neighbor.index - 1;
             let takes_part = || barrier.member_since(slot).is_some_and(|since| since <= tick);
@@ -207,7 +207,7 @@ impl Agent {
                     None if !takes_part() => break,
                     _ => {
                         let what = format!("beacon of {} from tick {tick}", neighbor.name);
-                        return Err(FlightError::Missing { tick: tick + 1, what });
+                        return Err(LoopError::Missing { tick: tick + 1, what });
                     }
                 }
             }
@@ -215,7 +215,7 @@ impl Agent {
         Ok(())
     }
 
-    fn fly_in_real_time(mut self) -> Result<(), FlightError> {
+    fn run_in_real_time(mut self) -> Result<(), LoopError> {
         let period_ns = self.brief.period_ns;
         let phase = golden_phase(self.brief.index);
         let mut timer = Timer::new(period_ns, (phase * period_ns as f64) as u64);
@@ -233,7 +233,7 @@ impl Agent {
                 continue;
             };
             // From its first sample on: before, everybody waits for the last one to start.
-            if self.brain.has_flown() {
+            if self.brain.has_started() {
                 // Whoever was frozen or slow on purpose is not late by the machine's doing.
                 let held = wake.due_ns < slow_until_ns.max(thaws.last_ns());
                 late_ns.push((if held { Stage::Held } else { Stage::Wake }, wake.lateness_ns));
@@ -261,7 +261,7 @@ impl Agent {
             awake_ns = taken_ns;
             self.ports.faults_by_hand(|robot, cut| self.brain.set_cut(robot, cut))?;
             // At its first sample a robot has heard nothing, as in lockstep.
-            if self.brain.has_flown() {
+            if self.brain.has_started() {
                 self.hear_newest()?;
             }
             if let Some(odometry) = newest {
@@ -285,7 +285,7 @@ impl Agent {
                     missed = misses > 0;
                 }
             } else if silent_ns > PLANT_SILENCE_MAX_NS {
-                return Err(FlightError::PlantSilent);
+                return Err(LoopError::PlantSilent);
             }
             let news = self.brain.take_news();
             if self.report_if(news, taken_ns)? {
@@ -330,7 +330,7 @@ impl Agent {
     }
 
     /// Takes whatever the neighbours said last.
-    fn hear_newest(&mut self) -> Result<(), FlightError> {
+    fn hear_newest(&mut self) -> Result<(), LoopError> {
         for (place, neighbor) in self.brief.neighbors.iter().enumerate() {
             if let Some(beacon) = self.ports.beacon(place)? {
                 let taken_ns = clock::now_ns();
@@ -346,7 +346,7 @@ impl Agent {
 
     /// Tells the supervisor how it goes if there is news, or if it has heard nothing for long; whether
     /// it did.
-    fn report_if(&mut self, news: bool, now_ns: u64) -> Result<bool, FlightError> {
+    fn report_if(&mut self, news: bool, now_ns: u64) -> Result<bool, LoopError> {
         let due = news || now_ns - self.reported_ns >= STATUS_EVERY_NS;
         if due {
             self.report(now_ns)?;
@@ -354,7 +354,7 @@ impl Agent {
         Ok(due)
     }
 
-    fn report(&mut self, now_ns: u64) -> Result<(), FlightError> {
+    fn report(&mut self, now_ns: u64) -> Result<(), LoopError> {
         self.ports.report(&self.brain, self.deadline_misses)?;
         self.reported_ns = now_ns;
         Ok(())

@@ -26,21 +26,21 @@ const LOG_LINES: usize = 8;
 pub(crate) const TAKERS: [&str; 3] = ["robots", "plant", "supervisor"];
 
 /// A run under way.
-pub(crate) struct Flying<'a> {
+pub(crate) struct Running<'a> {
     stop: &'a Stop,
     run: Child,
     place: Place,
 }
 
-impl Flying<'_> {
+impl Running<'_> {
     /// Starts `phalanx run` of this scenario.
     pub(crate) fn start<'a>(
         root: &RunRoot,
         stop: &'a Stop,
         scenario: &str,
         pace: Pace,
-    ) -> Result<Flying<'a>, BenchError> {
-        Flying::start_with(root, stop, scenario, pace, &[])
+    ) -> Result<Running<'a>, BenchError> {
+        Running::start_with(root, stop, scenario, pace, &[])
     }
 
     /// The same with more words on its command line.
@@ -50,8 +50,8 @@ impl Flying<'_> {
         scenario: &str,
         pace: Pace,
         more: &[&str],
-    ) -> Result<Flying<'a>, BenchError> {
-        let place = Place::new(root, "flown")?;
+    ) -> Result<Running<'a>, BenchError> {
+        let place = Place::new(root, "child")?;
         let file = place.path().join("scenario.toml");
         std::fs::write(&file, scenario).map_err(failed("write", &file))?;
         let mut words: Vec<OsString> = vec![
@@ -67,7 +67,7 @@ impl Flying<'_> {
         words.extend(more.iter().map(OsString::from));
         let run = Launcher::of_this_executable()
             .spawn(Role::Bench { words: &words }, &place.path().join("log"))?;
-        Ok(Flying { stop, run, place })
+        Ok(Running { stop, run, place })
     }
 
     /// What a robot of the run is told.
@@ -148,7 +148,7 @@ impl Flying<'_> {
     }
 }
 
-impl Drop for Flying<'_> {
+impl Drop for Running<'_> {
     /// Lets it end its children and remove what they shared; a run that is killed cannot.
     fn drop(&mut self) {
         if self.run.ended().is_none() {
@@ -161,14 +161,14 @@ impl Drop for Flying<'_> {
     }
 }
 
-/// Flies a scenario to its end.
-pub(crate) fn fly(
+/// Runs a scenario to its end.
+pub(crate) fn run(
     root: &RunRoot,
     stop: &Stop,
     scenario: &str,
     pace: Pace,
 ) -> Result<Value, BenchError> {
-    Flying::start(root, stop, scenario, pace)?.summary()
+    Running::start(root, stop, scenario, pace)?.summary()
 }
 
 /// A number of a summary.

@@ -1,15 +1,15 @@
-//! `phalanx bench` measures every part, flies one trajectory by all means, and leaves nothing, not
+//! `phalanx bench` measures every part, runs one trajectory by all means, and leaves nothing, not
 //! even when it is interrupted. What it measures is nobody's claim.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use rustix::process::Signal;
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::harness::{files_below, limited, signal_pid};
+const BENCH: &str = env!("CARGO_BIN_EXE_phalanx-bench");
 
 /// Only a hang takes this long.
 const HANG: Duration = Duration::from_secs(60);
@@ -21,9 +21,9 @@ struct Bench {
 
 fn bench(args: &[&str]) -> Bench {
     let run_root = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
-    let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
+    let mut command = Command::new(BENCH);
     command
-        .args(["bench", "--quick", "--rounds", "1", "--output", "json"])
+        .args(["--quick", "--rounds", "1", "--output", "json"])
         .args(args)
         .env("PHALANX_RUN_ROOT", run_root.path())
         .stdin(Stdio::null())
@@ -52,7 +52,9 @@ impl Bench {
                 panic!("{:?} hangs", self.command);
             }
             if let Some(signal) = signal.take_if(|_| until(self.run_root.path())) {
-                signal_pid(child.id(), signal);
+                let pid = Pid::from_raw(child.id() as i32).expect("a process id");
+                // Gone already is as good as signalled.
+                let _ = kill_process(pid, signal);
             }
             std::thread::sleep(Duration::from_millis(2));
         }
@@ -80,6 +82,16 @@ impl Drop for Bench {
     }
 }
 
+/// Everything below a directory.
+fn files_below(directory: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(directory).into_iter().flatten().flatten() {
+        found.push(entry.path());
+        found.extend(files_below(&entry.path()));
+    }
+    found
+}
+
 /// Command lines of living processes that name something below a directory.
 fn processes_in(directory: &Path) -> Vec<String> {
     let entries = std::fs::read_dir("/proc").unwrap().flatten();
@@ -90,7 +102,7 @@ fn processes_in(directory: &Path) -> Vec<String> {
 }
 
 #[test]
-fn every_part_gives_figures_and_all_means_fly_the_robots_along_one_trajectory() {
+fn every_part_gives_figures_and_all_means_move_the_robots_along_one_trajectory() {
     let args = ["--robots", "3", "--seconds", "0.02", "--kills", "2"];
     let report = bench(&args).report();
 
@@ -122,7 +134,7 @@ fn every_part_gives_figures_and_all_means_fly_the_robots_along_one_trajectory() 
 }
 
 #[test]
-fn a_bench_of_the_live_view_flies_with_a_reader_and_without() {
+fn a_bench_of_the_live_view_runs_with_a_reader_and_without() {
     let args = ["--only", "view", "--robots", "3", "--seconds", "0.3"];
     let report = bench(&args).report();
     let rows = report["rows"].as_array().unwrap();
@@ -168,7 +180,8 @@ fn a_bench_of_growth_says_what_a_tick_costs_with_few_robots_and_with_more_and_by
 #[test]
 fn a_bench_whose_run_fails_passes_on_what_the_run_complained_of() {
     let mut bench = bench(&["--only", "growth", "--robots", "64"]);
-    let mut limited = limited("-n 300");
+    let mut limited = Command::new("sh");
+    limited.args(["-c", "ulimit -n 300 && exec \"$0\" \"$@\"", BENCH]);
     limited.args(bench.command.get_args()).env("PHALANX_RUN_ROOT", bench.run_root.path());
     limited.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     bench.command = limited;

@@ -1,0 +1,66 @@
+//! What a process does in the role that its command line gives it.
+
+use std::env;
+use std::ffi::OsString;
+use std::io::{self, Write as _};
+use std::os::unix::process::CommandExt as _;
+use std::process::Command;
+
+use protocol::process::{Stderr, exit};
+use results::manifest::Build;
+use supervisor::control_timer::{self, ControlTimer};
+use supervisor::spawn::Launcher;
+
+use crate::command_line::{AgentArgs, Role};
+use crate::verbs;
+
+/// The program that measures; it lies beside this one.
+const BENCH: &str = "phalanx-bench";
+
+/// Does what the role is; the exit code.
+pub fn main(role: Role) -> u8 {
+    match role {
+        Role::Supervisor(verb) => {
+            let launcher = Launcher::of_this_executable();
+            verbs::main(&verb, &agent::catalog(), &launcher, &build())
+        }
+        Role::Agent(AgentArgs { brief, incarnation, realtime_priority }) => {
+            agent::control_loop::main(&brief, incarnation, realtime_priority)
+        }
+        Role::Plant { brief, realtime_priority } => {
+            plant::world_loop::main(&brief, realtime_priority)
+        }
+        Role::Machine { run_root, period_ns, robots, realtime_priority } => {
+            control_timer::main(&ControlTimer { run_root, period_ns, robots, realtime_priority })
+        }
+        Role::Load => supervisor::child::load(),
+        Role::Awake => supervisor::child::awake(),
+        Role::Bench { words } => bench(&words),
+    }
+}
+
+/// Becomes the program that measures.
+fn bench(words: &[OsString]) -> u8 {
+    let path = match env::current_exe() {
+        Ok(own) => own.with_file_name(BENCH),
+        Err(_) => BENCH.into(),
+    };
+    let error = Command::new(&path).args(words).exec();
+    let hint = match error.kind() {
+        io::ErrorKind::NotFound => "; `cargo build --release -p bench` builds it",
+        _ => "",
+    };
+    let _ = writeln!(Stderr, "error: cannot start {}: {error}{hint}", path.display());
+    exit::INFRASTRUCTURE
+}
+
+/// How this program was built, as the build script saw it.
+fn build() -> Build {
+    let known = |word: &str| Some(word.to_owned()).filter(|word| !word.is_empty());
+    Build {
+        git_hash: known(env!("PHALANX_GIT_HASH")),
+        git_dirty: env!("PHALANX_GIT_DIRTY").parse().ok(),
+        rustc: known(env!("PHALANX_RUSTC")),
+        profile: known(env!("PHALANX_PROFILE")),
+    }
+}

@@ -147,3 +147,38 @@ fn swaps_of_eight_burgers_arrive_and_keep_d_and_without_the_guard_that_knows_the
     let (arrived, with) = told("with inertia, Burgers", &knowing);
     assert!(arrived == 20 && with >= 1.0 && without < 1.0);
 }
+
+/// `cargo test --release --test it -- --ignored --nocapture what_inertia_costs`
+#[test]
+#[ignore = "a table of docs/explanation/inertia.md: 15 runs"]
+fn what_inertia_costs_is_time_and_never_distance() {
+    let cases = [
+        ("triangle", "period_s=0.005"),
+        ("pentagon", "period_s=0.005"),
+        ("containment", "period_s=0.005"),
+    ];
+    println!(
+        "| case | v_max / a (s) | converged at (s) | worst error of the last 10 % (m) | smallest distance / d |"
+    );
+    println!("|---|---|---|---|---|");
+    for (name, period) in cases {
+        for braking_s in [0.0, 0.05, 0.1, 0.2, 0.5] {
+            let free = scenario(name, &[period]);
+            let (v_max, ell) = (free.avoidance.speed_max_m_s, free.robots[0].front_point_m);
+            let (a, a_w) = (v_max / braking_s, v_max / (ell * braking_s));
+            let limits = format!(
+                "robot_defaults.limits={{acceleration_m_s2={a:.6},turn_acceleration_rad_s2={a_w:.6}}}"
+            );
+            let set = [period, &limits];
+            let simulated = if braking_s > 0.0 { scenario(name, &set) } else { free };
+            let run = oracle::simulate(&simulated);
+            let ratio = run.min_distance_m.unwrap() / simulated.avoidance.distance_min_m;
+            let converged = run.converged_at_s.map_or("-".to_owned(), |s| format!("{s:.1}"));
+            println!(
+                "| `{name}` | {braking_s} | {converged} | {:.1e} | {ratio:.3} |",
+                run.final_error_m_max.unwrap()
+            );
+            assert!(ratio >= 1.0, "{name}, {braking_s}");
+        }
+    }
+}

@@ -3,9 +3,7 @@
 
 use formation::Vec2;
 use formation::frame::LeaderFrame;
-use protocol::message::TruthRow;
 
-use crate::frame::IdealFrame;
 use crate::silence::Silent;
 use crate::target::Targets;
 use experiment::scenario::Scenario;
@@ -14,7 +12,6 @@ use formation::seconds;
 /// The errors so far. Those of the dead count for nothing.
 pub(super) struct Errors {
     targets: Targets,
-    frame: Option<IdealFrame>,
     leader: Option<usize>,
     converged_error_m: f64,
     /// At the newest truth.
@@ -68,7 +65,6 @@ impl Errors {
         let robots = scenario.robots.len();
         Errors {
             targets: Targets::new(scenario),
-            frame: IdealFrame::new(scenario),
             leader: scenario.leader(),
             converged_error_m: scenario.expect.converged_error_m,
             now_m: vec![None; robots],
@@ -79,24 +75,21 @@ impl Errors {
         }
     }
 
-    /// Takes in where everybody is now; the worst error of the living, m.
+    /// Takes in where everybody is now, and the frame that offsets turn and grow with; the worst
+    /// error of the living, m.
     pub(super) fn truth(
         &mut self,
         t_ns: u64,
-        rows: &[TruthRow],
+        frame: &LeaderFrame,
         alphas: &[Vec2],
         alive: &[bool],
         silent: &Silent,
     ) -> f64 {
         let t_s = seconds(t_ns);
-        let frame = self.frame.as_mut().map_or(LeaderFrame::STILL, |frame| {
-            let leader = frame.leader();
-            frame.at(t_s, rows[leader].heading_rad, alive[leader])
-        });
         let since_s = self.newest_t_ns.replace(t_ns).map_or(0.0, |then_ns| t_s - seconds(then_ns));
         let mut worst: Option<f64> = None;
         for (i, &alive) in alive.iter().enumerate() {
-            let error = self.targets.error(i, t_s, &frame, alphas, silent);
+            let error = self.targets.error(i, t_s, frame, alphas, silent);
             let error = error.map(|error| or_infinite(error.norm()));
             self.now_m[i] = error;
             let Some(error) = error.filter(|_| alive) else { continue };

@@ -9,6 +9,7 @@ use formation::frame::LeaderFrame;
 use formation::front_point::drawn_heading;
 use formation::seconds;
 use protocol::brief::LeadBrief;
+use protocol::message::TruthRow;
 
 use experiment::scenario::Scenario;
 
@@ -57,6 +58,11 @@ impl IdealFrame {
     /// Whose frame it is.
     pub(super) fn leader(&self) -> usize {
         self.leader
+    }
+
+    /// The frame at a truth, by who was alive at it.
+    pub(super) fn truth(&mut self, t_ns: u64, rows: &[TruthRow], alive: &[bool]) -> LeaderFrame {
+        self.at(seconds(t_ns), rows[self.leader].heading_rad, alive[self.leader])
     }
 
     /// The frame at the truth of this time, by the leader's true heading. A dead leader's frame

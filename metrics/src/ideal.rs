@@ -14,17 +14,14 @@ use formation::Vec2;
 use formation::frame::LeaderFrame;
 use formation::front_point::rotate;
 use formation::laplacian::settled;
-use formation::seconds;
 use protocol::law::Reference;
-use protocol::message::TruthRow;
 
 use crate::error::{Finals, or_infinite};
-use crate::frame::IdealFrame;
 use experiment::scenario::Scenario;
 
 /// The errors to the ideal formation so far. Those of the dead count for nothing.
 pub(super) struct Ideal {
-    frame: Option<IdealFrame>,
+    leader: Option<usize>,
     /// Of each robot at heading 0 and scale 1, m, seen from the leader, or without one from some
     /// robot; empty where the graph gives no place to everybody.
     places: Vec<Vec2>,
@@ -44,7 +41,7 @@ impl Ideal {
         let pinned = scenario.leader().or_else(|| scenario.graph.roots().first().copied());
         let keeps_place = |&i: &usize| scenario.robots[i].role.reference == Reference::Offsets;
         Ideal {
-            frame: IdealFrame::new(scenario),
+            leader: scenario.leader(),
             places: pinned.and_then(|i| settled(&scenario.graph, i)).unwrap_or_default(),
             anchors: (0..robots).filter(keeps_place).collect(),
             now_m: vec![None; robots],
@@ -53,12 +50,12 @@ impl Ideal {
         }
     }
 
-    /// Takes in where everybody is now. `own_m`: the errors by the robots' own roles, of which the
+    /// Takes in where everybody is now, and the frame that the formation turns and grows with. `own_m`: the errors by the robots' own roles, of which the
     /// main leader's is its tracking error.
     pub(super) fn truth(
         &mut self,
         t_ns: u64,
-        rows: &[TruthRow],
+        frame: &LeaderFrame,
         alphas: &[Vec2],
         alive: &[bool],
         own_m: &[Option<f64>],
@@ -66,15 +63,9 @@ impl Ideal {
         if self.places.is_empty() {
             return;
         }
-        let (frame, origin) = match &mut self.frame {
-            Some(frame) => {
-                let leader = frame.leader();
-                let heading_rad = rows[leader].heading_rad;
-                (frame.at(seconds(t_ns), heading_rad, alive[leader]), Some(alphas[leader]))
-            }
-            None => (LeaderFrame::STILL, self.fitted(alphas, alive)),
-        };
-        let leader = self.frame.as_ref().map(IdealFrame::leader);
+        let leader = self.leader;
+        let origin =
+            leader.map_or_else(|| self.fitted(alphas, alive), |leader| Some(alphas[leader]));
         // Turned and grown at once: delta R(theta_n) s is a multiplication of complex numbers.
         let turn = rotate(frame.heading_rad, Vec2::new(frame.scale, 0.0));
         for (i, (alpha, place)) in alphas.iter().zip(&self.places).enumerate() {
@@ -124,14 +115,17 @@ mod tests {
 
     use super::*;
     use crate::examples::rows;
+    use crate::frame::IdealFrame;
     use experiment::examples::row_of_three;
     use formation::frame::Scale;
     use formation::front_point::front_point;
     use formation::graph::{Edge, FormationGraph};
     use formation::pose::Pose;
+    use formation::seconds;
     use formation::trajectory::Trajectory;
     use protocol::brief::LeadBrief;
     use protocol::law::Role;
+    use protocol::message::TruthRow;
 
     const ALL: [bool; 3] = [true; 3];
     const SECOND_NS: u64 = 1_000_000_000;
@@ -148,11 +142,24 @@ mod tests {
         led(Trajectory::Still { center_m: [0.0, 0.0] }, Scale::ONE)
     }
 
-    fn errors(ideal: &mut Ideal, t_ns: u64, rows: &[TruthRow], alive: &[bool]) -> Vec<Option<f64>> {
-        let alphas: Vec<Vec2> = rows.iter().map(|row| front_point(row.pose(), 0.1)).collect();
-        let own_m = vec![Some(0.5); rows.len()];
-        ideal.truth(t_ns, rows, &alphas, alive, &own_m);
-        ideal.now_m().to_vec()
+    /// The ideal formation and its frame.
+    struct Planned {
+        frame: Option<IdealFrame>,
+        ideal: Ideal,
+    }
+
+    impl Planned {
+        fn new(scenario: &Scenario) -> Planned {
+            Planned { frame: IdealFrame::new(scenario), ideal: Ideal::new(scenario, 0) }
+        }
+
+        fn errors(&mut self, t_ns: u64, rows: &[TruthRow], alive: &[bool]) -> Vec<Option<f64>> {
+            let frame = self.frame.as_mut().map(|frame| frame.truth(t_ns, rows, alive));
+            let alphas: Vec<Vec2> = rows.iter().map(|row| front_point(row.pose(), 0.1)).collect();
+            let own_m = vec![Some(0.5); rows.len()];
+            self.ideal.truth(t_ns, &frame.unwrap_or(LeaderFrame::STILL), &alphas, alive, &own_m);
+            self.ideal.now_m().to_vec()
+        }
     }
 
     fn are(found: &[Option<f64>], expected: &[f64]) {
@@ -165,10 +172,10 @@ mod tests {
     #[test]
     fn who_stands_right_behind_one_that_stands_wrong_stands_wrong() {
         // r2 has stopped 5 m behind, and r3 keeps its offset from it.
-        let mut ideal = Ideal::new(&still(), 0);
-        let found = errors(&mut ideal, 0, &rows([0.0, -6.0, -7.0]), &ALL);
+        let mut planned = Planned::new(&still());
+        let found = planned.errors(0, &rows([0.0, -6.0, -7.0]), &ALL);
         are(&found, &[0.5, 5.0, 5.0]);
-        assert_eq!(ideal.finals().max_m(), Some(5.0));
+        assert_eq!(planned.ideal.finals().max_m(), Some(5.0));
     }
 
     #[test]
@@ -179,43 +186,43 @@ mod tests {
         let edges = vec![edge(0, 1, -1.0), edge(0, 2, 0.0), edge(1, 2, 0.0)];
         scenario.graph = FormationGraph::new(3, edges);
         // r2 is dead, far away from its place: that moves no place of anybody.
-        let mut ideal = Ideal::new(&scenario, 0);
-        let found = errors(&mut ideal, 0, &rows([0.0, -4.0, -0.75]), &[true, false, true]);
+        let mut planned = Planned::new(&scenario);
+        let found = planned.errors(0, &rows([0.0, -4.0, -0.75]), &[true, false, true]);
         are(&found, &[0.5, 3.0, 0.25]);
-        assert_eq!(ideal.finals().by_robot_m()[1], None, "the dead count for nothing");
+        assert_eq!(planned.ideal.finals().by_robot_m()[1], None, "the dead count for nothing");
     }
 
     #[test]
     fn without_a_leader_one_straggler_is_off_and_does_not_move_all() {
-        let mut ideal = Ideal::new(&row_of_three(), 0);
-        are(&errors(&mut ideal, 0, &rows([7.0, 6.0, 5.0]), &ALL), &[0.0, 0.0, 0.0]);
-        are(&errors(&mut ideal, 0, &rows([7.0, 6.0, 1.0]), &ALL), &[0.0, 0.0, 4.0]);
+        let mut planned = Planned::new(&row_of_three());
+        are(&planned.errors(0, &rows([7.0, 6.0, 5.0]), &ALL), &[0.0, 0.0, 0.0]);
+        are(&planned.errors(0, &rows([7.0, 6.0, 1.0]), &ALL), &[0.0, 0.0, 4.0]);
         // Of two, nobody can say who is right.
         let two = [false, true, true];
-        are(&errors(&mut ideal, 0, &rows([7.0, 6.0, 1.0]), &two), &[2.0, 2.0, 2.0]);
-        assert_eq!(errors(&mut ideal, 0, &rows([7.0, 6.0, 5.0]), &[false; 3]), [None; 3]);
+        are(&planned.errors(0, &rows([7.0, 6.0, 1.0]), &two), &[2.0, 2.0, 2.0]);
+        assert_eq!(planned.errors(0, &rows([7.0, 6.0, 5.0]), &[false; 3]), [None; 3]);
     }
 
     #[test]
     fn a_place_that_is_no_number_is_infinitely_far_away() {
-        let mut ideal = Ideal::new(&still(), 0);
-        let found = errors(&mut ideal, 0, &rows([0.0, f64::NAN, -2.0]), &ALL);
+        let mut planned = Planned::new(&still());
+        let found = planned.errors(0, &rows([0.0, f64::NAN, -2.0]), &ALL);
         assert_eq!(found[1], Some(f64::INFINITY));
     }
 
     #[test]
     fn what_turns_the_leader_off_its_way_turns_nobodys_place() {
         let line = Trajectory::Line { center_m: [0.0, 0.0], velocity_m_s: [0.1, 0.0] };
-        let mut ideal = Ideal::new(&led(line, Scale::ONE), 0);
-        are(&errors(&mut ideal, 0, &rows([0.0, -1.0, -2.0]), &ALL), &[0.5, 0.0, 0.0]);
+        let mut planned = Planned::new(&led(line, Scale::ONE));
+        are(&planned.errors(0, &rows([0.0, -1.0, -2.0]), &ALL), &[0.5, 0.0, 0.0]);
         let mut turned = rows([0.1, -0.9, -1.9]);
         let Pose { x_m, y_m, .. } = turned[0].pose();
         (turned[0].x_m, turned[0].y_m, turned[0].heading_rad) = (x_m + 0.1, y_m - 0.1, FRAC_PI_2);
-        let found = errors(&mut ideal, SECOND_NS, &turned, &ALL);
+        let found = planned.errors(SECOND_NS, &turned, &ALL);
         assert!(found[1].is_some_and(|error| error < 1e-6), "{found:?}");
         // Its replacement knows no better than to go by the heading that it finds.
-        errors(&mut ideal, 2 * SECOND_NS, &turned, &[false, true, true]);
-        let found = errors(&mut ideal, 3 * SECOND_NS, &turned, &ALL);
+        planned.errors(2 * SECOND_NS, &turned, &[false, true, true]);
+        let found = planned.errors(3 * SECOND_NS, &turned, &ALL);
         assert!(found[1].is_some_and(|error| (error - 2f64.sqrt()).abs() < 1e-6), "{found:?}");
     }
 
@@ -238,12 +245,12 @@ mod tests {
             }
             truth
         };
-        let mut ideal = Ideal::new(&scenario, 0);
+        let mut planned = Planned::new(&scenario);
         // Then 5 s are lost.
         let ticks = (0..=1000).chain([6000]);
         for tick in ticks {
             let t_ns = tick * scenario.period_ns;
-            let found = errors(&mut ideal, t_ns, &at(seconds(t_ns)), &ALL);
+            let found = planned.errors(t_ns, &at(seconds(t_ns)), &ALL);
             assert!(found.iter().skip(1).all(|e| e.is_some_and(|e| e < 1e-5)), "{tick}: {found:?}");
         }
     }

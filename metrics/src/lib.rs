@@ -40,6 +40,7 @@ mod truths;
 pub mod vectors;
 
 use formation::Vec2;
+use formation::frame::LeaderFrame;
 use formation::front_point::front_point;
 use protocol::brief::Pace;
 use protocol::message::{Contact, TruthHeader, TruthRow};
@@ -51,6 +52,7 @@ use error::Errors;
 use experiment::scenario::{Scenario, Silenced, Struck};
 use fault::{Bound, End, FaultReport, Faults, Report};
 use formation::seconds;
+use frame::IdealFrame;
 use ideal::Ideal;
 pub use orphans::Turn;
 pub use pairs::PairDistance;
@@ -71,6 +73,8 @@ pub struct Metrics {
     alive: Vec<bool>,
     truths: Truths,
     distances: Distances,
+    /// What the formation turns and grows with; `None` without a main leader.
+    frame: Option<IdealFrame>,
     errors: Errors,
     ideal: Ideal,
     containment: Containment,
@@ -154,6 +158,7 @@ impl Metrics {
             alive: vec![true; robots],
             truths: Truths::new(pace),
             distances: Distances::new(robots, scenario.avoidance.distance_min_m),
+            frame: IdealFrame::new(scenario),
             errors: Errors::new(scenario, final_from_ns),
             ideal: Ideal::new(scenario, final_from_ns),
             containment: Containment::new(scenario, final_from_ns),
@@ -186,8 +191,10 @@ impl Metrics {
         }
         let distance_m = self.distances.truth(header, &self.alphas);
         let silent = self.faults.silent();
-        let worst_m = self.errors.truth(t_ns, rows, &self.alphas, alive, silent);
-        self.ideal.truth(t_ns, rows, &self.alphas, alive, self.errors.now_m());
+        let frame = self.frame.as_mut().map(|frame| frame.truth(t_ns, rows, alive));
+        let frame = frame.unwrap_or(LeaderFrame::STILL);
+        let worst_m = self.errors.truth(t_ns, &frame, &self.alphas, alive, silent);
+        self.ideal.truth(t_ns, &frame, &self.alphas, alive, self.errors.now_m());
         let bound_m = self.converged_error_m;
         let both = self.errors.now_m().iter().zip(self.ideal.now_m());
         let beyond = both.zip(alive).map(|((heard, ideal), &alive)| {
@@ -205,23 +212,6 @@ impl Metrics {
             ideal_errors_m: self.ideal.now_m(),
             nearest: self.distances.nearest(),
         }
-    }
-
-    /// |e_i| at the newest truth, m, in scenario order; `None` for robots that hear nobody.
-    pub fn errors(&self) -> &[Option<f64>] {
-        self.errors.now_m()
-    }
-
-    /// How far each robot is from its place in the ideal formation at the newest truth, m, in
-    /// scenario order; `None` where the graph gives it none.
-    pub fn ideal_errors(&self) -> &[Option<f64>] {
-        self.ideal.now_m()
-    }
-
-    /// The smallest distance of two front points at the newest truth, m, and their places; `None`
-    /// with fewer than two robots.
-    pub fn nearest(&self) -> Option<(f64, [usize; 2])> {
-        self.distances.nearest()
     }
 
     /// The fault of this number began.

@@ -23,7 +23,7 @@ fn close(a: Option<f64>, b: f64) -> bool {
 fn errors_are_distances_from_where_the_heard_robots_ask_one_to_stand() {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     metrics.truth(&header(0), &rows([0.0, -0.7, -1.5]), &ALL);
-    let errors = metrics.errors();
+    let errors = metrics.now().errors_m;
     assert_eq!(errors[0], None);
     assert!(close(errors[1], 0.3) && close(errors[2], 0.2), "{errors:?}");
 }

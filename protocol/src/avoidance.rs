@@ -112,6 +112,9 @@ pub struct AvoidanceDescription {
     pub steers_within: Option<(&'static str, Figure)>,
     /// Farther beyond d than this, m, nobody slows a robot down, where somebody has inertia.
     pub slow_down_zone_m: Option<Figure>,
+    /// A robot that stands off from a place that is taken stays farther away than that distance, by
+    /// this share of how far the place is within it.
+    pub aside: f64,
     /// Above this v_max it brakes more than it helps, m/s.
     pub speed_cap_m_s: Option<Figure>,
     /// Its own keys.
@@ -134,6 +137,7 @@ impl AvoidanceDescription {
         sensing_radius_m: |_| 0.0,
         steers_within: None,
         slow_down_zone_m: None,
+        aside: 0.0,
         speed_cap_m_s: None,
         gains: &[],
         advice: |_| None,

@@ -6,6 +6,7 @@
 //! | z, r, n, t | own minus other, its length, its direction, n turned +90 degrees |
 //! | p | displacement wanted within one period T, m; \|p\| <= V = v_max T |
 //! | d_f | distance at which the deflection begins to matter, m |
+//! | d_s | the same for a robot that stands off from a place that is taken, m |
 //! | kappa | share of the slack to d_f that a period's approach may use up |
 
 use std::f64::consts::TAU;
@@ -25,6 +26,11 @@ const KAPPA: f64 = 0.25;
 const DITHER_RAD: f64 = 1.0;
 /// The dither's shortest period, s; each robot has its own, so that no pair stays symmetric.
 const DITHER_PERIOD_S: f64 = 1.5;
+
+/// d_s is more than d_f by this share of how far the place wanted is within d_f of the other. Measured
+/// over all single deaths and cuts of the shipped scenarios: with 0 three contained robots that have a
+/// place end 2 to 8 cm off it, held up by some that have none; with 0.1 and with 0.15 nobody does.
+pub const ASIDE: f64 = 0.1;
 
 /// d_f, m: the distance from which a robot is led around another; larger for one that gives way.
 pub fn deflection_distance_m(at: &Conditions<'_>) -> f64 {
@@ -63,9 +69,18 @@ pub struct Deflection {
     pub(super) d_f: f64,
     rank: Rank,
     /// Its place is taken: it is held back, and not led around.
-    stands_off: bool,
+    stands_off: Option<Taken>,
     pub(super) dither_period: f64,
     pub(super) dither_phase: f64,
+}
+
+/// Why a robot stands off.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Taken {
+    /// z of the other that has its place, m.
+    by: Vec2,
+    /// d_s, m.
+    d_s: f64,
 }
 
 impl Deflection {
@@ -79,48 +94,49 @@ impl Deflection {
             kappa: deflection_share(&at),
             d_f: deflection_distance_m(&at),
             rank: brief.rank,
-            stands_off: false,
+            stands_off: None,
             dither_period: DITHER_PERIOD_S * (1.0 + 4.0 * phase / 3.0),
             dither_phase: phase,
         }
     }
 
     /// A contained robot does not ask for a place nearer than d_f to somebody: it asks for one
-    /// beside it, at d_f. Beside: where the place lies as seen from the other, and, the nearer the two
-    /// are, where the robot is as seen from it. Both change without a jump as the other moves on.
+    /// beside it, at d_s. Beside: where the place lies as seen from the other, and, the nearer the two
+    /// are, where the robot is as seen from it. All change without a jump as the other moves on.
     pub fn stand_off(&mut self, away: &[Vec2], error: Vec2) -> Vec2 {
         let gap = |z: &&Vec2| (*z - error).norm(); // |alpha* - alpha_j|
         let nearest = away.iter().min_by(|a, b| gap(a).total_cmp(&gap(b)));
         let taken = nearest.filter(|z| self.rank == Rank::Contained && gap(z) < self.d_f);
-        self.stands_off = taken.is_some();
-        let Some(z) = taken else { return error };
-        let beside = (z - error) + (self.d_f - gap(&z)) * z / z.norm();
-        let beside = self.d_f * beside / beside.norm(); // from alpha_j
+        self.stands_off =
+            taken.map(|z| Taken { by: *z, d_s: self.d_f + ASIDE * (self.d_f - gap(&z)) });
+        let Some(Taken { by: z, d_s }) = self.stands_off else { return error };
+        let beside = (z - error) + (self.d_f - gap(&&z)) * z / z.norm();
+        let beside = d_s * beside / beside.norm(); // from alpha_j
         let finite = beside.x.is_finite() && beside.y.is_finite();
         if finite { z - beside } else { error }
     }
 
     /// The wanted displacement `p`, led around those it would come too near. One that stands off is
     /// held back only: around others there is nothing for it, and on the way it would be in
-    /// everybody else's.
+    /// everybody else's. From all but whoever has its place it stays d_s away.
     pub fn deflect(&self, sample: &Sample<'_>, mut p: Vec2) -> Vec2 {
         let reach = self.v_max * self.period; // V
-        let excess = |r: f64| -self.kappa * (r - self.d_f);
-        let blocked = sample.away.iter().any(|z| {
-            let r = z.norm();
-            z.dot(&p) < excess(r) * r
-        });
-        if blocked && !self.stands_off {
+        let excess = |z: &Vec2| {
+            let aside = self.stands_off.filter(|taken| taken.by != *z);
+            -self.kappa * (z.norm() - aside.map_or(self.d_f, |taken| taken.d_s))
+        };
+        let blocked = sample.away.iter().any(|z| z.dot(&p) < excess(z) * z.norm());
+        if blocked && self.stands_off.is_none() {
             let turns = sample.t_s / self.dither_period + self.dither_phase;
             p = rotate(DITHER_RAD * (TAU * turns).sin(), p);
         }
         for _ in 0..2 {
             for z in sample.away.iter().rev() {
                 let r = z.norm();
-                if -excess(r) < reach && r > 0.0 {
+                if -excess(z) < reach && r > 0.0 {
                     let n = z / r;
-                    let lambda = (excess(r) - n.dot(&p)).max(0.0);
-                    let around = if self.stands_off { 0.0 } else { 1.0 };
+                    let lambda = (excess(z) - n.dot(&p)).max(0.0);
+                    let around = if self.stands_off.is_some() { 0.0 } else { 1.0 };
                     p += lambda * (n + around * Vec2::new(-n.y, n.x));
                 }
             }

@@ -55,7 +55,7 @@ use protocol::number::{short, told_apart};
 use super::braking::slow_down_zone_m;
 use super::braking_guard::{self, BrakingGuard};
 use super::cone::{PASSES_MAX, ROUNDING_M, SIGMAS, cone_sides, direction, headings, swing};
-use super::deflection::{Deflection, deflection_distance_m};
+use super::deflection::{ASIDE, Deflection, deflection_distance_m};
 use super::polygon::{HalfPlane, nearest_point};
 use super::{Avoidance, AvoidanceRow, Sample, clip, exact_hold, within_speed};
 
@@ -68,6 +68,7 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         senses: Senses::Positions,
         sensing_radius_m,
         steers_within: Some(("d_f", deflection_distance_m)),
+        aside: ASIDE,
         slow_down_zone_m: Some(slow_down_zone_m),
         speed_cap_m_s: Some(speed_cap_m_s),
         advice: braking,

@@ -133,17 +133,20 @@ impl Crowd {
         let here = self.places[i];
         let d_f = p.robots[i].stands_off_m / p.scale[1];
         let wanted = self.wanted(reduced, i);
-        let taken = self.taken(p, i, wanted).map(|j| self.places[j]);
-        let aim = taken.map_or(wanted, |other| {
-            let gap = wanted - other;
+        let taken = self.taken(p, i, wanted);
+        let gap = taken.map(|j| wanted - self.places[j]);
+        let d_s = gap.map_or(d_f, |gap| d_f + p.robots[i].aside * (d_f - gap.norm()));
+        let aim = taken.zip(gap).map_or(wanted, |(j, gap)| {
+            let other = self.places[j];
             let beside = gap + (d_f - gap.norm()) * direction(here - other);
-            other + d_f * direction(beside)
+            other + d_s * direction(beside)
         });
         let mut step = STEP * (aim - here);
         for j in (0..p.robots.len()).filter(|&j| j != i && self.there[j]) {
             let apart = here - self.places[j];
             let n = direction(apart);
-            let lacking = BACK * (d_f - apart.norm()) - n.dot(&step);
+            let keep = if taken == Some(j) { d_f } else { d_s };
+            let lacking = BACK * (keep - apart.norm()) - n.dot(&step);
             // Around it, unless there is nothing for the robot there.
             let around = if taken.is_some() { Vec2::zeros() } else { Vec2::new(-n.y, n.x) };
             step += lacking.max(0.0) * (n + around);

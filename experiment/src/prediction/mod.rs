@@ -65,6 +65,8 @@ struct Facts {
     stands_off_m: f64,
     /// Whether it stands off where its place is taken.
     gives_way: bool,
+    /// By what share of how far its place is within that distance it then stays farther away.
+    aside: f64,
 }
 
 /// An edge, as the robot has it that hears.
@@ -83,6 +85,7 @@ impl Predictor {
             silence: scenario.silence.policy,
             stands_off_m: scenario.steers_within_m(i).unwrap_or(0.0),
             gives_way: scenario.rank(i) == Rank::Contained,
+            aside: scenario.method.aside,
         };
         let n = scenario.robots.len();
         let mut heard = vec![Vec::new(); n];

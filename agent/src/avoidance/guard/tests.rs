@@ -306,12 +306,11 @@ fn a_place_that_is_taken_is_not_asked_for_but_one_beside_it() {
     // Farther from the other than d_f, all is as it was.
     let free = other + Vec2::new(0.0, 0.2362);
     assert!(close(asked(free), free));
-    // Right where the other stands: in line with it.
-    assert!(close(asked(other), Vec2::new(1.0 - 0.2352, 0.0)));
+    // Right where the other stands: in line with it, a tenth farther away than d_f.
+    assert!(close(asked(other), Vec2::new(1.0 - 1.1 * 0.2352, 0.0)));
     // Near it: on the side where the place is, without a jump where it becomes free.
     let aside = asked(other + Vec2::new(0.0, 0.1176));
-    assert!(((aside - other).norm() - 0.2352).abs() < 1e-9, "{aside:?}");
-    assert!(close(aside - other, rotate(0.25 * PI, Vec2::new(0.0, 0.2352))));
+    assert!(close(aside - other, rotate(0.25 * PI, Vec2::new(0.0, 1.05 * 0.2352))), "{aside:?}");
     let nearly = other + Vec2::new(0.0, 0.2352 - 1e-6);
     assert!((asked(nearly) - nearly).norm() < 1e-5, "{:?}", asked(nearly));
     // Of two the one nearer to the place counts.
@@ -319,7 +318,7 @@ fn a_place_that_is_taken_is_not_asked_for_but_one_beside_it() {
     let asked = -of_rank(Rank::Contained).stand_off(&two, -(other + Vec2::new(0.0, 0.1)));
     assert!(((asked - other).y - 0.1).abs() < 0.2352 && asked.x < 1.0, "{asked:?}");
     let from_second = asked + two[1];
-    assert!((from_second.norm() - 0.2352).abs() < 1e-9, "{asked:?}");
+    assert!((from_second.norm() - 1.1 * 0.2352).abs() < 1e-9, "{asked:?}");
     // Two sensed at one point, which d forbids, leave what was asked.
     let place = Vec2::new(0.1, 0.0);
     assert_eq!(of_rank(Rank::Contained).stand_off(&[Vec2::zeros()], -place), -place);
@@ -348,6 +347,22 @@ fn who_stands_off_is_held_back_and_not_led_around_until_its_place_is_free() {
     }
     guard.stand_off(&away, Vec2::new(-1.0, 0.0));
     assert_eq!(guard.deflection.deflect(&at(0), ahead), around);
+}
+
+#[test]
+fn who_stands_off_gives_way_to_others_from_farther_away_than_to_whoever_has_its_place() {
+    let mut guard = of_rank(Rank::Contained);
+    let taker = Vec2::new(-0.25, 0.0); // ahead; both nearer than d_s, and farther away than d_f
+    let beside = Vec2::new(0.0, -0.257);
+    let moved = |guard: &Guard, away: &[Vec2]| {
+        guard.deflection.deflect(&sample(0, 0.0, away), Vec2::zeros())
+    };
+    guard.stand_off(&[taker, beside], taker);
+    assert_eq!(moved(&guard, &[taker]), Vec2::zeros());
+    let back = 0.25 * (1.1 * 0.2352 - 0.257);
+    assert!((moved(&guard, &[taker, beside]) - Vec2::new(0.0, -back)).norm() < 1e-12);
+    guard.stand_off(&[taker, beside], Vec2::new(1.0, 1.0));
+    assert_eq!(moved(&guard, &[taker, beside]), Vec2::zeros());
 }
 
 proptest! {

@@ -21,11 +21,7 @@ A key that is marked **needed** must be given where its table is. Ranges are inc
 
 /// The page for these laws and methods, in Markdown.
 pub fn reference(catalog: &Catalog) -> String {
-    let format = Format::of(catalog);
-    let mut page = HEAD.to_owned();
-    for section in &format.sections {
-        table(&mut page, section, &format);
-    }
+    let mut page = HEAD.to_owned() + &sections(&Format::of(catalog), "The whole file");
     models(&mut page);
     laws(&mut page, catalog);
     methods(&mut page, catalog);
@@ -33,13 +29,25 @@ pub fn reference(catalog: &Catalog) -> String {
     page
 }
 
-fn table(page: &mut String, section: &Section, format: &Format) {
-    let heading = match section.name {
-        "scenario" => "The whole file".to_owned(),
-        name => format!("`{name}`"),
-    };
+/// A table for each section; `whole`: the heading of the first.
+pub fn sections(format: &Format, whole: &str) -> String {
+    let mut page = String::new();
+    for section in &format.sections {
+        let heading = match std::ptr::eq(section, format.root()) {
+            true => whole.to_owned(),
+            false => format!("`{}`", section.name),
+        };
+        table(&mut page, section, &heading, format);
+    }
+    page
+}
+
+fn table(page: &mut String, section: &Section, heading: &str, format: &Format) {
     // Writing to a string cannot fail, here and below.
     let _ = writeln!(page, "\n## {heading}\n\n{}\n", section.says);
+    if section.keys.is_empty() {
+        return;
+    }
     page.push_str(
         "| key | type | unit | default | range | what it is |\n|---|---|---|---|---|---|\n",
     );
@@ -100,6 +108,7 @@ fn type_of(key: &Key, format: &Format) -> (String, &'static str, String) {
         Takes::NamesOrCount => ("list of strings, or integer".into(), "", String::new()),
         Takes::Table(section) => (format!("table {}", link(section)), "", String::new()),
         Takes::Tables(section) => (format!("list of tables {}", link(section)), "", String::new()),
+        Takes::Any(words) => (words.into(), "", String::new()),
     }
 }
 

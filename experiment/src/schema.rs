@@ -111,6 +111,7 @@ fn value(key: &Key, format: &Format) -> Value {
         // What stands beside a reference is not looked at: hence the list of one.
         Takes::Table(section) => json!({ "allOf": [reference(section)] }),
         Takes::Tables(section) => json!({ "type": "array", "items": reference(section) }),
+        Takes::Any(_) => json!({}),
     };
     let default: Option<Value> = match key.otherwise {
         Otherwise::Number(number) => Some(number.into()),

@@ -13,6 +13,8 @@ pub struct Axis {
     /// What is shown, and its unit.
     pub label: String,
     logarithmic: bool,
+    /// Ticks are whole numbers.
+    whole: bool,
     low: f64,
     high: f64,
 }
@@ -21,7 +23,12 @@ impl Axis {
     /// From `low` to `high` exactly.
     pub fn exact(label: &str, low: f64, high: f64) -> Axis {
         let (low, high) = sound(low, high);
-        Axis { label: label.into(), logarithmic: false, low, high }
+        Axis { label: label.into(), logarithmic: false, whole: false, low, high }
+    }
+
+    /// Of numbers of things, from 1 to `most`.
+    pub fn numbers(label: &str, most: usize) -> Axis {
+        Axis { whole: true, ..Axis::exact(label, 0.5, most as f64 + 0.5) }
     }
 
     /// From `low` to `high`, and on to the next ticks.
@@ -29,7 +36,7 @@ impl Axis {
         let (low, high) = sound(low, high);
         let step = step(high - low, 6);
         let (low, high) = ((low / step).floor() * step, (high / step).ceil() * step);
-        Axis { label: label.into(), logarithmic: false, low, high }
+        Axis { label: label.into(), logarithmic: false, whole: false, low, high }
     }
 
     /// Logarithmic, over whole decades around both; both above 0.
@@ -39,7 +46,7 @@ impl Axis {
         // A hair's breadth beyond a decade is rounding.
         let (low, high) = ((low + 1e-9).floor(), (high - 1e-9).ceil());
         let high = if high > low { high } else { low + 1.0 };
-        Axis { label: label.into(), logarithmic: true, low, high }
+        Axis { label: label.into(), logarithmic: true, whole: false, low, high }
     }
 
     /// Smallest and largest value on it.
@@ -68,6 +75,7 @@ impl Axis {
     fn ticks(&self, many: usize) -> Vec<f64> {
         if !self.logarithmic {
             let step = step(self.high - self.low, many);
+            let step = if self.whole { step.max(1.0) } else { step };
             let (first, last) =
                 ((self.low / step - 1e-9).ceil(), (self.high / step + 1e-9).floor());
             return (first as i64..=last as i64).map(|tick| tick as f64 * step).collect();
@@ -189,6 +197,7 @@ mod tests {
             ["10\u{207b}\u{2076}", "10\u{207b}\u{2075}", "10\u{207b}\u{2074}"]
         );
         assert_eq!(decades.last().unwrap(), "10");
+        assert_eq!(labels(&Axis::numbers("point", 3), 9), ["1", "2", "3"]);
         assert_eq!(labels(&Axis::log("age (ms)", 5.0, 5.0), 9), ["1", "2", "5", "10"]);
     }
 

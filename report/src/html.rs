@@ -18,16 +18,22 @@ const NAMES_MAX: usize = 12;
 
 /// `report.html`.
 pub fn report(run: &Run, figures: &[Figure]) -> String {
-    let name = escaped(&run.scene.name);
+    let name = &run.scene.name;
+    framed(name, &format!("{name}: report of a run"), &head(run), sections(run, figures))
+}
+
+/// A page that needs no other file: its heading and title, what stands below the heading (HTML), and
+/// its sections.
+pub fn framed(heading: &str, title: &str, head: &str, sections: Vec<Section>) -> String {
+    let (heading, title) = (escaped(heading), escaped(title));
     let policy = page::content_security_policy();
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <title>{name}: report of a run</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n"
+         <title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n"
     );
-    let sections = sections(run, figures);
-    let _ = write!(page, "<header>\n<h1>{name}</h1>\n{}<nav aria-label=\"Sections\">", head(run));
+    let _ = write!(page, "<header>\n<h1>{heading}</h1>\n{head}<nav aria-label=\"Sections\">");
     for Section { id, title, .. } in &sections {
         let _ = write!(page, "<a href=\"#{id}\">{title}</a> ");
     }
@@ -43,10 +49,14 @@ pub fn report(run: &Run, figures: &[Figure]) -> String {
     page
 }
 
-struct Section {
-    id: &'static str,
-    title: &'static str,
-    content: String,
+/// A part of a page.
+pub struct Section {
+    /// What links to it say.
+    pub id: &'static str,
+    /// Its heading.
+    pub title: &'static str,
+    /// HTML.
+    pub content: String,
 }
 
 /// All that have something in them, in order.
@@ -244,7 +254,8 @@ fn who(robots: &[String]) -> String {
     }
 }
 
-fn drawn(figures: &[Figure]) -> String {
+/// Figures within a page, each with its caption.
+pub fn drawn(figures: &[Figure]) -> String {
     let mut text = String::new();
     for figure in figures {
         // Inline, the name space is known and the size is that of the page.
@@ -342,19 +353,23 @@ fn listed(entries: &[(String, String)]) -> String {
     described(entries.iter().map(|(name, value)| (name.as_str(), value.as_str())))
 }
 
-fn described<'a>(entries: impl Iterator<Item = (&'a str, &'a str)>) -> String {
+/// Names and what they stand for.
+pub fn described<'a>(entries: impl Iterator<Item = (&'a str, &'a str)>) -> String {
     let entries: String = entries
         .map(|(name, value)| format!("<dt>{}</dt><dd>{}</dd>\n", escaped(name), escaped(value)))
         .collect();
     if entries.is_empty() { entries } else { format!("<dl>\n{entries}</dl>\n") }
 }
 
-enum Cell {
+/// What is in a place of a table.
+pub enum Cell {
+    /// Words.
     Text(String),
     /// A sentence: not squeezed into a narrow column.
     Long(String),
     /// Not broken.
     Word(String),
+    /// A number.
     Number(String),
     /// `held`, `missed` or `unseen`.
     Verdict(&'static str),
@@ -362,7 +377,7 @@ enum Cell {
 
 /// A table that scrolls by itself where it is too wide; heads of numbers begin with `#`. Nothing
 /// for no rows.
-fn table(heads: &[&str], rows: impl Iterator<Item = Vec<Cell>>) -> String {
+pub fn table(heads: &[&str], rows: impl Iterator<Item = Vec<Cell>>) -> String {
     let mut body = String::new();
     for row in rows {
         body.push_str("<tr>");
@@ -381,8 +396,8 @@ fn table(heads: &[&str], rows: impl Iterator<Item = Vec<Cell>>) -> String {
         return body;
     }
     let heads = heads.iter().map(|head| match head.strip_prefix('#') {
-        Some(head) => format!("<th scope=\"col\" class=\"number\">{head}</th>"),
-        None => format!("<th scope=\"col\">{head}</th>"),
+        Some(head) => format!("<th scope=\"col\" class=\"number\">{}</th>", escaped(head)),
+        None => format!("<th scope=\"col\">{}</th>", escaped(head)),
     });
     let heads: String = heads.collect();
     format!(

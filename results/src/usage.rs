@@ -33,10 +33,19 @@ pub fn of_dead(pidfd: BorrowedFd<'_>) -> io::Result<Option<Usage>> {
 
 /// What this process took up to now.
 pub fn of_this_process() -> Usage {
+    of(libc::RUSAGE_SELF)
+}
+
+/// What all children that were reaped took, with those that they reaped.
+pub fn of_ended_children() -> Usage {
+    of(libc::RUSAGE_CHILDREN)
+}
+
+fn of(whom: libc::c_int) -> Usage {
     let mut usage = MaybeUninit::<libc::rusage>::zeroed();
     // SAFETY: the pointer is to memory of the right type; all zeros is a value of it.
     let usage = unsafe {
-        libc::getrusage(libc::RUSAGE_SELF, usage.as_mut_ptr());
+        libc::getrusage(whom, usage.as_mut_ptr());
         usage.assume_init()
     };
     of_rusage(&usage)

@@ -75,7 +75,7 @@ pub(crate) struct Placement {
     ours_s: f64,
     /// While they are placed, one process for each core that keeps it awake.
     awake: Vec<Child>,
-    /// One of those could not be started: there will be none any more.
+    /// One of those could not be started, or there are to be none.
     without_awake: bool,
     /// What those took that are gone.
     usage: Usage,
@@ -84,6 +84,7 @@ pub(crate) struct Placement {
 impl Placement {
     /// Nobody is placed yet. `launcher`: of those that keep cores awake.
     pub(crate) fn new(cores: Cores, launcher: Launcher) -> Placement {
+        let without_awake = !launcher.keeps_awake();
         Placement {
             cores,
             launcher,
@@ -91,7 +92,7 @@ impl Placement {
             busy_s: 0.0,
             ours_s: 0.0,
             awake: Vec::new(),
-            without_awake: false,
+            without_awake,
             usage: Usage::default(),
         }
     }

@@ -19,6 +19,7 @@ use crate::limits;
 pub struct Launcher {
     executable: PathBuf,
     realtime_priority: bool,
+    keeps_awake: bool,
 }
 
 /// What a child is to be.
@@ -54,6 +55,11 @@ pub enum Role<'a> {
         /// The command line.
         words: &'a [OsString],
     },
+    /// `phalanx run WORD...`: a run of a campaign.
+    Run {
+        /// The command line.
+        words: &'a [OsString],
+    },
 }
 
 impl fmt::Display for Role<'_> {
@@ -66,6 +72,7 @@ impl fmt::Display for Role<'_> {
             Role::ControlTimer { .. } => f.write_str("the control timer"),
             Role::Load => f.write_str("a process that takes processor time"),
             Role::Awake => f.write_str("a process that keeps a core awake"),
+            Role::Run { .. } => f.write_str("a run"),
             Role::Bench { words } => {
                 let words: Vec<_> = words.iter().take(2).map(|word| word.display()).collect();
                 write!(f, "`phalanx")?;
@@ -101,12 +108,22 @@ impl Launcher {
     /// Of another one, by a path with a slash in it. Its `main` begins with
     /// [`crate::child::obey_parent`] and takes the command lines of [`Role`], as `phalanx` does.
     pub fn of(executable: impl Into<PathBuf>) -> Launcher {
-        Launcher { executable: executable.into(), realtime_priority: false }
+        Launcher { executable: executable.into(), realtime_priority: false, keeps_awake: true }
     }
 
     /// Robots, plant and control timer run before every ordinary process of the machine.
     pub fn with_realtime_priority(self) -> Launcher {
         Launcher { realtime_priority: true, ..self }
+    }
+
+    /// No core is kept awake: others run beside this run.
+    pub fn without_awake(self) -> Launcher {
+        Launcher { keeps_awake: false, ..self }
+    }
+
+    /// Whether cores are kept awake.
+    pub(crate) fn keeps_awake(&self) -> bool {
+        self.keeps_awake
     }
 
     /// Starts a process in this role, its log appended to `log`. The calling thread must live as
@@ -145,6 +162,9 @@ impl Launcher {
             }
             Role::Bench { words } => {
                 command.arg0("phalanx-bench").args(words);
+            }
+            Role::Run { words } => {
+                command.arg0("phalanx").args(words);
             }
         }
         if self.realtime_priority

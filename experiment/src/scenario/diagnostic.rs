@@ -145,7 +145,7 @@ impl Diagnostic {
 
 /// The text that places refer to, and under which name it is shown.
 #[derive(Debug)]
-pub(crate) struct Source {
+pub struct Source {
     file: Arc<str>,
     text: Arc<str>,
     note: Option<&'static str>,
@@ -173,7 +173,7 @@ pub(crate) enum Origin {
 
 impl Source {
     /// `edited`: the text is not the file's own, because arguments changed it.
-    pub(crate) fn new(file: &Path, text: &str, edited: bool) -> Source {
+    pub fn new(file: &Path, text: &str, edited: bool) -> Source {
         Source {
             file: one_line(&file.display().to_string()).into(),
             text: text.into(),
@@ -204,7 +204,7 @@ impl Source {
     }
 
     /// An error at `span`, a range of bytes of the text.
-    pub(crate) fn error(
+    pub fn error(
         &self,
         span: &Range<usize>,
         message: impl Into<String>,
@@ -266,7 +266,7 @@ impl Source {
 }
 
 /// The one of `known` that was probably meant by `word`, if any is close enough.
-pub(crate) fn meant<'k>(word: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
+pub fn meant<'k>(word: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
     let close = |candidate: &str| {
         let longest = word.chars().count().max(candidate.chars().count());
         let unit_forgotten =

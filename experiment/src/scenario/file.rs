@@ -7,25 +7,25 @@ use std::path::Path;
 use super::diagnostic::Diagnostic;
 
 /// Largest file, bytes. 256 robots that all hear each other fit.
-pub(super) const FILE_BYTES_MAX: u64 = 8 << 20;
+pub const FILE_BYTES_MAX: u64 = 8 << 20;
 
 /// Why a file cannot be had.
-pub(super) struct Trouble {
+pub struct Trouble {
     /// What is wrong with it, to be put behind its name.
-    pub(super) what: String,
+    pub what: String,
     /// What was expected.
-    pub(super) expected: &'static str,
+    pub expected: &'static str,
 }
 
 impl Trouble {
     /// A diagnostic about the file as a whole.
-    pub(super) fn about(self, path: &Path) -> Diagnostic {
+    pub fn about(self, path: &Path) -> Diagnostic {
         Diagnostic::plain(format!("`{}` {}", path.display(), self.what), self.expected)
     }
 }
 
 /// The file's text; `expected`: what should be there instead of no such file.
-pub(super) fn load(path: &Path, expected: &'static str) -> Result<String, Trouble> {
+pub fn load(path: &Path, expected: &'static str) -> Result<String, Trouble> {
     let trouble = |what: String| Trouble { what, expected };
     let cannot = |error: std::io::Error| match error.kind() {
         std::io::ErrorKind::NotFound => trouble("does not exist".into()),

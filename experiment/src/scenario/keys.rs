@@ -72,6 +72,8 @@ pub enum Takes {
     Table(&'static str),
     /// A list of such tables.
     Tables(&'static str),
+    /// Whatever these words say.
+    Any(&'static str),
 }
 
 /// Which numbers there may be.
@@ -242,7 +244,7 @@ impl Format {
 
     /// What was probably meant by a `word` that is none of the `rows` of the section; `elsewhere`:
     /// it may be a key of another one.
-    pub(crate) fn meant(
+    pub fn meant(
         &self,
         section: &Section,
         rows: &[&Key],
@@ -260,9 +262,9 @@ impl Format {
         let others = self.sections.iter().filter(|other| elsewhere && other.name != section.name);
         others.into_iter().find_map(|other| {
             let key = other.keys.iter().find(|key| stem(key.name) == guess || guessed(key))?;
-            Some(match other.name {
-                "scenario" => format!("`{}`, outside of all tables", key.name),
-                name => format!("`{}` in `{name}`", key.name),
+            Some(match std::ptr::eq(other, self.root()) {
+                true => format!("`{}`, outside of all tables", key.name),
+                false => format!("`{}` in `{}`", key.name, other.name),
             })
         })
     }
@@ -274,13 +276,20 @@ impl Key {
         [self.name].into_iter().chain(self.was.iter().copied())
     }
 
-    const fn guessed(mut self, guesses: &'static [&'static str]) -> Key {
+    /// The same row with what people write who mean it.
+    pub const fn guessed(mut self, guesses: &'static [&'static str]) -> Key {
         self.guesses = guesses;
         self
     }
 }
 
-const fn key(name: &'static str, takes: Takes, otherwise: Otherwise, says: &'static str) -> Key {
+/// A row without old names and guesses.
+pub const fn key(
+    name: &'static str,
+    takes: Takes,
+    otherwise: Otherwise,
+    says: &'static str,
+) -> Key {
     Key { name, takes, otherwise, says: Cow::Borrowed(says), was: &[], guesses: &[] }
 }
 

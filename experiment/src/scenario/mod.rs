@@ -16,13 +16,14 @@
 //! | `restart` | does a robot come back after a death that nobody planned? |
 //! | `chaos` | which faults does a seed draw? |
 //! | `lives` | who is alive when a fault is to happen? |
+//! | `written_out` | what is left of a text when only its meaning counts? |
 
 mod chaos;
 pub mod diagnostic;
 mod expect;
 pub mod fault;
 mod faults;
-mod file;
+pub mod file;
 mod graph;
 mod import;
 pub mod keys;
@@ -35,9 +36,10 @@ mod restart;
 mod robots;
 #[cfg(test)]
 mod shaken;
-pub(crate) mod table;
+pub mod table;
 #[cfg(test)]
 mod tests;
+pub mod written_out;
 
 use std::collections::BTreeMap;
 

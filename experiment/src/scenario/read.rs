@@ -102,7 +102,7 @@ pub fn read_text(
 }
 
 /// The text's tables.
-fn toml<'t>(text: &'t str, source: &Source) -> Result<Spanned<DeTable<'t>>, Diagnostic> {
+pub fn toml<'t>(text: &'t str, source: &Source) -> Result<Spanned<DeTable<'t>>, Diagnostic> {
     DeTable::parse(text).map_err(|error| no_toml(source, error.span(), error.message()))
 }
 

@@ -14,38 +14,38 @@ use super::keys::{Format, Key, Otherwise, Range as Numbers, Section, Takes};
 
 /// Largest magnitude of any number, in its unit: what is larger is a slip of the keyboard, and
 /// squares of it would leave the range of exact arithmetic.
-pub(crate) const NUMBER_MAX: f64 = 1e9;
+pub const NUMBER_MAX: f64 = 1e9;
 /// Longest time, s: 115 days. Sums and hundredfolds of it still fit into 64 bits of nanoseconds.
-pub(crate) const SECONDS_MAX: f64 = 1e7;
+pub const SECONDS_MAX: f64 = 1e7;
 /// A time may miss a whole nanosecond by this much, ns.
 const NANOSECOND_TOLERANCE: f64 = 1e-6;
 
 /// Where each key was found, by its path: `avoidance.kind`, `robot.r1.pose`, `edge.0`.
-pub(crate) type Places = BTreeMap<String, Range<usize>>;
+pub type Places = BTreeMap<String, Range<usize>>;
 
 /// The text, and the places found in it so far.
 #[derive(Debug)]
-pub(crate) struct Document<'f> {
+pub struct Document<'f> {
     /// The text.
-    pub(crate) source: Source,
+    pub source: Source,
     /// Which keys it may have.
     format: &'f Format,
     /// Where things are.
-    pub(crate) places: RefCell<Places>,
+    pub places: RefCell<Places>,
     /// What is worth a warning: old names of keys.
-    pub(crate) warnings: RefCell<Vec<Diagnostic>>,
+    pub warnings: RefCell<Vec<Diagnostic>>,
 }
 
 impl<'f> Document<'f> {
     /// A text of which nothing was read.
-    pub(crate) fn new(source: Source, format: &'f Format) -> Document<'f> {
+    pub fn new(source: Source, format: &'f Format) -> Document<'f> {
         Document { source, format, places: RefCell::default(), warnings: RefCell::default() }
     }
 }
 
 /// A table, under the path by which people would name it.
 #[derive(Debug, Clone)]
-pub(crate) struct Table<'t> {
+pub struct Table<'t> {
     document: &'t Document<'t>,
     path: String,
     /// What to call it: `[avoidance]`, `robot r1`.
@@ -60,7 +60,7 @@ pub(crate) struct Table<'t> {
 
 /// A value and its place.
 #[derive(Debug, Clone)]
-pub(crate) struct Value<'t> {
+pub struct Value<'t> {
     document: &'t Document<'t>,
     /// The key's path.
     path: String,
@@ -72,20 +72,25 @@ pub(crate) struct Value<'t> {
 }
 
 impl<'t> Table<'t> {
-    /// The whole document.
-    pub(crate) fn root(document: &'t Document<'t>, entries: &'t DeTable<'t>) -> Table<'t> {
-        let (path, title) = (String::new(), "the scenario".to_owned());
+    /// The whole document, a scenario.
+    pub fn root(document: &'t Document<'t>, entries: &'t DeTable<'t>) -> Table<'t> {
+        Table::titled(document, entries, "the scenario")
+    }
+
+    /// The whole document, under the title by which messages name it.
+    pub fn titled(document: &'t Document<'t>, entries: &'t DeTable<'t>, title: &str) -> Table<'t> {
+        let (path, title) = (String::new(), title.to_owned());
         let (section, entries) = (document.format.root(), Some(entries));
         Table { document, path, title, section, entries, defaults: None, span: 0..0 }
     }
 
     /// The same table with those keys of `defaults` that it does not have itself.
-    pub(crate) fn with_defaults(self, defaults: Option<Table<'t>>) -> Table<'t> {
+    pub fn with_defaults(self, defaults: Option<Table<'t>>) -> Table<'t> {
         Table { defaults: defaults.map(Box::new), ..self }
     }
 
     /// The same table under another path and title: a list's element, once its name is known.
-    pub(crate) fn named(mut self, path: &str, title: &str) -> Table<'t> {
+    pub fn named(mut self, path: &str, title: &str) -> Table<'t> {
         self.document.places.borrow_mut().insert(path.to_owned(), self.span.clone());
         self.path = path.to_owned();
         self.title = title.to_owned();
@@ -93,12 +98,12 @@ impl<'t> Table<'t> {
     }
 
     /// Refuses keys that it may not have, and warns of old names.
-    pub(crate) fn only(&self) -> Result<(), Diagnostic> {
+    pub fn only(&self) -> Result<(), Diagnostic> {
         self.only_these(&|_| true, true)
     }
 
     /// Refuses keys that it may not have with that `kind`.
-    pub(crate) fn only_of(&self, word: &str) -> Result<(), Diagnostic> {
+    pub fn only_of(&self, word: &str) -> Result<(), Diagnostic> {
         let kind = self.section.kinds.iter().find(|kind| kind.word == word);
         let kind = kind.unwrap_or_else(|| panic!("`{word}` is a kind of {}", self.section.name));
         let of_kind = |key: &Key| {
@@ -144,12 +149,12 @@ impl<'t> Table<'t> {
     }
 
     /// Where it stands; with a header, only that.
-    pub(crate) fn span(&self) -> Range<usize> {
+    pub fn span(&self) -> Range<usize> {
         self.span.clone()
     }
 
     /// The keys that are there, with their places.
-    pub(crate) fn keys(&self) -> impl Iterator<Item = (&'t str, Range<usize>)> + use<'t> {
+    pub fn keys(&self) -> impl Iterator<Item = (&'t str, Range<usize>)> + use<'t> {
         let entries = self.entries.into_iter().flat_map(|entries| entries.iter());
         entries.map(|(key, _)| (key.get_ref().as_ref(), key.span()))
     }
@@ -160,7 +165,7 @@ impl<'t> Table<'t> {
     }
 
     /// The value of `key`, if it is there or among the defaults.
-    pub(crate) fn get(&self, key: &str) -> Option<Value<'t>> {
+    pub fn get(&self, key: &str) -> Option<Value<'t>> {
         let row = self.row(key);
         let given = self.entries.and_then(|entries| {
             let old = || row.was.iter().find_map(|old| entries.get(*old));
@@ -185,12 +190,12 @@ impl<'t> Table<'t> {
     }
 
     /// The value of `key`, which must be given.
-    pub(crate) fn need(&self, key: &str) -> Result<Value<'t>, Diagnostic> {
+    pub fn need(&self, key: &str) -> Result<Value<'t>, Diagnostic> {
         self.get(key).ok_or_else(|| self.missing(key, &self.row(key).says))
     }
 
     /// The number of `key`, or its default.
-    pub(crate) fn number(&self, key: &str) -> Result<f64, Diagnostic> {
+    pub fn number(&self, key: &str) -> Result<f64, Diagnostic> {
         match (self.get(key), self.row(key).otherwise) {
             (None, Otherwise::Number(number)) => Ok(number),
             _ => self.need(key)?.number(),
@@ -198,7 +203,7 @@ impl<'t> Table<'t> {
     }
 
     /// The time of `key`, or its default, ns.
-    pub(crate) fn time_ns(&self, key: &str) -> Result<u64, Diagnostic> {
+    pub fn time_ns(&self, key: &str) -> Result<u64, Diagnostic> {
         match (self.get(key), self.row(key).otherwise) {
             (None, Otherwise::Number(seconds)) => Ok((seconds * 1e9).round() as u64),
             _ => self.need(key)?.time_ns(),
@@ -206,7 +211,7 @@ impl<'t> Table<'t> {
     }
 
     /// The whole number of `key`, or its default.
-    pub(crate) fn whole(&self, key: &str) -> Result<u64, Diagnostic> {
+    pub fn whole(&self, key: &str) -> Result<u64, Diagnostic> {
         match (self.get(key), self.row(key).otherwise) {
             (None, Otherwise::Whole(number)) => Ok(number),
             _ => self.need(key)?.whole(),
@@ -214,7 +219,7 @@ impl<'t> Table<'t> {
     }
 
     /// Whether `key` says so.
-    pub(crate) fn truth(&self, key: &str) -> Result<bool, Diagnostic> {
+    pub fn truth(&self, key: &str) -> Result<bool, Diagnostic> {
         match (self.get(key), self.row(key).otherwise) {
             (None, Otherwise::No) => Ok(false),
             (None, Otherwise::Yes) => Ok(true),
@@ -223,7 +228,7 @@ impl<'t> Table<'t> {
     }
 
     /// What the word of `key`, or its default, means; `words` are those of its row.
-    pub(crate) fn word<T: Copy>(&self, key: &str, words: &[(&str, T)]) -> Result<T, Diagnostic> {
+    pub fn word<T: Copy>(&self, key: &str, words: &[(&str, T)]) -> Result<T, Diagnostic> {
         if let (None, Otherwise::Word(word)) = (self.get(key), self.row(key).otherwise) {
             let meaning = words.iter().find(|(known, _)| *known == word);
             return Ok(meaning.unwrap_or_else(|| panic!("`{word}` means something")).1);
@@ -232,12 +237,12 @@ impl<'t> Table<'t> {
     }
 
     /// The number of `key`, if it is given.
-    pub(crate) fn maybe_number(&self, key: &str) -> Result<Option<f64>, Diagnostic> {
+    pub fn maybe_number(&self, key: &str) -> Result<Option<f64>, Diagnostic> {
         self.get(key).map(|value| value.number()).transpose()
     }
 
     /// The table `key`; an empty one if it is not given.
-    pub(crate) fn table(&self, key: &str) -> Result<Table<'t>, Diagnostic> {
+    pub fn table(&self, key: &str) -> Result<Table<'t>, Diagnostic> {
         if let Some(value) = self.get(key) {
             return value.table();
         }
@@ -254,18 +259,18 @@ impl<'t> Table<'t> {
     }
 
     /// That `key` is not there; `expected` says what to add.
-    pub(crate) fn missing(&self, key: &str, expected: &str) -> Diagnostic {
+    pub fn missing(&self, key: &str, expected: &str) -> Diagnostic {
         let message = format!("{} has no `{key}`", self.title);
         self.here(message, format!("expected `{key}`: {expected}"))
     }
 
     /// An error at this table.
-    pub(crate) fn here(&self, message: String, expected: String) -> Diagnostic {
+    pub fn here(&self, message: String, expected: String) -> Diagnostic {
         self.document.source.error(&self.span, message, expected)
     }
 
     /// The tables of the list `key`; none if it is absent.
-    pub(crate) fn tables(&self, key: &str) -> Result<Vec<Table<'t>>, Diagnostic> {
+    pub fn tables(&self, key: &str) -> Result<Vec<Table<'t>>, Diagnostic> {
         let Some(list) = self.get(key) else { return Ok(Vec::new()) };
         let expected = format!(
             "expected a list of tables, each headed `[[{key}]]`, or {key} = [{{ ... }}, ...]"
@@ -302,12 +307,12 @@ impl<'t> Table<'t> {
 
 impl<'t> Value<'t> {
     /// An error at this value.
-    pub(crate) fn here(&self, message: String, expected: String) -> Diagnostic {
+    pub fn here(&self, message: String, expected: String) -> Diagnostic {
         self.document.source.error(&self.span, message, expected)
     }
 
     /// An error at this value: `message` says what is wrong with the key named before it.
-    pub(crate) fn wrong(
+    pub fn wrong(
         &self,
         message: impl std::fmt::Display,
         expected: impl Into<String>,
@@ -316,12 +321,12 @@ impl<'t> Value<'t> {
     }
 
     /// Where it stands.
-    pub(crate) fn span(&self) -> Range<usize> {
+    pub fn span(&self) -> Range<usize> {
         self.span.clone()
     }
 
     /// What is found at `path` stands here; whoever looks for its parents finds them here too.
-    pub(crate) fn is_at(&self, path: &str) {
+    pub fn is_at(&self, path: &str) {
         let mut places = self.document.places.borrow_mut();
         let mut path = path;
         places.insert(path.to_owned(), self.span.clone());
@@ -332,7 +337,7 @@ impl<'t> Value<'t> {
     }
 
     /// The table that this value is.
-    pub(crate) fn table(&self) -> Result<Table<'t>, Diagnostic> {
+    pub fn table(&self) -> Result<Table<'t>, Diagnostic> {
         let Takes::Table(section) = self.row.takes else { panic!("`{}` is a table", self.key) };
         let section = self.document.format.section(section);
         let DeValue::Table(entries) = self.value else {
@@ -357,7 +362,7 @@ impl<'t> Value<'t> {
     }
 
     /// A string.
-    pub(crate) fn text(&self, expected: &str) -> Result<&'t str, Diagnostic> {
+    pub fn text(&self, expected: &str) -> Result<&'t str, Diagnostic> {
         match self.value {
             DeValue::String(text) => Ok(text.as_ref()),
             _ => Err(self.wrong_type(expected)),
@@ -365,7 +370,7 @@ impl<'t> Value<'t> {
     }
 
     /// What its word means; `words` are those of its row.
-    pub(crate) fn word<T: Copy>(&self, words: &[(&str, T)]) -> Result<T, Diagnostic> {
+    pub fn word<T: Copy>(&self, words: &[(&str, T)]) -> Result<T, Diagnostic> {
         if let Takes::Word(row) = self.row.takes {
             let same = row.iter().map(|(word, _)| word).eq(words.iter().map(|(word, _)| word));
             assert!(same, "`{}` has the words of its row", self.key);
@@ -383,7 +388,7 @@ impl<'t> Value<'t> {
     }
 
     /// A number, in the unit and range of its row.
-    pub(crate) fn number(&self) -> Result<f64, Diagnostic> {
+    pub fn number(&self) -> Result<f64, Diagnostic> {
         match self.row.takes {
             Takes::Number(unit, range) => self.within(unit, range),
             _ => panic!("`{}` is a number", self.key),
@@ -391,7 +396,7 @@ impl<'t> Value<'t> {
     }
 
     /// A time in seconds, in the range of its row, as whole nanoseconds.
-    pub(crate) fn time_ns(&self) -> Result<u64, Diagnostic> {
+    pub fn time_ns(&self) -> Result<u64, Diagnostic> {
         match self.row.takes {
             Takes::Time(range) => self.whole_nanoseconds(self.within("s", range)?),
             _ => panic!("`{}` is a time", self.key),
@@ -452,7 +457,7 @@ impl<'t> Value<'t> {
     }
 
     /// A whole number, within the bounds of its row.
-    pub(crate) fn whole(&self) -> Result<u64, Diagnostic> {
+    pub fn whole(&self) -> Result<u64, Diagnostic> {
         let (least, most, or) = match self.row.takes {
             Takes::Whole(least, most) => (least, most, ""),
             Takes::NamesOrCount => (0, i64::MAX as u64, ", or names of robots: [\"r1\", \"r2\"]"),
@@ -475,20 +480,48 @@ impl<'t> Value<'t> {
     }
 
     /// True or false.
-    pub(crate) fn truth(&self) -> Result<bool, Diagnostic> {
+    pub fn truth(&self) -> Result<bool, Diagnostic> {
         match self.value {
             DeValue::Boolean(truth) => Ok(*truth),
             _ => Err(self.wrong_type("expected true or false")),
         }
     }
 
+    /// What it is, as it stands there.
+    pub fn raw(&self) -> &'t DeValue<'t> {
+        self.value
+    }
+
+    /// The same value, which messages name so.
+    pub fn named(self, key: &str) -> Value<'t> {
+        Value { key: key.to_owned(), ..self }
+    }
+
+    /// What a table has in it, whatever its keys are, in their order.
+    pub fn entries(&self, expected: &str) -> Result<Vec<(String, Value<'t>)>, Diagnostic> {
+        let DeValue::Table(table) = self.value else { return Err(self.wrong_type(expected)) };
+        let entry = |(key, value): (&'t toml::Spanned<_>, &'t toml::Spanned<DeValue<'t>>)| {
+            let key: &std::borrow::Cow<'t, str> = key.get_ref();
+            let value = Value {
+                document: self.document,
+                path: self.path.clone(),
+                key: key.clone().into_owned(),
+                row: self.row,
+                value: value.get_ref(),
+                span: value.span(),
+            };
+            (key.clone().into_owned(), value)
+        };
+        Ok(table.iter().map(entry).collect())
+    }
+
     /// Whether it is a list.
-    pub(crate) fn is_list(&self) -> bool {
+    pub fn is_list(&self) -> bool {
         matches!(self.value, DeValue::Array(_))
     }
 
     /// The elements of a list; messages count them from 1.
-    pub(crate) fn elements(&self, expected: &str) -> Result<Vec<Value<'t>>, Diagnostic> {
+    pub fn elements(&self, expected: &str) -> Result<Vec<Value<'t>>, Diagnostic> {
         let DeValue::Array(list) = self.value else { return Err(self.wrong_type(expected)) };
         let element = |(index, element): (usize, &'t toml::Spanned<DeValue<'t>>)| Value {
             document: self.document,
@@ -502,7 +535,7 @@ impl<'t> Value<'t> {
     }
 
     /// Two numbers, `[x, y]`, in the unit of its row.
-    pub(crate) fn pair(&self) -> Result<[f64; 2], Diagnostic> {
+    pub fn pair(&self) -> Result<[f64; 2], Diagnostic> {
         let (Takes::Pair(unit) | Takes::Points(unit)) = self.row.takes else {
             panic!("`{}` has two numbers", self.key)
         };
@@ -518,7 +551,7 @@ impl<'t> Value<'t> {
     }
 
     /// That this value is of another type than `expected`.
-    pub(crate) fn wrong_type(&self, expected: &str) -> Diagnostic {
+    pub fn wrong_type(&self, expected: &str) -> Diagnostic {
         self.wrong(format!("is {}", with_article(self.value)), expected)
     }
 }

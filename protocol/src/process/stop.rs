@@ -44,6 +44,11 @@ impl Stop {
         Ok(())
     }
 
+    /// Asks as a signal does: for a deadline of this process's own.
+    pub fn request(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
     /// Whether the process was asked to stop.
     pub fn requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)

@@ -5,10 +5,12 @@
 //! | file | what it does |
 //! |---|---|
 //! | `new` `run` `check` `schema` `report` `doctor` `clean` `recover` `export` `verify` | the verb of its name |
+//! | `sweep` | runs a campaign; `cell`: one run of it |
 //! | `scenario` | reads the scenario that a verb is about, with the command line's changes |
 //! | `dead_runs` | what did earlier runs that died leave behind? |
 //! | `screen` | writes to the terminal: results, complaints, the log, the progress bar |
 
+mod cell;
 mod check;
 mod clean;
 mod dead_runs;
@@ -21,6 +23,7 @@ mod run;
 mod scenario;
 mod schema;
 mod screen;
+mod sweep;
 mod verify;
 
 use clap::Subcommand;
@@ -37,6 +40,8 @@ pub enum Verb {
     New(new::NewArgs),
     /// Run a scenario: every robot is a process of its own.
     Run(run::RunArgs),
+    /// Run a campaign: one scenario many times, varied as its file says.
+    Sweep(sweep::SweepArgs),
     /// Validate a scenario, and print what theory says about it before it runs.
     Check(check::CheckArgs),
     /// Print the JSON Schema of scenario files, for editors and other programs.
@@ -63,6 +68,7 @@ pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) 
     match verb {
         Verb::New(args) => new::new(args, catalog),
         Verb::Run(args) => run::run(args, catalog, launcher.clone(), build),
+        Verb::Sweep(args) => sweep::sweep(args, catalog, launcher, build),
         Verb::Check(args) => check::check(args, catalog),
         Verb::Schema(args) => schema::schema(args, catalog),
         Verb::Report(args) => report::report(args, catalog),

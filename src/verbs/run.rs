@@ -10,9 +10,10 @@ use protocol::catalog::Catalog;
 use protocol::process::{Stop, exit, try_realtime_priority};
 use view::{Bound, ViewError};
 
+use super::cell::{self, CellArgs};
 use super::scenario::ScenarioArgs;
 use super::screen::{Output, complain, print, print_as, progress, show_progress, tell};
-use experiment::scenario::Scenario;
+use experiment::scenario::{FaultKind, Scenario};
 use metrics::Metrics;
 use metrics::expect;
 use metrics::summary::Summary;
@@ -22,7 +23,7 @@ use results::page;
 use results::run_dir::{RunDir, RunDirError, default_out};
 use results::scene::scene;
 use results::summary::{self, to_json};
-use supervisor::run::{self, Run};
+use supervisor::run::{self, Run, RunError};
 use supervisor::spawn::Launcher;
 
 /// Arguments of `phalanx run`.
@@ -68,6 +69,8 @@ pub struct RunArgs {
     /// What to print at the end.
     #[arg(long, value_enum, default_value_t = Output::Text)]
     output: Output,
+    #[command(flatten)]
+    campaign: CellArgs,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -113,7 +116,13 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
             }
         });
     }
-    let how = How { pace, launcher, unmeasured: args.unmeasured, looks };
+    let how = How::new(pace, launcher);
+    if let Some(cell) = &args.campaign.cell {
+        // Other runs go on beside it.
+        let how = How { launcher: how.launcher.without_awake(), ..how };
+        return cell::run(&args.campaign, cell, &scenario, &text, &manifest, how);
+    }
+    let how = How { unmeasured: args.unmeasured, looks, ..how };
     match execute(&scenario, &text, &manifest, &out, how) {
         Ok(ended) => {
             if ended.began && ended.written && !args.no_report {
@@ -153,8 +162,7 @@ pub(super) fn run_again(
 ) -> bool {
     let pace = Pace::Lockstep;
     let manifest = Manifest::collect(scenario, &out.join("scenario.toml"), pace, build);
-    let how = How { pace, launcher, unmeasured: false, looks: None };
-    match execute(scenario, text, &manifest, out, how) {
+    match execute(scenario, text, &manifest, out, How::new(pace, launcher)) {
         Ok(ended) => ended.began && ended.written && !ended.summary.interrupted,
         Err(error) => {
             complain(&error);
@@ -165,7 +173,7 @@ pub(super) fn run_again(
 
 /// Why a run left no summary.
 #[derive(Debug, thiserror::Error)]
-enum NotRun {
+pub(super) enum NotRun {
     #[error("cannot handle signals: {0}")]
     Signals(#[from] io::Error),
     #[error(transparent)]
@@ -174,43 +182,92 @@ enum NotRun {
     View(#[from] ViewError),
 }
 
+/// Is given what ends the run early, before it begins.
+type OnStart = Box<dyn FnOnce(&Stop)>;
+
 /// How a scenario is run.
-struct How {
-    pace: Pace,
-    launcher: Launcher,
-    unmeasured: bool,
-    looks: Option<Looks>,
+pub(super) struct How {
+    pub(super) pace: Pace,
+    pub(super) launcher: Launcher,
+    pub(super) unmeasured: bool,
+    /// Samples and recording are written.
+    pub(super) recorded: bool,
+    pub(super) looks: Option<Looks>,
+    /// Is given what ends the run early.
+    pub(super) on_start: Option<OnStart>,
+}
+
+impl How {
+    /// Measured, recorded, and looked at by nobody.
+    fn new(pace: Pace, launcher: Launcher) -> How {
+        let (unmeasured, recorded) = (false, true);
+        How { pace, launcher, unmeasured, recorded, looks: None, on_start: None }
+    }
 }
 
 /// Where people may look at a run under way.
-struct Looks {
+pub(super) struct Looks {
     bound: Bound,
     /// They may act as well.
     control: bool,
 }
 
-struct Ended {
+pub(super) struct Ended {
     began: bool,
     /// All of it, into its directory.
-    written: bool,
-    summary: Summary,
+    pub(super) written: bool,
+    pub(super) summary: Summary,
     screen: String,
+    pub(super) end: End,
+}
+
+/// How a run ended.
+pub(super) enum End {
+    /// At its end, or with the plant that its plan kills: whatever came out is a result.
+    AsPlanned,
+    /// By a signal.
+    Interrupted,
+    /// Something failed that no plan has.
+    Failed(String),
+}
+
+impl End {
+    fn of(scenario: &Scenario, outcome: &Outcome, result: &Result<(), RunError>) -> End {
+        let t_ns = outcome.truth.map(|truth| truth.t_ns);
+        let kills_plant = scenario.faults.iter().any(|fault| {
+            fault.kind == FaultKind::KillPlant
+                && t_ns.is_some_and(|t_ns| fault.at_ns <= t_ns + scenario.period_ns)
+        });
+        match result {
+            Err(RunError::PlantDied { .. }) if kills_plant => End::AsPlanned,
+            Err(error) => End::Failed(error.to_string()),
+            Ok(()) if outcome.interrupted => End::Interrupted,
+            Ok(()) => End::AsPlanned,
+        }
+    }
 }
 
 /// Runs a sound scenario and writes everything down.
-fn execute(
+pub(super) fn execute(
     scenario: &Scenario,
     text: &str,
     manifest: &Manifest,
     out: &Path,
     how: How,
 ) -> Result<Ended, NotRun> {
-    let How { pace, launcher, unmeasured, looks } = how;
+    let How { pace, launcher, unmeasured, recorded, looks, on_start } = how;
     let stop = Stop::on_signals_twice_at_once()?;
+    if let Some(on_start) = on_start {
+        on_start(&stop);
+    }
     let mut run_dir = RunDir::create(out, scenario)?;
     run_dir.write_scenario(text)?;
     run_dir.write_manifest(manifest)?;
-    run_dir.begin_recording(text, manifest)?;
+    if recorded {
+        run_dir.begin_recording(text, manifest)?;
+    } else {
+        run_dir.record_nothing();
+    }
     let mut metrics = Metrics::new(scenario, pace);
     if unmeasured {
         run_dir.record_nothing();
@@ -231,6 +288,7 @@ fn execute(
     };
     bar.finish_and_clear();
     let ended_with = run::exit_code(&outcome, &result);
+    let end = End::of(scenario, &outcome, &result);
     if let Err(error) = &result {
         complain(error);
     }
@@ -259,5 +317,6 @@ fn execute(
         let text = error.map_or_else(|| screen.clone(), |error| format!("error: {error}"));
         view.ended(summary.exit, &text);
     }
-    Ok(Ended { began: outcome.truth.is_some(), written: finished.is_ok(), summary, screen })
+    let began = outcome.truth.is_some();
+    Ok(Ended { began, written: finished.is_ok(), summary, screen, end })
 }

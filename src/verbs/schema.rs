@@ -12,10 +12,15 @@ pub struct SchemaArgs {
     /// Print a page of Markdown that lists every key, instead of the JSON Schema.
     #[arg(long)]
     markdown: bool,
+    /// Of campaign files, for `phalanx sweep`, instead of scenarios.
+    #[arg(long, requires = "markdown")]
+    campaign: bool,
 }
 
 pub(super) fn schema(args: &SchemaArgs, catalog: &Catalog) -> u8 {
-    if args.markdown {
+    if args.campaign {
+        print(&campaign::keys::reference())
+    } else if args.markdown {
         print(&reference::reference(catalog))
     } else {
         print_as(Output::Json, &schema::schema(catalog))

@@ -98,6 +98,28 @@ pub(super) fn show_progress(bar: &ProgressBar, t_ns: u64) {
     bar.set_message(format!("{:.1} of {whole} s", seconds(t_ns / MS)));
 }
 
+/// The progress bar of a campaign of so many runs.
+pub(super) fn runs_progress(runs: usize) -> &'static ProgressBar {
+    BAR.get_or_init(|| {
+        if !io::stderr().is_terminal() {
+            return ProgressBar::hidden();
+        }
+        let bar = ProgressBar::new(runs as u64);
+        let style = "{bar:40} {pos} of {len} runs, {eta} left{msg}";
+        bar.set_style(ProgressStyle::with_template(style).expect("a valid template"));
+        bar.enable_steady_tick(std::time::Duration::from_secs(1));
+        bar
+    })
+}
+
+/// Moves that bar; `failures`: attempts whose machinery failed.
+pub(super) fn runs_done(bar: &ProgressBar, done: usize, failures: usize) {
+    bar.set_position(done as u64);
+    if failures > 0 {
+        bar.set_message(format!(", {failures} failed attempts"));
+    }
+}
+
 /// Standard error, with the progress bar out of the way while something is written.
 struct AboveTheBar;
 

@@ -83,6 +83,7 @@ fn defaults(table: &mut Table, section: &Section) {
             Otherwise::Whole(number) => Value::Integer(number as i64),
             Otherwise::Word(word) => Value::String(word.into()),
             Otherwise::No => Value::Boolean(false),
+            Otherwise::Yes => Value::Boolean(true),
             Otherwise::Needed | Otherwise::Rule(_) | Otherwise::Absent => continue,
         };
         table.entry(key.name).or_insert(value);

@@ -27,6 +27,7 @@ const ELSEWHERE: &[&str] = &[
     "docker ",
     "phalanx bench",
     "python3 ",
+    "parallel ",
 ];
 
 /// Pages whose runs take long, and are run by `cargo test --test it -- --ignored pages::`.
@@ -139,8 +140,22 @@ fn every_command_of_every_page_is_one_that_the_program_takes() {
             for command in commands(block) {
                 let Some(rest) = command.strip_prefix("phalanx ") else {
                     let known = [
-                        "cargo ", "tests/", "bench/", "proof/", "target/", "release/", "docker ",
-                        "python3 ", "export ", "cp ", "sed ", "head ", "cat ", "grep ", "ls ",
+                        "cargo ",
+                        "tests/",
+                        "bench/",
+                        "proof/",
+                        "target/",
+                        "release/",
+                        "docker ",
+                        "python3 ",
+                        "export ",
+                        "cp ",
+                        "sed ",
+                        "head ",
+                        "cat ",
+                        "grep ",
+                        "ls ",
+                        "parallel ",
                     ];
                     let known = known.iter().any(|begins| command.starts_with(begins));
                     assert!(known, "{path}:{}: what is `{command}`?", block.line);
@@ -185,7 +200,9 @@ fn every_block_of_toml_has_only_keys_of_scenarios() {
             if block.text.starts_with("# Cargo.toml") {
                 continue;
             }
-            assert_keys(&at, &table, format.root(), &format);
+            let campaign = campaign::keys::format();
+            let format = if table.contains_key("scenario") { &campaign } else { &format };
+            assert_keys(&at, &table, format.root(), format);
             found += 1;
         }
     }
@@ -198,6 +215,8 @@ fn assert_keys(at: &str, table: &toml::Table, section: &Section, format: &Format
         let key =
             section.key(name).unwrap_or_else(|| panic!("{at}: no key {name} in {}", section.name));
         match (key.takes, value) {
+            // Of a campaign: keys of the scenario.
+            (Takes::Table("set" | "vary"), toml::Value::Table(_)) => {}
             (Takes::Table(inner), toml::Value::Table(table)) => {
                 assert_keys(at, table, format.section(inner), format);
             }

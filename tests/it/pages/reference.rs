@@ -59,6 +59,31 @@ fn the_page_of_scenario_keys_is_what_the_program_writes() {
 }
 
 #[test]
+fn the_page_of_campaign_files_is_what_the_program_writes_and_lists_every_key() {
+    assert_page("campaign.md", &phalanx(&["schema", "--campaign", "--markdown"]));
+    let page = page("campaign.md");
+    for section in &campaign::keys::format().sections {
+        let heading = match section.name {
+            "campaign" => "The whole campaign file".to_owned(),
+            name => format!("`{name}`"),
+        };
+        let keys: Vec<&str> = section.keys.iter().map(|key| key.name).collect();
+        assert_eq!(listed(&page, &heading), keys, "{heading}");
+    }
+}
+
+#[test]
+fn the_page_of_files_lists_every_column_of_a_campaigns_tables() {
+    let page = page("files.md");
+    for (table, columns) in
+        [("runs.csv", &campaign::table::COLUMNS[..]), ("timing.csv", &campaign::table::TIMING)]
+    {
+        let columns: Vec<&str> = columns.iter().map(|(name, _)| *name).collect();
+        assert_eq!(listed(&page, &format!("`{table}`")), columns, "{table}");
+    }
+}
+
+#[test]
 fn the_page_of_scenario_keys_lists_every_key_of_the_reader_and_no_other() {
     let page = page("scenario.md");
     let format = Format::of(&agent::catalog());

@@ -1,0 +1,419 @@
+//! A campaign file becomes a [`Campaign`]: read with the diagnostics of scenarios. Whether each run
+//! of it makes sense is asked in `cells`.
+
+use std::path::{Path, PathBuf};
+
+use experiment::scenario::diagnostic::{Diagnostic, Source};
+use experiment::scenario::file::load;
+use experiment::scenario::keys::{Format, Takes};
+use experiment::scenario::read::toml;
+use experiment::scenario::table::{Document, Table, Value};
+use protocol::brief::Pace;
+use protocol::catalog::Catalog;
+use toml::de::DeValue;
+
+use crate::axes::{Axis, AxisKind, Setting, axis, spelled};
+use crate::keys;
+use crate::starts::Starts;
+
+/// More runs than this are a slip of the keyboard.
+const RUNS_MAX: usize = 1_000_000;
+
+/// Many runs of one scenario.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Campaign {
+    /// Its name.
+    pub name: String,
+    /// Its file.
+    pub path: PathBuf,
+    /// The scenario's file.
+    pub scenario: PathBuf,
+    /// What all runs change, as `--set` has it.
+    pub set: Vec<String>,
+    /// What runs differ in.
+    pub axes: Vec<Axis>,
+    /// Which axes move together, by their places; each axis is in exactly one of these.
+    pub groups: Vec<Vec<usize>>,
+    /// Faults of all runs, with names of axes in braces.
+    pub faults: Vec<String>,
+    /// Seeds of each point of the grid; none: the scenario's own.
+    pub seeds: Vec<u64>,
+    /// Where robots start, if not where the scenario says.
+    pub starts: Option<Starts>,
+    /// How time passes.
+    pub pace: Pace,
+    /// What is kept of each run.
+    pub keep: Keep,
+    /// Longest that a run may take, s of wall time.
+    pub deadline_s: f64,
+}
+
+/// What is kept of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Keep {
+    /// Scenario, manifest and summary.
+    Summary,
+    /// All of those that missed an expectation.
+    Failed,
+    /// All.
+    All,
+}
+
+impl Keep {
+    /// All, with their words.
+    pub const WORDS: [(&'static str, Keep); 3] =
+        [("summary", Keep::Summary), ("failed", Keep::Failed), ("all", Keep::All)];
+
+    /// The word for it.
+    pub fn word(self) -> &'static str {
+        Keep::WORDS.iter().find(|(_, keep)| *keep == self).expect("all have one").0
+    }
+}
+
+impl Campaign {
+    /// How many points the grid has.
+    pub fn points(&self) -> usize {
+        self.groups.iter().map(|group| self.axes[group[0]].settings.len()).product()
+    }
+
+    /// The settings at a point of the grid, by axis; the first group changes slowest.
+    pub fn at(&self, point: usize) -> Vec<&Setting> {
+        let mut settings: Vec<Option<&Setting>> = vec![None; self.axes.len()];
+        let mut rest = point;
+        for group in self.groups.iter().rev() {
+            let length = self.axes[group[0]].settings.len();
+            for &axis in group {
+                settings[axis] = Some(&self.axes[axis].settings[rest % length]);
+            }
+            rest /= length;
+        }
+        settings.into_iter().map(|setting| setting.expect("each axis is in a group")).collect()
+    }
+}
+
+/// Reads a campaign file; `catalog` is what the agents know.
+pub fn read(path: &Path, catalog: &Catalog) -> Result<Campaign, Diagnostic> {
+    let expected = "expected a campaign file, such as campaigns/triangle-starts.toml";
+    let about = |what: String| Diagnostic::plain(format!("`{}` {what}", path.display()), expected);
+    let text = load(path, expected).map_err(|trouble| about(trouble.what))?;
+    read_text(path, &text, catalog)
+}
+
+/// The same of a text at hand.
+pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign, Diagnostic> {
+    let source = Source::new(path, text, false);
+    let entries = toml(text, &source)?;
+    let format = keys::format();
+    let document = Document::new(source, &format);
+    let root = Table::titled(&document, entries.get_ref(), "the campaign");
+    root.only()?;
+    let scenario_format = Format::of(catalog);
+
+    let name = root.need("name")?;
+    let name_text = name.text("expected a string")?;
+    let sound = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+    if name_text.is_empty() || name_text.starts_with('.') || !name_text.chars().all(sound) {
+        let expected = "expected letters, digits, `-`, `_` or `.`: a folder is called so";
+        return Err(name.wrong(format!("is \"{name_text}\""), expected));
+    }
+    if let Some(description) = root.get("description") {
+        description.text("expected a string")?;
+    }
+    let scenario = root.need("scenario")?;
+    let expected = "expected a scenario file, such as \"../scenarios/triangle.toml\"";
+    let file = path.parent().unwrap_or(Path::new("")).join(scenario.text(expected)?);
+    load(&file, expected).map_err(|trouble| {
+        scenario.wrong(format!("names `{}`, which {}", file.display(), trouble.what), expected)
+    })?;
+
+    let templates = match root.get("faults") {
+        Some(list) => texts(&list, "expected a list of faults, such as [\"kill r2 @10\"]")?,
+        None => Vec::new(),
+    };
+    let mut set = Vec::new();
+    for (key, value) in leaves(&root, "set")? {
+        known(&key, &value, &scenario_format)?;
+        set.push(format!("{key}={}", spelled(value.raw())));
+    }
+    let mut axes = Vec::new();
+    for (key, value) in leaves(&root, "vary")? {
+        let placeholder = format!("{{{key}}}");
+        let kind = match &*key {
+            "fault" => AxisKind::Fault,
+            "seed" => {
+                return Err(value.here(
+                    "`seed` is no axis".into(),
+                    "expected `seeds`, outside of all tables: which seeds each point is run with"
+                        .into(),
+                ));
+            }
+            _ if templates.iter().any(|fault| fault.contains(&placeholder)) => AxisKind::InFaults,
+            _ => {
+                known(&key, &value, &scenario_format)?;
+                AxisKind::Key
+            }
+        };
+        axes.push(axis(&key, kind, &value)?);
+    }
+    for fault in &templates {
+        let Some((_, rest)) = fault.split_once('{') else { continue };
+        let inner = rest.split('}').next().unwrap_or(rest);
+        if !axes.iter().any(|axis: &Axis| axis.key == inner) {
+            let list = root.need("faults")?;
+            let expected = format!("expected an axis `{inner}` in [vary], a list of its values");
+            return Err(list.wrong(format!("has `{{{inner}}}`, which is no axis"), expected));
+        }
+    }
+    let groups = groups(&root, &axes)?;
+    let campaign = Campaign {
+        name: name_text.to_owned(),
+        path: path.to_owned(),
+        scenario: file,
+        set,
+        axes,
+        groups,
+        faults: templates,
+        seeds: root.get("seeds").map_or(Ok(Vec::new()), |value| seeds(&value))?,
+        starts: root.get("starts").map(|value| Starts::read(&value)).transpose()?,
+        pace: root.word("pace", &[("lockstep", Pace::Lockstep), ("realtime", Pace::Realtime)])?,
+        keep: root.word("keep", &Keep::WORDS)?,
+        deadline_s: root.number("deadline_s")?,
+    };
+    if campaign.starts.is_some() && campaign.seeds.is_empty() {
+        return Err(root.missing("seeds", "how many seeds to draw starts from, such as 100"));
+    }
+    let runs = campaign.points().saturating_mul(campaign.seeds.len().max(1));
+    if runs > RUNS_MAX {
+        let largest = root.get("vary").or_else(|| root.get("seeds")).expect("one of them is long");
+        let expected = format!("expected at most {RUNS_MAX} runs");
+        return Err(largest.here(format!("the campaign has {runs} runs"), expected));
+    }
+    Ok(campaign)
+}
+
+/// The keys of the scenario in a table, dotted, with their values: tables within it are parts of keys,
+/// unless they are a range.
+fn leaves<'t>(root: &Table<'t>, name: &str) -> Result<Vec<(String, Value<'t>)>, Diagnostic> {
+    let Some(value) = root.get(name) else { return Ok(Vec::new()) };
+    let mut found = Vec::new();
+    collect(&value, "", name == "vary", &mut found)?;
+    // As the file has them; a table's own order is that of its names.
+    found.sort_by_key(|(_, value)| value.span().start);
+    Ok(found)
+}
+
+fn collect<'t>(
+    value: &Value<'t>,
+    prefix: &str,
+    ranges: bool,
+    found: &mut Vec<(String, Value<'t>)>,
+) -> Result<(), Diagnostic> {
+    let entries = value.entries("expected a table of keys of the scenario")?;
+    for (key, inner) in entries {
+        let sound = !key.is_empty()
+            && key.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-' || c == '.');
+        if !sound {
+            let expected = "expected a key as in `--set`: avoidance.kind".to_owned();
+            return Err(inner.here(format!("`{key}` is not a key"), expected));
+        }
+        let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+        let inner = inner.named(&path);
+        match inner.raw() {
+            DeValue::Table(table) if !(ranges && table.contains_key("from")) => {
+                collect(&inner, &path, ranges, found)?;
+            }
+            _ => found.push((path, inner)),
+        }
+    }
+    Ok(())
+}
+
+/// Refuses a dotted key that scenarios do not have.
+fn known(path: &str, value: &Value<'_>, format: &Format) -> Result<(), Diagnostic> {
+    let mut section = format.root();
+    let mut parts = path.split('.');
+    while let Some(part) = parts.next() {
+        let Some(key) = section.key(part) else {
+            let rows: Vec<_> = section.keys.iter().collect();
+            let expected = match format.meant(section, &rows, part, true) {
+                Some(close) => format!("did you mean {close}?"),
+                None => {
+                    let names: Vec<&str> = rows.iter().map(|row| row.name).collect();
+                    format!("expected one of {}", names.join(", "))
+                }
+            };
+            return Err(value.here(format!("a scenario has no key `{path}`"), expected));
+        };
+        match key.takes {
+            Takes::Table(name) => section = format.section(name),
+            Takes::Tables(name) if name == "robot" => {
+                section = format.section(name);
+                if parts.next().is_none() {
+                    let expected = "expected the name of one: robot.r1.law".to_owned();
+                    return Err(value.here("`robot` is a list of robots".into(), expected));
+                }
+            }
+            Takes::Tables(_) => {
+                let expected = "expected `faults`, or `fault` in [vary]; edges cannot be varied";
+                return Err(value.here(format!("`{path}` is a list of tables"), expected.into()));
+            }
+            _ if parts.clone().next().is_some() => {
+                let expected = format!("expected `{part}` alone");
+                return Err(value.here(format!("`{part}` is no table"), expected));
+            }
+            _ => return Ok(()),
+        }
+    }
+    Ok(())
+}
+
+fn texts(list: &Value<'_>, expected: &str) -> Result<Vec<String>, Diagnostic> {
+    let elements = list.elements(expected)?;
+    elements.iter().map(|element| element.text(expected).map(str::to_owned)).collect()
+}
+
+/// Which axes move together; those of which nothing is said move alone.
+fn groups(root: &Table<'_>, axes: &[Axis]) -> Result<Vec<Vec<usize>>, Diagnostic> {
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    if let Some(zip) = root.get("zip") {
+        let expected = "expected a list of lists of axes: [[\"period_s\", \"duration_s\"]]";
+        for list in zip.elements(expected)? {
+            let mut group: Vec<usize> = Vec::new();
+            for name in list.elements(expected)? {
+                let text = name.text(expected)?;
+                let Some(place) = axes.iter().position(|axis| axis.key == text) else {
+                    let names: Vec<&str> = axes.iter().map(|axis| axis.key.as_str()).collect();
+                    let expected = format!("expected one of {}", names.join(", "));
+                    return Err(name.here(format!("`{text}` is no axis of [vary]"), expected));
+                };
+                if groups.iter().flatten().chain(&group).any(|&other| other == place) {
+                    let expected = "expected each axis once".to_owned();
+                    return Err(name.here(format!("`{text}` is in `zip` twice"), expected));
+                }
+                if let Some(&first) = group.first() {
+                    let [long, other] = [first, place].map(|axis| axes[axis].settings.len());
+                    if long != other {
+                        return Err(name.here(
+                            format!(
+                                "`{text}` has {other} values, `{}` has {long}",
+                                axes[first].key
+                            ),
+                            "expected as many: the axes move together".to_owned(),
+                        ));
+                    }
+                }
+                group.push(place);
+            }
+            if group.is_empty() {
+                return Err(list.wrong("is empty", expected));
+            }
+            groups.push(group);
+        }
+    }
+    for place in 0..axes.len() {
+        if !groups.iter().flatten().any(|&other| other == place) {
+            groups.push(vec![place]);
+        }
+    }
+    // In the order of the axes: the first changes slowest.
+    groups.sort_by_key(|group| group.iter().copied().min());
+    Ok(groups)
+}
+
+fn seeds(value: &Value<'_>) -> Result<Vec<u64>, Diagnostic> {
+    let expected = "expected how many seeds there are, a list of them, or { from, count }";
+    let whole = |value: &Value<'_>, least: u64| -> Result<u64, Diagnostic> {
+        let number = match value.raw() {
+            DeValue::Integer(integer) => {
+                u64::from_str_radix(integer.as_str(), integer.radix()).ok()
+            }
+            _ => return Err(value.wrong_type(expected)),
+        };
+        let sound = number.filter(|number| (least..=i64::MAX as u64).contains(number));
+        sound.ok_or_else(|| value.wrong("is out of range", format!("expected {least} or more")))
+    };
+    let counted = |from: u64, count: u64, at: &Value<'_>| match count as usize <= RUNS_MAX {
+        true => Ok((from..from.saturating_add(count)).collect()),
+        false => Err(at.wrong(format!("asks for {count}"), format!("expected at most {RUNS_MAX}"))),
+    };
+    match value.raw() {
+        DeValue::Integer(_) => counted(1, whole(value, 1)?, value),
+        DeValue::Array(_) => {
+            let mut seeds = Vec::new();
+            for seed in value.elements(expected)? {
+                let number = whole(&seed, 0)?;
+                if seeds.contains(&number) {
+                    return Err(seed.wrong(format!("is {number} again"), "expected each seed once"));
+                }
+                seeds.push(number);
+            }
+            match seeds.is_empty() {
+                true => Err(value.wrong("is empty", expected)),
+                false => Ok(seeds),
+            }
+        }
+        DeValue::Table(_) => {
+            let (mut from, mut count) = (1, None);
+            for (key, inner) in value.entries(expected)? {
+                match &*key {
+                    "from" => from = whole(&inner, 0)?,
+                    "count" => count = Some(whole(&inner, 1)?),
+                    _ => {
+                        return Err(inner.here(
+                            format!("`seeds` has no key `{key}`"),
+                            "expected `from` and `count`".to_owned(),
+                        ));
+                    }
+                }
+            }
+            let expected = "expected how many seeds";
+            counted(from, count.ok_or_else(|| value.wrong("has no `count`", expected))?, value)
+        }
+        _ => Err(value.wrong_type(expected)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CATALOG: Catalog = Catalog { laws: Vec::new(), methods: Vec::new() };
+
+    fn campaign(text: &str) -> Campaign {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/campaign.toml");
+        let text = format!("name = 'a'\nscenario = '../../scenarios/triangle.toml'\n{text}");
+        read_text(&path, &text, &CATALOG).unwrap_or_else(|error| panic!("{}", error.render(false)))
+    }
+
+    #[test]
+    fn the_grid_has_every_combination_once_and_the_first_axis_changes_slowest() {
+        let campaign = campaign(
+            "zip = [['hung_after_s', 'period_s']]\n[vary]\nperiod_s = [1, 2]\nrecord_hz = [3, 4, 5]\n\
+             hung_after_s = [6, 7]\n",
+        );
+        let shown = |point| campaign.at(point).iter().map(|s| s.shown.clone()).collect::<Vec<_>>();
+        let points: Vec<_> = (0..campaign.points()).map(|point| shown(point).join(" ")).collect();
+        assert_eq!(points, ["1 3 6", "1 4 6", "1 5 6", "2 3 7", "2 4 7", "2 5 7"]);
+    }
+
+    #[test]
+    fn dotted_keys_and_tables_in_tables_are_the_same_axes() {
+        let dotted = campaign("[vary]\nchaos.from_s = [1, 2]\nrobot.r1.pose.x_m = [0.5]\n");
+        let tables = campaign(
+            "vary = { chaos = { from_s = [1, 2] }, robot = { r1 = { pose = { x_m = [0.5] } } } }",
+        );
+        assert_eq!(dotted.axes, tables.axes);
+        assert_eq!(dotted.axes[1].key, "robot.r1.pose.x_m");
+        let range = campaign("[vary]\nchaos.from_s = { from = 1, to = 2, count = 3 }\n");
+        let numbers: Vec<_> = range.axes[0].settings.iter().filter_map(|s| s.number).collect();
+        assert_eq!(numbers, [1.0, 1.5, 2.0]);
+    }
+
+    #[test]
+    fn seeds_are_a_number_a_list_or_a_stretch() {
+        assert_eq!(campaign("seeds = 3").seeds, [1, 2, 3]);
+        assert_eq!(campaign("seeds = [7, 2]").seeds, [7, 2]);
+        assert_eq!(campaign("seeds = { from = 5, count = 2 }").seeds, [5, 6]);
+        assert!(campaign("").seeds.is_empty());
+    }
+}

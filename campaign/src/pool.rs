@@ -1,0 +1,264 @@
+//! The missing runs of a campaign, several at once: each is a `phalanx run` of this executable, in
+//! lockstep on cores of its own.
+//!
+//! Must not: start robots, or judge a run. A run whose machinery failed is tried again, as often as
+//! [`ATTEMPTS_MAX`] says.
+
+use std::ffi::OsString;
+use std::path::Path;
+use std::process::ExitStatus;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+use protocol::brief::Pace;
+use protocol::process::{Stop, exit};
+use results::usage;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+use supervisor::child::{Child, in_words};
+use supervisor::spawn::{Launcher, Role};
+
+use crate::cells::Cell;
+use crate::file::Campaign;
+use crate::folder::{ATTEMPTS_MAX, Folder, attempts, beside, note_failure, part_of};
+
+/// How often signals and deadlines are looked for.
+const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
+/// A run ends itself at its deadline; one that does not is killed this long after.
+const GRACE: Duration = Duration::from_secs(15);
+const LOG_LINES: usize = 8;
+
+/// Why the runs could not go on.
+#[derive(Debug, thiserror::Error)]
+pub enum PoolError {
+    /// A run was refused that the campaign had found sound, or could not be started at all.
+    #[error("a run failed: {0}")]
+    Run(String),
+}
+
+/// How far it is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Progress {
+    /// Runs that have a result now, or were given up.
+    pub done: usize,
+    /// Attempts whose machinery failed.
+    pub failures: usize,
+}
+
+/// How it ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ended {
+    /// A signal ended it.
+    pub interrupted: bool,
+    /// Wall time, s.
+    pub wall_s: f64,
+    /// How many runs went at once.
+    pub jobs: usize,
+    /// Cores that they used.
+    pub cores: usize,
+    /// Processor time of all of them, s.
+    pub processor_s: f64,
+}
+
+/// How many runs go at once, and the cores of each; none: all of them.
+fn deal(cores: &[usize], pace: Pace, missing: usize, jobs: Option<usize>) -> Vec<Vec<usize>> {
+    if pace == Pace::Realtime {
+        return vec![Vec::new()];
+    }
+    let jobs = jobs.unwrap_or(cores.len()).clamp(1, missing.max(1));
+    if cores.is_empty() {
+        return vec![Vec::new(); jobs];
+    }
+    let each = (cores.len() / jobs).max(1);
+    (0..jobs)
+        .map(|job| (0..each).map(|i| cores[(job * each + i) % cores.len()]).collect())
+        .collect()
+}
+
+/// Runs what is missing. `told` hears of each end.
+pub fn run(
+    campaign: &Campaign,
+    missing: &[&Cell],
+    folder: &Folder,
+    launcher: &Launcher,
+    stop: &Stop,
+    jobs: Option<usize>,
+    mut told: impl FnMut(Progress),
+) -> Result<Ended, PoolError> {
+    let (began, before_s) = (Instant::now(), processor_s());
+    let usable: Vec<usize> = match sched_getaffinity(None) {
+        Ok(set) => (0..CpuSet::MAX_CPU).filter(|&core| set.is_set(core)).collect(),
+        Err(_) => Vec::new(),
+    };
+    let shares = deal(&usable, campaign.pace, missing.len(), jobs);
+    let (jobs, cores) = (shares.len(), usable.len().max(1));
+    let (next, failed) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let (sender, receiver) = mpsc::channel();
+    std::thread::scope(|scope| {
+        for share in shares {
+            let sender = sender.clone();
+            let (next, failed) = (&next, &failed);
+            scope.spawn(move || {
+                // Inherited by the run and all its processes.
+                keep_on(&share);
+                while let Some(cell) = missing.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    if stop.requested() || failed.load(Ordering::Relaxed) > 0 {
+                        return;
+                    }
+                    let one = One { campaign, cell, folder, launcher, stop };
+                    let result = one.to_its_end(&sender);
+                    failed.fetch_add(usize::from(result.is_err()), Ordering::Relaxed);
+                    // Nobody listens once it has failed elsewhere.
+                    let _ = sender.send(News::End(result));
+                }
+            });
+        }
+        drop(sender);
+        let mut progress = Progress::default();
+        let mut broken = None;
+        for news in receiver {
+            match news {
+                News::Failure => progress.failures += 1,
+                News::End(Ok(done)) => progress.done += usize::from(done),
+                News::End(Err(error)) => broken = broken.or(Some(error)),
+            }
+            told(progress);
+        }
+        let wall_s = began.elapsed().as_secs_f64();
+        match broken {
+            Some(error) => Err(error),
+            None => Ok(Ended {
+                interrupted: stop.requested(),
+                wall_s,
+                jobs,
+                cores,
+                processor_s: processor_s() - before_s,
+            }),
+        }
+    })
+}
+
+/// Processor time of all children that have ended, and of theirs, s.
+fn processor_s() -> f64 {
+    let usage = usage::of_ended_children();
+    usage.user_s + usage.system_s
+}
+
+enum News {
+    /// The machinery of an attempt failed.
+    Failure,
+    /// Whether a run is done.
+    End(Result<bool, PoolError>),
+}
+
+fn keep_on(cores: &[usize]) {
+    if cores.is_empty() {
+        return;
+    }
+    let mut set = CpuSet::new();
+    cores.iter().for_each(|&core| set.set(core));
+    if let Err(error) = sched_setaffinity(None, &set) {
+        tracing::debug!(%error, "runs have no cores of their own");
+    }
+}
+
+struct One<'a> {
+    campaign: &'a Campaign,
+    cell: &'a Cell,
+    folder: &'a Folder,
+    launcher: &'a Launcher,
+    stop: &'a Stop,
+}
+
+impl One<'_> {
+    /// Whether it has a result in the end, or was given up; not if all are to stop.
+    fn to_its_end(&self, news: &mpsc::Sender<News>) -> Result<bool, PoolError> {
+        let run = self.folder.run(&self.cell.id);
+        let log = beside(&run, "log");
+        while attempts(&run).len() < ATTEMPTS_MAX {
+            if self.stop.requested() {
+                return Ok(false);
+            }
+            let failed_before = attempts(&run).len();
+            let said = |child: &Child| child.last_lines(LOG_LINES);
+            let mut child = self.start(&run, &log)?;
+            let ended = self.wait(&mut child);
+            let _ = std::fs::remove_dir_all(part_of(&run, child.pid()));
+            let why = match ended {
+                None if self.stop.requested() => {
+                    let _ = std::fs::remove_file(&log);
+                    return Ok(false);
+                }
+                Some(status) => match status.code().map(|code| code as u8) {
+                    Some(exit::OK) => {
+                        let _ = std::fs::remove_file(&log);
+                        return Ok(true);
+                    }
+                    // It was found sound a moment ago: trying again helps nobody.
+                    Some(exit::USAGE | exit::BAD_SCENARIO) => {
+                        return Err(PoolError::Run(said(&child)));
+                    }
+                    _ => in_words(status),
+                },
+                None => format!("killed: it took more than {} s", self.campaign.deadline_s),
+            };
+            let _ = news.send(News::Failure);
+            // A run that could say why has done so.
+            if attempts(&run).len() == failed_before {
+                note_failure(&run, &why).map_err(|error| PoolError::Run(error.to_string()))?;
+            }
+        }
+        Ok(true)
+    }
+
+    fn start(&self, run: &Path, log: &Path) -> Result<Child, PoolError> {
+        let words: Vec<OsString> =
+            self.cell.words(self.campaign, run).into_iter().map(OsString::from).collect();
+        let child = self.launcher.spawn(Role::Run { words: &words }, log);
+        child.map_err(|error| PoolError::Run(error.to_string()))
+    }
+
+    /// How it ended; `None` if it was ended, by a signal for all or past its deadline.
+    fn wait(&self, child: &mut Child) -> Option<ExitStatus> {
+        let began = Instant::now();
+        let limit = Duration::from_secs_f64(self.campaign.deadline_s) + GRACE;
+        loop {
+            // An interruption is a turn without news.
+            let _ =
+                poll(&mut [PollFd::from_borrowed_fd(child.pidfd(), PollFlags::IN)], Some(&LOOK));
+            if let Some(status) = child.ended() {
+                return Some(status);
+            }
+            if self.stop.requested() {
+                child.terminate();
+                let asked = Instant::now();
+                while child.ended().is_none() && asked.elapsed() < GRACE {
+                    std::thread::sleep(Duration::from_millis(5));
+                }
+                child.end();
+                return None;
+            }
+            if began.elapsed() > limit {
+                child.end();
+                return None;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_in_lockstep_share_no_core_while_there_are_enough_and_in_real_time_go_alone() {
+        let cores = [2, 3, 5, 7];
+        let lockstep = |missing, jobs| deal(&cores, Pace::Lockstep, missing, jobs);
+        assert_eq!(lockstep(100, None), [[2], [3], [5], [7]]);
+        assert_eq!(lockstep(2, None), [[2, 3], [5, 7]], "few runs have more cores each");
+        assert_eq!(lockstep(100, Some(1)), [[2, 3, 5, 7]]);
+        assert_eq!(lockstep(100, Some(6)).len(), 6);
+        assert_eq!(deal(&cores, Pace::Realtime, 100, Some(4)), [[0; 0]]);
+    }
+}

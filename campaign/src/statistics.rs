@@ -1,0 +1,289 @@
+//! What a sample says, and with which confidence: rates, medians, times of which some never came.
+//!
+//! Plain numbers in, plain numbers out. Held against SciPy and statsmodels by a test
+//! (`tests/readers/by_scipy.py`). All intervals are two-sided, of 95 %.
+
+use formation::random::SplitMix64;
+
+/// Probability that an interval misses.
+const ALPHA: f64 = 0.05;
+/// The quantile of the standard normal distribution at 1 - ALPHA/2.
+const Z: f64 = 1.959_963_984_540_054;
+/// Samples drawn for a bootstrap interval.
+pub const RESAMPLES: usize = 9999;
+/// Their seed: the same data give the same interval.
+pub const BOOTSTRAP_SEED: u64 = 20_091_231;
+
+/// A value and an interval around it.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Estimate {
+    /// The estimate.
+    pub value: f64,
+    /// The interval's lower end; `None`: the data do not bound it.
+    pub low: Option<f64>,
+    /// Its upper end.
+    pub high: Option<f64>,
+}
+
+/// A rate: `count` of `of`, with Wilson's interval (Wilson 1927). `None` of nothing.
+pub fn rate(count: usize, of: usize) -> Option<Estimate> {
+    if of == 0 {
+        return None;
+    }
+    let (k, n) = (count as f64, of as f64);
+    let p = k / n;
+    let scale = 1.0 + Z * Z / n;
+    let middle = (p + Z * Z / (2.0 * n)) / scale;
+    let half = Z / scale * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
+    // Rounding must not leave 0 or 1 outside of what was seen.
+    let low = if count == 0 { 0.0 } else { middle - half };
+    let high = if count == of { 1.0 } else { middle + half };
+    Some(Estimate { value: p, low: Some(low), high: Some(high) })
+}
+
+/// The median of finite values; `None` of nothing.
+pub fn median_of(values: &[f64]) -> Option<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted_median(&sorted)
+}
+
+fn sorted_median(sorted: &[f64]) -> Option<f64> {
+    let n = sorted.len();
+    match n {
+        0 => None,
+        _ if n % 2 == 1 => Some(sorted[n / 2]),
+        // Equal infinities have no mean of their own.
+        _ if sorted[n / 2 - 1] == sorted[n / 2] => Some(sorted[n / 2]),
+        _ => Some((sorted[n / 2 - 1] + sorted[n / 2]) / 2.0),
+    }
+}
+
+/// The median with a bias-corrected and accelerated bootstrap interval (Efron 1987). Infinite values
+/// stand for times that never came. Without an interval where the data give none: fewer than two
+/// values, all the same, or an end beyond all that came.
+pub fn median(values: &[f64]) -> Option<Estimate> {
+    let value = median_of(values)?;
+    let drawn = bootstrap_medians(values, RESAMPLES, BOOTSTRAP_SEED);
+    let ends = bca(values, value, &drawn);
+    let finite = |end: f64| Some(end).filter(|end| end.is_finite());
+    let [low, high] = ends.map_or([None, None], |ends| ends.map(finite));
+    Some(Estimate { value, low, high })
+}
+
+/// Medians of samples drawn from the values with replacement, in order.
+pub fn bootstrap_medians(values: &[f64], resamples: usize, seed: u64) -> Vec<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let mut random = SplitMix64::new(seed);
+    let n = sorted.len() as u64;
+    if n == 0 {
+        return Vec::new();
+    }
+    // Of places in the sorted values: those drawn of each, then the middle ones by counting.
+    let mut counts = vec![0_u32; sorted.len()];
+    let mut medians: Vec<f64> = (0..resamples)
+        .map(|_| {
+            counts.fill(0);
+            (0..n).for_each(|_| counts[random.between(0, n - 1) as usize] += 1);
+            let at = |rank: u64| {
+                let mut seen = 0;
+                let place = counts.iter().position(|&count| {
+                    seen += u64::from(count);
+                    seen > rank
+                });
+                sorted[place.expect("all of them were drawn")]
+            };
+            let (low, high) = (at((n - 1) / 2), at(n / 2));
+            if low == high { low } else { (low + high) / 2.0 }
+        })
+        .collect();
+    medians.sort_by(f64::total_cmp);
+    medians
+}
+
+/// The interval of the median by medians drawn, in order; `None` where it is not defined.
+pub fn bca(values: &[f64], value: f64, drawn: &[f64]) -> Option<[f64; 2]> {
+    let n = values.len();
+    if n < 2 || drawn.is_empty() || !value.is_finite() {
+        return None;
+    }
+    let below = drawn.iter().filter(|drawn| **drawn < value).count();
+    let up_to = drawn.iter().filter(|drawn| **drawn <= value).count();
+    let share = (below + up_to) as f64 / (2 * drawn.len()) as f64;
+    let bias = normal_quantile(share);
+    // Without each value in turn.
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let without: Option<Vec<f64>> = (0..n)
+        .map(|out| {
+            let rest: Vec<f64> =
+                sorted.iter().enumerate().filter(|(i, _)| *i != out).map(|(_, v)| *v).collect();
+            sorted_median(&rest).filter(|median| median.is_finite())
+        })
+        .collect();
+    let without = without?;
+    let mean = without.iter().sum::<f64>() / n as f64;
+    let [squares, cubes] =
+        [2, 3].map(|power| without.iter().map(|m| (mean - m).powi(power)).sum::<f64>());
+    let acceleration = cubes / (6.0 * squares.powf(1.5));
+    if !bias.is_finite() || !acceleration.is_finite() {
+        return None;
+    }
+    let ends = [ALPHA / 2.0, 1.0 - ALPHA / 2.0].map(|alpha| {
+        let z = bias + normal_quantile(alpha);
+        let level = normal(bias + z / (1.0 - acceleration * z));
+        percentile(drawn, level)
+    });
+    Some(ends)
+}
+
+/// The value at a share of a sorted list, between its values in proportion.
+fn percentile(sorted: &[f64], share: f64) -> f64 {
+    let place = share.clamp(0.0, 1.0) * (sorted.len() - 1) as f64;
+    let (low, high) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
+    if low == high { low } else { low + (high - low) * place.fract() }
+}
+
+/// One step of a distribution.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Step {
+    /// From this value on,
+    pub value: f64,
+    /// this share has come.
+    pub share: f64,
+}
+
+/// The distribution of times of which some had not come when the run ended (`censored`, the times of
+/// these ends): one minus Kaplan and Meier's estimate of 1958. It ends below 1 if any is censored
+/// last.
+pub fn distribution(came: &[f64], censored: &[f64]) -> Vec<Step> {
+    let mut came = came.to_vec();
+    came.sort_by(f64::total_cmp);
+    let mut left = 1.0;
+    let mut steps: Vec<Step> = Vec::new();
+    let mut at = 0;
+    while at < came.len() {
+        let value = came[at];
+        let now = came[at..].iter().take_while(|other| **other == value).count();
+        let yet = (came.len() - at) + censored.iter().filter(|end| **end >= value).count();
+        left *= 1.0 - now as f64 / yet as f64;
+        steps.push(Step { value, share: 1.0 - left });
+        at += now;
+    }
+    steps
+}
+
+/// The two-sided p-value of McNemar's exact test: of pairs that differ, `first` fell to one side and
+/// `second` to the other. (Binomial test of 1/2)
+pub fn mcnemar(first: usize, second: usize) -> f64 {
+    let (least, n) = (first.min(second), first + second);
+    // C(n, k) / 2^n, each of the one before, in logarithms: n may be large.
+    let mut term = -(n as f64) * std::f64::consts::LN_2;
+    let mut sum = 0.0;
+    for k in 0..=least {
+        sum += term.exp();
+        term += ((n - k) as f64 / (k + 1) as f64).ln();
+    }
+    (2.0 * sum).min(1.0)
+}
+
+/// The share of the standard normal distribution below z.
+pub fn normal(z: f64) -> f64 {
+    0.5 * libm::erfc(-z / std::f64::consts::SQRT_2)
+}
+
+/// Where a share of the standard normal distribution is below: by bisection, then Newton's steps.
+pub fn normal_quantile(share: f64) -> f64 {
+    if !(share > 0.0 && share < 1.0) {
+        return if share == 0.0 {
+            f64::NEG_INFINITY
+        } else if share == 1.0 {
+            f64::INFINITY
+        } else {
+            f64::NAN
+        };
+    }
+    let (mut low, mut high) = (-40.0, 40.0);
+    for _ in 0..60 {
+        let middle = (low + high) / 2.0;
+        if normal(middle) < share { low = middle } else { high = middle }
+    }
+    (low + high) / 2.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn none_of_two_hundred_is_at_most_1_9_percent() {
+        let none = rate(0, 200).unwrap();
+        assert_eq!((none.value, none.low), (0.0, Some(0.0)));
+        assert!((none.high.unwrap() - 0.018_846).abs() < 1e-5, "{none:?}");
+        assert_eq!(rate(0, 0), None);
+    }
+
+    #[test]
+    fn a_distribution_with_censored_times_ends_below_one() {
+        let steps = distribution(&[1.0, 2.0, 2.0], &[1.5, 30.0]);
+        // 1 of 5, then 2 of the 3 that are left.
+        let shares: Vec<f64> = steps.iter().map(|step| step.share).collect();
+        assert!((shares[0] - 0.2).abs() < 1e-12 && (shares[1] - (1.0 - 0.8 / 3.0)).abs() < 1e-12);
+        assert_eq!(distribution(&[], &[30.0]), []);
+    }
+
+    #[test]
+    fn a_median_of_times_of_which_most_came_is_finite_and_its_interval_may_be_open() {
+        let inf = f64::INFINITY;
+        let few = median(&[1.0, 2.0, 3.0, 4.0, inf, inf, inf]).unwrap();
+        assert_eq!(few.value, 4.0);
+        assert_eq!(few.high, None, "{few:?}");
+        assert_eq!(median(&[1.0, inf, inf]).unwrap().value, inf);
+        assert_eq!(median(&[inf, inf]).unwrap().low, None);
+        assert_eq!(median(&[2.0; 9]).unwrap(), Estimate { value: 2.0, low: None, high: None });
+    }
+
+    #[test]
+    fn a_test_of_pairs_is_the_binomial_one() {
+        assert_eq!(mcnemar(0, 0), 1.0);
+        assert!((mcnemar(0, 10) - 2.0 / 1024.0).abs() < 1e-15);
+        assert_eq!(mcnemar(3, 9), mcnemar(9, 3));
+        assert_eq!(mcnemar(5, 5), 1.0);
+    }
+
+    proptest! {
+        #[test]
+        fn an_interval_of_a_rate_holds_the_rate(of in 1..2000_usize, share in 0.0..=1.0f64) {
+            let count = (share * of as f64) as usize;
+            let Estimate { value, low, high } = rate(count, of).unwrap();
+            prop_assert!(0.0 <= low.unwrap() && low.unwrap() <= value);
+            prop_assert!(value <= high.unwrap() && high.unwrap() <= 1.0);
+        }
+
+        #[test]
+        fn the_quantile_is_the_inverse_of_the_distribution(share in 1e-9..0.999_999f64) {
+            prop_assert!((normal(normal_quantile(share)) - share).abs() <= 1e-12);
+        }
+
+        #[test]
+        fn without_censored_times_the_distribution_counts(mut times in proptest::collection::vec(0.0..30.0f64, 1..60)) {
+            let steps = distribution(&times, &[]);
+            times.sort_by(f64::total_cmp);
+            for Step { value, share } in steps {
+                let up_to = times.iter().filter(|time| **time <= value).count();
+                prop_assert!((share - up_to as f64 / times.len() as f64).abs() < 1e-12);
+            }
+        }
+
+        #[test]
+        fn medians_drawn_are_within_the_values(values in proptest::collection::vec(-1e3..1e3f64, 2..40), seed in any::<u64>()) {
+            let drawn = bootstrap_medians(&values, 200, seed);
+            let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+            let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            prop_assert!(drawn.is_sorted() && drawn[0] >= least && drawn[199] <= most);
+            prop_assert_eq!(drawn, bootstrap_medians(&values, 200, seed));
+        }
+    }
+}

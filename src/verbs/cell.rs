@@ -1,0 +1,122 @@
+//! `phalanx run --cell DIR`: one run of a campaign. It is written under another name beside DIR and
+//! renamed when it is complete, so that DIR is a complete run or not there.
+//!
+//! The exit code says whether DIR is there now, not how the run came out: 0 whatever became of its
+//! expectations, 4 if its machinery failed, 130 if it was interrupted.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use campaign::file::Keep;
+use campaign::folder::{complete, note_failure, part};
+use clap::{Args, ValueEnum};
+use protocol::process::{Stop, exit};
+
+use super::run::{End, How, execute};
+use super::screen::complain;
+use experiment::scenario::Scenario;
+use results::manifest::Manifest;
+
+/// What makes a run one of a campaign.
+#[derive(Debug, Args)]
+pub(super) struct CellArgs {
+    /// The directory of a run of a campaign.
+    #[arg(long, value_name = "DIR", hide = true, conflicts_with_all = ["out", "view", "output"])]
+    pub(super) cell: Option<PathBuf>,
+    /// What is kept of it.
+    #[arg(long, value_enum, hide = true, requires = "cell", default_value_t = KeepArg::Summary)]
+    keep: KeepArg,
+    /// Longest that it may take.
+    #[arg(long, value_name = "SECONDS", hide = true, requires = "cell", value_parser = seconds)]
+    deadline_s: Option<Duration>,
+}
+
+fn seconds(text: &str) -> Result<Duration, String> {
+    let number: f64 = text.parse().map_err(|_| "no number".to_owned())?;
+    Duration::try_from_secs_f64(number).map_err(|error| error.to_string())
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum KeepArg {
+    Summary,
+    Failed,
+    All,
+}
+
+/// Runs a sound scenario as a run of a campaign.
+pub(super) fn run(
+    args: &CellArgs,
+    cell: &std::path::Path,
+    scenario: &Scenario,
+    text: &str,
+    manifest: &Manifest,
+    how: How,
+) -> u8 {
+    if cell.exists() {
+        return exit::OK;
+    }
+    let keep = match args.keep {
+        KeepArg::Summary => Keep::Summary,
+        KeepArg::Failed => Keep::Failed,
+        KeepArg::All => Keep::All,
+    };
+    let out = part(cell);
+    // What a process of this number left.
+    let _ = std::fs::remove_dir_all(&out);
+    let late = Arc::new(AtomicBool::new(false));
+    let bell = args.deadline_s.map(|deadline| (deadline, Arc::clone(&late)));
+    let ring = move |stop: &Stop| {
+        let Some((deadline, late)) = bell else { return };
+        let stop = stop.clone();
+        // Nobody waits for it: it ends with the process.
+        std::thread::spawn(move || {
+            std::thread::sleep(deadline);
+            late.store(true, Ordering::Relaxed);
+            stop.request();
+        });
+    };
+    let how = How { recorded: keep != Keep::Summary, on_start: Some(Box::new(ring)), ..how };
+    let remove = || {
+        let _ = std::fs::remove_dir_all(&out);
+    };
+    let failed = |why: &str| {
+        remove();
+        if let Err(error) = note_failure(cell, why) {
+            complain(&format_args!("cannot write beside {}: {error}", cell.display()));
+        }
+        exit::INFRASTRUCTURE
+    };
+    let ended = match execute(scenario, text, manifest, &out, how) {
+        Ok(ended) => ended,
+        Err(error) => {
+            complain(&error);
+            return failed(&error.to_string());
+        }
+    };
+    match ended.end {
+        End::AsPlanned if ended.written => {
+            let passed = ended.summary.exit == exit::OK;
+            match complete(&out, cell, keep, passed) {
+                Ok(()) => exit::OK,
+                Err(error) => {
+                    let why = format!("cannot complete {}: {error}", cell.display());
+                    complain(&why);
+                    failed(&why)
+                }
+            }
+        }
+        End::Interrupted if late.load(Ordering::Relaxed) => {
+            let why = format!("took more than {:?}", args.deadline_s.unwrap_or_default());
+            complain(&why);
+            failed(&why)
+        }
+        End::Interrupted => {
+            remove();
+            exit::INTERRUPTED
+        }
+        End::AsPlanned => failed("not all of it could be written"),
+        End::Failed(why) => failed(&why),
+    }
+}

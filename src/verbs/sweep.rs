@@ -1,0 +1,209 @@
+//! `phalanx sweep`: a campaign is run, or what is missing of it, and its tables are written.
+
+use std::path::{Path, PathBuf};
+
+use campaign::cells::{self, Cell, CellError};
+use campaign::figures::figures;
+use campaign::file::{self, Campaign};
+use campaign::folder::{Folder, FolderError};
+use campaign::page::{self, Origin};
+use campaign::points::{pairings, points};
+use campaign::pool::{self, Ended};
+use campaign::table;
+use clap::Args;
+use protocol::brief::Pace;
+use protocol::catalog::Catalog;
+use protocol::process::{Stop, exit};
+
+use super::screen::{complain, print, runs_done, runs_progress, show, tell};
+use results::manifest::Build;
+use supervisor::spawn::Launcher;
+
+/// Campaigns without `--out` go below this directory.
+const CAMPAIGNS: &str = "runs/campaigns";
+
+/// Arguments of `phalanx sweep`.
+#[derive(Debug, Args)]
+pub struct SweepArgs {
+    /// The campaign file.
+    #[arg(value_name = "CAMPAIGN")]
+    path: PathBuf,
+    /// Where its runs and tables go; runs that are there already are not run again
+    /// [default: runs/campaigns/NAME].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// How many runs go at once in lockstep [default: one for each core].
+    #[arg(long, value_name = "RUNS", value_parser = clap::value_parser!(u16).range(1..))]
+    jobs: Option<u16>,
+    /// Try runs again that were given up because their machinery failed.
+    #[arg(long)]
+    retry: bool,
+    /// Run nothing: print one command line for each run that is missing, for GNU parallel, HyperQueue
+    /// or a Slurm array.
+    #[arg(long, conflicts_with = "collect")]
+    emit_commands: bool,
+    /// Run nothing: write the tables of what has arrived.
+    #[arg(long)]
+    collect: bool,
+}
+
+pub(super) fn sweep(args: &SweepArgs, catalog: &Catalog, launcher: &Launcher, build: &Build) -> u8 {
+    let campaign = match file::read(&args.path, catalog) {
+        Ok(campaign) => campaign,
+        Err(diagnostic) => {
+            show(&diagnostic);
+            return exit::BAD_SCENARIO;
+        }
+    };
+    let executable = match cells::executable() {
+        Ok(executable) => executable,
+        Err(error) => return complain(&format_args!("cannot read the executable: {error}")),
+    };
+    let cells = match cells::cells(&campaign, catalog, &executable) {
+        Ok(cells) => cells,
+        Err(error) => {
+            match &error {
+                CellError::Scenario { diagnostic, run } => {
+                    show(diagnostic);
+                    tell(run);
+                }
+                CellError::Starts { .. } => {
+                    complain(&error);
+                }
+            }
+            return exit::BAD_SCENARIO;
+        }
+    };
+    let out = args.out.clone().unwrap_or_else(|| Path::new(CAMPAIGNS).join(&campaign.name));
+    let origin = Origin { build, executable: &executable };
+    match go(args, &campaign, &cells, &out, launcher, &origin) {
+        Ok(code) => code,
+        Err(error) => complain(&error),
+    }
+}
+
+/// Why a campaign could not go on; runs that are done are kept.
+#[derive(Debug, thiserror::Error)]
+enum SweepError {
+    #[error(transparent)]
+    Folder(#[from] FolderError),
+    #[error(transparent)]
+    Pool(#[from] pool::PoolError),
+    #[error("cannot handle signals: {0}")]
+    Signals(std::io::Error),
+    #[error("cannot say where the executable is: {0}")]
+    Executable(std::io::Error),
+}
+
+fn go(
+    args: &SweepArgs,
+    campaign: &Campaign,
+    cells: &[Cell],
+    out: &Path,
+    launcher: &Launcher,
+    origin: &Origin<'_>,
+) -> Result<u8, SweepError> {
+    let stop = Stop::on_signals_twice_at_once().map_err(SweepError::Signals)?;
+    let folder = Folder::open(out)?;
+    if args.retry {
+        folder.forgive(cells);
+    }
+    let missing = folder.missing(cells, campaign.keep)?;
+    if args.emit_commands {
+        let executable = std::env::current_exe().map_err(SweepError::Executable)?;
+        let line = |cell: &&Cell| {
+            let words = cell.words(campaign, &folder.run(&cell.id));
+            let words = [executable.to_string_lossy().into_owned()].into_iter().chain(words);
+            words.map(|word| quoted(&word)).collect::<Vec<_>>().join(" ") + "\n"
+        };
+        return Ok(print(&missing.iter().map(line).collect::<String>()));
+    }
+    folder.write("campaign.toml", &std::fs::read_to_string(&campaign.path).unwrap_or_default())?;
+    let mut ended = None;
+    if !args.collect && !missing.is_empty() {
+        ended = Some(run(args, campaign, &missing, &folder, launcher, &stop)?);
+    }
+    let rows = table::rows(cells, &folder, campaign.keep)?;
+    let absent = cells.len() - rows.len();
+    if ended.is_some_and(|ended| ended.interrupted) {
+        let (done, all) = (rows.len(), cells.len());
+        tell(&format!("interrupted: {done} of {all} runs are done; the same command goes on"));
+        return Ok(exit::INTERRUPTED);
+    }
+    folder.write("runs.csv", &table::runs(campaign, &rows))?;
+    folder.write("timing.csv", &table::timing(&rows))?;
+    let points = points(campaign, &rows);
+    let pairs = pairings(campaign, &rows);
+    let figures = figures(campaign, &points);
+    folder.write("campaign.json", &page::json(campaign, &points, &pairs, origin))?;
+    for figure in &figures {
+        folder.write(&format!("figures/{}.svg", figure.name), &figure.svg())?;
+    }
+    folder.write("report.html", &page::html(campaign, &points, &pairs, &figures))?;
+    let mut text = format!("{}: {} of {} runs", campaign.name, rows.len(), cells.len());
+    if absent > 0 {
+        text += &format!(", {absent} are missing");
+    }
+    let broken = rows.iter().filter(|row| row.summary().is_none()).count();
+    if broken > 0 {
+        text += &format!(", {broken} given up: their machinery failed");
+    }
+    text += &format!("\nwritten to {}\n", out.display());
+    let printed = print(&text);
+    Ok(if absent + broken > 0 { exit::INFRASTRUCTURE } else { printed })
+}
+
+fn run(
+    args: &SweepArgs,
+    campaign: &Campaign,
+    missing: &[&Cell],
+    folder: &Folder,
+    launcher: &Launcher,
+    stop: &Stop,
+) -> Result<Ended, SweepError> {
+    folder.tidy();
+    if campaign.pace == Pace::Realtime {
+        tell("one run at a time: in real time several would take each other's processor time");
+    }
+    let bar = runs_progress(missing.len());
+    let jobs = args.jobs.map(usize::from);
+    let ended = pool::run(campaign, missing, folder, launcher, stop, jobs, |progress| {
+        runs_done(bar, progress.done, progress.failures);
+    });
+    bar.finish_and_clear();
+    // What died with an earlier campaign may have taken its time to.
+    folder.tidy();
+    let ended = ended?;
+    tell(&format!(
+        "{} runs in {:.1} s, {} at a time, {} cores {:.0} % busy with them",
+        missing.len(),
+        ended.wall_s,
+        ended.jobs,
+        ended.cores,
+        100.0 * ended.processor_s / (ended.wall_s * ended.cores as f64),
+    ));
+    Ok(ended)
+}
+
+/// A word as a shell takes it.
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "/._-=,:+@%".contains(c);
+    match !word.is_empty() && word.chars().all(plain) {
+        true => word.to_owned(),
+        false => format!("'{}'", word.replace('\'', "'\\''")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_word_in_quotes_is_one_word_of_a_shell() {
+        for word in ["a", "", "a b", "it's", "$HOME `x` \\ \"y\"", "robot.r1.pose={ x_m = 1 }"] {
+            let script = format!("printf %s {}", quoted(word));
+            let output = std::process::Command::new("sh").args(["-c", &script]).output().unwrap();
+            assert_eq!(String::from_utf8(output.stdout).unwrap(), word);
+        }
+    }
+}

@@ -1,0 +1,335 @@
+//! Campaigns: one file, many runs, one table; whatever happens on the way, the same table.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use rustix::process::Signal;
+use tempfile::TempDir;
+
+use crate::harness::{files_below, signal_pid};
+
+/// No campaign of a test takes this long; only a hang meets it.
+const HANG: Duration = Duration::from_secs(400);
+
+/// A campaign file, its folder, and a run root of its own.
+pub struct Place {
+    scratch: TempDir,
+    run_root: TempDir,
+}
+
+impl Place {
+    pub fn new(text: &str) -> Place {
+        let scratch = tempfile::tempdir().unwrap();
+        let run_root = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
+        let scenarios = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios");
+        let text = text.replace("SCENARIOS", scenarios.to_str().unwrap());
+        fs::write(scratch.path().join("campaign.toml"), text).unwrap();
+        Place { scratch, run_root }
+    }
+
+    pub fn out(&self, name: &str) -> PathBuf {
+        self.scratch.path().join(name)
+    }
+
+    pub fn file(&self, name: &str) -> String {
+        fs::read_to_string(self.out(name)).unwrap_or_default()
+    }
+
+    /// `phalanx sweep`, into the folder of that name.
+    pub fn sweep(&self, out: &str, args: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
+        command.arg("sweep").arg(self.out("campaign.toml")).arg("--out").arg(self.out(out));
+        command.args(args);
+        self.prepared(command)
+    }
+
+    pub fn prepared(&self, mut command: Command) -> Command {
+        command
+            .env("PHALANX_RUN_ROOT", self.run_root.path())
+            .env("NO_COLOR", "1")
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        command
+    }
+
+    /// How many runs of a folder are complete.
+    fn complete(&self, out: &str) -> usize {
+        let runs = fs::read_dir(self.out(out).join("runs")).into_iter().flatten().flatten();
+        runs.filter(|run| !run.file_name().to_string_lossy().contains('.')).count()
+    }
+
+    fn wait_for_runs(&self, child: &mut Child, out: &str, runs: usize) {
+        let began = Instant::now();
+        while self.complete(out) < runs {
+            assert!(child.try_wait().unwrap().is_none(), "it ended before {runs} runs were there");
+            assert!(began.elapsed() < HANG, "no {runs} runs within {HANG:?}");
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    /// Waits until nobody uses the run root: children of a killed sweep die by themselves.
+    fn leaves_nothing(&self) {
+        let began = Instant::now();
+        loop {
+            for base in fs::read_dir(self.run_root.path()).into_iter().flatten().flatten() {
+                protocol::run_root::sweep(&base.path());
+            }
+            let files = files_below(self.run_root.path());
+            let files: Vec<_> = files.iter().filter(|path| path.is_file()).collect();
+            if files.is_empty() {
+                return;
+            }
+            assert!(began.elapsed() < HANG, "left in the run root: {files:?}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+#[track_caller]
+pub fn ended(mut command: Command, code: i32) -> String {
+    let Output { status, stdout, stderr } = command.output().unwrap();
+    let said = String::from_utf8_lossy(&stdout).into_owned() + &String::from_utf8_lossy(&stderr);
+    assert_eq!(status.code(), Some(code), "{command:?}: {said}");
+    said
+}
+
+/// Nine short runs, of which each has starts of its own.
+pub const NINE: &str = "name = \"nine\"\nscenario = \"SCENARIOS/triangle.toml\"\nseeds = 9\n\
+    starts = { box_m = [1.6, 1.6], apart_m = 0.3 }\n\
+    set = { duration_s = 1.0, period_s = 0.02, expect.converged_by_s = 1.0 }\n";
+
+fn rows(table: &str) -> Vec<Vec<&str>> {
+    table.lines().map(|line| line.split(',').collect()).collect()
+}
+
+#[test]
+fn a_campaign_killed_at_a_third_and_at_two_thirds_ends_with_the_same_table_byte_for_byte() {
+    let place = Place::new(NINE);
+    ended(place.sweep("whole", &[]), 0);
+    for runs in [3, 6] {
+        let mut child = place.sweep("killed", &["--jobs", "1"]).spawn().unwrap();
+        place.wait_for_runs(&mut child, "killed", runs);
+        signal_pid(child.id(), Signal::KILL);
+        child.wait().unwrap();
+        assert!(!place.out("killed/runs.csv").exists());
+    }
+    // What is there is not run again.
+    let before = place.complete("killed");
+    assert!((6..9).contains(&before), "{before} of 9 runs after the second kill");
+    let said = ended(place.sweep("killed", &[]), 0);
+    assert!(said.contains(&format!("{} runs in", 9 - before)), "{said}");
+    let [whole, killed] = ["whole", "killed"].map(|out| place.file(&format!("{out}/runs.csv")));
+    assert_eq!(whole, killed);
+    assert_eq!(rows(&whole).len(), 10, "{whole}");
+    let hashes: std::collections::BTreeSet<_> =
+        rows(&whole).iter().map(|row| row[3].to_owned()).collect();
+    assert_eq!(hashes.len(), 10, "each seed starts elsewhere:\n{whole}");
+    let left = fs::read_dir(place.out("killed/runs")).unwrap().flatten();
+    let left: Vec<_> = left.map(|entry| entry.file_name()).collect();
+    assert_eq!(left.len(), 9, "nothing is left of runs that were cut short: {left:?}");
+    place.leaves_nothing();
+}
+
+#[test]
+fn an_interrupted_campaign_says_how_far_it_is_and_the_same_command_goes_on() {
+    let place = Place::new(NINE);
+    let mut child = place.sweep("out", &["--jobs", "1"]).spawn().unwrap();
+    place.wait_for_runs(&mut child, "out", 1);
+    signal_pid(child.id(), Signal::INT);
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(130), "{said}");
+    assert!(said.contains("of 9 runs are done"), "{said}");
+    let left = fs::read_dir(place.out("out/runs")).unwrap().flatten();
+    assert!(left.map(|entry| entry.file_name()).all(|name| name.len() == 64), "no part of a run");
+    place.leaves_nothing();
+    // What has arrived makes a table, and the exit code says that it is not all.
+    let said = ended(place.sweep("out", &["--collect"]), 4);
+    assert!(said.contains("are missing"), "{said}");
+    ended(place.sweep("out", &[]), 0);
+    assert_eq!(rows(&place.file("out/runs.csv")).len(), 10);
+}
+
+#[test]
+fn axes_zips_and_faults_make_the_grid_and_the_table() {
+    let place = Place::new(
+        "name = \"grid\"\nscenario = \"SCENARIOS/triangle.toml\"\n\
+         zip = [[\"avoidance.kind\", \"period_s\"]]\nfaults = [\"loss r2->r1 of {lost} @0.1\"]\n\
+         set = { duration_s = 0.4, expect.converged_by_s = 0.4 }\n\
+         [vary]\navoidance.kind = [\"guard\", \"none\"]\nperiod_s = [0.01, 0.02]\n\
+         lost = [\"none\", 1]\nfault = [\"none\", \"kill r3 @0.2\"]\n",
+    );
+    ended(place.sweep("out", &[]), 0);
+    let table = place.file("out/runs.csv");
+    let rows = rows(&table);
+    assert_eq!(rows[0][..5], ["avoidance.kind", "period_s", "lost", "fault", "seed"]);
+    let points: Vec<String> = rows[1..].iter().map(|row| row[..4].join(" ")).collect();
+    assert_eq!(
+        points,
+        [
+            "guard 0.01 none none",
+            "guard 0.01 none kill r3 @0.2",
+            "guard 0.01 1 none",
+            "guard 0.01 1 kill r3 @0.2",
+            "none 0.02 none none",
+            "none 0.02 none kill r3 @0.2",
+            "none 0.02 1 none",
+            "none 0.02 1 kill r3 @0.2",
+        ]
+    );
+    let column = |name: &str| rows[0].iter().position(|head| *head == name).unwrap();
+    for row in &rows[1..] {
+        let alive = if row[3] == "none" { "3" } else { "2" };
+        assert_eq!(row[column("alive_at_end")], alive, "{row:?}");
+        let ticks = if row[1] == "0.01" { "40" } else { "20" };
+        assert_eq!(row[column("ticks")], ticks, "{row:?}");
+    }
+    let page = place.file("out/report.html");
+    assert!(page.contains("avoidance.kind") && page.contains("Wilson"), "{page}");
+    let json: serde_json::Value = serde_json::from_str(&place.file("out/campaign.json")).unwrap();
+    assert_eq!(json["points"].as_array().unwrap().len(), 8);
+}
+
+#[test]
+fn a_run_whose_machinery_fails_three_times_is_given_up_and_tried_again_when_asked() {
+    let place = Place::new(&NINE.replace("seeds = 9", "seeds = 1"));
+    let nowhere = |args: &[&str]| {
+        let mut command = place.sweep("out", args);
+        command.env("PHALANX_RUN_ROOT", place.out("no/such/place"));
+        command
+    };
+    let said = ended(nowhere(&[]), 4);
+    assert!(said.contains("1 given up"), "{said}");
+    let table = place.file("out/runs.csv");
+    assert!(table.lines().nth(1).unwrap().starts_with("1,infrastructure,4,"), "{table}");
+    assert!(place.file("out/timing.csv").lines().nth(1).unwrap().contains(",3,"));
+    // It stays given up.
+    ended(place.sweep("out", &[]), 4);
+    ended(place.sweep("out", &["--retry"]), 0);
+    assert!(!place.file("out/runs.csv").contains("infrastructure"));
+}
+
+#[test]
+fn a_planned_kill_of_the_plant_is_a_result() {
+    let place = Place::new(
+        "name = \"plant\"\nscenario = \"SCENARIOS/triangle.toml\"\n\
+         set = { duration_s = 1.0, expect.converged_by_s = 1.0 }\nfaults = [\"kill plant @0.5\"]\n",
+    );
+    ended(place.sweep("out", &[]), 0);
+    let table = place.file("out/runs.csv");
+    assert!(table.lines().nth(1).unwrap().starts_with("1,missed,4,"), "{table}");
+}
+
+#[test]
+fn a_run_past_its_deadline_is_ended_and_counts_as_failed_machinery() {
+    let place = Place::new(&format!(
+        "deadline_s = 0.001\n{}",
+        NINE.replace("seeds = 9", "seeds = 1")
+            .replace("duration_s = 1.0", "duration_s = 10000.0")
+            .replace("converged_by_s = 1.0", "converged_by_s = 10000.0")
+    ));
+    ended(place.sweep("out", &[]), 4);
+    assert!(place.file("out/runs.csv").contains(",infrastructure,4,"));
+    place.leaves_nothing();
+}
+
+#[test]
+fn in_real_time_runs_go_one_at_a_time_and_all_of_a_run_is_kept_if_asked() {
+    let place = Place::new(
+        "name = \"real\"\nscenario = \"SCENARIOS/triangle.toml\"\npace = \"realtime\"\nseeds = 2\n\
+         keep = \"all\"\nset = { duration_s = 0.5, period_s = 0.02, expect.converged_by_s = 0.5 }\n",
+    );
+    let said = ended(place.sweep("out", &["--jobs", "2"]), 0);
+    assert!(said.contains("one run at a time") && said.contains(", 1 at a time"), "{said}");
+    let runs = fs::read_dir(place.out("out/runs")).unwrap().flatten();
+    let recorded = runs.filter(|run| run.path().join("run.mcap").exists()).count();
+    assert_eq!(recorded, 2);
+}
+
+#[test]
+fn commands_printed_for_other_engines_give_the_same_table() {
+    let place = Place::new(&NINE.replace("seeds = 9", "seeds = [4, 7]"));
+    ended(place.sweep("own", &[]), 0);
+    let lines = ended(place.sweep("theirs", &["--emit-commands"]), 0);
+    assert_eq!(lines.lines().count(), 2, "{lines}");
+    for line in lines.lines() {
+        let mut shell = Command::new("sh");
+        shell.args(["-c", line]);
+        ended(place.prepared(shell), 0);
+    }
+    assert_eq!(ended(place.sweep("theirs", &["--emit-commands"]), 0), "");
+    ended(place.sweep("theirs", &["--collect"]), 0);
+    assert_eq!(place.file("own/runs.csv"), place.file("theirs/runs.csv"));
+}
+
+/// Runs the commands of a campaign through another engine: a line of a shell in which `COMMANDS` is
+/// their file.
+fn through(engine: &str) {
+    let place = Place::new(NINE);
+    ended(place.sweep("own", &[]), 0);
+    let lines = ended(place.sweep("theirs", &["--emit-commands"]), 0);
+    fs::write(place.out("commands.txt"), &lines).unwrap();
+    let tools = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/engines/bin");
+    let mut shell = Command::new("bash");
+    let path = format!("{}:{}", tools.display(), std::env::var("PATH").unwrap());
+    shell.args(["-euc", engine]).current_dir(place.out("")).env("PATH", path);
+    ended(place.prepared(shell), 0);
+    ended(place.sweep("theirs", &["--collect"]), 0);
+    assert_eq!(place.file("own/runs.csv"), place.file("theirs/runs.csv"));
+    place.leaves_nothing();
+}
+
+#[test]
+#[ignore = "needs GNU parallel, which tests/engines/install installs"]
+fn engines_gnu_parallel_gives_the_same_table() {
+    through("parallel --joblog log --retries 3 < commands.txt");
+}
+
+#[test]
+#[ignore = "needs HyperQueue, which tests/engines/install installs"]
+fn engines_hyperqueue_gives_the_same_table() {
+    through(&format!(
+        "python {}/tests/engines/by_hyperqueue.py commands.txt",
+        env!("CARGO_MANIFEST_DIR")
+    ));
+}
+
+#[test]
+fn every_bad_campaign_gets_its_diagnostic_and_exit_status_3() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folder = root.join("tests/bad_campaigns");
+    let mut names: Vec<String> = fs::read_dir(&folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .filter(|name| name.ends_with(".toml"))
+        .collect();
+    names.sort();
+    assert!(names.len() >= 15, "only {} files in tests/bad_campaigns", names.len());
+    let scratch = tempfile::tempdir().unwrap();
+    let mut wrong = Vec::new();
+    for name in &names {
+        let out = scratch.path().join(name);
+        let output = Command::new(env!("CARGO_BIN_EXE_phalanx"))
+            .current_dir(root)
+            .args(["sweep", &format!("tests/bad_campaigns/{name}"), "--out"])
+            .arg(&out)
+            .env("NO_COLOR", "1")
+            .output()
+            .unwrap();
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(3), "{name}: {stderr}");
+        assert!(!out.exists(), "a folder was made for {name}");
+        let beside = folder.join(name).with_extension("stderr");
+        if std::env::var_os("PHALANX_BLESS").is_some() {
+            fs::write(&beside, &stderr).unwrap();
+        }
+        let expected = fs::read_to_string(&beside).unwrap_or_default();
+        if stderr != expected {
+            wrong.push(format!("{name}\nexpected:\n{expected}\nfound:\n{stderr}"));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}

@@ -1,0 +1,62 @@
+//! The statistics of campaigns, held against SciPy and statsmodels on data made from seeds.
+
+use campaign::statistics as own;
+use formation::random::SplitMix64;
+use serde_json::{Value, json};
+
+use crate::recording::reads;
+
+/// Values of one kind or another.
+fn values(random: &mut SplitMix64, n: usize, kind: u64) -> Vec<f64> {
+    let value = |random: &mut SplitMix64| match kind {
+        // Even; skewed; of few values, so that many are the same.
+        0 => random.unit(),
+        1 => -(1.0 - random.unit()).ln(),
+        _ => random.between(0, 6) as f64,
+    };
+    (0..n).map(|_| value(random)).collect()
+}
+
+#[test]
+#[ignore = "needs SciPy and statsmodels, which tests/readers/install installs"]
+fn statistics_are_those_of_other_readers_of_the_same_data() {
+    let mut random = SplitMix64::new(20_261_122);
+    let mut rates = Vec::new();
+    for of in [1, 2, 7, 200, 1000] {
+        for count in [0, 1, of / 2, of] {
+            rates.push(json!({ "count": count, "of": of, "own": own::rate(count, of) }));
+        }
+    }
+    let (mut medians, mut times, mut pairs) = (Vec::new(), Vec::new(), Vec::new());
+    for n in [2, 3, 10, 35, 200] {
+        for kind in 0..3 {
+            let sample = values(&mut random, n, kind);
+            let drawn = own::bootstrap_medians(&sample, 999, 7);
+            let value = own::median_of(&sample).unwrap();
+            let ends = own::bca(&sample, value, &drawn);
+            medians
+                .push(json!({ "sample": sample, "drawn": drawn, "median": value, "ends": ends }));
+            let all = values(&mut random, n, kind);
+            let (mut came, mut censored) = (Vec::new(), Vec::new());
+            for time in all {
+                if random.chance(0.7) { came.push(time) } else { censored.push(time) }
+            }
+            let steps = own::distribution(&came, &censored);
+            times.push(json!({ "came": came, "censored": censored, "steps": steps }));
+        }
+    }
+    for [first, second] in [[0, 0], [0, 1], [3, 9], [9, 3], [5, 5], [40, 61], [400, 480]] {
+        pairs.push(json!({ "first": first, "second": second, "p": own::mcnemar(first, second) }));
+    }
+    let quantiles: Vec<Value> = [1e-12, 1e-3, 0.025, 0.3, 0.5, 0.975, 0.999_999]
+        .iter()
+        .map(|&share| json!({ "share": share, "z": own::normal_quantile(share) }))
+        .collect();
+    let data = json!({
+        "rates": rates, "medians": medians, "times": times, "pairs": pairs, "quantiles": quantiles,
+    });
+    let scratch = tempfile::tempdir().unwrap();
+    let path = scratch.path().join("statistics.json");
+    std::fs::write(&path, data.to_string()).unwrap();
+    reads("by_scipy", &[&path]);
+}

@@ -29,7 +29,8 @@ impl Cells {
         let least = points.iter().copied().reduce(|a, b| a.inf(&b)).unwrap_or_default();
         let most = points.iter().copied().reduce(|a, b| a.sup(&b)).unwrap_or_default();
         let side_m = (side_m * (1.0 + SIDE_MARGIN)).max((most - least).max() / ALONG_AXIS_MAX);
-        let number = |along_m: f64| if along_m > 0.0 { (along_m / side_m) as u32 + 1 } else { 1 };
+        // Of points that are all in one place, 0 over 0: not a number, as which 0 is read.
+        let number = |along_m: f64| (along_m / side_m) as u32 + 1;
         self.cell.clear();
         self.cell.extend(points.iter().map(|point| {
             let from = point - least;
@@ -127,6 +128,40 @@ pub(crate) mod tests {
                     prop_assert!((a - b).norm() > side_m || around.binary_search(&j).is_ok());
                 }
             }
+        }
+    }
+
+    proptest! {
+        /// Where rounding decides whether two are a side apart, and in which cells they are.
+        #[test]
+        fn whoever_is_just_a_side_away_is_around(
+            side_m in 0.01..3.0f64, x in -9.0..9.0f64, y in -9.0..9.0f64,
+        ) {
+            let at = |i: i32, j: i32| Vec2::new(x + f64::from(i) * side_m, y + f64::from(j) * side_m);
+            let points: Vec<Vec2> = (0..144).map(|i| at(i / 12, i % 12)).collect();
+            let mut cells = Cells::default();
+            cells.fill(&points, side_m);
+            for (i, a) in points.iter().enumerate() {
+                let around: Vec<usize> = cells.around(i).collect();
+                for (j, b) in points.iter().enumerate() {
+                    prop_assert!((a - b).norm() > side_m || around.contains(&j));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn cells_share_their_buckets_evenly_wherever_the_points_are() {
+        let side = 64;
+        for (x_m, y_m) in [(1.0, 1.0), (3.0, 1.0), (1.0, 1000.0), (1e4, 1e4)] {
+            let at = |i: usize| Vec2::new((i % side) as f64 * x_m, (i / side) as f64 * y_m);
+            let points: Vec<Vec2> = (0..side * side).map(at).collect();
+            let mut cells = Cells::default();
+            cells.fill(&points, 0.9);
+            // As many buckets as points, each point in a cell of its own: were they drawn, more
+            // than 9 in one bucket would be a chance of 1 in 200.
+            let fullest = cells.begins.windows(2).map(|ends| ends[1] - ends[0]).max();
+            assert!(fullest <= Some(12), "{x_m} {y_m}: {fullest:?}");
         }
     }
 

@@ -67,5 +67,18 @@ mod tests {
                 );
             }
         }
+
+        /// Or else the list would have to be made at every instant, or hold everybody.
+        #[test]
+        fn the_list_reaches_as_far_as_the_closest_pair_and_not_much_farther(motion in motion()) {
+            let mut closest = ClosestOverTime::default();
+            for points in motion.iter().filter(|points| points.len() >= LIST_MIN) {
+                let Some(ClosestPair { distance_m, .. }) = closest.now(points) else { continue };
+                if distance_m.is_finite() {
+                    let reach_m = closest.near.reach_m();
+                    prop_assert!(reach_m >= distance_m && reach_m <= REACH_MAX * distance_m);
+                }
+            }
+        }
     }
 }

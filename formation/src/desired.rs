@@ -42,6 +42,35 @@ pub fn desired(heard: impl IntoIterator<Item = (Target, Target)>) -> Option<Targ
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    fn targets() -> impl Strategy<Value = Target> {
+        let vector = || (-9.0..9.0f64, -9.0..9.0f64).prop_map(|(x, y)| Vec2::new(x, y));
+        (vector(), vector()).prop_map(|(position, velocity)| Target { position, velocity })
+    }
+
+    proptest! {
+        #[test]
+        fn a_place_moves_on_at_its_velocity(target in targets(), dt_s in -3.0..3.0f64) {
+            let later = target.later(dt_s);
+            prop_assert_eq!(later.velocity, target.velocity);
+            let way = later.position - target.position;
+            prop_assert!((way - target.velocity * dt_s).norm() < 1e-12);
+        }
+
+        #[test]
+        fn the_desired_position_and_its_velocity_are_means_over_those_heard(
+            heard in proptest::collection::vec((targets(), targets()), 1..9),
+        ) {
+            let desired = desired(heard.iter().copied()).unwrap();
+            let off = |asked: Vec2, of: fn(&Target) -> Vec2| {
+                let sum: Vec2 = heard.iter().map(|(alpha, c)| of(alpha) + of(c)).sum();
+                (asked * heard.len() as f64 - sum).norm()
+            };
+            prop_assert!(off(desired.position, |target| target.position) < 1e-9);
+            prop_assert!(off(desired.velocity, |target| target.velocity) < 1e-9);
+        }
+    }
 
     #[test]
     fn the_desired_position_is_the_mean_of_what_each_neighbour_asks_for() {

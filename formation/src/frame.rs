@@ -112,6 +112,24 @@ mod tests {
         }
 
         #[test]
+        fn a_frozen_frame_keeps_heading_and_scale_for_ever(
+            heading_rad in -3.0..3.0f64, rate in -2.0..2.0f64, scale in 0.5..2.0f64,
+            age_s in 0.0..9.0f64,
+        ) {
+            let frame = LeaderFrame {
+                heading_rad,
+                turn_rate_rad_s: rate,
+                turn_acceleration_rad_s2: rate,
+                scale,
+                scale_rate_per_s: rate,
+            };
+            let frozen = frame.frozen();
+            prop_assert_eq!(frozen.later(age_s), frozen);
+            let c = Vec2::new(0.6, -0.3);
+            prop_assert_eq!(frozen.offset(c), Target::still(frame.offset(c).position));
+        }
+
+        #[test]
         fn the_scales_rate_is_its_derivative(t in 0.0..100.0f64) {
             let (scale, h) = (Scale { mean: 1.0, amplitude: 0.2, period_s: 80.0 }, 1e-5);
             let slope = (scale.at(t + h).0 - scale.at(t - h).0) / (2.0 * h);

@@ -79,6 +79,13 @@ mod tests {
     }
 
     #[test]
+    fn nothing_draws_the_heading_while_the_front_point_stands() {
+        for start in [-3.0, -0.1, 0.7, 3.1] {
+            assert_eq!(drawn_heading(start, 0.15, Vec2::zeros(), 0.7), start);
+        }
+    }
+
+    #[test]
     fn a_drawn_heading_follows_its_differential_equation() {
         let (ell, u) = (0.15, Vec2::new(0.3, -0.4));
         for start in [-3.0, -1.0, 0.2, 2.0] {

@@ -73,7 +73,7 @@ impl FormationGraph {
             let mut open = vec![source];
             while let Some(robot) = open.pop() {
                 if !std::mem::replace(&mut reached[robot], true) {
-                    open.extend(hearers[robot].iter().copied().filter(|&next| !reached[next]));
+                    open.extend(&hearers[robot]);
                 }
             }
             reached
@@ -132,6 +132,69 @@ impl FormationGraph {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Offsets that are taken from places close every cycle, and give the places back, up to
+        /// where each connected part stands. One that is off by more than the tolerance opens the
+        /// cycles that it is part of.
+        #[test]
+        fn the_shape_is_that_which_the_offsets_were_taken_from(
+            places in proptest::collection::vec((-4..5i32, -4..5i32), 1..8),
+            pairs in proptest::collection::btree_set((0..8usize, 0..8usize), 0..20),
+            off in any::<proptest::sample::Index>(),
+        ) {
+            let n = places.len();
+            let places: Vec<Vec2> =
+                places.iter().map(|&(x, y)| 0.5 * Vec2::new(f64::from(x), f64::from(y))).collect();
+            let mut edges: Vec<Edge> = Vec::new();
+            for (from, to) in pairs.into_iter().map(|(from, to)| (from % n, to % n)) {
+                let offset_m = places[to] - places[from];
+                if from != to && edges.iter().all(|edge| (edge.from, edge.to) != (from, to)) {
+                    edges.push(Edge { from, to, offset_m });
+                }
+            }
+            let graph = FormationGraph::new(n, edges.clone());
+            let (found, open) = graph.shape(0.0);
+            prop_assert!(open.is_empty());
+            for edge in &edges {
+                prop_assert_eq!(found[edge.to] - found[edge.from], edge.offset_m);
+            }
+            // The first robot of each part stands at the origin.
+            let joined = FormationGraph::new(n, edges.iter().flat_map(|&edge| {
+                let Edge { from, to, offset_m } = edge;
+                [edge, Edge { from: to, to: from, offset_m: -offset_m }]
+            }).collect()).reachability();
+            for part in &joined {
+                let first = part.iter().position(|&yes| yes).unwrap();
+                prop_assert_eq!(found[first], Vec2::zeros());
+            }
+
+            if edges.is_empty() {
+                return Ok(());
+            }
+            let wrong = off.index(edges.len());
+            edges[wrong].offset_m += Vec2::new(0.0, 0.25);
+            let graph = FormationGraph::new(n, edges.clone());
+            prop_assert!(graph.shape(0.25).1.is_empty(), "no more than the tolerance");
+            let (found, open) = graph.shape(0.2);
+            let reached = graph.reachability();
+            for (index, edge) in edges.iter().enumerate() {
+                let gap_m = (found[edge.from] + edge.offset_m - found[edge.to]).norm();
+                let listed = open.iter().find(|cycle| cycle.edge == index);
+                prop_assert_eq!(listed.is_some(), gap_m > 0.2);
+                let directed = reached[edge.to][edge.from];
+                prop_assert!(listed.is_none_or(|o| o.gap_m == gap_m && o.directed == directed));
+            }
+            // It opens exactly the cycles that it is part of: if its ends hang together without it.
+            let without = edges.iter().enumerate().filter(|(index, _)| *index != wrong);
+            let without = without.flat_map(|(_, &edge)| {
+                [edge, Edge { from: edge.to, to: edge.from, ..edge }]
+            });
+            let joined = FormationGraph::new(n, without.collect()).reachability();
+            prop_assert_eq!(open.is_empty(), !joined[edges[wrong].from][edges[wrong].to]);
+        }
+    }
 
     fn edge(from: usize, to: usize, x: f64, y: f64) -> Edge {
         Edge { from, to, offset_m: Vec2::new(x, y) }

@@ -93,6 +93,33 @@ mod tests {
             let difference = hull_distance(point, &points) - by_brute_force(point, &points);
             prop_assert!(difference.abs() < 1e-9);
         }
+
+        /// On a lattice, where many points coincide or lie on one line, or all do.
+        #[test]
+        fn a_hull_turns_left_at_every_corner_and_has_all_points_inside(
+            points in proptest::collection::vec((-3..4i32, -3..4i32), 0..12),
+            (x, y) in (-5..6i32, -5..6i32),
+            line in any::<bool>(),
+        ) {
+            let place = |(x, y): (i32, i32)| {
+                Vec2::new(f64::from(x), if line { 0.0 } else { f64::from(y) })
+            };
+            let points: Vec<Vec2> = points.into_iter().map(place).collect();
+            let hull = convex_hull(&points);
+            prop_assert!(hull.iter().all(|corner| points.contains(corner)));
+            if hull.len() > 2 {
+                for i in 0..hull.len() {
+                    let [a, b, c] = [0, 1, 2].map(|k| hull[(i + k) % hull.len()]);
+                    prop_assert!(turn(a, b, c) > 0.0, "{a:?} {b:?} {c:?}");
+                }
+            }
+            for &point in &points {
+                prop_assert!(hull_distance(point, &points) < 1e-12);
+            }
+            let distance = hull_distance(place((x, y)), &points);
+            let expected = by_brute_force(place((x, y)), &points);
+            prop_assert!(distance == expected || (distance - expected).abs() < 1e-9);
+        }
     }
 
     #[test]

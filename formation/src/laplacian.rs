@@ -250,6 +250,35 @@ mod tests {
             prop_assert_eq!(echoing(&graph, feed_forward).is_empty(), radius < 1.0 - 1e-9);
         }
 
+        /// Those that stay may stand anywhere.
+        #[test]
+        fn whoever_is_free_settles_where_those_it_hears_ask_for_and_nobody_else_moves(
+            graph in graphs(true), stays in proptest::collection::vec(any::<bool>(), 9),
+            at in proptest::collection::vec((-9.0..9.0f64, -9.0..9.0f64), 9),
+        ) {
+            let n = graph.robots();
+            let reached = graph.reachability();
+            let stays = |i: usize| i == 0 || stays[i];
+            let led = |i: usize| (0..n).any(|from| stays(from) && reached[from][i]);
+            let free: Vec<usize> = (0..n).filter(|&i| !stays(i)).collect();
+            prop_assume!(free.iter().all(|&i| led(i)));
+            let heard: Vec<Vec<(usize, Vec2)>> = (0..n)
+                .map(|i| graph.heard_by(i).map(|edge| (edge.from, edge.offset_m)).collect())
+                .collect();
+            let start: Vec<Vec2> = at[..n].iter().map(|&(x, y)| Vec2::new(x, y)).collect();
+            let mut places = start.clone();
+            prop_assert_eq!(settle(&heard, &free, &mut places), Some(()));
+            for (i, start) in start.iter().enumerate() {
+                if stays(i) {
+                    prop_assert_eq!(&places[i], start);
+                    continue;
+                }
+                let asked: Vec2 = graph.heard_by(i).map(|e| places[e.from] + e.offset_m).sum();
+                let asked = asked / graph.heard_by(i).count() as f64; // (24)
+                prop_assert!((places[i] - asked).norm() < 1e-9, "robot {i}");
+            }
+        }
+
         #[test]
         fn settled_robots_stand_where_the_mean_over_those_they_hear_asks_for(
             graph in graphs(true),

@@ -309,6 +309,73 @@ mod tests {
         }
     }
 
+    proptest! {
+        #[test]
+        fn a_turn_is_shared_between_two_legs_and_the_shorter_one_bends_more(
+            lengths in [0.1..9.0f64, 0.1..9.0f64], directions in [-3.1..3.1f64, -3.1..3.1f64],
+        ) {
+            let turn = wrap_angle(directions[1] - directions[0]);
+            let (first, second) =
+                shared_turn((lengths[0], directions[0]), (lengths[1], directions[1]));
+            prop_assert!((first - second - turn).abs() < 1e-12, "together they are the turn");
+            prop_assert!(first * turn >= 0.0 && second * turn <= 0.0);
+            prop_assert!(first.abs().max(second.abs()) <= FRAC_PI_2 + 1e-12);
+            // In inverse proportion, where neither has to bend by more than a right angle.
+            let share = turn.abs() * lengths[1] / (lengths[0] + lengths[1]);
+            let bends_fully = share.max(turn.abs() - share) >= FRAC_PI_2;
+            let largest = first.abs().max(second.abs());
+            prop_assert!((first.abs() - share).abs() < 1e-12 || bends_fully);
+            prop_assert!(!bends_fully || (largest - FRAC_PI_2).abs() < 1e-12);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn an_open_path_begins_and_ends_with_single_arcs(path in paths()) {
+            let legs: Vec<&[Piece]> = path.pieces.chunks(2).collect();
+            for leg in [legs[0], legs[legs.len() - 1]] {
+                let [one, other] = [leg[0].curvature_per_m, leg[1].curvature_per_m];
+                prop_assert!(path.waypoints.closed || (one - other).abs() < 1e-9);
+            }
+        }
+
+        /// It is the same, driven backwards: also where there is no time to reach the speed.
+        #[test]
+        fn an_open_path_is_left_as_it_was_entered(
+            length_m in 0.1..3.0f64, speed_m_s in 0.1..2.0f64, acceleration_m_s2 in 0.1..2.0f64,
+            share in 0.0..1.0f64,
+        ) {
+            let points_m = vec![[0.0, 0.0], [length_m, 0.0]];
+            let line = Waypoints { points_m, speed_m_s, acceleration_m_s2, closed: false };
+            let line = Path::try_from(line).unwrap();
+            let peak_m_s = speed_m_s.min((acceleration_m_s2 * length_m).sqrt());
+            let end_s = length_m / peak_m_s + peak_m_s / acceleration_m_s2;
+            let [there, back] = [share, 1.0 - share].map(|share| line.at(share * end_s));
+            prop_assert!((there.position.x + back.position.x - length_m).abs() < 1e-9);
+            prop_assert!((there.velocity - back.velocity).norm() < 1e-9);
+            let ramp_m_s = acceleration_m_s2 * end_s * share.min(1.0 - share);
+            prop_assert!((there.velocity.x - peak_m_s.min(ramp_m_s)).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn the_length_of_an_arc_is_exact_to_rounding_on_both_sides_of_its_series() {
+        // To the next term of the series, 7 a^4 / 360.
+        for a in [0.0f64, 1e-9, 3e-5, 9.9e-5, 1.01e-4, 3e-4, 1e-3] {
+            let expected = 1.0 + a * a / 6.0 + 7.0 * a.powi(4) / 360.0;
+            assert!((arc_over_chord(2.0 * a) - expected).abs() < 5e-16, "{a}");
+            assert_eq!(arc_over_chord(-2.0 * a), arc_over_chord(2.0 * a));
+        }
+    }
+
+    #[test]
+    fn before_the_start_it_waits_at_the_first_waypoint() {
+        for closed in [false, true] {
+            let path = path(&[[1.0, 2.0], [3.0, 4.0], [0.0, 4.0]], closed).unwrap();
+            assert_eq!(path.at(-3.0), path.at(0.0));
+        }
+    }
+
     #[test]
     fn two_waypoints_are_a_straight_line_with_two_ramps() {
         let line = path(&[[0.0, 0.0], [3.0, 4.0]], false).unwrap();
@@ -352,12 +419,18 @@ mod tests {
         assert!(path(&back, false).is_ok());
         assert_eq!(path(&back, true), Err(PathError::Coincident(3, 0)));
         assert_eq!(path(&[[0.0, 0.0], [f64::NAN, 0.0]], false), Err(PathError::Number));
-        let still = Waypoints {
-            points_m: vec![[0.0, 0.0], [1.0, 0.0]],
-            speed_m_s: 0.0,
-            acceleration_m_s2: 1.0,
-            closed: false,
-        };
-        assert_eq!(Path::try_from(still), Err(PathError::Number));
+        assert_eq!(path(&[[0.0, 0.0], [1e200, 0.0]], false), Err(PathError::Number));
+        let nearest = [[0.0, 0.0], [WAYPOINT_DISTANCE_M_MIN, 0.0]];
+        assert!(path(&nearest, false).is_ok());
+        // Neither speed nor acceleration may be 0, infinite, or make ramps without end.
+        for (speed_m_s, acceleration_m_s2) in
+            [(0.0, 1.0), (1.0, 0.0), (-1.0, 1.0), (f64::INFINITY, 1.0), (1e200, 1.0), (1.0, 1e-310)]
+        {
+            let points_m = vec![[0.0, 0.0], [1.0, 0.0]];
+            let waypoints = Waypoints { points_m, speed_m_s, acceleration_m_s2, closed: false };
+            assert_eq!(Path::try_from(waypoints), Err(PathError::Number), "{speed_m_s}");
+        }
+        let path = path(&nearest, false).unwrap();
+        assert_eq!(Waypoints::from(path.clone()), *path.waypoints());
     }
 }

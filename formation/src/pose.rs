@@ -51,7 +51,15 @@ pub fn wrap_angle(angle_rad: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
     use std::f64::consts::PI;
+
+    proptest! {
+        #[test]
+        fn an_angle_within_the_interval_stays_bit_by_bit_what_it_is(angle in -PI..PI) {
+            prop_assert!(angle == -PI || wrap_angle(angle).to_bits() == angle.to_bits());
+        }
+    }
 
     #[test]
     fn a_wrapped_angle_points_the_same_way_and_lies_in_the_half_open_interval() {

@@ -47,6 +47,35 @@ pub fn draw(seed: u64, counter: u64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// So a draw needs none of those before it, and is what they would lead to.
+        #[test]
+        fn draws_by_number_are_those_drawn_one_after_the_other(seed: u64, counter in 0..50u64) {
+            let mut one_by_one = SplitMix64::new(SplitMix64::new(seed).word());
+            for number in 1..=counter {
+                prop_assert_eq!(draw(seed, number).to_bits(), one_by_one.unit().to_bits());
+            }
+        }
+
+        /// All 53 bits of it: no two words of different upper bits give the same number.
+        #[test]
+        fn a_unit_is_its_word_over_2_to_the_64_cut_to_53_bits(seed: u64) {
+            let word = SplitMix64::new(seed).word();
+            let unit = SplitMix64::new(seed).unit();
+            prop_assert!((0.0..1.0).contains(&unit));
+            prop_assert_eq!((unit * 2f64.powi(64)) as u64, word & !0x7ff);
+        }
+
+        #[test]
+        fn what_is_drawn_between_two_lies_between_them(
+            seed: u64, least in 0..1000u64, more in 0..1000u64,
+        ) {
+            let drawn = SplitMix64::new(seed).between(least, least + more);
+            prop_assert!((least..=least + more).contains(&drawn));
+        }
+    }
 
     #[test]
     fn words_are_those_of_the_published_generator() {

@@ -179,6 +179,37 @@ mod tests {
     }
 
     proptest! {
+        /// Each as its definition has it, of any period.
+        #[test]
+        fn whatever_has_a_period_is_after_each_share_of_it_where_its_definition_says(
+            period_s in 0.5..60.0f64, share in -2.0..2.0f64, phase_rad in -3.0..3.0f64,
+            radii_m in [0.1..3.0f64, 0.1..3.0f64], cycles in [1..5u32, 1..5u32],
+        ) {
+            let (center_m, radius_m, turn) = ([1.0, -2.0], radii_m[0], share * TAU);
+            let (sin, cos) = turn.sin_cos();
+            let eight = radius_m * cos / (1.0 + sin * sin);
+            let [n_x, n_y] = cycles.map(f64::from);
+            let lissajous =
+                Trajectory::Lissajous { center_m, radii_m, cycles, phase_rad, period_s };
+            for (trajectory, x_m, y_m) in [
+                (Trajectory::Circle { center_m, radius_m, period_s }, radius_m * cos, radius_m * sin),
+                (
+                    Trajectory::Quadrifolium { center_m, radius_m, period_s },
+                    radius_m * (2.0 * turn).sin() * cos,
+                    radius_m * (2.0 * turn).sin() * sin,
+                ),
+                (
+                    lissajous,
+                    radii_m[0] * (n_x * turn + phase_rad).sin(),
+                    radii_m[1] * (n_y * turn).sin(),
+                ),
+                (Trajectory::Lemniscate { center_m, radius_m, period_s }, eight, eight * sin),
+            ] {
+                let found = trajectory.at(share * period_s).position - Vec2::from(center_m);
+                prop_assert!((found - Vec2::new(x_m, y_m)).norm() < 1e-9, "{trajectory:?}");
+            }
+        }
+
         #[test]
         fn the_velocity_is_the_derivative_of_the_place(t in 0.0..100.0f64) {
             let h = 1e-5;
@@ -187,20 +218,6 @@ mod tests {
                 let slope = slope / (2.0 * h);
                 prop_assert!((slope - trajectory.at(t).velocity).norm() < 1e-7, "{trajectory:?}");
             }
-        }
-    }
-
-    #[test]
-    fn the_quadrifolium_is_the_chapters() {
-        let center_m = [0.0, 0.0];
-        let rose = Trajectory::Quadrifolium { center_m, radius_m: 4.0, period_s: 80.0 };
-        let w = TAU / 80.0;
-        for t in [0.0, 3.0, 17.5, 66.6] {
-            let expected = Vec2::new(
-                4.0 * (2.0 * w * t).sin() * (w * t).cos(),
-                4.0 * (2.0 * w * t).sin() * (w * t).sin(),
-            );
-            assert!((rose.at(t).position - expected).norm() < 1e-12);
         }
     }
 }

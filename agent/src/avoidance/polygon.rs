@@ -37,13 +37,18 @@ pub fn nearest_point(target: Vec2, sides: &[HalfPlane]) -> Option<Vec2> {
     if best == target {
         return None;
     }
-    // 0 lies in the polygon, so shrinking towards 0 mends what rounding spoilt.
+    Some(mended(best, sides))
+}
+
+/// `point` as it is, or, where it lies outside of sides by more than rounding may leave it there,
+/// shrunk towards 0, which lies in the polygon, until it does not.
+fn mended(mut point: Vec2, sides: &[HalfPlane]) -> Vec2 {
     for side in sides {
-        if side.excess(best) > TOLERANCE {
-            best *= side.bound / -side.normal.dot(&best);
+        if side.excess(point) > TOLERANCE {
+            point *= side.bound / -side.normal.dot(&point);
         }
     }
-    Some(best)
+    point
 }
 
 /// The point nearest to `target` on the line of `side` that fulfils `others`; 0 if rounding leaves
@@ -73,6 +78,8 @@ fn nearest_on_line(target: Vec2, side: &HalfPlane, others: &[HalfPlane]) -> Vec2
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::FRAC_PI_2;
+
     use super::*;
     use proptest::prelude::*;
 
@@ -108,6 +115,60 @@ mod tests {
         proptest::collection::vec(side, 0..20)
     }
 
+    /// Half of them parallel to an axis, so that many are parallel to each other.
+    fn sides_often_parallel() -> impl Strategy<Value = Vec<HalfPlane>> {
+        let angle = prop_oneof![-3.2..3.2f64, (0..4).prop_map(|q| f64::from(q) * FRAC_PI_2)];
+        let side = (angle, 0.0..1.0f64).prop_map(|(angle, bound)| {
+            let normal = Vec2::new(angle.cos(), angle.sin());
+            HalfPlane { normal, bound }
+        });
+        proptest::collection::vec(side, 1..6)
+    }
+
+    proptest! {
+        /// Whatever the point: the longest part of the way to it that stays inside.
+        #[test]
+        fn what_is_mended_lies_on_the_way_to_where_it_was_and_as_far_as_the_sides_allow(
+            x in -2.0..2.0f64, y in -2.0..2.0f64, sides in sides(),
+        ) {
+            let point = Vec2::new(x, y);
+            let share = |side: &HalfPlane| side.bound / (-side.normal.dot(&point)).max(0.0);
+            let allowed = sides.iter().map(share).fold(1.0, f64::min);
+            let found = mended(point, &sides);
+            prop_assert!((found - allowed * point).norm() < 1e-12, "{found:?}");
+            prop_assert!(allowed < 1.0 || found == point);
+            prop_assert!(sides.iter().all(|side| side.excess(found) <= TOLERANCE));
+        }
+
+        /// Of feet and corners on the line the nearest that the others allow; 0 where they allow
+        /// nothing of it.
+        #[test]
+        fn on_the_line_of_a_side_the_nearest_is_found_that_the_others_leave(
+            x in -2.0..2.0f64, y in -2.0..2.0f64, sides in sides_often_parallel(),
+        ) {
+            let target = Vec2::new(x, y);
+            let (side, others) = sides.split_last().unwrap();
+            let along = Vec2::new(-side.normal.y, side.normal.x);
+            let foot = -side.bound * side.normal;
+            let mut candidates = vec![foot + along * along.dot(&target)];
+            for other in others {
+                let slope = other.normal.dot(&along);
+                if slope.abs() > 1e-9 {
+                    candidates.push(foot + along * other.excess(foot) / slope);
+                }
+            }
+            let excess = |u: &Vec2| others.iter().map(|o| o.excess(*u)).fold(f64::MIN, f64::max);
+            // Where it is rounding that decides, either is right.
+            prop_assume!(candidates.iter().all(|u| !(1e-14..1e-9).contains(&excess(u))));
+            let allowed = candidates.into_iter().filter(|u| excess(u) < 1e-9);
+            let nearest = allowed.min_by(|a, b| {
+                (a - target).norm().total_cmp(&(b - target).norm())
+            });
+            let found = nearest_on_line(target, side, others);
+            prop_assert!((found - nearest.unwrap_or_default()).norm() < 1e-6, "{found:?}");
+        }
+    }
+
     #[test]
     fn of_parallel_sides_the_nearer_one_counts() {
         let side = |x: f64, bound: f64| HalfPlane { normal: Vec2::new(x, 0.0), bound };
@@ -116,6 +177,7 @@ mod tests {
         assert_eq!(nearest_point(target, &sides), Some(Vec2::new(-0.1, 0.5)));
         assert_eq!(nearest_point(-target, &sides), Some(Vec2::new(0.3, -0.5)));
         assert_eq!(nearest_point(Vec2::new(0.25, 0.5), &sides), None);
+        assert_eq!(nearest_point(Vec2::new(-0.1, 0.5), &sides), None, "on a side is not outside");
     }
 
     proptest! {

@@ -399,6 +399,34 @@ mod tests {
     }
 
     #[test]
+    fn a_frame_counts_as_heard_when_it_was_first_and_not_if_it_is_from_the_future() {
+        let frame = |stamp_ns| Some((stamp_ns, LeaderFrame::STILL));
+        let mut hood = neighborhood(SilencePolicy::Ignore);
+        let early = beacon(0, 100, 1.0).with_frame(frame(101));
+        assert_eq!(hood.hear(0, &early, 100), Err(BeaconRefusal::Future));
+        assert_eq!(hood.hear(0, &beacon(0, 100, 1.0).with_frame(frame(100)), 100), Ok(()));
+        // The same once more, by way of another: no news of the leader.
+        assert_eq!(hood.hear(1, &beacon(0, 125, 1.0).with_frame(frame(100)), 125), Ok(()));
+        hood.judge(131, 131, 131);
+        assert_eq!(hood.frame_contact().contact, Contact::Stale);
+    }
+
+    #[test]
+    fn everybody_has_a_place_and_an_age_that_is_summed_up_whoever_is_silent() {
+        let mut hood = neighborhood(SilencePolicy::Ignore);
+        assert_eq!([1, 2, 3].map(|robot| hood.place_of(robot)), [Some(0), Some(1), None]);
+        hood.hear(1, &beacon(0, 100, 1.0), 110).unwrap();
+        let sums: Vec<(usize, AgeSums)> = hood.take_ages(150).collect();
+        // Over 40 ns from 10 to 50 ns: on average 30 ns.
+        assert_eq!(sums[0], (1, AgeSums::default()));
+        let (robot, AgeSums { heard, over_ns, peak_ns, .. }) = sums[1];
+        assert_eq!((sums.len(), robot, heard, over_ns, peak_ns), (2, 2, 1, 40, 50));
+        assert!((sums[1].1.mean_ns().unwrap() - 30.0).abs() < 1e-9);
+        let again: Vec<u64> = hood.take_ages(160).map(|(_, sums)| sums.over_ns).collect();
+        assert_eq!(again, [0, 10]);
+    }
+
+    #[test]
     fn a_frame_that_is_old_but_comes_regularly_is_not_lost() {
         let mut hood = neighborhood(SilencePolicy::Ignore);
         let frame = LeaderFrame { turn_rate_rad_s: 1e7, ..LeaderFrame::STILL };

@@ -110,6 +110,10 @@ fn it_has_news_when_a_contact_changes_or_a_beacon_is_refused_and_counts_what_it_
         brain.hear(0, &beacon(30), now_ns).is_err() && brain.hear(0, &beacon(30), now_ns).is_err()
     );
     assert!(brain.take_news(), "two are no less news than one");
+    // And so it does when a contact changes beside.
+    assert!(brain.hear(0, &beacon(30), now_ns).is_err());
+    assert!(brain.answer(&odometry(200), START_NS + 200 * MS).is_some());
+    assert!(brain.take_news(), "both are lost, and one was refused");
 }
 
 #[test]

@@ -202,6 +202,18 @@ mod tests {
     }
 
     #[test]
+    fn the_scale_and_its_rate_are_those_of_the_instant() {
+        let mut frame = NominalFrame::new(T);
+        let scale = Scale { mean: 1.0, amplitude: 0.2, period_s: 20.0 };
+        for k in 0..100 {
+            let t_s = tick(k) + 0.3 * T * f64::from(k).sin();
+            let told = at(&mut frame, t_s, 0.3, 1.0);
+            let off = told.scale - scale.at(t_s).0;
+            assert!(off.abs() < 1e-6 && told.scale_rate_per_s == scale.at(t_s).1, "tick {k}");
+        }
+    }
+
+    #[test]
     fn a_path_faster_than_is_admitted_turns_it_no_faster_than_the_leader_can_go() {
         // 2 pi 5 m in 10 s: 3.1 m/s, of which 1 m/s is admitted. Across its velocity a front point
         // turns the body by u / ell.

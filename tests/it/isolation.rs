@@ -12,7 +12,7 @@ fn an_agent_opens_its_own_services_and_the_beacons_it_hears_and_no_others() {
     let mut running = run("triangle").set("duration_s=60").start();
     running.wait_for_event("contact");
     let services = services(&running);
-    assert_eq!(services.len(), 17, "{services:?}");
+    assert_eq!(services.len(), 18, "{services:?}");
     for (pid, name) in running.children().iter().filter(|(_, name)| name != "plant") {
         let mut expected: BTreeSet<String> = ["odometry", "command", "beacon", "status", "latency"]
             .iter()

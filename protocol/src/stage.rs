@@ -97,7 +97,7 @@ impl Stage {
         Stage::LateUnknown,
     ];
 
-    /// The stage that a number in a [`LatencyRow`] stands for.
+    /// The stage that a number in a [`LatencyRow`](crate::message::LatencyRow) stands for.
     pub fn from_number(number: u32) -> Option<Stage> {
         Stage::ALL.get(number as usize).copied()
     }

@@ -164,13 +164,14 @@ const TABLE: [(&str, &[f64]); 8] = [
     ("swap-8", &[3.0]),
 ];
 
-/// How many robots are more than 2 cm off at the end, over these deaths and cuts, each for good.
+/// How many robots are more than 2 cm off at the end, by those they go by then, over these deaths and
+/// cuts, each for good.
 fn off_at_the_end(cases: &[Case], policy: &str) -> usize {
     let off = of_each(cases, |case| {
         let fault = format!("{} @{}", case.what, case.at_s);
         let policy = format!("silence.policy={policy:?}");
         let scenario = with_faults(case.scenario, &["expect={}", &policy], &[&fault]);
-        let errors = simulate(&scenario).final_ideal_error_m;
+        let errors = simulate(&scenario).final_error_m;
         errors.iter().filter(|(_, off_m)| off_m.is_some_and(|m| m > 0.02)).count()
     });
     off.iter().sum()

@@ -233,14 +233,14 @@ mod tests {
 
     #[test]
     fn independent_parts_arrive_each_in_its_own_time() {
-        let accelerations = Accelerations { forward_m_s2: 1.0, turn_rad_s2: 2.0 };
-        let target = Twist { v_m_s: 0.5, w_rad_s: -2.0 };
+        let accelerations = Accelerations { forward_m_s2: 2.0, turn_rad_s2: 2.0 };
+        let target = Twist { v_m_s: 1.0, w_rad_s: -2.0 };
         let at = |dt| accelerations.drive(START, Twist::ZERO, target, Ramp::Independent, dt).1;
-        assert_eq!(at(0.25), Twist { v_m_s: 0.25, w_rad_s: -0.5 });
-        assert_eq!(at(0.75), Twist { v_m_s: 0.5, w_rad_s: -1.5 });
+        assert_eq!(at(0.25), Twist { v_m_s: 0.5, w_rad_s: -0.5 });
+        assert_eq!(at(0.75), Twist { v_m_s: 1.0, w_rad_s: -1.5 });
         assert_eq!(at(1.0), target);
         let together = accelerations.drive(START, Twist::ZERO, target, Ramp::Together, 0.5).1;
-        assert_eq!(together, Twist { v_m_s: 0.25, w_rad_s: -1.0 });
+        assert_eq!(together, Twist { v_m_s: 0.5, w_rad_s: -1.0 });
     }
 
     #[test]

@@ -185,16 +185,7 @@ Proof.
     [Mr [Happ [Hrest [Vr [Hchron [Hone [Hsent Hall]]]]]]] Hp [HVp [Hshare Hbeside]] Hstart.
   intros t g Ht Hdist Hg.
   set (L := Lambda S) in *. set (k2 := 2 * L) in *.
-  assert (Hg0 : 0 <= g).
-  { apply Rle_trans with (E_of (its_slack p) k2 0); [|apply (proj1 Hg); lra].
-    unfold E_of. rewrite Rmult_0_r, exp_0. lra. }
-  assert (Hslack : forall s, 0 <= s <= t -> Rmax (its_slack p s) 0 <= exp (- k2 * s) * g).
-  { intros s Hs. apply Rmax_lub.
-    - pose proof (proj1 Hg s Hs) as B. unfold E_of in B.
-      apply Rmult_le_reg_l with (exp (k2 * s)); [apply exp_pos|].
-      rewrite <- Rmult_assoc, <- exp_plus. replace (k2 * s + - k2 * s) with 0 by ring.
-      rewrite exp_0. lra.
-    - apply Rmult_le_pos; [left; apply exp_pos|exact Hg0]. }
+  destruct (slack_so_far (its_slack p) k2 t g Hstart Ht Hg) as [Hg0 Hslack].
   set (n := scale (/ norm (apart p t)) (apart p t)).
   change (front_velocity r t) with (rotate (heading r t) (state r t)).
   assert (Hzero : 0 <= share p * (exp (- k2 * t) * g)).

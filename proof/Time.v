@@ -145,17 +145,7 @@ Proof.
   pose proof HS as [HH [HV [Hd [Heps [Heta Hrnd]]]]].
   pose proof (rate_pos (lifetime S) HH) as HL. pose proof (rate_times_H (lifetime S) HH) as HLH.
   set (L := rate (lifetime S)) in *. set (k2 := 2 * L) in *.
-  (* g >= E >= 0 at the start, and g >= E ever since *)
-  assert (Hg0 : 0 <= g).
-  { apply Rle_trans with (E_of (rho (d S) r o) k2 0); [|apply (proj1 Hg); lra].
-    unfold E_of. rewrite Rmult_0_r, exp_0. lra. }
-  assert (Hslack : forall s, 0 <= s <= t -> Rmax (rho (d S) r o s) 0 <= exp (- k2 * s) * g).
-  { intros s Hs. apply Rmax_lub.
-    - pose proof (proj1 Hg s Hs) as B. unfold E_of in B.
-      apply Rmult_le_reg_l with (exp (k2 * s)); [apply exp_pos|].
-      rewrite <- Rmult_assoc, <- exp_plus. replace (k2 * s + - k2 * s) with 0 by ring.
-      rewrite exp_0. lra.
-    - apply Rmult_le_pos; [left; apply exp_pos|exact Hg0]. }
+  destruct (slack_so_far (rho (d S) r o) k2 t g Hstart Ht Hg) as [Hg0 Hslack].
   assert (Henough : forall b, b <= L * (exp (- k2 * t) * g) ->
             - b <= dot (direction r o t) (front_velocity r t) ->
             - (L * exp (- k2 * t) * g) <= dot (direction r o t) (front_velocity r t)).

@@ -40,6 +40,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         led: scenario.lead.is_some(),
         rank: scenario.rank(i),
         lead: scenario.lead_of(i).cloned(),
+        goal_m: robot.goal_m,
         published_velocity: scenario.published_velocity,
         limits: robot.limits,
         avoidance: avoidance(scenario),

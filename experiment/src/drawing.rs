@@ -1,7 +1,8 @@
 //! The formation graph as text that others draw: Mermaid and Graphviz.
 //!
 //! Arrows point the way information flows: from the robot that is heard to the one that hears.
-//! Whoever follows a trajectory has two rings, those that keep a place one, the contained a box.
+//! Whoever follows a trajectory has two rings, those that keep a place one, the contained a box, those
+//! that go to goals a hexagon.
 
 use std::fmt::Write;
 
@@ -36,6 +37,7 @@ fn mermaid(scenario: &Scenario) -> String {
             Reference::Trajectory => ("(((", ")))"),
             Reference::Offsets => ("((", "))"),
             Reference::Middle => ("[", "]"),
+            Reference::Goal => ("{{", "}}"),
         };
         // Names may be words of Mermaid's own, such as `end`: they are labels only.
         let name = robot.name.replace('"', "#quot;");
@@ -55,6 +57,7 @@ fn dot(scenario: &Scenario) -> String {
             Reference::Trajectory => "doublecircle",
             Reference::Offsets => "circle",
             Reference::Middle => "box",
+            Reference::Goal => "hexagon",
         };
         let _ = writeln!(text, "    {} [shape = {shape}]", in_dot(&robot.name));
     }

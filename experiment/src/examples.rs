@@ -24,6 +24,7 @@ pub fn row_of_three() -> Scenario {
         wheels: None,
         body_radius_m: None,
         limits: None,
+        goal_m: None,
         law: "formation-unit".to_owned(),
         gains: BTreeMap::new(),
         feed_forward: false,

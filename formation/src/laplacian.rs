@@ -213,7 +213,7 @@ mod tests {
             graph in graphs(true),
         ) {
             let n = graph.robots();
-            let reached = Reachability::new(&graph, Some(0), &[]).intact().unled.is_empty();
+            let reached = Reachability::new(&graph, Some(0), &[], &[]).intact().unled.is_empty();
             let a = system(&graph, Some(0));
             let radius = spectral_radius(&iteration(&graph, &vec![true; n]));
             let hearing = (1..n).all(|i| graph.heard_by(i).count() > 0);
@@ -283,7 +283,7 @@ mod tests {
         fn settled_robots_stand_where_the_mean_over_those_they_hear_asks_for(
             graph in graphs(true),
         ) {
-            let reached = Reachability::new(&graph, Some(0), &[]).intact().unled.is_empty();
+            let reached = Reachability::new(&graph, Some(0), &[], &[]).intact().unled.is_empty();
             let places = settled(&graph, 0);
             prop_assert_eq!(places.is_some(), reached);
             let Some(places) = places else { return Ok(()) };

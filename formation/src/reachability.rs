@@ -14,6 +14,8 @@ pub struct Reachability {
     leaving: Vec<Vec<usize>>,
     leader: Option<usize>,
     contained: Vec<bool>,
+    /// Those that need nobody.
+    alone: Vec<bool>,
     intact: Standing,
 }
 
@@ -56,21 +58,29 @@ struct Gone {
 }
 
 impl Reachability {
-    /// `leader`: the main leader, if there is one. `contained`: those that keep no place. All the
-    /// others keep one. Panics if one of them does not exist.
-    pub fn new(graph: &FormationGraph, leader: Option<usize>, contained: &[usize]) -> Reachability {
+    /// `leader`: the main leader, if there is one. `contained`: those that keep no place; `alone`:
+    /// those that need nobody to know theirs. All the others keep one. Panics if one of them does
+    /// not exist.
+    pub fn new(
+        graph: &FormationGraph,
+        leader: Option<usize>,
+        contained: &[usize],
+        alone: &[usize],
+    ) -> Reachability {
         let n = graph.robots();
         let mut reachability = Reachability {
             edges: graph.edges().iter().map(|edge| [edge.from, edge.to]).collect(),
             leaving: vec![Vec::new(); n],
             leader,
             contained: vec![false; n],
+            alone: vec![false; n],
             intact: Standing::default(),
         };
         for (index, [from, _]) in reachability.edges.iter().enumerate() {
             reachability.leaving[*from].push(index);
         }
         contained.iter().for_each(|&robot| reachability.contained[robot] = true);
+        alone.iter().for_each(|&robot| reachability.alone[robot] = true);
         reachability.intact = reachability.standing(&[], &[]);
         reachability
     }
@@ -89,8 +99,7 @@ impl Reachability {
         cut.iter().for_each(|&edge| gone.cut[edge] = true);
 
         let living = |&robot: &usize| !gone.dead[robot];
-        let keeps_place = |&robot: &usize| !self.contained[robot];
-        let places: Vec<usize> = (0..n).filter(living).filter(keeps_place).collect();
+        let places: Vec<usize> = self.places().filter(living).collect();
         let held = self.spread(&places, &gone).reached;
         let contained = || (0..n).filter(living).filter(|&robot| self.contained[robot]);
         let mut standing = Standing {
@@ -109,6 +118,11 @@ impl Reachability {
         standing.pulled = places.iter().filter(kept).copied().filter(pulled).collect();
         standing.adrift = contained().filter(|&robot| held[robot] && !led[robot]).collect();
         standing
+    }
+
+    /// Those that lead or keep a place by what they hear.
+    fn places(&self) -> impl Iterator<Item = usize> + '_ {
+        (0..self.leaving.len()).filter(|&robot| !self.contained[robot] && !self.alone[robot])
     }
 
     /// What the living lack after these losses and had before. Groups count as lost only where
@@ -132,7 +146,7 @@ impl Reachability {
         // Cutting an edge that no spreading went over first leaves all reached that were.
         let n = self.leaving.len();
         let whole = Gone { dead: vec![false; n], cut: vec![false; self.edges.len()] };
-        let places: Vec<usize> = (0..n).filter(|&robot| !self.contained[robot]).collect();
+        let places: Vec<usize> = self.places().collect();
         let start = self.leader.or_else(|| self.root(&places, &whole));
         let mut used = self.spread(&places, &whole).over;
         used.extend(self.spread(start.as_slice(), &whole).over);
@@ -215,11 +229,11 @@ mod tests {
 
     /// Robot 0 leads, all others keep a place.
     fn led(robots: usize, edges: &[[usize; 2]]) -> Reachability {
-        Reachability::new(&graph(robots, edges), Some(0), &[])
+        Reachability::new(&graph(robots, edges), Some(0), &[], &[])
     }
 
     fn leaderless(robots: usize, edges: &[[usize; 2]]) -> Reachability {
-        Reachability::new(&graph(robots, edges), None, &[])
+        Reachability::new(&graph(robots, edges), None, &[], &[])
     }
 
     fn unled(robots: &[usize]) -> Standing {
@@ -361,7 +375,7 @@ mod tests {
     fn the_contained_are_lost_with_the_only_leader_they_hear_of_and_adrift_with_the_main_one() {
         // 0 leads, 1 and 2 keep a place; 3 hears 1, 4 hears 1 and 2, 5 hears only 3.
         let graph = graph(6, &[[0, 1], [0, 2], [1, 3], [1, 4], [2, 4], [3, 5]]);
-        let containment = Reachability::new(&graph, Some(0), &[3, 4, 5]);
+        let containment = Reachability::new(&graph, Some(0), &[3, 4, 5], &[]);
         assert!(containment.intact().is_sound());
         let uncontained =
             |robots: &[usize]| Standing { uncontained: robots.to_vec(), ..Standing::default() };
@@ -387,7 +401,7 @@ mod tests {
     #[test]
     fn robots_that_are_all_contained_are_contained_by_nobody() {
         let graph = graph(2, &[[0, 1], [1, 0]]);
-        let standing = Reachability::new(&graph, None, &[0, 1]).intact().clone();
+        let standing = Reachability::new(&graph, None, &[0, 1], &[]).intact().clone();
         assert_eq!(standing, Standing { uncontained: vec![0, 1], ..Standing::default() });
     }
 
@@ -478,7 +492,7 @@ mod tests {
                 .collect();
             let contained: Vec<usize> = contained.into_iter().filter(|&r| r < n).collect();
             let leader = leads.then_some(0);
-            let reachability = Reachability::new(&graph(n, &edges), leader, &contained);
+            let reachability = Reachability::new(&graph(n, &edges), leader, &contained, &[]);
             let standing = |alive: &[bool], cut| {
                 by_definition(&edges, leader, &contained, alive, cut)
             };

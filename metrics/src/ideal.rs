@@ -5,7 +5,8 @@
 //! together. This one is measured against the main leader's true front point and the places that the
 //! whole graph settles in (33), in the leader's frame: of those that keep a place, the offsets
 //! summed along the graph; of the contained, the middle of the ideal places of those they hear (51).
-//! No fault changes the graph in here. The main leader's own error is its tracking error.
+//! No fault changes the graph in here. The main leader's own error is its tracking error; that of those
+//! that go to goals is the distance to the goal.
 //!
 //! Without a leader nobody says where the formation is. It is put where most of the living are: at
 //! the median, along each axis, of where each of them would have it.
@@ -22,6 +23,8 @@ use experiment::scenario::Scenario;
 /// The errors to the ideal formation so far. Those of the dead count for nothing.
 pub(super) struct Ideal {
     leader: Option<usize>,
+    /// Everybody goes to a goal of its own.
+    to_goals: bool,
     /// Of each robot at heading 0 and scale 1, m, seen from the leader, or without one from some
     /// robot; empty where the graph gives no place to everybody.
     places: Vec<Vec2>,
@@ -42,6 +45,7 @@ impl Ideal {
         let keeps_place = |&i: &usize| scenario.robots[i].role.reference == Reference::Offsets;
         Ideal {
             leader: scenario.leader(),
+            to_goals: scenario.goals_m().is_some(),
             places: pinned.and_then(|i| settled(&scenario.graph, i)).unwrap_or_default(),
             anchors: (0..robots).filter(keeps_place).collect(),
             now_m: vec![None; robots],
@@ -60,6 +64,15 @@ impl Ideal {
         alive: &[bool],
         own_m: &[Option<f64>],
     ) {
+        if self.to_goals {
+            self.now_m.copy_from_slice(own_m);
+            for (i, error) in own_m.iter().enumerate().filter(|&(i, _)| alive[i]) {
+                if let Some(error) = *error {
+                    self.finals.take(t_ns, i, error);
+                }
+            }
+            return;
+        }
         if self.places.is_empty() {
             return;
         }

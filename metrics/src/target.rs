@@ -17,6 +17,8 @@ pub(super) struct Targets {
     heard: Vec<Vec<(usize, Edge)>>,
     /// The trajectory of each, if it follows one.
     leads: Vec<Option<LeadBrief>>,
+    /// The goal of each, if it goes to one, m.
+    goals: Vec<Option<Vec2>>,
     policy: SilencePolicy,
 }
 
@@ -28,13 +30,14 @@ impl Targets {
             references: scenario.robots.iter().map(|robot| robot.role.reference).collect(),
             heard: (0..scenario.robots.len()).map(heard).collect(),
             leads: (0..scenario.robots.len()).map(|i| scenario.lead_of(i).cloned()).collect(),
+            goals: scenario.robots.iter().map(|robot| robot.goal_m.map(Vec2::from)).collect(),
             policy: scenario.silence.policy,
         }
     }
 
     /// alpha_i - alpha*_i, m: alpha* is m(t) for the leader (25), the mean of what all heard ask
-    /// for in a formation (13) (24) (45), their mean for a contained robot (46); see
-    /// `counted` for the silent. `None` for one that has nothing to go by.
+    /// for in a formation (13) (24) (45), their mean for a contained robot (46), and of those that go
+    /// to goals the goal; see `counted` for the silent. `None` for one that has nothing to go by.
     pub(super) fn error(
         &self,
         robot: usize,
@@ -47,6 +50,7 @@ impl Targets {
             Reference::Trajectory => self.leads[robot].as_ref().map(|lead| lead.trajectory.at(t_s)),
             Reference::Offsets => self.mean(robot, alphas, silent, |c_ji| frame.offset(c_ji)),
             Reference::Middle => self.mean(robot, alphas, silent, |_| Target::still(Vec2::zeros())),
+            Reference::Goal => self.goals[robot].map(Target::still),
         };
         target.map(|target| alphas[robot] - target.position)
     }

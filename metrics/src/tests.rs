@@ -4,6 +4,7 @@ use super::*;
 use experiment::examples::row_of_three;
 use formation::graph::FormationGraph;
 use proptest::prelude::*;
+use protocol::law::Role;
 
 use crate::examples::{header, rows};
 
@@ -357,4 +358,20 @@ fn reports_are_kept_no_longer_than_a_fault_may_be_told_of() {
         metrics.contact(2, 1, Contact::Stale, tick * SECOND_NS);
     }
     assert!(metrics.faults.reports_kept() < 100, "{}", metrics.faults.reports_kept());
+}
+
+#[test]
+fn of_those_that_go_to_goals_every_error_is_the_distance_to_the_goal() {
+    let mut scenario = row_of_three();
+    for (robot, x_m) in scenario.robots.iter_mut().zip([0.0, 1.0, 2.0]) {
+        (robot.role, robot.goal_m) = (Role::GOAL, Some([x_m, 0.0]));
+    }
+    // Whomever they hear.
+    let mut metrics = Metrics::new(&scenario, Pace::Lockstep);
+    metrics.truth(&header(0), &rows([0.0, 0.7, 2.4]), &ALL);
+    let now = metrics.now();
+    for errors_m in [now.errors_m, now.ideal_errors_m] {
+        let expected = errors_m.iter().zip([0.0, 0.3, 0.4]);
+        assert!(expected.into_iter().all(|(&found, m)| close(found, m)), "{errors_m:?}");
+    }
 }

@@ -199,6 +199,9 @@ pub struct AgentBrief {
     /// Where to lead, for the main leader only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lead: Option<LeadBrief>,
+    /// Where to go, m, in `map`, for a robot with a goal of its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub goal_m: Option<[f64; 2]>,
     /// Whom avoidance is to make way for.
     #[serde(default)]
     pub rank: Rank,

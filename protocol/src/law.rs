@@ -12,6 +12,18 @@ pub enum Reference {
     Offsets,
     /// The middle of those it hears. (46)
     Middle,
+    /// A place in `map` that the robot alone knows, whomever it hears.
+    Goal,
+}
+
+impl Reference {
+    /// Whether the robot alone knows it: nobody's silence takes it away.
+    pub fn is_its_own(self) -> bool {
+        match self {
+            Reference::Trajectory | Reference::Goal => true,
+            Reference::Offsets | Reference::Middle => false,
+        }
+    }
 }
 
 /// What a law makes of a robot, as those may know it that may not link the agent. Nobody asks for
@@ -55,6 +67,14 @@ impl Role {
         reference: Reference::Middle,
         leads: false,
         gives_way: true,
+    };
+    /// Goes to a place of its own; nobody keeps a formation.
+    pub const GOAL: Role = Role {
+        name: "goal",
+        does: "go to goals",
+        reference: Reference::Goal,
+        leads: false,
+        gives_way: false,
     };
 }
 

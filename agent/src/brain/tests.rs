@@ -33,6 +33,7 @@ fn brief() -> AgentBrief {
         led: false,
         rank: Rank::First,
         lead: None,
+        goal_m: None,
         published_velocity: PublishedVelocity::Gamma,
         limits: None,
         avoidance: AvoidanceBrief {

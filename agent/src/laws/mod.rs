@@ -5,6 +5,8 @@
 mod containment_tanh;
 mod formation_tanh;
 mod formation_unit;
+mod goal_tanh;
+mod goal_unit;
 mod leader_tanh;
 pub mod situation;
 
@@ -16,7 +18,7 @@ use protocol::law::LawDescription;
 pub use self::situation::{Heard, Situation};
 pub use crate::gains::Gains;
 use crate::gains::GainsError;
-use crate::roles::{CONTAINED, FORMATION, LEADER, RoleRow};
+use crate::roles::{CONTAINED, FORMATION, GOAL, LEADER, RoleRow};
 
 /// A control law: the nominal velocity gamma of the front point.
 pub trait Law: Send {
@@ -60,8 +62,14 @@ impl LawRow {
 }
 
 /// Every law there is.
-pub const LAWS: &[LawRow] =
-    &[formation_unit::ROW, leader_tanh::ROW, formation_tanh::ROW, containment_tanh::ROW];
+pub const LAWS: &[LawRow] = &[
+    formation_unit::ROW,
+    leader_tanh::ROW,
+    formation_tanh::ROW,
+    containment_tanh::ROW,
+    goal_unit::ROW,
+    goal_tanh::ROW,
+];
 
 /// Why a law could not be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -5,6 +5,7 @@
 
 mod contained;
 mod formation;
+mod goal;
 mod leader;
 mod nominal_frame;
 
@@ -15,6 +16,7 @@ use protocol::brief::AgentBrief;
 
 pub use self::contained::CONTAINED;
 pub use self::formation::FORMATION;
+pub use self::goal::GOAL;
 pub use self::leader::LEADER;
 use crate::avoidance::Avoidance;
 use crate::laws::situation::Heard;
@@ -69,4 +71,7 @@ pub enum RoleError {
     /// A robot with a trajectory of its own, and none in the brief.
     #[error("{0} leads, but its brief has no [lead] with a trajectory")]
     NothingToLead(String),
+    /// A robot with a goal of its own, and none in the brief.
+    #[error("{0} goes to a goal, but its brief has no goal_m")]
+    NoGoal(String),
 }

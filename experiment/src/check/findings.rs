@@ -111,6 +111,22 @@ fn leaders_hear_leaders(scenario: &Scenario, findings: &mut Vec<Finding>) {
 
 /// Everybody must have what it goes by. (Assumptions 3 to 5)
 fn references(scenario: &Scenario, findings: &mut Vec<Finding>) {
+    let goes = |robot: &&Robot| robot.goal_m.is_some();
+    if let Some(goer) = scenario.robots.iter().find(goes) {
+        if let Some(other) = scenario.robots.iter().find(|robot| !goes(robot)) {
+            findings.push(finding(
+                Severity::Error,
+                format!("robot.{}.law", other.name),
+                format!(
+                    "{} goes to a goal, and {} does not: nobody can say where a formation beside it \
+                     is to be",
+                    goer.name, other.name
+                ),
+                "expected a law that goes to a goal for all robots, or for none",
+            ));
+        }
+        return;
+    }
     let reachability = scenario.reachability();
     let standing = reachability.intact();
     let robots = &scenario.robots;

@@ -112,6 +112,9 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
             format!("the leader {leader} reaches all who keep a place (Assumption 5)")
         }
         Some(leader) => format!("the leader {leader} reaches everybody (Assumption 3)"),
+        None if theory.robots.iter().all(|robot| robot.has_goal) => {
+            "everybody knows its goal, whomever it hears".to_owned()
+        }
         None if theory.roots.len() == theory.robots.len() => {
             "anybody's information reaches everybody".to_owned()
         }

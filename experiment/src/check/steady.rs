@@ -29,7 +29,8 @@ const FASTER: f64 = 1.001;
 /// The shape that the robots settle in.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Settled {
-    /// Places at scale 1 and heading 0, seen from the leader (without one, from the first root), m.
+    /// Places at scale 1 and heading 0, seen from the leader (without one, from the first root), m;
+    /// goals in `map`.
     pub places: Vec<Vec2>,
     /// Smallest and largest scale.
     pub scale: [f64; 2],
@@ -38,11 +39,12 @@ pub(super) struct Settled {
 }
 
 impl Settled {
-    /// Of a scenario without errors, whose robots all are reached from a common one.
+    /// Of a scenario without errors, whose robots have goals or all are reached from a common one.
     pub fn of(scenario: &Scenario) -> Settled {
         let pinned = scenario.leader().or_else(|| scenario.graph.roots().first().copied());
-        let places = pinned.and_then(|pinned| settled(&scenario.graph, pinned));
-        let places = places.expect("a sound scenario has a root that reaches all");
+        let places = || pinned.and_then(|pinned| settled(&scenario.graph, pinned));
+        let places = scenario.goals_m().or_else(places);
+        let places = places.expect("a sound scenario has goals, or a root that reaches all");
         let scale = scenario.lead.as_ref().map_or([1.0; 2], |lead| {
             let (mean, amplitude) = (lead.scale.mean, lead.scale.amplitude);
             [mean - amplitude, mean + amplitude]

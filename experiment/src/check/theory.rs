@@ -70,12 +70,15 @@ pub struct RobotTheory<'s> {
     /// Whether it is drawn into the others' hull.
     #[serde(skip)]
     pub contained: bool,
+    /// Whether it goes to a goal of its own.
+    #[serde(skip)]
+    pub has_goal: bool,
     /// Its law.
     pub law: &'s str,
     /// Its receive list.
     pub hears: Vec<Hears<'s>>,
     /// Where it settles at scale 1, in the leader's frame; without a leader in `map`, as seen from
-    /// the first root, m.
+    /// the first root, m; its goal, if it has one.
     pub settled_m: [f64; 2],
     /// The fastest it must go to stay there; at rest without a leader.
     pub peak: Peak,
@@ -291,7 +294,11 @@ impl<'s> Theory<'s> {
         findings.extend(once_settled(scenario, &settled, motion.as_ref()));
         let leader = scenario.leader();
         let reachability = scenario.reachability();
-        let system = laplacian::system(&scenario.graph, leader);
+        let system = match scenario.goals_m() {
+            // Everybody goes by its own goal alone.
+            Some(goals) => Matrix::identity(goals.len(), goals.len()),
+            None => laplacian::system(&scenario.graph, leader),
+        };
         let matrix = matrix_facts(scenario, &system);
         let bounds = motion.as_ref().and_then(|motion| speed_bounds(robots, &matrix, motion));
         let gap = |closest: Option<ClosestPair>| {
@@ -403,6 +410,7 @@ fn robot_theory<'s>(
         role: robot.role.name,
         does: robot.role.does,
         contained: robot.role.reference == Reference::Middle,
+        has_goal: robot.goal_m.is_some(),
         law: &robot.law,
         hears: hears.collect(),
         settled_m: settled.places[i].into(),
@@ -418,12 +426,12 @@ fn robot_theory<'s>(
 
 fn matrix_facts(scenario: &Scenario, system: &Matrix) -> MatrixFacts {
     let graph = &scenario.graph;
-    let n = graph.robots();
     let feed_forward: Vec<bool> = scenario.robots.iter().map(|r| r.feed_forward).collect();
     let iteration_radius = laplacian::spectral_radius(&laplacian::iteration(graph, &feed_forward));
     // Sound with a leader means that it reaches all, and so A is an M-matrix; without one, the
     // vector of ones solves A x = 0.
-    let Some(inverse) = scenario.leader().and_then(|_| system.clone().try_inverse()) else {
+    let placed = scenario.leader().is_some() || scenario.goals_m().is_some();
+    let Some(inverse) = system.clone().try_inverse().filter(|_| placed) else {
         return MatrixFacts {
             system_eigenvalue_min: 0.0,
             m_matrix: false,
@@ -435,7 +443,9 @@ fn matrix_facts(scenario: &Scenario, system: &Matrix) -> MatrixFacts {
     let radius = if feed_forward.iter().all(|&uses| uses) {
         iteration_radius
     } else {
-        laplacian::spectral_radius(&laplacian::iteration(graph, &vec![true; n]))
+        let hears = |robot: &Robot| !robot.role.reference.is_its_own();
+        let hears: Vec<bool> = scenario.robots.iter().map(hears).collect();
+        laplacian::spectral_radius(&laplacian::iteration(graph, &hears))
     };
     MatrixFacts {
         system_eigenvalue_min: 1.0 - radius,

@@ -232,9 +232,7 @@ impl Crowd {
 
 /// Whether a robot goes anywhere for others: not the main leader, the dead, and who hears nobody.
 fn yields(p: &Predictor, reduced: &Reduced, i: usize) -> bool {
-    reduced.alive[i]
-        && !reduced.heard[i].is_empty()
-        && p.robots[i].reference != Reference::Trajectory
+    reduced.alive[i] && !reduced.heard[i].is_empty() && !p.robots[i].reference.is_its_own()
 }
 
 /// A vector's direction; of none, along x.

@@ -96,7 +96,7 @@ impl Predictor {
             robots: (0..n).map(facts).collect(),
             heard,
             leader: scenario.leader(),
-            planned: vec![Vec2::zeros(); n],
+            planned: scenario.goals_m().unwrap_or_else(|| vec![Vec2::zeros(); n]),
             course: Course::of(scenario),
             believed_s: seconds(scenario.silence.lost_after_ns) - 2.0 * seconds(scenario.period_ns),
             scale: scenario
@@ -152,7 +152,7 @@ impl Predictor {
         let (Some(course), Some(leader)) = (&self.course, self.leader) else { return };
         for robot in (0..self.robots.len()).filter(|&i| reduced.alive[i]) {
             let ran_m = course.speed_m_s(self.planned[robot], t_s) * self.believed_s;
-            if ran_m > self.bound_m && self.robots[robot].reference != Reference::Trajectory {
+            if ran_m > self.bound_m && !self.robots[robot].reference.is_its_own() {
                 let other = causes[robot];
                 let off_m = other.and_then(|other| other.off_m).unwrap_or(0.0).max(ran_m);
                 let outside_m = other.and_then(|other| other.outside_m);

@@ -34,7 +34,7 @@ impl Reduced {
             moving,
         };
         for (i, ears) in p.heard.iter().enumerate().filter(|(i, _)| !dead.contains(i)) {
-            if p.robots[i].reference == Reference::Trajectory {
+            if p.robots[i].reference.is_its_own() {
                 continue;
             }
             let silent = |from: usize, edge: usize| dead.contains(&from) || cut.contains(&edge);
@@ -88,7 +88,7 @@ impl Reduced {
         let living = || (0..n).filter(|&i| self.alive[i]);
         let kept = |i: usize| self.heard[i].iter().any(|&(from, _)| from >= n);
         let anchored = |i: &usize| {
-            self.heard[*i].is_empty() || kept(*i) || p.robots[*i].reference == Reference::Trajectory
+            self.heard[*i].is_empty() || kept(*i) || p.robots[*i].reference.is_its_own()
         };
         let mut reached = self.downstream(&living().filter(anchored).collect::<Vec<_>>());
         let (mut pinned, mut groups) = (Vec::new(), Vec::new());
@@ -136,7 +136,7 @@ impl Reduced {
         let n = self.heard.len();
         let mut causes = vec![None; n];
         let (Some(leader), true) = (p.leader, self.moving) else { return causes };
-        let follows = |i: usize| p.robots[i].reference == Reference::Trajectory;
+        let follows = |i: usize| p.robots[i].reference.is_its_own();
         let leads: Vec<usize> = (0..n).filter(|&i| self.alive[i] && follows(i)).collect();
         let led = self.downstream(&leads);
         let places: Vec<usize> = (0..n)

@@ -80,7 +80,13 @@ impl Edges<'_, '_> {
             }
             (Reference::Offsets, Some(offset)) => offset.pair()?,
             (Reference::Offsets, None) => self.between_places(ends, whole)?,
-            (Reference::Middle, None) => [0.0, 0.0],
+            (Reference::Middle | Reference::Goal, None) => [0.0, 0.0],
+            (Reference::Goal, Some(offset)) => {
+                return Err(offset.wrong(
+                    format!("is given, but {} goes to a goal: its law knows no offsets", to.name),
+                    "expected no `offset_m` here, or a formation law for that robot",
+                ));
+            }
             (Reference::Middle, Some(offset)) => {
                 return Err(offset.wrong(
                     format!("is given, but {} is contained: its law knows no offsets", to.name),

@@ -181,14 +181,13 @@ impl Format {
             avoidance.keys.push(gain_row(gain.key, says));
         }
         let mut gains: Vec<Key> = Vec::new();
-        for law in &catalog.laws {
-            for &name in law.gains {
-                if gains.iter().all(|gain| gain.name != name) {
-                    gains.push(gain_row(
-                        name,
-                        format!("gain of the law `{}` {}", law.name, law.source),
-                    ));
-                }
+        for &name in catalog.laws.iter().flat_map(|law| law.gains) {
+            if gains.iter().all(|gain| gain.name != name) {
+                let users = catalog.laws.iter().filter(|law| law.gains.contains(&name));
+                let users: Vec<_> =
+                    users.map(|law| format!("`{}` {}", law.name, law.source)).collect();
+                let laws = if users.len() == 1 { "law" } else { "laws" };
+                gains.push(gain_row(name, format!("gain of the {laws} {}", users.join(", "))));
             }
         }
         let defaults = [DEFAULTS, &gains].concat();
@@ -602,6 +601,13 @@ const ROBOT: &[Key] =
             "its place in the formation's shape",
         )
         .guessed(&["slot", "formation", "place"]),
+        key(
+            "goal_m",
+            Pair("m"),
+            Rule("needed with a law that goes to a goal"),
+            "where its front point goes, in `map`",
+        )
+        .guessed(&["goal", "target", "destination", "end"]),
         key("hears", Names, Absent, "the robots that it hears").guessed(&[
             "neighbors",
             "neighbours",
@@ -695,6 +701,7 @@ const GAIN_GUESSES: &[(&str, &[&str])] = &[
     ("k_f_m_s", &["kf", "k_formation", "mu_f"]),
     ("k_c_m_s", &["kc", "k_containment", "k_contained", "mu_c"]),
     ("k_m_m_s", &["km", "k_m", "k_leader", "mu_m"]),
+    ("k_g_m_s", &["kg", "k_g", "k_goal"]),
     ("epsilon_per_s", &["eps", "e", "strength"]),
 ];
 

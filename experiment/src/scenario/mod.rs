@@ -45,6 +45,7 @@ use std::collections::BTreeMap;
 
 pub use restart::{AfterDeath, RestartPolicy, RestartWhen};
 
+use formation::Vec2;
 use formation::graph::{Edge, FormationGraph};
 use formation::pose::Pose;
 use formation::reachability::Reachability;
@@ -116,6 +117,8 @@ pub struct Robot {
     pub body_radius_m: Option<f64>,
     /// How fast its twist can change; without, at once.
     pub limits: Option<LimitsBrief>,
+    /// Where it goes, m, in `map`, if its role goes to a goal.
+    pub goal_m: Option<[f64; 2]>,
     /// Name of its control law.
     pub law: String,
     /// What that law makes of it.
@@ -304,7 +307,13 @@ impl Scenario {
 
     /// Who needs whom, and what a death takes from whom.
     pub fn reachability(&self) -> Reachability {
-        Reachability::new(&self.graph, self.leader(), &self.contained())
+        let alone = self.places(|role| role.reference == Reference::Goal);
+        Reachability::new(&self.graph, self.leader(), &self.contained(), &alone)
+    }
+
+    /// Where everybody goes, m, in `map`, if they have goals of their own: all do, or nobody.
+    pub fn goals_m(&self) -> Option<Vec<Vec2>> {
+        self.robots.iter().map(|robot| robot.goal_m.map(Vec2::from)).collect()
     }
 
     fn places(&self, of: impl Fn(Role) -> bool) -> Vec<usize> {

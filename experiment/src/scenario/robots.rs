@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use formation::pose::{Pose, wrap_angle};
 use protocol::brief::{LimitsBrief, RampKind, WheelsBrief};
-use protocol::law::LawDescription;
+use protocol::law::{LawDescription, Reference};
 
 use super::diagnostic::{Diagnostic, Severity, meant};
 use super::models::{MODELS, Model};
@@ -155,6 +155,26 @@ fn robot(
             ));
         }
     }
+    let goal = table.get("goal_m");
+    let goal_m = match (law.role.reference, &goal) {
+        (Reference::Goal, Some(goal)) => Some(goal.pair()?),
+        (Reference::Goal, None) => {
+            let expected = format!("where the law \"{}\" goes: [x, y], in meters", law.name);
+            return Err(table.missing("goal_m", &expected));
+        }
+        (_, Some(goal)) => {
+            let goes: Vec<&str> = laws
+                .iter()
+                .filter(|law| law.role.reference == Reference::Goal)
+                .map(|law| law.name)
+                .collect();
+            return Err(goal.wrong(
+                format!("is given, but {name} follows \"{}\", which goes to no goal", law.name),
+                format!("expected no such key, or a law that does: {}", quoted(&goes)),
+            ));
+        }
+        (_, None) => None,
+    };
     let mut gains = BTreeMap::new();
     for &key in law.gains {
         let expected = format!("a gain of the law \"{}\", above 0", law.name);
@@ -168,6 +188,7 @@ fn robot(
         wheels,
         body_radius_m: body_radius_m.or(model.map(|model| model.body_radius_m)),
         limits,
+        goal_m,
         law: law.name.to_owned(),
         role: law.role,
         feed_forward: law.feed_forward,

@@ -31,6 +31,7 @@ fn agent() -> AgentBrief {
             scale: Scale::ONE,
             trajectory: Trajectory::Still { center_m: [0.0, 1.0] },
         }),
+        goal_m: Some([1.0, -0.5]),
         published_velocity: PublishedVelocity::GammaAndBeta,
         limits: Some(LimitsBrief {
             acceleration_m_s2: 2.5,

@@ -1,0 +1,29 @@
+//! To a goal at constant speed, straight on. (18) with a place that stands
+//!
+//! gamma = -mu e / |e|, linear in the boundary layer of `formation-unit`.
+
+use formation::Vec2;
+
+use super::formation_unit::at_constant_speed;
+use super::{GOAL, Gains, Law, LawRow, Situation};
+
+pub(super) const ROW: LawRow = LawRow {
+    name: "goal-unit",
+    role: GOAL,
+    source: "(18), of a goal",
+    gains: &["speed_m_s"], // mu
+    feed_forward: false,
+    correction_max: Some("speed_m_s"),
+    build: |gains: &Gains<'_>| Box::new(GoalUnit { mu: gains.get("speed_m_s") }),
+};
+
+struct GoalUnit {
+    /// Constant speed, m/s.
+    mu: f64,
+}
+
+impl Law for GoalUnit {
+    fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
+        at_constant_speed(self.mu, situation) // (18)
+    }
+}

@@ -1,0 +1,31 @@
+//! Goes to a place of its own in `map`, whomever it hears. Not in the paper: the scenes by which
+//! avoidance methods are compared ask for it.
+
+use formation::Vec2;
+use formation::desired::Target;
+use protocol::brief::AgentBrief;
+
+use super::{Moment, Role, RoleError, RoleRow};
+use crate::laws::situation::Heard;
+
+/// The row of those that go to goals.
+pub const GOAL: RoleRow = RoleRow {
+    description: protocol::law::Role::GOAL,
+    build: |brief: &AgentBrief| {
+        let goal_m = brief.goal_m.ok_or_else(|| RoleError::NoGoal(brief.name.clone()))?;
+        Ok(Box::new(Goal { goal: goal_m.into() }))
+    },
+};
+
+struct Goal {
+    /// m, in `map`.
+    goal: Vec2,
+}
+
+impl Role for Goal {
+    fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
+        let nowhere = Target::still(Vec2::zeros());
+        moment.neighborhood.recall(moment.stamp_ns, |_| nowhere, heard);
+        Some(Target::still(self.goal))
+    }
+}

@@ -16,6 +16,15 @@ pub fn arc(pose: Pose, twist: Twist, dt_s: f64) -> Pose {
     }
 }
 
+/// The twist of the arc that leads from one pose to another in `dt_s` seconds, the short way round: what
+/// the wheels of a body do that only says where it is. What moved it sideways is not in it.
+pub fn twist_between(from: Pose, to: Pose, dt_s: f64) -> Twist {
+    let half_turn = 0.5 * wrap_angle(to.heading_rad - from.heading_rad);
+    let (sin, cos) = (from.heading_rad + half_turn).sin_cos();
+    let chord = (to.x_m - from.x_m) * cos + (to.y_m - from.y_m) * sin;
+    Twist { v_m_s: chord / sinc(half_turn) / dt_s, w_rad_s: 2.0 * half_turn / dt_s }
+}
+
 /// sin(a) / a, continued to a = 0.
 fn sinc(a: f64) -> f64 {
     if a.abs() < 1e-4 { 1.0 - a * a / 6.0 } else { a.sin() / a }
@@ -75,6 +84,22 @@ mod tests {
         for a in [0.0f64, 1e-9, 3e-5, 9.9e-5, 1.01e-4, 3e-4, 1e-3] {
             let expected = 1.0 - a * a / 6.0 + a.powi(4) / 120.0;
             assert!((sinc(a) - expected).abs() < 3e-16, "{a}: {}", sinc(a));
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_twist_between_two_poses_of_an_arc_is_that_of_the_arc(
+            v_m_s in -2.0..2.0f64,
+            w_rad_s in prop_oneof![Just(0.0), -1e-3..1e-3f64, -50.0..50.0f64],
+            heading_rad in -3.1..3.1f64,
+            dt_s in 1e-3..0.05f64,
+        ) {
+            let from = Pose { x_m: 0.3, y_m: -0.7, heading_rad };
+            let to = arc(from, Twist { v_m_s, w_rad_s }, dt_s);
+            let found = twist_between(from, to, dt_s);
+            prop_assert!((found.v_m_s - v_m_s).abs() < 1e-9, "{found:?}");
+            prop_assert!((found.w_rad_s - w_rad_s).abs() < 1e-9, "{found:?}");
         }
     }
 }

@@ -1,15 +1,17 @@
-//! Stand-in hardware: the world of unicycles, and the loop that gives it time and commands.
+//! Stand-in hardware: the world of bodies, and the loop that gives it time and commands.
 //!
 //! The plant knows bodies, commands and distances. It never sees edges, roles or laws.
 //!
 //! | file | question it answers |
 //! |---|---|
 //! | `world` | where is everybody, what do they sense, which commands count? |
+//! | `motion` | what moves the bodies: unicycles, or a program from outside? |
 //! | `ports` | through which services does it speak? |
 //! | `gaps` | did a command get lost on its way? |
 //! | `world_loop` | when does time pass? The loops of both paces |
 
 mod gaps;
+pub mod motion;
 pub mod ports;
 pub mod world;
 pub mod world_loop;

@@ -9,6 +9,7 @@ use protocol::service::{
     self, Factory, Node, Publisher, SendError, ServiceError, Subscriber, send_slice,
 };
 
+use crate::motion::Motion;
 use crate::world::World;
 
 /// All ports of the plant, robots in scenario order.
@@ -86,14 +87,18 @@ impl Ports {
     }
 
     /// Sends `robot` what it senses; when that was, ns.
-    pub fn send_odometry(&self, world: &World, robot: usize) -> Result<u64, PortError> {
+    pub fn send_odometry<M: Motion>(
+        &self,
+        world: &World<M>,
+        robot: usize,
+    ) -> Result<u64, PortError> {
         let odometry = Odometry { sent_ns: clock::now_ns(), ..world.odometry(robot) };
         self.robots[robot].odometry.send_copy(odometry)?;
         Ok(odometry.sent_ns)
     }
 
     /// Sends the supervisor the true state of everybody.
-    pub fn send_truth(&self, world: &World) -> Result<(), PortError> {
+    pub fn send_truth<M: Motion>(&self, world: &World<M>) -> Result<(), PortError> {
         let header = TruthHeader { sent_ns: clock::now_ns(), ..world.truth_header() };
         let mut rows = world.truth();
         let next = |_| rows.next().expect("a row for every robot");

@@ -1,4 +1,4 @@
-//! The world: unicycles under commands that die, and what each robot senses.
+//! The world: bodies under commands that die, and what each robot senses.
 //!
 //! Pure: commands and time in, odometry and truth out. Half of the guard's promise lives here: a
 //! command acts only until the stamp it answers + H, late and out-of-order ones are refused, and
@@ -10,17 +10,18 @@ use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::front_point::{front_point, front_speed, front_velocity};
 use formation::near::NearPairs;
-use formation::pose::{Pose, Twist, wrap_angle};
-use formation::unicycle::arc;
+use formation::pose::{Twist, wrap_angle};
 use protocol::brief::{BodyBrief, Pace, PlantBrief};
 use protocol::fault::{Sensor, SensorFault, SensorFaultKind, WheelFaultKind};
 use protocol::message::{Command, Odometry, PROXIMITY_MAX, TruthHeader, TruthRow};
+
+use crate::motion::{Motion, State, Unicycles};
 
 /// Speeds above the limit by less than this share are rounding, not worth counting.
 const SPEED_TOLERANCE: f64 = 1e-9;
 
 /// All robots at one instant, and what happened so far.
-pub struct World {
+pub struct World<M = Unicycles> {
     start_ns: u64,
     t_ns: u64,
     tick: u64,
@@ -31,6 +32,11 @@ pub struct World {
     sensing_radius_m: f64,
     velocities_sensed: bool,
     robots: Vec<Robot>,
+    motion: M,
+    /// Twists: over the whole of the last arc, or, with limits, at its end.
+    states: Vec<State>,
+    /// What each is to do over the arc at hand.
+    targets: Vec<Twist>,
     alphas: Vec<Vec2>,
     /// As far as anybody senses, and as any pair that is or will be worth telling of is apart.
     near: NearPairs,
@@ -41,27 +47,10 @@ pub struct World {
 
 struct Robot {
     body: BodyBrief,
-    pose: Pose,
-    /// What the wheels do: over the whole of the last arc, or, with limits, at its end.
-    twist: Twist,
     commanded: bool,
     obeyed: Option<Obeyed>,
     /// (incarnation, stamp, sequence) of the newest command accepted.
     newest: Option<(u64, u64, u64)>,
-}
-
-impl Robot {
-    /// Lets the wheels go towards `target` for `dt_s`: at once, or as fast as their limits let them. On
-    /// the segment to it, and on its ray to 0: `proof/Inertia.v::approaches`.
-    fn drive(&mut self, target: Twist, dt_s: f64) {
-        (self.pose, self.twist) = match self.body.limits {
-            None => (arc(self.pose, target, dt_s), target),
-            Some(limits) => {
-                let accelerations = limits.accelerations();
-                accelerations.drive(self.pose, self.twist, target, limits.ramp.ramp(), dt_s)
-            }
-        };
-    }
 }
 
 /// A command in force.
@@ -94,20 +83,27 @@ pub enum Refusal {
 }
 
 impl World {
-    /// Everybody at the start, at t = 0, standing.
+    /// Everybody at the start, at t = 0, standing; they move as unicycles do.
     pub fn new(brief: &PlantBrief) -> World {
+        World::moved_by(Unicycles::new(brief), brief)
+    }
+
+    /// The same as [`World::try_advance`], which cannot fail with unicycles.
+    pub fn advance(&mut self, t_ns: u64) {
+        let Ok(()) = self.try_advance(t_ns);
+    }
+}
+
+impl<M: Motion> World<M> {
+    /// Everybody at the start, at t = 0, standing; something else moves them.
+    pub fn moved_by(motion: M, brief: &PlantBrief) -> World<M> {
         let robots: Vec<Robot> = brief
             .robots
             .iter()
-            .map(|body| Robot {
-                body: body.clone(),
-                pose: body.start,
-                twist: Twist::ZERO,
-                commanded: false,
-                obeyed: None,
-                newest: None,
-            })
+            .map(|body| Robot { body: body.clone(), commanded: false, obeyed: None, newest: None })
             .collect();
+        let standing = |body: &BodyBrief| State { pose: body.start, twist: Twist::ZERO };
+        let states = brief.robots.iter().map(standing).collect();
         let arc_ns_max = match brief.pace {
             Pace::Lockstep => brief.period_ns,
             Pace::Realtime => brief.plant_tick_ns,
@@ -131,6 +127,9 @@ impl World {
             velocities_sensed: brief.velocities_sensed,
             alphas,
             near,
+            motion,
+            states,
+            targets: Vec::with_capacity(robots.len()),
             robots,
             closest: closest.map(|pair| (pair, 0)),
             violations: closest.map_or(0, |pair| u64::from(pair.distance_m < brief.distance_min_m)),
@@ -193,7 +192,7 @@ impl World {
     /// Lets time pass until `t_ns` since the start, in arcs that end where a command dies and where
     /// wheels begin or cease to fail: `proof/Plant.v::in_force`, `proof/Motion.v::obeys`,
     /// `proof/Motion.v::moves` and `proof/Motion.v::an_arc_moves_like_this`.
-    pub fn advance(&mut self, t_ns: u64) {
+    pub fn try_advance(&mut self, t_ns: u64) -> Result<(), M::Error> {
         while self.t_ns < t_ns {
             let now_ns = self.stamp_ns();
             let mut end_ns = (self.start_ns + t_ns).min(now_ns + self.arc_ns_max);
@@ -211,22 +210,24 @@ impl World {
                 }
             }
             let dt_s = (end_ns - now_ns) as f64 / 1e9;
+            self.targets.clear();
             for robot in &mut self.robots {
                 robot.commanded = robot.obeyed.is_some();
-                let target = robot.obeyed.as_ref().map_or(Twist::ZERO, |obeyed| {
+                self.targets.push(robot.obeyed.as_ref().map_or(Twist::ZERO, |obeyed| {
                     robot.body.within_failing_wheels(obeyed.twist, self.t_ns)
-                });
-                robot.drive(target, dt_s);
+                }));
             }
+            self.motion.step(&self.targets, dt_s, &mut self.states)?;
             self.t_ns = end_ns - self.start_ns;
             self.look();
         }
+        Ok(())
     }
 
     /// Takes in where the front points are, and how near they are to each other.
     fn look(&mut self) {
-        for (alpha, robot) in self.alphas.iter_mut().zip(&self.robots) {
-            *alpha = front_point(robot.pose, robot.body.front_point_m);
+        for ((alpha, robot), state) in self.alphas.iter_mut().zip(&self.robots).zip(&self.states) {
+            *alpha = front_point(state.pose, robot.body.front_point_m);
         }
         self.near.update(&self.alphas);
         // If none of those near is the closest of all, the closest is no news either.
@@ -262,7 +263,8 @@ impl World {
 
     /// Fills in pose and twist.
     fn sense_itself(&self, robot: usize, sample: &mut Odometry) {
-        let Robot { body, pose, twist, .. } = &self.robots[robot];
+        let body = &self.robots[robot].body;
+        let State { pose, twist } = &self.states[robot];
         let off = self.noise_m(body, Sensor::Odometry, 0);
         sample.pose_valid = 1;
         sample.x_m = pose.x_m + off.x;
@@ -300,8 +302,9 @@ impl World {
         }
         if self.velocities_sensed {
             for (place, (_, other)) in sample.near[most..].iter_mut().zip(&near[..kept]) {
-                let Robot { body, pose, twist, .. } = &self.robots[*other];
-                let velocity = front_velocity(pose.heading_rad, body.front_point_m, *twist);
+                let front_point_m = self.robots[*other].body.front_point_m;
+                let State { pose, twist } = self.states[*other];
+                let velocity = front_velocity(pose.heading_rad, front_point_m, twist);
                 *place = velocity.into();
             }
         }
@@ -356,12 +359,12 @@ impl World {
 
     /// The true state of everybody, in scenario order.
     pub fn truth(&self) -> impl ExactSizeIterator<Item = TruthRow> {
-        self.robots.iter().map(|robot| TruthRow {
-            x_m: robot.pose.x_m,
-            y_m: robot.pose.y_m,
-            heading_rad: robot.pose.heading_rad,
-            v_m_s: robot.twist.v_m_s,
-            w_rad_s: robot.twist.w_rad_s,
+        self.robots.iter().zip(&self.states).map(|(robot, State { pose, twist })| TruthRow {
+            x_m: pose.x_m,
+            y_m: pose.y_m,
+            heading_rad: pose.heading_rad,
+            v_m_s: twist.v_m_s,
+            w_rad_s: twist.w_rad_s,
             commanded: u64::from(robot.commanded),
         })
     }
@@ -409,6 +412,7 @@ mod proof;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use formation::pose::Pose;
     use protocol::brief::{Format, WheelsBrief};
     use protocol::fault::{Span, WheelFault};
 
@@ -445,7 +449,7 @@ mod tests {
     }
 
     fn x(world: &World, robot: usize) -> f64 {
-        world.robots[robot].pose.x_m
+        world.states[robot].pose.x_m
     }
 
     #[test]
@@ -464,9 +468,8 @@ mod tests {
         let (near, velocities) = (sample.proximity(), sample.velocities());
         let moving: Vec<(Vec2, Vec2)> = near.zip(velocities).collect();
         assert_eq!((moving.len(), sample.proximity_cut), (PROXIMITY_MAX / 2, 1));
-        let robot = &world.robots[1];
-        let velocity =
-            front_velocity(robot.pose.heading_rad, 0.1, Twist { v_m_s: 0.3, w_rad_s: 2.0 });
+        let pose = world.states[1].pose;
+        let velocity = front_velocity(pose.heading_rad, 0.1, Twist { v_m_s: 0.3, w_rad_s: 2.0 });
         assert_eq!(moving[0], (world.alphas[1], velocity));
         assert!(moving[1..].iter().all(|(_, velocity)| *velocity == Vec2::zeros()));
 
@@ -526,7 +529,7 @@ mod tests {
         let mut world = World::new(&brief(None));
         world.accept(0, &command(0, 1, 3.0, 40.0)).unwrap();
         world.advance(MS);
-        let twist = world.robots[0].twist;
+        let twist = world.states[0].twist;
         assert!((front_speed(0.1, twist) - 1.0).abs() < 1e-12);
         assert!((twist.w_rad_s / twist.v_m_s - 40.0 / 3.0).abs() < 1e-12);
         assert_eq!(world.truth_header().commands_scaled, 1);
@@ -538,7 +541,7 @@ mod tests {
         let mut world = World::new(&brief(Some(wheels)));
         world.accept(0, &command(0, 1, 0.4, -2.0)).unwrap();
         world.advance(MS);
-        let twist = world.robots[0].twist;
+        let twist = world.states[0].twist;
         assert!((twist.v_m_s - 0.2).abs() < 1e-15 && (twist.w_rad_s + 1.0).abs() < 1e-15);
     }
 
@@ -625,7 +628,7 @@ mod tests {
             let off_near_m = near.map(|near| (near - Vec2::new(0.1, 0.0)).norm());
             assert!(off_m.is_none_or(|off_m| off_m <= 0.1));
             assert!(off_near_m.is_none_or(|off_m| off_m <= 0.1));
-            let turned_rad = sample.heading_rad - world.robots[1].pose.heading_rad;
+            let turned_rad = sample.heading_rad - world.states[1].pose.heading_rad;
             assert!(!works.0 || turned_rad.abs() <= 0.2);
             assert_eq!(works.0 && turned_rad != 0.0, off_m.is_some_and(|m| m > 0.0));
             // A dark sensor sends nothing that is true.
@@ -750,7 +753,7 @@ mod tests {
         world.accept(0, &command(0, 1, 0.4, -2.0)).unwrap();
         world.advance(MS);
         // |v| + ell |w| = 0.6 m/s: half as fast.
-        let twist = world.robots[0].twist;
+        let twist = world.states[0].twist;
         assert!((twist.v_m_s - 0.2).abs() < 1e-15 && (twist.w_rad_s + 1.0).abs() < 1e-15);
     }
 }

@@ -3,6 +3,7 @@
 //! In lockstep the plant leads the barrier, and waits for robots and supervisor as long as that one
 //! is at work, which knows who is hung; in real time it waits for nobody but the clock.
 
+use std::error::Error;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -16,6 +17,7 @@ use protocol::stage::Stage;
 use protocol::watchdog::{SupervisorLost, SupervisorWatch};
 
 use crate::gaps::Gaps;
+use crate::motion::{Checked, Motion, Unicycles};
 use crate::ports::{PortError, Ports};
 use crate::world::World;
 
@@ -49,6 +51,9 @@ pub enum LoopError {
     /// Signals cannot be handled.
     #[error("cannot handle signals: {0}")]
     Signals(#[from] std::io::Error),
+    /// What moves the robots could not be made, or failed.
+    #[error(transparent)]
+    Motion(Box<dyn Error + Send + Sync>),
     /// Some robots never came up.
     #[error("not ready after {} s: {robots}", READY_MAX.as_secs())]
     NotReady {
@@ -68,18 +73,27 @@ pub enum LoopError {
     SupervisorLost(#[from] SupervisorLost),
 }
 
-/// Runs the world of this brief to its end.
-pub fn run(brief_path: &Path) -> Result<(), LoopError> {
+/// Runs the world of this brief to its end. Its robots are moved by what `motion` makes of the brief:
+/// [`Unicycles`], or a program's own physics.
+pub fn run<M: Motion, E>(
+    brief_path: &Path,
+    motion: impl FnOnce(&PlantBrief) -> Result<M, E>,
+) -> Result<(), LoopError>
+where
+    E: Into<Box<dyn Error + Send + Sync>>,
+{
     let brief: PlantBrief = brief::read(brief_path)?;
     let stop = Stop::on_signals()?;
     run_root::join(&brief.run_root)?;
+    let motion = motion(&brief).map_err(|error| LoopError::Motion(error.into()))?;
+    let motion = Checked::new(&brief, motion);
     clock::tighten_timer_slack();
     if brief.pace == Pace::Realtime {
         process::take_short_turns();
     }
     let ports = Ports::open(&brief)?;
     let sent_ns = vec![0; brief.robots.len()];
-    let plant = Plant { world: World::new(&brief), brief, ports, stop, sent_ns };
+    let plant = Plant { world: World::moved_by(motion, &brief), brief, ports, stop, sent_ns };
     match plant.brief.pace {
         Pace::Lockstep => {
             let mut barrier = Barrier::open(&run_root::barrier_path(&plant.brief.run_root))?;
@@ -103,16 +117,16 @@ pub fn run(brief_path: &Path) -> Result<(), LoopError> {
     }
 }
 
-struct Plant {
+struct Plant<M> {
     brief: PlantBrief,
-    world: World,
+    world: World<M>,
     ports: Ports,
     stop: Stop,
     /// When each robot's newest odometry was sent, ns.
     sent_ns: Vec<u64>,
 }
 
-impl Plant {
+impl<M: Motion> Plant<M> {
     /// Whether all robots are; false once `patience` ends.
     fn wait_until_ready(&self, mut patience: impl FnMut() -> bool) -> bool {
         while self.ports.not_ready().next().is_some() {
@@ -145,7 +159,7 @@ impl Plant {
             if !goes_on || self.stop.requested() || !self.run_one_tick(barrier, supervisor, tick)? {
                 return Ok(());
             }
-            self.world.advance((tick + 1) * self.brief.period_ns);
+            self.advance((tick + 1) * self.brief.period_ns)?;
             self.world.next_tick();
         }
         self.ports.send_truth(&self.world)?;
@@ -219,7 +233,7 @@ impl Plant {
             }
             let now_ns = clock::now_ns();
             let t_ns = (now_ns - start_ns).min(self.brief.duration_ns);
-            self.world.advance(t_ns);
+            self.advance(t_ns)?;
             self.world.next_tick();
             for (robot, gaps) in gaps.iter_mut().enumerate() {
                 while let Some(command) = self.ports.command(robot)? {
@@ -248,6 +262,10 @@ impl Plant {
         Ok(())
     }
 
+    fn advance(&mut self, t_ns: u64) -> Result<(), LoopError> {
+        self.world.try_advance(t_ns).map_err(|error| LoopError::Motion(error.into()))
+    }
+
     fn publish(&self) -> Result<(), LoopError> {
         for robot in 0..self.brief.robots.len() {
             self.ports.send_odometry(&self.world, robot)?;
@@ -271,12 +289,24 @@ fn release(mut patience: impl FnMut() -> bool) {
 
 /// What the process does: named, logging, and with an exit code that tells.
 pub fn main(brief_path: &Path, realtime_priority: bool) -> u8 {
+    main_with(brief_path, realtime_priority, |brief| Ok::<_, LoopError>(Unicycles::new(brief)))
+}
+
+/// The same for a program that moves the robots by itself, see [`run`].
+pub fn main_with<M: Motion, E>(
+    brief_path: &Path,
+    realtime_priority: bool,
+    motion: impl FnOnce(&PlantBrief) -> Result<M, E>,
+) -> u8
+where
+    E: Into<Box<dyn Error + Send + Sync>>,
+{
     process::set_name("phalanx-plant");
     process::log_to_stderr();
     if realtime_priority {
         process::hurry();
     }
-    match run(brief_path) {
+    match run(brief_path, motion) {
         Ok(()) => process::exit::OK,
         Err(error) => {
             tracing::error!("{error}");

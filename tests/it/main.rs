@@ -30,6 +30,7 @@ mod memory;
 mod model;
 mod oracle;
 mod pages;
+mod plant;
 mod processes;
 mod provenance;
 mod realtime;

@@ -1,5 +1,7 @@
 //! Robots whose twist cannot change at once: the rules that the guard with inertia rests on.
 
+use formation::pose::Pose;
+use formation::unicycle::arc;
 use proptest::prelude::*;
 use protocol::brief::{Format, LimitsBrief, RampKind};
 
@@ -11,13 +13,17 @@ const START: Pose = Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 };
 
 /// a_v = 2 m/s^2, a_w = 10 rad/s^2, ell = 0.1 m, v_max = 1 m/s, H = 20 ms.
 fn world(ramp: RampKind, wheel_faults: Vec<protocol::fault::WheelFault>) -> World {
+    World::new(&brief(ramp, wheel_faults))
+}
+
+fn brief(ramp: RampKind, wheel_faults: Vec<protocol::fault::WheelFault>) -> PlantBrief {
     let limits = LimitsBrief {
         acceleration_m_s2: 2.0,
         turn_acceleration_rad_s2: 10.0,
         braking_time_s: 0.5,
         ramp,
     };
-    World::new(&PlantBrief {
+    PlantBrief {
         format: Format,
         run_root: "/nowhere".into(),
         pace: Pace::Realtime,
@@ -38,7 +44,7 @@ fn world(ramp: RampKind, wheel_faults: Vec<protocol::fault::WheelFault>) -> Worl
             sensor_faults: Vec::new(),
             wheel_faults,
         }],
-    })
+    }
 }
 
 fn command(stamp_ns: u64, v_m_s: f64, w_rad_s: f64) -> Command {
@@ -56,18 +62,18 @@ fn the_twist_goes_straight_towards_the_command_and_back_to_0_when_it_has_died() 
     // 0.4 m/s takes 200 ms, 1 rad/s half of that: both arrive together.
     world.accept(0, &command(0, 0.4, 1.0)).unwrap();
     world.advance(10 * MS);
-    assert!(close(world.robots[0].twist, 0.02, 0.05), "{:?}", world.robots[0].twist);
+    assert!(close(world.states[0].twist, 0.02, 0.05), "{:?}", world.states[0].twist);
     // What odometry says is in force at its stamp, not over the arc before it.
-    assert_eq!(world.odometry(0).twist(), world.robots[0].twist);
+    assert_eq!(world.odometry(0).twist(), world.states[0].twist);
     world.advance(20 * MS);
-    assert!(close(world.robots[0].twist, 0.04, 0.1), "{:?}", world.robots[0].twist);
+    assert!(close(world.states[0].twist, 0.04, 0.1), "{:?}", world.states[0].twist);
     // It dies at 20 ms: 0.04 m/s take as long to brake from.
     world.advance(30 * MS);
-    assert!(close(world.robots[0].twist, 0.02, 0.05), "{:?}", world.robots[0].twist);
+    assert!(close(world.states[0].twist, 0.02, 0.05), "{:?}", world.states[0].twist);
     world.advance(45 * MS);
-    assert_eq!(world.robots[0].twist, Twist::ZERO);
+    assert_eq!(world.states[0].twist, Twist::ZERO);
     // 0.04 m/s at 20 ms on the way up and down.
-    let way = world.robots[0].pose.x_m;
+    let way = world.states[0].pose.x_m;
     assert!((way - 0.04 * 0.02).abs() < 1e-6, "{way}");
 }
 
@@ -76,7 +82,7 @@ fn independent_ramps_leave_the_segment() {
     let mut world = world(RampKind::Independent, Vec::new());
     world.accept(0, &command(0, 0.4, 1.0)).unwrap();
     world.advance(10 * MS);
-    assert!(close(world.robots[0].twist, 0.02, 0.1), "{:?}", world.robots[0].twist);
+    assert!(close(world.states[0].twist, 0.02, 0.1), "{:?}", world.states[0].twist);
 }
 
 #[test]
@@ -88,7 +94,7 @@ fn stuck_wheels_brake_and_go_on_where_they_are_freed() {
     world.accept(0, &command(0, 0.4, 0.0)).unwrap();
     for (t_ms, v_m_s) in [(10, 0.02), (15, 0.01), (20, 0.02)] {
         world.advance(t_ms * MS);
-        let twist = world.robots[0].twist;
+        let twist = world.states[0].twist;
         assert!(close(twist, v_m_s, 0.0), "{t_ms} ms: {twist:?}");
     }
 }
@@ -108,12 +114,12 @@ proptest! {
         let accelerations = world.robots[0].body.limits.unwrap().accelerations();
         for (wait_ms, age_ms, v_m_s, w_rad_s) in commands {
             for _ in 0..wait_ms {
-                let before = world.robots[0].twist;
+                let before = world.states[0].twist;
                 let now_ns = world.t_ns();
                 let alive = world.robots[0].obeyed.as_ref().filter(|o| now_ns < o.dies_ns);
                 let target = alive.map_or(Twist::ZERO, |obeyed| obeyed.twist);
                 world.advance(now_ns + MS);
-                let after = world.robots[0].twist;
+                let after = world.states[0].twist;
                 let change = Twist {
                     v_m_s: target.v_m_s - before.v_m_s,
                     w_rad_s: target.w_rad_s - before.w_rad_s,
@@ -140,11 +146,12 @@ proptest! {
 
     #[test]
     fn without_limits_the_wheels_do_at_once_what_they_are_told(v in -0.5..0.5f64, w in -2.0..2.0f64) {
-        let mut free = world(RampKind::Together, Vec::new());
-        free.robots[0].body.limits = None;
+        let mut brief = brief(RampKind::Together, Vec::new());
+        brief.robots[0].limits = None;
+        let mut free = World::new(&brief);
         free.accept(0, &command(0, v, w)).unwrap();
         free.advance(MS);
         let twist = Twist { v_m_s: v, w_rad_s: w };
-        prop_assert_eq!((free.robots[0].pose, free.robots[0].twist), (arc(START, twist, 0.001), twist));
+        prop_assert_eq!((free.states[0].pose, free.states[0].twist), (arc(START, twist, 0.001), twist));
     }
 }

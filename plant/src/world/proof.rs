@@ -1,6 +1,7 @@
 //! The world against its proof: under arbitrary messages the wheels do what the rule of
 //! `proof/Plant.v`, written down here once more, says.
 
+use formation::pose::Pose;
 use proptest::prelude::*;
 use protocol::brief::Format;
 
@@ -80,7 +81,7 @@ proptest! {
                 world.advance(world.t_ns() + part_ns);
                 let now_ns = world.t_ns();
                 world.advance(now_ns + 1);
-                prop_assert_eq!(world.robots[0].twist.v_m_s, in_force(now_ns, newest));
+                prop_assert_eq!(world.states[0].twist.v_m_s, in_force(now_ns, newest));
             }
             let now_ns = world.t_ns();
             let stamp_ns = now_ns.saturating_sub(age_ns) + u64::from(from_future);
@@ -91,7 +92,7 @@ proptest! {
             let after = newest.map(|n| (n.incarnation, n.stamp_ns, n.sequence));
             prop_assert_eq!(world.accept(0, &command).is_ok(), after != before);
             world.advance(now_ns + 1);
-            prop_assert_eq!(world.robots[0].twist.v_m_s, in_force(now_ns, newest));
+            prop_assert_eq!(world.states[0].twist.v_m_s, in_force(now_ns, newest));
         }
     }
 }

@@ -1,0 +1,139 @@
+//! A plant from outside: a program that moves the robots by itself, in place of our unicycles.
+
+use std::convert::Infallible;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+
+use formation::pose::Twist;
+use plant::motion::{Motion, State, Unicycles};
+use plant::world_loop;
+use protocol::brief::PlantBrief;
+use serde_json::Value;
+
+use crate::oracle;
+use crate::processes::embedded;
+
+/// Bodies from outside, which need `lag_s` to reach most of a twist that they are told.
+struct Lagging {
+    exact: Unicycles,
+    lag_s: f64,
+    reached: Vec<Twist>,
+    t_s: f64,
+    does: String,
+}
+
+impl Lagging {
+    fn new(brief: &PlantBrief, does: String) -> Lagging {
+        let lag_s = if does == "lag" { 0.05 } else { 0.0 };
+        let reached = vec![Twist::ZERO; brief.robots.len()];
+        Lagging { exact: Unicycles::new(brief), lag_s, reached, t_s: 0.0, does }
+    }
+}
+
+impl Motion for Lagging {
+    type Error = Infallible;
+
+    fn step(
+        &mut self,
+        targets: &[Twist],
+        dt_s: f64,
+        states: &mut [State],
+    ) -> Result<(), Infallible> {
+        self.t_s += dt_s;
+        let share = if self.lag_s == 0.0 { 1.0 } else { 1.0 - (-dt_s / self.lag_s).exp() };
+        for (reached, target) in self.reached.iter_mut().zip(targets) {
+            let part =
+                |from: f64, to: f64| if share == 1.0 { to } else { from + share * (to - from) };
+            reached.v_m_s = part(reached.v_m_s, target.v_m_s);
+            reached.w_rad_s = part(reached.w_rad_s, target.w_rad_s);
+        }
+        self.exact.step(&self.reached, dt_s, states)?;
+        if self.t_s > 1.0 {
+            match self.does.as_str() {
+                "nan" => states[1].pose.y_m = f64::NAN,
+                "exit" => std::process::exit(3),
+                "hang" => loop {
+                    std::thread::yield_now();
+                },
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The plant's process: what [`program`] starts.
+#[test]
+#[ignore = "the plant's process: another test starts it"]
+fn a_plant_of_its_own() {
+    let (Ok(brief), Ok(does)) = (std::env::var("BRIEF"), std::env::var("DOES")) else { return };
+    supervisor::child::obey_parent().unwrap();
+    let motion = |brief: &PlantBrief| match does.as_str() {
+        "refuse" => Err("the physics engine has no licence"),
+        _ => Ok(Lagging::new(brief, does.clone())),
+    };
+    std::process::exit(world_loop::main_with(Path::new(&brief), false, motion).into());
+}
+
+/// A program that takes `phalanx`'s command lines, and whose plant does as it is told here.
+fn program(folder: &Path, does: &str) -> PathBuf {
+    let path = folder.join("program");
+    let text = format!(
+        "#!/bin/sh\n[ \"$1\" = plant ] || exec '{}' \"$@\"\n\
+         BRIEF=\"$2\" DOES={does} exec '{}' --exact plant::a_plant_of_its_own --ignored --nocapture\n",
+        env!("CARGO_BIN_EXE_phalanx"),
+        std::env::current_exe().unwrap().display()
+    );
+    std::fs::write(&path, text).unwrap();
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
+    path
+}
+
+/// How the triangle ends on such a plant: exit code, summary, and the plant's log.
+fn triangle(does: &str, more: &[&str]) -> (i32, Value, String) {
+    let scratch = tempfile::tempdir().unwrap();
+    let out = scratch.path().join("run");
+    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/triangle.toml");
+    let mut words = vec!["run", scenario, "--out", out.to_str().unwrap()];
+    words.extend("--pace lockstep --no-report --set expect={}".split(' '));
+    words.extend(more);
+    let code = embedded(&program(scratch.path(), does), &words);
+    let text = |name: &str| std::fs::read_to_string(out.join(name)).unwrap_or_default();
+    let summary = serde_json::from_str(&text("summary.json")).unwrap_or_default();
+    (code, summary, text("logs/plant.jsonl"))
+}
+
+#[test]
+fn unicycles_from_outside_move_bit_for_bit_as_our_own() {
+    let (code, summary, log) = triangle("exact", &[]);
+    assert_eq!(code, 0, "{log}");
+    let foretold = oracle::simulate(&oracle::scenario("triangle", &[]));
+    assert_eq!(summary["trajectory_hash"].as_str(), foretold.trajectory_hash.as_deref());
+}
+
+#[test]
+fn robots_that_lag_behind_their_commands_arrive_and_their_distance_is_told() {
+    let (code, summary, log) = triangle("lag", &["--fault", "kill r2 @5 restart 1"]);
+    assert_eq!(code, 0, "{log}");
+    let number = |name: &str| summary[name].as_f64().unwrap_or(f64::NAN);
+    assert!(number("final_error_m_max") < 0.02, "{summary:#}");
+    assert!(number("min_distance_m") > 0.1, "{summary:#}");
+    assert!(summary["faults"][0]["recovered_after_s"].is_number(), "{:#}", summary["faults"]);
+    let foretold = oracle::simulate(&oracle::scenario("triangle", &[]));
+    assert_ne!(summary["trajectory_hash"].as_str(), foretold.trajectory_hash.as_deref());
+}
+
+#[test]
+fn a_plant_from_outside_that_fails_ends_the_run_with_its_reason() {
+    for (does, more, reason) in [
+        ("nan", None, "the plant moved r2 to y_m = NaN, expected a number of at most 1e9"),
+        ("refuse", None, "the physics engine has no licence"),
+        ("exit", None, ""),
+        ("hang", Some(["--set", "hung_after_s=0.5"]), ""),
+    ] {
+        let (code, summary, log) = triangle(does, more.as_ref().map_or(&[], |more| &more[..]));
+        assert_eq!(code, 4, "{does}: {log}");
+        assert!(log.contains(reason), "{does}: {log}");
+        assert!(summary["t_s"].as_f64().is_none_or(|t_s| t_s <= 1.1), "{summary:#}");
+    }
+}

@@ -15,8 +15,9 @@ use protocol::brief::Pace;
 use protocol::process::{Stop, exit};
 use results::usage;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+use rustix::thread::{CpuSet, sched_setaffinity};
 use supervisor::child::{Child, in_words};
+use supervisor::cores::topology::Topology;
 use supervisor::spawn::{Launcher, Role};
 
 use crate::cells::Cell;
@@ -61,19 +62,20 @@ pub struct Ended {
     pub processor_s: f64,
 }
 
-/// How many runs go at once, and the cores of each; none: all of them.
-fn deal(cores: &[usize], pace: Pace, missing: usize, jobs: Option<usize>) -> Vec<Vec<usize>> {
+/// How many runs go at once, and the logical processors of each; none: all of them. In lockstep a run
+/// has whole cores, as many go at once as there are of these, or as the quota of a container pays for.
+fn deal(topology: &Topology, pace: Pace, missing: usize, jobs: Option<usize>) -> Vec<Vec<usize>> {
     if pace == Pace::Realtime {
         return vec![Vec::new()];
     }
-    let jobs = jobs.unwrap_or(cores.len()).clamp(1, missing.max(1));
+    let jobs = jobs.unwrap_or(topology.whole_cores()).clamp(1, missing.max(1));
+    let cores = &topology.cores;
     if cores.is_empty() {
         return vec![Vec::new(); jobs];
     }
     let each = (cores.len() / jobs).max(1);
-    (0..jobs)
-        .map(|job| (0..each).map(|i| cores[(job * each + i) % cores.len()]).collect())
-        .collect()
+    let threads = |i: usize| cores[i % cores.len()].threads.iter().copied();
+    (0..jobs).map(|job| (job * each..(job + 1) * each).flat_map(threads).collect()).collect()
 }
 
 /// Runs what is missing. `told` hears of each end.
@@ -87,12 +89,9 @@ pub fn run(
     mut told: impl FnMut(Progress),
 ) -> Result<Ended, PoolError> {
     let (began, before_s) = (Instant::now(), processor_s());
-    let usable: Vec<usize> = match sched_getaffinity(None) {
-        Ok(set) => (0..CpuSet::MAX_CPU).filter(|&core| set.is_set(core)).collect(),
-        Err(_) => Vec::new(),
-    };
-    let shares = deal(&usable, campaign.pace, missing.len(), jobs);
-    let (jobs, cores) = (shares.len(), usable.len().max(1));
+    let topology = Topology::of_this_thread().unwrap_or_default();
+    let shares = deal(&topology, campaign.pace, missing.len(), jobs);
+    let (jobs, cores) = (shares.len(), topology.threads().count().max(1));
     let (next, failed) = (AtomicUsize::new(0), AtomicUsize::new(0));
     let (sender, receiver) = mpsc::channel();
     std::thread::scope(|scope| {
@@ -249,16 +248,26 @@ impl One<'_> {
 
 #[cfg(test)]
 mod tests {
+    use supervisor::cores::topology::Core;
+
     use super::*;
 
     #[test]
     fn runs_in_lockstep_share_no_core_while_there_are_enough_and_in_real_time_go_alone() {
-        let cores = [2, 3, 5, 7];
-        let lockstep = |missing, jobs| deal(&cores, Pace::Lockstep, missing, jobs);
-        assert_eq!(lockstep(100, None), [[2], [3], [5], [7]]);
-        assert_eq!(lockstep(2, None), [[2, 3], [5, 7]], "few runs have more cores each");
-        assert_eq!(lockstep(100, Some(1)), [[2, 3, 5, 7]]);
-        assert_eq!(lockstep(100, Some(6)).len(), 6);
-        assert_eq!(deal(&cores, Pace::Realtime, 100, Some(4)), [[0; 0]]);
+        let core =
+            |threads: &[usize]| Core { threads: threads.into(), cache: 0, node: 0, speed: 1024 };
+        let deal =
+            |topology: &Topology, missing, jobs| deal(topology, Pace::Lockstep, missing, jobs);
+        let single = Topology { cores: [2, 3, 5, 7].map(|cpu| core(&[cpu])).into(), quota: None };
+        assert_eq!(deal(&single, 100, None), [[2], [3], [5], [7]]);
+        assert_eq!(deal(&single, 2, None), [[2, 3], [5, 7]], "few runs have more cores each");
+        assert_eq!(deal(&single, 100, Some(1)), [[2, 3, 5, 7]]);
+        assert_eq!(deal(&single, 100, Some(6)).len(), 6);
+        assert_eq!(super::deal(&single, Pace::Realtime, 100, Some(4)), [[0; 0]]);
+        let double = Topology { cores: vec![core(&[0, 2]), core(&[1, 3])], quota: None };
+        assert_eq!(deal(&double, 100, None), [[0, 2], [1, 3]], "no core has two runs");
+        let paid = Topology { quota: Some(1.5), ..double };
+        assert_eq!(deal(&paid, 100, None), [[0, 2, 1, 3]], "more would only be held up");
+        assert_eq!(deal(&Topology::default(), 100, None), [[0; 0]], "the kernel says nothing");
     }
 }

@@ -7,60 +7,51 @@
 //! has nothing else to do: beside other work the kernel balances better than any fixed deal. Not
 //! for real time, where everybody wakes at a time of his own.
 
+mod deal;
+pub mod topology;
+
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use protocol::barrier::GROUPS_MAX;
 use rustix::process::Pid;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
+use self::deal::Deal;
+use self::topology::Topology;
 use crate::child::Child;
 use crate::spawn::{Launcher, Role};
 use results::usage::Usage;
 
-/// Robots for which one core is faster than two: on one, nobody is woken from afar.
-const ROBOTS_PER_CORE_MIN: usize = 4;
-/// How often it is looked at what others want of the machine.
+/// How often it is looked at what others want of the cores.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
-/// Others want the machine if they take more of it than this, in cores.
+/// Others want the cores if they take more of them than this, in cores.
 const OTHERS_MAX: f64 = 0.3;
+/// After it had to let go it tries again later and later, at most after this long.
+const TRY_AGAIN_MAX: Duration = Duration::from_secs(5);
 
 /// Which core is whose.
 #[derive(Debug)]
 pub(crate) struct Cores {
     usable: CpuSet,
-    /// One for each group of robots.
-    groups: Vec<usize>,
-    plant: usize,
-    /// Never the plant's, for whom everybody waits.
-    supervisor: usize,
+    deal: Deal,
+    /// The cgroups permit only so much processor time: none of it is for keeping cores awake.
+    limited: bool,
 }
 
 impl Cores {
     /// Deals the usable cores to so many robots, beginning with any: runs side by side on a large
-    /// machine shall not all begin with the first. `None` with a single core, or if the kernel
+    /// machine shall not all begin with the first. `None` with a single processor, or if the kernel
     /// does not say.
     pub(crate) fn deal(robots: usize, first: usize) -> Option<Cores> {
         let usable = sched_getaffinity(None).ok()?;
-        let cores: Vec<usize> = (0..CpuSet::MAX_CPU).filter(|&core| usable.is_set(core)).collect();
-        if cores.len() < 2 {
-            return None;
-        }
-        let core = |i: usize| cores[(first + i) % cores.len()];
-        let most = cores.len().min(GROUPS_MAX);
-        let groups = ((robots + 1) / ROBOTS_PER_CORE_MIN).clamp(1, most);
-        // The plant's is that of the group which is released last.
-        let (plant, supervisor) = (core(groups - 1), core(groups));
-        Some(Cores { usable, groups: (0..groups).map(core).collect(), plant, supervisor })
+        let topology = Topology::of_this_thread()?;
+        let deal = Deal::of(&topology, robots, first)?;
+        Some(Cores { usable, deal, limited: topology.quota.is_some() })
     }
 
     /// Into how many groups the robots are dealt, in turns.
     pub(crate) fn groups(&self) -> usize {
-        self.groups.len()
-    }
-
-    fn of_robot(&self, i: usize) -> usize {
-        self.groups[i % self.groups.len()]
+        self.deal.groups.len()
     }
 }
 
@@ -71,8 +62,12 @@ pub(crate) struct Placement {
     launcher: Launcher,
     /// When it was last looked around; `None` before the first time.
     looked: Option<Instant>,
+    /// When it may try again, and how long it waits the next time it has to let go.
+    try_again: Option<Instant>,
+    patience: Duration,
     busy_s: f64,
     ours_s: f64,
+    placed: bool,
     /// While they are placed, one process for each core that keeps it awake.
     awake: Vec<Child>,
     /// One of those could not be started, or there are to be none.
@@ -84,22 +79,25 @@ pub(crate) struct Placement {
 impl Placement {
     /// Nobody is placed yet. `launcher`: of those that keep cores awake.
     pub(crate) fn new(cores: Cores, launcher: Launcher) -> Placement {
-        let without_awake = !launcher.keeps_awake();
+        let without_awake = cores.limited || !launcher.keeps_awake();
         Placement {
             cores,
             launcher,
             looked: None,
+            try_again: None,
+            patience: LOOK_EVERY,
             busy_s: 0.0,
             ours_s: 0.0,
+            placed: false,
             awake: Vec::new(),
             without_awake,
             usage: Usage::default(),
         }
     }
 
-    /// Looks, if it is time, at what others take, and keeps the plant and the robots (by slot) on
-    /// their cores, or lets them go. At first nothing is known of others, and everybody is placed.
-    /// `log`: of those that keep cores awake; a run is right without them, only slower.
+    /// Looks, if it is time, at what others take of these cores, and keeps the plant and the robots
+    /// (by slot) on theirs, or lets them go. At first nothing is known of others, and everybody is
+    /// placed. `log`: of those that keep cores awake; a run is right without them, only slower.
     pub(crate) fn look<'a>(
         &mut self,
         plant: &Child,
@@ -110,31 +108,36 @@ impl Placement {
         if passed.is_some_and(|passed| passed < LOOK_EVERY) {
             return;
         }
-        let Some(busy_s) = busy_s() else { return };
+        let Some(busy_s) = busy_s(self.cores.deal.used()) else { return };
         let processes = robots.clone().map(|(_, child)| child).chain([plant]).chain(&self.awake);
         let ours_s = own_time_s() + processes.map(|child| time_s(child.pid())).sum::<f64>();
-        // A process of ours that died takes its time with it: others seem to have had it.
+        // A process of ours that died takes its time with it: others seem to have had it. One that
+        // was let go takes some of its time elsewhere: others seem to have had less.
         let others_s = (busy_s - self.busy_s) - (ours_s - self.ours_s).max(0.0);
         (self.looked, self.busy_s, self.ours_s) = (Some(Instant::now()), busy_s, ours_s);
         if passed.is_some_and(|passed| others_s > OTHERS_MAX * passed.as_secs_f64()) {
-            if !self.awake.is_empty() {
+            if self.placed {
                 self.let_go(plant, robots);
             }
             return;
         }
-        if self.awake.is_empty() && !self.without_awake {
+        if !self.placed && self.try_again.is_some_and(|at| Instant::now() < at) {
+            return;
+        }
+        if !self.placed && !self.without_awake {
             self.keep_awake(log);
         }
+        self.placed = true;
         // Each time: replacements are somewhere else.
         for (i, child) in robots {
-            keep_on(child.pid(), &alone(self.cores.of_robot(i)));
+            keep_on(child.pid(), &alone(self.cores.deal.of_robot(i)));
         }
-        keep_on(plant.pid(), &alone(self.cores.plant));
-        keep_on(0, &alone(self.cores.supervisor));
+        keep_on(plant.pid(), &alone(self.cores.deal.plant));
+        keep_on(0, &alone(self.cores.deal.supervisor));
     }
 
     fn keep_awake(&mut self, log: &Path) {
-        for &core in &self.cores.groups {
+        for &core in &self.cores.deal.groups {
             match self.launcher.spawn(Role::Awake, log) {
                 Ok(child) => {
                     keep_on(child.pid(), &alone(core));
@@ -151,6 +154,12 @@ impl Placement {
 
     fn let_go<'a>(&mut self, plant: &Child, robots: impl Iterator<Item = (usize, &'a Child)>) {
         self.end();
+        self.placed = false;
+        // Where there are other cores, what is left on these says little: it is tried.
+        if self.cores.deal.used().count() < self.cores.usable.count() as usize {
+            self.try_again = Some(Instant::now() + self.patience);
+            self.patience = (2 * self.patience).min(TRY_AGAIN_MAX);
+        }
         for child in robots.map(|(_, child)| child).chain([plant]) {
             keep_on(child.pid(), &self.cores.usable);
         }
@@ -186,18 +195,29 @@ fn keep_on(pid: u32, cores: &CpuSet) {
 /// Whether processes can be kept on cores, and it can be seen what others want of them: tried on
 /// the calling thread, which stays where it is.
 pub fn try_to_keep() -> Result<(), String> {
-    let tried = sched_getaffinity(None).and_then(|usable| sched_setaffinity(None, &usable));
-    tried.map_err(|error| format!("sched_setaffinity: {error}"))?;
-    busy_s().map(|_| ()).ok_or_else(|| "/proc/stat is not readable".into())
+    let refused = |error| format!("sched_setaffinity: {error}");
+    let usable = sched_getaffinity(None).map_err(refused)?;
+    sched_setaffinity(None, &usable).map_err(refused)?;
+    let first = (0..CpuSet::MAX_CPU).find(|&processor| usable.is_set(processor));
+    let busy_s = busy_s(first.into_iter());
+    busy_s.map(|_| ()).ok_or_else(|| "/proc/stat is not readable".into())
 }
 
-/// Processor time that all processes of the machine took since it started, s.
-fn busy_s() -> Option<f64> {
+/// Processor time that all processes took on these processors since the machine started, s.
+fn busy_s(processors: impl Iterator<Item = usize>) -> Option<f64> {
     let stat = std::fs::read_to_string("/proc/stat").ok()?;
-    let mut ticks = stat.lines().next()?.split_whitespace().skip(1).map(str::parse::<f64>);
-    let mut next = || ticks.next()?.ok();
-    let (user, nice, system) = (next()?, next()?, next()?);
-    Some((user + nice + system) / rustix::param::clock_ticks_per_second() as f64)
+    let mut ticks = 0.0;
+    for processor in processors {
+        let line = stat.lines().find_map(|line| {
+            let rest = line.strip_prefix("cpu")?.strip_prefix(&processor.to_string())?;
+            rest.strip_prefix(' ')
+        })?;
+        let mut times = line.split_whitespace().map(str::parse::<f64>);
+        let mut next = || times.next()?.ok();
+        let (user, nice, system) = (next()?, next()?, next()?);
+        ticks += user + nice + system;
+    }
+    Some(ticks / rustix::param::clock_ticks_per_second() as f64)
 }
 
 /// Processor time that a process took so far, s; 0 if it is gone.
@@ -228,35 +248,9 @@ mod tests {
     use std::process::Command;
 
     #[test]
-    fn every_robot_and_the_plant_have_a_core_of_this_machine() {
-        let usable = sched_getaffinity(None).unwrap();
-        for robots in [1, 2, 3, 8, 64, 4096] {
-            for first in 0..5 {
-                let Some(cores) = Cores::deal(robots, first) else {
-                    assert!(usable.count() < 2);
-                    continue;
-                };
-                assert!(cores.groups() <= robots.min(GROUPS_MAX));
-                for core in (0..robots).map(|i| cores.of_robot(i)).chain([cores.plant]) {
-                    assert!(usable.is_set(core) && cores.groups.contains(&core));
-                }
-                assert!(usable.is_set(cores.supervisor) && cores.supervisor != cores.plant);
-            }
-        }
-    }
-
-    #[test]
-    fn few_robots_share_one_core() {
-        if let Some(cores) = Cores::deal(3, 0) {
-            assert_eq!(cores.groups(), 1);
-            assert!(Cores::deal(8, 0).unwrap().groups() > 1);
-        }
-    }
-
-    #[test]
     fn without_what_keeps_cores_awake_the_others_are_placed_all_the_same() {
         let Some(cores) = Cores::deal(1, 0) else { return };
-        let plants_core = cores.plant;
+        let plants_core = cores.deal.plant;
         let sleep = Command::new("sleep").arg("1000").spawn().unwrap();
         let plant = Child::watch(sleep, Path::new("/dev/null")).unwrap();
         let mut placement = Placement::new(cores, Launcher::of("/no/such/executable"));
@@ -271,7 +265,9 @@ mod tests {
     fn the_time_of_this_process_is_part_of_what_the_machine_took() {
         let own = own_time_s();
         assert!(own > 0.0 && time_s(std::process::id()) >= own);
-        assert!(busy_s().unwrap() > 0.0);
+        assert!(busy_s(std::iter::once(0)).is_none_or(|busy_s| busy_s > 0.0));
+        assert_eq!(busy_s(std::iter::once(CpuSet::MAX_CPU)), None);
+        assert_eq!(busy_s(std::iter::empty()), Some(0.0));
         assert_eq!(time_s(4_194_305), 0.0, "there is no such process");
     }
 }

@@ -1,0 +1,242 @@
+//! Which process of a lockstep run gets which logical processor: a pure function of the machine.
+//!
+//! In lockstep everybody waits for the slowest. So robots are dealt evenly to whole cores, as many as
+//! are worth it, all about equally fast, close to each other; a second thread of a core gets none.
+
+use protocol::barrier::GROUPS_MAX;
+
+use super::topology::{Core, Topology};
+
+/// Robots for which one core is faster than two: on one, nobody is woken from afar.
+const ROBOTS_PER_CORE_MIN: usize = 4;
+
+/// Which logical processor is whose.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Deal {
+    /// Of each group of robots; robots are dealt to the groups in turns.
+    pub(super) groups: Vec<usize>,
+    /// That of the group which is released last.
+    pub(super) plant: usize,
+    /// Never the plant's, for whom everybody waits.
+    pub(super) supervisor: usize,
+}
+
+impl Deal {
+    /// For so many robots. `first`: any number; runs side by side on a large machine shall not all
+    /// take the same cores. `None` with a single logical processor.
+    pub(super) fn of(topology: &Topology, robots: usize, first: usize) -> Option<Deal> {
+        let wanted =
+            ((robots + 1) / ROBOTS_PER_CORE_MIN).clamp(1, topology.whole_cores().min(GROUPS_MAX));
+        let (fast, cores) = fast_together(topology, wanted);
+        let taken = close_together(fast, cores, first);
+        let groups: Vec<usize> = taken.iter().map(|core| core.threads[0]).collect();
+        let plant = *groups.last()?;
+        // A free core; else a second thread, the plant's last; else another group's.
+        let free = topology.cores.iter().filter(|core| !taken.contains(core));
+        let free = free.min_by_key(|core| distance(core, taken[0]));
+        let second = taken.iter().find_map(|core| core.threads.get(1).copied());
+        let other = groups.iter().copied().find(|&cpu| cpu != plant);
+        let supervisor = free.map(|core| core.threads[0]).or(second).or(other)?;
+        Some(Deal { groups, plant, supervisor })
+    }
+
+    pub(super) fn of_robot(&self, i: usize) -> usize {
+        self.groups[i % self.groups.len()]
+    }
+
+    /// All that it gives to anybody.
+    pub(super) fn used(&self) -> impl Iterator<Item = usize> + '_ {
+        let beside = (!self.groups.contains(&self.supervisor)).then_some(self.supervisor);
+        self.groups.iter().copied().chain(beside)
+    }
+}
+
+/// On how many cores, `wanted` at most, robots that are dealt evenly get most done, all at the pace of
+/// the slowest; with all cores that are fast enough for it.
+fn fast_together(topology: &Topology, wanted: usize) -> (Vec<&Core>, usize) {
+    let mut speeds: Vec<u32> = topology.cores.iter().map(|core| core.speed).collect();
+    speeds.sort_unstable_by_key(|&speed| std::cmp::Reverse(speed));
+    let done = |&cores: &usize| cores as u64 * u64::from(speeds[cores - 1]);
+    // Of equals the smaller number: fewer are woken from afar.
+    let cores = (1..=wanted.min(speeds.len())).rev().max_by_key(done).unwrap_or(0);
+    let slowest = speeds.get(cores.wrapping_sub(1)).copied().unwrap_or(0);
+    (topology.cores.iter().filter(|core| core.speed >= slowest).collect(), cores)
+}
+
+/// What close cores have in common.
+type Domain = fn(&Core) -> (usize, usize);
+
+/// So many of these: with one last-level cache if any has enough of them, else on one node, else
+/// next to each other.
+fn close_together(mut from: Vec<&Core>, cores: usize, first: usize) -> Vec<&Core> {
+    from.sort_by_key(|core| (core.node, core.cache, core.threads[0]));
+    let by: [Domain; 3] = [|core| (core.node, core.cache), |core| (core.node, 0), |_| (0, 0)];
+    for domain in by {
+        let domains = from.chunk_by(|a, b| domain(a) == domain(b));
+        let enough: Vec<_> = domains.filter(|domain| domain.len() >= cores).collect();
+        if let Some(&domain) = enough.get(first % enough.len().max(1)) {
+            let start = first / enough.len();
+            return (0..cores).map(|i| domain[(start + i) % domain.len()]).collect();
+        }
+    }
+    Vec::new()
+}
+
+/// The nearer, the smaller.
+fn distance(a: &Core, b: &Core) -> (bool, bool, u32) {
+    (a.node != b.node, a.cache != b.cache, a.speed.abs_diff(b.speed))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fmt::Write as _;
+    use std::fs;
+    use std::path::{Path, PathBuf};
+
+    use super::super::topology::numbers;
+    use super::*;
+
+    fn folder() -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("src/cores/topologies")
+    }
+
+    /// A machine as these files have it: `quota`, and for each kind of cores their threads (of one
+    /// core joined by `+`), cache, node and speed.
+    fn read(text: &str) -> Topology {
+        let mut topology = Topology::default();
+        for line in text.lines().filter(|line| !line.starts_with('#')) {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            match words[..] {
+                ["quota", quota] => topology.quota = Some(quota.parse().unwrap()),
+                ["cores", threads, "cache", cache, "node", node, "speed", speed] => {
+                    let threads: Vec<Vec<usize>> = threads.split('+').map(numbers).collect();
+                    topology.cores.extend((0..threads[0].len()).map(|i| Core {
+                        threads: threads.iter().map(|thread| thread[i]).collect(),
+                        cache: cache.parse().unwrap(),
+                        node: node.parse().unwrap(),
+                        speed: speed.parse().unwrap(),
+                    }));
+                }
+                _ => panic!("{line}"),
+            }
+        }
+        topology
+    }
+
+    /// Every machine of the folder, by name.
+    fn machines() -> Vec<(String, Topology)> {
+        let files = fs::read_dir(folder()).unwrap().map(|entry| entry.unwrap().path());
+        let files = files.filter(|path| path.extension().is_some_and(|of| of == "cores"));
+        let mut machines: Vec<_> = files
+            .map(|path| {
+                let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
+                (name, read(&fs::read_to_string(&path).unwrap()))
+            })
+            .collect();
+        machines.sort_by(|a, b| a.0.cmp(&b.0));
+        assert!(machines.len() >= 12, "{}", machines.len());
+        machines
+    }
+
+    fn core_of(topology: &Topology, cpu: usize) -> &Core {
+        topology.cores.iter().find(|core| core.threads.contains(&cpu)).expect("it may be used")
+    }
+
+    #[test]
+    fn no_two_groups_share_a_core_and_nobody_is_where_it_may_not_be() {
+        for (name, topology) in machines() {
+            for robots in 1..200 {
+                for first in 0..40 {
+                    let Some(deal) = Deal::of(&topology, robots, first) else {
+                        assert!(topology.threads().count() < 2, "{name}");
+                        continue;
+                    };
+                    let mut cores: Vec<&Core> =
+                        deal.groups.iter().map(|&cpu| core_of(&topology, cpu)).collect();
+                    cores.sort_by_key(|core| core.threads[0]);
+                    assert!(cores.windows(2).all(|two| two[0] != two[1]), "{name} {deal:?}");
+                    assert!(cores.len() <= topology.whole_cores().min(GROUPS_MAX).min(robots));
+                    assert_eq!(Some(&deal.plant), deal.groups.last());
+                    core_of(&topology, deal.supervisor);
+                    assert_ne!(deal.supervisor, deal.plant, "{name}");
+                    assert!((0..robots).all(|i| deal.groups.contains(&deal.of_robot(i))));
+                }
+            }
+        }
+    }
+
+    /// What the fewest domains are that have so many cores, if any domain may be the first.
+    #[test]
+    fn groups_that_fit_below_one_cache_or_on_one_node_are_there() {
+        for (name, topology) in machines() {
+            for (robots, first) in (1..100).flat_map(|robots| (0..8).map(move |i| (robots, i))) {
+                let Some(deal) = Deal::of(&topology, robots, first) else { continue };
+                let slowest =
+                    deal.groups.iter().map(|&cpu| core_of(&topology, cpu).speed).min().unwrap();
+                let fast = || topology.cores.iter().filter(|core| core.speed >= slowest);
+                let among = |of: fn(&Core) -> usize| {
+                    let is = |core: &Core| of(core);
+                    let fits = fast().any(|core| {
+                        fast().filter(|other| of(other) == of(core)).count() >= deal.groups.len()
+                    });
+                    let first = is(core_of(&topology, deal.groups[0]));
+                    let one = deal.groups.iter().all(|&cpu| is(core_of(&topology, cpu)) == first);
+                    assert!(one || !fits, "{name} {robots} {deal:?}");
+                };
+                among(|core| core.cache);
+                among(|core| core.node);
+            }
+        }
+    }
+
+    #[test]
+    fn few_robots_share_the_fastest_core_and_runs_side_by_side_begin_elsewhere() {
+        for (name, topology) in machines() {
+            let fastest = topology.cores.iter().map(|core| core.speed).max().unwrap();
+            let alike = topology.cores.iter().filter(|core| core.speed == fastest).count();
+            let deals = (0..alike).filter_map(|first| Deal::of(&topology, 3, first));
+            let mut plants: Vec<usize> = deals.map(|deal| deal.plant).collect();
+            assert!(plants.iter().all(|&cpu| core_of(&topology, cpu).speed == fastest), "{name}");
+            let all = plants.len();
+            plants.sort_unstable();
+            plants.dedup();
+            assert_eq!(plants.len(), all, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_slow_core_is_left_out_if_all_would_wait_for_it() {
+        let cores = |slow: u32| {
+            read(&format!(
+                "cores 0-3 cache 0 node 0 speed 1024\ncores 4-7 cache 0 node 0 speed {slow}"
+            ))
+        };
+        let groups = |topology| Deal::of(&topology, 64, 0).unwrap().groups.len();
+        assert_eq!(groups(cores(500)), 4, "8 at 500 do less than 4 at 1024");
+        assert_eq!(groups(cores(600)), 8);
+    }
+
+    /// The file is the table that was reviewed. `PHALANX_BLESS=1` writes it again.
+    #[test]
+    fn every_machines_table_is_as_reviewed() {
+        let mut table =
+            "machine                robots  groups' processors | plant | supervisor\n".to_owned();
+        for (name, topology) in machines() {
+            for robots in [3, 8, 64] {
+                let dealt = match Deal::of(&topology, robots, 0) {
+                    None => "nobody is kept anywhere".to_owned(),
+                    Some(Deal { groups, plant, supervisor }) => {
+                        let groups: Vec<String> = groups.iter().map(usize::to_string).collect();
+                        format!("{} | {plant} | {supervisor}", groups.join(" "))
+                    }
+                };
+                writeln!(table, "{name:<22} {robots:>6}  {dealt}").unwrap();
+            }
+        }
+        let path = folder().join("placements.txt");
+        if std::env::var_os("PHALANX_BLESS").is_some() {
+            fs::write(&path, &table).unwrap();
+        }
+        assert_eq!(fs::read_to_string(&path).unwrap(), table);
+    }
+}

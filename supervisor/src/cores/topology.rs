@@ -1,0 +1,248 @@
+//! What this process may use of a machine's processors: whole cores, their threads, how fast they are,
+//! and which of them are close to each other.
+//!
+//! Read from sysfs, the calling thread's affinity (which respects a cpuset) and the quota of its
+//! cgroups. What the kernel does not say counts as one thread per core, all alike, all close.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use rustix::thread::{CpuSet, sched_getaffinity};
+
+/// Speed of a core by the kernel's `cpu_capacity`, of the fastest ones.
+const FULL_SPEED: u32 = 1024;
+/// Speed of the small cores of a hybrid processor whose kernel has no `cpu_capacity`.
+const SMALL_SPEED: u32 = 600;
+
+/// A core: its threads share one execution unit, so that two busy threads slow each other down.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Core {
+    /// Its logical processors that may be used, ascending; at least one.
+    pub threads: Vec<usize>,
+    /// Which cores share a last-level cache with it: the same number.
+    pub cache: usize,
+    /// Its NUMA node.
+    pub node: usize,
+    /// How fast it is; the fastest of a machine have 1024.
+    pub speed: u32,
+}
+
+/// What may be used.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Topology {
+    /// Ascending by their first thread.
+    pub cores: Vec<Core>,
+    /// Processor time per time that the cgroups permit, if they set a limit.
+    pub quota: Option<f64>,
+}
+
+impl Topology {
+    /// Of this machine, for the calling thread. `None` if the kernel does not say what may be used.
+    pub fn of_this_thread() -> Option<Topology> {
+        let set = sched_getaffinity(None).ok()?;
+        let usable: Vec<usize> = (0..CpuSet::MAX_CPU).filter(|&cpu| set.is_set(cpu)).collect();
+        (!usable.is_empty()).then(|| Topology::read(Path::new("/"), &usable))
+    }
+
+    /// Of the logical processors `usable`, ascending, by the files below `root`, which is `/`.
+    pub fn read(root: &Path, usable: &[usize]) -> Topology {
+        let system = root.join("sys/devices/system");
+        let small = list(&root.join("sys/devices/cpu_atom/cpus"));
+        let nodes = nodes(&system.join("node"));
+        let mut cores = BTreeMap::<usize, Core>::new();
+        for &cpu in usable {
+            let folder = system.join(format!("cpu/cpu{cpu}"));
+            let siblings = list(&folder.join("topology/thread_siblings_list"));
+            let core = siblings.first().copied().unwrap_or(cpu);
+            let unknown = if small.contains(&cpu) { SMALL_SPEED } else { FULL_SPEED };
+            let core = cores.entry(core).or_insert_with(|| Core {
+                threads: Vec::new(),
+                cache: last_cache(&folder.join("cache")).unwrap_or(0),
+                node: nodes.iter().position(|node| node.contains(&cpu)).unwrap_or(0),
+                speed: number(&folder.join("cpu_capacity")).unwrap_or(unknown),
+            });
+            core.threads.push(cpu);
+        }
+        let mut cores: Vec<Core> = cores.into_values().collect();
+        cores.sort_by_key(|core| core.threads[0]);
+        Topology { cores, quota: quota(root) }
+    }
+
+    /// How many whole cores may be busy at once, at least one: no more than the quota pays for.
+    pub fn whole_cores(&self) -> usize {
+        let paid = self.quota.map_or(usize::MAX, |quota| quota.floor() as usize);
+        self.cores.len().min(paid).max(1)
+    }
+
+    /// All logical processors, by core.
+    pub fn threads(&self) -> impl Iterator<Item = usize> + '_ {
+        self.cores.iter().flat_map(|core| core.threads.iter().copied())
+    }
+}
+
+/// The numbers of a list such as `0-3,8`; none if there is no such file.
+fn list(path: &Path) -> Vec<usize> {
+    fs::read_to_string(path).map(|text| numbers(text.trim())).unwrap_or_default()
+}
+
+pub(super) fn numbers(text: &str) -> Vec<usize> {
+    let range = |part: &str| {
+        let (first, last) = part.split_once('-').unwrap_or((part, part));
+        Some(first.trim().parse().ok()?..=last.trim().parse().ok()?)
+    };
+    text.split(',').filter_map(range).flatten().collect()
+}
+
+fn number<T: FromStr>(path: &Path) -> Option<T> {
+    fs::read_to_string(path).ok()?.trim().parse().ok()
+}
+
+/// The processors of each NUMA node.
+fn nodes(folder: &Path) -> Vec<Vec<usize>> {
+    let nodes = list(&folder.join("online"));
+    nodes.iter().map(|node| list(&folder.join(format!("node{node}/cpulist")))).collect()
+}
+
+/// The first processor that shares the cache of the highest level.
+fn last_cache(folder: &Path) -> Option<usize> {
+    let caches = fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path());
+    let with_level = caches.filter_map(|cache| Some((number::<u32>(&cache.join("level"))?, cache)));
+    let (_, last) = with_level.max()?;
+    list(&last.join("shared_cpu_list")).first().copied()
+}
+
+/// The smallest limit of the cgroups that this process is in and those above them.
+fn quota(root: &Path) -> Option<f64> {
+    let groups = fs::read_to_string(root.join("proc/self/cgroup")).ok()?;
+    // Each line is number, controllers (none: version 2) and path.
+    let of_line = |line: &str| {
+        let mut parts = line.splitn(3, ':').skip(1);
+        let (controllers, path) = (parts.next()?, PathBuf::from(parts.next()?));
+        let (mount, version_2) = match controllers {
+            "" => ("sys/fs/cgroup".to_owned(), true),
+            of if of.split(',').any(|name| name == "cpu") => (format!("sys/fs/cgroup/{of}"), false),
+            _ => return None,
+        };
+        let mount = root.join(mount);
+        let folders = path.ancestors().map(|path| match path.strip_prefix("/") {
+            Ok(below) => mount.join(below),
+            Err(_) => mount.join(path),
+        });
+        folders.filter_map(|folder| limit(&folder, version_2)).min_by(f64::total_cmp)
+    };
+    groups.lines().filter_map(of_line).min_by(f64::total_cmp)
+}
+
+/// The limit of one cgroup, if it has one.
+fn limit(folder: &Path, version_2: bool) -> Option<f64> {
+    let (time, of) = match version_2 {
+        true => {
+            let text = fs::read_to_string(folder.join("cpu.max")).ok()?;
+            let (time, of) = text.trim().split_once(' ')?;
+            // Without a limit: the word `max`.
+            (time.parse().ok()?, of.parse().ok()?)
+        }
+        false => {
+            // Without a limit: -1.
+            (number(&folder.join("cpu.cfs_quota_us"))?, number(&folder.join("cpu.cfs_period_us"))?)
+        }
+    };
+    let (time, of): (f64, f64) = (time, of);
+    (time > 0.0 && of > 0.0).then_some(time / of)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A machine's files, made of their names and texts.
+    fn machine(files: &[(&str, &str)]) -> tempfile::TempDir {
+        let root = tempfile::tempdir().unwrap();
+        for (name, text) in files {
+            let path = root.path().join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, format!("{text}\n")).unwrap();
+        }
+        root
+    }
+
+    #[test]
+    fn threads_caches_nodes_and_speeds_are_read_from_sysfs() {
+        let cpu = |i: usize, name: &str| format!("sys/devices/system/cpu/cpu{i}/{name}");
+        let mut files = vec![
+            ("sys/devices/system/node/online".to_owned(), "0-1"),
+            ("sys/devices/system/node/node0/cpulist".to_owned(), "0,2"),
+            ("sys/devices/system/node/node1/cpulist".to_owned(), "1,3"),
+            ("sys/devices/cpu_atom/cpus".to_owned(), "3"),
+        ];
+        for (i, siblings, cache) in
+            [(0, "0,2", "0,2"), (2, "0,2", "0,2"), (1, "1", "1,3"), (3, "3", "1,3")]
+        {
+            files.push((cpu(i, "topology/thread_siblings_list"), siblings));
+            files.push((cpu(i, "cache/index0/level"), "1"));
+            files.push((cpu(i, "cache/index0/shared_cpu_list"), siblings));
+            files.push((cpu(i, "cache/index3/level"), "3"));
+            files.push((cpu(i, "cache/index3/shared_cpu_list"), cache));
+        }
+        files.push((cpu(1, "cpu_capacity"), "446"));
+        let files: Vec<(&str, &str)> = files.iter().map(|(name, text)| (&**name, *text)).collect();
+        let root = machine(&files);
+        let core = |threads: &[usize], cache, node, speed| Core {
+            threads: threads.to_vec(),
+            cache,
+            node,
+            speed,
+        };
+        let all = Topology::read(root.path(), &[0, 1, 2, 3]);
+        assert_eq!(
+            all.cores,
+            [core(&[0, 2], 0, 0, 1024), core(&[1], 1, 1, 446), core(&[3], 1, 1, SMALL_SPEED)]
+        );
+        let some = Topology::read(root.path(), &[2, 3]);
+        assert_eq!(some.cores, [core(&[2], 0, 0, 1024), core(&[3], 1, 1, SMALL_SPEED)]);
+        assert_eq!((all.whole_cores(), some.whole_cores(), all.quota), (3, 2, None));
+    }
+
+    #[test]
+    fn a_machine_that_says_nothing_has_one_thread_per_core() {
+        let root = machine(&[]);
+        let topology = Topology::read(root.path(), &[4, 6]);
+        let threads: Vec<_> = topology.cores.iter().map(|core| core.threads.clone()).collect();
+        assert_eq!((threads, topology.quota), (vec![vec![4], vec![6]], None));
+    }
+
+    #[test]
+    fn the_smallest_limit_of_a_cgroup_and_those_above_it_counts() {
+        let version_2 = machine(&[
+            ("proc/self/cgroup", "0::/docker/run"),
+            ("sys/fs/cgroup/docker/run/cpu.max", "max 100000"),
+            ("sys/fs/cgroup/docker/cpu.max", "150000 100000"),
+        ]);
+        assert_eq!(quota(version_2.path()), Some(1.5));
+        let version_1 = machine(&[
+            ("proc/self/cgroup", "5:memory:/x\n3:cpu,cpuacct:/job\n0::/"),
+            ("sys/fs/cgroup/cpu,cpuacct/job/cpu.cfs_quota_us", "-1"),
+            ("sys/fs/cgroup/cpu,cpuacct/job/cpu.cfs_period_us", "100000"),
+            ("sys/fs/cgroup/cpu,cpuacct/cpu.cfs_quota_us", "50000"),
+            ("sys/fs/cgroup/cpu,cpuacct/cpu.cfs_period_us", "100000"),
+        ]);
+        assert_eq!(quota(version_1.path()), Some(0.5));
+        let topology = Topology::read(version_1.path(), &[0, 1]);
+        assert_eq!(topology.whole_cores(), 1);
+        assert_eq!(quota(machine(&[("proc/self/cgroup", "0::/")]).path()), None);
+    }
+
+    #[test]
+    fn this_machine_has_the_processors_that_the_kernel_lets_this_thread_use() {
+        let Some(topology) = Topology::of_this_thread() else { return };
+        let set = sched_getaffinity(None).unwrap();
+        let mut threads: Vec<usize> = topology.threads().collect();
+        threads.sort_unstable();
+        assert_eq!(
+            threads,
+            (0..CpuSet::MAX_CPU).filter(|&cpu| set.is_set(cpu)).collect::<Vec<_>>()
+        );
+    }
+}

@@ -1,8 +1,9 @@
 (** What the theorems rest on beside their hypotheses: the axioms of Coq's real numbers. The check
     compares this answer with `axioms.txt`. *)
 
-From Phalanx Require Import Promise Braking Obstacles.
+From Phalanx Require Import Promise Braking Obstacles Walls.
 
 Print Assumptions no_two_robots_are_ever_nearer_than_d.
 Print Assumptions no_two_braking_robots_are_ever_nearer_than_d.
 Print Assumptions no_braking_robot_comes_nearer_to_an_obstacle.
+Print Assumptions no_robot_that_stops_at_once_comes_nearer_to_an_obstacle.

@@ -85,6 +85,7 @@ pub struct Brain {
     sensed: Option<(u64, Vec2)>,
     away: Vec<Vec2>,
     velocities: Vec<Vec2>,
+    walls: Vec<Vec2>,
     sequence: u64,
     beacons_refused: u64,
     newest: Option<(u64, u64)>,
@@ -128,6 +129,7 @@ impl Brain {
             sensed: None,
             away: Vec::with_capacity(PROXIMITY_MAX),
             velocities: Vec::new(),
+            walls: Vec::new(),
             sequence: 0,
             beacons_refused: 0,
             newest: None,
@@ -229,6 +231,8 @@ impl Brain {
 
         self.velocities.clear();
         self.velocities.extend(odometry.velocities());
+        self.walls.clear();
+        self.walls.extend(odometry.walls().map(|nearest| alpha - nearest));
         let until_effect_s = effect_ns.saturating_sub(odometry.stamp_ns) as f64 / 1e9;
         let sample = Sample {
             stamp_ns: odometry.stamp_ns,
@@ -242,6 +246,8 @@ impl Brain {
             proximity_valid: odometry.proximity_valid == 1,
             proximity_cut: odometry.proximity_cut == 1,
             velocities: &self.velocities,
+            walls: &self.walls,
+            walls_cut: odometry.walls_cut == 1,
         };
         let twist = self.avoidance.steer(&sample, gamma);
         let published = match self.published_velocity {

@@ -94,6 +94,8 @@ pub fn plant(scenario: &Scenario, pace: Pace, run_root: &Path) -> PlantBrief {
         speed_max_m_s: scenario.method.clamps_speed.then_some(avoidance.speed_max_m_s),
         sensing_radius_m: avoidance.sensing_radius_m,
         velocities_sensed: scenario.method.senses == Senses::Velocities,
+        clearance_m: avoidance.clearance_m,
+        obstacles: scenario.walls.iter().map(|wall| wall.shape.clone()).collect(),
         robots: robots.collect(),
     }
 }

@@ -59,6 +59,7 @@ pub fn row_of_three() -> Scenario {
             sensing_error_m: 0.0,
             heading_error_rad: 0.0,
             braking_time_max_s: 0.0,
+            clearance_m: 0.0,
             gains: BTreeMap::new(),
         },
         silence: SilenceBrief {
@@ -68,11 +69,13 @@ pub fn row_of_three() -> Scenario {
         },
         robots: vec![robot("r1"), robot("r2"), robot("r3")],
         graph: FormationGraph::new(3, vec![behind(0, 1), behind(1, 2)]),
+        walls: Vec::new(),
         faults: Vec::new(),
         lead: None,
         expect: Expectations {
             hull_distance_m_max: None,
             min_distance_m: None,
+            min_clearance_m: None,
             final_error_m_max: None,
             final_ideal_error_m_max: None,
             tracking_error_m_max: None,

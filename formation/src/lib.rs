@@ -21,6 +21,7 @@
 //! | `closest_over_time` | the same at every instant of a run |
 //! | `near` | which robots are near which, from one instant to the next? |
 //! | `cells` | which may be, among many? |
+//! | `obstacle` | which point of a wall is nearest, and which walls are near? |
 //! | `random` | what does a seed draw? |
 
 // Here, because everything is built on this: whoever builds elsewhere sees this sentence and no other.
@@ -39,6 +40,7 @@ pub mod graph;
 pub mod hull;
 pub mod laplacian;
 pub mod near;
+pub mod obstacle;
 pub mod path;
 pub mod pose;
 pub mod ramp;

@@ -172,6 +172,8 @@ fn questions(
         };
     let value = measures.min_distance_m;
     ask("min_distance_m", expect.min_distance_m, value, at_least, About::Nobody, 0.0);
+    let value = measures.min_clearance.as_ref().map(|clearance| clearance.distance_m);
+    ask("min_clearance_m", expect.min_clearance_m, value, at_least, About::Nobody, 0.0);
     let (bound, value) = (expect.final_error_m_max, measures.final_error_m_max);
     ask("final_error_m_max", bound, value, at_most, About::Formation, last_s);
     let (bound, value) = (expect.final_ideal_error_m_max, measures.final_ideal_error_m_max);

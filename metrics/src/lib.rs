@@ -6,6 +6,7 @@
 //! |---|---|
 //! | `distance` | how near did any two come to each other, and when? |
 //! | `closest` | what is the nearest of two? |
+//! | `clearance` | how near did anybody come to a wall, and where? |
 //! | `pairs` | how near did every pair come? |
 //! | `error` | how far is each robot from where its role wants it? |
 //! | `target` | where does its role want it? |
@@ -21,6 +22,7 @@
 //! | `truths` | are two runs the same, and is any truth missing? |
 //! | `hash` | how does a trajectory become one word? |
 
+mod clearance;
 mod closest;
 mod containment;
 mod distance;
@@ -46,6 +48,8 @@ use protocol::brief::Pace;
 use protocol::message::{Contact, TruthHeader, TruthRow};
 use serde::Serialize;
 
+pub use clearance::Clearance;
+use clearance::Clearances;
 use containment::Containment;
 use distance::Distances;
 use error::Errors;
@@ -73,6 +77,7 @@ pub struct Metrics {
     alive: Vec<bool>,
     truths: Truths,
     distances: Distances,
+    clearances: Clearances,
     /// What the formation turns and grows with; `None` without a main leader.
     frame: Option<IdealFrame>,
     errors: Errors,
@@ -104,6 +109,10 @@ pub struct Measures {
     pub min_distance_t_s: Option<f64>,
     /// Ticks (arcs' ends, in real time) at which some pair was nearer than d.
     pub violations: u64,
+    /// The smallest distance of a front point from a wall or obstacle; `None` without any.
+    pub min_clearance: Option<Clearance>,
+    /// Ticks (arcs' ends, in real time) at which some front point was nearer to one than the clearance.
+    pub clearance_violations: u64,
     /// Worst error over the last 10 % of the run by robot, m; `None` for one that hears nobody or
     /// was dead all that time.
     pub final_error_m: Vec<(String, Option<f64>)>,
@@ -158,6 +167,7 @@ impl Metrics {
             alive: vec![true; robots],
             truths: Truths::new(pace),
             distances: Distances::new(robots, scenario.avoidance.distance_min_m),
+            clearances: Clearances::new(scenario),
             frame: IdealFrame::new(scenario),
             errors: Errors::new(scenario, final_from_ns),
             ideal: Ideal::new(scenario, final_from_ns),
@@ -184,6 +194,7 @@ impl Metrics {
             }
         }
         self.truths.truth(header.tick, t_ns, rows);
+        self.clearances.truth(header);
         self.alive.clear();
         self.alive.extend_from_slice(alive);
         for ((alpha, row), ell) in self.alphas.iter_mut().zip(rows).zip(&self.front_points_m) {
@@ -275,6 +286,8 @@ impl Metrics {
                 .map(|closest| closest.pair.map(|robot| self.names[robot].clone())),
             min_distance_t_s: closest.map(|closest| seconds(closest.t_ns)),
             violations: self.distances.violations(),
+            min_clearance: self.clearances.smallest(),
+            clearance_violations: self.clearances.violations(),
             final_error_m: by_name(self.errors.finals().by_robot_m()),
             final_error_m_max: self.errors.finals().max_m(),
             final_ideal_error_m: by_name(self.ideal.finals().by_robot_m()),

@@ -12,6 +12,7 @@ use protocol::brief::Pace;
 pub use protocol::stage::Cause;
 use serde::{Deserialize, Serialize};
 
+use crate::clearance::Clearance;
 use crate::expect::Expectation;
 use crate::fault::FaultReport;
 
@@ -44,6 +45,11 @@ pub struct Summary {
     pub min_distance_t_s: Option<f64>,
     /// Ticks at which some pair was nearer than d.
     pub violations: u64,
+    /// The smallest distance of a front point from a wall or obstacle, m, whose it was, from which, where and
+    /// when.
+    pub min_clearance: Option<Clearance>,
+    /// Ticks at which some front point was nearer to one than the clearance.
+    pub clearance_violations: u64,
     /// Worst error over the last 10 % of the run by robot, m.
     #[serde(with = "by_name")]
     pub final_error_m: Vec<(String, Option<f64>)>,

@@ -6,6 +6,8 @@
 //! Coq, in `proof/Plant.v::in_force`. A robot with limits goes towards the command in force, and
 //! towards 0 where there is none, no faster than they allow.
 
+mod walls;
+
 use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::front_point::{front_point, front_speed, front_velocity};
@@ -16,6 +18,7 @@ use protocol::fault::{Sensor, SensorFault, SensorFaultKind, WheelFaultKind};
 use protocol::message::{Command, Odometry, PROXIMITY_MAX, TruthHeader, TruthRow};
 
 use crate::motion::{Motion, State, Unicycles};
+use walls::Walls;
 
 /// Speeds above the limit by less than this share are rounding, not worth counting.
 const SPEED_TOLERANCE: f64 = 1e-9;
@@ -42,6 +45,7 @@ pub struct World<M = Unicycles> {
     near: NearPairs,
     closest: Option<(ClosestPair, u64)>,
     violations: u64,
+    walls: Walls,
     counters: Counters,
 }
 
@@ -115,7 +119,10 @@ impl<M: Motion> World<M> {
         let reach_m = brief.sensing_radius_m.max(brief.distance_min_m).max(apart_m);
         let mut near = NearPairs::new(reach_m);
         near.update(&alphas);
+        let mut walls = Walls::new(brief);
+        walls.look(&alphas, 0);
         World {
+            walls,
             start_ns: 0,
             t_ns: 0,
             tick: 0,
@@ -229,6 +236,7 @@ impl<M: Motion> World<M> {
         for ((alpha, robot), state) in self.alphas.iter_mut().zip(&self.robots).zip(&self.states) {
             *alpha = front_point(state.pose, robot.body.front_point_m);
         }
+        self.walls.look(&self.alphas, self.t_ns);
         self.near.update(&self.alphas);
         // If none of those near is the closest of all, the closest is no news either.
         if let Some(pair) = self.near.closest(&self.alphas) {
@@ -257,6 +265,10 @@ impl<M: Motion> World<M> {
         }
         if works(Sensor::Proximity) {
             self.sense_the_near(robot, &mut sample);
+            let radius_m = self.sensing_radius_m;
+            // Numbered after the front points of others.
+            let off_m = |item| self.noise_m(body, Sensor::Proximity, (PROXIMITY_MAX + item) as u64);
+            self.walls.sense(self.alphas[robot], radius_m, off_m, &mut sample);
         }
         sample
     }
@@ -340,6 +352,7 @@ impl<M: Motion> World<M> {
     pub fn truth_header(&self) -> TruthHeader {
         let (closest, closest_t_ns) =
             self.closest.unwrap_or((ClosestPair { pair: [0, 0], distance_m: f64::INFINITY }, 0));
+        let clearance = self.walls.clearance();
         TruthHeader {
             tick: self.tick,
             t_ns: self.t_ns,
@@ -349,6 +362,11 @@ impl<M: Motion> World<M> {
             closest_t_ns,
             closest_pair: closest.pair.map(|place| place as u32),
             violations: self.violations,
+            clearance_m: clearance.distance_m,
+            clearance_t_ns: clearance.t_ns,
+            clearance_at_m: clearance.at.into(),
+            clearance_between: clearance.between.map(|place| place as u32),
+            clearance_violations: self.walls.violations(),
             commands_late: self.counters.late,
             commands_old: self.counters.old,
             commands_not_finite: self.counters.not_finite,
@@ -440,6 +458,8 @@ mod tests {
             speed_max_m_s: Some(1.0),
             sensing_radius_m: 3.0,
             velocities_sensed: false,
+            clearance_m: 0.0,
+            obstacles: Vec::new(),
             robots: vec![body("a", 0.0), body("b", 2.0), body("c", 4.5)],
         }
     }

@@ -105,11 +105,15 @@ pub struct AvoidanceDescription {
     pub clamps_speed: bool,
     /// What it must know of the robots near.
     pub senses: Senses,
+    /// Whether it keeps away from walls and obstacles.
+    pub minds_walls: bool,
     /// Within this radius it must know everybody, m.
     pub sensing_radius_m: Figure,
     /// The distance to another robot at which it begins to steer: its symbol, and its value, m.
     /// Two robots that are nearer do not come to rest. (Remark 1) `None`: it never steers.
     pub steers_within: Option<(&'static str, Figure)>,
+    /// The same of a wall.
+    pub steers_beside_walls: Option<(&'static str, Figure)>,
     /// Farther beyond d than this, m, nobody slows a robot down, where somebody has inertia.
     pub slow_down_zone_m: Option<Figure>,
     /// A robot that stands off from a place that is taken stays farther away than that distance, by
@@ -134,8 +138,10 @@ impl AvoidanceDescription {
         promise: Promise::Nothing,
         clamps_speed: false,
         senses: Senses::Nothing,
+        minds_walls: false,
         sensing_radius_m: |_| 0.0,
         steers_within: None,
+        steers_beside_walls: None,
         slow_down_zone_m: None,
         aside: 0.0,
         speed_cap_m_s: None,

@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use formation::frame::Scale;
+use formation::obstacle::Obstacle;
 use formation::pose::Pose;
 use formation::ramp::{Accelerations, Ramp};
 use formation::trajectory::Trajectory;
@@ -83,6 +84,9 @@ pub struct AvoidanceBrief {
     /// The largest braking time of all robots, s: 0 where all stop at once.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub braking_time_max_s: f64,
+    /// The clearance: no front point nearer than this to a wall or obstacle, m; 0 where there are none.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub clearance_m: f64,
     /// The method's own gains by key.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub gains: BTreeMap<String, f64>,
@@ -337,6 +341,12 @@ pub struct PlantBrief {
     /// Their velocities are reported as well: the avoidance method asks for them.
     #[serde(default)]
     pub velocities_sensed: bool,
+    /// The clearance, m: front points nearer to an obstacle are counted.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub clearance_m: f64,
+    /// The convex parts of all walls and obstacles.
+    #[serde(default, rename = "obstacle", skip_serializing_if = "Vec::is_empty")]
+    pub obstacles: Vec<Obstacle>,
     /// The robots, in scenario order.
     #[serde(rename = "robot")]
     pub robots: Vec<BodyBrief>,
@@ -414,6 +424,7 @@ impl Brief for AgentBrief {
                     ("avoidance.sensing_error_m", a.sensing_error_m),
                     ("avoidance.heading_error_rad", a.heading_error_rad),
                     ("avoidance.braking_time_max_s", a.braking_time_max_s),
+                    ("avoidance.clearance_m", a.clearance_m),
                 ];
                 let wrong = |(_, bound): &(&str, f64)| !(bound.is_finite() && *bound >= 0.0);
                 let (key, bound) = bounds.into_iter().find(wrong)?;
@@ -475,7 +486,10 @@ impl Brief for PlantBrief {
         let ells = self.robots.iter().map(|robot| ("robot.front_point_m", robot.front_point_m));
         let limits = self.robots.iter().filter_map(|robot| robot.limits);
         let limits = limits.filter_map(|limits| limits.flaw("robot.limits")).next();
-        limits.or(unsound(
+        let clearance = (!(self.clearance_m.is_finite() && self.clearance_m >= 0.0))
+            .then(|| format!("clearance_m is {}, expected 0 or more", self.clearance_m));
+        let flaws = limits.or(clearance).or_else(|| self.obstacles.iter().find_map(flaw_of));
+        flaws.or(unsound(
             &[
                 ("period_ns", self.period_ns),
                 ("plant_tick_ns", self.plant_tick_ns),
@@ -487,6 +501,17 @@ impl Brief for PlantBrief {
                 .chain(self.speed_max_m_s.map(|speed| ("speed_max_m_s", speed)))
                 .collect::<Vec<_>>(),
         ))
+    }
+}
+
+/// What is wrong with an obstacle.
+fn flaw_of(obstacle: &Obstacle) -> Option<String> {
+    let (center, radius_m) = obstacle.around();
+    let finite = radius_m.is_finite() && radius_m >= 0.0 && center.iter().all(|c| c.is_finite());
+    match obstacle.convex() {
+        Ok(()) if finite => None,
+        Ok(()) => Some(format!("obstacle is {obstacle:?}, expected finite numbers")),
+        Err(why) => Some(format!("obstacle is {obstacle:?}, expected a convex one: {why}")),
     }
 }
 

@@ -26,6 +26,8 @@ pub const INCARNATION_MAX: u64 = u32::MAX as u64;
 
 /// The most robots that one odometry sample reports as near.
 pub const PROXIMITY_MAX: usize = 32;
+/// The most convex parts of walls and obstacles that one odometry sample reports as near.
+pub const WALLS_MAX: usize = 16;
 
 /// Declares a message: a `#[repr(C)]` struct with a type name `phalanx/<Name>/<version>/<hash>`.
 macro_rules! message {
@@ -67,7 +69,7 @@ macro_rules! message {
 
 message! {
     /// Plant to agent: what a robot senses about itself and about who is near.
-    Odometry / 3 {
+    Odometry / 4 {
         /// Plant tick, from 0.
         tick: u64,
         /// Time since the run's start, ns.
@@ -100,6 +102,13 @@ message! {
         /// are sensed these are half as many at most, and the second half has the velocities of
         /// these front points, m/s, in the same order: nobody else pays for them.
         near: [[f64; 2]; PROXIMITY_MAX],
+        /// How many points of walls are reported.
+        walls_count: u32,
+        /// 1 if more walls were near than fit in the list.
+        walls_cut: u32,
+        /// Of each convex part of a wall or obstacle within the sensing radius the point that is nearest
+        /// to the own front point, nearest first, m. The proximity sensor sees them too.
+        walls: [[f64; 2]; WALLS_MAX],
     }
 }
 
@@ -125,6 +134,12 @@ impl Odometry {
         let (most, count) = (self.proximity_max(), self.proximity_count as usize);
         let sensed = if self.velocities_sensed == 1 { count.min(most) } else { 0 };
         self.near[PROXIMITY_MAX - most..][..sensed].iter().map(|&[x, y]| Vec2::new(x, y))
+    }
+
+    /// Nearest points of the walls within the sensing radius, nearest first, m.
+    pub fn walls(&self) -> impl Iterator<Item = Vec2> {
+        let count = (self.walls_count as usize).min(WALLS_MAX);
+        self.walls[..count].iter().map(|&[x, y]| Vec2::new(x, y))
     }
 
     fn proximity_max(&self) -> usize {
@@ -350,7 +365,7 @@ impl Contact {
 message! {
     /// Plant to supervisor, before the slice of [`TruthRow`]: time, and what the plant saw between
     /// two truths. Counters run from the start, so that a lost truth loses no count.
-    TruthHeader / 1 {
+    TruthHeader / 2 {
         /// Plant tick, from 0.
         tick: u64,
         /// Time since the run's start, ns.
@@ -367,6 +382,16 @@ message! {
         closest_pair: [u32; 2],
         /// Arcs' ends so far at which some pair was nearer than d.
         violations: u64,
+        /// Smallest distance of a front point from a wall or obstacle at any arc's end so far, m.
+        clearance_m: f64,
+        /// When that was, ns since the run's start.
+        clearance_t_ns: u64,
+        /// Where the front point was, m.
+        clearance_at_m: [f64; 2],
+        /// Whose front point, place from 0, and from which convex part, place from 0.
+        clearance_between: [u32; 2],
+        /// Arcs' ends so far at which some front point was nearer to a wall than the clearance.
+        clearance_violations: u64,
         /// Commands refused because they had died or had come from the future.
         commands_late: u64,
         /// Commands refused because a newer one had been accepted.

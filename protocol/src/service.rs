@@ -537,6 +537,9 @@ mod tests {
             proximity_count: 1,
             velocities_sensed: 0,
             near: [[0.5; 2]; crate::message::PROXIMITY_MAX],
+            walls_count: 1,
+            walls_cut: 0,
+            walls: [[6.0, 7.0]; crate::message::WALLS_MAX],
         };
         let subscriber = odometry("r1").open(&child).unwrap().subscriber().unwrap();
         let publisher = held.publisher().unwrap();

@@ -26,6 +26,10 @@ impl Sheet {
         self.put(4, &value.to_le_bytes())
     }
 
+    pub(crate) fn f32(&mut self, value: f32) -> usize {
+        self.put(4, &value.to_le_bytes())
+    }
+
     pub(crate) fn f64(&mut self, value: f64) -> usize {
         self.put(8, &value.to_le_bytes())
     }

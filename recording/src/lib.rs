@@ -6,6 +6,7 @@
 //! | `recorder` | how does a run get into the file? |
 //! | `topics` | under which names? |
 //! | `messages` | what does one recorded instant look like, byte by byte? |
+//! | `walls` | how do walls look in it? |
 //! | `schemas` | how is each message defined, in ROS 2's own words? |
 //! | `writer` | what is in a file of MCAP, from its first byte to its last? |
 //! | `chunk` | how do messages become a chunk and its indexes? |
@@ -30,6 +31,7 @@
 //! | `/<robot>/pose` | `geometry_msgs/PoseStamped` | the true pose of the middle of the axle |
 //! | `/<robot>/cmd_vel` | `geometry_msgs/Twist` | the twist that drove the robot over the arc that ends here: its command, as far as limits, faults and the dead man's switch let it through |
 //! | `/metrics` | `phalanx_msgs/Metrics` | the smallest distance and its pair, errors, who lives |
+//! | `/walls` | `visualization_msgs/MarkerArray` | walls and obstacles, once and latched; only where there are some |
 //! | `/rosout` | `rcl_interfaces/Log` | events, with the robot as `name`, the kind as `function` |
 //!
 //! A robot's name is as it is in frames and messages; in topics, where ROS allows no dash, it is
@@ -46,6 +48,7 @@ mod records;
 pub mod recover;
 mod schemas;
 pub mod topics;
+mod walls;
 mod writer;
 
 #[cfg(test)]

@@ -4,7 +4,7 @@
 use crate::cdr::{Reader, Sheet};
 
 /// The frame in which everything is told.
-const MAP: &str = "map";
+pub(crate) const MAP: &str = "map";
 /// A covariance of 6 x 6; zeros say that the truth is known exactly.
 const COVARIANCE: usize = 36;
 /// How many bytes behind a pose's x its orientation's z stands, with y, z, x and y between them.

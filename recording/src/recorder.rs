@@ -6,6 +6,7 @@ use std::ops::RangeInclusive;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use formation::obstacle::Obstacle;
 use mcap::records::{AttachmentHeader, Channel, MessageHeader, Metadata, SchemaHeader};
 
 use crate::cdr::Sheet;
@@ -13,6 +14,7 @@ use crate::messages::{self, Event, Sheets};
 pub use crate::messages::{Nearest, State};
 use crate::schemas::{self, Schema};
 use crate::topics::spelled;
+use crate::walls;
 use crate::writer::Writer;
 
 /// What is written is in the file after this, whether its chunk is full or not: a kill must not cost
@@ -40,6 +42,8 @@ pub struct Run<'a> {
     pub reproducible: bool,
     /// The robots' names in scenario order.
     pub robots: &'a [String],
+    /// The convex parts of walls and obstacles.
+    pub walls: &'a [Obstacle],
     /// Further facts, for people and scripts.
     pub facts: BTreeMap<String, String>,
     /// Files to be carried along: name, media type, content.
@@ -88,16 +92,29 @@ impl Recorder {
             writer.attachment(&header, content.as_bytes())?;
         }
         let mut channels = Channels { writer: &mut writer, ids: 0..=u16::MAX };
-        let tf = channels.open(&schemas::TF, "/tf")?;
-        let rosout = channels.open(&schemas::LOG, "/rosout")?;
-        let metrics = channels.open(&schemas::METRICS, "/metrics")?;
+        // Empty: whoever plays it back takes the defaults. Half a profile would not be understood.
+        let qos = "";
+        let tf = channels.open(&schemas::TF, "/tf", qos)?;
+        let rosout = channels.open(&schemas::LOG, "/rosout", qos)?;
+        let metrics = channels.open(&schemas::METRICS, "/metrics", qos)?;
         let mut of_robots = Vec::with_capacity(topics.len());
         for robot in &topics {
             of_robots.push([
-                channels.open(&schemas::ODOMETRY, &format!("/{robot}/odom"))?,
-                channels.open(&schemas::POSE_STAMPED, &format!("/{robot}/pose"))?,
-                channels.open(&schemas::COMMAND, &format!("/{robot}/cmd_vel"))?,
+                channels.open(&schemas::ODOMETRY, &format!("/{robot}/odom"), qos)?,
+                channels.open(&schemas::POSE_STAMPED, &format!("/{robot}/pose"), qos)?,
+                channels.open(&schemas::COMMAND, &format!("/{robot}/cmd_vel"), qos)?,
             ]);
+        }
+        if !run.walls.is_empty() {
+            let channel_id = channels.open(&schemas::WALLS, "/walls", walls::LATCHED)?;
+            let stamp_ns = run.started_unix_ns;
+            let header = MessageHeader {
+                channel_id,
+                sequence: 0,
+                log_time: stamp_ns,
+                publish_time: stamp_ns,
+            };
+            writer.message(&header, walls::markers(run.walls, stamp_ns).bytes())?;
         }
         writer.flush()?;
         Ok(Recorder {
@@ -208,7 +225,7 @@ struct Channels<'a> {
 }
 
 impl Channels<'_> {
-    fn open(&mut self, schema: &Schema, topic: &str) -> io::Result<u16> {
+    fn open(&mut self, schema: &Schema, topic: &str, qos: &str) -> io::Result<u16> {
         let &Schema { id: schema_id, name, .. } = schema;
         let encoding = schemas::ENCODING.to_owned();
         let header = SchemaHeader { id: schema_id, name: name.to_owned(), encoding };
@@ -220,8 +237,7 @@ impl Channels<'_> {
             schema_id,
             topic: topic.to_owned(),
             message_encoding: "cdr".to_owned(),
-            // Empty: whoever plays it back takes the defaults. Half a profile would not be understood.
-            metadata: BTreeMap::from([("offered_qos_profiles".to_owned(), String::new())]),
+            metadata: BTreeMap::from([("offered_qos_profiles".to_owned(), qos.to_owned())]),
         })?;
         Ok(id)
     }

@@ -55,6 +55,44 @@ const TRANSFORM_STAMPED: Part = Part(
     "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform\n",
 );
 
+const COLOR: Part = Part("std_msgs/ColorRGBA", "float32 r\nfloat32 g\nfloat32 b\nfloat32 a\n");
+const DURATION: Part = Part("builtin_interfaces/Duration", "int32 sec\nuint32 nanosec\n");
+const IMAGE: Part =
+    Part("sensor_msgs/CompressedImage", "std_msgs/Header header\nstring format\nuint8[] data\n");
+const UV: Part = Part("visualization_msgs/UVCoordinate", "float32 u\nfloat32 v\n");
+const MESH: Part = Part("visualization_msgs/MeshFile", "string filename\nuint8[] data\n");
+const MARKER: Part = Part(
+    "visualization_msgs/Marker",
+    "int32 CYLINDER=3\nint32 LINE_STRIP=4\nint32 ADD=0\n\
+     std_msgs/Header header\nstring ns\nint32 id\nint32 type\nint32 action\n\
+     geometry_msgs/Pose pose\ngeometry_msgs/Vector3 scale\nstd_msgs/ColorRGBA color\n\
+     builtin_interfaces/Duration lifetime\nbool frame_locked\ngeometry_msgs/Point[] points\n\
+     std_msgs/ColorRGBA[] colors\nstring texture_resource\nsensor_msgs/CompressedImage texture\n\
+     visualization_msgs/UVCoordinate[] uv_coordinates\nstring text\nstring mesh_resource\n\
+     visualization_msgs/MeshFile mesh_file\nbool mesh_use_embedded_materials\n",
+);
+
+/// `/walls`
+pub(crate) const WALLS: Schema = Schema {
+    id: 7,
+    name: "visualization_msgs/msg/MarkerArray",
+    fields: "visualization_msgs/Marker[] markers\n",
+    parts: &[
+        &MARKER,
+        &HEADER,
+        &TIME,
+        &POSE,
+        &POINT,
+        &QUATERNION,
+        &VECTOR,
+        &COLOR,
+        &DURATION,
+        &IMAGE,
+        &UV,
+        &MESH,
+    ],
+};
+
 /// `/tf`
 pub(crate) const TF: Schema = Schema {
     id: 1,

@@ -27,6 +27,7 @@ fn begin_one(path: &Path, reproducible: bool) -> Recorder {
         started_unix_ns: STARTED_UNIX_NS,
         reproducible,
         robots: &["r-1".to_owned(), "r2".to_owned()],
+        walls: &[],
         facts: BTreeMap::from([("scenario".to_owned(), "made up".to_owned())]),
         attachments: &[("scenario.toml", "application/toml", SCENARIO)],
     };

@@ -79,6 +79,13 @@ function fronts(scene, frame) {
   });
 }
 
+function outline(wall, place, scale) {
+  if (wall.corners_m) return line(wall.corners_m.map(place)) + "Z";
+  const r = wall.radius_m * scale;
+  const [x, y] = place(wall.center_m);
+  return `M${x - r} ${y}a${r} ${r} 0 1 0 ${2 * r} 0a${r} ${r} 0 1 0 ${-2 * r} 0Z`;
+}
+
 function bounds(points) {
   const [xs, ys] = [points.map((p) => p[0]), points.map((p) => p[1])];
   return [Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)];
@@ -158,6 +165,7 @@ class Picture {
   build() {
     const { scene, canvas, root } = this;
     this.grid = svg(canvas, "g", { class: "grid" });
+    this.walls = svg(canvas, "path", { class: "wall" });
     this.area = svg(canvas, "path", { class: "hull" });
     const look = looks(scene);
     this.trails = look.map((look) => svg(canvas, "path", { class: `trail ${look}` }));
@@ -194,7 +202,7 @@ class Picture {
       item.hidden = !scene.robots.some((robot) => robot.role === item.dataset.role);
     }
     for (const item of root.querySelectorAll(".legend [data-need]")) {
-      item.hidden = item.dataset.need === "hull" ? !this.contained : !scene.edges.length;
+      item.hidden = !(item.dataset.need === "hull" ? this.contained : scene[item.dataset.need]?.length);
     }
     say(root.querySelector(".legend .circle"), "circle of radius d / 2 around the front point: while no two circles overlap, " +
       `no two robots are nearer to each other than d = ${scene.distance_min_m} m`);
@@ -370,6 +378,7 @@ class Picture {
     this.points = points.map(place);
     this.radius = ((scene.distance_min_m || 0) / 2) * scale;
     this.drawGrid(width, height);
+    this.walls.setAttribute("d", (scene.walls ?? []).map((w) => outline(w, place, scale)).join(""));
     const leaders = this.points.filter((p, i) => p && scene.robots[i].role.endsWith("leader"));
     this.area.setAttribute("d", this.contained && leaders.length > 1 ? line(hull(leaders)) + "Z" : "");
     this.drawTrails(place);

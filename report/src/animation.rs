@@ -9,6 +9,7 @@ use std::fmt::Write as _;
 
 use formation::Vec2;
 use formation::front_point::front_point;
+use formation::obstacle::Obstacle;
 use formation::pose::Pose;
 use plotters::style::RGBColor;
 
@@ -69,6 +70,7 @@ pub fn animation(run: &Run) -> Option<String> {
     heading(&mut svg, run, &frames);
     svg.line(format_args!("<g clip-path=\"url(#plane)\">"));
     ground(&mut svg, run, &view);
+    walls(&mut svg, run, &view);
     trails(&mut svg, run, &frames, &view);
     hull(&mut svg, run, &frames, &view);
     edges(&mut svg, run, &frames, &view);
@@ -271,6 +273,26 @@ fn ground(svg: &mut Svg, run: &Run, view: &View) {
         asked(step_m),
         y = PLANE.0 + PLANE.1 - 12.0,
     ));
+}
+
+/// What stands in the way.
+fn walls(svg: &mut Svg, run: &Run, view: &View) {
+    let shape = |wall: &Obstacle| match wall {
+        Obstacle::Disc { center_m, radius_m } => {
+            let ((x, y), r) = (view.at(Vec2::from(*center_m)), px(radius_m * view.scale));
+            let left = px(x - radius_m * view.scale);
+            let across = px(2.0 * radius_m * view.scale);
+            format!("M{left} {}a{r} {r} 0 1 0 {across} 0a{r} {r} 0 1 0 -{across} 0Z", px(y))
+        }
+        polygon => way(polygon.outline().into_iter().map(|corner| view.at(corner))) + "Z",
+    };
+    let shapes: String = run.scene.walls.iter().map(shape).collect();
+    if !shapes.is_empty() {
+        svg.line(format_args!(
+            "<path d=\"{shapes}\" fill=\"#d0d7de\" stroke=\"#57606a\" stroke-width=\"2.5\" \
+             stroke-linejoin=\"round\"/>"
+        ));
+    }
 }
 
 /// Where each robot was lately: a dash that moves along its path.

@@ -134,6 +134,11 @@ fn summary(summary: &Summary) -> String {
             format!("{distance} m, {a} \u{2013} {b} at {t_s:.3} s{below}"),
         ));
     }
+    if let Some(clearance) = &summary.min_clearance {
+        let whereabouts = clearance.whereabouts(summary.clearance_violations);
+        let distance = digits(clearance.distance_m);
+        rows.push(("Smallest clearance", format!("{distance} m, {whereabouts}")));
+    }
     let converged = summary.converged_at_s.map_or("never".into(), |t_s| format!("at {t_s:.3} s"));
     rows.push(("Converged", converged));
     let in_m = |value: Option<f64>| value.map(|value| format!("{} m", digits(value)));

@@ -3,6 +3,7 @@
 //! Both become JSON for the page, which draws a finished run and one under way alike. World frame:
 //! x forward, y left, counter-clockwise positive.
 
+use formation::obstacle::Obstacle;
 use serde::Serialize;
 
 /// What does not change during a run.
@@ -20,6 +21,9 @@ pub struct Scene {
     pub robots: Vec<SceneRobot>,
     /// The formation graph: robot `to` hears robot `from`.
     pub edges: Vec<SceneEdge>,
+    /// The convex parts of walls and obstacles.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub walls: Vec<Obstacle>,
     /// What goes wrong, as far as it is known; in order of time.
     pub faults: Vec<SceneFault>,
 }

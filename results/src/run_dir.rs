@@ -19,6 +19,7 @@ use crate::manifest::Manifest;
 use crate::reserved::Reserved;
 use crate::summary::to_json;
 use experiment::scenario::Scenario;
+use formation::obstacle::Obstacle;
 use formation::seconds;
 use metrics::summary::Summary;
 use metrics::{Now, PairDistance};
@@ -42,6 +43,7 @@ pub const RECORDING: &str = "run.mcap";
 pub struct RunDir {
     path: PathBuf,
     robots: Vec<String>,
+    walls: Vec<Obstacle>,
     record_hz: f64,
     /// The newest stretch of 1 / record_hz of which a truth was written.
     recorded: Option<u64>,
@@ -136,6 +138,7 @@ impl RunDir {
         Ok(RunDir {
             path: path.into(),
             robots: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
+            walls: scenario.walls.iter().map(|wall| wall.shape.clone()).collect(),
             record_hz: scenario.record_hz,
             recorded: None,
             newest: Newest::default(),
@@ -191,6 +194,7 @@ impl RunDir {
             started_unix_ns: manifest.epoch_unix_ns,
             reproducible,
             robots: &self.robots,
+            walls: &self.walls,
             facts: facts.collect(),
             attachments: &attachments,
         };

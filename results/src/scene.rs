@@ -51,6 +51,7 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
         distance_min_m: scenario.avoidance.distance_min_m,
         robots: robots.collect(),
         edges: edges.map(|edge| SceneEdge { from: edge.from, to: edge.to }).collect(),
+        walls: scenario.walls.iter().map(|wall| wall.shape.clone()).collect(),
         faults: faults.collect(),
     }
 }

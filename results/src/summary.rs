@@ -57,6 +57,8 @@ pub fn sum_up(
         min_distance_pair: measures.min_distance_pair,
         min_distance_t_s: measures.min_distance_t_s,
         violations: measures.violations,
+        min_clearance: measures.min_clearance,
+        clearance_violations: measures.clearance_violations,
         final_error_m: measures.final_error_m,
         final_error_m_max: measures.final_error_m_max,
         final_ideal_error_m: measures.final_ideal_error_m,
@@ -135,6 +137,10 @@ pub fn screen(summary: &Summary) -> String {
         };
         let distance = digits(distance);
         row("smallest distance", format!("{distance} m, {a} - {b} at {t_s:.3} s{violations}"));
+    }
+    if let Some(clearance) = &summary.min_clearance {
+        let whereabouts = clearance.whereabouts(summary.clearance_violations);
+        row("smallest clearance", format!("{} m, {whereabouts}", digits(clearance.distance_m)));
     }
     let converged = summary.converged_at_s.map_or("never".into(), |t_s| format!("at {t_s:.3} s"));
     row("converged", converged);

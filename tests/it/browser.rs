@@ -9,6 +9,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
+use formation::obstacle::Obstacle;
 use report::page;
 use report::scene::{
     EdgeState, Frame, FrameRobot, RobotState, Scene, SceneEdge, SceneFault, SceneRobot,
@@ -48,6 +49,10 @@ fn scene() -> Scene {
             robot("<img src=x onerror=alert(1)>", "contained"),
         ],
         edges: EDGES.map(|(from, to)| SceneEdge { from, to }).to_vec(),
+        walls: vec![
+            Obstacle::segment([-0.8, -0.9], [0.9, -0.9]),
+            Obstacle::Disc { center_m: [0.0, 0.0], radius_m: 0.05 },
+        ],
         faults: vec![fault("kill r2", 1, 5.0, 8.0), fault("freeze r1", 0, 10.0, 12.0)],
     }
 }

@@ -27,10 +27,12 @@ pub fn hostile(seed: u64, adversary: Adversary, wish: Wish) -> Trial {
     Trial { seed, adversary, wish, expiry, hostile_ns: 3 * S, duration_ns: 3 * S }
 }
 
-/// By how much the two that came nearest to each other kept d, m, and the rest.
+/// By how much the two that came nearest to each other kept d, or the one nearest to a wall the
+/// clearance, m, and the rest.
 pub fn margin(fleet: &Fleet, trial: Trial) -> (f64, Outcome) {
     let outcome = simulate(fleet, trial, |_, _, _| ());
-    (outcome.closest_m - fleet.plant.distance_min_m, outcome)
+    let apart_m = outcome.closest_m - fleet.plant.distance_min_m;
+    (apart_m.min(outcome.clearance_m - fleet.plant.clearance_m), outcome)
 }
 
 pub fn named(name: &str, set: &[&str]) -> Fleet {
@@ -141,6 +143,51 @@ fn in_2160_adversarial_runs_no_two_robots_come_nearer_than_d() {
 #[ignore = "minutes; ten times as many seeds"]
 fn in_21600_adversarial_runs_no_two_robots_come_nearer_than_d() {
     nobody_comes_nearer_than_d(100);
+}
+
+/// The same fleets, each among walls of its own. At what distance from the clearance the nearest passed a
+/// wall, m.
+fn nobody_comes_nearer_to_a_wall_than_the_clearance(rounds: u64) {
+    let (mut runs, mut closest_m, mut passed) = (0, f64::INFINITY, 0);
+    for (round, hardship) in (0..rounds).zip(HARDSHIPS.into_iter().cycle()) {
+        for (place, period) in (0..).zip(PERIODS) {
+            let mut fleets: Vec<Fleet> = TRIANGLES.map(|name| named(name, &[period])).into();
+            fleets.extend([6, 7].map(|n| swap(n, period)));
+            for (number, fleet) in (0..).zip(fleets) {
+                let seed = 100 * round + 10 * place + number;
+                let fleet = fleet.among_walls(seed).under(hardship);
+                for (adversary, wish) in
+                    ADVERSARIES.into_iter().flat_map(|a| [(a, Wish::Law), (a, Wish::Ram)])
+                {
+                    runs += 1;
+                    let trial = Trial { duration_ns: 2 * S, ..hostile(runs, adversary, wish) };
+                    let (margin_m, outcome) = margin(&fleet, trial);
+                    let run = format!("{seed}, {period}, {hardship:?}, {trial:?}");
+                    assert!(margin_m >= 0.0, "{run}: {margin_m}, {outcome:?}");
+                    let beside_m = outcome.clearance_m - fleet.plant.clearance_m;
+                    closest_m = closest_m.min(beside_m);
+                    passed += u64::from(beside_m < 1e-3);
+                }
+            }
+        }
+    }
+    println!(
+        "{runs} runs among walls, closest clearance + {closest_m:e} m, {passed} within 1 mm of it"
+    );
+    assert_eq!(runs, 144 * rounds);
+    // Walls were where the robots were.
+    assert!(closest_m < 1e-6 && 5 * passed > runs, "{closest_m}, {passed} of {runs}");
+}
+
+#[test]
+fn in_864_adversarial_runs_among_walls_no_robot_comes_nearer_than_the_clearance() {
+    nobody_comes_nearer_to_a_wall_than_the_clearance(6);
+}
+
+#[test]
+#[ignore = "minutes; ten times as many seeds"]
+fn in_8640_adversarial_runs_among_walls_no_robot_comes_nearer_than_the_clearance() {
+    nobody_comes_nearer_to_a_wall_than_the_clearance(60);
 }
 
 #[test]

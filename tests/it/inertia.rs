@@ -1,5 +1,5 @@
 //! The promise where nobody stops at once: the adversarial runs of `hostile`, with robots that have
-//! inertia, under the guard that knows it and under the one that does not.
+//! inertia, half of them among walls, under the guard that knows it and under the one that does not.
 
 use std::f64::consts::TAU;
 
@@ -20,24 +20,32 @@ use crate::oracle::{self, scenario};
 fn fleets(round: usize) -> Vec<(String, Fleet)> {
     let mut fleets = Vec::new();
     let mut inertias = INERTIAS.into_iter().cycle().skip(round);
+    let mut seed = 1000 * round as u64;
     for period in PERIODS {
         let of_scenarios = TRIANGLES.map(|name| (name.to_owned(), named(name, &[period])));
         let swaps = [6, 7, 8].map(|n| (format!("swap of {n}"), swap(n, period)));
         for (name, fleet) in of_scenarios.into_iter().chain(swaps) {
             let inertia = inertias.next().expect("without end");
-            fleets.push((format!("{name}, {period}, {inertia:?}"), fleet.with_inertia(inertia)));
+            let fleet = fleet.with_inertia(inertia);
+            seed += 1;
+            // Every second one, in turn.
+            let walls = seed.is_multiple_of(2);
+            let fleet = if walls { fleet.among_walls(seed) } else { fleet };
+            let walls = if walls { format!(", walls of {seed}") } else { String::new() };
+            fleets.push((format!("{name}, {period}, {inertia:?}{walls}"), fleet));
         }
     }
     fleets
 }
 
 /// 168 runs a round, each round under another hardship; how many of the same runs, without hardship,
-/// fall below d under the guard that does not know of inertia, of how many, and the worst distance in
-/// units of d.
+/// fall below d or clearance under the guard that does not know of inertia, of how many, and the worst.
 fn nobody_comes_nearer_than_d(rounds: usize) {
     let (mut seed, mut late, mut freezes, mut kills) = (0, 0, 0, 0);
-    let (mut compared, mut below, mut worst) = (0, 0, f64::INFINITY);
-    let mut closest = f64::INFINITY;
+    let (mut compared, mut below) = (0, 0);
+    let (mut worst, mut worst_clearance) = (f64::INFINITY, f64::INFINITY);
+    let (mut closest, mut beside_walls) = (f64::INFINITY, f64::INFINITY);
+    let mut among_walls = 0;
     for (round, hardship) in HARDSHIPS.into_iter().cycle().take(rounds).enumerate() {
         for (name, fleet) in fleets(round / HARDSHIPS.len() + round) {
             let unknowing = fleet.clone().without_knowing_its_inertia();
@@ -49,7 +57,9 @@ fn nobody_comes_nearer_than_d(rounds: usize) {
                     let (margin_m, outcome) = margin(&fleet, trial);
                     let run = format!("{name}, {hardship:?}, {trial:?}");
                     assert!(margin_m >= 0.0, "{run}: {margin_m}, {outcome:?}");
-                    closest = closest.min(margin_m);
+                    closest = closest.min(outcome.closest_m - fleet.plant.distance_min_m);
+                    beside_walls = beside_walls.min(outcome.clearance_m - fleet.plant.clearance_m);
+                    among_walls += u64::from(outcome.clearance_m.is_finite());
                     late += outcome.commands_late;
                     freezes += outcome.freezes;
                     kills += outcome.kills;
@@ -58,14 +68,17 @@ fn nobody_comes_nearer_than_d(rounds: usize) {
                         compared += 1;
                         below += u64::from(margin_m < 0.0);
                         worst = worst.min(outcome.closest_m / unknowing.plant.distance_min_m);
+                        let clearance_m = unknowing.plant.clearance_m.max(f64::MIN_POSITIVE);
+                        worst_clearance = worst_clearance.min(outcome.clearance_m / clearance_m);
                     }
                 }
             }
         }
     }
     println!(
-        "{seed} runs, closest d + {closest:e} m, {late} late, {freezes} frozen, {kills} killed; \
-         without knowing: {below} of {compared} below d, worst {worst} d"
+        "{seed} runs, {among_walls} among walls, closest d + {closest:e} m and clearance + \
+         {beside_walls:e} m, {late} late, {freezes} frozen, {kills} killed; without knowing: {below} of \
+         {compared} below, worst {worst} d and {worst_clearance} of the clearance"
     );
     assert_eq!(seed, 168 * rounds as u64);
     assert!(

@@ -46,3 +46,4 @@ mod theory;
 mod verdicts;
 mod verify;
 mod view;
+mod walls;

@@ -12,6 +12,7 @@
 mod adversary;
 mod hardship;
 mod limits;
+mod walls;
 
 use std::sync::{Arc, Mutex};
 
@@ -20,6 +21,7 @@ use experiment::briefs;
 use experiment::scenario::Scenario;
 use formation::Vec2;
 use formation::front_point::front_point;
+use formation::obstacle::Obstacles;
 use formation::random::SplitMix64;
 use plant::world::World;
 use protocol::brief::{AgentBrief, Pace, PlantBrief};
@@ -77,6 +79,8 @@ pub enum Expiry {
 #[derive(Debug, Clone, Copy)]
 pub struct Outcome {
     pub closest_m: f64,
+    /// Infinite without walls.
+    pub clearance_m: f64,
     pub commands_late: u64,
     pub freezes: u64,
     pub kills: u64,
@@ -99,6 +103,7 @@ pub fn simulate(
     let header = model.world.truth_header();
     Outcome {
         closest_m: header.closest_m,
+        clearance_m: header.clearance_m,
         commands_late: header.commands_late,
         freezes: model.freezes,
         kills: model.kills,
@@ -110,6 +115,7 @@ struct Model<'a> {
     trial: Trial,
     dice: SplitMix64,
     world: World,
+    obstacles: Obstacles,
     robots: Vec<Robot>,
     now_ns: u64,
     plant_wakes_ns: u64,
@@ -179,6 +185,7 @@ impl<'a> Model<'a> {
             trial,
             dice: SplitMix64::new(trial.seed),
             world,
+            obstacles: Obstacles::new(&fleet.plant.obstacles),
             robots: fleet.agents.iter().map(|_| Robot::default()).collect(),
             now_ns: START_NS,
             plant_wakes_ns: START_NS + fleet.plant.plant_tick_ns,

@@ -49,8 +49,18 @@ const HOSTILE: [&[&str]; 3] = [
 const BURGER: &str = "robot_defaults.limits={acceleration_m_s2=2.5,turn_acceleration_rad_s2=3.2,\
                       braking_time_s=0.35}";
 
-/// Runs from these starts in real time at three periods, each with another set of faults.
+/// In the way of all triangles, and nearer to no start than the clearance.
+const WALLS: [&str; 4] = [
+    "obstacle=[{ kind = \"disc\", center_m = [0.12, 0.12], radius_m = 0.03 }]",
+    "wall=[{ points_m = [[-0.3, -0.1], [-0.12, -0.12]] }]",
+    "avoidance.clearance_m=0.05",
+    "expect={ min_distance_m = 0.2, min_clearance_m = 0.05 }",
+];
+
+/// Runs from these starts in real time at three periods, each with another set of faults, half of those
+/// with inertia among walls.
 fn hostile_runs(starts: &[&str], first: usize, keys: &[&str]) {
+    let mut number = first;
     for (turn, start) in starts.iter().enumerate() {
         let sets = (0..3).map(|place| HOSTILE[(first + turn + place) % 3]);
         let runs = [0.005, 0.01, 0.02].into_iter().zip(sets);
@@ -61,6 +71,10 @@ fn hostile_runs(starts: &[&str], first: usize, keys: &[&str]) {
                     .set("duration_s=5")
                     .set("expect={ min_distance_m = 0.2 }");
                 let hostile = keys.iter().fold(hostile, |hostile, key| hostile.set(key));
+                number += 1;
+                let walls =
+                    if !keys.is_empty() && number.is_multiple_of(2) { &WALLS[..] } else { &[] };
+                let hostile = walls.iter().fold(hostile, |hostile, wall| hostile.set(wall));
                 faults.iter().fold(hostile, |hostile, fault| hostile.fault(fault)).start()
             })
             .collect();
@@ -68,6 +82,8 @@ fn hostile_runs(starts: &[&str], first: usize, keys: &[&str]) {
             let ended = hostile.finish();
             ended.exits_with(0).leaves_nothing();
             ended.claim(ended.number("/violations") == 0.0, "no arc ends below d");
+            let too_near = ended.number("/clearance_violations");
+            ended.claim(too_near == 0.0, "no arc ends nearer to a wall than the clearance");
         }
     }
 }

@@ -185,6 +185,19 @@ fn readers_that_others_wrote_find_every_number_of_the_tables() {
 
 #[test]
 #[ignore = "needs the readers that tests/readers/install installs"]
+fn readers_that_others_wrote_find_walls_as_a_latched_marker() {
+    let disc = "obstacle=[{ kind = \"disc\", center_m = [4.0, 4.0], radius_m = 0.5 }]";
+    let wall = "wall=[{ points_m = [[-3.0, 4.0], [3.0, 4.0], [3.0, 5.0]], closed = true }]";
+    let among = run("triangle").lockstep().set(disc).set(wall).set("duration_s=1").set("expect={}");
+    let ended = among.finish();
+    ended.exits_with(0);
+    for script in READERS.split(' ') {
+        reads(script, &[&ended.run_dir()]);
+    }
+}
+
+#[test]
+#[ignore = "needs the readers that tests/readers/install installs"]
 fn readers_that_others_wrote_open_what_was_recovered() {
     let cut = cut();
     for script in ["by_rosbags", "by_mcap"] {

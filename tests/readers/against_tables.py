@@ -33,6 +33,16 @@ class Tables:
         self.front_point_m = {
             robot["name"]: robot.get("front_point_m", default) for robot in scenario["robot"]
         }
+        # Discs as center and radius, the rest as the points of a line.
+        self.walls = []
+        for wall in scenario.get("wall", []):
+            points = wall["points_m"] + wall["points_m"][:1] * wall.get("closed", False)
+            self.walls += [list(pair) for pair in zip(points, points[1:])]
+        for obstacle in scenario.get("obstacle", []):
+            if obstacle["kind"] == "disc":
+                self.walls.append((obstacle["center_m"], obstacle["radius_m"]))
+            else:
+                self.walls.append(obstacle["corners_m"] + obstacle["corners_m"][:1])
 
     def t_s(self, stamp_ns: int) -> float:
         return (stamp_ns - self.start_ns) / 1e9
@@ -72,6 +82,21 @@ def is_stamp(stamp, stamp_ns: int):
     assert stamp.sec * 10**9 + stamp.nanosec == stamp_ns, f"{stamp} is not {stamp_ns}"
 
 
+def are_walls(markers, walls):
+    assert len(markers) == len(walls), f"{len(markers)} markers of {len(walls)} walls"
+    for marker, wall in zip(markers, walls):
+        assert (marker.header.frame_id, marker.action) == ("map", 0)
+        if isinstance(wall, tuple):
+            (x, y), radius = wall
+            position, scale = marker.pose.position, marker.scale
+            assert (marker.type, position.x, position.y) == (3, x, y)
+            assert scale.x == scale.y == 2 * radius
+        else:
+            assert marker.type == 4 and marker.scale.x > 0
+            assert [[point.x, point.y] for point in marker.points] == wall
+        assert marker.color.a == 1 and marker.pose.orientation.w == 1
+
+
 def check(run_dir: Path, messages, partial=False):
     """`partial`: the recording was cut, and may tell less than the tables."""
     tables = Tables(run_dir)
@@ -79,6 +104,10 @@ def check(run_dir: Path, messages, partial=False):
     events = []
     for topic, stamp_ns, message in messages:
         t_s = tables.t_s(stamp_ns)
+        if topic == "/walls":
+            seen[topic] += 1
+            are_walls(message.markers, tables.walls)
+            continue
         row_of = lambda robot: tables.samples[t_s, robot]  # noqa: E731
         if partial and topic != "/rosout" and (t_s, tables.robots[-1]) not in tables.samples:
             continue
@@ -146,9 +175,11 @@ def check(run_dir: Path, messages, partial=False):
         # A chunk may have ended within the last instant.
         instants = seen["/tf"]
         assert instants > 0, "nothing is in it"
-        for topic in seen.keys() - {"/rosout"}:
+        for topic in seen.keys() - {"/rosout", "/walls"}:
             seen[topic] += seen[topic] == instants - 1
     expected = {"/tf": instants, "/metrics": instants, "/rosout": len(events)}
+    if tables.walls:
+        expected["/walls"] = 1
     for robot in tables.robots:
         expected |= {f"/{robot}/{what}": instants for what in ROBOT_TOPICS}
     found = {topic: count for topic, count in seen.items() if count}

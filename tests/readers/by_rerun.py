@@ -39,6 +39,8 @@ expected = {
     ("/rosout", "TextLog:text"): len(tables.events),
     ("/metrics", "phalanx_msgs.msg.Metrics:message"): instants,
 }
+if tables.walls:
+    expected["/walls", "visualization_msgs.msg.MarkerArray:message"] = 1
 for robot in tables.robots:
     expected[f"/{robot}/pose", "InstancePoses3D:translations"] = instants
     expected[f"/{robot}/odom", "nav_msgs.msg.Odometry:message"] = instants

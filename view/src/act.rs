@@ -109,6 +109,7 @@ pub(crate) mod tests {
             distance_min_m: 0.2,
             robots: vec![robot("a"), robot("b")],
             edges: vec![SceneEdge { from: 1, to: 0 }],
+            walls: Vec::new(),
             faults: Vec::new(),
         }
     }

@@ -37,9 +37,14 @@
 //!   bound of the other guard, with the common Lambda, for which its proof asks nothing. They stop at
 //!   once, so that the twist in force at a sample is that of a command alive, or 0.
 //!
+//! *Walls* and obstacles do not move: of the slack to one all is the robot's, so that Lambda in b is 2
+//! Lambda, and the other's speed in M and M_H is 0. mu stays, since E falls at the same rate. Each convex
+//! part counts by its nearest point; the vector from it changes by no more than the robot moves, and the
+//! clearance is in place of d. `proof/Obstacles.v` has this checked by Coq. Lambda itself is that of all.
+//!
 //! Whoever has a zone of its own within which nobody is sensed twice matters: farther away than d + Z,
 //! Z = v_max/(Lambda mu) min(e^(2 Lambda H), 1 + 2 Lambda H mu), b is v_max or more whatever the robot
-//! does, and nobody needs to be sensed there.
+//! does, and nobody needs to be sensed there; no wall from the clearance + Z/2 on.
 //!
 //! Not in the paper. Derived in `docs/explanation/inertia.md`.
 //!
@@ -66,7 +71,11 @@ use protocol::brief::{AgentBrief, LimitsBrief, Pace};
 
 use super::braking::{mu, rate_per_s, slow_down_zone_m};
 use super::cone::{Cone, PASSES_MAX, ROUNDING_M, SIGMAS, direction, headings, swing};
-use super::deflection::{Deflection, deflection_distance_m, deflection_share};
+use super::deflection::{
+    Deflection, deflection_distance_m, deflection_share, wall_deflection_distance_m,
+    wall_deflection_share,
+};
+use super::near::Kept;
 use super::polygon::{HalfPlane, nearest_point};
 use super::{Avoidance, Sample, clip, exact_hold, within_speed};
 
@@ -75,15 +84,24 @@ const WITHIN: f64 = 1.0 - 1e-12;
 
 /// The larger of d + Z and of what the deflection needs, d_f + v_max T / kappa, and twice eps, m:
 /// nobody farther away than this can matter.
-pub fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
+pub fn robots_radius_m(at: &Conditions<'_>) -> f64 {
     let bounded = at.avoidance.distance_min_m + slow_down_zone_m(at);
     let deflected = deflection_distance_m(at) + at.speed_m_s() * at.period_s / deflection_share(at);
     bounded.max(deflected) + 2.0 * at.distance_error_m()
 }
 
+/// The same for walls: the clearance + Z/2, since twice as much is granted and they do not come, or
+/// c_f + v_max T / kappa, and twice eps, m.
+pub fn walls_radius_m(at: &Conditions<'_>) -> f64 {
+    let bounded = at.avoidance.clearance_m + 0.5 * slow_down_zone_m(at);
+    let along = at.speed_m_s() * at.period_s / wall_deflection_share(at);
+    let deflected = wall_deflection_distance_m(at) + along;
+    bounded.max(deflected) + 2.0 * at.distance_error_m()
+}
+
 /// State and constants of the guard of one robot.
 pub struct BrakingGuard {
-    d: f64,
+    kept: Kept,
     v_max: f64,
     ell: f64,
     /// T, s.
@@ -99,8 +117,6 @@ pub struct BrakingGuard {
     /// eta, rad.
     heading_error: f64,
     deflection: Deflection,
-    /// Within this radius the list of the near must be complete, m.
-    radius_needed: f64,
     /// Own commands that the plant may still obey: stamp answered, twist.
     alive: VecDeque<(u64, Twist)>,
     /// In real time, commands of an earlier incarnation may act until here.
@@ -154,7 +170,7 @@ impl Avoidance for BrakingGuard {
     /// The twist that answers `sample` when gamma is wanted.
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
         self.forget_the_dead(sample.stamp_ns);
-        let granted = if self.is_blind(sample) || self.has_predecessor(sample.stamp_ns) {
+        let granted = if self.kept.is_blind(sample) || self.has_predecessor(sample.stamp_ns) {
             Twist::ZERO
         } else {
             let p = self.deflection.deflect(sample, gamma * self.period);
@@ -172,7 +188,7 @@ impl BrakingGuard {
         let avoidance = &brief.avoidance;
         let at = Conditions::of(brief);
         BrakingGuard {
-            d: avoidance.distance_min_m,
+            kept: Kept::of(&at, [robots_radius_m(&at), walls_radius_m(&at)]),
             v_max: avoidance.speed_max_m_s,
             ell: brief.front_point_m,
             period: at.period_s,
@@ -183,7 +199,6 @@ impl BrakingGuard {
             distance_error: at.distance_error_m(),
             heading_error: avoidance.heading_error_rad,
             deflection: Deflection::new(brief),
-            radius_needed: sensing_radius_m(&at),
             alive: VecDeque::new(),
             predecessor_until_ns: None,
             remembers_predecessor: brief.pace == Pace::Realtime,
@@ -191,12 +206,6 @@ impl BrakingGuard {
             sides: Vec::new(),
             without: Without::Nothing,
         }
-    }
-
-    /// Nothing, or not enough, is known about who is near.
-    fn is_blind(&self, sample: &Sample<'_>) -> bool {
-        let farthest = sample.away.last().map_or(0.0, |z| z.norm());
-        !sample.proximity_valid || sample.proximity_cut && farthest < self.radius_needed
     }
 
     /// What remains is what may still act: `proof/Inertia.v::what_acts_since_the_last_sample`.
@@ -322,7 +331,7 @@ impl BrakingGuard {
         self.within_y(Twist { v_m_s: body.x, w_rad_s: body.y / self.ell })
     }
 
-    /// For everybody near, the directions that are possible until all stand, and the approach that is
+    /// For all near, the directions that are possible until all stand, and the approach that is
     /// permitted in them; and the middle of the headings that are possible until then, rad.
     ///
     /// The formulas of `proof/Braking.v::certified_against`: `proof/Braking.v::swept`,
@@ -334,15 +343,16 @@ impl BrakingGuard {
         let way = if self.without == Without::BrakingWay { 0.0 } else { tau_o };
         let less = if self.without == Without::Mu { 1.0 } else { mu(2.0 * self.rate * tau_o) };
         self.cones.clear();
-        for z in sample.away {
-            let r = z.norm();
-            let rho = (r - self.distance_error - self.d - ROUNDING_M).max(0.0);
-            let reach_h = (v_own + self.v_max) * h + self.distance_error; // M_H + eps
-            let reach = v_own * (h + 0.5 * way) + self.v_max * (h + way) + self.distance_error; // M + eps
-            let b = self.rate * less * ((-2.0 * self.rate * h).exp() * rho).max(rho - reach_h);
+        for near in self.kept.near(sample) {
+            let r = near.z.norm();
+            let rho = (r - self.distance_error - near.kept - ROUNDING_M).max(0.0);
+            let reach_h = (v_own + near.speed) * h + self.distance_error; // M_H + eps
+            let reach = v_own * (h + 0.5 * way) + near.speed * (h + way) + self.distance_error; // M + eps
+            let rate = near.share * self.rate;
+            let b = rate * less * ((-2.0 * self.rate * h).exp() * rho).max(rho - reach_h);
             if b < v_own {
                 let psi = (spread + swing(reach, r)).min(PI);
-                self.cones.push(Cone { n: direction(*z), psi, b });
+                self.cones.push(Cone { n: direction(near.z), psi, b });
             }
         }
         mid

@@ -7,6 +7,7 @@
 //! | p | displacement wanted within one period T, m; \|p\| <= V = v_max T |
 //! | d_f | distance at which the deflection begins to matter, m |
 //! | d_s | the same for a robot that stands off from a place that is taken, m |
+//! | c_f | the same beside a wall, m |
 //! | kappa | share of the slack to d_f that a period's approach may use up |
 
 use std::f64::consts::TAU;
@@ -22,6 +23,8 @@ use crate::golden_phase;
 
 /// kappa: the deflection begins where a period's approach exceeds this share of the slack to d_f.
 const KAPPA: f64 = 0.25;
+/// How soon the way along a wall is all that is left: to a side to which a quarter of p leads.
+const ALONG: f64 = 4.0;
 /// A: how far the dither turns the wanted displacement, rad.
 const DITHER_RAD: f64 = 1.0;
 /// The dither's shortest period, s; each robot has its own, so that no pair stays symmetric.
@@ -60,6 +63,21 @@ pub fn deflection_share(at: &Conditions<'_>) -> f64 {
     }
 }
 
+/// c_f, m: the distance from which a robot is led along a wall. The bound grants it twice as much there as
+/// beside another robot.
+pub fn wall_deflection_distance_m(at: &Conditions<'_>) -> f64 {
+    let clearance = at.avoidance.clearance_m;
+    clearance + (0.75 * at.speed_m_s() * at.lifetime_s).max(0.05 * clearance)
+}
+
+/// kappa beside a wall: where somebody has inertia, the bound grants 2 Lambda of the slack a second.
+pub fn wall_deflection_share(at: &Conditions<'_>) -> f64 {
+    match at.avoidance.braking_time_max_s > 0.0 {
+        true => KAPPA.min(2.0 * rate_per_s(at) * at.period_s),
+        false => KAPPA,
+    }
+}
+
 /// The way of one robot around others.
 pub struct Deflection {
     v_max: f64,
@@ -67,6 +85,8 @@ pub struct Deflection {
     period: f64,
     kappa: f64,
     pub(super) d_f: f64,
+    /// kappa and c_f, beside walls.
+    wall: (f64, f64),
     rank: Rank,
     /// Its place is taken: it is held back, and not led around.
     stands_off: Option<Taken>,
@@ -93,6 +113,7 @@ impl Deflection {
             period: brief.period_ns as f64 / 1e9,
             kappa: deflection_share(&at),
             d_f: deflection_distance_m(&at),
+            wall: (wall_deflection_share(&at), wall_deflection_distance_m(&at)),
             rank: brief.rank,
             stands_off: None,
             dither_period: DITHER_PERIOD_S * (1.0 + 4.0 * phase / 3.0),
@@ -119,6 +140,8 @@ impl Deflection {
     /// The wanted displacement `p`, led around those it would come too near. One that stands off is
     /// held back only: around others there is nothing for it, and on the way it would be in
     /// everybody else's. From all but whoever has its place it stays d_s away.
+    ///
+    /// Along a wall it is led to the side to which p leads anyway: a wall does not move aside.
     pub fn deflect(&self, sample: &Sample<'_>, mut p: Vec2) -> Vec2 {
         let reach = self.v_max * self.period; // V
         let excess = |z: &Vec2| {
@@ -138,6 +161,19 @@ impl Deflection {
                     let lambda = (excess(z) - n.dot(&p)).max(0.0);
                     let around = if self.stands_off.is_some() { 0.0 } else { 1.0 };
                     p += lambda * (n + around * Vec2::new(-n.y, n.x));
+                }
+            }
+            for z in sample.walls.iter().rev() {
+                let r = z.norm();
+                let (kappa, c_f) = self.wall;
+                let excess = -kappa * (r - c_f);
+                if -excess < reach && r > 0.0 {
+                    let n = z / r;
+                    let lambda = (excess - n.dot(&p)).max(0.0);
+                    let along = Vec2::new(-n.y, n.x);
+                    let length = p.norm();
+                    let side = if length > 0.0 { along.dot(&p) / length } else { 0.0 };
+                    p += lambda * (n + (ALONG * side).clamp(-1.0, 1.0) * along);
                 }
             }
         }

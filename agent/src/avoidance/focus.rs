@@ -120,6 +120,7 @@ mod tests {
             sensing_error_m: 0.01,
             heading_error_rad: 0.0,
             braking_time_max_s: 0.0,
+            clearance_m: 0.0,
             gains: [("epsilon_per_s".into(), 10.0)].into(),
         };
         let at = |period_s: f64| Conditions {

@@ -22,6 +22,12 @@
 //! the same for all, and takes nothing from d_f: whatever *deflect* wants, of however many ranks,
 //! passes through the same half-planes. So the promise does not depend on who gives way to whom.
 //!
+//! Walls and obstacles do not move, and each is the nearest point of a convex part: z, r and n as before,
+//! with the clearance in place of d. The vector to that point changes by no more than the robot moves, so M
+//! is (0 + v_own) H. Nobody else uses up slack, so that the robot may use up all of it: b is twice as
+//! large, and E, with rho the slack to that part, does not fall by the robot alone. `proof/Walls.v` has this
+//! checked by Coq.
+//!
 //! Sensors may err within known bounds, positions by eps and the heading by eta. An own front point
 //! that is computed with a wrong heading is off by 2 ell sin(eta/2) at most, which adds to eps. Then
 //! the true distance is r - eps or more, and z stays within M + eps of what was sensed. A wrong
@@ -38,7 +44,7 @@
 //! | d_f | distance at which the deflection begins to matter, m |
 //! | M | how far two robots can move relative to each other while a command acts, m |
 //! | eps, eta | bounds on the errors of a sensed distance, m, and of the heading, rad |
-//! | rho | slack r - d, m |
+//! | rho | slack r - d, m; beside a wall r - the clearance |
 //! | b | how fast this robot may approach another, m/s |
 //! | W-, W+ | range of turn rates that may be in force while this command acts, rad/s |
 
@@ -55,7 +61,10 @@ use protocol::number::{short, told_apart};
 use super::braking::slow_down_zone_m;
 use super::braking_guard::{self, BrakingGuard};
 use super::cone::{PASSES_MAX, ROUNDING_M, SIGMAS, cone_sides, direction, headings, swing};
-use super::deflection::{ASIDE, Deflection, deflection_distance_m};
+use super::deflection::{
+    ASIDE, Deflection, deflection_distance_m, wall_deflection_distance_m, wall_deflection_share,
+};
+use super::near::Kept;
 use super::polygon::{HalfPlane, nearest_point};
 use super::{Avoidance, AvoidanceRow, Sample, clip, exact_hold, within_speed};
 
@@ -66,8 +75,10 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         promise: Promise::Always,
         clamps_speed: true,
         senses: Senses::Positions,
+        minds_walls: true,
         sensing_radius_m,
         steers_within: Some(("d_f", deflection_distance_m)),
+        steers_beside_walls: Some(("c_f", wall_deflection_distance_m)),
         aside: ASIDE,
         slow_down_zone_m: Some(slow_down_zone_m),
         speed_cap_m_s: Some(speed_cap_m_s),
@@ -80,15 +91,30 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     },
 };
 
-/// max(d + 3 v_max H, d_f + 4 v_max T) and twice eps, m: nobody farther away than
-/// this can matter. Where somebody has inertia, that of the guard with inertia.
+/// Nobody farther away than this can matter, and no wall, m. Where somebody has inertia, that of the guard
+/// with inertia.
 fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
-    if at.avoidance.braking_time_max_s > 0.0 {
-        return braking_guard::sensing_radius_m(at);
-    }
+    let [robots, walls] = match at.avoidance.braking_time_max_s > 0.0 {
+        true => [braking_guard::robots_radius_m(at), braking_guard::walls_radius_m(at)],
+        false => [robots_radius_m(at), walls_radius_m(at)],
+    };
+    if at.avoidance.clearance_m > 0.0 { robots.max(walls) } else { robots }
+}
+
+/// max(d + 3 v_max H, d_f + 4 v_max T) and twice eps, m.
+fn robots_radius_m(at: &Conditions<'_>) -> f64 {
     let v_max = at.speed_m_s();
     let bounded = at.avoidance.distance_min_m + 3.0 * v_max * at.lifetime_s;
     let deflected = deflection_distance_m(at) + 4.0 * v_max * at.period_s;
+    bounded.max(deflected) + 2.0 * at.distance_error_m()
+}
+
+/// The same for walls: max(clearance + 3/2 v_max H, c_f + v_max T / kappa) and twice eps, m.
+fn walls_radius_m(at: &Conditions<'_>) -> f64 {
+    let v_max = at.speed_m_s();
+    let bounded = at.avoidance.clearance_m + 1.5 * v_max * at.lifetime_s;
+    let deflected =
+        wall_deflection_distance_m(at) + v_max * at.period_s / wall_deflection_share(at);
     bounded.max(deflected) + 2.0 * at.distance_error_m()
 }
 
@@ -116,7 +142,7 @@ fn braking(at: &Conditions<'_>) -> Option<Advice> {
 
 /// State and constants of the guard of one robot.
 struct Guard {
-    d: f64,
+    kept: Kept,
     v_max: f64,
     ell: f64,
     /// T, s.
@@ -129,8 +155,6 @@ struct Guard {
     /// eta, rad.
     heading_error: f64,
     deflection: Deflection,
-    /// Within this radius the list of the near must be complete, m.
-    radius_needed: f64,
     /// Own commands that the plant may still obey: stamp answered, twist.
     alive: VecDeque<(u64, Twist)>,
     /// In real time, commands of an earlier incarnation may act until here.
@@ -157,7 +181,7 @@ impl Avoidance for Guard {
     /// The twist that answers `sample` when gamma is wanted.
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
         self.forget_the_dead(sample.stamp_ns);
-        let granted = if self.is_blind(sample) {
+        let granted = if self.kept.is_blind(sample) {
             Twist::ZERO
         } else {
             let p = self.deflection.deflect(sample, gamma * self.period);
@@ -173,12 +197,11 @@ impl Guard {
     fn new(brief: &AgentBrief) -> Guard {
         let avoidance = &brief.avoidance;
         let at = Conditions::of(brief);
-        let (d, v_max) = (avoidance.distance_min_m, avoidance.speed_max_m_s);
         let period = brief.period_ns as f64 / 1e9;
         let lifetime = brief.command_lifetime_ns as f64 / 1e9;
         Guard {
-            d,
-            v_max,
+            kept: Kept::of(&at, [robots_radius_m(&at), walls_radius_m(&at)]),
+            v_max: avoidance.speed_max_m_s,
             ell: brief.front_point_m,
             period,
             lifetime,
@@ -186,19 +209,11 @@ impl Guard {
             distance_error: at.distance_error_m(),
             heading_error: avoidance.heading_error_rad,
             deflection: Deflection::new(brief),
-            radius_needed: sensing_radius_m(&at),
             alive: VecDeque::new(),
             predecessor_until_ns: None,
             remembers_predecessor: brief.pace == Pace::Realtime,
             sides: Vec::new(),
         }
-    }
-
-    /// Nothing, or not enough, is known about who is near: the proof needs all that are nearer than
-    /// `proof/Guard.v::far`.
-    fn is_blind(&self, sample: &Sample<'_>) -> bool {
-        let farthest = sample.away.last().map_or(0.0, |z| z.norm());
-        !sample.proximity_valid || sample.proximity_cut && farthest < self.radius_needed
     }
 
     /// What remains is what may still act: `proof/Time.v::covers_the_alive`, and
@@ -249,7 +264,7 @@ impl Guard {
         }
         for pass in 1..=PASSES_MAX {
             let (mid, spread) = self.headings(sample.heading_rad, w_low, w_high);
-            self.collect_sides(sample.away, v_own, spread);
+            self.collect_sides(sample, v_own, spread);
             let u = rotate(mid, Vec2::new(tried.v_m_s, self.ell * tried.w_rad_s));
             let Some(u) = nearest_point(u, &self.sides) else { return tried };
             let body = rotate(-mid, u);
@@ -273,24 +288,25 @@ impl Guard {
         headings(heading_rad, self.lifetime, [w_low, w_high], self.heading_error)
     }
 
-    /// For everybody near, the half-planes that bound the approach whatever the true direction
+    /// For all near, the half-planes that bound the approach whatever the true direction
     /// (within asin(M/r) of n) and the true heading (within `spread` of its middle).
     ///
-    /// The formulas of `proof/Guard.v::respects`, which `proof/Guard.v::certificate_holds` needs; see
+    /// The formulas of `proof/Guard.v::respects`, which `proof/Guard.v::certificate_holds` needs, and, beside
+    /// walls, of `proof/Walls.v::respects_wall`; see
     /// `proof/Geometry.v::direction_within_asin` and `proof/Geometry.v::sides_bound_the_cone`.
-    fn collect_sides(&mut self, away: &[Vec2], v_own: f64, spread: f64) {
+    fn collect_sides(&mut self, sample: &Sample<'_>, v_own: f64, spread: f64) {
         let rate = 1.0 / self.lifetime; // Lambda
-        let reach = (self.v_max + v_own) * self.lifetime + self.distance_error; // M + eps
         self.sides.clear();
-        for z in away {
-            let r = z.norm();
-            let rho = (r - self.distance_error - self.d - ROUNDING_M).max(0.0);
-            let b = rate * (rho * (-2.0f64).exp()).max(rho - reach); // Lambda H = 1
+        for near in self.kept.near(sample) {
+            let r = near.z.norm();
+            let reach = (near.speed + v_own) * self.lifetime + self.distance_error; // M + eps
+            let rho = (r - self.distance_error - near.kept - ROUNDING_M).max(0.0);
+            let b = near.share * rate * (rho * (-2.0f64).exp()).max(rho - reach); // Lambda H = 1
             if b >= v_own {
                 continue;
             }
             let psi = (spread + swing(reach, r)).min(PI);
-            self.sides.extend(cone_sides(direction(*z), psi, b));
+            self.sides.extend(cone_sides(direction(near.z), psi, b));
         }
     }
 }

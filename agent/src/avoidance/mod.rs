@@ -10,6 +10,7 @@
 //! | `braking_guard` | the same where nobody stops at once |
 //! | `braking` | what does inertia do to its figures? |
 //! | `deflection` | which way leads around others? |
+//! | `near` | what is near, how fast may it come, and what distance is kept from it? |
 //! | `cone` | in which directions may another be while a command acts? |
 //! | `hold` | which held (v, w) moves the front point by exactly this much? |
 //! | `polygon` | what is the nearest velocity that all bounds permit? |
@@ -23,6 +24,7 @@ mod focus;
 mod formulas;
 mod guard;
 mod hold;
+mod near;
 mod none;
 mod polygon;
 
@@ -33,7 +35,9 @@ use protocol::avoidance::{AvoidanceDescription, Conditions};
 use protocol::brief::{AgentBrief, AvoidanceBrief};
 use protocol::number::told_apart;
 
-pub use deflection::{deflection_distance_m, deflection_share};
+pub use deflection::{
+    deflection_distance_m, deflection_share, wall_deflection_distance_m, wall_deflection_share,
+};
 pub use hold::exact_hold;
 
 pub use crate::gains::Gains;
@@ -63,6 +67,11 @@ pub struct Sample<'a> {
     ///
     /// [`Senses::Velocities`]: protocol::avoidance::Senses::Velocities
     pub velocities: &'a [Vec2],
+    /// Own front point - the nearest point of each convex part of a wall or obstacle, m, in `map`,
+    /// nearest first. The proximity sensor sees them too.
+    pub walls: &'a [Vec2],
+    /// The list of walls is not complete.
+    pub walls_cut: bool,
 }
 
 impl Sample<'_> {
@@ -201,6 +210,8 @@ mod tests {
                 proximity_valid: true,
                 proximity_cut: false,
                 velocities: &[],
+                walls: &[],
+                walls_cut: false,
             }
         }
     }

@@ -44,6 +44,7 @@ fn brief() -> AgentBrief {
             sensing_error_m: 0.0,
             heading_error_rad: 0.0,
             braking_time_max_s: 0.0,
+            clearance_m: 0.0,
             gains: Default::default(),
         },
         silence: SilenceBrief {

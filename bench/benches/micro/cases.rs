@@ -114,6 +114,8 @@ fn the_guard(near: usize) -> Body {
             proximity_valid: true,
             proximity_cut: false,
             velocities: &[],
+            walls: &[],
+            walls_cut: false,
         };
         black_box(guard.steer(black_box(&sample), gamma));
     })
@@ -221,6 +223,7 @@ fn recorded(robots: usize) -> Body {
         started_unix_ns: 1_795_233_599_000_000_000,
         reproducible: false,
         robots: &names,
+        walls: &[],
         facts: BTreeMap::new(),
         attachments: &[],
     };

@@ -61,6 +61,8 @@ pub(super) fn unsettled(scenario: &Scenario) -> Vec<Finding> {
     speeds(scenario, &mut findings);
     ramps(scenario, &mut findings);
     start_distances(scenario, &mut findings);
+    walls_minded(scenario, &mut findings);
+    start_clearances(scenario, &mut findings);
     sensing(scenario, &mut findings);
     crowds(scenario, &mut findings);
     advice(scenario, &mut findings);
@@ -75,9 +77,11 @@ pub(super) fn once_settled(
 ) -> Vec<Finding> {
     let mut findings = Vec::new();
     settled_distances(scenario, settled, &mut findings);
+    goals(scenario, &mut findings);
     if let Some(motion) = motion {
         steady_speeds(scenario, motion, &mut findings);
         steady_wheels(scenario, motion, &mut findings);
+        passages(scenario, motion, &mut findings);
     }
     findings
 }
@@ -324,6 +328,118 @@ fn start_distances(scenario: &Scenario, findings: &mut Vec<Finding>) {
             format!("robot.{b}.pose"),
             format!("the front points of {a} and {b} start {distance} m apart"),
             format!("expected at least `distance_min_m`, {least} m (Assumption 1)"),
+        ));
+    }
+}
+
+/// A method that knows nothing of walls leads through them; and bodies are larger than points.
+fn walls_minded(scenario: &Scenario, findings: &mut Vec<Finding>) {
+    if scenario.walls.is_empty() {
+        return;
+    }
+    if !scenario.method.minds_walls {
+        findings.push(finding(
+            Severity::Warning,
+            "avoidance.kind",
+            format!(
+                "avoidance \"{}\" knows nothing of walls: robots drive through them",
+                scenario.method.name
+            ),
+            "expected `kind = \"guard\"`, or a scenario without walls",
+        ));
+        return;
+    }
+    let clearance_m = scenario.avoidance.clearance_m;
+    let reach_m = |robot: &Robot| Some(robot.front_point_m + robot.body_radius_m?);
+    let wide = |robot: &&Robot| reach_m(robot).is_some_and(|reach_m| clearance_m < reach_m);
+    if let Some(robot) = scenario.robots.iter().find(wide) {
+        let [clearance, reach] = told_apart(clearance_m, reach_m(robot).unwrap_or_default());
+        findings.push(finding(
+            Severity::Warning,
+            "avoidance.clearance_m",
+            format!(
+                "a clearance of {clearance} m keeps front points from walls, but not bodies: that of {} \
+                 reaches {reach} m from its front point",
+                robot.name
+            ),
+            format!("expected at least {reach} m"),
+        ));
+    }
+}
+
+/// All start as far from walls as they are to stay.
+fn start_clearances(scenario: &Scenario, findings: &mut Vec<Finding>) {
+    let (walls, clearance_m) = (scenario.obstacles(), scenario.avoidance.clearance_m);
+    let promised = scenario.method.minds_walls && scenario.method.promise == Promise::Always;
+    let severity = if promised { Severity::Error } else { Severity::Warning };
+    let starts = start_points(&scenario.robots).into_iter().zip(&scenario.robots);
+    let near = starts.filter_map(|(start, robot)| walls.nearest(start).map(|near| (robot, near)));
+    for (robot, near) in near.filter(|(_, near)| near.distance_m < clearance_m) {
+        let [distance, least] = told_apart(near.distance_m, clearance_m);
+        let wall = &scenario.walls[near.place].name;
+        findings.push(finding(
+            severity,
+            format!("robot.{}.pose", robot.name),
+            format!("the front point of {} starts {distance} m from {wall}", robot.name),
+            format!("expected at least `clearance_m`, {least} m"),
+        ));
+    }
+}
+
+/// Nobody is led away from its goal by a wall.
+fn goals(scenario: &Scenario, findings: &mut Vec<Finding>) {
+    let (Some((name, distance_m)), Some(goals)) =
+        (scenario.method.steers_beside_walls, scenario.goals_m())
+    else {
+        return;
+    };
+    let (bound_m, walls) = (distance_m(&scenario.conditions()), scenario.obstacles());
+    let near = scenario.robots.iter().zip(goals).filter_map(|(robot, goal)| {
+        walls.nearest(goal).filter(|near| near.distance_m < bound_m).map(|near| (robot, near))
+    });
+    for (robot, near) in near {
+        let [distance, bound] = told_apart(near.distance_m, bound_m);
+        let wall = &scenario.walls[near.place].name;
+        findings.push(finding(
+            Severity::Warning,
+            format!("robot.{}.goal_m", robot.name),
+            format!(
+                "the goal of {} is {distance} m from {wall}: avoidance will keep it from there",
+                robot.name
+            ),
+            format!("expected more than {name} = {bound} m"),
+        ));
+    }
+}
+
+/// Places and the trajectory should keep so far from walls that nobody is led away from them.
+fn passages(scenario: &Scenario, motion: &Motion, findings: &mut Vec<Finding>) {
+    let Some((name, distance_m)) = scenario.method.steers_beside_walls else { return };
+    let bound_m = distance_m(&scenario.conditions());
+    let passages = motion.passages.iter().zip(&scenario.robots);
+    let near = passages.filter_map(|(passage, robot)| passage.map(|passage| (passage, robot)));
+    let near: Vec<_> = near.filter(|(passage, _)| passage.distance_m < bound_m).collect();
+    let (led, others): (Vec<_>, Vec<_>) = near.into_iter().partition(|(_, robot)| robot.role.leads);
+    let tightest = others.iter().min_by(|a, b| a.0.distance_m.total_cmp(&b.0.distance_m));
+    for (passage, robot) in led.iter().chain(tightest) {
+        let [distance, bound] = told_apart(passage.distance_m, bound_m);
+        let (path, what) = match robot.role.leads {
+            true => ("trajectory.points_m".to_owned(), format!("the trajectory of {}", robot.name)),
+            false => (format!("robot.{}", robot.name), format!("the place of {}", robot.name)),
+        };
+        let more = match others.len() {
+            n if n > 1 && !robot.role.leads => format!(" ({} more are too near)", n - 1),
+            _ => String::new(),
+        };
+        findings.push(finding(
+            Severity::Warning,
+            path,
+            format!(
+                "{what} is {distance} m from {} at {} s: avoidance will keep it from there{more}",
+                scenario.walls[passage.wall].name,
+                short(passage.t_s)
+            ),
+            format!("expected more than {name} = {bound} m"),
         ));
     }
 }

@@ -20,7 +20,7 @@ pub use report::report;
 pub use steady::Peak;
 pub use theory::{
     Death, Distances, EdgeCut, Epsilon, Gap, Guard, Hears, Loss, MatrixFacts, RobotTheory,
-    SpeedBounds, Theory, TrajectoryFacts, TransientPeak,
+    SpeedBounds, Theory, TrajectoryFacts, TransientPeak, WallFacts,
 };
 
 use formation::Vec2;

@@ -400,6 +400,21 @@ fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
         Some((robot.name, braking_line(&braking)))
     });
     page.list("inertia", lines(braking));
+    if let Some(walls) = &theory.walls {
+        let led = walls.deflection_distance_m.map(|m| format!(", led along them within {m:.4} m"));
+        page.line(
+            "walls",
+            format!(
+                "{} convex part{}; front points stay {} m away{}",
+                walls.parts,
+                if walls.parts == 1 { "" } else { "s" },
+                short(walls.clearance_m),
+                led.unwrap_or_default()
+            ),
+        );
+        let [robot, wall] = walls.start;
+        page.line("", format!("{:.4} m at the start ({robot} and {wall})", walls.start_m));
+    }
     if let Some(name) = scenario.voids_the_promise() {
         page.line("", format!("{name} ramps independently: no promise about distances"));
     }

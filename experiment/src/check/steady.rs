@@ -80,9 +80,22 @@ pub(super) struct Motion {
     pub peaks: Vec<Peak>,
     /// When each robot is fastest, s since the start: its front point, and a wheel's rim.
     peaks_at_s: Vec<[f64; 2]>,
+    /// How near each robot's place comes to a wall, if there is one.
+    pub passages: Vec<Option<Passage>>,
     /// Where the leader starts with another heading than its path has, and that makes somebody
     /// faster.
     pub transient: Option<Transient>,
+}
+
+/// The smallest distance of a place from a wall.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Passage {
+    /// m.
+    pub distance_m: f64,
+    /// When, s since the start.
+    pub t_s: f64,
+    /// The convex part, by its place in the scenario.
+    pub wall: usize,
 }
 
 /// What the leader's heading at the start asks of the others until it has turned.
@@ -121,6 +134,7 @@ impl Motion {
         Some(Motion {
             peaks: along.peaks,
             peaks_at_s: along.peaks_at_s,
+            passages: along.passages,
             transient: Some(Transient { tangent_rad, peaks, peaks_at_s }),
             ..given
         })
@@ -143,8 +157,10 @@ impl Motion {
             offset_rate_m_s: 0.0,
             peaks: vec![Peak::default(); robots.len()],
             peaks_at_s: vec![[0.0; 2]; robots.len()],
+            passages: vec![None; robots.len()],
             transient: None,
         };
+        let walls = scenario.obstacles();
         let mut headings_rad: Vec<f64> = robots.iter().map(|r| r.start.heading_rad).collect();
         headings_rad[leader] = leader_rad;
         let mut before: Option<Vec<Vec2>> = None;
@@ -164,6 +180,18 @@ impl Motion {
                 scale,
                 scale_rate_per_s,
             };
+            if !walls.is_empty() {
+                for (passage, &place) in motion.passages.iter_mut().zip(&settled.places) {
+                    let now = walls.nearest(target.position + frame.offset(place).position);
+                    let now = now.map(|near| Passage {
+                        distance_m: near.distance_m,
+                        t_s,
+                        wall: near.place,
+                    });
+                    let least_m = passage.map_or(f64::INFINITY, |passage| passage.distance_m);
+                    *passage = now.filter(|now| now.distance_m < least_m).or(*passage);
+                }
+            }
             let velocities: Vec<Vec2> = settled
                 .places
                 .iter()

@@ -51,6 +51,9 @@ pub struct Theory<'s> {
     pub epsilon: Vec<Epsilon>,
     /// Smallest distances.
     pub distances: Distances<'s>,
+    /// Walls and obstacles, if there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub walls: Option<WallFacts<'s>>,
     /// What keeping distance rests on.
     pub guard: Guard,
     /// What is wrong or worth knowing. No errors: with one, there is no theory.
@@ -283,6 +286,38 @@ pub struct Guard {
     pub speed_cap_m_s: Option<f64>,
 }
 
+/// Walls and obstacles.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct WallFacts<'s> {
+    /// How many convex parts they have.
+    pub parts: usize,
+    /// The distance that is kept from them, m.
+    pub clearance_m: f64,
+    /// Within this distance robots are led along them, m, if at all: c_f of `guard`.
+    pub deflection_distance_m: Option<f64>,
+    /// The smallest clearance at the start, m.
+    pub start_m: f64,
+    /// Whose, and from which wall or obstacle.
+    pub start: [&'s str; 2],
+}
+
+impl<'s> WallFacts<'s> {
+    fn of(scenario: &'s Scenario) -> Option<WallFacts<'s>> {
+        let obstacles = scenario.obstacles();
+        let starts = start_points(&scenario.robots).into_iter().zip(&scenario.robots);
+        let near = starts.filter_map(|(start, robot)| Some((robot, obstacles.nearest(start)?)));
+        let (robot, near) = near.min_by(|a, b| a.1.distance_m.total_cmp(&b.1.distance_m))?;
+        let steers = scenario.method.steers_beside_walls;
+        Some(WallFacts {
+            parts: scenario.walls.len(),
+            clearance_m: scenario.avoidance.clearance_m,
+            deflection_distance_m: steers.map(|(_, m)| m(&scenario.conditions())),
+            start_m: near.distance_m,
+            start: [&robot.name, &scenario.walls[near.place].name],
+        })
+    }
+}
+
 impl<'s> Theory<'s> {
     /// Of a scenario without errors.
     pub fn of(scenario: &'s Scenario) -> Theory<'s> {
@@ -359,6 +394,7 @@ impl<'s> Theory<'s> {
                 settled: gap(settled.closest),
                 scale: settled.scale,
             },
+            walls: WallFacts::of(scenario),
             guard: Guard {
                 on: scenario.method.promise == Promise::Always
                     && scenario.voids_the_promise().is_none(),

@@ -3,12 +3,13 @@
 use super::diagnostic::Diagnostic;
 use super::robots::robot_named;
 use super::table::{Table, Value};
-use super::{AliveAtEnd, Expectations, Robot, seconds};
+use super::{AliveAtEnd, Expectations, Robot, Wall, seconds};
 
 /// `[expect]`.
 pub(super) fn expect(
     root: &Table<'_>,
     robots: &[Robot],
+    walls: &[Wall],
     duration_ns: u64,
 ) -> Result<Expectations, Diagnostic> {
     let table = root.table("expect")?;
@@ -22,8 +23,15 @@ pub(super) fn expect(
             format!("expected at most `duration_s`, {} s", seconds(duration_ns)),
         ));
     }
+    if let Some(clearance) = table.get("min_clearance_m").filter(|_| walls.is_empty()) {
+        return Err(clearance.wrong(
+            "is asked for, but there is no wall",
+            "expected a `[[wall]]` or an `[[obstacle]]`, or no such key",
+        ));
+    }
     Ok(Expectations {
         min_distance_m: table.maybe_number("min_distance_m")?,
+        min_clearance_m: table.maybe_number("min_clearance_m")?,
         final_error_m_max: table.maybe_number("final_error_m_max")?,
         final_ideal_error_m_max: table.maybe_number("final_ideal_error_m_max")?,
         tracking_error_m_max: table.maybe_number("tracking_error_m_max")?,

@@ -207,6 +207,11 @@ impl Format {
             section("wheels", "What a robot's wheels can do.", WHEELS),
             section("limits", "How fast a robot's twist can change: its inertia.", LIMITS),
             section("edge", "One robot hears another.", EDGE),
+            section("wall", "A wall: segments from point to point.", WALL),
+            Section {
+                kinds: OBSTACLES.iter().map(kind).collect(),
+                ..section("obstacle", "Something fixed that robots keep away from.", OBSTACLE)
+            },
             Section {
                 kinds: TRAJECTORIES.iter().map(kind).collect(),
                 ..section("trajectory", "Where the leader's front point goes.", TRAJECTORY)
@@ -454,6 +459,10 @@ const ROOT: &[Key] = &[
         "a file with edges, and perhaps robots: .json (node-link), .csv (matrix) or .graphml",
     )
     .guessed(&["graph_file", "network", "topology", "import"]),
+    key("wall", Tables("wall"), Absent, "walls: lines through points")
+        .guessed(&["walls", "lines", "segments", "boundary"]),
+    key("obstacle", Tables("obstacle"), Absent, "discs and convex polygons that robots keep away from")
+        .guessed(&["obstacles", "disc", "discs", "polygon", "polygons", "shelf", "shelves"]),
     key("fault", Tables("fault"), Absent, "what breaks on purpose")
         .guessed(&["faults", "failure", "failures", "event", "events"]),
     key("chaos", Table("chaos"), Absent, "kills and freezes at random times")
@@ -518,7 +527,6 @@ const AVOIDANCE: &[Key] = &[
         "safety_distance",
         "distance",
         "radius",
-        "clearance",
     ]),
     key(
         "speed_max_m_s",
@@ -537,10 +545,17 @@ const AVOIDANCE: &[Key] = &[
         "v",
     ]),
     key(
+        "clearance_m",
+        Number("m", Positive),
+        Rule("half of `distance_min_m`"),
+        "no front point may be nearer than this to a wall or obstacle, in meters",
+    )
+    .guessed(&["clearance", "wall_distance", "obstacle_distance", "margin", "d_o"]),
+    key(
         "sensing_radius_m",
         Number("m", Positive),
         Rule("as far as the method needs"),
-        "within this distance robots see each other",
+        "within this distance robots see each other and walls",
     )
     .guessed(&["sensing", "sensor_range", "range", "sensing_range", "r_s"]),
     key(
@@ -784,6 +799,33 @@ const EDGE: &[Key] = &[
     .guessed(&["c", "displacement", "delta", "d", "relative_position"]),
 ];
 
+const WALL: &[Key] = &[
+    key("points_m", Points("m"), Needed, "its points in order: [[0.0, 0.0], [1.0, 0.5]]")
+        .guessed(&["points", "corners", "vertices", "polyline"]),
+    key("closed", Truth, No, "whether it leads back to its first point")
+        .guessed(&["loop", "cyclic"]),
+];
+
+const OBSTACLE: &[Key] = &[
+    key("kind", Word(&[("disc", ""), ("polygon", "")]), Needed, "\"disc\" or \"polygon\"")
+        .guessed(&["type", "shape"]),
+    key("center_m", Pair("m"), Needed, "center of a disc")
+        .guessed(&["centre", "position", "origin"]),
+    key("radius_m", Number("m", Positive), Needed, "radius of a disc").guessed(&["r", "size"]),
+    key(
+        "corners_m",
+        Points("m"),
+        Needed,
+        "corners of a convex polygon, in order: [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]",
+    )
+    .guessed(&["corners", "points", "vertices"]),
+];
+
+const OBSTACLES: &[KindRow] = &[
+    ("disc", "a disc", &["center_m", "radius_m"], &[]),
+    ("polygon", "a convex polygon", &["corners_m"], &[]),
+];
+
 const TRAJECTORY: &[Key] = &[
     key(
         "kind",
@@ -992,6 +1034,13 @@ const EXPECT: &[Key] = &[
         "no two front points nearer than this at any tick",
     )
     .guessed(&["distance_min", "d", "d_min", "distance"]),
+    key(
+        "min_clearance_m",
+        Number("m", Positive),
+        Absent,
+        "no front point nearer than this to a wall or obstacle at any tick",
+    )
+    .guessed(&["clearance", "clearance_min"]),
     key(
         "final_error_m_max",
         Number("m", Positive),

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `keys` | THE table: which keys are there, of which type, unit, range and default? |
 //! | `read` | what does the text say, and where does it go wrong? |
-//! | `robots` `graph` `lead` `faults` `expect` | the same for one kind of table each |
+//! | `robots` `graph` `lead` `walls` `faults` `expect` | the same for one kind of table each |
 //! | `models` | which robots can one buy, and what can they do? |
 //! | `import/` | which robots and edges does a graph of another tool hold? |
 //! | `file` | how is a file's text had, and when is it refused? |
@@ -39,6 +39,7 @@ mod shaken;
 pub mod table;
 #[cfg(test)]
 mod tests;
+mod walls;
 pub mod written_out;
 
 use std::collections::BTreeMap;
@@ -47,6 +48,7 @@ pub use restart::{AfterDeath, RestartPolicy, RestartWhen};
 
 use formation::Vec2;
 use formation::graph::{Edge, FormationGraph};
+use formation::obstacle::{Obstacle, Obstacles};
 use formation::pose::Pose;
 use formation::reachability::Reachability;
 use formation::seconds;
@@ -96,6 +98,8 @@ pub struct Scenario {
     pub graph: FormationGraph,
     /// Where the main leader goes, if there is one.
     pub lead: Option<LeadBrief>,
+    /// What stands in their way.
+    pub walls: Vec<Wall>,
     /// What breaks, in order of time.
     pub faults: Vec<Fault>,
     /// What must hold for exit code 0.
@@ -131,6 +135,17 @@ pub struct Robot {
     pub correction_max_m_s: Option<f64>,
     /// What happens when its process dies unasked.
     pub restart: RestartPolicy,
+}
+
+/// One convex part of a wall or obstacle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wall {
+    /// Of which one it is: `wall 1`, `obstacle 2`.
+    pub name: String,
+    /// The key that says so: `wall.0`.
+    pub path: String,
+    /// Where it is.
+    pub shape: Obstacle,
 }
 
 /// Something that breaks on purpose.
@@ -248,6 +263,8 @@ pub enum AliveAtEnd {
 pub struct Expectations {
     /// No two front points nearer than this at any tick, m.
     pub min_distance_m: Option<f64>,
+    /// No front point nearer than this to a wall or obstacle at any tick, m.
+    pub min_clearance_m: Option<f64>,
     /// Bound on the distance of contained robots from the leaders' hull over the last 10 %, m.
     pub hull_distance_m_max: Option<f64>,
     /// Bound on the worst living error over the last 10 % of the run, m.
@@ -348,6 +365,12 @@ impl Scenario {
             front_point_m: front_points_m.fold(f64::INFINITY, f64::min),
             rank: (0..self.robots.len()).map(|i| self.rank(i)).max().unwrap_or_default(),
         }
+    }
+
+    /// The convex parts of all walls and obstacles.
+    pub fn obstacles(&self) -> Obstacles {
+        let shapes: Vec<Obstacle> = self.walls.iter().map(|wall| wall.shape.clone()).collect();
+        Obstacles::new(&shapes)
     }
 
     /// The first robot whose speed and turn rate change independently, by its name: the guard with

@@ -29,6 +29,7 @@ use super::keys::{FORMAT, Format};
 use super::lead::lead;
 use super::robots::{Robots, robots};
 use super::table::{Document, Places, Table, Value};
+use super::walls::walls;
 use super::{Fault, FaultKind, Scenario, seconds};
 use crate::check;
 
@@ -211,12 +212,13 @@ fn scenario(
     let avoidance_table = root.need("avoidance")?.table()?;
     let (method, avoidance) = avoidance(&avoidance_table, &catalog.methods)?;
     let silence = silence(root, period_ns)?;
-    let Robots { robots, ties, warnings } =
+    let Robots { robots, ties, mut warnings } =
         robots(root, &catalog.laws, avoidance.speed_max_m_s, document)?;
     let graph = graph(root, &robots, &ties)?;
     let lead = lead(root, &robots)?;
+    let walls = walls(root)?;
     let faults = faults(root, &Scene { robots: &robots, graph: &graph, duration_ns, seed })?;
-    let expect = expect(root, &robots, duration_ns)?;
+    let expect = expect(root, &robots, &walls, duration_ns)?;
     let mut scenario = Scenario {
         name: name_text.to_owned(),
         duration_ns,
@@ -235,9 +237,23 @@ fn scenario(
         robots,
         graph,
         lead,
+        walls,
         faults,
         expect,
     };
+    let clearance = avoidance_table.get("clearance_m");
+    if !scenario.walls.is_empty() {
+        let half = 0.5 * scenario.avoidance.distance_min_m;
+        let given = clearance.map(|clearance| clearance.number()).transpose()?;
+        scenario.avoidance.clearance_m = given.unwrap_or(half);
+    } else if let Some(clearance) = clearance {
+        let mut warning = clearance.wrong(
+            "has no effect: there is no wall",
+            "expected a `[[wall]]` or an `[[obstacle]]`, or no such key",
+        );
+        warning.severity = Severity::Warning;
+        warnings.push(warning);
+    }
     let [noise_m, noise_rad] = noise_bounds(scenario.robots.len(), &scenario.faults);
     let avoidance = &mut scenario.avoidance;
     avoidance.sensing_error_m = avoidance.sensing_error_m.max(noise_m);
@@ -304,6 +320,7 @@ fn avoidance(
         sensing_error_m: bound("sensing_error_m")?,
         heading_error_rad: bound("heading_error_rad")?,
         braking_time_max_s: 0.0,
+        clearance_m: 0.0,
         gains,
     };
     Ok((method, avoidance))

@@ -35,6 +35,8 @@ fn brief(ramp: RampKind, wheel_faults: Vec<protocol::fault::WheelFault>) -> Plan
         speed_max_m_s: Some(1.0),
         sensing_radius_m: 3.0,
         velocities_sensed: false,
+        clearance_m: 0.0,
+        obstacles: Vec::new(),
         robots: vec![BodyBrief {
             name: "r1".into(),
             front_point_m: 0.1,

@@ -47,6 +47,7 @@ fn agent() -> AgentBrief {
             sensing_error_m: 0.0,
             heading_error_rad: 0.1,
             braking_time_max_s: 0.5,
+            clearance_m: 0.0,
             gains: [("epsilon_per_s".into(), 1.0)].into(),
         },
         silence: SilenceBrief {
@@ -81,6 +82,11 @@ fn plant() -> PlantBrief {
         speed_max_m_s: Some(0.3),
         sensing_radius_m: 0.3,
         velocities_sensed: true,
+        clearance_m: 0.1,
+        obstacles: vec![
+            Obstacle::Disc { center_m: [1.0, 2.0], radius_m: 0.5 },
+            Obstacle::segment([0.0, 1.0], [1.0, 1.0]),
+        ],
         robots: vec![BodyBrief {
             name: "r1".into(),
             front_point_m: 0.045,

@@ -1,6 +1,7 @@
 //! Where everybody went: the chapter's Figures 4, 8 and 12.
 
 use formation::Vec2;
+use formation::obstacle::Obstacle;
 use plotters::style::RGBColor;
 
 use super::{WIDTH, judged};
@@ -21,6 +22,8 @@ const BODY: f64 = 9.0;
 const APART: f64 = 1.3;
 /// A time has so much room beside the times before, px.
 const LABEL: (f64, f64) = (42.0, 15.0);
+/// Walls are shown so far beside where the robots were, as a share of that.
+const BESIDE: f64 = 0.15;
 /// Robots are drawn at so many instants at most.
 const INSTANTS_MAX: usize = 8;
 
@@ -33,11 +36,11 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
     let lead: Vec<Point> = run.lead_m.iter().map(|&[x, y]| (x, y)).collect();
     let finite = |at: &&Point| at.0.is_finite() && at.1.is_finite();
     let all = || paths.iter().chain([&lead]).flatten().filter(finite);
-    let lowest = all().fold((f64::INFINITY, f64::INFINITY), |a, b| (a.0.min(b.0), a.1.min(b.1)));
-    let highest = all().fold((-f64::INFINITY, -f64::INFINITY), |a, b| (a.0.max(b.0), a.1.max(b.1)));
-    if !(lowest.0.is_finite() && highest.0.is_finite()) {
+    let robots_reach = reach(all());
+    if !(robots_reach.0.0.is_finite() && robots_reach.1.0.is_finite()) {
         return None;
     }
+    let (lowest, highest) = with_walls(run, robots_reach);
 
     // Both axes have the same scale: the height follows the width within bounds, then one of both
     // ranges grows until it fits.
@@ -58,6 +61,16 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
         axis("x (m)", lowest.0, highest.0, inner.width),
         axis("y (m)", lowest.1, highest.1, inner.height),
     );
+
+    let half = (m_per_px * inner.width / 2.0, m_per_px * inner.height / 2.0);
+    let middle = ((lowest.0 + highest.0) / 2.0, (lowest.1 + highest.1) / 2.0);
+    let drawn = ((middle.0 - half.0, middle.1 - half.1), (middle.0 + half.0, middle.1 + half.1));
+    for wall in &run.scene.walls {
+        let mut outline = seen(wall, drawn);
+        panel.areas.push((outline.clone(), GRAY, 0.35));
+        outline.extend(outline.first().copied());
+        panel.curves.push((outline, Line::solid(BLACK).weight(2), false));
+    }
 
     let mut key = Vec::new();
     let few = robots <= NAMES_MAX;
@@ -100,7 +113,13 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
          at {} s.",
         times.join(", ")
     );
+    if !run.scene.walls.is_empty() {
+        caption += " Gray: walls and obstacles.";
+    }
     if let Some(summary) = &run.summary {
+        if let Some(expectation) = summary.expected("min_clearance_m") {
+            caption += &judged(expectation, "The smallest clearance at any tick", "m");
+        }
         if let Some(expectation) = summary.expected("tracking_error_m_max") {
             caption +=
                 &judged(expectation, "The main leader follows m(t), worst error at the end", "m");
@@ -126,6 +145,49 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
         panels: vec![(place, panel)],
         key,
     })
+}
+
+/// The lowest and the highest x and y.
+type Reach = (Point, Point);
+
+fn reach<'p>(points: impl Iterator<Item = &'p Point>) -> Reach {
+    let nowhere = ((f64::INFINITY, f64::INFINITY), (-f64::INFINITY, -f64::INFINITY));
+    points.fold(nowhere, |(low, high), at| {
+        ((low.0.min(at.0), low.1.min(at.1)), (high.0.max(at.0), high.1.max(at.1)))
+    })
+}
+
+/// The same with the walls beside where the robots were, as far as they are near.
+fn with_walls(run: &Run, robots: Reach) -> Reach {
+    let ((left, low), (right, high)) = robots;
+    let beside = BESIDE * (right - left).max(high - low);
+    let near = ((left - beside, low - beside), (right + beside, high + beside));
+    let walls: Vec<Point> = run.scene.walls.iter().flat_map(|wall| seen(wall, near)).collect();
+    reach(walls.iter().chain([&robots.0, &robots.1]))
+}
+
+/// The part of a wall within a rectangle. (Sutherland and Hodgman: side by side)
+fn seen(wall: &Obstacle, (low, high): Reach) -> Vec<Point> {
+    let mut outline: Vec<Point> = wall.outline().into_iter().map(point).collect();
+    // How far inside of each side a point is.
+    let sides: [&dyn Fn(Point) -> f64; 4] =
+        [&|p| p.0 - low.0, &|p| high.0 - p.0, &|p| p.1 - low.1, &|p| high.1 - p.1];
+    for inside in sides {
+        let mut kept = Vec::new();
+        for (i, &to) in outline.iter().enumerate() {
+            let from = outline[(i + outline.len() - 1) % outline.len()];
+            let (a, b) = (inside(from), inside(to));
+            if (a < 0.0) != (b < 0.0) {
+                let share = a / (a - b);
+                kept.push((from.0 + share * (to.0 - from.0), from.1 + share * (to.1 - from.1)));
+            }
+            if b >= 0.0 {
+                kept.push(to);
+            }
+        }
+        outline = kept;
+    }
+    outline
 }
 
 /// Where robots are not named, all of a role look alike.

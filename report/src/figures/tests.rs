@@ -1,3 +1,4 @@
+use formation::obstacle::Obstacle;
 use proptest::prelude::*;
 
 use super::*;
@@ -36,6 +37,10 @@ fn example(robots: usize, instants: usize, role: &str) -> Run {
             })
             .collect(),
         edges: (1..robots).map(|to| SceneEdge { from: to, to: to - 1 }).collect(),
+        walls: vec![
+            Obstacle::segment([0.0, -9.0], [0.0, 9.0]),
+            Obstacle::Disc { center_m: [0.5, 0.5], radius_m: 0.1 },
+        ],
         faults: vec![SceneFault {
             t_s: 0.3,
             until_s: Some(0.5),

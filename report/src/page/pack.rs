@@ -151,6 +151,7 @@ mod tests {
             distance_min_m: 0.2,
             robots: vec![robot; robots],
             edges: vec![SceneEdge { from: 0, to: 0 }; edges],
+            walls: vec![],
             faults: vec![],
         }
     }

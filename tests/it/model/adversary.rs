@@ -16,6 +16,7 @@ use protocol::avoidance::Conditions;
 use protocol::brief::{AgentBrief, LeadBrief};
 use protocol::message::Odometry;
 
+use super::walls::Ramming;
 use super::{MS, Model, Next, Robot, US};
 
 /// Who decides what goes wrong, and when.
@@ -40,8 +41,8 @@ pub const ADVERSARIES: [Adversary; 4] =
 pub enum Wish {
     /// Where their brief's law says.
     Law,
-    /// At their nearest neighbour, as fast as they can. What they are told of their own turning is
-    /// such that leading them around the neighbour turns them towards it: the bound is alone.
+    /// At their nearest neighbour or wall, as fast as they can. What they are told of their own turning is
+    /// such that leading them around it turns them towards it: the bound is alone.
     Ram,
 }
 
@@ -238,13 +239,20 @@ impl Model<'_> {
         let brief = &self.fleet.agents[i];
         let speed_max = brief.avoidance.speed_max_m_s;
         let (_, towards) = self.nearest(i);
-        let direction = towards / towards.norm().max(f64::MIN_POSITIVE);
-        *self.robots[i].wish.lock().unwrap() = 2.0 * speed_max * direction;
-        // Against one neighbour, deflection makes of -V n this p, in n and t: turn it back.
-        let reach = speed_max * brief.period_ns as f64 / 1e9; // V
-        let at = Conditions::of(brief);
-        let excess = deflection_share(&at) * (deflection_distance_m(&at) - towards.norm());
-        let (p_n, p_t) = (excess, reach + excess);
+        let slack_m = towards.norm() - self.fleet.plant.distance_min_m;
+        let ramming = match self.wall_nearer_than(i, slack_m) {
+            Some(towards) => self.ramming_a_wall(i, towards),
+            None => {
+                // Against one neighbour, deflection makes of -V n this p, in n and t: turn it back.
+                let reach = speed_max * brief.period_ns as f64 / 1e9; // V
+                let at = Conditions::of(brief);
+                let excess = deflection_share(&at) * (deflection_distance_m(&at) - towards.norm());
+                let wish = towards / towards.norm().max(f64::MIN_POSITIVE);
+                Ramming { wish, p_n: excess, p_t: reach + excess }
+            }
+        };
+        let Ramming { wish, p_n, p_t } = ramming;
+        *self.robots[i].wish.lock().unwrap() = 2.0 * speed_max * wish;
         if p_t <= 0.0 {
             return (odometry, self.now_ns);
         }

@@ -8,6 +8,7 @@
 #![expect(clippy::print_stdout, reason = "the long form tells its counts")]
 
 use formation::front_point::{front_point, front_velocity};
+use formation::obstacle::Obstacle;
 use formation::pose::Pose;
 use formation::ramp::Ramp;
 use formation::random::SplitMix64;
@@ -35,6 +36,9 @@ struct Case {
     wanted: Twist,
     /// Own front point minus the others', m.
     away: Vec<Vec2>,
+    clearance: f64,
+    /// Where the robot's axle is at the origin.
+    walls: Vec<Obstacle>,
 }
 
 /// The same in the robot's own frame, where cases are made by hand.
@@ -82,6 +86,8 @@ impl Case {
             alive: Vec::new(),
             wanted: Twist::ZERO,
             away: Vec::new(),
+            clearance: within(dice, 0.05, 0.4),
+            walls: Vec::new(),
         }
     }
 
@@ -102,7 +108,10 @@ impl Case {
         for _ in 0..dice.between(1, 3) {
             let far = if dice.chance(0.2) { 0.0 } else { zone * within(dice, 0.0, 1.5) };
             let angle = within(dice, -PI, PI);
-            case.away.push(polar(case.d + case.error_m + far, angle));
+            match dice.chance(0.4) {
+                true => case.wall(case.error_m + 0.5 * far, angle, dice),
+                false => case.away.push(polar(case.d + case.error_m + far, angle)),
+            }
         }
         case.wanted = case.twist(dice);
         let slow = within(dice, 0.0, 1.0).powi(2);
@@ -127,6 +136,22 @@ impl Case {
         self.away = vec![polar(self.d + far, self.heading + angle + PI)];
     }
 
+    /// With a wall that is so far beyond the clearance in this direction: a segment or a disc.
+    fn wall(&mut self, far: f64, angle: f64, dice: &mut SplitMix64) {
+        let start = Pose { x_m: 0.0, y_m: 0.0, heading_rad: self.heading };
+        let foot = front_point(start, self.ell) + polar(self.clearance + far, angle);
+        let along = |length: f64| (foot + polar(length, angle + 0.5 * PI)).into();
+        self.walls.push(match dice.chance(0.5) {
+            true => {
+                Obstacle::segment(along(within(dice, 0.0, 1.0)), along(-within(dice, 0.01, 1.0)))
+            }
+            false => {
+                let radius_m = within(dice, 0.01, 0.5);
+                Obstacle::Disc { center_m: (foot + polar(radius_m, angle)).into(), radius_m }
+            }
+        });
+    }
+
     fn guard(&self) -> BrakingGuard {
         let mut brief = AgentBrief { pace: Pace::Lockstep, ..brief() };
         brief.front_point_m = self.ell;
@@ -134,6 +159,7 @@ impl Case {
         brief.command_lifetime_ns = (self.lifetime * 1e9) as u64;
         brief.limits = Some(self.limits);
         brief.avoidance.distance_min_m = self.d;
+        brief.avoidance.clearance_m = self.clearance;
         brief.avoidance.speed_max_m_s = self.v_max;
         brief.avoidance.sensing_error_m = self.error_m;
         brief.avoidance.heading_error_rad = self.heading_error;
@@ -153,15 +179,17 @@ impl Case {
         let start = Pose { x_m: 0.0, y_m: 0.0, heading_rad: self.heading };
         let alpha = front_point(start, self.ell);
         let alpha_sensed = front_point(Pose { heading_rad: sensed, ..start }, self.ell);
-        let mut reported: Vec<Vec2> = { &self.away }
-            .iter()
-            .map(|z| {
-                alpha_sensed - (alpha - z)
-                    + polar(self.error_m * dice.unit(), within(dice, -PI, PI))
-            })
-            .collect();
-        reported.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
-        let sample = Sample { twist: self.now, ..sample_at(0, sensed, &reported) };
+        let mut reported = |points: Vec<Vec2>| {
+            let points = points.into_iter().map(|point| {
+                alpha_sensed - point + polar(self.error_m * dice.unit(), within(dice, -PI, PI))
+            });
+            let mut reported: Vec<Vec2> = points.collect();
+            reported.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
+            reported
+        };
+        let away = reported(self.away.iter().map(|z| alpha - z).collect());
+        let walls = reported(self.walls.iter().map(|wall| wall.nearest(alpha)).collect());
+        let sample = Sample { twist: self.now, walls: &walls, ..sample_at(0, sensed, &away) };
         let tried = guard.within_reach(self.now, guard.within_y(self.wanted));
         let granted = guard.grant(&sample, self.now, tried)?;
 
@@ -192,7 +220,22 @@ impl Case {
             }
         }
         let worst = { &self.away }.iter().map(|z| self.worst_against(alpha - z, &way, dice));
-        Some(worst.fold(f64::NEG_INFINITY, f64::max))
+        let worst = worst.fold(f64::NEG_INFINITY, f64::max);
+        let beside = self.walls.iter().map(|wall| self.worst_beside(wall, &way));
+        Some(beside.fold(worst, f64::max))
+    }
+
+    /// The same beside a wall, of whose slack all is the robot's.
+    fn worst_beside(&self, wall: &Obstacle, way: &[(f64, Vec2, Vec2)]) -> f64 {
+        let rate = self.rate();
+        let (mut g, mut worst) = (0.0f64, f64::NEG_INFINITY);
+        for (t, alpha, velocity) in way {
+            let z = alpha - wall.nearest(*alpha);
+            g = g.max((2.0 * rate * t).exp() * (z.norm() - self.clearance));
+            let approach = -z.dot(velocity) / z.norm();
+            worst = worst.max(approach - 2.0 * rate * (-2.0 * rate * t).exp() * g);
+        }
+        worst
     }
 
     /// The same against one other that starts at `other`, wherever it drives.
@@ -341,6 +384,16 @@ fn from_turning_to_driving(dice: &mut SplitMix64) -> Case {
 
 type Make = fn(&mut SplitMix64) -> Case;
 
+/// The wanted way leads straight at a wall.
+fn driving_at_a_wall(dice: &mut SplitMix64) -> Case {
+    let mut case = Case::alone(dice);
+    let far = within(dice, 0.0, 0.5) * case.v_max / case.rate();
+    case.wall(far, case.heading + within(dice, -1.0, 1.0), dice);
+    case.wanted = case.guard().within_y(Twist { v_m_s: case.v_max, w_rad_s: 0.0 });
+    case.now = case.wanted.scaled(within(dice, 0.0, 1.0).powi(2));
+    case
+}
+
 /// What is left out, and cases made to show what comes of it.
 const ABLATIONS: [(Without, Ramp, Make); 6] = [
     (Without::TwistInForce, Ramp::Together, driving_at_somebody),
@@ -354,6 +407,7 @@ const ABLATIONS: [(Without, Ramp, Make); 6] = [
 #[test]
 fn certified_twists_in_any_order_and_the_brakes_use_up_no_more_than_half_of_the_slack() {
     broken(3000, Without::Nothing, Ramp::Together, Case::drawn);
+    broken(1000, Without::Nothing, Ramp::Together, driving_at_a_wall);
     // The same of the cases that were made to break it.
     for (_, _, make) in ABLATIONS {
         broken(100, Without::Nothing, Ramp::Together, make);

@@ -8,12 +8,16 @@ use super::super::formulas::Formulas;
 use super::super::guard::tests::{brief, sample as sample_at};
 use super::*;
 
-const SOURCES: [&str; 4] = [
+const SOURCES: [&str; 5] = [
     include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../proof/Geometry.v")),
     include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../proof/Guard.v")),
     include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../proof/Inertia.v")),
     include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../proof/Braking.v")),
+    include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../proof/Obstacles.v")),
 ];
+
+/// The clearance, in units of d.
+const CLEARANCE: f64 = 0.7;
 
 fn guard(
     [d, v_max, ell]: [f64; 3],
@@ -23,6 +27,7 @@ fn guard(
 ) -> BrakingGuard {
     let mut brief = AgentBrief { limits: Some(limits), front_point_m: ell, ..brief() };
     brief.avoidance.distance_min_m = d;
+    brief.avoidance.clearance_m = CLEARANCE * d;
     brief.avoidance.speed_max_m_s = v_max;
     brief.avoidance.braking_time_max_s = tau_max;
     [brief.avoidance.sensing_error_m, brief.avoidance.heading_error_rad] = errors;
@@ -47,7 +52,7 @@ proptest! {
         heading in -3.2..3.2f64,
         turns in (-1.0..=0.0f64, 0.0..=1.0f64),
         errors in prop_oneof![Just((0.0, 0.0)), (0.0..0.02f64, 0.0..0.2f64)],
-        twist in (-2.0..2.0f64, -5.0..5.0f64),
+        (twist, a_wall) in ((-2.0..2.0f64, -5.0..5.0f64), any::<bool>()),
     ) {
         let (acceleration_m_s2, turn_acceleration_rad_s2) = accelerations;
         let limits = LimitsBrief {
@@ -66,23 +71,30 @@ proptest! {
         let h = guard.lifetime + period_longer * guard.period;
         let rate = say("braking_rate", &[guard.lifetime, tau * others_longer]);
         prop_assert!((guard.rate - rate).abs() < 1e-12);
-        let r = (d + far * v_max / rate).max(0.0);
-        let away = [rotate(direction, Vec2::new(r, 0.0))];
-        let mid = guard.collect_cones(&sample_at(0, heading, &away), h, Bounds { v_own, tau_o, w });
+        // `proof/Braking.v::another_robot`, or `proof/Obstacles.v::an_obstacle`.
+        let [its_speed, share, kept] = match a_wall {
+            true => [0.0, 2.0 * rate, CLEARANCE * d],
+            false => [v_max, rate, d],
+        };
+        let r = (kept + far * v_max / rate).max(0.0);
+        let z = [rotate(direction, Vec2::new(r, 0.0))];
+        let [away, walls] = if a_wall { [&[][..], &z] } else { [&z[..], &[]] };
+        let sample = Sample { walls, ..sample_at(0, heading, away) };
+        let mid = guard.collect_cones(&sample, h, Bounds { v_own, tau_o, w });
 
         let (sensing_error, heading_error) = errors;
         let eps = sensing_error + say("front_error", &[ell, heading_error]);
         let turning = say("turning_time", &[h, tau_o]);
         let spread = say("spread", &[turning, w[0], w[1], heading_error]);
-        let rho = say("slack", &[r, eps, d, ROUNDING_M]);
-        let reach = say("reach", &[v_max, v_own, h, eps]);
-        let b = say("braking_bound", &[rate, rate, h, tau_o, rho, reach]);
+        let rho = say("slack", &[r, eps, kept, ROUNDING_M]);
+        let reach = say("reach", &[its_speed, v_own, h, eps]);
+        let b = say("braking_bound", &[share, rate, h, tau_o, rho, reach]);
         prop_assert!((mid - say("middle", &[heading, turning, w[0], w[1]])).abs() < 1e-12);
         if (b - v_own).abs() < 1e-9 {
             return Ok(()); // Rounding may decide whether it matters.
         }
         prop_assert_eq!(guard.cones.len(), usize::from(b < v_own));
-        let swept = say("swept", &[v_own, v_max, h, tau_o, eps]);
+        let swept = say("swept", &[v_own, its_speed, h, tau_o, eps]);
         for cone in &guard.cones {
             prop_assert!((cone.b - b).abs() < 1e-9);
             let psi = say("psi", &[spread, say("swing", &[swept, r])]);
@@ -91,8 +103,11 @@ proptest! {
             prop_assert!((cone.n - n).norm() < 1e-9);
         }
 
-        let far = say("far_braking", &[d, rate, rate, guard.lifetime, tau * others_longer, v_max, v_max]);
-        prop_assert!(guard.radius_needed - 2.0 * eps >= far - 1e-12);
+        let tau_max = tau * others_longer;
+        let far =
+            say("far_braking", &[kept, share, rate, guard.lifetime, tau_max, v_max, its_speed]);
+        let radius = if a_wall { guard.kept.walls_radius } else { guard.kept.robots_radius };
+        prop_assert!(radius - 2.0 * eps >= far - 1e-12);
         // a_w of the proof is that of ell w. Its y is a vector.
         let twist = Twist { v_m_s: twist.0, w_rad_s: twist.1 };
         let (a, aw) = (acceleration_m_s2, ell * turn_acceleration_rad_s2);
@@ -128,7 +143,7 @@ proptest! {
 
 #[test]
 fn what_is_compared_above_is_what_the_certificate_says() {
-    let [.., inertia, braking] = SOURCES;
+    let [.., inertia, braking, obstacles] = SOURCES;
     for part in [
         "let h := turning_time (lifetime S) tau_o in",
         "let M := swept v_own (its_speed x) (lifetime S) tau_o (eps S) in",
@@ -138,5 +153,10 @@ fn what_is_compared_above_is_what_the_certificate_says() {
     ] {
         assert!(braking.contains(part), "{part}");
     }
+    // The front point, its nearest point, its speed, the share, and what is kept.
+    let of_robot = "Near (fun t => minus (front r t) (front o t)) (v_max S) (Lambda S) (d S).";
+    assert!(braking.contains(of_robot));
+    let of_wall = "Near (fun t => minus (front r t) (nearest (front r t))) 0 (2 * Lambda S) clear.";
+    assert!(obstacles.contains(of_wall));
     assert!(inertia.contains("Rmax (Rabs (fst y) / a) (Rabs (snd y) / aw)."));
 }

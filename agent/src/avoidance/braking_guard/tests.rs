@@ -47,13 +47,13 @@ fn its_figures_are_those_of_the_documentation() {
     }
     let at = burger();
     let at = Conditions::of(&at);
-    assert!(near(sensing_radius_m(&at), 0.3 + slow_down_zone_m(&at)));
+    assert!(near(robots_radius_m(&at), 0.3 + slow_down_zone_m(&at)));
     // The deflection asks for more where the zone is small.
     let mut slow = burger();
     slow.command_lifetime_ns = 1_000_000_000;
     let at = Conditions::of(&slow);
     let deflected = deflection_distance_m(&at) + 0.22 * 1.35;
-    assert!(near(sensing_radius_m(&at), deflected.max(0.3 + slow_down_zone_m(&at))));
+    assert!(near(robots_radius_m(&at), deflected.max(0.3 + slow_down_zone_m(&at))));
 }
 
 #[test]
@@ -84,7 +84,7 @@ fn after_a_start_it_stands_until_no_predecessor_can_act_and_in_lockstep_not_at_a
 
 #[test]
 fn a_robot_that_may_not_see_everybody_who_matters_brakes() {
-    let needed = BrakingGuard::new(&burger()).radius_needed;
+    let needed = BrakingGuard::new(&burger()).kept.robots_radius;
     let (inside, beyond) = ([Vec2::new(0.99 * needed, 0.0)], [Vec2::new(1.01 * needed, 0.0)]);
     for (valid, cut, away, moves) in [
         (true, false, &inside[..], true),

@@ -2,6 +2,7 @@
 //! and the figures by which it is led around others.
 
 use formation::front_point::{front_point, front_velocity};
+use formation::obstacle::Obstacle;
 use formation::pose::{Pose, wrap_angle};
 use formation::unicycle::arc;
 use proptest::prelude::*;
@@ -39,6 +40,7 @@ pub(in super::super) fn brief() -> AgentBrief {
             sensing_error_m: 0.0,
             heading_error_rad: 0.0,
             braking_time_max_s: 0.0,
+            clearance_m: 0.0,
             gains: Default::default(),
         },
         silence: SilenceBrief {
@@ -63,6 +65,8 @@ pub(in super::super) fn sample(stamp_ns: u64, heading_rad: f64, away: &[Vec2]) -
         proximity_valid: true,
         proximity_cut: false,
         velocities: &[],
+        walls: &[],
+        walls_cut: false,
     }
 }
 
@@ -103,9 +107,11 @@ fn drive() -> impl Strategy<Value = (f64, f64)> {
     (direction(), prop_oneof![Just(1.0), 0.0..1.0f64])
 }
 
-/// Another robot.
+/// Another robot, or a wall.
 #[derive(Debug, Clone)]
 struct Other {
+    /// A segment across the way to it, that ends so far to either side, m; it stands.
+    wall: Option<[f64; 2]>,
     /// How far beyond d it is at the first sample, in v_max H.
     far: f64,
     /// In which direction, rad.
@@ -119,8 +125,15 @@ struct Other {
 fn others() -> impl Strategy<Value = Vec<Other>> {
     let far = prop_oneof![1 => Just(0.0), 3 => 0.0..3.0f64];
     let reported_off = [direction(), direction()];
-    let other = (far, direction(), direction(), reported_off).prop_map(
-        |(far, direction, course, reported_off)| Other { far, direction, course, reported_off },
+    let wall = proptest::option::of([0.0..0.5f64, 1e-3..0.5f64]);
+    let other = (far, direction(), direction(), reported_off, wall).prop_map(
+        |(far, direction, course, reported_off, wall)| Other {
+            wall,
+            far,
+            direction,
+            course,
+            reported_off,
+        },
     );
     proptest::collection::vec(other, 1..5)
 }
@@ -135,6 +148,7 @@ proptest! {
     #[test]
     fn while_a_command_acts_it_approaches_nobody_faster_than_its_share_of_the_slack(
         d in 0.1..0.4f64,
+        clearance in 0.05..0.4f64,
         // v_max H in units of min(d/4, ell/2), the advised limit. The claim holds above it too.
         steps in prop_oneof![0.05..1.0f64, 1.0..6.0f64],
         ell in 0.03..0.2f64,
@@ -159,6 +173,7 @@ proptest! {
         brief.period_ns = (period * 1e9) as u64;
         brief.front_point_m = ell;
         brief.avoidance.distance_min_m = d;
+        brief.avoidance.clearance_m = clearance;
         brief.avoidance.speed_max_m_s = v_max;
         brief.avoidance.sensing_error_m = error_m;
         brief.avoidance.heading_error_rad = heading_error;
@@ -177,20 +192,34 @@ proptest! {
 
         let alpha = front_point(start, ell);
         let at_angle = |length: f64, angle: f64| rotate(angle, Vec2::new(length, 0.0));
-        let other_at = |other: &Other, t: f64| {
-            let place = alpha + at_angle(d + other.far * v_max * lifetime, other.direction);
-            place + t * at_angle(v_max, other.course)
+        let kept = |other: &Other| if other.wall.is_some() { clearance } else { d };
+        // Its point that is nearest to `from`.
+        let other_at = |other: &Other, t: f64, from: Vec2| {
+            let far = kept(other) + other.far * v_max * lifetime;
+            let place = alpha + at_angle(far, other.direction);
+            let Some([left, right]) = other.wall else {
+                return place + t * at_angle(v_max, other.course);
+            };
+            let ends = [left, -right].map(|way| (place + at_angle(way, other.direction + 0.5 * PI)).into());
+            Obstacle::segment(ends[0], ends[1]).nearest(from)
         };
         let mut answer = |which: usize, t: f64, pose: Pose| {
             let heading_rad = pose.heading_rad + headings_off[which] * heading_error;
             let alpha = front_point(Pose { heading_rad, ..pose }, ell);
             let reported = |other: &Other| {
-                alpha - other_at(other, t) + at_angle(error_m, other.reported_off[which])
+                // What is nearest is so to where the front point really is.
+                let point = other_at(other, t, front_point(pose, ell));
+                alpha - point + at_angle(error_m, other.reported_off[which])
             };
-            let mut away: Vec<Vec2> = others.iter().map(reported).collect();
-            away.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
+            let near = |walls: bool| {
+                let some = others.iter().filter(|other| other.wall.is_some() == walls);
+                let mut near: Vec<Vec2> = some.map(reported).collect();
+                near.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
+                near
+            };
+            let (away, walls) = (near(false), near(true));
             let stamp_ns = first_ns + (t * 1e9) as u64;
-            let sample = sample(stamp_ns, heading_rad, &away);
+            let sample = Sample { walls: &walls, ..sample(stamp_ns, heading_rad, &away) };
             if bounds_alone {
                 // As if all that leads around others had failed.
                 guard.forget_the_dead(stamp_ns);
@@ -230,11 +259,15 @@ proptest! {
                 let now = arc(pose, twist, t - from);
                 let velocity = front_velocity(now.heading_rad, ell, twist);
                 for other in &others {
-                    let r = (front_point(sampled_pose, ell) - other_at(other, sampled)).norm();
-                    let rho = (r - d).max(0.0);
-                    let reach = (v_max + v_own) * lifetime; // M
-                    let b = (rho * (-2.0f64).exp()).max(rho - reach) / lifetime;
-                    let z = front_point(now, ell) - other_at(other, t);
+                    let alpha = front_point(sampled_pose, ell);
+                    let r = (alpha - other_at(other, sampled, alpha)).norm();
+                    let rho = (r - kept(other)).max(0.0);
+                    // A wall does not come, and leaves all of the slack.
+                    let (its_speed, share) = if other.wall.is_some() { (0.0, 2.0) } else { (v_max, 1.0) };
+                    let reach = (its_speed + v_own) * lifetime; // M
+                    let b = share * (rho * (-2.0f64).exp()).max(rho - reach) / lifetime;
+                    let alpha = front_point(now, ell);
+                    let z = alpha - other_at(other, t, alpha);
                     let approach = -z.normalize().dot(&velocity);
                     prop_assert!(approach <= b + 1e-9, "{approach} > {b} at {t}");
                 }
@@ -245,7 +278,7 @@ proptest! {
 
 #[test]
 fn a_robot_that_may_not_see_everybody_who_matters_stands() {
-    let needed = Guard::new(&brief()).radius_needed;
+    let needed = Guard::new(&brief()).kept.robots_radius;
     let (inside, beyond) = ([Vec2::new(0.99 * needed, 0.0)], [Vec2::new(1.01 * needed, 0.0)]);
     for (valid, cut, away, moves) in [
         (true, false, &[][..], true),
@@ -274,13 +307,72 @@ fn a_robot_that_may_not_see_everybody_who_matters_stands() {
 }
 
 #[test]
+fn a_robot_that_may_not_see_every_wall_that_matters_stands() {
+    let mut brief = brief();
+    brief.avoidance.clearance_m = 0.1;
+    let needed = Guard::new(&brief).kept.walls_radius;
+    // The clearance + 1.5 v_max H is less than c_f + 4 v_max T: 0.1 + 0.75 v_max H + 0.02.
+    assert!((needed - (0.1 + 0.009375 + 0.02)).abs() < 1e-12, "{needed}");
+    let (inside, beyond) = ([Vec2::new(0.99 * needed, 0.0)], [Vec2::new(1.01 * needed, 0.0)]);
+    for (cut, walls, moves) in [
+        (false, &[][..], true),
+        (false, &inside, true),
+        (true, &beyond, true),
+        (true, &inside, false),
+        (true, &[], false),
+    ] {
+        let seen = Sample { walls, walls_cut: cut, ..sample(1_000_000_000, 0.0, &[]) };
+        for limits in [0.0, 0.1] {
+            let mut brief = AgentBrief { pace: Pace::Lockstep, ..brief.clone() };
+            brief.avoidance.braking_time_max_s = limits;
+            let mut guard = super::super::build(&brief).unwrap();
+            let far = limits > 0.0 && walls == beyond;
+            let stands = guard.steer(&seen, Vec2::new(0.3, 0.0)) == Twist::ZERO;
+            assert!(far || stands != moves, "cut: {cut}, {walls:?}, {limits}");
+        }
+    }
+}
+
+#[test]
+fn along_a_wall_a_robot_is_led_to_the_side_that_it_wants_and_no_nearer_than_c_f() {
+    let mut brief = brief();
+    brief.avoidance.clearance_m = 0.1;
+    let guard = Guard::new(&brief);
+    let c_f = 0.109375; // 0.75 v_max H
+    let led = |far: f64, p: Vec2| {
+        let walls = [rotate(0.7, Vec2::new(-far, 0.0))]; // ahead, turned by 0.7
+        rotate(
+            -0.7,
+            guard
+                .deflection
+                .deflect(&Sample { walls: &walls, ..sample(0, 0.0, &[]) }, rotate(0.7, p)),
+        )
+    };
+    let near = |found: Vec2, x: f64, y: f64| {
+        assert!((found - Vec2::new(x, y)).norm() < 1e-12, "{found:?} is not {x}, {y}");
+    };
+    // At c_f nothing is left of what leads into it; to the side, all that it lost.
+    near(led(c_f, Vec2::new(3e-3, 2e-3)), 0.0, 5e-3);
+    near(led(c_f, Vec2::new(3e-3, -2e-3)), 0.0, -5e-3);
+    near(led(c_f, Vec2::new(4e-3, 0.0)), 0.0, 0.0);
+    // Hardly to a side: more of it, without a jump.
+    let side = 1e-4 / (16e-6f64 + 1e-8).sqrt();
+    near(led(c_f, Vec2::new(4e-3, 1e-4)), 0.0, 1e-4 + 4e-3 * 4.0 * side);
+    // Nearer, away from it, whatever is wanted; farther away, a quarter of the rest is left.
+    near(led(c_f - 4e-3, Vec2::zeros()), -1e-3, 0.0);
+    near(led(c_f + 4e-3, Vec2::new(3e-3, 1e-3)), 1e-3, 3e-3);
+    near(led(c_f + 4e-3, Vec2::new(1e-3, 2e-3)), 1e-3, 2e-3);
+    near(led(c_f + 4e-3, Vec2::new(-4e-3, 2e-3)), -4e-3, 2e-3);
+}
+
+#[test]
 fn one_that_gives_way_is_led_around_from_farther_away_and_asks_for_a_wider_view() {
     let [keeps, gives] = [Rank::First, Rank::Contained].map(of_rank);
     let expected_d_f = 0.21; // 0.05 d is more than 1.5 v_max H
     assert!((keeps.deflection.d_f - expected_d_f).abs() < 1e-12, "{}", keeps.deflection.d_f);
     assert!((of_rank(Rank::Follower).deflection.d_f - 1.1 * expected_d_f).abs() < 1e-12);
     assert!((gives.deflection.d_f - 1.12 * expected_d_f).abs() < 1e-12, "{}", gives.deflection.d_f);
-    assert!((gives.radius_needed - (gives.deflection.d_f + 4.0 * 0.3 * 0.005)).abs() < 1e-12);
+    assert!((gives.kept.robots_radius - (gives.deflection.d_f + 4.0 * 0.3 * 0.005)).abs() < 1e-12);
 
     // The other stands ahead, between the two d_f; both want to go there.
     let (ahead, away) = (Vec2::new(1e-3, 0.0), [Vec2::new(-0.23, 0.0)]);

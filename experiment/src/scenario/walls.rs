@@ -1,0 +1,113 @@
+//! What stands in the robots' way: all `[[wall]]` and `[[obstacle]]`.
+
+use formation::obstacle::{CORNERS_APART_M_MIN, CORNERS_MAX, NotConvex, Obstacle};
+
+use super::Wall;
+use super::diagnostic::Diagnostic;
+use super::table::{Table, Value};
+
+/// Most convex parts in one scenario.
+const PARTS_MAX: usize = 1000;
+
+/// All convex parts: those of walls, then obstacles.
+pub(super) fn walls(root: &Table<'_>) -> Result<Vec<Wall>, Diagnostic> {
+    let mut walls = Vec::new();
+    for (index, table) in root.tables("wall")?.into_iter().enumerate() {
+        table.only()?;
+        add(&mut walls, "wall", index, segments(&table)?, &table)?;
+    }
+    for (index, table) in root.tables("obstacle")?.into_iter().enumerate() {
+        add(&mut walls, "obstacle", index, vec![obstacle(&table)?], &table)?;
+    }
+    Ok(walls)
+}
+
+fn add(
+    walls: &mut Vec<Wall>,
+    what: &str,
+    index: usize,
+    shapes: Vec<Obstacle>,
+    table: &Table<'_>,
+) -> Result<(), Diagnostic> {
+    let name = format!("{what} {}", index + 1);
+    if walls.len() + shapes.len() > PARTS_MAX {
+        return Err(table.here(
+            format!("with {name} there are {} convex parts", walls.len() + shapes.len()),
+            format!("expected at most {PARTS_MAX}"),
+        ));
+    }
+    let wall = |shape| Wall { name: name.clone(), path: format!("{what}.{index}"), shape };
+    walls.extend(shapes.into_iter().map(wall));
+    Ok(())
+}
+
+/// The segments of one `[[wall]]`.
+fn segments(table: &Table<'_>) -> Result<Vec<Obstacle>, Diagnostic> {
+    let list = table.need("points_m")?;
+    let points = points(&list)?;
+    let closed = table.truth("closed")?;
+    let least = if closed { 3 } else { 2 };
+    if points.len() < least {
+        return Err(list.wrong(
+            format!("has {}", counted(points.len(), "point")),
+            format!("expected {least} or more: a wall is made of segments between them"),
+        ));
+    }
+    let ends = points.iter().zip(points.iter().cycle().skip(1));
+    let ends = ends.take(if closed { points.len() } else { points.len() - 1 });
+    ends.map(|((_, from_m), (value, to_m))| {
+        let segment = Obstacle::segment(*from_m, *to_m);
+        match segment.convex() {
+            Ok(()) => Ok(segment),
+            Err(_) => Err(again(value, "point")),
+        }
+    })
+    .collect()
+}
+
+/// One `[[obstacle]]`.
+fn obstacle(table: &Table<'_>) -> Result<Obstacle, Diagnostic> {
+    let kind = table.need("kind")?.word(&[("disc", "disc"), ("polygon", "polygon")])?;
+    table.only_of(kind)?;
+    if kind == "disc" {
+        let center_m = table.need("center_m")?.pair()?;
+        return Ok(Obstacle::Disc { center_m, radius_m: table.number("radius_m")? });
+    }
+    let list = table.need("corners_m")?;
+    let corners = points(&list)?;
+    let polygon = Obstacle::Polygon { corners_m: corners.iter().map(|corner| corner.1).collect() };
+    match polygon.convex() {
+        _ if corners.len() < 3 => Err(list.wrong(
+            format!("has {}", counted(corners.len(), "corner")),
+            "expected 3 or more; a `[[wall]]` is made of segments",
+        )),
+        Ok(()) => Ok(polygon),
+        Err(NotConvex::Count(count)) => Err(list.wrong(
+            format!("has {}", counted(count, "corner")),
+            format!("expected at most {CORNERS_MAX}"),
+        )),
+        Err(NotConvex::Coincident(corner)) => Err(again(&corners[corner].0, "corner")),
+        Err(NotConvex::Corner(corner)) => Err(corners[corner].0.wrong(
+            "is where the polygon stops being convex",
+            "expected it to turn the same way at all corners, once around; or several convex parts",
+        )),
+    }
+}
+
+fn points<'t>(list: &Value<'t>) -> Result<Vec<(Value<'t>, [f64; 2])>, Diagnostic> {
+    let points = list.elements("expected a list of points: [[0.0, 0.0], [1.0, 0.5]]")?;
+    let with_value = |point: Value<'t>| point.pair().map(|pair| (point, pair));
+    points.into_iter().map(with_value).collect()
+}
+
+/// That a point lies where the one before it does.
+fn again(point: &Value<'_>, what: &str) -> Diagnostic {
+    point.wrong(
+        format!("is the place of the {what} before it"),
+        format!("expected {what}s at least {CORNERS_APART_M_MIN} m from their neighbors"),
+    )
+}
+
+fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}

@@ -1,0 +1,327 @@
+//! Fixed obstacles, and which point of one is nearest.
+//!
+//! All are convex: the vector from the nearest point of a convex set changes by no more than the point
+//! that looks for it moves. (`proof/Obstacles.v::the_rest_is_not_longer`) What is not convex is made of
+//! convex parts.
+
+use serde::{Deserialize, Serialize};
+
+use crate::Vec2;
+
+/// Corners this near to each other, m, are one.
+pub const CORNERS_APART_M_MIN: f64 = 1e-6;
+/// Most corners of one obstacle.
+pub const CORNERS_MAX: usize = 64;
+
+/// A convex obstacle that does not move.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Obstacle {
+    /// A disc.
+    Disc {
+        /// Its center, m.
+        center_m: [f64; 2],
+        /// Its radius, m.
+        radius_m: f64,
+    },
+    /// A convex polygon, in either direction; with two corners a segment.
+    Polygon {
+        /// Its corners in order, m.
+        corners_m: Vec<[f64; 2]>,
+    },
+}
+
+/// Why some corners are not those of a convex polygon.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum NotConvex {
+    /// So many make no polygon.
+    #[error("{0} corners")]
+    Count(usize),
+    /// The corner of this place lies on the one before it.
+    #[error("corner {} lies on the one before it", .0 + 1)]
+    Coincident(usize),
+    /// At the corner of this place it turns the other way, or around a second time.
+    #[error("it is not convex at corner {}", .0 + 1)]
+    Corner(usize),
+}
+
+impl Obstacle {
+    /// The segment from one point to another.
+    pub fn segment(from_m: [f64; 2], to_m: [f64; 2]) -> Obstacle {
+        Obstacle::Polygon { corners_m: vec![from_m, to_m] }
+    }
+
+    /// Whether it is convex: always, unless it is a polygon that is not.
+    pub fn convex(&self) -> Result<(), NotConvex> {
+        let Obstacle::Polygon { corners_m } = self else { return Ok(()) };
+        let count = corners_m.len();
+        if !(2..=CORNERS_MAX).contains(&count) {
+            return Err(NotConvex::Count(count));
+        }
+        let corner = |i: usize| Vec2::from(corners_m[i % count]);
+        let side = |i: usize| corner(i + 1) - corner(i);
+        if let Some(i) = (0..count).find(|&i| side(i).norm() < CORNERS_APART_M_MIN) {
+            return Err(NotConvex::Coincident((i + 1) % count));
+        }
+        if count == 2 {
+            return Ok(());
+        }
+        // By how much it turns at the end of each side: all the same way, and once around.
+        let turn = |i: usize| side(i).perp(&side(i + 1)).atan2(side(i).dot(&side(i + 1)));
+        let around: f64 = (0..count).map(turn).sum();
+        let mut turned = 0.0;
+        for i in 0..count {
+            let turn = turn(i) * around.signum();
+            turned += turn;
+            if turn < -1e-9 || turned > std::f64::consts::TAU + 1e-6 {
+                return Err(NotConvex::Corner((i + 1) % count));
+            }
+        }
+        // One that goes forth and back turns by half a turn twice, and has no inside.
+        if around.abs() < 1.0 || (0..count).any(|i| turn(i).abs() > std::f64::consts::PI - 1e-9) {
+            return Err(NotConvex::Corner(1));
+        }
+        Ok(())
+    }
+
+    /// The point of it that is nearest to `point`: `point` itself inside.
+    pub fn nearest(&self, point: Vec2) -> Vec2 {
+        match self {
+            Obstacle::Disc { center_m, radius_m } => {
+                let center = Vec2::from(*center_m);
+                let off = point - center;
+                let far = off.norm();
+                if far <= *radius_m { point } else { center + off * (radius_m / far) }
+            }
+            Obstacle::Polygon { corners_m } => {
+                let count = corners_m.len();
+                let corner = |i: usize| Vec2::from(corners_m[i % count]);
+                // Outside of one side at least, unless it is inside.
+                let (mut left, mut right) = (false, false);
+                let mut nearest = (f64::INFINITY, point);
+                for i in 0..count {
+                    let (from, along) = (corner(i), corner(i + 1) - corner(i));
+                    let side = along.perp(&(point - from));
+                    left |= side >= 0.0;
+                    right |= side <= 0.0;
+                    let share = (point - from).dot(&along) / along.norm_squared();
+                    let foot = from + share.clamp(0.0, 1.0) * along;
+                    let square = (point - foot).norm_squared();
+                    if square < nearest.0 {
+                        nearest = (square, foot);
+                    }
+                }
+                if left && right { nearest.1 } else { point }
+            }
+        }
+    }
+
+    /// Its corners, m; of a disc, those of a polygon around which it bends by 1 % of its radius at most.
+    pub fn outline(&self) -> Vec<Vec2> {
+        match self {
+            Obstacle::Disc { center_m, radius_m } => {
+                let corner = |k: u32| {
+                    let (sin, cos) = (std::f64::consts::TAU * f64::from(k) / 32.0).sin_cos();
+                    Vec2::from(*center_m) + *radius_m * Vec2::new(cos, sin)
+                };
+                (0..32).map(corner).collect()
+            }
+            Obstacle::Polygon { corners_m } => corners_m.iter().map(|&c| Vec2::from(c)).collect(),
+        }
+    }
+
+    /// The smallest circle's center that is easily had, and its radius: all of it lies within, m.
+    pub fn around(&self) -> (Vec2, f64) {
+        match self {
+            Obstacle::Disc { center_m, radius_m } => (Vec2::from(*center_m), *radius_m),
+            Obstacle::Polygon { corners_m } => {
+                let corners = || corners_m.iter().map(|&corner| Vec2::from(corner));
+                let middle = corners().sum::<Vec2>() / corners_m.len() as f64;
+                (middle, corners().map(|corner| (corner - middle).norm()).fold(0.0, f64::max))
+            }
+        }
+    }
+}
+
+/// Obstacles, of which most are far away.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Obstacles {
+    /// Each with a circle around it.
+    parts: Vec<(Obstacle, Vec2, f64)>,
+}
+
+/// The obstacle nearest to a point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Nearest {
+    /// Its place in the list.
+    pub place: usize,
+    /// The point of it that is nearest, m.
+    pub point: Vec2,
+    /// How far away that is, m.
+    pub distance_m: f64,
+}
+
+impl Obstacles {
+    /// These.
+    pub fn new(parts: &[Obstacle]) -> Obstacles {
+        let with_circle = |part: &Obstacle| {
+            let (center, radius_m) = part.around();
+            (part.clone(), center, radius_m)
+        };
+        Obstacles { parts: parts.iter().map(with_circle).collect() }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.parts.is_empty()
+    }
+
+    /// Those within `radius_m` of `point`, in order of the list.
+    pub fn within(&self, point: Vec2, radius_m: f64) -> impl Iterator<Item = Nearest> {
+        let parts = self.parts.iter().enumerate();
+        parts.filter_map(move |(place, part)| nearest_within(place, part, point, radius_m))
+    }
+
+    /// The nearest to `point`; of equals, the first of the list.
+    pub fn nearest(&self, point: Vec2) -> Option<Nearest> {
+        let mut nearest: Option<Nearest> = None;
+        for (place, part) in self.parts.iter().enumerate() {
+            let radius_m = nearest.map_or(f64::INFINITY, |nearest| nearest.distance_m);
+            let found = nearest_within(place, part, point, radius_m);
+            nearest = found.filter(|found| found.distance_m < radius_m).or(nearest);
+        }
+        nearest
+    }
+}
+
+fn nearest_within(
+    place: usize,
+    (part, center, around_m): &(Obstacle, Vec2, f64),
+    point: Vec2,
+    radius_m: f64,
+) -> Option<Nearest> {
+    // A little more, for rounding; what is no number is near nothing.
+    let reach_m = (radius_m + around_m) * (1.0 + crate::ROUNDING);
+    if (point - center).norm_squared() > reach_m * reach_m {
+        return None;
+    }
+    let nearest = part.nearest(point);
+    let distance_m = (point - nearest).norm();
+    (distance_m <= radius_m).then_some(Nearest { place, point: nearest, distance_m })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn polygon(corners_m: &[[f64; 2]]) -> Obstacle {
+        Obstacle::Polygon { corners_m: corners_m.to_vec() }
+    }
+
+    /// Corners on an ellipse, in order.
+    fn convex() -> impl Strategy<Value = Obstacle> {
+        let angles = proptest::collection::btree_set(0..360u32, 2..9);
+        let polygon = (angles, 0.1..3.0f64, 0.1..3.0f64, any::<bool>()).prop_map(
+            |(angles, a, b, clockwise)| {
+                let corner = |angle: u32| {
+                    let (sin, cos) = f64::from(angle).to_radians().sin_cos();
+                    [a * cos, b * sin]
+                };
+                let mut corners_m: Vec<[f64; 2]> = angles.into_iter().map(corner).collect();
+                if clockwise {
+                    corners_m.reverse();
+                }
+                Obstacle::Polygon { corners_m }
+            },
+        );
+        let disc = (-1.0..1.0f64, -1.0..1.0f64, 0.01..2.0f64)
+            .prop_map(|(x, y, radius_m)| Obstacle::Disc { center_m: [x, y], radius_m });
+        prop_oneof![polygon, disc]
+    }
+
+    fn point() -> impl Strategy<Value = Vec2> {
+        (-4.0..4.0f64, -4.0..4.0f64).prop_map(|(x, y)| Vec2::new(x, y))
+    }
+
+    #[test]
+    fn what_is_not_convex_is_told_by_the_corner_that_makes_it_so() {
+        let square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        assert_eq!(polygon(&square).convex(), Ok(()));
+        let mut clockwise = square;
+        clockwise.reverse();
+        assert_eq!(polygon(&clockwise).convex(), Ok(()));
+        assert_eq!(polygon(&square[..2]).convex(), Ok(()), "a segment");
+        assert_eq!(polygon(&square[..1]).convex(), Err(NotConvex::Count(1)));
+        let corner_on_a_side = [[0.0, 0.0], [0.5, 0.0], [1.0, 0.0], [0.0, 1.0]];
+        assert_eq!(polygon(&corner_on_a_side).convex(), Ok(()));
+        let dent = [[0.0, 0.0], [1.0, 0.0], [0.2, 0.2], [0.0, 1.0]];
+        assert_eq!(polygon(&dent).convex(), Err(NotConvex::Corner(2)));
+        let twice = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
+        assert_eq!(polygon(&twice).convex(), Err(NotConvex::Coincident(2)));
+        let forth_and_back = [[0.0, 0.0], [1.0, 0.0], [0.5, 0.0]];
+        assert!(polygon(&forth_and_back).convex().is_err());
+        let crossing = [[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]];
+        assert!(polygon(&crossing).convex().is_err());
+        // Five corners, each the second next: all turns are to the left, but twice around.
+        let star = [0.0, 144.0, 288.0, 72.0, 216.0f64].map(|angle| {
+            let (sin, cos) = angle.to_radians().sin_cos();
+            [cos, sin]
+        });
+        assert!(matches!(polygon(&star).convex(), Err(NotConvex::Corner(_))));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+
+        #[test]
+        fn no_point_of_an_obstacle_is_nearer_than_the_nearest(
+            obstacle in convex(), point in point(), shares in proptest::collection::vec(0.0..1.0f64, 9),
+        ) {
+            prop_assert_eq!(obstacle.convex(), Ok(()));
+            let nearest = obstacle.nearest(point);
+            let distance_m = (point - nearest).norm();
+            // Some other point of it.
+            let other = match &obstacle {
+                Obstacle::Disc { center_m, radius_m } => {
+                    let (sin, cos) = (7.0 * shares[0]).sin_cos();
+                    Vec2::from(*center_m) + shares[1] * radius_m * Vec2::new(cos, sin)
+                }
+                Obstacle::Polygon { corners_m } => {
+                    let sum: f64 = shares[..corners_m.len()].iter().sum();
+                    let mean = corners_m.iter().zip(&shares);
+                    mean.map(|(corner, share)| share / sum * Vec2::from(*corner)).sum()
+                }
+            };
+            prop_assert!(distance_m <= (point - other).norm() + 1e-12);
+            // It is one of its points: nothing is nearer to it than itself.
+            prop_assert!((obstacle.nearest(nearest) - nearest).norm() < 1e-9);
+            prop_assert!((obstacle.nearest(other) - other).norm() < 1e-9);
+            let (center, radius_m) = obstacle.around();
+            prop_assert!((nearest - center).norm() <= radius_m + 1e-9 || distance_m == 0.0);
+        }
+
+        /// `proof/Obstacles.v::the_rest_is_not_longer`.
+        #[test]
+        fn the_vector_from_the_nearest_point_changes_by_no_more_than_the_point_moves(
+            obstacle in convex(), from in point(), to in point(),
+        ) {
+            let away = |point: Vec2| point - obstacle.nearest(point);
+            prop_assert!((away(from) - away(to)).norm() <= (from - to).norm() + 1e-9);
+        }
+
+        #[test]
+        fn of_many_those_within_a_radius_are_found_and_the_nearest_of_all(
+            parts in proptest::collection::vec(convex(), 0..6), point in point(), radius_m in 0.0..5.0f64,
+        ) {
+            let obstacles = Obstacles::new(&parts);
+            let distance_m = |part: &Obstacle| (point - part.nearest(point)).norm();
+            let near = parts.iter().enumerate().filter(|(_, part)| distance_m(part) <= radius_m);
+            let near: Vec<usize> = near.map(|(place, _)| place).collect();
+            let found: Vec<usize> = obstacles.within(point, radius_m).map(|n| n.place).collect();
+            prop_assert_eq!(found, near);
+            let least = parts.iter().map(distance_m).min_by(f64::total_cmp);
+            prop_assert_eq!(obstacles.nearest(point).map(|n| n.distance_m), least);
+        }
+    }
+}

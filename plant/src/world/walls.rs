@@ -1,0 +1,241 @@
+//! Walls and obstacles: which of them a robot senses, and how near anybody came to one.
+
+use formation::Vec2;
+use formation::obstacle::{Nearest, Obstacles};
+use protocol::brief::PlantBrief;
+use protocol::message::{Odometry, WALLS_MAX};
+
+/// All of them, and what happened so far.
+pub(super) struct Walls {
+    obstacles: Obstacles,
+    clearance_m: f64,
+    clearance: Clearance,
+    violations: u64,
+}
+
+/// How near a front point came to a wall.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Clearance {
+    /// m.
+    pub(super) distance_m: f64,
+    /// Where the front point was, m.
+    pub(super) at: Vec2,
+    /// The robot, and the convex part, by their places.
+    pub(super) between: [usize; 2],
+    /// When, ns since the start.
+    pub(super) t_ns: u64,
+}
+
+impl Walls {
+    /// Those of this brief; nobody was near any.
+    pub(super) fn new(brief: &PlantBrief) -> Walls {
+        Walls {
+            obstacles: Obstacles::new(&brief.obstacles),
+            clearance_m: brief.clearance_m,
+            clearance: Clearance {
+                distance_m: f64::INFINITY,
+                at: Vec2::zeros(),
+                between: [0; 2],
+                t_ns: 0,
+            },
+            violations: 0,
+        }
+    }
+
+    /// Takes in where the front points are at `t_ns`.
+    pub(super) fn look(&mut self, alphas: &[Vec2], t_ns: u64) {
+        let mut too_near = false;
+        for (robot, &at) in alphas.iter().enumerate() {
+            let Some(Nearest { place, distance_m, .. }) = self.obstacles.nearest(at) else {
+                return;
+            };
+            too_near |= distance_m < self.clearance_m;
+            if distance_m < self.clearance.distance_m {
+                self.clearance = Clearance { distance_m, at, between: [robot, place], t_ns };
+            }
+        }
+        self.violations += u64::from(too_near);
+    }
+
+    /// The smallest clearance so far; infinite without walls.
+    pub(super) fn clearance(&self) -> Clearance {
+        self.clearance
+    }
+
+    /// How often somebody was nearer than the clearance to be kept.
+    pub(super) fn violations(&self) -> u64 {
+        self.violations
+    }
+
+    /// Fills in the nearest points of those within `radius_m` of the front point `alpha`. `off_m`: by how
+    /// much the nearest of them is off, the next, and so on, from 1.
+    pub(super) fn sense(
+        &self,
+        alpha: Vec2,
+        radius_m: f64,
+        off_m: impl Fn(usize) -> Vec2,
+        sample: &mut Odometry,
+    ) {
+        let mut near: [Option<Nearest>; WALLS_MAX] = [None; WALLS_MAX];
+        let mut within = 0;
+        for wall in self.obstacles.within(alpha, radius_m) {
+            let kept = within.min(WALLS_MAX);
+            within += 1;
+            // Behind those at the same distance: they stay in the order of the brief.
+            let nearer = |other: &Option<Nearest>| {
+                other.is_some_and(|other| other.distance_m <= wall.distance_m)
+            };
+            let place = near[..kept].partition_point(nearer);
+            if place < WALLS_MAX {
+                near.copy_within(place..kept.min(WALLS_MAX - 1), place + 1);
+                near[place] = Some(wall);
+            }
+        }
+        for (item, (place, wall)) in sample.walls.iter_mut().zip(near.iter().flatten()).enumerate()
+        {
+            *place = (wall.point + off_m(item + 1)).into();
+        }
+        sample.walls_count = within.min(WALLS_MAX) as u32;
+        sample.walls_cut = u32::from(within > WALLS_MAX);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use formation::obstacle::Obstacle;
+    use formation::pose::Pose;
+    use proptest::prelude::*;
+    use protocol::brief::{BodyBrief, Format, Pace};
+    use protocol::fault::{Sensor, SensorFault, SensorFaultKind, Span};
+    use protocol::message::Command;
+
+    use super::super::World;
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+
+    /// One robot at the origin, heading along x, ell = 0.1 m, that sees 1 m far.
+    fn brief(obstacles: Vec<Obstacle>) -> PlantBrief {
+        PlantBrief {
+            format: Format,
+            run_root: "/nowhere".into(),
+            pace: Pace::Realtime,
+            duration_ns: 1000 * MS,
+            period_ns: 10 * MS,
+            plant_tick_ns: MS,
+            command_lifetime_ns: 20 * MS,
+            distance_min_m: 0.5,
+            speed_max_m_s: Some(1.0),
+            sensing_radius_m: 1.0,
+            velocities_sensed: false,
+            clearance_m: 0.25,
+            obstacles,
+            robots: vec![BodyBrief {
+                name: "r1".into(),
+                front_point_m: 0.1,
+                wheels: None,
+                limits: None,
+                start: Pose { x_m: -0.1, y_m: 0.0, heading_rad: 0.0 },
+                sensor_faults: Vec::new(),
+                wheel_faults: Vec::new(),
+            }],
+        }
+    }
+
+    fn disc(x_m: f64, y_m: f64) -> Obstacle {
+        Obstacle::Disc { center_m: [x_m, y_m], radius_m: 0.1 }
+    }
+
+    #[test]
+    fn of_each_convex_part_within_the_sensing_radius_the_nearest_point_is_sensed_nearest_first() {
+        let wall = Obstacle::segment([-3.0, 0.5], [3.0, 0.5]);
+        let square = [[0.3, -0.2], [0.6, -0.2], [0.6, -0.5], [0.3, -0.5]];
+        let square = Obstacle::Polygon { corners_m: square.to_vec() };
+        let far = Obstacle::segment([1.01, -3.0], [1.01, 3.0]);
+        let world = World::new(&brief(vec![far, wall, square, disc(-0.5, 0.0)]));
+        let seen: Vec<Vec2> = world.odometry(0).walls().collect();
+        let expected = [[0.3, -0.2], [-0.4, 0.0], [0.0, 0.5]];
+        assert_eq!(seen.len(), expected.len(), "{seen:?}");
+        for (seen, expected) in seen.iter().zip(expected) {
+            assert!((seen - Vec2::from(expected)).norm() < 1e-12, "{seen}");
+        }
+        assert_eq!(World::new(&brief(Vec::new())).odometry(0).walls().count(), 0);
+    }
+
+    #[test]
+    fn of_too_many_walls_the_nearest_are_sensed_and_the_sample_says_so() {
+        let around = |count: usize| {
+            let discs = (0..count).map(|i| {
+                // In no order of distance.
+                let far = 0.2 + 0.6 * (i * 7 % count) as f64 / count as f64;
+                let (sin, cos) = (i as f64).sin_cos();
+                disc(far * cos, far * sin)
+            });
+            World::new(&brief(discs.collect())).odometry(0)
+        };
+        let (few, many) = (around(WALLS_MAX), around(WALLS_MAX + 5));
+        assert_eq!((few.walls_count as usize, few.walls_cut), (WALLS_MAX, 0));
+        assert_eq!((many.walls_count as usize, many.walls_cut), (WALLS_MAX, 1));
+        let far: Vec<f64> = many.walls().map(|point| point.norm()).collect();
+        assert!(far.is_sorted() && far[WALLS_MAX - 1] < 0.6, "{far:?}");
+    }
+
+    #[test]
+    fn the_proximity_sensor_sees_walls_with_its_noise_and_not_at_all_while_it_is_dark() {
+        let mut brief = brief(vec![disc(0.5, 0.0), disc(0.0, 0.5)]);
+        let fault = |from_ns, kind| {
+            let span = Span { from_ns, until_ns: from_ns + MS };
+            SensorFault { span, sensor: Sensor::Proximity, kind, seed: 3 }
+        };
+        let noise = SensorFaultKind::Noise { bound_m: 0.05, heading_bound_rad: 0.0 };
+        brief.robots[0].sensor_faults =
+            vec![fault(MS, SensorFaultKind::Blackout), fault(2 * MS, noise)];
+        let mut world = World::new(&brief);
+        let mut off_m = Vec::new();
+        for t_ms in 0..3 {
+            world.advance(t_ms * MS);
+            let sample = world.odometry(0);
+            let truth = [Vec2::new(0.4, 0.0), Vec2::new(0.0, 0.4)];
+            let off: Vec<f64> = sample.walls().zip(truth).map(|(a, b)| (a - b).norm()).collect();
+            assert!(
+                t_ms != 1 || sample.proximity_valid == 0 && sample.walls == [[0.0; 2]; WALLS_MAX]
+            );
+            off_m.push(off);
+        }
+        assert_eq!(off_m[0].len(), 2);
+        assert!(off_m[0].iter().all(|off| *off < 1e-12) && off_m[1].is_empty());
+        let [a, b] = off_m[2][..] else { panic!("{off_m:?}") };
+        assert!(a > 0.0 && b > 0.0 && a != b && a.max(b) <= 0.05, "{off_m:?}");
+    }
+
+    #[test]
+    fn who_comes_too_near_to_a_wall_is_told_with_its_place_and_counted_at_every_arc() {
+        let wall = Obstacle::segment([0.3, -1.0], [0.3, 1.0]);
+        let mut world = World::new(&brief(vec![disc(0.0, 0.9), wall]));
+        assert_eq!(world.truth_header().clearance_m, 0.3);
+        for (sequence, t_ms) in (1..).zip([0, 20, 40, 60]) {
+            // 1 m/s: on to 0.06 m, where it turns back.
+            let v_m_s = if t_ms < 60 { 1.0 } else { -1.0 };
+            let command = Command { stamp_ns: t_ms * MS, sequence, v_m_s, ..Command::default() };
+            world.accept(0, &command).unwrap();
+            world.advance((t_ms + 20) * MS);
+        }
+        let header = world.truth_header();
+        assert!((header.clearance_m - 0.24).abs() < 1e-12, "{}", header.clearance_m);
+        assert!((header.clearance_at_m[0] - 0.06).abs() < 1e-12);
+        assert_eq!((header.clearance_t_ns, header.clearance_between), (60 * MS, [0, 1]));
+        // Less than 0.25 m: at 51 to 60 ms on the way there, to 69 ms on the way back; at 0.25 m, rounding decides.
+        assert!((19..=21).contains(&header.clearance_violations), "{header:?}");
+    }
+
+    proptest! {
+        #[test]
+        fn without_walls_there_is_no_clearance(v_m_s in -1.0..1.0f64) {
+            let mut world = World::new(&brief(Vec::new()));
+            world.accept(0, &Command { sequence: 1, v_m_s, ..Command::default() }).unwrap();
+            world.advance(20 * MS);
+            let header = world.truth_header();
+            prop_assert_eq!((header.clearance_m, header.clearance_violations), (f64::INFINITY, 0));
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! Walls and obstacles around the robots of a fleet, and one that a robot is made to ram.
+
+use std::f64::consts::TAU;
+
+use agent::avoidance::{wall_deflection_distance_m, wall_deflection_share};
+use formation::Vec2;
+use formation::front_point::{front_point, rotate};
+use formation::obstacle::Obstacle;
+use formation::random::SplitMix64;
+use protocol::avoidance::Conditions;
+
+use super::{Fleet, Model};
+
+/// To this side of straight at a wall a robot wants to go that is to ram it, rad: all that the deflection
+/// takes it puts beside.
+const ASIDE_RAD: f64 = 0.7;
+
+impl Fleet {
+    /// The same robots among walls that this seed draws, none of them nearer to a start than the
+    /// clearance, and the nearest just so near.
+    pub fn among_walls(mut self, seed: u64) -> Fleet {
+        let mut dice = SplitMix64::new(seed ^ 0x77a1);
+        let starts = self.plant.robots.iter();
+        let starts: Vec<Vec2> =
+            starts.map(|body| front_point(body.start, body.front_point_m)).collect();
+        let middle = starts.iter().sum::<Vec2>() / starts.len() as f64;
+        let around_m = starts.iter().map(|start| (start - middle).norm()).fold(0.1, f64::max);
+        let clearance_m = self.plant.distance_min_m * (0.2 + 0.8 * dice.unit());
+        // Of many small discs a sample does not report all.
+        let (count, size_m) = if dice.chance(0.1) { (60, 0.03) } else { (6, around_m) };
+        let mut obstacles = Vec::new();
+        for _ in 0..20 * count {
+            let at = middle + polar(1.5 * around_m * dice.unit().sqrt(), TAU * dice.unit());
+            let (size_m, turn) = (size_m * (0.1 + 0.9 * dice.unit()), TAU * dice.unit());
+            let corner = |k: f64, corners: f64| at + polar(0.5 * size_m, turn + TAU * k / corners);
+            let drawn = match dice.between(0, 2) {
+                0 => Obstacle::Disc { center_m: at.into(), radius_m: 0.5 * size_m },
+                1 => Obstacle::segment(corner(0.0, 2.0).into(), corner(1.0, 2.0).into()),
+                _ => {
+                    let corners = 3.0 + dice.between(0, 2) as f64;
+                    let corners_m =
+                        (0..corners as u32).map(|k| corner(f64::from(k), corners).into());
+                    Obstacle::Polygon { corners_m: corners_m.collect() }
+                }
+            };
+            drawn.convex().expect("its corners are on a circle");
+            let near = |start: &Vec2| (start - drawn.nearest(*start)).norm() < clearance_m;
+            if !starts.iter().any(near) {
+                obstacles.push(drawn);
+            }
+            if obstacles.len() == count {
+                break;
+            }
+        }
+        // Behind one of the robots, at the clearance to a billionth.
+        let place = dice.between(0, starts.len() as u64 - 1) as usize;
+        let out = (starts[place] - middle).normalize();
+        let foot = starts[place] + (clearance_m * (1.0 + 1e-9)) * out;
+        let along = rotate(0.25 * TAU, out);
+        let behind = Obstacle::segment((foot - 0.2 * along).into(), (foot + 0.2 * along).into());
+        let free = |start: &Vec2| (start - behind.nearest(*start)).norm() >= clearance_m;
+        if starts.iter().all(free) {
+            obstacles.push(behind);
+        }
+        self.plant.obstacles = obstacles;
+        self.plant.clearance_m = clearance_m;
+        for agent in &mut self.agents {
+            agent.avoidance.clearance_m = clearance_m;
+        }
+        self.sees_as_far_as_needed()
+    }
+}
+
+fn polar(length: f64, angle: f64) -> Vec2 {
+    rotate(angle, Vec2::new(length, 0.0))
+}
+
+/// How a robot is made to ram something near: where it is to want to go, and what the deflection makes of
+/// that, along the direction from there to the robot and to the left of it.
+pub struct Ramming {
+    /// A direction.
+    pub wish: Vec2,
+    /// Of the displacement in one period, m.
+    pub p_n: f64,
+    /// The same.
+    pub p_t: f64,
+}
+
+impl Model<'_> {
+    /// The wall that robot `i` has less slack to than `slack_m`, as seen from there, m.
+    pub(super) fn wall_nearer_than(&self, i: usize, slack_m: f64) -> Option<Vec2> {
+        let clearance_m = self.fleet.plant.clearance_m;
+        let alpha = self.alphas[i];
+        let nearest = self.obstacles.nearest(alpha)?;
+        (nearest.distance_m - clearance_m < slack_m).then(|| nearest.point - alpha)
+    }
+
+    /// Against the wall that is there, `towards`, m.
+    pub(super) fn ramming_a_wall(&self, i: usize, towards: Vec2) -> Ramming {
+        let brief = &self.fleet.agents[i];
+        let at = Conditions::of(brief);
+        let reach = brief.avoidance.speed_max_m_s * brief.period_ns as f64 / 1e9; // V
+        let far = towards.norm();
+        let excess = wall_deflection_share(&at) * (wall_deflection_distance_m(&at) - far);
+        let lambda = (excess + reach * ASIDE_RAD.cos()).max(0.0);
+        Ramming {
+            // To the left of the direction from the wall: to the right of that to the wall.
+            wish: rotate(-ASIDE_RAD, towards / far.max(f64::MIN_POSITIVE)),
+            p_n: excess.max(-reach * ASIDE_RAD.cos()),
+            p_t: reach * ASIDE_RAD.sin() + lambda,
+        }
+    }
+}

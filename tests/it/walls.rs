@@ -1,0 +1,151 @@
+//! Walls: what `check` says of them, what a run among them says of itself, and where they are drawn.
+
+use std::f64::consts::TAU;
+use std::path::Path;
+
+use experiment::check::check;
+use experiment::scenario::Scenario;
+use experiment::scenario::diagnostic::Severity;
+use experiment::scenario::read::{Overrides, read};
+use formation::Vec2;
+use formation::front_point::front_point;
+use formation::pose::{Pose, wrap_angle};
+use formation::random::SplitMix64;
+use metrics::Measures;
+
+use crate::harness::run;
+use crate::oracle::{self, scenario};
+
+const PATH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/corridor.toml");
+
+/// Warnings about `corridor` with these keys set: the line that they point at, and what they say.
+fn warned(set: &[&str]) -> Vec<(String, String)> {
+    let overrides =
+        Overrides { set: set.iter().map(|&s| s.into()).collect(), ..Overrides::default() };
+    let (_, text, warnings) = read(Path::new(PATH), &overrides, &agent::catalog()).unwrap();
+    let line = |line: u32| text.lines().nth(line as usize - 1).unwrap().trim().to_owned();
+    let warnings = warnings.into_iter().filter(|one| one.severity == Severity::Warning);
+    warnings.map(|one| (line(one.line), one.message)).collect()
+}
+
+#[test]
+fn places_and_trajectories_too_near_to_a_wall_are_told_with_their_place_in_the_file() {
+    // The outer robots' places swing out of the corridor where it bends: the scenario is about that.
+    let [(line, message)] = &warned(&[])[..] else { panic!("{:?}", warned(&[])) };
+    assert!(line.starts_with("{ name = \"r"), "{line}");
+    assert!(message.contains("avoidance will keep it from there (1 more"), "{message}");
+    let near = warned(&["avoidance.clearance_m=0.9"]);
+    let (line, message) = &near[0];
+    assert!(line.starts_with("points_m = [[0.0, 0.0]"), "{line}");
+    assert!(message.starts_with("the trajectory of r1 is 0.89"), "{message}");
+    // A body that reaches farther from its front point than that.
+    let (line, message) = &warned(&["avoidance.clearance_m=0.2"])[0];
+    assert!(
+        line.contains("clearance_m") && message.contains("but not bodies"),
+        "{line}: {message}"
+    );
+    let (line, message) = &warned(&["avoidance.kind=none"])[0];
+    assert!(
+        line.contains("kind") && message.contains("knows nothing of walls"),
+        "{line}: {message}"
+    );
+}
+
+#[test]
+fn who_knows_nothing_of_walls_drives_through_them_and_is_counted() {
+    let free = oracle::simulate(&scenario("corridor", &["avoidance.kind=none", "expect={}"]));
+    let clearance = free.min_clearance.unwrap();
+    assert!(clearance.distance_m < 0.01, "{clearance:?}");
+    assert!(free.clearance_violations > 100, "{}", free.clearance_violations);
+}
+
+/// The smallest distance of a recorded front point from a wall, m.
+fn recorded_clearance(samples: &str) -> f64 {
+    let corridor = scenario("corridor", &[]);
+    let walls = corridor.obstacles();
+    let front = |line: &str| {
+        let fields: Vec<&str> = line.split(',').collect();
+        let number = |i: usize| fields[i].parse::<f64>().unwrap();
+        let (sin, cos) = number(4).sin_cos();
+        Vec2::new(number(2), number(3)) + 0.1 * Vec2::new(cos, sin)
+    };
+    let distances =
+        samples.lines().skip(1).map(|line| walls.nearest(front(line)).unwrap().distance_m);
+    distances.fold(f64::INFINITY, f64::min)
+}
+
+#[test]
+fn a_run_tells_its_smallest_clearance_judges_it_and_draws_the_walls() {
+    let ended = run("corridor").lockstep().drawing().set("record_hz=50").finish();
+    ended.exits_with(0);
+    let clearance = &ended.summary["min_clearance"];
+    let found_m = clearance["distance_m"].as_f64().unwrap();
+    let samples = std::fs::read_to_string(ended.run_dir().join("samples.csv")).unwrap();
+    // Every tick is recorded.
+    let recorded_m = recorded_clearance(&samples);
+    ended.claim((found_m - recorded_m).abs() < 1e-9, format!("{found_m} m is {recorded_m} m"));
+    ended.claim((0.21..0.25).contains(&found_m), "the corridor is narrow");
+    let wall = clearance["wall"].as_str().unwrap();
+    ended.claim(wall == "wall 1" || wall == "wall 2", format!("{wall} is a wall"));
+    let at = ["/min_clearance/at_m/0", "/min_clearance/at_m/1"].map(|key| ended.number(key));
+    let corridor = scenario("corridor", &[]);
+    let from_there = corridor.obstacles().nearest(at.into()).unwrap().distance_m;
+    ended.claim((from_there - found_m).abs() < 1e-12, "it was there");
+    let expectations = ended.summary["expectations"].as_array().unwrap();
+    let judged = expectations.iter().find(|one| one["name"] == "min_clearance_m").unwrap();
+    ended.claim(judged["held"] == true, "the clearance was kept");
+
+    let read = |path: &str| std::fs::read_to_string(ended.run_dir().join(path)).unwrap();
+    ended.claim(read("report.html").contains("Smallest clearance"), "the page says so");
+    let figure = read("figures/trajectories.svg");
+    ended.claim(
+        figure.contains("Gray: walls") || read("report.html").contains("Gray: walls"),
+        "drawn",
+    );
+    let brief = read("briefs/plant.toml");
+    ended.claim(brief.matches("[[obstacle]]").count() == 24, "every segment is an obstacle");
+    let missed = run("corridor").lockstep().set("expect={min_clearance_m=0.3}").finish();
+    missed.exits_with(1);
+}
+
+/// A scene from starts drawn from this seed: every front point up to 0.15 m off along x and y, in any heading.
+/// Starts that are too near are drawn again.
+fn scene_from(name: &str, seed: u64) -> Scenario {
+    let mut dice = SplitMix64::new(seed);
+    let scene = scenario(name, &["expect={}"]);
+    loop {
+        let mut drawn = scene.clone();
+        for robot in &mut drawn.robots {
+            let mut off = || 0.3 * (dice.unit() - 0.5);
+            let alpha = front_point(robot.start, robot.front_point_m) + Vec2::new(off(), off());
+            let heading_rad = wrap_angle(TAU * dice.unit());
+            let back = robot.front_point_m * Vec2::new(heading_rad.cos(), heading_rad.sin());
+            robot.start = Pose { x_m: alpha.x - back.x, y_m: alpha.y - back.y, heading_rad };
+        }
+        if check(&drawn).iter().all(|finding| finding.severity != Severity::Error) {
+            return drawn;
+        }
+    }
+}
+
+/// `cargo test --release --test it -- --ignored --nocapture a_hundred_starts_of_each_scene`
+#[test]
+#[ignore = "a table of docs/explanation/inertia.md: 500 runs"]
+fn from_a_hundred_starts_of_each_scene_all_keep_clear_and_hardly_anybody_gets_stuck() {
+    println!("| scene | stuck | mean time (s) | smallest distance / d | smallest clearance |");
+    println!("|---|---|---|---|---|");
+    for name in ["corridor", "doorway", "hallway", "intersection", "warehouse"] {
+        let runs: Vec<Measures> =
+            (1..=100).map(|seed| oracle::simulate(&scene_from(name, seed))).collect();
+        let arrived: Vec<f64> = runs.iter().filter_map(|run| run.converged_at_s).collect();
+        let mean_s = arrived.iter().sum::<f64>() / arrived.len() as f64;
+        let closest = runs.iter().filter_map(|run| run.min_distance_m).fold(f64::MAX, f64::min);
+        let clearances = runs.iter().filter_map(|run| run.min_clearance.as_ref());
+        let clearance = clearances.map(|one| one.distance_m).fold(f64::MAX, f64::min);
+        let (d, ratio) = (closest / 0.42, clearance / 0.21);
+        let stuck = runs.len() - arrived.len();
+        println!("| `{name}` | {stuck} of 100 | {mean_s:.1} | {d:.3} | {ratio:.3} |");
+        assert!(d >= 1.0 && ratio >= 1.0, "{name}");
+        assert!(stuck <= 10, "{name}: {stuck}");
+    }
+}

@@ -55,6 +55,18 @@ pub enum Role {
         #[arg(long)]
         realtime_priority: bool,
     },
+    /// Become another program, in place of a part of phalanx.
+    #[command(hide = true)]
+    Become {
+        /// Where to start it.
+        folder: PathBuf,
+        /// It may have no more memory of its own than this, MB.
+        #[arg(long)]
+        memory_max_mb: Option<u64>,
+        /// The program and its arguments.
+        #[arg(last = true, required = true)]
+        words: Vec<OsString>,
+    },
     /// Take processor time until killed.
     #[command(hide = true)]
     Load,

@@ -8,6 +8,7 @@ use std::process::Command;
 
 use protocol::process::{Stderr, exit};
 use results::manifest::Build;
+use supervisor::child::become_program;
 use supervisor::control_timer::{self, ControlTimer};
 use supervisor::spawn::Launcher;
 
@@ -32,6 +33,11 @@ pub fn main(role: Role) -> u8 {
         }
         Role::Machine { run_root, period_ns, robots, realtime_priority } => {
             control_timer::main(&ControlTimer { run_root, period_ns, robots, realtime_priority })
+        }
+        Role::Become { folder, memory_max_mb, words } => {
+            let error = become_program(&folder, memory_max_mb, &words);
+            let _ = writeln!(Stderr, "error: {error}");
+            exit::INFRASTRUCTURE
         }
         Role::Load => supervisor::child::load(),
         Role::Awake => supervisor::child::awake(),

@@ -12,7 +12,7 @@ use protocol::fault::SlowFault;
 use protocol::message::{Beacon, Command, NeighborStatus, Odometry, PROXIMITY_MAX, StatusHeader};
 
 use crate::avoidance::{self, Avoidance, AvoidanceError, Sample};
-use crate::laws::{self, Heard, Law, LawError, Situation};
+use crate::laws::{self, Heard, Law, LawError, Situation, Wish};
 use crate::link::Link;
 use crate::neighborhood::{BeaconRefusal, Neighborhood};
 use crate::roles::{Moment, Role, RoleError};
@@ -210,9 +210,9 @@ impl Brain {
             Moment { stamp_ns: odometry.stamp_ns, t_s, pose, neighborhood: &self.neighborhood };
         self.away.clear();
         self.away.extend(odometry.proximity().map(|other| alpha - other));
-        let gamma = match self.role.target(&moment, &mut self.heard) {
-            None => Vec2::zeros(),
-            Some(target) => self.law.gamma(&Situation {
+        let wish = match self.role.target(&moment, &mut self.heard) {
+            None => Wish::Velocity(Vec2::zeros()),
+            Some(target) => self.law.wish(&Situation {
                 error: self.avoidance.stand_off(&self.away, alpha - target.position),
                 desired_velocity: target.velocity,
                 period_s: self.period_s,
@@ -220,10 +220,15 @@ impl Brain {
                 t_s,
                 pose,
                 front_point: alpha,
+                twist: odometry.twist(),
+                away: &self.away,
                 heard: &self.heard,
             }),
         };
-        let gamma = self.avoidance.admit(gamma);
+        let gamma = self.avoidance.admit(match wish {
+            Wish::Velocity(gamma) => gamma,
+            Wish::Twist(twist) => front_velocity(pose.heading_rad, self.front_point_m, twist),
+        });
         let frame = match self.role.frame(&moment, &*self.avoidance) {
             Some(own) => Some((odometry.stamp_ns, own)),
             None => self.neighborhood.frame(),
@@ -249,7 +254,10 @@ impl Brain {
             walls: &self.walls,
             walls_cut: odometry.walls_cut == 1,
         };
-        let twist = self.avoidance.steer(&sample, gamma);
+        let twist = match wish {
+            Wish::Velocity(_) => self.avoidance.steer(&sample, gamma),
+            Wish::Twist(twist) => self.avoidance.restrain(&sample, twist, gamma),
+        };
         let published = match self.published_velocity {
             PublishedVelocity::Gamma => gamma,
             PublishedVelocity::GammaAndBeta => {

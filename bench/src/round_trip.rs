@@ -201,7 +201,7 @@ impl With<'_> {
         std::fs::write(&path, brief::to_text(&told)).map_err(failed("write", &path))?;
         let (odometry, command) = (own.odometry.publisher()?, own.command.subscriber()?);
         let mut world = World::new(&plant);
-        let role = Role::Agent { brief: &path, incarnation: 0 };
+        let role = Role::Agent { brief: &path, program: None, incarnation: 0 };
         let log = place.path().join("agent.log");
         let mut agent = on_the_other(cores, || Launcher::of_this_executable().spawn(role, &log))?;
         let mut lives = || match agent.ended() {

@@ -2,17 +2,17 @@
 //! and its identity.
 //!
 //! The identity is the SHA-256 of the pace, of the effective scenario with all defaults written out
-//! and every graph that it names in it, and of the executable: what has the same identity is the
+//! and every graph that it names in it, of the programs that its robots run, and of the executable: what has the same identity is the
 //! same run.
 
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{self, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use experiment::scenario::Scenario;
 use experiment::scenario::diagnostic::Diagnostic;
-use experiment::scenario::read::{Overrides, read};
+use experiment::scenario::read::{Overrides, folder, read_to_run};
 use experiment::scenario::written_out::written_out;
 use protocol::catalog::Catalog;
 use sha2::{Digest, Sha256};
@@ -49,6 +49,16 @@ pub enum CellError {
         /// Which run, in words.
         run: String,
     },
+    /// A file of a program that its robots run cannot be read.
+    #[error("cannot read {}: {source} ({run})", path.display())]
+    Program {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+        /// Which run, in words.
+        run: String,
+    },
     /// No starts can be drawn for it.
     #[error("{source} ({run})")]
     Starts {
@@ -80,7 +90,7 @@ pub fn cells(
             let refused =
                 |diagnostic| CellError::Scenario { diagnostic: Box::new(diagnostic), run: run() };
             let read = |overrides: &Overrides| {
-                read(&campaign.scenario, overrides, catalog).map_err(refused)
+                read_to_run(&campaign.scenario, overrides, catalog).map_err(refused)
             };
             let mut overrides = Overrides { seed, ..overrides.clone() };
             if let (Some(starts), Some(seed)) = (&campaign.starts, seed) {
@@ -98,6 +108,17 @@ pub fn cells(
                 hash.update((part.len() as u64).to_le_bytes());
                 hash.update(part);
             }
+            for (name, path) in programs(&scenario, &campaign.scenario) {
+                let text = std::fs::read(&path).map_err(|source| CellError::Program {
+                    path: path.clone(),
+                    source,
+                    run: run(),
+                })?;
+                hash.update((name.len() as u64).to_le_bytes());
+                hash.update(name);
+                hash.update((text.len() as u64).to_le_bytes());
+                hash.update(text);
+            }
             cells.push(Cell {
                 point,
                 seed: scenario.seed,
@@ -109,6 +130,11 @@ pub fn cells(
         }
     }
     Ok(cells)
+}
+
+/// The files of the programs that robots run, with where they are.
+fn programs<'s>(scenario: &'s Scenario, path: &Path) -> Vec<(&'s str, PathBuf)> {
+    scenario.programs().flat_map(|program| program.files(folder(path))).collect()
 }
 
 /// What all runs at a point of the grid change.

@@ -127,7 +127,7 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
     })?;
 
     let templates = match root.get("faults") {
-        Some(list) => texts(&list, "expected a list of faults, such as [\"kill r2 @10\"]")?,
+        Some(list) => list.texts("expected a list of faults, such as [\"kill r2 @10\"]")?,
         None => Vec::new(),
     };
     let mut set = Vec::new();
@@ -246,6 +246,13 @@ fn known(path: &str, value: &Value<'_>, format: &Format) -> Result<(), Diagnosti
         };
         match key.takes {
             Takes::Table(name) => section = format.section(name),
+            Takes::NamedTables(name) => {
+                section = format.section(name);
+                if parts.next().is_none() {
+                    let expected = format!("expected the name of one: {part}.NAME.KEY");
+                    return Err(value.here(format!("`{part}` has tables"), expected));
+                }
+            }
             Takes::Tables(name) if name == "robot" => {
                 section = format.section(name);
                 if parts.next().is_none() {
@@ -265,11 +272,6 @@ fn known(path: &str, value: &Value<'_>, format: &Format) -> Result<(), Diagnosti
         }
     }
     Ok(())
-}
-
-fn texts(list: &Value<'_>, expected: &str) -> Result<Vec<String>, Diagnostic> {
-    let elements = list.elements(expected)?;
-    elements.iter().map(|element| element.text(expected).map(str::to_owned)).collect()
 }
 
 /// Which axes move together; those of which nothing is said move alone.

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use protocol::avoidance::Senses;
 use protocol::brief::{
-    AgentBrief, AvoidanceBrief, BodyBrief, Format, NeighborBrief, Pace, PlantBrief,
+    AgentBrief, AvoidanceBrief, BodyBrief, Format, NeighborBrief, Pace, PlantBrief, ProgramBrief,
+    VERSION,
 };
 use protocol::fault::{LinkFault, SensorFault, SlowFault, Span, WheelFault};
 
@@ -37,6 +38,10 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         front_point_m: robot.front_point_m,
         law: robot.law.clone(),
         gains: robot.gains.clone(),
+        program: scenario.program(i).map(|_| ProgramBrief {
+            phalanx: VERSION.to_owned(),
+            role: robot.role.name.to_owned(),
+        }),
         led: scenario.lead.is_some(),
         rank: scenario.rank(i),
         lead: scenario.lead_of(i).cloned(),

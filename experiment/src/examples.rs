@@ -67,6 +67,7 @@ pub fn row_of_three() -> Scenario {
             lost_after_ns: 20 * SECOND_NS,
             policy: SilencePolicy::Ignore,
         },
+        laws: Vec::new(),
         robots: vec![robot("r1"), robot("r2"), robot("r3")],
         graph: FormationGraph::new(3, vec![behind(0, 1), behind(1, 2)]),
         walls: Vec::new(),

@@ -104,10 +104,14 @@ fn type_of(key: &Key, format: &Format) -> (String, &'static str, String) {
         }
         Takes::Pair(unit) => ("[x, y]".into(), unit, within(Range::Any, NUMBER_MAX)),
         Takes::Points(unit) => ("list of [x, y]".into(), unit, within(Range::Any, NUMBER_MAX)),
+        Takes::Texts => ("list of strings".into(), "", String::new()),
         Takes::Names => ("list of strings".into(), "", String::new()),
         Takes::NamesOrCount => ("list of strings, or integer".into(), "", String::new()),
         Takes::Table(section) => (format!("table {}", link(section)), "", String::new()),
         Takes::Tables(section) => (format!("list of tables {}", link(section)), "", String::new()),
+        Takes::NamedTables(section) => {
+            (format!("table of tables {}", link(section)), "", String::new())
+        }
         Takes::Any(words) => (words.into(), "", String::new()),
     }
 }

@@ -17,7 +17,30 @@ pub fn schema(catalog: &Catalog) -> String {
     schema["anyOf"] = json!([{ "required": ["robot"] }, { "required": ["graph"] }]);
     let definitions =
         others.iter().map(|section| (section.name.to_owned(), table(section, &format)));
-    schema["definitions"] = Value::Object(definitions.collect());
+    let mut definitions: Map<String, Value> = definitions.collect();
+    // Laws of the scenario's own have names and gains that no schema knows.
+    for name in ["robot", "robot_defaults"] {
+        let mut own = definitions[name].clone();
+        own["properties"]["law"] = json!({ "type": "string" });
+        own["additionalProperties"] = number(Range::Positive, NUMBER_MAX);
+        definitions.insert(format!("{name}_with_laws"), own);
+    }
+    let robots = |with: &str| {
+        let reference = |name: &str| json!({ "$ref": format!("#/definitions/{name}{with}") });
+        json!({ "properties": {
+            "robot": { "items": reference("robot") },
+            "robot_defaults": reference("robot_defaults"),
+        } })
+    };
+    for name in ["robot", "robot_defaults"] {
+        let says = schema["properties"][name]["description"].clone();
+        schema["properties"][name] = json!({ "description": says });
+    }
+    schema["properties"]["robot"]["type"] = "array".into();
+    schema["if"] = json!({ "required": ["laws"] });
+    schema["then"] = robots("_with_laws");
+    schema["else"] = robots("");
+    schema["definitions"] = Value::Object(definitions);
     let mut text = serde_json::to_string_pretty(&schema).expect("JSON has a text");
     text.push('\n');
     text
@@ -102,6 +125,7 @@ fn value(key: &Key, format: &Format) -> Value {
         }
         Takes::Pair(_) => pair,
         Takes::Points(_) => json!({ "type": "array", "items": pair }),
+        Takes::Texts => json!({ "type": "array", "items": { "type": "string" } }),
         Takes::Names => json!({ "type": "array", "items": { "type": "string" } }),
         Takes::NamesOrCount => json!({
             "type": ["array", "integer"],
@@ -111,6 +135,9 @@ fn value(key: &Key, format: &Format) -> Value {
         // What stands beside a reference is not looked at: hence the list of one.
         Takes::Table(section) => json!({ "allOf": [reference(section)] }),
         Takes::Tables(section) => json!({ "type": "array", "items": reference(section) }),
+        Takes::NamedTables(section) => {
+            json!({ "type": "object", "additionalProperties": reference(section) })
+        }
         Takes::Any(_) => json!({}),
     };
     let default: Option<Value> = match key.otherwise {

@@ -172,6 +172,19 @@ pub struct LeadBrief {
     pub trajectory: Trajectory,
 }
 
+/// What a program with a law of its own is told beside the rest: no build has a row for it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ProgramBrief {
+    /// The version of the phalanx that starts it, which its own must be.
+    pub phalanx: String,
+    /// What the law makes of the robot: the name of a role.
+    pub role: String,
+}
+
+/// The version of phalanx that this is part of.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+
 /// What one agent is told.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -198,6 +211,9 @@ pub struct AgentBrief {
     pub law: String,
     /// The law's gains by key.
     pub gains: BTreeMap<String, f64>,
+    /// Of a law in a program of its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub program: Option<ProgramBrief>,
     /// Whether offsets turn and grow with a leader's frame, which then must be heard first.
     pub led: bool,
     /// Where to lead, for the main leader only.
@@ -558,6 +574,13 @@ fn parse<B: Brief>(path: &Path, text: &str) -> Result<B, BriefError> {
         None => Ok(brief),
         Some(flaw) => Err(BriefError::Unsound { path: path.into(), flaw }),
     }
+}
+
+/// The version of the phalanx that wrote the brief of a program, if it says so: whatever else is in
+/// it, and however that is meant.
+pub fn writer(path: &Path) -> Option<String> {
+    let told: toml::Table = std::fs::read_to_string(path).ok()?.parse().ok()?;
+    Some(told.get("program")?.get("phalanx")?.as_str()?.to_owned())
 }
 
 /// The text of a brief.

@@ -6,6 +6,7 @@
 //! |---|---|
 //! | `run_dir` | which files are there, and what stands in them? |
 //! | `reserved` | how does a small file survive a full disk? |
+//! | `programs` | what do robots run that is not built in? |
 //! | `manifest` | what was run, where and how? |
 //! | `outcome` | what does a run leave besides its metrics? |
 //! | `summary` | what came out? |
@@ -20,6 +21,7 @@ pub mod latency;
 pub mod manifest;
 pub mod outcome;
 pub mod page;
+pub mod programs;
 mod reserved;
 pub mod run_dir;
 pub mod scene;

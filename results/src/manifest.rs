@@ -9,6 +9,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use protocol::brief::Pace;
 use serde::Serialize;
 
+use crate::programs::Listed;
 use experiment::scenario::Scenario;
 use formation::seconds;
 
@@ -44,6 +45,9 @@ pub struct Manifest {
     pub scenario_path: String,
     /// The command line.
     pub command: Vec<String>,
+    /// The files of the programs of its own that were run.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub programs: Vec<Listed>,
     /// Seed of everything random.
     pub seed: u64,
     /// How time passed.
@@ -84,6 +88,7 @@ impl Manifest {
             scenario: scenario.name.clone(),
             scenario_path: path.display().to_string(),
             command: std::env::args_os().map(|arg| arg.to_string_lossy().into_owned()).collect(),
+            programs: Vec::new(),
             seed: scenario.seed,
             pace,
             period_s: seconds(scenario.period_ns),

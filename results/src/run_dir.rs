@@ -16,9 +16,11 @@ use serde::Serialize;
 
 use crate::latency::Latency;
 use crate::manifest::Manifest;
+use crate::programs::{self, Programs, Started};
 use crate::reserved::Reserved;
 use crate::summary::to_json;
 use experiment::scenario::Scenario;
+use experiment::scenario::program::Program;
 use formation::obstacle::Obstacle;
 use formation::seconds;
 use metrics::summary::Summary;
@@ -164,6 +166,18 @@ impl RunDir {
     /// Writes what was run, where and how.
     pub fn write_manifest(&self, manifest: &Manifest) -> Result<(), RunDirError> {
         self.write(MANIFEST, to_json(manifest))
+    }
+
+    /// Copies the programs that robots run.
+    pub fn write_programs(&self, programs: &Programs) -> Result<(), RunDirError> {
+        programs.write(&self.path).map_err(|(path, error)| failed(&path)(error))
+    }
+
+    /// How a program is started from the copies.
+    pub fn started(&self, program: &Program) -> Result<Started, RunDirError> {
+        // Its processes are started elsewhere than this one.
+        let path = self.path.canonicalize().map_err(failed(&self.path))?;
+        Ok(programs::started(program, &path))
     }
 
     /// Begins the recording, with the effective scenario in it and in real time, where no two runs

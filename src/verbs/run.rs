@@ -13,6 +13,7 @@ use view::{Bound, ViewError};
 use super::cell::{self, CellArgs};
 use super::scenario::ScenarioArgs;
 use super::screen::{Output, complain, print, print_as, progress, show_progress, tell};
+use experiment::scenario::read::folder;
 use experiment::scenario::{FaultKind, Scenario};
 use metrics::Metrics;
 use metrics::expect;
@@ -20,6 +21,7 @@ use metrics::summary::Summary;
 use results::manifest::{Build, Manifest};
 use results::outcome::Outcome;
 use results::page;
+use results::programs::Programs;
 use results::run_dir::{RunDir, RunDirError, default_out};
 use results::scene::scene;
 use results::summary::{self, to_json};
@@ -103,7 +105,11 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
         PaceArg::Realtime => Pace::Realtime,
     };
     let out = args.out.clone().unwrap_or_else(|| default_out(&scenario.name));
+    let Some(programs) = read_programs(&scenario, &args.scenario.path) else {
+        return exit::BAD_SCENARIO;
+    };
     let mut manifest = Manifest::collect(&scenario, &args.scenario.path, pace, build);
+    manifest.programs = programs.listed();
     if args.realtime_priority {
         manifest.realtime_priority = Some(match try_realtime_priority() {
             Ok(()) => {
@@ -116,7 +122,7 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
             }
         });
     }
-    let how = How::new(pace, launcher);
+    let how = How { programs, ..How::new(pace, launcher) };
     if let Some(cell) = &args.campaign.cell {
         // Other runs go on beside it.
         let how = How { launcher: how.launcher.without_awake(), ..how };
@@ -151,18 +157,30 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
     }
 }
 
+/// The programs of a scenario of that file; what cannot be read is said.
+pub(super) fn read_programs(scenario: &Scenario, path: &Path) -> Option<Programs> {
+    let read = Programs::read(scenario, folder(path));
+    let told = read.map_err(|(path, error)| {
+        complain(&format_args!("cannot read {}: {error}", path.display()))
+    });
+    told.ok()
+}
+
 /// Runs a sound scenario in lockstep, into a new directory and without pictures. Whether it came to its
 /// end; what went wrong is said.
 pub(super) fn run_again(
     scenario: &Scenario,
     text: &str,
+    programs: Programs,
     out: &Path,
     launcher: Launcher,
     build: &Build,
 ) -> bool {
     let pace = Pace::Lockstep;
-    let manifest = Manifest::collect(scenario, &out.join("scenario.toml"), pace, build);
-    match execute(scenario, text, &manifest, out, How::new(pace, launcher)) {
+    let mut manifest = Manifest::collect(scenario, &out.join("scenario.toml"), pace, build);
+    manifest.programs = programs.listed();
+    let how = How { programs, ..How::new(pace, launcher) };
+    match execute(scenario, text, &manifest, out, how) {
         Ok(ended) => ended.began && ended.written && !ended.summary.interrupted,
         Err(error) => {
             complain(&error);
@@ -193,6 +211,8 @@ pub(super) struct How {
     /// Samples and recording are written.
     pub(super) recorded: bool,
     pub(super) looks: Option<Looks>,
+    /// What robots run that is not built in.
+    pub(super) programs: Programs,
     /// Is given what ends the run early.
     pub(super) on_start: Option<OnStart>,
 }
@@ -201,7 +221,8 @@ impl How {
     /// Measured, recorded, and looked at by nobody.
     fn new(pace: Pace, launcher: Launcher) -> How {
         let (unmeasured, recorded) = (false, true);
-        How { pace, launcher, unmeasured, recorded, looks: None, on_start: None }
+        let (looks, programs, on_start) = (None, Programs::default(), None);
+        How { pace, launcher, unmeasured, recorded, looks, programs, on_start }
     }
 }
 
@@ -255,7 +276,7 @@ pub(super) fn execute(
     out: &Path,
     how: How,
 ) -> Result<Ended, NotRun> {
-    let How { pace, launcher, unmeasured, recorded, looks, on_start } = how;
+    let How { pace, launcher, unmeasured, recorded, looks, programs, on_start } = how;
     let stop = Stop::on_signals_twice_at_once()?;
     if let Some(on_start) = on_start {
         on_start(&stop);
@@ -263,6 +284,7 @@ pub(super) fn execute(
     let mut run_dir = RunDir::create(out, scenario)?;
     run_dir.write_scenario(text)?;
     run_dir.write_manifest(manifest)?;
+    run_dir.write_programs(&programs)?;
     if recorded {
         run_dir.begin_recording(text, manifest)?;
     } else {

@@ -7,7 +7,7 @@ use protocol::catalog::Catalog;
 
 use super::screen::show;
 use experiment::scenario::Scenario;
-use experiment::scenario::read::{Overrides, read};
+use experiment::scenario::read::{Overrides, read_to_run};
 
 /// A scenario file, and changes to it.
 #[derive(Debug, Args)]
@@ -31,7 +31,7 @@ impl ScenarioArgs {
     pub(super) fn read(&self, catalog: &Catalog) -> Option<(Scenario, String)> {
         let overrides =
             Overrides { set: self.set.clone(), faults: self.fault.clone(), seed: self.seed };
-        match read(&self.path, &overrides, catalog) {
+        match read_to_run(&self.path, &overrides, catalog) {
             Ok((scenario, text, warnings)) => {
                 warnings.iter().for_each(show);
                 Some((scenario, text))

@@ -67,7 +67,7 @@ pub(super) fn sweep(args: &SweepArgs, catalog: &Catalog, launcher: &Launcher, bu
                     show(diagnostic);
                     tell(run);
                 }
-                CellError::Starts { .. } => {
+                CellError::Starts { .. } | CellError::Program { .. } => {
                     complain(&error);
                 }
             }

@@ -6,9 +6,9 @@ use clap::Args;
 use protocol::catalog::Catalog;
 use protocol::process::exit;
 
-use super::run::run_again;
+use super::run::{read_programs, run_again};
 use super::screen::{Output, complain, print, print_as, show};
-use experiment::scenario::read::{Overrides, read};
+use experiment::scenario::read::{Overrides, read_to_run};
 use results::compare::{Comparison, NotRepeatable, repeatable};
 use results::manifest::Build;
 use results::page;
@@ -23,6 +23,10 @@ pub struct VerifyArgs {
     /// Keep the new run in this directory, which must not exist [default: it is removed].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Start the run's own programs, of which it has copies in `programs/`: they may do whatever you
+    /// may.
+    #[arg(long)]
+    allow_programs: bool,
     /// What to print.
     #[arg(long, value_enum, default_value_t = Output::Text)]
     output: Output,
@@ -59,12 +63,25 @@ pub(super) fn verify(
         let unreadable = matches!(error, NotRepeatable::Unreadable { .. });
         return if unreadable { code } else { exit::USAGE };
     }
-    let (scenario, text, _) = match read(&scenario, &Overrides::default(), catalog) {
+    let path = scenario;
+    let (scenario, text, _) = match read_to_run(&path, &Overrides::default(), catalog) {
         Ok(read) => read,
         Err(diagnostic) => {
             show(&diagnostic);
             return exit::BAD_SCENARIO;
         }
+    };
+    if let Some(program) = scenario.programs().next().filter(|_| !args.allow_programs) {
+        complain(&format_args!(
+            "robots of {} run a program of their own, {}: whoever wrote the directory decides what it \
+             does; look at programs/, then give --allow-programs",
+            run_dir.display(),
+            program.words.join(" ")
+        ));
+        return exit::USAGE;
+    }
+    let Some(programs) = read_programs(&scenario, &path) else {
+        return exit::INFRASTRUCTURE;
     };
     let name = run_dir.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let beside = run_dir.with_file_name(format!("{name}-again-{}", std::process::id()));
@@ -74,7 +91,7 @@ pub(super) fn verify(
         return exit::USAGE;
     }
     let _scratch = Scratch(args.out.is_none().then_some(beside));
-    if !run_again(&scenario, &text, &out, launcher, build) {
+    if !run_again(&scenario, &text, programs, &out, launcher, build) {
         return exit::INFRASTRUCTURE;
     }
     let comparison = match Comparison::of(run_dir, &out) {

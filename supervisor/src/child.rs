@@ -4,17 +4,20 @@
 //! Nothing here waits for a child that was not killed, and for that one no longer than a bound.
 
 use std::cell::OnceCell;
+use std::ffi::OsString;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write as _};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
-use std::os::unix::process::{ExitStatusExt, parent_id};
+use std::os::unix::process::{CommandExt as _, ExitStatusExt, parent_id};
 use std::path::{Path, PathBuf};
-use std::process::ExitStatus;
+use std::process::{Command, ExitStatus};
 use std::time::{Duration, Instant};
 
 use protocol::process::Stderr;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
+use rustix::process::{
+    Pid, PidfdFlags, Resource, Rlimit, Signal, pidfd_open, pidfd_send_signal, setrlimit,
+};
 
 use results::usage::{self, Usage};
 
@@ -138,6 +141,11 @@ impl Child {
         self.usage
     }
 
+    /// Whose process it is, as its log is called.
+    pub fn name(&self) -> String {
+        self.log.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+    }
+
     /// The last lines of its log, for a screen.
     pub fn last_lines(&self, count: usize) -> String {
         last_lines(&self.log, count)
@@ -225,10 +233,50 @@ pub fn obey_parent() -> io::Result<()> {
     if closed == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
 
+/// Becomes another program, in `folder`, after [`obey_parent`]: it dies with the same parent, which its
+/// own children are not told of. It gets no more memory of its own than `memory_max_mb`. Returns why not.
+pub fn become_program(
+    folder: &Path,
+    memory_max_mb: Option<u64>,
+    words: &[OsString],
+) -> BecomeError {
+    let [program, arguments @ ..] = words else { return BecomeError::Nothing };
+    if let Some(mb) = memory_max_mb {
+        let bytes = Some(mb.saturating_mul(1_000_000));
+        let limit = Rlimit { current: bytes, maximum: bytes };
+        // Not the address space: what is shared with others, and what is only mapped, is no memory
+        // of its own.
+        if let Err(error) = setrlimit(Resource::Data, limit) {
+            return BecomeError::Limit(error.into());
+        }
+    }
+    let mut command = Command::new(program);
+    command.args(arguments).current_dir(folder).env_remove(PARENT);
+    BecomeError::Exec { program: program.display().to_string(), source: command.exec() }
+}
+
+/// Why a process did not become another program.
+#[derive(Debug, thiserror::Error)]
+pub enum BecomeError {
+    /// No program was named.
+    #[error("no program was named")]
+    Nothing,
+    /// Its memory cannot be bound.
+    #[error("cannot bound its memory: {0}")]
+    Limit(io::Error),
+    /// It cannot be executed.
+    #[error("cannot start {program}: {source}")]
+    Exec {
+        /// Which.
+        program: String,
+        /// Why.
+        source: io::Error,
+    },
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::process::Command;
 
     fn started(program: &str, argument: &str) -> std::process::Child {
         Command::new(program).arg(argument).spawn().unwrap()

@@ -12,6 +12,7 @@ use std::process::{Command, Stdio};
 
 use crate::child::{Child, PARENT};
 use crate::limits;
+use results::programs::Started;
 
 /// Starts children: which executable all of them are, each in a role of its own, and whether robots
 /// and plant have priority.
@@ -25,10 +26,12 @@ pub struct Launcher {
 /// What a child is to be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role<'a> {
-    /// `phalanx agent BRIEF --incarnation N`.
+    /// `phalanx agent BRIEF --incarnation N`, or a program in its place.
     Agent {
         /// Its brief.
         brief: &'a Path,
+        /// What takes the place of `phalanx agent`.
+        program: Option<&'a Started>,
         /// How often this robot's process was started before.
         incarnation: u64,
     },
@@ -142,9 +145,13 @@ impl Launcher {
         let out = File::options().create(true).append(true).open(log).map_err(unlogged)?;
         let mut command = Command::new(&self.executable);
         match role {
-            Role::Agent { brief, incarnation } => {
-                command.arg0("phalanx-agent").arg("agent").arg(brief);
-                command.arg("--incarnation").arg(incarnation.to_string());
+            Role::Agent { brief, program, incarnation } => {
+                command.arg0("phalanx-agent");
+                match program {
+                    None => drop(command.arg("agent")),
+                    Some(program) => become_program(&mut command, program),
+                }
+                command.arg(brief).arg("--incarnation").arg(incarnation.to_string());
             }
             Role::Plant { brief } => {
                 command.arg0("phalanx-plant").arg("plant").arg(brief);
@@ -202,6 +209,16 @@ impl Launcher {
     }
 }
 
+/// The words by which our own executable becomes another one: what must be done between fork and exec
+/// is done by it, under the id that is watched.
+fn become_program(command: &mut Command, program: &Started) {
+    command.arg("become").arg(&program.folder);
+    if let Some(mb) = program.memory_max_mb {
+        command.arg("--memory-max-mb").arg(mb.to_string());
+    }
+    command.arg("--").args(&program.words);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -214,7 +231,7 @@ mod tests {
     #[test]
     fn an_executable_that_cannot_be_started_is_named_with_the_reason() {
         let brief = Path::new("/runs/x/briefs/r2.toml");
-        let agent = Role::Agent { brief, incarnation: 0 };
+        let agent = Role::Agent { brief, program: None, incarnation: 0 };
         assert_eq!(
             refused(Path::new("/no/such/phalanx"), agent),
             "cannot start robot r2: the executable /no/such/phalanx is not there"

@@ -180,12 +180,17 @@ impl Avoidance for Guard {
 
     /// The twist that answers `sample` when gamma is wanted.
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
+        let p = self.deflection.deflect(sample, gamma * self.period);
+        let wanted = exact_hold(sample.heading_effect_rad, self.ell, p, self.period);
+        self.restrain(sample, wanted, gamma)
+    }
+
+    /// The part of `wanted` that keeps the promise: nothing leads it around others.
+    fn restrain(&mut self, sample: &Sample<'_>, wanted: Twist, _: Vec2) -> Twist {
         self.forget_the_dead(sample.stamp_ns);
         let granted = if self.kept.is_blind(sample) {
             Twist::ZERO
         } else {
-            let p = self.deflection.deflect(sample, gamma * self.period);
-            let wanted = exact_hold(sample.heading_effect_rad, self.ell, p, self.period);
             self.bound(sample, within_speed(self.v_max, self.ell, wanted))
         };
         self.alive.push_back((sample.stamp_ns, granted));

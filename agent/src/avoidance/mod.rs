@@ -102,6 +102,14 @@ pub trait Avoidance: Send {
 
     /// The twist that answers `sample`, given the admitted gamma.
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist;
+
+    /// The twist that answers `sample` where the robot wants the twist `wanted` itself, which gives
+    /// its front point the velocity gamma (as admitted): by that, where a method knows velocities
+    /// alone.
+    fn restrain(&mut self, sample: &Sample<'_>, wanted: Twist, gamma: Vec2) -> Twist {
+        let _ = wanted;
+        self.steer(sample, gamma)
+    }
 }
 
 /// A row of [`METHODS`].

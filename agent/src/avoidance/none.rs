@@ -30,6 +30,10 @@ impl Avoidance for Alone {
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
         self.follow(sample.heading_rad, gamma)
     }
+
+    fn restrain(&mut self, _: &Sample<'_>, wanted: Twist, _: Vec2) -> Twist {
+        wanted
+    }
 }
 
 #[cfg(test)]

@@ -30,6 +30,7 @@ fn brief() -> AgentBrief {
         front_point_m: 0.1,
         law: "formation-unit".into(),
         gains: [("speed_m_s".into(), 0.1)].into(),
+        program: None,
         led: false,
         rank: Rank::First,
         lead: None,
@@ -173,4 +174,43 @@ fn the_heading_at_which_an_answer_takes_effect_is_foretold_by_the_turn_rate() {
     let [heading_rad, effect_rad] = *told.lock().unwrap();
     assert_eq!(heading_rad, 0.3);
     assert!((effect_rad - 0.31).abs() < 1e-12, "{effect_rad}");
+}
+
+#[test]
+fn a_law_that_wants_a_twist_gets_it_as_far_as_the_guard_permits_and_publishes_its_velocity() {
+    const WANTED: Twist = Twist { v_m_s: 0.1, w_rad_s: -0.4 };
+    struct Driver;
+    impl Law for Driver {
+        fn gamma(&mut self, _: &Situation<'_>) -> Vec2 {
+            unreachable!("the brain asks for a wish")
+        }
+        fn wish(&mut self, _: &Situation<'_>) -> Wish {
+            Wish::Twist(WANTED)
+        }
+    }
+    let mut brief = brief();
+    brief.avoidance.kind = "guard".into();
+    (brief.avoidance.speed_max_m_s, brief.avoidance.sensing_radius_m) = (0.5, 5.0);
+    let alone = |near: &[[f64; 2]]| {
+        let parts = Parts { law: Box::new(Driver), ..Parts::of(&brief).unwrap() };
+        let mut brain = Brain::with_parts(&brief, 0, parts);
+        let mut sample = odometry(10);
+        brain.answer(&sample, sample.stamp_ns);
+        assert_eq!(brain.hear(0, &beacon(10), sample.stamp_ns), Ok(()));
+        sample = odometry(20);
+        sample.proximity_count = near.len() as u32;
+        sample.near[..near.len()].copy_from_slice(near);
+        brain.answer(&sample, sample.stamp_ns).expect("it knows where it is")
+    };
+    let free = alone(&[]);
+    let twist = |answer: &Answer| [answer.command.v_m_s, answer.command.w_rad_s];
+    assert_eq!(twist(&free), [WANTED.v_m_s, WANTED.w_rad_s]);
+    let velocity = front_velocity(0.3, brief.front_point_m, WANTED);
+    assert_eq!(free.beacon.velocity(), velocity);
+    // Somebody right ahead of the front point, at d: it may not come nearer, and is told so alone.
+    let ahead = formation::front_point::front_point(odometry(20).pose(), brief.front_point_m)
+        + brief.avoidance.distance_min_m * velocity / velocity.norm();
+    let blocked = alone(&[ahead.into()]);
+    assert!(twist(&blocked)[0].abs() < 1e-6, "{:?}", twist(&blocked));
+    assert_eq!(blocked.beacon.velocity(), velocity);
 }

@@ -13,6 +13,7 @@ pub mod situation;
 use std::collections::BTreeMap;
 
 use formation::Vec2;
+use formation::pose::Twist;
 use protocol::law::LawDescription;
 
 pub use self::situation::{Heard, Situation};
@@ -25,6 +26,22 @@ pub trait Law: Send {
     /// gamma, m/s, in `map`. Asked once for every odometry sample, in their order, but not while
     /// the robot has nothing to go by: a law may keep state.
     fn gamma(&mut self, situation: &Situation<'_>) -> Vec2;
+
+    /// What the brain asks for, in the place of gamma: a controller, one level lower, answers a
+    /// twist.
+    fn wish(&mut self, situation: &Situation<'_>) -> Wish {
+        Wish::Velocity(self.gamma(situation))
+    }
+}
+
+/// What a law wants.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Wish {
+    /// gamma: a velocity of the front point, m/s, in `map`. Avoidance finds the way there.
+    Velocity(Vec2),
+    /// A twist. Avoidance only bounds it; what is published is the velocity that it gives the front
+    /// point.
+    Twist(Twist),
 }
 
 /// A row of [`LAWS`].

@@ -2,7 +2,7 @@
 
 use formation::Vec2;
 use formation::desired::Target;
-use formation::pose::Pose;
+use formation::pose::{Pose, Twist};
 use protocol::message::Contact;
 
 /// One instant as a law sees it. Positions and velocities are in `map`.
@@ -22,6 +22,10 @@ pub struct Situation<'a> {
     pub pose: Pose,
     /// Own front point alpha, m.
     pub front_point: Vec2,
+    /// Own twist in force at the sample.
+    pub twist: Twist,
+    /// Own front point - that of each robot sensed near, m, nearest first.
+    pub away: &'a [Vec2],
     /// Whoever was heard at least once, in the brief's order; the lost are among them.
     pub heard: &'a [Heard],
 }
@@ -37,6 +41,8 @@ impl Situation<'static> {
         t_s: 0.0,
         pose: Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 },
         front_point: Vec2::new(0.0, 0.0),
+        twist: Twist::ZERO,
+        away: &[],
         heard: &[],
     };
 }

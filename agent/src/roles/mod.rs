@@ -65,9 +65,21 @@ impl RoleRow {
     }
 }
 
+/// Every role there is.
+pub const ROLES: &[RoleRow] = &[LEADER, FORMATION, CONTAINED, GOAL];
+
+/// The row of the role that files call `name`.
+pub fn row(name: &str) -> Result<RoleRow, RoleError> {
+    let found = ROLES.iter().find(|row| row.description.name == name);
+    found.copied().ok_or_else(|| RoleError::Unknown(name.into()))
+}
+
 /// Why a role could not be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RoleError {
+    /// No row has this name.
+    #[error("unknown role {0:?}, expected leader, formation, contained or goal")]
+    Unknown(String),
     /// A robot with a trajectory of its own, and none in the brief.
     #[error("{0} leads, but its brief has no [lead] with a trajectory")]
     NothingToLead(String),

@@ -144,7 +144,7 @@ impl Diagnostic {
 }
 
 /// The text that places refer to, and under which name it is shown.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Source {
     file: Arc<str>,
     text: Arc<str>,
@@ -154,7 +154,7 @@ pub struct Source {
 }
 
 /// Where the parts of a text come from that was put together from two files.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Parts {
     /// From where on in the text which part stands.
     starts: Vec<(usize, Origin)>,
@@ -163,7 +163,7 @@ struct Parts {
 }
 
 /// Where a part of such a text comes from.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) enum Origin {
     /// A copy of the scenario from this byte on.
     Scenario(usize),

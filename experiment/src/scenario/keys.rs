@@ -64,6 +64,8 @@ pub enum Takes {
     Pair(&'static str),
     /// A list of `[x, y]` in this unit.
     Points(&'static str),
+    /// A list of strings.
+    Texts,
     /// A list of names of robots.
     Names,
     /// The same, or a whole number of robots.
@@ -72,6 +74,8 @@ pub enum Takes {
     Table(&'static str),
     /// A list of such tables.
     Tables(&'static str),
+    /// A table of such tables, each under a name that the file gives it.
+    NamedTables(&'static str),
     /// Whatever these words say.
     Any(&'static str),
 }
@@ -200,6 +204,11 @@ impl Format {
                 "silence",
                 "When a robot that is not heard counts as stale, and as lost.",
                 SILENCE,
+            ),
+            section(
+                "law",
+                "A law in a program of the scenario's own: a table `[laws.NAME]`.",
+                &[LAW, PROGRAM].concat(),
             ),
             section("robot_defaults", "What all robots have that do not say otherwise.", &defaults),
             section("robot", "One robot.", &robots),
@@ -333,8 +342,8 @@ fn stem(word: &str) -> String {
 use Otherwise::{Absent, Needed, No, Rule};
 use Range::{Any, NotNegative, Positive};
 use Takes::{
-    Law, Method, Names, NamesOrCount, Number, Pair, Points, Table, Tables, Text, Time, Truth,
-    Whole, Word,
+    Law, Method, NamedTables, Names, NamesOrCount, Number, Pair, Points, Table, Tables, Text,
+    Texts, Time, Truth, Whole, Word,
 };
 
 const ROOT: &[Key] = &[
@@ -425,6 +434,12 @@ const ROOT: &[Key] = &[
         Table("silence"),
         Absent,
         "when a robot that is not heard counts as stale, and as lost",
+    ),
+    key(
+        "laws",
+        NamedTables("law"),
+        Absent,
+        "laws in programs of the scenario's own, each a table `[laws.NAME]`",
     ),
     key(
         "robot_defaults",
@@ -601,6 +616,65 @@ const SILENCE: &[Key] = &[
         "what is done about the lost",
     ),
 ];
+
+/// Keys of one law in a program of its own, beside those of its program.
+const LAW: &[Key] = &[
+    key(
+        "role",
+        Word(&[
+            ("leader", "it follows the trajectory"),
+            ("formation", "it keeps a place in the formation"),
+            ("contained", "it goes to the middle of those that it hears"),
+            ("goal", "it goes to its `goal_m`"),
+        ]),
+        Needed,
+        "what it makes of a robot: what the error is measured against",
+    )
+    .guessed(&["kind", "type"]),
+    key(
+        "gains",
+        Texts,
+        Rule("none"),
+        "keys of its gains, with the unit last: robots that follow it must have them, above 0",
+    )
+    .guessed(&["parameters", "params", "gain"]),
+    key(
+        "feed_forward",
+        Truth,
+        No,
+        "whether it uses the velocities of those heard: `phalanx check` asks whether these die out",
+    ),
+    key(
+        "correction_max",
+        Text,
+        Absent,
+        "which of its gains, in m/s, bounds each component of what it adds to these velocities",
+    ),
+];
+
+/// Keys of a program of the scenario's own.
+const PROGRAM: &[Key] = &[
+    key(
+        "program",
+        Texts,
+        Needed,
+        "the program and its arguments, as in [\"python3\", \"my_law.py\"]; files among them lie in the \
+         scenario's folder, and are copied into the run's directory",
+    )
+    .guessed(&["command", "cmd", "executable", "script", "run"]),
+    key("files", Texts, Rule("none"), "other files of that folder that it needs")
+        .guessed(&["data", "needs", "modules"]),
+    key(
+        "memory_max_mb",
+        Whole(1, MEMORY_MB_MAX),
+        Rule("no bound"),
+        "it may have no more memory of its own than this, in MB (RLIMIT_DATA)",
+    )
+    .guessed(&["memory", "memory_max", "max_memory", "memory_limit"]),
+];
+
+/// Most memory that a program may be bound to, MB: a terabyte.
+const MEMORY_MB_MAX: u64 = 1 << 20;
 
 /// Keys of one robot alone.
 const ROBOT: &[Key] =

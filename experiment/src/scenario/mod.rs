@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `keys` | THE table: which keys are there, of which type, unit, range and default? |
 //! | `read` | what does the text say, and where does it go wrong? |
+//! | `laws` `program` | which laws are in programs of the scenario's own, and which files are these made of? |
 //! | `robots` `graph` `lead` `walls` `faults` `expect` | the same for one kind of table each |
 //! | `models` | which robots can one buy, and what can they do? |
 //! | `import/` | which robots and edges does a graph of another tool hold? |
@@ -27,10 +28,12 @@ pub mod file;
 mod graph;
 mod import;
 pub mod keys;
+pub mod laws;
 mod lead;
 mod lives;
 pub mod models;
 mod overrides;
+pub mod program;
 pub mod read;
 mod restart;
 mod robots;
@@ -45,6 +48,9 @@ pub mod written_out;
 use std::collections::BTreeMap;
 
 pub use restart::{AfterDeath, RestartPolicy, RestartWhen};
+
+use laws::ProgramLaw;
+use program::Program;
 
 use formation::Vec2;
 use formation::graph::{Edge, FormationGraph};
@@ -92,6 +98,8 @@ pub struct Scenario {
     pub avoidance: AvoidanceBrief,
     /// What silence means.
     pub silence: SilenceBrief,
+    /// Laws in programs of its own.
+    pub laws: Vec<ProgramLaw>,
     /// The robots.
     pub robots: Vec<Robot>,
     /// Who hears whom, at which offset (zero where the hearer's law knows no offsets).
@@ -300,6 +308,18 @@ impl Scenario {
                     + u64::from(self.hold_periods) * self.period_ns
             }
         }
+    }
+
+    /// What robot `i` runs in place of the built-in agent, if its law is in a program of its own.
+    pub fn program(&self, i: usize) -> Option<&Program> {
+        let law = self.laws.iter().find(|law| law.name == self.robots[i].law)?;
+        Some(&law.program)
+    }
+
+    /// All programs that are run.
+    pub fn programs(&self) -> impl Iterator<Item = &Program> {
+        let followed = |law: &&ProgramLaw| self.robots.iter().any(|robot| robot.law == law.name);
+        self.laws.iter().filter(followed).map(|law| &law.program)
     }
 
     /// The main leader's place, if there is one.

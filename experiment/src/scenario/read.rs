@@ -26,6 +26,7 @@ use super::file::{Trouble, load};
 use super::graph::graph;
 use super::import::splice::{Spliced, splice};
 use super::keys::{FORMAT, Format};
+use super::laws;
 use super::lead::lead;
 use super::robots::{Robots, robots};
 use super::table::{Document, Places, Table, Value};
@@ -48,9 +49,21 @@ pub fn read(
     overrides: &Overrides,
     catalog: &Catalog,
 ) -> Result<(Scenario, String, Vec<Diagnostic>), Diagnostic> {
-    let expected = "expected a scenario file, such as scenarios/triangle.toml";
-    let text = load(path, expected).map_err(|trouble| trouble.about(path))?;
-    read_text(path, &text, overrides, catalog)
+    read_for(path, overrides, catalog, For::Reading)
+}
+
+/// The same for one that is to be run: the programs that it names must be there.
+pub fn read_to_run(
+    path: &Path,
+    overrides: &Overrides,
+    catalog: &Catalog,
+) -> Result<(Scenario, String, Vec<Diagnostic>), Diagnostic> {
+    read_for(path, overrides, catalog, For::Running)
+}
+
+/// The folder of a scenario's file, in which its programs are.
+pub fn folder(path: &Path) -> &Path {
+    path.parent().unwrap_or(Path::new(""))
 }
 
 /// The same for a text at hand; `path` is only shown.
@@ -59,6 +72,34 @@ pub fn read_text(
     text: &str,
     overrides: &Overrides,
     catalog: &Catalog,
+) -> Result<(Scenario, String, Vec<Diagnostic>), Diagnostic> {
+    read_text_for(path, text, overrides, catalog, For::Reading)
+}
+
+/// What a scenario is read for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum For {
+    Reading,
+    Running,
+}
+
+fn read_for(
+    path: &Path,
+    overrides: &Overrides,
+    catalog: &Catalog,
+    purpose: For,
+) -> Result<(Scenario, String, Vec<Diagnostic>), Diagnostic> {
+    let expected = "expected a scenario file, such as scenarios/triangle.toml";
+    let text = load(path, expected).map_err(|trouble| trouble.about(path))?;
+    read_text_for(path, &text, overrides, catalog, purpose)
+}
+
+fn read_text_for(
+    path: &Path,
+    text: &str,
+    overrides: &Overrides,
+    catalog: &Catalog,
+    purpose: For,
 ) -> Result<(Scenario, String, Vec<Diagnostic>), Diagnostic> {
     if text.trim().is_empty() {
         let expected = "expected a scenario in TOML";
@@ -71,8 +112,8 @@ pub fn read_text(
         text = edited(&text, &source, |document| overrides.apply_graph(document))?.into();
         source = Source::new(path, &text, true);
     }
-    let format = Format::of(catalog);
     let entries = toml(&text, &source)?;
+    let format = Format::of(&laws::known(catalog, &source, entries.get_ref(), None)?);
     let spliced = splice(path, &text, source, entries.get_ref(), &format)?;
     let Spliced { mut text, mut source, warnings: graph_warnings } = spliced;
     if !overrides.name_at_most_a_graph() {
@@ -80,9 +121,12 @@ pub fn read_text(
         source = Source::new(path, &text, true);
     }
     let entries = toml(&text, &source)?;
+    let files_in = (purpose == For::Running).then(|| folder(path));
+    let catalog = laws::known(catalog, &source, entries.get_ref(), files_in)?;
+    let format = Format::of(&catalog);
     let document = Document::new(source, &format);
     let root = Table::root(&document, entries.get_ref());
-    let (scenario, mut warnings) = scenario(&root, catalog, &document)?;
+    let (scenario, mut warnings) = scenario(&root, &catalog, &document)?;
     warnings.splice(..0, graph_warnings.into_iter().chain(document.warnings.take()));
 
     let places = document.places.borrow();
@@ -217,6 +261,7 @@ fn scenario(
     let graph = graph(root, &robots, &ties)?;
     let lead = lead(root, &robots)?;
     let walls = walls(root)?;
+    let laws = laws::laws(root)?;
     let faults = faults(root, &Scene { robots: &robots, graph: &graph, duration_ns, seed })?;
     let expect = expect(root, &robots, &walls, duration_ns)?;
     let mut scenario = Scenario {
@@ -234,6 +279,7 @@ fn scenario(
         method,
         avoidance,
         silence,
+        laws,
         robots,
         graph,
         lead,

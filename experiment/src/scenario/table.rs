@@ -300,6 +300,36 @@ impl<'t> Table<'t> {
         elements.iter().enumerate().map(element).collect()
     }
 
+    /// The tables in the table `key`, by their names; none if it is absent.
+    pub fn named_tables(&self, key: &str) -> Result<Vec<(&'t str, Table<'t>)>, Diagnostic> {
+        let Some(named) = self.get(key) else { return Ok(Vec::new()) };
+        let Takes::NamedTables(section) = named.row.takes else { panic!("`{key}` has tables") };
+        let section = self.document.format.section(section);
+        let expected = format!("expected a table with a name of its own, headed `[{key}.NAME]`");
+        let DeValue::Table(tables) = named.value else { return Err(named.wrong_type(&expected)) };
+        let table = |(name, value): (&'t toml::Spanned<_>, &'t toml::Spanned<DeValue<'t>>)| {
+            let name: &'t std::borrow::Cow<'t, str> = name.get_ref();
+            let path = format!("{key}.{name}");
+            let DeValue::Table(entries) = value.get_ref() else {
+                let message = format!("`{path}` is {}", with_article(value.get_ref()));
+                return Err(self.document.source.error(&value.span(), message, expected.clone()));
+            };
+            let table = Table {
+                document: self.document,
+                path: String::new(),
+                title: String::new(),
+                section,
+                entries: Some(entries),
+                defaults: None,
+                span: value.span(),
+            };
+            let table = table.named(&path, &format!("[{path}]"));
+            table.only()?;
+            Ok((name.as_ref(), table))
+        };
+        tables.iter().map(table).collect()
+    }
+
     fn path_of(&self, key: &str) -> String {
         if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) }
     }
@@ -367,6 +397,12 @@ impl<'t> Value<'t> {
             DeValue::String(text) => Ok(text.as_ref()),
             _ => Err(self.wrong_type(expected)),
         }
+    }
+
+    /// A list of strings.
+    pub fn texts(&self, expected: &str) -> Result<Vec<String>, Diagnostic> {
+        let elements = self.elements(expected)?.into_iter();
+        elements.map(|element| Ok(element.text(expected)?.to_owned())).collect()
     }
 
     /// What its word means; `words` are those of its row.

@@ -59,6 +59,12 @@ fn fill(table: &mut Table, section: &Section, format: &Format) {
                     fill(inner, format.section(name), format);
                 }
             }
+            Takes::NamedTables(name) => {
+                let tables = value.as_table_mut().into_iter().flat_map(Table::iter_mut);
+                tables
+                    .filter_map(|(_, inner)| inner.as_table_mut())
+                    .for_each(|inner| fill(inner, format.section(name), format));
+            }
             Takes::Tables(name) => {
                 tables(Some(value)).for_each(|inner| fill(inner, format.section(name), format));
             }

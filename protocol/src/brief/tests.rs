@@ -25,6 +25,7 @@ fn agent() -> AgentBrief {
         front_point_m: 0.045,
         law: "formation-unit".into(),
         gains: [("speed_m_s".into(), 0.1)].into(),
+        program: Some(ProgramBrief { phalanx: VERSION.into(), role: "formation".into() }),
         led: true,
         rank: Rank::Contained,
         lead: Some(LeadBrief {

@@ -88,13 +88,25 @@ impl Run<'_> {
                 Effect::DiedUnplanned { robot, how, at_ns, fault } => {
                     let number = self.journal.metrics.died_unplanned(robot, &how, at_ns);
                     debug_assert_eq!(number, fault);
-                    let robot = self.journal.name(robot);
-                    tracing::warn!(robot, t_s = now_ns as f64 / 1e9, how, "died unexpectedly");
+                    let (name, t_s) = (self.journal.name(robot), now_ns as f64 / 1e9);
+                    match self.last_words(robot) {
+                        Some(said) => tracing::warn!(
+                            robot = name,
+                            t_s,
+                            how,
+                            "died unexpectedly; it said:\n{said}"
+                        ),
+                        None => tracing::warn!(robot = name, t_s, how, "died unexpectedly"),
+                    }
                 }
                 Effect::Ended { fault, end, at_ns } => {
                     self.journal.metrics.fault_ended(fault, end, at_ns);
                 }
-                Effect::GaveUp { robot, how } => {
+                Effect::GaveUp { robot, mut how } => {
+                    let program = self.scenario.program(robot).is_some();
+                    if program && self.conduct.starting_up(self.intake.newest.as_ref()) {
+                        how += ", before it was ready";
+                    }
                     let log = self.processes.last_lines(robot);
                     let robot = self.journal.name(robot).to_owned();
                     return Err(RunError::AgentDied { robot, how, log });
@@ -102,6 +114,18 @@ impl Run<'_> {
             }
         }
         Ok(())
+    }
+
+    /// What a robot's program said last, beyond how it did; during the start-up it is told if the run
+    /// ends of it.
+    fn last_words(&self, robot: usize) -> Option<String> {
+        let program = self.scenario.program(robot).is_some();
+        let told = program && !self.conduct.starting_up(self.intake.newest.as_ref());
+        let log = told.then(|| self.processes.last_lines(robot))?;
+        let lines: Vec<&str> = log.lines().collect();
+        let routine = lines.iter().rposition(|line| line.starts_with("  INFO "));
+        let said = lines[routine.map_or(0, |at| at + 1)..].join("\n");
+        (!said.trim().is_empty()).then_some(said)
     }
 
     fn signal(&self, robot: usize, signal: impl Fn(&Child)) {

@@ -63,7 +63,7 @@ impl Run<'_> {
                 killed = true;
                 for child in self.processes.all_mut() {
                     if child.ended().is_none() {
-                        tracing::warn!(pid = child.pid(), "did not end when asked; killed");
+                        tracing::warn!("{} did not end when asked, and was killed", child.name());
                         child.kill();
                     }
                 }

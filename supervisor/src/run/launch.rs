@@ -80,7 +80,9 @@ impl<'a> Run<'a> {
             let brief = briefs::agent(scenario, i, pace, run_root.path());
             let brief = AgentBrief { links_by_hand, ..brief };
             let told = run_dir.write_brief(&robot.name, &brief)?;
-            robots.push(Robot::new(told, run_dir.log_path(&robot.name)));
+            let program =
+                scenario.program(i).map(|program| run_dir.started(program)).transpose()?;
+            robots.push(Robot::new(told, program, run_dir.log_path(&robot.name)));
         }
         let mut processes = Processes::new(plant, control_timer, robots, launcher.clone());
         for robot in start_order(scenario.seed, scenario.robots.len()) {

@@ -10,6 +10,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use super::load::Load;
 use crate::child::{self, Child};
 use crate::spawn::{Launcher, Role, SpawnError};
+use results::programs::Started;
 use results::usage::Usage;
 
 /// How many lines of a dead child's log are shown.
@@ -29,6 +30,8 @@ pub(super) struct Processes {
 /// A robot's process, or the place for one.
 pub(super) struct Robot {
     brief: PathBuf,
+    /// What takes the place of the built-in agent.
+    program: Option<Started>,
     log: PathBuf,
     child: Option<Child>,
     /// When the newest was started.
@@ -39,8 +42,9 @@ pub(super) struct Robot {
 
 impl Robot {
     /// One whose process was not started yet.
-    pub(super) fn new(brief: PathBuf, log: PathBuf) -> Robot {
-        Robot { brief, log, child: None, started: Instant::now(), usage: Usage::default() }
+    pub(super) fn new(brief: PathBuf, program: Option<Started>, log: PathBuf) -> Robot {
+        let (started, usage) = (Instant::now(), Usage::default());
+        Robot { brief, program, log, child: None, started, usage }
     }
 
     /// What all its processes took, once they are dead.
@@ -65,7 +69,8 @@ impl Processes {
     /// Starts a robot's process; there is none now.
     pub(super) fn start(&mut self, robot: usize, incarnation: u64) -> Result<(), SpawnError> {
         let robot = &mut self.robots[robot];
-        let role = Role::Agent { brief: &robot.brief, incarnation };
+        let program = robot.program.as_ref();
+        let role = Role::Agent { brief: &robot.brief, program, incarnation };
         robot.child = Some(self.launcher.spawn(role, &robot.log)?);
         robot.started = Instant::now();
         Ok(())

@@ -25,6 +25,8 @@ const ELSEWHERE: &[&str] = &[
     "target/",
     "release/",
     "docker ",
+    "pip ",
+    ". ",
     "phalanx bench",
     "python3 ",
     "parallel ",
@@ -36,6 +38,9 @@ const LONG: &[&str] =
 
 /// Pages with Python in them, which needs what `tests/readers/install` installs.
 const PYTHON: &[&str] = &["docs/how-to/graph.md", "docs/how-to/analyse.md"];
+
+/// Pages about the Python package, which `tests/python/install` installs.
+const PACKAGE: &[&str] = &["python/README.md", "docs/tutorial/python.md"];
 
 /// Pages that change the program, and are played by tests of their own.
 const BUILDS: &[&str] = &["docs/tutorial/law.md"];
@@ -74,7 +79,7 @@ fn blocks(page: &str) -> Vec<Block> {
 
 /// Every page: path and text.
 fn pages() -> Vec<(String, String)> {
-    let mut paths = vec!["README.md".into(), "CONTRIBUTING.md".into()];
+    let mut paths = vec!["README.md".into(), "CONTRIBUTING.md".into(), "python/README.md".into()];
     let mut folders = vec![PathBuf::from("docs")];
     while let Some(folder) = folders.pop() {
         for entry in std::fs::read_dir(Path::new(ROOT).join(&folder)).unwrap() {
@@ -147,6 +152,8 @@ fn every_command_of_every_page_is_one_that_the_program_takes() {
                         "target/",
                         "release/",
                         "docker ",
+                        "pip ",
+                        ". ",
                         "python3 ",
                         "export ",
                         "cp ",
@@ -225,7 +232,14 @@ fn assert_keys(at: &str, table: &toml::Table, section: &Section, format: &Format
                     assert_keys(at, table.as_table().expect(name), format.section(inner), format);
                 }
             }
-            (Takes::Table(_) | Takes::Tables(_), _) => panic!("{at}: {name} = {value}"),
+            (Takes::NamedTables(inner), toml::Value::Table(tables)) => {
+                for table in tables.values() {
+                    assert_keys(at, table.as_table().expect(name), format.section(inner), format);
+                }
+            }
+            (Takes::Table(_) | Takes::Tables(_) | Takes::NamedTables(_), _) => {
+                panic!("{at}: {name} = {value}")
+            }
             _ => {}
         }
     }
@@ -363,7 +377,7 @@ fn a_text_fits_a_pattern_if_only_what_it_leaves_open_differs() {
 
 #[test]
 fn what_the_short_pages_say_happens() {
-    let special = [LONG, PYTHON, BUILDS].concat();
+    let special = [LONG, PYTHON, PACKAGE, BUILDS].concat();
     for (path, _) in pages().iter().filter(|(path, _)| !special.contains(&path.as_str())) {
         Reader::of(path).follow();
     }
@@ -383,6 +397,18 @@ fn what_the_pages_with_python_say_happens_where_readers_are() {
     let python = Path::new(ROOT).join("target/readers/bin");
     assert!(python.join("python3").exists(), "run tests/readers/install first");
     for path in PYTHON {
+        let mut reader = Reader::of(path);
+        reader.python = Some(python.clone());
+        reader.follow();
+    }
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn what_the_pages_about_the_python_package_say_happens() {
+    let python = Path::new(ROOT).join("target/python/bin");
+    assert!(python.join("phalanx").exists(), "run tests/python/install first");
+    for path in PACKAGE {
         let mut reader = Reader::of(path);
         reader.python = Some(python.clone());
         reader.follow();

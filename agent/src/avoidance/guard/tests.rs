@@ -26,6 +26,7 @@ pub(in super::super) fn brief() -> AgentBrief {
         front_point_m: 0.1,
         law: String::new(),
         gains: Default::default(),
+        program: None,
         led: false,
         rank: Rank::First,
         lead: None,

@@ -1,0 +1,166 @@
+//! Laws in programs of the scenario's own: `[laws.NAME]`.
+//!
+//! They are read before everything else: the gains that they name are keys of robots.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::Mutex;
+
+use protocol::catalog::Catalog;
+use protocol::law::{LawDescription, Role};
+use toml::de::DeTable;
+
+use super::diagnostic::{Diagnostic, Source};
+use super::keys::Format;
+use super::program::Program;
+use super::table::{Document, Table, Value};
+
+/// A law in a program of the scenario's own.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ProgramLaw {
+    /// Value of the key `law`.
+    pub name: String,
+    /// What its robots run.
+    pub program: Program,
+}
+
+/// The catalog with the laws of this text. `files_in`: the folder in which their files must be there.
+pub(super) fn known(
+    catalog: &Catalog,
+    source: &Source,
+    entries: &DeTable<'_>,
+    files_in: Option<&Path>,
+) -> Result<Catalog, Diagnostic> {
+    let mut known = catalog.clone();
+    if entries.get("laws").is_none() {
+        return Ok(known);
+    }
+    let format = Format::of(catalog);
+    let document = Document::new(source.clone(), &format);
+    for (name, table) in Table::root(&document, entries).named_tables("laws")? {
+        known.laws.push(description(name, &table, catalog, &format)?);
+        if let Some(folder) = files_in {
+            Program::must_be_there(&table, folder)?;
+        }
+    }
+    Ok(known)
+}
+
+/// The programs of all of them.
+pub(super) fn laws(root: &Table<'_>) -> Result<Vec<ProgramLaw>, Diagnostic> {
+    let law = |(name, table): (&str, Table<'_>)| {
+        Ok(ProgramLaw { name: name.to_owned(), program: Program::read(&table)? })
+    };
+    root.named_tables("laws")?.into_iter().map(law).collect()
+}
+
+fn description(
+    name: &str,
+    table: &Table<'_>,
+    catalog: &Catalog,
+    format: &Format,
+) -> Result<LawDescription, Diagnostic> {
+    if !is_name(name, |c| c.is_ascii_alphanumeric() || c == '-' || c == '_') {
+        return Err(table.here(
+            format!("`{name}` is the name of a law"),
+            "expected letters, digits, `-` and `_`, and a letter first".to_owned(),
+        ));
+    }
+    if catalog.laws.iter().any(|law| law.name == name) {
+        return Err(table.here(
+            format!("\"{name}\" is a law that is built in"),
+            "expected a name of its own".to_owned(),
+        ));
+    }
+    let roles =
+        [Role::LEADER, Role::FORMATION, Role::CONTAINED, Role::GOAL].map(|role| (role.name, role));
+    let role = table.need("role")?.word(&roles)?;
+    let gains = gains(table, catalog, format)?;
+    let bound = table.get("correction_max").map(|key| bound(&key, &gains)).transpose()?;
+    Ok(LawDescription {
+        name: kept(name),
+        role,
+        source: "in a program of the scenario's own",
+        gains: kept_list(gains),
+        feed_forward: table.truth("feed_forward")?,
+        correction_max: bound,
+    })
+}
+
+/// The keys of its gains.
+fn gains(
+    table: &Table<'_>,
+    catalog: &Catalog,
+    format: &Format,
+) -> Result<Vec<&'static str>, Diagnostic> {
+    let expected = "expected a list of keys, as in [\"k_m_s\"]";
+    let Some(list) = table.get("gains") else { return Ok(Vec::new()) };
+    let mut gains: Vec<&'static str> = Vec::new();
+    for value in list.elements(expected)? {
+        let key = value.text(expected)?;
+        let lower = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+        if !is_name(key, lower) {
+            return Err(value.wrong(
+                format!("is \"{key}\""),
+                "expected small letters, digits and `_`, with the unit last, as in \"k_m_s\"",
+            ));
+        }
+        let of_robots = format.section("robot").key(key).is_some();
+        let of_a_law = catalog.laws.iter().any(|law| law.gains.contains(&key));
+        if of_robots && !of_a_law {
+            return Err(value.wrong(
+                format!("is \"{key}\", which is another key of robots"),
+                "expected a key of its own",
+            ));
+        }
+        if gains.contains(&key) {
+            return Err(value.wrong(format!("is \"{key}\" again"), "expected every key once"));
+        }
+        gains.push(kept(key));
+    }
+    Ok(gains)
+}
+
+/// The gain that bounds what the law adds.
+fn bound(value: &Value<'_>, gains: &[&'static str]) -> Result<&'static str, Diagnostic> {
+    let expected = match gains {
+        [] => "expected one of the law's `gains`, which has none".to_owned(),
+        gains => format!("expected one of its gains: {}", gains.join(", ")),
+    };
+    let key = value.text(&expected)?;
+    let found = gains.iter().find(|gain| **gain == key);
+    found.copied().ok_or_else(|| value.wrong(format!("is \"{key}\""), expected))
+}
+
+fn is_name(name: &str, may: impl Fn(char) -> bool) -> bool {
+    let first = |c: char| c.is_ascii_alphabetic() && may(c);
+    name.starts_with(first) && name.len() <= NAME_MAX && name.chars().all(may)
+}
+
+/// Longest name of a law or gain.
+const NAME_MAX: usize = 40;
+
+/// The same name for as long as the process lives: descriptions of laws are made of such. Each is
+/// kept once.
+fn kept(name: &str) -> &'static str {
+    static KEPT: Mutex<BTreeSet<&'static str>> = Mutex::new(BTreeSet::new());
+    let mut names = KEPT.lock().expect("nobody panics over a set");
+    if let Some(known) = names.get(name) {
+        return known;
+    }
+    let name = Box::leak(Box::from(name));
+    names.insert(name);
+    name
+}
+
+/// The same for a list.
+fn kept_list(list: Vec<&'static str>) -> &'static [&'static str] {
+    static KEPT: Mutex<BTreeSet<&'static [&'static str]>> = Mutex::new(BTreeSet::new());
+    let mut lists = KEPT.lock().expect("nobody panics over a set");
+    if let Some(known) = lists.get(&list[..]) {
+        return known;
+    }
+    let list = Vec::leak(list);
+    lists.insert(list);
+    list
+}

@@ -1,0 +1,111 @@
+"""Decentralised multi-robot experiments in which every robot is a process: laws and controllers in Python.
+
+A law is a class with a method ``gamma``; a file that ends in ``phalanx.serve(MyLaw)`` is a robot's program,
+which a scenario names under ``[laws.NAME]`` and ``phalanx run`` starts::
+
+    import math
+    import phalanx
+
+    class Tanh(phalanx.Law):
+        def gamma(self, situation):
+            (ex, ey), (vx, vy) = situation.error, situation.desired_velocity
+            return -self.k_f_m_s * math.tanh(ex) + vx, -self.k_f_m_s * math.tanh(ey) + vy
+
+    phalanx.serve(Tanh)
+
+All quantities are SI; positions and velocities are ``(x, y)`` in the frame ``map``, headings
+counter-clockwise from x.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import NoReturn
+
+from . import _phalanx
+from ._phalanx import Neighbor, Odometry, Pose, Situation, Twist, __version__
+
+__all__ = [
+    "Controller",
+    "Law",
+    "Neighbor",
+    "Odometry",
+    "Pose",
+    "Situation",
+    "Twist",
+    "__version__",
+    "serve",
+]
+
+
+class _WithGains:
+    def __init__(self, **gains: float) -> None:
+        """Called once for every process, with the robot's gains by the keys of ``[laws.NAME] gains``.
+
+        They become attributes of the same names.
+        """
+        for key, value in gains.items():
+            setattr(self, key, value)
+
+
+class Law(_WithGains):
+    """A control law: from what a robot knows to the velocity that its front point is to have.
+
+    It may keep state. The process of a robot that died is replaced by a new one, whose law begins anew.
+    Distances are kept after the law, by the scenario's avoidance method, whatever the law says.
+    """
+
+    def gamma(self, situation: Situation) -> tuple[float, float]:
+        """The nominal velocity of the front point, ``(x, y)`` in m/s, in ``map``.
+
+        Asked once for every odometry sample, in their order, but not while the robot has nothing to go
+        by (nobody that it hears was heard yet). Any sequence of two finite numbers will do; anything
+        else, and any exception, ends the process.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no method gamma(self, situation)")
+
+
+class Controller(_WithGains):
+    """One level lower than a law: from what a robot knows to the twist of its body.
+
+    For predictive control or a trained policy. The avoidance method bounds the twist and leads around
+    nobody; the velocity that the twist gives the front point is what other robots are told.
+    """
+
+    def twist(
+        self, odometry: Odometry, neighbors: list[Neighbor], t_s: float
+    ) -> tuple[float, float]:
+        """The twist ``(v, w)``: forward speed in m/s, turn rate in rad/s, counter-clockwise.
+
+        ``t_s`` is the time since the run's start, in s. Asked as ``Law.gamma`` is.
+        """
+        raise NotImplementedError(
+            f"{type(self).__name__} has no method twist(self, odometry, neighbors, t_s)"
+        )
+
+
+def serve(law: type[Law] | type[Controller]) -> NoReturn:
+    """Makes this process the robot that its command line names, with a law or controller of this class.
+
+    To be called at the end of a program that a scenario names: ``phalanx run`` adds the arguments. It
+    returns never: the process ends with the run (exit code 0), with the law (1), or for want of anything
+    else that it needs (4).
+    """
+    if not (isinstance(law, type) and issubclass(law, (Law, Controller))):
+        raise TypeError(
+            f"phalanx.serve takes a class derived from phalanx.Law or phalanx.Controller, not {law!r}"
+        )
+    import argparse
+
+    parser = argparse.ArgumentParser(
+        description=f"A robot with the law {law.__name__}.",
+        epilog="`phalanx run SCENARIO` starts it, where the scenario names it: "
+        '[laws.NAME] program = ["python3", "..."].',
+    )
+    parser.add_argument("brief", help="the robot's brief")
+    parser.add_argument("--incarnation", type=int, default=0, help="how often it was started before")
+    parser.add_argument(
+        "--realtime-priority", action="store_true", help="run before every ordinary process"
+    )
+    words = parser.parse_args()
+    sys.exit(_phalanx.serve(law, words.brief, words.incarnation, words.realtime_priority))

@@ -1,0 +1,115 @@
+"""What a robot knows at one odometry sample. SI; positions and velocities are (x, y) in the frame map."""
+
+from typing import Literal, final
+
+__version__: str
+
+@final
+class Pose:
+    """A pose of the middle of the axle, in map."""
+
+    @property
+    def x_m(self) -> float: ...
+    @property
+    def y_m(self) -> float: ...
+    @property
+    def heading_rad(self) -> float:
+        """Counter-clockwise from x, in (-pi, pi]."""
+
+@final
+class Twist:
+    """A twist of the body."""
+
+    @property
+    def v_m_s(self) -> float:
+        """Forward speed, m/s."""
+    @property
+    def w_rad_s(self) -> float:
+        """Turn rate, rad/s, counter-clockwise."""
+
+@final
+class Neighbor:
+    """What is known of one robot that was heard."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def position(self) -> tuple[float, float]:
+        """Its front point, m: extrapolated by its velocity to the sample; of a lost robot, to the moment at
+        which it was given up."""
+    @property
+    def velocity(self) -> tuple[float, float]:
+        """The velocity that it publishes, m/s; zero once it is lost."""
+    @property
+    def offset(self) -> tuple[float, float]:
+        """Where to stand as seen from it, m: turned and scaled as the formation is now. (20)"""
+    @property
+    def offset_velocity(self) -> tuple[float, float]:
+        """How the offset changes, m/s. (22)"""
+    @property
+    def age_s(self) -> float:
+        """How old its newest beacon is, s; in real time below 0 for one that is newer than the sample."""
+    @property
+    def contact(self) -> Literal["fresh", "stale", "lost"]:
+        """How well it is heard."""
+
+@final
+class Situation:
+    """One instant as a law sees it."""
+
+    @property
+    def error(self) -> tuple[float, float]:
+        """Own front point minus where the robot's role wants it, m. (13) (32)"""
+    @property
+    def desired_velocity(self) -> tuple[float, float]:
+        """The velocity of the place that the role wants, m/s."""
+    @property
+    def pose(self) -> Pose: ...
+    @property
+    def front_point(self) -> tuple[float, float]:
+        """Own front point, m."""
+    @property
+    def twist(self) -> Twist:
+        """Own twist in force at the sample."""
+    @property
+    def near(self) -> list[tuple[float, float]]:
+        """Front points of the robots sensed near, m, nearest first."""
+    @property
+    def t_s(self) -> float:
+        """Time since the run's start, s."""
+    @property
+    def period_s(self) -> float:
+        """Time from one answer to the next, s."""
+    @property
+    def neighbors(self) -> list[Neighbor]:
+        """Whoever of those that it hears was heard at least once; the lost are among them."""
+
+@final
+class Odometry:
+    """What a robot senses and where it is to be, for a controller."""
+
+    @property
+    def pose(self) -> Pose: ...
+    @property
+    def twist(self) -> Twist:
+        """The twist in force at the sample."""
+    @property
+    def front_point(self) -> tuple[float, float]:
+        """Own front point, m."""
+    @property
+    def front_point_m(self) -> float:
+        """How far the front point lies ahead of the axle, m."""
+    @property
+    def near(self) -> list[tuple[float, float]]:
+        """Front points of the robots sensed near, m, nearest first."""
+    @property
+    def error(self) -> tuple[float, float]:
+        """Own front point minus where the robot's role wants it, m."""
+    @property
+    def desired_velocity(self) -> tuple[float, float]:
+        """The velocity of the place that the role wants, m/s."""
+    @property
+    def period_s(self) -> float:
+        """Time from one answer to the next, s."""
+
+def serve(law: type, brief: str, incarnation: int, realtime_priority: bool) -> int: ...

@@ -1,0 +1,197 @@
+//! A law in Python: asked with what it may see, and its answer taken if it is one.
+//!
+//! What a law raises, and an answer that is none, is told and ends the process on the spot, as a kill does:
+//! its ports stay until the supervisor has seen it die, and what it said last reaches everybody. The agent's
+//! loop knows laws that answer, and no others.
+
+use std::collections::BTreeMap;
+
+use agent::laws::{Law, Situation, Wish};
+use formation::Vec2;
+use formation::front_point::front_velocity;
+use formation::pose::Twist;
+use pyo3::exceptions::{PyBaseException, PyMemoryError};
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyString, PyTuple};
+
+use crate::situation::{self, Names};
+
+/// The exit code of a process whose law has no answer: Python's own for an exception.
+const LAW_FAILED: i32 = 1;
+
+/// Which of the two classes a law is derived from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Level {
+    Law,
+    Controller,
+}
+
+/// An instance of a class of the user's.
+pub struct PythonLaw {
+    instance: Py<PyAny>,
+    /// Its bound method: `gamma` or `twist`.
+    method: Py<PyAny>,
+    level: Level,
+    names: Names,
+}
+
+impl PythonLaw {
+    /// Makes it with the robot's gains.
+    pub fn new(
+        class: &Bound<'_, PyAny>,
+        gains: &BTreeMap<String, f64>,
+        names: Names,
+    ) -> Result<PythonLaw, String> {
+        let py = class.py();
+        let made = || -> PyResult<PythonLaw> {
+            // Now: once memory is short there may be none for it.
+            py.import("traceback")?;
+            let controller = py.import("phalanx")?.getattr("Controller")?;
+            let level = match class.cast::<pyo3::types::PyType>()?.is_subclass(&controller)? {
+                true => Level::Controller,
+                false => Level::Law,
+            };
+            let keywords = PyDict::new(py);
+            for (key, gain) in gains {
+                keywords.set_item(key, gain)?;
+            }
+            let instance = class.call((), Some(&keywords))?;
+            let method = instance.getattr(level.method())?;
+            Ok(PythonLaw { instance: instance.unbind(), method: method.unbind(), level, names })
+        };
+        made().map_err(|error| {
+            let gains: Vec<String> =
+                gains.iter().map(|(key, gain)| format!("{key}={gain}")).collect();
+            let call = format!("{}({})", name(class), gains.join(", "));
+            format!("cannot make the law {call}: {}", told(py, &error))
+        })
+    }
+
+    /// What it answers, as two numbers; or why that is none.
+    fn ask(&self, py: Python<'_>, situation: &Situation<'_>) -> Result<[f64; 2], String> {
+        let asked = match self.level {
+            Level::Law => {
+                let seen = situation::Situation::of(situation, &self.names);
+                self.method.call1(py, (seen,))
+            }
+            Level::Controller => {
+                let seen = situation::Odometry::of(situation);
+                let heard = situation::neighbors(situation, &self.names);
+                self.method.call1(py, (seen, heard, situation.t_s))
+            }
+        };
+        let at = || format!("{} at t = {:.3} s", self.place(py), situation.t_s);
+        let answer = asked.map_err(|error| format!("{} raised\n{}", at(), told(py, &error)))?;
+        let answer = answer.bind(py);
+        two_numbers(answer).ok_or_else(|| {
+            let found = answer.repr().map_or_else(|_| name(&answer.get_type()), |r| r.to_string());
+            let found: String = found.chars().take(ANSWER_CHARS_MAX).collect();
+            format!("{} returned {found}, expected {}", at(), self.level.expected())
+        })
+    }
+
+    /// The method and where it stands: `MyLaw.gamma (my_law.py:7)`.
+    fn place(&self, py: Python<'_>) -> String {
+        let method =
+            format!("{}.{}", name(self.instance.bind(py).get_type().as_any()), self.level.method());
+        let stands = || -> PyResult<String> {
+            let code = self.method.bind(py).getattr("__code__")?;
+            let (file, line) = (code.getattr("co_filename")?, code.getattr("co_firstlineno")?);
+            let file = file.to_string();
+            let file = file.rsplit('/').next().unwrap_or_default();
+            Ok(format!("{method} ({file}:{line})"))
+        };
+        stands().unwrap_or(method)
+    }
+
+    fn answer(&self, situation: &Situation<'_>) -> [f64; 2] {
+        Python::attach(|py| {
+            self.ask(py, situation).unwrap_or_else(|why| {
+                tracing::error!("{why}");
+                // What the law printed; if that fails, nobody is left to be told.
+                let flush = || py.import("sys")?.getattr("stdout")?.call_method0("flush");
+                let _ = flush();
+                std::process::exit(LAW_FAILED)
+            })
+        })
+    }
+}
+
+/// Of an answer that is none, so much is shown.
+const ANSWER_CHARS_MAX: usize = 200;
+
+impl Level {
+    fn method(self) -> &'static str {
+        match self {
+            Level::Law => "gamma",
+            Level::Controller => "twist",
+        }
+    }
+
+    fn expected(self) -> &'static str {
+        match self {
+            Level::Law => "two finite numbers (x, y) in m/s",
+            Level::Controller => "two finite numbers (v, w) in m/s and rad/s",
+        }
+    }
+}
+
+impl Law for PythonLaw {
+    fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
+        match self.wish(situation) {
+            Wish::Velocity(gamma) => gamma,
+            Wish::Twist(twist) => {
+                let pose = situation.pose;
+                let ell_m = (situation.front_point - Vec2::new(pose.x_m, pose.y_m)).norm();
+                front_velocity(pose.heading_rad, ell_m, twist)
+            }
+        }
+    }
+
+    fn wish(&mut self, situation: &Situation<'_>) -> Wish {
+        let [first, second] = self.answer(situation);
+        match self.level {
+            Level::Law => Wish::Velocity(Vec2::new(first, second)),
+            Level::Controller => Wish::Twist(Twist { v_m_s: first, w_rad_s: second }),
+        }
+    }
+}
+
+/// The finite numbers of a sequence of two, whatever its type.
+fn two_numbers(answer: &Bound<'_, PyAny>) -> Option<[f64; 2]> {
+    if answer.is_instance_of::<PyString>() {
+        return None;
+    }
+    let numbers = match answer.cast_exact::<PyTuple>() {
+        Ok(tuple) if tuple.len() == 2 => {
+            [tuple.get_item(0).ok()?.extract().ok()?, tuple.get_item(1).ok()?.extract().ok()?]
+        }
+        _ => {
+            if answer.len().ok()? != 2 {
+                return None;
+            }
+            [answer.get_item(0).ok()?.extract().ok()?, answer.get_item(1).ok()?.extract().ok()?]
+        }
+    };
+    numbers.iter().all(|number: &f64| number.is_finite()).then_some(numbers)
+}
+
+fn name(class: &Bound<'_, PyAny>) -> String {
+    class.getattr("__name__").map_or_else(|_| "?".into(), |name| name.to_string())
+}
+
+/// An exception with its traceback, as Python tells it.
+fn told(py: Python<'_>, error: &PyErr) -> String {
+    let lines = || -> PyResult<String> {
+        let traceback = py.import("traceback")?;
+        let value: &Bound<'_, PyBaseException> = error.value(py);
+        if error.is_instance_of::<PyMemoryError>(py) {
+            // What the law holds is what there is no room for.
+            traceback.call_method1("clear_frames", (error.traceback(py),))?;
+        }
+        let parts = (error.get_type(py), value, error.traceback(py));
+        let lines = traceback.call_method1("format_exception", parts)?;
+        PyString::new(py, "").call_method1("join", (lines,))?.extract()
+    };
+    lines().map_or_else(|_| error.to_string(), |text| text.trim_end().to_owned())
+}

@@ -1,0 +1,32 @@
+//! The native half of the Python package `phalanx`: the agent of every robot, with a law or a controller in
+//! Python. Never a second agent.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `situation` | what does a law see? |
+//! | `law` | how is it asked, and what if its answer is none? |
+//! | `serve` | how does a Python process become a robot? |
+
+// What `pymodule` and `pymethods` write is not ours to document.
+#![allow(missing_docs)]
+
+mod law;
+mod serve;
+mod situation;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+mod _phalanx {
+    use super::*;
+
+    #[pymodule_export]
+    use super::serve::serve;
+    #[pymodule_export]
+    use super::situation::{Neighbor, Odometry, Pose, Situation, Twist};
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", protocol::brief::VERSION)
+    }
+}

@@ -1,0 +1,181 @@
+//! Programs of a scenario's own in place of the built-in agent, in whatever language: which files of theirs
+//! are kept, when they are started and when not, and what is said of one that is no robot.
+
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use tempfile::TempDir;
+
+use crate::harness::Phalanx;
+
+/// A scenario of two robots in a folder of its own; r2 runs `program` by the law `own`.
+fn scenario(program: &str, more: &str) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let text = format!(
+        "name = \"own\"\nduration_s = 0.5\nperiod_s = 0.01\n\
+         avoidance = {{ kind = \"guard\", distance_min_m = 0.2, speed_max_m_s = 0.3 }}\n\
+         edge = [{{ from = \"r1\", to = \"r2\", offset_m = [0.5, 0.0] }}]\n\
+         trajectory = {{ kind = \"still\" }}\n\
+         robot = [\n\
+         {{ name = \"r1\", pose = {{ x_m = -0.1, y_m = 0.0, heading_rad = 0.0 }}, law = \"leader-tanh\" }},\n\
+         {{ name = \"r2\", pose = {{ x_m = 1.0, y_m = 0.0, heading_rad = 0.0 }}, law = \"own\" }},\n]\n\
+         [robot_defaults]\nfront_point_m = 0.1\nk_m_m_s = 0.1\nk_own_m_s = 0.1\n\
+         [laws.own]\nrole = \"formation\"\ngains = [\"k_own_m_s\"]\nprogram = {program}\n{more}"
+    );
+    std::fs::write(folder.path().join("own.toml"), text).unwrap();
+    folder
+}
+
+fn script(folder: &Path, name: &str, text: &str) {
+    let path = folder.join(name);
+    std::fs::write(&path, format!("#!/bin/sh\n{text}\n")).unwrap();
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+fn run(folder: &Path) -> Phalanx {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
+    command.arg("run").arg(folder.join("own.toml"));
+    Phalanx::new(command)
+}
+
+fn phalanx(words: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_phalanx")).args(words).env("NO_COLOR", "1").output().unwrap()
+}
+
+/// One that leaves a trace, and becomes the built-in agent with a law that is built in.
+const FOLLOWS: &str = "pwd >> \"$TRACE\"; cat \"$0\" > /dev/null; brief=\"$1\"; shift\n\
+    sed -e 's/^law = .*/law = \"formation-tanh\"/' -e 's/^k_own_m_s/k_f_m_s/' \
+    -e '/^\\[program\\]/,/^$/d' \"$brief\" > \"${brief%.toml}-own.toml\"\n\
+    exec \"$PHALANX\" agent \"${brief%.toml}-own.toml\" \"$@\"";
+
+fn followed(folder: &Path, trace: &Path) -> Phalanx {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
+    command.arg("run").arg(folder.join("own.toml"));
+    command.env("TRACE", trace).env("PHALANX", env!("CARGO_BIN_EXE_phalanx"));
+    Phalanx::new(command)
+}
+
+#[test]
+fn a_script_takes_the_place_of_the_built_in_agent_and_runs_from_its_copy() {
+    let folder = scenario("[\"./follow.sh\"]", "files = [\"data/weights.txt\"]\n");
+    script(folder.path(), "follow.sh", FOLLOWS);
+    std::fs::create_dir(folder.path().join("data")).unwrap();
+    std::fs::write(folder.path().join("data/weights.txt"), "1 2 3\n").unwrap();
+    let trace = folder.path().join("trace");
+    let own = followed(folder.path(), &trace).lockstep().finish();
+    own.exits_with(0).leaves_nothing();
+    // The same law, built in.
+    let same = ["robot.r2.law=formation-tanh", "robot_defaults.k_f_m_s=0.1"];
+    let same = same.iter().fold(run(folder.path()).lockstep(), |run, set| run.set(set)).finish();
+    own.claim(own.hash() == same.hash(), format!("the trajectory is that of {}", same.hash()));
+
+    let programs = own.run_dir().join("programs").canonicalize().unwrap();
+    let told = std::fs::read_to_string(&trace).unwrap();
+    assert_eq!(Path::new(told.trim()), programs, "it runs there");
+    for name in ["./follow.sh", "data/weights.txt"] {
+        let copy = std::fs::read(programs.join(name)).unwrap();
+        assert_eq!(copy, std::fs::read(folder.path().join(name)).unwrap(), "{name}");
+    }
+    let manifest: serde_json::Value = serde_json::from_str(&own.file("manifest.json")).unwrap();
+    let listed = &manifest["programs"];
+    // printf '1 2 3\n' | sha256sum
+    let sum = Command::new("sha256sum").arg(programs.join("data/weights.txt")).output().unwrap();
+    let sum = String::from_utf8(sum.stdout).unwrap();
+    assert_eq!(listed[0]["file"], "./follow.sh");
+    assert_eq!(listed[1]["file"], "data/weights.txt");
+    assert_eq!(listed[1]["sha256"].as_str(), sum.split(' ').next());
+    let of_others: serde_json::Value = serde_json::from_str(&same.file("manifest.json")).unwrap();
+    assert!(of_others["programs"].is_null(), "nothing is listed where nothing is run");
+}
+
+#[test]
+fn a_program_is_started_by_run_alone_and_by_verify_where_that_is_allowed() {
+    let folder = scenario("[\"./follow.sh\"]", "");
+    script(folder.path(), "follow.sh", FOLLOWS);
+    let trace = folder.path().join("trace");
+    let own = folder.path().join("own.toml");
+    let checked = phalanx(&["check", own.to_str().unwrap()]);
+    assert_eq!(checked.status.code(), Some(0), "{}", String::from_utf8_lossy(&checked.stderr));
+    assert!(!trace.exists(), "check starts nothing");
+
+    let ended = followed(folder.path(), &trace).lockstep().finish();
+    ended.exits_with(0);
+    // What it needs is in the run's directory.
+    std::fs::remove_file(folder.path().join("follow.sh")).unwrap();
+    std::fs::remove_file(&trace).unwrap();
+    let run_dir = ended.run_dir();
+    let run_dir = run_dir.to_str().unwrap();
+    assert_eq!(phalanx(&["report", run_dir]).status.code(), Some(0));
+    let refused = phalanx(&["verify", run_dir]);
+    assert_eq!(refused.status.code(), Some(2));
+    let said = String::from_utf8(refused.stderr).unwrap();
+    assert!(said.contains("./follow.sh") && said.contains("--allow-programs"), "{said}");
+    assert!(!trace.exists(), "report and verify start nothing");
+
+    let verified = Command::new(env!("CARGO_BIN_EXE_phalanx"))
+        .args(["verify", run_dir, "--allow-programs"])
+        .env("TRACE", &trace)
+        .env("PHALANX", env!("CARGO_BIN_EXE_phalanx"))
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&verified.stderr);
+    assert_eq!(verified.status.code(), Some(0), "{said}");
+    assert!(trace.exists());
+}
+
+#[test]
+fn a_program_that_never_becomes_ready_ends_the_run_with_what_it_said_last() {
+    let folder = scenario("[\"./wait.sh\"]", "");
+    script(folder.path(), "wait.sh", "echo I wait for a licence server >&2; exec sleep 1000");
+    let ended = run(folder.path()).finish();
+    ended.exits_with(4).leaves_nothing();
+    let said =
+        "r2 was not ready after 10 s; the last lines of its log:\n  I wait for a licence server";
+    ended.claim(ended.stderr.contains(said), said);
+}
+
+#[test]
+fn a_program_that_cannot_be_executed_is_named() {
+    let folder = scenario("[\"./nothing.sh\"]", "");
+    let path = folder.path().join("nothing.sh");
+    std::fs::write(&path, "#!/no/such/interpreter\n").unwrap();
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let ended = run(folder.path()).lockstep().finish();
+    ended.exits_with(4).leaves_nothing();
+    let why =
+        ended.stderr.contains("cannot start") && ended.stderr.contains("nothing.sh: No such file");
+    ended.claim(why, "it says which and why");
+}
+
+#[test]
+fn a_program_gets_no_more_memory_than_it_may_have() {
+    let folder = scenario("[\"python3\", \"eat.py\"]", "memory_max_mb = 200\n");
+    let eat = "import sys\ntry:\n    held = bytearray(300_000_000)\nexcept MemoryError:\n    \
+               sys.exit('no room for 300 MB')\nsys.exit('there was room')\n";
+    std::fs::write(folder.path().join("eat.py"), eat).unwrap();
+    let ended = run(folder.path()).lockstep().finish();
+    ended.exits_with(4).leaves_nothing();
+    ended.claim(ended.stderr.contains("no room for 300 MB"), "it is refused what it asks for");
+}
+
+#[test]
+fn a_program_dies_with_the_supervisor_whatever_it_does() {
+    let folder = scenario("[\"./wait.sh\"]", "");
+    let wait = "exec python3 -c 'import time; time.sleep(1000)' \"$@\"";
+    script(folder.path(), "wait.sh", wait);
+    let mut running = run(folder.path()).start();
+    let pid = running.wait_for("the program", |run| {
+        let children = run.children();
+        let (pid, _) = children.iter().find(|(_, name)| name == "r2")?;
+        let comm = std::fs::read_to_string(format!("/proc/{pid}/comm")).ok()?;
+        comm.starts_with("python").then_some(*pid)
+    });
+    running.signal(rustix::process::Signal::KILL);
+    let gone = PathBuf::from(format!("/proc/{pid}/exe"));
+    let began = std::time::Instant::now();
+    while gone.read_link().is_ok() {
+        assert!(began.elapsed().as_secs() < 60, "{pid} lives on");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+}

@@ -1,0 +1,65 @@
+"""The law of tanh.py until 1 s; then it is as bad as the file's name says."""
+
+import ctypes
+import math
+import os
+import signal
+import time
+from pathlib import Path
+
+import phalanx
+
+
+def siblings():
+    """The other children of this process's parent, but for idle-priority spinners."""
+    parent = os.getppid()
+    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+    return [int(pid) for pid in children if int(pid) != os.getpid()]
+
+
+class Hostile(phalanx.Law):
+    def gamma(self, situation):
+        (ex, ey), (vx, vy) = situation.error, situation.desired_velocity
+        k = self.k_f_m_s
+        if situation.t_s >= 1.0:
+            return getattr(self, Path(__file__).stem)()
+        return -k * math.tanh(ex) + vx, -k * math.tanh(ey) + vy
+
+    def raises(self):
+        raise ValueError("my law is at its end")
+
+    def returns_nan(self):
+        return math.nan, 0.0
+
+    def returns_a_string(self):
+        return "north"
+
+    def returns_three(self):
+        return 0.1, 0.2, 0.3
+
+    def sleeps(self):
+        time.sleep(1.0)
+        return 0.0, 0.0
+
+    def eats(self):
+        held = []
+        while True:
+            held.append(bytearray(1_000_000))
+
+    def leaves(self):
+        os._exit(0)
+
+    def loops(self):
+        while True:
+            pass
+
+    def kills(self):
+        for pid in siblings():
+            os.kill(pid, signal.SIGKILL)
+        return 0.0, 0.0
+
+    def crashes(self):
+        ctypes.string_at(0)
+
+
+phalanx.serve(Hostile)

@@ -181,6 +181,7 @@ pub(crate) fn spelled(value: &DeValue<'_>) -> String {
             let list: Vec<String> = list.iter().map(|value| spelled(value.get_ref())).collect();
             format!("[{}]", list.join(", "))
         }
+        DeValue::Table(table) if table.is_empty() => "{}".to_owned(),
         DeValue::Table(table) => {
             let entry =
                 |(key, value): (

@@ -219,6 +219,8 @@ fn collect<'t>(
         let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
         let inner = inner.named(&path);
         match inner.raw() {
+            // Without keys it stands for itself: it removes those that the scenario has.
+            DeValue::Table(table) if table.is_empty() => found.push((path, inner)),
             DeValue::Table(table) if !(ranges && table.contains_key("from")) => {
                 collect(&inner, &path, ranges, found)?;
             }
@@ -226,6 +228,11 @@ fn collect<'t>(
         }
     }
     Ok(())
+}
+
+/// Whether it is an empty list.
+fn removes(value: &Value<'_>) -> bool {
+    matches!(value.raw(), DeValue::Array(elements) if elements.is_empty())
 }
 
 /// Refuses a dotted key that scenarios do not have.
@@ -260,6 +267,7 @@ fn known(path: &str, value: &Value<'_>, format: &Format) -> Result<(), Diagnosti
                     return Err(value.here("`robot` is a list of robots".into(), expected));
                 }
             }
+            Takes::Tables(_) if removes(value) && parts.next().is_none() => return Ok(()),
             Takes::Tables(_) => {
                 let expected = "expected `faults`, or `fault` in [vary]; edges cannot be varied";
                 return Err(value.here(format!("`{path}` is a list of tables"), expected.into()));
@@ -409,6 +417,13 @@ mod tests {
         let range = campaign("[vary]\nchaos.from_s = { from = 1, to = 2, count = 3 }\n");
         let numbers: Vec<_> = range.axes[0].settings.iter().filter_map(|s| s.number).collect();
         assert_eq!(numbers, [1.0, 1.5, 2.0]);
+    }
+
+    #[test]
+    fn a_table_without_keys_and_an_empty_list_remove_what_the_scenario_has() {
+        let set = |text: &str| campaign(&format!("[set]\n{text}")).set;
+        assert_eq!(set("expect = {}\nfault = []\n"), ["expect={}", "fault=[]"]);
+        assert_eq!(set("expect = { min_distance_m = 0.3 }\n"), ["expect.min_distance_m=0.3"]);
     }
 
     #[test]

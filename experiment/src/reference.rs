@@ -166,11 +166,14 @@ fn models(page: &mut String) {
 
 fn laws(page: &mut String, catalog: &Catalog) {
     page.push_str(
-        "\n## Laws\n\n| `law` | equation | robots with it | gains |\n|---|---|---|---|\n",
+        "\n## Laws\n\n| `law` | equation | robots with it | gains | feed-forward |\n\
+         |---|---|---|---|---|\n",
     );
     for law in &catalog.laws {
         let gains = names(law.gains);
-        let _ = writeln!(page, "| `{}` | {} | {} | {gains} |", law.name, law.source, law.role.does);
+        let used = if law.feed_forward { "yes" } else { "no" };
+        let (name, source, does) = (law.name, law.source, law.role.does);
+        let _ = writeln!(page, "| `{name}` | {source} | {does} | {gains} | {used} |");
     }
 }
 

@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 use super::Measures;
 use experiment::scenario::{AliveAtEnd, FaultKind, Scenario};
 use formation::seconds;
+use protocol::number::short;
 
 /// How an expectation came out.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -70,6 +71,15 @@ pub struct Expectation {
 }
 
 impl Expectation {
+    /// How the value is to compare with the bound: `>=`, `<=` or `=`.
+    pub fn relation(&self) -> &'static str {
+        match &*self.name {
+            "min_distance_m" | "min_clearance_m" | "alive_at_end" => ">=",
+            "exit" => "=",
+            _ => "<=",
+        }
+    }
+
     /// How it came out.
     pub fn verdict(&self) -> Verdict {
         if self.held { Verdict::Held } else { self.verdict }
@@ -142,6 +152,12 @@ fn questions(
         recoveries.collect::<Option<Vec<f64>>>().map(|all| all.into_iter().fold(0.0, f64::max));
     // Without a fault there is nothing that could recover, and a typing error in the timeline.
     let slowest = slowest.filter(|_| !faults.is_empty());
+    let lasting = faults.iter().find(|fault| fault.recovered_after_s.is_none());
+    let unrecovered = match lasting {
+        _ if faults.is_empty() => Some("the run had no fault".to_owned()),
+        Some(fault) => Some(format!("no recovery from {} at {} s", fault.what, short(fault.t_s))),
+        None => None,
+    };
     let struck_s = faults.iter().map(|fault| fault.t_s).fold(f64::INFINITY, f64::min);
     let wanted: Vec<usize> = match &expect.alive_at_end {
         Some(AliveAtEnd::Names(robots)) => robots.clone(),
@@ -158,8 +174,7 @@ fn questions(
     let never_s = f64::INFINITY;
     let mut asked = Vec::new();
     let mut ask =
-        |name, bound: Option<f64>, value, holds: fn(f64, f64) -> bool, about, rests_from_s| {
-            let why = None;
+        |name, bound: Option<f64>, value, holds: fn(f64, f64) -> bool, about, rests_from_s, why| {
             asked.extend(bound.map(|bound| Question {
                 name,
                 bound,
@@ -171,35 +186,27 @@ fn questions(
             }));
         };
     let value = measures.min_distance_m;
-    ask("min_distance_m", expect.min_distance_m, value, at_least, About::Nobody, 0.0);
+    ask("min_distance_m", expect.min_distance_m, value, at_least, About::Nobody, 0.0, None);
     let value = measures.min_clearance.as_ref().map(|clearance| clearance.distance_m);
-    ask("min_clearance_m", expect.min_clearance_m, value, at_least, About::Nobody, 0.0);
+    ask("min_clearance_m", expect.min_clearance_m, value, at_least, About::Nobody, 0.0, None);
     let (bound, value) = (expect.final_error_m_max, measures.final_error_m_max);
-    ask("final_error_m_max", bound, value, at_most, About::Formation, last_s);
+    ask("final_error_m_max", bound, value, at_most, About::Formation, last_s, None);
     let (bound, value) = (expect.final_ideal_error_m_max, measures.final_ideal_error_m_max);
-    ask("final_ideal_error_m_max", bound, value, at_most, About::Formation, last_s);
+    ask("final_ideal_error_m_max", bound, value, at_most, About::Formation, last_s, None);
     let (bound, value) = (expect.tracking_error_m_max, measures.tracking_error_m_max);
-    ask("tracking_error_m_max", bound, value, at_most, About::Leader, last_s);
+    ask("tracking_error_m_max", bound, value, at_most, About::Leader, last_s, None);
     let (bound, value) = (expect.hull_distance_m_max, measures.hull_distance_m_max_final);
-    ask("hull_distance_m_max", bound, value, at_most, About::Contained, last_s);
+    ask("hull_distance_m_max", bound, value, at_most, About::Contained, last_s, None);
     let (bound, value) = (expect.converged_by_s, measures.converged_at_s);
-    ask("converged_by_s", bound, value, at_most, About::Formation, value.unwrap_or(never_s));
+    ask("converged_by_s", bound, value, at_most, About::Formation, value.unwrap_or(never_s), None);
     let bound = expect.recovered_within_s;
-    ask("recovered_within_s", bound, slowest, at_most, About::Formation, struck_s);
+    ask("recovered_within_s", bound, slowest, at_most, About::Formation, struck_s, unrecovered);
     let (bound, value) = (misses_max.map(|bound| bound as f64), Some(deadline_misses as f64));
-    ask("deadline_misses_max", bound, value, at_most, About::Nobody, never_s);
+    ask("deadline_misses_max", bound, value, at_most, About::Nobody, never_s, None);
     let (bound, value) = (expect.exit.map(f64::from), Some(f64::from(exit)));
-    ask("exit", bound, value, equal, About::Nobody, never_s);
+    ask("exit", bound, value, equal, About::Nobody, never_s, None);
     let why = Some(format!("dead at the end: {}", dead.join(", ")));
-    asked.extend(alive_bound.map(|bound| Question {
-        name: "alive_at_end",
-        bound,
-        value: alive,
-        holds: at_least,
-        about: About::Nobody,
-        rests_from_s: never_s,
-        why,
-    }));
+    ask("alive_at_end", alive_bound, alive, at_least, About::Nobody, never_s, why);
     asked
 }
 
@@ -234,7 +241,7 @@ impl Judge<'_> {
             (None, seen) => match (self.unseen_since(rests_from_s), seen) {
                 (Some(why), _) => (Verdict::Unseen, Some(why)),
                 (None, None) if !self.leaves_anybody(about) => (Verdict::Held, None),
-                (None, None) => (Verdict::Missed, None),
+                (None, None) => (Verdict::Missed, why),
                 (None, Some(_)) => (Verdict::Held, None),
             },
         };
@@ -472,6 +479,10 @@ mod tests {
             FaultReport { t_s: 4.0, recovered_after_s: Some(1.0), ..FaultReport::default() };
         let struck = |measures| Measures { faults: vec![fault.clone()], ..measures };
         assert_eq!(only(&recovered, &struck(lost(1.0, 3.0))), HELD);
+        assert_eq!(only(&recovered, &measures()), missed("the run had no fault"));
+        let never = FaultReport { what: "kill r2".into(), t_s: 4.0, ..FaultReport::default() };
+        let never = Measures { faults: vec![fault.clone(), never], ..measures() };
+        assert_eq!(only(&recovered, &never), missed("no recovery from kill r2 at 4 s"));
         assert_eq!(only(&recovered, &struck(lost(3.0, 5.0))), nobody_saw(3.0, 5.0));
     }
 

@@ -3,7 +3,8 @@
 use std::fmt::Write as _;
 
 use protocol::brief::Pace;
-use protocol::stage::Stage;
+use protocol::number::{self, told_apart};
+use protocol::stage::{Cause, Stage};
 use serde::Serialize;
 
 use crate::outcome::Outcome;
@@ -113,17 +114,23 @@ pub fn screen(summary: &Summary) -> String {
     };
     let _ = writeln!(text, "{}, {}: {verdict}", summary.scenario, summary.pace.word());
     for expectation in &summary.expectations {
-        let Expectation { name, value, bound, held, reason, .. } = expectation;
+        let Expectation { name, value, bound, reason, .. } = expectation;
         let sign = match expectation.verdict() {
             Verdict::Held => "held  ",
             Verdict::Missed => "MISSED",
             Verdict::Unseen => "UNSEEN",
         };
-        // A miss by a hair's breadth must not be rounded to its bound.
-        let shown = |value: f64| if *held { digits(value) } else { value.to_string() };
-        let (value, bound) = (value.map_or("-".into(), shown), shown(*bound));
+        let (value, bound) = match value {
+            Some(value) => told_apart(*value, *bound).into(),
+            None => ("-".to_owned(), number::short(*bound)),
+        };
+        let relation = expectation.relation();
         let reason = reason.as_ref().map_or(String::new(), |reason| format!(": {reason}"));
-        let _ = writeln!(text, "  {sign} {name:<23} {value:>12}  required {bound}{reason}");
+        let _ =
+            writeln!(text, "  {sign} {name:<23} {value:>12}  required {relation} {bound}{reason}");
+    }
+    if let Some(advice) = overloaded(summary) {
+        let _ = writeln!(text, "  {advice}");
     }
     let mut row = |name: &str, value: String| {
         let _ = writeln!(text, "{name:<19} {value}");
@@ -263,6 +270,23 @@ pub fn screen(summary: &Summary) -> String {
         let _ = writeln!(text, "  {}", summary.faults[0].broken_means());
     }
     text
+}
+
+/// What to do about a miss that may be the machine's: more than half of many late wake-ups waited for a
+/// core.
+fn overloaded(summary: &Summary) -> Option<String> {
+    if expect::worst(&summary.expectations)? != Verdict::Missed {
+        return None;
+    }
+    let late = summary.late_by_cause();
+    let total: u64 = late.iter().map(|&(_, count)| count).sum();
+    let waited = late.iter().find(|(cause, _)| *cause == Cause::Core)?.1;
+    (summary.pace == Pace::Realtime && summary.deadline_misses > 0 && 2 * waited > total).then(|| {
+        format!(
+            "other programs wanted the cores ({waited} of {total} late wake-ups waited for one): \
+             `--pace lockstep` does not depend on that"
+        )
+    })
 }
 
 fn short(value: Option<f64>) -> String {

@@ -50,7 +50,7 @@ pub(super) fn new(NewArgs { name }: &NewArgs, catalog: &Catalog) -> u8 {
         if let Err(error) = fs::write(&path, text) {
             return complain(&format_args!("cannot write {}: {error}", path.display()));
         }
-        told += &format!("{:<28}{about}\n", path.display());
+        told += &format!("{:<32}  {about}\n", path.display().to_string());
     }
     print(&format!("{told}\nnext: phalanx run {name}/scenario.toml --pace lockstep\n"))
 }

@@ -144,6 +144,12 @@ fn go(
     if absent > 0 {
         text += &format!(", {absent} are missing");
     }
+    for outcome in ["held", "missed", "unseen", "undeclared"] {
+        let count = rows.iter().filter(|row| row.outcome() == outcome).count();
+        if count > 0 {
+            text += &format!(", {outcome} {count}");
+        }
+    }
     let broken = rows.iter().filter(|row| row.summary().is_none()).count();
     if broken > 0 {
         text += &format!(", {broken} given up: their machinery failed");
@@ -175,12 +181,12 @@ fn run(
     folder.tidy();
     let ended = ended?;
     tell(&format!(
-        "{} runs in {:.1} s, {} at a time, {} cores {:.0} % busy with them",
+        "{} runs in {:.1} s, {} at a time; they used {:.0} % of {} cores",
         missing.len(),
         ended.wall_s,
         ended.jobs,
-        ended.cores,
         100.0 * ended.processor_s / (ended.wall_s * ended.cores as f64),
+        ended.cores,
     ));
     Ok(ended)
 }

@@ -31,8 +31,13 @@ pub fn hostile(seed: u64, adversary: Adversary, wish: Wish) -> Trial {
 /// clearance, m, and the rest.
 pub fn margin(fleet: &Fleet, trial: Trial) -> (f64, Outcome) {
     let outcome = simulate(fleet, trial, |_, _, _| ());
+    (kept_by(fleet, &outcome), outcome)
+}
+
+/// The same of a run that was simulated.
+fn kept_by(fleet: &Fleet, outcome: &Outcome) -> f64 {
     let apart_m = outcome.closest_m - fleet.plant.distance_min_m;
-    (apart_m.min(outcome.clearance_m - fleet.plant.clearance_m), outcome)
+    apart_m.min(outcome.clearance_m - fleet.plant.clearance_m)
 }
 
 pub fn named(name: &str, set: &[&str]) -> Fleet {
@@ -145,8 +150,22 @@ fn in_21600_adversarial_runs_no_two_robots_come_nearer_than_d() {
     nobody_comes_nearer_than_d(100);
 }
 
-/// The same fleets, each among walls of its own. At what distance from the clearance the nearest passed a
-/// wall, m.
+/// How near a robot came to a wall once it had left the place where it was put, m.
+fn passed_m(fleet: &Fleet, trial: Trial) -> (f64, Outcome) {
+    let mut passed_m = f64::INFINITY;
+    let outcome = simulate(fleet, trial, |header, truth, _| {
+        if header.t_ns > S / 2 {
+            for (row, body) in truth.iter().zip(&fleet.plant.robots) {
+                let alpha = front_point(row.pose(), body.front_point_m);
+                let away = fleet.plant.obstacles.iter().map(|wall| alpha - wall.nearest(alpha));
+                passed_m = away.map(|away| away.norm()).fold(passed_m, f64::min);
+            }
+        }
+    });
+    (passed_m, outcome)
+}
+
+/// The same fleets, each among walls of its own.
 fn nobody_comes_nearer_to_a_wall_than_the_clearance(rounds: u64) {
     let (mut runs, mut closest_m, mut passed) = (0, f64::INFINITY, 0);
     for (round, hardship) in (0..rounds).zip(HARDSHIPS.into_iter().cycle()) {
@@ -161,22 +180,23 @@ fn nobody_comes_nearer_to_a_wall_than_the_clearance(rounds: u64) {
                 {
                     runs += 1;
                     let trial = Trial { duration_ns: 2 * S, ..hostile(runs, adversary, wish) };
-                    let (margin_m, outcome) = margin(&fleet, trial);
+                    let (passed_m, outcome) = passed_m(&fleet, trial);
                     let run = format!("{seed}, {period}, {hardship:?}, {trial:?}");
-                    assert!(margin_m >= 0.0, "{run}: {margin_m}, {outcome:?}");
-                    let beside_m = outcome.clearance_m - fleet.plant.clearance_m;
+                    assert!(kept_by(&fleet, &outcome) >= 0.0, "{run}: {outcome:?}");
+                    let beside_m = passed_m - fleet.plant.clearance_m;
                     closest_m = closest_m.min(beside_m);
-                    passed += u64::from(beside_m < 1e-3);
+                    passed += u64::from(beside_m < 1e-2);
                 }
             }
         }
     }
     println!(
-        "{runs} runs among walls, closest clearance + {closest_m:e} m, {passed} within 1 mm of it"
+        "{runs} runs among walls, after 0.5 s at the closest clearance + {closest_m:e} m, {passed} \
+         within 1 cm of it"
     );
     assert_eq!(runs, 144 * rounds);
-    // Walls were where the robots were.
-    assert!(closest_m < 1e-6 && 5 * passed > runs, "{closest_m}, {passed} of {runs}");
+    // Walls were where the robots went.
+    assert!(closest_m < 1e-3 && 5 * passed > runs, "{closest_m}, {passed} of {runs}");
 }
 
 #[test]

@@ -312,7 +312,7 @@ fn the_text_says_what_the_json_says() {
         .unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
     for part in [
-        "r7 hears r6 at (0.000, -1.200) m, r8 at (-1.200, -0.600) m",
+        "r7 hears r6 and wants to be at r6 + (0.000, -1.200) m, r8 and wants to be at r8 + (-1.200",
         "without r4: r1: place elsewhere without r4; ",
         "r3: wants r8's place (Remark 1)",
         "without r7: ",
@@ -320,7 +320,7 @@ fn the_text_says_what_the_json_says() {
         "; r7: held back by r6, which is left behind",
         "spectral radius 0.707107, below 1",
         "3 eta / d = 276.98",
-        "(r4 and r7) once settled, at scale 0.8 of 0.8 to 1.2",
+        "(r4 and r7) once settled, at the smallest scale, 0.8 (0.8 to 1.2)",
     ] {
         assert!(text.contains(part), "{part:?} is missing in\n{text}");
     }

@@ -203,7 +203,8 @@ fn echoes(scenario: &Scenario, findings: &mut Vec<Finding>) {
                  iteration's spectral radius is 1",
                 names.join(", ")
             ),
-            "expected a leader's information to reach them, or a law without feed-forward",
+            "expected a leader's information to reach them, or a law without feed-forward, such as \
+             formation-unit",
         ));
     }
 }

@@ -86,7 +86,9 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
                 .hears
                 .iter()
                 .map(|hears| match hears.offset_m {
-                    Some([x, y]) => format!("{} at ({x:.3}, {y:.3}) m", hears.robot),
+                    Some([x, y]) => {
+                        format!("{} and wants to be at {0} + ({x:.3}, {y:.3}) m", hears.robot)
+                    }
                     None => hears.robot.to_owned(),
                 })
                 .collect();
@@ -131,7 +133,7 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
     let breaking = |death: &&Death<'_>| !death.loss.is_none() || !death.breaks.is_empty();
     let breaking: Vec<_> = theory.deaths.iter().filter(breaking).collect();
     if breaking.is_empty() {
-        page.line("single deaths", "none takes anything from the others");
+        page.line("single deaths", "none leaves another robot with less to go by");
     }
     page.list(
         "single deaths",
@@ -142,7 +144,7 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
         }),
     );
     if theory.breaking_cuts.is_empty() {
-        page.line("single cuts", "none takes anything from anybody");
+        page.line("single cuts", "none leaves a robot with less to go by");
     }
     page.list(
         "single cuts",
@@ -218,7 +220,8 @@ fn matrices(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
                 short(radius),
                 short(norm)
             ),
-            _ => "singular: without a leader there is a shape, but no place for it".to_owned(),
+            _ => "singular: without a leader the offsets fix the shape, and the starts where it is"
+                .to_owned(),
         },
     );
     let iterated = scenario.robots.iter().any(|robot| robot.feed_forward);
@@ -249,7 +252,7 @@ fn bounds(page: &mut Page, theory: &Theory<'_>) {
         page.line(
             "bounds on |alpha'|",
             format!(
-                "eta = {} m/s by Lemma 1, which is no bound; {} m/s by the 2-norm of A^-1",
+                "eta = {} m/s by Lemma 1 (can be exceeded), {} m/s by the 2-norm of A^-1",
                 short(bounds.lemma_1_m_s),
                 short(bounds.norm_2_m_s)
             ),
@@ -305,7 +308,7 @@ fn motion(page: &mut Page, theory: &Theory<'_>) {
         page.line(
             "before that",
             format!(
-                "{} {:.4} m/s at {} s, while the leader turns into its path: that leads to {} rad",
+                "up to {1:.4} m/s ({0} at {2} s), while the leader turns to the heading of its path, {3} rad",
                 robot.name,
                 peak.front_speed_m_s,
                 short(peak.t_s),
@@ -336,6 +339,10 @@ fn distances(page: &mut Page, theory: &Theory<'_>) {
     };
     let distances = &theory.distances;
     let [smallest, largest] = distances.scale.map(short);
+    let at_scale = match smallest == largest {
+        true => String::new(),
+        false => format!(", at the smallest scale, {smallest} ({smallest} to {largest})"),
+    };
     let d = short(distances.distance_min_m);
     page.line(
         "smallest distance",
@@ -344,8 +351,7 @@ fn distances(page: &mut Page, theory: &Theory<'_>) {
     page.line(
         "",
         format!(
-            "{} once settled, at scale {smallest} of {smallest} to {largest}; Remark 1 asks for \
-             more than {d} m",
+            "{} once settled{at_scale}; Remark 1 asks for more than {d} m",
             of(&distances.settled)
         ),
     );
@@ -392,7 +398,7 @@ fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
     if let Some(zone_m) = guard.slow_down_zone_m {
         page.line(
             "slows down within",
-            format!("{:.4} m: d and {zone_m:.4} m", a.distance_min_m + zone_m),
+            format!("{:.4} m of another (d + {zone_m:.4} m)", a.distance_min_m + zone_m),
         );
     }
     let braking = theory.robots.iter().filter_map(|robot| {

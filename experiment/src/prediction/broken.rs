@@ -155,7 +155,8 @@ impl Broken {
 /// What broken means, in words, for whoever is to be told who is.
 pub fn broken_means(bound_m: f64) -> String {
     format!(
-        "broken: more than {} m off its place in the formation as planned, at the end",
+        "broken: more than {} m off its place in the formation as planned when the fault ends, or at \
+         last if it is for good",
         short(bound_m)
     )
 }

@@ -523,7 +523,7 @@ const REALTIME: &[Key] = &[
 ];
 
 const AVOIDANCE: &[Key] = &[
-    key("kind", Method, Rule("the first method of the list"), "the avoidance method")
+    key("kind", Method, Rule("`guard`"), "the avoidance method")
         .guessed(&["method", "type", "mode", "name"]),
     key(
         "distance_min_m",

@@ -131,7 +131,7 @@ fn the_triangle_is_read_as_the_chapter_has_it() {
     assert_eq!(scenario.heard_names(1), ["r3"]);
     assert_eq!(scenario.heard_names(2), ["r1"]);
     assert_eq!(scenario.expect.converged_error_m, 0.01);
-    assert!(report(&scenario).contains("r1 hears r2 at (0.150, 0.260) m"));
+    assert!(report(&scenario).contains("r1 hears r2 and wants to be at r2 + (0.150, 0.260) m"));
 }
 
 #[test]

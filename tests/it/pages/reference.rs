@@ -133,7 +133,8 @@ fn verbs() -> Vec<String> {
 #[test]
 fn the_page_of_files_lists_every_file_of_a_run_and_every_column_of_its_tables() {
     let page = page("files.md");
-    let ended = run("triangle").lockstep().drawing().set("duration_s=1").set("expect={}").finish();
+    let run = run("triangle").lockstep().drawing().set("duration_s=1").set("expect={}");
+    let ended = run.fault("kill r2 @0.5").finish();
     ended.exits_with(0);
     let directory = ended.run_dir();
     let named =
@@ -151,6 +152,9 @@ fn the_page_of_files_lists_every_file_of_a_run_and_every_column_of_its_tables() 
     let keys: BTreeSet<String> = listed(&page, "`summary.json`").into_iter().collect();
     let found: BTreeSet<String> = ended.summary.as_object().unwrap().keys().cloned().collect();
     assert_eq!(keys, found);
+    let keys: BTreeSet<String> = listed(&page, "Each of `faults`").into_iter().collect();
+    let fault = ended.summary["faults"][0].as_object().unwrap();
+    assert_eq!(keys, fault.keys().cloned().collect());
     let kinds = ended.file("events.csv");
     for kind in kinds.lines().skip(1).filter_map(|line| line.split(',').nth(1)) {
         assert!(

@@ -141,11 +141,11 @@ const seconds = (value) => `${value.toFixed(2)} s`;
 const px = (value) => Math.round(value * 10) / 10;
 const line = (points) => "M" + points.map(([x, y]) => `${px(x)} ${px(y)}`).join("L");
 
-/** By place, the classes that give robots their colors: one for each role, but in formation each has its own. */
-function looks(scene) {
-  let formed = 0;
-  return scene.robots.map(({ role }) => (role === "formation" ? `formation c${formed++ % 5}` : role));
-}
+/** Robots have as many colors; see report/src/palette.rs. */
+const COLORS = 9;
+
+/** By place, the classes of robots: their role gives them a shape, their place a color. */
+const looks = (scene) => scene.robots.map(({ role }, i) => `${role} c${i % COLORS}`);
 
 /** Robots, edges and hull in the plane, and the list beside it. */
 class Picture {
@@ -181,9 +181,8 @@ class Picture {
       const reach = svg(group, "circle", { class: "reach" });
       const body = svg(group, "path", { class: "body", d: "M0 0L-1.7 .75L-1.25 0L-1.7 -.75Z" });
       svg(group, "circle", { class: "front", r: 1.8 });
+      if (robot.role === "main-leader") svg(group, "circle", { class: "crown", r: 2.5 });
       const mark = svg(group, "path", { class: "mark" });
-      const name = svg(group, "text");
-      name.textContent = robot.name;
       const row = html(rows, "tr");
       row.dataset.robot = robot.name;
       const head = html(row, "th");
@@ -196,8 +195,16 @@ class Picture {
       html(pick, "i", `swatch ${look[i]}`);
       html(pick, "span", "", robot.name);
       const cells = [html(row, "td", "state"), html(row, "td", "error")];
-      return { group, title, reach, body, mark, name, row, pick, cells };
+      return { group, title, reach, body, mark, row, pick, cells };
     });
+    // Above all robots and arrows.
+    this.names = scene.robots.map((robot) => {
+      const name = svg(canvas, "text", { class: "name" });
+      name.textContent = robot.name;
+      return name;
+    });
+    const several = scene.robots.length > COLORS ? `: after ${COLORS} robots they repeat` : " of its own";
+    say(root.querySelector(".legend .colors"), `each robot has a color${several}, as in the list and in all figures`);
     for (const item of root.querySelectorAll(".legend [data-role]")) {
       item.hidden = !scene.robots.some((robot) => robot.role === item.dataset.role);
     }
@@ -457,15 +464,17 @@ class Picture {
       }));
     }
     this.robots.forEach((parts, i) => {
-      const { group, reach, body, mark, name, title } = parts;
+      const { group, reach, body, mark, title } = parts;
+      const name = this.names[i];
       const [p, robot] = [this.points[i], frame.robots[i]];
-      group.style.visibility = p ? "" : "hidden";
+      group.style.visibility = name.style.visibility = p ? "" : "hidden";
       if (!p) return;
       group.setAttribute("transform", `translate(${px(p[0])} ${px(p[1])})`);
       reach.setAttribute("r", px(this.radius));
       const size = Math.max(7, (scene.robots[i].front_point_m ?? 0) * this.view[2]);
       body.setAttribute("transform", `rotate(${px((-robot.heading_rad * 180) / Math.PI)}) scale(${px(size)})`);
-      name.setAttribute("y", px(-Math.max(this.radius, 8) - 5));
+      name.setAttribute("x", px(p[0]));
+      name.setAttribute("y", px(p[1] - Math.max(this.radius, 8) - 5));
       group.classList.toggle("near", near.has(i));
       const arm = Math.max(7, Math.min(16, this.radius * 0.7));
       const wing = arm / 2;
@@ -477,7 +486,7 @@ class Picture {
       };
       mark.setAttribute("d", marks[robot.state] ?? "");
       if (group.dataset.state !== robot.state) {
-        group.dataset.state = robot.state;
+        group.dataset.state = name.dataset.state = robot.state;
         say(title, `${scene.robots[i].name}, ${scene.robots[i].role}, ${robot.state}`);
       }
     });
@@ -522,7 +531,7 @@ class Track {
     const spark = root.querySelector(".spark");
     svg(spark, "path", { class: "bound", d: `M0 ${this.height(scene.distance_min_m)}H1000` });
     this.spark = svg(spark, "path");
-    say(root.querySelector(".scale"), `smallest distance, 0 to ${+this.top.toPrecision(3)} m; dashed: d`);
+    say(root.querySelector(".scale"), `smallest distance over time, 0 to ${+this.top.toPrecision(3)} m; dashed: d`);
     this.marks = root.querySelector(".marks");
     this.lanes = [];
     this.marks.style.height = "0px";
@@ -546,21 +555,31 @@ class Track {
     this.spark.setAttribute("d", this.path);
   }
 
-  /** A fault, in the first lane with room for it. */
-  mark(t_s, until_s, what, go) {
-    const [from, to] = [t_s / this.end_s, Math.min(1, (until_s ?? t_s) / this.end_s)];
-    const free = this.lanes.findIndex((end) => end < from);
-    const lane = free < 0 && this.lanes.length < 4 ? this.lanes.length : Math.max(0, free);
-    this.lanes[lane] = Math.max(to, from + 0.012);
-    const mark = html(this.marks, go ? "button" : "div", until_s === undefined ? "done" : "");
+  /** A fault, in the first lane with room for it, instead of an old mark; without an end it lasts (null) or is over at once (undefined). */
+  mark(t_s, until_s, what, go, old) {
+    old?.remove();
+    this.lanes = this.lanes.map((lane) => lane.filter(([, , mark]) => mark !== old));
+    const share = (t_s) => Math.max(0, Math.min(1, t_s / this.end_s));
+    const [from, to] = [share(t_s), share(until_s === undefined ? t_s : (until_s ?? this.end_s))];
+    // What is too short for its label has it beside itself.
+    const wide = (what.length * 6.2 + 16) / (this.marks.clientWidth || 600);
+    const short = to - from < wide;
+    const late = short && to + wide > 1;
+    const [left, right] = [late ? from - wide : from, short && !late ? to + wide : Math.max(to, from + 0.012)];
+    const room = this.lanes.findIndex((lane) => lane.every(([a, b]) => right <= a || b <= left));
+    const lane = room < 0 && this.lanes.length < 4 ? this.lanes.push([]) - 1 : Math.max(0, room);
+    const mark = html(this.marks, go ? "button" : "div", `${until_s === undefined ? "done" : ""}${short ? " short" : ""}${late ? " late" : ""}`);
+    this.lanes[lane].push([left, right, mark]);
     html(mark, "span", "", what);
     mark.style.cssText = `left:${from * 100}%;top:${lane * 18}px;width:${(to - from) * 100}%`;
-    mark.title = `${what}, ${until_s == null ? `at ${seconds(t_s)}` : `${seconds(t_s)} to ${seconds(until_s)}`}`;
+    const when = until_s === undefined ? `at ${seconds(t_s)}` : until_s === null ? `from ${seconds(t_s)} on` : `${seconds(t_s)} to ${seconds(until_s)}`;
+    mark.title = `${what}, ${when}`;
     mark.setAttribute("aria-label", mark.title);
     this.marks.style.height = `${this.lanes.length * 18}px`;
-    if (!go) return;
+    if (!go) return mark;
     mark.type = "button";
     mark.addEventListener("click", () => go(t_s));
+    return mark;
   }
 
   move(t_s) {
@@ -654,7 +673,7 @@ function live(root, scene, picture, control) {
   const [lamp, dropped, answer, log, end] = [".lamp", ".dropped", ".answer", ".log", ".end"].map((selector) => root.querySelector(selector));
   const track = new Track(root, scene, scene.duration_s ?? 60);
   for (const fault of scene.faults) track.mark(fault.t_s, fault.until_s, fault.what);
-  let [frames, waiting, drawn, heard, lost, lostAt, ended] = [[], false, 0, 0, 0, -Infinity, false];
+  let [frames, waiting, drawn, heard, lost, ended] = [[], false, 0, 0, 0, false];
 
   function link(state, text) {
     lamp.dataset.link = state;
@@ -668,7 +687,8 @@ function live(root, scene, picture, control) {
       headers: { "Content-Type": "application/json" },
       body: JSON.stringify(body),
     }).then(async (response) => {
-      if (!response.ok) say(answer, `${body.act} ${body.robot ?? `${body.from} -> ${body.to}`}: ${(await response.text()) || response.status}`);
+      if (response.ok) mended(body.act, `${body.from}->${body.to}`);
+      else say(answer, `${body.act} ${body.robot ?? `${body.from} -> ${body.to}`}: ${(await response.text()) || response.status}`);
     }).catch(() => say(answer, `${body.act}: the run does not answer`));
   }
 
@@ -685,12 +705,20 @@ function live(root, scene, picture, control) {
     const row = html(root.querySelector(".edges tbody"), "tr");
     html(row, "th", "", `${heard} \u2192 ${hearer}`).scope = "row";
     const cell = html(row, "td", "state");
-    if (control) {
-      const acts = html(row, "td", "acts");
-      for (const name of ["cut", "mend"]) button(acts, name, `${heard} to ${hearer}`, () => ({ act: name, from: heard, to: hearer }));
-    }
-    return { row, cell };
+    if (!control) return { row, cell };
+    const acts = html(row, "td", "acts");
+    const [cut, mend] = ["cut", "mend"].map((name) => button(acts, name, `${heard} to ${hearer}`, () => ({ act: name, from: heard, to: hearer })));
+    mend.hidden = true;
+    cut.disabled = scene.pace === "lockstep";
+    if (cut.disabled) cut.title = "in lockstep, edges are cut by the scenario alone";
+    return { row, cell, cut, mend, name: `${heard}->${hearer}` };
   });
+
+  /** An edge was cut or mended by hand: only what was cut so can be mended. */
+  function mended(act, name) {
+    if (act !== "cut" && act !== "mend") return;
+    for (const edge of edges) if (edge.mend && edge.name === name) [edge.cut.hidden, edge.mend.hidden] = [act === "cut", act === "mend"];
+  }
 
   if (control) {
     for (const head of root.querySelectorAll(".robots thead tr, .edges thead tr")) html(head, "th", "", "break it").scope = "col";
@@ -700,6 +728,7 @@ function live(root, scene, picture, control) {
       const one = (text, body = text) => button(acts, text, name, () => ({ act: typeof body === "string" ? body : body(), robot: name }));
       parts.kill = one("kill");
       parts.restart = one("restart");
+      parts.restart.hidden = true;
       parts.freeze = one("freeze", () => (picture.frame?.robots[i].state === "frozen" ? "thaw" : "freeze"));
     });
     picture.changed = (i, state) => {
@@ -736,11 +765,9 @@ function live(root, scene, picture, control) {
     while (frame.t_s - frames[0].t_s > TRAIL_S || frames.length > 200) frames.shift();
     picture.include(frame, 0.15);
     track.add(frame);
-    if (frame.dropped > lost) lostAt = heard;
     lost = frame.dropped ?? 0;
-    say(dropped, lost ? `${lost} frames dropped so far` : "");
-    if (frame.behind_ms > 250) link("behind", `behind by ${(frame.behind_ms / 1000).toFixed(1)} s`);
-    else if (heard - lostAt < 2000) link("behind", "behind: frames are dropped");
+    say(dropped, lost ? `${lost} frames not shown; the run is not affected` : "");
+    if (frame.behind_ms > 250) link("behind", `the page is behind by ${(frame.behind_ms / 1000).toFixed(1)} s; the run is not affected`);
     else link("live", "live");
     if (!waiting) requestAnimationFrame(draw);
     waiting = true;
@@ -756,7 +783,24 @@ function live(root, scene, picture, control) {
     if (detail) item.append(` ${detail}`);
     log.prepend(item);
     while (log.childElementCount > 200) log.lastChild.remove();
-    if (kind !== "ready" && track.marks.childElementCount < 300) track.mark(t_s, undefined, `${kind} ${robot ?? ""}`);
+    const edge = kind === "cut" || kind === "mend" ? detail.split(",")[0] : null;
+    if (edge) mended(kind, edge);
+    if (kind !== "ready") told(t_s, `${kind} ${edge ?? robot ?? ""}`, edge || ["kill", "restart", "freeze", "thaw"].includes(kind));
+  }
+
+  let group = null;
+  /** Marks on the time line what happened; what follows from it at once stands in its title. */
+  function told(t_s, what, act) {
+    if (group && Math.abs(t_s - group.t_s) < 0.1 && (!act || group.acts.length < 2)) {
+      group.all.push(what);
+    } else if (track.marks.childElementCount < 300) {
+      group = { t_s, all: [what], acts: [], mark: null };
+    } else return;
+    if (act) group.acts.push(what);
+    const shown = group.acts.length ? group.acts : group.all.slice(0, 1);
+    const more = group.all.length - shown.length;
+    group.mark = track.mark(t_s, undefined, shown.join(", ") + (more ? ` (+${more})` : ""), undefined, group.mark);
+    group.mark.title = group.all.map((each) => `${each}, at ${seconds(group.t_s)}`).join("; ");
   }
 
   function latency(event) {
@@ -794,7 +838,7 @@ function live(root, scene, picture, control) {
   setInterval(() => {
     track.flush();
     const silent_s = (performance.now() - heard) / 1000;
-    if (heard && silent_s > 1 && !ended && lamp.dataset.link !== "reconnecting") link("behind", `behind: nothing heard for ${silent_s.toFixed(0)} s`);
+    if (heard && silent_s > 1 && !ended && lamp.dataset.link !== "reconnecting") link("behind", `nothing heard for ${silent_s.toFixed(0)} s`);
   }, 500);
   connect();
 }

@@ -13,9 +13,10 @@ use formation::obstacle::Obstacle;
 use formation::pose::Pose;
 use plotters::style::RGBColor;
 
+use crate::axis::Axis;
 use crate::digits::asked;
 use crate::markup::escaped;
-use crate::palette::{BLACK, BLUE, GRAY, ORANGE, VERMILION, of_robot};
+use crate::palette::{self, BLACK, BLUE, GRAY, ORANGE, VERMILION};
 use crate::run::Run;
 use crate::scene::{EdgeState, Frame, RobotState};
 use crate::simplify::{Point, by_column, within};
@@ -31,7 +32,7 @@ const STRIPS: [(f64, f64); 2] = [(74.0, 120.0), (232.0, 120.0)];
 /// From where to where time goes from left to right, px.
 const TIME: (f64, f64) = (620.0, 880.0);
 /// What is told below the strips: from the top, px.
-const LEGEND: f64 = 420.0;
+const LEGEND: f64 = 410.0;
 /// It lasts no longer than this, s: a longer run is shown faster.
 const LASTS_S_MAX: f64 = 20.0;
 /// So many instants per second that it lasts, and no more bytes than this for all of them.
@@ -261,7 +262,7 @@ fn ground(svg: &mut Svg, run: &Run, view: &View) {
             "<path d=\"{}\" stroke=\"{}\" stroke-opacity=\".5\" stroke-dasharray=\"1 5\" \
              stroke-linecap=\"round\" stroke-width=\"2\" fill=\"none\"/>",
             way(within(&lead, 0.4)),
-            hex(VERMILION)
+            hex(GRAY)
         ));
     }
     svg.line(format_args!(
@@ -313,7 +314,7 @@ fn trails(svg: &mut Svg, run: &Run, frames: &[Frame], view: &View) {
             "<path d=\"{}\" fill=\"none\" stroke=\"{}\" stroke-opacity=\".45\" stroke-width=\"2.5\" \
              stroke-linejoin=\"round\" stroke-dasharray=\"{TRAIL} {}\" stroke-dashoffset=\"{TRAIL}\">",
             way(places),
-            color(run, robot),
+            hex(palette::color(robot)),
             px(whole + TRAIL)
         ));
         svg.animate("stroke-dashoffset", &offsets);
@@ -329,11 +330,6 @@ fn path(run: &Run, frames: &[Frame], view: &View, robot: usize) -> Vec<Point> {
         view.at(last)
     });
     places.collect()
-}
-
-fn color(run: &Run, robot: usize) -> String {
-    let scene = &run.scene;
-    hex(of_robot(&scene.robots[robot].role, scene.nth_of_role(robot)))
 }
 
 /// The hull of the leaders, in which the contained are to be.
@@ -421,7 +417,7 @@ fn robots(svg: &mut Svg, run: &Run, frames: &[Frame], view: &View) {
             px(-heading_rad.to_degrees())
         };
         let headings: Vec<String> = frames.iter().map(&mut turned).collect();
-        let own = color(run, i);
+        let own = hex(palette::color(i));
         let gray = hex(GRAY);
         let state = |frame: &Frame| frame.robots[i].state;
         let colors: Vec<&str> = frames
@@ -485,7 +481,7 @@ fn strips(svg: &mut Svg, run: &Run, frames: &[Frame]) {
             STRIPS[0].0,
             px((to - from).max(1.5)),
             bottom - STRIPS[0].0,
-            hex(VERMILION)
+            hex(BLACK)
         ));
     }
     let all = run.frames();
@@ -501,8 +497,8 @@ fn strips(svg: &mut Svg, run: &Run, frames: &[Frame]) {
     for ((label, values, bound, color), (top, height)) in strips.into_iter().zip(STRIPS) {
         let values: Vec<Point> =
             values.into_iter().filter(|(_, value)| value.is_finite()).collect();
-        let most =
-            values.iter().map(|value| value.1).fold(bound.unwrap_or(0.0), f64::max).max(1e-9);
+        let most = values.iter().map(|value| value.1).fold(bound.unwrap_or(0.0), f64::max);
+        let (_, most) = Axis::linear(label, 0.0, most.max(1e-9)).bounds();
         let y = |value: f64| top + height * (1.0 - value / most);
         svg.line(format_args!(
             "<path d=\"M{} {top}V{}H{}\" fill=\"none\" stroke=\"#8c959f\"/><text x=\"{}\" y=\"{}\" \
@@ -544,14 +540,21 @@ fn strips(svg: &mut Svg, run: &Run, frames: &[Frame]) {
             ));
         }
     }
-    let seconds = [1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 600.0, 3600.0];
-    let step_s =
-        seconds.into_iter().find(|s| s / (last_s - first_s).max(1e-9) >= 0.09).unwrap_or(36000.0);
-    for n in 0..=((last_s - first_s) / step_s) as usize {
-        let t_s = first_s + n as f64 * step_s;
+    // Round times, and the end where it is not near one of these.
+    let lasts_s = (last_s - first_s).max(1e-9);
+    let seconds = [1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0];
+    let step_s = seconds.into_iter().find(|s| s / lasts_s >= 0.14).unwrap_or(36000.0);
+    let mut ticks: Vec<f64> =
+        (0..=(lasts_s / step_s) as usize).map(|n| first_s + n as f64 * step_s).collect();
+    let end_s = run.end_s();
+    match ticks.last() {
+        Some(tick) if end_s - tick < 0.5 * step_s => {}
+        _ => ticks.push(end_s),
+    }
+    for t_s in ticks {
         svg.line(format_args!(
             "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\" font-size=\"11\" fill=\"#57606a\">{} s</text>",
-            px(x(t_s)),
+            px(x(t_s).min(TIME.1)),
             bottom + 15.0,
             asked(t_s)
         ));
@@ -568,12 +571,15 @@ fn strips(svg: &mut Svg, run: &Run, frames: &[Frame]) {
 
 /// How to read it.
 fn legend(svg: &mut Svg, run: &Run) {
-    let lines = [
+    let mut lines = vec![
         "Arrows: the way information flows.".to_owned(),
-        "Orange and dashed: nothing gets through.".to_owned(),
+        "Orange, dashed arrows: nothing gets through.".to_owned(),
         format!("Circles: radius d/2, d = {} m.", asked(run.scene.distance_min_m)),
         "While none overlap, no pair is nearer than d.".to_owned(),
     ];
+    if !run.lead_m.is_empty() {
+        lines.push("Gray dots: where the leader is to go.".to_owned());
+    }
     for (i, line) in lines.iter().enumerate() {
         svg.line(format_args!(
             "<text x=\"{}\" y=\"{}\" fill=\"#57606a\">{line}</text>",

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use metrics::expect::{self, Expectation};
+use metrics::expect::{self, Expectation, Verdict};
 use metrics::fault::FaultReport;
 use metrics::summary::{Commands, InformationAge, StageLatency, Summary};
 
@@ -174,9 +174,10 @@ fn summary(summary: &Summary) -> String {
     let commands: Vec<String> = commands.map(|(count, word)| format!("{count} {word}")).collect();
     let fine = "all taken in time".to_owned();
     rows.push(("Commands", if commands.is_empty() { fine } else { commands.join(", ") }));
-    for (name, lost) in
-        [("Truths lost", summary.truths_lost), ("Latencies lost", summary.wall.latencies_lost)]
-    {
+    for (name, lost) in [
+        ("Plant states not received", summary.truths_lost),
+        ("Latencies lost", summary.wall.latencies_lost),
+    ] {
         if lost > 0 {
             rows.push((name, lost.to_string()));
         }
@@ -194,7 +195,7 @@ fn expectations(expectations: &[Expectation]) -> String {
             Cell::Text(name.clone()),
             Cell::Number(value.map_or("never".into(), shown)),
             Cell::Number(if *held { asked(*bound) } else { bound.to_string() }),
-            Cell::Verdict(expectation.verdict().word()),
+            Cell::Verdict(expectation.verdict()),
         ];
         row.extend(reasons.then(|| Cell::Long(reason.clone().unwrap_or_default())));
         row
@@ -351,7 +352,24 @@ fn robots(summary: &Summary) -> String {
         "#Preempted",
         "#Pages read",
     ];
-    table(&heads, rows)
+    format!("{}{}", table(&heads, rows), about_processes(summary))
+}
+
+/// What the rows of no robot are.
+fn about_processes(summary: &Summary) -> String {
+    let words = [
+        (
+            "machine",
+            "has the robots' timer and nothing else, and shows what the machine alone does",
+        ),
+        ("awake", "keeps the cores out of sleep states, and gives way to all others"),
+    ];
+    let is_there = |name: &str| summary.wall.processes.iter().any(|process| process.name == name);
+    words
+        .iter()
+        .filter(|(name, _)| is_there(name))
+        .map(|(name, does)| format!("<p class=\"quiet\">{name}: a process that {does}.</p>\n"))
+        .collect()
 }
 
 fn listed(entries: &[(String, String)]) -> String {
@@ -376,12 +394,20 @@ pub enum Cell {
     Word(String),
     /// A number.
     Number(String),
-    /// `held`, `missed` or `unseen`.
-    Verdict(&'static str),
+    /// How an expectation came out.
+    Verdict(Verdict),
 }
 
-/// A table that scrolls by itself where it is too wide; heads of numbers begin with `#`. Nothing
-/// for no rows.
+/// A verdict as people read it.
+pub(crate) fn told(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Held | Verdict::Missed => verdict.word(),
+        Verdict::Unseen => "not observed",
+    }
+}
+
+/// A table that may be wider than the text, and scrolls by itself where it is wider than the page;
+/// heads of numbers begin with `#`. Nothing for no rows.
 pub fn table(heads: &[&str], rows: impl Iterator<Item = Vec<Cell>>) -> String {
     let mut body = String::new();
     for row in rows {
@@ -392,7 +418,9 @@ pub fn table(heads: &[&str], rows: impl Iterator<Item = Vec<Cell>>) -> String {
                 Cell::Long(text) => write!(body, "<td class=\"long\">{}</td>", escaped(&text)),
                 Cell::Word(text) => write!(body, "<td class=\"word\">{}</td>", escaped(&text)),
                 Cell::Number(text) => write!(body, "<td class=\"number\">{}</td>", escaped(&text)),
-                Cell::Verdict(word) => write!(body, "<td class=\"{word}\">{word}</td>"),
+                Cell::Verdict(verdict) => {
+                    write!(body, "<td class=\"{}\">{}</td>", verdict.word(), told(verdict))
+                }
             };
         }
         body.push_str("</tr>\n");
@@ -406,7 +434,7 @@ pub fn table(heads: &[&str], rows: impl Iterator<Item = Vec<Cell>>) -> String {
     });
     let heads: String = heads.collect();
     format!(
-        "<div class=\"wide\" tabindex=\"0\" role=\"group\" aria-label=\"Table\">\n<table>\n\
+        "<div class=\"wide tabular\" tabindex=\"0\" role=\"group\" aria-label=\"Table\">\n<table>\n\
          <thead><tr>{heads}</tr></thead>\n<tbody>\n{body}</tbody>\n</table>\n</div>\n"
     )
 }

@@ -54,40 +54,56 @@ pub const BLACK: RGBColor = RGBColor(0, 0, 0);
 pub const GRAY: RGBColor = RGBColor(0x80, 0x80, 0x80);
 /// The paper.
 pub const WHITE: RGBColor = RGBColor(0xff, 0xff, 0xff);
-/// Okabe and Ito's vermilion: bounds that shall not be passed, and faults.
+/// Okabe and Ito's vermilion: bounds that shall not be passed, and faults. No robot has it.
 pub const VERMILION: RGBColor = RGBColor(0xd5, 0x5e, 0x00);
-/// Okabe and Ito's blue.
+/// Of a curve that stands alone, and of the first robot.
 pub const BLUE: RGBColor = RGBColor(0x00, 0x72, 0xb2);
-/// Okabe and Ito's bluish green.
-pub const GREEN: RGBColor = RGBColor(0x00, 0x9e, 0x73);
-/// Okabe and Ito's orange.
+/// Okabe and Ito's orange: hulls, and what is stale.
 pub const ORANGE: RGBColor = RGBColor(0xe6, 0x9f, 0x00);
-const SKY: RGBColor = RGBColor(0x56, 0xb4, 0xe9);
-const PURPLE: RGBColor = RGBColor(0xcc, 0x79, 0xa7);
 
-const COLORS: [RGBColor; 7] = [BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK];
+/// Of robots, in scenario order, and of other curves: each dark enough to be seen on white, after Okabe
+/// and Ito as far as theirs are. `report/assets/page.css` has the same.
+pub const COLORS: [RGBColor; 9] = [
+    BLUE,
+    RGBColor(0x92, 0x41, 0x7b),
+    RGBColor(0x00, 0x80, 0x60),
+    RGBColor(0x1a, 0x1d, 0x21),
+    RGBColor(0xa6, 0x6a, 0x00),
+    RGBColor(0xd8, 0x5f, 0x9c),
+    RGBColor(0x6b, 0x7a, 0x00),
+    RGBColor(0x6a, 0x51, 0xc9),
+    RGBColor(0x7a, 0x4b, 0x2a),
+];
 const DASHES: [Dash; 4] = [Dash::Solid, Dash::Dashed, Dash::DashDotted, Dash::Dotted];
 
-/// The line of the `place`-th of several; 28 of them differ, neighbors in color and dashes both.
+/// The line of the robot at a place in the scenario, or of the `place`-th of other curves; 36 of them
+/// differ, neighbors in color and dashes both.
 pub fn line(place: usize) -> Line {
-    Line::solid(COLORS[place % COLORS.len()]).dashed(DASHES[place % DASHES.len()])
+    Line::solid(color(place)).dashed(DASHES[place % DASHES.len()])
 }
 
-/// The dashes of the `place`-th of several of one color.
-pub fn dash(place: usize) -> Dash {
-    DASHES[place % DASHES.len()]
+/// The color of the robot at a place in the scenario, in all figures and pictures.
+pub fn color(place: usize) -> RGBColor {
+    COLORS[place % COLORS.len()]
 }
 
-/// The colors of robots in formation, in turns: none is that of the main leader, faults or the dead.
-pub const FORMATION: [RGBColor; 5] = [BLUE, PURPLE, GREEN, BLACK, ORANGE];
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// The color of the `nth` robot of a role, by the role's word in a scene: one for each role, but
-/// robots in formation are told apart.
-pub fn of_robot(role: &str, nth: usize) -> RGBColor {
-    match role {
-        "main-leader" => VERMILION,
-        "leader" => ORANGE,
-        "contained" => GREEN,
-        _ => FORMATION[nth % FORMATION.len()],
+    #[test]
+    fn the_page_has_the_same_colors() {
+        let style = include_str!("../assets/page.css");
+        for (place, RGBColor(r, g, b)) in COLORS.into_iter().enumerate() {
+            let color = format!("--c{place}: #{r:02x}{g:02x}{b:02x};");
+            assert!(style.contains(&color), "no {color}");
+        }
+    }
+
+    #[test]
+    fn lines_differ_and_no_robot_has_the_color_of_faults_or_of_the_dead() {
+        let lines: Vec<Line> = (0..36).map(line).collect();
+        assert!((0..36).all(|i| !lines[..i].contains(&lines[i])));
+        assert!(!COLORS.contains(&VERMILION) && !COLORS.contains(&GRAY));
     }
 }

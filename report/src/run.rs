@@ -119,7 +119,7 @@ pub struct Spread {
     pub stage: String,
     /// `r1`, or `r1->r2` of an edge.
     pub of: String,
-    /// Values, ns, and the share of all that is larger; in order.
+    /// Values, ns, and the share of samples above; in order.
     pub above: Vec<(u64, f64)>,
 }
 
@@ -189,6 +189,8 @@ impl Run {
             }
             let robot = |robot: usize| {
                 let Sample { x_m, y_m, heading_rad, error_m, .. } = self.tracks[robot][instant];
+                // The dead want to be nowhere.
+                let error_m = error_m.filter(|_| states[robot] != RobotState::Dead);
                 FrameRobot { x_m, y_m, heading_rad, error_m, state: states[robot] }
             };
             let cut = |edge: usize| {

@@ -28,14 +28,6 @@ pub struct Scene {
     pub faults: Vec<SceneFault>,
 }
 
-impl Scene {
-    /// How many robots of the same role come before this one.
-    pub fn nth_of_role(&self, robot: usize) -> usize {
-        let role = &self.robots[robot].role;
-        self.robots[..robot].iter().filter(|other| other.role == *role).count()
-    }
-}
-
 /// One robot.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SceneRobot {

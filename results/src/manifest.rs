@@ -16,7 +16,7 @@ use formation::seconds;
 /// When a run in lockstep began as far as its recording goes, ns since 1970: always the same, so that
 /// the same run gives the same bytes. The first instant of the year 2000 in UTC, which nobody takes
 /// for the real one, and not 0, which readers of ROS take for no time at all.
-const LOCKSTEP_EPOCH_UNIX_NS: u64 = 946_684_800_000_000_000;
+pub(crate) const LOCKSTEP_EPOCH_UNIX_NS: u64 = 946_684_800_000_000_000;
 
 /// How this program was built. What was not known then is `None`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]

@@ -23,6 +23,7 @@ use protocol::fault::LinkFaultKind;
 use report::run::{ChangedTo, Limits, Run};
 use report::scene::{EdgeState, RobotState, Scene, SceneFault};
 
+use crate::manifest::LOCKSTEP_EPOCH_UNIX_NS;
 use crate::scene::{cut_by, scene};
 use experiment::scenario::{Fault, FaultKind, Scenario};
 use formation::seconds;
@@ -143,11 +144,63 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
         unpromised: scenario
             .voids_the_promise()
             .map(|name| format!("speed and turn rate of {name} change independently")),
-        manifest: manifest.iter().map(|(name, value)| (name.clone(), in_words(value))).collect(),
+        manifest: manifest.iter().map(|(name, value)| told(name, value)).collect(),
         over_time: delays::over_time(&run_dir.join("latency_over_time.csv"))?,
         spreads: delays::spreads(&run_dir.join("latency.hlog"))?,
         scene,
     })
+}
+
+/// A line of the manifest as people read it: a command that a shell takes, dates.
+fn told(name: &str, value: &serde_json::Value) -> (String, String) {
+    let unix_ns = value.as_u64();
+    let in_words = match (name, value, unix_ns) {
+        ("command", serde_json::Value::Array(words), _) => {
+            words.iter().map(|word| quoted(&in_words(word))).collect::<Vec<_>>().join(" ")
+        }
+        ("epoch_unix_ns", _, Some(LOCKSTEP_EPOCH_UNIX_NS)) => format!(
+            "{}, as of every run in lockstep, so that equal runs give equal bytes",
+            date(LOCKSTEP_EPOCH_UNIX_NS)
+        ),
+        ("started_unix_ns" | "epoch_unix_ns", _, Some(unix_ns)) => date(unix_ns),
+        _ => in_words(value),
+    };
+    (name.strip_suffix("_unix_ns").unwrap_or(name).to_owned(), in_words)
+}
+
+/// A word as a POSIX shell reads it.
+fn quoted(word: &str) -> String {
+    let plain = |letter: char| letter.is_ascii_alphanumeric() || "_-./=:,+@%".contains(letter);
+    if !word.is_empty() && word.chars().all(plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', r"'\''"))
+}
+
+/// Nanoseconds since 1970 as a date and a time of day in UTC, to the second.
+fn date(unix_ns: u64) -> String {
+    let seconds = unix_ns / 1_000_000_000;
+    let (of_day, mut days) = (seconds % 86_400, seconds / 86_400);
+    let leap = |year: u64| {
+        year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400))
+    };
+    // At most 584 years fit in.
+    let mut year = 1970;
+    while days >= 365 + u64::from(leap(year)) {
+        days -= 365 + u64::from(leap(year));
+        year += 1;
+    }
+    let february = 28 + u64::from(leap(year));
+    let mut month = 1;
+    for length in [31, february, 31, 30, 31, 30, 31, 31, 30, 31, 30] {
+        if days < length {
+            break;
+        }
+        days -= length;
+        month += 1;
+    }
+    let (hour, minute, second) = (of_day / 3600, of_day / 60 % 60, of_day % 60);
+    format!("{year}-{month:02}-{:02} {hour:02}:{minute:02}:{second:02} UTC", days + 1)
 }
 
 fn in_words(value: &serde_json::Value) -> String {

@@ -54,6 +54,7 @@ pub(super) fn of_pairs(run: &Run) -> Option<Figure> {
     let named_far = nearest.iter().flat_map(|&pair| curve(pair)).flatten();
     let named_far = named_far.map(|(_, m)| m).filter(|m| m.is_finite()).fold(d, f64::max);
     let highest = if envelope { named_far } else { farthest.sqrt() };
+    let shown_near = least.iter().any(|least| least.sqrt() < NEAR.1 * d);
     let mut whole = over_time(run, Axis::linear("distance (m)", 0.0, highest));
     let mut near = over_time(run, Axis::exact("near d (m)", NEAR.0 * d, NEAR.1 * d));
     near.bands.iter_mut().for_each(|band| band.label.clear());
@@ -87,16 +88,18 @@ pub(super) fn of_pairs(run: &Run) -> Option<Figure> {
     let mut caption = match (envelope, pairs.len() > nearest.len()) {
         (true, _) => format!(
             "The smallest of all {} distances between front points, and the {NAMED} pairs that come \
-             nearest. Below: the same near d.",
+             nearest.",
             pairs.len()
         ),
         (_, true) => format!(
-            "All {} distances between front points, the {NAMED} pairs that come nearest by name. \
-             Below: the same near d.",
+            "All {} distances between front points, the {NAMED} pairs that come nearest by name.",
             pairs.len()
         ),
-        _ => "All distances between front points. Below: the same near d.".to_owned(),
+        _ => "All distances between front points.".to_owned(),
     };
+    if shown_near {
+        caption += " Below: the same near d.";
+    }
     caption += about_bands(run);
     if let Some(summary) = &run.summary {
         match summary.expected("min_distance_m") {
@@ -106,13 +109,16 @@ pub(super) fn of_pairs(run: &Run) -> Option<Figure> {
             None => caption += " The scenario asks for no smallest distance.",
         }
     }
+    let mut panels = vec![(row(0.0, 270.0), whole)];
+    // Where nobody came near d, there is nothing to see.
+    panels.extend(shown_near.then(|| (row(270.0, 200.0), near)));
     Some(Figure {
         name: "distances",
         title: "Distances of all pairs".into(),
         caption,
         width: WIDTH,
-        height: 470.0,
-        panels: vec![(row(0.0, 270.0), whole), (row(270.0, 200.0), near)],
+        height: if shown_near { 470.0 } else { 270.0 },
+        panels,
         key,
     })
 }

@@ -12,8 +12,6 @@ use metrics::summary::Summary;
 
 /// Errors below this are drawn here: nobody looks at less than a micrometer, m.
 const LEAST_M: f64 = 1e-6;
-/// The components are shown until so many times the time at which all had converged.
-const TRANSIENTS: f64 = 4.0;
 
 /// The error by those a robot hears: against where they ask it to be.
 pub(super) fn by_those_heard(run: &Run) -> Option<Figure> {
@@ -75,9 +73,9 @@ fn sizes(run: &Run, kind: &Sizes) -> Option<Figure> {
         panel.over_x(error(robot), Line::CROWD);
     }
     let mut key = Vec::new();
-    for (place, &robot) in named.iter().enumerate() {
-        panel.over_x(error(robot), line(place).weight(2));
-        key.push((line(place), run.scene.robots[robot].name.clone()));
+    for &robot in &named {
+        panel.over_x(error(robot), line(robot).weight(2));
+        key.push((line(robot), run.scene.robots[robot].name.clone()));
     }
     let crowd = run.tracks.len() - named.len();
     if crowd > 0 {
@@ -95,7 +93,7 @@ fn sizes(run: &Run, kind: &Sizes) -> Option<Figure> {
         0 => format!("{said} of all living robots"),
         _ => format!("{said} of all living robots, the {NAMED} largest at the end by name"),
     };
-    let least = if floor < 1e-6 * 1.01 { "; what is below 1 \u{b5}m is drawn there" } else { "" };
+    let least = if floor < 1e-6 * 1.01 { "; clipped at 1 \u{b5}m" } else { "" };
     caption += &format!(", logarithmic{least}.{}", about_bands(run));
     let label = format!("converged below {} m", asked(converged_m));
     let dotted = Line::solid(VERMILION).weight(2).dashed(Dash::Dotted);
@@ -154,33 +152,27 @@ pub(super) fn components(run: &Run) -> Option<Figure> {
         return None;
     }
     let named = largest(&last_errors(run, |sample| sample.error_m));
-    // Of a calm end there is nothing to see.
     let converged_at_s = run.summary.as_ref().and_then(|summary| summary.converged_at_s);
-    let shown_s = converged_at_s.map_or(run.end_s(), |t_s| (TRANSIENTS * t_s).max(1.0));
-    let shown_s = shown_s.min(run.end_s());
     let mut key = Vec::new();
     let mut panels = Vec::new();
     for (axis, label) in ["error along x (m)", "error along y (m)"].into_iter().enumerate() {
         let mut panel = over_time(run, Axis::linear(label, low, high));
-        panel.x = Axis::exact(&panel.x.label, 0.0, shown_s);
-        panel.bands.retain(|band| band.from < shown_s);
         if axis == 1 {
             panel.bands.iter_mut().for_each(|band| band.label.clear());
         }
         let error = |robot: usize| {
             let samples = run.tracks[robot].iter().zip(&run.times_s);
-            let shown = samples.take_while(move |(_, t_s)| **t_s <= shown_s);
-            shown.map(move |(sample, &t_s)| {
+            samples.map(move |(sample, &t_s)| {
                 sample.error_xy_m.filter(|_| sample.alive).map(|error| (t_s, error[axis]))
             })
         };
         for robot in (0..run.tracks.len()).filter(|robot| !named.contains(robot)) {
             panel.over_x(error(robot), Line::CROWD);
         }
-        for (place, &robot) in named.iter().enumerate() {
-            panel.over_x(error(robot), line(place).weight(2));
+        for &robot in &named {
+            panel.over_x(error(robot), line(robot).weight(2));
             if axis == 0 {
-                key.push((line(place), run.scene.robots[robot].name.clone()));
+                key.push((line(robot), run.scene.robots[robot].name.clone()));
             }
         }
         panels.push((row(axis as f64 * 210.0, 210.0), panel));
@@ -193,10 +185,6 @@ pub(super) fn components(run: &Run) -> Option<Figure> {
     if let Some(t_s) = converged_at_s {
         for (_, panel) in &mut panels {
             panel.upright(t_s, 1.0, format!("converged at {t_s:.2} s"), SEEN);
-        }
-        if shown_s < run.end_s() {
-            caption +=
-                &format!(" From {shown_s:.1} s on, all are as small as the figure before says.");
         }
     }
     if let Some(expectation) = run.summary.as_ref().and_then(|o| o.expected("converged_by_s")) {

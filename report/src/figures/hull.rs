@@ -29,9 +29,10 @@ pub(super) fn distance(run: &Run) -> Option<Figure> {
         panel.over_x(curve(place), Line::CROWD);
     }
     let mut key = Vec::new();
-    for (nth, &place) in named.iter().enumerate() {
-        panel.over_x(curve(place), line(nth).weight(3));
-        key.push((line(nth), run.scene.robots[contained[place]].name.clone()));
+    for &place in &named {
+        let line = line(contained[place]);
+        panel.over_x(curve(place), line.weight(3));
+        key.push((line, run.scene.robots[contained[place]].name.clone()));
     }
     if contained.len() > named.len() {
         let crowd = contained.len() - named.len();

@@ -5,7 +5,7 @@ use metrics::summary::Cause;
 use super::{BOUND, NAMED, SEEN, WIDTH, about_bands, largest, over_time, row};
 use crate::axis::Axis;
 use crate::chart::{Figure, Panel, Place};
-use crate::digits::asked;
+use crate::digits::{asked, digits};
 use crate::palette::{BLACK, Dash, Line, VERMILION, line};
 use crate::run::{Bin, Run, Spread};
 
@@ -63,15 +63,15 @@ pub(super) fn wake_lateness(run: &Run) -> Option<Figure> {
         false => "",
     };
     figure.caption = format!(
-        "How much later than its timer's deadline each process woke; deadlines that were overslept \
-         count as well.{}{control}{}",
+        "How much later than its timer's deadline each process woke; missed wake-ups count as \
+         well.{}{control}{}",
         figure.caption,
         about_bands(run)
     );
     Some(figure)
 }
 
-/// How many wake-ups and answers were late so far, for each cause that there was.
+/// How many wake-ups and answers had been late by when, for each cause that there was.
 pub(super) fn late_by_cause(run: &Run) -> Option<Figure> {
     let mut causes = Vec::new();
     for cause in Cause::ALL {
@@ -86,7 +86,7 @@ pub(super) fn late_by_cause(run: &Run) -> Option<Figure> {
         }
     }
     let most = causes.iter().map(|cause| cause.2).max()?;
-    let mut panel = over_time(run, Axis::linear("late so far", 0.0, most as f64));
+    let mut panel = over_time(run, Axis::linear("cumulative count", 0.0, most as f64));
     let mut key = Vec::new();
     for (place, (cause, bins, total)) in causes.iter().enumerate() {
         let mut so_far = 0;
@@ -104,8 +104,8 @@ pub(super) fn late_by_cause(run: &Run) -> Option<Figure> {
         name: "late_by_cause",
         title: "Late, by cause".into(),
         caption: format!(
-            "How many wake-ups of robots came more than a tenth of a period late or after a missed \
-             deadline, so far, by what explains at least half of the lateness. Planned freezes and \
+            "Cumulative count of the robots' wake-ups that came more than a tenth of a period late or \
+             after a missed deadline, by what explains at least half of the lateness. Planned freezes and \
              slow robots are not counted.{}",
             about_bands(run)
         ),
@@ -164,19 +164,21 @@ fn of_stage(
     // A bound is seen with some room above it.
     let high = high.max(bound_s.map_or(low, |bound_s| 1.2e3 * bound_s));
     let values = |label: &str| Axis::log(label, low, high);
+    let length_s = stretch_s(run);
     let mut left = over_time(run, values(&format!("{word} (ms)")));
     let mut right = Panel::new(values(&format!("{word} (ms)")), share_axis(&spreads));
     let order = (0..who.len()).filter(|place| style(*place).is_none()).chain(named.iter().copied());
     for place in order {
         let line = style(place).unwrap_or(Line::CROWD);
-        let points = by_who[place].iter().map(|bin| Some((bin.t_s, ms(bin.max_ns).max(low))));
-        left.over_x(points, line.weight(line.weight.min(2)));
+        let values = by_who[place].iter().map(|bin| (bin.t_s, ms(bin.max_ns).max(low)));
+        left.over_x(steps(values, length_s, run.end_s()), line.weight(line.weight.min(2)));
         for spread in spreads.iter().filter(|spread| spread.of == who[place]) {
             right.curves.push((stairs(spread, low), line.weight(line.weight.min(2)), true));
         }
     }
-    left.over_x(medians(&bins, low).into_iter().map(Some), SEEN.weight(3));
-    left.over_x(beside.iter().map(|bin| Some((bin.t_s, ms(bin.max_ns).max(low)))), CONTROL);
+    left.over_x(steps(medians(&bins, low), length_s, run.end_s()), SEEN.weight(3));
+    let values = beside.iter().map(|bin| (bin.t_s, ms(bin.max_ns).max(low)));
+    left.over_x(steps(values, length_s, run.end_s()), CONTROL);
     for spread in run.spreads.iter().filter(|spread| is_control(&spread.stage)) {
         right.curves.push((stairs(spread, low), CONTROL, true));
     }
@@ -202,8 +204,10 @@ fn of_stage(
         name,
         title: String::new(),
         caption: format!(
-            " Left: the largest value of each stretch of time, by when it reached the supervisor. \
-             Right: the share of all values that are larger.{told}"
+            " Left: the largest value of each {} s, by when it reached the supervisor; a gap where \
+             there was none. Right: the complementary distribution (CCDF), the share of samples above \
+             a value.{told}",
+            digits(length_s)
         ),
         width: WIDTH,
         height: HEIGHT,
@@ -223,10 +227,10 @@ fn ms(ns: u64) -> f64 {
 fn share_axis(spreads: &[&Spread]) -> Axis {
     let shares = spreads.iter().flat_map(|spread| &spread.above).map(|&(_, share)| share);
     let least = shares.filter(|&share| share > 0.0).fold(1.0, f64::min).max(SHARE_LEAST);
-    Axis::log("share that is larger", least.min(0.1), 1.0)
+    Axis::log("share of samples above (CCDF)", least.min(0.1), 1.0)
 }
 
-/// The share that is larger falls in steps, from 1 at the smallest value.
+/// The share of samples above falls in steps, from 1 at the smallest value.
 fn stairs(spread: &Spread, low: f64) -> Vec<(f64, f64)> {
     let mut share = 1.0;
     let mut points = Vec::new();
@@ -237,6 +241,41 @@ fn stairs(spread: &Spread, low: f64) -> Vec<(f64, f64)> {
             points.push((value, above));
         }
         share = above;
+    }
+    points
+}
+
+/// How long the stretches are that latencies over time are summed up in, s. Those are told by their
+/// middles, and the last one may be cut short.
+fn stretch_s(run: &Run) -> f64 {
+    let mut middles: Vec<f64> = run.over_time.iter().map(|bin| bin.t_s).collect();
+    middles.sort_by(f64::total_cmp);
+    middles.dedup();
+    let mut apart: Vec<f64> = middles.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    apart.sort_by(f64::total_cmp);
+    let usual =
+        apart.get(apart.len().saturating_sub(1) / 2).copied().filter(|apart| apart.is_finite());
+    usual.unwrap_or(run.end_s()).max(1e-9)
+}
+
+/// What is known of stretches of this length, by their middles: each level from one end of its stretch
+/// to the other, and a gap where a stretch has no value.
+fn steps(
+    values: impl IntoIterator<Item = (f64, f64)>,
+    length_s: f64,
+    end_s: f64,
+) -> Vec<Option<(f64, f64)>> {
+    let mut points = Vec::new();
+    let mut last = None;
+    for (t_s, value) in values {
+        let nth = (t_s / length_s + 1e-6).floor();
+        if last.is_some_and(|last| nth > last + 1.5) {
+            points.push(None);
+        }
+        last = Some(nth);
+        let from_s = nth * length_s;
+        points.push(Some((from_s, value)));
+        points.push(Some(((from_s + length_s).min(end_s).max(from_s), value)));
     }
     points
 }

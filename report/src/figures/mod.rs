@@ -21,6 +21,7 @@ use metrics::expect::Expectation;
 use crate::axis::Axis;
 use crate::chart::{Band, Figure, Panel, Place};
 use crate::digits::{asked, digits};
+use crate::html::told;
 use crate::palette::{BLACK, Dash, Line, VERMILION};
 use crate::run::Run;
 
@@ -108,7 +109,7 @@ fn judged(expectation: &Expectation, of: &str, unit: &str) -> String {
         false => (value.map(exact), exact(*bound)),
     };
     let shown = shown.map_or("never".into(), |value| format!("{value} {unit}"));
-    let verdict = expectation.verdict().word();
+    let verdict = told(expectation.verdict());
     let reason = expectation.reason.as_ref().map_or(String::new(), |why| format!(" ({why})"));
     format!(" {of}: {shown}, required {bound} {unit}: {verdict}{reason}.")
 }

@@ -2,13 +2,13 @@
 
 use formation::Vec2;
 use formation::obstacle::Obstacle;
-use plotters::style::RGBColor;
 
 use super::{WIDTH, judged};
 use crate::axis::Axis;
 use crate::chart::{Figure, Mark, Panel, Place, Shape};
-use crate::palette::{BLACK, Dash, GRAY, Line, ORANGE, dash, of_robot};
-use crate::run::Run;
+use crate::palette::{BLACK, Dash, GRAY, Line, ORANGE, VERMILION, color, line};
+use crate::run::{Change, ChangedTo, Run};
+use crate::scene::RobotState;
 use crate::simplify::Point;
 
 /// Robots are named in the picture and in its key up to this many.
@@ -20,10 +20,17 @@ const BODY: f64 = 9.0;
 /// Between two instants at which the robots are drawn they have moved by so many times the size of
 /// the formation.
 const APART: f64 = 1.3;
-/// A time has so much room beside the times before, px.
-const LABEL: (f64, f64) = (42.0, 15.0);
 /// Walls are shown so far beside where the robots were, as a share of that.
 const BESIDE: f64 = 0.15;
+/// Half of the room that a time takes, and what is drawn of a robot, px.
+const LABEL: (f64, f64) = (21.0, 7.5);
+const ROBOT: (f64, f64) = (8.0, 8.0);
+/// A letter is about so wide, px.
+const LETTER: f64 = 6.3;
+/// The robots of the first instant shown are so pale, those of the last one not at all.
+const PALEST: f64 = 0.3;
+/// So many deaths are marked at most.
+const DEATHS_MAX: usize = 12;
 /// Robots are drawn at so many instants at most.
 const INSTANTS_MAX: usize = 8;
 
@@ -75,30 +82,33 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
     let mut key = Vec::new();
     let few = robots <= NAMES_MAX;
     if !lead.is_empty() {
-        let line = Line::solid(BLACK).weight(4).dashed(Dash::Dotted);
+        let line = Line { opacity: 0.35, ..Line::solid(GRAY).weight(16) };
         panel.curves.push((lead, line, false));
         key.push((line, "m(t), the main leader's reference".to_owned()));
     }
-    let mut starts = Vec::new();
     for (robot, path) in paths.iter().enumerate() {
         let role = run.scene.robots[robot].role.as_str();
-        let nth = run.scene.nth_of_role(robot);
-        let (weight, dashes) = if few { (2, dash(nth)) } else { (1, Dash::Solid) };
-        let line = Line::solid(color_of(run, robot)).weight(weight).dashed(dashes);
+        let line = if few { line(robot).weight(2) } else { Line::solid(color(robot)).weight(1) };
         panel.curves.push((path.clone(), line, false));
         if few {
             key.push((line, format!("{} ({})", run.scene.robots[robot].name, in_words(role))));
-        } else if nth == 0 {
-            key.push((line.weight(3), in_words(role).to_owned()));
         }
         let name = if few { run.scene.robots[robot].name.clone() } else { String::new() };
-        starts.push(Mark { at: path[0], shape: Shape::Cross, color: BLACK, label: name });
+        panel.marks.push(Mark { at: path[0], shape: Shape::Cross, color: BLACK, label: name });
     }
+    let deaths = deaths(run);
+    let died = !deaths.is_empty();
+    panel.marks.extend(deaths);
     let shown = instants_apart(run);
-    for &instant in &shown {
-        formation(run, instant, m_per_px, &mut panel);
+    for (nth, &instant) in shown.iter().enumerate() {
+        let newness = (nth + 1) as f64 / shown.len() as f64;
+        let opacity = PALEST + (1.0 - PALEST) * newness;
+        formation(run, instant, m_per_px, opacity, &mut panel);
     }
-    panel.marks.extend(starts);
+    let mut taken = Taken::of(run, &shown, &panel, m_per_px);
+    for &instant in &shown {
+        panel.marks.extend(taken.time(run, instant));
+    }
     let times: Vec<String> =
         shown.iter().map(|&instant| format!("{:.1}", run.times_s[instant])).collect();
     let drawn = match run.containment() {
@@ -109,12 +119,16 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
         None => "with the edges of the formation graph",
     };
     let mut caption = format!(
-        "Paths of the front points. Crosses: starts; robots as triangles that point forward, {drawn}, \
-         at {} s.",
+        "Paths of the front points. Black crosses: starts{}. Robots as triangles that point forward, \
+         {drawn}, each time that they have gone as far again, the older the paler: at {} s.",
+        if died { "; orange crosses: deaths, and when" } else { "" },
         times.join(", ")
     );
     if !run.scene.walls.is_empty() {
         caption += " Gray: walls and obstacles.";
+    }
+    if !few {
+        caption += " Colors are those of the replay and repeat.";
     }
     if let Some(summary) = &run.summary {
         if let Some(expectation) = summary.expected("min_clearance_m") {
@@ -122,16 +136,15 @@ pub(super) fn trajectories(run: &Run) -> Option<Figure> {
         }
         if let Some(expectation) = summary.expected("tracking_error_m_max") {
             caption +=
-                &judged(expectation, "The main leader follows m(t), worst error at the end", "m");
+                &judged(expectation, "The main leader's worst distance from m(t) at the end", "m");
         }
         if let Some(expectation) = summary.expected("final_error_m_max") {
-            caption +=
-                &judged(expectation, "The formation is reached, worst error at the end", "m");
+            caption += &judged(expectation, "The worst error of the living at the end", "m");
         }
         if let Some(expectation) = summary.expected("hull_distance_m_max") {
             caption += &judged(
                 expectation,
-                "The contained are in the hull, farthest outside at the end",
+                "The contained robots, farthest outside the hull at the end",
                 "m",
             );
         }
@@ -190,13 +203,6 @@ fn seen(wall: &Obstacle, (low, high): Reach) -> Vec<Point> {
     outline
 }
 
-/// Where robots are not named, all of a role look alike.
-fn color_of(run: &Run, robot: usize) -> RGBColor {
-    let named = run.scene.robots.len() <= NAMES_MAX;
-    let nth = if named { run.scene.nth_of_role(robot) } else { 0 };
-    of_robot(&run.scene.robots[robot].role, nth)
-}
-
 fn point(at: Vec2) -> Point {
     (at.x, at.y)
 }
@@ -210,53 +216,119 @@ fn in_words(role: &str) -> &str {
     }
 }
 
+/// Where robots died, and when: the first deaths.
+fn deaths(run: &Run) -> Vec<Mark> {
+    let died = |change: &Change| match change.to {
+        ChangedTo::Robot(robot, RobotState::Dead) if robot < run.tracks.len() => {
+            let after = run.times_s.partition_point(|&t_s| t_s < change.t_s);
+            let at = point(run.alpha(robot, after.min(run.times_s.len() - 1)));
+            let name = &run.scene.robots[robot].name;
+            let label = format!("{name} dead, {:.1} s", change.t_s);
+            Some(Mark { at, shape: Shape::Cross, color: VERMILION, label })
+        }
+        _ => None,
+    };
+    run.changes.iter().filter_map(died).take(DEATHS_MAX).collect()
+}
+
 /// The robots at one instant, and what holds them together.
-fn formation(run: &Run, instant: usize, m_per_px: f64, panel: &mut Panel) {
+fn formation(run: &Run, instant: usize, m_per_px: f64, opacity: f64, panel: &mut Panel) {
     let robots = run.scene.robots.len();
     if let Some((_, leaders)) = run.containment() {
         let mut corners: Vec<Point> = run.hull(&leaders, instant).into_iter().map(point).collect();
-        panel.areas.push((corners.clone(), ORANGE, 0.16));
+        panel.areas.push((corners.clone(), ORANGE, 0.2 * opacity));
         corners.extend(corners.first().copied());
-        panel.curves.push((corners, Line::solid(ORANGE).weight(2), false));
+        panel.curves.push((corners, Line { opacity, ..Line::solid(ORANGE).weight(2) }, false));
     } else {
         for edge in &run.scene.edges {
             let ends = [edge.from, edge.to].map(|robot| point(run.alpha(robot, instant)));
-            panel.curves.push((ends.into(), Line::solid(GRAY).weight(1), false));
+            // Nothing goes from or to the dead.
+            let living = [edge.from, edge.to].iter().all(|&r| run.tracks[r][instant].alive);
+            let (dash, opacity) =
+                if living { (Dash::Solid, opacity) } else { (Dash::Dotted, 0.6 * opacity) };
+            let line = Line { opacity, ..Line::solid(GRAY).weight(1) };
+            panel.curves.push((ends.into(), line.dashed(dash), false));
         }
     }
-    let mut top: Point = (0.0, f64::NEG_INFINITY);
     for robot in 0..robots {
         let sample = run.tracks[robot][instant];
         let nose = run.alpha(robot, instant);
         if !(nose.x.is_finite() && nose.y.is_finite()) {
             continue;
         }
-        let length = run.scene.robots[robot].front_point_m.max(BODY * m_per_px);
+        let length = length_m(run, robot, m_per_px);
         let (sin, cos) = sample.heading_rad.sin_cos();
         let back = nose - length * Vec2::new(cos, sin);
         let side = 0.4 * length * Vec2::new(-sin, cos);
-        let color = if sample.alive { color_of(run, robot) } else { GRAY };
+        let color = if sample.alive { color(robot) } else { GRAY };
         let body: Vec<Point> = [nose, back + side, back - side].into_iter().map(point).collect();
         let mut outline = body.clone();
         outline.push(body[0]);
-        panel.areas.push((body, color, 1.0));
-        panel.curves.push((outline, Line::solid(BLACK).weight(1), false));
-        top = (top.0 + nose.x / robots as f64, top.1.max(nose.y));
+        panel.areas.push((body, color, opacity));
+        panel.curves.push((outline, Line { opacity, ..Line::solid(BLACK).weight(1) }, false));
     }
-    if top.1.is_finite() {
-        let taken = |at: Point| {
-            let near = |mark: &&Mark| {
-                let (dx, dy) = (mark.at.0 - at.0, mark.at.1 - at.1);
-                dx.abs() < LABEL.0 * m_per_px && dy.abs() < LABEL.1 * m_per_px
-            };
-            panel.marks.iter().any(|mark| near(&mark))
+}
+
+/// Where something is drawn that a time shall not stand on: middles, m, and half of the room, px.
+struct Taken {
+    m_per_px: f64,
+    rooms: Vec<(Point, Point)>,
+}
+
+impl Taken {
+    /// All robots that are shown, and the marks of the panel with their labels.
+    fn of(run: &Run, shown: &[usize], panel: &Panel, m_per_px: f64) -> Taken {
+        let mut rooms = Vec::new();
+        for &instant in shown {
+            let robots = 0..run.tracks.len();
+            rooms.extend(robots.map(|robot| (body(run, robot, instant, m_per_px), ROBOT)));
+        }
+        for mark in &panel.marks {
+            let half = mark.label.chars().count() as f64 * LETTER / 2.0;
+            let (x, y) = (mark.at.0 + (8.0 + half) * m_per_px, mark.at.1 + 10.0 * m_per_px);
+            rooms.extend([(mark.at, (4.0, 4.0)), ((x, y), (half, LABEL.1))]);
+        }
+        rooms.retain(|((x, y), _)| x.is_finite() && y.is_finite());
+        Taken { m_per_px, rooms }
+    }
+
+    fn is_free(&self, at: Point) -> bool {
+        let apart = |a: f64, b: f64, room: f64| (a - b).abs() >= room * self.m_per_px;
+        self.rooms.iter().all(|&(other, half)| {
+            apart(at.0, other.0, half.0 + LABEL.0) || apart(at.1, other.1, half.1 + LABEL.1)
+        })
+    }
+
+    /// The time of an instant beside one of its robots: the highest one that has room for it above,
+    /// below or at a side; nothing if none has.
+    fn time(&mut self, run: &Run, instant: usize) -> Option<Mark> {
+        let robots = 0..run.tracks.len();
+        let mut bodies: Vec<Point> =
+            robots.map(|robot| body(run, robot, instant, self.m_per_px)).collect();
+        bodies.retain(|(x, y)| x.is_finite() && y.is_finite());
+        bodies.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let (aside, above) = (ROBOT.0 + LABEL.0 + 1.0, ROBOT.1 + LABEL.1 + 1.0);
+        let ways = [(0.0, above), (0.0, -above), (aside, 0.0), (-aside, 0.0)];
+        let beside = |&(x, y): &Point| {
+            ways.map(|(right, up)| (x + right * self.m_per_px, y + up * self.m_per_px))
         };
-        let places = (1..=INSTANTS_MAX).map(|row| row as f64 * LABEL.1 * m_per_px);
-        let mut places = places.map(|above| (top.0, top.1 + above));
-        let Some(at) = places.find(|&at| !taken(at)) else { return };
+        let at = bodies.iter().flat_map(beside).find(|&at| self.is_free(at))?;
+        self.rooms.push((at, LABEL));
         let label = format!("{:.1} s", run.times_s[instant]);
-        panel.marks.push(Mark { at, shape: Shape::Words, color: BLACK, label });
+        Some(Mark { at, shape: Shape::Words, color: BLACK, label })
     }
+}
+
+/// The middle of what is drawn of a robot.
+fn body(run: &Run, robot: usize, instant: usize, m_per_px: f64) -> Point {
+    let length = length_m(run, robot, m_per_px);
+    let (sin, cos) = run.tracks[robot][instant].heading_rad.sin_cos();
+    point(run.alpha(robot, instant) - 0.6 * length * Vec2::new(cos, sin))
+}
+
+/// How long a robot is drawn, m.
+fn length_m(run: &Run, robot: usize, m_per_px: f64) -> f64 {
+    run.scene.robots[robot].front_point_m.max(BODY * m_per_px)
 }
 
 /// Instants between which the robots have moved far enough to be told apart; the last one is the

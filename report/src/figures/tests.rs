@@ -3,6 +3,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::html;
+use crate::palette::{self, Dash};
 use crate::run::{Bin, Change, ChangedTo, Limits, Sample, Spread};
 use crate::scene::{EdgeState, RobotState, Scene, SceneEdge, SceneFault, SceneRobot};
 use metrics::summary::Summary;
@@ -137,8 +138,8 @@ fn a_run_with_everything_gets_every_figure_with_its_bounds_its_marks_and_its_fau
             "information_age",
             &["stale after 15 ms", "lost after 100 ms", "age at use (ms)", "r2->r1"],
         ),
-        ("late_by_cause", &["late so far", "waited for a core: 3", "kill r2"]),
-        ("wake_lateness", &["lateness (ms)", "share that is larger", "kill r2"]),
+        ("late_by_cause", &["cumulative count", "waited for a core: 3", "kill r2"]),
+        ("wake_lateness", &["lateness (ms)", "share of samples above (CCDF)", "kill r2"]),
     ];
     assert_eq!(figures.len(), expected.len());
     for (name, labels) in expected {
@@ -156,7 +157,7 @@ fn captions_say_what_was_asked_and_whether_it_held() {
     assert!(named(&figures, "distances").caption.contains(held));
     let missed = "worst over the last 10 % of the run: 0.02 m, required 0.01 m: missed.";
     assert!(named(&figures, "errors").caption.contains(missed));
-    let follows = "The main leader follows m(t), worst error at the end: 1.0e-4 m";
+    let follows = "The main leader's worst distance from m(t) at the end: 1.0e-4 m";
     assert!(named(&figures, "trajectories").caption.contains(follows));
 }
 
@@ -268,16 +269,64 @@ fn edges_from_and_to_the_dead_and_those_that_are_cut_look_it_while_it_lasts() {
 }
 
 #[test]
-fn robots_in_formation_have_colors_of_their_own_and_other_roles_one_each() {
-    let fills = |role: &str| {
-        let figure = all(&example(5, 9, role)).swap_remove(0);
-        let colors = figure.panels[0].1.areas.iter().map(|(_, color, opacity)| (*color, *opacity));
-        let bodies = colors.filter(|(_, opacity)| *opacity == 1.0).map(|(color, _)| color);
-        bodies.take(5).collect::<Vec<_>>()
-    };
-    let apart = |fills: &[_]| fills.iter().enumerate().all(|(i, fill)| !fills[..i].contains(fill));
-    assert!(apart(&fills("formation")), "{:?}", fills("formation"));
-    assert!(!apart(&fills("contained")));
+fn a_robot_has_one_color_in_every_figure_whatever_its_role() {
+    let colors: Vec<_> = (0..9).map(palette::color).collect();
+    assert!(colors.iter().enumerate().all(|(i, color)| !colors[..i].contains(color)));
+    for role in ["formation", "contained"] {
+        let figures = all(&example(9, 30, role));
+        let named = figures.iter().flat_map(|figure| &figure.key).filter_map(|(line, words)| {
+            let name = words.split(' ').next().filter(|_| !words.contains('\u{2013}'))?;
+            let place = name.strip_prefix('r')?.parse::<usize>().ok()?;
+            Some((colors[place - 1], line.color))
+        });
+        let named: Vec<_> = named.collect();
+        assert!(named.len() > 3 * 9 && named.iter().all(|(own, shown)| own == shown), "{named:?}");
+        // The last ones drawn are those of the end, and not pale.
+        let bodies = figures[0].panels[0].1.areas.iter().filter(|(_, _, opacity)| *opacity == 1.0);
+        let bodies: Vec<_> = bodies.map(|(_, color, _)| *color).collect();
+        assert_eq!(bodies, colors);
+    }
+}
+
+#[test]
+fn where_robots_died_is_marked_and_nothing_solid_leads_to_the_dead() {
+    let mut run = example(4, 30, "formation");
+    run.tracks[1].iter_mut().skip(4).for_each(|sample| sample.alive = false);
+    run.changes.truncate(1);
+    let figures = all(&run);
+    let trajectories = named(&figures, "trajectories");
+    assert!(words(trajectories).iter().any(|word| word == "r2 dead, 0.3 s"));
+    assert!(trajectories.caption.contains("deaths"), "{}", trajectories.caption);
+    let edges = trajectories.panels[0].1.curves.iter().filter(|(points, _, _)| points.len() == 2);
+    assert!(edges.clone().any(|(_, line, _)| line.dash == Dash::Dotted));
+    let frames = run.frames();
+    let errors = frames.iter().map(|frame| frame.robots[1].error_m.is_some());
+    assert!(errors.eq(frames.iter().map(|frame| frame.t_s < 0.3)), "the dead have no error");
+}
+
+#[test]
+fn ages_are_steps_with_gaps_where_nothing_was_heard() {
+    let mut run = example(4, 30, "formation");
+    let age = run.over_time[0].clone();
+    run.over_time = [0.25, 0.75, 2.25].map(|t_s| Bin { t_s, ..age.clone() }).into();
+    let figures = all(&run);
+    let (_, panel) = &named(&figures, "information_age").panels[0];
+    let stretches: Vec<(f64, f64)> = panel.curves[..2]
+        .iter()
+        .map(|(points, _, _)| (points[0].0, points[points.len() - 1].0))
+        .collect();
+    assert_eq!(stretches, [(0.0, 1.0), (2.0, 2.5)]);
+}
+
+#[test]
+fn nothing_is_shown_near_d_of_a_run_that_came_nowhere_near() {
+    let mut run = example(3, 30, "formation");
+    run.scene.distance_min_m = 0.4;
+    assert_eq!(named(&all(&run), "distances").panels.len(), 2);
+    run.scene.distance_min_m = 0.2;
+    let figures = all(&run);
+    let distances = named(&figures, "distances");
+    assert!(distances.panels.len() == 1 && !distances.caption.contains("Below"));
 }
 
 fn any_number() -> impl Strategy<Value = f64> {

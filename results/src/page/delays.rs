@@ -71,7 +71,7 @@ pub(super) fn spreads(path: &Path) -> Result<Vec<Spread>, ReportError> {
     Ok(spreads)
 }
 
-/// Values, ns, and the share of all values that is larger.
+/// Values, ns, and the share of samples above.
 fn above(histogram: &Histogram<u64>) -> Vec<(u64, f64)> {
     let all = histogram.len() as f64;
     let mut larger = histogram.len();

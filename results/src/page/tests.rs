@@ -162,6 +162,28 @@ fn samples_without_the_columns_of_later_versions_are_read_as_well() {
 }
 
 #[test]
+fn the_command_can_be_pasted_and_times_are_dates() {
+    let read = |name: &str, value: serde_json::Value| told(name, &value);
+    let command = serde_json::json!(["phalanx", "--set", "expect={}", "kill r4 @6", "it's"]);
+    let pasted = r"phalanx --set 'expect={}' 'kill r4 @6' 'it'\''s'";
+    assert_eq!(read("command", command), ("command".to_owned(), pasted.to_owned()));
+    for (unix_s, expected) in [
+        (0, "1970-01-01 00:00:00 UTC"),
+        (951_782_399, "2000-02-28 23:59:59 UTC"),
+        (951_782_400, "2000-02-29 00:00:00 UTC"),
+        (1_709_251_199, "2024-02-29 23:59:59 UTC"),
+        (1_735_689_599, "2024-12-31 23:59:59 UTC"),
+        (4_107_542_400, "2100-03-01 00:00:00 UTC"),
+    ] {
+        assert_eq!(date(unix_s * 1_000_000_000), expected);
+    }
+    let (name, epoch) = read("epoch_unix_ns", LOCKSTEP_EPOCH_UNIX_NS.into());
+    assert_eq!(name, "epoch");
+    assert!(epoch.starts_with("2000-01-01 00:00:00 UTC, as of every run in lockstep"), "{epoch}");
+    assert_eq!(read("cores", 2.into()), ("cores".to_owned(), "2".to_owned()));
+}
+
+#[test]
 fn a_page_that_cannot_be_written_is_named() {
     let place = tempfile::tempdir().unwrap();
     let path = run_dir(place.path());

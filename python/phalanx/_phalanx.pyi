@@ -2,6 +2,8 @@
 
 from typing import Literal, final
 
+__all__ = ["serve", "Neighbor", "Odometry", "Pose", "Situation", "Twist", "__version__"]
+
 __version__: str
 
 @final

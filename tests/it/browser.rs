@@ -40,7 +40,7 @@ fn scene() -> Scene {
     };
     Scene {
         name: "made up & <b>bold</b>".into(),
-        pace: "lockstep".into(),
+        pace: "realtime".into(),
         duration_s: f64::from(DURATION_S),
         distance_min_m: 0.2,
         robots: vec![

@@ -7,6 +7,12 @@ use experiment::scenario::keys::{Format, Key, Otherwise, Range, Section, Takes, 
 /// Longest that a run may take unless the file says otherwise, s.
 pub(crate) const DEADLINE_S: f64 = 600.0;
 
+/// What a box of starts is around: words of `around`.
+const AROUND: &[(&str, &str)] = &[
+    ("middle", "one box for all"),
+    ("each", "a box for each robot, around its own start in the scenario"),
+];
+
 /// How time passes: words of `pace`.
 pub(crate) const PACES: &[(&str, &str)] = &[
     ("lockstep", "as fast as the machine allows, as many runs at once as there are cores"),
@@ -101,6 +107,8 @@ const STARTS: &[Key] = &[
         "the middle of the box",
     )
     .guessed(&["center", "centre", "middle", "origin"]),
+    key("around", Takes::Word(AROUND), Otherwise::Word("middle"), "what the box is around")
+        .guessed(&["about", "from", "at"]),
 ];
 
 /// The keys that campaign files may have.
@@ -127,7 +135,7 @@ pub fn format() -> Format {
             ),
             section(
                 "starts",
-                "Where robots start: front points even over a box, headings even over a turn, the same for every run with that seed.",
+                "Where robots start: front points even over a box and clear of walls, headings even over a turn, the same for every run with that seed.",
                 STARTS,
             ),
         ],

@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 
 use crate::file::Campaign;
 use crate::points::{Median, Pairing, Point, Rate};
+use crate::starts::Around;
 use crate::statistics::{BOOTSTRAP_SEED, Estimate, RESAMPLES};
 
 /// What stands behind the numbers.
@@ -39,7 +40,11 @@ pub fn json(
         })
         .collect();
     let starts = campaign.starts.map(|starts| {
-        json!({ "box_m": starts.box_m, "apart_m": starts.apart_m, "center_m": starts.center_m })
+        let (around, center_m) = match starts.around {
+            Around::Middle(center_m) => ("middle", center_m),
+            Around::Each => ("each", None),
+        };
+        json!({ "box_m": starts.box_m, "apart_m": starts.apart_m, "around": around, "center_m": center_m })
     });
     let whole = json!({
         "format": 1,
@@ -214,9 +219,10 @@ fn of_campaign(campaign: &Campaign) -> String {
     if let Some(starts) = campaign.starts {
         let [width, height] = starts.box_m;
         let apart = starts.apart_m;
+        let each = if starts.around == Around::Each { " around each robot's own" } else { "" };
         rows.push((
             "Starts",
-            format!("drawn from the seed in {width} m by {height} m, {apart} m apart"),
+            format!("drawn from the seed in {width} m by {height} m{each}, {apart} m apart"),
         ));
     }
     rows.push(("Bootstrap", format!("{RESAMPLES} samples, seed {BOOTSTRAP_SEED}")));

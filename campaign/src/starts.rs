@@ -1,8 +1,9 @@
-//! Where robots start, drawn from a seed: front points even over a box, none nearer to another than
-//! asked (Assumption 1), headings even over a turn.
+//! Where robots start, drawn from a seed: front points even over one box for all, or over a box around
+//! each robot's own start, none nearer to another than asked (Assumption 1) nor to a wall than the
+//! scenario's clearance, headings even over a turn.
 //!
-//! The draw depends on the seed, the box and the number of robots alone: runs that differ in anything
-//! else start alike, and can be compared seed by seed.
+//! The draw depends on the seed, the box, the walls and the number of robots alone: runs that differ in
+//! anything else start alike, and can be compared seed by seed.
 
 use std::f64::consts::PI;
 
@@ -20,6 +21,15 @@ const TRIES: usize = 1000;
 /// A drawn distance is larger than asked by this, m: what is written down rounds.
 const HAIR_M: f64 = 1e-9;
 
+/// What a box is around.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Around {
+    /// One box for all around this, m; `None`: around the mean of the scenario's own front points.
+    Middle(Option<[f64; 2]>),
+    /// A box for each robot around its own front point in the scenario.
+    Each,
+}
+
 /// The box that starts are drawn from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Starts {
@@ -27,8 +37,8 @@ pub struct Starts {
     pub box_m: [f64; 2],
     /// No two front points are nearer, m.
     pub apart_m: f64,
-    /// Its middle, m; without, the mean of the scenario's own front points.
-    pub center_m: Option<[f64; 2]>,
+    /// Where its middle is.
+    pub around: Around,
 }
 
 /// Why no starts could be drawn.
@@ -66,8 +76,19 @@ impl Starts {
         if box_m.iter().any(|side| *side <= 0.0) {
             return Err(sides.wrong("has a side without length", "expected two lengths above 0 m"));
         }
-        let center = table.get("center_m").map(|center| center.pair()).transpose()?;
-        Ok(Starts { box_m, apart_m: table.number("apart_m")?, center_m: center })
+        let center = table.get("center_m");
+        let each = table.word("around", &[("middle", false), ("each", true)])?;
+        let around = match (each, &center) {
+            (true, Some(center)) => {
+                return Err(center.wrong(
+                    "is of no use with `around = \"each\"`",
+                    "expected no `center_m`: each box is around its robot's own start",
+                ));
+            }
+            (true, None) => Around::Each,
+            _ => Around::Middle(center.map(|center| center.pair()).transpose()?),
+        };
+        Ok(Starts { box_m, apart_m: table.number("apart_m")?, around })
     }
 
     /// The start poses that a seed draws for a scenario's robots, as `--set` has them.
@@ -77,13 +98,19 @@ impl Starts {
             return Err(NoStarts::TooNear { apart_m: self.apart_m, d_m });
         }
         let robots = &scenario.robots;
-        let own = |i: usize| front_point(robots[i].start, robots[i].front_point_m);
-        let middle = match self.center_m {
-            Some([x, y]) => Vec2::new(x, y),
-            None => (0..robots.len()).map(own).sum::<Vec2>() / robots.len() as f64,
+        let own: Vec<Vec2> =
+            robots.iter().map(|one| front_point(one.start, one.front_point_m)).collect();
+        let middle = |at: Vec2| vec![at; robots.len()];
+        let centers = match self.around {
+            Around::Each => own,
+            Around::Middle(Some([x, y])) => middle(Vec2::new(x, y)),
+            Around::Middle(None) => middle(own.iter().sum::<Vec2>() / robots.len() as f64),
         };
+        let walls = scenario.obstacles();
+        let clearance_m = scenario.avoidance.clearance_m + HAIR_M;
+        let clear = |at: Vec2| walls.nearest(at).is_none_or(|wall| wall.distance_m >= clearance_m);
         let mut random = SplitMix64::new(seed ^ STREAM);
-        let places = self.places(&mut random, robots.len()).ok_or(NoStarts::NoRoom {
+        let places = self.places(&mut random, &centers, clear).ok_or(NoStarts::NoRoom {
             robots: robots.len(),
             apart_m: self.apart_m,
             box_m: self.box_m,
@@ -93,7 +120,7 @@ impl Starts {
             // From 0 to below 1, turned around: above -pi, up to pi.
             let heading_rad = PI - 2.0 * PI * random.unit();
             let ahead = robot.front_point_m * Vec2::new(heading_rad.cos(), heading_rad.sin());
-            let axle = middle + place - ahead;
+            let axle = place - ahead;
             format!(
                 "robot.{}.pose={{ x_m = {:?}, y_m = {:?}, heading_rad = {heading_rad:?} }}",
                 robot.name, axle.x, axle.y
@@ -102,24 +129,24 @@ impl Starts {
         Ok(places.into_iter().zip(robots).map(start).collect())
     }
 
-    /// Places about the middle of the box; `None`: no room.
-    fn places(&self, random: &mut SplitMix64, robots: usize) -> Option<Vec<Vec2>> {
+    /// Places in the boxes around these centers, where it is `clear`; `None`: no room.
+    fn places(
+        &self,
+        random: &mut SplitMix64,
+        centers: &[Vec2],
+        clear: impl Fn(Vec2) -> bool,
+    ) -> Option<Vec<Vec2>> {
         let [width, height] = self.box_m;
         for _ in 0..TRIES {
             let mut places: Vec<Vec2> = Vec::new();
             for _ in 0..TRIES {
-                if places.len() == robots {
-                    break;
-                }
+                let Some(center) = centers.get(places.len()) else { return Some(places) };
                 let [x, y] = [width, height].map(|side| side * (random.unit() - 0.5));
-                let place = Vec2::new(x, y);
+                let place = center + Vec2::new(x, y);
                 let far = |other: &Vec2| (place - other).norm() >= self.apart_m + HAIR_M;
-                if places.iter().all(far) {
+                if places.iter().all(far) && clear(place) {
                     places.push(place);
                 }
-            }
-            if places.len() == robots {
-                return Some(places);
             }
         }
         None
@@ -130,9 +157,12 @@ impl Starts {
 mod tests {
     use super::*;
     use experiment::examples::row_of_three;
+    use experiment::scenario::Wall;
+    use formation::obstacle::Obstacle;
     use proptest::prelude::*;
 
-    const STARTS: Starts = Starts { box_m: [2.0, 1.0], apart_m: 0.3, center_m: Some([5.0, -1.0]) };
+    const STARTS: Starts =
+        Starts { box_m: [2.0, 1.0], apart_m: 0.3, around: Around::Middle(Some([5.0, -1.0])) };
 
     #[test]
     fn a_box_without_room_and_one_against_assumption_1_are_refused() {
@@ -146,11 +176,52 @@ mod tests {
     #[test]
     fn without_a_center_the_box_is_where_the_scenarios_own_starts_are() {
         let scenario = row_of_three();
-        let own = Starts { center_m: None, ..STARTS }.draw(&scenario, 3).unwrap();
+        let own = Starts { around: Around::Middle(None), ..STARTS }.draw(&scenario, 3).unwrap();
         let points = scenario.robots.iter().map(|r| front_point(r.start, r.front_point_m));
         let mean = points.sum::<Vec2>() / 3.0;
-        let there = Starts { center_m: Some([mean.x, mean.y]), ..STARTS };
+        let there = Starts { around: Around::Middle(Some([mean.x, mean.y])), ..STARTS };
         assert_eq!(own, there.draw(&scenario, 3).unwrap());
+    }
+
+    /// The front points of these starts; robots' front points are 0.1 m ahead.
+    fn front_points(drawn: &[String]) -> Vec<Vec2> {
+        let point = |text: &String| {
+            let heading = number(text, "heading_rad");
+            assert!(-PI < heading && heading <= PI);
+            let axle = Vec2::new(number(text, "x_m"), number(text, "y_m"));
+            axle + 0.1 * Vec2::new(heading.cos(), heading.sin())
+        };
+        drawn.iter().map(point).collect()
+    }
+
+    #[test]
+    fn around_each_a_robot_starts_near_its_own_start_and_clear_of_walls() {
+        let mut scenario = row_of_three();
+        let own = |scenario: &Scenario| -> Vec<Vec2> {
+            scenario.robots.iter().map(|r| front_point(r.start, r.front_point_m)).collect()
+        };
+        let places = own(&scenario);
+        let middle_m = (places[1] + Vec2::new(0.0, 0.1)).into();
+        scenario.walls.push(Wall {
+            name: "obstacle 1".into(),
+            path: "obstacle.0".into(),
+            shape: Obstacle::Disc { center_m: middle_m, radius_m: 0.05 },
+        });
+        let clearance_m = 0.1;
+        scenario.avoidance.clearance_m = clearance_m;
+        let each = Starts { box_m: [0.4, 0.6], apart_m: 0.21, around: Around::Each };
+        let mut near = 0;
+        for seed in 1..=50 {
+            for (at, own) in front_points(&each.draw(&scenario, seed).unwrap()).iter().zip(&places)
+            {
+                let off = at - own;
+                assert!(off.x.abs() <= 0.2 + 1e-9 && off.y.abs() <= 0.3 + 1e-9, "{off}");
+                let from_wall = scenario.obstacles().nearest(*at).unwrap().distance_m;
+                assert!(from_wall >= clearance_m, "{from_wall}");
+                near += usize::from(from_wall < 2.0 * clearance_m);
+            }
+        }
+        assert!(near > 20, "the wall is in the way: {near}");
     }
 
     fn number(text: &str, key: &str) -> f64 {
@@ -164,12 +235,7 @@ mod tests {
             let drawn = STARTS.draw(&row_of_three(), seed).unwrap();
             prop_assert_eq!(&drawn, &STARTS.draw(&row_of_three(), seed).unwrap());
             prop_assert!(drawn != STARTS.draw(&row_of_three(), seed ^ 1).unwrap());
-            let points: Vec<Vec2> = drawn.iter().map(|text| {
-                let heading = number(text, "heading_rad");
-                assert!(-PI < heading && heading <= PI);
-                let axle = Vec2::new(number(text, "x_m"), number(text, "y_m"));
-                axle + 0.1 * Vec2::new(heading.cos(), heading.sin())
-            }).collect();
+            let points = front_points(&drawn);
             for (i, point) in points.iter().enumerate() {
                 prop_assert!((point.x - 5.0).abs() <= 1.0 + 1e-9 && (point.y + 1.0).abs() <= 0.5 + 1e-9);
                 for other in &points[..i] {

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use protocol::avoidance::Senses;
 use protocol::brief::{
-    AgentBrief, AvoidanceBrief, BodyBrief, Format, NeighborBrief, Pace, PlantBrief, ProgramBrief,
-    VERSION,
+    AgentBrief, AvoidanceBrief, BodyBrief, Format, NeighborBrief, Pace, PlantBrief,
+    PlantProgramBrief, ProgramBrief, VERSION,
 };
 use protocol::fault::{LinkFault, SensorFault, SlowFault, Span, WheelFault};
 
@@ -100,6 +100,7 @@ pub fn plant(scenario: &Scenario, pace: Pace, run_root: &Path) -> PlantBrief {
         sensing_radius_m: avoidance.sensing_radius_m,
         velocities_sensed: scenario.method.senses == Senses::Velocities,
         clearance_m: avoidance.clearance_m,
+        program: scenario.plant.as_ref().map(|_| PlantProgramBrief { phalanx: VERSION.to_owned() }),
         obstacles: scenario.walls.iter().map(|wall| wall.shape.clone()).collect(),
         robots: robots.collect(),
     }

@@ -68,6 +68,7 @@ pub fn row_of_three() -> Scenario {
             policy: SilencePolicy::Ignore,
         },
         laws: Vec::new(),
+        plant: None,
         robots: vec![robot("r1"), robot("r2"), robot("r3")],
         graph: FormationGraph::new(3, vec![behind(0, 1), behind(1, 2)]),
         walls: Vec::new(),

@@ -8,10 +8,12 @@
 //! | `motion` | what moves the bodies: unicycles, or a program from outside? |
 //! | `ports` | through which services does it speak? |
 //! | `gaps` | did a command get lost on its way? |
+//! | `overrun` | does what moves the bodies keep up with real time? |
 //! | `world_loop` | when does time pass? The loops of both paces |
 
 mod gaps;
 pub mod motion;
+pub mod overrun;
 pub mod ports;
 pub mod world;
 pub mod world_loop;

@@ -459,6 +459,7 @@ mod tests {
             sensing_radius_m: 3.0,
             velocities_sensed: false,
             clearance_m: 0.0,
+            program: None,
             obstacles: Vec::new(),
             robots: vec![body("a", 0.0), body("b", 2.0), body("c", 4.5)],
         }

@@ -18,6 +18,7 @@ use protocol::watchdog::{SupervisorLost, SupervisorWatch};
 
 use crate::gaps::Gaps;
 use crate::motion::{Checked, Motion, Unicycles};
+use crate::overrun::{Overrun, TooSlow};
 use crate::ports::{PortError, Ports};
 use crate::world::World;
 
@@ -54,6 +55,9 @@ pub enum LoopError {
     /// What moves the robots could not be made, or failed.
     #[error(transparent)]
     Motion(Box<dyn Error + Send + Sync>),
+    /// What moves the robots is slower than real time.
+    #[error(transparent)]
+    TooSlow(#[from] TooSlow),
     /// Some robots never came up.
     #[error("not ready after {} s: {robots}", READY_MAX.as_secs())]
     NotReady {
@@ -223,6 +227,7 @@ impl<M: Motion> Plant<M> {
         self.publish()?;
         let (mut witness, mut rested_ns) = (Witness::new(tick_ns), start_ns);
         let mut gaps = vec![Gaps::default(); self.brief.robots.len()];
+        let mut overrun = Overrun::default();
         while !self.stop.requested() && self.world.t_ns() < self.brief.duration_ns {
             let Some(wake) = timer.wait() else { continue };
             self.ports.latency.record(Stage::Wake, 0, wake.lateness_ns);
@@ -233,7 +238,7 @@ impl<M: Motion> Plant<M> {
             }
             let now_ns = clock::now_ns();
             let t_ns = (now_ns - start_ns).min(self.brief.duration_ns);
-            self.advance(t_ns)?;
+            self.catch_up(t_ns, &mut overrun)?;
             self.world.next_tick();
             for (robot, gaps) in gaps.iter_mut().enumerate() {
                 while let Some(command) = self.ports.command(robot)? {
@@ -264,6 +269,18 @@ impl<M: Motion> Plant<M> {
 
     fn advance(&mut self, t_ns: u64) -> Result<(), LoopError> {
         self.world.try_advance(t_ns).map_err(|error| LoopError::Motion(error.into()))
+    }
+
+    /// The same in plant ticks, and an error once that is slower than real time.
+    fn catch_up(&mut self, t_ns: u64, overrun: &mut Overrun) -> Result<(), LoopError> {
+        let (began_ns, from_ns) = (clock::now_ns(), self.world.t_ns());
+        let took_ns = || clock::now_ns().saturating_sub(began_ns);
+        while self.world.t_ns() < t_ns {
+            self.advance(t_ns.min(self.world.t_ns() + self.brief.plant_tick_ns))?;
+            overrun.under_way(self.world.t_ns() - from_ns, took_ns())?;
+        }
+        overrun.over(t_ns - from_ns, took_ns());
+        Ok(())
     }
 
     fn publish(&self) -> Result<(), LoopError> {

@@ -182,6 +182,14 @@ pub struct ProgramBrief {
     pub role: String,
 }
 
+/// What a program that moves the robots is told beside the rest.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlantProgramBrief {
+    /// The version of the phalanx that starts it, which its own must be.
+    pub phalanx: String,
+}
+
 /// The version of phalanx that this is part of.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
@@ -360,6 +368,9 @@ pub struct PlantBrief {
     /// The clearance, m: front points nearer to an obstacle are counted.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub clearance_m: f64,
+    /// Where a program of the scenario's own moves the robots.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub program: Option<PlantProgramBrief>,
     /// The convex parts of all walls and obstacles.
     #[serde(default, rename = "obstacle", skip_serializing_if = "Vec::is_empty")]
     pub obstacles: Vec<Obstacle>,

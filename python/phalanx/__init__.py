@@ -1,4 +1,4 @@
-"""Decentralised multi-robot experiments in which every robot is a process: laws and controllers in Python.
+"""Decentralised multi-robot experiments in which every robot is a process: laws, controllers and plants in Python.
 
 A law is a class with a method ``gamma``; a file that ends in ``phalanx.serve(MyLaw)`` is a robot's program,
 which a scenario names under ``[laws.NAME]`` and ``phalanx run`` starts::
@@ -24,15 +24,20 @@ from typing import NoReturn
 
 from . import _phalanx
 from ._phalanx import Neighbor, Odometry, Pose, Situation, Twist, __version__
+from .plant import Limits, Plant, Robot, Wheels
 
 __all__ = [
     "Controller",
     "Law",
+    "Limits",
     "Neighbor",
     "Odometry",
+    "Plant",
     "Pose",
+    "Robot",
     "Situation",
     "Twist",
+    "Wheels",
     "__version__",
     "serve",
 ]
@@ -84,28 +89,36 @@ class Controller(_WithGains):
         )
 
 
-def serve(law: type[Law] | type[Controller]) -> NoReturn:
-    """Makes this process the robot that its command line names, with a law or controller of this class.
+def serve(part: type[Law] | type[Controller] | type[Plant]) -> NoReturn:
+    """Makes this process what its command line names: a robot with a law or controller of this class, or what
+    moves all robots.
 
     To be called at the end of a program that a scenario names: ``phalanx run`` adds the arguments. It
     returns never: the process ends with the run (exit code 0), with the law (1), or for want of anything
-    else that it needs (4).
+    else that it needs (4), as with a plant that fails.
     """
-    if not (isinstance(law, type) and issubclass(law, (Law, Controller))):
+    if not (isinstance(part, type) and issubclass(part, (Law, Controller, Plant))):
         raise TypeError(
-            f"phalanx.serve takes a class derived from phalanx.Law or phalanx.Controller, not {law!r}"
+            "phalanx.serve takes a class derived from phalanx.Law, phalanx.Controller or phalanx.Plant, "
+            f"not {part!r}"
         )
     import argparse
 
+    moves = issubclass(part, Plant)
+    table = "[plant]" if moves else "[laws.NAME]"
     parser = argparse.ArgumentParser(
-        description=f"A robot with the law {law.__name__}.",
-        epilog="`phalanx run SCENARIO` starts it, where the scenario names it: "
-        '[laws.NAME] program = ["python3", "..."].',
+        description=f"The plant {part.__name__}." if moves else f"A robot with the law {part.__name__}.",
+        epilog=f'`phalanx run SCENARIO` starts it, where the scenario names it: {table} program = ["python3", "..."].',
     )
-    parser.add_argument("brief", help="the robot's brief")
-    parser.add_argument("--incarnation", type=int, default=0, help="how often it was started before")
+    parser.add_argument("brief", help="what it is to be, from the run's directory")
+    if not moves:
+        parser.add_argument(
+            "--incarnation", type=int, default=0, help="how often it was started before"
+        )
     parser.add_argument(
         "--realtime-priority", action="store_true", help="run before every ordinary process"
     )
     words = parser.parse_args()
-    sys.exit(_phalanx.serve(law, words.brief, words.incarnation, words.realtime_priority))
+    if moves:
+        sys.exit(_phalanx.serve_plant(part, words.brief, words.realtime_priority))
+    sys.exit(_phalanx.serve(part, words.brief, words.incarnation, words.realtime_priority))

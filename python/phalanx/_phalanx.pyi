@@ -2,7 +2,7 @@
 
 from typing import Literal, final
 
-__all__ = ["serve", "Neighbor", "Odometry", "Pose", "Situation", "Twist", "__version__"]
+__all__ = ["serve", "serve_plant", "Neighbor", "Odometry", "Pose", "Situation", "Twist", "__version__"]
 
 __version__: str
 
@@ -115,3 +115,4 @@ class Odometry:
         """Time from one answer to the next, s."""
 
 def serve(law: type, brief: str, incarnation: int, realtime_priority: bool) -> int: ...
+def serve_plant(plant: type, brief: str, realtime_priority: bool) -> int: ...

@@ -80,37 +80,22 @@ impl PythonLaw {
                 self.method.call1(py, (seen, heard, situation.t_s))
             }
         };
-        let at = || format!("{} at t = {:.3} s", self.place(py), situation.t_s);
+        let at = || {
+            let place = place(self.instance.bind(py), self.method.bind(py), self.level.method());
+            format!("{place} at t = {:.3} s", situation.t_s)
+        };
         let answer = asked.map_err(|error| format!("{} raised\n{}", at(), told(py, &error)))?;
         let answer = answer.bind(py);
         two_numbers(answer).ok_or_else(|| {
-            let found = answer.repr().map_or_else(|_| name(&answer.get_type()), |r| r.to_string());
-            let found: String = found.chars().take(ANSWER_CHARS_MAX).collect();
-            format!("{} returned {found}, expected {}", at(), self.level.expected())
+            format!("{} returned {}, expected {}", at(), shown(answer), self.level.expected())
         })
-    }
-
-    /// The method and where it stands: `MyLaw.gamma (my_law.py:7)`.
-    fn place(&self, py: Python<'_>) -> String {
-        let method =
-            format!("{}.{}", name(self.instance.bind(py).get_type().as_any()), self.level.method());
-        let stands = || -> PyResult<String> {
-            let code = self.method.bind(py).getattr("__code__")?;
-            let (file, line) = (code.getattr("co_filename")?, code.getattr("co_firstlineno")?);
-            let file = file.to_string();
-            let file = file.rsplit('/').next().unwrap_or_default();
-            Ok(format!("{method} ({file}:{line})"))
-        };
-        stands().unwrap_or(method)
     }
 
     fn answer(&self, situation: &Situation<'_>) -> [f64; 2] {
         Python::attach(|py| {
             self.ask(py, situation).unwrap_or_else(|why| {
                 tracing::error!("{why}");
-                // What the law printed; if that fails, nobody is left to be told.
-                let flush = || py.import("sys")?.getattr("stdout")?.call_method0("flush");
-                let _ = flush();
+                flush(py);
                 std::process::exit(LAW_FAILED)
             })
         })
@@ -176,12 +161,38 @@ fn two_numbers(answer: &Bound<'_, PyAny>) -> Option<[f64; 2]> {
     numbers.iter().all(|number: &f64| number.is_finite()).then_some(numbers)
 }
 
-fn name(class: &Bound<'_, PyAny>) -> String {
+/// An answer as Python shows it, or its beginning.
+pub fn shown(answer: &Bound<'_, PyAny>) -> String {
+    let found = answer.repr().map_or_else(|_| name(&answer.get_type()), |repr| repr.to_string());
+    found.chars().take(ANSWER_CHARS_MAX).collect()
+}
+
+/// A method of an instance, and where it stands: `MyLaw.gamma (my_law.py:7)`.
+pub fn place(instance: &Bound<'_, PyAny>, method: &Bound<'_, PyAny>, called: &str) -> String {
+    let of = format!("{}.{called}", name(instance.get_type().as_any()));
+    let stands = || -> PyResult<String> {
+        let code = method.getattr("__code__")?;
+        let (file, line) = (code.getattr("co_filename")?, code.getattr("co_firstlineno")?);
+        let file = file.to_string();
+        let file = file.rsplit('/').next().unwrap_or_default();
+        Ok(format!("{of} ({file}:{line})"))
+    };
+    stands().unwrap_or(of)
+}
+
+/// What the program printed gets out; if that fails, nobody is left to be told.
+pub fn flush(py: Python<'_>) {
+    let flush = || py.import("sys")?.getattr("stdout")?.call_method0("flush");
+    let _ = flush();
+}
+
+/// The name of a class.
+pub fn name(class: &Bound<'_, PyAny>) -> String {
     class.getattr("__name__").map_or_else(|_| "?".into(), |name| name.to_string())
 }
 
 /// An exception with its traceback, as Python tells it.
-fn told(py: Python<'_>, error: &PyErr) -> String {
+pub fn told(py: Python<'_>, error: &PyErr) -> String {
     let lines = || -> PyResult<String> {
         let traceback = py.import("traceback")?;
         let value: &Bound<'_, PyBaseException> = error.value(py);

@@ -1,16 +1,18 @@
 //! The native half of the Python package `phalanx`: the agent of every robot, with a law or a controller in
-//! Python. Never a second agent.
+//! Python, and the plant, with what moves the robots in Python. Never a second agent or plant.
 //!
 //! | file | question it answers |
 //! |---|---|
 //! | `situation` | what does a law see? |
 //! | `law` | how is it asked, and what if its answer is none? |
 //! | `serve` | how does a Python process become a robot? |
+//! | `plant` | how does it become what moves the robots? |
 
 // What `pymodule` and `pymethods` write is not ours to document.
 #![allow(missing_docs)]
 
 mod law;
+mod plant;
 mod serve;
 mod situation;
 
@@ -20,6 +22,8 @@ use pyo3::prelude::*;
 mod _phalanx {
     use super::*;
 
+    #[pymodule_export]
+    use super::plant::serve_plant;
     #[pymodule_export]
     use super::serve::serve;
     #[pymodule_export]

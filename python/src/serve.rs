@@ -19,20 +19,23 @@ pub fn serve(
     incarnation: u64,
     realtime_priority: bool,
 ) -> u8 {
-    if let Some(writer) = other_version(&brief) {
-        process::log_to_stderr();
-        tracing::error!(
-            "phalanx {writer} starts this program, and its Python package is phalanx {VERSION}: \
-             install both from the same release"
-        );
+    if is_of_another_version(&brief) {
         return exit::INFRASTRUCTURE;
     }
     control_loop::main_with(&brief, incarnation, realtime_priority, |brief| parts(law, brief))
 }
 
-/// The version of whoever wrote the brief, if it is not this one.
-fn other_version(brief: &Path) -> Option<String> {
-    brief::writer(brief).filter(|writer| writer != VERSION)
+/// Whether another version of phalanx wrote the brief, which is told.
+pub fn is_of_another_version(brief: &Path) -> bool {
+    let Some(writer) = brief::writer(brief).filter(|writer| writer != VERSION) else {
+        return false;
+    };
+    process::log_to_stderr();
+    tracing::error!(
+        "phalanx {writer} starts this program, and its Python package is phalanx {VERSION}: \
+         install both from the same release"
+    );
+    true
 }
 
 fn parts(law: &Bound<'_, PyAny>, brief: &AgentBrief) -> Result<Parts, String> {

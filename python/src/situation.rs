@@ -14,6 +14,13 @@ pub struct Pose {
     heading_rad: f64,
 }
 
+impl From<pose::Pose> for Pose {
+    fn from(pose: pose::Pose) -> Pose {
+        let pose::Pose { x_m, y_m, heading_rad } = pose;
+        Pose { x_m, y_m, heading_rad }
+    }
+}
+
 #[pymethods]
 impl Pose {
     fn __repr__(&self) -> String {
@@ -132,8 +139,7 @@ impl Sensed {
     }
 
     fn pose(&self) -> Pose {
-        let pose::Pose { x_m, y_m, heading_rad } = self.now.pose;
-        Pose { x_m, y_m, heading_rad }
+        self.now.pose.into()
     }
 
     fn twist(&self) -> Twist {

@@ -20,6 +20,7 @@ use std::path::{Path, PathBuf};
 
 use protocol::brief::Pace;
 use protocol::fault::LinkFaultKind;
+use protocol::number::told_apart;
 use report::run::{ChangedTo, Limits, Run};
 use report::scene::{EdgeState, RobotState, Scene, SceneFault};
 
@@ -140,15 +141,24 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
         tracks: record.tracks,
         every: record.every,
         changes,
+        unpromised: unpromised(scenario, summary.as_ref()),
         summary,
-        unpromised: scenario
-            .voids_the_promise()
-            .map(|name| format!("speed and turn rate of {name} change independently")),
         manifest: manifest.iter().map(|(name, value)| told(name, value)).collect(),
         over_time: delays::over_time(&run_dir.join("latency_over_time.csv"))?,
         spreads: delays::spreads(&run_dir.join("latency.hlog"))?,
         scene,
     })
+}
+
+/// Why no promise about distances holds, and what was seen of them.
+fn unpromised(scenario: &Scenario, summary: Option<&Summary>) -> Option<String> {
+    let why = scenario.unpromised()?;
+    let d_m = scenario.avoidance.distance_min_m;
+    let seen = summary.and_then(|summary| summary.min_distance_m).map(|seen_m| {
+        let [seen, d] = told_apart(seen_m, d_m);
+        format!("; the smallest distance seen is {seen} m, with d = {d} m")
+    });
+    Some(why + &seen.unwrap_or_default())
 }
 
 /// A line of the manifest as people read it: a command that a shell takes, dates.

@@ -73,7 +73,7 @@ pub(super) fn verify(
     };
     if let Some(program) = scenario.programs().next().filter(|_| !args.allow_programs) {
         complain(&format_args!(
-            "robots of {} run a program of their own, {}: whoever wrote the directory decides what it \
+            "{} runs a program of its own, {}: whoever wrote the directory decides what it \
              does; look at programs/, then give --allow-programs",
             run_dir.display(),
             program.words.join(" ")

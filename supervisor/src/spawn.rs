@@ -35,10 +35,12 @@ pub enum Role<'a> {
         /// How often this robot's process was started before.
         incarnation: u64,
     },
-    /// `phalanx plant BRIEF`.
+    /// `phalanx plant BRIEF`, or a program in its place.
     Plant {
         /// Its brief.
         brief: &'a Path,
+        /// What takes the place of `phalanx plant`.
+        program: Option<&'a Started>,
     },
     /// `phalanx machine RUN_ROOT --period-ns N --robots N`.
     ControlTimer {
@@ -147,14 +149,13 @@ impl Launcher {
         match role {
             Role::Agent { brief, program, incarnation } => {
                 command.arg0("phalanx-agent");
-                match program {
-                    None => drop(command.arg("agent")),
-                    Some(program) => become_program(&mut command, program),
-                }
+                part(&mut command, "agent", program);
                 command.arg(brief).arg("--incarnation").arg(incarnation.to_string());
             }
-            Role::Plant { brief } => {
-                command.arg0("phalanx-plant").arg("plant").arg(brief);
+            Role::Plant { brief, program } => {
+                command.arg0("phalanx-plant");
+                part(&mut command, "plant", program);
+                command.arg(brief);
             }
             Role::ControlTimer { run_root, period_ns, robots } => {
                 command.arg0("phalanx-machine").arg("machine").arg(run_root);
@@ -209,6 +210,14 @@ impl Launcher {
     }
 }
 
+/// The words by which our own executable becomes a part of phalanx, or what takes its place.
+fn part(command: &mut Command, part: &str, program: Option<&Started>) {
+    match program {
+        None => drop(command.arg(part)),
+        Some(program) => become_program(command, program),
+    }
+}
+
 /// The words by which our own executable becomes another one: what must be done between fork and exec
 /// is done by it, under the id that is watched.
 fn become_program(command: &mut Command, program: &Started) {
@@ -236,7 +245,7 @@ mod tests {
             refused(Path::new("/no/such/phalanx"), agent),
             "cannot start robot r2: the executable /no/such/phalanx is not there"
         );
-        let text = refused(Path::new("/etc/passwd"), Role::Plant { brief });
+        let text = refused(Path::new("/etc/passwd"), Role::Plant { brief, program: None });
         assert!(text.starts_with("cannot start the plant: /etc/passwd may not be exec"), "{text}");
     }
 

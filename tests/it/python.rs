@@ -1,6 +1,8 @@
 //! Laws and controllers in Python, by the package as it is installed: `tests/python/install` puts it into
 //! target/python. A robot whose law is in Python is the same robot; one that is hostile harms nobody.
 
+mod plant;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -347,7 +349,9 @@ fn a_law_started_by_hand_says_what_starts_it() {
     let output = python(&["-c", "import phalanx; phalanx.serve(3)"]);
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(
-        said.contains("takes a class derived from phalanx.Law or phalanx.Controller"),
+        said.contains(
+            "takes a class derived from phalanx.Law, phalanx.Controller or phalanx.Plant"
+        ),
         "{said}"
     );
 }

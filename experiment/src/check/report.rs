@@ -424,6 +424,10 @@ fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
     if let Some(name) = scenario.voids_the_promise() {
         page.line("", format!("{name} ramps independently: no promise about distances"));
     }
+    if let Some(plant) = &scenario.plant {
+        let words = plant.words.join(" ");
+        page.line("plant", format!("{words}: no promise about distances, which are measured"));
+    }
 }
 
 fn braking_line(braking: &Braking) -> String {

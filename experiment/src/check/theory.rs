@@ -396,8 +396,7 @@ impl<'s> Theory<'s> {
             },
             walls: WallFacts::of(scenario),
             guard: Guard {
-                on: scenario.method.promise == Promise::Always
-                    && scenario.voids_the_promise().is_none(),
+                on: scenario.method.promise == Promise::Always && scenario.unpromised().is_none(),
                 lifetime_lockstep_s: lifetime_s(Pace::Lockstep),
                 lifetime_realtime_s: lifetime_s(Pace::Realtime),
                 deflection_distance_m: scenario

@@ -210,6 +210,11 @@ impl Format {
                 "A law in a program of the scenario's own: a table `[laws.NAME]`.",
                 &[LAW, PROGRAM].concat(),
             ),
+            section(
+                "plant",
+                "A program of the scenario's own that moves the robots, in place of exact unicycles.",
+                PROGRAM,
+            ),
             section("robot_defaults", "What all robots have that do not say otherwise.", &defaults),
             section("robot", "One robot.", &robots),
             section("pose", "A pose in the frame `map`.", POSE),
@@ -441,6 +446,8 @@ const ROOT: &[Key] = &[
         Absent,
         "laws in programs of the scenario's own, each a table `[laws.NAME]`",
     ),
+    key("plant", Table("plant"), Absent, "a program of the scenario's own that moves the robots")
+        .guessed(&["simulator", "physics", "engine", "world", "hardware", "driver"]),
     key(
         "robot_defaults",
         Table("robot_defaults"),

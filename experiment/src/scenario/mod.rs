@@ -100,6 +100,8 @@ pub struct Scenario {
     pub silence: SilenceBrief,
     /// Laws in programs of its own.
     pub laws: Vec<ProgramLaw>,
+    /// What moves the robots, if that is a program of its own.
+    pub plant: Option<Program>,
     /// The robots.
     pub robots: Vec<Robot>,
     /// Who hears whom, at which offset (zero where the hearer's law knows no offsets).
@@ -319,7 +321,8 @@ impl Scenario {
     /// All programs that are run.
     pub fn programs(&self) -> impl Iterator<Item = &Program> {
         let followed = |law: &&ProgramLaw| self.robots.iter().any(|robot| robot.law == law.name);
-        self.laws.iter().filter(followed).map(|law| &law.program)
+        let laws = self.laws.iter().filter(followed).map(|law| &law.program);
+        laws.chain(&self.plant)
     }
 
     /// The main leader's place, if there is one.
@@ -400,6 +403,19 @@ impl Scenario {
             robot.limits.is_some_and(|limits| limits.ramp == RampKind::Independent)
         };
         self.robots.iter().find(independent).map(|robot| robot.name.as_str())
+    }
+
+    /// Why no promise of the method's holds for how these robots move, if none does.
+    pub fn unpromised(&self) -> Option<String> {
+        if let Some(plant) = &self.plant {
+            let words = plant.words.join(" ");
+            return Some(format!(
+                "`{words}` moves the robots, and the {} is proven for another plant",
+                self.method.name
+            ));
+        }
+        let name = self.voids_the_promise()?;
+        Some(format!("speed and turn rate of {name} change independently"))
     }
 
     /// Whom robot `i` makes way for.

@@ -28,6 +28,7 @@ use super::import::splice::{Spliced, splice};
 use super::keys::{FORMAT, Format};
 use super::laws;
 use super::lead::lead;
+use super::program::Program;
 use super::robots::{Robots, robots};
 use super::table::{Document, Places, Table, Value};
 use super::walls::walls;
@@ -127,6 +128,9 @@ fn read_text_for(
     let document = Document::new(source, &format);
     let root = Table::root(&document, entries.get_ref());
     let (scenario, mut warnings) = scenario(&root, &catalog, &document)?;
+    if let (Some(folder), Some(plant)) = (files_in, root.get("plant")) {
+        Program::must_be_there(&plant.table()?, folder)?;
+    }
     warnings.splice(..0, graph_warnings.into_iter().chain(document.warnings.take()));
 
     let places = document.places.borrow();
@@ -262,6 +266,7 @@ fn scenario(
     let lead = lead(root, &robots)?;
     let walls = walls(root)?;
     let laws = laws::laws(root)?;
+    let plant = root.get("plant").map(|plant| Program::read(&plant.table()?)).transpose()?;
     let faults = faults(root, &Scene { robots: &robots, graph: &graph, duration_ns, seed })?;
     let expect = expect(root, &robots, &walls, duration_ns)?;
     let mut scenario = Scenario {
@@ -280,6 +285,7 @@ fn scenario(
         avoidance,
         silence,
         laws,
+        plant,
         robots,
         graph,
         lead,

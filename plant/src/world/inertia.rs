@@ -36,6 +36,7 @@ fn brief(ramp: RampKind, wheel_faults: Vec<protocol::fault::WheelFault>) -> Plan
         sensing_radius_m: 3.0,
         velocities_sensed: false,
         clearance_m: 0.0,
+        program: None,
         obstacles: Vec::new(),
         robots: vec![BodyBrief {
             name: "r1".into(),

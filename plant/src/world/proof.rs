@@ -47,6 +47,7 @@ fn world() -> World {
         sensing_radius_m: 3.0,
         velocities_sensed: false,
         clearance_m: 0.0,
+        program: None,
         obstacles: Vec::new(),
         robots: vec![BodyBrief {
             name: "r1".into(),

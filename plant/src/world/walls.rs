@@ -129,6 +129,7 @@ mod tests {
             sensing_radius_m: 1.0,
             velocities_sensed: false,
             clearance_m: 0.25,
+            program: None,
             obstacles,
             robots: vec![BodyBrief {
                 name: "r1".into(),

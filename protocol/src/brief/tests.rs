@@ -84,6 +84,7 @@ fn plant() -> PlantBrief {
         sensing_radius_m: 0.3,
         velocities_sensed: true,
         clearance_m: 0.1,
+        program: Some(PlantProgramBrief { phalanx: VERSION.into() }),
         obstacles: vec![
             Obstacle::Disc { center_m: [1.0, 2.0], radius_m: 0.5 },
             Obstacle::segment([0.0, 1.0], [1.0, 1.0]),

@@ -65,7 +65,9 @@ impl<'a> Run<'a> {
         let plant_brief = briefs::plant(scenario, pace, run_root.path());
         let plant_brief = run_dir.write_brief("plant", &plant_brief)?;
         let launched = Instant::now();
-        let plant = Role::Plant { brief: &plant_brief };
+        let program = scenario.plant.as_ref();
+        let program = program.map(|program| run_dir.started(program)).transpose()?;
+        let plant = Role::Plant { brief: &plant_brief, program: program.as_ref() };
         let plant = launcher.spawn(plant, &run_dir.log_path("plant"))?;
         let control_timer = has_control_timer(scenario, pace).then_some(Role::ControlTimer {
             run_root: run_root.path(),

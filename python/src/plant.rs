@@ -1,0 +1,184 @@
+//! A plant in Python: told what the wheels of everybody are to do, and asked where that leads. Which commands
+//! count, what is sensed and what breaks stays with the plant in Rust, whose motion this is.
+
+use std::error::Error;
+use std::fmt;
+use std::path::PathBuf;
+
+use formation::pose::{Pose, Twist};
+use formation::unicycle::twist_between;
+use plant::motion::{Motion, State};
+use plant::world_loop;
+use protocol::brief::{BodyBrief, PlantBrief};
+use protocol::process::exit;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyList, PyString};
+
+use crate::law::{flush, name, place, shown, told};
+use crate::serve::is_of_another_version;
+use crate::situation;
+
+/// The method that moves the robots.
+const STEP: &str = "step";
+
+/// Moves the robots of this brief by the plant until told to stop; the exit code.
+#[pyfunction]
+pub fn serve_plant(plant: &Bound<'_, PyAny>, brief: PathBuf, realtime_priority: bool) -> u8 {
+    if is_of_another_version(&brief) {
+        return exit::INFRASTRUCTURE;
+    }
+    let code =
+        world_loop::main_with(&brief, realtime_priority, |brief| PythonMotion::new(plant, brief));
+    flush(plant.py());
+    code
+}
+
+/// An instance of a class of the user's.
+struct PythonMotion {
+    instance: Py<PyAny>,
+    /// Its bound method.
+    method: Py<PyAny>,
+    t_s: f64,
+}
+
+/// Why time could not pass, in words.
+#[derive(Debug)]
+struct Failed(String);
+
+impl fmt::Display for Failed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl Error for Failed {}
+
+impl PythonMotion {
+    /// Makes it with the robots of the brief.
+    fn new(class: &Bound<'_, PyAny>, brief: &PlantBrief) -> Result<PythonMotion, Failed> {
+        let py = class.py();
+        let made = || -> PyResult<PythonMotion> {
+            let robots: Vec<_> =
+                brief.robots.iter().map(|body| robot(py, body)).collect::<PyResult<_>>()?;
+            let instance = class.call1((PyList::new(py, robots)?,))?;
+            let method = instance.getattr(STEP)?;
+            Ok(PythonMotion { instance: instance.unbind(), method: method.unbind(), t_s: 0.0 })
+        };
+        made().map_err(|error| {
+            Failed(format!("cannot make the plant {}(robots): {}", name(class), told(py, &error)))
+        })
+    }
+
+    /// Where the robots are after `dt_s`, by what it answers.
+    fn ask(
+        &self,
+        py: Python<'_>,
+        targets: &[Twist],
+        dt_s: f64,
+        states: &mut [State],
+    ) -> Result<(), String> {
+        let at = || {
+            let place = place(self.instance.bind(py), self.method.bind(py), STEP);
+            format!("{place} at t = {:.3} s", self.t_s)
+        };
+        let twists: Vec<_> = targets.iter().map(|twist| (twist.v_m_s, twist.w_rad_s)).collect();
+        let asked = self.method.call1(py, (twists, dt_s));
+        let answer = asked.map_err(|error| format!("{} raised\n{}", at(), told(py, &error)))?;
+        let answer = answer.bind(py);
+        let found = rows(answer).filter(|rows| rows.len() == states.len()).ok_or_else(|| {
+            let robots = states.len();
+            format!(
+                "{} returned {}, expected {robots} poses, one for each robot: (x, y, heading) in m and rad, or \
+                 (x, y, heading, v, w) with m/s and rad/s",
+                at(),
+                shown(answer)
+            )
+        })?;
+        for (state, row) in states.iter_mut().zip(found) {
+            *state = row.state(state.pose, dt_s);
+        }
+        Ok(())
+    }
+}
+
+impl Motion for PythonMotion {
+    type Error = Failed;
+
+    fn step(&mut self, targets: &[Twist], dt_s: f64, states: &mut [State]) -> Result<(), Failed> {
+        Python::attach(|py| self.ask(py, targets, dt_s, states)).map_err(Failed)?;
+        self.t_s += dt_s;
+        Ok(())
+    }
+}
+
+/// One robot of an answer.
+struct Row {
+    pose: Pose,
+    twist: Option<Twist>,
+}
+
+impl Row {
+    /// Of three numbers, or five.
+    fn of(numbers: &[f64]) -> Option<Row> {
+        let (pose, twist) = match *numbers {
+            [x_m, y_m, heading_rad] => (Pose { x_m, y_m, heading_rad }, None),
+            [x_m, y_m, heading_rad, v_m_s, w_rad_s] => {
+                (Pose { x_m, y_m, heading_rad }, Some(Twist { v_m_s, w_rad_s }))
+            }
+            _ => return None,
+        };
+        Some(Row { pose, twist })
+    }
+
+    /// With the twist that it says, or the one that led there.
+    fn state(&self, from: Pose, dt_s: f64) -> State {
+        let twist = self.twist.unwrap_or_else(|| twist_between(from, self.pose, dt_s));
+        State { pose: self.pose, twist }
+    }
+}
+
+/// The robots of an answer, whatever its types; `None` if it is none.
+fn rows(answer: &Bound<'_, PyAny>) -> Option<Vec<Row>> {
+    // An array of numpy gives a list of lists at once.
+    let listed = answer.getattr("tolist").and_then(|list| list.call0());
+    let answer = listed.as_ref().unwrap_or(answer);
+    let row = |i| Row::of(&numbers(&answer.get_item(i).ok()?)?);
+    (0..answer.len().ok()?).map(row).collect()
+}
+
+/// The numbers of a sequence, whatever its type.
+fn numbers(row: &Bound<'_, PyAny>) -> Option<Vec<f64>> {
+    if row.is_instance_of::<PyString>() {
+        return None;
+    }
+    (0..row.len().ok()?).map(|i| row.get_item(i).ok()?.extract().ok()).collect()
+}
+
+/// A `phalanx.Robot`.
+fn robot<'py>(py: Python<'py>, body: &BodyBrief) -> PyResult<Bound<'py, PyAny>> {
+    let module = py.import("phalanx.plant")?;
+    let made = |class: &str, parts: &[(&str, f64)]| -> PyResult<Bound<'py, PyAny>> {
+        let keywords = PyDict::new(py);
+        parts.iter().try_for_each(|(key, value)| keywords.set_item(key, value))?;
+        module.getattr(class)?.call((), Some(&keywords))
+    };
+    let wheels = body.wheels.map(|wheels| {
+        let parts = [("speed_max_m_s", wheels.speed_max_m_s), ("track_m", wheels.track_m)];
+        made("Wheels", &parts)
+    });
+    let limits = body.limits.map(|limits| {
+        let parts = [
+            ("acceleration_m_s2", limits.acceleration_m_s2),
+            ("turn_acceleration_rad_s2", limits.turn_acceleration_rad_s2),
+            ("braking_time_s", limits.braking_time_s),
+        ];
+        made("Limits", &parts)
+    });
+    let keywords = PyDict::new(py);
+    keywords.set_item("name", &body.name)?;
+    keywords.set_item("start", Bound::new(py, situation::Pose::from(body.start))?)?;
+    keywords.set_item("front_point_m", body.front_point_m)?;
+    keywords.set_item("wheels", wheels.transpose()?)?;
+    keywords.set_item("limits", limits.transpose()?)?;
+    module.getattr("Robot")?.call((), Some(&keywords))
+}

@@ -1,0 +1,200 @@
+//! What moves the robots in Python, by `[plant] program`: it is the built-in plant but for its motion, and one
+//! that fails ends the run and is told.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use tempfile::TempDir;
+
+use super::{ROOT, path, python, says};
+use crate::harness::{Ended, Phalanx};
+
+/// The triangle on a plant that is the copy of a file of the tests under the name `name`.
+fn triangle(file: &str, name: &str, more: &str) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let plant = Path::new(ROOT).join("tests/python/plants").join(file).with_extension("py");
+    std::fs::copy(plant, folder.path().join(format!("{name}.py"))).unwrap();
+    let text = std::fs::read_to_string(Path::new(ROOT).join("scenarios/triangle.toml")).unwrap();
+    let plant = format!("\n[plant]\nprogram = [\"python3\", \"{name}.py\"]\n{more}");
+    std::fs::write(folder.path().join("triangle.toml"), text + &plant).unwrap();
+    folder
+}
+
+/// The triangle in that folder for 4 s, by the `phalanx` that the package has installed.
+fn run(folder: &TempDir) -> Phalanx {
+    let mut command = Command::new(Path::new(ROOT).join("target/python/bin/phalanx"));
+    command.arg("run").arg(folder.path().join("triangle.toml")).env("PATH", path());
+    Phalanx::new(command).set("expect={}").set("duration_s=4")
+}
+
+/// The same on the plant that is built in.
+fn built_in() -> Phalanx {
+    crate::harness::run("triangle").set("expect={}").set("duration_s=4")
+}
+
+fn phalanx(words: &[&str]) -> Output {
+    let program = Path::new(ROOT).join("target/python/bin/phalanx");
+    Command::new(program).args(words).env("NO_COLOR", "1").env("PATH", path()).output().unwrap()
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn the_same_arcs_in_python_give_the_same_run_bit_by_bit_under_faults_too() {
+    let folder = triangle("exact", "exact", "");
+    let faults =
+        ["kill r2 @1 restart 0.5", "wheels r3 limit 0.05 @2 for 0.5", "freeze r1 @3 for 0.1"];
+    let all =
+        |run: Phalanx| faults.iter().fold(run.lockstep(), |run, fault| run.fault(fault)).finish();
+    let (same, ended) = (all(built_in()), all(run(&folder)));
+    same.exits_with(0);
+    ended.exits_with(0).leaves_nothing();
+    ended.claim(ended.hash() == same.hash(), format!("as {}", same.hash()));
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn a_plant_that_gives_poses_alone_moves_robots_as_far() {
+    let folder = triangle("exact", "poses", "");
+    let (same, ended) = (built_in().lockstep().finish(), run(&folder).lockstep().finish());
+    ended.exits_with(0).leaves_nothing();
+    for robot in ["r1", "r2", "r3"] {
+        let error = |ended: &Ended| ended.number(&format!("/final_error_m/{robot}"));
+        let off_m = (error(&ended) - error(&same)).abs();
+        ended.claim(off_m < 1e-12, format!("{robot} is off by {off_m} m"));
+    }
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn its_files_are_kept_and_it_is_started_by_run_alone_and_by_verify_where_that_is_allowed() {
+    let folder = triangle("exact", "exact", "files = [\"data.txt\"]\n");
+    std::fs::write(folder.path().join("data.txt"), "1 2 3\n").unwrap();
+    let ended = run(&folder).lockstep().drawing().finish();
+    ended.exits_with(0).leaves_nothing();
+    let manifest: serde_json::Value = serde_json::from_str(&ended.file("manifest.json")).unwrap();
+    let listed = |i: usize| manifest["programs"][i]["file"].as_str();
+    ended.claim([listed(0), listed(1)] == [Some("exact.py"), Some("data.txt")], "both are listed");
+    ended.claim(ended.file("programs/data.txt") == "1 2 3\n", "and copied");
+    let page = ended.file("report.html");
+    let said = "no promise about distances: `python3 exact.py` moves the robots, and the guard is proven for \
+                another plant; the smallest distance seen is";
+    ended.claim(page.contains(said), said);
+
+    let scenario = folder.path().join("triangle.toml");
+    let checked = phalanx(&["check", scenario.to_str().unwrap()]);
+    let said = String::from_utf8_lossy(&checked.stdout);
+    assert!(said.contains("python3 exact.py: no promise about distances"), "{said}");
+    let run_dir = ended.run_dir();
+    let run_dir = run_dir.to_str().unwrap();
+    let refused = phalanx(&["verify", run_dir]);
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(2), "{said}");
+    assert!(said.contains("python3 exact.py") && said.contains("--allow-programs"), "{said}");
+    let verified = phalanx(&["verify", run_dir, "--allow-programs"]);
+    assert_eq!(verified.status.code(), Some(0), "{}", String::from_utf8_lossy(&verified.stderr));
+}
+
+/// The plant is bad from 1 s on: the run ends as with a plant's death, and says all of `parts`.
+fn bad(name: &str, run: impl Fn(Phalanx) -> Phalanx, parts: &[&str]) -> Ended {
+    let folder = triangle("hostile", name, "memory_max_mb = 300\n");
+    let ended = run(self::run(&folder)).finish();
+    ended.exits_with(4).leaves_nothing();
+    parts.iter().for_each(|part| says(&ended, part));
+    ended.claim(ended.number("/t_s") < 1.1, "it went well until then");
+    ended
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn a_plant_that_raises_ends_the_run_with_its_traceback() {
+    let parts = [
+        "error: the plant died (exit code 4)",
+        "Hostile.step (raises.py:19) at t = 1.000 s raised",
+        "Traceback (most recent call last):",
+        "ValueError: my physics are at their end",
+    ];
+    bad("raises", Phalanx::lockstep, &parts);
+    bad(
+        "raises",
+        |run| run,
+        &["error: the plant died (exit code 4)", "ValueError: my physics are"],
+    );
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn a_plant_that_says_a_robot_is_nowhere_is_refused() {
+    let said = "the plant moved r2 to y_m = NaN, expected a number of at most 1e9";
+    bad("returns_nan", Phalanx::lockstep, &[said]);
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn a_plant_that_answers_anything_but_a_pose_for_each_robot_is_refused() {
+    for (name, returned) in [
+        ("returns_nothing", "returned None, "),
+        ("returns_a_string", "returned 'north', "),
+        ("returns_two_robots", "returned [["),
+        ("returns_points", "returned [["),
+    ] {
+        let at = format!("Hostile.step ({name}.py:19) at t = 1.000 s ");
+        let expected = "expected 3 poses, one for each robot: (x, y, heading) in m and rad, or";
+        bad(name, Phalanx::lockstep, &[&at, returned, expected]);
+    }
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn a_plant_that_cannot_keep_up_with_real_time_says_so_and_one_that_may_take_its_time_goes_on() {
+    let ended =
+        bad("sleeps", |run| run, &["the plant is slower than real time: to move the robots by"]);
+    says(
+        &ended,
+        "expected a faster plant, a longer `plant_tick_s` in `realtime`, or `--pace lockstep`",
+    );
+    let folder = triangle("hostile", "sleeps", "");
+    run(&folder).lockstep().set("duration_s=1.05").finish().exits_with(0);
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn a_plant_that_never_answers_is_named_in_lockstep() {
+    bad(
+        "loops",
+        |run| run.lockstep().set("hung_after_s=1"),
+        &["error: the plant has not gone on for 1 s"],
+    );
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn a_plant_that_ends_ends_the_run() {
+    bad("leaves", Phalanx::lockstep, &["error: the plant died (exit code 0)"]);
+    bad("crashes", Phalanx::lockstep, &["error: the plant died (signal 11)"]);
+    bad(
+        "eats",
+        Phalanx::lockstep,
+        &["Hostile.step (eats.py:19) at t = 1.000 s raised", "MemoryError"],
+    );
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn a_plant_that_cannot_be_made_says_why() {
+    let folder = triangle("hostile", "refuses", "");
+    let ended = run(&folder).lockstep().finish();
+    ended.exits_with(4).leaves_nothing();
+    says(&ended, "cannot make the plant Hostile(robots): Traceback");
+    says(&ended, "ValueError: the physics engine has no licence");
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn a_law_in_the_place_of_a_plant_says_what_it_cannot_take() {
+    let folder = triangle("../laws/tanh", "tanh", "");
+    let ended = run(&folder).lockstep().finish();
+    ended.exits_with(4).leaves_nothing();
+    says(&ended, "plant.toml is not a brief");
+    let said = python(&[folder.path().join("tanh.py").to_str().unwrap(), "--help"]);
+    assert!(String::from_utf8_lossy(&said.stdout).contains("[laws.NAME]"));
+}

@@ -17,7 +17,7 @@ use crate::round_trip::Transport;
 use crate::table::Report;
 use crate::timers::Task;
 use crate::{
-    BenchError, Setting, floor, growth, lockstep, neighbor, peers, realtime, replacement,
+    BenchError, Setting, causes, floor, growth, lockstep, neighbor, peers, realtime, replacement,
     round_trip, startup, timers, view,
 };
 
@@ -95,6 +95,8 @@ enum Part {
     Lockstep,
     /// Deadlines missed, by size and rate.
     Realtime,
+    /// Whether late wake-ups are told their true cause; only if named here.
+    Causes,
     /// From a neighbor's publication to its use, against iceoryx2 polled by the same timers.
     Neighbor,
     /// The same with a live view open in a browser, and without; only if named here.
@@ -207,6 +209,11 @@ fn measure(args: &BenchArgs, stop: &Stop) -> Result<Report, BenchError> {
         let seconds = REALTIME * seconds;
         rows.extend(realtime::measure(setting, &robots, seconds)?);
     }
+    if args.only.contains(&Part::Causes) {
+        let measured = causes::measure(&setting, REALTIME * seconds)?;
+        rows.extend(measured.0);
+        notes.extend(measured.1);
+    }
     if wanted(Part::Neighbor) {
         let robots = or(&[2, 8]);
         let seconds = REALTIME * seconds;
@@ -219,7 +226,7 @@ fn measure(args: &BenchArgs, stop: &Stop) -> Result<Report, BenchError> {
         let robots = or(&[3, 8, 16, 32, 64, 128, 256]);
         let seconds = GROWTH * seconds;
         rows.extend(growth::measure(setting, &robots, seconds)?);
-        notes.extend(growth::NOTES);
+        notes.extend(growth::NOTES.map(str::to_owned));
     }
     if wanted(Part::Startup) {
         let mut robots = or(&[8, 64]);
@@ -279,6 +286,16 @@ enum PeerVerb {
         /// Where to write what was seen.
         result: PathBuf,
     },
+    /// Be late in one way, and tell what was seen of it.
+    Late {
+        /// In which way.
+        #[arg(value_enum)]
+        way: causes::Way,
+        /// For how many periods.
+        ticks: u64,
+        /// Where to write what was seen.
+        result: PathBuf,
+    },
     /// Kill a robot and wait for its replacement.
     Kill {
         /// The robot's brief.
@@ -299,6 +316,7 @@ fn peer(verb: &PeerVerb) -> u8 {
         PeerVerb::Floor { carrier, brief } => floor::agent(*carrier, brief),
         PeerVerb::Neighbor { brief, ticks, result } => neighbor::peer(brief, *ticks, result),
         PeerVerb::Timer { index, task, result } => timers::peer(*index, *task, result),
+        PeerVerb::Late { way, ticks, result } => causes::peer(*way, *ticks, result),
         PeerVerb::Kill { brief, kills, result } => replacement::onlooker(brief, *kills, result),
     };
     done.map_or_else(|error| complain(&error), |()| exit::OK)

@@ -13,6 +13,7 @@
 //! | `floor` | the same brains and world over a mapping or over pipes |
 //! | `realtime` | how many deadlines are missed, at which rate and size? |
 //! | `timers` | and how many by processes that do nothing but wake? |
+//! | `causes` | are late wake-ups told their true cause? |
 //! | `neighbor` | how long from a neighbor's publication to its use? |
 //! | `view` | is anybody later if a browser looks on? |
 //! | `growth` | what does a tick cost, to 256 robots, and how does that grow? |
@@ -26,6 +27,7 @@
 //! | `machine` | on what was it measured? |
 //! | `table` | medians with least and most, on a screen and as JSON |
 
+mod causes;
 mod child;
 pub mod cli;
 mod cores;

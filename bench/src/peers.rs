@@ -100,6 +100,21 @@ impl Peers {
             .map_err(|error| BenchError::Wrong(format!("{}: {error}", result.display())))
     }
 
+    /// The process number of peer i.
+    pub(crate) fn pid(&self, peer: usize) -> u32 {
+        self.children.lock().expect("nobody panics with it")[peer].pid()
+    }
+
+    /// Stops peer i by a signal.
+    pub(crate) fn stop(&self, peer: usize) {
+        self.children.lock().expect("nobody panics with it")[peer].stop();
+    }
+
+    /// Lets it go on.
+    pub(crate) fn go_on(&self, peer: usize) {
+        self.children.lock().expect("nobody panics with it")[peer].go_on();
+    }
+
     /// Fails once the peers are dead, and says why.
     pub(crate) fn check(&self) -> Result<(), BenchError> {
         if self.gone.load(Ordering::Acquire) { Err(self.why()) } else { Ok(()) }

@@ -89,7 +89,7 @@ pub(crate) struct Report {
     pub(crate) trajectories: Vec<Trajectory>,
     pub(crate) rows: Vec<Row>,
     /// What the rows do not say.
-    pub(crate) notes: Vec<&'static str>,
+    pub(crate) notes: Vec<String>,
 }
 
 /// The hashes of one trajectory, computed by several means.

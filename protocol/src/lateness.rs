@@ -7,6 +7,8 @@
 use std::fs::File;
 use std::os::unix::fs::FileExt as _;
 
+use serde::{Deserialize, Serialize};
+
 use crate::stage::Cause;
 
 /// A wake-up is late if it comes this part of a period after its deadline.
@@ -14,8 +16,13 @@ const LATE_PART: u64 = 10;
 /// What a page fault without a disk takes at most, ns.
 const MINOR_FAULT_NS: u64 = 1_000;
 
+/// In `schedstat`: time on a core, time waiting for one, and how often.
+const WAITED: usize = 1;
+/// In `stat`: `cpu`, then user, nice, system, idle, iowait, irq, softirq and steal, of all cores.
+const STOLEN: usize = 8;
+
 /// What had been counted at one moment, since the process or the machine started.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Counters {
     /// For how long this thread was ready to run while others ran, ns; 0 where the kernel does not say.
     pub waited_ns: u64,
@@ -29,7 +36,7 @@ pub struct Counters {
 }
 
 /// A wake-up after its deadline.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Late {
     /// How long after, ns.
     pub behind_ns: u64,
@@ -37,26 +44,40 @@ pub struct Late {
     pub at_work_ns: u64,
 }
 
-/// The cause of what was late, by what was counted before and after it: whatever explains at least half.
-///
-/// Waiting comes before work: whoever is interrupted in the middle of its work is at work for longer. The
-/// host comes last of those that are counted, for its steps are coarse.
-pub fn cause(late: Late, before: Counters, after: Counters) -> Cause {
-    let half_ns = late.behind_ns.div_ceil(2);
-    let explains = |ns: u64| ns >= half_ns;
-    let minor = after.minor_faults.saturating_sub(before.minor_faults);
-    if explains(after.waited_ns.saturating_sub(before.waited_ns)) {
-        Cause::Core
-    } else if after.major_faults > before.major_faults
-        || explains(minor.saturating_mul(MINOR_FAULT_NS))
-    {
-        Cause::Faults
-    } else if explains(after.stolen_ns.saturating_sub(before.stolen_ns)) {
-        Cause::Host
-    } else if explains(late.at_work_ns) {
-        Cause::Work
-    } else {
-        Cause::Unknown
+/// A late wake-up, and what was counted when the thread looked last before it, and at it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Account {
+    /// How late.
+    pub late: Late,
+    /// When it looked last.
+    pub before: Counters,
+    /// At the wake-up.
+    pub after: Counters,
+}
+
+impl Account {
+    /// The cause: whatever explains at least half of the lateness.
+    ///
+    /// Waiting comes before work: whoever is interrupted in the middle of its work is at work for longer.
+    /// The host comes last of those that are counted, for its steps are coarse.
+    pub fn cause(self) -> Cause {
+        let Account { late, before, after } = self;
+        let half_ns = late.behind_ns.div_ceil(2);
+        let explains = |ns: u64| ns >= half_ns;
+        let minor = after.minor_faults.saturating_sub(before.minor_faults);
+        if explains(after.waited_ns.saturating_sub(before.waited_ns)) {
+            Cause::Core
+        } else if after.major_faults > before.major_faults
+            || explains(minor.saturating_mul(MINOR_FAULT_NS))
+        {
+            Cause::Faults
+        } else if explains(after.stolen_ns.saturating_sub(before.stolen_ns)) {
+            Cause::Host
+        } else if explains(late.at_work_ns) {
+            Cause::Work
+        } else {
+            Cause::Unknown
+        }
     }
 }
 
@@ -82,11 +103,16 @@ impl Witness {
 
     /// Why it was late, if it was: by more than a tenth of the period, or after a `missed` deadline.
     pub fn cause_of(&mut self, late: Late, missed: bool) -> Option<Cause> {
+        self.account_of(late, missed).map(Account::cause)
+    }
+
+    /// What the cause is told by.
+    pub fn account_of(&mut self, late: Late, missed: bool) -> Option<Account> {
         if !missed && late.behind_ns <= self.period_ns / LATE_PART {
             return None;
         }
         let before = std::mem::replace(&mut self.counted, self.reader.read());
-        Some(cause(late, before, self.counted))
+        Some(Account { late, before, after: self.counted })
     }
 }
 
@@ -108,16 +134,30 @@ impl Reader {
         }
     }
 
+    /// The causes that this machine cannot tell: what they are counted in cannot be read.
+    pub fn untold(&self) -> Vec<Cause> {
+        let mut buffer = [0; 160];
+        let mut untold = Vec::new();
+        let told = |file: &Option<File>, buffer: &mut [u8], place| {
+            number(file.as_ref(), buffer, place).is_some()
+        };
+        if !told(&self.schedstat, &mut buffer, WAITED) {
+            untold.push(Cause::Core);
+        }
+        if !told(&self.stat, &mut buffer, STOLEN) {
+            untold.push(Cause::Host);
+        }
+        untold
+    }
+
     /// What is counted now.
     pub fn read(&self) -> Counters {
         let mut counters = faults();
         let mut buffer = [0; 160];
-        // Time on a core, time waiting for one, and how often.
-        if let Some(waited_ns) = number(self.schedstat.as_ref(), &mut buffer, 1) {
+        if let Some(waited_ns) = number(self.schedstat.as_ref(), &mut buffer, WAITED) {
             counters.waited_ns = waited_ns;
         }
-        // `cpu`, then user, nice, system, idle, iowait, irq, softirq and steal, of all cores.
-        if let Some(ticks) = number(self.stat.as_ref(), &mut buffer, 8) {
+        if let Some(ticks) = number(self.stat.as_ref(), &mut buffer, STOLEN) {
             counters.stolen_ns = ticks.saturating_mul(self.ns_per_tick);
         }
         counters
@@ -195,7 +235,7 @@ mod tests {
             ("a law that overruns", late(7 * MS, 7 * MS), grown(20_000, 0, 0, 1), Cause::Work),
             ("a timer that fired late", late(MS, 0), grown(11_000, 0, 0, 0), Cause::Unknown),
         ] {
-            assert_eq!(cause(late, before, after), expected, "{what}");
+            assert_eq!(Account { late, before, after }.cause(), expected, "{what}");
         }
     }
 
@@ -212,7 +252,9 @@ mod tests {
         let reader = Reader { schedstat: None, stat: None, ns_per_tick: 1 };
         let now = reader.read();
         assert_eq!((now.waited_ns, now.stolen_ns), (0, 0));
-        assert_eq!(cause(late(MS, 0), now, now), Cause::Unknown);
+        assert_eq!(reader.untold(), [Cause::Core, Cause::Host]);
+        let account = Account { late: late(MS, 0), before: now, after: now };
+        assert_eq!(account.cause(), Cause::Unknown);
     }
 
     #[test]

@@ -11,10 +11,12 @@ use std::time::{Duration, Instant};
 
 use protocol::barrier::Barrier;
 use protocol::clock::{Timer, now_ns, tighten_timer_slack};
+use protocol::lateness::Reader;
 use protocol::process::{
     Alarm, PriorityError, REALTIME_RUNTIME, may_lock_memory, stand_back, try_realtime_priority,
 };
 use protocol::run_root::{self, RunRoot};
+use protocol::stage::Cause;
 use rustix::fs::{Access, access};
 use rustix::process::{Resource, getrlimit};
 use rustix::time::{ClockId, clock_gettime};
@@ -95,7 +97,7 @@ impl Finding {
 pub fn examine(robots: usize) -> Vec<Finding> {
     let base = run_root::base();
     let mut findings = vec![children(), waits(&base), cores(robots), keeping_cores(), load()];
-    findings.extend([wake_ups(), alarm()]);
+    findings.extend([wake_ups(), causes(), alarm()]);
     findings.extend(governor());
     findings.push(descriptors(robots));
     findings.push(processes(robots));
@@ -280,6 +282,19 @@ fn wake_ups() -> Finding {
                 "timer slack is {slack_ns} ns; a virtual machine, power saving or load may add more"
             ),
         )
+}
+
+/// Which causes of late wake-ups can be told here.
+fn causes() -> Finding {
+    let untold = Reader::new().untold();
+    let words =
+        |causes: Vec<Cause>| causes.into_iter().map(Cause::words).collect::<Vec<_>>().join(", ");
+    let told: Vec<Cause> = Cause::ALL.into_iter().filter(|cause| !untold.contains(cause)).collect();
+    Finding::fine("causes", format!("late wake-ups are told apart as {}", words(told))).or(
+        Verdict::WorthKnowing,
+        !untold.is_empty(),
+        format!("late wake-ups of these causes count as unknown: {}", words(untold)),
+    )
 }
 
 fn governor() -> Option<Finding> {

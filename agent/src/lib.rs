@@ -14,6 +14,7 @@
 //! | `brain` | what does one sample lead to? |
 //! | `ports` | through which services does it speak? |
 //! | `control_loop` | when does it think? The loops of both paces |
+//! | `program` | and with a law in another language? |
 
 pub mod avoidance;
 pub mod brain;
@@ -23,6 +24,7 @@ pub mod laws;
 pub mod link;
 pub mod neighborhood;
 pub mod ports;
+pub mod program;
 pub mod roles;
 
 use protocol::catalog::Catalog;

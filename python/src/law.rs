@@ -1,30 +1,14 @@
 //! A law in Python: asked with what it may see, and its answer taken if it is one.
-//!
-//! What a law raises, and an answer that is none, is told and ends the process on the spot, as a kill does:
-//! its ports stay until the supervisor has seen it die, and what it said last reaches everybody. The agent's
-//! loop knows laws that answer, and no others.
 
 use std::collections::BTreeMap;
 
-use agent::laws::{Law, Situation, Wish};
-use formation::Vec2;
-use formation::front_point::front_velocity;
-use formation::pose::Twist;
+use agent::laws::Situation;
+use agent::program::{ForeignLaw, Level};
 use pyo3::exceptions::{PyBaseException, PyMemoryError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString, PyTuple};
 
 use crate::situation::{self, Names};
-
-/// The exit code of a process whose law has no answer: Python's own for an exception.
-const LAW_FAILED: i32 = 1;
-
-/// Which of the two classes a law is derived from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Level {
-    Law,
-    Controller,
-}
 
 /// An instance of a class of the user's.
 pub struct PythonLaw {
@@ -68,7 +52,7 @@ impl PythonLaw {
     }
 
     /// What it answers, as two numbers; or why that is none.
-    fn ask(&self, py: Python<'_>, situation: &Situation<'_>) -> Result<[f64; 2], String> {
+    fn answer(&self, py: Python<'_>, situation: &Situation<'_>) -> Result<[f64; 2], String> {
         let asked = match self.level {
             Level::Law => {
                 let seen = situation::Situation::of(situation, &self.names);
@@ -90,55 +74,18 @@ impl PythonLaw {
             format!("{} returned {}, expected {}", at(), shown(answer), self.level.expected())
         })
     }
-
-    fn answer(&self, situation: &Situation<'_>) -> [f64; 2] {
-        Python::attach(|py| {
-            self.ask(py, situation).unwrap_or_else(|why| {
-                tracing::error!("{why}");
-                flush(py);
-                std::process::exit(LAW_FAILED)
-            })
-        })
-    }
 }
 
 /// Of an answer that is none, so much is shown.
 const ANSWER_CHARS_MAX: usize = 200;
 
-impl Level {
-    fn method(self) -> &'static str {
-        match self {
-            Level::Law => "gamma",
-            Level::Controller => "twist",
-        }
+impl ForeignLaw for PythonLaw {
+    fn level(&self) -> Level {
+        self.level
     }
 
-    fn expected(self) -> &'static str {
-        match self {
-            Level::Law => "two finite numbers (x, y) in m/s",
-            Level::Controller => "two finite numbers (v, w) in m/s and rad/s",
-        }
-    }
-}
-
-impl Law for PythonLaw {
-    fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
-        match self.wish(situation) {
-            Wish::Velocity(gamma) => gamma,
-            Wish::Twist(twist) => {
-                let pose = situation.pose;
-                let ell_m = (situation.front_point - Vec2::new(pose.x_m, pose.y_m)).norm();
-                front_velocity(pose.heading_rad, ell_m, twist)
-            }
-        }
-    }
-
-    fn wish(&mut self, situation: &Situation<'_>) -> Wish {
-        let [first, second] = self.answer(situation);
-        match self.level {
-            Level::Law => Wish::Velocity(Vec2::new(first, second)),
-            Level::Controller => Wish::Twist(Twist { v_m_s: first, w_rad_s: second }),
-        }
+    fn ask(&mut self, situation: &Situation<'_>) -> Result<[f64; 2], String> {
+        Python::attach(|py| self.answer(py, situation).inspect_err(|_| flush(py)))
     }
 }
 

@@ -5,6 +5,7 @@ use std::error::Error;
 use std::fmt;
 use std::path::PathBuf;
 
+use agent::program::is_of_another_version;
 use formation::pose::{Pose, Twist};
 use formation::unicycle::twist_between;
 use plant::motion::{Motion, State};
@@ -15,7 +16,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyString};
 
 use crate::law::{flush, name, place, shown, told};
-use crate::serve::is_of_another_version;
+use crate::serve::PACKAGE;
 use crate::situation;
 
 /// The method that moves the robots.
@@ -24,7 +25,7 @@ const STEP: &str = "step";
 /// Moves the robots of this brief by the plant until told to stop; the exit code.
 #[pyfunction]
 pub fn serve_plant(plant: &Bound<'_, PyAny>, brief: PathBuf, realtime_priority: bool) -> u8 {
-    if is_of_another_version(&brief) {
+    if is_of_another_version(&brief, PACKAGE) {
         return exit::INFRASTRUCTURE;
     }
     let code =

@@ -3,6 +3,7 @@
 use agent::laws::{self, Heard};
 use formation::Vec2;
 use formation::pose;
+use protocol::brief::AgentBrief;
 use protocol::message::Contact;
 use pyo3::prelude::*;
 
@@ -148,13 +149,14 @@ impl Sensed {
     }
 }
 
-/// The names of those that a robot hears.
+/// The names of those that a robot hears, by their places in the scenario, from 1.
 pub struct Names(Vec<(usize, String)>);
 
 impl Names {
-    /// By their places in the scenario, from 1.
-    pub fn new(names: impl Iterator<Item = (usize, String)>) -> Names {
-        Names(names.collect())
+    /// Those of the robots that the robot of this brief hears.
+    pub fn of_those_heard(brief: &AgentBrief) -> Names {
+        let neighbors = brief.neighbors.iter();
+        Names(neighbors.map(|neighbor| (neighbor.index, neighbor.name.clone())).collect())
     }
 
     fn of(&self, index: usize) -> String {

@@ -11,6 +11,7 @@ mod campaigns;
 mod chapter;
 mod cleanup;
 mod container;
+mod cpp;
 mod every_fault;
 mod faults;
 mod foretold;

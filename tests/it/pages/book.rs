@@ -42,6 +42,9 @@ const PYTHON: &[&str] = &["docs/how-to/graph.md", "docs/how-to/analyse.md"];
 /// Pages about the Python package, which `tests/python/install` installs.
 const PACKAGE: &[&str] = &["python/README.md", "docs/tutorial/python.md"];
 
+/// Pages with C++, which needs what `tests/cpp/install` installs, and the library of `c/`.
+const CPP: &[&str] = &["docs/how-to/cpp.md"];
+
 /// Pages that change the program, and are played by tests of their own.
 const BUILDS: &[&str] = &["docs/tutorial/law.md"];
 
@@ -157,6 +160,7 @@ fn every_command_of_every_page_is_one_that_the_program_takes() {
                         "python3 ",
                         "export ",
                         "cp ",
+                        "g++ ",
                         "sed ",
                         "head ",
                         "cat ",
@@ -186,7 +190,8 @@ fn every_command_of_every_page_is_one_that_the_program_takes() {
 
 #[test]
 fn every_block_says_what_it_is() {
-    let languages = ["sh", "toml", "text", "rust", "python", "xml", "json", "dockerfile"];
+    let languages =
+        ["sh", "toml", "text", "rust", "python", "c", "cpp", "xml", "json", "dockerfile"];
     for (path, text) in pages() {
         for block in blocks(&text) {
             let known = languages.contains(&block.language.as_str());
@@ -337,7 +342,8 @@ fn file_name(block: &Block) -> Option<&str> {
         .next()?
         .strip_prefix("// "))?;
     let like_a_file = name.contains('.') && !name.contains(' ') && !name.ends_with('.');
-    (like_a_file && ["toml", "python", "rust"].contains(&block.language.as_str())).then_some(name)
+    (like_a_file && ["toml", "python", "rust", "cpp"].contains(&block.language.as_str()))
+        .then_some(name)
 }
 
 /// Whether a text is a pattern: the same but for trailing space, where `...` is anything.
@@ -377,7 +383,7 @@ fn a_text_fits_a_pattern_if_only_what_it_leaves_open_differs() {
 
 #[test]
 fn what_the_short_pages_say_happens() {
-    let special = [LONG, PYTHON, PACKAGE, BUILDS].concat();
+    let special = [LONG, PYTHON, PACKAGE, CPP, BUILDS].concat();
     for (path, _) in pages().iter().filter(|(path, _)| !special.contains(&path.as_str())) {
         Reader::of(path).follow();
     }
@@ -413,6 +419,27 @@ fn what_the_pages_about_the_python_package_say_happens() {
         reader.python = Some(python.clone());
         reader.follow();
     }
+}
+
+#[test]
+#[ignore = "needs what tests/cpp/install installs"]
+fn what_the_page_about_laws_in_cpp_says_happens() {
+    for path in CPP {
+        let reader = Reader::of(path);
+        let there = reader.folder.path();
+        std::os::unix::fs::symlink(Path::new(ROOT).join("c"), there.join("c")).unwrap();
+        std::fs::create_dir(there.join("target")).unwrap();
+        std::os::unix::fs::symlink(crate::cpp::library(), there.join("target/release")).unwrap();
+        reader.follow();
+    }
+}
+
+#[test]
+fn the_page_about_laws_in_cpp_shows_the_example() {
+    let page = std::fs::read_to_string(Path::new(ROOT).join(CPP[0])).unwrap();
+    let example = std::fs::read_to_string(Path::new(ROOT).join("examples/cpp/tanh.cpp")).unwrap();
+    let shown = blocks(&page).into_iter().find(|block| file_name(block) == Some("vee/tanh.cpp"));
+    assert_eq!(shown.expect("the law").text, format!("// vee/tanh.cpp\n{example}"));
 }
 
 #[test]

@@ -1,0 +1,130 @@
+//! A C function as a law: what it is shown, and its answer taken if it is one.
+
+use std::ffi::{c_int, c_void, CString};
+
+use agent::laws;
+use agent::program::{ForeignLaw, Level};
+use formation::Vec2;
+use protocol::brief::AgentBrief;
+
+use crate::{Neighbor, Pose, Situation, Twist, Vector};
+
+/// A function of the user's.
+#[derive(Clone, Copy)]
+pub enum Function {
+    /// Answers with gamma.
+    Gamma(unsafe extern "C-unwind" fn(*const Situation, *mut Vector, *mut c_void) -> c_int),
+    /// Answers with a twist.
+    Steer(unsafe extern "C-unwind" fn(*const Situation, *mut Twist, *mut c_void) -> c_int),
+}
+
+/// A law in C.
+pub struct CLaw {
+    function: Function,
+    user: *mut c_void,
+    /// The law's name in the scenario.
+    name: String,
+    /// Names of those heard, by their places in the scenario, from 1.
+    names: Vec<(usize, CString)>,
+    near: Vec<Vector>,
+    neighbors: Vec<Neighbor>,
+}
+
+// SAFETY: The agent's loop asks its law on the thread that called `phalanx_serve_law`, and on no other.
+unsafe impl Send for CLaw {}
+
+impl CLaw {
+    /// For the robot of this brief.
+    ///
+    /// # Safety
+    ///
+    /// `function` may be called with `user` for as long as this is there.
+    pub unsafe fn new(function: Function, user: *mut c_void, brief: &AgentBrief) -> CLaw {
+        let neighbors = brief.neighbors.iter();
+        let name = |name: &str| CString::new(name).expect("a robot's name has letters and digits");
+        CLaw {
+            function,
+            user,
+            name: brief.law.clone(),
+            names: neighbors.map(|neighbor| (neighbor.index, name(&neighbor.name))).collect(),
+            near: Vec::new(),
+            neighbors: Vec::with_capacity(brief.neighbors.len()),
+        }
+    }
+
+    /// What the function is shown. It points into this law, which must not change meanwhile.
+    fn show(&mut self, situation: &laws::Situation<'_>) -> Situation {
+        let alpha = situation.front_point;
+        self.near.clear();
+        self.near.extend(situation.away.iter().map(|away| vector(alpha - away)));
+        self.neighbors.clear();
+        let named = |index| &self.names.iter().find(|(place, _)| *place == index).expect("heard").1;
+        self.neighbors.extend(situation.heard.iter().map(|heard| Neighbor {
+            name: named(heard.index).as_ptr(),
+            position: vector(heard.position),
+            velocity: vector(heard.velocity),
+            offset: vector(heard.offset.position),
+            offset_velocity: vector(heard.offset.velocity),
+            age_s: heard.age_s,
+            contact: heard.contact as u32,
+        }));
+        let pose = situation.pose;
+        Situation {
+            error: vector(situation.error),
+            desired_velocity: vector(situation.desired_velocity),
+            pose: Pose { x_m: pose.x_m, y_m: pose.y_m, heading_rad: pose.heading_rad },
+            front_point: vector(alpha),
+            front_point_m: (alpha - Vec2::new(pose.x_m, pose.y_m)).norm(),
+            twist: Twist { v_m_s: situation.twist.v_m_s, w_rad_s: situation.twist.w_rad_s },
+            t_s: situation.t_s,
+            period_s: situation.period_s,
+            near: self.near.as_ptr(),
+            near_count: self.near.len(),
+            neighbors: self.neighbors.as_ptr(),
+            neighbor_count: self.neighbors.len(),
+        }
+    }
+}
+
+impl ForeignLaw for CLaw {
+    fn level(&self) -> Level {
+        match self.function {
+            Function::Gamma(_) => Level::Law,
+            Function::Steer(_) => Level::Controller,
+        }
+    }
+
+    fn ask(&mut self, situation: &laws::Situation<'_>) -> Result<[f64; 2], String> {
+        let seen = self.show(situation);
+        // SAFETY: `CLaw::new` was promised that the function may be called with `user`; `seen` and what it
+        // points to live until it returns.
+        let (code, answer) = unsafe {
+            match self.function {
+                Function::Gamma(gamma) => {
+                    let mut out = Vector { x: f64::NAN, y: f64::NAN };
+                    (gamma(&seen, &mut out, self.user), [out.x, out.y])
+                }
+                Function::Steer(steer) => {
+                    let mut out = Twist { v_m_s: f64::NAN, w_rad_s: f64::NAN };
+                    (steer(&seen, &mut out, self.user), [out.v_m_s, out.w_rad_s])
+                }
+            }
+        };
+        let at = || {
+            let (method, t_s) = (self.level().method(), situation.t_s);
+            format!("the law {:?}: {method} at t = {t_s:.3} s returned", self.name)
+        };
+        match (code, answer) {
+            (0, [first, second]) if first.is_finite() && second.is_finite() => Ok(answer),
+            (0, [first, second]) => {
+                let expected = self.level().expected();
+                Err(format!("{} ({first}, {second}), expected {expected}", at()))
+            }
+            (code, _) => Err(format!("{} {code}, expected 0", at())),
+        }
+    }
+}
+
+fn vector(vector: Vec2) -> Vector {
+    Vector { x: vector.x, y: vector.y }
+}

@@ -1,0 +1,219 @@
+//! Laws in C and C++, built by the system's compiler against `c/include/phalanx.h` and the library of `c/`.
+//! `tests/cpp/install` installs what that needs. A robot whose law is in C++ is the same robot.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use tempfile::TempDir;
+
+use crate::harness::{Ended, Phalanx};
+
+const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+
+/// Where cargo has put the library: beside this test.
+pub fn library() -> PathBuf {
+    let folder = std::env::current_exe().unwrap().parent().unwrap().to_owned();
+    assert!(folder.join("libphalanx_agent.so").exists(), "{}", folder.display());
+    folder
+}
+
+/// Builds `source` as `program`: the words of the page `docs/how-to/cpp.md`, with warnings as errors.
+fn build(source: &str, program: &Path, more: &[&str]) {
+    let (source, library) = (Path::new(ROOT).join(source), library());
+    let c = source.extension().is_some_and(|ending| ending == "c");
+    let (compiler, standard) = if c { ("cc", "-std=c11") } else { ("g++", "-std=c++17") };
+    let output = Command::new(compiler)
+        .args([standard, "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"])
+        .args(more)
+        .args(["-I", &format!("{ROOT}/c/include")])
+        .arg(&source)
+        .arg("-o")
+        .arg(program)
+        .arg(format!("-L{}", library.display()))
+        .arg(format!("-Wl,-rpath,{}", library.display()))
+        .args(["-lphalanx_agent", "-lm"])
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{}: {said}", source.display());
+}
+
+/// The pentagon beside a program with the law `mine`, built of `source`.
+fn pentagon(source: &str, more: &[&str], gain: &str) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    build(source, &folder.path().join("mine"), more);
+    let text = std::fs::read_to_string(Path::new(ROOT).join("scenarios/pentagon.toml")).unwrap();
+    let law = format!(
+        "\n[laws.mine]\nprogram = [\"./mine\"]\nrole = \"formation\"\ngains = [\"{gain}\"]\n\
+         feed_forward = true\n"
+    );
+    std::fs::write(folder.path().join("pentagon.toml"), text + &law).unwrap();
+    folder
+}
+
+fn tanh() -> TempDir {
+    pentagon("examples/cpp/tanh.cpp", &[], "k_f_m_s")
+}
+
+fn run(folder: &TempDir) -> Phalanx {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
+    command.arg("run").arg(folder.path().join("pentagon.toml"));
+    Phalanx::new(command).set("expect={}")
+}
+
+/// The same with r3 by the law `mine`.
+fn with_r3(folder: &TempDir) -> Phalanx {
+    run(folder).set("robot.r3.law=mine")
+}
+
+#[track_caller]
+fn keeps_its_distance(ended: &Ended) {
+    let distance_m = ended.number("/min_distance_m");
+    ended.claim(distance_m >= 0.3, format!("nobody came nearer than 0.3 m: {distance_m}"));
+}
+
+#[track_caller]
+fn says(ended: &Ended, part: &str) {
+    ended.claim(ended.stderr.contains(part), format!("it says {part:?}"));
+}
+
+#[test]
+#[ignore = "needs what tests/cpp/install installs"]
+fn a_robot_with_the_same_law_in_cpp_moves_bit_by_bit_as_the_built_in_one() {
+    let folder = tanh();
+    let built_in = run(&folder).lockstep().set("duration_s=4").finish();
+    let ended = with_r3(&folder).lockstep().set("duration_s=4").finish();
+    ended.exits_with(0).leaves_nothing();
+    ended.claim(ended.hash() == built_in.hash(), format!("as {}", built_in.hash()));
+    keeps_its_distance(&ended);
+}
+
+#[test]
+#[ignore = "needs what tests/cpp/install installs"]
+fn a_robot_in_cpp_that_is_killed_and_restarted_in_lockstep_moves_as_a_built_in_one_would() {
+    let folder = tanh();
+    let killed =
+        |run: Phalanx| run.lockstep().set("duration_s=8").fault("kill r3 @4 restart 2").finish();
+    let (built_in, ended) = (killed(run(&folder)), killed(with_r3(&folder)));
+    ended.exits_with(0).leaves_nothing();
+    ended.claim(ended.hash() == built_in.hash(), format!("as {}", built_in.hash()));
+    keeps_its_distance(&ended);
+}
+
+#[test]
+#[ignore = "needs what tests/cpp/install installs"]
+fn a_robot_in_cpp_that_is_killed_and_restarted_in_real_time_finds_its_place_again() {
+    let folder = tanh();
+    let ended = with_r3(&folder).set("duration_s=8").fault("kill r3 @3 restart 1").finish();
+    ended.exits_with(0).leaves_nothing();
+    keeps_its_distance(&ended);
+    let events = ended.file("events.csv");
+    ended.claim(events.contains(",ready,r3,incarnation 1"), "r3 came back");
+    let alive = ended.summary["alive_at_end"].to_string();
+    ended.claim(alive.contains("r3"), format!("r3 lives at the end: {alive}"));
+}
+
+#[test]
+#[ignore = "needs what tests/cpp/install installs"]
+fn a_controller_in_c_keeps_its_place_and_sees_what_the_agent_sees() {
+    let folder = pentagon("tests/cpp/laws/place.c", &[], "k_per_s");
+    let ended = with_r3(&folder).set("robot.r3.k_per_s=3").lockstep().set("duration_s=12").finish();
+    ended.exits_with(0).leaves_nothing();
+    keeps_its_distance(&ended);
+    let error_m = ended.number("/final_error_m/r3");
+    ended.claim(error_m < 0.02, format!("r3 is where it belongs: {error_m} m"));
+}
+
+#[test]
+#[ignore = "needs what tests/cpp/install installs"]
+fn a_law_in_cpp_that_fails_ends_its_robot_with_its_reason_and_harms_nobody() {
+    let numbers = "expected two finite numbers (x, y) in m/s";
+    let returned = "the law \"mine\": gamma at t = 1.000 s returned";
+    let cases = [
+        ("returns_a_code", "-UOBJECT", format!("{returned} 7, expected 0"), "exit code 1"),
+        ("returns_nan", "-UOBJECT", format!("{returned} (NaN, 0.5), {numbers}"), "exit code 1"),
+        ("answers_nothing", "-UOBJECT", format!("{returned} (NaN, NaN), {numbers}"), "exit code 1"),
+        ("throws", "-UOBJECT", "in a function that cannot unwind".to_owned(), "signal 6"),
+        (
+            "throws",
+            "-DOBJECT",
+            "threw an exception: my law is at its end".to_owned(),
+            "exit code 1",
+        ),
+    ];
+    for (fails_by, more, why, death) in cases {
+        let fails_by = format!("-DFAILS_BY={fails_by}");
+        let folder = pentagon("tests/cpp/laws/fails.cpp", &[&fails_by, more], "k_f_m_s");
+        let ended = with_r3(&folder).lockstep().set("duration_s=2").finish();
+        ended.exits_with(0).leaves_nothing();
+        keeps_its_distance(&ended);
+        says(&ended, "died unexpectedly");
+        let log = ended.file("logs/r3.jsonl").replace("\\\"", "\"");
+        ended.claim(log.contains(&why), format!("its log says {why:?}: {log}"));
+        let events = ended.file("events.csv");
+        ended.claim(events.contains(&format!("died,r3,{death}")), format!("{death}: {events}"));
+    }
+}
+
+#[test]
+#[ignore = "needs what tests/cpp/install installs"]
+fn a_program_in_cpp_that_cannot_serve_says_why() {
+    let cases = [
+        (&[][..], "the law \"mine\" has no gain \"k_f\"; its gains: k_f_m_s", "exit code 1"),
+        (&["-DSERVES_NONE"], "the law \"mine\" is NULL", "exit code 4"),
+    ];
+    for (more, why, death) in cases {
+        let folder = pentagon("tests/cpp/laws/wrong.cpp", more, "k_f_m_s");
+        let ended = with_r3(&folder).lockstep().finish();
+        ended.exits_with(4).leaves_nothing();
+        says(&ended, why);
+        says(&ended, death);
+    }
+}
+
+#[test]
+#[ignore = "needs what tests/cpp/install installs"]
+fn a_program_in_cpp_that_is_started_by_hand_says_what_starts_it() {
+    let folder = tanh();
+    let output = Command::new(folder.path().join("mine")).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("error: no brief of a robot is given\nusage: "), "{said}");
+    assert!(said.contains("`phalanx run SCENARIO` starts it"), "{said}");
+}
+
+#[test]
+#[ignore = "needs what tests/cpp/install installs"]
+fn a_program_in_cpp_that_is_started_by_another_version_says_so() {
+    let folder = tanh();
+    let ended = with_r3(&folder).lockstep().set("duration_s=0.1").finish();
+    let brief = ended.file("briefs/r3.toml");
+    let version = format!("phalanx = \"{}\"", env!("CARGO_PKG_VERSION"));
+    let path = folder.path().join("r3.toml");
+    std::fs::write(&path, brief.replace(&version, "phalanx = \"99.1.0\"\nnew = true")).unwrap();
+    let output = Command::new(folder.path().join("mine")).arg(&path).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(4), "{said}");
+    assert!(
+        said.contains("phalanx 99.1.0 starts this program, and its libphalanx_agent"),
+        "{said}"
+    );
+}
+
+#[test]
+#[ignore = "needs what tests/cpp/install installs"]
+fn the_header_is_what_cbindgen_makes_of_the_library() {
+    let made = Command::new("cbindgen")
+        .args(["--quiet", "--config", "c/cbindgen.toml", "c/src/abi.rs"])
+        .current_dir(ROOT)
+        .output()
+        .unwrap();
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let made = String::from_utf8(made.stdout).unwrap();
+    let path = Path::new(ROOT).join("c/include/phalanx.h");
+    if std::env::var_os("PHALANX_BLESS").is_some() {
+        std::fs::write(&path, &made).unwrap();
+    }
+    let kept = std::fs::read_to_string(&path).unwrap();
+    assert!(kept == made, "PHALANX_BLESS=1 writes it anew");
+}

@@ -125,6 +125,43 @@ fn a_program_is_started_by_run_alone_and_by_verify_where_that_is_allowed() {
 }
 
 #[test]
+fn a_script_takes_the_place_of_the_built_in_plant_and_the_run_ends_with_it() {
+    let built_in = |run: Phalanx| {
+        let set = ["robot.r2.law=formation-tanh", "robot_defaults.k_f_m_s=0.1"];
+        set.iter().fold(run.lockstep(), |run, set| run.set(set))
+    };
+    let folder = scenario("[\"sh\"]", "[plant]\nprogram = [\"./world.sh\"]\n");
+    script(folder.path(), "world.sh", "pwd > \"$TRACE\"; exec \"$PHALANX\" plant \"$@\"");
+    let trace = folder.path().join("trace");
+    let own = built_in(followed(folder.path(), &trace)).drawing().finish();
+    own.exits_with(0).leaves_nothing();
+    let same = built_in(run(scenario("[\"sh\"]", "").path())).finish();
+    own.claim(own.hash() == same.hash(), format!("the trajectory is that of {}", same.hash()));
+    let programs = own.run_dir().join("programs").canonicalize().unwrap();
+    let told = std::fs::read_to_string(&trace).unwrap();
+    assert_eq!(Path::new(told.trim()), programs, "it runs there");
+    let seen_m = own.number("/min_distance_m");
+    let said = "no promise about distances: `./world.sh` moves the robots, and the guard is proven for another \
+                plant; the smallest distance seen is";
+    own.claim(own.file("report.html").contains(said), format!("{said} {seen_m}"));
+
+    std::fs::remove_file(&trace).unwrap();
+    let checked = phalanx(&["check", folder.path().join("own.toml").to_str().unwrap()]);
+    assert_eq!(checked.status.code(), Some(0), "{}", String::from_utf8_lossy(&checked.stderr));
+    let run_dir = own.run_dir();
+    assert_eq!(phalanx(&["report", run_dir.to_str().unwrap()]).status.code(), Some(0));
+    let refused = phalanx(&["verify", run_dir.to_str().unwrap()]);
+    assert_eq!(refused.status.code(), Some(2));
+    let said = String::from_utf8(refused.stderr).unwrap();
+    assert!(said.contains("./world.sh") && said.contains("--allow-programs"), "{said}");
+    assert!(!trace.exists(), "check, report and verify start nothing");
+
+    let killed = built_in(followed(folder.path(), &trace)).fault("kill plant @0.2").finish();
+    killed.exits_with(4).leaves_nothing();
+    killed.claim(killed.stderr.contains("error: the plant died (signal 9)"), "it is told");
+}
+
+#[test]
 fn a_program_that_never_becomes_ready_ends_the_run_with_what_it_said_last() {
     let folder = scenario("[\"./wait.sh\"]", "");
     script(folder.path(), "wait.sh", "echo I wait for a licence server >&2; exec sleep 1000");

@@ -1,7 +1,7 @@
 //! `README.md`, `CONTRIBUTING.md` and the book in `docs/`: each block of shell is what the command line
 //! takes, and is run if it can be; each block of TOML is read.
 //!
-//! A page is followed from its top in a folder of its own, which has `scenarios/`. A block whose first
+//! A page is followed from its top in a folder of its own, which has `scenarios/` and `examples/`. A block whose first
 //! line is `# NAME` is the file of that name. A block of text right after a block of shell is what that
 //! one prints, on both streams; `...` in it stands for anything. A command that ends with another exit
 //! code than 0 says so: `# exit code 1`.
@@ -40,7 +40,8 @@ const LONG: &[&str] =
 const PYTHON: &[&str] = &["docs/how-to/graph.md", "docs/how-to/analyse.md"];
 
 /// Pages about the Python package, which `tests/python/install` installs.
-const PACKAGE: &[&str] = &["python/README.md", "docs/tutorial/python.md"];
+const PACKAGE: &[&str] =
+    &["python/README.md", "docs/tutorial/python.md", "docs/how-to/plant.md", "docs/hardware.md"];
 
 /// Pages with C++, which needs what `tests/cpp/install` installs, and the library of `c/`.
 const CPP: &[&str] = &["docs/how-to/cpp.md"];
@@ -262,8 +263,10 @@ struct Reader {
 impl Reader {
     fn of(path: &str) -> Reader {
         let folder = tempfile::tempdir().unwrap();
-        let scenarios = Path::new(ROOT).join("scenarios");
-        std::os::unix::fs::symlink(scenarios, folder.path().join("scenarios")).unwrap();
+        for shipped in ["scenarios", "examples"] {
+            let target = Path::new(ROOT).join(shipped);
+            std::os::unix::fs::symlink(target, folder.path().join(shipped)).unwrap();
+        }
         let run_root = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
         Reader { path: path.into(), folder, run_root, python: None }
     }

@@ -1,0 +1,109 @@
+"""Differential-drive robots on a floor, in MuJoCo: two wheels with velocity servos and a caster at either end.
+
+Wheels roll by friction, and may slip; bodies have mass, and collide. The servos follow a ramp: v and w
+change together, no faster than the scenario's ``limits`` of the robot say, as docs/explanation/inertia.md
+asks of a driver. Needs ``pip install mujoco``; nothing is drawn.
+"""
+
+import math
+
+import mujoco
+import numpy as np
+import phalanx
+
+STEP_S = 0.001  # one step of the engine lasts no longer
+HASTE = 1.25  # the ramp is steeper than declared by this, for the servos lag behind it
+
+WORLD = """
+<mujoco>
+  <compiler angle="radian"/>
+  <option integrator="implicitfast" cone="elliptic" impratio="10"/>
+  <default>
+    <default class="wheel"><geom type="ellipsoid" friction="1.5 0 0" condim="3" density="1200"/></default>
+    <default class="caster"><geom type="sphere" condim="1" priority="1" density="100"/></default>
+  </default>
+  <worldbody><geom type="plane" size="0 0 1"/>{bodies}</worldbody>
+  <actuator>{servos}</actuator>
+</mujoco>
+"""
+# Lengths are shares of the track: a robot is as large as that makes it.
+BODY = """
+<body name="{n}" pos="{x} {y} {radius}" euler="0 0 {heading}">
+  <freejoint/>
+  <geom type="box" size="{half} {half} {flat}" density="400"/>
+  <geom class="caster" pos="{reach} 0 {low}" size="{ball}"/>
+  <geom class="caster" pos="-{reach} 0 {low}" size="{ball}"/>
+  <body pos="0 {side} 0">
+    <joint name="{n}-left" axis="0 1 0"/><geom class="wheel" size="{radius} {thin} {radius}"/>
+  </body>
+  <body pos="0 -{side} 0">
+    <joint name="{n}-right" axis="0 1 0"/><geom class="wheel" size="{radius} {thin} {radius}"/>
+  </body>
+</body>
+"""
+SERVO = '<velocity joint="{n}-{side}" kv="{gain}"/>'
+
+
+def track_m(robot):
+    """Between the wheels; without ``wheels``, as far as Phalanx takes them to be apart."""
+    return robot.wheels.track_m if robot.wheels else 2.0 * robot.front_point_m
+
+
+def body(robot):
+    track = track_m(robot)
+    ball = 0.05 * track
+    return BODY.format(
+        n=robot.name, x=robot.start.x_m, y=robot.start.y_m, heading=robot.start.heading_rad,
+        radius=0.25 * track, thin=0.05 * track, side=0.5 * track, half=0.4 * track, flat=0.08 * track,
+        reach=0.35 * track, ball=ball, low=ball - 0.246 * track,
+    )  # fmt: skip
+
+
+class Wheels(phalanx.Plant):
+    def __init__(self, robots):
+        tracks = np.array([track_m(robot) for robot in robots])
+        self.half_track, self.radius = 0.5 * tracks, 0.25 * tracks
+        rates = [robot.limits for robot in robots]
+        self.rates = np.array(
+            [(r.acceleration_m_s2, r.turn_acceleration_rad_s2) if r else (math.inf, math.inf) for r in rates]
+        )
+        self.ramp = np.zeros((len(robots), 2))  # v and w that the servos follow
+        # As stiff as a mass that grows with the size cubed asks for.
+        servos = [
+            SERVO.format(n=robot.name, side=side, gain=600.0 * track**5)
+            for robot, track in zip(robots, tracks)
+            for side in ("left", "right")
+        ]
+        text = WORLD.format(bodies="".join(map(body, robots)), servos="".join(servos))
+        self.model = mujoco.MjModel.from_xml_string(text)
+        self.data = mujoco.MjData(self.model)
+        self.bodies = [self.model.body(robot.name).id for robot in robots]
+        joints = [self.model.body(robot.name).jntadr[0] for robot in robots]
+        self.dofs = np.array([self.model.jnt_dofadr[joint] for joint in joints])
+        mujoco.mj_forward(self.model, self.data)
+
+    def step(self, twists, dt):
+        twists, steps = np.array(twists), math.ceil(dt / STEP_S)
+        self.model.opt.timestep = dt / steps
+        for _ in range(steps):
+            change = twists - self.ramp
+            # Both arrive at the same time, on a straight segment.
+            needed = np.max(np.abs(change) / (HASTE * self.rates), axis=1, keepdims=True)
+            self.ramp += change * np.minimum(1.0, dt / steps / np.maximum(needed, 1e-12))
+            v, turn = self.ramp[:, 0], self.half_track * self.ramp[:, 1]
+            self.data.ctrl[0::2] = (v - turn) / self.radius
+            self.data.ctrl[1::2] = (v + turn) / self.radius
+            mujoco.mj_step(self.model, self.data)
+        mujoco.mj_kinematics(self.model, self.data)
+        ahead = self.data.xmat[self.bodies].reshape(-1, 3, 3)[:, :2, 0]
+        velocities, turns = (self.data.qvel[self.dofs[:, None] + columns] for columns in ([0, 1], [5]))
+        return np.column_stack([
+            self.data.xpos[self.bodies][:, :2],
+            np.arctan2(ahead[:, 1], ahead[:, 0]),
+            np.sum(velocities * ahead, axis=1),
+            turns[:, 0],
+        ])
+
+
+if __name__ == "__main__":
+    phalanx.serve(Wheels)

@@ -1,0 +1,111 @@
+"""A driver: each robot is a microcontroller at the other end of a serial line, and Phalanx does the rest.
+
+The lines, in ASCII:   to the robot    T v w                 m/s, rad/s: obeyed until the next one, 0.1 s at most
+                       from it         P x y heading v w     m, m, rad, m/s, rad/s: every 10 ms
+
+``devices.json`` says which device a robot is at; "stub" starts stub.py behind a pseudo-terminal instead. Real
+time only. docs/hardware.md says what else a driver owes.
+"""
+
+import atexit
+import json
+import math
+import os
+import pty
+import subprocess
+import sys
+import time
+import tty
+from pathlib import Path
+
+import phalanx
+
+HERE = Path(__file__).parent
+SILENT_S = 0.5  # a robot that is not heard for so long ends the run
+HEARD_WITHIN_S = 5.0  # at the start
+OFF_M, OFF_RAD = 0.05, 0.1  # how far from its start in the scenario a robot may stand
+
+
+class Line:
+    """One robot's serial line. Never waits."""
+
+    def __init__(self, robot, device):
+        self.name, self.rest = robot.name, b""
+        self.state, self.heard = None, -math.inf
+        if device == "stub":
+            self.fd = stub(robot)
+        else:
+            self.fd = os.open(device, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(self.fd)
+        os.set_blocking(self.fd, False)
+
+    def send(self, v, w):
+        try:
+            os.write(self.fd, b"T %.5f %.5f\n" % (v, w))
+        except BlockingIOError:
+            pass  # the line is full; the robot stops by itself if it stays so
+
+    def listen(self):
+        """Takes the newest line that is whole."""
+        try:
+            while text := os.read(self.fd, 4096):
+                self.rest += text
+        except BlockingIOError:
+            pass
+        *lines, self.rest = self.rest.split(b"\n")
+        for line in reversed(lines):
+            words = line.split()
+            if len(words) == 6 and words[0] == b"P":
+                self.state, self.heard = [float(word) for word in words[1:]], time.monotonic()
+                return
+
+
+def stub(robot):
+    """Starts a robot of software, which ends with this process; the line to it."""
+    line, other_end = pty.openpty()
+    tty.setraw(other_end)
+    start = [str(number) for number in (robot.start.x_m, robot.start.y_m, robot.start.heading_rad)]
+    subprocess.Popen([sys.executable, HERE / "stub.py", *start], stdin=other_end, stdout=other_end)
+    os.close(other_end)
+    return line
+
+
+class Driver(phalanx.Plant):
+    def __init__(self, robots):
+        devices = json.loads((HERE / "devices.json").read_text())
+        self.lines = [Line(robot, devices[robot.name]) for robot in robots]
+        atexit.register(self.stop)
+        began = time.monotonic()
+        while any(line.state is None for line in self.lines):
+            if time.monotonic() > began + HEARD_WITHIN_S:
+                silent = [line.name for line in self.lines if line.state is None]
+                raise RuntimeError(f"not heard within {HEARD_WITHIN_S} s: {', '.join(silent)}")
+            time.sleep(0.001)
+            for line in self.lines:
+                line.listen()
+        for line, robot in zip(self.lines, robots):
+            x, y, heading, *_ = line.state
+            turned = math.remainder(heading - robot.start.heading_rad, math.tau)
+            if math.hypot(x - robot.start.x_m, y - robot.start.y_m) > OFF_M or abs(turned) > OFF_RAD:
+                raise RuntimeError(f"{line.name} stands at {x}, {y}, {heading}, not at its start")
+        self.began, self.t = time.monotonic(), 0.0
+
+    def step(self, twists, dt):
+        now = time.monotonic()
+        self.t += dt
+        if self.t > now - self.began + 1.0:
+            raise RuntimeError("robots cannot move faster than real time: run with --pace realtime")
+        for line, (v, w) in zip(self.lines, twists):
+            line.send(v, w)
+            line.listen()
+            if now - line.heard > SILENT_S:
+                raise RuntimeError(f"{line.name} was not heard for {now - line.heard:.3f} s")
+        return [line.state for line in self.lines]
+
+    def stop(self):
+        for line in self.lines:
+            line.send(0.0, 0.0)
+
+
+if __name__ == "__main__":
+    phalanx.serve(Driver)

@@ -1,0 +1,120 @@
+//! Plants that are shipped in `examples/`: robots on wheels in MuJoCo, and at the end of serial lines.
+
+use std::path::Path;
+use std::process::Command;
+
+use super::{ROOT, path, says};
+use crate::harness::{Ended, Phalanx};
+
+/// A shipped scenario, by the `phalanx` that the package has installed.
+fn example(name: &str) -> Phalanx {
+    let mut command = Command::new(Path::new(ROOT).join("target/python/bin/phalanx"));
+    command.arg("run").arg(format!("examples/{name}.toml")).env("PATH", path());
+    Phalanx::new(command)
+}
+
+#[track_caller]
+fn went_as_expected(ended: &Ended) {
+    ended.exits_with(0).leaves_nothing();
+    let seen_m = ended.number("/min_distance_m");
+    ended.claim(seen_m.is_finite(), "the smallest distance is told");
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn the_triangle_on_wheels_converges_below_2_cm_and_is_the_same_again() {
+    let [once, again] = [(); 2].map(|()| example("mujoco/triangle").lockstep().finish());
+    went_as_expected(&once);
+    let error_m = once.number("/final_error_m_max");
+    once.claim(error_m < 0.02, format!("they are at their places: {error_m} m"));
+    once.claim(once.hash() == again.hash(), format!("as {}", again.hash()));
+    let built_in = crate::harness::run("triangle").lockstep().finish();
+    once.claim(once.hash() != built_in.hash(), "on another plant");
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn a_robot_on_wheels_that_is_killed_and_restarted_finds_its_place_again() {
+    let ended = example("mujoco/triangle").lockstep().fault("kill r2 @3 restart 1").finish();
+    went_as_expected(&ended);
+    let events = ended.file("events.csv");
+    ended.claim(events.contains(",ready,r2,incarnation 1"), "r2 came back");
+    let error_m = ended.number("/final_error_m/r2");
+    ended.claim(error_m < 0.02, format!("and is at its place: {error_m} m"));
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn the_pentagon_on_wheels_keeps_its_distance_where_the_guard_knows_of_inertia() {
+    let ended = example("mujoco/pentagon").lockstep().set("duration_s=20").finish();
+    went_as_expected(&ended);
+    ended.claim(ended.number("/min_distance_m") >= 0.3, "nobody came nearer than d");
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn triangle_and_pentagon_on_wheels_keep_up_with_real_time() {
+    for name in ["triangle", "pentagon"] {
+        let run = example(&format!("mujoco/{name}")).set("expect={}").set("duration_s=4");
+        let ended = run.fault("kill r2 @1 restart 1").finish();
+        went_as_expected(&ended);
+        ended.claim(ended.number("/t_s") == 4.0, "it goes to its end");
+        ended.claim(ended.file("events.csv").contains(",ready,r2,incarnation 1"), "r2 came back");
+    }
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn robots_at_the_end_of_serial_lines_move_and_leave_nothing_behind() {
+    let ended = example("serial/pair").set("expect={}").set("duration_s=4").finish();
+    went_as_expected(&ended);
+    let samples = ended.file("samples.csv");
+    let x_m =
+        |line: Option<&str>| -> f64 { line.unwrap().split(',').nth(2).unwrap().parse().unwrap() };
+    let ahead = || samples.lines().filter(|line| line.contains(",ahead,"));
+    let went_m = (x_m(ahead().next_back()) - x_m(ahead().next())).abs();
+    ended.claim(went_m > 0.005, format!("it moved along its circle: {went_m} m in x"));
+    let programs = ended.run_dir().join("programs");
+    let stub = programs.join("stub.py");
+    let began = std::time::Instant::now();
+    while is_run(&stub) {
+        ended.claim(began.elapsed().as_secs() < 60, "the robots of software end with the line");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn robots_at_the_end_of_serial_lines_are_not_driven_faster_than_time_passes() {
+    let ended = example("serial/pair").lockstep().finish();
+    ended.exits_with(4).leaves_nothing();
+    says(&ended, "robots cannot move faster than real time: run with --pace realtime");
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn robots_that_do_not_stand_where_the_scenario_has_them_are_not_driven() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["driver.py", "stub.py", "devices.json", "pair.toml"] {
+        let from = Path::new(ROOT).join("examples/serial").join(name);
+        std::fs::copy(from, folder.path().join(name)).unwrap();
+    }
+    let driver = folder.path().join("driver.py");
+    let text = std::fs::read_to_string(&driver).unwrap();
+    let elsewhere = text.replace("(robot.start.x_m, ", "(robot.start.x_m + 0.1, ");
+    assert_ne!(text, elsewhere);
+    std::fs::write(&driver, elsewhere).unwrap();
+    let mut command = Command::new(Path::new(ROOT).join("target/python/bin/phalanx"));
+    command.arg("run").arg(folder.path().join("pair.toml")).env("PATH", path());
+    let ended = Phalanx::new(command).finish();
+    ended.exits_with(4).leaves_nothing();
+    says(&ended, "ahead stands at 1.1, 0.0, 1.5, not at its start");
+}
+
+/// Whether some process was started with this file.
+fn is_run(file: &Path) -> bool {
+    let words = |entry: std::fs::DirEntry| std::fs::read(entry.path().join("cmdline")).ok();
+    let lines = std::fs::read_dir("/proc").unwrap().flatten().filter_map(words);
+    let file = file.as_os_str().as_encoded_bytes();
+    lines.into_iter().any(|line| line.windows(file.len()).any(|part| part == file))
+}

@@ -25,9 +25,11 @@ from typing import NoReturn
 from . import _phalanx
 from ._phalanx import Neighbor, Odometry, Pose, Situation, Twist, __version__
 from .plant import Limits, Plant, Robot, Wheels
+from .runs import Figure, Run, RunError, load, run
 
 __all__ = [
     "Controller",
+    "Figure",
     "Law",
     "Limits",
     "Neighbor",
@@ -35,10 +37,14 @@ __all__ = [
     "Plant",
     "Pose",
     "Robot",
+    "Run",
+    "RunError",
     "Situation",
     "Twist",
     "Wheels",
     "__version__",
+    "load",
+    "run",
     "serve",
 ]
 

@@ -3,6 +3,7 @@
 
 mod examples;
 mod plant;
+mod runs;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -1,0 +1,245 @@
+"""Runs for analysis: started from Python, and read as pandas frames."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sysconfig
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from pandas import DataFrame as _DataFrame  # type: ignore[import-untyped, import-not-found, unused-ignore]
+
+__all__ = ["Figure", "Run", "RunError", "load", "run"]
+
+# What `phalanx run` ends with after a run that went to its end: as expected, or not.
+_WENT_TO_ITS_END = (0, 1)
+# A run that is interrupted is given so long to end by itself, s.
+_ENDS_WITHIN_S = 30.0
+
+
+class RunError(RuntimeError):
+    """A run that did not begin, or did not go to its end: what ``phalanx`` said about it."""
+
+    code: int
+    """The exit code: 2 for a command line, 3 for a scenario that is wrong, 4 for a run that ended early."""
+
+    def __init__(self, said: str, code: int) -> None:
+        super().__init__(said)
+        self.code = code
+
+
+class Figure:
+    """One figure of a run, which notebooks show."""
+
+    path: Path
+    """Where it is, as SVG."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __repr__(self) -> str:
+        return f"Figure({str(self.path)!r})"
+
+    def _repr_svg_(self) -> str:
+        return self.path.read_text()
+
+
+class Run:
+    """A run's directory, read when it is asked. All quantities are SI.
+
+    ``samples``, ``pairs``, ``events`` and ``latency`` are pandas frames, and need pandas; the tables that they are
+    made of are ``samples.csv`` and so on in ``path``. Every column: docs/reference/files.md.
+    """
+
+    path: Path
+    """The directory."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __repr__(self) -> str:
+        return f"Run({str(self.path)!r})"
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """What came out, as ``summary.json`` has it: ``min_distance_m``, ``final_error_m`` by robot, ``converged_at_s``,
+        ``expectations``, ``faults``, ... Lengths in m, times in s, and what ends in ``_ns`` in ns.
+
+        Raises FileNotFoundError for a run that was cut short before it had one.
+        """
+        text = (self.path / "summary.json").read_text()
+        summary: dict[str, Any] = json.loads(text)
+        return summary
+
+    @property
+    def held(self) -> bool:
+        """Whether the run went to its end and every expectation of its scenario held."""
+        return bool(self.summary["exit"] == 0)
+
+    @cached_property
+    def samples(self) -> _DataFrame:
+        """Every robot at ``record_hz``: ``t_s``, ``robot``, ``x_m``, ``y_m`` and ``heading_rad`` of the middle of its axle,
+        ``v_m_s``, ``w_rad_s``, ``error_m``, ``alive``, ``ideal_error_m``.
+
+        One row for each instant and robot, in order of time; errors are NaN while there is none.
+        """
+        return self._table("samples")
+
+    @cached_property
+    def pairs(self) -> _DataFrame:
+        """The smallest distance of each pair of front points over all ticks: ``robot_a``, ``robot_b``,
+        ``min_distance_m``, and when that was."""
+        return self._table("pairs")
+
+    @cached_property
+    def events(self) -> _DataFrame:
+        """What happened: ``t_s``, ``kind``, ``robot`` (NaN if it was nobody's), ``detail``."""
+        return self._table("events")
+
+    @cached_property
+    def latency(self) -> _DataFrame:
+        """One row for each stage of latency, and robot or edge; times in ns."""
+        return self._table("latency")
+
+    @property
+    def figures(self) -> dict[str, Figure]:
+        """The figures by their names, such as ``"errors"``; none of a run without a report."""
+        found = sorted((self.path / "figures").glob("*.svg"))
+        return {path.stem: Figure(path) for path in found}
+
+    @property
+    def report(self) -> Path:
+        """The page with everything, and the run replayed."""
+        return self.path / "report.html"
+
+    def _table(self, name: str) -> _DataFrame:
+        path = self.path / f"{name}.csv"
+        try:
+            import pandas
+        except ImportError as error:
+            raise ImportError(
+                f"Run.{name} is a pandas frame, and pandas cannot be imported ({error}): pip install pandas; "
+                f"the table itself is {path}"
+            ) from error
+        # A robot may be called as what pandas takes for no value.
+        return pandas.read_csv(path, keep_default_na=False, na_values=[""])
+
+
+def load(run_dir: str | os.PathLike[str]) -> Run:
+    """The run whose directory this is. Nothing is started.
+
+    Raises FileNotFoundError for a directory that ``phalanx run`` has not written.
+    """
+    path = Path(run_dir)
+    if not (path / "scenario.toml").is_file():
+        raise FileNotFoundError(
+            f"{path} is no run directory: it has no scenario.toml; expected the directory that `phalanx run` "
+            "has written"
+        )
+    return Run(path)
+
+
+def run(
+    scenario: str | os.PathLike[str],
+    *,
+    pace: Literal["lockstep", "realtime"] = "realtime",
+    out: str | os.PathLike[str] | None = None,
+    faults: Sequence[str] = (),
+    draw: bool = True,
+    **overrides: Any,
+) -> Run:
+    """Runs a scenario to its end, in processes, and gives its directory.
+
+    ``pace``: ``"lockstep"`` for simulated time, the same from run to run; ``"realtime"`` for the clock. ``out``: the
+    directory to be made; else ``runs/NAME-DATE-TIME``. ``faults``: as on the command line, such as
+    ``"kill r2 @5 restart 1"``. ``draw``: with figures and report. ``overrides``: keys of the scenario and their
+    values, in the units of their names; dicts for tables: ``duration_s=10``,
+    ``avoidance={"speed_max_m_s": 0.3}``, ``robot={"r1": {"law": "my-law"}}``, ``expect={}``.
+
+    The run whose expectations were missed is a run, too: look at ``held``. Raises RunError with what
+    ``phalanx`` said for a scenario that is wrong and for a run that ended early.
+    """
+    path = Path(scenario)
+    directory = Path(out) if out is not None else _unused(path.stem)
+    words = ["run", str(path), "--pace", pace, "--out", str(directory)]
+    words += [] if draw else ["--no-report"]
+    for fault in faults:
+        words += ["--fault", fault]
+    for key, value in _flat(overrides):
+        words += ["--set", f"{key}={_toml(value)}"]
+    code, said = _phalanx(words)
+    if code not in _WENT_TO_ITS_END:
+        raise RunError(said, code)
+    return load(directory)
+
+
+def _phalanx(words: Sequence[str]) -> tuple[int, str]:
+    """What the program ends with, and what it says about it."""
+    scripts = sysconfig.get_path("scripts")
+    # The programs of this environment first: `python3` is then one that has this package.
+    path = os.pathsep.join([scripts, os.environ.get("PATH", os.defpath)])
+    program = shutil.which("phalanx", path=path)
+    if program is None:
+        raise RunError(f"there is no program `phalanx` in {scripts}: install the package again", 2)
+    process = subprocess.Popen(
+        [program, *words],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PATH": path, "NO_COLOR": "1"},
+    )
+    try:
+        _, said = process.communicate()
+    except BaseException:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.communicate(timeout=_ENDS_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+        raise
+    return process.returncode, said.strip()
+
+
+def _unused(name: str) -> Path:
+    """A directory of this name and of now that is not there."""
+    stem = Path("runs") / time.strftime(f"{name}-%Y%m%d-%H%M%S")
+    path, number = stem, 1
+    while path.exists():
+        number += 1
+        path = stem.with_name(f"{stem.name}-{number}")
+    return path
+
+
+def _flat(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """The keys of nested tables, dotted."""
+    for key, value in table.items():
+        if isinstance(value, Mapping) and value:
+            yield from _flat(value, f"{above}{key}.")
+        else:
+            yield f"{above}{key}", value
+
+
+def _toml(value: Any) -> str:
+    """A value as TOML has it."""
+    if hasattr(value, "tolist"):  # of numpy
+        value = value.tolist()
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (int, float)):
+        return repr(value)
+    if isinstance(value, (str, os.PathLike)):
+        return json.dumps(os.fspath(value), ensure_ascii=False)
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key} = {_toml(entry)}" for key, entry in value.items()) + "}"
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    raise TypeError(f"{value!r} is no value of a scenario: expected numbers, words, lists and dicts of them")

@@ -1,0 +1,150 @@
+//! Runs for analysis: `phalanx.run`, `phalanx.load`, and the notebook that shows them.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use tempfile::TempDir;
+
+use super::{ROOT, path};
+
+/// A folder with the shipped scenarios, and a run root.
+struct Desk {
+    folder: TempDir,
+    run_root: TempDir,
+}
+
+impl Desk {
+    fn new() -> Desk {
+        let folder = tempfile::tempdir().unwrap();
+        let scenarios = Path::new(ROOT).join("scenarios");
+        std::os::unix::fs::symlink(scenarios, folder.path().join("scenarios")).unwrap();
+        let run_root = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
+        Desk { folder, run_root }
+    }
+
+    fn python(&self, words: &[&str]) -> Output {
+        let mut command = Command::new("python3");
+        command.args(words).current_dir(self.folder.path()).env("PATH", path());
+        command.env("PHALANX_RUN_ROOT", self.run_root.path()).output().unwrap()
+    }
+
+    /// What a program prints, which has to end well.
+    #[track_caller]
+    fn says(&self, program: &str) -> String {
+        let output = self.python(&["-c", &format!("import phalanx\n{program}")]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{said}");
+        String::from_utf8(output.stdout).unwrap()
+    }
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn a_run_from_python_is_the_run_of_the_command_line_and_its_tables_are_frames() {
+    let desk = Desk::new();
+    let said = desk.says(
+        "run = phalanx.run('scenarios/triangle.toml', pace='lockstep', out='a', duration_s=2, expect={})\n\
+         print(run.summary['trajectory_hash'], run.held, sorted(run.figures)[:2], run.report.exists())\n\
+         again = phalanx.load('a')\n\
+         print(*again.samples.columns, len(again.samples), again.samples.t_s.max())\n\
+         print(len(again.pairs), again.pairs.min_distance_m.min() == run.summary['min_distance_m'])\n\
+         print(list(again.events.kind[:3]), 'stage' in again.latency.columns)\n\
+         print(again.figures['errors']._repr_svg_().startswith('<svg'))",
+    );
+    let set = ["duration_s=2", "expect={}"];
+    let same = set.iter().fold(crate::harness::run("triangle").lockstep(), |run, set| run.set(set));
+    let same = same.finish();
+    let samples = same.file("samples.csv");
+    let (columns, rows) = samples.split_once('\n').unwrap();
+    let expected = format!(
+        "{} True ['distances', 'error_components'] True\n{} {} 2.0\n3 True\n['ready', 'ready', 'ready'] True\nTrue\n",
+        same.hash(),
+        columns.replace(',', " "),
+        rows.lines().count(),
+    );
+    assert_eq!(said, expected);
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn keys_of_the_scenario_are_given_as_python_has_them() {
+    let desk = Desk::new();
+    desk.says(
+        "import numpy\n\
+         phalanx.run('scenarios/triangle.toml', pace='lockstep', out='b', draw=False, duration_s=numpy.float64(0.5),\n\
+             name='the \"b\"', expect={}, avoidance={'distance_min_m': 0.15}, realtime={'control_timer': False},\n\
+             faults=['kill r2 @0.1 restart 0.1'], robot={'r1': {'speed_m_s': 0.2}}, fault=[dict(\n\
+                 kind='freeze', robot='r3', at_s=0.2, for_s=0.1)])",
+    );
+    let text = std::fs::read_to_string(desk.folder.path().join("b/scenario.toml")).unwrap();
+    let scenario: toml::Table = text.parse().unwrap();
+    assert_eq!(scenario["name"].as_str(), Some("the \"b\""));
+    assert_eq!(scenario["duration_s"].as_float(), Some(0.5));
+    assert_eq!(scenario["avoidance"]["distance_min_m"].as_float(), Some(0.15));
+    assert_eq!(scenario["avoidance"]["speed_max_m_s"].as_float(), Some(0.3), "the rest stays");
+    assert_eq!(scenario["realtime"]["control_timer"].as_bool(), Some(false));
+    assert_eq!(scenario["robot"][0]["speed_m_s"].as_float(), Some(0.2));
+    let kinds = scenario["fault"].as_array().unwrap().iter().map(|fault| fault["kind"].as_str());
+    assert_eq!(kinds.collect::<Vec<_>>(), [Some("freeze"), Some("kill")]);
+    let said = desk.says("print(phalanx.load('b').figures)");
+    assert_eq!(said, "{}\n", "nothing was drawn");
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn what_goes_wrong_is_an_exception_with_what_phalanx_says() {
+    let desk = Desk::new();
+    let said = desk.says(
+        "for words in [dict(duration_s=-1), dict(speed=1), dict(faults=['kill plant @0.1'], duration_s=0.5, expect={})]:\n\
+         \x20   try: phalanx.run('scenarios/triangle.toml', pace='lockstep', out='c', draw=False, **words)\n\
+         \x20   except phalanx.RunError as error: print(error.code, str(error).splitlines()[0])\n\
+         missed = phalanx.run('scenarios/triangle.toml', pace='lockstep', out='d', draw=False, duration_s=1,\n\
+             expect={'converged_by_s': 1})\n\
+         print(missed.held)\n\
+         try: phalanx.load('scenarios')\n\
+         except FileNotFoundError as error: print(error)\n\
+         try: phalanx.run('scenarios/triangle.toml', name={1, 2})\n\
+         except TypeError as error: print(error)",
+    );
+    let expected = "3 error: `duration_s` is -1\n\
+         3 error: the scenario has no key `speed`\n\
+         4 error: the plant died (signal 9); the last lines of its log:\n\
+         False\n\
+         scenarios is no run directory: it has no scenario.toml; expected the directory that `phalanx run` has written\n\
+         {1, 2} is no value of a scenario: expected numbers, words, lists and dicts of them\n";
+    assert_eq!(said, expected);
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn without_pandas_a_frame_says_what_to_install_and_everything_else_works() {
+    let desk = Desk::new();
+    let said = desk.says(
+        "import sys\n\
+         sys.modules['pandas'] = None\n\
+         run = phalanx.run('scenarios/triangle.toml', pace='lockstep', out='e', draw=False, duration_s=0.5, expect={})\n\
+         print(run.summary['t_s'])\n\
+         try: run.events\n\
+         except ImportError as error: print(error)",
+    );
+    assert!(
+        said.starts_with("0.5\nRun.events is a pandas frame, and pandas cannot be imported"),
+        "{said}"
+    );
+    assert!(said.ends_with("pip install pandas; the table itself is e/events.csv\n"), "{said}");
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn the_notebook_runs_from_its_top_to_its_end() {
+    let desk = Desk::new();
+    let nbclient = Path::new(ROOT).join("tests/python/by_nbclient.py");
+    let notebook = Path::new(ROOT).join("examples/first_look.ipynb");
+    let output = desk.python(&[nbclient.to_str().unwrap(), notebook.to_str().unwrap()]);
+    let (said, why) =
+        (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{said}\n{why}");
+    for part in ["image/svg+xml", "text/html", ", True)\n", "kill", "ready", "'trajectories'"] {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+}

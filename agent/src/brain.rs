@@ -210,7 +210,9 @@ impl Brain {
             Moment { stamp_ns: odometry.stamp_ns, t_s, pose, neighborhood: &self.neighborhood };
         self.away.clear();
         self.away.extend(odometry.proximity().map(|other| alpha - other));
-        let wish = match self.role.target(&moment, &mut self.heard) {
+        let target = self.role.target(&moment, &mut self.heard);
+        let error = target.as_ref().map(|target| alpha - target.position);
+        let wish = match target {
             None => Wish::Velocity(Vec2::zeros()),
             Some(target) => self.law.wish(&Situation {
                 error: self.avoidance.stand_off(&self.away, alpha - target.position),
@@ -253,6 +255,7 @@ impl Brain {
             velocities: &self.velocities,
             walls: &self.walls,
             walls_cut: odometry.walls_cut == 1,
+            error,
         };
         let twist = match wish {
             Wish::Velocity(_) => self.avoidance.steer(&sample, gamma),

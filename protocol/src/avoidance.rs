@@ -14,8 +14,9 @@ use crate::brief::{AgentBrief, AvoidanceBrief, Rank};
 pub enum Promise {
     /// Nothing.
     Nothing,
-    /// d in continuous time; sampling voids it.
-    Unsampled,
+    /// d where its paper's assumptions hold, which no run fulfils in full: continuous time, say, or no
+    /// delay.
+    Ideal,
     /// d, whatever is sampled late, frozen or dead.
     Always,
 }
@@ -101,6 +102,10 @@ pub struct AvoidanceDescription {
     pub source: &'static str,
     /// What it promises.
     pub promise: Promise,
+    /// The same in words, as `phalanx check` prints it.
+    pub promises: &'static str,
+    /// What that rests on, in words; empty where it rests on nothing.
+    pub assumes: &'static str,
     /// Whether agent and plant limit every front point to `speed_max_m_s`, which must be given then.
     pub clamps_speed: bool,
     /// What it must know of the robots near.
@@ -136,6 +141,8 @@ impl AvoidanceDescription {
         name: "",
         source: "",
         promise: Promise::Nothing,
+        promises: "nothing",
+        assumes: "",
         clamps_speed: false,
         senses: Senses::Nothing,
         minds_walls: false,

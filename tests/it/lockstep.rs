@@ -64,12 +64,20 @@ fn sixty_four_robots_follow_one_leader_and_keep_their_distance() {
 
 #[test]
 fn every_kind_of_avoidance_is_foretold() {
-    for kind in ["none", "focus"] {
-        let set = format!("avoidance.kind={kind}");
-        let ended =
-            run("triangle-d").lockstep().set(&set).set("duration_s=8").set("expect={}").finish();
-        let expected =
-            oracle::simulate(&scenario("triangle-d", &[&set, "duration_s=8", "expect={}"]));
+    let gains = [
+        "horizon_s=2",
+        "barrier_per_s=2",
+        "cell_radius_m=0.6",
+        "spread_m=0.1",
+        "approach_per_s=10",
+    ];
+    let gains: Vec<String> = gains.iter().map(|gain| format!("avoidance.{gain}")).collect();
+    for kind in ["none", "focus", "orca", "cbf-qp", "rbl"] {
+        let kind_set = format!("avoidance.kind={kind}");
+        let mut set = vec![kind_set.as_str(), "duration_s=8", "expect={}"];
+        set.extend(gains.iter().map(String::as_str));
+        let ended = set.iter().fold(run("triangle-d").lockstep(), |run, set| run.set(set)).finish();
+        let expected = oracle::simulate(&scenario("triangle-d", &set));
         ended.exits_with(0);
         ended.claim(
             Some(ended.hash()) == expected.trajectory_hash.as_deref(),

@@ -28,6 +28,7 @@ mod lockstep;
 mod lost_screen;
 mod machine;
 mod memory;
+mod methods;
 mod model;
 mod oracle;
 mod pages;

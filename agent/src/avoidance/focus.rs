@@ -18,7 +18,9 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "focus",
         source: "(11) (12) (19)",
-        promise: Promise::Unsampled,
+        promise: Promise::Ideal,
+        promises: "d in continuous time (Propositions 1 and 2)",
+        assumes: "exact positions, no delay, no speed limit, no inertia; sampling voids it",
         senses: Senses::Positions,
         sensing_radius_m: |at| at.avoidance.distance_min_m + at.distance_error_m(),
         steers_within: Some(("d", |at| at.avoidance.distance_min_m)),

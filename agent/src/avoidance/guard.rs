@@ -73,6 +73,9 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         name: "guard",
         source: "not in the chapter",
         promise: Promise::Always,
+        promises: "d and the clearance, whatever is sampled late, frozen, lost or killed",
+        assumes: "everybody uses it, senses all near within known errors, and its wheels do no more than \
+                  asked",
         clamps_speed: true,
         senses: Senses::Positions,
         minds_walls: true,

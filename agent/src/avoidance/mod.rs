@@ -14,9 +14,20 @@
 //! | `cone` | in which directions may another be while a command acts? |
 //! | `hold` | which held (v, w) moves the front point by exactly this much? |
 //! | `polygon` | what is the nearest velocity that all bounds permit? |
+//!
+//! Methods of others, for comparison:
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `orca` | what does optimal reciprocal collision avoidance do? |
+//! | `cbf_qp` | what do safety barrier certificates do? |
+//! | `rbl` | what does the rule-based Lloyd algorithm do? |
+//! | `holonomic` | how do wheels follow a velocity that a method chooses for a point? |
+//! | `program` | what is the best velocity, if need be against some of the bounds? |
 
 mod braking;
 mod braking_guard;
+mod cbf_qp;
 mod cone;
 mod deflection;
 mod focus;
@@ -24,9 +35,15 @@ mod focus;
 mod formulas;
 mod guard;
 mod hold;
+mod holonomic;
+#[cfg(test)]
+mod ideal;
 mod near;
 mod none;
+mod orca;
 mod polygon;
+mod program;
+mod rbl;
 
 use formation::Vec2;
 use formation::front_point::front_speed;
@@ -72,6 +89,8 @@ pub struct Sample<'a> {
     pub walls: &'a [Vec2],
     /// The list of walls is not complete.
     pub walls_cut: bool,
+    /// Own front point - the place wanted, m, in `map`; `None`: no place is.
+    pub error: Option<Vec2>,
 }
 
 impl Sample<'_> {
@@ -141,7 +160,8 @@ impl AvoidanceRow {
 }
 
 /// Every method there is; the first is the default.
-pub const METHODS: &[AvoidanceRow] = &[guard::ROW, focus::ROW, none::ROW];
+pub const METHODS: &[AvoidanceRow] =
+    &[guard::ROW, focus::ROW, none::ROW, orca::ROW, cbf_qp::ROW, rbl::ROW];
 
 /// Why a method could not be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -220,6 +240,7 @@ mod tests {
                 velocities: &[],
                 walls: &[],
                 walls_cut: false,
+                error: None,
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use formation::Vec2;
 
-/// The half-plane `normal . u >= -bound`, with |normal| = 1 and bound >= 0.
+/// The half-plane `normal . u >= -bound`, with |normal| = 1; here bound >= 0, so that it contains 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HalfPlane {
     /// Unit vector that points inwards.
@@ -16,7 +16,8 @@ pub struct HalfPlane {
 pub const TOLERANCE: f64 = 1e-13;
 
 impl HalfPlane {
-    fn excess(&self, u: Vec2) -> f64 {
+    /// By how much `u` misses it, m/s; negative within it.
+    pub fn excess(&self, u: Vec2) -> f64 {
         -self.bound - self.normal.dot(&u)
     }
 }

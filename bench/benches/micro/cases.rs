@@ -116,6 +116,7 @@ fn the_guard(near: usize) -> Body {
             velocities: &[],
             walls: &[],
             walls_cut: false,
+            error: None,
         };
         black_box(guard.steer(black_box(&sample), gamma));
     })

@@ -314,7 +314,7 @@ fn ramps(scenario: &Scenario, findings: &mut Vec<Finding>) {
 fn start_distances(scenario: &Scenario, findings: &mut Vec<Finding>) {
     let severity = match scenario.method.promise {
         Promise::Always => Severity::Error,
-        Promise::Unsampled => Severity::Warning,
+        Promise::Ideal => Severity::Warning,
         Promise::Nothing => return,
     };
     let d = scenario.avoidance.distance_min_m;

@@ -365,6 +365,10 @@ fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
         format!("v_max = {} m/s", short(speed_max_m_s))
     });
     page.line("avoidance", format!("{}, d = {} m, {speed}", a.kind, short(a.distance_min_m)));
+    page.line("promises", scenario.method.promises);
+    if !scenario.method.assumes.is_empty() {
+        page.line("assumes", scenario.method.assumes);
+    }
     let own = |key: &String| scenario.method.gains.iter().any(|gain| gain.key == key);
     for (key, gain) in a.gains.iter().filter(|(key, _)| own(key)) {
         page.line("", format!("{key} = {}", short(*gain)));
@@ -386,7 +390,7 @@ fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
         let followers = more(guard.following_distance_m, "followers");
         let contained = more(guard.giving_way_distance_m, "the contained");
         let distances = format!("{distance_m:.4} m{followers}{contained}");
-        page.line(&format!("deflects within {symbol}"), distances);
+        page.line(&format!("no rest within {symbol}"), distances);
     }
     page.line(
         "sensing radius",

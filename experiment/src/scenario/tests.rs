@@ -47,7 +47,7 @@ const METHODS: &[AvoidanceDescription] = &[
     },
     AvoidanceDescription {
         name: "focus",
-        promise: Promise::Unsampled,
+        promise: Promise::Ideal,
         senses: Senses::Positions,
         sensing_radius_m: |at| at.avoidance.distance_min_m,
         gains: &[Gain { key: "epsilon_per_s", meaning: "strength of the focus, in 1/s" }],

@@ -68,6 +68,7 @@ pub(in super::super) fn sample(stamp_ns: u64, heading_rad: f64, away: &[Vec2]) -
         velocities: &[],
         walls: &[],
         walls_cut: false,
+        error: None,
     }
 }
 

@@ -1,0 +1,105 @@
+//! Robots as the papers assume them: points that all choose at the same instants, knowing exactly where
+//! the others are and how they move, and then move as chosen until the next. Of tests only.
+
+use formation::Vec2;
+use formation::front_point::twist_for;
+use formation::random::SplitMix64;
+
+use super::holonomic::Velocity;
+use super::{Sample, clip};
+
+/// ell of each, m; they head along x for ever.
+pub const ELL: f64 = 0.1;
+
+/// Points, and what each goes by.
+pub struct Crowd<V> {
+    pub methods: Vec<V>,
+    pub at: Vec<Vec2>,
+    pub goals: Vec<Vec2>,
+    pub velocities: Vec<Vec2>,
+    pub v_max: f64,
+    /// T, s.
+    pub period: f64,
+}
+
+impl<V: Velocity> Crowd<V> {
+    /// At `at`, standing.
+    pub fn new(methods: Vec<V>, at: Vec<Vec2>, goals: Vec<Vec2>, v_max: f64, period: f64) -> Self {
+        let velocities = vec![Vec2::zeros(); at.len()];
+        Crowd { methods, at, goals, velocities, v_max, period }
+    }
+
+    /// One period, towards the goals at v_max; the smallest distance of two in it, m.
+    pub fn step(&mut self) -> f64 {
+        let way = |(at, goal): (&Vec2, &Vec2)| clip((goal - at) / self.period, self.v_max);
+        let gammas: Vec<Vec2> = self.at.iter().zip(&self.goals).map(way).collect();
+        self.step_wanting(&gammas)
+    }
+
+    /// The same with other wishes.
+    pub fn step_wanting(&mut self, gammas: &[Vec2]) -> f64 {
+        let chosen: Vec<Vec2> = (0..self.at.len()).map(|i| self.choose(i, gammas[i])).collect();
+        let mut closest = f64::INFINITY;
+        for i in 0..self.at.len() {
+            for j in 0..i {
+                let (z, v) = (self.at[i] - self.at[j], chosen[i] - chosen[j]);
+                let speed = v.norm_squared();
+                let nearest =
+                    if speed > 0.0 { (-z.dot(&v) / speed).clamp(0.0, self.period) } else { 0.0 };
+                closest = closest.min((z + nearest * v).norm());
+            }
+        }
+        for (at, v) in self.at.iter_mut().zip(&chosen) {
+            *at += self.period * v;
+        }
+        self.velocities = chosen;
+        closest
+    }
+
+    fn choose(&mut self, i: usize, gamma: Vec2) -> Vec2 {
+        let mut others: Vec<usize> = (0..self.at.len()).filter(|j| *j != i).collect();
+        let z = |j: usize| self.at[i] - self.at[j];
+        others.sort_by(|a, b| z(*a).norm().total_cmp(&z(*b).norm()));
+        let away: Vec<Vec2> = others.iter().map(|j| z(*j)).collect();
+        let velocities: Vec<Vec2> = others.iter().map(|j| self.velocities[*j]).collect();
+        let sample = Sample {
+            twist: twist_for(0.0, ELL, self.velocities[i]),
+            away: &away,
+            velocities: &velocities,
+            error: Some(self.at[i] - self.goals[i]),
+            ..Sample::default()
+        };
+        let u = self.methods[i].velocity(&sample, gamma).expect("it sees everybody");
+        assert!(u.norm() <= self.v_max * (1.0 + 1e-9), "{u:?}");
+        u
+    }
+
+    /// The farthest that anybody is from its goal, m.
+    pub fn farthest(&self) -> f64 {
+        let error = |(at, goal): (&Vec2, &Vec2)| (at - goal).norm();
+        self.at.iter().zip(&self.goals).map(error).fold(0.0, f64::max)
+    }
+}
+
+/// `robots` points on a circle, evenly, each with the opposite one as its goal.
+pub fn antipodal(robots: usize, radius: f64) -> [Vec<Vec2>; 2] {
+    let point = |i: usize| {
+        let angle = std::f64::consts::TAU * i as f64 / robots as f64;
+        radius * Vec2::new(angle.cos(), angle.sin())
+    };
+    let starts: Vec<Vec2> = (0..robots).map(point).collect();
+    let goals = starts.iter().map(|start| -start).collect();
+    [starts, goals]
+}
+
+/// `robots` points even over a square of this side, no two nearer than `apart`.
+pub fn scattered(random: &mut SplitMix64, robots: usize, side: f64, apart: f64) -> Vec<Vec2> {
+    let mut points: Vec<Vec2> = Vec::new();
+    while points.len() < robots {
+        let point = side * Vec2::new(random.unit() - 0.5, random.unit() - 0.5);
+        if points.iter().all(|other| (point - other).norm() >= apart) {
+            points.push(point);
+        }
+    }
+    points
+}

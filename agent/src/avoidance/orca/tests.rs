@@ -1,0 +1,247 @@
+//! What the paper promises, and what it does not; and the same velocities by another hand.
+
+use std::borrow::Cow;
+
+use dodgy_2d::{Agent, AvoidanceOptions};
+use formation::front_point::twist_for;
+use formation::random::SplitMix64;
+use proptest::prelude::*;
+use protocol::brief::AgentBrief;
+
+use super::super::guard::tests::brief as guarded;
+use super::super::ideal::{Crowd, antipodal, scattered};
+use super::*;
+
+const D: f64 = 0.2;
+const TAU_S: f64 = 2.0;
+
+fn orca() -> Orca {
+    Orca { d: D, clearance: 0.1, v_max: 0.5, ell: 0.1, period: 0.01, tau: TAU_S, sides: Vec::new() }
+}
+
+fn polar(angle: f64, length: f64) -> Vec2 {
+    length * Vec2::new(angle.cos(), angle.sin())
+}
+
+/// How near two that are `p` apart and keep the relative velocity `v` come within `time`.
+fn nearest(p: Vec2, v: Vec2, time: f64) -> f64 {
+    let speed = v.norm_squared();
+    let when = if speed > 0.0 { (p.dot(&v) / speed).clamp(0.0, time) } else { 0.0 };
+    (p - when * v).norm()
+}
+
+fn collide(p: Vec2, v: Vec2, time: f64) -> bool {
+    nearest(p, v, time) < D
+}
+
+/// By how much the worst-missed side is missed.
+fn missed(u: Vec2, sides: &[HalfPlane]) -> f64 {
+    sides.iter().map(|side| side.excess(u)).fold(f64::NEG_INFINITY, f64::max)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(3000))]
+
+    /// The border is where what is just inside collides and what is just outside does not, and no
+    /// smaller change leads there.
+    #[test]
+    fn the_smallest_change_leads_to_the_border_of_the_velocity_obstacle(
+        (direction, far) in (-3.2..3.2f64, 0.001..1.5f64), (course, speed) in (-3.2..3.2f64, 0.0..1.0f64),
+    ) {
+        let (p, v) = (polar(direction, D + far), polar(course, speed));
+        let (u, n) = orca().smallest_change(p, v);
+        let border = v + u;
+        prop_assert!(!collide(p, border + 1e-6 * n, TAU_S));
+        prop_assert!(collide(p, border - 1e-6 * n, TAU_S));
+        prop_assert!((u - u.dot(&n) * n).norm() < 1e-9);
+        for k in 0..64 {
+            let other = v + polar(f64::from(k) * 0.1, 0.999 * u.norm() - 1e-9);
+            prop_assert_eq!(collide(p, other, TAU_S), collide(p, v, TAU_S), "{:?}", other);
+        }
+    }
+
+    /// The paper's theorem: whatever each of two chooses in its half-plane, they stay apart for tau.
+    #[test]
+    fn two_that_choose_in_their_half_planes_do_not_collide_within_the_horizon(
+        (direction, far) in (-3.2..3.2f64, 0.001..1.5f64),
+        velocities in [(-3.2..3.2f64, 0.0..0.5f64), (-3.2..3.2f64, 0.0..0.5f64)],
+        wanted in [(-3.2..3.2f64, 0.0..0.5f64), (-3.2..3.2f64, 0.0..0.5f64)],
+    ) {
+        let z = polar(direction, -(D + far));
+        let [a, b] = velocities.map(|(angle, speed)| polar(angle, speed));
+        let choose = |z: Vec2, own: Vec2, other: Vec2, gamma: Vec2| {
+            let mut orca = Orca { v_max: 10.0, ..orca() };
+            let (away, velocities) = ([z], [other]);
+            let sample = Sample {
+                twist: twist_for(0.0, 0.1, own),
+                away: &away,
+                velocities: &velocities,
+                ..Sample::default()
+            };
+            orca.velocity(&sample, gamma).unwrap()
+        };
+        let [wants_a, wants_b] = wanted.map(|(angle, speed)| polar(angle, speed));
+        let relative = choose(z, a, b, wants_a) - choose(-z, b, a, wants_b);
+        // At the border itself rounding decides.
+        prop_assert!(nearest(-z, relative, TAU_S) > D - 1e-9, "{relative:?}");
+    }
+}
+
+/// A robot on a collision course with each of some others: the case in which `dodgy_2d` takes half of
+/// the change as well. It takes all of it of those that would not collide, where the paper takes half.
+fn on_collision_course(random: &mut SplitMix64) -> (Vec2, Vec<(Vec2, Vec2)>) {
+    let own = polar(6.3 * random.unit(), 0.4 * random.unit());
+    let others = (0..random.between(1, 6)).map(|_| {
+        let p = polar(6.3 * random.unit(), D + 0.01 + 0.6 * random.unit());
+        let aimed = p + polar(6.3 * random.unit(), 0.99 * D * random.unit());
+        (p, own - aimed / (TAU_S * (0.1 + 0.89 * random.unit())))
+    });
+    (own, others.collect())
+}
+
+#[test]
+fn an_independent_implementation_chooses_the_same_to_its_precision() {
+    let mut random = SplitMix64::new(16);
+    let (mut feasible, mut dense) = (0, 0);
+    for scene in 0..4000 {
+        let (own, others) = on_collision_course(&mut random);
+        let gamma = polar(6.3 * random.unit(), 0.5);
+        let away: Vec<Vec2> = others.iter().map(|(p, _)| -p).collect();
+        let velocities: Vec<Vec2> = others.iter().map(|(_, v)| *v).collect();
+        let sample = Sample {
+            twist: twist_for(0.0, 0.1, own),
+            away: &away,
+            velocities: &velocities,
+            ..Sample::default()
+        };
+        let mut orca = orca();
+        let found = orca.velocity(&sample, gamma).unwrap();
+
+        let single = |v: Vec2| dodgy_2d::Vec2::new(v.x as f32, v.y as f32);
+        let agent = |at: Vec2, velocity: Vec2| Agent {
+            position: single(at),
+            velocity: single(velocity),
+            radius: (0.5 * D) as f32,
+            avoidance_responsibility: 1.0,
+        };
+        let neighbors: Vec<Cow<'_, Agent>> =
+            others.iter().map(|(p, v)| Cow::Owned(agent(*p, *v))).collect();
+        let options = AvoidanceOptions {
+            obstacle_margin: 0.0,
+            time_horizon: TAU_S as f32,
+            obstacle_time_horizon: TAU_S as f32,
+        };
+        let theirs = agent(Vec2::zeros(), own).compute_avoiding_velocity(
+            &neighbors,
+            &[],
+            single(gamma),
+            0.5,
+            0.01,
+            &options,
+        );
+        let theirs = Vec2::new(theirs.x.into(), theirs.y.into());
+        let [ours_missed, theirs_missed] = [found, theirs].map(|u| missed(u, &orca.sides).max(0.0));
+        if ours_missed < 1e-9 {
+            feasible += 1;
+            // As near to what is wanted, and as well permitted.
+            let [ours, theirs_far] = [found, theirs].map(|u| (u - gamma).norm());
+            assert!(theirs_missed < 1e-4, "scene {scene}: {found:?}, {theirs:?}");
+            assert!((ours - theirs_far).abs() < 1e-3, "scene {scene}: {found:?}, {theirs:?}");
+        } else {
+            dense += 1;
+            assert!(
+                (ours_missed - theirs_missed).abs() < 1e-4,
+                "scene {scene}: {found:?}, {theirs:?}"
+            );
+        }
+    }
+    assert!(feasible > 1000 && dense > 100, "{feasible}, {dense}");
+}
+
+fn crowd(at: Vec<Vec2>, goals: Vec<Vec2>) -> Crowd<Orca> {
+    Crowd::new((0..at.len()).map(|_| orca()).collect(), at, goals, 0.5, 0.01)
+}
+
+/// The paper's promise, among robots as it assumes them.
+#[test]
+fn ideal_robots_keep_d_wherever_their_programs_have_solutions() {
+    let (mut kept, mut arrived) = (0, 0);
+    for seed in 0..20 {
+        let mut random = SplitMix64::new(seed);
+        let [at, goals] = [0, 1].map(|_| scattered(&mut random, 6, 2.0, 0.3));
+        let mut crowd = crowd(at, goals);
+        let mut closest = f64::INFINITY;
+        for _ in 0..2000 {
+            let now = crowd.step();
+            let solved = |(orca, u): (&Orca, &Vec2)| missed(*u, &orca.sides) < 1e-9;
+            if !crowd.methods.iter().zip(&crowd.velocities).all(solved) {
+                break;
+            }
+            kept += 1;
+            closest = closest.min(now);
+        }
+        assert!(closest > D - 1e-9, "seed {seed}: {closest}");
+        arrived += u32::from(crowd.farthest() < 0.01);
+    }
+    assert!(kept > 30_000 && arrived >= 15, "{kept} periods, {arrived} of 20 arrived");
+}
+
+/// Known of it: who is held up from both sides stands. Two pass: each turns to its right.
+#[test]
+fn three_or_more_that_meet_in_the_middle_of_a_circle_deadlock_also_a_millimetre_off() {
+    for robots in [2, 3, 4, 5, 6, 8, 12, 16] {
+        for off in [0.0, 1e-3] {
+            let [mut at, goals] = antipodal(robots, 1.0);
+            let mut random = SplitMix64::new(robots as u64);
+            at.iter_mut().for_each(|at| *at += off * Vec2::new(random.unit(), random.unit()));
+            let mut crowd = crowd(at, goals);
+            let closest = (0..6000).map(|_| crowd.step()).fold(f64::INFINITY, f64::min);
+            assert!(closest > D - 1e-9, "{robots}, {off}: {closest}");
+            let far = crowd.farthest();
+            let stands = crowd.velocities.iter().all(|v| v.norm() < 1e-3);
+            assert!(
+                if robots == 2 { far < 1e-6 } else { far > 1.0 && stands },
+                "{robots}, {off}: {far}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_wall_is_kept_from_by_the_whole_change_and_does_not_give_way() {
+    let mut orca = orca();
+    // 0.15 m ahead; and somebody comes from behind at 0.5 m/s.
+    let (walls, away) = ([Vec2::new(-0.15, 0.0)], [Vec2::new(0.21, 0.0)]);
+    let velocities = [Vec2::new(0.5, 0.0)];
+    let sample = Sample { walls: &walls, ..Sample::default() };
+    let u = orca.velocity(&sample, Vec2::new(0.5, 0.0)).unwrap();
+    assert!((u - Vec2::new(0.025, 0.0)).norm() < 1e-12, "0.05 m of slack in 2 s: {u:?}");
+    let pushed = Sample { away: &away, velocities: &velocities, ..sample };
+    let u = orca.velocity(&pushed, Vec2::new(0.5, 0.0)).unwrap();
+    assert!(u.x <= 0.025 + 1e-9, "{u:?}");
+    // Behind the clearance it is to be out of it after one period.
+    let beyond = [Vec2::new(-0.097, 0.0)];
+    let u = orca.velocity(&Sample { walls: &beyond, ..Sample::default() }, Vec2::zeros()).unwrap();
+    assert!((u.x + 0.3).abs() < 1e-9, "{u:?}");
+}
+
+#[test]
+fn without_a_velocity_for_each_it_stands() {
+    let away = [Vec2::new(0.3, 0.0)];
+    let sample = Sample { away: &away, ..Sample::default() };
+    assert_eq!(orca().velocity(&sample, Vec2::new(0.1, 0.0)), None);
+}
+
+#[test]
+fn it_must_see_everybody_whom_it_could_meet_within_the_horizon() {
+    let mut brief = AgentBrief { ..guarded() };
+    brief.avoidance.gains = [("horizon_s".to_owned(), 2.0)].into();
+    brief.avoidance.kind = "orca".into();
+    let needed = sensing_radius_m(&Conditions::of(&brief));
+    assert!((needed - 2.2).abs() < 1e-12, "d + 2 v_max tau: {needed}");
+    brief.avoidance.clearance_m = 1.5;
+    assert!((sensing_radius_m(&Conditions::of(&brief)) - 2.5).abs() < 1e-12);
+    assert!(super::super::build(&brief).is_ok());
+    brief.avoidance.gains.clear();
+    assert!(super::super::build(&brief).is_err());
+}

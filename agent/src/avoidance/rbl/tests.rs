@@ -1,0 +1,154 @@
+//! What the paper promises, cell, centroid and rules.
+
+use formation::random::SplitMix64;
+use proptest::prelude::*;
+
+use super::super::guard::tests::brief;
+use super::super::ideal::{Crowd, antipodal, scattered};
+use super::*;
+
+const D: f64 = 0.2;
+
+fn rbl(k: f64, period: f64) -> Rbl {
+    Rbl {
+        d: D,
+        clearance: 0.1,
+        v_max: 0.5,
+        period,
+        k,
+        spread_wanted: 0.1,
+        spread: 0.1,
+        theta: 0.0,
+        disc: net(0.6),
+        cell: Vec::new(),
+        sides: Vec::new(),
+    }
+}
+
+fn crowd(at: Vec<Vec2>, goals: Vec<Vec2>, k: f64, period: f64) -> Crowd<Rbl> {
+    Crowd::new((0..at.len()).map(|_| rbl(k, period)).collect(), at, goals, 0.5, period)
+}
+
+/// Sampled as slowly as it may be.
+#[test]
+fn ideal_robots_never_come_nearer_than_d() {
+    for seed in 0..12 {
+        let mut random = SplitMix64::new(seed);
+        let robots = random.between(2, 8) as usize;
+        let at = scattered(&mut random, robots, 1.2, D);
+        let goals = scattered(&mut random, robots, 1.2, 0.0);
+        let mut crowd = crowd(at, goals, 10.0, 0.05);
+        for k in 0..300 {
+            let closest = crowd.step();
+            assert!(closest > D - 1e-9, "seed {seed}: {closest} in period {k}");
+        }
+    }
+}
+
+/// Convergence to the goals' surroundings: also from exact symmetry.
+#[test]
+fn ideal_robots_arrive_near_their_goals() {
+    for robots in [2, 3, 4, 6, 8] {
+        let [at, goals] = antipodal(robots, 1.0);
+        let mut crowd = crowd(at, goals, 10.0, 0.02);
+        let closest = (0..3000).map(|_| crowd.step()).fold(f64::INFINITY, f64::min);
+        assert!(closest > D - 1e-9, "{robots}: {closest}");
+        assert!(crowd.farthest() < 0.05, "{robots}: {}", crowd.farthest());
+    }
+}
+
+#[test]
+fn alone_it_goes_straight_to_its_goal_and_stays_there() {
+    let mut crowd = crowd(vec![Vec2::zeros()], vec![Vec2::new(0.7, -0.4)], 10.0, 0.02);
+    for _ in 0..400 {
+        crowd.step();
+        let off = 0.7 * crowd.at[0].y + 0.4 * crowd.at[0].x;
+        assert!(off.abs() < 0.02, "{:?}", crowd.at);
+    }
+    assert!(crowd.farthest() < 1e-3, "{}", crowd.farthest());
+    // Without a goal it stays.
+    let u = rbl(10.0, 0.02).velocity(&Sample::default(), Vec2::new(0.3, 0.0)).unwrap();
+    assert!(u.norm() < 1e-12, "{u:?}");
+}
+
+proptest! {
+    /// Of all points the cell is the part that is nearer to the robot, and far enough from others.
+    #[test]
+    fn the_cell_is_the_papers(
+        near in proptest::collection::vec((-3.2..3.2f64, 0.2..1.2f64), 0..6),
+        wall in proptest::option::of((-3.2..3.2f64, 0.1..0.5f64)),
+    ) {
+        let polar = |(angle, length): (f64, f64)| length * Vec2::new(angle.cos(), angle.sin());
+        let away: Vec<Vec2> = near.into_iter().map(polar).collect();
+        let walls: Vec<Vec2> = wall.into_iter().map(polar).collect();
+        let mut rbl = rbl(10.0, 0.02);
+        rbl.collect_cell(&Sample { away: &away, walls: &walls, ..Sample::default() });
+        let disc = net(0.6);
+        let nearer = |q: &Vec2| away.iter().all(|z| {
+            // As the paper has it: to the other, or, where that is near, to a point before it.
+            let p = -z;
+            let moved = if p.norm() >= 2.0 * D { p } else {
+                p + 2.0 * (D - 0.5 * p.norm()) * z / z.norm()
+            };
+            (q - moved).norm() >= q.norm() - 1e-12
+        });
+        let clear = |q: &Vec2| walls.iter().all(|z| z.dot(q) / z.norm() >= 0.1 - z.norm() - 1e-12);
+        let expected: Vec<Vec2> = disc.into_iter().filter(|q| nearer(q) && clear(q)).collect();
+        // Of points on a border rounding decides.
+        prop_assert!(rbl.cell.len().abs_diff(expected.len()) <= 2, "{} {}", rbl.cell.len(), expected.len());
+    }
+}
+
+#[test]
+fn where_nothing_is_left_of_the_cell_it_stands() {
+    let away = [Vec2::new(0.05, 0.0), Vec2::new(-0.05, 0.0)];
+    let sample = Sample { away: &away, error: Some(Vec2::new(1.0, 0.0)), ..Sample::default() };
+    let mut rbl = rbl(10.0, 0.02);
+    assert_eq!(rbl.velocity(&sample, Vec2::zeros()), Some(Vec2::zeros()));
+    assert!(rbl.cell.is_empty());
+}
+
+#[test]
+fn held_up_it_presses_on_and_turns_its_goal_clockwise_and_free_it_turns_back() {
+    let mut rbl = rbl(10.0, 0.1);
+    // Somebody ahead leaves 0.06 m.
+    let away = [Vec2::new(-0.26, 0.0)];
+    let goal = Some(Vec2::new(-1.0, 0.0)); // ahead
+    let held = Sample { away: &away, error: goal, ..Sample::default() };
+    rbl.velocity(&held, Vec2::zeros());
+    assert!(
+        (rbl.theta - 0.1).abs() < 1e-12 && (rbl.spread - 0.05).abs() < 1e-12,
+        "first (8) and (9)"
+    );
+    let u = rbl.velocity(&Sample { error: goal, ..Sample::default() }, Vec2::zeros()).unwrap();
+    assert!(u.y < -0.01, "the goal lies clockwise of ahead: {u:?}");
+    let free = Sample { error: goal, ..Sample::default() };
+    for _ in 0..100 {
+        rbl.velocity(&free, Vec2::zeros());
+    }
+    assert_eq!(rbl.theta, 0.0);
+    assert!((rbl.spread - 0.1).abs() < 1e-4, "{}", rbl.spread);
+}
+
+#[test]
+fn at_a_right_angle_it_turns_back_where_the_straight_way_leads_farther() {
+    let mut rbl = rbl(10.0, 0.1);
+    let goal = Some(Vec2::new(-1.0, 0.0));
+    // Nobody is ahead; somebody stands to its right, where the turned goal is.
+    let away = [Vec2::new(0.0, 0.26)];
+    rbl.theta = FRAC_PI_2;
+    rbl.velocity(&Sample { away: &away, error: goal, ..Sample::default() }, Vec2::zeros());
+    assert_eq!(rbl.theta, 0.0);
+}
+
+#[test]
+fn it_must_see_whose_cell_may_touch_its_own_and_a_period_too_long_is_advised_against() {
+    let mut brief = brief();
+    let gains = [("cell_radius_m", 0.6), ("spread_m", 0.1), ("approach_per_s", 10.0)];
+    brief.avoidance.gains = gains.map(|(key, gain)| (key.to_owned(), gain)).into();
+    let at = Conditions::of(&brief);
+    assert!((sensing_radius_m(&at) - 1.2).abs() < 1e-12);
+    assert!(sampled_too_slowly(&at).is_none());
+    let advice = sampled_too_slowly(&Conditions { period_s: 0.06, ..at }).unwrap();
+    assert!(advice.message.starts_with("approach_per_s T = 0.6: "), "{}", advice.message);
+}

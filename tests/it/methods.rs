@@ -1,0 +1,70 @@
+//! Methods of the literature in the plant, with everything in time: what each keeps of its promise on wheels,
+//! and what is known of it. (Robots as the papers assume them are in the crate `agent`.)
+
+use experiment::check::{Theory, report};
+use metrics::Measures;
+
+use crate::oracle::{scenario, simulate, with_faults};
+
+/// Each with gains for robots of d = 0.2 m and 0.3 m/s.
+const ORCA: [&str; 2] = ["avoidance.kind=orca", "avoidance.horizon_s=2"];
+const CBF_QP: [&str; 2] = ["avoidance.kind=cbf-qp", "avoidance.barrier_per_s=2"];
+const RBL: [&str; 4] = [
+    "avoidance.kind=rbl",
+    "avoidance.cell_radius_m=0.6",
+    "avoidance.spread_m=0.1",
+    "avoidance.approach_per_s=10",
+];
+
+fn run(name: &str, kind: &[&str], set: &[&str]) -> Measures {
+    simulate(&scenario(name, &[kind, &["expect={}"], set].concat()))
+}
+
+fn far(measures: &Measures) -> f64 {
+    measures.final_error_m_max.unwrap()
+}
+
+#[test]
+fn all_keep_d_on_wheels_where_all_is_in_time_and_arrive_or_deadlock_as_known() {
+    for (kind, escapes, near_m) in
+        [(&ORCA[..], false, 1e-6), (&CBF_QP, false, 1e-6), (&RBL, true, 0.05)]
+    {
+        let [circle, swaps] = ["antipodal-8", "random-swaps-10"].map(|name| run(name, kind, &[]));
+        for measures in [&circle, &swaps] {
+            let closest = measures.min_distance_m.unwrap();
+            assert!(closest > 0.2 && measures.violations == 0, "{kind:?}: {closest}");
+        }
+        assert!(far(&swaps) < near_m, "{kind:?}: {}", far(&swaps));
+        // Who meets many in the middle stands, but for those with rules against it.
+        let arrived = far(&circle) < near_m;
+        assert!(
+            arrived == escapes && (arrived || far(&circle) > 1.0),
+            "{kind:?}: {}",
+            far(&circle)
+        );
+    }
+}
+
+#[test]
+fn who_cannot_sense_the_others_stands() {
+    for kind in [&ORCA[..], &CBF_QP, &RBL] {
+        let set = [kind, &["expect={}", "duration_s=5"]].concat();
+        let blind = with_faults("antipodal-8", &set, &["blackout r1 proximity @0"]);
+        let errors = simulate(&blind).final_error_m;
+        let error = |robot: usize| errors[robot].1.unwrap();
+        assert!((error(0) - 1.6).abs() < 1e-5 && error(1) < 1.3, "{kind:?}: {errors:?}");
+    }
+}
+
+#[test]
+fn check_says_what_each_promises_and_what_that_rests_on() {
+    for (kind, promised) in
+        [(&ORCA[..], "horizon_s"), (&CBF_QP, "barrier_per_s"), (&RBL, "arrival")]
+    {
+        let scenario = scenario("antipodal-8", kind);
+        let page = report(&scenario, &Theory::of(&scenario));
+        let line = |label: &str| page.lines().find(|line| line.starts_with(label)).unwrap();
+        assert!(line("promises").contains(promised), "{page}");
+        assert!(line("assumes").contains("no delay, no inertia"), "{page}");
+    }
+}

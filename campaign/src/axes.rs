@@ -1,8 +1,12 @@
 //! One axis of a campaign: a key, and the values that it takes.
 
+use std::path::PathBuf;
+
 use experiment::scenario::diagnostic::Diagnostic;
 use experiment::scenario::table::Value;
 use toml::de::DeValue;
+
+use crate::starts::Starts;
 
 /// More values on one axis are a slip of the keyboard.
 const VALUES_MAX: usize = 100_000;
@@ -13,7 +17,7 @@ pub(crate) const NONE: &str = "none";
 /// What runs differ in.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Axis {
-    /// A key of the scenario, `fault`, or a name in the campaign's `faults`.
+    /// A key of the scenario, `fault`, a name in the campaign's `faults`, or one that cases give it.
     pub key: String,
     /// Which of these.
     pub kind: AxisKind,
@@ -30,10 +34,12 @@ pub enum AxisKind {
     Fault,
     /// A word in the campaign's `faults`.
     InFaults,
+    /// What its cases say.
+    Cases,
 }
 
 /// One value of an axis.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Setting {
     /// As tables have it.
     pub shown: String,
@@ -41,8 +47,21 @@ pub struct Setting {
     pub toml: String,
     /// A number, if it is one.
     pub number: Option<f64>,
-    /// Of an axis of faults: these, in the words of `--fault`.
+    /// Of an axis of faults or of cases: these, in the words of `--fault`.
     pub faults: Vec<String>,
+    /// Of an axis of cases: what else it says.
+    pub case: Case,
+}
+
+/// What a case says beside its faults.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Case {
+    /// Another scenario.
+    pub scenario: Option<PathBuf>,
+    /// What its runs change, as `--set` has it.
+    pub set: Vec<String>,
+    /// Where its robots start.
+    pub starts: Option<Starts>,
 }
 
 /// Reads an axis.
@@ -80,12 +99,12 @@ fn setting(value: &Value<'_>) -> Setting {
         DeValue::String(text) => text.clone().into_owned(),
         _ => toml.clone(),
     };
-    Setting { shown, number: number(value), toml, faults: Vec::new() }
+    Setting { shown, number: number(value), toml, ..Setting::default() }
 }
 
 fn of_number(number: f64) -> Setting {
     let text = number.to_string();
-    Setting { shown: text.clone(), toml: text, number: Some(number), faults: Vec::new() }
+    Setting { shown: text.clone(), toml: text, number: Some(number), ..Setting::default() }
 }
 
 fn number(value: &Value<'_>) -> Option<f64> {
@@ -110,7 +129,7 @@ fn faults(value: &Value<'_>) -> Result<Setting, Diagnostic> {
         _ => vec![value.text(expected)?.to_owned()].into_iter().filter(|f| f != NONE).collect(),
     };
     let shown = if faults.is_empty() { NONE.to_owned() } else { faults.join("; ") };
-    Ok(Setting { toml: shown.clone(), shown, number: None, faults })
+    Ok(Setting { toml: shown.clone(), shown, faults, ..Setting::default() })
 }
 
 /// `{ from, to, count, spacing }`: both ends are on it.

@@ -30,6 +30,8 @@ pub struct Cell {
     pub seed: u64,
     /// 64 hexadecimal digits; its directory is called so.
     pub id: String,
+    /// The scenario file that it begins with.
+    pub scenario: PathBuf,
     /// What makes it of the scenario.
     pub overrides: Overrides,
     /// d, m.
@@ -79,6 +81,10 @@ pub fn cells(
     for point in 0..campaign.points() {
         let settings = campaign.at(point);
         let overrides = overrides(campaign, &settings);
+        // The last axis that has one counts.
+        let cases = || settings.iter().rev().map(|setting| &setting.case);
+        let file = cases().find_map(|case| case.scenario.as_ref()).unwrap_or(&campaign.scenario);
+        let starts = cases().find_map(|case| case.starts.as_ref()).or(campaign.starts.as_ref());
         // The first run of a point tells of which robots there are.
         let mut robots: Option<Scenario> = None;
         let seeds: Vec<Option<u64>> = match campaign.seeds.is_empty() {
@@ -89,11 +95,10 @@ pub fn cells(
             let run = || in_words(campaign, &settings, seed);
             let refused =
                 |diagnostic| CellError::Scenario { diagnostic: Box::new(diagnostic), run: run() };
-            let read = |overrides: &Overrides| {
-                read_to_run(&campaign.scenario, overrides, catalog).map_err(refused)
-            };
+            let read =
+                |overrides: &Overrides| read_to_run(file, overrides, catalog).map_err(refused);
             let mut overrides = Overrides { seed, ..overrides.clone() };
-            if let (Some(starts), Some(seed)) = (&campaign.starts, seed) {
+            if let (Some(starts), Some(seed)) = (starts, seed) {
                 if robots.is_none() {
                     robots = Some(read(&overrides)?.0);
                 }
@@ -108,7 +113,7 @@ pub fn cells(
                 hash.update((part.len() as u64).to_le_bytes());
                 hash.update(part);
             }
-            for (name, path) in programs(&scenario, &campaign.scenario) {
+            for (name, path) in programs(&scenario, file) {
                 let text = std::fs::read(&path).map_err(|source| CellError::Program {
                     path: path.clone(),
                     source,
@@ -123,6 +128,7 @@ pub fn cells(
                 point,
                 seed: scenario.seed,
                 id: hex(&hash.finalize()),
+                scenario: file.clone(),
                 overrides,
                 distance_min_m: scenario.avoidance.distance_min_m,
                 duration_s: formation::seconds(scenario.duration_ns),
@@ -145,6 +151,10 @@ fn overrides(campaign: &Campaign, settings: &[&Setting]) -> Overrides {
         match axis.kind {
             AxisKind::Key => overrides.set.push(format!("{}={}", axis.key, setting.toml)),
             AxisKind::Fault => overrides.faults.extend(setting.faults.iter().cloned()),
+            AxisKind::Cases => {
+                overrides.set.extend(setting.case.set.iter().cloned());
+                overrides.faults.extend(setting.faults.iter().cloned());
+            }
             AxisKind::InFaults => {
                 let placeholder = format!("{{{}}}", axis.key);
                 if setting.shown == NONE {
@@ -179,10 +189,10 @@ impl Cell {
     pub fn words(&self, campaign: &Campaign, to: &Path) -> Vec<String> {
         let text = |path: &Path| path.to_string_lossy().into_owned();
         // Whoever runs it from wherever.
-        let scenario = campaign.scenario.canonicalize();
+        let scenario = self.scenario.canonicalize();
         let mut words = vec![
             "run".to_owned(),
-            text(scenario.as_deref().unwrap_or(&campaign.scenario)),
+            text(scenario.as_deref().unwrap_or(&self.scenario)),
             "--pace".into(),
             campaign.pace.word().into(),
         ];

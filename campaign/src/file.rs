@@ -12,7 +12,7 @@ use protocol::brief::Pace;
 use protocol::catalog::Catalog;
 use toml::de::DeValue;
 
-use crate::axes::{Axis, AxisKind, Setting, axis, spelled};
+use crate::axes::{Axis, AxisKind, Case, Setting, axis, spelled};
 use crate::keys;
 use crate::starts::Starts;
 
@@ -120,22 +120,14 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
         description.text("expected a string")?;
     }
     let scenario = root.need("scenario")?;
-    let expected = "expected a scenario file, such as \"../scenarios/triangle.toml\"";
-    let file = path.parent().unwrap_or(Path::new("")).join(scenario.text(expected)?);
-    load(&file, expected).map_err(|trouble| {
-        scenario.wrong(format!("names `{}`, which {}", file.display(), trouble.what), expected)
-    })?;
+    let file = scenario_file(path, &scenario)?;
 
     let templates = match root.get("faults") {
         Some(list) => list.texts("expected a list of faults, such as [\"kill r2 @10\"]")?,
         None => Vec::new(),
     };
-    let mut set = Vec::new();
-    for (key, value) in leaves(&root, "set")? {
-        known(&key, &value, &scenario_format)?;
-        set.push(format!("{key}={}", spelled(value.raw())));
-    }
-    let mut axes = Vec::new();
+    let set = set(&root, &scenario_format)?;
+    let mut axes = cases(&root, path, &scenario_format)?;
     for (key, value) in leaves(&root, "vary")? {
         let placeholder = format!("{{{key}}}");
         let kind = match &*key {
@@ -153,6 +145,10 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
                 AxisKind::Key
             }
         };
+        if axes.iter().any(|axis| axis.key == key) {
+            let expected = "expected another name for one of them".to_owned();
+            return Err(value.here(format!("`{key}` is an axis of cases too"), expected));
+        }
         axes.push(axis(&key, kind, &value)?);
     }
     for fault in &templates {
@@ -179,16 +175,69 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
         keep: root.word("keep", &Keep::WORDS)?,
         deadline_s: root.number("deadline_s")?,
     };
-    if campaign.starts.is_some() && campaign.seeds.is_empty() {
+    let drawn = |setting: &Setting| setting.case.starts.is_some();
+    let drawn = campaign.axes.iter().flat_map(|axis| &axis.settings).any(drawn);
+    if (campaign.starts.is_some() || drawn) && campaign.seeds.is_empty() {
         return Err(root.missing("seeds", "how many seeds to draw starts from, such as 100"));
     }
     let runs = campaign.points().saturating_mul(campaign.seeds.len().max(1));
     if runs > RUNS_MAX {
-        let largest = root.get("vary").or_else(|| root.get("seeds")).expect("one of them is long");
+        let largest = root.get("vary").or_else(|| root.get("seeds"));
+        let largest = largest.or_else(|| root.get("case")).expect("one of them is long");
         let expected = format!("expected at most {RUNS_MAX} runs");
         return Err(largest.here(format!("the campaign has {runs} runs"), expected));
     }
     Ok(campaign)
+}
+
+/// The scenario file that a key names, as seen from the campaign file at `path`.
+fn scenario_file(path: &Path, scenario: &Value<'_>) -> Result<PathBuf, Diagnostic> {
+    let expected = "expected a scenario file, such as \"../scenarios/triangle.toml\"";
+    let file = path.parent().unwrap_or(Path::new("")).join(scenario.text(expected)?);
+    load(&file, expected).map_err(|trouble| {
+        scenario.wrong(format!("names `{}`, which {}", file.display(), trouble.what), expected)
+    })?;
+    Ok(file)
+}
+
+/// What `set` in a table changes, as `--set` has it.
+fn set(table: &Table<'_>, format: &Format) -> Result<Vec<String>, Diagnostic> {
+    let assignment = |(key, value): (String, Value<'_>)| {
+        known(&key, &value, format)?;
+        Ok(format!("{key}={}", spelled(value.raw())))
+    };
+    leaves(table, "set")?.into_iter().map(assignment).collect()
+}
+
+/// The axes that `[[case]]` make, in the order of the first case of each.
+fn cases(root: &Table<'_>, path: &Path, format: &Format) -> Result<Vec<Axis>, Diagnostic> {
+    let mut axes: Vec<Axis> = Vec::new();
+    for table in root.tables("case")? {
+        table.only()?;
+        let (axis, name) = (table.need("axis")?, table.need("name")?);
+        let key = axis.text("expected a string")?;
+        let shown = name.text("expected a string")?.to_owned();
+        let faults = match table.get("faults") {
+            Some(list) => list.texts("expected a list of faults, such as [\"kill r2 @10\"]")?,
+            None => Vec::new(),
+        };
+        let scenario =
+            table.get("scenario").map(|value| scenario_file(path, &value)).transpose()?;
+        let starts = table.get("starts").map(|value| Starts::read(&value)).transpose()?;
+        let case = Case { scenario, set: set(&table, format)?, starts };
+        let setting = Setting { toml: shown.clone(), shown, number: None, faults, case };
+        let place = axes.iter().position(|axis| axis.key == key).unwrap_or(axes.len());
+        if place == axes.len() {
+            let key = key.to_owned();
+            axes.push(Axis { key, kind: AxisKind::Cases, settings: Vec::new() });
+        }
+        if axes[place].settings.iter().any(|other| other.shown == setting.shown) {
+            let message = format!("is \"{}\", which the axis `{key}` has already", setting.shown);
+            return Err(name.wrong(message, "expected each value once"));
+        }
+        axes[place].settings.push(setting);
+    }
+    Ok(axes)
 }
 
 /// The keys of the scenario in a table, dotted, with their values: tables within it are parts of keys,
@@ -417,6 +466,24 @@ mod tests {
         let range = campaign("[vary]\nchaos.from_s = { from = 1, to = 2, count = 3 }\n");
         let numbers: Vec<_> = range.axes[0].settings.iter().filter_map(|s| s.number).collect();
         assert_eq!(numbers, [1.0, 1.5, 2.0]);
+    }
+
+    #[test]
+    fn cases_make_axes_that_change_slower_than_others() {
+        let campaign = campaign(
+            "case = [{ axis = 'scene', name = 'a' }, { axis = 'condition', name = 'ideal' },\n\
+             { axis = 'scene', name = 'b', scenario = '../../scenarios/line-5.toml' },\n\
+             { axis = 'condition', name = 'late', set = { period_s = 0.02 }, faults = ['x'] }]\n\
+             [vary]\nrecord_hz = [3, 4]\n",
+        );
+        let keys: Vec<&str> = campaign.axes.iter().map(|axis| axis.key.as_str()).collect();
+        assert_eq!((keys, campaign.points()), (vec!["scene", "condition", "record_hz"], 8));
+        let [scene, condition, _] = campaign.at(6)[..] else { panic!("three axes") };
+        assert!(scene.case.scenario.as_ref().unwrap().ends_with("scenarios/line-5.toml"));
+        assert_eq!(
+            (&condition.case.set[..], &condition.faults[..]),
+            (&["period_s=0.02".to_owned()][..], &["x".to_owned()][..],)
+        );
     }
 
     #[test]

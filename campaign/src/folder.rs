@@ -209,6 +209,7 @@ mod tests {
             point: 0,
             seed: 1,
             id: "ab".into(),
+            scenario: "a.toml".into(),
             overrides: Overrides::default(),
             distance_min_m: 0.2,
             duration_s: 1.0,

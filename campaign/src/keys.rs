@@ -28,6 +28,12 @@ pub(crate) const KEEPS: &[(&str, &str)] = &[
     ("all", "all"),
 ];
 
+/// Where robots go whose starts are drawn: words of `goals`.
+pub(crate) const GOALS: &[(&str, &str)] = &[
+    ("own", "where the scenario says"),
+    ("swaps", "random pairs swap places; of an odd number of robots, three go around"),
+];
+
 const ROOT: &[Key] = &[
     key("name", Takes::Text, Otherwise::Needed, "a short name for the campaign, such as \"starts\"")
         .guessed(&["title", "id"]),
@@ -44,6 +50,13 @@ const ROOT: &[Key] = &[
         .guessed(&["override", "overrides", "fixed"]),
     key("vary", Takes::Table("vary"), Otherwise::Absent, "keys of the scenario that runs differ in")
         .guessed(&["axes", "axis", "grid", "sweep", "params", "parameters", "matrix"]),
+    key(
+        "case",
+        Takes::Tables("case"),
+        Otherwise::Absent,
+        "values of axes that stand for several things at once; such axes change slower than those in `vary`",
+    )
+    .guessed(&["cases", "variant", "variants", "scene", "scenes", "condition", "conditions"]),
     key(
         "zip",
         Takes::Any("list of lists of axes"),
@@ -109,6 +122,47 @@ const STARTS: &[Key] = &[
     .guessed(&["center", "centre", "middle", "origin"]),
     key("around", Takes::Word(AROUND), Otherwise::Word("middle"), "what the box is around")
         .guessed(&["about", "from", "at"]),
+    key(
+        "goals",
+        Takes::Word(GOALS),
+        Otherwise::Word("own"),
+        "where robots go, also drawn from each seed",
+    )
+    .guessed(&["goal", "destinations", "targets"]),
+];
+
+const CASE: &[Key] = &[
+    key(
+        "axis",
+        Takes::Text,
+        Otherwise::Needed,
+        "the axis that it is a value of, such as \"scene\"",
+    ),
+    key("name", Takes::Text, Otherwise::Needed, "the value, such as \"circle-8\"")
+        .guessed(&["value", "title", "id"]),
+    key(
+        "scenario",
+        Takes::Text,
+        Otherwise::Rule("that of the campaign"),
+        "the scenario file that its runs begin with, as seen from the campaign file",
+    )
+    .guessed(&["file", "path", "base", "experiment"]),
+    key("set", Takes::Table("set"), Otherwise::Absent, "keys of the scenario that its runs change")
+        .guessed(&["override", "overrides", "fixed"]),
+    key(
+        "faults",
+        Takes::Any("list of faults in words"),
+        Otherwise::Absent,
+        "faults of its runs, in the words of `--fault`",
+    )
+    .guessed(&["fault"]),
+    key(
+        "starts",
+        Takes::Table("starts"),
+        Otherwise::Rule("those of the campaign"),
+        "where its robots start, drawn from each seed",
+    )
+    .guessed(&["start", "random_starts", "poses"]),
 ];
 
 /// The keys that campaign files may have.
@@ -137,6 +191,12 @@ pub fn format() -> Format {
                 "starts",
                 "Where robots start: front points even over a box and clear of walls, headings even over a turn, the same for every run with that seed.",
                 STARTS,
+            ),
+            section(
+                "case",
+                "One value of an axis: another scenario, keys, faults or starts, or several of these. All `[[case]]` \
+                 with the same `axis` are its values.",
+                CASE,
             ),
         ],
         laws: Vec::new(),

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 
 use crate::file::Campaign;
 use crate::points::{Median, Pairing, Point, Rate};
-use crate::starts::Around;
+use crate::starts::{Around, Goals};
 use crate::statistics::{BOOTSTRAP_SEED, Estimate, RESAMPLES};
 
 /// What stands behind the numbers.
@@ -44,7 +44,7 @@ pub fn json(
             Around::Middle(center_m) => ("middle", center_m),
             Around::Each => ("each", None),
         };
-        json!({ "box_m": starts.box_m, "apart_m": starts.apart_m, "around": around, "center_m": center_m })
+        json!({ "box_m": starts.box_m, "apart_m": starts.apart_m, "around": around, "center_m": center_m, "goals": starts.goals.word() })
     });
     let whole = json!({
         "format": 1,
@@ -220,9 +220,13 @@ fn of_campaign(campaign: &Campaign) -> String {
         let [width, height] = starts.box_m;
         let apart = starts.apart_m;
         let each = if starts.around == Around::Each { " around each robot's own" } else { "" };
+        let swaps = match starts.goals {
+            Goals::Own => "",
+            Goals::Swaps => "; random pairs swap places",
+        };
         rows.push((
             "Starts",
-            format!("drawn from the seed in {width} m by {height} m{each}, {apart} m apart"),
+            format!("drawn from the seed in {width} m by {height} m{each}, {apart} m apart{swaps}"),
         ));
     }
     rows.push(("Bootstrap", format!("{RESAMPLES} samples, seed {BOOTSTRAP_SEED}")));

@@ -208,6 +208,7 @@ mod tests {
             point,
             seed,
             id: format!("{point}{seed}"),
+            scenario: "a.toml".into(),
             overrides: Overrides::default(),
             distance_min_m: 0.2,
             duration_s: 30.0,

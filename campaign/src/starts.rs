@@ -1,6 +1,7 @@
 //! Where robots start, drawn from a seed: front points even over one box for all, or over a box around
 //! each robot's own start, none nearer to another than asked (Assumption 1) nor to a wall than the
-//! scenario's clearance, headings even over a turn.
+//! scenario's clearance, headings even over a turn. Where they go, if asked: to the starts of others, in
+//! random pairs that swap places.
 //!
 //! The draw depends on the seed, the box, the walls and the number of robots alone: runs that differ in
 //! anything else start alike, and can be compared seed by seed.
@@ -16,6 +17,7 @@ use formation::random::SplitMix64;
 
 /// Told apart from other draws of the same seed.
 const STREAM: u64 = u64::from_le_bytes(*b"starts  ");
+const SWAPS_STREAM: u64 = u64::from_le_bytes(*b"swaps   ");
 /// So often a robot is drawn again, and so often all of them, before there is no room.
 const TRIES: usize = 1000;
 /// A drawn distance is larger than asked by this, m: what is written down rounds.
@@ -39,6 +41,27 @@ pub struct Starts {
     pub apart_m: f64,
     /// Where its middle is.
     pub around: Around,
+    /// Where robots go.
+    pub goals: Goals,
+}
+
+/// Where robots go whose starts are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Goals {
+    /// Where the scenario says.
+    Own,
+    /// Random pairs to each other's start; of an odd number, three go around.
+    Swaps,
+}
+
+impl Goals {
+    /// All, with their words.
+    pub const WORDS: [(&'static str, Goals); 2] = [("own", Goals::Own), ("swaps", Goals::Swaps)];
+
+    /// The word for it.
+    pub fn word(self) -> &'static str {
+        Goals::WORDS.iter().find(|(_, goals)| *goals == self).expect("all have one").0
+    }
 }
 
 /// Why no starts could be drawn.
@@ -88,10 +111,11 @@ impl Starts {
             (true, None) => Around::Each,
             _ => Around::Middle(center.map(|center| center.pair()).transpose()?),
         };
-        Ok(Starts { box_m, apart_m: table.number("apart_m")?, around })
+        let goals = table.word("goals", &Goals::WORDS)?;
+        Ok(Starts { box_m, apart_m: table.number("apart_m")?, around, goals })
     }
 
-    /// The start poses that a seed draws for a scenario's robots, as `--set` has them.
+    /// The start poses, and goals, that a seed draws for a scenario's robots, as `--set` has them.
     pub fn draw(&self, scenario: &Scenario, seed: u64) -> Result<Vec<String>, NoStarts> {
         let d_m = scenario.avoidance.distance_min_m;
         if self.apart_m <= d_m {
@@ -116,6 +140,14 @@ impl Starts {
             box_m: self.box_m,
             seed,
         })?;
+        let mut drawn = Vec::new();
+        if self.goals == Goals::Swaps {
+            let mut random = SplitMix64::new(seed ^ SWAPS_STREAM);
+            for (robot, to) in robots.iter().zip(partners(&mut random, robots.len())) {
+                let goal = places[to];
+                drawn.push(format!("robot.{}.goal_m=[{:?}, {:?}]", robot.name, goal.x, goal.y));
+            }
+        }
         let start = |(place, robot): (Vec2, &experiment::scenario::Robot)| {
             // From 0 to below 1, turned around: above -pi, up to pi.
             let heading_rad = PI - 2.0 * PI * random.unit();
@@ -126,7 +158,8 @@ impl Starts {
                 robot.name, axle.x, axle.y
             )
         };
-        Ok(places.into_iter().zip(robots).map(start).collect())
+        drawn.extend(places.into_iter().zip(robots).map(start));
+        Ok(drawn)
     }
 
     /// Places in the boxes around these centers, where it is `clear`; `None`: no room.
@@ -153,6 +186,25 @@ impl Starts {
     }
 }
 
+/// With whom each of `robots` changes places: in random order, the first with the second, and so on; the
+/// last three of an odd number go around. One alone stays.
+fn partners(random: &mut SplitMix64, robots: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..robots).collect();
+    for last in (1..robots).rev() {
+        order.swap(last, random.between(0, last as u64) as usize);
+    }
+    let mut partners = vec![0; robots];
+    let mut rest = &order[..];
+    while !rest.is_empty() {
+        let (group, others) = rest.split_at(if rest.len() == 3 { 3 } else { rest.len().min(2) });
+        for (place, &robot) in group.iter().enumerate() {
+            partners[robot] = group[(place + 1) % group.len()];
+        }
+        rest = others;
+    }
+    partners
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -161,8 +213,12 @@ mod tests {
     use formation::obstacle::Obstacle;
     use proptest::prelude::*;
 
-    const STARTS: Starts =
-        Starts { box_m: [2.0, 1.0], apart_m: 0.3, around: Around::Middle(Some([5.0, -1.0])) };
+    const STARTS: Starts = Starts {
+        box_m: [2.0, 1.0],
+        apart_m: 0.3,
+        around: Around::Middle(Some([5.0, -1.0])),
+        goals: Goals::Own,
+    };
 
     #[test]
     fn a_box_without_room_and_one_against_assumption_1_are_refused() {
@@ -209,7 +265,8 @@ mod tests {
         });
         let clearance_m = 0.1;
         scenario.avoidance.clearance_m = clearance_m;
-        let each = Starts { box_m: [0.4, 0.6], apart_m: 0.21, around: Around::Each };
+        let each =
+            Starts { box_m: [0.4, 0.6], apart_m: 0.21, around: Around::Each, goals: Goals::Own };
         let mut near = 0;
         for seed in 1..=50 {
             for (at, own) in front_points(&each.draw(&scenario, seed).unwrap()).iter().zip(&places)
@@ -222,6 +279,49 @@ mod tests {
             }
         }
         assert!(near > 20, "the wall is in the way: {near}");
+    }
+
+    /// Who goes where the one starts that comes back, and nobody stays.
+    #[test]
+    fn swaps_are_of_pairs_and_of_three_where_the_number_is_odd() {
+        for robots in 2..12 {
+            let partners = partners(&mut SplitMix64::new(robots as u64), robots);
+            let steps = |robot: usize| {
+                let mut at = partners[robot];
+                let mut steps = 1;
+                while at != robot {
+                    (at, steps) = (partners[at], steps + 1);
+                }
+                steps
+            };
+            let threes = (0..robots).filter(|robot| steps(*robot) == 3).count();
+            let twos = (0..robots).filter(|robot| steps(*robot) == 2).count();
+            assert_eq!((threes, threes + twos), (3 * (robots % 2), robots), "{partners:?}");
+        }
+        assert_eq!(partners(&mut SplitMix64::new(0), 1), [0]);
+        let first = |seed| partners(&mut SplitMix64::new(seed), 8);
+        assert!((1..20).any(|seed| first(seed) != first(0)));
+    }
+
+    #[test]
+    fn goals_are_the_starts_of_others_and_starts_are_the_same_with_them() {
+        let scenario = row_of_three();
+        let swapping = Starts { goals: Goals::Swaps, ..STARTS };
+        let drawn = swapping.draw(&scenario, 4).unwrap();
+        assert_eq!(drawn[3..], STARTS.draw(&scenario, 4).unwrap());
+        let start = |text: &String| {
+            let heading = number(text, "heading_rad");
+            let axle = Vec2::new(number(text, "x_m"), number(text, "y_m"));
+            axle + 0.1 * Vec2::new(heading.cos(), heading.sin())
+        };
+        let starts: Vec<Vec2> = drawn[3..].iter().map(start).collect();
+        for (own, text) in starts.iter().zip(&drawn) {
+            let (_, pair) = text.split_once(".goal_m=[").unwrap();
+            let (x, y) = pair.trim_end_matches(']').split_once(", ").unwrap();
+            let goal = Vec2::new(x.parse().unwrap(), y.parse().unwrap());
+            assert!(starts.iter().any(|start| (start - goal).norm() < 1e-9), "{text}");
+            assert!((own - goal).norm() > 0.2, "{text}");
+        }
     }
 
     fn number(text: &str, key: &str) -> f64 {

@@ -60,7 +60,7 @@ impl Row<'_> {
 }
 
 /// The columns of `runs.csv` behind those of the axes, with what they are.
-pub const COLUMNS: [(&str, &str); 21] = [
+pub const COLUMNS: [(&str, &str); 24] = [
     ("seed", "seed of everything random"),
     (
         "outcome",
@@ -96,6 +96,15 @@ pub const COLUMNS: [(&str, &str); 21] = [
         "recovered_after_s_max",
         "longest time that a fault's effect lasted; empty without faults, or if one was for good",
     ),
+    (
+        "arrived",
+        "how many robots stayed within `converged_error_m` of where they are wanted, from some time on",
+    ),
+    ("arrived_at_s_mean", "the mean of these times; when the last arrived is `converged_at_s`"),
+    (
+        "path_over_straight",
+        "of robots that arrived at goals: the lengths of their ways over those of straight lines; empty if none did",
+    ),
     ("run", "identity of the run, and the name of its directory below `runs/`"),
 ];
 
@@ -123,6 +132,7 @@ fn run(campaign: &Campaign, row: &Row<'_>) -> Vec<String> {
         let values: Option<Vec<f64>> = list.iter().map(|(_, value)| *value).collect();
         values.filter(|values| !values.is_empty()).map(|values| values.iter().sum())
     };
+    let arrived: Vec<f64> = summary.arrived_at_s.iter().filter_map(|(_, at_s)| *at_s).collect();
     let recovered: Option<Vec<f64>> =
         summary.faults.iter().map(|fault| fault.recovered_after_s).collect();
     let recovered = recovered.and_then(|all| all.into_iter().reduce(f64::max));
@@ -145,13 +155,16 @@ fn run(campaign: &Campaign, row: &Row<'_>) -> Vec<String> {
         summary.alive_at_end.len().to_string(),
         summary.restarts.iter().map(|(_, count)| count).sum::<u64>().to_string(),
         shown(recovered),
+        arrived.len().to_string(),
+        shown(mean(&arrived)),
+        shown(summary.path_over_straight),
         row.cell.id.clone(),
     ]);
     fields
 }
 
 /// The columns of `timing.csv`, with what they are.
-pub const TIMING: [(&str, &str); 9] = [
+pub const TIMING: [(&str, &str); 10] = [
     ("run", "identity of the run"),
     ("failed_attempts", "attempts whose machinery failed"),
     ("startup_s", "wall time from the start of the first process to t = 0"),
@@ -161,6 +174,7 @@ pub const TIMING: [(&str, &str); 9] = [
     ("processor_s", "processor time of all its processes"),
     ("deadline_misses", "commands sent after their agent's next wake-up was due, in real time"),
     ("compute_p99_us", "time from an odometry sample to the command, p99 of the slowest robot"),
+    ("compute_mean_us", "the same time, the mean over all robots and samples"),
 ];
 
 /// `timing.csv`.
@@ -175,7 +189,10 @@ pub fn timing(rows: &[Row<'_>]) -> String {
                 let usage = wall.processes.iter().map(|process| process.usage);
                 let processor_s: f64 = usage.map(|usage| usage.user_s + usage.system_s).sum();
                 let compute = wall.latency.iter().filter(|line| line.stage == "compute");
-                let slowest = compute.map(|line| line.p99_ns).max();
+                let slowest = compute.clone().map(|line| line.p99_ns).max();
+                let count: u64 = compute.clone().map(|line| line.count).sum();
+                let in_all: f64 = compute.map(|line| line.mean_ns * line.count as f64).sum();
+                let mean = (count > 0).then(|| in_all / count as f64);
                 fields.extend([
                     wall.startup_s.map_or(String::new(), number),
                     number(wall.wall_s),
@@ -184,12 +201,18 @@ pub fn timing(rows: &[Row<'_>]) -> String {
                     format!("{processor_s:.6}"),
                     summary.deadline_misses.to_string(),
                     slowest.map_or(String::new(), |ns| number(ns as f64 / 1e3)),
+                    mean.map_or(String::new(), |ns| format!("{:.3}", ns / 1e3)),
                 ]);
             }
         }
         fields
     };
     written(&heads, rows.iter().map(row))
+}
+
+/// Of nothing there is none.
+fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
 /// In the fewest digits that tell it apart.

@@ -10,6 +10,7 @@
 //! | `pairs` | how near did every pair come? |
 //! | `error` | how far is each robot from where its role wants it? |
 //! | `target` | where does its role want it? |
+//! | `travel` | when did it get there, and by how long a way? |
 //! | `ideal` | how far is each robot from its place in the whole formation? |
 //! | `frame` | how does that formation turn and grow? |
 //! | `vectors` | which way was it off, in a run that is over? |
@@ -38,6 +39,7 @@ mod pairs;
 mod silence;
 pub mod summary;
 mod target;
+mod travel;
 mod truths;
 pub mod vectors;
 
@@ -60,6 +62,7 @@ use frame::IdealFrame;
 use ideal::Ideal;
 pub use orphans::Turn;
 pub use pairs::PairDistance;
+use travel::Travel;
 use truths::Truths;
 
 /// Final errors are the worst over this last share of the run.
@@ -81,6 +84,7 @@ pub struct Metrics {
     /// What the formation turns and grows with; `None` without a main leader.
     frame: Option<IdealFrame>,
     errors: Errors,
+    travel: Travel,
     ideal: Ideal,
     containment: Containment,
     faults: Faults,
@@ -134,6 +138,12 @@ pub struct Measures {
     pub hull_distance_m_max_final: Option<f64>,
     /// Since when all living errors stayed below `converged_error_m`, s.
     pub converged_at_s: Option<f64>,
+    /// Since when each robot's error stayed below it, s; `None`: it did not arrive.
+    pub arrived_at_s: Vec<(String, Option<f64>)>,
+    /// How far each front point went until then, or in all, m.
+    pub path_m: Vec<(String, Option<f64>)>,
+    /// Of all that arrived at goals: the lengths of their ways over those of straight lines there.
+    pub path_over_straight: Option<f64>,
     /// In lockstep.
     pub trajectory_hash: Option<String>,
     /// Who was alive at the newest truth; in scenario order.
@@ -170,6 +180,7 @@ impl Metrics {
             clearances: Clearances::new(scenario),
             frame: IdealFrame::new(scenario),
             errors: Errors::new(scenario, final_from_ns),
+            travel: Travel::new(scenario),
             ideal: Ideal::new(scenario, final_from_ns),
             containment: Containment::new(scenario, final_from_ns),
             faults: Faults::new(scenario),
@@ -205,6 +216,7 @@ impl Metrics {
         let frame = self.frame.as_mut().map(|frame| frame.truth(t_ns, rows, alive));
         let frame = frame.unwrap_or(LeaderFrame::STILL);
         let worst_m = self.errors.truth(t_ns, &frame, &self.alphas, alive, silent);
+        self.travel.truth(t_ns, &self.alphas, self.errors.now_m(), alive);
         self.ideal.truth(t_ns, &frame, &self.alphas, alive, self.errors.now_m());
         let bound_m = self.converged_error_m;
         let both = self.errors.now_m().iter().zip(self.ideal.now_m());
@@ -297,6 +309,9 @@ impl Metrics {
             pairs: self.distances.pairs.report(&self.names),
             hull_distance_m_max_final: self.containment.final_m_max(),
             converged_at_s: self.errors.converged_since_ns().map(seconds),
+            arrived_at_s: by_name(&self.travel.arrived_at_s()),
+            path_m: by_name(&self.travel.path_m()),
+            path_over_straight: self.travel.path_over_straight(),
             trajectory_hash: self.truths.hash(),
             alive_at_end: self.alive.clone(),
             hash_by_second: self.truths.hash_by_second(),

@@ -69,6 +69,14 @@ pub struct Summary {
     pub hull_distance_m_max_final: Option<f64>,
     /// Since when all living errors stayed below the converged error, s.
     pub converged_at_s: Option<f64>,
+    /// Since when each robot's error stayed below it, s.
+    #[serde(with = "by_name")]
+    pub arrived_at_s: Vec<(String, Option<f64>)>,
+    /// How far each front point went until then, or in all, m.
+    #[serde(with = "by_name")]
+    pub path_m: Vec<(String, Option<f64>)>,
+    /// Of all that arrived at goals: the lengths of their ways over those of straight lines there.
+    pub path_over_straight: Option<f64>,
     /// Commands sent after their agent's next wake-up was due.
     pub deadline_misses: u64,
     /// What became of commands at the plant.

@@ -68,6 +68,9 @@ pub fn sum_up(
         integrated_error_m_s: measures.integrated_error_m_s,
         hull_distance_m_max_final: measures.hull_distance_m_max_final,
         converged_at_s: measures.converged_at_s,
+        arrived_at_s: measures.arrived_at_s,
+        path_m: measures.path_m,
+        path_over_straight: measures.path_over_straight,
         deadline_misses: outcome.deadline_misses,
         commands: Commands {
             late: truth.commands_late,

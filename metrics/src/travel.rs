@@ -1,0 +1,124 @@
+//! When each robot arrived where its role wants it, and how far its front point went until then.
+
+use formation::Vec2;
+
+use experiment::scenario::Scenario;
+use formation::seconds;
+
+/// Ways and arrivals so far.
+pub(super) struct Travel {
+    converged_error_m: f64,
+    /// Of robots with goals.
+    goals: Option<Vec<Vec2>>,
+    starts: Vec<Vec2>,
+    newest: Vec<Vec2>,
+    length_m: Vec<f64>,
+    /// Since when the error has stayed small, ns, and the length of the way until then, m.
+    arrived: Vec<Option<(u64, f64)>>,
+}
+
+impl Travel {
+    /// Nobody has moved.
+    pub(super) fn new(scenario: &Scenario) -> Travel {
+        let robots = scenario.robots.len();
+        Travel {
+            converged_error_m: scenario.expect.converged_error_m,
+            goals: scenario.goals_m(),
+            starts: Vec::new(),
+            newest: Vec::new(),
+            length_m: vec![0.0; robots],
+            arrived: vec![None; robots],
+        }
+    }
+
+    /// Takes in where everybody is now, how far from where it is wanted, m, and who is alive: the dead
+    /// have not arrived.
+    pub(super) fn truth(
+        &mut self,
+        t_ns: u64,
+        alphas: &[Vec2],
+        errors_m: &[Option<f64>],
+        alive: &[bool],
+    ) {
+        if self.starts.is_empty() {
+            self.starts = alphas.to_vec();
+            self.newest = alphas.to_vec();
+        }
+        for (i, &alpha) in alphas.iter().enumerate() {
+            self.length_m[i] += (alpha - self.newest[i]).norm();
+            self.newest[i] = alpha;
+            let there = alive[i] && errors_m[i].is_some_and(|m| m < self.converged_error_m);
+            self.arrived[i] = match self.arrived[i] {
+                _ if !there => None,
+                None => Some((t_ns, self.length_m[i])),
+                since => since,
+            };
+        }
+    }
+
+    /// By robot: since when its error stayed small, s.
+    pub(super) fn arrived_at_s(&self) -> Vec<Option<f64>> {
+        self.arrived.iter().map(|arrived| arrived.map(|(t_ns, _)| seconds(t_ns))).collect()
+    }
+
+    /// By robot: the length of the way until then, or of all of it, m.
+    pub(super) fn path_m(&self) -> Vec<Option<f64>> {
+        let both = self.arrived.iter().zip(&self.length_m);
+        both.map(|(arrived, &all)| Some(arrived.map_or(all, |(_, until)| until))).collect()
+    }
+
+    /// Of all that arrived at goals: the lengths of their ways over those of straight lines there.
+    pub(super) fn path_over_straight(&self) -> Option<f64> {
+        let (mut paths, mut straight) = (0.0, 0.0);
+        for (i, goal) in self.goals.as_ref()?.iter().enumerate() {
+            if let (Some((_, path)), Some(start)) = (self.arrived[i], self.starts.get(i)) {
+                paths += path;
+                straight += (goal - start).norm();
+            }
+        }
+        (straight > 0.0).then(|| paths / straight)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn travel() -> Travel {
+        Travel {
+            converged_error_m: 0.1,
+            goals: Some(vec![Vec2::new(1.0, 0.0), Vec2::new(0.0, 2.0)]),
+            starts: Vec::new(),
+            newest: Vec::new(),
+            length_m: vec![0.0; 2],
+            arrived: vec![None; 2],
+        }
+    }
+
+    #[test]
+    fn a_way_ends_where_the_error_gets_small_for_good() {
+        let mut travel = travel();
+        // The first goes there by a corner, leaves, and comes back; the second never gets there.
+        let way =
+            [(0.0, 0.0, 1.0), (0.5, 0.5, 0.7), (1.0, 0.0, 0.0), (1.0, 0.3, 0.3), (1.0, 0.0, 0.0)];
+        for (second, (x, y, error)) in (0..).zip(way) {
+            let alphas = [Vec2::new(x, y), Vec2::new(0.0, 0.1 * f64::from(second))];
+            let t_ns = 1_000_000_000 * u64::from(second as u8);
+            travel.truth(t_ns, &alphas, &[Some(error), Some(2.0)], &[true, true]);
+        }
+        // What comes after the arrival does not count.
+        let there = [Vec2::new(1.05, 0.0), Vec2::new(0.0, 0.4)];
+        travel.truth(5_000_000_000, &there, &[Some(0.05), Some(1.6)], &[true, true]);
+        assert_eq!(travel.arrived_at_s(), [Some(4.0), None]);
+        let [Some(first), Some(second)] = travel.path_m()[..] else { panic!("two ways") };
+        let expected = 2f64.sqrt() + 0.6;
+        assert!(
+            (first - expected).abs() < 1e-12 && (second - 0.4).abs() < 1e-12,
+            "{first} {second}"
+        );
+        assert!((travel.path_over_straight().unwrap() - expected).abs() < 1e-12);
+        // Whoever dies has not arrived; of nobody's way there is nothing to say.
+        travel.truth(6_000_000_000, &there, &[Some(0.05), Some(1.6)], &[false, true]);
+        assert_eq!((travel.arrived_at_s(), travel.path_over_straight()), (vec![None; 2], None));
+    }
+}

@@ -175,13 +175,13 @@ def run(
         words += ["--fault", fault]
     for key, value in _flat(overrides):
         words += ["--set", f"{key}={_toml(value)}"]
-    code, said = _phalanx(words)
+    code, said = _call(words)
     if code not in _WENT_TO_ITS_END:
         raise RunError(said, code)
     return load(directory)
 
 
-def _phalanx(words: Sequence[str]) -> tuple[int, str]:
+def _call(words: Sequence[str]) -> tuple[int, str]:
     """What the program ends with, and what it says about it."""
     scripts = sysconfig.get_path("scripts")
     # The programs of this environment first: `python3` is then one that has this package.

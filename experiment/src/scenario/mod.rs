@@ -58,7 +58,7 @@ use formation::obstacle::{Obstacle, Obstacles};
 use formation::pose::Pose;
 use formation::reachability::Reachability;
 use formation::seconds;
-use protocol::avoidance::{AvoidanceDescription, Conditions};
+use protocol::avoidance::{AvoidanceDescription, Conditions, Promise};
 use protocol::brief::{
     AvoidanceBrief, LeadBrief, LimitsBrief, Pace, PublishedVelocity, RampKind, Rank, SilenceBrief,
     WheelsBrief,
@@ -405,8 +405,11 @@ impl Scenario {
         self.robots.iter().find(independent).map(|robot| robot.name.as_str())
     }
 
-    /// Why no promise of the method's holds for how these robots move, if none does.
+    /// Why the promise of the method does not hold for how these robots move, if it does not.
     pub fn unpromised(&self) -> Option<String> {
+        if self.method.promise != Promise::Always {
+            return None;
+        }
         if let Some(plant) = &self.plant {
             let words = plant.words.join(" ");
             return Some(format!(

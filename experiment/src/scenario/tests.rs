@@ -410,6 +410,16 @@ fn the_format_may_be_named() {
 }
 
 #[test]
+fn a_promise_is_of_the_built_in_plant_and_of_methods_that_make_one() {
+    let unpromised = |own: &[&str]| parse(&triangle(), &set(own)).unwrap().0.unpromised();
+    assert_eq!(unpromised(&[]), None);
+    let plant = "plant.program=[\"physics\", \"--fast\"]";
+    let why = "`physics --fast` moves the robots, and the guard is proven for another plant";
+    assert_eq!(unpromised(&[plant]).as_deref(), Some(why));
+    assert_eq!(unpromised(&[plant, "avoidance.kind=focus"]), None);
+}
+
+#[test]
 fn gains_belong_to_laws() {
     let error = error_with(&["robot.r1.gain_formation_per_s=2"]);
     assert_eq!(

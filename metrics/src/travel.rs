@@ -8,13 +8,23 @@ use formation::seconds;
 /// Ways and arrivals so far.
 pub(super) struct Travel {
     converged_error_m: f64,
-    /// Of robots with goals.
-    goals: Option<Vec<Vec2>>,
+    /// Everybody has a goal.
+    has_goals: bool,
     starts: Vec<Vec2>,
     newest: Vec<Vec2>,
     length_m: Vec<f64>,
-    /// Since when the error has stayed small, ns, and the length of the way until then, m.
-    arrived: Vec<Option<(u64, f64)>>,
+    arrived: Vec<Option<Arrival>>,
+}
+
+/// Where a robot's error got small for good.
+#[derive(Debug, Clone, Copy)]
+struct Arrival {
+    /// When, ns.
+    t_ns: u64,
+    /// The length of the way until then, m.
+    path_m: f64,
+    /// The length of the straight line there, m.
+    straight_m: f64,
 }
 
 impl Travel {
@@ -23,7 +33,7 @@ impl Travel {
         let robots = scenario.robots.len();
         Travel {
             converged_error_m: scenario.expect.converged_error_m,
-            goals: scenario.goals_m(),
+            has_goals: scenario.goals_m().is_some(),
             starts: Vec::new(),
             newest: Vec::new(),
             length_m: vec![0.0; robots],
@@ -50,7 +60,10 @@ impl Travel {
             let there = alive[i] && errors_m[i].is_some_and(|m| m < self.converged_error_m);
             self.arrived[i] = match self.arrived[i] {
                 _ if !there => None,
-                None => Some((t_ns, self.length_m[i])),
+                None => {
+                    let straight_m = (alpha - self.starts[i]).norm();
+                    Some(Arrival { t_ns, path_m: self.length_m[i], straight_m })
+                }
                 since => since,
             };
         }
@@ -58,25 +71,20 @@ impl Travel {
 
     /// By robot: since when its error stayed small, s.
     pub(super) fn arrived_at_s(&self) -> Vec<Option<f64>> {
-        self.arrived.iter().map(|arrived| arrived.map(|(t_ns, _)| seconds(t_ns))).collect()
+        self.arrived.iter().map(|one| one.map(|arrival| seconds(arrival.t_ns))).collect()
     }
 
     /// By robot: the length of the way until then, or of all of it, m.
     pub(super) fn path_m(&self) -> Vec<Option<f64>> {
         let both = self.arrived.iter().zip(&self.length_m);
-        both.map(|(arrived, &all)| Some(arrived.map_or(all, |(_, until)| until))).collect()
+        both.map(|(one, &all)| Some(one.map_or(all, |arrival| arrival.path_m))).collect()
     }
 
-    /// Of all that arrived at goals: the lengths of their ways over those of straight lines there.
+    /// Of all that arrived at goals: the lengths of their ways over those of straight lines to where they arrived.
     pub(super) fn path_over_straight(&self) -> Option<f64> {
-        let (mut paths, mut straight) = (0.0, 0.0);
-        for (i, goal) in self.goals.as_ref()?.iter().enumerate() {
-            if let (Some((_, path)), Some(start)) = (self.arrived[i], self.starts.get(i)) {
-                paths += path;
-                straight += (goal - start).norm();
-            }
-        }
-        (straight > 0.0).then(|| paths / straight)
+        let sum = |of: fn(&Arrival) -> f64| self.arrived.iter().flatten().map(of).sum::<f64>();
+        let straight_m = sum(|arrival| arrival.straight_m);
+        (self.has_goals && straight_m > 0.0).then(|| sum(|arrival| arrival.path_m) / straight_m)
     }
 }
 
@@ -87,7 +95,7 @@ mod tests {
     fn travel() -> Travel {
         Travel {
             converged_error_m: 0.1,
-            goals: Some(vec![Vec2::new(1.0, 0.0), Vec2::new(0.0, 2.0)]),
+            has_goals: true,
             starts: Vec::new(),
             newest: Vec::new(),
             length_m: vec![0.0; 2],

@@ -8,6 +8,7 @@ use protocol::brief::{
     PlantProgramBrief, ProgramBrief, VERSION,
 };
 use protocol::fault::{LinkFault, SensorFault, SlowFault, Span, WheelFault};
+use protocol::law::Reference;
 
 use crate::scenario::{Fault, FaultKind, Scenario};
 
@@ -45,6 +46,9 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         led: scenario.lead.is_some(),
         rank: scenario.rank(i),
         lead: scenario.lead_of(i).cloned(),
+        scale: (scenario.lead.is_none() && robot.role.reference == Reference::Offsets)
+            .then(|| scenario.unled_scale.clone())
+            .flatten(),
         goal_m: robot.goal_m,
         published_velocity: scenario.published_velocity,
         limits: robot.limits,

@@ -74,6 +74,7 @@ pub fn row_of_three() -> Scenario {
         walls: Vec::new(),
         faults: Vec::new(),
         lead: None,
+        unled_scale: None,
         expect: Expectations {
             hull_distance_m_max: None,
             min_distance_m: None,

@@ -94,6 +94,11 @@ fn type_of(key: &Key, format: &Format) -> (String, &'static str, String) {
         Takes::Truth => ("boolean".into(), "", String::new()),
         Takes::Number(unit, range) => ("number".into(), unit, within(range, NUMBER_MAX)),
         Takes::Time(range) => ("number, whole nanoseconds".into(), "s", within(range, SECONDS_MAX)),
+        Takes::Times => (
+            "list of numbers, whole nanoseconds".into(),
+            "s",
+            within(Range::NotNegative, SECONDS_MAX),
+        ),
         Takes::Whole(least, most) => {
             let most = if most == i64::MAX as u64 {
                 "2<sup>63</sup> - 1".into()

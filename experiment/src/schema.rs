@@ -63,7 +63,10 @@ fn table(section: &Section, format: &Format) -> Value {
 fn of_kind(section: &Section, kind: &Kind, format: &Format) -> Value {
     let there = |key: &&Key| kind.needs.contains(&key.name) || kind.may.contains(&key.name);
     let keys: Vec<&Key> = section.keys.iter().filter(there).collect();
-    let needed = ["kind"].into_iter().chain(kind.needs.iter().copied());
+    let row = section.key("kind");
+    let by_default = row.is_some_and(|row| row.otherwise == Otherwise::Word(kind.word));
+    let said = (!by_default).then_some("kind");
+    let needed = said.into_iter().chain(kind.needs.iter().copied());
     let mut object = object(kind.says, &keys, needed.collect(), format);
     object["properties"]["kind"] = json!({ "const": kind.word });
     object
@@ -120,6 +123,9 @@ fn value(key: &Key, format: &Format) -> Value {
         Takes::Truth => json!({ "type": "boolean" }),
         Takes::Number(_, range) => number(range, NUMBER_MAX),
         Takes::Time(range) => number(range, SECONDS_MAX),
+        Takes::Times => {
+            json!({ "type": "array", "items": number(Range::NotNegative, SECONDS_MAX) })
+        }
         Takes::Whole(least, most) => {
             json!({ "type": "integer", "minimum": least, "maximum": most })
         }
@@ -151,7 +157,7 @@ fn value(key: &Key, format: &Format) -> Value {
     let mut says = key.says.to_string();
     let unit = match key.takes {
         Takes::Number(unit, _) | Takes::Pair(unit) | Takes::Points(unit) => unit,
-        Takes::Time(_) => "s",
+        Takes::Time(_) | Takes::Times => "s",
         _ => "",
     };
     if !unit.is_empty() {

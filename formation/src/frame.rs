@@ -1,37 +1,10 @@
 //! The leader's frame: the rotation and scale that turn static offsets into time-varying ones.
 //! (20)-(23)
 
-use std::f64::consts::TAU;
-
-use serde::{Deserialize, Serialize};
-
 use crate::Vec2;
 use crate::desired::Target;
 use crate::front_point::rotate;
-
-/// The scale factor delta(t) of a formation.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Scale {
-    /// Its mean.
-    pub mean: f64,
-    /// How far it swings to either side of the mean.
-    pub amplitude: f64,
-    /// Length of a swing, s.
-    pub period_s: f64,
-}
-
-impl Scale {
-    /// The formation keeps its size.
-    pub const ONE: Scale = Scale { mean: 1.0, amplitude: 0.0, period_s: 1.0 };
-
-    /// (delta(t), delta'(t)) with delta(t) = mean + amplitude sin(2 pi t / period).
-    pub fn at(&self, t_s: f64) -> (f64, f64) {
-        let w = TAU / self.period_s;
-        let (sin, cos) = (w * t_s).sin_cos();
-        (self.mean + self.amplitude * sin, self.amplitude * w * cos)
-    }
-}
+use crate::scale::Scale;
 
 /// Heading and scale of the formation at one instant, and how they change.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,6 +30,12 @@ impl LeaderFrame {
         scale: 1.0,
         scale_rate_per_s: 0.0,
     };
+
+    /// Nobody leads: offsets do not turn, and grow by this scale at `t_s`, s since the run's start.
+    pub fn unled(scale: &Scale, t_s: f64) -> LeaderFrame {
+        let (scale, scale_rate_per_s) = scale.at(t_s);
+        LeaderFrame { scale, scale_rate_per_s, ..LeaderFrame::STILL }
+    }
 
     /// The frame `age_s` later, if its turn acceleration and its scale's rate last.
     pub fn later(self, age_s: f64) -> LeaderFrame {
@@ -89,7 +68,6 @@ impl LeaderFrame {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use std::f64::consts::PI;
 
     proptest! {
         #[test]
@@ -128,13 +106,6 @@ mod tests {
             let c = Vec2::new(0.6, -0.3);
             prop_assert_eq!(frozen.offset(c), Target::still(frame.offset(c).position));
         }
-
-        #[test]
-        fn the_scales_rate_is_its_derivative(t in 0.0..100.0f64) {
-            let (scale, h) = (Scale { mean: 1.0, amplitude: 0.2, period_s: 80.0 }, 1e-5);
-            let slope = (scale.at(t + h).0 - scale.at(t - h).0) / (2.0 * h);
-            prop_assert!((slope - scale.at(t).1).abs() < 1e-9);
-        }
     }
 
     #[test]
@@ -144,12 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scale_swings_and_a_frame_gains_what_its_rates_say() {
-        let scale = Scale { mean: 1.5, amplitude: 0.4, period_s: 8.0 };
-        let (at_peak, rate) = scale.at(2.0);
-        assert!((at_peak - 1.9).abs() < 1e-12 && rate.abs() < 1e-12, "{at_peak}, {rate}");
-        let (middle, rate) = scale.at(4.0);
-        assert!((middle - 1.5).abs() < 1e-12 && (rate + 0.1 * PI).abs() < 1e-12, "{rate}");
+    fn a_frame_gains_what_its_rates_say() {
         let frame = LeaderFrame {
             heading_rad: 0.1,
             turn_rate_rad_s: 0.5,

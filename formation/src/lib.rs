@@ -14,6 +14,7 @@
 //! | `laplacian` | what do the matrices L and A say, and where does the formation settle? (4)-(6) (31) |
 //! | `trajectory` | where is the main leader to be? |
 //! | `path` | which curve goes through waypoints, and where on it is one at a time? |
+//! | `scale` | how large is the formation to be, and when does it open and close? |
 //! | `frame` | how do offsets turn and grow with the leader? (20)-(23) |
 //! | `desired` | where should a robot be, seen from those it hears? (13) (24) (46) |
 //! | `hull` | how far is a follower from the leaders' convex hull? (7) (49) |
@@ -46,6 +47,7 @@ pub mod pose;
 pub mod ramp;
 pub mod random;
 pub mod reachability;
+pub mod scale;
 pub mod trajectory;
 pub mod unicycle;
 

@@ -7,6 +7,7 @@
 
 use formation::frame::LeaderFrame;
 use formation::front_point::drawn_heading;
+use formation::scale::Scale;
 use formation::seconds;
 use protocol::brief::LeadBrief;
 use protocol::message::TruthRow;
@@ -14,7 +15,44 @@ use protocol::message::TruthRow;
 use experiment::scenario::Scenario;
 
 /// The frame of the ideal formation.
-pub(super) struct IdealFrame {
+pub(super) enum IdealFrame {
+    /// Somebody leads.
+    Led(Box<Led>),
+    /// Nobody does: offsets do not turn, and grow by this scale, if there is one.
+    Unled(Option<Scale>),
+}
+
+impl IdealFrame {
+    /// Nothing seen yet.
+    pub(super) fn new(scenario: &Scenario) -> IdealFrame {
+        match Led::new(scenario) {
+            Some(led) => IdealFrame::Led(Box::new(led)),
+            None => IdealFrame::Unled(scenario.unled_scale.clone()),
+        }
+    }
+
+    /// The frame at a truth, by who was alive at it.
+    pub(super) fn truth(&mut self, t_ns: u64, rows: &[TruthRow], alive: &[bool]) -> LeaderFrame {
+        self.at(seconds(t_ns), |i| rows[i].heading_rad, |i| alive[i])
+    }
+
+    /// The frame at the truth of this time, by everybody's true heading, and whether it was alive.
+    pub(super) fn at(
+        &mut self,
+        t_s: f64,
+        heading_rad: impl Fn(usize) -> f64,
+        alive: impl Fn(usize) -> bool,
+    ) -> LeaderFrame {
+        match self {
+            IdealFrame::Led(led) => led.at(t_s, heading_rad(led.leader), alive(led.leader)),
+            IdealFrame::Unled(Some(scale)) => LeaderFrame::unled(scale, t_s),
+            IdealFrame::Unled(None) => LeaderFrame::STILL,
+        }
+    }
+}
+
+/// The frame of a main leader.
+pub(super) struct Led {
     leader: usize,
     lead: LeadBrief,
     /// ell, m.
@@ -35,16 +73,16 @@ struct Moment {
     heading_rad: f64,
 }
 
-impl IdealFrame {
-    /// `None` without a main leader: offsets stay as they are.
-    pub(super) fn new(scenario: &Scenario) -> Option<IdealFrame> {
+impl Led {
+    /// `None` without a main leader.
+    fn new(scenario: &Scenario) -> Option<Led> {
         let leader = scenario.leader()?;
         let robot = &scenario.robots[leader];
         let speed_max_m_s = match scenario.method.clamps_speed {
             true => scenario.avoidance.speed_max_m_s,
             false => f64::INFINITY,
         };
-        Some(IdealFrame {
+        Some(Led {
             leader,
             lead: scenario.lead.clone()?,
             front_point_m: robot.front_point_m,
@@ -55,19 +93,9 @@ impl IdealFrame {
         })
     }
 
-    /// Whose frame it is.
-    pub(super) fn leader(&self) -> usize {
-        self.leader
-    }
-
-    /// The frame at a truth, by who was alive at it.
-    pub(super) fn truth(&mut self, t_ns: u64, rows: &[TruthRow], alive: &[bool]) -> LeaderFrame {
-        self.at(seconds(t_ns), rows[self.leader].heading_rad, alive[self.leader])
-    }
-
     /// The frame at the truth of this time, by the leader's true heading. A dead leader's frame
     /// stays as it was when it died; whoever replaces it begins with the true heading.
-    pub(super) fn at(&mut self, t_s: f64, heading_rad: f64, alive: bool) -> LeaderFrame {
+    fn at(&mut self, t_s: f64, heading_rad: f64, alive: bool) -> LeaderFrame {
         let lived = std::mem::replace(&mut self.lived, alive);
         let begins = alive && !lived;
         if alive || self.newest.is_none() {

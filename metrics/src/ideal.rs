@@ -77,8 +77,10 @@ impl Ideal {
             return;
         }
         let leader = self.leader;
-        let origin =
-            leader.map_or_else(|| self.fitted(alphas, alive), |leader| Some(alphas[leader]));
+        let origin = match leader {
+            Some(leader) => Some(alphas[leader]),
+            None => self.fitted(frame.scale, alphas, alive),
+        };
         // Turned and grown at once: delta R(theta_n) s is a multiplication of complex numbers.
         let turn = rotate(frame.heading_rad, Vec2::new(frame.scale, 0.0));
         for (i, (alpha, place)) in alphas.iter().zip(&self.places).enumerate() {
@@ -98,12 +100,12 @@ impl Ideal {
     }
 
     /// Where the living would have the robot from which the places are seen, m, if anybody lives.
-    fn fitted(&mut self, alphas: &[Vec2], alive: &[bool]) -> Option<Vec2> {
+    fn fitted(&mut self, scale: f64, alphas: &[Vec2], alive: &[bool]) -> Option<Vec2> {
         let Ideal { places, anchors, votes, .. } = self;
         let mut median = |axis: usize| {
             let living = anchors.iter().filter(|&&i| alive[i]);
             votes.clear();
-            votes.extend(living.map(|&i| alphas[i][axis] - places[i][axis]));
+            votes.extend(living.map(|&i| alphas[i][axis] - scale * places[i][axis]));
             votes.sort_unstable_by(f64::total_cmp);
             let count = votes.len();
             (count > 0).then(|| 0.5 * (votes[(count - 1) / 2] + votes[count / 2]))
@@ -130,10 +132,10 @@ mod tests {
     use crate::examples::rows;
     use crate::frame::IdealFrame;
     use experiment::examples::row_of_three;
-    use formation::frame::Scale;
     use formation::front_point::front_point;
     use formation::graph::{Edge, FormationGraph};
     use formation::pose::Pose;
+    use formation::scale::Scale;
     use formation::seconds;
     use formation::trajectory::Trajectory;
     use protocol::brief::LeadBrief;
@@ -157,7 +159,7 @@ mod tests {
 
     /// The ideal formation and its frame.
     struct Planned {
-        frame: Option<IdealFrame>,
+        frame: IdealFrame,
         ideal: Ideal,
     }
 
@@ -167,10 +169,10 @@ mod tests {
         }
 
         fn errors(&mut self, t_ns: u64, rows: &[TruthRow], alive: &[bool]) -> Vec<Option<f64>> {
-            let frame = self.frame.as_mut().map(|frame| frame.truth(t_ns, rows, alive));
+            let frame = self.frame.truth(t_ns, rows, alive);
             let alphas: Vec<Vec2> = rows.iter().map(|row| front_point(row.pose(), 0.1)).collect();
             let own_m = vec![Some(0.5); rows.len()];
-            self.ideal.truth(t_ns, &frame.unwrap_or(LeaderFrame::STILL), &alphas, alive, &own_m);
+            self.ideal.truth(t_ns, &frame, &alphas, alive, &own_m);
             self.ideal.now_m().to_vec()
         }
     }
@@ -242,7 +244,8 @@ mod tests {
     #[test]
     fn the_leaders_own_way_turns_all_places_as_it_turns_the_leader_however_many_truths_are_lost() {
         let circle = Trajectory::Circle { center_m: [0.0, 0.0], radius_m: 2.0, period_s: 20.0 };
-        let mut scenario = led(circle.clone(), Scale { mean: 2.0, ..Scale::ONE });
+        let mut scenario =
+            led(circle.clone(), Scale::Sine { mean: 2.0, amplitude: 0.0, period_s: 1.0 });
         scenario.period_ns = SECOND_NS / 1000;
         // Settled on a circle, the vehicle stands at a fixed angle to the velocity that draws it:
         // sin psi = ell w / u = ell / r.

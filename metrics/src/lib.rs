@@ -44,7 +44,6 @@ mod truths;
 pub mod vectors;
 
 use formation::Vec2;
-use formation::frame::LeaderFrame;
 use formation::front_point::front_point;
 use protocol::brief::Pace;
 use protocol::message::{Contact, TruthHeader, TruthRow};
@@ -81,8 +80,8 @@ pub struct Metrics {
     truths: Truths,
     distances: Distances,
     clearances: Clearances,
-    /// What the formation turns and grows with; `None` without a main leader.
-    frame: Option<IdealFrame>,
+    /// What the formation turns and grows with.
+    frame: IdealFrame,
     errors: Errors,
     travel: Travel,
     ideal: Ideal,
@@ -213,8 +212,7 @@ impl Metrics {
         }
         let distance_m = self.distances.truth(header, &self.alphas);
         let silent = self.faults.silent();
-        let frame = self.frame.as_mut().map(|frame| frame.truth(t_ns, rows, alive));
-        let frame = frame.unwrap_or(LeaderFrame::STILL);
+        let frame = self.frame.truth(t_ns, rows, alive);
         let worst_m = self.errors.truth(t_ns, &frame, &self.alphas, alive, silent);
         self.travel.truth(t_ns, &self.alphas, self.errors.now_m(), alive);
         self.ideal.truth(t_ns, &frame, &self.alphas, alive, self.errors.now_m());

@@ -87,7 +87,7 @@ impl Orphans {
 mod tests {
     use super::*;
     use experiment::examples::row_of_three;
-    use formation::frame::Scale;
+    use formation::scale::Scale;
     use formation::trajectory::Trajectory;
     use protocol::brief::LeadBrief;
     use protocol::law::Role;

@@ -1,7 +1,6 @@
 //! The errors of a run that is over, as vectors.
 
 use formation::Vec2;
-use formation::frame::LeaderFrame;
 use formation::front_point::front_point;
 use formation::pose::Pose;
 
@@ -13,7 +12,7 @@ use experiment::scenario::{Scenario, Silenced};
 /// The errors of a run that is over, as vectors.
 pub struct ErrorVectors {
     targets: Targets,
-    frame: Option<IdealFrame>,
+    frame: IdealFrame,
     front_points_m: Vec<f64>,
     silences: Vec<Silence>,
     silent: Silent,
@@ -54,9 +53,7 @@ impl ErrorVectors {
         for ((alpha, pose), ell) in self.alphas.iter_mut().zip(poses).zip(&self.front_points_m) {
             *alpha = front_point(*pose, *ell);
         }
-        let frame = self.frame.as_mut().map_or(LeaderFrame::STILL, |frame| {
-            frame.at(t_s, poses[frame.leader()].heading_rad, true)
-        });
+        let frame = self.frame.at(t_s, |i| poses[i].heading_rad, |_| true);
         (0..poses.len())
             .map(move |i| self.targets.error(i, t_s, &frame, &self.alphas, &self.silent))
     }

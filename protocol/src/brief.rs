@@ -6,10 +6,10 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use formation::frame::Scale;
 use formation::obstacle::Obstacle;
 use formation::pose::Pose;
 use formation::ramp::{Accelerations, Ramp};
+use formation::scale::Scale;
 use formation::trajectory::Trajectory;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -19,7 +19,7 @@ use crate::number::{is_zero, told_apart};
 
 /// The version of the briefs' form that this build writes and reads. It is raised with every change
 /// that makes a brief of another build mean something else, or nothing.
-pub const FORMAT: u64 = 1;
+pub const FORMAT: u64 = 2;
 
 /// [`FORMAT`], as the first key of a brief: no other can be read or written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -227,6 +227,9 @@ pub struct AgentBrief {
     /// Where to lead, for the main leader only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lead: Option<LeadBrief>,
+    /// delta(t), for those that keep a place in a formation that nobody leads; without, always 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scale: Option<Scale>,
     /// Where to go, m, in `map`, for a robot with a goal of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub goal_m: Option<[f64; 2]>,

@@ -3,13 +3,8 @@
 //! `cargo test --test it -- --ignored --nocapture the_page_has`, some minutes in all.
 
 use experiment::check::Theory;
-use experiment::scenario::Scenario;
-use formation::Vec2;
-use formation::front_point::front_point;
-use formation::graph::{Edge, FormationGraph};
-use formation::pose::Pose;
-use formation::random::SplitMix64;
 
+use crate::closing::scattered;
 use crate::lockstep::{MEASURED, STARTS, far};
 use crate::oracle::{scenario, simulate};
 
@@ -17,7 +12,7 @@ use crate::oracle::{scenario, simulate};
 const LED: [(&str, f64); 2] = [("pentagon", 0.3), ("containment", 0.2)];
 
 #[track_caller]
-fn the_page_has(rows: &[String]) {
+pub fn the_page_has(rows: &[String]) {
     println!("\n{}", rows.join("\n"));
     let page = include_str!("../../docs/chapter.md");
     let missing: Vec<_> =
@@ -174,46 +169,12 @@ fn the_page_has_what_each_published_velocity_gains() {
     the_page_has(&rows);
 }
 
-/// Twelve robots scattered over a square of 2.4 m, which are to form a lattice of three rows and
-/// four columns; each hears those to its left and below, or with `both_ways` all beside it.
-fn scattered(gap_m: f64, both_ways: bool, seed: u64) -> Scenario {
-    let mut dice = SplitMix64::new(seed);
-    let mut scenario = scenario("lattice-12", &["duration_s=120"]);
-    let mut alphas: Vec<Vec2> = Vec::new();
-    for robot in &mut scenario.robots {
-        loop {
-            let [x_m, y_m] = [0, 1].map(|_| 2.4 * dice.unit() - 1.2);
-            let heading_rad = std::f64::consts::TAU * (dice.unit() - 0.5);
-            let start = Pose { x_m, y_m, heading_rad };
-            let alpha = front_point(start, robot.front_point_m);
-            if alphas.iter().all(|other| (alpha - other).norm() > 0.25) {
-                (robot.start, _) = (start, alphas.push(alpha));
-                break;
-            }
-        }
-    }
-    let beside = |at: usize| {
-        let column = at % 4;
-        let left = (column > 0).then(|| (at - 1, Vec2::new(gap_m, 0.0)));
-        let below = (at >= 4).then(|| (at - 4, Vec2::new(0.0, gap_m)));
-        [left, below].into_iter().flatten()
-    };
-    let ahead = |to| beside(to).map(move |(from, offset_m)| Edge { from, to, offset_m });
-    let mut edges: Vec<Edge> = (0..12).flat_map(ahead).collect();
-    if both_ways {
-        let back = |edge: &Edge| Edge { from: edge.to, to: edge.from, offset_m: -edge.offset_m };
-        edges.extend(edges.clone().iter().map(back));
-    }
-    scenario.graph = FormationGraph::new(12, edges);
-    scenario
-}
-
 #[test]
 #[ignore = "a table of docs/chapter.md: 1400 runs"]
 fn the_page_has_how_many_lattices_get_stuck() {
     let rows = [1.1, 1.2, 1.5, 2.0, 2.2, 2.5, 3.0].map(|gap| {
         let stuck = [false, true].map(|both_ways| {
-            let runs = (1..=100).map(|seed| simulate(&scattered(0.2 * gap, both_ways, seed)));
+            let runs = (1..=100).map(|seed| simulate(&scattered(12, 0.2 * gap, both_ways, seed)));
             let mut stuck = 0;
             for simulated in runs {
                 assert!(simulated.min_distance_m.unwrap() >= 0.2, "{:?}", simulated.min_distance_m);

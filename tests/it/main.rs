@@ -10,6 +10,7 @@ mod byte_equality;
 mod campaigns;
 mod chapter;
 mod cleanup;
+mod closing;
 mod container;
 mod cpp;
 mod every_fault;

@@ -34,6 +34,7 @@ fn brief() -> AgentBrief {
         led: false,
         rank: Rank::First,
         lead: None,
+        scale: None,
         goal_m: None,
         published_velocity: PublishedVelocity::Gamma,
         limits: None,

@@ -2,6 +2,7 @@
 
 use formation::desired::Target;
 use formation::frame::LeaderFrame;
+use formation::scale::Scale;
 use protocol::brief::AgentBrief;
 
 use super::{Moment, Role, RoleRow};
@@ -11,24 +12,36 @@ use crate::laws::situation::Heard;
 pub const FORMATION: RoleRow = RoleRow {
     description: protocol::law::Role::FORMATION,
     build: |brief: &AgentBrief| {
-        Ok(Box::new(Formation { led: brief.led, period_s: brief.period_ns as f64 / 1e9 }))
+        Ok(Box::new(Formation {
+            led: brief.led,
+            scale: brief.scale.clone(),
+            period_s: brief.period_ns as f64 / 1e9,
+        }))
     },
 };
 
 struct Formation {
     /// Offsets turn and grow with a leader's frame.
     led: bool,
+    /// delta(t), where nobody leads: everybody knows it, and the run's time.
+    scale: Option<Scale>,
     /// T, s.
     period_s: f64,
 }
 
 impl Role for Formation {
     fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
-        let frame = match self.led {
-            true => moment.neighborhood.frame_at(moment.stamp_ns)?,
-            false => LeaderFrame::STILL,
+        let (now_s, later_s) = (moment.t_s, moment.t_s + 0.5 * self.period_s);
+        let (frame, later) = match (self.led, &self.scale) {
+            (true, _) => {
+                let frame = moment.neighborhood.frame_at(moment.stamp_ns)?;
+                (frame, frame.later(0.5 * self.period_s))
+            }
+            (false, Some(scale)) => {
+                (LeaderFrame::unled(scale, now_s), LeaderFrame::unled(scale, later_s))
+            }
+            (false, None) => (LeaderFrame::STILL, LeaderFrame::STILL),
         };
-        let later = frame.later(0.5 * self.period_s);
         moment.neighborhood.recall(
             moment.stamp_ns,
             |c_ji| Target {

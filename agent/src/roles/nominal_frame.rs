@@ -13,8 +13,9 @@
 //!
 //! Must not use anything sensed but the first heading. Not in the paper.
 
-use formation::frame::{LeaderFrame, Scale};
+use formation::frame::LeaderFrame;
 use formation::pose::wrap_angle;
+use formation::scale::Scale;
 use formation::trajectory::Trajectory;
 
 use crate::avoidance::Avoidance;
@@ -133,7 +134,7 @@ mod tests {
     }
 
     fn at(frame: &mut NominalFrame, t_s: f64, heading_rad: f64, radius_m: f64) -> LeaderFrame {
-        let scale = Scale { mean: 1.0, amplitude: 0.2, period_s: 20.0 };
+        let scale = Scale::Sine { mean: 1.0, amplitude: 0.2, period_s: 20.0 };
         frame.at(t_s, heading_rad, &circle(radius_m), &scale, &Exact)
     }
 
@@ -204,7 +205,7 @@ mod tests {
     #[test]
     fn the_scale_and_its_rate_are_those_of_the_instant() {
         let mut frame = NominalFrame::new(T);
-        let scale = Scale { mean: 1.0, amplitude: 0.2, period_s: 20.0 };
+        let scale = Scale::Sine { mean: 1.0, amplitude: 0.2, period_s: 20.0 };
         for k in 0..100 {
             let t_s = tick(k) + 0.3 * T * f64::from(k).sin();
             let told = at(&mut frame, t_s, 0.3, 1.0);

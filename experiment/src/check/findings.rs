@@ -16,10 +16,12 @@ use protocol::message::PROXIMITY_MAX;
 use protocol::number::{short, told_apart};
 use serde::Serialize;
 
+use super::opening::{Opening, locked_out};
 use super::steady::{Motion, Peak, Settled};
 use super::{rounded_down, rounded_up, start_points};
 use crate::scenario::diagnostic::Severity;
 use crate::scenario::{Robot, Scenario};
+use formation::scale::Scale;
 use formation::seconds;
 
 /// Offsets around a cycle may miss by this much, m: rounding of decimals, and no more.
@@ -77,6 +79,7 @@ pub(super) fn once_settled(
 ) -> Vec<Finding> {
     let mut findings = Vec::new();
     settled_distances(scenario, settled, &mut findings);
+    openings(scenario, &mut findings);
     goals(scenario, &mut findings);
     if let Some(motion) = motion {
         steady_speeds(scenario, motion, &mut findings);
@@ -553,6 +556,87 @@ fn settled_distances(scenario: &Scenario, settled: &Settled, findings: &mut Vec<
             ),
             format!("expected more than {name} = {bound} m (Remark 1)"),
         ));
+    }
+}
+
+/// A formation whose gaps nobody passes through must open while it forms, far and long enough.
+fn openings(scenario: &Scenario, findings: &mut Vec<Finding>) {
+    let Some(((symbol, _), opening)) = scenario.method.steers_within.zip(Opening::of(scenario))
+    else {
+        return;
+    };
+    let ([a, b], farthest) = opening.who;
+    let name = |i: usize| scenario.robots[i].name.as_str();
+    let passage = short(opening.passage_m);
+    let duration_s = seconds(scenario.duration_ns);
+    let mut warn = |path: &str, message: String, expected: String| {
+        findings.push(finding(Severity::Warning, path, message, expected));
+    };
+    let Some(&Scale::Closing { from, hold_s, .. }) = scenario.scale() else {
+        let smallest = scenario.scale().map_or(1.0, |scale| scale.range()[0]);
+        if smallest * opening.gap_m >= opening.passage_m {
+            return;
+        }
+        let Some(ringed) = locked_out(scenario, opening.passage_m / smallest) else { return };
+        warn(
+            &format!("robot.{}", name(ringed)),
+            format!(
+                "places are {} m apart ({} and {}), less than 2 {symbol} = {passage} m: if {} comes \
+                 late, it may find no way in between the others",
+                short(smallest * opening.gap_m),
+                name(a),
+                name(b),
+                name(ringed)
+            ),
+            format!(
+                "expected `scale = {{ kind = \"closing\" }}`, which opens to {} for {} s and closes in \
+                 {} s, or wider gaps",
+                short(opening.from),
+                short(opening.hold_s),
+                short(opening.over_s)
+            ),
+        );
+        return;
+    };
+    if from * opening.gap_m < opening.passage_m {
+        warn(
+            "scale.from",
+            format!(
+                "open, {} and {} are {} m apart, less than 2 {symbol} = {passage} m: nobody passes \
+                 between them",
+                name(a),
+                name(b),
+                short(from * opening.gap_m)
+            ),
+            format!("expected {} or more", short(opening.from)),
+        );
+    }
+    let least_s = opening.way_m / opening.speed_m_s;
+    if hold_s < least_s {
+        warn(
+            "scale.hold_s",
+            format!(
+                "the formation closes from {} s on, and {} alone needs {} s: {} m at {} m/s",
+                short(hold_s),
+                name(farthest),
+                short(least_s),
+                short(opening.way_m),
+                short(opening.speed_m_s)
+            ),
+            format!("expected {} or more", short(opening.hold_s)),
+        );
+    }
+    let closed_s = scenario.scale().and_then(Scale::closed_at_s);
+    if let Some(closed_s) = closed_s.filter(|&closed_s| closed_s > duration_s) {
+        warn(
+            "scale",
+            format!(
+                "the formation has closed at {} s, and the run ends at {} s",
+                short(closed_s),
+                short(duration_s)
+            ),
+            "expected a longer run, or shorter times".to_owned(),
+        );
     }
 }
 

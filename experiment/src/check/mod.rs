@@ -5,22 +5,25 @@
 //! | `findings` | what is wrong with it, or worth knowing? |
 //! | `braking` | how long and how far does a robot brake, and how fast may it be? |
 //! | `steady` | where does everybody settle, and how fast must it go to stay there? |
+//! | `opening` | must the formation open while it forms, how far, and for how long? |
 //! | `theory` | what does the chapter's theory make of it: graph, matrices, bounds? |
 //! | `report` | how is all that shown to people? |
 
 mod braking;
 mod findings;
+mod opening;
 mod report;
 mod steady;
 mod theory;
 
 pub use braking::Braking;
 pub use findings::{Finding, check};
+pub use opening::Opening;
 pub use report::report;
 pub use steady::Peak;
 pub use theory::{
-    Death, Distances, EdgeCut, Epsilon, Gap, Guard, Hears, Loss, MatrixFacts, RobotTheory,
-    SpeedBounds, Theory, TrajectoryFacts, TransientPeak, WallFacts,
+    ClosingFacts, Death, Distances, EdgeCut, Epsilon, Gap, Guard, Hears, Loss, MatrixFacts,
+    RobotTheory, SpeedBounds, Theory, TrajectoryFacts, TransientPeak, WallFacts,
 };
 
 use formation::Vec2;

@@ -58,6 +58,7 @@ pub fn report(scenario: &Scenario, theory: &Theory<'_>) -> String {
     bounds(&mut page, theory);
     motion(&mut page, theory);
     distances(&mut page, theory);
+    closing(&mut page, theory);
     avoidance(&mut page, scenario, theory);
     page.line(
         "silence",
@@ -355,6 +356,43 @@ fn distances(page: &mut Page, theory: &Theory<'_>) {
             of(&distances.settled)
         ),
     );
+}
+
+/// How the formation opens and closes, and what its places, starts and speeds ask for.
+fn closing(page: &mut Page, theory: &Theory<'_>) {
+    let Some(closing) = &theory.closing else { return };
+    let again = match &closing.reopen_at_s[..] {
+        [] => String::new(),
+        times => {
+            let times: Vec<String> =
+                times.iter().map(|&at_s| format!("{} s", short(at_s))).collect();
+            format!("; opens again at {}", times.join(", "))
+        }
+    };
+    page.line(
+        "opening",
+        format!(
+            "scale {} for {} s, then closes in {} s{again}; closed for good at {} s",
+            short(closing.from),
+            short(closing.hold_s),
+            short(closing.over_s),
+            short(closing.closed_at_s)
+        ),
+    );
+    if let Some(asked) = &closing.asked {
+        page.line(
+            "",
+            format!(
+                "asked for: {} for gaps of {} m, {} s for ways of {} m at {} m/s, {} s to close",
+                short(asked.from),
+                short(asked.gap_m),
+                short(asked.hold_s),
+                short(asked.way_m),
+                short(asked.speed_m_s),
+                short(asked.over_s)
+            ),
+        );
+    }
 }
 
 /// What keeps them apart.

@@ -11,6 +11,7 @@ use formation::closest::{ClosestPair, closest_pair};
 use formation::frame::LeaderFrame;
 use formation::front_point::{drawn_heading, front_speed, twist_for};
 use formation::laplacian::settled;
+use formation::scale::Scale;
 use serde::Serialize;
 
 use crate::scenario::Scenario;
@@ -41,17 +42,19 @@ pub(super) struct Settled {
 impl Settled {
     /// Of a scenario without errors, whose robots have goals or all are reached from a common one.
     pub fn of(scenario: &Scenario) -> Settled {
-        let pinned = scenario.leader().or_else(|| scenario.graph.roots().first().copied());
-        let places = || pinned.and_then(|pinned| settled(&scenario.graph, pinned));
-        let places = scenario.goals_m().or_else(places);
-        let places = places.expect("a sound scenario has goals, or a root that reaches all");
-        let scale = scenario.lead.as_ref().map_or([1.0; 2], |lead| {
-            let (mean, amplitude) = (lead.scale.mean, lead.scale.amplitude);
-            [mean - amplitude, mean + amplitude]
-        });
+        let places =
+            places(scenario).expect("a sound scenario has goals, or a root that reaches all");
+        let scale = scenario.scale().map_or([1.0; 2], Scale::range);
         let smallest: Vec<Vec2> = places.iter().map(|place| scale[0] * place).collect();
         Settled { closest: closest_pair(&smallest), places, scale }
     }
+}
+
+/// Where everybody settles at scale 1 and heading 0, seen from the leader (without one, from the
+/// first root), or goes, m; `None` where that does not follow from the graph.
+pub(super) fn places(scenario: &Scenario) -> Option<Vec<Vec2>> {
+    let pinned = || scenario.leader().or_else(|| scenario.graph.roots().first().copied());
+    scenario.goals_m().or_else(|| settled(&scenario.graph, pinned()?))
 }
 
 /// The fastest that one robot must go to stay in its place.

@@ -4,6 +4,7 @@
 use formation::closest::{ClosestPair, closest_pair};
 use formation::laplacian::{self, Matrix};
 use formation::reachability::Standing;
+use formation::scale::Scale;
 use protocol::avoidance::{Conditions, Promise};
 use protocol::brief::{Pace, Rank};
 use protocol::law::Reference;
@@ -11,6 +12,7 @@ use serde::Serialize;
 
 use super::braking::Braking;
 use super::findings::{Finding, once_settled, unsettled};
+use super::opening::Opening;
 use super::start_points;
 use super::steady::{Motion, Peak, Settled};
 use crate::prediction::{BrokenRobot, Predictor};
@@ -51,6 +53,9 @@ pub struct Theory<'s> {
     pub epsilon: Vec<Epsilon>,
     /// Smallest distances.
     pub distances: Distances<'s>,
+    /// Opening and closing, if it does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub closing: Option<ClosingFacts>,
     /// Walls and obstacles, if there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub walls: Option<WallFacts<'s>>,
@@ -258,6 +263,35 @@ pub struct Distances<'s> {
     pub scale: [f64; 2],
 }
 
+/// What a formation does that opens and closes, s.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ClosingFacts {
+    /// How large it is while open.
+    pub from: f64,
+    /// How long it stays open.
+    pub hold_s: f64,
+    /// How long it takes to close, and to open again.
+    pub over_s: f64,
+    /// When it opens again.
+    pub reopen_at_s: Vec<f64>,
+    /// When it has closed for good.
+    pub closed_at_s: f64,
+    /// What places, starts and speeds ask for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub asked: Option<Opening>,
+}
+
+impl ClosingFacts {
+    fn of(scenario: &Scenario) -> Option<ClosingFacts> {
+        let scale = scenario.scale()?;
+        let Scale::Closing { from, hold_s, over_s, reopen_at_s } = scale.clone() else {
+            return None;
+        };
+        let (closed_at_s, asked) = (scale.closed_at_s()?, Opening::of(scenario));
+        Some(ClosingFacts { from, hold_s, over_s, reopen_at_s, closed_at_s, asked })
+    }
+}
+
 /// What keeping distance rests on.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Guard {
@@ -394,6 +428,7 @@ impl<'s> Theory<'s> {
                 settled: gap(settled.closest),
                 scale: settled.scale,
             },
+            closing: ClosingFacts::of(scenario),
             walls: WallFacts::of(scenario),
             guard: Guard {
                 on: scenario.method.promise == Promise::Always && scenario.unpromised().is_none(),

@@ -50,7 +50,7 @@ pub struct Predictor {
     /// How far into its future a dead robot is believed, s: until it is lost, and its last beacon is
     /// two periods old when it dies.
     believed_s: f64,
-    /// Mean and smallest scale.
+    /// Usual and smallest scale.
     scale: [f64; 2],
     /// Farther off its place than this a robot is broken, m.
     bound_m: f64,
@@ -99,10 +99,7 @@ impl Predictor {
             planned: scenario.goals_m().unwrap_or_else(|| vec![Vec2::zeros(); n]),
             course: Course::of(scenario),
             believed_s: seconds(scenario.silence.lost_after_ns) - 2.0 * seconds(scenario.period_ns),
-            scale: scenario
-                .lead
-                .as_ref()
-                .map_or([1.0; 2], |lead| [lead.scale.mean, lead.scale.mean - lead.scale.amplitude]),
+            scale: scenario.scale().map_or([1.0; 2], |scale| [scale.usual(), scale.range()[0]]),
             bound_m: scenario.expect.converged_error_m,
         };
         let whole = Reduced::of(&predictor, &[], &[], false);

@@ -1,7 +1,7 @@
 //! Each cause by a formation whose outcome is known in closed form.
 
-use formation::frame::Scale;
 use formation::graph::{Edge, FormationGraph};
+use formation::scale::Scale;
 use formation::trajectory::Trajectory;
 use protocol::avoidance::AvoidanceDescription;
 use protocol::brief::LeadBrief;

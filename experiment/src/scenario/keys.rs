@@ -58,6 +58,8 @@ pub enum Takes {
     Number(&'static str, Range),
     /// A time in seconds that is a whole number of nanoseconds.
     Time(Range),
+    /// A list of such times, from 0.
+    Times,
     /// A whole number from the first to the second.
     Whole(u64, u64),
     /// `[x, y]` in this unit.
@@ -230,11 +232,10 @@ impl Format {
                 kinds: TRAJECTORIES.iter().map(kind).collect(),
                 ..section("trajectory", "Where the leader's front point goes.", TRAJECTORY)
             },
-            section(
-                "scale",
-                "How the formation grows and shrinks: mean + amplitude sin(2 pi t / period).",
-                SCALE,
-            ),
+            Section {
+                kinds: SCALES.iter().map(kind).collect(),
+                ..section("scale", "How the formation grows and shrinks.", SCALE)
+            },
             Section {
                 kinds: faults.collect(),
                 ..section("fault", "Something that breaks on purpose.", FAULT)
@@ -348,7 +349,7 @@ use Otherwise::{Absent, Needed, No, Rule};
 use Range::{Any, NotNegative, Positive};
 use Takes::{
     Law, Method, NamedTables, Names, NamesOrCount, Number, Pair, Points, Table, Tables, Text,
-    Texts, Time, Truth, Whole, Word,
+    Texts, Time, Times, Truth, Whole, Word,
 };
 
 const ROOT: &[Key] = &[
@@ -983,6 +984,13 @@ const TRAJECTORIES: &[KindRow] = &[
 ];
 
 const SCALE: &[Key] = &[
+    key(
+        "kind",
+        Word(&[("sine", ""), ("closing", "")]),
+        Otherwise::Word("sine"),
+        "\"sine\" or \"closing\"",
+    )
+    .guessed(&["type", "shape"]),
     key("mean", Number("", Positive), Otherwise::Number(1.0), "mean scale"),
     key(
         "amplitude",
@@ -997,6 +1005,44 @@ const SCALE: &[Key] = &[
         "length of a swing, in seconds",
     )
     .guessed(&["t"]),
+    key(
+        "from",
+        Number("", Positive),
+        Rule("what opens the smallest gap to 2.4 d, or to 1.05 times what a robot passes through"),
+        "how large it is while open, 1 or more",
+    )
+    .guessed(&["open", "start", "max"]),
+    key(
+        "hold_s",
+        Time(NotNegative),
+        Rule("twice what the longest way from a start to a place takes; four times where no place is fixed"),
+        "how long it stays open",
+    )
+    .guessed(&["hold", "open_s", "wait"]),
+    key(
+        "over_s",
+        Time(Positive),
+        Rule("so long that no place moves faster than half the speed of the robots"),
+        "how long it takes to close, and to open again",
+    )
+    .guessed(&["over", "duration", "close_s"]),
+    key(
+        "reopen_at_s",
+        Times,
+        Absent,
+        "when it begins to open again, for those that come back late: [120.0, 300.0]",
+    )
+    .guessed(&["reopen", "open_at", "again"]),
+];
+
+const SCALES: &[KindRow] = &[
+    ("sine", "mean + amplitude sin(2 pi t / period)", &[], &["mean", "amplitude", "period_s"]),
+    (
+        "closing",
+        "open while the robots come to their places, then closing along half a cosine to 1",
+        &[],
+        &["from", "hold_s", "over_s", "reopen_at_s"],
+    ),
 ];
 
 const FAULT: &[Key] = &[

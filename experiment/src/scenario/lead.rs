@@ -1,7 +1,7 @@
-//! Where the main leader goes: `[trajectory]` and `[scale]`.
+//! Where the main leader goes: `[trajectory]`.
 
-use formation::frame::Scale;
 use formation::path::{Path, PathError, WAYPOINT_DISTANCE_M_MIN, WAYPOINTS_MAX, Waypoints};
+use formation::scale::Scale;
 use formation::trajectory::Trajectory;
 use protocol::brief::LeadBrief;
 
@@ -9,29 +9,23 @@ use super::Robot;
 use super::diagnostic::Diagnostic;
 use super::table::{Table, Value};
 
-/// `[trajectory]` and `[scale]`: there if and only if somebody leads.
+/// `[trajectory]`: there if and only if somebody leads. Its scale is read later, from the whole.
 pub(super) fn lead(root: &Table<'_>, robots: &[Robot]) -> Result<Option<LeadBrief>, Diagnostic> {
     let leader = robots.iter().find(|robot| robot.role.leads);
-    let (Some(trajectory_value), scale_value) = (root.get("trajectory"), root.get("scale")) else {
-        return match (leader, root.get("scale")) {
-            (Some(leader), _) => {
-                let expected = format!("where {} leads: a table with `kind`", leader.name);
-                Err(root.missing("trajectory", &expected))
-            }
-            (None, Some(scale)) => {
-                Err(scale
-                    .wrong("is given, but nobody leads", "expected a robot with a leader's law"))
-            }
-            (None, None) => Ok(None),
-        };
-    };
-    if leader.is_none() {
-        return Err(trajectory_value
-            .wrong("is given, but nobody leads", "expected a robot with a leader's law"));
+    match (leader, root.get("trajectory")) {
+        (Some(leader), None) => {
+            let expected = format!("where {} leads: a table with `kind`", leader.name);
+            Err(root.missing("trajectory", &expected))
+        }
+        (None, Some(trajectory)) => {
+            Err(trajectory
+                .wrong("is given, but nobody leads", "expected a robot with a leader's law"))
+        }
+        (Some(_), Some(value)) => {
+            Ok(Some(LeadBrief { scale: Scale::ONE, trajectory: trajectory(&value)? }))
+        }
+        (None, None) => Ok(None),
     }
-    let trajectory = trajectory(&trajectory_value)?;
-    let scale = scale_value.as_ref().map_or(Ok(Scale::ONE), scale)?;
-    Ok(Some(LeadBrief { scale, trajectory }))
 }
 
 /// m(t).
@@ -118,22 +112,4 @@ fn waypoints(table: &Table<'_>) -> Result<Path, Diagnostic> {
             points_value.wrong("makes no path", "expected a speed and an acceleration of sane size")
         }
     })
-}
-
-/// delta(t), which must stay above 0.
-fn scale(value: &Value<'_>) -> Result<Scale, Diagnostic> {
-    let table = value.table()?;
-    let mean = table.number("mean")?;
-    let Some(amplitude) = table.get("amplitude") else {
-        return Ok(Scale { mean, ..Scale::ONE });
-    };
-    let swing = amplitude.number()?;
-    if swing >= mean {
-        return Err(amplitude.wrong(
-            format!("is {swing}: the formation would shrink to a point"),
-            format!("expected less than `mean`, {mean}"),
-        ));
-    }
-    let period_s = table.number("period_s")?;
-    Ok(Scale { mean, amplitude: swing, period_s })
 }

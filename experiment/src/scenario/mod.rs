@@ -5,7 +5,7 @@
 //! | `keys` | THE table: which keys are there, of which type, unit, range and default? |
 //! | `read` | what does the text say, and where does it go wrong? |
 //! | `laws` `program` | which laws are in programs of the scenario's own, and which files are these made of? |
-//! | `robots` `graph` `lead` `walls` `faults` `expect` | the same for one kind of table each |
+//! | `robots` `graph` `lead` `scale` `walls` `faults` `expect` | the same for one kind of table each |
 //! | `models` | which robots can one buy, and what can they do? |
 //! | `import/` | which robots and edges does a graph of another tool hold? |
 //! | `file` | how is a file's text had, and when is it refused? |
@@ -37,6 +37,7 @@ pub mod program;
 pub mod read;
 mod restart;
 mod robots;
+mod scale;
 #[cfg(test)]
 mod shaken;
 pub mod table;
@@ -57,6 +58,7 @@ use formation::graph::{Edge, FormationGraph};
 use formation::obstacle::{Obstacle, Obstacles};
 use formation::pose::Pose;
 use formation::reachability::Reachability;
+use formation::scale::Scale;
 use formation::seconds;
 use protocol::avoidance::{AvoidanceDescription, Conditions, Promise};
 use protocol::brief::{
@@ -108,6 +110,8 @@ pub struct Scenario {
     pub graph: FormationGraph,
     /// Where the main leader goes, if there is one.
     pub lead: Option<LeadBrief>,
+    /// delta(t) of a formation that nobody leads; without, always 1.
+    pub unled_scale: Option<Scale>,
     /// What stands in their way.
     pub walls: Vec<Wall>,
     /// What breaks, in order of time.
@@ -333,6 +337,11 @@ impl Scenario {
     /// The trajectory of robot `i`, if it follows one: that of the main leader.
     pub fn lead_of(&self, i: usize) -> Option<&LeadBrief> {
         self.lead.as_ref().filter(|_| self.robots[i].role.reference == Reference::Trajectory)
+    }
+
+    /// delta(t), whoever leads; `None`: always 1.
+    pub fn scale(&self) -> Option<&Scale> {
+        self.lead.as_ref().map(|lead| &lead.scale).or(self.unled_scale.as_ref())
     }
 
     /// The leaders of a containment: the main one and all that keep a place to it; by their places.

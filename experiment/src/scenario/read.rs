@@ -30,6 +30,7 @@ use super::laws;
 use super::lead::lead;
 use super::program::Program;
 use super::robots::{Robots, robots};
+use super::scale::scale;
 use super::table::{Document, Places, Table, Value};
 use super::walls::walls;
 use super::{Fault, FaultKind, Scenario, seconds};
@@ -289,6 +290,7 @@ fn scenario(
         robots,
         graph,
         lead,
+        unled_scale: None,
         walls,
         faults,
         expect,
@@ -317,6 +319,11 @@ fn scenario(
         Some(radius_m) => radius_m,
         None => scenario.sensing_radius_needed_m(),
     };
+    let scale = scale(root, &scenario)?;
+    match (&mut scenario.lead, scale) {
+        (Some(lead), Some(scale)) => lead.scale = scale,
+        (_, scale) => scenario.unled_scale = scale,
+    }
     Ok((scenario, warnings))
 }
 

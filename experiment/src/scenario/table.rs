@@ -435,8 +435,15 @@ impl<'t> Value<'t> {
     pub fn time_ns(&self) -> Result<u64, Diagnostic> {
         match self.row.takes {
             Takes::Time(range) => self.whole_nanoseconds(self.within("s", range)?),
+            Takes::Times => self.whole_nanoseconds(self.within("s", Numbers::NotNegative)?),
             _ => panic!("`{}` is a time", self.key),
         }
+    }
+
+    /// A list of times in seconds, from 0, each with its place, as whole nanoseconds.
+    pub fn times_ns(&self) -> Result<Vec<(Value<'t>, u64)>, Diagnostic> {
+        let times = self.elements("expected a list of times in seconds: [120.0, 300.0]")?;
+        times.into_iter().map(|time| time.time_ns().map(|ns| (time, ns))).collect()
     }
 
     fn within(&self, unit: &str, range: Numbers) -> Result<f64, Diagnostic> {

@@ -53,7 +53,11 @@ fn fill(table: &mut Table, section: &Section, format: &Format) {
         }
         let Some(value) = table.get_mut(key.name) else { continue };
         match key.takes {
-            Takes::Number(..) | Takes::Time(_) | Takes::Pair(_) | Takes::Points(_) => float(value),
+            Takes::Number(..)
+            | Takes::Time(_)
+            | Takes::Times
+            | Takes::Pair(_)
+            | Takes::Points(_) => float(value),
             Takes::Table(name) => {
                 if let Some(inner) = value.as_table_mut() {
                     fill(inner, format.section(name), format);

@@ -32,6 +32,12 @@ fn agent() -> AgentBrief {
             scale: Scale::ONE,
             trajectory: Trajectory::Still { center_m: [0.0, 1.0] },
         }),
+        scale: Some(Scale::Closing {
+            from: 2.4,
+            hold_s: 40.0,
+            over_s: 20.0,
+            reopen_at_s: vec![90.0],
+        }),
         goal_m: Some([1.0, -0.5]),
         published_velocity: PublishedVelocity::GammaAndBeta,
         limits: Some(LimitsBrief {

@@ -30,6 +30,7 @@ pub(in super::super) fn brief() -> AgentBrief {
         led: false,
         rank: Rank::First,
         lead: None,
+        scale: None,
         goal_m: None,
         published_velocity: PublishedVelocity::Gamma,
         limits: None,

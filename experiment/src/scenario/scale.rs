@@ -1,0 +1,95 @@
+//! How large the formation is: `[scale]`.
+
+use formation::scale::Scale;
+use formation::seconds;
+use protocol::law::Reference;
+
+use super::Scenario;
+use super::diagnostic::Diagnostic;
+use super::table::{Table, Value};
+use crate::check::Opening;
+
+/// `[scale]` of the scenario that is whole but for it; `None`: always 1.
+pub(super) fn scale(root: &Table<'_>, scenario: &Scenario) -> Result<Option<Scale>, Diagnostic> {
+    let Some(value) = root.get("scale") else { return Ok(None) };
+    let keeps = |robot: &super::Robot| robot.role.reference == Reference::Offsets;
+    if scenario.lead.is_none() && !scenario.robots.iter().any(keeps) {
+        return Err(value.wrong(
+            "is given, but nobody leads or keeps a place",
+            "expected a robot with a law of a leader or of a formation",
+        ));
+    }
+    #[derive(Clone, Copy)]
+    enum Kind {
+        Sine,
+        Closing,
+    }
+    let table = value.table()?;
+    match table.word("kind", &[("sine", Kind::Sine), ("closing", Kind::Closing)])? {
+        Kind::Sine => {
+            table.only_of("sine")?;
+            sine(&table)
+        }
+        Kind::Closing => {
+            table.only_of("closing")?;
+            closing(&table, &value, scenario)
+        }
+    }
+    .map(Some)
+}
+
+/// A swing, which must stay above 0.
+fn sine(table: &Table<'_>) -> Result<Scale, Diagnostic> {
+    let mean = table.number("mean")?;
+    let Some(amplitude) = table.get("amplitude") else {
+        return Ok(Scale::Sine { mean, amplitude: 0.0, period_s: 1.0 });
+    };
+    let swing = amplitude.number()?;
+    if swing >= mean {
+        return Err(amplitude.wrong(
+            format!("is {swing}: the formation would shrink to a point"),
+            format!("expected less than `mean`, {mean}"),
+        ));
+    }
+    Ok(Scale::Sine { mean, amplitude: swing, period_s: table.number("period_s")? })
+}
+
+/// Open, then closing; what is not given follows from the places, the starts and the speeds.
+fn closing(table: &Table<'_>, value: &Value<'_>, scenario: &Scenario) -> Result<Scale, Diagnostic> {
+    let opening = Opening::of(scenario);
+    let time_s = |key| Ok(table.get(key).map(|value| value.time_ns()).transpose()?.map(seconds));
+    let (from, hold_s, over_s) = (table.get("from"), time_s("hold_s")?, time_s("over_s")?);
+    let given = from.as_ref().map(|from| from.number()).transpose()?;
+    let or = |given: Option<f64>, of: fn(&Opening) -> f64| {
+        given.or(opening.as_ref().map(of)).ok_or_else(|| {
+            value.wrong(
+                "says not enough: how far and how long to open does not follow from this graph",
+                "expected `from`, `hold_s` and `over_s`",
+            )
+        })
+    };
+    let from_scale = or(given, |opening| opening.from)?;
+    if let Some(from) = from.filter(|_| from_scale < 1.0) {
+        return Err(from.wrong(
+            format!("is {from_scale}: the formation would open, not close"),
+            "expected 1 or more",
+        ));
+    }
+    let hold_s = or(hold_s, |opening| opening.hold_s)?;
+    let over_s = or(over_s, |opening| opening.over_s)?;
+    let mut scale = Scale::Closing { from: from_scale, hold_s, over_s, reopen_at_s: Vec::new() };
+    let times = table.get("reopen_at_s").map(|times| times.times_ns()).transpose()?;
+    for (time, at_ns) in times.unwrap_or_default() {
+        let closed_s = scale.closed_at_s().unwrap_or_default();
+        if seconds(at_ns) < closed_s {
+            return Err(time.wrong(
+                format!("is {}, before the formation has closed", seconds(at_ns)),
+                format!("expected at least {closed_s} s"),
+            ));
+        }
+        if let Scale::Closing { reopen_at_s, .. } = &mut scale {
+            reopen_at_s.push(seconds(at_ns));
+        }
+    }
+    Ok(scale)
+}

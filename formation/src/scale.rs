@@ -1,0 +1,186 @@
+//! The scale factor delta(t) of a formation: how large it is at each time. (20) (22)
+//!
+//! Every scale is continuously differentiable, as the chapter asks.
+
+use std::f64::consts::{PI, TAU};
+
+use serde::{Deserialize, Serialize};
+
+/// delta(t), t in seconds since the run's start.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Scale {
+    /// mean + amplitude sin(2 pi t / period). The chapter's.
+    Sine {
+        /// Its mean.
+        mean: f64,
+        /// How far it swings to either side of the mean.
+        amplitude: f64,
+        /// Length of a swing, s.
+        period_s: f64,
+    },
+    /// Open while the robots come to their places, then closing to 1. Not in the chapter: through gaps
+    /// narrower than twice the distance at which robots are led around each other, the last to come
+    /// find no way in.
+    Closing {
+        /// How large it is while open, 1 or more.
+        from: f64,
+        /// How long it stays open, s.
+        hold_s: f64,
+        /// How long it takes to close, and to open again, s.
+        over_s: f64,
+        /// When it begins to open again, to stay open for as long and to close as before, s.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        reopen_at_s: Vec<f64>,
+    },
+}
+
+impl Scale {
+    /// The formation keeps its size.
+    pub const ONE: Scale = Scale::Sine { mean: 1.0, amplitude: 0.0, period_s: 1.0 };
+
+    /// (delta(t), delta'(t)), the latter in 1/s.
+    pub fn at(&self, t_s: f64) -> (f64, f64) {
+        match *self {
+            Scale::Sine { mean, amplitude, period_s } => {
+                let w = TAU / period_s;
+                let (sin, cos) = (w * t_s).sin_cos();
+                (mean + amplitude * sin, amplitude * w * cos)
+            }
+            Scale::Closing { from, hold_s, over_s, ref reopen_at_s } => {
+                let step = |begin_s: f64| half_cosine((t_s - begin_s) / over_s);
+                let (closed, rate) = step(hold_s);
+                let (mut open, mut rate) = (1.0 - closed, -rate);
+                for &opens_s in reopen_at_s {
+                    let ([up, up_rate], [down, down_rate]) =
+                        (step(opens_s).into(), step(opens_s + over_s + hold_s).into());
+                    (open, rate) = (open + (up - down), rate + (up_rate - down_rate));
+                }
+                (1.0 + (from - 1.0) * open, (from - 1.0) * rate / over_s)
+            }
+        }
+    }
+
+    /// Its smallest and its largest value.
+    pub fn range(&self) -> [f64; 2] {
+        match *self {
+            Scale::Sine { mean, amplitude, .. } => [mean - amplitude, mean + amplitude],
+            Scale::Closing { from, .. } => [1.0, from],
+        }
+    }
+
+    /// Its mean, or what it is most of the time.
+    pub fn usual(&self) -> f64 {
+        match *self {
+            Scale::Sine { mean, .. } => mean,
+            Scale::Closing { .. } => 1.0,
+        }
+    }
+
+    /// When it has closed for good, s, if it is one that closes.
+    pub fn closed_at_s(&self) -> Option<f64> {
+        match self {
+            Scale::Sine { .. } => None,
+            Scale::Closing { hold_s, over_s, reopen_at_s, .. } => {
+                let last = reopen_at_s.last().map_or(0.0, |opens_s| opens_s + over_s);
+                Some(last + hold_s + over_s)
+            }
+        }
+    }
+}
+
+/// From 0 to 1 along half a cosine while `share` goes from 0 to 1, and its derivative by the share.
+fn half_cosine(share: f64) -> (f64, f64) {
+    match share {
+        share if share <= 0.0 => (0.0, 0.0),
+        share if share >= 1.0 => (1.0, 0.0),
+        share => {
+            let (sin, cos) = (PI * share).sin_cos();
+            (0.5 - 0.5 * cos, 0.5 * PI * sin)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn scales() -> impl Strategy<Value = Scale> {
+        let times = (0.0..20.0f64, 0.5..20.0f64, proptest::collection::vec(1.0..50.0f64, 0..3));
+        (1.0..3.0f64, times).prop_map(|(from, (hold_s, over_s, gaps_s))| {
+            let mut reopen_at_s: Vec<f64> = Vec::new();
+            let mut closed_s = hold_s + over_s;
+            for gap_s in gaps_s {
+                reopen_at_s.push(closed_s + gap_s);
+                closed_s += gap_s + hold_s + 2.0 * over_s;
+            }
+            Scale::Closing { from, hold_s, over_s, reopen_at_s }
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn the_rate_is_the_derivative(t in 0.0..100.0f64) {
+            let (scale, h) = (Scale::Sine { mean: 1.0, amplitude: 0.2, period_s: 80.0 }, 1e-5);
+            let slope = (scale.at(t + h).0 - scale.at(t - h).0) / (2.0 * h);
+            prop_assert!((slope - scale.at(t).1).abs() < 1e-9);
+        }
+
+        #[test]
+        fn a_closing_scale_has_no_jump_and_no_kink_and_its_rate_is_its_derivative(
+            scale in scales(), share in 0.0..1.2f64,
+        ) {
+            let closed_s = scale.closed_at_s().unwrap();
+            let Scale::Closing { from, over_s, .. } = scale else { unreachable!() };
+            let (t, h) = (share * closed_s, 1e-5);
+            let [before, now, after] = [t - h, t, t + h].map(|t| scale.at(t));
+            let slope = (after.0 - before.0) / (2.0 * h);
+            // The second derivative is (from - 1) pi^2 / (2 over^2) at most, and jumps at both ends.
+            let bend = (from - 1.0) * PI * PI / (2.0 * over_s * over_s);
+            prop_assert!((slope - now.1).abs() <= bend * h + 1e-9, "{slope}, {}", now.1);
+            prop_assert!((after.1 - before.1).abs() <= 2.0 * bend * h + 1e-9);
+            prop_assert!((1.0..=from).contains(&now.0), "{}", now.0);
+        }
+
+        #[test]
+        fn a_closing_scale_stays_open_then_only_shrinks_and_ends_at_exactly_1(
+            scale in scales(), share in 0.0..1.0f64,
+        ) {
+            let Scale::Closing { from, hold_s, over_s, ref reopen_at_s } = scale else {
+                unreachable!()
+            };
+            prop_assert_eq!(scale.at(share * hold_s), (from, 0.0));
+            let (earlier, later) = (scale.at(hold_s + share * over_s).0, scale.at(hold_s + over_s));
+            prop_assert!(earlier >= later.0);
+            prop_assert_eq!(later.0, 1.0);
+            for opens_s in reopen_at_s {
+                prop_assert_eq!(scale.at(*opens_s).0, 1.0);
+                let (open, rate) = scale.at(opens_s + over_s + share * hold_s);
+                prop_assert!((open - from).abs() < 1e-9 && rate.abs() < 1e-9);
+            }
+            prop_assert_eq!(scale.at(scale.closed_at_s().unwrap() + 1e-6 + share), (1.0, 0.0));
+        }
+    }
+
+    #[test]
+    fn a_swing_is_known_by_its_quarters() {
+        let scale = Scale::Sine { mean: 1.5, amplitude: 0.4, period_s: 8.0 };
+        let (at_peak, rate) = scale.at(2.0);
+        assert!((at_peak - 1.9).abs() < 1e-12 && rate.abs() < 1e-12, "{at_peak}, {rate}");
+        let (middle, rate) = scale.at(4.0);
+        assert!((middle - 1.5).abs() < 1e-12 && (rate + 0.1 * PI).abs() < 1e-12, "{rate}");
+        assert_eq!((scale.range(), scale.usual(), scale.closed_at_s()), ([1.1, 1.9], 1.5, None));
+    }
+
+    #[test]
+    fn half_way_through_closing_it_is_half_open_and_fastest() {
+        let scale =
+            Scale::Closing { from: 2.0, hold_s: 10.0, over_s: 4.0, reopen_at_s: vec![20.0] };
+        let (middle, rate) = scale.at(12.0);
+        assert!((middle - 1.5).abs() < 1e-12 && (rate + PI / 8.0).abs() < 1e-12, "{rate}");
+        let (middle, rate) = scale.at(22.0);
+        assert!((middle - 1.5).abs() < 1e-12 && (rate - PI / 8.0).abs() < 1e-12, "{rate}");
+        assert_eq!((scale.range(), scale.closed_at_s()), ([1.0, 2.0], Some(38.0)));
+    }
+}

@@ -1,0 +1,183 @@
+//! Lattices whose gaps nobody passes through: they jam while they form, unless they are open meanwhile
+//! (`scale = { kind = "closing" }`). In the oracle.
+
+use experiment::check::{Opening, check};
+use experiment::scenario::{Fault, FaultKind, Scenario};
+use formation::Vec2;
+use formation::front_point::front_point;
+use formation::graph::{Edge, FormationGraph};
+use formation::pose::Pose;
+use formation::random::SplitMix64;
+use formation::scale::Scale;
+
+use crate::oracle::{scenario, simulate};
+
+/// d, m.
+const D: f64 = 0.2;
+
+/// Robots scattered over a square, 4.8 m^2 to ten of them, which are to form a lattice of four or, of
+/// more than 12, six columns; each hears those to its left and below, or with `both_ways` all beside
+/// it. 120 s.
+pub fn scattered(robots: usize, gap_m: f64, both_ways: bool, seed: u64) -> Scenario {
+    let columns = if robots > 12 { 6 } else { 4 };
+    let side_m = 2.4 * (robots as f64 / 12.0).sqrt();
+    let mut dice = SplitMix64::new(seed);
+    let mut scenario = scenario("lattice-12", &["duration_s=120"]);
+    let one = scenario.robots[0].clone();
+    let mut alphas: Vec<Vec2> = Vec::new();
+    scenario.robots.clear();
+    while alphas.len() < robots {
+        let [x_m, y_m] = [0, 1].map(|_| side_m * dice.unit() - 0.5 * side_m);
+        let heading_rad = std::f64::consts::TAU * (dice.unit() - 0.5);
+        let start = Pose { x_m, y_m, heading_rad };
+        let alpha = front_point(start, one.front_point_m);
+        if alphas.iter().all(|other| (alpha - other).norm() > 0.25) {
+            alphas.push(alpha);
+            let name = format!("r{}", alphas.len());
+            scenario.robots.push(experiment::scenario::Robot { name, start, ..one.clone() });
+        }
+    }
+    let beside = |at: usize| {
+        let left = (at % columns > 0).then(|| (at - 1, Vec2::new(gap_m, 0.0)));
+        let below = (at >= columns).then(|| (at - columns, Vec2::new(0.0, gap_m)));
+        [left, below].into_iter().flatten()
+    };
+    let ahead = |to| beside(to).map(move |(from, offset_m)| Edge { from, to, offset_m });
+    let mut edges: Vec<Edge> = (0..robots).flat_map(ahead).collect();
+    if both_ways {
+        let back = |edge: &Edge| Edge { from: edge.to, to: edge.from, offset_m: -edge.offset_m };
+        edges.extend(edges.clone().iter().map(back));
+    }
+    scenario.graph = FormationGraph::new(robots, edges);
+    scenario
+}
+
+/// The same, as far open and for as long as `check` asks for, and open again at `reopen_at_s`; 40 s
+/// longer than that takes.
+fn opened(robots: usize, gap_m: f64, both_ways: bool, seed: u64, reopen_at_s: &[f64]) -> Scenario {
+    let mut scenario = scattered(robots, gap_m, both_ways, seed);
+    let Opening { from, hold_s, over_s, .. } =
+        Opening::of(&scenario).expect("everybody keeps a place");
+    let scale = Scale::Closing { from, hold_s, over_s, reopen_at_s: reopen_at_s.to_vec() };
+    scenario.duration_ns = 1_000_000_000 * (scale.closed_at_s().unwrap() + 40.0) as u64;
+    scenario.unled_scale = Some(scale);
+    scenario
+}
+
+/// The same with one robot killed while the formation is open, and back once it has closed: it stands
+/// outside then, or in the way. The formation opens `times` again.
+fn replaced(robots: usize, gap_m: f64, both_ways: bool, seed: u64, times: u32) -> Scenario {
+    let mut scenario = opened(robots, gap_m, both_ways, seed, &[]);
+    let Some(Scale::Closing { from, hold_s, over_s, .. }) = scenario.unled_scale else {
+        unreachable!("it closes")
+    };
+    let (killed_s, closed_s) = (hold_s.min(60.0), hold_s + over_s);
+    let ns = |s: f64| (s * 1e9) as u64;
+    // The corner that nobody is told to follow stays in any case.
+    let robot = 1 + (7 * seed as usize) % (robots - 1);
+    let restart_after_ns = Some(ns(closed_s + 10.0 - killed_s));
+    let kind = FaultKind::Kill { robot, restart_after_ns };
+    scenario.faults.push(Fault { at_ns: ns(killed_s), for_ns: None, kind });
+    let again = |n: u32| closed_s + 15.0 + f64::from(n) * (hold_s + 2.0 * over_s);
+    let reopen_at_s = (0..times).map(again).collect();
+    let scale = Scale::Closing { from, hold_s, over_s, reopen_at_s };
+    scenario.duration_ns = ns(scale.closed_at_s().unwrap() + 40.0);
+    scenario.unled_scale = Some(scale);
+    scenario
+}
+
+/// How many get stuck, of scenarios with the seeds from 1 to `seeds`; nobody comes nearer than d.
+fn stuck(seeds: u64, scenario: impl Fn(u64) -> Scenario) -> Vec<u64> {
+    let mut stuck = Vec::new();
+    for seed in 1..=seeds {
+        let measures = simulate(&scenario(seed));
+        assert!(measures.min_distance_m.unwrap() >= D, "{seed}: {:?}", measures.min_distance_m);
+        if measures.converged_at_s.is_none() {
+            stuck.push(seed);
+        }
+    }
+    stuck
+}
+
+#[test]
+fn a_dense_lattice_forms_by_opening_from_starts_from_which_it_jams_otherwise() {
+    for both_ways in [false, true] {
+        let jammed = stuck(4, |seed| scattered(12, 1.1 * D, both_ways, seed));
+        assert!(!jammed.is_empty(), "both ways: {both_ways}");
+        let opened = stuck(4, |seed| opened(12, 1.1 * D, both_ways, seed, &[]));
+        assert_eq!(opened, [0; 0], "both ways: {both_ways}");
+    }
+}
+
+#[test]
+fn a_robot_that_comes_back_outside_of_a_closed_lattice_gets_in_when_it_opens_again() {
+    for both_ways in [false, true] {
+        assert_eq!(stuck(2, |seed| replaced(12, 1.1 * D, both_ways, seed, 1)), [0; 0]);
+    }
+}
+
+#[test]
+fn check_asks_a_dense_lattice_to_open_and_not_one_that_does_or_is_wide() {
+    let warned = |scenario: &Scenario| -> Vec<String> {
+        check(scenario).into_iter().map(|finding| finding.message).collect()
+    };
+    let asks = |messages: &[String]| messages.iter().any(|message| message.contains("comes late"));
+    let dense = scattered(12, 1.1 * D, false, 1);
+    assert!(asks(&warned(&dense)), "{:?}", warned(&dense));
+    assert!(!asks(&warned(&scattered(12, 3.0 * D, false, 1))));
+    let mut opens = opened(12, 1.1 * D, false, 1, &[]);
+    assert!(!asks(&warned(&opens)));
+    for (scale, word) in [
+        (
+            Scale::Closing { from: 1.3, hold_s: 70.0, over_s: 30.0, reopen_at_s: vec![] },
+            "nobody passes",
+        ),
+        (
+            Scale::Closing { from: 2.2, hold_s: 5.0, over_s: 30.0, reopen_at_s: vec![] },
+            "alone needs",
+        ),
+        (
+            Scale::Closing { from: 2.2, hold_s: 70.0, over_s: 900.0, reopen_at_s: vec![] },
+            "run ends",
+        ),
+    ] {
+        opens.unled_scale = Some(scale);
+        let messages = warned(&opens);
+        assert!(messages.iter().any(|message| message.contains(word)), "{word}: {messages:?}");
+    }
+}
+
+/// A table of the page: robots, gap / d, edges, and how many of 100 get stuck at a constant scale, by
+/// opening, and with one replaced.
+fn table(robots: usize) {
+    let rows = [1.1, 1.2, 1.5].into_iter().flat_map(|gap| [(gap, false), (gap, true)]);
+    let rows: Vec<String> = rows
+        .map(|(gap, both_ways)| {
+            let gap_m = gap * D;
+            let counts = [
+                stuck(100, |seed| scattered(robots, gap_m, both_ways, seed)),
+                stuck(100, |seed| opened(robots, gap_m, both_ways, seed, &[])),
+                stuck(100, |seed| replaced(robots, gap_m, both_ways, seed, 0)),
+                stuck(100, |seed| replaced(robots, gap_m, both_ways, seed, 1)),
+                stuck(100, |seed| replaced(robots, gap_m, both_ways, seed, 3)),
+            ];
+            let edges = if both_ways { "both ways" } else { "one way" };
+            println!("{robots} {gap} {edges}: {counts:?}");
+            let counts = counts.map(|stuck| stuck.len().to_string()).join(" | ");
+            format!("| {robots} | {gap} | {edges} | {counts} |")
+        })
+        .collect();
+    crate::chapter::the_page_has(&rows);
+}
+
+#[test]
+#[ignore = "a table of docs/chapter.md: 3000 runs"]
+fn the_page_has_how_many_lattices_of_12_get_stuck() {
+    table(12);
+}
+
+#[test]
+#[ignore = "a table of docs/chapter.md: 3000 runs"]
+fn the_page_has_how_many_lattices_of_30_get_stuck() {
+    table(30);
+}

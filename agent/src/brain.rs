@@ -8,21 +8,23 @@ use formation::front_point::{front_point, front_velocity};
 use formation::pose::wrap_angle;
 use protocol::age::AgeSums;
 use protocol::brief::{AgentBrief, Pace, PublishedVelocity};
-use protocol::fault::SlowFault;
+use protocol::fault::{LinkFault, LinkFaultKind, Said, SlowFault};
+use protocol::link::Link;
 use protocol::message::{Beacon, Command, NeighborStatus, Odometry, PROXIMITY_MAX, StatusHeader};
 
 use crate::avoidance::{self, Avoidance, AvoidanceError, Sample};
 use crate::laws::{self, Heard, Law, LawError, Situation, Wish};
-use crate::link::Link;
 use crate::neighborhood::{BeaconRefusal, Neighborhood};
 use crate::roles::{Moment, Role, RoleError};
 
 /// a of the boundary layer: how many periods old a beacon is when it is used. In lockstep exactly
-/// one; in real time up to one of the sender's period and one of delivery and phase.
-fn age_periods(pace: Pace) -> f64 {
-    match pace {
-        Pace::Lockstep => 1.0,
-        Pace::Realtime => 2.0,
+/// one; in real time up to one of the sender's period and one of delivery and phase. And what
+/// delayed odometry and commands add.
+fn age_periods(brief: &AgentBrief) -> f64 {
+    let late = brief.late_ns as f64 / brief.period_ns as f64;
+    match brief.pace {
+        Pace::Lockstep => 1.0 + late,
+        Pace::Realtime => 2.0 + late,
     }
 }
 
@@ -75,12 +77,20 @@ pub struct Brain {
     /// What is known of them at the sample at hand.
     heard: Vec<Heard>,
     /// From each neighbour, in the brief's order.
-    links: Vec<Link>,
+    links: Vec<Link<Beacon>>,
+    /// From its own sensors, where that may fail.
+    odometry: Option<Link<Odometry>>,
+    /// Stamp of the newest sample answered, ns.
+    answered_ns: Option<u64>,
+    /// What delays its commands.
+    command_faults: Vec<LinkFault>,
     slow: Vec<SlowFault>,
     /// Stamp of t = 0, ns; known with the first sample.
     start_ns: u64,
     news: bool,
     published_velocity: PublishedVelocity,
+    /// Where it found itself last, m.
+    front_point: Option<Vec2>,
     /// The previous sample's stamp, ns, and front point; kept only where velocities are differenced.
     sensed: Option<(u64, Vec2)>,
     away: Vec<Vec2>,
@@ -116,16 +126,21 @@ impl Brain {
             incarnation,
             front_point_m: brief.front_point_m,
             period_s: brief.period_ns as f64 / 1e9,
-            age_periods: age_periods(brief.pace),
+            age_periods: age_periods(brief),
             law,
             avoidance,
             neighborhood: Neighborhood::new(&brief.neighbors, brief.silence.clone()),
             heard: Vec::with_capacity(brief.neighbors.len()),
             links: brief.neighbors.iter().map(|neighbor| Link::new(&neighbor.faults)).collect(),
+            odometry: (!brief.odometry_faults.is_empty())
+                .then(|| Link::new(&brief.odometry_faults)),
+            answered_ns: None,
+            command_faults: brief.command_faults.clone(),
             slow: brief.slow.clone(),
             start_ns: 0,
             news: false,
             published_velocity: brief.published_velocity,
+            front_point: None,
             sensed: None,
             away: Vec::with_capacity(PROXIMITY_MAX),
             velocities: Vec::new(),
@@ -145,7 +160,12 @@ impl Brain {
         beacon: &Beacon,
         now_ns: u64,
     ) -> Result<(), BeaconRefusal> {
-        match self.links[place].pass(beacon, self.start_ns) {
+        let said = Said {
+            tick: beacon.tick,
+            t_ns: beacon.stamp_ns.saturating_sub(self.start_ns),
+            distance_m: self.front_point.map(|alpha| (alpha - beacon.position()).norm()),
+        };
+        match self.links[place].pass(beacon, said) {
             Some(beacon) => self.hear_now(place, &beacon, now_ns),
             None => Ok(()),
         }
@@ -186,11 +206,13 @@ impl Brain {
         self.beacons_refused
     }
 
-    /// Answers an odometry sample; `None` if it does not know where the robot is. `effect_ns`: the
-    /// stamp at which the answer is expected to take effect; the sample's own stamp in lockstep.
-    /// The caller fills in `sent_ns`.
+    /// Answers an odometry sample; `None` if it does not know where the robot is. Where faults lose
+    /// or delay odometry, the newest that has arrived is answered, unless it was before. `effect_ns`:
+    /// the stamp at which the answer is expected to take effect, but for faults that delay it; the
+    /// sample's own stamp in lockstep. The caller fills in `sent_ns`.
     pub fn answer(&mut self, odometry: &Odometry, effect_ns: u64) -> Option<Answer> {
-        self.newest = Some((odometry.tick, odometry.t_ns));
+        let tick = odometry.tick;
+        self.newest = Some((tick, odometry.t_ns));
         self.start_ns = odometry.stamp_ns.saturating_sub(odometry.t_ns);
         for place in 0..self.links.len() {
             while let Some(beacon) = self.links[place].due(odometry.t_ns) {
@@ -198,7 +220,13 @@ impl Brain {
                 let _ = self.hear_now(place, &beacon, odometry.stamp_ns);
             }
         }
-        self.news |= self.neighborhood.judge(odometry.tick, odometry.t_ns, odometry.stamp_ns);
+        self.news |= self.neighborhood.judge(tick, odometry.t_ns, odometry.stamp_ns);
+        let effect_ns = effect_ns + self.commands_late_ns(odometry.t_ns);
+        let arrived = self.arrived(odometry);
+        let odometry = match &self.odometry {
+            None => odometry,
+            Some(_) => arrived.as_ref()?,
+        };
         if odometry.pose_valid != 1 {
             return None;
         }
@@ -206,6 +234,7 @@ impl Brain {
         let pose = odometry.pose();
         let t_s = odometry.t_ns as f64 / 1e9;
         let alpha = front_point(pose, self.front_point_m); // (2)
+        self.front_point = Some(alpha);
         let moment =
             Moment { stamp_ns: odometry.stamp_ns, t_s, pose, neighborhood: &self.neighborhood };
         self.away.clear();
@@ -273,7 +302,7 @@ impl Brain {
         let slow = self.slow.iter().filter(|fault| fault.span.holds(odometry.t_ns));
         Some(Answer {
             beacon: Beacon {
-                tick: odometry.tick,
+                tick,
                 stamp_ns: odometry.stamp_ns,
                 sent_ns: 0,
                 incarnation: self.incarnation,
@@ -285,7 +314,7 @@ impl Brain {
             }
             .with_frame(frame),
             command: Command {
-                tick: odometry.tick,
+                tick,
                 stamp_ns: odometry.stamp_ns,
                 sent_ns: 0,
                 sequence: self.sequence,
@@ -295,6 +324,33 @@ impl Brain {
             },
             delay_ns: slow.map(|fault| fault.delay_ns).sum(),
         })
+    }
+
+    /// Where odometry fails: takes a sample as it is sent; the newest that has arrived by then, if it
+    /// was not answered before.
+    fn arrived(&mut self, odometry: &Odometry) -> Option<Odometry> {
+        let link = self.odometry.as_mut()?;
+        let Odometry { tick, t_ns, .. } = *odometry;
+        let mut newest = link.pass(odometry, Said { tick, t_ns, distance_m: None });
+        while let Some(sample) = link.due(t_ns) {
+            if newest.is_none_or(|newest| sample.stamp_ns > newest.stamp_ns) {
+                newest = Some(sample);
+            }
+        }
+        let answered_ns = self.answered_ns;
+        let newest = newest.filter(|sample| Some(sample.stamp_ns) > answered_ns)?;
+        self.answered_ns = Some(newest.stamp_ns);
+        Some(newest)
+    }
+
+    /// How long commands sent at this run time are under way, ns: the mean of what delays them.
+    fn commands_late_ns(&self, t_ns: u64) -> u64 {
+        let holding = self.command_faults.iter().filter(|fault| fault.span.holds(t_ns));
+        let late_ns = holding.map(|fault| match fault.kind {
+            LinkFaultKind::Delay { delay_ns, jitter_ns } => delay_ns.saturating_add(jitter_ns / 2),
+            _ => 0,
+        });
+        late_ns.max().unwrap_or(0)
     }
 
     /// By how much alpha moved since the previous sample, over the time between, m/s.

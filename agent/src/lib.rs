@@ -8,7 +8,6 @@
 //! | `roles/` | where is the robot to be? |
 //! | `laws/` | how does it get there? |
 //! | `neighborhood` | what is known of those it hears, and what does silence mean? |
-//! | `link` | what gets through from a neighbour, and when? |
 //! | `avoidance/` | how does it keep its distance? |
 //! | `gains` | are these the gains that a law or a method asks for? |
 //! | `brain` | what does one sample lead to? |
@@ -21,7 +20,6 @@ pub mod brain;
 pub mod control_loop;
 mod gains;
 pub mod laws;
-pub mod link;
 pub mod neighborhood;
 pub mod ports;
 pub mod program;

@@ -7,7 +7,7 @@ use protocol::brief::{
     AgentBrief, AvoidanceBrief, BodyBrief, Format, NeighborBrief, Pace, PlantBrief,
     PlantProgramBrief, ProgramBrief, VERSION,
 };
-use protocol::fault::{LinkFault, SensorFault, SlowFault, Span, WheelFault};
+use protocol::fault::{LinkFault, SensorFault, SlowFault, Span, Stream, WheelFault};
 use protocol::law::Reference;
 
 use crate::scenario::{Fault, FaultKind, Scenario};
@@ -36,6 +36,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         period_ns: scenario.period_ns,
         plant_tick_ns: scenario.plant_tick_ns,
         command_lifetime_ns: scenario.command_lifetime_ns(pace),
+        late_ns: scenario.late_ns(pace),
         front_point_m: robot.front_point_m,
         law: robot.law.clone(),
         gains: robot.gains.clone(),
@@ -58,6 +59,8 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
             FaultKind::Slow { robot, delay_ns } if robot == i => Some(SlowFault { span, delay_ns }),
             _ => None,
         }),
+        odometry_faults: stream_faults(scenario, i, Stream::Odometry),
+        command_faults: stream_faults(scenario, i, Stream::Commands),
         links_by_hand: false,
         neighbors: neighbors.collect(),
     }
@@ -89,6 +92,7 @@ pub fn plant(scenario: &Scenario, pace: Pace, run_root: &Path) -> PlantBrief {
             FaultKind::Wheels { robot, kind } if robot == i => Some(WheelFault { span, kind }),
             _ => None,
         }),
+        command_faults: stream_faults(scenario, i, Stream::Commands),
     });
     let avoidance = &scenario.avoidance;
     PlantBrief {
@@ -108,6 +112,16 @@ pub fn plant(scenario: &Scenario, pace: Pace, run_root: &Path) -> PlantBrief {
         obstacles: scenario.walls.iter().map(|wall| wall.shape.clone()).collect(),
         robots: robots.collect(),
     }
+}
+
+/// What is wrong with one of a robot's streams.
+fn stream_faults(scenario: &Scenario, i: usize, of: Stream) -> Vec<LinkFault> {
+    faults(scenario, |fault, span, seed| match &fault.kind {
+        FaultKind::Stream { robot, stream, kind } if *robot == i && *stream == of => {
+            Some(LinkFault { span, kind: kind.clone(), seed })
+        }
+        _ => None,
+    })
 }
 
 /// Those of the scenario's faults that `of` makes something of, each with a seed of its own.

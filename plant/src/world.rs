@@ -14,7 +14,8 @@ use formation::front_point::{front_point, front_speed, front_velocity};
 use formation::near::NearPairs;
 use formation::pose::{Twist, wrap_angle};
 use protocol::brief::{BodyBrief, Pace, PlantBrief};
-use protocol::fault::{Sensor, SensorFault, SensorFaultKind, WheelFaultKind};
+use protocol::fault::{Said, Sensor, SensorFault, SensorFaultKind, WheelFaultKind};
+use protocol::link::Link;
 use protocol::message::{Command, Odometry, PROXIMITY_MAX, TruthHeader, TruthRow};
 
 use crate::motion::{Motion, State, Unicycles};
@@ -55,6 +56,8 @@ struct Robot {
     obeyed: Option<Obeyed>,
     /// (incarnation, stamp, sequence) of the newest command accepted.
     newest: Option<(u64, u64, u64)>,
+    /// On which its commands come.
+    link: Link<Command>,
 }
 
 /// A command in force.
@@ -104,7 +107,13 @@ impl<M: Motion> World<M> {
         let robots: Vec<Robot> = brief
             .robots
             .iter()
-            .map(|body| Robot { body: body.clone(), commanded: false, obeyed: None, newest: None })
+            .map(|body| Robot {
+                body: body.clone(),
+                commanded: false,
+                obeyed: None,
+                newest: None,
+                link: Link::new(&body.command_faults),
+            })
             .collect();
         let standing = |body: &BodyBrief| State { pose: body.start, twist: Twist::ZERO };
         let states = brief.robots.iter().map(standing).collect();
@@ -162,6 +171,26 @@ impl<M: Motion> World<M> {
     pub fn next_tick(&mut self) -> u64 {
         self.tick += 1;
         self.tick
+    }
+
+    /// Takes a command that is sent now: it is lost or held back where faults say so, and else accepted
+    /// at once.
+    pub fn take(&mut self, robot: usize, command: &Command) -> Result<(), Refusal> {
+        let said = Said { tick: command.tick, t_ns: self.t_ns, distance_m: None };
+        match self.robots[robot].link.pass(command, said) {
+            Some(command) => self.accept(robot, &command),
+            None => Ok(()),
+        }
+    }
+
+    /// Accepts what was held back and is due by now; refusals are counted.
+    pub fn take_due(&mut self) {
+        for robot in 0..self.robots.len() {
+            while let Some(command) = self.robots[robot].link.due(self.t_ns) {
+                // One that was overtaken is refused, and one that jitter kept for too long.
+                let _ = self.accept(robot, &command);
+            }
+        }
     }
 
     /// Lets `robot` obey `command` from now on: `proof/Plant.v::accept`, and the scaling of
@@ -445,6 +474,7 @@ mod tests {
             start: Pose { x_m, y_m: 0.0, heading_rad: 0.0 },
             sensor_faults: Vec::new(),
             wheel_faults: Vec::new(),
+            command_faults: Vec::new(),
         };
         PlantBrief {
             format: Format,
@@ -471,6 +501,39 @@ mod tests {
 
     fn x(world: &World, robot: usize) -> f64 {
         world.states[robot].pose.x_m
+    }
+
+    #[test]
+    fn a_command_that_is_delayed_is_obeyed_later_and_dies_by_its_stamp() {
+        use protocol::fault::{LinkFault, LinkFaultKind};
+        let mut brief = brief(None);
+        let kind = LinkFaultKind::Delay { delay_ns: 15 * MS, jitter_ns: 0 };
+        let span = Span { from_ns: 0, until_ns: 100 * MS };
+        brief.robots[0].command_faults = vec![LinkFault { span, kind, seed: 1 }];
+        let mut world = World::new(&brief);
+        world.take(0, &command(0, 1, 0.4, 0.0)).unwrap();
+        world.take(1, &command(0, 1, 0.4, 0.0)).unwrap();
+        let mut driven = [[false; 2]; 3];
+        for (tick, driven) in (1..).zip(&mut driven) {
+            world.advance(10 * tick * MS);
+            *driven = [0, 1].map(|i| world.truth().nth(i).unwrap().commanded == 1);
+            world.take_due();
+        }
+        // Under way until 15 ms, taken at 20 ms, when it has just died.
+        assert_eq!(driven.map(|[late, _]| late), [false, false, false]);
+        assert_eq!(driven.map(|[_, in_time]| in_time), [true, true, false]);
+        assert_eq!(world.truth_header().commands_late, 1);
+
+        brief.command_lifetime_ns = 30 * MS;
+        let mut world = World::new(&brief);
+        world.take(0, &command(0, 1, 0.4, 0.0)).unwrap();
+        for (tick, driven) in (1..).zip(&mut driven) {
+            world.advance(10 * tick * MS);
+            driven[0] = world.truth().next().unwrap().commanded == 1;
+            world.take_due();
+        }
+        assert_eq!(driven.map(|[late, _]| late), [false, false, true]);
+        assert_eq!(world.truth_header().commands_late, 0);
     }
 
     #[test]

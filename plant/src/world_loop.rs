@@ -189,6 +189,7 @@ impl<M: Motion> Plant<M> {
         if barrier.wait_arrivals(tick, supervisor.patience(barrier, &self.stop)).is_err() {
             return Ok(false);
         }
+        self.world.take_due();
         for robot in barrier.members() {
             loop {
                 match self.ports.command(robot)? {
@@ -196,7 +197,7 @@ impl<M: Motion> Plant<M> {
                     Some(command) => {
                         let answered_ns = clock::now_ns().saturating_sub(self.sent_ns[robot]);
                         self.ports.latency.record(Stage::Command, robot + 1, answered_ns);
-                        if let Err(refusal) = self.world.accept(robot, &command) {
+                        if let Err(refusal) = self.world.take(robot, &command) {
                             tracing::warn!(robot, tick, %refusal, "command refused");
                         }
                         break;
@@ -240,12 +241,13 @@ impl<M: Motion> Plant<M> {
             let t_ns = (now_ns - start_ns).min(self.brief.duration_ns);
             self.catch_up(t_ns, &mut overrun)?;
             self.world.next_tick();
+            self.world.take_due();
             for (robot, gaps) in gaps.iter_mut().enumerate() {
                 while let Some(command) = self.ports.command(robot)? {
                     let answered_ns = clock::now_ns().saturating_sub(command.stamp_ns);
                     self.ports.latency.record(Stage::Command, robot + 1, answered_ns);
                     self.ports.latency.count_lost(gaps.before(&command));
-                    if let Err(refusal) = self.world.accept(robot, &command) {
+                    if let Err(refusal) = self.world.take(robot, &command) {
                         tracing::debug!(robot, t_ns, %refusal, "command refused");
                     }
                 }

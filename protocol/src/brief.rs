@@ -213,6 +213,9 @@ pub struct AgentBrief {
     pub plant_tick_ns: u64,
     /// H: a command may act until the stamp it answers plus this, ns.
     pub command_lifetime_ns: u64,
+    /// How much of that is for odometry and commands that faults delay, ns.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub late_ns: u64,
     /// ell: how far the front point lies ahead of the axle, m.
     pub front_point_m: f64,
     /// Which control law.
@@ -251,6 +254,12 @@ pub struct AgentBrief {
     /// When it is to need longer for an answer.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub slow: Vec<SlowFault>,
+    /// What is to be wrong with its odometry.
+    #[serde(default, rename = "odometry_fault", skip_serializing_if = "Vec::is_empty")]
+    pub odometry_faults: Vec<LinkFault>,
+    /// What is known to be wrong with its commands: it reckons with their delay.
+    #[serde(default, rename = "command_fault", skip_serializing_if = "Vec::is_empty")]
+    pub command_faults: Vec<LinkFault>,
     /// Who is heard.
     #[serde(default, rename = "neighbor")]
     pub neighbors: Vec<NeighborBrief>,
@@ -338,6 +347,9 @@ pub struct BodyBrief {
     /// What is to be wrong with its wheels.
     #[serde(default, rename = "wheel_fault", skip_serializing_if = "Vec::is_empty")]
     pub wheel_faults: Vec<WheelFault>,
+    /// What is to be wrong with its commands.
+    #[serde(default, rename = "command_fault", skip_serializing_if = "Vec::is_empty")]
+    pub command_faults: Vec<LinkFault>,
 }
 
 /// What the plant is told.
@@ -595,6 +607,10 @@ fn parse<B: Brief>(path: &Path, text: &str) -> Result<B, BriefError> {
 pub fn writer(path: &Path) -> Option<String> {
     let told: toml::Table = std::fs::read_to_string(path).ok()?.parse().ok()?;
     Some(told.get("program")?.get("phalanx")?.as_str()?.to_owned())
+}
+
+fn is_none(ns: &u64) -> bool {
+    *ns == 0
 }
 
 /// The text of a brief.

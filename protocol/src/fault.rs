@@ -34,11 +34,12 @@ impl Span {
     }
 }
 
-/// What is wrong with the link from one neighbour. It acts in the robot that hears.
+/// What is wrong with a link: that from one neighbour, or one of a robot's own streams. It acts where
+/// messages arrive.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LinkFault {
-    /// When: by the stamps of the beacons.
+    /// When: by the stamps of beacons, and the times at which odometry and commands are sent.
     pub span: Span,
     /// What.
     pub kind: LinkFaultKind,
@@ -52,23 +53,50 @@ pub struct LinkFault {
 pub enum LinkFaultKind {
     /// Nothing gets through.
     Cut,
-    /// Some beacons do not get through.
+    /// Some messages do not get through.
     Loss {
-        /// Share of the beacons that are lost.
+        /// Share of the messages that are lost.
         probability: f64,
-        /// So many beacons in a row are lost together.
+        /// So many messages in a row are lost together.
         burst: u64,
     },
-    /// Beacons get through late.
+    /// A link that is good or bad, and loses everything while it is bad; it stays so for times of
+    /// exponential distributions. (Gilbert 1960; Elliott 1963)
+    Bursts {
+        /// Share of the time for which it is bad.
+        probability: f64,
+        /// How long it stays bad on average, ns.
+        mean_burst_ns: u64,
+    },
+    /// Messages get through with probability exp(-(r / range)^exponent) over the distance r: Rayleigh
+    /// fading over a path loss of that exponent.
+    Fading {
+        /// The distance at which a share of 1/e gets through, m.
+        range_m: f64,
+        /// 2 in free space.
+        exponent: f64,
+    },
+    /// Messages get through late.
     Delay {
-        /// At least this late, counted from their stamp, ns.
+        /// At least this late, ns.
         delay_ns: u64,
         /// And up to this much later, each by a draw of its own, ns.
         jitter_ns: u64,
     },
 }
 
-/// What a fault makes of one beacon.
+/// A message as a link sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Said {
+    /// At which tick: messages of a link have different ones.
+    pub tick: u64,
+    /// When, ns of run time.
+    pub t_ns: u64,
+    /// How far the one who said it is from the one who is to hear it, m, where both know.
+    pub distance_m: Option<f64>,
+}
+
+/// What a fault makes of one message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Passage {
     /// It never arrives.
@@ -78,23 +106,77 @@ pub enum Passage {
 }
 
 impl LinkFault {
-    /// What becomes of the beacon of `tick`, stamped `t_ns` of run time.
-    pub fn passage(&self, tick: u64, t_ns: u64) -> Passage {
+    /// What becomes of a message.
+    pub fn passage(&self, Said { tick, t_ns, distance_m }: Said) -> Passage {
         if !self.span.holds(t_ns) {
             return Passage::At(t_ns);
         }
+        let lost = |lost: bool| if lost { Passage::Lost } else { Passage::At(t_ns) };
         match self.kind {
             LinkFaultKind::Cut => Passage::Lost,
             LinkFaultKind::Loss { probability, burst } => {
-                match draw(self.seed, tick / burst.max(1)) < probability {
-                    true => Passage::Lost,
-                    false => Passage::At(t_ns),
-                }
+                lost(draw(self.seed, tick / burst.max(1)) < probability)
+            }
+            LinkFaultKind::Bursts { probability, mean_burst_ns } => {
+                lost(self.is_bad(t_ns - self.span.from_ns, probability, mean_burst_ns))
+            }
+            LinkFaultKind::Fading { range_m, exponent } => {
+                let through = distance_m.map_or(1.0, |r_m| (-(r_m / range_m).powf(exponent)).exp());
+                lost(draw(self.seed, tick) >= through)
             }
             LinkFaultKind::Delay { delay_ns, jitter_ns } => {
                 let later_ns = (draw(self.seed, tick) * jitter_ns as f64) as u64;
                 Passage::At(t_ns.saturating_add(delay_ns).saturating_add(later_ns))
             }
+        }
+    }
+}
+
+impl LinkFault {
+    /// Whether a link that is bad for this share of the time is so this long after the fault began.
+    ///
+    /// Times good and bad follow each other from the beginning of each stretch of [`STRETCH`] mean
+    /// cycles; how a stretch begins is drawn by the share. So it is a function of time, whoever asks,
+    /// and no answer takes long.
+    fn is_bad(&self, since_ns: u64, share: f64, mean_bad_ns: u64) -> bool {
+        let mean_bad = mean_bad_ns as f64;
+        let mean_good = mean_bad / share - mean_bad;
+        let stretch_ns = STRETCH * mean_bad / share;
+        let stretch = (since_ns as f64 / stretch_ns).floor();
+        let mut left_ns = since_ns as f64 - stretch * stretch_ns;
+        // No stretch has as many changes as this.
+        let first = (stretch as u64) << 20;
+        let mut bad = draw(self.seed, first) < share;
+        for change in first + 1.. {
+            let mean_ns = if bad { mean_bad } else { mean_good };
+            left_ns += mean_ns * (1.0 - draw(self.seed, change)).ln();
+            if left_ns < 0.0 {
+                break;
+            }
+            bad = !bad;
+        }
+        bad
+    }
+}
+
+/// So many mean cycles of good and bad are drawn in one go.
+const STRETCH: f64 = 16.0;
+
+/// One of the two streams between a robot and its body.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stream {
+    /// What it senses.
+    Odometry,
+    /// How it is to move.
+    Commands,
+}
+
+impl Stream {
+    /// The word for it in files and on the command line.
+    pub fn word(self) -> &'static str {
+        match self {
+            Stream::Odometry => "odometry",
+            Stream::Commands => "commands",
         }
     }
 }
@@ -202,10 +284,14 @@ mod tests {
         LinkFault { span: Span { from_ns: 100, until_ns: 1_000_000 }, kind, seed: 7 }
     }
 
+    fn said(tick: u64, t_ns: u64) -> Said {
+        Said { tick, t_ns, distance_m: None }
+    }
+
     #[test]
     fn a_fault_acts_in_its_span_and_nowhere_else() {
         let cut = link(LinkFaultKind::Cut);
-        let passages = [99, 100, 999_999, 1_000_000].map(|t_ns| cut.passage(0, t_ns));
+        let passages = [99, 100, 999_999, 1_000_000].map(|t_ns| cut.passage(said(0, t_ns)));
         let [before, first, last, after] = passages;
         assert_eq!((before, after), (Passage::At(99), Passage::At(1_000_000)));
         assert_eq!((first, last), (Passage::Lost, Passage::Lost));
@@ -219,7 +305,7 @@ mod tests {
         for burst in [1, 5] {
             let lossy = link(LinkFaultKind::Loss { probability: 0.3, burst });
             let lost: Vec<bool> =
-                (0..50_000).map(|tick| lossy.passage(tick, 200) == Passage::Lost).collect();
+                (0..50_000).map(|tick| lossy.passage(said(tick, 200)) == Passage::Lost).collect();
             let share = lost.iter().filter(|&&lost| lost).count() as f64 / 5e4;
             assert!((share - 0.3).abs() < 0.02, "{share}");
             let whole = lost.chunks(burst as usize);
@@ -228,9 +314,44 @@ mod tests {
     }
 
     #[test]
+    fn bursts_take_their_share_and_last_their_time_and_whoever_asks_hears_the_same() {
+        const MS: u64 = 1_000_000;
+        for (probability, mean_burst_ns) in [(0.2, 100 * MS), (0.5, 30 * MS), (0.9, 400 * MS)] {
+            let kind = LinkFaultKind::Bursts { probability, mean_burst_ns };
+            let span = Span { from_ns: 5 * MS, until_ns: Span::END_NS };
+            let bursty = LinkFault { span, kind, seed: 11 };
+            let lost = |ms: u64| bursty.passage(said(0, ms * MS)) == Passage::Lost;
+            let found: Vec<bool> = (5..1_000_005).map(lost).collect();
+            let share = found.iter().filter(|&&lost| lost).count() as f64 / 1e6;
+            assert!((share / probability - 1.0).abs() < 0.1, "{share} of {probability}");
+            let bursts = found.chunk_by(|a, b| a == b).filter(|chunk| chunk[0]).count() as f64;
+            let mean_ms = share * 1e6 / bursts;
+            // Gaps and bursts of less than a millisecond do not show.
+            let expected_ms = mean_burst_ns as f64 / 1e6;
+            assert!((mean_ms / expected_ms - 1.0).abs() < 0.15, "{mean_ms} of {expected_ms} ms");
+            assert!([77_003, 5, 940_000].iter().all(|&ms| lost(ms) == found[ms as usize - 5]));
+        }
+    }
+
+    #[test]
+    fn less_gets_through_from_farther_away_and_everything_where_nobody_knows_how_far() {
+        let fading = link(LinkFaultKind::Fading { range_m: 2.0, exponent: 2.0 });
+        let through = |distance_m| {
+            let heard =
+                |&tick: &u64| fading.passage(Said { tick, t_ns: 200, distance_m }) != Passage::Lost;
+            (0..50_000).filter(heard).count() as f64 / 5e4
+        };
+        assert_eq!((through(None), through(Some(0.0))), (1.0, 1.0));
+        for (distance_m, share) in [(1.0, 0.778_8), (2.0, 0.367_9), (4.0, 0.018_3)] {
+            let found = through(Some(distance_m));
+            assert!((found - share).abs() < 0.01, "{found} at {distance_m} m, expected {share}");
+        }
+    }
+
+    #[test]
     fn a_delay_lies_between_its_bounds() {
         let late = link(LinkFaultKind::Delay { delay_ns: 50, jitter_ns: 10 });
-        let found: Vec<Passage> = (0..1000).map(|tick| late.passage(tick, 200)).collect();
+        let found: Vec<Passage> = (0..1000).map(|tick| late.passage(said(tick, 200))).collect();
         assert!(found.iter().all(|p| matches!(p, Passage::At(t_ns) if (250..260).contains(t_ns))));
         assert!(found.iter().any(|passage| *passage != found[0]));
     }

@@ -8,6 +8,7 @@
 //! | `run_root` | where do the shared files of one run live, and who removes them? |
 //! | `brief` | what is one process told when it starts? |
 //! | `fault` | what breaks in it, and when? |
+//! | `link` | what gets through a failing link, and when? |
 //! | `law` `avoidance` | how does a control law, or an avoidance method, describe itself to the rest? |
 //! | `catalog` | which laws and methods are there? |
 //! | `clock` | what time is it, and when is the next tick? |
@@ -21,8 +22,8 @@
 //! | `process` | how does a child name itself, log, and stop? |
 //! | `visible` | how is text from anywhere shown on a terminal? |
 //!
-//! Without the feature `ipc` there are only the words: `message`, `brief`, `fault`, `law`,
-//! `avoidance`, `catalog`, `number`, `age`, `visible`; no iceoryx2, no system calls.
+//! Without the feature `ipc` there are only the words: `message`, `brief`, `fault`, `link`,
+//! `law`, `avoidance`, `catalog`, `number`, `age`, `visible`; no iceoryx2, no system calls.
 
 pub mod age;
 pub mod avoidance;
@@ -40,6 +41,7 @@ pub mod latency;
 #[cfg(feature = "ipc")]
 pub mod lateness;
 pub mod law;
+pub mod link;
 pub mod message;
 pub mod number;
 #[cfg(feature = "ipc")]

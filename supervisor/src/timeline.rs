@@ -64,6 +64,7 @@ impl Timeline {
                 }
                 FaultKind::Slow { .. }
                 | FaultKind::Link { .. }
+                | FaultKind::Stream { .. }
                 | FaultKind::Sensor { .. }
                 | FaultKind::Wheels { .. } => None,
             };

@@ -54,7 +54,13 @@ pub fn scattered(robots: usize, gap_m: f64, both_ways: bool, seed: u64) -> Scena
 
 /// The same, as far open and for as long as `check` asks for, and open again at `reopen_at_s`; 40 s
 /// longer than that takes.
-fn opened(robots: usize, gap_m: f64, both_ways: bool, seed: u64, reopen_at_s: &[f64]) -> Scenario {
+pub fn opened(
+    robots: usize,
+    gap_m: f64,
+    both_ways: bool,
+    seed: u64,
+    reopen_at_s: &[f64],
+) -> Scenario {
     let mut scenario = scattered(robots, gap_m, both_ways, seed);
     let Opening { from, hold_s, over_s, .. } =
         Opening::of(&scenario).expect("everybody keeps a place");
@@ -66,7 +72,7 @@ fn opened(robots: usize, gap_m: f64, both_ways: bool, seed: u64, reopen_at_s: &[
 
 /// The same with one robot killed while the formation is open, and back once it has closed: it stands
 /// outside then, or in the way. The formation opens `times` again.
-fn replaced(robots: usize, gap_m: f64, both_ways: bool, seed: u64, times: u32) -> Scenario {
+pub fn replaced(robots: usize, gap_m: f64, both_ways: bool, seed: u64, times: u32) -> Scenario {
     let mut scenario = opened(robots, gap_m, both_ways, seed, &[]);
     let Some(Scale::Closing { from, hold_s, over_s, .. }) = scenario.unled_scale else {
         unreachable!("it closes")

@@ -4,7 +4,7 @@ use crate::harness::run;
 use crate::oracle::{self, with_faults};
 
 /// A fault on the way into the formation, and whether it changes what happens.
-const FAULTS: [(&str, bool); 18] = [
+const FAULTS: [(&str, bool); 25] = [
     ("kill r2 @2.5 restart 2", true),
     ("freeze r2 @2.5 for 1.5", true),
     ("slow r2 by 0.005 @2 for 1", true),
@@ -15,6 +15,13 @@ const FAULTS: [(&str, bool); 18] = [
     ("loss r2->r1 of 0.9 burst 7 @1 for 5", true),
     ("delay r2->r1 by 0.2 @1 for 5", true),
     ("delay r2->r1 by 0.02 jitter 0.1 @1 for 5", true),
+    ("bursts r2->r1 of 0.6 mean 0.3 @1 for 5", true),
+    ("fading r2->r1 range 0.3 exponent 3 @1 for 5", true),
+    ("loss r2 odometry of 0.3 burst 4 @1 for 5", true),
+    ("loss r2 commands of 0.3 @1 for 5", true),
+    ("bursts r1 commands of 0.4 mean 0.1 @1 for 5", true),
+    ("delay r2 odometry by 0.012 jitter 0.01 @1 for 5", true),
+    ("delay r2 commands by 0.012 @1 for 5", true),
     ("blackout r1 odometry @2 for 1", true),
     ("blackout r1 proximity @2 for 1", true),
     ("noise r1 odometry by 0.01 @2 for 5", true),

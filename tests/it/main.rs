@@ -25,6 +25,7 @@ mod inertia;
 mod isolation;
 mod latency;
 mod leader_frame;
+mod links;
 mod lockstep;
 mod lost_screen;
 mod machine;

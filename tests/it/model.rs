@@ -230,6 +230,7 @@ impl<'a> Model<'a> {
     fn tick(&mut self) {
         self.world.advance(self.now_ns - START_NS);
         self.tick = self.world.next_tick();
+        self.world.take_due();
         for (i, robot) in self.robots.iter_mut().enumerate() {
             robot.commands.sort_by_key(|(arrival_ns, _)| *arrival_ns);
             let arrived = robot.commands.partition_point(|(at_ns, _)| *at_ns <= self.now_ns);
@@ -238,7 +239,7 @@ impl<'a> Model<'a> {
                     command.stamp_ns = arrival_ns;
                 }
                 // The world counts refusals.
-                let _ = self.world.accept(i, &command);
+                let _ = self.world.take(i, &command);
             }
         }
         let due_ns = first_after(self.now_ns, self.fleet.plant.plant_tick_ns, START_NS);

@@ -115,6 +115,7 @@ fn run(
                 _ => {}
             }
         }
+        world.take_due();
         let mut beacons = vec![None; robots.len()];
         for (i, robot) in robots.iter_mut().enumerate() {
             let Some(brain) = robot.brain.as_mut().filter(|_| !robot.frozen) else { continue };
@@ -132,7 +133,7 @@ fn run(
             let Some(answer) = answer.filter(|answer| answer.delay_ns < plant.period_ns) else {
                 continue;
             };
-            world.accept(i, &answer.command).expect("an answer in time");
+            world.take(i, &answer.command).expect("an answer in time");
             beacons[i] = Some(answer.beacon);
         }
         world.advance((tick + 1) * plant.period_ns);

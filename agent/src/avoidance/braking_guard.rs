@@ -21,10 +21,10 @@
 //! A command of 0 needs no certificate: it only brakes earlier, on a ray on which every twist keeps
 //! the half-planes. That carries over what the other guard has rules for:
 //!
-//! - *Restart.* In real time, commands of a predecessor may act for H after the first sample. They
+//! - *Restart.* In real time, and where they are delayed, commands of a predecessor may act for H after the first sample. They
 //!   cannot be certified, since nobody knows them, so the answer is 0 until they are dead. Then the
-//!   twist in force says all about the predecessor that still matters. In lockstep no command of an
-//!   earlier tick is alive at a sample.
+//!   twist in force says all about the predecessor that still matters. Else, in lockstep, no command of
+//!   an earlier tick is alive at a sample.
 //! - *Blind.* Who does not know all near answers 0.
 //! - *Wheels* that are too weak, failing or stuck make of a command a part of it: the segment towards a
 //!   part of a target lies in the hull of K as well, since 0 is in K.
@@ -119,7 +119,7 @@ pub struct BrakingGuard {
     deflection: Deflection,
     /// Own commands that the plant may still obey: stamp answered, twist.
     alive: VecDeque<(u64, Twist)>,
-    /// In real time, commands of an earlier incarnation may act until here.
+    /// In real time, and where commands are delayed, those of an earlier incarnation may act until here.
     predecessor_until_ns: Option<u64>,
     remembers_predecessor: bool,
     cones: Vec<Cone>,
@@ -206,7 +206,7 @@ impl BrakingGuard {
             deflection: Deflection::new(brief),
             alive: VecDeque::new(),
             predecessor_until_ns: None,
-            remembers_predecessor: brief.pace == Pace::Realtime,
+            remembers_predecessor: brief.pace == Pace::Realtime || brief.late_ns > 0,
             cones: Vec::new(),
             sides: Vec::new(),
             without: Without::Nothing,

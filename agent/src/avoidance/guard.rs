@@ -160,7 +160,7 @@ struct Guard {
     deflection: Deflection,
     /// Own commands that the plant may still obey: stamp answered, twist.
     alive: VecDeque<(u64, Twist)>,
-    /// In real time, commands of an earlier incarnation may act until here.
+    /// In real time, and where commands are delayed, those of an earlier incarnation may act until here.
     predecessor_until_ns: Option<u64>,
     remembers_predecessor: bool,
     sides: Vec<HalfPlane>,
@@ -219,7 +219,7 @@ impl Guard {
             deflection: Deflection::new(brief),
             alive: VecDeque::new(),
             predecessor_until_ns: None,
-            remembers_predecessor: brief.pace == Pace::Realtime,
+            remembers_predecessor: brief.pace == Pace::Realtime || brief.late_ns > 0,
             sides: Vec::new(),
         }
     }

@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use formation::pose::Twist;
 use protocol::brief::{AvoidanceBrief, Format, NeighborBrief, Rank, SilenceBrief, SilencePolicy};
+use protocol::fault::{LinkFaultKind, Span};
 
 use super::*;
 
@@ -27,6 +28,7 @@ fn brief() -> AgentBrief {
         period_ns: 10 * MS,
         plant_tick_ns: MS,
         command_lifetime_ns: 25 * MS,
+        late_ns: 0,
         front_point_m: 0.1,
         law: "formation-unit".into(),
         gains: [("speed_m_s".into(), 0.1)].into(),
@@ -55,6 +57,8 @@ fn brief() -> AgentBrief {
             policy: SilencePolicy::Ignore,
         },
         slow: Vec::new(),
+        odometry_faults: Vec::new(),
+        command_faults: Vec::new(),
         links_by_hand: false,
         neighbors: vec![hears(5), hears(2)],
     }
@@ -138,7 +142,33 @@ fn a_cut_by_hand_acts_on_the_link_from_the_robot_that_is_named() {
 
 #[test]
 fn beacons_are_up_to_one_period_old_in_lockstep_and_two_in_real_time() {
-    assert_eq!([Pace::Lockstep, Pace::Realtime].map(age_periods), [1.0, 2.0]);
+    let age = |pace, late_ns| age_periods(&AgentBrief { pace, late_ns, ..brief() });
+    assert_eq!([Pace::Lockstep, Pace::Realtime].map(|pace| age(pace, 0)), [1.0, 2.0]);
+    let late_ns = 3 * brief().period_ns;
+    assert_eq!([Pace::Lockstep, Pace::Realtime].map(|pace| age(pace, late_ns)), [4.0, 5.0]);
+}
+
+#[test]
+fn odometry_that_is_late_is_answered_when_it_arrives_once_and_in_order() {
+    let kind = LinkFaultKind::Delay { delay_ns: 15 * MS, jitter_ns: 0 };
+    let span = Span { from_ns: 0, until_ns: 50 * MS };
+    let mut late = brief();
+    late.odometry_faults = vec![LinkFault { span, kind, seed: 1 }];
+    let mut brain = Brain::new(&late, 0).unwrap();
+    let mut said = Vec::new();
+    for t_ms in (0..=90).step_by(10) {
+        let odometry = odometry(t_ms);
+        let answer = brain.answer(&odometry, odometry.stamp_ns);
+        said.push(answer.map(|answer| {
+            assert_eq!((answer.command.tick, answer.beacon.tick), (t_ms, t_ms));
+            assert_eq!(answer.command.stamp_ns, answer.beacon.stamp_ns);
+            (answer.command.stamp_ns - START_NS) / MS
+        }));
+    }
+    // From 50 ms on nothing is late, and what was overtaken is not answered any more.
+    let expected = [None, None, Some(0), Some(10), Some(20)];
+    let in_time = [50, 60, 70, 80, 90].map(Some);
+    assert_eq!(said, [&expected[..], &in_time].concat());
 }
 
 #[test]

@@ -419,6 +419,17 @@ fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
             short(guard.lifetime_realtime_s)
         ),
     );
+    let [lockstep_s, realtime_s] = guard.late_s;
+    if realtime_s > 0.0 {
+        page.line(
+            "",
+            format!(
+                "of that {} s and {} s for odometry and commands that are delayed",
+                short(lockstep_s),
+                short(realtime_s)
+            ),
+        );
+    }
     if let (Some((symbol, _)), Some(distance_m)) =
         (scenario.method.steers_within, guard.deflection_distance_m)
     {

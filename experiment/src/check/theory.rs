@@ -301,6 +301,8 @@ pub struct Guard {
     pub lifetime_lockstep_s: f64,
     /// H in real time, s.
     pub lifetime_realtime_s: f64,
+    /// How much of it is for odometry and commands that faults delay, s: in lockstep and in real time.
+    pub late_s: [f64; 2],
     /// Within this distance robots are steered around each other, m, if at all: d_f of `guard`.
     pub deflection_distance_m: Option<f64>,
     /// The same of followers, which make way for leaders, if there are any.
@@ -434,6 +436,8 @@ impl<'s> Theory<'s> {
                 on: scenario.method.promise == Promise::Always && scenario.unpromised().is_none(),
                 lifetime_lockstep_s: lifetime_s(Pace::Lockstep),
                 lifetime_realtime_s: lifetime_s(Pace::Realtime),
+                late_s: [Pace::Lockstep, Pace::Realtime]
+                    .map(|pace| seconds(scenario.late_ns(pace))),
                 deflection_distance_m: scenario
                     .method
                     .steers_within

@@ -34,6 +34,8 @@ enum Subject {
     Robot,
     /// `from` and `to`: `r1->r2`.
     Link,
+    /// `robot` and `stream`: `r1 commands`.
+    Stream,
     /// `robot` and `sensor`: `r1 proximity`.
     Sensor,
     /// Nobody.
@@ -71,7 +73,12 @@ impl Detail {
     }
 }
 
-/// Every kind of fault.
+const LOSS: &[Detail] = &[number("of", "probability").needed(), whole("burst", "burst")];
+const BURSTS: &[Detail] =
+    &[number("of", "probability").needed(), number("mean", "mean_burst_s").needed()];
+const DELAY: &[Detail] = &[number("by", "delay_s").needed(), number("jitter", "jitter_s")];
+
+/// Every kind of fault; those that strike links and streams have a form for each.
 pub(crate) const FORMS: &[Form] = &[
     Form {
         kind: "kill",
@@ -110,16 +117,56 @@ pub(crate) const FORMS: &[Form] = &[
         says: "a link that loses beacons",
         subject: Subject::Link,
         lasts: true,
-        details: &[number("of", "probability").needed(), whole("burst", "burst")],
+        details: LOSS,
         grammar: "loss FROM->TO of SHARE [burst BEACONS] @SECONDS [for SECONDS]",
+    },
+    Form {
+        kind: "loss",
+        says: "a robot's odometry or commands, of which some are lost",
+        subject: Subject::Stream,
+        lasts: true,
+        details: LOSS,
+        grammar: "loss ROBOT odometry|commands of SHARE [burst MESSAGES] @SECONDS [for SECONDS]",
+    },
+    Form {
+        kind: "bursts",
+        says: "a link that loses all beacons while it is bad, for times of random lengths (Gilbert-Elliott)",
+        subject: Subject::Link,
+        lasts: true,
+        details: BURSTS,
+        grammar: "bursts FROM->TO of SHARE mean SECONDS @SECONDS [for SECONDS]",
+    },
+    Form {
+        kind: "bursts",
+        says: "the same of a robot's odometry or commands",
+        subject: Subject::Stream,
+        lasts: true,
+        details: BURSTS,
+        grammar: "bursts ROBOT odometry|commands of SHARE mean SECONDS @SECONDS [for SECONDS]",
+    },
+    Form {
+        kind: "fading",
+        says: "a link that carries a beacon with probability exp(-(r / range)^exponent) over the distance r",
+        subject: Subject::Link,
+        lasts: true,
+        details: &[number("range", "range_m").needed(), number("exponent", "exponent")],
+        grammar: "fading FROM->TO range METERS [exponent NUMBER] @SECONDS [for SECONDS]",
     },
     Form {
         kind: "delay",
         says: "a link that delays beacons",
         subject: Subject::Link,
         lasts: true,
-        details: &[number("by", "delay_s").needed(), number("jitter", "jitter_s")],
+        details: DELAY,
         grammar: "delay FROM->TO by SECONDS [jitter SECONDS] @SECONDS [for SECONDS]",
+    },
+    Form {
+        kind: "delay",
+        says: "a robot's odometry or commands that come late",
+        subject: Subject::Stream,
+        lasts: true,
+        details: DELAY,
+        grammar: "delay ROBOT odometry|commands by SECONDS [jitter SECONDS] @SECONDS [for SECONDS]",
     },
     Form {
         kind: "blackout",
@@ -158,12 +205,28 @@ pub(crate) const FORMS: &[Form] = &[
     },
 ];
 
+/// The words of the key `kind`, in order.
+pub(crate) fn kinds() -> impl Iterator<Item = &'static str> {
+    let first =
+        |(i, form): &(usize, &Form)| FORMS[..*i].iter().all(|other| other.kind != form.kind);
+    FORMS.iter().enumerate().filter(first).map(|(_, form)| form.kind)
+}
+
 impl Form {
+    /// The form of that kind which strikes a stream, if `stream`, or whatever else; the only one of a
+    /// kind that has one.
+    pub(crate) fn of(kind: &str, stream: bool) -> Option<&'static Form> {
+        let mut forms = FORMS.iter().filter(|form| form.kind == kind);
+        let suits = |form: &&Form| (form.subject == Subject::Stream) == stream;
+        forms.clone().find(suits).or_else(|| forms.next())
+    }
+
     /// The keys that its table must have, beside `kind`.
     pub(crate) fn needs(&self) -> Vec<&'static str> {
         let subject: &[&str] = match self.subject {
             Subject::Robot => &["robot"],
             Subject::Link => &["from", "to"],
+            Subject::Stream => &["robot", "stream"],
             Subject::Sensor => &["robot", "sensor"],
             Subject::Machine => &[],
         };
@@ -210,28 +273,18 @@ impl FaultKind {
             }
             FaultKind::Link { edge, ref kind } => {
                 let ends = scenario.graph.edges()[edge];
-                let link = format!("{}->{}", name(ends.from), name(ends.to));
-                let what = match *kind {
-                    LinkFaultKind::Cut => format!("cut {link}"),
-                    LinkFaultKind::Loss { probability, burst: 1 } => {
-                        format!("loss {link} of {probability}")
-                    }
-                    LinkFaultKind::Loss { probability, burst } => {
-                        format!("loss {link} of {probability} burst {burst}")
-                    }
-                    LinkFaultKind::Delay { delay_ns, jitter_ns: 0 } => {
-                        format!("delay {link} by {}", in_seconds(delay_ns))
-                    }
-                    LinkFaultKind::Delay { delay_ns, jitter_ns } => {
-                        let (by_s, jitter_s) = (in_seconds(delay_ns), in_seconds(jitter_ns));
-                        format!("delay {link} by {by_s} jitter {jitter_s}")
-                    }
-                };
+                let what = failing(&format!("{}->{}", name(ends.from), name(ends.to)), kind);
                 let silenced = match kind {
                     LinkFaultKind::Cut => Silenced::Edge(edge),
-                    LinkFaultKind::Loss { .. } | LinkFaultKind::Delay { .. } => Silenced::Nobody,
+                    LinkFaultKind::Loss { .. }
+                    | LinkFaultKind::Bursts { .. }
+                    | LinkFaultKind::Fading { .. }
+                    | LinkFaultKind::Delay { .. } => Silenced::Nobody,
                 };
                 (what, Struck { robot: Some(ends.from), hearer: Some(ends.to), silenced })
+            }
+            FaultKind::Stream { robot, stream, ref kind } => {
+                (failing(&format!("{} {}", name(robot), stream.word()), kind), strikes(robot))
             }
             FaultKind::Sensor { robot, sensor, kind } => {
                 let word = match sensor {
@@ -272,12 +325,37 @@ impl FaultKind {
         match self {
             FaultKind::Slow { .. }
             | FaultKind::Link { .. }
+            | FaultKind::Stream { .. }
             | FaultKind::Sensor { .. }
             | FaultKind::Wheels { .. } => true,
             FaultKind::Kill { .. }
             | FaultKind::KillPlant
             | FaultKind::Freeze { .. }
             | FaultKind::Load { .. } => false,
+        }
+    }
+}
+
+/// What is wrong with a link or a stream, in words.
+fn failing(link: &str, kind: &LinkFaultKind) -> String {
+    match *kind {
+        LinkFaultKind::Cut => format!("cut {link}"),
+        LinkFaultKind::Loss { probability, burst: 1 } => format!("loss {link} of {probability}"),
+        LinkFaultKind::Loss { probability, burst } => {
+            format!("loss {link} of {probability} burst {burst}")
+        }
+        LinkFaultKind::Bursts { probability, mean_burst_ns } => {
+            format!("bursts {link} of {probability} mean {}", in_seconds(mean_burst_ns))
+        }
+        LinkFaultKind::Fading { range_m, exponent } => {
+            format!("fading {link} range {range_m} exponent {exponent}")
+        }
+        LinkFaultKind::Delay { delay_ns, jitter_ns: 0 } => {
+            format!("delay {link} by {}", in_seconds(delay_ns))
+        }
+        LinkFaultKind::Delay { delay_ns, jitter_ns } => {
+            let (by_s, jitter_s) = (in_seconds(delay_ns), in_seconds(jitter_ns));
+            format!("delay {link} by {by_s} jitter {jitter_s}")
         }
     }
 }
@@ -295,8 +373,12 @@ pub struct FaultError {
 pub fn parse(argument: &str) -> Result<Table, FaultError> {
     let mut words = argument.split_whitespace();
     let kind = words.next().unwrap_or_default();
-    let Some(form) = FORMS.iter().find(|form| form.kind == kind) else {
-        let kinds: Vec<&str> = FORMS.iter().map(|form| form.kind).collect();
+    // A link is written with an arrow.
+    let is_link = words.clone().next().is_some_and(|subject| subject.contains("->"));
+    let has_stream = FORMS.iter().any(|form| form.kind == kind && form.subject == Subject::Stream);
+    let stream = has_stream && !is_link && words.clone().next().is_some();
+    let Some(form) = Form::of(kind, stream) else {
+        let kinds: Vec<&str> = kinds().collect();
         let reason = match kind {
             "" => "it is empty".to_owned(),
             kind => format!("there is no fault `{kind}`"),
@@ -312,7 +394,7 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
     let mut table = Table::new();
     table["kind"] = value(kind);
     match form.subject {
-        Subject::Robot | Subject::Sensor => {
+        Subject::Robot | Subject::Sensor | Subject::Stream => {
             let robot = words.next().ok_or_else(|| wrong(format!("`{kind}` needs a robot")))?;
             table["robot"] = value(robot);
         }
@@ -328,6 +410,14 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
     if form.subject == Subject::Sensor {
         let sensor = words.next().ok_or_else(|| wrong(format!("`{kind}` needs a sensor")))?;
         table["sensor"] = value(sensor);
+    }
+    if form.subject == Subject::Stream {
+        let stream = words.next().filter(|word| ["odometry", "commands"].contains(word));
+        table["stream"] = value(stream.ok_or_else(|| {
+            wrong(format!(
+                "`{kind}` needs a link, such as r1->r2, or a robot's odometry or commands"
+            ))
+        })?);
     }
     while let Some(word) = words.next() {
         let of_time = match word {
@@ -421,6 +511,24 @@ mod tests {
                 "kind = 'wheels', robot = 'r2', speed_max_m_s = 0.2, at_s = 5.0",
             ),
             ("load of 2 @5", "kind = 'load', processes = 2, at_s = 5.0"),
+            (
+                "bursts a->b of 0.2 mean 0.1 @1",
+                "kind = 'bursts', from = 'a', to = 'b', probability = 0.2, mean_burst_s = 0.1, \
+                 at_s = 1.0",
+            ),
+            (
+                "fading a->b range 4 exponent 3 @1",
+                "kind = 'fading', from = 'a', to = 'b', range_m = 4.0, exponent = 3.0, at_s = 1.0",
+            ),
+            (
+                "loss * commands of 0.2 @0",
+                "kind = 'loss', robot = '*', stream = 'commands', probability = 0.2, at_s = 0.0",
+            ),
+            (
+                "delay r1 odometry by 0.04 jitter 0.01 @1 for 2",
+                "kind = 'delay', robot = 'r1', stream = 'odometry', delay_s = 0.04, \
+                 jitter_s = 0.01, at_s = 1.0, for_s = 2.0",
+            ),
         ] {
             let found = parse(argument).unwrap().to_string();
             assert_eq!(found.trim().replace('\n', ", ").replace('"', "'"), table, "{argument}");
@@ -444,6 +552,9 @@ mod tests {
             ("kill r2 @1 @2", "`@2` says again"),
             ("kill r2 @1 for 2", "`for` has no place"),
             ("cut r1 @1", "needs a link"),
+            ("loss r1 @1", "needs a link, such as r1->r2, or a robot's odometry"),
+            ("delay r1 proximity by 1 @1", "needs a link, such as r1->r2, or a robot's odometry"),
+            ("delay", "needs a link"),
             ("noise r1", "needs a sensor"),
             ("load of 1.5 @1", "`of 1.5` is not a whole number"),
         ] {

@@ -1,15 +1,18 @@
 //! What breaks in a scenario, and that it can: all `[[fault]]`, and `[chaos]`.
 
 use formation::graph::FormationGraph;
-use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind, WheelFaultKind};
+use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind, Stream, WheelFaultKind};
 
 use super::chaos::Chaos;
 use super::diagnostic::Diagnostic;
-use super::fault::{FORMS, Form};
+use super::fault::{Form, kinds};
 use super::lives::Lives;
 use super::robots::robot_named;
 use super::table::{Table, Value};
 use super::{Fault, FaultKind, Robot, seconds};
+
+/// In place of a robot's name: every one.
+const EVERY: &str = "*";
 
 /// What faults of a scenario may name, and when.
 pub(super) struct Scene<'a> {
@@ -24,7 +27,7 @@ pub(super) fn faults(root: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, 
     let mut planned = Vec::new();
     for table in root.tables("fault")? {
         let at = table.need("at_s")?;
-        planned.push((fault(&table, &at, scene)?, at));
+        planned.extend(fault(&table, &at, scene)?.into_iter().map(|fault| (fault, at.clone())));
     }
     planned.sort_by_key(|(fault, _)| fault.at_ns);
     let mut lives = Lives::new(scene.robots.len());
@@ -44,11 +47,13 @@ pub(super) fn faults(root: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, 
     Ok(faults)
 }
 
-/// One `[[fault]]`.
-fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Fault, Diagnostic> {
-    let kinds: Vec<(&str, &Form)> = FORMS.iter().map(|form| (form.kind, form)).collect();
-    let form = table.need("kind")?.word(&kinds)?;
-    table.only_of(form.kind)?;
+/// One `[[fault]]`, which may strike many.
+fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, Diagnostic> {
+    let kinds: Vec<(&str, &str)> = kinds().map(|kind| (kind, kind)).collect();
+    let kind = table.need("kind")?.word(&kinds)?;
+    let stream = table.get("robot").is_some() || table.get("stream").is_some();
+    let form = Form::of(kind, stream).expect("a kind has a form");
+    table.only_with(&[form.needs(), form.may()].concat())?;
     let at_ns = at.time_ns()?;
     if at_ns >= scene.duration_ns {
         return Err(at.wrong(
@@ -58,9 +63,39 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Fault, 
     }
     let for_ns = table.get("for_s").map(|lasts| lasts.time_ns()).transpose()?;
     let robot_value = || table.need("robot");
-    let robot = || robot_named(&robot_value()?, scene.robots);
+    let robots = || {
+        let value = robot_value()?;
+        match value.text("expected a name")? {
+            EVERY => Ok((0..scene.robots.len()).collect()),
+            _ => robot_named(&value, scene.robots).map(|robot| vec![robot]),
+        }
+    };
+    let each = |of: &dyn Fn(usize) -> FaultKind| -> Result<Vec<FaultKind>, Diagnostic> {
+        let robots: Vec<usize> = robots()?;
+        Ok(robots.into_iter().map(of).collect())
+    };
+    let carried = |kind: LinkFaultKind| -> Result<Vec<FaultKind>, Diagnostic> {
+        if !stream {
+            let link = |edge| FaultKind::Link { edge, kind: kind.clone() };
+            return Ok(edges(table, scene)?.into_iter().map(link).collect());
+        }
+        let words = [("odometry", Stream::Odometry), ("commands", Stream::Commands)];
+        let stream = table.need("stream")?.word(&words)?;
+        each(&|robot| FaultKind::Stream { robot, stream, kind: kind.clone() })
+    };
+    let share = || {
+        let value = table.need("probability")?;
+        let share = value.number()?;
+        match share > 1.0 {
+            true => Err(value.wrong(
+                format!("is {share}"),
+                "expected a share of what is sent, above 0 and at most 1",
+            )),
+            false => Ok(share),
+        }
+    };
     let delay_ns = || table.need("delay_s")?.time_ns();
-    let kind = match form.kind {
+    let struck = match form.kind {
         "kill" => {
             let restart = table.get("restart_after_s");
             if robot_value()?.text("expected a name")? == "plant" {
@@ -70,38 +105,37 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Fault, 
                         "expected none: with the plant's death the run ends, with exit code 4",
                     ));
                 }
-                FaultKind::KillPlant
+                vec![FaultKind::KillPlant]
             } else {
                 let restart_after_ns = restart.map(|after| after.time_ns()).transpose()?;
-                FaultKind::Kill { robot: robot()?, restart_after_ns }
+                each(&|robot| FaultKind::Kill { robot, restart_after_ns })?
             }
         }
-        "freeze" => FaultKind::Freeze { robot: robot()? },
-        "slow" => FaultKind::Slow { robot: robot()?, delay_ns: delay_ns()? },
-        "cut" => FaultKind::Link { edge: edge(table, scene)?, kind: LinkFaultKind::Cut },
+        "freeze" => each(&|robot| FaultKind::Freeze { robot })?,
+        "slow" => {
+            let delay_ns = delay_ns()?;
+            each(&|robot| FaultKind::Slow { robot, delay_ns })?
+        }
+        "cut" => carried(LinkFaultKind::Cut)?,
         "loss" => {
-            let share = table.need("probability")?;
-            let probability = share.number()?;
-            if probability > 1.0 {
-                return Err(share.wrong(
-                    format!("is {probability}"),
-                    "expected a share of the beacons, above 0 and at most 1",
-                ));
-            }
-            let burst = table.whole("burst")?;
-            let kind = LinkFaultKind::Loss { probability, burst };
-            FaultKind::Link { edge: edge(table, scene)?, kind }
+            carried(LinkFaultKind::Loss { probability: share()?, burst: table.whole("burst")? })?
         }
+        "bursts" => carried(LinkFaultKind::Bursts {
+            probability: share()?,
+            mean_burst_ns: table.need("mean_burst_s")?.time_ns()?,
+        })?,
+        "fading" => carried(LinkFaultKind::Fading {
+            range_m: table.number("range_m")?,
+            exponent: table.number("exponent")?,
+        })?,
         "delay" => {
             let jitter_ns = table.time_ns("jitter_s")?;
-            let kind = LinkFaultKind::Delay { delay_ns: delay_ns()?, jitter_ns };
-            FaultKind::Link { edge: edge(table, scene)?, kind }
+            carried(LinkFaultKind::Delay { delay_ns: delay_ns()?, jitter_ns })?
         }
-        "blackout" => FaultKind::Sensor {
-            robot: robot()?,
-            sensor: sensor(table)?,
-            kind: SensorFaultKind::Blackout,
-        },
+        "blackout" => {
+            let (sensor, kind) = (sensor(table)?, SensorFaultKind::Blackout);
+            each(&|robot| FaultKind::Sensor { robot, sensor, kind })?
+        }
         "noise" => {
             let (bound, sensor) = (table.need("bound_m")?, sensor(table)?);
             let (bound_m, heading_bound_rad) =
@@ -116,7 +150,7 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Fault, 
                 return Err(bound.wrong("is 0: there is no noise", "expected more than 0"));
             }
             let kind = SensorFaultKind::Noise { bound_m, heading_bound_rad };
-            FaultKind::Sensor { robot: robot()?, sensor, kind }
+            each(&|robot| FaultKind::Sensor { robot, sensor, kind })?
         }
         "wheels" => {
             let kind = match (table.get("stuck"), table.get("speed_max_m_s")) {
@@ -132,23 +166,38 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Fault, 
                     return Err(table.missing("stuck", "or else `speed_max_m_s`, in m/s"));
                 }
             };
-            FaultKind::Wheels { robot: robot()?, kind }
+            each(&|robot| FaultKind::Wheels { robot, kind })?
         }
         "load" => {
             let processes = table.need("processes")?;
-            FaultKind::Load { processes: processes.whole()? as usize }
+            vec![FaultKind::Load { processes: processes.whole()? as usize }]
         }
         other => unreachable!("{other} is a form, and read here"),
     };
-    Ok(Fault { at_ns, for_ns, kind })
+    Ok(struck.into_iter().map(|kind| Fault { at_ns, for_ns, kind }).collect())
 }
 
-/// The place of the edge that `from` and `to` name.
-fn edge(table: &Table<'_>, scene: &Scene<'_>) -> Result<usize, Diagnostic> {
+/// The places of the edges that `from` and `to` name.
+fn edges(table: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<usize>, Diagnostic> {
     let (from, to) = (table.need("from")?, table.need("to")?);
-    let ends = [robot_named(&from, scene.robots)?, robot_named(&to, scene.robots)?];
+    let named = |value: &Value<'_>| match value.text("expected a name")? {
+        EVERY => Ok(None),
+        _ => robot_named(value, scene.robots).map(Some),
+    };
+    let [speaker, hearer] = [named(&from)?, named(&to)?];
+    let (Some(speaker), Some(hearer)) = (speaker, hearer) else {
+        let of = |robot: Option<usize>, end: usize| robot.is_none_or(|robot| robot == end);
+        let edges = scene.graph.edges().iter().enumerate();
+        let meant = edges.filter(|(_, edge)| of(speaker, edge.from) && of(hearer, edge.to));
+        let meant: Vec<usize> = meant.map(|(place, _)| place).collect();
+        return match meant.is_empty() {
+            false => Ok(meant),
+            true => Err(to.wrong("names no link", "expected one that exists")),
+        };
+    };
+    let ends = [speaker, hearer];
     let found = scene.graph.edges().iter().position(|edge| [edge.from, edge.to] == ends);
-    found.ok_or_else(|| {
+    found.map(|place| vec![place]).ok_or_else(|| {
         let [speaker, hearer] = ends.map(|end| scene.robots[end].name.as_str());
         let heard = scene.graph.heard_by(ends[1]);
         let heard: Vec<&str> = heard.map(|edge| scene.robots[edge.from].name.as_str()).collect();

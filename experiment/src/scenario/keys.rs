@@ -1056,6 +1056,8 @@ const FAULT: &[Key] = &[
             ("slow", ""),
             ("cut", ""),
             ("loss", ""),
+            ("bursts", ""),
+            ("fading", ""),
             ("delay", ""),
             ("blackout", ""),
             ("noise", ""),
@@ -1066,9 +1068,18 @@ const FAULT: &[Key] = &[
         "\"kill\", \"freeze\", \"cut\", ...",
     )
     .guessed(&["type", "fault", "what"]),
-    key("robot", Text, Needed, "the name of a robot").guessed(&["name", "agent", "target", "who"]),
-    key("from", Text, Needed, "the robot that is heard").guessed(&["source", "sender"]),
-    key("to", Text, Needed, "the robot that hears").guessed(&["receiver"]),
+    key("robot", Text, Needed, "the name of a robot, or \"*\" for each")
+        .guessed(&["name", "agent", "target", "who"]),
+    key("from", Text, Needed, "the robot that is heard, or \"*\" for each")
+        .guessed(&["source", "sender"]),
+    key("to", Text, Needed, "the robot that hears, or \"*\" for each").guessed(&["receiver"]),
+    key(
+        "stream",
+        Word(&[("odometry", "what it senses"), ("commands", "how it is to move")]),
+        Needed,
+        "\"odometry\" or \"commands\"",
+    )
+    .guessed(&["what", "topic", "channel"]),
     key(
         "sensor",
         Word(&[("odometry", "its own pose"), ("proximity", "where others are")]),
@@ -1093,10 +1104,21 @@ const FAULT: &[Key] = &[
         "by how much the delay varies at most",
     )
     .guessed(&["jitter_ms"]),
-    key("probability", Number("", Positive), Needed, "share of the beacons that are lost")
+    key("probability", Number("", Positive), Needed, "share of what is sent that is lost")
         .guessed(&["p", "rate", "share", "loss"]),
-    key("burst", Whole(1, BURST_MAX), Otherwise::Whole(1), "how many beacons are lost together")
+    key("burst", Whole(1, BURST_MAX), Otherwise::Whole(1), "how many are lost together")
         .guessed(&["burst_length"]),
+    key("mean_burst_s", Time(Positive), Needed, "how long the link stays bad on average")
+        .guessed(&["mean_burst", "burst_time", "bad"]),
+    key("range_m", Number("m", Positive), Needed, "the distance at which 37 % (1/e) get through")
+        .guessed(&["range", "distance", "reach"]),
+    key(
+        "exponent",
+        Number("", Positive),
+        Otherwise::Number(2.0),
+        "exponent of the path loss: 2 in free space",
+    )
+    .guessed(&["n", "path_loss"]),
     key(
         "bound_m",
         Number("m", NotNegative),

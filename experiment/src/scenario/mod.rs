@@ -65,7 +65,7 @@ use protocol::brief::{
     AvoidanceBrief, LeadBrief, LimitsBrief, Pace, PublishedVelocity, RampKind, Rank, SilenceBrief,
     WheelsBrief,
 };
-use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind, Span, WheelFaultKind};
+use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind, Span, Stream, WheelFaultKind};
 use protocol::law::{Reference, Role};
 
 /// One experiment. Robots are numbered by their place in the file, from 0.
@@ -217,6 +217,15 @@ pub enum FaultKind {
         /// What is wrong with it.
         kind: LinkFaultKind,
     },
+    /// A robot's own stream that loses or delays what it carries.
+    Stream {
+        /// Whose.
+        robot: usize,
+        /// Which.
+        stream: Stream,
+        /// What is wrong with it.
+        kind: LinkFaultKind,
+    },
     /// A sensor that sees nothing, or not exactly.
     Sensor {
         /// Whose.
@@ -304,16 +313,42 @@ pub struct Expectations {
 impl Scenario {
     /// H: how long after the stamp it answers a command may act, ns.
     ///
-    /// Lockstep: T. Real time: T_p + L + h T.
+    /// Lockstep: T. Real time: T_p + L + h T. And how late faults make odometry and commands.
     pub fn command_lifetime_ns(&self, pace: Pace) -> u64 {
-        match pace {
+        let in_time_ns = match pace {
             Pace::Lockstep => self.period_ns,
             Pace::Realtime => {
                 self.plant_tick_ns
                     + self.latency_allowed_ns
                     + u64::from(self.hold_periods) * self.period_ns
             }
-        }
+        };
+        in_time_ns + self.late_ns(pace)
+    }
+
+    /// How much later than without faults a robot's commands may arrive, ns: its odometry is looked at
+    /// once a period, its commands once a tick of the plant. The largest of all robots.
+    pub fn late_ns(&self, pace: Pace) -> u64 {
+        let plant_tick_ns = match pace {
+            Pace::Lockstep => self.period_ns,
+            Pace::Realtime => self.plant_tick_ns,
+        };
+        let late_ns = |i: usize, of: Stream, looked_at_ns: u64| {
+            let delays_ns = self.faults.iter().filter_map(|fault| match fault.kind {
+                FaultKind::Stream {
+                    robot,
+                    stream,
+                    kind: LinkFaultKind::Delay { delay_ns, jitter_ns },
+                } if (robot, stream) == (i, of) => Some(delay_ns + jitter_ns),
+                _ => None,
+            });
+            delays_ns.max().unwrap_or(0).div_ceil(looked_at_ns) * looked_at_ns
+        };
+        let of_robot_ns = |i| {
+            late_ns(i, Stream::Odometry, self.period_ns)
+                + late_ns(i, Stream::Commands, plant_tick_ns)
+        };
+        (0..self.robots.len()).map(of_robot_ns).max().unwrap_or(0)
     }
 
     /// What robot `i` runs in place of the built-in agent, if its law is in a program of its own.

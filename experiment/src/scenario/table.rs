@@ -112,6 +112,11 @@ impl<'t> Table<'t> {
         self.only_these(&of_kind, false)
     }
 
+    /// Refuses keys other than `kind` and these.
+    pub fn only_with(&self, keys: &[&str]) -> Result<(), Diagnostic> {
+        self.only_these(&|key: &Key| key.name == "kind" || keys.contains(&key.name), false)
+    }
+
     fn only_these(&self, may: &dyn Fn(&Key) -> bool, elsewhere: bool) -> Result<(), Diagnostic> {
         let rows: Vec<&Key> = self.section.keys.iter().filter(|key| may(key)).collect();
         let mut keys: Vec<_> = self.keys().collect();

@@ -46,6 +46,7 @@ fn brief(ramp: RampKind, wheel_faults: Vec<protocol::fault::WheelFault>) -> Plan
             start: START,
             sensor_faults: Vec::new(),
             wheel_faults,
+            command_faults: Vec::new(),
         }],
     }
 }

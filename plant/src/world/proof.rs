@@ -57,6 +57,7 @@ fn world() -> World {
             start: Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 },
             sensor_faults: Vec::new(),
             wheel_faults: Vec::new(),
+            command_faults: Vec::new(),
         }],
     })
 }

@@ -139,6 +139,7 @@ mod tests {
                 start: Pose { x_m: -0.1, y_m: 0.0, heading_rad: 0.0 },
                 sensor_faults: Vec::new(),
                 wheel_faults: Vec::new(),
+                command_faults: Vec::new(),
             }],
         }
     }

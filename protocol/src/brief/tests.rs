@@ -22,6 +22,7 @@ fn agent() -> AgentBrief {
         period_ns: 5_000_000,
         plant_tick_ns: 1_000_000,
         command_lifetime_ns: 13_000_000,
+        late_ns: 4_000_000,
         front_point_m: 0.045,
         law: "formation-unit".into(),
         gains: [("speed_m_s".into(), 0.1)].into(),
@@ -63,6 +64,8 @@ fn agent() -> AgentBrief {
             policy: SilencePolicy::Ignore,
         },
         slow: vec![SlowFault { span: SPAN, delay_ns: 7 }],
+        odometry_faults: vec![fault(LinkFaultKind::Bursts { probability: 0.2, mean_burst_ns: 9 })],
+        command_faults: vec![fault(LinkFaultKind::Fading { range_m: 4.0, exponent: 2.5 })],
         links_by_hand: true,
         neighbors: vec![NeighborBrief {
             name: "r2".into(),
@@ -113,6 +116,7 @@ fn plant() -> PlantBrief {
                 seed: 1,
             }],
             wheel_faults: vec![WheelFault { span: SPAN, kind: WheelFaultKind::Stuck }],
+            command_faults: vec![LinkFault { span: SPAN, kind: LinkFaultKind::Cut, seed: 5 }],
         }],
     }
 }

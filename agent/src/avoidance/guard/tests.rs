@@ -23,6 +23,7 @@ pub(in super::super) fn brief() -> AgentBrief {
         period_ns: 10_000_000,
         plant_tick_ns: 1_000_000,
         command_lifetime_ns: 25_000_000,
+        late_ns: 0,
         front_point_m: 0.1,
         law: String::new(),
         gains: Default::default(),
@@ -51,6 +52,8 @@ pub(in super::super) fn brief() -> AgentBrief {
             policy: SilencePolicy::Ignore,
         },
         slow: Vec::new(),
+        odometry_faults: Vec::new(),
+        command_faults: Vec::new(),
         links_by_hand: false,
         neighbors: Vec::new(),
     }

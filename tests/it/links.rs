@@ -1,0 +1,124 @@
+//! Links that fail as radios do, and odometry and commands that are late or lost: the guard keeps d in
+//! both paces, and who believes in a shorter H does not.
+
+use agent::brain::{Brain, Parts};
+use agent::laws::{Law, Situation};
+use experiment::check::Theory;
+use formation::Vec2;
+use metrics::Measures;
+use protocol::brief::{AgentBrief, Pace};
+
+use crate::harness::run;
+use crate::hostile::{hostile, margin};
+use crate::model::{ADVERSARIES, Fleet, Wish};
+use crate::oracle::{simulate, simulate_with, with_faults};
+
+/// 20 % lost in bursts, and 40 ms and more of delay, each way.
+const LATE: [&str; 4] = [
+    "bursts * odometry of 0.2 mean 0.1 @0",
+    "bursts * commands of 0.2 mean 0.1 @0",
+    "delay * odometry by 0.04 @0",
+    "delay * commands by 0.04 jitter 0.02 @0.5",
+];
+
+/// Drives at its nearest neighbor as fast as it can.
+struct Ram {
+    speed_m_s: f64,
+}
+
+impl Law for Ram {
+    fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
+        let nearest = situation.away.first().copied().unwrap_or_else(Vec2::zeros);
+        -self.speed_m_s * nearest / nearest.norm().max(f64::MIN_POSITIVE)
+    }
+}
+
+/// Robots that go to goals and ram each other on the way, in lockstep; `believed` changes what they are
+/// told.
+fn ramming(set: &[&str], faults: &[&str], believed: impl Fn(&mut AgentBrief)) -> Measures {
+    let scenario = with_faults("antipodal-8", set, faults);
+    simulate_with(&scenario, &|brief, incarnation| {
+        let mut brief = brief.clone();
+        believed(&mut brief);
+        let parts = Parts::of(&brief).expect("a checked brief");
+        let law = Box::new(Ram { speed_m_s: brief.avoidance.speed_max_m_s });
+        Brain::with_parts(&brief, incarnation, Parts { law, ..parts })
+    })
+}
+
+#[test]
+fn check_says_how_late_odometry_and_commands_are_and_h_has_room_for_it() {
+    let set = ["period_s=0.02"];
+    let scenario = with_faults("triangle", &set, &LATE);
+    let guard = Theory::of(&scenario).guard;
+    // 2 ticks and 3; and 40 ms and 60 ms in real time.
+    assert_eq!(guard.late_s, [0.1, 0.1]);
+    assert_eq!((guard.lifetime_lockstep_s, guard.lifetime_realtime_s), (0.12, 0.143));
+    let lossy = with_faults("triangle", &set, &LATE[..2]);
+    assert_eq!(lossy.late_ns(Pace::Lockstep), 0);
+    assert_eq!(lossy.faults.len(), 6, "each of the three robots, twice");
+}
+
+#[test]
+fn in_lockstep_nobody_comes_nearer_than_d_however_late_odometry_and_commands_are() {
+    let kills = ["kill r1 @2 restart 0.1", "kill r5 @3 restart 0.02", "freeze r3 @4 for 0.5"];
+    let faults = [&LATE[..], &kills].concat();
+    for period in ["period_s=0.02", "period_s=0.005"] {
+        for seed in 1..=4 {
+            let set = [period, "duration_s=10", &format!("seed={seed}")];
+            let measures = ramming(&set, &faults, |_| ());
+            let apart_m = measures.min_distance_m.unwrap();
+            let d_m = with_faults("antipodal-8", &set, &[]).avoidance.distance_min_m;
+            assert!(apart_m >= d_m, "{set:?}: {apart_m} m");
+            // They did ram.
+            assert!(apart_m < 1.02 * d_m, "{set:?}: {apart_m} m");
+        }
+    }
+}
+
+#[test]
+fn who_believes_that_commands_are_in_time_breaks_d() {
+    let set = ["period_s=0.02", "duration_s=10"];
+    let measures = ramming(&set, &LATE, |brief| {
+        (brief.command_lifetime_ns, brief.late_ns) = (brief.period_ns, 0);
+    });
+    let d_m = with_faults("antipodal-8", &set, &[]).avoidance.distance_min_m;
+    assert!(measures.min_distance_m.unwrap() < d_m - 1e-3, "{:?}", measures.min_distance_m);
+}
+
+#[test]
+fn in_the_model_of_real_time_nobody_comes_nearer_than_d_either() {
+    let mut seed = 77_000;
+    for period in ["period_s=0.005", "period_s=0.02"] {
+        for name in ["triangle", "pentagon", "antipodal-8"] {
+            let fleet = Fleet::of(&with_faults(name, &[period, "expect={}"], &LATE));
+            for adversary in ADVERSARIES {
+                for wish in [Wish::Law, Wish::Ram] {
+                    seed += 1;
+                    let (margin_m, outcome) = margin(&fleet, hostile(seed, adversary, wish));
+                    assert!(margin_m >= 0.0, "{name}, {period}, {seed}: {margin_m}, {outcome:?}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn late_robots_still_come_to_their_places() {
+    for (name, set) in [("triangle", "period_s=0.02"), ("antipodal-8", "period_s=0.02")] {
+        let set = [set, "duration_s=60", "expect={}"];
+        let measures = simulate(&with_faults(name, &set, &LATE));
+        let error_m = measures.final_error_m_max.unwrap();
+        assert!(error_m < 0.02, "{name}: {error_m} m");
+    }
+}
+
+#[test]
+fn in_real_time_late_robots_keep_d_and_come_to_their_places() {
+    let faulty = LATE.into_iter().fold(run("triangle"), |run, fault| run.fault(fault));
+    let ended = faulty.set("duration_s=20").set("expect={}").finish();
+    ended.exits_with(0).leaves_nothing();
+    ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
+    ended.claim(ended.number("/violations") == 0.0, "at no arc's end");
+    ended.claim(ended.number("/final_error_m_max") < 0.02, "the formation stands");
+}

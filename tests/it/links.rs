@@ -21,15 +21,15 @@ const LATE: [&str; 4] = [
     "delay * commands by 0.04 jitter 0.02 @0.5",
 ];
 
-/// Drives at its nearest neighbor as fast as it can.
+/// Drives at its nearest neighbor as fast as it can, and to its goal while nobody is near.
 struct Ram {
     speed_m_s: f64,
 }
 
 impl Law for Ram {
     fn gamma(&mut self, situation: &Situation<'_>) -> Vec2 {
-        let nearest = situation.away.first().copied().unwrap_or_else(Vec2::zeros);
-        -self.speed_m_s * nearest / nearest.norm().max(f64::MIN_POSITIVE)
+        let from = situation.away.first().copied().unwrap_or(situation.error);
+        -self.speed_m_s * from / from.norm().max(f64::MIN_POSITIVE)
     }
 }
 
@@ -65,20 +65,20 @@ fn in_lockstep_nobody_comes_nearer_than_d_however_late_odometry_and_commands_are
     let faults = [&LATE[..], &kills].concat();
     for period in ["period_s=0.02", "period_s=0.005"] {
         for seed in 1..=4 {
-            let set = [period, "duration_s=10", &format!("seed={seed}")];
+            let set = [period, "duration_s=10", "expect={}", &format!("seed={seed}")];
             let measures = ramming(&set, &faults, |_| ());
             let apart_m = measures.min_distance_m.unwrap();
             let d_m = with_faults("antipodal-8", &set, &[]).avoidance.distance_min_m;
             assert!(apart_m >= d_m, "{set:?}: {apart_m} m");
-            // They did ram.
-            assert!(apart_m < 1.02 * d_m, "{set:?}: {apart_m} m");
+            // They did come near.
+            assert!(apart_m < 1.3 * d_m, "{set:?}: {apart_m} m");
         }
     }
 }
 
 #[test]
 fn who_believes_that_commands_are_in_time_breaks_d() {
-    let set = ["period_s=0.02", "duration_s=10"];
+    let set = ["period_s=0.02", "duration_s=10", "expect={}"];
     let measures = ramming(&set, &LATE, |brief| {
         (brief.command_lifetime_ns, brief.late_ns) = (brief.period_ns, 0);
     });

@@ -574,7 +574,9 @@ fn openings(scenario: &Scenario, findings: &mut Vec<Finding>) {
     };
     let Some(&Scale::Closing { from, hold_s, .. }) = scenario.scale() else {
         let smallest = scenario.scale().map_or(1.0, |scale| scale.range()[0]);
-        if smallest * opening.gap_m >= opening.passage_m {
+        // Nearer than d_f nobody stays in any case, which is said by Remark 1.
+        let gaps = 0.5 * opening.passage_m..opening.passage_m;
+        if !gaps.contains(&(smallest * opening.gap_m)) {
             return;
         }
         let Some(ringed) = locked_out(scenario, opening.passage_m / smallest) else { return };

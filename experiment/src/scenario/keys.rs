@@ -1015,7 +1015,7 @@ const SCALE: &[Key] = &[
     key(
         "hold_s",
         Time(NotNegative),
-        Rule("twice what the longest way from a start to a place takes; four times where no place is fixed"),
+        Rule("what the longest way from a start to a place takes, times a fifth of the number of robots, 2 at least; 3.5 times that where no place is fixed"),
         "how long it stays open",
     )
     .guessed(&["hold", "open_s", "wait"]),

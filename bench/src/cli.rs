@@ -210,7 +210,7 @@ fn measure(args: &BenchArgs, stop: &Stop) -> Result<Report, BenchError> {
         rows.extend(realtime::measure(setting, &robots, seconds)?);
     }
     if args.only.contains(&Part::Causes) {
-        let measured = causes::measure(&setting, REALTIME * seconds)?;
+        let measured = causes::measure(setting, REALTIME * seconds)?;
         rows.extend(measured.0);
         notes.extend(measured.1);
     }

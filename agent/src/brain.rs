@@ -2,6 +2,9 @@
 //!
 //! Pure: no I/O, no clock, no iceoryx2. The same brain runs in a process of its own and, composed
 //! with the plant's world, inside a test that foretells the process's every bit.
+//!
+//! An answer has three steps: [`Brain::sense`] takes a sample in, the law says what it wants in the
+//! situation at hand, and [`Brain::act`] makes an answer of that. Whoever trains a law takes them apart.
 
 use formation::Vec2;
 use formation::front_point::{front_point, front_velocity};
@@ -69,13 +72,10 @@ pub struct Brain {
     role: Box<dyn Role>,
     incarnation: u64,
     front_point_m: f64,
-    period_s: f64,
-    age_periods: f64,
     law: Box<dyn Law>,
     avoidance: Box<dyn Avoidance>,
     neighborhood: Neighborhood,
-    /// What is known of them at the sample at hand.
-    heard: Vec<Heard>,
+    now: Now,
     /// From each neighbour, in the brief's order.
     links: Vec<Link<Beacon>>,
     /// From its own sensors, where that may fail.
@@ -92,14 +92,34 @@ pub struct Brain {
     /// Where it found itself last, m.
     front_point: Option<Vec2>,
     /// The previous sample's stamp, ns, and front point; kept only where velocities are differenced.
-    sensed: Option<(u64, Vec2)>,
-    away: Vec<Vec2>,
+    before: Option<(u64, Vec2)>,
     velocities: Vec<Vec2>,
     walls: Vec<Vec2>,
     sequence: u64,
     beacons_refused: u64,
     newest: Option<(u64, u64)>,
 }
+
+/// The sample at hand, and what it tells.
+struct Now {
+    period_s: f64,
+    age_periods: f64,
+    /// Of which the pose is valid; `None`: nothing to answer.
+    odometry: Option<Odometry>,
+    /// alpha, m.
+    front_point: Vec2,
+    /// alpha - alpha*, m; `None`: nothing to go by.
+    error: Option<Vec2>,
+    /// The same as the law is to see it, and alpha*', m/s.
+    target: Option<(Vec2, Vec2)>,
+    /// Own front point - that of each robot near, m.
+    away: Vec<Vec2>,
+    /// What is known of those heard.
+    heard: Vec<Heard>,
+}
+
+/// What a robot with nothing to go by does.
+const STAND: Wish = Wish::Velocity(Vec2::new(0.0, 0.0));
 
 /// What a brain answers to one odometry sample.
 #[derive(Debug, Clone, Copy)]
@@ -125,12 +145,19 @@ impl Brain {
             role,
             incarnation,
             front_point_m: brief.front_point_m,
-            period_s: brief.period_ns as f64 / 1e9,
-            age_periods: age_periods(brief),
             law,
             avoidance,
             neighborhood: Neighborhood::new(&brief.neighbors, brief.silence.clone()),
-            heard: Vec::with_capacity(brief.neighbors.len()),
+            now: Now {
+                period_s: brief.period_ns as f64 / 1e9,
+                age_periods: age_periods(brief),
+                odometry: None,
+                front_point: Vec2::zeros(),
+                error: None,
+                target: None,
+                away: Vec::with_capacity(PROXIMITY_MAX),
+                heard: Vec::with_capacity(brief.neighbors.len()),
+            },
             links: brief.neighbors.iter().map(|neighbor| Link::new(&neighbor.faults)).collect(),
             odometry: (!brief.odometry_faults.is_empty())
                 .then(|| Link::new(&brief.odometry_faults)),
@@ -141,8 +168,7 @@ impl Brain {
             news: false,
             published_velocity: brief.published_velocity,
             front_point: None,
-            sensed: None,
-            away: Vec::with_capacity(PROXIMITY_MAX),
+            before: None,
             velocities: Vec::new(),
             walls: Vec::new(),
             sequence: 0,
@@ -211,8 +237,14 @@ impl Brain {
     /// the stamp at which the answer is expected to take effect, but for faults that delay it; the
     /// sample's own stamp in lockstep. The caller fills in `sent_ns`.
     pub fn answer(&mut self, odometry: &Odometry, effect_ns: u64) -> Option<Answer> {
-        let tick = odometry.tick;
-        self.newest = Some((tick, odometry.t_ns));
+        self.sense(odometry);
+        let wish = self.wish();
+        self.act(wish, effect_ns)
+    }
+
+    /// Takes an odometry sample in, and judges what is known of others as of then.
+    pub fn sense(&mut self, odometry: &Odometry) {
+        self.newest = Some((odometry.tick, odometry.t_ns));
         self.start_ns = odometry.stamp_ns.saturating_sub(odometry.t_ns);
         for place in 0..self.links.len() {
             while let Some(beacon) = self.links[place].due(odometry.t_ns) {
@@ -220,42 +252,46 @@ impl Brain {
                 let _ = self.hear_now(place, &beacon, odometry.stamp_ns);
             }
         }
-        self.news |= self.neighborhood.judge(tick, odometry.t_ns, odometry.stamp_ns);
-        let effect_ns = effect_ns + self.commands_late_ns(odometry.t_ns);
-        let arrived = self.arrived(odometry);
-        let odometry = match &self.odometry {
-            None => odometry,
-            Some(_) => arrived.as_ref()?,
+        self.news |= self.neighborhood.judge(odometry.tick, odometry.t_ns, odometry.stamp_ns);
+        (self.now.odometry, self.now.error, self.now.target) = (None, None, None);
+        let arrived = match &self.odometry {
+            None => Some(*odometry),
+            Some(_) => self.arrived(odometry),
         };
-        if odometry.pose_valid != 1 {
-            return None;
-        }
-
-        let pose = odometry.pose();
-        let t_s = odometry.t_ns as f64 / 1e9;
-        let alpha = front_point(pose, self.front_point_m); // (2)
+        let Some(odometry) = arrived.filter(|sample| sample.pose_valid == 1) else { return };
+        let alpha = front_point(odometry.pose(), self.front_point_m); // (2)
         self.front_point = Some(alpha);
-        let moment =
-            Moment { stamp_ns: odometry.stamp_ns, t_s, pose, neighborhood: &self.neighborhood };
-        self.away.clear();
-        self.away.extend(odometry.proximity().map(|other| alpha - other));
-        let target = self.role.target(&moment, &mut self.heard);
-        let error = target.as_ref().map(|target| alpha - target.position);
-        let wish = match target {
-            None => Wish::Velocity(Vec2::zeros()),
-            Some(target) => self.law.wish(&Situation {
-                error: self.avoidance.stand_off(&self.away, alpha - target.position),
-                desired_velocity: target.velocity,
-                period_s: self.period_s,
-                age_periods: self.age_periods,
-                t_s,
-                pose,
-                front_point: alpha,
-                twist: odometry.twist(),
-                away: &self.away,
-                heard: &self.heard,
-            }),
-        };
+        self.now.front_point = alpha;
+        self.now.away.clear();
+        self.now.away.extend(odometry.proximity().map(|other| alpha - other));
+        let target = self.role.target(&moment(&odometry, &self.neighborhood), &mut self.now.heard);
+        self.now.error = target.as_ref().map(|target| alpha - target.position);
+        self.now.target = target.map(|target| {
+            let error = alpha - target.position;
+            (self.avoidance.stand_off(&self.now.away, error), target.velocity)
+        });
+        self.now.odometry = Some(odometry);
+    }
+
+    /// What the law sees of the sample at hand; `None` if the robot has nothing to go by.
+    pub fn situation(&self) -> Option<Situation<'_>> {
+        self.now.situation()
+    }
+
+    /// What the law wants in the situation at hand. To be asked once.
+    pub fn wish(&mut self) -> Wish {
+        self.now.situation().map_or(STAND, |situation| self.law.wish(&situation))
+    }
+
+    /// The answer to the sample at hand, given what the law wants; a robot that has nothing to go by stands.
+    /// See [`Brain::answer`].
+    pub fn act(&mut self, wish: Wish, effect_ns: u64) -> Option<Answer> {
+        let (tick, t_ns) = self.newest?;
+        let effect_ns = effect_ns + self.commands_late_ns(t_ns);
+        let odometry = &self.now.odometry?;
+        let moment = moment(odometry, &self.neighborhood);
+        let (pose, t_s, alpha) = (moment.pose, moment.t_s, self.now.front_point);
+        let wish = self.now.target.map_or(STAND, |_| wish);
         let gamma = self.avoidance.admit(match wish {
             Wish::Velocity(gamma) => gamma,
             Wish::Twist(twist) => front_velocity(pose.heading_rad, self.front_point_m, twist),
@@ -278,13 +314,13 @@ impl Brain {
                 pose.heading_rad + odometry.twist().w_rad_s * until_effect_s,
             ),
             twist: odometry.twist(),
-            away: &self.away,
+            away: &self.now.away,
             proximity_valid: odometry.proximity_valid == 1,
             proximity_cut: odometry.proximity_cut == 1,
             velocities: &self.velocities,
             walls: &self.walls,
             walls_cut: odometry.walls_cut == 1,
-            error,
+            error: self.now.error,
         };
         let twist = match wish {
             Wish::Velocity(_) => self.avoidance.steer(&sample, gamma),
@@ -295,7 +331,10 @@ impl Brain {
             PublishedVelocity::GammaAndBeta => {
                 front_velocity(pose.heading_rad, self.front_point_m, twist)
             }
-            PublishedVelocity::Differenced => self.differenced(odometry.stamp_ns, alpha),
+            PublishedVelocity::Differenced => {
+                let before = self.before.replace((odometry.stamp_ns, alpha));
+                differenced(before, odometry.stamp_ns, alpha)
+            }
         };
 
         self.sequence += 1;
@@ -353,14 +392,6 @@ impl Brain {
         late_ns.max().unwrap_or(0)
     }
 
-    /// By how much alpha moved since the previous sample, over the time between, m/s.
-    fn differenced(&mut self, stamp_ns: u64, alpha: Vec2) -> Vec2 {
-        let before = self.sensed.replace((stamp_ns, alpha));
-        before.map_or(Vec2::zeros(), |(then_ns, was)| {
-            (alpha - was) / (stamp_ns.saturating_sub(then_ns).max(1) as f64 / 1e9)
-        })
-    }
-
     /// How old at `now_ns` the beacons are that answers go by: see [`Neighborhood::ages`].
     pub fn ages(&self, now_ns: u64) -> impl Iterator<Item = (usize, u64)> {
         self.neighborhood.ages(now_ns)
@@ -389,6 +420,41 @@ impl Brain {
         };
         (header, self.neighborhood.status())
     }
+}
+
+impl Now {
+    fn situation(&self) -> Option<Situation<'_>> {
+        let (odometry, (error, desired_velocity)) = (self.odometry.as_ref()?, self.target?);
+        Some(Situation {
+            error,
+            desired_velocity,
+            period_s: self.period_s,
+            age_periods: self.age_periods,
+            t_s: t_s(odometry),
+            pose: odometry.pose(),
+            front_point: self.front_point,
+            twist: odometry.twist(),
+            away: &self.away,
+            heard: &self.heard,
+        })
+    }
+}
+
+/// A sample as a role sees it.
+fn moment<'a>(odometry: &Odometry, neighborhood: &'a Neighborhood) -> Moment<'a> {
+    let (stamp_ns, pose) = (odometry.stamp_ns, odometry.pose());
+    Moment { stamp_ns, t_s: t_s(odometry), pose, neighborhood }
+}
+
+fn t_s(odometry: &Odometry) -> f64 {
+    odometry.t_ns as f64 / 1e9
+}
+
+/// By how much alpha moved since the sample `before`, over the time between, m/s.
+fn differenced(before: Option<(u64, Vec2)>, stamp_ns: u64, alpha: Vec2) -> Vec2 {
+    before.map_or(Vec2::zeros(), |(then_ns, was)| {
+        (alpha - was) / (stamp_ns.saturating_sub(then_ns).max(1) as f64 / 1e9)
+    })
 }
 
 #[cfg(test)]

@@ -245,3 +245,36 @@ fn a_law_that_wants_a_twist_gets_it_as_far_as_the_guard_permits_and_publishes_it
     assert!(twist(&blocked)[0].abs() < 1e-6, "{:?}", twist(&blocked));
     assert_eq!(blocked.beacon.velocity(), velocity);
 }
+
+#[test]
+fn an_answer_taken_apart_is_the_same_and_nobody_moves_who_has_nothing_to_go_by() {
+    let [mut whole, mut apart] = [(); 2].map(|()| Brain::new(&brief(), 0).unwrap());
+    let wanted = Vec2::new(0.1, 0.2);
+    assert!(apart.situation().is_none() && apart.act(Wish::Velocity(wanted), START_NS).is_none());
+    // Nobody was heard.
+    answered(&mut whole, 0);
+    apart.sense(&odometry(0));
+    assert!(apart.situation().is_none());
+    let answer = apart.act(Wish::Velocity(wanted), START_NS).expect("it knows where it is");
+    assert_eq!((answer.command.twist(), answer.beacon.velocity()), (Twist::ZERO, Vec2::zeros()));
+
+    let now_ns = START_NS + 10 * MS;
+    assert_eq!(whole.hear(0, &beacon(0), now_ns), Ok(()));
+    assert_eq!(apart.hear(0, &beacon(0), now_ns), Ok(()));
+    let answer = whole.answer(&odometry(10), now_ns).expect("it knows where it is");
+    apart.sense(&odometry(10));
+    // r5 stands at x = 3 m, and the front point 0.1 m ahead of x = 1.01 m.
+    let error = apart.situation().expect("r5 was heard").error;
+    assert!((error.x - (1.01 + 0.1 * 0.3f64.cos() - 3.0)).abs() < 1e-12, "{error:?}");
+    let wish = apart.wish();
+    let same = apart.act(wish, now_ns);
+    assert_eq!(format!("{same:?}"), format!("{:?}", Some(answer)));
+    assert_ne!(answer.beacon.velocity(), wanted);
+
+    apart.sense(&odometry(20));
+    let other =
+        apart.act(Wish::Velocity(wanted), START_NS + 20 * MS).expect("it knows where it is");
+    assert_eq!(other.beacon.velocity(), wanted, "no method bounds it");
+    apart.sense(&Odometry { pose_valid: 0, ..odometry(30) });
+    assert!(apart.situation().is_none() && apart.act(Wish::Velocity(wanted), now_ns).is_none());
+}

@@ -19,11 +19,14 @@ counter-clockwise from x.
 
 from __future__ import annotations
 
+import os
 import sys
-from typing import NoReturn
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 from . import _phalanx
 from ._phalanx import Neighbor, Odometry, Pose, Situation, Twist, __version__
+from .observation import Observation
 from .plant import Limits, Plant, Robot, Wheels
 from .runs import Figure, Run, RunError, load, run
 
@@ -33,6 +36,7 @@ __all__ = [
     "Law",
     "Limits",
     "Neighbor",
+    "Observation",
     "Odometry",
     "Plant",
     "Pose",
@@ -44,9 +48,13 @@ __all__ = [
     "Wheels",
     "__version__",
     "load",
+    "parallel_env",
     "run",
     "serve",
 ]
+
+if TYPE_CHECKING:
+    from .env import LockstepEnv
 
 
 class _WithGains:
@@ -128,3 +136,46 @@ def serve(part: type[Law] | type[Controller] | type[Plant]) -> NoReturn:
     if moves:
         sys.exit(_phalanx.serve_plant(part, words.brief, words.realtime_priority))
     sys.exit(_phalanx.serve(part, words.brief, words.incarnation, words.realtime_priority))
+
+
+def parallel_env(
+    scenario: str | os.PathLike[str],
+    *,
+    action: Literal["velocity", "twist"] = "velocity",
+    agents: Sequence[str] | None = None,
+    near: int = 4,
+    faults: Sequence[str] = (),
+    **overrides: Any,
+) -> LockstepEnv:
+    """A scenario as a parallel environment of PettingZoo, for training.
+
+    The world, the sensors, the links, the faults and the guard are those of ``phalanx run --pace lockstep``, bit
+    by bit, and so is what an agent knows. But this is no deployment: all robots are in this process, with
+    the world they are in, and nobody can be late, lost or killed but by the plan. What was trained here is to
+    be run as a ``Law`` or ``Controller``, in processes.
+
+    ``action``: what an agent answers with, two numbers within the scenario's ``speed_max_m_s``.
+    ``"velocity"``: the velocity of its front point, (x, y) in m/s in ``map``, as a ``Law`` answers;
+    ``"twist"``: (v, w) in m/s and rad/s, as a ``Controller`` answers. Either enters the avoidance method. The
+    action of an agent that has nothing to go by yet has no effect, as in a run, where no law is asked then.
+
+    ``agents``: which robots are agents; without, all. The others have their laws, which must be built in. The
+    program of an agent's law is not started: the law says only what the robot's role is.
+
+    Observations are ``Observation``s with room for everybody that some agent hears and for ``near`` robots
+    sensed near. Rewards: see ``LockstepEnv.step``. ``faults`` and ``overrides`` change the scenario, as those of
+    ``phalanx.run``: ``faults=["kill r2 @1 restart 2"]``, ``duration_s=5.0``. A robot that is killed and restarted
+    observes zeros meanwhile.
+
+    Raises ``ValueError`` with the diagnostic of ``phalanx check`` if the scenario is wrong, and ``ImportError``
+    without pettingzoo, gymnasium and numpy.
+    """
+    try:
+        from .env import LockstepEnv
+    except ImportError as error:
+        raise ImportError(
+            f"phalanx.parallel_env needs more packages ({error}): pip install pettingzoo gymnasium numpy"
+        ) from error
+    return LockstepEnv(
+        scenario, action=action, agents=agents, near=near, faults=faults, **overrides
+    )

@@ -1,8 +1,10 @@
 """What a robot knows at one odometry sample. SI; positions and velocities are (x, y) in the frame map."""
 
+import os
+from collections.abc import Sequence
 from typing import Literal, final
 
-__all__ = ["serve", "serve_plant", "Neighbor", "Odometry", "Pose", "Situation", "Twist", "__version__"]
+__all__ = ["Episode", "serve", "serve_plant", "Neighbor", "Odometry", "Pose", "Situation", "Twist", "__version__"]
 
 __version__: str
 
@@ -116,3 +118,38 @@ class Odometry:
 
 def serve(law: type, brief: str, incarnation: int, realtime_priority: bool) -> int: ...
 def serve_plant(plant: type, brief: str, realtime_priority: bool) -> int: ...
+
+@final
+class Episode:
+    """One episode of an environment: see phalanx.env."""
+
+    def __new__(
+        cls,
+        scenario: str | os.PathLike[str],
+        set: Sequence[str],
+        faults: Sequence[str],
+        seed: int | None,
+        robots: Sequence[str] | None,
+        twists: bool,
+    ) -> Episode:
+        """The scenario with these assignments and faults, at its start."""
+    @property
+    def robots(self) -> list[tuple[str, float, int]]:
+        """Name, front_point_m and number of in-neighbours of each robot whose actions come from outside."""
+    @property
+    def period_s(self) -> float: ...
+    @property
+    def speed_max_m_s(self) -> float:
+        """Infinite where the avoidance method has no limit."""
+    @property
+    def seed(self) -> int: ...
+    @property
+    def is_over(self) -> bool: ...
+    @property
+    def trajectory_hash(self) -> str: ...
+    def situation(self, robot: str) -> Situation | None:
+        """What this robot knows now; None if it has nothing to go by, or does not take part."""
+    def is_gone(self, robot: str) -> bool:
+        """Whether it was killed, and nothing restarts it."""
+    def step(self, actions: Sequence[tuple[str, tuple[float, float]]]) -> None:
+        """Everybody acts, and a period passes."""

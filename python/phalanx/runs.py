@@ -173,8 +173,8 @@ def run(
     words += [] if draw else ["--no-report"]
     for fault in faults:
         words += ["--fault", fault]
-    for key, value in _flat(overrides):
-        words += ["--set", f"{key}={_toml(value)}"]
+    for assignment in assignments(overrides):
+        words += ["--set", assignment]
     code, said = _call(words)
     if code not in _WENT_TO_ITS_END:
         raise RunError(said, code)
@@ -217,6 +217,11 @@ def _unused(name: str) -> Path:
         number += 1
         path = stem.with_name(f"{stem.name}-{number}")
     return path
+
+
+def assignments(overrides: Mapping[str, Any]) -> list[str]:
+    """Keys of a scenario and their values, dicts for tables, as ``--set`` takes them."""
+    return [f"{key}={_toml(value)}" for key, value in _flat(overrides)]
 
 
 def _flat(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:

@@ -7,10 +7,12 @@
 //! | `law` | how is it asked, and what if its answer is none? |
 //! | `serve` | how does a Python process become a robot? |
 //! | `plant` | how does it become what moves the robots? |
+//! | `env` | and how is a scenario stepped from Python, for training? |
 
 // What `pymodule` and `pymethods` write is not ours to document.
 #![allow(missing_docs)]
 
+mod env;
 mod law;
 mod plant;
 mod serve;
@@ -22,6 +24,8 @@ use pyo3::prelude::*;
 mod _phalanx {
     use super::*;
 
+    #[pymodule_export]
+    use super::env::Episode;
     #[pymodule_export]
     use super::plant::serve_plant;
     #[pymodule_export]

@@ -159,6 +159,11 @@ impl Names {
         Names(neighbors.map(|neighbor| (neighbor.index, neighbor.name.clone())).collect())
     }
 
+    /// How many.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
     fn of(&self, index: usize) -> String {
         let found = self.0.iter().find(|(place, _)| *place == index);
         found.map_or(String::new(), |(_, name)| name.clone())

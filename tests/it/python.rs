@@ -1,6 +1,7 @@
 //! Laws and controllers in Python, by the package as it is installed: `tests/python/install` puts it into
 //! target/python. A robot whose law is in Python is the same robot; one that is hostile harms nobody.
 
+mod env;
 mod examples;
 mod plant;
 mod runs;

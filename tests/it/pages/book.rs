@@ -40,8 +40,13 @@ const LONG: &[&str] =
 const PYTHON: &[&str] = &["docs/how-to/graph.md", "docs/how-to/analyse.md"];
 
 /// Pages about the Python package, which `tests/python/install` installs.
-const PACKAGE: &[&str] =
-    &["python/README.md", "docs/tutorial/python.md", "docs/how-to/plant.md", "docs/hardware.md"];
+const PACKAGE: &[&str] = &[
+    "python/README.md",
+    "docs/tutorial/python.md",
+    "docs/how-to/plant.md",
+    "docs/hardware.md",
+    "docs/how-to/policy.md",
+];
 
 /// Pages with C++, which needs what `tests/cpp/install` installs, and the library of `c/`.
 const CPP: &[&str] = &["docs/how-to/cpp.md"];
@@ -443,6 +448,19 @@ fn the_page_about_laws_in_cpp_shows_the_example() {
     let example = std::fs::read_to_string(Path::new(ROOT).join("examples/cpp/tanh.cpp")).unwrap();
     let shown = blocks(&page).into_iter().find(|block| file_name(block) == Some("vee/tanh.cpp"));
     assert_eq!(shown.expect("the law").text, format!("// vee/tanh.cpp\n{example}"));
+}
+
+#[test]
+fn the_page_about_a_policy_shows_the_example() {
+    let page = std::fs::read_to_string(Path::new(ROOT).join("docs/how-to/policy.md")).unwrap();
+    let shown = blocks(&page);
+    for name in ["policy.py", "train.py", "drive.py", "laws.toml"] {
+        let file = Path::new(ROOT).join("examples/policy").join(name);
+        let file = std::fs::read_to_string(file).unwrap();
+        let name = format!("policy/{name}");
+        let block = shown.iter().find(|block| file_name(block) == Some(&name));
+        assert_eq!(block.expect(&name).text, format!("# {name}\n{file}"));
+    }
 }
 
 #[test]

@@ -148,7 +148,7 @@ fn every_scenario_of_the_house_is_sound_and_without_warnings() {
             count += 1;
         }
     }
-    assert_eq!(count, 5);
+    assert_eq!(count, 6);
 }
 
 #[test]

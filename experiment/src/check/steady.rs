@@ -164,6 +164,8 @@ impl Motion {
             transient: None,
         };
         let walls = scenario.obstacles();
+        // Where each place was when its distance from all walls was looked at last, m.
+        let mut looked = vec![(Vec2::zeros(), 0.0); robots.len()];
         let mut headings_rad: Vec<f64> = robots.iter().map(|r| r.start.heading_rad).collect();
         headings_rad[leader] = leader_rad;
         let mut before: Option<Vec<Vec2>> = None;
@@ -184,15 +186,20 @@ impl Motion {
                 scale_rate_per_s,
             };
             if !walls.is_empty() {
-                for (passage, &place) in motion.passages.iter_mut().zip(&settled.places) {
-                    let now = walls.nearest(target.position + frame.offset(place).position);
-                    let now = now.map(|near| Passage {
-                        distance_m: near.distance_m,
-                        t_s,
-                        wall: near.place,
-                    });
-                    let least_m = passage.map_or(f64::INFINITY, |passage| passage.distance_m);
-                    *passage = now.filter(|now| now.distance_m < least_m).or(*passage);
+                for (i, &place) in settled.places.iter().enumerate() {
+                    let at = target.position + frame.offset(place).position;
+                    let least_m = motion.passages[i].map_or(f64::INFINITY, |one| one.distance_m);
+                    // No nearer than this to any wall, since it was so far from all of them there.
+                    let (there, far_m) = looked[i];
+                    if far_m - (at - there).norm() > least_m {
+                        continue;
+                    }
+                    let Some(near) = walls.nearest(at) else { continue };
+                    looked[i] = (at, near.distance_m);
+                    if near.distance_m < least_m {
+                        let (distance_m, wall) = (near.distance_m, near.place);
+                        motion.passages[i] = Some(Passage { distance_m, t_s, wall });
+                    }
                 }
             }
             let velocities: Vec<Vec2> = settled

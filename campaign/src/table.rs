@@ -60,7 +60,7 @@ impl Row<'_> {
 }
 
 /// The columns of `runs.csv` behind those of the axes, with what they are.
-pub const COLUMNS: [(&str, &str); 24] = [
+pub const COLUMNS: [(&str, &str); 26] = [
     ("seed", "seed of everything random"),
     (
         "outcome",
@@ -74,6 +74,14 @@ pub const COLUMNS: [(&str, &str); 24] = [
     ("min_distance_m", "smallest distance of two front points at any tick"),
     ("min_distance_over_d", "the same in d"),
     ("violations", "ticks at which some pair was nearer than d"),
+    (
+        "min_clearance_m",
+        "smallest distance of a front point to a wall or obstacle; empty without any",
+    ),
+    (
+        "clearance_violations",
+        "ticks at which some front point was nearer to one than the clearance",
+    ),
     (
         "converged",
         "1 if all living errors stayed below `converged_error_m` from some time on, else 0",
@@ -145,6 +153,8 @@ fn run(campaign: &Campaign, row: &Row<'_>) -> Vec<String> {
         shown(summary.min_distance_m),
         shown(summary.min_distance_m.map(|distance_m| distance_m / d_m)),
         summary.violations.to_string(),
+        shown(summary.min_clearance.as_ref().map(|clearance| clearance.distance_m)),
+        summary.clearance_violations.to_string(),
         u8::from(summary.converged_at_s.is_some()).to_string(),
         shown(summary.converged_at_s),
         shown(summary.final_error_m_max),

@@ -38,7 +38,7 @@ pub fn scattered(robots: usize, gap_m: f64, both_ways: bool, seed: u64) -> Scena
         }
     }
     let beside = |at: usize| {
-        let left = (at % columns > 0).then(|| (at - 1, Vec2::new(gap_m, 0.0)));
+        let left = (!at.is_multiple_of(columns)).then(|| (at - 1, Vec2::new(gap_m, 0.0)));
         let below = (at >= columns).then(|| (at - columns, Vec2::new(0.0, gap_m)));
         [left, below].into_iter().flatten()
     };

@@ -74,6 +74,23 @@ fn says(ended: &Ended, part: &str) {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
+fn auditwheel_finds_the_wheel_fit_for_other_machines_with_the_same_or_a_newer_system() {
+    let wheels = std::fs::read_dir(Path::new(ROOT).join("target/python/wheels")).unwrap();
+    let [wheel] = &wheels.map(|entry| entry.unwrap().path()).collect::<Vec<_>>()[..] else {
+        panic!("one wheel")
+    };
+    assert!(wheel.to_string_lossy().ends_with("-cp310-abi3-linux_x86_64.whl"), "{wheel:?}");
+    let Output { status, stdout, stderr } =
+        python(&["-m", "auditwheel", "show", wheel.to_str().unwrap()]);
+    let said = String::from_utf8_lossy(&stdout).split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(status.success(), "{said} {}", String::from_utf8_lossy(&stderr));
+    // No library but those that every Linux with this glibc has.
+    let tag = "is consistent with the following platform tag: \"manylinux_2_";
+    assert!(said.contains(tag), "{said}");
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
 fn the_package_has_the_version_of_the_workspace_and_the_program_too() {
     let said = python(&["-c", "import phalanx; print(phalanx.__version__)"]);
     let version = env!("CARGO_PKG_VERSION");

@@ -13,6 +13,7 @@ mod cleanup;
 mod closing;
 mod container;
 mod cpp;
+mod elsewhere;
 mod every_fault;
 mod faults;
 mod foretold;

@@ -11,6 +11,7 @@ use std::process::{Command, Output};
 
 use tempfile::TempDir;
 
+use crate::elsewhere::{self, keeps_its_distance, moves_as, r3_came_back, says};
 use crate::harness::{Ended, Phalanx};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
@@ -58,18 +59,7 @@ fn run(folder: &TempDir) -> Phalanx {
 
 /// The same with r3 by the law `mine`.
 fn with_r3(folder: &TempDir) -> Phalanx {
-    run(folder).set("robot.r3.law=mine")
-}
-
-#[track_caller]
-fn keeps_its_distance(ended: &Ended) {
-    let distance_m = ended.number("/min_distance_m");
-    ended.claim(distance_m >= 0.3, format!("nobody came nearer than 0.3 m: {distance_m}"));
-}
-
-#[track_caller]
-fn says(ended: &Ended, part: &str) {
-    ended.claim(ended.stderr.contains(part), format!("it says {part:?}"));
+    elsewhere::with_r3(run(folder))
 }
 
 #[test]
@@ -110,9 +100,7 @@ fn a_robot_with_the_same_law_in_python_moves_bit_by_bit_as_the_built_in_one_in_a
     let built_in = run(&folder).lockstep().set("duration_s=4").finish();
     for _ in 0..10 {
         let ended = with_r3(&folder).lockstep().set("duration_s=4").finish();
-        ended.exits_with(0).leaves_nothing();
-        ended.claim(ended.hash() == built_in.hash(), format!("as {}", built_in.hash()));
-        keeps_its_distance(&ended);
+        moves_as(&ended, &built_in);
     }
 }
 
@@ -136,9 +124,7 @@ fn a_robot_in_python_that_is_killed_and_restarted_in_lockstep_moves_as_a_built_i
     let killed =
         |run: Phalanx| run.lockstep().set("duration_s=14").fault("kill r3 @10 restart 2").finish();
     let (built_in, ended) = (killed(run(&folder)), killed(with_r3(&folder)));
-    ended.exits_with(0).leaves_nothing();
-    ended.claim(ended.hash() == built_in.hash(), format!("as {}", built_in.hash()));
-    keeps_its_distance(&ended);
+    moves_as(&ended, &built_in);
 }
 
 #[test]
@@ -146,12 +132,7 @@ fn a_robot_in_python_that_is_killed_and_restarted_in_lockstep_moves_as_a_built_i
 fn a_robot_in_python_that_is_killed_and_restarted_in_real_time_finds_its_place_again() {
     let folder = pentagon("tanh", "tanh", "");
     let ended = with_r3(&folder).set("duration_s=18").fault("kill r3 @10 restart 2").finish();
-    ended.exits_with(0).leaves_nothing();
-    keeps_its_distance(&ended);
-    let events = ended.file("events.csv");
-    ended.claim(events.contains(",ready,r3,incarnation 1"), "r3 came back");
-    let alive = ended.summary["alive_at_end"].to_string();
-    ended.claim(alive.contains("r3"), format!("r3 lives at the end: {alive}"));
+    r3_came_back(&ended);
 }
 
 /// r3 is hostile from 1 s on, in lockstep: the run ends with `code`, and says all of `parts`.

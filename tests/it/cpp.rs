@@ -7,7 +7,7 @@ use std::process::Command;
 use tempfile::TempDir;
 
 use crate::elsewhere::{self, keeps_its_distance, moves_as, r3_came_back, says};
-use crate::harness::{Ended, Phalanx};
+use crate::harness::Phalanx;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 

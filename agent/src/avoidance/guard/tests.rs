@@ -726,3 +726,17 @@ fn a_predecessors_commands_count_as_the_worst_there_can_be_for_as_long_as_they_m
     assert_ne!(granted_beside(&[-5.0, 5.0]), granted_beside(&[]));
     assert_ne!(granted_beside(&[-5.0, 5.0]), granted_beside(&[5.0]));
 }
+
+#[test]
+fn a_robot_must_see_as_far_as_the_bound_beside_walls_asks_for_even_where_robots_ask_for_less() {
+    let mut far = brief();
+    far.command_lifetime_ns = 100_000_000;
+    far.avoidance.clearance_m = 1.0;
+    // The clearance + 3/2 v_max H; from there on b is at least v_max.
+    let radius_m = sensing_radius_m(&Conditions::of(&far));
+    assert!((radius_m - 1.075).abs() < 1e-12, "{radius_m}");
+    // What robots ask for, d + 3 v_max H, is all there is without walls.
+    far.avoidance.clearance_m = 0.0;
+    let radius_m = sensing_radius_m(&Conditions::of(&far));
+    assert!((radius_m - 0.35).abs() < 1e-12, "{radius_m}");
+}

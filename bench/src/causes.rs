@@ -21,9 +21,9 @@ use protocol::clock::{self, Timer};
 use protocol::lateness::{Account, Late, Witness};
 use protocol::process::{self, Stop};
 use protocol::stage::Cause;
-use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use serde::{Deserialize, Serialize};
 
+use crate::cores::stay_on_the_last;
 use crate::peers::{self, Peers};
 use crate::table::Row;
 use crate::{BenchError, Place, Setting};
@@ -120,9 +120,9 @@ fn explains(strikes: &[Strike], told: &Told) -> bool {
     2 * strikes.iter().map(common).sum::<u64>() >= behind_ns
 }
 
-fn score(way: Way, seen: &Seen, strikes: &[Strike]) -> Score {
+fn score(way: Way, seen: &Seen) -> Score {
     let (struck, others): (Vec<&Told>, Vec<&Told>) =
-        seen.late.iter().partition(|told| explains(strikes, told));
+        seen.late.iter().partition(|told| explains(&seen.strikes, told));
     let right = struck.iter().filter(|told| told.account.cause() == way.cause()).count();
     Score { struck: struck.len(), right, others: others.len() }
 }
@@ -147,7 +147,7 @@ pub(crate) fn measure(
                     break;
                 }
             };
-            let score = score(way, &seen, &seen.strikes);
+            let score = score(way, &seen);
             if score.struck == 0 {
                 return Err(BenchError::Wrong(format!("causes: {what} made nobody late")));
             }
@@ -242,7 +242,7 @@ fn strikes(lasts: Duration, stop: &Stop, mut strike: impl FnMut()) -> Vec<Strike
 fn strike_by_priority(lasts: Duration, stop: &Stop) -> Result<Vec<Strike>, String> {
     let spins = || {
         process::take_realtime_priority().map_err(|error| error.to_string())?;
-        keep_to_last_core().map_err(|error| format!("cannot keep to one core: {error}"))?;
+        stay_on_the_last().map_err(|error| format!("cannot keep to one core: {error}"))?;
         Ok(strikes(lasts, stop, || {
             let until_ns = clock::now_ns() + STRIKE_NS;
             while clock::now_ns() < until_ns {
@@ -253,49 +253,30 @@ fn strike_by_priority(lasts: Duration, stop: &Stop) -> Result<Vec<Strike>, Strin
     std::thread::scope(|scope| scope.spawn(spins).join().expect("it does not panic"))
 }
 
-/// Keeps the calling thread on the last core that it may use.
-fn keep_to_last_core() -> rustix::io::Result<()> {
-    let all = sched_getaffinity(None)?;
-    let last = (0..CpuSet::MAX_CPU).rfind(|&core| all.is_set(core)).unwrap_or(0);
-    let mut alone = CpuSet::new();
-    alone.set(last);
-    sched_setaffinity(None, &alone)
-}
-
 /// A cgroup that one process is in; removed with it.
 struct Quota(PathBuf);
 
 impl Quota {
     /// Of cgroup version 1 or 2, whichever is mounted where it always is.
     fn of(pid: u32) -> Result<Quota, String> {
-        let name = format!("phalanx-bench-{}", std::process::id());
         let [quota, period] = QUOTA_US;
-        let first = Path::new("/sys/fs/cgroup/cpu").join(&name);
-        let second = Path::new("/sys/fs/cgroup").join(&name);
-        let set = |dir: &Path, file: &str, text: String| {
-            std::fs::write(dir.join(file), text)
-                .map_err(|error| format!("cannot write {}: {error}", dir.join(file).display()))
-        };
-        let make = |dir: &Path| {
-            std::fs::create_dir(dir)
-                .map_err(|error| format!("cannot make the cgroup {}: {error}", dir.display()))
-        };
-        if Path::new("/sys/fs/cgroup/cpu/cpu.cfs_quota_us").exists()
-            || Path::new("/sys/fs/cgroup/cpu/tasks").exists()
-        {
-            make(&first)?;
-            let made = Quota(first);
-            set(&made.0, "cpu.cfs_period_us", period.to_string())?;
-            set(&made.0, "cpu.cfs_quota_us", quota.to_string())?;
-            set(&made.0, "cgroup.procs", pid.to_string())?;
-            Ok(made)
+        let first = Path::new("/sys/fs/cgroup/cpu");
+        let (root, limits) = if first.join("tasks").exists() {
+            let files = ["cpu.cfs_period_us", "cpu.cfs_quota_us"].into_iter();
+            (first, files.zip([period.to_string(), quota.to_string()]).collect::<Vec<_>>())
         } else {
-            make(&second)?;
-            let made = Quota(second);
-            set(&made.0, "cpu.max", format!("{quota} {period}"))?;
-            set(&made.0, "cgroup.procs", pid.to_string())?;
-            Ok(made)
+            (Path::new("/sys/fs/cgroup"), vec![("cpu.max", format!("{quota} {period}"))])
+        };
+        let dir = root.join(format!("phalanx-bench-{}", std::process::id()));
+        std::fs::create_dir(&dir)
+            .map_err(|error| format!("cannot make the cgroup {}: {error}", dir.display()))?;
+        let made = Quota(dir);
+        for (file, text) in limits.into_iter().chain([("cgroup.procs", pid.to_string())]) {
+            let file = made.0.join(file);
+            std::fs::write(&file, text)
+                .map_err(|error| format!("cannot write {}: {error}", file.display()))?;
         }
+        Ok(made)
     }
 }
 
@@ -316,7 +297,7 @@ pub(crate) fn peer(way: Way, ticks: u64, result: &Path) -> Result<(), BenchError
     clock::tighten_timer_slack();
     process::take_short_turns();
     if way == Way::Priority {
-        keep_to_last_core()
+        stay_on_the_last()
             .map_err(|error| BenchError::Wrong(format!("cannot keep to one core: {error}")))?;
     }
     peers::await_go(result.parent().unwrap_or(result), 0)?;
@@ -400,7 +381,6 @@ mod tests {
 
     #[test]
     fn a_late_wake_up_counts_for_a_strike_that_fills_half_of_it_and_is_right_by_its_cause() {
-        let strikes = [Strike { from_ns: 10 * MS, until_ns: 18 * MS }];
         let seen = Seen {
             late: vec![
                 told(11, 7, 7),  // by the strike, and told so
@@ -408,13 +388,13 @@ mod tests {
                 told(17, 4, 4),  // mostly after it
                 told(100, 2, 2), // long after it
             ],
-            strikes: Vec::new(),
+            strikes: vec![Strike { from_ns: 10 * MS, until_ns: 18 * MS }],
         };
         let expected = Score { struck: 2, right: 1, others: 2 };
-        assert_eq!(score(Way::Priority, &seen, &strikes), expected);
+        assert_eq!(score(Way::Priority, &seen), expected);
         let stopped = Score { struck: 2, right: 1, others: 2 };
-        assert_eq!(score(Way::Stop, &seen, &strikes), stopped);
-        assert_eq!(score(Way::Work, &seen, &strikes).right, 0);
+        assert_eq!(score(Way::Stop, &seen), stopped);
+        assert_eq!(score(Way::Work, &seen).right, 0);
     }
 
     #[test]

@@ -16,13 +16,7 @@ impl Cores {
     /// everybody stays where they may be.
     pub(crate) fn take() -> Option<Cores> {
         let all = sched_getaffinity(None).ok()?;
-        let usable = || (0..CpuSet::MAX_CPU).filter(|&core| all.is_set(core));
-        let (first, last) = (usable().next()?, usable().next_back()?);
-        let alone = |core| {
-            let mut set = CpuSet::new();
-            set.set(core);
-            set
-        };
+        let (first, last) = (usable(&all).next()?, usable(&all).next_back()?);
         let cores = Cores { all, here: alone(first), there: alone(last) };
         (first != last && stay_on(&cores.here)).then_some(cores)
     }
@@ -35,6 +29,23 @@ pub(crate) fn on_the_other<T>(cores: Option<&Cores>, start: impl FnOnce() -> T) 
     let started = start();
     stay_on(here);
     started
+}
+
+/// Keeps the calling thread on the last core that it may use.
+pub(crate) fn stay_on_the_last() -> rustix::io::Result<()> {
+    let all = sched_getaffinity(None)?;
+    let last = usable(&all).next_back().expect("the thread is on one");
+    sched_setaffinity(None, &alone(last))
+}
+
+fn usable(all: &CpuSet) -> impl DoubleEndedIterator<Item = usize> {
+    (0..CpuSet::MAX_CPU).filter(|&core| all.is_set(core))
+}
+
+fn alone(core: usize) -> CpuSet {
+    let mut set = CpuSet::new();
+    set.set(core);
+    set
 }
 
 fn stay_on(set: &CpuSet) -> bool {

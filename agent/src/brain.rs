@@ -265,11 +265,12 @@ impl Brain {
         self.now.away.clear();
         self.now.away.extend(odometry.proximity().map(|other| alpha - other));
         let target = self.role.target(&moment(&odometry, &self.neighborhood), &mut self.now.heard);
-        self.now.error = target.as_ref().map(|target| alpha - target.position);
-        self.now.target = target.map(|target| {
+        if let Some(target) = target {
             let error = alpha - target.position;
-            (self.avoidance.stand_off(&self.now.away, error), target.velocity)
-        });
+            self.now.error = Some(error);
+            let error = self.avoidance.stand_off(&self.now.away, error);
+            self.now.target = Some((error, target.velocity));
+        }
         self.now.odometry = Some(odometry);
     }
 

@@ -72,7 +72,7 @@ impl Ports {
             latency: LatencyPort::new(
                 &service::latency(own).open(&node)?,
                 incarnation,
-                3 + 2 * brief.neighbors.len(),
+                latency_rows_per_tick(brief),
             )?,
             beacon: service::beacon(own).open(&node)?.publisher()?,
             command: service::command(own).open(&node)?.publisher()?,
@@ -128,6 +128,11 @@ impl Ports {
         send_slice(&self.status, header, length, next)?;
         Ok(())
     }
+}
+
+/// How many values an agent measures in one tick, at most.
+pub fn latency_rows_per_tick(brief: &AgentBrief) -> usize {
+    3 + 2 * brief.neighbors.len()
 }
 
 fn take<M>(from: &Subscriber<M>, what: &'static str) -> Result<Option<M>, PortError>

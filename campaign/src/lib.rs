@@ -15,7 +15,8 @@
 //! | `points` | what came of each point of the grid, and of pairs of them? |
 //! | `figures` `page` | how is that shown? |
 //!
-//! Must not: start a robot. Each run is a `phalanx run` of its own.
+//! Must not: start a robot. Each run is a `phalanx run` of its own, or whatever whoever calls the pool does
+//! for one.
 
 pub mod axes;
 pub mod cells;

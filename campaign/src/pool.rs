@@ -1,34 +1,24 @@
-//! The missing runs of a campaign, several at once: each is a `phalanx run` of this executable, in
-//! lockstep on cores of its own.
+//! The missing runs of a campaign, several at once. How one is tried is a [`Way`]: by `processes`, or
+//! whatever whoever calls this has.
 //!
 //! Must not: start robots, or judge a run. A run whose machinery failed is tried again, as often as
 //! [`ATTEMPTS_MAX`] says.
 
-use std::ffi::OsString;
-use std::path::Path;
-use std::process::ExitStatus;
+pub mod processes;
+
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use protocol::brief::Pace;
-use protocol::process::{Stop, exit};
+use protocol::process::Stop;
 use results::usage;
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::thread::{CpuSet, sched_setaffinity};
-use supervisor::child::{Child, in_words};
 use supervisor::cores::topology::Topology;
-use supervisor::spawn::{Launcher, Role};
 
 use crate::cells::Cell;
 use crate::file::Campaign;
-use crate::folder::{ATTEMPTS_MAX, Folder, attempts, beside, note_failure, part_of};
-
-/// How often signals and deadlines are looked for.
-const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
-/// A run ends itself at its deadline; one that does not is killed this long after.
-const GRACE: Duration = Duration::from_secs(15);
-const LOG_LINES: usize = 8;
+use crate::folder::{ATTEMPTS_MAX, Folder, attempts, note_failure};
 
 /// Why the runs could not go on.
 #[derive(Debug, thiserror::Error)]
@@ -62,6 +52,30 @@ pub struct Ended {
     pub processor_s: f64,
 }
 
+/// A way to try a run.
+pub trait Way: Sync {
+    /// Tries a run once.
+    fn attempt(&self, cell: &Cell) -> Tried;
+
+    /// Whether a run has cores of its own, on which all that it starts stays.
+    fn has_own_cores(&self) -> bool {
+        true
+    }
+}
+
+/// What became of an attempt.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Tried {
+    /// The run has a result.
+    Done,
+    /// A signal ended it, and nothing is left of it.
+    Stopped,
+    /// Its machinery failed, for this reason.
+    Failed(String),
+    /// It can never be run, though it had been found sound: nor can others.
+    Refused(String),
+}
+
 /// How many runs go at once, and the logical processors of each; none: all of them. In lockstep a run
 /// has whole cores, as many go at once as there are of these, or as the quota of a container pays for.
 fn deal(topology: &Topology, pace: Pace, missing: usize, jobs: Option<usize>) -> Vec<Vec<usize>> {
@@ -83,7 +97,7 @@ pub fn run(
     campaign: &Campaign,
     missing: &[&Cell],
     folder: &Folder,
-    launcher: &Launcher,
+    way: &dyn Way,
     stop: &Stop,
     jobs: Option<usize>,
     mut told: impl FnMut(Progress),
@@ -99,14 +113,15 @@ pub fn run(
             let sender = sender.clone();
             let (next, failed) = (&next, &failed);
             scope.spawn(move || {
-                // Inherited by the run and all its processes.
-                keep_on(&share);
+                if way.has_own_cores() {
+                    // Inherited by the run and all its processes.
+                    keep_on(&share);
+                }
                 while let Some(cell) = missing.get(next.fetch_add(1, Ordering::Relaxed)) {
                     if stop.requested() || failed.load(Ordering::Relaxed) > 0 {
                         return;
                     }
-                    let one = One { campaign, cell, folder, launcher, stop };
-                    let result = one.to_its_end(&sender);
+                    let result = to_its_end(cell, folder, way, stop, &sender);
                     failed.fetch_add(usize::from(result.is_err()), Ordering::Relaxed);
                     // Nobody listens once it has failed elsewhere.
                     let _ = sender.send(News::End(result));
@@ -138,10 +153,10 @@ pub fn run(
     })
 }
 
-/// Processor time of all children that have ended, and of theirs, s.
+/// Processor time of this process, of all children that have ended, and of theirs, s.
 fn processor_s() -> f64 {
-    let usage = usage::of_ended_children();
-    usage.user_s + usage.system_s
+    let usages = [usage::of_this_process(), usage::of_ended_children()];
+    usages.iter().map(|usage| usage.user_s + usage.system_s).sum()
 }
 
 enum News {
@@ -162,86 +177,33 @@ fn keep_on(cores: &[usize]) {
     }
 }
 
-struct One<'a> {
-    campaign: &'a Campaign,
-    cell: &'a Cell,
-    folder: &'a Folder,
-    launcher: &'a Launcher,
-    stop: &'a Stop,
-}
-
-impl One<'_> {
-    /// Whether it has a result in the end, or was given up; not if all are to stop.
-    fn to_its_end(&self, news: &mpsc::Sender<News>) -> Result<bool, PoolError> {
-        let run = self.folder.run(&self.cell.id);
-        let log = beside(&run, "log");
-        while attempts(&run).len() < ATTEMPTS_MAX {
-            if self.stop.requested() {
-                return Ok(false);
-            }
-            let failed_before = attempts(&run).len();
-            let said = |child: &Child| child.last_lines(LOG_LINES);
-            let mut child = self.start(&run, &log)?;
-            let ended = self.wait(&mut child);
-            let _ = std::fs::remove_dir_all(part_of(&run, child.pid()));
-            let why = match ended {
-                None if self.stop.requested() => {
-                    let _ = std::fs::remove_file(&log);
-                    return Ok(false);
-                }
-                Some(status) => match status.code().map(|code| code as u8) {
-                    Some(exit::OK) => {
-                        let _ = std::fs::remove_file(&log);
-                        return Ok(true);
-                    }
-                    // It was found sound a moment ago: trying again helps nobody.
-                    Some(exit::USAGE | exit::BAD_SCENARIO) => {
-                        return Err(PoolError::Run(said(&child)));
-                    }
-                    _ => in_words(status),
-                },
-                None => format!("killed: it took more than {} s", self.campaign.deadline_s),
-            };
-            let _ = news.send(News::Failure);
-            // A run that could say why has done so.
-            if attempts(&run).len() == failed_before {
-                note_failure(&run, &why).map_err(|error| PoolError::Run(error.to_string()))?;
-            }
+/// Whether it has a result in the end, or was given up; not if all are to stop.
+fn to_its_end(
+    cell: &Cell,
+    folder: &Folder,
+    way: &dyn Way,
+    stop: &Stop,
+    news: &mpsc::Sender<News>,
+) -> Result<bool, PoolError> {
+    let run = folder.run(&cell.id);
+    loop {
+        let failed_before = attempts(&run).len();
+        if failed_before >= ATTEMPTS_MAX {
+            return Ok(true);
         }
-        Ok(true)
-    }
-
-    fn start(&self, run: &Path, log: &Path) -> Result<Child, PoolError> {
-        let words: Vec<OsString> =
-            self.cell.words(self.campaign, run).into_iter().map(OsString::from).collect();
-        let child = self.launcher.spawn(Role::Run { words: &words }, log);
-        child.map_err(|error| PoolError::Run(error.to_string()))
-    }
-
-    /// How it ended; `None` if it was ended, by a signal for all or past its deadline.
-    fn wait(&self, child: &mut Child) -> Option<ExitStatus> {
-        let began = Instant::now();
-        let limit = Duration::from_secs_f64(self.campaign.deadline_s) + GRACE;
-        loop {
-            // An interruption is a turn without news.
-            let _ =
-                poll(&mut [PollFd::from_borrowed_fd(child.pidfd(), PollFlags::IN)], Some(&LOOK));
-            if let Some(status) = child.ended() {
-                return Some(status);
-            }
-            if self.stop.requested() {
-                child.terminate();
-                let asked = Instant::now();
-                while child.ended().is_none() && asked.elapsed() < GRACE {
-                    std::thread::sleep(Duration::from_millis(5));
-                }
-                child.end();
-                return None;
-            }
-            if began.elapsed() > limit {
-                child.end();
-                return None;
-            }
+        if stop.requested() {
+            return Ok(false);
+        }
+        let why = match way.attempt(cell) {
+            Tried::Done => return Ok(true),
+            Tried::Stopped => return Ok(false),
+            Tried::Refused(why) => return Err(PoolError::Run(why)),
+            Tried::Failed(why) => why,
+        };
+        let _ = news.send(News::Failure);
+        // A run that could say why has done so.
+        if attempts(&run).len() == failed_before {
+            note_failure(&run, &why).map_err(|error| PoolError::Run(error.to_string()))?;
         }
     }
 }

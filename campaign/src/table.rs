@@ -177,13 +177,22 @@ fn run(campaign: &Campaign, row: &Row<'_>) -> Vec<String> {
 pub const TIMING: [(&str, &str); 10] = [
     ("run", "identity of the run"),
     ("failed_attempts", "attempts whose machinery failed"),
-    ("startup_s", "wall time from the start of the first process to t = 0"),
+    (
+        "startup_s",
+        "wall time from the start of the first process to t = 0; empty with `--in-process`",
+    ),
     ("wall_s", "wall time from t = 0 to the end"),
     ("ticks_per_s", "plant ticks per second of wall time"),
     ("real_time_factor", "run time per wall time"),
-    ("processor_s", "processor time of all its processes"),
+    (
+        "processor_s",
+        "processor time of all its processes; with `--in-process` of the thread that computed it",
+    ),
     ("deadline_misses", "commands sent after their agent's next wake-up was due, in real time"),
-    ("compute_p99_us", "time from an odometry sample to the command, p99 of the slowest robot"),
+    (
+        "compute_p99_us",
+        "time from an odometry sample to the command, p99 of the slowest robot; with `--in-process` without the time that it takes to read from other processes",
+    ),
     ("compute_mean_us", "the same time, the mean over all robots and samples"),
 ];
 

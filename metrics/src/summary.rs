@@ -248,6 +248,20 @@ impl AddAssign for Usage {
     }
 }
 
+impl Usage {
+    /// What was taken since `earlier`.
+    pub fn since(&self, earlier: &Usage) -> Usage {
+        Usage {
+            user_s: self.user_s - earlier.user_s,
+            system_s: self.system_s - earlier.system_s,
+            voluntary_switches: self.voluntary_switches - earlier.voluntary_switches,
+            involuntary_switches: self.involuntary_switches - earlier.involuntary_switches,
+            minor_faults: self.minor_faults - earlier.minor_faults,
+            major_faults: self.major_faults - earlier.major_faults,
+        }
+    }
+}
+
 impl Summary {
     /// The expectation of this name, if the scenario has it.
     pub fn expected(&self, name: &str) -> Option<&Expectation> {

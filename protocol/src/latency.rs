@@ -29,6 +29,11 @@ pub struct Recorder {
 }
 
 impl Recorder {
+    /// Room for what is measured in many ticks, `rows_per_tick` values at most in one.
+    pub fn for_ticks_of(incarnation: u64, rows_per_tick: usize) -> Recorder {
+        Recorder::new(incarnation, ROWS_MAX.max(TICKS_MIN * rows_per_tick))
+    }
+
     /// Room for `rows_max` values.
     pub fn new(incarnation: u64, rows_max: usize) -> Recorder {
         Recorder {
@@ -104,9 +109,8 @@ impl LatencyPort {
         incarnation: u64,
         rows_per_tick: usize,
     ) -> Result<LatencyPort, ServiceError> {
-        let rows_max = ROWS_MAX.max(TICKS_MIN * rows_per_tick);
-        let publisher = service.publisher(rows_max)?;
-        Ok(LatencyPort { recorder: Recorder::new(incarnation, rows_max), publisher })
+        let recorder = Recorder::for_ticks_of(incarnation, rows_per_tick);
+        Ok(LatencyPort { publisher: service.publisher(recorder.rows_max)?, recorder })
     }
 
     /// See [`Recorder::record`].

@@ -11,7 +11,7 @@ use experiment::scenario::read::{Overrides, read};
 use experiment::scenario::{FaultKind, Scenario};
 use formation::Vec2;
 use metrics::hash::TrajectoryHash;
-use phalanx::in_process::{self, InProcess, Turn};
+use phalanx::in_process::{self, InProcess};
 use protocol::brief::AgentBrief;
 use protocol::message::TruthRow;
 use pyo3::exceptions::PyValueError;
@@ -41,8 +41,6 @@ struct Robot {
     names: Names,
     /// Whether its actions come from outside.
     learns: bool,
-    /// Whether it was killed for good.
-    gone: bool,
 }
 
 #[pymethods]
@@ -110,7 +108,7 @@ impl Episode {
     /// Whether it was killed, and nothing restarts it.
     fn is_gone(&self, robot: &str) -> PyResult<bool> {
         let inner = self.inner();
-        Ok(inner.robots[inner.place(robot)?].gone)
+        Ok(inner.run.is_gone(inner.place(robot)?))
     }
 
     /// Everybody acts, and a period passes. Two numbers for each robot of `actions`; the others stand.
@@ -173,7 +171,6 @@ impl Inner {
                 names: Names::of_those_heard(&brief),
                 learns: learns(&brief.name),
                 name: brief.name,
-                gone: false,
             });
         }
         let (period_s, seed) = (scenario.period_ns as f64 / 1e9, scenario.seed);
@@ -207,10 +204,7 @@ impl Inner {
     fn look(&mut self) {
         let truth: Vec<TruthRow> = self.run.world().truth().collect();
         self.hash.update(self.run.tick(), &truth);
-        let robots = &mut self.robots;
-        self.run.sense(|_, robot, turn| {
-            robots[robot].gone = turn == Turn::Ended(metrics::fault::End::ForGood);
-        });
+        self.run.sense(|_| {});
     }
 }
 

@@ -36,6 +36,11 @@ pub fn of_this_process() -> Usage {
     of(libc::RUSAGE_SELF)
 }
 
+/// What this thread took up to now.
+pub fn of_this_thread() -> Usage {
+    of(libc::RUSAGE_THREAD)
+}
+
 /// What all children that were reaped took, with those that they reaped.
 pub fn of_ended_children() -> Usage {
     of(libc::RUSAGE_CHILDREN)

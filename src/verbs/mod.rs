@@ -5,12 +5,13 @@
 //! | file | what it does |
 //! |---|---|
 //! | `new` `run` `check` `schema` `report` `doctor` `clean` `recover` `export` `verify` | the verb of its name |
-//! | `sweep` | runs a campaign; `cell`: one run of it |
+//! | `sweep` | runs a campaign; `cell`: one run of it; `cell_in_process`: without processes |
 //! | `scenario` | reads the scenario that a verb is about, with the command line's changes |
 //! | `dead_runs` | what did earlier runs that died leave behind? |
 //! | `screen` | writes to the terminal: results, complaints, the log, the progress bar |
 
 mod cell;
+mod cell_in_process;
 mod check;
 mod clean;
 mod dead_runs;

@@ -268,6 +268,41 @@ impl End {
     }
 }
 
+/// A run, judged and written down.
+pub(super) struct Judged {
+    pub(super) summary: Summary,
+    screen: String,
+    pub(super) finished: Result<(), RunDirError>,
+}
+
+/// Holds what was measured against what the scenario expects, and writes it down. `ended_with`: the exit
+/// code without expectations.
+pub(super) fn judge(
+    scenario: &Scenario,
+    pace: Pace,
+    metrics: &Metrics,
+    outcome: &mut Outcome,
+    ended_with: u8,
+    run_dir: &mut RunDir,
+) -> Judged {
+    let measures = metrics.finish();
+    let expectations =
+        expect::evaluate(scenario, &measures, pace, outcome.deadline_misses, ended_with);
+    let held = expectations.iter().all(|expectation| expectation.held);
+    let expected = scenario.expect.exit == Some(ended_with);
+    let exit = match (ended_with, held) {
+        (exit::OK, true) => exit::OK,
+        (exit::OK, false) => exit::EXPECTATION_MISSED,
+        (_, true) if expected => exit::OK,
+        (code, _) => code,
+    };
+    let mut summary = summary::sum_up(scenario, pace, &measures, outcome, expectations, exit);
+    // The verdict is what it is, whether or not it can be written down.
+    let screen = summary::screen(&summary);
+    let finished = run_dir.finish(&mut summary, &measures.pairs, &mut outcome.latency);
+    Judged { summary, screen, finished }
+}
+
 /// Runs a sound scenario and writes everything down.
 pub(super) fn execute(
     scenario: &Scenario,
@@ -314,21 +349,8 @@ pub(super) fn execute(
     if let Err(error) = &result {
         complain(error);
     }
-    let measures = metrics.finish();
-    let expectations =
-        expect::evaluate(scenario, &measures, pace, outcome.deadline_misses, ended_with);
-    let held = expectations.iter().all(|expectation| expectation.held);
-    let expected = scenario.expect.exit == Some(ended_with);
-    let exit = match (ended_with, held) {
-        (exit::OK, true) => exit::OK,
-        (exit::OK, false) => exit::EXPECTATION_MISSED,
-        (_, true) if expected => exit::OK,
-        (code, _) => code,
-    };
-    let mut summary = summary::sum_up(scenario, pace, &measures, &outcome, expectations, exit);
-    // The verdict is what it is, whether or not it can be written down.
-    let screen = summary::screen(&summary);
-    let finished = run_dir.finish(&mut summary, &measures.pairs, &mut outcome.latency);
+    let judged = judge(scenario, pace, &metrics, &mut outcome, ended_with, &mut run_dir);
+    let Judged { summary, screen, finished } = judged;
     let ended = result.as_ref().err().map(ToString::to_string);
     let unwritten = finished.as_ref().err().map(ToString::to_string);
     if let Some(error) = unwritten.as_ref().filter(|error| ended.as_ref() != Some(error)) {

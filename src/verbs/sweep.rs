@@ -1,6 +1,7 @@
 //! `phalanx sweep`: a campaign is run, or what is missing of it, and its tables are written.
 
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
 use campaign::cells::{self, Cell, CellError};
 use campaign::figures::figures;
@@ -8,13 +9,15 @@ use campaign::file::{self, Campaign};
 use campaign::folder::{Folder, FolderError};
 use campaign::page::{self, Origin};
 use campaign::points::{pairings, points};
-use campaign::pool::{self, Ended};
+use campaign::pool::processes::ByProcesses;
+use campaign::pool::{self, Ended, Way};
 use campaign::table;
 use clap::Args;
 use protocol::brief::Pace;
 use protocol::catalog::Catalog;
 use protocol::process::{Stop, exit};
 
+use super::cell_in_process::InProcess;
 use super::screen::{complain, print, runs_done, runs_progress, show, tell};
 use results::manifest::Build;
 use supervisor::spawn::Launcher;
@@ -35,6 +38,10 @@ pub struct SweepArgs {
     /// How many runs go at once in lockstep [default: one for each core].
     #[arg(long, value_name = "RUNS", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
+    /// Compute the runs in this process, without one for each robot: the same table, sooner. For lockstep.
+    /// Runs that need processes still get them.
+    #[arg(long, conflicts_with_all = ["collect", "emit_commands"])]
+    in_process: bool,
     /// Try runs again that were given up because their machinery failed.
     #[arg(long)]
     retry: bool,
@@ -55,6 +62,13 @@ pub(super) fn sweep(args: &SweepArgs, catalog: &Catalog, launcher: &Launcher, bu
             return exit::BAD_SCENARIO;
         }
     };
+    if args.in_process && campaign.pace == Pace::Realtime {
+        complain(
+            &"--in-process is for pace = \"lockstep\": in real time a run is its processes, so leave the \
+              option out",
+        );
+        return exit::USAGE;
+    }
     let executable = match cells::executable() {
         Ok(executable) => executable,
         Err(error) => return complain(&format_args!("cannot read the executable: {error}")),
@@ -76,7 +90,7 @@ pub(super) fn sweep(args: &SweepArgs, catalog: &Catalog, launcher: &Launcher, bu
     };
     let out = args.out.clone().unwrap_or_else(|| Path::new(CAMPAIGNS).join(&campaign.name));
     let origin = Origin { build, executable: &executable };
-    match go(args, &campaign, &cells, &out, launcher, &origin) {
+    match go(args, &campaign, &cells, &out, launcher, catalog, &origin) {
         Ok(code) => code,
         Err(error) => complain(&error),
     }
@@ -101,6 +115,7 @@ fn go(
     cells: &[Cell],
     out: &Path,
     launcher: &Launcher,
+    catalog: &Catalog,
     origin: &Origin<'_>,
 ) -> Result<u8, SweepError> {
     let stop = Stop::on_signals_twice_at_once().map_err(SweepError::Signals)?;
@@ -121,7 +136,26 @@ fn go(
     folder.write("campaign.toml", &std::fs::read_to_string(&campaign.path).unwrap_or_default())?;
     let mut ended = None;
     if !args.collect && !missing.is_empty() {
-        ended = Some(run(args, campaign, &missing, &folder, launcher, &stop)?);
+        let processes = ByProcesses { campaign, folder: &folder, launcher, stop: &stop };
+        ended = Some(match args.in_process {
+            false => run(args, campaign, &missing, &folder, &processes, &stop)?,
+            true => {
+                let way = InProcess {
+                    campaign,
+                    folder: &folder,
+                    catalog,
+                    build: origin.build,
+                    stop: &stop,
+                    processes,
+                    by_processes: Mutex::new((0, "")),
+                };
+                let ended = run(args, campaign, &missing, &folder, &way, &stop)?;
+                if let (count @ 1.., why) = *way.by_processes.lock().expect("nobody holds it") {
+                    tell(&format!("{count} of them by processes, which {why} needs"));
+                }
+                ended
+            }
+        });
     }
     let rows = table::rows(cells, &folder, campaign.keep)?;
     let absent = cells.len() - rows.len();
@@ -164,7 +198,7 @@ fn run(
     campaign: &Campaign,
     missing: &[&Cell],
     folder: &Folder,
-    launcher: &Launcher,
+    way: &dyn Way,
     stop: &Stop,
 ) -> Result<Ended, SweepError> {
     folder.tidy();
@@ -173,7 +207,7 @@ fn run(
     }
     let bar = runs_progress(missing.len());
     let jobs = args.jobs.map(usize::from);
-    let ended = pool::run(campaign, missing, folder, launcher, stop, jobs, |progress| {
+    let ended = pool::run(campaign, missing, folder, way, stop, jobs, |progress| {
         runs_done(bar, progress.done, progress.failures);
     });
     bar.finish_and_clear();

@@ -24,4 +24,4 @@ pub mod live;
 pub mod room;
 pub mod run;
 pub mod spawn;
-mod timeline;
+pub mod timeline;

@@ -8,38 +8,55 @@ use experiment::scenario::{FaultKind, Scenario};
 
 /// Something that the supervisor does at a time of the scenario's choice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Act {
+pub enum Act {
     /// SIGKILL; a replacement at that run time, ns.
-    Kill { robot: usize, restart_at_ns: Option<u64> },
+    Kill {
+        /// Whose process.
+        robot: usize,
+        /// When, ns.
+        restart_at_ns: Option<u64>,
+    },
     /// SIGSTOP.
-    Freeze { robot: usize },
+    Freeze {
+        /// Whose process.
+        robot: usize,
+    },
     /// SIGCONT, after a freeze.
-    Thaw { robot: usize },
+    Thaw {
+        /// Whose process.
+        robot: usize,
+    },
     /// SIGKILL of the plant.
     KillPlant,
     /// Processes that do nothing but take processor time.
-    StartLoad { processes: usize },
+    StartLoad {
+        /// How many.
+        processes: usize,
+    },
     /// Ends them.
     EndLoad,
 }
 
 /// Acts that have not been done yet, in order of time.
 #[derive(Debug)]
-pub(crate) struct Timeline {
+pub struct Timeline {
     due: VecDeque<Due>,
 }
 
 /// An act, when it is due, ns, and the fault that it belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Due {
-    pub(crate) at_ns: u64,
-    pub(crate) fault: usize,
-    pub(crate) act: Act,
+pub struct Due {
+    /// When, ns of run time.
+    pub at_ns: u64,
+    /// The number of its fault in the scenario.
+    pub fault: usize,
+    /// What is done.
+    pub act: Act,
 }
 
 impl Timeline {
     /// All that the scenario's faults ask for.
-    pub(crate) fn new(scenario: &Scenario) -> Timeline {
+    pub fn new(scenario: &Scenario) -> Timeline {
         let mut due = Vec::new();
         for (fault, planned) in scenario.faults.iter().enumerate() {
             let at_ns = planned.at_ns;
@@ -79,12 +96,12 @@ impl Timeline {
     }
 
     /// When the next act is due, ns.
-    pub(crate) fn next_ns(&self) -> Option<u64> {
+    pub fn next_ns(&self) -> Option<u64> {
         self.due.front().map(|due| due.at_ns)
     }
 
     /// The next act that is due at `now_ns`; it is not asked for again.
-    pub(crate) fn take_due(&mut self, now_ns: u64) -> Option<Due> {
+    pub fn take_due(&mut self, now_ns: u64) -> Option<Due> {
         if self.next_ns()? <= now_ns { self.due.pop_front() } else { None }
     }
 }

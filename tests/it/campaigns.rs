@@ -62,10 +62,15 @@ impl Place {
     }
 
     fn wait_for_runs(&self, child: &mut Child, out: &str, runs: usize) {
+        self.wait_for(child, || self.complete(out) >= runs);
+    }
+
+    /// Waits for something that a sweep is to do before it ends.
+    pub fn wait_for(&self, child: &mut Child, what: impl Fn() -> bool) {
         let began = Instant::now();
-        while self.complete(out) < runs {
-            assert!(child.try_wait().unwrap().is_none(), "it ended before {runs} runs were there");
-            assert!(began.elapsed() < HANG, "no {runs} runs within {HANG:?}");
+        while !what() {
+            assert!(child.try_wait().unwrap().is_none(), "it ended first");
+            assert!(began.elapsed() < HANG, "nothing within {HANG:?}");
             std::thread::sleep(Duration::from_millis(2));
         }
     }

@@ -8,6 +8,7 @@ mod bad_files;
 mod browser;
 mod byte_equality;
 mod campaigns;
+mod campaigns_in_process;
 mod chapter;
 mod cleanup;
 mod closing;

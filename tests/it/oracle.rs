@@ -5,7 +5,7 @@ use agent::brain::Brain;
 use experiment::scenario::Scenario;
 use experiment::scenario::read::{Overrides, read};
 use metrics::{Measures, Metrics};
-use phalanx::in_process::{InProcess, Turn};
+use phalanx::in_process::{Effect, InProcess};
 use protocol::brief::{AgentBrief, Pace};
 use protocol::message::{TruthHeader, TruthRow};
 
@@ -59,15 +59,16 @@ fn run(
     loop {
         let header = run.world().truth_header();
         let truth: Vec<TruthRow> = run.world().truth().collect();
-        let alive: Vec<bool> = run.alive().collect();
+        let alive = run.alive().to_vec();
         metrics.truth(&header, &truth, &alive);
         watch(&header, &truth, &alive);
         if run.is_over() {
             return metrics.finish();
         }
-        run.sense(|fault, _, turn| match turn {
-            Turn::Began => metrics.fault_began(fault, header.t_ns),
-            Turn::Ended(end) => metrics.fault_ended(fault, end, header.t_ns),
+        run.sense(|effect| match *effect {
+            Effect::Began(fault) => metrics.fault_began(fault, header.t_ns),
+            Effect::Ended { fault, end, at_ns } => metrics.fault_ended(fault, end, at_ns),
+            _ => {}
         });
         run.step(|_, brain| brain.wish());
     }

@@ -12,12 +12,14 @@ use metrics::{Metrics, Turn};
 use results::run_dir::{RunDir, RunDirError};
 
 /// What is told, and whom.
-pub(super) struct Journal<'a> {
+pub struct Journal<'a> {
     names: Vec<String>,
-    pub(super) run_dir: &'a mut RunDir,
-    pub(super) metrics: &'a mut Metrics,
+    /// Where the run is written.
+    pub run_dir: &'a mut RunDir,
+    /// What measures the run.
+    pub metrics: &'a mut Metrics,
     /// Whoever looks on.
-    pub(super) view: Option<&'a mut View>,
+    pub(crate) view: Option<&'a mut View>,
     waiting: Lines,
 }
 
@@ -43,7 +45,7 @@ struct Lines {
 
 impl<'a> Journal<'a> {
     /// Nothing was told yet. `names`: of the robots, in scenario order.
-    pub(super) fn new(
+    pub fn new(
         names: Vec<String>,
         run_dir: &'a mut RunDir,
         metrics: &'a mut Metrics,
@@ -52,30 +54,24 @@ impl<'a> Journal<'a> {
     }
 
     /// The name of a robot.
-    pub(super) fn name(&self, robot: usize) -> &str {
+    pub fn name(&self, robot: usize) -> &str {
         &self.names[robot]
     }
 
     /// Something happened, to a robot or to the run as a whole. Whoever looks on is told at once.
-    pub(super) fn event(
-        &mut self,
-        t_ns: u64,
-        kind: &'static str,
-        robot: Option<usize>,
-        detail: String,
-    ) {
+    pub fn event(&mut self, t_ns: u64, kind: &'static str, robot: Option<usize>, detail: String) {
         self.line(Line { t_ns, kind, robot, detail, heard: None });
     }
 
     /// A robot says that it hears another so, since then.
-    pub(super) fn heard(&mut self, t_ns: u64, robot: usize, other: usize, contact: Contact) {
+    pub fn heard(&mut self, t_ns: u64, robot: usize, other: usize, contact: Contact) {
         let detail = format!("{} {}", contact.word(), self.names[other]);
         let heard = Some((other, contact));
         self.line(Line { t_ns, kind: CONTACT, robot: Some(robot), detail, heard });
     }
 
     /// A robot says that it hears the leader's frame so, since then.
-    pub(super) fn frame_heard(&mut self, t_ns: u64, robot: usize, contact: Contact) {
+    pub fn frame_heard(&mut self, t_ns: u64, robot: usize, contact: Contact) {
         let detail = format!("{} frame of the leader", contact.word());
         self.event(t_ns, CONTACT, Some(robot), detail);
     }
@@ -89,7 +85,7 @@ impl<'a> Journal<'a> {
     }
 
     /// Everything before this run time, ns, is known: writes it down.
-    pub(super) fn known_before(&mut self, t_ns: u64) -> Result<(), RunDirError> {
+    pub fn known_before(&mut self, t_ns: u64) -> Result<(), RunDirError> {
         for Turn { t_ns, robot, orphaned } in self.metrics.orphans_before(t_ns) {
             let (kind, detail) = match orphaned {
                 true => (ORPHANED, "no living leader reaches it"),

@@ -7,8 +7,8 @@ use protocol::message::{NeighborStatus, StatusHeader, TruthHeader, TruthRow};
 
 use super::Run;
 use super::error::RunError;
-use super::intake::News;
 use super::lives::{Event, Seat};
+use super::reports::News;
 use crate::live;
 use crate::room;
 use results::scene;

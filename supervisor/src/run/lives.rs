@@ -13,11 +13,11 @@ use std::collections::BTreeMap;
 use experiment::scenario::{AfterDeath, RestartPolicy};
 use metrics::fault::End;
 
-pub(crate) use event::{Death, Effect, Event, Who};
+pub use event::{Death, Effect, Event, Who};
 
 /// Where a robot's process is in its life.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Seat {
+pub enum Seat {
     /// Started; its first status is awaited.
     Starting,
     /// Taking part.
@@ -60,7 +60,7 @@ struct Link {
 
 /// All robots' lives.
 #[derive(Debug)]
-pub(crate) struct Lives {
+pub struct Lives {
     robots: Vec<Life>,
     alive: Vec<bool>,
     links: Vec<Link>,
@@ -72,7 +72,7 @@ pub(crate) struct Lives {
 impl Lives {
     /// All first processes are being started. `hearers`: of each edge. `beside_remains`: services
     /// have room for a replacement beside one of the dead, and it need not wait for the clean-up.
-    pub(crate) fn new(
+    pub fn new(
         policies: impl Iterator<Item = RestartPolicy>,
         hearers: impl Iterator<Item = usize>,
         beside_remains: bool,
@@ -100,38 +100,43 @@ impl Lives {
     }
 
     /// Where a robot is in its life.
-    pub(crate) fn seat(&self, robot: usize) -> Seat {
+    pub fn seat(&self, robot: usize) -> Seat {
         self.robots[robot].seat
     }
 
     /// How often a robot's process was started before this one.
-    pub(crate) fn incarnation(&self, robot: usize) -> u64 {
+    pub fn incarnation(&self, robot: usize) -> u64 {
         self.robots[robot].incarnation
     }
 
     /// Who counts as alive: whoever did not die, or was replaced by one that takes part.
-    pub(crate) fn alive(&self) -> &[bool] {
+    pub fn alive(&self) -> &[bool] {
         &self.alive
     }
 
     /// Whether an edge is cut by hand.
-    pub(crate) fn is_cut(&self, edge: usize) -> bool {
+    pub fn is_cut(&self, edge: usize) -> bool {
         self.links[edge].cut_by.is_some()
     }
 
     /// The fault by which a robot is frozen.
-    pub(crate) fn frozen_by(&self, robot: usize) -> Option<usize> {
+    pub fn frozen_by(&self, robot: usize) -> Option<usize> {
         self.robots[robot].frozen_by
     }
 
+    /// Whether a replacement is due now or later.
+    pub fn returns(&self, robot: usize) -> bool {
+        self.robots[robot].restart_at_ns.is_some()
+    }
+
     /// When the next replacement is due, ns.
-    pub(crate) fn next_restart_ns(&self) -> Option<u64> {
+    pub fn next_restart_ns(&self) -> Option<u64> {
         self.robots.iter().filter_map(|life| life.restart_at_ns).min()
     }
 
     /// Whether nothing is under way at this run time, ns: nobody starts or ends, nothing of the dead
     /// is left, no replacement is due.
-    pub(crate) fn at_rest(&self, now_ns: u64) -> bool {
+    pub fn at_rest(&self, now_ns: u64) -> bool {
         self.robots.iter().all(|life| match life.seat {
             Seat::Moving | Seat::Frozen => true,
             Seat::Down => life.remains == 0 && life.restart_at_ns.is_none_or(|at| at > now_ns),
@@ -140,7 +145,7 @@ impl Lives {
     }
 
     /// What follows from an event at this run time, ns.
-    pub(crate) fn step(&mut self, now_ns: u64, event: Event) -> Vec<Effect> {
+    pub fn step(&mut self, now_ns: u64, event: Event) -> Vec<Effect> {
         let mut effects = Effects { list: Vec::new(), now_ns };
         let out = &mut effects;
         match event {

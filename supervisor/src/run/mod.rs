@@ -9,6 +9,7 @@
 //! | `services` | over what do the processes speak? |
 //! | `conduct` | how does time pass, and what follows from that? |
 //! | `intake` | what did the plant and the robots say up to now? |
+//! | `reports` | what did a robot say of itself, and what of it is new? |
 //! | `listen` | in which order is that taken in, and who is told? |
 //! | `lives` | where is each robot's process in its life, and what follows on what? |
 //! | `acts` | what is done, when it is due? |
@@ -27,12 +28,13 @@ mod error;
 mod farewell;
 mod hung;
 mod intake;
-mod journal;
+pub mod journal;
 mod launch;
 mod listen;
-pub(crate) mod lives;
+pub mod lives;
 mod load;
 mod processes;
+pub mod reports;
 mod services;
 
 use std::collections::VecDeque;

@@ -170,6 +170,7 @@ fn every_command_of_every_page_is_one_that_the_program_takes() {
                         "sed ",
                         "head ",
                         "cat ",
+                        "cmp ",
                         "grep ",
                         "ls ",
                         "parallel ",

@@ -4,7 +4,7 @@ use metrics::fault::End;
 
 /// On whose account something is done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Who {
+pub enum Who {
     /// The scenario's.
     Plan,
     /// Somebody's, through the live view.
@@ -13,7 +13,7 @@ pub(crate) enum Who {
 
 impl Who {
     /// How it is written down.
-    pub(crate) fn word(self) -> &'static str {
+    pub fn word(self) -> &'static str {
         match self {
             Who::Plan => "as planned",
             Who::Hand => "by hand",
@@ -23,7 +23,8 @@ impl Who {
 
 /// What happens to a robot, or is done to it on purpose. Faults go by their numbers in the report.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Event {
+#[expect(missing_docs, reason = "the fields are named in the variants' comments")]
+pub enum Event {
     /// SIGKILL on purpose; a replacement at that run time, ns.
     Kill { robot: usize, fault: usize, restart_at_ns: Option<u64>, who: Who },
     /// SIGSTOP. `ends`: a thaw is planned for it.
@@ -48,25 +49,27 @@ pub(crate) enum Event {
 
 /// How a robot's process ended.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Death {
-    pub(crate) robot: usize,
+pub struct Death {
+    /// Whose.
+    pub robot: usize,
     /// In words.
-    pub(crate) how: String,
+    pub how: String,
     /// With exit code 0.
-    pub(crate) success: bool,
+    pub success: bool,
     /// With another exit code.
-    pub(crate) gave_up: bool,
+    pub gave_up: bool,
     /// Nobody had moved yet.
-    pub(crate) starting_up: bool,
+    pub starting_up: bool,
     /// Run time at which it was last seen alive, ns.
-    pub(crate) alive_ns: u64,
+    pub alive_ns: u64,
     /// The number of the fault that it is, if nobody had planned it.
-    pub(crate) fault: usize,
+    pub fault: usize,
 }
 
 /// What is to be done, in this order.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Effect {
+#[expect(missing_docs, reason = "the fields are named in the variants' comments")]
+pub enum Effect {
     /// A process is started.
     Start { robot: usize, incarnation: u64 },
     /// SIGKILL.

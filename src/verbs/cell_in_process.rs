@@ -1,0 +1,147 @@
+//! One run of a campaign within this process: the same directory as that of `phalanx run --cell`, without
+//! the processes, and without their briefs and logs.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use campaign::cells::Cell;
+use campaign::file::{Campaign, Keep};
+use campaign::folder::{Folder, complete, part};
+use campaign::pool::processes::ByProcesses;
+use campaign::pool::{Tried, Way};
+use experiment::scenario::Scenario;
+use experiment::scenario::read::read_to_run;
+use metrics::Metrics;
+use protocol::brief::Pace;
+use protocol::catalog::Catalog;
+use protocol::process::{Stop, exit};
+use results::manifest::{Build, Manifest};
+use results::run_dir::RunDir;
+
+use super::run::judge;
+use crate::in_process::measured;
+
+/// Runs of a campaign within this process.
+pub(super) struct InProcess<'a> {
+    pub(super) campaign: &'a Campaign,
+    pub(super) folder: &'a Folder,
+    pub(super) catalog: &'a Catalog,
+    pub(super) build: &'a Build,
+    pub(super) stop: &'a Stop,
+    /// For those that need processes.
+    pub(super) processes: ByProcesses<'a>,
+    /// How many of those there were, and what the first needed them for.
+    pub(super) by_processes: Mutex<(usize, &'static str)>,
+}
+
+impl Way for InProcess<'_> {
+    fn attempt(&self, cell: &Cell) -> Tried {
+        let read = read_to_run(&cell.scenario, &cell.overrides, self.catalog);
+        let (scenario, text) = match read {
+            Ok((scenario, text, _)) => (scenario, text),
+            Err(diagnostic) => return Tried::Refused(diagnostic.render(false)),
+        };
+        if let Some(why) = measured::needs_processes(&scenario) {
+            let mut counted = self.by_processes.lock().expect("nobody panics holding it");
+            counted.1 = if counted.0 == 0 { why } else { counted.1 };
+            counted.0 += 1;
+            drop(counted);
+            return self.processes.attempt(cell);
+        }
+        let run = self.folder.run(&cell.id);
+        let part = part(&run);
+        // What an earlier attempt left.
+        let _ = std::fs::remove_dir_all(&part);
+        let tried = sheltered(|| self.run(&scenario, &text, &cell.scenario, &part, &run));
+        if tried != Tried::Done {
+            let _ = std::fs::remove_dir_all(&part);
+        }
+        tried
+    }
+
+    fn has_own_cores(&self) -> bool {
+        false
+    }
+}
+
+impl InProcess<'_> {
+    /// Runs a sound scenario of the file `from` into `part`, which becomes `run` when it is complete.
+    fn run(
+        &self,
+        scenario: &Scenario,
+        text: &str,
+        from: &Path,
+        part: &Path,
+        run: &Path,
+    ) -> Result<Tried, String> {
+        let (keep, pace) = (self.campaign.keep, Pace::Lockstep);
+        let manifest = Manifest::collect(scenario, from, pace, self.build);
+        let mut run_dir = self.begin(scenario, text, &manifest, part).map_err(in_words)?;
+        let mut metrics = Metrics::new(scenario, pace);
+        let began = Instant::now();
+        let deadline = Duration::from_secs_f64(self.campaign.deadline_s);
+        let goes_on = || !self.stop.requested() && began.elapsed() < deadline;
+        let (mut outcome, ran) = measured::run(scenario, &mut run_dir, &mut metrics, goes_on);
+        ran.map_err(in_words)?;
+        if outcome.interrupted {
+            return match self.stop.requested() {
+                true => Ok(Tried::Stopped),
+                false => Err(format!("took more than {deadline:?}")),
+            };
+        }
+        let judged = judge(scenario, pace, &metrics, &mut outcome, exit::OK, &mut run_dir);
+        judged.finished.map_err(in_words)?;
+        let passed = judged.summary.exit == exit::OK;
+        complete(part, run, keep, passed)
+            .map_err(|error| format!("cannot complete {}: {error}", run.display()))?;
+        Ok(Tried::Done)
+    }
+
+    fn begin(
+        &self,
+        scenario: &Scenario,
+        text: &str,
+        manifest: &Manifest,
+        part: &Path,
+    ) -> Result<RunDir, results::run_dir::RunDirError> {
+        let mut run_dir = RunDir::create(part, scenario)?;
+        run_dir.write_scenario(text)?;
+        run_dir.write_manifest(manifest)?;
+        match self.campaign.keep {
+            Keep::Summary => run_dir.record_nothing(),
+            Keep::Failed | Keep::All => run_dir.begin_recording(text, manifest)?,
+        }
+        Ok(run_dir)
+    }
+}
+
+/// What came of an attempt: one that panics, or fails for a reason in words, has failed, and others go on.
+fn sheltered(attempt: impl FnOnce() -> Result<Tried, String>) -> Tried {
+    // What it holds is thrown away with it.
+    let tried = catch_unwind(AssertUnwindSafe(attempt)).unwrap_or_else(|panic| {
+        let said = panic.downcast_ref::<String>().map(String::as_str);
+        let said = said.or_else(|| panic.downcast_ref::<&str>().copied());
+        Err(format!("panicked: {}", said.unwrap_or("without a word")))
+    });
+    tried.unwrap_or_else(Tried::Failed)
+}
+
+fn in_words(error: impl std::fmt::Display) -> String {
+    error.to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_that_panics_has_failed_and_says_why() {
+        let why = |words: &str| Tried::Failed(words.to_owned());
+        assert_eq!(sheltered(|| panic!("no {}", 1)), why("panicked: no 1"));
+        assert_eq!(sheltered(|| panic!("none")), why("panicked: none"));
+        assert_eq!(sheltered(|| Err("no room".into())), why("no room"));
+        assert_eq!(sheltered(|| Ok(Tried::Done)), Tried::Done);
+    }
+}

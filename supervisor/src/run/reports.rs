@@ -1,0 +1,117 @@
+//! What a robot said of itself up to now, and what of it is new. Must not: know how it was said.
+
+use protocol::message::{Contact, NeighborStatus, StatusHeader};
+
+/// How a robot is doing, as it says itself.
+#[derive(Debug, Clone)]
+pub struct Report {
+    /// How it hears each robot, and since when, ns.
+    contacts: Vec<(Contact, u64)>,
+    /// How it hears the leader's frame, and since when, ns.
+    frame: (Contact, u64),
+    /// Deadline misses of earlier incarnations, and of this one so far.
+    misses: [u64; 2],
+    /// Beacons refused by earlier incarnations, and by this one so far.
+    refused: [u64; 2],
+}
+
+/// Something that a robot says for the first time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[expect(missing_docs, reason = "`since_ns`: run time; `other`: by place in the scenario")]
+pub enum News {
+    /// How it hears another.
+    Heard { other: usize, contact: Contact, since_ns: u64 },
+    /// How it hears the leader's frame.
+    FrameHeard { contact: Contact, since_ns: u64 },
+}
+
+impl Report {
+    /// Of one of so many robots: it hears nobody yet.
+    pub fn new(robots: usize) -> Report {
+        let unheard = (Contact::Unheard, 0);
+        Report { contacts: vec![unheard; robots], frame: unheard, misses: [0; 2], refused: [0; 2] }
+    }
+
+    /// A replacement is started: it hears nobody, and counts from 0.
+    pub fn begins_anew(&mut self) {
+        let [misses, refused] = [self.misses, self.refused].map(|counts| counts.iter().sum());
+        let fresh = Report::new(self.contacts.len());
+        *self = Report { misses: [misses, 0], refused: [refused, 0], ..fresh };
+    }
+
+    /// How it hears another robot.
+    pub fn contact(&self, other: usize) -> Contact {
+        self.contacts[other].0
+    }
+
+    /// Deadlines it missed.
+    pub fn misses(&self) -> u64 {
+        self.misses.iter().sum()
+    }
+
+    /// Beacons it refused.
+    pub fn refused(&self) -> u64 {
+        self.refused.iter().sum()
+    }
+
+    /// Takes in a status of the process that is there now; what is new of it.
+    pub fn take(&mut self, header: &StatusHeader, neighbors: &[NeighborStatus]) -> Vec<News> {
+        self.misses[1] = header.deadline_misses;
+        self.refused[1] = header.beacons_refused;
+        let mut news = Vec::new();
+        if let Some(contact) = Contact::from_number(header.frame) {
+            let since_ns = header.frame_since_t_ns;
+            if turns(&mut self.frame, contact, since_ns) {
+                news.push(News::FrameHeard { contact, since_ns });
+            }
+        }
+        for &NeighborStatus { robot, contact, since_t_ns: since_ns, .. } in neighbors {
+            let Some(contact) = Contact::from_number(contact) else { continue };
+            let Some(other) = (robot as usize).checked_sub(1) else { continue };
+            let Some(known) = self.contacts.get_mut(other) else { continue };
+            if turns(known, contact, since_ns) {
+                news.push(News::Heard { other, contact, since_ns });
+            }
+        }
+        news
+    }
+}
+
+/// Whether it is news; that nobody was heard yet is none.
+fn turns(known: &mut (Contact, u64), contact: Contact, since_ns: u64) -> bool {
+    contact != Contact::Unheard && std::mem::replace(known, (contact, since_ns)) != *known
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn status(contact: Contact, since_t_ns: u64) -> NeighborStatus {
+        NeighborStatus { robot: 2, contact: contact as u64, since_tick: 0, since_t_ns }
+    }
+
+    #[test]
+    fn a_replacement_says_anew_whom_it_hears_with_times_of_its_own() {
+        let mut report = Report::new(2);
+        let frame = |contact: Contact, frame_since_t_ns| StatusHeader {
+            frame: contact as u64,
+            frame_since_t_ns,
+            deadline_misses: 3,
+            beacons_refused: 1,
+            ..StatusHeader::default()
+        };
+        let heard = |since_ns| News::Heard { other: 1, contact: Contact::Fresh, since_ns };
+        let frame_heard = |since_ns| News::FrameHeard { contact: Contact::Fresh, since_ns };
+        let first = report.take(&frame(Contact::Fresh, 5), &[status(Contact::Fresh, 4)]);
+        assert_eq!(first, [frame_heard(5), heard(4)]);
+        assert!(report.take(&frame(Contact::Fresh, 5), &[status(Contact::Fresh, 4)]).is_empty());
+        report.begins_anew();
+        assert_eq!(report.contact(1), Contact::Unheard);
+        // It says so before it hears anybody, as of the run's start.
+        let born = report.take(&frame(Contact::Unheard, 0), &[status(Contact::Unheard, 0)]);
+        assert!(born.is_empty(), "{born:?}");
+        let again = report.take(&frame(Contact::Fresh, 95), &[status(Contact::Fresh, 90)]);
+        assert_eq!(again, [frame_heard(95), heard(90)]);
+        assert_eq!((report.misses(), report.refused()), (6, 2), "of both");
+    }
+}

@@ -1,0 +1,149 @@
+//! Campaigns within one process: what the processes of each run come to, byte for byte, and no processes.
+
+use std::fs;
+use std::path::Path;
+
+use rustix::process::Signal;
+use serde_json::Value;
+
+use crate::campaigns::{NINE, Place, ended};
+use crate::harness::signal_pid;
+
+/// Runs with everything in them that a plan may have without processes of its own.
+const ALL: &str = "name = \"all\"\nscenario = \"SCENARIOS/triangle.toml\"\nkeep = \"KEEP\"\n\
+    case = [\n\
+    { axis = \"case\", name = \"kills\", faults = [\"kill r2 @0.4 restart 0.3\", \"kill r2 @0.9 restart 0.2\", \
+      \"freeze r3 @0.4 for 0.4\", \"freeze r1 @0.6 for 0.1\", \"kill r1 @1\", \"kill r3 @1.2\"] },\n\
+    { axis = \"case\", name = \"at the start\", faults = [\"kill r2 @0 restart 0.1\", \
+      \"freeze r3 @0 for 0.1\", \"freeze r1 @0.3\"] },\n\
+    { axis = \"case\", name = \"sensors\", faults = [\"noise r1 odometry by 0.01 @0.1 for 1\", \
+      \"noise r3 proximity by 0.01 @0.1 for 1\", \"blackout r2 odometry @0.3 for 0.3\", \
+      \"slow r3 by 0.03 @0.3 for 0.3\", \"wheels r1 limit 0.03 @0.4 for 0.5\"] },\n\
+    { axis = \"case\", name = \"radio\", faults = [\"delay * odometry by 0.02 @0\", \
+      \"delay * commands by 0.02 jitter 0.01 @0\", \"bursts * odometry of 0.2 mean 0.1 @0\", \
+      \"bursts * commands of 0.2 mean 0.1 @0\", \"bursts r2->r1 of 0.5 mean 0.1 @0\", \
+      \"delay r1->r3 by 0.05 jitter 0.03 @0.2\", \"loss r2->r1 of 0.3 @0\", \"cut r1->r3 @0.5 for 0.3\"] },\n\
+    { axis = \"case\", name = \"goals\", scenario = \"SCENARIOS/antipodal-8.toml\", set = { \
+      expect.converged_by_s = 1.5, chaos = { mean_time_between_kills_s = 0.3, restart_after_s = 0.3, \
+      mean_time_between_freezes_s = 0.3 } } },\n\
+    { axis = \"case\", name = \"walls\", scenario = \"SCENARIOS/corridor.toml\", \
+      faults = [\"kill r2 @0.5 restart 0.4\"] },\n\
+    { axis = \"case\", name = \"inertia\", scenario = \"SCENARIOS/pentagon-inertia.toml\" },\n]\n\
+    [set]\nduration_s = 1.5\nperiod_s = 0.02\nexpect = {}\n";
+
+fn runs(place: &Place, out: &str) -> Vec<String> {
+    let runs = fs::read_dir(place.out(out).join("runs")).unwrap().flatten();
+    let mut runs: Vec<String> = runs.map(|run| run.file_name().into_string().unwrap()).collect();
+    runs.sort();
+    runs
+}
+
+/// What the experiment determines of a summary.
+fn determined(path: &Path) -> Value {
+    let mut summary: Value = serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap();
+    let wall = summary.as_object_mut().unwrap().remove("wall").unwrap();
+    assert!(wall["wall_s"].as_f64().unwrap() > 0.0, "{path:?}: {wall}");
+    summary
+}
+
+#[test]
+fn a_campaign_in_one_process_is_that_of_processes_byte_for_byte() {
+    let place = Place::new(&ALL.replace("KEEP", "all"));
+    ended(place.sweep("processes", &[]), 0);
+    let said = ended(place.sweep("one", &["--in-process"]), 0);
+    assert!(!said.contains("by processes"), "{said}");
+    let [processes, one] = ["processes", "one"].map(|out| place.file(&format!("{out}/runs.csv")));
+    assert_eq!(processes, one);
+    assert_eq!(one.lines().count(), 8, "{one}");
+    assert_eq!(runs(&place, "processes"), runs(&place, "one"));
+    for run in runs(&place, "one") {
+        let of = |out: &str, file: &str| place.out(out).join("runs").join(&run).join(file);
+        for file in ["scenario.toml", "samples.csv", "pairs.csv", "events.csv", "run.mcap"] {
+            let [a, b] = ["processes", "one"].map(|out| fs::read(of(out, file)).unwrap());
+            assert!(a == b, "{file} of {run} differs");
+        }
+        let [a, b] = ["processes", "one"].map(|out| determined(&of(out, "summary.json")));
+        assert_eq!(a, b, "{run}");
+    }
+    // What was measured has a value, and what there is not without processes has none.
+    let timing = place.file("one/timing.csv");
+    let heads: Vec<&str> = timing.lines().next().unwrap().split(',').collect();
+    for line in timing.lines().skip(1) {
+        for (head, field) in heads.iter().zip(line.split(',')) {
+            assert_eq!(field.is_empty(), *head == "startup_s", "{head} of {line}");
+        }
+    }
+}
+
+#[test]
+fn a_campaign_goes_on_in_one_process_and_by_processes_alike() {
+    let place = Place::new(&ALL.replace("KEEP", "summary"));
+    ended(place.sweep("whole", &["--in-process"]), 0);
+    let table = place.file("whole/runs.csv");
+    for (out, first, then) in
+        [("one", vec!["--in-process"], vec![]), ("other", vec![], vec!["--in-process"])]
+    {
+        ended(place.sweep(out, &first), 0);
+        for run in runs(&place, out).iter().step_by(2) {
+            fs::remove_dir_all(place.out(out).join("runs").join(run)).unwrap();
+        }
+        let said = ended(place.sweep(out, &then), 0);
+        assert!(said.contains("4 runs in"), "{said}");
+        assert_eq!(place.file(&format!("{out}/runs.csv")), table);
+    }
+}
+
+#[test]
+fn runs_that_need_processes_get_them_and_the_rest_none() {
+    let place = Place::new(
+        "name = \"plant\"\nscenario = \"SCENARIOS/triangle.toml\"\n\
+         set = { duration_s = 1.0, expect.converged_by_s = 1.0 }\n\
+         vary.fault = [\"none\", \"kill plant @0.5\", \"load of 1 @0.2 for 0.2\"]\n",
+    );
+    let said = ended(place.sweep("one", &["--in-process"]), 0);
+    assert!(said.contains("2 of them by processes"), "{said}");
+    ended(place.sweep("processes", &[]), 0);
+    assert_eq!(place.file("one/runs.csv"), place.file("processes/runs.csv"));
+}
+
+#[test]
+fn in_real_time_a_run_is_its_processes() {
+    let place = Place::new(&format!("pace = \"realtime\"\n{NINE}"));
+    let said = ended(place.sweep("out", &["--in-process"]), 2);
+    assert!(said.contains("leave the option out"), "{said}");
+    assert!(!place.out("out").exists());
+}
+
+#[test]
+fn an_interrupted_campaign_in_one_process_leaves_no_part_of_a_run() {
+    let place = Place::new(
+        &NINE
+            .replace("duration_s = 1.0", "duration_s = 100000.0")
+            .replace("_by_s = 1.0", "_by_s = 9.0"),
+    );
+    let mut child = place.sweep("out", &["--in-process"]).spawn().unwrap();
+    place.wait_for(&mut child, || !runs_if_any(&place).is_empty());
+    signal_pid(child.id(), Signal::INT);
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(130), "{said}");
+    assert!(said.contains("0 of 9 runs are done"), "{said}");
+    assert!(runs_if_any(&place).is_empty(), "{:?}", runs_if_any(&place));
+}
+
+fn runs_if_any(place: &Place) -> Vec<String> {
+    if place.out("out/runs").exists() { runs(place, "out") } else { Vec::new() }
+}
+
+#[test]
+fn a_run_in_one_process_past_its_deadline_is_given_up() {
+    let place = Place::new(&format!(
+        "deadline_s = 0.001\n{}",
+        NINE.replace("seeds = 9", "seeds = 1").replace("duration_s = 1.0", "duration_s = 10000.0")
+    ));
+    let said = ended(place.sweep("out", &["--in-process"]), 4);
+    assert!(said.contains("1 given up"), "{said}");
+    assert!(place.file("out/runs.csv").contains(",infrastructure,4,"));
+    let [left] = &runs(&place, "out")[..] else { panic!("{:?}", runs(&place, "out")) };
+    assert!(left.ends_with(".failed"), "{left}");
+}

@@ -238,7 +238,11 @@ impl Agent {
                 let held = wake.due_ns < slow_until_ns.max(thaws.last_ns());
                 late_ns.push((if held { Stage::Held } else { Stage::Wake }, wake.lateness_ns));
                 let behind_ns = wake.lateness_ns;
-                let late = Late { behind_ns, at_work_ns: rested_ns.saturating_sub(wake.due_ns) };
+                let late = Late {
+                    behind_ns,
+                    at_work_ns: rested_ns.saturating_sub(wake.due_ns),
+                    worked_ns: rested_ns.saturating_sub(awake_ns),
+                };
                 let missed = std::mem::take(&mut missed);
                 match held {
                     true => witness.look(),
@@ -289,7 +293,7 @@ impl Agent {
             }
             let news = self.brain.take_news();
             if self.report_if(news, taken_ns)? {
-                witness.look();
+                witness.look_when_on_time();
             }
             if self.ports.latency.is_due(taken_ns) {
                 self.tell_ages(taken_ns);

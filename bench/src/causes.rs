@@ -170,16 +170,18 @@ pub(crate) fn measure(
 }
 
 /// One account as numbers, ns.
-fn shown(Account { late, before, after }: Account) -> String {
+fn shown(account: Account) -> String {
+    let Account { late, before, after, .. } = account;
     format!(
-        "behind {} at work {} waited {} stolen {} major {} minor {}: {:?}",
+        "behind {} at work {} waited {} held up {} stolen {} major {} minor {}: {:?}",
         late.behind_ns,
         late.at_work_ns,
         after.waited_ns - before.waited_ns,
+        after.held_up_ns - before.held_up_ns,
         after.stolen_ns - before.stolen_ns,
         after.major_faults - before.major_faults,
         after.minor_faults - before.minor_faults,
-        Account { late, before, after }.cause(),
+        account.cause(),
     )
 }
 
@@ -304,17 +306,20 @@ pub(crate) fn peer(way: Way, ticks: u64, result: &Path) -> Result<(), BenchError
     let began_ns = clock::now_ns();
     let mut timer = Timer::new(PERIOD_NS, 0);
     let mut witness = Witness::new(PERIOD_NS);
-    let (mut rested_ns, mut missed, mut tick) = (began_ns, false, 0);
+    let (mut awake_ns, mut rested_ns) = (began_ns, began_ns);
+    let (mut missed, mut tick) = (false, 0);
     let mut seen = Seen::default();
     while clock::now_ns() < began_ns + (ticks + TICKS_SPARE) * PERIOD_NS {
         let Some(wake) = timer.wait() else { continue };
         let at_work_ns = rested_ns.saturating_sub(wake.due_ns);
-        let late = Late { behind_ns: wake.lateness_ns, at_work_ns };
+        let worked_ns = rested_ns.saturating_sub(awake_ns);
+        let late = Late { behind_ns: wake.lateness_ns, at_work_ns, worked_ns };
         if let Some(account) = witness.account_of(late, std::mem::take(&mut missed)) {
             seen.late.push(Told { due_ns: wake.due_ns, account });
         }
         tick += 1;
         let from_ns = clock::now_ns();
+        awake_ns = from_ns;
         let struck = tick % STRIKE_EVERY_TICKS == 0;
         match way {
             Way::Quota => work_until(from_ns + WANTED_NS),
@@ -329,7 +334,7 @@ pub(crate) fn peer(way: Way, ticks: u64, result: &Path) -> Result<(), BenchError
         missed = rested_ns.saturating_sub(wake.due_ns) >= PERIOD_NS;
         // As with each status: what was counted until now explains nothing that comes.
         if tick % STRIKE_EVERY_TICKS == STRIKE_EVERY_TICKS / 2 {
-            witness.look();
+            witness.look_when_on_time();
         }
     }
     peers::tell(result, &seen)
@@ -374,9 +379,11 @@ mod tests {
     const MS: u64 = 1_000_000;
 
     fn told(due_ms: u64, behind_ms: u64, waited_ms: u64) -> Told {
-        let late = Late { behind_ns: behind_ms * MS, at_work_ns: 0 };
+        let late = Late { behind_ns: behind_ms * MS, at_work_ns: 0, worked_ns: 0 };
         let after = Counters { waited_ns: waited_ms * MS, ..Counters::default() };
-        Told { due_ns: due_ms * MS, account: Account { late, before: Counters::default(), after } }
+        let (before, period_ns, previous) = (Counters::default(), PERIOD_NS, None);
+        let account = Account { late, before, after, period_ns, previous };
+        Told { due_ns: due_ms * MS, account }
     }
 
     #[test]

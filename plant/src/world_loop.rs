@@ -226,18 +226,21 @@ impl<M: Motion> Plant<M> {
         let mut timer = Timer::new(tick_ns, start_ns % tick_ns);
         self.world.start_at(start_ns);
         self.publish()?;
-        let (mut witness, mut rested_ns) = (Witness::new(tick_ns), start_ns);
+        let mut witness = Witness::new(tick_ns);
+        let (mut awake_ns, mut rested_ns) = (start_ns, start_ns);
         let mut gaps = vec![Gaps::default(); self.brief.robots.len()];
         let mut overrun = Overrun::default();
         while !self.stop.requested() && self.world.t_ns() < self.brief.duration_ns {
             let Some(wake) = timer.wait() else { continue };
             self.ports.latency.record(Stage::Wake, 0, wake.lateness_ns);
             let at_work_ns = rested_ns.saturating_sub(wake.due_ns);
-            let late = Late { behind_ns: wake.lateness_ns, at_work_ns };
+            let worked_ns = rested_ns.saturating_sub(awake_ns);
+            let late = Late { behind_ns: wake.lateness_ns, at_work_ns, worked_ns };
             if let Some(cause) = witness.cause_of(late, false) {
                 self.ports.latency.record(cause.stage(), 0, wake.lateness_ns);
             }
             let now_ns = clock::now_ns();
+            awake_ns = now_ns;
             let t_ns = (now_ns - start_ns).min(self.brief.duration_ns);
             self.catch_up(t_ns, &mut overrun)?;
             self.world.next_tick();
@@ -260,7 +263,7 @@ impl<M: Motion> Plant<M> {
             }
             if self.ports.latency.is_due(now_ns) {
                 self.ports.latency.send_if_due(now_ns);
-                witness.look();
+                witness.look_when_on_time();
             }
             rested_ns = clock::now_ns();
         }

@@ -6,9 +6,11 @@
 
 use std::fs::File;
 use std::os::unix::fs::FileExt as _;
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use crate::cgroup;
 use crate::stage::Cause;
 
 /// A wake-up is late if it comes this part of a period after its deadline.
@@ -26,6 +28,9 @@ const STOLEN: usize = 8;
 pub struct Counters {
     /// For how long this thread was ready to run while others ran, ns; 0 where the kernel does not say.
     pub waited_ns: u64,
+    /// For how long the cgroups that this process is in were held up by a limit, on all cores together,
+    /// ns; 0 where there is none.
+    pub held_up_ns: u64,
     /// For how long the host of this virtual machine ran somebody else, on all cores together, ns; 0
     /// where the kernel does not say. It grows in steps of 10 ms.
     pub stolen_ns: u64,
@@ -42,6 +47,8 @@ pub struct Late {
     pub behind_ns: u64,
     /// How much of that the loop was still at work, ns.
     pub at_work_ns: u64,
+    /// How long that work took since the wake-up before, ns.
+    pub worked_ns: u64,
 }
 
 /// A late wake-up, and what was counted when the thread looked last before it, and at it.
@@ -53,19 +60,27 @@ pub struct Account {
     pub before: Counters,
     /// At the wake-up.
     pub after: Counters,
+    /// The loop's period, ns.
+    pub period_ns: u64,
+    /// Why the wake-up before was late, if it was.
+    pub previous: Option<Cause>,
 }
 
 impl Account {
     /// The cause: whatever explains at least half of the lateness.
     ///
+    /// A process that its cgroup holds up waits for a core as well, but the kernel may not count it so.
     /// Waiting comes before work: whoever is interrupted in the middle of its work is at work for longer.
-    /// The host comes last of those that are counted, for its steps are coarse.
+    /// The host comes last of those that are counted, for its steps are coarse. Work that takes less than a
+    /// period is at most still under way because it began late: then the wake-up before has the cause.
     pub fn cause(self) -> Cause {
-        let Account { late, before, after } = self;
+        let Account { late, before, after, period_ns, previous } = self;
         let half_ns = late.behind_ns.div_ceil(2);
         let explains = |ns: u64| ns >= half_ns;
         let minor = after.minor_faults.saturating_sub(before.minor_faults);
-        if explains(after.waited_ns.saturating_sub(before.waited_ns)) {
+        let waited_ns = after.waited_ns.saturating_sub(before.waited_ns);
+        let held_up_ns = after.held_up_ns.saturating_sub(before.held_up_ns);
+        if explains(waited_ns.max(held_up_ns)) {
             Cause::Core
         } else if after.major_faults > before.major_faults
             || explains(minor.saturating_mul(MINOR_FAULT_NS))
@@ -74,7 +89,7 @@ impl Account {
         } else if explains(after.stolen_ns.saturating_sub(before.stolen_ns)) {
             Cause::Host
         } else if explains(late.at_work_ns) {
-            Cause::Work
+            previous.filter(|_| late.worked_ns < period_ns).unwrap_or(Cause::Work)
         } else {
             Cause::Unknown
         }
@@ -87,18 +102,27 @@ pub struct Witness {
     reader: Reader,
     period_ns: u64,
     counted: Counters,
+    looks_next: bool,
+    previous: Option<Cause>,
 }
 
 impl Witness {
     /// Of the thread that makes it, whose loop has this period, ns.
     pub fn new(period_ns: u64) -> Witness {
         let reader = Reader::new();
-        Witness { period_ns, counted: reader.read(), reader }
+        Witness { period_ns, counted: reader.read(), reader, looks_next: false, previous: None }
     }
 
     /// Looks again, so that what was counted until now explains nothing that comes.
     pub fn look(&mut self) {
         self.counted = self.reader.read();
+        (self.looks_next, self.previous) = (false, None);
+    }
+
+    /// Looks again at the next wake-up that is on time: what was counted since the last one may yet be why
+    /// the next is late.
+    pub fn look_when_on_time(&mut self) {
+        self.looks_next = true;
     }
 
     /// Why it was late, if it was: by more than a tenth of the period, or after a `missed` deadline.
@@ -109,10 +133,18 @@ impl Witness {
     /// What the cause is told by.
     pub fn account_of(&mut self, late: Late, missed: bool) -> Option<Account> {
         if !missed && late.behind_ns <= self.period_ns / LATE_PART {
+            self.previous = None;
+            if self.looks_next {
+                self.look();
+            }
             return None;
         }
+        self.looks_next = false;
         let before = std::mem::replace(&mut self.counted, self.reader.read());
-        Some(Account { late, before, after: self.counted })
+        let (after, period_ns, previous) = (self.counted, self.period_ns, self.previous);
+        let account = Account { late, before, after, period_ns, previous };
+        self.previous = Some(account.cause());
+        Some(account)
     }
 }
 
@@ -121,15 +153,19 @@ impl Witness {
 pub struct Reader {
     schedstat: Option<File>,
     stat: Option<File>,
+    /// Of each cgroup that has a limit.
+    limits: Vec<File>,
     ns_per_tick: u64,
 }
 
 impl Reader {
     /// A reader for this thread.
     pub fn new() -> Reader {
+        let limits = cgroup::limits(Path::new("/"));
         Reader {
             schedstat: File::open("/proc/thread-self/schedstat").ok(),
             stat: File::open("/proc/stat").ok(),
+            limits: limits.iter().filter_map(|limited| File::open(&limited.stat).ok()).collect(),
             ns_per_tick: 1_000_000_000 / rustix::param::clock_ticks_per_second().max(1),
         }
     }
@@ -160,6 +196,7 @@ impl Reader {
         if let Some(ticks) = number(self.stat.as_ref(), &mut buffer, STOLEN) {
             counters.stolen_ns = ticks.saturating_mul(self.ns_per_tick);
         }
+        counters.held_up_ns = self.limits.iter().filter_map(held_up_ns).max().unwrap_or(0);
         counters
     }
 }
@@ -176,6 +213,12 @@ fn number(file: Option<&File>, buffer: &mut [u8], place: usize) -> Option<u64> {
     let line = buffer[..length].split(|&byte| byte == b'\n').next()?;
     let mut words = line.split(|&byte| byte == b' ').filter(|word| !word.is_empty());
     str::from_utf8(words.nth(place)?).ok()?.parse().ok()
+}
+
+fn held_up_ns(stat: &File) -> Option<u64> {
+    let mut buffer = [0; 1024];
+    let length = stat.read_at(&mut buffer, 0).ok()?;
+    cgroup::held_up_ns(str::from_utf8(&buffer[..length]).ok()?)
 }
 
 fn faults() -> Counters {
@@ -199,11 +242,11 @@ mod tests {
     const MS: u64 = 1_000_000;
 
     fn late(behind_ns: u64, at_work_ns: u64) -> Late {
-        Late { behind_ns, at_work_ns }
+        Late { behind_ns, at_work_ns, worked_ns: 10 * MS }
     }
 
     fn counted(waited_ns: u64, stolen_ns: u64, major_faults: u64, minor_faults: u64) -> Counters {
-        Counters { waited_ns, stolen_ns, major_faults, minor_faults }
+        Counters { waited_ns, held_up_ns: 0, stolen_ns, major_faults, minor_faults }
     }
 
     /// As each of them looks on a machine of two cores.
@@ -235,8 +278,21 @@ mod tests {
             ("a law that overruns", late(7 * MS, 7 * MS), grown(20_000, 0, 0, 1), Cause::Work),
             ("a timer that fired late", late(MS, 0), grown(11_000, 0, 0, 0), Cause::Unknown),
         ] {
-            assert_eq!(Account { late, before, after }.cause(), expected, "{what}");
+            let account = Account { late, before, after, period_ns: 10 * MS, previous: None };
+            assert_eq!(account.cause(), expected, "{what}");
         }
+    }
+
+    #[test]
+    fn work_that_began_late_and_was_quick_has_the_cause_for_which_it_began_late() {
+        let (before, period_ns) = (Counters::default(), 10 * MS);
+        let quick = Late { worked_ns: 4 * MS, ..late(2 * MS, 2 * MS) };
+        let slow = Late { worked_ns: 12 * MS, ..quick };
+        let cause =
+            |late, previous| Account { late, before, after: before, period_ns, previous }.cause();
+        assert_eq!(cause(quick, Some(Cause::Core)), Cause::Core);
+        assert_eq!(cause(quick, None), Cause::Work);
+        assert_eq!(cause(slow, Some(Cause::Core)), Cause::Work);
     }
 
     #[test]
@@ -248,12 +304,30 @@ mod tests {
     }
 
     #[test]
+    fn what_was_counted_while_it_overran_is_still_there_at_the_late_wake_up_that_follows() {
+        let mut witness = Witness::new(10 * MS);
+        let memory = vec![1_u8; 8 << 20];
+        std::hint::black_box(&memory);
+        witness.look_when_on_time();
+        let account = witness.account_of(late(5 * MS, 5 * MS), false).unwrap();
+        assert!(account.after.minor_faults > account.before.minor_faults, "{account:?}");
+        witness.look_when_on_time();
+        let memory = vec![1_u8; 8 << 20];
+        std::hint::black_box(&memory);
+        assert_eq!(witness.account_of(late(0, 0), false), None);
+        let account = witness.account_of(late(5 * MS, 0), false).unwrap();
+        let faults = account.after.minor_faults - account.before.minor_faults;
+        assert!(faults < 1000, "they were looked at when it was on time: {account:?}");
+    }
+
+    #[test]
     fn counters_that_cannot_be_read_explain_nothing() {
-        let reader = Reader { schedstat: None, stat: None, ns_per_tick: 1 };
+        let reader = Reader { schedstat: None, stat: None, limits: Vec::new(), ns_per_tick: 1 };
         let now = reader.read();
         assert_eq!((now.waited_ns, now.stolen_ns), (0, 0));
         assert_eq!(reader.untold(), [Cause::Core, Cause::Host]);
-        let account = Account { late: late(MS, 0), before: now, after: now };
+        let (period_ns, previous) = (10 * MS, None);
+        let account = Account { late: late(MS, 0), before: now, after: now, period_ns, previous };
         assert_eq!(account.cause(), Cause::Unknown);
     }
 

@@ -15,6 +15,7 @@
 //! | `barrier` | in lockstep: whose turn is it? |
 //! | `stage` | what is measured of delays, and why was something late? |
 //! | `latency` | how does that get to the supervisor? |
+//! | `cgroup` | which limits of processor time hold for this process? |
 //! | `lateness` | what does a process read of itself to tell why? |
 //! | `age` | how old is what is known over an edge, at every instant? |
 //! | `number` | how is a number shown to people? |
@@ -31,6 +32,8 @@ pub mod avoidance;
 pub mod barrier;
 pub mod brief;
 pub mod catalog;
+#[cfg(feature = "ipc")]
+pub mod cgroup;
 #[cfg(feature = "ipc")]
 pub mod clock;
 pub mod fault;

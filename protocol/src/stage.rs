@@ -1,5 +1,7 @@
 //! What is measured of delays, and why something was late: the words, and their numbers on the wire.
 
+use serde::{Deserialize, Serialize};
+
 /// What is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
@@ -37,7 +39,7 @@ pub enum Stage {
 }
 
 /// Why something was late.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Cause {
     /// The robot's own work took longer than its period.
     Work,

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use metrics::expect::{self, Expectation, Verdict};
 use metrics::fault::FaultReport;
-use metrics::summary::{Commands, InformationAge, StageLatency, Summary};
+use metrics::summary::{Commands, Holder, InformationAge, SchedulerTrace, StageLatency, Summary};
 
 use crate::chart::Figure;
 use crate::digits::{asked, digits};
@@ -299,11 +299,25 @@ fn latency(summary: &Summary) -> String {
     if worst.is_empty() {
         return ages;
     }
+    let holders = summary.wall.scheduler.as_ref().map_or(String::new(), holders);
     format!(
         "<p>For each stage, the robot or edge with the largest p99.9.</p>\n{worst}<details>\n\
-         <summary>All {} robots, edges and stages</summary>\n{}</details>\n{ages}",
+         <summary>All {} robots, edges and stages</summary>\n{}</details>\n{holders}{ages}",
         summary.latencies().count(),
         table(&heads, summary.latencies().map(row))
+    )
+}
+
+fn holders(trace: &SchedulerTrace) -> String {
+    let rows = trace.held_by.iter().map(|Holder { who, late, held_s }| {
+        let (late, held_ms) = (Cell::Number(late.to_string()), Cell::Number(digits(1e3 * held_s)));
+        vec![Cell::Text(who.clone()), late, held_ms]
+    });
+    format!(
+        "<h3>Who held the cores of late robots</h3>\n<p>A trace of the scheduler saw {} late wake-ups. Each \
+         counts for the program that held its core for the longest time between deadline and wake-up.</p>\n{}",
+        trace.late,
+        table(&["Program", "#Late wake-ups", "#Held, ms"], rows)
     )
 }
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 use protocol::message::TruthHeader;
 
 use crate::latency::Latency;
-use metrics::summary::ProcessUsage;
+use metrics::summary::{ProcessUsage, SchedulerTrace};
 
 /// What a run leaves besides its metrics.
 #[derive(Debug, Clone, Default)]
@@ -30,4 +30,6 @@ pub struct Outcome {
     /// What each process took from the machine: the supervisor, the plant, the robots in scenario
     /// order, and in lockstep what kept the cores awake, which is time that nobody else wanted.
     pub usages: Vec<ProcessUsage>,
+    /// Who held the cores of late robots, if the scheduler was traced.
+    pub scheduler: Option<SchedulerTrace>,
 }

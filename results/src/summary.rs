@@ -12,10 +12,14 @@ use experiment::scenario::Scenario;
 use formation::seconds;
 use metrics::Measures;
 use metrics::expect::{self, Expectation, Verdict};
-use metrics::summary::{Commands, InformationAge, StageLatency, Summary, Wall};
+use metrics::summary::{
+    Commands, Holder, InformationAge, SchedulerTrace, StageLatency, Summary, Wall,
+};
 
 /// Of more robots than this, the screen shows only those with the largest errors.
 const ROBOTS_SHOWN: usize = 12;
+/// Of more programs that held cores than this, the screen shows only the first.
+const HOLDERS_SHOWN: usize = 6;
 /// The verdict on a run of which nothing is expected: it has neither passed nor failed.
 const UNDECLARED: &str = "no expectations declared; exit code 0 says that the run ended as planned";
 
@@ -103,6 +107,7 @@ pub fn sum_up(
             latency,
             latencies_lost: outcome.latency.rows_lost(),
             processes: outcome.usages.clone(),
+            scheduler: outcome.scheduler.clone(),
         },
     }
 }
@@ -209,6 +214,9 @@ pub fn screen(summary: &Summary) -> String {
             late.iter().map(|(cause, count)| format!("{} {count}", cause.words())).collect();
         row("late wake-ups", format!("{total}: {}", causes.join(", ")));
     }
+    if let Some(trace) = &wall.scheduler {
+        row("cores held by", held_by(trace));
+    }
     let worst = summary.worst_latencies();
     if !worst.is_empty() {
         let _ = writeln!(
@@ -273,6 +281,21 @@ pub fn screen(summary: &Summary) -> String {
         let _ = writeln!(text, "  {}", summary.faults[0].broken_means());
     }
     text
+}
+
+/// Who held the cores of late robots, for how many of these wake-ups.
+fn held_by(SchedulerTrace { late, lost, held_by, .. }: &SchedulerTrace) -> String {
+    let (shown, others) = held_by.split_at(held_by.len().min(HOLDERS_SHOWN));
+    let mut words: Vec<String> =
+        shown.iter().map(|Holder { who, late, .. }| format!("{who} {late}")).collect();
+    let others: u64 = others.iter().map(|holder| holder.late).sum();
+    if others > 0 {
+        words.push(format!("others {others}"));
+    }
+    if *lost > 0 {
+        words.push(format!("{lost} switches lost"));
+    }
+    format!("{late} late: {}", words.join(", "))
 }
 
 /// What to do about a miss that may be the machine's: more than half of many late wake-ups waited for a

@@ -26,6 +26,7 @@ use results::run_dir::{RunDir, RunDirError, default_out};
 use results::scene::scene;
 use results::summary::{self, to_json};
 use supervisor::run::{self, Run, RunError};
+use supervisor::scheduler::Trace;
 use supervisor::spawn::Launcher;
 
 /// Arguments of `phalanx run`.
@@ -43,6 +44,10 @@ pub struct RunArgs {
     /// (SCHED_FIFO, mlockall); real time only.
     #[arg(long)]
     realtime_priority: bool,
+    /// Trace the kernel's scheduler, and tell which programs held the cores of late robots; real time only.
+    /// Needs root, CAP_PERFMON, or kernel.perf_event_paranoid at most 0.
+    #[arg(long)]
+    trace_scheduler: bool,
     /// Show the run in a browser while it goes on, at a port or address of this machine [default: any
     /// free port]; the address to open is printed on stderr. The run never blocks on the browser.
     #[arg(
@@ -88,8 +93,17 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
         complain(&"--realtime-priority is for --pace realtime: lockstep has no deadlines");
         return exit::USAGE;
     }
+    if args.trace_scheduler && args.pace == PaceArg::Lockstep {
+        complain(&"--trace-scheduler is for --pace realtime: in lockstep nobody is late");
+        return exit::USAGE;
+    }
     let Some((scenario, text)) = args.scenario.read(catalog) else {
         return exit::BAD_SCENARIO;
+    };
+    let trace = args.trace_scheduler.then(|| Trace::start(scenario.period_ns)).transpose();
+    let trace = match trace {
+        Ok(trace) => trace,
+        Err(error) => return complain(&error),
     };
     // Before anything is written or spawned: the port may be taken.
     let place = args.view.map(|address| view::bind(address, args.insecure)).transpose();
@@ -128,7 +142,7 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
         let how = How { launcher: how.launcher.without_awake(), ..how };
         return cell::run(&args.campaign, cell, &scenario, &text, &manifest, how);
     }
-    let how = How { unmeasured: args.unmeasured, looks, ..how };
+    let how = How { unmeasured: args.unmeasured, looks, trace, ..how };
     match execute(&scenario, &text, &manifest, &out, how) {
         Ok(ended) => {
             if ended.began && ended.written && !args.no_report {
@@ -211,6 +225,8 @@ pub(super) struct How {
     /// Samples and recording are written.
     pub(super) recorded: bool,
     pub(super) looks: Option<Looks>,
+    /// Tells who held the cores of late robots.
+    pub(super) trace: Option<Trace>,
     /// What robots run that is not built in.
     pub(super) programs: Programs,
     /// Is given what ends the run early.
@@ -221,8 +237,8 @@ impl How {
     /// Measured, recorded, and looked at by nobody.
     fn new(pace: Pace, launcher: Launcher) -> How {
         let (unmeasured, recorded) = (false, true);
-        let (looks, programs, on_start) = (None, Programs::default(), None);
-        How { pace, launcher, unmeasured, recorded, looks, programs, on_start }
+        let (looks, trace, programs, on_start) = (None, None, Programs::default(), None);
+        How { pace, launcher, unmeasured, recorded, looks, trace, programs, on_start }
     }
 }
 
@@ -311,7 +327,7 @@ pub(super) fn execute(
     out: &Path,
     how: How,
 ) -> Result<Ended, NotRun> {
-    let How { pace, launcher, unmeasured, recorded, looks, programs, on_start } = how;
+    let How { pace, launcher, unmeasured, recorded, looks, trace, programs, on_start } = how;
     let stop = Stop::on_signals_twice_at_once()?;
     if let Some(on_start) = on_start {
         on_start(&stop);
@@ -340,7 +356,10 @@ pub(super) fn execute(
     let launched =
         Run::launch(scenario, pace, &launcher, by_hand, &mut run_dir, &mut metrics, stop);
     let (mut outcome, result) = match launched {
-        Ok(run) => run.watched_by(view.as_mut()).to_the_end(|t_ns| show_progress(bar, t_ns)),
+        Ok(run) => run
+            .watched_by(view.as_mut())
+            .traced_by(trace)
+            .to_the_end(|t_ns| show_progress(bar, t_ns)),
         Err(error) => (Outcome::default(), Err(error)),
     };
     bar.finish_and_clear();

@@ -11,6 +11,7 @@
 //! | `limits` | why does the kernel refuse another process? |
 //! | `child` | how is a process watched and ended? |
 //! | `cores` | on which cores are the processes of a lockstep run? |
+//! | `scheduler` | who held a core while a robot waited for it? |
 //! | `dead_nodes` | what did a dead process of this run leave in iceoryx2? |
 //! | `live` | what does the live view show of it? |
 
@@ -23,5 +24,6 @@ mod limits;
 pub mod live;
 pub mod room;
 pub mod run;
+pub mod scheduler;
 pub mod spawn;
 pub mod timeline;

@@ -6,9 +6,10 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::str::FromStr;
 
+use protocol::cgroup;
 use rustix::thread::{CpuSet, sched_getaffinity};
 
 /// Speed of a core by the kernel's `cpu_capacity`, of the fastest ones.
@@ -115,42 +116,7 @@ fn last_cache(folder: &Path) -> Option<usize> {
 
 /// The smallest limit of the cgroups that this process is in and those above them.
 fn quota(root: &Path) -> Option<f64> {
-    let groups = fs::read_to_string(root.join("proc/self/cgroup")).ok()?;
-    // Each line is number, controllers (none: version 2) and path.
-    let of_line = |line: &str| {
-        let mut parts = line.splitn(3, ':').skip(1);
-        let (controllers, path) = (parts.next()?, PathBuf::from(parts.next()?));
-        let (mount, version_2) = match controllers {
-            "" => ("sys/fs/cgroup".to_owned(), true),
-            of if of.split(',').any(|name| name == "cpu") => (format!("sys/fs/cgroup/{of}"), false),
-            _ => return None,
-        };
-        let mount = root.join(mount);
-        let folders = path.ancestors().map(|path| match path.strip_prefix("/") {
-            Ok(below) => mount.join(below),
-            Err(_) => mount.join(path),
-        });
-        folders.filter_map(|folder| limit(&folder, version_2)).min_by(f64::total_cmp)
-    };
-    groups.lines().filter_map(of_line).min_by(f64::total_cmp)
-}
-
-/// The limit of one cgroup, if it has one.
-fn limit(folder: &Path, version_2: bool) -> Option<f64> {
-    let (time, of) = match version_2 {
-        true => {
-            let text = fs::read_to_string(folder.join("cpu.max")).ok()?;
-            let (time, of) = text.trim().split_once(' ')?;
-            // Without a limit: the word `max`.
-            (time.parse().ok()?, of.parse().ok()?)
-        }
-        false => {
-            // Without a limit: -1.
-            (number(&folder.join("cpu.cfs_quota_us"))?, number(&folder.join("cpu.cfs_period_us"))?)
-        }
-    };
-    let (time, of): (f64, f64) = (time, of);
-    (time > 0.0 && of > 0.0).then_some(time / of)
+    cgroup::limits(root).into_iter().map(|limited| limited.quota).min_by(f64::total_cmp)
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::Run;
 use super::error::RunError;
+use crate::scheduler::Trace;
 use metrics::summary::ProcessUsage;
 use results::outcome::Outcome;
 use results::usage;
@@ -16,6 +17,8 @@ impl Run<'_> {
     /// Ends every process and removes what they shared. What went wrong at the end is told.
     pub(super) fn farewell(mut self) -> (Outcome, Result<(), RunError>) {
         let told = self.take_the_rest();
+        // The end of a run is nobody's lateness.
+        let scheduler = self.trace.take().map(Trace::end);
         self.end_children();
         // The last values are sent at the very end.
         let taken = self.intake.take_latencies();
@@ -36,7 +39,8 @@ impl Run<'_> {
             ..
         } = self;
         drop(processes);
-        let outcome = intake.into_outcome(launched, &lives, interrupted, usages);
+        let mut outcome = intake.into_outcome(launched, &lives, interrupted, usages);
+        outcome.scheduler = scheduler;
         drop((faults_by_hand, cleaner, conduct, _services, _node));
         if let Err(error) = run_root.remove() {
             tracing::warn!(%error, "could not remove the run root");

@@ -114,6 +114,7 @@ impl Intake {
             restarts: robots.map(|robot| lives.incarnation(robot)).collect(),
             latency: self.latency,
             usages,
+            scheduler: None,
         }
     }
 }

@@ -108,6 +108,7 @@ impl<'a> Run<'a> {
             faults_by_hand,
             cleaner,
             conduct,
+            trace: None,
             _services: services,
             _node: node,
             run_root,

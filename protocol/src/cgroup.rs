@@ -1,0 +1,129 @@
+//! Which limits of processor time hold for this process, and for how long they held it up.
+//!
+//! A limit of a cgroup holds for all cgroups below it, so that those above one's own count as well.
+//! Version 1 and version 2, where they are always mounted.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// A cgroup with a limit of processor time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Limited {
+    /// Processor time per time that it permits.
+    pub quota: f64,
+    /// Its file that counts, among others, for how long it was held up.
+    pub stat: PathBuf,
+}
+
+/// The limits that hold for this process, by the files below `root`, which is `/`; the own cgroup's first.
+pub fn limits(root: &Path) -> Vec<Limited> {
+    let groups = fs::read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();
+    groups.lines().filter_map(|line| folders(root, line)).flatten().collect()
+}
+
+/// The limits of one line of `/proc/self/cgroup`: number, controllers (none: version 2) and path.
+fn folders(root: &Path, line: &str) -> Option<Vec<Limited>> {
+    let mut parts = line.splitn(3, ':').skip(1);
+    let (controllers, path) = (parts.next()?, PathBuf::from(parts.next()?));
+    let (mount, version_2) = match controllers {
+        "" => ("sys/fs/cgroup".to_owned(), true),
+        of if of.split(',').any(|name| name == "cpu") => (format!("sys/fs/cgroup/{of}"), false),
+        _ => return None,
+    };
+    let mount = root.join(mount);
+    let folders = path.ancestors().map(|path| match path.strip_prefix("/") {
+        Ok(below) => mount.join(below),
+        Err(_) => mount.join(path),
+    });
+    let limited = |folder: PathBuf| {
+        let quota = quota(&folder, version_2)?;
+        Some(Limited { quota, stat: folder.join("cpu.stat") })
+    };
+    Some(folders.filter_map(limited).collect())
+}
+
+/// The limit of one cgroup, if it has one.
+fn quota(folder: &Path, version_2: bool) -> Option<f64> {
+    let read = |name| fs::read_to_string(folder.join(name)).ok();
+    let (time, of) = if version_2 {
+        let text = read("cpu.max")?;
+        // Without a limit: the word `max`.
+        let (time, of) = text.trim().split_once(' ')?;
+        (time.parse().ok()?, of.parse().ok()?)
+    } else {
+        // Without a limit: -1.
+        let number = |name| read(name)?.trim().parse().ok();
+        (number("cpu.cfs_quota_us")?, number("cpu.cfs_period_us")?)
+    };
+    let (time, of): (f64, f64) = (time, of);
+    (time > 0.0 && of > 0.0).then_some(time / of)
+}
+
+/// For how long a cgroup was held up by its limit, summed over cores, ns, as its `cpu.stat` says.
+pub fn held_up_ns(stat: &str) -> Option<u64> {
+    stat.lines().find_map(|line| {
+        let (name, number) = line.split_once(' ')?;
+        let number: u64 = number.trim().parse().ok()?;
+        match name {
+            "throttled_time" => Some(number),
+            "throttled_usec" => Some(number.saturating_mul(1_000)),
+            _ => None,
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A machine's files, made of their names and texts.
+    fn machine(files: &[(&str, &str)]) -> tempfile::TempDir {
+        let root = tempfile::tempdir().unwrap();
+        for (name, text) in files {
+            let path = root.path().join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, format!("{text}\n")).unwrap();
+        }
+        root
+    }
+
+    fn limits(files: &[(&str, &str)]) -> Vec<(f64, String)> {
+        let root = machine(files);
+        let limits = super::limits(root.path()).into_iter();
+        let below = |path: PathBuf| path.strip_prefix(root.path()).unwrap().display().to_string();
+        limits.map(|limited| (limited.quota, below(limited.stat))).collect()
+    }
+
+    #[test]
+    fn the_limits_of_the_own_cgroup_and_of_those_above_it_hold() {
+        let version_2 = limits(&[
+            ("proc/self/cgroup", "0::/docker/run"),
+            ("sys/fs/cgroup/docker/run/cpu.max", "max 100000"),
+            ("sys/fs/cgroup/docker/cpu.max", "150000 100000"),
+        ]);
+        assert_eq!(version_2, [(1.5, "sys/fs/cgroup/docker/cpu.stat".to_owned())]);
+        let version_1 = limits(&[
+            ("proc/self/cgroup", "5:memory:/x\n3:cpu,cpuacct:/job\n0::/"),
+            ("sys/fs/cgroup/cpu,cpuacct/job/cpu.cfs_quota_us", "70000"),
+            ("sys/fs/cgroup/cpu,cpuacct/job/cpu.cfs_period_us", "100000"),
+            ("sys/fs/cgroup/cpu,cpuacct/cpu.cfs_quota_us", "50000"),
+            ("sys/fs/cgroup/cpu,cpuacct/cpu.cfs_period_us", "100000"),
+        ]);
+        let folder = "sys/fs/cgroup/cpu,cpuacct";
+        assert_eq!(
+            version_1,
+            [(0.7, format!("{folder}/job/cpu.stat")), (0.5, format!("{folder}/cpu.stat"))]
+        );
+        assert_eq!(limits(&[("proc/self/cgroup", "0::/")]), []);
+        assert_eq!(limits(&[]), []);
+    }
+
+    #[test]
+    fn how_long_a_cgroup_was_held_up_is_read_of_both_versions() {
+        let version_1 = "nr_periods 12\nnr_throttled 9\nthrottled_time 720123456\n";
+        assert_eq!(held_up_ns(version_1), Some(720_123_456));
+        let version_2 = "usage_usec 5\nnr_periods 1\nnr_throttled 1\nthrottled_usec 80123\n";
+        assert_eq!(held_up_ns(version_2), Some(80_123_000));
+        assert_eq!(held_up_ns("usage_usec 5\nuser_usec 3\n"), None);
+    }
+}

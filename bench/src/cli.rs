@@ -17,8 +17,8 @@ use crate::round_trip::Transport;
 use crate::table::Report;
 use crate::timers::Task;
 use crate::{
-    BenchError, Setting, causes, floor, growth, lockstep, neighbor, peers, realtime, replacement,
-    round_trip, startup, timers, view,
+    BenchError, Setting, causes, control, floor, growth, lockstep, neighbor, peers, realtime,
+    replacement, round_trip, startup, timers, view,
 };
 
 /// Round trips by each means in one second's worth of a round; five rounds of a full bench make
@@ -28,6 +28,8 @@ const TRIPS_PER_S: f64 = 20_000.0;
 const TRIPS_LIMIT: f64 = 10.0;
 /// A run in real time takes this much longer than one in lockstep: rare misses need time.
 const REALTIME: f64 = 3.0;
+/// One whose rarest delays are to be seen takes this much longer.
+const CONTROL: f64 = 60.0;
 /// A run whose cost is to be told from that of starting 256 processes takes this much longer.
 const GROWTH: f64 = 3.0;
 
@@ -95,6 +97,8 @@ enum Part {
     Lockstep,
     /// Deadlines missed, by size and rate.
     Realtime,
+    /// How late all robots wake, against the bare timer of the same run; only if named here.
+    Control,
     /// Whether late wake-ups are told their true cause; only if named here.
     Causes,
     /// From a neighbor's publication to its use, against iceoryx2 polled by the same timers.
@@ -208,6 +212,11 @@ fn measure(args: &BenchArgs, stop: &Stop) -> Result<Report, BenchError> {
         let robots = or(&[3, 8, 32, 64]);
         let seconds = REALTIME * seconds;
         rows.extend(realtime::measure(setting, &robots, seconds)?);
+    }
+    if args.only.contains(&Part::Control) {
+        let measured = control::measure(setting, CONTROL * seconds)?;
+        rows.extend(measured.0);
+        notes.extend(measured.1);
     }
     if args.only.contains(&Part::Causes) {
         let measured = causes::measure(setting, REALTIME * seconds)?;

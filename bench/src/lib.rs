@@ -13,6 +13,7 @@
 //! | `floor` | the same brains and world over a mapping or over pipes |
 //! | `realtime` | how many deadlines are missed, at which rate and size? |
 //! | `timers` | and how many by processes that do nothing but wake? |
+//! | `control` | is anybody later than the bare timer of the same run, and who held the cores? |
 //! | `causes` | are late wake-ups told their true cause? |
 //! | `neighbor` | how long from a neighbor's publication to its use? |
 //! | `view` | is anybody later if a browser looks on? |
@@ -30,6 +31,7 @@
 mod causes;
 mod child;
 pub mod cli;
+mod control;
 mod cores;
 mod floor;
 mod growth;

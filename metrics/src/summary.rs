@@ -10,6 +10,7 @@ use std::ops::AddAssign;
 
 use protocol::brief::Pace;
 pub use protocol::stage::Cause;
+use protocol::stage::Stage;
 use serde::{Deserialize, Serialize};
 
 use crate::clearance::Clearance;
@@ -120,6 +121,9 @@ pub struct Wall {
     pub real_time_factor: f64,
     /// How late and how long everything was, by stage and by robot or edge.
     pub latency: Vec<StageLatency>,
+    /// How late all robots together woke.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub wake_of_all: Option<StageLatency>,
     /// Values that belong in there, or to the ages, and did not arrive.
     pub latencies_lost: u64,
     /// What each process took from the machine.
@@ -296,6 +300,13 @@ impl Summary {
     /// The expectation of this name, if the scenario has it.
     pub fn expected(&self, name: &str) -> Option<&Expectation> {
         self.expectations.iter().find(|expectation| expectation.name == name)
+    }
+
+    /// How late all robots together woke, beside the control timer, if both are known.
+    pub fn beside_the_machine(&self) -> Option<[&StageLatency; 2]> {
+        let machine = Stage::Machine.word();
+        let machine = self.wall.latency.iter().find(|line| line.stage == machine)?;
+        Some([self.wall.wake_of_all.as_ref()?, machine])
     }
 
     /// Latencies and ages, stage by stage.

@@ -36,6 +36,9 @@ pub struct Latency {
     stretches: Stretches,
 }
 
+/// Whose the line of all robots is; no robot can be called so.
+const ALL_ROBOTS: &str = "all robots";
+
 /// What one process measured, over all its incarnations.
 #[derive(Debug, Clone)]
 struct Process {
@@ -227,6 +230,21 @@ impl Latency {
     /// The lines of `latency.csv`.
     pub fn stages(&self) -> Vec<StageLatency> {
         self.spreads().map(line).collect()
+    }
+
+    /// How late all robots together woke, as one line; the control timer's line stands beside it.
+    pub fn wake_of_all(&self) -> Option<StageLatency> {
+        let of_robots = 1..=self.robots.len();
+        let mut all = Spread::new();
+        for spread in of_robots.filter_map(|place| {
+            self.processes[place].spreads[Stage::Wake as usize].first()?.as_ref()
+        }) {
+            all.histogram.add(&spread.histogram).expect("of the same kind, and growing as needed");
+            all.min_ns = all.min_ns.min(spread.min_ns);
+            all.max_ns = all.max_ns.max(spread.max_ns);
+            all.sum_ns += spread.sum_ns;
+        }
+        (!all.histogram.is_empty()).then(|| line((Stage::Wake, ALL_ROBOTS, None, &all)))
     }
 
     /// The information age of every edge over which anything was heard.

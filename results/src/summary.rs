@@ -105,6 +105,7 @@ pub fn sum_up(
             ticks_per_s: per_wall(truth.tick as f64),
             real_time_factor: per_wall(t_s),
             latency,
+            wake_of_all: outcome.latency.wake_of_all(),
             latencies_lost: outcome.latency.rows_lost(),
             processes: outcome.usages.clone(),
             scheduler: outcome.scheduler.clone(),
@@ -224,7 +225,9 @@ pub fn screen(summary: &Summary) -> String {
             "\n  {:<16} {:<16} {:>9} {:>9} {:>9} {:>9} {:>9}",
             "latency, us", "worst", "count", "p50", "p99", "p99.9", "max"
         );
-        for line in worst {
+        // Without the control timer there is nothing to hold it against.
+        let all = summary.beside_the_machine().map(|[all, _]| all);
+        for line in all.into_iter().chain(worst) {
             let edge = line.edge();
             let us = |ns: u64| digits(ns as f64 / 1e3);
             let _ = writeln!(

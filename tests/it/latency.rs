@@ -266,7 +266,7 @@ fn a_trace_of_the_scheduler_names_the_program_that_held_the_cores_of_late_robots
     let mut running = traced.set("duration_s=6").start();
     running.pid_of("r5");
     let bursts = "for burst in 1 2 3 4 5 6 7 8 9 10; do \
-        i=0; while [ $i -lt 20000 ]; do i=$((i+1)); done; sleep 0.05; done";
+        i=0; while [ $i -lt 50000 ]; do i=$((i+1)); done; sleep 0.05; done";
     let cores = rustix::thread::sched_getaffinity(None).unwrap();
     let cores = (0..1024).filter(|&core| cores.is_set(core)).map(|core| core.to_string());
     let before_all = cores.map(|core| {

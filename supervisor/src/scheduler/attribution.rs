@@ -32,10 +32,15 @@ pub(super) struct Held {
 #[derive(Debug)]
 struct Watched {
     phase_ns: u64,
-    /// The newest deadline that is accounted for.
-    done_ns: u64,
-    /// When it ran last, ns.
+    /// When it ran last, ns: it sleeps until the first deadline after that.
     ran_until_ns: u64,
+}
+
+impl Watched {
+    fn due_ns(&self, period_ns: u64) -> u64 {
+        let periods = (self.ran_until_ns + period_ns).saturating_sub(self.phase_ns) / period_ns;
+        periods * period_ns + self.phase_ns
+    }
 }
 
 /// Takes switches, tells who held the cores.
@@ -57,8 +62,7 @@ impl Attribution {
     /// A robot's thread is due at multiples of the period plus this phase, from `now_ns` on.
     pub(super) fn watch(&mut self, thread: u32, phase_ns: u64, now_ns: u64) {
         let phase_ns = phase_ns % self.period_ns;
-        let watched = Watched { phase_ns, done_ns: now_ns, ran_until_ns: now_ns };
-        self.watched.insert(thread, watched);
+        self.watched.insert(thread, Watched { phase_ns, ran_until_ns: now_ns });
     }
 
     /// It is gone.
@@ -86,14 +90,9 @@ impl Attribution {
             watched.ran_until_ns = switch.t_ns;
         }
         let mut holders = Vec::new();
-        if let Some(watched) = self.watched.get_mut(&switch.thread)
-            && let Some(behind) = switch.t_ns.checked_sub(watched.phase_ns)
-        {
-            let due_ns = switch.t_ns - behind % self.period_ns;
-            // Whoever was at work then was not kept waiting.
-            let waited = watched.done_ns < due_ns && watched.ran_until_ns <= due_ns;
-            watched.done_ns = watched.done_ns.max(due_ns);
-            if waited && switch.t_ns - due_ns > self.period_ns / LATE_PART {
+        if let Some(watched) = self.watched.get(&switch.thread) {
+            let due_ns = watched.due_ns(self.period_ns);
+            if switch.t_ns.saturating_sub(due_ns) > self.period_ns / LATE_PART {
                 self.late += 1;
                 holders = attribute(core, due_ns, switch.t_ns, &mut self.held);
             }
@@ -199,10 +198,16 @@ mod tests {
     }
 
     #[test]
-    fn each_deadline_counts_once_and_those_slept_through_do_not() {
-        // Due at 3, 13 and 23 ms, and on the core at 25 ms only.
+    fn a_robot_waits_from_the_first_deadline_that_it_was_kept_from() {
+        // Due at 3, 13 and 23 ms, and on the core at 25 ms only; then again at 33 ms.
         let switches = [on(0, 0, 20), on(0, 25, ROBOT), on(0, 26, 20), on(0, 35, ROBOT)];
-        assert_eq!(taken(&switches), (2, vec![(20, 2, 4)]));
+        assert_eq!(taken(&switches), (2, vec![(20, 2, 24)]));
+    }
+
+    #[test]
+    fn a_robot_kept_from_its_work_until_after_the_next_deadline_is_late_for_that() {
+        let switches = [on(0, 0, 0), on(0, 3, ROBOT), on(0, 4, 20), on(0, 18, ROBOT)];
+        assert_eq!(taken(&switches), (1, vec![(20, 1, 5)]));
     }
 
     #[test]
@@ -211,7 +216,7 @@ mod tests {
         attribution.take(on(7, 5, ROBOT));
         attribution.take(on(0, 0, 20));
         attribution.forget(ROBOT);
-        assert_eq!(attribution.take(on(0, 9, ROBOT)), []);
+        assert!(attribution.take(on(0, 9, ROBOT)).is_empty());
         assert_eq!(attribution.late(), 0);
     }
 

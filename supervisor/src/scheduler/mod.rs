@@ -25,6 +25,9 @@ use switches::Switches;
 /// How often switches are taken from the kernel.
 const TURN: Duration = Duration::from_millis(20);
 
+/// Whose name was not read in time.
+const ENDED: &str = "a process that has ended";
+
 /// Why the scheduler cannot be traced.
 #[derive(Debug, thiserror::Error)]
 pub enum TraceError {
@@ -152,8 +155,12 @@ impl Tracer {
         for switch in self.switches.take_until(clock::now_ns()) {
             self.seen += 1;
             for process in self.attribution.take(switch) {
-                if !self.names.contains_key(&process) && !self.foreign.contains_key(&process) {
-                    self.foreign.insert(process, called(process));
+                if self.names.contains_key(&process) {
+                    continue;
+                }
+                // A shell becomes the program that it starts: the newest name counts.
+                if let Some(name) = called(process) {
+                    self.foreign.insert(process, name);
                 }
             }
         }
@@ -163,7 +170,7 @@ impl Tracer {
         let mut by_name = BTreeMap::<&str, Held>::new();
         for (process, held) in self.attribution.held() {
             let name = self.names.get(process).or_else(|| self.foreign.get(process));
-            let sum = by_name.entry(name.map_or("unknown", String::as_str)).or_default();
+            let sum = by_name.entry(name.map_or(ENDED, String::as_str)).or_default();
             sum.late += held.late;
             sum.held_ns += held.held_ns;
         }
@@ -181,12 +188,10 @@ impl Tracer {
     }
 }
 
-/// How a process is called, without the number of a kernel thread's core.
-fn called(process: u32) -> String {
-    match std::fs::read_to_string(format!("/proc/{process}/comm")) {
-        Ok(name) => name.trim().split('/').next().unwrap_or_default().to_owned(),
-        Err(_) => "a process that has ended".to_owned(),
-    }
+/// How a process is called, without the number of a kernel thread's core; `None` once it has ended.
+fn called(process: u32) -> Option<String> {
+    let name = std::fs::read_to_string(format!("/proc/{process}/comm")).ok()?;
+    name.trim().split('/').next().map(str::to_owned)
 }
 
 /// The cores that robots may run on.

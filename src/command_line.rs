@@ -40,6 +40,16 @@ pub enum Role {
         #[arg(long)]
         realtime_priority: bool,
     },
+    /// Carry what crosses between the hosts of a run that is under way.
+    #[cfg(feature = "bridge")]
+    #[command(hide = true)]
+    Bridge {
+        /// The bridge's brief.
+        brief: PathBuf,
+        /// Run before every ordinary process, with all memory locked.
+        #[arg(long)]
+        realtime_priority: bool,
+    },
     /// Wake by the robots' timer and do nothing else, until killed.
     #[command(hide = true)]
     Machine {

@@ -44,6 +44,7 @@ pub fn row_of_three() -> Scenario {
         period_ns: SECOND_NS,
         plant_tick_ns: 1_000_000,
         latency_allowed_ns: 0,
+        between_hosts_ns: 0,
         hold_periods: 1,
         control_timer: true,
         hung_after_ns: 60 * SECOND_NS,

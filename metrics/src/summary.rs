@@ -131,6 +131,9 @@ pub struct Wall {
     /// Who held the cores of late robots, if the scheduler was traced.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scheduler: Option<SchedulerTrace>,
+    /// Where there are several: each host.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub hosts: Vec<HostSummary>,
 }
 
 /// Late wake-ups of robots as a trace of the scheduler saw them: on the core, more than a tenth of a
@@ -158,6 +161,68 @@ pub struct Holder {
     pub late: u64,
     /// For how long it held the core, over all late wake-ups, s.
     pub held_s: f64,
+}
+
+/// One host of several.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct HostSummary {
+    /// Its name.
+    pub name: String,
+    /// The robots that live there.
+    pub robots: Vec<String>,
+    /// Whether it was heard at the end.
+    pub reachable: bool,
+    /// How often it was out of reach.
+    pub lost: u64,
+    /// How often its bridge was started anew.
+    pub bridge_restarts: u64,
+    /// The round trip to the plant's host that was measured last, ns; `None` for that host itself.
+    pub round_trip_ns: Option<u64>,
+    /// By how much a stamp of the plant's host was read wrongly there at most, ns: half a round trip, and
+    /// drift. Ages over edges between hosts are upper bounds, too large by at most twice this.
+    pub stamp_error_ns_max: Option<u64>,
+    /// Samples that its bridge sent to other hosts.
+    pub sent: u64,
+    /// Samples that its bridge took over from other hosts.
+    pub taken: u64,
+    /// What its robots told the supervisor, and was dropped because the plant's host was away too long.
+    pub told_dropped: u64,
+    /// Samples that its bridge dropped, by reason.
+    #[serde(with = "by_name")]
+    pub dropped: Vec<(String, u64)>,
+}
+
+impl HostSummary {
+    /// All of that in one line.
+    pub fn words(&self) -> String {
+        let ms = |ns: u64| format!("{:.3} ms", ns as f64 / 1e6);
+        let robots = if self.robots.is_empty() { "no robots" } else { &self.robots.join(" ") };
+        let mut text = robots.to_owned();
+        if let (Some(round_trip_ns), Some(error_ns)) = (self.round_trip_ns, self.stamp_error_ns_max)
+        {
+            text += &format!("; round trip {}, stamps within {}", ms(round_trip_ns), ms(error_ns));
+        }
+        text += &format!("; {} sent, {} taken", self.sent, self.taken);
+        let dropped: Vec<String> =
+            self.dropped.iter().map(|(why, count)| format!("{why} {count}")).collect();
+        if !dropped.is_empty() {
+            text += &format!("; dropped: {}", dropped.join(", "));
+        }
+        for (count, words) in [
+            (self.lost, "times out of reach"),
+            (self.bridge_restarts, "times a new bridge"),
+            (self.told_dropped, "reports lost"),
+        ] {
+            if count > 0 {
+                text += &format!("; {count} {words}");
+            }
+        }
+        if !self.reachable {
+            text += "; LOST at the end";
+        }
+        text
+    }
 }
 
 /// What became of commands at the plant.

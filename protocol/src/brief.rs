@@ -14,7 +14,7 @@ use formation::trajectory::Trajectory;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::fault::{LinkFault, SensorFault, SlowFault, WheelFault};
+use crate::fault::{LinkFault, SensorFault, SlowFault, Span, WheelFault};
 use crate::number::{is_zero, told_apart};
 
 /// The version of the briefs' form that this build writes and reads. It is raised with every change
@@ -394,6 +394,92 @@ pub struct PlantBrief {
     pub robots: Vec<BodyBrief>,
 }
 
+/// What the bridge of one host is told, where a run has several.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BridgeBrief {
+    /// The form that this is in.
+    pub format: Format,
+    /// Where the files shared by this host's share of the run live.
+    pub run_root: PathBuf,
+    /// Hash of the scenario and the fleet file, which must be the same on all hosts: 16 hex digits.
+    pub experiment: String,
+    /// This host, by its place among the hosts from 0.
+    pub here: usize,
+    /// The plant's host.
+    pub plant: usize,
+    /// An odometry sample or a command older than this is dropped, ns: the command's lifetime.
+    pub odometry_age_ns_max: u64,
+    /// A beacon older than this is dropped, ns: whoever sent it counts as lost.
+    pub beacon_age_ns_max: u64,
+    /// How long hosts wait for each other before the run, ns.
+    pub join_within_ns: u64,
+    /// Another host that was not heard for this long is unreachable, ns.
+    pub unreachable_after_ns: u64,
+    /// Without a sign of the plant's host for this long the share ends, ns.
+    pub silence_ns_max: u64,
+    /// tcp or udp; with certificates TLS, over TCP.
+    pub transport: String,
+    /// The certificates of mutual TLS, if there are any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub certificates: Option<CertificatesBrief>,
+    /// All hosts.
+    #[serde(rename = "host")]
+    pub hosts: Vec<HostBrief>,
+    /// All robots, in scenario order.
+    #[serde(rename = "robot")]
+    pub robots: Vec<BridgedBrief>,
+    /// When hosts cannot hear each other.
+    #[serde(default, rename = "partition", skip_serializing_if = "Vec::is_empty")]
+    pub partitions: Vec<PartitionBrief>,
+}
+
+/// Certificates in files, in PEM.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CertificatesBrief {
+    /// Of the authority that signed those of all hosts.
+    pub authority: PathBuf,
+    /// This host's, whose common name is the host's name.
+    pub certificate: PathBuf,
+    /// Its private key.
+    pub key: PathBuf,
+}
+
+/// One host.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HostBrief {
+    /// Its name.
+    pub name: String,
+    /// Where its bridge listens, as `ADDRESS:PORT`.
+    pub address: String,
+}
+
+/// One robot, as a bridge knows it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BridgedBrief {
+    /// Its name.
+    pub name: String,
+    /// Its host's place.
+    pub host: usize,
+    /// The hosts of those that hear it, without its own.
+    pub heard_on: Vec<usize>,
+    /// How many robots it hears.
+    pub hears: usize,
+}
+
+/// A time in which some hosts and the others cannot hear each other.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartitionBrief {
+    /// Those on one side, by their places.
+    pub hosts: Vec<usize>,
+    /// When.
+    pub span: Span,
+}
+
 /// Why a brief could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum BriefError {
@@ -543,6 +629,35 @@ impl Brief for PlantBrief {
                 .chain(self.speed_max_m_s.map(|speed| ("speed_max_m_s", speed)))
                 .collect::<Vec<_>>(),
         ))
+    }
+}
+
+impl Brief for BridgeBrief {
+    fn flaw(&self) -> Option<String> {
+        let hosts = self.hosts.len();
+        let known = |(key, host): (&str, usize)| {
+            (host >= hosts)
+                .then(|| format!("{key} is {host}, expected the place of one of {hosts} hosts"))
+        };
+        let of_robots = self.robots.iter().flat_map(|robot| {
+            let heard_on = robot.heard_on.iter().map(|&host| ("robot.heard_on", host));
+            heard_on.chain([("robot.host", robot.host)])
+        });
+        let cut = self.partitions.iter().flat_map(|partition| &partition.hosts);
+        let cut = cut.map(|&host| ("partition.hosts", host));
+        let mut places = [("here", self.here), ("plant", self.plant)].into_iter();
+        let times = [
+            ("odometry_age_ns_max", self.odometry_age_ns_max),
+            ("beacon_age_ns_max", self.beacon_age_ns_max),
+            ("join_within_ns", self.join_within_ns),
+            ("unreachable_after_ns", self.unreachable_after_ns),
+            ("silence_ns_max", self.silence_ns_max),
+        ];
+        let flaw = places.find_map(known).or_else(|| of_robots.chain(cut).find_map(known));
+        let hash = u64::from_str_radix(&self.experiment, 16)
+            .is_err()
+            .then(|| format!("experiment is {:?}, expected 16 hex digits", self.experiment));
+        flaw.or(hash).or_else(|| unsound(&times, &[]))
     }
 }
 

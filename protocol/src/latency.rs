@@ -17,6 +17,11 @@ const ROWS_MAX: usize = 1024;
 /// that the plant may have over it in lockstep.
 const TICKS_MIN: usize = 16;
 
+/// How many values a process keeps that writes down so many in one tick at most: a batch is no longer.
+pub fn rows_max(rows_per_tick: usize) -> usize {
+    ROWS_MAX.max(TICKS_MIN * rows_per_tick)
+}
+
 /// Values written down and not yet sent.
 #[derive(Debug)]
 pub struct Recorder {
@@ -31,7 +36,7 @@ pub struct Recorder {
 impl Recorder {
     /// Room for what is measured in many ticks, `rows_per_tick` values at most in one.
     pub fn for_ticks_of(incarnation: u64, rows_per_tick: usize) -> Recorder {
-        Recorder::new(incarnation, ROWS_MAX.max(TICKS_MIN * rows_per_tick))
+        Recorder::new(incarnation, rows_max(rows_per_tick))
     }
 
     /// Room for `rows_max` values.

@@ -8,6 +8,7 @@
 //! | `run_root` | where do the shared files of one run live, and who removes them? |
 //! | `brief` | what is one process told when it starts? |
 //! | `fault` | what breaks in it, and when? |
+//! | `dropped` | why does a bridge drop samples? |
 //! | `link` | what gets through a failing link, and when? |
 //! | `law` `avoidance` | how does a control law, or an avoidance method, describe itself to the rest? |
 //! | `catalog` | which laws and methods are there? |
@@ -23,7 +24,7 @@
 //! | `process` | how does a child name itself, log, and stop? |
 //! | `visible` | how is text from anywhere shown on a terminal? |
 //!
-//! Without the feature `ipc` there are only the words: `message`, `brief`, `fault`, `link`,
+//! Without the feature `ipc` there are only the words: `message`, `brief`, `fault`, `dropped`, `link`,
 //! `law`, `avoidance`, `catalog`, `number`, `age`, `visible`; no iceoryx2, no system calls.
 
 pub mod age;
@@ -36,6 +37,7 @@ pub mod catalog;
 pub mod cgroup;
 #[cfg(feature = "ipc")]
 pub mod clock;
+pub mod dropped;
 pub mod fault;
 #[cfg(feature = "ipc")]
 mod ipc;

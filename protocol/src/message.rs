@@ -29,6 +29,41 @@ pub const PROXIMITY_MAX: usize = 32;
 /// The most convex parts of walls and obstacles that one odometry sample reports as near.
 pub const WALLS_MAX: usize = 16;
 
+/// A message that is its bytes: it goes from host to host as it lies in memory, little-endian.
+///
+/// # Safety
+/// It has no padding, and any bytes are a value of it.
+pub unsafe trait Plain: Copy + 'static {
+    /// The hash of its layout.
+    const LAYOUT: u64;
+
+    /// Its bytes.
+    fn bytes(&self) -> &[u8] {
+        // SAFETY: no padding, hence all of them are initialised.
+        unsafe { std::slice::from_raw_parts(std::ptr::from_ref(self).cast(), size_of::<Self>()) }
+    }
+
+    /// The message that these bytes are, if they are as many as it has.
+    fn of_bytes(bytes: &[u8]) -> Option<Self> {
+        // SAFETY: as many as are read; any bytes are a value.
+        (bytes.len() == size_of::<Self>())
+            .then(|| unsafe { bytes.as_ptr().cast::<Self>().read_unaligned() })
+    }
+}
+
+// SAFETY: a plain number.
+unsafe impl Plain for u64 {
+    const LAYOUT: u64 = layout::text(layout::START, "u64");
+}
+
+// SAFETY: nothing of nothing.
+unsafe impl Plain for () {
+    const LAYOUT: u64 = layout::START;
+}
+
+#[cfg(target_endian = "big")]
+compile_error!("messages go from host to host little-endian");
+
 /// Declares a message: a `#[repr(C)]` struct with a type name `phalanx/<Name>/<version>/<hash>`.
 macro_rules! message {
     ($(#[$doc:meta])* $name:ident / $version:literal {
@@ -40,7 +75,8 @@ macro_rules! message {
         pub struct $name { $($(#[$field_doc])* pub $field: $type,)+ }
 
         impl $name {
-            const LAYOUT: u64 = {
+            /// The hash of this layout.
+            pub const LAYOUT: u64 = {
                 let hash = layout::text(layout::START, stringify!($name));
                 $(
                     let hash = layout::text(hash, stringify!($field));
@@ -56,6 +92,13 @@ macro_rules! message {
                     layout::Name::new(stringify!($name), $version, $name::LAYOUT);
                 NAME.as_str()
             };
+        }
+
+        const _: () = assert!(0 $(+ size_of::<$type>())+ == size_of::<$name>(), "no padding");
+
+        // SAFETY: `#[repr(C)]`, plain numbers only, and no padding: just asserted.
+        unsafe impl $crate::message::Plain for $name {
+            const LAYOUT: u64 = $name::LAYOUT;
         }
 
         // SAFETY: `#[repr(C)]`, plain numbers only (the layout hash covers every field), no
@@ -455,6 +498,138 @@ message! {
     }
 }
 
+message! {
+    /// Where a run has several hosts: what a host without the plant is to do, before the slice of
+    /// [`OrderRow`]. It says how all is to be, not what is to change: whoever missed one is right again
+    /// with the next.
+    OrderHeader / 1 {
+        /// Counts up with every one that is sent.
+        sequence: u64,
+        /// A [`Phase`] as a number.
+        phase: u64,
+        /// 1 if the run could not go on, at its end.
+        failed: u64,
+    }
+}
+
+message! {
+    /// How the process of one robot of that host is to be.
+    OrderRow / 1 {
+        /// Place of the robot in the scenario, from 1.
+        robot: u64,
+        /// How often its process is to have been started by now.
+        starts: u64,
+        /// A [`Wanted`] as a number.
+        wanted: u64,
+    }
+}
+
+message! {
+    /// Where a run has several hosts: how a host without the plant is doing, before the slice of
+    /// [`ReportRow`].
+    ReportHeader / 1 {
+        /// Counts up with every one that is sent.
+        sequence: u64,
+        /// A [`Phase`] as a number: how far it is.
+        phase: u64,
+        /// How often its bridge was started anew.
+        bridge_restarts: u64,
+    }
+}
+
+message! {
+    /// How the process of one robot of that host is.
+    ReportRow / 1 {
+        /// Place of the robot in the scenario, from 1.
+        robot: u64,
+        /// How often its process was started.
+        starts: u64,
+        /// How often its process ended, was reaped, and its remains were removed.
+        cleaned: u64,
+        /// 1 if the process that was started last has ended and was reaped.
+        ended: u64,
+        /// How it ended, as `wait` has it.
+        status: u64,
+    }
+}
+
+message! {
+    /// A bridge to its supervisor, before the slice of [`PeerRow`]: how it is doing. Counters run from
+    /// its start.
+    BridgeHeader / 1 {
+        /// Drawn when it started.
+        boot: u64,
+        /// Samples sent to other hosts.
+        sent: u64,
+        /// Samples taken over from other hosts.
+        taken: u64,
+        /// What it measured and told, and the plant's host has not confirmed yet.
+        unconfirmed: u64,
+        /// How many of them were dropped, because that host was away for too long.
+        told_dropped: u64,
+        /// Samples dropped, by reason: see the crate `bridge`.
+        dropped: [u64; 16],
+    }
+}
+
+message! {
+    /// What a bridge knows of another host.
+    PeerRow / 1 {
+        /// Place of the host in the fleet file, from 0.
+        host: u64,
+        /// How long ago it was heard last, ns; `u64::MAX`: never.
+        silent_ns: u64,
+        /// The smallest round trip of late, ns; 0 if none was measured.
+        round_trip_ns: u64,
+        /// The largest half of a round trip that a stamp was read by so far, ns.
+        uncertainty_ns_max: u64,
+    }
+}
+
+/// How far a run on several hosts is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+#[repr(u64)]
+pub enum Phase {
+    /// Not all hosts are there.
+    #[default]
+    Gathering = 0,
+    /// Robots are started, and move.
+    Running = 1,
+    /// It is over: processes end, and what they told is handed over.
+    Ending = 2,
+    /// All of that is done.
+    Done = 3,
+}
+
+impl Phase {
+    /// The phase that a number stands for; one of another build counts as the last.
+    pub fn from_number(number: u64) -> Phase {
+        let all = [Phase::Gathering, Phase::Running, Phase::Ending];
+        all.into_iter().find(|&phase| phase as u64 == number).unwrap_or(Phase::Done)
+    }
+}
+
+/// How a process is to be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(u64)]
+pub enum Wanted {
+    /// Running.
+    #[default]
+    Running = 0,
+    /// Stopped by SIGSTOP.
+    Stopped = 1,
+    /// Killed by SIGKILL.
+    Killed = 2,
+}
+
+impl Wanted {
+    /// What a number stands for.
+    pub fn from_number(number: u64) -> Option<Wanted> {
+        let all = [Wanted::Running, Wanted::Stopped, Wanted::Killed];
+        all.into_iter().find(|&wanted| wanted as u64 == number)
+    }
+}
+
 /// The layout hash (FNV-1a) and the names made of it, at compile time.
 mod layout {
     pub const START: u64 = 0xcbf2_9ce4_8422_2325;
@@ -560,6 +735,16 @@ mod tests {
         assert_eq!(size_of::<Command>(), size_of::<reordered::Command>());
         assert!(Command::TYPE_NAME.starts_with("phalanx/Command/1/"));
         assert_ne!(Command::TYPE_NAME, reordered::Command::TYPE_NAME);
+    }
+
+    #[test]
+    fn a_message_is_its_bytes() {
+        let command = Command { tick: 7, v_m_s: -0.25, ..Command::default() };
+        let bytes = command.bytes().to_vec();
+        assert_eq!(bytes.len(), size_of::<Command>());
+        assert_eq!(Command::of_bytes(&bytes), Some(command));
+        assert_eq!(Command::of_bytes(&bytes[1..]), None);
+        assert_eq!(<()>::of_bytes(&[]), Some(()));
     }
 
     #[test]

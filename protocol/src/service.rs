@@ -23,8 +23,9 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use crate::barrier::LEAD_MAX;
 use crate::brief::Pace;
 use crate::message::{
-    Beacon, Command, LatencyHeader, LatencyRow, LinkFaultByHand, NeighborStatus, Odometry,
-    StatusHeader, TruthHeader, TruthRow,
+    Beacon, BridgeHeader, Command, LatencyHeader, LatencyRow, LinkFaultByHand, NeighborStatus,
+    Odometry, OrderHeader, OrderRow, PeerRow, ReportHeader, ReportRow, StatusHeader, TruthHeader,
+    TruthRow,
 };
 
 pub use crate::ipc::Ipc;
@@ -147,6 +148,16 @@ impl Qos {
         Qos { subscribers, buffer: 2 * (LEAD_MAX as usize + 1) }
     }
 
+    /// For what supervisors and bridges of several hosts tell each other: only the newest counts.
+    pub fn of_hosts(subscribers: usize) -> Qos {
+        Qos { subscribers, buffer: 1 }
+    }
+
+    /// The same with one more receiver: a bridge, or a supervisor beside one.
+    pub fn and_one_more(self) -> Qos {
+        Qos { subscribers: self.subscribers + 1, ..self }
+    }
+
     /// For latencies: at least 1.6 s of what comes every 100 ms.
     pub fn of_latency(subscribers: usize) -> Qos {
         Qos { subscribers, buffer: 16 }
@@ -208,6 +219,21 @@ pub fn plant_latency() -> Topic<[LatencyRow], LatencyHeader> {
 /// `machine/latency`: the control timer of a run in real time to the supervisor.
 pub fn machine_latency() -> Topic<[LatencyRow], LatencyHeader> {
     Topic::new("machine/latency".into())
+}
+
+/// `host/<name>/orders`: the supervisor of the plant's host to that of another, by their bridges.
+pub fn orders(host: &str) -> Topic<[OrderRow], OrderHeader> {
+    Topic::new(format!("host/{host}/orders"))
+}
+
+/// `host/<name>/report`: the supervisor of a host to that of the plant's, by their bridges.
+pub fn report(host: &str) -> Topic<[ReportRow], ReportHeader> {
+    Topic::new(format!("host/{host}/report"))
+}
+
+/// `host/<name>/bridge`: the bridge of a host to its supervisor, and on to that of the plant's host.
+pub fn bridge(host: &str) -> Topic<[PeerRow], BridgeHeader> {
+    Topic::new(format!("host/{host}/bridge"))
 }
 
 /// `probe`: the supervisor to itself, to see what files a service has.
@@ -335,6 +361,9 @@ service!([NeighborStatus], StatusHeader);
 service!([LinkFaultByHand], ());
 service!([LatencyRow], LatencyHeader);
 service!([TruthRow], TruthHeader);
+service!([OrderRow], OrderHeader);
+service!([ReportRow], ReportHeader);
+service!([PeerRow], BridgeHeader);
 service!(u64);
 
 fn with_qos<P, H>(builder: Builder<P, H, Ipc>, qos: Qos) -> Builder<P, H, Ipc>

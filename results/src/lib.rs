@@ -5,6 +5,7 @@
 //! | file | question it answers |
 //! |---|---|
 //! | `run_dir` | which files are there, and what stands in them? |
+//! | `host_dir` | where does a host without the plant write? |
 //! | `reserved` | how does a small file survive a full disk? |
 //! | `programs` | what do robots run that is not built in? |
 //! | `manifest` | what was run, where and how? |
@@ -17,6 +18,7 @@
 //! | `page` | what does a run directory look like in pictures? |
 
 pub mod compare;
+pub mod host_dir;
 pub mod latency;
 pub mod manifest;
 pub mod outcome;

@@ -5,7 +5,7 @@ use std::time::Duration;
 use protocol::message::TruthHeader;
 
 use crate::latency::Latency;
-use metrics::summary::{ProcessUsage, SchedulerTrace};
+use metrics::summary::{HostSummary, ProcessUsage, SchedulerTrace};
 
 /// What a run leaves besides its metrics.
 #[derive(Debug, Clone, Default)]
@@ -27,6 +27,8 @@ pub struct Outcome {
     pub restarts: Vec<u64>,
     /// What the processes measured of delays.
     pub latency: Latency,
+    /// Where there are several: what is to be said of each host.
+    pub hosts: Vec<HostSummary>,
     /// What each process took from the machine: the supervisor, the plant, the robots in scenario
     /// order, and in lockstep what kept the cores awake, which is time that nobody else wanted.
     pub usages: Vec<ProcessUsage>,

@@ -96,9 +96,25 @@ pub enum RunDirError {
     },
 }
 
-fn failed(path: &Path) -> impl FnOnce(io::Error) -> RunDirError {
+pub(crate) fn failed(path: &Path) -> impl FnOnce(io::Error) -> RunDirError {
     let path = path.to_path_buf();
     move |source| RunDirError::Write { path, source }
+}
+
+/// Makes a directory, which must not exist, with places for briefs and logs.
+pub(crate) fn make(path: &Path) -> Result<(), RunDirError> {
+    if let Some(parent) = path.parent() {
+        fs::create_dir_all(parent).map_err(failed(parent))?;
+    }
+    // Made here and nowhere else, so that of two runs that want it one gets it.
+    fs::create_dir(path).map_err(|error| match error.kind() {
+        io::ErrorKind::AlreadyExists => RunDirError::Exists(path.into()),
+        _ => failed(path)(error),
+    })?;
+    for directory in [path.join("briefs"), path.join("logs")] {
+        fs::create_dir(&directory).map_err(failed(&directory))?;
+    }
+    Ok(())
 }
 
 impl Log {
@@ -125,17 +141,7 @@ impl Log {
 impl RunDir {
     /// Makes the directory, which must not exist.
     pub fn create(path: &Path, scenario: &Scenario) -> Result<RunDir, RunDirError> {
-        if let Some(parent) = path.parent() {
-            fs::create_dir_all(parent).map_err(failed(parent))?;
-        }
-        // Made here and nowhere else, so that of two runs that want it one gets it.
-        fs::create_dir(path).map_err(|error| match error.kind() {
-            io::ErrorKind::AlreadyExists => RunDirError::Exists(path.into()),
-            _ => failed(path)(error),
-        })?;
-        for directory in [path.join("briefs"), path.join("logs")] {
-            fs::create_dir(&directory).map_err(failed(&directory))?;
-        }
+        make(path)?;
         let summary = path.join(SUMMARY);
         Ok(RunDir {
             path: path.into(),
@@ -161,6 +167,11 @@ impl RunDir {
     /// Writes the effective scenario, which can be run again.
     pub fn write_scenario(&self, text: &str) -> Result<(), RunDirError> {
         self.write("scenario.toml", text)
+    }
+
+    /// Writes which hosts there were, and who lived where.
+    pub fn write_fleet(&self, text: &str) -> Result<(), RunDirError> {
+        self.write("fleet.toml", text)
     }
 
     /// Writes what was run, where and how.

@@ -109,6 +109,7 @@ pub fn sum_up(
             latencies_lost: outcome.latency.rows_lost(),
             processes: outcome.usages.clone(),
             scheduler: outcome.scheduler.clone(),
+            hosts: outcome.hosts.clone(),
         },
     }
 }
@@ -217,6 +218,9 @@ pub fn screen(summary: &Summary) -> String {
     }
     if let Some(trace) = &wall.scheduler {
         row("cores held by", held_by(trace));
+    }
+    for host in &wall.hosts {
+        row(&format!("host {}", host.name), host.words());
     }
     let worst = summary.worst_latencies();
     if !worst.is_empty() {

@@ -6,6 +6,7 @@
 //! |---|---|
 //! | `new` `run` `check` `schema` `report` `doctor` `clean` `recover` `export` `verify` | the verb of its name |
 //! | `sweep` | runs a campaign; `cell`: one run of it; `cell_in_process`: without processes |
+//! | `fleet` `share` | this host's part of a run on several |
 //! | `scenario` | reads the scenario that a verb is about, with the command line's changes |
 //! | `dead_runs` | what did earlier runs that died leave behind? |
 //! | `screen` | writes to the terminal: results, complaints, the log, the progress bar |
@@ -17,6 +18,7 @@ mod clean;
 mod dead_runs;
 mod doctor;
 mod export;
+mod fleet;
 mod new;
 mod recover;
 mod report;
@@ -24,6 +26,7 @@ mod run;
 mod scenario;
 mod schema;
 mod screen;
+mod share;
 mod sweep;
 mod verify;
 

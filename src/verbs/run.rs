@@ -11,8 +11,10 @@ use protocol::process::{Stop, exit, try_realtime_priority};
 use view::{Bound, ViewError};
 
 use super::cell::{self, CellArgs};
+use super::fleet::{FleetArgs, Member, Part, must_be_of_one_host};
 use super::scenario::ScenarioArgs;
 use super::screen::{Output, complain, print, print_as, progress, show_progress, tell};
+use super::share;
 use experiment::scenario::read::folder;
 use experiment::scenario::{FaultKind, Scenario};
 use metrics::Metrics;
@@ -64,9 +66,12 @@ pub struct RunArgs {
     #[arg(long)]
     view_control: bool,
     /// Let --view=ADDR listen where other machines can reach it. There is no encryption: whoever sees
-    /// the address printed, or the traffic, sees the run and, with --view-control, breaks it.
-    #[arg(long, requires = "view")]
+    /// the address printed, or the traffic, sees the run and, with --view-control, breaks it. The same for
+    /// hosts of a --fleet without certificates: whoever reaches them moves the robots.
+    #[arg(long)]
     insecure: bool,
+    #[command(flatten)]
+    fleet: FleetArgs,
     /// Write no figures and no report.html; `phalanx report` makes them later.
     #[arg(long)]
     no_report: bool,
@@ -97,8 +102,33 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
         complain(&"--trace-scheduler is for --pace realtime: in lockstep nobody is late");
         return exit::USAGE;
     }
-    let Some((scenario, text)) = args.scenario.read(catalog) else {
+    if args.insecure && args.view.is_none() && !args.fleet.is_given() {
+        complain(
+            &"--insecure is for --view=ADDR and --fleet: nothing else is open to other machines",
+        );
+        return exit::USAGE;
+    }
+    if args.fleet.is_given() && args.pace == PaceArg::Lockstep {
+        complain(
+            &"--fleet is for --pace realtime: in lockstep each tick would wait for the network",
+        );
+        return exit::USAGE;
+    }
+    let fleet = match args.fleet.read(args.insecure) {
+        Ok(fleet) => fleet,
+        Err(code) => return code,
+    };
+    let set = fleet.as_ref().map_or(Vec::new(), Member::set);
+    let Some((scenario, text)) = args.scenario.read_with(&set, catalog) else {
         return exit::BAD_SCENARIO;
+    };
+    let part = match fleet {
+        Some(fleet) => fleet.part(&scenario, &text).map(Some),
+        None => must_be_of_one_host(&scenario).map(|()| None),
+    };
+    let part = match part {
+        Ok(part) => part,
+        Err(code) => return code,
     };
     let trace = args.trace_scheduler.then(|| Trace::start(scenario.period_ns)).transpose();
     let trace = match trace {
@@ -118,7 +148,11 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
         PaceArg::Lockstep => Pace::Lockstep,
         PaceArg::Realtime => Pace::Realtime,
     };
-    let out = args.out.clone().unwrap_or_else(|| default_out(&scenario.name));
+    let name = match (&part, &args.fleet.host) {
+        (Some(part), Some(host)) if !part.has_plant() => format!("{}-{host}", scenario.name),
+        _ => scenario.name.clone(),
+    };
+    let out = args.out.clone().unwrap_or_else(|| default_out(&name));
     let Some(programs) = read_programs(&scenario, &args.scenario.path) else {
         return exit::BAD_SCENARIO;
     };
@@ -136,7 +170,17 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
             }
         });
     }
-    let how = How { programs, ..How::new(pace, launcher) };
+    let part = match part {
+        Some(part) if !part.has_plant() => {
+            if args.view.is_some() {
+                complain(&"--view is for the plant's host, which sees all of the run");
+                return exit::USAGE;
+            }
+            return share::run(&scenario, &text, part, &programs, &out, &launcher);
+        }
+        part => part,
+    };
+    let how = How { programs, part, ..How::new(pace, launcher) };
     if let Some(cell) = &args.campaign.cell {
         // Other runs go on beside it.
         let how = How { launcher: how.launcher.without_awake(), ..how };
@@ -231,14 +275,17 @@ pub(super) struct How {
     pub(super) programs: Programs,
     /// Is given what ends the run early.
     pub(super) on_start: Option<OnStart>,
+    /// Of a run on several hosts.
+    pub(super) part: Option<Part>,
 }
 
 impl How {
     /// Measured, recorded, and looked at by nobody.
     fn new(pace: Pace, launcher: Launcher) -> How {
         let (unmeasured, recorded) = (false, true);
-        let (looks, trace, programs, on_start) = (None, None, Programs::default(), None);
-        How { pace, launcher, unmeasured, recorded, looks, trace, programs, on_start }
+        let (looks, trace, programs, on_start, part) =
+            (None, None, Programs::default(), None, None);
+        How { pace, launcher, unmeasured, recorded, looks, trace, programs, on_start, part }
     }
 }
 
@@ -327,7 +374,7 @@ pub(super) fn execute(
     out: &Path,
     how: How,
 ) -> Result<Ended, NotRun> {
-    let How { pace, launcher, unmeasured, recorded, looks, trace, programs, on_start } = how;
+    let How { pace, launcher, unmeasured, recorded, looks, trace, programs, on_start, part } = how;
     let stop = Stop::on_signals_twice_at_once()?;
     if let Some(on_start) = on_start {
         on_start(&stop);
@@ -336,6 +383,9 @@ pub(super) fn execute(
     run_dir.write_scenario(text)?;
     run_dir.write_manifest(manifest)?;
     run_dir.write_programs(&programs)?;
+    if let Some(part) = &part {
+        run_dir.write_fleet(&part.text)?;
+    }
     if recorded {
         run_dir.begin_recording(text, manifest)?;
     } else {
@@ -353,14 +403,18 @@ pub(super) fn execute(
         view = Some(bound.serve(scene(scenario, pace), control)?);
     }
     let bar = progress(scenario.duration_ns);
+    let fleet = part.map(|part| part.brief);
     let launched =
-        Run::launch(scenario, pace, &launcher, by_hand, &mut run_dir, &mut metrics, stop);
+        Run::launch(scenario, pace, &launcher, by_hand, fleet, &mut run_dir, &mut metrics, stop);
     let (mut outcome, result) = match launched {
         Ok(run) => run
             .watched_by(view.as_mut())
             .traced_by(trace)
             .to_the_end(|t_ns| show_progress(bar, t_ns)),
-        Err(error) => (Outcome::default(), Err(error)),
+        Err(error) => {
+            let interrupted = matches!(error, RunError::Interrupted { .. });
+            (Outcome { interrupted, ..Outcome::default() }, Err(error))
+        }
     };
     bar.finish_and_clear();
     let ended_with = run::exit_code(&outcome, &result);

@@ -29,8 +29,17 @@ pub(super) struct ScenarioArgs {
 impl ScenarioArgs {
     /// The scenario with its effective text; what is wrong with it is shown.
     pub(super) fn read(&self, catalog: &Catalog) -> Option<(Scenario, String)> {
-        let overrides =
-            Overrides { set: self.set.clone(), faults: self.fault.clone(), seed: self.seed };
+        self.read_with(&[], catalog)
+    }
+
+    /// The same with these keys set as well.
+    pub(super) fn read_with(
+        &self,
+        also: &[String],
+        catalog: &Catalog,
+    ) -> Option<(Scenario, String)> {
+        let set = self.set.iter().chain(also).cloned().collect();
+        let overrides = Overrides { set, faults: self.fault.clone(), seed: self.seed };
         match read_to_run(&self.path, &overrides, catalog) {
             Ok((scenario, text, warnings)) => {
                 warnings.iter().for_each(show);

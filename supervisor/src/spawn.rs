@@ -51,6 +51,11 @@ pub enum Role<'a> {
         /// How many robots there are.
         robots: usize,
     },
+    /// `phalanx bridge BRIEF`.
+    Bridge {
+        /// Its brief.
+        brief: &'a Path,
+    },
     /// `phalanx load`.
     Load,
     /// `phalanx awake`.
@@ -75,6 +80,7 @@ impl fmt::Display for Role<'_> {
             }
             Role::Plant { .. } => f.write_str("the plant"),
             Role::ControlTimer { .. } => f.write_str("the control timer"),
+            Role::Bridge { .. } => f.write_str("the bridge"),
             Role::Load => f.write_str("a process that takes processor time"),
             Role::Awake => f.write_str("a process that keeps a core awake"),
             Role::Run { .. } => f.write_str("a run"),
@@ -162,6 +168,9 @@ impl Launcher {
                 command.arg("--period-ns").arg(period_ns.to_string());
                 command.arg("--robots").arg(robots.to_string());
             }
+            Role::Bridge { brief } => {
+                command.arg0("phalanx-bridge").arg("bridge").arg(brief);
+            }
             Role::Load => {
                 command.arg0("phalanx-load").arg("load");
             }
@@ -176,7 +185,13 @@ impl Launcher {
             }
         }
         if self.realtime_priority
-            && matches!(role, Role::Agent { .. } | Role::Plant { .. } | Role::ControlTimer { .. })
+            && matches!(
+                role,
+                Role::Agent { .. }
+                    | Role::Plant { .. }
+                    | Role::Bridge { .. }
+                    | Role::ControlTimer { .. }
+            )
         {
             command.arg("--realtime-priority");
         }

@@ -83,7 +83,8 @@ impl Timeline {
                 | FaultKind::Link { .. }
                 | FaultKind::Stream { .. }
                 | FaultKind::Sensor { .. }
-                | FaultKind::Wheels { .. } => None,
+                | FaultKind::Wheels { .. }
+                | FaultKind::Partition { .. } => None,
             };
             if let (Some(act), Some(at_ns)) = (last, planned.until_ns()) {
                 due.push(Due { at_ns, fault, act });

@@ -54,8 +54,26 @@ fn experiment_and_metrics_are_built_without_iceoryx2() {
     }
 }
 
+/// Neither does the default build have a crate of what only some runs need.
+#[test]
+fn zenoh_is_built_with_the_feature_bridge_only() {
+    for features in [&[][..], &["--features", "bridge"]] {
+        let tree = Command::new(env!("CARGO"))
+            .args(["tree", "--offline", "--locked", "--workspace", "--edges", "normal,build,dev"])
+            .args(["--prefix", "none"])
+            .args(features)
+            .current_dir(ROOT)
+            .output()
+            .unwrap();
+        let text = String::from_utf8_lossy(&tree.stdout);
+        assert!(tree.status.success(), "{}", String::from_utf8_lossy(&tree.stderr));
+        let zenoh = text.lines().filter(|line| line.starts_with("zenoh")).count();
+        assert_eq!(zenoh > 0, !features.is_empty(), "{features:?}: {zenoh} crates of zenoh");
+    }
+}
+
 /// The crates whose files may not import each other in a circle.
-const CRATES: [&str; 14] = [
+const CRATES: [&str; 15] = [
     "formation",
     "protocol",
     "experiment",
@@ -70,6 +88,7 @@ const CRATES: [&str; 14] = [
     "bench",
     "campaign",
     "c",
+    "bridge",
 ];
 
 #[test]

@@ -4,7 +4,7 @@
 //! asked in `faults`, where those of the file are read too: both become the same `[[fault]]` tables.
 
 use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind, WheelFaultKind};
-use toml_edit::{Table, value};
+use toml_edit::{Array, Table, value};
 
 use super::diagnostic::meant;
 use super::{Fault, FaultKind, Scenario, Silenced, Struck, seconds as in_seconds};
@@ -38,6 +38,8 @@ enum Subject {
     Stream,
     /// `robot` and `sensor`: `r1 proximity`.
     Sensor,
+    /// `hosts`: `b`, or `b,c`.
+    Hosts,
     /// Nobody.
     Machine,
 }
@@ -196,6 +198,14 @@ pub(crate) const FORMS: &[Form] = &[
         grammar: "wheels ROBOT stuck|limit M_PER_S @SECONDS [for SECONDS]",
     },
     Form {
+        kind: "partition",
+        says: "hosts of a fleet and all others, which cannot hear each other (runs with --fleet only)",
+        subject: Subject::Hosts,
+        lasts: true,
+        details: &[],
+        grammar: "partition HOST[,HOST...] @SECONDS [for SECONDS]",
+    },
+    Form {
         kind: "load",
         says: "processes that take processor time from everybody",
         subject: Subject::Machine,
@@ -228,6 +238,7 @@ impl Form {
             Subject::Link => &["from", "to"],
             Subject::Stream => &["robot", "stream"],
             Subject::Sensor => &["robot", "sensor"],
+            Subject::Hosts => &["hosts"],
             Subject::Machine => &[],
         };
         let details = self.details.iter().filter(|detail| detail.needed).map(|detail| detail.key);
@@ -316,18 +327,22 @@ impl FaultKind {
                 };
                 (what, strikes(robot))
             }
+            FaultKind::Partition { ref hosts } => {
+                (format!("partition {}", hosts.join(",")), Struck::default())
+            }
             FaultKind::Load { processes } => (format!("load {processes}"), Struck::default()),
         }
     }
 
-    /// Whether it acts in agents or plant by their briefs, with nobody doing anything.
+    /// Whether it acts in agents, plant or bridges by their briefs, with nobody doing anything.
     pub fn acts_by_brief(&self) -> bool {
         match self {
             FaultKind::Slow { .. }
             | FaultKind::Link { .. }
             | FaultKind::Stream { .. }
             | FaultKind::Sensor { .. }
-            | FaultKind::Wheels { .. } => true,
+            | FaultKind::Wheels { .. }
+            | FaultKind::Partition { .. } => true,
             FaultKind::Kill { .. }
             | FaultKind::KillPlant
             | FaultKind::Freeze { .. }
@@ -404,6 +419,12 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
                 link.ok_or_else(|| wrong(format!("`{kind}` needs a link, such as r1->r2")))?;
             table["from"] = value(from);
             table["to"] = value(to);
+        }
+        Subject::Hosts => {
+            let hosts = words.next().filter(|word| !word.starts_with('@'));
+            let hosts =
+                hosts.ok_or_else(|| wrong(format!("`{kind}` needs a host of the fleet")))?;
+            table["hosts"] = value(Array::from_iter(hosts.split(',')));
         }
         Subject::Machine => {}
     }
@@ -512,6 +533,10 @@ mod tests {
             ),
             ("load of 2 @5", "kind = 'load', processes = 2, at_s = 5.0"),
             (
+                "partition b,c @5 for 2",
+                "kind = 'partition', hosts = ['b', 'c'], at_s = 5.0, for_s = 2.0",
+            ),
+            (
                 "bursts a->b of 0.2 mean 0.1 @1",
                 "kind = 'bursts', from = 'a', to = 'b', probability = 0.2, mean_burst_s = 0.1, \
                  at_s = 1.0",
@@ -556,6 +581,7 @@ mod tests {
             ("delay r1 proximity by 1 @1", "needs a link, such as r1->r2, or a robot's odometry"),
             ("delay", "needs a link"),
             ("noise r1", "needs a sensor"),
+            ("partition @1", "needs a host"),
             ("load of 1.5 @1", "`of 1.5` is not a whole number"),
         ] {
             let error = parse(argument).unwrap_err();

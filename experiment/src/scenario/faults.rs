@@ -168,6 +168,15 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fau
             };
             each(&|robot| FaultKind::Wheels { robot, kind })?
         }
+        "partition" => {
+            let hosts = table.need("hosts")?;
+            let expected = "expected a list of names of hosts, such as [\"b\"]";
+            let names = hosts.texts(expected)?;
+            if names.is_empty() {
+                return Err(hosts.wrong("is empty", expected));
+            }
+            vec![FaultKind::Partition { hosts: names }]
+        }
         "load" => {
             let processes = table.need("processes")?;
             vec![FaultKind::Load { processes: processes.whole()? as usize }]

@@ -515,6 +515,12 @@ const REALTIME: &[Key] = &[
     )
     .guessed(&["l", "latency", "latency_max"]),
     key(
+        "between_hosts_s",
+        Time(NotNegative),
+        Otherwise::Number(0.0),
+        "how much later a sample may come because it goes from host to host, which H has room for; `--fleet` sets it",
+    ),
+    key(
         "hold_periods",
         Whole(1, HOLD_PERIODS_MAX),
         Otherwise::Whole(2),
@@ -1062,6 +1068,7 @@ const FAULT: &[Key] = &[
             ("blackout", ""),
             ("noise", ""),
             ("wheels", ""),
+            ("partition", ""),
             ("load", ""),
         ]),
         Needed,
@@ -1086,6 +1093,13 @@ const FAULT: &[Key] = &[
         Needed,
         "\"odometry\" or \"proximity\"",
     ),
+    key(
+        "hosts",
+        Texts,
+        Needed,
+        "names of hosts of the fleet: these and all others cannot hear each other",
+    )
+    .guessed(&["host", "side", "islands"]),
     key("for_s", Time(Positive), Rule("to the end of the run"), "how long it lasts")
         .guessed(&["duration", "length", "until", "lasts"]),
     key(

@@ -81,6 +81,9 @@ pub struct Scenario {
     pub plant_tick_ns: u64,
     /// L: latency from odometry to command that real time allows for, ns.
     pub latency_allowed_ns: u64,
+    /// How much later a sample may come because it goes from host to host, ns: as the fleet
+    /// file of a run on several says.
+    pub between_hosts_ns: u64,
     /// h: for how many periods a command may be held in real time.
     pub hold_periods: u32,
     /// In real time, whether a process with the robots' timer and nothing else runs beside them.
@@ -242,6 +245,11 @@ pub enum FaultKind {
         /// What is wrong with them.
         kind: WheelFaultKind,
     },
+    /// Hosts that cannot hear the others, nor these them.
+    Partition {
+        /// Which, by the names of the fleet file.
+        hosts: Vec<String>,
+    },
     /// Processes that take processor time from everybody.
     Load {
         /// How many.
@@ -326,8 +334,8 @@ impl Scenario {
         in_time_ns + self.late_ns(pace)
     }
 
-    /// How much later than without faults a robot's commands may arrive, ns: its odometry is looked at
-    /// once a period, its commands once a tick of the plant. The largest of all robots.
+    /// How much later than without faults, and on one host, a robot's commands may arrive, ns: its odometry
+    /// is looked at once a period, its commands once a tick of the plant. The largest of all robots.
     pub fn late_ns(&self, pace: Pace) -> u64 {
         let plant_tick_ns = match pace {
             Pace::Lockstep => self.period_ns,
@@ -348,7 +356,11 @@ impl Scenario {
             late_ns(i, Stream::Odometry, self.period_ns)
                 + late_ns(i, Stream::Commands, plant_tick_ns)
         };
-        (0..self.robots.len()).map(of_robot_ns).max().unwrap_or(0)
+        let between_hosts_ns = match pace {
+            Pace::Lockstep => 0,
+            Pace::Realtime => self.between_hosts_ns.next_multiple_of(self.period_ns),
+        };
+        between_hosts_ns + (0..self.robots.len()).map(of_robot_ns).max().unwrap_or(0)
     }
 
     /// What robot `i` runs in place of the built-in agent, if its law is in a program of its own.

@@ -256,6 +256,7 @@ fn scenario(
     let realtime = root.table("realtime")?;
     let plant_tick_ns = realtime.time_ns("plant_tick_s")?;
     let latency_allowed_ns = realtime.time_ns("latency_allowed_s")?;
+    let between_hosts_ns = realtime.time_ns("between_hosts_s")?;
     let hold_periods = realtime.whole("hold_periods")? as u32;
     let control_timer = realtime.truth("control_timer")?;
     let avoidance_table = root.need("avoidance")?.table()?;
@@ -276,6 +277,7 @@ fn scenario(
         period_ns,
         plant_tick_ns,
         latency_allowed_ns,
+        between_hosts_ns,
         hold_periods,
         control_timer,
         hung_after_ns,

@@ -4,10 +4,12 @@ use std::os::unix::process::ExitStatusExt as _;
 use std::process::ExitStatus;
 use std::time::Instant;
 
+use protocol::message::Wanted;
+
 use super::Run;
 use super::error::RunError;
 use super::lives::{Death, Effect, Event, Who};
-use crate::child::{self, Child};
+use crate::child;
 use crate::room;
 use crate::timeline::{Act, Due};
 use metrics::fault::End;
@@ -74,11 +76,13 @@ impl Run<'_> {
                     self.processes.start(robot, incarnation)?;
                     self.intake.last_news = Instant::now();
                 }
-                Effect::Kill(robot) => self.signal(robot, Child::kill),
-                Effect::Stop(robot) => self.signal(robot, Child::stop),
-                Effect::GoOn(robot) => self.signal(robot, Child::go_on),
+                Effect::Kill(robot) => self.processes.want(robot, Wanted::Killed),
+                Effect::Stop(robot) => self.processes.want(robot, Wanted::Stopped),
+                Effect::GoOn(robot) => self.processes.want(robot, Wanted::Running),
                 Effect::Join(robot) => self.conduct.join(robot),
                 Effect::Leave(robot) => self.conduct.leave(robot),
+                // Another host removes what is left there.
+                Effect::CleanUp(robot) if self.processes.host_of(robot).is_some() => {}
                 Effect::CleanUp(robot) => self.cleaner.request(robot),
                 Effect::TellLinks(robot) => self.tell_links(robot)?,
                 Effect::Note { kind, robot, detail } => {
@@ -126,12 +130,6 @@ impl Run<'_> {
         let routine = lines.iter().rposition(|line| line.starts_with("  INFO "));
         let said = lines[routine.map_or(0, |at| at + 1)..].join("\n");
         (!said.trim().is_empty()).then_some(said)
-    }
-
-    fn signal(&self, robot: usize, signal: impl Fn(&Child)) {
-        if let Some(child) = self.processes.of(robot) {
-            signal(child);
-        }
     }
 
     /// Looks who died, and lets it happen.

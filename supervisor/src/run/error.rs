@@ -120,6 +120,53 @@ pub enum RunError {
         /// The end of its log.
         log: String,
     },
+    /// The bridge does not stay up.
+    #[error("the bridge died ({how}) {times} times in a row; the last lines of its log:\n{log}")]
+    BridgeDied {
+        /// How it ended.
+        how: String,
+        /// How often.
+        times: u64,
+        /// The end of its log.
+        log: String,
+    },
+    /// Other hosts did not turn up.
+    #[error(
+        "not there after {} s: {hosts}; each needs its own `phalanx run` with the same scenario and fleet file, \
+         options included, and must be reached at the addresses of the fleet file{dropped}",
+        waited.as_secs_f64()
+    )]
+    HostsMissing {
+        /// Their names.
+        hosts: String,
+        /// For how long.
+        waited: Duration,
+        /// What was dropped of them, and why.
+        dropped: String,
+    },
+    /// A signal came while hosts waited for each other.
+    #[error("interrupted while waiting for {hosts}")]
+    Interrupted {
+        /// Their names.
+        hosts: String,
+    },
+    /// The plant's host is gone: there is no run without it.
+    #[error(
+        "the plant's host {host} is lost: no sign of it for {} s (silence_max_s); the run is over here",
+        silent.as_secs_f64()
+    )]
+    PlantsHostLost {
+        /// Its name.
+        host: String,
+        /// For how long.
+        silent: Duration,
+    },
+    /// The plant's host could not go on.
+    #[error("the run could not go on; the plant's host {host} says why")]
+    PlantsHostFailed {
+        /// Its name.
+        host: String,
+    },
     /// In real time the plant lives, and says nothing.
     #[error("the plant sent no truth for {} s", TRUTH_SILENCE_MAX.as_secs())]
     PlantSilent,

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::Run;
 use super::error::RunError;
+use super::hosts::coordinator::Hosts;
 use crate::scheduler::Trace;
 use metrics::summary::ProcessUsage;
 use results::outcome::Outcome;
@@ -20,6 +21,7 @@ impl Run<'_> {
         // The end of a run is nobody's lateness.
         let scheduler = self.trace.take().map(Trace::end);
         self.end_children();
+        let released = self.release_hosts();
         // The last values are sent at the very end.
         let taken = self.intake.take_latencies();
         let complete = self.processes.load.missing().map_err(RunError::from);
@@ -33,6 +35,7 @@ impl Run<'_> {
             faults_by_hand,
             cleaner,
             conduct,
+            hosts,
             _services,
             _node,
             run_root,
@@ -41,11 +44,12 @@ impl Run<'_> {
         drop(processes);
         let mut outcome = intake.into_outcome(launched, &lives, interrupted, usages);
         outcome.scheduler = scheduler;
-        drop((faults_by_hand, cleaner, conduct, _services, _node));
+        outcome.hosts = hosts.as_ref().map_or(Vec::new(), Hosts::summaries);
+        drop((hosts, faults_by_hand, cleaner, conduct, _services, _node));
         if let Err(error) = run_root.remove() {
             tracing::warn!(%error, "could not remove the run root");
         }
-        (outcome, told.and(taken).and(complete))
+        (outcome, told.and(released).and(taken).and(complete))
     }
 
     /// Takes in and writes down what was said up to now.
@@ -53,6 +57,25 @@ impl Run<'_> {
         let taken = self.take_statuses();
         self.journal.known_before(u64::MAX)?;
         taken
+    }
+
+    /// Lets other hosts end, takes in what their robots told last, and ends the own bridge.
+    fn release_hosts(&mut self) -> Result<(), RunError> {
+        let Some(mut hosts) = self.hosts.take() else { return Ok(()) };
+        let mut taken = Ok(());
+        let mut remotes: Vec<_> =
+            self.processes.remotes().into_iter().map(|r| r.cloned()).collect();
+        let mut remotes: Vec<_> = remotes.iter_mut().map(Option::as_mut).collect();
+        let released = hosts.release(&mut remotes, self.failed, || {
+            let now = self.take_statuses().and_then(|()| self.intake.take_latencies());
+            if taken.is_ok() {
+                taken = now;
+            }
+        });
+        hosts.bridge.end(GRACE);
+        self.hosts = Some(hosts);
+        self.journal.known_before(u64::MAX)?;
+        released.and(taken)
     }
 
     /// Asks everybody to end, and kills whoever does not.
@@ -83,7 +106,7 @@ impl Run<'_> {
     fn usages(&mut self) -> Vec<ProcessUsage> {
         let of = |name: &str, starts, usage| ProcessUsage { name: name.into(), starts, usage };
         let plant = self.processes.plant.usage().unwrap_or_default();
-        let robots = self.processes.usages().enumerate().map(|(robot, usage)| {
+        let robots = self.processes.usages().map(|(robot, usage)| {
             of(self.journal.name(robot), self.lives.incarnation(robot) + 1, usage)
         });
         let timer = self.processes.control_timer_usage().map(|usage| of("machine", 1, usage));

@@ -113,6 +113,7 @@ impl Intake {
             beacons_refused: self.reports.iter().map(Report::refused).collect(),
             restarts: robots.map(|robot| lives.incarnation(robot)).collect(),
             latency: self.latency,
+            hosts: Vec::new(),
             usages,
             scheduler: None,
         }

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::time::Instant;
 
 use formation::random::SplitMix64;
-use protocol::brief::{AgentBrief, Pace};
+use protocol::brief::{AgentBrief, BridgeBrief, Pace};
 use protocol::process::Stop;
 use protocol::run_root::{self, RunRoot};
 use protocol::service;
@@ -12,6 +12,9 @@ use protocol::service;
 use super::Run;
 use super::conduct::Conduct;
 use super::error::RunError;
+use super::hosts::bridge::Bridge;
+use super::hosts::coordinator::{HostServices, Hosts};
+use super::hosts::remote::Remote;
 use super::intake::Intake;
 use super::journal::Journal;
 use super::lives::Lives;
@@ -30,12 +33,15 @@ use results::run_dir::RunDir;
 
 impl<'a> Run<'a> {
     /// Makes the run root and all services, writes the briefs and starts every process. `by_hand`:
-    /// somebody may break things by hand.
+    /// somebody may break things by hand. `fleet`: where there are several hosts, what this one's bridge is told,
+    /// but for the run root; the others are waited for.
+    #[allow(clippy::too_many_arguments, reason = "what a run is made of")]
     pub fn launch(
         scenario: &'a Scenario,
         pace: Pace,
         launcher: &Launcher,
         by_hand: bool,
+        fleet: Option<BridgeBrief>,
         run_dir: &'a mut RunDir,
         metrics: &'a mut Metrics,
         stop: Stop,
@@ -53,7 +59,7 @@ impl<'a> Run<'a> {
         let conduct = Conduct::new(scenario, pace, &run_root, launcher)?;
         // Each takes descriptors and memory: only where they can be of use.
         let links_by_hand = by_hand && conduct.cuts_links_by_hand();
-        let services = Services::create(&node, scenario, pace, links_by_hand)?;
+        let services = Services::create(&node, scenario, pace, links_by_hand, fleet.is_some())?;
         let intake = Intake::new(&services, Latency::new(scenario, pace))?;
         let heard = |i| scenario.graph.heard_by(i).count();
         let to_robots = services.faults.iter().enumerate();
@@ -61,6 +67,34 @@ impl<'a> Run<'a> {
             to_robots.map(|(i, faults)| faults.publisher(heard(i))).collect::<Result<_, _>>()?;
         let cleaner = Cleaner::start(&run_root, &node)?;
         room::take(run_root.path())?;
+
+        let host_services =
+            fleet.as_ref().map(|fleet| HostServices::create(&node, fleet)).transpose()?;
+        let mut hosts = None;
+        let here =
+            |robot: usize| fleet.as_ref().map(|fleet| (fleet.robots[robot].host, fleet.here));
+        let mut robots: Vec<Robot> = Vec::new();
+        for (i, robot) in scenario.robots.iter().enumerate() {
+            if let Some((host, _)) = here(i).filter(|(host, here)| host != here) {
+                robots.push(Robot::elsewhere(Remote::new(i, host)));
+                continue;
+            }
+            let brief = briefs::agent(scenario, i, pace, run_root.path());
+            let brief = AgentBrief { links_by_hand, ..brief };
+            let told = run_dir.write_brief(&robot.name, &brief)?;
+            let program =
+                scenario.program(i).map(|program| run_dir.started(program)).transpose()?;
+            robots.push(Robot::new(told, program, run_dir.log_path(&robot.name)));
+        }
+        if let (Some(fleet), Some(services)) = (&fleet, host_services) {
+            let fleet = BridgeBrief { run_root: run_root.path().into(), ..fleet.clone() };
+            let told = run_dir.write_brief("bridge", &fleet)?;
+            let bridge = Bridge::start(launcher, told, run_dir.log_path("bridge"))?;
+            let mut others = Hosts::new(fleet, bridge, services)?;
+            let mut remotes: Vec<_> = robots.iter_mut().map(Robot::remote).collect();
+            others.gather(&mut remotes, &cleaner, &stop)?;
+            hosts = Some(others);
+        }
 
         let plant_brief = briefs::plant(scenario, pace, run_root.path());
         let plant_brief = run_dir.write_brief("plant", &plant_brief)?;
@@ -77,15 +111,6 @@ impl<'a> Run<'a> {
         let control_timer = control_timer
             .map(|role| launcher.spawn(role, &run_dir.log_path("machine")))
             .transpose()?;
-        let mut robots = Vec::new();
-        for (i, robot) in scenario.robots.iter().enumerate() {
-            let brief = briefs::agent(scenario, i, pace, run_root.path());
-            let brief = AgentBrief { links_by_hand, ..brief };
-            let told = run_dir.write_brief(&robot.name, &brief)?;
-            let program =
-                scenario.program(i).map(|program| run_dir.started(program)).transpose()?;
-            robots.push(Robot::new(told, program, run_dir.log_path(&robot.name)));
-        }
         let mut processes = Processes::new(plant, control_timer, robots, launcher.clone());
         for robot in start_order(scenario.seed, scenario.robots.len()) {
             processes.start(robot, 0)?;
@@ -109,6 +134,8 @@ impl<'a> Run<'a> {
             cleaner,
             conduct,
             trace: None,
+            hosts,
+            failed: false,
             _services: services,
             _node: node,
             run_root,

@@ -48,6 +48,8 @@ struct Life {
     fault: Option<usize>,
     /// The fault by which it is frozen.
     frozen_by: Option<usize>,
+    /// The fault by which its host is out of reach.
+    unreachable_by: Option<usize>,
 }
 
 /// A link that may be cut by hand.
@@ -88,6 +90,7 @@ impl Lives {
                 unplanned_ns: Vec::new(),
                 fault: None,
                 frozen_by: None,
+                unreachable_by: None,
             })
             .collect();
         Lives {
@@ -184,6 +187,23 @@ impl Lives {
                 life.remains = life.remains.saturating_sub(1);
             }
             Event::Reported { robot, takes_part } => self.reported(out, robot, takes_part),
+            Event::Unreachable { robot, fault, why } => {
+                out.note("unreachable", robot, why);
+                self.robots[robot].unreachable_by = Some(fault);
+                self.alive[robot] = false;
+                self.began(out, fault);
+                // Unless it is heard again.
+                self.ended(out, fault, End::ForGood, now_ns);
+            }
+            Event::Reachable { robot, why } => {
+                let life = &mut self.robots[robot];
+                if let Some(fault) = life.unreachable_by.take() {
+                    let up = matches!(life.seat, Seat::Moving | Seat::Frozen);
+                    self.alive[robot] = up;
+                    out.note("reachable", robot, why);
+                    self.ended(out, fault, End::Whole, now_ns);
+                }
+            }
             Event::Due => self.start_due(out),
         }
         effects.list
@@ -308,7 +328,7 @@ impl Lives {
         }
         if takes_part {
             life.seat = Seat::Moving;
-            self.alive[robot] = true;
+            self.alive[robot] = life.unreachable_by.is_none();
             life.join(out, robot);
             out.note("ready", robot, format!("incarnation {}", life.incarnation));
             let fault = life.fault.take();

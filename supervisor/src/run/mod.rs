@@ -16,6 +16,7 @@
 //! | `hung` | who owes an answer for too long? |
 //! | `by_hand` | what may people do to it meanwhile? |
 //! | `processes` | how are the processes started, signalled and reaped? |
+//! | `hosts/` | what has it to do with other hosts? |
 //! | `load` | what takes processor time on purpose? |
 //! | `journal` | what is told of it, and in which order? |
 //! | `farewell` | how does it end? |
@@ -26,6 +27,7 @@ mod by_hand;
 mod conduct;
 mod error;
 mod farewell;
+pub mod hosts;
 mod hung;
 mod intake;
 pub mod journal;
@@ -54,7 +56,9 @@ use crate::scheduler::Trace;
 use crate::timeline::Timeline;
 use conduct::Conduct;
 pub use error::RunError;
-use experiment::scenario::Scenario;
+use experiment::scenario::{Scenario, Silenced, Struck};
+use hosts::bridge::REMAINS;
+use hosts::coordinator::{HostNews, Hosts};
 use hung::Watched;
 use intake::Intake;
 use journal::Journal;
@@ -86,6 +90,10 @@ pub struct Run<'a> {
     conduct: Conduct,
     /// Who held the cores of late robots, if somebody wants to know.
     trace: Option<Trace>,
+    /// Where there are several.
+    hosts: Option<Hosts>,
+    /// Something failed that no plan has.
+    failed: bool,
     _services: Services,
     _node: Node,
     run_root: RunRoot,
@@ -114,6 +122,7 @@ impl<'a> Run<'a> {
     /// shared. `progress` is told the run time of the newest truth, ns.
     pub fn to_the_end(mut self, mut progress: impl FnMut(u64)) -> (Outcome, Result<(), RunError>) {
         let ran = self.turn_until_the_end(&mut progress);
+        self.failed = ran.is_err();
         if let Err(error) = &ran {
             tracing::debug!(%error, "the run ends early");
         }
@@ -129,11 +138,15 @@ impl<'a> Run<'a> {
             }
             self.wait_for_news();
             self.take_truths()?;
+            self.take_hosts()?;
             // Deaths first: whoever calls a robot stale then does so of a fault that is known.
             self.take_deaths()?;
             self.take_reports()?;
             while let Some(robot) = self.cleaner.done() {
-                self.happens(self.intake.now_ns(), Event::Cleaned { robot })?;
+                match &mut self.hosts {
+                    Some(hosts) if robot == REMAINS => hosts.bridge.cleaned()?,
+                    _ => self.happens(self.intake.now_ns(), Event::Cleaned { robot })?,
+                }
             }
             self.take_requests();
             self.tell_view();
@@ -167,6 +180,60 @@ impl<'a> Run<'a> {
         });
     }
 
+    /// Takes in what other hosts say, and tells them what is wanted of them.
+    fn take_hosts(&mut self) -> Result<(), RunError> {
+        let Some(hosts) = &mut self.hosts else { return Ok(()) };
+        let mut remotes = self.processes.remotes();
+        let mut news = hosts.take_reports(&mut remotes)?;
+        let cleaned: Vec<usize> = (remotes.iter_mut().enumerate())
+            .filter_map(|(robot, remote)| remote.as_mut()?.is_cleaned().then_some(robot))
+            .collect();
+        hosts.tell(&remotes)?;
+        let now_ns = self.intake.now_ns();
+        if let Some(how) = hosts.bridge.watch(&self.cleaner)? {
+            self.journal.event(now_ns, "bridge-died", None, format!("of this host: {how}"));
+        }
+        let told: Vec<_> =
+            news.drain(..)
+                .map(|news| {
+                    let (HostNews::Lost(host)
+                    | HostNews::Back(host)
+                    | HostNews::BridgeRestarted(host)) = news;
+                    (news, hosts.name(host).to_owned(), hosts.robots_of(host))
+                })
+                .collect();
+        for robot in cleaned {
+            self.happens(now_ns, Event::Cleaned { robot })?;
+        }
+        for (news, name, robots) in told {
+            match news {
+                HostNews::BridgeRestarted(_) => {
+                    self.journal.event(now_ns, "bridge-restarted", None, format!("host {name}"));
+                }
+                HostNews::Lost(_) => {
+                    self.journal.event(now_ns, "host-lost", None, format!("host {name}"));
+                    tracing::warn!(host = name, t_s = now_ns as f64 / 1e9, "out of reach");
+                    for robot in robots {
+                        let silenced = Silenced::Robot(robot);
+                        let struck = Struck { robot: Some(robot), hearer: None, silenced };
+                        let what = format!("{} out of reach, on {name}", self.journal.name(robot));
+                        let fault = self.journal.metrics.new_fault(what, struck);
+                        let why = format!("host {name} is not heard");
+                        self.happens(now_ns, Event::Unreachable { robot, fault, why })?;
+                    }
+                }
+                HostNews::Back(_) => {
+                    self.journal.event(now_ns, "host-back", None, format!("host {name}"));
+                    for robot in robots {
+                        let why = format!("host {name} is heard again");
+                        self.happens(now_ns, Event::Reachable { robot, why })?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// Takes in what the robots say, if it is time.
     fn take_reports(&mut self) -> Result<(), RunError> {
         // While the plant stands, all that was said before its next act is known before it.
@@ -191,7 +258,19 @@ impl<'a> Run<'a> {
 
     /// Nobody is waited for without a limit.
     fn check_deadlines(&mut self) -> Result<(), RunError> {
-        let Run { lives, processes, journal, intake, conduct, run_root, .. } = self;
+        let Run { lives, processes, journal, intake, conduct, run_root, hosts, .. } = self;
+        if let Some(hosts) = hosts {
+            // Whoever is out of reach is not waited for, unless nobody has moved yet.
+            let late = (0..self.scenario.robots.len()).find(|&robot| {
+                processes.host_of(robot).is_some_and(|host| hosts.is_reachable(host))
+                    && lives.seat(robot) == Seat::Starting
+                    && processes.started(robot).elapsed() > error::READY_MAX
+            });
+            if let Some(robot) = late {
+                let log = processes.last_lines(robot);
+                return Err(RunError::NotReady { robot: journal.name(robot).to_owned(), log });
+            }
+        }
         let watched = processes.of_robots().map(|(robot, child)| {
             let starts = lives.seat(robot) == Seat::Starting;
             let starting_since = starts.then(|| processes.started(robot));
@@ -216,6 +295,7 @@ impl<'a> Run<'a> {
 /// The exit code of a run that ended with this error.
 pub fn exit_code(outcome: &Outcome, ran: &Result<(), RunError>) -> u8 {
     match ran {
+        Err(RunError::Interrupted { .. }) => exit::INTERRUPTED,
         Err(_) => exit::INFRASTRUCTURE,
         Ok(()) if outcome.interrupted => exit::INTERRUPTED,
         Ok(()) => exit::OK,

@@ -5,8 +5,10 @@ use std::path::{Path, PathBuf};
 use std::process::ExitStatus;
 use std::time::Instant;
 
+use protocol::message::Wanted;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
+use super::hosts::remote::Remote;
 use super::load::Load;
 use crate::child::{self, Child};
 use crate::spawn::{Launcher, Role, SpawnError};
@@ -34,6 +36,8 @@ pub(super) struct Robot {
     program: Option<Started>,
     log: PathBuf,
     child: Option<Child>,
+    /// Of a robot whose process another host has.
+    remote: Option<Remote>,
     /// When the newest was started.
     started: Instant,
     /// What those took that are reaped.
@@ -44,7 +48,18 @@ impl Robot {
     /// One whose process was not started yet.
     pub(super) fn new(brief: PathBuf, program: Option<Started>, log: PathBuf) -> Robot {
         let (started, usage) = (Instant::now(), Usage::default());
-        Robot { brief, program, log, child: None, started, usage }
+        Robot { brief, program, log, child: None, remote: None, started, usage }
+    }
+
+    /// One whose process another host has.
+    pub(super) fn elsewhere(remote: Remote) -> Robot {
+        let nowhere = PathBuf::new();
+        Robot { remote: Some(remote), ..Robot::new(nowhere.clone(), None, nowhere) }
+    }
+
+    /// Of a robot whose process another host has.
+    pub(super) fn remote(&mut self) -> Option<&mut Remote> {
+        self.remote.as_mut()
     }
 
     /// What all its processes took, once they are dead.
@@ -69,10 +84,14 @@ impl Processes {
     /// Starts a robot's process; there is none now.
     pub(super) fn start(&mut self, robot: usize, incarnation: u64) -> Result<(), SpawnError> {
         let robot = &mut self.robots[robot];
+        robot.started = Instant::now();
+        if let Some(remote) = &mut robot.remote {
+            remote.start();
+            return Ok(());
+        }
         let program = robot.program.as_ref();
         let role = Role::Agent { brief: &robot.brief, program, incarnation };
         robot.child = Some(self.launcher.spawn(role, &robot.log)?);
-        robot.started = Instant::now();
         Ok(())
     }
 
@@ -81,9 +100,29 @@ impl Processes {
         self.load.start(&self.launcher, fault, asked, log)
     }
 
-    /// A robot's process, if there is one.
-    pub(super) fn of(&self, robot: usize) -> Option<&Child> {
-        self.robots[robot].child.as_ref()
+    /// Lets a robot's process, if there is one, be so from now on.
+    pub(super) fn want(&mut self, robot: usize, wanted: Wanted) {
+        let robot = &mut self.robots[robot];
+        if let Some(remote) = &mut robot.remote {
+            remote.want(wanted);
+        }
+        if let Some(child) = &robot.child {
+            match wanted {
+                Wanted::Killed => child.kill(),
+                Wanted::Stopped => child.stop(),
+                Wanted::Running => child.go_on(),
+            }
+        }
+    }
+
+    /// The robots whose processes other hosts have, by place.
+    pub(super) fn remotes(&mut self) -> Vec<Option<&mut Remote>> {
+        self.robots.iter_mut().map(|robot| robot.remote.as_mut()).collect()
+    }
+
+    /// The host of a robot's process, by its place, if it is another.
+    pub(super) fn host_of(&self, robot: usize) -> Option<usize> {
+        self.robots[robot].remote.as_ref().map(|remote| remote.host)
     }
 
     /// When a robot's newest process was started.
@@ -93,6 +132,9 @@ impl Processes {
 
     /// The end of a robot's log.
     pub(super) fn last_lines(&self, robot: usize) -> String {
+        if self.robots[robot].remote.is_some() {
+            return "  (on the host where it lived)".into();
+        }
         child::last_lines(&self.robots[robot].log, LOG_LINES)
     }
 
@@ -117,6 +159,10 @@ impl Processes {
     pub(super) fn anybody_died(&self) -> bool {
         let mut watched = self.watched();
         watched.extend(self.load.children().map(watch));
+        let mut elsewhere = self.robots.iter().filter_map(|robot| robot.remote.as_ref());
+        if elsewhere.any(Remote::has_ended) {
+            return true;
+        }
         // An interruption tells nothing.
         poll(&mut watched, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })) != Ok(0)
     }
@@ -124,6 +170,9 @@ impl Processes {
     /// How a robot's process ended, once it has; it is gone then.
     pub(super) fn reap(&mut self, robot: usize) -> Option<ExitStatus> {
         let robot = &mut self.robots[robot];
+        if let Some(remote) = &mut robot.remote {
+            return remote.reap();
+        }
         let status = robot.child.as_mut()?.ended()?;
         robot.usage = robot.usage();
         robot.child = None;
@@ -148,9 +197,10 @@ impl Processes {
         self.control_timer.as_ref().map(|child| child.usage().unwrap_or_default())
     }
 
-    /// What each robot's processes took, once they are dead.
-    pub(super) fn usages(&self) -> impl Iterator<Item = Usage> {
-        self.robots.iter().map(Robot::usage)
+    /// What the processes of each robot of this host took, once they are dead; by its place.
+    pub(super) fn usages(&self) -> impl Iterator<Item = (usize, Usage)> {
+        let here = self.robots.iter().enumerate().filter(|(_, robot)| robot.remote.is_none());
+        here.map(|(place, robot)| (place, robot.usage()))
     }
 }
 

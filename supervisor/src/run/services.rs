@@ -34,10 +34,13 @@ impl Services {
         scenario: &Scenario,
         pace: Pace,
         links_by_hand: bool,
+        bridged: bool,
     ) -> Result<Services, ServiceError> {
         let robots = || scenario.robots.iter().enumerate();
-        let one = Qos::of_robot(pace, 1);
-        let hearers = |i| Qos::of_robot(pace, scenario.graph.hearers_of(i).count());
+        // Where there are several hosts, the bridge hears as well.
+        let with_bridge = |qos: Qos| if bridged { qos.and_one_more() } else { qos };
+        let one = with_bridge(Qos::of_robot(pace, 1));
+        let hearers = |i| with_bridge(Qos::of_robot(pace, scenario.graph.hearers_of(i).count()));
         Ok(Services {
             _odometry: robots()
                 .map(|(_, robot)| service::odometry(&robot.name).create(node, one))

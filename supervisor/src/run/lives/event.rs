@@ -43,6 +43,10 @@ pub enum Event {
     Cleaned { robot: usize },
     /// Its process reported; whether it takes part by now.
     Reported { robot: usize, takes_part: bool },
+    /// Its host is not heard any more.
+    Unreachable { robot: usize, fault: usize, why: String },
+    /// Its host is heard again.
+    Reachable { robot: usize, why: String },
     /// Whatever is due may be started.
     Due,
 }

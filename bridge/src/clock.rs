@@ -1,0 +1,215 @@
+//! What time it is on the plant's host, as far as another host can know.
+//!
+//! Each host has a CLOCK_MONOTONIC of its own, and two of them are never compared. Four stamps, as in
+//! NTP, tell between which two bounds the offset lies: sent here, taken there, sent back there, taken
+//! here. A message takes no negative time, and nothing else is assumed of the way, in particular not
+//! that it is as long both ways.
+
+use std::collections::VecDeque;
+
+/// How long a measurement counts, ns.
+const WINDOW_NS: u64 = 30_000_000_000;
+/// Clocks of two machines may drift apart by this share of the time: ten times what quartz does.
+const DRIFT: f64 = 100e-6;
+/// More measurements than this are not kept.
+const KEPT_MAX: usize = 512;
+
+/// Four stamps, ns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stamps {
+    /// Sent, by the clock here.
+    pub sent_ns: u64,
+    /// Taken, by the clock there.
+    pub there_taken_ns: u64,
+    /// Sent back, by the clock there.
+    pub there_sent_ns: u64,
+    /// Taken, by the clock here.
+    pub taken_ns: u64,
+}
+
+impl Stamps {
+    /// How long it was under way in all, ns; `None` if these stamps are of no clocks.
+    pub fn round_trip_ns(&self) -> Option<u64> {
+        let there_ns = self.there_sent_ns.checked_sub(self.there_taken_ns)?;
+        self.taken_ns.checked_sub(self.sent_ns)?.checked_sub(there_ns)
+    }
+
+    /// The smallest and the largest offset, there - here, that these stamps allow, ns.
+    fn bounds(&self) -> [i128; 2] {
+        let [sent, there_taken, there_sent, taken] =
+            [self.sent_ns, self.there_taken_ns, self.there_sent_ns, self.taken_ns].map(i128::from);
+        [there_sent - taken, there_taken - sent]
+    }
+}
+
+/// What is known of the clock there.
+#[derive(Debug, Clone, Default)]
+pub struct Offset {
+    /// When by the clock here, and the two bounds.
+    measured: VecDeque<(u64, [i128; 2])>,
+}
+
+/// Between which bounds the offset there - here lies at some time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Bounds {
+    low: i128,
+    high: i128,
+}
+
+impl Offset {
+    /// Takes in a measurement; whether it was one.
+    pub fn take(&mut self, stamps: &Stamps) -> bool {
+        if stamps.round_trip_ns().is_none() {
+            return false;
+        }
+        self.measured.push_back((stamps.taken_ns, stamps.bounds()));
+        if self.measured.len() > KEPT_MAX {
+            self.measured.pop_front();
+        }
+        true
+    }
+
+    /// What is known at a time by the clock here, ns; `None` before the first measurement.
+    pub fn at(&mut self, now_ns: u64) -> Option<Bounds> {
+        // What is too old does not count while something newer does.
+        while self.measured.len() > 1 && self.measured[0].0.saturating_add(WINDOW_NS) < now_ns {
+            self.measured.pop_front();
+        }
+        loop {
+            let bounds = self.intersection(now_ns)?;
+            if bounds.low <= bounds.high {
+                return Some(bounds);
+            }
+            // A clock was set, or its machine slept: only the newest counts.
+            self.measured.pop_front();
+        }
+    }
+
+    fn intersection(&self, now_ns: u64) -> Option<Bounds> {
+        let widened = self.measured.iter().map(|&(at_ns, [low, high])| {
+            let drift = (now_ns.abs_diff(at_ns) as f64 * DRIFT).ceil() as i128;
+            [low - drift, high + drift]
+        });
+        let [low, high] =
+            widened.reduce(|[a_low, a_high], [low, high]| [a_low.max(low), a_high.min(high)])?;
+        Some(Bounds { low, high })
+    }
+}
+
+impl Bounds {
+    /// Of a host with itself.
+    pub const SAME: Bounds = Bounds { low: 0, high: 0 };
+
+    /// The earliest time here that a stamp of the clock there may mean, ns: whoever goes by it never
+    /// takes a sample for younger than it is.
+    pub fn earliest_here(&self, there_ns: u64) -> u64 {
+        clamped(i128::from(there_ns) - self.high)
+    }
+
+    /// The most plausible time here, ns: wrong by at most [`Bounds::uncertainty_ns`].
+    pub fn middle_here(&self, there_ns: u64) -> u64 {
+        clamped(i128::from(there_ns) - self.middle())
+    }
+
+    /// The earliest time there that a stamp of the clock here may mean, ns.
+    pub fn earliest_there(&self, here_ns: u64) -> u64 {
+        clamped(i128::from(here_ns) + self.low)
+    }
+
+    /// The most plausible time there, ns.
+    pub fn middle_there(&self, here_ns: u64) -> u64 {
+        clamped(i128::from(here_ns) + self.middle())
+    }
+
+    /// Half the distance of the bounds, ns: half of the shortest round trip, and drift.
+    pub fn uncertainty_ns(&self) -> u64 {
+        clamped((self.high - self.low) / 2)
+    }
+
+    fn middle(&self) -> i128 {
+        self.low + (self.high - self.low) / 2
+    }
+}
+
+fn clamped(ns: i128) -> u64 {
+    ns.clamp(0, i128::from(u64::MAX)) as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Four stamps of two clocks, the one there ahead by `offset_ns`.
+    fn stamps(sent_ns: u64, offset_ns: u64, way_ns: [u64; 2], there_ns: u64) -> Stamps {
+        let there_taken_ns = sent_ns + way_ns[0] + offset_ns;
+        let there_sent_ns = there_taken_ns + there_ns;
+        let taken_ns = there_sent_ns + way_ns[1] - offset_ns;
+        Stamps { sent_ns, there_taken_ns, there_sent_ns, taken_ns }
+    }
+
+    #[test]
+    fn of_equal_ways_the_middle_is_exact() {
+        let mut offset = Offset::default();
+        assert_eq!(offset.at(0), None);
+        let measured = stamps(1_000, 86_400_000_000_000, [200, 200], 50);
+        assert_eq!(measured.round_trip_ns(), Some(400));
+        assert!(offset.take(&measured));
+        let bounds = offset.at(measured.taken_ns).unwrap();
+        assert_eq!(bounds.uncertainty_ns(), 200);
+        assert_eq!(bounds.middle_here(86_400_000_005_000), 5_000);
+        assert_eq!(bounds.middle_there(5_000), 86_400_000_005_000);
+        assert_eq!(bounds.earliest_here(86_400_000_005_000), 4_800);
+        assert_eq!(bounds.earliest_there(5_000), 86_400_000_004_800);
+    }
+
+    #[test]
+    fn stamps_of_no_clocks_are_refused() {
+        let mut offset = Offset::default();
+        let back = Stamps { sent_ns: 10, there_taken_ns: 5, there_sent_ns: 5, taken_ns: 9 };
+        assert!(!offset.take(&back) && offset.at(100).is_none());
+    }
+
+    #[test]
+    fn a_clock_that_was_set_is_measured_anew() {
+        let mut offset = Offset::default();
+        offset.take(&stamps(1_000, 1_000_000, [10, 10], 0));
+        offset.take(&stamps(2_000, 9_000_000, [10, 10], 0));
+        let bounds = offset.at(2_020).unwrap();
+        assert_eq!(bounds.middle_there(0), 9_000_000);
+    }
+
+    proptest! {
+        /// Whatever the ways are like, with clocks that drift: age is never underestimated.
+        #[test]
+        fn a_sample_is_never_taken_for_younger_than_it_is(
+            offset_ns in 0u64..1_000_000_000_000,
+            ways in proptest::collection::vec((0u64..50_000_000, 0u64..50_000_000, 0u64..1_000_000), 1..20),
+            drift_ppm in -90i64..90,
+            later_ns in 0u64..60_000_000_000,
+        ) {
+            // The clock there runs faster or slower; time here is true.
+            let there = |here: u64| {
+                offset_ns + (i128::from(here) + i128::from(here) * i128::from(drift_ppm) / 1_000_000) as u64
+            };
+            let mut offset = Offset::default();
+            let mut now = 1_000_000_000;
+            for (out, back, wait) in ways {
+                let (taken, sent_back) = (now + out, now + out + wait);
+                let arrived = sent_back + back;
+                offset.take(&Stamps {
+                    sent_ns: now,
+                    there_taken_ns: there(taken),
+                    there_sent_ns: there(sent_back),
+                    taken_ns: arrived,
+                });
+                now = arrived + 100_000_000;
+            }
+            let now = now + later_ns;
+            let bounds = offset.at(now).unwrap();
+            prop_assert!(bounds.earliest_here(there(now)) <= now + 1);
+            prop_assert!(bounds.earliest_there(now) <= there(now) + 1);
+            prop_assert!(bounds.middle_here(there(now)).abs_diff(now) <= bounds.uncertainty_ns() + 1);
+        }
+    }
+}

@@ -1,0 +1,369 @@
+//! A fleet file becomes a [`Fleet`]: which hosts there are and who lives where, read with the
+//! diagnostics of scenarios.
+
+use std::net::IpAddr;
+use std::path::{Path, PathBuf};
+
+use experiment::scenario::diagnostic::{Diagnostic, Source};
+use experiment::scenario::file::load;
+use experiment::scenario::read::toml;
+use experiment::scenario::table::{Document, Table, Value};
+use experiment::scenario::{FaultKind, Scenario};
+use protocol::brief::{
+    BridgeBrief, BridgedBrief, CertificatesBrief, Format, HostBrief, PartitionBrief,
+};
+
+use crate::keys;
+
+/// More hosts than this are a slip of the keyboard: places are told in 16 bits.
+const HOSTS_MAX: usize = 1_000;
+
+/// Several hosts that run one scenario together.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fleet {
+    /// Its text.
+    pub text: String,
+    /// The hosts.
+    pub hosts: Vec<Host>,
+    /// The plant's host, by its place.
+    pub plant: usize,
+    /// L: how long a sample and its answer may be under way between hosts, ns.
+    pub latency_max_ns: u64,
+    /// tcp or udp.
+    pub transport: String,
+    /// The folder with the certificates, if there are any.
+    pub certificates: Option<PathBuf>,
+    /// How long hosts wait for each other before the run, ns.
+    pub join_within_ns: u64,
+    /// A host not heard for this long is unreachable, ns.
+    pub unreachable_after_ns: u64,
+    /// Without a sign of the plant's host for this long a share ends, ns.
+    pub silence_ns_max: u64,
+}
+
+/// One host.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Host {
+    /// Its name.
+    pub name: String,
+    /// `ADDRESS:PORT`.
+    pub address: String,
+    /// Names of the robots that live there.
+    pub robots: Vec<String>,
+}
+
+/// Why a fleet and a scenario do not go together, or not here.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum FleetError {
+    /// The command line names no host of it.
+    #[error("the fleet has no host {host:?}: expected one of {}", known.join(", "))]
+    NoHost {
+        /// What was named.
+        host: String,
+        /// The hosts.
+        known: Vec<String>,
+    },
+    /// A robot of the scenario lives nowhere.
+    #[error("the fleet has no host for {}: expected each robot of the scenario in one `robots`", robots.join(", "))]
+    Homeless {
+        /// Which.
+        robots: Vec<String>,
+    },
+    /// A robot of the fleet is none of the scenario.
+    #[error(
+        "host {host} has the robot {robot:?}, which is not in the scenario: expected robots of it, such as {example}"
+    )]
+    NoRobot {
+        /// Which host.
+        host: String,
+        /// The robot.
+        robot: String,
+        /// One that is there.
+        example: String,
+    },
+    /// A partition names a host that is none.
+    #[error("the fault `partition {host}` names no host of the fleet: expected some of {}", known.join(", "))]
+    NoPartitionHost {
+        /// What was named.
+        host: String,
+        /// The hosts.
+        known: Vec<String>,
+    },
+    /// A partition names all hosts.
+    #[error("the fault `partition {hosts}` names all hosts: expected those on one side")]
+    NoOtherSide {
+        /// What was named.
+        hosts: String,
+    },
+    /// Others could read and write what is sent.
+    #[error(
+        "host {host} is at {address}, where other machines reach it: expected `certificates` in the fleet file, or \
+         --insecure where everybody on that network may move the robots"
+    )]
+    Insecure {
+        /// Which host.
+        host: String,
+        /// Its address.
+        address: String,
+    },
+    /// A file of the certificates is not there.
+    #[error("cannot read {}: {why}; the fleet file's `certificates` needs ca.pem, HOST.pem and HOST.key there", path.display())]
+    Certificate {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        why: String,
+    },
+}
+
+/// Reads a fleet file.
+pub fn read(path: &Path) -> Result<Fleet, Diagnostic> {
+    let expected = "expected a fleet file, such as scenarios/fleets/two.toml";
+    let about = |what: String| Diagnostic::plain(format!("`{}` {what}", path.display()), expected);
+    let text = load(path, expected).map_err(|trouble| about(trouble.what))?;
+    read_text(path, &text)
+}
+
+/// The same of a text at hand.
+pub fn read_text(path: &Path, text: &str) -> Result<Fleet, Diagnostic> {
+    let source = Source::new(path, text, false);
+    let entries = toml(text, &source)?;
+    let format = keys::format();
+    let document = Document::new(source, &format);
+    let root = Table::titled(&document, entries.get_ref(), "the fleet");
+    root.only()?;
+    if let Some(description) = root.get("description") {
+        description.text("expected a string")?;
+    }
+    let mut hosts: Vec<Host> = Vec::new();
+    let list = root.need("host")?;
+    for table in root.tables("host")? {
+        hosts.push(host(&table, &hosts)?);
+    }
+    if !(2..=HOSTS_MAX).contains(&hosts.len()) {
+        let expected = format!("expected 2 to {HOSTS_MAX}; one host needs no fleet");
+        return Err(list.wrong(format!("has {} hosts", hosts.len()), expected));
+    }
+    let plant = root.need("plant")?;
+    let name = plant.text("expected the name of a host")?;
+    let Some(plant) = hosts.iter().position(|host| host.name == name) else {
+        let known: Vec<&str> = hosts.iter().map(|host| host.name.as_str()).collect();
+        let expected = format!("expected one of {}", known.join(", "));
+        return Err(plant.wrong(format!("is \"{name}\", which is no host"), expected));
+    };
+    let words: Vec<(&str, &str)> = keys::TRANSPORTS.iter().map(|&(word, _)| (word, word)).collect();
+    let transport = root.word("transport", &words)?;
+    let certificates = root.get("certificates");
+    if let (Some(certificates), "udp") = (&certificates, transport) {
+        let expected = "expected it with `transport = \"tcp\"` only: TLS goes over TCP";
+        return Err(certificates.wrong("is given with UDP", expected));
+    }
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let certificates = certificates.map(|keys| keys.text("expected a folder")).transpose()?;
+    Ok(Fleet {
+        text: text.to_owned(),
+        hosts,
+        plant,
+        latency_max_ns: root.time_ns("latency_max_s")?,
+        transport: transport.to_owned(),
+        certificates: certificates.map(|keys| folder.join(keys)),
+        join_within_ns: root.time_ns("join_within_s")?,
+        unreachable_after_ns: root.time_ns("unreachable_after_s")?,
+        silence_ns_max: root.time_ns("silence_max_s")?,
+    })
+}
+
+fn host(table: &Table<'_>, before: &[Host]) -> Result<Host, Diagnostic> {
+    table.only()?;
+    let name = table.need("name")?;
+    let text = name.text("expected a string")?;
+    let sound = |c: char| c.is_ascii_alphanumeric() || "-_".contains(c);
+    if text.is_empty() || !text.chars().all(sound) {
+        let expected = "expected letters, digits, `-` and `_`: keys on the wire are called so";
+        return Err(name.wrong(format!("is \"{text}\""), expected));
+    }
+    if before.iter().any(|host| host.name == text) {
+        return Err(name.wrong(format!("is \"{text}\" again"), "expected another name"));
+    }
+    let address = table.need("address")?;
+    let place = address.text(ADDRESS)?;
+    parted(place).ok_or_else(|| address.wrong(format!("is \"{place}\""), ADDRESS))?;
+    if let Some(other) = before.iter().find(|host| host.address == place) {
+        let message = format!("is \"{place}\", that of {}", other.name);
+        return Err(address.wrong(message, "expected another address or port"));
+    }
+    let robots = match table.get("robots") {
+        Some(robots) => robots_of(&robots, before)?,
+        None => Vec::new(),
+    };
+    Ok(Host { name: text.to_owned(), address: place.to_owned(), robots })
+}
+
+const ADDRESS: &str = "expected an address and a port, such as \"192.168.1.10:7447\"";
+
+fn robots_of(robots: &Value<'_>, before: &[Host]) -> Result<Vec<String>, Diagnostic> {
+    let expected = "expected a list of names of robots, such as [\"r1\", \"r2\"]";
+    let mut names: Vec<String> = Vec::new();
+    for robot in robots.elements(expected)? {
+        let name = robot.text("expected the name of a robot")?;
+        if names.iter().any(|other| other == name) {
+            return Err(robot.wrong(format!("is \"{name}\" again"), "expected each robot once"));
+        }
+        if let Some(other) = before.iter().find(|host| host.robots.iter().any(|r| r == name)) {
+            let message = format!("is \"{name}\", which lives on {}", other.name);
+            return Err(robot.wrong(message, "expected each robot on one host"));
+        }
+        names.push(name.to_owned());
+    }
+    Ok(names)
+}
+
+/// The host and the port of an address.
+fn parted(address: &str) -> Option<(&str, u16)> {
+    let (host, port) = address.rsplit_once(':')?;
+    let sound = |c: char| c.is_ascii_alphanumeric() || "-._:[]".contains(c);
+    let bare = host.strip_prefix('[').and_then(|host| host.strip_suffix(']')).unwrap_or(host);
+    let known = !bare.is_empty() && host.chars().all(sound);
+    // Without brackets the last group of an IPv6 address would be taken for a port.
+    let is_clear = !bare.contains(':') || bare.len() < host.len();
+    (known && is_clear).then_some((bare, port.parse().ok().filter(|&port| port > 0)?))
+}
+
+/// Whether only this machine reaches an address.
+fn is_loopback(address: &str) -> bool {
+    let host = parted(address).map_or("", |(host, _)| host);
+    host == "localhost" || host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
+}
+
+impl Fleet {
+    /// The place of the host of that name.
+    pub fn host(&self, name: &str) -> Result<usize, FleetError> {
+        let place = self.hosts.iter().position(|host| host.name == name);
+        place.ok_or_else(|| FleetError::NoHost { host: name.to_owned(), known: self.names() })
+    }
+
+    fn names(&self) -> Vec<String> {
+        self.hosts.iter().map(|host| host.name.clone()).collect()
+    }
+
+    /// Refuses addresses that others reach, if nothing keeps them out.
+    pub fn must_be_secure(&self) -> Result<(), FleetError> {
+        let reached = |host: &&Host| !is_loopback(&host.address);
+        match self.hosts.iter().find(reached) {
+            Some(host) if self.certificates.is_none() => {
+                Err(FleetError::Insecure { host: host.name.clone(), address: host.address.clone() })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The place of each robot's host, in scenario order.
+    pub fn homes(&self, scenario: &Scenario) -> Result<Vec<usize>, FleetError> {
+        let known = |name: &str| scenario.robots.iter().any(|robot| robot.name == name);
+        for host in &self.hosts {
+            if let Some(robot) = host.robots.iter().find(|robot| !known(robot)) {
+                let example = scenario.robots[0].name.clone();
+                let (host, robot) = (host.name.clone(), robot.clone());
+                return Err(FleetError::NoRobot { host, robot, example });
+            }
+        }
+        let home = |name: &str| {
+            self.hosts.iter().position(|host| host.robots.iter().any(|robot| robot == name))
+        };
+        let names = scenario.robots.iter().map(|robot| robot.name.as_str());
+        let homeless: Vec<String> =
+            names.clone().filter(|name| home(name).is_none()).map(str::to_owned).collect();
+        match homeless.is_empty() {
+            true => Ok(names.filter_map(home).collect()),
+            false => Err(FleetError::Homeless { robots: homeless }),
+        }
+    }
+
+    /// What the bridge of the host `here` is told of this run; its run root is the supervisor's to fill in.
+    /// `effective`: the text of the scenario.
+    pub fn brief(
+        &self,
+        here: usize,
+        scenario: &Scenario,
+        effective: &str,
+    ) -> Result<BridgeBrief, FleetError> {
+        let homes = self.homes(scenario)?;
+        let edges = scenario.graph.edges();
+        let robots = scenario.robots.iter().enumerate().map(|(i, robot)| {
+            let heard = edges.iter().filter(|edge| edge.from == i).map(|edge| homes[edge.to]);
+            let mut heard_on: Vec<usize> = heard.filter(|&host| host != homes[i]).collect();
+            heard_on.sort_unstable();
+            heard_on.dedup();
+            let hears = scenario.graph.heard_by(i).count();
+            BridgedBrief { name: robot.name.clone(), host: homes[i], heard_on, hears }
+        });
+        let certificates = self.certificates.as_ref().map(|folder| {
+            let name = &self.hosts[here].name;
+            let file = |name: String| readable(folder.join(name));
+            Ok(CertificatesBrief {
+                authority: file("ca.pem".into())?,
+                certificate: file(format!("{name}.pem"))?,
+                key: file(format!("{name}.key"))?,
+            })
+        });
+        Ok(BridgeBrief {
+            format: Format,
+            run_root: PathBuf::new(),
+            experiment: format!("{:016x}", self.experiment(effective)),
+            here,
+            plant: self.plant,
+            odometry_age_ns_max: scenario.command_lifetime_ns(protocol::brief::Pace::Realtime),
+            beacon_age_ns_max: scenario.silence.lost_after_ns,
+            join_within_ns: self.join_within_ns,
+            unreachable_after_ns: self.unreachable_after_ns,
+            silence_ns_max: self.silence_ns_max,
+            transport: self.transport.clone(),
+            certificates: certificates.transpose()?,
+            hosts: self
+                .hosts
+                .iter()
+                .map(|host| HostBrief { name: host.name.clone(), address: host.address.clone() })
+                .collect(),
+            robots: robots.collect(),
+            partitions: self.partitions(scenario)?,
+        })
+    }
+
+    fn partitions(&self, scenario: &Scenario) -> Result<Vec<PartitionBrief>, FleetError> {
+        let mut partitions = Vec::new();
+        for fault in &scenario.faults {
+            let FaultKind::Partition { hosts } = &fault.kind else { continue };
+            let place = |name: &String| {
+                self.host(name).map_err(|_| FleetError::NoPartitionHost {
+                    host: name.clone(),
+                    known: self.names(),
+                })
+            };
+            let mut side: Vec<usize> = hosts.iter().map(place).collect::<Result<_, _>>()?;
+            side.sort_unstable();
+            side.dedup();
+            if side.len() == self.hosts.len() {
+                return Err(FleetError::NoOtherSide { hosts: hosts.join(",") });
+            }
+            partitions.push(PartitionBrief { hosts: side, span: fault.span() });
+        }
+        Ok(partitions)
+    }
+
+    /// A number that is the same where scenario and fleet are (FNV-1a).
+    fn experiment(&self, effective: &str) -> u64 {
+        let bytes = effective.bytes().chain([0xff]).chain(self.text.bytes());
+        bytes.fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+        })
+    }
+}
+
+/// The path of a file that can be read.
+fn readable(path: PathBuf) -> Result<PathBuf, FleetError> {
+    let absolute = std::fs::File::open(&path).and_then(|_| path.canonicalize());
+    absolute.map_err(|error| FleetError::Certificate { path, why: error.to_string() })
+}
+
+#[cfg(test)]
+mod tests;

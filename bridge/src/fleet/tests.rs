@@ -1,0 +1,96 @@
+use super::*;
+use experiment::examples::row_of_three;
+use experiment::scenario::Fault;
+
+const TWO: &str = "\
+plant = \"a\"
+latency_max_s = 0.02
+[[host]]
+name = \"a\"
+address = \"127.0.0.1:7501\"
+robots = [\"r1\", \"r2\"]
+[[host]]
+name = \"b\"
+address = \"[::1]:7502\"
+robots = [\"r3\"]
+";
+
+fn fleet(text: &str) -> Result<Fleet, String> {
+    read_text(Path::new("fleet.toml"), text).map_err(|diagnostic| diagnostic.render(false))
+}
+
+#[test]
+fn a_fleet_says_who_lives_where_and_its_bridges_are_told_no_more_than_that() {
+    let fleet = fleet(TWO).unwrap();
+    let scenario = row_of_three();
+    let names: Vec<&str> = scenario.robots.iter().map(|robot| robot.name.as_str()).collect();
+    assert_eq!(names, ["r1", "r2", "r3"]);
+    assert_eq!(fleet.homes(&scenario).unwrap(), [0, 0, 1]);
+    assert_eq!((fleet.latency_max_ns, fleet.plant), (20_000_000, 0));
+    let brief = fleet.brief(1, &scenario, "text").unwrap();
+    assert_eq!((brief.here, brief.plant, brief.hosts.len()), (1, 0, 2));
+    let text = protocol::brief::to_text(&brief);
+    let again: BridgeBrief = toml::from_str(&text).unwrap();
+    assert_eq!(again, brief);
+    assert_ne!(fleet.brief(1, &scenario, "other").unwrap().experiment, brief.experiment);
+    assert_eq!(fleet.brief(0, &scenario, "text").unwrap().experiment, brief.experiment);
+}
+
+#[test]
+fn each_mistake_in_a_fleet_file_is_named_with_its_place() {
+    for (find, replace, words) in [
+        ("plant = \"a\"", "plant = \"c\"", ["is \"c\", which is no host", "expected one of a, b"]),
+        ("plant", "plnat", ["no key `plnat`", "did you mean `plant`"]),
+        ("\"b\"", "\"a\"", ["is \"a\" again", "another name"]),
+        ("\"b\"", "\"b c\"", ["is \"b c\"", "letters, digits"]),
+        ("\"[::1]:7502\"", "\"::1:7502\"", ["is \"::1:7502\"", "an address and a port"]),
+        ("\"[::1]:7502\"", "\"127.0.0.1:7501\"", ["that of a", "another address"]),
+        ("\"[::1]:7502\"", "\"127.0.0.1\"", ["is \"127.0.0.1\"", "an address and a port"]),
+        ("[\"r3\"]", "[\"r2\"]", ["lives on a", "each robot on one host"]),
+        ("latency_max_s = 0.02", "latency_max_s = -1", ["latency_max_s", "expected"]),
+        ("latency_max_s = 0.02", "transport = \"udp\"\ncertificates = \"k\"", ["with UDP", "tcp"]),
+    ] {
+        let error = fleet(&TWO.replacen(find, replace, 1)).unwrap_err();
+        assert!(words.iter().all(|word| error.contains(word)), "{replace}:\n{error}");
+        assert!(error.contains("fleet.toml:"), "{error}");
+    }
+    let one = TWO.split("[[host]]\nname = \"b\"").next().unwrap();
+    assert!(fleet(one).unwrap_err().contains("has 1 hosts"));
+}
+
+#[test]
+fn a_fleet_and_a_scenario_that_do_not_go_together_are_told_why() {
+    let mut scenario = row_of_three();
+    let without = fleet(&TWO.replace("[\"r1\", \"r2\"]", "[\"r1\"]")).unwrap();
+    let error = without.homes(&scenario).unwrap_err().to_string();
+    assert!(error.contains("no host for r2"), "{error}");
+    let other = fleet(&TWO.replace("\"r3\"", "\"r3\", \"r9\"")).unwrap();
+    let error = other.homes(&scenario).unwrap_err().to_string();
+    assert!(error.contains("\"r9\"") && error.contains("such as r1"), "{error}");
+    let two = fleet(TWO).unwrap();
+    assert!(two.host("z").unwrap_err().to_string().contains("expected one of a, b"));
+    for (hosts, word) in [(vec!["z"], "no host of the fleet"), (vec!["a", "b"], "all hosts")] {
+        let hosts = hosts.into_iter().map(str::to_owned).collect();
+        scenario.faults =
+            vec![Fault { at_ns: 1, for_ns: None, kind: FaultKind::Partition { hosts } }];
+        let error = two.brief(0, &scenario, "").unwrap_err().to_string();
+        assert!(error.contains(word), "{error}");
+    }
+}
+
+#[test]
+fn others_may_reach_a_host_only_with_certificates() {
+    assert_eq!(fleet(TWO).unwrap().must_be_secure(), Ok(()));
+    for address in ["0.0.0.0:7502", "192.168.1.2:7502", "robot-7:7502", "[fe80::1]:7502"] {
+        let open = fleet(&TWO.replace("[::1]:7502", address)).unwrap();
+        let error = open.must_be_secure().unwrap_err().to_string();
+        assert!(error.contains(address) && error.contains("--insecure"), "{error}");
+        let mut closed = open;
+        closed.certificates = Some("keys".into());
+        assert_eq!(closed.must_be_secure(), Ok(()));
+        let error = closed.brief(0, &row_of_three(), "").unwrap_err().to_string();
+        assert!(error.contains("ca.pem"), "{error}");
+    }
+    let named = fleet(&TWO.replace("[::1]", "localhost")).unwrap();
+    assert_eq!(named.must_be_secure(), Ok(()));
+}

@@ -1,0 +1,131 @@
+//! What is before every sample on the wire: who sent it, of which build and experiment, and in which
+//! order.
+//!
+//! All numbers are little-endian. Must not: decide whether a sample is taken over (`gate`).
+
+use protocol::message::Plain;
+
+/// The form of what is on the wire: raised with every change of it.
+pub const VERSION: u16 = 1;
+/// How a frame begins.
+const MAGIC: [u8; 4] = *b"phlx";
+/// How many bytes are before the sample.
+pub const HEADER_BYTES: usize = 48;
+
+/// What is before a sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Header {
+    /// [`VERSION`] of the sender.
+    pub version: u16,
+    /// The sender, by its place among the hosts.
+    pub host: u16,
+    /// [`layout`] of what follows.
+    pub layout: u64,
+    /// Hash of scenario and fleet file.
+    pub experiment: u64,
+    /// Drawn when the sending bridge started.
+    pub boot: u64,
+    /// Counts up for each key from the sending bridge's start.
+    pub sequence: u64,
+    /// When it was sent, by the clock of the plant's host as the sender knows it, ns; 0 if it does not.
+    pub source_ns: u64,
+}
+
+/// The layout of a slice of `P` after a header `H`.
+pub fn layout<P: Plain, H: Plain>() -> u64 {
+    P::LAYOUT.rotate_left(1) ^ H::LAYOUT
+}
+
+impl Header {
+    /// A frame: this header, and what follows in parts.
+    pub fn frame(&self, parts: &[&[u8]]) -> Vec<u8> {
+        let length: usize = parts.iter().map(|part| part.len()).sum();
+        let mut bytes = Vec::with_capacity(HEADER_BYTES + length);
+        bytes.extend(MAGIC);
+        bytes.extend(self.version.to_le_bytes());
+        bytes.extend(self.host.to_le_bytes());
+        for number in [self.layout, self.experiment, self.boot, self.sequence, self.source_ns] {
+            bytes.extend(number.to_le_bytes());
+        }
+        parts.iter().for_each(|part| bytes.extend(*part));
+        bytes
+    }
+
+    /// The header of a frame and what follows it; `None` if it is none of any version.
+    pub fn of(frame: &[u8]) -> Option<(Header, &[u8])> {
+        let rest = frame.strip_prefix(&MAGIC)?;
+        let (version, rest) = rest.split_first_chunk()?;
+        let (host, rest) = rest.split_first_chunk()?;
+        let (layout, rest) = rest.split_first_chunk()?;
+        let (experiment, rest) = rest.split_first_chunk()?;
+        let (boot, rest) = rest.split_first_chunk()?;
+        let (sequence, rest) = rest.split_first_chunk()?;
+        let (source_ns, rest) = rest.split_first_chunk()?;
+        let header = Header {
+            version: u16::from_le_bytes(*version),
+            host: u16::from_le_bytes(*host),
+            layout: u64::from_le_bytes(*layout),
+            experiment: u64::from_le_bytes(*experiment),
+            boot: u64::from_le_bytes(*boot),
+            sequence: u64::from_le_bytes(*sequence),
+            source_ns: u64::from_le_bytes(*source_ns),
+        };
+        Some((header, rest))
+    }
+}
+
+/// A header and the rows after it, as they lie in a frame; `None` if they are not whole.
+pub fn slice_of<P: Plain, H: Plain>(content: &[u8]) -> Option<(H, Vec<P>)> {
+    let (header, rows) = content.split_at_checked(size_of::<H>())?;
+    let chunks = rows.chunks_exact(size_of::<P>());
+    if !chunks.remainder().is_empty() {
+        return None;
+    }
+    Some((H::of_bytes(header)?, chunks.map(|row| P::of_bytes(row)).collect::<Option<_>>()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use protocol::message::{NeighborStatus, StatusHeader};
+
+    proptest! {
+        #[test]
+        fn a_frame_says_what_was_put_into_it(
+            numbers in any::<[u64; 5]>(),
+            small in any::<[u16; 2]>(),
+            content in proptest::collection::vec(any::<u8>(), 0..200),
+        ) {
+            let [layout, experiment, boot, sequence, source_ns] = numbers;
+            let [version, host] = small;
+            let header = Header { version, host, layout, experiment, boot, sequence, source_ns };
+            let frame = header.frame(&[&content[..content.len() / 2], &content[content.len() / 2..]]);
+            prop_assert_eq!(frame.len(), HEADER_BYTES + content.len());
+            prop_assert_eq!(Header::of(&frame), Some((header, &content[..])));
+        }
+
+        #[test]
+        fn garbage_is_no_frame_and_never_a_panic(
+            bytes in proptest::collection::vec(any::<u8>(), 0..100),
+        ) {
+            prop_assert_eq!(Header::of(&bytes).is_some(), bytes.starts_with(b"phlx") && bytes.len() >= HEADER_BYTES);
+            let _ = slice_of::<NeighborStatus, StatusHeader>(&bytes);
+        }
+    }
+
+    #[test]
+    fn a_slice_is_whole_or_nothing() {
+        let header = StatusHeader { tick: 5, ..StatusHeader::default() };
+        let rows = [NeighborStatus { robot: 2, ..NeighborStatus::default() }; 3];
+        let mut content = header.bytes().to_vec();
+        rows.iter().for_each(|row| content.extend(row.bytes()));
+        assert_eq!(slice_of(&content), Some((header, rows.to_vec())));
+        content.pop();
+        assert_eq!(slice_of::<NeighborStatus, StatusHeader>(&content), None);
+        assert_ne!(
+            layout::<NeighborStatus, StatusHeader>(),
+            layout::<StatusHeader, NeighborStatus>()
+        );
+    }
+}

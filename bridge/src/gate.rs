@@ -1,0 +1,147 @@
+//! Which frames of another host are taken over: the right build, the right experiment, the host's own
+//! key, and each only once and in order.
+
+use crate::counters::Dropped;
+use crate::frame::{Header, VERSION};
+
+/// So many bridges of one host that were replaced are remembered.
+const RETIRED_MAX: usize = 64;
+
+/// Which bridge of another host is heard. A new one replaces it, and then nothing of the old one is
+/// taken over any more.
+#[derive(Debug, Clone, Default)]
+pub struct Boots {
+    current: Option<u64>,
+    retired: Vec<u64>,
+}
+
+impl Boots {
+    /// Whether a frame of that bridge may be taken over.
+    fn admit(&mut self, boot: u64) -> bool {
+        if self.current == Some(boot) {
+            return true;
+        }
+        if self.retired.contains(&boot) {
+            return false;
+        }
+        if let Some(old) = self.current.replace(boot) {
+            if self.retired.len() == RETIRED_MAX {
+                self.retired.remove(0);
+            }
+            self.retired.push(old);
+        }
+        true
+    }
+
+    /// The bridge that is heard.
+    pub fn current(&self) -> Option<u64> {
+        self.current
+    }
+}
+
+/// What is expected under one key.
+#[derive(Debug, Clone)]
+pub struct Gate {
+    host: u16,
+    layout: u64,
+    experiment: u64,
+    /// Of the newest frame that was taken over: its bridge and its number.
+    newest: Option<(u64, u64)>,
+}
+
+impl Gate {
+    /// Of the key of a host, by its place, with frames of a layout.
+    pub fn new(host: usize, layout: u64, experiment: u64) -> Gate {
+        Gate { host: host as u16, layout, experiment, newest: None }
+    }
+
+    /// The header of a frame and what follows it; or why it is dropped. `boots`: of that host.
+    pub fn pass<'f>(
+        &mut self,
+        frame: &'f [u8],
+        boots: &mut Boots,
+    ) -> Result<(Header, &'f [u8]), Dropped> {
+        let (header, content) = Header::of(frame).ok_or(Dropped::Garbage)?;
+        let expected = [
+            (header.version == VERSION, Dropped::Version),
+            (header.host == self.host, Dropped::Owner),
+            (header.layout == self.layout, Dropped::Layout),
+            (header.experiment == self.experiment, Dropped::Experiment),
+        ];
+        if let Some(&(_, why)) = expected.iter().find(|(holds, _)| !holds) {
+            return Err(why);
+        }
+        let goes_on = match self.newest {
+            Some((boot, sequence)) if boot == header.boot => header.sequence > sequence,
+            _ => true,
+        };
+        if !boots.admit(header.boot) || !goes_on {
+            return Err(Dropped::Replayed);
+        }
+        self.newest = Some((header.boot, header.sequence));
+        Ok((header, content))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: Header = Header {
+        version: VERSION,
+        host: 1,
+        layout: 77,
+        experiment: 88,
+        boot: 5,
+        sequence: 10,
+        source_ns: 0,
+    };
+
+    fn gate() -> (Gate, Boots) {
+        (Gate::new(1, 77, 88), Boots::default())
+    }
+
+    fn pass(gate: &mut (Gate, Boots), header: Header) -> Result<u64, Dropped> {
+        let frame = header.frame(&[b"content"]);
+        let (header, content) = gate.0.pass(&frame, &mut gate.1)?;
+        assert_eq!(content, b"content");
+        Ok(header.sequence)
+    }
+
+    #[test]
+    fn each_frame_that_is_not_expected_has_one_reason() {
+        let mut gate = gate();
+        assert_eq!(pass(&mut gate, GOOD), Ok(10));
+        for (wrong, why) in [
+            (Header { version: VERSION + 1, ..GOOD }, Dropped::Version),
+            (Header { host: 2, ..GOOD }, Dropped::Owner),
+            (Header { layout: 78, ..GOOD }, Dropped::Layout),
+            (Header { experiment: 89, ..GOOD }, Dropped::Experiment),
+            (GOOD, Dropped::Replayed),
+            (Header { sequence: 9, ..GOOD }, Dropped::Replayed),
+        ] {
+            assert_eq!(pass(&mut gate, wrong), Err(why), "{wrong:?}");
+        }
+        assert_eq!(gate.0.pass(b"garbage", &mut gate.1), Err(Dropped::Garbage));
+        assert_eq!(pass(&mut gate, Header { sequence: 12, ..GOOD }), Ok(12), "some may be lost");
+    }
+
+    #[test]
+    fn a_bridge_that_was_replaced_is_not_heard_again() {
+        let mut gate = gate();
+        assert_eq!(pass(&mut gate, GOOD), Ok(10));
+        assert_eq!(pass(&mut gate, Header { boot: 6, sequence: 1, ..GOOD }), Ok(1));
+        let replayed = Header { sequence: 11, ..GOOD };
+        assert_eq!(pass(&mut gate, replayed), Err(Dropped::Replayed));
+        assert_eq!(pass(&mut gate, Header { boot: 6, sequence: 2, ..GOOD }), Ok(2));
+    }
+
+    #[test]
+    fn what_is_not_expected_replaces_no_bridge() {
+        let mut gate = gate();
+        assert_eq!(pass(&mut gate, GOOD), Ok(10));
+        let forged = Header { boot: 9, experiment: 0, ..GOOD };
+        assert_eq!(pass(&mut gate, forged), Err(Dropped::Experiment));
+        assert_eq!(pass(&mut gate, Header { sequence: 11, ..GOOD }), Ok(11));
+    }
+}

@@ -1,0 +1,29 @@
+//! Several hosts: who lives where, what crosses between them, and the process that carries it.
+//!
+//! A bridge is never between two robots of one host. Of what is here only `process/` opens a
+//! connection, and only with the feature `zenoh`.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `fleet` | which hosts are there, and who lives where? |
+//! | `keys` | which keys may a fleet file have? |
+//! | `topics` | what crosses between hosts, under which key? |
+//! | `frame` | what is before every sample on the wire? |
+//! | `gate` | which frames of another host are taken over? |
+//! | `clock` | what time is it on the plant's host? |
+//! | `stamps` | which stamp of the plant's clock does one of the clock here stand for? |
+//! | `told` | how does what robots tell the supervisor get to the plant's host? |
+//! | `process/` | how does a bridge carry all that? |
+//! | `counters` | why are samples dropped, and how many were? |
+
+pub mod clock;
+pub mod counters;
+pub mod fleet;
+pub mod frame;
+pub mod gate;
+pub mod keys;
+#[cfg(feature = "zenoh")]
+pub mod process;
+pub mod stamps;
+pub mod told;
+pub mod topics;

@@ -1,0 +1,131 @@
+//! How zenoh is set up: everything that is told is told here, and nothing is found by itself.
+//!
+//! Its defaults listen on all interfaces, look for others by multicast, and pass on what they hear of
+//! them; none of that is left.
+
+use protocol::brief::BridgeBrief;
+use serde_json::{Value, json};
+
+use crate::topics::{self, PREFIX};
+
+/// A peer that says nothing for this long is gone, ms. zenoh keeps a link alive with four messages in
+/// that time.
+const LEASE_MS: u64 = 1_000;
+/// How long opening a link may take, ms.
+const OPEN_MS: u64 = 1_000;
+/// How often a link that is down is tried again, ms: the first time, and at most.
+const RETRY_MS: [u64; 2] = [100, 250];
+/// How long a sample may wait for a place in the queue before it is dropped, us.
+const WAIT_US: u64 = 500;
+/// No frame is longer, bytes.
+const FRAME_BYTES_MAX: u64 = 1 << 20;
+
+/// The whole configuration, as JSON.
+pub fn of(brief: &BridgeBrief) -> Value {
+    let protocol = if brief.certificates.is_some() { "tls" } else { &brief.transport };
+    let endpoint = |host: usize| format!("{protocol}/{}", brief.hosts[host].address);
+    let peers = topics::peers(brief, brief.here);
+    // One of two connects, and tries again when the link is down; the other listens.
+    let connect: Vec<String> =
+        peers.iter().filter(|&&peer| peer < brief.here).map(|&peer| endpoint(peer)).collect();
+    let retry = json!({
+        "period_init_ms": RETRY_MS[0],
+        "period_max_ms": RETRY_MS[1],
+        "period_increase_factor": 1.5,
+    });
+    let mut config = json!({
+        "mode": "peer",
+        "listen": {
+            "timeout_ms": 0,
+            "endpoints": [endpoint(brief.here)],
+            "exit_on_failure": true,
+        },
+        "connect": {
+            "timeout_ms": -1,
+            "endpoints": connect,
+            "exit_on_failure": false,
+            "retry": retry,
+        },
+        "open": { "return_conditions": { "connect_scouted": false, "declares": false } },
+        "scouting": {
+            "multicast": { "enabled": false },
+            "gossip": { "enabled": false },
+        },
+        "timestamping": { "enabled": false, "drop_future_timestamp": false },
+        "adminspace": { "enabled": false },
+        "transport": {
+            "unicast": {
+                "open_timeout": OPEN_MS,
+                "accept_timeout": OPEN_MS,
+                "accept_pending": 64,
+                "max_sessions": 2 * brief.hosts.len() + 2,
+                "max_links": 1,
+                "qos": { "enabled": true },
+            },
+            "link": {
+                "protocols": [protocol],
+                "tx": {
+                    "lease": LEASE_MS,
+                    "keep_alive": 4,
+                    "queue": {
+                        "size": { "real_time": 16 },
+                        "congestion_control": { "drop": { "wait_before_drop": WAIT_US } },
+                    },
+                },
+                "rx": { "max_message_size": FRAME_BYTES_MAX },
+            },
+        },
+    });
+    if let Some(files) = &brief.certificates {
+        config["transport"]["link"]["tls"] = json!({
+            "root_ca_certificate": files.authority,
+            "listen_certificate": files.certificate,
+            "listen_private_key": files.key,
+            "connect_certificate": files.certificate,
+            "connect_private_key": files.key,
+            "enable_mtls": true,
+            "verify_name_on_connect": true,
+            "close_link_on_expiration": true,
+        });
+        config["access_control"] = access(brief, &peers);
+    }
+    config
+}
+
+/// Who may do what, by the common names of certificates: each host writes below its own name, and
+/// hears. Whatever is not said is denied.
+fn access(brief: &BridgeBrief, peers: &[usize]) -> Value {
+    let names: Vec<&str> = peers.iter().map(|&peer| brief.hosts[peer].name.as_str()).collect();
+    let below = |name: &str| format!("{PREFIX}/{name}/**");
+    let own = below(&brief.hosts[brief.here].name);
+    let rule = |id: String, message: &str, flow: &str, key: &str| {
+        json!({
+            "id": id,
+            "messages": [message],
+            "flows": [flow],
+            "permission": "allow",
+            "key_exprs": [key],
+        })
+    };
+    let mut rules = vec![
+        rule("say".into(), "put", "egress", &own),
+        rule("be-heard".into(), "declare_subscriber", "ingress", &own),
+        rule("hear".into(), "declare_subscriber", "egress", &format!("{PREFIX}/**")),
+    ];
+    let (mut subjects, mut policies) = (Vec::new(), Vec::new());
+    for name in names {
+        rules.push(rule(format!("said-by-{name}"), "put", "ingress", &below(name)));
+        subjects.push(json!({ "id": name, "cert_common_names": [name] }));
+        policies.push(json!({
+            "rules": ["say", "be-heard", "hear", format!("said-by-{name}")],
+            "subjects": [name],
+        }));
+    }
+    json!({
+        "enabled": true,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    })
+}

@@ -1,0 +1,198 @@
+//! What crosses between hosts, and under which keys: `phalanx/1/<host>/<robot>/<topic>`, the host being
+//! the sender, which is the only one that writes below its own name.
+//!
+//! Where nobody on another host needs a sample, there is no topic, and nothing crosses.
+
+use protocol::brief::BridgeBrief;
+
+/// Before every key: the name, and the version of the keys.
+pub const PREFIX: &str = "phalanx/1";
+/// In place of a robot's name, which has no dot: what is about the host.
+const HOST: &str = ".host";
+
+/// What a sample is about. Places are from 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Topic {
+    /// What a robot says to those that hear it.
+    Beacon(usize),
+    /// What a robot senses, from the plant's host.
+    Odometry(usize),
+    /// How a robot is to move, to the plant's host.
+    Command(usize),
+    /// To a host: what its supervisor is to do.
+    Orders(usize),
+    /// Of a host: how its supervisor is doing.
+    Report(usize),
+    /// Of a host: how its bridge is doing.
+    Bridge(usize),
+    /// Of a host: what its robots told the supervisor.
+    Told(usize),
+    /// To a host: up to where what its robots told has arrived.
+    Confirmed(usize),
+    /// Of a host: what time is it?
+    Ask(usize),
+    /// To a host: that time.
+    Answer(usize),
+}
+
+/// One topic between this host and others.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Route {
+    /// What it carries.
+    pub topic: Topic,
+    /// The sender's place.
+    pub from: usize,
+    /// Who takes it over.
+    pub to: Vec<usize>,
+    /// Its key.
+    pub key: String,
+}
+
+/// All topics between hosts, whoever they are between.
+pub fn routes(brief: &BridgeBrief) -> Vec<Route> {
+    let plant = brief.plant;
+    let mut routes = Vec::new();
+    let mut route = |topic, from: usize, to: Vec<usize>, about: &str, word: &str| {
+        if !to.is_empty() {
+            let key = format!("{PREFIX}/{}/{about}/{word}", brief.hosts[from].name);
+            routes.push(Route { topic, from, to, key });
+        }
+    };
+    for (i, robot) in brief.robots.iter().enumerate() {
+        let (home, name) = (robot.host, robot.name.as_str());
+        route(Topic::Beacon(i), home, robot.heard_on.clone(), name, "beacon");
+        if home != plant {
+            route(Topic::Odometry(i), plant, vec![home], name, "odometry");
+            route(Topic::Command(i), home, vec![plant], name, "command");
+        }
+    }
+    for (host, told) in brief.hosts.iter().enumerate() {
+        if host != plant {
+            let of = |word: &str| format!("{word}/{}", told.name);
+            route(Topic::Orders(host), plant, vec![host], HOST, &of("orders"));
+            route(Topic::Confirmed(host), plant, vec![host], HOST, &of("confirmed"));
+            route(Topic::Answer(host), plant, vec![host], HOST, &of("answer"));
+            route(Topic::Report(host), host, vec![plant], HOST, "report");
+            route(Topic::Bridge(host), host, vec![plant], HOST, "bridge");
+            route(Topic::Told(host), host, vec![plant], HOST, "told");
+            route(Topic::Ask(host), host, vec![plant], HOST, "ask");
+        }
+    }
+    routes
+}
+
+/// The hosts that a host speaks with, by their places.
+pub fn peers(brief: &BridgeBrief, host: usize) -> Vec<usize> {
+    let mut peers: Vec<usize> = routes(brief)
+        .iter()
+        .filter(|route| route.from == host || route.to.contains(&host))
+        .flat_map(|route| route.to.iter().copied().chain([route.from]))
+        .filter(|&peer| peer != host)
+        .collect();
+    peers.sort_unstable();
+    peers.dedup();
+    peers
+}
+
+/// Whether two hosts are kept apart at a run time, ns.
+pub fn apart(brief: &BridgeBrief, a: usize, b: usize, t_ns: u64) -> bool {
+    let side = |hosts: &[usize], host: usize| hosts.contains(&host);
+    brief.partitions.iter().any(|partition| {
+        partition.span.holds(t_ns) && side(&partition.hosts, a) != side(&partition.hosts, b)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::brief::{BridgedBrief, Format, HostBrief, PartitionBrief};
+    use protocol::fault::Span;
+
+    /// r0 on a, which has the plant; r1 and r2 on b; r3 on c. r0 hears r1, r1 hears r2, r3 hears r0 and r1.
+    fn brief() -> BridgeBrief {
+        let host = |name: &str| HostBrief {
+            name: name.into(),
+            address: format!("127.0.0.1:{}", name.len()),
+        };
+        let robot = |name: &str, host, heard_on: &[usize]| BridgedBrief {
+            name: name.into(),
+            host,
+            heard_on: heard_on.into(),
+            hears: 1,
+        };
+        BridgeBrief {
+            format: Format,
+            run_root: "/dev/shm".into(),
+            experiment: "0".repeat(16),
+            here: 0,
+            plant: 0,
+            odometry_age_ns_max: 1,
+            beacon_age_ns_max: 1,
+            join_within_ns: 1,
+            unreachable_after_ns: 1,
+            silence_ns_max: 1,
+            transport: "tcp".into(),
+            certificates: None,
+            hosts: vec![host("a"), host("b"), host("c")],
+            robots: vec![
+                robot("r0", 0, &[2]),
+                robot("r1", 1, &[0, 2]),
+                robot("r2", 1, &[]),
+                robot("r3", 2, &[]),
+            ],
+            partitions: vec![PartitionBrief {
+                hosts: vec![1],
+                span: Span { from_ns: 10, until_ns: 20 },
+            }],
+        }
+    }
+
+    #[test]
+    fn only_what_another_host_needs_crosses_and_under_the_senders_name() {
+        let brief = brief();
+        let routes = routes(&brief);
+        let robots: Vec<&str> = routes
+            .iter()
+            .filter(|route| !route.key.contains("/.host/"))
+            .map(|route| route.key.as_str())
+            .collect();
+        assert_eq!(
+            robots,
+            [
+                "phalanx/1/a/r0/beacon",
+                "phalanx/1/b/r1/beacon",
+                "phalanx/1/a/r1/odometry",
+                "phalanx/1/b/r1/command",
+                "phalanx/1/a/r2/odometry",
+                "phalanx/1/b/r2/command",
+                "phalanx/1/a/r3/odometry",
+                "phalanx/1/c/r3/command",
+            ]
+        );
+        for route in &routes {
+            let own = format!("{PREFIX}/{}/", brief.hosts[route.from].name);
+            assert!(route.key.starts_with(&own) && !route.to.contains(&route.from), "{route:?}");
+        }
+        let beacon = routes.iter().find(|route| route.topic == Topic::Beacon(1)).unwrap();
+        assert_eq!(beacon.to, [0, 2]);
+        let mut keys: Vec<&str> = routes.iter().map(|route| route.key.as_str()).collect();
+        keys.sort_unstable();
+        keys.dedup();
+        assert_eq!(keys.len(), routes.len(), "each key is one topic's");
+    }
+
+    #[test]
+    fn hosts_that_have_nothing_to_say_to_each_other_are_no_peers() {
+        let mut brief = brief();
+        assert_eq!([0, 1, 2].map(|host| peers(&brief, host)), [vec![1, 2], vec![0, 2], vec![0, 1]]);
+        brief.robots[1].heard_on = vec![0];
+        assert_eq!([1, 2].map(|host| peers(&brief, host)), [vec![0], vec![0]]);
+    }
+
+    #[test]
+    fn a_partition_is_between_its_sides_and_in_its_time() {
+        let brief = brief();
+        assert!(apart(&brief, 0, 1, 10) && apart(&brief, 1, 2, 19));
+        assert!(!apart(&brief, 0, 2, 15) && !apart(&brief, 0, 1, 20) && !apart(&brief, 1, 1, 15));
+    }
+}

@@ -1,0 +1,71 @@
+//! Why a bridge drops samples: the places of [`crate::message::BridgeHeader::dropped`].
+
+use crate::message::BridgeHeader;
+
+/// Why a sample from another host, or for one, was dropped. Each has one reason.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(usize)]
+pub enum Dropped {
+    /// It is no frame.
+    Garbage = 0,
+    /// Of another version of what is on the wire.
+    Version = 1,
+    /// Its messages have another layout: another build sent it.
+    Layout = 2,
+    /// Of another scenario or fleet file.
+    Experiment = 3,
+    /// Under the key of another host than the sender.
+    Owner = 4,
+    /// Not after what came before it, or of a bridge that was replaced since.
+    Replayed = 5,
+    /// Older than the bound of its topic.
+    Old = 6,
+    /// No robot that works could have said it.
+    Implausible = 7,
+    /// The answer to a sample that this bridge did not deliver.
+    Unmatched = 8,
+    /// Its time cannot be told: the clocks were not yet compared, or it would go back.
+    Clock = 9,
+    /// The scenario keeps these hosts apart for now.
+    Partition = 10,
+}
+
+impl Dropped {
+    /// All, in the order of their numbers.
+    pub const ALL: [Dropped; 11] = [
+        Dropped::Garbage,
+        Dropped::Version,
+        Dropped::Layout,
+        Dropped::Experiment,
+        Dropped::Owner,
+        Dropped::Replayed,
+        Dropped::Old,
+        Dropped::Implausible,
+        Dropped::Unmatched,
+        Dropped::Clock,
+        Dropped::Partition,
+    ];
+
+    /// The word for it in files.
+    pub fn word(self) -> &'static str {
+        match self {
+            Dropped::Garbage => "garbage",
+            Dropped::Version => "version",
+            Dropped::Layout => "layout",
+            Dropped::Experiment => "experiment",
+            Dropped::Owner => "owner",
+            Dropped::Replayed => "replayed",
+            Dropped::Old => "old",
+            Dropped::Implausible => "implausible",
+            Dropped::Unmatched => "unmatched",
+            Dropped::Clock => "clock",
+            Dropped::Partition => "partition",
+        }
+    }
+}
+
+/// How many of a bridge's samples were dropped, with the words for why, without those that were none.
+pub fn in_words(header: &BridgeHeader) -> impl Iterator<Item = (&'static str, u64)> {
+    let all = Dropped::ALL.into_iter().map(|why| (why.word(), header.dropped[why as usize]));
+    all.filter(|&(_, count)| count > 0)
+}

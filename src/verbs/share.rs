@@ -1,0 +1,55 @@
+//! `phalanx run --fleet` on a host without the plant: its robots and its bridge, for as long as the plant's
+//! host wants them.
+
+use std::path::Path;
+
+use experiment::scenario::Scenario;
+use protocol::process::{Stop, exit};
+use results::host_dir::HostDir;
+use results::programs::Programs;
+use results::run_dir::RunDirError;
+use supervisor::run::RunError;
+use supervisor::run::hosts::share::{self, Ended};
+use supervisor::spawn::Launcher;
+
+use super::fleet::Part;
+use super::screen::{complain, print, tell};
+
+/// Runs this host's share into a new directory; the exit code.
+pub(super) fn run(
+    scenario: &Scenario,
+    text: &str,
+    part: Part,
+    programs: &Programs,
+    out: &Path,
+    launcher: &Launcher,
+) -> u8 {
+    let stop = match Stop::on_signals_twice_at_once() {
+        Ok(stop) => stop,
+        Err(error) => return complain(&format_args!("cannot handle signals: {error}")),
+    };
+    let made = HostDir::create(out, text, &part.text).and_then(|host_dir| {
+        host_dir.write_programs(programs)?;
+        Ok(host_dir)
+    });
+    let host_dir = match made {
+        Ok(host_dir) => host_dir,
+        Err(error) => {
+            let code = complain(&error);
+            return if matches!(error, RunDirError::Exists(_)) { exit::USAGE } else { code };
+        }
+    };
+    let (here, plant) = (part.brief.here, part.brief.plant);
+    let name = |host: usize| part.brief.hosts[host].name.clone();
+    let (here, plant) = (name(here), name(plant));
+    tell(&format!("host {here}: waiting for {plant}, which has the plant"));
+    match share::run(scenario, part.brief, launcher, &host_dir, &stop) {
+        Ok(Ended::WithTheRun) => print(&format!(
+            "{}, host {here}: the run is over; what came out is on {plant}\nlogs are in {}\n",
+            scenario.name,
+            out.display()
+        )),
+        Ok(Ended::Interrupted) | Err(RunError::Interrupted { .. }) => exit::INTERRUPTED,
+        Err(error) => complain(&error),
+    }
+}

@@ -1,0 +1,350 @@
+//! The plant's host: gathers the others, tells them how their processes are to be, hears how they are,
+//! and sees who is out of reach. Must not: wait for one while the run goes on.
+
+use std::time::{Duration, Instant};
+
+use protocol::brief::BridgeBrief;
+use protocol::dropped::in_words;
+use protocol::message::{
+    BridgeHeader, OrderHeader, OrderRow, PeerRow, Phase, ReportHeader, ReportRow,
+};
+use protocol::process::Stop;
+use protocol::service::{
+    self, Factory, Node, Publisher, Qos, ServiceError, Subscriber, send_slice,
+};
+
+use super::bridge::Bridge;
+use super::remote::Remote;
+use crate::dead_nodes::Cleaner;
+use crate::run::RunError;
+use metrics::summary::HostSummary;
+
+/// How often orders are told.
+const TELL_EVERY: Duration = Duration::from_millis(20);
+/// One turn of a wait.
+const TURN: Duration = Duration::from_millis(2);
+/// How long hosts may take to end their processes and to hand over what they told.
+const ENDING_MAX: Duration = Duration::from_secs(8);
+/// How long they are told that all is done.
+const DONE: Duration = Duration::from_millis(200);
+
+/// The services between a host's bridge and its supervisor, kept in being.
+pub(crate) struct HostServices {
+    orders: Vec<Option<Factory<[OrderRow], OrderHeader>>>,
+    report: Vec<Option<Factory<[ReportRow], ReportHeader>>>,
+    bridge: Vec<Factory<[PeerRow], BridgeHeader>>,
+}
+
+impl HostServices {
+    /// Those of the plant's host.
+    pub(crate) fn create(node: &Node, brief: &BridgeBrief) -> Result<HostServices, ServiceError> {
+        let (mut orders, mut report, mut bridge) = (Vec::new(), Vec::new(), Vec::new());
+        let one = Qos::of_hosts(1);
+        for (place, host) in brief.hosts.iter().enumerate() {
+            let other = place != brief.here;
+            let name = host.name.as_str();
+            let create = |()| service::orders(name).create(node, one);
+            orders.push(other.then_some(()).map(create).transpose()?);
+            let create = |()| service::report(name).create(node, one);
+            report.push(other.then_some(()).map(create).transpose()?);
+            bridge.push(service::bridge(name).create(node, one)?);
+        }
+        Ok(HostServices { orders, report, bridge })
+    }
+}
+
+/// All other hosts, and the own bridge.
+pub(crate) struct Hosts {
+    brief: BridgeBrief,
+    pub(crate) bridge: Bridge,
+    hosts: Vec<Host>,
+    phase: Phase,
+    failed: bool,
+    sequence: u64,
+    told: Option<Instant>,
+    _services: HostServices,
+}
+
+/// One host, the own one included.
+struct Host {
+    orders: Option<Publisher<[OrderRow], OrderHeader>>,
+    reports: Option<Subscriber<[ReportRow], ReportHeader>>,
+    bridges: Subscriber<[PeerRow], BridgeHeader>,
+    report: Option<ReportHeader>,
+    /// What its bridge said last, and when that was heard.
+    said: Option<(BridgeHeader, Vec<PeerRow>, Instant)>,
+    /// What its bridges that were replaced had counted.
+    before: BridgeHeader,
+    reachable: bool,
+    /// How often it was out of reach.
+    lost: u64,
+}
+
+impl Host {
+    /// What all its bridges counted.
+    fn counted(&self) -> BridgeHeader {
+        match &self.said {
+            None => self.before,
+            Some((header, ..)) => sum(&self.before, header),
+        }
+    }
+}
+
+fn sum(a: &BridgeHeader, b: &BridgeHeader) -> BridgeHeader {
+    BridgeHeader {
+        sent: a.sent + b.sent,
+        taken: a.taken + b.taken,
+        told_dropped: a.told_dropped + b.told_dropped,
+        dropped: std::array::from_fn(|why| a.dropped[why] + b.dropped[why]),
+        ..*b
+    }
+}
+
+/// Something about another host, by its place.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum HostNews {
+    /// It is not heard any more.
+    Lost(usize),
+    /// It is heard again.
+    Back(usize),
+    /// Its bridge was started anew.
+    BridgeRestarted(usize),
+}
+
+impl Hosts {
+    /// The own bridge was started with this brief.
+    pub(crate) fn new(
+        brief: BridgeBrief,
+        bridge: Bridge,
+        services: HostServices,
+    ) -> Result<Hosts, ServiceError> {
+        let robots = brief.robots.len();
+        let hosts = (services.orders.iter().zip(&services.report)).zip(&services.bridge);
+        let hosts = hosts.map(|((orders, report), bridge)| {
+            Ok(Host {
+                orders: orders.as_ref().map(|orders| orders.publisher(robots)).transpose()?,
+                reports: report.as_ref().map(|report| report.subscriber()).transpose()?,
+                bridges: bridge.subscriber()?,
+                report: None,
+                said: None,
+                before: BridgeHeader::default(),
+                reachable: true,
+                lost: 0,
+            })
+        });
+        let hosts = hosts.collect::<Result<_, ServiceError>>()?;
+        let (phase, failed, sequence, told) = (Phase::Gathering, false, 0, None);
+        Ok(Hosts { brief, bridge, hosts, phase, failed, sequence, told, _services: services })
+    }
+
+    /// The name of a host.
+    pub(crate) fn name(&self, host: usize) -> &str {
+        &self.brief.hosts[host].name
+    }
+
+    /// The robots of a host, by place.
+    pub(crate) fn robots_of(&self, host: usize) -> Vec<usize> {
+        let robots = self.brief.robots.iter().enumerate();
+        robots.filter(|(_, robot)| robot.host == host).map(|(place, _)| place).collect()
+    }
+
+    /// Whether a host is heard.
+    pub(crate) fn is_reachable(&self, host: usize) -> bool {
+        self.hosts[host].reachable
+    }
+
+    /// The other hosts, by place.
+    fn others(&self) -> impl Iterator<Item = usize> + use<> {
+        let here = self.brief.here;
+        (0..self.hosts.len()).filter(move |&host| host != here)
+    }
+
+    /// Waits until all hosts are there and know what time it is, or for as long as the fleet file says.
+    pub(crate) fn gather(
+        &mut self,
+        remotes: &mut [Option<&mut Remote>],
+        cleaner: &Cleaner,
+        stop: &Stop,
+    ) -> Result<(), RunError> {
+        let began = Instant::now();
+        let within = Duration::from_nanos(self.brief.join_within_ns);
+        loop {
+            self.take_reports(remotes)?;
+            self.tell(remotes)?;
+            if self.bridge.watch(cleaner)?.is_some() {
+                tracing::warn!("the bridge died before the run began");
+            }
+            while cleaner.done().is_some() {
+                self.bridge.cleaned()?;
+            }
+            let missing: Vec<&str> = self
+                .others()
+                .filter(|&host| !self.is_there(host))
+                .map(|host| self.name(host))
+                .collect();
+            let hosts = missing.join(", ");
+            if missing.is_empty() {
+                self.phase = Phase::Running;
+                self.told = None;
+                return Ok(());
+            }
+            if stop.requested() {
+                return Err(RunError::Interrupted { hosts });
+            }
+            if began.elapsed() > within {
+                let own = self.hosts[self.brief.here].counted();
+                let dropped: Vec<String> =
+                    in_words(&own).map(|(word, count)| format!("{word} {count}")).collect();
+                let dropped = match &dropped[..] {
+                    [] => String::new(),
+                    some => format!("; samples of theirs were dropped: {}", some.join(", ")),
+                };
+                return Err(RunError::HostsMissing { hosts, waited: within, dropped });
+            }
+            std::thread::sleep(TURN);
+        }
+    }
+
+    /// Whether a host reports, and has compared clocks.
+    fn is_there(&self, host: usize) -> bool {
+        let host = &self.hosts[host];
+        let plant = self.brief.plant as u64;
+        let compared = host.said.as_ref().is_some_and(|(_, peers, _)| {
+            peers.iter().any(|peer| peer.host == plant && peer.round_trip_ns > 0)
+        });
+        host.report.is_some() && compared
+    }
+
+    /// Tells all hosts how their processes are to be, if it is time.
+    pub(crate) fn tell(&mut self, remotes: &[Option<&mut Remote>]) -> Result<(), RunError> {
+        if self.told.is_some_and(|told| told.elapsed() < TELL_EVERY) {
+            return Ok(());
+        }
+        self.told = Some(Instant::now());
+        self.sequence += 1;
+        let header = OrderHeader {
+            sequence: self.sequence,
+            phase: self.phase as u64,
+            failed: u64::from(self.failed),
+        };
+        for (place, host) in self.hosts.iter().enumerate() {
+            let Some(orders) = &host.orders else { continue };
+            let of_host = remotes.iter().flatten().filter(|remote| remote.host == place);
+            let rows: Vec<OrderRow> = of_host.map(|remote| remote.order()).collect();
+            send_slice(orders, header, rows.len(), |row| rows[row])?;
+        }
+        Ok(())
+    }
+
+    /// Takes in what hosts say of themselves, and what bridges say; what is new of it.
+    pub(crate) fn take_reports(
+        &mut self,
+        remotes: &mut [Option<&mut Remote>],
+    ) -> Result<Vec<HostNews>, RunError> {
+        let mut news = Vec::new();
+        for (place, host) in self.hosts.iter_mut().enumerate() {
+            while let Some(sample) = host.bridges.receive()? {
+                let header = *sample.user_header();
+                if let Some((old, ..)) = &host.said
+                    && old.boot != header.boot
+                {
+                    host.before = sum(&host.before, old);
+                    news.push(HostNews::BridgeRestarted(place));
+                }
+                host.said = Some((header, sample.payload().to_vec(), Instant::now()));
+            }
+            let Some(reports) = &host.reports else { continue };
+            while let Some(sample) = reports.receive()? {
+                host.report = Some(*sample.user_header());
+                for row in sample.payload() {
+                    let robot = (row.robot as usize).checked_sub(1);
+                    let remote = robot.and_then(|robot| remotes.get_mut(robot)?.as_deref_mut());
+                    if let Some(remote) = remote.filter(|remote| remote.host == place) {
+                        remote.report(*row);
+                    }
+                }
+            }
+        }
+        let after = Duration::from_nanos(self.brief.unreachable_after_ns);
+        for host in self.others() {
+            let silent = self.silent(host);
+            let reachable = silent.is_none_or(|silent| silent <= after);
+            let host_now = &mut self.hosts[host];
+            if std::mem::replace(&mut host_now.reachable, reachable) != reachable {
+                host_now.lost += u64::from(!reachable);
+                news.push(if reachable { HostNews::Back(host) } else { HostNews::Lost(host) });
+            }
+        }
+        Ok(news)
+    }
+
+    /// For how long the own bridge has not heard a host; `None` as long as that is not known.
+    fn silent(&self, host: usize) -> Option<Duration> {
+        let (_, peers, at) = self.hosts[self.brief.here].said.as_ref()?;
+        let peer = peers.iter().find(|peer| peer.host == host as u64)?;
+        (peer.silent_ns < u64::MAX).then(|| Duration::from_nanos(peer.silent_ns) + at.elapsed())
+    }
+
+    /// The run is over: lets hosts end their processes and hand over what these told; `meanwhile` takes
+    /// it in. Those out of reach are not waited for.
+    pub(crate) fn release(
+        &mut self,
+        remotes: &mut [Option<&mut Remote>],
+        failed: bool,
+        mut meanwhile: impl FnMut(),
+    ) -> Result<(), RunError> {
+        self.phase = Phase::Ending;
+        self.failed = failed;
+        self.told = None;
+        let began = Instant::now();
+        while began.elapsed() < ENDING_MAX {
+            self.take_reports(remotes)?;
+            self.tell(remotes)?;
+            meanwhile();
+            let done = |host: usize| {
+                let report = self.hosts[host].report.as_ref();
+                report.is_none_or(|report| Phase::from_number(report.phase) == Phase::Done)
+            };
+            if self.others().all(|host| !self.hosts[host].reachable || done(host)) {
+                break;
+            }
+            std::thread::sleep(TURN);
+        }
+        self.phase = Phase::Done;
+        let done = Instant::now();
+        while done.elapsed() < DONE {
+            self.take_reports(remotes)?;
+            self.tell(remotes)?;
+            meanwhile();
+            std::thread::sleep(TURN);
+        }
+        Ok(())
+    }
+
+    /// What is to be said of them at the end.
+    pub(crate) fn summaries(&self) -> Vec<HostSummary> {
+        let hosts = self.hosts.iter().enumerate().map(|(place, host)| {
+            let counted = host.counted();
+            let peers = host.said.as_ref().map_or(&[][..], |(_, peers, _)| peers);
+            let plant = peers.iter().find(|peer| peer.host == self.brief.plant as u64);
+            let robots = self.robots_of(place).into_iter();
+            HostSummary {
+                name: self.name(place).to_owned(),
+                robots: robots.map(|robot| self.brief.robots[robot].name.clone()).collect(),
+                reachable: host.reachable,
+                lost: host.lost,
+                bridge_restarts: match &host.report {
+                    Some(report) => report.bridge_restarts,
+                    None => self.bridge.restarts,
+                },
+                round_trip_ns: plant.map(|peer| peer.round_trip_ns),
+                stamp_error_ns_max: plant.map(|peer| peer.uncertainty_ns_max),
+                sent: counted.sent,
+                taken: counted.taken,
+                told_dropped: counted.told_dropped,
+                dropped: in_words(&counted).map(|(word, count)| (word.to_owned(), count)).collect(),
+            }
+        });
+        hosts.collect()
+    }
+}

@@ -41,6 +41,7 @@ pub fn row_of_three() -> Scenario {
     Scenario {
         name: "row".to_owned(),
         duration_ns: 20 * SECOND_NS,
+        end_after_converged_ns: None,
         period_ns: SECOND_NS,
         plant_tick_ns: 1_000_000,
         latency_allowed_ns: 0,

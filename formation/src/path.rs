@@ -191,16 +191,29 @@ impl Path {
         }
     }
 
+    /// When it comes to rest at its last waypoint, s; `None` for a closed one.
+    pub fn end_s(&self) -> Option<f64> {
+        // Both ramps together take the time of one more ramp.
+        let ends =
+            |speed_m_s| self.length_m / speed_m_s + speed_m_s / self.waypoints.acceleration_m_s2;
+        (!self.waypoints.closed).then(|| ends(self.cruise_m_s()))
+    }
+
+    /// How fast it gets, m/s.
+    fn cruise_m_s(&self) -> f64 {
+        let Waypoints { speed_m_s, acceleration_m_s2, closed, .. } = self.waypoints;
+        match closed {
+            true => speed_m_s,
+            // A short open path is braked before it reaches its speed.
+            false => speed_m_s.min((acceleration_m_s2 * self.length_m).sqrt()),
+        }
+    }
+
     /// How far along the path it is at `t_s`, m, and how fast, m/s.
     fn driven(&self, t_s: f64) -> (f64, f64) {
         let t_s = t_s.max(0.0);
-        let Waypoints { speed_m_s, acceleration_m_s2, closed, .. } = self.waypoints;
-        // A short open path is braked before it reaches its speed.
-        let speed_m_s = if closed {
-            speed_m_s
-        } else {
-            speed_m_s.min((acceleration_m_s2 * self.length_m).sqrt())
-        };
+        let Waypoints { acceleration_m_s2, closed, .. } = self.waypoints;
+        let speed_m_s = self.cruise_m_s();
         let ramp_s = speed_m_s / acceleration_m_s2;
         let speeding_up = |t_s: f64| (0.5 * acceleration_m_s2 * t_s * t_s, acceleration_m_s2 * t_s);
         if t_s < ramp_s {

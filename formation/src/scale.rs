@@ -77,6 +77,14 @@ impl Scale {
         }
     }
 
+    /// From when on it does not change, s; `None`: it always may.
+    pub fn constant_from_s(&self) -> Option<f64> {
+        match self {
+            Scale::Sine { amplitude, .. } => (*amplitude == 0.0).then_some(0.0),
+            Scale::Closing { .. } => self.closed_at_s(),
+        }
+    }
+
     /// When it has closed for good, s, if it is one that closes.
     pub fn closed_at_s(&self) -> Option<f64> {
         match self {

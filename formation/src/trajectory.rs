@@ -72,6 +72,15 @@ pub enum Trajectory {
 }
 
 impl Trajectory {
+    /// From when on it stays where it is, s; `None`: it never does.
+    pub fn at_rest_from_s(&self) -> Option<f64> {
+        match self {
+            Trajectory::Still { .. } => Some(0.0),
+            Trajectory::Waypoints(path) => path.end_s(),
+            _ => None,
+        }
+    }
+
     /// m(t) and m'(t).
     pub fn at(&self, t_s: f64) -> Target {
         let (position, velocity) = match *self {

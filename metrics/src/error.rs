@@ -4,6 +4,7 @@
 use formation::Vec2;
 use formation::frame::LeaderFrame;
 
+use crate::finals::{Finals, Window};
 use crate::silence::Silent;
 use crate::target::Targets;
 use experiment::scenario::Scenario;
@@ -23,45 +24,14 @@ pub(super) struct Errors {
     newest_t_ns: Option<u64>,
 }
 
-/// The worst errors of the run's end, by robot.
-pub(super) struct Finals {
-    from_ns: u64,
-    worst_m: Vec<Option<f64>>,
-}
-
-impl Finals {
-    /// None yet. `from_ns`: from then on errors are final.
-    pub(super) fn new(robots: usize, from_ns: u64) -> Finals {
-        Finals { from_ns, worst_m: vec![None; robots] }
-    }
-
-    /// Takes in the error of a living robot, m.
-    pub(super) fn take(&mut self, t_ns: u64, robot: usize, error_m: f64) {
-        if t_ns >= self.from_ns {
-            let worst = &mut self.worst_m[robot];
-            *worst = Some(worst.map_or(error_m, |worst| worst.max(error_m)));
-        }
-    }
-
-    /// By robot, m; `None` for one that had none while it lived.
-    pub(super) fn by_robot_m(&self) -> &[Option<f64>] {
-        &self.worst_m
-    }
-
-    /// The worst of these.
-    pub(super) fn max_m(&self) -> Option<f64> {
-        self.worst_m.iter().flatten().copied().reduce(f64::max)
-    }
-}
-
 /// NaN would disappear in any maximum and pass as converged.
 pub(super) fn or_infinite(error_m: f64) -> f64 {
     if error_m.is_nan() { f64::INFINITY } else { error_m }
 }
 
 impl Errors {
-    /// Nothing measured yet. `final_from_ns`: from then on errors are final.
-    pub(super) fn new(scenario: &Scenario, final_from_ns: u64) -> Errors {
+    /// Nothing measured yet. `window`: which errors are final.
+    pub(super) fn new(scenario: &Scenario, window: Window) -> Errors {
         let robots = scenario.robots.len();
         Errors {
             targets: Targets::new(scenario),
@@ -69,7 +39,7 @@ impl Errors {
             converged_error_m: scenario.expect.converged_error_m,
             now_m: vec![None; robots],
             integrated_m_s: vec![None; robots],
-            finals: Finals::new(robots, final_from_ns),
+            finals: Finals::new(robots, window),
             converged_since_ns: None,
             newest_t_ns: None,
         }
@@ -125,7 +95,7 @@ impl Errors {
 
     /// The main leader's.
     pub(super) fn tracking_m_max(&self) -> Option<f64> {
-        self.leader.and_then(|leader| self.finals.by_robot_m()[leader])
+        self.leader.and_then(|leader| self.finals.by_robot_m(self.newest_t_ns?)[leader])
     }
 
     /// Integral by robot over the time it lived, m s.

@@ -14,6 +14,7 @@ use protocol::brief::Pace;
 use serde::{Deserialize, Serialize};
 
 use super::Measures;
+use super::finals::FINAL_SHARE;
 use experiment::scenario::{AliveAtEnd, FaultKind, Scenario};
 use formation::seconds;
 use protocol::number::short;
@@ -145,7 +146,8 @@ fn questions(
     let at_least = |value, bound| value >= bound;
     let at_most = |value, bound| value <= bound;
     let equal = |value, bound| value == bound;
-    let last_s = seconds(super::final_from_ns(scenario));
+    let end_s = measures.ended_early_at_s.unwrap_or_else(|| seconds(scenario.duration_ns));
+    let last_s = end_s * (1.0 - FINAL_SHARE);
     let faults = &measures.faults;
     let recoveries = faults.iter().map(|fault| fault.recovered_after_s);
     let slowest =

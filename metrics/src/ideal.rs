@@ -17,7 +17,8 @@ use formation::front_point::rotate;
 use formation::laplacian::settled;
 use protocol::law::Reference;
 
-use crate::error::{Finals, or_infinite};
+use crate::error::or_infinite;
+use crate::finals::{Finals, Window};
 use experiment::scenario::Scenario;
 
 /// The errors to the ideal formation so far. Those of the dead count for nothing.
@@ -38,8 +39,8 @@ pub(super) struct Ideal {
 }
 
 impl Ideal {
-    /// Nothing measured yet. `final_from_ns`: from then on errors are final.
-    pub(super) fn new(scenario: &Scenario, final_from_ns: u64) -> Ideal {
+    /// Nothing measured yet. `window`: which errors are final.
+    pub(super) fn new(scenario: &Scenario, window: Window) -> Ideal {
         let robots = scenario.robots.len();
         let pinned = scenario.leader().or_else(|| scenario.graph.roots().first().copied());
         let keeps_place = |&i: &usize| scenario.robots[i].role.reference == Reference::Offsets;
@@ -49,7 +50,7 @@ impl Ideal {
             places: pinned.and_then(|i| settled(&scenario.graph, i)).unwrap_or_default(),
             anchors: (0..robots).filter(keeps_place).collect(),
             now_m: vec![None; robots],
-            finals: Finals::new(robots, final_from_ns),
+            finals: Finals::new(robots, window),
             votes: Vec::with_capacity(robots),
         }
     }
@@ -165,7 +166,10 @@ mod tests {
 
     impl Planned {
         fn new(scenario: &Scenario) -> Planned {
-            Planned { frame: IdealFrame::new(scenario), ideal: Ideal::new(scenario, 0) }
+            Planned {
+                frame: IdealFrame::new(scenario),
+                ideal: Ideal::new(scenario, Window::From(0)),
+            }
         }
 
         fn errors(&mut self, t_ns: u64, rows: &[TruthRow], alive: &[bool]) -> Vec<Option<f64>> {
@@ -190,7 +194,7 @@ mod tests {
         let mut planned = Planned::new(&still());
         let found = planned.errors(0, &rows([0.0, -6.0, -7.0]), &ALL);
         are(&found, &[0.5, 5.0, 5.0]);
-        assert_eq!(planned.ideal.finals().max_m(), Some(5.0));
+        assert_eq!(planned.ideal.finals().max_m(u64::MAX), Some(5.0));
     }
 
     #[test]
@@ -204,7 +208,11 @@ mod tests {
         let mut planned = Planned::new(&scenario);
         let found = planned.errors(0, &rows([0.0, -4.0, -0.75]), &[true, false, true]);
         are(&found, &[0.5, 3.0, 0.25]);
-        assert_eq!(planned.ideal.finals().by_robot_m()[1], None, "the dead count for nothing");
+        assert_eq!(
+            planned.ideal.finals().by_robot_m(u64::MAX)[1],
+            None,
+            "the dead count for nothing"
+        );
     }
 
     #[test]

@@ -9,6 +9,8 @@
 //! | `clearance` | how near did anybody come to a wall, and where? |
 //! | `pairs` | how near did every pair come? |
 //! | `error` | how far is each robot from where its role wants it? |
+//! | `finals` | what is worst towards the end? |
+//! | `end` | may it end before its time? |
 //! | `target` | where does its role want it? |
 //! | `travel` | when did it get there, and by how long a way? |
 //! | `ideal` | how far is each robot from its place in the whole formation? |
@@ -27,10 +29,12 @@ mod clearance;
 mod closest;
 mod containment;
 mod distance;
+mod end;
 mod error;
 pub mod examples;
 pub mod expect;
 pub mod fault;
+mod finals;
 mod frame;
 pub mod hash;
 mod ideal;
@@ -53,9 +57,11 @@ pub use clearance::Clearance;
 use clearance::Clearances;
 use containment::Containment;
 use distance::Distances;
+use end::EarlyEnd;
 use error::Errors;
 use experiment::scenario::{Scenario, Silenced, Struck};
 use fault::{Bound, End, FaultReport, Faults, Report};
+use finals::Window;
 use formation::seconds;
 use frame::IdealFrame;
 use ideal::Ideal;
@@ -63,9 +69,6 @@ pub use orphans::Turn;
 pub use pairs::PairDistance;
 use travel::Travel;
 use truths::Truths;
-
-/// Final errors are the worst over this last share of the run.
-const FINAL_SHARE: f64 = 0.1;
 
 /// Measures a run as its truths come in.
 pub struct Metrics {
@@ -87,6 +90,7 @@ pub struct Metrics {
     ideal: Ideal,
     containment: Containment,
     faults: Faults,
+    end: EarlyEnd,
 }
 
 /// What is known at the newest truth; lists in scenario order.
@@ -155,18 +159,15 @@ pub struct Measures {
     pub unseen_s: Vec<[f64; 2]>,
     /// What each fault did.
     pub faults: Vec<FaultReport>,
-}
-
-/// From then on values are final, ns.
-fn final_from_ns(scenario: &Scenario) -> u64 {
-    (scenario.duration_ns as f64 * (1.0 - FINAL_SHARE)) as u64
+    /// When it ended, s, if that was before its time because it had converged.
+    pub ended_early_at_s: Option<f64>,
 }
 
 impl Metrics {
     /// Nothing measured yet.
     pub fn new(scenario: &Scenario, pace: Pace) -> Metrics {
         let robots = scenario.robots.len();
-        let final_from_ns = final_from_ns(scenario);
+        let window = Window::of(scenario);
         Metrics {
             looks_away: false,
             converged_error_m: scenario.expect.converged_error_m,
@@ -178,11 +179,12 @@ impl Metrics {
             distances: Distances::new(robots, scenario.avoidance.distance_min_m),
             clearances: Clearances::new(scenario),
             frame: IdealFrame::new(scenario),
-            errors: Errors::new(scenario, final_from_ns),
+            errors: Errors::new(scenario, window),
             travel: Travel::new(scenario),
-            ideal: Ideal::new(scenario, final_from_ns),
-            containment: Containment::new(scenario, final_from_ns),
+            ideal: Ideal::new(scenario, window),
+            containment: Containment::new(scenario, window),
             faults: Faults::new(scenario),
+            end: EarlyEnd::of(scenario),
         }
     }
 
@@ -224,6 +226,7 @@ impl Metrics {
         let calm_since_ns = self.errors.converged_since_ns();
         self.faults.truth(t_ns, worst_m, calm_since_ns, beyond, distance_m);
         self.containment.truth(t_ns, &self.alphas, alive);
+        self.end.truth(t_ns, calm_since_ns);
     }
 
     /// What is known at the newest truth.
@@ -233,6 +236,17 @@ impl Metrics {
             ideal_errors_m: self.ideal.now_m(),
             nearest: self.distances.nearest(),
         }
+    }
+
+    /// Whether the run ends before its time, at the newest truth: nothing after it counts.
+    pub fn ends_early(&self) -> bool {
+        self.end.has_come()
+    }
+
+    /// Before this run time, ns, it does not end early, as far as is known at the newest truth; `None`: it
+    /// never does.
+    pub fn no_early_end_before_ns(&self) -> Option<u64> {
+        self.end.not_before_ns()
     }
 
     /// The fault of this number began.
@@ -290,7 +304,9 @@ impl Metrics {
             self.names.iter().cloned().zip(values.iter().copied()).collect()
         };
         let closest = self.distances.closest();
+        let end_ns = self.end.newest_t_ns();
         Measures {
+            ended_early_at_s: self.ends_early().then(|| seconds(end_ns)),
             min_distance_m: closest.map(|closest| closest.distance_m),
             min_distance_pair: closest
                 .map(|closest| closest.pair.map(|robot| self.names[robot].clone())),
@@ -298,14 +314,14 @@ impl Metrics {
             violations: self.distances.violations(),
             min_clearance: self.clearances.smallest(),
             clearance_violations: self.clearances.violations(),
-            final_error_m: by_name(self.errors.finals().by_robot_m()),
-            final_error_m_max: self.errors.finals().max_m(),
-            final_ideal_error_m: by_name(self.ideal.finals().by_robot_m()),
-            final_ideal_error_m_max: self.ideal.finals().max_m(),
+            final_error_m: by_name(&self.errors.finals().by_robot_m(end_ns)),
+            final_error_m_max: self.errors.finals().max_m(end_ns),
+            final_ideal_error_m: by_name(&self.ideal.finals().by_robot_m(end_ns)),
+            final_ideal_error_m_max: self.ideal.finals().max_m(end_ns),
             tracking_error_m_max: self.errors.tracking_m_max(),
             integrated_error_m_s: by_name(self.errors.integrated_m_s()),
             pairs: self.distances.pairs.report(&self.names),
-            hull_distance_m_max_final: self.containment.final_m_max(),
+            hull_distance_m_max_final: self.containment.final_m_max(end_ns),
             converged_at_s: self.errors.converged_since_ns().map(seconds),
             arrived_at_s: by_name(&self.travel.arrived_at_s()),
             path_m: by_name(&self.travel.path_m()),

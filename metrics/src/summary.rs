@@ -31,6 +31,8 @@ pub struct Summary {
     pub interrupted: bool,
     /// Run time reached, s.
     pub t_s: f64,
+    /// It ended before `duration_s`: it had been converged for `end_after_converged_s`.
+    pub ended_early: bool,
     /// Plant ticks.
     pub ticks: u64,
     /// In lockstep: equal if and only if two runs are the same bit by bit.

@@ -86,7 +86,7 @@ fn head(run: &Run) -> String {
     let (robots, edges) = (run.scene.robots.len(), run.scene.edges.len());
     let mut text = format!(
         "<p class=\"quiet\">{robots} robots, {edges} edges, {} s, {pace}</p>\n",
-        asked(run.scene.duration_s)
+        asked(run.lasts_s())
     );
     let (class, verdict) = match &run.summary {
         None => {

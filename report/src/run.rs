@@ -130,6 +130,12 @@ impl Run {
         self.summary.as_ref().map_or(recorded, |summary| summary.t_s.max(recorded))
     }
 
+    /// How long it lasts if nothing cuts it short, s.
+    pub fn lasts_s(&self) -> f64 {
+        let early = self.summary.as_ref().filter(|summary| summary.ended_early);
+        early.map_or(self.scene.duration_s, |summary| summary.t_s)
+    }
+
     /// Where a robot's front point is at an instant, m.
     pub fn alpha(&self, robot: usize, instant: usize) -> Vec2 {
         let Sample { x_m, y_m, heading_rad, .. } = self.tracks[robot][instant];

@@ -55,6 +55,7 @@ pub fn sum_up(
         exit,
         interrupted: outcome.interrupted,
         t_s,
+        ended_early: measures.ended_early_at_s.is_some(),
         ticks: truth.tick,
         trajectory_hash: measures.trajectory_hash,
         hash_by_second: measures.hash_by_second,
@@ -178,8 +179,12 @@ pub fn screen(summary: &Summary) -> String {
     row(
         "time",
         format!(
-            "{:.3} s run in {:.3} s of wall time, {:.0} ticks/s, {:.2} x real time",
-            summary.t_s, wall.wall_s, wall.ticks_per_s, wall.real_time_factor
+            "{:.3} s run{} in {:.3} s of wall time, {:.0} ticks/s, {:.2} x real time",
+            summary.t_s,
+            if summary.ended_early { ", ended early," } else { "" },
+            wall.wall_s,
+            wall.ticks_per_s,
+            wall.real_time_factor
         ),
     );
     if let Some(hash) = &summary.trajectory_hash {

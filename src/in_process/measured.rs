@@ -142,7 +142,7 @@ impl Said<'_> {
             let measured = self.journal.metrics.now();
             self.journal.run_dir.truth(&header, &rows, run.alive(), measured)?;
             outcome.truth = Some(header);
-            if run.is_over() {
+            if run.is_over() || self.journal.metrics.ends_early() {
                 break;
             }
             if !goes_on() {

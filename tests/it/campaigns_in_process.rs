@@ -55,16 +55,7 @@ fn a_campaign_in_one_process_is_that_of_processes_byte_for_byte() {
     let [processes, one] = ["processes", "one"].map(|out| place.file(&format!("{out}/runs.csv")));
     assert_eq!(processes, one);
     assert_eq!(one.lines().count(), 8, "{one}");
-    assert_eq!(runs(&place, "processes"), runs(&place, "one"));
-    for run in runs(&place, "one") {
-        let of = |out: &str, file: &str| place.out(out).join("runs").join(&run).join(file);
-        for file in ["scenario.toml", "samples.csv", "pairs.csv", "events.csv", "run.mcap"] {
-            let [a, b] = ["processes", "one"].map(|out| fs::read(of(out, file)).unwrap());
-            assert!(a == b, "{file} of {run} differs");
-        }
-        let [a, b] = ["processes", "one"].map(|out| determined(&of(out, "summary.json")));
-        assert_eq!(a, b, "{run}");
-    }
+    same(&place);
     // What was measured has a value, and what there is not without processes has none.
     let timing = place.file("one/timing.csv");
     let heads: Vec<&str> = timing.lines().next().unwrap().split(',').collect();
@@ -73,6 +64,58 @@ fn a_campaign_in_one_process_is_that_of_processes_byte_for_byte() {
             assert_eq!(field.is_empty(), *head == "startup_s", "{head} of {line}");
         }
     }
+}
+
+/// All that is kept of the runs in the folders `processes` and `one` is the same, but for wall times.
+#[track_caller]
+fn same(place: &Place) {
+    let [processes, one] = ["processes", "one"].map(|out| place.file(&format!("{out}/runs.csv")));
+    assert_eq!(processes, one);
+    assert_eq!(runs(place, "processes"), runs(place, "one"));
+    for run in runs(place, "one") {
+        let of = |out: &str, file: &str| place.out(out).join("runs").join(&run).join(file);
+        for file in ["scenario.toml", "samples.csv", "pairs.csv", "events.csv", "run.mcap"] {
+            let [a, b] = ["processes", "one"].map(|out| fs::read(of(out, file)).unwrap());
+            assert!(a == b, "{file} of {run} differs");
+        }
+        let [a, b] = ["processes", "one"].map(|out| determined(&of(out, "summary.json")));
+        assert_eq!(a, b, "{run}");
+    }
+}
+
+#[test]
+fn a_run_that_ends_early_ends_at_the_same_tick_by_processes_and_in_one_process() {
+    let place = Place::new(
+        "name = \"early\"\nscenario = \"SCENARIOS/triangle.toml\"\nkeep = \"all\"\n\
+         case = [\n\
+         { axis = \"case\", name = \"freeze\", faults = [\"freeze r3 @11 for 0.4\"] },\n\
+         { axis = \"case\", name = \"radio\", faults = [\"delay * odometry by 0.02 @0\", \
+           \"bursts * odometry of 0.2 mean 0.1 @0\"] },\n\
+         { axis = \"case\", name = \"goals\", scenario = \"SCENARIOS/antipodal-8.toml\" },\n\
+         { axis = \"case\", name = \"opening\", scenario = \"SCENARIOS/lattice-12.toml\" },\n\
+         { axis = \"hold\", name = \"2\", set = { end_after_converged_s = 2.0 } },\n\
+         { axis = \"hold\", name = \"0.03\", set = { end_after_converged_s = 0.03 } },\n]\n\
+         [set]\nduration_s = 300\nperiod_s = 0.02\nexpect = {}\n",
+    );
+    ended(place.sweep("processes", &[]), 0);
+    ended(place.sweep("one", &["--in-process"]), 0);
+    same(&place);
+    let mut held_s = Vec::new();
+    for run in runs(&place, "one") {
+        let summary = determined(&place.out("one/runs").join(run).join("summary.json"));
+        assert_eq!(summary["ended_early"], true, "{summary}");
+        let number = |key: &str| summary[key].as_f64().unwrap();
+        let (t_s, converged_at_s) = (number("t_s"), number("converged_at_s"));
+        // The last tenth is converged, and so is what is said of it.
+        assert!(converged_at_s <= 0.9 * t_s + 1e-9, "{summary}");
+        assert!(number("final_error_m_max") < 0.05, "{summary}");
+        assert!(
+            summary["scenario"] != "triangle" || t_s >= 11.4 || summary["faults"][0]["t_s"] == 0.0
+        );
+        held_s.push(t_s - converged_at_s);
+    }
+    let (short, long): (Vec<f64>, Vec<f64>) = held_s.iter().partition(|&&held_s| held_s < 2.0);
+    assert!(!short.is_empty() && !long.is_empty(), "{held_s:?}");
 }
 
 #[test]

@@ -62,7 +62,7 @@ fn run(
         let alive = run.alive().to_vec();
         metrics.truth(&header, &truth, &alive);
         watch(&header, &truth, &alive);
-        if run.is_over() {
+        if run.is_over() || metrics.ends_early() {
             return metrics.finish();
         }
         run.sense(|effect| match *effect {

@@ -375,6 +375,13 @@ const ROOT: &[Key] = &[
         "time",
         "total_time",
     ]),
+    key(
+        "end_after_converged_s",
+        Time(Positive),
+        Absent,
+        "the run ends before `duration_s` once all living errors have been below `converged_error_m` for so long, and over the last 10 % of the run, and nothing of the plan is to come: no fault, no opening or closing of the formation, no waypoint",
+    )
+    .guessed(&["end_when_converged_s", "stop_when_converged_s", "settle_s", "early_stop_s"]),
     key("period_s", Time(Positive), Needed, "seconds from one command to the next, such as 0.005")
         .guessed(&[
             "dt",

@@ -75,6 +75,9 @@ pub struct Scenario {
     pub name: String,
     /// How long it runs, ns.
     pub duration_ns: u64,
+    /// It ends before that once all living errors have been below `converged_error_m` for so long, ns, and
+    /// nothing of the plan is to come, see [`Scenario::plan_over_ns`].
+    pub end_after_converged_ns: Option<u64>,
     /// T: one command per robot and period, ns.
     pub period_ns: u64,
     /// T_p: the plant's tick in real time, ns.
@@ -389,6 +392,28 @@ impl Scenario {
     /// delta(t), whoever leads; `None`: always 1.
     pub fn scale(&self) -> Option<&Scale> {
         self.lead.as_ref().map(|lead| &lead.scale).or(self.unled_scale.as_ref())
+    }
+
+    /// From when on nothing of the plan is to come, ns: no fault begins or ends (one that lasts to the end of
+    /// the run is over when it has begun), the formation neither opens nor closes, the leader is at rest.
+    /// `None` where the plan has no end: a leader that never comes to rest, a formation that swings.
+    pub fn plan_over_ns(&self) -> Option<u64> {
+        let lead_s = match &self.lead {
+            Some(lead) => lead.trajectory.at_rest_from_s()?,
+            None => 0.0,
+        };
+        let scale_s = match self.scale() {
+            Some(scale) => scale.constant_from_s()?,
+            None => 0.0,
+        };
+        let over = |fault: &Fault| match fault.kind {
+            FaultKind::Kill { restart_after_ns, .. } => {
+                fault.at_ns.saturating_add(restart_after_ns.unwrap_or(0))
+            }
+            _ => fault.until_ns().unwrap_or(fault.at_ns),
+        };
+        let faults_ns = self.faults.iter().map(over).max().unwrap_or(0);
+        Some(faults_ns.max((lead_s.max(scale_s) * 1e9).ceil() as u64))
     }
 
     /// The leaders of a containment: the main one and all that keep a place to it; by their places.

@@ -271,9 +271,12 @@ fn scenario(
     let plant = root.get("plant").map(|plant| Program::read(&plant.table()?)).transpose()?;
     let faults = faults(root, &Scene { robots: &robots, graph: &graph, duration_ns, seed })?;
     let expect = expect(root, &robots, &walls, duration_ns)?;
+    let end_after = root.get("end_after_converged_s");
+    let end_after_converged_ns = end_after.as_ref().map(Value::time_ns).transpose()?;
     let mut scenario = Scenario {
         name: name_text.to_owned(),
         duration_ns,
+        end_after_converged_ns,
         period_ns,
         plant_tick_ns,
         latency_allowed_ns,
@@ -326,7 +329,30 @@ fn scenario(
         (Some(lead), Some(scale)) => lead.scale = scale,
         (_, scale) => scenario.unled_scale = scale,
     }
+    if let Some(end_after) = end_after {
+        can_end_early(&scenario, &end_after)?;
+    }
     Ok((scenario, warnings))
+}
+
+/// Refuses a key by which a run could never end, or would end at once.
+fn can_end_early(scenario: &Scenario, key: &Value<'_>) -> Result<(), Diagnostic> {
+    let hears = |i| scenario.graph.heard_by(i).next().is_some();
+    let is_judged =
+        |(i, robot): (usize, &super::Robot)| robot.role.reference.is_its_own() || hears(i);
+    if !scenario.robots.iter().enumerate().any(is_judged) {
+        return Err(key.wrong(
+            "is given, but no robot has an error: nobody leads, has a goal, or hears another",
+            "expected an edge, a leader or goals, or no such key",
+        ));
+    }
+    if scenario.plan_over_ns().is_none() {
+        return Err(key.wrong(
+            "is given, but the plan has no end: the leader never comes to rest, or the scale swings",
+            "expected a trajectory that ends and a scale that stays, or no such key",
+        ));
+    }
+    Ok(())
 }
 
 /// By how much some robot may be wrong about a position, m, where noise in its own and in those of

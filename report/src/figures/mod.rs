@@ -87,7 +87,8 @@ fn row(y: f64, height: f64) -> Place {
 
 /// The stretch of the last share of a run that went to its end.
 fn last_stretch(run: &Run) -> (f64, f64) {
-    (run.scene.duration_s * (1.0 - FINAL_SHARE), run.scene.duration_s)
+    let end_s = run.lasts_s();
+    (end_s * (1.0 - FINAL_SHARE), end_s)
 }
 
 /// What is said of the bands.

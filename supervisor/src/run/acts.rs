@@ -21,7 +21,10 @@ impl Run<'_> {
         if !self.conduct.may_act(self.intake.newest.as_ref()) {
             return Ok(());
         }
-        let (now_ns, begun) = (self.intake.now_ns(), self.intake.newest.is_some());
+        // In lockstep a plan that begins at t = 0 finds everybody there.
+        let starting_up = self.conduct.starting_up(self.intake.newest.as_ref());
+        let awaited = starting_up && self.lives.anybody_starts();
+        let (now_ns, begun) = (self.intake.now_ns(), self.intake.newest.is_some() && !awaited);
         while begun && let Some(due) = self.timeline.take_due(now_ns) {
             self.act_on(due, now_ns)?;
         }
@@ -151,7 +154,7 @@ impl Run<'_> {
         let Some(status) = self.processes.plant.ended() else { return Ok(()) };
         // Its last truth may have been sent between our last look and its end.
         while !self.take_truths()? {}
-        if self.intake.now_ns() >= self.scenario.duration_ns {
+        if self.is_over() {
             return Ok(());
         }
         let log = self.processes.last_lines_of_plant();
@@ -202,7 +205,9 @@ impl Run<'_> {
     /// Says when something is due next.
     pub(super) fn set_next_pause(&self) {
         let asked = (!self.asked.is_empty()).then_some(0);
-        let next = [self.lives.next_restart_ns(), self.timeline.next_ns(), asked];
+        // The plant goes no farther than where the run may end.
+        let end = self.journal.metrics.no_early_end_before_ns();
+        let next = [self.lives.next_restart_ns(), self.timeline.next_ns(), asked, end];
         self.conduct.pause_at(next.into_iter().flatten().min());
     }
 }

@@ -20,6 +20,9 @@ impl Run<'_> {
     /// Takes in new truths, but not for longer than other news can wait; whether all are taken.
     pub(super) fn take_truths(&mut self) -> Result<bool, RunError> {
         for _ in 0..TRUTHS_PER_TURN {
+            if self.journal.metrics.ends_early() {
+                return Ok(true);
+            }
             let Some(sample) = self.intake.truths.receive()? else { return Ok(true) };
             let header = *sample.user_header();
             // All that was said before this truth is known before it.
@@ -49,7 +52,8 @@ impl Run<'_> {
         journal.run_dir.truth(header, rows, alive, measured)?;
         if let Some(view) = &mut journal.view
             && (view.wants_frame(now)
-                || view.is_watched() && header.t_ns >= self.scenario.duration_ns)
+                || view.is_watched()
+                    && (header.t_ns >= self.scenario.duration_ns || journal.metrics.ends_early()))
         {
             let (lives, reports) = (&self.lives, &self.intake.reports);
             let heard = |from: usize, to: usize| reports[to].contact(from);

@@ -107,6 +107,11 @@ impl Lives {
         self.robots[robot].seat
     }
 
+    /// Whether the first status of some process is awaited.
+    pub fn anybody_starts(&self) -> bool {
+        self.robots.iter().any(|life| life.seat == Seat::Starting)
+    }
+
     /// How often a robot's process was started before this one.
     pub fn incarnation(&self, robot: usize) -> u64 {
         self.robots[robot].incarnation

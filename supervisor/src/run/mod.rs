@@ -152,7 +152,7 @@ impl<'a> Run<'a> {
             self.tell_view();
             self.journal.run_dir.flush_if_due(Instant::now())?;
             progress(self.intake.now_ns());
-            if self.intake.now_ns() >= self.scenario.duration_ns {
+            if self.is_over() {
                 self.conduct.let_finish();
                 return Ok(());
             }
@@ -169,6 +169,11 @@ impl<'a> Run<'a> {
         if intake.began.is_some() {
             trace.robots(processes.of_robots().map(|(robot, child)| (robot, child.pid())));
         }
+    }
+
+    /// Whether the newest truth is the last that counts.
+    fn is_over(&self) -> bool {
+        self.intake.now_ns() >= self.scenario.duration_ns || self.journal.metrics.ends_early()
     }
 
     /// Waits until something may have happened.

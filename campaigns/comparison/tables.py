@@ -109,7 +109,7 @@ folder, page = Path(sys.argv[1]), Path(sys.argv[2])
 timing = {row["run"]: row for row in csv.DictReader(open(folder / "timing.csv"))}
 runs = [row for row in csv.DictReader(open(folder / "runs.csv")) if row["outcome"] != "infrastructure"]
 for run in runs:
-    run["compute"] = timing.get(run["run"], {}).get("compute_mean_us")
+    run["compute"] = timing.get(run["run"], {}).get("compute_p99_us")
     run["kind"] = run["avoidance.kind"]
     run["below"] = int(run["violations"]) > 0
     run["far_below"] = float(run["min_distance_over_d"]) < 0.99

@@ -31,7 +31,7 @@ impl Containment {
 
     /// Takes in where everybody is now, and who lives.
     pub(super) fn truth(&mut self, t_ns: u64, alphas: &[Vec2], alive: &[bool]) {
-        if t_ns < self.window.from_ns(t_ns) || self.contained.is_empty() {
+        if t_ns < self.window.begins_ns(t_ns) || self.contained.is_empty() {
             return;
         }
         self.corners.clear();

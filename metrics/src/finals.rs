@@ -31,7 +31,7 @@ impl Window {
     }
 
     /// From when on values are final if the run ends at `end_ns`, ns.
-    pub(super) fn from_ns(self, end_ns: u64) -> u64 {
+    pub(super) fn begins_ns(self, end_ns: u64) -> u64 {
         match self {
             Window::From(from_ns) => from_ns,
             Window::Share => final_from_ns(end_ns),
@@ -55,7 +55,7 @@ impl Worst {
 
     /// Takes in a value of this time, ns, after those of earlier times.
     pub(super) fn take(&mut self, t_ns: u64, value: f64) {
-        let from_ns = self.window.from_ns(t_ns);
+        let from_ns = self.window.begins_ns(t_ns);
         if t_ns < from_ns {
             return;
         }
@@ -70,7 +70,7 @@ impl Worst {
 
     /// The worst, if the run ends at `end_ns`.
     pub(super) fn at(&self, end_ns: u64) -> Option<f64> {
-        let from_ns = self.window.from_ns(end_ns);
+        let from_ns = self.window.begins_ns(end_ns);
         let mut candidates = self.candidates.iter();
         candidates.find(|&&(t_ns, _)| t_ns >= from_ns).map(|&(_, value)| value)
     }
@@ -120,7 +120,7 @@ mod tests {
                     if let Some(value) = value {
                         worst.take(t_ns, *value);
                     }
-                    let from_ns = window.from_ns(t_ns).min(t_ns + 1);
+                    let from_ns = window.begins_ns(t_ns).min(t_ns + 1);
                     let last = &values[from_ns as usize..=t_ns as usize];
                     let expected = last.iter().flatten().copied().reduce(f64::max);
                     prop_assert_eq!(worst.at(t_ns), expected);

@@ -203,7 +203,7 @@ pub fn run(
         sequence: 0,
         reported: None,
     };
-    let ended = share.to_the_end();
+    let ended = share.turn_until_the_end();
     share.end_robots(Instant::now());
     share.bridge.end(GRACE);
     drop(share);
@@ -215,7 +215,7 @@ pub fn run(
 }
 
 impl Share<'_> {
-    fn to_the_end(&mut self) -> Result<Ended, RunError> {
+    fn turn_until_the_end(&mut self) -> Result<Ended, RunError> {
         let began = Instant::now();
         loop {
             if self.stop.requested() {

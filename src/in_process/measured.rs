@@ -62,7 +62,7 @@ pub fn run(
         robots: run.agents.iter().map(|brief| Robot::new(brief, run.agents.len())).collect(),
     };
     let (began, mut outcome) = (Instant::now(), Outcome::default());
-    let ran = said.to_the_end(&mut run, &mut outcome, &mut goes_on);
+    let ran = said.tick_until_the_end(&mut run, &mut outcome, &mut goes_on);
     outcome.wall = began.elapsed();
     let robots = 0..scenario.robots.len();
     outcome.restarts = robots.map(|robot| run.lives.incarnation(robot)).collect();
@@ -126,7 +126,7 @@ impl Robot {
 }
 
 impl Said<'_> {
-    fn to_the_end<F: Fn(&AgentBrief, u64) -> Brain>(
+    fn tick_until_the_end<F: Fn(&AgentBrief, u64) -> Brain>(
         &mut self,
         run: &mut InProcess<F>,
         outcome: &mut Outcome,

@@ -12,9 +12,9 @@ use crate::topics::{self, PREFIX};
 /// that time.
 const LEASE_MS: u64 = 1_000;
 /// How long opening a link may take, ms.
-const OPEN_MS: u64 = 1_000;
+const OPEN_MS: u64 = 500;
 /// How often a link that is down is tried again, ms: the first time, and at most.
-const RETRY_MS: [u64; 2] = [100, 250];
+const RETRY_MS: [u64; 2] = [100, 200];
 /// How long a sample may wait for a place in the queue before it is dropped, us.
 const WAIT_US: u64 = 500;
 /// No frame is longer, bytes.

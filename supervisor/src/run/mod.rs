@@ -194,7 +194,7 @@ impl<'a> Run<'a> {
             .filter_map(|(robot, remote)| remote.as_mut()?.is_cleaned().then_some(robot))
             .collect();
         hosts.tell(&remotes)?;
-        let now_ns = self.intake.now_ns();
+        let (now_ns, silence_ns) = (self.intake.now_ns(), hosts.silence_ns());
         if let Some(how) = hosts.bridge.watch(&self.cleaner)? {
             self.journal.event(now_ns, "bridge-died", None, format!("of this host: {how}"));
         }
@@ -216,6 +216,8 @@ impl<'a> Run<'a> {
                     self.journal.event(now_ns, "bridge-restarted", None, format!("host {name}"));
                 }
                 HostNews::Lost(_) => {
+                    // It fell silent before that was known.
+                    let at_ns = now_ns.saturating_sub(silence_ns);
                     self.journal.event(now_ns, "host-lost", None, format!("host {name}"));
                     tracing::warn!(host = name, t_s = now_ns as f64 / 1e9, "out of reach");
                     for robot in robots {
@@ -224,7 +226,7 @@ impl<'a> Run<'a> {
                         let what = format!("{} out of reach, on {name}", self.journal.name(robot));
                         let fault = self.journal.metrics.new_fault(what, struck);
                         let why = format!("host {name} is not heard");
-                        self.happens(now_ns, Event::Unreachable { robot, fault, why })?;
+                        self.happens(at_ns, Event::Unreachable { robot, fault, why })?;
                     }
                 }
                 HostNews::Back(_) => {

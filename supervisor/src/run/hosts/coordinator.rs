@@ -142,6 +142,11 @@ impl Hosts {
         &self.brief.hosts[host].name
     }
 
+    /// A host that was silent for this long is out of reach, ns.
+    pub(crate) fn silence_ns(&self) -> u64 {
+        self.brief.unreachable_after_ns
+    }
+
     /// The robots of a host, by place.
     pub(crate) fn robots_of(&self, host: usize) -> Vec<usize> {
         let robots = self.brief.robots.iter().enumerate();

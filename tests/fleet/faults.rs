@@ -1,0 +1,170 @@
+//! What breaks between hosts: nobody comes nearer than d, nothing too old is used, and all is well again
+//! soon after.
+
+use std::time::Duration;
+
+use crate::hosts::{Cable, Hosts};
+use crate::run::{Ended, Run};
+
+const SPLIT: [&[&str]; 2] = [&["r1", "r2"], &["r3"]];
+
+fn triangle(hosts: &Hosts, more: &str, duration_s: f64, options: &[&str]) -> Run {
+    let duration = format!("duration_s={duration_s}");
+    let options = [&["--set", duration.as_str()], options].concat();
+    Run::start(hosts, "triangle", &hosts.fleet(&SPLIT, more), &options)
+}
+
+/// The link to the second host is down for so long; what came of it.
+fn outage(down: Duration) -> Option<Ended> {
+    let hosts = Hosts::make(2)?;
+    let options = ["--set", "expect={ min_distance_m = 0.2, final_error_m_max = 1e-3 }"];
+    let mut run = triangle(&hosts, "", 12.0 + down.as_secs_f64(), &options);
+    run.reach(3.0);
+    hosts.plug(1, false);
+    std::thread::sleep(down);
+    hosts.plug(1, true);
+    let ended = run.end();
+    ended.is_well();
+    Some(ended)
+}
+
+/// Between the event of one kind and the next of the other, s.
+fn between(ended: &Ended, first: &str, then: &str) -> f64 {
+    let (from, to) = (ended.events(first)[0].0, ended.events(then)[0].0);
+    assert!(to > from, "{}", ended.logs());
+    to - from
+}
+
+#[test]
+#[ignore = "needs root"]
+fn a_link_that_is_down_for_two_seconds_costs_nothing_but_time() {
+    let Some(ended) = outage(Duration::from_secs(2)) else { return };
+    let lost_s = between(&ended, "host-lost", "host-back");
+    eprintln!("2 s down: lost for {lost_s:.2} s, too old {}", ended.dropped("old"));
+    // Found after 1 s, and heard again within 1 s of the link's return.
+    assert!(lost_s < 2.0 - 1.0 + 1.5, "{lost_s} s\n{}", ended.logs());
+    assert_eq!(ended.events("unreachable")[0].1, "r3");
+    let lost = ended.events("contact");
+    assert!(lost.iter().any(|(_, robot, what)| robot == "r2" && what == "lost r3"), "{lost:?}");
+    // What its robot told meanwhile has arrived all the same.
+    assert_eq!(ended.summary["wall"]["latencies_lost"], 0, "{}", ended.logs());
+}
+
+#[test]
+#[ignore = "needs root"]
+fn a_link_that_is_down_for_fifteen_seconds_costs_nothing_but_time() {
+    let Some(ended) = outage(Duration::from_secs(15)) else { return };
+    let lost_s = between(&ended, "host-lost", "host-back");
+    eprintln!("15 s down: lost for {lost_s:.2} s, too old {}", ended.dropped("old"));
+    assert!(lost_s < 15.0 - 1.0 + 1.5, "{lost_s} s\n{}", ended.logs());
+}
+
+#[test]
+#[ignore = "needs root"]
+fn a_bridge_that_is_killed_is_started_anew_on_either_host() {
+    let Some(hosts) = Hosts::make(2) else { return };
+    let mut run = triangle(&hosts, "", 14.0, &[]);
+    run.reach(3.0);
+    run.kill_child(1, "phalanx-bridge");
+    run.reach(6.0);
+    run.kill_child(0, "phalanx-bridge");
+    let ended = run.end();
+    ended.is_well();
+    assert_eq!(ended.events("bridge-died").len(), 1, "{}", ended.logs());
+    assert_eq!(ended.events("bridge-restarted").len(), 2, "{}", ended.logs());
+}
+
+#[test]
+#[ignore = "needs root"]
+fn when_a_host_without_the_plant_is_killed_the_others_go_on() {
+    let Some(hosts) = Hosts::make(2) else { return };
+    let mut run = triangle(&hosts, "", 10.0, &["--set", "expect={ min_distance_m = 0.2 }"]);
+    run.reach(3.0);
+    run.kill_host(1);
+    let ended = run.end();
+    assert_eq!(ended.codes, [Some(0), None], "{}", ended.logs());
+    ended.keeps_distance();
+    assert_eq!(ended.summary["alive_at_end"], serde_json::json!(["r1", "r2"]));
+    let fault = &ended.summary["faults"][0];
+    assert!(fault["what"].as_str().unwrap().contains("r3 out of reach"), "{fault}");
+    assert!(fault["lost_after_s"].as_f64().is_some(), "{fault}");
+    assert_eq!(ended.summary["wall"]["hosts"][1]["reachable"], false);
+}
+
+#[test]
+#[ignore = "needs root"]
+fn without_the_plants_host_another_ends_with_a_clear_word() {
+    let Some(hosts) = Hosts::make(2) else { return };
+    let mut run = triangle(&hosts, "silence_max_s = 2.0", 60.0, &[]);
+    run.reach(2.0);
+    run.kill_host(0);
+    let ended = run.end();
+    assert_eq!(ended.codes, [None, Some(4)], "{}", ended.logs());
+    let log = ended.log(1);
+    assert!(log.contains("the plant's host a is lost"), "{log}");
+}
+
+#[test]
+#[ignore = "needs root"]
+fn a_partition_of_the_plan_is_a_fault_of_the_report() {
+    let Some(hosts) = Hosts::make(2) else { return };
+    let ended = triangle(&hosts, "", 16.0, &["--fault", "partition b @4 for 3"]).end();
+    ended.is_well();
+    assert!(ended.dropped("partition") > 100, "{}", ended.logs());
+    let lost = ended.events("contact");
+    let told = |robot: &str, what: &str| lost.iter().any(|(_, r, w)| r == robot && w == what);
+    // r3 hears nobody either, and nothing of the plant: it stands.
+    assert!(told("r2", "lost r3"), "{lost:?}");
+    assert_eq!(ended.summary["faults"][0]["what"], "partition b");
+}
+
+/// 20 ms and jitter each way to the second host; what came of it.
+fn delayed(latency_max_s: f64) -> Option<Ended> {
+    let mut hosts = Hosts::make_with(2, Some(Cable { delay_ms: [20, 5], loss_percent: 0 }))?;
+    let more = format!("latency_max_s = {latency_max_s}");
+    let options = ["--set", "expect={ min_distance_m = 0.2 }"];
+    let ended = triangle(&hosts, &more, 14.0, &options).end();
+    assert!(hosts.is_whole());
+    assert_eq!(ended.codes, [Some(0), Some(0)], "{}", ended.logs());
+    ended.keeps_distance();
+    let round_trip_ns = ended.number("/wall/hosts/1/round_trip_ns").unwrap();
+    assert!(round_trip_ns > 25e6, "{round_trip_ns} ns");
+    Some(ended)
+}
+
+#[test]
+#[ignore = "needs root"]
+fn with_too_little_latency_allowed_remote_robots_stand_and_nobody_is_hit() {
+    let Some(ended) = delayed(0.01) else { return };
+    let moved_m = ended.number("/path_m/r3").unwrap();
+    assert!(moved_m < 0.01, "{moved_m} m\n{}", ended.logs());
+}
+
+#[test]
+#[ignore = "needs root"]
+fn with_enough_latency_allowed_all_converge() {
+    let Some(ended) = delayed(0.08) else { return };
+    let converged_s = ended.number("/converged_at_s");
+    assert!(converged_s.is_some_and(|t_s| t_s < 13.0), "{}", ended.logs());
+}
+
+#[test]
+#[ignore = "needs root"]
+fn a_cable_that_loses_five_percent_each_way_delays_and_breaks_nothing() {
+    let cable = Cable { delay_ms: [0, 0], loss_percent: 5 };
+    let Some(mut hosts) = Hosts::make_with(2, Some(cable)) else { return };
+    let options = ["--set", "expect={ min_distance_m = 0.2 }"];
+    for transport in ["tcp", "udp"] {
+        let more = format!("latency_max_s = 0.08\ntransport = \"{transport}\"");
+        let ended = triangle(&hosts, &more, 14.0, &options).end();
+        assert!(hosts.is_whole());
+        assert_eq!(ended.codes, [Some(0), Some(0)], "{}", ended.logs());
+        ended.keeps_distance();
+        let converged_s = ended.number("/converged_at_s");
+        eprintln!(
+            "5 % lost, {transport}: converged at {converged_s:?} s, too old {}",
+            ended.dropped("old")
+        );
+        assert!(converged_s.is_some(), "{transport}\n{}", ended.logs());
+    }
+}

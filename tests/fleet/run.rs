@@ -1,0 +1,191 @@
+//! One run on several hosts, and what came out.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::hosts::{Hosts, NAMES, children_of};
+
+/// Hosts that are not done by then are stuck.
+const DEADLINE: Duration = Duration::from_secs(240);
+
+/// A run under way.
+pub struct Run {
+    place: TempDir,
+    hosts: Vec<Child>,
+}
+
+/// What a run came to.
+pub struct Ended {
+    place: TempDir,
+    /// Exit codes by host; `None` for one that was killed.
+    pub codes: Vec<Option<i32>>,
+    /// `summary.json` of the plant's host.
+    pub summary: Value,
+}
+
+impl Run {
+    /// Starts a shipped scenario on all hosts, with these options.
+    pub fn start(hosts: &Hosts, scenario: &str, fleet: &str, options: &[&str]) -> Run {
+        let place = tempfile::tempdir().unwrap();
+        let file = place.path().join("fleet.toml");
+        std::fs::write(&file, fleet).unwrap();
+        let count = fleet.matches("[[host]]").count();
+        let start = |host: usize| {
+            let name = NAMES[host];
+            let log = std::fs::File::create(place.path().join(format!("{name}.log"))).unwrap();
+            let mut command = hosts.on(host, env!("CARGO_BIN_EXE_phalanx"));
+            command
+                .arg("run")
+                .arg(format!("{}/scenarios/{scenario}.toml", env!("CARGO_MANIFEST_DIR")));
+            command.arg("--fleet").arg(&file).args(["--host", name, "--insecure", "--no-report"]);
+            // Whatever else the machine is at.
+            command.arg("--realtime-priority");
+            command.arg("--out").arg(place.path().join(name)).args(options);
+            command.stdin(Stdio::null());
+            command.stdout(log.try_clone().unwrap()).stderr(log);
+            command.spawn().unwrap()
+        };
+        // In no order that anything rests on: the plant's host last.
+        let mut started: Vec<Child> = (0..count).rev().map(start).collect();
+        started.reverse();
+        Run { place, hosts: started }
+    }
+
+    /// Waits until the run has gone on for so long.
+    pub fn reach(&mut self, t_s: f64) {
+        let samples = self.place.path().join("a/samples.csv");
+        let began = Instant::now();
+        loop {
+            let text = std::fs::read_to_string(&samples).unwrap_or_default();
+            // The last line may be cut.
+            let last = text.lines().rev().nth(1).and_then(|line| line.split(',').next());
+            if last.and_then(|t| t.parse::<f64>().ok()).is_some_and(|t| t >= t_s) {
+                return;
+            }
+            let ended = self.hosts[0].try_wait().unwrap();
+            assert!(ended.is_none() && began.elapsed() < DEADLINE, "{}", self.logs());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// The process of a host's supervisor.
+    pub fn pid(&self, host: usize) -> u32 {
+        self.hosts[host].id()
+    }
+
+    /// Kills a process of a host by its name.
+    pub fn kill_child(&self, host: usize, name: &str) {
+        let found = children_of(self.hosts[host].id());
+        let (pid, _) =
+            found.iter().find(|(_, comm)| comm == name).unwrap_or_else(|| panic!("{found:?}"));
+        // SAFETY: a plain system call about a process of this test.
+        unsafe { libc::kill(*pid as i32, libc::SIGKILL) };
+    }
+
+    /// Kills a host's supervisor, and with it all of its processes.
+    pub fn kill_host(&mut self, host: usize) {
+        self.hosts[host].kill().unwrap();
+    }
+
+    /// Waits for all hosts.
+    pub fn end(mut self) -> Ended {
+        let began = Instant::now();
+        let mut codes = Vec::new();
+        for host in 0..self.hosts.len() {
+            let status = loop {
+                if let Some(status) = self.hosts[host].try_wait().unwrap() {
+                    break status;
+                }
+                assert!(
+                    began.elapsed() < DEADLINE,
+                    "{} does not end: {}",
+                    NAMES[host],
+                    self.logs()
+                );
+                std::thread::sleep(Duration::from_millis(20));
+            };
+            codes.push(status.code());
+        }
+        let path = self.place.path().join("a/summary.json");
+        // Of a plant's host that was killed there is none.
+        let text = std::fs::read_to_string(&path).unwrap_or_default();
+        let summary = serde_json::from_str(text.trim()).unwrap_or(Value::Null);
+        let place = std::mem::replace(&mut self.place, tempfile::tempdir().unwrap());
+        Ended { place, codes, summary }
+    }
+
+    fn logs(&self) -> String {
+        logs(self.place.path())
+    }
+}
+
+impl Drop for Run {
+    fn drop(&mut self) {
+        for host in &mut self.hosts {
+            let _ = host.kill();
+            let _ = host.wait();
+        }
+    }
+}
+
+fn logs(place: &Path) -> String {
+    let read = |name: &str| std::fs::read_to_string(place.join(name)).unwrap_or_default();
+    NAMES.map(|name| format!("--- {name}:\n{}", read(&format!("{name}.log")))).join("\n")
+}
+
+impl Ended {
+    /// What all hosts wrote on their screens.
+    pub fn logs(&self) -> String {
+        logs(self.place.path())
+    }
+
+    /// What one host wrote on its screen.
+    pub fn log(&self, host: usize) -> String {
+        let path: PathBuf = self.place.path().join(format!("{}.log", NAMES[host]));
+        std::fs::read_to_string(path).unwrap_or_default()
+    }
+
+    /// The events of a kind: time, s, robot, and detail.
+    pub fn events(&self, kind: &str) -> Vec<(f64, String, String)> {
+        let text = std::fs::read_to_string(self.place.path().join("a/events.csv")).unwrap();
+        let lines = text.lines().skip(1).filter_map(|line| {
+            let mut fields = line.splitn(4, ',');
+            let t_s = fields.next()?.parse().ok()?;
+            (fields.next()? == kind).then(|| {
+                (t_s, fields.next().unwrap_or("").into(), fields.next().unwrap_or("").into())
+            })
+        });
+        lines.collect()
+    }
+
+    /// A number of the summary, by its path.
+    pub fn number(&self, pointer: &str) -> Option<f64> {
+        self.summary.pointer(pointer)?.as_f64()
+    }
+
+    /// What all bridges dropped for this reason.
+    pub fn dropped(&self, why: &str) -> u64 {
+        let hosts = self.summary["wall"]["hosts"].as_array().unwrap();
+        hosts.iter().filter_map(|host| host["dropped"][why].as_u64()).sum()
+    }
+
+    /// No two front points came nearer than d.
+    pub fn keeps_distance(&self) {
+        assert_eq!(self.summary["violations"], 0, "{}", self.logs());
+    }
+
+    /// All went as expected, on every host.
+    pub fn is_well(&self) {
+        assert!(
+            self.codes.iter().all(|code| *code == Some(0)),
+            "{:?}\n{}",
+            self.codes,
+            self.logs()
+        );
+        self.keeps_distance();
+    }
+}

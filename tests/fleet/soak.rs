@@ -1,0 +1,75 @@
+//! Outages at random, for as long as wanted. CI runs a short form; two hundred in half an hour by
+//! `PHALANX_OUTAGES=200 cargo test --features bridge --test fleet -- --ignored --nocapture soak`.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use formation::random::SplitMix64;
+
+use crate::hosts::{Hosts, children_of};
+use crate::run::Run;
+
+/// Outages in CI.
+const SHORT: u64 = 6;
+/// One in so much time, s, and its length, ms.
+const EVERY_S: u64 = 9;
+const LENGTH_MS: [u64; 2] = [100, 5_000];
+/// Without outages, before the first and after the last, s.
+const CALM_S: u64 = 12;
+/// A bridge may have grown by this much since the first outage, kB.
+const GROWTH_KB_MAX: u64 = 16 * 1024;
+
+#[test]
+#[ignore = "needs root"]
+fn soak_outages_at_random_break_nothing_for_good() {
+    let Some(hosts) = Hosts::make(2) else { return };
+    let count = std::env::var("PHALANX_OUTAGES").map_or(SHORT, |count| count.parse().unwrap());
+    let seed = std::env::var("PHALANX_SEED").map_or(1, |seed| seed.parse().unwrap());
+    let duration = format!("duration_s={}", count * EVERY_S + 2 * CALM_S);
+    let options =
+        ["--set", &duration, "--set", "expect={ min_distance_m = 0.2 }", "--set", "record_hz=10"];
+    let fleet = hosts.fleet(&[&["r1", "r2"], &["r3"]], "");
+    let mut run = Run::start(&hosts, "triangle", &fleet, &options);
+    run.reach(CALM_S as f64 / 2.0);
+    let mut random = SplitMix64::new(seed);
+    let mut first_kb = None;
+    for outage in 0..count {
+        let length_ms = random.between(LENGTH_MS[0], LENGTH_MS[1]);
+        let before_ms = random.between(0, 1_000 * EVERY_S - length_ms);
+        std::thread::sleep(Duration::from_millis(before_ms));
+        hosts.plug(1, false);
+        std::thread::sleep(Duration::from_millis(length_ms));
+        hosts.plug(1, true);
+        std::thread::sleep(Duration::from_millis(1_000 * EVERY_S - length_ms - before_ms));
+        let kb = [0, 1].map(|host| bridge_kb(run.pid(host)));
+        first_kb.get_or_insert(kb);
+        if outage % 20 == 0 || outage + 1 == count {
+            eprintln!("seed {seed}, outage {} of {count}: bridges {kb:?} kB", outage + 1);
+        }
+    }
+    let last_kb = [0, 1].map(|host| bridge_kb(run.pid(host)));
+    let ended = run.end();
+    ended.is_well();
+    for (first, last) in first_kb.unwrap().into_iter().zip(last_kb) {
+        assert!(last < first + GROWTH_KB_MAX, "{first} kB at first, {last} kB at last");
+    }
+    let mut contacts = BTreeMap::new();
+    for (_, robot, what) in ended.events("contact") {
+        let (how, whom) = what.split_once(' ').unwrap();
+        contacts.insert((robot, whom.to_owned()), how.to_owned());
+    }
+    assert!(contacts.values().all(|how| how == "fresh"), "{contacts:?}");
+    assert!(ended.number("/converged_at_s").is_some(), "{}", ended.logs());
+    eprintln!("too old, and dropped: {}", ended.dropped("old"));
+}
+
+/// The memory of a host's bridge, kB.
+fn bridge_kb(supervisor: u32) -> u64 {
+    let found = children_of(supervisor);
+    let Some((pid, _)) = found.iter().find(|(_, name)| name == "phalanx-bridge") else {
+        panic!("no bridge: {found:?}")
+    };
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+    let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
+    line.split_whitespace().nth(1).unwrap().parse().unwrap()
+}

@@ -1,0 +1,45 @@
+//! A formation split over hosts does what it does on one.
+
+use crate::hosts::Hosts;
+use crate::run::Run;
+
+#[test]
+#[ignore = "needs root"]
+fn a_pentagon_on_two_hosts_keeps_its_distance_and_converges_as_on_one() {
+    let Some(hosts) = Hosts::make(2) else { return };
+    let fleet = hosts.fleet(&[&["r1", "r2", "r3"], &["r4", "r5"]], "");
+    let options = ["--set", "period_s=0.005", "--set", "duration_s=20"];
+    let ended = Run::start(&hosts, "pentagon", &fleet, &options).end();
+    ended.is_well();
+    // The clocks are a day apart, and yet ages are those of one machine.
+    let error_ns = ended.number("/wall/hosts/1/stamp_error_ns_max").unwrap();
+    assert!(error_ns < 1e9, "{error_ns}");
+    let taken = ended.number("/wall/hosts/1/taken").unwrap();
+    assert!(taken > 1000.0, "{taken}");
+    assert_eq!(ended.dropped("garbage") + ended.dropped("layout") + ended.dropped("owner"), 0);
+}
+
+#[test]
+#[ignore = "needs root"]
+fn a_containment_on_three_hosts_keeps_its_distance_and_converges_as_on_one() {
+    let Some(hosts) = Hosts::make(3) else { return };
+    let fleet = hosts.fleet(&[&["r1", "r2", "r8"], &["r3", "r4", "r5"], &["r6", "r7"]], "");
+    let options = ["--set", "period_s=0.005", "--set", "duration_s=20"];
+    Run::start(&hosts, "containment", &fleet, &options).end().is_well();
+}
+
+#[test]
+#[ignore = "needs root"]
+fn a_host_that_nobody_needs_gets_nothing_but_signs_of_life() {
+    let Some(hosts) = Hosts::make(2) else { return };
+    let fleet = hosts.fleet(&[&["r1", "r2", "r3"], &[]], "");
+    let mut run = Run::start(&hosts, "triangle", &fleet, &["--set", "duration_s=10"]);
+    run.reach(2.0);
+    let before = hosts.bytes(1);
+    run.reach(6.0);
+    let per_s = (hosts.bytes(1) - before) as f64 / 4.0;
+    eprintln!("without a consumer: {per_s:.0} B/s");
+    run.end().is_well();
+    // Clocks, orders and reports, and the lease; one robot's odometry alone would be above 1 MB/s.
+    assert!(per_s < 100_000.0, "{per_s} B/s");
+}

@@ -4,7 +4,8 @@ use std::io;
 use std::time::Duration;
 
 /// While it lives, a signal interrupts whatever the thread that started it waits for, every
-/// [`Alarm::PERIOD`]: a deadline for all waits that costs nothing at each of them.
+/// [`Alarm::PERIOD`]: a deadline for all waits that costs nothing at each of them. A SIGTERM that is
+/// handled interrupts them too, from then on.
 #[derive(Debug)]
 pub struct Alarm {
     timer: libc::timer_t,
@@ -33,6 +34,12 @@ impl Alarm {
         action.sa_sigaction = handler as libc::sighandler_t;
         // SAFETY: reads `action`; its handler does nothing, which is safe at any time.
         succeeded(unsafe { libc::sigaction(signal, &action, std::ptr::null_mut()) })?;
+        // And whoever is asked to end does not sleep until the next alarm.
+        // SAFETY: writes `action`, then reads it: the handler stays what it is.
+        succeeded(unsafe { libc::sigaction(libc::SIGTERM, std::ptr::null(), &mut action) })?;
+        action.sa_flags &= !libc::SA_RESTART;
+        // SAFETY: as above.
+        succeeded(unsafe { libc::sigaction(libc::SIGTERM, &action, std::ptr::null_mut()) })?;
         event.sigev_signo = signal;
         event.sigev_notify = libc::SIGEV_THREAD_ID;
         event.sigev_notify_thread_id = rustix::thread::gettid().as_raw_nonzero().get();
@@ -58,6 +65,21 @@ impl Drop for Alarm {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn with_an_alarm_a_request_to_end_interrupts_waits_and_is_still_handled() {
+        let stop = crate::process::Stop::on_signals().unwrap();
+        let _alarm = Alarm::start().unwrap();
+        // SAFETY: zeros are a value of it, which the call overwrites.
+        let mut action: libc::sigaction = unsafe { std::mem::zeroed() };
+        // SAFETY: writes `action`; the signal goes to this thread, which has a handler for it.
+        unsafe {
+            libc::sigaction(libc::SIGTERM, std::ptr::null(), &mut action);
+            libc::raise(libc::SIGTERM);
+        }
+        assert_eq!(action.sa_flags & libc::SA_RESTART, 0);
+        assert!(stop.requested());
+    }
 
     #[test]
     fn an_alarm_interrupts_a_wait_without_a_limit_again_and_again() {

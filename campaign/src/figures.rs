@@ -109,7 +109,9 @@ fn over_points(
     let (low, high) = bounds(xs.iter().copied());
     let log = number.is_some() && low > 0.0 && high / low > 20.0;
     let x = match (number, log) {
-        (None, _) => Axis::numbers("point of the grid, by its number in the table", points.len()),
+        (None, _) => {
+            Axis::numbers("combination of settings, by its number in the table", points.len())
+        }
         (Some(axis), true) => Axis::log(&campaign.axes[axis].key, low, high),
         (Some(axis), false) => {
             let edge = 0.04 * (high - low);
@@ -162,7 +164,7 @@ fn over_points(
             }
         }
     } else {
-        caption += " Each point of the grid has its number in the table.";
+        caption += " Each combination of settings has its number in the table.";
     }
     Some(figure(name, title, caption, panel, key))
 }
@@ -262,7 +264,7 @@ fn distances(points: &[Point]) -> Option<Figure> {
 
 fn left_out(points: &[Point]) -> String {
     match points.len() > CURVES_MAX {
-        true => format!(" The first {CURVES_MAX} of {} points of the grid.", points.len()),
+        true => format!(" The first {CURVES_MAX} of {} combinations of settings.", points.len()),
         false => String::new(),
     }
 }

@@ -75,7 +75,7 @@ const ROOT: &[Key] = &[
         "seeds",
         Takes::Any("integer, list of integers, or { from, count }"),
         Otherwise::Rule("the scenario's own seed, once"),
-        "how many seeds each point of the grid is run with, from 1 on; or which",
+        "how many seeds each combination of settings is run with, from 1 on; or which",
     )
     .guessed(&["seed", "runs", "repeat", "repeats", "repetitions", "trials"]),
     key(

@@ -78,7 +78,7 @@ pub fn html(
     let given_up: usize = points.iter().map(|point| point.given_up).sum();
     let (all, seeds) = (points.len(), campaign.seeds.len().max(1));
     let mut head = format!(
-        "<p class=\"quiet\">{runs} runs: {all} point{} of the grid, {seeds} seed{}, {}</p>\n",
+        "<p class=\"quiet\">{runs} runs: {all} combination{} of settings, {seeds} seed{}, {}</p>\n",
         if all == 1 { "" } else { "s" },
         if seeds == 1 { "" } else { "s" },
         campaign.pace.word()
@@ -91,7 +91,7 @@ pub fn html(
         );
     }
     let sections = [
-        ("points", "Points of the grid", of_points(campaign, points)),
+        ("points", "Combinations of settings", of_points(campaign, points)),
         ("figures", "Figures", drawn(figures)),
         ("pairs", "Seed by seed", of_pairs(pairs)),
         ("campaign", "Campaign", of_campaign(campaign)),

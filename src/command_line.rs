@@ -50,6 +50,13 @@ pub enum Role {
         #[arg(long)]
         realtime_priority: bool,
     },
+    /// Show a run that is under way to ROS 2.
+    #[cfg(feature = "bridge")]
+    #[command(hide = true)]
+    Ros2 {
+        /// What to show, and where.
+        brief: PathBuf,
+    },
     /// Wake by the robots' timer and do nothing else, until killed.
     #[command(hide = true)]
     Machine {

@@ -35,6 +35,8 @@ pub fn main(role: Role) -> u8 {
         Role::Bridge { brief, realtime_priority } => {
             bridge::process::main(&brief, realtime_priority)
         }
+        #[cfg(feature = "bridge")]
+        Role::Ros2 { brief } => bridge::ros2::process::main(&brief),
         Role::Machine { run_root, period_ns, robots, realtime_priority } => {
             control_timer::main(&ControlTimer { run_root, period_ns, robots, realtime_priority })
         }

@@ -1,6 +1,6 @@
-//! Several hosts: who lives where, what crosses between them, and the process that carries it.
+//! Several hosts: who lives where, what crosses between them, and the process that carries it; and what ROS 2 sees of a run.
 //!
-//! A bridge is never between two robots of one host. Of what is here only `process/` opens a
+//! A bridge is never between two robots of one host. Of what is here only the folders `process/` open a
 //! connection, and only with the feature `zenoh`.
 //!
 //! | file | question it answers |
@@ -15,6 +15,7 @@
 //! | `told` | how does what robots tell the supervisor get to the plant's host? |
 //! | `process/` | how does a bridge carry all that? |
 //! | `counters` | why are samples dropped, and how many were? |
+//! | `ros2/` | how does ROS 2 hear a run? |
 
 pub mod clock;
 pub mod counters;
@@ -24,6 +25,7 @@ pub mod gate;
 pub mod keys;
 #[cfg(feature = "zenoh")]
 pub mod process;
+pub mod ros2;
 pub mod stamps;
 pub mod told;
 pub mod topics;

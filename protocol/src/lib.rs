@@ -7,6 +7,7 @@
 //! | `ipc` | of which parts is its iceoryx2 made? |
 //! | `run_root` | where do the shared files of one run live, and who removes them? |
 //! | `brief` | what is one process told when it starts? |
+//! | `ros2` | what is the process told that shows a run to ROS 2? |
 //! | `fault` | what breaks in it, and when? |
 //! | `dropped` | why does a bridge drop samples? |
 //! | `link` | what gets through a failing link, and when? |
@@ -24,7 +25,7 @@
 //! | `process` | how does a child name itself, log, and stop? |
 //! | `visible` | how is text from anywhere shown on a terminal? |
 //!
-//! Without the feature `ipc` there are only the words: `message`, `brief`, `fault`, `dropped`, `link`,
+//! Without the feature `ipc` there are only the words: `message`, `brief`, `ros2`, `fault`, `dropped`, `link`,
 //! `law`, `avoidance`, `catalog`, `number`, `age`, `visible`; no iceoryx2, no system calls.
 
 pub mod age;
@@ -51,6 +52,7 @@ pub mod message;
 pub mod number;
 #[cfg(feature = "ipc")]
 pub mod process;
+pub mod ros2;
 #[cfg(feature = "ipc")]
 pub mod run_root;
 #[cfg(feature = "ipc")]

@@ -22,6 +22,7 @@ mod fleet;
 mod new;
 mod recover;
 mod report;
+mod ros2;
 mod run;
 mod scenario;
 mod schema;

@@ -8,10 +8,12 @@ use clap::{Args, ValueEnum};
 use protocol::brief::Pace;
 use protocol::catalog::Catalog;
 use protocol::process::{Stop, exit, try_realtime_priority};
+use protocol::ros2::Ros2Brief;
 use view::{Bound, ViewError};
 
 use super::cell::{self, CellArgs};
 use super::fleet::{FleetArgs, Member, Part, must_be_of_one_host};
+use super::ros2::Ros2Args;
 use super::scenario::ScenarioArgs;
 use super::screen::{Output, complain, print, print_as, progress, show_progress, tell};
 use super::share;
@@ -72,6 +74,8 @@ pub struct RunArgs {
     insecure: bool,
     #[command(flatten)]
     fleet: FleetArgs,
+    #[command(flatten)]
+    ros2: Ros2Args,
     /// Write no figures and no report.html; `phalanx report` makes them later.
     #[arg(long)]
     no_report: bool,
@@ -130,6 +134,10 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
         Ok(part) => part,
         Err(code) => return code,
     };
+    let ros2 = match args.ros2.read(&scenario, args.pace == PaceArg::Realtime) {
+        Ok(ros2) => ros2,
+        Err(code) => return code,
+    };
     let trace = args.trace_scheduler.then(|| Trace::start(scenario.period_ns)).transpose();
     let trace = match trace {
         Ok(trace) => trace,
@@ -172,8 +180,8 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
     }
     let part = match part {
         Some(part) if !part.has_plant() => {
-            if args.view.is_some() {
-                complain(&"--view is for the plant's host, which sees all of the run");
+            if args.view.is_some() || ros2.is_some() {
+                complain(&"--view and --ros2 are for the plant's host, which sees all of the run");
                 return exit::USAGE;
             }
             return share::run(&scenario, &text, part, &programs, &out, &launcher);
@@ -186,7 +194,7 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
         let how = How { launcher: how.launcher.without_awake(), ..how };
         return cell::run(&args.campaign, cell, &scenario, &text, &manifest, how);
     }
-    let how = How { unmeasured: args.unmeasured, looks, trace, ..how };
+    let how = How { unmeasured: args.unmeasured, looks, trace, ros2, ..how };
     match execute(&scenario, &text, &manifest, &out, how) {
         Ok(ended) => {
             if ended.began && ended.written && !args.no_report {
@@ -277,15 +285,17 @@ pub(super) struct How {
     pub(super) on_start: Option<OnStart>,
     /// Of a run on several hosts.
     pub(super) part: Option<Part>,
+    /// What the process is told that shows the run to ROS 2.
+    pub(super) ros2: Option<Ros2Brief>,
 }
 
 impl How {
     /// Measured, recorded, and looked at by nobody.
     fn new(pace: Pace, launcher: Launcher) -> How {
         let (unmeasured, recorded) = (false, true);
-        let (looks, trace, programs, on_start, part) =
-            (None, None, Programs::default(), None, None);
-        How { pace, launcher, unmeasured, recorded, looks, trace, programs, on_start, part }
+        let (looks, trace, programs, on_start, part, ros2) =
+            (None, None, Programs::default(), None, None, None);
+        How { pace, launcher, unmeasured, recorded, looks, trace, programs, on_start, part, ros2 }
     }
 }
 
@@ -374,7 +384,8 @@ pub(super) fn execute(
     out: &Path,
     how: How,
 ) -> Result<Ended, NotRun> {
-    let How { pace, launcher, unmeasured, recorded, looks, trace, programs, on_start, part } = how;
+    let How { pace, launcher, unmeasured, recorded, looks, trace, programs, on_start, part, ros2 } =
+        how;
     let stop = Stop::on_signals_twice_at_once()?;
     if let Some(on_start) = on_start {
         on_start(&stop);
@@ -404,8 +415,17 @@ pub(super) fn execute(
     }
     let bar = progress(scenario.duration_ns);
     let fleet = part.map(|part| part.brief);
-    let launched =
-        Run::launch(scenario, pace, &launcher, by_hand, fleet, &mut run_dir, &mut metrics, stop);
+    let launched = Run::launch(
+        scenario,
+        pace,
+        &launcher,
+        by_hand,
+        fleet,
+        ros2,
+        &mut run_dir,
+        &mut metrics,
+        stop,
+    );
     let (mut outcome, result) = match launched {
         Ok(run) => run
             .watched_by(view.as_mut())

@@ -56,6 +56,11 @@ pub enum Role<'a> {
         /// Its brief.
         brief: &'a Path,
     },
+    /// `phalanx ros2 BRIEF`.
+    Ros2 {
+        /// Its brief.
+        brief: &'a Path,
+    },
     /// `phalanx load`.
     Load,
     /// `phalanx awake`.
@@ -81,6 +86,7 @@ impl fmt::Display for Role<'_> {
             Role::Plant { .. } => f.write_str("the plant"),
             Role::ControlTimer { .. } => f.write_str("the control timer"),
             Role::Bridge { .. } => f.write_str("the bridge"),
+            Role::Ros2 { .. } => f.write_str("the process for ROS 2"),
             Role::Load => f.write_str("a process that takes processor time"),
             Role::Awake => f.write_str("a process that keeps a core awake"),
             Role::Run { .. } => f.write_str("a run"),
@@ -170,6 +176,9 @@ impl Launcher {
             }
             Role::Bridge { brief } => {
                 command.arg0("phalanx-bridge").arg("bridge").arg(brief);
+            }
+            Role::Ros2 { brief } => {
+                command.arg0("phalanx-ros2").arg("ros2").arg(brief);
             }
             Role::Load => {
                 command.arg0("phalanx-load").arg("load");

@@ -25,7 +25,8 @@ impl Run<'_> {
         // The last values are sent at the very end.
         let taken = self.intake.take_latencies();
         let complete = self.processes.load.missing().map_err(RunError::from);
-        let usages = self.usages();
+        let mut usages = self.usages();
+        usages.extend(self.ros2.take().map(|ros2| ros2.end(GRACE)));
         let Run {
             interrupted,
             launched,

@@ -6,6 +6,7 @@ use std::time::Instant;
 use formation::random::SplitMix64;
 use protocol::brief::{AgentBrief, BridgeBrief, Pace};
 use protocol::process::Stop;
+use protocol::ros2::Ros2Brief;
 use protocol::run_root::{self, RunRoot};
 use protocol::service;
 
@@ -19,6 +20,7 @@ use super::intake::Intake;
 use super::journal::Journal;
 use super::lives::Lives;
 use super::processes::{Processes, Robot};
+use super::ros2::Ros2;
 use super::services::{Services, has_control_timer};
 use crate::dead_nodes::Cleaner;
 use crate::descriptors;
@@ -34,7 +36,8 @@ use results::run_dir::RunDir;
 impl<'a> Run<'a> {
     /// Makes the run root and all services, writes the briefs and starts every process. `by_hand`:
     /// somebody may break things by hand. `fleet`: where there are several hosts, what this one's bridge is told,
-    /// but for the run root; the others are waited for.
+    /// but for the run root; the others are waited for. `ros2`: where ROS 2 listens, what the process is told that
+    /// shows it the run, but for the run root.
     #[allow(clippy::too_many_arguments, reason = "what a run is made of")]
     pub fn launch(
         scenario: &'a Scenario,
@@ -42,6 +45,7 @@ impl<'a> Run<'a> {
         launcher: &Launcher,
         by_hand: bool,
         fleet: Option<BridgeBrief>,
+        ros2: Option<Ros2Brief>,
         run_dir: &'a mut RunDir,
         metrics: &'a mut Metrics,
         stop: Stop,
@@ -59,7 +63,8 @@ impl<'a> Run<'a> {
         let conduct = Conduct::new(scenario, pace, &run_root, launcher)?;
         // Each takes descriptors and memory: only where they can be of use.
         let links_by_hand = by_hand && conduct.cuts_links_by_hand();
-        let services = Services::create(&node, scenario, pace, links_by_hand, fleet.is_some())?;
+        let (bridged, shown) = (fleet.is_some(), ros2.is_some());
+        let services = Services::create(&node, scenario, pace, links_by_hand, bridged, shown)?;
         let intake = Intake::new(&services, Latency::new(scenario, pace))?;
         let heard = |i| scenario.graph.heard_by(i).count();
         let to_robots = services.faults.iter().enumerate();
@@ -96,6 +101,12 @@ impl<'a> Run<'a> {
             hosts = Some(others);
         }
 
+        let ros2 = ros2.map(|brief| {
+            let brief = Ros2Brief { run_root: run_root.path().into(), ..brief };
+            let told = run_dir.write_brief("ros2", &brief)?;
+            Ok::<_, RunError>(Ros2::start(launcher, told, run_dir.log_path("ros2"))?)
+        });
+        let ros2 = ros2.transpose()?;
         let plant_brief = briefs::plant(scenario, pace, run_root.path());
         let plant_brief = run_dir.write_brief("plant", &plant_brief)?;
         let launched = Instant::now();
@@ -135,6 +146,7 @@ impl<'a> Run<'a> {
             conduct,
             trace: None,
             hosts,
+            ros2,
             failed: false,
             _services: services,
             _node: node,

@@ -18,6 +18,7 @@
 //! | `processes` | how are the processes started, signalled and reaped? |
 //! | `hosts/` | what has it to do with other hosts? |
 //! | `load` | what takes processor time on purpose? |
+//! | `ros2` | how is the process kept going that shows the run to ROS 2? |
 //! | `journal` | what is told of it, and in which order? |
 //! | `farewell` | how does it end? |
 //! | `error` | why could it not go on? |
@@ -37,6 +38,7 @@ pub mod lives;
 mod load;
 mod processes;
 pub mod reports;
+mod ros2;
 mod services;
 
 use std::collections::VecDeque;
@@ -65,6 +67,7 @@ use journal::Journal;
 use lives::{Event, Lives, Seat};
 use processes::Processes;
 use results::outcome::Outcome;
+use ros2::Ros2;
 use services::Services;
 
 /// A run under way.
@@ -92,6 +95,8 @@ pub struct Run<'a> {
     trace: Option<Trace>,
     /// Where there are several.
     hosts: Option<Hosts>,
+    /// Where ROS 2 listens.
+    ros2: Option<Ros2>,
     /// Something failed that no plan has.
     failed: bool,
     _services: Services,
@@ -139,12 +144,14 @@ impl<'a> Run<'a> {
             self.wait_for_news();
             self.take_truths()?;
             self.take_hosts()?;
+            self.watch_ros2();
             // Deaths first: whoever calls a robot stale then does so of a fault that is known.
             self.take_deaths()?;
             self.take_reports()?;
             while let Some(robot) = self.cleaner.done() {
-                match &mut self.hosts {
-                    Some(hosts) if robot == REMAINS => hosts.bridge.cleaned()?,
+                match (&mut self.hosts, &mut self.ros2) {
+                    (Some(hosts), _) if robot == REMAINS => hosts.bridge.cleaned()?,
+                    (_, Some(ros2)) if robot == ros2::REMAINS => ros2.cleaned()?,
                     _ => self.happens(self.intake.now_ns(), Event::Cleaned { robot })?,
                 }
             }
@@ -183,6 +190,14 @@ impl<'a> Run<'a> {
             news.push(PollFd::from_borrowed_fd(self.cleaner.news(), PollFlags::IN));
             news
         });
+    }
+
+    /// Looks whether the process died that shows the run to ROS 2.
+    fn watch_ros2(&mut self) {
+        let Some(ros2) = &mut self.ros2 else { return };
+        if let Some(how) = ros2.watch(&self.cleaner) {
+            self.journal.event(self.intake.now_ns(), "ros2-died", None, how);
+        }
     }
 
     /// Takes in what other hosts say, and tells them what is wanted of them.

@@ -35,15 +35,18 @@ impl Services {
         pace: Pace,
         links_by_hand: bool,
         bridged: bool,
+        shown: bool,
     ) -> Result<Services, ServiceError> {
         let robots = || scenario.robots.iter().enumerate();
         // Where there are several hosts, the bridge hears as well.
         let with_bridge = |qos: Qos| if bridged { qos.and_one_more() } else { qos };
         let one = with_bridge(Qos::of_robot(pace, 1));
+        // Where ROS 2 listens, somebody takes odometry as well.
+        let odometry = if shown { one.and_one_more() } else { one };
         let hearers = |i| with_bridge(Qos::of_robot(pace, scenario.graph.hearers_of(i).count()));
         Ok(Services {
             _odometry: robots()
-                .map(|(_, robot)| service::odometry(&robot.name).create(node, one))
+                .map(|(_, robot)| service::odometry(&robot.name).create(node, odometry))
                 .collect::<Result<_, _>>()?,
             _command: robots()
                 .map(|(_, robot)| service::command(&robot.name).create(node, one))

@@ -1,0 +1,173 @@
+//! `phalanx run --ros2`: ROS 2 hears where robots are.
+//!
+//! Built with the feature `bridge`; without, the flags are there and say so.
+
+use std::net::SocketAddr;
+
+use clap::Args;
+use experiment::scenario::Scenario;
+use protocol::process::exit;
+use protocol::ros2::Ros2Brief;
+
+use super::screen::complain;
+
+/// Where the router of rmw_zenoh is, if nobody says otherwise.
+const ROUTER: &str = "127.0.0.1:7447";
+/// Before an address at which to be that router.
+const LISTEN: &str = "listen/";
+/// No ROS domain has a higher number.
+const DOMAIN_MAX: u32 = 232;
+/// No plant publishes more often in real time.
+const HZ_MAX: f64 = 1_000.0;
+
+/// How ROS 2 hears a run.
+#[derive(Debug, Args)]
+pub(super) struct Ros2Args {
+    /// Let ROS 2 hear the odometry of each robot, and /tf, in real time: by the router of rmw_zenoh at this
+    /// address of this machine [default: 127.0.0.1:7447], or, with `listen/` before it, as that router.
+    #[arg(
+        long,
+        value_name = "[listen/]ADDR",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = ROUTER,
+        value_parser = endpoint
+    )]
+    ros2: Option<Endpoint>,
+    /// The ROS domain [default: ROS_DOMAIN_ID of the environment, or 0].
+    #[arg(
+        long,
+        value_name = "ID",
+        requires = "ros2",
+        value_parser = clap::value_parser!(u32).range(..=i64::from(DOMAIN_MAX))
+    )]
+    ros2_domain: Option<u32>,
+    /// Messages of each robot per second.
+    #[arg(long, value_name = "HZ", requires = "ros2", default_value = "50", value_parser = hz)]
+    ros2_hz: f64,
+}
+
+/// Where ROS 2 is reached.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Endpoint {
+    address: SocketAddr,
+    listens: bool,
+}
+
+fn endpoint(word: &str) -> Result<Endpoint, String> {
+    let (listens, word) = match word.strip_prefix(LISTEN) {
+        Some(rest) => (true, rest),
+        None => (false, word),
+    };
+    let address: SocketAddr = word.parse().map_err(|_| {
+        format!(
+            "expected ADDRESS:PORT or {LISTEN}ADDRESS:PORT, such as {ROUTER} or {LISTEN}{ROUTER}"
+        )
+    })?;
+    // There is neither encryption nor a list of who may listen.
+    if !address.ip().is_loopback() {
+        return Err("expected an address of this machine alone, such as 127.0.0.1: other machines hear what \
+                    the router of rmw_zenoh here passes on to them"
+            .into());
+    }
+    Ok(Endpoint { address, listens })
+}
+
+fn hz(word: &str) -> Result<f64, String> {
+    let hz = word.parse().ok().filter(|&hz: &f64| hz > 0.0 && hz <= HZ_MAX);
+    hz.ok_or_else(|| format!("expected more than 0, and at most {HZ_MAX}"))
+}
+
+impl Ros2Args {
+    /// What the process is told, but for the run root; `None` without --ros2. What is wrong is said, with an
+    /// exit code.
+    pub(super) fn read(
+        &self,
+        scenario: &Scenario,
+        realtime: bool,
+    ) -> Result<Option<Ros2Brief>, u8> {
+        let Some(endpoint) = self.ros2 else { return Ok(None) };
+        if !realtime {
+            return refused("--ros2 is for --pace realtime: in lockstep time is not that of ROS");
+        }
+        let domain = match (self.ros2_domain, std::env::var("ROS_DOMAIN_ID")) {
+            (Some(domain), _) => domain,
+            (None, Err(_)) => 0,
+            (None, Ok(word)) => match word.parse().ok().filter(|&domain| domain <= DOMAIN_MAX) {
+                Some(domain) => domain,
+                None => {
+                    return refused(&format!(
+                        "ROS_DOMAIN_ID is {word:?}, expected a number from 0 to {DOMAIN_MAX}"
+                    ));
+                }
+            },
+        };
+        brief(scenario, endpoint, domain, self.ros2_hz).map(Some)
+    }
+}
+
+fn refused<T>(why: &str) -> Result<T, u8> {
+    complain(&why);
+    Err(exit::USAGE)
+}
+
+#[cfg(feature = "bridge")]
+fn brief(scenario: &Scenario, at: Endpoint, domain: u32, hz: f64) -> Result<Ros2Brief, u8> {
+    use std::net::TcpListener;
+    use std::path::PathBuf;
+
+    use bridge::ros2::names;
+
+    let Endpoint { address, listens } = at;
+    let robots: Vec<String> = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
+    if let Some(name) = robots.iter().find(|name| !names::is_valid(name)) {
+        return refused(&format!(
+            "{name} is no name for ROS 2: expected letters, digits and single underscores, and no digit first"
+        ));
+    }
+    // Before anything is written or spawned: the port may be taken.
+    if listens && let Err(error) = TcpListener::bind(address) {
+        complain(&format_args!("cannot listen at {address}: {error}"));
+        return Err(exit::INFRASTRUCTURE);
+    }
+    Ok(Ros2Brief {
+        format: protocol::brief::Format,
+        run_root: PathBuf::new(),
+        address,
+        listens,
+        domain,
+        period_ns: (1e9 / hz) as u64,
+        robots,
+    })
+}
+
+#[cfg(not(feature = "bridge"))]
+fn brief(_: &Scenario, _: Endpoint, _: u32, _: f64) -> Result<Ros2Brief, u8> {
+    refused(
+        "this phalanx was built without ROS 2: expected one built with `--features bridge`, as by `cargo install \
+         --path . --features bridge`",
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_endpoint_is_of_this_machine() {
+        let router = endpoint(ROUTER).unwrap();
+        assert_eq!((router.address.port(), router.listens), (7447, false));
+        assert!(endpoint("listen/[::1]:7448").unwrap().listens);
+        assert!(endpoint("listen/0.0.0.0:7447").unwrap_err().contains("this machine alone"));
+        assert!(endpoint("192.168.1.2:7447").unwrap_err().contains("this machine alone"));
+        assert!(endpoint("7447").unwrap_err().contains("ADDRESS:PORT"));
+    }
+
+    #[test]
+    fn a_rate_is_one_that_a_plant_can_keep() {
+        assert_eq!(hz("12.5"), Ok(12.5));
+        for word in ["0", "-1", "1001", "NaN", "fast"] {
+            assert!(hz(word).is_err(), "{word}");
+        }
+    }
+}

@@ -1,0 +1,174 @@
+"""Hears a run as ROS 2 would, by zenoh-ros2-sdk, and holds what it heard against the run's own tables.
+
+    hear.py PORT DOMAIN SAMPLES ROUTER ROBOT... < the run directory, once the run is over
+
+ROUTER is `ours`, and the run listens, or `theirs`: then a router of zenoh is started here, and the run
+connects to it. Prints `ready` once it listens, `heard` once it has that many samples of each robot, and
+`held` at the end; whatever does not hold is an AssertionError.
+"""
+
+import csv
+import math
+import os
+import sys
+import threading
+import time
+import traceback
+
+import zenoh
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from zenoh_ros2_sdk import ROS2Subscriber
+from zenoh_ros2_sdk import discovery
+from zenoh_ros2_sdk.attachment import Attachment
+from zenoh_ros2_sdk.session import ZenohSession
+
+PATIENCE_S = 60
+ODOMETRY = "nav_msgs/msg/Odometry"
+TF = "tf2_msgs/msg/TFMessage"
+STORES = ["ROS2_IRON", "ROS2_JAZZY", "ROS2_KILTED", "ROS2_LYRICAL"]
+
+
+
+def fail(*error):
+    # Threads of zenoh would keep the process alive.
+    traceback.print_exception(*error)
+    sys.stderr.flush()
+    os._exit(1)
+
+
+sys.excepthook = fail
+port, domain, wanted, router, *robots = sys.argv[1:]
+port, domain, wanted = int(port), int(domain), int(wanted)
+
+if router == "theirs":
+    config = zenoh.Config()
+    config.insert_json5("mode", '"router"')
+    config.insert_json5("listen/endpoints", f'["tcp/127.0.0.1:{port}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    theirs = zenoh.open(config)
+
+# The definitions that come with rosbags: the reader would look for them on the network.
+store = get_typestore(Stores.ROS2_JAZZY)
+hashes = {
+    name: {get_typestore(Stores[release]).hash_rihs01(name) for release in STORES}
+    for name in [ODOMETRY, TF]
+}
+for name, known in hashes.items():
+    assert len(known) == 1, f"{name} is the same from Iron to Lyrical"
+
+session = ZenohSession.get_instance("127.0.0.1", port)
+session.store.register({
+    name: fields
+    for dependency in [ODOMETRY, TF]
+    for name, fields in get_types_from_msg(store.generate_msgdef(dependency)[0], dependency).items()
+})
+for name in [ODOMETRY, TF]:
+    session._registered_types[name] = name
+
+samples = {topic: [] for topic in [*(f"/{robot}/odom" for robot in robots), "/tf"]}
+full = threading.Event()
+
+
+class Listener(ROS2Subscriber):
+    """Keeps what comes beside each message as well."""
+
+    def _process_sample(self, sample):
+        self.beside = Attachment.from_bytes(sample.attachment.to_bytes())
+        self.raw = sample.payload.to_bytes()
+        super()._process_sample(sample)
+
+
+def listen(topic, message_type):
+    def take(message):
+        # The same message by another encoder has the same bytes.
+        again = bytes(store.serialize_cdr(message, message_type))
+        samples[topic].append((listener.beside, message, again == listener.raw))
+        if all(len(heard) >= wanted for heard in samples.values()):
+            full.set()
+
+    (known,) = hashes[message_type]
+    listener = Listener(
+        topic, message_type, take, domain_id=domain, router_port=port, type_hash=known
+    )
+    return listener
+
+
+listeners = [listen(f"/{robot}/odom", ODOMETRY) for robot in robots] + [listen("/tf", TF)]
+print("ready", flush=True)
+assert full.wait(PATIENCE_S), {topic: len(heard) for topic, heard in samples.items()}
+
+# Who is there, as `ros2 node list` and `ros2 topic info -v` would say.
+topics = dict(discovery.get_topic_names_and_types(domain, "127.0.0.1", port, timeout=0.5))
+for robot in robots:
+    assert topics[f"/{robot}/odom"] == [ODOMETRY], topics
+    info = discovery.get_topic_info(f"/{robot}/odom", domain, "127.0.0.1", port, 0.5, True)
+    assert [(end.node_namespace, end.node_name) for end in info.publishers] == [("/", robot)], info
+    assert [end.type_hash for end in info.publishers] == [*hashes[ODOMETRY]], info
+assert topics["/tf"] == [TF], topics
+nodes = {
+    str(reply.ok.key_expr).split("/")[-1]
+    for reply in session.liveliness.get(f"@ros2_lv/{domain}/*/*/*/NN/**", timeout=0.5)
+    if reply.ok
+}
+assert {*robots, "phalanx"} <= nodes, nodes
+print("heard", flush=True)
+
+run = sys.stdin.readline().strip()
+time.sleep(0.5)
+for listener in listeners:
+    listener.close()
+
+# No two rows of a robot that moves are alike: each message is one row, and all the same time away from it.
+rows = {robot: {} for robot in robots}
+with open(f"{run}/samples.csv") as table:
+    for row in csv.DictReader(table):
+        values = {key: float(row[key]) for key in ["t_s", "heading_rad", "v_m_s", "w_rad_s"]}
+        rows[row["robot"]][float(row["x_m"]), float(row["y_m"])] = values
+
+
+def stamp_ns(message):
+    return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+
+
+def turn(orientation):
+    assert orientation.x == orientation.y == 0
+    return 2 * math.atan2(orientation.z, orientation.w)
+
+
+def near(a, b):
+    return abs(math.remainder(a - b, 2 * math.pi)) < 1e-9
+
+
+offsets = []
+for robot in robots:
+    heard = samples[f"/{robot}/odom"]
+    first = heard[0][0].sequence_id
+    assert len(heard) >= wanted
+    assert [beside.sequence_id for beside, _, _ in heard] == [*range(first, first + len(heard))]
+    assert len({beside.gid for beside, _, _ in heard}) == 1
+    for beside, message, same in heard:
+        assert same, "rosbags encodes it otherwise"
+        assert (message.header.frame_id, message.child_frame_id) == ("map", f"{robot}/base_link")
+        assert beside.timestamp_ns == stamp_ns(message)
+        pose, twist = message.pose.pose, message.twist.twist
+        row = rows[robot][pose.position.x, pose.position.y]
+        assert pose.position.z == 0 and near(turn(pose.orientation), row["heading_rad"])
+        assert (twist.linear.x, twist.angular.z) == (row["v_m_s"], row["w_rad_s"])
+        assert twist.linear.y == twist.linear.z == twist.angular.x == twist.angular.y == 0
+        offsets.append(stamp_ns(message) / 1e9 - row["t_s"])
+spread_s = max(offsets) - min(offsets)
+assert spread_s < 1e-5, f"stamps and run time drift apart by {spread_s} s"
+assert abs(time.time() - max(offsets)) < 3_600, "stamps are not of the wall clock"
+
+transforms = 0
+for beside, message, same in samples["/tf"]:
+    assert same, "rosbags encodes it otherwise"
+    for transform in message.transforms:
+        robot, link = transform.child_frame_id.split("/")
+        assert (transform.header.frame_id, link) == ("map", "base_link")
+        place = transform.transform.translation
+        row = rows[robot][place.x, place.y]
+        assert place.z == 0 and near(turn(transform.transform.rotation), row["heading_rad"])
+        transforms += 1
+print(f"held: {len(offsets)} messages of odometry, {transforms} transforms", flush=True)
+os._exit(0)

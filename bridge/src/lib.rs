@@ -7,6 +7,7 @@
 //! |---|---|
 //! | `fleet` | which hosts are there, and who lives where? |
 //! | `keys` | which keys may a fleet file have? |
+//! | `certificates` | how do hosts know each other? |
 //! | `topics` | what crosses between hosts, under which key? |
 //! | `frame` | what is before every sample on the wire? |
 //! | `gate` | which frames of another host are taken over? |
@@ -17,6 +18,8 @@
 //! | `counters` | why are samples dropped, and how many were? |
 //! | `ros2/` | how does ROS 2 hear a run? |
 
+#[cfg(feature = "zenoh")]
+pub mod certificates;
 pub mod clock;
 pub mod counters;
 pub mod fleet;

@@ -5,6 +5,7 @@
 //! | file | what it does |
 //! |---|---|
 //! | `new` `run` `check` `schema` `report` `doctor` `clean` `recover` `export` `verify` | the verb of its name |
+//! | `fleet_keys` | `phalanx fleet keys`: certificates |
 //! | `sweep` | runs a campaign; `cell`: one run of it; `cell_in_process`: without processes |
 //! | `fleet` `share` | this host's part of a run on several |
 //! | `scenario` | reads the scenario that a verb is about, with the command line's changes |
@@ -19,6 +20,7 @@ mod dead_runs;
 mod doctor;
 mod export;
 mod fleet;
+mod fleet_keys;
 mod new;
 mod recover;
 mod report;
@@ -61,6 +63,8 @@ pub enum Verb {
     Recover(recover::RecoverArgs),
     /// Turn a recording into CSV tables, one for each kind of observation.
     Export(export::ExportArgs),
+    /// Make what a run on several hosts needs.
+    Fleet(fleet_keys::FleetVerbArgs),
     /// Run a recorded run in lockstep again, and say whether it is the same bit by bit.
     Verify(verify::VerifyArgs),
 }
@@ -81,6 +85,7 @@ pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) 
         Verb::Clean(args) => clean::clean(args),
         Verb::Recover(args) => recover::recover(args),
         Verb::Export(args) => export::export(args),
+        Verb::Fleet(args) => fleet_keys::fleet(args),
         Verb::Verify(args) => verify::verify(args, catalog, launcher.clone(), build),
     }
 }

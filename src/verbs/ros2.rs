@@ -49,6 +49,10 @@ pub(super) struct Ros2Args {
 
 /// Where ROS 2 is reached.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(
+    not(feature = "bridge"),
+    allow(dead_code, reason = "only read to say that it is of no use")
+)]
 struct Endpoint {
     address: SocketAddr,
     listens: bool,

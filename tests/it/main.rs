@@ -44,6 +44,7 @@ mod python;
 mod realtime;
 mod recording;
 mod report;
+mod ros2;
 mod schema;
 mod security;
 mod silence;

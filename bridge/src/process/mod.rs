@@ -14,6 +14,8 @@
 mod config;
 mod inbox;
 mod local;
+#[cfg(test)]
+mod strangers;
 mod times;
 mod wire;
 

@@ -1,0 +1,207 @@
+//! Certificates for the hosts of a fleet: an authority of its own that signs one for each, in PEM.
+//!
+//! The authority's key is thrown away: nobody signs another certificate later.
+
+use std::fs::{self, File};
+use std::io::{self, Write as _};
+use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
+
+use rcgen::{
+    BasicConstraints, CertificateParams, CertifiedIssuer, DnType, ExtendedKeyUsagePurpose, IsCa,
+    KeyPair, KeyUsagePurpose,
+};
+
+use crate::fleet::Fleet;
+
+/// The file of the authority's certificate.
+pub const AUTHORITY: &str = "ca.pem";
+/// Clocks of hosts may differ by so much.
+const CLOCKS_DIFFER: Duration = Duration::from_secs(24 * 3600);
+
+/// Why certificates could not be made.
+#[derive(Debug, thiserror::Error)]
+pub enum CertificatesError {
+    /// The fleet has none.
+    #[error(
+        "the fleet file names no folder for certificates: expected `certificates = \"keys\"` in it, or another"
+    )]
+    NoFolder,
+    /// There are some.
+    #[error("{} is there already, and is kept: expected a folder without certificates", path.display())]
+    Exists {
+        /// Which file.
+        path: PathBuf,
+    },
+    /// One cannot be written.
+    #[error("cannot write {}: {source}", path.display())]
+    Write {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// One cannot be signed.
+    #[error("cannot make the certificate of {name}: {source}")]
+    Sign {
+        /// Whose.
+        name: String,
+        /// Why.
+        source: rcgen::Error,
+    },
+}
+
+/// When certificates hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Validity {
+    /// From then on.
+    pub from: SystemTime,
+    /// Up to then.
+    pub until: SystemTime,
+}
+
+impl Validity {
+    /// For that many days, and from yesterday on: clocks differ.
+    pub fn of_days(days: u32) -> Validity {
+        let now = SystemTime::now();
+        let until = now + Duration::from_secs(u64::from(days) * 24 * 3600);
+        Validity { from: now - CLOCKS_DIFFER, until }
+    }
+}
+
+/// An authority, as long as it is in memory.
+pub struct Authority(CertifiedIssuer<'static, KeyPair>);
+
+impl Authority {
+    /// A new one.
+    pub fn new(valid: Validity) -> Result<Authority, CertificatesError> {
+        let make = || {
+            let mut params = params("phalanx fleet", Vec::new(), valid)?;
+            params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
+            params.key_usages = vec![KeyUsagePurpose::KeyCertSign];
+            CertifiedIssuer::self_signed(params, KeyPair::generate()?)
+        };
+        make().map(Authority).map_err(sign("the authority"))
+    }
+
+    /// Its certificate.
+    pub fn certificate(&self) -> String {
+        self.0.pem()
+    }
+
+    /// Certificate and private key of a host: common name, and where others reach it as `ADDRESS:PORT`.
+    pub fn host(
+        &self,
+        name: &str,
+        address: &str,
+        valid: Validity,
+    ) -> Result<(String, String), CertificatesError> {
+        let reached = address.rsplit_once(':').map_or(address, |(host, _)| host);
+        let reached = reached.trim_matches(['[', ']']);
+        let make = || {
+            let mut params = params(name, vec![reached.to_owned()], valid)?;
+            params.use_authority_key_identifier_extension = true;
+            params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
+            // Of two hosts one connects, and the other listens.
+            params.extended_key_usages =
+                vec![ExtendedKeyUsagePurpose::ServerAuth, ExtendedKeyUsagePurpose::ClientAuth];
+            let key = KeyPair::generate()?;
+            Ok((params.signed_by(&key, &self.0)?.pem(), key.serialize_pem()))
+        };
+        make().map_err(sign(name))
+    }
+}
+
+fn params(
+    name: &str,
+    reached: Vec<String>,
+    valid: Validity,
+) -> Result<CertificateParams, rcgen::Error> {
+    let mut params = CertificateParams::new(reached)?;
+    params.distinguished_name.push(DnType::CommonName, name);
+    params.not_before = valid.from.into();
+    params.not_after = valid.until.into();
+    Ok(params)
+}
+
+fn sign(name: &str) -> impl FnOnce(rcgen::Error) -> CertificatesError {
+    let name = name.to_owned();
+    move |source| CertificatesError::Sign { name, source }
+}
+
+/// Makes the certificates of all hosts of a fleet in the folder that it names: `ca.pem`, and of each host
+/// `HOST.pem` and `HOST.key`, which only their owner may read. The files that were written.
+pub fn make(fleet: &Fleet, valid: Validity) -> Result<Vec<PathBuf>, CertificatesError> {
+    let folder = fleet.certificates.as_ref().ok_or(CertificatesError::NoFolder)?;
+    let authority = Authority::new(valid)?;
+    let mut files = vec![(folder.join(AUTHORITY), authority.certificate())];
+    for host in &fleet.hosts {
+        let (certificate, key) = authority.host(&host.name, &host.address, valid)?;
+        files.push((folder.join(format!("{}.pem", host.name)), certificate));
+        files.push((folder.join(format!("{}.key", host.name)), key));
+    }
+    if let Some((path, _)) = files.iter().find(|(path, _)| path.exists()) {
+        return Err(CertificatesError::Exists { path: path.clone() });
+    }
+    let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(folder);
+    made.map_err(|source| CertificatesError::Write { path: folder.clone(), source })?;
+    for (path, text) in &files {
+        write(path, text)?;
+    }
+    Ok(files.into_iter().map(|(path, _)| path).collect())
+}
+
+fn write(path: &Path, text: &str) -> Result<(), CertificatesError> {
+    let opened = File::options().write(true).create_new(true).mode(0o600).open(path);
+    let written = opened.and_then(|mut file| file.write_all(text.as_bytes()));
+    written.map_err(|source| match source.kind() {
+        io::ErrorKind::AlreadyExists => CertificatesError::Exists { path: path.into() },
+        _ => CertificatesError::Write { path: path.into(), source },
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fleet::read_text;
+    use std::os::unix::fs::PermissionsExt as _;
+
+    fn fleet(folder: &Path, certificates: &str) -> Fleet {
+        let text = format!(
+            "plant = \"a\"\n{certificates}\n[[host]]\nname = \"a\"\naddress = \"127.0.0.1:7447\"\n\
+             [[host]]\nname = \"b\"\naddress = \"[::1]:7448\"\nrobots = [\"r1\"]\n"
+        );
+        read_text(&folder.join("fleet.toml"), &text).unwrap()
+    }
+
+    #[test]
+    fn each_host_gets_a_certificate_and_a_key_that_nobody_else_reads() {
+        let folder = tempfile::tempdir().unwrap();
+        let fleet = fleet(folder.path(), "certificates = \"keys\"");
+        let files = make(&fleet, Validity::of_days(30)).unwrap();
+        let names = files.iter().map(|path| path.strip_prefix(folder.path()).unwrap());
+        let expected = ["ca.pem", "a.pem", "a.key", "b.pem", "b.key"];
+        assert!(names.eq(expected.iter().map(|name| Path::new("keys").join(name))));
+        for path in &files {
+            assert_eq!(path.metadata().unwrap().permissions().mode() & 0o777, 0o600, "{path:?}");
+        }
+        let texts: Vec<_> = files.iter().map(|path| fs::read_to_string(path).unwrap()).collect();
+        assert!(texts[2].starts_with("-----BEGIN PRIVATE KEY-----"));
+
+        // What is there stays.
+        let error = make(&fleet, Validity::of_days(30)).unwrap_err().to_string();
+        assert!(error.contains("ca.pem is there already"), "{error}");
+        fs::remove_file(&files[0]).unwrap();
+        let error = make(&fleet, Validity::of_days(30)).unwrap_err().to_string();
+        assert!(error.contains("a.pem is there already") && !files[0].exists(), "{error}");
+        assert_eq!(fs::read_to_string(&files[2]).unwrap(), texts[2]);
+    }
+
+    #[test]
+    fn a_fleet_without_a_folder_for_certificates_gets_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let error = make(&fleet(folder.path(), ""), Validity::of_days(1)).unwrap_err();
+        assert!(matches!(error, CertificatesError::NoFolder), "{error}");
+    }
+}

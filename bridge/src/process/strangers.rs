@@ -1,0 +1,280 @@
+//! What somebody on the network can do to a host whose fleet has certificates: nothing. In each test the right
+//! host is heard as well, or the test would hold of a host that hears nobody.
+
+use std::fs;
+use std::io::Write as _;
+use std::net::{TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant, SystemTime};
+
+use protocol::brief::{BridgeBrief, BridgedBrief, CertificatesBrief, Format, HostBrief};
+use protocol::clock;
+use serde_json::json;
+use tempfile::TempDir;
+use zenoh::Wait as _;
+use zenoh::qos::CongestionControl;
+
+use super::config;
+use super::inbox::Inbox;
+use super::wire::Wire;
+use crate::certificates::{Authority, Validity};
+use crate::counters::Dropped;
+use crate::frame::{Header, VERSION};
+use crate::gate::Gate;
+use crate::topics::{self, PREFIX, Route, Topic};
+
+const LAYOUT: u64 = 7;
+const EXPERIMENT: u64 = 8;
+/// Of the robot on b, whose beacons a hears.
+const BEACON: Topic = Topic::Beacon(1);
+/// What a says to b.
+const ORDERS: &[u8] = b"orders";
+/// Only a hang takes this long.
+const HANG: Duration = Duration::from_secs(60);
+/// So long a stranger tries.
+const TRIES: Duration = Duration::from_millis(1_500);
+
+/// Host a of a fleet of three, which listens.
+struct A {
+    folder: TempDir,
+    authority: Authority,
+    hosts: Vec<HostBrief>,
+    inbox: Arc<Inbox>,
+    wire: Wire,
+}
+
+impl A {
+    fn new() -> A {
+        let folder = tempfile::tempdir().unwrap();
+        let authority = Authority::new(Validity::of_days(1)).unwrap();
+        // Free a moment ago, and nobody else's by now.
+        let ports = [(); 3].map(|()| TcpListener::bind("127.0.0.1:0").unwrap());
+        let hosts = ["a", "b", "c"].into_iter().zip(&ports).map(|(name, port)| HostBrief {
+            name: name.into(),
+            address: port.local_addr().unwrap().to_string(),
+        });
+        let hosts: Vec<HostBrief> = hosts.collect();
+        drop(ports);
+        fs::write(folder.path().join("ca.pem"), authority.certificate()).unwrap();
+        for host in &hosts {
+            let (certificate, key) =
+                authority.host(&host.name, &host.address, Validity::of_days(1)).unwrap();
+            save(folder.path(), &host.name, &certificate, &key);
+        }
+        let brief = brief(&hosts, 0, certificates(folder.path(), "a"));
+        let routes = topics::routes(&brief);
+        let inbox = Arc::new(Inbox::new(routes.len(), hosts.len()));
+        let wire = Wire::open(&brief).unwrap();
+        for (place, route) in routes.iter().enumerate().filter(|(_, route)| route.to.contains(&0)) {
+            inbox.open(place, route.from, Gate::new(route.from, LAYOUT, EXPERIMENT), false);
+            wire.receive(place, route, &inbox).unwrap();
+        }
+        A { folder, authority, hosts, inbox, wire }
+    }
+
+    /// A connection to a, with these certificates and no access list of its own.
+    fn connect(&self, certificates: CertificatesBrief) -> zenoh::Session {
+        let mut config = config::of(&brief(&self.hosts, 1, certificates));
+        config["listen"]["endpoints"] = json!([]);
+        config["access_control"] = json!({ "enabled": false });
+        let config = zenoh::Config::from_json5(&config.to_string()).unwrap();
+        zenoh::open(config).wait().unwrap()
+    }
+
+    fn connect_as(&self, name: &str) -> zenoh::Session {
+        self.connect(certificates(self.folder.path(), name))
+    }
+
+    fn route(&self, topic: Topic) -> Route {
+        let brief = brief(&self.hosts, 0, certificates(self.folder.path(), "a"));
+        topics::routes(&brief).into_iter().find(|route| route.topic == topic).unwrap()
+    }
+
+    /// Sends what b would, until it arrives. Whatever arrives before fails.
+    fn hears_b(&self, session: &zenoh::Session, first: u64) {
+        let (began, mut sequence) = (Instant::now(), first);
+        let key = self.route(BEACON).key;
+        loop {
+            session.put(&key, frame(sequence, b"good")).wait().unwrap();
+            sequence += 1;
+            let arrived = self.inbox.wait(clock::now_ns() + 20_000_000);
+            assert!(arrived.iter().all(|arrived| arrived.content == b"good"), "{arrived:?}");
+            if !arrived.is_empty() {
+                return;
+            }
+            assert!(began.elapsed() < HANG, "b is not heard");
+        }
+    }
+
+    /// How many orders of a are heard there.
+    fn overhears(session: &zenoh::Session) -> Arc<AtomicU64> {
+        let overheard = Arc::new(AtomicU64::new(0));
+        let count = overheard.clone();
+        // What it says itself, it hears too.
+        let listener = session.declare_subscriber(format!("{PREFIX}/**")).callback(move |sample| {
+            if sample.payload().to_bytes().ends_with(ORDERS) {
+                count.fetch_add(1, Ordering::Relaxed);
+            }
+        });
+        listener.background().wait().unwrap();
+        overheard
+    }
+
+    /// A stranger with these certificates is neither heard nor told anything; b is both after it.
+    fn is_deaf_and_mute_to(&self, certificates: CertificatesBrief) {
+        let said = self.wire.sender(&self.route(Topic::Orders(1))).unwrap();
+        let stranger = self.connect(certificates);
+        let overheard = A::overhears(&stranger);
+        let (began, key, mut sequence) = (Instant::now(), self.route(BEACON).key, 1);
+        while began.elapsed() < TRIES {
+            stranger.put(&key, frame(sequence, b"forged")).wait().unwrap();
+            said.put(frame(sequence, ORDERS)).wait().unwrap();
+            sequence += 1;
+            assert!(
+                self.inbox.wait(clock::now_ns() + 20_000_000).is_empty(),
+                "a stranger is heard"
+            );
+        }
+        assert_eq!(overheard.load(Ordering::Relaxed), 0, "a stranger hears");
+        stranger.close().wait().unwrap();
+        let b = self.connect_as("b");
+        let told = A::overhears(&b);
+        self.hears_b(&b, 1);
+        let began = Instant::now();
+        while told.load(Ordering::Relaxed) == 0 {
+            said.put(frame(sequence, ORDERS)).wait().unwrap();
+            assert!(began.elapsed() < HANG, "b is told nothing");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// A certificate by this authority, of this name, in a file of its own.
+    fn forge(&self, authority: &Authority, name: &str, valid: Validity) -> CertificatesBrief {
+        let (certificate, key) = authority.host(name, &self.hosts[1].address, valid).unwrap();
+        save(self.folder.path(), "forged", &certificate, &key);
+        certificates(self.folder.path(), "forged")
+    }
+}
+
+fn save(folder: &Path, name: &str, certificate: &str, key: &str) {
+    fs::write(folder.join(format!("{name}.pem")), certificate).unwrap();
+    fs::write(folder.join(format!("{name}.key")), key).unwrap();
+}
+
+fn certificates(folder: &Path, name: &str) -> CertificatesBrief {
+    CertificatesBrief {
+        authority: folder.join("ca.pem"),
+        certificate: folder.join(format!("{name}.pem")),
+        key: folder.join(format!("{name}.key")),
+    }
+}
+
+fn brief(hosts: &[HostBrief], here: usize, certificates: CertificatesBrief) -> BridgeBrief {
+    let robot = |name: &str, host, heard_on: &[usize]| BridgedBrief {
+        name: name.into(),
+        host,
+        heard_on: heard_on.into(),
+        hears: 1,
+    };
+    BridgeBrief {
+        format: Format,
+        run_root: PathBuf::new(),
+        experiment: format!("{EXPERIMENT:016x}"),
+        here,
+        plant: 0,
+        odometry_age_ns_max: 1,
+        beacon_age_ns_max: 1,
+        join_within_ns: 1,
+        unreachable_after_ns: 1,
+        silence_ns_max: 1,
+        transport: "tcp".into(),
+        certificates: Some(certificates),
+        hosts: hosts.to_vec(),
+        robots: vec![robot("r0", 0, &[1, 2]), robot("r1", 1, &[0]), robot("r2", 2, &[0])],
+        partitions: Vec::new(),
+    }
+}
+
+fn frame(sequence: u64, content: &[u8]) -> Vec<u8> {
+    let (version, host, layout, experiment) = (VERSION, 1, LAYOUT, EXPERIMENT);
+    let header = Header { version, host, layout, experiment, boot: 5, sequence, source_ns: 0 };
+    header.frame(&[content])
+}
+
+#[test]
+fn a_certificate_of_another_authority_opens_nothing() {
+    let a = A::new();
+    let other = Authority::new(Validity::of_days(1)).unwrap();
+    a.is_deaf_and_mute_to(a.forge(&other, "b", Validity::of_days(1)));
+}
+
+#[test]
+fn a_certificate_with_a_name_that_no_host_has_opens_nothing() {
+    let a = A::new();
+    a.is_deaf_and_mute_to(a.forge(&a.authority, "stranger", Validity::of_days(1)));
+}
+
+#[test]
+fn a_certificate_that_has_expired_opens_nothing() {
+    let a = A::new();
+    let day = Duration::from_secs(24 * 3600);
+    let now = SystemTime::now();
+    let past = Validity { from: now - 3 * day, until: now - day };
+    a.is_deaf_and_mute_to(a.forge(&a.authority, "b", past));
+}
+
+#[test]
+fn a_host_writes_no_other_hosts_keys() {
+    let a = A::new();
+    let c = a.connect_as("c");
+    let (began, mut sequence) = (Instant::now(), 1);
+    let (keys, own) = (a.route(BEACON).key, a.route(Topic::Beacon(2)).key);
+    let mut heard_c = false;
+    // Its own are heard, so that it is connected; and for as long as it takes, no others.
+    while !heard_c || began.elapsed() < TRIES {
+        c.put(&keys, frame(sequence, b"forged")).wait().unwrap();
+        let header = Header { host: 2, ..Header::of(&frame(sequence, b"")).unwrap().0 };
+        c.put(&own, header.frame(&[b"own"])).wait().unwrap();
+        sequence += 1;
+        let arrived = a.inbox.wait(clock::now_ns() + 20_000_000);
+        assert!(arrived.iter().all(|arrived| arrived.content == b"own"), "{arrived:?}");
+        heard_c |= !arrived.is_empty();
+        assert!(began.elapsed() < HANG, "c is not heard");
+    }
+    a.hears_b(&a.connect_as("b"), 1);
+}
+
+#[test]
+fn frames_that_are_replayed_or_of_another_build_are_counted_and_dropped() {
+    let a = A::new();
+    let b = a.connect_as("b");
+    a.hears_b(&b, 1);
+    let (key, before) = (a.route(BEACON).key, 1_000_000);
+    a.hears_b(&b, before);
+    let replayed = a.inbox.dropped(Dropped::Replayed);
+    // On one connection in one order.
+    let header = Header { layout: LAYOUT + 1, ..Header::of(&frame(before * 2, b"")).unwrap().0 };
+    for bytes in [frame(1, b"old"), header.frame(&[b"another build"]), b"garbage".to_vec()] {
+        b.put(&key, bytes).congestion_control(CongestionControl::Block).wait().unwrap();
+    }
+    a.hears_b(&b, before * 3);
+    assert_eq!(a.inbox.dropped(Dropped::Replayed), replayed + 1);
+    assert_eq!(a.inbox.dropped(Dropped::Layout), 1);
+    assert_eq!(a.inbox.dropped(Dropped::Garbage), 1);
+}
+
+#[test]
+fn a_flood_of_garbage_at_the_port_keeps_nobody_out() {
+    let a = A::new();
+    let garbage: Vec<u8> =
+        (0..4_096_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+    for _ in 0..200 {
+        // Refused is as good as taken and thrown away.
+        let Ok(mut stream) = TcpStream::connect(&a.hosts[0].address) else { continue };
+        let _ = stream.write_all(&garbage);
+    }
+    assert!(a.inbox.wait(clock::now_ns()).is_empty(), "garbage is heard");
+    a.hears_b(&a.connect_as("b"), 1);
+}

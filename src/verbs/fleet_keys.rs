@@ -1,0 +1,86 @@
+//! `phalanx fleet keys`: certificates for the hosts of a fleet.
+//!
+//! Built with the feature `bridge`; without, the verb is there and says so.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
+/// Arguments of `phalanx fleet`.
+#[derive(Debug, Args)]
+pub struct FleetVerbArgs {
+    #[command(subcommand)]
+    act: Act,
+}
+
+#[derive(Debug, Subcommand)]
+enum Act {
+    /// Make the certificates of a fleet's hosts, signed by an authority that is made for it, in the folder
+    /// that its file names: ca.pem, HOST.pem and HOST.key. What is there is kept.
+    Keys(KeysArgs),
+}
+
+#[derive(Debug, Args)]
+#[cfg_attr(
+    not(feature = "bridge"),
+    allow(dead_code, reason = "only read to say that it is of no use")
+)]
+struct KeysArgs {
+    /// The fleet file.
+    #[arg(value_name = "FLEET")]
+    fleet: PathBuf,
+    /// How long they hold, in days.
+    #[arg(long, value_name = "DAYS", default_value_t = 365, value_parser = clap::value_parser!(u32).range(1..=3650))]
+    days: u32,
+}
+
+/// Does it.
+pub(super) fn fleet(args: &FleetVerbArgs) -> u8 {
+    match &args.act {
+        Act::Keys(args) => keys(args),
+    }
+}
+
+#[cfg(feature = "bridge")]
+fn keys(args: &KeysArgs) -> u8 {
+    use bridge::certificates::{self, CertificatesError, Validity};
+    use bridge::fleet;
+    use protocol::process::exit;
+
+    use super::screen::{complain, print, show};
+
+    let fleet = match fleet::read(&args.fleet) {
+        Ok(fleet) => fleet,
+        Err(diagnostic) => {
+            show(&diagnostic);
+            return exit::BAD_SCENARIO;
+        }
+    };
+    match certificates::make(&fleet, Validity::of_days(args.days)) {
+        Ok(files) => {
+            let mut told = String::new();
+            for path in files {
+                told += &format!("{}\n", path.display());
+            }
+            print(&format!(
+                "{told}\neach host needs ca.pem, and its own HOST.pem and HOST.key, which nobody else may have\n"
+            ))
+        }
+        Err(error) => {
+            let code = complain(&error);
+            match error {
+                CertificatesError::NoFolder | CertificatesError::Exists { .. } => exit::USAGE,
+                _ => code,
+            }
+        }
+    }
+}
+
+#[cfg(not(feature = "bridge"))]
+fn keys(_: &KeysArgs) -> u8 {
+    super::screen::complain(
+        &"this phalanx was built for one host: expected one built with `--features bridge`, as by \
+          `cargo install --path . --features bridge`",
+    );
+    protocol::process::exit::USAGE
+}

@@ -3,6 +3,7 @@
 //! An edge points the way information flows: `from` is heard by `to`.
 
 use std::cell::OnceCell;
+use std::collections::VecDeque;
 
 use crate::Vec2;
 
@@ -64,19 +65,30 @@ impl FormationGraph {
 
     /// For each robot, which robots its information reaches, itself included.
     pub fn reachability(&self) -> Vec<Vec<bool>> {
+        let reached = |row: Vec<Option<usize>>| row.iter().map(Option::is_some).collect();
+        self.hops().into_iter().map(reached).collect()
+    }
+
+    /// For each robot, over how many edges its information reaches each robot, at least; itself over none.
+    /// `None` for a robot that it does not reach.
+    pub fn hops(&self) -> Vec<Vec<Option<usize>>> {
         let mut hearers = vec![Vec::new(); self.robots];
         for edge in &self.edges {
             hearers[edge.from].push(edge.to);
         }
         let from = |source: usize| {
-            let mut reached = vec![false; self.robots];
-            let mut open = vec![source];
-            while let Some(robot) = open.pop() {
-                if !std::mem::replace(&mut reached[robot], true) {
-                    open.extend(&hearers[robot]);
+            let mut hops = vec![None; self.robots];
+            hops[source] = Some(0);
+            let mut open = VecDeque::from([source]);
+            while let Some(robot) = open.pop_front() {
+                for &hearer in &hearers[robot] {
+                    if hops[hearer].is_none() {
+                        hops[hearer] = hops[robot].map(|hop| hop + 1);
+                        open.push_back(hearer);
+                    }
                 }
             }
-            reached
+            hops
         };
         (0..self.robots).map(from).collect()
     }
@@ -198,6 +210,18 @@ mod tests {
 
     fn edge(from: usize, to: usize, x: f64, y: f64) -> Edge {
         Edge { from, to, offset_m: Vec2::new(x, y) }
+    }
+
+    #[test]
+    fn hops_are_counted_along_the_edges_and_the_shortest_way() {
+        let graph = FormationGraph::new(
+            4,
+            vec![edge(0, 1, 1.0, 0.0), edge(1, 2, 1.0, 0.0), edge(0, 2, 2.0, 0.0)],
+        );
+        let hops = graph.hops();
+        assert_eq!(hops[0], [Some(0), Some(1), Some(1), None]);
+        assert_eq!(hops[1], [None, Some(0), Some(1), None]);
+        assert_eq!(hops[3], [None, None, None, Some(0)]);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Lattices whose gaps nobody passes through: they jam while they form, unless they are open meanwhile
 //! (`scale = { kind = "closing" }`). In the oracle.
 
+use campaign::starts::{Around, Goals, Starts};
 use experiment::check::{Opening, check};
 use experiment::scenario::{Fault, FaultKind, Scenario};
 use formation::Vec2;
@@ -54,13 +55,7 @@ pub fn scattered(robots: usize, gap_m: f64, both_ways: bool, seed: u64) -> Scena
 
 /// The same, as far open and for as long as `check` asks for, and open again at `reopen_at_s`; 40 s
 /// longer than that takes.
-pub fn opened(
-    robots: usize,
-    gap_m: f64,
-    both_ways: bool,
-    seed: u64,
-    reopen_at_s: &[f64],
-) -> Scenario {
+fn opened(robots: usize, gap_m: f64, both_ways: bool, seed: u64, reopen_at_s: &[f64]) -> Scenario {
     let mut scenario = scattered(robots, gap_m, both_ways, seed);
     let Opening { from, hold_s, over_s, .. } =
         Opening::of(&scenario).expect("everybody keeps a place");
@@ -71,10 +66,10 @@ pub fn opened(
 }
 
 /// The same with one robot killed while the formation is open, and back once it has closed: it stands
-/// outside then, or in the way. The formation opens `times` again.
-pub fn replaced(robots: usize, gap_m: f64, both_ways: bool, seed: u64, times: u32) -> Scenario {
-    let mut scenario = opened(robots, gap_m, both_ways, seed, &[]);
-    let Some(Scale::Closing { from, hold_s, over_s, .. }) = scenario.unled_scale else {
+/// outside then, or in the way. The formation opens again.
+fn replaced(robots: usize, gap_m: f64, both_ways: bool, seed: u64) -> Scenario {
+    let scenario = opened(robots, gap_m, both_ways, seed, &[]);
+    let Some(Scale::Closing { hold_s, over_s, .. }) = scenario.unled_scale else {
         unreachable!("it closes")
     };
     let (killed_s, closed_s) = (hold_s.min(60.0), hold_s + over_s);
@@ -83,12 +78,8 @@ pub fn replaced(robots: usize, gap_m: f64, both_ways: bool, seed: u64, times: u3
     let robot = 1 + (7 * seed as usize) % (robots - 1);
     let restart_after_ns = Some(ns(closed_s + 10.0 - killed_s));
     let kind = FaultKind::Kill { robot, restart_after_ns };
+    let mut scenario = opened(robots, gap_m, both_ways, seed, &[closed_s + 15.0]);
     scenario.faults.push(Fault { at_ns: ns(killed_s), for_ns: None, kind });
-    let again = |n: u32| closed_s + 15.0 + f64::from(n) * (hold_s + 2.0 * over_s);
-    let reopen_at_s = (0..times).map(again).collect();
-    let scale = Scale::Closing { from, hold_s, over_s, reopen_at_s };
-    scenario.duration_ns = ns(scale.closed_at_s().unwrap() + 40.0);
-    scenario.unled_scale = Some(scale);
     scenario
 }
 
@@ -118,8 +109,31 @@ fn a_dense_lattice_forms_by_opening_from_starts_from_which_it_jams_otherwise() {
 #[test]
 fn a_robot_that_comes_back_outside_of_a_closed_lattice_gets_in_when_it_opens_again() {
     for both_ways in [false, true] {
-        assert_eq!(stuck(2, |seed| replaced(12, 1.1 * D, both_ways, seed, 1)), [0; 0]);
+        assert_eq!(stuck(2, |seed| replaced(12, 1.1 * D, both_ways, seed)), [0; 0]);
     }
+}
+
+#[test]
+fn thirty_robots_that_hear_each_other_jam_where_they_open_little_and_form_as_check_asks() {
+    let start = |scale: &str| {
+        let mut set = vec!["graph=\"30-1.1-both-ways.json\"".to_owned(), "duration_s=400".into()];
+        set.push(format!("scale={scale}"));
+        let read = |set: &[String]| -> Scenario {
+            scenario("lattices/lattice", &set.iter().map(String::as_str).collect::<Vec<_>>())
+        };
+        // Those of the campaign.
+        let around = Around::Middle(None);
+        let starts = Starts { box_m: [3.8, 3.8], apart_m: 0.25, around, goals: Goals::Own };
+        set.extend(starts.draw(&read(&set), 1).expect("there is room"));
+        read(&set)
+    };
+    let measures = simulate(&start("{ kind = \"closing\" }"));
+    assert!(measures.min_distance_m.unwrap() >= D, "{:?}", measures.min_distance_m);
+    assert!(measures.converged_at_s.is_some());
+    // Gaps of 2.4 d: wide enough to pass, and too narrow for a crowd.
+    let measures = simulate(&start("{ kind = \"closing\", from = 2.182 }"));
+    assert!(measures.min_distance_m.unwrap() >= D, "{:?}", measures.min_distance_m);
+    assert_eq!(measures.converged_at_s, None);
 }
 
 #[test]
@@ -151,39 +165,4 @@ fn check_asks_a_dense_lattice_to_open_and_not_one_that_does_or_is_wide() {
         let messages = warned(&opens);
         assert!(messages.iter().any(|message| message.contains(word)), "{word}: {messages:?}");
     }
-}
-
-/// A table of the page: robots, gap / d, edges, and how many of 100 get stuck at a constant scale, by
-/// opening, and with one replaced.
-fn table(robots: usize) {
-    let rows = [1.1, 1.2, 1.5].into_iter().flat_map(|gap| [(gap, false), (gap, true)]);
-    let rows: Vec<String> = rows
-        .map(|(gap, both_ways)| {
-            let gap_m = gap * D;
-            let counts = [
-                stuck(100, |seed| scattered(robots, gap_m, both_ways, seed)),
-                stuck(100, |seed| opened(robots, gap_m, both_ways, seed, &[])),
-                stuck(100, |seed| replaced(robots, gap_m, both_ways, seed, 0)),
-                stuck(100, |seed| replaced(robots, gap_m, both_ways, seed, 1)),
-                stuck(100, |seed| replaced(robots, gap_m, both_ways, seed, 3)),
-            ];
-            let edges = if both_ways { "both ways" } else { "one way" };
-            println!("{robots} {gap} {edges}: {counts:?}");
-            let counts = counts.map(|stuck| stuck.len().to_string()).join(" | ");
-            format!("| {robots} | {gap} | {edges} | {counts} |")
-        })
-        .collect();
-    crate::chapter::the_page_has(&rows);
-}
-
-#[test]
-#[ignore = "a table of docs/chapter.md: 3000 runs"]
-fn the_page_has_how_many_lattices_of_12_get_stuck() {
-    table(12);
-}
-
-#[test]
-#[ignore = "a table of docs/chapter.md: 3000 runs"]
-fn the_page_has_how_many_lattices_of_30_get_stuck() {
-    table(30);
 }

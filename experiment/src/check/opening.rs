@@ -16,21 +16,22 @@ use super::start_points;
 use super::steady::places;
 use crate::scenario::Scenario;
 
-/// An open formation has gaps of so many d. Measured: of 12 robots nobody gets stuck then.
-const OPEN_GAPS: f64 = 2.4;
-/// And of so many times what a robot passes through, where that is more.
+/// An open formation has gaps of so many times what a robot passes through, at least.
 const OPEN_PASSAGES: f64 = 1.05;
-/// It stays open so many times as long as the longest way takes, for each robot: the more there are, the
-/// more are in the way. Measured: with twice in all, none of 40 lattices of 12 robots got stuck, but 4 of
-/// 6 of 30 robots; with six times, none of 4.
-const HOLD_PER_ROBOT: f64 = 0.2;
-/// But so many times at least.
-const HOLD_MIN: f64 = 2.0;
-/// And so many times that where no robot's place is fixed: everybody waits for everybody. Measured: of
-/// 24 lattices of 12 robots with edges both ways 3 got stuck with four times the way, none with eight.
-const ADRIFT: f64 = 3.5;
+/// And of so many times that for the square root of the number of robots. On their way all meet in a
+/// crowd, as wide as that root. Whoever is to stand a short way beyond those it hears stays in the crowd.
+/// `campaigns/lattices-open.toml` measures it: 30 robots that hear each other never left the crowd at gaps
+/// of 2.4 d, and all arrived at 7.2 d, which this asks for.
+const OPEN_CROWD: f64 = 0.625;
+/// It stays open so many times as long as the longest way takes.
+const HOLD: f64 = 2.5;
+/// And so many times that for each hop from one robot to another, where that is more: in a row a robot can
+/// only follow those before it.
+const HOLD_PER_HOP: f64 = 0.25;
+/// And so many times that where some robots hear each other, by others or directly: they wait for each other.
+const HOLD_MUTUAL: f64 = 1.5;
 /// While it closes, places move at this share of the robots' speed at most.
-const CLOSING_SPEED: f64 = 0.5;
+const CLOSING_SPEED: f64 = 0.75;
 
 /// How a formation is to open and to close again.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -67,14 +68,14 @@ impl Opening {
         let ClosestPair { pair, distance_m: gap_m } = closest?;
         let steered_m = kept.iter().filter_map(|&i| scenario.steers_within_m(i));
         let passage_m = 2.0 * steered_m.fold(0.0, f64::max);
-        let open_m = (OPEN_GAPS * scenario.avoidance.distance_min_m).max(OPEN_PASSAGES * passage_m);
+        let wide_m = passage_m.max(2.0 * scenario.avoidance.distance_min_m);
+        let open_m = wide_m * OPEN_PASSAGES.max(OPEN_CROWD * (kept.len() as f64).sqrt());
         let from = rounded_up(open_m / gap_m, 1e3).max(1.0);
 
         let starts = start_points(&scenario.robots);
         let starts: Vec<Vec2> = kept.iter().map(|&i| starts[i]).collect();
         let mean = |points: &[Vec2]| points.iter().sum::<Vec2>() / points.len() as f64;
         // Which place stays where it is while the others move away from it, and where that is.
-        let adrift = scenario.leader().is_none() && scenario.graph.roots().len() > 1;
         let (fixed, at, turned_rad) = match (scenario.leader(), &scenario.graph.roots()[..]) {
             (Some(leader), _) => {
                 let begin = scenario.lead.as_ref()?.trajectory.at(0.0).position;
@@ -91,12 +92,12 @@ impl Opening {
         let ways_m = ways_m.map(|(place, start)| (at + from * from_fixed(place) - start).norm());
         let (farthest, way_m) = ways_m.enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
         let reach_m = places.iter().map(|place| from_fixed(place).norm()).fold(0.0, f64::max);
-        // From one end to the other, and not only from the middle.
-        let margin = (HOLD_PER_ROBOT * kept.len() as f64).max(HOLD_MIN);
-        let (margin, reach_m) = match adrift {
-            true => (ADRIFT * margin, 2.0 * reach_m),
-            false => (margin, reach_m),
-        };
+        let hops = scenario.graph.hops();
+        let pairs = || kept.iter().flat_map(|&i| kept.iter().map(move |&j| (i, j)));
+        let hops_max = pairs().filter_map(|(i, j)| hops[i][j]).max()?;
+        let mutual = pairs().any(|(i, j)| i < j && hops[i][j].and(hops[j][i]).is_some());
+        let margin =
+            HOLD.max(HOLD_PER_HOP * hops_max as f64) * if mutual { HOLD_MUTUAL } else { 1.0 };
         let v_max = scenario.avoidance.speed_max_m_s;
         let speeds_m_s = kept.iter().map(|&i| scenario.robots[i].correction_max_m_s);
         let speed_m_s = speeds_m_s.map(|speed| speed.unwrap_or(v_max)).fold(v_max, f64::min);
@@ -185,7 +186,69 @@ fn rounded_up(number: f64, per_unit: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use formation::graph::{Edge, FormationGraph};
+    use formation::scale::Scale;
+
     use super::*;
+    use crate::examples::row_of_three;
+
+    /// Places in rows, 0.22 m apart; everybody starts at the same point, and hears those to its left and
+    /// below, or with `both_ways` all beside it. Nobody is led around anybody: gaps of 2 d are wide enough.
+    fn lattice(columns: usize, rows: usize, both_ways: bool) -> Scenario {
+        let mut scenario = row_of_three();
+        scenario.robots = vec![scenario.robots[0].clone(); columns * rows];
+        let to_the_right = (0..columns * rows).filter(|i| (i + 1) % columns > 0);
+        let to_the_right = to_the_right.map(|i| (i, i + 1, Vec2::new(0.22, 0.0)));
+        let above = (columns..columns * rows).map(|i| (i - columns, i, Vec2::new(0.0, 0.22)));
+        let edges = to_the_right.chain(above).flat_map(|(from, to, offset_m)| {
+            let back = both_ways.then_some(Edge { from: to, to: from, offset_m: -offset_m });
+            [Some(Edge { from, to, offset_m }), back].into_iter().flatten()
+        });
+        scenario.graph = FormationGraph::new(columns * rows, edges.collect());
+        scenario
+    }
+
+    /// How far it opens, in passages, and for how many times the longest way.
+    fn opens(columns: usize, rows: usize, both_ways: bool) -> (f64, f64) {
+        let scenario = lattice(columns, rows, both_ways);
+        let asked = Opening::of(&scenario).expect("all keep a place");
+        let passage_m = 2.0 * scenario.avoidance.distance_min_m;
+        let hundredths = |x: f64| (100.0 * x).round() / 100.0;
+        let passages = asked.from * asked.gap_m / passage_m;
+        (hundredths(passages), hundredths(asked.hold_s / (asked.way_m / asked.speed_m_s)))
+    }
+
+    /// Within what rounding up to whole seconds adds.
+    #[track_caller]
+    fn holds(asked: (f64, f64), passages: f64, ways: f64) {
+        assert_eq!(asked.0, passages, "{asked:?}");
+        assert!((ways..ways + 0.3).contains(&asked.1), "{asked:?}");
+    }
+
+    #[test]
+    fn four_times_as_many_robots_open_twice_as_wide() {
+        holds(opens(4, 4, false), 2.5, 2.5);
+        holds(opens(8, 8, false), 5.0, 0.25 * 14.0);
+        holds(opens(2, 1, false), 1.05, 2.5);
+    }
+
+    #[test]
+    fn those_that_hear_each_other_and_long_rows_stay_open_longer() {
+        holds(opens(4, 3, true), 2.17, 1.5 * 2.5);
+        holds(opens(12, 1, false), 2.17, 0.25 * 11.0);
+        holds(opens(12, 1, true), 2.17, 1.5 * 0.25 * 11.0);
+    }
+
+    #[test]
+    fn no_place_moves_faster_than_three_quarters_of_the_speed_while_it_closes() {
+        let scenario = lattice(4, 3, false);
+        let Opening { from, over_s, speed_m_s, .. } = Opening::of(&scenario).unwrap();
+        let scale = Scale::Closing { from, hold_s: 0.0, over_s, reopen_at_s: Vec::new() };
+        let reach_m = 0.22 * f64::hypot(3.0, 2.0);
+        let fastest_m_s = reach_m * scale.at(0.5 * over_s).1.abs();
+        assert!(fastest_m_s <= 0.75 * speed_m_s, "{fastest_m_s}");
+        assert!(fastest_m_s > 0.7 * speed_m_s, "{fastest_m_s}");
+    }
 
     fn beside(places: &[Vec2], near_m: f64) -> Vec<Vec<usize>> {
         let near = |a: &Vec2, b: &Vec2| a != b && (a - b).norm() < near_m;

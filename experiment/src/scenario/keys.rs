@@ -1021,21 +1021,21 @@ const SCALE: &[Key] = &[
     key(
         "from",
         Number("", Positive),
-        Rule("what opens the smallest gap to 2.4 d, or to 1.05 times what a robot passes through"),
+        Rule("what opens the smallest gap to 0.625 times what a robot passes through, times the square root of the number of robots; to 1.05 times that at least"),
         "how large it is while open, 1 or more",
     )
     .guessed(&["open", "start", "max"]),
     key(
         "hold_s",
         Time(NotNegative),
-        Rule("what the longest way from a start to a place takes, times a fifth of the number of robots, 2 at least; 3.5 times that where no place is fixed"),
+        Rule("2.5 times what the longest way from a start to a place takes, or a quarter of it for each hop between the two robots farthest apart in the graph; 1.5 times the longer where robots hear each other, directly or by others"),
         "how long it stays open",
     )
     .guessed(&["hold", "open_s", "wait"]),
     key(
         "over_s",
         Time(Positive),
-        Rule("so long that no place moves faster than half the speed of the robots"),
+        Rule("so long that no place moves faster than three quarters of the speed of the robots"),
         "how long it takes to close, and to open again",
     )
     .guessed(&["over", "duration", "close_s"]),

@@ -23,7 +23,7 @@ use crate::certificates::{Authority, Validity};
 use crate::counters::Dropped;
 use crate::frame::{Header, VERSION};
 use crate::gate::Gate;
-use crate::topics::{self, PREFIX, Route, Topic};
+use crate::topics::{self, Route, Topic};
 
 const LAYOUT: u64 = 7;
 const EXPERIMENT: u64 = 8;
@@ -109,15 +109,15 @@ impl A {
     }
 
     /// How many orders of a are heard there.
-    fn overhears(session: &zenoh::Session) -> Arc<AtomicU64> {
+    fn overhears(&self, session: &zenoh::Session) -> Arc<AtomicU64> {
         let overheard = Arc::new(AtomicU64::new(0));
         let count = overheard.clone();
-        // What it says itself, it hears too.
-        let listener = session.declare_subscriber(format!("{PREFIX}/**")).callback(move |sample| {
-            if sample.payload().to_bytes().ends_with(ORDERS) {
-                count.fetch_add(1, Ordering::Relaxed);
-            }
-        });
+        let listener =
+            session.declare_subscriber(self.route(Topic::Orders(1)).key).callback(move |sample| {
+                if sample.payload().to_bytes().ends_with(ORDERS) {
+                    count.fetch_add(1, Ordering::Relaxed);
+                }
+            });
         listener.background().wait().unwrap();
         overheard
     }
@@ -126,7 +126,7 @@ impl A {
     fn is_deaf_and_mute_to(&self, certificates: CertificatesBrief) {
         let said = self.wire.sender(&self.route(Topic::Orders(1))).unwrap();
         let stranger = self.connect(certificates);
-        let overheard = A::overhears(&stranger);
+        let overheard = self.overhears(&stranger);
         let (began, key, mut sequence) = (Instant::now(), self.route(BEACON).key, 1);
         while began.elapsed() < TRIES {
             stranger.put(&key, frame(sequence, b"forged")).wait().unwrap();
@@ -140,7 +140,7 @@ impl A {
         assert_eq!(overheard.load(Ordering::Relaxed), 0, "a stranger hears");
         stranger.close().wait().unwrap();
         let b = self.connect_as("b");
-        let told = A::overhears(&b);
+        let told = self.overhears(&b);
         self.hears_b(&b, 1);
         let began = Instant::now();
         while told.load(Ordering::Relaxed) == 0 {

@@ -118,12 +118,12 @@ time.sleep(0.5)
 for listener in listeners:
     listener.close()
 
-# No two rows of a robot that moves are alike: each message is one row, and all the same time away from it.
+# Each message is a row; where the robot moves only one, and all the same time away from it.
 rows = {robot: {} for robot in robots}
 with open(f"{run}/samples.csv") as table:
     for row in csv.DictReader(table):
         values = {key: float(row[key]) for key in ["t_s", "heading_rad", "v_m_s", "w_rad_s"]}
-        rows[row["robot"]][float(row["x_m"]), float(row["y_m"])] = values
+        rows[row["robot"]].setdefault((float(row["x_m"]), float(row["y_m"])), []).append(values)
 
 
 def stamp_ns(message):
@@ -151,11 +151,14 @@ for robot in robots:
         assert (message.header.frame_id, message.child_frame_id) == ("map", f"{robot}/base_link")
         assert beside.timestamp_ns == stamp_ns(message)
         pose, twist = message.pose.pose, message.twist.twist
-        row = rows[robot][pose.position.x, pose.position.y]
-        assert pose.position.z == 0 and near(turn(pose.orientation), row["heading_rad"])
-        assert (twist.linear.x, twist.angular.z) == (row["v_m_s"], row["w_rad_s"])
+        there = rows[robot][pose.position.x, pose.position.y]
+        assert pose.position.z == 0
+        assert any(near(turn(pose.orientation), row["heading_rad"]) for row in there)
+        assert (twist.linear.x, twist.angular.z) in {(row["v_m_s"], row["w_rad_s"]) for row in there}
         assert twist.linear.y == twist.linear.z == twist.angular.x == twist.angular.y == 0
-        offsets.append(stamp_ns(message) / 1e9 - row["t_s"])
+        if len(there) == 1:
+            offsets.append(stamp_ns(message) / 1e9 - there[0]["t_s"])
+assert len(offsets) >= wanted, "too few while robots moved"
 spread_s = max(offsets) - min(offsets)
 assert spread_s < 1e-5, f"stamps and run time drift apart by {spread_s} s"
 assert abs(time.time() - max(offsets)) < 3_600, "stamps are not of the wall clock"
@@ -167,8 +170,10 @@ for beside, message, same in samples["/tf"]:
         robot, link = transform.child_frame_id.split("/")
         assert (transform.header.frame_id, link) == ("map", "base_link")
         place = transform.transform.translation
-        row = rows[robot][place.x, place.y]
-        assert place.z == 0 and near(turn(transform.transform.rotation), row["heading_rad"])
+        there = rows[robot][place.x, place.y]
+        heading_rad = turn(transform.transform.rotation)
+        assert place.z == 0 and any(near(heading_rad, row["heading_rad"]) for row in there)
         transforms += 1
-print(f"held: {len(offsets)} messages of odometry, {transforms} transforms", flush=True)
+odometry = sum(len(samples[f"/{robot}/odom"]) for robot in robots)
+print(f"held: {odometry} messages of odometry, {transforms} transforms", flush=True)
 os._exit(0)

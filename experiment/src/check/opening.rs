@@ -20,8 +20,8 @@ use crate::scenario::Scenario;
 const OPEN_PASSAGES: f64 = 1.05;
 /// And of so many times that for the square root of the number of robots. On their way all meet in a
 /// crowd, as wide as that root. Whoever is to stand a short way beyond those it hears stays in the crowd.
-/// `campaigns/lattices-open.toml` measures it: 30 robots that hear each other never left the crowd at gaps
-/// of 2.4 d, and all arrived at 7.2 d, which this asks for.
+/// `campaigns/lattices-open.toml` measures it: of 20 runs of 30 robots that hear each other 17 never left
+/// the crowd at gaps of 2.4 d, and all arrived at 7.2 d, which this asks for.
 const OPEN_CROWD: f64 = 0.625;
 /// It stays open so many times as long as the longest way takes.
 const HOLD: f64 = 2.5;
@@ -208,21 +208,22 @@ mod tests {
         scenario
     }
 
-    /// How far it opens, in passages, and for how many times the longest way.
-    fn opens(columns: usize, rows: usize, both_ways: bool) -> (f64, f64) {
+    /// How far it opens, in passages, for how long, s, and how long the longest way takes, s.
+    fn opens(columns: usize, rows: usize, both_ways: bool) -> (f64, f64, f64) {
         let scenario = lattice(columns, rows, both_ways);
         let asked = Opening::of(&scenario).expect("all keep a place");
         let passage_m = 2.0 * scenario.avoidance.distance_min_m;
         let hundredths = |x: f64| (100.0 * x).round() / 100.0;
         let passages = asked.from * asked.gap_m / passage_m;
-        (hundredths(passages), hundredths(asked.hold_s / (asked.way_m / asked.speed_m_s)))
+        (hundredths(passages), asked.hold_s, asked.way_m / asked.speed_m_s)
     }
 
-    /// Within what rounding up to whole seconds adds.
+    /// That far, and that many times as long as the longest way, rounded up to whole seconds.
     #[track_caller]
-    fn holds(asked: (f64, f64), passages: f64, ways: f64) {
-        assert_eq!(asked.0, passages, "{asked:?}");
-        assert!((ways..ways + 0.3).contains(&asked.1), "{asked:?}");
+    fn holds(asked: (f64, f64, f64), passages: f64, ways: f64) {
+        let (open, hold_s, way_s) = asked;
+        assert_eq!(open, passages, "{asked:?}");
+        assert_eq!(hold_s, (ways * way_s).ceil(), "{asked:?}");
     }
 
     #[test]

@@ -208,7 +208,7 @@ fn every_block_says_what_it_is() {
 }
 
 #[test]
-fn every_block_of_toml_has_only_keys_of_scenarios() {
+fn every_block_of_toml_has_only_keys_of_scenarios_campaigns_or_fleets() {
     let format = Format::of(&agent::catalog());
     let mut found = 0;
     for (path, text) in pages() {
@@ -217,6 +217,12 @@ fn every_block_of_toml_has_only_keys_of_scenarios() {
             let table: toml::Table =
                 block.text.parse().unwrap_or_else(|error| panic!("{at}: {error}"));
             if block.text.starts_with("# Cargo.toml") {
+                continue;
+            }
+            if table.contains_key("host") {
+                let fleet = bridge::fleet::read_text(Path::new(&path), &block.text);
+                fleet.unwrap_or_else(|error| panic!("{at}: {}", error.render(false)));
+                found += 1;
                 continue;
             }
             let campaign = campaign::keys::format();

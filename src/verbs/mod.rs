@@ -46,7 +46,7 @@ pub enum Verb {
     /// Make a folder with a scenario to start from, its schema, and a control law.
     New(new::NewArgs),
     /// Run a scenario: every robot is a process of its own.
-    Run(run::RunArgs),
+    Run(Box<run::RunArgs>),
     /// Run a campaign: one scenario many times, varied as its file says.
     Sweep(sweep::SweepArgs),
     /// Validate a scenario, and print what theory says about it before it runs.

@@ -50,10 +50,21 @@ pub enum CleanerError {
     Thread(#[from] SpawnError),
 }
 
+/// Whose process died.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Dead {
+    /// That of a robot, by whatever number its supervisor knows it.
+    Robot(usize),
+    /// The bridge to other hosts.
+    Bridge,
+    /// The process that shows the run to ROS 2.
+    Ros2,
+}
+
 /// The thread, and the way to it.
 pub struct Cleaner {
-    requests: Option<Sender<usize>>,
-    done: Receiver<usize>,
+    requests: Option<Sender<Dead>>,
+    done: Receiver<Dead>,
     /// Readable while there may be news in `done`.
     news: Arc<OwnedFd>,
     thread: Option<JoinHandle<()>>,
@@ -63,7 +74,7 @@ impl Cleaner {
     /// Starts the thread in a run that this process has joined, with a node of its own.
     pub fn start(run_root: &RunRoot, node: &Node) -> Result<Cleaner, CleanerError> {
         layout::verify(run_root.path(), node)?;
-        let (requests, incoming) = channel::<usize>();
+        let (requests, incoming) = channel::<Dead>();
         let (outgoing, done) = channel();
         let refused = |source| SpawnError::of_thread("the clean-up thread", source);
         let news = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK);
@@ -73,15 +84,15 @@ impl Cleaner {
         let thread = std::thread::Builder::new().name("cleanup".into());
         let thread = thread.spawn(move || {
             let node = service::node("cleanup");
-            for robot in incoming {
+            for dead in incoming {
                 let cleaned = match &node {
                     Ok(node) => clean_watched(node, &run_root).map_err(|e| e.to_string()),
                     Err(error) => Err(error.to_string()),
                 };
                 if let Err(error) = cleaned {
-                    tracing::warn!(robot, error, "clean-up failed");
+                    tracing::warn!(?dead, error, "clean-up failed");
                 }
-                if outgoing.send(robot).is_err() {
+                if outgoing.send(dead).is_err() {
                     break;
                 }
                 // Full is as good as told.
@@ -92,14 +103,14 @@ impl Cleaner {
         Ok(Cleaner { requests: Some(requests), done, news, thread: Some(thread) })
     }
 
-    /// Asks for the remains of `robot`'s process, which is reaped, to be removed.
-    pub fn request(&self, robot: usize) {
+    /// Asks for what this process, which is reaped, left to be removed.
+    pub fn request(&self, dead: Dead) {
         let requests = self.requests.as_ref().expect("open until dropped");
-        requests.send(robot).expect("the thread ends only when this does");
+        requests.send(dead).expect("the thread ends only when this does");
     }
 
-    /// The next robot whose remains are gone.
-    pub fn done(&self) -> Option<usize> {
+    /// The next one of whose process nothing is left.
+    pub fn done(&self) -> Option<Dead> {
         let _ = rustix::io::read(&*self.news, &mut [0; 8]);
         self.done.try_recv().ok()
     }

@@ -10,6 +10,7 @@ use super::Run;
 use super::error::RunError;
 use super::lives::{Death, Effect, Event, Who};
 use crate::child;
+use crate::dead_nodes::Dead;
 use crate::room;
 use crate::timeline::{Act, Due};
 use metrics::fault::End;
@@ -86,7 +87,7 @@ impl Run<'_> {
                 Effect::Leave(robot) => self.conduct.leave(robot),
                 // Another host removes what is left there.
                 Effect::CleanUp(robot) if self.processes.host_of(robot).is_some() => {}
-                Effect::CleanUp(robot) => self.cleaner.request(robot),
+                Effect::CleanUp(robot) => self.cleaner.request(Dead::Robot(robot)),
                 Effect::TellLinks(robot) => self.tell_links(robot)?,
                 Effect::Note { kind, robot, detail } => {
                     self.journal.event(now_ns, kind, Some(robot), detail);

@@ -10,6 +10,7 @@ use protocol::watchdog::Instead;
 use crate::dead_nodes::CleanerError;
 use crate::descriptors;
 use crate::room::RoomError;
+use crate::run::kept::{Died, GivenUp};
 use crate::spawn::SpawnError;
 use results::run_dir::RunDirError;
 
@@ -170,4 +171,15 @@ pub enum RunError {
     /// In real time the plant lives, and says nothing.
     #[error("the plant sent no truth for {} s", TRUTH_SILENCE_MAX.as_secs())]
     PlantSilent,
+}
+
+impl RunError {
+    /// How the bridge died; an error if it is not started anew.
+    pub(crate) fn unless_it_comes_back(bridge: Died) -> Result<String, RunError> {
+        let Died { how, given_up } = bridge;
+        match given_up {
+            None => Ok(how),
+            Some(GivenUp { times, log }) => Err(RunError::BridgeDied { how, times, log }),
+        }
+    }
 }

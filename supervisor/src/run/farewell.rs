@@ -26,7 +26,8 @@ impl Run<'_> {
         let taken = self.intake.take_latencies();
         let complete = self.processes.load.missing().map_err(RunError::from);
         let mut usages = self.usages();
-        usages.extend(self.ros2.take().map(|ros2| ros2.end(GRACE)));
+        usages.extend(self.hosts.as_mut().map(|hosts| hosts.bridge.end(GRACE)));
+        usages.extend(self.ros2.as_mut().map(|ros2| ros2.end(GRACE)));
         let Run {
             interrupted,
             launched,
@@ -60,7 +61,7 @@ impl Run<'_> {
         taken
     }
 
-    /// Lets other hosts end, takes in what their robots told last, and ends the own bridge.
+    /// Lets other hosts end, and takes in what their robots told last.
     fn release_hosts(&mut self) -> Result<(), RunError> {
         let Some(mut hosts) = self.hosts.take() else { return Ok(()) };
         let mut taken = Ok(());
@@ -73,7 +74,6 @@ impl Run<'_> {
                 taken = now;
             }
         });
-        hosts.bridge.end(GRACE);
         self.hosts = Some(hosts);
         self.journal.known_before(u64::MAX)?;
         released.and(taken)

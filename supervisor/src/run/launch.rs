@@ -13,14 +13,13 @@ use protocol::service;
 use super::Run;
 use super::conduct::Conduct;
 use super::error::RunError;
-use super::hosts::bridge::Bridge;
 use super::hosts::coordinator::{HostServices, Hosts};
 use super::hosts::remote::Remote;
 use super::intake::Intake;
 use super::journal::Journal;
+use super::kept::{Kept, Which};
 use super::lives::Lives;
 use super::processes::{Processes, Robot};
-use super::ros2::Ros2;
 use super::services::{Services, has_control_timer};
 use crate::dead_nodes::Cleaner;
 use crate::descriptors;
@@ -94,7 +93,7 @@ impl<'a> Run<'a> {
         if let (Some(fleet), Some(services)) = (&fleet, host_services) {
             let fleet = BridgeBrief { run_root: run_root.path().into(), ..fleet.clone() };
             let told = run_dir.write_brief("bridge", &fleet)?;
-            let bridge = Bridge::start(launcher, told, run_dir.log_path("bridge"))?;
+            let bridge = Kept::start(Which::Bridge, launcher, told, run_dir.log_path("bridge"))?;
             let mut others = Hosts::new(fleet, bridge, services)?;
             let mut remotes: Vec<_> = robots.iter_mut().map(Robot::remote).collect();
             others.gather(&mut remotes, &cleaner, &stop)?;
@@ -104,7 +103,7 @@ impl<'a> Run<'a> {
         let ros2 = ros2.map(|brief| {
             let brief = Ros2Brief { run_root: run_root.path().into(), ..brief };
             let told = run_dir.write_brief("ros2", &brief)?;
-            Ok::<_, RunError>(Ros2::start(launcher, told, run_dir.log_path("ros2"))?)
+            Ok::<_, RunError>(Kept::start(Which::Ros2, launcher, told, run_dir.log_path("ros2"))?)
         });
         let ros2 = ros2.transpose()?;
         let plant_brief = briefs::plant(scenario, pace, run_root.path());

@@ -18,7 +18,7 @@
 //! | `processes` | how are the processes started, signalled and reaped? |
 //! | `hosts/` | what has it to do with other hosts? |
 //! | `load` | what takes processor time on purpose? |
-//! | `ros2` | how is the process kept going that shows the run to ROS 2? |
+//! | `kept` | how are the bridge and the process for ROS 2 kept going? |
 //! | `journal` | what is told of it, and in which order? |
 //! | `farewell` | how does it end? |
 //! | `error` | why could it not go on? |
@@ -32,13 +32,13 @@ pub mod hosts;
 mod hung;
 mod intake;
 pub mod journal;
+mod kept;
 mod launch;
 mod listen;
 pub mod lives;
 mod load;
 mod processes;
 pub mod reports;
-mod ros2;
 mod services;
 
 use std::collections::VecDeque;
@@ -51,7 +51,7 @@ use protocol::service::{Node, Publisher};
 use rustix::event::{PollFd, PollFlags};
 use view::View;
 
-use crate::dead_nodes::Cleaner;
+use crate::dead_nodes::{Cleaner, Dead};
 use crate::live;
 use crate::room;
 use crate::scheduler::Trace;
@@ -59,15 +59,14 @@ use crate::timeline::Timeline;
 use conduct::Conduct;
 pub use error::RunError;
 use experiment::scenario::{Scenario, Silenced, Struck};
-use hosts::bridge::REMAINS;
 use hosts::coordinator::{HostNews, Hosts};
 use hung::Watched;
 use intake::Intake;
 use journal::Journal;
+use kept::{Died, GivenUp, Kept};
 use lives::{Event, Lives, Seat};
 use processes::Processes;
 use results::outcome::Outcome;
-use ros2::Ros2;
 use services::Services;
 
 /// A run under way.
@@ -96,7 +95,7 @@ pub struct Run<'a> {
     /// Where there are several.
     hosts: Option<Hosts>,
     /// Where ROS 2 listens.
-    ros2: Option<Ros2>,
+    ros2: Option<Kept>,
     /// Something failed that no plan has.
     failed: bool,
     _services: Services,
@@ -148,12 +147,16 @@ impl<'a> Run<'a> {
             // Deaths first: whoever calls a robot stale then does so of a fault that is known.
             self.take_deaths()?;
             self.take_reports()?;
-            while let Some(robot) = self.cleaner.done() {
-                match (&mut self.hosts, &mut self.ros2) {
-                    (Some(hosts), _) if robot == REMAINS => hosts.bridge.cleaned()?,
-                    (_, Some(ros2)) if robot == ros2::REMAINS => ros2.cleaned()?,
-                    _ => self.happens(self.intake.now_ns(), Event::Cleaned { robot })?,
-                }
+            while let Some(dead) = self.cleaner.done() {
+                let kept = match dead {
+                    Dead::Robot(robot) => {
+                        self.happens(self.intake.now_ns(), Event::Cleaned { robot })?;
+                        continue;
+                    }
+                    Dead::Bridge => self.hosts.as_mut().map(|hosts| &mut hosts.bridge),
+                    Dead::Ros2 => self.ros2.as_mut(),
+                };
+                kept.map_or(Ok(()), Kept::cleaned)?;
             }
             self.take_requests();
             self.tell_view();
@@ -195,8 +198,15 @@ impl<'a> Run<'a> {
     /// Looks whether the process died that shows the run to ROS 2.
     fn watch_ros2(&mut self) {
         let Some(ros2) = &mut self.ros2 else { return };
-        if let Some(how) = ros2.watch(&self.cleaner) {
-            self.journal.event(self.intake.now_ns(), "ros2-died", None, how);
+        if let Some(Died { how, given_up }) = ros2.watch(&self.cleaner) {
+            let what = match given_up {
+                None => how,
+                Some(GivenUp { log, .. }) => {
+                    tracing::warn!("ROS 2 cannot listen ({how}); the log says:\n{log}");
+                    format!("{how}, and did not come up; the run goes on without")
+                }
+            };
+            self.journal.event(self.intake.now_ns(), "ros2-died", None, what);
         }
     }
 
@@ -210,7 +220,7 @@ impl<'a> Run<'a> {
             .collect();
         hosts.tell(&remotes)?;
         let (now_ns, silence_ns) = (self.intake.now_ns(), hosts.silence_ns());
-        if let Some(how) = hosts.bridge.watch(&self.cleaner)? {
+        if let Some(how) = hosts.watch_bridge(&self.cleaner)? {
             self.journal.event(now_ns, "bridge-died", None, format!("of this host: {how}"));
         }
         let told: Vec<_> =

@@ -13,10 +13,10 @@ use protocol::service::{
     self, Factory, Node, Publisher, Qos, ServiceError, Subscriber, send_slice,
 };
 
-use super::bridge::Bridge;
 use super::remote::Remote;
 use crate::dead_nodes::Cleaner;
 use crate::run::RunError;
+use crate::run::kept::Kept;
 use metrics::summary::HostSummary;
 
 /// How often orders are told.
@@ -56,7 +56,7 @@ impl HostServices {
 /// All other hosts, and the own bridge.
 pub(crate) struct Hosts {
     brief: BridgeBrief,
-    pub(crate) bridge: Bridge,
+    pub(crate) bridge: Kept,
     hosts: Vec<Host>,
     phase: Phase,
     failed: bool,
@@ -115,7 +115,7 @@ impl Hosts {
     /// The own bridge was started with this brief.
     pub(crate) fn new(
         brief: BridgeBrief,
-        bridge: Bridge,
+        bridge: Kept,
         services: HostServices,
     ) -> Result<Hosts, ServiceError> {
         let robots = brief.robots.len();
@@ -176,7 +176,7 @@ impl Hosts {
         loop {
             self.take_reports(remotes)?;
             self.tell(remotes)?;
-            if self.bridge.watch(cleaner)?.is_some() {
+            if self.watch_bridge(cleaner)?.is_some() {
                 tracing::warn!("the bridge died before the run began");
             }
             while cleaner.done().is_some() {
@@ -283,6 +283,11 @@ impl Hosts {
         Ok(news)
     }
 
+    /// Looks whether the own bridge died; how, if it just did. One that does not come up is an error.
+    pub(crate) fn watch_bridge(&mut self, cleaner: &Cleaner) -> Result<Option<String>, RunError> {
+        self.bridge.watch(cleaner).map(RunError::unless_it_comes_back).transpose()
+    }
+
     /// For how long the own bridge has not heard a host; `None` as long as that is not known.
     fn silent(&self, host: usize) -> Option<Duration> {
         let (_, peers, at) = self.hosts[self.brief.here].said.as_ref()?;
@@ -340,7 +345,7 @@ impl Hosts {
                 lost: host.lost,
                 bridge_restarts: match &host.report {
                     Some(report) => report.bridge_restarts,
-                    None => self.bridge.restarts,
+                    None => self.bridge.restarts(),
                 },
                 round_trip_ns: plant.map(|peer| peer.round_trip_ns),
                 stamp_error_ns_max: plant.map(|peer| peer.uncertainty_ns_max),

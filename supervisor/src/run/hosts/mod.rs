@@ -6,12 +6,10 @@
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `bridge` | how is the bridge's process kept going? |
 //! | `remote` | how does the plant's host see the robots of another? |
 //! | `coordinator` | how does the plant's host gather the others, watch and release them? |
 //! | `share` | what does the supervisor of another host do? |
 
-pub(crate) mod bridge;
 pub(crate) mod coordinator;
 pub(crate) mod remote;
 pub mod share;

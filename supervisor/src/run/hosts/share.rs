@@ -16,12 +16,12 @@ use protocol::run_root::{self, RunRoot};
 use protocol::service::{self, Factory, Node, Publisher, Qos, Subscriber, send_slice};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use super::bridge::{Bridge, REMAINS};
 use crate::child::Child;
-use crate::dead_nodes::Cleaner;
+use crate::dead_nodes::{Cleaner, Dead};
 use crate::descriptors;
 use crate::room::{self, Need};
 use crate::run::RunError;
+use crate::run::kept::{Kept, Which};
 use crate::spawn::{Launcher, Role};
 use experiment::briefs;
 use experiment::scenario::Scenario;
@@ -125,7 +125,7 @@ struct Share<'a> {
     launcher: &'a Launcher,
     stop: &'a Stop,
     robots: BTreeMap<u64, Robot>,
-    bridge: Bridge,
+    bridge: Kept,
     cleaner: Cleaner,
     orders: Subscriber<[OrderRow], OrderHeader>,
     report: Publisher<[ReportRow], ReportHeader>,
@@ -163,7 +163,7 @@ pub fn run(
     let cleaner = Cleaner::start(&run_root, &node)?;
     room::take(run_root.path())?;
     let told = host_dir.write_brief("bridge", &brief)?;
-    let bridge = Bridge::start(launcher, told, host_dir.log_path("bridge"))?;
+    let bridge = Kept::start(Which::Bridge, launcher, told, host_dir.log_path("bridge"))?;
     let mut robots = BTreeMap::new();
     for (place, robot) in scenario.robots.iter().enumerate() {
         if brief.robots[place].host != brief.here {
@@ -253,12 +253,15 @@ impl Share<'_> {
             wanted = Some(sample.payload().to_vec());
         }
         self.bury();
-        self.bridge.watch(&self.cleaner)?;
-        while let Some(cleaned) = self.cleaner.done() {
-            match self.robots.get_mut(&(cleaned as u64)) {
-                Some(robot) => robot.report.cleaned += 1,
-                None if cleaned == REMAINS => self.bridge.cleaned()?,
-                None => {}
+        self.bridge.watch(&self.cleaner).map(RunError::unless_it_comes_back).transpose()?;
+        while let Some(dead) = self.cleaner.done() {
+            match dead {
+                Dead::Robot(number) => {
+                    let robot = self.robots.get_mut(&(number as u64));
+                    robot.expect("its clean-up was asked for here").report.cleaned += 1;
+                }
+                Dead::Bridge => self.bridge.cleaned()?,
+                Dead::Ros2 => {}
             }
         }
         if let (Some(rows), Some((header, _))) = (wanted, self.ordered)
@@ -326,7 +329,7 @@ impl Share<'_> {
             robot.child = None;
             robot.report.ended = 1;
             robot.report.status = status.into_raw() as u32 as u64;
-            self.cleaner.request(*number as usize);
+            self.cleaner.request(Dead::Robot(*number as usize));
             self.reported = None;
             if self.phase < Phase::Ending {
                 tracing::warn!(robot = robot.name, how = crate::child::in_words(status), "ended");
@@ -344,7 +347,7 @@ impl Share<'_> {
         let header = ReportHeader {
             sequence: self.sequence,
             phase: self.phase as u64,
-            bridge_restarts: self.bridge.restarts,
+            bridge_restarts: self.bridge.restarts(),
         };
         let rows: Vec<ReportRow> = self.robots.values().map(|robot| robot.report).collect();
         send_slice(&self.report, header, rows.len(), |row| rows[row])?;

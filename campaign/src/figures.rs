@@ -14,6 +14,8 @@ const HEIGHT: f64 = 280.0;
 const CURVES_MAX: usize = 12;
 /// Of more points than these, the numbers are enough.
 const LABELS_MAX: usize = 6;
+/// Values below this are errors of rounding.
+const ROUNDING: f64 = 1e-9;
 /// A bound that nobody is to pass.
 const BOUND: Line = Line::solid(VERMILION).dashed(Dash::Dashed);
 
@@ -120,10 +122,14 @@ fn over_points(
     };
     let ends = known.iter().flat_map(|(_, e)| [Some(e.value), e.low, e.high]).flatten();
     let (least, most) = range.unwrap_or_else(|| bounds(ends));
-    let spread = range.is_none() && least > 0.0 && most / least > 100.0;
+    // What is as small as errors of rounding has no other scale than its power of ten.
+    let spread = range.is_none() && least > 0.0 && (most / least > 100.0 || most < ROUNDING);
     let y = match (range, spread) {
         (Some((low, high)), _) => Axis::exact(label, low, high),
-        (None, true) => Axis::log(label, least, most),
+        (None, true) => {
+            let decade = |value: f64, to: fn(f64) -> f64| 10f64.powf(to(value.log10()));
+            Axis::log(label, decade(least, f64::floor), decade(most, f64::ceil))
+        }
         (None, false) => Axis::linear(label, least, most),
     };
     let mut panel = Panel::new(x, y);

@@ -3,6 +3,7 @@
 
 use experiment::reference::sections;
 use experiment::scenario::keys::{Format, Key, Otherwise, Range, Section, Takes, key};
+use experiment::schema;
 
 /// Longest that a run may take unless the file says otherwise, s.
 pub(crate) const DEADLINE_S: f64 = 600.0;
@@ -212,6 +213,11 @@ Written by `phalanx schema --campaign --markdown` from the table that the reader
 
 A key that is marked **needed** must be given where its table is.
 ";
+
+/// The JSON Schema of campaign files, as text.
+pub fn schema() -> String {
+    schema::of(&format(), "A Phalanx campaign")
+}
 
 /// The page of the book that lists every key, in Markdown.
 pub fn reference() -> String {

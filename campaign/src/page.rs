@@ -9,9 +9,10 @@ use results::manifest::Build;
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use crate::axes::{Axis, AxisKind, Case};
 use crate::file::Campaign;
 use crate::points::{Median, Pairing, Point, Rate};
-use crate::starts::{Around, Goals};
+use crate::starts::{Around, Goals, Starts};
 use crate::statistics::{BOOTSTRAP_SEED, Estimate, RESAMPLES};
 
 /// What stands behind the numbers.
@@ -31,21 +32,10 @@ pub fn json(
     pairs: &[Pairing],
     origin: &Origin<'_>,
 ) -> String {
-    let axes: Vec<Value> = campaign
-        .axes
-        .iter()
-        .map(|axis| {
-            let values: Vec<&str> = axis.settings.iter().map(|s| s.shown.as_str()).collect();
-            json!({ "key": axis.key, "values": values })
-        })
+    let axes: Vec<Value> = campaign.axes.iter().map(axis).collect();
+    let zip: Vec<Vec<&str>> = (campaign.groups.iter().filter(|group| group.len() > 1))
+        .map(|group| group.iter().map(|&axis| campaign.axes[axis].key.as_str()).collect())
         .collect();
-    let starts = campaign.starts.map(|starts| {
-        let (around, center_m) = match starts.around {
-            Around::Middle(center_m) => ("middle", center_m),
-            Around::Each => ("each", None),
-        };
-        json!({ "box_m": starts.box_m, "apart_m": starts.apart_m, "around": around, "center_m": center_m, "goals": starts.goals.word() })
-    });
     let whole = json!({
         "format": 1,
         "name": campaign.name,
@@ -54,9 +44,10 @@ pub fn json(
         "keep": campaign.keep.word(),
         "set": campaign.set,
         "axes": axes,
+        "zip": zip,
         "faults": campaign.faults,
         "seeds": campaign.seeds,
-        "starts": starts,
+        "starts": campaign.starts.map(drawn_from),
         "runs": campaign.points() * campaign.seeds.len().max(1),
         "bootstrap": { "resamples": RESAMPLES, "seed": BOOTSTRAP_SEED },
         "points": points,
@@ -64,6 +55,33 @@ pub fn json(
         "phalanx": origin,
     });
     serde_json::to_string_pretty(&whole).expect("plain values") + "\n"
+}
+
+fn axis(axis: &Axis) -> Value {
+    let values: Vec<&str> = axis.settings.iter().map(|s| s.shown.as_str()).collect();
+    let mut told = json!({ "key": axis.key, "values": values });
+    if axis.kind == AxisKind::Cases {
+        let cases = axis.settings.iter().map(|setting| {
+            let Case { scenario, set, starts } = &setting.case;
+            json!({
+                "scenario": scenario.as_ref().map(|path| path.display().to_string()),
+                "set": set,
+                "faults": setting.faults,
+                "starts": starts.map(drawn_from),
+            })
+        });
+        told["cases"] = cases.collect();
+    }
+    told
+}
+
+fn drawn_from(starts: Starts) -> Value {
+    let Starts { box_m, apart_m, around, goals } = starts;
+    let (around, center_m) = match around {
+        Around::Middle(center_m) => ("middle", center_m),
+        Around::Each => ("each", None),
+    };
+    json!({ "box_m": box_m, "apart_m": apart_m, "around": around, "center_m": center_m, "goals": goals.word() })
 }
 
 /// `report.html`.
@@ -216,19 +234,29 @@ fn of_campaign(campaign: &Campaign) -> String {
     for fault in &campaign.faults {
         rows.push(("Fault", fault.clone()));
     }
-    if let Some(starts) = campaign.starts {
-        let [width, height] = starts.box_m;
-        let apart = starts.apart_m;
-        let each = if starts.around == Around::Each { " around each robot's own" } else { "" };
-        let swaps = match starts.goals {
-            Goals::Own => "",
-            Goals::Swaps => "; random pairs swap places",
-        };
-        rows.push((
-            "Starts",
-            format!("drawn from the seed in {width} m by {height} m{each}, {apart} m apart{swaps}"),
-        ));
+    rows.extend(campaign.starts.map(|starts| ("Starts", in_words(starts))));
+    for axis in campaign.axes.iter().filter(|axis| axis.kind == AxisKind::Cases) {
+        for setting in &axis.settings {
+            let Case { scenario, set, starts } = &setting.case;
+            let scenario = scenario.iter().map(|path| format!("scenario {}", path.display()));
+            let faults = setting.faults.iter().map(|fault| format!("fault {fault}"));
+            let starts = starts.iter().map(|starts| format!("starts {}", in_words(*starts)));
+            let all: Vec<_> =
+                scenario.chain(set.iter().cloned()).chain(faults).chain(starts).collect();
+            let all = if all.is_empty() { "nothing changed".to_owned() } else { all.join("; ") };
+            rows.push(("Case", format!("{} {}: {all}", axis.key, setting.shown)));
+        }
     }
     rows.push(("Bootstrap", format!("{RESAMPLES} samples, seed {BOOTSTRAP_SEED}")));
     described(rows.iter().map(|(name, value)| (*name, value.as_str())))
+}
+
+fn in_words(starts: Starts) -> String {
+    let Starts { box_m: [width, height], apart_m, around, goals } = starts;
+    let each = if around == Around::Each { " around each robot's own" } else { "" };
+    let swaps = match goals {
+        Goals::Own => "",
+        Goals::Swaps => "; random pairs swap places",
+    };
+    format!("drawn from the seed in {width} m by {height} m{each}, {apart_m} m apart{swaps}")
 }

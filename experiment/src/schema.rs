@@ -1,5 +1,5 @@
-//! The JSON Schema of scenario files, for editors and other programs: made of the rows of
-//! [`crate::scenario::keys`], nothing else. A file that it accepts may still make no sense.
+//! The JSON Schema of scenario files and of other formats of such rows, for editors and other programs: made of
+//! the rows of [`crate::scenario::keys`], nothing else. A file that it accepts may still make no sense.
 
 use protocol::catalog::Catalog;
 use serde_json::{Map, Value, json};
@@ -10,14 +10,8 @@ use crate::scenario::table::{NUMBER_MAX, SECONDS_MAX};
 /// The schema for these laws and methods, as text with a newline at its end.
 pub fn schema(catalog: &Catalog) -> String {
     let format = Format::of(catalog);
-    let (root, others) = format.sections.split_first().expect("the whole file is a section");
-    let mut schema = table(root, &format);
-    schema["$schema"] = "http://json-schema.org/draft-07/schema#".into();
-    schema["title"] = "A Phalanx scenario".into();
+    let (mut schema, mut definitions) = parts(&format, "A Phalanx scenario");
     schema["anyOf"] = json!([{ "required": ["robot"] }, { "required": ["graph"] }]);
-    let definitions =
-        others.iter().map(|section| (section.name.to_owned(), table(section, &format)));
-    let mut definitions: Map<String, Value> = definitions.collect();
     // Laws of the scenario's own have names and gains that no schema knows.
     for name in ["robot", "robot_defaults"] {
         let mut own = definitions[name].clone();
@@ -40,10 +34,28 @@ pub fn schema(catalog: &Catalog) -> String {
     schema["if"] = json!({ "required": ["laws"] });
     schema["then"] = robots("_with_laws");
     schema["else"] = robots("");
+    text(schema, definitions)
+}
+
+/// The schema of another format with this title, as text with a newline at its end. A section without keys takes any.
+pub fn of(format: &Format, title: &str) -> String {
+    let (schema, definitions) = parts(format, title);
+    text(schema, definitions)
+}
+
+fn parts(format: &Format, title: &str) -> (Value, Map<String, Value>) {
+    let (root, others) = format.sections.split_first().expect("the whole file is a section");
+    let mut schema = table(root, format);
+    schema["$schema"] = "http://json-schema.org/draft-07/schema#".into();
+    schema["title"] = title.into();
+    let definitions =
+        others.iter().map(|section| (section.name.to_owned(), table(section, format)));
+    (schema, definitions.collect())
+}
+
+fn text(mut schema: Value, definitions: Map<String, Value>) -> String {
     schema["definitions"] = Value::Object(definitions);
-    let mut text = serde_json::to_string_pretty(&schema).expect("JSON has a text");
-    text.push('\n');
-    text
+    serde_json::to_string_pretty(&schema).expect("JSON has a text") + "\n"
 }
 
 fn table(section: &Section, format: &Format) -> Value {
@@ -101,7 +113,7 @@ fn object(says: &str, keys: &[&Key], needed: Vec<&str>, format: &Format) -> Valu
         "description": says,
         "properties": properties,
         "required": needed,
-        "additionalProperties": false,
+        "additionalProperties": keys.is_empty(),
     })
 }
 

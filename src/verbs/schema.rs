@@ -1,4 +1,4 @@
-//! `phalanx schema`: the format of scenario files, for programs and for people.
+//! `phalanx schema`: the format of scenario and campaign files, for programs and for people.
 
 use clap::Args;
 use protocol::catalog::Catalog;
@@ -13,16 +13,15 @@ pub struct SchemaArgs {
     #[arg(long)]
     markdown: bool,
     /// Of campaign files, for `phalanx sweep`, instead of scenarios.
-    #[arg(long, requires = "markdown")]
+    #[arg(long)]
     campaign: bool,
 }
 
 pub(super) fn schema(args: &SchemaArgs, catalog: &Catalog) -> u8 {
-    if args.campaign {
-        print(&campaign::keys::reference())
-    } else if args.markdown {
-        print(&reference::reference(catalog))
-    } else {
-        print_as(Output::Json, &schema::schema(catalog))
+    match (args.campaign, args.markdown) {
+        (true, true) => print(&campaign::keys::reference()),
+        (true, false) => print_as(Output::Json, &campaign::keys::schema()),
+        (false, true) => print(&reference::reference(catalog)),
+        (false, false) => print_as(Output::Json, &schema::schema(catalog)),
     }
 }

@@ -196,6 +196,32 @@ fn axes_zips_and_faults_make_the_grid_and_the_table() {
     assert!(page.contains("avoidance.kind") && page.contains("Wilson"), "{page}");
     let json: serde_json::Value = serde_json::from_str(&place.file("out/campaign.json")).unwrap();
     assert_eq!(json["points"].as_array().unwrap().len(), 8);
+    assert_eq!(json["zip"], serde_json::json!([["avoidance.kind", "period_s"]]));
+}
+
+#[test]
+fn what_the_cases_of_an_axis_say_is_in_the_report_and_in_campaign_json() {
+    let place = Place::new(
+        "name = \"cases\"\nscenario = \"SCENARIOS/triangle.toml\"\nseeds = 1\n\
+         case = [\n\
+         { axis = \"robots\", name = \"all live\" },\n\
+         { axis = \"robots\", name = \"one dies\", faults = [\"kill r3 @0.1\"], set = { period_s = 0.01 }, \
+           starts = { box_m = [2, 3], apart_m = 0.3 } },\n\
+         ]\nset = { duration_s = 0.2, expect = {} }\n",
+    );
+    ended(place.sweep("out", &["--in-process"]), 0);
+    let json: serde_json::Value = serde_json::from_str(&place.file("out/campaign.json")).unwrap();
+    let cases = &json["axes"][0]["cases"];
+    assert_eq!(cases[0]["faults"], serde_json::json!([]));
+    assert_eq!(cases[1]["faults"], serde_json::json!(["kill r3 @0.1"]));
+    assert_eq!(cases[1]["set"], serde_json::json!(["period_s=0.01"]));
+    assert_eq!(cases[1]["starts"]["box_m"], serde_json::json!([2.0, 3.0]));
+    let page = place.file("out/report.html");
+    assert!(page.contains("robots all live: nothing changed"), "{page}");
+    assert!(
+        page.contains("robots one dies: period_s=0.01; fault kill r3 @0.1; starts drawn"),
+        "{page}"
+    );
 }
 
 #[test]

@@ -1,12 +1,13 @@
-//! The JSON Schema of scenario files is what the reader's own table says, and fits the files there
-//! are. `PHALANX_BLESS=1` rewrites the committed file.
+//! The JSON Schemas of scenario and campaign files are what the readers' own tables say, and fit the files there
+//! are. `PHALANX_BLESS=1` rewrites the committed files.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::recording::reads;
 
-const COMMITTED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/scenario.schema.json");
+const SCENARIO: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/scenario.schema.json");
+const CAMPAIGN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/campaign.schema.json");
 
 fn files(folder: &str) -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
@@ -14,24 +15,27 @@ fn files(folder: &str) -> Vec<PathBuf> {
     paths.filter(|path| path.extension().is_some_and(|ending| ending == "toml")).collect()
 }
 
-fn judged(verdict: &str, files: &[PathBuf]) {
-    let mut args = vec![Path::new(COMMITTED), Path::new(verdict)];
+fn judged(schema: &str, verdict: &str, files: &[PathBuf]) {
+    let mut args = vec![Path::new(schema), Path::new(verdict)];
     args.extend(files.iter().map(PathBuf::as_path));
     reads("by_jsonschema", &args);
 }
 
 #[test]
-fn the_committed_schema_is_the_one_of_the_readers_table() {
-    let output = Command::new(env!("CARGO_BIN_EXE_phalanx")).arg("schema").output().unwrap();
-    assert_eq!(output.status.code(), Some(0));
-    let schema = String::from_utf8(output.stdout).unwrap();
-    if std::env::var_os("PHALANX_BLESS").is_some() {
-        std::fs::write(COMMITTED, &schema).unwrap();
+fn the_committed_schemas_are_those_of_the_readers_tables() {
+    for (committed, words) in [(SCENARIO, &["schema"][..]), (CAMPAIGN, &["schema", "--campaign"])] {
+        let output = Command::new(env!("CARGO_BIN_EXE_phalanx")).args(words).output().unwrap();
+        assert_eq!(output.status.code(), Some(0));
+        let schema = String::from_utf8(output.stdout).unwrap();
+        if std::env::var_os("PHALANX_BLESS").is_some() {
+            std::fs::write(committed, &schema).unwrap();
+        }
+        assert!(
+            std::fs::read_to_string(committed).unwrap() == schema,
+            "write {committed} anew: phalanx {}",
+            words.join(" ")
+        );
     }
-    assert!(
-        std::fs::read_to_string(COMMITTED).unwrap() == schema,
-        "write it anew: phalanx schema > docs/scenario.schema.json"
-    );
 }
 
 #[test]
@@ -39,7 +43,10 @@ fn the_committed_schema_is_the_one_of_the_readers_table() {
 fn the_schema_as_readers_see_it_accepts_every_shipped_scenario() {
     let shipped = files("scenarios");
     assert!(shipped.len() >= 16);
-    judged("accepts", &shipped);
+    judged(SCENARIO, "accepts", &shipped);
+    let shipped = files("campaigns");
+    assert!(shipped.len() >= 5);
+    judged(CAMPAIGN, "accepts", &shipped);
 }
 
 #[test]
@@ -55,11 +62,17 @@ fn the_schema_as_readers_see_it_refuses_what_is_wrong_by_shape() {
         trajectory_key_of_another_kind unknown_avoidance unknown_key unknown_law \
         unknown_restart_policy unknown_silence_policy waypoint_with_three_numbers \
         waypoints_closed_in_words waypoints_without_speed limits_ramp_of_unknown_kind model_unknown";
-    let wrong = |path: &PathBuf| {
-        let name = path.file_stem().unwrap().to_string_lossy().into_owned();
-        WRONG.split_whitespace().any(|wrong| wrong == name)
-    };
-    let files: Vec<PathBuf> = files("tests/bad").into_iter().filter(wrong).collect();
-    assert_eq!(files.len(), WRONG.split_whitespace().count());
-    judged("refuses", &files);
+    const WRONG_CAMPAIGN: &str =
+        "box_with_one_side case_of_no_axis keep_of_unknown_kind key_misspelled";
+    for (schema, folder, wrong) in
+        [(SCENARIO, "tests/bad", WRONG), (CAMPAIGN, "tests/bad_campaigns", WRONG_CAMPAIGN)]
+    {
+        let is_wrong = |path: &PathBuf| {
+            let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+            wrong.split_whitespace().any(|wrong| wrong == name)
+        };
+        let files: Vec<PathBuf> = files(folder).into_iter().filter(is_wrong).collect();
+        assert_eq!(files.len(), wrong.split_whitespace().count());
+        judged(schema, "refuses", &files);
+    }
 }

@@ -9,6 +9,7 @@
 
 mod deal;
 pub mod topology;
+mod trial;
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -18,6 +19,7 @@ use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
 use self::deal::Deal;
 use self::topology::Topology;
+use self::trial::Trial;
 use crate::child::Child;
 use crate::spawn::{Launcher, Role};
 use results::usage::Usage;
@@ -36,6 +38,7 @@ pub(crate) struct Cores {
     deal: Deal,
     /// The cgroups permit only so much processor time: none of it is for keeping cores awake.
     limited: bool,
+    robots: usize,
 }
 
 impl Cores {
@@ -46,7 +49,7 @@ impl Cores {
         let usable = sched_getaffinity(None).ok()?;
         let topology = Topology::of_this_thread()?;
         let deal = Deal::of(&topology, robots, first)?;
-        Some(Cores { usable, deal, limited: topology.quota.is_some() })
+        Some(Cores { usable, deal, limited: topology.quota.is_some(), robots })
     }
 
     /// Into how many groups the robots are dealt, in turns.
@@ -60,6 +63,9 @@ impl Cores {
 pub(crate) struct Placement {
     cores: Cores,
     launcher: Launcher,
+    /// Since when the trial goes on, how many ticks had been begun then, and the trial.
+    began: Option<(Instant, u32)>,
+    trial: Trial,
     /// When it was last looked around; `None` before the first time.
     looked: Option<Instant>,
     /// When it may try again, and how long it waits the next time it has to let go.
@@ -68,8 +74,8 @@ pub(crate) struct Placement {
     busy_s: f64,
     ours_s: f64,
     placed: bool,
-    /// While they are placed, one process for each core that keeps it awake.
-    awake: Vec<Child>,
+    /// While they are placed, one process for each core with robots that keeps it awake.
+    awake: Vec<(usize, Child)>,
     /// One of those could not be started, or there are to be none.
     without_awake: bool,
     /// What those took that are gone.
@@ -81,6 +87,8 @@ impl Placement {
     pub(crate) fn new(cores: Cores, launcher: Launcher) -> Placement {
         let without_awake = cores.limited || !launcher.keeps_awake();
         Placement {
+            trial: Trial::new(cores.robots, cores.groups()),
+            began: None,
             cores,
             launcher,
             looked: None,
@@ -97,20 +105,29 @@ impl Placement {
 
     /// Looks, if it is time, at what others take of these cores, and keeps the plant and the robots
     /// (by slot) on theirs, or lets them go. At first nothing is known of others, and everybody is
-    /// placed. `log`: of those that keep cores awake; a run is right without them, only slower.
+    /// placed. `ticks`: how many were begun; `log`: of those that keep cores awake; a run is right without
+    /// them, only slower.
     pub(crate) fn look<'a>(
         &mut self,
         plant: &Child,
         robots: impl Iterator<Item = (usize, &'a Child)> + Clone,
+        ticks: u32,
         log: &Path,
     ) {
+        if self.placed && self.tried(ticks) {
+            self.place(plant, robots, log);
+            return;
+        }
         let passed = self.looked.map(|at| at.elapsed());
         if passed.is_some_and(|passed| passed < LOOK_EVERY) {
             return;
         }
         let Some(busy_s) = busy_s(self.cores.deal.used()) else { return };
-        let processes = robots.clone().map(|(_, child)| child).chain([plant]).chain(&self.awake);
-        let ours_s = own_time_s() + processes.map(|child| time_s(child.pid())).sum::<f64>();
+        let awake = self.awake.iter().map(|(_, child)| child);
+        let processes = robots.clone().map(|(_, child)| child).chain([plant]).chain(awake);
+        let ended_s = self.usage.user_s + self.usage.system_s;
+        let ours_s =
+            own_time_s() + ended_s + processes.map(|child| time_s(child.pid())).sum::<f64>();
         // A process of ours that died takes its time with it: others seem to have had it. One that
         // was let go takes some of its time elsewhere: others seem to have had less.
         let others_s = (busy_s - self.busy_s) - (ours_s - self.ours_s).max(0.0);
@@ -124,24 +141,46 @@ impl Placement {
         if !self.placed && self.try_again.is_some_and(|at| Instant::now() < at) {
             return;
         }
-        if !self.placed && !self.without_awake {
-            self.keep_awake(log);
-        }
+        self.place(plant, robots, log);
+    }
+
+    /// Whether the trial has just come to another number of cores.
+    fn tried(&mut self, ticks: u32) -> bool {
+        let &mut (began, before) = self.began.get_or_insert((Instant::now(), ticks));
+        self.trial.passed(began.elapsed(), ticks.wrapping_sub(before).into()).is_some()
+    }
+
+    /// Keeps everybody on a core. Each time anew: replacements are somewhere else.
+    fn place<'a>(
+        &mut self,
+        plant: &Child,
+        robots: impl Iterator<Item = (usize, &'a Child)>,
+        log: &Path,
+    ) {
         self.placed = true;
-        // Each time: replacements are somewhere else.
+        let used = self.trial.cores();
+        self.keep_awake(used, log);
         for (i, child) in robots {
-            keep_on(child.pid(), &alone(self.cores.deal.of_robot(i)));
+            keep_on(child.pid(), &alone(self.cores.deal.of_robot(i, used)));
         }
         keep_on(plant.pid(), &alone(self.cores.deal.plant));
         keep_on(0, &alone(self.cores.deal.supervisor));
     }
 
-    fn keep_awake(&mut self, log: &Path) {
-        for &core in &self.cores.deal.groups {
+    fn keep_awake(&mut self, used: usize, log: &Path) {
+        let cores = self.cores.deal.used_for_robots(used).to_vec();
+        let (stay, go) =
+            std::mem::take(&mut self.awake).into_iter().partition(|(core, _)| cores.contains(core));
+        self.awake = stay;
+        self.end_awake(go);
+        for core in cores {
+            if self.without_awake || self.awake.iter().any(|&(kept, _)| kept == core) {
+                continue;
+            }
             match self.launcher.spawn(Role::Awake, log) {
                 Ok(child) => {
                     keep_on(child.pid(), &alone(core));
-                    self.awake.push(child);
+                    self.awake.push((core, child));
                 }
                 Err(error) => {
                     tracing::warn!("{error}; the run is slower without it, and no less right");
@@ -155,6 +194,8 @@ impl Placement {
     fn let_go<'a>(&mut self, plant: &Child, robots: impl Iterator<Item = (usize, &'a Child)>) {
         self.end();
         self.placed = false;
+        // What was counted beside others says nothing.
+        (self.began, self.trial) = (None, Trial::new(self.cores.robots, self.cores.groups()));
         // Where there are other cores, what is left on these says little: it is tried.
         if self.cores.deal.used().count() < self.cores.usable.count() as usize {
             self.try_again = Some(Instant::now() + self.patience);
@@ -168,13 +209,18 @@ impl Placement {
     /// Ends those that keep cores awake, and lets the calling thread go: what all of them took.
     pub(crate) fn end(&mut self) -> Usage {
         keep_on(0, &self.cores.usable);
-        // All at once, then each is reaped.
-        self.awake.iter().for_each(Child::kill);
-        for mut child in self.awake.drain(..) {
+        let awake = std::mem::take(&mut self.awake);
+        self.end_awake(awake);
+        self.usage
+    }
+
+    /// Ends these that keep cores awake: all at once, then each is reaped.
+    fn end_awake(&mut self, awake: Vec<(usize, Child)>) {
+        awake.iter().for_each(|(_, child)| child.kill());
+        for (_, mut child) in awake {
             child.end();
             self.usage += child.usage().unwrap_or_default();
         }
-        self.usage
     }
 }
 
@@ -254,7 +300,7 @@ mod tests {
         let sleep = Command::new("sleep").arg("1000").spawn().unwrap();
         let plant = Child::watch(sleep, Path::new("/dev/null")).unwrap();
         let mut placement = Placement::new(cores, Launcher::of("/no/such/executable"));
-        placement.look(&plant, std::iter::empty(), Path::new("/dev/null"));
+        placement.look(&plant, std::iter::empty(), 0, Path::new("/dev/null"));
         assert!(placement.awake.is_empty() && placement.without_awake);
         let placed = sched_getaffinity(Pid::from_raw(plant.pid() as i32)).unwrap();
         assert_eq!((placed.count(), placed.is_set(plants_core)), (1, true));

@@ -7,7 +7,7 @@ use protocol::barrier::GROUPS_MAX;
 
 use super::topology::{Core, Topology};
 
-/// Robots for which one core is faster than two: on one, nobody is woken from afar.
+/// Robots for which one core is faster than two on every machine: on one, nobody is woken from afar.
 const ROBOTS_PER_CORE_MIN: usize = 4;
 
 /// Which logical processor is whose.
@@ -40,8 +40,16 @@ impl Deal {
         Some(Deal { groups, plant, supervisor })
     }
 
-    pub(super) fn of_robot(&self, i: usize) -> usize {
-        self.groups[i % self.groups.len()]
+    /// Those that robots are on if only so many of the groups' are used; that of the plant is among them.
+    pub(super) fn used_for_robots(&self, used: usize) -> &[usize] {
+        &self.groups[self.groups.len() - used.clamp(1, self.groups.len())..]
+    }
+
+    /// That of a robot, if only so many are used.
+    pub(super) fn of_robot(&self, i: usize, used: usize) -> usize {
+        let (group, used) = (i % self.groups.len(), self.used_for_robots(used));
+        // From the end: what is released last stays with the plant.
+        used[used.len() - 1 - (self.groups.len() - 1 - group) % used.len()]
     }
 
     /// All that it gives to anybody.
@@ -89,6 +97,7 @@ fn distance(a: &Core, b: &Core) -> (bool, bool, u32) {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
     use std::fmt::Write as _;
     use std::fs;
     use std::path::{Path, PathBuf};
@@ -159,7 +168,18 @@ mod tests {
                     assert_eq!(Some(&deal.plant), deal.groups.last());
                     core_of(&topology, deal.supervisor);
                     assert_ne!(deal.supervisor, deal.plant, "{name}");
-                    assert!((0..robots).all(|i| deal.groups.contains(&deal.of_robot(i))));
+                    for used in 1..=deal.groups.len() {
+                        let all: BTreeSet<_> =
+                            (0..robots).map(|i| deal.of_robot(i, used)).collect();
+                        assert_eq!(all.len(), used, "{name} {deal:?}");
+                        assert!(
+                            all.contains(&deal.plant)
+                                && all.iter().all(|c| deal.groups.contains(c))
+                        );
+                    }
+                    let i = robots - 1;
+                    let all = deal.groups.len();
+                    assert_eq!(deal.of_robot(i, all), deal.groups[i % all], "in turns");
                 }
             }
         }

@@ -222,8 +222,8 @@ impl Conduct {
         robots: impl Iterator<Item = (usize, &'c Child)> + Clone,
         log: &Path,
     ) {
-        if let Conduct::Lockstep { placement: Some(placement), .. } = self {
-            placement.look(plant, robots, log);
+        if let Conduct::Lockstep { placement: Some(placement), barrier, .. } = self {
+            placement.look(plant, robots, barrier.ticks_begun(), log);
         }
     }
 

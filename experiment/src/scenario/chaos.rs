@@ -1,4 +1,4 @@
-//! `[chaos]`: kills and freezes at random times, drawn from the scenario's seed.
+//! `[chaos]`: kills, freezes and partitions at random times, drawn from the scenario's seed.
 //!
 //! The same seed draws the same faults. They are ordinary faults from then on: planned, exact to
 //! the tick in lockstep, reported one by one.
@@ -7,7 +7,7 @@ use formation::random::draw;
 
 use super::diagnostic::Diagnostic;
 use super::lives::Lives;
-use super::table::Value;
+use super::table::{Table, Value};
 use super::{Fault, FaultKind, seconds};
 
 /// More faults than this are a slip of the keyboard.
@@ -24,10 +24,38 @@ pub(super) struct Chaos {
     between_freezes_s: Option<f64>,
     /// Mean length of a freeze, s.
     freeze_s: f64,
+    /// What happens between hosts.
+    partitions: Option<Partitions>,
     /// Nothing happens before, ns.
     from_ns: u64,
     /// Nothing begins from here on, ns.
     until_ns: u64,
+}
+
+/// How often one of these hosts is cut off from all others.
+#[derive(Debug, Clone, PartialEq)]
+struct Partitions {
+    /// Mean time from one to the next, s.
+    between_s: f64,
+    /// Mean length, s.
+    mean_s: f64,
+    /// The hosts, by name.
+    hosts: Vec<String>,
+}
+
+impl Partitions {
+    fn read(table: &Table<'_>) -> Result<Option<Partitions>, Diagnostic> {
+        let Some(between_s) = table.maybe_number("mean_time_between_partitions_s")? else {
+            return Ok(None);
+        };
+        let expected = "names of hosts of the fleet, such as [\"b\"]";
+        let Some(hosts) = table.get("hosts") else { return Err(table.missing("hosts", expected)) };
+        let names = hosts.texts(&format!("expected {expected}"))?;
+        if names.is_empty() {
+            return Err(hosts.wrong("is empty", format!("expected {expected}")));
+        }
+        Ok(Some(Partitions { between_s, mean_s: table.number("mean_partition_s")?, hosts: names }))
+    }
 }
 
 impl Chaos {
@@ -40,15 +68,17 @@ impl Chaos {
             restart_after_ns: table.time_ns("restart_after_s")?,
             between_freezes_s: table.maybe_number("mean_time_between_freezes_s")?,
             freeze_s: table.number("mean_freeze_s")?,
+            partitions: Partitions::read(&table)?,
             from_ns: table.time_ns("from_s")?,
             until_ns: until_ns.min(duration_ns),
         };
-        if chaos.between_kills_s.is_none() && chaos.between_freezes_s.is_none() {
+        let between_partitions_s = chaos.partitions.as_ref().map(|drawn| drawn.between_s);
+        let means_s = [chaos.between_kills_s, chaos.between_freezes_s, between_partitions_s];
+        if means_s.iter().all(Option::is_none) {
             return Err(table.need("mean_time_between_kills_s").expect_err("it is not given"));
         }
         let span_s = seconds(chaos.until_ns.saturating_sub(chaos.from_ns));
-        let often = |mean_s: Option<f64>| mean_s.map_or(0.0, |mean_s| span_s / mean_s);
-        let expected = often(chaos.between_kills_s) + often(chaos.between_freezes_s);
+        let expected: f64 = means_s.iter().flatten().map(|mean_s| span_s / mean_s).sum();
         if expected > FAULTS_MAX as f64 {
             return Err(value.wrong(
                 format!("draws about {expected:.0} faults"),
@@ -64,14 +94,7 @@ impl Chaos {
         let mut times = Vec::new();
         for (mean_s, freezes) in [(self.between_kills_s, false), (self.between_freezes_s, true)] {
             let Some(mean_s) = mean_s else { continue };
-            let mut at_ns = self.from_ns;
-            loop {
-                at_ns = at_ns.saturating_add(dice.exponential_ns(mean_s));
-                if at_ns >= self.until_ns {
-                    break;
-                }
-                times.push((at_ns, freezes));
-            }
+            times.extend(self.times(mean_s, &mut dice).into_iter().map(|at_ns| (at_ns, freezes)));
         }
         times.sort_unstable();
         times.truncate(2 * FAULTS_MAX);
@@ -95,7 +118,36 @@ impl Chaos {
                 faults.push(fault);
             }
         }
+        faults.extend(self.partitions.iter().flat_map(|drawn| self.draw_partitions(seed, drawn)));
+        faults.sort_by_key(|fault| fault.at_ns);
         faults
+    }
+
+    /// They have dice of their own: whether there are any changes nothing else.
+    fn draw_partitions(&self, seed: u64, drawn: &Partitions) -> Vec<Fault> {
+        let mut dice = Dice { seed: seed ^ u64::from_le_bytes(*b"of hosts"), drawn: 0 };
+        let times = self.times(drawn.between_s, &mut dice);
+        let fault = |at_ns| {
+            let host = (dice.next() * drawn.hosts.len() as f64) as usize;
+            let for_ns = Some(dice.exponential_ns(drawn.mean_s).max(1));
+            let kind = FaultKind::Partition { hosts: vec![drawn.hosts[host].clone()] };
+            Fault { at_ns, for_ns, kind }
+        };
+        times.into_iter().map(fault).collect()
+    }
+
+    /// When something happens that does so every `mean_s` on average, ns.
+    fn times(&self, mean_s: f64, dice: &mut Dice) -> Vec<u64> {
+        let mut times = Vec::new();
+        let mut at_ns = self.from_ns;
+        loop {
+            at_ns = at_ns.saturating_add(dice.exponential_ns(mean_s));
+            // As many come only of a seed in a million.
+            if at_ns >= self.until_ns || times.len() == 2 * FAULTS_MAX {
+                return times;
+            }
+            times.push(at_ns);
+        }
     }
 }
 
@@ -128,6 +180,7 @@ mod tests {
             restart_after_ns: 300_000_000,
             between_freezes_s: Some(1.0),
             freeze_s: 0.4,
+            partitions: None,
             from_ns: 2_000_000_000,
             until_ns: 102_000_000_000,
         }
@@ -141,6 +194,29 @@ mod tests {
     fn the_same_seed_draws_the_same_faults_and_another_one_others() {
         assert_eq!(drawn(1), drawn(1));
         assert_ne!(drawn(1), drawn(2));
+    }
+
+    #[test]
+    fn partitions_strike_one_host_at_a_time_and_change_nothing_else() {
+        let hosts = vec!["b".to_owned(), "c".to_owned()];
+        let partitions = Some(Partitions { between_s: 1.0, mean_s: 0.5, hosts });
+        let both = Chaos { partitions, ..chaos() };
+        for seed in 0..20 {
+            let all = both.draw(seed, &mut Lives::new(3));
+            assert!(all.is_sorted_by_key(|fault| fault.at_ns));
+            let (apart, others): (Vec<Fault>, Vec<Fault>) = all
+                .into_iter()
+                .partition(|fault| matches!(fault.kind, FaultKind::Partition { .. }));
+            assert_eq!(others, drawn(seed));
+            // 100 are due.
+            assert!((60..140).contains(&apart.len()), "seed {seed}: {}", apart.len());
+            let of = |name: &str| {
+                let host = FaultKind::Partition { hosts: vec![name.to_owned()] };
+                apart.iter().filter(|fault| fault.kind == host).count()
+            };
+            assert!(of("b") > 20 && of("c") > 20 && of("b") + of("c") == apart.len());
+            assert!(apart.iter().all(|fault| fault.for_ns.is_some_and(|for_ns| for_ns > 0)));
+        }
     }
 
     #[test]

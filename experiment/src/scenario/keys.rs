@@ -240,7 +240,11 @@ impl Format {
                 kinds: faults.collect(),
                 ..section("fault", "Something that breaks on purpose.", FAULT)
             },
-            section("chaos", "Kills and freezes at random times, drawn from the seed.", CHAOS),
+            section(
+                "chaos",
+                "Kills, freezes and partitions at random times, drawn from the seed.",
+                CHAOS,
+            ),
             section("expect", "What must hold for exit code 0.", EXPECT),
         ];
         Format {
@@ -495,7 +499,7 @@ const ROOT: &[Key] = &[
         .guessed(&["obstacles", "disc", "discs", "polygon", "polygons", "shelf", "shelves"]),
     key("fault", Tables("fault"), Absent, "what breaks on purpose")
         .guessed(&["faults", "failure", "failures", "event", "events"]),
-    key("chaos", Table("chaos"), Absent, "kills and freezes at random times")
+    key("chaos", Table("chaos"), Absent, "kills, freezes and partitions at random times")
         .guessed(&["random_faults", "chaos_monkey"]),
     key("expect", Table("expect"), Absent, "what must hold for exit code 0").guessed(&[
         "expectations",
@@ -1190,6 +1194,26 @@ const CHAOS: &[Key] = &[
     .guessed(&["freezes"]),
     key("mean_freeze_s", Number("s", Positive), Otherwise::Number(0.5), "mean length of a freeze")
         .guessed(&["freeze"]),
+    key(
+        "mean_time_between_partitions_s",
+        Number("s", Positive),
+        Absent,
+        "how often one of the `hosts` and all others cannot hear each other, in seconds",
+    )
+    .guessed(&["partitions", "partition"]),
+    key(
+        "mean_partition_s",
+        Number("s", Positive),
+        Otherwise::Number(2.0),
+        "mean length of a partition",
+    ),
+    key(
+        "hosts",
+        Texts,
+        Rule("needed with `mean_time_between_partitions_s`"),
+        "names of hosts of the fleet, one of which is cut off at a time",
+    )
+    .guessed(&["host"]),
     key("from_s", Time(NotNegative), Otherwise::Number(0.0), "nothing happens before")
         .guessed(&["start"]),
     key("until_s", Time(NotNegative), Rule("the end of the run"), "nothing begins from here on")

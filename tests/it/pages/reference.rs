@@ -73,6 +73,20 @@ fn the_page_of_campaign_files_is_what_the_program_writes_and_lists_every_key() {
 }
 
 #[test]
+fn the_page_of_fleet_files_is_what_their_reader_says_and_lists_every_key() {
+    assert_page("fleet.md", &bridge::keys::reference());
+    let page = page("fleet.md");
+    for section in &bridge::keys::format().sections {
+        let heading = match section.name {
+            "fleet" => "The whole fleet file".to_owned(),
+            name => format!("`{name}`"),
+        };
+        let keys: Vec<&str> = section.keys.iter().map(|key| key.name).collect();
+        assert_eq!(listed(&page, &heading), keys, "{heading}");
+    }
+}
+
+#[test]
 fn the_page_of_files_lists_every_column_of_a_campaigns_tables() {
     let page = page("files.md");
     for (table, columns) in

@@ -42,8 +42,10 @@ pub struct Log {
     bytes: usize,
     /// The number of the first of them.
     first: u64,
-    /// The number after the last one that was sent, and when it was, ns.
-    sent: (u64, u64),
+    /// The number after the last one that was sent.
+    sent: u64,
+    /// Since when the first of them waits for being confirmed, by its number, ns.
+    waits: (u64, u64),
     /// How many were dropped because nobody confirmed for too long.
     pub dropped: u64,
 }
@@ -81,9 +83,13 @@ impl Log {
     /// What is to be sent now: the number of the oldest record that is kept, that of the first one that follows,
     /// and the records.
     pub fn batch(&mut self, now_ns: u64) -> Option<Vec<u8>> {
-        let (mut next, sent_ns) = self.sent;
-        if next < self.first || next > self.first && now_ns >= sent_ns + AGAIN_AFTER_NS {
+        let mut next = self.sent.max(self.first);
+        let (waiting, since_ns) = self.waits;
+        if next == self.first || waiting != self.first {
+            self.waits = (self.first, now_ns);
+        } else if now_ns >= since_ns + AGAIN_AFTER_NS {
             next = self.first;
+            self.waits = (self.first, now_ns);
         }
         let skipped = (next - self.first) as usize;
         let mut content = [self.first.bytes(), next.bytes()].concat();
@@ -98,9 +104,7 @@ impl Log {
             content.extend(&record.content);
             count += 1;
         }
-        if count > 0 {
-            self.sent = (next + count, now_ns);
-        }
+        self.sent = next + count;
         (count > 0).then_some(content)
     }
 }
@@ -197,6 +201,24 @@ mod tests {
         fn garbage_is_never_a_panic(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
             let _ = Heard::default().take(1, &bytes);
         }
+    }
+
+    #[test]
+    fn after_an_outage_all_arrives_although_more_is_told_all_the_time() {
+        let (mut log, mut heard) = (Log::default(), Heard::default());
+        let (mut arrived, mut now_ns) = (Vec::new(), 0);
+        for n in 0..400 {
+            now_ns += 20_000_000;
+            log.push(Record { content: vec![0; 2_000], ..record(n) });
+            let batch = log.batch(now_ns);
+            let is_down = (100..300).contains(&n);
+            if let Some(batch) = batch.filter(|_| !is_down) {
+                arrived.extend(heard.take(9, &batch).unwrap());
+                log.confirm(heard.confirmed().unwrap()[1]);
+            }
+        }
+        let robots = arrived.iter().map(|record| record.robot);
+        assert!(robots.eq(0..400) && log.unconfirmed() == 0);
     }
 
     #[test]

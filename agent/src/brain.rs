@@ -415,6 +415,7 @@ impl Brain {
             incarnation: self.incarnation,
             moving: u64::from(self.newest.is_some()),
             deadline_misses,
+            odometry_old: 0,
             beacons_refused: self.beacons_refused,
             frame: self.neighborhood.frame_contact().contact as u64,
             frame_since_t_ns: self.neighborhood.frame_contact().t_ns,

@@ -102,7 +102,8 @@ where
     let epoch = barrier.as_ref().map_or(0, |barrier| barrier.epoch(brief.index - 1));
     let ports = Ports::open(&brief, incarnation)?;
     tracing::info!(robot = brief.name, incarnation, law = brief.law, "ready");
-    let agent = Agent { brief, brain, ports, stop, deadline_misses: 0, reported_ns: 0 };
+    let agent =
+        Agent { brief, brain, ports, stop, deadline_misses: 0, odometry_old: 0, reported_ns: 0 };
     match barrier {
         Some(barrier) => agent.run_in_lockstep(&barrier, epoch),
         None => agent.run_in_real_time(),
@@ -115,6 +116,7 @@ struct Agent {
     ports: Ports,
     stop: Stop,
     deadline_misses: u64,
+    odometry_old: u64,
     reported_ns: u64,
 }
 
@@ -276,7 +278,15 @@ impl Agent {
                     taken_ns.saturating_sub(odometry.sent_ns),
                 );
                 let used_ns = clock::now_ns();
-                if let Some(answer) = self.brain.answer(&odometry, used_ns) {
+                let age_ns = used_ns.saturating_sub(odometry.stamp_ns);
+                // Its answer would be dead before it is sent.
+                let is_old = age_ns >= self.brief.command_lifetime_ns;
+                self.odometry_old += u64::from(is_old);
+                let answer = match is_old {
+                    true => None,
+                    false => self.brain.answer(&odometry, used_ns),
+                };
+                if let Some(answer) = answer {
                     self.linger(answer.delay_ns);
                     let sent_ns = clock::now_ns();
                     if answer.delay_ns > 0 {
@@ -359,7 +369,7 @@ impl Agent {
     }
 
     fn report(&mut self, now_ns: u64) -> Result<(), LoopError> {
-        self.ports.report(&self.brain, self.deadline_misses)?;
+        self.ports.report(&self.brain, self.deadline_misses, self.odometry_old)?;
         self.reported_ns = now_ns;
         Ok(())
     }

@@ -120,9 +120,15 @@ impl Ports {
         Ok(())
     }
 
-    /// Tells the supervisor how the brain is doing.
-    pub fn report(&self, brain: &Brain, deadline_misses: u64) -> Result<(), PortError> {
+    /// Tells the supervisor how the brain is doing. `odometry_old`: samples too old for an answer.
+    pub fn report(
+        &self,
+        brain: &Brain,
+        deadline_misses: u64,
+        odometry_old: u64,
+    ) -> Result<(), PortError> {
         let (header, mut rows) = brain.status(deadline_misses);
+        let header = StatusHeader { odometry_old, ..header };
         let length = rows.len();
         let next = |_| rows.next().expect("as many rows as announced");
         send_slice(&self.status, header, length, next)?;

@@ -6,9 +6,11 @@ use protocol::message::BridgeHeader;
 /// What a bridge did since its start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counters {
-    /// Samples sent to other hosts.
+    /// Frames sent to other hosts.
     pub sent: u64,
-    /// Samples taken over from other hosts.
+    /// Of these, odometry, commands and beacons.
+    pub samples_sent: u64,
+    /// Frames taken over from other hosts.
     pub taken: u64,
     dropped: [u64; 16],
 }
@@ -26,8 +28,8 @@ impl Counters {
 
     /// The same, as it is told.
     pub fn told(&self) -> BridgeHeader {
-        let Counters { sent, taken, dropped } = *self;
-        BridgeHeader { sent, taken, dropped, ..BridgeHeader::default() }
+        let Counters { sent, samples_sent, taken, dropped } = *self;
+        BridgeHeader { sent, samples_sent, taken, dropped, ..BridgeHeader::default() }
     }
 }
 

@@ -35,6 +35,13 @@ pub enum Topic {
     Answer(usize),
 }
 
+impl Topic {
+    /// Whether it is of a robot, and not of a host.
+    pub fn is_of_robot(self) -> bool {
+        matches!(self, Topic::Beacon(_) | Topic::Odometry(_) | Topic::Command(_))
+    }
+}
+
 /// One topic between this host and others.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Route {

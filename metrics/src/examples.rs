@@ -25,6 +25,7 @@ pub fn header(tick: u64) -> TruthHeader {
         commands_not_finite: 0,
         commands_scaled: 0,
         commands_expired: 0,
+        command_age_ns_max: 0,
     }
 }
 

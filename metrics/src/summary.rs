@@ -184,13 +184,15 @@ pub struct HostSummary {
     /// By how much a stamp of the plant's host was read wrongly there at most, ns: half a round trip, and
     /// drift. Ages over edges between hosts are upper bounds, too large by at most twice this.
     pub stamp_error_ns_max: Option<u64>,
-    /// Samples that its bridge sent to other hosts.
+    /// Frames that its bridge sent to other hosts.
     pub sent: u64,
-    /// Samples that its bridge took over from other hosts.
+    /// Of these, odometry, commands and beacons.
+    pub samples_sent: u64,
+    /// Frames that its bridge took over from other hosts.
     pub taken: u64,
     /// What its robots told the supervisor, and was dropped because the plant's host was away too long.
     pub told_dropped: u64,
-    /// Samples that its bridge dropped, by reason.
+    /// Samples that its bridge dropped, and connections that it refused, by reason.
     #[serde(with = "by_name")]
     pub dropped: Vec<(String, u64)>,
 }
@@ -241,6 +243,11 @@ pub struct Commands {
     pub scaled: u64,
     /// Died with no successor: the wheels stopped.
     pub expired: u64,
+    /// The greatest age of one that moved a robot, from the stamp of the sample that it answers, ns: the command
+    /// lifetime at most.
+    pub age_ns_max: u64,
+    /// In real time: samples too old for an answer, which got none.
+    pub unanswered: u64,
     /// In real time: a newer one came before the plant had taken them.
     pub lost: u64,
 }

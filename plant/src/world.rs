@@ -63,6 +63,8 @@ struct Robot {
 /// A command in force.
 struct Obeyed {
     twist: Twist,
+    /// Of the sample that it answers.
+    stamp_ns: u64,
     dies_ns: u64,
 }
 
@@ -73,6 +75,7 @@ struct Counters {
     not_finite: u64,
     scaled: u64,
     expired: u64,
+    age_ns_max: u64,
 }
 
 /// Why a command was not obeyed.
@@ -221,7 +224,8 @@ impl<M: Motion> World<M> {
             }
         }
         robot.newest = Some(order);
-        robot.obeyed = Some(Obeyed { twist: robot.body.within_wheel_limits(twist), dies_ns });
+        let (twist, stamp_ns) = (robot.body.within_wheel_limits(twist), command.stamp_ns);
+        robot.obeyed = Some(Obeyed { twist, stamp_ns, dies_ns });
         Ok(())
     }
 
@@ -249,6 +253,10 @@ impl<M: Motion> World<M> {
             self.targets.clear();
             for robot in &mut self.robots {
                 robot.commanded = robot.obeyed.is_some();
+                if let Some(obeyed) = &robot.obeyed {
+                    let age_ns = end_ns - obeyed.stamp_ns;
+                    self.counters.age_ns_max = self.counters.age_ns_max.max(age_ns);
+                }
                 self.targets.push(robot.obeyed.as_ref().map_or(Twist::ZERO, |obeyed| {
                     robot.body.within_failing_wheels(obeyed.twist, self.t_ns)
                 }));
@@ -401,6 +409,7 @@ impl<M: Motion> World<M> {
             commands_not_finite: self.counters.not_finite,
             commands_scaled: self.counters.scaled,
             commands_expired: self.counters.expired,
+            command_age_ns_max: self.counters.age_ns_max,
         }
     }
 

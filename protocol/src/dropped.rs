@@ -1,8 +1,8 @@
-//! Why a bridge drops samples: the places of [`crate::message::BridgeHeader::dropped`].
+//! Why a bridge drops samples and refuses connections: the places of [`crate::message::BridgeHeader::dropped`].
 
 use crate::message::BridgeHeader;
 
-/// Why a sample from another host, or for one, was dropped. Each has one reason.
+/// Why a sample from another host, or for one, was dropped, or a connection refused. Each has one reason.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(usize)]
 pub enum Dropped {
@@ -28,11 +28,21 @@ pub enum Dropped {
     Clock = 9,
     /// The scenario keeps these hosts apart for now.
     Partition = 10,
+    /// A connection whose certificate is missing, or not by the authority of the fleet, or not for that address.
+    Certificate = 11,
+    /// A connection whose certificate does not hold yet, or not any more.
+    Expired = 12,
+    /// A connection with a certificate of a name that no host of the fleet has: nothing of it is taken.
+    Stranger = 13,
+    /// A message under a key that its sender may not write.
+    Denied = 14,
+    /// A connection that did not come about: garbage, silence, or another version of TLS.
+    Handshake = 15,
 }
 
 impl Dropped {
     /// All, in the order of their numbers.
-    pub const ALL: [Dropped; 11] = [
+    pub const ALL: [Dropped; 16] = [
         Dropped::Garbage,
         Dropped::Version,
         Dropped::Layout,
@@ -44,6 +54,11 @@ impl Dropped {
         Dropped::Unmatched,
         Dropped::Clock,
         Dropped::Partition,
+        Dropped::Certificate,
+        Dropped::Expired,
+        Dropped::Stranger,
+        Dropped::Denied,
+        Dropped::Handshake,
     ];
 
     /// The word for it in files.
@@ -60,11 +75,16 @@ impl Dropped {
             Dropped::Unmatched => "unmatched",
             Dropped::Clock => "clock",
             Dropped::Partition => "partition",
+            Dropped::Certificate => "certificate",
+            Dropped::Expired => "expired",
+            Dropped::Stranger => "stranger",
+            Dropped::Denied => "denied",
+            Dropped::Handshake => "handshake",
         }
     }
 }
 
-/// How many of a bridge's samples were dropped, with the words for why, without those that were none.
+/// How much a bridge dropped and refused, with the words for why, without what was none.
 pub fn in_words(header: &BridgeHeader) -> impl Iterator<Item = (&'static str, u64)> {
     let all = Dropped::ALL.into_iter().map(|why| (why.word(), header.dropped[why as usize]));
     all.filter(|&(_, count)| count > 0)

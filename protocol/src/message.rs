@@ -326,7 +326,7 @@ impl Beacon {
 
 message! {
     /// Agent to supervisor, before the slice of [`NeighborStatus`]: how the agent is doing.
-    StatusHeader / 2 {
+    StatusHeader / 3 {
         /// Tick of the newest odometry taken; 0 before the first.
         tick: u64,
         /// Time since the run's start of that odometry, ns.
@@ -337,6 +337,8 @@ message! {
         moving: u64,
         /// Commands sent after the next wake-up was due.
         deadline_misses: u64,
+        /// Real time: samples too old for an answer, which got none.
+        odometry_old: u64,
         /// Beacons refused: not finite, not plausible, from the future, older than the newest one.
         beacons_refused: u64,
         /// How the leader's frame is heard, a [`Contact`] as a number.
@@ -408,7 +410,7 @@ impl Contact {
 message! {
     /// Plant to supervisor, before the slice of [`TruthRow`]: time, and what the plant saw between
     /// two truths. Counters run from the start, so that a lost truth loses no count.
-    TruthHeader / 2 {
+    TruthHeader / 3 {
         /// Plant tick, from 0.
         tick: u64,
         /// Time since the run's start, ns.
@@ -445,6 +447,8 @@ message! {
         commands_scaled: u64,
         /// Accepted commands that died with no successor: the wheels stopped.
         commands_expired: u64,
+        /// The greatest age of a command that moved a robot, from the stamp of the sample that it answers, ns.
+        command_age_ns_max: u64,
     }
 }
 
@@ -556,18 +560,20 @@ message! {
 message! {
     /// A bridge to its supervisor, before the slice of [`PeerRow`]: how it is doing. Counters run from
     /// its start.
-    BridgeHeader / 1 {
+    BridgeHeader / 2 {
         /// Drawn when it started.
         boot: u64,
-        /// Samples sent to other hosts.
+        /// Frames sent to other hosts.
         sent: u64,
-        /// Samples taken over from other hosts.
+        /// Of these, odometry, commands and beacons.
+        samples_sent: u64,
+        /// Frames taken over from other hosts.
         taken: u64,
         /// What it measured and told, and the plant's host has not confirmed yet.
         unconfirmed: u64,
         /// How many of them were dropped, because that host was away for too long.
         told_dropped: u64,
-        /// Samples dropped, by reason: see the crate `bridge`.
+        /// What was dropped and refused, by reason: see the crate `bridge`.
         dropped: [u64; 16],
     }
 }

@@ -161,7 +161,7 @@ fn summary(summary: &Summary) -> String {
         ),
     ));
     rows.push(("Deadline misses", summary.deadline_misses.to_string()));
-    let Commands { late, old, not_finite, scaled, expired, lost } = summary.commands;
+    let Commands { late, old, not_finite, scaled, expired, lost, .. } = summary.commands;
     let commands = [
         (late, "late"),
         (old, "old"),

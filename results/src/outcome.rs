@@ -21,6 +21,8 @@ pub struct Outcome {
     pub truth: Option<TruthHeader>,
     /// Commands sent too late, by all agents.
     pub deadline_misses: u64,
+    /// Samples too old for an answer, which got none, of all agents.
+    pub odometry_old: u64,
     /// Beacons that each robot refused, in scenario order.
     pub beacons_refused: Vec<u64>,
     /// Restarts by robot, in scenario order.

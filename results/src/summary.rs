@@ -83,6 +83,8 @@ pub fn sum_up(
             not_finite: truth.commands_not_finite,
             scaled: truth.commands_scaled,
             expired: truth.commands_expired,
+            age_ns_max: truth.command_age_ns_max,
+            unanswered: outcome.odometry_old,
             lost: outcome.latency.commands_lost(),
         },
         beacons_refused: by_robot(&outcome.beacons_refused),
@@ -190,7 +192,7 @@ pub fn screen(summary: &Summary) -> String {
     if let Some(hash) = &summary.trajectory_hash {
         row("trajectory hash", hash.clone());
     }
-    let Commands { late, old, not_finite, scaled, expired, lost } = summary.commands;
+    let Commands { late, old, not_finite, scaled, expired, lost, .. } = summary.commands;
     if summary.pace == Pace::Realtime {
         row("deadline misses", summary.deadline_misses.to_string());
     }

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
+use protocol::brief::{self, AgentBrief, PlantBrief};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -173,9 +174,48 @@ impl Ended {
         hosts.iter().filter_map(|host| host["dropped"][why].as_u64()).sum()
     }
 
-    /// No two front points came nearer than d.
-    pub fn keeps_distance(&self) {
+    /// No two front points came nearer than d, and nothing was used that was older than its bound: commands by
+    /// the plant's clock, beacons and odometry by that of the robot that used them.
+    pub fn is_safe(&self) {
         assert_eq!(self.summary["violations"], 0, "{}", self.logs());
+        let brief = |name: &str| self.place.path().join(format!("a/briefs/{name}.toml"));
+        let plant: PlantBrief = brief::read(&brief("plant")).unwrap();
+        let lifetime_ns = plant.command_lifetime_ns as f64;
+        let command_ns = self.number("/commands/age_ns_max").unwrap();
+        assert!(0.0 < command_ns && command_ns <= lifetime_ns, "{command_ns} ns");
+        let robot: AgentBrief = brief::read(&brief(&plant.robots[0].name)).unwrap();
+        // A beacon is judged by the stamp of a sample, which is younger than the lifetime when it is used.
+        let beacon_ns_max = robot.silence.lost_after_ns as f64 + lifetime_ns;
+        let ages = self.summary["ages"].as_array().unwrap();
+        assert!(!ages.is_empty(), "{}", self.logs());
+        for edge in ages {
+            assert!(edge["max_ns"].as_f64().unwrap() < beacon_ns_max, "{edge}");
+        }
+        eprintln!(
+            "oldest used: commands {:.1} of {:.1} ms, beacons {:.1} of {:.1} ms; {} samples unanswered, {} commands late",
+            command_ns / 1e6,
+            lifetime_ns / 1e6,
+            ages.iter().filter_map(|edge| edge["max_ns"].as_f64()).fold(0.0, f64::max) / 1e6,
+            beacon_ns_max / 1e6,
+            self.summary["commands"]["unanswered"],
+            self.summary["commands"]["late"],
+        );
+    }
+
+    /// How old the newest that a robot had heard of another got at the most, s.
+    pub fn peak_s(&self, robot: &str, from: &str) -> f64 {
+        let edges = self.summary["information_ages"].as_array().unwrap();
+        let edge = edges.iter().find(|edge| edge["robot"] == robot && edge["from"] == from);
+        edge.unwrap_or_else(|| panic!("{edges:?}"))["peak_ns"].as_f64().unwrap() / 1e9
+    }
+
+    /// These robots of one host never lost each other.
+    pub fn undisturbed(&self, robots: &[&str]) {
+        for (t_s, robot, what) in self.events("contact") {
+            let of_them = |name: &str| robots.contains(&name);
+            let lost = what.strip_prefix("lost ").is_some_and(of_them);
+            assert!(!(lost && of_them(&robot)), "{robot} {what} at {t_s} s\n{}", self.logs());
+        }
     }
 
     /// All went as expected, on every host.
@@ -186,6 +226,6 @@ impl Ended {
             self.codes,
             self.logs()
         );
-        self.keeps_distance();
+        self.is_safe();
     }
 }

@@ -50,6 +50,9 @@ fn soak_outages_at_random_break_nothing_for_good() {
     let last_kb = [0, 1].map(|host| bridge_kb(run.pid(host)));
     let ended = run.end();
     ended.is_well();
+    ended.undisturbed(&["r1", "r2"]);
+    let heard_again_s = ended.peak_s("r2", "r3");
+    assert!(heard_again_s < LENGTH_MS[1] as f64 / 1e3 + 1.0, "{heard_again_s} s");
     for (first, last) in first_kb.unwrap().into_iter().zip(last_kb) {
         assert!(last < first + GROWTH_KB_MAX, "{first} kB at first, {last} kB at last");
     }
@@ -60,7 +63,10 @@ fn soak_outages_at_random_break_nothing_for_good() {
     }
     assert!(contacts.values().all(|how| how == "fresh"), "{contacts:?}");
     assert!(ended.number("/converged_at_s").is_some(), "{}", ended.logs());
-    eprintln!("too old, and dropped: {}", ended.dropped("old"));
+    eprintln!(
+        "too old, and dropped: {}; unheard for {heard_again_s:.3} s at most",
+        ended.dropped("old")
+    );
 }
 
 /// The memory of a host's bridge, kB.

@@ -16,6 +16,7 @@ fn a_pentagon_on_two_hosts_keeps_its_distance_and_converges_as_on_one() {
     assert!(error_ns < 1e9, "{error_ns}");
     let taken = ended.number("/wall/hosts/1/taken").unwrap();
     assert!(taken > 1000.0, "{taken}");
+    assert!(ended.number("/wall/hosts/1/samples_sent") > Some(1000.0), "they are counted");
     assert_eq!(ended.dropped("garbage") + ended.dropped("layout") + ended.dropped("owner"), 0);
 }
 
@@ -39,7 +40,13 @@ fn a_host_that_nobody_needs_gets_nothing_but_signs_of_life() {
     run.reach(6.0);
     let per_s = (hosts.bytes(1) - before) as f64 / 4.0;
     eprintln!("without a consumer: {per_s:.0} B/s");
-    run.end().is_well();
+    let ended = run.end();
+    ended.is_well();
+    for host in [0, 1] {
+        let of_host = |key: &str| ended.number(&format!("/wall/hosts/{host}/{key}"));
+        assert_eq!(of_host("samples_sent"), Some(0.0), "{}", ended.logs());
+        assert!(of_host("sent") > Some(100.0), "they know of each other");
+    }
     // Clocks, orders and reports, and the lease; one robot's odometry alone would be above 1 MB/s.
     assert!(per_s < 100_000.0, "{per_s} B/s");
 }

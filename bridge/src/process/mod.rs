@@ -10,14 +10,14 @@
 //! | `inbox` | what arrived? |
 //! | `local` | which ports has it in this host's share of the run? |
 //! | `times` | what becomes of the stamps of a sample? |
+//! | `refusals` | what did zenoh refuse before it was a frame? |
 
-mod config;
-mod inbox;
+pub mod config;
+pub mod inbox;
 mod local;
-#[cfg(test)]
-mod strangers;
+pub mod refusals;
 mod times;
-mod wire;
+pub mod wire;
 
 use std::path::Path;
 use std::sync::Arc;
@@ -83,8 +83,7 @@ pub enum BridgeError {
 /// What the process does: named, logging, and with an exit code that tells.
 pub fn main(brief_path: &Path, realtime_priority: bool) -> u8 {
     process::set_name("phalanx-bridge");
-    process::log_to_stderr();
-    process::quiet_iceoryx2();
+    process::log_to_stderr_and(refusals::Listener::layer(), refusals::is_counted);
     if realtime_priority {
         process::hurry();
     }
@@ -475,9 +474,14 @@ impl Bridge {
         Ok(())
     }
 
-    /// Tells other hosts up to where what their robots told has arrived.
+    /// Tells other hosts up to where what their robots told has arrived, once all of it was handed on: a host
+    /// that is confirmed may end, and the run with it.
     fn confirm(&mut self) {
         for host in 0..self.heard.len() {
+            let mut robots = self.brief.robots.iter().zip(&self.retold);
+            if robots.any(|(robot, waiting)| robot.host == host && !waiting.is_empty()) {
+                continue;
+            }
             if let Some(confirmed) = self.heard[host].confirmed() {
                 self.send_own(|topic| topic == Topic::Confirmed(host), &confirmed);
             }
@@ -486,9 +490,12 @@ impl Bridge {
 
     /// Tells the supervisor how it is doing, and that of the plant's host.
     fn report(&mut self, now_ns: u64) -> Result<(), BridgeError> {
+        for (why, words) in refusals::news() {
+            tracing::warn!(why = why.word(), "refused, and counted from here on: {words}");
+        }
         let mut header = self.counters.told();
         for why in Dropped::ALL {
-            header.dropped[why as usize] += self.inbox.dropped(why);
+            header.dropped[why as usize] += self.inbox.dropped(why) + refusals::counted(why);
         }
         header.boot = self.boot;
         header.unconfirmed = self.log.unconfirmed() as u64;
@@ -550,7 +557,10 @@ fn send(out: &mut Out, head: Header, parts: &[&[u8]], counters: &mut Counters) {
     out.sequence += 1;
     let header = Header { layout: out.layout, sequence: out.sequence, ..head };
     match out.sender.put(header.frame(parts)).wait() {
-        Ok(()) => counters.sent += 1,
+        Ok(()) => {
+            counters.sent += 1;
+            counters.samples_sent += u64::from(out.topic.is_of_robot());
+        }
         Err(error) => tracing::debug!(%error, topic = ?out.topic, "not sent"),
     }
 }

@@ -4,7 +4,10 @@ use std::ffi::CString;
 use std::io::{self, IsTerminal, Write};
 
 use iceoryx2::prelude::{LogLevel, set_log_level};
-use tracing::Level;
+use tracing::{Level, Metadata};
+use tracing_subscriber::filter::filter_fn;
+use tracing_subscriber::prelude::*;
+use tracing_subscriber::{Layer, Registry};
 
 /// Names the calling thread as `ps` and `top` show it; the kernel keeps the first 15 bytes.
 pub fn set_name(name: &str) {
@@ -41,6 +44,29 @@ pub fn log_to_stderr() {
     } else {
         log.json().flatten_event(true).try_init()
     };
+    log_panics();
+    quiet_iceoryx2();
+}
+
+/// The same, with another listener, which hears what it asks for; what is `hidden` is not logged.
+pub fn log_to_stderr_and<L>(listener: L, hidden: fn(&Metadata<'_>) -> bool)
+where
+    L: Layer<Registry> + Send + Sync,
+{
+    let level = log_level(Level::INFO);
+    let shown = filter_fn(move |about| *about.level() <= level && !hidden(about));
+    let log = tracing_subscriber::fmt::layer().with_writer(|| Stderr);
+    let all = tracing_subscriber::registry().with(listener);
+    let _ = if io::stderr().is_terminal() {
+        all.with(log.with_target(false).with_filter(shown)).try_init()
+    } else {
+        all.with(log.json().flatten_event(true).with_filter(shown)).try_init()
+    };
+    log_panics();
+    quiet_iceoryx2();
+}
+
+fn log_panics() {
     std::panic::set_hook(Box::new(|panic| {
         let payload = panic.payload();
         let message = payload
@@ -51,7 +77,6 @@ pub fn log_to_stderr() {
         let at = panic.location().map(ToString::to_string).unwrap_or_default();
         tracing::error!(at, "panicked: {message}");
     }));
-    quiet_iceoryx2();
 }
 
 /// Lets iceoryx2 log errors only, unless `IOX2_LOG_LEVEL` says otherwise.

@@ -20,7 +20,9 @@ mod stop;
 mod thaw;
 
 pub use self::alarm::Alarm;
-pub use self::log::{Stderr, log_level, log_to_stderr, quiet_iceoryx2, set_name};
+pub use self::log::{
+    Stderr, log_level, log_to_stderr, log_to_stderr_and, quiet_iceoryx2, set_name,
+};
 pub use self::priority::{
     PriorityError, REALTIME_PRIORITY, REALTIME_RUNTIME, hurry, may_lock_memory, stand_back,
     take_realtime_priority, take_short_turns, try_realtime_priority,

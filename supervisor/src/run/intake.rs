@@ -110,6 +110,7 @@ impl Intake {
             wall: self.began.map_or(Duration::ZERO, |at| self.last_news - at),
             truth: self.newest,
             deadline_misses: self.reports.iter().map(Report::misses).sum(),
+            odometry_old: self.reports.iter().map(Report::odometry_old).sum(),
             beacons_refused: self.reports.iter().map(Report::refused).collect(),
             restarts: robots.map(|robot| lives.incarnation(robot)).collect(),
             latency: self.latency,

@@ -13,6 +13,8 @@ pub struct Report {
     misses: [u64; 2],
     /// Beacons refused by earlier incarnations, and by this one so far.
     refused: [u64; 2],
+    /// Samples too old for an answer, the same way.
+    odometry_old: [u64; 2],
 }
 
 /// Something that a robot says for the first time.
@@ -29,14 +31,24 @@ impl Report {
     /// Of one of so many robots: it hears nobody yet.
     pub fn new(robots: usize) -> Report {
         let unheard = (Contact::Unheard, 0);
-        Report { contacts: vec![unheard; robots], frame: unheard, misses: [0; 2], refused: [0; 2] }
+        Report {
+            contacts: vec![unheard; robots],
+            frame: unheard,
+            misses: [0; 2],
+            refused: [0; 2],
+            odometry_old: [0; 2],
+        }
     }
 
     /// A replacement is started: it hears nobody, and counts from 0.
     pub fn begins_anew(&mut self) {
-        let [misses, refused] = [self.misses, self.refused].map(|counts| counts.iter().sum());
-        let fresh = Report::new(self.contacts.len());
-        *self = Report { misses: [misses, 0], refused: [refused, 0], ..fresh };
+        let before = |counts: [u64; 2]| [counts.iter().sum(), 0];
+        *self = Report {
+            misses: before(self.misses),
+            refused: before(self.refused),
+            odometry_old: before(self.odometry_old),
+            ..Report::new(self.contacts.len())
+        };
     }
 
     /// How it hears another robot.
@@ -54,10 +66,16 @@ impl Report {
         self.refused.iter().sum()
     }
 
+    /// Samples that were too old for an answer, and got none.
+    pub fn odometry_old(&self) -> u64 {
+        self.odometry_old.iter().sum()
+    }
+
     /// Takes in a status of the process that is there now; what is new of it.
     pub fn take(&mut self, header: &StatusHeader, neighbors: &[NeighborStatus]) -> Vec<News> {
         self.misses[1] = header.deadline_misses;
         self.refused[1] = header.beacons_refused;
+        self.odometry_old[1] = header.odometry_old;
         let mut news = Vec::new();
         if let Some(contact) = Contact::from_number(header.frame) {
             let since_ns = header.frame_since_t_ns;
@@ -98,6 +116,7 @@ mod tests {
             frame_since_t_ns,
             deadline_misses: 3,
             beacons_refused: 1,
+            odometry_old: 2,
             ..StatusHeader::default()
         };
         let heard = |since_ns| News::Heard { other: 1, contact: Contact::Fresh, since_ns };
@@ -112,6 +131,7 @@ mod tests {
         assert!(born.is_empty(), "{born:?}");
         let again = report.take(&frame(Contact::Fresh, 95), &[status(Contact::Fresh, 90)]);
         assert_eq!(again, [frame_heard(95), heard(90)]);
-        assert_eq!((report.misses(), report.refused()), (6, 2), "of both");
+        let counted = (report.misses(), report.refused(), report.odometry_old());
+        assert_eq!(counted, (6, 2, 4), "of both");
     }
 }

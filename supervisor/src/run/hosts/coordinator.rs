@@ -93,6 +93,7 @@ impl Host {
 fn sum(a: &BridgeHeader, b: &BridgeHeader) -> BridgeHeader {
     BridgeHeader {
         sent: a.sent + b.sent,
+        samples_sent: a.samples_sent + b.samples_sent,
         taken: a.taken + b.taken,
         told_dropped: a.told_dropped + b.told_dropped,
         dropped: std::array::from_fn(|why| a.dropped[why] + b.dropped[why]),
@@ -350,6 +351,7 @@ impl Hosts {
                 round_trip_ns: plant.map(|peer| peer.round_trip_ns),
                 stamp_error_ns_max: plant.map(|peer| peer.uncertainty_ns_max),
                 sent: counted.sent,
+                samples_sent: counted.samples_sent,
                 taken: counted.taken,
                 told_dropped: counted.told_dropped,
                 dropped: in_words(&counted).map(|(word, count)| (word.to_owned(), count)).collect(),

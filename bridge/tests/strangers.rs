@@ -5,25 +5,25 @@ use std::fs;
 use std::io::Write as _;
 use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
+use bridge::certificates::{Authority, Validity};
+use bridge::counters::Dropped;
+use bridge::frame::{Header, VERSION};
+use bridge::gate::Gate;
+use bridge::process::inbox::Inbox;
+use bridge::process::wire::Wire;
+use bridge::process::{config, refusals};
+use bridge::topics::{self, Route, Topic};
 use protocol::brief::{BridgeBrief, BridgedBrief, CertificatesBrief, Format, HostBrief};
 use protocol::clock;
 use serde_json::json;
 use tempfile::TempDir;
+use tracing_subscriber::prelude::*;
 use zenoh::Wait as _;
 use zenoh::qos::CongestionControl;
-
-use super::config;
-use super::inbox::Inbox;
-use super::wire::Wire;
-use crate::certificates::{Authority, Validity};
-use crate::counters::Dropped;
-use crate::frame::{Header, VERSION};
-use crate::gate::Gate;
-use crate::topics::{self, Route, Topic};
 
 const LAYOUT: u64 = 7;
 const EXPERIMENT: u64 = 8;
@@ -36,6 +36,17 @@ const HANG: Duration = Duration::from_secs(60);
 /// So long a stranger tries.
 const TRIES: Duration = Duration::from_millis(1_500);
 
+/// What zenoh refuses is counted for the whole process: of one test at a time.
+static ALONE: Mutex<()> = Mutex::new(());
+/// What is counted there.
+const REFUSALS: [Dropped; 5] = [
+    Dropped::Certificate,
+    Dropped::Expired,
+    Dropped::Stranger,
+    Dropped::Denied,
+    Dropped::Handshake,
+];
+
 /// Host a of a fleet of three, which listens.
 struct A {
     folder: TempDir,
@@ -43,10 +54,16 @@ struct A {
     hosts: Vec<HostBrief>,
     inbox: Arc<Inbox>,
     wire: Wire,
+    /// What was refused before.
+    refused: [u64; 5],
+    _alone: MutexGuard<'static, ()>,
 }
 
 impl A {
     fn new() -> A {
+        let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+        // Of all tests but the first it is there.
+        let _ = tracing_subscriber::registry().with(refusals::Listener::layer()).try_init();
         let folder = tempfile::tempdir().unwrap();
         let authority = Authority::new(Validity::of_days(1)).unwrap();
         // Free a moment ago, and nobody else's by now.
@@ -71,7 +88,23 @@ impl A {
             inbox.open(place, route.from, Gate::new(route.from, LAYOUT, EXPERIMENT), false);
             wire.receive(place, route, &inbox).unwrap();
         }
-        A { folder, authority, hosts, inbox, wire }
+        let refused = REFUSALS.map(refusals::counted);
+        A { folder, authority, hosts, inbox, wire, refused, _alone: alone }
+    }
+
+    /// What was refused was refused for this reason, and no other.
+    fn has_refused(&self, expected: Dropped) {
+        let began = Instant::now();
+        loop {
+            let now = REFUSALS.map(refusals::counted);
+            let counted = (0..now.len()).map(|why| (REFUSALS[why], now[why] - self.refused[why]));
+            let counted: Vec<_> = counted.filter(|&(_, count)| count > 0).collect();
+            match &counted[..] {
+                [(why, _)] if *why == expected => return,
+                [] if began.elapsed() < HANG => std::thread::sleep(Duration::from_millis(20)),
+                _ => panic!("{counted:?} instead of {expected:?}"),
+            }
+        }
     }
 
     /// A connection to a, with these certificates and no access list of its own.
@@ -122,8 +155,9 @@ impl A {
         overheard
     }
 
-    /// A stranger with these certificates is neither heard nor told anything; b is both after it.
-    fn is_deaf_and_mute_to(&self, certificates: CertificatesBrief) {
+    /// A stranger with these certificates is neither heard nor told anything, which is counted for one reason; b
+    /// is both after it.
+    fn is_deaf_and_mute_to(&self, certificates: CertificatesBrief, why: Dropped) {
         let said = self.wire.sender(&self.route(Topic::Orders(1))).unwrap();
         let stranger = self.connect(certificates);
         let overheard = self.overhears(&stranger);
@@ -139,6 +173,7 @@ impl A {
         }
         assert_eq!(overheard.load(Ordering::Relaxed), 0, "a stranger hears");
         stranger.close().wait().unwrap();
+        self.has_refused(why);
         let b = self.connect_as("b");
         let told = self.overhears(&b);
         self.hears_b(&b, 1);
@@ -207,13 +242,14 @@ fn frame(sequence: u64, content: &[u8]) -> Vec<u8> {
 fn a_certificate_of_another_authority_opens_nothing() {
     let a = A::new();
     let other = Authority::new(Validity::of_days(1)).unwrap();
-    a.is_deaf_and_mute_to(a.forge(&other, "b", Validity::of_days(1)));
+    a.is_deaf_and_mute_to(a.forge(&other, "b", Validity::of_days(1)), Dropped::Certificate);
 }
 
 #[test]
 fn a_certificate_with_a_name_that_no_host_has_opens_nothing() {
     let a = A::new();
-    a.is_deaf_and_mute_to(a.forge(&a.authority, "stranger", Validity::of_days(1)));
+    let forged = a.forge(&a.authority, "stranger", Validity::of_days(1));
+    a.is_deaf_and_mute_to(forged, Dropped::Stranger);
 }
 
 #[test]
@@ -222,7 +258,7 @@ fn a_certificate_that_has_expired_opens_nothing() {
     let day = Duration::from_secs(24 * 3600);
     let now = SystemTime::now();
     let past = Validity { from: now - 3 * day, until: now - day };
-    a.is_deaf_and_mute_to(a.forge(&a.authority, "b", past));
+    a.is_deaf_and_mute_to(a.forge(&a.authority, "b", past), Dropped::Expired);
 }
 
 #[test]
@@ -244,6 +280,7 @@ fn a_host_writes_no_other_hosts_keys() {
         assert!(began.elapsed() < HANG, "c is not heard");
     }
     a.hears_b(&a.connect_as("b"), 1);
+    a.has_refused(Dropped::Denied);
 }
 
 #[test]
@@ -263,6 +300,7 @@ fn frames_that_are_replayed_or_of_another_build_are_counted_and_dropped() {
     assert_eq!(a.inbox.dropped(Dropped::Replayed), replayed + 1);
     assert_eq!(a.inbox.dropped(Dropped::Layout), 1);
     assert_eq!(a.inbox.dropped(Dropped::Garbage), 1);
+    assert_eq!(REFUSALS.map(refusals::counted), a.refused, "they came from a host of the fleet");
 }
 
 #[test]
@@ -270,11 +308,15 @@ fn a_flood_of_garbage_at_the_port_keeps_nobody_out() {
     let a = A::new();
     let garbage: Vec<u8> =
         (0..4_096_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
-    for _ in 0..200 {
+    let b = a.connect_as("b");
+    a.hears_b(&b, 1);
+    for flood in 0..60 {
         // Refused is as good as taken and thrown away.
         let Ok(mut stream) = TcpStream::connect(&a.hosts[0].address) else { continue };
         let _ = stream.write_all(&garbage);
+        a.hears_b(&b, 1_000 * (flood + 1));
     }
-    assert!(a.inbox.wait(clock::now_ns()).is_empty(), "garbage is heard");
-    a.hears_b(&a.connect_as("b"), 1);
+    a.has_refused(Dropped::Handshake);
+    b.close().wait().unwrap();
+    a.hears_b(&a.connect_as("b"), 1_000_000);
 }

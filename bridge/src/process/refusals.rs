@@ -1,0 +1,174 @@
+//! What zenoh refuses before it is a frame: connections without a certificate of the fleet, and messages
+//! that the access list denies.
+//!
+//! zenoh tells of these in its log and nowhere else, so that is where they are counted; `tests/strangers.rs` fails
+//! if it tells it otherwise one day. Must not: refuse anything.
+
+use std::cell::Cell;
+use std::fmt::{Debug, Write as _};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use tracing::field::{Field, Visit};
+use tracing::level_filters::LevelFilter;
+use tracing::{Event, Level, Metadata, Subscriber};
+use tracing_subscriber::Layer;
+use tracing_subscriber::filter::filter_fn;
+use tracing_subscriber::layer::Context;
+use tracing_subscriber::registry::LookupSpan;
+
+use crate::counters::Dropped;
+
+/// Who in zenoh listens, connects, and keeps the access list.
+const LISTENS: &str = "zenoh_link_tls";
+const CONNECTS: &str = "zenoh::net::runtime::orchestrator";
+const PERMITS: &str = "zenoh::net::routing::interceptor::access_control";
+/// What is refused at one key is asked of the access list for so many kinds of messages at once, when the
+/// key is declared, without there being a message.
+const KINDS: u32 = 9;
+
+static COUNTED: [AtomicU64; Dropped::ALL.len()] = [const { AtomicU64::new(0) }; Dropped::ALL.len()];
+/// The first of each reason, for the log.
+static FIRST: Mutex<Vec<(Dropped, String)>> = Mutex::new(Vec::new());
+
+thread_local! {
+    /// So many answers of the access list are still about a key that is being declared here.
+    static DECLARED: Cell<u32> = const { Cell::new(0) };
+}
+
+/// How many were refused for this reason.
+pub fn counted(why: Dropped) -> u64 {
+    COUNTED[why as usize].load(Ordering::Relaxed)
+}
+
+/// The first of each reason since this was asked last, in zenoh's words.
+pub fn news() -> Vec<(Dropped, String)> {
+    FIRST.lock().map(|mut first| std::mem::take(&mut *first)).unwrap_or_default()
+}
+
+/// What of zenoh's log is counted and need not be read: as much of it comes as somebody likes to send.
+pub fn is_counted(about: &Metadata<'_>) -> bool {
+    match about.target() {
+        PERMITS => true,
+        target => target.starts_with(LISTENS) && *about.level() == Level::WARN,
+    }
+}
+
+/// Listens to zenoh's log.
+#[derive(Debug, Clone, Copy)]
+pub struct Listener;
+
+impl Listener {
+    /// One that hears no more than it needs.
+    pub fn layer<S>() -> impl Layer<S> + Send + Sync
+    where
+        S: Subscriber + for<'s> LookupSpan<'s>,
+    {
+        let heard = filter_fn(|about| {
+            is_counted(about) || about.target() == CONNECTS && *about.level() <= Level::DEBUG
+        });
+        Listener.with_filter(heard.with_max_level_hint(LevelFilter::TRACE))
+    }
+}
+
+impl<S: Subscriber> Layer<S> for Listener {
+    fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
+        let mut message = Message(String::new());
+        event.record(&mut message);
+        let target = event.metadata().target();
+        let Some(why) = reason(target, &message.0) else { return };
+        if COUNTED[why as usize].fetch_add(1, Ordering::Relaxed) == 0
+            && let Ok(mut first) = FIRST.lock()
+        {
+            first.push((why, message.0));
+        }
+    }
+}
+
+struct Message(String);
+
+impl Visit for Message {
+    fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
+        if field.name() == "message" {
+            let _ = write!(self.0, "{value:?}");
+        }
+    }
+}
+
+/// Which refusal zenoh tells of here, if it is one.
+fn reason(target: &str, message: &str) -> Option<Dropped> {
+    let says = |words: &str| message.contains(words);
+    let of_certificate = || match says("invalid peer certificate") {
+        true if says("expired") || says("not valid yet") => Some(Dropped::Expired),
+        true => Some(Dropped::Certificate),
+        false => says("peer sent no certificates").then_some(Dropped::Certificate),
+    };
+    match target {
+        PERMITS => permitted(message),
+        // What the other side refuses is counted there.
+        CONNECTS => of_certificate(),
+        _ if says("Too many open files") || says("fatal alert") => None,
+        _ => of_certificate().or(says("file limit").then_some(Dropped::Handshake)),
+    }
+}
+
+/// The same of the access list.
+fn permitted(message: &str) -> Option<Dropped> {
+    let says = |words: &str| message.contains(words);
+    if says("caching permissions") {
+        DECLARED.set(KINDS);
+    } else if says("did not match any configured ACL subject") {
+        return Some(Dropped::Stranger);
+    } else if says("authorized to") {
+        let of_message = says("cached result") || DECLARED.get() == 0;
+        if !of_message {
+            DECLARED.set(DECLARED.get() - 1);
+        }
+        let denied = of_message && says("unauthorized to Put (ingress)");
+        return denied.then_some(Dropped::Denied);
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_refusal_has_one_reason_and_the_rest_is_none() {
+        let hint = ". Hint: increase the system open file limit.";
+        for (target, message, why) in [
+            (LISTENS, "invalid peer certificate: UnknownIssuer", Some(Dropped::Certificate)),
+            (LISTENS, "peer sent no certificates", Some(Dropped::Certificate)),
+            (LISTENS, "invalid peer certificate: certificate expired: 5", Some(Dropped::Expired)),
+            (LISTENS, "received corrupt message", Some(Dropped::Handshake)),
+            (LISTENS, "Timeout during TLS handshake", Some(Dropped::Handshake)),
+            (LISTENS, "received fatal alert: CertificateExpired", None),
+            (LISTENS, "Too many open files (os error 24)", None),
+            (
+                CONNECTS,
+                "Unable to connect: invalid peer certificate: x",
+                Some(Dropped::Certificate),
+            ),
+            (CONNECTS, "Unable to connect: connection refused", None),
+            (PERMITS, "x did not match any configured ACL subject. y", Some(Dropped::Stranger)),
+        ] {
+            let message = match target {
+                LISTENS => format!("{message}{hint}"),
+                _ => message.to_owned(),
+            };
+            assert_eq!(reason(target, &message), why, "{message}");
+        }
+    }
+
+    #[test]
+    fn what_the_access_list_answers_about_a_key_is_no_message() {
+        let (denied, allowed) = ("is unauthorized to Put (ingress) on", "is authorized to Put on");
+        assert_eq!(permitted("ACL (ingress): caching permissions for `k` ..."), None);
+        (0..KINDS).for_each(|_| assert_eq!(permitted(denied), None));
+        assert_eq!(permitted(denied), Some(Dropped::Denied));
+        assert_eq!(permitted(&format!("Using cached result: x {denied}")), Some(Dropped::Denied));
+        assert_eq!(permitted(allowed), None);
+        assert_eq!(permitted("is unauthorized to Declare Subscriber (ingress) on"), None);
+    }
+}

@@ -12,6 +12,8 @@ use protocol::process::{Stop, exit, quiet_iceoryx2, set_name};
 use protocol::run_root::{self, RunRoot};
 
 use crate::floor::Carrier;
+#[cfg(feature = "bridge")]
+use crate::hosts;
 use crate::machine::Machine;
 use crate::round_trip::Transport;
 use crate::table::Report;
@@ -107,6 +109,9 @@ enum Part {
     View,
     /// What a tick costs as the robots grow in number, to 256; only if named here.
     Growth,
+    /// From one host to another, by zenoh with TLS and by bridges, against plain UDP; only if named here, and in a
+    /// build with the feature `bridge`.
+    Bridge,
     /// Time until everybody is ready.
     Startup,
     /// Time from a kill to the replacement's first command.
@@ -237,6 +242,18 @@ fn measure(args: &BenchArgs, stop: &Stop) -> Result<Report, BenchError> {
         rows.extend(growth::measure(setting, &robots, seconds)?);
         notes.extend(growth::NOTES.map(str::to_owned));
     }
+    if args.only.contains(&Part::Bridge) {
+        #[cfg(feature = "bridge")]
+        {
+            let measured = hosts::measure(setting, REALTIME * seconds)?;
+            rows.extend(measured.0);
+            notes.extend(measured.1);
+        }
+        #[cfg(not(feature = "bridge"))]
+        return Err(BenchError::Wrong(
+            "this was built without the feature `bridge`: `cargo build --release --workspace --features bridge`".into(),
+        ));
+    }
     if wanted(Part::Startup) {
         let mut robots = or(&[8, 64]);
         robots.extend(args.large.then_some(256));
@@ -305,6 +322,16 @@ enum PeerVerb {
         /// Where to write what was seen.
         result: PathBuf,
     },
+    /// Be the end of a cable between two hosts.
+    #[cfg(feature = "bridge")]
+    Host {
+        /// What the host's bridge is told.
+        brief: PathBuf,
+        /// How many samples count.
+        samples: u64,
+        /// Where to write what arrived.
+        result: PathBuf,
+    },
     /// Kill a robot and wait for its replacement.
     Kill {
         /// The robot's brief.
@@ -326,6 +353,8 @@ fn peer(verb: &PeerVerb) -> u8 {
         PeerVerb::Neighbor { brief, ticks, result } => neighbor::peer(brief, *ticks, result),
         PeerVerb::Timer { index, task, result } => timers::peer(*index, *task, result),
         PeerVerb::Late { way, ticks, result } => causes::peer(*way, *ticks, result),
+        #[cfg(feature = "bridge")]
+        PeerVerb::Host { brief, samples, result } => hosts::peer(brief, *samples, result),
         PeerVerb::Kill { brief, kills, result } => replacement::onlooker(brief, *kills, result),
     };
     done.map_or_else(|error| complain(&error), |()| exit::OK)

@@ -17,6 +17,7 @@
 //! | `causes` | are late wake-ups told their true cause? |
 //! | `neighbor` | how long from a neighbor's publication to its use? |
 //! | `view` | is anybody later if a browser looks on? |
+//! | `hosts` | how long from one host to another, one way? Behind the feature `bridge` |
 //! | `growth` | what does a tick cost, to 256 robots, and how does that grow? |
 //! | `startup` | how long until everybody is ready? |
 //! | `replacement` | how long from a kill to the replacement's first command? |
@@ -35,6 +36,8 @@ mod control;
 mod cores;
 mod floor;
 mod growth;
+#[cfg(feature = "bridge")]
+mod hosts;
 mod lockstep;
 mod machine;
 mod mapping;

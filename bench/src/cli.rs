@@ -19,8 +19,8 @@ use crate::round_trip::Transport;
 use crate::table::Report;
 use crate::timers::Task;
 use crate::{
-    BenchError, Setting, causes, control, floor, growth, lockstep, neighbor, peers, realtime,
-    replacement, round_trip, startup, timers, view,
+    BenchError, Setting, causes, control, floor, growth, lockstep, neighbor, pages, peers,
+    realtime, replacement, round_trip, startup, timers, view,
 };
 
 /// Round trips by each means in one second's worth of a round; five rounds of a full bench make
@@ -69,7 +69,8 @@ struct BenchArgs {
     #[arg(long, value_enum, value_name = "PART", value_delimiter = ',')]
     only: Vec<Part>,
     /// Numbers of robots [default: 3, 8, 16, 32, 64 in lockstep; 3, 8, 32, 64 in real time;
-    /// 2, 8 for neighbors; 8, 64 for the start-up; 3, 8, 16, 32, 64, 128, 256 for growth].
+    /// 2, 8 for neighbors; 8, 64 for the start-up and pages; 3, 8, 16, 32, 64, 128, 256 for
+    /// growth].
     #[arg(long, value_name = "N", value_delimiter = ',', value_parser = robots)]
     robots: Vec<usize>,
     /// How often ours and the baselines take turns [default: 5; 3 if quick].
@@ -112,6 +113,8 @@ enum Part {
     /// From one host to another, by zenoh with TLS and by bridges, against plain UDP; only if named here, and in a
     /// build with the feature `bridge`.
     Bridge,
+    /// Which pages of memory a tick in lockstep touches, by what they are for; only if named here.
+    Pages,
     /// Time until everybody is ready.
     Startup,
     /// Time from a kill to the replacement's first command.
@@ -253,6 +256,11 @@ fn measure(args: &BenchArgs, stop: &Stop) -> Result<Report, BenchError> {
         return Err(BenchError::Wrong(
             "this was built without the feature `bridge`: `cargo build --release --workspace --features bridge`".into(),
         ));
+    }
+    if args.only.contains(&Part::Pages) {
+        let measured = pages::measure(setting, &or(&[8, 64]))?;
+        rows.extend(measured.0);
+        notes.extend(measured.1);
     }
     if wanted(Part::Startup) {
         let mut robots = or(&[8, 64]);

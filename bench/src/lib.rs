@@ -19,6 +19,8 @@
 //! | `view` | is anybody later if a browser looks on? |
 //! | `hosts` | how long from one host to another, one way? Behind the feature `bridge` |
 //! | `growth` | what does a tick cost, to 256 robots, and how does that grow? |
+//! | `pages` | which pages of memory does a tick touch? |
+//! | `segments` | what is the memory of a process for? |
 //! | `startup` | how long until everybody is ready? |
 //! | `replacement` | how long from a kill to the replacement's first command? |
 //! | `ring` | which scenario is run? |
@@ -42,6 +44,7 @@ mod lockstep;
 mod machine;
 mod mapping;
 mod neighbor;
+mod pages;
 mod peers;
 mod pipe;
 mod quantiles;
@@ -49,6 +52,7 @@ mod realtime;
 mod replacement;
 pub mod ring;
 mod round_trip;
+mod segments;
 mod startup;
 mod table;
 mod timers;

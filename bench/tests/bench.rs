@@ -178,6 +178,30 @@ fn a_bench_of_growth_says_what_a_tick_costs_with_few_robots_and_with_more_and_by
 }
 
 #[test]
+fn a_bench_of_pages_sorts_what_a_tick_touches_by_what_the_memory_is_for() {
+    let report = bench(&["--only", "pages", "--robots", "3"]).report();
+    let rows = report["rows"].as_array().unwrap();
+    let figure = |begins: &str| {
+        let row = rows.iter().find(|row| row["what"].as_str().unwrap().starts_with(begins));
+        row.unwrap_or_else(|| panic!("no {begins}: {report:#}"))["ours"]["median"].as_f64().unwrap()
+    };
+    assert!(figure("3 robots, ticks") >= 2.0, "{report:#}");
+    for process in ["3 robots, a robot: ", "3 robots, the plant: "] {
+        let of = |kind: &str| figure(&format!("{process}{kind}"));
+        for kind in ["code", "heap", "stack", "iceoryx2: samples", "iceoryx2: conn", "barrier"] {
+            assert!(of(kind) >= 1.0, "{process}{kind}: {report:#}");
+        }
+        let is_a_kind = |row: &&Value| {
+            let what = row["what"].as_str().unwrap();
+            what.starts_with(process) && what.contains(", pages of") && !what.contains(": all")
+        };
+        let kinds = rows.iter().filter(is_a_kind);
+        let sum: f64 = kinds.map(|row| row["ours"]["median"].as_f64().unwrap()).sum();
+        assert!((sum - of("all")).abs() < 1e-9, "{report:#}");
+    }
+}
+
+#[test]
 fn a_bench_whose_run_fails_passes_on_what_the_run_complained_of() {
     let mut bench = bench(&["--only", "growth", "--robots", "64"]);
     let mut limited = Command::new("sh");

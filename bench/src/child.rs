@@ -194,3 +194,30 @@ pub(crate) fn taken_s(summary: &Value) -> Result<[f64; TAKERS.len()], BenchError
     }
     Ok(taken_s)
 }
+
+/// The largest of the robots' figures of this name of how late they woke, us; `None` where the
+/// summary tells nothing of it.
+pub(crate) fn latest_wake_us(summary: &Value, key: &str) -> Option<f64> {
+    let stages = summary["wall"]["latency"].as_array()?;
+    let robots = stages.iter().filter(|row| row["stage"] == "wake" && row["robot"] != "plant");
+    robots.filter_map(|row| row[key].as_f64()).reduce(f64::max).map(|ns| ns / 1e3)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_latest_robot_counts_and_the_plant_does_not() {
+        let row = |stage: &str, robot: &str, p50_ns: u64| serde_json::json!({ "stage": stage, "robot": robot, "p50_ns": p50_ns });
+        let rows = [
+            row("wake", "plant", 9000),
+            row("wake", "r1", 1000),
+            row("wake", "r2", 2500),
+            row("compute", "r1", 8000),
+        ];
+        let summary = serde_json::json!({ "wall": { "latency": rows } });
+        assert_eq!(latest_wake_us(&summary, "p50_ns"), Some(2.5));
+        assert_eq!(latest_wake_us(&serde_json::json!({}), "p50_ns"), None);
+    }
+}

@@ -219,7 +219,9 @@ fn measure(args: &BenchArgs, stop: &Stop) -> Result<Report, BenchError> {
     if wanted(Part::Realtime) {
         let robots = or(&[3, 8, 32, 64]);
         let seconds = REALTIME * seconds;
-        rows.extend(realtime::measure(setting, &robots, seconds)?);
+        let measured = realtime::measure(setting, &robots, seconds)?;
+        rows.extend(measured.0);
+        notes.extend(measured.1);
     }
     if args.only.contains(&Part::Control) {
         let measured = control::measure(setting, CONTROL * seconds)?;

@@ -67,7 +67,7 @@ fn machine(summary: &Value) -> Result<&Value, BenchError> {
 }
 
 /// Who held the cores of the late, in words.
-fn held_by(summary: &Value) -> Option<String> {
+pub(crate) fn held_by(summary: &Value) -> Option<String> {
     let trace = summary["wall"].get("scheduler")?;
     let holders = trace["held_by"].as_array()?.iter().take(HOLDERS);
     let holders = holders.map(|holder| {

@@ -13,6 +13,7 @@
 //! | `floor` | the same brains and world over a mapping or over pipes |
 //! | `realtime` | how many deadlines are missed, at which rate and size? |
 //! | `timers` | and how many by processes that do nothing but wake? |
+//! | `whose` | why were they late, and who held the cores? |
 //! | `control` | is anybody later than the bare timer of the same run, and who held the cores? |
 //! | `causes` | are late wake-ups told their true cause? |
 //! | `neighbor` | how long from a neighbor's publication to its use? |
@@ -57,6 +58,7 @@ mod startup;
 mod table;
 mod timers;
 mod view;
+mod whose;
 
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};

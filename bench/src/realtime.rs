@@ -1,22 +1,31 @@
 //! Real time at several sizes and rates, up to saturation: deadlines missed, commands that died at
 //! the plant because none came after them, and how late the robots wake; against processes that
 //! have the same timers and take as much of the processor, and do nothing.
+//!
+//! Where the latest robot is much later than the latest timer, the notes tell why: the causes that both
+//! give, and who held the cores in one more run, with the scheduler traced where that is allowed.
 
 use protocol::brief::Pace;
-use serde_json::Value;
 
-use crate::child::{self, number};
+use crate::child::{self, latest_wake_us, number};
 use crate::quantiles::QUANTILES;
 use crate::ring;
 use crate::table::Row;
 use crate::timers::{self, Task};
-use crate::{BenchError, Measured, Setting};
+use crate::whose::{self, Causes};
+use crate::{BenchError, Setting};
 
 /// Rates of the robots, Hz.
 const RATES_HZ: [u64; 2] = [100, 1000];
+/// If the latest robot's quantile is more than this many times the latest timer's, it is told why.
+const RATIO_MAX: f64 = 1.5;
 
-/// Measures runs of `seconds` each.
-pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> Measured {
+/// Measures runs of `seconds` each. Also returns notes: whose lateness it is.
+pub(crate) fn measure(
+    setting: &Setting<'_>,
+    robots: &[usize],
+    seconds: f64,
+) -> Result<(Vec<Row>, Vec<String>), BenchError> {
     let &Setting { root, stop, rounds, .. } = setting;
     let cases: Vec<(usize, u64)> = RATES_HZ
         .iter()
@@ -27,11 +36,11 @@ pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> 
     let mut late_us = vec![QUANTILES.map(|_| Vec::new()); cases.len()];
     let mut timers_missed = vec![Vec::new(); cases.len()];
     let mut timers_late_us = vec![QUANTILES.map(|_| Vec::new()); cases.len()];
+    let mut causes = vec![Causes::default(); cases.len()];
     for round in 1..=rounds {
         for (case, &(robots, rate_hz)) in cases.iter().enumerate() {
             setting.progress(&format!("real time, {robots} robots at {rate_hz} Hz, round {round}"));
-            let ticks = ((seconds * rate_hz as f64) as u64).max(1);
-            let text = ring::text(robots, ticks, 1.0 / rate_hz as f64);
+            let (ticks, text) = of_case(robots, rate_hz, seconds);
             let summary = child::run(root, stop, &text, Pace::Realtime)?;
             let percent = |pointer| -> Result<f64, BenchError> {
                 Ok(100.0 * number(&summary, pointer)? / (ticks * robots as u64) as f64)
@@ -42,10 +51,12 @@ pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> 
                 let nobody = || BenchError::Wrong(format!("{robots} robots: nobody woke"));
                 late_us.push(latest_wake_us(&summary, key).ok_or_else(nobody)?);
             }
+            causes[case].add_run(&summary);
             setting.progress(&format!("real time, {robots} timers at {rate_hz} Hz, round {round}"));
             let (periods, period_ns) = ((ticks * robots as u64) as f64, 1_000_000_000 / rate_hz);
             let busy_ns = (1e9 * child::taken_s(&summary)?[0] / periods) as u64;
             let seen = timers::measure(root, stop, robots, Task { period_ns, ticks, busy_ns })?;
+            seen.iter().for_each(|seen| causes[case].add_timer(&seen.causes));
             let missed = seen.iter().map(|seen| seen.missed).sum::<u64>() as f64;
             timers_missed[case].push(100.0 * missed / periods);
             for (place, late_us) in timers_late_us[case].iter_mut().enumerate() {
@@ -53,11 +64,11 @@ pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> 
             }
         }
     }
-    let mut rows = Vec::new();
+    let (mut rows, mut notes) = (Vec::new(), Vec::new());
     let ours = missed.into_iter().zip(expired).zip(late_us);
     let timers = timers_missed.into_iter().zip(timers_late_us);
-    for (((robots, rate_hz), ours), (timers_missed, timers_late_us)) in
-        cases.into_iter().zip(ours).zip(timers)
+    for ((((robots, rate_hz), causes), ours), (timers_missed, timers_late_us)) in
+        cases.into_iter().zip(causes).zip(ours).zip(timers)
     {
         let ((missed, expired), late_us) = ours;
         let what = |of: &str| format!("{robots} robots at {rate_hz} Hz, {of}");
@@ -66,38 +77,36 @@ pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> 
         };
         rows.push(against("deadlines missed, % of periods", missed, timers_missed));
         rows.push(Row::alone("realtime", &what("commands expired, % of periods"), expired));
+        let mut much_later = Vec::new();
         for ((_, name, _), (ours, timers)) in
             QUANTILES.iter().zip(late_us.into_iter().zip(timers_late_us))
         {
-            rows.push(against(&format!("wake lateness {name} of the latest, us"), ours, timers));
+            let row = against(&format!("wake lateness {name} of the latest, us"), ours, timers);
+            much_later.extend(
+                row.ratio_median()
+                    .filter(|&ratio| ratio > RATIO_MAX)
+                    .map(|ratio| format!("{name} {ratio:.1}")),
+            );
+            rows.push(row);
+        }
+        if !much_later.is_empty() {
+            let case = format!("realtime: {robots} robots at {rate_hz} Hz");
+            let ratios = much_later.join(", ");
+            notes.push(format!(
+                "{case}: the latest robot is later than the latest timer, {ratios} times"
+            ));
+            notes.extend(causes.words().map(|words| format!("{case}: {words}")));
+            setting.progress(&format!("real time, {robots} robots at {rate_hz} Hz, traced, 1"));
+            let (_, text) = of_case(robots, rate_hz, seconds);
+            let traced = whose::traced(setting, &text)?;
+            notes.push(format!("{case}: {traced}"));
         }
     }
-    Ok(rows)
+    Ok((rows, notes))
 }
 
-/// The largest of the robots' figures of this name of how late they woke, us; `None` where the
-/// summary tells nothing of it.
-pub(crate) fn latest_wake_us(summary: &Value, key: &str) -> Option<f64> {
-    let stages = summary["wall"]["latency"].as_array()?;
-    let robots = stages.iter().filter(|row| row["stage"] == "wake" && row["robot"] != "plant");
-    robots.filter_map(|row| row[key].as_f64()).reduce(f64::max).map(|ns| ns / 1e3)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_latest_robot_counts_and_the_plant_does_not() {
-        let row = |stage: &str, robot: &str, p50_ns: u64| serde_json::json!({ "stage": stage, "robot": robot, "p50_ns": p50_ns });
-        let rows = [
-            row("wake", "plant", 9000),
-            row("wake", "r1", 1000),
-            row("wake", "r2", 2500),
-            row("compute", "r1", 8000),
-        ];
-        let summary = serde_json::json!({ "wall": { "latency": rows } });
-        assert_eq!(latest_wake_us(&summary, "p50_ns"), Some(2.5));
-        assert_eq!(latest_wake_us(&serde_json::json!({}), "p50_ns"), None);
-    }
+/// How many ticks, and the scenario.
+fn of_case(robots: usize, rate_hz: u64, seconds: f64) -> (u64, String) {
+    let ticks = ((seconds * rate_hz as f64) as u64).max(1);
+    (ticks, ring::text(robots, ticks, 1.0 / rate_hz as f64))
 }

@@ -77,6 +77,11 @@ impl Row {
             ..Row::alone(part, what, ours)
         }
     }
+
+    /// Ours / floor, the median of the rounds.
+    pub(crate) fn ratio_median(&self) -> Option<f64> {
+        self.ratio.as_ref().map(|ratio| ratio.median)
+    }
 }
 
 /// All that a bench has to say.

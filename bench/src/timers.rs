@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use agent::golden_phase;
 use protocol::clock::{self, Timer};
+use protocol::lateness::{Late, Witness};
 use protocol::process::{self, Stop};
 use protocol::run_root::RunRoot;
 use rustix::thread::ClockId;
@@ -14,7 +15,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::peers::{self, Peers};
 use crate::quantiles::{Quantiles, quantiles_us};
+use crate::whose::ByCause;
 use crate::{BenchError, Place};
+
+/// As often as a robot reports: then it looks at its counters too.
+const LOOK_EVERY_NS: u64 = 100_000_000;
 
 /// What each process does.
 #[derive(Debug, Clone, Copy, clap::Args)]
@@ -34,6 +39,8 @@ pub(crate) struct Seen {
     pub(crate) late_us: Quantiles,
     /// Deadlines that passed before the work of the one before was done.
     pub(crate) missed: u64,
+    /// Late wake-ups, told as a robot tells them.
+    pub(crate) causes: ByCause,
 }
 
 /// So many processes at once; what each saw.
@@ -65,18 +72,36 @@ pub(crate) fn peer(index: usize, task: Task, result: &Path) -> Result<(), BenchE
     let mut late_ns = Vec::with_capacity(task.ticks as usize);
     let (mut missed, mut busy_until_ns) = (0, busy_ns());
     let mut timer = Timer::new(period_ns, (golden_phase(index) * period_ns as f64) as u64);
+    let mut witness = Witness::new(period_ns);
+    let (mut causes, mut looked_ns) = (ByCause::default(), clock::now_ns());
+    let (mut awake_ns, mut rested_ns, mut misses) = (looked_ns, looked_ns, 0);
     while (late_ns.len() as u64) < task.ticks {
         let Some(wake) = timer.wait() else { continue };
         for overslept in 0..=wake.lateness_ns / period_ns {
             late_ns.push(wake.lateness_ns - overslept * period_ns);
         }
+        let late = Late {
+            behind_ns: wake.lateness_ns,
+            at_work_ns: rested_ns.saturating_sub(wake.due_ns),
+            worked_ns: rested_ns.saturating_sub(awake_ns),
+        };
+        if let Some(cause) = witness.cause_of(late, misses > 0) {
+            causes[cause as usize].add(wake.lateness_ns);
+        }
+        awake_ns = wake.due_ns + wake.lateness_ns;
+        if awake_ns > looked_ns + LOOK_EVERY_NS {
+            looked_ns = awake_ns;
+            witness.look_when_on_time();
+        }
         // Whoever took longer once has less to do later.
         busy_until_ns += task.busy_ns;
         while busy_ns() < busy_until_ns {}
-        missed += (clock::now_ns() - wake.due_ns) / period_ns;
+        rested_ns = clock::now_ns();
+        misses = (rested_ns - wake.due_ns) / period_ns;
+        missed += misses;
     }
     let late_us = quantiles_us(late_ns).unwrap_or_default();
-    peers::tell(result, &Seen { late_us, missed })
+    peers::tell(result, &Seen { late_us, missed, causes })
 }
 
 /// Time that this process has had on the processor, ns.

@@ -13,9 +13,8 @@ use protocol::process::Stop;
 use protocol::run_root::RunRoot;
 use serde_json::Value;
 
-use crate::child::{self, Running, number};
+use crate::child::{self, Running, latest_wake_us, number};
 use crate::quantiles::QUANTILES;
-use crate::realtime::latest_wake_us;
 use crate::ring;
 use crate::table::Row;
 use crate::{BenchError, Measured, Setting};

@@ -5,8 +5,10 @@
 //! |---|---|
 //! | `switches` | which thread does each core run, and since when? |
 //! | `attribution` | who held the core, of those late wake-ups? |
+//! | `names` | what is a process called? |
 
 mod attribution;
+mod names;
 mod switches;
 
 use std::collections::BTreeMap;
@@ -20,7 +22,8 @@ use protocol::clock::{self, golden_phase};
 use rustix::thread::{CpuSet, sched_getaffinity};
 
 use attribution::{Attribution, Held};
-use switches::Switches;
+use names::Names;
+use switches::{Event, Switches};
 
 /// How often switches are taken from the kernel.
 const TURN: Duration = Duration::from_millis(20);
@@ -73,8 +76,8 @@ impl Trace {
             period_ns,
             switches,
             seen: 0,
-            names: BTreeMap::from([(0, "nobody: it was idle".to_owned())]),
-            foreign: BTreeMap::new(),
+            ours: BTreeMap::from([(0, "nobody: it was idle".to_owned())]),
+            foreign: Names::default(),
         };
         let thread = std::thread::Builder::new().name("scheduler-trace".into());
         let thread = thread.spawn(move || tracer.run(&heard)).map_err(TraceError::Thread)?;
@@ -125,9 +128,9 @@ struct Tracer {
     seen: u64,
     attribution: Attribution,
     /// Of the run's processes. All robots have one name: which of them it was says little.
-    names: BTreeMap<u32, String>,
-    /// Of others, as they were called when they held a core.
-    foreign: BTreeMap<u32, String>,
+    ours: BTreeMap<u32, String>,
+    /// Of others.
+    foreign: Names,
 }
 
 impl Tracer {
@@ -137,12 +140,12 @@ impl Tracer {
             self.take();
             match news {
                 Ok(News::Process { process, name }) => {
-                    self.names.insert(process, name);
+                    self.ours.insert(process, name);
                 }
                 Ok(News::Robot { robot, process }) => {
                     let phase_ns = (golden_phase(robot + 1) * self.period_ns as f64) as u64;
                     self.attribution.watch(process, phase_ns, clock::now_ns());
-                    self.names.insert(process, "another robot".to_owned());
+                    self.ours.insert(process, "another robot".to_owned());
                 }
                 Ok(News::Gone { process }) => self.attribution.forget(process),
                 Err(RecvTimeoutError::Timeout) => {}
@@ -152,16 +155,16 @@ impl Tracer {
     }
 
     fn take(&mut self) {
-        for switch in self.switches.take_until(clock::now_ns()) {
-            self.seen += 1;
-            for process in self.attribution.take(switch) {
-                if self.names.contains_key(&process) {
-                    continue;
+        for event in self.switches.take_until(clock::now_ns()) {
+            match event {
+                Event::Switch(switch) => {
+                    self.seen += 1;
+                    let holders = self.attribution.take(switch);
+                    let foreign = holders.iter().filter(|holder| !self.ours.contains_key(holder));
+                    foreign.for_each(|&process| self.foreign.held(process));
                 }
-                // A shell becomes the program that it starts: the newest name counts.
-                if let Some(name) = called(process) {
-                    self.foreign.insert(process, name);
-                }
+                Event::Began { process } => self.foreign.began(process),
+                Event::Named { process, name } => self.foreign.named(process, &name),
             }
         }
     }
@@ -169,8 +172,9 @@ impl Tracer {
     fn into_result(self) -> SchedulerTrace {
         let mut by_name = BTreeMap::<&str, Held>::new();
         for (process, held) in self.attribution.held() {
-            let name = self.names.get(process).or_else(|| self.foreign.get(process));
-            let sum = by_name.entry(name.map_or(ENDED, String::as_str)).or_default();
+            let name = self.ours.get(process).map(String::as_str);
+            let name = name.or_else(|| self.foreign.get(*process));
+            let sum = by_name.entry(name.unwrap_or(ENDED)).or_default();
             sum.late += held.late;
             sum.held_ns += held.held_ns;
         }
@@ -186,12 +190,6 @@ impl Tracer {
         let (late, lost) = (self.attribution.late(), self.switches.lost);
         SchedulerTrace { late, switches: self.seen, lost, held_by }
     }
-}
-
-/// How a process is called, without the number of a kernel thread's core; `None` once it has ended.
-fn called(process: u32) -> Option<String> {
-    let name = std::fs::read_to_string(format!("/proc/{process}/comm")).ok()?;
-    name.trim().split('/').next().map(str::to_owned)
 }
 
 /// The cores that robots may run on.

@@ -75,17 +75,7 @@ pub fn held_up_ns(stat: &str) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// A machine's files, made of their names and texts.
-    fn machine(files: &[(&str, &str)]) -> tempfile::TempDir {
-        let root = tempfile::tempdir().unwrap();
-        for (name, text) in files {
-            let path = root.path().join(name);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, format!("{text}\n")).unwrap();
-        }
-        root
-    }
+    use crate::machine_files::machine;
 
     fn limits(files: &[(&str, &str)]) -> Vec<(f64, String)> {
         let root = machine(files);

@@ -48,6 +48,8 @@ pub mod latency;
 pub mod lateness;
 pub mod law;
 pub mod link;
+#[cfg(all(test, feature = "ipc"))]
+mod machine_files;
 pub mod message;
 pub mod number;
 #[cfg(feature = "ipc")]

@@ -22,6 +22,9 @@ pub mod dead_nodes;
 pub mod descriptors;
 mod limits;
 pub mod live;
+#[cfg(test)]
+#[path = "../../protocol/src/machine_files.rs"]
+mod machine_files;
 pub mod room;
 pub mod run;
 pub mod scheduler;

@@ -122,17 +122,7 @@ fn quota(root: &Path) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// A machine's files, made of their names and texts.
-    fn machine(files: &[(&str, &str)]) -> tempfile::TempDir {
-        let root = tempfile::tempdir().unwrap();
-        for (name, text) in files {
-            let path = root.path().join(name);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, format!("{text}\n")).unwrap();
-        }
-        root
-    }
+    use crate::machine_files::machine;
 
     #[test]
     fn threads_caches_nodes_and_speeds_are_read_from_sysfs() {

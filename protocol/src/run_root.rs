@@ -23,6 +23,9 @@ const UNLOCKED_AGE_MIN: Duration = Duration::from_secs(10);
 const ATTEMPTS: usize = 16;
 /// What the names of iceoryx2's files in a run root begin with.
 pub const PREFIX: &str = "phx_";
+/// A receiver keeps what is left of so many senders that are gone until it next takes samples. At most two
+/// are connected at a time, one of them a replacement; for as many again there is room.
+const EXPIRED_MAX: usize = 4;
 /// Ending of a root's name while it is being made.
 const UNNAMED: &str = ".new";
 /// iceoryx2 refuses paths of more than 255 bytes; what it puts below the root needs up to 123.
@@ -182,6 +185,7 @@ impl RunRoot {
 
     /// Cleaning up after the dead is the supervisor's alone: iceoryx2 must not do it by itself.
     fn iceoryx2_config(&self) -> String {
+        // By default every receiver has room for 128, and touches all of it when it is made.
         format!(
             "[global]\n\
              root-path = '{}'\n\
@@ -190,7 +194,9 @@ impl RunRoot {
              cleanup-dead-nodes-on-open = false\n\
              [global.node]\n\
              cleanup-dead-nodes-on-creation = false\n\
-             cleanup-dead-nodes-on-destruction = false\n",
+             cleanup-dead-nodes-on-destruction = false\n\
+             [defaults.publish-subscribe]\n\
+             subscriber-expired-connection-buffer = {EXPIRED_MAX}\n",
             self.path.display()
         )
     }

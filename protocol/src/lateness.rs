@@ -10,8 +10,8 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::cgroup;
 use crate::stage::Cause;
+use crate::{cgroup, clock};
 
 /// A wake-up is late if it comes this part of a period after its deadline.
 const LATE_PART: u64 = 10;
@@ -166,7 +166,7 @@ impl Reader {
             schedstat: File::open("/proc/thread-self/schedstat").ok(),
             stat: File::open("/proc/stat").ok(),
             limits: limits.iter().filter_map(|limited| File::open(&limited.stat).ok()).collect(),
-            ns_per_tick: 1_000_000_000 / rustix::param::clock_ticks_per_second().max(1),
+            ns_per_tick: 1_000_000_000 / clock::ticks_per_s(),
         }
     }
 

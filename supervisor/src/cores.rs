@@ -14,6 +14,7 @@ mod trial;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use protocol::clock;
 use rustix::process::Pid;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
@@ -263,7 +264,7 @@ fn busy_s(processors: impl Iterator<Item = usize>) -> Option<f64> {
         let (user, nice, system) = (next()?, next()?, next()?);
         ticks += user + nice + system;
     }
-    Some(ticks / rustix::param::clock_ticks_per_second() as f64)
+    Some(ticks / clock::ticks_per_s() as f64)
 }
 
 /// Processor time that a process took so far, s; 0 if it is gone.

@@ -35,7 +35,7 @@ impl Sample {
     /// Looks at a process. An error if there is none of this id.
     pub fn of(pid: u32) -> io::Result<Sample> {
         let stat = std::fs::read_to_string(format!("/proc/{pid}/stat"))?;
-        let ticks_per_s = rustix::param::clock_ticks_per_second();
+        let ticks_per_s = clock::ticks_per_s();
         parse(&stat, ticks_per_s, clock::now_ns())
             .ok_or_else(|| io::Error::other(format!("/proc/{pid}/stat reads {stat:?}")))
     }

@@ -270,6 +270,8 @@ impl Agent {
             if self.brain.has_started() {
                 self.hear_newest()?;
             }
+            // Only what may take long is worth a clock read of its own.
+            rested_ns = taken_ns;
             if let Some(odometry) = newest {
                 silent_ns = 0;
                 self.ports.latency.record(
@@ -294,22 +296,29 @@ impl Agent {
                     }
                     self.ports.send(&answer, sent_ns)?;
                     self.measure(taken_ns, used_ns, sent_ns);
+                    rested_ns = sent_ns;
                     let misses = sent_ns.saturating_sub(wake.due_ns) / period_ns;
                     self.deadline_misses += misses;
                     missed = misses > 0;
+                } else {
+                    rested_ns = clock::now_ns();
                 }
             } else if silent_ns > PLANT_SILENCE_MAX_NS {
                 return Err(LoopError::PlantSilent);
             }
             let news = self.brain.take_news();
-            if self.report_if(news, taken_ns)? {
+            let reported = self.report_if(news, taken_ns)?;
+            if reported {
                 witness.look_when_on_time();
             }
-            if self.ports.latency.is_due(taken_ns) {
+            let told = self.ports.latency.is_due(taken_ns);
+            if told {
                 self.tell_ages(taken_ns);
                 self.ports.latency.send_if_due(taken_ns);
             }
-            rested_ns = clock::now_ns();
+            if reported || told {
+                rested_ns = clock::now_ns();
+            }
         }
         self.tell_ages(clock::now_ns());
         Ok(())

@@ -119,7 +119,8 @@ impl Run {
         Ended { place, codes, summary }
     }
 
-    fn logs(&self) -> String {
+    /// What all hosts wrote on their screens so far.
+    pub fn logs(&self) -> String {
         logs(self.place.path())
     }
 }

@@ -41,13 +41,13 @@ fn soak_outages_at_random_break_nothing_for_good() {
         std::thread::sleep(Duration::from_millis(length_ms));
         hosts.plug(1, true);
         std::thread::sleep(Duration::from_millis(1_000 * EVERY_S - length_ms - before_ms));
-        let kb = [0, 1].map(|host| bridge_kb(run.pid(host)));
+        let kb = bridges_kb(&run);
         first_kb.get_or_insert(kb);
         if outage % 20 == 0 || outage + 1 == count {
             eprintln!("seed {seed}, outage {} of {count}: bridges {kb:?} kB", outage + 1);
         }
     }
-    let last_kb = [0, 1].map(|host| bridge_kb(run.pid(host)));
+    let last_kb = bridges_kb(&run);
     let ended = run.end();
     ended.is_well();
     ended.undisturbed(&["r1", "r2"]);
@@ -69,13 +69,20 @@ fn soak_outages_at_random_break_nothing_for_good() {
     );
 }
 
+/// The memory of both bridges, kB.
+fn bridges_kb(run: &Run) -> [u64; 2] {
+    let kb = [0, 1].map(|host| bridge_kb(run.pid(host)));
+    match kb {
+        [Some(a), Some(b)] => [a, b],
+        _ => panic!("a bridge is not there: {kb:?}\n{}", run.logs()),
+    }
+}
+
 /// The memory of a host's bridge, kB.
-fn bridge_kb(supervisor: u32) -> u64 {
+fn bridge_kb(supervisor: u32) -> Option<u64> {
     let found = children_of(supervisor);
-    let Some((pid, _)) = found.iter().find(|(_, name)| name == "phalanx-bridge") else {
-        panic!("no bridge: {found:?}")
-    };
-    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
-    let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
-    line.split_whitespace().nth(1).unwrap().parse().unwrap()
+    let (pid, _) = found.iter().find(|(_, name)| name == "phalanx-bridge")?;
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmRSS:"))?;
+    line.split_whitespace().nth(1)?.parse().ok()
 }

@@ -15,13 +15,16 @@
 //! | `stamps` | which stamp of the plant's clock does one of the clock here stand for? |
 //! | `told` | how does what robots tell the supervisor get to the plant's host? |
 //! | `process/` | how does a bridge carry all that? |
+//! | `wire` | how does a connection begin and end? |
 //! | `counters` | why are samples dropped, and how many were? |
+//! | `examples` | what is tested with? |
 //! | `ros2/` | how does ROS 2 hear a run? |
 
 #[cfg(feature = "zenoh")]
 pub mod certificates;
 pub mod clock;
 pub mod counters;
+pub mod examples;
 pub mod fleet;
 pub mod frame;
 pub mod gate;
@@ -32,3 +35,5 @@ pub mod ros2;
 pub mod stamps;
 pub mod told;
 pub mod topics;
+#[cfg(feature = "zenoh")]
+pub mod wire;

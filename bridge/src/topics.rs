@@ -112,45 +112,23 @@ pub fn apart(brief: &BridgeBrief, a: usize, b: usize, t_ns: u64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::brief::{BridgedBrief, Format, HostBrief, PartitionBrief};
+    use crate::examples::{self, robot};
+    use protocol::brief::{HostBrief, PartitionBrief};
     use protocol::fault::Span;
 
     /// r0 on a, which has the plant; r1 and r2 on b; r3 on c. r0 hears r1, r1 hears r2, r3 hears r0 and r1.
     fn brief() -> BridgeBrief {
-        let host = |name: &str| HostBrief {
-            name: name.into(),
-            address: format!("127.0.0.1:{}", name.len()),
-        };
-        let robot = |name: &str, host, heard_on: &[usize]| BridgedBrief {
-            name: name.into(),
-            host,
-            heard_on: heard_on.into(),
-            hears: 1,
-        };
+        let host = |name: &str| HostBrief { name: name.into(), address: "127.0.0.1:1".into() };
+        let robots = [
+            robot("r0", 0, &[2]),
+            robot("r1", 1, &[0, 2]),
+            robot("r2", 1, &[]),
+            robot("r3", 2, &[]),
+        ];
+        let span = Span { from_ns: 10, until_ns: 20 };
         BridgeBrief {
-            format: Format,
-            run_root: "/dev/shm".into(),
-            experiment: "0".repeat(16),
-            here: 0,
-            plant: 0,
-            odometry_age_ns_max: 1,
-            beacon_age_ns_max: 1,
-            join_within_ns: 1,
-            unreachable_after_ns: 1,
-            silence_ns_max: 1,
-            transport: "tcp".into(),
-            certificates: None,
-            hosts: vec![host("a"), host("b"), host("c")],
-            robots: vec![
-                robot("r0", 0, &[2]),
-                robot("r1", 1, &[0, 2]),
-                robot("r2", 1, &[]),
-                robot("r3", 2, &[]),
-            ],
-            partitions: vec![PartitionBrief {
-                hosts: vec![1],
-                span: Span { from_ns: 10, until_ns: 20 },
-            }],
+            partitions: vec![PartitionBrief { hosts: vec![1], span }],
+            ..examples::brief(&["a", "b", "c"].map(host), robots)
         }
     }
 

@@ -4,20 +4,21 @@
 use std::fs;
 use std::io::Write as _;
 use std::net::{TcpListener, TcpStream};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use bridge::certificates::{Authority, Validity};
 use bridge::counters::Dropped;
+use bridge::examples::{self, robot};
 use bridge::frame::{Header, VERSION};
 use bridge::gate::Gate;
 use bridge::process::inbox::Inbox;
 use bridge::process::wire::Wire;
 use bridge::process::{config, refusals};
 use bridge::topics::{self, Route, Topic};
-use protocol::brief::{BridgeBrief, BridgedBrief, CertificatesBrief, Format, HostBrief};
+use protocol::brief::{BridgeBrief, CertificatesBrief, HostBrief};
 use protocol::clock;
 use serde_json::json;
 use tempfile::TempDir;
@@ -207,28 +208,12 @@ fn certificates(folder: &Path, name: &str) -> CertificatesBrief {
 }
 
 fn brief(hosts: &[HostBrief], here: usize, certificates: CertificatesBrief) -> BridgeBrief {
-    let robot = |name: &str, host, heard_on: &[usize]| BridgedBrief {
-        name: name.into(),
-        host,
-        heard_on: heard_on.into(),
-        hears: 1,
-    };
+    let robots = [robot("r0", 0, &[1, 2]), robot("r1", 1, &[0]), robot("r2", 2, &[0])];
     BridgeBrief {
-        format: Format,
-        run_root: PathBuf::new(),
         experiment: format!("{EXPERIMENT:016x}"),
         here,
-        plant: 0,
-        odometry_age_ns_max: 1,
-        beacon_age_ns_max: 1,
-        join_within_ns: 1,
-        unreachable_after_ns: 1,
-        silence_ns_max: 1,
-        transport: "tcp".into(),
         certificates: Some(certificates),
-        hosts: hosts.to_vec(),
-        robots: vec![robot("r0", 0, &[1, 2]), robot("r1", 1, &[0]), robot("r2", 2, &[0])],
-        partitions: Vec::new(),
+        ..examples::brief(hosts, robots)
     }
 }
 

@@ -36,13 +36,14 @@ use zenoh::pubsub::Publisher as Sender;
 use self::inbox::{Arrived, Inbox};
 use self::local::{PortError, Retelling, Sink, Source, Telling, newest};
 use self::times::Times;
-use self::wire::{Wire, WireError};
+use self::wire::Wire;
 use crate::clock::Stamps;
 use crate::counters::{Counters, Dropped};
 use crate::frame::{self, Header, VERSION, slice_of};
 use crate::gate::Gate;
 use crate::told::{Heard, Kind, Log, Record};
 use crate::topics::{self, Route, Topic};
+use crate::wire::WireError;
 
 /// How often it looks for samples of this host, ns: what this adds to their age is half of it on
 /// average.

@@ -10,27 +10,7 @@ use zenoh::qos::{CongestionControl, Priority};
 use super::config;
 use super::inbox::Inbox;
 use crate::topics::{Route, Topic};
-
-/// Why there is no connection.
-#[derive(Debug, thiserror::Error)]
-pub enum WireError {
-    /// zenoh does not take the configuration, or cannot listen.
-    #[error("cannot listen at {address}: {why}")]
-    Open {
-        /// Where.
-        address: String,
-        /// Why.
-        why: String,
-    },
-    /// A key could not be declared.
-    #[error("cannot declare {key}: {why}")]
-    Declare {
-        /// Which.
-        key: String,
-        /// Why.
-        why: String,
-    },
-}
+use crate::wire::{self, WireError};
 
 /// The session. Whatever is declared in it ends with it.
 pub struct Wire {
@@ -40,13 +20,9 @@ pub struct Wire {
 impl Wire {
     /// Listens, and begins to connect.
     pub fn open(brief: &BridgeBrief) -> Result<Wire, WireError> {
-        let refused = |why: zenoh::Error| WireError::Open {
-            address: brief.hosts[brief.here].address.clone(),
-            why: why.to_string(),
-        };
-        let config = zenoh::Config::from_json5(&config::of(brief).to_string()).map_err(refused)?;
-        let session = zenoh::open(config).wait().map_err(refused)?;
-        Ok(Wire { session })
+        let address = || brief.hosts[brief.here].address.clone();
+        let session = wire::open(&config::of(brief));
+        Ok(Wire { session: session.map_err(|why| WireError::Open { address: address(), why })? })
     }
 
     /// A sender that never waits.
@@ -65,7 +41,7 @@ impl Wire {
             .priority(priority)
             .express(express)
             .wait();
-        declared.map_err(|why| WireError::Declare { key: route.key.clone(), why: why.to_string() })
+        declared.map_err(WireError::declaring(&route.key))
     }
 
     /// What arrives under the key of a route goes into the inbox.
@@ -82,13 +58,11 @@ impl Wire {
             .callback(move |sample| inbox.put(place, &sample.payload().to_bytes()))
             .background()
             .wait();
-        declared.map_err(|why| WireError::Declare { key: route.key.clone(), why: why.to_string() })
+        declared.map_err(WireError::declaring(&route.key))
     }
 
     /// Ends it.
     pub fn close(self) {
-        if let Err(error) = self.session.close().wait() {
-            tracing::debug!(%error, "the session did not close");
-        }
+        wire::close(&self.session);
     }
 }

@@ -20,7 +20,8 @@ use protocol::service::{self, Node, ServiceError, Subscriber};
 use super::messages::{self, State};
 use super::names::{self, ODOMETRY, TF};
 use super::stamp::RosClock;
-use wire::{Sender, Wire, WireError};
+use crate::wire::WireError;
+use wire::{Sender, Wire};
 
 /// Robots go first, wherever time is short. (nice, of 19)
 const NICE: i32 = 5;

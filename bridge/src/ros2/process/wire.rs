@@ -13,32 +13,12 @@ use zenoh::qos::CongestionControl;
 
 use crate::ros2::attachment::{self, GID_BYTES};
 use crate::ros2::names::{self, MessageType};
+use crate::wire::{self, WireError};
 
 /// How long one attempt to reach the router may take, ms.
 const CONNECT_MS: u64 = 1_000;
 /// Between two attempts.
 const PAUSE: Duration = Duration::from_millis(500);
-
-/// Why there is no connection.
-#[derive(Debug, thiserror::Error)]
-pub enum WireError {
-    /// zenoh cannot listen.
-    #[error("cannot listen at {address}: {why}")]
-    Listen {
-        /// Where.
-        address: String,
-        /// Why.
-        why: String,
-    },
-    /// Something could not be declared.
-    #[error("cannot declare {key}: {why}")]
-    Declare {
-        /// Which.
-        key: String,
-        /// Why.
-        why: String,
-    },
-}
 
 /// The session, and what was declared in it so far.
 pub struct Wire {
@@ -61,16 +41,15 @@ impl Wire {
     pub fn open(brief: &Ros2Brief, stop: &Stop) -> Result<Option<Wire>, WireError> {
         let mut told = false;
         while !stop.requested() {
-            let config = zenoh::Config::from_json5(&config(brief).to_string());
-            match config.and_then(|config| zenoh::open(config).wait()) {
+            match wire::open(&config(brief)) {
                 Ok(session) => {
                     let id = session.zid().to_string();
                     let (nodes, entities) = (Cell::new(0), Cell::new(0));
                     return Ok(Some(Wire { session, id, nodes, entities }));
                 }
                 Err(why) if brief.listens => {
-                    let (address, why) = (brief.address.to_string(), why.to_string());
-                    return Err(WireError::Listen { address, why });
+                    let address = brief.address.to_string();
+                    return Err(WireError::Open { address, why });
                 }
                 Err(why) => {
                     if !told {
@@ -109,21 +88,18 @@ impl Wire {
             .declare_publisher(key.clone())
             .congestion_control(CongestionControl::Drop)
             .wait();
-        let publisher =
-            publisher.map_err(|why| WireError::Declare { key, why: why.to_string() })?;
+        let publisher = publisher.map_err(WireError::declaring(&key))?;
         Ok(Sender { publisher, gid, sequence: 0, failing: false, _token: self.token(token)? })
     }
 
     fn token(&self, key: String) -> Result<LivelinessToken, WireError> {
         let declared = self.session.liveliness().declare_token(key.clone()).wait();
-        declared.map_err(|why| WireError::Declare { key, why: why.to_string() })
+        declared.map_err(WireError::declaring(&key))
     }
 
     /// Ends it.
     pub fn close(self) {
-        if let Err(error) = self.session.close().wait() {
-            tracing::debug!(%error, "the session did not close");
-        }
+        wire::close(&self.session);
     }
 }
 

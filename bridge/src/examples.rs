@@ -1,0 +1,31 @@
+//! Briefs to test with.
+
+use std::path::PathBuf;
+
+use protocol::brief::{BridgeBrief, BridgedBrief, Format, HostBrief};
+
+/// A robot on the host of this place, whose beacons are heard on those.
+pub fn robot(name: &str, host: usize, heard_on: &[usize]) -> BridgedBrief {
+    BridgedBrief { name: name.into(), host, heard_on: heard_on.into(), hears: 1 }
+}
+
+/// The brief of the first of these hosts, which has the plant; without certificates, and nothing breaks.
+pub fn brief(hosts: &[HostBrief], robots: impl Into<Vec<BridgedBrief>>) -> BridgeBrief {
+    BridgeBrief {
+        format: Format,
+        run_root: PathBuf::new(),
+        experiment: "0".repeat(16),
+        here: 0,
+        plant: 0,
+        odometry_age_ns_max: 1,
+        beacon_age_ns_max: 1,
+        join_within_ns: 1,
+        unreachable_after_ns: 1,
+        silence_ns_max: 1,
+        transport: "tcp".into(),
+        certificates: None,
+        hosts: hosts.to_vec(),
+        robots: robots.into(),
+        partitions: Vec::new(),
+    }
+}

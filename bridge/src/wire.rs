@@ -1,0 +1,45 @@
+//! What the processes of this crate have in common of zenoh: how a session opens and ends, and why there is
+//! no connection.
+
+use serde_json::Value;
+use zenoh::Wait as _;
+
+/// Why there is no connection.
+#[derive(Debug, thiserror::Error)]
+pub enum WireError {
+    /// zenoh does not take the configuration, or cannot listen.
+    #[error("cannot listen at {address}: {why}")]
+    Open {
+        /// Where.
+        address: String,
+        /// Why.
+        why: zenoh::Error,
+    },
+    /// A key could not be declared.
+    #[error("cannot declare {key}: {why}")]
+    Declare {
+        /// Which.
+        key: String,
+        /// Why.
+        why: zenoh::Error,
+    },
+}
+
+impl WireError {
+    /// That this key could not be declared.
+    pub fn declaring(key: &str) -> impl FnOnce(zenoh::Error) -> WireError {
+        move |why| WireError::Declare { key: key.to_owned(), why }
+    }
+}
+
+/// A session with nothing but what this configuration says.
+pub fn open(config: &Value) -> zenoh::Result<zenoh::Session> {
+    zenoh::open(zenoh::Config::from_json5(&config.to_string())?).wait()
+}
+
+/// Ends a session, and with it whatever was declared in it.
+pub fn close(session: &zenoh::Session) {
+    if let Err(error) = session.close().wait() {
+        tracing::debug!(%error, "the session did not close");
+    }
+}

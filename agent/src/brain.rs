@@ -6,6 +6,8 @@
 //! An answer has three steps: [`Brain::sense`] takes a sample in, the law says what it wants in the
 //! situation at hand, and [`Brain::act`] makes an answer of that. Whoever trains a law takes them apart.
 
+mod sent;
+
 use formation::Vec2;
 use formation::front_point::{front_point, front_velocity};
 use formation::pose::wrap_angle;
@@ -13,12 +15,15 @@ use protocol::age::AgeSums;
 use protocol::brief::{AgentBrief, Pace, PublishedVelocity};
 use protocol::fault::{LinkFault, LinkFaultKind, Said, SlowFault};
 use protocol::link::Link;
-use protocol::message::{Beacon, Command, NeighborStatus, Odometry, PROXIMITY_MAX, StatusHeader};
+use protocol::message::{
+    Beacon, Command, Goal, NeighborStatus, Odometry, PROXIMITY_MAX, StatusHeader,
+};
 
 use crate::avoidance::{self, Avoidance, AvoidanceError, Sample};
 use crate::laws::{self, Heard, Law, LawError, Situation, Wish};
 use crate::neighborhood::{BeaconRefusal, Neighborhood};
 use crate::roles::{Moment, Role, RoleError};
+use sent::Sent;
 
 /// a of the boundary layer: how many periods old a beacon is when it is used. In lockstep exactly
 /// one; in real time up to one of the sender's period and one of delivery and phase. And what
@@ -88,6 +93,7 @@ pub struct Brain {
     /// Stamp of t = 0, ns; known with the first sample.
     start_ns: u64,
     news: bool,
+    sent: Sent,
     published_velocity: PublishedVelocity,
     /// Where it found itself last, m.
     front_point: Option<Vec2>,
@@ -166,6 +172,7 @@ impl Brain {
             slow: brief.slow.clone(),
             start_ns: 0,
             news: false,
+            sent: Sent::default(),
             published_velocity: brief.published_velocity,
             front_point: None,
             before: None,
@@ -203,6 +210,12 @@ impl Brain {
         if let Some(place) = self.neighborhood.place_of(robot) {
             self.links[place].set_cut(cut);
         }
+    }
+
+    /// Somebody outside sends the robot to this place, from its next sample on. What is no newer than the goal
+    /// in force changes nothing, and no role but one that goes to a goal listens.
+    pub fn go_to(&mut self, goal: &Goal) {
+        self.sent.ask(goal);
     }
 
     fn hear_now(
@@ -252,6 +265,7 @@ impl Brain {
                 let _ = self.hear_now(place, &beacon, odometry.stamp_ns);
             }
         }
+        self.news |= self.sent.apply(&mut *self.role, odometry.t_ns);
         self.news |= self.neighborhood.judge(odometry.tick, odometry.t_ns, odometry.stamp_ns);
         (self.now.odometry, self.now.error, self.now.target) = (None, None, None);
         let arrived = match &self.odometry {
@@ -409,6 +423,7 @@ impl Brain {
         deadline_misses: u64,
     ) -> (StatusHeader, impl ExactSizeIterator<Item = NeighborStatus>) {
         let (tick, t_ns) = self.newest.unwrap_or_default();
+        let (goal, goal_since_ns) = self.sent.in_force();
         let header = StatusHeader {
             tick,
             t_ns,
@@ -419,6 +434,9 @@ impl Brain {
             beacons_refused: self.beacons_refused,
             frame: self.neighborhood.frame_contact().contact as u64,
             frame_since_t_ns: self.neighborhood.frame_contact().t_ns,
+            goal_stamp_ns: goal.stamp_ns,
+            goal_since_t_ns: goal_since_ns,
+            goal_m: [goal.x_m, goal.y_m],
         };
         (header, self.neighborhood.status())
     }

@@ -266,6 +266,9 @@ impl Agent {
             silent_ns += (taken_ns - awake_ns).min(GAP_NS_MAX.max(2 * period_ns));
             awake_ns = taken_ns;
             self.ports.faults_by_hand(|robot, cut| self.brain.set_cut(robot, cut))?;
+            if let Some(goal) = self.ports.goal()? {
+                self.brain.go_to(&goal);
+            }
             // At its first sample a robot has heard nothing, as in lockstep.
             if self.brain.has_started() {
                 self.hear_newest()?;

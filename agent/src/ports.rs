@@ -1,10 +1,12 @@
-//! An agent's ports: its own five services, a sixth where links may be cut by hand, and the beacons
-//! of those it hears. It opens no others.
+//! An agent's ports: its own five services, more where links may be cut by hand or goals come from
+//! outside, and the beacons of those it hears. It opens no others.
 
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use protocol::brief::AgentBrief;
 use protocol::latency::LatencyPort;
-use protocol::message::{Beacon, Command, LinkFaultByHand, NeighborStatus, Odometry, StatusHeader};
+use protocol::message::{
+    Beacon, Command, Goal, LinkFaultByHand, NeighborStatus, Odometry, StatusHeader,
+};
 use protocol::service::{self, Node, Publisher, SendError, ServiceError, Subscriber, send_slice};
 
 use crate::brain::{Answer, Brain};
@@ -16,6 +18,8 @@ pub struct Ports {
     neighbors: Vec<Subscriber<Beacon>>,
     /// Where links may be cut by hand.
     faults: Option<Subscriber<[LinkFaultByHand]>>,
+    /// Where goals come from outside.
+    goal: Option<Subscriber<Goal>>,
     status: Publisher<[NeighborStatus], StatusHeader>,
     /// For what the loop measures.
     pub latency: LatencyPort,
@@ -68,6 +72,10 @@ impl Ports {
                 true => Some(service::faults(own).open(&node)?.subscriber()?),
                 false => None,
             },
+            goal: match brief.goals_from_outside {
+                true => Some(service::goal(own).open(&node)?.subscriber()?),
+                false => None,
+            },
             status: service::status(own).open(&node)?.publisher(brief.neighbors.len())?,
             latency: LatencyPort::new(
                 &service::latency(own).open(&node)?,
@@ -108,6 +116,11 @@ impl Ports {
             sample.payload().iter().for_each(|fault| link(fault.robot, fault.cut == 1));
         }
         Ok(())
+    }
+
+    /// The goal that somebody outside said last, if one came since.
+    pub fn goal(&self) -> Result<Option<Goal>, PortError> {
+        self.goal.as_ref().map_or(Ok(None), |goal| take(goal, "goal"))
     }
 
     /// Sends an answer: the beacon first, for others wait for it.

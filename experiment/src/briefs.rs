@@ -62,6 +62,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         odometry_faults: stream_faults(scenario, i, Stream::Odometry),
         command_faults: stream_faults(scenario, i, Stream::Commands),
         links_by_hand: false,
+        goals_from_outside: false,
         neighbors: neighbors.collect(),
     }
 }

@@ -45,6 +45,11 @@ impl Errors {
         }
     }
 
+    /// A robot that goes to goals was sent to another one, m.
+    pub(super) fn send(&mut self, robot: usize, goal: Vec2) {
+        self.targets.send(robot, goal);
+    }
+
     /// Takes in where everybody is now, and the frame that offsets turn and grow with; the worst
     /// error of the living, m.
     pub(super) fn truth(

@@ -145,7 +145,8 @@ pub struct Measures {
     pub arrived_at_s: Vec<(String, Option<f64>)>,
     /// How far each front point went until then, or in all, m.
     pub path_m: Vec<(String, Option<f64>)>,
-    /// Of all that arrived at goals: the lengths of their ways over those of straight lines there.
+    /// Of all that arrived at goals: the lengths of their ways over those of straight lines there; `None` once
+    /// somebody was sent to another goal.
     pub path_over_straight: Option<f64>,
     /// In lockstep.
     pub trajectory_hash: Option<String>,
@@ -247,6 +248,13 @@ impl Metrics {
     /// never does.
     pub fn no_early_end_before_ns(&self) -> Option<u64> {
         self.end.not_before_ns()
+    }
+
+    /// A robot that goes to goals was sent to another one, m: from the next truth on its error is the distance
+    /// from there.
+    pub fn sent(&mut self, robot: usize, goal: Vec2) {
+        self.errors.send(robot, goal);
+        self.travel.sent();
     }
 
     /// The fault of this number began.

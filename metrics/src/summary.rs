@@ -78,7 +78,8 @@ pub struct Summary {
     /// How far each front point went until then, or in all, m.
     #[serde(with = "by_name")]
     pub path_m: Vec<(String, Option<f64>)>,
-    /// Of all that arrived at goals: the lengths of their ways over those of straight lines there.
+    /// Of all that arrived at goals: the lengths of their ways over those of straight lines there; `null` once
+    /// somebody was sent to another goal.
     pub path_over_straight: Option<f64>,
     /// Commands sent after their agent's next wake-up was due.
     pub deadline_misses: u64,
@@ -136,6 +137,20 @@ pub struct Wall {
     /// Where there are several: each host.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub hosts: Vec<HostSummary>,
+    /// Where robots take goals from outside: what became of those.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub goals: Option<GoalSummary>,
+}
+
+/// What became of goals from outside.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct GoalSummary {
+    /// How many were taken; of those that come faster than they are handed on, only the newest counts.
+    pub taken: u64,
+    /// How many were refused, by reason.
+    #[serde(with = "by_name")]
+    pub refused: Vec<(String, u64)>,
 }
 
 /// Late wake-ups of robots as a trace of the scheduler saw them: on the core, more than a tenth of a

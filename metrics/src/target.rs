@@ -17,7 +17,7 @@ pub(super) struct Targets {
     heard: Vec<Vec<(usize, Edge)>>,
     /// The trajectory of each, if it follows one.
     leads: Vec<Option<LeadBrief>>,
-    /// The goal of each, if it goes to one, m.
+    /// The goal of each, if it goes to one, m: the scenario's, until it is sent to another.
     goals: Vec<Option<Vec2>>,
     policy: SilencePolicy,
 }
@@ -35,9 +35,14 @@ impl Targets {
         }
     }
 
+    /// A robot that goes to goals was sent to another one, m.
+    pub(super) fn send(&mut self, robot: usize, goal: Vec2) {
+        self.goals[robot] = Some(goal);
+    }
+
     /// alpha_i - alpha*_i, m: alpha* is m(t) for the leader (25), the mean of what all heard ask
     /// for in a formation (13) (24) (45), their mean for a contained robot (46), and of those that go
-    /// to goals the goal; see `counted` for the silent. `None` for one that has nothing to go by.
+    /// to goals the one in force; see `counted` for the silent. `None` for one that has nothing to go by.
     pub(super) fn error(
         &self,
         robot: usize,

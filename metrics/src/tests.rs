@@ -375,3 +375,26 @@ fn of_those_that_go_to_goals_every_error_is_the_distance_to_the_goal() {
         assert!(expected.into_iter().all(|(&found, m)| close(found, m)), "{errors_m:?}");
     }
 }
+
+#[test]
+fn of_whoever_is_sent_to_another_goal_errors_and_convergence_are_of_that_one() {
+    let mut scenario = row_of_three();
+    for (robot, x_m) in scenario.robots.iter_mut().zip([0.0, 1.0, 2.0]) {
+        (robot.role, robot.goal_m) = (Role::GOAL, Some([x_m, 0.0]));
+    }
+    let mut metrics = Metrics::new(&scenario, Pace::Realtime);
+    metrics.truth(&header(0), &rows([0.5, 1.0, 2.0]), &ALL);
+    metrics.truth(&header(1), &rows([0.0, 1.0, 2.0]), &ALL);
+    assert_eq!(metrics.finish().converged_at_s, Some(seconds(header(1).t_ns)));
+    assert!(metrics.finish().path_over_straight.is_some());
+    metrics.sent(2, Vec2::new(3.0, 0.0));
+    metrics.truth(&header(2), &rows([0.0, 1.0, 2.25]), &ALL);
+    for errors_m in [metrics.now().errors_m, metrics.now().ideal_errors_m] {
+        let expected = errors_m.iter().zip([0.0, 0.0, 0.75]);
+        assert!(expected.into_iter().all(|(&found, m)| close(found, m)), "{errors_m:?}");
+    }
+    assert_eq!(metrics.finish().converged_at_s, None);
+    metrics.truth(&header(3), &rows([0.0, 1.0, 3.0]), &ALL);
+    assert_eq!(metrics.finish().converged_at_s, Some(seconds(header(3).t_ns)));
+    assert_eq!(metrics.finish().path_over_straight, None, "it was not on its way to one place");
+}

@@ -8,8 +8,8 @@ use formation::seconds;
 /// Ways and arrivals so far.
 pub(super) struct Travel {
     converged_error_m: f64,
-    /// Everybody has a goal.
-    has_goals: bool,
+    /// Everybody has a goal, and the same for all of the run.
+    to_goals: bool,
     starts: Vec<Vec2>,
     newest: Vec<Vec2>,
     length_m: Vec<f64>,
@@ -33,12 +33,17 @@ impl Travel {
         let robots = scenario.robots.len();
         Travel {
             converged_error_m: scenario.expect.converged_error_m,
-            has_goals: scenario.goals_m().is_some(),
+            to_goals: scenario.goals_m().is_some(),
             starts: Vec::new(),
             newest: Vec::new(),
             length_m: vec![0.0; robots],
             arrived: vec![None; robots],
         }
+    }
+
+    /// Somebody was sent to another goal: ways are not to one place any more.
+    pub(super) fn sent(&mut self) {
+        self.to_goals = false;
     }
 
     /// Takes in where everybody is now, how far from where it is wanted, m, and who is alive: the dead
@@ -84,7 +89,7 @@ impl Travel {
     pub(super) fn path_over_straight(&self) -> Option<f64> {
         let sum = |of: fn(&Arrival) -> f64| self.arrived.iter().flatten().map(of).sum::<f64>();
         let straight_m = sum(|arrival| arrival.straight_m);
-        (self.has_goals && straight_m > 0.0).then(|| sum(|arrival| arrival.path_m) / straight_m)
+        (self.to_goals && straight_m > 0.0).then(|| sum(|arrival| arrival.path_m) / straight_m)
     }
 }
 
@@ -95,7 +100,7 @@ mod tests {
     fn travel() -> Travel {
         Travel {
             converged_error_m: 0.1,
-            has_goals: true,
+            to_goals: true,
             starts: Vec::new(),
             newest: Vec::new(),
             length_m: vec![0.0; 2],

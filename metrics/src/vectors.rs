@@ -43,6 +43,11 @@ impl ErrorVectors {
         }
     }
 
+    /// From the next time that is asked for, a robot that goes to goals is sent to this one, m.
+    pub fn send(&mut self, robot: usize, goal: Vec2) {
+        self.targets.send(robot, goal);
+    }
+
     /// e_i of everybody, m, from where they were at that time, asked in order of time; `None` for one that has nothing to
     /// go by.
     pub fn at(&mut self, t_s: f64, poses: &[Pose]) -> impl Iterator<Item = Option<Vec2>> {

@@ -251,6 +251,9 @@ pub struct AgentBrief {
     /// Links may be cut by hand: it is told so over `robot/<id>/faults`. In real time only.
     #[serde(default)]
     pub links_by_hand: bool,
+    /// Its goal may be another from outside: it is told so over `robot/<id>/goal`. In real time only.
+    #[serde(default)]
+    pub goals_from_outside: bool,
     /// When it is to need longer for an answer.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub slow: Vec<SlowFault>,

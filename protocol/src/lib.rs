@@ -9,6 +9,7 @@
 //! | `brief` | what is one process told when it starts? |
 //! | `ros2` | what is the process told that shows a run to ROS 2? |
 //! | `fault` | what breaks in it, and when? |
+//! | `goal` | why is a goal from outside refused? |
 //! | `dropped` | why does a bridge drop samples? |
 //! | `link` | what gets through a failing link, and when? |
 //! | `law` `avoidance` | how does a control law, or an avoidance method, describe itself to the rest? |
@@ -25,7 +26,7 @@
 //! | `process` | how does a child name itself, log, and stop? |
 //! | `visible` | how is text from anywhere shown on a terminal? |
 //!
-//! Without the feature `ipc` there are only the words: `message`, `brief`, `ros2`, `fault`, `dropped`, `link`,
+//! Without the feature `ipc` there are only the words: `message`, `brief`, `ros2`, `goal`, `fault`, `dropped`, `link`,
 //! `law`, `avoidance`, `catalog`, `number`, `age`, `visible`; no iceoryx2, no system calls.
 
 pub mod age;
@@ -40,6 +41,7 @@ pub mod cgroup;
 pub mod clock;
 pub mod dropped;
 pub mod fault;
+pub mod goal;
 #[cfg(feature = "ipc")]
 mod ipc;
 #[cfg(feature = "ipc")]

@@ -326,7 +326,7 @@ impl Beacon {
 
 message! {
     /// Agent to supervisor, before the slice of [`NeighborStatus`]: how the agent is doing.
-    StatusHeader / 3 {
+    StatusHeader / 4 {
         /// Tick of the newest odometry taken; 0 before the first.
         tick: u64,
         /// Time since the run's start of that odometry, ns.
@@ -345,6 +345,56 @@ message! {
         frame: u64,
         /// Time since the run's start since which it is so, ns.
         frame_since_t_ns: u64,
+        /// Stamp of the [`Goal`] in force, ns; 0: none, where the brief sends it counts.
+        goal_stamp_ns: u64,
+        /// Time since the run's start since which it is in force, ns.
+        goal_since_t_ns: u64,
+        /// That goal, m.
+        goal_m: [f64; 2],
+    }
+}
+
+impl StatusHeader {
+    /// The goal in force that came from outside, m, and since when of the run's time, ns.
+    pub fn goal(&self) -> Option<(u64, [f64; 2])> {
+        (self.goal_stamp_ns > 0).then_some((self.goal_since_t_ns, self.goal_m))
+    }
+}
+
+message! {
+    /// From outside to a robot whose role goes to a goal, in real time: where its front point is to go from
+    /// the robot's next tick on. It is said again and again; only a newer stamp is news.
+    Goal / 1 {
+        /// When it came in, ns; not 0.
+        stamp_ns: u64,
+        /// The place in `map`, m.
+        x_m: f64,
+        /// The place in `map`, m.
+        y_m: f64,
+    }
+}
+
+impl Goal {
+    /// The place, m.
+    pub fn position(&self) -> Vec2 {
+        Vec2::new(self.x_m, self.y_m)
+    }
+
+    /// Whether a robot can be sent there at all. NaN is not plausible.
+    pub fn is_plausible(&self) -> bool {
+        self.x_m.abs() <= POSITION_MAX_M && self.y_m.abs() <= POSITION_MAX_M
+    }
+}
+
+message! {
+    /// The process of ROS 2 to the supervisor: what became of goals since that process began.
+    GoalCounts / 1 {
+        /// When it began, ns: another process counts from 0.
+        began_ns: u64,
+        /// Goals taken.
+        taken: u64,
+        /// Goals refused, by reason: see [`crate::goal`].
+        refused: [u64; 8],
     }
 }
 

@@ -3,6 +3,7 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
+use formation::obstacle::Obstacle;
 use serde::{Deserialize, Serialize};
 
 use crate::brief::{Brief, Format};
@@ -25,6 +26,35 @@ pub struct Ros2Brief {
     pub period_ns: u64,
     /// Every robot, in scenario order.
     pub robots: Vec<String>,
+    /// Who may be sent elsewhere: those whose role goes to a goal, on this host.
+    #[serde(default, rename = "goal")]
+    pub goals: Vec<GoalBrief>,
+    /// No goal is nearer to walls and obstacles than this, m.
+    #[serde(default)]
+    pub clearance_m: f64,
+    /// The convex parts of all walls and obstacles.
+    #[serde(default)]
+    pub obstacles: Vec<Obstacle>,
+    /// The corners of each closed wall in order, m: a goal is on the same side of it as the start.
+    #[serde(default)]
+    pub closed_walls_m: Vec<Vec<[f64; 2]>>,
+}
+
+/// A robot that takes goals.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GoalBrief {
+    /// Its name.
+    pub robot: String,
+    /// Where its front point starts, m.
+    pub start_m: [f64; 2],
+}
+
+impl Ros2Brief {
+    /// Whether it may send this robot elsewhere.
+    pub fn sends(&self, robot: &str) -> bool {
+        self.goals.iter().any(|goal| goal.robot == robot)
+    }
 }
 
 impl Brief for Ros2Brief {

@@ -23,9 +23,9 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use crate::barrier::LEAD_MAX;
 use crate::brief::Pace;
 use crate::message::{
-    Beacon, BridgeHeader, Command, LatencyHeader, LatencyRow, LinkFaultByHand, NeighborStatus,
-    Odometry, OrderHeader, OrderRow, PeerRow, ReportHeader, ReportRow, StatusHeader, TruthHeader,
-    TruthRow,
+    Beacon, BridgeHeader, Command, Goal, GoalCounts, LatencyHeader, LatencyRow, LinkFaultByHand,
+    NeighborStatus, Odometry, OrderHeader, OrderRow, PeerRow, ReportHeader, ReportRow,
+    StatusHeader, TruthHeader, TruthRow,
 };
 
 pub use crate::ipc::Ipc;
@@ -206,6 +206,16 @@ pub fn faults(robot: &str) -> Topic<[LinkFaultByHand]> {
     Topic::new(format!("robot/{robot}/faults"))
 }
 
+/// `robot/<id>/goal`: the process of ROS 2 to agent, in real time, where a robot takes goals from outside.
+pub fn goal(robot: &str) -> Topic<Goal> {
+    Topic::new(format!("robot/{robot}/goal"))
+}
+
+/// `ros2/goals`: the process of ROS 2 to the supervisor, where robots take goals from outside.
+pub fn goal_counts() -> Topic<GoalCounts> {
+    Topic::new("ros2/goals".into())
+}
+
 /// `robot/<id>/latency`: agent to supervisor.
 pub fn latency(robot: &str) -> Topic<[LatencyRow], LatencyHeader> {
     Topic::new(format!("robot/{robot}/latency"))
@@ -357,6 +367,8 @@ macro_rules! service {
 service!(Odometry);
 service!(Command);
 service!(Beacon);
+service!(Goal);
+service!(GoalCounts);
 service!([NeighborStatus], StatusHeader);
 service!([LinkFaultByHand], ());
 service!([LatencyRow], LatencyHeader);

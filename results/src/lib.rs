@@ -11,6 +11,7 @@
 //! | `manifest` | what was run, where and how? |
 //! | `outcome` | what does a run leave besides its metrics? |
 //! | `summary` | what came out? |
+//! | `goals` | where were robots sent from outside? |
 //! | `latency` | how late, how long, how old was everything? |
 //! | `usage` | what did a process take from the machine? |
 //! | `scene` | what does a picture of it show all the time? |
@@ -18,6 +19,7 @@
 //! | `page` | what does a run directory look like in pictures? |
 
 pub mod compare;
+pub mod goals;
 pub mod host_dir;
 pub mod latency;
 pub mod manifest;

@@ -5,7 +5,7 @@ use std::time::Duration;
 use protocol::message::TruthHeader;
 
 use crate::latency::Latency;
-use metrics::summary::{HostSummary, ProcessUsage, SchedulerTrace};
+use metrics::summary::{GoalSummary, HostSummary, ProcessUsage, SchedulerTrace};
 
 /// What a run leaves besides its metrics.
 #[derive(Debug, Clone, Default)]
@@ -31,6 +31,8 @@ pub struct Outcome {
     pub latency: Latency,
     /// Where there are several: what is to be said of each host.
     pub hosts: Vec<HostSummary>,
+    /// Where robots take goals from outside: what became of those.
+    pub goals: Option<GoalSummary>,
     /// What each process took from the machine: the supervisor, the plant, the robots in scenario
     /// order, and in lockstep what kept the cores awake, which is time that nobody else wanted.
     pub usages: Vec<ProcessUsage>,

@@ -125,7 +125,8 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
     let mut scene = Scene { pace, ..scene(scenario, Pace::Realtime) };
     let changes = record::changes(&run_dir.join("events.csv"), &scene)?;
     scene.faults = faults(scenario, summary.as_ref(), &changes);
-    let record = record::record(&run_dir.join("samples.csv"), scenario, &scene.faults)?;
+    let goals = record::goals(&run_dir.join("events.csv"), scenario)?;
+    let record = record::record(&run_dir.join("samples.csv"), scenario, &scene.faults, &goals)?;
     let lead_m = |lead: &protocol::brief::LeadBrief| {
         let places = record.times_s.iter().map(|&t_s| lead.trajectory.at(t_s).position);
         places.map(|place| [place.x, place.y]).collect()

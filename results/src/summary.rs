@@ -13,7 +13,7 @@ use formation::seconds;
 use metrics::Measures;
 use metrics::expect::{self, Expectation, Verdict};
 use metrics::summary::{
-    Commands, Holder, InformationAge, SchedulerTrace, StageLatency, Summary, Wall,
+    Commands, GoalSummary, Holder, InformationAge, SchedulerTrace, StageLatency, Summary, Wall,
 };
 
 /// Of more robots than this, the screen shows only those with the largest errors.
@@ -113,6 +113,7 @@ pub fn sum_up(
             processes: outcome.usages.clone(),
             scheduler: outcome.scheduler.clone(),
             hosts: outcome.hosts.clone(),
+            goals: outcome.goals.clone(),
         },
     }
 }
@@ -225,6 +226,15 @@ pub fn screen(summary: &Summary) -> String {
     }
     if let Some(trace) = &wall.scheduler {
         row("cores held by", held_by(trace));
+    }
+    if let Some(GoalSummary { taken, refused }) = &wall.goals {
+        let refused: Vec<String> =
+            refused.iter().map(|(why, count)| format!("{why} {count}")).collect();
+        let refused = match refused.as_slice() {
+            [] => String::new(),
+            reasons => format!("; refused: {}", reasons.join(", ")),
+        };
+        row("goals from ROS 2", format!("{taken} taken{refused}"));
     }
     for host in &wall.hosts {
         row(&format!("host {}", host.name), host.words());

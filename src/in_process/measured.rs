@@ -196,6 +196,8 @@ impl Said<'_> {
                         News::FrameHeard { contact, since_ns } => {
                             self.journal.frame_heard(since_ns, i, contact);
                         }
+                        // In lockstep no goal comes from outside.
+                        News::GoesTo { .. } => {}
                     }
                 }
             }

@@ -1,4 +1,4 @@
-//! `phalanx run --ros2`: ROS 2 hears where robots are.
+//! `phalanx run --ros2`: ROS 2 hears where robots are, and sends those elsewhere that go to goals.
 //!
 //! Built with the feature `bridge`; without, the flags are there and say so.
 
@@ -6,8 +6,10 @@ use std::net::SocketAddr;
 
 use clap::Args;
 use experiment::scenario::Scenario;
+use formation::front_point::front_point;
+use protocol::law::Reference;
 use protocol::process::exit;
-use protocol::ros2::Ros2Brief;
+use protocol::ros2::{GoalBrief, Ros2Brief};
 
 use super::screen::complain;
 
@@ -23,7 +25,7 @@ const HZ_MAX: f64 = 1_000.0;
 /// How ROS 2 hears a run.
 #[derive(Debug, Args)]
 pub(super) struct Ros2Args {
-    /// Let ROS 2 hear the odometry of each robot, and /tf, in real time: by the router of rmw_zenoh at this
+    /// Let ROS 2 hear the odometry of each robot, and /tf, and send robots to goals, in real time: by the router of rmw_zenoh at this
     /// address of this machine [default: 127.0.0.1:7447], or, with `listen/` before it, as that router.
     #[arg(
         long,
@@ -84,11 +86,12 @@ fn hz(word: &str) -> Result<f64, String> {
 
 impl Ros2Args {
     /// What the process is told, but for the run root; `None` without --ros2. What is wrong is said, with an
-    /// exit code.
+    /// exit code. `lives_here`: which robots are on this host, by their places.
     pub(super) fn read(
         &self,
         scenario: &Scenario,
         realtime: bool,
+        lives_here: impl Fn(usize) -> bool,
     ) -> Result<Option<Ros2Brief>, u8> {
         let Some(endpoint) = self.ros2 else { return Ok(None) };
         if !realtime {
@@ -106,7 +109,15 @@ impl Ros2Args {
                 }
             },
         };
-        brief(scenario, endpoint, domain, self.ros2_hz).map(Some)
+        let brief = brief(scenario, endpoint, domain, self.ros2_hz)?;
+        let robots = scenario.robots.iter().enumerate();
+        let takers =
+            robots.filter(|&(i, robot)| robot.role.reference == Reference::Goal && lives_here(i));
+        let goals = takers.map(|(_, robot)| GoalBrief {
+            robot: robot.name.clone(),
+            start_m: front_point(robot.start, robot.front_point_m).into(),
+        });
+        Ok(Some(Ros2Brief { goals: goals.collect(), ..brief }))
     }
 }
 
@@ -142,6 +153,10 @@ fn brief(scenario: &Scenario, at: Endpoint, domain: u32, hz: f64) -> Result<Ros2
         domain,
         period_ns: (1e9 / hz) as u64,
         robots,
+        goals: Vec::new(),
+        clearance_m: scenario.avoidance.clearance_m,
+        obstacles: scenario.walls.iter().map(|wall| wall.shape.clone()).collect(),
+        closed_walls_m: scenario.closed_walls_m(),
     })
 }
 

@@ -134,7 +134,10 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
         Ok(part) => part,
         Err(code) => return code,
     };
-    let ros2 = match args.ros2.read(&scenario, args.pace == PaceArg::Realtime) {
+    let lives_here = |robot: usize| {
+        part.as_ref().is_none_or(|part| part.brief.robots[robot].host == part.brief.here)
+    };
+    let ros2 = match args.ros2.read(&scenario, args.pace == PaceArg::Realtime, lives_here) {
         Ok(ros2) => ros2,
         Err(code) => return code,
     };

@@ -1,5 +1,5 @@
-//! ROS 2 hears a run, as a reader of others sees it that knows the wire of rmw_zenoh: `tests/ros2/install`
-//! puts it into target/ros2. There is no ROS in it.
+//! ROS 2 hears a run and sends robots to goals, as a program of others does that knows the wire of rmw_zenoh:
+//! `tests/ros2/install` puts it into target/ros2. There is no ROS in it.
 
 use crate::harness::run;
 
@@ -30,35 +30,34 @@ mod with_bridge {
 
     use rustix::process::Signal;
 
-    use crate::harness::run;
+    use crate::harness::{Phalanx, Running, run, signal_pid};
 
     const ROOT: &str = env!("CARGO_MANIFEST_DIR");
     const ROBOTS: [&str; 3] = ["r1", "r2", "r3"];
     /// Of each robot.
     const SAMPLES: &str = "250";
 
-    /// The reader, a process that ends with this.
-    struct Reader {
+    /// A program of tests/ros2, a process that ends with this.
+    struct Python {
         process: Child,
         says: Lines<BufReader<ChildStdout>>,
         asks: ChildStdin,
     }
 
-    impl Reader {
-        fn start(port: u16, domain: &str, router: &str) -> Reader {
+    impl Python {
+        fn start<'a>(script: &str, args: impl IntoIterator<Item = &'a str>) -> Python {
             let python = Path::new(ROOT).join("target/ros2/bin/python");
             assert!(python.exists(), "run tests/ros2/install first");
             let mut process = Command::new(python)
-                .arg(Path::new(ROOT).join("tests/ros2/hear.py"))
-                .args([&port.to_string(), domain, SAMPLES, router])
-                .args(ROBOTS)
+                .arg(Path::new(ROOT).join("tests/ros2").join(script))
+                .args(args)
                 .stdin(Stdio::piped())
                 .stdout(Stdio::piped())
                 .spawn()
                 .unwrap();
             let says = BufReader::new(process.stdout.take().unwrap()).lines();
             let asks = process.stdin.take().unwrap();
-            Reader { process, says, asks }
+            Python { process, says, asks }
         }
 
         /// The rest of its next line, which begins so.
@@ -70,7 +69,7 @@ mod with_bridge {
         }
     }
 
-    impl Drop for Reader {
+    impl Drop for Python {
         fn drop(&mut self) {
             let _ = self.process.kill();
             let _ = self.process.wait();
@@ -85,7 +84,9 @@ mod with_bridge {
     /// 250 messages of each robot, no gap, and every number as in the run's own tables.
     fn hears_every_message(router: &str, domain: &str, endpoint: impl Fn(u16) -> String) {
         let port = port();
-        let mut reader = Reader::start(port, domain, router);
+        let number = port.to_string();
+        let args = [number.as_str(), domain, SAMPLES, router].into_iter().chain(ROBOTS);
+        let mut reader = Python::start("hear.py", args);
         let ros2 = format!("--ros2={}", endpoint(port));
         // Every truth is a row: what was heard must be among them.
         let running = run("triangle")
@@ -129,7 +130,7 @@ mod with_bridge {
             run.events().contains(",ready,").then_some(())
         });
         let pid = running.pid_of("ros2");
-        crate::harness::signal_pid(pid, Signal::KILL);
+        signal_pid(pid, Signal::KILL);
         running.wait_for_event("ros2-died");
         running.wait_for("another", |run| {
             run.children().into_iter().find(|(other, name)| name == "ros2" && *other != pid)
@@ -150,5 +151,133 @@ mod with_bridge {
             .exits_with(4)
             .claim(ended.stderr.contains(&format!("cannot listen at {address}")), "it is told")
             .claim(!ended.run_dir().exists(), "nothing was written");
+    }
+
+    /// d of the scene with goals, m; and how far the front point is ahead of the axle there.
+    const D_M: f64 = 0.42;
+    const ELL_M: f64 = 0.1;
+
+    /// The newest whole row of a robot in `samples.csv`: its front point, and its error, m.
+    fn newest(run: &Running, robot: &str) -> Option<([f64; 2], f64)> {
+        let text = std::fs::read_to_string(run.run_dir().join("samples.csv")).ok()?;
+        let (whole, _) = text.rsplit_once('\n')?;
+        let mut rows = whole.lines().rev().map(|line| line.split(',').collect::<Vec<_>>());
+        let row = rows.find(|row| row[1] == robot)?;
+        let number = |column: usize| row[column].parse::<f64>().ok();
+        let (x_m, y_m, heading_rad) = (number(2)?, number(3)?, number(4)?);
+        let front = [x_m + ELL_M * heading_rad.cos(), y_m + ELL_M * heading_rad.sin()];
+        Some((front, number(7)?))
+    }
+
+    /// Waits until that robot stands at a place, and its error says so.
+    fn arrives(running: &mut Running, robot: &str, [x_m, y_m]: [f64; 2]) {
+        running.wait_for(&format!("{robot} at its goal"), |run| {
+            let ([front_x_m, front_y_m], error_m) = newest(run, robot)?;
+            let away_m = (front_x_m - x_m).hypot(front_y_m - y_m);
+            (away_m < 0.02 && error_m < 0.02).then_some(())
+        });
+    }
+
+    /// The details of the events of that kind of a robot.
+    fn details(events: &str, kind: &str, robot: &str) -> Vec<String> {
+        let of_kind = |line: &str| {
+            let fields: Vec<&str> = line.splitn(4, ',').collect();
+            let [_, found, whose, detail] = fields[..] else { return None };
+            (found == kind && whose == robot).then(|| detail.trim_matches('"').to_owned())
+        };
+        events.lines().filter_map(of_kind).collect()
+    }
+
+    /// Robots go where ROS 2 sends them, also after their process died; whatever is no goal is counted and sends
+    /// nobody anywhere; and two that are sent to one place keep their distance.
+    #[test]
+    #[ignore = "needs tests/ros2/install"]
+    fn robots_go_where_ros_sends_them_and_keep_their_distance() {
+        let port = port();
+        let ros2 = format!("--ros2=listen/127.0.0.1:{port}");
+        let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
+        command.args(["run", "tests/ros2/court.toml", &ros2, "--ros2-domain", "3"]);
+        let mut running = Phalanx::new(command).start();
+        let mut sender = Python::start("go.py", [port.to_string().as_str(), "3"]);
+        let mut send = |line: &str| {
+            writeln!(sender.asks, "{line}").unwrap();
+            sender.says("sent");
+        };
+        send("r1 -0.5 1.2");
+        running.wait_for_event("goal");
+        // One of each that is refused, and in between nobody goes elsewhere.
+        send("r1 0 0 odom");
+        send("r1 nan 0");
+        send("r1 1e10 0");
+        send("r1 5 0");
+        send("r1 0 1.9");
+        send("r1 bytes 00010000ffffffff");
+        arrives(&mut running, "r1", [-0.5, 1.2]);
+
+        // A robot whose process dies on its way: the new one is told where it was sent.
+        send("r1 -0.9 1.2");
+        running.wait_for("the second goal", |run| {
+            (details(&run.events(), "goal", "r1").len() == 2).then_some(())
+        });
+        let pid = running.pid_of("r1");
+        signal_pid(pid, Signal::KILL);
+        running.wait_for_event("restart");
+        running.wait_for("another r1", |run| {
+            run.children().into_iter().find(|(other, name)| name == "r1" && *other != pid)
+        });
+        arrives(&mut running, "r1", [-0.9, 1.2]);
+
+        // Both want to be where only one can be.
+        send("r3 -1.5 -0.1");
+        send("r4 -1.5 0.1");
+        running.wait_for("two beside each other", |run| {
+            let error_m = |robot| newest(run, robot).map(|(_, error_m)| error_m);
+            let sent = |robot| !details(&run.events(), "goal", robot).is_empty();
+            let near = error_m("r3")?.max(error_m("r4")?) < D_M;
+            (sent("r3") && sent("r4") && near).then_some(())
+        });
+        running.signal(Signal::INT);
+        let ended = running.finish();
+        ended.exits_with(130).leaves_nothing();
+        let events = ended.file("events.csv");
+        let sent = details(&events, "goal", "r1");
+        ended
+            .claim(
+                sent.first().is_some_and(|detail| detail == "to -0.5 1.2 m, from ros2")
+                    && sent.last().is_some_and(|detail| detail == "to -0.9 1.2 m, from ros2"),
+                format!("r1 was sent there, found {sent:?}"),
+            )
+            .claim(
+                details(&events, "goal", "r3") == ["to -1.5 -0.1 m, from ros2"],
+                "so was r3, once",
+            )
+            .claim(details(&events, "goal", "r2").is_empty(), "r2 goes to its own goal")
+            .claim(ended.number("/violations") == 0.0, "nobody came nearer than d")
+            .claim(ended.number("/wall/goals/taken") == 4.0, "four goals were taken");
+        let refused = &ended.summary["wall"]["goals"]["refused"];
+        let expected = ["layout", "not-finite", "frame", "far", "outside", "blocked"];
+        let once = |why: &&str| refused[why] == 1;
+        ended.claim(
+            expected.iter().all(once) && refused.as_object().is_some_and(|all| all.len() == 6),
+            format!("one of each was refused, found {refused}"),
+        );
+    }
+
+    /// Who has no goal listens to none, and there is nothing to be counted.
+    #[test]
+    fn robots_without_goals_take_none() {
+        let port = port();
+        let ros2 = format!("--ros2=listen/127.0.0.1:{port}");
+        let mut running = run("triangle")
+            .set("duration_s=100")
+            .set("expect={}")
+            .args([ros2.as_str(), "--ros2-domain", "3"])
+            .start();
+        running.wait_for_event("ready");
+        running.signal(Signal::INT);
+        let ended = running.finish();
+        ended.exits_with(130).claim(ended.summary["wall"].get("goals").is_none(), "no goals");
+        let brief = ended.file("briefs/r1.toml");
+        ended.claim(brief.contains("goals_from_outside = false"), "it opens no such topic");
     }
 }

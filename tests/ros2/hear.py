@@ -13,30 +13,19 @@ import os
 import sys
 import threading
 import time
-import traceback
 
 import zenoh
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from zenoh_ros2_sdk import ROS2Subscriber
 from zenoh_ros2_sdk import discovery
 from zenoh_ros2_sdk.attachment import Attachment
-from zenoh_ros2_sdk.session import ZenohSession
+
+import wire
+from wire import store
 
 PATIENCE_S = 60
 ODOMETRY = "nav_msgs/msg/Odometry"
 TF = "tf2_msgs/msg/TFMessage"
-STORES = ["ROS2_IRON", "ROS2_JAZZY", "ROS2_KILTED", "ROS2_LYRICAL"]
 
-
-
-def fail(*error):
-    # Threads of zenoh would keep the process alive.
-    traceback.print_exception(*error)
-    sys.stderr.flush()
-    os._exit(1)
-
-
-sys.excepthook = fail
 port, domain, wanted, router, *robots = sys.argv[1:]
 port, domain, wanted = int(port), int(domain), int(wanted)
 
@@ -47,23 +36,8 @@ if router == "theirs":
     config.insert_json5("scouting/multicast/enabled", "false")
     theirs = zenoh.open(config)
 
-# The definitions that come with rosbags: the reader would look for them on the network.
-store = get_typestore(Stores.ROS2_JAZZY)
-hashes = {
-    name: {get_typestore(Stores[release]).hash_rihs01(name) for release in STORES}
-    for name in [ODOMETRY, TF]
-}
-for name, known in hashes.items():
-    assert len(known) == 1, f"{name} is the same from Iron to Lyrical"
-
-session = ZenohSession.get_instance("127.0.0.1", port)
-session.store.register({
-    name: fields
-    for dependency in [ODOMETRY, TF]
-    for name, fields in get_types_from_msg(store.generate_msgdef(dependency)[0], dependency).items()
-})
-for name in [ODOMETRY, TF]:
-    session._registered_types[name] = name
+hashes = {name: wire.hash_of(name) for name in [ODOMETRY, TF]}
+session = wire.session(port, [ODOMETRY, TF])
 
 samples = {topic: [] for topic in [*(f"/{robot}/odom" for robot in robots), "/tf"]}
 full = threading.Event()
@@ -86,7 +60,7 @@ def listen(topic, message_type):
         if all(len(heard) >= wanted for heard in samples.values()):
             full.set()
 
-    (known,) = hashes[message_type]
+    known = hashes[message_type]
     listener = Listener(
         topic, message_type, take, domain_id=domain, router_port=port, type_hash=known
     )
@@ -103,7 +77,7 @@ for robot in robots:
     assert topics[f"/{robot}/odom"] == [ODOMETRY], topics
     info = discovery.get_topic_info(f"/{robot}/odom", domain, "127.0.0.1", port, 0.5, True)
     assert [(end.node_namespace, end.node_name) for end in info.publishers] == [("/", robot)], info
-    assert [end.type_hash for end in info.publishers] == [*hashes[ODOMETRY]], info
+    assert [end.type_hash for end in info.publishers] == [hashes[ODOMETRY]], info
 assert topics["/tf"] == [TF], topics
 nodes = {
     str(reply.ok.key_expr).split("/")[-1]

@@ -60,6 +60,7 @@ fn brief() -> AgentBrief {
         odometry_faults: Vec::new(),
         command_faults: Vec::new(),
         links_by_hand: false,
+        goals_from_outside: false,
         neighbors: vec![hears(5), hears(2)],
     }
 }
@@ -277,4 +278,48 @@ fn an_answer_taken_apart_is_the_same_and_nobody_moves_who_has_nothing_to_go_by()
     assert_eq!(other.beacon.velocity(), wanted, "no method bounds it");
     apart.sense(&Odometry { pose_valid: 0, ..odometry(30) });
     assert!(apart.situation().is_none() && apart.act(Wish::Velocity(wanted), now_ns).is_none());
+}
+
+#[test]
+fn whoever_goes_to_a_goal_goes_to_a_newer_one_from_its_next_sample_on_and_says_so() {
+    let goal = |stamp_ns, x_m| Goal { stamp_ns, x_m, y_m: 2.0 };
+    let sent_to = |brain: &Brain| brain.status(0).0.goal();
+    let to_goal = AgentBrief {
+        law: "goal-unit".into(),
+        goal_m: Some([9.0, 0.0]),
+        neighbors: Vec::new(),
+        ..brief()
+    };
+    let mut brain = Brain::new(&to_goal, 0).unwrap();
+    // At 0 ms the front point is at 1 m + 0.1 cos 0.3 m, and the goal ahead.
+    assert!(answered(&mut brain, 0).beacon.vx_m_s > 0.0 && sent_to(&brain).is_none());
+    brain.take_news();
+    for implausible in [f64::NAN, f64::INFINITY, 1e300] {
+        brain.go_to(&goal(5, implausible));
+    }
+    answered(&mut brain, 10);
+    assert!(!brain.take_news() && sent_to(&brain).is_none());
+    // Of two that come before a sample, the newer counts.
+    brain.go_to(&goal(7, -5.0));
+    brain.go_to(&goal(6, 5.0));
+    assert!(answered(&mut brain, 20).beacon.vx_m_s < 0.0, "it turns back");
+    assert_eq!(sent_to(&brain), Some((20 * MS, [-5.0, 2.0])));
+    assert_eq!((brain.take_news(), brain.take_news()), (true, false));
+    // It is said again and again.
+    brain.go_to(&goal(7, -5.0));
+    assert!(answered(&mut brain, 30).beacon.vx_m_s < 0.0);
+    assert_eq!((brain.take_news(), sent_to(&brain)), (false, Some((20 * MS, [-5.0, 2.0]))));
+    brain.go_to(&goal(8, 5.0));
+    assert!(answered(&mut brain, 40).beacon.vx_m_s > 0.0);
+    assert_eq!(sent_to(&brain), Some((40 * MS, [5.0, 2.0])));
+}
+
+#[test]
+fn a_role_without_a_goal_listens_to_none() {
+    let mut brain = Brain::new(&brief(), 0).unwrap();
+    answered(&mut brain, 0);
+    brain.take_news();
+    brain.go_to(&Goal { stamp_ns: 7, x_m: -5.0, y_m: 2.0 });
+    answered(&mut brain, 10);
+    assert_eq!((brain.take_news(), brain.status(0).0.goal()), (false, None));
 }

@@ -28,4 +28,9 @@ impl Role for Goal {
         moment.neighborhood.recall(moment.stamp_ns, |_| nowhere, heard);
         Some(Target::still(self.goal))
     }
+
+    fn go_to(&mut self, place: Vec2) -> bool {
+        self.goal = place;
+        true
+    }
 }

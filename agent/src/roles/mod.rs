@@ -9,6 +9,7 @@ mod goal;
 mod leader;
 mod nominal_frame;
 
+use ::formation::Vec2;
 use ::formation::desired::Target;
 use ::formation::frame::LeaderFrame;
 use ::formation::pose::Pose;
@@ -40,6 +41,13 @@ pub trait Role: Send {
     /// what is known of the velocities to come is taken at its middle. `None`: nothing to go by, so
     /// stop. `heard` is filled for the law, see [`Neighborhood::recall`].
     fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target>;
+
+    /// Somebody outside sends it to this place, m, from now on; whether it goes there. Only a role that goes to
+    /// a goal does.
+    fn go_to(&mut self, place: Vec2) -> bool {
+        let _ = place;
+        false
+    }
 
     /// The frame that offsets turn and grow with, at the sample, if it is this robot's own. Without
     /// one the robot passes on what it hears.

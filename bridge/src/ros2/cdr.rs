@@ -1,6 +1,6 @@
 //! CDR, little-endian: how ROS 2 lays numbers and strings out in a message.
 //!
-//! Every number begins at a multiple of its own size, counted from the end of the header. No crate for
+//! Read and written. Every number begins at a multiple of its own size, counted from the end of the header. No crate for
 //! it is small: `hiroz-cdr` 0.2 brings zenoh's buffers, which the default build must not have.
 
 /// Before every message: plain CDR, little-endian, no options.
@@ -54,6 +54,58 @@ impl Writer {
     }
 }
 
+/// A message that is being read. Every answer is `None` where there is nothing more, or not what it should be.
+#[derive(Debug, Clone, Copy)]
+pub struct Reader<'a> {
+    body: &'a [u8],
+    read: usize,
+}
+
+impl<'a> Reader<'a> {
+    /// Of plain CDR, little-endian; what stands in the options is for nobody.
+    pub fn new(message: &'a [u8]) -> Option<Reader<'a>> {
+        let (header, body) = message.split_first_chunk::<{ HEADER.len() }>()?;
+        (header[..2] == HEADER[..2]).then_some(Reader { body, read: 0 })
+    }
+
+    /// Whether all of it was read, but for padding to a multiple of four.
+    pub fn is_done(&self) -> bool {
+        self.body.len() - self.read < 4
+    }
+
+    /// An integer of 32 bits.
+    pub fn u32(&mut self) -> Option<u32> {
+        self.number().map(u32::from_le_bytes)
+    }
+
+    /// Numbers of 64 bits, one after the other.
+    pub fn f64s<const COUNT: usize>(&mut self) -> Option<[f64; COUNT]> {
+        let mut numbers = [0.0; COUNT];
+        for number in &mut numbers {
+            *number = self.number().map(f64::from_le_bytes)?;
+        }
+        Some(numbers)
+    }
+
+    /// A string, with the NUL at its end and no other.
+    pub fn string(&mut self) -> Option<&'a str> {
+        let length = usize::try_from(self.u32()?).ok()?;
+        let (text, nul) = self.take(length)?.split_last().map(|(nul, text)| (text, *nul))?;
+        (nul == 0 && !text.contains(&0)).then(|| std::str::from_utf8(text).ok()).flatten()
+    }
+
+    fn number<const SIZE: usize>(&mut self) -> Option<[u8; SIZE]> {
+        self.read = self.read.next_multiple_of(SIZE);
+        self.take(SIZE)?.try_into().ok()
+    }
+
+    fn take(&mut self, bytes: usize) -> Option<&'a [u8]> {
+        let taken = self.body.get(self.read..)?.get(..bytes)?;
+        self.read += bytes;
+        Some(taken)
+    }
+}
+
 impl Default for Writer {
     fn default() -> Writer {
         Writer::new()
@@ -76,5 +128,45 @@ mod tests {
         assert_eq!(&bytes[11..16], [0, 0xfe, 0xff, 0xff, 0xff]);
         assert_eq!(&bytes[16..20], [0; 4]);
         assert_eq!(bytes[20..], 1.0_f64.to_le_bytes());
+    }
+
+    #[test]
+    fn what_was_written_is_read_again() {
+        let mut writer = Writer::new();
+        writer.u32(7);
+        writer.string("map");
+        writer.string("");
+        writer.f64s(&[1.5, f64::INFINITY]);
+        let bytes = writer.finish();
+        let mut reader = Reader::new(&bytes).unwrap();
+        assert_eq!(
+            (reader.u32(), reader.string(), reader.string()),
+            (Some(7), Some("map"), Some(""))
+        );
+        assert!(!reader.is_done());
+        assert_eq!(reader.f64s(), Some([1.5, f64::INFINITY]));
+        assert!(reader.is_done());
+        assert_eq!(reader.u32(), None);
+    }
+
+    #[test]
+    fn a_string_that_is_none_and_a_header_of_another_kind_are_not_read() {
+        let read =
+            |bytes: &[u8]| Reader::new(bytes).and_then(|mut reader| reader.string().map(str::len));
+        assert_eq!(read(b"\0\x01\0\0\x02\0\0\0a\0"), Some(1));
+        for other in [
+            &b""[..],
+            b"\0\x01\0",
+            // Big-endian.
+            b"\0\0\0\0\0\0\0\x02a\0",
+            b"\0\x01\0\0\0\0\0\0",
+            b"\0\x01\0\0\x02\0\0\0ab",
+            b"\0\x01\0\0\x03\0\0\0\0a\0",
+            b"\0\x01\0\0\x03\0\0\0a\0",
+            b"\0\x01\0\0\xff\xff\xff\xffa\0",
+            b"\0\x01\0\0\x02\0\0\0\xff\0",
+        ] {
+            assert_eq!(read(other), None, "{other:?}");
+        }
     }
 }

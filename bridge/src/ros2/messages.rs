@@ -1,11 +1,12 @@
-//! The messages: `nav_msgs/msg/Odometry` and `tf2_msgs/msg/TFMessage`, in SI units.
+//! The messages: `nav_msgs/msg/Odometry` and `tf2_msgs/msg/TFMessage` out, `geometry_msgs/msg/PoseStamped`
+//! in, in SI units.
 //!
 //! Poses are in `map`, twists in the robot's own frame. Covariances are 0, which says that nothing is
 //! known of them: what a run knows of its noise are bounds, and those are no covariances.
 
 use formation::pose::{Pose, Twist};
 
-use super::cdr::Writer;
+use super::cdr::{Reader, Writer};
 use super::names::base_link;
 use super::stamp::split;
 
@@ -52,6 +53,26 @@ pub fn transforms(states: &[State<'_>]) -> Vec<u8> {
         out.f64s(&quaternion(state.pose.heading_rad));
     }
     out.finish()
+}
+
+/// A place in a frame, as a goal is given.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place<'a> {
+    /// The frame.
+    pub frame: &'a str,
+    /// x, y, z, m.
+    pub position_m: [f64; 3],
+    /// x, y, z, w.
+    pub orientation: [f64; 4],
+}
+
+/// Of `geometry_msgs/msg/PoseStamped`, without its stamp; `None` if it is laid out otherwise.
+pub fn pose_stamped(message: &[u8]) -> Option<Place<'_>> {
+    let mut read = Reader::new(message)?;
+    let _stamp = (read.u32()?, read.u32()?);
+    let frame = read.string()?;
+    let place = Place { frame, position_m: read.f64s()?, orientation: read.f64s()? };
+    read.is_done().then_some(place)
 }
 
 /// `std_msgs/msg/Header`, of `map`.
@@ -107,5 +128,35 @@ mod tests {
         assert_eq!(&one[24..41], b"\x0d\0\0\0r1/base_link\0");
         assert_eq!(&two[8..one.len()], &one[8..]);
         assert!(two.windows(17).any(|bytes| bytes == b"robot_2/base_link"));
+    }
+
+    #[test]
+    fn a_pose_is_read_as_it_is_written_and_in_no_other_layout() {
+        let mut out = Writer::new();
+        header(&mut out, 1_700_000_000_000_000_007);
+        out.f64s(&[1.5, -2.5, 0.25]);
+        out.f64s(&quaternion(0.5));
+        let bytes = out.finish();
+        let orientation = [0.0, 0.0, 0.25_f64.sin(), 0.25_f64.cos()];
+        let expected = Place { frame: "map", position_m: [1.5, -2.5, 0.25], orientation };
+        assert_eq!(pose_stamped(&bytes), Some(expected));
+        (0..bytes.len()).for_each(|length| assert_eq!(pose_stamped(&bytes[..length]), None));
+        let more = |count: usize| [&bytes[..], &vec![0; count]].concat();
+        assert_eq!(pose_stamped(&more(3)), Some(expected), "padding");
+        for count in [4, 8] {
+            assert_eq!(pose_stamped(&more(count)), None, "{count} bytes more");
+        }
+        assert_eq!(pose_stamped(&odometry(&state("r1"))), None);
+        assert_eq!(pose_stamped(&transforms(&[state("r1")])), None);
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn garbage_is_never_a_panic(
+            bytes in proptest::collection::vec(proptest::prelude::any::<u8>(), 0..120),
+        ) {
+            let _ = pose_stamped(&bytes);
+            let _ = pose_stamped(&[&[0, 1, 0, 0][..], &bytes].concat());
+        }
     }
 }

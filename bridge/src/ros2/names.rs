@@ -1,7 +1,7 @@
 //! Under which keys ROS 2 knows nodes and topics, where rmw_zenoh carries them.
 //!
 //! A topic's key is `<domain>/<topic>/<type>/<type hash>`. Who is there is told by liveliness tokens, one
-//! for each node and one for each of its senders. The crate `hiroz-protocol` 0.2 has this too, and cannot
+//! for each node and one for each of its senders and receivers. The crate `hiroz-protocol` 0.2 has this too, and cannot
 //! be had without zenoh's default features: some forty crates for four lines.
 
 use sha2::{Digest as _, Sha256};
@@ -34,6 +34,12 @@ pub const TF: MessageType = MessageType {
     hash: "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
 };
 
+/// `geometry_msgs/msg/PoseStamped`.
+pub const POSE_STAMPED: MessageType = MessageType {
+    name: "geometry_msgs::msg::dds_::PoseStamped_",
+    hash: "RIHS01_10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
+};
+
 /// A node in the root namespace, by its place among those of this session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Node<'a> {
@@ -55,8 +61,17 @@ impl Node<'_> {
 
     /// Says that it sends on a topic, as its entity with this id.
     pub fn publisher_token(&self, id: usize, topic: &str, message: MessageType) -> String {
+        self.end("MP", id, topic, message)
+    }
+
+    /// Says that it listens to a topic, as its entity with this id.
+    pub fn subscriber_token(&self, id: usize, topic: &str, message: MessageType) -> String {
+        self.end("MS", id, topic, message)
+    }
+
+    fn end(&self, kind: &str, id: usize, topic: &str, message: MessageType) -> String {
         let topic = topic.replace('/', "%");
-        format!("{}/{topic}/{}/{}/{QOS}", self.entity("MP", id), message.name, message.hash)
+        format!("{}/{topic}/{}/{}/{QOS}", self.entity(kind, id), message.name, message.hash)
     }
 
     fn entity(&self, kind: &str, id: usize) -> String {
@@ -81,6 +96,11 @@ pub fn gid(token: &str) -> [u8; GID_BYTES] {
 /// The topic of a robot's odometry.
 pub fn odom(robot: &str) -> String {
     format!("/{robot}/odom")
+}
+
+/// The topic of a robot's goals.
+pub fn goal_pose(robot: &str) -> String {
+    format!("/{robot}/goal_pose")
 }
 
 /// The frame on a robot's axle.
@@ -113,6 +133,13 @@ mod tests {
             NODE.publisher_token(4, "/r1/odom", ODOMETRY),
             format!(
                 "@ros2_lv/7/0a1b/3/4/MP/%/%/r1/%r1%odom/nav_msgs::msg::dds_::Odometry_/{hash}/{QOS}"
+            )
+        );
+        assert_eq!(
+            NODE.subscriber_token(5, &goal_pose("r1"), POSE_STAMPED),
+            format!(
+                "@ros2_lv/7/0a1b/3/5/MS/%/%/r1/%r1%goal_pose/geometry_msgs::msg::dds_::PoseStamped_/{}/{QOS}",
+                POSE_STAMPED.hash
             )
         );
     }

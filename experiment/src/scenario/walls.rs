@@ -2,9 +2,9 @@
 
 use formation::obstacle::{CORNERS_APART_M_MIN, CORNERS_MAX, NotConvex, Obstacle};
 
-use super::Wall;
 use super::diagnostic::Diagnostic;
 use super::table::{Table, Value};
+use super::{Scenario, Wall};
 
 /// Most convex parts in one scenario.
 const PARTS_MAX: usize = 1000;
@@ -110,4 +110,47 @@ fn again(point: &Value<'_>, what: &str) -> Diagnostic {
 
 fn counted(count: usize, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}
+
+impl Scenario {
+    /// The corners of each closed wall in order, m.
+    pub fn closed_walls_m(&self) -> Vec<Vec<[f64; 2]>> {
+        let walls = self.walls.chunk_by(|a, b| a.path == b.path);
+        walls.filter_map(closed_m).collect()
+    }
+}
+
+/// The corners of a wall that ends where it begins, in order, m.
+fn closed_m(parts: &[Wall]) -> Option<Vec<[f64; 2]>> {
+    let ends = parts.iter().map(|part| match &part.shape {
+        Obstacle::Polygon { corners_m } => <[[f64; 2]; 2]>::try_from(&corners_m[..]).ok(),
+        Obstacle::Disc { .. } => None,
+    });
+    let ends: Vec<[[f64; 2]; 2]> = ends.collect::<Option<_>>()?;
+    let ([begins_m, _], [_, ends_m]) = (ends.first()?, ends.last()?);
+    (ends.len() > 2 && begins_m == ends_m).then(|| ends.iter().map(|&[from_m, _]| from_m).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::examples::row_of_three;
+
+    use super::*;
+
+    #[test]
+    fn a_wall_is_closed_if_it_ends_where_it_begins_and_an_obstacle_is_no_wall() {
+        let corners_m = [[0.0, 0.0], [2.0, 0.0], [0.0, 3.0]];
+        let wall = |path: &str, shape| Wall { name: path.into(), path: path.into(), shape };
+        let around = |path, segments| {
+            let ends = (0..segments).map(|i| (corners_m[i % 3], corners_m[(i + 1) % 3]));
+            ends.map(move |(from_m, to_m)| wall(path, Obstacle::segment(from_m, to_m)))
+        };
+        let mut scenario = row_of_three();
+        scenario.walls.extend(around("wall.0", 2));
+        scenario.walls.extend(around("wall.1", 3));
+        let triangle = Obstacle::Polygon { corners_m: corners_m.into() };
+        let disc = Obstacle::Disc { center_m: [1.0, 1.0], radius_m: 0.5 };
+        scenario.walls.extend([wall("obstacle.0", triangle), wall("obstacle.1", disc)]);
+        assert_eq!(scenario.closed_walls_m(), [corners_m]);
+    }
 }

@@ -67,6 +67,7 @@ fn agent() -> AgentBrief {
         odometry_faults: vec![fault(LinkFaultKind::Bursts { probability: 0.2, mean_burst_ns: 9 })],
         command_faults: vec![fault(LinkFaultKind::Fading { range_m: 4.0, exponent: 2.5 })],
         links_by_hand: true,
+        goals_from_outside: true,
         neighbors: vec![NeighborBrief {
             name: "r2".into(),
             index: 2,

@@ -13,6 +13,7 @@ use report::run::{Change, ChangedTo, Sample};
 use report::scene::{RobotState, Scene, SceneFault};
 
 use super::{ReportError, edge_state, text};
+use crate::goals;
 use experiment::scenario::Scenario;
 use experiment::scenario::Silenced;
 use metrics::vectors::{ErrorVectors, Silence};
@@ -101,11 +102,37 @@ impl<'a> Lines<'a> {
     }
 }
 
+/// Where a robot was sent from outside.
+pub(super) struct SentTo {
+    t_s: f64,
+    robot: usize,
+    goal: Vec2,
+}
+
+/// Reads `events.csv`: where robots were sent from outside, in order of time.
+pub(super) fn goals(path: &Path, scenario: &Scenario) -> Result<Vec<SentTo>, ReportError> {
+    let Some(text) = text(path)? else { return Ok(Vec::new()) };
+    let mut sent = Vec::new();
+    let mut lines = Lines::new(path, &text, &EVENTS_COLUMNS)?;
+    while lines.next()? {
+        if lines.word(1)? != goals::EVENT {
+            continue;
+        }
+        let (t_s, name) = (lines.number(0)?, lines.word(2)?);
+        let robot = scenario.robots.iter().position(|robot| robot.name == name);
+        let place_m = goals::place_m(lines.word(3)?);
+        sent.extend(robot.zip(place_m).map(|(robot, m)| SentTo { t_s, robot, goal: m.into() }));
+    }
+    sent.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+    Ok(sent)
+}
+
 /// Reads `samples.csv`; without the file, nothing was recorded.
 pub(super) fn record(
     path: &Path,
     scenario: &Scenario,
     faults: &[SceneFault],
+    goals: &[SentTo],
 ) -> Result<Record, ReportError> {
     let robots = scenario.robots.len();
     let mut record = Record { times_s: Vec::new(), tracks: vec![Vec::new(); robots], every: 1 };
@@ -115,6 +142,7 @@ pub(super) fn record(
     let place: HashMap<&str, usize> =
         scenario.robots.iter().enumerate().map(|(i, robot)| (robot.name.as_str(), i)).collect();
     let mut errors = ErrorVectors::new(scenario, silences(scenario, faults));
+    let mut goals = goals.iter().peekable();
     let mut lines = Lines::new(path, &text, &SAMPLES_COLUMNS)?;
     let ideal = lines.column(IDEAL_COLUMN);
     let mut instant: Vec<Option<Sample>> = vec![None; robots];
@@ -155,6 +183,9 @@ pub(super) fn record(
             continue;
         }
         let line = lines.record.position().map_or(0, csv::Position::line);
+        while let Some(sent) = goals.next_if(|sent| sent.t_s <= instant_s) {
+            errors.send(sent.robot, sent.goal);
+        }
         if number.is_multiple_of(record.every) || line > last {
             let whole = || instant.iter().flatten();
             let pose = |at: &Sample| Pose { x_m: at.x_m, y_m: at.y_m, heading_rad: at.heading_rad };

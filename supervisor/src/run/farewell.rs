@@ -26,6 +26,7 @@ impl Run<'_> {
         let taken = self.intake.take_latencies();
         let complete = self.processes.load.missing().map_err(RunError::from);
         let mut usages = self.usages();
+        let counted = self.intake.take_goal_counts();
         usages.extend(self.hosts.as_mut().map(|hosts| hosts.bridge.end(GRACE)));
         usages.extend(self.ros2.as_mut().map(|ros2| ros2.end(GRACE)));
         let Run {
@@ -51,7 +52,7 @@ impl Run<'_> {
         if let Err(error) = run_root.remove() {
             tracing::warn!(%error, "could not remove the run root");
         }
-        (outcome, told.and(released).and(taken).and(complete))
+        (outcome, told.and(released).and(taken).and(counted).and(complete))
     }
 
     /// Takes in and writes down what was said up to now.

@@ -3,11 +3,12 @@
 use std::time::{Duration, Instant};
 
 use protocol::message::{
-    LatencyHeader, LatencyRow, NeighborStatus, StatusHeader, TruthHeader, TruthRow,
+    GoalCounts, LatencyHeader, LatencyRow, NeighborStatus, StatusHeader, TruthHeader, TruthRow,
 };
 use protocol::service::{ServiceError, Subscriber};
 
 use super::error::RunError;
+use super::goals::Goals;
 use super::lives::Lives;
 use super::reports::Report;
 use super::services::Services;
@@ -26,6 +27,9 @@ pub(super) struct Intake {
     pub(super) statuses: Vec<Subscriber<[NeighborStatus], StatusHeader>>,
     /// Of the plant, then of the robots in scenario order, then of the control timer if there is one.
     latencies: Vec<Subscriber<[LatencyRow], LatencyHeader>>,
+    /// What became of goals from outside, where robots take such.
+    goal_counts: Option<Subscriber<GoalCounts>>,
+    pub(super) goals: Goals,
     /// How many reports had been sent when they were taken last, in lockstep.
     pub(super) reports_taken: Option<u32>,
     /// What the robots say, in scenario order.
@@ -53,6 +57,12 @@ impl Intake {
                 .iter()
                 .map(|service| service.subscriber())
                 .collect::<Result<_, _>>()?,
+            goal_counts: services
+                .goal_counts
+                .as_ref()
+                .map(|goals| goals.subscriber())
+                .transpose()?,
+            goals: Goals::default(),
             reports: vec![Report::new(statuses.len()); statuses.len()],
             statuses,
             reports_taken: None,
@@ -95,6 +105,15 @@ impl Intake {
         Ok(())
     }
 
+    /// Takes in what became of goals from outside.
+    pub(super) fn take_goal_counts(&mut self) -> Result<(), RunError> {
+        let Some(counts) = &self.goal_counts else { return Ok(()) };
+        while let Some(sample) = counts.receive()? {
+            self.goals.take(*sample);
+        }
+        Ok(())
+    }
+
     /// What it all came to.
     pub(super) fn into_outcome(
         self,
@@ -115,6 +134,7 @@ impl Intake {
             restarts: robots.map(|robot| lives.incarnation(robot)).collect(),
             latency: self.latency,
             hosts: Vec::new(),
+            goals: self.goal_counts.map(|_| self.goals.summary()),
             usages,
             scheduler: None,
         }

@@ -9,6 +9,7 @@ use view::View;
 
 use crate::live;
 use metrics::{Metrics, Turn};
+use results::goals;
 use results::run_dir::{RunDir, RunDirError};
 
 /// What is told, and whom.
@@ -74,6 +75,14 @@ impl<'a> Journal<'a> {
     pub fn frame_heard(&mut self, t_ns: u64, robot: usize, contact: Contact) {
         let detail = format!("{} frame of the leader", contact.word());
         self.event(t_ns, CONTACT, Some(robot), detail);
+    }
+
+    /// A robot says that it goes to this place, m, since then, and whose goal that is. Errors are measured
+    /// from there as soon as it is known.
+    pub fn goes_to(&mut self, t_ns: u64, robot: usize, goal_m: [f64; 2], whose: &str) {
+        self.metrics.sent(robot, goal_m.into());
+        let detail = goals::event_detail(goal_m, whose);
+        self.event(t_ns, goals::EVENT, Some(robot), detail);
     }
 
     fn line(&mut self, line: Line) {

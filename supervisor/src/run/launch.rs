@@ -62,8 +62,8 @@ impl<'a> Run<'a> {
         let conduct = Conduct::new(scenario, pace, &run_root, launcher)?;
         // Each takes descriptors and memory: only where they can be of use.
         let links_by_hand = by_hand && conduct.cuts_links_by_hand();
-        let (bridged, shown) = (fleet.is_some(), ros2.is_some());
-        let services = Services::create(&node, scenario, pace, links_by_hand, bridged, shown)?;
+        let (bridged, ros2_brief) = (fleet.is_some(), ros2.as_ref());
+        let services = Services::create(&node, scenario, pace, links_by_hand, bridged, ros2_brief)?;
         let intake = Intake::new(&services, Latency::new(scenario, pace))?;
         let heard = |i| scenario.graph.heard_by(i).count();
         let to_robots = services.faults.iter().enumerate();
@@ -84,7 +84,8 @@ impl<'a> Run<'a> {
                 continue;
             }
             let brief = briefs::agent(scenario, i, pace, run_root.path());
-            let brief = AgentBrief { links_by_hand, ..brief };
+            let goals_from_outside = ros2.as_ref().is_some_and(|ros2| ros2.sends(&robot.name));
+            let brief = AgentBrief { links_by_hand, goals_from_outside, ..brief };
             let told = run_dir.write_brief(&robot.name, &brief)?;
             let program =
                 scenario.program(i).map(|program| run_dir.started(program)).transpose()?;

@@ -105,6 +105,13 @@ impl Run<'_> {
                 News::FrameHeard { contact, since_ns } => {
                     self.journal.frame_heard(since_ns, robot, contact);
                 }
+                News::GoesTo { outside_m, since_ns } => {
+                    let own_m = self.scenario.robots[robot].goal_m;
+                    if let Some(goal_m) = outside_m.or(own_m) {
+                        let whose = if outside_m.is_some() { "ros2" } else { "the scenario" };
+                        self.journal.goes_to(since_ns, robot, goal_m, whose);
+                    }
+                }
             }
         }
         Ok(())

@@ -17,6 +17,7 @@
 //! | `by_hand` | what may people do to it meanwhile? |
 //! | `processes` | how are the processes started, signalled and reaped? |
 //! | `hosts/` | what has it to do with other hosts? |
+//! | `goals` | what became of goals from outside? |
 //! | `load` | what takes processor time on purpose? |
 //! | `kept` | how are the bridge and the process for ROS 2 kept going? |
 //! | `journal` | what is told of it, and in which order? |
@@ -28,6 +29,7 @@ mod by_hand;
 mod conduct;
 mod error;
 mod farewell;
+mod goals;
 pub mod hosts;
 mod hung;
 mod intake;
@@ -272,6 +274,7 @@ impl<'a> Run<'a> {
         if self.intake.is_due() || self.conduct.stands(self.intake.newest.as_ref()) {
             self.take_statuses()?;
             self.intake.take_latencies()?;
+            self.intake.take_goal_counts()?;
         }
         if let Some(newest) = &self.intake.newest {
             self.journal.known_before(self.conduct.known_before(newest))?;

@@ -9,6 +9,8 @@ pub struct Report {
     contacts: Vec<(Contact, u64)>,
     /// How it hears the leader's frame, and since when, ns.
     frame: (Contact, u64),
+    /// The goal from outside that is in force, m.
+    goal_m: Option<[f64; 2]>,
     /// Deadline misses of earlier incarnations, and of this one so far.
     misses: [u64; 2],
     /// Beacons refused by earlier incarnations, and by this one so far.
@@ -25,6 +27,8 @@ pub enum News {
     Heard { other: usize, contact: Contact, since_ns: u64 },
     /// How it hears the leader's frame.
     FrameHeard { contact: Contact, since_ns: u64 },
+    /// Where it goes, m: to a goal from outside, or again to its own.
+    GoesTo { outside_m: Option<[f64; 2]>, since_ns: u64 },
 }
 
 impl Report {
@@ -34,6 +38,7 @@ impl Report {
         Report {
             contacts: vec![unheard; robots],
             frame: unheard,
+            goal_m: None,
             misses: [0; 2],
             refused: [0; 2],
             odometry_old: [0; 2],
@@ -44,6 +49,8 @@ impl Report {
     pub fn begins_anew(&mut self) {
         let before = |counts: [u64; 2]| [counts.iter().sum(), 0];
         *self = Report {
+            // Where it goes is news only if that is elsewhere than before.
+            goal_m: self.goal_m,
             misses: before(self.misses),
             refused: before(self.refused),
             odometry_old: before(self.odometry_old),
@@ -82,6 +89,12 @@ impl Report {
             if turns(&mut self.frame, contact, since_ns) {
                 news.push(News::FrameHeard { contact, since_ns });
             }
+        }
+        let outside_m = header.goal().map(|(_, goal_m)| goal_m);
+        if header.moving == 1 && outside_m != self.goal_m {
+            self.goal_m = outside_m;
+            let since_ns = header.goal().map_or(header.t_ns, |(since_ns, _)| since_ns);
+            news.push(News::GoesTo { outside_m, since_ns });
         }
         for &NeighborStatus { robot, contact, since_t_ns: since_ns, .. } in neighbors {
             let Some(contact) = Contact::from_number(contact) else { continue };
@@ -133,5 +146,34 @@ mod tests {
         assert_eq!(again, [frame_heard(95), heard(90)]);
         let counted = (report.misses(), report.refused(), report.odometry_old());
         assert_eq!(counted, (6, 2, 4), "of both");
+    }
+
+    #[test]
+    fn where_a_robot_goes_is_news_once_and_again_when_its_replacement_goes_to_its_own_goal() {
+        let mut report = Report::new(1);
+        let status = |goal_since_t_ns, x_m, t_ns| StatusHeader {
+            moving: 1,
+            goal_stamp_ns: goal_since_t_ns,
+            goal_since_t_ns,
+            goal_m: [x_m, 2.0],
+            t_ns,
+            ..StatusHeader::default()
+        };
+        let to = |x_m| Some([x_m, 2.0]);
+        assert!(report.take(&status(0, 0.0, 5), &[]).is_empty(), "to its own from the beginning");
+        for (status, news) in [
+            (status(10, 1.0, 12), Some((to(1.0), 10))),
+            (status(10, 1.0, 20), None),
+            (status(30, 1.0, 31), None),
+            (status(40, 3.0, 42), Some((to(3.0), 40))),
+        ] {
+            let expected = news.map(|(outside_m, since_ns)| News::GoesTo { outside_m, since_ns });
+            assert_eq!(report.take(&status, &[]), Vec::from_iter(expected));
+        }
+        report.begins_anew();
+        let born = StatusHeader { moving: 0, ..status(0, 0.0, 0) };
+        assert!(report.take(&born, &[]).is_empty(), "it has not begun to move");
+        let own = News::GoesTo { outside_m: None, since_ns: 90 };
+        assert_eq!(report.take(&status(0, 0.0, 90), &[]), [own]);
     }
 }

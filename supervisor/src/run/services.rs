@@ -3,9 +3,10 @@
 
 use protocol::brief::Pace;
 use protocol::message::{
-    Beacon, Command, LatencyHeader, LatencyRow, LinkFaultByHand, NeighborStatus, Odometry,
-    StatusHeader, TruthHeader, TruthRow,
+    Beacon, Command, Goal, GoalCounts, LatencyHeader, LatencyRow, LinkFaultByHand, NeighborStatus,
+    Odometry, StatusHeader, TruthHeader, TruthRow,
 };
+use protocol::ros2::Ros2Brief;
 use protocol::service::{self, Factory, Node, Qos, ServiceError};
 
 use experiment::scenario::Scenario;
@@ -21,6 +22,10 @@ pub(super) struct Services {
     pub(super) latencies: Vec<Factory<[LatencyRow], LatencyHeader>>,
     /// Of the robots in scenario order; none unless links may be cut by hand.
     pub(super) faults: Vec<Factory<[LinkFaultByHand]>>,
+    /// Of the robots that take goals from outside.
+    _goals: Vec<Factory<Goal>>,
+    /// What became of those, if there are such robots.
+    pub(super) goal_counts: Option<Factory<GoalCounts>>,
 }
 
 /// Whether a process with the robots' timer and nothing else runs beside them.
@@ -35,14 +40,15 @@ impl Services {
         pace: Pace,
         links_by_hand: bool,
         bridged: bool,
-        shown: bool,
+        ros2: Option<&Ros2Brief>,
     ) -> Result<Services, ServiceError> {
         let robots = || scenario.robots.iter().enumerate();
         // Where there are several hosts, the bridge hears as well.
         let with_bridge = |qos: Qos| if bridged { qos.and_one_more() } else { qos };
         let one = with_bridge(Qos::of_robot(pace, 1));
         // Where ROS 2 listens, somebody takes odometry as well.
-        let odometry = if shown { one.and_one_more() } else { one };
+        let odometry = if ros2.is_some() { one.and_one_more() } else { one };
+        let takers = ros2.map_or(&[][..], |ros2| &ros2.goals);
         let hearers = |i| with_bridge(Qos::of_robot(pace, scenario.graph.hearers_of(i).count()));
         Ok(Services {
             _odometry: robots()
@@ -67,6 +73,13 @@ impl Services {
                 .filter(|_| links_by_hand)
                 .map(|(_, robot)| service::faults(&robot.name).create(node, one))
                 .collect::<Result<_, _>>()?,
+            _goals: takers
+                .iter()
+                .map(|taker| service::goal(&taker.robot).create(node, Qos::of_robot(pace, 1)))
+                .collect::<Result<_, _>>()?,
+            goal_counts: (!takers.is_empty())
+                .then(|| service::goal_counts().create(node, Qos::of_robot(pace, 1)))
+                .transpose()?,
         })
     }
 }

@@ -55,6 +55,7 @@ pub(in super::super) fn brief() -> AgentBrief {
         odometry_faults: Vec::new(),
         command_faults: Vec::new(),
         links_by_hand: false,
+        goals_from_outside: false,
         neighbors: Vec::new(),
     }
 }

@@ -1,14 +1,21 @@
-//! The process `phalanx-ros2`: takes each robot's newest odometry at its own pace, and sends it on.
+//! The process `phalanx-ros2`: takes each robot's newest odometry at its own pace, and sends it on; and hands
+//! goals to robots.
 //!
 //! Must not: wait for a reader, or run before any robot.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `wire` | how do messages get to ROS 2 and from there? |
+//! | `sending` | how do goals get to robots? |
 
+mod sending;
 mod wire;
 
 use std::io;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use iceoryx2::port::ReceiveError;
+use iceoryx2::port::{ReceiveError, SendError};
 use protocol::brief::{self, BriefError};
 use protocol::clock::{self, Timer};
 use protocol::message::Odometry;
@@ -18,9 +25,10 @@ use protocol::run_root::{self, RunRootError};
 use protocol::service::{self, Node, ServiceError, Subscriber};
 
 use super::messages::{self, State};
-use super::names::{self, ODOMETRY, TF};
+use super::names::{self, ODOMETRY, POSE_STAMPED, TF};
 use super::stamp::RosClock;
 use crate::wire::WireError;
+use sending::Sending;
 use wire::{Sender, Wire};
 
 /// Robots go first, wherever time is short. (nice, of 19)
@@ -41,6 +49,8 @@ enum Ros2Error {
     Wire(#[from] WireError),
     #[error("cannot receive odometry: {0}")]
     Receive(#[from] ReceiveError),
+    #[error("cannot hand goals on: {0}")]
+    Send(#[from] SendError),
 }
 
 /// Shows the run of this brief to ROS 2 until told to stop.
@@ -66,13 +76,15 @@ fn run(path: &Path) -> Result<(), Ros2Error> {
     let node = service::node("ros2")?;
     let sources = brief.robots.iter().map(|robot| source(&node, robot));
     let sources: Vec<_> = sources.collect::<Result<_, _>>()?;
+    let sending = Sending::open(&brief, &node)?;
     let Some(wire) = Wire::open(&brief, &stop)? else { return Ok(()) };
-    let mut face = Face::declare(&wire, &brief, sources)?;
+    let mut face = Face::declare(&wire, &brief, sources, sending)?;
     tracing::info!(address = %brief.address, domain = brief.domain, "ROS 2 can listen");
     let mut timer = Timer::new(brief.period_ns, 0);
     while !stop.requested() {
         if timer.wait().is_some() {
             face.publish()?;
+            face.sending.hand_on()?;
         }
     }
     drop(face);
@@ -96,6 +108,8 @@ struct Face<'a> {
     ros: RosClock,
     robots: Vec<Robot<'a>>,
     tf: Sender,
+    sending: Sending,
+    _receivers: Vec<wire::Receiver>,
     /// They are there as long as these are.
     _nodes: Vec<wire::Node>,
 }
@@ -112,17 +126,22 @@ impl<'a> Face<'a> {
         wire: &Wire,
         brief: &'a Ros2Brief,
         sources: Vec<Subscriber<Odometry>>,
+        sending: Sending,
     ) -> Result<Face<'a>, WireError> {
         let all = wire.node(brief.domain, "phalanx")?;
         let tf = wire.sender(&all, "/tf", TF)?;
-        let (mut robots, mut nodes) = (Vec::new(), vec![all]);
+        let (mut robots, mut nodes, mut receivers) = (Vec::new(), vec![all], Vec::new());
         for (name, source) in brief.robots.iter().zip(sources) {
             let node = wire.node(brief.domain, name)?;
             let odom = wire.sender(&node, &names::odom(name), ODOMETRY)?;
+            if let Some(take) = sending.taker(name) {
+                receivers.push(wire.receive(&node, &names::goal_pose(name), POSE_STAMPED, take)?);
+            }
             robots.push(Robot { name, source, odom });
             nodes.push(node);
         }
-        Ok(Face { ros: ros_clock(), robots, tf, _nodes: nodes })
+        let (ros, _receivers, _nodes) = (ros_clock(), receivers, nodes);
+        Ok(Face { ros, robots, tf, sending, _receivers, _nodes })
     }
 
     /// What is new of each robot. Of a robot whose pose is not sensed, nothing.

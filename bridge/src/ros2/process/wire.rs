@@ -10,6 +10,7 @@ use zenoh::Wait as _;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::CongestionControl;
+use zenoh::sample::SampleKind;
 
 use crate::ros2::attachment::{self, GID_BYTES};
 use crate::ros2::names::{self, MessageType};
@@ -92,6 +93,32 @@ impl Wire {
         Ok(Sender { publisher, gid, sequence: 0, failing: false, _token: self.token(token)? })
     }
 
+    /// Lets a node listen to a topic, from now to the end of the session: what arrives is handed to `take`, on a thread
+    /// of zenoh's.
+    pub fn receive(
+        &self,
+        of: &Node,
+        topic: &str,
+        message: MessageType,
+        take: impl Fn(&[u8]) + Send + Sync + 'static,
+    ) -> Result<Receiver, WireError> {
+        let id = self.entities.replace(self.entities.get() + 1);
+        let node = names::Node { domain: of.domain, session: &self.id, id: of.id, name: &of.name };
+        let token = node.subscriber_token(id, topic, message);
+        let key = names::key(of.domain, topic, message);
+        let declared = self
+            .session
+            .declare_subscriber(key.clone())
+            .callback(move |sample| match sample.kind() {
+                SampleKind::Put => take(&sample.payload().to_bytes()),
+                SampleKind::Delete => {}
+            })
+            .background()
+            .wait();
+        declared.map_err(WireError::declaring(&key))?;
+        Ok(Receiver { _token: self.token(token)? })
+    }
+
     fn token(&self, key: String) -> Result<LivelinessToken, WireError> {
         let declared = self.session.liveliness().declare_token(key.clone()).wait();
         declared.map_err(WireError::declaring(&key))
@@ -101,6 +128,11 @@ impl Wire {
     pub fn close(self) {
         wire::close(&self.session);
     }
+}
+
+/// A node that listens to a topic; it says so as long as this is there.
+pub struct Receiver {
+    _token: LivelinessToken,
 }
 
 /// Sends on one topic. Never waits.

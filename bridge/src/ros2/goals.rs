@@ -1,0 +1,215 @@
+//! Which goals are taken from ROS 2, and why others are not.
+//!
+//! A goal is where a robot's front point is to go. Of a pose only the position in the plane counts; a stamp is
+//! not looked at: many who say where to go set none.
+
+use formation::Vec2;
+use formation::obstacle::Obstacles;
+use protocol::goal::Refused;
+use protocol::message::{Goal, GoalCounts};
+use protocol::ros2::Ros2Brief;
+
+use super::messages::{MAP, Place, pose_stamped};
+
+/// Where goals may be.
+#[derive(Debug, Clone)]
+pub struct Arena {
+    obstacles: Obstacles,
+    clearance_m: f64,
+    closed_walls: Vec<Vec<Vec2>>,
+}
+
+impl Arena {
+    /// As the brief has it.
+    pub fn of(brief: &Ros2Brief) -> Arena {
+        let corners = |wall: &Vec<[f64; 2]>| wall.iter().map(|&corner| corner.into()).collect();
+        Arena {
+            obstacles: Obstacles::new(&brief.obstacles),
+            clearance_m: brief.clearance_m,
+            closed_walls: brief.closed_walls_m.iter().map(corners).collect(),
+        }
+    }
+
+    /// Where a message sends a robot that started at that place.
+    pub fn place(&self, message: &[u8], start: Vec2) -> Result<Vec2, Refused> {
+        let Place { frame, position_m, orientation } =
+            pose_stamped(message).ok_or(Refused::Layout)?;
+        if position_m.iter().chain(&orientation).any(|number| !number.is_finite()) {
+            return Err(Refused::NotFinite);
+        }
+        if !frame.is_empty() && frame != MAP {
+            return Err(Refused::Frame);
+        }
+        let [x_m, y_m, _] = position_m;
+        if !(Goal { stamp_ns: 0, x_m, y_m }).is_plausible() {
+            return Err(Refused::Far);
+        }
+        let place = Vec2::new(x_m, y_m);
+        if self.closed_walls.iter().any(|wall| surrounds(wall, place) != surrounds(wall, start)) {
+            return Err(Refused::Outside);
+        }
+        if self.obstacles.within(place, self.clearance_m).next().is_some() {
+            return Err(Refused::Blocked);
+        }
+        Ok(place)
+    }
+}
+
+/// Whether a point lies within a closed polygon: a ray from it crosses an odd number of sides.
+fn surrounds(corners: &[Vec2], point: Vec2) -> bool {
+    let ends = corners.iter().zip(corners.iter().cycle().skip(1));
+    let crosses = |(a, b): &(&Vec2, &Vec2)| {
+        (a.y > point.y) != (b.y > point.y)
+            && point.x < a.x + (point.y - a.y) / (b.y - a.y) * (b.x - a.x)
+    };
+    ends.filter(crosses).count() % 2 == 1
+}
+
+/// What came in, from threads of zenoh's own, until the process's loop hands it on.
+#[derive(Debug)]
+pub struct Inbox {
+    /// Of each robot that takes goals, the newest.
+    newest: Vec<Option<Goal>>,
+    counts: GoalCounts,
+}
+
+impl Inbox {
+    /// Of so many robots, in a process that began then, ns.
+    pub fn new(robots: usize, began_ns: u64) -> Inbox {
+        let counts = GoalCounts { began_ns, ..GoalCounts::default() };
+        Inbox { newest: vec![None; robots], counts }
+    }
+
+    /// A robot is sent to this place, m, at that time, ns; or why not.
+    pub fn put(&mut self, robot: usize, place: Result<Vec2, Refused>, now_ns: u64) {
+        match place {
+            Ok(place) => {
+                self.counts.taken += 1;
+                // Each is newer than the one before.
+                let before_ns = self.newest[robot].map_or(0, |goal| goal.stamp_ns);
+                let stamp_ns = now_ns.max(before_ns + 1);
+                self.newest[robot] = Some(Goal { stamp_ns, x_m: place.x, y_m: place.y });
+            }
+            Err(why) => self.counts.refuse(why),
+        }
+    }
+
+    /// The newest goal of a robot.
+    pub fn newest(&self, robot: usize) -> Option<Goal> {
+        self.newest[robot]
+    }
+
+    /// What became of all.
+    pub fn counts(&self) -> GoalCounts {
+        self.counts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ros2::cdr::Writer;
+    use formation::obstacle::Obstacle;
+
+    const START: Vec2 = Vec2::new(0.0, 0.0);
+
+    /// A closed square of 4 m around the origin, and a disc in it.
+    fn arena() -> Arena {
+        let corners = [[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]];
+        let side = |i: usize| Obstacle::segment(corners[i], corners[(i + 1) % 4]);
+        let mut parts: Vec<Obstacle> = (0..4).map(side).collect();
+        parts.push(Obstacle::Disc { center_m: [1.0, 1.0], radius_m: 0.5 });
+        Arena {
+            obstacles: Obstacles::new(&parts),
+            clearance_m: 0.1,
+            closed_walls: vec![corners.map(Vec2::from).to_vec()],
+        }
+    }
+
+    fn message(frame: &str, numbers: [f64; 7]) -> Vec<u8> {
+        let mut out = Writer::new();
+        out.u32(0);
+        out.u32(0);
+        out.string(frame);
+        out.f64s(&numbers);
+        out.finish()
+    }
+
+    fn at(x_m: f64, y_m: f64) -> [f64; 7] {
+        [x_m, y_m, 0.0, 0.0, 0.0, 0.0, 1.0]
+    }
+
+    #[test]
+    fn a_goal_is_taken_or_refused_for_the_first_reason_that_holds() {
+        let arena = arena();
+        let place = |frame, numbers| arena.place(&message(frame, numbers), START);
+        for frame in ["map", ""] {
+            assert_eq!(place(frame, at(-1.0, 0.5)), Ok(Vec2::new(-1.0, 0.5)));
+        }
+        // Height and orientation, of any length, are of no account.
+        let turned = [-1.0, 0.5, 7.0, 0.0, 0.0, 0.0, 0.0];
+        assert_eq!(place("map", turned), Ok(Vec2::new(-1.0, 0.5)));
+        assert_eq!(arena.place(b"nonsense", START), Err(Refused::Layout));
+        for nan in 0..7 {
+            for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                let mut numbers = at(-1.0, 0.5);
+                numbers[nan] = wrong;
+                assert_eq!(place("odom", numbers), Err(Refused::NotFinite));
+            }
+        }
+        for frame in ["odom", "/map", "r1/base_link"] {
+            assert_eq!(place(frame, at(-1.0, 0.5)), Err(Refused::Frame), "{frame}");
+        }
+        assert_eq!(place("map", at(1e300, 0.0)), Err(Refused::Far));
+        assert_eq!(place("map", at(3.0, 0.5)), Err(Refused::Outside));
+        assert_eq!(place("map", at(1.0, 1.0)), Err(Refused::Blocked));
+        assert_eq!(place("map", at(-1.95, 0.0)), Err(Refused::Blocked), "too near to a wall");
+    }
+
+    #[test]
+    fn whoever_starts_outside_of_a_closed_wall_stays_outside() {
+        let arena = arena();
+        let start = Vec2::new(5.0, 5.0);
+        let place = |numbers| arena.place(&message("map", numbers), start);
+        assert_eq!(place(at(3.0, 0.5)), Ok(Vec2::new(3.0, 0.5)));
+        assert_eq!(place(at(-1.0, 0.5)), Err(Refused::Outside));
+    }
+
+    #[test]
+    fn without_walls_a_goal_may_be_anywhere_within_reason() {
+        let open =
+            Arena { obstacles: Obstacles::new(&[]), clearance_m: 0.1, closed_walls: Vec::new() };
+        assert!(open.place(&message("", at(1e6, -1e6)), START).is_ok());
+    }
+
+    #[test]
+    fn of_each_robot_the_newest_goal_counts_and_each_has_a_stamp_of_its_own() {
+        let mut inbox = Inbox::new(2, 5);
+        let place = |x_m| Ok(Vec2::new(x_m, 0.0));
+        for (x_m, now_ns) in [(1.0, 10), (2.0, 10), (3.0, 9)] {
+            inbox.put(1, place(x_m), now_ns);
+        }
+        inbox.put(1, Err(Refused::Frame), 20);
+        assert_eq!(inbox.newest(0), None);
+        assert_eq!(inbox.newest(1), Some(Goal { stamp_ns: 12, x_m: 3.0, y_m: 0.0 }));
+        let counts = inbox.counts();
+        assert_eq!((counts.began_ns, counts.taken), (5, 3));
+        assert_eq!(counts.refused_in_words().collect::<Vec<_>>(), [("frame", 1)]);
+    }
+
+    proptest::proptest! {
+        /// The sides of a square, in either direction and from any corner on.
+        #[test]
+        fn a_square_surrounds_what_is_in_it(
+            x in -3.0..3.0f64, y in -3.0..3.0f64, first in 0..4usize, back in proptest::bool::ANY,
+        ) {
+            let mut corners = [[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]].map(Vec2::from);
+            corners.rotate_left(first);
+            if back {
+                corners.reverse();
+            }
+            let within = x.abs() < 2.0 && y.abs() < 2.0;
+            proptest::prop_assert_eq!(surrounds(&corners, Vec2::new(x, y)), within);
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! What became of goals from outside, over all processes that ever took them. Pure.
+
+use metrics::summary::GoalSummary;
+use protocol::message::GoalCounts;
+
+/// The counts so far.
+#[derive(Debug, Default)]
+pub(super) struct Goals {
+    /// Of processes that are gone.
+    before: GoalCounts,
+    /// Of the one that told last.
+    newest: GoalCounts,
+}
+
+impl Goals {
+    /// Takes in what a process counted since it began.
+    pub(super) fn take(&mut self, counts: GoalCounts) {
+        if counts.began_ns != self.newest.began_ns {
+            self.before = self.sum();
+        }
+        self.newest = counts;
+    }
+
+    fn sum(&self) -> GoalCounts {
+        let Goals { before, newest } = self;
+        GoalCounts {
+            began_ns: 0,
+            taken: before.taken + newest.taken,
+            refused: std::array::from_fn(|i| before.refused[i] + newest.refused[i]),
+        }
+    }
+
+    /// All of it, in words.
+    pub(super) fn summary(&self) -> GoalSummary {
+        let sum = self.sum();
+        let refused = sum.refused_in_words().map(|(why, count)| (why.to_owned(), count));
+        GoalSummary { taken: sum.taken, refused: refused.collect() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::goal::Refused;
+
+    #[test]
+    fn what_was_counted_before_a_process_was_replaced_still_counts() {
+        let mut goals = Goals::default();
+        let counts = |began_ns, taken, frame: u64| {
+            let mut counts = GoalCounts { began_ns, taken, ..GoalCounts::default() };
+            (0..frame).for_each(|_| counts.refuse(Refused::Frame));
+            counts
+        };
+        for told in [counts(7, 1, 0), counts(7, 2, 1), counts(9, 0, 0), counts(9, 3, 2)] {
+            goals.take(told);
+        }
+        let refused = vec![("frame".to_owned(), 3)];
+        assert_eq!(goals.summary(), GoalSummary { taken: 5, refused });
+    }
+}

@@ -89,8 +89,8 @@ fn rows_of(robots: usize, looks: &[Look], misses: &[Misses]) -> Vec<Row> {
         rows.push(Row::alone("pages", &format!("{robots} robots, {what}"), figures));
     };
     row("ticks", looks.iter().map(|look| f64::from(look.ticks)).collect());
-    let of: [(&str, fn(&Look) -> &Segments); 2] =
-        [("a robot", |look| &look.robot), ("the plant", |look| &look.plant)];
+    type Of = fn(&Look) -> &Segments;
+    let of: [(&str, Of); 2] = [("a robot", |look| &look.robot), ("the plant", |look| &look.plant)];
     for (process, (name, segments)) in of.into_iter().enumerate() {
         let pages = |of: &dyn Fn(&Segments) -> f64| {
             looks.iter().map(|look| of(segments(look)) / page_kb).collect()

@@ -267,25 +267,24 @@ impl Brain {
         }
         self.news |= self.sent.apply(&mut *self.role, odometry.t_ns);
         self.news |= self.neighborhood.judge(odometry.tick, odometry.t_ns, odometry.stamp_ns);
-        (self.now.odometry, self.now.error, self.now.target) = (None, None, None);
-        let arrived = match &self.odometry {
-            None => Some(*odometry),
-            Some(_) => self.arrived(odometry),
+        (self.now.error, self.now.target) = (None, None);
+        self.now.odometry = match &self.odometry {
+            None => (odometry.pose_valid == 1).then_some(*odometry),
+            Some(_) => self.arrived(odometry).filter(|sample| sample.pose_valid == 1),
         };
-        let Some(odometry) = arrived.filter(|sample| sample.pose_valid == 1) else { return };
+        let Some(odometry) = &self.now.odometry else { return };
         let alpha = front_point(odometry.pose(), self.front_point_m); // (2)
         self.front_point = Some(alpha);
         self.now.front_point = alpha;
         self.now.away.clear();
         self.now.away.extend(odometry.proximity().map(|other| alpha - other));
-        let target = self.role.target(&moment(&odometry, &self.neighborhood), &mut self.now.heard);
+        let target = self.role.target(&moment(odometry, &self.neighborhood), &mut self.now.heard);
         if let Some(target) = target {
             let error = alpha - target.position;
             self.now.error = Some(error);
             let error = self.avoidance.stand_off(&self.now.away, error);
             self.now.target = Some((error, target.velocity));
         }
-        self.now.odometry = Some(odometry);
     }
 
     /// What the law sees of the sample at hand; `None` if the robot has nothing to go by.
@@ -303,7 +302,7 @@ impl Brain {
     pub fn act(&mut self, wish: Wish, effect_ns: u64) -> Option<Answer> {
         let (tick, t_ns) = self.newest?;
         let effect_ns = effect_ns + self.commands_late_ns(t_ns);
-        let odometry = &self.now.odometry?;
+        let odometry = self.now.odometry.as_ref()?;
         let moment = moment(odometry, &self.neighborhood);
         let (pose, t_s, alpha) = (moment.pose, moment.t_s, self.now.front_point);
         let wish = self.now.target.map_or(STAND, |_| wish);

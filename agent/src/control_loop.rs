@@ -12,8 +12,9 @@ use protocol::brief::{self, AgentBrief, BriefError, Pace};
 use protocol::clock::{self, Timer};
 use protocol::lateness::{Late, Witness};
 use protocol::message::Odometry;
-use protocol::process::{self, Alarm, Stop, Thaws};
+use protocol::process::{self, Alarm, Stop, Thaws, Turns};
 use protocol::run_root::{self, RunRootError};
+use protocol::service::Sample;
 use protocol::stage::Stage;
 use protocol::watchdog::{SupervisorLost, SupervisorWatch};
 
@@ -88,7 +89,7 @@ where
     run_root::join(&brief.run_root)?;
     clock::tighten_timer_slack();
     if brief.pace == Pace::Realtime {
-        process::take_short_turns();
+        process::take_turns(Turns::Short);
     }
     // Before the ports, whose presence tells the plant that it may begin.
     let barrier = match brief.pace {
@@ -147,15 +148,16 @@ impl Agent {
                 taken_ns.saturating_sub(odometry.sent_ns),
             );
             if tick > first_tick {
-                self.hear_tick(barrier, tick - 1, odometry.stamp_ns)?;
+                self.hear_tick(barrier, tick - 1, newest_ns)?;
             }
-            let answer = self.brain.answer(&odometry, odometry.stamp_ns);
+            let answer = self.brain.answer(&odometry, newest_ns);
+            drop(odometry);
             // An answer that takes a period or more is dead before it is sent.
             let in_time = answer.filter(|answer| answer.delay_ns < self.brief.period_ns);
             if let Some(answer) = &in_time {
                 let sent_ns = clock::now_ns();
                 self.ports.send(answer, sent_ns)?;
-                self.measure(taken_ns, odometry.stamp_ns, sent_ns);
+                self.measure(taken_ns, newest_ns, sent_ns);
             }
             // Before it arrives, and by what happened alone: whoever is killed after this tick has
             // told the same in every run.
@@ -178,7 +180,7 @@ impl Agent {
     }
 
     /// The odometry of exactly this tick; older samples are from before this robot took part.
-    fn odometry_of(&self, tick: u64) -> Result<Odometry, LoopError> {
+    fn odometry_of(&self, tick: u64) -> Result<Sample<Odometry>, LoopError> {
         while let Some(odometry) = self.ports.odometry()? {
             if odometry.tick == tick {
                 return Ok(odometry);
@@ -239,18 +241,12 @@ impl Agent {
                 // Whoever was frozen or slow on purpose is not late by the machine's doing.
                 let held = wake.due_ns < slow_until_ns.max(thaws.last_ns());
                 late_ns.push((if held { Stage::Held } else { Stage::Wake }, wake.lateness_ns));
-                let behind_ns = wake.lateness_ns;
-                let late = Late {
-                    behind_ns,
-                    at_work_ns: rested_ns.saturating_sub(wake.due_ns),
-                    worked_ns: rested_ns.saturating_sub(awake_ns),
-                };
                 let missed = std::mem::take(&mut missed);
-                match held {
-                    true => witness.look(),
-                    false => late_ns.extend(
-                        witness.cause_of(late, missed).map(|cause| (cause.stage(), behind_ns)),
-                    ),
+                if held {
+                    witness.look();
+                } else if !witness.on_time(wake.lateness_ns, missed) {
+                    let cause = witness.cause_of(Late::of(&wake, awake_ns, rested_ns));
+                    late_ns.push((cause.stage(), wake.lateness_ns));
                 }
             } else {
                 self.ports.connect();
@@ -291,6 +287,7 @@ impl Agent {
                     true => None,
                     false => self.brain.answer(&odometry, used_ns),
                 };
+                drop(odometry);
                 if let Some(answer) = answer {
                     self.linger(answer.delay_ns);
                     let sent_ns = clock::now_ns();

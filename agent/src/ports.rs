@@ -7,7 +7,9 @@ use protocol::latency::LatencyPort;
 use protocol::message::{
     Beacon, Command, Goal, LinkFaultByHand, NeighborStatus, Odometry, StatusHeader,
 };
-use protocol::service::{self, Node, Publisher, SendError, ServiceError, Subscriber, send_slice};
+use protocol::service::{
+    self, Node, Publisher, Sample, SendError, ServiceError, Subscriber, send_slice,
+};
 
 use crate::brain::{Answer, Brain};
 
@@ -97,9 +99,9 @@ impl Ports {
         connected.for_each(|_| ());
     }
 
-    /// The next odometry sample in the queue.
-    pub fn odometry(&self) -> Result<Option<Odometry>, PortError> {
-        take(&self.odometry, "odometry")
+    /// The next odometry sample in the queue, where the plant put it: it is large, and not copied.
+    pub fn odometry(&self) -> Result<Option<Sample<Odometry>>, PortError> {
+        receive(&self.odometry, "odometry")
     }
 
     /// The next beacon in the queue of the neighbour at `place`.
@@ -158,6 +160,12 @@ fn take<M>(from: &Subscriber<M>, what: &'static str) -> Result<Option<M>, PortEr
 where
     M: Copy + std::fmt::Debug + iceoryx2::prelude::ZeroCopySend,
 {
-    let sample = from.receive().map_err(|cause| PortError::Receive { what, cause })?;
-    Ok(sample.map(|sample| *sample))
+    Ok(receive(from, what)?.map(|sample| *sample))
+}
+
+fn receive<M>(from: &Subscriber<M>, what: &'static str) -> Result<Option<Sample<M>>, PortError>
+where
+    M: std::fmt::Debug + iceoryx2::prelude::ZeroCopySend,
+{
+    from.receive().map_err(|cause| PortError::Receive { what, cause })
 }

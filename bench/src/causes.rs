@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 use clap::ValueEnum;
 use protocol::clock::{self, Timer};
 use protocol::lateness::{Account, Late, Witness};
-use protocol::process::{self, Stop};
+use protocol::process::{self, Stop, Turns};
 use protocol::stage::Cause;
 use serde::{Deserialize, Serialize};
 
@@ -297,7 +297,7 @@ impl Drop for Quota {
 /// The process that is made late, with the loop of a robot.
 pub(crate) fn peer(way: Way, ticks: u64, result: &Path) -> Result<(), BenchError> {
     clock::tighten_timer_slack();
-    process::take_short_turns();
+    process::take_turns(Turns::Short);
     if way == Way::Priority {
         stay_on_the_last()
             .map_err(|error| BenchError::Wrong(format!("cannot keep to one core: {error}")))?;
@@ -311,10 +311,8 @@ pub(crate) fn peer(way: Way, ticks: u64, result: &Path) -> Result<(), BenchError
     let mut seen = Seen::default();
     while clock::now_ns() < began_ns + (ticks + TICKS_SPARE) * PERIOD_NS {
         let Some(wake) = timer.wait() else { continue };
-        let at_work_ns = rested_ns.saturating_sub(wake.due_ns);
-        let worked_ns = rested_ns.saturating_sub(awake_ns);
-        let late = Late { behind_ns: wake.lateness_ns, at_work_ns, worked_ns };
-        if let Some(account) = witness.account_of(late, std::mem::take(&mut missed)) {
+        if !witness.on_time(wake.lateness_ns, std::mem::take(&mut missed)) {
+            let account = witness.account_of(Late::of(&wake, awake_ns, rested_ns));
             seen.late.push(Told { due_ns: wake.due_ns, account });
         }
         tick += 1;

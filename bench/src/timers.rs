@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use agent::golden_phase;
 use protocol::clock::{self, Timer};
 use protocol::lateness::{Late, Witness};
-use protocol::process::{self, Stop};
+use protocol::process::{self, Stop, Turns};
 use protocol::run_root::RunRoot;
 use rustix::thread::ClockId;
 use serde::{Deserialize, Serialize};
@@ -66,7 +66,7 @@ pub(crate) fn measure(
 /// The process of robot `index`, from 1.
 pub(crate) fn peer(index: usize, task: Task, result: &Path) -> Result<(), BenchError> {
     clock::tighten_timer_slack();
-    process::take_short_turns();
+    process::take_turns(Turns::Short);
     peers::await_go(result.parent().unwrap_or(result), index - 1)?;
     let period_ns = task.period_ns;
     let mut late_ns = Vec::with_capacity(task.ticks as usize);
@@ -80,12 +80,8 @@ pub(crate) fn peer(index: usize, task: Task, result: &Path) -> Result<(), BenchE
         for overslept in 0..=wake.lateness_ns / period_ns {
             late_ns.push(wake.lateness_ns - overslept * period_ns);
         }
-        let late = Late {
-            behind_ns: wake.lateness_ns,
-            at_work_ns: rested_ns.saturating_sub(wake.due_ns),
-            worked_ns: rested_ns.saturating_sub(awake_ns),
-        };
-        if let Some(cause) = witness.cause_of(late, misses > 0) {
+        if !witness.on_time(wake.lateness_ns, misses > 0) {
+            let cause = witness.cause_of(Late::of(&wake, awake_ns, rested_ns));
             causes[cause as usize].add(wake.lateness_ns);
         }
         awake_ns = wake.due_ns + wake.lateness_ns;

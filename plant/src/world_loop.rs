@@ -11,7 +11,7 @@ use protocol::barrier::{Barrier, BarrierError, LEAD_MAX};
 use protocol::brief::{self, BriefError, Pace, PlantBrief};
 use protocol::clock::{self, Timer};
 use protocol::lateness::{Late, Witness};
-use protocol::process::{self, Alarm, Stop};
+use protocol::process::{self, Alarm, Stop, Turns};
 use protocol::run_root::{self, RunRootError};
 use protocol::stage::Stage;
 use protocol::watchdog::{SupervisorLost, SupervisorWatch};
@@ -31,8 +31,10 @@ const READY_EVERY: Duration = Duration::from_millis(1);
 const SETTLE_MIN: Duration = Duration::from_millis(20);
 /// How long the last truth of real time waits for the supervisor's signal to end.
 const RELEASE_MAX: Duration = Duration::from_secs(10);
-/// The supervisor's attention is drawn to new truths every so many ticks.
-const ATTENTION_EVERY: u64 = 16;
+/// The supervisor's attention is drawn to new truths once they tell of so many robots, and every so many ticks:
+/// seldom, it works for long while robots on its core wait; often, waking it costs more.
+const ATTENTION_ROBOTS: u64 = 48;
+const ATTENTION_EVERY: [u64; 2] = [4, 16];
 
 /// Why the plant gave up.
 #[derive(Debug, thiserror::Error)]
@@ -93,7 +95,7 @@ where
     let motion = Checked::new(&brief, motion);
     clock::tighten_timer_slack();
     if brief.pace == Pace::Realtime {
-        process::take_short_turns();
+        process::take_turns(Turns::Short);
     }
     let ports = Ports::open(&brief)?;
     let sent_ns = vec![0; brief.robots.len()];
@@ -150,9 +152,12 @@ impl<M: Motion> Plant<M> {
         supervisor: &mut SupervisorWatch,
     ) -> Result<(), LoopError> {
         let ticks = self.brief.duration_ns / self.brief.period_ns;
+        let [often, seldom] = ATTENTION_EVERY;
+        let attention_every =
+            (ATTENTION_ROBOTS / self.brief.robots.len() as u64).clamp(often, seldom);
         for tick in 0..ticks {
             self.ports.send_truth(&self.world)?;
-            if tick.is_multiple_of(ATTENTION_EVERY) {
+            if tick.is_multiple_of(attention_every) {
                 barrier.attention();
             }
             let mut patience = supervisor.patience(barrier, &self.stop);
@@ -233,10 +238,8 @@ impl<M: Motion> Plant<M> {
         while !self.stop.requested() && self.world.t_ns() < self.brief.duration_ns {
             let Some(wake) = timer.wait() else { continue };
             self.ports.latency.record(Stage::Wake, 0, wake.lateness_ns);
-            let at_work_ns = rested_ns.saturating_sub(wake.due_ns);
-            let worked_ns = rested_ns.saturating_sub(awake_ns);
-            let late = Late { behind_ns: wake.lateness_ns, at_work_ns, worked_ns };
-            if let Some(cause) = witness.cause_of(late, false) {
+            if !witness.on_time(wake.lateness_ns, false) {
+                let cause = witness.cause_of(Late::of(&wake, awake_ns, rested_ns));
                 self.ports.latency.record(cause.stage(), 0, wake.lateness_ns);
             }
             let now_ns = clock::now_ns();

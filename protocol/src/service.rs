@@ -35,6 +35,8 @@ pub type Node = iceoryx2::node::Node<Ipc>;
 pub type Publisher<P, H = ()> = iceoryx2::port::publisher::Publisher<Ipc, P, H>;
 /// The receiving end of a service.
 pub type Subscriber<P, H = ()> = iceoryx2::port::subscriber::Subscriber<Ipc, P, H>;
+/// What a receiving port received, in shared memory until it is dropped.
+pub type Sample<P, H = ()> = iceoryx2::sample::Sample<Ipc, P, H>;
 
 /// One sender, and its replacement while iceoryx2 still counts the dead one.
 const PUBLISHERS_MAX: usize = 2;

@@ -226,8 +226,10 @@ impl Said<'_> {
     }
 
     fn into_outcome(self, outcome: &mut Outcome) {
-        outcome.deadline_misses = self.robots.iter().map(|robot| robot.report.misses()).sum();
-        outcome.beacons_refused = self.robots.iter().map(|robot| robot.report.refused()).collect();
+        outcome.deadline_misses =
+            self.robots.iter().map(|robot| robot.report.counts().misses).sum();
+        outcome.beacons_refused =
+            self.robots.iter().map(|robot| robot.report.counts().refused).collect();
         outcome.latency = self.latency;
     }
 }

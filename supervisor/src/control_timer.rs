@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use protocol::clock::{self, Timer, golden_phase};
 use protocol::latency::LatencyPort;
-use protocol::process::{self, Stop};
+use protocol::process::{self, Stop, Turns};
 use protocol::run_root::{self, RunRootError};
 use protocol::service::{self, ServiceError};
 use protocol::stage::Stage;
@@ -57,7 +57,7 @@ fn run(control: &ControlTimer) -> Result<(), ControlError> {
     let stop = Stop::on_signals()?;
     run_root::join(&control.run_root)?;
     clock::tighten_timer_slack();
-    process::take_short_turns();
+    process::take_turns(Turns::Short);
     let node = service::node("machine")?;
     let mut latency = LatencyPort::new(&service::machine_latency().open(&node)?, 0, 1)?;
     let period = Duration::from_nanos(control.period_ns);

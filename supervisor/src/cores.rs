@@ -4,8 +4,9 @@
 //! In lockstep everybody waits for the slowest, again and again. Whoever wakes a process on another
 //! core, or a core that fell asleep, waits longer than a robot thinks; so each robot is kept on a
 //! core, and a process that gives way to everybody keeps that core awake. Only while the machine
-//! has nothing else to do: beside other work the kernel balances better than any fixed deal. Not
-//! for real time, where everybody wakes at a time of his own.
+//! has nothing else to do: beside other work the kernel balances better than any fixed deal. The
+//! supervisor shall work while the robots on its core wait for the plant, and not hold them up: it
+//! asks for long turns. Not for real time, where everybody wakes at a time of his own.
 
 mod deal;
 pub mod topology;
@@ -15,6 +16,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use protocol::clock;
+use protocol::process::{Turns, take_turns_of_all};
 use rustix::process::Pid;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
@@ -159,6 +161,7 @@ impl Placement {
         log: &Path,
     ) {
         self.placed = true;
+        take_turns_of_all(Turns::Long);
         let used = self.trial.cores();
         self.keep_awake(used, log);
         for (i, child) in robots {
@@ -210,6 +213,7 @@ impl Placement {
     /// Ends those that keep cores awake, and lets the calling thread go: what all of them took.
     pub(crate) fn end(&mut self) -> Usage {
         keep_on(0, &self.cores.usable);
+        take_turns_of_all(Turns::Usual);
         let awake = std::mem::take(&mut self.awake);
         self.end_awake(awake);
         self.usage

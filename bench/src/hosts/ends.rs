@@ -13,7 +13,7 @@ use protocol::brief::{self, BridgeBrief, Pace};
 use protocol::clock::{self, Timer};
 use protocol::message::Beacon;
 use protocol::run_root;
-use protocol::service::{self, Qos};
+use protocol::service::{self, Factory, Node, Qos};
 use rustix::thread::UnshareFlags;
 use supervisor::child::Child;
 use supervisor::spawn::{Launcher, Role};
@@ -243,16 +243,7 @@ impl End {
     }
 
     fn be_heard(&self, brief: &BridgeBrief) -> Result<Option<Seen>, BenchError> {
-        run_root::join(&brief.run_root)?;
-        let node = service::node("host")?;
-        // The bridge alone hears it here.
-        let beacon = service::beacon(ROBOT).create(&node, Qos::of_robot(Pace::Realtime, 1))?;
-        let _services = (
-            service::orders(NAMES[1]).create(&node, Qos::of_hosts(1))?,
-            service::report(NAMES[1]).create(&node, Qos::of_hosts(1))?,
-            service::bridge(NAMES[0]).create(&node, Qos::of_hosts(1))?,
-            service::bridge(NAMES[1]).create(&node, Qos::of_hosts(1))?,
-        );
+        let (_node, beacon, _others) = services(brief)?;
         let publisher = beacon.publisher()?;
         let _bridge = self.bridge(brief)?;
         self.send("bridges", |number| {
@@ -267,14 +258,7 @@ impl End {
     }
 
     fn hear(&self, brief: &BridgeBrief) -> Result<Option<Seen>, BenchError> {
-        run_root::join(&brief.run_root)?;
-        let node = service::node("host")?;
-        let beacon = service::beacon(ROBOT).create(&node, Qos::of_robot(Pace::Realtime, 1))?;
-        let _services = (
-            service::orders(NAMES[1]).create(&node, Qos::of_hosts(1))?,
-            service::report(NAMES[1]).create(&node, Qos::of_hosts(1))?,
-            service::bridge(NAMES[1]).create(&node, Qos::of_hosts(1))?,
-        );
+        let (_node, beacon, _others) = services(brief)?;
         let subscriber = beacon.subscriber()?;
         let _bridge = self.bridge(brief)?;
         self.take("bridges", |arrived| {
@@ -294,6 +278,22 @@ impl End {
         let log = self.dir.join(format!("bridge-{here}.log"));
         Ok(Launcher::of_this_executable().spawn(Role::Bridge { brief: &path }, &log)?)
     }
+}
+
+/// What the supervisor of either host makes before its bridge starts, the beacon first: one process hears it, the
+/// bridge where it is sent.
+fn services(brief: &BridgeBrief) -> Result<(Node, Factory<Beacon>, impl Sized), BenchError> {
+    run_root::join(&brief.run_root)?;
+    let node = service::node("host")?;
+    let beacon = service::beacon(ROBOT).create(&node, Qos::of_robot(Pace::Realtime, 1))?;
+    let of_hosts = Qos::of_hosts(1);
+    let others = (
+        service::orders(NAMES[1]).create(&node, of_hosts)?,
+        service::report(NAMES[1]).create(&node, of_hosts)?,
+        service::bridge(NAMES[0]).create(&node, of_hosts)?,
+        service::bridge(NAMES[1]).create(&node, of_hosts)?,
+    );
+    Ok((node, beacon, others))
 }
 
 /// As a bridge has it.

@@ -28,7 +28,7 @@ use protocol::message::{
     Beacon, BridgeHeader, Command, LatencyHeader, LatencyRow, NeighborStatus, Odometry,
     OrderHeader, OrderRow, PeerRow, Plain, ReportHeader, ReportRow, StatusHeader,
 };
-use protocol::process::{self, Stop, exit};
+use protocol::process::{self, Stop, Turns, exit};
 use protocol::run_root::{self, RunRootError};
 use protocol::service::{self, Node, Publisher, Subscriber, send_slice};
 use zenoh::pubsub::Publisher as Sender;
@@ -103,7 +103,7 @@ pub fn run(brief_path: &Path) -> Result<(), BridgeError> {
     let stop = Stop::on_signals()?;
     run_root::join(&brief.run_root)?;
     clock::tighten_timer_slack();
-    process::take_short_turns();
+    process::take_turns(Turns::Short);
     let mut bridge = Bridge::open(brief)?;
     tracing::info!(host = bridge.brief.hosts[bridge.brief.here].name, "ready");
     while !stop.requested() {

@@ -24,8 +24,8 @@ pub use self::log::{
     Stderr, log_level, log_to_stderr, log_to_stderr_and, quiet_iceoryx2, set_name,
 };
 pub use self::priority::{
-    PriorityError, REALTIME_PRIORITY, REALTIME_RUNTIME, hurry, may_lock_memory, stand_back,
-    take_realtime_priority, take_short_turns, try_realtime_priority,
+    PriorityError, REALTIME_PRIORITY, REALTIME_RUNTIME, Turns, hurry, may_lock_memory, stand_back,
+    take_realtime_priority, take_turns, take_turns_of_all, try_realtime_priority,
 };
 pub use self::stop::Stop;
 pub use self::thaw::Thaws;

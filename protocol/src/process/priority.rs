@@ -1,5 +1,5 @@
-//! Who runs before whom on this machine, and for how long: SCHED_FIFO, locked memory, short turns,
-//! and standing back.
+//! Who runs before whom on this machine, and for how long: SCHED_FIFO, locked memory, short and long
+//! turns, and standing back.
 
 use std::io;
 
@@ -72,25 +72,59 @@ pub fn hurry() {
     }
 }
 
-/// How long a process that is due may run before others have their turn, ns: the least that Linux
-/// grants. Whoever asks for little is served first, which is what a control loop wants: a tenth of
-/// a millisecond is more than it needs.
-const TURN_NS: u64 = 100_000;
+/// For how long a thread asks to run before others have their turn. Whoever asks for less is served first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Turns {
+    /// The least that Linux grants, 0.1 ms: more than a control loop needs, which wants to be served at once.
+    Short,
+    /// As long as everybody's.
+    Usual,
+    /// The most that Linux grants, 100 ms: it lets all others go first, and works while they wait. What it
+    /// starts has usual turns.
+    Long,
+}
 
-/// Asks for short turns, and thereby for early ones, for the calling thread, if its priority is an
-/// ordinary one. Linux before 6.12 pays no heed, which is no harm.
-pub fn take_short_turns() {
+impl Turns {
+    fn ns(self) -> u64 {
+        match self {
+            Turns::Short => 100_000,
+            Turns::Usual => 0,
+            Turns::Long => 100_000_000,
+        }
+    }
+}
+
+/// Asks for such turns for the calling thread, if its priority is an ordinary one. Linux before 6.12 pays no
+/// heed, which is no harm.
+pub fn take_turns(turns: Turns) {
+    ask_for_turns(0, turns);
+}
+
+/// The same for all threads of this process.
+pub fn take_turns_of_all(turns: Turns) {
+    let threads = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
+    let ids = threads.filter_map(|thread| thread.file_name().to_str()?.parse().ok());
+    ids.for_each(|id| ask_for_turns(id, turns));
+}
+
+/// Of a thread of this process; 0 is the calling one.
+fn ask_for_turns(thread: libc::pid_t, turns: Turns) {
     // SAFETY: zeros are a value of this plain struct.
     let mut attributes: libc::sched_attr = unsafe { std::mem::zeroed() };
     let size = size_of_val(&attributes) as u32;
-    // SAFETY: writes `size` bytes at most to `attributes`; 0 is the calling thread.
-    let read = unsafe { libc::syscall(libc::SYS_sched_getattr, 0, &mut attributes, size, 0) };
-    if read != 0 || attributes.sched_policy != libc::SCHED_OTHER as u32 {
+    // SAFETY: writes `size` bytes at most to `attributes`.
+    let read = unsafe { libc::syscall(libc::SYS_sched_getattr, thread, &mut attributes, size, 0) };
+    let ordinary = attributes.sched_policy == libc::SCHED_OTHER as u32;
+    // What a thread of more than ordinary priority starts would lose that by the flag below.
+    if read != 0 || !ordinary || (turns == Turns::Long && attributes.sched_nice < 0) {
         return;
     }
-    attributes.sched_runtime = TURN_NS;
+    attributes.sched_runtime = turns.ns();
+    if turns == Turns::Long {
+        attributes.sched_flags |= libc::SCHED_FLAG_RESET_ON_FORK as u64;
+    }
     // SAFETY: reads `attributes`, which says its own size.
-    if unsafe { libc::syscall(libc::SYS_sched_setattr, 0, &attributes, 0) } != 0 {
+    if unsafe { libc::syscall(libc::SYS_sched_setattr, thread, &attributes, 0) } != 0 {
         let error = io::Error::last_os_error();
         tracing::debug!(%error, "turns are as long as everybody's");
     }
@@ -109,6 +143,33 @@ pub fn stand_back() -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// How long the turns of this thread are, ns, as the kernel says; `None` if it does not.
+    fn turns_ns() -> Option<u64> {
+        // SAFETY: zeros are a value of this plain struct, of which the call writes `size` bytes at most.
+        let (read, attributes) = unsafe {
+            let mut attributes: libc::sched_attr = std::mem::zeroed();
+            let size = size_of_val(&attributes) as u32;
+            (libc::syscall(libc::SYS_sched_getattr, 0, &mut attributes, size, 0), attributes)
+        };
+        (read == 0).then_some(attributes.sched_runtime)
+    }
+
+    #[test]
+    fn turns_may_be_long_and_usual_again_and_what_is_started_meanwhile_has_usual_ones() {
+        let in_a_thread = || std::thread::spawn(turns_ns).join().unwrap();
+        let thread = std::thread::spawn(move || {
+            let usual = turns_ns();
+            take_turns(Turns::Long);
+            let (long, started) = (turns_ns(), in_a_thread());
+            take_turns(Turns::Usual);
+            [usual, long, started, turns_ns()]
+        });
+        let [usual, long, started, again] = thread.join().unwrap();
+        assert_eq!([started, again], [usual; 2]);
+        // Linux before 6.12 says 0 of all.
+        assert!(long > usual || long.is_none_or(|ns| ns == 0), "{long:?}");
+    }
 
     #[test]
     fn trying_for_priority_leaves_the_caller_as_it_was() {

@@ -11,12 +11,19 @@ pub struct Report {
     frame: (Contact, u64),
     /// The goal from outside that is in force, m.
     goal_m: Option<[f64; 2]>,
-    /// Deadline misses of earlier incarnations, and of this one so far.
-    misses: [u64; 2],
-    /// Beacons refused by earlier incarnations, and by this one so far.
-    refused: [u64; 2],
-    /// Samples too old for an answer, the same way.
-    odometry_old: [u64; 2],
+    /// Counted by earlier incarnations, and by this one so far.
+    counted: [Counts; 2],
+}
+
+/// What a robot counts.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Deadlines missed.
+    pub misses: u64,
+    /// Beacons refused.
+    pub refused: u64,
+    /// Samples that were too old for an answer, and got none.
+    pub odometry_old: u64,
 }
 
 /// Something that a robot says for the first time.
@@ -39,21 +46,16 @@ impl Report {
             contacts: vec![unheard; robots],
             frame: unheard,
             goal_m: None,
-            misses: [0; 2],
-            refused: [0; 2],
-            odometry_old: [0; 2],
+            counted: Default::default(),
         }
     }
 
     /// A replacement is started: it hears nobody, and counts from 0.
     pub fn begins_anew(&mut self) {
-        let before = |counts: [u64; 2]| [counts.iter().sum(), 0];
         *self = Report {
             // Where it goes is news only if that is elsewhere than before.
             goal_m: self.goal_m,
-            misses: before(self.misses),
-            refused: before(self.refused),
-            odometry_old: before(self.odometry_old),
+            counted: [self.counts(), Counts::default()],
             ..Report::new(self.contacts.len())
         };
     }
@@ -63,26 +65,23 @@ impl Report {
         self.contacts[other].0
     }
 
-    /// Deadlines it missed.
-    pub fn misses(&self) -> u64 {
-        self.misses.iter().sum()
-    }
-
-    /// Beacons it refused.
-    pub fn refused(&self) -> u64 {
-        self.refused.iter().sum()
-    }
-
-    /// Samples that were too old for an answer, and got none.
-    pub fn odometry_old(&self) -> u64 {
-        self.odometry_old.iter().sum()
+    /// What it counted, all incarnations together.
+    pub fn counts(&self) -> Counts {
+        let [before, now] = self.counted;
+        Counts {
+            misses: before.misses + now.misses,
+            refused: before.refused + now.refused,
+            odometry_old: before.odometry_old + now.odometry_old,
+        }
     }
 
     /// Takes in a status of the process that is there now; what is new of it.
     pub fn take(&mut self, header: &StatusHeader, neighbors: &[NeighborStatus]) -> Vec<News> {
-        self.misses[1] = header.deadline_misses;
-        self.refused[1] = header.beacons_refused;
-        self.odometry_old[1] = header.odometry_old;
+        self.counted[1] = Counts {
+            misses: header.deadline_misses,
+            refused: header.beacons_refused,
+            odometry_old: header.odometry_old,
+        };
         let mut news = Vec::new();
         if let Some(contact) = Contact::from_number(header.frame) {
             let since_ns = header.frame_since_t_ns;
@@ -144,8 +143,7 @@ mod tests {
         assert!(born.is_empty(), "{born:?}");
         let again = report.take(&frame(Contact::Fresh, 95), &[status(Contact::Fresh, 90)]);
         assert_eq!(again, [frame_heard(95), heard(90)]);
-        let counted = (report.misses(), report.refused(), report.odometry_old());
-        assert_eq!(counted, (6, 2, 4), "of both");
+        assert_eq!(report.counts(), Counts { misses: 6, refused: 2, odometry_old: 4 }, "of both");
     }
 
     #[test]

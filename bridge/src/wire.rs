@@ -1,6 +1,8 @@
 //! What the processes of this crate have in common of zenoh: how a session opens and ends, and why there is
 //! no connection.
 
+use std::sync::Once;
+
 use serde_json::Value;
 use zenoh::Wait as _;
 
@@ -32,8 +34,22 @@ impl WireError {
     }
 }
 
+/// Which of zenoh's tasks share a thread. Left alone it reads and writes a connection from two threads at once,
+/// and rustls permits one: bridges over TLS died of it, within seconds at 1 kHz (zenoh's issue 2557).
+const THREADS: (&str, &str) = (
+    "ZENOH_RUNTIME",
+    "(tx: (worker_threads: 1), rx: (handover: tx), acc: (handover: tx), net: (handover: tx))",
+);
+
 /// A session with nothing but what this configuration says.
 pub fn open(config: &Value) -> zenoh::Result<zenoh::Session> {
+    static TOLD: Once = Once::new();
+    TOLD.call_once(|| {
+        let (name, threads) = THREADS;
+        // SAFETY: zenoh's threads are not there yet, and whoever reads the environment meanwhile does so by
+        // the standard library, which locks it.
+        unsafe { std::env::set_var(name, threads) };
+    });
     zenoh::open(zenoh::Config::from_json5(&config.to_string())?).wait()
 }
 

@@ -14,9 +14,10 @@ use bridge::counters::Dropped;
 use bridge::examples::{self, robot};
 use bridge::frame::{Header, VERSION};
 use bridge::gate::Gate;
+use bridge::process::config::{self, End};
 use bridge::process::inbox::Inbox;
+use bridge::process::refusals;
 use bridge::process::wire::Wire;
-use bridge::process::{config, refusals};
 use bridge::topics::{self, Route, Topic};
 use protocol::brief::{BridgeBrief, CertificatesBrief, HostBrief};
 use protocol::clock;
@@ -84,11 +85,10 @@ impl A {
         let brief = brief(&hosts, 0, certificates(folder.path(), "a"));
         let routes = topics::routes(&brief);
         let inbox = Arc::new(Inbox::new(routes.len(), hosts.len()));
-        let wire = Wire::open(&brief).unwrap();
         for (place, route) in routes.iter().enumerate().filter(|(_, route)| route.to.contains(&0)) {
             inbox.open(place, route.from, Gate::new(route.from, LAYOUT, EXPERIMENT), false);
-            wire.receive(place, route, &inbox).unwrap();
         }
+        let wire = Wire::open(&brief, &routes, &inbox).unwrap();
         let refused = REFUSALS.map(refusals::counted);
         A { folder, authority, hosts, inbox, wire, refused, _alone: alone }
     }
@@ -110,8 +110,7 @@ impl A {
 
     /// A connection to a, with these certificates and no access list of its own.
     fn connect(&self, certificates: CertificatesBrief) -> zenoh::Session {
-        let mut config = config::of(&brief(&self.hosts, 1, certificates));
-        config["listen"]["endpoints"] = json!([]);
+        let mut config = config::of(&brief(&self.hosts, 1, certificates), End::To(0));
         config["access_control"] = json!({ "enabled": false });
         let config = zenoh::Config::from_json5(&config.to_string()).unwrap();
         zenoh::open(config).wait().unwrap()
@@ -121,9 +120,21 @@ impl A {
         self.connect(certificates(self.folder.path(), name))
     }
 
-    fn route(&self, topic: Topic) -> Route {
+    /// A route, and its place.
+    fn place(&self, topic: Topic) -> (usize, Route) {
         let brief = brief(&self.hosts, 0, certificates(self.folder.path(), "a"));
-        topics::routes(&brief).into_iter().find(|route| route.topic == topic).unwrap()
+        let mut routes = topics::routes(&brief).into_iter().enumerate();
+        routes.find(|(_, route)| route.topic == topic).unwrap()
+    }
+
+    fn route(&self, topic: Topic) -> Route {
+        self.place(topic).1
+    }
+
+    /// Says to b, as its bridge does.
+    fn say(&self, sequence: u64) {
+        let (place, _) = self.place(Topic::Orders(1));
+        self.wire.send(place, frame(sequence, ORDERS)).unwrap();
     }
 
     /// Sends what b would, until it arrives. Whatever arrives before fails.
@@ -159,13 +170,12 @@ impl A {
     /// A stranger with these certificates is neither heard nor told anything, which is counted for one reason; b
     /// is both after it.
     fn is_deaf_and_mute_to(&self, certificates: CertificatesBrief, why: Dropped) {
-        let said = self.wire.sender(&self.route(Topic::Orders(1))).unwrap();
         let stranger = self.connect(certificates);
         let overheard = self.overhears(&stranger);
         let (began, key, mut sequence) = (Instant::now(), self.route(BEACON).key, 1);
         while began.elapsed() < TRIES {
             stranger.put(&key, frame(sequence, b"forged")).wait().unwrap();
-            said.put(frame(sequence, ORDERS)).wait().unwrap();
+            self.say(sequence);
             sequence += 1;
             assert!(
                 self.inbox.wait(clock::now_ns() + 20_000_000).is_empty(),
@@ -180,7 +190,7 @@ impl A {
         self.hears_b(&b, 1);
         let began = Instant::now();
         while told.load(Ordering::Relaxed) == 0 {
-            said.put(frame(sequence, ORDERS)).wait().unwrap();
+            self.say(sequence);
             assert!(began.elapsed() < HANG, "b is told nothing");
             std::thread::sleep(Duration::from_millis(20));
         }

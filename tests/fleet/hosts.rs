@@ -181,9 +181,13 @@ impl Hosts {
         total
     }
 
-    /// A fleet file for these robots by host; the plant is on the first. `more`: other keys.
+    /// A fleet file for these robots by host; the plant is on the first. With certificates, but over UDP. `more`:
+    /// other keys.
     pub fn fleet(&self, robots: &[&[&str]], more: &str) -> String {
         let mut text = format!("plant = \"a\"\n{more}\n");
+        if !more.contains("udp") {
+            text += "certificates = \"keys\"\n";
+        }
         for (place, robots) in robots.iter().enumerate() {
             let (name, address) = (NAMES[place], address(place));
             text += &format!(

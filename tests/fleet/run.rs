@@ -1,7 +1,7 @@
 //! One run on several hosts, and what came out.
 
 use std::path::{Path, PathBuf};
-use std::process::{Child, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use protocol::brief::{self, AgentBrief, PlantBrief};
@@ -35,6 +35,12 @@ impl Run {
         let file = place.path().join("fleet.toml");
         std::fs::write(&file, fleet).unwrap();
         let count = fleet.matches("[[host]]").count();
+        let has_keys = fleet.contains("certificates = ");
+        if has_keys {
+            let mut keys = Command::new(env!("CARGO_BIN_EXE_phalanx"));
+            let made = keys.args(["fleet", "keys"]).arg(&file).output().unwrap();
+            assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+        }
         let start = |host: usize| {
             let name = NAMES[host];
             let log = std::fs::File::create(place.path().join(format!("{name}.log"))).unwrap();
@@ -42,7 +48,10 @@ impl Run {
             command
                 .arg("run")
                 .arg(format!("{}/scenarios/{scenario}.toml", env!("CARGO_MANIFEST_DIR")));
-            command.arg("--fleet").arg(&file).args(["--host", name, "--insecure", "--no-report"]);
+            command.arg("--fleet").arg(&file).args(["--host", name, "--no-report"]);
+            if !has_keys {
+                command.arg("--insecure");
+            }
             // Whatever else the machine is at.
             command.arg("--realtime-priority");
             command.arg("--out").arg(place.path().join(name)).args(options);
@@ -135,12 +144,17 @@ impl Drop for Run {
 }
 
 fn logs(place: &Path) -> String {
-    let read = |name: &str| std::fs::read_to_string(place.join(name)).unwrap_or_default();
-    NAMES.map(|name| format!("--- {name}:\n{}", read(&format!("{name}.log")))).join("\n")
+    let read = |name: String| std::fs::read_to_string(place.join(name)).unwrap_or_default();
+    let of = |name: &str| {
+        let (screen, bridge) =
+            (read(format!("{name}.log")), read(format!("{name}/logs/bridge.jsonl")));
+        format!("--- {name}:\n{screen}\n--- {name}, its bridge:\n{bridge}")
+    };
+    NAMES.map(of).join("\n")
 }
 
 impl Ended {
-    /// What all hosts wrote on their screens.
+    /// What all hosts wrote on their screens, and their bridges.
     pub fn logs(&self) -> String {
         logs(self.place.path())
     }

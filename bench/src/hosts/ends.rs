@@ -298,8 +298,8 @@ fn services(brief: &BridgeBrief) -> Result<(Node, Factory<Beacon>, impl Sized), 
 
 /// As a bridge has it.
 fn session(brief: &BridgeBrief) -> Result<zenoh::Session, BenchError> {
-    let config = zenoh::Config::from_json5(&config::of(brief).to_string()).map_err(of_zenoh)?;
-    zenoh::open(config).wait().map_err(of_zenoh)
+    let end = if brief.here == 0 { config::End::Listening } else { config::End::To(0) };
+    bridge::wire::open(&config::of(brief, end)).map_err(of_zenoh)
 }
 
 /// A number, and when it is sent.

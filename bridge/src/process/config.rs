@@ -20,14 +20,26 @@ const WAIT_US: u64 = 500;
 /// No frame is longer, bytes.
 const FRAME_BYTES_MAX: u64 = 1 << 20;
 
-/// The whole configuration, as JSON.
-pub fn of(brief: &BridgeBrief) -> Value {
+/// What a session is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum End {
+    /// It listens to hosts that connect.
+    Listening,
+    /// It connects to this host.
+    To(usize),
+}
+
+/// The whole configuration of a session, as JSON.
+pub fn of(brief: &BridgeBrief, end: End) -> Value {
     let protocol = if brief.certificates.is_some() { "tls" } else { &brief.transport };
     let endpoint = |host: usize| format!("{protocol}/{}", brief.hosts[host].address);
-    let peers = topics::peers(brief, brief.here);
-    // One of two connects, and tries again when the link is down; the other listens.
-    let connect: Vec<String> =
-        peers.iter().filter(|&&peer| peer < brief.here).map(|&peer| endpoint(peer)).collect();
+    let (listen, connect, peers): (Vec<String>, Vec<String>, Vec<usize>) = match end {
+        End::Listening => {
+            let peers = topics::peers(brief, brief.here).into_iter();
+            (vec![endpoint(brief.here)], vec![], peers.filter(|&peer| peer > brief.here).collect())
+        }
+        End::To(peer) => (vec![], vec![endpoint(peer)], vec![peer]),
+    };
     let retry = json!({
         "period_init_ms": RETRY_MS[0],
         "period_max_ms": RETRY_MS[1],
@@ -37,7 +49,7 @@ pub fn of(brief: &BridgeBrief) -> Value {
         "mode": "peer",
         "listen": {
             "timeout_ms": 0,
-            "endpoints": [endpoint(brief.here)],
+            "endpoints": listen,
             "exit_on_failure": true,
         },
         "connect": {

@@ -31,7 +31,6 @@ use protocol::message::{
 use protocol::process::{self, Stop, Turns, exit};
 use protocol::run_root::{self, RunRootError};
 use protocol::service::{self, Node, Publisher, Subscriber, send_slice};
-use zenoh::pubsub::Publisher as Sender;
 
 use self::inbox::{Arrived, Inbox};
 use self::local::{PortError, Retelling, Sink, Source, Telling, newest};
@@ -52,7 +51,8 @@ const LOOK_EVERY_NS: u64 = 500_000;
 const ASK_EVERY_NS: u64 = 200_000_000;
 const FIRST_ASK_EVERY_NS: u64 = 20_000_000;
 const FIRST_ASKS: u64 = 16;
-/// How often what robots tell the supervisor is taken, sent and handed on, ns.
+/// How often what robots tell the supervisor is taken, sent and handed on, and links that are lost are opened
+/// again, ns.
 const TELL_EVERY_NS: u64 = 20_000_000;
 /// How often it tells its supervisor how it is doing, ns.
 const STATUS_EVERY_NS: u64 = 100_000_000;
@@ -113,11 +113,11 @@ pub fn run(brief_path: &Path) -> Result<(), BridgeError> {
     Ok(())
 }
 
-/// A route that begins here.
+/// A route that begins here, by its place.
 struct Out {
+    route: usize,
     topic: Topic,
     source: Source,
-    sender: Sender<'static>,
     layout: u64,
     sequence: u64,
 }
@@ -198,23 +198,21 @@ impl Bridge {
         let status = service::bridge(&name).open(&node).map_err(PortError::from)?;
         let status = status.publisher(brief.hosts.len()).map_err(PortError::from)?;
         let inbox = Arc::new(Inbox::new(routes.len(), brief.hosts.len()));
-        let wire = Wire::open(&brief)?;
         let (mut outs, mut sinks) = (Vec::new(), Vec::new());
         for (place, route) in routes.iter().enumerate() {
             let Route { topic, from, .. } = *route;
             let layout = layout(topic);
             if from == here {
                 let source = local::source(&brief, &node, route)?;
-                let sender = wire.sender(route)?;
-                outs.push(Out { topic, source, sender, layout, sequence: 0 });
+                outs.push(Out { route: place, topic, source, layout, sequence: 0 });
                 sinks.push(None);
             } else {
                 sinks.push(Some(local::sink(&brief, &node, route)?));
                 let all = matches!(topic, Topic::Told(_));
                 inbox.open(place, from, Gate::new(from, layout, experiment), all);
-                wire.receive(place, route, &inbox)?;
             }
         }
+        let wire = Wire::open(&brief, &routes, &inbox)?;
         let robots = brief.robots.len();
         Ok(Bridge {
             experiment,
@@ -256,6 +254,7 @@ impl Bridge {
             self.send_own(|topic| matches!(topic, Topic::Ask(_)), &[clock::now_ns()]);
         }
         if due(&mut self.due.tell_ns, now_ns, TELL_EVERY_NS) {
+            self.wire.mend();
             self.tell(now_ns)?;
             self.hand_on()?;
             self.confirm();
@@ -270,36 +269,36 @@ impl Bridge {
     /// Takes what this host has for others.
     fn look(&mut self, now_ns: u64) -> Result<(), BridgeError> {
         let head = self.head(now_ns);
-        let Bridge { outs, times, counters, .. } = self;
+        let Bridge { outs, times, counters, wire, .. } = self;
         for out in outs {
             match &out.source {
                 Source::Beacon(from) => {
                     let Some(beacon) = newest(from)? else { continue };
                     match times.beacon_out(beacon, now_ns) {
-                        Ok(beacon) => send(out, head, &[beacon.bytes()], counters),
+                        Ok(beacon) => send(wire, out, head, &[beacon.bytes()], counters),
                         Err(why) => counters.drop(why),
                     }
                 }
                 Source::Command(from) => {
                     let Some(command) = newest(from)? else { continue };
                     match times.command_out(command, now_ns) {
-                        Ok(command) => send(out, head, &[command.bytes()], counters),
+                        Ok(command) => send(wire, out, head, &[command.bytes()], counters),
                         Err(why) => counters.drop(why),
                     }
                 }
                 Source::Odometry(from) => {
                     let Some(odometry) = newest(from)? else { continue };
                     times.run_began(odometry.stamp_ns.saturating_sub(odometry.t_ns));
-                    send(out, head, &[odometry.bytes()], counters);
+                    send(wire, out, head, &[odometry.bytes()], counters);
                 }
                 Source::Orders(from) => {
                     if let Some(content) = newest_slice(from)? {
-                        send(out, head, &[&content], counters);
+                        send(wire, out, head, &[&content], counters);
                     }
                 }
                 Source::Report(from) => {
                     if let Some(content) = newest_slice(from)? {
-                        send(out, head, &[&content], counters);
+                        send(wire, out, head, &[&content], counters);
                     }
                 }
                 Source::Own => {}
@@ -448,10 +447,10 @@ impl Bridge {
         }
         if let Some(batch) = self.log.batch(now_ns) {
             let head = self.head(now_ns);
-            let Bridge { outs, counters, .. } = self;
+            let Bridge { outs, counters, wire, .. } = self;
             let out = outs.iter_mut().find(|out| matches!(out.topic, Topic::Told(_)));
             if let Some(out) = out {
-                send(out, head, &[&batch], counters);
+                send(wire, out, head, &[&batch], counters);
             }
         }
         Ok(())
@@ -519,11 +518,11 @@ impl Bridge {
         send_slice(&self.status, header, rows.len(), |place| rows[place])
             .map_err(PortError::from)?;
         let head = self.head(now_ns);
-        let Bridge { outs, counters, .. } = self;
+        let Bridge { outs, counters, wire, .. } = self;
         for out in outs.iter_mut().filter(|out| matches!(out.topic, Topic::Bridge(_))) {
             let mut content = header.bytes().to_vec();
             rows.iter().for_each(|row| content.extend(row.bytes()));
-            send(out, head, &[&content], counters);
+            send(wire, out, head, &[&content], counters);
         }
         Ok(())
     }
@@ -532,9 +531,9 @@ impl Bridge {
     fn send_own(&mut self, meant: impl Fn(Topic) -> bool, numbers: &[u64]) {
         let head = self.head(clock::now_ns());
         let content: Vec<u8> = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
-        let Bridge { outs, counters, .. } = self;
+        let Bridge { outs, counters, wire, .. } = self;
         for out in outs.iter_mut().filter(|out| meant(out.topic)) {
-            send(out, head, &[&content], counters);
+            send(wire, out, head, &[&content], counters);
         }
     }
 
@@ -553,11 +552,10 @@ impl Bridge {
 }
 
 /// Sends one frame. What finds no place is dropped by zenoh.
-fn send(out: &mut Out, head: Header, parts: &[&[u8]], counters: &mut Counters) {
-    use zenoh::Wait as _;
+fn send(wire: &Wire, out: &mut Out, head: Header, parts: &[&[u8]], counters: &mut Counters) {
     out.sequence += 1;
     let header = Header { layout: out.layout, sequence: out.sequence, ..head };
-    match out.sender.put(header.frame(parts)).wait() {
+    match wire.send(out.route, header.frame(parts)) {
         Ok(()) => {
             counters.sent += 1;
             counters.samples_sent += u64::from(out.topic.is_of_robot());

@@ -253,7 +253,10 @@ impl Share<'_> {
             wanted = Some(sample.payload().to_vec());
         }
         self.bury();
-        self.bridge.watch(&self.cleaner).map(RunError::unless_it_comes_back).transpose()?;
+        if let Some(died) = self.bridge.watch(&self.cleaner) {
+            let how = RunError::unless_it_comes_back(died)?;
+            tracing::warn!(%how, "the bridge died, and is started anew");
+        }
         while let Some(dead) = self.cleaner.done() {
             match dead {
                 Dead::Robot(number) => {

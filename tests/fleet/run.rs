@@ -105,17 +105,12 @@ impl Run {
     pub fn end(mut self) -> Ended {
         let began = Instant::now();
         let mut codes = Vec::new();
-        for host in 0..self.hosts.len() {
+        for (host, name) in NAMES.iter().enumerate().take(self.hosts.len()) {
             let status = loop {
                 if let Some(status) = self.hosts[host].try_wait().unwrap() {
                     break status;
                 }
-                assert!(
-                    began.elapsed() < DEADLINE,
-                    "{} does not end: {}",
-                    NAMES[host],
-                    self.logs()
-                );
+                assert!(began.elapsed() < DEADLINE, "{name} does not end: {}", self.logs());
                 std::thread::sleep(Duration::from_millis(20));
             };
             codes.push(status.code());

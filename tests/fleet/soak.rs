@@ -10,7 +10,7 @@ use crate::hosts::{Hosts, children_of};
 use crate::run::Run;
 
 /// Outages in CI.
-const SHORT: u64 = 6;
+const SHORT: u64 = 3;
 /// One in so much time, s, and its length, ms.
 const EVERY_S: u64 = 9;
 const LENGTH_MS: [u64; 2] = [100, 5_000];

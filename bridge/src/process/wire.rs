@@ -69,9 +69,13 @@ impl Wire {
     /// Sends a frame of this route. It never waits: what finds no place is dropped by zenoh.
     pub fn send(&self, route: usize, frame: Vec<u8>) -> Result<(), zenoh::Error> {
         let frame = ZBytes::from(frame);
-        let open = self.links.iter().filter_map(|link| link.open.as_ref());
-        let senders = open.filter_map(|open| open.senders[route].as_ref());
-        senders.map(|sender| sender.put(frame.clone()).wait()).collect()
+        let mut sent = Ok(());
+        for open in self.links.iter().filter_map(|link| link.open.as_ref()) {
+            if let Some(sender) = &open.senders[route] {
+                sent = sent.and(sender.put(frame.clone()).wait());
+            }
+        }
+        sent
     }
 
     /// Opens another session in place of each that has lost its host. To be called more often than zenoh tries

@@ -83,15 +83,15 @@ impl Wire {
     pub fn mend(&mut self) {
         for place in 0..self.links.len() {
             let Link { end, open, connected } = &mut self.links[place];
-            if let (End::Listening, Some(_)) = (*end, &open) {
+            if *end == End::Listening {
                 continue;
             }
-            let is_there = open
-                .as_ref()
-                .is_some_and(|open| open.session.info().peers_zid().wait().next().is_some());
-            if open.is_some() && (is_there || !*connected) {
-                *connected = is_there;
-                continue;
+            if let Some(open) = open {
+                let is_there = open.session.info().peers_zid().wait().next().is_some();
+                if is_there || !*connected {
+                    *connected = is_there;
+                    continue;
+                }
             }
             *connected = false;
             if let Some(lost) = open.take() {

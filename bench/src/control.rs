@@ -78,11 +78,11 @@ pub(crate) fn held_by(summary: &Value) -> Option<String> {
             holder["late"]
         )
     });
-    Some(format!(
-        "{} late, cores held by {}",
-        trace["late"],
-        holders.collect::<Vec<_>>().join(", ")
-    ))
+    let holders: Vec<String> = holders.collect();
+    Some(match holders.is_empty() {
+        true => "nobody late".into(),
+        false => format!("{} late, cores held by {}", trace["late"], holders.join(", ")),
+    })
 }
 
 #[cfg(test)]
@@ -97,6 +97,8 @@ mod tests {
         let expected = "5 late, cores held by rustc 4 (12.3 ms), the plant 1 (12.3 ms)";
         assert_eq!(held_by(&summary).as_deref(), Some(expected));
         assert_eq!(held_by(&serde_json::json!({ "wall": {} })), None);
+        let on_time = serde_json::json!({ "wall": { "scheduler": { "late": 0, "held_by": [] } } });
+        assert_eq!(held_by(&on_time).as_deref(), Some("nobody late"));
         assert!(machine(&serde_json::json!({})).is_err());
     }
 }

@@ -29,17 +29,26 @@ pub enum End {
     To(usize),
 }
 
+impl End {
+    /// Whether it is between host `here`, which has the session, and this other host: of two the later connects.
+    pub fn is_with(self, here: usize, host: usize) -> bool {
+        match self {
+            End::Listening => host > here,
+            End::To(peer) => host == peer,
+        }
+    }
+}
+
 /// The whole configuration of a session, as JSON.
 pub fn of(brief: &BridgeBrief, end: End) -> Value {
     let protocol = if brief.certificates.is_some() { "tls" } else { &brief.transport };
     let endpoint = |host: usize| format!("{protocol}/{}", brief.hosts[host].address);
-    let (listen, connect, peers): (Vec<String>, Vec<String>, Vec<usize>) = match end {
-        End::Listening => {
-            let peers = topics::peers(brief, brief.here).into_iter();
-            (vec![endpoint(brief.here)], vec![], peers.filter(|&peer| peer > brief.here).collect())
-        }
-        End::To(peer) => (vec![], vec![endpoint(peer)], vec![peer]),
+    let (listen, connect) = match end {
+        End::Listening => (vec![endpoint(brief.here)], vec![]),
+        End::To(peer) => (vec![], vec![endpoint(peer)]),
     };
+    let mut peers = topics::peers(brief, brief.here);
+    peers.retain(|&peer| end.is_with(brief.here, peer));
     let retry = json!({
         "period_init_ms": RETRY_MS[0],
         "period_max_ms": RETRY_MS[1],

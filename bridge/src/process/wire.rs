@@ -52,7 +52,8 @@ impl Wire {
     ) -> Result<Wire, WireError> {
         let peers = topics::peers(brief, brief.here);
         let connects = peers.iter().filter(|&&peer| peer < brief.here).map(|&peer| End::To(peer));
-        let listens = peers.iter().any(|&peer| peer > brief.here).then_some(End::Listening);
+        let listens = peers.iter().any(|&peer| End::Listening.is_with(brief.here, peer));
+        let listens = listens.then_some(End::Listening);
         let link = |end| Link { end, open: None, connected: false };
         let mut wire = Wire {
             brief: brief.clone(),
@@ -107,10 +108,7 @@ impl Wire {
 
     fn session(&self, end: End) -> Result<Open, WireError> {
         let here = self.brief.here;
-        let ends_at = |host: usize| match end {
-            End::Listening => host > here,
-            End::To(peer) => host == peer,
-        };
+        let ends_at = |host: usize| end.is_with(here, host);
         let address = || self.brief.hosts[here].address.clone();
         let session = wire::open(&config::of(&self.brief, end))
             .map_err(|why| WireError::Open { address: address(), why })?;

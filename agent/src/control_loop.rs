@@ -308,9 +308,6 @@ impl Agent {
             }
             let news = self.brain.take_news();
             let reported = self.report_if(news, taken_ns)?;
-            if reported {
-                witness.look_when_on_time();
-            }
             let told = self.ports.latency.is_due(taken_ns);
             if told {
                 self.tell_ages(taken_ns);

@@ -127,8 +127,8 @@ fn score(way: Way, seen: &Seen) -> Score {
     Score { struck: struck.len(), right, others: others.len() }
 }
 
-/// Measures each way for about `seconds` a round. Also returns notes: an example of each, and which
-/// could not be done.
+/// Measures each way for about `seconds` a round. Also returns notes: an example of each, one whose
+/// cause is wrong, and which could not be done.
 pub(crate) fn measure(
     setting: &Setting<'_>,
     seconds: f64,
@@ -137,7 +137,7 @@ pub(crate) fn measure(
     for way in Way::ALL {
         let [word, what] = way.words();
         let (mut right, mut struck, mut others) = (Vec::new(), Vec::new(), Vec::new());
-        let mut example = None;
+        let (mut example, mut mistake) = (None, None);
         for round in 1..=setting.rounds {
             setting.progress(&format!("causes, {what}, round {round}"));
             let seen = match strike(setting, way, seconds)? {
@@ -155,7 +155,9 @@ pub(crate) fn measure(
             struck.push(score.struck as f64);
             others.push(score.others as f64);
             let of_it = |told: &&Told| explains(&seen.strikes, told);
-            example = example.or(seen.late.iter().find(of_it).map(|told| told.account));
+            let accounts = || seen.late.iter().filter(of_it).map(|told| told.account);
+            example = example.or(accounts().next());
+            mistake = mistake.or(accounts().find(|account| account.cause() != way.cause()));
         }
         if right.is_empty() {
             continue;
@@ -165,6 +167,7 @@ pub(crate) fn measure(
         rows.push(row("right cause, %", right));
         rows.push(row("late for another reason", others));
         notes.extend(example.map(|account| format!("causes: {word}: {}", shown(account))));
+        notes.extend(mistake.map(|account| format!("causes: {word}, wrong: {}", shown(account))));
     }
     Ok((rows, notes))
 }
@@ -330,10 +333,6 @@ pub(crate) fn peer(way: Way, ticks: u64, result: &Path) -> Result<(), BenchError
             seen.strikes.push(Strike { from_ns, until_ns: rested_ns });
         }
         missed = rested_ns.saturating_sub(wake.due_ns) >= PERIOD_NS;
-        // As with each status: what was counted until now explains nothing that comes.
-        if tick % STRIKE_EVERY_TICKS == STRIKE_EVERY_TICKS / 2 {
-            witness.look_when_on_time();
-        }
     }
     peers::tell(result, &seen)
 }

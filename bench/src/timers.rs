@@ -18,9 +18,6 @@ use crate::quantiles::{Quantiles, quantiles_us};
 use crate::whose::ByCause;
 use crate::{BenchError, Place};
 
-/// As often as a robot reports: then it looks at its counters too.
-const LOOK_EVERY_NS: u64 = 100_000_000;
-
 /// What each process does.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub struct Task {
@@ -73,8 +70,8 @@ pub(crate) fn peer(index: usize, task: Task, result: &Path) -> Result<(), BenchE
     let (mut missed, mut busy_until_ns) = (0, busy_ns());
     let mut timer = Timer::new(period_ns, (golden_phase(index) * period_ns as f64) as u64);
     let mut witness = Witness::new(period_ns);
-    let (mut causes, mut looked_ns) = (ByCause::default(), clock::now_ns());
-    let (mut awake_ns, mut rested_ns, mut misses) = (looked_ns, looked_ns, 0);
+    let mut causes = ByCause::default();
+    let (mut awake_ns, mut rested_ns, mut misses) = (clock::now_ns(), clock::now_ns(), 0);
     while (late_ns.len() as u64) < task.ticks {
         let Some(wake) = timer.wait() else { continue };
         for overslept in 0..=wake.lateness_ns / period_ns {
@@ -85,10 +82,6 @@ pub(crate) fn peer(index: usize, task: Task, result: &Path) -> Result<(), BenchE
             causes[cause as usize].add(wake.lateness_ns);
         }
         awake_ns = wake.due_ns + wake.lateness_ns;
-        if awake_ns > looked_ns + LOOK_EVERY_NS {
-            looked_ns = awake_ns;
-            witness.look_when_on_time();
-        }
         // Whoever took longer once has less to do later.
         busy_until_ns += task.busy_ns;
         while busy_ns() < busy_until_ns {}

@@ -264,10 +264,7 @@ impl<M: Motion> Plant<M> {
                 // Nobody is to act on the end.
                 self.ports.send_truth(&self.world)?;
             }
-            if self.ports.latency.is_due(now_ns) {
-                self.ports.latency.send_if_due(now_ns);
-                witness.look_when_on_time();
-            }
+            self.ports.latency.send_if_due(now_ns);
             rested_ns = clock::now_ns();
         }
         let began = Instant::now();

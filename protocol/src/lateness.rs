@@ -16,6 +16,9 @@ use crate::{cgroup, clock};
 
 /// A wake-up is late if it comes this part of a period after its deadline.
 const LATE_PART: u64 = 10;
+/// After so many wake-ups on time counters are read again: what ordinary ones add up to in between explains
+/// nothing yet, and what reading costs is shared by them.
+const LOOK_EVERY: u32 = 50;
 /// What a page fault without a disk takes at most, ns.
 const MINOR_FAULT_NS: u64 = 1_000;
 
@@ -39,6 +42,11 @@ pub struct Counters {
     pub major_faults: u64,
     /// Page faults that did not.
     pub minor_faults: u64,
+}
+
+/// Whether a wake-up this long after its deadline is on time, of a loop with this period.
+const fn in_time(behind_ns: u64, period_ns: u64) -> bool {
+    behind_ns <= period_ns / LATE_PART
 }
 
 /// A wake-up after its deadline.
@@ -84,9 +92,14 @@ impl Account {
     /// A process that its cgroup holds up waits for a core as well, but the kernel may not count it so.
     /// Waiting comes before work: whoever is interrupted in the middle of its work is at work for longer.
     /// The host comes last of those that are counted, for its steps are coarse. Work that takes less than a
-    /// period is at most still under way because it began late: then the wake-up before has the cause.
+    /// period is still under way, or has missed its deadline, only because it began late: then the wake-up
+    /// before has the cause.
     pub fn cause(self) -> Cause {
         let Account { late, before, after, period_ns, previous } = self;
+        let began_late = previous.filter(|_| late.worked_ns < period_ns);
+        if let Some(previous) = began_late.filter(|_| in_time(late.behind_ns, period_ns)) {
+            return previous;
+        }
         let half_ns = late.behind_ns.div_ceil(2);
         let explains = |ns: u64| ns >= half_ns;
         let minor = after.minor_faults.saturating_sub(before.minor_faults);
@@ -101,7 +114,7 @@ impl Account {
         } else if explains(after.stolen_ns.saturating_sub(before.stolen_ns)) {
             Cause::Host
         } else if explains(late.at_work_ns) {
-            previous.filter(|_| late.worked_ns < period_ns).unwrap_or(Cause::Work)
+            began_late.unwrap_or(Cause::Work)
         } else {
             Cause::Unknown
         }
@@ -113,9 +126,9 @@ impl Account {
 pub struct Witness {
     reader: Reader,
     period_ns: u64,
-    on_time_ns: u64,
     counted: Counters,
-    looks_next: bool,
+    /// Wake-ups on time since.
+    on_time: u32,
     previous: Option<Cause>,
 }
 
@@ -123,32 +136,28 @@ impl Witness {
     /// Of the thread that makes it, whose loop has this period, ns.
     pub fn new(period_ns: u64) -> Witness {
         let reader = Reader::new();
-        let (counted, on_time_ns) = (reader.read(), period_ns / LATE_PART);
-        Witness { reader, period_ns, on_time_ns, counted, looks_next: false, previous: None }
+        let counted = reader.read();
+        Witness { reader, period_ns, counted, on_time: 0, previous: None }
     }
 
     /// Looks again, so that what was counted until now explains nothing that comes.
     pub fn look(&mut self) {
         self.counted = self.reader.read();
-        (self.looks_next, self.previous) = (false, None);
-    }
-
-    /// Looks again at the next wake-up that is on time: what was counted since the last one may yet be why
-    /// the next is late.
-    pub fn look_when_on_time(&mut self) {
-        self.looks_next = true;
+        (self.on_time, self.previous) = (0, None);
     }
 
     /// Whether a wake-up so long after its deadline is on time: by a tenth of the period at most, and not
-    /// after a `missed` deadline. To be asked at each wake-up, and for its cause if it is late.
+    /// after a `missed` deadline. To be asked at each wake-up, and for its cause if it is late. It looks
+    /// again now and then, and only when on time: what was counted may yet be why the next is late.
     // A function of its own, so that its instructions can be counted: `bench/on-time`.
     #[inline(never)]
     pub fn on_time(&mut self, behind_ns: u64, missed: bool) -> bool {
-        if missed || behind_ns > self.on_time_ns {
+        if missed || !in_time(behind_ns, self.period_ns) {
             return false;
         }
         self.previous = None;
-        if self.looks_next {
+        self.on_time += 1;
+        if self.on_time == LOOK_EVERY {
             self.look();
         }
         true
@@ -161,7 +170,7 @@ impl Witness {
 
     /// What the cause is told by.
     pub fn account_of(&mut self, late: Late) -> Account {
-        self.looks_next = false;
+        self.on_time = 0;
         let before = std::mem::replace(&mut self.counted, self.reader.read());
         let (after, period_ns, previous) = (self.counted, self.period_ns, self.previous);
         let account = Account { late, before, after, period_ns, previous };
@@ -389,6 +398,9 @@ mod tests {
         let cause =
             |late, previous| Account { late, before, after: before, period_ns, previous }.cause();
         assert_eq!(cause(quick, Some(Cause::Core)), Cause::Core);
+        let on_time = Late { behind_ns: MS / 100, at_work_ns: 0, ..quick };
+        assert_eq!(cause(on_time, Some(Cause::Core)), Cause::Core, "it missed its deadline");
+        assert_eq!(cause(on_time, None), Cause::Unknown);
         assert_eq!(cause(quick, None), Cause::Work);
         assert_eq!(cause(slow, Some(Cause::Core)), Cause::Work);
     }
@@ -406,13 +418,11 @@ mod tests {
         let mut witness = Witness::new(10 * MS);
         let first = vec![1_u8; FRESH];
         std::hint::black_box(&first);
-        witness.look_when_on_time();
         let account = witness.account_of(late(5 * MS, 5 * MS));
         assert!(account.after.minor_faults > account.before.minor_faults, "{account:?}");
-        witness.look_when_on_time();
         let memory = vec![1_u8; FRESH];
         std::hint::black_box(&memory);
-        assert!(witness.on_time(0, false));
+        (0..LOOK_EVERY).for_each(|_| assert!(witness.on_time(0, false)));
         let account = witness.account_of(late(5 * MS, 0));
         let faults = account.after.minor_faults - account.before.minor_faults;
         assert!(faults < 1000, "they were looked at when it was on time: {account:?}");

@@ -160,8 +160,9 @@ impl Placement {
         robots: impl Iterator<Item = (usize, &'a Child)>,
         log: &Path,
     ) {
-        self.placed = true;
-        take_turns_of_all(Turns::Long);
+        if !std::mem::replace(&mut self.placed, true) {
+            take_turns_of_all(Turns::Long);
+        }
         let used = self.trial.cores();
         self.keep_awake(used, log);
         for (i, child) in robots {

@@ -8,6 +8,7 @@
 //! | `room` | is there memory for what its processes share? |
 //! | `timeline` | what does the supervisor do to processes, and when? |
 //! | `spawn` | which executable is started, in which role, and why could it not be? |
+//! | `addresses` | how do robots share what a core learns of their code? |
 //! | `limits` | why does the kernel refuse another process? |
 //! | `child` | how is a process watched and ended? |
 //! | `cores` | on which cores are the processes of a lockstep run? |
@@ -15,6 +16,7 @@
 //! | `dead_nodes` | what did a dead process of this run leave in iceoryx2? |
 //! | `live` | what does the live view show of it? |
 
+mod addresses;
 pub mod child;
 pub mod control_timer;
 pub mod cores;

@@ -10,6 +10,7 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use crate::addresses::SameAddresses;
 use crate::child::{Child, PARENT};
 use crate::limits;
 use results::programs::Started;
@@ -212,7 +213,9 @@ impl Launcher {
         // Nothing may be asked to run between fork and exec: the start would copy the page tables
         // of this process, whose shared memory grows with the robots, once for each of them.
         command.env(PARENT, std::process::id().to_string());
+        let same = matches!(role, Role::Agent { .. }).then(SameAddresses::for_children);
         let process = command.spawn().map_err(refused)?;
+        drop(same);
         Child::watch(process, log).map_err(|source| {
             let why = format!("it cannot be watched (pidfd_open): {}", limits::why(&source));
             SpawnError { what: role.to_string(), why, source }

@@ -1,0 +1,3 @@
+//! Empty: what is wanted of it is its dependencies.
+
+fn main() {}

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use protocol::process::{Stop, exit, quiet_iceoryx2, set_name};
+use protocol::process::{Stop, exit, quiet_iceoryx2, set_name, try_realtime_priority};
 use protocol::run_root::{self, RunRoot};
 
 use crate::floor::Carrier;
@@ -82,6 +82,10 @@ struct BenchArgs {
     /// Measure the start-up of 256 robots too.
     #[arg(long)]
     large: bool,
+    /// In the parts realtime and control, let robots, plant and timers run before every ordinary process, with
+    /// their memory locked.
+    #[arg(long)]
+    realtime_priority: bool,
     /// How long each measurement is to take, s, about [default: 1; 0.2 if quick].
     #[arg(long, hide = true, value_parser = seconds)]
     seconds: Option<f64>,
@@ -203,7 +207,12 @@ fn measure(args: &BenchArgs, stop: &Stop) -> Result<Report, BenchError> {
         chosen => chosen.to_vec(),
     };
     let wanted = |part| args.only.is_empty() || args.only.contains(&part);
-    let setting = &Setting { root: &root, stop, rounds, tells: terminal };
+    let realtime_priority = args.realtime_priority;
+    let setting = &Setting { root: &root, stop, rounds, tells: terminal, realtime_priority };
+    if realtime_priority {
+        try_realtime_priority()
+            .map_err(|error| BenchError::Wrong(format!("--realtime-priority: {error}")))?;
+    }
     let (mut rows, mut trajectories, mut notes) = (Vec::new(), Vec::new(), Vec::new());
     if wanted(Part::Baselines) {
         let trips = ((TRIPS_PER_S * seconds) as usize).max(1);

@@ -23,21 +23,20 @@ pub(crate) fn measure(
 ) -> Result<(Vec<Row>, Vec<String>), BenchError> {
     let &Setting { root, stop, rounds, .. } = setting;
     let (mut rows, mut notes) = (Vec::new(), Vec::new());
-    let traced: &[&str] = match scheduler::available() {
-        Ok(()) => &["--trace-scheduler"],
-        Err(error) => {
-            notes.push(format!("control: {error}"));
-            &[]
-        }
-    };
+    let mut words = setting.realtime_words();
+    match scheduler::available() {
+        Ok(()) => words.push("--trace-scheduler"),
+        Err(error) => notes.push(format!("control: {error}")),
+    }
     for (robots, rate_hz) in CASES {
+        let case = setting.realtime_case(robots, rate_hz);
         let mut ours = QUANTILES.map(|_| Vec::new());
         let mut timer = QUANTILES.map(|_| Vec::new());
         for round in 1..=rounds {
-            setting.progress(&format!("control, {robots} robots at {rate_hz} Hz, round {round}"));
+            setting.progress(&format!("control, {case}, round {round}"));
             let ticks = ((seconds * rate_hz as f64) as u64).max(1);
             let text = ring::text(robots, ticks, 1.0 / rate_hz as f64);
-            let run = Running::start_with(root, stop, &text, Pace::Realtime, traced)?;
+            let run = Running::start_with(root, stop, &text, Pace::Realtime, &words)?;
             let summary = run.summary()?;
             let machine = machine(&summary)?;
             for (place, (key, ..)) in QUANTILES.iter().enumerate() {
@@ -47,12 +46,11 @@ pub(crate) fn measure(
                 ours[place].push(us(&summary["wall"]["wake_of_all"])?);
                 timer[place].push(us(machine)?);
             }
-            notes.extend(held_by(&summary).map(|held| {
-                format!("control: {robots} robots at {rate_hz} Hz, round {round}: {held}")
-            }));
+            let held = held_by(&summary);
+            notes.extend(held.map(|held| format!("control: {case}, round {round}: {held}")));
         }
         for ((_, name, _), (ours, timer)) in QUANTILES.iter().zip(ours.into_iter().zip(timer)) {
-            let what = format!("{robots} robots at {rate_hz} Hz, wake lateness {name} of all, us");
+            let what = format!("{case}, wake lateness {name} of all, us");
             rows.push(Row::against("control", &what, "a bare timer in the same run", ours, timer));
         }
     }

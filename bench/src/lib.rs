@@ -110,9 +110,22 @@ struct Setting<'a> {
     rounds: usize,
     /// Somebody looks on.
     tells: bool,
+    /// In real time robots, plant and timers run before every ordinary process.
+    realtime_priority: bool,
 }
 
 impl Setting<'_> {
+    /// What a run in real time is told.
+    fn realtime_words(&self) -> Vec<&'static str> {
+        self.realtime_priority.then_some("--realtime-priority").into_iter().collect()
+    }
+
+    /// How a case of real time is named.
+    fn realtime_case(&self, robots: usize, rate_hz: u64) -> String {
+        let priority = if self.realtime_priority { " with real-time priority" } else { "" };
+        format!("{robots} robots at {rate_hz} Hz{priority}")
+    }
+
     /// Says what is being measured.
     fn progress(&self, what: &str) {
         if self.tells {

@@ -7,7 +7,7 @@
 
 use protocol::brief::Pace;
 
-use crate::child::{self, latest_wake_us, number};
+use crate::child::{self, Running, latest_wake_us, number};
 use crate::quantiles::QUANTILES;
 use crate::ring;
 use crate::table::Row;
@@ -39,9 +39,12 @@ pub(crate) fn measure(
     let mut causes = vec![Causes::default(); cases.len()];
     for round in 1..=rounds {
         for (case, &(robots, rate_hz)) in cases.iter().enumerate() {
-            setting.progress(&format!("real time, {robots} robots at {rate_hz} Hz, round {round}"));
+            let name = setting.realtime_case(robots, rate_hz);
+            setting.progress(&format!("real time, {name}, round {round}"));
             let (ticks, text) = of_case(robots, rate_hz, seconds);
-            let summary = child::run(root, stop, &text, Pace::Realtime)?;
+            let words = setting.realtime_words();
+            let run = Running::start_with(root, stop, &text, Pace::Realtime, &words)?;
+            let summary = run.summary()?;
             let percent = |pointer| -> Result<f64, BenchError> {
                 Ok(100.0 * number(&summary, pointer)? / (ticks * robots as u64) as f64)
             };
@@ -52,10 +55,12 @@ pub(crate) fn measure(
                 late_us.push(latest_wake_us(&summary, key).ok_or_else(nobody)?);
             }
             causes[case].add_run(&summary);
-            setting.progress(&format!("real time, {robots} timers at {rate_hz} Hz, round {round}"));
+            setting.progress(&format!("real time, timers as busy as {name}, round {round}"));
             let (periods, period_ns) = ((ticks * robots as u64) as f64, 1_000_000_000 / rate_hz);
             let busy_ns = (1e9 * child::taken_s(&summary)?[0] / periods) as u64;
-            let seen = timers::measure(root, stop, robots, Task { period_ns, ticks, busy_ns })?;
+            let &Setting { realtime_priority, .. } = setting;
+            let task = Task { period_ns, ticks, busy_ns, realtime_priority };
+            let seen = timers::measure(root, stop, robots, task)?;
             seen.iter().for_each(|seen| causes[case].add_timer(&seen.causes));
             let missed = seen.iter().map(|seen| seen.missed).sum::<u64>() as f64;
             timers_missed[case].push(100.0 * missed / periods);
@@ -71,32 +76,33 @@ pub(crate) fn measure(
         cases.into_iter().zip(causes).zip(ours).zip(timers)
     {
         let ((missed, expired), late_us) = ours;
-        let what = |of: &str| format!("{robots} robots at {rate_hz} Hz, {of}");
+        let name = setting.realtime_case(robots, rate_hz);
+        let what = |of: &str| format!("{name}, {of}");
         let against = |of: &str, ours, timers| {
             Row::against("realtime", &what(of), "timers, as busy", ours, timers)
         };
         rows.push(against("deadlines missed, % of periods", missed, timers_missed));
         rows.push(Row::alone("realtime", &what("commands expired, % of periods"), expired));
         let mut much_later = Vec::new();
-        for ((_, name, _), (ours, timers)) in
+        for ((_, quantile, _), (ours, timers)) in
             QUANTILES.iter().zip(late_us.into_iter().zip(timers_late_us))
         {
-            let row = against(&format!("wake lateness {name} of the latest, us"), ours, timers);
+            let row = against(&format!("wake lateness {quantile} of the latest, us"), ours, timers);
             much_later.extend(
                 row.ratio_median()
                     .filter(|&ratio| ratio > RATIO_MAX)
-                    .map(|ratio| format!("{name} {ratio:.1}")),
+                    .map(|ratio| format!("{quantile} {ratio:.1}")),
             );
             rows.push(row);
         }
         if !much_later.is_empty() {
-            let case = format!("realtime: {robots} robots at {rate_hz} Hz");
+            let case = format!("realtime: {name}");
             let ratios = much_later.join(", ");
             notes.push(format!(
                 "{case}: the latest robot is later than the latest timer, {ratios} times"
             ));
             notes.extend(causes.words().map(|words| format!("{case}: {words}")));
-            setting.progress(&format!("real time, {robots} robots at {rate_hz} Hz, traced, 1"));
+            setting.progress(&format!("real time, {name}, traced, 1"));
             let (_, text) = of_case(robots, rate_hz, seconds);
             let traced = whose::traced(setting, &text)?;
             notes.push(format!("{case}: {traced}"));

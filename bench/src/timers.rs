@@ -27,6 +27,9 @@ pub struct Task {
     pub(crate) ticks: u64,
     /// Time on the processor in each of them, ns, waking up included.
     pub(crate) busy_ns: u64,
+    /// It runs before every ordinary process.
+    #[arg(long)]
+    pub(crate) realtime_priority: bool,
 }
 
 /// What one process saw of its timer.
@@ -53,7 +56,8 @@ pub(crate) fn measure(
     let words = results.iter().zip(1..).map(|(result, index): (_, usize)| {
         let numbers = [index as u64, task.period_ns, task.ticks, task.busy_ns];
         let words = ["peer", "timer"].map(OsString::from).into_iter();
-        words.chain(numbers.map(|n| n.to_string().into())).chain([result.into()]).collect()
+        let words = words.chain(numbers.map(|n| n.to_string().into())).chain([result.into()]);
+        words.chain(task.realtime_priority.then(|| "--realtime-priority".into())).collect()
     });
     let peers = Peers::start(place.path(), stop, words)?;
     peers.go()?;
@@ -62,6 +66,9 @@ pub(crate) fn measure(
 
 /// The process of robot `index`, from 1.
 pub(crate) fn peer(index: usize, task: Task, result: &Path) -> Result<(), BenchError> {
+    if task.realtime_priority {
+        process::hurry();
+    }
     clock::tighten_timer_slack();
     process::take_turns(Turns::Short);
     peers::await_go(result.parent().unwrap_or(result), index - 1)?;

@@ -102,7 +102,8 @@ pub(crate) fn traced(setting: &Setting<'_>, text: &str) -> Result<String, BenchE
         return Ok(format!("who held the cores is not known: {error}"));
     }
     let &Setting { root, stop, .. } = setting;
-    let run = Running::start_with(root, stop, text, Pace::Realtime, &["--trace-scheduler"])?;
+    let words = [setting.realtime_words(), vec!["--trace-scheduler"]].concat();
+    let run = Running::start_with(root, stop, text, Pace::Realtime, &words)?;
     let summary = run.summary()?;
     let p99_us = latest_wake_us(&summary, "p99_ns").unwrap_or_default();
     let held = held_by(&summary).unwrap_or_else(|| "nothing was traced".into());

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use protocol::process::try_realtime_priority;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -130,6 +131,26 @@ fn every_part_gives_figures_and_all_means_move_the_robots_along_one_trajectory()
             // Where ours is 0, so is the ratio.
             assert!((ratio * floor - ours).abs() <= 1e-9 * ours, "{row:#}");
         }
+    }
+}
+
+#[test]
+fn a_bench_with_real_time_priority_says_so_in_each_row_or_why_it_cannot() {
+    let args = ["--only", "realtime", "--robots", "2", "--seconds", "0.05", "--realtime-priority"];
+    let bench = bench(&args);
+    if let Err(error) = try_realtime_priority() {
+        let output = bench.finish(None, |_| false);
+        let complaint = format!("error: --realtime-priority: {error}");
+        assert_eq!(output.status.code(), Some(4), "{output:?}");
+        assert!(String::from_utf8_lossy(&output.stderr).contains(&complaint), "{output:?}");
+        return;
+    }
+    let report = bench.report();
+    let rows = report["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), 10, "{report:#}");
+    for row in rows {
+        assert!(row["what"].as_str().unwrap().contains("Hz with real-time priority, "), "{row:#}");
+        assert!(row["ours"]["median"].as_f64() >= Some(0.0), "{row:#}");
     }
 }
 

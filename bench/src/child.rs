@@ -12,7 +12,7 @@ use serde_json::Value;
 use supervisor::child::{Child, in_words};
 use supervisor::spawn::{Launcher, Role};
 
-use crate::{BenchError, Place, failed};
+use crate::{BenchError, Place, Setting, failed};
 
 /// No run of a bench takes this long, even on a machine that is busy with other things.
 const LIMIT: Duration = Duration::from_secs(240);
@@ -169,6 +169,18 @@ pub(crate) fn run(
     pace: Pace,
 ) -> Result<Value, BenchError> {
     Running::start(root, stop, scenario, pace)?.summary()
+}
+
+/// Runs a scenario in real time to its end, with the priority of this setting and these words more.
+pub(crate) fn run_realtime(
+    setting: &Setting<'_>,
+    scenario: &str,
+    more: &[&str],
+) -> Result<Value, BenchError> {
+    let mut words = more.to_vec();
+    words.extend(setting.realtime_priority.then_some("--realtime-priority"));
+    let &Setting { root, stop, .. } = setting;
+    Running::start_with(root, stop, scenario, Pace::Realtime, &words)?.summary()
 }
 
 /// A number of a summary.

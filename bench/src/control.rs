@@ -1,11 +1,10 @@
 //! How late all robots of a run wake, against the bare timer of the same run: what this machine does to
 //! anybody is in both. Where the scheduler may be traced, the notes tell who held the cores of the late.
 
-use protocol::brief::Pace;
 use serde_json::Value;
 use supervisor::scheduler;
 
-use crate::child::{self, Running};
+use crate::child;
 use crate::quantiles::QUANTILES;
 use crate::ring;
 use crate::table::Row;
@@ -21,23 +20,22 @@ pub(crate) fn measure(
     setting: &Setting<'_>,
     seconds: f64,
 ) -> Result<(Vec<Row>, Vec<String>), BenchError> {
-    let &Setting { root, stop, rounds, .. } = setting;
     let (mut rows, mut notes) = (Vec::new(), Vec::new());
-    let mut words = setting.realtime_words();
-    match scheduler::available() {
-        Ok(()) => words.push("--trace-scheduler"),
-        Err(error) => notes.push(format!("control: {error}")),
-    }
+    let traced: &[&str] = match scheduler::available() {
+        Ok(()) => &["--trace-scheduler"],
+        Err(error) => {
+            notes.push(format!("control: {error}"));
+            &[]
+        }
+    };
     for (robots, rate_hz) in CASES {
         let case = setting.realtime_case(robots, rate_hz);
         let mut ours = QUANTILES.map(|_| Vec::new());
         let mut timer = QUANTILES.map(|_| Vec::new());
-        for round in 1..=rounds {
+        for round in 1..=setting.rounds {
             setting.progress(&format!("control, {case}, round {round}"));
-            let ticks = ((seconds * rate_hz as f64) as u64).max(1);
-            let text = ring::text(robots, ticks, 1.0 / rate_hz as f64);
-            let run = Running::start_with(root, stop, &text, Pace::Realtime, &words)?;
-            let summary = run.summary()?;
+            let (_, text) = ring::lasting(robots, rate_hz, seconds);
+            let summary = child::run_realtime(setting, &text, traced)?;
             let machine = machine(&summary)?;
             for (place, (key, ..)) in QUANTILES.iter().enumerate() {
                 let us = |line: &Value| {

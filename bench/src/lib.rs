@@ -115,11 +115,6 @@ struct Setting<'a> {
 }
 
 impl Setting<'_> {
-    /// What a run in real time is told.
-    fn realtime_words(&self) -> Vec<&'static str> {
-        self.realtime_priority.then_some("--realtime-priority").into_iter().collect()
-    }
-
     /// How a case of real time is named.
     fn realtime_case(&self, robots: usize, rate_hz: u64) -> String {
         let priority = if self.realtime_priority { " with real-time priority" } else { "" };

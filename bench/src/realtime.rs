@@ -5,9 +5,7 @@
 //! Where the latest robot is much later than the latest timer, the notes tell why: the causes that both
 //! give, and who held the cores in one more run, with the scheduler traced where that is allowed.
 
-use protocol::brief::Pace;
-
-use crate::child::{self, Running, latest_wake_us, number};
+use crate::child::{self, latest_wake_us, number};
 use crate::quantiles::QUANTILES;
 use crate::ring;
 use crate::table::Row;
@@ -26,7 +24,7 @@ pub(crate) fn measure(
     robots: &[usize],
     seconds: f64,
 ) -> Result<(Vec<Row>, Vec<String>), BenchError> {
-    let &Setting { root, stop, rounds, .. } = setting;
+    let &Setting { root, stop, rounds, realtime_priority, .. } = setting;
     let cases: Vec<(usize, u64)> = RATES_HZ
         .iter()
         .flat_map(|&rate| robots.iter().map(move |&robots| (robots, rate)))
@@ -41,10 +39,8 @@ pub(crate) fn measure(
         for (case, &(robots, rate_hz)) in cases.iter().enumerate() {
             let name = setting.realtime_case(robots, rate_hz);
             setting.progress(&format!("real time, {name}, round {round}"));
-            let (ticks, text) = of_case(robots, rate_hz, seconds);
-            let words = setting.realtime_words();
-            let run = Running::start_with(root, stop, &text, Pace::Realtime, &words)?;
-            let summary = run.summary()?;
+            let (ticks, text) = ring::lasting(robots, rate_hz, seconds);
+            let summary = child::run_realtime(setting, &text, &[])?;
             let percent = |pointer| -> Result<f64, BenchError> {
                 Ok(100.0 * number(&summary, pointer)? / (ticks * robots as u64) as f64)
             };
@@ -58,7 +54,6 @@ pub(crate) fn measure(
             setting.progress(&format!("real time, timers as busy as {name}, round {round}"));
             let (periods, period_ns) = ((ticks * robots as u64) as f64, 1_000_000_000 / rate_hz);
             let busy_ns = (1e9 * child::taken_s(&summary)?[0] / periods) as u64;
-            let &Setting { realtime_priority, .. } = setting;
             let task = Task { period_ns, ticks, busy_ns, realtime_priority };
             let seen = timers::measure(root, stop, robots, task)?;
             seen.iter().for_each(|seen| causes[case].add_timer(&seen.causes));
@@ -103,16 +98,10 @@ pub(crate) fn measure(
             ));
             notes.extend(causes.words().map(|words| format!("{case}: {words}")));
             setting.progress(&format!("real time, {name}, traced, 1"));
-            let (_, text) = of_case(robots, rate_hz, seconds);
+            let (_, text) = ring::lasting(robots, rate_hz, seconds);
             let traced = whose::traced(setting, &text)?;
             notes.push(format!("{case}: {traced}"));
         }
     }
     Ok((rows, notes))
-}
-
-/// How many ticks, and the scenario.
-fn of_case(robots: usize, rate_hz: u64, seconds: f64) -> (u64, String) {
-    let ticks = ((seconds * rate_hz as f64) as u64).max(1);
-    (ticks, ring::text(robots, ticks, 1.0 / rate_hz as f64))
 }

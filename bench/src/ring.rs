@@ -57,6 +57,12 @@ pub fn text(robots: usize, ticks: u64, period_s: f64) -> String {
     text + REST
 }
 
+/// A ring at this rate for so many seconds, of at least one tick: how many ticks, and its text.
+pub(crate) fn lasting(robots: usize, rate_hz: u64, seconds: f64) -> (u64, String) {
+    let ticks = ((seconds * rate_hz as f64) as u64).max(1);
+    (ticks, text(robots, ticks, 1.0 / rate_hz as f64))
+}
+
 /// A leader on a circle, named `name`, with nobody else there.
 pub(crate) fn alone(name: &str, ticks: u64, period_s: f64) -> String {
     let mut text = head("alone", ticks, period_s);

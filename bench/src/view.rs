@@ -44,10 +44,9 @@ impl Seen {
 /// Measures runs of `seconds` each.
 pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> Measured {
     let &Setting { root, stop, rounds, .. } = setting;
-    let ticks = ((seconds * RATE_HZ as f64) as u64).max(1);
     let mut rows = Vec::new();
     for &robots in robots {
-        let text = ring::text(robots, ticks, 1.0 / RATE_HZ as f64);
+        let (ticks, text) = ring::lasting(robots, RATE_HZ, seconds);
         let periods = ticks * robots as u64;
         let (mut watched, mut alone) = (Seen::default(), Seen::default());
         let mut frames = Vec::new();

@@ -1,13 +1,12 @@
 //! Whose the lateness is: the causes that robots and bare timers give of their late wake-ups, and who held
 //! the cores meanwhile.
 
-use protocol::brief::Pace;
 use protocol::stage::Cause;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use supervisor::scheduler;
 
-use crate::child::{Running, latest_wake_us};
+use crate::child::{self, latest_wake_us};
 use crate::control::held_by;
 use crate::{BenchError, Setting};
 
@@ -101,10 +100,7 @@ pub(crate) fn traced(setting: &Setting<'_>, text: &str) -> Result<String, BenchE
     if let Err(error) = scheduler::available() {
         return Ok(format!("who held the cores is not known: {error}"));
     }
-    let &Setting { root, stop, .. } = setting;
-    let words = [setting.realtime_words(), vec!["--trace-scheduler"]].concat();
-    let run = Running::start_with(root, stop, text, Pace::Realtime, &words)?;
-    let summary = run.summary()?;
+    let summary = child::run_realtime(setting, text, &["--trace-scheduler"])?;
     let p99_us = latest_wake_us(&summary, "p99_ns").unwrap_or_default();
     let held = held_by(&summary).unwrap_or_else(|| "nothing was traced".into());
     Ok(format!("in a run more (p99 of the latest {p99_us:.0} us) {held}"))

@@ -39,8 +39,8 @@ fn each_way_has_at_most_six_steps() {
     }
 }
 
-/// What `cargo tree` says of the default build. It may not use the network, and needs none: what the build
-/// needs is here.
+/// What `cargo tree` says of a build. It may not use the network: what this build needs is here, and of the
+/// default build everything.
 fn tree(of: &[&str]) -> String {
     let tree = Command::new(env!("CARGO"))
         .args(["tree", "--offline", "--locked", "--prefix", "none"])
@@ -63,11 +63,14 @@ fn experiment_and_metrics_are_built_without_iceoryx2() {
 
 /// Neither does the default build have a crate of what only some runs need.
 #[test]
-fn the_default_build_has_no_crate_of_zenoh() {
-    let text = tree(&["--workspace", "--edges", "normal,build,dev"]);
-    let crates_of = |name: &str| text.lines().filter(|line| line.starts_with(name)).count();
-    assert!(crates_of("bridge ") > 0 && crates_of("iceoryx2") > 0, "{text}");
-    assert_eq!(crates_of("zenoh"), 0, "{text}");
+fn zenoh_is_built_with_the_feature_bridge_only() {
+    let with = cfg!(feature = "bridge").then_some(&["--features", "bridge"][..]);
+    for features in [&[][..]].into_iter().chain(with) {
+        let text = tree(&[&["--workspace", "--edges", "normal,build,dev"], features].concat());
+        let crates_of = |name: &str| text.lines().filter(|line| line.starts_with(name)).count();
+        assert!(crates_of("bridge ") > 0 && crates_of("iceoryx2") > 0, "{text}");
+        assert_eq!(crates_of("zenoh") > 0, !features.is_empty(), "{features:?}: {text}");
+    }
 }
 
 /// The crates whose files may not import each other in a circle.

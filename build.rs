@@ -42,8 +42,8 @@ fn sources(tree: &Path) -> Vec<PathBuf> {
         ["Cargo.toml", "Cargo.lock", "build.rs", "src"].map(|name| tree.join(name)).to_vec();
     let folders = fs::read_dir(tree).into_iter().flatten().flatten().map(|entry| entry.path());
     let crates = folders.filter(|folder| folder.join("Cargo.toml").exists());
-    // The Python package is made of this program, not the other way round.
-    for folder in crates.filter(|folder| !folder.ends_with("python")) {
+    // The other bindings are made of this program, not the other way round.
+    for folder in crates.chain([tree.join("bindings/bridge")]) {
         sources.extend(["Cargo.toml", "src", "assets"].map(|name| folder.join(name)));
     }
     sources.retain(|path| path.exists());

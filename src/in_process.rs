@@ -14,7 +14,7 @@ use agent::brain::Brain;
 use agent::laws::{Situation, Wish};
 use experiment::briefs;
 use experiment::scenario::Scenario;
-use metrics::fault::End;
+use outcome::metrics::fault::End;
 use plant::world::World;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::message::Beacon;

@@ -3,5 +3,6 @@
 
 pub mod command_line;
 pub mod in_process;
+pub mod pool;
 pub mod roles;
 pub mod verbs;

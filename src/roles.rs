@@ -6,8 +6,8 @@ use std::io::{self, Write as _};
 use std::os::unix::process::CommandExt as _;
 use std::process::Command;
 
+use outcome::results::manifest::Build;
 use protocol::process::{Stderr, exit};
-use results::manifest::Build;
 use supervisor::child::become_program;
 use supervisor::control_timer::{self, ControlTimer};
 use supervisor::spawn::Launcher;

@@ -13,7 +13,7 @@ use agent::brain::Brain;
 use clap::ValueEnum;
 use experiment::briefs;
 use experiment::scenario::Scenario;
-use metrics::hash::TrajectoryHash;
+use outcome::metrics::hash::TrajectoryHash;
 use plant::world::World;
 use protocol::barrier::Barrier;
 use protocol::brief::{self, AgentBrief, Pace};

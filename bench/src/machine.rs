@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use results::run_dir::date_and_time;
+use outcome::results::run_dir::date_and_time;
 use serde::Serialize;
 
 /// More load than this for each core, and the floors are those of a crowd.

@@ -10,10 +10,12 @@
 //! | `schema` | how is the format told to editors and other programs? |
 //! | `reference` | how is it told to people? |
 //! | `drawing` | what does its graph look like? |
+//! | `campaign/` | which runs is a campaign made of? |
 //! | `briefs` | what is each process told? |
 //! | `examples` | a small experiment for tests |
 
 pub mod briefs;
+pub mod campaign;
 pub mod check;
 pub mod drawing;
 pub mod examples;

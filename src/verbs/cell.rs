@@ -9,15 +9,15 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use campaign::file::Keep;
-use campaign::folder::{complete, note_failure, part};
 use clap::{Args, ValueEnum};
+use experiment::campaign::file::Keep;
+use outcome::campaign::folder::{complete, note_failure, part};
 use protocol::process::{Stop, exit};
 
 use super::run::{End, How, execute};
 use super::screen::complain;
 use experiment::scenario::Scenario;
-use results::manifest::Manifest;
+use outcome::results::manifest::Manifest;
 
 /// What makes a run one of a campaign.
 #[derive(Debug, Args)]

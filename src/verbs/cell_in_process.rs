@@ -6,19 +6,19 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use campaign::cells::Cell;
-use campaign::file::{Campaign, Keep};
-use campaign::folder::{Folder, complete, part};
-use campaign::pool::processes::ByProcesses;
-use campaign::pool::{Tried, Way};
+use crate::pool::processes::ByProcesses;
+use crate::pool::{Tried, Way};
+use experiment::campaign::cells::Cell;
+use experiment::campaign::file::{Campaign, Keep};
 use experiment::scenario::Scenario;
 use experiment::scenario::read::read_to_run;
-use metrics::Metrics;
+use outcome::campaign::folder::{Folder, complete, part};
+use outcome::metrics::Metrics;
+use outcome::results::manifest::{Build, Manifest};
+use outcome::results::run_dir::RunDir;
 use protocol::brief::Pace;
 use protocol::catalog::Catalog;
 use protocol::process::{Stop, exit};
-use results::manifest::{Build, Manifest};
-use results::run_dir::RunDir;
 
 use super::run::judge;
 use crate::in_process::measured;
@@ -105,7 +105,7 @@ impl InProcess<'_> {
         text: &str,
         manifest: &Manifest,
         part: &Path,
-    ) -> Result<RunDir, results::run_dir::RunDirError> {
+    ) -> Result<RunDir, outcome::results::run_dir::RunDirError> {
         let mut run_dir = RunDir::create(part, scenario)?;
         run_dir.write_scenario(text)?;
         run_dir.write_manifest(manifest)?;

@@ -6,7 +6,7 @@ use protocol::process::exit;
 mod examine;
 
 use super::screen::{Output, print_as};
-use results::summary::to_json;
+use outcome::results::summary::to_json;
 
 /// Arguments of `phalanx doctor`.
 #[derive(Debug, Args)]

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use outcome::recording::export::{ExportError, Exported, export as write_tables};
 use protocol::process::exit;
-use recording::export::{ExportError, Exported, export as write_tables};
 
 use super::screen::{complain, print};
-use results::run_dir::RECORDING;
+use outcome::results::run_dir::RECORDING;
 
 /// Arguments of `phalanx export`.
 #[derive(Debug, Args)]

@@ -37,7 +37,7 @@ use clap::Subcommand;
 use protocol::catalog::Catalog;
 use protocol::process::quiet_iceoryx2;
 
-use results::manifest::Build;
+use outcome::results::manifest::Build;
 use supervisor::spawn::Launcher;
 
 /// The supervisor's verbs.

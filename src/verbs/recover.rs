@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use outcome::recording::recover::{Outcome, RecoverError, recover as rebuild};
 use protocol::process::exit;
-use recording::recover::{Outcome, RecoverError, recover as rebuild};
 
 use super::screen::{complain, print};
 

@@ -8,7 +8,7 @@ use protocol::process::exit;
 
 use super::screen::{complain, print, show};
 use experiment::scenario::read::{Overrides, read};
-use results::page;
+use outcome::results::page;
 
 /// Arguments of `phalanx report`.
 #[derive(Debug, Args)]

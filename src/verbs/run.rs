@@ -9,7 +9,7 @@ use protocol::brief::Pace;
 use protocol::catalog::Catalog;
 use protocol::process::{Stop, exit, try_realtime_priority};
 use protocol::ros2::Ros2Brief;
-use view::{Bound, ViewError};
+use supervisor::view::{Bound, ViewError};
 
 use super::cell::{self, CellArgs};
 use super::fleet::{FleetArgs, Member, Part, must_be_of_one_host};
@@ -19,16 +19,16 @@ use super::screen::{Output, complain, print, print_as, progress, show_progress, 
 use super::share;
 use experiment::scenario::read::folder;
 use experiment::scenario::{FaultKind, Scenario};
-use metrics::Metrics;
-use metrics::expect;
-use metrics::summary::Summary;
-use results::manifest::{Build, Manifest};
-use results::outcome::Outcome;
-use results::page;
-use results::programs::Programs;
-use results::run_dir::{RunDir, RunDirError, default_out};
-use results::scene::scene;
-use results::summary::{self, to_json};
+use outcome::metrics::Metrics;
+use outcome::metrics::expect;
+use outcome::metrics::summary::Summary;
+use outcome::results::manifest::{Build, Manifest};
+use outcome::results::outcome::Outcome;
+use outcome::results::page;
+use outcome::results::programs::Programs;
+use outcome::results::run_dir::{RunDir, RunDirError, default_out};
+use outcome::results::scene::scene;
+use outcome::results::summary::{self, to_json};
 use supervisor::run::{self, Run, RunError};
 use supervisor::scheduler::Trace;
 use supervisor::spawn::Launcher;
@@ -59,9 +59,9 @@ pub struct RunArgs {
         value_name = "ADDR",
         num_args = 0..=1,
         require_equals = true,
-        default_missing_value = view::DEFAULT,
-        default_value_if("view_control", "true", view::DEFAULT),
-        value_parser = view::address
+        default_missing_value = supervisor::view::DEFAULT,
+        default_value_if("view_control", "true", supervisor::view::DEFAULT),
+        value_parser = supervisor::view::address
     )]
     view: Option<SocketAddr>,
     /// Show the run as --view does, and let that page kill, freeze and restart robots and cut edges.
@@ -147,7 +147,7 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
         Err(error) => return complain(&error),
     };
     // Before anything is written or spawned: the port may be taken.
-    let place = args.view.map(|address| view::bind(address, args.insecure)).transpose();
+    let place = args.view.map(|address| supervisor::view::bind(address, args.insecure)).transpose();
     let looks = match place {
         Ok(place) => place.map(|bound| Looks { bound, control: args.view_control }),
         Err(error) => {

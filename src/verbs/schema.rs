@@ -19,8 +19,8 @@ pub struct SchemaArgs {
 
 pub(super) fn schema(args: &SchemaArgs, catalog: &Catalog) -> u8 {
     match (args.campaign, args.markdown) {
-        (true, true) => print(&campaign::keys::reference()),
-        (true, false) => print_as(Output::Json, &campaign::keys::schema()),
+        (true, true) => print(&experiment::campaign::keys::reference()),
+        (true, false) => print_as(Output::Json, &experiment::campaign::keys::schema()),
         (false, true) => print(&reference::reference(catalog)),
         (false, false) => print_as(Output::Json, &schema::schema(catalog)),
     }

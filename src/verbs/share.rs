@@ -4,10 +4,10 @@
 use std::path::Path;
 
 use experiment::scenario::Scenario;
+use outcome::results::host_dir::HostDir;
+use outcome::results::programs::Programs;
+use outcome::results::run_dir::RunDirError;
 use protocol::process::{Stop, exit};
-use results::host_dir::HostDir;
-use results::programs::Programs;
-use results::run_dir::RunDirError;
 use supervisor::run::RunError;
 use supervisor::run::hosts::share::{self, Ended};
 use supervisor::spawn::Launcher;

@@ -3,23 +3,23 @@
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use campaign::cells::{self, Cell, CellError};
-use campaign::figures::figures;
-use campaign::file::{self, Campaign};
-use campaign::folder::{Folder, FolderError};
-use campaign::page::{self, Origin};
-use campaign::points::{pairings, points};
-use campaign::pool::processes::ByProcesses;
-use campaign::pool::{self, Ended, Way};
-use campaign::table;
+use crate::pool::processes::ByProcesses;
+use crate::pool::{self, Ended, Way};
 use clap::Args;
+use experiment::campaign::cells::{self, Cell, CellError};
+use experiment::campaign::file::{self, Campaign};
+use outcome::campaign::figures::figures;
+use outcome::campaign::folder::{Folder, FolderError};
+use outcome::campaign::page::{self, Origin};
+use outcome::campaign::points::{pairings, points};
+use outcome::campaign::table;
 use protocol::brief::Pace;
 use protocol::catalog::Catalog;
 use protocol::process::{Stop, exit};
 
 use super::cell_in_process::InProcess;
 use super::screen::{complain, print, runs_done, runs_progress, show, tell};
-use results::manifest::Build;
+use outcome::results::manifest::Build;
 use supervisor::spawn::Launcher;
 
 /// Campaigns without `--out` go below this directory.

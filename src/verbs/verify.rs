@@ -9,10 +9,10 @@ use protocol::process::exit;
 use super::run::{read_programs, run_again};
 use super::screen::{Output, complain, print, print_as, show};
 use experiment::scenario::read::{Overrides, read_to_run};
-use results::compare::{Comparison, NotRepeatable, repeatable};
-use results::manifest::Build;
-use results::page;
-use results::summary::to_json;
+use outcome::results::compare::{Comparison, NotRepeatable, repeatable};
+use outcome::results::manifest::Build;
+use outcome::results::page;
+use outcome::results::summary::to_json;
 use supervisor::spawn::Launcher;
 
 /// Arguments of `phalanx verify`.

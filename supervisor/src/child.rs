@@ -19,7 +19,7 @@ use rustix::process::{
     Pid, PidfdFlags, Resource, Rlimit, Signal, pidfd_open, pidfd_send_signal, setrlimit,
 };
 
-use results::usage::{self, Usage};
+use outcome::results::usage::{self, Usage};
 
 /// How much of a log's end is looked at for its last lines.
 const TAIL_BYTES: u64 = 16 * 1024;

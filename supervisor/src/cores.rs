@@ -25,7 +25,7 @@ use self::topology::Topology;
 use self::trial::Trial;
 use crate::child::Child;
 use crate::spawn::{Launcher, Role};
-use results::usage::Usage;
+use outcome::results::usage::Usage;
 
 /// How often it is looked at what others want of the cores.
 const LOOK_EVERY: Duration = Duration::from_millis(100);

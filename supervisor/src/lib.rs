@@ -14,6 +14,7 @@
 //! | `cores` | on which cores are the processes of a lockstep run? |
 //! | `scheduler` | who held a core while a robot waited for it? |
 //! | `dead_nodes` | what did a dead process of this run leave in iceoryx2? |
+//! | `view/` | how is the live view served to browsers? |
 //! | `live` | what does the live view show of it? |
 
 mod addresses;
@@ -32,3 +33,4 @@ pub mod run;
 pub mod scheduler;
 pub mod spawn;
 pub mod timeline;
+pub mod view;

@@ -1,11 +1,11 @@
 //! What the live view shows of a run under way, in its own words.
 
-use report::scene::RobotState;
-use view::{Happened, StageNow};
+use crate::view::{Happened, StageNow};
+use outcome::report::scene::RobotState;
 
 use crate::run::lives::Seat;
 use formation::seconds;
-use results::latency::Latency;
+use outcome::results::latency::Latency;
 
 /// How a robot in this seat looks. `orphaned`: no living leader reaches it.
 pub(crate) fn state(seat: Seat, orphaned: bool) -> RobotState {

@@ -13,7 +13,7 @@ use std::process::{Command, Stdio};
 use crate::addresses::SameAddresses;
 use crate::child::{Child, PARENT};
 use crate::limits;
-use results::programs::Started;
+use outcome::results::programs::Started;
 
 /// Starts children: which executable all of them are, each in a role of its own, and whether robots
 /// and plant have priority.

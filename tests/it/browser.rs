@@ -10,8 +10,8 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use formation::obstacle::Obstacle;
-use report::page;
-use report::scene::{
+use outcome::report::page;
+use outcome::report::scene::{
     EdgeState, Frame, FrameRobot, RobotState, Scene, SceneEdge, SceneFault, SceneRobot,
 };
 

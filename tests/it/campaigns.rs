@@ -367,13 +367,13 @@ fn every_bad_campaign_gets_its_diagnostic_and_exit_status_3() {
 
 #[test]
 fn every_campaign_that_comes_with_it_is_one() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("campaigns");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/campaigns");
     let files = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let files: Vec<PathBuf> =
         files.filter(|path| path.extension() == Some("toml".as_ref())).collect();
     assert!(files.len() >= 5, "{files:?}");
     for file in files {
-        if let Err(diagnostic) = campaign::file::read(&file, &agent::catalog()) {
+        if let Err(diagnostic) = experiment::campaign::file::read(&file, &agent::catalog()) {
             panic!("{}", diagnostic.render(false));
         }
     }

@@ -1,7 +1,7 @@
 //! Lattices whose gaps nobody passes through: they jam while they form, unless they are open meanwhile
 //! (`scale = { kind = "closing" }`). In the oracle.
 
-use campaign::starts::{Around, Goals, Starts};
+use experiment::campaign::starts::{Around, Goals, Starts};
 use experiment::check::{Opening, check};
 use experiment::scenario::{Fault, FaultKind, Scenario};
 use formation::Vec2;

@@ -1,4 +1,4 @@
-//! Laws in C and C++, built by the system's compiler against `c/include/phalanx.h` and the library of `c/`.
+//! Laws in C and C++, built by the system's compiler against `bindings/c/include/phalanx.h` and the library of `bindings/c/`.
 //! `tests/cpp/install` installs what that needs. A robot whose law is in C++ is the same robot.
 
 use std::path::{Path, PathBuf};
@@ -53,7 +53,7 @@ fn pentagon(source: &str, more: &[&str], gain: &str) -> TempDir {
 }
 
 fn tanh() -> TempDir {
-    pentagon("examples/cpp/tanh.cpp", &[], "k_f_m_s")
+    pentagon("bindings/c/examples/tanh.cpp", &[], "k_f_m_s")
 }
 
 fn run(folder: &TempDir) -> Phalanx {
@@ -185,13 +185,13 @@ fn a_program_in_cpp_that_is_started_by_another_version_says_so() {
 #[ignore = "needs what tests/cpp/install installs"]
 fn the_header_is_what_cbindgen_makes_of_the_library() {
     let made = Command::new("cbindgen")
-        .args(["--quiet", "--config", "c/cbindgen.toml", "c/src/abi.rs"])
+        .args(["--quiet", "--config", "bindings/c/cbindgen.toml", "bindings/c/src/abi.rs"])
         .current_dir(ROOT)
         .output()
         .unwrap();
     assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
     let made = String::from_utf8(made.stdout).unwrap();
-    let path = Path::new(ROOT).join("c/include/phalanx.h");
+    let path = Path::new(ROOT).join("bindings/c/include/phalanx.h");
     if std::env::var_os("PHALANX_BLESS").is_some() {
         std::fs::write(&path, &made).unwrap();
     }

@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 
 use experiment::prediction::{Broken, Predictor};
 use experiment::scenario::Scenario;
-use metrics::Measures;
+use outcome::metrics::Measures;
 
 use crate::oracle::simulate;
 use crate::single_faults::{self, Case, of_each};

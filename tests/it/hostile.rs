@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 use formation::Vec2;
 use formation::front_point::front_point;
 use formation::pose::Pose;
-use metrics::Metrics;
+use outcome::metrics::Metrics;
 use protocol::brief::{AgentBrief, BodyBrief, Pace};
 use protocol::message::PROXIMITY_MAX;
 

@@ -9,7 +9,7 @@ use formation::Vec2;
 use formation::front_point::front_point;
 use formation::pose::{Pose, wrap_angle};
 use formation::random::SplitMix64;
-use metrics::Measures;
+use outcome::metrics::Measures;
 use protocol::brief::AgentBrief;
 
 use crate::hostile::{PERIODS, S, TRIANGLES, hostile, margin, named, swap};

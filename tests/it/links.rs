@@ -5,7 +5,7 @@ use agent::brain::{Brain, Parts};
 use agent::laws::{Law, Situation};
 use experiment::check::Theory;
 use formation::Vec2;
-use metrics::Measures;
+use outcome::metrics::Measures;
 use protocol::brief::{AgentBrief, Pace};
 
 use crate::harness::run;

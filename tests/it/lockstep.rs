@@ -1,6 +1,6 @@
 //! Lockstep: real processes do, bit by bit, what the oracle foretells.
 
-use metrics::Measures;
+use outcome::metrics::Measures;
 
 use crate::harness::run;
 use crate::oracle::{self, scenario};

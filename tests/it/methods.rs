@@ -2,7 +2,7 @@
 //! and what is known of it. (Robots as the papers assume them are in the crate `agent`.)
 
 use experiment::check::{Theory, report};
-use metrics::Measures;
+use outcome::metrics::Measures;
 
 use crate::oracle::{scenario, simulate, with_faults};
 

@@ -4,7 +4,7 @@
 use agent::brain::Brain;
 use experiment::scenario::Scenario;
 use experiment::scenario::read::{Overrides, read};
-use metrics::{Measures, Metrics};
+use outcome::metrics::{Measures, Metrics};
 use phalanx::in_process::{Effect, InProcess};
 use protocol::brief::{AgentBrief, Pace};
 use protocol::message::{TruthHeader, TruthRow};

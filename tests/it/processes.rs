@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use clap::Parser;
+use outcome::results::manifest::Build;
 use protocol::brief;
-use results::manifest::Build;
 use supervisor::spawn::Launcher;
 
 use crate::harness::{Phalanx, limited_by};

@@ -88,7 +88,8 @@ fn the_package_has_the_version_of_the_workspace_and_the_program_too() {
     let program = Path::new(ROOT).join("target/python/bin/phalanx");
     let said = Command::new(program).arg("--version").output().unwrap();
     assert_eq!(String::from_utf8_lossy(&said.stdout).trim(), format!("phalanx {version}"));
-    let manifest = std::fs::read_to_string(Path::new(ROOT).join("python/Cargo.toml")).unwrap();
+    let manifest =
+        std::fs::read_to_string(Path::new(ROOT).join("bindings/python/Cargo.toml")).unwrap();
     let manifest: toml::Table = manifest.parse().unwrap();
     assert_eq!(manifest["package"]["version"].as_str(), Some(version));
 }

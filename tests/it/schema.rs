@@ -44,7 +44,7 @@ fn the_schema_as_readers_see_it_accepts_every_shipped_scenario() {
     let shipped = files("scenarios");
     assert!(shipped.len() >= 16);
     judged(SCENARIO, "accepts", &shipped);
-    let shipped = files("campaigns");
+    let shipped = files("scenarios/campaigns");
     assert!(shipped.len() >= 5);
     judged(CAMPAIGN, "accepts", &shipped);
 }

@@ -11,7 +11,7 @@ use experiment::scenario::{FaultKind, Scenario};
 use formation::Vec2;
 use formation::front_point::front_point;
 use formation::graph::{Edge, FormationGraph};
-use metrics::Measures;
+use outcome::metrics::Measures;
 use protocol::law::Reference;
 use protocol::message::{TruthHeader, TruthRow};
 

@@ -1,7 +1,7 @@
 //! The statistics of campaigns, held against SciPy and statsmodels on data made from seeds.
 
-use campaign::statistics as own;
 use formation::random::SplitMix64;
+use outcome::campaign::statistics as own;
 use serde_json::{Value, json};
 
 use crate::recording::reads;

@@ -17,11 +17,11 @@ use formation::Vec2;
 use formation::closest::closest_pair;
 use formation::hull::hull_distance;
 use formation::pose::Twist;
-use metrics::Metrics;
+use outcome::metrics::Metrics;
+use outcome::recording::recorder::{Nearest, Recorder, Run, State};
 use plant::world::World;
 use protocol::brief::Pace;
 use protocol::message::{Beacon, Command, TruthRow};
-use recording::recorder::{Nearest, Recorder, Run, State};
 
 /// T, s.
 const PERIOD_S: f64 = 0.005;

@@ -20,7 +20,7 @@ use crate::scenario::Scenario;
 const OPEN_PASSAGES: f64 = 1.05;
 /// And of so many times that for the square root of the number of robots. On their way all meet in a
 /// crowd, as wide as that root. Whoever is to stand a short way beyond those it hears stays in the crowd.
-/// `campaigns/lattices-open.toml` measures it: of 20 runs of 30 robots that hear each other 17 never left
+/// `scenarios/campaigns/lattices-open.toml` measures it: of 20 runs of 30 robots that hear each other 17 never left
 /// the crowd at gaps of 2.4 d, and all arrived at 7.2 d, which this asks for.
 const OPEN_CROWD: f64 = 0.625;
 /// It stays open so many times as long as the longest way takes.

@@ -13,7 +13,7 @@ use crate::child;
 use crate::dead_nodes::Dead;
 use crate::room;
 use crate::timeline::{Act, Due};
-use metrics::fault::End;
+use outcome::metrics::fault::End;
 
 impl Run<'_> {
     /// Does what is due now, if this is a time to act. In lockstep the plant goes on once nothing is

@@ -39,31 +39,35 @@ impl Run<'_> {
         Ok(())
     }
 
-    fn do_by_hand(&mut self, act: view::Act, now_ns: u64) -> Result<Result<(), Refusal>, RunError> {
+    fn do_by_hand(
+        &mut self,
+        act: crate::view::Act,
+        now_ns: u64,
+    ) -> Result<Result<(), Refusal>, RunError> {
         if let Err(refusal) = self.makes_sense(act) {
             return Ok(Err(refusal));
         }
         let who = Who::Hand;
         let event = match act {
-            view::Act::Kill(robot) => {
+            crate::view::Act::Kill(robot) => {
                 let fault = self.new_fault(&FaultKind::Kill { robot, restart_after_ns: None });
                 Event::Kill { robot, fault, restart_at_ns: None, who }
             }
-            view::Act::Freeze(robot) => {
+            crate::view::Act::Freeze(robot) => {
                 let fault = self.new_fault(&FaultKind::Freeze { robot });
                 Event::Freeze { robot, fault, ends: false, who }
             }
-            view::Act::Thaw(robot) => {
+            crate::view::Act::Thaw(robot) => {
                 let fault = self.lives.frozen_by(robot).expect("it is frozen");
                 Event::Thaw { robot, fault, who }
             }
-            view::Act::Restart(robot) => Event::Restart { robot },
-            view::Act::Cut(edge) => {
+            crate::view::Act::Restart(robot) => Event::Restart { robot },
+            crate::view::Act::Cut(edge) => {
                 self.link_event(now_ns, "cut", edge);
                 let fault = self.new_fault(&FaultKind::Link { edge, kind: LinkFaultKind::Cut });
                 Event::Cut { edge, fault }
             }
-            view::Act::Mend(edge) => {
+            crate::view::Act::Mend(edge) => {
                 self.link_event(now_ns, "mend", edge);
                 Event::Mend { edge }
             }
@@ -73,7 +77,7 @@ impl Run<'_> {
     }
 
     /// Whether it can be done now.
-    fn makes_sense(&self, act: view::Act) -> Result<(), Refusal> {
+    fn makes_sense(&self, act: crate::view::Act) -> Result<(), Refusal> {
         let name = |robot: usize| self.journal.name(robot);
         let is = |robot: usize| match self.lives.seat(robot) {
             Seat::Starting => "starting",
@@ -100,12 +104,12 @@ impl Run<'_> {
             }
         };
         match act {
-            view::Act::Kill(robot) => of_robot(robot, &["starting", "moving", "frozen"]),
-            view::Act::Freeze(robot) => of_robot(robot, &["moving"]),
-            view::Act::Thaw(robot) => of_robot(robot, &["frozen"]),
-            view::Act::Restart(robot) => of_robot(robot, &["dead"]),
-            view::Act::Cut(edge) => of_edge(edge, false),
-            view::Act::Mend(edge) => of_edge(edge, true),
+            crate::view::Act::Kill(robot) => of_robot(robot, &["starting", "moving", "frozen"]),
+            crate::view::Act::Freeze(robot) => of_robot(robot, &["moving"]),
+            crate::view::Act::Thaw(robot) => of_robot(robot, &["frozen"]),
+            crate::view::Act::Restart(robot) => of_robot(robot, &["dead"]),
+            crate::view::Act::Cut(edge) => of_edge(edge, false),
+            crate::view::Act::Mend(edge) => of_edge(edge, true),
         }
     }
 

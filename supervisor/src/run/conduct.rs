@@ -19,7 +19,7 @@ use crate::child::Child;
 use crate::cores::{Cores, Placement};
 use crate::spawn::Launcher;
 use experiment::scenario::Scenario;
-use results::usage::Usage;
+use outcome::results::usage::Usage;
 
 /// How long one turn of the loop waits for news.
 const TURN: Duration = Duration::from_millis(2);

@@ -12,7 +12,7 @@ use crate::descriptors;
 use crate::room::RoomError;
 use crate::run::kept::{Died, GivenUp};
 use crate::spawn::SpawnError;
-use results::run_dir::RunDirError;
+use outcome::results::run_dir::RunDirError;
 
 /// Every robot must be ready within this, at the start and at a restart. In lockstep only what it
 /// spends computing or blocked counts.

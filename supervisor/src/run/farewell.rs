@@ -7,9 +7,9 @@ use super::Run;
 use super::error::RunError;
 use super::hosts::coordinator::Hosts;
 use crate::scheduler::Trace;
-use metrics::summary::ProcessUsage;
-use results::outcome::Outcome;
-use results::usage;
+use outcome::metrics::summary::ProcessUsage;
+use outcome::results::outcome::Outcome;
+use outcome::results::usage;
 
 /// Children asked to end are killed after this.
 const GRACE: Duration = Duration::from_secs(2);

@@ -1,6 +1,6 @@
 //! What became of goals from outside, over all processes that ever took them. Pure.
 
-use metrics::summary::GoalSummary;
+use outcome::metrics::summary::GoalSummary;
 use protocol::message::GoalCounts;
 
 /// The counts so far.

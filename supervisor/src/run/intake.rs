@@ -12,9 +12,9 @@ use super::goals::Goals;
 use super::lives::Lives;
 use super::reports::Report;
 use super::services::Services;
-use metrics::summary::ProcessUsage;
-use results::latency::Latency;
-use results::outcome::Outcome;
+use outcome::metrics::summary::ProcessUsage;
+use outcome::results::latency::Latency;
+use outcome::results::outcome::Outcome;
 
 /// How often latencies are looked at, and in real time reports; each look costs a little for every
 /// robot.

@@ -4,13 +4,13 @@
 //! In which order reports arrive is the machine's doing. So a line waits here until everything up
 //! to its time is known, and is written in an order that only the run decides.
 
+use crate::view::View;
 use protocol::message::Contact;
-use view::View;
 
 use crate::live;
-use metrics::{Metrics, Turn};
-use results::goals;
-use results::run_dir::{RunDir, RunDirError};
+use outcome::metrics::{Metrics, Turn};
+use outcome::results::goals;
+use outcome::results::run_dir::{RunDir, RunDirError};
 
 /// What is told, and whom.
 pub struct Journal<'a> {
@@ -167,7 +167,7 @@ mod tests {
 
     use experiment::examples::row_of_three;
     use experiment::scenario::{Fault, FaultKind};
-    use metrics::examples::{header, rows};
+    use outcome::metrics::examples::{header, rows};
     use protocol::brief::Pace;
     use protocol::fault::LinkFaultKind;
 

@@ -4,8 +4,8 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use metrics::summary::ProcessUsage;
-use results::usage::Usage;
+use outcome::metrics::summary::ProcessUsage;
+use outcome::results::usage::Usage;
 
 use crate::child::{self, Child};
 use crate::dead_nodes::{Cleaner, Dead};

@@ -28,9 +28,9 @@ use crate::spawn::{Launcher, Role};
 use crate::timeline::Timeline;
 use experiment::briefs;
 use experiment::scenario::Scenario;
-use metrics::Metrics;
-use results::latency::Latency;
-use results::run_dir::RunDir;
+use outcome::metrics::Metrics;
+use outcome::results::latency::Latency;
+use outcome::results::run_dir::RunDir;
 
 impl<'a> Run<'a> {
     /// Makes the run root and all services, writes the briefs and starts every process. `by_hand`:

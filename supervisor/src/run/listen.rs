@@ -11,7 +11,7 @@ use super::lives::{Event, Seat};
 use super::reports::News;
 use crate::live;
 use crate::room;
-use results::scene;
+use outcome::results::scene;
 
 /// The plant may send as fast as they are taken: after so many it is time for reports and deaths.
 const TRUTHS_PER_TURN: usize = 64;

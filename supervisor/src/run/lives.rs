@@ -11,7 +11,7 @@ mod tests;
 use std::collections::BTreeMap;
 
 use experiment::scenario::{AfterDeath, RestartPolicy};
-use metrics::fault::End;
+use outcome::metrics::fault::End;
 
 pub use event::{Death, Effect, Event, Who};
 

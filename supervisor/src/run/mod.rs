@@ -46,12 +46,12 @@ mod services;
 use std::collections::VecDeque;
 use std::time::Instant;
 
+use crate::view::View;
 use protocol::message::LinkFaultByHand;
 use protocol::process::{Stop, exit};
 use protocol::run_root::RunRoot;
 use protocol::service::{Node, Publisher};
 use rustix::event::{PollFd, PollFlags};
-use view::View;
 
 use crate::dead_nodes::{Cleaner, Dead};
 use crate::live;
@@ -67,8 +67,8 @@ use intake::Intake;
 use journal::Journal;
 use kept::{Died, GivenUp, Kept};
 use lives::{Event, Lives, Seat};
+use outcome::results::outcome::Outcome;
 use processes::Processes;
-use results::outcome::Outcome;
 use services::Services;
 
 /// A run under way.
@@ -83,7 +83,7 @@ pub struct Run<'a> {
     timeline: Timeline,
     lives: Lives,
     /// What was asked for by hand, and is yet to be done or refused.
-    asked: VecDeque<view::Request>,
+    asked: VecDeque<crate::view::Request>,
     journal: Journal<'a>,
     // In the order in which they must go: processes before services before the run root.
     processes: Processes,

@@ -12,8 +12,8 @@ use super::hosts::remote::Remote;
 use super::load::Load;
 use crate::child::{self, Child};
 use crate::spawn::{Launcher, Role, SpawnError};
-use results::programs::Started;
-use results::usage::Usage;
+use outcome::results::programs::Started;
+use outcome::results::usage::Usage;
 
 /// How many lines of a dead child's log are shown.
 pub(super) const LOG_LINES: usize = 8;

@@ -17,7 +17,7 @@ use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use metrics::summary::{Holder, SchedulerTrace};
+use outcome::metrics::summary::{Holder, SchedulerTrace};
 use protocol::clock::{self, golden_phase};
 use rustix::thread::{CpuSet, sched_getaffinity};
 

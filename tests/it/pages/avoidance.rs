@@ -7,7 +7,7 @@ use experiment::briefs;
 use experiment::scenario::Scenario;
 use experiment::scenario::diagnostic::Diagnostic;
 use experiment::scenario::read::{Overrides, read};
-use metrics::Measures;
+use outcome::metrics::Measures;
 use protocol::brief::Pace;
 
 use super::{assert_row, blocks};

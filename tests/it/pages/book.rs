@@ -1,7 +1,7 @@
 //! `README.md`, `CONTRIBUTING.md` and the book in `docs/`: each block of shell is what the command line
 //! takes, and is run if it can be; each block of TOML is read.
 //!
-//! A page is followed from its top in a folder of its own, which has `scenarios/` and `examples/`. A block whose first
+//! A page is followed from its top in a folder of its own, which has `scenarios/` and `bindings/`. A block whose first
 //! line is `# NAME` is the file of that name. A block of text right after a block of shell is what that
 //! one prints, on both streams; `...` in it stands for anything. A command that ends with another exit
 //! code than 0 says so: `# exit code 1`.
@@ -23,7 +23,7 @@ const ELSEWHERE: &[&str] = &[
     "bench/",
     "proof/",
     "target/",
-    "release/",
+    ".ci/",
     "docker ",
     "pip ",
     ". ",
@@ -41,7 +41,7 @@ const PYTHON: &[&str] = &["docs/how-to/graph.md", "docs/how-to/analyse.md"];
 
 /// Pages about the Python package, which `tests/python/install` installs.
 const PACKAGE: &[&str] = &[
-    "python/README.md",
+    "bindings/python/README.md",
     "docs/tutorial/python.md",
     "docs/how-to/plant.md",
     "docs/hardware.md",
@@ -88,7 +88,8 @@ fn blocks(page: &str) -> Vec<Block> {
 
 /// Every page: path and text.
 fn pages() -> Vec<(String, String)> {
-    let mut paths = vec!["README.md".into(), "CONTRIBUTING.md".into(), "python/README.md".into()];
+    let mut paths =
+        vec!["README.md".into(), "CONTRIBUTING.md".into(), "bindings/python/README.md".into()];
     let mut folders = vec![PathBuf::from("docs")];
     while let Some(folder) = folders.pop() {
         for entry in std::fs::read_dir(Path::new(ROOT).join(&folder)).unwrap() {
@@ -159,7 +160,7 @@ fn every_command_of_every_page_is_one_that_the_program_takes() {
                         "bench/",
                         "proof/",
                         "target/",
-                        "release/",
+                        ".ci/",
                         "docker ",
                         "pip ",
                         ". ",
@@ -225,7 +226,7 @@ fn every_block_of_toml_has_only_keys_of_scenarios_campaigns_or_fleets() {
                 found += 1;
                 continue;
             }
-            let campaign = campaign::keys::format();
+            let campaign = experiment::campaign::keys::format();
             let format = if table.contains_key("scenario") { &campaign } else { &format };
             assert_keys(&at, &table, format.root(), format);
             found += 1;
@@ -275,7 +276,7 @@ struct Reader {
 impl Reader {
     fn of(path: &str) -> Reader {
         let folder = tempfile::tempdir().unwrap();
-        for shipped in ["scenarios", "examples"] {
+        for shipped in ["scenarios", "bindings"] {
             let target = Path::new(ROOT).join(shipped);
             std::os::unix::fs::symlink(target, folder.path().join(shipped)).unwrap();
         }
@@ -442,7 +443,6 @@ fn what_the_page_about_laws_in_cpp_says_happens() {
     for path in CPP {
         let reader = Reader::of(path);
         let there = reader.folder.path();
-        std::os::unix::fs::symlink(Path::new(ROOT).join("c"), there.join("c")).unwrap();
         std::fs::create_dir(there.join("target")).unwrap();
         std::os::unix::fs::symlink(crate::cpp::library(), there.join("target/release")).unwrap();
         reader.follow();
@@ -452,7 +452,8 @@ fn what_the_page_about_laws_in_cpp_says_happens() {
 #[test]
 fn the_page_about_laws_in_cpp_shows_the_example() {
     let page = std::fs::read_to_string(Path::new(ROOT).join(CPP[0])).unwrap();
-    let example = std::fs::read_to_string(Path::new(ROOT).join("examples/cpp/tanh.cpp")).unwrap();
+    let example =
+        std::fs::read_to_string(Path::new(ROOT).join("bindings/c/examples/tanh.cpp")).unwrap();
     let shown = blocks(&page).into_iter().find(|block| file_name(block) == Some("vee/tanh.cpp"));
     assert_eq!(shown.expect("the law").text, format!("// vee/tanh.cpp\n{example}"));
 }
@@ -462,7 +463,7 @@ fn the_page_about_a_policy_shows_the_example() {
     let page = std::fs::read_to_string(Path::new(ROOT).join("docs/how-to/policy.md")).unwrap();
     let shown = blocks(&page);
     for name in ["policy.py", "train.py", "drive.py", "laws.toml"] {
-        let file = Path::new(ROOT).join("examples/policy").join(name);
+        let file = Path::new(ROOT).join("bindings/python/examples/policy").join(name);
         let file = std::fs::read_to_string(file).unwrap();
         let name = format!("policy/{name}");
         let block = shown.iter().find(|block| file_name(block) == Some(&name));

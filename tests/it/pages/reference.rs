@@ -62,7 +62,7 @@ fn the_page_of_scenario_keys_is_what_the_program_writes() {
 fn the_page_of_campaign_files_is_what_the_program_writes_and_lists_every_key() {
     assert_page("campaign.md", &phalanx(&["schema", "--campaign", "--markdown"]));
     let page = page("campaign.md");
-    for section in &campaign::keys::format().sections {
+    for section in &experiment::campaign::keys::format().sections {
         let heading = match section.name {
             "campaign" => "The whole campaign file".to_owned(),
             name => format!("`{name}`"),
@@ -89,9 +89,10 @@ fn the_page_of_fleet_files_is_what_their_reader_says_and_lists_every_key() {
 #[test]
 fn the_page_of_files_lists_every_column_of_a_campaigns_tables() {
     let page = page("files.md");
-    for (table, columns) in
-        [("runs.csv", &campaign::table::COLUMNS[..]), ("timing.csv", &campaign::table::TIMING)]
-    {
+    for (table, columns) in [
+        ("runs.csv", &outcome::campaign::table::COLUMNS[..]),
+        ("timing.csv", &outcome::campaign::table::TIMING),
+    ] {
         let columns: Vec<&str> = columns.iter().map(|(name, _)| *name).collect();
         assert_eq!(listed(&page, &format!("`{table}`")), columns, "{table}");
     }

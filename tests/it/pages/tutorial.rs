@@ -6,8 +6,8 @@ use agent::laws::{Gains, Law, LawRow, Situation};
 use agent::roles::FORMATION;
 use experiment::scenario::Scenario;
 use experiment::scenario::read::{Overrides, read};
+use outcome::report::digits::digits;
 use protocol::catalog::Catalog;
-use report::digits::digits;
 
 use super::{assert_row, blocks};
 use crate::oracle;

@@ -96,7 +96,7 @@ fn robots_at_the_end_of_serial_lines_are_not_driven_faster_than_time_passes() {
 fn robots_that_do_not_stand_where_the_scenario_has_them_are_not_driven() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["driver.py", "stub.py", "devices.json", "pair.toml"] {
-        let from = Path::new(ROOT).join("examples/serial").join(name);
+        let from = Path::new(ROOT).join("bindings/python/examples/serial").join(name);
         std::fs::copy(from, folder.path().join(name)).unwrap();
     }
     let driver = folder.path().join("driver.py");

@@ -139,7 +139,7 @@ fn without_pandas_a_frame_says_what_to_install_and_everything_else_works() {
 fn the_notebook_runs_from_its_top_to_its_end() {
     let desk = Desk::new();
     let nbclient = Path::new(ROOT).join("tests/python/by_nbclient.py");
-    let notebook = Path::new(ROOT).join("examples/first_look.ipynb");
+    let notebook = Path::new(ROOT).join("bindings/python/examples/first_look.ipynb");
     let output = desk.python(&[nbclient.to_str().unwrap(), notebook.to_str().unwrap()]);
     let (said, why) =
         (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));

@@ -17,7 +17,7 @@ use super::remote::Remote;
 use crate::dead_nodes::Cleaner;
 use crate::run::RunError;
 use crate::run::kept::Kept;
-use metrics::summary::HostSummary;
+use outcome::metrics::summary::HostSummary;
 
 /// How often orders are told.
 const TELL_EVERY: Duration = Duration::from_millis(20);

@@ -25,8 +25,8 @@ use crate::run::kept::{Kept, Which};
 use crate::spawn::{Launcher, Role};
 use experiment::briefs;
 use experiment::scenario::Scenario;
-use results::host_dir::HostDir;
-use results::programs::Started;
+use outcome::results::host_dir::HostDir;
+use outcome::results::programs::Started;
 
 /// How long one turn of the loop waits for news.
 const TURN: Duration = Duration::from_millis(2);

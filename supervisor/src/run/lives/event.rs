@@ -1,6 +1,6 @@
 //! What may happen to a robot's process, and what is to be done about it.
 
-use metrics::fault::End;
+use outcome::metrics::fault::End;
 
 /// On whose account something is done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,0 +1,59 @@
+"""PEP 517: maturin's backend, and the program `phalanx` as a script in the wheel.
+
+Settings, as in ``pip install ./bindings/python -C profile=dev``:
+
+* ``profile``: cargo's profile for both halves (default: release);
+* ``program``: a `phalanx` that is built already, to be packed instead of building one.
+"""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import maturin
+from maturin import (  # noqa: F401  (hooks of PEP 517)
+    get_requires_for_build_editable,
+    get_requires_for_build_sdist,
+    get_requires_for_build_wheel,
+    prepare_metadata_for_build_editable,
+    prepare_metadata_for_build_wheel,
+)
+
+PACKAGE = Path(__file__).resolve().parent.parent
+ROOT = PACKAGE.parent.parent
+# What is in it becomes a script of the wheel; maturin asks for the folder even where it only names things.
+SCRIPTS = PACKAGE / "phalanx.data" / "scripts"
+SCRIPTS.mkdir(parents=True, exist_ok=True)
+
+
+def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
+    _prepare(config_settings or {})
+    return maturin.build_wheel(wheel_directory, None, metadata_directory)
+
+
+def build_editable(wheel_directory, config_settings=None, metadata_directory=None):
+    _prepare(config_settings or {})
+    return maturin.build_editable(wheel_directory, None, metadata_directory)
+
+
+def build_sdist(sdist_directory, config_settings=None):
+    raise RuntimeError(
+        "a source distribution would lack the rest of the workspace: "
+        "install from a clone with `pip install ./bindings/python`, or build a wheel with `pip wheel ./python`"
+    )
+
+
+def _prepare(settings):
+    """Puts the program in its place, and tells maturin the profile."""
+    profile = settings.get("profile", "release")
+    # One folder for both halves: what they share is built once.
+    target = Path(os.environ.setdefault("CARGO_TARGET_DIR", str(ROOT / "target")))
+    os.environ["MATURIN_PEP517_ARGS"] = f"--profile {profile}"
+    program = settings.get("program")
+    if program is None:
+        build = ["cargo", "build", "--locked", "--profile", profile, "--bin", "phalanx"]
+        subprocess.run(build, cwd=ROOT, check=True)
+        # Cargo's folder for the profile dev has another name.
+        program = target / {"dev": "debug"}.get(profile, profile) / "phalanx"
+    shutil.copy2(program, SCRIPTS / "phalanx")

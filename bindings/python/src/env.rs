@@ -1,0 +1,243 @@
+//! An episode for training: a run in lockstep in this process, whose robots do what Python says.
+
+use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard};
+
+use agent::brain::{Brain, Parts};
+use agent::laws::{self, Law, Wish};
+use agent::program::Level;
+use agent::{avoidance, roles};
+use experiment::scenario::read::{Overrides, read};
+use experiment::scenario::{FaultKind, Scenario};
+use formation::Vec2;
+use outcome::metrics::hash::TrajectoryHash;
+use phalanx::in_process::{self, InProcess};
+use protocol::brief::AgentBrief;
+use protocol::message::TruthRow;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::situation::{Names, Situation};
+
+type Think = Box<dyn Fn(&AgentBrief, u64) -> Brain + Send>;
+
+/// One episode of an environment.
+#[pyclass(frozen, module = "phalanx")]
+pub struct Episode(Mutex<Inner>);
+
+struct Inner {
+    run: InProcess<Think>,
+    robots: Vec<Robot>,
+    hash: TrajectoryHash,
+    period_s: f64,
+    speed_max_m_s: f64,
+    seed: u64,
+    level: Level,
+}
+
+struct Robot {
+    name: String,
+    front_point_m: f64,
+    names: Names,
+    /// Whether its actions come from outside.
+    learns: bool,
+}
+
+#[pymethods]
+impl Episode {
+    /// The scenario with these assignments and faults, at its start. `robots`: the names of those that do
+    /// what [`Episode::step`] says; none: all.
+    #[new]
+    fn new(
+        scenario: PathBuf,
+        set: Vec<String>,
+        faults: Vec<String>,
+        seed: Option<u64>,
+        robots: Option<Vec<String>>,
+        twists: bool,
+    ) -> PyResult<Episode> {
+        let overrides = Overrides { set, faults, seed };
+        let (scenario, ..) = read(&scenario, &overrides, &agent::catalog())
+            .map_err(|diagnostic| PyValueError::new_err(diagnostic.render(false)))?;
+        let level = if twists { Level::Controller } else { Level::Law };
+        let inner = Inner::new(scenario, robots, level).map_err(PyValueError::new_err)?;
+        Ok(Episode(Mutex::new(inner)))
+    }
+
+    /// Name, ell in m and number of in-neighbours of each robot whose actions come from outside.
+    #[getter]
+    fn robots(&self) -> Vec<(String, f64, usize)> {
+        let inner = self.inner();
+        let learn = inner.robots.iter().filter(|robot| robot.learns);
+        learn.map(|robot| (robot.name.clone(), robot.front_point_m, robot.names.len())).collect()
+    }
+
+    #[getter]
+    fn period_s(&self) -> f64 {
+        self.inner().period_s
+    }
+
+    #[getter]
+    fn speed_max_m_s(&self) -> f64 {
+        self.inner().speed_max_m_s
+    }
+
+    #[getter]
+    fn seed(&self) -> u64 {
+        self.inner().seed
+    }
+
+    #[getter]
+    fn is_over(&self) -> bool {
+        self.inner().run.is_over()
+    }
+
+    #[getter]
+    fn trajectory_hash(&self) -> String {
+        self.inner().hash.finish()
+    }
+
+    /// What this robot knows now; none if it has nothing to go by, or does not take part.
+    fn situation(&self, robot: &str) -> PyResult<Option<Situation>> {
+        let inner = self.inner();
+        let i = inner.place(robot)?;
+        let situation = inner.run.situation(i);
+        Ok(situation.map(|situation| Situation::of(&situation, &inner.robots[i].names)))
+    }
+
+    /// Whether it was killed, and nothing restarts it.
+    fn is_gone(&self, robot: &str) -> PyResult<bool> {
+        let inner = self.inner();
+        Ok(inner.run.is_gone(inner.place(robot)?))
+    }
+
+    /// Everybody acts, and a period passes. Two numbers for each robot of `actions`; the others stand.
+    fn step(&self, actions: Vec<(String, [f64; 2])>) -> PyResult<()> {
+        let mut inner = self.inner();
+        let mut wishes = vec![Wish::Velocity(Vec2::zeros()); inner.robots.len()];
+        for (name, action) in actions {
+            if !action.iter().all(|number| number.is_finite()) {
+                let expected = inner.level.expected();
+                let action = format!("({}, {})", action[0], action[1]);
+                let why = format!("the action of {name} is {action}, expected {expected}");
+                return Err(PyValueError::new_err(why));
+            }
+            wishes[inner.place(&name)?] = inner.level.wish(action);
+        }
+        if !inner.run.is_over() {
+            inner.step(&wishes);
+        }
+        Ok(())
+    }
+}
+
+impl Episode {
+    fn inner(&self) -> MutexGuard<'_, Inner> {
+        // What a panic left behind is asked no more: it is an exception in Python.
+        self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    }
+}
+
+impl Inner {
+    fn new(scenario: Scenario, robots: Option<Vec<String>>, level: Level) -> Result<Inner, String> {
+        let known = || -> Vec<&str> { scenario.robots.iter().map(|robot| &*robot.name).collect() };
+        if let Some(asked) = &robots {
+            for name in asked {
+                if !known().contains(&name.as_str()) {
+                    return Err(format!(
+                        "no robot is called {name:?}; there are {}",
+                        known().join(", ")
+                    ));
+                }
+            }
+        }
+        if scenario.plant.is_some() {
+            return Err(
+                "a program moves the robots ([plant]), which an environment does not start".into(),
+            );
+        }
+        if scenario.faults.iter().any(|fault| fault.kind == FaultKind::KillPlant) {
+            return Err(
+                "a fault kills the plant, which an environment does not have as a process".into()
+            );
+        }
+        let learns =
+            move |name: &str| robots.as_ref().is_none_or(|asked| asked.iter().any(|n| n == name));
+        let mut all = Vec::new();
+        for brief in in_process::agents(&scenario) {
+            brain(&brief, 0, learns(&brief.name))?;
+            all.push(Robot {
+                front_point_m: brief.front_point_m,
+                names: Names::of_those_heard(&brief),
+                learns: learns(&brief.name),
+                name: brief.name,
+            });
+        }
+        let (period_s, seed) = (scenario.period_ns as f64 / 1e9, scenario.seed);
+        let speed_max_m_s = match scenario.method.clamps_speed {
+            true => scenario.avoidance.speed_max_m_s,
+            false => f64::INFINITY,
+        };
+        let think: Think = Box::new(move |brief: &AgentBrief, incarnation| {
+            brain(brief, incarnation, learns(&brief.name)).expect("it was made before")
+        });
+        let run = InProcess::new(scenario, think);
+        let hash = TrajectoryHash::new();
+        let mut inner = Inner { run, robots: all, hash, period_s, speed_max_m_s, seed, level };
+        inner.look();
+        Ok(inner)
+    }
+
+    /// The place of a robot in the scenario, from 0.
+    fn place(&self, name: &str) -> PyResult<usize> {
+        let found = self.robots.iter().position(|robot| robot.name == name);
+        found.ok_or_else(|| PyValueError::new_err(format!("no robot is called {name:?}")))
+    }
+
+    fn step(&mut self, wishes: &[Wish]) {
+        let robots = &self.robots;
+        self.run.step(|i, brain| if robots[i].learns { wishes[i] } else { brain.wish() });
+        self.look();
+    }
+
+    /// Everybody senses the tick at hand.
+    fn look(&mut self) {
+        let truth: Vec<TruthRow> = self.run.world().truth().collect();
+        self.hash.update(self.run.tick(), &truth);
+        self.run.sense(|_| {});
+    }
+}
+
+/// The brain of a robot that is told what to do, or that has a law.
+fn brain(brief: &AgentBrief, incarnation: u64, is_told: bool) -> Result<Brain, String> {
+    let told = |error: &dyn std::fmt::Display| format!("{}: {error}", brief.name);
+    if !is_told {
+        if brief.program.is_some() {
+            let (name, law) = (&brief.name, &brief.law);
+            return Err(format!(
+                "{name} has the law {law:?} of a program, which an environment does not start: \
+                 let {name} be one of its agents, or give it another law"
+            ));
+        }
+        return Brain::new(brief, incarnation).map_err(|error| told(&error));
+    }
+    let role = match &brief.program {
+        Some(program) => roles::row(&program.role),
+        None => Ok(laws::row(&brief.law).map_err(|error| told(&error))?.role),
+    };
+    let parts = Parts {
+        role: role.and_then(|row| row.make(brief)).map_err(|error| told(&error))?,
+        law: Box::new(Unasked),
+        avoidance: avoidance::build(brief).map_err(|error| told(&error))?,
+    };
+    Ok(Brain::with_parts(brief, incarnation, parts))
+}
+
+/// Stands where a law would: what the robot wants comes from outside.
+struct Unasked;
+
+impl Law for Unasked {
+    fn gamma(&mut self, _: &laws::Situation<'_>) -> Vec2 {
+        Vec2::zeros()
+    }
+}

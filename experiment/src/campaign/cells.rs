@@ -1,0 +1,229 @@
+//! The runs of a campaign: each a scenario that is known to be sound, the command line that runs it,
+//! and its identity.
+//!
+//! The identity is the SHA-256 of the pace, of the effective scenario with all defaults written out
+//! and every graph that it names in it, of the programs that its robots run, and of the executable: what has the same identity is the
+//! same run.
+
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+use crate::scenario::Scenario;
+use crate::scenario::diagnostic::Diagnostic;
+use crate::scenario::read::{Overrides, folder, read_to_run};
+use crate::scenario::written_out::written_out;
+use protocol::catalog::Catalog;
+use sha2::{Digest, Sha256};
+
+use crate::campaign::axes::{AxisKind, NONE, Setting};
+use crate::campaign::file::Campaign;
+use crate::campaign::starts::NoStarts;
+
+/// One run of a campaign.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cell {
+    /// The point of the grid.
+    pub point: usize,
+    /// Its seed.
+    pub seed: u64,
+    /// 64 hexadecimal digits; its directory is called so.
+    pub id: String,
+    /// The scenario file that it begins with.
+    pub scenario: PathBuf,
+    /// What makes it of the scenario.
+    pub overrides: Overrides,
+    /// d, m.
+    pub distance_min_m: f64,
+    /// How long it runs, s.
+    pub duration_s: f64,
+}
+
+/// Why a campaign has a run that cannot be.
+#[derive(Debug, thiserror::Error)]
+pub enum CellError {
+    /// Its scenario is refused.
+    #[error("{diagnostic}")]
+    Scenario {
+        /// Why.
+        diagnostic: Box<Diagnostic>,
+        /// Which run, in words.
+        run: String,
+    },
+    /// A file of a program that its robots run cannot be read.
+    #[error("cannot read {}: {source} ({run})", path.display())]
+    Program {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+        /// Which run, in words.
+        run: String,
+    },
+    /// No starts can be drawn for it.
+    #[error("{source} ({run})")]
+    Starts {
+        /// Why.
+        source: NoStarts,
+        /// Which run, in words.
+        run: String,
+    },
+}
+
+/// All runs: seeds within points of the grid.
+pub fn cells(
+    campaign: &Campaign,
+    catalog: &Catalog,
+    executable: &str,
+) -> Result<Vec<Cell>, CellError> {
+    let mut cells = Vec::new();
+    for point in 0..campaign.points() {
+        let settings = campaign.at(point);
+        let overrides = overrides(campaign, &settings);
+        // The last axis that has one counts.
+        let cases = || settings.iter().rev().map(|setting| &setting.case);
+        let file = cases().find_map(|case| case.scenario.as_ref()).unwrap_or(&campaign.scenario);
+        let starts = cases().find_map(|case| case.starts.as_ref()).or(campaign.starts.as_ref());
+        // The first run of a point tells of which robots there are.
+        let mut robots: Option<Scenario> = None;
+        let seeds: Vec<Option<u64>> = match campaign.seeds.is_empty() {
+            true => vec![None],
+            false => campaign.seeds.iter().copied().map(Some).collect(),
+        };
+        for seed in seeds {
+            let run = || in_words(campaign, &settings, seed);
+            let refused =
+                |diagnostic| CellError::Scenario { diagnostic: Box::new(diagnostic), run: run() };
+            let read =
+                |overrides: &Overrides| read_to_run(file, overrides, catalog).map_err(refused);
+            let mut overrides = Overrides { seed, ..overrides.clone() };
+            if let (Some(starts), Some(seed)) = (starts, seed) {
+                if robots.is_none() {
+                    robots = Some(read(&overrides)?.0);
+                }
+                let drawn = starts.draw(robots.as_ref().expect("just read"), seed);
+                overrides
+                    .set
+                    .extend(drawn.map_err(|source| CellError::Starts { source, run: run() })?);
+            }
+            let (scenario, text, _) = read(&overrides)?;
+            let mut hash = Sha256::new();
+            for part in [campaign.pace.word(), &written_out(&text, catalog), executable] {
+                hash.update((part.len() as u64).to_le_bytes());
+                hash.update(part);
+            }
+            for (name, path) in programs(&scenario, file) {
+                let text = std::fs::read(&path).map_err(|source| CellError::Program {
+                    path: path.clone(),
+                    source,
+                    run: run(),
+                })?;
+                hash.update((name.len() as u64).to_le_bytes());
+                hash.update(name);
+                hash.update((text.len() as u64).to_le_bytes());
+                hash.update(text);
+            }
+            cells.push(Cell {
+                point,
+                seed: scenario.seed,
+                id: hex(&hash.finalize()),
+                scenario: file.clone(),
+                overrides,
+                distance_min_m: scenario.avoidance.distance_min_m,
+                duration_s: formation::seconds(scenario.duration_ns),
+            });
+        }
+    }
+    Ok(cells)
+}
+
+/// The files of the programs that robots run, with where they are.
+fn programs<'s>(scenario: &'s Scenario, path: &Path) -> Vec<(&'s str, PathBuf)> {
+    scenario.programs().flat_map(|program| program.files(folder(path))).collect()
+}
+
+/// What all runs at a point of the grid change.
+fn overrides(campaign: &Campaign, settings: &[&Setting]) -> Overrides {
+    let mut overrides = Overrides { set: campaign.set.clone(), ..Overrides::default() };
+    let mut templates = campaign.faults.clone();
+    for (axis, setting) in campaign.axes.iter().zip(settings) {
+        match axis.kind {
+            AxisKind::Key => overrides.set.push(format!("{}={}", axis.key, setting.toml)),
+            AxisKind::Fault => overrides.faults.extend(setting.faults.iter().cloned()),
+            AxisKind::Cases => {
+                overrides.set.extend(setting.case.set.iter().cloned());
+                overrides.faults.extend(setting.faults.iter().cloned());
+            }
+            AxisKind::InFaults => {
+                let placeholder = format!("{{{}}}", axis.key);
+                if setting.shown == NONE {
+                    templates.retain(|fault| !fault.contains(&placeholder));
+                }
+                for fault in &mut templates {
+                    *fault = fault.replace(&placeholder, &setting.shown);
+                }
+            }
+        }
+    }
+    overrides.faults.extend(templates);
+    overrides
+}
+
+fn in_words(campaign: &Campaign, settings: &[&Setting], seed: Option<u64>) -> String {
+    let mut words = String::from("in the run");
+    let axes = campaign.axes.iter().zip(settings);
+    let mut with = " with";
+    for (key, value) in axes.map(|(axis, setting)| (axis.key.as_str(), setting.shown.clone())) {
+        let _ = write!(words, "{with} {key} = {value}");
+        with = ",";
+    }
+    if let Some(seed) = seed {
+        let _ = write!(words, "{with} seed {seed}");
+    }
+    words + &format!(" of {}", campaign.path.display())
+}
+
+impl Cell {
+    /// The words of the command line that runs it into its directory `to`, behind the executable.
+    pub fn words(&self, campaign: &Campaign, to: &Path) -> Vec<String> {
+        let text = |path: &Path| path.to_string_lossy().into_owned();
+        // Whoever runs it from wherever.
+        let scenario = self.scenario.canonicalize();
+        let mut words = vec![
+            "run".to_owned(),
+            text(scenario.as_deref().unwrap_or(&self.scenario)),
+            "--pace".into(),
+            campaign.pace.word().into(),
+        ];
+        if let Some(seed) = self.overrides.seed {
+            words.extend(["--seed".into(), seed.to_string()]);
+        }
+        for set in &self.overrides.set {
+            words.extend(["--set".into(), set.clone()]);
+        }
+        for fault in &self.overrides.faults {
+            words.extend(["--fault".into(), fault.clone()]);
+        }
+        let (keep, deadline) = (campaign.keep.word(), campaign.deadline_s.to_string());
+        words.extend(["--cell".into(), text(to), "--keep".into(), keep.into()]);
+        words.extend(["--deadline-s".into(), deadline]);
+        words
+    }
+}
+
+/// The SHA-256 of this very executable.
+pub fn executable() -> io::Result<String> {
+    let mut file = File::open("/proc/self/exe")?;
+    let (mut hash, mut part) = (Sha256::new(), vec![0; 1 << 20]);
+    loop {
+        match file.read(&mut part)? {
+            0 => return Ok(hex(&hash.finalize())),
+            read => hash.update(&part[..read]),
+        }
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |text, byte| text + &format!("{byte:02x}"))
+}

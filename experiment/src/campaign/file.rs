@@ -1,0 +1,503 @@
+//! A campaign file becomes a [`Campaign`]: read with the diagnostics of scenarios. Whether each run
+//! of it makes sense is asked in `cells`.
+
+use std::path::{Path, PathBuf};
+
+use crate::scenario::diagnostic::{Diagnostic, Source};
+use crate::scenario::file::load;
+use crate::scenario::keys::{Format, Takes};
+use crate::scenario::read::toml;
+use crate::scenario::table::{Document, Table, Value};
+use protocol::brief::Pace;
+use protocol::catalog::Catalog;
+use toml::de::DeValue;
+
+use crate::campaign::axes::{Axis, AxisKind, Case, Setting, axis, spelled};
+use crate::campaign::keys;
+use crate::campaign::starts::Starts;
+
+/// More runs than this are a slip of the keyboard.
+const RUNS_MAX: usize = 1_000_000;
+
+/// Many runs of one scenario.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Campaign {
+    /// Its name.
+    pub name: String,
+    /// Its file.
+    pub path: PathBuf,
+    /// The scenario's file.
+    pub scenario: PathBuf,
+    /// What all runs change, as `--set` has it.
+    pub set: Vec<String>,
+    /// What runs differ in.
+    pub axes: Vec<Axis>,
+    /// Which axes move together, by their places; each axis is in exactly one of these.
+    pub groups: Vec<Vec<usize>>,
+    /// Faults of all runs, with names of axes in braces.
+    pub faults: Vec<String>,
+    /// Seeds of each point of the grid; none: the scenario's own.
+    pub seeds: Vec<u64>,
+    /// Where robots start, if not where the scenario says.
+    pub starts: Option<Starts>,
+    /// How time passes.
+    pub pace: Pace,
+    /// What is kept of each run.
+    pub keep: Keep,
+    /// Longest that a run may take, s of wall time.
+    pub deadline_s: f64,
+}
+
+/// What is kept of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Keep {
+    /// Scenario, manifest and summary.
+    Summary,
+    /// All of those that missed an expectation.
+    Failed,
+    /// All.
+    All,
+}
+
+impl Keep {
+    /// All, with their words.
+    pub const WORDS: [(&'static str, Keep); 3] =
+        [("summary", Keep::Summary), ("failed", Keep::Failed), ("all", Keep::All)];
+
+    /// The word for it.
+    pub fn word(self) -> &'static str {
+        Keep::WORDS.iter().find(|(_, keep)| *keep == self).expect("all have one").0
+    }
+}
+
+impl Campaign {
+    /// How many points the grid has.
+    pub fn points(&self) -> usize {
+        self.groups.iter().map(|group| self.axes[group[0]].settings.len()).product()
+    }
+
+    /// The settings at a point of the grid, by axis; the first group changes slowest.
+    pub fn at(&self, point: usize) -> Vec<&Setting> {
+        let mut settings: Vec<Option<&Setting>> = vec![None; self.axes.len()];
+        let mut rest = point;
+        for group in self.groups.iter().rev() {
+            let length = self.axes[group[0]].settings.len();
+            for &axis in group {
+                settings[axis] = Some(&self.axes[axis].settings[rest % length]);
+            }
+            rest /= length;
+        }
+        settings.into_iter().map(|setting| setting.expect("each axis is in a group")).collect()
+    }
+}
+
+/// Reads a campaign file; `catalog` is what the agents know.
+pub fn read(path: &Path, catalog: &Catalog) -> Result<Campaign, Diagnostic> {
+    let expected = "expected a campaign file, such as scenarios/campaigns/triangle-starts.toml";
+    let about = |what: String| Diagnostic::plain(format!("`{}` {what}", path.display()), expected);
+    let text = load(path, expected).map_err(|trouble| about(trouble.what))?;
+    read_text(path, &text, catalog)
+}
+
+/// The same of a text at hand.
+pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign, Diagnostic> {
+    let source = Source::new(path, text, false);
+    let entries = toml(text, &source)?;
+    let format = keys::format();
+    let document = Document::new(source, &format);
+    let root = Table::titled(&document, entries.get_ref(), "the campaign");
+    root.only()?;
+    let scenario_format = Format::of(catalog);
+
+    let name = root.need("name")?;
+    let name_text = name.text("expected a string")?;
+    let sound = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+    if name_text.is_empty() || name_text.starts_with('.') || !name_text.chars().all(sound) {
+        let expected = "expected letters, digits, `-`, `_` or `.`: a folder is called so";
+        return Err(name.wrong(format!("is \"{name_text}\""), expected));
+    }
+    if let Some(description) = root.get("description") {
+        description.text("expected a string")?;
+    }
+    let scenario = root.need("scenario")?;
+    let file = scenario_file(path, &scenario)?;
+
+    let templates = match root.get("faults") {
+        Some(list) => list.texts("expected a list of faults, such as [\"kill r2 @10\"]")?,
+        None => Vec::new(),
+    };
+    let set = set(&root, &scenario_format)?;
+    let mut axes = cases(&root, path, &scenario_format)?;
+    for (key, value) in leaves(&root, "vary")? {
+        let placeholder = format!("{{{key}}}");
+        let kind = match &*key {
+            "fault" => AxisKind::Fault,
+            "seed" => {
+                return Err(value.here(
+                    "`seed` is no axis".into(),
+                    "expected `seeds`, outside of all tables: which seeds each point is run with"
+                        .into(),
+                ));
+            }
+            _ if templates.iter().any(|fault| fault.contains(&placeholder)) => AxisKind::InFaults,
+            _ => {
+                known(&key, &value, &scenario_format)?;
+                AxisKind::Key
+            }
+        };
+        if axes.iter().any(|axis| axis.key == key) {
+            let expected = "expected another name for one of them".to_owned();
+            return Err(value.here(format!("`{key}` is an axis of cases too"), expected));
+        }
+        axes.push(axis(&key, kind, &value)?);
+    }
+    for fault in &templates {
+        let Some((_, rest)) = fault.split_once('{') else { continue };
+        let inner = rest.split('}').next().unwrap_or(rest);
+        if !axes.iter().any(|axis: &Axis| axis.key == inner) {
+            let list = root.need("faults")?;
+            let expected = format!("expected an axis `{inner}` in [vary], a list of its values");
+            return Err(list.wrong(format!("has `{{{inner}}}`, which is no axis"), expected));
+        }
+    }
+    let groups = groups(&root, &axes)?;
+    let campaign = Campaign {
+        name: name_text.to_owned(),
+        path: path.to_owned(),
+        scenario: file,
+        set,
+        axes,
+        groups,
+        faults: templates,
+        seeds: root.get("seeds").map_or(Ok(Vec::new()), |value| seeds(&value))?,
+        starts: root.get("starts").map(|value| Starts::read(&value)).transpose()?,
+        pace: root.word("pace", &[("lockstep", Pace::Lockstep), ("realtime", Pace::Realtime)])?,
+        keep: root.word("keep", &Keep::WORDS)?,
+        deadline_s: root.number("deadline_s")?,
+    };
+    let drawn = |setting: &Setting| setting.case.starts.is_some();
+    let drawn = campaign.axes.iter().flat_map(|axis| &axis.settings).any(drawn);
+    if (campaign.starts.is_some() || drawn) && campaign.seeds.is_empty() {
+        return Err(root.missing("seeds", "how many seeds to draw starts from, such as 100"));
+    }
+    let runs = campaign.points().saturating_mul(campaign.seeds.len().max(1));
+    if runs > RUNS_MAX {
+        let largest = root.get("vary").or_else(|| root.get("seeds"));
+        let largest = largest.or_else(|| root.get("case")).expect("one of them is long");
+        let expected = format!("expected at most {RUNS_MAX} runs");
+        return Err(largest.here(format!("the campaign has {runs} runs"), expected));
+    }
+    Ok(campaign)
+}
+
+/// The scenario file that a key names, as seen from the campaign file at `path`.
+fn scenario_file(path: &Path, scenario: &Value<'_>) -> Result<PathBuf, Diagnostic> {
+    let expected = "expected a scenario file, such as \"../scenarios/triangle.toml\"";
+    let file = path.parent().unwrap_or(Path::new("")).join(scenario.text(expected)?);
+    load(&file, expected).map_err(|trouble| {
+        scenario.wrong(format!("names `{}`, which {}", file.display(), trouble.what), expected)
+    })?;
+    Ok(file)
+}
+
+/// What `set` in a table changes, as `--set` has it.
+fn set(table: &Table<'_>, format: &Format) -> Result<Vec<String>, Diagnostic> {
+    let assignment = |(key, value): (String, Value<'_>)| {
+        known(&key, &value, format)?;
+        Ok(format!("{key}={}", spelled(value.raw())))
+    };
+    leaves(table, "set")?.into_iter().map(assignment).collect()
+}
+
+/// The axes that `[[case]]` make, in the order of the first case of each.
+fn cases(root: &Table<'_>, path: &Path, format: &Format) -> Result<Vec<Axis>, Diagnostic> {
+    let mut axes: Vec<Axis> = Vec::new();
+    for table in root.tables("case")? {
+        table.only()?;
+        let (axis, name) = (table.need("axis")?, table.need("name")?);
+        let key = axis.text("expected a string")?;
+        let shown = name.text("expected a string")?.to_owned();
+        let faults = match table.get("faults") {
+            Some(list) => list.texts("expected a list of faults, such as [\"kill r2 @10\"]")?,
+            None => Vec::new(),
+        };
+        let scenario =
+            table.get("scenario").map(|value| scenario_file(path, &value)).transpose()?;
+        let starts = table.get("starts").map(|value| Starts::read(&value)).transpose()?;
+        let case = Case { scenario, set: set(&table, format)?, starts };
+        let setting = Setting { toml: shown.clone(), shown, number: None, faults, case };
+        let place = axes.iter().position(|axis| axis.key == key).unwrap_or(axes.len());
+        if place == axes.len() {
+            let key = key.to_owned();
+            axes.push(Axis { key, kind: AxisKind::Cases, settings: Vec::new() });
+        }
+        if axes[place].settings.iter().any(|other| other.shown == setting.shown) {
+            let message = format!("is \"{}\", which the axis `{key}` has already", setting.shown);
+            return Err(name.wrong(message, "expected each value once"));
+        }
+        axes[place].settings.push(setting);
+    }
+    Ok(axes)
+}
+
+/// The keys of the scenario in a table, dotted, with their values: tables within it are parts of keys,
+/// unless they are a range.
+fn leaves<'t>(root: &Table<'t>, name: &str) -> Result<Vec<(String, Value<'t>)>, Diagnostic> {
+    let Some(value) = root.get(name) else { return Ok(Vec::new()) };
+    let mut found = Vec::new();
+    collect(&value, "", name == "vary", &mut found)?;
+    // As the file has them; a table's own order is that of its names.
+    found.sort_by_key(|(_, value)| value.span().start);
+    Ok(found)
+}
+
+fn collect<'t>(
+    value: &Value<'t>,
+    prefix: &str,
+    ranges: bool,
+    found: &mut Vec<(String, Value<'t>)>,
+) -> Result<(), Diagnostic> {
+    let entries = value.entries("expected a table of keys of the scenario")?;
+    for (key, inner) in entries {
+        let sound = !key.is_empty()
+            && key.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-' || c == '.');
+        if !sound {
+            let expected = "expected a key as in `--set`: avoidance.kind".to_owned();
+            return Err(inner.here(format!("`{key}` is not a key"), expected));
+        }
+        let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+        let inner = inner.named(&path);
+        match inner.raw() {
+            // Without keys it stands for itself: it removes those that the scenario has.
+            DeValue::Table(table) if table.is_empty() => found.push((path, inner)),
+            DeValue::Table(table) if !(ranges && table.contains_key("from")) => {
+                collect(&inner, &path, ranges, found)?;
+            }
+            _ => found.push((path, inner)),
+        }
+    }
+    Ok(())
+}
+
+/// Whether it is an empty list.
+fn removes(value: &Value<'_>) -> bool {
+    matches!(value.raw(), DeValue::Array(elements) if elements.is_empty())
+}
+
+/// Refuses a dotted key that scenarios do not have.
+fn known(path: &str, value: &Value<'_>, format: &Format) -> Result<(), Diagnostic> {
+    let mut section = format.root();
+    let mut parts = path.split('.');
+    while let Some(part) = parts.next() {
+        let Some(key) = section.key(part) else {
+            let rows: Vec<_> = section.keys.iter().collect();
+            let expected = match format.meant(section, &rows, part, true) {
+                Some(close) => format!("did you mean {close}?"),
+                None => {
+                    let names: Vec<&str> = rows.iter().map(|row| row.name).collect();
+                    format!("expected one of {}", names.join(", "))
+                }
+            };
+            return Err(value.here(format!("a scenario has no key `{path}`"), expected));
+        };
+        match key.takes {
+            Takes::Table(name) => section = format.section(name),
+            Takes::NamedTables(name) => {
+                section = format.section(name);
+                if parts.next().is_none() {
+                    let expected = format!("expected the name of one: {part}.NAME.KEY");
+                    return Err(value.here(format!("`{part}` has tables"), expected));
+                }
+            }
+            Takes::Tables(name) if name == "robot" => {
+                section = format.section(name);
+                if parts.next().is_none() {
+                    let expected = "expected the name of one: robot.r1.law".to_owned();
+                    return Err(value.here("`robot` is a list of robots".into(), expected));
+                }
+            }
+            Takes::Tables(_) if removes(value) && parts.next().is_none() => return Ok(()),
+            Takes::Tables(_) => {
+                let expected = "expected `faults`, or `fault` in [vary]; edges cannot be varied";
+                return Err(value.here(format!("`{path}` is a list of tables"), expected.into()));
+            }
+            _ if parts.clone().next().is_some() => {
+                let expected = format!("expected `{part}` alone");
+                return Err(value.here(format!("`{part}` is no table"), expected));
+            }
+            _ => return Ok(()),
+        }
+    }
+    Ok(())
+}
+
+/// Which axes move together; those of which nothing is said move alone.
+fn groups(root: &Table<'_>, axes: &[Axis]) -> Result<Vec<Vec<usize>>, Diagnostic> {
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    if let Some(zip) = root.get("zip") {
+        let expected = "expected a list of lists of axes: [[\"period_s\", \"duration_s\"]]";
+        for list in zip.elements(expected)? {
+            let mut group: Vec<usize> = Vec::new();
+            for name in list.elements(expected)? {
+                let text = name.text(expected)?;
+                let Some(place) = axes.iter().position(|axis| axis.key == text) else {
+                    let names: Vec<&str> = axes.iter().map(|axis| axis.key.as_str()).collect();
+                    let expected = format!("expected one of {}", names.join(", "));
+                    return Err(name.here(format!("`{text}` is no axis of [vary]"), expected));
+                };
+                if groups.iter().flatten().chain(&group).any(|&other| other == place) {
+                    let expected = "expected each axis once".to_owned();
+                    return Err(name.here(format!("`{text}` is in `zip` twice"), expected));
+                }
+                if let Some(&first) = group.first() {
+                    let [long, other] = [first, place].map(|axis| axes[axis].settings.len());
+                    if long != other {
+                        return Err(name.here(
+                            format!(
+                                "`{text}` has {other} values, `{}` has {long}",
+                                axes[first].key
+                            ),
+                            "expected as many: the axes move together".to_owned(),
+                        ));
+                    }
+                }
+                group.push(place);
+            }
+            if group.is_empty() {
+                return Err(list.wrong("is empty", expected));
+            }
+            groups.push(group);
+        }
+    }
+    for place in 0..axes.len() {
+        if !groups.iter().flatten().any(|&other| other == place) {
+            groups.push(vec![place]);
+        }
+    }
+    // In the order of the axes: the first changes slowest.
+    groups.sort_by_key(|group| group.iter().copied().min());
+    Ok(groups)
+}
+
+fn seeds(value: &Value<'_>) -> Result<Vec<u64>, Diagnostic> {
+    let expected = "expected how many seeds there are, a list of them, or { from, count }";
+    let whole = |value: &Value<'_>, least: u64| -> Result<u64, Diagnostic> {
+        let number = match value.raw() {
+            DeValue::Integer(integer) => {
+                u64::from_str_radix(integer.as_str(), integer.radix()).ok()
+            }
+            _ => return Err(value.wrong_type(expected)),
+        };
+        let sound = number.filter(|number| (least..=i64::MAX as u64).contains(number));
+        sound.ok_or_else(|| value.wrong("is out of range", format!("expected {least} or more")))
+    };
+    let counted = |from: u64, count: u64, at: &Value<'_>| match count as usize <= RUNS_MAX {
+        true => Ok((from..from.saturating_add(count)).collect()),
+        false => Err(at.wrong(format!("asks for {count}"), format!("expected at most {RUNS_MAX}"))),
+    };
+    match value.raw() {
+        DeValue::Integer(_) => counted(1, whole(value, 1)?, value),
+        DeValue::Array(_) => {
+            let mut seeds = Vec::new();
+            for seed in value.elements(expected)? {
+                let number = whole(&seed, 0)?;
+                if seeds.contains(&number) {
+                    return Err(seed.wrong(format!("is {number} again"), "expected each seed once"));
+                }
+                seeds.push(number);
+            }
+            match seeds.is_empty() {
+                true => Err(value.wrong("is empty", expected)),
+                false => Ok(seeds),
+            }
+        }
+        DeValue::Table(_) => {
+            let (mut from, mut count) = (1, None);
+            for (key, inner) in value.entries(expected)? {
+                match &*key {
+                    "from" => from = whole(&inner, 0)?,
+                    "count" => count = Some(whole(&inner, 1)?),
+                    _ => {
+                        return Err(inner.here(
+                            format!("`seeds` has no key `{key}`"),
+                            "expected `from` and `count`".to_owned(),
+                        ));
+                    }
+                }
+            }
+            let expected = "expected how many seeds";
+            counted(from, count.ok_or_else(|| value.wrong("has no `count`", expected))?, value)
+        }
+        _ => Err(value.wrong_type(expected)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CATALOG: Catalog = Catalog { laws: Vec::new(), methods: Vec::new() };
+
+    fn campaign(text: &str) -> Campaign {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/campaign.toml");
+        let text = format!("name = 'a'\nscenario = '../../scenarios/triangle.toml'\n{text}");
+        read_text(&path, &text, &CATALOG).unwrap_or_else(|error| panic!("{}", error.render(false)))
+    }
+
+    #[test]
+    fn the_grid_has_every_combination_once_and_the_first_axis_changes_slowest() {
+        let campaign = campaign(
+            "zip = [['hung_after_s', 'period_s']]\n[vary]\nperiod_s = [1, 2]\nrecord_hz = [3, 4, 5]\n\
+             hung_after_s = [6, 7]\n",
+        );
+        let shown = |point| campaign.at(point).iter().map(|s| s.shown.clone()).collect::<Vec<_>>();
+        let points: Vec<_> = (0..campaign.points()).map(|point| shown(point).join(" ")).collect();
+        assert_eq!(points, ["1 3 6", "1 4 6", "1 5 6", "2 3 7", "2 4 7", "2 5 7"]);
+    }
+
+    #[test]
+    fn dotted_keys_and_tables_in_tables_are_the_same_axes() {
+        let dotted = campaign("[vary]\nchaos.from_s = [1, 2]\nrobot.r1.pose.x_m = [0.5]\n");
+        let tables = campaign(
+            "vary = { chaos = { from_s = [1, 2] }, robot = { r1 = { pose = { x_m = [0.5] } } } }",
+        );
+        assert_eq!(dotted.axes, tables.axes);
+        assert_eq!(dotted.axes[1].key, "robot.r1.pose.x_m");
+        let range = campaign("[vary]\nchaos.from_s = { from = 1, to = 2, count = 3 }\n");
+        let numbers: Vec<_> = range.axes[0].settings.iter().filter_map(|s| s.number).collect();
+        assert_eq!(numbers, [1.0, 1.5, 2.0]);
+    }
+
+    #[test]
+    fn cases_make_axes_that_change_slower_than_others() {
+        let campaign = campaign(
+            "case = [{ axis = 'scene', name = 'a' }, { axis = 'condition', name = 'ideal' },\n\
+             { axis = 'scene', name = 'b', scenario = '../../scenarios/line-5.toml' },\n\
+             { axis = 'condition', name = 'late', set = { period_s = 0.02 }, faults = ['x'] }]\n\
+             [vary]\nrecord_hz = [3, 4]\n",
+        );
+        let keys: Vec<&str> = campaign.axes.iter().map(|axis| axis.key.as_str()).collect();
+        assert_eq!((keys, campaign.points()), (vec!["scene", "condition", "record_hz"], 8));
+        let [scene, condition, _] = campaign.at(6)[..] else { panic!("three axes") };
+        assert!(scene.case.scenario.as_ref().unwrap().ends_with("scenarios/line-5.toml"));
+        assert_eq!(
+            (&condition.case.set[..], &condition.faults[..]),
+            (&["period_s=0.02".to_owned()][..], &["x".to_owned()][..],)
+        );
+    }
+
+    #[test]
+    fn a_table_without_keys_and_an_empty_list_remove_what_the_scenario_has() {
+        let set = |text: &str| campaign(&format!("[set]\n{text}")).set;
+        assert_eq!(set("expect = {}\nfault = []\n"), ["expect={}", "fault=[]"]);
+        assert_eq!(set("expect = { min_distance_m = 0.3 }\n"), ["expect.min_distance_m=0.3"]);
+    }
+
+    #[test]
+    fn seeds_are_a_number_a_list_or_a_stretch() {
+        assert_eq!(campaign("seeds = 3").seeds, [1, 2, 3]);
+        assert_eq!(campaign("seeds = [7, 2]").seeds, [7, 2]);
+        assert_eq!(campaign("seeds = { from = 5, count = 2 }").seeds, [5, 6]);
+        assert!(campaign("").seeds.is_empty());
+    }
+}

@@ -1,0 +1,347 @@
+//! Where robots start, drawn from a seed: front points even over one box for all, or over a box around
+//! each robot's own start, none nearer to another than asked (Assumption 1) nor to a wall than the
+//! scenario's clearance, headings even over a turn. Where they go, if asked: to the starts of others, in
+//! random pairs that swap places.
+//!
+//! The draw depends on the seed, the box, the walls and the number of robots alone: runs that differ in
+//! anything else start alike, and can be compared seed by seed.
+
+use std::f64::consts::PI;
+
+use crate::scenario::Scenario;
+use crate::scenario::diagnostic::Diagnostic;
+use crate::scenario::table::Value;
+use formation::Vec2;
+use formation::front_point::front_point;
+use formation::random::SplitMix64;
+
+/// Told apart from other draws of the same seed.
+const STREAM: u64 = u64::from_le_bytes(*b"starts  ");
+const SWAPS_STREAM: u64 = u64::from_le_bytes(*b"swaps   ");
+/// So often a robot is drawn again, and so often all of them, before there is no room.
+const TRIES: usize = 1000;
+/// A drawn distance is larger than asked by this, m: what is written down rounds.
+const HAIR_M: f64 = 1e-9;
+
+/// What a box is around.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Around {
+    /// One box for all around this, m; `None`: around the mean of the scenario's own front points.
+    Middle(Option<[f64; 2]>),
+    /// A box for each robot around its own front point in the scenario.
+    Each,
+}
+
+/// The box that starts are drawn from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Starts {
+    /// Its width and height, m.
+    pub box_m: [f64; 2],
+    /// No two front points are nearer, m.
+    pub apart_m: f64,
+    /// Where its middle is.
+    pub around: Around,
+    /// Where robots go.
+    pub goals: Goals,
+}
+
+/// Where robots go whose starts are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Goals {
+    /// Where the scenario says.
+    Own,
+    /// Random pairs to each other's start; of an odd number, three go around.
+    Swaps,
+}
+
+impl Goals {
+    /// All, with their words.
+    pub const WORDS: [(&'static str, Goals); 2] = [("own", Goals::Own), ("swaps", Goals::Swaps)];
+
+    /// The word for it.
+    pub fn word(self) -> &'static str {
+        Goals::WORDS.iter().find(|(_, goals)| *goals == self).expect("all have one").0
+    }
+}
+
+/// Why no starts could be drawn.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum NoStarts {
+    /// Assumption 1 would not hold.
+    #[error(
+        "`apart_m` is {apart_m}, and d is {d_m}: Assumption 1 asks for starts farther apart than d"
+    )]
+    TooNear {
+        /// Asked for, m.
+        apart_m: f64,
+        /// The scenario's, m.
+        d_m: f64,
+    },
+    /// They do not fit.
+    #[error("{robots} robots {apart_m} m apart find no room in a box of {} m by {} m with seed {seed}", .box_m[0], .box_m[1])]
+    NoRoom {
+        /// How many.
+        robots: usize,
+        /// How far apart, m.
+        apart_m: f64,
+        /// In this, m.
+        box_m: [f64; 2],
+        /// With this seed.
+        seed: u64,
+    },
+}
+
+impl Starts {
+    pub(crate) fn read(value: &Value<'_>) -> Result<Starts, Diagnostic> {
+        let table = value.table()?;
+        let sides = table.need("box_m")?;
+        let box_m = sides.pair()?;
+        if box_m.iter().any(|side| *side <= 0.0) {
+            return Err(sides.wrong("has a side without length", "expected two lengths above 0 m"));
+        }
+        let center = table.get("center_m");
+        let each = table.word("around", &[("middle", false), ("each", true)])?;
+        let around = match (each, &center) {
+            (true, Some(center)) => {
+                return Err(center.wrong(
+                    "is of no use with `around = \"each\"`",
+                    "expected no `center_m`: each box is around its robot's own start",
+                ));
+            }
+            (true, None) => Around::Each,
+            _ => Around::Middle(center.map(|center| center.pair()).transpose()?),
+        };
+        let goals = table.word("goals", &Goals::WORDS)?;
+        Ok(Starts { box_m, apart_m: table.number("apart_m")?, around, goals })
+    }
+
+    /// The start poses, and goals, that a seed draws for a scenario's robots, as `--set` has them.
+    pub fn draw(&self, scenario: &Scenario, seed: u64) -> Result<Vec<String>, NoStarts> {
+        let d_m = scenario.avoidance.distance_min_m;
+        if self.apart_m <= d_m {
+            return Err(NoStarts::TooNear { apart_m: self.apart_m, d_m });
+        }
+        let robots = &scenario.robots;
+        let own: Vec<Vec2> =
+            robots.iter().map(|one| front_point(one.start, one.front_point_m)).collect();
+        let middle = |at: Vec2| vec![at; robots.len()];
+        let centers = match self.around {
+            Around::Each => own,
+            Around::Middle(Some([x, y])) => middle(Vec2::new(x, y)),
+            Around::Middle(None) => middle(own.iter().sum::<Vec2>() / robots.len() as f64),
+        };
+        let walls = scenario.obstacles();
+        let clearance_m = scenario.avoidance.clearance_m + HAIR_M;
+        let clear = |at: Vec2| walls.nearest(at).is_none_or(|wall| wall.distance_m >= clearance_m);
+        let mut random = SplitMix64::new(seed ^ STREAM);
+        let places = self.places(&mut random, &centers, clear).ok_or(NoStarts::NoRoom {
+            robots: robots.len(),
+            apart_m: self.apart_m,
+            box_m: self.box_m,
+            seed,
+        })?;
+        let mut drawn = Vec::new();
+        if self.goals == Goals::Swaps {
+            let mut random = SplitMix64::new(seed ^ SWAPS_STREAM);
+            for (robot, to) in robots.iter().zip(partners(&mut random, robots.len())) {
+                let goal = places[to];
+                drawn.push(format!("robot.{}.goal_m=[{:?}, {:?}]", robot.name, goal.x, goal.y));
+            }
+        }
+        let start = |(place, robot): (Vec2, &crate::scenario::Robot)| {
+            // From 0 to below 1, turned around: above -pi, up to pi.
+            let heading_rad = PI - 2.0 * PI * random.unit();
+            let ahead = robot.front_point_m * Vec2::new(heading_rad.cos(), heading_rad.sin());
+            let axle = place - ahead;
+            format!(
+                "robot.{}.pose={{ x_m = {:?}, y_m = {:?}, heading_rad = {heading_rad:?} }}",
+                robot.name, axle.x, axle.y
+            )
+        };
+        drawn.extend(places.into_iter().zip(robots).map(start));
+        Ok(drawn)
+    }
+
+    /// Places in the boxes around these centers, where it is `clear`; `None`: no room.
+    fn places(
+        &self,
+        random: &mut SplitMix64,
+        centers: &[Vec2],
+        clear: impl Fn(Vec2) -> bool,
+    ) -> Option<Vec<Vec2>> {
+        let [width, height] = self.box_m;
+        for _ in 0..TRIES {
+            let mut places: Vec<Vec2> = Vec::new();
+            for _ in 0..TRIES {
+                let Some(center) = centers.get(places.len()) else { return Some(places) };
+                let [x, y] = [width, height].map(|side| side * (random.unit() - 0.5));
+                let place = center + Vec2::new(x, y);
+                let far = |other: &Vec2| (place - other).norm() >= self.apart_m + HAIR_M;
+                if places.iter().all(far) && clear(place) {
+                    places.push(place);
+                }
+            }
+        }
+        None
+    }
+}
+
+/// With whom each of `robots` changes places: in random order, the first with the second, and so on; the
+/// last three of an odd number go around. One alone stays.
+fn partners(random: &mut SplitMix64, robots: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..robots).collect();
+    for last in (1..robots).rev() {
+        order.swap(last, random.between(0, last as u64) as usize);
+    }
+    let mut partners = vec![0; robots];
+    let mut rest = &order[..];
+    while !rest.is_empty() {
+        let (group, others) = rest.split_at(if rest.len() == 3 { 3 } else { rest.len().min(2) });
+        for (place, &robot) in group.iter().enumerate() {
+            partners[robot] = group[(place + 1) % group.len()];
+        }
+        rest = others;
+    }
+    partners
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::examples::row_of_three;
+    use crate::scenario::Wall;
+    use formation::obstacle::Obstacle;
+    use proptest::prelude::*;
+
+    const STARTS: Starts = Starts {
+        box_m: [2.0, 1.0],
+        apart_m: 0.3,
+        around: Around::Middle(Some([5.0, -1.0])),
+        goals: Goals::Own,
+    };
+
+    #[test]
+    fn a_box_without_room_and_one_against_assumption_1_are_refused() {
+        let scenario = row_of_three();
+        let small = Starts { box_m: [0.2, 0.2], ..STARTS };
+        assert!(matches!(small.draw(&scenario, 1), Err(NoStarts::NoRoom { robots: 3, .. })));
+        let near = Starts { apart_m: 0.2, ..STARTS };
+        assert!(matches!(near.draw(&scenario, 1), Err(NoStarts::TooNear { .. })), "d is 0.2 m");
+    }
+
+    #[test]
+    fn without_a_center_the_box_is_where_the_scenarios_own_starts_are() {
+        let scenario = row_of_three();
+        let own = Starts { around: Around::Middle(None), ..STARTS }.draw(&scenario, 3).unwrap();
+        let points = scenario.robots.iter().map(|r| front_point(r.start, r.front_point_m));
+        let mean = points.sum::<Vec2>() / 3.0;
+        let there = Starts { around: Around::Middle(Some([mean.x, mean.y])), ..STARTS };
+        assert_eq!(own, there.draw(&scenario, 3).unwrap());
+    }
+
+    /// The front points of these starts; robots' front points are 0.1 m ahead.
+    fn front_points(drawn: &[String]) -> Vec<Vec2> {
+        let point = |text: &String| {
+            let heading = number(text, "heading_rad");
+            assert!(-PI < heading && heading <= PI);
+            let axle = Vec2::new(number(text, "x_m"), number(text, "y_m"));
+            axle + 0.1 * Vec2::new(heading.cos(), heading.sin())
+        };
+        drawn.iter().map(point).collect()
+    }
+
+    #[test]
+    fn around_each_a_robot_starts_near_its_own_start_and_clear_of_walls() {
+        let mut scenario = row_of_three();
+        let own = |scenario: &Scenario| -> Vec<Vec2> {
+            scenario.robots.iter().map(|r| front_point(r.start, r.front_point_m)).collect()
+        };
+        let places = own(&scenario);
+        let middle_m = (places[1] + Vec2::new(0.0, 0.1)).into();
+        scenario.walls.push(Wall {
+            name: "obstacle 1".into(),
+            path: "obstacle.0".into(),
+            shape: Obstacle::Disc { center_m: middle_m, radius_m: 0.05 },
+        });
+        let clearance_m = 0.1;
+        scenario.avoidance.clearance_m = clearance_m;
+        let each =
+            Starts { box_m: [0.4, 0.6], apart_m: 0.21, around: Around::Each, goals: Goals::Own };
+        let mut near = 0;
+        for seed in 1..=50 {
+            for (at, own) in front_points(&each.draw(&scenario, seed).unwrap()).iter().zip(&places)
+            {
+                let off = at - own;
+                assert!(off.x.abs() <= 0.2 + 1e-9 && off.y.abs() <= 0.3 + 1e-9, "{off}");
+                let from_wall = scenario.obstacles().nearest(*at).unwrap().distance_m;
+                assert!(from_wall >= clearance_m, "{from_wall}");
+                near += usize::from(from_wall < 2.0 * clearance_m);
+            }
+        }
+        assert!(near > 20, "the wall is in the way: {near}");
+    }
+
+    /// Who goes where the one starts that comes back, and nobody stays.
+    #[test]
+    fn swaps_are_of_pairs_and_of_three_where_the_number_is_odd() {
+        for robots in 2..12 {
+            let partners = partners(&mut SplitMix64::new(robots as u64), robots);
+            let steps = |robot: usize| {
+                let mut at = partners[robot];
+                let mut steps = 1;
+                while at != robot {
+                    (at, steps) = (partners[at], steps + 1);
+                }
+                steps
+            };
+            let threes = (0..robots).filter(|robot| steps(*robot) == 3).count();
+            let twos = (0..robots).filter(|robot| steps(*robot) == 2).count();
+            assert_eq!((threes, threes + twos), (3 * (robots % 2), robots), "{partners:?}");
+        }
+        assert_eq!(partners(&mut SplitMix64::new(0), 1), [0]);
+        let first = |seed| partners(&mut SplitMix64::new(seed), 8);
+        assert!((1..20).any(|seed| first(seed) != first(0)));
+    }
+
+    #[test]
+    fn goals_are_the_starts_of_others_and_starts_are_the_same_with_them() {
+        let scenario = row_of_three();
+        let swapping = Starts { goals: Goals::Swaps, ..STARTS };
+        let drawn = swapping.draw(&scenario, 4).unwrap();
+        assert_eq!(drawn[3..], STARTS.draw(&scenario, 4).unwrap());
+        let start = |text: &String| {
+            let heading = number(text, "heading_rad");
+            let axle = Vec2::new(number(text, "x_m"), number(text, "y_m"));
+            axle + 0.1 * Vec2::new(heading.cos(), heading.sin())
+        };
+        let starts: Vec<Vec2> = drawn[3..].iter().map(start).collect();
+        for (own, text) in starts.iter().zip(&drawn) {
+            let (_, pair) = text.split_once(".goal_m=[").unwrap();
+            let (x, y) = pair.trim_end_matches(']').split_once(", ").unwrap();
+            let goal = Vec2::new(x.parse().unwrap(), y.parse().unwrap());
+            assert!(starts.iter().any(|start| (start - goal).norm() < 1e-9), "{text}");
+            assert!((own - goal).norm() > 0.2, "{text}");
+        }
+    }
+
+    fn number(text: &str, key: &str) -> f64 {
+        let (_, rest) = text.split_once(&format!("{key} = ")).unwrap();
+        rest.split([',', ' ']).next().unwrap().parse().unwrap()
+    }
+
+    proptest! {
+        #[test]
+        fn every_seed_starts_everybody_in_the_box_and_apart(seed in any::<u64>()) {
+            let drawn = STARTS.draw(&row_of_three(), seed).unwrap();
+            prop_assert_eq!(&drawn, &STARTS.draw(&row_of_three(), seed).unwrap());
+            prop_assert!(drawn != STARTS.draw(&row_of_three(), seed ^ 1).unwrap());
+            let points = front_points(&drawn);
+            for (i, point) in points.iter().enumerate() {
+                prop_assert!((point.x - 5.0).abs() <= 1.0 + 1e-9 && (point.y + 1.0).abs() <= 0.5 + 1e-9);
+                for other in &points[..i] {
+                    prop_assert!((point - other).norm() >= 0.3);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,265 @@
+//! The folder of a campaign: which runs are done, which gave up, which are missing.
+//!
+//! A run is done when its directory is there: it is written under another name and renamed when it is
+//! complete. What was killed on its way is as if it had never been.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::metrics::summary::Summary;
+use crate::results::run_dir::SUMMARY;
+
+use crate::results::run_dir::SAMPLES;
+use experiment::campaign::cells::Cell;
+use experiment::campaign::file::Keep;
+
+/// A run whose machinery failed so often is given up.
+pub const ATTEMPTS_MAX: usize = 3;
+
+/// Where the runs of a campaign are.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Folder {
+    path: PathBuf,
+}
+
+/// What became of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub enum State {
+    /// It has a result.
+    Done(Box<Summary>),
+    /// Its machinery failed as often as it may, the last time so.
+    GivenUp(String),
+    /// It is yet to be run.
+    Missing,
+}
+
+/// Why the folder cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot {what} {}: {source}", path.display())]
+pub struct FolderError {
+    what: &'static str,
+    path: PathBuf,
+    source: io::Error,
+}
+
+pub(crate) fn failed(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> FolderError {
+    let path = path.to_path_buf();
+    move |source| FolderError { what, path, source }
+}
+
+impl Folder {
+    /// Makes it, unless it is there.
+    pub fn open(path: &Path) -> Result<Folder, FolderError> {
+        for folder in [path.join("runs"), path.join("figures")] {
+            fs::create_dir_all(&folder).map_err(failed("make", &folder))?;
+        }
+        let path = path.canonicalize().map_err(failed("open", path))?;
+        Ok(Folder { path })
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The directory of a run, once it is done.
+    pub fn run(&self, id: &str) -> PathBuf {
+        self.path.join("runs").join(id)
+    }
+
+    /// What became of a run. One of which less was kept than is asked for now is missing.
+    pub fn state(&self, cell: &Cell, keep: Keep) -> Result<State, FolderError> {
+        let run = self.run(&cell.id);
+        let summary = run.join(SUMMARY);
+        match fs::read_to_string(&summary) {
+            Ok(text) => {
+                let parsed = serde_json::from_str(&text).map_err(io::Error::from);
+                let found: Summary = parsed.map_err(failed("read", &summary))?;
+                let wanted = keep == Keep::All || keep == Keep::Failed && found.exit != 0;
+                if wanted && !run.join(SAMPLES).exists() {
+                    fs::remove_dir_all(&run).map_err(failed("remove", &run))?;
+                    return Ok(State::Missing);
+                }
+                Ok(State::Done(Box::new(found)))
+            }
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                let attempts = attempts(&run);
+                Ok(match attempts.last() {
+                    Some(last) if attempts.len() >= ATTEMPTS_MAX => State::GivenUp(last.clone()),
+                    _ => State::Missing,
+                })
+            }
+            Err(error) => Err(failed("read", &summary)(error)),
+        }
+    }
+
+    /// Forgets that runs were given up.
+    pub fn forgive(&self, cells: &[Cell]) {
+        for cell in cells {
+            let _ = fs::remove_file(beside(&self.run(&cell.id), "failed"));
+        }
+    }
+
+    /// Removes what processes of this machine that are gone left of runs under way, and logs of runs
+    /// that are done.
+    pub fn tidy(&self) {
+        let host = host();
+        for entry in fs::read_dir(self.path.join("runs")).into_iter().flatten().flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            if name.strip_suffix(".log").is_some_and(|id| self.run(id).exists()) {
+                let _ = fs::remove_file(entry.path());
+            }
+            let Some((_, by)) = name.split_once(".part-") else { continue };
+            let Some((pid, on)) = by.split_once('-') else { continue };
+            if on == host && !lives(pid) {
+                let _ = fs::remove_dir_all(entry.path());
+            }
+        }
+    }
+
+    /// The runs that are missing, each once.
+    pub fn missing<'c>(&self, cells: &'c [Cell], keep: Keep) -> Result<Vec<&'c Cell>, FolderError> {
+        let (mut missing, mut seen) = (Vec::new(), BTreeSet::new());
+        for cell in cells {
+            if seen.insert(&cell.id) && self.state(cell, keep)? == State::Missing {
+                missing.push(cell);
+            }
+        }
+        Ok(missing)
+    }
+
+    /// Writes a file at once: whoever reads it sees the old one or the new one.
+    pub fn write(&self, name: &str, content: &str) -> Result<(), FolderError> {
+        let (path, new) = (self.path.join(name), self.path.join(format!("{name}.new")));
+        fs::write(&new, content).map_err(failed("write", &new))?;
+        fs::rename(&new, &path).map_err(failed("write", &path))
+    }
+}
+
+/// The failed attempts at a run, each in words.
+pub fn attempts(run: &Path) -> Vec<String> {
+    let text = fs::read_to_string(beside(run, "failed")).unwrap_or_default();
+    text.lines().map(str::to_owned).collect()
+}
+
+/// Writes down that an attempt at a run failed.
+pub fn note_failure(run: &Path, why: &str) -> io::Result<()> {
+    use std::io::Write as _;
+    let why = why.lines().next().unwrap_or("failed");
+    let mut file = fs::File::options().create(true).append(true).open(beside(run, "failed"))?;
+    writeln!(file, "{why}")
+}
+
+/// Under which name this process writes a run while it is under way.
+pub fn part(run: &Path) -> PathBuf {
+    part_of(run, std::process::id())
+}
+
+/// The same of another process of this machine.
+pub fn part_of(run: &Path, pid: u32) -> PathBuf {
+    beside(run, &format!("part-{pid}-{}", host()))
+}
+
+/// Keeps of a complete run, which is written in `part`, what is to be kept, and gives it its name. One
+/// that another process has completed meanwhile stays.
+pub fn complete(part: &Path, run: &Path, keep: Keep, passed: bool) -> io::Result<()> {
+    if keep == Keep::Summary || keep == Keep::Failed && passed {
+        for entry in fs::read_dir(part)? {
+            let path = entry?.path();
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            match name.as_str() {
+                "scenario.toml" | "manifest.json" | "summary.json" => {}
+                _ if path.is_dir() => fs::remove_dir_all(&path)?,
+                _ => fs::remove_file(&path)?,
+            }
+        }
+    }
+    match fs::rename(part, run) {
+        Err(_) if run.join(SUMMARY).exists() => fs::remove_dir_all(part),
+        renamed => renamed,
+    }
+}
+
+/// A file or folder that lies beside a run, with this ending of its name.
+pub fn beside(run: &Path, ending: &str) -> PathBuf {
+    let name = run.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    run.with_file_name(format!("{name}.{ending}"))
+}
+
+/// Whether there is such a process, and it is not dead and yet to be reaped.
+fn lives(pid: &str) -> bool {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    // Behind its name, which may hold anything.
+    let state = stat.rsplit_once(") ").map(|(_, rest)| rest.chars().next());
+    matches!(state, Some(Some(state)) if !"ZX".contains(state))
+}
+
+fn host() -> String {
+    rustix::system::uname().nodename().to_string_lossy().into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use experiment::scenario::read::Overrides;
+
+    fn cell() -> Cell {
+        Cell {
+            point: 0,
+            seed: 1,
+            id: "ab".into(),
+            scenario: "a.toml".into(),
+            overrides: Overrides::default(),
+            distance_min_m: 0.2,
+            duration_s: 1.0,
+        }
+    }
+
+    #[test]
+    fn a_run_is_missing_until_it_is_complete_and_given_up_after_three_failures() {
+        let scratch = tempfile::tempdir().unwrap();
+        let folder = Folder::open(scratch.path()).unwrap();
+        let run = folder.run("ab");
+        let state = |keep| folder.state(&cell(), keep).unwrap();
+        assert_eq!(state(Keep::Summary), State::Missing);
+        for attempt in 1..=ATTEMPTS_MAX {
+            assert_eq!(state(Keep::Summary), State::Missing);
+            note_failure(&run, &format!("no room {attempt}\nmore")).unwrap();
+        }
+        assert_eq!(state(Keep::Summary), State::GivenUp("no room 3".into()));
+        folder.forgive(&[cell()]);
+        assert_eq!(state(Keep::Summary), State::Missing);
+
+        let part = part(&run);
+        fs::create_dir_all(part.join("logs")).unwrap();
+        fs::write(part.join(SUMMARY), "{ \"t_s\": 2.0 }").unwrap();
+        fs::write(part.join(SAMPLES), "t_s").unwrap();
+        folder.tidy();
+        assert!(part.exists(), "its process lives");
+        complete(&part, &run, Keep::Summary, true).unwrap();
+        assert!(!part.exists() && !run.join("logs").exists() && !run.join(SAMPLES).exists());
+        assert!(matches!(state(Keep::Summary), State::Done(summary) if summary.t_s == 2.0));
+        assert_eq!(state(Keep::All), State::Missing, "all is asked for, and not there");
+    }
+
+    #[test]
+    fn what_a_process_that_is_gone_left_is_removed_and_what_others_complete_first_stays() {
+        let scratch = tempfile::tempdir().unwrap();
+        let folder = Folder::open(scratch.path()).unwrap();
+        let run = folder.run("ab");
+        let left = part_of(&run, 4_194_305);
+        fs::create_dir(&left).unwrap();
+        folder.tidy();
+        assert!(!left.exists());
+        fs::create_dir(&run).unwrap();
+        fs::write(run.join(SUMMARY), "{}").unwrap();
+        let part = part(&run);
+        fs::create_dir(&part).unwrap();
+        fs::write(part.join(SUMMARY), "{ \"t_s\": 1.0 }").unwrap();
+        complete(&part, &run, Keep::All, true).unwrap();
+        assert!(!part.exists());
+        assert_eq!(fs::read_to_string(run.join(SUMMARY)).unwrap(), "{}");
+    }
+}

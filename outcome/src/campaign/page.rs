@@ -1,0 +1,262 @@
+//! `report.html` of a campaign, and `campaign.json`: what was run and what came of it.
+
+use std::fmt::Write as _;
+
+use crate::report::chart::Figure;
+use crate::report::digits::digits;
+use crate::report::html::{Cell as Field, Section, described, drawn, framed, table};
+use crate::results::manifest::Build;
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use crate::campaign::points::{Median, Pairing, Point, Rate};
+use crate::campaign::statistics::{BOOTSTRAP_SEED, Estimate, RESAMPLES};
+use experiment::campaign::axes::{Axis, AxisKind, Case};
+use experiment::campaign::file::Campaign;
+use experiment::campaign::starts::{Around, Goals, Starts};
+
+/// What stands behind the numbers.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Origin<'a> {
+    /// How this program was built.
+    #[serde(flatten)]
+    pub build: &'a Build,
+    /// SHA-256 of the executable.
+    pub executable: &'a str,
+}
+
+/// `campaign.json`.
+pub fn json(
+    campaign: &Campaign,
+    points: &[Point],
+    pairs: &[Pairing],
+    origin: &Origin<'_>,
+) -> String {
+    let axes: Vec<Value> = campaign.axes.iter().map(axis).collect();
+    let zip: Vec<Vec<&str>> = (campaign.groups.iter().filter(|group| group.len() > 1))
+        .map(|group| group.iter().map(|&axis| campaign.axes[axis].key.as_str()).collect())
+        .collect();
+    let whole = json!({
+        "format": 1,
+        "name": campaign.name,
+        "scenario": campaign.scenario.display().to_string(),
+        "pace": campaign.pace.word(),
+        "keep": campaign.keep.word(),
+        "set": campaign.set,
+        "axes": axes,
+        "zip": zip,
+        "faults": campaign.faults,
+        "seeds": campaign.seeds,
+        "starts": campaign.starts.map(drawn_from),
+        "runs": campaign.points() * campaign.seeds.len().max(1),
+        "bootstrap": { "resamples": RESAMPLES, "seed": BOOTSTRAP_SEED },
+        "points": points,
+        "pairs": pairs,
+        "phalanx": origin,
+    });
+    serde_json::to_string_pretty(&whole).expect("plain values") + "\n"
+}
+
+fn axis(axis: &Axis) -> Value {
+    let values: Vec<&str> = axis.settings.iter().map(|s| s.shown.as_str()).collect();
+    let mut told = json!({ "key": axis.key, "values": values });
+    if axis.kind == AxisKind::Cases {
+        let cases = axis.settings.iter().map(|setting| {
+            let Case { scenario, set, starts } = &setting.case;
+            json!({
+                "scenario": scenario.as_ref().map(|path| path.display().to_string()),
+                "set": set,
+                "faults": setting.faults,
+                "starts": starts.map(drawn_from),
+            })
+        });
+        told["cases"] = cases.collect();
+    }
+    told
+}
+
+fn drawn_from(starts: Starts) -> Value {
+    let Starts { box_m, apart_m, around, goals } = starts;
+    let (around, center_m) = match around {
+        Around::Middle(center_m) => ("middle", center_m),
+        Around::Each => ("each", None),
+    };
+    json!({ "box_m": box_m, "apart_m": apart_m, "around": around, "center_m": center_m, "goals": goals.word() })
+}
+
+/// `report.html`.
+pub fn html(
+    campaign: &Campaign,
+    points: &[Point],
+    pairs: &[Pairing],
+    figures: &[Figure],
+) -> String {
+    let runs: usize = points.iter().map(|point| point.runs).sum();
+    let missing: usize = points.iter().map(|point| point.missing).sum();
+    let given_up: usize = points.iter().map(|point| point.given_up).sum();
+    let (all, seeds) = (points.len(), campaign.seeds.len().max(1));
+    let mut head = format!(
+        "<p class=\"quiet\">{runs} runs: {all} combination{} of settings, {seeds} seed{}, {}</p>\n",
+        if all == 1 { "" } else { "s" },
+        if seeds == 1 { "" } else { "s" },
+        campaign.pace.word()
+    );
+    if missing + given_up > 0 {
+        let _ = writeln!(
+            head,
+            "<p class=\"verdict missed\">{missing} runs are missing and {given_up} were given up; they count \
+             nowhere</p>"
+        );
+    }
+    let sections = [
+        ("points", "Combinations of settings", of_points(campaign, points)),
+        ("figures", "Figures", drawn(figures)),
+        ("pairs", "Seed by seed", of_pairs(pairs)),
+        ("campaign", "Campaign", of_campaign(campaign)),
+    ];
+    let sections = sections.into_iter().filter(|(_, _, content)| !content.is_empty());
+    let sections = sections.map(|(id, title, content)| Section { id, title, content });
+    let title = format!("{}: report of a campaign", campaign.name);
+    framed(&campaign.name, &title, &head, sections.collect())
+}
+
+fn of_points(campaign: &Campaign, points: &[Point]) -> String {
+    let mut heads = vec!["#No.".to_owned()];
+    heads.extend(campaign.axes.iter().map(|axis| axis.key.clone()));
+    let fixed = [
+        "#n",
+        "#Held",
+        "#Below d",
+        "#Converged",
+        "#Converged at, s",
+        "#Smallest distance / d",
+        "#Final error, m",
+    ];
+    heads.extend(fixed.map(str::to_owned));
+    let rows = points.iter().map(|point| {
+        let mut row = vec![Field::Number(point.number.to_string())];
+        row.extend(point.settings.iter().map(|(_, value)| Field::Word(value.clone())));
+        row.push(Field::Number(point.runs.to_string()));
+        row.extend([point.held, point.below_d, point.converged].map(|r| Field::Number(shown(r))));
+        let medians = [point.converged_at_s, point.min_distance_over_d, point.final_error_m_max];
+        row.extend(medians.map(|median| Field::Number(in_the_middle(median))));
+        row
+    });
+    let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
+    format!(
+        "{}<p class=\"quiet\">Rates: how many of how many, and Wilson's interval of 95 %. The others are medians \
+         with BCa bootstrap intervals of 95 %, of n runs each; a dash: the data give no interval, for all values \
+         are the same or too many never came. Held: every expectation of the scenario.</p>\n",
+        table(&heads, rows)
+    )
+}
+
+fn shown(rate: Rate) -> String {
+    let Rate { count, of, rate } = rate;
+    let percent = |share: f64| format!("{:.1}", 100.0 * share);
+    match rate {
+        Some(Estimate { low: Some(low), high: Some(high), .. }) => {
+            format!("{count} of {of} ({}\u{2013}{} %)", percent(low), percent(high))
+        }
+        _ => "\u{2013}".into(),
+    }
+}
+
+fn in_the_middle(median: Median) -> String {
+    let Some(Estimate { value, low, high }) = median.median else { return "\u{2013}".into() };
+    if !value.is_finite() {
+        return format!("never ({} of {})", median.never, median.of);
+    }
+    let end = |end: Option<f64>| end.map_or("\u{2013}".into(), digits);
+    let interval = match (low, high) {
+        (None, None) => "(\u{2013})".into(),
+        _ => format!("({} to {})", end(low), end(high)),
+    };
+    let never = match median.never {
+        0 => String::new(),
+        never => format!(", never {never}"),
+    };
+    format!("{} {interval}{never}", digits(value))
+}
+
+fn of_pairs(pairs: &[Pairing]) -> String {
+    let heads = [
+        "#Point",
+        "#Against",
+        "#Pairs",
+        "#Held in the first alone",
+        "#Held in the second alone",
+        "#p (McNemar)",
+        "#Smallest distance / d, difference",
+        "#Final error, difference, m",
+    ];
+    let rows = pairs.iter().map(|pair| {
+        [
+            pair.point.to_string(),
+            pair.base.to_string(),
+            pair.pairs.to_string(),
+            pair.held_point_only.to_string(),
+            pair.held_base_only.to_string(),
+            digits(pair.p_value),
+            format!(
+                "{}, n = {}",
+                in_the_middle(pair.distance_difference),
+                pair.distance_difference.of
+            ),
+            format!(
+                "{}, n = {}",
+                in_the_middle(pair.error_difference_m),
+                pair.error_difference_m.of
+            ),
+        ]
+        .map(Field::Number)
+        .into()
+    });
+    let all = table(&heads, rows);
+    match all.is_empty() {
+        true => all,
+        false => format!(
+            "<p>Each point against the first, runs with the same seed side by side: the exact test of McNemar on \
+             runs of which one held and the other did not, and medians of the differences with BCa bootstrap \
+             intervals of 95 %.</p>\n{all}"
+        ),
+    }
+}
+
+fn of_campaign(campaign: &Campaign) -> String {
+    let mut rows = vec![
+        ("Scenario", campaign.scenario.display().to_string()),
+        ("Pace", campaign.pace.word().to_owned()),
+    ];
+    for set in &campaign.set {
+        rows.push(("Set", set.clone()));
+    }
+    for fault in &campaign.faults {
+        rows.push(("Fault", fault.clone()));
+    }
+    rows.extend(campaign.starts.map(|starts| ("Starts", in_words(starts))));
+    for axis in campaign.axes.iter().filter(|axis| axis.kind == AxisKind::Cases) {
+        for setting in &axis.settings {
+            let Case { scenario, set, starts } = &setting.case;
+            let scenario = scenario.iter().map(|path| format!("scenario {}", path.display()));
+            let faults = setting.faults.iter().map(|fault| format!("fault {fault}"));
+            let starts = starts.iter().map(|starts| format!("starts {}", in_words(*starts)));
+            let all: Vec<_> =
+                scenario.chain(set.iter().cloned()).chain(faults).chain(starts).collect();
+            let all = if all.is_empty() { "nothing changed".to_owned() } else { all.join("; ") };
+            rows.push(("Case", format!("{} {}: {all}", axis.key, setting.shown)));
+        }
+    }
+    rows.push(("Bootstrap", format!("{RESAMPLES} samples, seed {BOOTSTRAP_SEED}")));
+    described(rows.iter().map(|(name, value)| (*name, value.as_str())))
+}
+
+fn in_words(starts: Starts) -> String {
+    let Starts { box_m: [width, height], apart_m, around, goals } = starts;
+    let each = if around == Around::Each { " around each robot's own" } else { "" };
+    let swaps = match goals {
+        Goals::Own => "",
+        Goals::Swaps => "; random pairs swap places",
+    };
+    format!("drawn from the seed in {width} m by {height} m{each}, {apart_m} m apart{swaps}")
+}

@@ -1,0 +1,268 @@
+//! What came of each point of the grid: rates, medians and times with their intervals, and pairs of
+//! points seed by seed.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use crate::campaign::statistics::{Estimate, Step, distribution, mcnemar, median, rate};
+use crate::campaign::table::Row;
+use experiment::campaign::file::Campaign;
+
+/// How often something was so.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Rate {
+    /// So often,
+    pub count: usize,
+    /// of so many.
+    pub of: usize,
+    /// The rate with Wilson's interval; of nothing there is none.
+    pub rate: Option<Estimate>,
+}
+
+/// What was measured, in the middle.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Median {
+    /// Of so many runs,
+    pub of: usize,
+    /// so many had none: it never came.
+    pub never: usize,
+    /// With its bootstrap interval; infinite, and `null` in JSON: of more than half it never came.
+    pub median: Option<Estimate>,
+}
+
+/// One point of the grid.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Point {
+    /// From 1 on.
+    pub number: usize,
+    /// The value of each axis.
+    pub settings: Vec<(String, String)>,
+    /// Runs with a result.
+    pub runs: usize,
+    /// Runs that were given up; they count nowhere else.
+    pub given_up: usize,
+    /// Runs that are missing.
+    pub missing: usize,
+    /// All expectations held; of the runs that have any.
+    pub held: Rate,
+    /// Some pair was nearer than d at some tick.
+    pub below_d: Rate,
+    /// All errors stayed small from some time on.
+    pub converged: Rate,
+    /// Since when, s.
+    pub converged_at_s: Median,
+    /// Smallest distance over d.
+    pub min_distance_over_d: Median,
+    /// Worst error over the last 10 %, m.
+    pub final_error_m_max: Median,
+    /// Distribution of convergence times, with runs that did not converge as censored at their end.
+    #[serde(skip)]
+    pub convergence: Vec<Step>,
+    /// Smallest distances over d, in order.
+    #[serde(skip)]
+    pub distances: Vec<f64>,
+}
+
+/// Two points of the grid, run by run with the same seed.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Pairing {
+    /// The point that all others are held against.
+    pub base: usize,
+    /// The other.
+    pub point: usize,
+    /// Seeds that both have a result of.
+    pub pairs: usize,
+    /// Expectations held with the base alone.
+    pub held_base_only: usize,
+    /// With the other alone.
+    pub held_point_only: usize,
+    /// McNemar's exact test that both are equally likely, two-sided.
+    pub p_value: f64,
+    /// The other's smallest distance over d minus the base's: the median of all pairs.
+    pub distance_difference: Median,
+    /// The same of the final error, m, over pairs that have one.
+    pub error_difference_m: Median,
+}
+
+fn counted<'a>(all: impl Iterator<Item = &'a bool>) -> Rate {
+    let (mut count, mut of) = (0, 0);
+    for so in all {
+        count += usize::from(*so);
+        of += 1;
+    }
+    Rate { count, of, rate: rate(count, of) }
+}
+
+fn middle(values: &[Option<f64>]) -> Median {
+    let all: Vec<f64> = values.iter().map(|value| value.unwrap_or(f64::INFINITY)).collect();
+    let never = all.iter().filter(|value| !value.is_finite()).count();
+    Median { of: all.len(), never, median: median(&all) }
+}
+
+/// Each point of the grid, in order.
+pub fn points(campaign: &Campaign, rows: &[Row<'_>]) -> Vec<Point> {
+    let each = campaign.seeds.len().max(1);
+    (0..campaign.points())
+        .map(|point| {
+            let here: Vec<_> = rows.iter().filter(|row| row.cell.point == point).collect();
+            let done: Vec<_> = here.iter().filter_map(|row| Some((*row, row.summary()?))).collect();
+            let held: Vec<bool> = done
+                .iter()
+                .filter(|(row, _)| row.outcome() != "undeclared")
+                .map(|(row, _)| row.outcome() == "held")
+                .collect();
+            let below: Vec<bool> = done.iter().map(|(_, s)| s.violations > 0).collect();
+            let times: Vec<Option<f64>> = done.iter().map(|(_, s)| s.converged_at_s).collect();
+            let converged: Vec<bool> = times.iter().map(Option::is_some).collect();
+            let came: Vec<f64> = times.iter().flatten().copied().collect();
+            let ends = done.iter().filter(|(_, s)| s.converged_at_s.is_none());
+            let ends: Vec<f64> = ends.map(|(_, s)| s.t_s).collect();
+            let over_d = |(row, s): &(&Row<'_>, &crate::metrics::summary::Summary)| {
+                s.min_distance_m.map(|m| m / row.cell.distance_min_m)
+            };
+            let distances: Vec<Option<f64>> = done.iter().map(over_d).collect();
+            let errors: Vec<Option<f64>> = done.iter().map(|(_, s)| s.final_error_m_max).collect();
+            let mut known: Vec<f64> = distances.iter().flatten().copied().collect();
+            known.sort_by(f64::total_cmp);
+            let settings = campaign.axes.iter().zip(campaign.at(point));
+            Point {
+                number: point + 1,
+                settings: settings.map(|(a, s)| (a.key.clone(), s.shown.clone())).collect(),
+                runs: done.len(),
+                given_up: here.len() - done.len(),
+                missing: each - here.len(),
+                held: counted(held.iter()),
+                below_d: counted(below.iter()),
+                converged: counted(converged.iter()),
+                converged_at_s: middle(&times),
+                min_distance_over_d: middle(&distances),
+                final_error_m_max: middle(&errors),
+                convergence: distribution(&came, &ends),
+                distances: known,
+            }
+        })
+        .collect()
+}
+
+/// Every other point against the first, by seed.
+pub fn pairings(campaign: &Campaign, rows: &[Row<'_>]) -> Vec<Pairing> {
+    let of = |point: usize| -> BTreeMap<u64, &Row<'_>> {
+        let here = rows.iter().filter(|row| row.cell.point == point && row.summary().is_some());
+        here.map(|row| (row.cell.seed, row)).collect()
+    };
+    let base = of(0);
+    let pairing = |point: usize| {
+        let other = of(point);
+        let pairs: Vec<_> =
+            base.iter().filter_map(|(seed, row)| Some((*row, *other.get(seed)?))).collect();
+        let held = |row: &Row<'_>| row.outcome() == "held";
+        let alone = |in_base: bool| {
+            let differs = |(a, b): &&(&Row<'_>, &Row<'_>)| held(a) == in_base && held(b) != in_base;
+            pairs.iter().filter(differs).count()
+        };
+        let difference = |of: &dyn Fn(&Row<'_>) -> Option<f64>| {
+            let differences: Vec<Option<f64>> =
+                pairs.iter().filter_map(|(a, b)| Some(Some(of(b)? - of(a)?))).collect();
+            middle(&differences)
+        };
+        let (held_base_only, held_point_only) = (alone(true), alone(false));
+        Pairing {
+            base: 1,
+            point: point + 1,
+            pairs: pairs.len(),
+            held_base_only,
+            held_point_only,
+            p_value: mcnemar(held_base_only, held_point_only),
+            distance_difference: difference(&|row| {
+                row.summary()?.min_distance_m.map(|m| m / row.cell.distance_min_m)
+            }),
+            error_difference_m: difference(&|row| row.summary()?.final_error_m_max),
+        }
+    };
+    (1..campaign.points()).map(pairing).filter(|pairing| pairing.pairs > 0).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::campaign::folder::State;
+    use crate::metrics::expect::{Expectation, Verdict};
+    use crate::metrics::summary::Summary;
+    use experiment::campaign::cells::Cell;
+    use experiment::campaign::file::read_text;
+    use experiment::scenario::read::Overrides;
+    use protocol::catalog::Catalog;
+    use std::path::Path;
+
+    /// Two points of three seeds: the first converges at 1 s, 2 s, never; the second holds nothing and
+    /// has no result of seed 3.
+    #[test]
+    fn each_point_counts_its_own_runs_and_pairs_are_of_one_seed() {
+        let text = "name = 'a'\nscenario = '../../scenarios/triangle.toml'\nseeds = 3\n\
+                    [vary]\navoidance.kind = ['guard', 'focus']\n";
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/campaign.toml");
+        let catalog = Catalog { laws: Vec::new(), methods: Vec::new() };
+        let campaign = read_text(&path, text, &catalog).unwrap();
+        let cell = |point: usize, seed: u64| Cell {
+            point,
+            seed,
+            id: format!("{point}{seed}"),
+            scenario: "a.toml".into(),
+            overrides: Overrides::default(),
+            distance_min_m: 0.2,
+            duration_s: 30.0,
+        };
+        let cells = [cell(0, 1), cell(0, 2), cell(0, 3), cell(1, 1), cell(1, 2), cell(1, 3)];
+        let done = |held: bool, violations, converged_at_s, min_distance_m| {
+            let expectation = Expectation { held, ..Expectation::default() };
+            assert_eq!(expectation.verdict() == Verdict::Held, held);
+            State::Done(Box::new(Summary {
+                t_s: 30.0,
+                violations,
+                converged_at_s,
+                min_distance_m: Some(min_distance_m),
+                expectations: vec![expectation],
+                ..Summary::default()
+            }))
+        };
+        let states = [
+            done(true, 0, Some(1.0), 0.3),
+            done(true, 0, Some(2.0), 0.4),
+            done(true, 0, None, 0.5),
+            done(false, 7, Some(1.0), 0.1),
+            done(false, 0, Some(1.5), 0.2),
+            State::GivenUp("no room".into()),
+        ];
+        let rows: Vec<Row<'_>> = cells
+            .iter()
+            .zip(states)
+            .map(|(cell, state)| Row { cell, state, failures: 0 })
+            .collect();
+        let [guard, focus] = &points(&campaign, &rows)[..] else { panic!("two points") };
+        assert_eq!((guard.runs, guard.given_up, guard.missing), (3, 0, 0));
+        assert_eq!((focus.runs, focus.given_up, focus.missing), (2, 1, 0));
+        let counts = |rate: Rate| (rate.count, rate.of);
+        assert_eq!(
+            [guard.held, guard.below_d, guard.converged].map(counts),
+            [(3, 3), (0, 3), (2, 3)]
+        );
+        assert_eq!(
+            [focus.held, focus.below_d, focus.converged].map(counts),
+            [(0, 2), (1, 2), (2, 2)]
+        );
+        assert_eq!(guard.converged_at_s.median.unwrap().value, 2.0);
+        assert_eq!((guard.converged_at_s.of, guard.converged_at_s.never), (3, 1));
+        let shares: Vec<f64> = guard.convergence.iter().map(|step| step.share).collect();
+        assert!((shares[1] - 2.0 / 3.0).abs() < 1e-12 && shares.len() == 2, "{shares:?}");
+        assert_eq!(focus.settings, [("avoidance.kind".to_owned(), "focus".to_owned())]);
+
+        let [pair] = &pairings(&campaign, &rows)[..] else { panic!("one pair of points") };
+        assert_eq!((pair.pairs, pair.held_base_only, pair.held_point_only), (2, 2, 0));
+        assert_eq!(pair.p_value, 0.5);
+        assert!((pair.distance_difference.median.unwrap().value + 1.0).abs() < 1e-12);
+        // Fewer have arrived.
+        assert_eq!(points(&campaign, &rows[..2])[0].missing, 1);
+        assert!(pairings(&campaign, &rows[..2]).is_empty());
+    }
+}

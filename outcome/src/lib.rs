@@ -1,0 +1,17 @@
+//! What becomes of a run: measured, recorded, judged and told.
+//!
+//! | folder | question it answers |
+//! |---|---|
+//! | `metrics/` | what is a run judged by? |
+//! | `recording/` | how does it become a recording that other tools open? |
+//! | `report/` | what do people look at? |
+//! | `results/` | what is in its directory, written and read? |
+//! | `campaign/` | what came of many runs, and with which confidence? |
+//!
+//! Must not: start, signal or wait for a process, know iceoryx2, or decide anything about a run.
+
+pub mod campaign;
+pub mod metrics;
+pub mod recording;
+pub mod report;
+pub mod results;

@@ -1,0 +1,120 @@
+//! Whether a run may end before its time: it has been converged for as long as the scenario asks and over its
+//! last tenth, which is what final errors are about, and nothing of the plan is to come.
+//!
+//! It is a function of the truths, so that a lockstep run ends at the same tick whenever it is run.
+
+use experiment::scenario::Scenario;
+
+use crate::metrics::finals::FINAL_SHARE;
+
+pub(super) struct EarlyEnd {
+    /// How long it is to have been converged, and from when on nothing of the plan is to come, ns; `None`: it
+    /// lasts for `duration_s`.
+    asked: Option<(u64, u64)>,
+    duration_ns: u64,
+    converged_since_ns: Option<u64>,
+    newest_t_ns: u64,
+}
+
+impl EarlyEnd {
+    pub(super) fn of(scenario: &Scenario) -> EarlyEnd {
+        EarlyEnd {
+            asked: scenario.end_after_converged_ns.zip(scenario.plan_over_ns()),
+            duration_ns: scenario.duration_ns,
+            converged_since_ns: None,
+            newest_t_ns: 0,
+        }
+    }
+
+    /// Takes in one truth; `converged_since_ns`: since when all living errors are below the bound.
+    pub(super) fn truth(&mut self, t_ns: u64, converged_since_ns: Option<u64>) {
+        self.newest_t_ns = t_ns;
+        self.converged_since_ns = converged_since_ns;
+    }
+
+    pub(super) fn newest_t_ns(&self) -> u64 {
+        self.newest_t_ns
+    }
+
+    pub(super) fn has_come(&self) -> bool {
+        self.converged_since_ns.is_some()
+            && self.newest_t_ns < self.duration_ns
+            && self.not_before_ns().is_some_and(|end_ns| end_ns <= self.newest_t_ns)
+    }
+
+    /// Who is not converged now may be at the next truth.
+    pub(super) fn not_before_ns(&self) -> Option<u64> {
+        let (for_ns, plan_over_ns) = self.asked?;
+        let since_ns = self.converged_since_ns.unwrap_or(self.newest_t_ns);
+        let final_ns = (since_ns as f64 / (1.0 - FINAL_SHARE)).ceil() as u64;
+        Some(since_ns.max(plan_over_ns).saturating_add(for_ns).max(final_ns))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn end(for_ns: u64, plan_over_ns: u64) -> EarlyEnd {
+        let asked = Some((for_ns, plan_over_ns));
+        EarlyEnd { asked, duration_ns: 1000, converged_since_ns: None, newest_t_ns: 0 }
+    }
+
+    #[test]
+    fn it_comes_once_all_are_converged_for_so_long_after_the_plan_and_not_at_the_last_truth() {
+        let mut end = end(20, 100);
+        for (t_ns, since_ns, expected) in [
+            (50, Some(10), false),
+            (119, Some(10), false),
+            (120, Some(10), true),
+            (130, None, false),
+            (150, Some(140), false),
+            (159, Some(140), false),
+            (160, Some(140), true),
+            (500, None, false),
+            (899, Some(810), false),
+            (900, Some(810), true),
+            (1000, Some(140), false),
+        ] {
+            end.truth(t_ns, since_ns);
+            assert_eq!(end.has_come(), expected, "{t_ns}");
+        }
+    }
+
+    proptest! {
+        /// Whoever looks only when it may come finds it at the first truth at which it does.
+        #[test]
+        fn looking_only_when_it_may_come_misses_nothing(
+            converged in proptest::collection::vec(proptest::bool::weighted(0.8), 200),
+            for_ns in 1..20u64,
+            plan_over_ns in 0..100u64,
+        ) {
+            let mut since = None;
+            let since: Vec<Option<u64>> = (0..)
+                .zip(&converged)
+                .map(|(t_ns, &converged)| {
+                    since = converged.then(|| since.unwrap_or(t_ns));
+                    since
+                })
+                .collect();
+            let (mut every, mut some) = (end(for_ns, plan_over_ns), end(for_ns, plan_over_ns));
+            let at = |end: &mut EarlyEnd, t_ns: usize| {
+                end.truth(t_ns as u64, since[t_ns]);
+                end.has_come()
+            };
+            let first = (0..200).find(|&t_ns| at(&mut every, t_ns));
+            let mut t_ns = 0;
+            let found = loop {
+                if at(&mut some, t_ns) {
+                    break Some(t_ns);
+                }
+                t_ns = some.not_before_ns().expect("it is asked for") as usize;
+                if t_ns >= 200 {
+                    break None;
+                }
+            };
+            prop_assert_eq!(found, first);
+        }
+    }
+}

@@ -1,0 +1,504 @@
+//! The scenario's expectations, held against what was measured.
+//!
+//! An expectation is about robots, and does not hold over nobody. Those count that the scenario
+//! wants to live at the end: all but those that its plan leaves dead; or with `alive_at_end` those
+//! that it names, or as many as it says.
+//!
+//! - Who counts and is dead at the end fails what is asked of it: it neither converged nor kept
+//!   its place.
+//! - What is about nobody that counts is missed; so is what is asked of a formation of which one
+//!   robot alone counts. `alive_at_end` may say that it is meant so.
+//! - What held in all that was seen, but could have failed while truths were lost, is *unseen*.
+
+use protocol::brief::Pace;
+use serde::{Deserialize, Serialize};
+
+use super::Measures;
+use super::finals::FINAL_SHARE;
+use experiment::scenario::{AliveAtEnd, FaultKind, Scenario};
+use formation::seconds;
+use protocol::number::short;
+
+/// How an expectation came out.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// What was asked for is so.
+    Held,
+    /// It is not.
+    #[default]
+    Missed,
+    /// It was so whenever somebody saw it, and for too long nobody did.
+    Unseen,
+}
+
+impl Verdict {
+    /// The word for it.
+    pub fn word(self) -> &'static str {
+        match self {
+            Verdict::Held => "held",
+            Verdict::Missed => "missed",
+            Verdict::Unseen => "unseen",
+        }
+    }
+
+    /// What is said of all expectations together, if this is the worst of them.
+    pub fn of_all(self) -> &'static str {
+        match self {
+            Verdict::Held => "every expectation held",
+            Verdict::Missed => "an expectation was missed",
+            Verdict::Unseen => "nobody saw whether every expectation held",
+        }
+    }
+}
+
+/// One expectation and how it came out.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Expectation {
+    /// Its key in the scenario.
+    pub name: String,
+    /// What was measured; `None`: it never came about.
+    pub value: Option<f64>,
+    /// What was asked for.
+    pub bound: f64,
+    /// Whether it held.
+    pub held: bool,
+    /// How it came out; in a summary of an earlier version only `held` is known, see
+    /// [`Expectation::verdict`].
+    pub verdict: Verdict,
+    /// Why it did not hold, where the value does not say.
+    pub reason: Option<String>,
+}
+
+impl Expectation {
+    /// How the value is to compare with the bound: `>=`, `<=` or `=`.
+    pub fn relation(&self) -> &'static str {
+        match &*self.name {
+            "min_distance_m" | "min_clearance_m" | "alive_at_end" => ">=",
+            "exit" => "=",
+            _ => "<=",
+        }
+    }
+
+    /// How it came out.
+    pub fn verdict(&self) -> Verdict {
+        if self.held { Verdict::Held } else { self.verdict }
+    }
+}
+
+/// The worst of all verdicts, a miss before what is unseen; `None` without any.
+pub fn worst(expectations: &[Expectation]) -> Option<Verdict> {
+    let by_badness = [Verdict::Missed, Verdict::Unseen, Verdict::Held];
+    let came_out = |verdict: &Verdict| expectations.iter().any(|e| e.verdict() == *verdict);
+    by_badness.into_iter().find(came_out)
+}
+
+/// Whom an expectation is about.
+#[derive(Clone, Copy, PartialEq)]
+enum About {
+    /// No robot in particular: who is dead changes nothing.
+    Nobody,
+    /// All robots, by what they are to each other.
+    Formation,
+    /// The main leader.
+    Leader,
+    /// The contained.
+    Contained,
+}
+
+/// One expectation that the scenario has.
+struct Question {
+    name: &'static str,
+    bound: f64,
+    value: Option<f64>,
+    holds: fn(f64, f64) -> bool,
+    about: About,
+    /// From this run time on it rests on every truth, s.
+    rests_from_s: f64,
+    /// Why it is missed, if the value does not say.
+    why: Option<String>,
+}
+
+/// Every expectation of the scenario; `exit`: the code that the run itself ended with.
+pub fn evaluate(
+    scenario: &Scenario,
+    measures: &Measures,
+    pace: Pace,
+    deadline_misses: u64,
+    exit: u8,
+) -> Vec<Expectation> {
+    let judge = Judge::new(scenario, measures);
+    questions(scenario, measures, pace, deadline_misses, exit)
+        .into_iter()
+        .map(|question| judge.answer(question))
+        .collect()
+}
+
+fn questions(
+    scenario: &Scenario,
+    measures: &Measures,
+    pace: Pace,
+    deadline_misses: u64,
+    exit: u8,
+) -> Vec<Question> {
+    let expect = &scenario.expect;
+    let at_least = |value, bound| value >= bound;
+    let at_most = |value, bound| value <= bound;
+    let equal = |value, bound| value == bound;
+    let end_s = measures.ended_early_at_s.unwrap_or_else(|| seconds(scenario.duration_ns));
+    let last_s = end_s * (1.0 - FINAL_SHARE);
+    let faults = &measures.faults;
+    let recoveries = faults.iter().map(|fault| fault.recovered_after_s);
+    let slowest =
+        recoveries.collect::<Option<Vec<f64>>>().map(|all| all.into_iter().fold(0.0, f64::max));
+    // Without a fault there is nothing that could recover, and a typing error in the timeline.
+    let slowest = slowest.filter(|_| !faults.is_empty());
+    let lasting = faults.iter().find(|fault| fault.recovered_after_s.is_none());
+    let unrecovered = match lasting {
+        _ if faults.is_empty() => Some("the run had no fault".to_owned()),
+        Some(fault) => Some(format!("no recovery from {} at {} s", fault.what, short(fault.t_s))),
+        None => None,
+    };
+    let struck_s = faults.iter().map(|fault| fault.t_s).fold(f64::INFINITY, f64::min);
+    let wanted: Vec<usize> = match &expect.alive_at_end {
+        Some(AliveAtEnd::Names(robots)) => robots.clone(),
+        _ => (0..scenario.robots.len()).collect(),
+    };
+    let alive_bound = expect.alive_at_end.as_ref().map(|alive| match alive {
+        AliveAtEnd::Names(robots) => robots.len() as f64,
+        AliveAtEnd::Count(count) => *count as f64,
+    });
+    let dead = wanted.iter().filter(|&&robot| !measures.alive_at_end[robot]);
+    let dead: Vec<&str> = dead.map(|&robot| scenario.robots[robot].name.as_str()).collect();
+    let alive = Some((wanted.len() - dead.len()) as f64);
+    let misses_max = expect.deadline_misses_max.filter(|_| pace == Pace::Realtime);
+    let never_s = f64::INFINITY;
+    let mut asked = Vec::new();
+    let mut ask =
+        |name, bound: Option<f64>, value, holds: fn(f64, f64) -> bool, about, rests_from_s, why| {
+            asked.extend(bound.map(|bound| Question {
+                name,
+                bound,
+                value,
+                holds,
+                about,
+                rests_from_s,
+                why,
+            }));
+        };
+    let value = measures.min_distance_m;
+    ask("min_distance_m", expect.min_distance_m, value, at_least, About::Nobody, 0.0, None);
+    let value = measures.min_clearance.as_ref().map(|clearance| clearance.distance_m);
+    ask("min_clearance_m", expect.min_clearance_m, value, at_least, About::Nobody, 0.0, None);
+    let (bound, value) = (expect.final_error_m_max, measures.final_error_m_max);
+    ask("final_error_m_max", bound, value, at_most, About::Formation, last_s, None);
+    let (bound, value) = (expect.final_ideal_error_m_max, measures.final_ideal_error_m_max);
+    ask("final_ideal_error_m_max", bound, value, at_most, About::Formation, last_s, None);
+    let (bound, value) = (expect.tracking_error_m_max, measures.tracking_error_m_max);
+    ask("tracking_error_m_max", bound, value, at_most, About::Leader, last_s, None);
+    let (bound, value) = (expect.hull_distance_m_max, measures.hull_distance_m_max_final);
+    ask("hull_distance_m_max", bound, value, at_most, About::Contained, last_s, None);
+    let (bound, value) = (expect.converged_by_s, measures.converged_at_s);
+    ask("converged_by_s", bound, value, at_most, About::Formation, value.unwrap_or(never_s), None);
+    let bound = expect.recovered_within_s;
+    ask("recovered_within_s", bound, slowest, at_most, About::Formation, struck_s, unrecovered);
+    let (bound, value) = (misses_max.map(|bound| bound as f64), Some(deadline_misses as f64));
+    ask("deadline_misses_max", bound, value, at_most, About::Nobody, never_s, None);
+    let (bound, value) = (expect.exit.map(f64::from), Some(f64::from(exit)));
+    ask("exit", bound, value, equal, About::Nobody, never_s, None);
+    let why = Some(format!("dead at the end: {}", dead.join(", ")));
+    ask("alive_at_end", alive_bound, alive, at_least, About::Nobody, never_s, why);
+    asked
+}
+
+/// What there is to know for a verdict beside the value.
+struct Judge<'a> {
+    scenario: &'a Scenario,
+    measures: &'a Measures,
+    /// Who counts, in scenario order.
+    counts: Vec<bool>,
+}
+
+impl Judge<'_> {
+    fn new<'a>(scenario: &'a Scenario, measures: &'a Measures) -> Judge<'a> {
+        let alive = &measures.alive_at_end;
+        let counts = match &scenario.expect.alive_at_end {
+            None => planned_alive(scenario),
+            Some(AliveAtEnd::Names(robots)) => {
+                (0..alive.len()).map(|robot| robots.contains(&robot)).collect()
+            }
+            // Whoever they are.
+            Some(AliveAtEnd::Count(_)) => alive.clone(),
+        };
+        Judge { scenario, measures, counts }
+    }
+
+    fn answer(&self, question: Question) -> Expectation {
+        let Question { name, bound, value, holds, about, rests_from_s, why } = question;
+        let holds = value.map(|value| holds(value, bound));
+        let (verdict, reason) = match (self.dead_or_nobody(about), holds) {
+            (Some(why), _) => (Verdict::Missed, Some(why)),
+            (None, Some(false)) => (Verdict::Missed, why),
+            (None, seen) => match (self.unseen_since(rests_from_s), seen) {
+                (Some(why), _) => (Verdict::Unseen, Some(why)),
+                (None, None) if !self.leaves_anybody(about) => (Verdict::Held, None),
+                (None, None) => (Verdict::Missed, why),
+                (None, Some(_)) => (Verdict::Held, None),
+            },
+        };
+        let held = verdict == Verdict::Held;
+        Expectation { name: name.to_owned(), value, bound, held, verdict, reason }
+    }
+
+    /// Why it is missed whatever was measured, if it is.
+    fn dead_or_nobody(&self, about: About) -> Option<String> {
+        let whom = self.whom(about)?;
+        if whom.is_empty() {
+            return Some("the scenario has no such robot".to_owned());
+        }
+        let counted = |robot: &&usize| self.counts[**robot];
+        let counted: Vec<usize> = whom.iter().filter(counted).copied().collect();
+        let alive = &self.measures.alive_at_end;
+        let dead: Vec<usize> = counted.iter().copied().filter(|&robot| !alive[robot]).collect();
+        let meant_so = self.scenario.expect.alive_at_end.is_some();
+        match counted[..] {
+            _ if !dead.is_empty() => Some(format!("dead at the end: {}", self.names(&dead))),
+            _ if meant_so => None,
+            [] => Some(format!("nobody is left of {}", self.names(&whom))),
+            [one] if about == About::Formation && whom.len() > 1 => {
+                Some(format!("{} alone is left", self.names(&[one])))
+            }
+            _ => None,
+        }
+    }
+
+    /// Whether anybody counts that it is about.
+    fn leaves_anybody(&self, about: About) -> bool {
+        self.whom(about).is_none_or(|whom| whom.iter().any(|&robot| self.counts[robot]))
+    }
+
+    fn whom(&self, about: About) -> Option<Vec<usize>> {
+        match about {
+            About::Nobody => None,
+            About::Formation => Some((0..self.counts.len()).collect()),
+            About::Leader => Some(self.scenario.leader().into_iter().collect()),
+            About::Contained => Some(self.scenario.contained()),
+        }
+    }
+
+    /// When truths were lost that it rests on, if any were.
+    fn unseen_since(&self, rests_from_s: f64) -> Option<String> {
+        let lost = |[_, until_s]: &&[f64; 2]| *until_s > rests_from_s;
+        let [from_s, until_s] = self.measures.unseen_s.iter().find(lost)?;
+        Some(format!("no truths from {from_s:.3} s to {until_s:.3} s"))
+    }
+
+    fn names(&self, robots: &[usize]) -> String {
+        let names = robots.iter().map(|&robot| self.scenario.robots[robot].name.as_str());
+        names.collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// Whom the scenario's plan leaves alive: everybody but those that it kills and does not bring back
+/// before the end.
+fn planned_alive(scenario: &Scenario) -> Vec<bool> {
+    let mut alive = vec![true; scenario.robots.len()];
+    for fault in &scenario.faults {
+        if let FaultKind::Kill { robot, restart_after_ns } = fault.kind {
+            let back_ns = restart_after_ns.map(|after_ns| fault.at_ns.saturating_add(after_ns));
+            alive[robot] = back_ns.is_some_and(|back_ns| back_ns < scenario.duration_ns);
+        }
+    }
+    alive
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::fault::FaultReport;
+    use experiment::examples::row_of_three;
+    use experiment::scenario::{Expectations, Fault};
+    use protocol::law::Role;
+
+    const SECOND_NS: u64 = 1_000_000_000;
+
+    fn measures() -> Measures {
+        Measures {
+            min_distance_m: Some(0.2),
+            final_error_m_max: Some(0.5),
+            final_ideal_error_m_max: Some(0.5),
+            alive_at_end: vec![true; 3],
+            ..Measures::default()
+        }
+    }
+
+    /// The row, with these expectations.
+    fn row(expect: impl FnOnce(&mut Expectations)) -> Scenario {
+        let mut scenario = row_of_three();
+        expect(&mut scenario.expect);
+        scenario
+    }
+
+    fn only(scenario: &Scenario, measures: &Measures) -> (Verdict, Option<String>) {
+        let found = evaluate(scenario, measures, Pace::Lockstep, 0, 0);
+        let [one] = &found[..] else { panic!("one expectation: {found:?}") };
+        assert_eq!(one.held, one.verdict == Verdict::Held);
+        (one.verdict(), one.reason.clone())
+    }
+
+    fn missed(why: &str) -> (Verdict, Option<String>) {
+        (Verdict::Missed, Some(why.to_owned()))
+    }
+
+    const HELD: (Verdict, Option<String>) = (Verdict::Held, None);
+
+    #[test]
+    fn bounds_include_their_ends_and_what_never_came_about_does_not_hold() {
+        let scenario = row(|expect| {
+            *expect = Expectations {
+                min_distance_m: Some(0.2),
+                final_error_m_max: Some(0.4),
+                final_ideal_error_m_max: Some(0.5),
+                tracking_error_m_max: Some(0.4),
+                converged_by_s: Some(10.0),
+                recovered_within_s: Some(1.0),
+                deadline_misses_max: Some(0),
+                exit: Some(0),
+                ..expect.clone()
+            }
+        });
+        let held = |pace| -> Vec<(String, bool)> {
+            let found = evaluate(&scenario, &measures(), pace, 1, 0);
+            found.into_iter().map(|expectation| (expectation.name, expectation.held)).collect()
+        };
+        let named = |held: &[(&str, bool)]| -> Vec<(String, bool)> {
+            held.iter().map(|&(name, held)| (name.to_owned(), held)).collect()
+        };
+        let in_both = [
+            ("min_distance_m", true),
+            ("final_error_m_max", false),
+            ("final_ideal_error_m_max", true),
+            ("tracking_error_m_max", false),
+            ("converged_by_s", false),
+            ("recovered_within_s", false),
+        ];
+        assert_eq!(held(Pace::Lockstep), named(&[&in_both[..], &[("exit", true)]].concat()));
+        let in_real_time = [("deadline_misses_max", false), ("exit", true)];
+        assert_eq!(held(Pace::Realtime), named(&[&in_both[..], &in_real_time[..]].concat()));
+    }
+
+    #[test]
+    fn who_is_dead_at_the_end_by_nobodys_plan_has_not_converged() {
+        let mut scenario = row(|expect| expect.converged_by_s = Some(10.0));
+        let alive_at_end = vec![true, true, false];
+        let measures = Measures { converged_at_s: Some(3.0), alive_at_end, ..measures() };
+        assert_eq!(only(&scenario, &measures), missed("dead at the end: r3"));
+        let kill = |at_s: u64, robot, restart_after_s: Option<u64>| Fault {
+            at_ns: at_s * SECOND_NS,
+            for_ns: None,
+            kind: FaultKind::Kill {
+                robot,
+                restart_after_ns: restart_after_s.map(|after_s| after_s * SECOND_NS),
+            },
+        };
+        scenario.faults = vec![kill(4, 2, None)];
+        assert_eq!(only(&scenario, &measures), HELD, "the plan leaves it dead");
+        scenario.faults = vec![kill(4, 2, None), kill(8, 2, Some(2))];
+        assert_eq!(only(&scenario, &measures), missed("dead at the end: r3"), "it was to be back");
+        scenario.faults = vec![kill(4, 2, Some(30))];
+        assert_eq!(only(&scenario, &measures), HELD, "too late to be back");
+    }
+
+    #[test]
+    fn what_is_about_nobody_is_missed_unless_the_scenario_means_it_so() {
+        let kills = [1, 2].map(|robot| Fault {
+            at_ns: SECOND_NS,
+            for_ns: None,
+            kind: FaultKind::Kill { robot, restart_after_ns: None },
+        });
+        let alive_at_end = vec![true, false, false];
+        let measures = Measures {
+            converged_at_s: Some(3.0),
+            hull_distance_m_max_final: None,
+            alive_at_end,
+            ..measures()
+        };
+        let mut hull = row(|expect| expect.hull_distance_m_max = Some(0.0));
+        assert_eq!(only(&hull, &measures), missed("the scenario has no such robot"));
+        hull.robots[1].role = Role::CONTAINED;
+        hull.robots[2].role = Role::CONTAINED;
+        hull.faults = kills.to_vec();
+        assert_eq!(only(&hull, &measures), missed("nobody is left of r2, r3"));
+        let mut converged = row(|expect| expect.converged_by_s = Some(10.0));
+        converged.faults = kills.to_vec();
+        assert_eq!(only(&converged, &measures), missed("r1 alone is left"));
+        for alive in [AliveAtEnd::Names(vec![0]), AliveAtEnd::Count(1)] {
+            for scenario in [&mut hull, &mut converged] {
+                scenario.expect.alive_at_end = Some(alive.clone());
+                let found = evaluate(scenario, &measures, Pace::Lockstep, 0, 0);
+                assert!(found.iter().all(|one| one.held), "{alive:?}: {found:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn alive_at_end_asks_for_robots_by_name_or_for_as_many() {
+        let measures = Measures { alive_at_end: vec![true, false, true], ..measures() };
+        for (alive, held) in [
+            (AliveAtEnd::Names(vec![0, 2]), true),
+            (AliveAtEnd::Names(vec![0, 1]), false),
+            (AliveAtEnd::Names(Vec::new()), true),
+            (AliveAtEnd::Count(2), true),
+            (AliveAtEnd::Count(3), false),
+        ] {
+            let scenario = row(|expect| expect.alive_at_end = Some(alive.clone()));
+            let expected = if held { HELD } else { missed("dead at the end: r2") };
+            assert_eq!(only(&scenario, &measures), expected, "{alive:?}");
+        }
+    }
+
+    #[test]
+    fn what_could_have_failed_while_truths_were_lost_is_unseen() {
+        let nobody_saw = |from: f64, until: f64| {
+            (Verdict::Unseen, Some(format!("no truths from {from:.3} s to {until:.3} s")))
+        };
+        let distance = row(|expect| expect.min_distance_m = Some(0.2));
+        let lost = |from_s, until_s| Measures { unseen_s: vec![[from_s, until_s]], ..measures() };
+        assert_eq!(only(&distance, &lost(3.0, 5.0)), nobody_saw(3.0, 5.0));
+        let too_near = Measures { min_distance_m: Some(0.1), ..lost(3.0, 5.0) };
+        assert_eq!(only(&distance, &too_near), (Verdict::Missed, None), "that much was seen");
+        // The last 10 % of 20 s.
+        let errors = row(|expect| expect.final_error_m_max = Some(0.5));
+        assert_eq!(only(&errors, &lost(3.0, 5.0)), HELD);
+        assert_eq!(only(&errors, &lost(17.0, 18.5)), nobody_saw(17.0, 18.5));
+        let converged = row(|expect| expect.converged_by_s = Some(10.0));
+        let since = |measures| Measures { converged_at_s: Some(6.0), ..measures };
+        assert_eq!(only(&converged, &since(lost(3.0, 5.0))), HELD);
+        assert_eq!(only(&converged, &since(lost(7.0, 8.0))), nobody_saw(7.0, 8.0));
+        let recovered = row(|expect| expect.recovered_within_s = Some(5.0));
+        let fault =
+            FaultReport { t_s: 4.0, recovered_after_s: Some(1.0), ..FaultReport::default() };
+        let struck = |measures| Measures { faults: vec![fault.clone()], ..measures };
+        assert_eq!(only(&recovered, &struck(lost(1.0, 3.0))), HELD);
+        assert_eq!(only(&recovered, &measures()), missed("the run had no fault"));
+        let never = FaultReport { what: "kill r2".into(), t_s: 4.0, ..FaultReport::default() };
+        let never = Measures { faults: vec![fault.clone(), never], ..measures() };
+        assert_eq!(only(&recovered, &never), missed("no recovery from kill r2 at 4 s"));
+        assert_eq!(only(&recovered, &struck(lost(3.0, 5.0))), nobody_saw(3.0, 5.0));
+    }
+
+    #[test]
+    fn of_many_verdicts_a_miss_is_the_worst_and_what_is_unseen_comes_next() {
+        let of = |verdict| Expectation {
+            held: verdict == Verdict::Held,
+            verdict,
+            ..Expectation::default()
+        };
+        let [held, missed, unseen] = [Verdict::Held, Verdict::Missed, Verdict::Unseen].map(of);
+        assert_eq!(worst(&[]), None);
+        assert_eq!(worst(std::slice::from_ref(&held)), Some(Verdict::Held));
+        assert_eq!(worst(&[held.clone(), unseen.clone()]), Some(Verdict::Unseen));
+        assert_eq!(worst(&[unseen, held, missed]), Some(Verdict::Missed));
+    }
+}

@@ -1,0 +1,83 @@
+//! Where its role wants each robot, from the truth about everybody.
+
+use formation::Vec2;
+use formation::desired::{Target, desired};
+use formation::frame::LeaderFrame;
+use formation::graph::Edge;
+use protocol::brief::{LeadBrief, SilencePolicy};
+use protocol::law::Reference;
+
+use crate::metrics::silence::Silent;
+use experiment::scenario::Scenario;
+
+/// What the errors of a scenario's robots are measured against.
+pub(super) struct Targets {
+    references: Vec<Reference>,
+    /// For each robot, the edges that end in it, and their places in the graph.
+    heard: Vec<Vec<(usize, Edge)>>,
+    /// The trajectory of each, if it follows one.
+    leads: Vec<Option<LeadBrief>>,
+    /// The goal of each, if it goes to one, m: the scenario's, until it is sent to another.
+    goals: Vec<Option<Vec2>>,
+    policy: SilencePolicy,
+}
+
+impl Targets {
+    pub(super) fn new(scenario: &Scenario) -> Targets {
+        let edges = || scenario.graph.edges().iter().copied().enumerate();
+        let heard = |i| edges().filter(|(_, edge)| edge.to == i).collect();
+        Targets {
+            references: scenario.robots.iter().map(|robot| robot.role.reference).collect(),
+            heard: (0..scenario.robots.len()).map(heard).collect(),
+            leads: (0..scenario.robots.len()).map(|i| scenario.lead_of(i).cloned()).collect(),
+            goals: scenario.robots.iter().map(|robot| robot.goal_m.map(Vec2::from)).collect(),
+            policy: scenario.silence.policy,
+        }
+    }
+
+    /// A robot that goes to goals was sent to another one, m.
+    pub(super) fn send(&mut self, robot: usize, goal: Vec2) {
+        self.goals[robot] = Some(goal);
+    }
+
+    /// alpha_i - alpha*_i, m: alpha* is m(t) for the leader (25), the mean of what all heard ask
+    /// for in a formation (13) (24) (45), their mean for a contained robot (46), and of those that go
+    /// to goals the one in force; see `counted` for the silent. `None` for one that has nothing to go by.
+    pub(super) fn error(
+        &self,
+        robot: usize,
+        t_s: f64,
+        frame: &LeaderFrame,
+        alphas: &[Vec2],
+        silent: &Silent,
+    ) -> Option<Vec2> {
+        let target = match self.references[robot] {
+            Reference::Trajectory => self.leads[robot].as_ref().map(|lead| lead.trajectory.at(t_s)),
+            Reference::Offsets => self.mean(robot, alphas, silent, |c_ji| frame.offset(c_ji)),
+            Reference::Middle => self.mean(robot, alphas, silent, |_| Target::still(Vec2::zeros())),
+            Reference::Goal => self.goals[robot].map(Target::still),
+        };
+        target.map(|target| alphas[robot] - target.position)
+    }
+
+    /// Those by which a robot's error is measured, as the policy on silence has it: those heard; if
+    /// nobody is, or if the silent are to count, all.
+    fn counted(&self, robot: usize, silent: &Silent) -> impl Iterator<Item = &(usize, Edge)> {
+        let heard = &self.heard[robot];
+        let speaks = |(edge, ends): &(usize, Edge)| silent.carries(*edge, ends.from);
+        let all = self.policy == SilencePolicy::Keep || !heard.iter().any(speaks);
+        heard.iter().filter(move |one| all || speaks(one))
+    }
+
+    fn mean(
+        &self,
+        robot: usize,
+        alphas: &[Vec2],
+        silent: &Silent,
+        offset: impl Fn(Vec2) -> Target,
+    ) -> Option<Target> {
+        let counted = self.counted(robot, silent);
+        let place = |ends: &Edge| Target::still(alphas[ends.from]);
+        desired(counted.map(|(_, ends)| (place(ends), offset(ends.offset_m))))
+    }
+}

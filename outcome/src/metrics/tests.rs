@@ -1,0 +1,400 @@
+use super::fault::End;
+use super::*;
+
+use experiment::examples::row_of_three;
+use formation::graph::FormationGraph;
+use proptest::prelude::*;
+use protocol::law::Role;
+
+use crate::metrics::examples::{header, rows};
+
+const SECOND_NS: u64 = 1_000_000_000;
+const ALL: [bool; 3] = [true; 3];
+
+/// The formation with r3 off its place by `off_m`, towards r2.
+fn r3_off(off_m: f64) -> [TruthRow; 3] {
+    rows([0.0, -1.0, -2.0 + off_m])
+}
+
+fn close(a: Option<f64>, b: f64) -> bool {
+    a.is_some_and(|a| (a - b).abs() < 1e-12)
+}
+
+#[test]
+fn errors_are_distances_from_where_the_heard_robots_ask_one_to_stand() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    metrics.truth(&header(0), &rows([0.0, -0.7, -1.5]), &ALL);
+    let errors = metrics.now().errors_m;
+    assert_eq!(errors[0], None);
+    assert!(close(errors[1], 0.3) && close(errors[2], 0.2), "{errors:?}");
+}
+
+#[test]
+fn the_integrated_error_counts_the_time_a_robot_lives() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for tick in 0..=4 {
+        // r3 dies after 3 s.
+        metrics.truth(&header(tick), &r3_off(0.25), &[true, true, tick < 4]);
+    }
+    let integrated = metrics.finish().integrated_error_m_s;
+    assert_eq!(integrated[0], ("r1".to_owned(), None));
+    assert!(close(integrated[1].1, 0.0) && close(integrated[2].1, 0.75), "{integrated:?}");
+}
+
+#[test]
+fn the_smallest_distance_is_named_with_its_pair_and_time() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for (tick, x_m) in [(0, 1.0), (1, 0.15), (2, 0.1), (3, 0.5)] {
+        metrics.truth(&header(tick), &rows([0.0, 3.0, x_m]), &ALL);
+    }
+    let measures = metrics.finish();
+    assert!(close(measures.min_distance_m, 0.1));
+    assert_eq!(measures.min_distance_t_s, Some(2.0));
+    assert_eq!(measures.violations, 2);
+}
+
+#[test]
+fn what_the_plant_saw_between_two_truths_counts() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    metrics.truth(&header(0), &r3_off(0.0), &ALL);
+    metrics.died_unplanned(1, "signal 9", SECOND_NS / 4);
+    let seen = TruthHeader {
+        closest_m: 0.05,
+        closest_t_ns: SECOND_NS / 2,
+        closest_pair: [1, 2],
+        violations: 4,
+        commands_late: 3,
+        ..header(1)
+    };
+    metrics.truth(&seen, &r3_off(0.0), &ALL);
+    let measures = metrics.finish();
+    assert_eq!((measures.min_distance_m, measures.min_distance_t_s), (Some(0.05), Some(0.5)));
+    assert_eq!(measures.violations, 4);
+    assert_eq!(measures.faults[0].min_distance_m, Some(0.05));
+}
+
+#[test]
+fn a_robot_alone_has_no_smallest_distance() {
+    let mut scenario = row_of_three();
+    scenario.robots.truncate(1);
+    scenario.graph = FormationGraph::new(1, Vec::new());
+    let mut metrics = Metrics::new(&scenario, Pace::Lockstep);
+    metrics.truth(&TruthHeader { ..header(0) }, &rows([0.0; 3])[..1], &[true]);
+    let measures = metrics.finish();
+    assert_eq!((measures.min_distance_m, measures.final_error_m_max), (None, None));
+}
+
+#[test]
+fn lost_truths_are_counted_from_the_gaps_and_repeated_ones_passed_over() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for tick in [1, 2, 6, 6, 7] {
+        metrics.truth(&header(tick), &r3_off(0.0), &ALL);
+    }
+    let measures = metrics.finish();
+    assert_eq!(measures.truths_lost, 4);
+    // Tick 0 was lost before the first.
+    assert_eq!(measures.unseen_s, [[0.0, 1.0], [2.0, 6.0]]);
+}
+
+#[test]
+fn convergence_counts_from_the_last_time_that_an_error_was_large() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for (tick, off_m) in [(0, 0.5), (1, 0.005), (2, 0.02), (3, 0.009), (4, 0.001)] {
+        metrics.truth(&header(tick), &r3_off(off_m), &ALL);
+    }
+    assert_eq!(metrics.finish().converged_at_s, Some(3.0));
+}
+
+#[test]
+fn a_formation_that_ends_disturbed_or_dead_or_without_numbers_has_not_converged() {
+    let ends: [([TruthRow; 3], [bool; 3]); 3] =
+        [(r3_off(0.5), ALL), (r3_off(0.0), [false; 3]), (r3_off(f64::NAN), ALL)];
+    for (rows, alive) in ends {
+        let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+        metrics.truth(&header(0), &r3_off(0.0), &ALL);
+        metrics.truth(&header(1), &rows, &alive);
+        assert_eq!(metrics.finish().converged_at_s, None);
+    }
+}
+
+#[test]
+fn the_dead_have_no_say_in_convergence_and_final_errors() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for tick in 0..=20 {
+        metrics.truth(&header(tick), &r3_off(0.5), &[true, true, false]);
+    }
+    let measures = metrics.finish();
+    assert_eq!(measures.converged_at_s, Some(0.0));
+    let finals: Vec<_> = measures.final_error_m.into_iter().map(|(_, e)| e).collect();
+    assert_eq!(finals, [None, Some(0.0), None]);
+    assert_eq!(measures.alive_at_end, [true, true, false]);
+}
+
+#[test]
+fn final_errors_are_the_worst_of_the_last_tenth_of_the_run() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for (tick, off_m) in [(0, 0.9), (17, 0.8), (18, 0.3), (19, 0.4), (20, 0.1)] {
+        metrics.truth(&header(tick), &r3_off(off_m), &ALL);
+    }
+    assert!(close(metrics.finish().final_error_m_max, 0.4));
+
+    let mut short = Metrics::new(&row_of_three(), Pace::Lockstep);
+    short.truth(&header(0), &r3_off(0.0), &ALL);
+    assert_eq!(short.finish().final_error_m_max, None);
+}
+
+/// A run in which r2 is killed at 3 s and moves again at 5 s; `off_m` is r3's error at each tick.
+fn killed_and_replaced(off_m: &[f64]) -> FaultReport {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for (tick, &off_m) in (0u64..).zip(off_m) {
+        if tick == 3 {
+            metrics.died_unplanned(1, "signal 9", tick * SECOND_NS);
+        }
+        if tick == 5 {
+            metrics.fault_ended(0, End::Whole, tick * SECOND_NS);
+        }
+        metrics.truth(&header(tick), &r3_off(off_m), &[true, !(3..5).contains(&tick), true]);
+    }
+    metrics.finish().faults.remove(0)
+}
+
+#[test]
+fn a_fault_is_measured_from_its_beginning_to_the_recovery() {
+    //                                 0    1    2    3    4    5    6    7     8      9
+    let fault = killed_and_replaced(&[0.6, 0.0, 0.0, 0.0, 0.2, 0.4, 0.3, 0.02, 0.009, 0.005]);
+    assert_eq!((fault.t_s, fault.lasted_s), (3.0, Some(2.0)));
+    assert_eq!(fault.robot.as_deref(), Some("r2"));
+    assert_eq!(fault.recovered_after_s, Some(3.0));
+    assert!(close(Some(fault.peak_error_m), 0.4) && close(fault.min_distance_m, 0.6), "{fault:?}");
+}
+
+#[test]
+fn a_calm_that_does_not_last_is_no_recovery() {
+    //                                 0    1    2    3    4    5    6    7    8    9
+    let fault = killed_and_replaced(&[0.0, 0.0, 0.0, 0.0, 0.2, 0.2, 0.0, 0.0, 0.5, 0.0]);
+    assert_eq!(fault.recovered_after_s, Some(4.0));
+    assert!(close(Some(fault.peak_error_m), 0.5));
+}
+
+#[test]
+fn a_fault_from_which_the_formation_did_not_recover_is_measured_to_the_end() {
+    let fault = killed_and_replaced(&[0.0, 0.0, 0.0, 0.0, 0.2, 0.2, 0.7]);
+    assert_eq!(fault.recovered_after_s, None);
+    assert!(close(Some(fault.peak_error_m), 0.7) && close(fault.min_distance_m, 0.3));
+}
+
+#[test]
+fn a_fault_whose_replacement_never_moved_is_not_recovered_from() {
+    let fault = killed_and_replaced(&[0.0; 5]);
+    assert_eq!((fault.lasted_s, fault.recovered_after_s), (None, None));
+}
+
+#[test]
+fn a_fault_that_disturbs_nobody_is_recovered_from_at_once() {
+    let fault = killed_and_replaced(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.008, 0.0]);
+    assert_eq!(fault.recovered_after_s, Some(0.0));
+    assert!(close(Some(fault.peak_error_m), 0.008));
+}
+
+#[test]
+fn a_later_fault_closes_the_window_of_one_recovered_from_and_no_other() {
+    let run = |off_m: [f64; 8]| {
+        let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+        for (tick, off_m) in (0u64..).zip(off_m) {
+            if tick == 1 || tick == 5 {
+                let fault = metrics.died_unplanned(0, "signal 9", tick * SECOND_NS);
+                metrics.fault_ended(fault, End::ForGood, tick * SECOND_NS);
+            }
+            metrics.truth(&header(tick), &r3_off(off_m), &ALL);
+        }
+        metrics.finish().faults
+    };
+    let apart = run([0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.6, 0.0]);
+    assert_eq!((apart[0].recovered_after_s, apart[1].recovered_after_s), (Some(1.0), Some(2.0)));
+    assert!(close(Some(apart[0].peak_error_m), 0.1) && close(Some(apart[1].peak_error_m), 0.6));
+
+    let overlapping = run([0.0, 0.1, 0.1, 0.1, 0.1, 0.1, 0.6, 0.0]);
+    assert_eq!(overlapping[0].recovered_after_s, Some(6.0));
+    assert!(close(Some(overlapping[0].peak_error_m), 0.6));
+}
+
+#[test]
+fn faults_at_the_same_instant_share_what_follows() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    metrics.truth(&header(0), &r3_off(0.0), &ALL);
+    for fault in [0, 1] {
+        metrics.died_unplanned(fault, "signal 9", SECOND_NS);
+        metrics.fault_ended(fault, End::ForGood, SECOND_NS);
+    }
+    metrics.truth(&header(1), &r3_off(0.0), &ALL);
+    metrics.truth(&header(2), &r3_off(0.5), &ALL);
+    let faults = metrics.finish().faults;
+    assert!(
+        faults.iter().all(|f| f.recovered_after_s.is_none() && close(Some(f.peak_error_m), 0.5))
+    );
+}
+
+#[test]
+fn the_first_neighbor_to_call_a_faulty_robot_stale_and_lost_sets_the_times() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    metrics.died_unplanned(1, "signal 9", 10 * SECOND_NS);
+    metrics.died_unplanned(1, "signal 9", 30 * SECOND_NS);
+    for (hearer, neighbor, contact, since_s) in [
+        (2, 1, Contact::Stale, 5),
+        (2, 1, Contact::Stale, 14),
+        (0, 1, Contact::Stale, 13),
+        (2, 0, Contact::Stale, 11),
+        (2, 1, Contact::Fresh, 12),
+        (2, 1, Contact::Lost, 25),
+        (2, 1, Contact::Stale, 32),
+    ] {
+        metrics.contact(hearer, neighbor, contact, since_s * SECOND_NS);
+    }
+    let faults = metrics.finish().faults;
+    assert_eq!((faults[0].stale_after_s, faults[0].lost_after_s), (Some(3.0), Some(15.0)));
+    assert_eq!((faults[1].stale_after_s, faults[1].lost_after_s), (Some(2.0), None));
+}
+
+#[test]
+fn silence_after_the_replacement_moved_is_not_the_faults() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    metrics.died_unplanned(1, "signal 9", 10 * SECOND_NS);
+    metrics.fault_ended(0, End::Whole, 12 * SECOND_NS);
+    metrics.contact(2, 1, Contact::Stale, 25 * SECOND_NS);
+    assert_eq!(metrics.finish().faults[0].stale_after_s, None);
+}
+
+/// What may be told in any order, as long as it is about the same run.
+#[derive(Debug, Clone, Copy)]
+enum Told {
+    /// The plant reached this second.
+    Truth(u64),
+    Began(usize, u64),
+    Ended(usize, End, u64),
+    Contact(usize, usize, Contact, u64),
+}
+
+/// r2 dies at 3 s, is back at 6 s, falls silent at 7 s for a reason of its own, and dies again at
+/// 8 s for good; r1 dies meanwhile.
+const STORY: [Told; 25] = [
+    Told::Truth(0),
+    Told::Truth(1),
+    Told::Truth(2),
+    Told::Truth(3),
+    Told::Began(0, 3),
+    Told::Truth(4),
+    Told::Began(1, 4),
+    Told::Ended(1, End::ForGood, 4),
+    Told::Truth(5),
+    Told::Truth(6),
+    Told::Ended(0, End::Whole, 6),
+    Told::Truth(7),
+    Told::Truth(8),
+    Told::Began(2, 8),
+    Told::Ended(2, End::ForGood, 8),
+    Told::Truth(9),
+    Told::Contact(2, 1, Contact::Stale, 2),
+    Told::Contact(2, 1, Contact::Stale, 5),
+    Told::Contact(0, 1, Contact::Stale, 4),
+    Told::Contact(0, 1, Contact::Lost, 6),
+    Told::Contact(2, 1, Contact::Fresh, 6),
+    Told::Contact(2, 1, Contact::Stale, 7),
+    Told::Contact(2, 1, Contact::Lost, 9),
+    Told::Contact(1, 0, Contact::Stale, 5),
+    Told::Contact(1, 0, Contact::Lost, 8),
+];
+
+fn faults_told(story: impl Iterator<Item = Told>) -> Vec<FaultReport> {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for robot in [1, 0, 1] {
+        let struck = Struck { robot: Some(robot), hearer: None, silenced: Silenced::Robot(robot) };
+        metrics.new_fault(format!("death of {robot}"), struck);
+    }
+    for told in story {
+        match told {
+            Told::Truth(tick) => metrics.truth(&header(tick), &r3_off(0.0), &ALL),
+            Told::Began(fault, s) => metrics.fault_began(fault, s * SECOND_NS),
+            Told::Ended(fault, end, s) => metrics.fault_ended(fault, end, s * SECOND_NS),
+            Told::Contact(hearer, neighbor, contact, s) => {
+                metrics.contact(hearer, neighbor, contact, s * SECOND_NS);
+            }
+        }
+    }
+    metrics.finish().faults
+}
+
+proptest! {
+    /// Who is heard first is the machine's doing: reports arrive in any order among each other, and
+    /// long before or after what they are about.
+    #[test]
+    fn contacts_count_alike_whenever_they_are_told(
+        places in prop::collection::vec(0..=16usize, 9),
+    ) {
+        let (acts, contacts) = STORY.split_at(16);
+        // Acts stay in their order; each contact is told before the act at its place.
+        let told_before = |place: usize| {
+            let places = places.iter().zip(contacts);
+            places.filter(move |(at, _)| **at == place).map(|(_, contact)| *contact).rev()
+        };
+        let story = (0..=16).flat_map(|place| {
+            told_before(place).chain(acts.get(place).copied())
+        });
+        let faults = faults_told(story);
+        let times: Vec<_> =
+            faults.iter().map(|fault| (fault.stale_after_s, fault.lost_after_s)).collect();
+        prop_assert_eq!(
+            times,
+            [(Some(1.0), Some(3.0)), (Some(1.0), Some(4.0)), (None, Some(1.0))]
+        );
+        prop_assert_eq!(faults, faults_told(STORY.into_iter()));
+    }
+}
+
+#[test]
+fn reports_are_kept_no_longer_than_a_fault_may_be_told_of() {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for tick in 0..100_000 {
+        metrics.truth(&header(tick), &r3_off(0.0), &ALL);
+        metrics.contact(2, 1, Contact::Stale, tick * SECOND_NS);
+    }
+    assert!(metrics.faults.reports_kept() < 100, "{}", metrics.faults.reports_kept());
+}
+
+#[test]
+fn of_those_that_go_to_goals_every_error_is_the_distance_to_the_goal() {
+    let mut scenario = row_of_three();
+    for (robot, x_m) in scenario.robots.iter_mut().zip([0.0, 1.0, 2.0]) {
+        (robot.role, robot.goal_m) = (Role::GOAL, Some([x_m, 0.0]));
+    }
+    // Whomever they hear.
+    let mut metrics = Metrics::new(&scenario, Pace::Lockstep);
+    metrics.truth(&header(0), &rows([0.0, 0.7, 2.4]), &ALL);
+    let now = metrics.now();
+    for errors_m in [now.errors_m, now.ideal_errors_m] {
+        let expected = errors_m.iter().zip([0.0, 0.3, 0.4]);
+        assert!(expected.into_iter().all(|(&found, m)| close(found, m)), "{errors_m:?}");
+    }
+}
+
+#[test]
+fn of_whoever_is_sent_to_another_goal_errors_and_convergence_are_of_that_one() {
+    let mut scenario = row_of_three();
+    for (robot, x_m) in scenario.robots.iter_mut().zip([0.0, 1.0, 2.0]) {
+        (robot.role, robot.goal_m) = (Role::GOAL, Some([x_m, 0.0]));
+    }
+    let mut metrics = Metrics::new(&scenario, Pace::Realtime);
+    metrics.truth(&header(0), &rows([0.5, 1.0, 2.0]), &ALL);
+    metrics.truth(&header(1), &rows([0.0, 1.0, 2.0]), &ALL);
+    assert_eq!(metrics.finish().converged_at_s, Some(seconds(header(1).t_ns)));
+    assert!(metrics.finish().path_over_straight.is_some());
+    metrics.sent(2, Vec2::new(3.0, 0.0));
+    metrics.truth(&header(2), &rows([0.0, 1.0, 2.25]), &ALL);
+    for errors_m in [metrics.now().errors_m, metrics.now().ideal_errors_m] {
+        let expected = errors_m.iter().zip([0.0, 0.0, 0.75]);
+        assert!(expected.into_iter().all(|(&found, m)| close(found, m)), "{errors_m:?}");
+    }
+    assert_eq!(metrics.finish().converged_at_s, None);
+    metrics.truth(&header(3), &rows([0.0, 1.0, 3.0]), &ALL);
+    assert_eq!(metrics.finish().converged_at_s, Some(seconds(header(3).t_ns)));
+    assert_eq!(metrics.finish().path_over_straight, None, "it was not on its way to one place");
+}

@@ -1,0 +1,269 @@
+//! A recording as tables: tidy CSV in long form, one file for each kind of observation, units in the
+//! column names, the same run time as in `samples.csv`.
+//!
+//! | file | columns |
+//! |---|---|
+//! | `poses.csv` | `t_s,robot,x_m,y_m,heading_rad` |
+//! | `commands.csv` | `t_s,robot,v_m_s,w_rad_s` |
+//! | `errors.csv` | `t_s,robot,error_m,alive,ideal_error_m`; no error where the robot has no place to be at |
+//! | `distances.csv` | `t_s,robot_a,robot_b,min_distance_m`: the nearest two |
+//! | `events.csv` | `t_s,kind,robot,level,detail`; no robot where it is the whole run's |
+//!
+//! Positions and velocities are the run's bit by bit; a heading went through a quaternion and may
+//! differ in its last digit.
+
+use std::collections::HashMap;
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+
+use formation::seconds;
+use mcap::records::{Metadata, Record};
+use serde::Serialize;
+
+use crate::recording::messages::{Nearest, read_log, read_metrics, read_pose, read_twist};
+use crate::recording::pieces::Pieces;
+use crate::recording::recorder::{EPOCH, FACTS, ROBOTS, SUPERVISOR, TOPICS};
+
+/// What was exported.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Exported {
+    /// Each table with its number of rows.
+    pub tables: Vec<(&'static str, u64)>,
+    /// Whether the recording was whole; otherwise the tables hold what there is.
+    pub whole: bool,
+}
+
+/// Why there is no export, or only a part of it.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// It would overwrite something.
+    #[error("{} exists already; an export never overwrites, give --out a new name", .0.display())]
+    Exists(PathBuf),
+    /// The recording cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// It does not say what run it is of.
+    #[error(
+        "{} is no recording of a run: expected an MCAP file with metadata called \"{FACTS}\", \
+         in it {EPOCH}, {ROBOTS} and {TOPICS}", .0.display()
+    )]
+    Foreign(PathBuf),
+    /// A message is not what its channel says.
+    #[error("{}: a message on {topic} at {t_s} s is not what its type says", path.display())]
+    Message {
+        /// In which file.
+        path: PathBuf,
+        /// Its topic.
+        topic: String,
+        /// Its run time, s.
+        t_s: f64,
+    },
+    /// A table could not be written.
+    #[error("cannot write {}: {source}; what was written before is kept", path.display())]
+    Write {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+/// Writes the tables of the recording `file` into the new directory `out`.
+pub fn export(file: &Path, out: &Path) -> Result<Exported, ExportError> {
+    let unreadable = |source| ExportError::Read { path: file.into(), source };
+    let mut pieces = Pieces::open(file).map_err(unreadable)?;
+    let run = loop {
+        match pieces.next().transpose().map_err(unreadable)? {
+            Some(Record::Metadata(facts)) if facts.name == FACTS => break Run::of(&facts),
+            Some(_) => {}
+            None => break None,
+        }
+    };
+    let run = run.ok_or_else(|| ExportError::Foreign(file.into()))?;
+    fs::create_dir(out).map_err(|source| match source.kind() {
+        io::ErrorKind::AlreadyExists => ExportError::Exists(out.into()),
+        _ => ExportError::Write { path: out.into(), source },
+    })?;
+    let mut tables = Tables::create(out)?;
+    let mut channels = HashMap::new();
+    for piece in pieces.by_ref() {
+        match piece.map_err(unreadable)? {
+            Record::Channel(channel) => {
+                let kind = run.observation(&channel.topic);
+                channels.insert(channel.id, (channel.topic, kind));
+            }
+            Record::Message { header, data } => {
+                let Some((topic, Some(kind))) = channels.get(&header.channel_id) else { continue };
+                let t_s = seconds(header.log_time.saturating_sub(run.started_unix_ns));
+                tables.take(*kind, t_s, &run, &data)?.ok_or_else(|| ExportError::Message {
+                    path: file.into(),
+                    topic: topic.clone(),
+                    t_s,
+                })?;
+            }
+            _ => {}
+        }
+    }
+    let tables = tables.finish()?;
+    Ok(Exported { tables, whole: pieces.soundness().whole })
+}
+
+/// What the recording says of its run.
+struct Run {
+    started_unix_ns: u64,
+    robots: Vec<String>,
+    topics: Vec<String>,
+}
+
+/// What a topic observes, of which robot.
+#[derive(Clone, Copy)]
+enum Observation {
+    Pose(usize),
+    Command(usize),
+    Metrics,
+    Event,
+}
+
+impl Run {
+    fn of(facts: &Metadata) -> Option<Run> {
+        let list = |key: &str| -> Option<Vec<String>> {
+            Some(facts.metadata.get(key)?.split(',').map(str::to_owned).collect())
+        };
+        let started_unix_ns = facts.metadata.get(EPOCH)?.parse().ok()?;
+        let (robots, topics) = (list(ROBOTS)?, list(TOPICS)?);
+        (robots.len() == topics.len()).then_some(Run { started_unix_ns, robots, topics })
+    }
+
+    fn observation(&self, topic: &str) -> Option<Observation> {
+        match topic {
+            "/metrics" => Some(Observation::Metrics),
+            "/rosout" => Some(Observation::Event),
+            _ => {
+                let (robot, what) = topic.strip_prefix('/')?.split_once('/')?;
+                let robot = self.topics.iter().position(|known| known == robot)?;
+                match what {
+                    "pose" => Some(Observation::Pose(robot)),
+                    "cmd_vel" => Some(Observation::Command(robot)),
+                    _ => None,
+                }
+            }
+        }
+    }
+}
+
+/// One table under way.
+struct Table {
+    name: &'static str,
+    path: PathBuf,
+    rows: u64,
+    writer: csv::Writer<File>,
+}
+
+impl Table {
+    fn create(out: &Path, name: &'static str, columns: &[&str]) -> Result<Table, ExportError> {
+        let path = out.join(name);
+        let file = File::create_new(&path)
+            .map_err(|source| ExportError::Write { path: path.clone(), source })?;
+        let writer = csv::WriterBuilder::new().has_headers(false).from_writer(file);
+        let mut table = Table { name, path, rows: 0, writer };
+        // Here, not with the first row: a table without rows has columns all the same.
+        let written = table.writer.write_record(columns);
+        written.map_err(|error| table.failed(error.into()))?;
+        Ok(table)
+    }
+
+    fn row(&mut self, row: impl Serialize) -> Result<(), ExportError> {
+        self.rows += 1;
+        let written = self.writer.serialize(row);
+        written.map_err(|error| self.failed(error.into()))
+    }
+
+    fn finish(mut self) -> Result<(&'static str, u64), ExportError> {
+        self.writer.flush().map_err(|error| self.failed(error))?;
+        Ok((self.name, self.rows))
+    }
+
+    fn failed(&self, source: io::Error) -> ExportError {
+        ExportError::Write { path: self.path.clone(), source }
+    }
+}
+
+struct Tables {
+    poses: Table,
+    commands: Table,
+    errors: Table,
+    distances: Table,
+    events: Table,
+}
+
+impl Tables {
+    fn create(out: &Path) -> Result<Tables, ExportError> {
+        Ok(Tables {
+            poses: Table::create(out, "poses.csv", &["t_s", "robot", "x_m", "y_m", "heading_rad"])?,
+            commands: Table::create(out, "commands.csv", &["t_s", "robot", "v_m_s", "w_rad_s"])?,
+            errors: Table::create(
+                out,
+                "errors.csv",
+                &["t_s", "robot", "error_m", "alive", "ideal_error_m"],
+            )?,
+            distances: Table::create(
+                out,
+                "distances.csv",
+                &["t_s", "robot_a", "robot_b", "min_distance_m"],
+            )?,
+            events: Table::create(out, "events.csv", &["t_s", "kind", "robot", "level", "detail"])?,
+        })
+    }
+
+    /// Takes one message into its table; `None` if it is not of its type.
+    fn take(
+        &mut self,
+        kind: Observation,
+        t_s: f64,
+        run: &Run,
+        message: &[u8],
+    ) -> Result<Option<()>, ExportError> {
+        match kind {
+            Observation::Pose(robot) => {
+                let Some(pose) = read_pose(message) else { return Ok(None) };
+                self.poses.row((t_s, &run.robots[robot], pose))?;
+            }
+            Observation::Command(robot) => {
+                let Some(twist) = read_twist(message) else { return Ok(None) };
+                self.commands.row((t_s, &run.robots[robot], twist))?;
+            }
+            Observation::Metrics => {
+                let Some(metrics) = read_metrics(message) else { return Ok(None) };
+                let robots = metrics.robots.iter().zip(&metrics.errors_m).zip(&metrics.alive);
+                for (i, ((robot, error_m), alive)) in robots.enumerate() {
+                    let ideal_m = metrics.ideal_errors_m.get(i).copied().flatten();
+                    self.errors.row((t_s, robot, error_m, u8::from(*alive), ideal_m))?;
+                }
+                if let Some(Nearest { distance_m, pair: [a, b] }) = metrics.nearest {
+                    let name = |place: usize| metrics.robots.get(place);
+                    let (Some(a), Some(b)) = (name(a), name(b)) else { return Ok(None) };
+                    self.distances.row((t_s, a, b, distance_m))?;
+                }
+            }
+            Observation::Event => {
+                let Some(event) = read_log(message) else { return Ok(None) };
+                let robot = if event.name == SUPERVISOR { "" } else { event.name };
+                let detail = event.text.strip_prefix(event.kind).unwrap_or(event.text);
+                let detail = detail.strip_prefix(": ").unwrap_or(detail);
+                self.events.row((t_s, event.kind, robot, event.level, detail))?;
+            }
+        }
+        Ok(Some(()))
+    }
+
+    fn finish(self) -> Result<Vec<(&'static str, u64)>, ExportError> {
+        let Tables { poses, commands, errors, distances, events } = self;
+        [poses, commands, errors, distances, events].into_iter().map(Table::finish).collect()
+    }
+}

@@ -1,0 +1,340 @@
+//! Recordings of made-up runs: cut at any byte, damaged, recovered, exported.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use mcap::records::Record;
+use proptest::prelude::*;
+use tempfile::TempDir;
+
+use crate::recording::export::{ExportError, export};
+use crate::recording::pieces::Pieces;
+use crate::recording::recorder::{FLUSH_EVERY, Nearest, Recorder, Run, State};
+use crate::recording::recover::{Outcome, RecoverError, Recovered, recover};
+
+const STARTED_UNIX_NS: u64 = 1_795_233_599_000_000_000;
+const STEP_NS: u64 = 10_000_000;
+const SCENARIO: &str = "name = \"made up\"\n";
+
+fn begin(path: &Path) -> Recorder {
+    begin_one(path, false)
+}
+
+fn begin_one(path: &Path, reproducible: bool) -> Recorder {
+    let run = Run {
+        started_unix_ns: STARTED_UNIX_NS,
+        reproducible,
+        robots: &["r-1".to_owned(), "r2".to_owned()],
+        walls: &[],
+        facts: BTreeMap::from([("scenario".to_owned(), "made up".to_owned())]),
+        attachments: &[("scenario.toml", "application/toml", SCENARIO)],
+    };
+    Recorder::create(path, &run).unwrap()
+}
+
+/// Numbers that do not compress.
+fn state(k: u64, robot: u64) -> State {
+    let phase = (k * 7 + robot) as f64;
+    State {
+        x_m: phase.sin(),
+        y_m: phase.cos(),
+        heading_rad: (phase * 1.3).sin(),
+        v_m_s: (phase * 1.7).sin(),
+        w_rad_s: (phase * 1.9).sin(),
+    }
+}
+
+fn record(recorder: &mut Recorder, instants: std::ops::Range<u64>) {
+    for k in instants {
+        let states = (0..2).map(|robot| state(k, robot));
+        let nearest = Some(Nearest { distance_m: 0.25 + k as f64, pair: [0, 1] });
+        let errors = [&[None, Some(0.5)][..], &[Some(0.25), None]];
+        recorder.instant(k * STEP_NS, states, errors, &[true, k < 3], nearest).unwrap();
+    }
+}
+
+/// A whole recording of `instants` instants and two events.
+fn recorded(instants: u64) -> (TempDir, PathBuf) {
+    let scratch = tempfile::tempdir().unwrap();
+    let path = scratch.path().join("run.mcap");
+    let mut recorder = begin(&path);
+    record(&mut recorder, 0..instants);
+    recorder.event(STEP_NS, "kill", "r2", "SIGKILL, as planned").unwrap();
+    recorder.event(2 * STEP_NS, "load", "", "2 processes").unwrap();
+    recorder.finish().unwrap();
+    (scratch, path)
+}
+
+/// Every message: stamp and bytes.
+fn messages(path: &Path) -> Vec<(u64, u16, Vec<u8>)> {
+    let records = Pieces::open(path).unwrap().map(Result::unwrap);
+    let messages = records.filter_map(|record| match record {
+        Record::Message { header, data } => {
+            Some((header.log_time, header.channel_id, data.into_owned()))
+        }
+        _ => None,
+    });
+    messages.collect()
+}
+
+fn recovered(from: &Path, to: &Path) -> Recovered {
+    match recover(from, to).unwrap() {
+        Outcome::Recovered(recovered) => recovered,
+        Outcome::Whole => panic!("{} is whole", from.display()),
+    }
+}
+
+#[test]
+fn a_whole_recording_is_left_alone() {
+    let (scratch, path) = recorded(50);
+    let before = fs::read(&path).unwrap();
+    assert_eq!(recover(&path, &scratch.path().join("out.mcap")).unwrap(), Outcome::Whole);
+    assert_eq!(fs::read(&path).unwrap(), before);
+    assert!(!scratch.path().join("out.mcap").exists());
+}
+
+#[test]
+fn a_recording_opens_in_the_reader_of_its_format_with_index_and_summary() {
+    let (_scratch, path) = recorded(500);
+    let bytes = fs::read(&path).unwrap();
+    let summary = mcap::Summary::read(&bytes).unwrap().expect("a summary");
+    let stats = summary.stats.as_ref().expect("statistics");
+    // /tf and /metrics, and three of each robot; two events.
+    assert_eq!(stats.message_count, 500 * (2 + 2 * 3) + 2);
+    assert_eq!((stats.channel_count, stats.schema_count), (3 + 2 * 3, 6));
+    assert_eq!((stats.attachment_count, stats.metadata_count), (1, 1));
+    assert!(summary.chunk_indexes.len() > 4);
+    for chunk in &summary.chunk_indexes {
+        assert_eq!(chunk.compression, "lz4");
+        assert!(chunk.uncompressed_size < 64 * 1024 + 2048, "{}", chunk.uncompressed_size);
+    }
+    for channel in summary.channels.values() {
+        let schema = channel.schema.as_ref().expect("a schema");
+        assert_eq!((&*channel.message_encoding, &*schema.encoding), ("cdr", "ros2msg"));
+        assert_eq!(channel.metadata["offered_qos_profiles"], "");
+    }
+    let read: Result<Vec<_>, _> = mcap::MessageStream::new(&bytes).unwrap().collect();
+    assert_eq!(read.unwrap().len() as u64, stats.message_count);
+}
+
+#[test]
+fn a_recording_cut_at_any_byte_gives_back_every_whole_chunk() {
+    let (scratch, path) = recorded(300);
+    let (bytes, all) = (fs::read(&path).unwrap(), messages(&path));
+    let (cut, out) = (scratch.path().join("cut.mcap"), scratch.path().join("out.mcap"));
+    let mut before = 0;
+    for length in (0..bytes.len()).step_by(211).chain([bytes.len() - 1]) {
+        fs::write(&cut, &bytes[..length]).unwrap();
+        match recover(&cut, &out) {
+            Err(RecoverError::Nothing(_)) => assert_eq!(before, 0),
+            Err(error) => panic!("{length}: {error}"),
+            Ok(Outcome::Whole) => panic!("{length} of {} bytes are not whole", bytes.len()),
+            Ok(Outcome::Recovered(found)) => {
+                let kept = messages(&out);
+                assert_eq!(kept.len() as u64, found.messages);
+                assert_eq!(kept, all[..kept.len()]);
+                assert!(kept.len() >= before, "more bytes, fewer messages");
+                before = kept.len();
+                fs::remove_file(&out).unwrap();
+            }
+        }
+    }
+    // Only the last byte of the closing magic is missing.
+    assert_eq!(before, all.len());
+}
+
+#[test]
+fn what_is_recovered_is_whole_and_has_its_attachments_and_metadata() {
+    let (scratch, path) = recorded(300);
+    let bytes = fs::read(&path).unwrap();
+    let (cut, out) = (scratch.path().join("cut.mcap"), scratch.path().join("out.mcap"));
+    fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    let found = recovered(&cut, &out);
+    assert_eq!((found.attachments, found.metadata, found.damaged), (1, 1, 0));
+    assert!(found.cut_bytes > 0 && found.messages > 100, "{found:?}");
+    assert_eq!(recover(&out, &scratch.path().join("again.mcap")).unwrap(), Outcome::Whole);
+    let again = fs::read(&out).unwrap();
+    let summary = mcap::Summary::read(&again).unwrap().expect("a summary");
+    let attachment = mcap::read::attachment(&again, &summary.attachment_indexes[0]).unwrap();
+    assert_eq!(&*attachment.data, SCENARIO.as_bytes());
+    assert_eq!(attachment.name, "scenario.toml");
+    assert_eq!(summary.metadata_indexes[0].name, "phalanx");
+}
+
+#[test]
+fn a_chunk_damaged_in_the_middle_costs_only_itself() {
+    let (scratch, path) = recorded(500);
+    let mut bytes = fs::read(&path).unwrap();
+    let summary = mcap::Summary::read(&bytes).unwrap().expect("a summary");
+    let chunk = &summary.chunk_indexes[2];
+    let middle = chunk.chunk_start_offset + chunk.chunk_length / 2;
+    bytes[middle as usize] ^= 0x55;
+    let (bad, out) = (scratch.path().join("bad.mcap"), scratch.path().join("out.mcap"));
+    fs::write(&bad, &bytes).unwrap();
+    let found = recovered(&bad, &out);
+    assert_eq!((found.damaged, found.cut_bytes), (1, 0));
+    let (all, kept) = (messages(&path), messages(&out));
+    assert!(
+        kept.len() < all.len() && kept.len() * 2 > all.len(),
+        "{} of {}",
+        kept.len(),
+        all.len()
+    );
+    assert_eq!(kept.last(), all.last());
+}
+
+#[test]
+fn neither_noise_nor_nothing_is_recovered_and_no_file_is_overwritten() {
+    let (scratch, path) = recorded(20);
+    let at = |name: &str| scratch.path().join(name);
+    for (name, content) in [("empty", &b""[..]), ("noise", b"noise, and no recording at all")] {
+        fs::write(at(name), content).unwrap();
+        let error = recover(&at(name), &at("out")).unwrap_err();
+        assert!(matches!(error, RecoverError::Nothing(_)), "{name}: {error}");
+        assert!(error.to_string().contains(name), "{error}");
+    }
+    let error = recover(&at("missing"), &at("out")).unwrap_err().to_string();
+    assert!(error.contains("missing") && error.contains("No such file"), "{error}");
+    let error = recover(scratch.path(), &at("out")).unwrap_err().to_string();
+    assert!(error.contains("no file"), "{error}");
+    fs::write(at("cut"), &fs::read(&path).unwrap()[..1000]).unwrap();
+    fs::write(at("precious"), "data").unwrap();
+    let error = recover(&at("cut"), &at("precious")).unwrap_err();
+    assert!(matches!(error, RecoverError::Exists(_)), "{error}");
+    assert_eq!(fs::read(at("precious")).unwrap(), b"data");
+    assert!(!at("out").exists());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(20))]
+    /// Whenever somebody looks at the clock, and whatever it shows.
+    #[test]
+    fn a_reproducible_recording_has_the_same_bytes_and_lacks_half_a_second_of_run_time_at_most(
+        looks in prop::collection::vec((0..200u64, 0..10_000u64), 0..40),
+    ) {
+        let scratch = tempfile::tempdir().unwrap();
+        let at = |name: &str| scratch.path().join(name);
+        let began = Instant::now();
+        let mut recorders = ["undisturbed", "looked at"].map(|name| begin_one(&at(name), true));
+        for k in 0..200 {
+            for recorder in &mut recorders {
+                record(recorder, k..k + 1);
+            }
+            for (_, ms) in looks.iter().filter(|(at, _)| *at == k) {
+                recorders[1].flush_if_due(began + Duration::from_millis(*ms)).unwrap();
+            }
+            if k % 40 == 39 {
+                let last_ns = match recover(&at("undisturbed"), &at("out")).unwrap() {
+                    Outcome::Recovered(found) => found.stamps_ns.map_or(0, |(_, last_ns)| last_ns),
+                    Outcome::Whole => panic!("it has no end yet"),
+                };
+                let age_ns = (STARTED_UNIX_NS + k * STEP_NS).saturating_sub(last_ns);
+                let young = k * STEP_NS < 500_000_000 || age_ns <= 500_000_000;
+                prop_assert!(young, "{} ns are missing after {} instants", age_ns, k);
+                fs::remove_file(at("out")).unwrap();
+            }
+        }
+        recorders.into_iter().for_each(|recorder| recorder.finish().unwrap());
+        prop_assert!(fs::read(at("undisturbed")).unwrap() == fs::read(at("looked at")).unwrap());
+    }
+}
+
+#[test]
+fn at_every_moment_what_is_older_than_half_a_second_is_in_the_file() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (path, out) = (scratch.path().join("run.mcap"), scratch.path().join("out.mcap"));
+    let began = Instant::now();
+    let mut recorder = begin(&path);
+    recorder.flush_if_due(began + FLUSH_EVERY).unwrap();
+    // A truth each 10 ms, and a look at the clock after it.
+    for k in 0..200 {
+        record(&mut recorder, k..k + 1);
+        let now = began + FLUSH_EVERY + Duration::from_nanos((k + 1) * STEP_NS);
+        recorder.flush_if_due(now).unwrap();
+        if k % 10 == 9 {
+            let last_ns = match recover(&path, &out).unwrap() {
+                Outcome::Recovered(found) => found.stamps_ns.map_or(0, |(_, last_ns)| last_ns),
+                Outcome::Whole => panic!("it has no end yet"),
+            };
+            let age_ns = (STARTED_UNIX_NS + k * STEP_NS).saturating_sub(last_ns);
+            let started = last_ns > 0 || u128::from(k * STEP_NS) < FLUSH_EVERY.as_nanos();
+            assert!(started, "nothing is in the file after {k} instants");
+            let young = last_ns == 0 || u128::from(age_ns) <= FLUSH_EVERY.as_nanos();
+            assert!(young, "{age_ns} ns are missing after {k} instants");
+            fs::remove_file(&out).unwrap();
+        }
+    }
+}
+
+/// The rows of an exported table, without its header.
+fn rows(out: &Path, table: &str) -> Vec<Vec<String>> {
+    let text = fs::read_to_string(out.join(table)).unwrap();
+    let rows = text.lines().skip(1);
+    rows.map(|row| row.split(',').map(str::to_owned).collect()).collect()
+}
+
+#[test]
+fn an_export_has_every_number_of_the_run() {
+    let (scratch, path) = recorded(5);
+    let out = scratch.path().join("tables");
+    let exported = export(&path, &out).unwrap();
+    assert!(exported.whole);
+    let counts: Vec<u64> = exported.tables.iter().map(|(_, rows)| *rows).collect();
+    assert_eq!(counts, [10, 10, 10, 5, 2]);
+    for (i, row) in rows(&out, "poses.csv").iter().enumerate() {
+        let (k, robot) = (i as u64 / 2, i as u64 % 2);
+        let expected = state(k, robot);
+        assert_eq!(row[0].parse(), Ok(k as f64 / 100.0));
+        assert_eq!(row[1], ["r-1", "r2"][robot as usize]);
+        assert_eq!((row[2].parse(), row[3].parse()), (Ok(expected.x_m), Ok(expected.y_m)));
+        assert!((row[4].parse::<f64>().unwrap() - expected.heading_rad).abs() < 1e-14);
+    }
+    let command = &rows(&out, "commands.csv")[3];
+    assert_eq!(command[2].parse(), Ok(state(1, 1).v_m_s));
+    assert_eq!(command[3].parse(), Ok(state(1, 1).w_rad_s));
+    assert_eq!(rows(&out, "errors.csv")[6], ["0.03", "r-1", "", "1", "0.25"]);
+    assert_eq!(rows(&out, "errors.csv")[7], ["0.03", "r2", "0.5", "0", ""]);
+    assert_eq!(rows(&out, "distances.csv")[4], ["0.04", "r-1", "r2", "4.25"]);
+    let events = fs::read_to_string(out.join("events.csv")).unwrap();
+    assert!(events.contains("0.01,kill,r2,30,\"SIGKILL, as planned\"\n"), "{events}");
+    assert!(events.contains("0.02,load,,30,2 processes\n"), "{events}");
+}
+
+#[test]
+fn an_export_never_overwrites_and_refuses_what_is_no_run() {
+    let (scratch, path) = recorded(5);
+    let at = |name: &str| scratch.path().join(name);
+    fs::create_dir(at("mine")).unwrap();
+    let error = export(&path, &at("mine")).unwrap_err();
+    assert!(matches!(error, ExportError::Exists(_)), "{error}");
+    fs::write(at("noise"), "noise").unwrap();
+    let error = export(&at("noise"), &at("out")).unwrap_err();
+    assert!(matches!(error, ExportError::Foreign(_)), "{error}");
+    assert!(!at("out").exists());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+    #[test]
+    fn no_damage_makes_recovery_or_export_fall_over(
+        places in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..20),
+        cut in any::<prop::sample::Index>(),
+    ) {
+        let (scratch, path) = recorded(100);
+        let mut bytes = fs::read(&path).unwrap();
+        bytes.truncate(cut.index(bytes.len()) + 1);
+        for (place, value) in places {
+            let place = place.index(bytes.len());
+            bytes[place] = value;
+        }
+        let bad = scratch.path().join("bad.mcap");
+        fs::write(&bad, &bytes).unwrap();
+        let out = scratch.path().join("out.mcap");
+        if let Ok(Outcome::Recovered(found)) = recover(&bad, &out) {
+            prop_assert_eq!(messages(&out).len() as u64, found.messages);
+        }
+        let _ = export(&bad, &scratch.path().join("tables"));
+    }
+}

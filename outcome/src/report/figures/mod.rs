@@ -1,0 +1,126 @@
+//! The figures of a run, after the chapter's Figures 4-6, 8-10 and 12-14.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `plane` | where did everybody go, and in which formation? |
+//! | `distance` | how near did every pair come? |
+//! | `error` | how far was everybody from where it wanted to be, and from its place in the whole? |
+//! | `hull` | how far outside the leaders' hull were the contained? |
+//! | `latency` | how old was what was heard, how late did everybody wake, and why? |
+
+mod distance;
+mod error;
+mod hull;
+mod latency;
+mod plane;
+#[cfg(test)]
+mod tests;
+
+use crate::metrics::expect::Expectation;
+
+use crate::report::axis::Axis;
+use crate::report::chart::{Band, Figure, Panel, Place};
+use crate::report::digits::{asked, digits};
+use crate::report::html::told;
+use crate::report::palette::{BLACK, Dash, Line, VERMILION};
+use crate::report::run::Run;
+
+/// Of all figures: as wide as a page of a paper, px.
+const WIDTH: f64 = 640.0;
+/// Of more curves than this, only some are named.
+const NAMED_ALL: usize = 10;
+/// How many are named then.
+const NAMED: usize = 6;
+/// More faults than this are numbered instead of named.
+const FAULTS_NAMED: usize = 6;
+/// The last share of a run, over which final values are taken.
+const FINAL_SHARE: f64 = 0.1;
+
+/// Shall not be passed.
+const BOUND: Line = Line::solid(VERMILION).weight(3).dashed(Dash::Dashed);
+/// Was seen.
+const SEEN: Line = Line::solid(BLACK).weight(2);
+
+/// All figures for which there is something to show.
+pub fn all(run: &Run) -> Vec<Figure> {
+    if run.times_s.is_empty() || run.tracks.is_empty() {
+        return Vec::new();
+    }
+    let figures = [
+        plane::trajectories(run),
+        distance::of_pairs(run),
+        error::by_those_heard(run),
+        error::to_the_ideal(run),
+        error::components(run),
+        hull::distance(run),
+        latency::information_age(run),
+        latency::wake_lateness(run),
+        latency::late_by_cause(run),
+    ];
+    figures.into_iter().flatten().collect()
+}
+
+/// An axis of run time.
+fn time_axis(run: &Run) -> Axis {
+    Axis::exact("time (s)", 0.0, run.end_s())
+}
+
+/// A panel over run time with the faults as bands.
+fn over_time(run: &Run, y: Axis) -> Panel {
+    let mut panel = Panel::new(time_axis(run), y);
+    let named = run.scene.faults.len() <= FAULTS_NAMED;
+    let faults = run.scene.faults.iter().enumerate();
+    panel.bands = faults
+        .map(|(place, fault)| Band {
+            from: fault.t_s,
+            to: fault.until_s.unwrap_or(f64::INFINITY).min(run.end_s()),
+            label: if named { fault.what.clone() } else { (place + 1).to_string() },
+        })
+        .collect();
+    panel
+}
+
+/// A place over the whole width.
+fn row(y: f64, height: f64) -> Place {
+    Place { x: 0.0, y, width: WIDTH, height }
+}
+
+/// The stretch of the last share of a run that went to its end.
+fn last_stretch(run: &Run) -> (f64, f64) {
+    let end_s = run.lasts_s();
+    (end_s * (1.0 - FINAL_SHARE), end_s)
+}
+
+/// What is said of the bands.
+fn about_bands(run: &Run) -> &'static str {
+    match run.scene.faults.len() {
+        0 => "",
+        1..=FAULTS_NAMED => " Tinted: faults.",
+        _ => " Tinted: faults, by their numbers in the table.",
+    }
+}
+
+/// An expectation in words: what was measured, what was required, and whether it held.
+fn judged(expectation: &Expectation, of: &str, unit: &str) -> String {
+    let Expectation { value, bound, held, .. } = expectation;
+    // A miss by a hair's breadth must not be rounded to its bound.
+    let exact = |value: f64| value.to_string();
+    let (shown, bound) = match held {
+        true => (value.map(digits), asked(*bound)),
+        false => (value.map(exact), exact(*bound)),
+    };
+    let shown = shown.map_or("never".into(), |value| format!("{value} {unit}"));
+    let verdict = told(expectation.verdict());
+    let reason = expectation.reason.as_ref().map_or(String::new(), |why| format!(" ({why})"));
+    format!(" {of}: {shown}, required {bound} {unit}: {verdict}{reason}.")
+}
+
+/// Places of the `NAMED` largest of `values`, or of all if they are few; the largest first.
+fn largest(values: &[f64]) -> Vec<usize> {
+    let mut places: Vec<usize> = (0..values.len()).collect();
+    if values.len() > NAMED_ALL {
+        places.sort_by(|&a, &b| values[b].total_cmp(&values[a]));
+        places.truncate(NAMED);
+    }
+    places
+}

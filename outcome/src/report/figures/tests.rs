@@ -1,0 +1,378 @@
+use formation::obstacle::Obstacle;
+use proptest::prelude::*;
+
+use super::*;
+use crate::metrics::summary::Summary;
+use crate::report::html;
+use crate::report::palette::{self, Dash};
+use crate::report::run::{Bin, Change, ChangedTo, Limits, Sample, Spread};
+use crate::report::scene::{EdgeState, RobotState, Scene, SceneEdge, SceneFault, SceneRobot};
+
+/// Robots in a row, half a meter apart, that come to rest; the last one leads, the others are
+/// contained or in formation, and the second is killed.
+fn example(robots: usize, instants: usize, role: &str) -> Run {
+    let end_s = instants.saturating_sub(1) as f64 * 0.1;
+    let name = |robot: usize| format!("r{}", robot + 1);
+    let sample = |robot: usize, instant: usize| {
+        let error = 0.9f64.powi(instant as i32);
+        Sample {
+            x_m: 0.5 * robot as f64 + error,
+            y_m: error * robot as f64,
+            heading_rad: 0.3,
+            error_m: Some(error),
+            ideal_error_m: Some(2.0 * error),
+            error_xy_m: Some([0.6 * error, -0.8 * error]),
+            alive: robot != 1 || instant % 7 != 3,
+        }
+    };
+    let scene = Scene {
+        name: "row </script><b>&".into(),
+        pace: "lockstep".into(),
+        duration_s: end_s,
+        distance_min_m: 0.2,
+        robots: (0..robots)
+            .map(|robot| SceneRobot {
+                name: name(robot),
+                role: if robot + 1 == robots { "main-leader" } else { role }.into(),
+                front_point_m: 0.1,
+            })
+            .collect(),
+        edges: (1..robots).map(|to| SceneEdge { from: to, to: to - 1 }).collect(),
+        walls: vec![
+            Obstacle::segment([0.0, -9.0], [0.0, 9.0]),
+            Obstacle::Disc { center_m: [0.5, 0.5], radius_m: 0.1 },
+        ],
+        faults: vec![SceneFault {
+            t_s: 0.3,
+            until_s: Some(0.5),
+            what: "kill r2".into(),
+            robots: vec![1],
+            cuts: None,
+        }],
+    };
+    let summary: Summary = serde_json::from_value(serde_json::json!({
+        "t_s": end_s, "min_distance_m": 0.2107, "min_distance_pair": ["r1", "r2"],
+        "min_distance_t_s": 0.2, "converged_at_s": 0.7, "final_error_m": { "r1": 1e-3, "r2": null },
+        "expectations": [
+            { "name": "min_distance_m", "value": 0.2107, "bound": 0.2, "held": true },
+            { "name": "final_error_m_max", "value": 0.02, "bound": 0.01, "held": false },
+            { "name": "final_ideal_error_m_max", "value": 0.02, "bound": 0.04, "held": true },
+            { "name": "tracking_error_m_max", "value": 1e-4, "bound": 0.01, "held": true },
+            { "name": "hull_distance_m_max", "value": 0.0, "bound": 0.0, "held": true },
+            { "name": "converged_by_s", "value": 0.7, "bound": 0.9, "held": true },
+        ],
+        "information_ages": [{ "robot": "r1", "from": "r2", "heard": 9, "over_ns": 1_000_000_000,
+            "mean_ns": 7.5e6, "peak_ns": 4_001_000_000u64 }],
+        "faults": [{ "t_s": 0.3, "what": "kill r2", "robot": "r2", "predicted": ["r1"] }],
+        "wall": {
+            "latency": [{ "stage": "wake", "robot": "plant", "count": 3, "max_ns": 5_000_000 }],
+            "processes": [{ "name": "r1", "starts": 1 }],
+        },
+    }))
+    .unwrap();
+    let bin = |stage: &str, from: Option<&str>| Bin {
+        t_s: 0.5,
+        stage: stage.into(),
+        robot: "r1".into(),
+        from: from.map(str::to_owned),
+        count: 3,
+        p50_ns: 5_000_000,
+        p99_ns: 6_000_000,
+        max_ns: 7_000_000,
+    };
+    Run {
+        limits: Limits { converged_error_m: 0.01, stale_after_s: 0.015, lost_after_s: 0.1 },
+        times_s: (0..instants).map(|instant| instant as f64 * 0.1).collect(),
+        tracks: (0..robots)
+            .map(|robot| (0..instants).map(|instant| sample(robot, instant)).collect())
+            .collect(),
+        lead_m: vec![[0.0, 0.0]; instants],
+        every: 1,
+        changes: vec![
+            Change { t_s: 0.3, to: ChangedTo::Robot(1, RobotState::Dead) },
+            Change { t_s: 0.4, to: ChangedTo::Edge(0, EdgeState::Stale) },
+            Change { t_s: 0.5, to: ChangedTo::Robot(1, RobotState::Moving) },
+        ],
+        summary: Some(summary),
+        unpromised: None,
+        manifest: vec![("kernel".into(), "Linux <6>".into())],
+        over_time: vec![bin("beacon_age", Some("r2")), bin("wake", None), bin("late_core", None)],
+        spreads: vec![Spread {
+            stage: "beacon_age".into(),
+            of: "r2->r1".into(),
+            above: vec![(5_000_000, 0.01), (7_000_000, 0.0)],
+        }],
+        scene,
+    }
+}
+
+/// The words in a figure.
+fn words(figure: &Figure) -> Vec<String> {
+    let svg = figure.svg();
+    let document = roxmltree::Document::parse(&svg).unwrap_or_else(|e| panic!("{e}\n{svg}"));
+    let texts = document.descendants().filter(|node| node.has_tag_name("text"));
+    texts.map(|node| node.text().unwrap_or_default().trim().to_owned()).collect()
+}
+
+fn named<'a>(figures: &'a [Figure], name: &str) -> &'a Figure {
+    figures.iter().find(|figure| figure.name == name).unwrap_or_else(|| panic!("no {name}"))
+}
+
+#[test]
+fn a_run_with_everything_gets_every_figure_with_its_bounds_its_marks_and_its_faults() {
+    let figures = all(&example(4, 30, "contained"));
+    let expected: [(&str, &[&str]); 9] = [
+        ("trajectories", &["x (m)", "y (m)", "r1", "r4 (main leader)", "hull of the leaders"]),
+        (
+            "distances",
+            &["d = 0.2 m", "smallest 0.2107 m, r1 \u{2013} r2 at 0.20 s", "kill r2", "time (s)"],
+        ),
+        (
+            "errors",
+            &["converged at 0.70 s", "required by 0.9 s", "required at the end: 0.01 m", "kill r2"],
+        ),
+        ("ideal_errors", &["r1", "required at the end: 0.04 m", "kill r2"]),
+        ("error_components", &["error along x (m)", "error along y (m)", "kill r2"]),
+        ("hull_distance", &["required at the end: 0 m", "outside the hull (m)", "kill r2"]),
+        (
+            "information_age",
+            &["stale after 15 ms", "lost after 100 ms", "age at use (ms)", "r2->r1"],
+        ),
+        ("late_by_cause", &["cumulative count", "waited for a core: 3", "kill r2"]),
+        ("wake_lateness", &["lateness (ms)", "share of samples above (CCDF)", "kill r2"]),
+    ];
+    assert_eq!(figures.len(), expected.len());
+    for (name, labels) in expected {
+        let found = words(named(&figures, name));
+        for label in labels {
+            assert!(found.iter().any(|word| word == label), "{name}: no {label:?} in {found:?}");
+        }
+    }
+}
+
+#[test]
+fn captions_say_what_was_asked_and_whether_it_held() {
+    let figures = all(&example(4, 30, "contained"));
+    let held = "The smallest at any tick: 0.2107 m, required 0.2 m: held.";
+    assert!(named(&figures, "distances").caption.contains(held));
+    let missed = "worst over the last 10 % of the run: 0.02 m, required 0.01 m: missed.";
+    assert!(named(&figures, "errors").caption.contains(missed));
+    let follows = "The main leader's worst distance from m(t) at the end: 1.0e-4 m";
+    assert!(named(&figures, "trajectories").caption.contains(follows));
+}
+
+#[test]
+fn of_sixty_four_robots_few_are_named_and_the_smallest_distance_is_that_of_all_pairs() {
+    let figures = all(&example(64, 30, "formation"));
+    let distances = words(named(&figures, "distances"));
+    assert!(distances.iter().any(|word| word == "smallest of all 2016 pairs"), "{distances:?}");
+    let errors = words(named(&figures, "errors"));
+    assert!(errors.iter().any(|word| word == "58 others"), "{errors:?}");
+    for figure in &figures {
+        assert!(figure.svg().len() < 400_000, "{}: {} bytes", figure.name, figure.svg().len());
+    }
+}
+
+#[test]
+fn the_plane_has_one_scale_on_both_axes() {
+    let figures = all(&example(4, 30, "formation"));
+    let [(place, panel)] = &named(&figures, "trajectories").panels[..] else { panic!("one panel") };
+    let (inner, x, y) = (place.inner(&[]), panel.x.bounds(), panel.y.bounds());
+    let scales = (inner.width / (x.1 - x.0), inner.height / (y.1 - y.0));
+    assert!((scales.0 / scales.1 - 1.0).abs() < 1e-9, "{scales:?} px per m");
+}
+
+#[test]
+fn times_of_instants_stand_beside_each_other_where_nobody_has_moved_on() {
+    let mut run = example(3, 30, "formation");
+    for track in &mut run.tracks {
+        let there = track[0];
+        track.iter_mut().for_each(|sample| (sample.x_m, sample.y_m) = (there.x_m, there.y_m));
+    }
+    run.tracks[0][10].heading_rad += 0.01;
+    run.tracks[0][29].heading_rad += 0.01;
+    let figures = all(&run);
+    let svg = named(&figures, "trajectories").svg();
+    let document = roxmltree::Document::parse(&svg).unwrap();
+    let times = document.descendants().filter(|node| {
+        node.has_tag_name("text") && node.text().is_some_and(|text| text.trim().ends_with(" s"))
+    });
+    let mut heights: Vec<_> = times.map(|node| node.attribute("y").unwrap()).collect();
+    heights.dedup();
+    assert!(heights.len() > 1, "{heights:?}");
+}
+
+#[test]
+fn the_page_asks_nobody_for_anything_and_takes_no_word_for_markup() {
+    let run = example(4, 30, "contained");
+    let page = html::report(&run, &all(&run));
+    let markup = "row &lt;/script&gt;&lt;b&gt;&amp;";
+    assert!(page.contains(markup) && page.contains("Linux &lt;6&gt;"));
+    assert!(!page.contains("</script><b>"));
+    // The name of SVG is no address to ask, and a comment in the script is none either.
+    let page_asks =
+        page.replace("http://www.w3.org/2000/svg", "").replace("// ", "").replace("//\n", "");
+    for asks in ["http:", "https:", "src=", "url(", "@import", "<link", "//"] {
+        assert!(!page_asks.contains(asks), "{asks}");
+    }
+    assert!(page.split("href=\"").skip(1).all(|rest| rest.starts_with('#')));
+    assert!(page.contains("Content-Security-Policy") && page.contains("default-src 'none'"));
+    assert!(page.contains("<td class=\"missed\">missed</td>"));
+}
+
+#[test]
+fn a_run_that_was_cut_short_still_has_a_page() {
+    let run = Run { summary: None, over_time: Vec::new(), ..example(3, 5, "formation") };
+    assert!(html::report(&run, &all(&run)).contains("cut short"));
+}
+
+#[test]
+fn a_run_in_which_no_promise_holds_says_so_and_why() {
+    let unpromised = Some("r1 <slips>".to_owned());
+    let run = Run { unpromised, ..example(3, 5, "formation") };
+    let said = "no promise about distances: r1 &lt;slips&gt;";
+    assert!(html::report(&run, &all(&run)).contains(said));
+    let run = example(3, 5, "formation");
+    assert!(!html::report(&run, &all(&run)).contains("no promise"));
+}
+
+#[test]
+fn the_replay_has_at_most_twenty_instants_a_second_and_the_last_one() {
+    let mut run = example(3, 301, "formation");
+    run.times_s = (0..301).map(|instant| f64::from(instant) / 100.0).collect();
+    run.scene.duration_s = 3.0;
+    run.summary = None;
+    let frames = run.frames();
+    assert_eq!(frames.len(), 61);
+    assert_eq!(frames[60].t_s, 3.0);
+    assert_eq!(frames[7].robots[1].state, RobotState::Dead, "killed at 0.3 s");
+    assert_eq!(frames[10].robots[1].state, RobotState::Moving);
+}
+
+#[test]
+fn edges_from_and_to_the_dead_and_those_that_are_cut_look_it_while_it_lasts() {
+    let mut run = example(3, 11, "formation");
+    let cut =
+        SceneFault { what: "cut r3->r2".into(), cuts: Some(1), ..run.scene.faults[0].clone() };
+    run.scene.faults.push(SceneFault { t_s: 0.7, until_s: Some(0.9), robots: vec![], ..cut });
+    let frames = run.frames();
+    let states = |t_s: f64| {
+        let frame = frames.iter().find(|frame| (frame.t_s - t_s).abs() < 1e-6).unwrap();
+        [frame.edges[0], frame.edges[1]]
+    };
+    use EdgeState::{Cut, Dead, Fresh, Stale};
+    assert_eq!(states(0.2), [Fresh, Fresh]);
+    assert_eq!(states(0.4), [Dead, Dead], "r2, at one end of either, is dead");
+    assert_eq!(states(0.6), [Stale, Fresh], "as they were heard last");
+    assert_eq!(states(0.8), [Stale, Cut]);
+    assert_eq!(states(1.0), [Stale, Fresh]);
+}
+
+#[test]
+fn a_robot_has_one_color_in_every_figure_whatever_its_role() {
+    let colors: Vec<_> = (0..9).map(palette::color).collect();
+    assert!(colors.iter().enumerate().all(|(i, color)| !colors[..i].contains(color)));
+    for role in ["formation", "contained"] {
+        let figures = all(&example(9, 30, role));
+        let named = figures.iter().flat_map(|figure| &figure.key).filter_map(|(line, words)| {
+            let name = words.split(' ').next().filter(|_| !words.contains('\u{2013}'))?;
+            let place = name.strip_prefix('r')?.parse::<usize>().ok()?;
+            Some((colors[place - 1], line.color))
+        });
+        let named: Vec<_> = named.collect();
+        assert!(named.len() > 3 * 9 && named.iter().all(|(own, shown)| own == shown), "{named:?}");
+        // The last ones drawn are those of the end, and not pale.
+        let bodies = figures[0].panels[0].1.areas.iter().filter(|(_, _, opacity)| *opacity == 1.0);
+        let bodies: Vec<_> = bodies.map(|(_, color, _)| *color).collect();
+        assert_eq!(bodies, colors);
+    }
+}
+
+#[test]
+fn where_robots_died_is_marked_and_nothing_solid_leads_to_the_dead() {
+    let mut run = example(4, 30, "formation");
+    run.tracks[1].iter_mut().skip(4).for_each(|sample| sample.alive = false);
+    run.changes.truncate(1);
+    let figures = all(&run);
+    let trajectories = named(&figures, "trajectories");
+    assert!(words(trajectories).iter().any(|word| word == "r2 dead, 0.3 s"));
+    assert!(trajectories.caption.contains("deaths"), "{}", trajectories.caption);
+    let edges = trajectories.panels[0].1.curves.iter().filter(|(points, _, _)| points.len() == 2);
+    assert!(edges.clone().any(|(_, line, _)| line.dash == Dash::Dotted));
+    let frames = run.frames();
+    let errors = frames.iter().map(|frame| frame.robots[1].error_m.is_some());
+    assert!(errors.eq(frames.iter().map(|frame| frame.t_s < 0.3)), "the dead have no error");
+}
+
+#[test]
+fn ages_are_steps_with_gaps_where_nothing_was_heard() {
+    let mut run = example(4, 30, "formation");
+    let age = run.over_time[0].clone();
+    run.over_time = [0.25, 0.75, 2.25].map(|t_s| Bin { t_s, ..age.clone() }).into();
+    let figures = all(&run);
+    let (_, panel) = &named(&figures, "information_age").panels[0];
+    let stretches: Vec<(f64, f64)> = panel.curves[..2]
+        .iter()
+        .map(|(points, _, _)| (points[0].0, points[points.len() - 1].0))
+        .collect();
+    assert_eq!(stretches, [(0.0, 1.0), (2.0, 2.5)]);
+}
+
+#[test]
+fn nothing_is_shown_near_d_of_a_run_that_came_nowhere_near() {
+    let mut run = example(3, 30, "formation");
+    run.scene.distance_min_m = 0.4;
+    assert_eq!(named(&all(&run), "distances").panels.len(), 2);
+    run.scene.distance_min_m = 0.2;
+    let figures = all(&run);
+    let distances = named(&figures, "distances");
+    assert!(distances.panels.len() == 1 && !distances.caption.contains("Below"));
+}
+
+fn any_number() -> impl Strategy<Value = f64> {
+    prop_oneof![-9.0..9.0f64, any::<f64>(), Just(0.0)]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Whatever was recorded, the figures are sound files and the page is made.
+    #[test]
+    fn figures_are_well_formed_whatever_was_recorded(
+        robots in 0..14_usize,
+        instants in 0..9_usize,
+        contained in any::<bool>(),
+        numbers in prop::collection::vec(any_number(), 16),
+        word in "\\PC*|[\\x00-\\x7f]{0,9}",
+    ) {
+        let mut run = example(robots, instants, if contained { "contained" } else { "formation" });
+        if robots < 2 {
+            run.changes.clear(); // they are about the second one
+        }
+        let mut next = numbers.iter().copied().cycle();
+        let mut number = || next.next().unwrap();
+        for sample in run.tracks.iter_mut().flatten() {
+            (sample.x_m, sample.y_m, sample.heading_rad) = (number(), number(), number());
+            sample.error_m = sample.error_m.map(|_| number());
+            sample.error_xy_m = sample.error_xy_m.map(|_| [number(), number()]);
+        }
+        run.scene.name = word.clone();
+        run.scene.faults[0].what = word.clone();
+        run.scene.faults[0].t_s = number();
+        run.scene.faults[0].until_s = Some(number());
+        run.scene.distance_min_m = number();
+        run.limits.converged_error_m = number();
+        let summary = run.summary.as_mut().unwrap();
+        summary.t_s = number();
+        summary.converged_at_s = Some(number());
+        summary.min_distance_m = Some(number());
+        summary.min_distance_t_s = Some(number());
+        summary.expectations.iter_mut().for_each(|expectation| expectation.bound = number());
+        let figures = all(&run);
+        for figure in &figures {
+            words(figure);
+        }
+        let page = html::report(&run, &figures);
+        prop_assert!(page.ends_with("</html>\n"));
+    }
+}

@@ -1,0 +1,157 @@
+//! The page: the picture of a run in the plane, replayed or live.
+//!
+//! One script and one style serve both. A scenario's words reach the page as JSON in a data block
+//! or as escaped text, never as markup; the script is a constant, allowed by its hash. The page asks
+//! nothing of any address but its own.
+
+use std::fmt::Write as _;
+
+use base64::prelude::{BASE64_STANDARD, Engine as _};
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+use crate::report::markup::escaped;
+use crate::report::scene::{Frame, Scene};
+
+mod pack;
+
+const SCRIPT: &str = include_str!("../../assets/page.js");
+const STYLE: &str = include_str!("../../assets/page.css");
+/// The picture, its tools and the list of robots, with a place for the time line.
+const PICTURE: &str = include_str!("../../assets/picture.html");
+const TIME_LINE: &str = "<!-- time line -->";
+/// The time line of a finished run: play, pause, scrub.
+const REPLAY: &str = include_str!("../../assets/replay.html");
+/// The time line of a run under way, and how the page hears of it.
+const LIVE: &str = include_str!("../../assets/live.html");
+/// What only a live page shows: what happened, latency, edges.
+const PANELS: &str = include_str!("../../assets/panels.html");
+const LEGEND: &str = include_str!("../../assets/legend.html");
+
+/// The animated replay: a fragment of HTML with its own style and script, once per document.
+///
+/// Frames are taken as they come, 20 per second of run time are enough; positions are kept to the
+/// millimeter, headings to the milliradian.
+pub fn replay(scene: &Scene, frames: &[Frame]) -> String {
+    let blocks = [data("scene", scene), data("frames", &pack::pack(scene, frames))];
+    let mut html = picture("replay", "Replay of the run", REPLAY, "", &blocks);
+    writeln!(html, "<script type=\"module\">{SCRIPT}</script>").expect("strings can be written");
+    html
+}
+
+/// The live page: a whole document that listens to `events` beside it and, with `control`, posts to
+/// `control`.
+pub fn live(scene: &Scene, control: bool) -> String {
+    let mode = if control { "control" } else { "live" };
+    let name = escaped(&scene.name);
+    let picture = picture(mode, "The run, live", LIVE, PANELS, &[data("scene", scene)]);
+    let policy = content_security_policy();
+    format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\">\n\
+         <meta name=\"referrer\" content=\"no-referrer\">\n\
+         <meta name=\"color-scheme\" content=\"light dark\">\n\
+         <link rel=\"icon\" href=\"data:,\">\n<title>{name}, live</title>\n</head>\n\
+         <body class=\"phalanx-live\">\n<h1>{name}</h1>\n{picture}\
+         <script type=\"module\">{SCRIPT}</script>\n</body>\n</html>\n"
+    )
+}
+
+/// What a document with a replay or the live page may do: run this one script, show its own styles,
+/// talk to where it came from.
+pub fn content_security_policy() -> String {
+    let hash = BASE64_STANDARD.encode(Sha256::digest(SCRIPT));
+    format!(
+        "default-src 'none'; script-src 'sha256-{hash}'; style-src 'unsafe-inline'; \
+         img-src data:; connect-src 'self'; base-uri 'none'; form-action 'none'"
+    )
+}
+
+fn picture(mode: &str, label: &str, time_line: &str, panels: &str, blocks: &[String]) -> String {
+    let (board, blocks) = (PICTURE.replace(TIME_LINE, time_line), blocks.concat());
+    format!(
+        "<style>{STYLE}</style>\n\
+         <section class=\"phalanx-picture\" data-mode=\"{mode}\" aria-label=\"{label}\">\n\
+         {board}{panels}{LEGEND}{blocks}</section>\n"
+    )
+}
+
+/// A data block that cannot end early, whatever it says.
+fn data(class: &str, value: &impl Serialize) -> String {
+    let json = serde_json::to_string(value).expect("numbers and text become JSON");
+    let json = json.replace('<', "\\u003c");
+    format!("<script type=\"application/json\" class=\"{class}\">{json}</script>\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::scene::{SceneFault, SceneRobot};
+
+    const HOSTILE: &str = "</script><script>alert(1)</script><!--\"'&\u{2028}";
+
+    fn hostile() -> Scene {
+        let robot =
+            SceneRobot { name: HOSTILE.into(), role: "formation".into(), front_point_m: f64::NAN };
+        let fault = SceneFault {
+            t_s: 1.0,
+            until_s: None,
+            what: HOSTILE.into(),
+            robots: vec![0],
+            cuts: None,
+        };
+        Scene {
+            name: HOSTILE.into(),
+            pace: "lockstep".into(),
+            duration_s: f64::INFINITY,
+            distance_min_m: 0.2,
+            robots: vec![robot],
+            edges: vec![],
+            walls: vec![],
+            faults: vec![fault],
+        }
+    }
+
+    /// What stands between the tags of the data block of this class.
+    fn block<'a>(html: &'a str, class: &str) -> &'a str {
+        let opening = format!("<script type=\"application/json\" class=\"{class}\">");
+        let (_, rest) = html.split_once(&opening).unwrap();
+        rest.split_once("</script>").unwrap().0
+    }
+
+    #[test]
+    fn hostile_names_stay_words() {
+        for html in [replay(&hostile(), &[]), live(&hostile(), true)] {
+            assert!(!html.contains("alert(1)</script>"), "{html}");
+            let scene: serde_json::Value = serde_json::from_str(block(&html, "scene")).unwrap();
+            assert_eq!(scene["name"], HOSTILE);
+            assert_eq!(scene["robots"][0]["name"], HOSTILE);
+            assert_eq!(scene["faults"][0]["what"], HOSTILE);
+        }
+        assert!(live(&hostile(), true).contains("<h1>&lt;/script&gt;"));
+    }
+
+    #[test]
+    fn the_script_is_one_block_that_the_policy_allows_and_small() {
+        assert!(!SCRIPT.contains("</script") && !SCRIPT.contains("<!--"));
+        assert!(SCRIPT.len() < 38_000, "page.js has {} bytes", SCRIPT.len());
+        let html = live(&hostile(), false);
+        let (_, script) = html.split_once("<script type=\"module\">").unwrap();
+        let (script, _) = script.split_once("</script>").unwrap();
+        let hash = BASE64_STANDARD.encode(Sha256::digest(script));
+        assert!(html.contains(&format!("script-src 'sha256-{hash}'")), "{hash}");
+    }
+
+    #[test]
+    fn the_page_names_no_other_address() {
+        for html in [replay(&hostile(), &[]), live(&hostile(), true)] {
+            let addresses: Vec<_> =
+                html.match_indices("//").map(|(at, _)| &html[at - 6..at]).collect();
+            let elsewhere = addresses.iter().filter(|before| before.ends_with(':'));
+            // The name of the SVG elements' namespace is no address that anybody asks.
+            let named = html.matches("\"http://www.w3.org/2000/svg\"").count();
+            assert_eq!(elsewhere.count(), named, "{addresses:?}");
+        }
+    }
+}

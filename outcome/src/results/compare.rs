@@ -1,0 +1,365 @@
+//! Are two runs in lockstep the same, and if not, where do they part?
+//!
+//! In lockstep the tables, the recording and the summary without its section `wall` are a function of
+//! the experiment, byte for byte, for one executable on one kind of machine.
+
+use std::fmt::{self, Write as _};
+use std::fs::{self, File};
+use std::io::{self, BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::results::run_dir::{EVENTS, MANIFEST, PAIRS, RECORDING, SAMPLES, SUMMARY};
+
+/// What of a manifest may explain a difference, and what it is called.
+const ORIGINS: [(&str, &str); 9] = [
+    ("phalanx", "version of phalanx"),
+    ("git_hash", "commit"),
+    ("git_dirty", "sources differ from the commit"),
+    ("rustc", "compiler"),
+    ("profile", "build profile"),
+    ("libc", "C library, with the mathematical functions"),
+    ("machine", "architecture"),
+    ("processor", "processor"),
+    ("kernel", "kernel"),
+];
+
+/// Why a run cannot be run again bit by bit.
+#[derive(Debug, thiserror::Error)]
+pub enum NotRepeatable {
+    /// A file of it is missing or broken.
+    #[error("{} is not a complete run: {}: {source}", run_dir.display(), file)]
+    Unreadable {
+        /// The run.
+        run_dir: PathBuf,
+        /// Which.
+        file: &'static str,
+        /// Why.
+        source: io::Error,
+    },
+    /// It depended on the machine's clock.
+    #[error(
+        "{} is a run in real time, which no other run repeats; only runs with --pace lockstep can be verified",
+        .0.display()
+    )]
+    Realtime(PathBuf),
+    /// It has no end of its own.
+    #[error("{} was interrupted at {t_s} s; only a run that ended by itself can be verified", run_dir.display())]
+    Interrupted {
+        /// The run.
+        run_dir: PathBuf,
+        /// How far it came, s.
+        t_s: f64,
+    },
+    /// Somebody acted on it, and the scenario does not say so.
+    #[error("{} had a fault by hand, which no other run repeats ({event})", run_dir.display())]
+    ByHand {
+        /// The run.
+        run_dir: PathBuf,
+        /// The first line of events.csv that says so.
+        event: String,
+    },
+}
+
+/// Refuses the directory of a run that cannot be run again bit by bit.
+pub fn repeatable(run_dir: &Path) -> Result<(), NotRepeatable> {
+    let unreadable =
+        |file| move |source| NotRepeatable::Unreadable { run_dir: run_dir.into(), file, source };
+    let manifest = json(&run_dir.join(MANIFEST)).map_err(unreadable(MANIFEST))?;
+    if manifest["pace"] != "lockstep" {
+        return Err(NotRepeatable::Realtime(run_dir.into()));
+    }
+    let summary = json(&run_dir.join(SUMMARY)).map_err(unreadable(SUMMARY))?;
+    if summary["interrupted"] == true {
+        let t_s = summary["t_s"].as_f64().unwrap_or_default();
+        return Err(NotRepeatable::Interrupted { run_dir: run_dir.into(), t_s });
+    }
+    let events = fs::read_to_string(run_dir.join(EVENTS)).map_err(unreadable(EVENTS))?;
+    let by_hand = events.lines().find(|line| line.trim_end_matches('"').ends_with("by hand"));
+    match by_hand {
+        Some(event) => {
+            Err(NotRepeatable::ByHand { run_dir: run_dir.into(), event: event.to_owned() })
+        }
+        None => Ok(()),
+    }
+}
+
+fn json(path: &Path) -> io::Result<Value> {
+    serde_json::from_str(&fs::read_to_string(path)?).map_err(io::Error::from)
+}
+
+/// Two runs, side by side. Of every pair the first is the recorded run, the second the new one.
+#[derive(Debug, Serialize)]
+pub struct Comparison {
+    /// Whether they are the same, bit by bit.
+    pub same: bool,
+    /// The trajectory hashes.
+    pub trajectory_hash: [Value; 2],
+    /// The first simulated second, from 0, in which the trajectories differ.
+    pub first_second: Option<u64>,
+    /// File by file; the recording only of the same version and commit, which stand in it.
+    pub files: Vec<FileComparison>,
+    /// What is different about executable and machine.
+    pub origins: Vec<Origin>,
+}
+
+/// One file of two runs.
+#[derive(Debug, Serialize)]
+pub struct FileComparison {
+    /// Its name.
+    pub file: &'static str,
+    /// Where the two begin to differ, in words; `None` if they do not.
+    pub first_difference: Option<String>,
+}
+
+/// Where two runs come from, as far as that differs.
+#[derive(Debug, PartialEq, Serialize)]
+pub struct Origin {
+    /// What differs.
+    pub what: &'static str,
+    /// What it is for each; null where it is not known.
+    pub values: [Value; 2],
+}
+
+impl Comparison {
+    /// Of a recorded run and a new one.
+    pub fn of(recorded: &Path, again: &Path) -> io::Result<Comparison> {
+        let both = |name: &str| -> io::Result<[Value; 2]> {
+            Ok([json(&recorded.join(name))?, json(&again.join(name))?])
+        };
+        let (summaries, manifests) = (both(SUMMARY)?, both(MANIFEST)?);
+        let hashes = |key| summaries.each_ref().map(|summary| summary[key].clone());
+        let trajectory_hash = hashes("trajectory_hash");
+        // The recording names version and commit.
+        let same_source =
+            ["phalanx", "git_hash"].iter().all(|&key| manifests[0][key] == manifests[1][key]);
+        let files: Vec<FileComparison> = [SAMPLES, PAIRS, EVENTS, SUMMARY, RECORDING]
+            .into_iter()
+            .filter(|&file| file != RECORDING || same_source)
+            .map(|file| {
+                let paths = [recorded.join(file), again.join(file)];
+                let first_difference = match file {
+                    RECORDING => first_byte(&paths)?,
+                    SUMMARY => first_number(&summaries),
+                    _ => first_line(&paths)?,
+                };
+                Ok(FileComparison { file, first_difference })
+            })
+            .collect::<io::Result<_>>()?;
+        let origins = ORIGINS.iter().filter_map(|&(key, what)| {
+            let values = manifests.each_ref().map(|manifest| manifest[key].clone());
+            (values[0] != values[1]).then_some(Origin { what, values })
+        });
+        let same_hash = trajectory_hash[0] == trajectory_hash[1];
+        Ok(Comparison {
+            same: same_hash && files.iter().all(|file| file.first_difference.is_none()),
+            first_second: if same_hash { None } else { first_second(&hashes("hash_by_second")) },
+            trajectory_hash,
+            files,
+            origins: origins.collect(),
+        })
+    }
+}
+
+/// The first second whose hashes differ, or the one behind the last that both have.
+fn first_second(chains: &[Value; 2]) -> Option<u64> {
+    let [recorded, again] = chains.each_ref().map(|chain| chain.as_array());
+    let (recorded, again) = (recorded?, again?);
+    let same = recorded.iter().zip(again).take_while(|(a, b)| a == b).count();
+    (!recorded.is_empty() || !again.is_empty()).then_some(same as u64)
+}
+
+/// Where two tables begin to differ: the line, what its first two columns say, and the first column
+/// that differs.
+fn first_line(paths: &[PathBuf; 2]) -> io::Result<Option<String>> {
+    let [mut recorded, mut again] = [
+        BufReader::new(File::open(&paths[0])?).lines(),
+        BufReader::new(File::open(&paths[1])?).lines(),
+    ];
+    let mut header = None;
+    for number in 1.. {
+        let lines = match (recorded.next().transpose()?, again.next().transpose()?) {
+            (None, None) => break,
+            (Some(_), None) => return Ok(Some(format!("line {number} is missing now"))),
+            (None, Some(_)) => return Ok(Some(format!("line {number} was not there"))),
+            (Some(recorded), Some(again)) => [recorded, again],
+        };
+        if lines[0] != lines[1] {
+            return Ok(Some(differing(number, header.as_deref().unwrap_or_default(), &lines)));
+        }
+        header.get_or_insert_with(|| lines[0].clone());
+    }
+    Ok(None)
+}
+
+fn differing(number: usize, header: &str, lines: &[String; 2]) -> String {
+    let names: Vec<&str> = header.split(',').collect();
+    let fields = lines.each_ref().map(|line| line.split(',').collect::<Vec<_>>());
+    let mut text = format!("line {number}");
+    let column = fields[0].iter().zip(&fields[1]).position(|(a, b)| a != b);
+    match column {
+        Some(column) if column < names.len() => {
+            for known in 0..column.min(2) {
+                let _ = write!(text, ", {} {}", names[known], fields[0][known]);
+            }
+            let _ = write!(
+                text,
+                ": {} was {}, is {}",
+                names[column], fields[0][column], fields[1][column]
+            );
+        }
+        _ => {
+            let _ = write!(text, " was {:?}, is {:?}", lines[0], lines[1]);
+        }
+    }
+    text
+}
+
+/// Where two recordings begin to differ.
+fn first_byte(paths: &[PathBuf; 2]) -> io::Result<Option<String>> {
+    let [recorded, again] =
+        [BufReader::new(File::open(&paths[0])?), BufReader::new(File::open(&paths[1])?)];
+    let (mut recorded, mut again) = (recorded.bytes(), again.bytes());
+    for place in 0_u64.. {
+        match (recorded.next().transpose()?, again.next().transpose()?) {
+            (None, None) => break,
+            (a, b) if a != b => return Ok(Some(format!("byte {place}"))),
+            _ => (),
+        }
+    }
+    Ok(None)
+}
+
+/// The first entry in which two summaries differ, but for what the wall clock measured.
+fn first_number(summaries: &[Value; 2]) -> Option<String> {
+    let [recorded, again] = summaries.each_ref().map(|summary| {
+        let mut decided = summary.clone();
+        decided.as_object_mut().map(|entries| entries.remove("wall"));
+        decided
+    });
+    part(&recorded, &again, String::new())
+}
+
+fn part(recorded: &Value, again: &Value, path: String) -> Option<String> {
+    match (recorded, again) {
+        (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {
+            a.iter().find_map(|(key, value)| part(value, &b[key], format!("{path}/{key}")))
+        }
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+            let pairs = a.iter().zip(b).enumerate();
+            pairs.map(|(i, (a, b))| part(a, b, format!("{path}/{i}"))).find_map(|found| found)
+        }
+        (a, b) if a == b => None,
+        (Value::Object(a), Value::Object(b)) => {
+            let lone = a.keys().find(|&key| !b.contains_key(key));
+            let new = || b.keys().find(|&key| !a.contains_key(key));
+            Some(match (lone, new()) {
+                (Some(key), _) => format!("{path}/{key} is missing now"),
+                (None, Some(key)) => format!("{path}/{key} was not there"),
+                (None, None) => format!("{path}: another order"),
+            })
+        }
+        (a, b) => Some(format!("{path} was {}, is {}", short(a), short(b))),
+    }
+}
+
+/// A value in one line, cut where it is long.
+fn short(value: &Value) -> String {
+    let text = value.to_string();
+    match text.char_indices().nth(60) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text,
+    }
+}
+
+impl fmt::Display for Comparison {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let said = |value: &Value| value.as_str().map_or_else(|| short(value), str::to_owned);
+        let [recorded, again] = self.trajectory_hash.each_ref().map(said);
+        if self.same {
+            writeln!(f, "the same, bit by bit")?;
+            writeln!(f, "trajectory hash     {again}")?;
+        } else {
+            writeln!(f, "NOT the same")?;
+            match recorded == again {
+                true => writeln!(f, "trajectory hash     {again}, as recorded")?,
+                false => writeln!(f, "trajectory hash     was {recorded}, is {again}")?,
+            }
+        }
+        if let Some(second) = self.first_second {
+            let until = second + 1;
+            writeln!(f, "first difference    between {second} s and {until} s of simulated time")?;
+        }
+        for FileComparison { file, first_difference } in &self.files {
+            let outcome = first_difference.as_deref().unwrap_or("the same");
+            writeln!(f, "{file:<19} {outcome}")?;
+        }
+        for Origin { what, values } in &self.origins {
+            let [recorded, again] = values.each_ref().map(said);
+            writeln!(f, "{what}: was {recorded}, is {again}")?;
+        }
+        if !self.same && self.origins.is_empty() {
+            writeln!(
+                f,
+                "executable and machine are of the same kind, as far as the manifests tell"
+            )?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn tables_differ_at_a_line_and_a_column() {
+        let scratch = tempfile::tempdir().unwrap();
+        let paths = ["a", "b"].map(|name| scratch.path().join(name));
+        let first = |recorded: &str, again: &str| {
+            fs::write(&paths[0], recorded).unwrap();
+            fs::write(&paths[1], again).unwrap();
+            first_line(&paths).unwrap()
+        };
+        let table = "t_s,robot,x_m\n0,r1,1\n0,r2,2\n";
+        assert_eq!(first(table, table), None);
+        let moved = first(table, "t_s,robot,x_m\n0,r1,1\n0,r2,3\n").unwrap();
+        assert_eq!(moved, "line 3, t_s 0, robot r2: x_m was 2, is 3");
+        assert_eq!(first(table, "t_s,robot,x_m\n0,r1,1\n").unwrap(), "line 3 is missing now");
+        assert_eq!(first("t_s\n", "t_s\n0\n").unwrap(), "line 2 was not there");
+        assert!(first("t_s\n", "t_s,x\n").unwrap().contains("line 1 was"), "other columns");
+    }
+
+    #[test]
+    fn recordings_differ_at_a_byte_or_in_length() {
+        let scratch = tempfile::tempdir().unwrap();
+        let paths = ["a", "b"].map(|name| scratch.path().join(name));
+        for (again, place) in [("abc", None), ("abx", Some("byte 2")), ("ab", Some("byte 2"))] {
+            fs::write(&paths[0], "abc").unwrap();
+            fs::write(&paths[1], again).unwrap();
+            assert_eq!(first_byte(&paths).unwrap().as_deref(), place);
+        }
+    }
+
+    #[test]
+    fn summaries_differ_at_an_entry_and_never_by_wall_time() {
+        let summary = |x: f64, wall: u64| json!({ "faults": [{ "x": x }], "wall": wall });
+        assert_eq!(first_number(&[summary(1.0, 1), summary(1.0, 2)]), None);
+        let parted = first_number(&[summary(1.0, 1), summary(2.0, 1)]).unwrap();
+        assert_eq!(parted, "/faults/0/x was 1.0, is 2.0");
+        let more = first_number(&[json!({}), json!({ "new": 1 })]).unwrap();
+        assert_eq!(more, "/new was not there");
+    }
+
+    #[test]
+    fn trajectories_part_in_the_first_second_whose_hash_differs() {
+        let second = |a: &[&str], b: &[&str]| first_second(&[json!(a), json!(b)]);
+        assert_eq!(second(&["a", "b"], &["a", "c"]), Some(1));
+        assert_eq!(second(&["a"], &["a"]), Some(1), "after the last whole second");
+        assert_eq!(second(&[], &[]), None, "nothing is known");
+        assert_eq!(first_second(&[json!(null), json!(["a"])]), None, "of an earlier version");
+    }
+}

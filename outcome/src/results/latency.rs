@@ -1,0 +1,461 @@
+//! How late, how long and how old everything was: the values of all processes, of all their
+//! incarnations, as one HDR histogram for each robot or edge and stage.
+//!
+//! Nothing is trimmed. A wake-up that overslept deadlines counts for each of them with its own
+//! lateness (the correction of coordinated omission, exact where the schedule is known).
+
+mod over_time;
+
+use std::time::{Duration, SystemTime};
+
+use hdrhistogram::Histogram;
+use hdrhistogram::serialization::V2DeflateSerializer;
+use hdrhistogram::serialization::interval_log::{IntervalLogWriterBuilder, Tag};
+use protocol::age::AgeSums;
+use protocol::brief::Pace;
+use protocol::message::{LatencyHeader, LatencyRow};
+use protocol::stage::Stage;
+
+use crate::metrics::summary::{InformationAge, StageLatency};
+use experiment::scenario::Scenario;
+pub use over_time::Stretch;
+use over_time::Stretches;
+
+/// A histogram tells values apart that differ in this many digits.
+const DIGITS: u8 = 3;
+/// No wait of a run lasts this long, ns: a larger value is a broken one.
+const VALUE_NS_MAX: u64 = 3_600_000_000_000;
+
+/// Everything that the processes of a run measured.
+#[derive(Debug, Clone, Default)]
+pub struct Latency {
+    robots: Vec<String>,
+    /// The plant, then the robots in scenario order, then the control timer.
+    processes: Vec<Process>,
+    rows_lost: u64,
+    stretches: Stretches,
+}
+
+/// Whose the line of all robots is; no robot can be called so.
+const ALL_ROBOTS: &str = "all robots";
+
+/// What one process measured, over all its incarnations.
+#[derive(Debug, Clone)]
+struct Process {
+    /// Time between two deadlines of its timer, ns.
+    wake_every_ns: u64,
+    /// By stage, and by the robot from 1 that a value is about, 0 for none.
+    spreads: Vec<Vec<Option<Spread>>>,
+    /// Of what is heard, by the robot from 1 that it is heard from.
+    ages: Vec<AgeSums>,
+    incarnation: u64,
+    next_row: u64,
+    samples_lost: u64,
+}
+
+impl Process {
+    /// A batch of so many rows came: how many before it did not.
+    fn rows_missing(&mut self, header: &LatencyHeader, rows: usize) -> u64 {
+        if header.incarnation != self.incarnation {
+            self.incarnation = header.incarnation;
+            self.next_row = 0;
+        }
+        let missing = header.first_row.saturating_sub(self.next_row);
+        self.next_row = header.first_row.saturating_add(rows as u64);
+        missing
+    }
+}
+
+/// How the values of one stage, and robot or edge, are spread.
+#[derive(Debug, Clone)]
+struct Spread {
+    histogram: Histogram<u64>,
+    min_ns: u64,
+    max_ns: u64,
+    sum_ns: u128,
+    /// The values of the stretch of run time at hand.
+    recent_ns: Vec<u64>,
+}
+
+impl Spread {
+    fn new() -> Spread {
+        let histogram = Histogram::new(DIGITS).expect("a sound number of digits");
+        Spread { histogram, min_ns: u64::MAX, max_ns: 0, sum_ns: 0, recent_ns: Vec::new() }
+    }
+
+    fn add(&mut self, value_ns: u64) {
+        self.histogram.record(value_ns).expect("the histogram grows as needed");
+        self.min_ns = self.min_ns.min(value_ns);
+        self.max_ns = self.max_ns.max(value_ns);
+        self.sum_ns += u128::from(value_ns);
+        self.recent_ns.push(value_ns);
+    }
+
+    /// A quantile as exact as the histogram is, and never beyond the smallest and largest value.
+    fn quantile_ns(&self, quantile: f64) -> u64 {
+        self.histogram.value_at_quantile(quantile).clamp(self.min_ns, self.max_ns)
+    }
+}
+
+fn line((stage, robot, from, spread): (Stage, &str, Option<&str>, &Spread)) -> StageLatency {
+    let count = spread.histogram.len();
+    StageLatency {
+        stage: stage.word().into(),
+        robot: robot.into(),
+        from: from.map(str::to_owned),
+        count,
+        min_ns: spread.min_ns,
+        p50_ns: spread.quantile_ns(0.5),
+        p90_ns: spread.quantile_ns(0.9),
+        p99_ns: spread.quantile_ns(0.99),
+        p99_9_ns: spread.quantile_ns(0.999),
+        p99_99_ns: spread.quantile_ns(0.9999),
+        max_ns: spread.max_ns,
+        mean_ns: spread.sum_ns as f64 / count as f64,
+    }
+}
+
+impl Latency {
+    /// Nothing was measured yet.
+    pub fn new(scenario: &Scenario, pace: Pace) -> Latency {
+        let robots: Vec<String> = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
+        let process = |process| Process {
+            wake_every_ns: match (pace, process) {
+                (Pace::Lockstep, _) => u64::MAX, // nobody wakes by a timer
+                (Pace::Realtime, 0) => scenario.plant_tick_ns,
+                (Pace::Realtime, _) => scenario.period_ns,
+            },
+            spreads: Stage::ALL.map(|_| vec![None; robots.len() + 1]).into(),
+            ages: vec![AgeSums::default(); robots.len() + 1],
+            incarnation: 0,
+            next_row: 0,
+            samples_lost: 0,
+        };
+        let processes = (0..robots.len() + 2).map(process).collect();
+        let stretches = Stretches::new(scenario.duration_ns);
+        Latency { robots, processes, rows_lost: 0, stretches }
+    }
+
+    /// What is taken in from here on reached the supervisor at this run time, ns.
+    pub fn now(&mut self, t_ns: u64) {
+        if let Some(middle_s) = self.stretches.begin(t_ns) {
+            self.sum_up(middle_s);
+        }
+    }
+
+    /// Closes the stretch of run time at hand.
+    fn sum_up(&mut self, middle_s: f64) {
+        for stage in Stage::ALL {
+            for (place, process) in self.processes.iter_mut().enumerate() {
+                for (about, spread) in process.spreads[stage as usize].iter_mut().enumerate() {
+                    let Some(spread) = spread else { continue };
+                    let (robot, from) = whose(stage, place, about);
+                    self.stretches.add(middle_s, stage, robot, from, &mut spread.recent_ns);
+                }
+            }
+        }
+    }
+
+    /// The lines of `latency_over_time.csv`.
+    pub fn over_time(&mut self) -> Vec<Stretch> {
+        self.sum_up(self.stretches.end());
+        self.stretches.lines(|place| self.name(place))
+    }
+
+    /// `plant`, the robot that counts from 1, or `machine` for the control timer.
+    fn name(&self, place: usize) -> &str {
+        match place.checked_sub(1) {
+            Some(robot) => self.robots.get(robot).map_or("machine", String::as_str),
+            None => "plant",
+        }
+    }
+
+    /// Takes in what a process measured: the plant is 0, robots count from 1, then the control timer.
+    pub fn take(&mut self, process: usize, header: &LatencyHeader, rows: &[LatencyRow]) {
+        let process = &mut self.processes[process];
+        self.rows_lost += process.rows_missing(header, rows.len());
+        process.samples_lost = process.samples_lost.max(header.samples_lost);
+        for row in rows {
+            if process.ages.get_mut(row.from as usize).is_some_and(|age| age.add(row)) {
+                continue;
+            }
+            let stage = Stage::from_number(row.stage);
+            let spreads = stage.and_then(|stage| process.spreads.get_mut(stage as usize));
+            let spread = spreads.and_then(|spreads| spreads.get_mut(row.from as usize));
+            let (Some(spread), true) = (spread, row.value_ns <= VALUE_NS_MAX) else {
+                self.rows_lost += 1;
+                continue;
+            };
+            let spread = spread.get_or_insert_with(Spread::new);
+            spread.add(row.value_ns);
+            if matches!(stage, Some(Stage::Wake | Stage::Machine)) {
+                let mut later_ns = row.value_ns.checked_sub(process.wake_every_ns);
+                while let Some(value_ns) = later_ns {
+                    spread.add(value_ns);
+                    later_ns = value_ns.checked_sub(process.wake_every_ns);
+                }
+            }
+        }
+    }
+
+    /// The same for what is measured before the run begins, and counts for nothing.
+    pub fn leave_out(&mut self, process: usize, header: &LatencyHeader, rows: &[LatencyRow]) {
+        self.processes[process].rows_missing(header, rows.len());
+    }
+
+    /// Values that were measured and did not arrive, or were broken.
+    pub fn rows_lost(&self) -> u64 {
+        self.rows_lost
+    }
+
+    /// Commands that the plant should have taken, and that a newer one had replaced.
+    pub fn commands_lost(&self) -> u64 {
+        self.processes.first().map_or(0, |plant| plant.samples_lost)
+    }
+
+    /// Everything measured, by stage, then by process in scenario order, the plant first.
+    fn spreads(&self) -> impl Iterator<Item = (Stage, &str, Option<&str>, &Spread)> {
+        let of_process = move |stage: Stage, place: usize| {
+            let spreads = self.processes[place].spreads[stage as usize].iter().enumerate();
+            spreads.filter_map(move |(about, spread)| {
+                let (robot, from) = whose(stage, place, about);
+                Some((stage, self.name(robot), from.map(|from| self.name(from)), spread.as_ref()?))
+            })
+        };
+        Stage::ALL.into_iter().flat_map(move |stage| {
+            (0..self.processes.len()).flat_map(move |place| of_process(stage, place))
+        })
+    }
+
+    /// The lines of `latency.csv`.
+    pub fn stages(&self) -> Vec<StageLatency> {
+        self.spreads().map(line).collect()
+    }
+
+    /// How late all robots together woke, as one line; the control timer's line stands beside it.
+    pub fn wake_of_all(&self) -> Option<StageLatency> {
+        let of_robots = 1..=self.robots.len();
+        let mut all = Spread::new();
+        for spread in of_robots.filter_map(|place| {
+            self.processes[place].spreads[Stage::Wake as usize].first()?.as_ref()
+        }) {
+            all.histogram.add(&spread.histogram).expect("of the same kind, and growing as needed");
+            all.min_ns = all.min_ns.min(spread.min_ns);
+            all.max_ns = all.max_ns.max(spread.max_ns);
+            all.sum_ns += spread.sum_ns;
+        }
+        (!all.histogram.is_empty()).then(|| line((Stage::Wake, ALL_ROBOTS, None, &all)))
+    }
+
+    /// The information age of every edge over which anything was heard.
+    pub fn information_ages(&self) -> Vec<InformationAge> {
+        let of = |place: usize| {
+            let ages = self.processes[place].ages.iter().enumerate();
+            ages.filter_map(move |(from, sums)| {
+                Some(InformationAge {
+                    robot: self.name(place).to_owned(),
+                    from: self.name(from).to_owned(),
+                    heard: sums.heard,
+                    over_ns: sums.over_ns,
+                    mean_ns: sums.mean_ns()?,
+                    peak_ns: sums.peak_ns,
+                })
+            })
+        };
+        (0..self.processes.len()).flat_map(of).collect()
+    }
+
+    /// For each stage the robot or edge with the largest value so far: quickly, for quantiles of all
+    /// take long.
+    pub fn latest(&self) -> Vec<StageLatency> {
+        let mut latest = Stage::ALL.map(|_| None);
+        for (stage, robot, from, spread) in self.spreads() {
+            let known: &mut Option<(_, _, _, &Spread)> = &mut latest[stage as usize];
+            if known.is_none_or(|(.., known)| known.max_ns < spread.max_ns) {
+                *known = Some((stage, robot, from, spread));
+            }
+        }
+        latest.into_iter().flatten().map(line).collect()
+    }
+
+    /// `latency.hlog`, the log format of HdrHistogram: one interval, the run, for each tag
+    /// `stage:robot` or `stage:from->to`. Values are ns, its column of maxima is in ms.
+    pub fn hlog(&self, began: SystemTime, lasted: Duration) -> Vec<u8> {
+        let mut log = Vec::new();
+        let mut serializer = V2DeflateSerializer::new();
+        let mut writer = IntervalLogWriterBuilder::new()
+            .add_comment("phalanx: latencies in ns, maxima in ms")
+            .with_start_time(began)
+            .with_base_time(began)
+            .with_max_value_divisor(1e6)
+            .begin_log_with(&mut log, &mut serializer)
+            .expect("memory takes everything");
+        for (stage, robot, from, spread) in self.spreads() {
+            let edge = from.map_or(robot.to_owned(), |from| format!("{from}->{robot}"));
+            // A tag has no comma and no white space.
+            let banned = |c: char| c == ',' || c.is_whitespace();
+            let tag = format!("{}:{edge}", stage.word()).replace(banned, "_");
+            writer
+                .write_histogram(&spread.histogram, Duration::ZERO, lasted, Tag::new(&tag))
+                .expect("memory takes everything");
+        }
+        log
+    }
+}
+
+/// Whose value it is that a process measured about a robot, and of an edge whom that one hears.
+fn whose(stage: Stage, process: usize, about: usize) -> (usize, Option<usize>) {
+    match stage {
+        // A command is taken by the plant; the loop that it closes is the robot's.
+        Stage::Command => (about, None),
+        _ => (process, (about > 0).then_some(about)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use experiment::examples::row_of_three;
+    use proptest::prelude::*;
+    use protocol::latency::Recorder;
+
+    const MS: u64 = 1_000_000;
+
+    fn row(stage: Stage, from: u32, value_ns: u64) -> LatencyRow {
+        LatencyRow { stage: stage as u32, from, value_ns }
+    }
+
+    #[test]
+    fn a_wake_up_that_overslept_deadlines_counts_for_each_of_them() {
+        let scenario = row_of_three();
+        let mut latency = Latency::new(&scenario, Pace::Realtime);
+        let overslept_ns = 2 * scenario.period_ns + 7;
+        let rows = [row(Stage::Wake, 0, 3), row(Stage::Wake, 0, overslept_ns)];
+        latency.take(2, &LatencyHeader::default(), &rows);
+        let [wake] = &latency.stages()[..] else { panic!("one line") };
+        assert_eq!((wake.stage.as_str(), wake.robot.as_str(), &wake.from), ("wake", "r2", &None));
+        assert_eq!((wake.count, wake.min_ns, wake.max_ns), (4, 3, overslept_ns));
+        let sum_ns = (3 + overslept_ns + (scenario.period_ns + 7) + 7) as f64;
+        assert_eq!(wake.mean_ns, sum_ns / 4.0);
+    }
+
+    #[test]
+    fn a_robot_that_returns_adds_to_what_it_measured_before_it_died() {
+        let mut latency = Latency::new(&row_of_three(), Pace::Realtime);
+        let header =
+            |incarnation, first_row| LatencyHeader { incarnation, first_row, samples_lost: 0 };
+        latency.take(1, &header(0, 0), &[row(Stage::BeaconAge, 2, 5)]);
+        latency.take(1, &header(0, 4), &[row(Stage::BeaconAge, 2, 6)]);
+        assert_eq!(latency.rows_lost(), 3, "rows 1 to 3 of the first incarnation");
+        latency.take(1, &header(1, 0), &[row(Stage::BeaconAge, 2, 7)]);
+        assert_eq!(latency.rows_lost(), 3, "the second counts from 0");
+        let [age] = &latency.stages()[..] else { panic!("one line") };
+        assert_eq!((age.robot.as_str(), age.from.as_deref()), ("r1", Some("r2")));
+        assert_eq!((age.count, age.min_ns, age.max_ns), (3, 5, 7));
+    }
+
+    #[test]
+    fn the_information_age_of_an_edge_is_summed_up_over_all_incarnations() {
+        let mut latency = Latency::new(&row_of_three(), Pace::Lockstep);
+        for (incarnation, area_s2, peak_ns) in [(0, 1.0, 7), (1, 2.0, 5)] {
+            let header = LatencyHeader { incarnation, ..LatencyHeader::default() };
+            let sums = AgeSums { heard: 3, over_ns: 1_000_000_000, area_s2, peak_ns };
+            latency.take(2, &header, &sums.rows(1));
+        }
+        assert_eq!((latency.stages(), latency.rows_lost()), (Vec::new(), 0));
+        let [age] = &latency.information_ages()[..] else { panic!("one edge") };
+        assert_eq!((age.robot.as_str(), age.from.as_str(), age.heard), ("r2", "r1", 6));
+        assert_eq!((age.over_ns, age.mean_ns, age.peak_ns), (2_000_000_000, 1.5e9, 7));
+    }
+
+    #[test]
+    fn broken_values_are_counted_and_left_out() {
+        let mut latency = Latency::new(&row_of_three(), Pace::Realtime);
+        let mut unknown = row(Stage::Wake, 0, 1);
+        unknown.stage = 99;
+        let rows = [unknown, row(Stage::Wake, 4, 1), row(Stage::Wake, 0, u64::MAX)];
+        latency.take(0, &LatencyHeader::default(), &rows);
+        assert_eq!((latency.rows_lost(), latency.stages()), (3, Vec::new()));
+    }
+
+    #[test]
+    fn the_latest_of_a_stage_is_the_one_with_the_largest_value() {
+        let mut latency = Latency::new(&row_of_three(), Pace::Lockstep);
+        for (robot, value_ns) in [(1, MS), (2, 3 * MS), (3, 2 * MS)] {
+            latency.take(robot, &LatencyHeader::default(), &[row(Stage::Compute, 0, value_ns)]);
+        }
+        let [latest] = &latency.latest()[..] else { panic!("one stage") };
+        assert_eq!((latest.edge(), latest.max_ns), ("r2".into(), 3 * MS));
+    }
+
+    #[test]
+    fn a_stretch_of_time_has_its_own_median_and_maximum_and_the_silent_have_none() {
+        let mut latency = Latency::new(&row_of_three(), Pace::Lockstep); // 20 s
+        let mut taken = |t_ms: u64, robot, values_ms: &[u64]| {
+            latency.now(t_ms * MS);
+            let row = |value_ms: &u64| row(Stage::BeaconAge, 1, value_ms * MS);
+            let rows: Vec<LatencyRow> = values_ms.iter().map(row).collect();
+            latency.take(robot, &LatencyHeader::default(), &rows);
+        };
+        taken(100, 2, &[4, 2]);
+        taken(900, 2, &[3, 9]);
+        taken(900, 3, &[5]);
+        taken(7_000, 2, &[1]);
+        taken(20_000, 2, &[8]);
+        let lines = latency.over_time();
+        let seen: Vec<_> = lines
+            .iter()
+            .map(|line| (line.t_s, line.robot.as_str(), line.count, line.p50_ns, line.max_ns))
+            .collect();
+        let ms = |p50: u64, max: u64| (p50 * MS, max * MS);
+        let expected = [
+            (0.5, "r2", 4, ms(3, 9)),
+            (0.5, "r3", 1, ms(5, 5)),
+            (7.5, "r2", 1, ms(1, 1)),
+            (20.0, "r2", 1, ms(8, 8)), // the last values are sent at the very end
+        ];
+        assert_eq!(seen, expected.map(|(t_s, robot, n, (p50, max))| (t_s, robot, n, p50, max)));
+        assert!(lines.iter().all(|line| line.from.as_deref() == Some("r1")));
+    }
+
+    proptest! {
+        /// However often a robot sends, the histogram is that of all its values.
+        #[test]
+        fn batches_add_up_to_what_was_measured(
+            values_ns in proptest::collection::vec(0..2 * VALUE_NS_MAX / 3, 1..400),
+            send_at in proptest::collection::vec(any::<bool>(), 400),
+            room in 1..500_usize,
+        ) {
+            let mut recorder = Recorder::new(0, room);
+            let mut latency = Latency::new(&row_of_three(), Pace::Lockstep);
+            let mut direct = Spread::new();
+            let mut kept = 0;
+            for (&value_ns, send) in values_ns.iter().zip(send_at) {
+                if kept < room {
+                    direct.add(value_ns);
+                    kept += 1;
+                }
+                recorder.record(Stage::Odometry, 0, value_ns);
+                if send {
+                    let (header, rows) = recorder.batch();
+                    latency.take(3, &header, rows);
+                    recorder.clear(0);
+                    kept = 0;
+                }
+            }
+            recorder.record(Stage::Compute, 0, 0); // so that the last batch has a successor
+            let (header, rows) = recorder.batch();
+            latency.take(3, &header, rows);
+            recorder.clear(0);
+            latency.take(3, &recorder.batch().0, &[]);
+            let found = latency.processes[3].spreads[Stage::Odometry as usize][0].as_ref().unwrap();
+            prop_assert_eq!(&found.histogram, &direct.histogram);
+            prop_assert_eq!(found.sum_ns, direct.sum_ns);
+            let arrived = found.histogram.len()
+                + latency.processes[3].spreads[Stage::Compute as usize][0]
+                    .as_ref()
+                    .map_or(0, |spread| spread.histogram.len());
+            prop_assert_eq!(arrived + latency.rows_lost(), values_ns.len() as u64 + 1);
+        }
+    }
+}

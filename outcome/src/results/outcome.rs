@@ -1,0 +1,41 @@
+//! What a run leaves besides its metrics.
+
+use std::time::Duration;
+
+use protocol::message::TruthHeader;
+
+use crate::metrics::summary::{GoalSummary, HostSummary, ProcessUsage, SchedulerTrace};
+use crate::results::latency::Latency;
+
+/// What a run leaves besides its metrics.
+#[derive(Debug, Clone, Default)]
+pub struct Outcome {
+    /// Ended by a signal.
+    pub interrupted: bool,
+    /// Wall time from the start of the first process to t = 0, when all were ready; `None` if it
+    /// never came to that.
+    pub startup: Option<Duration>,
+    /// Wall time from t = 0 to the last truth.
+    pub wall: Duration,
+    /// The newest truth.
+    pub truth: Option<TruthHeader>,
+    /// Commands sent too late, by all agents.
+    pub deadline_misses: u64,
+    /// Samples too old for an answer, which got none, of all agents.
+    pub odometry_old: u64,
+    /// Beacons that each robot refused, in scenario order.
+    pub beacons_refused: Vec<u64>,
+    /// Restarts by robot, in scenario order.
+    pub restarts: Vec<u64>,
+    /// What the processes measured of delays.
+    pub latency: Latency,
+    /// Where there are several: what is to be said of each host.
+    pub hosts: Vec<HostSummary>,
+    /// Where robots take goals from outside: what became of those.
+    pub goals: Option<GoalSummary>,
+    /// What each process took from the machine: the supervisor, the plant, the robots in scenario
+    /// order, and in lockstep what kept the cores awake, which is time that nobody else wanted.
+    pub usages: Vec<ProcessUsage>,
+    /// Who held the cores of late robots, if the scheduler was traced.
+    pub scheduler: Option<SchedulerTrace>,
+}

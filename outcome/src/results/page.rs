@@ -1,0 +1,321 @@
+//! From a run directory to its figures and its page.
+//!
+//! Reads what the run has written, and nothing else: a run of yesterday and one that was killed
+//! half-way get a report as well. What a run had no time to write is left out; what is broken is
+//! named.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `record` | where was everybody, and what happened, as far as it was written down? |
+//! | `delays` | how late, how long and how old was everything? |
+
+mod delays;
+mod record;
+#[cfg(test)]
+mod tests;
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::report::run::{ChangedTo, Limits, Run};
+use crate::report::scene::{EdgeState, RobotState, Scene, SceneFault};
+use protocol::brief::Pace;
+use protocol::fault::LinkFaultKind;
+use protocol::number::told_apart;
+
+use crate::metrics::fault::FaultReport;
+use crate::metrics::summary::{Summary, Wall};
+use crate::results::manifest::LOCKSTEP_EPOCH_UNIX_NS;
+use crate::results::scene::{cut_by, scene};
+use experiment::scenario::{Fault, FaultKind, Scenario};
+use formation::seconds;
+
+/// A report takes in no file larger than this, bytes: hours of any experiment.
+const FILE_BYTES_MAX: u64 = 1 << 34;
+
+/// Why there is no report.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// The directory is of another kind.
+    #[error(
+        "{} is no run directory: it has no scenario.toml; expected the directory that `phalanx run` \
+         has written",
+        .0.display()
+    )]
+    NotARun(PathBuf),
+    /// A file could not be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A file is not as a run writes it.
+    #[error("{}:{line}: {what}", path.display())]
+    Broken {
+        /// Which.
+        path: PathBuf,
+        /// Where, from 1.
+        line: u64,
+        /// What is there, and what was expected.
+        what: String,
+    },
+    /// There is nothing that could move.
+    #[error("{} has no recorded movement to show", .0.display())]
+    Nothing(PathBuf),
+    /// A figure or the page could not be written.
+    #[error("cannot write {}: {source}; the run itself is kept", path.display())]
+    Write {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+/// Refuses a directory that no run has written.
+pub fn scenario_path(run_dir: &Path) -> Result<PathBuf, ReportError> {
+    let path = run_dir.join("scenario.toml");
+    if path.is_file() { Ok(path) } else { Err(ReportError::NotARun(run_dir.into())) }
+}
+
+/// Writes `figures/*.svg` and `report.html` of a run of this scenario; where the page is.
+pub fn write(run_dir: &Path, scenario: &Scenario) -> Result<PathBuf, ReportError> {
+    let run = load(run_dir, scenario)?;
+    let figures = crate::report::figures::all(&run);
+    let directory = run_dir.join("figures");
+    fs::create_dir_all(&directory).map_err(unwritten(&directory))?;
+    for figure in &figures {
+        let path = directory.join(format!("{}.svg", figure.name));
+        fs::write(&path, figure.svg()).map_err(unwritten(&path))?;
+    }
+    let path = run_dir.join("report.html");
+    fs::write(&path, crate::report::html::report(&run, &figures)).map_err(unwritten(&path))?;
+    Ok(path)
+}
+
+/// Writes a run of this scenario as one animated picture.
+pub fn animate(run_dir: &Path, scenario: &Scenario, path: &Path) -> Result<(), ReportError> {
+    let svg = crate::report::animation::animation(&load(run_dir, scenario)?);
+    let svg = svg.ok_or_else(|| ReportError::Nothing(run_dir.into()))?;
+    fs::write(path, svg).map_err(unwritten(path))
+}
+
+fn unwritten(path: &Path) -> impl FnOnce(io::Error) -> ReportError {
+    let path = path.to_path_buf();
+    move |source| ReportError::Write { path, source }
+}
+
+/// Everything that a run directory says.
+pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
+    let manifest: serde_json::Map<String, serde_json::Value> =
+        json(&run_dir.join("manifest.json"))?.unwrap_or_default();
+    let path = run_dir.join("summary.json");
+    let mut summary: Option<Summary> = json(&path)?;
+    // Before there was a section for it, what depends on wall time stood at the top.
+    if let (Some(summary), Some(at_the_top)) = (&mut summary, json::<Wall>(&path)?)
+        && at_the_top != Wall::default()
+    {
+        summary.wall = at_the_top;
+    }
+    let pace = manifest.get("pace").and_then(serde_json::Value::as_str);
+    let pace = pace.unwrap_or("unknown pace").to_owned();
+    let mut scene = Scene { pace, ..scene(scenario, Pace::Realtime) };
+    let changes = record::changes(&run_dir.join("events.csv"), &scene)?;
+    scene.faults = faults(scenario, summary.as_ref(), &changes);
+    let goals = record::goals(&run_dir.join("events.csv"), scenario)?;
+    let record = record::record(&run_dir.join("samples.csv"), scenario, &scene.faults, &goals)?;
+    let lead_m = |lead: &protocol::brief::LeadBrief| {
+        let places = record.times_s.iter().map(|&t_s| lead.trajectory.at(t_s).position);
+        places.map(|place| [place.x, place.y]).collect()
+    };
+    Ok(Run {
+        limits: Limits {
+            converged_error_m: scenario.expect.converged_error_m,
+            stale_after_s: seconds(scenario.silence.stale_after_ns),
+            lost_after_s: seconds(scenario.silence.lost_after_ns),
+        },
+        lead_m: scenario.lead.as_ref().map(lead_m).unwrap_or_default(),
+        times_s: record.times_s,
+        tracks: record.tracks,
+        every: record.every,
+        changes,
+        unpromised: unpromised(scenario, summary.as_ref()),
+        summary,
+        manifest: manifest.iter().map(|(name, value)| told(name, value)).collect(),
+        over_time: delays::over_time(&run_dir.join("latency_over_time.csv"))?,
+        spreads: delays::spreads(&run_dir.join("latency.hlog"))?,
+        scene,
+    })
+}
+
+/// Why no promise about distances holds, and what was seen of them.
+fn unpromised(scenario: &Scenario, summary: Option<&Summary>) -> Option<String> {
+    let why = scenario.unpromised()?;
+    let d_m = scenario.avoidance.distance_min_m;
+    let seen = summary.and_then(|summary| summary.min_distance_m).map(|seen_m| {
+        let [seen, d] = told_apart(seen_m, d_m);
+        format!("; the smallest distance seen is {seen} m, with d = {d} m")
+    });
+    Some(why + &seen.unwrap_or_default())
+}
+
+/// A line of the manifest as people read it: a command that a shell takes, dates.
+fn told(name: &str, value: &serde_json::Value) -> (String, String) {
+    let unix_ns = value.as_u64();
+    let in_words = match (name, value, unix_ns) {
+        ("command", serde_json::Value::Array(words), _) => {
+            words.iter().map(|word| quoted(&in_words(word))).collect::<Vec<_>>().join(" ")
+        }
+        ("epoch_unix_ns", _, Some(LOCKSTEP_EPOCH_UNIX_NS)) => format!(
+            "{}, as of every run in lockstep, so that equal runs give equal bytes",
+            date(LOCKSTEP_EPOCH_UNIX_NS)
+        ),
+        ("started_unix_ns" | "epoch_unix_ns", _, Some(unix_ns)) => date(unix_ns),
+        _ => in_words(value),
+    };
+    (name.strip_suffix("_unix_ns").unwrap_or(name).to_owned(), in_words)
+}
+
+/// A word as a POSIX shell reads it.
+fn quoted(word: &str) -> String {
+    let plain = |letter: char| letter.is_ascii_alphanumeric() || "_-./=:,+@%".contains(letter);
+    if !word.is_empty() && word.chars().all(plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', r"'\''"))
+}
+
+/// Nanoseconds since 1970 as a date and a time of day in UTC, to the second.
+fn date(unix_ns: u64) -> String {
+    let seconds = unix_ns / 1_000_000_000;
+    let (of_day, mut days) = (seconds % 86_400, seconds / 86_400);
+    let leap = |year: u64| {
+        year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400))
+    };
+    // At most 584 years fit in.
+    let mut year = 1970;
+    while days >= 365 + u64::from(leap(year)) {
+        days -= 365 + u64::from(leap(year));
+        year += 1;
+    }
+    let february = 28 + u64::from(leap(year));
+    let mut month = 1;
+    for length in [31, february, 31, 30, 31, 30, 31, 31, 30, 31, 30] {
+        if days < length {
+            break;
+        }
+        days -= length;
+        month += 1;
+    }
+    let (hour, minute, second) = (of_day / 3600, of_day / 60 % 60, of_day % 60);
+    format!("{year}-{month:02}-{:02} {hour:02}:{minute:02}:{second:02} UTC", days + 1)
+}
+
+fn in_words(value: &serde_json::Value) -> String {
+    match value {
+        serde_json::Value::Null => "-".into(),
+        serde_json::Value::String(text) => text.clone(),
+        serde_json::Value::Array(list) => list.iter().map(in_words).collect::<Vec<_>>().join(" "),
+        other => other.to_string(),
+    }
+}
+
+/// What a file holds; `None` if there is none.
+fn text(path: &Path) -> Result<Option<Vec<u8>>, ReportError> {
+    let unread = |source| ReportError::Read { path: path.into(), source };
+    match fs::metadata(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(unread(error)),
+        Ok(found) if !found.is_file() => {
+            return Err(unread(io::Error::other("it is no file")));
+        }
+        Ok(found) if found.len() > FILE_BYTES_MAX => {
+            return Err(unread(io::Error::other(format!(
+                "it has {} bytes, expected at most {FILE_BYTES_MAX}",
+                found.len()
+            ))));
+        }
+        Ok(_) => {}
+    }
+    fs::read(path).map(Some).map_err(unread)
+}
+
+fn json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<Option<T>, ReportError> {
+    let Some(text) = text(path)? else { return Ok(None) };
+    let broken = |error: serde_json::Error| ReportError::Broken {
+        path: path.into(),
+        line: error.line() as u64,
+        what: format!("{error}; expected JSON as a run writes it"),
+    };
+    serde_json::from_slice(&text).map(Some).map_err(broken)
+}
+
+/// What went wrong: as it was seen, or, of a run that was cut short, as it was planned.
+fn faults(
+    scenario: &Scenario,
+    summary: Option<&Summary>,
+    changes: &[crate::report::run::Change],
+) -> Vec<SceneFault> {
+    let planned = |fault: &Fault| {
+        let (what, struck) = fault.kind.struck(scenario);
+        let until_ns = match fault.kind {
+            FaultKind::Kill { restart_after_ns, .. } => {
+                restart_after_ns.map(|after_ns| fault.at_ns.saturating_add(after_ns))
+            }
+            _ => fault.until_ns(),
+        };
+        let t_s = seconds(fault.at_ns);
+        let robots = struck.robot.into_iter().collect();
+        SceneFault {
+            t_s,
+            until_s: until_ns.map(seconds),
+            what,
+            robots,
+            cuts: cut_by(struck.silenced),
+        }
+    };
+    let planned: Vec<SceneFault> = scenario.faults.iter().map(planned).collect();
+    let Some(summary) = summary else { return planned };
+    let seen = |fault: &FaultReport| {
+        let before = |plan: &&SceneFault| plan.what == fault.what && plan.t_s <= fault.t_s + 1e-9;
+        let plan = planned.iter().rfind(before);
+        let place = |name: &String| scenario.robots.iter().position(|robot| robot.name == *name);
+        let robot = fault.robot.as_ref().and_then(place);
+        // What never ends is over as soon as it began.
+        let lasted_s = fault.lasted_s.filter(|&lasted_s| lasted_s > 0.0);
+        let back = changes.iter().any(|change| {
+            change.t_s == fault.t_s
+                && robot.map(|place| ChangedTo::Robot(place, RobotState::Moving)) == Some(change.to)
+        });
+        let at_once = (back && fault.lasted_s.is_some()).then_some(0.0);
+        SceneFault {
+            t_s: fault.t_s,
+            until_s: lasted_s.or(at_once).map(|lasted_s| fault.t_s + lasted_s),
+            what: fault.what.clone(),
+            robots: robot.into_iter().collect(),
+            cuts: plan.and_then(|plan| plan.cuts).or_else(|| cut_by_hand(scenario, &fault.what)),
+        }
+    };
+    summary.faults.iter().map(seen).collect()
+}
+
+/// The edge that somebody has cut by hand, by what the summary says of it.
+fn cut_by_hand(scenario: &Scenario, what: &str) -> Option<usize> {
+    let what = what.strip_suffix(", by hand")?;
+    let mut edges = 0..scenario.graph.edges().len();
+    edges
+        .find(|&edge| FaultKind::Link { edge, kind: LinkFaultKind::Cut }.struck(scenario).0 == what)
+}
+
+/// The state of an edge, by its word in `events.csv`.
+fn edge_state(word: &str) -> Option<EdgeState> {
+    match word {
+        "fresh" => Some(EdgeState::Fresh),
+        "stale" => Some(EdgeState::Stale),
+        "lost" => Some(EdgeState::Lost),
+        _ => None,
+    }
+}

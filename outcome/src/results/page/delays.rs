@@ -1,0 +1,94 @@
+//! How late, how long and how old everything was: `latency_over_time.csv` and `latency.hlog`.
+
+use std::path::Path;
+
+use crate::report::run::{Bin, Spread};
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use hdrhistogram::Histogram;
+use hdrhistogram::serialization::Deserializer;
+use hdrhistogram::serialization::interval_log::{IntervalLogIterator, LogEntry};
+use serde::Deserialize;
+
+use super::{ReportError, text};
+
+/// A histogram has thousands of values: of those nearer than this share to the last one that was
+/// told, the largest does.
+const NEAR: f64 = 0.01;
+
+/// A line of `latency_over_time.csv`.
+#[derive(Deserialize)]
+struct Line {
+    t_s: f64,
+    stage: String,
+    robot: String,
+    from: Option<String>,
+    count: u64,
+    p50_ns: u64,
+    p99_ns: u64,
+    max_ns: u64,
+}
+
+/// Reads `latency_over_time.csv`; nothing if the run was cut short before it was written.
+pub(super) fn over_time(path: &Path) -> Result<Vec<Bin>, ReportError> {
+    let Some(text) = text(path)? else { return Ok(Vec::new()) };
+    let mut reader = csv::Reader::from_reader(&text[..]);
+    let line = |line: Result<Line, csv::Error>| {
+        let Line { t_s, stage, robot, from, count, p50_ns, p99_ns, max_ns } =
+            line.map_err(|error| ReportError::Broken {
+                path: path.into(),
+                line: error.position().map_or(0, csv::Position::line),
+                what: error.to_string(),
+            })?;
+        Ok(Bin { t_s, stage, robot, from, count, p50_ns, p99_ns, max_ns })
+    };
+    reader.deserialize().map(line).collect()
+}
+
+/// Reads `latency.hlog`; nothing if the run was cut short before it was written.
+pub(super) fn spreads(path: &Path) -> Result<Vec<Spread>, ReportError> {
+    let Some(text) = text(path)? else { return Ok(Vec::new()) };
+    let broken = |place: usize, what: String| ReportError::Broken {
+        path: path.into(),
+        line: place as u64 + 1,
+        what: format!("{what}; expected the log of histograms that a run writes"),
+    };
+    let mut deserializer = Deserializer::new();
+    let mut spreads = Vec::new();
+    for (place, entry) in IntervalLogIterator::new(&text).enumerate() {
+        let entry = entry.map_err(|error| broken(place, format!("{error:?}")))?;
+        let LogEntry::Interval(interval) = entry else { continue };
+        let Some(tag) = interval.tag() else { continue };
+        let Some((stage, of)) = tag.as_str().split_once(':') else { continue };
+        let bytes = STANDARD.decode(interval.encoded_histogram());
+        let bytes = bytes.map_err(|error| broken(place, error.to_string()))?;
+        let histogram: Histogram<u64> = deserializer
+            .deserialize(&mut &bytes[..])
+            .map_err(|error| broken(place, error.to_string()))?;
+        let above = above(&histogram);
+        spreads.push(Spread { stage: stage.into(), of: of.into(), above });
+    }
+    Ok(spreads)
+}
+
+/// Values, ns, and the share of samples above.
+fn above(histogram: &Histogram<u64>) -> Vec<(u64, f64)> {
+    let all = histogram.len() as f64;
+    let mut larger = histogram.len();
+    let mut told: Vec<(u64, f64)> = Vec::new();
+    let mut first_of_group = 0.0;
+    for step in histogram.iter_recorded() {
+        larger = larger.saturating_sub(step.count_since_last_iteration());
+        let now = (step.value_iterated_to(), larger as f64 / all);
+        let value = now.0 as f64;
+        let near = !told.is_empty() && value <= first_of_group * (1.0 + NEAR);
+        // The last step down is the one that the largest value makes.
+        if near && larger > 0 {
+            *told.last_mut().expect("it is near to something") = now;
+        } else {
+            first_of_group = value;
+            told.push(now);
+        }
+    }
+    told
+}

@@ -1,0 +1,221 @@
+use std::fs;
+
+use super::*;
+use crate::metrics::Now;
+use crate::metrics::examples::{header, rows};
+use crate::report::run::Sample;
+use crate::results::latency::Latency;
+use crate::results::run_dir::RunDir;
+use experiment::examples::row_of_three;
+use proptest::prelude::*;
+use protocol::brief::Pace;
+use protocol::message::{LatencyHeader, LatencyRow};
+use protocol::stage::Stage;
+use std::time::{Duration, SystemTime};
+
+/// Everything that a run of three robots writes, as far as a report reads it.
+fn run_dir(below: &Path) -> PathBuf {
+    let path = below.join("run");
+    let scenario = Scenario { record_hz: 1e3, ..row_of_three() };
+    let mut run_dir = RunDir::create(&path, &scenario).unwrap();
+    for tick in 0..8 {
+        let errors = [Some(0.1), None, Some(0.3)];
+        let at = [0.0, 1.0, 2.0].map(|x| x + tick as f64 * 0.1);
+        let alive = [true, tick != 4, true];
+        let nearest = Some((1.0, [0, 1]));
+        let measured =
+            Now { errors_m: &errors, ideal_errors_m: &[None, Some(0.2), Some(0.4)], nearest };
+        run_dir.truth(&header(tick), &rows(at), &alive, measured).unwrap();
+    }
+    run_dir.event(2_000_000_000, "kill", "r2", "SIGKILL, as planned").unwrap();
+    run_dir.event(3_000_000_000, "contact", "r3", "stale r2").unwrap();
+    run_dir.event(4_000_000_000, "ready", "r2", "incarnation 1").unwrap();
+    run_dir.event(4_500_000_000, "orphaned", "r1", "no living leader reaches it").unwrap();
+    run_dir.event(5_000_000_000, "freeze", "r3", "SIGSTOP, as planned").unwrap();
+    drop(run_dir);
+    let mut latency = Latency::new(&scenario, Pace::Realtime);
+    let row = |value_ns| LatencyRow { stage: Stage::BeaconAge as u32, from: 1, value_ns };
+    latency.take(2, &LatencyHeader::default(), &[row(5_000_000), row(7_000_000)]);
+    let hlog = latency.hlog(SystemTime::UNIX_EPOCH, Duration::from_secs(8));
+    let write = |name: &str, content: &[u8]| fs::write(path.join(name), content).unwrap();
+    write("latency.hlog", &hlog);
+    let over_time = "t_s,stage,robot,from,count,p50_ns,p99_ns,max_ns\n\
+                     0.5,beacon_age,r2,r1,2,5000000,7000000,7000000\n0.5,wake,plant,,1,9,9,9\n";
+    write("latency_over_time.csv", over_time.as_bytes());
+    write("manifest.json", br#"{ "pace": "realtime", "cores": 2, "command": ["phalanx", "run"] }"#);
+    let summary = r#"{ "t_s": 7.0, "min_distance_m": 1.0, "min_distance_pair": ["r1", "r2"],
+        "min_distance_t_s": 0.0, "faults": [{ "t_s": 2.0, "what": "death of r2 (signal 9)",
+        "robot": "r2", "lasted_s": 2.0 }, { "t_s": 5.0, "what": "cut r1->r2, by hand", "robot": "r1",
+        "lasted_s": 1.0 }] }"#;
+    write("summary.json", summary.as_bytes());
+    path
+}
+
+const FILES: [&str; 6] = [
+    "samples.csv",
+    "events.csv",
+    "summary.json",
+    "manifest.json",
+    "latency_over_time.csv",
+    "latency.hlog",
+];
+
+#[test]
+fn a_run_directory_says_where_everybody_was_and_what_became_of_them() {
+    let place = tempfile::tempdir().unwrap();
+    let run = load(&run_dir(place.path()), &row_of_three()).unwrap();
+    assert_eq!((run.scene.pace.as_str(), run.times_s.len(), run.every), ("realtime", 8, 1));
+    assert!((run.tracks[2][3].x_m - 2.2).abs() < 1e-12);
+    assert_eq!((run.tracks[0][0].error_m, run.tracks[1][0].error_m), (Some(0.1), None));
+    assert!(!run.tracks[1][4].alive);
+    let died = &run.scene.faults[0];
+    assert_eq!((died.t_s, died.until_s, &died.robots[..]), (2.0, Some(4.0), &[1][..]));
+    let cut = &run.scene.faults[1];
+    assert_eq!((cut.t_s, cut.until_s, cut.cuts), (5.0, Some(6.0), Some(0)));
+    let frozen = ChangedTo::Robot(2, RobotState::Frozen);
+    assert!(run.changes.iter().any(|change| change.t_s == 5.0 && change.to == frozen));
+    let orphaned = ChangedTo::Robot(0, RobotState::Orphaned);
+    assert!(run.changes.iter().any(|change| change.t_s == 4.5 && change.to == orphaned));
+    let stale = ChangedTo::Edge(1, EdgeState::Stale);
+    assert!(run.changes.iter().any(|change| change.t_s == 3.0 && change.to == stale));
+    assert_eq!(run.over_time[0].from.as_deref(), Some("r1"));
+    assert_eq!((run.spreads[0].of.as_str(), run.spreads[0].above.len()), ("r1->r2", 2));
+    assert_eq!(run.spreads[0].above[1].1, 0.0, "nothing is larger than the largest");
+}
+
+#[test]
+fn components_of_errors_are_told_where_they_agree_with_what_was_measured() {
+    let place = tempfile::tempdir().unwrap();
+    let path = run_dir(place.path());
+    // r2 hears r1 and is 1 m ahead where it wants to be 1 m behind.
+    let text = fs::read_to_string(path.join("samples.csv")).unwrap();
+    let text = text.replacen("0,r2,0.9,0,0,0,0,,1", "0,r2,0.9,0,0,0,0,2,1", 1);
+    fs::write(path.join("samples.csv"), text).unwrap();
+    let run = load(&path, &row_of_three()).unwrap();
+    assert_eq!(run.tracks[1][0].error_xy_m, Some([2.0, 0.0]));
+    assert_eq!(run.tracks[1][1].error_xy_m, None, "nothing was measured");
+    assert_eq!(run.tracks[2][0].error_xy_m, None, "it is 2 m, and 0.3 m was measured");
+}
+
+#[test]
+fn a_run_that_was_killed_gets_a_report_of_what_it_had_written() {
+    let place = tempfile::tempdir().unwrap();
+    let path = run_dir(place.path());
+    let whole = fs::read(path.join("samples.csv")).unwrap();
+    fs::write(path.join("samples.csv"), &whole[..whole.len() - 40]).unwrap();
+    for name in ["summary.json", "latency.hlog", "latency_over_time.csv"] {
+        fs::remove_file(path.join(name)).unwrap();
+    }
+    let run = load(&path, &row_of_three()).unwrap();
+    assert_eq!(run.times_s.len(), 7, "the last instant was not whole");
+    let page = write(&path, &row_of_three()).unwrap();
+    assert!(fs::read_to_string(page).unwrap().contains("cut short"));
+}
+
+#[test]
+fn a_summary_from_before_the_section_of_wall_times_is_read_as_well() {
+    let place = tempfile::tempdir().unwrap();
+    let path = run_dir(place.path());
+    let wall = |summary: &str| {
+        fs::write(path.join("summary.json"), summary).unwrap();
+        load(&path, &row_of_three()).unwrap().summary.unwrap().wall
+    };
+    let section = r#""wall_s": 3.5, "processes": [{ "name": "r1", "starts": 2 }]"#;
+    let now = wall(&format!(r#"{{ "t_s": 1.0, "wall": {{ {section} }} }}"#));
+    assert_eq!((now.wall_s, now.processes[0].starts), (3.5, 2));
+    assert_eq!(wall(&format!(r#"{{ "t_s": 1.0, {section} }}"#)), now);
+}
+
+#[test]
+fn a_broken_line_is_named() {
+    let place = tempfile::tempdir().unwrap();
+    let path = run_dir(place.path());
+    let text = fs::read_to_string(path.join("samples.csv")).unwrap();
+    for (from, to, expected) in [
+        ("1,r2,", "1,r9,", "samples.csv:6: \"r9\" is no robot of scenario.toml"),
+        ("1,r2,", "1,r1,", "samples.csv:6: \"r1\" is here twice at one time"),
+        ("2,r1,0.1,", "2,r1,0.1m,", "samples.csv:8: \"0.1m\" is no number"),
+        ("2,r1,0.1,", "2,r1,", "samples.csv:8: has 9 fields, expected 10"),
+        ("2,r2,", "3,r2,", "samples.csv:9: begins an instant; 2 robots still miss one"),
+        ("t_s,robot", "t,robot", "samples.csv:1: has other columns"),
+    ] {
+        let broken = text.replacen(&format!("\n{from}"), &format!("\n{to}"), 1);
+        let broken = if from.starts_with('t') { text.replacen(from, to, 1) } else { broken };
+        assert_ne!(broken, text);
+        fs::write(path.join("samples.csv"), broken).unwrap();
+        let error = write(&path, &row_of_three()).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+#[test]
+fn samples_without_the_columns_of_later_versions_are_read_as_well() {
+    let place = tempfile::tempdir().unwrap();
+    let path = run_dir(place.path());
+    let last = |path: &Path| load(path, &row_of_three()).unwrap().tracks[1].last().copied();
+    let now = last(&path).unwrap();
+    assert_eq!(now.ideal_error_m, Some(0.2));
+    let text = fs::read_to_string(path.join("samples.csv")).unwrap();
+    let before = text.lines().map(|line| format!("{}\n", line.rsplit_once(',').unwrap().0));
+    fs::write(path.join("samples.csv"), before.collect::<String>()).unwrap();
+    assert_eq!(last(&path), Some(Sample { ideal_error_m: None, ..now }));
+}
+
+#[test]
+fn the_command_can_be_pasted_and_times_are_dates() {
+    let read = |name: &str, value: serde_json::Value| told(name, &value);
+    let command = serde_json::json!(["phalanx", "--set", "expect={}", "kill r4 @6", "it's"]);
+    let pasted = r"phalanx --set 'expect={}' 'kill r4 @6' 'it'\''s'";
+    assert_eq!(read("command", command), ("command".to_owned(), pasted.to_owned()));
+    for (unix_s, expected) in [
+        (0, "1970-01-01 00:00:00 UTC"),
+        (951_782_399, "2000-02-28 23:59:59 UTC"),
+        (951_782_400, "2000-02-29 00:00:00 UTC"),
+        (1_709_251_199, "2024-02-29 23:59:59 UTC"),
+        (1_735_689_599, "2024-12-31 23:59:59 UTC"),
+        (4_107_542_400, "2100-03-01 00:00:00 UTC"),
+    ] {
+        assert_eq!(date(unix_s * 1_000_000_000), expected);
+    }
+    let (name, epoch) = read("epoch_unix_ns", LOCKSTEP_EPOCH_UNIX_NS.into());
+    assert_eq!(name, "epoch");
+    assert!(epoch.starts_with("2000-01-01 00:00:00 UTC, as of every run in lockstep"), "{epoch}");
+    assert_eq!(read("cores", 2.into()), ("cores".to_owned(), "2".to_owned()));
+}
+
+#[test]
+fn a_page_that_cannot_be_written_is_named() {
+    let place = tempfile::tempdir().unwrap();
+    let path = run_dir(place.path());
+    fs::create_dir(path.join("report.html")).unwrap();
+    let error = write(&path, &row_of_three()).unwrap_err().to_string();
+    assert!(error.contains("report.html") && error.contains("the run itself is kept"), "{error}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    /// Whatever became of a file, there is a report or a reason that names it.
+    #[test]
+    fn a_shaken_run_directory_is_drawn_or_refused(
+        file in 0..FILES.len(),
+        cut in any::<bool>(),
+        blows in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
+    ) {
+        let place = tempfile::tempdir().unwrap();
+        let path = run_dir(place.path());
+        let name = FILES[file];
+        let mut bytes = fs::read(path.join(name)).unwrap();
+        for (at, byte) in &blows {
+            let at = at.index(bytes.len());
+            bytes[at] = *byte;
+        }
+        if cut {
+            bytes.truncate(blows[0].0.index(bytes.len()));
+        }
+        fs::write(path.join(name), bytes).unwrap();
+        if let Err(error) = write(&path, &row_of_three()) {
+            prop_assert!(error.to_string().contains(name), "{error}");
+        }
+    }
+}

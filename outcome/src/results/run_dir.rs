@@ -1,0 +1,586 @@
+//! Where a run is written down. Everything in it is plain text, but for the recording, and stays
+//! readable if the run ends early (the recording by `phalanx recover`); every failure to write names
+//! its file.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use crate::recording::recorder::{FLUSH_EVERY, Nearest, Recorder, Run, State};
+use protocol::brief::{self, Pace};
+use protocol::message::{TruthHeader, TruthRow};
+use protocol::process::exit;
+use serde::Serialize;
+
+use crate::metrics::summary::Summary;
+use crate::metrics::{Now, PairDistance};
+use crate::results::latency::Latency;
+use crate::results::manifest::Manifest;
+use crate::results::programs::{self, Programs, Started};
+use crate::results::reserved::Reserved;
+use crate::results::summary::to_json;
+use experiment::scenario::Scenario;
+use experiment::scenario::program::Program;
+use formation::obstacle::Obstacle;
+use formation::seconds;
+
+/// Runs without `--out` go below this directory.
+const RUNS: &str = "runs";
+/// What was run, where and how.
+pub const MANIFEST: &str = "manifest.json";
+/// What came out.
+pub const SUMMARY: &str = "summary.json";
+/// Where everybody was.
+pub const SAMPLES: &str = "samples.csv";
+/// How near every pair came.
+pub const PAIRS: &str = "pairs.csv";
+/// What happened.
+pub const EVENTS: &str = "events.csv";
+/// The recording.
+pub const RECORDING: &str = "run.mcap";
+
+/// The directory of one run.
+pub struct RunDir {
+    path: PathBuf,
+    robots: Vec<String>,
+    walls: Vec<Obstacle>,
+    record_hz: f64,
+    /// The newest stretch of 1 / record_hz of which a truth was written.
+    recorded: Option<u64>,
+    newest: Newest,
+    samples: Log,
+    /// When what was written was last seen to be in the file.
+    samples_flushed: Instant,
+    /// The lines of one truth, kept for the next.
+    text: String,
+    events: Log,
+    /// None before it is begun, and after it could not be written.
+    recording: Option<Recorder>,
+    /// None once it is written.
+    summary: Option<Reserved>,
+}
+
+/// The newest truth, and whether it still has to be written if the run ends now.
+#[derive(Default)]
+struct Newest {
+    unwritten: bool,
+    t_ns: u64,
+    rows: Vec<TruthRow>,
+    errors_m: Vec<Option<f64>>,
+    ideal_errors_m: Vec<Option<f64>>,
+    alive: Vec<bool>,
+    nearest: Option<(f64, [usize; 2])>,
+}
+
+/// A file that is appended to, and its name for messages.
+struct Log {
+    path: PathBuf,
+    file: BufWriter<File>,
+}
+
+/// Why something could not be written down. What was written before is kept.
+#[derive(Debug, thiserror::Error)]
+pub enum RunDirError {
+    /// It would overwrite an earlier run.
+    #[error("{} exists already; a run never overwrites another, give --out a new name", .0.display())]
+    Exists(PathBuf),
+    /// A file or directory could not be written.
+    #[error("cannot write {}: {source}; what was written before is kept", path.display())]
+    Write {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+pub(crate) fn failed(path: &Path) -> impl FnOnce(io::Error) -> RunDirError {
+    let path = path.to_path_buf();
+    move |source| RunDirError::Write { path, source }
+}
+
+/// Makes a directory, which must not exist, with places for briefs and logs.
+pub(crate) fn make(path: &Path) -> Result<(), RunDirError> {
+    if let Some(parent) = path.parent() {
+        fs::create_dir_all(parent).map_err(failed(parent))?;
+    }
+    // Made here and nowhere else, so that of two runs that want it one gets it.
+    fs::create_dir(path).map_err(|error| match error.kind() {
+        io::ErrorKind::AlreadyExists => RunDirError::Exists(path.into()),
+        _ => failed(path)(error),
+    })?;
+    for directory in [path.join("briefs"), path.join("logs")] {
+        fs::create_dir(&directory).map_err(failed(&directory))?;
+    }
+    Ok(())
+}
+
+impl Log {
+    fn create(path: PathBuf, header: &str) -> Result<Log, RunDirError> {
+        let file = File::create_new(&path).map_err(failed(&path))?;
+        let mut log = Log { path, file: BufWriter::new(file) };
+        log.line(format_args!("{header}"))?;
+        Ok(log)
+    }
+
+    fn line(&mut self, line: std::fmt::Arguments<'_>) -> Result<(), RunDirError> {
+        writeln!(self.file, "{line}").map_err(failed(&self.path))
+    }
+
+    fn text(&mut self, text: &str) -> Result<(), RunDirError> {
+        self.file.write_all(text.as_bytes()).map_err(failed(&self.path))
+    }
+
+    fn flush(&mut self) -> Result<(), RunDirError> {
+        self.file.flush().map_err(failed(&self.path))
+    }
+}
+
+impl RunDir {
+    /// Makes the directory, which must not exist.
+    pub fn create(path: &Path, scenario: &Scenario) -> Result<RunDir, RunDirError> {
+        make(path)?;
+        let summary = path.join(SUMMARY);
+        Ok(RunDir {
+            path: path.into(),
+            robots: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
+            walls: scenario.walls.iter().map(|wall| wall.shape.clone()).collect(),
+            record_hz: scenario.record_hz,
+            recorded: None,
+            newest: Newest::default(),
+            samples: Log::create(
+                path.join(SAMPLES),
+                "t_s,robot,x_m,y_m,heading_rad,v_m_s,w_rad_s,error_m,alive,ideal_error_m",
+            )?,
+            samples_flushed: Instant::now(),
+            text: String::new(),
+            events: Log::create(path.join(EVENTS), "t_s,kind,robot,detail")?,
+            recording: None,
+            summary: Some(
+                Reserved::create(&summary, room_bytes(scenario)).map_err(failed(&summary))?,
+            ),
+        })
+    }
+
+    /// Writes the effective scenario, which can be run again.
+    pub fn write_scenario(&self, text: &str) -> Result<(), RunDirError> {
+        self.write("scenario.toml", text)
+    }
+
+    /// Writes which hosts there were, and who lived where.
+    pub fn write_fleet(&self, text: &str) -> Result<(), RunDirError> {
+        self.write("fleet.toml", text)
+    }
+
+    /// Writes what was run, where and how.
+    pub fn write_manifest(&self, manifest: &Manifest) -> Result<(), RunDirError> {
+        self.write(MANIFEST, to_json(manifest))
+    }
+
+    /// Copies the programs that robots run.
+    pub fn write_programs(&self, programs: &Programs) -> Result<(), RunDirError> {
+        programs.write(&self.path).map_err(|(path, error)| failed(&path)(error))
+    }
+
+    /// How a program is started from the copies.
+    pub fn started(&self, program: &Program) -> Result<Started, RunDirError> {
+        // Its processes are started elsewhere than this one.
+        let path = self.path.canonicalize().map_err(failed(&self.path))?;
+        Ok(programs::started(program, &path))
+    }
+
+    /// Begins the recording, with the effective scenario in it and in real time, where no two runs
+    /// are the same, the manifest.
+    pub fn begin_recording(
+        &mut self,
+        scenario: &str,
+        manifest: &Manifest,
+    ) -> Result<(), RunDirError> {
+        let path = self.path.join(RECORDING);
+        let run = self.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let (seed, reproducible) = (manifest.seed.to_string(), manifest.pace == Pace::Lockstep);
+        let mut facts = BTreeMap::from([
+            ("scenario", manifest.scenario.as_str()),
+            ("pace", manifest.pace.word()),
+            ("seed", &seed),
+            ("phalanx", manifest.phalanx),
+            ("git_hash", manifest.build.git_hash.as_deref().unwrap_or("")),
+        ]);
+        let manifest_text = to_json(manifest);
+        let mut attachments = vec![("scenario.toml", "application/toml", scenario)];
+        if !reproducible {
+            facts.insert("run", &run);
+            attachments.push(("manifest.json", "application/json", &manifest_text));
+        }
+        let facts = facts.into_iter().map(|(key, value)| (key.to_owned(), value.to_owned()));
+        let run = Run {
+            started_unix_ns: manifest.epoch_unix_ns,
+            reproducible,
+            robots: &self.robots,
+            walls: &self.walls,
+            facts: facts.collect(),
+            attachments: &attachments,
+        };
+        self.recording = Some(Recorder::create(&path, &run).map_err(failed(&path))?);
+        Ok(())
+    }
+
+    /// Lets `write` write into the recording, which is given up at the first failure: it is told
+    /// once, and everything else is still written.
+    fn record(
+        &mut self,
+        write: impl FnOnce(&mut Recorder, &Newest) -> io::Result<()>,
+    ) -> Result<(), RunDirError> {
+        let Some(recording) = &mut self.recording else { return Ok(()) };
+        write(recording, &self.newest).map_err(|error| {
+            self.recording = None;
+            failed(&self.path.join(RECORDING))(error)
+        })
+    }
+
+    /// Writes the brief of a process; where to.
+    pub fn write_brief<B: Serialize>(&self, name: &str, told: &B) -> Result<PathBuf, RunDirError> {
+        let file = format!("briefs/{name}.toml");
+        self.write(&file, brief::to_text(told))?;
+        let path = self.path.join(file);
+        // Children may run elsewhere one day, and a relative path would mean something else.
+        path.canonicalize().map_err(failed(&path))
+    }
+
+    /// Where the log of a process goes.
+    pub fn log_path(&self, name: &str) -> PathBuf {
+        self.path.join(format!("logs/{name}.jsonl"))
+    }
+
+    /// Of all truths that come, only the first and the last are written.
+    pub fn record_nothing(&mut self) {
+        self.record_hz = 0.0;
+    }
+
+    /// Writes a truth to `samples.csv` and the recording if one is due; the last one is written at
+    /// the end anyhow. `measured`: what is known at that truth.
+    pub fn truth(
+        &mut self,
+        header: &TruthHeader,
+        rows: &[TruthRow],
+        alive: &[bool],
+        measured: Now<'_>,
+    ) -> Result<(), RunDirError> {
+        let newest = &mut self.newest;
+        newest.unwritten = true;
+        newest.t_ns = header.t_ns;
+        replace(&mut newest.rows, rows);
+        replace(&mut newest.errors_m, measured.errors_m);
+        replace(&mut newest.ideal_errors_m, measured.ideal_errors_m);
+        replace(&mut newest.alive, alive);
+        newest.nearest = measured.nearest;
+        // A tick's time is a whole number of ns, its rate is not: a hair's breadth early counts.
+        let stretch = (seconds(header.t_ns) * self.record_hz + 1e-6) as u64;
+        if self.recorded.replace(stretch) == Some(stretch) { Ok(()) } else { self.write_newest() }
+    }
+
+    fn write_newest(&mut self) -> Result<(), RunDirError> {
+        if !std::mem::take(&mut self.newest.unwritten) {
+            return Ok(());
+        }
+        let Newest { t_ns, rows, errors_m, ideal_errors_m, alive, .. } = &self.newest;
+        let t_s = seconds(*t_ns).to_string();
+        // Many numbers at a time: the formatter of the standard library is slow at shortest digits.
+        let (text, mut digits) = (&mut self.text, zmij::Buffer::new());
+        text.clear();
+        for (i, row) in rows.iter().enumerate() {
+            let &TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = row;
+            text.extend([&t_s, ",", &self.robots[i]]);
+            let mut field = |text: &mut String, number: Option<f64>| {
+                text.push(',');
+                if let Some(number) = number {
+                    let number = digits.format(number);
+                    text.push_str(number.strip_suffix(".0").unwrap_or(number));
+                }
+            };
+            for number in [x_m, y_m, heading_rad, v_m_s, w_rad_s] {
+                field(text, Some(number));
+            }
+            field(text, errors_m[i]);
+            text.push_str(if alive[i] { ",1" } else { ",0" });
+            field(text, ideal_errors_m[i]);
+            text.push('\n');
+        }
+        self.samples.text(text)?;
+        self.record(|recording, newest| {
+            let Newest { t_ns, rows, errors_m, ideal_errors_m, alive, nearest, .. } = newest;
+            let states = rows.iter().map(|row| {
+                let &TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = row;
+                State { x_m, y_m, heading_rad, v_m_s, w_rad_s }
+            });
+            let nearest = nearest.map(|(distance_m, pair)| Nearest { distance_m, pair });
+            let errors_m = [errors_m, ideal_errors_m].map(Vec::as_slice);
+            recording.instant(*t_ns, states, errors_m, alive, nearest)
+        })
+    }
+
+    fn write_last_truth(&mut self) -> Result<(), RunDirError> {
+        self.write_newest()?;
+        self.samples.flush()
+    }
+
+    /// Sees to it that a kill costs no more than what was written within [`FLUSH_EVERY`]. To be
+    /// called often.
+    pub fn flush_if_due(&mut self, now: Instant) -> Result<(), RunDirError> {
+        if now.saturating_duration_since(self.samples_flushed) >= FLUSH_EVERY {
+            self.samples_flushed = now;
+            self.samples.flush()?;
+        }
+        self.record(|recording, _| recording.flush_if_due(now))
+    }
+
+    /// Writes an event, into `events.csv` at once.
+    pub fn event(
+        &mut self,
+        t_ns: u64,
+        kind: &str,
+        robot: &str,
+        detail: &str,
+    ) -> Result<(), RunDirError> {
+        let (t_s, quoted) = (seconds(t_ns), quoted(detail));
+        self.events.line(format_args!("{t_s},{kind},{robot},{quoted}"))?;
+        self.events.flush()?;
+        self.record(|recording, _| recording.event(t_ns, kind, robot, detail))
+    }
+
+    /// Writes everything still in hand, as far as there is room, and what came out; with the exit code
+    /// that a failure makes it. The first failure is told.
+    pub fn finish(
+        &mut self,
+        summary: &mut Summary,
+        pairs: &[PairDistance],
+        latency: &mut Latency,
+    ) -> Result<(), RunDirError> {
+        let kept = self.write_rest(summary, pairs, latency);
+        if kept.is_err() {
+            summary.exit = exit::INFRASTRUCTURE;
+        }
+        let summarized = match self.summary.take() {
+            Some(reserved) => {
+                reserved.fill(to_json(summary).as_bytes()).map_err(failed(&self.path.join(SUMMARY)))
+            }
+            None => Ok(()),
+        };
+        if summarized.is_err() {
+            summary.exit = exit::INFRASTRUCTURE;
+        }
+        kept.and(summarized)
+    }
+
+    fn write_rest(
+        &mut self,
+        summary: &Summary,
+        pairs: &[PairDistance],
+        latency: &mut Latency,
+    ) -> Result<(), RunDirError> {
+        let mut text = "robot_a,robot_b,min_distance_m,t_s\n".to_owned();
+        for PairDistance { pair: [a, b], min_distance_m, t_s } in pairs {
+            text += &format!("{a},{b},{min_distance_m},{t_s}\n");
+        }
+        let lasted = Duration::from_secs_f64(summary.wall.wall_s);
+        let hlog = latency.hlog(SystemTime::now() - lasted, lasted);
+        // Each of them, whatever became of the one before.
+        [
+            self.events.flush(),
+            self.write_last_truth(),
+            self.write(PAIRS, &text),
+            self.write("latency.csv", to_csv(&latency.stages())),
+            self.write("latency_over_time.csv", to_csv(&latency.over_time())),
+            self.write("latency.hlog", hlog),
+            self.recording.take().map_or(Ok(()), |recording| {
+                recording.finish().map_err(failed(&self.path.join(RECORDING)))
+            }),
+        ]
+        .into_iter()
+        .collect()
+    }
+
+    fn write(&self, name: &str, content: impl AsRef<[u8]>) -> Result<(), RunDirError> {
+        let path = self.path.join(name);
+        fs::write(&path, content).map_err(failed(&path))
+    }
+}
+
+fn replace<T: Copy>(kept: &mut Vec<T>, with: &[T]) {
+    kept.clear();
+    kept.extend_from_slice(with);
+}
+
+/// A CSV field, in quotes if it needs them.
+fn quoted(field: &str) -> String {
+    if field.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", field.replace('"', "\"\""))
+    } else {
+        field.into()
+    }
+}
+
+/// A line for each, below a line of names.
+fn to_csv<T: Serialize>(lines: &[T]) -> Vec<u8> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for line in lines {
+        writer.serialize(line).expect("memory takes everything");
+    }
+    writer.into_inner().expect("memory takes everything")
+}
+
+/// Room for what came out, far more than was ever seen.
+fn room_bytes(scenario: &Scenario) -> u64 {
+    let parts = scenario.robots.len() + scenario.graph.edges().len() + scenario.faults.len();
+    let hashes = 32 * (scenario.duration_ns / 1_000_000_000);
+    (1 << 16) + (1 << 12) * parts as u64 + hashes
+}
+
+/// `runs/<name>-<date>-<time>`, in UTC, with a number behind it if that exists.
+pub fn default_out(name: &str) -> PathBuf {
+    // A scenario's name is free text; a slash in it must not lead out of the folder.
+    let usable = |c: char| if c.is_alphanumeric() || "-_".contains(c) { c } else { '_' };
+    let name: String = name.chars().map(usable).collect();
+    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    let stem = format!("{name}-{}", date_and_time(seconds));
+    let first = Path::new(RUNS).join(&stem);
+    let numbered = (2..).map(|n| Path::new(RUNS).join(format!("{stem}-{n}")));
+    std::iter::once(first)
+        .chain(numbered)
+        .find(|path| path.symlink_metadata().is_err())
+        .expect("some number is free")
+}
+
+/// `20261121-041500` for seconds since 1970, UTC.
+pub fn date_and_time(seconds: u64) -> String {
+    let (days, of_day) = (seconds / 86_400, seconds % 86_400);
+    // Civil date from a day count: eras of 400 years, years that begin in March.
+    let shifted = days + 719_468;
+    let (era, of_era) = (shifted / 146_097, shifted % 146_097);
+    let year_of_era = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
+    let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let from_march = (5 * of_year + 2) / 153;
+    let day = of_year - (153 * from_march + 2) / 5 + 1;
+    let month = if from_march < 10 { from_march + 3 } else { from_march - 9 };
+    let year = era * 400 + year_of_era + u64::from(month <= 2);
+    let (hour, minute, second) = (of_day / 3600, of_day / 60 % 60, of_day % 60);
+    format!("{year:04}{month:02}{day:02}-{hour:02}{minute:02}{second:02}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_date_is_what_the_calendar_says() {
+        assert_eq!(date_and_time(0), "19700101-000000");
+        assert_eq!(date_and_time(951_782_400), "20000229-000000");
+        assert_eq!(date_and_time(1_795_233_599), "20261121-035959");
+    }
+
+    #[test]
+    fn fields_are_quoted_only_where_csv_asks_for_it() {
+        assert_eq!(quoted("exit code 4"), "exit code 4");
+        assert_eq!(quoted("a, \"b\""), "\"a, \"\"b\"\"\"");
+    }
+
+    #[test]
+    fn a_full_disk_is_named_with_its_file() {
+        let path = PathBuf::from("/dev/full");
+        let file = File::options().write(true).open(&path).unwrap();
+        let mut log = Log { path, file: BufWriter::new(file) };
+        log.line(format_args!("buffered")).unwrap();
+        let error = log.flush().unwrap_err().to_string();
+        assert!(error.contains("/dev/full") && error.contains("No space left"), "{error}");
+    }
+
+    use crate::metrics::examples::{header, rows};
+    use experiment::examples::row_of_three;
+
+    /// A directory for one test, removed when it passed.
+    struct Place(PathBuf);
+
+    impl Place {
+        fn new(test: &str) -> Place {
+            let name = format!("phalanx-run-dir-{test}-{}", std::process::id());
+            let path = std::env::temp_dir().join(name);
+            let _ = fs::remove_dir_all(&path);
+            fs::create_dir(&path).unwrap();
+            Place(path)
+        }
+    }
+
+    impl Drop for Place {
+        fn drop(&mut self) {
+            if !std::thread::panicking() {
+                let _ = fs::remove_dir_all(&self.0);
+            }
+        }
+    }
+
+    #[test]
+    fn a_directory_that_exists_is_refused_and_left_alone() {
+        let place = Place::new("exists");
+        let path = place.0.join("deep/run");
+        let run_dir = RunDir::create(&path, &row_of_three()).unwrap();
+        run_dir.write_scenario("name").unwrap();
+        let error = RunDir::create(&path, &row_of_three()).err().unwrap();
+        assert!(matches!(error, RunDirError::Exists(_)), "{error}");
+        assert_eq!(fs::read_to_string(path.join("scenario.toml")).unwrap(), "name");
+    }
+
+    #[test]
+    fn of_two_runs_that_want_the_same_directory_one_is_refused() {
+        let place = Place::new("race");
+        for round in 0..50 {
+            let path = place.0.join(format!("run-{round}"));
+            let both: Vec<_> = std::thread::scope(|scope| {
+                let one = || RunDir::create(&path, &row_of_three()).map(drop);
+                let threads = [scope.spawn(one), scope.spawn(one)];
+                threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+            });
+            let refused: Vec<_> = both.into_iter().filter_map(Result::err).collect();
+            assert!(matches!(refused[..], [RunDirError::Exists(_)]), "{refused:?}");
+        }
+    }
+
+    #[test]
+    fn samples_hold_the_first_and_the_last_truth_of_a_run_that_ends_early() {
+        let place = Place::new("samples");
+        let mut run_dir = RunDir::create(&place.0.join("run"), &row_of_three()).unwrap();
+        for tick in 1..=7 {
+            let rows = rows([tick as f64, -1.0, -2.0]);
+            let measured = Now {
+                errors_m: &[None, Some(0.5), None],
+                ideal_errors_m: &[None, None, Some(0.25)],
+                nearest: None,
+            };
+            run_dir.truth(&header(tick), &rows, &[true; 3], measured).unwrap();
+        }
+        run_dir.write_last_truth().unwrap();
+        let text = fs::read_to_string(place.0.join("run/samples.csv")).unwrap();
+        let lines: Vec<_> = text.lines().collect();
+        assert_eq!(lines[1], "1,r1,0.9,0,0,0,0,,1,");
+        assert_eq!(lines[2], "1,r2,-1.1,0,0,0,0,0.5,1,");
+        assert_eq!(lines[3], "1,r3,-2.1,0,0,0,0,,1,0.25");
+        let mut times: Vec<_> = lines[1..].iter().map(|l| l.split_once(',').unwrap().0).collect();
+        times.dedup();
+        assert_eq!(times, ["1", "2", "4", "6", "7"]);
+    }
+
+    #[test]
+    fn a_recording_rate_beyond_every_tick_writes_every_tick() {
+        let place = Place::new("rate");
+        let scenario = Scenario { record_hz: 1e12, ..row_of_three() };
+        let mut run_dir = RunDir::create(&place.0.join("run"), &scenario).unwrap();
+        for tick in 0..3 {
+            let measured = Now { errors_m: &[None; 3], ideal_errors_m: &[None; 3], nearest: None };
+            run_dir.truth(&header(tick), &rows([0.0; 3]), &[true; 3], measured).unwrap();
+        }
+        drop(run_dir);
+        let text = fs::read_to_string(place.0.join("run/samples.csv")).unwrap();
+        assert_eq!(text.lines().count(), 1 + 3 * 3);
+    }
+}

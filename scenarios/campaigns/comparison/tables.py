@@ -1,0 +1,121 @@
+"""Makes the tables of docs/comparison.md from the tables of the two campaigns:
+
+    python3 scenarios/campaigns/comparison/tables.py runs/campaigns/comparison docs/comparison.md
+    python3 scenarios/campaigns/comparison/tables.py runs/campaigns/scenes docs/comparison.md
+
+What stands between the campaign's two marks of the page is replaced. Needs nothing but Python.
+"""
+
+import csv
+import math
+import statistics
+import sys
+from pathlib import Path
+
+
+def wilson(count, of):
+    """The rate in percent with Wilson's interval of 95 %."""
+    z, p = 1.959964, count / of
+    middle = (p + z * z / (2 * of)) / (1 + z * z / of)
+    half = z / (1 + z * z / of) * math.sqrt(p * (1 - p) / of + z * z / (4 * of * of))
+    low, high = max(0.0, middle - half), min(1.0, middle + half)
+    return f"{100 * p:.0f} ({100 * low:.0f}-{100 * high:.0f})"
+
+
+def rate(runs, key):
+    return wilson(sum(run[key] for run in runs), len(runs))
+
+
+def median(values, digits):
+    return f"{statistics.median(values):.{digits}f}" if values else "-"
+
+
+def makespan(runs):
+    """The median; of runs that never end it is none."""
+    middle = statistics.median(float(run["converged_at_s"] or "inf") for run in runs)
+    return f"{middle:.1f}" if math.isfinite(middle) else "never"
+
+
+def least(runs, key):
+    return f"{min(float(run[key]) for run in runs):.4f}"
+
+
+def table(heads, rows):
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines) + "\n"
+
+
+def in_order(runs, key):
+    return list(dict.fromkeys(run[key] for run in runs))
+
+
+def some(runs, **wanted):
+    return [run for run in runs if all(run[key] == value for key, value in wanted.items())]
+
+
+def compute(runs):
+    return median([float(run["compute"]) for run in runs if run["compute"]], 1)
+
+
+def comparison(runs):
+    """Of scenarios/campaigns/comparison.toml: an overview, then a table for each condition and scene."""
+    for run in runs:
+        run["scene"], run["robots"] = run["scene"].split("-")
+    kinds, scenes, conditions = (in_order(runs, key) for key in ("kind", "scene", "condition"))
+    text = f"{len(runs)} runs. In each field: runs of which some pair came nearer than d, and runs in which everybody arrived, in "
+    text += "percent with Wilson's interval of 95 %, over all numbers of robots.\n\n"
+    for scene in scenes:
+        rows = []
+        for kind in kinds:
+            row = [f"`{kind}`"]
+            for condition in conditions:
+                here = some(runs, kind=kind, scene=scene, condition=condition)
+                found = f"{rate(here, 'below')} below d, {rate(here, 'arrived')} arrived" if here else "-"
+                row.append(f"{found}, n = {len(here)}")
+            rows.append(row)
+        text += f"### {scene.capitalize()}\n\n" + table(["method", *conditions], rows)
+    heads = ["robots", "method", "n", "below d, %", "below 0.99 d, %", "smallest distance / d", "arrived, %", "makespan, s", "path / straight", "compute, us"]
+    for condition in conditions:
+        for scene in scenes:
+            rows = []
+            there = some(runs, scene=scene, condition=condition)
+            for robots in sorted(in_order(there, "robots"), key=int):
+                for kind in kinds:
+                    here = some(there, kind=kind, robots=robots)
+                    if not here:
+                        continue
+                    ways = [float(run["path_over_straight"]) for run in some(here, arrived=True)]
+                    row = [robots, f"`{kind}`", str(len(here)), rate(here, "below"), rate(here, "far_below")]
+                    row += [least(here, "min_distance_over_d"), rate(here, "arrived"), makespan(here)]
+                    rows.append([*row, median(ways, 2), compute(here)])
+            text += f"### {scene.capitalize()}, {condition}\n\n" + table(heads, rows)
+    return text
+
+
+def scenes(runs):
+    """Of scenarios/campaigns/scenes.toml: one table."""
+    rows = []
+    for scene in in_order(runs, "scene"):
+        for kind in in_order(runs, "kind"):
+            here = some(runs, scene=scene, kind=kind)
+            row = [f"`{scene}`", f"`{kind}`", str(len(here)), rate(here, "below"), least(here, "min_distance_over_d")]
+            row += [rate(here, "below_clearance"), least(here, "min_clearance_m")]
+            rows.append([*row, rate(here, "arrived"), makespan(here), compute(here)])
+    heads = ["scene", "method", "n", "below d, %", "smallest distance / d", "below the clearance, %", "smallest clearance, m"]
+    return table([*heads, "arrived, %", "makespan, s", "compute, us"], rows)
+
+
+folder, page = Path(sys.argv[1]), Path(sys.argv[2])
+timing = {row["run"]: row for row in csv.DictReader(open(folder / "timing.csv"))}
+runs = [row for row in csv.DictReader(open(folder / "runs.csv")) if row["outcome"] != "infrastructure"]
+for run in runs:
+    run["compute"] = timing.get(run["run"], {}).get("compute_p99_us")
+    run["kind"] = run["avoidance.kind"]
+    run["below"] = int(run["violations"]) > 0
+    run["far_below"] = float(run["min_distance_over_d"]) < 0.99
+    run["below_clearance"] = int(run["clearance_violations"]) > 0
+    run["arrived"] = run["converged"] == "1"
+name, text = ("comparison", comparison(runs)) if "condition" in runs[0] else ("scenes", scenes(runs))
+marks = (f"<!-- {name} -->\n", f"<!-- end of {name} -->\n")
+before, rest = page.read_text().split(marks[0])
+page.write_text(before + marks[0] + "\n" + text.rstrip("\n") + "\n\n" + marks[1] + rest.split(marks[1])[1])

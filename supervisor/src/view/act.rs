@@ -1,0 +1,161 @@
+//! What a client may ask for, what is wrong with it, and the answer it waits for.
+
+use outcome::report::scene::Scene;
+use serde::Deserialize;
+use tokio::sync::oneshot;
+
+/// What is to be done, by places in the scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Act {
+    /// SIGKILL of this robot; it stays dead until somebody restarts it.
+    Kill(usize),
+    /// SIGSTOP of this robot.
+    Freeze(usize),
+    /// SIGCONT of this robot.
+    Thaw(usize),
+    /// A replacement for this robot, which is dead.
+    Restart(usize),
+    /// Nothing gets over this edge any more.
+    Cut(usize),
+    /// What was cut is whole again.
+    Mend(usize),
+}
+
+/// Something that a client asked for, and waits to hear of.
+#[derive(Debug)]
+pub struct Request {
+    /// What.
+    pub act: Act,
+    pub(crate) answer: oneshot::Sender<Result<(), String>>,
+}
+
+impl Request {
+    /// Tells the client that it was done, or why it was not.
+    pub fn answer(self, done: Result<(), String>) {
+        // A client that went away does not want to know.
+        let _ = self.answer.send(done);
+    }
+}
+
+/// The same as a client writes it.
+#[derive(Debug, Deserialize)]
+#[serde(tag = "act", rename_all = "lowercase", deny_unknown_fields)]
+enum Wish {
+    Kill { robot: String },
+    Freeze { robot: String },
+    Thaw { robot: String },
+    Restart { robot: String },
+    Cut { from: String, to: String },
+    Mend { from: String, to: String },
+}
+
+/// Why a wish is none.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum NoAct {
+    /// Not one of our words.
+    Malformed(String),
+    /// It names what is not there.
+    Unknown(String),
+}
+
+/// Reads what a client wrote.
+pub(crate) fn read(body: &[u8], scene: &Scene) -> Result<Act, NoAct> {
+    let wish: Wish = serde_json::from_slice(body).map_err(|error| {
+        NoAct::Malformed(format!(
+            "{error}; expected such as {{\"act\":\"kill\",\"robot\":\"r1\"}} with kill, freeze, thaw \
+             or restart, or {{\"act\":\"cut\",\"from\":\"r1\",\"to\":\"r2\"}} with cut or mend"
+        ))
+    })?;
+    let robot = |name: &str| {
+        let found = scene.robots.iter().position(|robot| robot.name == name);
+        found.ok_or_else(|| {
+            let names: Vec<&str> = scene.robots.iter().map(|robot| robot.name.as_str()).collect();
+            NoAct::Unknown(format!("there is no robot {name:?}; there are {}", names.join(", ")))
+        })
+    };
+    let edge = |from: &str, to: &str| {
+        let ends = (robot(from)?, robot(to)?);
+        let found = scene.edges.iter().position(|edge| (edge.from, edge.to) == ends);
+        found.ok_or_else(|| {
+            NoAct::Unknown(format!("there is no edge {from}->{to}: {to} does not hear {from}"))
+        })
+    };
+    Ok(match wish {
+        Wish::Kill { robot: name } => Act::Kill(robot(&name)?),
+        Wish::Freeze { robot: name } => Act::Freeze(robot(&name)?),
+        Wish::Thaw { robot: name } => Act::Thaw(robot(&name)?),
+        Wish::Restart { robot: name } => Act::Restart(robot(&name)?),
+        Wish::Cut { from, to } => Act::Cut(edge(&from, &to)?),
+        Wish::Mend { from, to } => Act::Mend(edge(&from, &to)?),
+    })
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use outcome::report::scene::{SceneEdge, SceneRobot};
+    use proptest::prelude::*;
+
+    pub(crate) fn two_robots() -> Scene {
+        let robot = |name: &str| SceneRobot {
+            name: name.into(),
+            role: "formation".into(),
+            front_point_m: 0.1,
+        };
+        Scene {
+            name: "two".into(),
+            pace: "realtime".into(),
+            duration_s: 1.0,
+            distance_min_m: 0.2,
+            robots: vec![robot("a"), robot("b")],
+            edges: vec![SceneEdge { from: 1, to: 0 }],
+            walls: Vec::new(),
+            faults: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn each_act_is_read_and_each_mistake_is_named() {
+        let scene = two_robots();
+        let found = |body: &str| read(body.as_bytes(), &scene);
+        for (body, act) in [
+            (r#"{"act":"kill","robot":"b"}"#, Act::Kill(1)),
+            (r#"{"act":"freeze","robot":"a"}"#, Act::Freeze(0)),
+            (r#"{"robot":"a","act":"thaw"}"#, Act::Thaw(0)),
+            (r#"{"act":"restart","robot":"b"}"#, Act::Restart(1)),
+            (r#"{"act":"cut","from":"b","to":"a"}"#, Act::Cut(0)),
+            (r#"{"act":"mend","from":"b","to":"a"}"#, Act::Mend(0)),
+        ] {
+            assert_eq!(found(body), Ok(act), "{body}");
+        }
+        for (body, reason) in [
+            (r#"{"act":"kill","robot":"c"}"#, "no robot \"c\"; there are a, b"),
+            (r#"{"act":"cut","from":"a","to":"b"}"#, "no edge a->b: b does not hear a"),
+            (r#"{"act":"mend","from":"c","to":"b"}"#, "no robot \"c\""),
+        ] {
+            let Err(NoAct::Unknown(why)) = found(body) else { panic!("{body}") };
+            assert!(why.contains(reason), "{why}");
+        }
+        for body in [
+            "",
+            "[]",
+            r#"{"act":"explode","robot":"a"}"#,
+            r#"{"act":"kill"}"#,
+            r#"{"act":"kill","robot":"a","to":"b"}"#,
+            r#"{"act":"cut","robot":"a"}"#,
+        ] {
+            assert!(matches!(found(body), Err(NoAct::Malformed(_))), "{body}");
+        }
+    }
+
+    proptest! {
+        /// Whatever comes, nobody panics, and every act is about somebody who is there.
+        #[test]
+        fn no_body_reaches_beyond_the_scene(body in ".{0,60}", name in "[abc]", to in "[abc]") {
+            let scene = two_robots();
+            let _ = read(body.as_bytes(), &scene);
+            let cut = format!(r#"{{"act":"cut","from":"{name}","to":"{to}"}}"#);
+            prop_assert_eq!(read(cut.as_bytes(), &scene).is_ok(), (name.as_str(), to.as_str()) == ("b", "a"));
+        }
+    }
+}

@@ -1,0 +1,192 @@
+//! Who is let in: whoever calls this machine by its own name or number and knows the token.
+//!
+//! A page of another site may make a browser call us: by a name of its own that it points at this
+//! machine (then the Host header gives it away), or across sites (then it does not know the token,
+//! and an order of its has the wrong origin).
+
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
+
+use axum::http::header::{CONTENT_TYPE, HOST, ORIGIN};
+use axum::http::{HeaderMap, StatusCode, Uri};
+
+use crate::view::token::Token;
+
+/// Why somebody is not let in.
+pub(crate) type Refusal = (StatusCode, &'static str);
+
+const HOST_IS: &str = "expected a Host that is an address of this machine, or localhost";
+const TOKEN_IS: &str =
+    "expected the token of this run: open the address that phalanx printed after \"view:\"";
+
+/// The gatekeeper.
+#[derive(Clone, Copy)]
+pub(crate) struct Gate {
+    pub(crate) token: Token,
+    /// Others than this machine may come.
+    pub(crate) open_to_others: bool,
+}
+
+impl Gate {
+    /// Whether this request may come in at all.
+    pub(crate) fn admits(&self, uri: &Uri, headers: &HeaderMap) -> Result<(), Refusal> {
+        let host = text(headers, HOST.as_str()).unwrap_or_default();
+        if !self.answers_to(host) {
+            return Err((StatusCode::FORBIDDEN, HOST_IS));
+        }
+        let words = uri.query().unwrap_or_default().split('&');
+        let mut tokens = words.filter_map(|word| word.strip_prefix("token="));
+        match tokens.next() {
+            Some(given) if self.token.is(given) => Ok(()),
+            _ => Err((StatusCode::FORBIDDEN, TOKEN_IS)),
+        }
+    }
+
+    /// Whether we are called by a name that nobody else can point at us: a number, or `localhost`.
+    /// The port may be another: the near end of a tunnel.
+    fn answers_to(&self, host: &str) -> bool {
+        let name = match host.strip_prefix('[') {
+            Some(rest) => match rest.split_once(']') {
+                Some((name, port)) if port.is_empty() || port.starts_with(':') => name,
+                _ => return false,
+            },
+            None => host.rsplit_once(':').map_or(host, |(name, _)| name),
+        };
+        let ip = match host.starts_with('[') {
+            true => name.parse::<Ipv6Addr>().map(IpAddr::V6),
+            false => name.parse::<Ipv4Addr>().map(IpAddr::V4),
+        };
+        match ip {
+            Ok(ip) => ip.is_loopback() || self.open_to_others,
+            Err(_) => name.eq_ignore_ascii_case("localhost"),
+        }
+    }
+}
+
+/// Whether a request that was let in may also give orders: no page of another site can make a
+/// browser send one like this.
+pub(crate) fn may_order(headers: &HeaderMap) -> Result<(), Refusal> {
+    let kind = text(headers, CONTENT_TYPE.as_str()).unwrap_or_default();
+    let kind = kind.split(';').next().unwrap_or_default().trim();
+    if !kind.eq_ignore_ascii_case("application/json") {
+        let reason = "expected Content-Type: application/json";
+        return Err((StatusCode::UNSUPPORTED_MEDIA_TYPE, reason));
+    }
+    // Browsers always say where an order comes from; other programs need not.
+    let host = text(headers, HOST.as_str()).unwrap_or_default();
+    let ours = |origin: &str| origin.strip_prefix("http://") == Some(host);
+    let same_origin =
+        !headers.contains_key(ORIGIN) || text(headers, ORIGIN.as_str()).is_some_and(ours);
+    let same_site = !headers.contains_key("sec-fetch-site")
+        || text(headers, "sec-fetch-site") == Some("same-origin");
+    if !(same_origin && same_site) {
+        return Err((StatusCode::FORBIDDEN, "expected an order from the page of this run"));
+    }
+    Ok(())
+}
+
+/// A header that is there once, as text.
+fn text<'h>(headers: &'h HeaderMap, name: &str) -> Option<&'h str> {
+    let mut values = headers.get_all(name).iter();
+    let only = values.next()?;
+    if values.next().is_some() { None } else { only.to_str().ok() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use axum::http::HeaderValue;
+    use proptest::prelude::*;
+
+    fn gate(open_to_others: bool) -> Gate {
+        Gate { token: Token::draw().unwrap(), open_to_others }
+    }
+
+    fn headers(pairs: &[(&'static str, &str)]) -> HeaderMap {
+        let pair = |&(name, value): &(&'static str, &str)| {
+            (name.parse().unwrap(), HeaderValue::from_str(value).unwrap())
+        };
+        let mut map = HeaderMap::new();
+        pairs.iter().map(pair).for_each(|(name, value): (axum::http::HeaderName, _)| {
+            map.append(name, value);
+        });
+        map
+    }
+
+    #[test]
+    fn it_answers_to_numbers_and_to_localhost() {
+        for (host, alone, open) in [
+            ("127.0.0.1:8080", true, true),
+            ("127.0.0.1", true, true),
+            ("127.1.2.3:1", true, true),
+            ("localhost:9", true, true),
+            ("LocalHost", true, true),
+            ("[::1]:8080", true, true),
+            ("[::1]", true, true),
+            ("192.168.0.7:8080", false, true),
+            ("[fe80::1]:8080", false, true),
+            ("", false, false),
+            ("evil.example:8080", false, false),
+            ("127.0.0.1.evil.example", false, false),
+            ("localhost.evil.example:1", false, false),
+            ("[::1]evil.example", false, false),
+            ("[127.0.0.1]:1", false, false),
+            ("::1", false, false),
+            ("127.0.0.1:8080:evil", false, false),
+        ] {
+            assert_eq!(gate(false).answers_to(host), alone, "{host}");
+            assert_eq!(gate(true).answers_to(host), open, "{host}");
+        }
+    }
+
+    #[test]
+    fn nobody_comes_in_without_the_token_or_with_two_hosts() {
+        let gate = gate(false);
+        let host = headers(&[("host", "localhost:1")]);
+        let uri = |query: &str| format!("/{query}").parse::<Uri>().unwrap();
+        let token = gate.token;
+        assert_eq!(gate.admits(&uri(&format!("?token={token}")), &host), Ok(()));
+        assert_eq!(gate.admits(&uri(&format!("?a=1&token={token}")), &host), Ok(()));
+        for query in ["".into(), "?token=".into(), "?token=0".into(), format!("?tokens={token}")] {
+            let found = gate.admits(&uri(&query), &host);
+            assert_eq!(found, Err((StatusCode::FORBIDDEN, TOKEN_IS)), "{query}");
+        }
+        let two = headers(&[("host", "localhost:1"), ("host", "evil.example")]);
+        for hosts in [two, HeaderMap::new(), headers(&[("host", "evil.example")])] {
+            let found = gate.admits(&uri(&format!("?token={token}")), &hosts);
+            assert_eq!(found, Err((StatusCode::FORBIDDEN, HOST_IS)), "{hosts:?}");
+        }
+    }
+
+    #[test]
+    fn orders_come_as_json_and_from_our_own_page() {
+        let with = |more: &[(&'static str, &str)]| {
+            let all = [&[("host", "localhost:1"), ("content-type", "application/json")], more];
+            may_order(&headers(&all.concat()))
+        };
+        assert_eq!(with(&[]), Ok(()));
+        assert_eq!(with(&[("origin", "http://localhost:1")]), Ok(()));
+        assert_eq!(with(&[("sec-fetch-site", "same-origin")]), Ok(()));
+        for more in [
+            ("origin", "http://localhost:2"),
+            ("origin", "https://localhost:1"),
+            ("origin", "null"),
+            ("sec-fetch-site", "cross-site"),
+            ("sec-fetch-site", "same-site"),
+        ] {
+            assert_eq!(with(&[more]).unwrap_err().0, StatusCode::FORBIDDEN, "{more:?}");
+        }
+        for kind in ["text/plain", "application/x-www-form-urlencoded", ""] {
+            let found = may_order(&headers(&[("host", "localhost"), ("content-type", kind)]));
+            assert_eq!(found.unwrap_err().0, StatusCode::UNSUPPORTED_MEDIA_TYPE, "{kind}");
+        }
+    }
+
+    proptest! {
+        /// A name that somebody else can own is never ours.
+        #[test]
+        fn no_name_of_a_domain_is_answered_to(name in "[a-z0-9.-]{0,20}\\.[a-z]{2,8}", port in "(:[0-9]{1,5})?") {
+            let host = format!("{name}{port}");
+            prop_assert!(!gate(true).answers_to(&host));
+        }
+    }
+}

@@ -1,0 +1,211 @@
+//! What each client is told: the newest frame, every event, the newest latencies, and the end.
+//!
+//! A client is asked to take what is new only when it has taken what came before. Frames that came
+//! and went meanwhile are dropped, and counted.
+
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::sync::Arc;
+
+use async_stream::stream;
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{IntoResponse as _, Response};
+use outcome::report::scene::Frame;
+use serde::Serialize;
+use tokio::sync::watch;
+
+use crate::view::post::{HAPPENED_MAX, Handed, Letters, Seat};
+
+/// What there is to tell. Cheap to copy: clients take what is new and let go of the rest.
+#[derive(Debug, Default)]
+pub(crate) struct News {
+    frame: Option<Arc<Handed>>,
+    /// The newest events, each as JSON.
+    happened: VecDeque<Arc<str>>,
+    /// How many events there were before these.
+    forgotten: u64,
+    /// Number and JSON of the newest latencies.
+    latency: Option<(u64, Arc<str>)>,
+    ended: Option<Arc<str>>,
+}
+
+impl News {
+    /// Takes in what the supervisor handed over; whether there was anything.
+    pub(crate) fn take(&mut self, letters: Letters) -> bool {
+        let Letters { frame, happened, latency, ended } = letters;
+        let any = frame.is_some() || !happened.is_empty() || latency.is_some() || ended.is_some();
+        if let Some(frame) = frame {
+            self.frame = Some(Arc::new(frame));
+        }
+        for happened in &happened {
+            if self.happened.len() == HAPPENED_MAX {
+                self.happened.pop_front();
+                self.forgotten += 1;
+            }
+            self.happened.push_back(json(happened));
+        }
+        if let Some(latency) = latency {
+            let number = self.latency.as_ref().map_or(0, |(number, _)| *number);
+            self.latency = Some((number + 1, json(&latency)));
+        }
+        if let Some(ended) = ended {
+            self.ended = Some(json(&ended));
+        }
+        any
+    }
+}
+
+/// What one client was told so far.
+#[derive(Debug, Default)]
+struct Told {
+    frame: u64,
+    dropped: u64,
+    happened: u64,
+    latency: u64,
+}
+
+/// A frame as a client gets it.
+#[derive(Serialize)]
+struct Shown<'a> {
+    #[serde(flatten)]
+    frame: &'a Frame,
+    /// When it was made, ms since 1970.
+    at_unix_ms: u64,
+    /// How long ago that was, ms.
+    behind_ms: u64,
+    /// How many frames this client did not get.
+    dropped: u64,
+}
+
+/// The name of an event, empty for a frame, and its data.
+type Line = (&'static str, Arc<str>);
+
+impl Told {
+    /// What is new to this client, and whether it is the last.
+    fn more(&mut self, news: &News) -> (Vec<Line>, bool) {
+        let seen = self.happened.saturating_sub(news.forgotten) as usize;
+        let unseen = news.happened.iter().skip(seen);
+        let mut lines: Vec<Line> = unseen.map(|json| ("happened", json.clone())).collect();
+        self.happened = news.forgotten + news.happened.len() as u64;
+        if let Some(handed) = news.frame.as_ref().filter(|handed| handed.number > self.frame) {
+            // What came before its first is not its loss.
+            let first = self.frame == 0;
+            self.dropped += if first { 0 } else { handed.number - self.frame - 1 };
+            self.frame = handed.number;
+            let shown = Shown {
+                frame: &handed.frame,
+                at_unix_ms: handed.at_unix_ms,
+                behind_ms: handed.at.elapsed().as_millis() as u64,
+                dropped: self.dropped,
+            };
+            lines.push(("", json(&shown)));
+        }
+        let latency = news.latency.as_ref().filter(|(number, _)| *number > self.latency);
+        if let Some((number, json)) = latency {
+            self.latency = *number;
+            lines.push(("latency", json.clone()));
+        }
+        if let Some(ended) = &news.ended {
+            lines.push(("ended", ended.clone()));
+        }
+        (lines, news.ended.is_some())
+    }
+}
+
+/// Tells one client what is new for as long as there is any.
+pub(crate) fn tell(mut news: watch::Receiver<News>, seat: Seat) -> Response {
+    let events = stream! {
+        let _seat = seat; // until the client is gone
+        let mut told = Told::default();
+        loop {
+            let (lines, last) = told.more(&news.borrow_and_update());
+            for (name, data) in lines {
+                let event = match name {
+                    "" => Event::default(),
+                    name => Event::default().event(name),
+                };
+                yield Ok::<Event, Infallible>(event.data(data));
+            }
+            if last || news.changed().await.is_err() {
+                break;
+            }
+        }
+    };
+    Sse::new(events).keep_alive(KeepAlive::default()).into_response()
+}
+
+fn json(value: &impl Serialize) -> Arc<str> {
+    serde_json::to_string(value).expect("string keys and plain values only").into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::post::Happened;
+    use proptest::prelude::*;
+    use serde_json::Value;
+    use std::time::Instant;
+
+    fn frame(number: u64) -> Handed {
+        let frame = Frame { t_s: number as f64, ..Frame::default() };
+        Handed { number, at: Instant::now(), at_unix_ms: 0, frame }
+    }
+
+    fn happened(number: u64) -> Happened {
+        let detail = number.to_string();
+        Happened { t_s: 0.0, kind: "kill".into(), robot: "a".into(), detail }
+    }
+
+    proptest! {
+        /// However rarely a client comes: every frame since its first is shown or counted as
+        /// dropped, and every event that was kept is told once, in order.
+        #[test]
+        fn nothing_is_lost_without_being_counted(
+            comes in proptest::collection::vec(any::<bool>(), 1..600),
+        ) {
+            let (mut news, mut told) = (News::default(), Told::default());
+            let (mut first, mut shown, mut heard) = (None, 0, Vec::new());
+            let total = comes.len() as u64;
+            for (number, comes) in (1..).zip(comes.into_iter().chain([true])) {
+                if number <= total {
+                    let mut letters = Letters { frame: Some(frame(number)), ..Letters::default() };
+                    letters.happened.push_back(happened(number));
+                    prop_assert!(news.take(letters));
+                }
+                if !comes {
+                    continue;
+                }
+                let (lines, last) = told.more(&news);
+                prop_assert!(!last);
+                for (name, data) in lines {
+                    let data: Value = serde_json::from_str(&data).unwrap();
+                    if name == "happened" {
+                        heard.push(data["detail"].as_str().unwrap().parse::<u64>().unwrap());
+                        continue;
+                    }
+                    shown += 1;
+                    let t_s = data["t_s"].as_f64().unwrap() as u64;
+                    let since_first = t_s - *first.get_or_insert(t_s) + 1;
+                    prop_assert_eq!(shown + data["dropped"].as_u64().unwrap(), since_first);
+                }
+            }
+            prop_assert!(heard.is_sorted_by(|a, b| a < b));
+            prop_assert_eq!(heard.last(), Some(&total));
+            let kept = total.saturating_sub(HAPPENED_MAX as u64) + 1;
+            prop_assert!((kept..=total).all(|number| heard.binary_search(&number).is_ok()));
+        }
+    }
+
+    #[test]
+    fn the_end_is_told_last() {
+        let mut news = News::default();
+        assert!(!news.take(Letters::default()), "there is nothing new");
+        let ended = crate::view::post::Ended { exit: 1, text: "missed".into() };
+        let letters = Letters { frame: Some(frame(1)), ended: Some(ended), ..Letters::default() };
+        assert!(news.take(letters));
+        let (lines, last) = Told::default().more(&news);
+        assert!(last);
+        assert_eq!(lines.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["", "ended"]);
+        assert_eq!(&*lines[1].1, r#"{"exit":1,"text":"missed"}"#);
+    }
+}

@@ -1,0 +1,178 @@
+//! The server, asked over sockets of this machine.
+
+use super::*;
+use outcome::report::scene::{Frame, FrameRobot};
+use std::io::{BufRead as _, BufReader, ErrorKind, Read as _, Write as _};
+use std::net::TcpStream;
+
+/// So many robots that the sockets on the way hold few frames.
+const ROBOTS: usize = 300;
+/// Only a hang takes this long.
+const HANG: Duration = Duration::from_secs(60);
+
+fn frame(t_s: f64) -> Frame {
+    Frame { t_s, robots: vec![FrameRobot::default(); ROBOTS], ..Frame::default() }
+}
+
+#[test]
+fn a_client_that_does_not_read_misses_frames_and_holds_up_nobody() {
+    let bound = bind("127.0.0.1:0".parse().unwrap(), false).unwrap();
+    let url = bound.url();
+    let (host, query) = url.strip_prefix("http://").unwrap().split_once('/').unwrap();
+    let mut view = bound.serve(crate::view::act::tests::two_robots(), false).unwrap();
+    let began = Instant::now();
+    let come = || {
+        let mut stream = TcpStream::connect(host).unwrap();
+        stream.set_read_timeout(Some(HANG)).unwrap();
+        write!(stream, "GET /events{query} HTTP/1.0\r\nHost: {host}\r\n\r\n").unwrap();
+        BufReader::new(stream)
+    };
+    let frames = |lines: BufReader<TcpStream>| {
+        let data = lines.lines().map_while(Result::ok);
+        let data = data.filter_map(|line| Some(line.strip_prefix("data: ")?.to_owned()));
+        let frames = data.map(|data| serde_json::from_str::<serde_json::Value>(&data).unwrap());
+        frames.filter(|frame| frame["t_s"].is_f64())
+    };
+    let idle = come();
+    let mut reader = frames(come());
+    while view.post.clients() < 2 {
+        assert!(began.elapsed() < HANG, "they do not get in");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    // Far more than the sockets hold, each of which the one that reads gets.
+    for number in 0..200 {
+        let before = view.frames;
+        while view.frames == before {
+            view.frame(frame(f64::from(number)));
+        }
+        assert_eq!(reader.next().expect("a frame")["t_s"].as_f64(), Some(f64::from(number)));
+    }
+    // The other one reads at last: it gets the newest soon, and hears what it has missed.
+    let mut shown = 0;
+    for frame in frames(idle) {
+        shown += 1;
+        let (t_s, dropped) = (frame["t_s"].as_f64().unwrap(), frame["dropped"].as_u64().unwrap());
+        if t_s == 199.0 {
+            assert!(dropped > 0 && shown + dropped <= 200, "{shown} shown, {dropped} dropped");
+            break;
+        }
+    }
+    assert!(shown < 200, "it got every frame, however old");
+    view.ended(0, "done");
+    assert!(began.elapsed() < HANG);
+}
+
+/// A server of two robots whose limits are these, its host and the end of its addresses.
+fn serving(limits: Limits, control: bool) -> (View, String, String) {
+    let bound = Bound { limits, ..bind("127.0.0.1:0".parse().unwrap(), false).unwrap() };
+    let url = bound.url();
+    let (host, query) = url.strip_prefix("http://").unwrap().split_once('/').unwrap();
+    let (host, query) = (host.to_owned(), query.to_owned());
+    (bound.serve(crate::view::act::tests::two_robots(), control).unwrap(), host, query)
+}
+
+fn connect(host: &str) -> TcpStream {
+    let stream = TcpStream::connect(host).unwrap();
+    stream.set_read_timeout(Some(HANG)).unwrap();
+    stream
+}
+
+/// Sends a request and waits for whatever comes until the connection is closed.
+fn ask(host: &str, request: &str) -> String {
+    let mut stream = connect(host);
+    write!(stream, "{request} HTTP/1.1\r\nHost: {host}\r\n\r\n").unwrap();
+    rest(stream)
+}
+
+/// What comes until the other end closes; a hang fails.
+fn rest(mut stream: TcpStream) -> String {
+    let mut text = String::new();
+    match stream.read_to_string(&mut text) {
+        Ok(_) => text,
+        Err(error) if error.kind() == ErrorKind::ConnectionReset => text,
+        Err(error) => panic!("it was not closed: {error}"),
+    }
+}
+
+#[test]
+fn a_connection_without_a_whole_request_is_closed_and_one_that_listens_stays() {
+    // The stream that stays was opened before, and outlives them all.
+    let limits = Limits { silent_max: Duration::from_millis(300), ..Limits::default() };
+    let (mut view, host, query) = serving(limits, false);
+    let mut events = loop {
+        // On a busy machine the request itself may come too late.
+        let mut stream = connect(&host);
+        let _ = write!(stream, "GET /events{query} HTTP/1.1\r\nHost: {host}\r\n\r\n");
+        let mut lines = BufReader::new(stream);
+        let mut first = String::new();
+        if lines.read_line(&mut first).is_ok() && first.contains(" 200 ") {
+            break lines.lines().map_while(Result::ok);
+        }
+    };
+    let silent = connect(&host);
+    let mut half = connect(&host);
+    write!(half, "GET /{query} HTTP/1.1\r\nHost: {host}\r\n").unwrap();
+    assert_eq!(rest(silent), "");
+    assert_eq!(rest(half), "");
+    assert!(view.is_watched(), "the one that listens is still there");
+    let before = view.frames;
+    while view.frames == before {
+        view.frame(frame(7.0));
+    }
+    assert!(events.any(|line| line.contains("\"t_s\":7.0")), "and is told");
+}
+
+#[test]
+fn silent_connections_lock_nobody_out_and_the_oldest_goes_first() {
+    // Nobody is closed for its silence here: only to make room.
+    let limits = Limits { silent_max: 10 * HANG, ..Limits::default() };
+    let (_view, host, query) = serving(limits, false);
+    let mut silent: Vec<TcpStream> = (0..64).map(|_| connect(&host)).collect();
+    let page = ask(&host, &format!("GET /{query}"));
+    assert!(page.starts_with("HTTP/1.1 200 ") && page.contains("<script"), "{page}");
+    let newest = silent.split_off(64 - limits.unauthenticated_max + 1);
+    for old in silent {
+        assert_eq!(rest(old), "");
+    }
+    for (place, mut young) in newest.into_iter().enumerate() {
+        young.set_nonblocking(true).unwrap();
+        let read = young.read(&mut [0]).map_err(|error| error.kind());
+        assert_eq!(read, Err(ErrorKind::WouldBlock), "{place} of the newest is closed");
+    }
+}
+
+#[test]
+fn whoever_has_not_the_token_gets_one_answer_and_is_gone() {
+    let limits = Limits { silent_max: 10 * HANG, ..Limits::default() };
+    let (_view, host, _) = serving(limits, false);
+    // More of them than there may be at once, and each answer ends with the connection.
+    for _ in 0..3 * limits.unauthenticated_max {
+        let refused = ask(&host, "GET /?token=0");
+        assert!(refused.starts_with("HTTP/1.1 403 "), "{refused}");
+    }
+}
+
+#[test]
+fn with_the_token_there_are_only_so_many_connections_as_well() {
+    let limits = Limits { silent_max: 10 * HANG, authenticated_max: 2, ..Limits::default() };
+    let (view, host, query) = serving(limits, true);
+    let listen = || {
+        let mut stream = connect(&host);
+        write!(stream, "GET /events{query} HTTP/1.1\r\nHost: {host}\r\n\r\n").unwrap();
+        let mut lines = BufReader::new(stream);
+        let mut first = String::new();
+        lines.read_line(&mut first).unwrap();
+        assert!(first.contains(" 200 "), "{first}");
+        lines
+    };
+    let listening = [listen(), listen()];
+    let refused = ask(&host, &format!("GET /{query}"));
+    assert!(refused.starts_with("HTTP/1.1 503 "), "{refused}");
+    drop(listening);
+    let began = Instant::now();
+    while !ask(&host, &format!("GET /{query}")).starts_with("HTTP/1.1 200 ") {
+        assert!(began.elapsed() < HANG, "there is no room after they have gone");
+        // Who has gone is noticed with the next thing that he would be told.
+        view.post.put(|letters| letters.latency = Some(Vec::new()));
+    }
+}

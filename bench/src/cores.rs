@@ -7,8 +7,8 @@ use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 /// two. Dropped, the calling thread may use all again.
 pub(crate) struct Cores {
     all: CpuSet,
-    here: CpuSet,
-    there: CpuSet,
+    first: CpuSet,
+    last: CpuSet,
 }
 
 impl Cores {
@@ -16,36 +16,25 @@ impl Cores {
     /// everybody stays where they may be.
     pub(crate) fn take() -> Option<Cores> {
         let all = sched_getaffinity(None).ok()?;
-        let (first, last) = (usable(&all).next()?, usable(&all).next_back()?);
-        let cores = Cores { all, here: alone(first), there: alone(last) };
-        (first != last && stay_on(&cores.here)).then_some(cores)
+        let mut usable = (0..CpuSet::MAX_CPU).filter(|&core| all.is_set(core));
+        let (first, last) = (usable.next()?, usable.next_back()?);
+        let [first, last] = [first, last].map(|core| {
+            let mut set = CpuSet::new();
+            set.set(core);
+            set
+        });
+        let cores = Cores { all, first, last };
+        stay_on(&cores.first).then_some(cores)
     }
 }
 
-/// Starts processes, which inherit the core, on the other core.
-pub(crate) fn on_the_other<T>(cores: Option<&Cores>, start: impl FnOnce() -> T) -> T {
-    let Some(Cores { here, there, .. }) = cores else { return start() };
-    stay_on(there);
+/// Starts processes, which inherit the core, on the last core.
+pub(crate) fn on_the_last<T>(cores: Option<&Cores>, start: impl FnOnce() -> T) -> T {
+    let Some(Cores { first, last, .. }) = cores else { return start() };
+    stay_on(last);
     let started = start();
-    stay_on(here);
+    stay_on(first);
     started
-}
-
-/// Keeps the calling thread on the last core that it may use.
-pub(crate) fn stay_on_the_last() -> rustix::io::Result<()> {
-    let all = sched_getaffinity(None)?;
-    let last = usable(&all).next_back().expect("the thread is on one");
-    sched_setaffinity(None, &alone(last))
-}
-
-fn usable(all: &CpuSet) -> impl DoubleEndedIterator<Item = usize> {
-    (0..CpuSet::MAX_CPU).filter(|&core| all.is_set(core))
-}
-
-fn alone(core: usize) -> CpuSet {
-    let mut set = CpuSet::new();
-    set.set(core);
-    set
 }
 
 fn stay_on(set: &CpuSet) -> bool {

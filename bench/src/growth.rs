@@ -5,13 +5,11 @@
 //! not: count those that keep cores awake. They take what nobody else wanted.
 
 use protocol::brief::Pace;
-use serde_json::Value;
 
-use crate::child::{self, TAKERS, number, taken_s};
 use crate::lockstep::{self, PERIOD_S};
 use crate::ring;
-use crate::table::Row;
-use crate::{BenchError, Measured, Setting};
+use crate::rounds::{Case, Setting};
+use crate::run::{Summary, TAKERS};
 
 /// What grows, and how to read the rows.
 pub(crate) const NOTES: [&str; 4] = [
@@ -21,99 +19,62 @@ pub(crate) const NOTES: [&str; 4] = [
     "  two runs, it scatters with many robots. Exponent 1: per tick it grows as the robots do",
 ];
 
+/// A run whose cost is to be told from that of starting 256 processes takes this much longer.
+const LONGER: f64 = 3.0;
 /// Ticks of a run that hardly moves.
 const TICKS_START: u64 = 10;
 /// Fewer ticks of 256 robots take less than what their start takes more or less from run to run.
 const TICKS_MIN: u64 = 500;
 
-/// One size of the ring, round by round.
-#[derive(Default)]
-struct Size {
-    robots: usize,
-    ticks_per_s: Vec<f64>,
-    ready_s: Vec<f64>,
-    /// Of all, per robot and tick.
-    all_us: Vec<f64>,
-    /// The same by [`TAKERS`].
-    by_us: [Vec<f64>; TAKERS.len()],
-}
-
-/// Measures in turns, each run for about `seconds` on a small and quiet machine.
-pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> Measured {
-    let &Setting { root, stop, rounds, .. } = setting;
+/// A case for each number of robots, the smallest first.
+pub(crate) fn cases<'a>(setting: &'a Setting<'_>, robots: &[usize]) -> Vec<Case<'a>> {
     let mut robots = robots.to_vec();
     robots.sort_unstable();
     robots.dedup();
-    let sized = |robots| Size { robots, ..Size::default() };
-    let mut sizes: Vec<Size> = robots.into_iter().map(sized).collect();
-    for round in 1..=rounds {
-        for size in &mut sizes {
-            setting.progress(&format!("growth, {} robots, round {round}", size.robots));
-            let ticks = lockstep::ticks(size.robots, seconds).max(TICKS_MIN);
+    let fewer = std::iter::once(None).chain(robots.iter().copied().map(Some));
+    let case = |(&robots, fewer): (&usize, Option<usize>)| {
+        let ticks = lockstep::ticks(robots, LONGER * setting.seconds).max(TICKS_MIN);
+        Case::new(format!("{robots} robots"), move |table| {
             let run = |ticks| {
-                let text = ring::text(size.robots, ticks, PERIOD_S);
-                child::run(root, stop, &text, Pace::Lockstep)
+                let text = ring::text(robots, ticks, PERIOD_S);
+                Summary::of(setting, &text, Pace::Lockstep, &[])
             };
             let (start, whole) = (run(TICKS_START)?, run(ticks)?);
-            let by_us = per_tick_us(&start, &whole)?.map(|us| us / size.robots as f64);
-            size.ticks_per_s.push(number(&whole, "/wall/ticks_per_s")?);
-            size.ready_s.push(number(&whole, "/wall/startup_s")?);
-            size.all_us.push(by_us.iter().sum());
-            for (rounds, us) in size.by_us.iter_mut().zip(by_us) {
-                rounds.push(us);
+            let by_us = per_tick_us(&start, &whole)?.map(|us| us / robots as f64);
+            let all_us: f64 = by_us.iter().sum();
+            let what = "processor time per robot and tick, us";
+            table.run("ticks/s", whole.number("/wall/ticks_per_s")?);
+            table.run(what, all_us);
+            for (name, us) in TAKERS.iter().zip(by_us) {
+                table.run(&format!("of it {name}, us"), us);
             }
-        }
-    }
-    Ok(rows(&sizes))
-}
-
-/// Figure by figure, so that each is seen to grow.
-fn rows(sizes: &[Size]) -> Vec<Row> {
-    let mut rows = Vec::new();
-    let mut row = |robots: &dyn std::fmt::Display, what: &str, figures: Vec<f64>| {
-        rows.push(Row::alone("growth", &format!("{robots} robots, {what}"), figures));
+            table.run("ready, s", whole.number("/wall/startup_s")?);
+            if let Some(few) = fewer
+                && let Some(few_us) = table.last(&format!("{few} robots, {what}"))
+                && let Some(power) = exponent((few, few_us), (robots, all_us))
+            {
+                table.run(&format!("exponent of the time per tick, from {few}"), power);
+            }
+            Ok(())
+        })
     };
-    for size in sizes {
-        row(&size.robots, "ticks/s", size.ticks_per_s.clone());
-    }
-    for size in sizes {
-        row(&size.robots, "processor time per robot and tick, us", size.all_us.clone());
-    }
-    for (taker, name) in TAKERS.iter().enumerate() {
-        for size in sizes {
-            row(&size.robots, &format!("of it {name}, us"), size.by_us[taker].clone());
-        }
-    }
-    for size in sizes {
-        row(&size.robots, "ready, s", size.ready_s.clone());
-    }
-    for pair in sizes.windows(2) {
-        let [few, many] = pair else { continue };
-        let exponents: Vec<f64> = (few.all_us.iter().zip(&many.all_us))
-            .map(|(&few_us, &many_us)| exponent((few.robots, few_us), (many.robots, many_us)))
-            .filter(|exponent| exponent.is_finite())
-            .collect();
-        // A round may have none: a short run takes nothing that can be told from its start.
-        if !exponents.is_empty() {
-            let what = "exponent of the processor time per tick";
-            row(&format!("{} to {}", few.robots, many.robots), what, exponents);
-        }
-    }
-    rows
+    robots.iter().zip(fewer).map(case).collect()
 }
 
 /// The power of the number of robots by which the processor time per tick grows, from the times
-/// per robot and tick; not finite unless both are above 0.
-fn exponent((few, few_us): (usize, f64), (many, many_us): (usize, f64)) -> f64 {
+/// per robot and tick. `None` where a time is not above 0: a short run takes nothing that can be told from
+/// its start.
+fn exponent((few, few_us): (usize, f64), (many, many_us): (usize, f64)) -> Option<f64> {
     let (few, many) = (few as f64, many as f64);
-    (many * many_us / (few * few_us)).ln() / (many / few).ln()
+    let power = (many * many_us / (few * few_us)).ln() / (many / few).ln();
+    Some(power).filter(|power| power.is_finite())
 }
 
 /// Processor time per tick by [`TAKERS`], us, of the ticks that the second run made beyond the
 /// first.
-fn per_tick_us(start: &Value, whole: &Value) -> Result<[f64; TAKERS.len()], BenchError> {
-    let ticks = number(whole, "/ticks")? - number(start, "/ticks")?;
-    let (start_s, whole_s) = (taken_s(start)?, taken_s(whole)?);
+fn per_tick_us(start: &Summary, whole: &Summary) -> anyhow::Result<[f64; TAKERS.len()]> {
+    let ticks = whole.number("/ticks")? - start.number("/ticks")?;
+    let (start_s, whole_s) = (start.taken_s()?, whole.taken_s()?);
     Ok(std::array::from_fn(|taker| 1e6 * (whole_s[taker] - start_s[taker]) / ticks))
 }
 
@@ -121,39 +82,22 @@ fn per_tick_us(start: &Value, whole: &Value) -> Result<[f64; TAKERS.len()], Benc
 mod tests {
     use super::*;
 
-    fn summary(ticks: u64, processes: &[(&str, f64, f64)]) -> Value {
-        let process = |&(name, user_s, system_s): &(&str, f64, f64)| serde_json::json!({ "name": name, "user_s": user_s, "system_s": system_s });
-        let processes: Vec<Value> = processes.iter().map(process).collect();
-        serde_json::json!({ "ticks": ticks, "wall": { "processes": processes } })
-    }
-
     #[test]
-    fn robots_count_together_their_start_and_those_that_keep_cores_awake_do_not() {
-        let start = [
-            ("supervisor", 0.5, 0.25),
-            ("plant", 0.125, 0.0),
-            ("r1", 0.25, 0.0),
-            ("r2", 0.25, 0.0),
-            ("awake", 8.0, 0.0),
-        ];
-        let whole = [
-            ("supervisor", 0.75, 0.5),
-            ("plant", 0.125, 0.25),
-            ("r1", 0.5, 0.5),
-            ("r2", 0.25, 0.25),
-            ("awake", 64.0, 8.0),
-        ];
-        let taken = per_tick_us(&summary(10, &start), &summary(260, &whole)).unwrap();
-        assert_eq!(taken, [4000.0, 1000.0, 2000.0]);
-        assert!(per_tick_us(&summary(10, &start), &serde_json::json!({ "ticks": 260 })).is_err());
+    fn the_start_does_not_count() {
+        let summary = |ticks: u64, user_s: f64| {
+            let process = serde_json::json!({ "name": "plant", "user_s": user_s });
+            Summary(serde_json::json!({ "ticks": ticks, "wall": { "processes": [process] } }))
+        };
+        let taken = per_tick_us(&summary(10, 0.125), &summary(260, 0.375)).unwrap();
+        assert_eq!(taken, [0.0, 1000.0, 0.0]);
     }
 
     #[test]
     fn robots_that_each_take_the_same_make_a_tick_grow_as_they_do_and_pairs_by_the_square() {
-        let close = |exponent: f64, wanted: f64| (exponent - wanted).abs() < 1e-12;
-        assert!(close(exponent((3, 7.0), (8, 7.0)), 1.0));
-        assert!(close(exponent((16, 7.0), (32, 14.0)), 2.0));
-        assert!(close(exponent((64, 8.0), (128, 4.0)), 0.0));
-        assert!(!exponent((3, -1.0), (8, 7.0)).is_finite());
+        let close = |few, many, wanted: f64| (exponent(few, many).unwrap() - wanted).abs() < 1e-12;
+        assert!(close((3, 7.0), (8, 7.0), 1.0));
+        assert!(close((16, 7.0), (32, 14.0), 2.0));
+        assert!(close((64, 8.0), (128, 4.0), 0.0));
+        assert_eq!(exponent((3, -1.0), (8, 7.0)), None);
     }
 }

@@ -1,14 +1,12 @@
 //! Ticks per second in lockstep: `phalanx run`, against the same brains and world without
-//! iceoryx2, all of which must move the robots along one trajectory, bit by bit; and against itself with nothing
+//! iceoryx2, which must move the robots along the same trajectory, bit by bit; and against itself with nothing
 //! measured or recorded.
 
 use protocol::brief::Pace;
 
-use crate::child::{self, Running, number};
-use crate::floor::{self, Carrier};
-use crate::ring;
-use crate::table::{Row, Trajectory};
-use crate::{BenchError, Setting};
+use crate::rounds::{Case, Setting};
+use crate::run::Summary;
+use crate::{bare_lockstep, ring};
 
 /// T, s. Simulated.
 pub(crate) const PERIOD_S: f64 = 0.005;
@@ -17,57 +15,37 @@ const ROBOT_TICKS_PER_S: f64 = 80_000.0;
 /// Fewer ticks than this measure the start.
 const TICKS_MIN: u64 = 50;
 
+/// The same work without iceoryx2.
+const MAPPING: &str = "mapping + futex";
+
 /// As many ticks as so many robots take in about `seconds` on a small and quiet machine.
 pub(crate) fn ticks(robots: usize, seconds: f64) -> u64 {
     ((seconds * ROBOT_TICKS_PER_S / robots as f64) as u64).max(TICKS_MIN)
 }
 
-/// Measures in turns, each for about `seconds` on a small and quiet machine.
-pub(crate) fn measure(
-    setting: &Setting<'_>,
+/// A case for each number of robots.
+pub(crate) fn cases<'a>(
+    setting: &'a Setting<'_>,
     robots: &[usize],
-    seconds: f64,
-) -> Result<(Vec<Row>, Vec<Trajectory>), BenchError> {
-    let &Setting { root, stop, rounds, .. } = setting;
-    let mut rows = Vec::new();
-    let mut trajectories = Vec::new();
-    for &robots in robots {
-        let ticks = ticks(robots, seconds);
+) -> anyhow::Result<Vec<Case<'a>>> {
+    let case = |&robots: &usize| {
+        let ticks = ticks(robots, setting.seconds);
         let text = ring::text(robots, ticks, PERIOD_S);
         let scenario = ring::read(&text)?;
-        let mut ours = Vec::new();
-        let mut floors = Carrier::ALL.map(|_| Vec::new());
-        let mut unmeasured = Vec::new();
-        let mut hashes: Vec<(String, String)> = Vec::new();
-        let mut hashed_by = |means: &str, hash: String| {
-            let hashed = (means.to_owned(), hash);
-            if !hashes.contains(&hashed) {
-                hashes.push(hashed);
-            }
-        };
-        for round in 1..=rounds {
-            setting.progress(&format!("lockstep, {robots} robots, ours, round {round}"));
-            let summary = child::run(root, stop, &text, Pace::Lockstep)?;
-            ours.push(number(&summary, "/wall/ticks_per_s")?);
-            hashed_by("phalanx run", summary["trajectory_hash"].as_str().unwrap_or("none").into());
-            for (carrier, floor) in Carrier::ALL.into_iter().zip(&mut floors) {
-                let name = carrier.name();
-                setting.progress(&format!("lockstep, {robots} robots, {name}, round {round}"));
-                let floor_run = floor::run(root, stop, &scenario, carrier)?;
-                floor.push(floor_run.ticks_per_s);
-                hashed_by(name, floor_run.hash);
-            }
-            setting.progress(&format!("lockstep, {robots} robots, ours unmeasured, round {round}"));
-            let running =
-                Running::start_with(root, stop, &text, Pace::Lockstep, &["--unmeasured"])?;
-            unmeasured.push(number(&running.summary()?, "/wall/ticks_per_s")?);
-        }
-        let floors = Carrier::ALL.map(Carrier::name).into_iter().zip(floors);
-        for (name, floor) in floors.chain([("ours, not measured or recorded", unmeasured)]) {
-            let what = format!("{robots} robots, ticks/s");
-            rows.push(Row::against("lockstep", &what, name, ours.clone(), floor));
-        }
-        trajectories.push(Trajectory { robots, ticks, hashes });
-    }
-    Ok((rows, trajectories))
+        Ok(Case::new(format!("{robots} robots"), move |table| {
+            let what = "ticks/s";
+            let summary = Summary::of(setting, &text, Pace::Lockstep, &[])?;
+            table.run(what, summary.number("/wall/ticks_per_s")?);
+            let hash = summary.0["trajectory_hash"].as_str().unwrap_or("none");
+            table.trajectory(robots, ticks, "phalanx run", hash);
+            let bare = bare_lockstep::run(setting, &scenario)?;
+            table.baseline(what, MAPPING, bare.ticks_per_s);
+            table.trajectory(robots, ticks, MAPPING, &bare.hash);
+            let unmeasured = Summary::of(setting, &text, Pace::Lockstep, &["--unmeasured"])?;
+            let ticks_per_s = unmeasured.number("/wall/ticks_per_s")?;
+            table.baseline(what, "ours, not measured or recorded", ticks_per_s);
+            Ok(())
+        }))
+    };
+    robots.iter().map(case).collect()
 }

@@ -5,100 +5,82 @@
 //! row "timers alone" tells that share. A sender that thinks for long publishes late, and its
 //! samples look young: read the ages with the row from waking to publishing.
 
-use std::ffi::OsString;
-use std::path::{Path, PathBuf};
-
 use agent::golden_phase;
+use anyhow::Context as _;
 use experiment::briefs;
 use experiment::scenario::Scenario;
 use protocol::brief::{self, AgentBrief, Pace};
 use protocol::clock::{self, Timer};
 use protocol::message::Beacon;
-use protocol::process::Stop;
-use protocol::run_root::{self, RunRoot};
+use protocol::run_root;
 use protocol::service::{self, Factory, Node, Qos};
 use protocol::stage::Stage;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
-use crate::peers::{self, Peers};
-use crate::quantiles::{QUANTILES, Quantiles, quantiles_us};
-use crate::table::Row;
-use crate::{BenchError, Measured, Place, Setting, child, failed, ring};
+use crate::peers::{self, Peers, Post};
+use crate::quantiles::{QUANTILES, Quantiles, mean, quantiles_us};
+use crate::realtime::{LONGER, RATES_HZ};
+use crate::rounds::{Case, Setting};
+use crate::run::Summary;
+use crate::table::Table;
+use crate::{Place, ring};
 
-/// Rates of the robots, Hz.
-const RATES_HZ: [u64; 2] = [100, 1000];
 /// Fewer wake-ups than this measure the start.
 const TICKS_MIN: u64 = 50;
 
-/// What one measurement gave: means over all edges, or over all robots.
-struct Told {
-    /// From a beacon's sending to its taking by each that hears it.
-    used: Quantiles,
-    /// From the deadline of a timer to the process running.
-    wake: Quantiles,
+/// What one measurement gave: of each edge, or of each robot.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct Seen {
+    /// From a beacon's sending to its taking, by each robot that hears it.
+    used: Vec<Quantiles>,
     /// From a robot's first look at its samples to the sending of its own.
-    answer: Quantiles,
+    answer: Vec<Quantiles>,
+    /// From the deadline of a timer to the process running.
+    wake: Vec<Quantiles>,
 }
 
-impl Told {
-    /// Of any number of edges and robots, but not of none.
-    fn mean(edges: &[Quantiles], wakes: &[Quantiles], answers: &[Quantiles]) -> Option<Told> {
-        Some(Told { used: mean(edges)?, wake: mean(wakes)?, answer: mean(answers)? })
+impl Seen {
+    /// Names of figures and the figures themselves, us: means over all edges, or over all robots.
+    fn figures(&self) -> anyhow::Result<Vec<(String, f64)>> {
+        let mean = |all: &[Quantiles]| mean(all).context("nobody heard anybody");
+        let used = QUANTILES.iter().zip(mean(&self.used)?);
+        let used = used.map(|((_, name, _), us)| (format!("published to used {name}, us"), us));
+        Ok(used
+            .chain([("looking to publishing p50, us".to_owned(), mean(&self.answer)?[0])])
+            .chain([("wake lateness p50, us".to_owned(), mean(&self.wake)?[0])])
+            .collect())
     }
 }
 
-fn mean(all: &[Quantiles]) -> Option<Quantiles> {
-    let sum = |place: usize| all.iter().map(|quantiles| quantiles[place]).sum::<f64>();
-    let mean = std::array::from_fn(|place| sum(place) / all.len() as f64);
-    (!all.is_empty()).then_some(mean)
-}
-
-/// Measures in turns, about `seconds` each.
-pub(crate) fn measure(setting: &Setting<'_>, robots: &[usize], seconds: f64) -> Measured {
-    let &Setting { root, stop, rounds, .. } = setting;
-    run_root::join(root.path())?;
-    let node = service::node("bench")?;
-    let mut rows = Vec::new();
-    for rate_hz in RATES_HZ {
-        for &robots in robots {
-            let ticks = ((seconds * rate_hz as f64) as u64).max(TICKS_MIN);
-            let text = ring::text(robots, ticks, 1.0 / rate_hz as f64);
-            let scenario = ring::read(&text)?;
-            let (mut ours, mut bare) = (Vec::new(), Vec::new());
-            for round in 1..=rounds {
-                let case = format!("neighbors, {robots} robots at {rate_hz} Hz");
-                setting.progress(&format!("{case}, ours, round {round}"));
-                let summary = child::run(root, stop, &text, Pace::Realtime)?;
-                let nobody = || BenchError::Wrong(format!("{case}: nobody heard anybody"));
-                ours.push(told_by(&summary).ok_or_else(nobody)?);
-                setting.progress(&format!("{case}, iceoryx2 alone, round {round}"));
-                let told = without_brains(root, stop, &node, &scenario, ticks)?;
-                bare.push(told.ok_or_else(nobody)?);
+/// A case for each rate and number of robots.
+pub(crate) fn cases<'a>(
+    setting: &'a Setting<'_>,
+    robots: &[usize],
+) -> anyhow::Result<Vec<Case<'a>>> {
+    run_root::join(setting.root.path())?;
+    let case = |rate_hz: u64, robots: usize| {
+        let seconds = LONGER * setting.seconds;
+        let ticks = ((seconds * rate_hz as f64) as u64).max(TICKS_MIN);
+        let text = ring::text(robots, ticks, 1.0 / rate_hz as f64);
+        let scenario = ring::read(&text)?;
+        let node = service::node("bench")?;
+        let name = format!("{robots} robots at {rate_hz} Hz");
+        Ok(Case::new(name, move |table: &mut Table| {
+            let summary = Summary::of(setting, &text, Pace::Realtime, &[])?;
+            let [used, answer, wake] = [Stage::BeaconDelivery, Stage::Compute, Stage::Wake]
+                .map(|stage| summary.stage(stage));
+            for (what, us) in (Seen { used, answer, wake }).figures()? {
+                table.run(&what, us);
             }
-            let case = format!("{robots} robots at {rate_hz} Hz");
-            rows.extend(rows_of(&case, &ours, &bare, timers_alone_us(&scenario)));
-        }
-    }
-    Ok(rows)
-}
-
-fn rows_of(case: &str, ours: &[Told], bare: &[Told], timers_us: f64) -> Vec<Row> {
-    let against = |what: &str, figure: &dyn Fn(&Told) -> f64| {
-        let column = |told: &[Told]| told.iter().map(figure).collect();
-        let what = format!("{case}, {what}, us");
-        Row::against("neighbor", &what, "iceoryx2 alone, polled", column(ours), column(bare))
+            for (what, us) in without_brains(setting, &node, &scenario, ticks)?.figures()? {
+                table.baseline(&what, "iceoryx2 alone, polled", us);
+            }
+            let timers_us = timers_alone_us(&scenario);
+            table.baseline("published to used p50, us", "timers alone", timers_us);
+            Ok(())
+        }))
     };
-    let mut rows = Vec::new();
-    for (place, (_, name, _)) in QUANTILES.iter().enumerate() {
-        rows.push(against(&format!("published to used {name}"), &|told| told.used[place]));
-    }
-    let what = format!("{case}, published to used p50, us");
-    let used = ours.iter().map(|told| told.used[0]).collect();
-    rows.push(Row::against("neighbor", &what, "timers alone", used, vec![timers_us; ours.len()]));
-    rows.push(against("looking to publishing p50", &|told| told.answer[0]));
-    rows.push(against("wake lateness p50", &|told| told.wake[0]));
-    rows
+    RATES_HZ.iter().flat_map(|&rate| robots.iter().map(move |&robots| case(rate, robots))).collect()
 }
 
 /// From one timer's deadline to the next one of whoever hears it, mean of all edges, us.
@@ -109,76 +91,46 @@ fn timers_alone_us(scenario: &Scenario) -> f64 {
     shares.sum::<f64>() / edges.len() as f64 * scenario.period_ns as f64 / 1e3
 }
 
-/// What a run's summary tells; `None` if nobody heard anybody.
-fn told_by(summary: &Value) -> Option<Told> {
-    let stages = summary["wall"]["latency"].as_array()?;
-    let of = |stage: Stage| -> Vec<Quantiles> {
-        let robots = |row: &&Value| row["stage"] == stage.word() && row["robot"] != "plant";
-        let rows = stages.iter().filter(robots);
-        let us = |row: &Value, key: &str| row[key].as_f64().unwrap_or(f64::NAN) / 1e3;
-        rows.map(|row| QUANTILES.map(|(key, ..)| us(row, key))).collect()
-    };
-    Told::mean(&of(Stage::BeaconDelivery), &of(Stage::Wake), &of(Stage::Compute))
-}
-
 /// Beacons over iceoryx2 between processes without brains, plant and supervisor.
 fn without_brains(
-    root: &RunRoot,
-    stop: &Stop,
+    setting: &Setting<'_>,
     node: &Node,
     scenario: &Scenario,
     ticks: u64,
-) -> Result<Option<Told>, BenchError> {
-    let place = Place::new(root, "neighbor")?;
+) -> anyhow::Result<Seen> {
+    let place = Place::new(setting.root, "neighbor")?;
     let dir = place.path();
     let robots = scenario.robots.len();
-    let results: Vec<PathBuf> =
-        (1..=robots).map(|index| dir.join(format!("result-{index}.json"))).collect();
     let mut services: Vec<Factory<Beacon>> = Vec::new();
-    let mut words: Vec<Vec<OsString>> = Vec::new();
-    for (i, result) in results.iter().enumerate() {
+    for (i, robot) in scenario.robots.iter().enumerate() {
         let hearers = Qos::of_robot(Pace::Realtime, scenario.graph.hearers_of(i).count());
-        services.push(service::beacon(&scenario.robots[i].name).create(node, hearers)?);
-        let told = briefs::agent(scenario, i, Pace::Realtime, root.path());
-        let path = dir.join(format!("brief-{i}.toml"));
-        std::fs::write(&path, brief::to_text(&told)).map_err(failed("write", &path))?;
-        let peer = ["peer".into(), "neighbor".into(), path.into(), ticks.to_string().into()];
-        words.push(peer.into_iter().chain([result.into()]).collect());
+        services.push(service::beacon(&robot.name).create(node, hearers)?);
     }
-    let peers = Peers::start(dir, stop, words)?;
-    peers.go()?;
-    let (mut edges, mut wakes, mut answers) = (Vec::new(), Vec::new(), Vec::new());
-    for path in &results {
-        let seen: Seen = peers.told(path)?;
-        edges.extend(seen.used);
-        wakes.extend(seen.wake);
-        answers.extend(seen.answer);
+    let root = setting.root.path();
+    let briefs = (0..robots).map(|i| briefs::agent(scenario, i, Pace::Realtime, root));
+    peers::write_briefs(dir, briefs)?;
+    let peers = Peers::start(dir, setting.stop, robots, "neighbor", &[ticks.to_string().into()])?;
+    let mut all = Seen::default();
+    for seen in peers.results::<Seen>()? {
+        all.used.extend(seen.used);
+        all.answer.extend(seen.answer);
+        all.wake.extend(seen.wake);
     }
     drop((peers, services));
-    Ok(Told::mean(&edges, &wakes, &answers))
+    Ok(all)
 }
 
-/// What one process without a brain saw.
-#[derive(Debug, Serialize, Deserialize)]
-struct Seen {
-    /// Of each neighbor that was heard.
-    used: Vec<Quantiles>,
-    wake: Option<Quantiles>,
-    answer: Option<Quantiles>,
-}
-
-/// Hears the neighbors of this brief and is heard, at so many wake-ups; writes what it saw.
-pub(crate) fn peer(brief_path: &Path, ticks: u64, result: &Path) -> Result<(), BenchError> {
-    let brief: AgentBrief = brief::read(brief_path)?;
+/// Hears the neighbors of its brief and is heard, at so many wake-ups.
+pub(crate) fn peer(post: &Post, ticks: u64) -> anyhow::Result<()> {
+    let brief: AgentBrief = brief::read(&post.brief())?;
     run_root::join(&brief.run_root)?;
     clock::tighten_timer_slack();
-    let dir = result.parent().unwrap_or(result);
     let node = service::node(&format!("neighbor-{}", brief.name))?;
     let opened = |name: &str| service::beacon(name).open(&node);
     let out = opened(&brief.name)?.publisher()?;
     let heard = brief.neighbors.iter().map(|neighbor| opened(&neighbor.name)?.subscriber());
     let heard: Vec<_> = heard.collect::<Result<_, _>>()?;
-    peers::await_go(dir, brief.index - 1)?;
+    post.wait_for_all()?;
 
     let room = || Vec::with_capacity(ticks as usize);
     let mut used_ns: Vec<Vec<u64>> = heard.iter().map(|_| room()).collect();
@@ -189,28 +141,22 @@ pub(crate) fn peer(brief_path: &Path, ticks: u64, result: &Path) -> Result<(), B
         let Some(wake) = timer.wait() else { continue };
         let looked_ns = clock::now_ns();
         for (subscriber, used_ns) in heard.iter().zip(&mut used_ns) {
-            let receive = || {
-                let failed = |cause| BenchError::Wrong(format!("not received: {cause}"));
-                subscriber.receive().map_err(failed)
-            };
-            while let Some(beacon) = receive()? {
+            while let Some(beacon) = subscriber.receive()? {
                 used_ns.push(clock::now_ns().saturating_sub(beacon.sent_ns));
             }
         }
         let sent_ns = clock::now_ns();
-        let sent = out.send_copy(Beacon { tick, sent_ns, ..Beacon::default() });
-        sent.map_err(|cause| BenchError::Wrong(format!("not sent: {cause}")))?;
+        out.send_copy(Beacon { tick, sent_ns, ..Beacon::default() })?;
         wake_ns.push(wake.lateness_ns);
         answer_ns.push(sent_ns - looked_ns);
     }
     // The bench ends this process once it has the result; nothing is then left to clean up.
     drop((out, heard, node));
-    let seen = Seen {
+    post.report(&Seen {
         used: used_ns.into_iter().filter_map(quantiles_us).collect(),
-        wake: quantiles_us(wake_ns),
-        answer: quantiles_us(answer_ns),
-    };
-    peers::tell(result, &seen)
+        answer: quantiles_us(answer_ns).into_iter().collect(),
+        wake: quantiles_us(wake_ns).into_iter().collect(),
+    })
 }
 
 #[cfg(test)]
@@ -224,23 +170,11 @@ mod tests {
     }
 
     #[test]
-    fn every_edge_and_every_robot_counts_alike_and_the_plant_does_not() {
-        let row = |stage: &str, robot: &str, p50_ns: u64| {
-            serde_json::json!({
-                "stage": stage, "robot": robot,
-                "p50_ns": p50_ns, "p99_ns": 2 * p50_ns, "p99.9_ns": 3 * p50_ns,
-            })
-        };
-        let rows = [
-            row("beacon_delivery", "r1", 1000),
-            row("beacon_delivery", "r2", 3000),
-            row("wake", "plant", 9000),
-            row("wake", "r1", 4000),
-            row("compute", "r1", 5000),
-        ];
-        let told = told_by(&serde_json::json!({ "wall": { "latency": rows } })).unwrap();
-        assert_eq!(told.used, [2.0, 4.0, 6.0]);
-        assert_eq!((told.wake[0], told.answer[0]), (4.0, 5.0));
-        assert!(told_by(&serde_json::json!({ "wall": { "latency": rows[2..] } })).is_none());
+    fn every_edge_and_every_robot_counts_alike() {
+        let used = vec![[1.0, 2.0, 3.0], [3.0, 6.0, 9.0]];
+        let seen = Seen { used, answer: vec![[5.0; 3]], wake: vec![[4.0; 3]] };
+        let figures: Vec<f64> = seen.figures().unwrap().into_iter().map(|(_, us)| us).collect();
+        assert_eq!(figures, [2.0, 4.0, 6.0, 5.0, 4.0]);
+        assert!(Seen::default().figures().is_err());
     }
 }

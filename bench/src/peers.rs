@@ -1,7 +1,9 @@
 //! Child processes that take part in a measurement: started, watched, and ended.
 //!
+//! They meet in a directory. Each is started with [`Post`]: the directory, and which of them it is.
+//!
 //! A thread watches them. Once one ends early, a signal comes, or time is up, it kills all of
-//! them: whoever waits for them is then woken by the end of a pipe, or sees `gone`.
+//! them: whoever waits for them is then woken by the end of a pipe, or sees [`Peers::gone`].
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -10,215 +12,249 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use anyhow::{Context as _, anyhow, bail};
+use protocol::brief;
 use protocol::process::Stop;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use supervisor::child::Child;
+use supervisor::child::{Child, in_words};
 use supervisor::spawn::{Launcher, Role};
 
-use crate::{BenchError, failed};
+use crate::run::dead;
+use crate::{Interrupted, MEASUREMENT_MAX, write};
 
-/// No measurement with peers takes this long, even on a machine that is busy with other things.
-const LIMIT: Duration = Duration::from_secs(240);
 /// A peer that lives this long is ended by the kernel, whatever it waits for.
 const LIFE_S_MAX: u32 = 300;
 /// How often the watch looks around.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// How often readiness is looked at, and results are.
 const READY_EVERY: Duration = Duration::from_millis(1);
-/// Made once everybody is ready: begin.
-const GO: &str = "go";
 /// Everybody is there, and begins, within this; and whoever is done is ended within it.
 const BEGIN_MAX: Duration = Duration::from_secs(20);
-/// How many lines of a dead peer's log are shown.
-const LOG_LINES: usize = 8;
 
-/// Children of one measurement; dropped, they are dead and reaped.
-pub(crate) struct Peers {
-    dir: PathBuf,
-    count: usize,
-    children: Arc<Mutex<Vec<Child>>>,
-    gone: Arc<AtomicBool>,
-    done: Arc<AtomicBool>,
-    why: Arc<Mutex<Option<BenchError>>>,
-    watch: Option<JoinHandle<()>>,
+/// The first word of a peer's command line.
+pub(crate) const PEER: &str = "peer";
+
+/// Where a peer meets the others, and which of them it is.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct Post {
+    /// Where they meet.
+    pub(crate) dir: PathBuf,
+    /// Which peer it is, from 0.
+    pub(crate) index: usize,
 }
 
-impl Peers {
-    /// Starts this executable with each list of words. Peer i says that it is ready by making
-    /// the file [`ready`]`(dir, i)`.
-    pub(crate) fn start(
-        dir: &Path,
-        stop: &Stop,
-        peers: impl IntoIterator<Item = Vec<OsString>>,
-    ) -> Result<Peers, BenchError> {
-        let (mut children, launcher) = (Vec::new(), Launcher::of_this_executable());
-        for words in peers {
-            let log = dir.join(format!("peer-{}.log", children.len()));
-            children.push(launcher.spawn(Role::Bench { words: &words }, &log)?);
-        }
-        let count = children.len();
-        let children = Arc::new(Mutex::new(children));
-        let gone = Arc::new(AtomicBool::new(false));
-        let done = Arc::new(AtomicBool::new(false));
-        let why = Arc::new(Mutex::new(None));
-        let watch = {
-            let (children, gone, done) = (children.clone(), gone.clone(), done.clone());
-            let (why, stop) = (why.clone(), stop.clone());
-            std::thread::spawn(move || watch(&children, &gone, &done, &why, &stop))
-        };
-        Ok(Peers { dir: dir.into(), count, children, gone, done, why, watch: Some(watch) })
+impl Post {
+    /// Its brief, if it is a robot.
+    pub(crate) fn brief(&self) -> PathBuf {
+        self.dir.join(format!("brief-{}.toml", self.index))
     }
 
-    /// Waits until every peer is ready.
-    pub(crate) fn wait_ready(&self) -> Result<(), BenchError> {
-        for i in 0..self.count {
-            let sign = ready(&self.dir, i);
-            while !sign.exists() {
-                self.check()?;
-                std::thread::sleep(READY_EVERY);
+    fn ready(&self) -> PathBuf {
+        self.dir.join(format!("ready-{}", self.index))
+    }
+
+    fn result(&self) -> PathBuf {
+        self.dir.join(format!("result-{}.json", self.index))
+    }
+
+    /// Made once everybody is ready: begin.
+    fn go(&self) -> PathBuf {
+        self.dir.join("go")
+    }
+
+    /// Says that it is ready.
+    pub(crate) fn say_ready(&self) -> anyhow::Result<()> {
+        write(&self.ready(), "")
+    }
+
+    /// Says that it is ready, and waits until all others are.
+    pub(crate) fn wait_for_all(&self) -> anyhow::Result<()> {
+        self.say_ready()?;
+        let began = Instant::now();
+        while !self.go().exists() {
+            if began.elapsed() > BEGIN_MAX {
+                bail!("the others were not ready in time");
             }
+            std::thread::sleep(READY_EVERY);
         }
         Ok(())
     }
 
-    /// Once every peer is ready, lets all begin that [`await_go`].
-    pub(crate) fn go(&self) -> Result<(), BenchError> {
-        self.wait_ready()?;
-        let go = self.dir.join(GO);
-        std::fs::write(&go, "").map_err(failed("make", &go))
+    /// Leaves its result and waits to be ended: an end of its own would count as too early.
+    pub(crate) fn report<T: Serialize>(&self, seen: &T) -> anyhow::Result<()> {
+        let (result, unnamed) = (self.result(), self.result().with_extension("new"));
+        write(&unnamed, &serde_json::to_string(seen)?)?;
+        std::fs::rename(&unnamed, &result)
+            .with_context(|| format!("cannot name {}", result.display()))?;
+        std::thread::sleep(BEGIN_MAX);
+        Ok(())
     }
-
-    /// What a peer will [`tell`].
-    pub(crate) fn told<T: DeserializeOwned>(&self, result: &Path) -> Result<T, BenchError> {
-        while !result.exists() {
-            self.check()?;
-            std::thread::sleep(READY_EVERY);
-        }
-        let bytes = std::fs::read(result).map_err(failed("read", result))?;
-        serde_json::from_slice(&bytes)
-            .map_err(|error| BenchError::Wrong(format!("{}: {error}", result.display())))
-    }
-
-    /// The process number of peer i.
-    pub(crate) fn pid(&self, peer: usize) -> u32 {
-        self.children.lock().expect("nobody panics with it")[peer].pid()
-    }
-
-    /// Stops peer i by a signal.
-    pub(crate) fn stop(&self, peer: usize) {
-        self.children.lock().expect("nobody panics with it")[peer].stop();
-    }
-
-    /// Lets it go on.
-    pub(crate) fn go_on(&self, peer: usize) {
-        self.children.lock().expect("nobody panics with it")[peer].go_on();
-    }
-
-    /// Fails once the peers are dead, and says why.
-    pub(crate) fn check(&self) -> Result<(), BenchError> {
-        if self.gone.load(Ordering::Acquire) { Err(self.why()) } else { Ok(()) }
-    }
-
-    /// Whether the peers are dead.
-    pub(crate) fn gone(&self) -> bool {
-        self.gone.load(Ordering::Relaxed)
-    }
-
-    /// Why the peers are dead. Whoever lost a pipe may be here before the watch has looked.
-    pub(crate) fn why(&self) -> BenchError {
-        let began = Instant::now();
-        while !self.gone.load(Ordering::Acquire) && began.elapsed() < 10 * LOOK_EVERY {
-            std::thread::sleep(READY_EVERY);
-        }
-        let why = self.why.lock().expect("the watch does not panic").take();
-        why.unwrap_or_else(|| BenchError::Wrong("a peer closed its end, and lives".into()))
-    }
-}
-
-impl Drop for Peers {
-    fn drop(&mut self) {
-        self.done.store(true, Ordering::Release);
-        if let Some(watch) = self.watch.take() {
-            watch.thread().unpark();
-            let _ = watch.join();
-        }
-        if let Ok(mut children) = self.children.lock() {
-            // All at once, then each is reaped.
-            children.iter().for_each(Child::kill);
-            children.clear();
-        }
-    }
-}
-
-fn watch(
-    children: &Mutex<Vec<Child>>,
-    gone: &AtomicBool,
-    done: &AtomicBool,
-    why: &Mutex<Option<BenchError>>,
-    stop: &Stop,
-) {
-    let began = Instant::now();
-    while !done.load(Ordering::Acquire) {
-        let mut children = children.lock().expect("nobody panics with it");
-        let early = children.iter_mut().find_map(|child| {
-            let status = child.ended()?;
-            let what = format!("a peer ended early ({})", supervisor::child::in_words(status));
-            Some(BenchError::Peer { what, log: child.last_lines(LOG_LINES) })
-        });
-        let reason = if stop.requested() {
-            Some(BenchError::Interrupted)
-        } else if began.elapsed() > LIMIT {
-            Some(BenchError::Wrong(format!("not measured within {} s", LIMIT.as_secs())))
-        } else {
-            early
-        };
-        if let Some(reason) = reason {
-            *why.lock().expect("nobody panics with it") = Some(reason);
-            gone.store(true, Ordering::Release);
-            children.iter().for_each(Child::kill);
-            return;
-        }
-        drop(children);
-        std::thread::park_timeout(LOOK_EVERY);
-    }
-}
-
-fn ready(dir: &Path, peer: usize) -> PathBuf {
-    dir.join(format!("ready-{peer}"))
-}
-
-/// A peer says that it is ready.
-pub(crate) fn say_ready(dir: &Path, peer: usize) -> Result<(), BenchError> {
-    let sign = ready(dir, peer);
-    std::fs::write(&sign, "").map_err(failed("make", &sign))
-}
-
-/// A peer says that it is ready, and waits until all others are.
-pub(crate) fn await_go(dir: &Path, peer: usize) -> Result<(), BenchError> {
-    say_ready(dir, peer)?;
-    let began = Instant::now();
-    while !dir.join(GO).exists() {
-        if began.elapsed() > BEGIN_MAX {
-            return Err(BenchError::Wrong("the others were not ready in time".into()));
-        }
-        std::thread::sleep(READY_EVERY);
-    }
-    Ok(())
-}
-
-/// A peer leaves its result and waits to be ended: an end of its own would count as too early.
-pub(crate) fn tell<T: Serialize>(result: &Path, seen: &T) -> Result<(), BenchError> {
-    let unnamed = result.with_extension("new");
-    let text = serde_json::to_string(seen).expect("string keys and finite numbers only");
-    std::fs::write(&unnamed, text).map_err(failed("write", &unnamed))?;
-    std::fs::rename(&unnamed, result).map_err(failed("name", result))?;
-    std::thread::sleep(BEGIN_MAX);
-    Ok(())
 }
 
 /// A peer's waits need no deadline of their own after this: the kernel ends it.
 pub(crate) fn limit_life() {
     // SAFETY: a plain system call.
     unsafe { libc::alarm(LIFE_S_MAX) };
+}
+
+/// Writes the briefs of peers that are robots.
+pub(crate) fn write_briefs<B: Serialize>(
+    dir: &Path,
+    briefs: impl Iterator<Item = B>,
+) -> anyhow::Result<()> {
+    for (index, told) in briefs.enumerate() {
+        write(&Post { dir: dir.into(), index }.brief(), &brief::to_text(&told))?;
+    }
+    Ok(())
+}
+
+/// Children of one measurement; dropped, they are dead and reaped.
+pub(crate) struct Peers {
+    posts: Vec<Post>,
+    watched: Arc<Watched>,
+    watch: Option<JoinHandle<()>>,
+}
+
+struct Watched {
+    children: Mutex<Vec<Child>>,
+    /// They are dead.
+    gone: AtomicBool,
+    /// They are not needed any more.
+    done: AtomicBool,
+    why: Mutex<Option<anyhow::Error>>,
+    stop: Stop,
+}
+
+impl Peers {
+    /// Starts so many processes of this executable that do the same: `verb` with these arguments.
+    pub(crate) fn start(
+        dir: &Path,
+        stop: &Stop,
+        count: usize,
+        verb: &str,
+        arguments: &[OsString],
+    ) -> anyhow::Result<Peers> {
+        let posts = (0..count).map(|index| Post { dir: dir.into(), index });
+        let posts: Vec<Post> = posts.collect();
+        let (mut children, launcher) = (Vec::new(), Launcher::of_this_executable());
+        for Post { dir, index } in &posts {
+            let mut words: Vec<OsString> = vec![PEER.into(), dir.into(), index.to_string().into()];
+            words.push(verb.into());
+            words.extend_from_slice(arguments);
+            let log = dir.join(format!("peer-{index}.log"));
+            children.push(launcher.spawn(Role::Bench { words: &words }, &log)?);
+        }
+        let watched = Arc::new(Watched {
+            children: Mutex::new(children),
+            gone: AtomicBool::new(false),
+            done: AtomicBool::new(false),
+            why: Mutex::new(None),
+            stop: stop.clone(),
+        });
+        let watch = std::thread::spawn({
+            let watched = watched.clone();
+            move || watched.watch()
+        });
+        Ok(Peers { posts, watched, watch: Some(watch) })
+    }
+
+    /// Waits until every peer is ready.
+    pub(crate) fn wait_ready(&self) -> anyhow::Result<()> {
+        self.posts.iter().try_for_each(|post| self.wait_for(&post.ready()))
+    }
+
+    /// Lets all begin once every one is ready; what they [report](Post::report).
+    pub(crate) fn results<T: DeserializeOwned>(&self) -> anyhow::Result<Vec<T>> {
+        self.wait_ready()?;
+        if let Some(post) = self.posts.first() {
+            write(&post.go(), "")?;
+        }
+        let result = |post: &Post| {
+            let path = post.result();
+            self.wait_for(&path)?;
+            let cannot = || format!("cannot read {}", path.display());
+            serde_json::from_slice(&std::fs::read(&path).with_context(cannot)?).with_context(cannot)
+        };
+        self.posts.iter().map(result).collect()
+    }
+
+    fn wait_for(&self, file: &Path) -> anyhow::Result<()> {
+        while !file.exists() {
+            self.check()?;
+            std::thread::sleep(READY_EVERY);
+        }
+        Ok(())
+    }
+
+    /// Whether the first one has left its result.
+    pub(crate) fn is_done(&self) -> bool {
+        self.posts[0].result().exists()
+    }
+
+    /// Fails once the peers are dead, and says why.
+    pub(crate) fn check(&self) -> anyhow::Result<()> {
+        if self.gone() { Err(self.why()) } else { Ok(()) }
+    }
+
+    /// Whether the peers are dead.
+    pub(crate) fn gone(&self) -> bool {
+        self.watched.gone.load(Ordering::Acquire)
+    }
+
+    /// Why the peers are dead. Whoever lost a pipe may be here before the watch has looked.
+    pub(crate) fn why(&self) -> anyhow::Error {
+        let began = Instant::now();
+        while !self.gone() && began.elapsed() < 10 * LOOK_EVERY {
+            std::thread::sleep(READY_EVERY);
+        }
+        let why = self.watched.why.lock().expect("the watch does not panic").take();
+        why.unwrap_or_else(|| anyhow!("a peer closed its end, and lives"))
+    }
+}
+
+impl Watched {
+    fn watch(&self) {
+        let began = Instant::now();
+        while !self.done.load(Ordering::Acquire) {
+            let mut children = self.children.lock().expect("nobody panics with it");
+            if let Some(reason) = self.flaw(&mut children, began) {
+                *self.why.lock().expect("nobody panics with it") = Some(reason);
+                self.gone.store(true, Ordering::Release);
+                children.iter().for_each(Child::kill);
+                return;
+            }
+            drop(children);
+            std::thread::park_timeout(LOOK_EVERY);
+        }
+    }
+
+    /// Why the measurement cannot go on, if it cannot.
+    fn flaw(&self, children: &mut [Child], began: Instant) -> Option<anyhow::Error> {
+        if self.stop.requested() {
+            return Some(Interrupted.into());
+        }
+        if began.elapsed() > MEASUREMENT_MAX {
+            return Some(anyhow!("not measured within {} s", MEASUREMENT_MAX.as_secs()));
+        }
+        children.iter_mut().find_map(|child| {
+            let what = format!("a peer ended early ({})", in_words(child.ended()?));
+            Some(dead(&what, child))
+        })
+    }
+}
+
+impl Drop for Peers {
+    fn drop(&mut self) {
+        self.watched.done.store(true, Ordering::Release);
+        if let Some(watch) = self.watch.take() {
+            watch.thread().unpark();
+            let _ = watch.join();
+        }
+        if let Ok(mut children) = self.watched.children.lock() {
+            // All at once, then each is reaped.
+            children.iter().for_each(Child::kill);
+            children.clear();
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! What is told of a spread of times: three of its quantiles.
+//! What is shown of a spread of times: three of its quantiles.
 
 /// Their names in `summary.json` and in the table, and the share.
 pub(crate) const QUANTILES: [(&str, &str, f64); 3] =
@@ -15,16 +15,33 @@ pub(crate) fn quantiles_us<N: Copy + Ord + Into<u64>>(mut values_ns: Vec<N>) -> 
     Some(QUANTILES.map(|(.., share)| at(share)))
 }
 
+/// Quantile by quantile, one after the other added up by `add`; `None` of nothing.
+pub(crate) fn combined(all: &[Quantiles], add: fn(f64, f64) -> f64) -> Option<Quantiles> {
+    let both = |a: Quantiles, b: Quantiles| std::array::from_fn(|place| add(a[place], b[place]));
+    all.iter().copied().reduce(both)
+}
+
+/// Quantile by quantile the mean; `None` of nothing.
+pub(crate) fn mean(all: &[Quantiles]) -> Option<Quantiles> {
+    Some(combined(all, |a, b| a + b)?.map(|sum| sum / all.len() as f64))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn quantiles_are_values_that_were_seen() {
-        assert_eq!(
-            quantiles_us((1..=101_u64).rev().map(|us| us * 1000).collect()),
-            Some([51.0, 100.0, 101.0])
-        );
+        let us = (1..=101_u64).rev().map(|us| us * 1000).collect();
+        assert_eq!(quantiles_us(us), Some([51.0, 100.0, 101.0]));
         assert_eq!(quantiles_us::<u64>(Vec::new()), None);
+    }
+
+    #[test]
+    fn several_spreads_have_a_mean_and_a_largest_one() {
+        let all = [[1.0, 5.0, 6.0], [3.0, 4.0, 10.0]];
+        assert_eq!(mean(&all), Some([2.0, 4.5, 8.0]));
+        assert_eq!(combined(&all, f64::max), Some([3.0, 5.0, 10.0]));
+        assert_eq!(mean(&[]), None);
     }
 }

@@ -3,23 +3,22 @@
 //! noticed, reaped and cleaned up, a process is started, it opens its ports, takes an odometry
 //! sample at its next wake-up, and answers. No restart delay is set.
 
-use std::ffi::OsString;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use agent::golden_phase;
+use anyhow::{Context as _, bail};
 use protocol::brief::{self, AgentBrief, Pace};
 use protocol::message::Command;
-use protocol::process::Stop;
-use protocol::run_root::{self, RunRoot};
+use protocol::run_root;
 use protocol::service::{self, Subscriber};
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::child::Running;
-use crate::peers::{self, Peers};
+use crate::peers::{Peers, Post};
 use crate::quantiles::{QUANTILES, quantiles_us};
-use crate::table::Row;
-use crate::{BenchError, Measured, Place, Setting, failed, ring};
+use crate::rounds::{Case, Setting};
+use crate::run::Run;
+use crate::{Place, ring};
 
 /// Robots in the run.
 const ROBOTS: usize = 8;
@@ -34,111 +33,89 @@ const VICTIM: &str = "r1";
 const BACK_MAX: Duration = Duration::from_secs(20);
 /// Between two kills, so that each finds a run that has settled.
 const SETTLE: Duration = Duration::from_millis(50);
-/// So many of the quantiles are told: a kill in a thousand is more than anybody waits for.
-const TOLD: usize = 2;
+/// So many of the quantiles are shown: a kill in a thousand is more than anybody waits for.
+const SHOWN: usize = 2;
 /// How often commands are looked for.
 const LOOK_EVERY: Duration = Duration::from_micros(100);
 
-/// Kills so often, in each of the rounds.
-pub(crate) fn measure(setting: &Setting<'_>, kills: usize) -> Measured {
-    let &Setting { root, stop, rounds, .. } = setting;
-    let mut taken_ms = RATES_HZ.map(|_| [const { Vec::new() }; TOLD]);
-    for round in 1..=rounds {
-        for (rate_hz, taken_ms) in RATES_HZ.iter().zip(&mut taken_ms) {
-            setting.progress(&format!("replacement at {rate_hz} Hz, {kills} kills, round {round}"));
-            let nobody = || BenchError::Wrong("nobody was killed".into());
-            let taken_us = quantiles_us(killed(root, stop, *rate_hz, kills)?).ok_or_else(nobody)?;
-            for (taken_ms, us) in taken_ms.iter_mut().zip(taken_us) {
-                taken_ms.push(us / 1e3);
+/// A case for each rate, with so many kills.
+pub(crate) fn cases<'a>(setting: &'a Setting<'_>, kills: usize) -> Vec<Case<'a>> {
+    let case = |rate_hz: u64| {
+        Case::new(format!("{rate_hz} Hz"), move |table| {
+            let taken_us = quantiles_us(killed(setting, rate_hz, kills)?);
+            let taken_us = taken_us.context("nobody was killed")?;
+            for ((_, name, _), us) in QUANTILES.iter().zip(taken_us).take(SHOWN) {
+                let what = format!("kill to first command, {name} of {kills}, ms");
+                table.run(&what, us / 1e3);
             }
-        }
-    }
-    let rows = RATES_HZ.iter().zip(taken_ms).flat_map(|(rate_hz, taken_ms)| {
-        QUANTILES.iter().zip(taken_ms).map(move |((_, name, _), taken_ms)| {
-            let what = format!("{rate_hz} Hz, kill to first command, {name} of {kills}, ms");
-            Row::alone("replacement", &what, taken_ms)
+            Ok(())
         })
-    });
-    Ok(rows.collect())
+    };
+    RATES_HZ.map(case).into()
 }
 
 /// How long each replacement took, ns.
-fn killed(root: &RunRoot, stop: &Stop, rate_hz: u64, kills: usize) -> Result<Vec<u64>, BenchError> {
+fn killed(setting: &Setting<'_>, rate_hz: u64, kills: usize) -> anyhow::Result<Vec<u64>> {
     let text = ring::text(ROBOTS, TICKS, 1.0 / rate_hz as f64);
-    let place = Place::new(root, "onlooker")?;
-    let mut running = Running::start(root, stop, &text, Pace::Realtime)?;
+    let place = Place::new(setting.root, "onlooker")?;
+    let mut run = Run::start(setting, &text, Pace::Realtime, &[])?;
     let began = Instant::now();
-    let brief = running.brief(VICTIM);
-    while !running.has_events("ready", ROBOTS) {
-        running.check()?;
+    while !run.has_events("ready", ROBOTS) {
+        run.check()?;
         if began.elapsed() > BACK_MAX {
-            return Err(BenchError::Wrong("the run was not ready in time".into()));
+            bail!("the run was not ready in time");
         }
         std::thread::sleep(Duration::from_millis(5));
     }
-    let result = place.path().join("result.json");
-    let words: Vec<OsString> = vec![
-        "peer".into(),
-        "kill".into(),
-        brief.into(),
-        kills.to_string().into(),
-        result.clone().into(),
-    ];
-    let peers = Peers::start(place.path(), stop, [words])?;
-    while !result.exists() {
-        running.check()?;
+    let words = [run.brief(VICTIM).into(), kills.to_string().into()];
+    let peers = Peers::start(place.path(), setting.stop, 1, "kill", &words)?;
+    while !peers.is_done() {
+        run.check()?;
         peers.check()?;
         std::thread::sleep(Duration::from_millis(5));
     }
-    peers.told(&result)
+    Ok(peers.results()?.remove(0))
 }
 
-/// The onlooker: kills the robot of this brief and waits for its replacement, so often; writes how
-/// long each took, ns.
-pub(crate) fn onlooker(brief_path: &Path, kills: usize, result: &Path) -> Result<(), BenchError> {
+/// The onlooker: kills the robot of this brief and waits for its replacement, so often.
+pub(crate) fn peer(post: &Post, brief_path: &Path, kills: usize) -> anyhow::Result<()> {
     let brief: AgentBrief = brief::read(brief_path)?;
     run_root::join(&brief.run_root)?;
     let node = service::node("onlooker")?;
-    let service = service::command(&brief.name).open(&node)?;
-    let commands = service.subscriber()?;
+    let commands = service::command(&brief.name).open(&node)?.subscriber()?;
+    post.say_ready()?;
     let mut incarnation = next(&commands, 0)?;
     let period_s = brief.period_ns as f64 / 1e9;
     let mut taken_ns = Vec::with_capacity(kills);
     for kill in 0..kills {
         // After a command the robot sleeps: a kill shall meet it, and its timer, at any phase.
         std::thread::sleep(SETTLE + Duration::from_secs_f64(golden_phase(kill) * period_s));
-        let pid = process_of(brief_path).ok_or_else(|| {
-            BenchError::Wrong(format!("found no process of {}", brief_path.display()))
-        })?;
+        let pid = process_of(brief_path)
+            .with_context(|| format!("found no process of {}", brief_path.display()))?;
         let began = Instant::now();
-        kill_process(pid, Signal::KILL)
-            .map_err(|error| failed("kill the agent of", brief_path)(error.into()))?;
+        kill_process(pid, Signal::KILL)?;
         incarnation = next(&commands, incarnation + 1)?;
         taken_ns.push(began.elapsed().as_nanos() as u64);
     }
-    peers::tell(result, &taken_ns)
+    post.report(&taken_ns)
 }
 
 /// Waits for a command of this incarnation or a later one: which it was.
-fn next(commands: &Subscriber<Command>, least: u64) -> Result<u64, BenchError> {
+fn next(commands: &Subscriber<Command>, least: u64) -> anyhow::Result<u64> {
     let began = Instant::now();
     loop {
-        let sample = commands.receive();
-        let sample = sample.map_err(|cause| BenchError::Wrong(format!("not received: {cause}")))?;
-        match sample {
+        match commands.receive()? {
             Some(command) if command.incarnation >= least => return Ok(command.incarnation),
             Some(_) => {}
             None if began.elapsed() > BACK_MAX => {
-                let limit_s = BACK_MAX.as_secs();
-                let what = format!("no command of incarnation {least} within {limit_s} s");
-                return Err(BenchError::Wrong(what));
+                bail!("no command of incarnation {least} within {} s", BACK_MAX.as_secs())
             }
             None => std::thread::sleep(LOOK_EVERY),
         }
     }
 }
 
-/// The agent that was told this brief.
+/// The agent that was started with this brief.
 fn process_of(brief: &Path) -> Option<Pid> {
     let path = brief.as_os_str().as_encoded_bytes();
     let processes = std::fs::read_dir("/proc").ok()?.flatten();

@@ -7,8 +7,6 @@ use std::path::Path;
 use experiment::scenario::Scenario;
 use experiment::scenario::read::{Overrides, read_text};
 
-use crate::BenchError;
-
 /// Distance of neighbours on the ring, m.
 const GAP_M: f64 = 0.6;
 /// How far from its place a robot starts, m.
@@ -81,11 +79,11 @@ fn head(name: &str, ticks: u64, period_s: f64) -> String {
 }
 
 /// The scenario of a text from here.
-pub(crate) fn read(text: &str) -> Result<Scenario, BenchError> {
+pub fn read(text: &str) -> anyhow::Result<Scenario> {
     let overrides = Overrides { set: Vec::new(), faults: Vec::new(), seed: None };
     match read_text(Path::new("bench.toml"), text, &overrides, &agent::catalog()) {
         Ok((scenario, ..)) => Ok(scenario),
-        Err(diagnostic) => Err(BenchError::Wrong(diagnostic.render(false))),
+        Err(diagnostic) => Err(anyhow::anyhow!(diagnostic.render(false))),
     }
 }
 

@@ -1,5 +1,5 @@
 //! What was measured: each round's figures, their medians with least and most, and the ratio of
-//! ours to the floor, taken within each round.
+//! a run to its baseline, taken within each round.
 
 use std::fmt::Write as _;
 
@@ -7,9 +7,126 @@ use serde::Serialize;
 
 use crate::machine::Machine;
 
+/// Figures under way, in the order in which they first came.
+#[derive(Debug, Default)]
+pub(crate) struct Table {
+    /// Of which part and case the next figures are.
+    part: &'static str,
+    case: String,
+    figures: Vec<Figure>,
+    trajectories: Vec<Trajectory>,
+}
+
+#[derive(Debug)]
+struct Figure {
+    part: &'static str,
+    /// Case and figure, with its unit.
+    what: String,
+    /// Round by round.
+    run: Vec<f64>,
+    /// By name.
+    baselines: Vec<(String, Vec<f64>)>,
+}
+
+/// The hashes of one trajectory, computed by several means.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct Trajectory {
+    robots: usize,
+    ticks: u64,
+    /// By means.
+    hashes: Vec<(String, String)>,
+}
+
+impl Table {
+    /// The next figures are of this part and case.
+    pub(crate) fn begin(&mut self, part: &'static str, case: &str) {
+        (self.part, self.case) = (part, case.into());
+    }
+
+    fn figure(&mut self, what: &str) -> Option<&mut Figure> {
+        let (part, what) = (self.part, format!("{}, {what}", self.case));
+        self.figures.iter_mut().find(|figure| figure.part == part && figure.what == what)
+    }
+
+    /// A figure of a run in this round. `what` ends with its unit.
+    pub(crate) fn run(&mut self, what: &str, value: f64) {
+        match self.figure(what) {
+            Some(figure) => figure.run.push(value),
+            None => {
+                let (part, what) = (self.part, format!("{}, {what}", self.case));
+                let (run, baselines) = (vec![value], Vec::new());
+                self.figures.push(Figure { part, what, run, baselines });
+            }
+        }
+    }
+
+    /// The same figure of a baseline.
+    pub(crate) fn baseline(&mut self, what: &str, name: &str, value: f64) {
+        let figure = self.figure(what).expect("a run is measured before its baselines");
+        match figure.baselines.iter_mut().find(|(known, _)| known == name) {
+            Some((_, rounds)) => rounds.push(value),
+            None => figure.baselines.push((name.into(), vec![value])),
+        }
+    }
+
+    /// A run's figure of the last round, by its case and what it is.
+    pub(crate) fn last(&self, what: &str) -> Option<f64> {
+        let same = |figure: &&Figure| figure.part == self.part && figure.what == what;
+        self.figures.iter().find(same)?.run.last().copied()
+    }
+
+    /// The hash of the trajectory of so many robots by some means; all must be the same.
+    pub(crate) fn trajectory(&mut self, robots: usize, ticks: u64, means: &str, hash: &str) {
+        let hashed = (means.to_owned(), hash.to_owned());
+        match self.trajectories.iter_mut().find(|trajectory| trajectory.robots == robots) {
+            Some(trajectory) if trajectory.hashes.contains(&hashed) => {}
+            Some(trajectory) => trajectory.hashes.push(hashed),
+            None => self.trajectories.push(Trajectory { robots, ticks, hashes: vec![hashed] }),
+        }
+    }
+
+    /// All of it.
+    pub(crate) fn report(
+        self,
+        machine: Machine,
+        warnings: Vec<String>,
+        notes: Vec<String>,
+    ) -> Report {
+        let rows = self.figures.iter().flat_map(Figure::rows).collect();
+        Report { machine, warnings, trajectories: self.trajectories, rows, notes }
+    }
+}
+
+impl Figure {
+    /// One line for each baseline, and one without any if there is none.
+    fn rows(&self) -> Vec<Row> {
+        let alone = Row {
+            part: self.part,
+            what: self.what.clone(),
+            ours: Spread::of(&self.run),
+            floor_name: None,
+            floor: None,
+            ratio: None,
+        };
+        let against = self.baselines.iter().map(|(name, baseline)| {
+            let ratios: Vec<f64> =
+                self.run.iter().zip(baseline).map(|(run, of)| run / of).collect();
+            Row {
+                floor_name: Some(name.clone()),
+                floor: Some(Spread::of(baseline)),
+                // Nothing is a multiple of nothing.
+                ratio: ratios.iter().all(|ratio| ratio.is_finite()).then(|| Spread::of(&ratios)),
+                ..alone.clone()
+            }
+        });
+        let against: Vec<Row> = against.collect();
+        if against.is_empty() { vec![alone] } else { against }
+    }
+}
+
 /// Median, least and most of the rounds.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct Spread {
+struct Spread {
     median: f64,
     min: f64,
     max: f64,
@@ -19,15 +136,13 @@ pub(crate) struct Spread {
 
 impl Spread {
     /// Of at least one round.
-    fn of(rounds: Vec<f64>) -> Spread {
-        let mut sorted = rounds.clone();
+    fn of(rounds: &[f64]) -> Spread {
+        let mut sorted = rounds.to_vec();
         sorted.sort_by(f64::total_cmp);
-        let middle = sorted.len() / 2;
-        let median = match sorted.len() % 2 {
-            1 => sorted[middle],
-            _ => 0.5 * (sorted[middle - 1] + sorted[middle]),
-        };
-        Spread { median, min: sorted[0], max: sorted[sorted.len() - 1], rounds }
+        let (middle, last) = (sorted.len() / 2, sorted.len() - 1);
+        // Of an even number of rounds the middle of two.
+        let median = 0.5 * (sorted[middle] + sorted[last - middle]);
+        Spread { median, min: sorted[0], max: sorted[last], rounds: rounds.to_vec() }
     }
 
     fn shown(&self) -> String {
@@ -39,78 +154,30 @@ impl Spread {
     }
 }
 
-/// One line of the table.
+/// One line of the table. `floor`: the baseline.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct Row {
+struct Row {
     part: &'static str,
     /// What is measured, with its unit.
     what: String,
     ours: Spread,
-    /// What ours is held against.
     floor_name: Option<String>,
     floor: Option<Spread>,
     /// Ours / floor.
     ratio: Option<Spread>,
 }
 
-impl Row {
-    /// A figure that nothing is held against.
-    pub(crate) fn alone(part: &'static str, what: &str, ours: Vec<f64>) -> Row {
-        let ours = Spread::of(ours);
-        Row { part, what: what.into(), ours, floor_name: None, floor: None, ratio: None }
-    }
-
-    /// A figure against a floor of the same rounds.
-    pub(crate) fn against(
-        part: &'static str,
-        what: &str,
-        floor_name: &str,
-        ours: Vec<f64>,
-        floor: Vec<f64>,
-    ) -> Row {
-        let ratio: Vec<f64> = ours.iter().zip(&floor).map(|(ours, floor)| ours / floor).collect();
-        Row {
-            floor_name: Some(floor_name.into()),
-            floor: Some(Spread::of(floor)),
-            // Nothing is a multiple of nothing.
-            ratio: ratio.iter().all(|ratio| ratio.is_finite()).then(|| Spread::of(ratio)),
-            ..Row::alone(part, what, ours)
-        }
-    }
-
-    /// Ours / floor, the median of the rounds.
-    pub(crate) fn ratio_median(&self) -> Option<f64> {
-        self.ratio.as_ref().map(|ratio| ratio.median)
-    }
-}
-
 /// All that a bench has to say.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Report {
-    pub(crate) machine: Machine,
+    machine: Machine,
     /// What makes the figures doubtful.
-    pub(crate) warnings: Vec<String>,
-    /// By number of robots: one trajectory, bit by bit, of ours and of every floor.
-    pub(crate) trajectories: Vec<Trajectory>,
-    pub(crate) rows: Vec<Row>,
+    warnings: Vec<String>,
+    /// By number of robots: one trajectory, bit by bit, of a run and of every baseline.
+    trajectories: Vec<Trajectory>,
+    rows: Vec<Row>,
     /// What the rows do not say.
-    pub(crate) notes: Vec<String>,
-}
-
-/// The hashes of one trajectory, computed by several means.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct Trajectory {
-    pub(crate) robots: usize,
-    pub(crate) ticks: u64,
-    /// By means.
-    pub(crate) hashes: Vec<(String, String)>,
-}
-
-impl Trajectory {
-    /// Whether all means gave the same.
-    pub(crate) fn is_one(&self) -> bool {
-        self.hashes.iter().all(|(_, hash)| *hash == self.hashes[0].1)
-    }
+    notes: Vec<String>,
 }
 
 impl Report {
@@ -119,43 +186,23 @@ impl Report {
         serde_json::to_string_pretty(self).expect("string keys and finite numbers only") + "\n"
     }
 
+    /// A number of robots for which not all means computed the same trajectory.
+    pub(crate) fn differing(&self) -> Option<String> {
+        let differs = |t: &&Trajectory| t.hashes.iter().any(|(_, hash)| *hash != t.hashes[0].1);
+        let Trajectory { robots, hashes, .. } = self.trajectories.iter().find(differs)?;
+        Some(format!(
+            "trajectories of {robots} robots differ, so their speeds do not compare: {hashes:?}"
+        ))
+    }
+
     /// For people.
     pub(crate) fn screen(&self) -> String {
-        let mut text = self.machine.screen();
-        let header =
-            ["what", "ours", "baseline", "", "ours / baseline", "rounds"].map(str::to_owned);
-        let shown = |spread: &Option<Spread>| spread.as_ref().map_or("-".into(), Spread::shown);
-        let lines: Vec<[String; 6]> = std::iter::once(header)
-            .chain(self.rows.iter().map(|row| {
-                [
-                    row.what.clone(),
-                    row.ours.shown(),
-                    row.floor_name.clone().unwrap_or("-".into()),
-                    row.floor.as_ref().map_or(String::new(), Spread::shown),
-                    shown(&row.ratio),
-                    row.ours.rounds.len().to_string(),
-                ]
-            }))
-            .collect();
-        let width = |column: usize| lines.iter().map(|line| line[column].len()).max().unwrap_or(0);
-        let widths: [usize; 6] = std::array::from_fn(width);
-        let parts = std::iter::once("").chain(self.rows.iter().map(|row| row.part));
-        let mut last = "";
-        for (part, line) in parts.zip(&lines) {
-            if part != last {
-                let _ = writeln!(text, "{}", if part == "floors" { "baselines" } else { part });
-                last = part;
-            }
-            let mut shown = String::new();
-            for (cell, width) in line.iter().zip(widths) {
-                let _ = write!(shown, "  {cell:<width$}");
-            }
-            let _ = writeln!(text, "{}", shown.trim_end());
-        }
-        for trajectory in &self.trajectories {
-            let Trajectory { robots, ticks, hashes } = trajectory;
-            let verdict =
-                if trajectory.is_one() { "the same trajectory bit by bit" } else { "DIFFERENT" };
+        let mut text = self.machine.screen() + &self.lines();
+        let verdict = match self.differing() {
+            None => "the same trajectory bit by bit",
+            Some(_) => "DIFFERENT",
+        };
+        for Trajectory { robots, ticks, hashes } in &self.trajectories {
             let _ = writeln!(text, "{robots} robots, {ticks} ticks: {verdict}: {}", hashes[0].1);
         }
         text +=
@@ -166,50 +213,40 @@ impl Report {
         for warning in &self.warnings {
             let _ = writeln!(text, "warning: {warning}");
         }
-        for line in self.conclusion() {
-            let _ = writeln!(text, "{line}");
-        }
         text
     }
 
-    /// What the parts amount to, a line each: medians of the rounds.
-    fn conclusion(&self) -> Vec<String> {
-        let rows = |part| self.rows.iter().filter(move |row: &&Row| row.part == part);
-        let range = |values: &[f64]| {
-            let least = values.iter().copied().reduce(f64::min)?;
-            let most = values.iter().copied().reduce(f64::max)?;
-            let [least, most] = [least, most].map(digits);
-            Some(if least == most { least } else { format!("{least} to {most}") })
+    /// The rows in columns, under the names of their parts.
+    fn lines(&self) -> String {
+        let shown = |spread: &Option<Spread>| spread.as_ref().map(Spread::shown);
+        let cells = |row: &Row| {
+            [
+                row.what.clone(),
+                row.ours.shown(),
+                row.floor_name.clone().unwrap_or("-".into()),
+                shown(&row.floor).unwrap_or_default(),
+                shown(&row.ratio).unwrap_or("-".into()),
+                row.ours.rounds.len().to_string(),
+            ]
         };
-        let ratios = |part| {
-            let ratios = rows(part).filter_map(|row| Some(row.ratio.as_ref()?.median));
-            range(&ratios.collect::<Vec<f64>>())
-        };
-        let missed = |of: fn(&Row) -> Option<&Spread>| {
-            let rows = rows("realtime").filter(|row| row.what.contains("deadlines missed"));
-            rows.filter_map(|row| Some(of(row)?.median)).reduce(f64::max).map(digits)
-        };
-        let replaced = rows("replacement").next();
-        [
-            ratios("floors").map(|ratio| {
-                format!("a robot's round trip takes {ratio} times that of bare transports")
-            }),
-            ratios("lockstep").map(|ratio| {
-                format!("lockstep has {ratio} times the ticks/s of the same work without it")
-            }),
-            missed(|row| Some(&row.ours)).zip(missed(|row| row.floor.as_ref())).map(
-                |(ours, timers)| {
-                    format!("at most {ours} % of deadlines were missed, by bare timers {timers} %")
-                },
-            ),
-            ratios("startup")
-                .map(|ratio| format!("start-up takes {ratio} times that of bare processes")),
-            replaced.map(|row| format!("{}: {}", row.what, row.ours.shown())),
-        ]
-        .into_iter()
-        .flatten()
-        .map(|line| format!("conclusion: {line}"))
-        .collect()
+        let header = ["what", "ours", "baseline", "", "ours / baseline", "rounds"];
+        let mut lines = vec![("", header.map(str::to_owned))];
+        lines.extend(self.rows.iter().map(|row| (row.part, cells(row))));
+        let width = |column: usize| lines.iter().map(|(_, cells)| cells[column].len()).max();
+        let widths: [usize; 6] = std::array::from_fn(|column| width(column).unwrap_or(0));
+        let (mut text, mut last) = (String::new(), "");
+        for (part, cells) in &lines {
+            if *part != last {
+                let _ = writeln!(text, "{}", if *part == "floors" { "baselines" } else { part });
+                last = part;
+            }
+            let mut shown = String::new();
+            for (cell, width) in cells.iter().zip(widths) {
+                let _ = write!(shown, "  {cell:<width$}");
+            }
+            let _ = writeln!(text, "{}", shown.trim_end());
+        }
+        text
     }
 }
 
@@ -229,42 +266,29 @@ mod tests {
 
     #[test]
     fn a_ratio_is_taken_within_each_round_and_then_its_median() {
-        let row = Row::against("p", "w", "f", vec![10.0, 40.0, 30.0], vec![1.0, 2.0, 10.0]);
-        let ratio = row.ratio.unwrap();
-        assert_eq!((ratio.median, ratio.min, ratio.max), (10.0, 3.0, 20.0));
-        assert_eq!(row.ours.median, 30.0);
+        let mut table = Table::default();
+        table.begin("floors", "round trip");
+        for (run, baseline) in [(10.0, 1.0), (40.0, 8.0), (30.0, 0.5)] {
+            table.run("p50, us", run);
+            table.baseline("p50, us", "pipe", baseline);
+        }
+        assert_eq!(table.last("round trip, p50, us"), Some(30.0));
+        let report = table.report(Machine::look(), Vec::new(), Vec::new());
+        let row = &report.rows[0];
+        let ratio = row.ratio.as_ref().unwrap();
+        assert_eq!((ratio.median, ratio.min, ratio.max, row.ours.median), (10.0, 5.0, 60.0, 30.0));
+        assert!(report.screen().contains("30.0 (10.0-40.0)"), "{}", report.screen());
+        assert_eq!(Spread::of(&[9.0, 1.0, 2.0, 4.0]).median, 3.0);
     }
 
     #[test]
-    fn the_conclusion_has_a_line_for_each_part_that_was_measured() {
-        let row =
-            |part, what: &str, ours, floor| Row::against(part, what, "f", vec![ours], vec![floor]);
-        let report = |rows| Report {
-            machine: Machine::look(),
-            warnings: Vec::new(),
-            trajectories: Vec::new(),
-            rows,
-            notes: Vec::new(),
-        };
-        let rows = vec![
-            row("floors", "one", 2.0, 1.0),
-            row("floors", "two", 12.0, 4.0),
-            row("realtime", "8 robots, deadlines missed, %", 0.5, 0.25),
-            row("realtime", "8 robots, lateness", 100.0, 1.0),
-            Row::alone("replacement", "kill to first command, ms", vec![7.0]),
-        ];
-        let lines = [
-            "conclusion: a robot's round trip takes 2.00 to 3.00 times that of bare transports",
-            "conclusion: at most 0.500 % of deadlines were missed, by bare timers 0.250 %",
-            "conclusion: kill to first command, ms: 7.00",
-        ];
-        assert_eq!(report(rows).conclusion(), lines);
-        assert!(report(Vec::new()).conclusion().is_empty());
-    }
-
-    #[test]
-    fn of_an_even_number_of_rounds_the_median_is_the_middle() {
-        assert_eq!(Spread::of(vec![4.0, 1.0, 2.0, 9.0]).median, 3.0);
+    fn a_trajectory_that_one_of_the_means_computed_otherwise_is_named() {
+        let mut table = Table::default();
+        for (means, hash) in [("run", "a"), ("mapping", "a"), ("run", "b")] {
+            table.trajectory(3, 5, means, hash);
+        }
+        let differing = table.report(Machine::look(), Vec::new(), Vec::new()).differing();
+        assert!(differing.unwrap().contains(r#"("run", "a"), ("mapping", "a"), ("run", "b")"#));
     }
 
     #[test]

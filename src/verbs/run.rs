@@ -30,7 +30,6 @@ use outcome::results::run_dir::{RunDir, RunDirError, default_out};
 use outcome::results::scene::scene;
 use outcome::results::summary::{self, to_json};
 use supervisor::run::{self, Run, RunError};
-use supervisor::scheduler::Trace;
 use supervisor::spawn::Launcher;
 
 /// Arguments of `phalanx run`.
@@ -48,10 +47,6 @@ pub struct RunArgs {
     /// (SCHED_FIFO, mlockall); real time only.
     #[arg(long)]
     realtime_priority: bool,
-    /// Trace the kernel's scheduler, and tell which programs held the cores of late robots; real time only.
-    /// Needs root, CAP_PERFMON, or kernel.perf_event_paranoid at most 0.
-    #[arg(long)]
-    trace_scheduler: bool,
     /// Show the run in a browser while it goes on, at a port or address of this machine [default: any
     /// free port]; the address to open is printed on stderr. The run never blocks on the browser.
     #[arg(
@@ -102,10 +97,6 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
         complain(&"--realtime-priority is for --pace realtime: lockstep has no deadlines");
         return exit::USAGE;
     }
-    if args.trace_scheduler && args.pace == PaceArg::Lockstep {
-        complain(&"--trace-scheduler is for --pace realtime: in lockstep nobody is late");
-        return exit::USAGE;
-    }
     if args.insecure && args.view.is_none() && !args.fleet.is_given() {
         complain(
             &"--insecure is for --view=ADDR and --fleet: nothing else is open to other machines",
@@ -140,11 +131,6 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
     let ros2 = match args.ros2.read(&scenario, args.pace == PaceArg::Realtime, lives_here) {
         Ok(ros2) => ros2,
         Err(code) => return code,
-    };
-    let trace = args.trace_scheduler.then(|| Trace::start(scenario.period_ns)).transpose();
-    let trace = match trace {
-        Ok(trace) => trace,
-        Err(error) => return complain(&error),
     };
     // Before anything is written or spawned: the port may be taken.
     let place = args.view.map(|address| supervisor::view::bind(address, args.insecure)).transpose();
@@ -197,7 +183,7 @@ pub(super) fn run(args: &RunArgs, catalog: &Catalog, mut launcher: Launcher, bui
         let how = How { launcher: how.launcher.without_awake(), ..how };
         return cell::run(&args.campaign, cell, &scenario, &text, &manifest, how);
     }
-    let how = How { unmeasured: args.unmeasured, looks, trace, ros2, ..how };
+    let how = How { unmeasured: args.unmeasured, looks, ros2, ..how };
     match execute(&scenario, &text, &manifest, &out, how) {
         Ok(ended) => {
             if ended.began && ended.written && !args.no_report {
@@ -280,8 +266,6 @@ pub(super) struct How {
     /// Samples and recording are written.
     pub(super) recorded: bool,
     pub(super) looks: Option<Looks>,
-    /// Tells who held the cores of late robots.
-    pub(super) trace: Option<Trace>,
     /// What robots run that is not built in.
     pub(super) programs: Programs,
     /// Is given what ends the run early.
@@ -296,9 +280,8 @@ impl How {
     /// Measured, recorded, and looked at by nobody.
     fn new(pace: Pace, launcher: Launcher) -> How {
         let (unmeasured, recorded) = (false, true);
-        let (looks, trace, programs, on_start, part, ros2) =
-            (None, None, Programs::default(), None, None, None);
-        How { pace, launcher, unmeasured, recorded, looks, trace, programs, on_start, part, ros2 }
+        let (looks, programs, on_start, part, ros2) = (None, Programs::default(), None, None, None);
+        How { pace, launcher, unmeasured, recorded, looks, programs, on_start, part, ros2 }
     }
 }
 
@@ -387,8 +370,7 @@ pub(super) fn execute(
     out: &Path,
     how: How,
 ) -> Result<Ended, NotRun> {
-    let How { pace, launcher, unmeasured, recorded, looks, trace, programs, on_start, part, ros2 } =
-        how;
+    let How { pace, launcher, unmeasured, recorded, looks, programs, on_start, part, ros2 } = how;
     let stop = Stop::on_signals_twice_at_once()?;
     if let Some(on_start) = on_start {
         on_start(&stop);
@@ -430,10 +412,7 @@ pub(super) fn execute(
         stop,
     );
     let (mut outcome, result) = match launched {
-        Ok(run) => run
-            .watched_by(view.as_mut())
-            .traced_by(trace)
-            .to_the_end(|t_ns| show_progress(bar, t_ns)),
+        Ok(run) => run.watched_by(view.as_mut()).to_the_end(|t_ns| show_progress(bar, t_ns)),
         Err(error) => {
             let interrupted = matches!(error, RunError::Interrupted { .. });
             (Outcome { interrupted, ..Outcome::default() }, Err(error))

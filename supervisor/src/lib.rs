@@ -12,7 +12,6 @@
 //! | `limits` | why does the kernel refuse another process? |
 //! | `child` | how is a process watched and ended? |
 //! | `cores` | on which cores are the processes of a lockstep run? |
-//! | `scheduler` | who held a core while a robot waited for it? |
 //! | `dead_nodes` | what did a dead process of this run leave in iceoryx2? |
 //! | `view/` | how is the live view served to browsers? |
 //! | `live` | what does the live view show of it? |
@@ -30,7 +29,6 @@ pub mod live;
 mod machine_files;
 pub mod room;
 pub mod run;
-pub mod scheduler;
 pub mod spawn;
 pub mod timeline;
 pub mod view;

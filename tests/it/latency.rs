@@ -2,7 +2,6 @@
 //! happened.
 
 use std::collections::BTreeMap;
-use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 
 use base64::Engine as _;
@@ -259,44 +258,4 @@ fn who_is_frozen_or_slow_on_purpose_is_not_called_late_to_wake() {
     ended.claim(number(&lines, "held", "r2", "", "count") == 1.0, "it woke from it once");
     ended.claim(!lines.contains_key(&key("held", "r1", "")), "nobody held r1");
     ended.claim(ended.number("/deadline_misses") >= 600.0, "the periods are missed all the same");
-}
-
-#[test]
-fn a_trace_of_the_scheduler_names_the_program_that_held_the_cores_of_late_robots() {
-    if let Err(error) = supervisor::scheduler::available() {
-        eprintln!("SKIPPED: {error}");
-        return;
-    }
-    let traced = run("pentagon").set("expect={}").args(["--trace-scheduler"]);
-    let mut running = traced.set("duration_s=6").start();
-    running.pid_of("r5");
-    let bursts = "for burst in 1 2 3 4 5 6 7 8 9 10; do \
-        i=0; while [ $i -lt 50000 ]; do i=$((i+1)); done; sleep 0.05; done";
-    let cores = rustix::thread::sched_getaffinity(None).unwrap();
-    let cores = (0..1024).filter(|&core| cores.is_set(core)).map(|core| core.to_string());
-    let before_all = cores.map(|core| {
-        let words = ["-f", "1", "taskset", "-c", &core, "sh", "-c", bursts];
-        Command::new("chrt").args(words).spawn().expect("chrt is there")
-    });
-    let before_all: Vec<Child> = before_all.collect();
-    let privileged = before_all.into_iter().all(|mut child| child.wait().unwrap().success());
-    let ended = running.finish();
-    ended.exits_with(0).leaves_nothing();
-    let trace = &ended.summary["wall"]["scheduler"];
-    let count = |value: &Value, key: &str| value[key].as_u64().unwrap();
-    let wakes = ended.summary["wall"]["latency"].as_array().unwrap().iter();
-    let answers: u64 =
-        wakes.filter(|line| line["stage"] == "compute").map(|line| count(line, "count")).sum();
-    ended.claim(
-        count(trace, "switches") + count(trace, "lost") > answers,
-        "each answer is a switch",
-    );
-    let holders = trace["held_by"].as_array().unwrap();
-    let held: u64 = holders.iter().map(|holder| count(holder, "late")).sum();
-    ended.claim(held <= count(trace, "late"), "each late wake-up counts once");
-    if privileged {
-        let sh = holders.iter().find(|holder| holder["who"] == "sh");
-        ended
-            .claim(sh.is_some_and(|sh| count(sh, "late") > 0), "who ran before everybody is named");
-    }
 }

@@ -131,9 +131,6 @@ pub struct Wall {
     pub latencies_lost: u64,
     /// What each process took from the machine.
     pub processes: Vec<ProcessUsage>,
-    /// Who held the cores of late robots, if the scheduler was traced.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub scheduler: Option<SchedulerTrace>,
     /// Where there are several: each host.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub hosts: Vec<HostSummary>,
@@ -151,33 +148,6 @@ pub struct GoalSummary {
     /// How many were refused, by reason.
     #[serde(with = "by_name")]
     pub refused: Vec<(String, u64)>,
-}
-
-/// Late wake-ups of robots as a trace of the scheduler saw them: on the core, more than a tenth of a
-/// period after the deadline, and not at work then.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct SchedulerTrace {
-    /// How many.
-    pub late: u64,
-    /// Switches from thread to thread that were seen, on all cores.
-    pub switches: u64,
-    /// Switches that the kernel had no room to tell of.
-    pub lost: u64,
-    /// Who held the cores meanwhile, most first.
-    pub held_by: Vec<Holder>,
-}
-
-/// Who held cores while robots that were due waited.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Holder {
-    /// A program; of this run: another robot, the plant, the supervisor, or the control timer.
-    pub who: String,
-    /// Late wake-ups of which it held the core for the longest time.
-    pub late: u64,
-    /// For how long it held the core, over all late wake-ups, s.
-    pub held_s: f64,
 }
 
 /// One host of several.

@@ -4,9 +4,7 @@ use std::fmt::Write as _;
 
 use crate::metrics::expect::{self, Expectation, Verdict};
 use crate::metrics::fault::FaultReport;
-use crate::metrics::summary::{
-    Commands, Holder, InformationAge, SchedulerTrace, StageLatency, Summary,
-};
+use crate::metrics::summary::{Commands, InformationAge, StageLatency, Summary};
 
 use crate::report::chart::Figure;
 use crate::report::digits::{asked, digits};
@@ -301,25 +299,11 @@ fn latency(summary: &Summary) -> String {
     if worst.is_empty() {
         return ages;
     }
-    let holders = summary.wall.scheduler.as_ref().map_or(String::new(), holders);
     format!(
         "<p>For each stage, the robot or edge with the largest p99.9.</p>\n{worst}<details>\n\
-         <summary>All {} robots, edges and stages</summary>\n{}</details>\n{holders}{ages}",
+         <summary>All {} robots, edges and stages</summary>\n{}</details>\n{ages}",
         summary.latencies().count(),
         table(&heads, summary.latencies().map(row))
-    )
-}
-
-fn holders(trace: &SchedulerTrace) -> String {
-    let rows = trace.held_by.iter().map(|Holder { who, late, held_s }| {
-        let (late, held_ms) = (Cell::Number(late.to_string()), Cell::Number(digits(1e3 * held_s)));
-        vec![Cell::Text(who.clone()), late, held_ms]
-    });
-    format!(
-        "<h3>Who held the cores of late robots</h3>\n<p>A trace of the scheduler saw {} late wake-ups. Each \
-         counts for the program that held its core for the longest time between deadline and wake-up.</p>\n{}",
-        trace.late,
-        table(&["Program", "#Late wake-ups", "#Held, ms"], rows)
     )
 }
 

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use protocol::message::TruthHeader;
 
-use crate::metrics::summary::{GoalSummary, HostSummary, ProcessUsage, SchedulerTrace};
+use crate::metrics::summary::{GoalSummary, HostSummary, ProcessUsage};
 use crate::results::latency::Latency;
 
 /// What a run leaves besides its metrics.
@@ -36,6 +36,4 @@ pub struct Outcome {
     /// What each process took from the machine: the supervisor, the plant, the robots in scenario
     /// order, and in lockstep what kept the cores awake, which is time that nobody else wanted.
     pub usages: Vec<ProcessUsage>,
-    /// Who held the cores of late robots, if the scheduler was traced.
-    pub scheduler: Option<SchedulerTrace>,
 }

@@ -9,17 +9,13 @@ use serde::Serialize;
 
 use crate::metrics::Measures;
 use crate::metrics::expect::{self, Expectation, Verdict};
-use crate::metrics::summary::{
-    Commands, GoalSummary, Holder, InformationAge, SchedulerTrace, StageLatency, Summary, Wall,
-};
+use crate::metrics::summary::{Commands, GoalSummary, InformationAge, StageLatency, Summary, Wall};
 use crate::results::outcome::Outcome;
 use experiment::scenario::Scenario;
 use formation::seconds;
 
 /// Of more robots than this, the screen shows only those with the largest errors.
 const ROBOTS_SHOWN: usize = 12;
-/// Of more programs that held cores than this, the screen shows only the first.
-const HOLDERS_SHOWN: usize = 6;
 /// The verdict on a run of which nothing is expected: it has neither passed nor failed.
 const UNDECLARED: &str = "no expectations declared; exit code 0 says that the run ended as planned";
 
@@ -111,7 +107,6 @@ pub fn sum_up(
             wake_of_all: outcome.latency.wake_of_all(),
             latencies_lost: outcome.latency.rows_lost(),
             processes: outcome.usages.clone(),
-            scheduler: outcome.scheduler.clone(),
             hosts: outcome.hosts.clone(),
             goals: outcome.goals.clone(),
         },
@@ -224,9 +219,6 @@ pub fn screen(summary: &Summary) -> String {
             late.iter().map(|(cause, count)| format!("{} {count}", cause.words())).collect();
         row("late wake-ups", format!("{total}: {}", causes.join(", ")));
     }
-    if let Some(trace) = &wall.scheduler {
-        row("cores held by", held_by(trace));
-    }
     if let Some(GoalSummary { taken, refused }) = &wall.goals {
         let refused: Vec<String> =
             refused.iter().map(|(why, count)| format!("{why} {count}")).collect();
@@ -305,21 +297,6 @@ pub fn screen(summary: &Summary) -> String {
         let _ = writeln!(text, "  {}", summary.faults[0].broken_means());
     }
     text
-}
-
-/// Who held the cores of late robots, for how many of these wake-ups.
-fn held_by(SchedulerTrace { late, lost, held_by, .. }: &SchedulerTrace) -> String {
-    let (shown, others) = held_by.split_at(held_by.len().min(HOLDERS_SHOWN));
-    let mut words: Vec<String> =
-        shown.iter().map(|Holder { who, late, .. }| format!("{who} {late}")).collect();
-    let others: u64 = others.iter().map(|holder| holder.late).sum();
-    if others > 0 {
-        words.push(format!("others {others}"));
-    }
-    if *lost > 0 {
-        words.push(format!("{lost} switches lost"));
-    }
-    format!("{late} late: {}", words.join(", "))
 }
 
 /// What to do about a miss that may be the machine's: more than half of many late wake-ups waited for a

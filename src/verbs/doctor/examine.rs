@@ -25,7 +25,7 @@ use serde::Serialize;
 use super::super::dead_runs;
 use supervisor::room::{Need, Room, RoomError};
 use supervisor::spawn::{Launcher, Role};
-use supervisor::{cores, descriptors, scheduler};
+use supervisor::{cores, descriptors};
 
 /// Processes and threads besides the robots: supervisor, its clean-up, plant, and a little room.
 const PROCESSES: u64 = 8;
@@ -97,7 +97,7 @@ impl Finding {
 pub fn examine(robots: usize) -> Vec<Finding> {
     let base = run_root::base();
     let mut findings = vec![children(), waits(&base), cores(robots), keeping_cores(), load()];
-    findings.extend([wake_ups(), causes(), scheduler_trace(), alarm()]);
+    findings.extend([wake_ups(), causes(), alarm()]);
     findings.extend(governor());
     findings.push(descriptors(robots));
     findings.push(processes(robots));
@@ -294,17 +294,6 @@ fn causes() -> Finding {
         Verdict::WorthKnowing,
         !untold.is_empty(),
         format!("late wake-ups of these causes count as unknown: {}", words(untold)),
-    )
-}
-
-/// Whether it can be told which program held the core of a late robot.
-fn scheduler_trace() -> Finding {
-    let told = "phalanx run --trace-scheduler tells which program held the core of a late robot";
-    let Err(error) = scheduler::available() else { return Finding::fine("scheduler", told) };
-    Finding::fine("scheduler", "which program held the core of a late robot is not known").or(
-        Verdict::WorthKnowing,
-        true,
-        error.to_string(),
     )
 }
 

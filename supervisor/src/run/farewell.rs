@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 use super::Run;
 use super::error::RunError;
 use super::hosts::coordinator::Hosts;
-use crate::scheduler::Trace;
 use outcome::metrics::summary::ProcessUsage;
 use outcome::results::outcome::Outcome;
 use outcome::results::usage;
@@ -18,8 +17,6 @@ impl Run<'_> {
     /// Ends every process and removes what they shared. What went wrong at the end is told.
     pub(super) fn farewell(mut self) -> (Outcome, Result<(), RunError>) {
         let told = self.take_the_rest();
-        // The end of a run is nobody's lateness.
-        let scheduler = self.trace.take().map(Trace::end);
         self.end_children();
         let released = self.release_hosts();
         // The last values are sent at the very end.
@@ -46,7 +43,6 @@ impl Run<'_> {
         } = self;
         drop(processes);
         let mut outcome = intake.into_outcome(launched, &lives, interrupted, usages);
-        outcome.scheduler = scheduler;
         outcome.hosts = hosts.as_ref().map_or(Vec::new(), Hosts::summaries);
         drop((hosts, faults_by_hand, cleaner, conduct, _services, _node));
         if let Err(error) = run_root.remove() {

@@ -136,7 +136,6 @@ impl Intake {
             hosts: Vec::new(),
             goals: self.goal_counts.map(|_| self.goals.summary()),
             usages,
-            scheduler: None,
         }
     }
 }

@@ -144,7 +144,6 @@ impl<'a> Run<'a> {
             faults_by_hand,
             cleaner,
             conduct,
-            trace: None,
             hosts,
             ros2,
             failed: false,

@@ -56,7 +56,6 @@ use rustix::event::{PollFd, PollFlags};
 use crate::dead_nodes::{Cleaner, Dead};
 use crate::live;
 use crate::room;
-use crate::scheduler::Trace;
 use crate::timeline::Timeline;
 use conduct::Conduct;
 pub use error::RunError;
@@ -92,8 +91,6 @@ pub struct Run<'a> {
     faults_by_hand: Vec<Publisher<[LinkFaultByHand]>>,
     cleaner: Cleaner,
     conduct: Conduct,
-    /// Who held the cores of late robots, if somebody wants to know.
-    trace: Option<Trace>,
     /// Where there are several.
     hosts: Option<Hosts>,
     /// Where ROS 2 listens.
@@ -109,18 +106,6 @@ impl<'a> Run<'a> {
     /// Lets somebody look on, and act by hand.
     pub fn watched_by(mut self, view: Option<&'a mut View>) -> Run<'a> {
         self.journal.view = view;
-        self
-    }
-
-    /// Lets the scheduler be traced.
-    pub fn traced_by(mut self, trace: Option<Trace>) -> Run<'a> {
-        self.trace = trace;
-        if let Some(trace) = &self.trace {
-            trace.process(self.processes.plant.pid(), "the plant");
-            if let Some(pid) = self.processes.control_timer_pid() {
-                trace.process(pid, "the control timer");
-            }
-        }
         self
     }
 
@@ -171,15 +156,6 @@ impl<'a> Run<'a> {
             self.act()?;
             self.check_deadlines()?;
             self.place();
-            self.tell_trace();
-        }
-    }
-
-    /// Tells who is to be traced.
-    fn tell_trace(&mut self) {
-        let Run { trace: Some(trace), processes, intake, .. } = self else { return };
-        if intake.began.is_some() {
-            trace.robots(processes.of_robots().map(|(robot, child)| (robot, child.pid())));
         }
     }
 

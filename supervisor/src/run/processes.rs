@@ -187,11 +187,6 @@ impl Processes {
         first.chain(robots).chain(self.load.children_mut())
     }
 
-    /// The control timer's process, if there is one.
-    pub(super) fn control_timer_pid(&self) -> Option<u32> {
-        self.control_timer.as_ref().map(Child::pid)
-    }
-
     /// What the control timer took, once it is dead.
     pub(super) fn control_timer_usage(&self) -> Option<Usage> {
         self.control_timer.as_ref().map(|child| child.usage().unwrap_or_default())

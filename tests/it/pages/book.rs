@@ -30,6 +30,7 @@ const ELSEWHERE: &[&str] = &[
     "phalanx bench",
     "python3 ",
     "parallel ",
+    "perf ",
 ];
 
 /// Pages whose runs take long, and are run by `cargo test --test it -- --ignored pages::`.
@@ -175,6 +176,7 @@ fn every_command_of_every_page_is_one_that_the_program_takes() {
                         "grep ",
                         "ls ",
                         "parallel ",
+                        "perf ",
                     ];
                     let known = known.iter().any(|begins| command.starts_with(begins));
                     assert!(known, "{path}:{}: what is `{command}`?", block.line);

@@ -1,7 +1,7 @@
 //! Plain shared memory: a file on tmpfs, mapped by several processes as an array.
 
 use std::cell::UnsafeCell;
-use std::fs::OpenOptions;
+use std::fs::{File, OpenOptions};
 use std::io;
 use std::marker::PhantomData;
 use std::os::unix::fs::OpenOptionsExt as _;
@@ -9,36 +9,22 @@ use std::path::Path;
 use std::ptr::NonNull;
 use std::sync::atomic::AtomicU32;
 
-use protocol::message::{Beacon, Command, Odometry};
+use anyhow::Context as _;
+use protocol::message::Plain;
 use rustix::mm::{MapFlags, ProtFlags};
-
-use crate::{BenchError, failed};
-
-/// What may lie in shared memory and cross a pipe.
-///
-/// # Safety
-/// Any bytes, zeros above all, are a value; there is no padding and no pointer in it.
-pub(crate) unsafe trait Plain {}
-
-// SAFETY: `#[repr(C)]` of 8-byte numbers, with 4-byte ones in pairs.
-unsafe impl Plain for Odometry {}
-// SAFETY: as above.
-unsafe impl Plain for Command {}
-// SAFETY: as above.
-unsafe impl Plain for Beacon {}
 
 /// What is written by one process at a time, and alone on its cache lines.
 #[repr(C, align(128))]
 pub(crate) struct Line<T>(UnsafeCell<T>);
 
-impl<T: Plain + Copy> Line<T> {
+impl<T: Plain> Line<T> {
     /// Reads it; whoever writes it must have said that it is written.
     pub(crate) fn read(&self) -> T {
         // SAFETY: `Plain`: any bytes are a value; a word says when it is whole.
         unsafe { self.0.get().read_volatile() }
     }
 
-    /// Writes it; nobody reads it until told.
+    /// Writes it; nobody reads it until a word says so.
     pub(crate) fn write(&self, value: T) {
         // SAFETY: behind an `UnsafeCell`, in memory mapped for writing.
         unsafe { self.0.get().write_volatile(value) }
@@ -61,25 +47,24 @@ impl<T> Mapping<T> {
     ///
     /// # Safety
     /// Zeros must be a value of `T`.
-    pub(crate) unsafe fn new(path: &Path, count: usize) -> Result<Mapping<T>, BenchError> {
-        let map = || -> io::Result<NonNull<T>> {
-            let bytes = count * size_of::<T>();
-            let file = OpenOptions::new()
-                .read(true)
-                .write(true)
-                .create(true)
-                .truncate(false)
-                .mode(0o600)
-                .open(path)?;
+    pub(crate) unsafe fn new(path: &Path, count: usize) -> anyhow::Result<Mapping<T>> {
+        let bytes = count * size_of::<T>();
+        let open = || -> io::Result<File> {
+            let mut options = OpenOptions::new();
+            options.read(true).write(true).create(true).truncate(false).mode(0o600);
+            let file = options.open(path)?;
             file.set_len(bytes as u64)?;
-            // SAFETY: a fresh mapping at an address of the kernel's choice.
-            let memory = unsafe {
-                let access = ProtFlags::READ | ProtFlags::WRITE;
-                rustix::mm::mmap(std::ptr::null_mut(), bytes, access, MapFlags::SHARED, &file, 0)?
-            };
-            Ok(NonNull::new(memory.cast()).expect("the kernel maps nothing at 0 unasked"))
+            Ok(file)
         };
-        let memory = map().map_err(failed("map", path))?;
+        let cannot = || format!("cannot map {}", path.display());
+        let file = open().with_context(cannot)?;
+        let access = ProtFlags::READ | ProtFlags::WRITE;
+        let anywhere = std::ptr::null_mut();
+        // SAFETY: a fresh mapping at an address of the kernel's choice.
+        let memory =
+            unsafe { rustix::mm::mmap(anywhere, bytes, access, MapFlags::SHARED, &file, 0) };
+        let memory = memory.with_context(cannot)?.cast();
+        let memory = NonNull::new(memory).expect("the kernel maps nothing at 0 unasked");
         Ok(Mapping { memory, count, shared: PhantomData })
     }
 }

@@ -1,0 +1,211 @@
+//! One `phalanx run` as a child, as a user would start it, and its summary.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context as _, anyhow, bail};
+use protocol::brief::Pace;
+use protocol::stage::Stage;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use serde_json::Value;
+use supervisor::child::{Child, in_words};
+use supervisor::spawn::{Launcher, Role};
+
+use crate::quantiles::{QUANTILES, Quantiles};
+use crate::rounds::Setting;
+use crate::{LOG_LINES, MEASUREMENT_MAX, Place, write};
+
+/// A run asked to end has ended its children and removed its files within this.
+const END_MAX: Duration = Duration::from_secs(15);
+/// How often signals are looked for.
+const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
+
+/// Who takes processor time.
+pub(crate) const TAKERS: [&str; 3] = ["robots", "plant", "supervisor"];
+
+/// A run under way.
+pub(crate) struct Run<'a> {
+    setting: &'a Setting<'a>,
+    child: Child,
+    place: Place,
+}
+
+impl<'a> Run<'a> {
+    /// Starts `phalanx run` of this scenario, with more words on its command line.
+    pub(crate) fn start(
+        setting: &'a Setting<'_>,
+        scenario: &str,
+        pace: Pace,
+        more: &[&str],
+    ) -> anyhow::Result<Run<'a>> {
+        let place = Place::new(setting.root, "run")?;
+        let (file, out) = (place.path().join("scenario.toml"), place.path().join("out"));
+        write(&file, scenario)?;
+        let mut words: Vec<OsString> = vec!["run".into(), file.into(), "--out".into(), out.into()];
+        let all = ["--pace", pace.word(), "--output=json", "--no-report"];
+        words.extend(all.iter().chain(more).map(OsString::from));
+        let child = Launcher::of_this_executable()
+            .spawn(Role::Bench { words: &words }, &place.path().join("log"))?;
+        Ok(Run { setting, child, place })
+    }
+
+    /// The brief of a robot of the run.
+    pub(crate) fn brief(&self, robot: &str) -> PathBuf {
+        self.out().join(format!("briefs/{robot}.toml"))
+    }
+
+    /// Whether at least so many events of this kind were written down.
+    pub(crate) fn has_events(&self, kind: &str, count: usize) -> bool {
+        let events = std::fs::read_to_string(self.out().join("events.csv")).unwrap_or_default();
+        events.lines().filter(|line| line.split(',').nth(1) == Some(kind)).count() >= count
+    }
+
+    fn out(&self) -> PathBuf {
+        self.place.path().join("out")
+    }
+
+    /// Fails if the run has ended, or the bench is to end.
+    pub(crate) fn check(&mut self) -> anyhow::Result<()> {
+        self.setting.go_on()?;
+        match self.child.ended() {
+            None => Ok(()),
+            Some(status) => Err(self.broken(format!("the run ended ({})", in_words(status)))),
+        }
+    }
+
+    /// Waits for its end; its summary.
+    pub(crate) fn summary(mut self) -> anyhow::Result<Summary> {
+        let began = Instant::now();
+        let status = loop {
+            // An interruption is a turn without news.
+            let pidfd = PollFd::from_borrowed_fd(self.child.pidfd(), PollFlags::IN);
+            let _ = poll(&mut [pidfd], Some(&LOOK));
+            if let Some(status) = self.child.ended() {
+                break status;
+            }
+            self.setting.go_on()?;
+            if began.elapsed() > MEASUREMENT_MAX {
+                return Err(self.broken("a run took more than 240 s".into()));
+            }
+        };
+        if !status.success() {
+            return Err(self.broken(format!("a run failed ({})", in_words(status))));
+        }
+        let path = self.out().join("summary.json");
+        let cannot = || format!("cannot read {}", path.display());
+        let bytes = std::fs::read(&path).with_context(cannot)?;
+        serde_json::from_slice(&bytes).map(Summary).with_context(cannot)
+    }
+
+    /// With its own complaint if there is one, for its summary comes after that; else with the last
+    /// lines of its log.
+    fn broken(&self, what: String) -> anyhow::Error {
+        let log = std::fs::read_to_string(self.place.path().join("log")).unwrap_or_default();
+        match log.lines().rev().find_map(|line| line.strip_prefix("error: ")) {
+            Some(complaint) => anyhow!("{what}: {complaint}"),
+            None => dead(&what, &self.child),
+        }
+    }
+}
+
+/// A process of a measurement that ended, with the end of its log.
+pub(crate) fn dead(what: &str, child: &Child) -> anyhow::Error {
+    anyhow!("{what}; the last lines of its log:\n{}", child.last_lines(LOG_LINES))
+}
+
+impl Drop for Run<'_> {
+    /// Lets it end its children and remove what they shared; a run that is killed cannot.
+    fn drop(&mut self) {
+        if self.child.ended().is_none() {
+            self.child.terminate();
+            let began = Instant::now();
+            while self.child.ended().is_none() && began.elapsed() < END_MAX {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        }
+    }
+}
+
+/// The `summary.json` of a run.
+pub(crate) struct Summary(pub(crate) Value);
+
+impl Summary {
+    /// Runs a scenario to its end.
+    pub(crate) fn of(
+        setting: &Setting<'_>,
+        scenario: &str,
+        pace: Pace,
+        more: &[&str],
+    ) -> anyhow::Result<Summary> {
+        Run::start(setting, scenario, pace, more)?.summary()
+    }
+
+    /// A number.
+    pub(crate) fn number(&self, pointer: &str) -> anyhow::Result<f64> {
+        let found = self.0.pointer(pointer).and_then(Value::as_f64);
+        found.with_context(|| format!("summary.json has no number at {pointer}"))
+    }
+
+    /// Processor time by [`TAKERS`], s, from the first process to the last one's end.
+    pub(crate) fn taken_s(&self) -> anyhow::Result<[f64; TAKERS.len()]> {
+        let Some(processes) = self.0["wall"]["processes"].as_array() else {
+            bail!("summary.json has no list at /wall/processes");
+        };
+        let mut taken_s = [0.0; TAKERS.len()];
+        for process in processes {
+            let taker = match process["name"].as_str() {
+                Some("plant") => 1,
+                Some("supervisor") => 2,
+                Some("awake") => continue,
+                _ => 0,
+            };
+            for key in ["user_s", "system_s"] {
+                taken_s[taker] += process[key].as_f64().unwrap_or_default();
+            }
+        }
+        Ok(taken_s)
+    }
+
+    /// Of each robot, or of each edge, what it measured at this stage; not of the plant.
+    pub(crate) fn stage(&self, stage: Stage) -> Vec<Quantiles> {
+        let rows = self.0["wall"]["latency"].as_array().into_iter().flatten();
+        let rows = rows.filter(|row| row["stage"] == stage.word() && row["robot"] != "plant");
+        let us = |row: &Value, key: &str| row[key].as_f64().unwrap_or(f64::NAN) / 1e3;
+        rows.map(|row| QUANTILES.map(|(key, ..)| us(row, key))).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_robots_and_edges_measured_is_found_and_the_plant_does_not_count() {
+        let row = |stage: &str, robot: &str, p50_ns: u64| {
+            serde_json::json!({ "stage": stage, "robot": robot, "p50_ns": p50_ns,
+                "p99_ns": 2 * p50_ns, "p99.9_ns": 3 * p50_ns })
+        };
+        let rows =
+            [row("wake", "plant", 9000), row("wake", "r1", 1000), row("compute", "r1", 8000)];
+        let summary = Summary(serde_json::json!({ "wall": { "latency": rows } }));
+        assert_eq!(summary.stage(Stage::Wake), [[1.0, 2.0, 3.0]]);
+        assert_eq!(summary.stage(Stage::BeaconDelivery), [] as [Quantiles; 0]);
+        assert!(summary.number("/ticks").is_err() && summary.taken_s().is_err());
+    }
+
+    #[test]
+    fn robots_take_time_together_and_those_that_keep_cores_awake_do_not_count() {
+        let process = |&(name, user_s, system_s): &(&str, f64, f64)| serde_json::json!({ "name": name, "user_s": user_s, "system_s": system_s });
+        let processes = [
+            ("supervisor", 0.75, 0.5),
+            ("plant", 0.125, 0.25),
+            ("r1", 0.5, 0.5),
+            ("r2", 0.25, 0.25),
+        ];
+        let mut processes: Vec<Value> = processes.iter().map(process).collect();
+        processes.push(process(&("awake", 64.0, 8.0)));
+        let summary = Summary(serde_json::json!({ "wall": { "processes": processes } }));
+        assert_eq!(summary.taken_s().unwrap(), [1.5, 0.375, 1.25]);
+    }
+}

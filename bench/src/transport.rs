@@ -1,0 +1,235 @@
+//! What carries two messages between two processes: shared memory, pipes, sockets, iceoryx2.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, ErrorKind, Read as _, Write as _};
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::os::unix::net::UnixDatagram;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering::SeqCst;
+use std::time::Duration;
+
+use anyhow::Context as _;
+use clap::ValueEnum;
+use iceoryx2::prelude::ZeroCopySend;
+use protocol::message::Plain;
+use protocol::service::{Publisher, Subscriber};
+use rustix::fs::{CWD, FileType, Mode, OFlags, fcntl_setfl, mknodat};
+use rustix::thread::futex;
+use rustix::time::Timespec;
+
+use crate::memory::{Line, Mapping, Word};
+
+/// How long a wait lasts before it is looked whether the other lives.
+const WAIT_MAX: Duration = Duration::from_millis(200);
+const WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: WAIT_MAX.as_nanos() as i64 };
+
+/// No message has more bytes.
+const MESSAGE_MAX: usize = 1024;
+
+/// What carries the two messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Transport {
+    /// A mapping, looked at all the time.
+    Spin,
+    /// A mapping, and a futex for each direction.
+    Futex,
+    /// A pipe for each direction.
+    Pipe,
+    /// A Unix datagram socket for each direction.
+    Datagram,
+    /// iceoryx2 publish/subscribe, looked at all the time.
+    Iceoryx2,
+    /// iceoryx2 publish/subscribe, and a futex for each direction.
+    Iceoryx2Futex,
+}
+
+impl Transport {
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Transport::Spin => "shared memory, spinning",
+            Transport::Futex => "shared memory + futex",
+            Transport::Pipe => "pipe",
+            Transport::Datagram => "unix datagram",
+            Transport::Iceoryx2 => "iceoryx2, spinning",
+            Transport::Iceoryx2Futex => "iceoryx2 + futex",
+        }
+    }
+
+    /// Its word on a command line.
+    pub(crate) fn word(self) -> String {
+        let value = self.to_possible_value().expect("none is hidden");
+        value.get_name().to_owned()
+    }
+
+    pub(crate) fn is_iceoryx2(self) -> bool {
+        matches!(self, Transport::Iceoryx2 | Transport::Iceoryx2Futex)
+    }
+
+    fn sleeps_on_a_word(self) -> bool {
+        matches!(self, Transport::Futex | Transport::Iceoryx2Futex)
+    }
+}
+
+/// One end of one direction. Whoever is asked makes both of its ends before whoever asks starts.
+pub(crate) struct Channel<M: ZeroCopySend + std::fmt::Debug + 'static> {
+    carrier: Carrier<M>,
+    /// Where a word counts the messages; how many were taken; whether one sleeps on it.
+    counted: Option<Mapping<Counted<M>>>,
+    taken: u32,
+    sleeps: bool,
+}
+
+/// What carries a message.
+enum Carrier<M: ZeroCopySend + std::fmt::Debug + 'static> {
+    Memory,
+    Pipe(File),
+    Sending(UnixDatagram, PathBuf),
+    Receiving(UnixDatagram),
+    Publisher(Publisher<M>),
+    Subscriber(Subscriber<M>),
+}
+
+/// A message in shared memory, and a word that counts it.
+#[repr(C)]
+struct Counted<M> {
+    message: Line<M>,
+    word: Word,
+}
+
+impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
+    /// The sending end of the direction of this name; `port`: with iceoryx2. `asks`: it may have to wait for
+    /// the other end.
+    pub(crate) fn sending(
+        transport: Transport,
+        path: &Path,
+        asks: bool,
+        port: Option<Publisher<M>>,
+    ) -> anyhow::Result<Channel<M>> {
+        let cannot = || format!("cannot open {}", path.display());
+        let carrier = match transport {
+            // Who asks also reads, so that it need not wait for the other to open.
+            Transport::Pipe => {
+                let mut options = OpenOptions::new();
+                Carrier::Pipe(options.read(asks).write(true).open(path).with_context(cannot)?)
+            }
+            Transport::Datagram => Carrier::Sending(UnixDatagram::unbound()?, path.into()),
+            _ => port.map_or(Carrier::Memory, Carrier::Publisher),
+        };
+        Channel::new(transport, path, carrier)
+    }
+
+    /// The receiving end.
+    pub(crate) fn receiving(
+        transport: Transport,
+        path: &Path,
+        port: Option<Subscriber<M>>,
+    ) -> anyhow::Result<Channel<M>> {
+        let cannot = || format!("cannot open {}", path.display());
+        let carrier = match transport {
+            Transport::Pipe => Carrier::Pipe(open_for_reading(path).with_context(cannot)?),
+            Transport::Datagram => {
+                let socket = UnixDatagram::bind(path).with_context(cannot)?;
+                socket.set_read_timeout(Some(WAIT_MAX))?;
+                Carrier::Receiving(socket)
+            }
+            _ => port.map_or(Carrier::Memory, Carrier::Subscriber),
+        };
+        Channel::new(transport, path, carrier)
+    }
+
+    fn new(transport: Transport, path: &Path, carrier: Carrier<M>) -> anyhow::Result<Channel<M>> {
+        let sleeps = transport.sleeps_on_a_word();
+        let path = path.with_extension("counted");
+        let counted = (sleeps || transport == Transport::Spin)
+            // SAFETY: messages and counters are numbers, for which zeros are a value.
+            .then(|| unsafe { Mapping::new(&path, 1) });
+        Ok(Channel { carrier, counted: counted.transpose()?, taken: 0, sleeps })
+    }
+
+    /// Sends a message.
+    pub(crate) fn send(&self, message: &M) -> anyhow::Result<()> {
+        match &self.carrier {
+            // In one piece: all messages are smaller than what a pipe takes at once.
+            Carrier::Pipe(file) => { file }.write_all(message.bytes())?,
+            Carrier::Sending(socket, to) => {
+                socket.send_to(message.bytes(), to)?;
+            }
+            Carrier::Publisher(port) => {
+                port.send_copy(*message)?;
+            }
+            Carrier::Memory | Carrier::Receiving(_) | Carrier::Subscriber(_) => {}
+        }
+        if let Some(counted) = self.counted.as_ref().map(|counted| &counted[0]) {
+            if matches!(self.carrier, Carrier::Memory) {
+                counted.message.write(*message);
+            }
+            counted.word.0.fetch_add(1, SeqCst);
+            if self.sleeps {
+                // Fails only for a word that is not mapped.
+                let _ = futex::wake(&counted.word.0, futex::Flags::empty(), 1);
+            }
+        }
+        Ok(())
+    }
+
+    /// The next message; `None` once nobody is there to send one.
+    pub(crate) fn receive(&mut self, gone: impl Fn() -> bool) -> anyhow::Result<Option<M>> {
+        if let Some(counted) = self.counted.as_ref().map(|counted| &counted[0]) {
+            let word = &counted.word.0;
+            while word.load(SeqCst) == self.taken {
+                if gone() {
+                    return Ok(None);
+                }
+                if self.sleeps {
+                    // Woken, timed out or interrupted: the word tells.
+                    let _ = futex::wait(word, futex::Flags::empty(), self.taken, Some(&WAIT));
+                } else {
+                    std::hint::spin_loop();
+                }
+            }
+            self.taken = word.load(SeqCst);
+            if matches!(self.carrier, Carrier::Memory) {
+                return Ok(Some(counted.message.read()));
+            }
+        }
+        loop {
+            match &self.carrier {
+                Carrier::Pipe(file) => return Ok(Some(read(|bytes| { file }.read_exact(bytes))?)),
+                Carrier::Receiving(socket) => match read(|bytes| socket.recv(bytes).map(drop)) {
+                    Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+                    received => return Ok(Some(received?)),
+                },
+                Carrier::Subscriber(port) => match port.receive()? {
+                    Some(sample) => return Ok(Some(*sample)),
+                    None => std::hint::spin_loop(),
+                },
+                Carrier::Memory | Carrier::Sending(..) | Carrier::Publisher(_) => return Ok(None),
+            }
+            if gone() {
+                return Ok(None);
+            }
+        }
+    }
+}
+
+/// Makes a named pipe.
+pub(crate) fn make_pipe(path: &Path) -> anyhow::Result<()> {
+    let made = mknodat(CWD, path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0);
+    made.with_context(|| format!("cannot make {}", path.display()))
+}
+
+/// Opens a pipe for reading alone, whoever writes: a read ends when the last writer has gone.
+fn open_for_reading(path: &Path) -> io::Result<File> {
+    let nonblocking = OFlags::NONBLOCK.bits() as i32;
+    let file = OpenOptions::new().read(true).custom_flags(nonblocking).open(path)?;
+    fcntl_setfl(&file, OFlags::empty())?;
+    Ok(file)
+}
+
+/// The message whose bytes `put` writes down.
+fn read<M: Plain>(put: impl FnOnce(&mut [u8]) -> io::Result<()>) -> io::Result<M> {
+    let mut room = [0; MESSAGE_MAX];
+    let bytes = &mut room[..size_of::<M>()];
+    put(bytes)?;
+    Ok(M::of_bytes(bytes).expect("as many bytes as it has"))
+}

@@ -14,10 +14,11 @@ use experiment::campaign::file::Keep;
 use outcome::campaign::folder::{complete, note_failure, part};
 use protocol::process::{Stop, exit};
 
-use super::run::{End, How, execute};
+use super::execute::{End, How, execute};
 use super::screen::complain;
 use experiment::scenario::Scenario;
 use outcome::results::manifest::Manifest;
+use outcome::results::run_dir::Place;
 
 /// What makes a run one of a campaign.
 #[derive(Debug, Args)]
@@ -88,7 +89,7 @@ pub(super) fn run(
         }
         exit::INFRASTRUCTURE
     };
-    let ended = match execute(scenario, text, manifest, &out, how) {
+    let ended = match execute(scenario, text, manifest, &Place::At(out.clone()), how) {
         Ok(ended) => ended,
         Err(error) => {
             complain(&error);

@@ -20,7 +20,7 @@ use protocol::brief::Pace;
 use protocol::catalog::Catalog;
 use protocol::process::{Stop, exit};
 
-use super::run::judge;
+use super::execute::judge;
 use crate::in_process::measured;
 
 /// Runs of a campaign within this process.

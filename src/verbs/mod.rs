@@ -7,6 +7,7 @@
 //! | `new` `run` `check` `schema` `report` `doctor` `clean` `recover` `export` `verify` | the verb of its name |
 //! | `fleet_keys` | `phalanx fleet keys`: certificates |
 //! | `sweep` | runs a campaign; `cell`: one run of it; `cell_in_process`: without processes |
+//! | `execute` | runs a sound scenario, judges it and writes it down, for `run`, `cell` and `verify` |
 //! | `fleet` `share` | this host's part of a run on several |
 //! | `scenario` | reads the scenario that a verb is about, with the command line's changes |
 //! | `dead_runs` | what did earlier runs that died leave behind? |
@@ -18,6 +19,7 @@ mod check;
 mod clean;
 mod dead_runs;
 mod doctor;
+mod execute;
 mod export;
 mod fleet;
 mod fleet_keys;

@@ -1,12 +1,10 @@
 //! `phalanx run --fleet` on a host without the plant: its robots and its bridge, for as long as the plant's
 //! host wants them.
 
-use std::path::Path;
-
 use experiment::scenario::Scenario;
 use outcome::results::host_dir::HostDir;
 use outcome::results::programs::Programs;
-use outcome::results::run_dir::RunDirError;
+use outcome::results::run_dir::{Place, RunDirError};
 use protocol::process::{Stop, exit};
 use supervisor::run::RunError;
 use supervisor::run::hosts::share::{self, Ended};
@@ -19,21 +17,21 @@ use super::screen::{complain, print, tell};
 pub(super) fn run(
     scenario: &Scenario,
     text: &str,
-    part: Part,
+    part: &Part,
     programs: &Programs,
-    out: &Path,
+    place: &Place,
     launcher: &Launcher,
 ) -> u8 {
     let stop = match Stop::on_signals_twice_at_once() {
         Ok(stop) => stop,
         Err(error) => return complain(&format_args!("cannot handle signals: {error}")),
     };
-    let made = HostDir::create(out, text, &part.text).and_then(|host_dir| {
-        host_dir.write_programs(programs)?;
-        Ok(host_dir)
+    let made = place.make(|out| HostDir::create(out, text, &part.text)).and_then(|made| {
+        made.1.write_programs(programs)?;
+        Ok(made)
     });
-    let host_dir = match made {
-        Ok(host_dir) => host_dir,
+    let (out, host_dir) = match made {
+        Ok(made) => made,
         Err(error) => {
             let code = complain(&error);
             return if matches!(error, RunDirError::Exists(_)) { exit::USAGE } else { code };
@@ -43,7 +41,7 @@ pub(super) fn run(
     let name = |host: usize| part.brief.hosts[host].name.clone();
     let (here, plant) = (name(here), name(plant));
     tell(&format!("host {here}: waiting for {plant}, which has the plant"));
-    match share::run(scenario, part.brief, launcher, &host_dir, &stop) {
+    match share::run(scenario, part.brief.clone(), launcher, &host_dir, &stop) {
         Ok(Ended::WithTheRun) => print(&format!(
             "{}, host {here}: the run is over; what came out is on {plant}\nlogs are in {}\n",
             scenario.name,

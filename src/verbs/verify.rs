@@ -6,7 +6,7 @@ use clap::Args;
 use protocol::catalog::Catalog;
 use protocol::process::exit;
 
-use super::run::{read_programs, run_again};
+use super::execute::{read_programs, run_again};
 use super::screen::{Output, complain, print, print_as, show};
 use experiment::scenario::read::{Overrides, read_to_run};
 use outcome::results::compare::{Comparison, NotRepeatable, repeatable};

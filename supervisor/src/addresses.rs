@@ -1,8 +1,9 @@
-//! Robots at the same addresses.
+//! Robots at the same addresses, in lockstep.
 //!
-//! Linux puts the code and memory of each process at addresses drawn at random. Robots that run one after
-//! another on a core then share the code, but little of what the core has learned of it by its addresses.
-//! At the same addresses 64 robots make 1.16 times the ticks/s, and 256 about 1.5 times (`docs/performance.md`).
+//! Linux puts the code and memory of each process at addresses drawn at random, which makes it harder to attack.
+//! Robots that run one after another on a core then share the code, but little of what the core has learned of it
+//! by its addresses. At the same addresses 64 robots make 1.16 times the ticks/s in lockstep, and 256 about 1.5
+//! times (`docs/performance.md`). Only for our own agent: the plant and the programs of a scenario keep theirs.
 
 use libc::{ADDR_NO_RANDOMIZE, c_int, c_ulong, personality};
 

@@ -16,7 +16,8 @@ use std::time::{Duration, Instant};
 use protocol::process::Stderr;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{
-    Pid, PidfdFlags, Resource, Rlimit, Signal, pidfd_open, pidfd_send_signal, setrlimit,
+    Pid, PidfdFlags, Resource, Rlimit, Signal, WaitId, WaitIdOptions, pidfd_open,
+    pidfd_send_signal, setrlimit, waitid,
 };
 
 use outcome::results::usage::{self, Usage};
@@ -42,15 +43,22 @@ pub struct Child {
     usage: Option<Usage>,
     /// When it was first killed.
     killed: OnceCell<Instant>,
+    /// As the kernel told last.
+    stopped: bool,
 }
 
 impl Child {
     /// Watches a process that was just started; one that cannot be watched is killed.
     pub(crate) fn watch(mut process: std::process::Child, log: &Path) -> io::Result<Child> {
         match pidfd_open(Pid::from_child(&process), PidfdFlags::empty()) {
-            Ok(pidfd) => {
-                Ok(Child { process, pidfd, log: log.into(), usage: None, killed: OnceCell::new() })
-            }
+            Ok(pidfd) => Ok(Child {
+                process,
+                pidfd,
+                log: log.into(),
+                usage: None,
+                killed: OnceCell::new(),
+                stopped: false,
+            }),
             Err(error) => {
                 let _ = process.kill();
                 // What does not end at once is reaped by nobody, and gone with this process.
@@ -90,6 +98,15 @@ impl Child {
     /// Lets it go on after [`Child::stop`].
     pub fn go_on(&self) {
         self.signal(Signal::CONT);
+    }
+
+    /// Whether it is stopped, by whomever: [`Child::stop`], `kill -STOP`, Ctrl-Z.
+    pub fn is_stopped(&mut self) -> bool {
+        let changes = WaitIdOptions::STOPPED | WaitIdOptions::CONTINUED | WaitIdOptions::NOHANG;
+        while let Ok(Some(change)) = waitid(WaitId::PidFd(self.pidfd.as_fd()), changes) {
+            self.stopped = !change.continued();
+        }
+        self.stopped
     }
 
     fn signal(&self, signal: Signal) {
@@ -148,7 +165,7 @@ impl Child {
 
     /// The last lines of its log, for a screen.
     pub fn last_lines(&self, count: usize) -> String {
-        last_lines(&self.log, count)
+        shown(&last_entries(&self.log, count))
     }
 }
 
@@ -194,8 +211,29 @@ pub fn in_words(status: ExitStatus) -> String {
     }
 }
 
-/// The last `count` lines of a file; empty if it cannot be read.
-pub fn last_lines(path: &Path, count: usize) -> String {
+/// A line of a log.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Entry {
+    /// In a line of our own logs: how grave it is.
+    pub(crate) level: Option<String>,
+    /// What it says.
+    pub(crate) message: String,
+}
+
+impl Entry {
+    fn read(line: &str) -> Entry {
+        let json: serde_json::Value = serde_json::from_str(line).unwrap_or_default();
+        match (json["level"].as_str(), json["message"].as_str()) {
+            (Some(level), Some(message)) => {
+                Entry { level: Some(level.into()), message: message.into() }
+            }
+            _ => Entry { level: None, message: line.into() },
+        }
+    }
+}
+
+/// The last `count` lines of a log; none if it cannot be read.
+pub(crate) fn last_entries(path: &Path, count: usize) -> Vec<Entry> {
     let tail = || -> io::Result<String> {
         let mut file = File::open(path)?;
         let length = file.metadata()?.len();
@@ -205,17 +243,17 @@ pub fn last_lines(path: &Path, count: usize) -> String {
         Ok(String::from_utf8_lossy(&bytes).into_owned())
     };
     let text = tail().unwrap_or_default();
-    let lines: Vec<String> = text.lines().map(for_people).collect();
-    lines[lines.len().saturating_sub(count)..].join("\n")
+    let lines: Vec<&str> = text.lines().collect();
+    lines[lines.len().saturating_sub(count)..].iter().map(|line| Entry::read(line)).collect()
 }
 
-/// `LEVEL message` of a line of a JSON log; any other line as it is.
-fn for_people(line: &str) -> String {
-    let entry: serde_json::Value = serde_json::from_str(line).unwrap_or_default();
-    match (entry["level"].as_str(), entry["message"].as_str()) {
-        (Some(level), Some(message)) => format!("  {level} {message}"),
-        _ => format!("  {line}"),
-    }
+/// Lines of a log for a screen.
+pub(crate) fn shown(entries: &[Entry]) -> String {
+    let line = |Entry { level, message }: &Entry| match level {
+        Some(level) => format!("  {level} {message}"),
+        None => format!("  {message}"),
+    };
+    entries.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
 /// What every process does first of all, before it has threads or files: a child dies with its
@@ -289,6 +327,33 @@ mod tests {
         assert!(process.exists());
         drop(child);
         assert!(!process.exists());
+    }
+
+    #[test]
+    fn a_child_is_stopped_from_when_somebody_stops_it_until_somebody_lets_it_go_on() {
+        let mut child = Child::watch(started("sleep", "1000"), Path::new("/dev/null")).unwrap();
+        let mut becomes = |stopped| {
+            let began = Instant::now();
+            while child.is_stopped() != stopped {
+                assert!(began.elapsed() < Duration::from_secs(60));
+                std::thread::sleep(LOOK_EVERY);
+            }
+            assert_eq!(child.is_stopped(), stopped, "until that changes");
+            if stopped { child.go_on() } else { child.stop() }
+        };
+        [false, true, false].into_iter().for_each(&mut becomes);
+    }
+
+    #[test]
+    fn lines_of_our_own_logs_have_a_level() {
+        let folder = tempfile::tempdir().unwrap();
+        let log = folder.path().join("r1.jsonl");
+        let text = "lost\n{\"level\":\"INFO\",\"message\":\"ready\"}\n  INFO of somebody else\n";
+        std::fs::write(&log, text).unwrap();
+        let entries = last_entries(&log, 2);
+        let levels: Vec<_> = entries.iter().map(|entry| entry.level.as_deref()).collect();
+        assert_eq!(levels, [Some("INFO"), None]);
+        assert_eq!(shown(&entries), "  INFO ready\n    INFO of somebody else");
     }
 
     /// The kernel keeps the first process of a machine or container from the SIGKILLs of its own

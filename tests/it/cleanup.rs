@@ -1,6 +1,6 @@
 //! Nothing remains: not after a run, a Ctrl-C, or the supervisor's own sudden death.
 
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 use rustix::process::Signal;
 
@@ -68,6 +68,47 @@ fn an_out_directory_that_exists_is_refused_and_untouched() {
     assert_eq!(output.status.code(), Some(2), "{stderr}");
     assert!(stderr.contains("exists already"), "{stderr}");
     assert_eq!(files_below(scratch.path()).len(), 1);
+}
+
+#[test]
+fn an_out_directory_that_cannot_be_made_keeps_nothing_and_says_so() {
+    let triangle = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/triangle.toml");
+    for out in ["/proc/run", "/proc/runs/new"] {
+        let output = Command::new(env!("CARGO_BIN_EXE_phalanx"))
+            .args(["run", triangle, "--pace", "lockstep", "--out", out])
+            .output()
+            .unwrap();
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(4), "{stderr}");
+        assert!(stderr.contains("error: cannot make /proc/run"), "{stderr}");
+        assert!(!stderr.contains("kept"), "{stderr}");
+    }
+}
+
+#[test]
+fn runs_that_begin_in_the_same_second_get_a_directory_each() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/triangle.toml");
+    let words = "--pace lockstep --no-report --set duration_s=0.1 --set expect={}".split(' ');
+    let runs: Vec<_> = (0..6)
+        .map(|_| {
+            Command::new(env!("CARGO_BIN_EXE_phalanx"))
+                .args(["run", scenario])
+                .args(words.clone())
+                .current_dir(folder.path())
+                .env("PHALANX_RUN_ROOT", folder.path())
+                .stdout(Stdio::piped())
+                .stderr(Stdio::piped())
+                .spawn()
+                .unwrap()
+        })
+        .collect();
+    for run in runs {
+        let output = run.wait_with_output().unwrap();
+        assert!(output.status.success(), "{output:?}");
+    }
+    let directories = std::fs::read_dir(folder.path().join("runs")).unwrap().count();
+    assert_eq!(directories, 6);
 }
 
 #[test]

@@ -147,22 +147,52 @@ fn a_robot_that_keeps_giving_up_ends_the_run_with_4() {
     ended.claim(ended.stderr.contains("not a brief"), "and why it gave up");
 }
 
+/// Whoever is stopped by somebody else is told, written down and reported as frozen.
+#[track_caller]
+fn was_stopped(ended: &Ended, who: &str, events: [&str; 2]) {
+    ended.exits_with(0).leaves_nothing();
+    let warned = format!(" WARN {who} was stopped by somebody else");
+    ended.claim(ended.stderr.contains(&warned), "it is told");
+    ended.claim(ended.stderr.contains(&format!(" WARN {who} goes on, after ")), "and its end");
+    for event in events {
+        ended.claim(ended.file("events.csv").contains(event), format!("{event} is an event"));
+    }
+    let what = ended.summary["faults"][0]["what"].as_str().unwrap_or_default();
+    ended.claim(what.starts_with("freeze ") && what.ends_with(", by somebody else"), what);
+    ended.claim(ended.number("/faults/0/lasted_s") > 0.0, "a fault that is over");
+    ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
+}
+
 #[test]
-fn a_robot_stopped_in_real_time_misses_deadlines_and_is_counted() {
+fn a_robot_stopped_in_real_time_is_told_and_misses_deadlines() {
     let mut running = run("triangle").set("duration_s=3").set("expect={}").start();
     running.wait_for_event("contact");
     let pid = running.pid_of("r2");
     signal_pid(pid, Signal::STOP);
-    running.wait_for("lost", |run| {
-        let events = std::fs::read_to_string(run.run_dir().join("events.csv")).ok()?;
-        events.contains("lost r2").then_some(())
-    });
+    running.wait_for("lost", |run| run.events().contains("lost r2").then_some(()));
+    running.wait_for_event("freeze");
     signal_pid(pid, Signal::CONT);
     let ended = running.finish();
-    ended.exits_with(0).leaves_nothing();
+    let events =
+        ["freeze,r2,\"SIGSTOP, by somebody else\"", "thaw,r2,\"SIGCONT, by somebody else\""];
+    was_stopped(&ended, "r2", events);
     // At least 100 ms without an answer, at a period of 5 ms.
     ended.claim(ended.number("/deadline_misses") >= 15.0, "the missed periods are counted");
-    ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
+}
+
+#[test]
+fn a_plant_stopped_in_real_time_is_told_and_the_run_goes_on_with_it() {
+    let mut running = run("triangle").set("duration_s=4").set("expect={}").start();
+    running.wait_for_event("contact");
+    let pid = running.pid_of("plant");
+    signal_pid(pid, Signal::STOP);
+    running.line(" WARN the plant was stopped by somebody else");
+    // The run's time goes on meanwhile.
+    std::thread::sleep(std::time::Duration::from_millis(500));
+    signal_pid(pid, Signal::CONT);
+    let ended = running.finish();
+    let events = ["freeze,,\"SIGSTOP of the plant, by", "thaw,,\"SIGCONT of the plant, by"];
+    was_stopped(&ended, "the plant", events);
 }
 
 #[test]

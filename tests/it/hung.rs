@@ -2,7 +2,7 @@
 //! for however long; whoever is hung does, and is named.
 
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use protocol::barrier::Barrier;
 use protocol::run_root;
@@ -67,6 +67,7 @@ fn a_run_goes_on_after_its_supervisor_was_stopped_and_after_everybody_was() {
 #[test]
 fn a_robot_that_is_hung_is_named_and_ends_the_run_with_exit_code_4() {
     let mut running = moving();
+    let moves = Instant::now();
     // A tick that lasts.
     let r3 = running.pid_of("r3");
     signal_pid(r3, Signal::STOP);
@@ -80,8 +81,14 @@ fn a_robot_that_is_hung_is_named_and_ends_the_run_with_exit_code_4() {
     // It has answered, and waits for the next tick; now nobody knows that it has.
     barrier.set_member(1, 0);
     signal_pid(r3, Signal::CONT);
+    let at_least_s = moves.elapsed().as_secs_f64() + 0.5;
+    running.line(&format!(
+        " WARN r2 has not answered tick {tick}, and waits for something else, for 0.25 s"
+    ));
     let ended = running.finish();
     ended.exits_with(4).leaves_nothing();
     let named = format!("r2 has not answered tick {tick} for 0.5 s while blocked (hung_after_s)");
     ended.claim(ended.stderr.contains(&named), named);
+    let wall_s = ended.number("/wall/wall_s");
+    ended.claim(wall_s >= at_least_s, format!("it took at least {at_least_s} s, found {wall_s}"));
 }

@@ -44,7 +44,7 @@ fn phalanx(words: &[&str]) -> Output {
 }
 
 /// One that leaves a trace, and becomes the built-in agent with a law that is built in.
-const FOLLOWS: &str = "pwd >> \"$TRACE\"; cat \"$0\" > /dev/null; brief=\"$1\"; shift\n\
+const FOLLOWS: &str = "pwd >> \"$TRACE\"; cat /proc/$$/personality > \"$TRACE-personality\"; cat \"$0\" > /dev/null; brief=\"$1\"; shift\n\
     sed -e 's/^law = .*/law = \"formation-tanh\"/' -e 's/^k_own_m_s/k_f_m_s/' \
     -e '/^\\[program\\]/,/^$/d' \"$brief\" > \"${brief%.toml}-own.toml\"\n\
     exec \"$PHALANX\" agent \"${brief%.toml}-own.toml\" \"$@\"";
@@ -73,6 +73,10 @@ fn a_script_takes_the_place_of_the_built_in_agent_and_runs_from_its_copy() {
     let programs = own.run_dir().join("programs").canonicalize().unwrap();
     let told = std::fs::read_to_string(&trace).unwrap();
     assert_eq!(Path::new(told.trim()), programs, "it runs there");
+    let personality = std::fs::read_to_string(folder.path().join("trace-personality")).unwrap();
+    let personality = u32::from_str_radix(personality.trim(), 16).unwrap();
+    let fixed = libc::ADDR_NO_RANDOMIZE as u32;
+    assert_eq!(personality & fixed, 0, "its addresses are random");
     for name in ["./follow.sh", "data/weights.txt"] {
         let copy = std::fs::read(programs.join(name)).unwrap();
         assert_eq!(copy, std::fs::read(folder.path().join(name)).unwrap(), "{name}");

@@ -46,6 +46,31 @@ fn no_other_user_can_open_any_file_of_a_run_under_way() {
     assert!(paths.len() > 100, "{paths:?}");
 }
 
+/// Whether the kernel draws the addresses of a process at random.
+fn has_random_addresses(pid: u32) -> bool {
+    let personality = std::fs::read_to_string(format!("/proc/{pid}/personality")).unwrap();
+    let personality = u32::from_str_radix(personality.trim(), 16).unwrap();
+    personality & libc::ADDR_NO_RANDOMIZE as u32 == 0
+}
+
+/// A process may ask for addresses that are not random, but not everywhere in a container.
+#[test]
+fn addresses_are_random_but_those_of_robots_in_lockstep() {
+    let may_choose = Command::new("setarch").args(["--addr-no-randomize", "true"]).status();
+    let may_choose = may_choose.is_ok_and(|status| status.success());
+    for pace in ["realtime", "lockstep"] {
+        let triangle = run("triangle").args(["--pace", pace]).set("duration_s=3600");
+        let mut running = triangle.set("record_hz=1").start();
+        running.wait_for_event("contact");
+        assert!(has_random_addresses(running.pid()), "the supervisor's, {pace}");
+        for (pid, name) in running.children() {
+            let random = has_random_addresses(pid);
+            let ours = may_choose && pace == "lockstep" && name != "plant";
+            assert_eq!(random, !ours, "those of {name}, {pace}");
+        }
+    }
+}
+
 /// All of it in one run and one process, because iceoryx2's configuration is process-wide.
 #[test]
 fn garbage_with_the_right_type_moves_no_robot_dead_or_alive_and_is_counted() {

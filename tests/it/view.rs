@@ -380,6 +380,10 @@ fn in_lockstep_robots_are_broken_by_hand_at_the_next_tick_and_links_are_not() {
     let ended = running.finish();
     ended.exits_with(0).leaves_nothing();
     ended.claim(ended.number("/restarts/r2") == 1.0, "r2 was restarted");
+    ended.claim(
+        ended.number("/acts_by_hand") == 4.0,
+        "what was done is counted, not what was refused",
+    );
     ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
     ended.claim(ended.number("/final_error_m_max") < 1e-3, "and the formation stands");
 }

@@ -415,7 +415,7 @@ const ROOT: &[Key] = &[
         "hung_after_s",
         Time(Positive),
         Otherwise::Number(60.0),
-        "how long a process may owe the others an answer in lockstep: processor time, or wall time while it is blocked",
+        "how long a process may owe the others an answer in lockstep: wall time in which it runs or is blocked",
     )
     .guessed(&["hung", "timeout", "hang", "deadline"]),
     key(

@@ -29,6 +29,8 @@ pub struct Summary {
     pub exit: u8,
     /// A signal ended the run.
     pub interrupted: bool,
+    /// How often somebody acted on it through the live view.
+    pub acts_by_hand: u64,
     /// Run time reached, s.
     pub t_s: f64,
     /// It ended before `duration_s`: it had been converged for `end_after_converged_s`.

@@ -54,12 +54,12 @@ pub enum NotRepeatable {
         t_s: f64,
     },
     /// Somebody acted on it, and the scenario does not say so.
-    #[error("{} had a fault by hand, which no other run repeats ({event})", run_dir.display())]
+    #[error("{} was acted on by hand, which no other run repeats ({times} times)", run_dir.display())]
     ByHand {
         /// The run.
         run_dir: PathBuf,
-        /// The first line of events.csv that says so.
-        event: String,
+        /// How often.
+        times: u64,
     },
 }
 
@@ -76,13 +76,9 @@ pub fn repeatable(run_dir: &Path) -> Result<(), NotRepeatable> {
         let t_s = summary["t_s"].as_f64().unwrap_or_default();
         return Err(NotRepeatable::Interrupted { run_dir: run_dir.into(), t_s });
     }
-    let events = fs::read_to_string(run_dir.join(EVENTS)).map_err(unreadable(EVENTS))?;
-    let by_hand = events.lines().find(|line| line.trim_end_matches('"').ends_with("by hand"));
-    match by_hand {
-        Some(event) => {
-            Err(NotRepeatable::ByHand { run_dir: run_dir.into(), event: event.to_owned() })
-        }
-        None => Ok(()),
+    match summary["acts_by_hand"].as_u64() {
+        None | Some(0) => Ok(()),
+        Some(times) => Err(NotRepeatable::ByHand { run_dir: run_dir.into(), times }),
     }
 }
 

@@ -15,7 +15,9 @@ pub struct Outcome {
     /// Wall time from the start of the first process to t = 0, when all were ready; `None` if it
     /// never came to that.
     pub startup: Option<Duration>,
-    /// Wall time from t = 0 to the last truth.
+    /// How often somebody acted on it through the live view.
+    pub acts_by_hand: u64,
+    /// Wall time from t = 0 to the last truth, or to what ended the run before its end.
     pub wall: Duration,
     /// The newest truth.
     pub truth: Option<TruthHeader>,

@@ -86,6 +86,14 @@ pub enum RunDirError {
     /// It would overwrite an earlier run.
     #[error("{} exists already; a run never overwrites another, give --out a new name", .0.display())]
     Exists(PathBuf),
+    /// Its directory could not be made.
+    #[error("cannot make {}: {source}; nothing was run", path.display())]
+    Make {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
     /// A file or directory could not be written.
     #[error("cannot write {}: {source}; what was written before is kept", path.display())]
     Write {
@@ -104,12 +112,13 @@ pub(crate) fn failed(path: &Path) -> impl FnOnce(io::Error) -> RunDirError {
 /// Makes a directory, which must not exist, with places for briefs and logs.
 pub(crate) fn make(path: &Path) -> Result<(), RunDirError> {
     if let Some(parent) = path.parent() {
-        fs::create_dir_all(parent).map_err(failed(parent))?;
+        let unmade = |source| RunDirError::Make { path: parent.into(), source };
+        fs::create_dir_all(parent).map_err(unmade)?;
     }
     // Made here and nowhere else, so that of two runs that want it one gets it.
     fs::create_dir(path).map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => RunDirError::Exists(path.into()),
-        _ => failed(path)(error),
+        _ => RunDirError::Make { path: path.into(), source: error },
     })?;
     for directory in [path.join("briefs"), path.join("logs")] {
         fs::create_dir(&directory).map_err(failed(&directory))?;
@@ -438,19 +447,44 @@ fn room_bytes(scenario: &Scenario) -> u64 {
     (1 << 16) + (1 << 12) * parts as u64 + hashes
 }
 
-/// `runs/<name>-<date>-<time>`, in UTC, with a number behind it if that exists.
-pub fn default_out(name: &str) -> PathBuf {
+/// Where a run is written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Place {
+    /// Here; there must be nothing yet.
+    At(PathBuf),
+    /// In `runs/<name>-<date>-<time>`, in UTC, with a number behind it if that exists.
+    Dated(String),
+}
+
+impl Place {
+    /// The directory, and what `make` makes of it. Of runs that begin at the same time each gets its own.
+    pub fn make<D>(
+        &self,
+        make: impl Fn(&Path) -> Result<D, RunDirError>,
+    ) -> Result<(PathBuf, D), RunDirError> {
+        let stem = match self {
+            Place::At(path) => return Ok((path.clone(), make(path)?)),
+            Place::Dated(name) => dated(name),
+        };
+        let numbered = (2..).map(|n| format!("{stem}-{n}"));
+        let paths = std::iter::once(stem.clone()).chain(numbered);
+        for path in paths.map(|name| Path::new(RUNS).join(name)) {
+            match make(&path) {
+                Err(RunDirError::Exists(_)) => {}
+                made => return Ok((path, made?)),
+            }
+        }
+        unreachable!("numbers do not end")
+    }
+}
+
+/// `<name>-<date>-<time>`, in UTC.
+fn dated(name: &str) -> String {
     // A scenario's name is free text; a slash in it must not lead out of the folder.
     let usable = |c: char| if c.is_alphanumeric() || "-_".contains(c) { c } else { '_' };
     let name: String = name.chars().map(usable).collect();
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
-    let stem = format!("{name}-{}", date_and_time(seconds));
-    let first = Path::new(RUNS).join(&stem);
-    let numbered = (2..).map(|n| Path::new(RUNS).join(format!("{stem}-{n}")));
-    std::iter::once(first)
-        .chain(numbered)
-        .find(|path| path.symlink_metadata().is_err())
-        .expect("some number is free")
+    format!("{name}-{}", date_and_time(seconds))
 }
 
 /// `20261121-041500` for seconds since 1970, UTC.
@@ -478,6 +512,23 @@ mod tests {
         assert_eq!(date_and_time(0), "19700101-000000");
         assert_eq!(date_and_time(951_782_400), "20000229-000000");
         assert_eq!(date_and_time(1_795_233_599), "20261121-035959");
+    }
+
+    #[test]
+    fn a_name_that_somebody_else_takes_meanwhile_is_numbered() {
+        let taken = std::cell::Cell::new(0);
+        let make = |path: &Path| {
+            taken.set(taken.get() + 1);
+            if taken.get() < 3 { Err(RunDirError::Exists(path.into())) } else { Ok(()) }
+        };
+        let (path, ()) = super::Place::Dated("a/b".into()).make(make).unwrap();
+        let path = path.to_str().unwrap();
+        assert!(path.starts_with("runs/a_b-2") && path.ends_with("-3"), "{path}");
+        taken.set(0);
+        assert!(
+            super::Place::At("here".into()).make(make).is_err(),
+            "no other place was asked for"
+        );
     }
 
     #[test]

@@ -50,6 +50,7 @@ pub fn sum_up(
         pace,
         exit,
         interrupted: outcome.interrupted,
+        acts_by_hand: outcome.acts_by_hand,
         t_s,
         ended_early: measures.ended_early_at_s.is_some(),
         ticks: truth.tick,

@@ -1,8 +1,10 @@
 //! Is a process that owes an answer hung, or is it only kept from giving it?
 //!
 //! Processor time that it uses without answering counts against it, and so does time in which it is
-//! blocked. Time in which it is stopped, or could run and has no processor, does not: on a busy
-//! machine that is nobody's fault. Nor does time in which nobody looked: whoever looks may have been
+//! blocked. If it may expect a share of the wall time for itself, all of that share counts once it ran for a
+//! tenth of it: whoever loops for ever on a busy machine is found by the clock on the wall, and whoever is kept
+//! from running is not. Time in which it is stopped, or could run and has no processor, does not count: on a
+//! busy machine that is nobody's fault. Nor does time in which nobody looked: whoever looks may have been
 //! stopped as well. Pure but for [`Sample::of`]. Must not: wait, or end anybody.
 
 mod sample;
@@ -13,13 +15,16 @@ use std::time::Duration;
 pub use self::sample::{Sample, State};
 pub use self::supervisor::{SupervisorLost, SupervisorWatch};
 
-/// Of the time between two samples at most this much counts as blocked.
-const GAP_MAX: Duration = Duration::from_secs(1);
+/// Of the time between two samples at most this much counts.
+pub const GAP_MAX: Duration = Duration::from_secs(1);
+/// A share of the wall time counts if the process ran for at least this much of it. An agent that answers needs a
+/// thousandth of this; one that loops beside ten others on one core gets nearly all of it, and more on two.
+const RAN_MIN: f64 = 0.1;
 
 /// What a process did instead of answering.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Instead {
-    /// It used processor time.
+    /// It ran.
     Computed,
     /// It waited for something.
     Waited,
@@ -41,12 +46,22 @@ impl Watchdog {
 
     /// Counts the time since the last sample. What happened before the first is not known.
     pub fn see(&mut self, sample: Sample) {
+        self.see_with_share(sample, 0.0);
+    }
+
+    /// The same for a process that may expect `share` of the wall time for itself, from 0 to 1.
+    pub fn see_with_share(&mut self, sample: Sample, share: f64) {
         let Some(last) = self.last.replace(sample) else { return };
-        let computed = sample.computed.saturating_sub(last.computed);
+        let between = Duration::from_nanos(sample.at_ns.saturating_sub(last.at_ns)).min(GAP_MAX);
+        let mut computed = sample.computed.saturating_sub(last.computed);
+        let stopped = [last.state, sample.state].contains(&State::Stopped);
+        let expected = between.mul_f64(share);
+        if !stopped && !computed.is_zero() && computed >= expected.mul_f64(RAN_MIN) {
+            computed = computed.max(expected);
+        }
         self.computed += computed;
         if (last.state, sample.state) == (State::Blocked, State::Blocked) {
-            let between = Duration::from_nanos(sample.at_ns.saturating_sub(last.at_ns));
-            self.waited += between.min(GAP_MAX).saturating_sub(computed);
+            self.waited += between.saturating_sub(computed);
         }
     }
 
@@ -61,10 +76,10 @@ impl Watchdog {
 }
 
 impl std::fmt::Display for Instead {
-    /// Follows a time: `60 s of processor time`, `60 s while blocked`.
+    /// Follows a time: `60 s while it ran`, `60 s while blocked`.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
-            Instead::Computed => "of processor time",
+            Instead::Computed => "while it ran",
             Instead::Waited => "while blocked",
         })
     }
@@ -93,6 +108,43 @@ mod tests {
         assert_eq!(after(spins(60)).hung(LIMIT), Some(Instead::Computed));
         // What it used before it was looked at is not held against it.
         assert_eq!(after([(State::Runnable, 500, 0.0)]).hung(LIMIT), None);
+    }
+
+    /// A process that has `per_cent` of a processor, looked at five times a second.
+    fn runs_at(per_cent: u64, share: f64, for_s: u64) -> Option<Instead> {
+        let mut dog = Watchdog::default();
+        for look in 0..=for_s * 5 {
+            let computed = Duration::from_millis(2 * per_cent * look);
+            let (state, at_ns) = (State::Runnable, look * 200_000_000);
+            dog.see_with_share(Sample { state, computed, at_ns, started: 7 }, share);
+        }
+        dog.hung(LIMIT)
+    }
+
+    #[test]
+    fn whoever_runs_for_a_tenth_of_its_share_is_found_by_the_clock_on_the_wall() {
+        let computed = Some(Instead::Computed);
+        // Alone, and beside others of the run who owe an answer as well.
+        assert_eq!([59, 60].map(|for_s| runs_at(10, 1.0, for_s)), [None, computed]);
+        assert_eq!([119, 120].map(|for_s| runs_at(5, 0.5, for_s)), [None, computed]);
+        // Who has more than its share used that much.
+        assert_eq!([59, 60].map(|for_s| runs_at(100, 0.5, for_s)), [None, computed]);
+        // Kept from running by others, it has only used what it used.
+        assert_eq!([666, 667].map(|for_s| runs_at(9, 1.0, for_s)), [None, computed]);
+        assert_eq!(runs_at(0, 1.0, 100_000), None);
+    }
+
+    #[test]
+    fn of_a_share_nothing_counts_while_the_process_is_stopped() {
+        let states = [State::Runnable, State::Stopped, State::Runnable];
+        let mut dog = Watchdog::default();
+        for look in 0..10_000 {
+            let (state, computed) = (states[look % 3], Duration::from_millis(look as u64));
+            let at_ns = look as u64 * 1_000_000;
+            dog.see_with_share(Sample { state, computed, at_ns, started: 7 }, 1.0);
+        }
+        // A third of the looks is between two at which it was not stopped.
+        assert_eq!(dog.hung(Duration::from_secs(10)), None);
     }
 
     #[test]

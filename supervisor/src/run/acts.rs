@@ -129,10 +129,9 @@ impl Run<'_> {
     fn last_words(&self, robot: usize) -> Option<String> {
         let program = self.scenario.program(robot).is_some();
         let told = program && !self.conduct.starting_up(self.intake.newest.as_ref());
-        let log = told.then(|| self.processes.last_lines(robot))?;
-        let lines: Vec<&str> = log.lines().collect();
-        let routine = lines.iter().rposition(|line| line.starts_with("  INFO "));
-        let said = lines[routine.map_or(0, |at| at + 1)..].join("\n");
+        let log = told.then(|| self.processes.last_entries(robot))?;
+        let routine = log.iter().rposition(|entry| entry.level.as_deref() == Some("INFO"));
+        let said = child::shown(&log[routine.map_or(0, |at| at + 1)..]);
         (!said.trim().is_empty()).then_some(said)
     }
 

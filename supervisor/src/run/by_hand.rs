@@ -50,11 +50,11 @@ impl Run<'_> {
         let who = Who::Hand;
         let event = match act {
             crate::view::Act::Kill(robot) => {
-                let fault = self.new_fault(&FaultKind::Kill { robot, restart_after_ns: None });
+                let fault = self.new_fault(&FaultKind::Kill { robot, restart_after_ns: None }, who);
                 Event::Kill { robot, fault, restart_at_ns: None, who }
             }
             crate::view::Act::Freeze(robot) => {
-                let fault = self.new_fault(&FaultKind::Freeze { robot });
+                let fault = self.new_fault(&FaultKind::Freeze { robot }, who);
                 Event::Freeze { robot, fault, ends: false, who }
             }
             crate::view::Act::Thaw(robot) => {
@@ -64,7 +64,8 @@ impl Run<'_> {
             crate::view::Act::Restart(robot) => Event::Restart { robot },
             crate::view::Act::Cut(edge) => {
                 self.link_event(now_ns, "cut", edge);
-                let fault = self.new_fault(&FaultKind::Link { edge, kind: LinkFaultKind::Cut });
+                let cut = FaultKind::Link { edge, kind: LinkFaultKind::Cut };
+                let fault = self.new_fault(&cut, who);
                 Event::Cut { edge, fault }
             }
             crate::view::Act::Mend(edge) => {
@@ -72,6 +73,7 @@ impl Run<'_> {
                 Event::Mend { edge }
             }
         };
+        self.acts_by_hand += 1;
         self.happens(now_ns, event)?;
         Ok(Ok(()))
     }
@@ -114,9 +116,9 @@ impl Run<'_> {
     }
 
     /// A fault of the report that is not the scenario's.
-    fn new_fault(&mut self, kind: &FaultKind) -> usize {
+    pub(super) fn new_fault(&mut self, kind: &FaultKind, who: Who) -> usize {
         let (what, struck) = kind.struck(self.scenario);
-        self.journal.metrics.new_fault(format!("{what}, {}", Who::Hand.word()), struck)
+        self.journal.metrics.new_fault(format!("{what}, {}", who.word()), struck)
     }
 
     /// Writes down what became of a link.

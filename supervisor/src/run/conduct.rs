@@ -76,6 +76,11 @@ impl Conduct {
         matches!(self, Conduct::Realtime { .. })
     }
 
+    /// Whether the others go on while somebody is stopped. In lockstep they wait.
+    pub(super) fn goes_on_without_the_stopped(&self) -> bool {
+        matches!(self, Conduct::Realtime { .. })
+    }
+
     /// Waits until something may have happened, for at most one turn. `news`: what is readable then;
     /// in lockstep the plant calls.
     pub(super) fn wait_for_news<'f>(&self, news: impl FnOnce() -> Vec<PollFd<'f>>) {

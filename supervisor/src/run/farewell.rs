@@ -14,8 +14,9 @@ use outcome::results::usage;
 const GRACE: Duration = Duration::from_secs(2);
 
 impl Run<'_> {
-    /// Ends every process and removes what they shared. What went wrong at the end is told.
-    pub(super) fn farewell(mut self) -> (Outcome, Result<(), RunError>) {
+    /// Ends every process and removes what they shared. What went wrong at the end is told. `over`: when the run
+    /// ended.
+    pub(super) fn farewell(mut self, over: Instant) -> (Outcome, Result<(), RunError>) {
         let told = self.take_the_rest();
         self.end_children();
         let released = self.release_hosts();
@@ -29,6 +30,7 @@ impl Run<'_> {
         let Run {
             interrupted,
             launched,
+            acts_by_hand,
             lives,
             processes,
             intake,
@@ -42,7 +44,9 @@ impl Run<'_> {
             ..
         } = self;
         drop(processes);
+        let wall = intake.began.map_or(Duration::ZERO, |began| over - began);
         let mut outcome = intake.into_outcome(launched, &lives, interrupted, usages);
+        (outcome.wall, outcome.acts_by_hand) = (wall, acts_by_hand);
         outcome.hosts = hosts.as_ref().map_or(Vec::new(), Hosts::summaries);
         drop((hosts, faults_by_hand, cleaner, conduct, _services, _node));
         if let Err(error) = run_root.remove() {

@@ -1,15 +1,16 @@
 //! Who holds a lockstep run up, and for how long? The supervisor knows all processes and watches
 //! over each that owes an answer: a robot its first status and its arrival at each tick, the plant
-//! the next tick.
+//! the next tick. Whoever owes one for some seconds is told on the screen; whoever is hung ends the run.
 //!
-//! A machine that is busy ends no run: what counts is what a process does (`protocol::watchdog`).
-//! Whoever answers within a look or two costs nothing here.
+//! A machine that is busy ends no run: what counts is what a process does (`protocol::watchdog`). Robots that owe
+//! an answer share the wall time evenly; one alone has all of it. Whoever answers within a look or two costs nothing
+//! here.
 
 use std::time::{Duration, Instant};
 
 use protocol::barrier::Barrier;
 use protocol::message::TruthHeader;
-use protocol::watchdog::{Instead, Sample, State, Watchdog};
+use protocol::watchdog::{GAP_MAX, Instead, Sample, State, Watchdog};
 
 use super::error::{READY_MAX, RunError};
 use super::processes::LOG_LINES;
@@ -17,6 +18,10 @@ use crate::child::Child;
 
 /// How often those who owe an answer are looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
+/// Whoever owes an answer for this much wall time is told, or for half of what ends the run if that is less.
+const TELL_AFTER: Duration = Duration::from_secs(5);
+/// Of so many at once each is told.
+const TOLD_MAX: usize = 4;
 /// Instead of a tick: the first status.
 const FIRST_STATUS: u64 = u64::MAX;
 
@@ -60,35 +65,75 @@ impl Watch {
         self.looked = Instant::now();
         let awaited = barrier.awaited();
         let mut anybody_starts = false;
+        let mut late = Vec::new();
         for Watched { robot, name, child, starting_since } in robots {
             anybody_starts |= starting_since.is_some();
             let tick = awaited.iter().find(|(slot, _)| *slot == robot).map(|(_, tick)| *tick);
-            let (owed, limit) = match starting_since {
-                Some(_) => (Some(FIRST_STATUS), READY_MAX),
-                None => (tick, self.limit),
+            let (owed, share, limit) = match starting_since {
+                // Starting may take a program long: only what it does itself counts.
+                Some(_) => (Some(FIRST_STATUS), 0.0, READY_MAX),
+                None => (tick, 1.0 / awaited.len().max(1) as f64, self.limit),
             };
-            let Some(instead) = self.robots[robot].look(owed, name, child, limit) else { continue };
-            let (robot, log) = (name.to_owned(), child.last_lines(LOG_LINES));
-            return Err(match starting_since {
-                Some(_) => RunError::NotReady { robot, log },
-                None => {
+            match self.robots[robot].look(owed, share, child, limit) {
+                Found::InTime => {}
+                Found::Late(doing) => late.push(match tick {
+                    Some(tick) => format!("{name} has not answered tick {tick}, and {doing}"),
+                    None => format!("{name} is not ready, and {doing}"),
+                }),
+                Found::Hung(instead) => {
+                    let (robot, log) = (name.to_owned(), child.last_lines(LOG_LINES));
                     let tick = tick.unwrap_or_default();
-                    RunError::RobotHung { robot, tick, limit, instead, log }
+                    return Err(match starting_since {
+                        Some(_) => RunError::NotReady { robot, log },
+                        None => RunError::RobotHung { robot, tick, limit, instead, log },
+                    });
                 }
-            });
+            }
         }
         // It waits for robots, or for the supervisor.
         let waits = anybody_starts || !awaited.is_empty() || barrier.paused().is_some();
         let taken = newest.map_or(0, |truth| truth.tick + 1);
         let owed = (!waits).then_some(taken << 32 | u64::from(barrier.ticks_begun()));
-        match self.plant.look(owed, "the plant", plant, self.limit) {
-            None => Ok(()),
-            Some(instead) => {
+        match self.plant.look(owed, 1.0, plant, self.limit) {
+            Found::InTime => {}
+            Found::Late(doing) => {
+                late.push(format!("the plant has not gone on from tick {taken}, and {doing}"));
+            }
+            Found::Hung(instead) => {
                 let (limit, log) = (self.limit, plant.last_lines(LOG_LINES));
-                Err(RunError::PlantHung { limit, instead, log })
+                return Err(RunError::PlantHung { limit, instead, log });
             }
         }
+        tell(&late, tell_after(self.limit));
+        Ok(())
     }
+}
+
+/// After how much wall time somebody is told who ends the run after `limit`.
+fn tell_after(limit: Duration) -> Duration {
+    TELL_AFTER.min(limit / 2)
+}
+
+/// Tells who holds everybody up.
+fn tell(late: &[String], after: Duration) {
+    let after_s = after.as_secs_f64();
+    for who in late.iter().take(TOLD_MAX) {
+        tracing::warn!("{who}, for {after_s} s of wall time; everybody else waits");
+    }
+    if let Some(more) = late.len().checked_sub(TOLD_MAX).filter(|&more| more > 0) {
+        tracing::warn!("so have {more} more");
+    }
+}
+
+/// How a process stands that may owe an answer.
+#[derive(Debug, PartialEq)]
+enum Found {
+    /// It owes none, or not for long, or that was told already.
+    InTime,
+    /// It has owed one for some time, and does this.
+    Late(&'static str),
+    /// It has owed it for too long, and did this instead.
+    Hung(Instead),
 }
 
 /// What one process owes.
@@ -97,30 +142,72 @@ struct Debt {
     /// Which answer, of which process id.
     owed: Option<(u64, u32)>,
     dog: Watchdog,
-    seen_stopped: bool,
+    /// The newest look, ns.
+    looked_ns: Option<u64>,
+    /// Wall time that it was not stopped for, as far as somebody looked.
+    owed_for: Duration,
+    told: bool,
 }
 
 impl Debt {
-    /// It owes this answer, or none: what it did instead, if it has owed it for too long.
-    fn look(
-        &mut self,
-        owed: Option<u64>,
-        name: &str,
-        child: &Child,
-        limit: Duration,
-    ) -> Option<Instead> {
+    /// It owes this answer, or none. `share`: of the wall time it may expect this much for itself.
+    fn look(&mut self, owed: Option<u64>, share: f64, child: &Child, limit: Duration) -> Found {
         let owed = owed.map(|owed| (owed, child.pid()));
         if owed.is_none() || self.owed != owed {
             *self = Debt { owed, ..Debt::default() };
-            return None;
+            return Found::InTime;
         }
         // The dead are dealt with elsewhere.
-        let sample = Sample::of(child.pid()).ok()?;
-        let stopped = sample.state == State::Stopped;
-        if stopped && !std::mem::replace(&mut self.seen_stopped, true) {
-            tracing::warn!("{name} was stopped by somebody else; the run waits for it (SIGCONT)");
+        match Sample::of(child.pid()) {
+            Ok(sample) => self.see(sample, share, limit),
+            Err(_) => Found::InTime,
         }
-        self.dog.see(sample);
-        self.dog.hung(limit)
+    }
+
+    fn see(&mut self, sample: Sample, share: f64, limit: Duration) -> Found {
+        self.dog.see_with_share(sample, share);
+        let since_ns = self.looked_ns.replace(sample.at_ns).unwrap_or(sample.at_ns);
+        if sample.state != State::Stopped {
+            self.owed_for += Duration::from_nanos(sample.at_ns - since_ns).min(GAP_MAX);
+        }
+        if let Some(instead) = self.dog.hung(limit) {
+            return Found::Hung(instead);
+        }
+        if self.owed_for < tell_after(limit) || std::mem::replace(&mut self.told, true) {
+            return Found::InTime;
+        }
+        Found::Late(match sample.state {
+            State::Runnable => "runs or waits for a processor",
+            State::Blocked => "waits for something else",
+            State::Stopped => "is stopped",
+            State::Gone => "is dead",
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whoever_owes_an_answer_is_told_of_once_before_it_ends_the_run() {
+        let mut debt = Debt::default();
+        let found = |looks: std::ops::RangeInclusive<u64>, state, debt: &mut Debt| {
+            let sample = |look: u64| Sample {
+                state,
+                computed: Duration::from_millis(40 * look.saturating_sub(18_000)),
+                at_ns: look * 200_000_000,
+                started: 7,
+            };
+            let all = looks.map(|look| debt.see(sample(look), 1.0, Duration::from_secs(60)));
+            all.filter(|found| *found != Found::InTime).collect::<Vec<_>>()
+        };
+        // Stopped for an hour: whoever stopped it was told.
+        assert_eq!(found(0..=18_000, State::Stopped, &mut debt), []);
+        let late = Found::Late("runs or waits for a processor");
+        assert_eq!(found(18_001..=18_299, State::Runnable, &mut debt), [late]);
+        let hung = Found::Hung(Instead::Computed);
+        assert_eq!(found(18_300..=18_301, State::Runnable, &mut debt).last(), Some(&hung));
+        assert_eq!(tell_after(Duration::from_secs(1)), Duration::from_millis(500));
     }
 }

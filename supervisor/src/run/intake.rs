@@ -126,16 +126,15 @@ impl Intake {
         Outcome {
             interrupted,
             startup: self.began.map(|at| at - launched),
-            wall: self.began.map_or(Duration::ZERO, |at| self.last_news - at),
             truth: self.newest,
             deadline_misses: self.reports.iter().map(|report| report.counts().misses).sum(),
             odometry_old: self.reports.iter().map(|report| report.counts().odometry_old).sum(),
             beacons_refused: self.reports.iter().map(|report| report.counts().refused).collect(),
             restarts: robots.map(|robot| lives.incarnation(robot)).collect(),
             latency: self.latency,
-            hosts: Vec::new(),
             goals: self.goal_counts.map(|_| self.goals.summary()),
             usages,
+            ..Outcome::default()
         }
     }
 }

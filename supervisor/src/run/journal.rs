@@ -54,6 +54,11 @@ impl<'a> Journal<'a> {
         Journal { names, run_dir, metrics, view: None, waiting: Lines::default() }
     }
 
+    /// Lets somebody look on, and act by hand.
+    pub fn shown_to(self, view: Option<&'a mut View>) -> Journal<'a> {
+        Journal { view, ..self }
+    }
+
     /// The name of a robot.
     pub fn name(&self, robot: usize) -> &str {
         &self.names[robot]

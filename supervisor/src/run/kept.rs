@@ -113,7 +113,7 @@ impl Kept {
         self.failures = if failed { self.failures + 1 } else { 0 };
         let given_up = self.is_given_up().then(|| GivenUp {
             times: self.failures,
-            log: child::last_lines(&self.log, LOG_LINES),
+            log: child::shown(&child::last_entries(&self.log, LOG_LINES)),
         });
         if given_up.is_none() {
             cleaner.request(self.which.dead());

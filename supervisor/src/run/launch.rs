@@ -1,6 +1,7 @@
 //! How a run begins: from the run root to the first process of every robot.
 
 use std::collections::VecDeque;
+use std::path::Path;
 use std::time::Instant;
 
 use formation::random::SplitMix64;
@@ -8,7 +9,8 @@ use protocol::brief::{AgentBrief, BridgeBrief, Pace};
 use protocol::process::Stop;
 use protocol::ros2::Ros2Brief;
 use protocol::run_root::{self, RunRoot};
-use protocol::service;
+use protocol::service::{self, Node};
+use serde::Serialize;
 
 use super::Run;
 use super::conduct::Conduct;
@@ -21,6 +23,7 @@ use super::kept::{Kept, Which};
 use super::lives::Lives;
 use super::processes::{Processes, Robot};
 use super::services::{Services, has_control_timer};
+use super::stops::Stops;
 use crate::dead_nodes::Cleaner;
 use crate::descriptors;
 use crate::room::{self, Need};
@@ -28,42 +31,43 @@ use crate::spawn::{Launcher, Role};
 use crate::timeline::Timeline;
 use experiment::briefs;
 use experiment::scenario::Scenario;
-use outcome::metrics::Metrics;
 use outcome::results::latency::Latency;
-use outcome::results::run_dir::RunDir;
+
+/// To whom a run is open besides its own processes.
+#[derive(Debug, Default)]
+pub struct OpenTo {
+    /// Somebody may break things by hand.
+    pub hands: bool,
+    /// Where there are several hosts: what this one's bridge is told, but for the run root. The others are
+    /// waited for.
+    pub hosts: Option<BridgeBrief>,
+    /// Where ROS 2 listens: what the process is told that shows it the run, but for the run root.
+    pub ros2: Option<Ros2Brief>,
+}
 
 impl<'a> Run<'a> {
-    /// Makes the run root and all services, writes the briefs and starts every process. `by_hand`:
-    /// somebody may break things by hand. `fleet`: where there are several hosts, what this one's bridge is told,
-    /// but for the run root; the others are waited for. `ros2`: where ROS 2 listens, what the process is told that
-    /// shows it the run, but for the run root.
-    #[allow(clippy::too_many_arguments, reason = "what a run is made of")]
+    /// Makes the run root and all services, writes the briefs and starts every process.
     pub fn launch(
         scenario: &'a Scenario,
         pace: Pace,
         launcher: &Launcher,
-        by_hand: bool,
-        fleet: Option<BridgeBrief>,
-        ros2: Option<Ros2Brief>,
-        run_dir: &'a mut RunDir,
-        metrics: &'a mut Metrics,
+        open_to: OpenTo,
+        journal: Journal<'a>,
         stop: Stop,
     ) -> Result<Run<'a>, RunError> {
-        descriptors::make_room(scenario.robots.len())?;
-        let base = run_root::base();
-        for removed in run_root::sweep(&base) {
-            tracing::info!(path = %removed.display(), "removed what a dead run left");
-        }
-        room::check(&base, Need::of(scenario.robots.len(), scenario.graph.edges().len()))?;
-        room::tell_of_sigbus(&base);
-        let run_root = RunRoot::create(&base)?;
-        run_root::join(run_root.path())?;
+        let launcher = match pace {
+            Pace::Lockstep => launcher.clone().with_same_addresses(),
+            Pace::Realtime => launcher.clone(),
+        };
+        let edges = scenario.graph.edges();
+        let run_root = make_run_root(scenario.robots.len(), edges.len())?;
         let node = service::node("supervisor")?;
-        let conduct = Conduct::new(scenario, pace, &run_root, launcher)?;
+        let conduct = Conduct::new(scenario, pace, &run_root, &launcher)?;
         // Each takes descriptors and memory: only where they can be of use.
-        let links_by_hand = by_hand && conduct.cuts_links_by_hand();
-        let (bridged, ros2_brief) = (fleet.is_some(), ros2.as_ref());
-        let services = Services::create(&node, scenario, pace, links_by_hand, bridged, ros2_brief)?;
+        let links_by_hand = open_to.hands && conduct.cuts_links_by_hand();
+        let OpenTo { hosts: fleet, ros2, .. } = open_to;
+        let services =
+            Services::create(&node, scenario, pace, links_by_hand, fleet.is_some(), ros2.as_ref())?;
         let intake = Intake::new(&services, Latency::new(scenario, pace))?;
         let heard = |i| scenario.graph.heard_by(i).count();
         let to_robots = services.faults.iter().enumerate();
@@ -72,63 +76,19 @@ impl<'a> Run<'a> {
         let cleaner = Cleaner::start(&run_root, &node)?;
         room::take(run_root.path())?;
 
-        let host_services =
-            fleet.as_ref().map(|fleet| HostServices::create(&node, fleet)).transpose()?;
-        let mut hosts = None;
-        let here =
-            |robot: usize| fleet.as_ref().map(|fleet| (fleet.robots[robot].host, fleet.here));
-        let mut robots: Vec<Robot> = Vec::new();
-        for (i, robot) in scenario.robots.iter().enumerate() {
-            if let Some((host, _)) = here(i).filter(|(host, here)| host != here) {
-                robots.push(Robot::elsewhere(Remote::new(i, host)));
-                continue;
-            }
-            let brief = briefs::agent(scenario, i, pace, run_root.path());
-            let goals_from_outside = ros2.as_ref().is_some_and(|ros2| ros2.sends(&robot.name));
-            let brief = AgentBrief { links_by_hand, goals_from_outside, ..brief };
-            let told = run_dir.write_brief(&robot.name, &brief)?;
-            let program =
-                scenario.program(i).map(|program| run_dir.started(program)).transpose()?;
-            robots.push(Robot::new(told, program, run_dir.log_path(&robot.name)));
-        }
-        if let (Some(fleet), Some(services)) = (&fleet, host_services) {
-            let fleet = BridgeBrief { run_root: run_root.path().into(), ..fleet.clone() };
-            let told = run_dir.write_brief("bridge", &fleet)?;
-            let bridge = Kept::start(Which::Bridge, launcher, told, run_dir.log_path("bridge"))?;
-            let mut others = Hosts::new(fleet, bridge, services)?;
-            let mut remotes: Vec<_> = robots.iter_mut().map(Robot::remote).collect();
-            others.gather(&mut remotes, &cleaner, &stop)?;
-            hosts = Some(others);
-        }
-
-        let ros2 = ros2.map(|brief| {
-            let brief = Ros2Brief { run_root: run_root.path().into(), ..brief };
-            let told = run_dir.write_brief("ros2", &brief)?;
-            Ok::<_, RunError>(Kept::start(Which::Ros2, launcher, told, run_dir.log_path("ros2"))?)
-        });
-        let ros2 = ros2.transpose()?;
-        let plant_brief = briefs::plant(scenario, pace, run_root.path());
-        let plant_brief = run_dir.write_brief("plant", &plant_brief)?;
-        let launched = Instant::now();
-        let program = scenario.plant.as_ref();
-        let program = program.map(|program| run_dir.started(program)).transpose()?;
-        let plant = Role::Plant { brief: &plant_brief, program: program.as_ref() };
-        let plant = launcher.spawn(plant, &run_dir.log_path("plant"))?;
-        let control_timer = has_control_timer(scenario, pace).then_some(Role::ControlTimer {
-            run_root: run_root.path(),
-            period_ns: scenario.period_ns,
-            robots: scenario.robots.len(),
-        });
-        let control_timer = control_timer
-            .map(|role| launcher.spawn(role, &run_dir.log_path("machine")))
+        let mut start = Start { scenario, pace, launcher, run_root: run_root.path(), journal };
+        let mut robots = start.robots(fleet.as_ref(), ros2.as_ref(), links_by_hand)?;
+        let hosts = fleet
+            .map(|fleet| start.hosts(&node, fleet, &mut robots, &cleaner, &stop))
             .transpose()?;
-        let mut processes = Processes::new(plant, control_timer, robots, launcher.clone());
+        let ros2 = ros2.map(|brief| start.ros2(brief)).transpose()?;
+        let launched = Instant::now();
+        let mut processes = start.plant(robots)?;
         for robot in start_order(scenario.seed, scenario.robots.len()) {
             processes.start(robot, 0)?;
         }
-        let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
         let policies = scenario.robots.iter().map(|robot| robot.restart);
-        let hearers = scenario.graph.edges().iter().map(|edge| edge.to);
+        let hearers = edges.iter().map(|edge| edge.to);
         Ok(Run {
             scenario,
             stop,
@@ -138,7 +98,9 @@ impl<'a> Run<'a> {
             timeline: Timeline::new(scenario),
             lives: Lives::new(policies, hearers, conduct.starts_beside_remains()),
             asked: VecDeque::new(),
-            journal: Journal::new(names, run_dir, metrics),
+            acts_by_hand: 0,
+            stops: Stops::new(scenario.robots.len()),
+            journal: start.journal,
             processes,
             intake,
             faults_by_hand,
@@ -151,6 +113,105 @@ impl<'a> Run<'a> {
             _node: node,
             run_root,
         })
+    }
+}
+
+/// Makes the run root of a run, or of a share of one, where there is room for so many robots and links.
+pub(super) fn make_run_root(robots: usize, links: usize) -> Result<RunRoot, RunError> {
+    descriptors::make_room(robots)?;
+    let base = run_root::base();
+    for removed in run_root::sweep(&base) {
+        tracing::info!(path = %removed.display(), "removed what a dead run left");
+    }
+    room::check(&base, Need::of(robots, links))?;
+    room::tell_of_sigbus(&base);
+    let run_root = RunRoot::create(&base)?;
+    run_root::join(run_root.path())?;
+    Ok(run_root)
+}
+
+/// What the processes are started from.
+struct Start<'a, 'r> {
+    scenario: &'a Scenario,
+    pace: Pace,
+    launcher: Launcher,
+    run_root: &'r Path,
+    journal: Journal<'a>,
+}
+
+impl Start<'_, '_> {
+    /// Writes the brief of each robot of this host.
+    fn robots(
+        &mut self,
+        fleet: Option<&BridgeBrief>,
+        ros2: Option<&Ros2Brief>,
+        links_by_hand: bool,
+    ) -> Result<Vec<Robot>, RunError> {
+        let run_dir = &mut *self.journal.run_dir;
+        let mut robots = Vec::new();
+        for (i, robot) in self.scenario.robots.iter().enumerate() {
+            let host = fleet.map(|fleet| fleet.robots[i].host);
+            if let Some(host) = host.filter(|&host| fleet.is_some_and(|fleet| fleet.here != host)) {
+                robots.push(Robot::elsewhere(Remote::new(i, host)));
+                continue;
+            }
+            let brief = briefs::agent(self.scenario, i, self.pace, self.run_root);
+            let goals_from_outside = ros2.is_some_and(|ros2| ros2.sends(&robot.name));
+            let brief = AgentBrief { links_by_hand, goals_from_outside, ..brief };
+            let brief = run_dir.write_brief(&robot.name, &brief)?;
+            let program = self.scenario.program(i).map(|program| run_dir.started(program));
+            robots.push(Robot::new(brief, program.transpose()?, run_dir.log_path(&robot.name)));
+        }
+        Ok(robots)
+    }
+
+    /// Starts the bridge, and waits for the other hosts.
+    fn hosts(
+        &mut self,
+        node: &Node,
+        fleet: BridgeBrief,
+        robots: &mut [Robot],
+        cleaner: &Cleaner,
+        stop: &Stop,
+    ) -> Result<Hosts, RunError> {
+        let services = HostServices::create(node, &fleet)?;
+        let fleet = BridgeBrief { run_root: self.run_root.into(), ..fleet };
+        let bridge = self.kept(Which::Bridge, "bridge", &fleet)?;
+        let mut hosts = Hosts::new(fleet, bridge, services)?;
+        let mut remotes: Vec<_> = robots.iter_mut().map(Robot::remote).collect();
+        hosts.gather(&mut remotes, cleaner, stop)?;
+        Ok(hosts)
+    }
+
+    fn ros2(&mut self, brief: Ros2Brief) -> Result<Kept, RunError> {
+        let brief = Ros2Brief { run_root: self.run_root.into(), ..brief };
+        self.kept(Which::Ros2, "ros2", &brief)
+    }
+
+    fn kept(&mut self, which: Which, name: &str, brief: &impl Serialize) -> Result<Kept, RunError> {
+        let run_dir = &mut *self.journal.run_dir;
+        let brief = run_dir.write_brief(name, brief)?;
+        Ok(Kept::start(which, &self.launcher, brief, run_dir.log_path(name))?)
+    }
+
+    /// Starts the plant, and the control timer if there is one.
+    fn plant(&mut self, robots: Vec<Robot>) -> Result<Processes, RunError> {
+        let Start { scenario, pace, launcher, run_root, journal } = self;
+        let run_dir = &mut *journal.run_dir;
+        let brief = run_dir.write_brief("plant", &briefs::plant(scenario, *pace, run_root))?;
+        let program =
+            scenario.plant.as_ref().map(|program| run_dir.started(program)).transpose()?;
+        let plant = Role::Plant { brief: &brief, program: program.as_ref() };
+        let plant = launcher.spawn(plant, &run_dir.log_path("plant"))?;
+        let control_timer = has_control_timer(scenario, *pace).then_some(Role::ControlTimer {
+            run_root,
+            period_ns: scenario.period_ns,
+            robots: scenario.robots.len(),
+        });
+        let control_timer = control_timer
+            .map(|role| launcher.spawn(role, &run_dir.log_path("machine")))
+            .transpose()?;
+        Ok(Processes::new(plant, control_timer, robots, launcher.clone()))
     }
 }
 

@@ -244,7 +244,9 @@ impl Lives {
         if life.seat == Seat::Moving {
             life.leave(out, robot);
             life.seat = Seat::Frozen;
-            out.push(Effect::Stop(robot));
+            if who != Who::Outside {
+                out.push(Effect::Stop(robot));
+            }
         }
         let stopped = life.seat == Seat::Frozen;
         let earlier = if stopped { life.frozen_by.replace(fault) } else { None };
@@ -262,7 +264,9 @@ impl Lives {
         let life = &mut self.robots[robot];
         if life.seat == Seat::Frozen {
             life.seat = Seat::Moving;
-            out.push(Effect::GoOn(robot));
+            if who != Who::Outside {
+                out.push(Effect::GoOn(robot));
+            }
             life.join(out, robot);
         }
         out.note("thaw", robot, format!("SIGCONT, {}", who.word()));

@@ -14,6 +14,7 @@
 //! | `lives` | where is each robot's process in its life, and what follows on what? |
 //! | `acts` | what is done, when it is due? |
 //! | `hung` | who owes an answer for too long? |
+//! | `stops` | whom did somebody else stop? |
 //! | `by_hand` | what may people do to it meanwhile? |
 //! | `processes` | how are the processes started, signalled and reaped? |
 //! | `hosts/` | what has it to do with other hosts? |
@@ -35,18 +36,18 @@ mod hung;
 mod intake;
 pub mod journal;
 mod kept;
-mod launch;
+pub mod launch;
 mod listen;
 pub mod lives;
 mod load;
 mod processes;
 pub mod reports;
 mod services;
+mod stops;
 
 use std::collections::VecDeque;
 use std::time::Instant;
 
-use crate::view::View;
 use protocol::message::LinkFaultByHand;
 use protocol::process::{Stop, exit};
 use protocol::run_root::RunRoot;
@@ -69,6 +70,7 @@ use lives::{Event, Lives, Seat};
 use outcome::results::outcome::Outcome;
 use processes::Processes;
 use services::Services;
+use stops::Stops;
 
 /// A run under way.
 pub struct Run<'a> {
@@ -83,6 +85,9 @@ pub struct Run<'a> {
     lives: Lives,
     /// What was asked for by hand, and is yet to be done or refused.
     asked: VecDeque<crate::view::Request>,
+    /// How much was done of it.
+    acts_by_hand: u64,
+    stops: Stops,
     journal: Journal<'a>,
     // In the order in which they must go: processes before services before the run root.
     processes: Processes,
@@ -103,21 +108,18 @@ pub struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// Lets somebody look on, and act by hand.
-    pub fn watched_by(mut self, view: Option<&'a mut View>) -> Run<'a> {
-        self.journal.view = view;
-        self
-    }
-
     /// Goes on to the end, to a signal, or to an error; then ends every process and removes what they
     /// shared. `progress` is told the run time of the newest truth, ns.
     pub fn to_the_end(mut self, mut progress: impl FnMut(u64)) -> (Outcome, Result<(), RunError>) {
         let ran = self.turn_until_the_end(&mut progress);
         self.failed = ran.is_err();
+        // A run that comes to its end is over with its last truth.
+        let whole = ran.is_ok() && !self.interrupted;
+        let over = if whole { self.intake.last_news } else { Instant::now() };
         if let Err(error) = &ran {
             tracing::debug!(%error, "the run ends early");
         }
-        let (outcome, ended) = self.farewell();
+        let (outcome, ended) = self.farewell(over);
         (outcome, ran.and(ended))
     }
 
@@ -133,6 +135,7 @@ impl<'a> Run<'a> {
             self.watch_ros2();
             // Deaths first: whoever calls a robot stale then does so of a fault that is known.
             self.take_deaths()?;
+            self.take_stops()?;
             self.take_reports()?;
             while let Some(dead) = self.cleaner.done() {
                 let kept = match dead {

@@ -10,7 +10,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::hosts::remote::Remote;
 use super::load::Load;
-use crate::child::{self, Child};
+use crate::child::{self, Child, Entry};
 use crate::spawn::{Launcher, Role, SpawnError};
 use outcome::results::programs::Started;
 use outcome::results::usage::Usage;
@@ -135,7 +135,17 @@ impl Processes {
         if self.robots[robot].remote.is_some() {
             return "  (on the host where it lived)".into();
         }
-        child::last_lines(&self.robots[robot].log, LOG_LINES)
+        child::shown(&self.last_entries(robot))
+    }
+
+    /// The same line by line; none of a robot that lives elsewhere.
+    pub(super) fn last_entries(&self, robot: usize) -> Vec<Entry> {
+        child::last_entries(&self.robots[robot].log, LOG_LINES)
+    }
+
+    /// Whether a robot's process is stopped, by whomever.
+    pub(super) fn is_stopped(&mut self, robot: usize) -> bool {
+        self.robots[robot].child.as_mut().is_some_and(Child::is_stopped)
     }
 
     /// The end of the plant's log.

@@ -21,6 +21,8 @@ const LANDED_MAX: Duration = Duration::from_millis(1500);
 #[derive(Debug)]
 pub struct View {
     pub(crate) post: Arc<Post>,
+    /// Clients may act.
+    control: bool,
     requests: Receiver<Request>,
     /// Closed when the server is gone.
     gone: Receiver<()>,
@@ -32,10 +34,16 @@ pub struct View {
 }
 
 impl View {
-    pub(crate) fn new(post: Arc<Post>, requests: Receiver<Request>, gone: Receiver<()>) -> View {
+    pub(crate) fn new(
+        post: Arc<Post>,
+        control: bool,
+        requests: Receiver<Request>,
+        gone: Receiver<()>,
+    ) -> View {
         let now = Instant::now();
         View {
             post,
+            control,
             requests,
             gone,
             happened: VecDeque::new(),
@@ -43,6 +51,11 @@ impl View {
             frame_due: now,
             latency_due: now,
         }
+    }
+
+    /// Whether clients may act.
+    pub fn takes_requests(&self) -> bool {
+        self.control
     }
 
     /// Whether anybody looks. If not, there is no need to make anything.
@@ -130,7 +143,7 @@ mod tests {
 
     fn view() -> (Arc<Post>, View) {
         let post = Arc::new(Post::default());
-        (post.clone(), View::new(post, channel().1, channel().1))
+        (post.clone(), View::new(post, false, channel().1, channel().1))
     }
 
     #[test]

@@ -178,7 +178,7 @@ impl Bound {
                 deliver(&letter_box, told).await;
             });
         })?;
-        Ok(View::new(post, asked, gone))
+        Ok(View::new(post, control, asked, gone))
     }
 }
 

@@ -12,16 +12,15 @@ use protocol::message::{
     OrderHeader, OrderRow, PeerRow, Phase, ReportHeader, ReportRow, StatusHeader, Wanted,
 };
 use protocol::process::Stop;
-use protocol::run_root::{self, RunRoot};
 use protocol::service::{self, Factory, Node, Publisher, Qos, Subscriber, send_slice};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::child::Child;
 use crate::dead_nodes::{Cleaner, Dead};
-use crate::descriptors;
-use crate::room::{self, Need};
+use crate::room;
 use crate::run::RunError;
 use crate::run::kept::{Kept, Which};
+use crate::run::launch::make_run_root;
 use crate::spawn::{Launcher, Role};
 use experiment::briefs;
 use experiment::scenario::Scenario;
@@ -146,17 +145,9 @@ pub fn run(
     host_dir: &HostDir,
     stop: &Stop,
 ) -> Result<Ended, RunError> {
-    descriptors::make_room(scenario.robots.len())?;
-    let base = run_root::base();
-    for removed in run_root::sweep(&base) {
-        tracing::info!(path = %removed.display(), "removed what a dead run left");
-    }
     let own = brief.robots.iter().filter(|robot| robot.host == brief.here);
     let links = own.clone().map(|robot| robot.hears).sum();
-    room::check(&base, Need::of(own.count(), links))?;
-    room::tell_of_sigbus(&base);
-    let run_root = RunRoot::create(&base)?;
-    run_root::join(run_root.path())?;
+    let run_root = make_run_root(own.count(), links)?;
     let brief = BridgeBrief { run_root: run_root.path().into(), ..brief };
     let node = service::node("supervisor")?;
     let services = Services::create(&node, &brief, scenario)?;

@@ -9,6 +9,8 @@ pub enum Who {
     Plan,
     /// Somebody's, through the live view.
     Hand,
+    /// Somebody's who sent a signal to the process. It is done already.
+    Outside,
 }
 
 impl Who {
@@ -17,6 +19,7 @@ impl Who {
         match self {
             Who::Plan => "as planned",
             Who::Hand => "by hand",
+            Who::Outside => "by somebody else",
         }
     }
 }

@@ -1,0 +1,291 @@
+//! A sound scenario is run to its end by processes, judged, and written down: for `phalanx run`, for one run of a
+//! campaign, and for `phalanx verify`.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use protocol::brief::Pace;
+use protocol::process::{Stop, exit};
+use protocol::ros2::Ros2Brief;
+use supervisor::run::journal::Journal;
+use supervisor::run::launch::OpenTo;
+use supervisor::run::{self, Run, RunError};
+use supervisor::spawn::Launcher;
+use supervisor::view::{Bound, View, ViewError};
+
+use super::fleet::Part;
+use super::screen::{complain, progress, show_progress, tell};
+use experiment::scenario::read::folder;
+use experiment::scenario::{FaultKind, Scenario};
+use outcome::metrics::Metrics;
+use outcome::metrics::expect;
+use outcome::metrics::summary::Summary;
+use outcome::results::manifest::{Build, Manifest};
+use outcome::results::outcome::Outcome;
+use outcome::results::programs::Programs;
+use outcome::results::run_dir::{Place, RunDir, RunDirError};
+use outcome::results::scene::scene;
+use outcome::results::summary;
+
+/// Why a run left no summary.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum NotRun {
+    #[error("cannot handle signals: {0}")]
+    Signals(#[from] io::Error),
+    #[error(transparent)]
+    RunDir(#[from] RunDirError),
+    #[error(transparent)]
+    View(#[from] ViewError),
+}
+
+/// Is given what ends the run early, before it begins.
+type OnStart = Box<dyn FnOnce(&Stop)>;
+
+/// How a scenario is run.
+pub(super) struct How {
+    pub(super) pace: Pace,
+    pub(super) launcher: Launcher,
+    pub(super) unmeasured: bool,
+    /// Samples and recording are written.
+    pub(super) recorded: bool,
+    pub(super) live_view: Option<LiveView>,
+    /// What robots run that is not built in.
+    pub(super) programs: Programs,
+    /// Is given what ends the run early.
+    pub(super) on_start: Option<OnStart>,
+    /// Of a run on several hosts.
+    pub(super) part: Option<Part>,
+    /// What the process is told that shows the run to ROS 2.
+    pub(super) ros2: Option<Ros2Brief>,
+}
+
+impl How {
+    /// Measured, recorded, and looked at by nobody.
+    pub(super) fn new(pace: Pace, launcher: Launcher, programs: Programs) -> How {
+        How {
+            pace,
+            launcher,
+            unmeasured: false,
+            recorded: true,
+            live_view: None,
+            programs,
+            on_start: None,
+            part: None,
+            ros2: None,
+        }
+    }
+}
+
+/// Where people may look at a run under way.
+pub(super) struct LiveView {
+    pub(super) bound: Bound,
+    /// They may act as well.
+    pub(super) control: bool,
+}
+
+/// A run that is over.
+pub(super) struct Ended {
+    /// Robots moved.
+    pub(super) began: bool,
+    /// Where it was written.
+    pub(super) out: PathBuf,
+    /// All of it was.
+    pub(super) written: bool,
+    pub(super) summary: Summary,
+    /// What of it fits on a screen.
+    pub(super) screen: String,
+    pub(super) end: End,
+}
+
+/// How a run ended.
+pub(super) enum End {
+    /// At its end, or with the plant that its plan kills: whatever came out is a result.
+    AsPlanned,
+    /// By a signal.
+    Interrupted,
+    /// Something failed that no plan has.
+    Failed(String),
+}
+
+impl End {
+    fn of(scenario: &Scenario, outcome: &Outcome, result: &Result<(), RunError>) -> End {
+        let t_ns = outcome.truth.map(|truth| truth.t_ns);
+        let kills_plant = scenario.faults.iter().any(|fault| {
+            fault.kind == FaultKind::KillPlant
+                && t_ns.is_some_and(|t_ns| fault.at_ns <= t_ns + scenario.period_ns)
+        });
+        match result {
+            Err(RunError::PlantDied { .. }) if kills_plant => End::AsPlanned,
+            Err(error) => End::Failed(error.to_string()),
+            Ok(()) if outcome.interrupted => End::Interrupted,
+            Ok(()) => End::AsPlanned,
+        }
+    }
+}
+
+/// A run, judged and written down.
+pub(super) struct Judged {
+    pub(super) summary: Summary,
+    screen: String,
+    pub(super) finished: Result<(), RunDirError>,
+}
+
+/// Holds what was measured against what the scenario expects, and writes it down. `ended_with`: the exit
+/// code without expectations.
+pub(super) fn judge(
+    scenario: &Scenario,
+    pace: Pace,
+    metrics: &Metrics,
+    outcome: &mut Outcome,
+    ended_with: u8,
+    run_dir: &mut RunDir,
+) -> Judged {
+    let measures = metrics.finish();
+    let expectations =
+        expect::evaluate(scenario, &measures, pace, outcome.deadline_misses, ended_with);
+    let held = expectations.iter().all(|expectation| expectation.held);
+    let expected = scenario.expect.exit == Some(ended_with);
+    let exit = match (ended_with, held) {
+        (exit::OK, true) => exit::OK,
+        (exit::OK, false) => exit::EXPECTATION_MISSED,
+        (_, true) if expected => exit::OK,
+        (code, _) => code,
+    };
+    let mut summary = summary::sum_up(scenario, pace, &measures, outcome, expectations, exit);
+    // The verdict is what it is, whether or not it can be written down.
+    let screen = summary::screen(&summary);
+    let finished = run_dir.finish(&mut summary, &measures.pairs, &mut outcome.latency);
+    Judged { summary, screen, finished }
+}
+
+/// Runs a sound scenario and writes everything down. `text`: the effective scenario.
+pub(super) fn execute(
+    scenario: &Scenario,
+    text: &str,
+    manifest: &Manifest,
+    place: &Place,
+    mut how: How,
+) -> Result<Ended, NotRun> {
+    let stop = Stop::on_signals_twice_at_once()?;
+    if let Some(on_start) = how.on_start.take() {
+        on_start(&stop);
+    }
+    let (out, mut run_dir) = place.make(|out| RunDir::create(out, scenario))?;
+    begin(&mut run_dir, text, manifest, &how)?;
+    let mut metrics = Metrics::new(scenario, how.pace);
+    if how.unmeasured {
+        metrics.look_away();
+    }
+    let pace = how.pace;
+    let mut view = how.live_view.take().map(|view| view.serve(scenario, pace)).transpose()?;
+    let (mut outcome, result) =
+        run_to_the_end(scenario, how, &mut run_dir, &mut metrics, view.as_mut(), stop);
+    let ended_with = run::exit_code(&outcome, &result);
+    let end = End::of(scenario, &outcome, &result);
+    if let Err(error) = &result {
+        complain(error);
+    }
+    let judged = judge(scenario, pace, &metrics, &mut outcome, ended_with, &mut run_dir);
+    let Judged { summary, screen, finished } = judged;
+    let ended = result.as_ref().err().map(ToString::to_string);
+    let unwritten = finished.as_ref().err().map(ToString::to_string);
+    if let Some(error) = unwritten.as_ref().filter(|error| ended.as_ref() != Some(error)) {
+        complain(error);
+    }
+    if let Some(view) = view {
+        let error = ended.as_ref().or(unwritten.as_ref());
+        let text = error.map_or_else(|| screen.clone(), |error| format!("error: {error}"));
+        view.ended(summary.exit, &text);
+    }
+    let (began, written) = (outcome.truth.is_some(), finished.is_ok());
+    Ok(Ended { began, out, written, summary, screen, end })
+}
+
+/// Writes down what is known before the run begins.
+fn begin(
+    run_dir: &mut RunDir,
+    text: &str,
+    manifest: &Manifest,
+    how: &How,
+) -> Result<(), RunDirError> {
+    run_dir.write_scenario(text)?;
+    run_dir.write_manifest(manifest)?;
+    run_dir.write_programs(&how.programs)?;
+    if let Some(part) = &how.part {
+        run_dir.write_fleet(&part.text)?;
+    }
+    if how.recorded && !how.unmeasured {
+        run_dir.begin_recording(text, manifest)?;
+    } else {
+        run_dir.record_nothing();
+    }
+    Ok(())
+}
+
+impl LiveView {
+    fn serve(self, scenario: &Scenario, pace: Pace) -> Result<View, ViewError> {
+        tell(&format!("view: {}", self.bound.url()));
+        self.bound.serve(scene(scenario, pace), self.control)
+    }
+}
+
+/// What came of all processes, and why they could not go on if they could not.
+fn run_to_the_end(
+    scenario: &Scenario,
+    how: How,
+    run_dir: &mut RunDir,
+    metrics: &mut Metrics,
+    view: Option<&mut View>,
+    stop: Stop,
+) -> (Outcome, Result<(), RunError>) {
+    let bar = progress(scenario.duration_ns);
+    let open_to = OpenTo {
+        hands: view.as_ref().is_some_and(|view| view.takes_requests()),
+        hosts: how.part.map(|part| part.brief),
+        ros2: how.ros2,
+    };
+    let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
+    let journal = Journal::new(names, run_dir, metrics).shown_to(view);
+    let launched = Run::launch(scenario, how.pace, &how.launcher, open_to, journal, stop);
+    let ended = match launched {
+        Ok(run) => run.to_the_end(|t_ns| show_progress(bar, t_ns)),
+        Err(error) => {
+            let interrupted = matches!(error, RunError::Interrupted { .. });
+            (Outcome { interrupted, ..Outcome::default() }, Err(error))
+        }
+    };
+    bar.finish_and_clear();
+    ended
+}
+
+/// The programs of a scenario of that file; what cannot be read is said.
+pub(super) fn read_programs(scenario: &Scenario, path: &Path) -> Option<Programs> {
+    let read = Programs::read(scenario, folder(path));
+    let read = read.map_err(|(path, error)| {
+        complain(&format_args!("cannot read {}: {error}", path.display()))
+    });
+    read.ok()
+}
+
+/// Runs a sound scenario in lockstep, into a new directory and without pictures. Whether it came to its
+/// end; what went wrong is said.
+pub(super) fn run_again(
+    scenario: &Scenario,
+    text: &str,
+    programs: Programs,
+    out: &Path,
+    launcher: Launcher,
+    build: &Build,
+) -> bool {
+    let pace = Pace::Lockstep;
+    let mut manifest = Manifest::collect(scenario, &out.join("scenario.toml"), pace, build);
+    manifest.programs = programs.listed();
+    let how = How::new(pace, launcher, programs);
+    match execute(scenario, text, &manifest, &Place::At(out.into()), how) {
+        Ok(ended) => ended.began && ended.written && !ended.summary.interrupted,
+        Err(error) => {
+            complain(&error);
+            false
+        }
+    }
+}

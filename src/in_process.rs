@@ -1,7 +1,7 @@
-//! A run in lockstep within one process: the brains and the world of a run's processes, tick by tick. What
-//! it comes to is what the processes come to, bit by bit: the tests hold that. For training, for
-//! foretelling, and for campaigns of many runs; it is no deployment, for nobody here can be late, lost or
-//! killed but by the plan.
+//! A run in lockstep within one process: the turns of its robots and of its world, tick by tick, as its
+//! processes take them. What it comes to is what the processes come to, bit by bit: the tests hold that. For
+//! training, for foretelling, and for campaigns of many runs; it is no deployment, for nobody here can be
+//! late, lost or killed but by the plan.
 //!
 //! What a kill or a freeze leads to is said by the supervisor's own tables, `supervisor::timeline` and
 //! `supervisor::run::lives`. `measured` is a whole run, written down as one of processes is.
@@ -9,12 +9,16 @@
 pub mod measured;
 
 use std::collections::VecDeque;
+use std::convert::Infallible;
 
 use agent::brain::Brain;
 use agent::laws::{Situation, Wish};
+use agent::turn::{self, Inbox, Turn};
 use experiment::briefs;
-use experiment::scenario::Scenario;
+use experiment::scenario::{FaultKind, Scenario};
 use outcome::metrics::fault::End;
+use plant::motion::Unicycles;
+use plant::turn::{Delivery, Turn as PlantTurn, TurnError};
 use plant::world::World;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::message::Beacon;
@@ -25,69 +29,92 @@ use supervisor::timeline::{Act, Due, Timeline};
 /// How a process ends that is killed.
 const KILLED: &str = "signal 9";
 
+/// Why a scenario cannot be run within one process.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum NotInProcess {
+    /// The robots are moved by a program.
+    #[error("a program moves the robots ([plant]), and within one process none is started")]
+    PlantProgram,
+    /// The plant is to be killed.
+    #[error("a fault kills the plant, which is no process of its own within one process")]
+    KillsThePlant,
+}
+
 /// A run under way. `F` makes the brain of a robot's brief and incarnation.
 pub struct InProcess<F> {
     scenario: Scenario,
     think: F,
     agents: Vec<AgentBrief>,
-    period_ns: u64,
+    plant: PlantTurn,
     ticks: u64,
-    tick: u64,
-    world: World,
     robots: Vec<Robot>,
     /// What everybody said at the tick before.
     beacons: Vec<Option<Beacon>>,
+    /// What everybody answered at the tick at hand.
+    commands: Vec<Delivery>,
     timeline: Timeline,
     lives: Lives,
     /// What follows on what was done, and is yet to happen.
     follows: VecDeque<Event>,
+    /// The clock by which it is measured how long everything takes; without measuring, it stands.
+    clock_ns: fn() -> u64,
 }
 
+#[derive(Default)]
 struct Robot {
     /// None while it is dead.
-    brain: Option<Brain>,
-    /// The world waits for it.
-    member: bool,
-    /// The first tick since it was started, or went on after a freeze.
-    first_tick: u64,
+    turn: Option<Turn>,
+    /// The first tick that it takes part in, since it was started or went on after a freeze; without, the
+    /// world does not wait for it.
+    member_since: Option<u64>,
+    /// When it had sensed the tick at hand, ns.
+    sensed_ns: u64,
+    /// It has news for the supervisor.
+    reports: bool,
 }
 
 impl Robot {
-    /// Its brain, if it takes part.
-    fn taking_part(&mut self) -> Option<&mut Brain> {
-        self.brain.as_mut().filter(|_| self.member)
+    /// Its turn, and since when it takes part, if it does.
+    fn taking_part(&mut self) -> Option<(&mut Turn, u64)> {
+        self.turn.as_mut().zip(self.member_since)
     }
 }
 
 impl<F: Fn(&AgentBrief, u64) -> Brain> InProcess<F> {
-    /// Everybody at the start, before the first sample.
-    pub fn new(scenario: Scenario, think: F) -> InProcess<F> {
-        let nowhere = "/nowhere".as_ref();
-        let plant = briefs::plant(&scenario, Pace::Lockstep, nowhere);
+    /// Everybody at the start, before the first sample. What only processes can do is refused.
+    pub fn new(scenario: Scenario, think: F) -> Result<InProcess<F>, NotInProcess> {
+        if scenario.plant.is_some() {
+            return Err(NotInProcess::PlantProgram);
+        }
+        if scenario.faults.iter().any(|fault| fault.kind == FaultKind::KillPlant) {
+            return Err(NotInProcess::KillsThePlant);
+        }
+        let plant = briefs::plant(&scenario, Pace::Lockstep, "/nowhere".as_ref());
         let agents: Vec<AgentBrief> = agents(&scenario).collect();
-        let robot = |brief| Robot { brain: Some(think(brief, 0)), member: false, first_tick: 0 };
+        let turn = |brief: &AgentBrief| Turn::new(brief.clone(), think(brief, 0), 0);
+        let robot = |brief| Robot { turn: Some(turn(brief)), ..Robot::default() };
         let robots: Vec<Robot> = agents.iter().map(robot).collect();
         let policies = scenario.robots.iter().map(|robot| robot.restart);
         let hearers = scenario.graph.edges().iter().map(|edge| edge.to);
-        InProcess {
-            period_ns: plant.period_ns,
+        Ok(InProcess {
+            plant: PlantTurn::new(&plant, Unicycles::new(&plant)),
             ticks: plant.duration_ns / plant.period_ns,
-            tick: 0,
-            world: World::new(&plant),
             beacons: vec![None; robots.len()],
+            commands: Vec::with_capacity(robots.len()),
             timeline: Timeline::new(&scenario),
             lives: Lives::new(policies, hearers, false),
             follows: VecDeque::new(),
+            clock_ns: || 0,
             scenario,
             think,
             agents,
             robots,
-        }
+        })
     }
 
     /// The tick at hand.
     pub fn tick(&self) -> u64 {
-        self.tick
+        self.world().tick()
     }
 
     /// How many there are.
@@ -97,12 +124,12 @@ impl<F: Fn(&AgentBrief, u64) -> Brain> InProcess<F> {
 
     /// Whether the last one has come, which nobody answers.
     pub fn is_over(&self) -> bool {
-        self.tick >= self.ticks
+        self.plant.is_over()
     }
 
     /// Where everybody is.
     pub fn world(&self) -> &World {
-        &self.world
+        self.plant.world()
     }
 
     /// Who is alive, in scenario order.
@@ -118,36 +145,69 @@ impl<F: Fn(&AgentBrief, u64) -> Brain> InProcess<F> {
     /// What the law of this robot sees at the tick at hand, once everybody has sensed; `None` for one that
     /// has nothing to go by, or does not take part.
     pub fn situation(&self, robot: usize) -> Option<Situation<'_>> {
-        let robot = &self.robots[robot];
-        robot.brain.as_ref().filter(|_| robot.member)?.situation()
+        let Robot { turn, member_since, .. } = &self.robots[robot];
+        turn.as_ref().zip(*member_since)?.0.brain().situation()
     }
 
-    /// The tick's kills, freezes and restarts happen, and `told` is told of all that follows; then all that
+    /// The tick's kills, freezes and restarts happen, and `on_effect` hears of all that follows; then all that
     /// take part sense, and hear what was said at the tick before.
-    pub fn sense(&mut self, told: impl FnMut(&Effect)) {
-        self.act(told);
-        self.world.take_due();
-        for robot in 0..self.robots.len() {
-            self.sense_one(robot, || {});
+    pub fn sense(&mut self, on_effect: impl FnMut(&Effect)) {
+        self.act(on_effect);
+        let InProcess { robots, plant, agents, beacons, clock_ns, .. } = self;
+        for (place, robot) in robots.iter_mut().enumerate() {
+            let Some((turn, member_since)) = robot.taking_part() else { continue };
+            let odometry = plant.sense(place, clock_ns());
+            // From robots that still take part.
+            let heard =
+                agents[place].neighbors.iter().enumerate().filter_map(|(place, neighbor)| {
+                    let beacon = beacons[neighbor.index - 1]?;
+                    Some(Ok::<_, Infallible>(turn::Delivery { place, beacon, taken_ns: 0 }))
+                });
+            let Ok(()) = turn.sense(Inbox {
+                taken_ns: clock_ns(),
+                odometry: Some(&odometry),
+                member_since,
+                beacons: heard,
+                cuts: &[],
+                goal: None,
+            });
+            robot.sensed_ns = clock_ns();
         }
     }
 
-    /// All that take part answer the tick at hand by what `wish` says, of a robot by its place and brain; a
+    /// All that take part answer the tick at hand by what `wish` says, of a robot by its place and turn; a
     /// period passes.
-    pub fn step(&mut self, mut wish: impl FnMut(usize, &mut Brain) -> Wish) {
-        for robot in 0..self.robots.len() {
-            self.answer_one(robot, |brain| wish(robot, brain));
+    pub fn step(&mut self, mut wish: impl FnMut(usize, &mut Turn) -> Wish) {
+        let InProcess { robots, plant, beacons, commands, clock_ns, .. } = self;
+        for (place, robot) in robots.iter_mut().enumerate() {
+            let sensed_ns = robot.sensed_ns;
+            beacons[place] = None;
+            robot.reports = false;
+            let Some((turn, _)) = robot.taking_part() else { continue };
+            // While others are at work it is not.
+            let idle_ns = clock_ns().saturating_sub(sensed_ns);
+            let wish = wish(place, turn);
+            let outbox = turn.act(wish);
+            if let Some(answer) = outbox.answer {
+                let sent_ns = clock_ns();
+                turn.sent(sent_ns.saturating_sub(idle_ns));
+                beacons[place] = Some(answer.beacon);
+                let command = answer.command;
+                commands.push(Delivery { robot: place, command, taken_ns: sent_ns });
+            }
+            robot.reports = outbox.report;
         }
-        self.pass();
+        let passed: Result<(), TurnError> = plant.take(commands.drain(..).map(Ok), *clock_ns);
+        passed.expect("unicycles do not fail");
     }
 
     /// What the plan does to processes at the tick at hand, and what follows from it. What takes processor
-    /// time, or kills the plant, does nothing here.
-    fn act(&mut self, mut told: impl FnMut(&Effect)) {
-        let now_ns = self.tick * self.period_ns;
-        if self.tick == 0 {
+    /// time does nothing here.
+    fn act(&mut self, mut on_effect: impl FnMut(&Effect)) {
+        let now_ns = self.world().t_ns();
+        if self.tick() == 0 {
             for robot in 0..self.robots.len() {
-                self.happens(Event::Reported { robot, takes_part: true }, &mut told);
+                self.happens(Event::Reported { robot, takes_part: true }, &mut on_effect);
             }
         }
         while let Some(Due { fault, act, .. }) = self.timeline.take_due(now_ns) {
@@ -161,36 +221,39 @@ impl<F: Fn(&AgentBrief, u64) -> Brain> InProcess<F> {
                     Event::Freeze { robot, fault, ends, who }
                 }
                 Act::Thaw { robot } => Event::Thaw { robot, fault, who },
-                Act::KillPlant => continue,
+                Act::KillPlant => unreachable!("it was refused"),
                 Act::StartLoad { .. } => {
-                    told(&Effect::Began(fault));
+                    on_effect(&Effect::Began(fault));
                     continue;
                 }
                 Act::EndLoad => {
-                    told(&Effect::Ended { fault, end: End::Whole, at_ns: now_ns });
+                    on_effect(&Effect::Ended { fault, end: End::Whole, at_ns: now_ns });
                     continue;
                 }
             };
-            self.happens(event, &mut told);
+            self.happens(event, &mut on_effect);
         }
         while !self.lives.at_rest(now_ns) {
-            self.happens(Event::Due, &mut told);
+            self.happens(Event::Due, &mut on_effect);
             while let Some(event) = self.follows.pop_front() {
-                self.happens(event, &mut told);
+                self.happens(event, &mut on_effect);
             }
         }
     }
 
     /// Lets something happen to a robot, and does what follows from it.
-    fn happens(&mut self, event: Event, told: &mut impl FnMut(&Effect)) {
-        for effect in self.lives.step(self.tick * self.period_ns, event) {
+    fn happens(&mut self, event: Event, on_effect: &mut impl FnMut(&Effect)) {
+        let now_ns = self.world().t_ns();
+        for effect in self.lives.step(now_ns, event) {
             match effect {
                 Effect::Start { robot, incarnation } => {
-                    self.robots[robot].brain = Some((self.think)(&self.agents[robot], incarnation));
+                    let brief = &self.agents[robot];
+                    let brain = (self.think)(brief, incarnation);
+                    self.robots[robot].turn = Some(Turn::new(brief.clone(), brain, now_ns));
                     self.follows.push_back(Event::Reported { robot, takes_part: true });
                 }
                 Effect::Kill(robot) => {
-                    self.robots[robot].brain = None;
+                    self.robots[robot].turn = None;
                     self.follows.push_back(Event::Died(Death {
                         robot,
                         how: KILLED.into(),
@@ -202,61 +265,15 @@ impl<F: Fn(&AgentBrief, u64) -> Brain> InProcess<F> {
                     }));
                 }
                 Effect::CleanUp(robot) => self.follows.push_back(Event::Cleaned { robot }),
-                Effect::Join(robot) => {
-                    self.robots[robot].member = true;
-                    self.robots[robot].first_tick = self.tick;
-                }
+                Effect::Join(robot) => self.robots[robot].member_since = Some(self.tick()),
                 Effect::Leave(robot) => {
-                    self.robots[robot].member = false;
+                    self.robots[robot].member_since = None;
                     self.beacons[robot] = None;
                 }
                 _ => {}
             }
-            told(&effect);
+            on_effect(&effect);
         }
-    }
-
-    /// This robot senses, and hears what was said at the tick before; whether it takes part. `sampled` is
-    /// called between the two.
-    fn sense_one(&mut self, robot: usize, sampled: impl FnOnce()) -> bool {
-        let Robot { first_tick, .. } = self.robots[robot];
-        let Some(brain) = self.robots[robot].taking_part() else { return false };
-        let odometry = self.world.odometry(robot);
-        sampled();
-        if self.tick > first_tick {
-            for (place, neighbor) in self.agents[robot].neighbors.iter().enumerate() {
-                // Of the tick before, from a robot that still takes part.
-                if let Some(beacon) = &self.beacons[neighbor.index - 1] {
-                    let _ = brain.hear(place, beacon, odometry.stamp_ns);
-                }
-            }
-        }
-        brain.sense(&odometry);
-        true
-    }
-
-    /// This robot answers the tick at hand by what `wish` says, once everybody has sensed; whether it does so
-    /// in time.
-    fn answer_one(&mut self, robot: usize, wish: impl FnOnce(&mut Brain) -> Wish) -> bool {
-        self.beacons[robot] = None;
-        let Some(brain) = self.robots[robot].taking_part() else { return false };
-        let wish = wish(brain);
-        let answer = brain.act(wish, self.tick * self.period_ns);
-        // An answer that takes a period or more is dead before it is sent.
-        let Some(answer) = answer.filter(|answer| answer.delay_ns < self.period_ns) else {
-            return false;
-        };
-        // What the plant refuses it counts.
-        let _ = self.world.take(robot, &answer.command);
-        self.beacons[robot] = Some(answer.beacon);
-        true
-    }
-
-    /// A period passes.
-    fn pass(&mut self) {
-        self.tick += 1;
-        self.world.advance(self.tick * self.period_ns);
-        self.world.next_tick();
     }
 }
 

@@ -230,6 +230,11 @@ impl Brain {
         heard
     }
 
+    /// Which incarnation of the robot it is, from 0.
+    pub fn incarnation(&self) -> u64 {
+        self.incarnation
+    }
+
     /// Whether a sample was taken.
     pub fn has_started(&self) -> bool {
         self.newest.is_some()
@@ -238,11 +243,6 @@ impl Brain {
     /// Whether some neighbour's contact changed, or a beacon was refused, since this was asked last.
     pub fn take_news(&mut self) -> bool {
         std::mem::take(&mut self.news)
-    }
-
-    /// How many beacons were refused.
-    pub fn beacons_refused(&self) -> u64 {
-        self.beacons_refused
     }
 
     /// Answers an odometry sample; `None` if it does not know where the robot is. Where faults lose
@@ -285,6 +285,11 @@ impl Brain {
             let error = self.avoidance.stand_off(&self.now.away, error);
             self.now.target = Some((error, target.velocity));
         }
+    }
+
+    /// There is no sample to be answered.
+    pub fn sense_nothing(&mut self) {
+        self.now.odometry = None;
     }
 
     /// What the law sees of the sample at hand; `None` if the robot has nothing to go by.
@@ -416,11 +421,8 @@ impl Brain {
         self.neighborhood.take_ages(now_ns)
     }
 
-    /// How the brain is doing, for the supervisor. The caller knows the deadline misses.
-    pub fn status(
-        &self,
-        deadline_misses: u64,
-    ) -> (StatusHeader, impl ExactSizeIterator<Item = NeighborStatus>) {
+    /// How the brain is doing, for the supervisor. What missed a deadline or was too old it does not know.
+    pub fn status(&self) -> (StatusHeader, impl ExactSizeIterator<Item = NeighborStatus>) {
         let (tick, t_ns) = self.newest.unwrap_or_default();
         let (goal, goal_since_ns) = self.sent.in_force();
         let header = StatusHeader {
@@ -428,7 +430,7 @@ impl Brain {
             t_ns,
             incarnation: self.incarnation,
             moving: u64::from(self.newest.is_some()),
-            deadline_misses,
+            deadline_misses: 0,
             odometry_old: 0,
             beacons_refused: self.beacons_refused,
             frame: self.neighborhood.frame_contact().contact as u64,

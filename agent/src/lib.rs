@@ -1,4 +1,4 @@
-//! One robot's agent: a pure brain, and the loop that gives it samples and time.
+//! One robot's agent: a pure turn with a brain, and the loop that gives it samples and time.
 //!
 //! An agent knows its brief and nothing else: its own services, and the beacons of those it hears.
 //! It never sees the graph and never needs the supervisor to keep moving.
@@ -11,8 +11,9 @@
 //! | `avoidance/` | how does it keep its distance? |
 //! | `gains` | are these the gains that a law or a method asks for? |
 //! | `brain` | what does one sample lead to? |
+//! | `turn` | what has come by now, and what is to be sent? |
 //! | `ports` | through which services does it speak? |
-//! | `control_loop` | when does it think? The loops of both paces |
+//! | `control_loop` | when is a turn? Waiting and sending, in both paces |
 //! | `program` | and with a law in another language? |
 
 pub mod avoidance;
@@ -24,6 +25,9 @@ pub mod neighborhood;
 pub mod ports;
 pub mod program;
 pub mod roles;
+#[cfg(test)]
+mod testing;
+pub mod turn;
 
 use protocol::catalog::Catalog;
 pub use protocol::clock::golden_phase;

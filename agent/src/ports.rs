@@ -2,8 +2,9 @@
 //! outside, and the beacons of those it hears. It opens no others.
 
 use iceoryx2::port::update_connections::UpdateConnections as _;
-use protocol::brief::AgentBrief;
-use protocol::latency::LatencyPort;
+use protocol::brief::{AgentBrief, NeighborBrief};
+use protocol::clock;
+use protocol::latency::{LatencyPort, Recorder};
 use protocol::message::{
     Beacon, Command, Goal, LinkFaultByHand, NeighborStatus, Odometry, StatusHeader,
 };
@@ -11,19 +12,21 @@ use protocol::service::{
     self, Node, Publisher, Sample, SendError, ServiceError, Subscriber, send_slice,
 };
 
-use crate::brain::{Answer, Brain};
+use crate::brain::Answer;
+use crate::turn::Delivery;
 
 /// All ports of one agent. The command's is made last: the plant takes it as the sign that this
 /// robot is ready.
 pub struct Ports {
     odometry: Subscriber<Odometry>,
-    neighbors: Vec<Subscriber<Beacon>>,
+    /// Those that it hears.
+    neighbors: Vec<(NeighborBrief, Subscriber<Beacon>)>,
     /// Where links may be cut by hand.
     faults: Option<Subscriber<[LinkFaultByHand]>>,
     /// Where goals come from outside.
     goal: Option<Subscriber<Goal>>,
     status: Publisher<[NeighborStatus], StatusHeader>,
-    /// For what the loop measures.
+    /// For what is measured.
     pub latency: LatencyPort,
     beacon: Publisher<Beacon>,
     command: Publisher<Command>,
@@ -58,15 +61,18 @@ pub enum PortError {
 }
 
 impl Ports {
-    /// Opens the services that the brief names.
-    pub fn open(brief: &AgentBrief, incarnation: u64) -> Result<Ports, PortError> {
+    /// Opens the services that the brief names, and one for what is `measured`.
+    pub fn open(brief: &AgentBrief, measured: &Recorder) -> Result<Ports, PortError> {
         let node = service::node(&format!("agent-{}", brief.name))?;
         let own = brief.name.as_str();
         let neighbors = brief
             .neighbors
             .iter()
-            .map(|neighbor| service::beacon(&neighbor.name).open(&node)?.subscriber())
-            .collect::<Result<_, _>>()?;
+            .map(|neighbor| {
+                let beacons = service::beacon(&neighbor.name).open(&node)?.subscriber()?;
+                Ok((neighbor.clone(), beacons))
+            })
+            .collect::<Result<_, ServiceError>>()?;
         Ok(Ports {
             odometry: service::odometry(own).open(&node)?.subscriber()?,
             neighbors,
@@ -79,11 +85,7 @@ impl Ports {
                 false => None,
             },
             status: service::status(own).open(&node)?.publisher(brief.neighbors.len())?,
-            latency: LatencyPort::new(
-                &service::latency(own).open(&node)?,
-                incarnation,
-                latency_rows_per_tick(brief),
-            )?,
+            latency: LatencyPort::new(&service::latency(own).open(&node)?, measured)?,
             beacon: service::beacon(own).open(&node)?.publisher()?,
             command: service::command(own).open(&node)?.publisher()?,
             _node: node,
@@ -92,7 +94,7 @@ impl Ports {
 
     /// Connects to everybody who is there by now, which otherwise happens at the next sample.
     pub fn connect(&self) {
-        let connected = (self.neighbors.iter().map(Subscriber::update_connections))
+        let connected = (self.neighbors.iter().map(|(_, beacons)| beacons.update_connections()))
             .chain([self.odometry.update_connections()])
             .chain([self.beacon.update_connections(), self.command.update_connections()]);
         // A failure shows again, with its reason, at the next sample.
@@ -104,20 +106,34 @@ impl Ports {
         receive(&self.odometry, "odometry")
     }
 
-    /// The next beacon in the queue of the neighbour at `place`.
-    pub fn beacon(&self, place: usize) -> Result<Option<Beacon>, PortError> {
-        take(&self.neighbors[place], "beacon")
+    /// The neighbor at `place` (in the brief's order).
+    pub fn neighbor(&self, place: usize) -> &NeighborBrief {
+        &self.neighbors[place].0
     }
 
-    /// Takes what was cut and mended by hand, if that changed: hands each neighbour's place in the
-    /// scenario, from 1, and whether its link is cut, to `link`.
-    pub fn faults_by_hand(&self, mut link: impl FnMut(u64, bool)) -> Result<(), PortError> {
-        let Some(faults) = &self.faults else { return Ok(()) };
+    /// The next beacon in the queue of the neighbor at `place`.
+    pub fn beacon(&self, place: usize) -> Result<Option<Beacon>, PortError> {
+        take(&self.neighbors[place].1, "beacon")
+    }
+
+    /// In real time: what everybody said last, as it is asked for.
+    pub fn newest_beacons(&self) -> impl Iterator<Item = Result<Delivery, PortError>> {
+        let delivery = |place, beacon| Delivery { place, beacon, taken_ns: clock::now_ns() };
+        (0..self.neighbors.len()).filter_map(move |place| {
+            let taken = self.beacon(place).transpose()?;
+            Some(taken.map(|beacon| delivery(place, beacon)))
+        })
+    }
+
+    /// The newest list of links cut and mended by hand, if one came since.
+    pub fn cuts(&self) -> Result<Option<Sample<[LinkFaultByHand]>>, PortError> {
+        let Some(faults) = &self.faults else { return Ok(None) };
         let failed = |cause| PortError::Receive { what: "faults", cause };
+        let mut newest = None;
         while let Some(sample) = faults.receive().map_err(failed)? {
-            sample.payload().iter().for_each(|fault| link(fault.robot, fault.cut == 1));
+            newest = Some(sample);
         }
-        Ok(())
+        Ok(newest)
     }
 
     /// The goal that somebody outside said last, if one came since.
@@ -135,25 +151,17 @@ impl Ports {
         Ok(())
     }
 
-    /// Tells the supervisor how the brain is doing. `odometry_old`: samples too old for an answer.
+    /// Tells the supervisor how the robot is doing.
     pub fn report(
         &self,
-        brain: &Brain,
-        deadline_misses: u64,
-        odometry_old: u64,
+        header: StatusHeader,
+        mut neighbors: impl ExactSizeIterator<Item = NeighborStatus>,
     ) -> Result<(), PortError> {
-        let (header, mut rows) = brain.status(deadline_misses);
-        let header = StatusHeader { odometry_old, ..header };
-        let length = rows.len();
-        let next = |_| rows.next().expect("as many rows as announced");
+        let length = neighbors.len();
+        let next = |_| neighbors.next().expect("as many rows as announced");
         send_slice(&self.status, header, length, next)?;
         Ok(())
     }
-}
-
-/// How many values an agent measures in one tick, at most.
-pub fn latency_rows_per_tick(brief: &AgentBrief) -> usize {
-    3 + 2 * brief.neighbors.len()
 }
 
 fn take<M>(from: &Subscriber<M>, what: &'static str) -> Result<Option<M>, PortError>

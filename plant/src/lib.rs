@@ -1,4 +1,4 @@
-//! Stand-in hardware: the world of bodies, and the loop that gives it time and commands.
+//! Stand-in hardware: the world of bodies, its turn, and the loop that gives it time and commands.
 //!
 //! The plant knows bodies, commands and distances. It never sees edges, roles or laws.
 //!
@@ -6,14 +6,18 @@
 //! |---|---|
 //! | `world` | where is everybody, what do they sense, which commands count? |
 //! | `motion` | what moves the bodies: unicycles, or a program from outside? |
+//! | `turn` | what happens in which order, by what has come by now? |
 //! | `ports` | through which services does it speak? |
 //! | `gaps` | did a command get lost on its way? |
 //! | `overrun` | does what moves the bodies keep up with real time? |
-//! | `world_loop` | when does time pass? The loops of both paces |
+//! | `world_loop` | when is a turn? Waiting and sending, in both paces |
 
 mod gaps;
 pub mod motion;
 pub mod overrun;
 pub mod ports;
+#[cfg(test)]
+mod testing;
+pub mod turn;
 pub mod world;
 pub mod world_loop;

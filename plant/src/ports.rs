@@ -3,20 +3,21 @@
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use protocol::brief::PlantBrief;
 use protocol::clock;
-use protocol::latency::LatencyPort;
+use protocol::latency::{LatencyPort, Recorder};
 use protocol::message::{Command, Odometry, TruthHeader, TruthRow};
 use protocol::service::{
     self, Factory, Node, Publisher, SendError, ServiceError, Subscriber, send_slice,
 };
 
 use crate::motion::Motion;
+use crate::turn::Delivery;
 use crate::world::World;
 
 /// All ports of the plant, robots in scenario order.
 pub struct Ports {
     robots: Vec<RobotPorts>,
     truth: Publisher<[TruthRow], TruthHeader>,
-    /// For what the loop measures.
+    /// For what is measured.
     pub latency: LatencyPort,
     _node: Node,
 }
@@ -45,8 +46,8 @@ pub enum PortError {
 }
 
 impl Ports {
-    /// Opens the services of all robots of the brief.
-    pub fn open(brief: &PlantBrief) -> Result<Ports, PortError> {
+    /// Opens the services of all robots of the brief, and one for what is `measured`.
+    pub fn open(brief: &PlantBrief, measured: &Recorder) -> Result<Ports, PortError> {
         let node = service::node("plant")?;
         let robots = brief
             .robots
@@ -61,8 +62,7 @@ impl Ports {
             })
             .collect::<Result<_, ServiceError>>()?;
         let truth = service::truth().open(&node)?.publisher(brief.robots.len())?;
-        let latency = service::plant_latency().open(&node)?;
-        let latency = LatencyPort::new(&latency, 0, 1 + brief.robots.len())?;
+        let latency = LatencyPort::new(&service::plant_latency().open(&node)?, measured)?;
         Ok(Ports { robots, truth, latency, _node: node })
     }
 
@@ -82,19 +82,22 @@ impl Ports {
     }
 
     /// The next command in the queue of `robot`.
-    pub fn command(&self, robot: usize) -> Result<Option<Command>, PortError> {
-        Ok(self.robots[robot].command.receive()?.map(|sample| *sample))
+    pub fn command(&self, robot: usize) -> Result<Option<Delivery>, PortError> {
+        let sample = self.robots[robot].command.receive()?;
+        let delivery = |command| Delivery { robot, command, taken_ns: clock::now_ns() };
+        Ok(sample.map(|sample| delivery(*sample)))
     }
 
-    /// Sends `robot` what it senses; when that was, ns.
-    pub fn send_odometry<M: Motion>(
-        &self,
-        world: &World<M>,
-        robot: usize,
-    ) -> Result<u64, PortError> {
-        let odometry = Odometry { sent_ns: clock::now_ns(), ..world.odometry(robot) };
+    /// All commands that have come, as they are asked for.
+    pub fn commands(&self) -> impl Iterator<Item = Result<Delivery, PortError>> {
+        let queue = move |robot| std::iter::from_fn(move || self.command(robot).transpose());
+        (0..self.robots.len()).flat_map(queue)
+    }
+
+    /// Sends `robot` what it senses.
+    pub fn send_odometry(&self, robot: usize, odometry: Odometry) -> Result<(), PortError> {
         self.robots[robot].odometry.send_copy(odometry)?;
-        Ok(odometry.sent_ns)
+        Ok(())
     }
 
     /// Sends the supervisor the true state of everybody.

@@ -1,4 +1,4 @@
-//! When time passes: one loop for each pace over the same world.
+//! Waiting and sending around the world's turn ([`crate::turn`]): one loop for each pace.
 //!
 //! In lockstep the plant leads the barrier, and waits for robots and supervisor as long as that one
 //! is at work, which knows who is hung; in real time it waits for nobody but the clock.
@@ -10,17 +10,14 @@ use std::time::{Duration, Instant};
 use protocol::barrier::{Barrier, BarrierError, LEAD_MAX};
 use protocol::brief::{self, BriefError, Pace, PlantBrief};
 use protocol::clock::{self, Timer};
-use protocol::lateness::{Late, Witness};
+use protocol::lateness::Witness;
 use protocol::process::{self, Alarm, Stop, Turns};
 use protocol::run_root::{self, RunRootError};
-use protocol::stage::Stage;
 use protocol::watchdog::{SupervisorLost, SupervisorWatch};
 
-use crate::gaps::Gaps;
 use crate::motion::{Checked, Motion, Unicycles};
-use crate::overrun::{Overrun, TooSlow};
 use crate::ports::{PortError, Ports};
-use crate::world::World;
+use crate::turn::{Delivery, Turn, TurnError};
 
 /// In real time all robots must be ready within this; the supervisor has a shorter bound and names
 /// the culprit.
@@ -54,12 +51,12 @@ pub enum LoopError {
     /// Signals cannot be handled.
     #[error("cannot handle signals: {0}")]
     Signals(#[from] std::io::Error),
-    /// What moves the robots could not be made, or failed.
+    /// What moves the robots could not be made.
     #[error(transparent)]
     Motion(Box<dyn Error + Send + Sync>),
-    /// What moves the robots is slower than real time.
+    /// Time could not pass.
     #[error(transparent)]
-    TooSlow(#[from] TooSlow),
+    Turn(#[from] TurnError),
     /// Some robots never came up.
     #[error("not ready after {} s: {robots}", READY_MAX.as_secs())]
     NotReady {
@@ -97,39 +94,22 @@ where
     if brief.pace == Pace::Realtime {
         process::take_turns(Turns::Short);
     }
-    let ports = Ports::open(&brief)?;
-    let sent_ns = vec![0; brief.robots.len()];
-    let plant = Plant { world: World::moved_by(motion, &brief), brief, ports, stop, sent_ns };
-    match plant.brief.pace {
-        Pace::Lockstep => {
-            let mut barrier = Barrier::open(&run_root::barrier_path(&plant.brief.run_root))?;
-            barrier.rely_on(Alarm::start()?);
-            let mut supervisor = SupervisorWatch::new(&barrier);
-            if plant.wait_until_ready(supervisor.patience(&barrier, &plant.stop)) {
-                plant.run_in_lockstep(&barrier, &mut supervisor)?;
-            }
-            supervisor.lost().map_or(Ok(()), |lost| Err(lost.into()))
-        }
-        Pace::Realtime => {
-            let began = Instant::now();
-            if plant.wait_until_ready(|| !plant.stop.requested() && began.elapsed() < READY_MAX) {
-                plant.run_in_real_time()
-            } else if plant.stop.requested() {
-                Ok(())
-            } else {
-                Err(LoopError::NotReady { robots: plant.names(plant.ports.not_ready()) })
-            }
-        }
-    }
+    let mut turn = Turn::new(&brief, motion);
+    let ports = Ports::open(&brief, turn.measured())?;
+    let mut plant = Plant { turn, brief, ports, stop };
+    let ended = match plant.brief.pace {
+        Pace::Lockstep => plant.run_in_lockstep(),
+        Pace::Realtime => plant.run_in_real_time(),
+    };
+    plant.ports.latency.send(plant.turn.measured(), clock::now_ns());
+    ended
 }
 
 struct Plant<M> {
     brief: PlantBrief,
-    world: World<M>,
+    turn: Turn<M>,
     ports: Ports,
     stop: Stop,
-    /// When each robot's newest odometry was sent, ns.
-    sent_ns: Vec<u64>,
 }
 
 impl<M: Motion> Plant<M> {
@@ -145,18 +125,28 @@ impl<M: Motion> Plant<M> {
         true
     }
 
+    fn run_in_lockstep(&mut self) -> Result<(), LoopError> {
+        let mut barrier = Barrier::open(&run_root::barrier_path(&self.brief.run_root))?;
+        barrier.rely_on(Alarm::start()?);
+        let mut supervisor = SupervisorWatch::new(&barrier);
+        if self.wait_until_ready(supervisor.patience(&barrier, &self.stop)) {
+            self.tick_until_the_end(&barrier, &mut supervisor)?;
+        }
+        supervisor.lost().map_or(Ok(()), |lost| Err(lost.into()))
+    }
+
     /// Ends early when asked to stop, or without a supervisor.
-    fn run_in_lockstep(
-        mut self,
+    fn tick_until_the_end(
+        &mut self,
         barrier: &Barrier,
         supervisor: &mut SupervisorWatch,
     ) -> Result<(), LoopError> {
-        let ticks = self.brief.duration_ns / self.brief.period_ns;
         let [often, seldom] = ATTENTION_EVERY;
         let attention_every =
             (ATTENTION_ROBOTS / self.brief.robots.len() as u64).clamp(often, seldom);
-        for tick in 0..ticks {
-            self.ports.send_truth(&self.world)?;
+        while !self.turn.is_over() {
+            let tick = self.turn.world().tick();
+            self.ports.send_truth(self.turn.world())?;
             if tick.is_multiple_of(attention_every) {
                 barrier.attention();
             }
@@ -165,140 +155,96 @@ impl<M: Motion> Plant<M> {
                 && (!barrier.pause_due(tick) || barrier.pause(tick, &mut patience))
                 && barrier.wait_lead(tick, LEAD_MAX, &mut patience);
             drop(patience);
-            if !goes_on || self.stop.requested() || !self.run_one_tick(barrier, supervisor, tick)? {
+            if !goes_on || self.stop.requested() {
                 return Ok(());
             }
-            self.advance((tick + 1) * self.brief.period_ns)?;
-            self.world.next_tick();
+            barrier.begin(tick);
+            for group in 0..barrier.groups() {
+                barrier.members_of(group).try_for_each(|robot| self.send_odometry(robot))?;
+                barrier.release(group);
+            }
+            if barrier.wait_arrivals(tick, supervisor.patience(barrier, &self.stop)).is_err() {
+                return Ok(());
+            }
+            let Plant { turn, ports, stop, brief } = &mut *self;
+            let command = |robot| command_of(ports, barrier, stop, robot, tick, brief).transpose();
+            turn.take(barrier.members().filter_map(command), clock::now_ns)?;
+            ports.latency.send_if_due(turn.measured(), clock::now_ns());
         }
-        self.ports.send_truth(&self.world)?;
+        self.ports.send_truth(self.turn.world())?;
         barrier.attention();
         release(supervisor.patience(barrier, &self.stop));
         Ok(())
     }
 
-    /// Odometry to everybody who takes part, and a command from each; false if it ends early.
-    fn run_one_tick(
-        &mut self,
-        barrier: &Barrier,
-        supervisor: &mut SupervisorWatch,
-        tick: u64,
-    ) -> Result<bool, LoopError> {
-        barrier.begin(tick);
-        for group in 0..barrier.groups() {
-            for robot in barrier.members_of(group) {
-                self.sent_ns[robot] = self.ports.send_odometry(&self.world, robot)?;
-            }
-            barrier.release(group);
+    fn run_in_real_time(&mut self) -> Result<(), LoopError> {
+        let began = Instant::now();
+        if !self.wait_until_ready(|| !self.stop.requested() && began.elapsed() < READY_MAX) {
+            let robots = self.ports.not_ready().map(|robot| self.brief.robots[robot].name.as_str());
+            return match self.stop.requested() {
+                true => Ok(()),
+                false => Err(LoopError::NotReady { robots: robots.collect::<Vec<_>>().join(", ") }),
+            };
         }
-        if barrier.wait_arrivals(tick, supervisor.patience(barrier, &self.stop)).is_err() {
-            return Ok(false);
-        }
-        self.world.take_due();
-        for robot in barrier.members() {
-            loop {
-                match self.ports.command(robot)? {
-                    Some(command) if command.tick < tick => {}
-                    Some(command) => {
-                        let answered_ns = clock::now_ns().saturating_sub(self.sent_ns[robot]);
-                        self.ports.latency.record(Stage::Command, robot + 1, answered_ns);
-                        if let Err(refusal) = self.world.take(robot, &command) {
-                            tracing::warn!(robot, tick, %refusal, "command refused");
-                        }
-                        break;
-                    }
-                    // It died in this very tick, by nobody's plan.
-                    None if self.stop.requested() => break,
-                    None if barrier.member_since(robot).is_none() => break,
-                    None if barrier.is_mute(robot, tick) => break,
-                    None => {
-                        let robot = self.brief.robots[robot].name.clone();
-                        return Err(LoopError::NoCommand { tick, robot });
-                    }
-                }
-            }
-        }
-        self.ports.latency.send_if_due(clock::now_ns());
-        Ok(true)
-    }
-
-    fn run_in_real_time(mut self) -> Result<(), LoopError> {
         // Else everybody would connect to everybody in the first period, and all be late.
         self.ports.connect();
         std::thread::sleep(SETTLE_MIN.max(2 * Duration::from_nanos(self.brief.period_ns)));
         let tick_ns = self.brief.plant_tick_ns;
         let start_ns = clock::now_ns();
         let mut timer = Timer::new(tick_ns, start_ns % tick_ns);
-        self.world.start_at(start_ns);
+        self.turn.start_at(start_ns);
         self.publish()?;
         let mut witness = Witness::new(tick_ns);
-        let (mut awake_ns, mut rested_ns) = (start_ns, start_ns);
-        let mut gaps = vec![Gaps::default(); self.brief.robots.len()];
-        let mut overrun = Overrun::default();
-        while !self.stop.requested() && self.world.t_ns() < self.brief.duration_ns {
+        while !self.stop.requested() && !self.turn.is_over() {
             let Some(wake) = timer.wait() else { continue };
-            self.ports.latency.record(Stage::Wake, 0, wake.lateness_ns);
-            if !witness.on_time(wake.lateness_ns, false) {
-                let cause = witness.cause_of(Late::of(&wake, awake_ns, rested_ns));
-                self.ports.latency.record(cause.stage(), 0, wake.lateness_ns);
-            }
+            self.turn.wake(&wake, witness.cause_if_late(&wake, false));
+            let commands = self.ports.commands().map(|taken| taken.map_err(LoopError::from));
+            self.turn.take(commands, clock::now_ns)?;
+            self.publish()?;
             let now_ns = clock::now_ns();
-            awake_ns = now_ns;
-            let t_ns = (now_ns - start_ns).min(self.brief.duration_ns);
-            self.catch_up(t_ns, &mut overrun)?;
-            self.world.next_tick();
-            self.world.take_due();
-            for (robot, gaps) in gaps.iter_mut().enumerate() {
-                while let Some(command) = self.ports.command(robot)? {
-                    let answered_ns = clock::now_ns().saturating_sub(command.stamp_ns);
-                    self.ports.latency.record(Stage::Command, robot + 1, answered_ns);
-                    self.ports.latency.count_lost(gaps.before(&command));
-                    if let Err(refusal) = self.world.take(robot, &command) {
-                        tracing::debug!(robot, t_ns, %refusal, "command refused");
-                    }
-                }
-            }
-            if t_ns < self.brief.duration_ns {
-                self.publish()?;
-            } else {
-                // Nobody is to act on the end.
-                self.ports.send_truth(&self.world)?;
-            }
-            self.ports.latency.send_if_due(now_ns);
-            rested_ns = clock::now_ns();
+            self.ports.latency.send_if_due(self.turn.measured(), now_ns);
+            witness.rests(now_ns);
         }
         let began = Instant::now();
         release(|| !self.stop.requested() && began.elapsed() < RELEASE_MAX);
         Ok(())
     }
 
-    fn advance(&mut self, t_ns: u64) -> Result<(), LoopError> {
-        self.world.try_advance(t_ns).map_err(|error| LoopError::Motion(error.into()))
-    }
-
-    /// The same in plant ticks, and an error once that is slower than real time.
-    fn catch_up(&mut self, t_ns: u64, overrun: &mut Overrun) -> Result<(), LoopError> {
-        let (began_ns, from_ns) = (clock::now_ns(), self.world.t_ns());
-        let took_ns = || clock::now_ns().saturating_sub(began_ns);
-        while self.world.t_ns() < t_ns {
-            self.advance(t_ns.min(self.world.t_ns() + self.brief.plant_tick_ns))?;
-            overrun.under_way(self.world.t_ns() - from_ns, took_ns())?;
+    /// Odometry to everybody, unless it is over, and the truth to the supervisor.
+    fn publish(&mut self) -> Result<(), LoopError> {
+        if !self.turn.is_over() {
+            (0..self.brief.robots.len()).try_for_each(|robot| self.send_odometry(robot))?;
         }
-        overrun.over(t_ns - from_ns, took_ns());
-        Ok(())
+        Ok(self.ports.send_truth(self.turn.world())?)
     }
 
-    fn publish(&self) -> Result<(), LoopError> {
-        for robot in 0..self.brief.robots.len() {
-            self.ports.send_odometry(&self.world, robot)?;
+    fn send_odometry(&mut self, robot: usize) -> Result<(), LoopError> {
+        Ok(self.ports.send_odometry(robot, self.turn.sense(robot, clock::now_ns()))?)
+    }
+}
+
+/// What `robot`, which takes part in this tick, answered at it; nothing if it was mute.
+fn command_of(
+    ports: &Ports,
+    barrier: &Barrier,
+    stop: &Stop,
+    robot: usize,
+    tick: u64,
+    brief: &PlantBrief,
+) -> Result<Option<Delivery>, LoopError> {
+    loop {
+        match ports.command(robot)? {
+            Some(delivery) if delivery.command.tick < tick => {}
+            Some(delivery) => return Ok(Some(delivery)),
+            // It died in this very tick, by nobody's plan.
+            None if stop.requested() => return Ok(None),
+            None if barrier.member_since(robot).is_none() => return Ok(None),
+            None if barrier.is_mute(robot, tick) => return Ok(None),
+            None => {
+                let robot = brief.robots[robot].name.clone();
+                return Err(LoopError::NoCommand { tick, robot });
+            }
         }
-        self.ports.send_truth(&self.world)?;
-        Ok(())
-    }
-
-    fn names(&self, robots: impl Iterator<Item = usize>) -> String {
-        let names: Vec<&str> = robots.map(|i| self.brief.robots[i].name.as_str()).collect();
-        names.join(", ")
     }
 }
 

@@ -619,7 +619,10 @@ impl Brief for PlantBrief {
         let limits = limits.filter_map(|limits| limits.flaw("robot.limits")).next();
         let clearance = (!(self.clearance_m.is_finite() && self.clearance_m >= 0.0))
             .then(|| format!("clearance_m is {}, expected 0 or more", self.clearance_m));
-        let flaws = limits.or(clearance).or_else(|| self.obstacles.iter().find_map(flaw_of));
+        let nobody =
+            self.robots.is_empty().then(|| "there is no robot, expected one or more".into());
+        let flaws = nobody.or(limits).or(clearance);
+        let flaws = flaws.or_else(|| self.obstacles.iter().find_map(flaw_of));
         flaws.or(unsound(
             &[
                 ("period_ns", self.period_ns),

@@ -100,79 +100,38 @@ impl Recorder {
     }
 }
 
-/// A [`Recorder`] and where it sends to. What is left goes out when it is dropped.
+/// Where what a [`Recorder`] holds is sent to.
 #[derive(Debug)]
 pub struct LatencyPort {
-    recorder: Recorder,
     publisher: Publisher<[LatencyRow], LatencyHeader>,
 }
 
 impl LatencyPort {
-    /// A sender of what this incarnation measures, `rows_per_tick` values at most in one tick.
+    /// Room for batches of this recorder.
     pub fn new(
         service: &Factory<[LatencyRow], LatencyHeader>,
-        incarnation: u64,
-        rows_per_tick: usize,
+        recorder: &Recorder,
     ) -> Result<LatencyPort, ServiceError> {
-        let recorder = Recorder::for_ticks_of(incarnation, rows_per_tick);
-        Ok(LatencyPort { publisher: service.publisher(recorder.rows_max)?, recorder })
+        Ok(LatencyPort { publisher: service.publisher(recorder.rows_max)? })
     }
 
-    /// See [`Recorder::record`].
-    pub fn record(&mut self, stage: Stage, from: usize, value_ns: u64) {
-        self.recorder.record(stage, from, value_ns);
-    }
-
-    /// See [`Recorder::record_age`].
-    pub fn record_age(&mut self, from: usize, sums: &AgeSums) {
-        self.recorder.record_age(from, sums);
-    }
-
-    /// See [`Recorder::is_due`].
-    pub fn is_due(&self, now_ns: u64) -> bool {
-        self.recorder.is_due(now_ns)
-    }
-
-    /// See [`Recorder::is_half_full`].
-    pub fn is_half_full(&self) -> bool {
-        self.recorder.is_half_full()
-    }
-
-    /// See [`Recorder::count_lost`].
-    pub fn count_lost(&mut self, samples: u64) {
-        self.recorder.count_lost(samples);
-    }
-
-    /// Sends if it is time, by a `now_ns` that the caller read anyhow.
-    pub fn send_if_due(&mut self, now_ns: u64) {
-        if self.recorder.is_due(now_ns) {
-            self.send(now_ns);
+    /// Sends what there is, if anything, at `now_ns`. A robot does not stop moving because it cannot say how:
+    /// the supervisor counts what is missing.
+    pub fn send(&self, recorder: &mut Recorder, now_ns: u64) {
+        let (header, rows) = recorder.batch();
+        if rows.is_empty() {
+            return;
         }
-    }
-
-    /// Sends once half of the room is used, and not before: in lockstep, where what arrives of a robot
-    /// that is killed depends on nothing but the tick.
-    pub fn send_if_half_full(&mut self, now_ns: u64) {
-        if self.recorder.is_half_full() {
-            self.send(now_ns);
-        }
-    }
-
-    /// A robot does not stop moving because it cannot say how: the supervisor counts what is
-    /// missing.
-    fn send(&mut self, now_ns: u64) {
-        let (header, rows) = self.recorder.batch();
         if let Err(error) = send_slice(&self.publisher, header, rows.len(), |i| rows[i]) {
             tracing::warn!(%error, "latencies not sent");
         }
-        self.recorder.clear(now_ns);
+        recorder.clear(now_ns);
     }
-}
 
-impl Drop for LatencyPort {
-    fn drop(&mut self) {
-        if !self.recorder.batch().1.is_empty() {
-            self.send(0);
+    /// The same if it is time.
+    pub fn send_if_due(&self, recorder: &mut Recorder, now_ns: u64) {
+        if recorder.is_due(now_ns) {
+            self.send(recorder, now_ns);
         }
     }
 }

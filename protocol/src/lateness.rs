@@ -121,7 +121,7 @@ impl Account {
     }
 }
 
-/// Tells why its thread was late, by what was counted since it looked last.
+/// Tells why its thread was late, by what was counted since it looked last, and by when its loop was at work.
 #[derive(Debug)]
 pub struct Witness {
     reader: Reader,
@@ -130,6 +130,9 @@ pub struct Witness {
     /// Wake-ups on time since.
     on_time: u32,
     previous: Option<Cause>,
+    /// When the loop woke up last, ns, and until when it was at work then.
+    awake_ns: u64,
+    rested_ns: u64,
 }
 
 impl Witness {
@@ -137,7 +140,26 @@ impl Witness {
     pub fn new(period_ns: u64) -> Witness {
         let reader = Reader::new();
         let counted = reader.read();
-        Witness { reader, period_ns, counted, on_time: 0, previous: None }
+        let (awake_ns, rested_ns) = (clock::now_ns(), clock::now_ns());
+        Witness { reader, period_ns, counted, on_time: 0, previous: None, awake_ns, rested_ns }
+    }
+
+    /// Why the loop was late at this wake-up, if it was; `missed`: it missed its last deadline.
+    pub fn cause_if_late(&mut self, wake: &Wake, missed: bool) -> Option<Cause> {
+        let late = Late::of(wake, self.awake_ns, self.rested_ns);
+        self.awake_ns = wake.due_ns + wake.lateness_ns;
+        (!self.on_time(wake.lateness_ns, missed)).then(|| self.cause_of(late))
+    }
+
+    /// At a wake-up that does not count: looks again.
+    pub fn look_at(&mut self, wake: &Wake) {
+        self.awake_ns = wake.due_ns + wake.lateness_ns;
+        self.look();
+    }
+
+    /// The loop was at work until `now_ns`.
+    pub fn rests(&mut self, now_ns: u64) {
+        self.rested_ns = now_ns;
     }
 
     /// Looks again, so that what was counted until now explains nothing that comes.

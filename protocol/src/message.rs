@@ -658,10 +658,10 @@ pub enum Phase {
 }
 
 impl Phase {
-    /// The phase that a number stands for; one of another build counts as the last.
-    pub fn from_number(number: u64) -> Phase {
-        let all = [Phase::Gathering, Phase::Running, Phase::Ending];
-        all.into_iter().find(|&phase| phase as u64 == number).unwrap_or(Phase::Done)
+    /// The phase that a number stands for, if it is one.
+    pub fn from_number(number: u64) -> Option<Phase> {
+        let all = [Phase::Gathering, Phase::Running, Phase::Ending, Phase::Done];
+        all.into_iter().find(|&phase| phase as u64 == number)
     }
 }
 
@@ -804,10 +804,14 @@ mod tests {
     }
 
     #[test]
-    fn every_contact_survives_the_wire() {
+    fn every_contact_and_phase_survives_the_wire_and_other_numbers_stand_for_none() {
         for contact in [Contact::Unheard, Contact::Fresh, Contact::Stale, Contact::Lost] {
             assert_eq!(Contact::from_number(contact as u64), Some(contact));
         }
         assert_eq!(Contact::from_number(4), None);
+        for phase in [Phase::Gathering, Phase::Running, Phase::Ending, Phase::Done] {
+            assert_eq!(Phase::from_number(phase as u64), Some(phase));
+        }
+        assert_eq!(Phase::from_number(4), None);
     }
 }

@@ -7,7 +7,7 @@
 use std::time::Instant;
 
 use agent::brain::Brain;
-use agent::ports::latency_rows_per_tick;
+use agent::turn::Turn;
 use experiment::scenario::{FaultKind, Scenario};
 use outcome::metrics::Metrics;
 use outcome::metrics::summary::ProcessUsage;
@@ -17,13 +17,11 @@ use outcome::results::run_dir::{RunDir, RunDirError};
 use outcome::results::usage;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::clock::now_ns;
-use protocol::latency::Recorder;
 use protocol::message::TruthRow;
-use protocol::stage::Stage;
 use supervisor::run::journal::Journal;
 use supervisor::run::reports::{News, Report};
 
-use super::{Effect, InProcess};
+use super::{Effect, InProcess, Robot};
 
 /// How the thread that does a run is called among its processes.
 const NAME: &str = "all";
@@ -54,78 +52,33 @@ pub fn run(
     let think = |brief: &AgentBrief, incarnation| {
         Brain::new(brief, incarnation).expect("the brief of a checked scenario")
     };
-    let mut run = InProcess::new(scenario.clone(), think);
+    let mut run = InProcess::new(scenario.clone(), think).expect("it needs no processes");
+    run.clock_ns = now_ns;
     let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
-    let mut said = Said {
+    let mut listener = Listener {
         journal: Journal::new(names, run_dir, metrics),
         latency: Latency::new(scenario, Pace::Lockstep),
-        robots: run.agents.iter().map(|brief| Robot::new(brief, run.agents.len())).collect(),
+        reports: run.agents.iter().map(|_| Report::new(run.agents.len())).collect(),
     };
     let (began, mut outcome) = (Instant::now(), Outcome::default());
-    let ran = said.tick_until_the_end(&mut run, &mut outcome, &mut goes_on);
+    let ran = listener.tick_until_the_end(&mut run, &mut outcome, &mut goes_on);
     outcome.wall = began.elapsed();
     let robots = 0..scenario.robots.len();
     outcome.restarts = robots.map(|robot| run.lives.incarnation(robot)).collect();
     let usage = usage::of_this_thread().since(&usage_before);
     outcome.usages = vec![ProcessUsage { name: NAME.into(), starts: 1, usage }];
-    said.into_outcome(&mut outcome);
+    listener.into_outcome(&mut outcome);
     (outcome, ran)
 }
 
-/// What the robots say of themselves, and who is told.
-struct Said<'a> {
+/// Takes down what the robots report of themselves, and what happens to them.
+struct Listener<'a> {
     journal: Journal<'a>,
     latency: Latency,
-    robots: Vec<Robot>,
+    reports: Vec<Report>,
 }
 
-/// What one robot said of itself.
-struct Robot {
-    report: Report,
-    /// Beacons refused when it reported last.
-    refused: u64,
-    recorder: Recorder,
-    rows_per_tick: usize,
-    /// Stamp of its newest sample, ns.
-    newest_ns: u64,
-    /// How long it has been at work in this tick, ns.
-    busy_ns: u64,
-}
-
-impl Robot {
-    /// Of one of so many.
-    fn new(brief: &AgentBrief, robots: usize) -> Robot {
-        let rows_per_tick = latency_rows_per_tick(brief);
-        Robot {
-            report: Report::new(robots),
-            refused: 0,
-            recorder: Recorder::for_ticks_of(0, rows_per_tick),
-            rows_per_tick,
-            newest_ns: 0,
-            busy_ns: 0,
-        }
-    }
-
-    /// A replacement is started. What the dead had not yet told is gone.
-    fn begins_anew(&mut self, incarnation: u64) {
-        self.report.begins_anew();
-        self.refused = 0;
-        self.recorder = Recorder::for_ticks_of(incarnation, self.rows_per_tick);
-    }
-
-    /// Hands over what it measured so far.
-    fn hand_over(&mut self, brain: &mut Brain, to: &mut Latency, place: usize) {
-        for (from, sums) in brain.take_ages(self.newest_ns) {
-            self.recorder.record_age(from, &sums);
-        }
-        let (header, rows) = self.recorder.batch();
-        // The plant is 0.
-        to.take(place + 1, &header, rows);
-        self.recorder.clear(self.newest_ns);
-    }
-}
-
-impl Said<'_> {
+impl Listener<'_> {
     fn tick_until_the_end<F: Fn(&AgentBrief, u64) -> Brain>(
         &mut self,
         run: &mut InProcess<F>,
@@ -152,68 +105,61 @@ impl Said<'_> {
             self.latency.now(header.t_ns);
             self.one_tick(run, header.t_ns);
         }
-        for (place, robot) in self.robots.iter_mut().enumerate() {
-            if let Some(brain) = &mut run.robots[place].brain {
-                robot.hand_over(brain, &mut self.latency, place);
+        for (place, robot) in run.robots.iter_mut().enumerate() {
+            if let Some(turn) = &mut robot.turn {
+                self.take_batch(turn, place);
             }
         }
         self.journal.known_before(u64::MAX)
     }
 
     fn one_tick<F: Fn(&AgentBrief, u64) -> Brain>(&mut self, run: &mut InProcess<F>, t_ns: u64) {
-        run.act(|effect| self.told(effect, t_ns));
-        run.world.take_due();
-        for (i, robot) in self.robots.iter_mut().enumerate() {
-            let (sent_ns, mut taken_ns) = (now_ns(), 0);
-            if run.sense_one(i, || taken_ns = now_ns()) {
-                robot.newest_ns = t_ns;
-                robot.busy_ns = now_ns().saturating_sub(taken_ns);
-                robot.recorder.record(Stage::Odometry, 0, taken_ns.saturating_sub(sent_ns));
+        run.sense(|effect| self.happened(effect, t_ns));
+        run.step(|_, turn| turn.wish());
+        for (place, Robot { turn, member_since, reports, .. }) in run.robots.iter_mut().enumerate()
+        {
+            let Some((turn, _)) = turn.as_mut().zip(*member_since) else { continue };
+            if *reports {
+                self.take_report(turn, place);
+            }
+            if turn.batch_is_due() {
+                self.take_batch(turn, place);
             }
         }
-        for i in 0..self.robots.len() {
-            let began_ns = now_ns();
-            let in_time = run.answer_one(i, Brain::wish);
-            let ended_ns = now_ns();
-            let Some(brain) = run.robots[i].taking_part() else { continue };
-            let robot = &mut self.robots[i];
-            if in_time {
-                let compute_ns = robot.busy_ns + ended_ns.saturating_sub(began_ns);
-                robot.recorder.record(Stage::Compute, 0, compute_ns);
-                for (from, age_ns) in brain.ages(t_ns) {
-                    robot.recorder.record(Stage::BeaconAge, from, age_ns);
+    }
+
+    /// Takes down how this robot says that it goes.
+    fn take_report(&mut self, turn: &Turn, place: usize) {
+        let (header, neighbors) = turn.status();
+        let neighbors: Vec<_> = neighbors.collect();
+        for news in self.reports[place].take(&header, &neighbors) {
+            match news {
+                News::Heard { other, contact, since_ns } => {
+                    self.journal.heard(since_ns, place, other, contact);
                 }
-            }
-            if brain.take_news() | (brain.beacons_refused() != robot.refused) {
-                robot.refused = brain.beacons_refused();
-                let (header, rows) = brain.status(0);
-                let rows: Vec<_> = rows.collect();
-                for news in robot.report.take(&header, &rows) {
-                    match news {
-                        News::Heard { other, contact, since_ns } => {
-                            self.journal.heard(since_ns, i, other, contact);
-                        }
-                        News::FrameHeard { contact, since_ns } => {
-                            self.journal.frame_heard(since_ns, i, contact);
-                        }
-                        // In lockstep no goal comes from outside.
-                        News::GoesTo { .. } => {}
-                    }
+                News::FrameHeard { contact, since_ns } => {
+                    self.journal.frame_heard(since_ns, place, contact);
                 }
-            }
-            if robot.recorder.is_half_full() {
-                robot.hand_over(brain, &mut self.latency, i);
+                // In lockstep no goal comes from outside.
+                News::GoesTo { .. } => {}
             }
         }
-        run.pass();
+    }
+
+    /// Takes down what this robot measured so far.
+    fn take_batch(&mut self, turn: &mut Turn, place: usize) {
+        let measured = turn.batch();
+        let (header, rows) = measured.batch();
+        // The plant is 0.
+        self.latency.take(place + 1, &header, rows);
+        measured.clear(0);
     }
 
     /// Something happened to a robot at this run time, ns.
-    fn told(&mut self, effect: &Effect, t_ns: u64) {
+    fn happened(&mut self, effect: &Effect, t_ns: u64) {
         match *effect {
-            Effect::Start { robot, incarnation } => {
-                self.robots[robot].begins_anew(incarnation);
-            }
+            // What the dead had not yet reported is gone.
+            Effect::Start { robot, .. } => self.reports[robot].begins_anew(),
             Effect::Note { kind, robot, ref detail } => {
                 self.journal.event(t_ns, kind, Some(robot), detail.clone());
             }
@@ -226,10 +172,9 @@ impl Said<'_> {
     }
 
     fn into_outcome(self, outcome: &mut Outcome) {
-        outcome.deadline_misses =
-            self.robots.iter().map(|robot| robot.report.counts().misses).sum();
-        outcome.beacons_refused =
-            self.robots.iter().map(|robot| robot.report.counts().refused).collect();
+        let counts = self.reports.iter().map(Report::counts);
+        outcome.deadline_misses = counts.clone().map(|counts| counts.misses).sum();
+        outcome.beacons_refused = counts.map(|counts| counts.refused).collect();
         outcome.latency = self.latency;
     }
 }

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use experiment::campaign::file::Keep;
 use outcome::campaign::folder::{complete, note_failure, part};
 use protocol::process::{Stop, exit};
@@ -27,8 +27,8 @@ pub(super) struct CellArgs {
     #[arg(long, value_name = "DIR", hide = true, conflicts_with_all = ["out", "view", "output"])]
     pub(super) cell: Option<PathBuf>,
     /// What is kept of it.
-    #[arg(long, value_enum, hide = true, requires = "cell", default_value_t = KeepArg::Summary)]
-    keep: KeepArg,
+    #[arg(long, hide = true, requires = "cell", default_value = "summary", value_parser = keep)]
+    keep: Keep,
     /// Longest that it may take.
     #[arg(long, value_name = "SECONDS", hide = true, requires = "cell", value_parser = seconds)]
     deadline_s: Option<Duration>,
@@ -39,11 +39,9 @@ fn seconds(text: &str) -> Result<Duration, String> {
     Duration::try_from_secs_f64(number).map_err(|error| error.to_string())
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum KeepArg {
-    Summary,
-    Failed,
-    All,
+fn keep(word: &str) -> Result<Keep, String> {
+    let keep = Keep::WORDS.into_iter().find(|(known, _)| *known == word);
+    keep.map(|(_, keep)| keep).ok_or_else(|| "no word for what is kept".into())
 }
 
 /// Runs a sound scenario as a run of a campaign.
@@ -58,11 +56,7 @@ pub(super) fn run(
     if cell.exists() {
         return exit::OK;
     }
-    let keep = match args.keep {
-        KeepArg::Summary => Keep::Summary,
-        KeepArg::Failed => Keep::Failed,
-        KeepArg::All => Keep::All,
-    };
+    let keep = args.keep;
     let out = part(cell);
     // What a process of this number left.
     let _ = std::fs::remove_dir_all(&out);

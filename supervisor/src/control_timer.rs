@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use protocol::clock::{self, Timer, golden_phase};
-use protocol::latency::LatencyPort;
+use protocol::latency::{LatencyPort, Recorder};
 use protocol::process::{self, Stop, Turns};
 use protocol::run_root::{self, RunRootError};
 use protocol::service::{self, ServiceError};
@@ -59,14 +59,16 @@ fn run(control: &ControlTimer) -> Result<(), ControlError> {
     clock::tighten_timer_slack();
     process::take_turns(Turns::Short);
     let node = service::node("machine")?;
-    let mut latency = LatencyPort::new(&service::machine_latency().open(&node)?, 0, 1)?;
+    let mut measured = Recorder::for_ticks_of(0, 1);
+    let latency = LatencyPort::new(&service::machine_latency().open(&node)?, &measured)?;
     let period = Duration::from_nanos(control.period_ns);
     let phase = period.mul_f64(golden_phase(control.robots + 1));
     let mut timer = Timer::new(control.period_ns, phase.as_nanos() as u64);
     while !stop.requested() {
         let Some(wake) = timer.wait() else { continue };
-        latency.record(Stage::Machine, 0, wake.lateness_ns);
-        latency.send_if_due(wake.due_ns);
+        measured.record(Stage::Machine, 0, wake.lateness_ns);
+        latency.send_if_due(&mut measured, wake.due_ns);
     }
+    latency.send(&mut measured, clock::now_ns());
     Ok(())
 }

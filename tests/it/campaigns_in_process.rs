@@ -3,11 +3,14 @@
 use std::fs;
 use std::path::Path;
 
+use agent::brain::Brain;
+use phalanx::in_process::InProcess;
 use rustix::process::Signal;
 use serde_json::Value;
 
 use crate::campaigns::{NINE, Place, ended};
 use crate::harness::signal_pid;
+use crate::oracle::with_faults;
 
 /// Runs with everything in them that a plan may have without processes of its own.
 const ALL: &str = "name = \"all\"\nscenario = \"SCENARIOS/triangle.toml\"\nkeep = \"KEEP\"\n\
@@ -147,6 +150,15 @@ fn runs_that_need_processes_get_them_and_the_rest_none() {
     assert!(said.contains("2 of them by processes"), "{said}");
     ended(place.sweep("processes", &[]), 0);
     assert_eq!(place.file("one/runs.csv"), place.file("processes/runs.csv"));
+}
+
+#[test]
+fn a_kill_of_the_plant_is_refused_where_the_plant_is_no_process() {
+    let scenario = with_faults("triangle", &[], &["kill plant @0.5"]);
+    let run =
+        InProcess::new(scenario, |brief, incarnation| Brain::new(brief, incarnation).unwrap());
+    let refusal = run.err().expect("it cannot be foretold").to_string();
+    assert!(refusal.contains("a fault kills the plant"), "{refusal}");
 }
 
 #[test]

@@ -1,10 +1,9 @@
-//! The real-time pace in one process: the same brains and the same world, driven by events that a
-//! seed draws. What `agent/src/trial.rs` and `plant/src/trial.rs` do by the machine's clock
-//! happens here at times that an adversary chooses (`model/adversary.rs`).
+//! The real-time pace in one process: the turns of the robots and of the world, as their processes take
+//! them, at times that a seed and an adversary choose (`model/adversary.rs`).
 //!
-//! - The plant wakes late, integrates to now, then takes the commands that have arrived.
-//! - An agent reads the newest sample, answers it, and sends the answer: three moments, with any
-//!   delay between them. It may be frozen or killed at each; what it sent stays under way.
+//! - The plant wakes late, and takes its turn with the commands that have arrived.
+//! - An agent wakes up and reads the newest sample, takes its turn with that, and sends the answer: three
+//!   moments, with any delay between them. It may be frozen or killed at each; what it sent stays under way.
 //! - Beacons are lost, late, and overtake each other.
 //!
 //! What is wrong with sensors and wheels stands in the plant's brief, as in any run.
@@ -14,19 +13,24 @@ mod hardship;
 mod limits;
 mod walls;
 
+use std::convert::Infallible;
 use std::sync::{Arc, Mutex};
 
-use agent::brain::{Answer, Brain};
+use agent::brain::Answer;
+use agent::turn::{Delivery, Inbox, Turn};
 use experiment::briefs;
 use experiment::scenario::Scenario;
 use formation::Vec2;
 use formation::front_point::front_point;
 use formation::obstacle::Obstacles;
 use formation::random::SplitMix64;
-use plant::world::World;
+use plant::motion::Unicycles;
+use plant::turn::{self, Turn as PlantTurn, TurnError};
 use protocol::brief::{AgentBrief, Pace, PlantBrief};
+use protocol::clock::Wake;
 use protocol::message::{Beacon, Command, Odometry, TruthHeader, TruthRow};
 
+use adversary::Deceit;
 pub use adversary::{ADVERSARIES, Adversary, Wish, stay_at};
 pub use hardship::{HARDSHIPS, Hardship};
 pub use limits::INERTIAS;
@@ -95,12 +99,13 @@ pub fn simulate(
     let mut model = Model::new(fleet, trial);
     while model.now_ns < START_NS + trial.duration_ns {
         if model.step() {
-            let truth: Vec<TruthRow> = model.world.truth().collect();
-            let alive: Vec<bool> = model.robots.iter().map(|r| r.brain.is_some()).collect();
-            watch(&model.world.truth_header(), &truth, &alive);
+            let world = model.plant.world();
+            let truth: Vec<TruthRow> = world.truth().collect();
+            let alive: Vec<bool> = model.robots.iter().map(|r| r.turn.is_some()).collect();
+            watch(&world.truth_header(), &truth, &alive);
         }
     }
-    let header = model.world.truth_header();
+    let header = model.plant.world().truth_header();
     Outcome {
         closest_m: header.closest_m,
         clearance_m: header.clearance_m,
@@ -114,12 +119,11 @@ struct Model<'a> {
     fleet: &'a Fleet,
     trial: Trial,
     dice: SplitMix64,
-    world: World,
+    plant: PlantTurn,
     obstacles: Obstacles,
     robots: Vec<Robot>,
     now_ns: u64,
     plant_wakes_ns: u64,
-    tick: u64,
     /// Front points at the newest tick and at the one before, m.
     alphas: Vec<Vec2>,
     alphas_before: Vec<Vec2>,
@@ -131,7 +135,7 @@ struct Model<'a> {
 #[derive(Default)]
 struct Robot {
     /// `None`: dead.
-    brain: Option<Brain>,
+    turn: Option<Turn>,
     /// How often it was started.
     starts: u64,
     phase_ns: u64,
@@ -149,12 +153,12 @@ struct Robot {
     ambush_m: Option<f64>,
     /// To be killed when it has sent.
     doomed: bool,
-    /// Where to ram, m/s; shared with its law.
-    wish: Arc<Mutex<Vec2>>,
+    /// Shared with its law and its avoidance.
+    deceit: Arc<Mutex<Deceit>>,
     /// Commands on their way to the plant, with their arrival.
     commands: Vec<(u64, Command)>,
-    /// Beacons on their way to this robot: arrival, the sender's place in its brief, content.
-    beacons: Vec<(u64, usize, Beacon)>,
+    /// Beacons on their way to this robot, taken on arrival.
+    beacons: Vec<Delivery>,
 }
 
 #[derive(Default)]
@@ -167,29 +171,46 @@ enum Next {
 
 impl Robot {
     fn is_frozen(&self, now_ns: u64) -> bool {
-        self.brain.is_some() && self.frozen_until_ns > now_ns
+        self.turn.is_some() && self.frozen_until_ns > now_ns
     }
 
     /// When it really does what it does next.
     fn acts_ns(&self) -> Option<u64> {
-        self.brain.as_ref().map(|_| self.next_ns.max(self.frozen_until_ns))
+        self.turn.as_ref().map(|_| self.next_ns.max(self.frozen_until_ns))
+    }
+
+    /// Takes its turn with a sample, if there is one, and the beacons that have arrived by now.
+    fn take_turn(&mut self, odometry: Option<&Odometry>, now_ns: u64) -> Option<Answer> {
+        self.beacons.sort_by_key(|delivery| delivery.taken_ns);
+        let arrived = self.beacons.partition_point(|delivery| delivery.taken_ns <= now_ns);
+        let turn = self.turn.as_mut().expect("only the living act");
+        let Ok(outbox) = turn.take(Inbox {
+            taken_ns: now_ns,
+            odometry,
+            member_since: 0,
+            beacons: self.beacons.drain(..arrived).map(Ok::<_, Infallible>),
+            cuts: &[],
+            goal: None,
+        });
+        assert!(!outbox.plant_silent, "the plant is well");
+        outbox.answer
     }
 }
 
 impl<'a> Model<'a> {
     fn new(fleet: &'a Fleet, trial: Trial) -> Model<'a> {
-        let mut world = World::new(&fleet.plant);
-        world.start_at(START_NS);
+        let brief = PlantBrief { duration_ns: u64::MAX, ..fleet.plant.clone() };
+        let mut plant = PlantTurn::new(&brief, Unicycles::new(&brief));
+        plant.start_at(START_NS);
         let mut model = Model {
             fleet,
             trial,
             dice: SplitMix64::new(trial.seed),
-            world,
+            plant,
             obstacles: Obstacles::new(&fleet.plant.obstacles),
             robots: fleet.agents.iter().map(|_| Robot::default()).collect(),
             now_ns: START_NS,
             plant_wakes_ns: START_NS + fleet.plant.plant_tick_ns,
-            tick: 0,
             alphas: Vec::new(),
             alphas_before: Vec::new(),
             freezes: 0,
@@ -228,20 +249,19 @@ impl<'a> Model<'a> {
 
     /// What the plant's loop does, and then the adversary.
     fn tick(&mut self) {
-        self.world.advance(self.now_ns - START_NS);
-        self.tick = self.world.next_tick();
-        self.world.take_due();
-        for (i, robot) in self.robots.iter_mut().enumerate() {
-            robot.commands.sort_by_key(|(arrival_ns, _)| *arrival_ns);
-            let arrived = robot.commands.partition_point(|(at_ns, _)| *at_ns <= self.now_ns);
-            for (arrival_ns, mut command) in robot.commands.drain(..arrived) {
-                if self.trial.expiry == Expiry::FromArrival {
+        let (now_ns, expiry) = (self.now_ns, self.trial.expiry);
+        let queues = self.robots.iter_mut().enumerate();
+        let commands = queues.flat_map(|(place, Robot { commands, .. })| {
+            commands.sort_by_key(|(arrival_ns, _)| *arrival_ns);
+            let arrived = commands.partition_point(|(at_ns, _)| *at_ns <= now_ns);
+            commands.drain(..arrived).map(move |(arrival_ns, mut command)| {
+                if expiry == Expiry::FromArrival {
                     command.stamp_ns = arrival_ns;
                 }
-                // The world counts refusals.
-                let _ = self.world.take(i, &command);
-            }
-        }
+                Ok::<_, TurnError>(turn::Delivery { robot: place, command, taken_ns: now_ns })
+            })
+        });
+        self.plant.take(commands, || now_ns).expect("unicycles do not fail");
         let due_ns = first_after(self.now_ns, self.fleet.plant.plant_tick_ns, START_NS);
         self.plant_wakes_ns = due_ns + self.plant_lateness_ns();
         self.look();
@@ -259,7 +279,7 @@ impl<'a> Model<'a> {
 
     fn look(&mut self) {
         let bodies = self.fleet.plant.robots.iter();
-        let points = self.world.truth().zip(bodies);
+        let points = self.plant.world().truth().zip(bodies);
         let alphas = points.map(|(row, body)| front_point(row.pose(), body.front_point_m));
         let alphas: Vec<Vec2> = alphas.collect();
         self.alphas_before = std::mem::replace(&mut self.alphas, alphas);
@@ -267,33 +287,31 @@ impl<'a> Model<'a> {
 
     /// The next moment of an agent's loop.
     fn act(&mut self, i: usize) {
-        let period_ns = self.fleet.agents[i].period_ns;
+        let (period_ns, tick) = (self.fleet.agents[i].period_ns, self.plant.world().tick());
         match std::mem::take(&mut self.robots[i].next) {
             Next::Wake => {
                 let robot = &mut self.robots[i];
+                let lateness_ns = self.now_ns.saturating_sub(robot.due_ns);
+                let wake = Wake { due_ns: robot.due_ns, lateness_ns };
+                let turn = robot.turn.as_mut().expect("only the living act");
+                turn.wake(&wake, robot.frozen_until_ns.min(self.now_ns));
                 robot.due_ns = first_after(self.now_ns, period_ns, robot.phase_ns);
-                if robot.newest_tick == Some(self.tick) {
+                if robot.newest_tick == Some(tick) {
+                    robot.take_turn(None, self.now_ns);
                     robot.next_ns = robot.due_ns;
                     return;
                 }
-                robot.newest_tick = Some(self.tick);
-                robot.next = Next::Answer(Box::new(self.world.odometry(i)));
+                robot.newest_tick = Some(tick);
+                robot.next = Next::Answer(Box::new(self.plant.sense(i, self.now_ns)));
                 robot.next_ns = self.now_ns + self.dice.between(5 * US, 100 * US);
             }
             Next::Answer(odometry) => {
                 let sends_ns = self.answer_takes_until_ns(odometry.stamp_ns);
-                let (odometry, effect_ns) = self.mislead(i, *odometry);
+                self.deceive(i);
                 let robot = &mut self.robots[i];
-                let brain = robot.brain.as_mut().expect("only the living act");
-                robot.beacons.sort_by_key(|(arrival_ns, ..)| *arrival_ns);
-                let heard = robot.beacons.partition_point(|(at_ns, ..)| *at_ns <= self.now_ns);
-                for (_, place, beacon) in robot.beacons.drain(..heard) {
-                    // One that was overtaken is refused.
-                    let _ = brain.hear(place, &beacon, self.now_ns);
-                }
-                match brain.answer(&odometry, effect_ns) {
+                match robot.take_turn(Some(&odometry), self.now_ns) {
                     Some(answer) => robot.next = Next::Send(Box::new(answer)),
-                    // It does not know where it is: on to the next sample.
+                    // It does not know where it is, or has slept too long: on to the next sample.
                     None => return robot.next_ns = self.now_ns.max(robot.due_ns),
                 }
                 robot.next_ns = sends_ns.max(self.now_ns);
@@ -302,6 +320,7 @@ impl<'a> Model<'a> {
                 let arrival_ns = self.now_ns + self.transport_ns();
                 let oversleeps_ns = self.oversleeping_ns(period_ns);
                 let robot = &mut self.robots[i];
+                robot.turn.as_mut().expect("only the living act").sent(self.now_ns);
                 robot.commands.push((arrival_ns, answer.command));
                 robot.next_ns = self.now_ns.max(robot.due_ns + oversleeps_ns);
                 let doomed = robot.doomed;
@@ -318,10 +337,11 @@ impl<'a> Model<'a> {
         for (listener, brief) in self.fleet.agents.iter().enumerate() {
             let place = brief.neighbors.iter().position(|neighbor| neighbor.index == i + 1);
             if let Some(place) = place
-                && self.robots[listener].brain.is_some()
+                && self.robots[listener].turn.is_some()
                 && let Some(delay_ns) = self.beacon_delay_ns()
             {
-                self.robots[listener].beacons.push((self.now_ns + delay_ns, place, beacon));
+                let taken_ns = self.now_ns + delay_ns;
+                self.robots[listener].beacons.push(Delivery { place, beacon, taken_ns });
             }
         }
     }
@@ -332,12 +352,13 @@ impl<'a> Model<'a> {
         let phase_ns = self.dice.between(0, period_ns - 1);
         let before = std::mem::take(&mut self.robots[i]);
         self.robots[i] = Robot {
-            brain: Some(self.brain(i, before.starts, &before.wish)),
+            turn: Some(self.turn(i, before.starts, &before.deceit)),
             starts: before.starts + 1,
             phase_ns,
+            due_ns: first_after(self.now_ns, period_ns, phase_ns),
             next_ns: first_after(self.now_ns, period_ns, phase_ns),
-            newest_tick: Some(self.tick),
-            wish: before.wish,
+            newest_tick: Some(self.plant.world().tick()),
+            deceit: before.deceit,
             commands: before.commands,
             ..Robot::default()
         };

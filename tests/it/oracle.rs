@@ -55,7 +55,8 @@ fn run(
     mut watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
 ) -> Measures {
     let mut metrics = Metrics::new(scenario, Pace::Lockstep);
-    let mut run = InProcess::new(scenario.clone(), think);
+    let run = InProcess::new(scenario.clone(), think);
+    let mut run = run.unwrap_or_else(|error| panic!("{error}"));
     loop {
         let header = run.world().truth_header();
         let truth: Vec<TruthRow> = run.world().truth().collect();
@@ -70,6 +71,6 @@ fn run(
             Effect::Ended { fault, end, at_ns } => metrics.fault_ended(fault, end, at_ns),
             _ => {}
         });
-        run.step(|_, brain| brain.wish());
+        run.step(|_, turn| turn.wish());
     }
 }

@@ -3,142 +3,14 @@
 use std::sync::{Arc, Mutex};
 
 use formation::pose::Twist;
-use protocol::brief::{AvoidanceBrief, Format, NeighborBrief, Rank, SilenceBrief, SilencePolicy};
 use protocol::fault::{LinkFaultKind, Span};
 
 use super::*;
-
-const MS: u64 = 1_000_000;
-const START_NS: u64 = 500 * MS;
-
-/// r1, which hears r5 and r2, in this order.
-fn brief() -> AgentBrief {
-    let hears = |index: usize| NeighborBrief {
-        name: format!("r{index}"),
-        index,
-        offset_m: [0.0, 0.0],
-        faults: Vec::new(),
-    };
-    AgentBrief {
-        format: Format,
-        name: "r1".into(),
-        index: 1,
-        run_root: "/nowhere".into(),
-        pace: Pace::Realtime,
-        period_ns: 10 * MS,
-        plant_tick_ns: MS,
-        command_lifetime_ns: 25 * MS,
-        late_ns: 0,
-        front_point_m: 0.1,
-        law: "formation-unit".into(),
-        gains: [("speed_m_s".into(), 0.1)].into(),
-        program: None,
-        led: false,
-        rank: Rank::First,
-        lead: None,
-        scale: None,
-        goal_m: None,
-        published_velocity: PublishedVelocity::Gamma,
-        limits: None,
-        avoidance: AvoidanceBrief {
-            kind: "none".into(),
-            distance_min_m: 0.2,
-            speed_max_m_s: f64::INFINITY,
-            sensing_radius_m: 0.0,
-            sensing_error_m: 0.0,
-            heading_error_rad: 0.0,
-            braking_time_max_s: 0.0,
-            clearance_m: 0.0,
-            gains: Default::default(),
-        },
-        silence: SilenceBrief {
-            stale_after_ns: 30 * MS,
-            lost_after_ns: 100 * MS,
-            policy: SilencePolicy::Ignore,
-        },
-        slow: Vec::new(),
-        odometry_faults: Vec::new(),
-        command_faults: Vec::new(),
-        links_by_hand: false,
-        goals_from_outside: false,
-        neighbors: vec![hears(5), hears(2)],
-    }
-}
-
-/// The sample of this many milliseconds since the start, at x = 1 m + 1 m/s of it.
-fn odometry(t_ms: u64) -> Odometry {
-    Odometry {
-        tick: t_ms,
-        t_ns: t_ms * MS,
-        stamp_ns: START_NS + t_ms * MS,
-        x_m: 1.0 + 1e-3 * t_ms as f64,
-        heading_rad: 0.3,
-        w_rad_s: 2.0,
-        pose_valid: 1,
-        proximity_valid: 1,
-        ..Odometry::default()
-    }
-}
+use crate::testing::{MS, START_NS, beacon, brief, odometry};
 
 fn answered(brain: &mut Brain, t_ms: u64) -> Answer {
     let odometry = odometry(t_ms);
     brain.answer(&odometry, odometry.stamp_ns).expect("it knows where it is")
-}
-
-fn beacon(t_ms: u64) -> Beacon {
-    Beacon { tick: t_ms, stamp_ns: START_NS + t_ms * MS, x_m: 3.0, ..Beacon::default() }
-}
-
-#[test]
-fn it_has_news_when_a_contact_changes_or_a_beacon_is_refused_and_counts_what_it_refuses() {
-    let mut brain = Brain::new(&brief(), 3).unwrap();
-    assert!(!brain.has_started() && !brain.take_news());
-    let first = answered(&mut brain, 0);
-    assert!(brain.has_started());
-    let second = answered(&mut brain, 10);
-    let said = |answer: &Answer| (answer.command.sequence, answer.command.incarnation);
-    assert_eq!([said(&first), said(&second)], [(1, 3), (2, 3)]);
-
-    // Both are heard for the first time: of a sample that is being taken now, at the latest.
-    brain.take_news();
-    let now_ns = START_NS + 10 * MS;
-    for place in [0, 1] {
-        assert_eq!(brain.hear(place, &beacon(10), now_ns), Ok(()));
-        assert!(brain.hear(place, &beacon(11), now_ns).is_err(), "from the future");
-    }
-    assert_eq!((brain.beacons_refused(), brain.take_news(), brain.take_news()), (2, true, false));
-    answered(&mut brain, 20);
-    assert_eq!((brain.take_news(), brain.take_news()), (true, false));
-    answered(&mut brain, 30);
-    assert!(!brain.take_news(), "nothing changed");
-    // One refused, one not: it stays news.
-    assert!(brain.hear(0, &beacon(10), now_ns).is_err(), "heard before");
-    assert_eq!(brain.hear(0, &beacon(30), START_NS + 30 * MS), Ok(()));
-    assert_eq!((brain.beacons_refused(), brain.take_news()), (3, true));
-    assert!(
-        brain.hear(0, &beacon(30), now_ns).is_err() && brain.hear(0, &beacon(30), now_ns).is_err()
-    );
-    assert!(brain.take_news(), "two are no less news than one");
-    // And so it does when a contact changes beside.
-    assert!(brain.hear(0, &beacon(30), now_ns).is_err());
-    assert!(brain.answer(&odometry(200), START_NS + 200 * MS).is_some());
-    assert!(brain.take_news(), "both are lost, and one was refused");
-}
-
-#[test]
-fn a_cut_by_hand_acts_on_the_link_from_the_robot_that_is_named() {
-    let mut brain = Brain::new(&brief(), 0).unwrap();
-    answered(&mut brain, 10);
-    let now_ns = START_NS + 10 * MS;
-    let old_is_refused =
-        |brain: &mut Brain| [0, 1].map(|place| brain.hear(place, &beacon(10), now_ns).is_err());
-    assert_eq!(old_is_refused(&mut brain), [false, false], "it is new");
-    brain.set_cut(2, true);
-    // What does not get through is not refused.
-    assert_eq!(old_is_refused(&mut brain), [true, false]);
-    brain.set_cut(2, false);
-    brain.set_cut(7, true);
-    assert_eq!(old_is_refused(&mut brain), [true, true]);
 }
 
 #[test]
@@ -283,7 +155,7 @@ fn an_answer_taken_apart_is_the_same_and_nobody_moves_who_has_nothing_to_go_by()
 #[test]
 fn whoever_goes_to_a_goal_goes_to_a_newer_one_from_its_next_sample_on_and_says_so() {
     let goal = |stamp_ns, x_m| Goal { stamp_ns, x_m, y_m: 2.0 };
-    let sent_to = |brain: &Brain| brain.status(0).0.goal();
+    let sent_to = |brain: &Brain| brain.status().0.goal();
     let to_goal = AgentBrief {
         law: "goal-unit".into(),
         goal_m: Some([9.0, 0.0]),
@@ -321,5 +193,5 @@ fn a_role_without_a_goal_listens_to_none() {
     brain.take_news();
     brain.go_to(&Goal { stamp_ns: 7, x_m: -5.0, y_m: 2.0 });
     answered(&mut brain, 10);
-    assert_eq!((brain.take_news(), brain.status(0).0.goal()), (false, None));
+    assert_eq!((brain.take_news(), brain.status().0.goal()), (false, None));
 }

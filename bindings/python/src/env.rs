@@ -8,7 +8,7 @@ use agent::laws::{self, Law, Wish};
 use agent::program::Level;
 use agent::{avoidance, roles};
 use experiment::scenario::read::{Overrides, read};
-use experiment::scenario::{FaultKind, Scenario};
+use experiment::scenario::Scenario;
 use formation::Vec2;
 use outcome::metrics::hash::TrajectoryHash;
 use phalanx::in_process::{self, InProcess};
@@ -151,16 +151,6 @@ impl Inner {
                 }
             }
         }
-        if scenario.plant.is_some() {
-            return Err(
-                "a program moves the robots ([plant]), which an environment does not start".into(),
-            );
-        }
-        if scenario.faults.iter().any(|fault| fault.kind == FaultKind::KillPlant) {
-            return Err(
-                "a fault kills the plant, which an environment does not have as a process".into()
-            );
-        }
         let learns =
             move |name: &str| robots.as_ref().is_none_or(|asked| asked.iter().any(|n| n == name));
         let mut all = Vec::new();
@@ -181,7 +171,7 @@ impl Inner {
         let think: Think = Box::new(move |brief: &AgentBrief, incarnation| {
             brain(brief, incarnation, learns(&brief.name)).expect("it was made before")
         });
-        let run = InProcess::new(scenario, think);
+        let run = InProcess::new(scenario, think).map_err(|error| error.to_string())?;
         let hash = TrajectoryHash::new();
         let mut inner = Inner { run, robots: all, hash, period_s, speed_max_m_s, seed, level };
         inner.look();
@@ -196,7 +186,7 @@ impl Inner {
 
     fn step(&mut self, wishes: &[Wish]) {
         let robots = &self.robots;
-        self.run.step(|i, brain| if robots[i].learns { wishes[i] } else { brain.wish() });
+        self.run.step(|i, turn| if robots[i].learns { wishes[i] } else { turn.wish() });
         self.look();
     }
 

@@ -1,84 +1,32 @@
 //! Robots whose twist cannot change at once: the rules that the guard with inertia rests on.
 
-use formation::pose::Pose;
-use formation::unicycle::arc;
 use proptest::prelude::*;
-use protocol::brief::{Format, LimitsBrief, RampKind};
+use protocol::brief::{LimitsBrief, RampKind};
+use protocol::fault::{Span, WheelFault};
 
 use super::*;
+use crate::testing::{self, MS, brief};
 
-const MS: u64 = 1_000_000;
-const LIFETIME_NS: u64 = 20 * MS;
-const START: Pose = Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 };
-
-/// a_v = 2 m/s^2, a_w = 10 rad/s^2, ell = 0.1 m, v_max = 1 m/s, H = 20 ms.
-fn world(ramp: RampKind, wheel_faults: Vec<protocol::fault::WheelFault>) -> World {
-    World::new(&brief(ramp, wheel_faults))
-}
-
-fn brief(ramp: RampKind, wheel_faults: Vec<protocol::fault::WheelFault>) -> PlantBrief {
+/// a_v = 2 m/s^2, a_w = 10 rad/s^2.
+fn world(ramp: RampKind, wheel_faults: Vec<WheelFault>) -> World {
     let limits = LimitsBrief {
         acceleration_m_s2: 2.0,
         turn_acceleration_rad_s2: 10.0,
         braking_time_s: 0.5,
         ramp,
     };
-    PlantBrief {
-        format: Format,
-        run_root: "/nowhere".into(),
-        pace: Pace::Realtime,
-        duration_ns: 1_000_000_000,
-        period_ns: 10 * MS,
-        plant_tick_ns: MS,
-        command_lifetime_ns: LIFETIME_NS,
-        distance_min_m: 0.5,
-        speed_max_m_s: Some(1.0),
-        sensing_radius_m: 3.0,
-        velocities_sensed: false,
-        clearance_m: 0.0,
-        program: None,
-        obstacles: Vec::new(),
-        robots: vec![BodyBrief {
-            name: "r1".into(),
-            front_point_m: 0.1,
-            wheels: None,
-            limits: Some(limits),
-            start: START,
-            sensor_faults: Vec::new(),
-            wheel_faults,
-            command_faults: Vec::new(),
-        }],
-    }
+    let mut brief = brief(&[0.0]);
+    brief.robots[0].limits = Some(limits);
+    brief.robots[0].wheel_faults = wheel_faults;
+    World::new(&brief)
 }
 
 fn command(stamp_ns: u64, v_m_s: f64, w_rad_s: f64) -> Command {
-    let sequence = stamp_ns + 1;
-    Command { tick: 0, stamp_ns, sent_ns: 0, sequence, incarnation: 0, v_m_s, w_rad_s }
+    testing::command(stamp_ns, stamp_ns + 1, v_m_s, w_rad_s)
 }
 
 fn close(found: Twist, v_m_s: f64, w_rad_s: f64) -> bool {
     (found.v_m_s - v_m_s).hypot(found.w_rad_s - w_rad_s) < 1e-12
-}
-
-#[test]
-fn the_twist_goes_straight_towards_the_command_and_back_to_0_when_it_has_died() {
-    let mut world = world(RampKind::Together, Vec::new());
-    // 0.4 m/s takes 200 ms, 1 rad/s half of that: both arrive together.
-    world.accept(0, &command(0, 0.4, 1.0)).unwrap();
-    world.advance(10 * MS);
-    assert!(close(world.states[0].twist, 0.02, 0.05), "{:?}", world.states[0].twist);
-    // What odometry says is in force at its stamp, not over the arc before it.
-    assert_eq!(world.odometry(0).twist(), world.states[0].twist);
-    world.advance(20 * MS);
-    assert!(close(world.states[0].twist, 0.04, 0.1), "{:?}", world.states[0].twist);
-    // It dies at 20 ms: 0.04 m/s take as long to brake from.
-    world.advance(30 * MS);
-    assert!(close(world.states[0].twist, 0.02, 0.05), "{:?}", world.states[0].twist);
-    world.advance(45 * MS);
-    assert_eq!(world.states[0].twist, Twist::ZERO);
-    // 0.04 m/s at 20 ms on the way up and down.
-    let way = world.states[0].pose.x_m;
-    assert!((way - 0.04 * 0.02).abs() < 1e-6, "{way}");
 }
 
 #[test]
@@ -91,7 +39,6 @@ fn independent_ramps_leave_the_segment() {
 
 #[test]
 fn stuck_wheels_brake_and_go_on_where_they_are_freed() {
-    use protocol::fault::{Span, WheelFault};
     let span = Span { from_ns: 10 * MS, until_ns: 15 * MS };
     let stuck = vec![WheelFault { span, kind: WheelFaultKind::Stuck }];
     let mut world = world(RampKind::Together, stuck);
@@ -135,6 +82,8 @@ proptest! {
                     before.w_rad_s + sigma * change.w_rad_s,
                 );
                 prop_assert!(close(after, expected.0, expected.1));
+                // What odometry says is in force at its stamp, not over the arc before it.
+                prop_assert_eq!(world.odometry(0).twist(), after);
                 if target == Twist::ZERO {
                     let left = (accelerations.time_s(before) - 0.001).max(0.0);
                     prop_assert!(accelerations.time_s(after) <= left + 1e-12);
@@ -146,16 +95,5 @@ proptest! {
             let stamp_ns = world.t_ns().saturating_sub(age_ms * MS);
             let _ = world.accept(0, &command(stamp_ns, v_m_s, w_rad_s));
         }
-    }
-
-    #[test]
-    fn without_limits_the_wheels_do_at_once_what_they_are_told(v in -0.5..0.5f64, w in -2.0..2.0f64) {
-        let mut brief = brief(RampKind::Together, Vec::new());
-        brief.robots[0].limits = None;
-        let mut free = World::new(&brief);
-        free.accept(0, &command(0, v, w)).unwrap();
-        free.advance(MS);
-        let twist = Twist { v_m_s: v, w_rad_s: w };
-        prop_assert_eq!((free.states[0].pose, free.states[0].twist), (arc(START, twist, 0.001), twist));
     }
 }

@@ -1,11 +1,10 @@
 //! The world against its proof: under arbitrary messages the wheels do what the rule of
 //! `proof/Plant.v`, written down here once more, says.
 
-use formation::pose::Pose;
 use proptest::prelude::*;
-use protocol::brief::Format;
 
 use super::*;
+use crate::testing::{brief, command};
 
 const LIFETIME_NS: u64 = 20_000_000;
 
@@ -33,35 +32,6 @@ fn in_force(now_ns: u64, newest: Option<Command>) -> f64 {
     alive.map_or(0.0, |command| command.v_m_s)
 }
 
-fn world() -> World {
-    World::new(&PlantBrief {
-        format: Format,
-        run_root: "/nowhere".into(),
-        pace: Pace::Realtime,
-        duration_ns: 1_000_000_000,
-        period_ns: 10_000_000,
-        plant_tick_ns: 1_000_000,
-        command_lifetime_ns: LIFETIME_NS,
-        distance_min_m: 0.5,
-        speed_max_m_s: Some(1.0),
-        sensing_radius_m: 3.0,
-        velocities_sensed: false,
-        clearance_m: 0.0,
-        program: None,
-        obstacles: Vec::new(),
-        robots: vec![BodyBrief {
-            name: "r1".into(),
-            front_point_m: 0.1,
-            wheels: None,
-            limits: None,
-            start: Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 },
-            sensor_faults: Vec::new(),
-            wheel_faults: Vec::new(),
-            command_faults: Vec::new(),
-        }],
-    })
-}
-
 /// Time until the next message, ns, often just as much as lets a command die.
 fn wait_ns() -> impl Strategy<Value = u64> {
     prop_oneof![Just(0), Just(1), Just(LIFETIME_NS - 1), Just(LIFETIME_NS), 0..30_000_000u64]
@@ -78,7 +48,7 @@ proptest! {
             1..30,
         ),
     ) {
-        let mut world = world();
+        let mut world = World::new(&brief(&[0.0]));
         let mut newest = None;
         for (wait_ns, age_ns, from_future, incarnation, sequence, v_m_s) in messages {
             for part_ns in [wait_ns / 3, wait_ns - wait_ns / 3] {
@@ -89,8 +59,7 @@ proptest! {
             }
             let now_ns = world.t_ns();
             let stamp_ns = now_ns.saturating_sub(age_ns) + u64::from(from_future);
-            let command =
-                Command { tick: 0, stamp_ns, sent_ns: 0, sequence, incarnation, v_m_s, w_rad_s: 0.0 };
+            let command = Command { incarnation, ..command(stamp_ns, sequence, v_m_s, 0.0) };
             let before = newest.map(|n: Command| (n.incarnation, n.stamp_ns, n.sequence));
             newest = accept(now_ns, command, newest);
             let after = newest.map(|n| (n.incarnation, n.stamp_ns, n.sequence));

@@ -103,45 +103,16 @@ impl Walls {
 #[cfg(test)]
 mod tests {
     use formation::obstacle::Obstacle;
-    use formation::pose::Pose;
-    use proptest::prelude::*;
-    use protocol::brief::{BodyBrief, Format, Pace};
     use protocol::fault::{Sensor, SensorFault, SensorFaultKind, Span};
-    use protocol::message::Command;
 
     use super::super::World;
     use super::*;
+    use crate::testing::{self, MS, command};
 
-    const MS: u64 = 1_000_000;
-
-    /// One robot at the origin, heading along x, ell = 0.1 m, that sees 1 m far.
+    /// One robot with its front point at the origin, that sees 1 m far.
     fn brief(obstacles: Vec<Obstacle>) -> PlantBrief {
-        PlantBrief {
-            format: Format,
-            run_root: "/nowhere".into(),
-            pace: Pace::Realtime,
-            duration_ns: 1000 * MS,
-            period_ns: 10 * MS,
-            plant_tick_ns: MS,
-            command_lifetime_ns: 20 * MS,
-            distance_min_m: 0.5,
-            speed_max_m_s: Some(1.0),
-            sensing_radius_m: 1.0,
-            velocities_sensed: false,
-            clearance_m: 0.25,
-            program: None,
-            obstacles,
-            robots: vec![BodyBrief {
-                name: "r1".into(),
-                front_point_m: 0.1,
-                wheels: None,
-                limits: None,
-                start: Pose { x_m: -0.1, y_m: 0.0, heading_rad: 0.0 },
-                sensor_faults: Vec::new(),
-                wheel_faults: Vec::new(),
-                command_faults: Vec::new(),
-            }],
-        }
+        let brief = testing::brief(&[-0.1]);
+        PlantBrief { sensing_radius_m: 1.0, clearance_m: 0.25, obstacles, ..brief }
     }
 
     fn disc(x_m: f64, y_m: f64) -> Obstacle {
@@ -216,14 +187,15 @@ mod tests {
 
     #[test]
     fn who_comes_too_near_to_a_wall_is_told_with_its_place_and_counted_at_every_arc() {
+        let header = World::new(&brief(Vec::new())).truth_header();
+        assert_eq!((header.clearance_m, header.clearance_violations), (f64::INFINITY, 0));
         let wall = Obstacle::segment([0.3, -1.0], [0.3, 1.0]);
         let mut world = World::new(&brief(vec![disc(0.0, 0.9), wall]));
         assert_eq!(world.truth_header().clearance_m, 0.3);
         for (sequence, t_ms) in (1..).zip([0, 20, 40, 60]) {
             // 1 m/s: on to 0.06 m, where it turns back.
             let v_m_s = if t_ms < 60 { 1.0 } else { -1.0 };
-            let command = Command { stamp_ns: t_ms * MS, sequence, v_m_s, ..Command::default() };
-            world.accept(0, &command).unwrap();
+            world.accept(0, &command(t_ms * MS, sequence, v_m_s, 0.0)).unwrap();
             world.advance((t_ms + 20) * MS);
         }
         let header = world.truth_header();
@@ -232,16 +204,5 @@ mod tests {
         assert_eq!((header.clearance_t_ns, header.clearance_between), (60 * MS, [0, 1]));
         // Less than 0.25 m: at 51 to 60 ms on the way there, to 69 ms on the way back; at 0.25 m, rounding decides.
         assert!((19..=21).contains(&header.clearance_violations), "{header:?}");
-    }
-
-    proptest! {
-        #[test]
-        fn without_walls_there_is_no_clearance(v_m_s in -1.0..1.0f64) {
-            let mut world = World::new(&brief(Vec::new()));
-            world.accept(0, &Command { sequence: 1, v_m_s, ..Command::default() }).unwrap();
-            world.advance(20 * MS);
-            let header = world.truth_header();
-            prop_assert_eq!((header.clearance_m, header.clearance_violations), (f64::INFINITY, 0));
-        }
     }
 }

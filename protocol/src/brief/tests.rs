@@ -306,6 +306,9 @@ fn a_brief_that_no_process_can_follow_names_the_key_and_what_was_expected() {
             "{error}"
         );
     }
+    let empty = to_text(&PlantBrief { robots: Vec::new(), ..plant() });
+    let error = parse::<PlantBrief>(Path::new("plant.toml"), &empty).unwrap_err().to_string();
+    assert!(error.ends_with("there is no robot, expected one or more"), "{error}");
 }
 
 #[test]

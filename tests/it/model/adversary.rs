@@ -1,20 +1,21 @@
 //! What goes wrong in the model: who decides it, what the robots are made to want, and how late
 //! everything is.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::PI;
 use std::sync::{Arc, Mutex};
 
-use agent::avoidance::{self, deflection_distance_m, deflection_share};
+use agent::avoidance::{self, Avoidance, Sample, deflection_distance_m, deflection_share};
 use agent::brain::{Brain, Parts};
 use agent::laws::{Law, Situation};
 use agent::roles::LEADER;
+use agent::turn::Turn;
 use formation::Vec2;
 use formation::front_point::front_speed;
+use formation::pose::{Twist, wrap_angle};
 use formation::scale::Scale;
 use formation::trajectory::Trajectory;
 use protocol::avoidance::Conditions;
 use protocol::brief::{AgentBrief, LeadBrief};
-use protocol::message::Odometry;
 
 use super::walls::Ramming;
 use super::{MS, Model, Next, Robot, US};
@@ -54,7 +55,7 @@ impl Model<'_> {
     pub(super) fn harm(&mut self) {
         let tick_s = self.fleet.plant.plant_tick_ns as f64 / 1e9;
         for i in 0..self.robots.len() {
-            if self.robots[i].brain.is_none() {
+            if self.robots[i].turn.is_none() {
                 continue;
             }
             if self.dice.chance(KILLS_HZ * tick_s) {
@@ -137,12 +138,12 @@ impl Model<'_> {
 
     /// Kills `i`, unless it is the last. One in four stays dead for as long as faults last.
     pub(super) fn kill(&mut self, i: usize) {
-        if self.robots.iter().filter(|robot| robot.brain.is_some()).count() == 1 {
+        if self.robots.iter().filter(|robot| robot.turn.is_some()).count() == 1 {
             return;
         }
         let starts_ns = self.now_ns + self.dice.between(20 * MS, 600 * MS);
         let robot = &mut self.robots[i];
-        robot.brain = None;
+        robot.turn = None;
         robot.beacons.clear();
         robot.starts_ns = self.dice.chance(0.75).then_some(starts_ns);
         self.kills += 1;
@@ -153,7 +154,7 @@ impl Model<'_> {
         for i in 0..self.robots.len() {
             let robot = &mut self.robots[i];
             robot.frozen_until_ns = robot.frozen_until_ns.min(self.now_ns);
-            if robot.brain.is_none() {
+            if robot.turn.is_none() {
                 self.start(i);
             }
         }
@@ -211,30 +212,31 @@ impl Model<'_> {
         }
     }
 
-    pub(super) fn brain(&self, i: usize, incarnation: u64, wish: &Arc<Mutex<Vec2>>) -> Brain {
+    /// The next incarnation of `i`, which has heard nothing yet.
+    pub(super) fn turn(&self, i: usize, incarnation: u64, deceit: &Arc<Mutex<Deceit>>) -> Turn {
         let brief = &self.fleet.agents[i];
-        match self.trial.wish {
+        let brain = match self.trial.wish {
             Wish::Law => Brain::new(brief, incarnation).expect("a checked brief"),
             // A leader asks its law for a velocity whoever is silent.
             Wish::Ram => {
                 let lead = Some(stay_at([0.0, 0.0]));
                 let leader = AgentBrief { lead, ..brief.clone() };
+                let honest = avoidance::build(brief).expect("a checked brief");
                 let parts = Parts {
                     role: LEADER.make(&leader).expect("a trajectory"),
-                    law: Box::new(Ram(wish.clone())),
-                    avoidance: avoidance::build(brief).expect("a checked brief"),
+                    law: Box::new(Ram(deceit.clone())),
+                    avoidance: Box::new(Deceived { honest, deceit: deceit.clone() }),
                 };
                 Brain::with_parts(&leader, incarnation, parts)
             }
-        }
+        };
+        Turn::new(brief.clone(), brain, self.now_ns)
     }
 
-    /// A sample as the robot is told it, and when its answer is said to take effect. To one that is
-    /// to ram, both lie about how far it will have turned by then. The guard uses them for nothing
-    /// but the heading that the deflected displacement is turned into wheels' speeds at.
-    pub(super) fn mislead(&mut self, i: usize, mut odometry: Odometry) -> (Odometry, u64) {
+    /// What a robot that is to ram is made to want, and to believe of its own turning.
+    pub(super) fn deceive(&mut self, i: usize) {
         if self.trial.wish == Wish::Law {
-            return (odometry, self.now_ns);
+            return;
         }
         let brief = &self.fleet.agents[i];
         let speed_max = brief.avoidance.speed_max_m_s;
@@ -252,30 +254,57 @@ impl Model<'_> {
             }
         };
         let Ramming { wish, p_n, p_t } = ramming;
-        *self.robots[i].wish.lock().unwrap() = 2.0 * speed_max * wish;
-        if p_t <= 0.0 {
-            return (odometry, self.now_ns);
-        }
-        // The dither is not foreseen; a bit of chance stands against it.
-        let turn_rad = PI - p_t.atan2(p_n) + 0.6 * (self.dice.unit() - 0.5);
-        if brief.avoidance.braking_time_max_s > 0.0 {
-            // The guard with inertia rests on the true twist: only the moment is a lie.
-            let w = odometry.w_rad_s;
-            let turns_s =
-                if w.abs() > 1e-3 { (-turn_rad / w).rem_euclid(TAU / w.abs()) } else { 0.0 };
-            return (odometry, odometry.stamp_ns + (turns_s * 1e9) as u64);
-        }
-        odometry.w_rad_s = -1.0;
-        (odometry, odometry.stamp_ns + (turn_rad.max(0.0) * 1e9) as u64)
+        let turn_rad = match p_t > 0.0 {
+            // The dither is not foreseen; a bit of chance stands against it.
+            true => PI - p_t.atan2(p_n) + 0.6 * (self.dice.unit() - 0.5),
+            false => 0.0,
+        };
+        *self.robots[i].deceit.lock().unwrap() = Deceit { wish: 2.0 * speed_max * wish, turn_rad };
     }
 }
 
+/// What a robot that is to ram is told.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Deceit {
+    /// Where to, m/s.
+    wish: Vec2,
+    /// By how much less it will have turned when its answer takes effect, rad.
+    turn_rad: f64,
+}
+
 /// A law that goes where the adversary wants.
-struct Ram(Arc<Mutex<Vec2>>);
+struct Ram(Arc<Mutex<Deceit>>);
 
 impl Law for Ram {
     fn gamma(&mut self, _: &Situation<'_>) -> Vec2 {
-        *self.0.lock().unwrap()
+        self.0.lock().unwrap().wish
+    }
+}
+
+/// Avoidance that is lied to about the heading at which its answer takes effect. The guard uses that for
+/// nothing but to turn the deflected displacement into wheels' speeds.
+struct Deceived {
+    honest: Box<dyn Avoidance>,
+    deceit: Arc<Mutex<Deceit>>,
+}
+
+impl Avoidance for Deceived {
+    fn admit(&self, gamma: Vec2) -> Vec2 {
+        self.honest.admit(gamma)
+    }
+
+    fn stand_off(&mut self, away: &[Vec2], error: Vec2) -> Vec2 {
+        self.honest.stand_off(away, error)
+    }
+
+    fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
+        self.honest.follow(heading_rad, gamma)
+    }
+
+    fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
+        let turn_rad = self.deceit.lock().unwrap().turn_rad;
+        let heading_effect_rad = wrap_angle(sample.heading_rad - turn_rad);
+        self.honest.steer(&Sample { heading_effect_rad, ..*sample }, gamma)
     }
 }
 

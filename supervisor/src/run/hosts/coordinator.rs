@@ -314,7 +314,7 @@ impl Hosts {
             meanwhile();
             let done = |host: usize| {
                 let report = self.hosts[host].report.as_ref();
-                report.is_none_or(|report| Phase::from_number(report.phase) == Phase::Done)
+                report.is_none_or(|report| Phase::from_number(report.phase) == Some(Phase::Done))
             };
             if self.others().all(|host| !self.hosts[host].reachable || done(host)) {
                 break;

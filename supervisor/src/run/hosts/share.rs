@@ -221,7 +221,7 @@ impl Share<'_> {
                 self.tell()?;
                 return Err(RunError::PlantsHostFailed { host: self.plants_host() });
             }
-            if Phase::from_number(header.phase) >= Phase::Ending {
+            if Phase::from_number(header.phase) >= Some(Phase::Ending) {
                 self.hand_over()?;
                 return Ok(Ended::WithTheRun);
             }
@@ -259,7 +259,7 @@ impl Share<'_> {
             }
         }
         if let (Some(rows), Some((header, _))) = (wanted, self.ordered)
-            && Phase::from_number(header.phase) == Phase::Running
+            && Phase::from_number(header.phase) == Some(Phase::Running)
         {
             self.phase = self.phase.max(Phase::Running);
             self.obey(&rows)?;
@@ -379,7 +379,9 @@ impl Share<'_> {
         self.reported = None;
         let done = Instant::now();
         let released = |share: &Share<'_>| {
-            share.ordered.is_some_and(|(header, _)| Phase::from_number(header.phase) == Phase::Done)
+            share
+                .ordered
+                .is_some_and(|(header, _)| Phase::from_number(header.phase) == Some(Phase::Done))
         };
         while done.elapsed() < DONE_MAX && !released(self) {
             self.turn()?;

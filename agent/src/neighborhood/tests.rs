@@ -1,0 +1,238 @@
+//! What is known of those heard, in ns: stale after 30, lost after 200.
+
+use proptest::prelude::*;
+
+use super::*;
+
+fn hears(index: usize) -> NeighborBrief {
+    NeighborBrief { name: format!("r{index}"), index, offset_m: [0.0, 1.0], faults: Vec::new() }
+}
+
+/// Of r1 and r2.
+fn neighborhood(policy: SilencePolicy) -> Neighborhood {
+    let silence = SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy };
+    Neighborhood::new(&[1, 2].map(hears), silence)
+}
+
+fn beacon(incarnation: u64, stamp_ns: u64, x_m: f64) -> Beacon {
+    Beacon { stamp_ns, incarnation, x_m, vx_m_s: 1e6, ..Beacon::default() }
+}
+
+fn desired(hood: &Neighborhood, stamp_ns: u64) -> Option<Target> {
+    let mut heard = Vec::new();
+    hood.recall(stamp_ns, Target::still, &mut heard);
+    hood.desired(&heard)
+}
+
+#[test]
+fn a_silent_neighbor_turns_stale_then_lost_and_comes_back_with_its_next_incarnation() {
+    let mut hood = neighborhood(SilencePolicy::Ignore);
+    let contacts =
+        |hood: &Neighborhood| -> Vec<u64> { hood.status().map(|status| status.contact).collect() };
+    hood.hear(0, &beacon(0, 100, 1.0), 100).unwrap();
+    for (stamp, contact) in [(100, 1), (130, 1), (131, 2), (300, 2), (301, 3)] {
+        hood.judge(stamp, stamp, stamp);
+        // r2 was never heard, and is given up as soon as if it had fallen silent at the start.
+        let never = if stamp > 300 { Contact::Lost } else { Contact::Unheard };
+        assert_eq!(contacts(&hood), [contact, never as u64], "at {stamp}");
+        let age = (stamp <= 300).then_some((1, stamp - 100));
+        assert_eq!(hood.ages(stamp).collect::<Vec<_>>(), Vec::from_iter(age));
+    }
+    hood.hear(0, &beacon(1, 290, 1.0), 301).unwrap();
+    assert!(hood.judge(302, 302, 302));
+    assert_eq!(contacts(&hood), [1, 3]);
+}
+
+#[test]
+fn beacons_that_lie_about_time_or_are_no_numbers_change_nothing() {
+    let mut hood = neighborhood(SilencePolicy::Ignore);
+    hood.hear(0, &beacon(1, 100, 1.0), 100).unwrap();
+    let before = desired(&hood, 100);
+    let fast = Beacon { vy_m_s: 1e300, ..beacon(1, 105, 2.0) };
+    let turned = Beacon { frame_heading_rad: -1e300, ..beacon(1, 105, 2.0) };
+    let ahead = beacon(1, 105, 1.0).with_frame(Some((111, LeaderFrame::STILL)));
+    for (beacon, why) in [
+        (beacon(1, 100, 2.0), BeaconRefusal::Old),
+        (beacon(1, 99, 2.0), BeaconRefusal::Old),
+        (beacon(0, 101, 2.0), BeaconRefusal::Old),
+        (beacon(1, 111, 2.0), BeaconRefusal::Future),
+        (ahead, BeaconRefusal::Future),
+        (beacon(1, 105, f64::NAN), BeaconRefusal::NotFinite),
+        (beacon(1, 105, f64::INFINITY), BeaconRefusal::NotFinite),
+        (beacon(1, 105, 1e300), BeaconRefusal::NotPlausible),
+        (beacon(1, 105, -1.001e9), BeaconRefusal::NotPlausible),
+        (fast, BeaconRefusal::NotPlausible),
+        (turned, BeaconRefusal::NotPlausible),
+        // It would be newer than whatever the honest robot says for the rest of the run.
+        (beacon(u64::MAX, 105, 2.0), BeaconRefusal::NotPlausible),
+    ] {
+        assert_eq!(hood.hear(0, &beacon, 110), Err(why));
+    }
+    assert_eq!(desired(&hood, 100), before);
+    assert_eq!(hood.hear(0, &beacon(1, 110, 2.0), 110), Ok(()));
+}
+
+#[test]
+fn the_lost_are_left_out_kept_standing_or_stop_the_robot_by_policy() {
+    use SilencePolicy::{Ignore, Keep, Last, Stop};
+    assert_eq!(desired(&neighborhood(Ignore), 0), None, "nobody was heard");
+    // Of r1, lost at 301: 1 m + 200 ns of 1e6 m/s; of r2 5 m, and 5.2 m once it is lost; both + (0, 1).
+    for (policy, one_lost_m, all_lost_m) in [
+        (Ignore, Some(5.0), None),
+        (Last, Some(5.0), Some(3.2)),
+        (Keep, Some(3.1), Some(3.2)),
+        (Stop, None, None),
+    ] {
+        let mut hood = neighborhood(policy);
+        hood.hear(0, &beacon(0, 100, 1.0), 100).unwrap();
+        hood.hear(1, &beacon(0, 400, 5.0), 400).unwrap();
+        for (stamp_ns, x_m) in [(400, one_lost_m), (900, all_lost_m)] {
+            hood.judge(stamp_ns, stamp_ns, stamp_ns);
+            let target = desired(&hood, stamp_ns);
+            assert_eq!(target.is_some(), x_m.is_some(), "{policy:?} at {stamp_ns}");
+            let Some((target, x_m)) = target.zip(x_m) else { continue };
+            assert!(
+                (target.position - Vec2::new(x_m, 1.0)).norm() < 1e-9,
+                "{policy:?}: {target:?}"
+            );
+            assert!(stamp_ns == 400 || target.velocity == Vec2::zeros());
+        }
+    }
+}
+
+#[test]
+fn what_is_recalled_of_each_is_extrapolated_and_says_how_old_it_is() {
+    let mut hood = neighborhood(SilencePolicy::Ignore);
+    assert_eq!([1, 2, 3].map(|robot| hood.place_of(robot)), [Some(0), Some(1), None]);
+    hood.hear(0, &beacon(0, 100, 1.0), 100).unwrap();
+    let mut heard = Vec::new();
+    let turned = Target { position: Vec2::new(-1.0, 0.0), velocity: Vec2::new(0.0, 2.0) };
+    let offset = |c_ji| {
+        assert_eq!(c_ji, Vec2::new(0.0, 1.0));
+        turned
+    };
+    for (stamp_ns, x_m, vx_m_s, contact) in [
+        (120, 1.02, 1e6, Contact::Fresh),
+        (200, 1.1, 1e6, Contact::Stale),
+        (900, 1.2, 0.0, Contact::Lost), // given up 200 ns after it was heard
+    ] {
+        hood.judge(stamp_ns, stamp_ns, stamp_ns);
+        hood.recall(stamp_ns, offset, &mut heard);
+        let [one] = heard[..] else { panic!("r2 was never heard: {heard:?}") };
+        assert!((one.position - Vec2::new(x_m, 0.0)).norm() < 1e-12, "{one:?}");
+        assert_eq!((one.index, one.velocity, one.contact), (1, Vec2::new(vx_m_s, 0.0), contact));
+        assert_eq!((one.offset, one.age_s), (turned, (stamp_ns - 100) as f64 / 1e9));
+    }
+}
+
+#[test]
+fn the_freshest_frame_wins_ages_and_stands_still_once_lost() {
+    let mut hood = neighborhood(SilencePolicy::Ignore);
+    let frame =
+        |heading_rad| LeaderFrame { heading_rad, turn_rate_rad_s: 1e7, ..LeaderFrame::STILL };
+    assert_eq!(hood.frame_at(0), None);
+    hood.hear(0, &beacon(0, 100, 1.0).with_frame(Some((90, frame(0.5)))), 100).unwrap();
+    hood.hear(1, &beacon(0, 100, 1.0).with_frame(Some((80, frame(9.0)))), 100).unwrap();
+    // The same once more, by way of another: no news of the leader.
+    hood.hear(1, &beacon(0, 125, 1.0).with_frame(Some((90, frame(0.5)))), 125).unwrap();
+    // Heard at 100 ns, for a neighbor's 200 ns; then it is lost, 200 ns after it was sent.
+    for (stamp_ns, heading_rad, rate_rad_s, contact) in [
+        (130, 0.9, 1e7, Contact::Fresh),
+        (131, 0.91, 1e7, Contact::Stale),
+        (300, 2.6, 1e7, Contact::Stale),
+        (301, 2.5, 0.0, Contact::Lost),
+        (1000, 2.5, 0.0, Contact::Lost),
+    ] {
+        hood.judge(stamp_ns, stamp_ns, stamp_ns);
+        assert_eq!(hood.frame_contact().contact, contact, "at {stamp_ns} ns");
+        let known = hood.frame_at(stamp_ns).unwrap();
+        assert!((known.heading_rad - heading_rad).abs() < 1e-9, "at {stamp_ns} ns: {known:?}");
+        assert_eq!(known.turn_rate_rad_s, rate_rad_s, "at {stamp_ns} ns");
+    }
+}
+
+#[test]
+fn a_frame_that_is_old_but_comes_regularly_is_not_lost() {
+    let mut hood = neighborhood(SilencePolicy::Ignore);
+    let frame = LeaderFrame { turn_rate_rad_s: 1e7, ..LeaderFrame::STILL };
+    for now_ns in 1000..1100 {
+        let heard = beacon(0, now_ns, 1.0).with_frame(Some((now_ns - 500, frame)));
+        hood.hear(0, &heard, now_ns).unwrap();
+        hood.judge(now_ns, now_ns, now_ns);
+        assert_eq!(hood.frame_contact().contact, Contact::Fresh);
+        let known = hood.frame_at(now_ns).unwrap();
+        assert!((known.heading_rad - 5.0).abs() < 1e-9 && known.turn_rate_rad_s == 1e7);
+    }
+}
+
+#[test]
+fn everybodys_age_is_summed_up_whoever_is_silent() {
+    let mut hood = neighborhood(SilencePolicy::Ignore);
+    hood.hear(1, &beacon(0, 100, 1.0), 110).unwrap();
+    let sums: Vec<(usize, AgeSums)> = hood.take_ages(150).collect();
+    // Over 40 ns from 10 to 50 ns: on average 30 ns.
+    assert_eq!(sums[0], (1, AgeSums::default()));
+    let (robot, AgeSums { heard, over_ns, peak_ns, .. }) = sums[1];
+    assert_eq!((sums.len(), robot, heard, over_ns, peak_ns), (2, 2, 1, 40, 50));
+    assert!((sums[1].1.mean_ns().unwrap() - 30.0).abs() < 1e-9);
+    let again: Vec<u64> = hood.take_ages(160).map(|(_, sums)| sums.over_ns).collect();
+    assert_eq!(again, [0, 10]);
+}
+
+fn frames() -> impl Strategy<Value = LeaderFrame> {
+    (-3.0..3.0f64, -2.0..2.0f64, -3.0..3.0f64, 0.5..2.0f64, -0.3..0.3f64).prop_map(
+        |(heading_rad, turn_rate_rad_s, turn_acceleration_rad_s2, scale, scale_rate_per_s)| {
+            LeaderFrame {
+                heading_rad,
+                turn_rate_rad_s,
+                turn_acceleration_rad_s2,
+                scale,
+                scale_rate_per_s,
+            }
+        },
+    )
+}
+
+proptest! {
+    /// In lockstep, robot 0 leads and robot i hears a robot before it. What a robot d hops away knows is d
+    /// ticks old, and by then what it would be now.
+    #[test]
+    fn on_any_tree_the_leaders_frame_arrives_after_as_many_ticks_as_hops_and_is_its_frame_now(
+        parents in proptest::collection::vec(any::<proptest::sample::Index>(), 1..12),
+        start in frames(),
+        period_ns in 1_000_000..20_000_000u64,
+    ) {
+        let parents: Vec<usize> =
+            parents.iter().enumerate().map(|(i, parent)| parent.index(i + 1)).collect();
+        let mut depth = vec![0u64];
+        parents.iter().for_each(|&parent| depth.push(depth[parent] + 1));
+        let after_ns = 100 * period_ns;
+        let policy = SilencePolicy::Ignore;
+        let silence = SilenceBrief { stale_after_ns: after_ns, lost_after_ns: after_ns, policy };
+        let hood = |&parent: &usize| Neighborhood::new(&[hears(parent + 1)], silence.clone());
+        let mut hoods: Vec<Neighborhood> = parents.iter().map(hood).collect();
+        let mut beacons: Vec<Beacon> = Vec::new();
+        for tick in 0..20 {
+            let stamp_ns = tick * period_ns;
+            let truth = start.later(stamp_ns as f64 / 1e9);
+            for (i, hood) in hoods.iter_mut().enumerate() {
+                if let Some(beacon) = beacons.get(parents[i]) {
+                    hood.hear(0, beacon, stamp_ns).unwrap();
+                }
+                let known = hood.frame_at(stamp_ns);
+                prop_assert_eq!(known.is_some(), tick >= depth[i + 1]);
+                let Some(known) = known else { continue };
+                for (known, truth) in [
+                    (known.heading_rad, truth.heading_rad),
+                    (known.turn_rate_rad_s, truth.turn_rate_rad_s),
+                    (known.scale, truth.scale),
+                ] {
+                    prop_assert!((known - truth).abs() <= 1e-12, "{known} {truth}");
+                }
+            }
+            let frames = hoods.iter().map(Neighborhood::frame);
+            let frames = std::iter::once(Some((stamp_ns, truth))).chain(frames);
+            beacons = frames.map(|frame| beacon(0, stamp_ns, 0.0).with_frame(frame)).collect();
+        }
+    }
+}

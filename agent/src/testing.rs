@@ -1,0 +1,85 @@
+//! What tests of this crate tell a robot: the rest of what each of them is about.
+
+use protocol::brief::{
+    AgentBrief, AvoidanceBrief, Format, NeighborBrief, Pace, PublishedVelocity, Rank, SilenceBrief,
+    SilencePolicy,
+};
+use protocol::message::{Beacon, Odometry};
+
+pub(crate) const MS: u64 = 1_000_000;
+/// The stamp of t = 0.
+pub(crate) const START_NS: u64 = 500 * MS;
+
+/// r1, which hears r5 and r2, in this order.
+pub(crate) fn brief() -> AgentBrief {
+    let hears = |index: usize| NeighborBrief {
+        name: format!("r{index}"),
+        index,
+        offset_m: [0.0, 0.0],
+        faults: Vec::new(),
+    };
+    AgentBrief {
+        format: Format,
+        name: "r1".into(),
+        index: 1,
+        run_root: "/nowhere".into(),
+        pace: Pace::Realtime,
+        period_ns: 10 * MS,
+        plant_tick_ns: MS,
+        command_lifetime_ns: 25 * MS,
+        late_ns: 0,
+        front_point_m: 0.1,
+        law: "formation-unit".into(),
+        gains: [("speed_m_s".into(), 0.1)].into(),
+        program: None,
+        led: false,
+        rank: Rank::First,
+        lead: None,
+        scale: None,
+        goal_m: None,
+        published_velocity: PublishedVelocity::Gamma,
+        limits: None,
+        avoidance: AvoidanceBrief {
+            kind: "none".into(),
+            distance_min_m: 0.2,
+            speed_max_m_s: f64::INFINITY,
+            sensing_radius_m: 0.0,
+            sensing_error_m: 0.0,
+            heading_error_rad: 0.0,
+            braking_time_max_s: 0.0,
+            clearance_m: 0.0,
+            gains: Default::default(),
+        },
+        silence: SilenceBrief {
+            stale_after_ns: 30 * MS,
+            lost_after_ns: 100 * MS,
+            policy: SilencePolicy::Ignore,
+        },
+        slow: Vec::new(),
+        odometry_faults: Vec::new(),
+        command_faults: Vec::new(),
+        links_by_hand: false,
+        goals_from_outside: false,
+        neighbors: vec![hears(5), hears(2)],
+    }
+}
+
+/// The sample of this many milliseconds since the start, at x = 1 m + 1 m/s of it.
+pub(crate) fn odometry(t_ms: u64) -> Odometry {
+    Odometry {
+        tick: t_ms,
+        t_ns: t_ms * MS,
+        stamp_ns: START_NS + t_ms * MS,
+        x_m: 1.0 + 1e-3 * t_ms as f64,
+        heading_rad: 0.3,
+        w_rad_s: 2.0,
+        pose_valid: 1,
+        proximity_valid: 1,
+        ..Odometry::default()
+    }
+}
+
+/// What somebody at x = 3 m said then.
+pub(crate) fn beacon(t_ms: u64) -> Beacon {
+    Beacon { tick: t_ms, stamp_ns: START_NS + t_ms * MS, x_m: 3.0, ..Beacon::default() }
+}

@@ -1,0 +1,306 @@
+//! What is decided in a turn, one rule after the other.
+
+use std::convert::Infallible;
+
+use protocol::brief::Pace;
+use protocol::fault::{SlowFault, Span};
+use protocol::message::{Contact, LatencyRow};
+
+use super::*;
+use crate::testing::{MS, START_NS, beacon, brief, odometry};
+
+/// The robot of the brief with these changes.
+fn robot(change: impl FnOnce(&mut AgentBrief)) -> Turn {
+    let mut brief = brief();
+    change(&mut brief);
+    let brain = Brain::new(&brief, 3).unwrap();
+    Turn::new(brief, brain, START_NS)
+}
+
+fn lockstep(brief: &mut AgentBrief) {
+    brief.pace = Pace::Lockstep;
+}
+
+/// A robot that needs this long for each answer.
+fn slow(brief: &mut AgentBrief, delay_ns: u64) {
+    brief.slow = vec![SlowFault { span: Span { from_ns: 0, until_ns: Span::END_NS }, delay_ns }];
+}
+
+impl Turn {
+    /// Its turn at this many milliseconds since the start, with the sample of that time, and beacons from r5
+    /// of these times, of which it takes the first when the turn begins, and each one 1 ms after the other.
+    fn at(&mut self, at_ms: u64, sample_ms: Option<u64>, beacons_ms: &[u64]) -> Outbox {
+        self.since(0, at_ms, sample_ms, beacons_ms).0
+    }
+
+    /// The same of a member since this tick; and how many beacons were taken.
+    fn since(
+        &mut self,
+        member_since: u64,
+        at_ms: u64,
+        sample_ms: Option<u64>,
+        beacons_ms: &[u64],
+    ) -> (Outbox, usize) {
+        let (taken_ns, mut count) = (START_NS + at_ms * MS, 0);
+        let sample = sample_ms.map(odometry);
+        let beacons = (0..).zip(beacons_ms).map(|(i, &t_ms)| {
+            count += 1;
+            let beacon = Beacon { sent_ns: taken_ns - MS, ..beacon(t_ms) };
+            Ok::<_, Infallible>(Delivery { place: 0, beacon, taken_ns: taken_ns + i * MS })
+        });
+        let inbox = Inbox {
+            taken_ns,
+            odometry: sample.as_ref(),
+            member_since,
+            beacons,
+            cuts: &[],
+            goal: None,
+        };
+        let Ok(outbox) = self.take(inbox);
+        (outbox, count)
+    }
+
+    /// What it wrote down of this stage: of which robot, and how long, ms.
+    fn measured_ms(&self, stage: Stage) -> Vec<(u32, u64)> {
+        let rows = self.measured.batch().1.iter().filter(|row| row.stage == stage as u32);
+        rows.map(|LatencyRow { from, value_ns, .. }| (*from, value_ns / MS)).collect()
+    }
+
+    fn wakes_ms(&mut self, due_ms: u64, thawed_ms: u64) -> Woken {
+        let wake = Wake { due_ns: START_NS + due_ms * MS, lateness_ns: 2 * MS };
+        self.wake(&wake, START_NS + thawed_ms * MS)
+    }
+
+    fn sent_ms(&mut self, sent_ms: u64) {
+        self.sent(START_NS + sent_ms * MS);
+    }
+}
+
+#[test]
+fn at_its_first_sample_a_robot_has_heard_nothing_and_leaves_what_came_where_it_is() {
+    let mut robot_1 = robot(|_| ());
+    assert_eq!(robot_1.since(0, 0, None, &[0]).1, 0, "it has not started");
+    assert_eq!(robot_1.since(0, 1, Some(0), &[0]).1, 0);
+    assert_eq!(robot_1.since(0, 11, None, &[0]).1, 1, "without a sample it hears as well");
+    robot_1.at(20, Some(20), &[10]);
+    assert_eq!(robot_1.status().1.next().unwrap().contact, Contact::Fresh as u64);
+
+    let mut robot_2 = robot(lockstep);
+    let heard = [(0, 0), (0, 1), (2, 2), (2, 3)]
+        .map(|(since, tick)| robot_2.since(since, tick, Some(tick), &[tick.saturating_sub(1)]).1);
+    assert_eq!(heard, [0, 1, 0, 1], "nor does it when it goes on after a freeze");
+}
+
+#[test]
+fn odometry_as_old_as_a_command_lives_has_no_answer_and_is_counted() {
+    let mut robot_1 = robot(|_| ());
+    assert!(robot_1.at(25, Some(0), &[]).answer.is_none() && !robot_1.brain.has_started());
+    let answers = [(24, 0), (30, 10)].map(|(at_ms, sample_ms)| {
+        let command = robot_1.at(at_ms, Some(sample_ms), &[]).answer.expect("in time").command;
+        (command.sequence, command.incarnation)
+    });
+    assert_eq!(answers, [(1, 3), (2, 3)]);
+    // What it hears takes it 5 ms.
+    assert!(robot_1.at(40, Some(20), &[1, 2, 3, 4, 5, 6]).answer.is_none());
+    assert_eq!(robot_1.wish(), Wish::Velocity(formation::Vec2::zeros()), "the law is not asked");
+    assert!(robot_1.at(50, None, &[]).answer.is_none());
+    assert_eq!(robot_1.status().0.odometry_old, 2);
+    // There, time is that of the sample.
+    assert!(robot(lockstep).at(1000, Some(0), &[]).answer.is_some());
+}
+
+#[test]
+fn in_lockstep_an_answer_that_takes_a_period_is_dead_and_in_real_time_it_is_sent_then() {
+    for (pace, delay_ns, answers) in [
+        (Pace::Lockstep, 10 * MS - 1, true),
+        (Pace::Lockstep, 10 * MS, false),
+        (Pace::Realtime, 10 * MS, true),
+    ] {
+        let mut robot = robot(|brief| {
+            brief.pace = pace;
+            slow(brief, delay_ns);
+        });
+        let answer = robot.at(0, Some(0), &[]).answer;
+        assert_eq!(answer.map(|answer| answer.delay_ns), answers.then_some(delay_ns), "{pace:?}");
+    }
+}
+
+#[test]
+fn whoever_was_frozen_or_slow_on_purpose_past_a_deadline_was_held() {
+    let mut robot_1 = robot(|brief| slow(brief, 5 * MS));
+    assert_eq!(robot_1.wakes_ms(0, 9), Woken::Starting);
+    robot_1.at(0, Some(0), &[]);
+    robot_1.sent_ms(5);
+    assert_eq!(robot_1.wakes_ms(4, 0), Woken::Held, "it was slow until 5 ms");
+    assert_eq!(robot_1.wakes_ms(5, 0), Woken::Counted { missed: false });
+    assert_eq!(robot_1.wakes_ms(9, 10), Woken::Held, "it was frozen until 10 ms");
+    assert_eq!(robot_1.wakes_ms(10, 10), Woken::Counted { missed: false });
+    robot_1.at(10, Some(10), &[]);
+    let counts = [Stage::Held, Stage::Wake].map(|stage| robot_1.measured_ms(stage));
+    assert_eq!(counts, [[(0, 2); 2], [(0, 2); 2]]);
+    let mut quick = robot(|_| ());
+    quick.at(0, Some(0), &[]);
+    quick.sent_ms(5);
+    assert_eq!(quick.wakes_ms(4, 0), Woken::Counted { missed: false }, "not on purpose");
+}
+
+#[test]
+fn an_answer_misses_a_deadline_for_each_period_after_its_own_and_the_next_wake_up_knows() {
+    let mut robot_1 = robot(|_| ());
+    robot_1.at(0, Some(0), &[]);
+    let mut misses = Vec::new();
+    for (due_ms, sent_ms, missed) in
+        [(0, 9, false), (10, 20, false), (20, 47, true), (50, 50, true)]
+    {
+        assert_eq!(robot_1.wakes_ms(due_ms, 0), Woken::Counted { missed }, "{due_ms} ms");
+        robot_1.at(due_ms, Some(due_ms), &[]);
+        robot_1.sent_ms(sent_ms);
+        misses.push(robot_1.status().0.deadline_misses);
+    }
+    assert_eq!(misses, [0, 1, 3, 3]);
+    assert_eq!(robot_1.wakes_ms(60, 0), Woken::Counted { missed: false });
+    let mut robot_2 = robot(lockstep);
+    robot_2.at(0, Some(0), &[]);
+    robot_2.sent_ms(99);
+    assert_eq!(robot_2.status().0.deadline_misses, 0, "in lockstep there is no deadline");
+}
+
+#[test]
+fn who_was_late_is_written_down_once_a_sample_shows_that_the_run_goes_on() {
+    let mut robot_1 = robot(|_| ());
+    robot_1.at(0, Some(0), &[]);
+    let wake = Wake { due_ns: START_NS, lateness_ns: 7 * MS };
+    for count in 1..=WAKES_MAX {
+        robot_1.at(1, None, &[]);
+        assert_eq!(robot_1.measured_ms(Stage::Wake).len(), 0, "{count}");
+        robot_1.wake(&wake, 0);
+    }
+    robot_1.at(1, None, &[]);
+    assert_eq!(robot_1.measured_ms(Stage::Wake).len(), WAKES_MAX, "a plant in trouble");
+    robot_1.was_late(&wake, Cause::Core);
+    robot_1.at(10, Some(10), &[]);
+    assert_eq!(robot_1.measured_ms(Stage::LateCore), [(0, 7)]);
+}
+
+#[test]
+fn the_supervisor_hears_news_at_once_and_in_real_time_without_any_ten_times_a_second() {
+    for pace in [Pace::Realtime, Pace::Lockstep] {
+        let mut robot = robot(|brief| {
+            brief.pace = pace;
+            brief.neighbors.truncate(1);
+        });
+        let mut report = |at_ms, beacons: &[u64]| robot.at(at_ms, Some(at_ms), beacons).report;
+        assert!(!report(0, &[]) && !report(99, &[]));
+        assert!(report(100, &[98]), "r5 is heard");
+        assert!(!report(110, &[]));
+        assert!(report(120, &[98]), "it said that before: refused");
+        assert!(report(125, &[98, 98]), "two are no less news than one");
+        assert!(!report(126, &[]));
+        assert!(report(170, &[98]), "one is refused, and r5 was silent");
+        assert!(!report(190, &[]));
+        assert!(report(201, &[]), "it is lost");
+        assert!(!report(300, &[]));
+        assert_eq!(report(301, &[]), pace == Pace::Realtime);
+        assert!(!report(302, &[]));
+        assert_eq!(robot.status().0.beacons_refused, 4);
+    }
+}
+
+#[test]
+fn without_a_sign_of_the_plant_for_30_s_it_gives_up_but_time_in_which_it_was_stopped_is_no_silence()
+{
+    let silent_until = |robot: &mut Turn, step_ms: u64| {
+        let mut at_ms = 1000;
+        robot.at(at_ms, Some(at_ms), &[]);
+        loop {
+            at_ms += step_ms;
+            if robot.at(at_ms, None, &[]).plant_silent {
+                return at_ms - 1000;
+            }
+        }
+    };
+    let mut quick = robot(|_| ());
+    assert_eq!(silent_until(&mut quick, 100), 30_100);
+    assert_eq!(silent_until(&mut quick, 100), 30_100, "a sample is a sign");
+    // A gap of 10 s counts as one of 1 s.
+    assert_eq!(silent_until(&mut quick, 10_000), 310_000);
+    // Of a period of 2 s, two.
+    let mut slow = robot(|brief| brief.period_ns = 2000 * MS);
+    assert_eq!(silent_until(&mut slow, 10_000), 80_000);
+}
+
+#[test]
+fn how_long_everything_took_is_written_down_and_sent_in_time() {
+    for pace in [Pace::Realtime, Pace::Lockstep] {
+        let is_realtime = pace == Pace::Realtime;
+        let mut robot = robot(|brief| brief.pace = pace);
+        robot.at(0, Some(0), &[]);
+        robot.at(10, Some(10), &[0]);
+        robot.sent_ms(13);
+        assert_eq!(robot.measured_ms(Stage::Compute), [(0, 3)]);
+        // That of r5, at the moment it was used.
+        assert_eq!(robot.measured_ms(Stage::BeaconAge), [(5, 10)]);
+        // Sent 1 ms before it was taken.
+        let delivered = robot.measured_ms(Stage::BeaconDelivery);
+        assert_eq!(delivered, Vec::from_iter(is_realtime.then_some((5, 1))));
+        assert_eq!(robot.measured_ms(Stage::Odometry).len(), 2);
+        assert!(!robot.batch_is_due() || is_realtime);
+        let (header, rows) = robot.batch().batch();
+        // With four sums for each of two robots.
+        assert_eq!((header.incarnation, rows.len()), (3, 2 + 2 + 8 + usize::from(is_realtime)));
+        robot.batch().clear(START_NS + 10 * MS);
+        robot.at(109, Some(109), &[]);
+        assert!(!robot.batch_is_due());
+        robot.at(110, Some(110), &[]);
+        assert_eq!(robot.batch_is_due(), is_realtime, "after a tenth of a second");
+        while !robot.measured.is_half_full() {
+            robot.at(120, Some(120), &[]);
+            robot.sent_ms(120);
+        }
+        assert!(robot.batch_is_due());
+    }
+}
+
+#[test]
+fn links_cut_by_hand_and_goals_from_outside_reach_the_brain() {
+    let mut robot = robot(|brief| {
+        brief.law = "goal-unit".into();
+        brief.goal_m = Some([9.0, 0.0]);
+    });
+    robot.at(0, Some(0), &[]);
+    let mut turn = |cut, goal, at_ms| {
+        let beacon = |place| Delivery { place, beacon: beacon(at_ms), taken_ns: 0 };
+        let inbox = Inbox {
+            taken_ns: START_NS + at_ms * MS,
+            odometry: Some(&odometry(at_ms)),
+            member_since: 0,
+            beacons: [0, 1].map(|place| Ok::<_, Infallible>(beacon(place))),
+            // r7 is not heard.
+            cuts: &[5, 7].map(|robot| LinkFaultByHand { robot, cut }),
+            goal,
+        };
+        let Ok(_) = robot.take(inbox);
+        let (header, neighbors) = robot.status();
+        let heard = neighbors.map(|neighbor| neighbor.contact == Contact::Fresh as u64);
+        (heard.collect::<Vec<_>>(), header.goal().is_some())
+    };
+    let goal = Goal { stamp_ns: 7, x_m: -5.0, y_m: 2.0 };
+    assert_eq!(turn(1, None, 10), (vec![false, true], false));
+    assert_eq!(turn(0, Some(goal), 20), (vec![true, true], true));
+}
+
+#[test]
+fn what_cannot_be_taken_from_a_queue_ends_the_turn() {
+    let mut robot = robot(|_| ());
+    robot.at(0, Some(0), &[]);
+    let sample = odometry(10);
+    let inbox = Inbox {
+        taken_ns: START_NS,
+        odometry: Some(&sample),
+        member_since: 0,
+        beacons: [Err("no beacon")],
+        cuts: &[],
+        goal: None,
+    };
+    assert_eq!(robot.take(inbox).unwrap_err(), "no beacon");
+}

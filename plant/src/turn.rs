@@ -1,0 +1,277 @@
+//! One turn of the world: commands and time in, what everybody senses out. Pure: no I/O, no clock but the one
+//! that it is given, no iceoryx2.
+//!
+//! The process of the plant waits and sends around it (`world_loop`); runs within one process and the tests'
+//! adversary call the same.
+//!
+//! What is decided here: what comes first of time and commands in which pace, until when time passes, whether
+//! what moves the robots keeps up, which commands were lost on their way, and when it is over.
+
+use std::error::Error;
+
+use protocol::brief::{Pace, PlantBrief};
+use protocol::clock::Wake;
+use protocol::latency::Recorder;
+use protocol::message::{Command, Odometry};
+use protocol::stage::{Cause, Stage};
+
+use crate::gaps::Gaps;
+use crate::motion::{Motion, Unicycles};
+use crate::overrun::{Overrun, TooSlow};
+use crate::world::World;
+
+/// The world between two turns.
+pub struct Turn<M = Unicycles> {
+    world: World<M>,
+    pace: Pace,
+    period_ns: u64,
+    plant_tick_ns: u64,
+    duration_ns: u64,
+    /// Stamp of t = 0, ns.
+    start_ns: u64,
+    robots: Vec<Robot>,
+    overrun: Overrun,
+    measured: Recorder,
+}
+
+struct Robot {
+    name: String,
+    /// When its newest odometry was sent, ns.
+    sent_ns: u64,
+    gaps: Gaps,
+}
+
+/// A command that has come.
+#[derive(Debug, Clone, Copy)]
+pub struct Delivery {
+    /// The sender's place in the scenario, from 0.
+    pub robot: usize,
+    /// What it wants.
+    pub command: Command,
+    /// The machine's clock when it was taken, ns.
+    pub taken_ns: u64,
+}
+
+/// Why time could not pass.
+#[derive(Debug, thiserror::Error)]
+pub enum TurnError {
+    /// What moves the robots failed.
+    #[error(transparent)]
+    Motion(Box<dyn Error + Send + Sync>),
+    /// It is slower than real time.
+    #[error(transparent)]
+    TooSlow(#[from] TooSlow),
+}
+
+impl<M: Motion> Turn<M> {
+    /// Everybody at the start, at t = 0, moved by `motion`.
+    pub fn new(brief: &PlantBrief, motion: M) -> Turn<M> {
+        let robot = |name: &String| Robot { name: name.clone(), sent_ns: 0, gaps: Gaps::default() };
+        Turn {
+            world: World::moved_by(motion, brief),
+            pace: brief.pace,
+            period_ns: brief.period_ns,
+            plant_tick_ns: brief.plant_tick_ns,
+            duration_ns: brief.duration_ns,
+            start_ns: 0,
+            robots: brief.robots.iter().map(|body| robot(&body.name)).collect(),
+            overrun: Overrun::default(),
+            measured: Recorder::for_ticks_of(0, 1 + brief.robots.len()),
+        }
+    }
+
+    /// In real time, t = 0 is at this stamp; in lockstep stamps are times.
+    pub fn start_at(&mut self, stamp_ns: u64) {
+        self.start_ns = stamp_ns;
+        self.world.start_at(stamp_ns);
+    }
+
+    /// Where everybody is.
+    pub fn world(&self) -> &World<M> {
+        &self.world
+    }
+
+    /// Whether all of its time has passed: nobody is to act on that.
+    pub fn is_over(&self) -> bool {
+        match self.pace {
+            Pace::Lockstep => self.world.tick() >= self.duration_ns / self.period_ns,
+            Pace::Realtime => self.world.t_ns() >= self.duration_ns,
+        }
+    }
+
+    /// In real time: it woke up for a turn, late by this cause if it was late.
+    pub fn wake(&mut self, wake: &Wake, late: Option<Cause>) {
+        let stages = [Some(Stage::Wake), late.map(Cause::stage)].into_iter().flatten();
+        stages.for_each(|stage| self.measured.record(stage, 0, wake.lateness_ns));
+    }
+
+    /// One turn. In lockstep, where time stands still until all have answered, commands are accepted and a
+    /// period passes; in real time it has passed by now, up to `clock_ns`, and then commands are accepted.
+    pub fn take<E: From<TurnError>>(
+        &mut self,
+        commands: impl IntoIterator<Item = Result<Delivery, E>>,
+        clock_ns: impl Fn() -> u64,
+    ) -> Result<(), E> {
+        match self.pace {
+            Pace::Lockstep => {
+                self.accept(commands)?;
+                self.advance((self.world.tick() + 1) * self.period_ns)?;
+                self.world.next_tick();
+            }
+            Pace::Realtime => {
+                self.catch_up(clock_ns)?;
+                self.world.next_tick();
+                self.accept(commands)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// What `robot` senses now: sent at `sent_ns` by the machine's clock.
+    pub fn sense(&mut self, robot: usize, sent_ns: u64) -> Odometry {
+        self.robots[robot].sent_ns = sent_ns;
+        let mut odometry = self.world.odometry(robot);
+        odometry.sent_ns = sent_ns;
+        odometry
+    }
+
+    /// What it measured and has not sent.
+    pub fn measured(&mut self) -> &mut Recorder {
+        &mut self.measured
+    }
+
+    /// Those that faults held back, and those that have come.
+    fn accept<E>(
+        &mut self,
+        commands: impl IntoIterator<Item = Result<Delivery, E>>,
+    ) -> Result<(), E> {
+        self.world.take_due();
+        for delivery in commands {
+            let Delivery { robot: place, command, taken_ns } = delivery?;
+            let robot = &mut self.robots[place];
+            let from_ns = match self.pace {
+                // Stamps are simulated.
+                Pace::Lockstep => robot.sent_ns,
+                Pace::Realtime => {
+                    self.measured.count_lost(robot.gaps.before(&command));
+                    command.stamp_ns
+                }
+            };
+            self.measured.record(Stage::Command, place + 1, taken_ns.saturating_sub(from_ns));
+            // A refusal is counted; in real time one command may overtake another.
+            if let Err(refusal) = self.world.take(place, &command) {
+                tracing::debug!(robot = robot.name, %refusal, "command refused");
+            }
+        }
+        Ok(())
+    }
+
+    /// Lets time pass up to now, in plant ticks, unless that takes longer than real time.
+    fn catch_up(&mut self, clock_ns: impl Fn() -> u64) -> Result<(), TurnError> {
+        let (began_ns, from_ns) = (clock_ns(), self.world.t_ns());
+        let t_ns = (began_ns - self.start_ns).min(self.duration_ns);
+        let took_ns = || clock_ns().saturating_sub(began_ns);
+        while self.world.t_ns() < t_ns {
+            self.advance(t_ns.min(self.world.t_ns() + self.plant_tick_ns))?;
+            self.overrun.under_way(self.world.t_ns() - from_ns, took_ns())?;
+        }
+        self.overrun.over(t_ns - from_ns, took_ns());
+        Ok(())
+    }
+
+    fn advance(&mut self, t_ns: u64) -> Result<(), TurnError> {
+        self.world.try_advance(t_ns).map_err(|error| TurnError::Motion(error.into()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use protocol::message::LatencyRow;
+
+    use super::*;
+    use crate::testing::{MS, brief, command};
+
+    fn world(pace: Pace) -> Turn {
+        let brief = PlantBrief { pace, duration_ns: 30 * MS, ..brief(&[0.0, 2.0]) };
+        Turn::new(&brief, Unicycles::new(&brief))
+    }
+
+    /// A turn at this time by the machine's clock, ms, with commands of robot 0 that are taken then: of which
+    /// stamp, ms, number and speed.
+    fn take(turn: &mut Turn, now_ms: u64, commands: &[(u64, u64, f64)]) {
+        let commands = commands.iter().map(|&(stamp_ms, sequence, v_m_s)| {
+            let command = command(stamp_ms * MS, sequence, v_m_s, 0.0);
+            Ok::<_, TurnError>(Delivery { robot: 0, command, taken_ns: now_ms * MS })
+        });
+        turn.take(commands, || now_ms * MS).unwrap();
+    }
+
+    fn x_m(turn: &Turn) -> f64 {
+        turn.world.truth().next().unwrap().x_m
+    }
+
+    fn measured_ms(turn: &Turn, stage: Stage) -> Vec<(u32, u64)> {
+        let rows = turn.measured.batch().1.iter().filter(|row| row.stage == stage as u32);
+        rows.map(|LatencyRow { from, value_ns, .. }| (*from, value_ns / MS)).collect()
+    }
+
+    #[test]
+    fn in_lockstep_a_period_passes_by_the_commands_that_answer_it() {
+        let mut turn = world(Pace::Lockstep);
+        assert_eq!(
+            (turn.sense(0, 1000 * MS).tick, turn.sense(0, 1000 * MS).sent_ns),
+            (0, 1000 * MS)
+        );
+        take(&mut turn, 1007, &[(0, 1, 0.4)]);
+        assert!((x_m(&turn) - 0.004).abs() < 1e-15, "{}", x_m(&turn));
+        assert_eq!((turn.world.tick(), turn.world.t_ns()), (1, 10 * MS));
+        // Stamps are simulated: it is measured from the sending. A number left out is no loss.
+        take(&mut turn, 1011, &[(10, 9, 0.0)]);
+        assert_eq!(measured_ms(&turn, Stage::Command), [(1, 7), (1, 11)]);
+        assert_eq!(turn.measured.batch().0.samples_lost, 0);
+        assert!(!turn.is_over());
+        take(&mut turn, 1020, &[]);
+        assert!(turn.is_over());
+    }
+
+    #[test]
+    fn in_real_time_it_has_passed_until_now_before_commands_are_accepted() {
+        let mut turn = world(Pace::Realtime);
+        turn.start_at(100 * MS);
+        take(&mut turn, 107, &[(100, 1, 0.4), (105, 4, 0.4)]);
+        assert_eq!((x_m(&turn), turn.world.tick(), turn.world.t_ns()), (0.0, 1, 7 * MS));
+        take(&mut turn, 110, &[]);
+        assert!((x_m(&turn) - 0.0012).abs() < 1e-15, "{}", x_m(&turn));
+        assert_eq!(measured_ms(&turn, Stage::Command), [(1, 7), (1, 2)]);
+        assert_eq!(turn.measured.batch().0.samples_lost, 2);
+        assert!(!turn.is_over());
+        take(&mut turn, 171, &[]);
+        assert!(turn.is_over());
+        assert_eq!(turn.world.t_ns(), 30 * MS, "no longer than planned");
+    }
+
+    #[test]
+    fn a_wake_up_is_written_down_and_why_it_was_late() {
+        let mut turn = world(Pace::Realtime);
+        let wake = Wake { due_ns: 0, lateness_ns: 3 * MS };
+        turn.wake(&wake, None);
+        turn.wake(&wake, Some(Cause::Host));
+        let counts = [Stage::Wake, Stage::LateHost].map(|stage| measured_ms(&turn, stage).len());
+        assert_eq!(counts, [2, 1]);
+    }
+
+    #[test]
+    fn what_moves_the_robots_has_to_keep_up_with_real_time() {
+        // Each look at the clock costs 50 times as long as a tick of the plant.
+        let now_ns = Cell::new(0);
+        let clock = || now_ns.replace(now_ns.get() + 50 * MS);
+        let brief = PlantBrief { duration_ns: u64::MAX, ..brief(&[0.0]) };
+        let mut turn = Turn::new(&brief, Unicycles::new(&brief));
+        let mut take = || turn.take(std::iter::empty::<Result<_, TurnError>>(), clock);
+        now_ns.set(10 * MS);
+        assert!(take().is_ok(), "once may be by chance");
+        assert!(matches!(take(), Err(TurnError::TooSlow(_))));
+    }
+}

@@ -1,0 +1,253 @@
+//! What the world counts and senses, beside the rules that `proof` and `inertia` hold.
+
+use formation::pose::Pose;
+use protocol::brief::WheelsBrief;
+use protocol::fault::{LinkFault, LinkFaultKind, Span, WheelFault};
+
+use super::*;
+use crate::testing::{MS, brief, command};
+
+/// Robots at 0, 2 and 4.5 m.
+fn three() -> PlantBrief {
+    brief(&[0.0, 2.0, 4.5])
+}
+
+/// From one millisecond to another.
+fn span(from: u64, until: u64) -> Span {
+    Span { from_ns: from * MS, until_ns: until * MS }
+}
+
+fn x(world: &World, robot: usize) -> f64 {
+    world.states[robot].pose.x_m
+}
+
+#[test]
+fn a_command_that_is_delayed_is_obeyed_later_and_dies_by_its_stamp() {
+    // Under way until 15 ms, taken at 20 ms: then it has just died, unless it lives for longer.
+    for (lifetime_ms, driven, late) in [
+        (20, [[false, true], [false, true], [false; 2]], 1),
+        (30, [[false, true], [false, true], [true; 2]], 0),
+    ] {
+        let kind = LinkFaultKind::Delay { delay_ns: 15 * MS, jitter_ns: 0 };
+        let mut brief = PlantBrief { command_lifetime_ns: lifetime_ms * MS, ..three() };
+        brief.robots[0].command_faults = vec![LinkFault { span: span(0, 100), kind, seed: 1 }];
+        let mut world = World::new(&brief);
+        [0, 1].iter().for_each(|&robot| world.take(robot, &command(0, 1, 0.4, 0.0)).unwrap());
+        for (tick, driven) in (1..).zip(driven) {
+            world.advance(10 * tick * MS);
+            let commanded = [0, 1].map(|i| world.truth().nth(i).unwrap().commanded == 1);
+            assert_eq!(commanded, driven, "tick {tick} of {lifetime_ms} ms");
+            world.take_due();
+        }
+        assert_eq!(world.truth_header().commands_late, late);
+    }
+}
+
+#[test]
+fn late_future_old_and_unreal_commands_are_refused_and_every_kind_is_counted() {
+    let mut world = World::new(&three());
+    world.advance(50 * MS);
+    world.accept(0, &command(45 * MS, 7, 0.0, 0.0)).unwrap();
+    // It would be newer than whatever the honest agent says for the rest of the run.
+    let last = Command { incarnation: u64::MAX, ..command(46 * MS, 9, 0.0, 0.0) };
+    for (command, why) in [
+        (command(30 * MS, 8, 0.5, 0.0), Refusal::Late),
+        (command(51 * MS, 8, 0.5, 0.0), Refusal::Late),
+        (command(45 * MS, 7, 0.5, 0.0), Refusal::Old),
+        (command(44 * MS, 9, 0.5, 0.0), Refusal::Old),
+        (command(46 * MS, 9, f64::NAN, 0.0), Refusal::NotFinite),
+        (command(46 * MS, 9, 0.0, f64::NEG_INFINITY), Refusal::NotFinite),
+        (command(46 * MS, 9, 1e300, 0.0), Refusal::NotFinite),
+        (last, Refusal::NotFinite),
+        (command(u64::MAX, 9, 0.5, 0.0), Refusal::Late),
+    ] {
+        assert_eq!(world.accept(0, &command), Err(why), "{command:?}");
+    }
+    world.advance(60 * MS);
+    assert_eq!(x(&world, 0), 0.0);
+    let replacement = Command { incarnation: 1, ..command(55 * MS, 1, 0.5, 0.0) };
+    assert_eq!(world.accept(0, &replacement), Ok(()));
+    world.advance(100 * MS);
+    // From 60 ms to 55 + 20 ms.
+    assert!((x(&world, 0) - 0.0075).abs() < 1e-15, "{}", x(&world, 0));
+    let header = world.truth_header();
+    let refused = [header.commands_late, header.commands_old, header.commands_not_finite];
+    assert_eq!((refused, header.commands_expired), ([3, 2, 4], 1));
+    assert_eq!(world.truth().next().unwrap().commanded, 0);
+}
+
+#[test]
+fn a_command_keeps_its_path_at_what_the_speed_limit_and_the_wheels_allow() {
+    let wheels = |speed_max_m_s| Some(WheelsBrief { speed_max_m_s, track_m: 0.2 });
+    let limit = |speed_max_m_s| vec![(span(0, 10), WheelFaultKind::Limit { speed_max_m_s })];
+    let stuck = vec![(span(0, 10), WheelFaultKind::Stuck)];
+    for (wheels, faults, wanted, share, scaled) in [
+        // hypot(3, 0.1 40) = 5 m/s, of 1 m/s.
+        (None, vec![], (3.0, 40.0), 0.2, 1),
+        (None, vec![], (1.0 + 1e-6, 0.0), 1.0 / (1.0 + 1e-6), 1),
+        // Rounding is no command to count.
+        (None, vec![], (1.0 + 1e-12, 0.0), 1.0 / (1.0 + 1e-12), 0),
+        // |v| + 0.1 |w| = 0.6 m/s.
+        (wheels(0.3), vec![], (0.4, -2.0), 0.5, 0),
+        (wheels(0.7), limit(0.3), (0.4, -2.0), 0.5, 0),
+        // Without wheels in the brief, failing ones stand two front points apart.
+        (None, limit(0.3), (0.4, -2.0), 0.5, 0),
+        (None, stuck, (0.4, -2.0), 0.0, 0),
+    ] {
+        let mut brief = three();
+        brief.robots[0].wheels = wheels;
+        let faults = faults.into_iter().map(|(span, kind)| WheelFault { span, kind });
+        brief.robots[0].wheel_faults = faults.collect();
+        let mut world = World::new(&brief);
+        let (v, w) = wanted;
+        world.accept(0, &command(0, 1, v, w)).unwrap();
+        world.advance(MS);
+        let Twist { v_m_s, w_rad_s } = world.states[0].twist;
+        assert!((v_m_s - share * v).hypot(w_rad_s - share * w) < 1e-12, "{wanted:?}: {v_m_s}");
+        assert_eq!(world.truth_header().commands_scaled, scaled, "{wanted:?}");
+    }
+}
+
+#[test]
+fn wheels_fail_exactly_from_the_first_to_the_last_instant_of_their_fault() {
+    let mut brief = PlantBrief { plant_tick_ns: 20 * MS, ..three() };
+    let slow = WheelFaultKind::Limit { speed_max_m_s: 0.5 };
+    let faults = [(span(5, 8), WheelFaultKind::Stuck), (span(10, 20), slow)];
+    brief.robots[0].wheel_faults = faults.map(|(span, kind)| WheelFault { span, kind }).to_vec();
+    let mut world = World::new(&brief);
+    world.accept(0, &command(0, 1, 1.0, 0.0)).unwrap();
+    world.advance(15 * MS);
+    // 5 ms and 2 ms at 1 m/s, 5 ms at 0.5 m/s.
+    assert!((x(&world, 0) - 0.0095).abs() < 1e-15, "{}", x(&world, 0));
+}
+
+#[test]
+fn the_nearest_are_sensed_nearest_first_with_their_velocities_and_a_sample_says_if_it_is_cut() {
+    let half = PROXIMITY_MAX / 2;
+    for (robots, velocities_sensed) in [
+        (PROXIMITY_MAX + 1, false),
+        (PROXIMITY_MAX + 2, false),
+        (half + 1, true),
+        (half + 2, true),
+        (100, false),
+    ] {
+        let mut brief = PlantBrief { velocities_sensed, ..brief(&[0.0]) };
+        let body = brief.robots[0].clone();
+        // A lattice, on which many distances are equal, in no order of distance.
+        let start = |i: usize| Pose {
+            x_m: (i * 37 % 100 / 10) as f64,
+            y_m: (i * 37 % 10) as f64,
+            heading_rad: 0.1 * i as f64,
+        };
+        brief.robots = (0..robots).map(|i| BodyBrief { start: start(i), ..body.clone() }).collect();
+        let most = if velocities_sensed { half } else { PROXIMITY_MAX };
+        for (robot, radius_m) in
+            (0..robots).zip([20.0, 0.5, 1.0, 2.0, 3.0, 4.0].into_iter().cycle())
+        {
+            brief.sensing_radius_m = radius_m;
+            let mut world = World::new(&brief);
+            if velocities_sensed {
+                for moving in 0..robots {
+                    world.accept(moving, &command(0, 1, 0.1, 1e-3 * moving as f64)).unwrap();
+                }
+                world.advance(MS);
+            }
+            let away_m = |other: usize| (world.alphas[other] - world.alphas[robot]).norm();
+            let mut near: Vec<usize> = (0..robots).filter(|&other| other != robot).collect();
+            near.retain(|&other| away_m(other) <= radius_m);
+            near.sort_by(|&a, &b| away_m(a).total_cmp(&away_m(b)));
+            let sample = world.odometry(robot);
+            assert_eq!(sample.proximity_cut == 1, near.len() > most, "{robots} {radius_m}");
+            near.truncate(most);
+            let places = near.iter().map(|&other| world.alphas[other]);
+            assert!(sample.proximity().eq(places), "{robots} {robot} {radius_m}");
+            let velocities = near.iter().filter(|_| velocities_sensed).map(|&other| {
+                let State { pose, twist } = world.states[other];
+                front_velocity(pose.heading_rad, 0.1, twist)
+            });
+            assert!(sample.velocities().eq(velocities), "{robots} {robot} {radius_m}");
+        }
+    }
+}
+
+/// A fault of a sensor from one millisecond to another.
+fn sensor_fault(sensor: Sensor, kind: SensorFaultKind, from: u64, until: u64) -> SensorFault {
+    SensorFault { span: span(from, until), sensor, kind, seed: 5 }
+}
+
+const NOISE: SensorFaultKind = SensorFaultKind::Noise { bound_m: 0.1, heading_bound_rad: 0.2 };
+
+#[test]
+fn a_dark_sensor_says_so_and_sends_nothing_that_is_true() {
+    let mut brief = three();
+    brief.robots[1].sensor_faults = vec![
+        sensor_fault(Sensor::Odometry, SensorFaultKind::Blackout, 1, 2),
+        sensor_fault(Sensor::Proximity, SensorFaultKind::Blackout, 2, 3),
+    ];
+    let mut world = World::new(&brief);
+    world.accept(1, &command(0, 1, 0.0, 1.0)).unwrap();
+    for (t_ms, knows_itself, sees) in [(1, false, true), (2, true, false), (3, true, true)] {
+        world.advance(t_ms * MS);
+        let sample = world.odometry(1);
+        let valid = [sample.pose_valid == 1, sample.proximity_valid == 1];
+        assert_eq!(valid, [knows_itself, sees]);
+        let own = [sample.x_m, sample.y_m, sample.heading_rad, sample.v_m_s, sample.w_rad_s];
+        assert_eq!(own == [0.0; 5], !knows_itself, "{own:?}");
+        assert_eq!(sample.near == [[0.0; 2]; PROXIMITY_MAX], !sees, "{:?}", sample.near);
+        assert_eq!(sample.proximity_count, if sees { 2 } else { 0 });
+    }
+}
+
+#[test]
+fn noise_is_what_the_fault_draws_for_each_number_of_the_sample_while_it_lasts() {
+    let mut brief = three();
+    let faults = [Sensor::Odometry, Sensor::Proximity];
+    let faults = faults.map(|sensor| sensor_fault(sensor, NOISE, 0, 2));
+    brief.robots[1].sensor_faults = faults.to_vec();
+    brief.robots[1].start.y_m = 0.3;
+    let mut world = World::new(&brief);
+    for (t_ms, noisy) in [(0, 1.0), (1, 1.0), (2, 0.0)] {
+        world.advance(t_ms * MS);
+        let tick = world.next_tick();
+        let sample = world.odometry(1);
+        let [x, y] = faults[0].offset_m(tick, 0).map(|off_m| noisy * off_m);
+        let heading_rad = noisy * faults[0].heading_offset_rad(tick);
+        assert_eq!(sample.pose(), Pose { x_m: 2.0 + x, y_m: 0.3 + y, heading_rad });
+        let near: Vec<Vec2> = sample.proximity().collect();
+        let off = [1, 2].map(|item| noisy * Vec2::from(faults[1].offset_m(tick, item)));
+        assert_eq!(near, [Vec2::new(0.1, 0.0) + off[0], Vec2::new(4.6, 0.0) + off[1]]);
+    }
+}
+
+#[test]
+fn two_that_come_too_near_are_counted_at_every_arc_from_the_start_on() {
+    for (apart_m, at_start, later) in [(0.5, 0, 0), (0.49, 1, 11), (0.51, 0, 0)] {
+        let mut world = World::new(&brief(&[0.0, apart_m]));
+        assert_eq!(world.truth_header().violations, at_start, "{apart_m}");
+        world.advance(10 * MS);
+        let header = world.truth_header();
+        assert_eq!((header.violations, header.closest_t_ns), (later, 0), "{apart_m}");
+    }
+    let mut world = World::new(&brief(&[0.0, 0.6, 4.5]));
+    for sequence in 1..=20 {
+        world.accept(0, &command(world.t_ns(), sequence, 1.0, 0.0)).unwrap();
+        world.advance(10 * sequence * MS);
+    }
+    let header = world.truth_header();
+    assert!((header.closest_m - 0.4).abs() < 1e-12, "{}", header.closest_m);
+    assert_eq!((header.closest_pair, header.closest_t_ns), ([0, 1], 200 * MS));
+    // From 0.5 m on, at 1 mm an arc; at 0.5 m, rounding decides.
+    assert!((100..=101).contains(&header.violations), "{}", header.violations);
+}
+
+#[test]
+fn stamps_count_from_the_start_times_from_zero_and_ticks_by_one() {
+    let mut world = World::new(&three());
+    world.start_at(7 * MS);
+    assert_eq!((world.next_tick(), world.next_tick()), (1, 2));
+    world.advance(5 * MS);
+    let (header, sample) = (world.truth_header(), world.odometry(0));
+    assert_eq!((world.t_ns(), header.t_ns, sample.t_ns), (5 * MS, 5 * MS, 5 * MS));
+    assert_eq!((header.stamp_ns, sample.stamp_ns), (12 * MS, 12 * MS));
+    assert_eq!((header.tick, sample.tick), (2, 2));
+}

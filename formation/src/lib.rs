@@ -19,9 +19,7 @@
 //! | `desired` | where should a robot be, seen from those it hears? (13) (24) (46) |
 //! | `hull` | how far is a follower from the leaders' convex hull? (7) (49) |
 //! | `closest` | which two robots are nearest to each other? (15) |
-//! | `closest_over_time` | the same at every instant of a run |
 //! | `near` | which robots are near which, from one instant to the next? |
-//! | `cells` | which may be, among many? |
 //! | `obstacle` | which point of a wall is nearest, and which walls are near? |
 //! | `random` | what does a seed draw? |
 
@@ -31,9 +29,7 @@ compile_error!(
     "Phalanx runs on Linux only: on macOS and Windows, use Docker (see the Dockerfile) or WSL2."
 );
 
-mod cells;
 pub mod closest;
-pub mod closest_over_time;
 pub mod desired;
 pub mod frame;
 pub mod front_point;

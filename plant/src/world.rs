@@ -335,7 +335,7 @@ impl<M: Motion> World<M> {
         let most = if self.velocities_sensed { PROXIMITY_MAX / 2 } else { PROXIMITY_MAX };
         let mut near = [(0.0, 0); PROXIMITY_MAX];
         let mut within = 0;
-        for other in self.near.of(robot) {
+        for other in self.near.neighbors_of(robot) {
             let distance = (self.alphas[other] - own).norm();
             if distance <= radius_m {
                 let kept = within.min(most);

@@ -1,17 +1,37 @@
-//! How near any two robots came to each other, and when. (15)
+//! How near any two robots came to each other, each pair and the nearest of all, and when. (15)
 
-use formation::Vec2;
-use formation::closest_over_time::ClosestOverTime;
+use formation::{Vec2, seconds};
 use protocol::message::TruthHeader;
+use serde::Serialize;
 
-use crate::metrics::closest::Closest;
-use crate::metrics::pairs::Pairs;
+/// Two robots by name, how near they came, and when.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PairDistance {
+    /// Which two, in scenario order.
+    pub pair: [String; 2],
+    /// Smallest distance of their front points at any truth, m.
+    pub min_distance_m: f64,
+    /// When, s.
+    pub t_s: f64,
+}
+
+/// Two robots at their nearest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Closest {
+    /// |alpha_i - alpha_j|, m.
+    pub(super) distance_m: f64,
+    /// Their places, the smaller one first.
+    pub(super) pair: [usize; 2],
+    /// When, ns.
+    pub(super) t_ns: u64,
+}
 
 /// The smallest distances so far.
 pub(super) struct Distances {
+    robots: usize,
     distance_min_m: f64,
-    over_time: ClosestOverTime,
-    pub(super) pairs: Pairs,
+    /// For each pair i < j, row by row: square of its smallest distance, m^2, and when, ns.
+    least: Vec<(f64, u64)>,
     closest: Option<Closest>,
     /// At the newest truth.
     nearest: Option<Closest>,
@@ -26,9 +46,9 @@ impl Distances {
     /// Nothing measured yet; nearer than `distance_min_m` is too near.
     pub(super) fn new(robots: usize, distance_min_m: f64) -> Distances {
         Distances {
+            robots,
             distance_min_m,
-            over_time: ClosestOverTime::default(),
-            pairs: Pairs::new(robots),
+            least: vec![(f64::INFINITY, 0); robots * robots.saturating_sub(1) / 2],
             closest: None,
             nearest: None,
             seen: None,
@@ -43,15 +63,13 @@ impl Distances {
     /// neither shorter arcs nor lost truths hide anything.
     pub(super) fn truth(&mut self, header: &TruthHeader, alphas: &[Vec2]) -> f64 {
         let t_ns = header.t_ns;
-        self.pairs.truth(t_ns, alphas);
-        let now = self.over_time.now(alphas);
-        let now = now.map(|now| Closest { distance_m: now.distance_m, pair: now.pair, t_ns });
+        let now = self.look_at_all_pairs(t_ns, alphas);
         self.nearest = now;
         let plant = seen_by_plant(header);
         if let Some(seen) = plant
             && self.seen.replace(seen) != Some(seen)
         {
-            self.pairs.seen_by_plant(seen);
+            self.take_in_what_the_plant_saw(seen);
         }
         for seen in [plant, now].into_iter().flatten() {
             if self.closest.is_none_or(|closest| seen.distance_m < closest.distance_m) {
@@ -66,6 +84,35 @@ impl Distances {
         plant.filter(news).map_or(distance_m, |seen| distance_m.min(seen.distance_m))
     }
 
+    /// Lowers what each pair's distance now lowers. The nearest two; of equals, the first.
+    fn look_at_all_pairs(&mut self, t_ns: u64, alphas: &[Vec2]) -> Option<Closest> {
+        let mut nearest: Option<([usize; 2], f64)> = None;
+        let mut least = self.least.iter_mut();
+        for (i, a) in alphas.iter().enumerate() {
+            // The iterators end together: one row of pairs for each i.
+            for ((j, b), least) in alphas.iter().enumerate().skip(i + 1).zip(&mut least) {
+                let square = (a - b).norm_squared();
+                if square < least.0 {
+                    *least = (square, t_ns);
+                }
+                if nearest.is_none_or(|(_, nearest)| square < nearest) {
+                    nearest = Some(([i, j], square));
+                }
+            }
+        }
+        nearest.map(|(pair, square)| Closest { distance_m: square.sqrt(), pair, t_ns })
+    }
+
+    /// At the end of an arc that no truth may tell of.
+    fn take_in_what_the_plant_saw(&mut self, seen: Closest) {
+        let least = &mut self.least[place(self.robots, seen.pair)];
+        let square = seen.distance_m * seen.distance_m;
+        // Where both saw the same arc's end, the time is the same and rounding must not matter.
+        if square < least.0 * (1.0 - 1e-12) {
+            *least = (square, seen.t_ns);
+        }
+    }
+
     /// The smallest distance at the newest truth, m, and of which two.
     pub(super) fn nearest(&self) -> Option<(f64, [usize; 2])> {
         self.nearest.map(|nearest| (nearest.distance_m, nearest.pair))
@@ -76,10 +123,27 @@ impl Distances {
         self.closest
     }
 
+    /// Every pair in scenario order; none before the first truth.
+    pub(super) fn pairs(&self, names: &[String]) -> Vec<PairDistance> {
+        let pairs = (0..self.robots).flat_map(|i| (i + 1..self.robots).map(move |j| [i, j]));
+        let seen = pairs.zip(&self.least).filter(|(_, (square, _))| square.is_finite());
+        seen.map(|(pair, (square, t_ns))| PairDistance {
+            pair: pair.map(|i| names[i].clone()),
+            min_distance_m: square.sqrt(),
+            t_s: seconds(*t_ns),
+        })
+        .collect()
+    }
+
     /// Ticks (arcs' ends, in real time) at which some pair was too near.
     pub(super) fn violations(&self) -> u64 {
         self.violations.max(self.violations_plant)
     }
+}
+
+/// Where in the list the pair i < j stands.
+fn place(robots: usize, [i, j]: [usize; 2]) -> usize {
+    i * (2 * robots - i - 1) / 2 + j - i - 1
 }
 
 /// What the plant saw so far, at the end of an arc that no truth may tell of.
@@ -96,116 +160,42 @@ fn seen_by_plant(header: &TruthHeader) -> Option<Closest> {
 mod tests {
     use super::*;
     use crate::metrics::examples::header;
-    use formation::closest::closest_pair;
-    use formation::seconds;
-    use proptest::prelude::*;
 
-    /// What looking at all pairs at every truth gives.
-    struct AllPairs(Vec<(f64, u64)>);
-
-    impl AllPairs {
-        fn truth(&mut self, t_ns: u64, alphas: &[Vec2]) {
-            let mut least = self.0.iter_mut();
-            for (i, a) in alphas.iter().enumerate() {
-                for (b, least) in alphas[i + 1..].iter().zip(&mut least) {
-                    let square = (a - b).norm_squared();
-                    if square < least.0 {
-                        *least = (square, t_ns);
-                    }
-                }
+    #[test]
+    fn every_pair_keeps_its_own_smallest_distance_and_its_time_the_plants_among_them() {
+        let names = ["a", "b", "c", "d"].map(String::from);
+        let mut distances = Distances::new(4, 0.0);
+        assert_eq!(distances.pairs(&names), []);
+        // All stand in a row; one after the other comes nearer to the last, and leaves again.
+        for tick in 0..8_u64 {
+            let nearer = |robot: u64| if robot < 3 && tick == 2 * robot { 0.5 } else { 0.0 };
+            let at = |robot: u64| Vec2::new(3.0 * robot as f64 + nearer(robot), 0.0);
+            let alphas = [0, 1, 2, 3].map(at);
+            let mut seen = TruthHeader { t_ns: 1000 * tick, ..header(tick) };
+            if tick > 4 {
+                (seen.closest_m, seen.closest_pair, seen.closest_t_ns) = (2.0, [1, 3], 4500);
             }
+            distances.truth(&seen, &alphas);
+            let pair = match tick {
+                0 | 2 | 4 => [tick as usize / 2, tick as usize / 2 + 1],
+                _ => [0, 1],
+            };
+            let nearest_m = if matches!(tick, 0 | 2 | 4) { 2.5 } else { 3.0 };
+            assert_eq!(distances.nearest(), Some((nearest_m, pair)), "{tick}");
         }
-
-        fn seen_by_plant(&mut self, place: usize, closest: &Closest) {
-            let square = closest.distance_m * closest.distance_m;
-            if square < self.0[place].0 * (1.0 - 1e-12) {
-                self.0[place] = (square, closest.t_ns);
-            }
-        }
-    }
-
-    /// One robot's way: it stands, sways, approaches and leaves, with all others or alone; now and
-    /// then it jumps, and where things are badly broken it is nowhere.
-    #[derive(Debug, Clone)]
-    struct Way {
-        start_m: (f64, f64),
-        step_m: (f64, f64),
-        sway_m: f64,
-        stops: u64,
-        jumps: u64,
-        broken_m: f64,
-    }
-
-    impl Way {
-        fn at(&self, tick: u64) -> Vec2 {
-            let moving = tick.min(self.stops) as f64;
-            let mut alpha = Vec2::new(self.start_m.0, self.start_m.1)
-                + Vec2::new(self.step_m.0, self.step_m.1) * moving
-                + Vec2::new(0.02 * tick as f64, self.sway_m * (0.1 * moving).sin());
-            if (self.jumps..self.jumps + 2).contains(&tick) {
-                alpha.x += 0.5 + self.broken_m;
-            }
-            alpha
-        }
-    }
-
-    fn robot() -> impl Strategy<Value = Way> {
-        let start = prop_oneof![Just((0.0, 0.0)), (-9.0..9.0f64, -9.0..9.0f64), Just((3e8, -1e9))];
-        let step = prop_oneof![Just((0.0, 0.0)), (-0.1..0.1f64, -0.1..0.1f64)];
-        let sway = prop_oneof![Just(0.0), Just(1e-16), 1e-3..1.0f64];
-        let broken = prop::sample::select(vec![0.0, 0.0, 0.0, f64::NAN, f64::INFINITY, 1e200]);
-        (start, step, sway, 0..300_u64, 0..300_u64, broken).prop_map(
-            |(start_m, step_m, sway_m, stops, jumps, broken_m)| Way {
-                start_m,
-                step_m,
-                sway_m,
-                stops,
-                jumps,
-                broken_m,
-            },
-        )
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(300))]
-        #[test]
-        fn every_pair_keeps_its_own_smallest_distance_and_its_time_bit_by_bit(
-            robots in prop::collection::vec(robot(), 0..12),
-            truths in 0..300_u64,
-            plant in prop::collection::vec((0..300_u64, any::<prop::sample::Index>(), 0.0..9.0f64), 0..5),
-        ) {
-            let mut distances = Distances::new(robots.len(), 0.0);
-            let pairs = robots.len() * robots.len().saturating_sub(1) / 2;
-            let mut expected = AllPairs(vec![(f64::INFINITY, 0); pairs]);
-            let names: Vec<String> = (0..robots.len()).map(|i| i.to_string()).collect();
-            let mut seen = header(0);
-            for tick in 0..truths {
-                let alphas: Vec<Vec2> = robots.iter().map(|robot| robot.at(tick)).collect();
-                let t_ns = 1000 * tick;
-                for (at, pair, distance_m) in plant.iter().filter(|_| robots.len() > 1) {
-                    if *at == tick && *distance_m < seen.closest_m {
-                        seen.closest_m = *distance_m;
-                        seen.closest_t_ns = t_ns.saturating_sub(1);
-                        let i = pair.index(robots.len() - 1);
-                        seen.closest_pair = [i as u32, i as u32 + 1];
-                    }
-                }
-                distances.truth(&TruthHeader { t_ns, ..seen }, &alphas);
-                expected.truth(t_ns, &alphas);
-                if let Some(seen) = seen_by_plant(&seen) {
-                    expected.seen_by_plant(distances.pairs.place(seen.pair), &seen);
-                }
-                let (nearest, all) = (distances.nearest(), closest_pair(&alphas));
-                prop_assert_eq!(nearest.map(|(_, pair)| pair), all.map(|c| c.pair));
-                prop_assert_eq!(
-                    nearest.map(|(m, _)| m.to_bits()), all.map(|c| c.distance_m.to_bits())
-                );
-            }
-            let expected = expected.0.iter().filter(|(square, _)| square.is_finite());
-            let expected: Vec<_> = expected.map(|&(square, t_ns)| (square.sqrt(), seconds(t_ns))).collect();
-            let pairs = distances.pairs.report(&names).into_iter();
-            let pairs: Vec<_> = pairs.map(|pair| (pair.min_distance_m, pair.t_s)).collect();
-            prop_assert_eq!(pairs, expected);
-        }
+        let found = distances.pairs(&names).into_iter();
+        let found: Vec<_> =
+            found.map(|p| (p.pair.concat(), p.min_distance_m, (p.t_s * 1e9).round())).collect();
+        let expected = [
+            ("ab", 2.5, 0.0),
+            ("ac", 5.5, 0.0),
+            ("ad", 8.5, 0.0),
+            ("bc", 2.5, 2000.0),
+            ("bd", 2.0, 4500.0),
+            ("cd", 2.5, 4000.0),
+        ];
+        let expected = expected.map(|(pair, m, ns)| (pair.to_owned(), m, ns));
+        assert_eq!(found, expected);
+        assert_eq!(distances.closest().map(|c| (c.distance_m, c.pair)), Some((2.0, [1, 3])));
     }
 }

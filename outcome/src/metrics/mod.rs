@@ -4,10 +4,8 @@
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `distance` | how near did any two come to each other, and when? |
-//! | `closest` | what is the nearest of two? |
+//! | `distance` | how near did each two come to each other, and when? |
 //! | `clearance` | how near did anybody come to a wall, and where? |
-//! | `pairs` | how near did every pair come? |
 //! | `error` | how far is each robot from where its role wants it? |
 //! | `finals` | what is worst towards the end? |
 //! | `end` | may it end before its time? |
@@ -26,7 +24,6 @@
 //! | `hash` | how does a trajectory become one word? |
 
 mod clearance;
-mod closest;
 mod containment;
 mod distance;
 mod end;
@@ -39,7 +36,6 @@ mod frame;
 pub mod hash;
 mod ideal;
 mod orphans;
-mod pairs;
 mod silence;
 pub mod summary;
 mod target;
@@ -57,6 +53,7 @@ pub use clearance::Clearance;
 use clearance::Clearances;
 use containment::Containment;
 use distance::Distances;
+pub use distance::PairDistance;
 use end::EarlyEnd;
 use error::Errors;
 use experiment::scenario::{Scenario, Silenced, Struck};
@@ -66,7 +63,6 @@ use formation::seconds;
 use frame::IdealFrame;
 use ideal::Ideal;
 pub use orphans::Turn;
-pub use pairs::PairDistance;
 use travel::Travel;
 use truths::Truths;
 
@@ -328,7 +324,7 @@ impl Metrics {
             final_ideal_error_m_max: self.ideal.finals().max_m(end_ns),
             tracking_error_m_max: self.errors.tracking_m_max(),
             integrated_error_m_s: by_name(self.errors.integrated_m_s()),
-            pairs: self.distances.pairs.report(&self.names),
+            pairs: self.distances.pairs(&self.names),
             hull_distance_m_max_final: self.containment.final_m_max(end_ns),
             converged_at_s: self.errors.converged_since_ns().map(seconds),
             arrived_at_s: by_name(&self.travel.arrived_at_s()),

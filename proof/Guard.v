@@ -2,7 +2,7 @@
     b is at most Lambda times e^-2 of the slack at the sample, or Lambda times the slack now.
 
     The definitions from [rate] to [far] are the formulas of `Guard::grant` and
-    `Guard::collect_sides` in agent/src/avoidance/guard.rs; a test there reads them from this file,
+    `Guard::collect_cones` in agent/src/avoidance/guard.rs; a test there reads them from this file,
     evaluates them and compares them with what the guard does. *)
 
 Require Import Reals Lra Psatz Lia.

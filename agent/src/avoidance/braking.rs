@@ -1,7 +1,25 @@
-//! What inertia does to a guard's figures: the rate Lambda, the factor mu, the zone in which robots slow
+//! What inertia does to the guard's figures: the rate Lambda, the factor mu, the zone in which robots slow
 //! down. Not in the paper: `docs/explanation/inertia.md`.
 
 use protocol::avoidance::Conditions;
+
+/// What braking adds to a certificate. Tests leave parts of it out, to show that each is needed.
+#[derive(Debug, Clone, Copy)]
+pub struct Braking {
+    /// For how long after its lifetime a command's way goes on, in tau_o.
+    pub way: f64,
+    /// For how long after it the heading turns, at the full rate, in tau_o.
+    pub turn: f64,
+    /// mu.
+    pub mu: fn(f64) -> f64,
+}
+
+impl Default for Braking {
+    /// `proof/Braking.v::swept`, `proof/Braking.v::turning_time`.
+    fn default() -> Self {
+        Braking { way: 1.0, turn: 0.5, mu }
+    }
+}
 
 /// mu: how much less may be granted because braking takes time: `proof/Inertia.v::mu`,
 /// `proof/Inertia.v::braking_keeps_up`.
@@ -15,7 +33,8 @@ pub fn rate_per_s(at: &Conditions<'_>) -> f64 {
 }
 
 /// Z, m: from d + Z on, a robot of the largest braking time may do as it likes:
-/// `proof/Braking.v::far_braking`, `proof/Braking.v::far_is_far_enough`.
+/// `proof/Braking.v::far_braking`, `proof/Braking.v::far_is_far_enough`; without inertia 3 v_max H:
+/// `proof/Guard.v::far`, `proof/Walls.v::far_wall`.
 pub fn slow_down_zone_m(at: &Conditions<'_>) -> f64 {
     let (rate, tau) = (rate_per_s(at), at.avoidance.braking_time_max_s);
     let less = mu(2.0 * rate * tau);

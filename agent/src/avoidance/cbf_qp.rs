@@ -21,11 +21,10 @@
 //! | a | rate at which h may fall, 1/s (gamma in the paper) |
 
 use formation::Vec2;
-use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Gain, Promise, Senses};
-use protocol::number::{short, told_apart};
+use protocol::avoidance::{AvoidanceDescription, Conditions, Gain};
 
 use super::cone::{ROUNDING_M, direction};
-use super::holonomic::{Holonomic, Velocity};
+use super::holonomic::{HOLONOMIC, Holonomic, Velocity, sampled_too_slowly};
 use super::polygon::HalfPlane;
 use super::program::nearest_permitted;
 use super::{AvoidanceRow, Sample};
@@ -38,22 +37,15 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "cbf-qp",
         source: "Wang et al. 2017",
-        promise: Promise::Ideal,
         promises: "d, where `barrier_per_s` times the period is at most 1; no way out of deadlocks",
-        assumes: "everybody uses it, senses positions exactly, and moves at once as it chooses; no delay, \
-                  no inertia",
-        clamps_speed: true,
-        senses: Senses::Positions,
-        minds_walls: true,
         sensing_radius_m,
-        steers_within: Some(("d", |at| at.avoidance.distance_min_m)),
-        steers_beside_walls: Some(("the clearance", |at| at.avoidance.clearance_m)),
         gains: &[Gain {
             key: "barrier_per_s",
             meaning: "rate at which r^2 - d^2 of two robots may fall, in 1/s",
         }],
-        advice: sampled_too_slowly,
-        ..AvoidanceDescription::INERT
+        // Of more than all of the slack in a period, nothing is left.
+        advice: |at| sampled_too_slowly(at, "barrier_per_s", 1.0),
+        ..HOLONOMIC
     },
     build: |brief, gains| {
         let cbf_qp = CbfQp {
@@ -61,7 +53,6 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
             clearance: brief.avoidance.clearance_m + ROUNDING_M,
             v_max: brief.avoidance.speed_max_m_s,
             rate: gains.get("barrier_per_s"),
-            sides: Vec::new(),
         };
         Box::new(Holonomic::new(brief, cbf_qp))
     },
@@ -71,25 +62,13 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
 fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
     let Some(rate) = at.avoidance.gains.get("barrier_per_s") else { return 0.0 };
     // a (r^2 - k^2) share / (2 r) = v_max
-    let radius = |kept: f64, share: f64| {
+    let radius = |distance_min: f64, share: f64| {
         let half = at.speed_m_s() / (rate * share);
-        half + half.hypot(kept)
+        half + half.hypot(distance_min)
     };
     let robots = radius(at.avoidance.distance_min_m, OF_ANOTHER);
     let walls = radius(at.avoidance.clearance_m, OF_A_WALL);
     robots.max(walls) + at.distance_error_m()
-}
-
-/// Of more than all of the slack in a period, nothing is left.
-fn sampled_too_slowly(at: &Conditions<'_>) -> Option<Advice> {
-    let rate = *at.avoidance.gains.get("barrier_per_s")?;
-    let product = rate * at.period_s;
-    let [found, most] = told_apart(product, 1.0);
-    (product > 1.0).then(|| Advice {
-        key: "barrier_per_s",
-        message: format!("barrier_per_s T = {found}: sampled this slowly it does not keep d"),
-        expected: format!("expected at most {most}: {} 1/s", short(1.0 / at.period_s)),
-    })
 }
 
 /// One robot's.
@@ -99,25 +78,22 @@ struct CbfQp {
     v_max: f64,
     /// a, 1/s.
     rate: f64,
-    sides: Vec<HalfPlane>,
 }
 
 impl Velocity for CbfQp {
     fn velocity(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Option<Vec2> {
-        let mut sides = std::mem::take(&mut self.sides);
-        sides.clear();
-        sides.extend(sample.walls.iter().map(|z| self.side(*z, self.clearance, OF_A_WALL)));
-        sides.extend(sample.away.iter().map(|z| self.side(*z, self.d, OF_ANOTHER)));
-        self.sides = sides;
-        Some(nearest_permitted(gamma, self.v_max, &self.sides, sample.walls.len()))
+        let walls = sample.walls.iter().map(|z| self.side(*z, self.clearance, OF_A_WALL));
+        let robots = sample.away.iter().map(|z| self.side(*z, self.d, OF_ANOTHER));
+        let sides: Vec<HalfPlane> = walls.chain(robots).collect();
+        Some(nearest_permitted(gamma, self.v_max, &sides, sample.walls.len()))
     }
 }
 
 impl CbfQp {
     /// 2 z . u >= -share a h, for |z| u.
-    fn side(&self, z: Vec2, kept: f64, share: f64) -> HalfPlane {
+    fn side(&self, z: Vec2, distance_min: f64, share: f64) -> HalfPlane {
         let r = z.norm();
-        let h = r * r - kept * kept;
+        let h = r * r - distance_min * distance_min;
         // At the same place any direction leads away, as fast as possible.
         let bound = if r > 0.0 { share * self.rate * h / (2.0 * r) } else { -self.v_max };
         HalfPlane { normal: direction(z), bound }

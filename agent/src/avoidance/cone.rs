@@ -39,9 +39,16 @@ impl Cone {
         speed * (angle + self.psi).min(PI).cos() >= -self.b - TOLERANCE
     }
 
-    /// Half-planes of velocities, all of which it permits.
+    /// Half-planes of which each velocity approaches slower than b in every direction of the cone:
+    /// `proof/Geometry.v::sides_bound_the_cone`.
     pub fn sides(&self) -> impl Iterator<Item = HalfPlane> + use<> {
-        cone_sides(self.n, self.psi, self.b)
+        let Cone { n, psi, b } = *self;
+        let count = if psi < 1.2 { 3 } else { 5 };
+        let step = 2.0 * psi / f64::from(count - 1);
+        (0..count).map(move |q| HalfPlane {
+            normal: rotate(-psi + f64::from(q) * step, n),
+            bound: b * (0.5 * step).cos(),
+        })
     }
 }
 
@@ -63,15 +70,4 @@ pub fn swing(reach: f64, r: f64) -> f64 {
 pub fn headings(heading_rad: f64, time: f64, w: [f64; 2], error: f64) -> (f64, f64) {
     let half = 0.5 * time;
     (heading_rad + half * (w[0] + w[1]), half * (w[1] - w[0]) + error)
-}
-
-/// Half-planes of which each velocity approaches slower than `b`, m/s, in every direction within
-/// `psi`, rad, of n: `proof/Geometry.v::sides_bound_the_cone`.
-pub fn cone_sides(n: Vec2, psi: f64, b: f64) -> impl Iterator<Item = HalfPlane> {
-    let count = if psi < 1.2 { 3 } else { 5 };
-    let step = 2.0 * psi / f64::from(count - 1);
-    (0..count).map(move |q| HalfPlane {
-        normal: rotate(-psi + f64::from(q) * step, n),
-        bound: b * (0.5 * step).cos(),
-    })
 }

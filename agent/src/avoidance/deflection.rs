@@ -137,6 +137,15 @@ impl Deflection {
         if finite { z - beside } else { error }
     }
 
+    /// The distance from which the robot is led around the other at `z`, m: d_f, or d_s while it stands
+    /// off, but for whoever has its place.
+    fn distance_from(&self, z: &Vec2) -> f64 {
+        match self.stands_off {
+            Some(taken) if taken.by != *z => taken.d_s,
+            _ => self.d_f,
+        }
+    }
+
     /// The wanted displacement `p`, led around those it would come too near. One that stands off is
     /// held back only: around others there is nothing for it, and on the way it would be in
     /// everybody else's. From all but whoever has its place it stays d_s away.
@@ -144,10 +153,7 @@ impl Deflection {
     /// Along a wall it is led to the side to which p leads anyway: a wall does not move aside.
     pub fn deflect(&self, sample: &Sample<'_>, mut p: Vec2) -> Vec2 {
         let reach = self.v_max * self.period; // V
-        let excess = |z: &Vec2| {
-            let aside = self.stands_off.filter(|taken| taken.by != *z);
-            -self.kappa * (z.norm() - aside.map_or(self.d_f, |taken| taken.d_s))
-        };
+        let excess = |z: &Vec2| -self.kappa * (z.norm() - self.distance_from(z));
         let blocked = sample.away.iter().any(|z| z.dot(&p) < excess(z) * z.norm());
         if blocked && self.stands_off.is_none() {
             let turns = sample.t_s / self.dither_period + self.dither_phase;
@@ -178,5 +184,177 @@ impl Deflection {
             }
         }
         clip(p, reach)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::super::guard::tests::brief;
+    use super::*;
+
+    #[test]
+    fn along_a_wall_a_robot_is_led_to_the_side_that_it_wants_and_no_nearer_than_c_f() {
+        let mut brief = brief();
+        brief.avoidance.clearance_m = 0.1;
+        let deflection = Deflection::new(&brief);
+        let c_f = 0.109375; // 0.75 v_max H
+        let led = |far: f64, p: Vec2| {
+            let walls = [rotate(0.7, Vec2::new(-far, 0.0))]; // ahead, turned by 0.7
+            let beside = Sample { walls: &walls, ..Sample::default() };
+            rotate(-0.7, deflection.deflect(&beside, rotate(0.7, p)))
+        };
+        let near = |found: Vec2, x: f64, y: f64| {
+            assert!((found - Vec2::new(x, y)).norm() < 1e-12, "{found:?} is not {x}, {y}");
+        };
+        // At c_f nothing is left of what leads into it; to the side, all that it lost.
+        near(led(c_f, Vec2::new(3e-3, 2e-3)), 0.0, 5e-3);
+        near(led(c_f, Vec2::new(3e-3, -2e-3)), 0.0, -5e-3);
+        near(led(c_f, Vec2::new(4e-3, 0.0)), 0.0, 0.0);
+        // Hardly to a side: more of it, without a jump.
+        let side = 1e-4 / (16e-6f64 + 1e-8).sqrt();
+        near(led(c_f, Vec2::new(4e-3, 1e-4)), 0.0, 1e-4 + 4e-3 * 4.0 * side);
+        // Nearer, away from it, whatever is wanted; farther away, a quarter of the rest is left.
+        near(led(c_f - 4e-3, Vec2::zeros()), -1e-3, 0.0);
+        near(led(c_f + 4e-3, Vec2::new(3e-3, 1e-3)), 1e-3, 3e-3);
+        near(led(c_f + 4e-3, Vec2::new(1e-3, 2e-3)), 1e-3, 2e-3);
+        near(led(c_f + 4e-3, Vec2::new(-4e-3, 2e-3)), -4e-3, 2e-3);
+    }
+
+    /// All of it turned by an angle at which no component is 0.
+    #[test]
+    fn one_in_the_way_is_gone_around_by_a_focus_that_is_as_strong_as_needed() {
+        let deflection = Deflection::new(&AgentBrief { index: 2, ..brief() });
+        assert!((deflection.dither_phase - 0.236_067_977_4).abs() < 1e-9);
+        let period_s = 1.5 * (1.0 + 4.0 * 0.236_067_977_4 / 3.0);
+        assert!((deflection.dither_period - period_s).abs() < 1e-9);
+        let turned = |x: f64, y: f64| rotate(0.7, Vec2::new(x, y));
+        // The instant at which the dither has gone through this many of its periods.
+        let at = |turns: f64| (turns - deflection.dither_phase) * deflection.dither_period;
+        let deflect = |turns: f64, away: &[Vec2], p: Vec2| {
+            deflection.deflect(&Sample { t_s: at(turns), away, ..Sample::default() }, p)
+        };
+        let near = |found: Vec2, expected: Vec2| {
+            assert!((found - expected).norm() < 1e-12, "{found:?} is not {expected:?}");
+        };
+        let (d_f, reach) = (0.21875, 0.005); // V
+        let other = [turned(-0.212, 0.0)]; // ahead: n = (-1, 0), t = (0, -1)
+        let excess = 0.25 * (d_f - 0.212);
+        let clipped = |x: f64, y: f64| turned(x, y) * (reach / x.hypot(y));
+
+        // Straight at it, while the dither turns by nothing.
+        near(deflect(3.0, &other, turned(reach, 0.0)), clipped(-excess, -(excess + reach)));
+        // While the dither turns by 1 rad: less straight at it, and less is added.
+        let (sin, cos) = 1f64.sin_cos();
+        let lambda = excess + reach * cos;
+        let expected = turned(reach * cos - lambda, reach * sin - lambda);
+        near(deflect(3.25, &other, turned(reach, 0.0)), expected);
+        // Away from it faster than its share: nothing turns or pushes.
+        near(deflect(3.25, &other, turned(-0.004, 0.001)), turned(-0.004, 0.001));
+        // One that is too far to be reached in a period does not count, even where nearer ones push
+        // towards it by more than a period's way.
+        let deep = turned(-0.2, 0.0);
+        let excess = 0.25 * (d_f - 0.2);
+        let expected = clipped(-excess, -(excess + reach));
+        near(deflect(3.0, &[deep], turned(reach, 0.0)), expected);
+        near(deflect(3.0, &[deep, turned(0.0, 0.24)], turned(reach, 0.0)), expected);
+        // At the same place there is no direction to go around by.
+        assert!(deflect(3.0, &[Vec2::zeros()], turned(reach, 0.0)).norm() <= reach);
+    }
+
+    #[test]
+    fn one_that_gives_way_is_led_around_from_farther_away_and_asks_for_a_wider_view() {
+        let [keeps, gives] = [Rank::First, Rank::Contained].map(of_rank);
+        let expected_d_f = 0.21; // 0.05 d is more than 1.5 v_max H
+        assert!((keeps.d_f - expected_d_f).abs() < 1e-12, "{}", keeps.d_f);
+        assert!((of_rank(Rank::Follower).d_f - 1.1 * expected_d_f).abs() < 1e-12);
+        assert!((gives.d_f - 1.12 * expected_d_f).abs() < 1e-12, "{}", gives.d_f);
+
+        // The other stands ahead, between the two d_f; both want to go there.
+        let (ahead, away) = (Vec2::new(1e-3, 0.0), [Vec2::new(-0.23, 0.0)]);
+        let sample = Sample { away: &away, ..Sample::default() };
+        assert_eq!(keeps.deflect(&sample, ahead), ahead);
+        let led = gives.deflect(&sample, ahead);
+        assert!(led.x < 0.0 && led.y.abs() > 0.0, "back, and around: {led:?}");
+    }
+
+    /// d_f = 0.21 m for the first rank, 0.231 m for followers, 0.2352 m for contained robots.
+    fn of_rank(rank: Rank) -> Deflection {
+        let mut brief = AgentBrief { rank, ..brief() };
+        (brief.period_ns, brief.command_lifetime_ns) = (5_000_000, 5_000_000);
+        brief.avoidance.speed_max_m_s = 0.3;
+        Deflection::new(&brief)
+    }
+
+    #[test]
+    fn a_place_that_is_taken_is_not_asked_for_but_one_beside_it() {
+        let mut robot = of_rank(Rank::Contained);
+        let other = Vec2::new(1.0, 0.0); // seen from the robot
+        let mut asked = |place: Vec2| -robot.stand_off(&[-other], -place); // alpha* - alpha
+        let close = |found: Vec2, expected: Vec2| (found - expected).norm() < 1e-9;
+        // Farther from the other than d_f, all is as it was.
+        let free = other + Vec2::new(0.0, 0.2362);
+        assert!(close(asked(free), free));
+        // Right where the other stands: in line with it, a tenth farther away than d_f.
+        assert!(close(asked(other), Vec2::new(1.0 - 1.1 * 0.2352, 0.0)));
+        // Near it: on the side where the place is, without a jump where it becomes free.
+        let aside = asked(other + Vec2::new(0.0, 0.1176));
+        assert!(
+            close(aside - other, rotate(0.25 * PI, Vec2::new(0.0, 1.05 * 0.2352))),
+            "{aside:?}"
+        );
+        let nearly = other + Vec2::new(0.0, 0.2352 - 1e-6);
+        assert!((asked(nearly) - nearly).norm() < 1e-5, "{:?}", asked(nearly));
+        // Of two the one nearer to the place counts.
+        let two = [-other, -other - Vec2::new(0.0, 0.1)];
+        let asked = -of_rank(Rank::Contained).stand_off(&two, -(other + Vec2::new(0.0, 0.1)));
+        assert!(((asked - other).y - 0.1).abs() < 0.2352 && asked.x < 1.0, "{asked:?}");
+        let from_second = asked + two[1];
+        assert!((from_second.norm() - 1.1 * 0.2352).abs() < 1e-9, "{asked:?}");
+        // Two sensed at one point, which d forbids, leave what was asked.
+        let place = Vec2::new(0.1, 0.0);
+        assert_eq!(of_rank(Rank::Contained).stand_off(&[Vec2::zeros()], -place), -place);
+    }
+
+    #[test]
+    fn whoever_leads_or_keeps_a_place_asks_for_it_whoever_stands_there() {
+        let other = Vec2::new(1.0, 0.0);
+        for rank in [Rank::First, Rank::Follower] {
+            assert_eq!(of_rank(rank).stand_off(&[-other], -other), -other);
+        }
+    }
+
+    #[test]
+    fn who_stands_off_is_held_back_and_not_led_around_until_its_place_is_free() {
+        let mut robot = of_rank(Rank::Contained);
+        let (ahead, away) = (Vec2::new(1.5e-3, 0.0), [Vec2::new(-0.233, 0.0)]);
+        let at = |t_s| Sample { t_s, away: &away, ..Sample::default() };
+        let around = robot.deflect(&at(0.0), ahead);
+        assert!(around.y.abs() > 1e-4, "{around:?}");
+        robot.stand_off(&away, Vec2::new(-0.233, 0.0));
+        // Neither around nor, while the dither's clock goes round, to either side.
+        for t_s in [0.0, 0.3, 0.9] {
+            let back = robot.deflect(&at(t_s), ahead);
+            assert!(back.x < 0.0 && back.y == 0.0, "{back:?}");
+        }
+        robot.stand_off(&away, Vec2::new(-1.0, 0.0));
+        assert_eq!(robot.deflect(&at(0.0), ahead), around);
+    }
+
+    #[test]
+    fn who_stands_off_gives_way_to_others_from_farther_away_than_to_whoever_has_its_place() {
+        let mut robot = of_rank(Rank::Contained);
+        let taker = Vec2::new(-0.25, 0.0); // ahead; both nearer than d_s, and farther away than d_f
+        let beside = Vec2::new(0.0, -0.257);
+        let moved = |robot: &Deflection, away: &[Vec2]| {
+            robot.deflect(&Sample { away, ..Sample::default() }, Vec2::zeros())
+        };
+        robot.stand_off(&[taker, beside], taker);
+        assert_eq!(moved(&robot, &[taker]), Vec2::zeros());
+        let back = 0.25 * (1.1 * 0.2352 - 0.257);
+        assert!((moved(&robot, &[taker, beside]) - Vec2::new(0.0, -back)).norm() < 1e-12);
+        robot.stand_off(&[taker, beside], Vec2::new(1.0, 1.0));
+        assert_eq!(moved(&robot, &[taker, beside]), Vec2::zeros());
     }
 }

@@ -1,52 +1,69 @@
-//! The guard: no two front points nearer than d, whatever is sampled late, frozen or killed.
+//! The guard: no two front points nearer than d, whatever is sampled late, frozen or killed, also where
+//! nobody stops at once.
 //!
 //! Two parts. *Deflect* keeps the chapter's unstable focus as the way around others, only as
-//! strong as needed; it is comfort. *Bound* restricts the held command so that, for as long as
-//! the plant may obey it (the lifetime H, counted from the sample's stamp), the robot gives up no
-//! more than its half of the slack to anybody near; it is the promise. The plant's half of the
-//! promise: commands die at stamp + H, late and old ones are refused, and hypot(v, ell w) never
-//! exceeds v_max.
+//! strong as needed; it is comfort. *Bound* restricts the command so that the robot gives up no more
+//! than its half of the slack to anybody near, for as long as the plant may obey it (the lifetime H,
+//! counted from the sample's stamp) and until its wheels stand; it is the promise. Whatever *deflect*
+//! wants, of whatever rank, passes through the same half-planes, which know d, v_max, H and Lambda
+//! alone: the promise does not depend on who gives way to whom.
 //!
-//! Why it is safe: while a command acts, z moves by at most M, so the true direction to the other
-//! stays within asin(M/r) of n, and the heading within delta of thetabar; hence n(t) . alpha' >= -b.
-//! With rho the true slack and E = e^(2 Lambda t) rho, both robots together keep E from falling.
+//! What the plant promises: P1, the target of the wheels is the newest accepted command until its
+//! stamp + H, else 0; late and old ones are refused, and no target is faster than v_max. P2, the twist
+//! y = (v, ell w) moves only on the straight segment towards the target. P3, with the target 0 it goes
+//! to 0 on its ray, within its braking time ||y||. P4, odometry reports the twist in force at its stamp.
+//!
+//! Why it is safe: a certificate at the sample s is about the set K = {0, the twist in force at s, own
+//! commands still alive, the new one}: none of them approaches anybody faster than b, whatever
+//! direction and heading become until s + H + tau_o. After the newest command that moves only members
+//! of K are targets, so that y stays in their convex hull; the half-planes are linear in y, so that it
+//! keeps them as well. From s + H on it brakes, and mu makes b so small that the approach shrinks at
+//! least as fast as the slack may: (1 - x/tau_o) mu(2 Lambda tau_o) <= e^(-2 Lambda x). So at all
+//! times the robot uses up at most its half of the slack, and E = e^(2 Lambda t) rho never falls.
 //! Nothing about latency, phase, freezes or deaths is used: they only cause refusals and stops.
-//! The folder `proof` has this checked by Coq; comments name its lemma where a rule is needed.
 //!
-//! A place that is taken: a contained robot whose place lies within d_f of somebody stands off.
-//! It asks for a place beside the other, and is held back instead of led around until its own is
-//! free. Else it would circle the other for ever, and push aside whoever has a place there.
+//! Where everybody stops at once, tau_o = 0, mu = 1 and Lambda = 1/H, and y jumps from target to target:
+//! each moment belongs to one command, which was certified at its own sample. So the certificate is about
+//! the new command alone; the others alive say only how far the robot may get and turn meanwhile.
 //!
-//! Right of way is part of *deflect* alone: a robot of a later rank has a larger d_f, so that it is
-//! led around the others before they are led around it. *Bound* knows d, v_max and H, which are
-//! the same for all, and takes nothing from d_f: whatever *deflect* wants, of however many ranks,
-//! passes through the same half-planes. So the promise does not depend on who gives way to whom.
+//! - *Zero* needs no certificate: it only brakes earlier, on a ray on which every twist keeps the
+//!   half-planes.
+//! - *Restart.* In real time, and where they are delayed, commands of a predecessor may act for H after
+//!   the first sample. Nobody knows them, so the answer is 0 until they are dead. Then the twist in force
+//!   says all about the predecessor that still matters. Else, in lockstep, no command of an earlier tick
+//!   is alive at a sample.
+//! - *Blind.* Who does not know all near answers 0.
+//! - *Wheels* that are too weak, failing or stuck make of a command a part of it: the segment towards a
+//!   part of a target lies in the hull of K as well, since 0 is in K.
+//! - *Sensing error eps.* The true distance is r - eps or more: rho is taken shorter by eps. The true z
+//!   stays within M + eps of what was sensed: M and M_H are longer by eps.
+//! - *Heading error eta.* The path follows from y and the targets, in the robot's own frame, so that a
+//!   wrong heading turns all of it as a whole: the true heading stays within delta + eta. The own
+//!   front point is off by 2 ell sin(eta/2) at most, which is part of eps. y itself must be exact.
+//! - *Walls* and obstacles do not move: of the slack to one all is the robot's, so that Lambda in b is 2
+//!   Lambda, and the other's speed in M and M_H is 0. mu stays, since E falls at the same rate. Each convex
+//!   part counts by its nearest point; the vector from it changes by no more than the robot moves, and the
+//!   clearance is in place of d.
+//! - *Who is far.* From d + Z on, Z = v_max/(Lambda mu) min(e^(2 Lambda H), 1 + 2 Lambda H mu), b is v_max
+//!   or more whatever the robot does; from the clearance + Z/2 on beside a wall.
 //!
-//! Walls and obstacles do not move, and each is the nearest point of a convex part: z, r and n as before,
-//! with the clearance in place of d. The vector to that point changes by no more than the robot moves, so M
-//! is (0 + v_own) H. Nobody else uses up slack, so that the robot may use up all of it: b is twice as
-//! large, and E, with rho the slack to that part, does not fall by the robot alone. `proof/Walls.v` has this
-//! checked by Coq.
-//!
-//! Sensors may err within known bounds, positions by eps and the heading by eta. An own front point
-//! that is computed with a wrong heading is off by 2 ell sin(eta/2) at most, which adds to eps. Then
-//! the true distance is r - eps or more, and z stays within M + eps of what was sensed. A wrong
-//! heading turns the arc of the coming motion as a whole: its shape follows from (v, w), which the
-//! plant does exactly, so the true heading stays within delta + eta of thetabar. With rho taken
-//! shorter by eps, M longer by eps and delta wider by eta, n(t) . alpha' >= -b holds as before.
-//!
-//! Everything is computed from one odometry sample. Not in the paper.
+//! The folder `proof` has this checked by Coq, for any Lambda > 0 and any accelerations; comments name its
+//! lemma where a rule is needed. In words: `docs/explanation/guard.md`, `inertia.md`. Not in the paper.
 //!
 //! | symbol | meaning |
 //! |---|---|
-//! | z, r, n, t | own minus other, its length, its direction, n turned +90 degrees |
-//! | p | displacement wanted within one period T, m; \|p\| <= V = v_max T |
-//! | d_f | distance at which the deflection begins to matter, m |
-//! | M | how far two robots can move relative to each other while a command acts, m |
+//! | z, r, n | own minus other, its length, its direction |
+//! | y, \|y\| | (v, ell w), the front point's speed, m/s |
+//! | \|\|y\|\| | max(\|v\|/a_v, \|w\|/a_w), how long braking takes, s; 0 for who stops at once |
+//! | tau, tau_o | bound on \|\|y\|\| for all commands, and for those at hand, s |
+//! | Y | twists with \|y\| <= v_max and \|\|y\|\| <= tau |
+//! | Lambda | 1 / (H + the largest tau of all robots), 1/s |
+//! | h | for how long a command may act: H, s; for one that is certified again longer, so that it can be |
 //! | eps, eta | bounds on the errors of a sensed distance, m, and of the heading, rad |
 //! | rho | slack r - d, m; beside a wall r - the clearance |
+//! | M_H, M | how far z may move until s + h, and until all stand, m |
 //! | b | how fast this robot may approach another, m/s |
-//! | W-, W+ | range of turn rates that may be in force while this command acts, rad/s |
+//! | W-, W+ | range of turn rates that may be in force, rad/s |
 
 use std::collections::VecDeque;
 use std::f64::consts::PI;
@@ -55,18 +72,21 @@ use formation::Vec2;
 use formation::front_point::{front_speed, rotate};
 use formation::pose::Twist;
 use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Senses};
-use protocol::brief::{AgentBrief, Pace};
+use protocol::brief::{AgentBrief, LimitsBrief, Pace};
 use protocol::number::{short, told_apart};
 
-use super::braking::slow_down_zone_m;
-use super::braking_guard::{self, BrakingGuard};
-use super::cone::{PASSES_MAX, ROUNDING_M, SIGMAS, cone_sides, direction, headings, swing};
+use super::braking::{Braking, rate_per_s, slow_down_zone_m};
+use super::cone::{Cone, PASSES_MAX, ROUNDING_M, SIGMAS, direction, headings, swing};
 use super::deflection::{
-    ASIDE, Deflection, deflection_distance_m, wall_deflection_distance_m, wall_deflection_share,
+    ASIDE, Deflection, deflection_distance_m, deflection_share, wall_deflection_distance_m,
+    wall_deflection_share,
 };
-use super::near::Kept;
+use super::near::Vicinity;
 use super::polygon::{HalfPlane, nearest_point};
 use super::{Avoidance, AvoidanceRow, Sample, clip, exact_hold, within_speed};
+
+/// Commands are kept this share within what they may be: rounding must not take them out of it.
+const WITHIN: f64 = 1.0 - 1e-12;
 
 pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
@@ -85,39 +105,32 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         aside: ASIDE,
         slow_down_zone_m: Some(slow_down_zone_m),
         speed_cap_m_s: Some(speed_cap_m_s),
-        advice: braking,
+        advice: brakes_a_lot,
         ..AvoidanceDescription::INERT
     },
-    build: |brief, _| match brief.avoidance.braking_time_max_s > 0.0 {
-        true => Box::new(BrakingGuard::new(brief)),
-        false => Box::new(Guard::new(brief)),
-    },
+    build: |brief, _| Box::new(Guard::new(brief)),
 };
 
-/// Nobody farther away than this can matter, and no wall, m. Where somebody has inertia, that of the guard
-/// with inertia.
+/// Nobody farther away than this can matter, and no wall, m.
 fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
-    let [robots, walls] = match at.avoidance.braking_time_max_s > 0.0 {
-        true => [braking_guard::robots_radius_m(at), braking_guard::walls_radius_m(at)],
-        false => [robots_radius_m(at), walls_radius_m(at)],
-    };
+    let [robots, walls] = [robots_radius_m(at), walls_radius_m(at)];
     if at.avoidance.clearance_m > 0.0 { robots.max(walls) } else { robots }
 }
 
-/// max(d + 3 v_max H, d_f + 4 v_max T) and twice eps, m.
+/// The larger of d + Z and of what the deflection needs, d_f + v_max T / kappa, and twice eps, m. Z is
+/// 3 v_max H where everybody stops at once.
 fn robots_radius_m(at: &Conditions<'_>) -> f64 {
-    let v_max = at.speed_m_s();
-    let bounded = at.avoidance.distance_min_m + 3.0 * v_max * at.lifetime_s;
-    let deflected = deflection_distance_m(at) + 4.0 * v_max * at.period_s;
+    let bounded = at.avoidance.distance_min_m + slow_down_zone_m(at);
+    let deflected = deflection_distance_m(at) + at.speed_m_s() * at.period_s / deflection_share(at);
     bounded.max(deflected) + 2.0 * at.distance_error_m()
 }
 
-/// The same for walls: max(clearance + 3/2 v_max H, c_f + v_max T / kappa) and twice eps, m.
+/// The same for walls: the clearance + Z/2, since twice as much is granted and they do not come, or
+/// c_f + v_max T / kappa, and twice eps, m.
 fn walls_radius_m(at: &Conditions<'_>) -> f64 {
-    let v_max = at.speed_m_s();
-    let bounded = at.avoidance.clearance_m + 1.5 * v_max * at.lifetime_s;
-    let deflected =
-        wall_deflection_distance_m(at) + v_max * at.period_s / wall_deflection_share(at);
+    let bounded = at.avoidance.clearance_m + 0.5 * slow_down_zone_m(at);
+    let along = at.speed_m_s() * at.period_s / wall_deflection_share(at);
+    let deflected = wall_deflection_distance_m(at) + along;
     bounded.max(deflected) + 2.0 * at.distance_error_m()
 }
 
@@ -127,7 +140,7 @@ fn speed_cap_m_s(at: &Conditions<'_>) -> f64 {
 }
 
 /// Above the cap on v_max it brakes more than it helps.
-fn braking(at: &Conditions<'_>) -> Option<Advice> {
+fn brakes_a_lot(at: &Conditions<'_>) -> Option<Advice> {
     let (v_max, cap) = (at.avoidance.speed_max_m_s, speed_cap_m_s(at));
     let [limit, most] = told_apart(v_max, cap);
     (v_max.is_finite() && v_max > cap).then(|| Advice {
@@ -145,7 +158,7 @@ fn braking(at: &Conditions<'_>) -> Option<Advice> {
 
 /// State and constants of the guard of one robot.
 struct Guard {
-    kept: Kept,
+    vicinity: Vicinity,
     v_max: f64,
     ell: f64,
     /// T, s.
@@ -153,6 +166,13 @@ struct Guard {
     /// H, s.
     lifetime: f64,
     lifetime_ns: u64,
+    /// Lambda, 1/s.
+    rate: f64,
+    /// Somebody has inertia: on the way to a command's twist, others are in force.
+    gradual: bool,
+    /// The robot's own inertia; `None`: it stops at once.
+    limits: Option<LimitsBrief>,
+    braking: Braking,
     /// eps, m.
     distance_error: f64,
     /// eta, rad.
@@ -163,7 +183,17 @@ struct Guard {
     /// In real time, and where commands are delayed, those of an earlier incarnation may act until here.
     predecessor_until_ns: Option<u64>,
     remembers_predecessor: bool,
+    cones: Vec<Cone>,
     sides: Vec<HalfPlane>,
+}
+
+/// Bounds on all twists that may be in force until the robot stands.
+#[derive(Debug, Clone, Copy, Default)]
+struct Bounds {
+    v_own: f64,
+    tau_o: f64,
+    /// W-, W+, rad/s.
+    w: [f64; 2],
 }
 
 impl Avoidance for Guard {
@@ -191,10 +221,10 @@ impl Avoidance for Guard {
     /// The part of `wanted` that keeps the promise: nothing leads it around others.
     fn restrain(&mut self, sample: &Sample<'_>, wanted: Twist, _: Vec2) -> Twist {
         self.forget_the_dead(sample.stamp_ns);
-        let granted = if self.kept.is_blind(sample) {
-            Twist::ZERO
-        } else {
-            self.bound(sample, within_speed(self.v_max, self.ell, wanted))
+        let stands = self.vicinity.is_blind(sample) || self.has_predecessor(sample.stamp_ns);
+        let granted = match stands {
+            true => Twist::ZERO,
+            false => self.bound(sample, within_speed(self.v_max, self.ell, wanted)),
         };
         self.alive.push_back((sample.stamp_ns, granted));
         granted
@@ -205,27 +235,30 @@ impl Guard {
     fn new(brief: &AgentBrief) -> Guard {
         let avoidance = &brief.avoidance;
         let at = Conditions::of(brief);
-        let period = brief.period_ns as f64 / 1e9;
-        let lifetime = brief.command_lifetime_ns as f64 / 1e9;
         Guard {
-            kept: Kept::of(&at, [robots_radius_m(&at), walls_radius_m(&at)]),
+            vicinity: Vicinity::new(&at, [robots_radius_m(&at), walls_radius_m(&at)]),
             v_max: avoidance.speed_max_m_s,
             ell: brief.front_point_m,
-            period,
-            lifetime,
+            period: at.period_s,
+            lifetime: at.lifetime_s,
             lifetime_ns: brief.command_lifetime_ns,
+            rate: rate_per_s(&at),
+            gradual: avoidance.braking_time_max_s > 0.0,
+            limits: brief.limits,
+            braking: Braking::default(),
             distance_error: at.distance_error_m(),
             heading_error: avoidance.heading_error_rad,
             deflection: Deflection::new(brief),
             alive: VecDeque::new(),
             predecessor_until_ns: None,
             remembers_predecessor: brief.pace == Pace::Realtime || brief.late_ns > 0,
+            cones: Vec::new(),
             sides: Vec::new(),
         }
     }
 
-    /// What remains is what may still act: `proof/Time.v::covers_the_alive`, and
-    /// `proof/Time.v::after_the_first_lifetime_no_predecessor_is_alive`.
+    /// What remains is what may still act: `proof/Time.v::covers_the_alive`,
+    /// `proof/Inertia.v::what_acts_since_the_last_sample`.
     fn forget_the_dead(&mut self, stamp_ns: u64) {
         let lifetime_ns = self.lifetime_ns;
         self.alive.retain(|(answered_ns, _)| answered_ns + lifetime_ns > stamp_ns);
@@ -234,93 +267,165 @@ impl Guard {
         }
     }
 
-    /// The part of `wanted` that keeps the promise.
+    /// Commands of an earlier incarnation may act:
+    /// `proof/Time.v::after_the_first_lifetime_no_predecessor_is_alive`.
+    fn has_predecessor(&self, stamp_ns: u64) -> bool {
+        self.predecessor_until_ns.is_some_and(|until_ns| stamp_ns < until_ns)
+    }
+
+    /// The part of `wanted` that keeps the promise; without one that does, the brakes for one sample.
     fn bound(&mut self, sample: &Sample<'_>, wanted: Twist) -> Twist {
-        let mut best = Twist::ZERO;
-        let mut merit_best = f64::NEG_INFINITY;
+        // Who stops at once has no twist of its own at a sample.
+        let now = if self.limits.is_some() { sample.twist } else { Twist::ZERO };
+        let mut best: Option<(f64, Twist)> = None;
         for sigma in SIGMAS {
-            let tried = wanted.scaled(sigma);
-            let granted = self.grant(sample, tried);
+            let tried = self.within_reach(now, self.within_y(wanted.scaled(sigma)));
+            let Some(granted) = self.grant(sample, now, tried) else { continue };
             if sigma == 1.0 && granted == tried {
                 return granted;
             }
             let merit = granted.v_m_s * wanted.v_m_s
                 + self.ell * self.ell * granted.w_rad_s * wanted.w_rad_s;
-            if sigma == 1.0 || merit > merit_best.max(0.0) {
-                (best, merit_best) = (granted, merit);
+            if best.is_none_or(|(merit_best, _)| merit > merit_best.max(0.0)) {
+                best = Some((merit, granted));
             }
         }
-        best
+        if let Some((_, granted)) = best {
+            return granted;
+        }
+        self.grant(sample, now, self.within_y(now)).unwrap_or(Twist::ZERO)
     }
 
-    /// The nearest to `tried` that approaches nobody faster than b while it may act.
-    ///
-    /// It is `proof/Time.v::certified`. That v_own and w_low to w_high stand for every command that may
-    /// act, or have acted since the sample, is needed by `proof/Time.v::wheels_since_the_sample`.
-    fn grant(&mut self, sample: &Sample<'_>, tried: Twist) -> Twist {
-        let mut v_own = front_speed(self.ell, tried);
-        let (mut w_low, mut w_high) = (tried.w_rad_s.min(0.0), tried.w_rad_s.max(0.0));
-        for (_, twist) in &self.alive {
-            v_own = v_own.max(front_speed(self.ell, *twist));
-            w_low = w_low.min(twist.w_rad_s);
-            w_high = w_high.max(twist.w_rad_s);
+    /// ||y||, s: `proof/Inertia.v::braking_time`.
+    fn braking_time(&self, twist: Twist) -> f64 {
+        self.limits.map_or(0.0, |limits| limits.accelerations().time_s(twist))
+    }
+
+    /// `twist`, slowed down on its path into Y.
+    fn within_y(&self, twist: Twist) -> Twist {
+        let Some(limits) = self.limits else { return twist };
+        let twist = within_speed(self.v_max, self.ell, twist);
+        let (time, most) = (self.braking_time(twist), WITHIN * limits.braking_time_s);
+        if time > most { twist.scaled(most / time) } else { twist }
+    }
+
+    /// What the wheels can do of it within H, on the segment from `now`.
+    fn within_reach(&self, now: Twist, tried: Twist) -> Twist {
+        let change = Twist { v_m_s: tried.v_m_s - now.v_m_s, w_rad_s: tried.w_rad_s - now.w_rad_s };
+        let time = self.braking_time(change);
+        if time <= self.lifetime {
+            return tried;
         }
-        if self.predecessor_until_ns.is_some_and(|until_ns| sample.stamp_ns < until_ns) {
-            v_own = v_own.max(self.v_max);
-            w_low = w_low.min(-self.v_max / self.ell);
-            w_high = w_high.max(self.v_max / self.ell);
+        let part = change.scaled(self.lifetime / time);
+        Twist { v_m_s: now.v_m_s + part.v_m_s, w_rad_s: now.w_rad_s + part.w_rad_s }
+    }
+
+    /// The nearest to `tried` for which there is a certificate: `proof/Time.v::certified`, or, where
+    /// somebody has inertia, `proof/Braking.v::certified`.
+    ///
+    /// The bounds hold for every command that may act, or have acted since the sample:
+    /// `proof/Time.v::wheels_since_the_sample`, `proof/Inertia.v::fits`.
+    fn grant(&mut self, sample: &Sample<'_>, now: Twist, tried: Twist) -> Option<Twist> {
+        let mut bounds = Bounds::default();
+        let alive = self.alive.iter().map(|(_, twist)| *twist);
+        for twist in alive.chain([now, tried]) {
+            self.cover(&mut bounds, twist);
         }
         for pass in 1..=PASSES_MAX {
-            let (mid, spread) = self.headings(sample.heading_rad, w_low, w_high);
-            self.collect_sides(sample, v_own, spread);
-            let u = rotate(mid, Vec2::new(tried.v_m_s, self.ell * tried.w_rad_s));
-            let Some(u) = nearest_point(u, &self.sides) else { return tried };
-            let body = rotate(-mid, u);
-            let w = body.y / self.ell;
-            if w_low <= w && w <= w_high {
-                return Twist { v_m_s: body.x, w_rad_s: w };
+            if self.gradual && !self.is_certified_still(sample, now, bounds) {
+                return None;
             }
-            w_low = w_low.min(w);
-            w_high = w_high.max(w);
+            let granted = self.nearest(sample, tried, bounds);
+            let [w_low, w_high] = bounds.w;
+            let in_range = (w_low..=w_high).contains(&granted.w_rad_s);
+            if in_range && self.braking_time(granted) <= bounds.tau_o {
+                return Some(granted);
+            }
+            self.cover(&mut bounds, granted);
             if pass == PASSES_MAX - 1 {
-                w_low = w_low.min(-v_own / self.ell);
-                w_high = w_high.max(v_own / self.ell);
+                let most = bounds.v_own / self.ell;
+                bounds.w = [bounds.w[0].min(-most), bounds.w[1].max(most)];
+                let tau = self.limits.map_or(0.0, |limits| limits.braking_time_s);
+                bounds.tau_o = bounds.tau_o.max(tau);
             }
         }
-        Twist::ZERO
+        None
     }
 
-    /// Middle and half-width of the headings that are possible until the command dies, rad:
-    /// `proof/Guard.v::middle` and `proof/Guard.v::spread`.
-    fn headings(&self, heading_rad: f64, w_low: f64, w_high: f64) -> (f64, f64) {
-        headings(heading_rad, self.lifetime, [w_low, w_high], self.heading_error)
+    /// Widens `bounds` to hold for `twist`.
+    fn cover(&self, bounds: &mut Bounds, twist: Twist) {
+        bounds.v_own = bounds.v_own.max(front_speed(self.ell, twist));
+        bounds.tau_o = bounds.tau_o.max(self.braking_time(twist));
+        bounds.w = [bounds.w[0].min(twist.w_rad_s), bounds.w[1].max(twist.w_rad_s)];
     }
 
-    /// For all near, the half-planes that bound the approach whatever the true direction
-    /// (within asin(M/r) of n) and the true heading (within `spread` of its middle).
-    ///
-    /// The formulas of `proof/Guard.v::respects`, which `proof/Guard.v::certificate_holds` needs, and, beside
-    /// walls, of `proof/Walls.v::respects_wall`; see
-    /// `proof/Geometry.v::direction_within_asin` and `proof/Geometry.v::sides_bound_the_cone`.
-    fn collect_sides(&mut self, sample: &Sample<'_>, v_own: f64, spread: f64) {
-        let rate = 1.0 / self.lifetime; // Lambda
+    /// The twist in force and the commands alive approach nobody faster than b.
+    fn is_certified_still(&mut self, sample: &Sample<'_>, now: Twist, bounds: Bounds) -> bool {
+        let mid = self.collect_cones(sample, self.lifetime, bounds);
+        let mut certified = self.alive.iter().map(|(_, twist)| *twist).chain([now]);
+        certified.all(|twist| {
+            let u = rotate(mid, Vec2::new(twist.v_m_s, self.ell * twist.w_rad_s));
+            self.cones.iter().all(|cone| cone.permits(u))
+        })
+    }
+
+    /// `tried`, or what is nearest to it and approaches nobody faster than b. What has to be certified
+    /// again at the next sample, as the twist in force, is bounded for H + T, so that it can be.
+    fn nearest(&mut self, sample: &Sample<'_>, tried: Twist, bounds: Bounds) -> Twist {
+        let again = if self.gradual { self.period } else { 0.0 };
+        let mid = self.collect_cones(sample, self.lifetime + again, bounds);
+        let u = rotate(mid, Vec2::new(tried.v_m_s, self.ell * tried.w_rad_s));
+        if self.gradual && self.cones.iter().all(|cone| cone.permits(u)) {
+            return tried;
+        }
         self.sides.clear();
-        for near in self.kept.near(sample) {
+        self.sides.extend(self.cones.iter().flat_map(Cone::sides));
+        let Some(u) = nearest_point(u, &self.sides) else { return tried };
+        let body = rotate(-mid, u);
+        self.within_y(Twist { v_m_s: body.x, w_rad_s: body.y / self.ell })
+    }
+
+    /// For all near, the directions that are possible until all stand, and the approach that is
+    /// permitted in them; and the middle of the headings that are possible until then, rad.
+    ///
+    /// The formulas of `proof/Braking.v::certified_against`: `proof/Braking.v::swept`,
+    /// `proof/Braking.v::turning_time` and `proof/Braking.v::braking_bound`; for tau_o = 0 those of
+    /// `proof/Guard.v::respects` and `proof/Walls.v::respects_wall`.
+    fn collect_cones(&mut self, sample: &Sample<'_>, h: f64, bounds: Bounds) -> f64 {
+        let Bounds { v_own, tau_o, w } = bounds;
+        let Braking { way, turn, mu } = self.braking;
+        let (mid, spread) = headings(sample.heading_rad, h + turn * tau_o, w, self.heading_error);
+        let brakes_for = way * tau_o;
+        let lasting = (-2.0 * self.rate * h).exp(); // e^(-2 Lambda h)
+        let less = mu(2.0 * self.rate * tau_o);
+        self.cones.clear();
+        for near in self.vicinity.near(sample) {
             let r = near.z.norm();
-            let reach = (near.speed + v_own) * self.lifetime + self.distance_error; // M + eps
-            let rho = (r - self.distance_error - near.kept - ROUNDING_M).max(0.0);
-            let b = near.share * rate * (rho * (-2.0f64).exp()).max(rho - reach); // Lambda H = 1
+            let rho = (r - self.distance_error - near.distance_min - ROUNDING_M).max(0.0);
+            let reach_h = (near.speed + v_own) * h + self.distance_error; // M_H + eps
+            let b = near.share * self.rate * less * (lasting * rho).max(rho - reach_h);
             if b >= v_own {
                 continue;
             }
+            let reach = match brakes_for > 0.0 {
+                true => {
+                    let own = v_own * (h + 0.5 * brakes_for);
+                    own + near.speed * (h + brakes_for) + self.distance_error // M + eps
+                }
+                false => reach_h,
+            };
             let psi = (spread + swing(reach, r)).min(PI);
-            self.sides.extend(cone_sides(direction(near.z), psi, b));
+            self.cones.push(Cone { n: direction(near.z), psi, b });
         }
+        mid
     }
 }
 
 #[cfg(test)]
+mod formulas;
+#[cfg(test)]
+mod lemma;
+#[cfg(test)]
 mod proof;
-
 #[cfg(test)]
 pub(super) mod tests;

@@ -11,9 +11,35 @@
 use formation::Vec2;
 use formation::front_point::front_speed;
 use formation::pose::Twist;
+use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Senses};
 use protocol::brief::AgentBrief;
+use protocol::number::{short, told_apart};
 
 use super::{Avoidance, Sample, clip, exact_hold, within_speed};
+
+/// What such methods have in common.
+pub const HOLONOMIC: AvoidanceDescription = AvoidanceDescription {
+    promise: Promise::Ideal,
+    assumes: "everybody uses it, senses positions exactly, and moves at once as it chooses; no delay, \
+              no inertia",
+    clamps_speed: true,
+    senses: Senses::Positions,
+    minds_walls: true,
+    steers_within: Some(("d", |at| at.avoidance.distance_min_m)),
+    steers_beside_walls: Some(("the clearance", |at| at.avoidance.clearance_m)),
+    ..AvoidanceDescription::INERT
+};
+
+/// A rate, 1/s, that must not be more than `most` in a period: else two that use up their slack meet.
+pub fn sampled_too_slowly(at: &Conditions<'_>, key: &'static str, most: f64) -> Option<Advice> {
+    let product = *at.avoidance.gains.get(key)? * at.period_s;
+    let [found, limit] = told_apart(product, most);
+    (product > most).then(|| Advice {
+        key,
+        message: format!("{key} T = {found}: sampled this slowly it does not keep d"),
+        expected: format!("expected at most {limit}: {} 1/s", short(most / at.period_s)),
+    })
+}
 
 /// What a method chooses.
 pub trait Velocity: Send {

@@ -6,8 +6,7 @@
 //! |---|---|
 //! | `none` | what does the law alone do? (17) |
 //! | `focus` | what does the chapter do? (11) (12) (19) |
-//! | `guard` | what keeps d when samples are late and robots die? |
-//! | `braking_guard` | the same where nobody stops at once |
+//! | `guard` | what keeps d when samples are late, robots die, and nobody stops at once? |
 //! | `braking` | what does inertia do to its figures? |
 //! | `deflection` | which way leads around others? |
 //! | `near` | what is near, how fast may it come, and what distance is kept from it? |
@@ -26,13 +25,10 @@
 //! | `program` | what is the best velocity, if need be against some of the bounds? |
 
 mod braking;
-mod braking_guard;
 mod cbf_qp;
 mod cone;
 mod deflection;
 mod focus;
-#[cfg(test)]
-mod formulas;
 mod guard;
 mod hold;
 mod holonomic;

@@ -1,6 +1,6 @@
 //! What is near a robot: others, which move too, and walls, which do not.
 //!
-//! The bounds of the guards ask no more of it than `proof/Braking.v::near` has. Of the slack between two
+//! The guard's bounds ask no more of it than `proof/Braking.v::near` has. Of the slack between two
 //! robots each may use up a share of Lambda, since the other does the same. A wall uses up nothing, so
 //! that the robot has all of it: 2 Lambda. (`proof/Obstacles.v::an_obstacle`, `proof/Walls.v::wall_bound`)
 
@@ -23,12 +23,12 @@ pub struct Near {
     /// What share of Lambda the robot may use up of the slack a second.
     pub share: f64,
     /// What distance is kept, m: d or the clearance.
-    pub kept: f64,
+    pub distance_min: f64,
 }
 
-/// What distances are kept, and how fast others are.
+/// What distances are kept, how fast others are, and how far the robot must see.
 #[derive(Debug, Clone, Copy)]
-pub struct Kept {
+pub struct Vicinity {
     d: f64,
     v_max: f64,
     clearance: f64,
@@ -38,30 +38,25 @@ pub struct Kept {
     pub(super) walls_radius: f64,
 }
 
-impl Kept {
-    /// `radii`: within which all robots must be known, and all walls, m.
-    pub fn of(at: &Conditions<'_>, radii: [f64; 2]) -> Kept {
-        Kept {
+impl Vicinity {
+    /// Within `robots_radius` all robots must be known, within `walls_radius` all walls, m.
+    pub fn new(at: &Conditions<'_>, [robots_radius, walls_radius]: [f64; 2]) -> Vicinity {
+        Vicinity {
             d: at.avoidance.distance_min_m,
             v_max: at.avoidance.speed_max_m_s,
             clearance: at.avoidance.clearance_m,
-            robots_radius: radii[0],
-            walls_radius: radii[1],
+            robots_radius,
+            walls_radius,
         }
     }
 
     /// All near, as far as the sample says: robots, then walls.
     pub fn near<'s>(self, sample: &Sample<'s>) -> impl Iterator<Item = Near> + use<'s> {
-        let Kept { d, v_max, clearance, .. } = self;
-        let robots =
-            sample.away.iter().map(move |&z| Near { z, speed: v_max, share: OF_ANOTHER, kept: d });
-        let walls = sample.walls.iter().map(move |&z| Near {
-            z,
-            speed: 0.0,
-            share: OF_A_WALL,
-            kept: clearance,
-        });
-        robots.chain(walls)
+        let robot =
+            Near { z: Vec2::zeros(), speed: self.v_max, share: OF_ANOTHER, distance_min: self.d };
+        let wall = Near { speed: 0.0, share: OF_A_WALL, distance_min: self.clearance, ..robot };
+        let robots = sample.away.iter().map(move |&z| Near { z, ..robot });
+        robots.chain(sample.walls.iter().map(move |&z| Near { z, ..wall }))
     }
 
     /// Nothing, or not enough, is known about what is near: the proofs need all robots that are nearer

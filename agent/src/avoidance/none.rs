@@ -35,18 +35,3 @@ impl Avoidance for Alone {
         wanted
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn it_follows_gamma_whoever_is_near() {
-        let (gamma, away) = (Vec2::new(3.0, -4.0), [Vec2::new(0.01, 0.0)]);
-        let mut alone = Alone { ell: 0.1 };
-        let sample = Sample { heading_rad: 0.7, away: &away, ..Sample::default() };
-        assert_eq!(alone.admit(gamma), gamma);
-        assert_eq!(alone.follow(0.7, gamma), twist_for(0.7, 0.1, gamma));
-        assert_eq!(alone.steer(&sample, gamma), twist_for(0.7, 0.1, gamma));
-    }
-}

@@ -23,10 +23,10 @@
 
 use formation::Vec2;
 use formation::front_point::front_velocity;
-use protocol::avoidance::{AvoidanceDescription, Conditions, Gain, Promise, Senses};
+use protocol::avoidance::{AvoidanceDescription, Conditions, Gain, Senses};
 
 use super::cone::{ROUNDING_M, direction};
-use super::holonomic::{Holonomic, Velocity};
+use super::holonomic::{HOLONOMIC, Holonomic, Velocity};
 use super::polygon::HalfPlane;
 use super::program::nearest_permitted;
 use super::{AvoidanceRow, Sample};
@@ -35,19 +35,14 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "orca",
         source: "van den Berg et al. 2011",
-        promise: Promise::Ideal,
         promises: "d for the next `horizon_s` wherever its linear program has a solution; no way out of \
                    exact symmetry",
         assumes: "everybody uses it, senses positions and velocities exactly, and moves at once as it \
                   chooses; no delay, no inertia",
-        clamps_speed: true,
         senses: Senses::Velocities,
-        minds_walls: true,
         sensing_radius_m,
-        steers_within: Some(("d", |at| at.avoidance.distance_min_m)),
-        steers_beside_walls: Some(("the clearance", |at| at.avoidance.clearance_m)),
         gains: &[Gain { key: "horizon_s", meaning: "tau, how far ahead it keeps d, in seconds" }],
-        ..AvoidanceDescription::INERT
+        ..HOLONOMIC
     },
     build: |brief, gains| {
         let orca = Orca {

@@ -14,11 +14,43 @@ pub struct HalfPlane {
 /// Rounding may leave the result outside a side by this much, m/s: over an hour it adds up to less
 /// than the nanometre that the guard keeps in hand.
 pub const TOLERANCE: f64 = 1e-13;
+/// Directions whose sine is less than this are parallel.
+pub const PARALLEL: f64 = 1e-12;
 
 impl HalfPlane {
     /// By how much `u` misses it, m/s; negative within it.
     pub fn excess(&self, u: Vec2) -> f64 {
         -self.bound - self.normal.dot(&u)
+    }
+
+    /// The point of its border nearest to 0, and the border's direction.
+    pub fn line(&self) -> (Vec2, Vec2) {
+        (-self.bound * self.normal, Vec2::new(-self.normal.y, self.normal.x))
+    }
+
+    /// What `others` leave of its border between two places along it, m/s from its point nearest to 0;
+    /// `None`: nothing. Others that are parallel may be missed by `tolerance`, m/s.
+    pub fn left_of_line(
+        &self,
+        others: &[HalfPlane],
+        [mut low, mut high]: [f64; 2],
+        tolerance: f64,
+    ) -> Option<[f64; 2]> {
+        let (foot, along) = self.line();
+        for other in others {
+            let slope = other.normal.dot(&along);
+            let missing = other.excess(foot);
+            if slope.abs() < PARALLEL {
+                if missing > tolerance {
+                    return None;
+                }
+            } else if slope > 0.0 {
+                low = low.max(missing / slope);
+            } else {
+                high = high.min(missing / slope);
+            }
+        }
+        (low <= high).then_some([low, high])
     }
 }
 
@@ -55,25 +87,11 @@ fn mended(mut point: Vec2, sides: &[HalfPlane]) -> Vec2 {
 /// The point nearest to `target` on the line of `side` that fulfils `others`; 0 if rounding leaves
 /// nothing of the line.
 fn nearest_on_line(target: Vec2, side: &HalfPlane, others: &[HalfPlane]) -> Vec2 {
-    let foot = -side.bound * side.normal;
-    let along = Vec2::new(-side.normal.y, side.normal.x);
-    let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
-    for other in others {
-        let slope = other.normal.dot(&along);
-        let missing = other.excess(foot);
-        if slope.abs() < 1e-12 {
-            if missing > TOLERANCE {
-                return Vec2::zeros();
-            }
-        } else if slope > 0.0 {
-            low = low.max(missing / slope);
-        } else {
-            high = high.min(missing / slope);
-        }
-    }
-    if low > high {
+    let (foot, along) = side.line();
+    let whole = [f64::NEG_INFINITY, f64::INFINITY];
+    let Some([low, high]) = side.left_of_line(others, whole, TOLERANCE) else {
         return Vec2::zeros();
-    }
+    };
     foot + along * along.dot(&target).clamp(low, high)
 }
 

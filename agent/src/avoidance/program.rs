@@ -8,10 +8,7 @@
 use formation::Vec2;
 
 use super::clip;
-use super::polygon::HalfPlane;
-
-/// Directions whose sine is less than this are parallel.
-const PARALLEL: f64 = 1e-12;
+use super::polygon::{HalfPlane, PARALLEL};
 
 /// What is best.
 #[derive(Debug, Clone, Copy)]
@@ -52,25 +49,13 @@ fn best(aim: Aim, reach: f64, sides: &[HalfPlane]) -> Result<Vec2, (usize, Vec2)
 
 /// The best point on the line of `side` within `reach` of 0 that fulfils `others`, if any does.
 fn best_on_line(aim: Aim, reach: f64, side: &HalfPlane, others: &[HalfPlane]) -> Option<Vec2> {
-    let foot = -side.bound * side.normal;
-    let along = Vec2::new(-side.normal.y, side.normal.x);
-    let half = (reach * reach - side.bound * side.bound).sqrt(); // not a number: too far
-    let (mut low, mut high) = (-half, half);
-    for other in others {
-        let slope = other.normal.dot(&along);
-        let missing = other.excess(foot);
-        if slope.abs() < PARALLEL {
-            if missing > 0.0 {
-                return None;
-            }
-        } else if slope > 0.0 {
-            low = low.max(missing / slope);
-        } else {
-            high = high.min(missing / slope);
-        }
+    let (foot, along) = side.line();
+    let half = (reach * reach - side.bound * side.bound).sqrt();
+    if half.is_nan() {
+        return None; // too far
     }
+    let [low, high] = side.left_of_line(others, [-half, half], 0.0)?;
     let at = match aim {
-        _ if half.is_nan() || low > high => return None,
         Aim::Near(target) => along.dot(&target).clamp(low, high),
         Aim::Far(direction) if along.dot(&direction) > 0.0 => high,
         Aim::Far(_) => low,

@@ -37,11 +37,10 @@ use std::f64::consts::FRAC_PI_2;
 
 use formation::Vec2;
 use formation::front_point::rotate;
-use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Gain, Promise, Senses};
-use protocol::number::{short, told_apart};
+use protocol::avoidance::{AvoidanceDescription, Conditions, Gain};
 
 use super::cone::{ROUNDING_M, direction};
-use super::holonomic::{Holonomic, Velocity};
+use super::holonomic::{HOLONOMIC, Holonomic, Velocity, sampled_too_slowly};
 use super::polygon::HalfPlane;
 use super::{AvoidanceRow, Sample, clip};
 
@@ -63,17 +62,11 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "rbl",
         source: "arXiv 2310.19511",
-        promise: Promise::Ideal,
         promises: "d, where `approach_per_s` times the period is at most 1/2, and arrival near the goals; \
                    with others near its goal a robot stays off it",
         assumes: "everybody uses it, senses positions exactly, and moves at once as it chooses; no delay, \
                   no inertia; goals farther apart than cells",
-        clamps_speed: true,
-        senses: Senses::Positions,
-        minds_walls: true,
         sensing_radius_m,
-        steers_within: Some(("d", |at| at.avoidance.distance_min_m)),
-        steers_beside_walls: Some(("the clearance", |at| at.avoidance.clearance_m)),
         gains: &[
             Gain { key: "cell_radius_m", meaning: "r_s, how far cells reach, in m" },
             Gain { key: "spread_m", meaning: "beta, how far around the goal points weigh, in m" },
@@ -82,8 +75,9 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
                 meaning: "k, rate at which it approaches the centroid, in 1/s",
             },
         ],
-        advice: sampled_too_slowly,
-        ..AvoidanceDescription::INERT
+        // Two that use up all of the slack meet.
+        advice: |at| sampled_too_slowly(at, "approach_per_s", 0.5),
+        ..HOLONOMIC
     },
     build: |brief, gains| {
         let (d, r_s) = (brief.avoidance.distance_min_m, gains.get("cell_radius_m"));
@@ -110,18 +104,6 @@ fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
     let Some(r_s) = at.avoidance.gains.get("cell_radius_m") else { return 0.0 };
     let others = (2.0 * r_s).max(r_s + at.avoidance.distance_min_m);
     others.max(r_s + at.avoidance.clearance_m) + at.distance_error_m()
-}
-
-/// Two that use up all of the slack meet.
-fn sampled_too_slowly(at: &Conditions<'_>) -> Option<Advice> {
-    let rate = *at.avoidance.gains.get("approach_per_s")?;
-    let product = rate * at.period_s;
-    let [found, most] = told_apart(product, 0.5);
-    (product > 0.5).then(|| Advice {
-        key: "approach_per_s",
-        message: format!("approach_per_s T = {found}: sampled this slowly it does not keep d"),
-        expected: format!("expected at most {most}: {} 1/s", short(0.5 / at.period_s)),
-    })
 }
 
 /// Points of a disc about the robot, from the robot, m.

@@ -1,124 +1,202 @@
 //! The guard against its proof: the formulas that the lemmas of the folder `proof` speak of, read from
 //! there and evaluated, say what the guard does. Whoever changes one of the two has to change the other.
 
-use formation::Vec2;
-use formation::front_point::rotate;
 use proptest::prelude::*;
+use protocol::brief::RampKind;
 
-use super::super::formulas::Formulas;
+use super::super::braking::mu;
+use super::formulas::Formulas;
 use super::tests::{brief, sample};
 use super::*;
 
-const SOURCES: [&str; 3] = [
+const SOURCES: [&str; 6] = [
     include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../proof/Geometry.v")),
     include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../proof/Guard.v")),
     include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../proof/Walls.v")),
+    include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../proof/Inertia.v")),
+    include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../proof/Braking.v")),
+    include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../proof/Obstacles.v")),
 ];
 
 /// The clearance, in units of d.
 const CLEARANCE: f64 = 0.7;
 
-/// T = 10 ms, H = 25 ms, ell = 0.1 m.
-fn guard(d: f64, v_max: f64, sensing_error: f64, heading_error: f64) -> Guard {
-    let mut brief = brief();
+/// T = 10 ms, H = 25 ms.
+fn guard(
+    [d, v_max, ell]: [f64; 3],
+    errors: (f64, f64),
+    limits: Option<LimitsBrief>,
+    tau_max: f64,
+) -> Guard {
+    let mut brief = AgentBrief { limits, front_point_m: ell, ..brief() };
     brief.avoidance.distance_min_m = d;
     brief.avoidance.clearance_m = CLEARANCE * d;
     brief.avoidance.speed_max_m_s = v_max;
-    brief.avoidance.sensing_error_m = sensing_error;
-    brief.avoidance.heading_error_rad = heading_error;
+    brief.avoidance.braking_time_max_s = tau_max;
+    (brief.avoidance.sensing_error_m, brief.avoidance.heading_error_rad) = errors;
     Guard::new(&brief)
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(4000))]
+    #![proptest_config(ProptestConfig::with_cases(6000))]
 
     #[test]
     fn the_formulas_of_the_guard_are_those_of_the_proof(
         d in 0.1..0.4f64,
         v_max in 0.1..2.0f64,
-        own_share in 0.0..=1.0f64,
-        sensing_error in prop_oneof![Just(0.0), 0.0..0.02f64],
-        heading_error in prop_oneof![Just(0.0), 0.0..0.2f64],
-        // The distance beyond d, in units of v_max H.
-        far in -2.0..4.0f64,
+        ell in 0.05..0.3f64,
+        accelerations in (0.2..5.0f64, 0.5..10.0f64),
+        // Everybody stops at once, or nobody does.
+        tau in prop_oneof![Just(0.0), 0.05..2.0f64],
+        others_longer in prop_oneof![Just(1.0), 1.0..2.0f64],
+        own in (0.0..=1.0f64, 0.0..=1.0f64),
+        period_longer in prop_oneof![Just(0.0), Just(1.0)],
+        far in -0.2..3.5f64, // the distance beyond d, in v_max / Lambda
         direction in -3.2..3.2f64,
         heading in -3.2..3.2f64,
         turns in (-1.0..=0.0f64, 0.0..=1.0f64),
+        errors in prop_oneof![Just((0.0, 0.0)), (0.0..0.02f64, 0.0..0.2f64)],
         a_wall in any::<bool>(),
     ) {
-        let mut guard = guard(d, v_max, sensing_error, heading_error);
-        let kept = if a_wall { CLEARANCE * d } else { d };
-        let (ell, lifetime) = (guard.ell, guard.lifetime);
+        let limits = (tau > 0.0).then_some(LimitsBrief {
+            acceleration_m_s2: accelerations.0,
+            turn_acceleration_rad_s2: accelerations.1,
+            braking_time_s: tau,
+            ramp: RampKind::Together,
+        });
+        let tau_max = tau * others_longer;
+        let mut guard = guard([d, v_max, ell], errors, limits, tau_max);
         let proof = Formulas::read(&SOURCES);
         let say = |name: &str, arguments: &[f64]| proof.value(name, arguments);
 
-        let (w_low, w_high) = (turns.0 * v_max / ell, turns.1 * v_max / ell);
-        let (mid, spread) = guard.headings(heading, w_low, w_high);
-        let (proven_mid, proven_spread) = (
-            say("middle", &[heading, lifetime, w_low, w_high]),
-            say("spread", &[lifetime, w_low, w_high, heading_error]),
-        );
-        prop_assert!((mid - proven_mid).abs() < 1e-12);
-        prop_assert!((spread - proven_spread).abs() < 1e-12);
-
-        let v_own = own_share * v_max;
-        let r = (kept + far * v_max * lifetime).max(0.0);
+        let (v_own, tau_o) = (own.0 * v_max, own.1 * tau);
+        let w = [turns.0 * v_max / ell, turns.1 * v_max / ell];
+        // A certificate that lasts longer is one for a longer lifetime.
+        let h = guard.lifetime + if tau > 0.0 { period_longer * guard.period } else { 0.0 };
+        let rate = say("braking_rate", &[guard.lifetime, tau_max]);
+        prop_assert!((guard.rate - rate).abs() < 1e-12);
+        // `proof/Braking.v::another_robot`, or `proof/Obstacles.v::an_obstacle`.
+        let [its_speed, share, distance_min] = match a_wall {
+            true => [0.0, 2.0 * rate, CLEARANCE * d],
+            false => [v_max, rate, d],
+        };
+        let r = (distance_min + far * v_max / rate).max(0.0);
         let z = [rotate(direction, Vec2::new(r, 0.0))];
         let [away, walls] = if a_wall { [&[][..], &z] } else { [&z[..], &[]] };
         let sample = Sample { walls, ..sample(0, heading, away) };
-        guard.collect_sides(&sample, v_own, spread);
+        let mid = guard.collect_cones(&sample, h, Bounds { v_own, tau_o, w });
 
+        let (sensing_error, heading_error) = errors;
         let eps = sensing_error + say("front_error", &[ell, heading_error]);
-        // A wall does not come, and leaves all of the slack: `proof/Walls.v::respects_wall`.
-        let its_speed = if a_wall { 0.0 } else { v_max };
-        let m = say("reach", &[its_speed, v_own, lifetime, eps]);
-        let rho = say("slack", &[r, eps, kept, ROUNDING_M]);
-        let b = say(if a_wall { "wall_bound" } else { "bound" }, &[lifetime, rho, m]);
+        let turning = say("turning_time", &[h, tau_o]);
+        let spread = say("spread", &[turning, w[0], w[1], heading_error]);
+        let rho = say("slack", &[r, eps, distance_min, ROUNDING_M]);
+        let reach = say("reach", &[its_speed, v_own, h, eps]);
+        let b = say("braking_bound", &[share, rate, h, tau_o, rho, reach]);
+        prop_assert!((mid - say("middle", &[heading, turning, w[0], w[1]])).abs() < 1e-12);
+        if tau == 0.0 {
+            // The bound of those that stop at once is a corollary.
+            let at_once = say(if a_wall { "wall_bound" } else { "bound" }, &[h, rho, reach]);
+            prop_assert!((at_once - b).abs() < 1e-9);
+        }
         if (b - v_own).abs() < 1e-9 {
             return Ok(()); // Rounding may decide whether it matters.
         }
-        if b >= v_own {
-            prop_assert!(guard.sides.is_empty());
-            return Ok(());
-        }
-        let psi = say("psi", &[spread, say("swing", &[m, r])]);
-        let count = say("count", &[psi]);
-        prop_assert_eq!(guard.sides.len() as f64, count);
-        for (q, side) in guard.sides.iter().enumerate() {
-            let angle = say("side_angle", &[psi, count, q as f64]);
+        prop_assert_eq!(guard.cones.len(), usize::from(b < v_own));
+        let swept = say("swept", &[v_own, its_speed, h, tau_o, eps]);
+        for cone in &guard.cones {
+            prop_assert!((cone.b - b).abs() < 1e-9);
+            let psi = say("psi", &[spread, say("swing", &[swept, r])]);
+            prop_assert!((cone.psi - psi).abs() < 1e-9);
             // At r = 0 any direction is as good.
             let n = rotate(if r > 0.0 { direction } else { 0.0 }, Vec2::new(1.0, 0.0));
-            prop_assert!((side.normal - rotate(angle, n)).norm() < 1e-9);
-            prop_assert!((side.bound - say("side_bound", &[b, psi, count])).abs() < 1e-9);
+            prop_assert!((cone.n - n).norm() < 1e-9);
+            let count = say("count", &[cone.psi]);
+            prop_assert_eq!(cone.sides().count() as f64, count);
+            for (q, side) in cone.sides().enumerate() {
+                let angle = say("side_angle", &[cone.psi, count, q as f64]);
+                prop_assert!((side.normal - rotate(angle, n)).norm() < 1e-9);
+                prop_assert!((side.bound - say("side_bound", &[b, cone.psi, count])).abs() < 1e-9);
+            }
         }
+
+        // Whoever is not sensed is as far away as the proof wants it.
+        let mut far =
+            say("far_braking", &[distance_min, share, rate, guard.lifetime, tau_max, v_max, its_speed]);
+        if tau == 0.0 {
+            let name = if a_wall { "far_wall" } else { "far" };
+            far = far.max(say(name, &[distance_min, v_max, guard.lifetime]));
+        }
+        let Vicinity { robots_radius, walls_radius, .. } = guard.vicinity;
+        let radius = if a_wall { walls_radius } else { robots_radius };
+        prop_assert!(radius - 2.0 * eps >= far - 1e-12);
     }
 
     #[test]
-    fn whoever_is_not_sensed_is_as_far_away_as_the_proof_wants_it(
-        d in 0.1..0.4f64, v_max in 0.1..2.0f64, errors in (0.0..0.02f64, 0.0..0.2f64),
+    fn braking_times_and_mu_are_those_of_the_proof_and_mu_lets_braking_keep_up(
+        a in (0.2..5.0f64, 0.5..10.0f64), twist in (-2.0..2.0f64, -5.0..5.0f64),
+        x in 0.0..20.0f64, share in 0.0..1.5f64,
     ) {
-        let guard = guard(d, v_max, errors.0, errors.1);
-        let proof = Formulas::read(&SOURCES);
-        let far = proof.value("far", &[d, v_max, guard.lifetime]);
-        prop_assert!(guard.kept.robots_radius - guard.distance_error >= far - 1e-12);
-        let far = proof.value("far_wall", &[CLEARANCE * d, v_max, guard.lifetime]);
-        prop_assert!(guard.kept.walls_radius - guard.distance_error >= far - 1e-12);
+        // a_w of the proof is that of ell w. Its y is a vector.
+        let limits = LimitsBrief {
+            acceleration_m_s2: a.0,
+            turn_acceleration_rad_s2: a.1,
+            braking_time_s: 1.0,
+            ramp: RampKind::Together,
+        };
+        let guard = guard([0.2, 0.5, 0.1], (0.0, 0.0), Some(limits), 1.0);
+        let time = (twist.0.abs() / a.0).max(twist.1.abs() / a.1);
+        let twist = Twist { v_m_s: twist.0, w_rad_s: twist.1 };
+        prop_assert!((guard.braking_time(twist) - time).abs() < 1e-12);
+        prop_assert!((mu(x) - Formulas::read(&SOURCES).value("mu", &[x])).abs() < 1e-12);
+        // `proof/Inertia.v::braking_keeps_up`, with k tau = x.
+        prop_assert!((1.0 - share).max(0.0) * mu(x) <= (-x * share).exp() + 1e-15);
+    }
+
+    /// What the certificate says of a cone, for all its directions.
+    #[test]
+    fn a_cone_permits_what_approaches_slower_than_b_in_all_its_directions(
+        psi in 0.0..=PI, b in 0.0..0.5f64, u in (0.0..1.0f64, -3.2..3.2f64),
+    ) {
+        let cone = Cone { n: Vec2::new(1.0, 0.0), psi, b };
+        let u = rotate(u.1, Vec2::new(u.0, 0.0));
+        let slowest = (0..=2000).map(|k| {
+            rotate(psi * (f64::from(k) / 1000.0 - 1.0), cone.n).dot(&u)
+        });
+        let slowest = slowest.fold(f64::INFINITY, f64::min);
+        if (slowest + b).abs() > 1e-5 {
+            prop_assert_eq!(cone.permits(u), slowest > -b);
+        }
+        let within = cone.sides().all(|side| side.normal.dot(&u) >= -side.bound);
+        prop_assert!(!within || cone.permits(u));
     }
 }
 
 #[test]
-fn what_is_compared_above_is_what_the_certificate_says() {
-    let walls = SOURCES[2];
-    for part in [
-        "let M := reach 0 v_own (Guard.lifetime S) (Guard.eps S) in",
-        "let b := wall_bound (Guard.lifetime S) (slack r (Guard.eps S) clear (Guard.rounding S)) M in",
-    ] {
-        assert!(walls.contains(part), "{part}");
+fn what_is_compared_above_is_what_the_certificates_say() {
+    let [.., walls, inertia, braking, obstacles] = SOURCES;
+    let parts = [
+        (walls, "let M := reach 0 v_own (Guard.lifetime S) (Guard.eps S) in"),
+        (
+            walls,
+            "let b := wall_bound (Guard.lifetime S) (slack r (Guard.eps S) clear (Guard.rounding S)) M in",
+        ),
+        (braking, "let h := turning_time (lifetime S) tau_o in"),
+        (braking, "let M := swept v_own (its_speed x) (lifetime S) tau_o (eps S) in"),
+        (braking, "let Psi := psi (spread h w_low w_high (eta S)) (swing M r) in"),
+        (braking, "- b <= dot (rotate a n) (rotate (middle theta_sensed h w_low w_high) y)."),
+        (braking, "v_own <= b \\/"),
+        // The front point, its nearest point, its speed, the share, and what distance is kept.
+        (braking, "Near (fun t => minus (front r t) (front o t)) (v_max S) (Lambda S) (d S)."),
+        (
+            obstacles,
+            "Near (fun t => minus (front r t) (nearest (front r t))) 0 (2 * Lambda S) clear.",
+        ),
+        (inertia, "Rmax (Rabs (fst y) / a) (Rabs (snd y) / aw)."),
+    ];
+    for (source, part) in parts {
+        assert!(source.contains(part), "{part}");
     }
-}
-
-#[test]
-fn what_is_taken_off_for_rounding_only_helps() {
-    // `proof/Guard.v::sensible`.
+    // `proof/Guard.v::sensible`: what is taken off for rounding only helps.
     const { assert!(ROUNDING_M >= 0.0) };
 }

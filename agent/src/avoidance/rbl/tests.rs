@@ -148,7 +148,7 @@ fn it_must_see_whose_cell_may_touch_its_own_and_a_period_too_long_is_advised_aga
     brief.avoidance.gains = gains.map(|(key, gain)| (key.to_owned(), gain)).into();
     let at = Conditions::of(&brief);
     assert!((sensing_radius_m(&at) - 1.2).abs() < 1e-12);
-    assert!(sampled_too_slowly(&at).is_none());
-    let advice = sampled_too_slowly(&Conditions { period_s: 0.06, ..at }).unwrap();
+    assert!((ROW.description.advice)(&at).is_none());
+    let advice = (ROW.description.advice)(&Conditions { period_s: 0.06, ..at }).unwrap();
     assert!(advice.message.starts_with("approach_per_s T = 0.6: "), "{}", advice.message);
 }

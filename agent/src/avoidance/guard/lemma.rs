@@ -1,21 +1,50 @@
-//! The lemma that the guard with inertia rests on: while the twists of a certificate act in whatever
-//! order, and then the brakes, the robot approaches nobody faster than Lambda e^(-2 Lambda t) g, with
-//! g the maximum of e^(2 Lambda t) rho so far, wherever the others drive meanwhile. (`proof/Braking.v::share_of_the_slack_with_inertia`)
+//! The lemma that the guard rests on: while the twists of a certificate act in whatever order, and then the
+//! brakes, the robot approaches nobody faster than Lambda e^(-2 Lambda t) g, with g the maximum of
+//! e^(2 Lambda t) rho so far, wherever the others drive meanwhile
+//! (`proof/Braking.v::share_of_the_slack_with_inertia`). Where everybody stops at once, the same of the new
+//! command, whatever acted before it (`proof/Time.v::share_of_the_slack`).
 //!
 //! And what happens to it if one of its parts is left out: by cases that are made for that, and by
 //! drawing cases at random for longer.
 
-#![expect(clippy::print_stdout, reason = "the long form tells its counts")]
+#![expect(clippy::print_stdout, reason = "the long form prints its counts")]
 
 use formation::front_point::{front_point, front_velocity};
 use formation::obstacle::Obstacle;
-use formation::pose::Pose;
+use formation::pose::{Pose, wrap_angle};
 use formation::ramp::Ramp;
 use formation::random::SplitMix64;
+use formation::unicycle::arc;
 use protocol::brief::RampKind;
 
-use super::super::guard::tests::{brief, sample as sample_at};
+use super::super::braking::mu;
+use super::tests::{brief, sample as sample_at};
 use super::*;
+
+/// What is left out of a certificate, to show that it is needed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Without {
+    Nothing,
+    /// The twist in force is not certified.
+    TwistInForce,
+    /// Own commands that may still act are not certified, and count for nothing.
+    AliveCommands,
+    /// M ends when the command dies.
+    BrakingWay,
+    /// The heading stays as it is when the command dies.
+    BrakingTurn,
+    /// mu = 1.
+    Mu,
+}
+
+/// Where a robot is at an instant of its way, and how it moves.
+struct Instant {
+    t: f64,
+    alpha: Vec2,
+    velocity: Vec2,
+    /// The certificate is about what is in force then.
+    certified: bool,
+}
 
 /// One robot, its sample, and what it wants.
 #[derive(Debug, Clone)]
@@ -25,7 +54,8 @@ struct Case {
     v_max: f64,
     lifetime: f64,
     period: f64,
-    limits: LimitsBrief,
+    /// `None`: it stops at once.
+    limits: Option<LimitsBrief>,
     /// The largest braking time of all robots, s.
     tau_max: f64,
     error_m: f64,
@@ -72,12 +102,12 @@ impl Case {
             v_max,
             lifetime,
             period: lifetime * within(dice, 0.1, 1.0),
-            limits: LimitsBrief {
+            limits: Some(LimitsBrief {
                 acceleration_m_s2,
                 turn_acceleration_rad_s2,
                 braking_time_s,
                 ramp: RampKind::Together,
-            },
+            }),
             tau_max: braking_time_s * others_longer,
             error_m: 0.0,
             heading_error: 0.0,
@@ -96,9 +126,25 @@ impl Case {
         1.0 / (self.lifetime + self.tau_max)
     }
 
+    /// Its robot has so large accelerations, and may brake for a second.
+    fn accelerates(&mut self, acceleration_m_s2: f64, turn_acceleration_rad_s2: f64) {
+        self.tau_max = 1.0;
+        self.limits = Some(LimitsBrief {
+            acceleration_m_s2,
+            turn_acceleration_rad_s2,
+            braking_time_s: 1.0,
+            ramp: RampKind::Together,
+        });
+    }
+
     /// Of all kinds, in no order.
     fn drawn(dice: &mut SplitMix64) -> Case {
         let mut case = Case::alone(dice);
+        if dice.chance(0.4) {
+            // It stops at once, alone or as everybody else.
+            case.limits = None;
+            case.tau_max *= one_of(dice, &[0.0, 0.0, 1.0]);
+        }
         if dice.chance(0.3) {
             case.error_m = within(dice, 0.0, 0.03);
             case.heading_error = within(dice, 0.0, 0.3);
@@ -115,7 +161,8 @@ impl Case {
         }
         case.wanted = case.twist(dice);
         let slow = within(dice, 0.0, 1.0).powi(2);
-        case.now = case.twist(dice).scaled(slow);
+        let now = case.twist(dice).scaled(slow);
+        case.now = if case.limits.is_some() { now } else { Twist::ZERO };
         for _ in 0..dice.between(0, 2) {
             let slow = within(dice, 0.0, 1.0).powi(2);
             let twist = case.twist(dice).scaled(slow);
@@ -152,30 +199,28 @@ impl Case {
         });
     }
 
-    fn guard(&self) -> BrakingGuard {
+    fn guard(&self) -> Guard {
         let mut brief = AgentBrief { pace: Pace::Lockstep, ..brief() };
         brief.front_point_m = self.ell;
         brief.period_ns = (self.period * 1e9) as u64;
         brief.command_lifetime_ns = (self.lifetime * 1e9) as u64;
-        brief.limits = Some(self.limits);
+        brief.limits = self.limits;
         brief.avoidance.distance_min_m = self.d;
         brief.avoidance.clearance_m = self.clearance;
         brief.avoidance.speed_max_m_s = self.v_max;
         brief.avoidance.sensing_error_m = self.error_m;
         brief.avoidance.heading_error_rad = self.heading_error;
         brief.avoidance.braking_time_max_s = self.tau_max;
-        BrakingGuard::new(&brief)
+        Guard::new(&brief)
     }
 
-    /// By how much some approach is faster than its share of the slack, at worst, m/s; `None` if there
-    /// is no certificate.
-    fn excess(&self, without: Without, ramp: Ramp, dice: &mut SplitMix64) -> Option<f64> {
-        let mut guard = self.guard();
-        guard.without = without;
-        guard.alive = self.alive.iter().map(|twist| (0, *twist)).collect();
-        // As it is sensed.
-        let off = self.heading_error * within(dice, -1.0, 1.0);
-        let sensed = self.heading + off;
+    /// What a robot senses that takes its heading for this, rad, where it may err.
+    fn senses<T>(
+        &self,
+        sensed: f64,
+        dice: &mut SplitMix64,
+        see: impl FnOnce(&Sample<'_>) -> T,
+    ) -> T {
         let start = Pose { x_m: 0.0, y_m: 0.0, heading_rad: self.heading };
         let alpha = front_point(start, self.ell);
         let alpha_sensed = front_point(Pose { heading_rad: sensed, ..start }, self.ell);
@@ -189,62 +234,141 @@ impl Case {
         };
         let away = reported(self.away.iter().map(|z| alpha - z).collect());
         let walls = reported(self.walls.iter().map(|wall| wall.nearest(alpha)).collect());
-        let sample = Sample { twist: self.now, walls: &walls, ..sample_at(0, sensed, &away) };
-        let tried = guard.within_reach(self.now, guard.within_y(self.wanted));
-        let granted = guard.grant(&sample, self.now, tried)?;
+        see(&Sample { twist: self.now, walls: &walls, ..sample_at(0, sensed, &away) })
+    }
 
-        // What acts, and from when on; the last until the lifetime's end, then the brakes.
-        let mut acting: Vec<Twist> = self.alive.clone();
-        acting.extend([granted, granted, Twist::ZERO]);
-        let mut targets = Vec::new();
-        let mut at = 0.0;
-        while at < self.lifetime {
-            targets.push((at, acting[dice.between(0, acting.len() as u64 - 1) as usize]));
-            at += if dice.chance(0.5) { self.lifetime } else { self.lifetime * dice.unit() };
+    /// By how much some approach is faster than its share of the slack, at worst, m/s; `None` if there
+    /// is no certificate.
+    fn excess(&self, without: Without, ramp: Ramp, dice: &mut SplitMix64) -> Option<f64> {
+        let mut guard = self.guard();
+        let mut now = self.now;
+        guard.alive = self.alive.iter().map(|twist| (0, *twist)).collect();
+        let tried = guard.within_reach(now, guard.within_y(self.wanted));
+        match without {
+            Without::Nothing => {}
+            Without::TwistInForce => now = Twist::ZERO,
+            Without::AliveCommands => guard.alive.clear(),
+            Without::BrakingWay => guard.braking.way = 0.0,
+            Without::BrakingTurn => guard.braking.turn = 0.0,
+            Without::Mu => guard.braking.mu = |_| 1.0,
         }
-        targets.push((self.lifetime, Twist::ZERO));
-        let ends = self.lifetime + guard.limits.map_or(0.0, |limits| 1.1 * limits.braking_time_s);
+        let sensed = self.heading + self.heading_error * within(dice, -1.0, 1.0);
+        let granted = self.senses(sensed, dice, |sample| guard.grant(sample, now, tried))?;
 
-        // The robot's way: time, front point, its velocity.
-        let accelerations = self.limits.accelerations();
-        let (mut pose, mut twist) = (start, self.now);
-        let mut way = vec![(0.0, alpha, front_velocity(self.heading, self.ell, twist))];
-        for (k, &(from, target)) in targets.iter().enumerate() {
-            let until = targets.get(k + 1).map_or(ends, |next| next.0);
-            let steps = 12;
-            for step in 1..=steps {
-                let dt = (until - from) / f64::from(steps);
-                (pose, twist) = accelerations.drive(pose, twist, target, ramp, dt);
-                let velocity = front_velocity(pose.heading_rad, self.ell, twist);
-                way.push((from + dt * f64::from(step), front_point(pose, self.ell), velocity));
-            }
-        }
+        let way = self.way(granted, ramp, dice);
+        let alpha = way[0].alpha;
         let worst = { &self.away }.iter().map(|z| self.worst_against(alpha - z, &way, dice));
         let worst = worst.fold(f64::NEG_INFINITY, f64::max);
         let beside = self.walls.iter().map(|wall| self.worst_beside(wall, &way));
         Some(beside.fold(worst, f64::max))
     }
 
+    /// The robot's way while its commands act in some order until the lifetime's end, and then the brakes.
+    /// Wheels that are too weak make of a command a part of it.
+    fn way(&self, granted: Twist, ramp: Ramp, dice: &mut SplitMix64) -> Vec<Instant> {
+        let part = if dice.chance(0.2) { within(dice, 0.2, 1.0) } else { 1.0 };
+        let gradual = self.tau_max > 0.0;
+        let mut acting: Vec<(Twist, bool)> =
+            self.alive.iter().map(|twist| (*twist, gradual)).collect();
+        acting.extend([(granted, true), (granted, true), (Twist::ZERO, true)]);
+        let mut targets = Vec::new();
+        let mut at = 0.0;
+        while at < self.lifetime {
+            targets.push((at, acting[dice.between(0, acting.len() as u64 - 1) as usize]));
+            at += if dice.chance(0.5) { self.lifetime } else { self.lifetime * dice.unit() };
+        }
+        targets.push((self.lifetime, (Twist::ZERO, true)));
+        let ends = self.lifetime + self.limits.map_or(0.0, |limits| 1.1 * limits.braking_time_s);
+
+        let mut pose = Pose { x_m: 0.0, y_m: 0.0, heading_rad: self.heading };
+        let mut twist = self.now;
+        let instant = |t: f64, pose: Pose, twist: Twist, certified: bool| Instant {
+            t,
+            alpha: front_point(pose, self.ell),
+            velocity: front_velocity(pose.heading_rad, self.ell, twist),
+            certified,
+        };
+        let mut way = vec![instant(0.0, pose, twist, true)];
+        for (k, &(from, (target, certified))) in targets.iter().enumerate() {
+            let until = targets.get(k + 1).map_or(ends, |next| next.0);
+            let steps = 12;
+            for step in 1..=steps {
+                let dt = (until - from) / f64::from(steps);
+                let target = target.scaled(part);
+                (pose, twist) = match self.limits {
+                    Some(limits) => limits.accelerations().drive(pose, twist, target, ramp, dt),
+                    None => (arc(pose, target, dt), target),
+                };
+                way.push(instant(from + dt * f64::from(step), pose, twist, certified));
+            }
+        }
+        way
+    }
+
+    /// What random ways meet by chance, at its worst: by how much a certified twist is too fast, m/s, at a
+    /// heading at which it may be in force, towards somebody wherever they may have gone.
+    fn excess_at_worst(&self, dice: &mut SplitMix64) -> Option<f64> {
+        let mut guard = self.guard();
+        guard.alive = self.alive.iter().map(|twist| (0, *twist)).collect();
+        let tried = guard.within_reach(self.now, guard.within_y(self.wanted));
+        let Case { ell, lifetime: h, v_max, .. } = *self;
+        self.senses(self.heading, dice, |sample| {
+            let granted = guard.grant(sample, self.now, tried)?;
+            let others = self.alive.iter().copied().chain([self.now]);
+            let in_force: Vec<Twist> = others.chain([granted]).collect();
+            let most = |of: &dyn Fn(&Twist) -> f64| in_force.iter().map(of).fold(0.0, f64::max);
+            let v_own = most(&|twist| front_speed(ell, *twist));
+            let tau_o = most(&|twist| guard.braking_time(*twist));
+            let (w_low, w_high) = (-most(&|twist| -twist.w_rad_s), most(&|twist| twist.w_rad_s));
+            let turning = 0.5 * (h + 0.5 * tau_o);
+            let middle = self.heading + turning * (w_low + w_high);
+            let delta = turning * (w_high - w_low) + self.heading_error;
+            let certified = if self.tau_max > 0.0 { &in_force[..] } else { &[granted] };
+            let eps = guard.distance_error;
+            let robots = sample.away.iter().map(|z| (z, v_max, 1.0, self.d));
+            let walls = sample.walls.iter().map(|z| (z, 0.0, 2.0, self.clearance));
+            let mut worst = f64::NEG_INFINITY;
+            for (z, its_speed, share, distance_min) in robots.chain(walls) {
+                let rho = (z.norm() - eps - distance_min).max(0.0);
+                let granted =
+                    (rho * (-2.0 * self.rate() * h).exp()).max(rho - (v_own + its_speed) * h - eps);
+                let b = share * self.rate() * mu(2.0 * self.rate() * tau_o) * granted;
+                let m = v_own * (h + 0.5 * tau_o) + its_speed * (h + tau_o) + eps;
+                let swing = if m < z.norm() { (m / z.norm()).asin() } else { PI };
+                for twist in certified {
+                    let course = middle + (ell * twist.w_rad_s).atan2(twist.v_m_s);
+                    let off = wrap_angle((-z.y).atan2(-z.x) - course).abs() - delta - swing;
+                    let approach = front_speed(ell, *twist) * off.max(0.0).cos();
+                    worst = worst.max(approach - b);
+                }
+            }
+            Some(worst)
+        })
+    }
+
     /// The same beside a wall, of whose slack all is the robot's.
-    fn worst_beside(&self, wall: &Obstacle, way: &[(f64, Vec2, Vec2)]) -> f64 {
+    fn worst_beside(&self, wall: &Obstacle, way: &[Instant]) -> f64 {
         let rate = self.rate();
         let (mut g, mut worst) = (0.0f64, f64::NEG_INFINITY);
-        for (t, alpha, velocity) in way {
+        for Instant { t, alpha, velocity, certified } in way {
             let z = alpha - wall.nearest(*alpha);
             g = g.max((2.0 * rate * t).exp() * (z.norm() - self.clearance));
-            let approach = -z.dot(velocity) / z.norm();
-            worst = worst.max(approach - 2.0 * rate * (-2.0 * rate * t).exp() * g);
+            if *certified {
+                let approach = -z.dot(velocity) / z.norm();
+                worst = worst.max(approach - 2.0 * rate * (-2.0 * rate * t).exp() * g);
+            }
         }
         worst
     }
 
     /// The same against one other that starts at `other`, wherever it drives.
-    fn worst_against(&self, other: Vec2, way: &[(f64, Vec2, Vec2)], dice: &mut SplitMix64) -> f64 {
+    fn worst_against(&self, other: Vec2, way: &[Instant], dice: &mut SplitMix64) -> f64 {
         let rate = self.rate();
         let mut worst = f64::NEG_INFINITY;
         for _ in 0..6 {
             // Anywhere, or right into the way at some instant.
-            let (meets, alpha, velocity) = way[dice.between(0, way.len() as u64 - 1) as usize];
+            let Instant { t: meets, alpha, velocity, .. } =
+                way[dice.between(0, way.len() as u64 - 1) as usize];
             let course = if dice.chance(0.4) {
                 polar(self.v_max, within(dice, -PI, PI))
             } else {
@@ -256,12 +380,14 @@ impl Case {
             };
             let stops = if dice.chance(0.5) { meets } else { f64::INFINITY };
             let mut g: f64 = 0.0;
-            for (t, alpha, velocity) in way {
+            for Instant { t, alpha, velocity, certified } in way {
                 let z = alpha - (other + course * t.min(stops));
                 let rho = z.norm() - self.d;
                 g = g.max((2.0 * rate * t).exp() * rho);
-                let approach = -z.dot(velocity) / z.norm();
-                worst = worst.max(approach - rate * (-2.0 * rate * t).exp() * g);
+                if *certified {
+                    let approach = -z.dot(velocity) / z.norm();
+                    worst = worst.max(approach - rate * (-2.0 * rate * t).exp() * g);
+                }
             }
         }
         worst
@@ -320,9 +446,10 @@ fn overtaken(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     case.lifetime = 0.005;
     case.period = 0.001;
-    (case.limits.braking_time_s, case.tau_max) = (1.0, 1.0);
-    let share = within(dice, 0.3, 1.0);
-    case.limits.acceleration_m_s2 = share * case.v_max;
+    case.accelerates(
+        within(dice, 0.3, 1.0) * case.v_max,
+        within(dice, 0.7, 20.0) * case.v_max / case.ell,
+    );
     case.beside(
         within(dice, 0.0, 0.6) * case.v_max,
         one_of(dice, &[1.0, -1.0]) * within(dice, 0.8, 2.2),
@@ -338,9 +465,7 @@ fn turning_towards_somebody(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     case.lifetime = 0.005;
     case.period = 0.001;
-    (case.limits.braking_time_s, case.tau_max) = (1.0, 1.0);
-    case.limits.acceleration_m_s2 = case.v_max;
-    case.limits.turn_acceleration_rad_s2 = case.v_max / case.ell;
+    case.accelerates(case.v_max, case.v_max / case.ell);
     let side = one_of(dice, &[1.0, -1.0]);
     case.beside(within(dice, 0.0, 0.6) * case.v_max, side * within(dice, 1.2, 2.6));
     let u = polar(within(dice, 0.2, 1.0) * case.v_max, side * within(dice, 0.0, 0.9));
@@ -354,8 +479,7 @@ fn braking_towards_somebody(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     case.lifetime = 0.005;
     case.period = 0.0005;
-    (case.limits.braking_time_s, case.tau_max) = (1.0, 1.0);
-    case.limits.acceleration_m_s2 = within(dice, 0.2, 1.0) * case.v_max;
+    case.accelerates(within(dice, 0.2, 1.0) * case.v_max, case.v_max / case.ell);
     case.beside(within(dice, 0.1, 1.0) * case.v_max, 0.0);
     // What is granted straight ahead of the other, if mu is 1.
     let sees = case.rate() * (case.away[0].norm() - case.d);
@@ -369,9 +493,7 @@ fn braking_towards_somebody(dice: &mut SplitMix64) -> Case {
 fn from_turning_to_driving(dice: &mut SplitMix64) -> Case {
     let mut case = Case::alone(dice);
     case.lifetime = within(dice, 0.1, 0.3);
-    case.limits.acceleration_m_s2 = case.v_max / 0.05;
-    case.limits.turn_acceleration_rad_s2 = case.v_max / case.ell;
-    (case.limits.braking_time_s, case.tau_max) = (1.0, 1.0);
+    case.accelerates(case.v_max / 0.05, case.v_max / case.ell);
     let side = one_of(dice, &[1.0, -1.0]);
     case.beside(within(dice, 0.0, 0.5) * case.v_max, side * within(dice, 0.3, 1.5));
     let share = within(dice, 0.05, 0.7);
@@ -379,6 +501,18 @@ fn from_turning_to_driving(dice: &mut SplitMix64) -> Case {
         case.guard().within_y(Twist { v_m_s: 0.0, w_rad_s: side * share * case.v_max / case.ell });
     case.wanted =
         Twist { v_m_s: within(dice, 0.2, 1.0) * case.v_max, w_rad_s: -0.2 * side / case.ell };
+    case
+}
+
+/// Driving past somebody, who stands where a command under way turns it to; everybody stops at once.
+fn turned_towards_somebody(dice: &mut SplitMix64) -> Case {
+    let mut case = Case::alone(dice);
+    (case.limits, case.tau_max) = (None, 0.0);
+    case.lifetime = within(dice, 0.1, 0.3);
+    let side = one_of(dice, &[1.0, -1.0]);
+    case.beside(within(dice, 0.0, 0.5) * case.v_max, side * within(dice, 0.3, 1.5));
+    case.wanted = Twist { v_m_s: within(dice, 0.2, 1.0) * case.v_max, w_rad_s: 0.0 };
+    case.alive = vec![Twist { v_m_s: 0.0, w_rad_s: side * case.v_max / case.ell }; 3];
     case
 }
 
@@ -395,9 +529,10 @@ fn driving_at_a_wall(dice: &mut SplitMix64) -> Case {
 }
 
 /// What is left out, and cases made to show what comes of it.
-const ABLATIONS: [(Without, Ramp, Make); 6] = [
+const ABLATIONS: [(Without, Ramp, Make); 7] = [
     (Without::TwistInForce, Ramp::Together, driving_at_somebody),
     (Without::AliveCommands, Ramp::Together, told_to_drive_at_somebody),
+    (Without::AliveCommands, Ramp::Together, turned_towards_somebody),
     (Without::BrakingWay, Ramp::Together, overtaken),
     (Without::BrakingTurn, Ramp::Together, turning_towards_somebody),
     (Without::Mu, Ramp::Together, braking_towards_somebody),
@@ -411,6 +546,49 @@ fn certified_twists_in_any_order_and_the_brakes_use_up_no_more_than_half_of_the_
     // The same of the cases that were made to break it.
     for (_, _, make) in ABLATIONS {
         broken(100, Without::Nothing, Ramp::Together, make);
+    }
+}
+
+#[test]
+fn no_heading_and_no_direction_that_are_possible_make_a_certified_twist_approach_too_fast() {
+    for seed in 0..12_000 {
+        let mut dice = SplitMix64::new(seed);
+        let case = Case::drawn(&mut dice);
+        let worst = case.excess_at_worst(&mut dice).unwrap_or(0.0);
+        assert!(worst <= TOLERANCE_M_S, "{worst}: {case:?}");
+    }
+}
+
+/// The command is that of the scale which gets on best, by a choice made once more here.
+#[test]
+fn of_the_scales_tried_the_one_that_gets_on_best_is_granted() {
+    for seed in 0..3000 {
+        let mut dice = SplitMix64::new(seed);
+        let case = Case::drawn(&mut dice);
+        let Case { now, wanted, ell, .. } = case;
+        case.senses(case.heading, &mut dice, |sample| {
+            let mut guard = case.guard();
+            let granted = guard.bound(sample, wanted);
+            let mut tried = |twist: Twist| {
+                let tried = guard.within_reach(now, guard.within_y(twist));
+                guard.grant(sample, now, tried).map(|granted| (granted, granted == tried))
+            };
+            let merit = |twist: Twist| {
+                twist.v_m_s * wanted.v_m_s + ell * twist.w_rad_s * (ell * wanted.w_rad_s)
+            };
+            let scales: Vec<_> =
+                [1.0, 0.5, 0.25].iter().filter_map(|sigma| tried(wanted.scaled(*sigma))).collect();
+            let best = scales.iter().map(|(twist, _)| merit(*twist)).fold(0.0, f64::max);
+            match (tried(wanted), scales.first()) {
+                (Some((whole, true)), _) => assert_eq!(granted, whole, "{case:?}"),
+                (_, Some((first, _))) if best == 0.0 => assert_eq!(granted, *first, "{case:?}"),
+                (_, Some(_)) => assert!((merit(granted) - best).abs() < 1e-12, "{case:?}"),
+                (_, None) => {
+                    let brakes = tried(now).map_or(Twist::ZERO, |(twist, _)| twist);
+                    assert_eq!(granted, brakes, "{case:?}");
+                }
+            }
+        });
     }
 }
 

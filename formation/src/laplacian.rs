@@ -177,12 +177,10 @@ mod tests {
         }
     }
 
-    /// The largest modulus and the smallest real part of the eigenvalues, by the QR algorithm.
-    fn by_qr(matrix: &Matrix) -> Option<(f64, f64)> {
-        let schur = nalgebra::Schur::try_new(matrix.clone(), 1e-14, 10_000)?;
-        let values = schur.complex_eigenvalues();
-        let largest = values.iter().map(|z| z.re.hypot(z.im)).fold(0.0, f64::max);
-        Some((largest, values.iter().map(|z| z.re).fold(f64::INFINITY, f64::min)))
+    /// The largest modulus of the eigenvalues, by the QR algorithm.
+    fn by_qr(matrix: &Matrix) -> f64 {
+        let schur = nalgebra::Schur::try_new(matrix.clone(), 1e-14, 10_000).unwrap();
+        schur.complex_eigenvalues().iter().map(|z| z.re.hypot(z.im)).fold(0.0, f64::max)
     }
 
     proptest! {
@@ -234,7 +232,7 @@ mod tests {
             n in 1..7usize, elements in proptest::collection::vec(0.0..1.0f64, 36),
         ) {
             let matrix = Matrix::from_fn(n, n, |i, j| elements[6 * i + j]);
-            let (radius, _) = by_qr(&matrix).unwrap();
+            let radius = by_qr(&matrix);
             prop_assert!((spectral_radius(&matrix) / radius - 1.0).abs() < 1e-9);
             let singular = matrix.singular_values().max();
             prop_assert!((norm_2(&matrix) / singular - 1.0).abs() < 1e-9);
@@ -297,16 +295,6 @@ mod tests {
     }
 
     #[test]
-    fn a_mutual_pair_halves_what_is_wrong_in_two_ticks() {
-        // Case 2: 1 <-> 2 <- 3 <-> 4 <- 5, the leader.
-        let pentagon = graph(5, &[[1, 0], [0, 1], [2, 1], [3, 2], [2, 3], [4, 3]]);
-        let radius = spectral_radius(&iteration(&pentagon, &[true; 5]));
-        assert!((radius - 0.5f64.sqrt()).abs() < 1e-12, "{radius}");
-        let (_, smallest) = by_qr(&system(&pentagon, Some(4))).unwrap();
-        assert!((smallest - (1.0 - radius)).abs() < 1e-6, "{smallest}");
-    }
-
-    #[test]
     fn a_directed_ring_has_radius_1_and_so_echoes_unless_its_law_uses_no_velocities() {
         for robots in [2, 3, 7, 64] {
             let ring = ring(robots);
@@ -323,10 +311,5 @@ mod tests {
     fn in_a_chain_velocities_arrive_after_as_many_ticks_as_it_is_long() {
         let edges: Vec<[usize; 2]> = (1..40).map(|i| [i - 1, i]).collect();
         assert_eq!(spectral_radius(&iteration(&graph(40, &edges), &[true; 40])), 0.0);
-    }
-
-    #[test]
-    fn nobody_settles_unless_all_are_reached() {
-        assert_eq!(settled(&graph(3, &[[0, 1]]), 0), None);
     }
 }

@@ -382,14 +382,6 @@ mod tests {
     }
 
     #[test]
-    fn before_the_start_it_waits_at_the_first_waypoint() {
-        for closed in [false, true] {
-            let path = path(&[[1.0, 2.0], [3.0, 4.0], [0.0, 4.0]], closed).unwrap();
-            assert_eq!(path.at(-3.0), path.at(0.0));
-        }
-    }
-
-    #[test]
     fn two_waypoints_are_a_straight_line_with_two_ramps() {
         let line = path(&[[0.0, 0.0], [3.0, 4.0]], false).unwrap();
         assert!((line.length_m() - 5.0).abs() < 1e-12);
@@ -412,14 +404,6 @@ mod tests {
         for t in [0.3, 7.0, 31.0, 100.0] {
             assert!((circle.at(t).position.norm() - 2.0).abs() < 1e-12);
         }
-    }
-
-    #[test]
-    fn what_doubles_back_goes_around() {
-        let there_and_back = path(&[[0.0, 0.0], [2.0, 0.0]], true).unwrap();
-        assert!((there_and_back.length_m() - TAU).abs() < 1e-12);
-        let hairpin = path(&[[0.0, 0.0], [10.0, 0.0], [9.0, 0.0]], false).unwrap();
-        assert!(hairpin.length_m() < 40.0);
     }
 
     #[test]

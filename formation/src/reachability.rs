@@ -227,182 +227,12 @@ mod tests {
         FormationGraph::new(robots, edges.iter().map(edge).collect())
     }
 
-    /// Robot 0 leads, all others keep a place.
-    fn led(robots: usize, edges: &[[usize; 2]]) -> Reachability {
-        Reachability::new(&graph(robots, edges), Some(0), &[], &[])
-    }
-
-    fn leaderless(robots: usize, edges: &[[usize; 2]]) -> Reachability {
-        Reachability::new(&graph(robots, edges), None, &[], &[])
-    }
-
-    fn unled(robots: &[usize]) -> Standing {
-        Standing { unled: robots.to_vec(), ..Standing::default() }
-    }
-
-    fn groups(groups: &[&[usize]]) -> Standing {
-        let groups = groups.iter().map(|group| group.to_vec()).collect();
-        Standing { groups, ..Standing::default() }
-    }
-
-    /// The losses of each single death, and of each cut that takes something.
-    fn assert_losses(
-        reachability: &Reachability,
-        deaths: &[Standing],
-        cuts: &[([usize; 2], Standing)],
-    ) {
-        for (robot, expected) in deaths.iter().enumerate() {
-            assert_eq!(reachability.loss(&[robot], &[]), *expected, "robot {robot} dies");
-        }
-        let found: Vec<_> = reachability
-            .breaking_cuts()
-            .into_iter()
-            .map(|(edge, loss)| (reachability.edges[edge], loss))
-            .collect();
-        assert_eq!(found, cuts);
-    }
-
-    #[test]
-    fn in_a_chain_a_death_takes_the_leader_from_all_behind() {
-        let chain = led(4, &[[0, 1], [1, 2], [2, 3]]);
-        let deaths = [unled(&[1, 2, 3]), unled(&[2, 3]), unled(&[3]), unled(&[])];
-        let cuts = [([0, 1], unled(&[1, 2, 3])), ([1, 2], unled(&[2, 3])), ([2, 3], unled(&[3]))];
-        assert_losses(&chain, &deaths, &cuts);
-    }
-
-    #[test]
-    fn in_a_star_only_the_death_of_its_middle_matters() {
-        let star = led(4, &[[0, 1], [0, 2], [0, 3]]);
-        let cuts = [1, 2, 3].map(|robot| ([0, robot], unled(&[robot])));
-        assert_losses(&star, &[unled(&[1, 2, 3]), unled(&[]), unled(&[]), unled(&[])], &cuts);
-    }
-
-    #[test]
-    fn in_a_diamond_only_the_leaders_death_matters() {
-        let diamond = led(4, &[[0, 1], [0, 2], [1, 2], [2, 1], [1, 3], [2, 3]]);
-        let deaths = [unled(&[1, 2, 3]), unled(&[]), unled(&[]), unled(&[])];
-        assert_losses(&diamond, &deaths, &[]);
-    }
-
-    #[test]
-    fn two_trees_that_share_a_robot_both_hang_on_it() {
-        // 0 -> 1 -> {2, 3}, 2 -> 4, 3 -> 5
-        let trees = led(6, &[[0, 1], [1, 2], [1, 3], [2, 4], [3, 5]]);
-        let deaths = [
-            unled(&[1, 2, 3, 4, 5]),
-            unled(&[2, 3, 4, 5]),
-            unled(&[4]),
-            unled(&[5]),
-            unled(&[]),
-            unled(&[]),
-        ];
-        for (robot, expected) in deaths.iter().enumerate() {
-            assert_eq!(trees.loss(&[robot], &[]), *expected);
-        }
-    }
-
-    #[test]
-    fn a_bridge_between_two_redundant_halves_is_the_only_cut_that_matters() {
-        // 0 feeds 1 and 2, which hear each other; the edge 2 -> 3 leads to 3, 4 and 5, a ring.
-        let edges = [[0, 1], [0, 2], [1, 2], [2, 1], [2, 3], [3, 4], [4, 5], [5, 3]];
-        let halves = led(6, &edges);
-        let cut = |from, to| {
-            let edge = edges.iter().position(|&ends| ends == [from, to]).unwrap();
-            halves.loss(&[], &[edge])
-        };
-        assert_eq!(cut(2, 3), unled(&[3, 4, 5]));
-        assert!(cut(0, 1).is_sound() && cut(5, 3).is_sound());
-        assert_eq!(halves.loss(&[2], &[]), unled(&[3, 4, 5]));
-        assert_eq!(halves.loss(&[1], &[]), unled(&[]));
-    }
-
+    /// A robot that no longer hears anybody stands still, and pulls whoever still hears it.
     #[test]
     fn a_cycle_that_hangs_off_the_leader_pulls_its_entry_when_it_breaks_behind_it() {
-        // 0 -> 1 -> 2 -> 3 -> 1
-        let cycle = led(4, &[[0, 1], [1, 2], [2, 3], [3, 1]]);
-        let pulled = |lost: &[usize], pulled: &[usize]| Standing {
-            unled: lost.to_vec(),
-            pulled: pulled.to_vec(),
-            ..Standing::default()
-        };
-        // Robot 3 no longer hears anybody, stands still, and robot 1 still hears it.
-        let deaths = [unled(&[1, 2, 3]), unled(&[2, 3]), pulled(&[3], &[1]), unled(&[])];
-        let cuts = [
-            ([0, 1], unled(&[1, 2, 3])),
-            ([1, 2], pulled(&[2, 3], &[1])),
-            ([2, 3], pulled(&[3], &[1, 2])),
-        ];
-        assert_losses(&cycle, &deaths, &cuts);
-    }
-
-    #[test]
-    fn a_robot_without_an_edge_lacks_the_leader_from_the_start_and_no_death_takes_it() {
-        let apart = led(3, &[[0, 1]]);
-        assert_eq!(*apart.intact(), unled(&[2]));
-        assert_losses(&apart, &[unled(&[1]), unled(&[]), unled(&[])], &[([0, 1], unled(&[1]))]);
-    }
-
-    #[test]
-    fn a_ring_without_a_leader_survives_every_death_and_every_cut() {
-        let ring = leaderless(4, &[[0, 1], [1, 2], [2, 3], [3, 0]]);
-        assert_losses(&ring, &[groups(&[]), groups(&[]), groups(&[]), groups(&[])], &[]);
-    }
-
-    #[test]
-    fn without_its_head_a_star_without_a_leader_falls_apart_into_single_robots() {
-        let star = leaderless(4, &[[0, 1], [0, 2], [0, 3]]);
-        let deaths = [groups(&[&[1], &[2], &[3]]), groups(&[]), groups(&[]), groups(&[])];
-        let cuts = [1, 2, 3].map(|robot| ([0, robot], groups(&[&[0], &[robot]])));
-        assert_losses(&star, &deaths, &cuts);
-    }
-
-    #[test]
-    fn two_rings_joined_in_one_robot_fall_apart_when_it_dies() {
-        // Both rings pass through robot 0: 0 1 2 and 0 3 4.
-        let rings = leaderless(5, &[[0, 1], [1, 2], [2, 0], [0, 3], [3, 4], [4, 0]]);
-        assert_eq!(rings.loss(&[0], &[]), groups(&[&[1], &[3]]));
-        assert!((1..5).all(|robot| rings.loss(&[robot], &[]).is_sound()));
-    }
-
-    #[test]
-    fn two_components_without_a_leader_are_two_groups_from_the_start() {
-        let apart = leaderless(4, &[[0, 1], [1, 0], [2, 3]]);
-        assert_eq!(*apart.intact(), groups(&[&[0, 1], &[2]]));
-        assert!((0..4).all(|robot| apart.loss(&[robot], &[]).is_sound()));
-    }
-
-    #[test]
-    fn the_contained_are_lost_with_the_only_leader_they_hear_of_and_adrift_with_the_main_one() {
-        // 0 leads, 1 and 2 keep a place; 3 hears 1, 4 hears 1 and 2, 5 hears only 3.
-        let graph = graph(6, &[[0, 1], [0, 2], [1, 3], [1, 4], [2, 4], [3, 5]]);
-        let containment = Reachability::new(&graph, Some(0), &[3, 4, 5], &[]);
-        assert!(containment.intact().is_sound());
-        let uncontained =
-            |robots: &[usize]| Standing { uncontained: robots.to_vec(), ..Standing::default() };
-        let deaths = [
-            Standing { unled: vec![1, 2], adrift: vec![3, 4, 5], ..Standing::default() },
-            uncontained(&[3, 5]),
-            uncontained(&[]),
-            uncontained(&[5]),
-            uncontained(&[]),
-            uncontained(&[]),
-        ];
-        let cuts = [
-            ([0, 1], Standing { unled: vec![1], adrift: vec![3, 5], ..Standing::default() }),
-            ([0, 2], unled(&[2])),
-            ([1, 3], uncontained(&[3, 5])),
-            ([3, 5], uncontained(&[5])),
-        ];
-        assert_losses(&containment, &deaths, &cuts);
-        // Both who contain robot 4 at once.
-        assert_eq!(containment.loss(&[1, 2], &[]), uncontained(&[3, 4, 5]));
-    }
-
-    #[test]
-    fn robots_that_are_all_contained_are_contained_by_nobody() {
-        let graph = graph(2, &[[0, 1], [1, 0]]);
-        let standing = Reachability::new(&graph, None, &[0, 1], &[]).intact().clone();
-        assert_eq!(standing, Standing { uncontained: vec![0, 1], ..Standing::default() });
+        let cycle = graph(4, &[[0, 1], [1, 2], [2, 3], [3, 1]]);
+        let loss = Reachability::new(&cycle, Some(0), &[], &[]).loss(&[2], &[]);
+        assert_eq!(loss, Standing { unled: vec![3], pulled: vec![1], ..Standing::default() });
     }
 
     /// Whether there is a path, for each pair of living robots, by Warshall's closure.
@@ -427,14 +257,14 @@ mod tests {
     fn by_definition(
         edges: &[[usize; 2]],
         leader: Option<usize>,
-        contained: &[usize],
+        [contained, alone]: [&[usize]; 2],
         alive: &[bool],
         cut: Option<usize>,
     ) -> Standing {
         let path = paths(edges, alive, cut);
         let living = || (0..alive.len()).filter(|&r| alive[r]);
         let place = |r: usize| !contained.contains(&r);
-        let places: Vec<usize> = living().filter(|&r| place(r)).collect();
+        let places: Vec<usize> = living().filter(|&r| place(r) && !alone.contains(&r)).collect();
         let led = |r: usize| leader.is_some_and(|leader| path[leader][r]);
         let held = |r: usize| places.iter().any(|&p| path[p][r]);
         let kept = || places.iter().copied().filter(|&r| Some(r) != leader);
@@ -483,6 +313,8 @@ mod tests {
             pairs in proptest::collection::btree_set((0..8usize, 0..8usize), 0..24),
             leads in any::<bool>(),
             contained in proptest::collection::btree_set(1..8usize, 0..4),
+            alone in proptest::collection::btree_set(1..8usize, 0..2),
+            dead in (0..8usize, 0..8usize),
         ) {
             // The leader hears nobody.
             let edges: Vec<[usize; 2]> = pairs
@@ -490,19 +322,22 @@ mod tests {
                 .map(|(from, to)| [from % n, to % n])
                 .filter(|[from, to]| from != to && !(leads && *to == 0))
                 .collect();
+            let alone: Vec<usize> =
+                alone.into_iter().filter(|r| *r < n && !contained.contains(r)).collect();
             let contained: Vec<usize> = contained.into_iter().filter(|&r| r < n).collect();
             let leader = leads.then_some(0);
-            let reachability = Reachability::new(&graph(n, &edges), leader, &contained, &[]);
+            let reachability = Reachability::new(&graph(n, &edges), leader, &contained, &alone);
             let standing = |alive: &[bool], cut| {
-                by_definition(&edges, leader, &contained, alive, cut)
+                by_definition(&edges, leader, [&contained, &alone], alive, cut)
             };
             let intact = standing(&vec![true; n], None);
             prop_assert_eq!(reachability.intact(), &intact);
-            for robot in 0..n {
-                let mut alive = vec![true; n];
-                alive[robot] = false;
+            // Each alone, and two at once.
+            let deaths = (0..n).map(|robot| vec![robot]).chain([vec![dead.0 % n, dead.1 % n]]);
+            for dead in deaths {
+                let alive: Vec<bool> = (0..n).map(|robot| !dead.contains(&robot)).collect();
                 let after = standing(&alive, None);
-                prop_assert_eq!(reachability.loss(&[robot], &[]), lost(&intact, after));
+                prop_assert_eq!(reachability.loss(&dead, &[]), lost(&intact, after));
             }
             let mut breaking = Vec::new();
             for edge in 0..edges.len() {

@@ -3,6 +3,8 @@
 //! with worse ones. Mistakes on purpose show that the same runs would find a broken promise.
 
 use std::f64::consts::TAU;
+use std::sync::Mutex;
+use std::thread;
 
 use formation::Vec2;
 use formation::front_point::front_point;
@@ -32,6 +34,33 @@ pub fn hostile(seed: u64, adversary: Adversary, wish: Wish) -> Trial {
 pub fn margin(fleet: &Fleet, trial: Trial) -> (f64, Outcome) {
     let outcome = simulate(fleet, trial, |_, _, _| ());
     (kept_by(fleet, &outcome), outcome)
+}
+
+/// One run, and what to say of it if it breaks the promise.
+pub struct Case {
+    pub name: String,
+    pub fleet: Fleet,
+    pub trial: Trial,
+}
+
+/// What `run` makes of each case, in their order, computed on all cores.
+pub fn on_all_cores<C: Sync, R: Send>(cases: &[C], run: impl Fn(&C) -> R + Sync) -> Vec<R> {
+    let cores = thread::available_parallelism().map_or(1, |cores| cores.get());
+    let next = Mutex::new(cases.iter().enumerate());
+    let worker = || {
+        let mut results = Vec::new();
+        loop {
+            let taken = next.lock().expect("nobody panics with it").next();
+            let Some((place, case)) = taken else { return results };
+            results.push((place, run(case)));
+        }
+    };
+    let mut results: Vec<(usize, R)> = thread::scope(|scope| {
+        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(worker)).collect();
+        workers.into_iter().flat_map(|worker| worker.join().expect("a case failed")).collect()
+    });
+    results.sort_by_key(|(place, _)| *place);
+    results.into_iter().map(|(_, result)| result).collect()
 }
 
 /// The same of a run that was simulated.
@@ -110,33 +139,39 @@ fn nobody_comes_nearer_than_d(rounds: usize) {
         fleets.extend(of_scenarios.map(|name| (name.into(), period, named(name, &[period]))));
         fleets.extend([6, 7, 8].map(|n| (format!("swap of {n}"), period, swap(n, period))));
     }
-    let mut seed = 0;
-    let mut rammed_m = f64::INFINITY;
+    let (mut seed, mut rammed_m) = (0, f64::INFINITY);
     let (mut late, mut freezes, mut kills) = (0, 0, 0);
     for hardship in HARDSHIPS.into_iter().cycle().take(rounds) {
+        let mut cases = Vec::new();
         for (name, period, fleet) in &fleets {
             let fleet = fleet.clone().under(hardship);
-            for adversary in ADVERSARIES {
-                for wish in [Wish::Law, Wish::Ram] {
-                    seed += 1;
-                    let trial = hostile(seed, adversary, wish);
-                    let (margin_m, outcome) = margin(&fleet, trial);
-                    let run = format!("{name}, {period}, {hardship:?}, {trial:?}");
-                    assert!(margin_m >= 0.0, "{run}: {margin_m}, {outcome:?}");
-                    if hardship == Hardship::Nothing && wish == Wish::Ram {
-                        rammed_m = rammed_m.min(margin_m);
-                    }
-                    late += outcome.commands_late;
-                    freezes += outcome.freezes;
-                    kills += outcome.kills;
-                }
+            for (adversary, wish) in adversaries_and_wishes() {
+                seed += 1;
+                let trial = hostile(seed, adversary, wish);
+                let name = format!("{name}, {period}, {hardship:?}, {trial:?}");
+                cases.push(Case { name, fleet: fleet.clone(), trial });
             }
+        }
+        let outcomes = on_all_cores(&cases, |case| margin(&case.fleet, case.trial));
+        for (case, (margin_m, outcome)) in cases.iter().zip(outcomes) {
+            assert!(margin_m >= 0.0, "{}: {margin_m}, {outcome:?}", case.name);
+            if hardship == Hardship::Nothing && case.trial.wish == Wish::Ram {
+                rammed_m = rammed_m.min(margin_m);
+            }
+            late += outcome.commands_late;
+            freezes += outcome.freezes;
+            kills += outcome.kills;
         }
     }
     assert_eq!(seed, 216 * rounds as u64);
     // The faults did happen, and nothing but the bound was left between those that rammed.
     assert!(late.min(freezes).min(kills) > seed, "{late} late, {freezes} frozen, {kills} killed");
     assert!(rammed_m < 1e-6, "{rammed_m}");
+}
+
+/// Every adversary with every wish.
+pub fn adversaries_and_wishes() -> impl Iterator<Item = (Adversary, Wish)> {
+    ADVERSARIES.into_iter().flat_map(|adversary| [(adversary, Wish::Law), (adversary, Wish::Ram)])
 }
 
 #[test]
@@ -169,25 +204,27 @@ fn passed_m(fleet: &Fleet, trial: Trial) -> (f64, Outcome) {
 fn nobody_comes_nearer_to_a_wall_than_the_clearance(rounds: u64) {
     let (mut runs, mut closest_m, mut passed) = (0, f64::INFINITY, 0);
     for (round, hardship) in (0..rounds).zip(HARDSHIPS.into_iter().cycle()) {
+        let mut cases = Vec::new();
         for (place, period) in (0..).zip(PERIODS) {
             let mut fleets: Vec<Fleet> = TRIANGLES.map(|name| named(name, &[period])).into();
             fleets.extend([6, 7].map(|n| swap(n, period)));
             for (number, fleet) in (0..).zip(fleets) {
                 let seed = 100 * round + 10 * place + number;
                 let fleet = fleet.among_walls(seed).under(hardship);
-                for (adversary, wish) in
-                    ADVERSARIES.into_iter().flat_map(|a| [(a, Wish::Law), (a, Wish::Ram)])
-                {
+                for (adversary, wish) in adversaries_and_wishes() {
                     runs += 1;
                     let trial = Trial { duration_ns: 2 * S, ..hostile(runs, adversary, wish) };
-                    let (passed_m, outcome) = passed_m(&fleet, trial);
-                    let run = format!("{seed}, {period}, {hardship:?}, {trial:?}");
-                    assert!(kept_by(&fleet, &outcome) >= 0.0, "{run}: {outcome:?}");
-                    let beside_m = passed_m - fleet.plant.clearance_m;
-                    closest_m = closest_m.min(beside_m);
-                    passed += u64::from(beside_m < 1e-2);
+                    let name = format!("{seed}, {period}, {hardship:?}, {trial:?}");
+                    cases.push(Case { name, fleet: fleet.clone(), trial });
                 }
             }
+        }
+        let outcomes = on_all_cores(&cases, |case| passed_m(&case.fleet, case.trial));
+        for (Case { name, fleet, .. }, (passed_m, outcome)) in cases.iter().zip(outcomes) {
+            assert!(kept_by(fleet, &outcome) >= 0.0, "{name}: {outcome:?}");
+            let beside_m = passed_m - fleet.plant.clearance_m;
+            closest_m = closest_m.min(beside_m);
+            passed += u64::from(beside_m < 1e-2);
         }
     }
     println!(
@@ -221,12 +258,10 @@ fn a_crowd_that_starts_exactly_d_apart_and_sees_not_everybody_keeps_d() {
     };
     let most = alphas.iter().map(near).max();
     assert!(most > Some(PROXIMITY_MAX), "{most:?}");
-    for (seed, adversary) in (0..).zip(ADVERSARIES) {
-        for wish in [Wish::Law, Wish::Ram] {
-            let trial = Trial { duration_ns: S, ..hostile(seed, adversary, wish) };
-            let (margin_m, outcome) = margin(&fleet, trial);
-            assert!(margin_m >= 0.0, "{trial:?}: {margin_m}, {outcome:?}");
-        }
+    for (seed, (adversary, wish)) in (0..).zip(adversaries_and_wishes()) {
+        let trial = Trial { duration_ns: S, ..hostile(seed, adversary, wish) };
+        let (margin_m, outcome) = margin(&fleet, trial);
+        assert!(margin_m >= 0.0, "{trial:?}: {margin_m}, {outcome:?}");
     }
 }
 

@@ -12,8 +12,10 @@ use formation::random::SplitMix64;
 use outcome::metrics::Measures;
 use protocol::brief::AgentBrief;
 
-use crate::hostile::{PERIODS, S, TRIANGLES, hostile, margin, named, swap};
-use crate::model::{ADVERSARIES, Fleet, HARDSHIPS, Hardship, INERTIAS, Trial, Wish};
+use crate::hostile::{
+    Case, PERIODS, S, TRIANGLES, adversaries_and_wishes, hostile, margin, named, on_all_cores, swap,
+};
+use crate::model::{Fleet, HARDSHIPS, Hardship, INERTIAS, Trial};
 use crate::oracle::{self, scenario};
 
 /// Every fleet at every period, with every inertia in turn.
@@ -47,31 +49,37 @@ fn nobody_comes_nearer_than_d(rounds: usize) {
     let (mut closest, mut beside_walls) = (f64::INFINITY, f64::INFINITY);
     let mut among_walls = 0;
     for (round, hardship) in HARDSHIPS.into_iter().cycle().take(rounds).enumerate() {
+        let mut cases = Vec::new();
         for (name, fleet) in fleets(round / HARDSHIPS.len() + round) {
             let unknowing = fleet.clone().without_knowing_its_inertia();
             let fleet = fleet.under(hardship);
-            for adversary in ADVERSARIES {
-                for wish in [Wish::Law, Wish::Ram] {
-                    seed += 1;
-                    let trial = Trial { duration_ns: 2 * S, ..hostile(seed, adversary, wish) };
-                    let (margin_m, outcome) = margin(&fleet, trial);
-                    let run = format!("{name}, {hardship:?}, {trial:?}");
-                    assert!(margin_m >= 0.0, "{run}: {margin_m}, {outcome:?}");
-                    closest = closest.min(outcome.closest_m - fleet.plant.distance_min_m);
-                    beside_walls = beside_walls.min(outcome.clearance_m - fleet.plant.clearance_m);
-                    among_walls += u64::from(outcome.clearance_m.is_finite());
-                    late += outcome.commands_late;
-                    freezes += outcome.freezes;
-                    kills += outcome.kills;
-                    if hardship == Hardship::Nothing {
-                        let (margin_m, outcome) = margin(&unknowing, trial);
-                        compared += 1;
-                        below += u64::from(margin_m < 0.0);
-                        worst = worst.min(outcome.closest_m / unknowing.plant.distance_min_m);
-                        let clearance_m = unknowing.plant.clearance_m.max(f64::MIN_POSITIVE);
-                        worst_clearance = worst_clearance.min(outcome.clearance_m / clearance_m);
-                    }
-                }
+            for (adversary, wish) in adversaries_and_wishes() {
+                seed += 1;
+                let trial = Trial { duration_ns: 2 * S, ..hostile(seed, adversary, wish) };
+                let name = format!("{name}, {hardship:?}, {trial:?}");
+                let compare = (hardship == Hardship::Nothing).then(|| unknowing.clone());
+                cases.push((Case { name, fleet: fleet.clone(), trial }, compare));
+            }
+        }
+        let outcomes = on_all_cores(&cases, |(Case { fleet, trial, .. }, unknowing)| {
+            let compared = unknowing.as_ref().map(|unknowing| margin(unknowing, *trial));
+            (margin(fleet, *trial), compared)
+        });
+        for ((case, _), ((margin_m, outcome), unknowing)) in cases.iter().zip(outcomes) {
+            let Case { name, fleet: Fleet { plant, .. }, .. } = case;
+            assert!(margin_m >= 0.0, "{name}: {margin_m}, {outcome:?}");
+            closest = closest.min(outcome.closest_m - plant.distance_min_m);
+            beside_walls = beside_walls.min(outcome.clearance_m - plant.clearance_m);
+            among_walls += u64::from(outcome.clearance_m.is_finite());
+            late += outcome.commands_late;
+            freezes += outcome.freezes;
+            kills += outcome.kills;
+            if let Some((margin_m, outcome)) = unknowing {
+                compared += 1;
+                below += u64::from(margin_m < 0.0);
+                worst = worst.min(outcome.closest_m / plant.distance_min_m);
+                let clearance_m = plant.clearance_m.max(f64::MIN_POSITIVE);
+                worst_clearance = worst_clearance.min(outcome.clearance_m / clearance_m);
             }
         }
     }

@@ -7,7 +7,7 @@
 //! | `ipc` | of which parts is its iceoryx2 made? |
 //! | `run_root` | where do the shared files of one run live, and who removes them? |
 //! | `brief` | what is one process told when it starts? |
-//! | `ros2` | what is the process told that shows a run to ROS 2? |
+//! | `ros2` | what is the process told that shows a run to ROS 2, and how do messages of ROS 2 look? |
 //! | `fault` | what breaks in it, and when? |
 //! | `goal` | why is a goal from outside refused? |
 //! | `dropped` | why does a bridge drop samples? |

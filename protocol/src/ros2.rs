@@ -1,4 +1,12 @@
-//! What the process is told that shows a run to ROS 2.
+//! What the process is told that shows a run to ROS 2, and what it and a recording write.
+//!
+//! | file | question it answers |
+//! |---|---|
+//! | `cdr` | how are numbers and strings laid out in a message of ROS 2? |
+//! | `messages` | what is in the messages? |
+
+pub mod cdr;
+pub mod messages;
 
 use std::net::SocketAddr;
 use std::path::PathBuf;

@@ -19,6 +19,9 @@ pub struct ExportArgs {
     /// its ending].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Export what is whole of a recording that is damaged or was cut.
+    #[arg(long)]
+    allow_damage: bool,
 }
 
 pub(super) fn export(args: &ExportArgs) -> u8 {
@@ -29,10 +32,10 @@ pub(super) fn export(args: &ExportArgs) -> u8 {
         (args.run.clone(), args.run.with_file_name(format!("{stem}-export")))
     };
     let out = args.out.clone().unwrap_or(out);
-    match write_tables(&file, &out) {
-        Ok(Exported { tables, whole }) => {
-            if !whole {
-                tracing::warn!("{} is cut or damaged; what is whole is exported", file.display());
+    match write_tables(&file, &out, args.allow_damage) {
+        Ok(Exported { tables, soundness }) => {
+            if !soundness.is_whole() {
+                tracing::warn!("{} is damaged: {soundness}; the rest is exported", file.display());
             }
             let rows = |(name, rows): &(&str, u64)| format!("{rows:>9} rows  {name}\n");
             let tables: String = tables.iter().map(rows).collect();
@@ -40,8 +43,11 @@ pub(super) fn export(args: &ExportArgs) -> u8 {
         }
         Err(error) => {
             let code = complain(&error);
-            let wrote = matches!(error, ExportError::Write { .. } | ExportError::Message { .. });
-            if wrote { code } else { exit::USAGE }
+            match error {
+                ExportError::Damaged { .. } => exit::EXPECTATION_MISSED,
+                ExportError::Write { .. } | ExportError::Message { .. } => code,
+                _ => exit::USAGE,
+            }
         }
     }
 }

@@ -21,8 +21,14 @@ pub struct RecoverArgs {
 pub(super) fn recover(args: &RecoverArgs) -> u8 {
     let out = args.out.clone().unwrap_or_else(|| args.file.with_extension("recovered.mcap"));
     match rebuild(&args.file, &out) {
-        Ok(Outcome::Whole) => {
-            print(&format!("{} is whole: nothing to recover\n", args.file.display()))
+        Ok(Outcome::Whole { checked }) => {
+            let limit = match checked {
+                true => "",
+                false => {
+                    ", as far as its checksums reach; an earlier version wrote it, and metadata and indexes have none"
+                }
+            };
+            print(&format!("{} is whole{limit}: nothing to recover\n", args.file.display()))
         }
         Ok(Outcome::Recovered(recovered)) => {
             print(&format!("{recovered}written to {}\n", out.display()))

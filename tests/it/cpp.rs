@@ -4,10 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use tempfile::TempDir;
-
-use crate::elsewhere::{self, keeps_its_distance, moves_as, r3_came_back, says};
-use crate::harness::Phalanx;
+use crate::elsewhere::{Pentagon, keeps_its_distance, says};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
@@ -26,7 +23,7 @@ fn build(source: &str, program: &Path, more: &[&str]) {
     let output = Command::new(compiler)
         .args([standard, "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"])
         .args(more)
-        .args(["-I", &format!("{ROOT}/c/include")])
+        .args(["-I", &format!("{ROOT}/bindings/c/include")])
         .arg(&source)
         .arg("-o")
         .arg(program)
@@ -40,69 +37,49 @@ fn build(source: &str, program: &Path, more: &[&str]) {
 }
 
 /// The pentagon beside a program with the law `mine`, built of `source`.
-fn pentagon(source: &str, more: &[&str], gain: &str) -> TempDir {
+fn pentagon(source: &str, more: &[&str], gain: &str) -> Pentagon {
     let folder = tempfile::tempdir().unwrap();
     build(source, &folder.path().join("mine"), more);
-    let text = std::fs::read_to_string(Path::new(ROOT).join("scenarios/pentagon.toml")).unwrap();
     let law = format!(
         "\n[laws.mine]\nprogram = [\"./mine\"]\nrole = \"formation\"\ngains = [\"{gain}\"]\n\
          feed_forward = true\n"
     );
-    std::fs::write(folder.path().join("pentagon.toml"), text + &law).unwrap();
-    folder
+    Pentagon::write(folder.path(), &law);
+    let phalanx = || Command::new(env!("CARGO_BIN_EXE_phalanx"));
+    let by_hand = |folder: &Path, words: &[&Path]| {
+        let mut command = Command::new(folder.join("mine"));
+        command.args(words);
+        command
+    };
+    Pentagon { folder, phalanx, by_hand }
 }
 
-fn tanh() -> TempDir {
+fn tanh() -> Pentagon {
     pentagon("bindings/c/examples/tanh.cpp", &[], "k_f_m_s")
-}
-
-fn run(folder: &TempDir) -> Phalanx {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
-    command.arg("run").arg(folder.path().join("pentagon.toml"));
-    Phalanx::new(command).set("expect={}")
-}
-
-/// The same with r3 by the law `mine`.
-fn with_r3(folder: &TempDir) -> Phalanx {
-    elsewhere::with_r3(run(folder))
 }
 
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
 fn a_robot_with_the_same_law_in_cpp_moves_bit_by_bit_as_the_built_in_one() {
-    let folder = tanh();
-    let built_in = run(&folder).lockstep().set("duration_s=4").finish();
-    let ended = with_r3(&folder).lockstep().set("duration_s=4").finish();
-    moves_as(&ended, &built_in);
+    tanh().moves_as_built_in(1, "duration_s=4", None);
 }
 
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
 fn a_robot_in_cpp_that_is_killed_and_restarted_in_lockstep_moves_as_a_built_in_one_would() {
-    let folder = tanh();
-    let killed =
-        |run: Phalanx| run.lockstep().set("duration_s=8").fault("kill r3 @4 restart 2").finish();
-    let (built_in, ended) = (killed(run(&folder)), killed(with_r3(&folder)));
-    moves_as(&ended, &built_in);
+    tanh().moves_as_built_in(1, "duration_s=8", Some("kill r3 @4 restart 2"));
 }
 
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
 fn a_robot_in_cpp_that_is_killed_and_restarted_in_real_time_finds_its_place_again() {
-    let folder = tanh();
-    let ended = with_r3(&folder).set("duration_s=8").fault("kill r3 @3 restart 1").finish();
-    r3_came_back(&ended);
+    tanh().comes_back("duration_s=8", "kill r3 @3 restart 1");
 }
 
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
 fn a_controller_in_c_keeps_its_place_and_sees_what_the_agent_sees() {
-    let folder = pentagon("tests/cpp/laws/place.c", &[], "k_per_s");
-    let ended = with_r3(&folder).set("robot.r3.k_per_s=3").lockstep().set("duration_s=12").finish();
-    ended.exits_with(0).leaves_nothing();
-    keeps_its_distance(&ended);
-    let error_m = ended.number("/final_error_m/r3");
-    ended.claim(error_m < 0.02, format!("r3 is where it belongs: {error_m} m"));
+    pentagon("tests/cpp/laws/place.c", &[], "k_per_s").keeps_its_place();
 }
 
 #[test]
@@ -124,8 +101,8 @@ fn a_law_in_cpp_that_fails_ends_its_robot_with_its_reason_and_harms_nobody() {
     ];
     for (fails_by, more, why, death) in cases {
         let fails_by = format!("-DFAILS_BY={fails_by}");
-        let folder = pentagon("tests/cpp/laws/fails.cpp", &[&fails_by, more], "k_f_m_s");
-        let ended = with_r3(&folder).lockstep().set("duration_s=2").finish();
+        let fails = pentagon("tests/cpp/laws/fails.cpp", &[&fails_by, more], "k_f_m_s");
+        let ended = fails.with_r3().lockstep().set("duration_s=2").finish();
         ended.exits_with(0).leaves_nothing();
         keeps_its_distance(&ended);
         says(&ended, "died unexpectedly");
@@ -144,41 +121,23 @@ fn a_program_in_cpp_that_cannot_serve_says_why() {
         (&["-DSERVES_NONE"], "the law \"mine\" is NULL", "exit code 4"),
     ];
     for (more, why, death) in cases {
-        let folder = pentagon("tests/cpp/laws/wrong.cpp", more, "k_f_m_s");
-        let ended = with_r3(&folder).lockstep().finish();
-        ended.exits_with(4).leaves_nothing();
-        says(&ended, why);
-        says(&ended, death);
+        let wrong = pentagon("tests/cpp/laws/wrong.cpp", more, "k_f_m_s");
+        wrong.cannot_start(&[], &[why, death]);
     }
 }
 
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
 fn a_program_in_cpp_that_is_started_by_hand_says_what_starts_it() {
-    let folder = tanh();
-    let output = Command::new(folder.path().join("mine")).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("error: no brief of a robot is given\nusage: "), "{said}");
-    assert!(said.contains("`phalanx run SCENARIO` starts it"), "{said}");
+    let parts =
+        ["error: no brief of a robot is given\nusage: ", "`phalanx run SCENARIO` starts it"];
+    tanh().says_by_hand(&[], 2, &parts, usize::MAX);
 }
 
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
 fn a_program_in_cpp_that_is_started_by_another_version_says_so() {
-    let folder = tanh();
-    let ended = with_r3(&folder).lockstep().set("duration_s=0.1").finish();
-    let brief = ended.file("briefs/r3.toml");
-    let version = format!("phalanx = \"{}\"", env!("CARGO_PKG_VERSION"));
-    let path = folder.path().join("r3.toml");
-    std::fs::write(&path, brief.replace(&version, "phalanx = \"99.1.0\"\nnew = true")).unwrap();
-    let output = Command::new(folder.path().join("mine")).arg(&path).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(4), "{said}");
-    assert!(
-        said.contains("phalanx 99.1.0 starts this program, and its libphalanx_agent"),
-        "{said}"
-    );
+    tanh().says_that_versions_differ("and its libphalanx_agent", usize::MAX);
 }
 
 #[test]

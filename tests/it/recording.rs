@@ -88,6 +88,20 @@ fn an_export_says_of_every_robot_and_event_what_the_run_wrote_itself() {
     ended.claim(whole.contains("is whole"), format!("nothing is to be recovered: {whole}"));
     let missing = must(&phalanx([Path::new("recover"), Path::new("missing.mcap")]), 2);
     ended.claim(missing.contains("missing.mcap"), format!("the file is named: {missing}"));
+
+    let bytes = std::fs::read(run_dir.join("run.mcap")).unwrap();
+    let mut flipped = bytes.clone();
+    flipped[bytes.len() / 2] ^= 4;
+    for (name, damaged) in [("flipped", &flipped[..]), ("cut", &bytes[..bytes.len() - 1])] {
+        let file = run_dir.join(name).with_extension("mcap");
+        std::fs::write(&file, damaged).unwrap();
+        let said = must(&phalanx([Path::new("export"), &file]), 1);
+        let named = said.contains("is damaged") && said.contains("--allow-damage");
+        ended.claim(named, format!("{name}: what can be done is told: {said}"));
+        must(&phalanx([Path::new("export"), &file, Path::new("--allow-damage")]), 0);
+        let said = must(&phalanx([Path::new("recover"), &file]), 0);
+        ended.claim(!said.contains("is whole"), format!("{name}: {said}"));
+    }
 }
 
 /// A run whose supervisor was killed in its middle, and what it said of itself.

@@ -55,65 +55,32 @@ pub struct Host {
 /// Why a fleet and a scenario do not go together, or not here.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum FleetError {
-    /// The command line names no host of it.
-    #[error("the fleet has no host {host:?}: expected one of {}", known.join(", "))]
-    NoHost {
-        /// What was named.
-        host: String,
-        /// The hosts.
-        known: Vec<String>,
-    },
-    /// A robot of the scenario lives nowhere.
-    #[error("the fleet has no host for {}: expected each robot of the scenario in one `robots`", robots.join(", "))]
-    Homeless {
-        /// Which.
-        robots: Vec<String>,
-    },
-    /// A robot of the fleet is none of the scenario.
+    /// The command line names no host of it: what was named, and the hosts.
+    #[error("the fleet has no host {:?}: expected one of {}", .0, .1.join(", "))]
+    NoHost(String, Vec<String>),
+    /// Robots of the scenario live nowhere.
+    #[error("the fleet has no host for {}: expected each robot of the scenario in one `robots`", .0.join(", "))]
+    Homeless(Vec<String>),
+    /// A host has a robot that is none of the scenario's: which host and robot, and one that is there.
     #[error(
-        "host {host} has the robot {robot:?}, which is not in the scenario: expected robots of it, such as {example}"
+        "host {0} has the robot {1:?}, which is not in the scenario: expected robots of it, such as {2}"
     )]
-    NoRobot {
-        /// Which host.
-        host: String,
-        /// The robot.
-        robot: String,
-        /// One that is there.
-        example: String,
-    },
-    /// A partition names a host that is none.
-    #[error("the fault `partition {host}` names no host of the fleet: expected some of {}", known.join(", "))]
-    NoPartitionHost {
-        /// What was named.
-        host: String,
-        /// The hosts.
-        known: Vec<String>,
-    },
+    NoRobot(String, String, String),
+    /// A partition names a host that is none: what was named, and the hosts.
+    #[error("the fault `partition {}` names no host of the fleet: expected some of {}", .0, .1.join(", "))]
+    NoPartitionHost(String, Vec<String>),
     /// A partition names all hosts.
-    #[error("the fault `partition {hosts}` names all hosts: expected those on one side")]
-    NoOtherSide {
-        /// What was named.
-        hosts: String,
-    },
-    /// Others could read and write what is sent.
+    #[error("the fault `partition {0}` names all hosts: expected those on one side")]
+    NoOtherSide(String),
+    /// Others could read and write what is sent: which host, and its address.
     #[error(
-        "host {host} is at {address}, where other machines reach it: expected `certificates` in the fleet file, or \
+        "host {0} is at {1}, where other machines reach it: expected `certificates` in the fleet file, or \
          --insecure where everybody on that network may move the robots"
     )]
-    Insecure {
-        /// Which host.
-        host: String,
-        /// Its address.
-        address: String,
-    },
-    /// A file of the certificates is not there.
-    #[error("cannot read {}: {why}; the fleet file's `certificates` needs ca.pem, HOST.pem and HOST.key there", path.display())]
-    Certificate {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        why: String,
-    },
+    Insecure(String, String),
+    /// A file of the certificates is not there: which, and why.
+    #[error("cannot read {}: {}; the fleet file's `certificates` needs ca.pem, HOST.pem and HOST.key there", .0.display(), .1)]
+    Certificate(PathBuf, String),
 }
 
 /// Reads a fleet file.
@@ -239,7 +206,7 @@ impl Fleet {
     /// The place of the host of that name.
     pub fn host(&self, name: &str) -> Result<usize, FleetError> {
         let place = self.hosts.iter().position(|host| host.name == name);
-        place.ok_or_else(|| FleetError::NoHost { host: name.to_owned(), known: self.names() })
+        place.ok_or_else(|| FleetError::NoHost(name.to_owned(), self.names()))
     }
 
     fn names(&self) -> Vec<String> {
@@ -251,7 +218,7 @@ impl Fleet {
         let reached = |host: &&Host| !is_loopback(&host.address);
         match self.hosts.iter().find(reached) {
             Some(host) if self.certificates.is_none() => {
-                Err(FleetError::Insecure { host: host.name.clone(), address: host.address.clone() })
+                Err(FleetError::Insecure(host.name.clone(), host.address.clone()))
             }
             _ => Ok(()),
         }
@@ -263,8 +230,7 @@ impl Fleet {
         for host in &self.hosts {
             if let Some(robot) = host.robots.iter().find(|robot| !known(robot)) {
                 let example = scenario.robots[0].name.clone();
-                let (host, robot) = (host.name.clone(), robot.clone());
-                return Err(FleetError::NoRobot { host, robot, example });
+                return Err(FleetError::NoRobot(host.name.clone(), robot.clone(), example));
             }
         }
         let home = |name: &str| {
@@ -275,7 +241,7 @@ impl Fleet {
             names.clone().filter(|name| home(name).is_none()).map(str::to_owned).collect();
         match homeless.is_empty() {
             true => Ok(names.filter_map(home).collect()),
-            false => Err(FleetError::Homeless { robots: homeless }),
+            false => Err(FleetError::Homeless(homeless)),
         }
     }
 
@@ -334,16 +300,14 @@ impl Fleet {
         for fault in &scenario.faults {
             let FaultKind::Partition { hosts } = &fault.kind else { continue };
             let place = |name: &String| {
-                self.host(name).map_err(|_| FleetError::NoPartitionHost {
-                    host: name.clone(),
-                    known: self.names(),
-                })
+                let unknown = |_| FleetError::NoPartitionHost(name.clone(), self.names());
+                self.host(name).map_err(unknown)
             };
             let mut side: Vec<usize> = hosts.iter().map(place).collect::<Result<_, _>>()?;
             side.sort_unstable();
             side.dedup();
             if side.len() == self.hosts.len() {
-                return Err(FleetError::NoOtherSide { hosts: hosts.join(",") });
+                return Err(FleetError::NoOtherSide(hosts.join(",")));
             }
             partitions.push(PartitionBrief { hosts: side, span: fault.span() });
         }
@@ -362,7 +326,7 @@ impl Fleet {
 /// The path of a file that can be read.
 fn readable(path: PathBuf) -> Result<PathBuf, FleetError> {
     let absolute = std::fs::File::open(&path).and_then(|_| path.canonicalize());
-    absolute.map_err(|error| FleetError::Certificate { path, why: error.to_string() })
+    absolute.map_err(|error| FleetError::Certificate(path, error.to_string()))
 }
 
 #[cfg(test)]

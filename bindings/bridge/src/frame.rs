@@ -53,24 +53,16 @@ impl Header {
 
     /// The header of a frame and what follows it; `None` if it is none of any version.
     pub fn of(frame: &[u8]) -> Option<(Header, &[u8])> {
-        let rest = frame.strip_prefix(&MAGIC)?;
-        let (version, rest) = rest.split_first_chunk()?;
-        let (host, rest) = rest.split_first_chunk()?;
-        let (layout, rest) = rest.split_first_chunk()?;
-        let (experiment, rest) = rest.split_first_chunk()?;
-        let (boot, rest) = rest.split_first_chunk()?;
-        let (sequence, rest) = rest.split_first_chunk()?;
-        let (source_ns, rest) = rest.split_first_chunk()?;
-        let header = Header {
-            version: u16::from_le_bytes(*version),
-            host: u16::from_le_bytes(*host),
-            layout: u64::from_le_bytes(*layout),
-            experiment: u64::from_le_bytes(*experiment),
-            boot: u64::from_le_bytes(*boot),
-            sequence: u64::from_le_bytes(*sequence),
-            source_ns: u64::from_le_bytes(*source_ns),
-        };
-        Some((header, rest))
+        let (header, content) = frame.split_first_chunk::<HEADER_BYTES>()?;
+        let rest = header.strip_prefix(&MAGIC)?;
+        let (small, large) = rest.split_at(4);
+        let small = |place: usize| u16::from_le_bytes([small[place], small[place + 1]]);
+        let (large, _) = large.as_chunks();
+        let [layout, experiment, boot, sequence, source_ns] =
+            std::array::from_fn(|place| u64::from_le_bytes(large[place]));
+        let (version, host) = (small(0), small(2));
+        let header = Header { version, host, layout, experiment, boot, sequence, source_ns };
+        Some((header, content))
     }
 }
 

@@ -1,7 +1,8 @@
 //! Which frames of another host are taken over: the right build, the right experiment, the host's own
 //! key, and each only once and in order.
 
-use crate::counters::Dropped;
+use protocol::dropped::Dropped;
+
 use crate::frame::{Header, VERSION};
 
 /// So many bridges of one host that were replaced are remembered.
@@ -31,11 +32,6 @@ impl Boots {
             self.retired.push(old);
         }
         true
-    }
-
-    /// The bridge that is heard.
-    pub fn current(&self) -> Option<u64> {
-        self.current
     }
 }
 

@@ -12,18 +12,15 @@
 //! | `frame` | what is before every sample on the wire? |
 //! | `gate` | which frames of another host are taken over? |
 //! | `clock` | what time is it on the plant's host? |
-//! | `stamps` | which stamp of the plant's clock does one of the clock here stand for? |
 //! | `told` | how does what robots tell the supervisor get to the plant's host? |
 //! | `process/` | how does a bridge carry all that? |
 //! | `wire` | how does a connection begin and end? |
-//! | `counters` | why are samples dropped, and how many were? |
 //! | `examples` | what is tested with? |
 //! | `ros2/` | how does ROS 2 hear a run? |
 
 #[cfg(feature = "zenoh")]
 pub mod certificates;
 pub mod clock;
-pub mod counters;
 pub mod examples;
 pub mod fleet;
 pub mod frame;
@@ -32,7 +29,6 @@ pub mod keys;
 #[cfg(feature = "zenoh")]
 pub mod process;
 pub mod ros2;
-pub mod stamps;
 pub mod told;
 pub mod topics;
 #[cfg(feature = "zenoh")]

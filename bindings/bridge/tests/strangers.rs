@@ -10,7 +10,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use bridge::certificates::{Authority, Validity};
-use bridge::counters::Dropped;
 use bridge::examples::{self, robot};
 use bridge::frame::{Header, VERSION};
 use bridge::gate::Gate;
@@ -21,6 +20,7 @@ use bridge::process::wire::Wire;
 use bridge::topics::{self, Route, Topic};
 use protocol::brief::{BridgeBrief, CertificatesBrief, HostBrief};
 use protocol::clock;
+use protocol::dropped::Dropped;
 use serde_json::json;
 use tempfile::TempDir;
 use tracing_subscriber::prelude::*;

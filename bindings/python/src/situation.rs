@@ -1,4 +1,4 @@
-//! What a law sees, as Python objects: copies of plain values, made when they are asked for.
+//! What a law sees, as Python objects: copies of plain values, of which Python's objects are made when they are asked for.
 
 use agent::laws::{self, Heard};
 use formation::Vec2;
@@ -7,8 +7,12 @@ use protocol::brief::AgentBrief;
 use protocol::message::Contact;
 use pyo3::prelude::*;
 
+/// x and y.
+type Pair = (f64, f64);
+
 /// A pose of the axle's mid-point.
-#[pyclass(frozen, get_all, module = "phalanx")]
+#[pyclass(frozen, get_all, skip_from_py_object, module = "phalanx")]
+#[derive(Clone, Copy)]
 pub struct Pose {
     x_m: f64,
     y_m: f64,
@@ -30,10 +34,18 @@ impl Pose {
 }
 
 /// A twist of the body.
-#[pyclass(frozen, get_all, module = "phalanx")]
+#[pyclass(frozen, get_all, skip_from_py_object, module = "phalanx")]
+#[derive(Clone, Copy)]
 pub struct Twist {
     v_m_s: f64,
     w_rad_s: f64,
+}
+
+impl From<pose::Twist> for Twist {
+    fn from(twist: pose::Twist) -> Twist {
+        let pose::Twist { v_m_s, w_rad_s } = twist;
+        Twist { v_m_s, w_rad_s }
+    }
 }
 
 #[pymethods]
@@ -44,108 +56,82 @@ impl Twist {
 }
 
 /// What is known of one robot that was heard.
-#[pyclass(frozen, module = "phalanx")]
+#[pyclass(frozen, get_all, skip_from_py_object, module = "phalanx")]
+#[derive(Clone)]
 pub struct Neighbor {
     name: String,
-    heard: Heard,
+    position: Pair,
+    velocity: Pair,
+    offset: Pair,
+    offset_velocity: Pair,
+    age_s: f64,
+    contact: &'static str,
 }
 
 #[pymethods]
 impl Neighbor {
-    #[getter]
-    fn name(&self) -> &str {
-        &self.name
-    }
-
-    #[getter]
-    fn position(&self) -> (f64, f64) {
-        pair(self.heard.position)
-    }
-
-    #[getter]
-    fn velocity(&self) -> (f64, f64) {
-        pair(self.heard.velocity)
-    }
-
-    #[getter]
-    fn offset(&self) -> (f64, f64) {
-        pair(self.heard.offset.position)
-    }
-
-    #[getter]
-    fn offset_velocity(&self) -> (f64, f64) {
-        pair(self.heard.offset.velocity)
-    }
-
-    #[getter]
-    fn age_s(&self) -> f64 {
-        self.heard.age_s
-    }
-
-    #[getter]
-    fn contact(&self) -> &'static str {
-        match self.heard.contact {
-            Contact::Fresh => "fresh",
-            Contact::Stale => "stale",
-            Contact::Lost => "lost",
-            // Whoever was never heard is not among the heard.
-            Contact::Unheard => "unheard",
-        }
-    }
-
     fn __repr__(&self) -> String {
-        format!("Neighbor({}, {}, at {:?})", self.name, self.contact(), self.position())
+        format!("Neighbor({}, {}, at {:?})", self.name, self.contact, self.position)
     }
 }
 
 /// One instant as a law sees it.
-#[pyclass(frozen, module = "phalanx")]
-pub struct Situation(Sensed);
-
-/// What a robot senses and where it is to be, for a controller.
-#[pyclass(frozen, module = "phalanx")]
-pub struct Odometry(Sensed);
-
-/// A copy of a [`laws::Situation`].
-struct Sensed {
-    now: laws::Situation<'static>,
-    away: Vec<Vec2>,
-    neighbors: Vec<(String, Heard)>,
+#[pyclass(frozen, get_all, module = "phalanx")]
+pub struct Situation {
+    error: Pair,
+    desired_velocity: Pair,
+    pose: Pose,
+    front_point: Pair,
+    twist: Twist,
+    near: Vec<Pair>,
+    t_s: f64,
+    period_s: f64,
+    neighbors: Vec<Neighbor>,
 }
 
-impl Sensed {
-    /// `names`: of robots by their places in the scenario.
-    fn of(situation: &laws::Situation<'_>, names: &Names) -> Sensed {
-        let named = |heard: &Heard| (names.of(heard.index), *heard);
-        Sensed {
-            now: laws::Situation {
-                error: situation.error,
-                desired_velocity: situation.desired_velocity,
-                period_s: situation.period_s,
-                age_periods: situation.age_periods,
-                t_s: situation.t_s,
-                pose: situation.pose,
-                front_point: situation.front_point,
-                twist: situation.twist,
-                away: &[],
-                heard: &[],
-            },
-            away: situation.away.to_vec(),
-            neighbors: situation.heard.iter().map(named).collect(),
+/// What a robot senses and where it is to be, for a controller.
+#[pyclass(frozen, get_all, module = "phalanx")]
+pub struct Odometry {
+    pose: Pose,
+    twist: Twist,
+    front_point: Pair,
+    front_point_m: f64,
+    near: Vec<Pair>,
+    error: Pair,
+    desired_velocity: Pair,
+    period_s: f64,
+}
+
+impl Situation {
+    /// `names`: of the robots that it hears.
+    pub fn of(situation: &laws::Situation<'_>, names: &Names) -> Situation {
+        Situation {
+            error: pair(situation.error),
+            desired_velocity: pair(situation.desired_velocity),
+            pose: situation.pose.into(),
+            front_point: pair(situation.front_point),
+            twist: situation.twist.into(),
+            near: near(situation),
+            t_s: situation.t_s,
+            period_s: situation.period_s,
+            neighbors: neighbors(situation, names),
         }
     }
+}
 
-    fn near(&self) -> Vec<(f64, f64)> {
-        self.away.iter().map(|away| pair(self.now.front_point - away)).collect()
-    }
-
-    fn pose(&self) -> Pose {
-        self.now.pose.into()
-    }
-
-    fn twist(&self) -> Twist {
-        let pose::Twist { v_m_s, w_rad_s } = self.now.twist;
-        Twist { v_m_s, w_rad_s }
+impl Odometry {
+    pub fn of(situation: &laws::Situation<'_>) -> Odometry {
+        let pose::Pose { x_m, y_m, .. } = situation.pose;
+        Odometry {
+            pose: situation.pose.into(),
+            twist: situation.twist.into(),
+            front_point: pair(situation.front_point),
+            front_point_m: (situation.front_point - Vec2::new(x_m, y_m)).norm(),
+            near: near(situation),
+            error: pair(situation.error),
+            desired_velocity: pair(situation.desired_velocity),
+            period_s: situation.period_s,
+        }
     }
 }
 
@@ -163,125 +149,36 @@ impl Names {
     pub fn len(&self) -> usize {
         self.0.len()
     }
-
-    fn of(&self, index: usize) -> String {
-        let found = self.0.iter().find(|(place, _)| *place == index);
-        found.map_or(String::new(), |(_, name)| name.clone())
-    }
 }
 
 /// Those heard, as a list.
 pub fn neighbors(situation: &laws::Situation<'_>, names: &Names) -> Vec<Neighbor> {
-    let heard = situation.heard.iter();
-    heard.map(|heard| Neighbor { name: names.of(heard.index), heard: *heard }).collect()
+    let neighbor = |heard: &Heard| {
+        let named = names.0.iter().find(|(place, _)| *place == heard.index);
+        Neighbor {
+            name: named.map_or(String::new(), |(_, name)| name.clone()),
+            position: pair(heard.position),
+            velocity: pair(heard.velocity),
+            offset: pair(heard.offset.position),
+            offset_velocity: pair(heard.offset.velocity),
+            age_s: heard.age_s,
+            contact: match heard.contact {
+                Contact::Fresh => "fresh",
+                Contact::Stale => "stale",
+                Contact::Lost => "lost",
+                // Whoever was never heard is not among the heard.
+                Contact::Unheard => "unheard",
+            },
+        }
+    };
+    situation.heard.iter().map(neighbor).collect()
 }
 
-impl Situation {
-    pub fn of(situation: &laws::Situation<'_>, names: &Names) -> Situation {
-        Situation(Sensed::of(situation, names))
-    }
+/// Front points of the robots sensed near.
+fn near(situation: &laws::Situation<'_>) -> Vec<Pair> {
+    situation.away.iter().map(|away| pair(situation.front_point - away)).collect()
 }
 
-impl Odometry {
-    pub fn of(situation: &laws::Situation<'_>) -> Odometry {
-        let alone = laws::Situation { heard: &[], ..*situation };
-        Odometry(Sensed::of(&alone, &Names(Vec::new())))
-    }
-}
-
-#[pymethods]
-impl Situation {
-    #[getter]
-    fn error(&self) -> (f64, f64) {
-        pair(self.0.now.error)
-    }
-
-    #[getter]
-    fn desired_velocity(&self) -> (f64, f64) {
-        pair(self.0.now.desired_velocity)
-    }
-
-    #[getter]
-    fn pose(&self) -> Pose {
-        self.0.pose()
-    }
-
-    #[getter]
-    fn front_point(&self) -> (f64, f64) {
-        pair(self.0.now.front_point)
-    }
-
-    #[getter]
-    fn twist(&self) -> Twist {
-        self.0.twist()
-    }
-
-    #[getter]
-    fn near(&self) -> Vec<(f64, f64)> {
-        self.0.near()
-    }
-
-    #[getter]
-    fn t_s(&self) -> f64 {
-        self.0.now.t_s
-    }
-
-    #[getter]
-    fn period_s(&self) -> f64 {
-        self.0.now.period_s
-    }
-
-    #[getter]
-    fn neighbors(&self) -> Vec<Neighbor> {
-        let known = self.0.neighbors.iter();
-        known.map(|(name, heard)| Neighbor { name: name.clone(), heard: *heard }).collect()
-    }
-}
-
-#[pymethods]
-impl Odometry {
-    #[getter]
-    fn pose(&self) -> Pose {
-        self.0.pose()
-    }
-
-    #[getter]
-    fn twist(&self) -> Twist {
-        self.0.twist()
-    }
-
-    #[getter]
-    fn front_point(&self) -> (f64, f64) {
-        pair(self.0.now.front_point)
-    }
-
-    #[getter]
-    fn front_point_m(&self) -> f64 {
-        let pose::Pose { x_m, y_m, .. } = self.0.now.pose;
-        (self.0.now.front_point - Vec2::new(x_m, y_m)).norm()
-    }
-
-    #[getter]
-    fn near(&self) -> Vec<(f64, f64)> {
-        self.0.near()
-    }
-
-    #[getter]
-    fn error(&self) -> (f64, f64) {
-        pair(self.0.now.error)
-    }
-
-    #[getter]
-    fn desired_velocity(&self) -> (f64, f64) {
-        pair(self.0.now.desired_velocity)
-    }
-
-    #[getter]
-    fn period_s(&self) -> f64 {
-        self.0.now.period_s
-    }
-}
-
-fn pair(vector: Vec2) -> (f64, f64) {
+fn pair(vector: Vec2) -> Pair {
     (vector.x, vector.y)
 }

@@ -17,12 +17,14 @@ use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 
+use formation::pose::{Pose, Twist};
 use formation::seconds;
 use mcap::records::{Metadata, Record};
+use protocol::ros2::messages::{read_pose_stamped, read_twist};
 use serde::Serialize;
 
-use crate::recording::messages::{Nearest, read_log, read_metrics, read_pose, read_twist};
-use crate::recording::pieces::Pieces;
+use crate::recording::messages::{Nearest, read_log, read_metrics};
+use crate::recording::pieces::{Pieces, Soundness};
 use crate::recording::recorder::{EPOCH, FACTS, ROBOTS, SUPERVISOR, TOPICS};
 
 /// What was exported.
@@ -30,8 +32,8 @@ use crate::recording::recorder::{EPOCH, FACTS, ROBOTS, SUPERVISOR, TOPICS};
 pub struct Exported {
     /// Each table with its number of rows.
     pub tables: Vec<(&'static str, u64)>,
-    /// Whether the recording was whole; otherwise the tables hold what there is.
-    pub whole: bool,
+    /// How far the recording was whole; the tables hold what there is.
+    pub soundness: Soundness,
 }
 
 /// Why there is no export, or only a part of it.
@@ -54,6 +56,17 @@ pub enum ExportError {
          in it {EPOCH}, {ROBOTS} and {TOPICS}", .0.display()
     )]
     Foreign(PathBuf),
+    /// Something of it is lost or changed.
+    #[error(
+        "{} is damaged, and nothing is exported: {soundness}. `phalanx recover` writes what is whole into a new file; \
+         --allow-damage exports that at once", path.display()
+    )]
+    Damaged {
+        /// Which.
+        path: PathBuf,
+        /// How.
+        soundness: Soundness,
+    },
     /// A message is not what its channel says.
     #[error("{}: a message on {topic} at {t_s} s is not what its type says", path.display())]
     Message {
@@ -74,8 +87,9 @@ pub enum ExportError {
     },
 }
 
-/// Writes the tables of the recording `file` into the new directory `out`.
-pub fn export(file: &Path, out: &Path) -> Result<Exported, ExportError> {
+/// Writes the tables of the recording `file` into the new directory `out`: of one that is damaged only if that is
+/// allowed, and then what is whole in it.
+pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<Exported, ExportError> {
     let unreadable = |source| ExportError::Read { path: file.into(), source };
     let mut pieces = Pieces::open(file).map_err(unreadable)?;
     let run = loop {
@@ -86,13 +100,17 @@ pub fn export(file: &Path, out: &Path) -> Result<Exported, ExportError> {
         }
     };
     let run = run.ok_or_else(|| ExportError::Foreign(file.into()))?;
+    let soundness = soundness(file).map_err(unreadable)?;
+    if !soundness.is_whole() && !allow_damage {
+        return Err(ExportError::Damaged { path: file.into(), soundness });
+    }
     fs::create_dir(out).map_err(|source| match source.kind() {
         io::ErrorKind::AlreadyExists => ExportError::Exists(out.into()),
         _ => ExportError::Write { path: out.into(), source },
     })?;
     let mut tables = Tables::create(out)?;
     let mut channels = HashMap::new();
-    for piece in pieces.by_ref() {
+    for piece in pieces {
         match piece.map_err(unreadable)? {
             Record::Channel(channel) => {
                 let kind = run.observation(&channel.topic);
@@ -110,8 +128,14 @@ pub fn export(file: &Path, out: &Path) -> Result<Exported, ExportError> {
             _ => {}
         }
     }
-    let tables = tables.finish()?;
-    Ok(Exported { tables, whole: pieces.soundness().whole })
+    Ok(Exported { tables: tables.finish()?, soundness })
+}
+
+/// How far a file is whole: all of it is read.
+fn soundness(file: &Path) -> io::Result<Soundness> {
+    let mut pieces = Pieces::open(file)?;
+    pieces.by_ref().try_for_each(|piece| piece.map(drop))?;
+    Ok(pieces.soundness())
 }
 
 /// What the recording says of its run.
@@ -166,14 +190,15 @@ struct Table {
 }
 
 impl Table {
-    fn create(out: &Path, name: &'static str, columns: &[&str]) -> Result<Table, ExportError> {
+    /// `columns`: as they are in the file.
+    fn create(out: &Path, name: &'static str, columns: &str) -> Result<Table, ExportError> {
         let path = out.join(name);
         let file = File::create_new(&path)
             .map_err(|source| ExportError::Write { path: path.clone(), source })?;
         let writer = csv::WriterBuilder::new().has_headers(false).from_writer(file);
         let mut table = Table { name, path, rows: 0, writer };
         // Here, not with the first row: a table without rows has columns all the same.
-        let written = table.writer.write_record(columns);
+        let written = table.writer.write_record(columns.split(','));
         written.map_err(|error| table.failed(error.into()))?;
         Ok(table)
     }
@@ -204,20 +229,13 @@ struct Tables {
 
 impl Tables {
     fn create(out: &Path) -> Result<Tables, ExportError> {
+        let table = |name, columns| Table::create(out, name, columns);
         Ok(Tables {
-            poses: Table::create(out, "poses.csv", &["t_s", "robot", "x_m", "y_m", "heading_rad"])?,
-            commands: Table::create(out, "commands.csv", &["t_s", "robot", "v_m_s", "w_rad_s"])?,
-            errors: Table::create(
-                out,
-                "errors.csv",
-                &["t_s", "robot", "error_m", "alive", "ideal_error_m"],
-            )?,
-            distances: Table::create(
-                out,
-                "distances.csv",
-                &["t_s", "robot_a", "robot_b", "min_distance_m"],
-            )?,
-            events: Table::create(out, "events.csv", &["t_s", "kind", "robot", "level", "detail"])?,
+            poses: table("poses.csv", "t_s,robot,x_m,y_m,heading_rad")?,
+            commands: table("commands.csv", "t_s,robot,v_m_s,w_rad_s")?,
+            errors: table("errors.csv", "t_s,robot,error_m,alive,ideal_error_m")?,
+            distances: table("distances.csv", "t_s,robot_a,robot_b,min_distance_m")?,
+            events: table("events.csv", "t_s,kind,robot,level,detail")?,
         })
     }
 
@@ -231,12 +249,13 @@ impl Tables {
     ) -> Result<Option<()>, ExportError> {
         match kind {
             Observation::Pose(robot) => {
-                let Some(pose) = read_pose(message) else { return Ok(None) };
-                self.poses.row((t_s, &run.robots[robot], pose))?;
+                let Some(place) = read_pose_stamped(message) else { return Ok(None) };
+                let Pose { x_m, y_m, heading_rad } = place.pose();
+                self.poses.row((t_s, &run.robots[robot], x_m, y_m, heading_rad))?;
             }
             Observation::Command(robot) => {
-                let Some(twist) = read_twist(message) else { return Ok(None) };
-                self.commands.row((t_s, &run.robots[robot], twist))?;
+                let Some(Twist { v_m_s, w_rad_s }) = read_twist(message) else { return Ok(None) };
+                self.commands.row((t_s, &run.robots[robot], v_m_s, w_rad_s))?;
             }
             Observation::Metrics => {
                 let Some(metrics) = read_metrics(message) else { return Ok(None) };

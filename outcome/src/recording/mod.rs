@@ -5,13 +5,10 @@
 //! |---|---|
 //! | `recorder` | how does a run get into the file? |
 //! | `topics` | under which names? |
-//! | `messages` | what does one recorded instant look like, byte by byte? |
+//! | `messages` | how do metrics and events look in it? |
 //! | `walls` | how do walls look in it? |
 //! | `schemas` | how is each message defined, in ROS 2's own words? |
-//! | `writer` | what is in a file of MCAP, from its first byte to its last? |
-//! | `chunk` | how do messages become a chunk and its indexes? |
-//! | `records` | how do MCAP's records become bytes? |
-//! | `cdr` | how do numbers and strings become bytes, and bytes numbers? |
+//! | `file` | what is the crate `mcap` told, which writes the file? |
 //! | `pieces` | what is in a file, as far as it is whole? |
 //! | `recover` | how does a file get its end back that a killed supervisor never wrote? |
 //! | `export` | how does a recording become tables? |
@@ -38,18 +35,15 @@
 //! [spelled](topics) with underscores. The scenario and the manifest are attachments, the facts of
 //! the run metadata under the name `phalanx`.
 
-mod cdr;
-mod chunk;
 pub mod export;
+mod file;
 mod messages;
 mod pieces;
 pub mod recorder;
-mod records;
 pub mod recover;
 mod schemas;
 pub mod topics;
 mod walls;
-mod writer;
 
 #[cfg(test)]
 mod tests;

@@ -5,16 +5,19 @@
 //! noise, and reading ends.
 
 use std::collections::VecDeque;
+use std::fmt;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-use mcap::MAGIC;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::{MAGIC, McapError};
 
 /// What every record begins with: its kind and its length.
 const RECORD_HEADER: u64 = 9;
+/// Kinds of records below this are MCAP's own, from this on anybody's.
+const PRIVATE: u8 = 0x80;
 
 /// LZ4 makes of one byte no more than this; a chunk that says otherwise is damaged, and must not
 /// make us ask for the memory.
@@ -22,27 +25,54 @@ const EXPANSION_MAX: usize = 255;
 /// A chunk of this size is never too large, bytes.
 const CHUNK_MIN: usize = 64 * 1024;
 
-/// The records of a file in order, those in chunks included; chunks and indexes themselves not.
+/// The records of a file in order, those in chunks included; chunks themselves not.
 pub(crate) struct Pieces {
     file: File,
     reader: LinearReader,
     waiting: VecDeque<Record<'static>>,
-    ended: bool,
-    has_index: bool,
-    damaged: u64,
+    reads_on: bool,
     length: u64,
+    soundness: Soundness,
     whole_to: u64,
 }
 
 /// How far a file is whole.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Soundness {
-    /// To the end, with an index.
-    pub(crate) whole: bool,
-    /// Chunks and attachments that do not fit their checksums.
-    pub(crate) damaged: u64,
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Soundness {
+    /// Records that are not what they say, or do not fit their checksums.
+    pub damaged: u64,
     /// Bytes at the end that are no whole record.
-    pub(crate) cut_bytes: u64,
+    pub cut_bytes: u64,
+    /// The checksum over all data, or that over the index, does not fit.
+    pub misfits: bool,
+    /// There is an index, and the end is where it should be.
+    pub has_end: bool,
+    /// There is a checksum over all data and one over the index: without them nothing is known of what is outside of
+    /// chunks and attachments.
+    pub has_checksums: bool,
+}
+
+impl Soundness {
+    /// Whether nothing is known to be lost or changed.
+    pub fn is_whole(&self) -> bool {
+        self.has_end && self.damaged == 0 && self.cut_bytes == 0 && !self.misfits
+    }
+}
+
+/// What is wrong.
+impl fmt::Display for Soundness {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let &Soundness { damaged, cut_bytes, misfits, has_end, .. } = self;
+        let faults = [
+            (damaged > 0, format!("damaged chunks or other records: {damaged}")),
+            (cut_bytes > 0, format!("bytes at the end that are cut: {cut_bytes}")),
+            (misfits, "a checksum over the whole does not fit".to_owned()),
+            (!has_end && cut_bytes == 0 && !misfits, "it has no index".to_owned()),
+        ];
+        let faults: Vec<String> =
+            faults.into_iter().filter_map(|(is_so, words)| is_so.then_some(words)).collect();
+        f.write_str(&faults.join("; "))
+    }
 }
 
 impl Pieces {
@@ -57,25 +87,24 @@ impl Pieces {
         let limit = usize::try_from(length).unwrap_or(usize::MAX);
         let options = LinearReaderOptions::default()
             .with_emit_chunks(true)
+            .with_validate_data_section_crc(true)
+            .with_validate_summary_section_crc(true)
             .with_check_finishes_after_end_magic(true)
             .with_record_length_limit(limit);
         Ok(Pieces {
             file,
             reader: LinearReader::new_with_options(options),
             waiting: VecDeque::new(),
-            ended: false,
-            has_index: false,
-            damaged: 0,
+            reads_on: true,
             length,
+            soundness: Soundness { has_checksums: true, ..Soundness::default() },
             whole_to: 0,
         })
     }
 
     /// How far the file was whole; known once there are no more pieces.
     pub(crate) fn soundness(&self) -> Soundness {
-        let cut_bytes = self.length - self.whole_to.min(self.length);
-        let whole = self.has_index && self.damaged == 0 && cut_bytes == 0;
-        Soundness { whole, damaged: self.damaged, cut_bytes }
+        self.soundness
     }
 
     /// Takes in the next record of the file itself, or finds its end, or where it is cut.
@@ -94,25 +123,31 @@ impl Pieces {
                 Ok(LinearReadEvent::Record { opcode, data }) => {
                     self.whole_to = self.whole_to.max(MAGIC.len() as u64);
                     self.whole_to += RECORD_HEADER + data.len() as u64;
-                    let found = match opcode {
+                    let records = match opcode {
                         op::CHUNK => records_of_chunk(data),
                         _ => parsed(opcode, data).map(|record| VecDeque::from([record])),
                     };
-                    match found {
+                    match records {
                         Some(records) => self.waiting = records,
-                        None => self.damaged += 1,
+                        None => self.soundness.damaged += 1,
                     }
                     return Ok(());
                 }
+                Err(McapError::BadDataCrc { .. } | McapError::BadSummaryCrc { .. }) => {
+                    self.soundness.misfits = true;
+                    self.reads_on = false;
+                    return Ok(());
+                }
                 Err(_) => {
-                    self.ended = true;
+                    self.soundness.cut_bytes = self.length - self.whole_to.min(self.length);
+                    self.soundness.has_end = false;
+                    self.reads_on = false;
                     return Ok(());
                 }
             }
         }
-        // Only a file that ends as it should comes here: the magic stands at its end as well.
-        self.whole_to += MAGIC.len() as u64;
-        self.ended = true;
+        // Only a file that ends as it should comes here.
+        self.reads_on = false;
         Ok(())
     }
 }
@@ -123,12 +158,18 @@ impl Iterator for Pieces {
     fn next(&mut self) -> Option<io::Result<Record<'static>>> {
         loop {
             match self.waiting.pop_front() {
-                Some(Record::Footer(footer)) => self.has_index = footer.summary_start > 0,
+                Some(Record::DataEnd(end)) => {
+                    self.soundness.has_checksums &= end.data_section_crc != 0;
+                }
+                Some(Record::Footer(footer)) => {
+                    self.soundness.has_end = footer.summary_start > 0;
+                    self.soundness.has_checksums &= footer.summary_crc != 0;
+                }
                 Some(record) => return Some(Ok(record)),
-                None if self.ended => return None,
+                None if !self.reads_on => return None,
                 None => {
                     if let Err(error) = self.read() {
-                        self.ended = true;
+                        self.reads_on = false;
                         return Some(Err(error));
                     }
                 }
@@ -169,13 +210,16 @@ fn framed(opcode: u8, length: usize) -> [u8; RECORD_HEADER as usize] {
     header
 }
 
-/// `None` if this is not what its kind says.
+/// `None` if this is not what its kind says, or of a kind that MCAP does not have.
 fn parsed(opcode: u8, body: &[u8]) -> Option<Record<'static>> {
     // The crate cuts the checksum off an attachment before it knows that there is one.
     if opcode == op::ATTACHMENT && !attachment_fits(body) {
         return None;
     }
-    mcap::parse_record(opcode, body).ok().map(Record::into_owned)
+    match mcap::parse_record(opcode, body).ok()? {
+        Record::Unknown { opcode, .. } if opcode < PRIVATE => None,
+        record => Some(record.into_owned()),
+    }
 }
 
 /// Two stamps, name and media type with their lengths, the data with its length, a checksum.

@@ -1,21 +1,24 @@
 //! Writes a run down while it goes on. Every failure is the file's; what was written before is kept.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io;
-use std::ops::RangeInclusive;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use formation::obstacle::Obstacle;
-use mcap::records::{AttachmentHeader, Channel, MessageHeader, Metadata, SchemaHeader};
+use formation::pose::{Pose, Twist};
+use mcap::Attachment;
+use mcap::records::{MessageHeader, Metadata};
+use protocol::ros2::cdr;
+use protocol::ros2::messages::{self as of_robot, State, base_link};
 
-use crate::recording::cdr::Sheet;
-use crate::recording::messages::{self, Event, Sheets};
-pub use crate::recording::messages::{Nearest, State};
+use crate::recording::file::{self, Writer, io_error};
+pub use crate::recording::messages::Nearest;
+use crate::recording::messages::{self as of_all, Event};
 use crate::recording::schemas::{self, Schema};
 use crate::recording::topics::spelled;
 use crate::recording::walls;
-use crate::recording::writer::Writer;
 
 /// What is written is in the file after this, whether its chunk is full or not: a kill must not cost
 /// more than a second, on a busy machine neither.
@@ -55,13 +58,15 @@ pub struct Recorder {
     writer: Writer,
     started_unix_ns: u64,
     reproducible: bool,
-    sheets: Sheets,
-    /// Of each robot's odometry, pose and command.
-    channels: Vec<[u16; 3]>,
+    names: Vec<String>,
+    robots: Vec<Robot>,
     tf: u16,
     metrics: u16,
     rosout: u16,
-    log: Sheet,
+    /// The message that is being put together.
+    message: cdr::Writer,
+    /// The one of all robots' transforms.
+    transforms: cdr::Writer,
     text: String,
     instants: u32,
     events: u32,
@@ -71,62 +76,67 @@ pub struct Recorder {
     unflushed: bool,
 }
 
+/// One robot's frame and channels.
+struct Robot {
+    frame: String,
+    odometry: u16,
+    pose: u16,
+    command: u16,
+}
+
 impl Recorder {
     /// Begins a file, which must not exist, with everything in it that is known beforehand.
     pub fn create(path: &Path, run: &Run<'_>) -> io::Result<Recorder> {
         let topics = spelled(run.robots);
-        let mut writer = Writer::create(path, "ros2")?;
+        let mut writer = file::create(path, "ros2")?;
         let mut facts = run.facts.clone();
         facts.insert(EPOCH.into(), run.started_unix_ns.to_string());
         facts.insert(ROBOTS.into(), run.robots.join(","));
         facts.insert(TOPICS.into(), topics.join(","));
         let facts = Metadata { name: FACTS.into(), metadata: facts };
-        writer.metadata(&facts)?;
-        for (name, media_type, content) in run.attachments {
-            let header = AttachmentHeader {
+        writer.write_metadata(&facts).map_err(io_error)?;
+        for &(name, media_type, content) in run.attachments {
+            let attachment = Attachment {
                 log_time: run.started_unix_ns,
                 create_time: run.started_unix_ns,
-                name: (*name).into(),
-                media_type: (*media_type).into(),
+                name: name.into(),
+                media_type: media_type.into(),
+                data: Cow::Borrowed(content.as_bytes()),
             };
-            writer.attachment(&header, content.as_bytes())?;
+            writer.attach(&attachment).map_err(io_error)?;
         }
-        let mut channels = Channels { writer: &mut writer, ids: 0..=u16::MAX };
         // Empty: whoever plays it back takes the defaults. Half a profile would not be understood.
-        let qos = "";
-        let tf = channels.open(&schemas::TF, "/tf", qos)?;
-        let rosout = channels.open(&schemas::LOG, "/rosout", qos)?;
-        let metrics = channels.open(&schemas::METRICS, "/metrics", qos)?;
-        let mut of_robots = Vec::with_capacity(topics.len());
-        for robot in &topics {
-            of_robots.push([
-                channels.open(&schemas::ODOMETRY, &format!("/{robot}/odom"), qos)?,
-                channels.open(&schemas::POSE_STAMPED, &format!("/{robot}/pose"), qos)?,
-                channels.open(&schemas::COMMAND, &format!("/{robot}/cmd_vel"), qos)?,
-            ]);
+        let mut open = |schema, topic: &str| channel(&mut writer, schema, topic, "");
+        let tf = open(&schemas::TF, "/tf")?;
+        let rosout = open(&schemas::LOG, "/rosout")?;
+        let metrics = open(&schemas::METRICS, "/metrics")?;
+        let mut robots = Vec::with_capacity(topics.len());
+        for (name, topic) in run.robots.iter().zip(&topics) {
+            robots.push(Robot {
+                frame: base_link(name),
+                odometry: open(&schemas::ODOMETRY, &format!("/{topic}/odom"))?,
+                pose: open(&schemas::POSE_STAMPED, &format!("/{topic}/pose"))?,
+                command: open(&schemas::COMMAND, &format!("/{topic}/cmd_vel"))?,
+            });
         }
+        let mut message = cdr::Writer::new();
         if !run.walls.is_empty() {
-            let channel_id = channels.open(&schemas::WALLS, "/walls", walls::LATCHED)?;
-            let stamp_ns = run.started_unix_ns;
-            let header = MessageHeader {
-                channel_id,
-                sequence: 0,
-                log_time: stamp_ns,
-                publish_time: stamp_ns,
-            };
-            writer.message(&header, walls::markers(run.walls, stamp_ns).bytes())?;
+            let channel = channel(&mut writer, &schemas::WALLS, "/walls", walls::LATCHED)?;
+            walls::markers(&mut message, run.walls, run.started_unix_ns);
+            put(&mut writer, channel, 0, run.started_unix_ns, &message)?;
         }
-        writer.flush()?;
+        writer.flush().map_err(io_error)?;
         Ok(Recorder {
             writer,
             started_unix_ns: run.started_unix_ns,
             reproducible: run.reproducible,
-            sheets: Sheets::new(run.robots),
-            channels: of_robots,
+            names: run.robots.to_vec(),
+            robots,
             tf,
             metrics,
             rosout,
-            log: Sheet::new(),
+            message,
+            transforms: cdr::Writer::new(),
             text: String::new(),
             instants: 0,
             events: 0,
@@ -141,7 +151,7 @@ impl Recorder {
     pub fn instant(
         &mut self,
         t_ns: u64,
-        states: impl Iterator<Item = State>,
+        states: impl Iterator<Item = (Pose, Twist)>,
         errors_m: [&[Option<f64>]; 2],
         alive: &[bool],
         nearest: Option<Nearest>,
@@ -150,26 +160,24 @@ impl Recorder {
             && u128::from(t_ns.saturating_sub(self.flushed_t_ns)) >= FLUSH_EVERY.as_nanos()
         {
             self.flushed_t_ns = t_ns;
-            self.writer.flush()?;
+            self.writer.flush().map_err(io_error)?;
         }
-        let stamp_ns = self.started_unix_ns + t_ns;
-        self.sheets.set(stamp_ns, states, errors_m, alive, nearest);
-        let mut header = MessageHeader {
-            channel_id: self.tf,
-            sequence: self.instants,
-            log_time: stamp_ns,
-            publish_time: stamp_ns,
-        };
-        let writer = &mut self.writer;
-        writer.message(&header, self.sheets.tf())?;
-        for (robot, channels) in self.sheets.robots.iter().zip(&self.channels) {
-            for (bytes, &channel_id) in robot.bytes().into_iter().zip(channels) {
-                header.channel_id = channel_id;
-                writer.message(&header, bytes)?;
-            }
+        let (number, stamp_ns) = (self.instants, self.started_unix_ns + t_ns);
+        let Recorder { writer, message, transforms, .. } = self;
+        of_robot::transforms(transforms, self.robots.len());
+        for (robot, (pose, twist)) in self.robots.iter().zip(states) {
+            let state = State { frame: &robot.frame, stamp_ns, pose, twist };
+            of_robot::transform(transforms, &state);
+            of_robot::odometry(message, &state);
+            put(writer, robot.odometry, number, stamp_ns, message)?;
+            of_robot::pose_stamped(message, &state);
+            put(writer, robot.pose, number, stamp_ns, message)?;
+            of_robot::twist(message, twist);
+            put(writer, robot.command, number, stamp_ns, message)?;
         }
-        header.channel_id = self.metrics;
-        writer.message(&header, self.sheets.metrics())?;
+        put(writer, self.tf, number, stamp_ns, transforms)?;
+        of_all::metrics(message, stamp_ns, &self.names, nearest, errors_m, alive);
+        put(writer, self.metrics, number, stamp_ns, message)?;
         self.instants = self.instants.wrapping_add(1);
         self.unflushed = true;
         Ok(())
@@ -186,14 +194,8 @@ impl Recorder {
         let name = if robot.is_empty() { SUPERVISOR } else { robot };
         let event = Event { level: level(kind), name, kind, text: &self.text };
         let stamp_ns = self.started_unix_ns + t_ns;
-        messages::write_log(&mut self.log, stamp_ns, &event);
-        let header = MessageHeader {
-            channel_id: self.rosout,
-            sequence: self.events,
-            log_time: stamp_ns,
-            publish_time: stamp_ns,
-        };
-        self.writer.message(&header, self.log.bytes())?;
+        of_all::log(&mut self.message, stamp_ns, &event);
+        put(&mut self.writer, self.rosout, self.events, stamp_ns, &self.message)?;
         self.events = self.events.wrapping_add(1);
         self.unflushed = true;
         Ok(())
@@ -207,40 +209,35 @@ impl Recorder {
         }
         self.flushed = now;
         if std::mem::take(&mut self.unflushed) {
-            self.writer.flush()?;
+            self.writer.flush().map_err(io_error)?;
         }
         Ok(())
     }
 
     /// Writes the index and the summary, by which the file is whole.
-    pub fn finish(self) -> io::Result<()> {
-        self.writer.finish()
+    pub fn finish(mut self) -> io::Result<()> {
+        self.writer.finish().map(drop).map_err(io_error)
     }
 }
 
-/// Opens channels, with ids in a row.
-struct Channels<'a> {
-    writer: &'a mut Writer,
-    ids: RangeInclusive<u16>,
+/// Opens a channel.
+fn channel(writer: &mut Writer, schema: &Schema, topic: &str, qos: &str) -> io::Result<u16> {
+    let text = schema.text();
+    let schema = writer.add_schema(schema.name, schemas::ENCODING, text.as_bytes());
+    let facts = BTreeMap::from([("offered_qos_profiles".to_owned(), qos.to_owned())]);
+    schema.and_then(|id| writer.add_channel(id, topic, "cdr", &facts)).map_err(io_error)
 }
 
-impl Channels<'_> {
-    fn open(&mut self, schema: &Schema, topic: &str, qos: &str) -> io::Result<u16> {
-        let &Schema { id: schema_id, name, .. } = schema;
-        let encoding = schemas::ENCODING.to_owned();
-        let header = SchemaHeader { id: schema_id, name: name.to_owned(), encoding };
-        self.writer.schema(&header, schema.text().as_bytes())?;
-        let too_many = || io::Error::other("it has more than the 65536 channels of an MCAP file");
-        let id = self.ids.next().ok_or_else(too_many)?;
-        self.writer.channel(&Channel {
-            id,
-            schema_id,
-            topic: topic.to_owned(),
-            message_encoding: "cdr".to_owned(),
-            metadata: BTreeMap::from([("offered_qos_profiles".to_owned(), qos.to_owned())]),
-        })?;
-        Ok(id)
-    }
+/// Writes the message with this number on its channel.
+fn put(
+    writer: &mut Writer,
+    channel_id: u16,
+    sequence: u32,
+    stamp_ns: u64,
+    message: &cdr::Writer,
+) -> io::Result<()> {
+    let header = MessageHeader { channel_id, sequence, log_time: stamp_ns, publish_time: stamp_ns };
+    writer.write_to_known_channel(&header, message.bytes()).map_err(io_error)
 }
 
 /// How bad a kind of event is, as ROS counts it.

@@ -7,15 +7,19 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use mcap::records::Record;
+use mcap::{Attachment, McapError, McapResult};
 
+use crate::recording::file::{self, Writer, io_error};
 use crate::recording::pieces::{Pieces, Soundness};
-use crate::recording::writer::{WriteError, Writer};
 
 /// What came of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
     /// Nothing was missing, and nothing was written.
-    Whole,
+    Whole {
+        /// Whether all of it is under a checksum. In recordings of versions before this one, metadata and indexes are not.
+        checked: bool,
+    },
     /// A whole file was written.
     Recovered(Recovered),
 }
@@ -31,12 +35,10 @@ pub struct Recovered {
     pub attachments: u64,
     /// Metadata records.
     pub metadata: u64,
-    /// Chunks and attachments left out because they did not fit their checksums.
-    pub damaged: u64,
     /// Messages left out because their channel was in a damaged chunk.
     pub orphans: u64,
-    /// Bytes at the end that were cut short.
-    pub cut_bytes: u64,
+    /// What was wrong with the old file.
+    pub soundness: Soundness,
 }
 
 /// Why nothing was recovered.
@@ -78,11 +80,11 @@ pub fn recover(file: &Path, out: &Path) -> Result<Outcome, RecoverError> {
     }
     let profile = profile.ok_or_else(|| RecoverError::Nothing(file.into()))?;
     let soundness = pieces.soundness();
-    if soundness.whole {
-        return Ok(Outcome::Whole);
+    if soundness.is_whole() {
+        return Ok(Outcome::Whole { checked: soundness.has_checksums });
     }
 
-    let writer = Writer::create(out, &profile).map_err(|source| match source.kind() {
+    let writer = file::create(out, &profile).map_err(|source| match source.kind() {
         io::ErrorKind::AlreadyExists => RecoverError::Exists(out.into()),
         _ => RecoverError::Write { path: out.into(), source },
     })?;
@@ -104,42 +106,49 @@ enum Failure {
 }
 
 fn copied(pieces: Pieces, mut writer: Writer, soundness: Soundness) -> Result<Recovered, Failure> {
-    let Soundness { damaged, cut_bytes, .. } = soundness;
-    let mut recovered = Recovered { damaged, cut_bytes, ..Recovered::default() };
+    let mut recovered = Recovered { soundness, ..Recovered::default() };
     for piece in pieces {
         let record = piece.map_err(Failure::Read)?;
         match copy(&record, &mut writer, &mut recovered) {
             Ok(()) => {}
-            Err(WriteError::File(source)) => return Err(Failure::Write(source)),
+            Err(McapError::Io(source)) => return Err(Failure::Write(source)),
             // It refers to something that was lost, or contradicts what came before.
             Err(_) => recovered.orphans += u64::from(matches!(record, Record::Message { .. })),
         }
     }
-    writer.finish().map_err(Failure::Write)?;
+    writer.finish().map_err(|error| Failure::Write(io_error(error)))?;
     Ok(recovered)
 }
 
-fn copy(
-    record: &Record<'_>,
-    writer: &mut Writer,
-    recovered: &mut Recovered,
-) -> Result<(), WriteError> {
+fn copy(record: &Record<'_>, writer: &mut Writer, recovered: &mut Recovered) -> McapResult<()> {
     match record {
-        Record::Schema { header, data } => writer.schema(header, data)?,
-        Record::Channel(channel) => writer.channel(channel)?,
+        Record::Schema { header, data } => {
+            writer.add_schema_with_id(header.id, &header.name, &header.encoding, data)?;
+        }
+        Record::Channel(channel) => {
+            let &mcap::records::Channel { id, schema_id, .. } = channel;
+            let (topic, encoding) = (&channel.topic, &channel.message_encoding);
+            writer.add_channel_with_id(id, schema_id, topic, encoding, &channel.metadata)?;
+        }
         Record::Message { header, data } => {
-            writer.message(header, data)?;
+            writer.write_to_known_channel(header, data)?;
             recovered.messages += 1;
             let (first, last) = recovered.stamps_ns.unwrap_or((u64::MAX, 0));
             let stamp_ns = header.log_time;
             recovered.stamps_ns = Some((first.min(stamp_ns), last.max(stamp_ns)));
         }
         Record::Attachment { header, data, .. } => {
-            writer.attachment(header, data)?;
+            writer.attach(&Attachment {
+                log_time: header.log_time,
+                create_time: header.create_time,
+                name: header.name.clone(),
+                media_type: header.media_type.clone(),
+                data: data.clone(),
+            })?;
             recovered.attachments += 1;
         }
         Record::Metadata(metadata) => {
-            writer.metadata(metadata)?;
+            writer.write_metadata(metadata)?;
             recovered.metadata += 1;
         }
         _ => {}
@@ -158,14 +167,15 @@ impl fmt::Display for Recovered {
             self.attachments,
             self.metadata
         )?;
-        let damaged = match self.damaged {
-            0 => String::new(),
-            damaged => format!(", {damaged} damaged chunks or attachments"),
-        };
-        let orphans = match self.orphans {
-            0 => String::new(),
-            orphans => format!(", {orphans} messages of unknown channels"),
-        };
-        writeln!(f, "lost       {} bytes at the end{damaged}{orphans}", self.cut_bytes)
+        writeln!(f, "lost       {}", self.soundness)?;
+        if self.orphans > 0 {
+            writeln!(f, "           messages of unknown channels: {}", self.orphans)?;
+        }
+        if self.soundness.misfits && self.soundness.damaged == 0 {
+            let what =
+                "which of metadata and indexes was changed is not known: compare the metadata";
+            writeln!(f, "           {what}")?;
+        }
+        Ok(())
     }
 }

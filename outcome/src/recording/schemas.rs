@@ -3,8 +3,6 @@
 
 /// A message type and all types in it.
 pub(crate) struct Schema {
-    /// By which channels say that they are of this type. 0 would be no type.
-    pub(crate) id: u16,
     /// As ROS 2 names it.
     pub(crate) name: &'static str,
     fields: &'static str,
@@ -74,7 +72,6 @@ const MARKER: Part = Part(
 
 /// `/walls`
 pub(crate) const WALLS: Schema = Schema {
-    id: 7,
     name: "visualization_msgs/msg/MarkerArray",
     fields: "visualization_msgs/Marker[] markers\n",
     parts: &[
@@ -95,7 +92,6 @@ pub(crate) const WALLS: Schema = Schema {
 
 /// `/tf`
 pub(crate) const TF: Schema = Schema {
-    id: 1,
     name: "tf2_msgs/msg/TFMessage",
     fields: "geometry_msgs/TransformStamped[] transforms\n",
     parts: &[&TRANSFORM_STAMPED, &HEADER, &TIME, &TRANSFORM, &VECTOR, &QUATERNION],
@@ -103,7 +99,6 @@ pub(crate) const TF: Schema = Schema {
 
 /// `/<robot>/odom`
 pub(crate) const ODOMETRY: Schema = Schema {
-    id: 2,
     name: "nav_msgs/msg/Odometry",
     fields: "std_msgs/Header header\nstring child_frame_id\n\
              geometry_msgs/PoseWithCovariance pose\ngeometry_msgs/TwistWithCovariance twist\n",
@@ -122,7 +117,6 @@ pub(crate) const ODOMETRY: Schema = Schema {
 
 /// `/<robot>/pose`
 pub(crate) const POSE_STAMPED: Schema = Schema {
-    id: 3,
     name: "geometry_msgs/msg/PoseStamped",
     fields: "std_msgs/Header header\ngeometry_msgs/Pose pose\n",
     parts: &[&HEADER, &TIME, &POSE, &POINT, &QUATERNION],
@@ -130,11 +124,10 @@ pub(crate) const POSE_STAMPED: Schema = Schema {
 
 /// `/<robot>/cmd_vel`
 pub(crate) const COMMAND: Schema =
-    Schema { id: 6, name: "geometry_msgs/msg/Twist", fields: TWIST.1, parts: &[&VECTOR] };
+    Schema { name: "geometry_msgs/msg/Twist", fields: TWIST.1, parts: &[&VECTOR] };
 
 /// `/rosout`
 pub(crate) const LOG: Schema = Schema {
-    id: 4,
     name: "rcl_interfaces/msg/Log",
     fields: "byte DEBUG=10\nbyte INFO=20\nbyte WARN=30\nbyte ERROR=40\nbyte FATAL=50\n\
              builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\n\
@@ -144,7 +137,6 @@ pub(crate) const LOG: Schema = Schema {
 
 /// `/metrics`
 pub(crate) const METRICS: Schema = Schema {
-    id: 5,
     name: "phalanx_msgs/msg/Metrics",
     fields: "# Distances and errors of all robots at one instant, in SI units.\n\
              builtin_interfaces/Time stamp\n\

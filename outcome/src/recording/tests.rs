@@ -9,20 +9,20 @@ use mcap::records::Record;
 use proptest::prelude::*;
 use tempfile::TempDir;
 
-use crate::recording::export::{ExportError, export};
+use formation::pose::{Pose, Twist};
+
+use crate::recording::export::{ExportError, Exported, export};
+use crate::recording::file::CHUNK_BYTES;
 use crate::recording::pieces::Pieces;
-use crate::recording::recorder::{FLUSH_EVERY, Nearest, Recorder, Run, State};
+use crate::recording::recorder::{FLUSH_EVERY, Nearest, Recorder, Run};
 use crate::recording::recover::{Outcome, RecoverError, Recovered, recover};
 
 const STARTED_UNIX_NS: u64 = 1_795_233_599_000_000_000;
 const STEP_NS: u64 = 10_000_000;
+const WHOLE: Outcome = Outcome::Whole { checked: true };
 const SCENARIO: &str = "name = \"made up\"\n";
 
-fn begin(path: &Path) -> Recorder {
-    begin_one(path, false)
-}
-
-fn begin_one(path: &Path, reproducible: bool) -> Recorder {
+fn begin(path: &Path, reproducible: bool) -> Recorder {
     let run = Run {
         started_unix_ns: STARTED_UNIX_NS,
         reproducible,
@@ -35,15 +35,10 @@ fn begin_one(path: &Path, reproducible: bool) -> Recorder {
 }
 
 /// Numbers that do not compress.
-fn state(k: u64, robot: u64) -> State {
+fn state(k: u64, robot: u64) -> (Pose, Twist) {
     let phase = (k * 7 + robot) as f64;
-    State {
-        x_m: phase.sin(),
-        y_m: phase.cos(),
-        heading_rad: (phase * 1.3).sin(),
-        v_m_s: (phase * 1.7).sin(),
-        w_rad_s: (phase * 1.9).sin(),
-    }
+    let pose = Pose { x_m: phase.sin(), y_m: phase.cos(), heading_rad: (phase * 1.3).sin() };
+    (pose, Twist { v_m_s: (phase * 1.7).sin(), w_rad_s: (phase * 1.9).sin() })
 }
 
 fn record(recorder: &mut Recorder, instants: std::ops::Range<u64>) {
@@ -59,7 +54,7 @@ fn record(recorder: &mut Recorder, instants: std::ops::Range<u64>) {
 fn recorded(instants: u64) -> (TempDir, PathBuf) {
     let scratch = tempfile::tempdir().unwrap();
     let path = scratch.path().join("run.mcap");
-    let mut recorder = begin(&path);
+    let mut recorder = begin(&path, false);
     record(&mut recorder, 0..instants);
     recorder.event(STEP_NS, "kill", "r2", "SIGKILL, as planned").unwrap();
     recorder.event(2 * STEP_NS, "load", "", "2 processes").unwrap();
@@ -82,33 +77,27 @@ fn messages(path: &Path) -> Vec<(u64, u16, Vec<u8>)> {
 fn recovered(from: &Path, to: &Path) -> Recovered {
     match recover(from, to).unwrap() {
         Outcome::Recovered(recovered) => recovered,
-        Outcome::Whole => panic!("{} is whole", from.display()),
+        Outcome::Whole { .. } => panic!("{} is whole", from.display()),
     }
 }
 
 #[test]
-fn a_whole_recording_is_left_alone() {
-    let (scratch, path) = recorded(50);
-    let before = fs::read(&path).unwrap();
-    assert_eq!(recover(&path, &scratch.path().join("out.mcap")).unwrap(), Outcome::Whole);
-    assert_eq!(fs::read(&path).unwrap(), before);
-    assert!(!scratch.path().join("out.mcap").exists());
-}
-
-#[test]
-fn a_recording_opens_in_the_reader_of_its_format_with_index_and_summary() {
-    let (_scratch, path) = recorded(500);
+fn a_whole_recording_opens_in_the_reader_of_its_format_and_is_left_alone() {
+    let (scratch, path) = recorded(2000);
     let bytes = fs::read(&path).unwrap();
+    assert_eq!(recover(&path, &scratch.path().join("out.mcap")).unwrap(), WHOLE);
+    assert_eq!(fs::read(&path).unwrap(), bytes);
+    assert!(!scratch.path().join("out.mcap").exists());
     let summary = mcap::Summary::read(&bytes).unwrap().expect("a summary");
     let stats = summary.stats.as_ref().expect("statistics");
     // /tf and /metrics, and three of each robot; two events.
-    assert_eq!(stats.message_count, 500 * (2 + 2 * 3) + 2);
+    assert_eq!(stats.message_count, 2000 * (2 + 2 * 3) + 2);
     assert_eq!((stats.channel_count, stats.schema_count), (3 + 2 * 3, 6));
     assert_eq!((stats.attachment_count, stats.metadata_count), (1, 1));
     assert!(summary.chunk_indexes.len() > 4);
     for chunk in &summary.chunk_indexes {
         assert_eq!(chunk.compression, "lz4");
-        assert!(chunk.uncompressed_size < 64 * 1024 + 2048, "{}", chunk.uncompressed_size);
+        assert!(chunk.uncompressed_size < CHUNK_BYTES + 2048, "{}", chunk.uncompressed_size);
     }
     for channel in summary.channels.values() {
         let schema = channel.schema.as_ref().expect("a schema");
@@ -121,16 +110,16 @@ fn a_recording_opens_in_the_reader_of_its_format_with_index_and_summary() {
 
 #[test]
 fn a_recording_cut_at_any_byte_gives_back_every_whole_chunk() {
-    let (scratch, path) = recorded(300);
+    let (scratch, path) = recorded(400);
     let (bytes, all) = (fs::read(&path).unwrap(), messages(&path));
     let (cut, out) = (scratch.path().join("cut.mcap"), scratch.path().join("out.mcap"));
     let mut before = 0;
-    for length in (0..bytes.len()).step_by(211).chain([bytes.len() - 1]) {
+    for length in (0..bytes.len()).step_by(797).chain([bytes.len() - 1]) {
         fs::write(&cut, &bytes[..length]).unwrap();
         match recover(&cut, &out) {
             Err(RecoverError::Nothing(_)) => assert_eq!(before, 0),
             Err(error) => panic!("{length}: {error}"),
-            Ok(Outcome::Whole) => panic!("{length} of {} bytes are not whole", bytes.len()),
+            Ok(Outcome::Whole { .. }) => panic!("{length} of {} bytes are not whole", bytes.len()),
             Ok(Outcome::Recovered(found)) => {
                 let kept = messages(&out);
                 assert_eq!(kept.len() as u64, found.messages);
@@ -147,14 +136,14 @@ fn a_recording_cut_at_any_byte_gives_back_every_whole_chunk() {
 
 #[test]
 fn what_is_recovered_is_whole_and_has_its_attachments_and_metadata() {
-    let (scratch, path) = recorded(300);
+    let (scratch, path) = recorded(1000);
     let bytes = fs::read(&path).unwrap();
     let (cut, out) = (scratch.path().join("cut.mcap"), scratch.path().join("out.mcap"));
     fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
     let found = recovered(&cut, &out);
-    assert_eq!((found.attachments, found.metadata, found.damaged), (1, 1, 0));
-    assert!(found.cut_bytes > 0 && found.messages > 100, "{found:?}");
-    assert_eq!(recover(&out, &scratch.path().join("again.mcap")).unwrap(), Outcome::Whole);
+    assert_eq!((found.attachments, found.metadata, found.soundness.damaged), (1, 1, 0));
+    assert!(found.soundness.cut_bytes > 0 && found.messages > 100, "{found:?}");
+    assert_eq!(recover(&out, &scratch.path().join("again.mcap")).unwrap(), WHOLE);
     let again = fs::read(&out).unwrap();
     let summary = mcap::Summary::read(&again).unwrap().expect("a summary");
     let attachment = mcap::read::attachment(&again, &summary.attachment_indexes[0]).unwrap();
@@ -165,7 +154,7 @@ fn what_is_recovered_is_whole_and_has_its_attachments_and_metadata() {
 
 #[test]
 fn a_chunk_damaged_in_the_middle_costs_only_itself() {
-    let (scratch, path) = recorded(500);
+    let (scratch, path) = recorded(2000);
     let mut bytes = fs::read(&path).unwrap();
     let summary = mcap::Summary::read(&bytes).unwrap().expect("a summary");
     let chunk = &summary.chunk_indexes[2];
@@ -174,7 +163,10 @@ fn a_chunk_damaged_in_the_middle_costs_only_itself() {
     let (bad, out) = (scratch.path().join("bad.mcap"), scratch.path().join("out.mcap"));
     fs::write(&bad, &bytes).unwrap();
     let found = recovered(&bad, &out);
-    assert_eq!((found.damaged, found.cut_bytes), (1, 0));
+    assert_eq!((found.soundness.damaged, found.soundness.cut_bytes), (1, 0));
+    let error = export(&bad, &scratch.path().join("tables"), false).unwrap_err();
+    assert!(error.to_string().contains("damaged chunks or other records: 1"), "{error}");
+    assert!(export(&bad, &scratch.path().join("tables"), true).is_ok());
     let (all, kept) = (messages(&path), messages(&out));
     assert!(
         kept.len() < all.len() && kept.len() * 2 > all.len(),
@@ -207,6 +199,17 @@ fn neither_noise_nor_nothing_is_recovered_and_no_file_is_overwritten() {
     assert!(!at("out").exists());
 }
 
+/// Of a recording under way, whose newest instant is `k`, what is older than half a second is in the file.
+fn lacks_half_a_second_at_most(path: &Path, k: u64) {
+    let out = path.with_extension("out");
+    let last_ns = recovered(path, &out).stamps_ns.map_or(0, |(_, last_ns)| last_ns);
+    fs::remove_file(&out).unwrap();
+    let age_ns = (STARTED_UNIX_NS + k * STEP_NS).saturating_sub(last_ns);
+    let flush_ns = FLUSH_EVERY.as_nanos();
+    let young = u128::from(k * STEP_NS) < flush_ns || u128::from(age_ns) <= flush_ns;
+    assert!(young, "{age_ns} ns are missing after {k} instants");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(20))]
     /// Whenever somebody looks at the clock, and whatever it shows.
@@ -217,7 +220,7 @@ proptest! {
         let scratch = tempfile::tempdir().unwrap();
         let at = |name: &str| scratch.path().join(name);
         let began = Instant::now();
-        let mut recorders = ["undisturbed", "looked at"].map(|name| begin_one(&at(name), true));
+        let mut recorders = ["undisturbed", "looked at"].map(|name| begin(&at(name), true));
         for k in 0..200 {
             for recorder in &mut recorders {
                 record(recorder, k..k + 1);
@@ -226,14 +229,7 @@ proptest! {
                 recorders[1].flush_if_due(began + Duration::from_millis(*ms)).unwrap();
             }
             if k % 40 == 39 {
-                let last_ns = match recover(&at("undisturbed"), &at("out")).unwrap() {
-                    Outcome::Recovered(found) => found.stamps_ns.map_or(0, |(_, last_ns)| last_ns),
-                    Outcome::Whole => panic!("it has no end yet"),
-                };
-                let age_ns = (STARTED_UNIX_NS + k * STEP_NS).saturating_sub(last_ns);
-                let young = k * STEP_NS < 500_000_000 || age_ns <= 500_000_000;
-                prop_assert!(young, "{} ns are missing after {} instants", age_ns, k);
-                fs::remove_file(at("out")).unwrap();
+                lacks_half_a_second_at_most(&at("undisturbed"), k);
             }
         }
         recorders.into_iter().for_each(|recorder| recorder.finish().unwrap());
@@ -244,9 +240,9 @@ proptest! {
 #[test]
 fn at_every_moment_what_is_older_than_half_a_second_is_in_the_file() {
     let scratch = tempfile::tempdir().unwrap();
-    let (path, out) = (scratch.path().join("run.mcap"), scratch.path().join("out.mcap"));
+    let path = scratch.path().join("run.mcap");
     let began = Instant::now();
-    let mut recorder = begin(&path);
+    let mut recorder = begin(&path, false);
     recorder.flush_if_due(began + FLUSH_EVERY).unwrap();
     // A truth each 10 ms, and a look at the clock after it.
     for k in 0..200 {
@@ -254,16 +250,7 @@ fn at_every_moment_what_is_older_than_half_a_second_is_in_the_file() {
         let now = began + FLUSH_EVERY + Duration::from_nanos((k + 1) * STEP_NS);
         recorder.flush_if_due(now).unwrap();
         if k % 10 == 9 {
-            let last_ns = match recover(&path, &out).unwrap() {
-                Outcome::Recovered(found) => found.stamps_ns.map_or(0, |(_, last_ns)| last_ns),
-                Outcome::Whole => panic!("it has no end yet"),
-            };
-            let age_ns = (STARTED_UNIX_NS + k * STEP_NS).saturating_sub(last_ns);
-            let started = last_ns > 0 || u128::from(k * STEP_NS) < FLUSH_EVERY.as_nanos();
-            assert!(started, "nothing is in the file after {k} instants");
-            let young = last_ns == 0 || u128::from(age_ns) <= FLUSH_EVERY.as_nanos();
-            assert!(young, "{age_ns} ns are missing after {k} instants");
-            fs::remove_file(&out).unwrap();
+            lacks_half_a_second_at_most(&path, k);
         }
     }
 }
@@ -279,21 +266,21 @@ fn rows(out: &Path, table: &str) -> Vec<Vec<String>> {
 fn an_export_has_every_number_of_the_run() {
     let (scratch, path) = recorded(5);
     let out = scratch.path().join("tables");
-    let exported = export(&path, &out).unwrap();
-    assert!(exported.whole);
-    let counts: Vec<u64> = exported.tables.iter().map(|(_, rows)| *rows).collect();
+    let Exported { tables, soundness } = export(&path, &out, false).unwrap();
+    assert!(soundness.is_whole() && soundness.has_checksums);
+    let counts: Vec<u64> = tables.iter().map(|(_, rows)| *rows).collect();
     assert_eq!(counts, [10, 10, 10, 5, 2]);
     for (i, row) in rows(&out, "poses.csv").iter().enumerate() {
         let (k, robot) = (i as u64 / 2, i as u64 % 2);
-        let expected = state(k, robot);
+        let (expected, _) = state(k, robot);
         assert_eq!(row[0].parse(), Ok(k as f64 / 100.0));
         assert_eq!(row[1], ["r-1", "r2"][robot as usize]);
         assert_eq!((row[2].parse(), row[3].parse()), (Ok(expected.x_m), Ok(expected.y_m)));
         assert!((row[4].parse::<f64>().unwrap() - expected.heading_rad).abs() < 1e-14);
     }
     let command = &rows(&out, "commands.csv")[3];
-    assert_eq!(command[2].parse(), Ok(state(1, 1).v_m_s));
-    assert_eq!(command[3].parse(), Ok(state(1, 1).w_rad_s));
+    let (_, Twist { v_m_s, w_rad_s }) = state(1, 1);
+    assert_eq!((command[2].parse(), command[3].parse()), (Ok(v_m_s), Ok(w_rad_s)));
     assert_eq!(rows(&out, "errors.csv")[6], ["0.03", "r-1", "", "1", "0.25"]);
     assert_eq!(rows(&out, "errors.csv")[7], ["0.03", "r2", "0.5", "0", ""]);
     assert_eq!(rows(&out, "distances.csv")[4], ["0.04", "r-1", "r2", "4.25"]);
@@ -307,12 +294,51 @@ fn an_export_never_overwrites_and_refuses_what_is_no_run() {
     let (scratch, path) = recorded(5);
     let at = |name: &str| scratch.path().join(name);
     fs::create_dir(at("mine")).unwrap();
-    let error = export(&path, &at("mine")).unwrap_err();
+    let error = export(&path, &at("mine"), false).unwrap_err();
     assert!(matches!(error, ExportError::Exists(_)), "{error}");
     fs::write(at("noise"), "noise").unwrap();
-    let error = export(&at("noise"), &at("out")).unwrap_err();
+    let error = export(&at("noise"), &at("out"), false).unwrap_err();
     assert!(matches!(error, ExportError::Foreign(_)), "{error}");
     assert!(!at("out").exists());
+}
+
+/// One bit of every seventh byte: nothing that has changed is called whole, and no table is written of it unless that is
+/// allowed.
+#[test]
+fn a_single_bit_that_flips_is_never_called_whole_and_never_exported_unasked() {
+    let (scratch, path) = recorded(5);
+    let bytes = fs::read(&path).unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    for place in (0..bytes.len()).step_by(7) {
+        let mut flipped = bytes.clone();
+        flipped[place] ^= 1 << (place % 8);
+        fs::write(at("bad.mcap"), &flipped).unwrap();
+        match recover(&at("bad.mcap"), &at("out.mcap")) {
+            Err(RecoverError::Nothing(_)) => {}
+            Ok(Outcome::Recovered(found)) => {
+                assert!(!found.soundness.is_whole(), "byte {place}: {found:?}");
+                assert_ne!(found.soundness.to_string(), "", "byte {place}");
+                fs::remove_file(at("out.mcap")).unwrap();
+            }
+            other => panic!("byte {place} of {}: {other:?}", bytes.len()),
+        }
+        let error = export(&at("bad.mcap"), &at("tables"), false).unwrap_err();
+        let refused = matches!(error, ExportError::Damaged { .. } | ExportError::Foreign(_));
+        assert!(refused && !at("tables").exists(), "byte {place}: {error}");
+    }
+}
+
+/// As an earlier version wrote it: metadata and indexes are under no checksum.
+#[test]
+fn a_recording_without_checksums_over_the_whole_is_whole_as_far_as_its_checksums_reach() {
+    let scratch = tempfile::tempdir().unwrap();
+    let path = scratch.path().join("run.mcap");
+    let options = mcap::WriteOptions::new().calculate_data_section_crc(false);
+    let mut writer = options.create(fs::File::create(&path).unwrap()).unwrap();
+    writer.add_channel(0, "/tf", "cdr", &BTreeMap::new()).unwrap();
+    writer.finish().unwrap();
+    let outcome = recover(&path, &scratch.path().join("out.mcap")).unwrap();
+    assert_eq!(outcome, Outcome::Whole { checked: false });
 }
 
 proptest! {
@@ -335,6 +361,6 @@ proptest! {
         if let Ok(Outcome::Recovered(found)) = recover(&bad, &out) {
             prop_assert_eq!(messages(&out).len() as u64, found.messages);
         }
-        let _ = export(&bad, &scratch.path().join("tables"));
+        let _ = export(&bad, &scratch.path().join("tables"), true);
     }
 }

@@ -3,8 +3,8 @@
 
 use formation::obstacle::Obstacle;
 
-use crate::recording::cdr::Sheet;
-use crate::recording::messages::MAP;
+use protocol::ros2::cdr::Writer;
+use protocol::ros2::messages::MAP;
 
 /// Types of markers, and what is to be done with one.
 const CYLINDER: u32 = 3;
@@ -35,15 +35,15 @@ pub(crate) const LATCHED: &str = "\
   avoid_ros_namespace_conventions: false
 ";
 
-/// The message.
-pub(crate) fn markers(walls: &[Obstacle], stamp_ns: u64) -> Sheet {
-    let mut sheet = Sheet::new();
-    sheet.u32(walls.len() as u32);
+/// Writes the message.
+pub(crate) fn markers(out: &mut Writer, walls: &[Obstacle], stamp_ns: u64) {
+    out.clear();
+    out.u32(walls.len() as u32);
     for (id, wall) in (0..).zip(walls) {
-        sheet.time(stamp_ns);
-        sheet.text(MAP);
-        sheet.text("walls");
-        sheet.u32(id);
+        out.time(stamp_ns);
+        out.string(MAP);
+        out.string("walls");
+        out.u32(id);
         let (kind, at, scale, points) = match wall {
             Obstacle::Disc { center_m, radius_m } => {
                 (CYLINDER, *center_m, [2.0 * radius_m, 2.0 * radius_m, THICK_M], Vec::new())
@@ -56,37 +56,28 @@ pub(crate) fn markers(walls: &[Obstacle], stamp_ns: u64) -> Sheet {
                 (LINE_STRIP, [0.0; 2], [THICK_M, 0.0, 0.0], points)
             }
         };
-        sheet.u32(kind);
-        sheet.u32(ADD);
+        out.u32(kind);
+        out.u32(ADD);
         // Position, and no rotation.
-        for number in [at[0], at[1], 0.0, 0.0, 0.0, 0.0, 1.0].into_iter().chain(scale) {
-            sheet.f64(number);
-        }
-        for part in COLOR {
-            sheet.f32(part);
-        }
+        out.f64s(&[at[0], at[1], 0.0, 0.0, 0.0, 0.0, 1.0]);
+        out.f64s(&scale);
+        COLOR.into_iter().for_each(|part| out.f32(part));
         // It stays for ever.
-        sheet.u32(0);
-        sheet.u32(0);
-        sheet.u8(0);
-        sheet.u32(points.len() as u32);
-        for [x, y] in points {
-            for number in [x, y, 0.0] {
-                sheet.f64(number);
-            }
-        }
-        sheet.u32(0); // colors
-        sheet.text(""); // texture_resource
-        sheet.time(0); // texture: header, format, data
-        sheet.text("");
-        sheet.text("");
-        sheet.u32(0);
-        sheet.u32(0); // uv_coordinates
-        sheet.text(""); // text
-        sheet.text(""); // mesh_resource
-        sheet.text(""); // mesh_file: filename, data
-        sheet.u32(0);
-        sheet.u8(0); // mesh_use_embedded_materials
+        out.time(0);
+        out.u8(0);
+        out.u32(points.len() as u32);
+        points.into_iter().for_each(|[x_m, y_m]| out.f64s(&[x_m, y_m, 0.0]));
+        out.u32(0); // colors
+        out.string(""); // texture_resource
+        out.time(0); // texture: header, format, data
+        out.string("");
+        out.string("");
+        out.u32(0);
+        out.u32(0); // uv_coordinates
+        out.string(""); // text
+        out.string(""); // mesh_resource
+        out.string(""); // mesh_file: filename, data
+        out.u32(0);
+        out.u8(0); // mesh_use_embedded_materials
     }
-    sheet
 }

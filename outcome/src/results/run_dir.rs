@@ -8,7 +8,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use crate::recording::recorder::{FLUSH_EVERY, Nearest, Recorder, Run, State};
+use crate::recording::recorder::{FLUSH_EVERY, Nearest, Recorder, Run};
 use protocol::brief::{self, Pace};
 use protocol::message::{TruthHeader, TruthRow};
 use protocol::process::exit;
@@ -24,6 +24,7 @@ use crate::results::summary::to_json;
 use experiment::scenario::Scenario;
 use experiment::scenario::program::Program;
 use formation::obstacle::Obstacle;
+use formation::pose::{Pose, Twist};
 use formation::seconds;
 
 /// Runs without `--out` go below this directory.
@@ -322,7 +323,7 @@ impl RunDir {
             let Newest { t_ns, rows, errors_m, ideal_errors_m, alive, nearest, .. } = newest;
             let states = rows.iter().map(|row| {
                 let &TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = row;
-                State { x_m, y_m, heading_rad, v_m_s, w_rad_s }
+                (Pose { x_m, y_m, heading_rad }, Twist { v_m_s, w_rad_s })
             });
             let nearest = nearest.map(|(distance_m, pair)| Nearest { distance_m, pair });
             let errors_m = [errors_m, ideal_errors_m].map(Vec::as_slice);

@@ -1,4 +1,4 @@
-//! Plants that are shipped in `examples/`: robots on wheels in MuJoCo, and at the end of serial lines.
+//! Plants that are shipped in `bindings/python/examples/`: robots on wheels in MuJoCo, and at the end of serial lines.
 
 use std::path::Path;
 use std::process::Command;
@@ -9,7 +9,8 @@ use crate::harness::{Ended, Phalanx};
 /// A shipped scenario, by the `phalanx` that the package has installed.
 fn example(name: &str) -> Phalanx {
     let mut command = Command::new(Path::new(ROOT).join("target/python/bin/phalanx"));
-    command.arg("run").arg(format!("examples/{name}.toml")).env("PATH", path());
+    command.arg("run").arg(format!("{ROOT}/bindings/python/examples/{name}.toml"));
+    command.env("PATH", path());
     Phalanx::new(command)
 }
 

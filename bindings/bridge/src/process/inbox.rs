@@ -9,8 +9,8 @@ use std::sync::{Condvar, Mutex, MutexGuard};
 use std::time::Duration;
 
 use protocol::clock;
+use protocol::dropped::Dropped;
 
-use crate::counters::{Counters, Dropped};
 use crate::frame::Header;
 use crate::gate::{Boots, Gate};
 
@@ -41,7 +41,8 @@ struct State {
     lanes: Vec<Option<Lane>>,
     /// Of all hosts.
     boots: Vec<Boots>,
-    dropped: Counters,
+    /// How many were dropped, by reason.
+    dropped: [u64; Dropped::ALL.len()],
     arrived: bool,
 }
 
@@ -58,7 +59,7 @@ impl Inbox {
         let state = State {
             lanes: (0..routes).map(|_| None).collect(),
             boots: vec![Boots::default(); hosts],
-            dropped: Counters::default(),
+            dropped: [0; Dropped::ALL.len()],
             arrived: false,
         };
         Inbox { state: Mutex::new(state), news: Condvar::new() }
@@ -89,7 +90,7 @@ impl Inbox {
                 drop(state);
                 self.news.notify_one();
             }
-            Err(why) => dropped.drop(why),
+            Err(why) => dropped[why as usize] += 1,
         }
     }
 
@@ -110,7 +111,7 @@ impl Inbox {
 
     /// How many were dropped for this reason.
     pub fn dropped(&self, why: Dropped) -> u64 {
-        self.lock().dropped.dropped(why)
+        self.lock().dropped[why as usize]
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {

@@ -4,17 +4,21 @@
 //! Where a stamp decides something, it is read as the earliest time that it may mean, so that a sample
 //! is never taken for younger than it is; `sent_ns`, which only measures, as the most plausible.
 
+use std::collections::BTreeMap;
+
+use protocol::dropped::Dropped;
 use protocol::message::{Beacon, Command, Odometry};
 
 use crate::clock::{Bounds, Offset, Stamps};
-use crate::counters::Dropped;
-use crate::stamps::StampMap;
 
 /// What a host knows of time.
 pub struct Times {
     is_plants: bool,
     offset: Offset,
-    stamps: StampMap,
+    /// Of the samples delivered here, by their stamps here, ns: the plant's own, ns. An agent answers a sample by the
+    /// former, and what crosses back carries the latter, exactly, so that a command's lifetime counts on the plant's
+    /// clock alone.
+    plant_stamps_ns: BTreeMap<u64, u64>,
     kept_ns: u64,
     /// The newest odometry delivered to each robot: its stamp here, ns.
     delivered_ns: Vec<u64>,
@@ -31,7 +35,7 @@ impl Times {
         Times {
             is_plants,
             offset: Offset::default(),
-            stamps: StampMap::default(),
+            plant_stamps_ns: BTreeMap::new(),
             kept_ns,
             delivered_ns: vec![0; robots],
             began_ns: None,
@@ -78,14 +82,15 @@ impl Times {
 
     /// Nobody answers what is older than is kept.
     pub fn forget(&mut self, now_ns: u64) {
-        self.stamps.forget_before(now_ns.saturating_sub(self.kept_ns));
+        let kept = self.plant_stamps_ns.split_off(&now_ns.saturating_sub(self.kept_ns));
+        self.plant_stamps_ns = kept;
     }
 
     /// The plant's own stamp of what was delivered here under this one.
     fn own(&self, here_ns: u64) -> Result<u64, Dropped> {
         match self.is_plants {
             true => Ok(here_ns),
-            false => self.stamps.plant_ns(here_ns).ok_or(Dropped::Unmatched),
+            false => self.plant_stamps_ns.get(&here_ns).copied().ok_or(Dropped::Unmatched),
         }
     }
 
@@ -179,7 +184,7 @@ impl Times {
 
     fn deliver(&mut self, here_ns: u64, plant_ns: u64) {
         if !self.is_plants {
-            self.stamps.deliver(here_ns, plant_ns);
+            self.plant_stamps_ns.insert(here_ns, plant_ns);
         }
     }
 }
@@ -218,6 +223,14 @@ mod tests {
         assert_eq!(times.beacon_out(beacon, NOW_NS).unwrap().stamp_ns, own_ns);
         let other = Command { stamp_ns: sample.stamp_ns + 1, ..Command::default() };
         assert_eq!(times.command_out(other, NOW_NS), Err(Dropped::Unmatched));
+        times.forget(sample.stamp_ns + times.kept_ns);
+        assert_eq!(times.command_out(command, NOW_NS).unwrap().stamp_ns, own_ns, "it is kept");
+        times.forget(sample.stamp_ns + times.kept_ns + 1);
+        assert_eq!(
+            times.command_out(command, NOW_NS),
+            Err(Dropped::Unmatched),
+            "nobody answers it"
+        );
         assert_eq!(times.run_ns(NOW_NS).unwrap() / 1_000, 12);
     }
 

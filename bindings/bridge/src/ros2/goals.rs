@@ -8,8 +8,7 @@ use formation::obstacle::Obstacles;
 use protocol::goal::Refused;
 use protocol::message::{Goal, GoalCounts};
 use protocol::ros2::Ros2Brief;
-
-use super::messages::{MAP, Place, pose_stamped};
+use protocol::ros2::messages::{MAP, Place, read_pose_stamped};
 
 /// Where goals may be.
 #[derive(Debug, Clone)]
@@ -33,7 +32,7 @@ impl Arena {
     /// Where a message sends a robot that started at that place.
     pub fn place(&self, message: &[u8], start: Vec2) -> Result<Vec2, Refused> {
         let Place { frame, position_m, orientation } =
-            pose_stamped(message).ok_or(Refused::Layout)?;
+            read_pose_stamped(message).ok_or(Refused::Layout)?;
         if position_m.iter().chain(&orientation).any(|number| !number.is_finite()) {
             return Err(Refused::NotFinite);
         }
@@ -108,8 +107,8 @@ impl Inbox {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ros2::cdr::Writer;
     use formation::obstacle::Obstacle;
+    use protocol::ros2::cdr::Writer;
 
     const START: Vec2 = Vec2::new(0.0, 0.0);
 
@@ -128,11 +127,10 @@ mod tests {
 
     fn message(frame: &str, numbers: [f64; 7]) -> Vec<u8> {
         let mut out = Writer::new();
-        out.u32(0);
-        out.u32(0);
+        out.time(0);
         out.string(frame);
         out.f64s(&numbers);
-        out.finish()
+        out.bytes().to_vec()
     }
 
     fn at(x_m: f64, y_m: f64) -> [f64; 7] {

@@ -6,8 +6,8 @@
 
 use sha2::{Digest as _, Sha256};
 
-use super::attachment::GID_BYTES;
-
+/// How many bytes name a sender.
+pub const GID_BYTES: usize = 16;
 /// Reliable, volatile, the last ten: what `ros2 topic echo` asks for if nobody says otherwise. Left out
 /// is what rmw_zenoh takes for granted; the durability is said, for which it changed its mind.
 const QOS: &str = ":2:,10:,:,:,,";
@@ -93,6 +93,14 @@ pub fn gid(token: &str) -> [u8; GID_BYTES] {
     std::array::from_fn(|i| digest[i])
 }
 
+/// What rmw_zenoh wants beside each message, without which its receivers drop it: the message's number, from 1, when its
+/// sender made it, in ROS time in ns, and who sent it. Three values without names, as since rmw_zenoh 0.2.4, the sender with
+/// its length before it. (rmw_zenoh, issue 641)
+pub fn attachment(sequence: i64, stamp_ns: i64, gid: &[u8; GID_BYTES]) -> Vec<u8> {
+    let length = [GID_BYTES as u8];
+    [&sequence.to_le_bytes()[..], &stamp_ns.to_le_bytes(), &length, gid].concat()
+}
+
 /// The topic of a robot's odometry.
 pub fn odom(robot: &str) -> String {
     format!("/{robot}/odom")
@@ -101,11 +109,6 @@ pub fn odom(robot: &str) -> String {
 /// The topic of a robot's goals.
 pub fn goal_pose(robot: &str) -> String {
     format!("/{robot}/goal_pose")
-}
-
-/// The frame on a robot's axle.
-pub fn base_link(robot: &str) -> String {
-    format!("{robot}/base_link")
 }
 
 /// Whether ROS 2 takes it for the name of a node and for a part of a topic's.
@@ -142,6 +145,16 @@ mod tests {
                 POSE_STAMPED.hash
             )
         );
+    }
+
+    #[test]
+    fn an_attachment_is_number_time_and_sender() {
+        let gid = std::array::from_fn(|i| i as u8);
+        let bytes = attachment(0x0102, -1, &gid);
+        assert_eq!(bytes[..8], [2, 1, 0, 0, 0, 0, 0, 0]);
+        assert_eq!(bytes[8..16], [0xff; 8]);
+        assert_eq!(bytes[16], 16);
+        assert_eq!(bytes[17..], gid);
     }
 
     #[test]

@@ -20,13 +20,12 @@ use protocol::brief::{self, BriefError};
 use protocol::clock::{self, Timer};
 use protocol::message::Odometry;
 use protocol::process::{self, Stop};
-use protocol::ros2::Ros2Brief;
+use protocol::ros2::messages::{self, State, base_link};
+use protocol::ros2::{Ros2Brief, cdr};
 use protocol::run_root::{self, RunRootError};
 use protocol::service::{self, Node, ServiceError, Subscriber};
 
-use super::messages::{self, State};
 use super::names::{self, ODOMETRY, POSE_STAMPED, TF};
-use super::stamp::RosClock;
 use crate::wire::WireError;
 use sending::Sending;
 use wire::{Sender, Wire};
@@ -96,38 +95,40 @@ fn source(node: &Node, robot: &str) -> Result<Subscriber<Odometry>, ServiceError
     service::odometry(robot).open(node)?.subscriber()
 }
 
-/// As both clocks are now. A wall clock before 1970 counts as 1970.
-fn ros_clock() -> RosClock {
+/// What is to be added to a stamp of CLOCK_MONOTONIC for the time of ROS, which is the wall clock, ns. Read once: stamps of
+/// a run never go back, even if somebody sets the wall clock meanwhile. A wall clock before 1970 counts as 1970.
+fn ros_offset_ns() -> u64 {
     let before_ns = clock::now_ns();
     let wall = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    RosClock::new(before_ns.midpoint(clock::now_ns()), wall.as_nanos() as u64)
+    (wall.as_nanos() as u64).saturating_sub(before_ns.midpoint(clock::now_ns()))
 }
 
 /// Everything that ROS 2 sees.
-struct Face<'a> {
-    ros: RosClock,
-    robots: Vec<Robot<'a>>,
+struct Face {
+    ros_offset_ns: u64,
+    robots: Vec<Robot>,
     tf: Sender,
+    message: cdr::Writer,
     sending: Sending,
     _receivers: Vec<wire::Receiver>,
     /// They are there as long as these are.
     _nodes: Vec<wire::Node>,
 }
 
-struct Robot<'a> {
-    name: &'a str,
+struct Robot {
+    frame: String,
     source: Subscriber<Odometry>,
     odom: Sender,
 }
 
-impl<'a> Face<'a> {
+impl Face {
     /// One node for each robot, named as the robot, and one for all.
     fn declare(
         wire: &Wire,
-        brief: &'a Ros2Brief,
+        brief: &Ros2Brief,
         sources: Vec<Subscriber<Odometry>>,
         sending: Sending,
-    ) -> Result<Face<'a>, WireError> {
+    ) -> Result<Face, WireError> {
         let all = wire.node(brief.domain, "phalanx")?;
         let tf = wire.sender(&all, "/tf", TF)?;
         let (mut robots, mut nodes, mut receivers) = (Vec::new(), vec![all], Vec::new());
@@ -137,15 +138,23 @@ impl<'a> Face<'a> {
             if let Some(take) = sending.taker(name) {
                 receivers.push(wire.receive(&node, &names::goal_pose(name), POSE_STAMPED, take)?);
             }
-            robots.push(Robot { name, source, odom });
+            robots.push(Robot { frame: base_link(name), source, odom });
             nodes.push(node);
         }
-        let (ros, _receivers, _nodes) = (ros_clock(), receivers, nodes);
-        Ok(Face { ros, robots, tf, sending, _receivers, _nodes })
+        Ok(Face {
+            ros_offset_ns: ros_offset_ns(),
+            robots,
+            tf,
+            message: cdr::Writer::new(),
+            sending,
+            _receivers: receivers,
+            _nodes: nodes,
+        })
     }
 
     /// What is new of each robot. Of a robot whose pose is not sensed, nothing.
     fn publish(&mut self) -> Result<(), ReceiveError> {
+        let message = &mut self.message;
         let mut states = Vec::with_capacity(self.robots.len());
         for robot in &mut self.robots {
             let mut newest: Option<Odometry> = None;
@@ -154,16 +163,19 @@ impl<'a> Face<'a> {
             }
             let Some(sample) = newest.filter(|sample| sample.pose_valid == 1) else { continue };
             let state = State {
-                robot: robot.name,
-                ros_ns: self.ros.at(sample.stamp_ns),
+                frame: &robot.frame,
+                stamp_ns: sample.stamp_ns + self.ros_offset_ns,
                 pose: sample.pose(),
                 twist: sample.twist(),
             };
-            robot.odom.send(state.ros_ns, messages::odometry(&state));
+            messages::odometry(message, &state);
+            robot.odom.send(state.stamp_ns, message.bytes());
             states.push(state);
         }
-        if let Some(newest_ns) = states.iter().map(|state| state.ros_ns).max() {
-            self.tf.send(newest_ns, messages::transforms(&states));
+        if let Some(newest_ns) = states.iter().map(|state| state.stamp_ns).max() {
+            messages::transforms(message, states.len());
+            states.iter().for_each(|state| messages::transform(message, state));
+            self.tf.send(newest_ns, message.bytes());
         }
         Ok(())
     }

@@ -12,8 +12,7 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::CongestionControl;
 use zenoh::sample::SampleKind;
 
-use crate::ros2::attachment::{self, GID_BYTES};
-use crate::ros2::names::{self, MessageType};
+use crate::ros2::names::{self, GID_BYTES, MessageType};
 use crate::wire::{self, WireError};
 
 /// How long one attempt to reach the router may take, ms.
@@ -146,10 +145,10 @@ pub struct Sender {
 
 impl Sender {
     /// A message that was made at this time of ROS, ns.
-    pub fn send(&mut self, ros_ns: u64, message: Vec<u8>) {
+    pub fn send(&mut self, ros_ns: u64, message: &[u8]) {
         self.sequence += 1;
-        let beside = attachment::encode(self.sequence, ros_ns as i64, &self.gid);
-        let sent = self.publisher.put(message).attachment(beside.to_vec()).wait();
+        let beside = names::attachment(self.sequence, ros_ns as i64, &self.gid);
+        let sent = self.publisher.put(message).attachment(beside).wait();
         if let Err(error) = &sent
             && !self.failing
         {

@@ -1,10 +1,12 @@
 //! CDR, little-endian: how ROS 2 lays numbers and strings out in a message.
 //!
-//! Read and written. Every number begins at a multiple of its own size, counted from the end of the header. No crate for
-//! it is small: `hiroz-cdr` 0.2 brings zenoh's buffers, which the default build must not have.
+//! Every number begins at a multiple of its own size, counted from the end of the header. No crate for it is small:
+//! `hiroz-cdr` 0.2 brings zenoh's buffers, which the default build must not have.
 
 /// Before every message: plain CDR, little-endian, no options.
 const HEADER: [u8; 4] = [0, 1, 0, 0];
+
+const NS_PER_S: u64 = 1_000_000_000;
 
 /// A message that is being written.
 #[derive(Debug, Clone)]
@@ -18,26 +20,42 @@ impl Writer {
         Writer { bytes: HEADER.to_vec() }
     }
 
-    /// The bytes of it all.
-    pub fn finish(self) -> Vec<u8> {
-        self.bytes
+    /// Begins another message, with the memory of this one.
+    pub fn clear(&mut self) {
+        self.bytes.truncate(HEADER.len());
+    }
+
+    /// The message.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// An integer of 8 bits.
+    pub fn u8(&mut self, number: u8) {
+        self.bytes.push(number);
     }
 
     /// An integer of 32 bits.
     pub fn u32(&mut self, number: u32) {
-        self.number(number.to_le_bytes());
+        self.align(4);
+        self.bytes.extend(number.to_le_bytes());
     }
 
-    /// A signed integer of 32 bits.
-    pub fn i32(&mut self, number: i32) {
-        self.number(number.to_le_bytes());
+    /// A number of 32 bits.
+    pub fn f32(&mut self, number: f32) {
+        self.u32(number.to_bits());
     }
 
     /// Numbers of 64 bits, one after the other.
     pub fn f64s(&mut self, numbers: &[f64]) {
-        for number in numbers {
-            self.number(number.to_le_bytes());
-        }
+        self.align(8);
+        numbers.iter().for_each(|number| self.bytes.extend(number.to_le_bytes()));
+    }
+
+    /// So many numbers of 64 bits that are 0.
+    pub fn zeros(&mut self, count: usize) {
+        self.align(8);
+        self.bytes.resize(self.bytes.len() + 8 * count, 0);
     }
 
     /// A string: its length with the NUL at its end, then its bytes and that NUL.
@@ -47,10 +65,22 @@ impl Writer {
         self.bytes.push(0);
     }
 
-    fn number<const SIZE: usize>(&mut self, bytes: [u8; SIZE]) {
+    /// `builtin_interfaces/Time` of a time in ns since 1970: whole seconds, which ROS 2 counts until 2038, and the ns
+    /// beyond them.
+    pub fn time(&mut self, stamp_ns: u64) {
+        self.u32((stamp_ns / NS_PER_S) as u32);
+        self.u32((stamp_ns % NS_PER_S) as u32);
+    }
+
+    fn align(&mut self, size: usize) {
         let written = self.bytes.len() - HEADER.len();
-        self.bytes.resize(HEADER.len() + written.next_multiple_of(SIZE), 0);
-        self.bytes.extend_from_slice(&bytes);
+        self.bytes.resize(HEADER.len() + written.next_multiple_of(size), 0);
+    }
+}
+
+impl Default for Writer {
+    fn default() -> Writer {
+        Writer::new()
     }
 }
 
@@ -73,16 +103,26 @@ impl<'a> Reader<'a> {
         self.body.len() - self.read < 4
     }
 
+    /// An integer of 8 bits.
+    pub fn u8(&mut self) -> Option<u8> {
+        self.number().map(u8::from_le_bytes)
+    }
+
     /// An integer of 32 bits.
     pub fn u32(&mut self) -> Option<u32> {
         self.number().map(u32::from_le_bytes)
+    }
+
+    /// A number of 64 bits.
+    pub fn f64(&mut self) -> Option<f64> {
+        self.number().map(f64::from_le_bytes)
     }
 
     /// Numbers of 64 bits, one after the other.
     pub fn f64s<const COUNT: usize>(&mut self) -> Option<[f64; COUNT]> {
         let mut numbers = [0.0; COUNT];
         for number in &mut numbers {
-            *number = self.number().map(f64::from_le_bytes)?;
+            *number = self.f64()?;
         }
         Some(numbers)
     }
@@ -92,6 +132,18 @@ impl<'a> Reader<'a> {
         let length = usize::try_from(self.u32()?).ok()?;
         let (text, nul) = self.take(length)?.split_last().map(|(nul, text)| (text, *nul))?;
         (nul == 0 && !text.contains(&0)).then(|| std::str::from_utf8(text).ok()).flatten()
+    }
+
+    /// A `builtin_interfaces/Time`, ns since 1970.
+    pub fn time(&mut self) -> Option<u64> {
+        let (s, ns) = (self.u32()?, self.u32()?);
+        Some(u64::from(s) * NS_PER_S + u64::from(ns))
+    }
+
+    /// A sequence, element by element: a count that is a lie costs no more than the message is long.
+    pub fn list<T>(&mut self, element: impl Fn(&mut Self) -> Option<T>) -> Option<Vec<T>> {
+        let count = self.u32()?;
+        (0..count).map(|_| element(self)).collect()
     }
 
     fn number<const SIZE: usize>(&mut self) -> Option<[u8; SIZE]> {
@@ -106,45 +158,30 @@ impl<'a> Reader<'a> {
     }
 }
 
-impl Default for Writer {
-    fn default() -> Writer {
-        Writer::new()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn numbers_begin_at_multiples_of_their_size_after_the_header() {
+    fn numbers_begin_at_multiples_of_their_size_after_the_header_and_are_read_again() {
         let mut writer = Writer::new();
         writer.string("ab");
-        writer.i32(-2);
+        writer.u32(0xffff_fffe);
         writer.f64s(&[1.0]);
-        let bytes = writer.finish();
+        writer.u8(7);
+        writer.time(5_000_000_009);
+        let bytes = writer.bytes();
         assert_eq!(&bytes[..4], [0, 1, 0, 0]);
         assert_eq!(&bytes[4..11], [3, 0, 0, 0, b'a', b'b', 0]);
         assert_eq!(&bytes[11..16], [0, 0xfe, 0xff, 0xff, 0xff]);
         assert_eq!(&bytes[16..20], [0; 4]);
-        assert_eq!(bytes[20..], 1.0_f64.to_le_bytes());
-    }
-
-    #[test]
-    fn what_was_written_is_read_again() {
-        let mut writer = Writer::new();
-        writer.u32(7);
-        writer.string("map");
-        writer.string("");
-        writer.f64s(&[1.5, f64::INFINITY]);
-        let bytes = writer.finish();
-        let mut reader = Reader::new(&bytes).unwrap();
-        assert_eq!(
-            (reader.u32(), reader.string(), reader.string()),
-            (Some(7), Some("map"), Some(""))
-        );
+        assert_eq!(bytes[20..28], 1.0_f64.to_le_bytes());
+        assert_eq!(&bytes[28..], [7, 0, 0, 0, 5, 0, 0, 0, 9, 0, 0, 0]);
+        let mut reader = Reader::new(bytes).unwrap();
+        assert_eq!((reader.string(), reader.u32()), (Some("ab"), Some(0xffff_fffe)));
+        assert_eq!((reader.f64s(), reader.u8()), (Some([1.0]), Some(7)));
         assert!(!reader.is_done());
-        assert_eq!(reader.f64s(), Some([1.5, f64::INFINITY]));
+        assert_eq!(reader.time(), Some(5_000_000_009));
         assert!(reader.is_done());
         assert_eq!(reader.u32(), None);
     }
@@ -168,5 +205,7 @@ mod tests {
         ] {
             assert_eq!(read(other), None, "{other:?}");
         }
+        let long = Reader::new(b"\0\x01\0\0\xff\xff\xff\xff").unwrap().list(Reader::f64);
+        assert_eq!(long, None, "there are not so many");
     }
 }

@@ -1,0 +1,244 @@
+//! The ports of a bridge in its own host's share of the run: where frames that it sends come from, and where those that
+//! arrive go.
+
+use std::fmt::Debug;
+
+use iceoryx2::port::ReceiveError;
+use iceoryx2::prelude::ZeroCopySend;
+use protocol::brief::BridgeBrief;
+use protocol::dropped::Dropped;
+use protocol::message::{
+    Beacon, BridgeHeader, Command, LatencyHeader, LatencyRow, NeighborStatus, Odometry,
+    OrderHeader, OrderRow, PeerRow, Plain, ReportHeader, ReportRow, StatusHeader,
+};
+use protocol::service::{
+    self, Factory, Node, Publisher, SendError, ServiceError, Subscriber, send_slice,
+};
+
+use super::times::Times;
+use crate::frame::{self, slice_of};
+use crate::topics::Topic;
+
+/// Why a sample did not get through.
+#[derive(Debug, thiserror::Error)]
+pub enum PortError {
+    /// It is not to: it is dropped, and counted.
+    #[error("dropped: {}", .0.word())]
+    Dropped(Dropped),
+    /// A port could not be made.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+    /// A sample could not be taken.
+    #[error("cannot receive from a process of this host: {0}")]
+    Receive(#[from] ReceiveError),
+    /// A sample could not be sent.
+    #[error("cannot send to a process of this host: {0}")]
+    Send(#[from] iceoryx2::port::SendError),
+    /// A slice could not be sent.
+    #[error("cannot send to a process of this host: {0}")]
+    Slice(#[from] SendError),
+}
+
+impl From<Dropped> for PortError {
+    fn from(why: Dropped) -> PortError {
+        PortError::Dropped(why)
+    }
+}
+
+/// Takes the newest sample of a process of this host, as it goes to others now, ns; `None`: there is nothing new.
+pub type Source = Box<dyn FnMut(&mut Times, u64) -> Result<Option<Vec<u8>>, PortError>>;
+/// Hands on to a process of this host what came from another one, now, ns.
+pub type Sink = Box<dyn FnMut(&mut Times, &[u8], u64) -> Result<(), PortError>>;
+
+/// The layout of the content of a topic.
+pub fn layout(topic: Topic) -> u64 {
+    match topic {
+        Topic::Beacon(_) => Beacon::LAYOUT,
+        Topic::Odometry(_) => Odometry::LAYOUT,
+        Topic::Command(_) => Command::LAYOUT,
+        Topic::Orders(_) => frame::layout::<OrderRow, OrderHeader>(),
+        Topic::Report(_) => frame::layout::<ReportRow, ReportHeader>(),
+        Topic::Bridge(_) => frame::layout::<PeerRow, BridgeHeader>(),
+        Topic::Told(_) => {
+            frame::layout::<NeighborStatus, StatusHeader>()
+                ^ frame::layout::<LatencyRow, LatencyHeader>().rotate_left(7)
+        }
+        Topic::Confirmed(_) | Topic::Ask(_) | Topic::Answer(_) => frame::layout::<u64, ()>(),
+    }
+}
+
+/// What feeds a topic that begins here; `None`: the bridge itself.
+pub fn source(brief: &BridgeBrief, node: &Node, topic: Topic) -> Result<Option<Source>, PortError> {
+    let robot = |place: usize| brief.robots[place].name.as_str();
+    let host = |place: usize| brief.hosts[place].name.as_str();
+    let source = match topic {
+        Topic::Beacon(place) => {
+            let from = service::beacon(robot(place)).open(node)?.subscriber()?;
+            samples(from, Times::beacon_out)
+        }
+        Topic::Odometry(place) => {
+            let from = service::odometry(robot(place)).open(node)?.subscriber()?;
+            samples(from, |times, odometry: Odometry, _| {
+                times.run_began(odometry.stamp_ns.saturating_sub(odometry.t_ns));
+                Ok(odometry)
+            })
+        }
+        Topic::Command(place) => {
+            let from = service::command(robot(place)).open(node)?.subscriber()?;
+            samples(from, Times::command_out)
+        }
+        Topic::Orders(to) => slices(service::orders(host(to)).open(node)?.subscriber()?),
+        Topic::Report(of) => slices(service::report(host(of)).open(node)?.subscriber()?),
+        _ => return Ok(None),
+    };
+    Ok(Some(source))
+}
+
+fn samples<M>(
+    from: Subscriber<M>,
+    mut stamped: impl FnMut(&mut Times, M, u64) -> Result<M, Dropped> + 'static,
+) -> Source
+where
+    M: Plain + Debug + ZeroCopySend,
+{
+    Box::new(move |times, now_ns| {
+        let mut newest = None;
+        while let Some(sample) = from.receive()? {
+            newest = Some(*sample);
+        }
+        let Some(sample) = newest else { return Ok(None) };
+        Ok(Some(stamped(times, sample, now_ns)?.bytes().to_vec()))
+    })
+}
+
+fn slices<P, H>(from: Subscriber<[P], H>) -> Source
+where
+    P: Plain + Debug + ZeroCopySend,
+    H: Plain + Debug + ZeroCopySend,
+{
+    Box::new(move |_, _| {
+        let mut newest = None;
+        while let Some(content) = next_slice(&from)? {
+            newest = Some(content);
+        }
+        Ok(newest)
+    })
+}
+
+/// The next slice that waits, as it lies in memory.
+pub fn next_slice<P, H>(from: &Subscriber<[P], H>) -> Result<Option<Vec<u8>>, PortError>
+where
+    P: Plain + Debug + ZeroCopySend,
+    H: Plain + Debug + ZeroCopySend,
+{
+    let Some(sample) = from.receive()? else { return Ok(None) };
+    let mut content = sample.user_header().bytes().to_vec();
+    sample.payload().iter().for_each(|row| content.extend(row.bytes()));
+    Ok(Some(content))
+}
+
+/// Where what arrives of a topic goes; `None`: to the bridge itself, or as [`CommandPort`].
+pub fn sink(brief: &BridgeBrief, node: &Node, topic: Topic) -> Result<Option<Sink>, PortError> {
+    let robot = |place: usize| brief.robots[place].name.as_str();
+    let host = |place: usize| brief.hosts[place].name.as_str();
+    let (odometry_age, beacon_age) = (brief.odometry_age_ns_max, brief.beacon_age_ns_max);
+    let robots = brief.robots.len();
+    let sink: Sink = match topic {
+        Topic::Beacon(place) => {
+            let to = service::beacon(robot(place)).open(node)?.publisher()?;
+            Box::new(move |times, content, now_ns| {
+                let beacon = plausible(content, Beacon::is_plausible)?;
+                to.send_copy(times.beacon_in(beacon, now_ns, beacon_age)?)?;
+                Ok(())
+            })
+        }
+        Topic::Odometry(place) => {
+            let to = service::odometry(robot(place)).open(node)?.publisher()?;
+            Box::new(move |times, content, now_ns| {
+                let odometry = plausible(content, is_plausible)?;
+                to.send_copy(times.odometry_in(place, odometry, now_ns, odometry_age)?)?;
+                Ok(())
+            })
+        }
+        Topic::Orders(to) => {
+            let to = service::orders(host(to)).open(node)?.publisher(robots)?;
+            Box::new(move |_, content, _| deliver_slice(&to, content))
+        }
+        Topic::Report(of) => {
+            let to = service::report(host(of)).open(node)?.publisher(robots)?;
+            Box::new(move |_, content, _| deliver_slice(&to, content))
+        }
+        Topic::Bridge(of) => {
+            let to = service::bridge(host(of)).open(node)?.publisher(brief.hosts.len())?;
+            Box::new(move |_, content, _| deliver_slice(&to, content))
+        }
+        _ => return Ok(None),
+    };
+    Ok(Some(sink))
+}
+
+/// Where commands of a robot of another host go: its sender is made once the robot is there, which the plant takes for
+/// ready.
+pub struct CommandPort {
+    service: Factory<Command>,
+    to: Option<Publisher<Command>>,
+}
+
+impl CommandPort {
+    /// For the robot at this place.
+    pub fn open(brief: &BridgeBrief, node: &Node, robot: usize) -> Result<CommandPort, PortError> {
+        let service = service::command(&brief.robots[robot].name).open(node)?;
+        Ok(CommandPort { service, to: None })
+    }
+
+    /// The robot is there.
+    pub fn is_there(&mut self) -> Result<&Publisher<Command>, PortError> {
+        if self.to.is_none() {
+            self.to = Some(self.service.publisher()?);
+        }
+        Ok(self.to.as_ref().expect("just made"))
+    }
+
+    /// Hands on a command of the robot, unless it is too old.
+    pub fn deliver(
+        &mut self,
+        times: &mut Times,
+        content: &[u8],
+        now_ns: u64,
+        age_ns_max: u64,
+    ) -> Result<(), PortError> {
+        let command = plausible(content, Command::is_plausible)?;
+        let command = times.command_in(command, now_ns, age_ns_max);
+        let to = self.is_there()?;
+        to.send_copy(command?)?;
+        Ok(())
+    }
+}
+
+/// A message, if it is one that its sender could have said.
+fn plausible<M: Plain>(content: &[u8], is_so: impl Fn(&M) -> bool) -> Result<M, Dropped> {
+    let message = M::of_bytes(content).ok_or(Dropped::Garbage)?;
+    if is_so(&message) { Ok(message) } else { Err(Dropped::Implausible) }
+}
+
+/// Whether a plant that works could have said this.
+fn is_plausible(odometry: &Odometry) -> bool {
+    let Odometry { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = *odometry;
+    let near = odometry.near.iter().chain(&odometry.walls).flatten();
+    near.chain(&[x_m, y_m, heading_rad, v_m_s, w_rad_s]).all(|number| number.is_finite())
+}
+
+/// Hands on a slice that came from another host.
+pub fn deliver_slice<P, H>(to: &Publisher<[P], H>, content: &[u8]) -> Result<(), PortError>
+where
+    P: Plain + Debug + ZeroCopySend,
+    H: Plain + Debug + Default + ZeroCopySend,
+{
+    let (header, rows) = slice_of::<P, H>(content).ok_or(Dropped::Garbage)?;
+    match send_slice(to, header, rows.len(), |place| rows[place]) {
+        Ok(_) => Ok(()),
+        // Longer than any that is sent here.
+        Err(SendError::Loan { .. }) => Err(Dropped::Implausible.into()),
+        Err(error) => Err(error.into()),
+    }
+}

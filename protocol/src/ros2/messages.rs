@@ -1,0 +1,211 @@
+//! The messages of ROS 2 that a recording and the process for ROS 2 have in common, in SI units: `nav_msgs/Odometry`,
+//! `tf2_msgs/TFMessage`, `geometry_msgs/PoseStamped` and `geometry_msgs/Twist`.
+//!
+//! Frames by REP 103 and 105: everything is in `map`, which stands still, and `<robot>/base_link` lies on the axle's
+//! mid-point, x forward. Poses are in `map`, twists in the robot's own frame. Covariances are 0, which says that nothing
+//! is known of them: what a run knows of its noise are bounds, and those are no covariances.
+
+use formation::pose::{Pose, Twist};
+
+use super::cdr::{Reader, Writer};
+
+/// The frame that stands still.
+pub const MAP: &str = "map";
+/// Of a pose or a twist: six by six.
+const COVARIANCE: usize = 36;
+
+/// The frame on a robot's axle.
+pub fn base_link(robot: &str) -> String {
+    format!("{robot}/base_link")
+}
+
+/// Where one robot is, and how it moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct State<'a> {
+    /// Its [`base_link`].
+    pub frame: &'a str,
+    /// When, ns since 1970.
+    pub stamp_ns: u64,
+    /// Of the axle's mid-point, in `map`.
+    pub pose: Pose,
+    /// In the robot's frame.
+    pub twist: Twist,
+}
+
+/// Writes a `nav_msgs/Odometry`.
+pub fn odometry(out: &mut Writer, state: &State<'_>) {
+    out.clear();
+    header(out, state.stamp_ns);
+    out.string(state.frame);
+    pose(out, state.pose);
+    out.zeros(COVARIANCE);
+    linear_and_angular(out, state.twist);
+    out.zeros(COVARIANCE);
+}
+
+/// Writes a `geometry_msgs/PoseStamped`.
+pub fn pose_stamped(out: &mut Writer, state: &State<'_>) {
+    out.clear();
+    header(out, state.stamp_ns);
+    pose(out, state.pose);
+}
+
+/// Writes a `geometry_msgs/Twist`.
+pub fn twist(out: &mut Writer, twist: Twist) {
+    out.clear();
+    linear_and_angular(out, twist);
+}
+
+/// Begins a `tf2_msgs/TFMessage` of so many transforms.
+pub fn transforms(out: &mut Writer, count: usize) {
+    out.clear();
+    out.u32(count as u32);
+}
+
+/// Adds one, from `map` to the robot's frame.
+pub fn transform(out: &mut Writer, state: &State<'_>) {
+    header(out, state.stamp_ns);
+    out.string(state.frame);
+    pose(out, state.pose);
+}
+
+/// `std_msgs/Header`, of `map`.
+fn header(out: &mut Writer, stamp_ns: u64) {
+    out.time(stamp_ns);
+    out.string(MAP);
+}
+
+/// Position and orientation, or translation and rotation: they look alike.
+fn pose(out: &mut Writer, pose: Pose) {
+    let (z, w) = (pose.heading_rad / 2.0).sin_cos();
+    out.f64s(&[pose.x_m, pose.y_m, 0.0, 0.0, 0.0, z, w]);
+}
+
+fn linear_and_angular(out: &mut Writer, twist: Twist) {
+    out.f64s(&[twist.v_m_s, 0.0, 0.0, 0.0, 0.0, twist.w_rad_s]);
+}
+
+/// A place in a frame, as a `geometry_msgs/PoseStamped` has it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place<'a> {
+    /// The frame.
+    pub frame: &'a str,
+    /// x, y, z, m.
+    pub position_m: [f64; 3],
+    /// x, y, z, w.
+    pub orientation: [f64; 4],
+}
+
+impl Place<'_> {
+    /// The pose in the plane.
+    pub fn pose(&self) -> Pose {
+        let ([x_m, y_m, _], [_, _, z, w]) = (self.position_m, self.orientation);
+        Pose { x_m, y_m, heading_rad: 2.0 * z.atan2(w) }
+    }
+}
+
+/// Reads a `geometry_msgs/PoseStamped`, without its stamp; `None` if it is laid out otherwise.
+pub fn read_pose_stamped(message: &[u8]) -> Option<Place<'_>> {
+    let mut reader = Reader::new(message)?;
+    let _stamp_ns = reader.time()?;
+    let frame = reader.string()?;
+    let place = Place { frame, position_m: reader.f64s()?, orientation: reader.f64s()? };
+    reader.is_done().then_some(place)
+}
+
+/// Reads a `geometry_msgs/Twist`; `None` if it is laid out otherwise.
+pub fn read_twist(message: &[u8]) -> Option<Twist> {
+    let mut reader = Reader::new(message)?;
+    let [v_m_s, _, _, _, _, w_rad_s] = reader.f64s()?;
+    reader.is_done().then_some(Twist { v_m_s, w_rad_s })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const STATE: State<'_> = State {
+        frame: "r1/base_link",
+        stamp_ns: 1_700_000_000_000_000_007,
+        pose: Pose { x_m: 1.5, y_m: -2.5, heading_rad: 0.5 },
+        twist: Twist { v_m_s: 0.25, w_rad_s: -0.75 },
+    };
+
+    fn written(write: impl FnOnce(&mut Writer)) -> Vec<u8> {
+        let mut out = Writer::new();
+        write(&mut out);
+        out.bytes().to_vec()
+    }
+
+    /// Numbers at known places; `tests/ros2/by_rosbags.py` compares all bytes with another encoder.
+    #[test]
+    fn every_number_of_an_odometry_message_is_in_its_place() {
+        assert_eq!(base_link("r1"), STATE.frame);
+        let bytes = written(|out| odometry(out, &STATE));
+        let at = |place: usize| f64::from_le_bytes(bytes[place..place + 8].try_into().unwrap());
+        assert_eq!(&bytes[4..12], &[0x00, 0xf1, 0x53, 0x65, 7, 0, 0, 0]);
+        assert_eq!(&bytes[12..20], b"\x04\0\0\0map\0");
+        assert_eq!(&bytes[20..37], b"\x0d\0\0\0r1/base_link\0");
+        assert_eq!([44, 52, 60].map(at), [1.5, -2.5, 0.0]);
+        assert_eq!([68, 76, 84, 92].map(at), [0.0, 0.0, 0.25_f64.sin(), 0.25_f64.cos()]);
+        let twist = 100 + COVARIANCE * 8;
+        let places = [0, 8, 16, 24, 32, 40].map(|place| at(twist + place));
+        assert_eq!(places, [0.25, 0.0, 0.0, 0.0, 0.0, -0.75]);
+        assert_eq!(bytes.len(), twist + 48 + COVARIANCE * 8);
+    }
+
+    #[test]
+    fn transforms_have_one_entry_for_each_robot() {
+        let other = State { frame: "robot_2/base_link", ..STATE };
+        let all = |states: &[&State<'_>]| {
+            written(|out| {
+                transforms(out, states.len());
+                states.iter().for_each(|state| transform(out, state));
+            })
+        };
+        let (one, two) = (all(&[&STATE]), all(&[&STATE, &other]));
+        assert_eq!((one[4], two[4]), (1, 2));
+        assert_eq!(&one[24..41], b"\x0d\0\0\0r1/base_link\0");
+        assert_eq!(&two[8..one.len()], &one[8..]);
+        assert!(two.windows(17).any(|bytes| bytes == b"robot_2/base_link"));
+    }
+
+    #[test]
+    fn a_pose_is_read_as_it_is_written_and_in_no_other_layout() {
+        let bytes = written(|out| pose_stamped(out, &STATE));
+        let place = read_pose_stamped(&bytes).unwrap();
+        let orientation = [0.0, 0.0, 0.25_f64.sin(), 0.25_f64.cos()];
+        assert_eq!(place, Place { frame: "map", position_m: [1.5, -2.5, 0.0], orientation });
+        (0..bytes.len()).for_each(|length| assert_eq!(read_pose_stamped(&bytes[..length]), None));
+        let more = |count: usize| [&bytes[..], &vec![0; count]].concat();
+        assert_eq!(read_pose_stamped(&more(3)), Some(place), "padding");
+        for count in [4, 8] {
+            assert_eq!(read_pose_stamped(&more(count)), None, "{count} bytes more");
+        }
+        assert_eq!(read_pose_stamped(&written(|out| odometry(out, &STATE))), None);
+        assert_eq!(read_pose_stamped(&written(|out| transforms(out, 1))), None);
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_written_is_read_again(
+            numbers in prop::array::uniform4(-9.0..9.0f64), heading_rad in -3.1..3.1f64,
+        ) {
+            let [x_m, y_m, v_m_s, w_rad_s] = numbers;
+            let pose = Pose { x_m, y_m, heading_rad };
+            let bytes = written(|out| pose_stamped(out, &State { pose, ..STATE }));
+            let read = read_pose_stamped(&bytes).unwrap().pose();
+            prop_assert_eq!([read.x_m, read.y_m], [x_m, y_m]);
+            prop_assert!((read.heading_rad - heading_rad).abs() < 1e-14);
+            let moved = Twist { v_m_s, w_rad_s };
+            prop_assert_eq!(read_twist(&written(|out| twist(out, moved))), Some(moved));
+        }
+
+        #[test]
+        fn garbage_is_never_a_panic(bytes in prop::collection::vec(any::<u8>(), 0..120)) {
+            let _ = read_pose_stamped(&bytes);
+            let _ = read_pose_stamped(&[&[0, 1, 0, 0][..], &bytes].concat());
+        }
+    }
+}

@@ -19,7 +19,7 @@ use crate::timers::Task;
 use crate::transport::Transport;
 use crate::{
     Interrupted, bare_lockstep, growth, lockstep, neighbor, realtime, replacement, round_trip,
-    startup, timers,
+    timers,
 };
 
 /// The first word of a process that takes part in a measurement.
@@ -64,7 +64,8 @@ struct BenchArgs {
     only: Vec<Part>,
     /// Numbers of robots [default: 3, 8, 16, 32, 64 in lockstep; 3, 8, 32, 64 in real time;
     /// 2, 8 for neighbors; 8, 64 for the start-up; 3, 8, 16, 32, 64, 128, 256 for growth].
-    #[arg(long, value_name = "N", value_delimiter = ',', value_parser = clap::value_parser!(u16).range(2..=256))]
+    #[arg(long, value_name = "N", value_delimiter = ',')]
+    #[arg(value_parser = clap::value_parser!(u16).range(2..=256))]
     robots: Vec<u16>,
     /// How often ours and the baselines take turns [default: 5; 3 if quick].
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
@@ -207,14 +208,14 @@ fn measure_part(
     let (name, cases) = match part {
         // As the table's JSON has always called it.
         Part::Baselines => ("floors", round_trip::cases(setting)?),
-        Part::Lockstep => ("lockstep", lockstep::cases(setting, &robots(&[3, 8, 16, 32, 64]))?),
+        Part::Lockstep => ("lockstep", lockstep::speed(setting, &robots(&[3, 8, 16, 32, 64]))?),
         Part::Realtime => ("realtime", realtime::cases(setting, &robots(&[3, 8, 32, 64]))),
         Part::Neighbor => ("neighbor", neighbor::cases(setting, &robots(&[2, 8]))?),
         Part::Growth => ("growth", growth::cases(setting, &robots(&[3, 8, 16, 32, 64, 128, 256]))),
         Part::Startup => {
             let mut robots = robots(&[8, 64]);
             robots.extend(args.large.then_some(256));
-            ("startup", startup::cases(setting, &robots)?)
+            ("startup", lockstep::startup(setting, &robots)?)
         }
         Part::Replacement => ("replacement", replacement::cases(setting, args.kills.into())),
     };

@@ -6,7 +6,7 @@
 
 use protocol::brief::Pace;
 
-use crate::lockstep::{self, PERIOD_S};
+use crate::lockstep::{self, PERIOD_S, TICKS_OF_A_START};
 use crate::ring;
 use crate::rounds::{Case, Setting};
 use crate::run::{Summary, TAKERS};
@@ -21,8 +21,6 @@ pub(crate) const NOTES: [&str; 4] = [
 
 /// A run whose cost is to be told from that of starting 256 processes takes this much longer.
 const LONGER: f64 = 3.0;
-/// Ticks of a run that hardly moves.
-const TICKS_START: u64 = 10;
 /// Fewer ticks of 256 robots take less than what their start takes more or less from run to run.
 const TICKS_MIN: u64 = 500;
 
@@ -39,7 +37,7 @@ pub(crate) fn cases<'a>(setting: &'a Setting<'_>, robots: &[usize]) -> Vec<Case<
                 let text = ring::text(robots, ticks, PERIOD_S);
                 Summary::of(setting, &text, Pace::Lockstep, &[])
             };
-            let (start, whole) = (run(TICKS_START)?, run(ticks)?);
+            let (start, whole) = (run(TICKS_OF_A_START)?, run(ticks)?);
             let by_us = per_tick_us(&start, &whole)?.map(|us| us / robots as f64);
             let all_us: f64 = by_us.iter().sum();
             let what = "processor time per robot and tick, us";

@@ -12,11 +12,10 @@
 //! | `machine` | on what was it measured? |
 //! | **parts** | |
 //! | `round_trip` | how long from a robot's sample to its command, and over bare transports? |
-//! | `lockstep` | how many ticks a second, and without iceoryx2? |
+//! | `lockstep` | how many ticks a second, how long until everybody is ready, and without iceoryx2? |
 //! | `realtime` | how many deadlines are missed, at which rate and size? |
 //! | `neighbor` | how long from a neighbor's publication to its use? |
 //! | `growth` | what does a tick cost, to 256 robots, and how does that grow? |
-//! | `startup` | how long until everybody is ready? |
 //! | `replacement` | how long from a kill to the replacement's first command? |
 //! | **baselines** | |
 //! | `transport` | two messages between two processes, over anything |
@@ -46,7 +45,6 @@ pub mod ring;
 mod round_trip;
 mod rounds;
 mod run;
-mod startup;
 mod table;
 mod timers;
 mod transport;
@@ -65,16 +63,9 @@ const MEASUREMENT_MAX: Duration = Duration::from_secs(240);
 const LOG_LINES: usize = 8;
 
 /// A signal came.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error("interrupted")]
 struct Interrupted;
-
-impl std::fmt::Display for Interrupted {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("interrupted")
-    }
-}
-
-impl std::error::Error for Interrupted {}
 
 /// A directory of one measurement in the bench's run root, on tmpfs, removed with everything in it.
 struct Place(PathBuf);

@@ -1,6 +1,7 @@
 //! Ticks per second in lockstep: `phalanx run`, against the same brains and world without
 //! iceoryx2, which must move the robots along the same trajectory, bit by bit; and against itself with nothing
-//! measured or recorded.
+//! measured or recorded. And how long until everybody is ready, against processes of the same binary that read the
+//! same briefs and map one file.
 
 use protocol::brief::Pace;
 
@@ -15,6 +16,8 @@ const ROBOT_TICKS_PER_S: f64 = 80_000.0;
 /// Fewer ticks than this measure the start.
 const TICKS_MIN: u64 = 50;
 
+/// Ticks of a run that hardly moves.
+pub(crate) const TICKS_OF_A_START: u64 = 10;
 /// The same work without iceoryx2.
 const MAPPING: &str = "mapping + futex";
 
@@ -23,8 +26,8 @@ pub(crate) fn ticks(robots: usize, seconds: f64) -> u64 {
     ((seconds * ROBOT_TICKS_PER_S / robots as f64) as u64).max(TICKS_MIN)
 }
 
-/// A case for each number of robots.
-pub(crate) fn cases<'a>(
+/// Ticks per second: a case for each number of robots.
+pub(crate) fn speed<'a>(
     setting: &'a Setting<'_>,
     robots: &[usize],
 ) -> anyhow::Result<Vec<Case<'a>>> {
@@ -44,6 +47,25 @@ pub(crate) fn cases<'a>(
             let unmeasured = Summary::of(setting, &text, Pace::Lockstep, &["--unmeasured"])?;
             let ticks_per_s = unmeasured.number("/wall/ticks_per_s")?;
             table.baseline(what, "ours, not measured or recorded", ticks_per_s);
+            Ok(())
+        }))
+    };
+    robots.iter().map(case).collect()
+}
+
+/// The start: a case for each number of robots.
+pub(crate) fn startup<'a>(
+    setting: &'a Setting<'_>,
+    robots: &[usize],
+) -> anyhow::Result<Vec<Case<'a>>> {
+    let case = |&robots: &usize| {
+        let text = ring::text(robots, TICKS_OF_A_START, PERIOD_S);
+        let scenario = ring::read(&text)?;
+        Ok(Case::new(format!("{robots} robots"), move |table| {
+            let summary = Summary::of(setting, &text, Pace::Lockstep, &[])?;
+            table.run("ready, s", summary.number("/wall/startup_s")?);
+            let bare = bare_lockstep::run(setting, &scenario)?;
+            table.baseline("ready, s", "bare processes", bare.startup_s);
             Ok(())
         }))
     };

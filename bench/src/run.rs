@@ -196,15 +196,12 @@ mod tests {
 
     #[test]
     fn robots_take_time_together_and_those_that_keep_cores_awake_do_not_count() {
-        let process = |&(name, user_s, system_s): &(&str, f64, f64)| serde_json::json!({ "name": name, "user_s": user_s, "system_s": system_s });
-        let processes = [
-            ("supervisor", 0.75, 0.5),
-            ("plant", 0.125, 0.25),
-            ("r1", 0.5, 0.5),
-            ("r2", 0.25, 0.25),
-        ];
-        let mut processes: Vec<Value> = processes.iter().map(process).collect();
-        processes.push(process(&("awake", 64.0, 8.0)));
+        fn process(&(name, user_s, system_s): &(&str, f64, f64)) -> Value {
+            serde_json::json!({ "name": name, "user_s": user_s, "system_s": system_s })
+        }
+        let taken = [("supervisor", 0.75, 0.5), ("plant", 0.125, 0.25), ("r1", 0.5, 0.5)];
+        let processes = taken.iter().chain(&[("r2", 0.25, 0.25), ("awake", 64.0, 8.0)]);
+        let processes: Vec<Value> = processes.map(process).collect();
         let summary = Summary(serde_json::json!({ "wall": { "processes": processes } }));
         assert_eq!(summary.taken_s().unwrap(), [1.5, 0.375, 1.25]);
     }

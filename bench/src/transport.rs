@@ -1,12 +1,10 @@
-//! What carries two messages between two processes: shared memory, pipes, sockets, iceoryx2.
+//! What carries two messages between two processes: shared memory, pipes, iceoryx2.
 
 use std::fs::{File, OpenOptions};
-use std::io::{self, ErrorKind, Read as _, Write as _};
+use std::io::{self, Read as _, Write as _};
 use std::os::unix::fs::OpenOptionsExt as _;
-use std::os::unix::net::UnixDatagram;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::Ordering::SeqCst;
-use std::time::Duration;
 
 use anyhow::Context as _;
 use clap::ValueEnum;
@@ -20,8 +18,7 @@ use rustix::time::Timespec;
 use crate::memory::{Line, Mapping, Word};
 
 /// How long a wait lasts before it is looked whether the other lives.
-const WAIT_MAX: Duration = Duration::from_millis(200);
-const WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: WAIT_MAX.as_nanos() as i64 };
+const WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: 200_000_000 };
 
 /// No message has more bytes.
 const MESSAGE_MAX: usize = 1024;
@@ -35,8 +32,6 @@ pub(crate) enum Transport {
     Futex,
     /// A pipe for each direction.
     Pipe,
-    /// A Unix datagram socket for each direction.
-    Datagram,
     /// iceoryx2 publish/subscribe, looked at all the time.
     Iceoryx2,
     /// iceoryx2 publish/subscribe, and a futex for each direction.
@@ -49,7 +44,6 @@ impl Transport {
             Transport::Spin => "shared memory, spinning",
             Transport::Futex => "shared memory + futex",
             Transport::Pipe => "pipe",
-            Transport::Datagram => "unix datagram",
             Transport::Iceoryx2 => "iceoryx2, spinning",
             Transport::Iceoryx2Futex => "iceoryx2 + futex",
         }
@@ -83,8 +77,6 @@ pub(crate) struct Channel<M: ZeroCopySend + std::fmt::Debug + 'static> {
 enum Carrier<M: ZeroCopySend + std::fmt::Debug + 'static> {
     Memory,
     Pipe(File),
-    Sending(UnixDatagram, PathBuf),
-    Receiving(UnixDatagram),
     Publisher(Publisher<M>),
     Subscriber(Subscriber<M>),
 }
@@ -112,7 +104,6 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
                 let mut options = OpenOptions::new();
                 Carrier::Pipe(options.read(asks).write(true).open(path).with_context(cannot)?)
             }
-            Transport::Datagram => Carrier::Sending(UnixDatagram::unbound()?, path.into()),
             _ => port.map_or(Carrier::Memory, Carrier::Publisher),
         };
         Channel::new(transport, path, carrier)
@@ -127,11 +118,6 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
         let cannot = || format!("cannot open {}", path.display());
         let carrier = match transport {
             Transport::Pipe => Carrier::Pipe(open_for_reading(path).with_context(cannot)?),
-            Transport::Datagram => {
-                let socket = UnixDatagram::bind(path).with_context(cannot)?;
-                socket.set_read_timeout(Some(WAIT_MAX))?;
-                Carrier::Receiving(socket)
-            }
             _ => port.map_or(Carrier::Memory, Carrier::Subscriber),
         };
         Channel::new(transport, path, carrier)
@@ -151,13 +137,10 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
         match &self.carrier {
             // In one piece: all messages are smaller than what a pipe takes at once.
             Carrier::Pipe(file) => { file }.write_all(message.bytes())?,
-            Carrier::Sending(socket, to) => {
-                socket.send_to(message.bytes(), to)?;
-            }
             Carrier::Publisher(port) => {
                 port.send_copy(*message)?;
             }
-            Carrier::Memory | Carrier::Receiving(_) | Carrier::Subscriber(_) => {}
+            Carrier::Memory | Carrier::Subscriber(_) => {}
         }
         if let Some(counted) = self.counted.as_ref().map(|counted| &counted[0]) {
             if matches!(self.carrier, Carrier::Memory) {
@@ -192,22 +175,21 @@ impl<M: Plain + ZeroCopySend + std::fmt::Debug> Channel<M> {
                 return Ok(Some(counted.message.read()));
             }
         }
-        loop {
-            match &self.carrier {
-                Carrier::Pipe(file) => return Ok(Some(read(|bytes| { file }.read_exact(bytes))?)),
-                Carrier::Receiving(socket) => match read(|bytes| socket.recv(bytes).map(drop)) {
-                    Err(error) if error.kind() == ErrorKind::WouldBlock => {}
-                    received => return Ok(Some(received?)),
-                },
-                Carrier::Subscriber(port) => match port.receive()? {
+        match &self.carrier {
+            Carrier::Pipe(file) => {
+                let mut room = [0; MESSAGE_MAX];
+                let bytes = &mut room[..size_of::<M>()];
+                { file }.read_exact(bytes)?;
+                Ok(M::of_bytes(bytes))
+            }
+            Carrier::Subscriber(port) => loop {
+                match port.receive()? {
                     Some(sample) => return Ok(Some(*sample)),
+                    None if gone() => return Ok(None),
                     None => std::hint::spin_loop(),
-                },
-                Carrier::Memory | Carrier::Sending(..) | Carrier::Publisher(_) => return Ok(None),
-            }
-            if gone() {
-                return Ok(None);
-            }
+                }
+            },
+            Carrier::Memory | Carrier::Publisher(_) => Ok(None),
         }
     }
 }
@@ -224,12 +206,4 @@ fn open_for_reading(path: &Path) -> io::Result<File> {
     let file = OpenOptions::new().read(true).custom_flags(nonblocking).open(path)?;
     fcntl_setfl(&file, OFlags::empty())?;
     Ok(file)
-}
-
-/// The message whose bytes `put` writes down.
-fn read<M: Plain>(put: impl FnOnce(&mut [u8]) -> io::Result<()>) -> io::Result<M> {
-    let mut room = [0; MESSAGE_MAX];
-    let bytes = &mut room[..size_of::<M>()];
-    put(bytes)?;
-    Ok(M::of_bytes(bytes).expect("as many bytes as it has"))
 }

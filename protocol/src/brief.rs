@@ -531,163 +531,145 @@ pub trait Brief: DeserializeOwned + Serialize {
 
 impl Brief for AgentBrief {
     fn flaw(&self) -> Option<String> {
-        let places = self.neighbors.iter().map(|neighbor| ("neighbor.index", neighbor.index));
-        let places = places.chain([("index", self.index)]);
-        let zero = |(key, place)| (place == 0).then(|| format!("{key} is 0, expected 1 or more"));
-        let a = &self.avoidance;
-        { places }
-            .find_map(zero)
-            .or_else(|| {
-                unsound(
-                    &[
-                        ("period_ns", self.period_ns),
-                        ("plant_tick_ns", self.plant_tick_ns),
-                        ("command_lifetime_ns", self.command_lifetime_ns),
-                    ],
-                    &[
-                        ("front_point_m", self.front_point_m),
-                        ("avoidance.distance_min_m", a.distance_min_m),
-                    ],
+        let mut flaws = Flaws::default();
+        let neighbors = self.neighbors.iter().map(|neighbor| ("neighbor.index", neighbor.index));
+        for (key, place) in neighbors.chain([("index", self.index)]) {
+            flaws.unless(place > 0, || format!("{key} is 0, expected 1 or more"));
+        }
+        flaws.time("period_ns", self.period_ns);
+        flaws.time("plant_tick_ns", self.plant_tick_ns);
+        flaws.time("command_lifetime_ns", self.command_lifetime_ns);
+        flaws.positive("front_point_m", self.front_point_m);
+        let avoidance = &self.avoidance;
+        flaws.positive("avoidance.distance_min_m", avoidance.distance_min_m);
+        flaws.not_negative("avoidance.sensing_error_m", avoidance.sensing_error_m);
+        flaws.not_negative("avoidance.heading_error_rad", avoidance.heading_error_rad);
+        flaws.not_negative("avoidance.braking_time_max_s", avoidance.braking_time_max_s);
+        flaws.not_negative("avoidance.clearance_m", avoidance.clearance_m);
+        if let Some(limits) = &self.limits {
+            flaws.limits("limits", limits);
+            // Else it may need longer to brake than everybody reckons with.
+            let (own, most) = (limits.braking_time_s, avoidance.braking_time_max_s);
+            let [found, most_told] = told_apart(own, most);
+            flaws.unless(own <= most, || {
+                format!(
+                    "limits.braking_time_s is {found}, expected at most \
+                     avoidance.braking_time_max_s = {most_told}"
                 )
-            })
-            .or_else(|| {
-                let bounds = [
-                    ("avoidance.sensing_error_m", a.sensing_error_m),
-                    ("avoidance.heading_error_rad", a.heading_error_rad),
-                    ("avoidance.braking_time_max_s", a.braking_time_max_s),
-                    ("avoidance.clearance_m", a.clearance_m),
-                ];
-                let wrong = |(_, bound): &(&str, f64)| !(bound.is_finite() && *bound >= 0.0);
-                let (key, bound) = bounds.into_iter().find(wrong)?;
-                Some(format!("{key} is {bound}, expected a bound of 0 or more"))
-            })
-            .or_else(|| self.limits.and_then(|limits| limits.flaw("limits")))
-            .or_else(|| self.unbraked())
-            .or_else(|| self.leap())
-    }
-}
-
-impl LimitsBrief {
-    fn flaw(&self, path: &str) -> Option<String> {
-        let keys = [
-            ("acceleration_m_s2", self.acceleration_m_s2),
-            ("turn_acceleration_rad_s2", self.turn_acceleration_rad_s2),
-        ];
-        let wrong = |(_, number): &(&str, f64)| !(number.is_finite() && *number > 0.0);
-        let found = keys.into_iter().find(wrong);
-        let of = |(key, number)| format!("{path}.{key} is {number}, expected a number above 0");
-        let tau = self.braking_time_s;
-        let braking = (!(tau.is_finite() && tau >= 0.0))
-            .then(|| format!("{path}.braking_time_s is {tau}, expected a time of 0 or more"));
-        found.map(of).or(braking)
-    }
-}
-
-impl AgentBrief {
-    /// Whether it may need longer to brake than everybody reckons with.
-    fn unbraked(&self) -> Option<String> {
-        let (own, most) = (self.limits?.braking_time_s, self.avoidance.braking_time_max_s);
-        let [found, most_told] = told_apart(own, most);
-        (own > most).then(|| {
-            format!(
-                "limits.braking_time_s is {found}, expected at most avoidance.braking_time_max_s = \
-                 {most_told}"
-            )
-        })
-    }
-
-    /// Whether the front point could leave its robot behind in one period: v_max T must be less than
-    /// ell. Where there is no speed limit nothing rests on it.
-    fn leap(&self) -> Option<String> {
-        let (v_max, ell) = (self.avoidance.speed_max_m_s, self.front_point_m);
-        let most = ell / (self.period_ns as f64 / 1e9);
+            });
+        }
+        // Else the front point could leave its robot behind in one period: v_max T must be less than ell.
+        // Where there is no speed limit nothing rests on it.
+        let v_max = avoidance.speed_max_m_s;
+        let most = self.front_point_m / (self.period_ns as f64 / 1e9);
         let sound = v_max > 0.0 && (v_max == f64::INFINITY || v_max < most);
         let [found, most] = told_apart(v_max, most);
-        (!sound).then(|| {
+        flaws.unless(sound, || {
             format!(
                 "avoidance.speed_max_m_s is {found}, expected more than 0 and less than \
                  front_point_m / period = {most} m/s"
             )
-        })
+        });
+        flaws.first
     }
 }
 
 impl Brief for PlantBrief {
     fn flaw(&self) -> Option<String> {
-        let ells = self.robots.iter().map(|robot| ("robot.front_point_m", robot.front_point_m));
-        let limits = self.robots.iter().filter_map(|robot| robot.limits);
-        let limits = limits.filter_map(|limits| limits.flaw("robot.limits")).next();
-        let clearance = (!(self.clearance_m.is_finite() && self.clearance_m >= 0.0))
-            .then(|| format!("clearance_m is {}, expected 0 or more", self.clearance_m));
-        let nobody =
-            self.robots.is_empty().then(|| "there is no robot, expected one or more".into());
-        let flaws = nobody.or(limits).or(clearance);
-        let flaws = flaws.or_else(|| self.obstacles.iter().find_map(flaw_of));
-        flaws.or(unsound(
-            &[
-                ("period_ns", self.period_ns),
-                ("plant_tick_ns", self.plant_tick_ns),
-                ("command_lifetime_ns", self.command_lifetime_ns),
-                ("duration_ns", self.duration_ns),
-            ],
-            &ells
-                .chain([("distance_min_m", self.distance_min_m)])
-                .chain(self.speed_max_m_s.map(|speed| ("speed_max_m_s", speed)))
-                .collect::<Vec<_>>(),
-        ))
+        let mut flaws = Flaws::default();
+        flaws.unless(!self.robots.is_empty(), || "there is no robot, expected one or more".into());
+        flaws.time("period_ns", self.period_ns);
+        flaws.time("plant_tick_ns", self.plant_tick_ns);
+        flaws.time("command_lifetime_ns", self.command_lifetime_ns);
+        flaws.time("duration_ns", self.duration_ns);
+        flaws.positive("distance_min_m", self.distance_min_m);
+        flaws.positive("speed_max_m_s", self.speed_max_m_s.unwrap_or(1.0));
+        flaws.not_negative("clearance_m", self.clearance_m);
+        for robot in &self.robots {
+            flaws.positive("robot.front_point_m", robot.front_point_m);
+            robot.limits.iter().for_each(|limits| flaws.limits("robot.limits", limits));
+        }
+        for obstacle in &self.obstacles {
+            let (center, radius_m) = obstacle.around();
+            let finite = radius_m.is_finite() && radius_m >= 0.0;
+            let finite = finite && center.iter().all(|coordinate| coordinate.is_finite());
+            let convex = obstacle.convex();
+            flaws.unless(finite && convex.is_ok(), || {
+                let why =
+                    convex.err().map_or("numbers that are none".into(), |why| why.to_string());
+                format!("obstacle is {obstacle:?}, expected a convex one of finite numbers: {why}")
+            });
+        }
+        flaws.first
     }
 }
 
 impl Brief for BridgeBrief {
     fn flaw(&self) -> Option<String> {
+        let mut flaws = Flaws::default();
         let hosts = self.hosts.len();
-        let known = |(key, host): (&str, usize)| {
-            (host >= hosts)
-                .then(|| format!("{key} is {host}, expected the place of one of {hosts} hosts"))
+        let mut known = |key: &str, host: usize| {
+            let wrong = || format!("{key} is {host}, expected the place of one of {hosts} hosts");
+            flaws.unless(host < hosts, wrong);
         };
-        let of_robots = self.robots.iter().flat_map(|robot| {
-            let heard_on = robot.heard_on.iter().map(|&host| ("robot.heard_on", host));
-            heard_on.chain([("robot.host", robot.host)])
+        known("here", self.here);
+        known("plant", self.plant);
+        for robot in &self.robots {
+            known("robot.host", robot.host);
+            robot.heard_on.iter().for_each(|&host| known("robot.heard_on", host));
+        }
+        let apart = self.partitions.iter().flat_map(|partition| &partition.hosts);
+        apart.for_each(|&host| known("partition.hosts", host));
+        flaws.unless(u64::from_str_radix(&self.experiment, 16).is_ok(), || {
+            format!("experiment is {:?}, expected 16 hex digits", self.experiment)
         });
-        let cut = self.partitions.iter().flat_map(|partition| &partition.hosts);
-        let cut = cut.map(|&host| ("partition.hosts", host));
-        let mut places = [("here", self.here), ("plant", self.plant)].into_iter();
-        let times = [
-            ("odometry_age_ns_max", self.odometry_age_ns_max),
-            ("beacon_age_ns_max", self.beacon_age_ns_max),
-            ("join_within_ns", self.join_within_ns),
-            ("unreachable_after_ns", self.unreachable_after_ns),
-            ("silence_ns_max", self.silence_ns_max),
-        ];
-        let flaw = places.find_map(known).or_else(|| of_robots.chain(cut).find_map(known));
-        let hash = u64::from_str_radix(&self.experiment, 16)
-            .is_err()
-            .then(|| format!("experiment is {:?}, expected 16 hex digits", self.experiment));
-        flaw.or(hash).or_else(|| unsound(&times, &[]))
+        flaws.time("odometry_age_ns_max", self.odometry_age_ns_max);
+        flaws.time("beacon_age_ns_max", self.beacon_age_ns_max);
+        flaws.time("join_within_ns", self.join_within_ns);
+        flaws.time("unreachable_after_ns", self.unreachable_after_ns);
+        flaws.time("silence_ns_max", self.silence_ns_max);
+        flaws.first
     }
-}
-
-/// What is wrong with an obstacle.
-fn flaw_of(obstacle: &Obstacle) -> Option<String> {
-    let (center, radius_m) = obstacle.around();
-    let finite = radius_m.is_finite() && radius_m >= 0.0 && center.iter().all(|c| c.is_finite());
-    match obstacle.convex() {
-        Ok(()) if finite => None,
-        Ok(()) => Some(format!("obstacle is {obstacle:?}, expected finite numbers")),
-        Err(why) => Some(format!("obstacle is {obstacle:?}, expected a convex one: {why}")),
-    }
-}
-
-/// The first of these that no process can live by.
-fn unsound(times_ns: &[(&str, u64)], positive: &[(&str, f64)]) -> Option<String> {
-    let time = times_ns.iter().find(|(_, ns)| !(1..=TIME_NS_MAX).contains(ns));
-    let number = positive.iter().find(|(_, number)| !(number.is_finite() && *number > 0.0));
-    time.map(|(key, ns)| format!("{key} is {ns}, expected 1 to {TIME_NS_MAX}"))
-        .or(number.map(|(key, number)| format!("{key} is {number}, expected a number above 0")))
 }
 
 /// A third of the time that 64 bits of ns hold: sums of two stay within. 194 years.
 const TIME_NS_MAX: u64 = u64::MAX / 3;
+
+/// Looks for what no process can live by, and keeps the first.
+#[derive(Default)]
+struct Flaws {
+    first: Option<String>,
+}
+
+impl Flaws {
+    fn unless(&mut self, sound: bool, flaw: impl FnOnce() -> String) {
+        if !sound {
+            self.first.get_or_insert_with(flaw);
+        }
+    }
+
+    fn time(&mut self, key: &str, ns: u64) {
+        let wrong = || format!("{key} is {ns}, expected 1 to {TIME_NS_MAX}");
+        self.unless((1..=TIME_NS_MAX).contains(&ns), wrong);
+    }
+
+    fn positive(&mut self, key: &str, number: f64) {
+        let wrong = || format!("{key} is {number}, expected a number above 0");
+        self.unless(number.is_finite() && number > 0.0, wrong);
+    }
+
+    fn not_negative(&mut self, key: &str, number: f64) {
+        let wrong = || format!("{key} is {number}, expected a number of 0 or more");
+        self.unless(number.is_finite() && number >= 0.0, wrong);
+    }
+
+    fn limits(&mut self, path: &str, limits: &LimitsBrief) {
+        self.positive(&format!("{path}.acceleration_m_s2"), limits.acceleration_m_s2);
+        let turn = limits.turn_acceleration_rad_s2;
+        self.positive(&format!("{path}.turn_acceleration_rad_s2"), turn);
+        self.not_negative(&format!("{path}.braking_time_s"), limits.braking_time_s);
+    }
+}
 
 /// Reads an [`AgentBrief`] or a [`PlantBrief`].
 pub fn read<B: Brief>(path: &Path) -> Result<B, BriefError> {

@@ -110,10 +110,12 @@ mod tests {
 
     #[test]
     fn how_long_a_cgroup_was_held_up_is_read_of_both_versions() {
-        let version_1 = "nr_periods 12\nnr_throttled 9\nthrottled_time 720123456\n";
-        assert_eq!(held_up_ns(version_1), Some(720_123_456));
-        let version_2 = "usage_usec 5\nnr_periods 1\nnr_throttled 1\nthrottled_usec 80123\n";
-        assert_eq!(held_up_ns(version_2), Some(80_123_000));
-        assert_eq!(held_up_ns("usage_usec 5\nuser_usec 3\n"), None);
+        for (stat, expected) in [
+            ("nr_periods 12\nnr_throttled 9\nthrottled_time 720123456\n", Some(720_123_456)),
+            ("usage_usec 5\nnr_throttled 1\nthrottled_usec 80123\n", Some(80_123_000)),
+            ("usage_usec 5\nuser_usec 3\n", None),
+        ] {
+            assert_eq!(held_up_ns(stat), expected);
+        }
     }
 }

@@ -280,34 +280,38 @@ pub enum WheelFaultKind {
 mod tests {
     use super::*;
 
+    const MS: u64 = 1_000_000;
+
     fn link(kind: LinkFaultKind) -> LinkFault {
-        LinkFault { span: Span { from_ns: 100, until_ns: 1_000_000 }, kind, seed: 7 }
+        LinkFault { span: Span { from_ns: 100, until_ns: Span::END_NS }, kind, seed: 7 }
     }
 
-    fn said(tick: u64, t_ns: u64) -> Said {
-        Said { tick, t_ns, distance_m: None }
+    /// Which of so many messages are lost, one a tick of 1 ms.
+    fn lost(fault: &LinkFault, distance_m: Option<f64>, ticks: u64) -> Vec<bool> {
+        let said = |tick| Said { tick, t_ns: 100 + tick * MS, distance_m };
+        (0..ticks).map(|tick| fault.passage(said(tick)) == Passage::Lost).collect()
+    }
+
+    fn share(lost: &[bool]) -> f64 {
+        lost.iter().filter(|&&lost| lost).count() as f64 / lost.len() as f64
     }
 
     #[test]
     fn a_fault_acts_in_its_span_and_nowhere_else() {
-        let cut = link(LinkFaultKind::Cut);
-        let passages = [99, 100, 999_999, 1_000_000].map(|t_ns| cut.passage(said(0, t_ns)));
-        let [before, first, last, after] = passages;
-        assert_eq!((before, after), (Passage::At(99), Passage::At(1_000_000)));
-        assert_eq!((first, last), (Passage::Lost, Passage::Lost));
-        assert_eq!(cut.span.next_bound_ns(5), Some(100));
-        assert_eq!(cut.span.next_bound_ns(100), Some(1_000_000));
-        assert_eq!(cut.span.next_bound_ns(1_000_000), None);
+        let span = Span { from_ns: 100, until_ns: 1000 };
+        let cut = LinkFault { span, kind: LinkFaultKind::Cut, seed: 7 };
+        let passages =
+            [99, 100, 999, 1000].map(|t_ns| cut.passage(Said { tick: 0, t_ns, distance_m: None }));
+        assert_eq!(passages, [Passage::At(99), Passage::Lost, Passage::Lost, Passage::At(1000)]);
+        let bounds = [5, 100, 1000].map(|t_ns| span.next_bound_ns(t_ns));
+        assert_eq!(bounds, [Some(100), Some(1000), None]);
     }
 
     #[test]
     fn the_asked_for_share_is_lost_in_bursts_of_the_asked_for_length() {
         for burst in [1, 5] {
-            let lossy = link(LinkFaultKind::Loss { probability: 0.3, burst });
-            let lost: Vec<bool> =
-                (0..50_000).map(|tick| lossy.passage(said(tick, 200)) == Passage::Lost).collect();
-            let share = lost.iter().filter(|&&lost| lost).count() as f64 / 5e4;
-            assert!((share - 0.3).abs() < 0.02, "{share}");
+            let lost = lost(&link(LinkFaultKind::Loss { probability: 0.3, burst }), None, 50_000);
+            assert!((share(&lost) - 0.3).abs() < 0.02, "{}", share(&lost));
             let whole = lost.chunks(burst as usize);
             assert!(whole.clone().all(|chunk| chunk.iter().all(|&lost| lost == chunk[0])));
         }
@@ -315,43 +319,42 @@ mod tests {
 
     #[test]
     fn bursts_take_their_share_and_last_their_time_and_whoever_asks_hears_the_same() {
-        const MS: u64 = 1_000_000;
         for (probability, mean_burst_ns) in [(0.2, 100 * MS), (0.5, 30 * MS), (0.9, 400 * MS)] {
-            let kind = LinkFaultKind::Bursts { probability, mean_burst_ns };
-            let span = Span { from_ns: 5 * MS, until_ns: Span::END_NS };
-            let bursty = LinkFault { span, kind, seed: 11 };
-            let lost = |ms: u64| bursty.passage(said(0, ms * MS)) == Passage::Lost;
-            let found: Vec<bool> = (5..1_000_005).map(lost).collect();
-            let share = found.iter().filter(|&&lost| lost).count() as f64 / 1e6;
+            let bursty = link(LinkFaultKind::Bursts { probability, mean_burst_ns });
+            let found = lost(&bursty, None, 1_000_000);
+            let share = share(&found);
             assert!((share / probability - 1.0).abs() < 0.1, "{share} of {probability}");
             let bursts = found.chunk_by(|a, b| a == b).filter(|chunk| chunk[0]).count() as f64;
             let mean_ms = share * 1e6 / bursts;
             // Gaps and bursts of less than a millisecond do not show.
             let expected_ms = mean_burst_ns as f64 / 1e6;
             assert!((mean_ms / expected_ms - 1.0).abs() < 0.15, "{mean_ms} of {expected_ms} ms");
-            assert!([77_003, 5, 940_000].iter().all(|&ms| lost(ms) == found[ms as usize - 5]));
+            let asked = |tick: u64| Said { tick: 0, t_ns: 100 + tick * MS, distance_m: None };
+            let again = |tick| bursty.passage(asked(tick)) == Passage::Lost;
+            assert!([77_003, 5, 940_000].iter().all(|&tick| again(tick) == found[tick as usize]));
         }
     }
 
     #[test]
     fn less_gets_through_from_farther_away_and_everything_where_nobody_knows_how_far() {
         let fading = link(LinkFaultKind::Fading { range_m: 2.0, exponent: 2.0 });
-        let through = |distance_m| {
-            let heard =
-                |&tick: &u64| fading.passage(Said { tick, t_ns: 200, distance_m }) != Passage::Lost;
-            (0..50_000).filter(heard).count() as f64 / 5e4
-        };
-        assert_eq!((through(None), through(Some(0.0))), (1.0, 1.0));
-        for (distance_m, share) in [(1.0, 0.778_8), (2.0, 0.367_9), (4.0, 0.018_3)] {
-            let found = through(Some(distance_m));
-            assert!((found - share).abs() < 0.01, "{found} at {distance_m} m, expected {share}");
+        for (distance_m, expected) in [
+            (None, 1.0),
+            (Some(0.0), 1.0),
+            (Some(1.0), 0.778_8),
+            (Some(2.0), 0.367_9),
+            (Some(4.0), 0.018_3),
+        ] {
+            let found = 1.0 - share(&lost(&fading, distance_m, 50_000));
+            assert!((found - expected).abs() < 0.01, "{found} at {distance_m:?}");
         }
     }
 
     #[test]
     fn a_delay_lies_between_its_bounds() {
         let late = link(LinkFaultKind::Delay { delay_ns: 50, jitter_ns: 10 });
-        let found: Vec<Passage> = (0..1000).map(|tick| late.passage(said(tick, 200))).collect();
+        let said = |tick| Said { tick, t_ns: 200, distance_m: None };
+        let found: Vec<Passage> = (0..1000).map(|tick| late.passage(said(tick))).collect();
         assert!(found.iter().all(|p| matches!(p, Passage::At(t_ns) if (250..260).contains(t_ns))));
         assert!(found.iter().any(|passage| *passage != found[0]));
     }
@@ -370,7 +373,6 @@ mod tests {
         // Half of the disc's area lies within 0.71 of its radius.
         let inner = offsets.iter().filter(|&&off| off < 0.02 * 0.5f64.sqrt()).count();
         assert!((4700..5300).contains(&inner), "{inner}");
-
         let turned: Vec<f64> = (0..10_000).map(|tick| noisy.heading_offset_rad(tick)).collect();
         assert!(turned.iter().all(|turned_rad| turned_rad.abs() <= 0.3));
         for part in 0..6 {

@@ -8,8 +8,6 @@ use std::fs::File;
 use std::os::unix::fs::FileExt as _;
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
-
 use crate::clock::Wake;
 use crate::stage::Cause;
 use crate::{cgroup, clock};
@@ -28,7 +26,7 @@ const WAITED: usize = 1;
 const STOLEN: usize = 8;
 
 /// What had been counted at one moment, since the process or the machine started.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counters {
     /// For how long this thread was ready to run while others ran, ns; 0 where the kernel does not say.
     pub waited_ns: u64,
@@ -50,7 +48,7 @@ const fn in_time(behind_ns: u64, period_ns: u64) -> bool {
 }
 
 /// A wake-up after its deadline.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Late {
     /// How long after, ns.
     pub behind_ns: u64,
@@ -71,52 +69,43 @@ impl Late {
     }
 }
 
-/// A late wake-up, and what was counted when the thread looked last before it, and at it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Account {
-    /// How late.
-    pub late: Late,
-    /// When it looked last.
-    pub before: Counters,
-    /// At the wake-up.
-    pub after: Counters,
-    /// The loop's period, ns.
-    pub period_ns: u64,
-    /// Why the wake-up before was late, if it was.
-    pub previous: Option<Cause>,
+/// Why a loop with this period was late: whatever explains at least half of the lateness. `grown`: by how
+/// much counters grew since the thread looked last; `previous`: why the wake-up before was late, if it was.
+///
+/// A process that its cgroup holds up waits for a core as well, but the kernel may not count it so.
+/// Waiting comes before work: whoever is interrupted in the middle of its work is at work for longer.
+/// The host comes last of those that are counted, for its steps are coarse. Work that takes less than a
+/// period is still under way, or has missed its deadline, only because it began late: then the wake-up
+/// before has the cause.
+fn cause(late: Late, grown: Counters, period_ns: u64, previous: Option<Cause>) -> Cause {
+    let began_late = previous.filter(|_| late.worked_ns < period_ns);
+    if let Some(previous) = began_late.filter(|_| in_time(late.behind_ns, period_ns)) {
+        return previous;
+    }
+    let explains = |ns: u64| ns >= late.behind_ns.div_ceil(2);
+    if explains(grown.waited_ns.max(grown.held_up_ns)) {
+        Cause::Core
+    } else if grown.major_faults > 0 || explains(grown.minor_faults.saturating_mul(MINOR_FAULT_NS))
+    {
+        Cause::Faults
+    } else if explains(grown.stolen_ns) {
+        Cause::Host
+    } else if explains(late.at_work_ns) {
+        began_late.unwrap_or(Cause::Work)
+    } else {
+        Cause::Unknown
+    }
 }
 
-impl Account {
-    /// The cause: whatever explains at least half of the lateness.
-    ///
-    /// A process that its cgroup holds up waits for a core as well, but the kernel may not count it so.
-    /// Waiting comes before work: whoever is interrupted in the middle of its work is at work for longer.
-    /// The host comes last of those that are counted, for its steps are coarse. Work that takes less than a
-    /// period is still under way, or has missed its deadline, only because it began late: then the wake-up
-    /// before has the cause.
-    pub fn cause(self) -> Cause {
-        let Account { late, before, after, period_ns, previous } = self;
-        let began_late = previous.filter(|_| late.worked_ns < period_ns);
-        if let Some(previous) = began_late.filter(|_| in_time(late.behind_ns, period_ns)) {
-            return previous;
-        }
-        let half_ns = late.behind_ns.div_ceil(2);
-        let explains = |ns: u64| ns >= half_ns;
-        let minor = after.minor_faults.saturating_sub(before.minor_faults);
-        let waited_ns = after.waited_ns.saturating_sub(before.waited_ns);
-        let held_up_ns = after.held_up_ns.saturating_sub(before.held_up_ns);
-        if explains(waited_ns.max(held_up_ns)) {
-            Cause::Core
-        } else if after.major_faults > before.major_faults
-            || explains(minor.saturating_mul(MINOR_FAULT_NS))
-        {
-            Cause::Faults
-        } else if explains(after.stolen_ns.saturating_sub(before.stolen_ns)) {
-            Cause::Host
-        } else if explains(late.at_work_ns) {
-            began_late.unwrap_or(Cause::Work)
-        } else {
-            Cause::Unknown
+impl Counters {
+    /// By how much they grew since then.
+    fn since(self, before: Counters) -> Counters {
+        Counters {
+            waited_ns: self.waited_ns.saturating_sub(before.waited_ns),
+            held_up_ns: self.held_up_ns.saturating_sub(before.held_up_ns),
+            stolen_ns: self.stolen_ns.saturating_sub(before.stolen_ns),
+            major_faults: self.major_faults.saturating_sub(before.major_faults),
+            minor_faults: self.minor_faults.saturating_sub(before.minor_faults),
         }
     }
 }
@@ -171,8 +160,6 @@ impl Witness {
     /// Whether a wake-up so long after its deadline is on time: by a tenth of the period at most, and not
     /// after a `missed` deadline. To be asked at each wake-up, and for its cause if it is late. It looks
     /// again now and then, and only when on time: what was counted may yet be why the next is late.
-    // A function of its own, so that its instructions can be counted: `bench/on-time`.
-    #[inline(never)]
     pub fn on_time(&mut self, behind_ns: u64, missed: bool) -> bool {
         if missed || !in_time(behind_ns, self.period_ns) {
             return false;
@@ -187,17 +174,11 @@ impl Witness {
 
     /// Why it was late, at a wake-up that was not on time.
     pub fn cause_of(&mut self, late: Late) -> Cause {
-        self.account_of(late).cause()
-    }
-
-    /// What the cause is told by.
-    pub fn account_of(&mut self, late: Late) -> Account {
         self.on_time = 0;
         let before = std::mem::replace(&mut self.counted, self.reader.read());
-        let (after, period_ns, previous) = (self.counted, self.period_ns, self.previous);
-        let account = Account { late, before, after, period_ns, previous };
-        self.previous = Some(account.cause());
-        account
+        let cause = cause(late, self.counted.since(before), self.period_ns, self.previous);
+        self.previous = Some(cause);
+        cause
     }
 }
 
@@ -303,124 +284,54 @@ mod tests {
     const MS: u64 = 1_000_000;
     /// More than any allocator keeps for the next, so that it is new memory.
     const FRESH: usize = 40 << 20;
+    /// It has more page faults than this, even with pages of 2 MB.
+    const FEW: u64 = 10;
 
     fn late(behind_ns: u64, at_work_ns: u64) -> Late {
         Late { behind_ns, at_work_ns, worked_ns: 10 * MS }
-    }
-
-    /// What one late wake-up grew the counters by, as `phalanx bench --only causes` prints it.
-    struct Recorded {
-        what: &'static str,
-        late: [u64; 2],
-        waited_ns: u64,
-        held_up_ns: u64,
-        stolen_ns: u64,
-        faults: [u64; 2],
-    }
-
-    impl Recorded {
-        const fn of(what: &'static str, late: [u64; 2]) -> Recorded {
-            Recorded { what, late, waited_ns: 0, held_up_ns: 0, stolen_ns: 0, faults: [0; 2] }
-        }
     }
 
     /// Recorded on an Intel Xeon with two cores, a virtual machine, Linux 6.18; what its host took had to be
     /// made up, and what a disk did.
     #[test]
     fn each_kind_of_lateness_has_its_cause() {
-        let of = Recorded::of;
-        for (recorded, expected) in [
+        // Behind, at work, waited, held up, stolen, all in ns; faults with a disk and without.
+        for (what, numbers, expected) in [
+            ("higher priority", [5_369_528, 0, 5_353_826, 0, 0, 0, 0], Cause::Core),
+            ("a quota", [54_072_410, 54_042_576, 56_006_003, 51_644_774, 0, 0, 0], Cause::Core),
             (
-                Recorded {
-                    waited_ns: 5_353_826,
-                    ..of("a process of higher priority", [5_369_528, 0])
-                },
+                "a quota, not counted as waiting",
+                [59_053_375, 0, 0, 55_658_137, 0, 0, 0],
                 Cause::Core,
             ),
-            (
-                Recorded {
-                    waited_ns: 56_006_003,
-                    held_up_ns: 51_644_774,
-                    ..of("a quota of the cgroup, at work", [54_072_410, 54_042_576])
-                },
-                Cause::Core,
-            ),
-            (
-                Recorded {
-                    held_up_ns: 55_658_137,
-                    ..of("a quota, by a kernel that does not count it as waiting", [59_053_375, 0])
-                },
-                Cause::Core,
-            ),
-            (
-                Recorded {
-                    waited_ns: 135_713,
-                    faults: [0, 6_321],
-                    ..of("fresh memory", [3_108_277, 3_073_230])
-                },
-                Cause::Faults,
-            ),
-            (
-                Recorded {
-                    waited_ns: 40_000,
-                    faults: [5, 9],
-                    ..of("memory that was paged out", [3 * MS, 2 * MS])
-                },
-                Cause::Faults,
-            ),
-            (
-                Recorded {
-                    waited_ns: 80_000,
-                    stolen_ns: 10 * MS,
-                    ..of("a busy host", [12 * MS, 0])
-                },
-                Cause::Host,
-            ),
-            (
-                Recorded {
-                    waited_ns: 139_081,
-                    ..of("a law that overruns", [3_083_707, 3_047_666])
-                },
-                Cause::Work,
-            ),
-            (
-                Recorded { waited_ns: 27_142, ..of("stopped by a stranger", [7_833_855, 0]) },
-                Cause::Unknown,
-            ),
-            (
-                Recorded { waited_ns: 11_000, ..of("a timer that fired late", [MS, 0]) },
-                Cause::Unknown,
-            ),
+            ("fresh memory", [3_108_277, 3_073_230, 135_713, 0, 0, 0, 6_321], Cause::Faults),
+            ("memory paged out", [3 * MS, 2 * MS, 40_000, 0, 0, 5, 9], Cause::Faults),
+            ("a busy host", [12 * MS, 0, 80_000, 0, 10 * MS, 0, 0], Cause::Host),
+            ("a law that overruns", [3_083_707, 3_047_666, 139_081, 0, 0, 0, 0], Cause::Work),
+            ("stopped by a stranger", [7_833_855, 0, 27_142, 0, 0, 0, 0], Cause::Unknown),
+            ("a timer that fired late", [MS, 0, 11_000, 0, 0, 0, 0], Cause::Unknown),
         ] {
-            let before = Counters {
-                waited_ns: 1_203_377,
-                held_up_ns: 5_000,
-                stolen_ns: 1_180 * MS,
-                major_faults: 2,
-                minor_faults: 841,
-            };
-            let after = Counters {
-                waited_ns: before.waited_ns + recorded.waited_ns,
-                held_up_ns: before.held_up_ns + recorded.held_up_ns,
-                stolen_ns: before.stolen_ns + recorded.stolen_ns,
-                major_faults: before.major_faults + recorded.faults[0],
-                minor_faults: before.minor_faults + recorded.faults[1],
-            };
-            let late = late(recorded.late[0], recorded.late[1]);
-            let account = Account { late, before, after, period_ns: 5 * MS, previous: None };
-            assert_eq!(account.cause(), expected, "{}", recorded.what);
+            let [
+                behind_ns,
+                at_work_ns,
+                waited_ns,
+                held_up_ns,
+                stolen_ns,
+                major_faults,
+                minor_faults,
+            ] = numbers;
+            let grown = Counters { waited_ns, held_up_ns, stolen_ns, major_faults, minor_faults };
+            assert_eq!(cause(late(behind_ns, at_work_ns), grown, 5 * MS, None), expected, "{what}");
         }
     }
 
     #[test]
     fn work_that_began_late_and_was_quick_has_the_cause_for_which_it_began_late() {
-        let (before, period_ns) = (Counters::default(), 10 * MS);
         let quick = Late { worked_ns: 4 * MS, ..late(2 * MS, 2 * MS) };
         let slow = Late { worked_ns: 12 * MS, ..quick };
-        let cause =
-            |late, previous| Account { late, before, after: before, period_ns, previous }.cause();
-        assert_eq!(cause(quick, Some(Cause::Core)), Cause::Core);
         let on_time = Late { behind_ns: MS / 100, at_work_ns: 0, ..quick };
+        let cause = |late, previous| cause(late, Counters::default(), 10 * MS, previous);
+        assert_eq!(cause(quick, Some(Cause::Core)), Cause::Core);
         assert_eq!(cause(on_time, Some(Cause::Core)), Cause::Core, "it missed its deadline");
         assert_eq!(cause(on_time, None), Cause::Unknown);
         assert_eq!(cause(quick, None), Cause::Work);
@@ -438,16 +349,17 @@ mod tests {
     #[test]
     fn what_was_counted_while_it_overran_is_still_there_at_the_late_wake_up_that_follows() {
         let mut witness = Witness::new(10 * MS);
-        let first = vec![1_u8; FRESH];
-        std::hint::black_box(&first);
-        let account = witness.account_of(late(5 * MS, 5 * MS));
-        assert!(account.after.minor_faults > account.before.minor_faults, "{account:?}");
-        let memory = vec![1_u8; FRESH];
-        std::hint::black_box(&memory);
-        (0..LOOK_EVERY).for_each(|_| assert!(witness.on_time(0, false)));
-        let account = witness.account_of(late(5 * MS, 0));
-        let faults = account.after.minor_faults - account.before.minor_faults;
-        assert!(faults < 1000, "they were looked at when it was on time: {account:?}");
+        let touch = || drop(std::hint::black_box(vec![1_u8; FRESH]));
+        let faults = |witness: &Witness| witness.reader.read().since(witness.counted).minor_faults;
+        touch();
+        assert!(faults(&witness) > FEW);
+        witness.cause_of(late(5 * MS, 5 * MS));
+        assert!(faults(&witness) < FEW, "they were looked at when it was late");
+        touch();
+        (1..LOOK_EVERY).for_each(|_| assert!(witness.on_time(0, false)));
+        assert!(faults(&witness) > FEW, "not yet");
+        assert!(witness.on_time(0, false));
+        assert!(faults(&witness) < FEW, "they were looked at when it was on time");
     }
 
     #[test]
@@ -456,20 +368,6 @@ mod tests {
         let now = reader.read();
         assert_eq!((now.waited_ns, now.stolen_ns), (0, 0));
         assert_eq!(reader.untold(), [Cause::Core, Cause::Host]);
-        let (period_ns, previous) = (10 * MS, None);
-        let account = Account { late: late(MS, 0), before: now, after: now, period_ns, previous };
-        assert_eq!(account.cause(), Cause::Unknown);
-    }
-
-    #[test]
-    fn what_is_read_only_grows_and_new_memory_shows_in_it() {
-        let reader = Reader::new();
-        let before = reader.read();
-        let memory = vec![1_u8; FRESH];
-        std::hint::black_box(&memory);
-        let after = reader.read();
-        assert!(after.minor_faults > before.minor_faults, "{before:?} {after:?}");
-        assert!(after.waited_ns >= before.waited_ns && after.stolen_ns >= before.stolen_ns);
     }
 
     #[test]

@@ -22,12 +22,16 @@
 //! | `lateness` | what does a process read of itself to tell why? |
 //! | `age` | how old is what is known over an edge, at every instant? |
 //! | `number` | how is a number shown to people? |
+//! | `numbered` | which value has which number on the wire, and which word in files? |
 //! | `watchdog` | is a process that owes an answer hung, or only kept from giving it? |
 //! | `process` | how does a child name itself, log, and stop? |
 //! | `visible` | how is text from anywhere shown on a terminal? |
 //!
 //! Without the feature `ipc` there are only the words: `message`, `brief`, `ros2`, `goal`, `fault`, `dropped`, `link`,
 //! `law`, `avoidance`, `catalog`, `number`, `age`, `visible`; no iceoryx2, no system calls.
+
+#[macro_use]
+mod numbered;
 
 pub mod age;
 pub mod avoidance;

@@ -89,14 +89,6 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_link_is_silent_for_as_long_as_it_is_cut() {
-        let mut link = link(LinkFaultKind::Cut);
-        let heard: Vec<bool> = [9, 10, 19, 20].map(|ns| pass(&mut link, ns).is_some()).into();
-        assert_eq!(heard, [true, false, false, true]);
-        assert_eq!((link.lost(), link.due(u64::MAX)), (2, None));
-    }
-
-    #[test]
     fn a_link_cut_by_hand_is_silent_until_it_is_mended_but_for_what_was_under_way() {
         let mut link = link(LinkFaultKind::Delay { delay_ns: 5, jitter_ns: 0 });
         assert_eq!(pass(&mut link, 12), None);

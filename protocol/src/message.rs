@@ -74,9 +74,11 @@ macro_rules! message {
         #[repr(C)]
         pub struct $name { $($(#[$field_doc])* pub $field: $type,)+ }
 
-        impl $name {
-            /// The hash of this layout.
-            pub const LAYOUT: u64 = {
+        const _: () = assert!(0 $(+ size_of::<$type>())+ == size_of::<$name>(), "no padding");
+
+        // SAFETY: `#[repr(C)]`, plain numbers only, and no padding: just asserted.
+        unsafe impl $crate::message::Plain for $name {
+            const LAYOUT: u64 = {
                 let hash = layout::text(layout::START, stringify!($name));
                 $(
                     let hash = layout::text(hash, stringify!($field));
@@ -86,26 +88,18 @@ macro_rules! message {
                 )+
                 layout::number(hash, core::mem::size_of::<$name>())
             };
-            /// The name under which iceoryx2 knows this layout.
-            pub const TYPE_NAME: &'static str = {
-                const NAME: layout::Name =
-                    layout::Name::new(stringify!($name), $version, $name::LAYOUT);
-                NAME.as_str()
-            };
-        }
-
-        const _: () = assert!(0 $(+ size_of::<$type>())+ == size_of::<$name>(), "no padding");
-
-        // SAFETY: `#[repr(C)]`, plain numbers only, and no padding: just asserted.
-        unsafe impl $crate::message::Plain for $name {
-            const LAYOUT: u64 = $name::LAYOUT;
         }
 
         // SAFETY: `#[repr(C)]`, plain numbers only (the layout hash covers every field), no
         // pointers; the name is unique to this layout.
         #[cfg(feature = "ipc")]
         unsafe impl iceoryx2::prelude::ZeroCopySend for $name {
-            unsafe fn type_name() -> &'static str { $name::TYPE_NAME }
+            unsafe fn type_name() -> &'static str {
+                static NAME: std::sync::OnceLock<String> = std::sync::OnceLock::new();
+                let layout = <$name as $crate::message::Plain>::LAYOUT;
+                let name = || format!("phalanx/{}/{}/{layout:016x}", stringify!($name), $version);
+                NAME.get_or_init(name)
+            }
         }
     };
 }
@@ -423,37 +417,19 @@ message! {
     }
 }
 
-/// How well a neighbour is heard.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
-#[repr(u64)]
-pub enum Contact {
-    /// Never heard by this incarnation.
-    #[default]
-    Unheard = 0,
-    /// Heard recently enough to be taken at its word.
-    Fresh = 1,
-    /// Extrapolated by its published velocity.
-    Stale = 2,
-    /// Given up; the silence policy decides.
-    Lost = 3,
-}
-
-impl Contact {
-    /// The contact that a number in a [`NeighborStatus`] stands for.
-    pub fn from_number(number: u64) -> Option<Contact> {
-        [Contact::Unheard, Contact::Fresh, Contact::Stale, Contact::Lost]
-            .into_iter()
-            .find(|&contact| contact as u64 == number)
-    }
-
-    /// The word for it in events and reports.
-    pub fn word(self) -> &'static str {
-        match self {
-            Contact::Unheard => "unheard",
-            Contact::Fresh => "fresh",
-            Contact::Stale => "stale",
-            Contact::Lost => "lost",
-        }
+numbered! {
+    /// How well a neighbour is heard.
+    #[derive(Default)]
+    Contact: u64 {
+        /// Never heard by this incarnation.
+        #[default]
+        Unheard = 0 "unheard",
+        /// Heard recently enough to be taken at its word.
+        Fresh = 1 "fresh",
+        /// Extrapolated by its published velocity.
+        Stale = 2 "stale",
+        /// Given up; the silence policy decides.
+        Lost = 3 "lost",
     }
 }
 
@@ -642,120 +618,55 @@ message! {
     }
 }
 
-/// How far a run on several hosts is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
-#[repr(u64)]
-pub enum Phase {
-    /// Not all hosts are there.
-    #[default]
-    Gathering = 0,
-    /// Robots are started, and move.
-    Running = 1,
-    /// It is over: processes end, and what they told is handed over.
-    Ending = 2,
-    /// All of that is done.
-    Done = 3,
-}
-
-impl Phase {
-    /// The phase that a number stands for, if it is one.
-    pub fn from_number(number: u64) -> Option<Phase> {
-        let all = [Phase::Gathering, Phase::Running, Phase::Ending, Phase::Done];
-        all.into_iter().find(|&phase| phase as u64 == number)
+numbered! {
+    /// How far a run on several hosts is.
+    #[derive(Default)]
+    Phase: u64 {
+        /// Not all hosts are there.
+        #[default]
+        Gathering = 0 "gathering",
+        /// Robots are started, and move.
+        Running = 1 "running",
+        /// It is over: processes end, and what they told is handed over.
+        Ending = 2 "ending",
+        /// All of that is done.
+        Done = 3 "done",
     }
 }
 
-/// How a process is to be.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[repr(u64)]
-pub enum Wanted {
-    /// Running.
-    #[default]
-    Running = 0,
-    /// Stopped by SIGSTOP.
-    Stopped = 1,
-    /// Killed by SIGKILL.
-    Killed = 2,
-}
-
-impl Wanted {
-    /// What a number stands for.
-    pub fn from_number(number: u64) -> Option<Wanted> {
-        let all = [Wanted::Running, Wanted::Stopped, Wanted::Killed];
-        all.into_iter().find(|&wanted| wanted as u64 == number)
+numbered! {
+    /// How a process is to be.
+    #[derive(Default)]
+    Wanted: u64 {
+        /// Running.
+        #[default]
+        Running = 0 "running",
+        /// Stopped by SIGSTOP.
+        Stopped = 1 "stopped",
+        /// Killed by SIGKILL.
+        Killed = 2 "killed",
     }
 }
 
-/// The layout hash (FNV-1a) and the names made of it, at compile time.
+/// The layout hash (FNV-1a), at compile time.
 mod layout {
     pub const START: u64 = 0xcbf2_9ce4_8422_2325;
-    const PRIME: u64 = 0x0000_0100_0000_01b3;
 
-    pub const fn byte(hash: u64, byte: u8) -> u64 {
-        (hash ^ byte as u64).wrapping_mul(PRIME)
-    }
-
-    pub const fn text(mut hash: u64, text: &str) -> u64 {
-        let bytes = text.as_bytes();
+    const fn bytes(mut hash: u64, bytes: &[u8]) -> u64 {
         let mut i = 0;
         while i < bytes.len() {
-            hash = byte(hash, bytes[i]);
-            i += 1;
-        }
-        byte(hash, 0xff)
-    }
-
-    pub const fn number(mut hash: u64, number: usize) -> u64 {
-        let bytes = (number as u64).to_le_bytes();
-        let mut i = 0;
-        while i < bytes.len() {
-            hash = byte(hash, bytes[i]);
+            hash = (hash ^ bytes[i] as u64).wrapping_mul(0x0000_0100_0000_01b3);
             i += 1;
         }
         hash
     }
 
-    /// A string put together at compile time.
-    pub struct Name {
-        bytes: [u8; 64],
-        length: usize,
+    pub const fn text(hash: u64, text: &str) -> u64 {
+        bytes(bytes(hash, text.as_bytes()), &[0xff])
     }
 
-    impl Name {
-        pub const fn new(name: &str, version: u8, hash: u64) -> Name {
-            let mut made = Name { bytes: [0; 64], length: 0 };
-            made = made.push("phalanx/").push(name).push("/");
-            made = made.push_byte(b'0' + version).push("/");
-            let mut shift = 64;
-            while shift > 0 {
-                shift -= 4;
-                made = made.push_byte(b"0123456789abcdef"[(hash >> shift) as usize & 0xf]);
-            }
-            made
-        }
-
-        const fn push(mut self, text: &str) -> Name {
-            let bytes = text.as_bytes();
-            let mut i = 0;
-            while i < bytes.len() {
-                self = self.push_byte(bytes[i]);
-                i += 1;
-            }
-            self
-        }
-
-        const fn push_byte(mut self, byte: u8) -> Name {
-            self.bytes[self.length] = byte;
-            self.length += 1;
-            self
-        }
-
-        pub const fn as_str(&self) -> &str {
-            match core::str::from_utf8(self.bytes.split_at(self.length).0) {
-                Ok(name) => name,
-                Err(_) => panic!("names are ASCII"),
-            }
-        }
+    pub const fn number(hash: u64, number: usize) -> u64 {
+        bytes(hash, &(number as u64).to_le_bytes())
     }
 }
 
@@ -766,31 +677,31 @@ mod tests {
     mod reordered {
         use super::layout;
         message! {
-            /// The same fields as `Command`, two of them swapped.
-            Command / 1 {
+            /// The same fields as `LatencyHeader`, two of them swapped.
+            LatencyHeader / 1 {
                 /// .
-                tick: u64,
-                /// .
-                sent_ns: u64,
-                /// .
-                stamp_ns: u64,
-                /// .
-                sequence: u64,
+                first_row: u64,
                 /// .
                 incarnation: u64,
                 /// .
-                v_m_s: f64,
-                /// .
-                w_rad_s: f64,
+                samples_lost: u64,
             }
         }
     }
 
     #[test]
-    fn reordered_fields_of_equal_size_are_another_type() {
-        assert_eq!(size_of::<Command>(), size_of::<reordered::Command>());
-        assert!(Command::TYPE_NAME.starts_with("phalanx/Command/1/"));
-        assert_ne!(Command::TYPE_NAME, reordered::Command::TYPE_NAME);
+    fn reordered_fields_of_equal_size_are_another_layout() {
+        assert_eq!(size_of::<LatencyHeader>(), size_of::<reordered::LatencyHeader>());
+        assert_ne!(LatencyHeader::LAYOUT, reordered::LatencyHeader::LAYOUT);
+    }
+
+    /// As it was when hosts began to tell each other this hash.
+    #[test]
+    fn the_hash_of_a_layout_is_that_of_other_builds() {
+        assert_eq!(
+            (Command::LAYOUT, Beacon::LAYOUT),
+            (0x5c33_4519_ee2a_5fd8, 0x192a_423c_84c5_ce83)
+        );
     }
 
     #[test]
@@ -801,17 +712,5 @@ mod tests {
         assert_eq!(Command::of_bytes(&bytes), Some(command));
         assert_eq!(Command::of_bytes(&bytes[1..]), None);
         assert_eq!(<()>::of_bytes(&[]), Some(()));
-    }
-
-    #[test]
-    fn every_contact_and_phase_survives_the_wire_and_other_numbers_stand_for_none() {
-        for contact in [Contact::Unheard, Contact::Fresh, Contact::Stale, Contact::Lost] {
-            assert_eq!(Contact::from_number(contact as u64), Some(contact));
-        }
-        assert_eq!(Contact::from_number(4), None);
-        for phase in [Phase::Gathering, Phase::Running, Phase::Ending, Phase::Done] {
-            assert_eq!(Phase::from_number(phase as u64), Some(phase));
-        }
-        assert_eq!(Phase::from_number(4), None);
     }
 }

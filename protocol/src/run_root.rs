@@ -46,51 +46,13 @@ pub enum RunRootError {
         /// Why it failed.
         source: io::Error,
     },
-    /// The base is somebody else's, or no directory.
-    #[error(
-        "{path} is not a private directory of user {uid}: {found}; remove it, or let PHALANX_RUN_ROOT name another directory"
-    )]
-    BaseNotOurs {
-        /// The base.
+    /// It is not fit for a run root, or for this process.
+    #[error("{path} {why}")]
+    Unfit {
+        /// Which directory or file.
         path: PathBuf,
-        /// Who we are.
-        uid: u32,
-        /// What it is instead.
-        found: String,
-    },
-    /// Every name tried was taken.
-    #[error(
-        "found no free name under {base} in {ATTEMPTS} attempts; is something else removing directories there?"
-    )]
-    NoFreeName {
-        /// The base.
-        base: PathBuf,
-    },
-    /// The path cannot be given to iceoryx2.
-    #[error(
-        "{path} cannot be a run root: iceoryx2 takes absolute UTF-8 paths without quotes of at most {PATH_BYTES_MAX} bytes; let PHALANX_RUN_ROOT name a shorter one"
-    )]
-    PathUnusable {
-        /// The path.
-        path: PathBuf,
-    },
-    /// iceoryx2 does not take the configuration.
-    #[error("iceoryx2 refused {path}: {cause}; is the run of this brief still going on?")]
-    Config {
-        /// The configuration file.
-        path: PathBuf,
-        /// Why.
-        cause: String,
-    },
-    /// iceoryx2's configuration is process-wide and was set before.
-    #[error(
-        "this process has joined {joined} already and cannot join {path}: call join first thing, once"
-    )]
-    JoinedAnother {
-        /// The root joined before.
-        joined: String,
-        /// The root asked for now.
-        path: PathBuf,
+        /// Why, and what to do about it.
+        why: String,
     },
 }
 
@@ -129,7 +91,13 @@ impl RunRoot {
             let id = random_id()?;
             let path = base.join(&id);
             if !usable(&path) {
-                return Err(RunRootError::PathUnusable { path });
+                return Err(unfit_for(
+                    &path,
+                    format!(
+                        "cannot be a run root: iceoryx2 takes absolute UTF-8 paths without quotes of at most \
+                         {PATH_BYTES_MAX} bytes; let PHALANX_RUN_ROOT name a shorter one"
+                    ),
+                ));
             }
             make_base(&base)?;
             // Locked before it gets its name, so that no sweep finds it unlocked.
@@ -147,22 +115,20 @@ impl RunRoot {
                 _ => continue,
             }
             let root = RunRoot { base, path, removed: false, _lock: lock };
-            let config = root.config_path();
+            let config = config_path(&root.path);
             write_private(&config, &root.iceoryx2_config())
                 .map_err(|source| failed("write", &config, source))?;
             return Ok(root);
         }
-        Err(RunRootError::NoFreeName { base })
+        let why = format!(
+            "had no free name in {ATTEMPTS} attempts; is something else removing directories there?"
+        );
+        Err(unfit_for(&base, why))
     }
 
     /// The directory.
     pub fn path(&self) -> &Path {
         &self.path
-    }
-
-    /// The iceoryx2 configuration of this run.
-    pub fn config_path(&self) -> PathBuf {
-        config_path(&self.path)
     }
 
     /// The barrier's mapping.
@@ -282,23 +248,31 @@ pub fn unfit(base: &Path) -> Option<String> {
 pub fn join(run_root: &Path) -> Result<(), RunRootError> {
     crate::process::quiet_iceoryx2();
     let path = config_path(run_root);
-    let refused = |cause: String| RunRootError::Config { path: path.clone(), cause };
-    let file = FilePath::new(path.as_os_str().as_encoded_bytes())
-        .map_err(|error| refused(format!("{error:?}")))?;
-    let wanted = Config::from_file(&file).map_err(|error| refused(format!("{error:?}")))?;
-    let joined = Config::setup_global_config_from_file(&file)
-        .map_err(|error| refused(format!("{error:?}")))?;
+    let refused = |cause: &dyn std::fmt::Debug| {
+        let why =
+            format!("is refused by iceoryx2: {cause:?}; is the run of this brief still going on?");
+        unfit_for(&path, why)
+    };
+    let file =
+        FilePath::new(path.as_os_str().as_encoded_bytes()).map_err(|error| refused(&error))?;
+    let wanted = Config::from_file(&file).map_err(|error| refused(&error))?;
+    let joined = Config::setup_global_config_from_file(&file).map_err(|error| refused(&error))?;
     if *joined != wanted {
-        return Err(RunRootError::JoinedAnother {
-            joined: joined.global.root_path().to_string(),
-            path: run_root.into(),
-        });
+        let joined = joined.global.root_path();
+        let why = format!(
+            "cannot be joined: this process has joined {joined} already; call join first thing, once"
+        );
+        return Err(unfit_for(run_root, why));
     }
     Ok(())
 }
 
 fn failed(action: &'static str, path: &Path, source: io::Error) -> RunRootError {
     RunRootError::Io { action, path: path.into(), source }
+}
+
+fn unfit_for(path: &Path, why: String) -> RunRootError {
+    RunRootError::Unfit { path: path.into(), why }
 }
 
 fn is_id(name: &str) -> bool {
@@ -330,11 +304,14 @@ fn make_base(base: &Path) -> Result<(), RunRootError> {
     match fs::symlink_metadata(base) {
         Ok(found) => match foreign(&found) {
             None => Ok(()),
-            Some(found) => Err(RunRootError::BaseNotOurs {
-                path: base.into(),
-                uid: rustix::process::geteuid().as_raw(),
-                found,
-            }),
+            Some(found) => {
+                let uid = rustix::process::geteuid().as_raw();
+                let why = format!(
+                    "is not a private directory of user {uid}: {found}; remove it, or let \
+                     PHALANX_RUN_ROOT name another directory"
+                );
+                Err(unfit_for(base, why))
+            }
         },
         // Gone again with another run: the next attempt makes it.
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
@@ -425,7 +402,7 @@ mod tests {
         let (parent, base) = temporary_base();
         let root = RunRoot::create(&base).unwrap();
         assert_eq!(fs::metadata(root.path()).unwrap().mode() & 0o777, 0o700);
-        assert!(root.config_path().exists());
+        assert!(config_path(root.path()).exists());
         fs::write(root.path().join("left"), "x").unwrap();
         root.remove().unwrap();
         assert!(!base.exists());
@@ -450,12 +427,16 @@ mod tests {
     }
 
     #[test]
-    fn a_base_that_others_may_enter_is_refused() {
-        let (_parent, base) = temporary_base();
+    fn a_base_that_others_may_enter_or_that_is_a_link_is_refused() {
+        let (parent, base) = temporary_base();
         fs::create_dir(&base).unwrap();
         fs::set_permissions(&base, fs::Permissions::from_mode(0o755)).unwrap();
         let error = RunRoot::create(&base).unwrap_err().to_string();
         assert!(error.contains("open to others (mode 755)"), "{error}");
+        fs::remove_dir(&base).unwrap();
+        std::os::unix::fs::symlink(parent.path(), &base).unwrap();
+        let error = RunRoot::create(&base).unwrap_err().to_string();
+        assert!(error.contains("symbolic link"), "{error}");
     }
 
     #[test]
@@ -469,20 +450,12 @@ mod tests {
                 scope.spawn(|| {
                     for _ in 0..100 {
                         let root = RunRoot::create(&base).unwrap();
-                        assert!(root.config_path().exists());
+                        assert!(config_path(root.path()).exists());
                         root.remove().unwrap();
                     }
                 });
             }
         });
         assert!(!base.exists());
-    }
-
-    #[test]
-    fn a_link_is_no_base() {
-        let (parent, base) = temporary_base();
-        std::os::unix::fs::symlink(parent.path(), &base).unwrap();
-        let error = RunRoot::create(&base).unwrap_err().to_string();
-        assert!(error.contains("symbolic link"), "{error}");
     }
 }

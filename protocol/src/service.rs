@@ -8,16 +8,11 @@ use std::fmt::Debug;
 use std::marker::PhantomData;
 use std::time::Duration;
 
-use iceoryx2::node::NodeCreationFailure;
-use iceoryx2::port::publisher::PublisherCreateError;
-use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::prelude::{
     AllocationStrategy, BackpressureStrategy, NodeBuilder, NodeName, PortFactory as _, ServiceName,
     SignalHandlingMode, ZeroCopySend,
 };
-use iceoryx2::service::builder::publish_subscribe::{
-    Builder, PublishSubscribeCreateError, PublishSubscribeOpenError,
-};
+use iceoryx2::service::builder::publish_subscribe::{Builder, PublishSubscribeOpenError};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
 use crate::barrier::LEAD_MAX;
@@ -53,75 +48,43 @@ const OPEN_PAUSE: Duration = Duration::from_millis(10);
 
 /// Why a service or a port is not there.
 #[derive(Debug, thiserror::Error)]
-pub enum ServiceError {
-    /// The name is none for iceoryx2.
-    #[error("{name:?} is no valid iceoryx2 name: it must have 1 to 255 bytes")]
-    Name {
-        /// The name.
-        name: String,
-    },
-    /// The process cannot take part at all.
-    #[error(
-        "cannot create the iceoryx2 node {name}: {cause:?}; is the run root there, writable, and its file system not full?"
-    )]
-    Node {
-        /// The node's name.
-        name: String,
-        /// Why.
-        cause: NodeCreationFailure,
-    },
-    /// The supervisor cannot create a service.
-    #[error(
-        "cannot create the service {service}: {cause:?}; a name can be created once in a run, and the file system of the run root must not be full"
-    )]
-    Create {
-        /// Its name.
-        service: String,
-        /// Why.
-        cause: PublishSubscribeCreateError,
-    },
-    /// A child cannot open a service.
-    #[error("cannot open the service {service} ({attempts} attempts): {cause:?}; {advice}")]
-    Open {
-        /// Its name.
-        service: String,
-        /// How often it was tried.
-        attempts: usize,
-        /// Why the last attempt failed.
-        cause: PublishSubscribeOpenError,
-        /// What to look at.
-        advice: &'static str,
-    },
-    /// No place for another sender.
-    #[error(
-        "cannot send on the service {service}: {cause:?}; it has room for {PUBLISHERS_MAX} senders, one of them a replacement, and the dead count until the supervisor cleaned up"
-    )]
-    Publisher {
-        /// The service's name.
-        service: String,
-        /// Why.
-        cause: PublisherCreateError,
-    },
-    /// No place for another receiver.
-    #[error(
-        "cannot receive from the service {service}: {cause:?}; its room for receivers was counted from the formation graph when the run began"
-    )]
-    Subscriber {
-        /// The service's name.
-        service: String,
-        /// Why.
-        cause: SubscriberCreateError,
-    },
+#[error("cannot {action} {name}: {cause}; {advice}")]
+pub struct ServiceError {
+    action: &'static str,
+    name: String,
+    cause: String,
+    advice: &'static str,
+}
+
+/// What to look at where a service, its sender or its receiver cannot be made.
+const NAMES: &str = "names have 1 to 255 bytes";
+const CREATING: &str =
+    "a name can be created once in a run, and the file system of the run root must not be full";
+const SENDING: &str = "it has room for one sender and its replacement, and the dead count until \
+     the supervisor cleaned up";
+const RECEIVING: &str =
+    "its room for receivers was counted from the formation graph when the run began";
+
+/// Says what was tried with which service.
+fn failed<C: Debug>(
+    action: &'static str,
+    name: &str,
+    advice: &'static str,
+) -> impl FnOnce(C) -> ServiceError {
+    let name = name.to_owned();
+    move |cause| ServiceError { action, name, cause: format!("{cause:?}"), advice }
 }
 
 /// This process's seat, under the configuration that [`crate::run_root::join`] installed.
 pub fn node(name: &str) -> Result<Node, ServiceError> {
-    let node_name = NodeName::new(name).map_err(|_| ServiceError::Name { name: name.into() })?;
+    const ACTION: &str = "create the iceoryx2 node";
+    let node_name = NodeName::new(name).map_err(failed(ACTION, name, NAMES))?;
+    let advice = "is the run root there, writable, and its file system not full?";
     NodeBuilder::new()
         .name(&node_name)
         .signal_handling_mode(SignalHandlingMode::Disabled)
         .create::<Ipc>()
-        .map_err(|cause| ServiceError::Node { name: name.into(), cause })
+        .map_err(failed(ACTION, name, advice))
 }
 
 /// How many receive, and how many samples wait for each.
@@ -277,7 +240,7 @@ impl<P: ?Sized, H> Topic<P, H> {
     }
 
     fn service_name(&self) -> Result<ServiceName, ServiceError> {
-        ServiceName::new(&self.name).map_err(|_| ServiceError::Name { name: self.name.clone() })
+        ServiceName::new(&self.name).map_err(failed("name the service", &self.name, NAMES))
     }
 }
 
@@ -299,7 +262,7 @@ macro_rules! service {
                     .initial_max_slice_len(length_max.max(1))
                     .allocation_strategy(AllocationStrategy::Static)
                     .create()
-                    .map_err(|cause| ServiceError::Publisher { service: self.name.clone(), cause })
+                    .map_err(failed("send on the service", &self.name, SENDING))
             }
         }
     };
@@ -313,7 +276,7 @@ macro_rules! service {
                     .publisher_builder()
                     .backpressure_strategy(BackpressureStrategy::DiscardData)
                     .create()
-                    .map_err(|cause| ServiceError::Publisher { service: self.name.clone(), cause })
+                    .map_err(failed("send on the service", &self.name, SENDING))
             }
         }
     };
@@ -328,9 +291,9 @@ macro_rules! service {
             ) -> Result<Factory<$payload, $header>, ServiceError> {
                 let builder = node.service_builder(&self.service_name()?);
                 let builder = builder.publish_subscribe::<$payload>().user_header::<$header>();
-                let ports = with_qos(builder, qos).create().map_err(|cause| {
-                    ServiceError::Create { service: self.name.clone(), cause }
-                })?;
+                let ports = with_qos(builder, qos)
+                    .create()
+                    .map_err(failed("create the service", &self.name, CREATING))?;
                 Ok(Factory { name: self.name.clone(), ports })
             }
 
@@ -343,9 +306,8 @@ macro_rules! service {
                     match builder.user_header::<$header>().open() {
                         Ok(ports) => return Ok(Factory { name: self.name.clone(), ports }),
                         Err(cause) if attempts == OPEN_ATTEMPTS || !passing(cause) => {
-                            let service = self.name.clone();
                             let advice = advice(cause);
-                            return Err(ServiceError::Open { service, attempts, cause, advice });
+                            return Err(failed("open the service", &self.name, advice)(cause));
                         }
                         Err(_) => std::thread::sleep(OPEN_PAUSE),
                     }
@@ -360,7 +322,7 @@ macro_rules! service {
                 self.ports
                     .subscriber_builder()
                     .create()
-                    .map_err(|cause| ServiceError::Subscriber { service: self.name.clone(), cause })
+                    .map_err(failed("receive from the service", &self.name, RECEIVING))
             }
         }
     };
@@ -489,6 +451,17 @@ mod tests {
     /// A stranger's layout under the name of a command.
     type Wrong = Beacon;
 
+    /// One message over a service that the supervisor creates and a child opens, or the other way round.
+    macro_rules! carried {
+        ($sender:expr, $receiver:expr, $message:expr) => {{
+            let (publisher, subscriber) =
+                ($sender.publisher().unwrap(), $receiver.subscriber().unwrap());
+            publisher.send_copy($message).unwrap();
+            assert_eq!(*subscriber.receive().unwrap().unwrap(), $message);
+            assert!(subscriber.receive().unwrap().is_none());
+        }};
+    }
+
     /// One test, because iceoryx2's configuration is process-wide.
     #[test]
     fn every_service_carries_its_message_and_refuses_another_layout() {
@@ -507,35 +480,19 @@ mod tests {
         let before = listing("/tmp/iceoryx2");
         let supervisor = node("supervisor").unwrap();
         let child = node("agent r1").unwrap();
-
         let qos = Qos::of_robot(Pace::Lockstep, 1);
-        let sent = Command {
-            tick: 7,
-            stamp_ns: 1,
-            sent_ns: 2,
-            sequence: 3,
-            incarnation: 0,
-            v_m_s: 0.1,
-            w_rad_s: -1.0,
-        };
         let held = command("r1").create(&supervisor, qos).unwrap();
         let opened = command("r1").open(&child).unwrap();
         let publisher = opened.publisher().unwrap();
         let subscriber = held.subscriber().unwrap();
         assert_eq!((held.number_of_publishers(), held.number_of_subscribers()), (1, 1));
-        publisher.send_copy(sent).unwrap();
-        assert_eq!(*subscriber.receive().unwrap().unwrap(), sent);
-        assert!(subscriber.receive().unwrap().is_none());
-
         // The oldest gives way, the sender never waits.
         for tick in 0..10 {
-            publisher.send_copy(Command { tick, ..sent }).unwrap();
+            publisher.send_copy(Command { tick, v_m_s: 0.1, ..Command::default() }).unwrap();
         }
-        let mut ticks = Vec::new();
-        while let Some(sample) = subscriber.receive().unwrap() {
-            ticks.push(sample.tick);
-        }
-        assert_eq!(ticks, [6, 7, 8, 9]);
+        let received = std::iter::from_fn(|| subscriber.receive().unwrap());
+        let ticks: Vec<(u64, f64)> = received.map(|sample| (sample.tick, sample.v_m_s)).collect();
+        assert_eq!(ticks, [(6, 0.1), (7, 0.1), (8, 0.1), (9, 0.1)]);
 
         let wrong: Topic<Wrong> = Topic::new(command("r1").name().into());
         let error = wrong.open(&child).unwrap_err().to_string();
@@ -546,84 +503,60 @@ mod tests {
             "{error}"
         );
 
+        let sent = Beacon { tick: 1, x_m: 1.0, frame_scale: 2.0, ..Beacon::default() };
         let held = beacon("r1").create(&supervisor, qos).unwrap();
-        let beacon_sent = Beacon {
-            tick: 1,
-            stamp_ns: 2,
-            sent_ns: 3,
-            incarnation: 4,
-            x_m: 1.0,
-            y_m: 2.0,
-            vx_m_s: 3.0,
-            vy_m_s: 4.0,
-            ..Beacon::default()
-        };
-        let subscriber = held.subscriber().unwrap();
-        let publisher = beacon("r1").open(&child).unwrap().publisher().unwrap();
-        publisher.send_copy(beacon_sent).unwrap();
-        assert_eq!(*subscriber.receive().unwrap().unwrap(), beacon_sent);
-
+        carried!(beacon("r1").open(&child).unwrap(), held, sent);
+        let sent =
+            Odometry { tick: 1, walls_count: 1, near: [[0.5; 2]; 32], ..Odometry::default() };
         let held = odometry("r1").create(&supervisor, qos).unwrap();
-        let odometry_sent = Odometry {
-            tick: 1,
-            t_ns: 2,
-            stamp_ns: 3,
-            sent_ns: 4,
-            x_m: 1.0,
-            y_m: 2.0,
-            heading_rad: 3.0,
-            v_m_s: 4.0,
-            w_rad_s: 5.0,
-            pose_valid: 1,
-            proximity_valid: 1,
-            proximity_cut: 0,
-            proximity_count: 1,
-            velocities_sensed: 0,
-            near: [[0.5; 2]; crate::message::PROXIMITY_MAX],
-            walls_count: 1,
-            walls_cut: 0,
-            walls: [[6.0, 7.0]; crate::message::WALLS_MAX],
-        };
-        let subscriber = odometry("r1").open(&child).unwrap().subscriber().unwrap();
-        let publisher = held.publisher().unwrap();
-        publisher.send_copy(odometry_sent).unwrap();
-        assert_eq!(*subscriber.receive().unwrap().unwrap(), odometry_sent);
+        carried!(held, odometry("r1").open(&child).unwrap(), sent);
 
-        let held = status("r1").create(&supervisor, Qos::of_status(1)).unwrap();
+        statuses_and_faults(&supervisor, &child);
+        truths(&supervisor, &child);
+
+        // All of it is in the root. With a port still open, as after a SIGKILL, nothing outlives it.
+        let files = listing(root.path().to_str().unwrap());
+        for end in [".dynamic", ".data", ".connection"] {
+            assert!(files.iter().any(|name| name.ends_with(end)), "{end}: {files:?}");
+        }
+        let id = root.path().file_name().unwrap().to_str().unwrap();
+        assert!(!listing("/dev/shm").iter().any(|name| name.contains(id)));
+        root.remove().unwrap();
+        assert_eq!(listing("/tmp/iceoryx2"), before);
+        assert!(listing(parent.path().to_str().unwrap()).is_empty());
+    }
+
+    fn statuses_and_faults(supervisor: &Node, child: &Node) {
+        let held = status("r1").create(supervisor, Qos::of_status(1)).unwrap();
         let subscriber = held.subscriber().unwrap();
-        let publisher = status("r1").open(&child).unwrap().publisher(2).unwrap();
+        let publisher = status("r1").open(child).unwrap().publisher(2).unwrap();
         let header = StatusHeader { tick: 5, ..StatusHeader::default() };
         let neighbor =
-            |i| NeighborStatus { robot: i as u64 + 1, contact: 1, since_tick: 0, since_t_ns: 0 };
+            |i| NeighborStatus { robot: i as u64 + 1, contact: 1, ..NeighborStatus::default() };
         send_slice(&publisher, header, 2, neighbor).unwrap();
         send_slice(&publisher, header, 0, neighbor).unwrap();
         assert!(send_slice(&publisher, header, 3, neighbor).is_err());
         let sample = subscriber.receive().unwrap().unwrap();
-        assert_eq!((*sample.user_header(), sample.len()), (header, 2));
-        assert_eq!(sample[1], neighbor(1));
+        assert_eq!((*sample.user_header(), sample.payload()), (header, &[0, 1].map(neighbor)[..]));
         assert_eq!(subscriber.receive().unwrap().unwrap().len(), 0);
 
         let one = Qos::of_robot(Pace::Realtime, 1);
-        let publisher = faults("r1").create(&supervisor, one).unwrap().publisher(2).unwrap();
-        let subscriber = faults("r1").open(&child).unwrap().subscriber().unwrap();
+        let publisher = faults("r1").create(supervisor, one).unwrap().publisher(2).unwrap();
+        let subscriber = faults("r1").open(child).unwrap().subscriber().unwrap();
         let link = |i: usize| LinkFaultByHand { robot: i as u64 + 1, cut: 1 };
         for length in [1, 2] {
             send_slice(&publisher, (), length, link).unwrap();
         }
         let sample = subscriber.receive().unwrap().unwrap();
         assert_eq!(sample.payload(), [link(0), link(1)], "the newest wins");
+    }
 
-        let held = truth().create(&supervisor, Qos::of_truth(Pace::Realtime, 1)).unwrap();
+    /// A second of them at 1 kHz.
+    fn truths(supervisor: &Node, child: &Node) {
+        let held = truth().create(supervisor, Qos::of_truth(Pace::Realtime, 1)).unwrap();
         let subscriber = held.subscriber().unwrap();
-        let publisher = truth().open(&child).unwrap().publisher(64).unwrap();
-        let row = |i| TruthRow {
-            x_m: i as f64,
-            y_m: 0.0,
-            heading_rad: 0.0,
-            v_m_s: 0.0,
-            w_rad_s: 0.0,
-            commanded: 1,
-        };
+        let publisher = truth().open(child).unwrap().publisher(64).unwrap();
+        let row = |i| TruthRow { x_m: i as f64, commanded: 1, ..TruthRow::default() };
         for tick in 0..1024 {
             let header = TruthHeader { tick, ..TruthHeader::default() };
             send_slice(&publisher, header, 64, row).unwrap();
@@ -632,26 +565,10 @@ mod tests {
             let sample = subscriber.receive().unwrap().unwrap();
             assert_eq!((sample.user_header().tick, sample[63]), (tick, row(63)));
         }
-
-        // All of it is in the root. With ports still open, as after a SIGKILL, nothing outlives it.
-        let of_a_kind = |end: &str| {
-            let names = listing(root.path().to_str().unwrap());
-            names.iter().filter(|name| name.ends_with(end)).count()
-        };
-        assert_eq!([".dynamic", ".data", ".connection"].map(of_a_kind), [6, 6, 6]);
-        let id = root.path().file_name().unwrap().to_str().unwrap();
-        assert!(!listing("/dev/shm").iter().any(|name| name.contains(id)));
-        root.remove().unwrap();
-        assert_eq!(listing("/tmp/iceoryx2"), before);
-        assert!(listing(parent.path().to_str().unwrap()).is_empty());
     }
 
     fn listing(directory: &str) -> Vec<String> {
-        std::fs::read_dir(directory)
-            .into_iter()
-            .flatten()
-            .flatten()
-            .map(|entry| entry.file_name().to_string_lossy().into_owned())
-            .collect()
+        let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
+        entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect()
     }
 }

@@ -102,10 +102,13 @@ mod tests {
     }
 
     #[test]
-    fn processor_time_counts_whatever_the_clock_says() {
+    fn processor_time_and_time_blocked_count_whatever_the_clock_says() {
         let spins = |times: u64| (0..=times).map(|i| (State::Runnable, i, i as f64 / 4.0));
         assert_eq!(after(spins(59)).hung(LIMIT), None);
         assert_eq!(after(spins(60)).hung(LIMIT), Some(Instead::Computed));
+        let waits = |s: u64| (0..=s * 5).map(|i| (State::Blocked, 3, i as f64 / 5.0));
+        assert_eq!(after(waits(59)).hung(LIMIT), None);
+        assert_eq!(after(waits(60)).hung(LIMIT), Some(Instead::Waited));
         // What it used before it was looked at is not held against it.
         assert_eq!(after([(State::Runnable, 500, 0.0)]).hung(LIMIT), None);
     }
@@ -148,31 +151,21 @@ mod tests {
     }
 
     #[test]
-    fn time_blocked_counts() {
-        let waits = |s: u64| (0..=s * 5).map(|i| (State::Blocked, 3, i as f64 / 5.0));
-        assert_eq!(after(waits(59)).hung(LIMIT), None);
-        assert_eq!(after(waits(60)).hung(LIMIT), Some(Instead::Waited));
-    }
-
-    #[test]
-    fn neither_who_has_no_processor_nor_who_is_stopped_is_hung() {
-        for state in [State::Runnable, State::Stopped, State::Gone] {
-            let dog = after((0..10_000).map(|i| (state, 3, f64::from(i))));
-            assert_eq!(dog.hung(LIMIT), None, "{state:?}");
+    fn neither_who_has_no_processor_nor_who_is_stopped_is_hung_nor_who_is_blocked_now_and_then() {
+        let (runnable, blocked, stopped) = (State::Runnable, State::Blocked, State::Stopped);
+        for states in
+            [[runnable; 4], [stopped; 4], [State::Gone; 4], [blocked, runnable, blocked, stopped]]
+        {
+            let dog = after((0..10_000).map(|i| (states[i % 4], 3, i as f64)));
+            assert_eq!(dog.hung(LIMIT), None, "{states:?}");
         }
-        // Nor who was blocked at one look and not at the next.
-        let states = [State::Blocked, State::Runnable, State::Blocked, State::Stopped];
-        let dog = after((0..10_000).map(|i| (states[i % 4], 3, i as f64)));
-        assert_eq!(dog.hung(LIMIT), None);
     }
 
     #[test]
     fn time_in_which_nobody_looked_does_not_count() {
-        let looked = [0.0, 0.5, 3600.0, 3600.5].map(|at_s| (State::Blocked, 0, at_s));
-        let dog = after(looked);
-        assert_eq!(dog.hung(LIMIT), None);
-        assert_eq!(dog.hung(Duration::from_secs(2)), Some(Instead::Waited));
-        assert_eq!(dog.hung(Duration::from_millis(2001)), None);
+        let dog = after([0.0, 0.5, 3600.0, 3600.5].map(|at_s| (State::Blocked, 0, at_s)));
+        let hung = [60_000, 2000, 2001].map(|ms| dog.hung(Duration::from_millis(ms)));
+        assert_eq!(hung, [None, Some(Instead::Waited), None]);
     }
 
     #[test]

@@ -12,7 +12,7 @@ use std::rc::Rc;
 use std::sync::atomic::Ordering::SeqCst;
 use std::time::Duration;
 
-use super::stepped::{self, Access, Act, Ended, TIMED_OUT, WOKEN, turn};
+use super::stepped::{Access, Act, Ended, TIMED_OUT, WOKEN, Word, turn};
 use crate::barrier::Barrier;
 use crate::barrier::layout::{NUDGE, REMAINING};
 
@@ -161,6 +161,11 @@ impl Plot {
         self.planned.get(planned).map_or(u64::MAX, |&(place, _)| self.ticks[place])
     }
 
+    /// Which of the ticks this is.
+    fn place(&self, tick: u64) -> Result<usize, String> {
+        self.ticks.iter().position(|&known| known == tick).ok_or(format!("no tick {tick}"))
+    }
+
     /// How many ticks the world has made once so many truths are out.
     fn ticks_at(&self, truths: usize) -> u64 {
         self.ticks.get(truths - 1).map_or_else(|| self.ticks.last().unwrap() + 2, |tick| tick + 1)
@@ -181,84 +186,57 @@ impl Plot {
     }
 }
 
-enum Word<'a> {
-    Narrow(&'a stepped::AtomicU32),
-    Wide(&'a stepped::AtomicU64),
-}
-
-impl Word<'_> {
-    fn address(&self) -> usize {
-        match self {
-            Word::Narrow(word) => word.address(),
-            Word::Wide(word) => word.address(),
-        }
-    }
-
-    fn get(&self) -> u64 {
-        match self {
-            Word::Narrow(word) => word.plain().load(SeqCst).into(),
-            Word::Wide(word) => word.plain().load(SeqCst),
-        }
-    }
-
-    fn set(&self, value: u64) {
-        match self {
-            Word::Narrow(word) => word.plain().store(value as u32, SeqCst),
-            Word::Wide(word) => word.plain().store(value, SeqCst),
-        }
-    }
-}
-
-fn words(barrier: &Barrier) -> Vec<(&'static str, Word<'_>)> {
+fn words(barrier: &Barrier) -> Vec<(&'static str, &dyn Word)> {
     let head = barrier.head();
-    let mut words = vec![
-        ("arrivals", Word::Narrow(&head.arrivals.0)),
-        ("changes", Word::Narrow(&head.changes.0)),
-        ("consumed", Word::Wide(&head.consumed.0)),
-        ("lead", Word::Narrow(&head.lead.0)),
-        ("lead_waiting", Word::Narrow(&head.lead_waiting.0)),
-        ("pause_at", Word::Wide(&head.pause_at.0)),
-        ("paused", Word::Wide(&head.paused.0)),
-        ("resumes", Word::Narrow(&head.resumes.0)),
-        ("attention", Word::Narrow(&head.attention.0)),
-        ("attention_seen", Word::Narrow(&barrier.attention_seen)),
-        ("supervisor_waiting", Word::Narrow(&head.supervisor_waiting.0)),
-        ("turns", Word::Narrow(&head.turns.0)),
+    let single: [(&str, &dyn Word); 12] = [
+        ("arrivals", &head.arrivals.0),
+        ("changes", &head.changes.0),
+        ("consumed", &head.consumed.0),
+        ("lead", &head.lead.0),
+        ("lead_waiting", &head.lead_waiting.0),
+        ("pause_at", &head.pause_at.0),
+        ("paused", &head.paused.0),
+        ("resumes", &head.resumes.0),
+        ("attention", &head.attention.0),
+        ("attention_seen", &barrier.attention_seen),
+        ("supervisor_waiting", &head.supervisor_waiting.0),
+        ("turns", &head.turns.0),
     ];
+    let mut words = single.to_vec();
     let epochs = head.epochs[..barrier.groups()].iter();
-    words.extend(epochs.map(|epoch| ("epochs", Word::Narrow(&epoch.0))));
-    words.extend(head.ticks.0.iter().map(|tick| ("ticks", Word::Wide(tick))));
-    words.extend(barrier.arrived().iter().map(|arrived| ("arrived", Word::Wide(arrived))));
+    words.extend(epochs.map(|epoch| ("epochs", &epoch.0 as &dyn Word)));
+    words.extend(head.ticks.0.iter().map(|tick| ("ticks", tick as &dyn Word)));
+    words.extend(barrier.arrived().iter().map(|arrived| ("arrived", arrived as &dyn Word)));
     for slot in barrier.all_slots() {
-        words.push(("since", Word::Wide(&slot.since)));
-        words.extend(slot.mute.iter().map(|mute| ("mute", Word::Wide(mute))));
+        words.push(("since", &slot.since));
+        words.extend(slot.mute.iter().map(|mute| ("mute", mute as &dyn Word)));
     }
     words
 }
 
-/// What a call of the barrier says.
-enum Answer {
-    Nothing,
-    Flag(bool),
-    Epoch(u32),
-    Tick(Option<(u32, u64)>),
-    /// A tick or none.
-    When(Option<u64>),
+/// Where a process goes on after a call, and what that shows to be wrong.
+type Then = Box<dyn FnOnce(&Model<'_>, &mut State) -> Result<At, String>>;
+
+fn to(at: At) -> Then {
+    Box::new(move |_, _| Ok(at))
 }
 
-/// What goes wrong, where, and from where: of each state by which move and from which other it was
-/// reached.
-struct Flaw<'a> {
-    what: String,
-    first: &'a State,
-    ways: &'a [(usize, usize)],
-    reached: usize,
+fn then(next: impl FnOnce(&Model<'_>, &mut State) -> Result<At, String> + 'static) -> Then {
+    Box::new(next)
+}
+
+/// How a state was reached: from which other, who moved where, and the step made.
+struct Way {
+    from: usize,
+    process: usize,
+    at: At,
+    made: Option<(&'static str, Act)>,
 }
 
 struct Model<'a> {
     plot: &'a Plot,
     barrier: &'a Barrier,
-    words: Vec<(&'static str, Word<'a>)>,
+    words: Vec<(&'static str, &'a dyn Word)>,
     /// By role, accesses that are no steps.
     quiet: [Rc<[Access]>; 3],
     /// By role, steps that do nothing.
@@ -301,67 +279,49 @@ impl<'a> Model<'a> {
             unburied: vec![false; self.plot.slots],
         };
         let mut known = HashSet::from([hasher.hash_one(&first)]);
-        let mut ways: Vec<(usize, usize)> = vec![(0, 0)];
-        let mut open = vec![(first.clone(), 0)];
-        while let Some((state, way)) = open.pop() {
-            let processes = 0..state.processes.len();
-            let movable = processes.clone().filter(|&process| self.can_move(&state, process));
-            let movable: Vec<usize> = movable.collect();
-            if movable.is_empty()
-                && let Some(waits) = processes.clone().find(|&process| waits(&state, process))
+        let mut ways = vec![];
+        let mut open = vec![(first, 0)];
+        while let Some((state, from)) = open.pop() {
+            let moves = self.moves_of(&state);
+            let stuck = || (0..state.processes.len()).find(|&process| waits(&state, process));
+            if moves.iter().all(|&next| next >= DIES)
+                && let Some(waits) = stuck()
             {
-                let flaw = format!("{:?} {waits} waits for ever", role(waits));
-                let flaw = Flaw { what: flaw, first: &first, ways: &ways, reached: way };
-                return self.found(known.len(), Some(flaw));
+                let what = format!("{:?} {waits} waits for ever", role(waits));
+                return self.found(known.len(), Some(told(&what, &ways, from, &state)));
             }
-            let mortal = |process: &usize| {
-                state.deaths > 0 && *process >= AGENTS && state.processes[*process].at != At::Dead
-            };
-            let deaths = processes.filter(mortal).map(|process| process + DIES);
-            for next in movable.into_iter().chain(deaths) {
-                let mut then = state.clone();
+            for next in moves {
+                let (mut then, process) = (state.clone(), next % DIES);
+                let at = state.processes[process].at;
                 let flaw = self.moves(&mut then, next).err();
                 if flaw.is_some() || known.insert(hasher.hash_one(&then)) {
-                    ways.push((way, next));
-                }
-                let reached = ways.len() - 1;
-                if let Some(what) = flaw {
-                    let flaw = Flaw { what, first: &first, ways: &ways, reached };
-                    return self.found(known.len(), Some(flaw));
-                }
-                if ways[reached] == (way, next) {
-                    open.push((then, reached));
+                    ways.push(Way { from, process, at, made: self.made });
+                    if let Some(what) = flaw {
+                        let flaw = told(&what, &ways, ways.len(), &then);
+                        return self.found(known.len(), Some(flaw));
+                    }
+                    open.push((then, ways.len()));
                 }
             }
             if known.len() > STATES_MAX {
-                let what = "it does not end".into();
-                let flaw = Flaw { what, first: &first, ways: &ways, reached: 0 };
-                return self.found(known.len(), Some(flaw));
+                return self.found(known.len(), Some("it does not end".into()));
             }
         }
         self.found(known.len(), None)
     }
 
-    /// With the way to the flaw told step by step.
-    fn found(mut self, states: usize, flaw: Option<Flaw<'_>>) -> Found {
-        let flaw = flaw.map(|Flaw { what, first, ways, reached: mut way }| {
-            let mut moves = Vec::new();
-            while way != 0 {
-                moves.push(ways[way].1);
-                way = ways[way].0;
-            }
-            let mut state = first.clone();
-            let mut told = format!("{what}\n");
-            for next in moves.into_iter().rev() {
-                let at = state.processes[next % DIES].at;
-                let wrong = self.moves(&mut state, next).err().unwrap_or_default();
-                let made = if next >= DIES { "dies".into() } else { format!("{:?}", self.made) };
-                let who = (role(next % DIES), next % DIES);
-                told += &format!("  {who:?} {at:?}: {made} {wrong}\n");
-            }
-            told + &format!("{state:?}")
-        });
+    fn found(self, states: usize, flaw: Option<String>) -> Found {
         Found { states, kinds: self.kinds, flaw }
+    }
+
+    /// Who can make a step, and who can die.
+    fn moves_of(&self, state: &State) -> Vec<usize> {
+        let processes = 0..state.processes.len();
+        let mortal = |process: &usize| {
+            state.deaths > 0 && *process >= AGENTS && state.processes[*process].at != At::Dead
+        };
+        let deaths = processes.clone().filter(mortal).map(|process| process + DIES);
+        processes.filter(|&process| self.can_move(state, process)).chain(deaths).collect()
     }
 
     fn can_move(&self, state: &State, process: usize) -> bool {
@@ -420,176 +380,193 @@ impl<'a> Model<'a> {
         match turned.ended {
             Ended::Left => {}
             Ended::Asleep(word) => state.processes[next].asleep = Some(word),
-            Ended::Returned(answer) => {
+            Ended::Returned(then) => {
                 state.processes[next].history.clear();
-                state.processes[next].at = self.goes_on(state, next, answer)?;
+                state.processes[next].at = then(self, state)?;
             }
         }
         self.judge(state)
     }
 
-    /// What a process calls there.
-    fn call(&self, at: At, process: usize) -> Answer {
-        let Model { plot, barrier, .. } = self;
-        let slot = process.wrapping_sub(AGENTS);
-        let patience = || true;
-        match at {
-            At::AsksForPause(i) => Answer::Flag(barrier.pause_due(plot.ticks[i])),
-            At::Pauses(i) => Answer::Flag(barrier.pause(plot.ticks[i], patience)),
-            At::AwaitsLead(i) => {
-                Answer::Flag(barrier.wait_lead(plot.ticks[i], plot.lead_max, patience))
-            }
-            At::Begins(i) => {
-                barrier.begin(plot.ticks[i]);
-                Answer::Nothing
-            }
-            At::Releases(_, group) => {
-                barrier.release(group);
-                Answer::Nothing
-            }
-            At::AwaitsArrivals(i) => {
-                Answer::Flag(barrier.wait_arrivals(plot.ticks[i], patience).is_ok())
-            }
-            At::Calls => {
-                barrier.attention();
-                Answer::Nothing
-            }
-            At::TakesEpoch => Answer::Epoch(barrier.epoch(slot)),
-            At::AwaitsTick { epoch, .. } => Answer::Tick(barrier.wait_tick(slot, epoch, patience)),
-            At::LooksForItself { .. } => Answer::When(barrier.member_since(slot)),
-            At::Arrives { at, .. } => {
-                barrier.arrive(slot, plot.ticks[at]);
-                Answer::Nothing
-            }
-            At::Rests(_) => Answer::Flag(barrier.wait_attention(LONG)),
-            At::Consumes(_, truths) => {
-                barrier.consumed(plot.ticks_at(truths));
-                Answer::Nothing
-            }
-            At::Buries(_, dead) => {
-                barrier.remove_member(dead);
-                Answer::Nothing
-            }
-            At::Leaves(planned) => {
-                barrier.remove_member(plot.struck(planned));
-                Answer::Nothing
-            }
-            At::LooksForPause(_) => Answer::When(barrier.paused()),
-            At::Joins(planned) => {
-                let slot = plot.struck(planned);
-                barrier.set_member(slot, plot.ticks[plot.planned[planned].0]);
-                Answer::Nothing
-            }
-            At::SetsPause(planned) => {
-                barrier.pause_at(plot.next_pause(planned));
-                Answer::Nothing
-            }
-            At::Resumes(_) => {
-                barrier.resume();
-                Answer::Nothing
-            }
-            At::Publishes(_) | At::Strikes(_) | At::AwaitsReady(_) | At::Ended | At::Dead => {
-                Answer::Nothing
-            }
+    /// What a process calls there, and where it goes on.
+    fn call(&self, at: At, process: usize) -> Then {
+        match role(process) {
+            Role::Plant => self.plant(at),
+            Role::Supervisor => self.supervisor(at),
+            Role::Agent => self.agent(at, process - AGENTS),
         }
     }
 
-    /// Where a process goes on after an answer; what that shows to be wrong.
-    fn goes_on(&self, state: &mut State, process: usize, answer: Answer) -> Result<At, String> {
-        let plot = self.plot;
-        let slot = process.wrapping_sub(AGENTS);
-        let place = |tick: u64| {
-            plot.ticks.iter().position(|&known| known == tick).ok_or(format!("no tick {tick}"))
-        };
-        Ok(match (state.processes[process].at, answer) {
-            (At::Publishes(i), _) => self.publishes(state, i),
-            (At::AsksForPause(i), Answer::Flag(true)) => At::Pauses(i),
-            (At::AsksForPause(i), _) => At::AwaitsLead(i),
-            (At::Pauses(i), Answer::Flag(true)) => At::AwaitsLead(i),
-            (At::AwaitsLead(i), Answer::Flag(true)) => {
-                let taken = if state.consumed == 0 { 0 } else { plot.ticks_at(state.consumed) };
-                if plot.ticks[i].saturating_sub(taken) > plot.lead_max {
-                    return Err(format!("tick {i} begins too early"));
-                }
-                At::Begins(i)
+    fn plant(&self, at: At) -> Then {
+        let Model { plot, barrier, .. } = self;
+        let patience = || true;
+        match at {
+            At::AsksForPause(i) => {
+                let due = barrier.pause_due(plot.ticks[i]);
+                to(if due { At::Pauses(i) } else { At::AwaitsLead(i) })
             }
-            (At::Begins(i), _) => At::Releases(i, 0),
-            (At::Releases(i, group), _) if group + 1 < plot.groups => At::Releases(i, group + 1),
-            (At::Releases(i, _), _) => At::AwaitsArrivals(i),
-            (At::AwaitsArrivals(i), Answer::Flag(true)) => {
-                let silent = self.expected(plot.ticks[i]).find(|&slot| state.said[slot] != Some(i));
-                if let Some(slot) = silent {
-                    return Err(format!("tick {i} ends without agent {slot}"));
-                }
-                self.publishes(state, i + 1)
+            At::Pauses(i) => {
+                assert!(barrier.pause(plot.ticks[i], patience));
+                to(At::AwaitsLead(i))
             }
-            (At::Calls, _) => At::Ended,
-            (At::TakesEpoch, Answer::Epoch(epoch)) => At::AwaitsTick { epoch, last: None },
-            (At::AwaitsTick { last, .. }, Answer::Tick(Some((epoch, tick)))) => {
-                let at = place(tick)?;
-                if at + 1 != epoch as usize || last.is_some_and(|last| last >= at) {
-                    return Err(format!("after {last:?} comes tick {at} at epoch {epoch}"));
-                }
-                At::LooksForItself { epoch, at }
+            At::AwaitsLead(i) => {
+                assert!(barrier.wait_lead(plot.ticks[i], plot.lead_max, patience));
+                then(move |Model { plot, .. }, state| {
+                    let taken = if state.consumed == 0 { 0 } else { plot.ticks_at(state.consumed) };
+                    let early = plot.ticks[i].saturating_sub(taken) > plot.lead_max;
+                    if early {
+                        Err(format!("tick {i} begins too early"))
+                    } else {
+                        Ok(At::Begins(i))
+                    }
+                })
             }
-            (At::LooksForItself { epoch, at }, Answer::When(since)) => {
-                if since.is_some_and(|since| since <= plot.ticks[at]) {
+            At::Begins(i) => {
+                barrier.begin(plot.ticks[i]);
+                to(At::Releases(i, 0))
+            }
+            At::Releases(i, group) => {
+                barrier.release(group);
+                let last = group + 1 == plot.groups;
+                to(if last { At::AwaitsArrivals(i) } else { At::Releases(i, group + 1) })
+            }
+            At::AwaitsArrivals(i) => {
+                barrier.wait_arrivals(plot.ticks[i], patience).expect("its patience does not end");
+                then(move |model, state| {
+                    let mut expected = model.expected(model.plot.ticks[i]);
+                    match expected.find(|&slot| state.said[slot] != Some(i)) {
+                        Some(slot) => Err(format!("tick {i} ends without agent {slot}")),
+                        None => Ok(model.publishes(state, i + 1)),
+                    }
+                })
+            }
+            At::Publishes(i) => then(move |model, state| Ok(model.publishes(state, i))),
+            At::Calls => {
+                barrier.attention();
+                to(At::Ended)
+            }
+            at => unreachable!("the plant is never at {at:?}"),
+        }
+    }
+
+    fn agent(&self, at: At, slot: usize) -> Then {
+        let Model { plot, barrier, .. } = self;
+        match at {
+            At::TakesEpoch => to(At::AwaitsTick { epoch: barrier.epoch(slot), last: None }),
+            At::AwaitsTick { epoch, last } => {
+                let ticked = barrier.wait_tick(slot, epoch, || true);
+                let (epoch, tick) = ticked.expect("its patience does not end");
+                then(move |Model { plot, .. }, _| {
+                    let at = plot.place(tick)?;
+                    if at + 1 != epoch as usize || last.is_some_and(|last| last >= at) {
+                        return Err(format!("after {last:?} comes tick {at} at epoch {epoch}"));
+                    }
+                    Ok(At::LooksForItself { epoch, at })
+                })
+            }
+            At::LooksForItself { epoch, at } => {
+                let since = barrier.member_since(slot);
+                if since.is_none_or(|since| since > plot.ticks[at]) {
+                    return to(At::AwaitsTick { epoch, last: Some(at) });
+                }
+                then(move |_, state| {
                     state.said[slot] = Some(at);
-                    At::Arrives { epoch, at }
-                } else {
-                    At::AwaitsTick { epoch, last: Some(at) }
+                    Ok(At::Arrives { epoch, at })
+                })
+            }
+            At::Arrives { epoch, at } => {
+                barrier.arrive(slot, plot.ticks[at]);
+                to(At::AwaitsTick { epoch, last: Some(at) })
+            }
+            at => unreachable!("an agent is never at {at:?}"),
+        }
+    }
+
+    fn supervisor(&self, at: At) -> Then {
+        let Model { plot, barrier, .. } = self;
+        match at {
+            At::Rests(planned) => {
+                barrier.wait_attention(LONG);
+                then(move |model, state| {
+                    if state.published == state.consumed {
+                        return Ok(model.looks_for_dead(state, planned));
+                    }
+                    state.consumed = state.published;
+                    Ok(At::Consumes(planned, state.published))
+                })
+            }
+            At::Consumes(planned, truths) => {
+                barrier.consumed(plot.ticks_at(truths));
+                if truths > plot.ticks.len() {
+                    return to(At::Ended);
                 }
+                then(move |model, state| Ok(model.looks_for_dead(state, planned)))
             }
-            (At::Arrives { epoch, at }, _) => At::AwaitsTick { epoch, last: Some(at) },
-            (At::Rests(planned), _) if state.published > state.consumed => {
-                state.consumed = state.published;
-                At::Consumes(planned, state.published)
+            At::Buries(planned, dead) => {
+                barrier.remove_member(dead);
+                then(move |model, state| {
+                    state.unburied[dead] = false;
+                    Ok(model.looks_for_dead(state, planned))
+                })
             }
-            (At::Consumes(_, truths), _) if truths > plot.ticks.len() => At::Ended,
-            (At::Consumes(planned, _), _) => self.looks_for_dead(state, planned),
-            (At::Rests(planned), _) => self.looks_for_dead(state, planned),
-            (At::Buries(planned, dead), _) => {
-                state.unburied[dead] = false;
-                self.looks_for_dead(state, planned)
-            }
-            (At::LooksForPause(planned), Answer::When(paused)) => match paused {
-                // It stands, and the truth of its tick was taken in.
-                Some(tick) if place(tick)? + 1 == state.consumed => {
-                    self.acts_or_resumes(state, planned)?
-                }
-                _ => At::Rests(planned),
+            At::LooksForPause(planned) => match barrier.paused() {
+                None => to(At::Rests(planned)),
+                // It stands; is the truth of its tick taken in?
+                Some(tick) => then(move |model, state| {
+                    let taken = model.plot.place(tick)? + 1 == state.consumed;
+                    if taken {
+                        model.acts_or_resumes(state, planned)
+                    } else {
+                        Ok(At::Rests(planned))
+                    }
+                }),
             },
-            (At::Leaves(planned), _) => match plot.planned[planned].1 {
-                Planned::Freeze(_) => At::Strikes(planned),
-                _ => {
-                    let slot = plot.struck(planned);
-                    state.processes[AGENTS + slot] = Process::new(At::TakesEpoch);
-                    At::AwaitsReady(planned)
-                }
-            },
-            (At::Strikes(planned), _) => {
+            At::Leaves(planned) => {
                 let slot = plot.struck(planned);
-                let struck = &mut state.processes[AGENTS + slot];
-                match plot.planned[planned].1 {
-                    Planned::Freeze(_) => {
-                        struck.frozen = struck.at != At::Dead;
-                        self.acts_or_resumes(state, planned + 1)?
-                    }
-                    Planned::Thaw(_) if std::mem::take(&mut struck.frozen) => At::Joins(planned),
-                    Planned::Thaw(_) => self.acts_or_resumes(state, planned + 1)?,
-                    Planned::Replace(_) => {
-                        *struck = Process::new(At::Dead);
-                        state.unburied[slot] = false;
-                        At::Leaves(planned)
-                    }
+                barrier.remove_member(slot);
+                if let Planned::Freeze(_) = plot.planned[planned].1 {
+                    return to(At::Strikes(planned));
                 }
+                then(move |_, state| {
+                    state.processes[AGENTS + slot] = Process::new(At::TakesEpoch);
+                    Ok(At::AwaitsReady(planned))
+                })
             }
-            (At::AwaitsReady(planned), _) => At::Joins(planned),
-            (At::Joins(planned), _) => self.acts_or_resumes(state, planned + 1)?,
-            (At::SetsPause(planned), _) => At::Resumes(planned),
-            (At::Resumes(planned), _) => At::Rests(planned),
-            (at, _) => return Err(format!("{:?} gave up at {at:?}", role(process))),
-        })
+            At::Strikes(planned) => then(move |model, state| model.strikes(state, planned)),
+            At::AwaitsReady(planned) => to(At::Joins(planned)),
+            At::Joins(planned) => {
+                barrier.set_member(plot.struck(planned), plot.ticks[plot.planned[planned].0]);
+                then(move |model, state| model.acts_or_resumes(state, planned + 1))
+            }
+            At::SetsPause(planned) => {
+                barrier.pause_at(plot.next_pause(planned));
+                to(At::Resumes(planned))
+            }
+            At::Resumes(planned) => {
+                barrier.resume();
+                to(At::Rests(planned))
+            }
+            at => unreachable!("the supervisor is never at {at:?}"),
+        }
+    }
+
+    /// The supervisor does to an agent what is planned.
+    fn strikes(&self, state: &mut State, planned: usize) -> Result<At, String> {
+        let slot = self.plot.struck(planned);
+        let struck = &mut state.processes[AGENTS + slot];
+        match self.plot.planned[planned].1 {
+            Planned::Freeze(_) => struck.frozen = struck.at != At::Dead,
+            Planned::Thaw(_) if std::mem::take(&mut struck.frozen) => {
+                return Ok(At::Joins(planned));
+            }
+            Planned::Thaw(_) => {}
+            Planned::Replace(_) => {
+                *struck = Process::new(At::Dead);
+                state.unburied[slot] = false;
+                return Ok(At::Leaves(planned));
+            }
+        }
+        self.acts_or_resumes(state, planned + 1)
     }
 
     fn publishes(&self, state: &mut State, i: usize) -> At {
@@ -643,4 +620,16 @@ fn waits(state: &State, process: usize) -> bool {
         At::AwaitsTick { .. } => !frozen && state.processes[PLANT].at != At::Ended,
         _ => !frozen,
     }
+}
+
+/// What goes wrong in a state, and the way there step by step.
+fn told(what: &str, ways: &[Way], mut reached: usize, state: &State) -> String {
+    let mut steps = Vec::new();
+    while let Some(Way { from, process, at, made }) = reached.checked_sub(1).map(|way| &ways[way]) {
+        let made = made.map_or("dies or goes on".to_owned(), |made| format!("{made:?}"));
+        steps.push(format!("  {:?} {process} {at:?}: {made}", role(*process)));
+        reached = *from;
+    }
+    steps.reverse();
+    format!("{what}\n{}\n{state:?}", steps.join("\n"))
 }

@@ -20,7 +20,7 @@ pub(in crate::barrier) enum Act {
     Swap,
     Add,
     Or,
-    Exchange,
+    Update,
     Sleep,
     Wake,
 }
@@ -120,6 +120,13 @@ fn step(access: Access, act: impl FnOnce() -> u64, omitted: impl FnOnce() -> u64
     leave.unwrap_or_else(|| resume_unwind(Box::new(Left)))
 }
 
+/// A word of either width, as the model saves and restores it.
+pub(in crate::barrier) trait Word {
+    fn address(&self) -> usize;
+    fn get(&self) -> u64;
+    fn set(&self, value: u64);
+}
+
 macro_rules! stepped {
     ($name:ident, $number:ty) => {
         #[repr(transparent)]
@@ -136,10 +143,6 @@ macro_rules! stepped {
             /// The word itself: no step.
             pub(in crate::barrier) fn plain(&self) -> &atomic::$name {
                 &self.0
-            }
-
-            pub(in crate::barrier) fn address(&self) -> usize {
-                std::ptr::from_ref(self) as usize
             }
 
             fn step(&self, act: Act, with: impl Fn(&atomic::$name) -> $number) -> $number {
@@ -176,25 +179,32 @@ macro_rules! stepped {
                 self.step(Act::Or, |word| word.fetch_or(value, order))
             }
 
-            /// As in the standard library: a read, and exchanges until one succeeds.
+            /// One step: an exchange that fails is tried again, and one that succeeds has just read.
             #[allow(dead_code)] // not of every width
             pub(in crate::barrier) fn fetch_update(
                 &self,
                 set: Ordering,
                 fetch: Ordering,
-                mut new: impl FnMut($number) -> Option<$number>,
+                new: impl Fn($number) -> Option<$number>,
             ) -> Result<$number, $number> {
-                let mut seen = self.load(fetch);
-                while let Some(next) = new(seen) {
-                    let found = self.step(Act::Exchange, |word| {
-                        word.compare_exchange(seen, next, set, fetch).unwrap_or_else(|now| now)
-                    });
-                    if found == seen {
-                        return Ok(seen);
-                    }
-                    seen = found;
-                }
-                Err(seen)
+                let found = self.step(Act::Update, |word| {
+                    word.fetch_update(set, fetch, &new).unwrap_or_else(|now| now)
+                });
+                new(found).map_or(Err(found), |_| Ok(found))
+            }
+        }
+
+        impl Word for $name {
+            fn address(&self) -> usize {
+                std::ptr::from_ref(self) as usize
+            }
+
+            fn get(&self) -> u64 {
+                self.0.load(Ordering::SeqCst).into()
+            }
+
+            fn set(&self, value: u64) {
+                self.0.store(value as $number, Ordering::SeqCst);
             }
         }
     };

@@ -1,0 +1,75 @@
+//! Enums whose values are numbers on the wire and words in files: each is said once.
+
+/// Declares one, as `Value = number "word"`.
+macro_rules! numbered {
+    ($(#[$doc:meta])* $name:ident: $number:ident {
+        $($(#[$value_doc:meta])* $value:ident = $n:literal $word:literal,)+
+    }) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+        #[repr($number)]
+        pub enum $name { $($(#[$value_doc])* $value = $n,)+ }
+
+        impl $name {
+            /// All of them, in the order of their numbers.
+            pub const ALL: [$name; [$($n),+].len()] = [$($name::$value),+];
+
+            /// What a number stands for.
+            pub fn from_number(number: $number) -> Option<$name> {
+                match number {
+                    $($n => Some($name::$value),)+
+                    _ => None,
+                }
+            }
+
+            /// The word for it in files.
+            pub fn word(self) -> &'static str {
+                match self {
+                    $($name::$value => $word,)+
+                }
+            }
+        }
+    };
+}
+
+/// How many there are of each, with the words, without those that are none: `counts` by number.
+pub(crate) fn in_words<const N: usize>(
+    words: [&'static str; N],
+    counts: &[u64],
+) -> impl Iterator<Item = (&'static str, u64)> {
+    words.into_iter().zip(counts.to_vec()).filter(|&(_, count)| count > 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::dropped::Dropped;
+    use crate::goal::Refused;
+    use crate::message::{Contact, Phase, Wanted};
+    use crate::stage::{Cause, Stage};
+
+    /// Numbers are places in lists, and words are columns: neither may change.
+    #[test]
+    fn values_have_the_numbers_of_their_places_and_words_of_their_own() {
+        fn check<T: PartialEq + std::fmt::Debug>(
+            all: &[T],
+            place: impl Fn(&T) -> usize,
+            from_number: impl Fn(usize) -> Option<T>,
+            word: impl Fn(&T) -> &'static str,
+        ) {
+            let words: std::collections::BTreeSet<_> = all.iter().map(word).collect();
+            assert_eq!(words.len(), all.len(), "{words:?}");
+            for (number, value) in all.iter().enumerate() {
+                assert_eq!((place(value), from_number(number).as_ref()), (number, Some(value)));
+            }
+            assert_eq!(from_number(all.len()), None);
+        }
+        check(&Contact::ALL, |c| *c as usize, |n| Contact::from_number(n as u64), |c| c.word());
+        check(&Phase::ALL, |p| *p as usize, |n| Phase::from_number(n as u64), |p| p.word());
+        check(&Wanted::ALL, |w| *w as usize, |n| Wanted::from_number(n as u64), |w| w.word());
+        check(&Stage::ALL, |s| *s as usize, |n| Stage::from_number(n as u32), |s| s.word());
+        check(&Dropped::ALL, |d| *d as usize, Dropped::from_number, |d| d.word());
+        check(&Refused::ALL, |r| *r as usize, Refused::from_number, |r| r.word());
+        let late: Vec<&str> = Cause::ALL.iter().map(|cause| cause.stage().word()).collect();
+        assert_eq!(late, ["late_work", "late_core", "late_faults", "late_host", "late_unknown"]);
+    }
+}

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use outcome::results::run_dir::date_and_time;
+use outcome::results::date;
 use serde::Serialize;
 
 /// More load than this for each core, and the floors are those of a crowd.
@@ -38,7 +38,7 @@ impl Machine {
         let model = cpuinfo.lines().find_map(|line| line.strip_prefix("model name"));
         let unknown = || "unknown".to_owned();
         Machine {
-            date: date_and_time(seconds),
+            date: date::in_a_name(seconds),
             processor: model
                 .map_or_else(unknown, |model| model.trim_start_matches([' ', '\t', ':']).into()),
             kernel: [system.sysname(), system.release(), system.machine()]

@@ -20,6 +20,7 @@ use experiment::scenario::{FaultKind, Scenario};
 use outcome::metrics::Metrics;
 use outcome::metrics::expect;
 use outcome::metrics::summary::Summary;
+use outcome::report::screen::screen;
 use outcome::results::manifest::{Build, Manifest};
 use outcome::results::outcome::Outcome;
 use outcome::results::programs::Programs;
@@ -151,10 +152,10 @@ pub(super) fn judge(
         (_, true) if expected => exit::OK,
         (code, _) => code,
     };
-    let mut summary = summary::sum_up(scenario, pace, &measures, outcome, expectations, exit);
+    let mut summary = summary::sum_up(scenario, pace, measures, outcome, expectations, exit);
     // The verdict is what it is, whether or not it can be written down.
-    let screen = summary::screen(&summary);
-    let finished = run_dir.finish(&mut summary, &measures.pairs, &mut outcome.latency);
+    let screen = screen(&summary);
+    let finished = run_dir.finish(&mut summary, &metrics.pairs(), &mut outcome.latency);
     Judged { summary, screen, finished }
 }
 

@@ -8,7 +8,7 @@ use protocol::process::exit;
 
 use super::screen::{complain, print, show};
 use experiment::scenario::read::{Overrides, read};
-use outcome::results::page;
+use outcome::results::page::{self, Written};
 
 /// Arguments of `phalanx report`.
 #[derive(Debug, Args)]
@@ -36,12 +36,15 @@ pub(super) fn report(ReportArgs { run_dir, animate }: &ReportArgs, catalog: &Cat
             return exit::BAD_SCENARIO;
         }
     };
-    let written = page::write(run_dir, &scenario).and_then(|path| {
+    let written = page::write(run_dir, &scenario).and_then(|written| {
         let animated = animate.as_ref().map(|path| page::animate(run_dir, &scenario, path));
-        animated.transpose().map(|_| path)
+        animated.transpose().map(|_| written)
     });
     match written {
-        Ok(path) => print(&format!("written to {}\n", path.display())),
+        Ok(Written { path, cut_short }) => {
+            let why = cut_short.map_or(String::new(), |why| format!("{}: {why}\n", scenario.name));
+            print(&format!("{why}written to {}\n", path.display()))
+        }
         Err(error) => complain(&error),
     }
 }

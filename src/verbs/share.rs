@@ -1,6 +1,8 @@
 //! `phalanx run --fleet` on a host without the plant: its robots and its bridge, for as long as the plant's
 //! host wants them.
 
+use std::path::Path;
+
 use experiment::scenario::Scenario;
 use outcome::results::host_dir::HostDir;
 use outcome::results::programs::Programs;
@@ -26,7 +28,13 @@ pub(super) fn run(
         Ok(stop) => stop,
         Err(error) => return complain(&format_args!("cannot handle signals: {error}")),
     };
-    let made = place.make(|out| HostDir::create(out, text, &part.text)).and_then(|made| {
+    let make = |out: &Path| {
+        let host_dir = HostDir::make(out)?;
+        host_dir.write_scenario(text)?;
+        host_dir.write_fleet(&part.text)?;
+        Ok(host_dir)
+    };
+    let made = place.make(make).and_then(|made| {
         made.1.write_programs(programs)?;
         Ok(made)
     });

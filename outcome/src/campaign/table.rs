@@ -3,7 +3,7 @@
 //! In `runs.csv` stands what the experiment determines: in lockstep it is the same, byte for byte,
 //! however the runs came about. What depends on the machine stands in `timing.csv`.
 
-use crate::metrics::expect::{self, Verdict};
+use crate::metrics::expect;
 use crate::metrics::summary::Summary;
 
 use crate::campaign::folder::{Folder, FolderError, State, attempts};
@@ -50,12 +50,7 @@ impl Row<'_> {
     /// The verdict on it, in a word.
     pub fn outcome(&self) -> &'static str {
         let Some(summary) = self.summary() else { return "infrastructure" };
-        match expect::worst(&summary.expectations) {
-            None => "undeclared",
-            Some(Verdict::Held) => "held",
-            Some(Verdict::Missed) => "missed",
-            Some(Verdict::Unseen) => "unseen",
-        }
+        expect::worst(&summary.expectations).map_or("undeclared", |verdict| verdict.word())
     }
 }
 

@@ -13,7 +13,7 @@ pub(super) struct EarlyEnd {
     asked: Option<(u64, u64)>,
     duration_ns: u64,
     converged_since_ns: Option<u64>,
-    newest_t_ns: u64,
+    pub(super) newest_t_ns: u64,
 }
 
 impl EarlyEnd {
@@ -30,10 +30,6 @@ impl EarlyEnd {
     pub(super) fn truth(&mut self, t_ns: u64, converged_since_ns: Option<u64>) {
         self.newest_t_ns = t_ns;
         self.converged_since_ns = converged_since_ns;
-    }
-
-    pub(super) fn newest_t_ns(&self) -> u64 {
-        self.newest_t_ns
     }
 
     pub(super) fn has_come(&self) -> bool {

@@ -16,11 +16,11 @@ pub(super) struct Errors {
     leader: Option<usize>,
     converged_error_m: f64,
     /// At the newest truth.
-    now_m: Vec<Option<f64>>,
+    pub(super) now_m: Vec<Option<f64>>,
     /// Integral of each robot's error over the time it lived, m s.
-    integrated_m_s: Vec<Option<f64>>,
-    finals: Finals,
-    converged_since_ns: Option<u64>,
+    pub(super) integrated_m_s: Vec<Option<f64>>,
+    pub(super) finals: Finals,
+    pub(super) converged_since_ns: Option<u64>,
     newest_t_ns: Option<u64>,
 }
 
@@ -83,28 +83,8 @@ impl Errors {
         worst
     }
 
-    /// At the newest truth, m; `None` for robots that hear nobody.
-    pub(super) fn now_m(&self) -> &[Option<f64>] {
-        &self.now_m
-    }
-
-    /// Since when all living errors are below the bound, ns.
-    pub(super) fn converged_since_ns(&self) -> Option<u64> {
-        self.converged_since_ns
-    }
-
-    /// The worst of the run's end.
-    pub(super) fn finals(&self) -> &Finals {
-        &self.finals
-    }
-
     /// The main leader's.
     pub(super) fn tracking_m_max(&self) -> Option<f64> {
         self.leader.and_then(|leader| self.finals.by_robot_m(self.newest_t_ns?)[leader])
-    }
-
-    /// Integral by robot over the time it lived, m s.
-    pub(super) fn integrated_m_s(&self) -> &[Option<f64>] {
-        &self.integrated_m_s
     }
 }

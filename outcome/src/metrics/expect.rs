@@ -146,7 +146,7 @@ fn questions(
     let at_least = |value, bound| value >= bound;
     let at_most = |value, bound| value <= bound;
     let equal = |value, bound| value == bound;
-    let end_s = measures.ended_early_at_s.unwrap_or_else(|| seconds(scenario.duration_ns));
+    let end_s = if measures.ended_early { measures.t_s } else { seconds(scenario.duration_ns) };
     let last_s = end_s * (1.0 - FINAL_SHARE);
     let faults = &measures.faults;
     let recoveries = faults.iter().map(|fault| fault.recovered_after_s);
@@ -169,8 +169,9 @@ fn questions(
         AliveAtEnd::Names(robots) => robots.len() as f64,
         AliveAtEnd::Count(count) => *count as f64,
     });
-    let dead = wanted.iter().filter(|&&robot| !measures.alive_at_end[robot]);
-    let dead: Vec<&str> = dead.map(|&robot| scenario.robots[robot].name.as_str()).collect();
+    let wanted: Vec<&String> = wanted.iter().map(|&robot| &scenario.robots[robot].name).collect();
+    let dead = wanted.iter().filter(|&&name| !measures.alive_at_end.contains(name));
+    let dead: Vec<&str> = dead.map(|name| name.as_str()).collect();
     let alive = Some((wanted.len() - dead.len()) as f64);
     let misses_max = expect.deadline_misses_max.filter(|_| pace == Pace::Realtime);
     let never_s = f64::INFINITY;
@@ -216,13 +217,16 @@ fn questions(
 struct Judge<'a> {
     scenario: &'a Scenario,
     measures: &'a Measures,
-    /// Who counts, in scenario order.
+    /// Who was alive at the end, and who counts; in scenario order.
+    alive: Vec<bool>,
     counts: Vec<bool>,
 }
 
 impl Judge<'_> {
     fn new<'a>(scenario: &'a Scenario, measures: &'a Measures) -> Judge<'a> {
-        let alive = &measures.alive_at_end;
+        let robots = scenario.robots.iter();
+        let alive = robots.map(|robot| measures.alive_at_end.contains(&robot.name));
+        let alive: Vec<bool> = alive.collect();
         let counts = match &scenario.expect.alive_at_end {
             None => planned_alive(scenario),
             Some(AliveAtEnd::Names(robots)) => {
@@ -231,7 +235,7 @@ impl Judge<'_> {
             // Whoever they are.
             Some(AliveAtEnd::Count(_)) => alive.clone(),
         };
-        Judge { scenario, measures, counts }
+        Judge { scenario, measures, alive, counts }
     }
 
     fn answer(&self, question: Question) -> Expectation {
@@ -259,8 +263,8 @@ impl Judge<'_> {
         }
         let counted = |robot: &&usize| self.counts[**robot];
         let counted: Vec<usize> = whom.iter().filter(counted).copied().collect();
-        let alive = &self.measures.alive_at_end;
-        let dead: Vec<usize> = counted.iter().copied().filter(|&robot| !alive[robot]).collect();
+        let dead = |robot: &usize| !self.alive[*robot];
+        let dead: Vec<usize> = counted.iter().copied().filter(dead).collect();
         let meant_so = self.scenario.expect.alive_at_end.is_some();
         match counted[..] {
             _ if !dead.is_empty() => Some(format!("dead at the end: {}", self.names(&dead))),
@@ -323,15 +327,17 @@ mod tests {
 
     const SECOND_NS: u64 = 1_000_000_000;
 
-    fn measures() -> Measures {
+    fn measures(alive: &[&str]) -> Measures {
         Measures {
             min_distance_m: Some(0.2),
             final_error_m_max: Some(0.5),
             final_ideal_error_m_max: Some(0.5),
-            alive_at_end: vec![true; 3],
+            alive_at_end: alive.iter().map(|name| (*name).to_owned()).collect(),
             ..Measures::default()
         }
     }
+
+    const ALL: [&str; 3] = ["r1", "r2", "r3"];
 
     /// The row, with these expectations.
     fn row(expect: impl FnOnce(&mut Expectations)) -> Scenario {
@@ -369,7 +375,7 @@ mod tests {
             }
         });
         let held = |pace| -> Vec<(String, bool)> {
-            let found = evaluate(&scenario, &measures(), pace, 1, 0);
+            let found = evaluate(&scenario, &measures(&ALL), pace, 1, 0);
             found.into_iter().map(|expectation| (expectation.name, expectation.held)).collect()
         };
         let named = |held: &[(&str, bool)]| -> Vec<(String, bool)> {
@@ -391,8 +397,7 @@ mod tests {
     #[test]
     fn who_is_dead_at_the_end_by_nobodys_plan_has_not_converged() {
         let mut scenario = row(|expect| expect.converged_by_s = Some(10.0));
-        let alive_at_end = vec![true, true, false];
-        let measures = Measures { converged_at_s: Some(3.0), alive_at_end, ..measures() };
+        let measures = Measures { converged_at_s: Some(3.0), ..measures(&["r1", "r2"]) };
         assert_eq!(only(&scenario, &measures), missed("dead at the end: r3"));
         let kill = |at_s: u64, robot, restart_after_s: Option<u64>| Fault {
             at_ns: at_s * SECOND_NS,
@@ -411,50 +416,17 @@ mod tests {
     }
 
     #[test]
-    fn what_is_about_nobody_is_missed_unless_the_scenario_means_it_so() {
-        let kills = [1, 2].map(|robot| Fault {
-            at_ns: SECOND_NS,
-            for_ns: None,
-            kind: FaultKind::Kill { robot, restart_after_ns: None },
-        });
-        let alive_at_end = vec![true, false, false];
-        let measures = Measures {
-            converged_at_s: Some(3.0),
-            hull_distance_m_max_final: None,
-            alive_at_end,
-            ..measures()
-        };
+    fn what_is_about_nobody_is_missed_and_of_a_count_whoever_lives_counts() {
         let mut hull = row(|expect| expect.hull_distance_m_max = Some(0.0));
+        let measures = measures(&["r1", "r3"]);
         assert_eq!(only(&hull, &measures), missed("the scenario has no such robot"));
         hull.robots[1].role = Role::CONTAINED;
-        hull.robots[2].role = Role::CONTAINED;
-        hull.faults = kills.to_vec();
-        assert_eq!(only(&hull, &measures), missed("nobody is left of r2, r3"));
-        let mut converged = row(|expect| expect.converged_by_s = Some(10.0));
-        converged.faults = kills.to_vec();
-        assert_eq!(only(&converged, &measures), missed("r1 alone is left"));
-        for alive in [AliveAtEnd::Names(vec![0]), AliveAtEnd::Count(1)] {
-            for scenario in [&mut hull, &mut converged] {
-                scenario.expect.alive_at_end = Some(alive.clone());
-                let found = evaluate(scenario, &measures, Pace::Lockstep, 0, 0);
-                assert!(found.iter().all(|one| one.held), "{alive:?}: {found:?}");
-            }
-        }
-    }
-
-    #[test]
-    fn alive_at_end_asks_for_robots_by_name_or_for_as_many() {
-        let measures = Measures { alive_at_end: vec![true, false, true], ..measures() };
-        for (alive, held) in [
-            (AliveAtEnd::Names(vec![0, 2]), true),
-            (AliveAtEnd::Names(vec![0, 1]), false),
-            (AliveAtEnd::Names(Vec::new()), true),
-            (AliveAtEnd::Count(2), true),
-            (AliveAtEnd::Count(3), false),
-        ] {
-            let scenario = row(|expect| expect.alive_at_end = Some(alive.clone()));
-            let expected = if held { HELD } else { missed("dead at the end: r2") };
-            assert_eq!(only(&scenario, &measures), expected, "{alive:?}");
+        assert_eq!(only(&hull, &measures), missed("dead at the end: r2"));
+        for (count, held) in [(2, true), (3, false)] {
+            hull.expect.alive_at_end = Some(AliveAtEnd::Count(count));
+            let found = evaluate(&hull, &measures, Pace::Lockstep, 0, 0);
+            let verdicts: Vec<bool> = found.iter().map(|one| one.held).collect();
+            assert_eq!(verdicts, [true, held], "{found:?}");
         }
     }
 
@@ -464,7 +436,8 @@ mod tests {
             (Verdict::Unseen, Some(format!("no truths from {from:.3} s to {until:.3} s")))
         };
         let distance = row(|expect| expect.min_distance_m = Some(0.2));
-        let lost = |from_s, until_s| Measures { unseen_s: vec![[from_s, until_s]], ..measures() };
+        let lost =
+            |from_s, until_s| Measures { unseen_s: vec![[from_s, until_s]], ..measures(&ALL) };
         assert_eq!(only(&distance, &lost(3.0, 5.0)), nobody_saw(3.0, 5.0));
         let too_near = Measures { min_distance_m: Some(0.1), ..lost(3.0, 5.0) };
         assert_eq!(only(&distance, &too_near), (Verdict::Missed, None), "that much was seen");
@@ -481,9 +454,9 @@ mod tests {
             FaultReport { t_s: 4.0, recovered_after_s: Some(1.0), ..FaultReport::default() };
         let struck = |measures| Measures { faults: vec![fault.clone()], ..measures };
         assert_eq!(only(&recovered, &struck(lost(1.0, 3.0))), HELD);
-        assert_eq!(only(&recovered, &measures()), missed("the run had no fault"));
+        assert_eq!(only(&recovered, &measures(&ALL)), missed("the run had no fault"));
         let never = FaultReport { what: "kill r2".into(), t_s: 4.0, ..FaultReport::default() };
-        let never = Measures { faults: vec![fault.clone(), never], ..measures() };
+        let never = Measures { faults: vec![fault.clone(), never], ..measures(&ALL) };
         assert_eq!(only(&recovered, &never), missed("no recovery from kill r2 at 4 s"));
         assert_eq!(only(&recovered, &struck(lost(3.0, 5.0))), nobody_saw(3.0, 5.0));
     }

@@ -28,7 +28,7 @@ const TOLD_WITHIN_NS: u64 = 10_000_000_000;
 /// All faults so far, and those that the scenario plans.
 pub(super) struct Faults {
     windows: Vec<FaultWindow>,
-    silent: Silent,
+    pub(super) silent: Silent,
     reachability: Reachability,
     predictor: Predictor,
     pub(super) orphans: Orphans,
@@ -73,11 +73,6 @@ impl Faults {
             reports: Vec::new(),
             newest_t_ns: 0,
         }
-    }
-
-    /// Who is silent now.
-    pub(super) fn silent(&self) -> &Silent {
-        &self.silent
     }
 
     /// What begins or ends by the briefs up to this time, and has not been told yet.
@@ -136,7 +131,7 @@ impl Faults {
 
     /// What the fault broke is whole again, as far as it is ever going to be.
     pub(super) fn ended(&mut self, fault: usize, end: End, t_ns: u64) {
-        if let Some(window) = self.windows.iter_mut().find(|window| window.number() == fault) {
+        if let Some(window) = self.windows.iter_mut().find(|window| window.number == fault) {
             let heard_again = window.ended(end, t_ns);
             self.silent.count(heard_again, -1);
             self.orphans.count(t_ns, heard_again, -1);

@@ -32,8 +32,8 @@ pub(super) struct Ideal {
     /// Without a leader: who says where the formation is.
     anchors: Vec<usize>,
     /// At the newest truth.
-    now_m: Vec<Option<f64>>,
-    finals: Finals,
+    pub(super) now_m: Vec<Option<f64>>,
+    pub(super) finals: Finals,
     /// Where the living would have the formation, along one axis, m; kept for the next truth.
     votes: Vec<f64>,
 }
@@ -113,29 +113,16 @@ impl Ideal {
         };
         Some(Vec2::new(median(0)?, median(1)?))
     }
-
-    /// At the newest truth, m; `None` for robots that have no place.
-    pub(super) fn now_m(&self) -> &[Option<f64>] {
-        &self.now_m
-    }
-
-    /// The worst of the run's end.
-    pub(super) fn finals(&self) -> &Finals {
-        &self.finals
-    }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::f64::consts::FRAC_PI_2;
-
     use super::*;
     use crate::metrics::examples::rows;
     use crate::metrics::frame::IdealFrame;
     use experiment::examples::row_of_three;
     use formation::front_point::front_point;
     use formation::graph::{Edge, FormationGraph};
-    use formation::pose::Pose;
     use formation::scale::Scale;
     use formation::seconds;
     use formation::trajectory::Trajectory;
@@ -177,7 +164,7 @@ mod tests {
             let alphas: Vec<Vec2> = rows.iter().map(|row| front_point(row.pose(), 0.1)).collect();
             let own_m = vec![Some(0.5); rows.len()];
             self.ideal.truth(t_ns, &frame, &alphas, alive, &own_m);
-            self.ideal.now_m().to_vec()
+            self.ideal.now_m.to_vec()
         }
     }
 
@@ -186,15 +173,6 @@ mod tests {
             found.is_some_and(|found| (found - expected).abs() < 1e-9)
         };
         assert!(found.iter().zip(expected).all(close), "{found:?}, expected {expected:?}");
-    }
-
-    #[test]
-    fn who_stands_right_behind_one_that_stands_wrong_stands_wrong() {
-        // r2 has stopped 5 m behind, and r3 keeps its offset from it.
-        let mut planned = Planned::new(&still());
-        let found = planned.errors(0, &rows([0.0, -6.0, -7.0]), &ALL);
-        are(&found, &[0.5, 5.0, 5.0]);
-        assert_eq!(planned.ideal.finals().max_m(u64::MAX), Some(5.0));
     }
 
     #[test]
@@ -209,7 +187,7 @@ mod tests {
         let found = planned.errors(0, &rows([0.0, -4.0, -0.75]), &[true, false, true]);
         are(&found, &[0.5, 3.0, 0.25]);
         assert_eq!(
-            planned.ideal.finals().by_robot_m(u64::MAX)[1],
+            planned.ideal.finals.by_robot_m(u64::MAX)[1],
             None,
             "the dead count for nothing"
         );
@@ -231,22 +209,6 @@ mod tests {
         let mut planned = Planned::new(&still());
         let found = planned.errors(0, &rows([0.0, f64::NAN, -2.0]), &ALL);
         assert_eq!(found[1], Some(f64::INFINITY));
-    }
-
-    #[test]
-    fn what_turns_the_leader_off_its_way_turns_nobodys_place() {
-        let line = Trajectory::Line { center_m: [0.0, 0.0], velocity_m_s: [0.1, 0.0] };
-        let mut planned = Planned::new(&led(line, Scale::ONE));
-        are(&planned.errors(0, &rows([0.0, -1.0, -2.0]), &ALL), &[0.5, 0.0, 0.0]);
-        let mut turned = rows([0.1, -0.9, -1.9]);
-        let Pose { x_m, y_m, .. } = turned[0].pose();
-        (turned[0].x_m, turned[0].y_m, turned[0].heading_rad) = (x_m + 0.1, y_m - 0.1, FRAC_PI_2);
-        let found = planned.errors(SECOND_NS, &turned, &ALL);
-        assert!(found[1].is_some_and(|error| error < 1e-6), "{found:?}");
-        // Its replacement knows no better than to go by the heading that it finds.
-        planned.errors(2 * SECOND_NS, &turned, &[false, true, true]);
-        let found = planned.errors(3 * SECOND_NS, &turned, &ALL);
-        assert!(found[1].is_some_and(|error| (error - 2f64.sqrt()).abs() < 1e-6), "{found:?}");
     }
 
     #[test]

@@ -47,7 +47,6 @@ use formation::Vec2;
 use formation::front_point::front_point;
 use protocol::brief::Pace;
 use protocol::message::{Contact, TruthHeader, TruthRow};
-use serde::Serialize;
 
 pub use clearance::Clearance;
 use clearance::Clearances;
@@ -57,12 +56,13 @@ pub use distance::PairDistance;
 use end::EarlyEnd;
 use error::Errors;
 use experiment::scenario::{Scenario, Silenced, Struck};
-use fault::{Bound, End, FaultReport, Faults, Report};
+use fault::{Bound, End, Faults, Report};
 use finals::Window;
 use formation::seconds;
 use frame::IdealFrame;
 use ideal::Ideal;
 pub use orphans::Turn;
+use summary::Summary;
 use travel::Travel;
 use truths::Truths;
 
@@ -101,64 +101,8 @@ pub struct Now<'a> {
     pub nearest: Option<(f64, [usize; 2])>,
 }
 
-/// What was measured over a whole run.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct Measures {
-    /// Smallest distance between two front points, m; `None` for one robot alone.
-    pub min_distance_m: Option<f64>,
-    /// Between which two.
-    pub min_distance_pair: Option<[String; 2]>,
-    /// When, s.
-    pub min_distance_t_s: Option<f64>,
-    /// Ticks (arcs' ends, in real time) at which some pair was nearer than d.
-    pub violations: u64,
-    /// The smallest distance of a front point from a wall or obstacle; `None` without any.
-    pub min_clearance: Option<Clearance>,
-    /// Ticks (arcs' ends, in real time) at which some front point was nearer to one than the clearance.
-    pub clearance_violations: u64,
-    /// Worst error over the last 10 % of the run by robot, m; `None` for one that hears nobody or
-    /// was dead all that time.
-    pub final_error_m: Vec<(String, Option<f64>)>,
-    /// The worst of these; `None` if the run did not get that far.
-    pub final_error_m_max: Option<f64>,
-    /// Worst error to the ideal formation over the last 10 % of the run by robot, m; `None` for one
-    /// without a place in it, and for one that was dead all that time.
-    pub final_ideal_error_m: Vec<(String, Option<f64>)>,
-    /// The worst of these.
-    pub final_ideal_error_m_max: Option<f64>,
-    /// The final error of the main leader alone: how well m(t) is tracked (25).
-    pub tracking_error_m_max: Option<f64>,
-    /// Integral of the error by robot over the time it lived, m s.
-    pub integrated_error_m_s: Vec<(String, Option<f64>)>,
-    /// How near every pair came, and when.
-    pub pairs: Vec<PairDistance>,
-    /// Largest distance of a contained robot from the leaders' convex hull over the last 10 % of
-    /// the run, m; `None` where nobody is contained.
-    pub hull_distance_m_max_final: Option<f64>,
-    /// Since when all living errors stayed below `converged_error_m`, s.
-    pub converged_at_s: Option<f64>,
-    /// Since when each robot's error stayed below it, s; `None`: it did not arrive.
-    pub arrived_at_s: Vec<(String, Option<f64>)>,
-    /// How far each front point went until then, or in all, m.
-    pub path_m: Vec<(String, Option<f64>)>,
-    /// Of all that arrived at goals: the lengths of their ways over those of straight lines there; `None` once
-    /// somebody was sent to another goal.
-    pub path_over_straight: Option<f64>,
-    /// In lockstep.
-    pub trajectory_hash: Option<String>,
-    /// Who was alive at the newest truth; in scenario order.
-    pub alive_at_end: Vec<bool>,
-    /// In lockstep: entry k is the same of all truths before k + 1 s.
-    pub hash_by_second: Vec<String>,
-    /// Truths that never arrived.
-    pub truths_lost: u64,
-    /// From when to when none arrived for more than 0.1 s, s, in order.
-    pub unseen_s: Vec<[f64; 2]>,
-    /// What each fault did.
-    pub faults: Vec<FaultReport>,
-    /// When it ended, s, if that was before its time because it had converged.
-    pub ended_early_at_s: Option<f64>,
-}
+/// What was measured over a whole run: its summary, in which what else a run leaves is not known yet.
+pub type Measures = Summary;
 
 impl Metrics {
     /// Nothing measured yet.
@@ -210,17 +154,17 @@ impl Metrics {
             *alpha = front_point(row.pose(), *ell);
         }
         let distance_m = self.distances.truth(header, &self.alphas);
-        let silent = self.faults.silent();
+        let silent = &self.faults.silent;
         let frame = self.frame.truth(t_ns, rows, alive);
         let worst_m = self.errors.truth(t_ns, &frame, &self.alphas, alive, silent);
-        self.travel.truth(t_ns, &self.alphas, self.errors.now_m(), alive);
-        self.ideal.truth(t_ns, &frame, &self.alphas, alive, self.errors.now_m());
+        self.travel.truth(t_ns, &self.alphas, &self.errors.now_m, alive);
+        self.ideal.truth(t_ns, &frame, &self.alphas, alive, &self.errors.now_m);
         let bound_m = self.converged_error_m;
-        let both = self.errors.now_m().iter().zip(self.ideal.now_m());
+        let both = self.errors.now_m.iter().zip(&self.ideal.now_m);
         let beyond = both.zip(alive).map(|((heard, ideal), &alive)| {
             [heard, ideal].map(|error| alive && error.is_some_and(|error| error >= bound_m))
         });
-        let calm_since_ns = self.errors.converged_since_ns();
+        let calm_since_ns = self.errors.converged_since_ns;
         self.faults.truth(t_ns, worst_m, calm_since_ns, beyond, distance_m);
         self.containment.truth(t_ns, &self.alphas, alive);
         self.end.truth(t_ns, calm_since_ns);
@@ -229,8 +173,8 @@ impl Metrics {
     /// What is known at the newest truth.
     pub fn now(&self) -> Now<'_> {
         Now {
-            errors_m: self.errors.now_m(),
-            ideal_errors_m: self.ideal.now_m(),
+            errors_m: &self.errors.now_m,
+            ideal_errors_m: &self.ideal.now_m,
             nearest: self.distances.nearest(),
         }
     }
@@ -256,7 +200,7 @@ impl Metrics {
     /// The fault of this number began.
     pub fn fault_began(&mut self, fault: usize, t_ns: u64) {
         let within = |error: &Option<f64>| error.is_some_and(|e| e < self.converged_error_m);
-        let both = self.errors.now_m().iter().zip(self.ideal.now_m());
+        let both = self.errors.now_m.iter().zip(&self.ideal.now_m);
         let calm = both.map(|(heard, ideal)| [heard, ideal].map(within));
         self.faults.began(fault, t_ns, calm);
     }
@@ -293,7 +237,7 @@ impl Metrics {
 
     /// Who is cut off from its leader, as far as it was told; in scenario order.
     pub fn orphaned(&self) -> &[bool] {
-        self.faults.orphans.now()
+        &self.faults.orphans.orphaned
     }
 
     /// `hearer` says how `neighbor` is heard, and since when: before or after the fault is told that
@@ -302,15 +246,22 @@ impl Metrics {
         self.faults.contact(Report { hearer, neighbor, contact, since_ns: since_t_ns });
     }
 
+    /// How near every pair came, and when.
+    pub fn pairs(&self) -> Vec<PairDistance> {
+        self.distances.pairs(&self.names)
+    }
+
     /// What was measured in all.
     pub fn finish(&self) -> Measures {
         let by_name = |values: &[Option<f64>]| -> Vec<(String, Option<f64>)> {
             self.names.iter().cloned().zip(values.iter().copied()).collect()
         };
         let closest = self.distances.closest();
-        let end_ns = self.end.newest_t_ns();
-        Measures {
-            ended_early_at_s: self.ends_early().then(|| seconds(end_ns)),
+        let living = self.names.iter().zip(&self.alive).filter(|(_, alive)| **alive);
+        let end_ns = self.end.newest_t_ns;
+        Summary {
+            t_s: seconds(end_ns),
+            ended_early: self.ends_early(),
             min_distance_m: closest.map(|closest| closest.distance_m),
             min_distance_pair: closest
                 .map(|closest| closest.pair.map(|robot| self.names[robot].clone())),
@@ -318,24 +269,24 @@ impl Metrics {
             violations: self.distances.violations(),
             min_clearance: self.clearances.smallest(),
             clearance_violations: self.clearances.violations(),
-            final_error_m: by_name(&self.errors.finals().by_robot_m(end_ns)),
-            final_error_m_max: self.errors.finals().max_m(end_ns),
-            final_ideal_error_m: by_name(&self.ideal.finals().by_robot_m(end_ns)),
-            final_ideal_error_m_max: self.ideal.finals().max_m(end_ns),
+            final_error_m: by_name(&self.errors.finals.by_robot_m(end_ns)),
+            final_error_m_max: self.errors.finals.max_m(end_ns),
+            final_ideal_error_m: by_name(&self.ideal.finals.by_robot_m(end_ns)),
+            final_ideal_error_m_max: self.ideal.finals.max_m(end_ns),
             tracking_error_m_max: self.errors.tracking_m_max(),
-            integrated_error_m_s: by_name(self.errors.integrated_m_s()),
-            pairs: self.distances.pairs(&self.names),
+            integrated_error_m_s: by_name(&self.errors.integrated_m_s),
             hull_distance_m_max_final: self.containment.final_m_max(end_ns),
-            converged_at_s: self.errors.converged_since_ns().map(seconds),
+            converged_at_s: self.errors.converged_since_ns.map(seconds),
             arrived_at_s: by_name(&self.travel.arrived_at_s()),
             path_m: by_name(&self.travel.path_m()),
             path_over_straight: self.travel.path_over_straight(),
             trajectory_hash: self.truths.hash(),
-            alive_at_end: self.alive.clone(),
+            alive_at_end: living.map(|(name, _)| name.clone()).collect(),
             hash_by_second: self.truths.hash_by_second(),
-            truths_lost: self.truths.lost(),
-            unseen_s: self.truths.unseen_ns().iter().map(|gap| gap.map(seconds)).collect(),
+            truths_lost: self.truths.lost,
+            unseen_s: self.truths.unseen_ns.iter().map(|gap| gap.map(seconds)).collect(),
             faults: self.faults.report(&self.names),
+            ..Summary::default()
         }
     }
 }

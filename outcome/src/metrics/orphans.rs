@@ -18,7 +18,7 @@ pub(super) struct Orphans {
     silent: Silent,
     /// What was silenced (1) or spoke again (-1) since, and when, ns.
     pending: Vec<(u64, Silenced, i32)>,
-    orphaned: Vec<bool>,
+    pub(super) orphaned: Vec<bool>,
 }
 
 /// A robot was cut off from its leader, or is reached again.
@@ -76,11 +76,6 @@ impl Orphans {
         }
         turns
     }
-
-    /// Who is orphaned at the time that is settled, in scenario order.
-    pub(super) fn now(&self) -> &[bool] {
-        &self.orphaned
-    }
 }
 
 #[cfg(test)]
@@ -114,10 +109,10 @@ mod tests {
         orphans.count(9, Silenced::Edge(1), -1);
         assert_eq!(orphans.settle_before(3), []);
         assert_eq!(orphans.settle_before(4), [turn(3, 1, true), turn(3, 2, true)]);
-        assert_eq!(orphans.now(), [false, true, true]);
+        assert_eq!(orphans.orphaned, [false, true, true]);
         assert_eq!(orphans.settle_before(9), [turn(7, 1, false)]);
         assert_eq!(orphans.settle_before(10), [turn(9, 2, false)]);
-        assert_eq!(orphans.now(), [false; 3]);
+        assert_eq!(orphans.orphaned, [false; 3]);
     }
 
     #[test]
@@ -126,7 +121,7 @@ mod tests {
         orphans.count(3, Silenced::Robot(0), 1);
         orphans.count(4, Silenced::Robot(1), 1);
         assert_eq!(orphans.settle_before(5), [turn(3, 1, true), turn(3, 2, true)]);
-        assert_eq!(orphans.now(), [false, false, true]);
+        assert_eq!(orphans.orphaned, [false, false, true]);
         // Its replacement has no leader either.
         orphans.count(5, Silenced::Robot(1), -1);
         assert_eq!(orphans.settle_before(6), [turn(5, 1, true)]);

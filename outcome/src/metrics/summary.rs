@@ -272,6 +272,28 @@ pub struct StageLatency {
     pub mean_ns: f64,
 }
 
+/// The values of one stage at one robot or edge that reached the supervisor in one stretch of run time: a line
+/// of `latency_over_time.csv`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Stretch {
+    /// The middle of the stretch, s.
+    pub t_s: f64,
+    /// A stage, in its word.
+    pub stage: String,
+    /// The robot it is measured at, or whose loop it is; or `plant`.
+    pub robot: String,
+    /// Of an edge: whom the robot hears.
+    pub from: Option<String>,
+    /// How many values.
+    pub count: u64,
+    /// Half of the values are at most this, ns.
+    pub p50_ns: u64,
+    /// 99 % of them.
+    pub p99_ns: u64,
+    /// The largest, ns.
+    pub max_ns: u64,
+}
+
 /// The information age of one edge, from the first beacon heard over it to the last that its hearer
 /// told; while the hearer is dead there is none.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]

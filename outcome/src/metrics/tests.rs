@@ -1,4 +1,4 @@
-use super::fault::End;
+use super::fault::{End, FaultReport};
 use super::*;
 
 use experiment::examples::row_of_three;
@@ -127,7 +127,7 @@ fn the_dead_have_no_say_in_convergence_and_final_errors() {
     assert_eq!(measures.converged_at_s, Some(0.0));
     let finals: Vec<_> = measures.final_error_m.into_iter().map(|(_, e)| e).collect();
     assert_eq!(finals, [None, Some(0.0), None]);
-    assert_eq!(measures.alive_at_end, [true, true, false]);
+    assert_eq!(measures.alive_at_end, ["r1", "r2"]);
 }
 
 #[test]
@@ -159,41 +159,29 @@ fn killed_and_replaced(off_m: &[f64]) -> FaultReport {
 }
 
 #[test]
-fn a_fault_is_measured_from_its_beginning_to_the_recovery() {
-    //                                 0    1    2    3    4    5    6    7     8      9
-    let fault = killed_and_replaced(&[0.6, 0.0, 0.0, 0.0, 0.2, 0.4, 0.3, 0.02, 0.009, 0.005]);
-    assert_eq!((fault.t_s, fault.lasted_s), (3.0, Some(2.0)));
-    assert_eq!(fault.robot.as_deref(), Some("r2"));
-    assert_eq!(fault.recovered_after_s, Some(3.0));
-    assert!(close(Some(fault.peak_error_m), 0.4) && close(fault.min_distance_m, 0.6), "{fault:?}");
-}
-
-#[test]
-fn a_calm_that_does_not_last_is_no_recovery() {
-    //                                 0    1    2    3    4    5    6    7    8    9
-    let fault = killed_and_replaced(&[0.0, 0.0, 0.0, 0.0, 0.2, 0.2, 0.0, 0.0, 0.5, 0.0]);
-    assert_eq!(fault.recovered_after_s, Some(4.0));
-    assert!(close(Some(fault.peak_error_m), 0.5));
-}
-
-#[test]
-fn a_fault_from_which_the_formation_did_not_recover_is_measured_to_the_end() {
-    let fault = killed_and_replaced(&[0.0, 0.0, 0.0, 0.0, 0.2, 0.2, 0.7]);
-    assert_eq!(fault.recovered_after_s, None);
-    assert!(close(Some(fault.peak_error_m), 0.7) && close(fault.min_distance_m, 0.3));
-}
-
-#[test]
-fn a_fault_whose_replacement_never_moved_is_not_recovered_from() {
-    let fault = killed_and_replaced(&[0.0; 5]);
-    assert_eq!((fault.lasted_s, fault.recovered_after_s), (None, None));
-}
-
-#[test]
-fn a_fault_that_disturbs_nobody_is_recovered_from_at_once() {
-    let fault = killed_and_replaced(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.008, 0.0]);
-    assert_eq!(fault.recovered_after_s, Some(0.0));
-    assert!(close(Some(fault.peak_error_m), 0.008));
+fn a_fault_is_measured_from_its_beginning_to_a_recovery_that_lasts_or_to_the_end() {
+    for (off_m, lasted_s, recovered_after_s, peak_m, distance_m) in [
+        //  0    1    2    3    4    5    6    7     8      9
+        (
+            &[0.6, 0.0, 0.0, 0.0, 0.2, 0.4, 0.3, 0.02, 0.009, 0.005][..],
+            Some(2.0),
+            Some(3.0),
+            0.4,
+            0.6,
+        ),
+        (&[0.0, 0.0, 0.0, 0.0, 0.2, 0.2, 0.0, 0.0, 0.5, 0.0], Some(2.0), Some(4.0), 0.5, 0.5),
+        (&[0.0, 0.0, 0.0, 0.0, 0.2, 0.2, 0.7], Some(2.0), None, 0.7, 0.3),
+        // Its replacement never moved.
+        (&[0.0; 5], None, None, 0.0, 1.0),
+        // It disturbed nobody.
+        (&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.008, 0.0], Some(2.0), Some(0.0), 0.008, 0.992),
+    ] {
+        let fault = killed_and_replaced(off_m);
+        assert_eq!((fault.t_s, fault.robot.as_deref()), (3.0, Some("r2")));
+        assert_eq!((fault.lasted_s, fault.recovered_after_s), (lasted_s, recovered_after_s));
+        let worst = close(Some(fault.peak_error_m), peak_m);
+        assert!(worst && close(fault.min_distance_m, distance_m), "{off_m:?}: {fault:?}");
+    }
 }
 
 #[test]
@@ -232,36 +220,6 @@ fn faults_at_the_same_instant_share_what_follows() {
     assert!(
         faults.iter().all(|f| f.recovered_after_s.is_none() && close(Some(f.peak_error_m), 0.5))
     );
-}
-
-#[test]
-fn the_first_neighbor_to_call_a_faulty_robot_stale_and_lost_sets_the_times() {
-    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
-    metrics.died_unplanned(1, "signal 9", 10 * SECOND_NS);
-    metrics.died_unplanned(1, "signal 9", 30 * SECOND_NS);
-    for (hearer, neighbor, contact, since_s) in [
-        (2, 1, Contact::Stale, 5),
-        (2, 1, Contact::Stale, 14),
-        (0, 1, Contact::Stale, 13),
-        (2, 0, Contact::Stale, 11),
-        (2, 1, Contact::Fresh, 12),
-        (2, 1, Contact::Lost, 25),
-        (2, 1, Contact::Stale, 32),
-    ] {
-        metrics.contact(hearer, neighbor, contact, since_s * SECOND_NS);
-    }
-    let faults = metrics.finish().faults;
-    assert_eq!((faults[0].stale_after_s, faults[0].lost_after_s), (Some(3.0), Some(15.0)));
-    assert_eq!((faults[1].stale_after_s, faults[1].lost_after_s), (Some(2.0), None));
-}
-
-#[test]
-fn silence_after_the_replacement_moved_is_not_the_faults() {
-    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
-    metrics.died_unplanned(1, "signal 9", 10 * SECOND_NS);
-    metrics.fault_ended(0, End::Whole, 12 * SECOND_NS);
-    metrics.contact(2, 1, Contact::Stale, 25 * SECOND_NS);
-    assert_eq!(metrics.finish().faults[0].stale_after_s, None);
 }
 
 /// What may be told in any order, as long as it is about the same run.

@@ -10,9 +10,9 @@ pub(super) struct Truths {
     hash: Option<HashChain>,
     newest_tick: Option<u64>,
     newest_t_ns: u64,
-    lost: u64,
+    pub(super) lost: u64,
     /// Stretches of run time, ns, that were too long without a truth.
-    unseen_ns: Vec<[u64; 2]>,
+    pub(super) unseen_ns: Vec<[u64; 2]>,
 }
 
 /// While truths are lost for longer than this, ns, something may have come and gone that no verdict
@@ -49,15 +49,5 @@ impl Truths {
     /// In lockstep, what the hash was at the end of each simulated second.
     pub(super) fn hash_by_second(&self) -> Vec<String> {
         self.hash.as_ref().map(|chain| chain.by_second().to_vec()).unwrap_or_default()
-    }
-
-    /// From when to when none arrived for too long, ns, in order.
-    pub(super) fn unseen_ns(&self) -> &[[u64; 2]] {
-        &self.unseen_ns
-    }
-
-    /// Those that never arrived.
-    pub(super) fn lost(&self) -> u64 {
-        self.lost
     }
 }

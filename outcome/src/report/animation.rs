@@ -5,21 +5,20 @@
 //! the smallest distance over time, with a line that walks along. All of it is linear between the
 //! same instants.
 
-use std::fmt::Write as _;
-
 use formation::Vec2;
 use formation::front_point::front_point;
 use formation::obstacle::Obstacle;
 use formation::pose::Pose;
-use plotters::style::RGBColor;
 
 use crate::report::axis::Axis;
+use crate::report::chart::Place;
 use crate::report::digits::asked;
-use crate::report::markup::escaped;
-use crate::report::palette::{self, BLACK, BLUE, GRAY, ORANGE, VERMILION};
+use crate::report::figures::{BOUND, over_time};
+use crate::report::palette::{BLACK, BLUE, Color, GRAY, Line, ORANGE, VERMILION, WHITE, color};
 use crate::report::run::Run;
-use crate::report::scene::{EdgeState, Frame, RobotState};
-use crate::report::simplify::{Point, by_column, within};
+use crate::report::scene::{EdgeState, Frame, RobotState, SceneFault};
+use crate::report::simplify::{Point, within};
+use crate::report::svg::{Anchor, Element, px, way};
 
 /// The whole picture, px.
 const WIDTH: f64 = 900.0;
@@ -27,12 +26,10 @@ const HEIGHT: f64 = 520.0;
 /// Of the plane, px: its width, from the top, and as high as this.
 const PLANE_WIDTH: f64 = 560.0;
 const PLANE: (f64, f64) = (38.0, 472.0);
-/// Of each strip beside it, px: from the top, and as high as this.
-const STRIPS: [(f64, f64); 2] = [(74.0, 120.0), (232.0, 120.0)];
-/// From where to where time goes from left to right, px.
-const TIME: (f64, f64) = (620.0, 880.0);
-/// What is told below the strips: from the top, px.
-const LEGEND: f64 = 410.0;
+/// The two panels beside it, one above the other.
+const PANELS: Place = Place { x: 552.0, y: 40.0, width: 346.0, height: 175.0 };
+/// What is told below them: where it begins, px.
+const LEGEND: Point = (584.0, 412.0);
 /// It lasts no longer than this, s: a longer run is shown faster.
 const LASTS_S_MAX: f64 = 20.0;
 /// So many instants per second that it lasts, and no more bytes than this for all of them.
@@ -42,6 +39,9 @@ const BYTES_MAX: usize = 800_000;
 const TRAIL: f64 = 90.0;
 /// Names up to this many robots.
 const NAMES_MAX: usize = 24;
+/// What is written beside the picture, and the paper's rims.
+const QUIET: Color = Color(0x57, 0x60, 0x6a);
+const PALE: Color = Color(0xd0, 0xd7, 0xde);
 
 /// The animation of a run; `None` if nothing was recorded.
 pub fn animation(run: &Run) -> Option<String> {
@@ -50,37 +50,32 @@ pub fn animation(run: &Run) -> Option<String> {
         return None;
     }
     let lasts_s = (frames[frames.len() - 1].t_s - frames[0].t_s).clamp(1.0, LASTS_S_MAX);
-    let view = View::of(run, &frames)?;
-    let mut svg = Svg { text: String::new(), lasts_s };
-    svg.line(format_args!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" width=\"{WIDTH}\" \
-         height=\"{HEIGHT}\" font-family=\"system-ui, sans-serif\" font-size=\"13\">"
-    ));
-    svg.line(format_args!("<title>{}</title>", escaped(&run.scene.name)));
-    svg.line(format_args!(
-        "<defs><marker id=\"way\" viewBox=\"-5 -4 8 8\" markerWidth=\"7\" markerHeight=\"7\" \
-         orient=\"auto\"><path d=\"M3 0L-5 3.5V-3.5Z\" fill=\"context-stroke\"/></marker>\
-         <clipPath id=\"plane\"><rect width=\"{PLANE_WIDTH}\" y=\"{}\" height=\"{}\"/></clipPath></defs>",
-        PLANE.0, PLANE.1
-    ));
-    svg.line(format_args!(
-        "<rect x=\".5\" y=\".5\" width=\"{}\" height=\"{}\" rx=\"8\" fill=\"#fff\" stroke=\"#d0d7de\"/>",
-        WIDTH - 1.0,
-        HEIGHT - 1.0
-    ));
-    heading(&mut svg, run, &frames);
-    svg.line(format_args!("<g clip-path=\"url(#plane)\">"));
-    ground(&mut svg, run, &view);
-    walls(&mut svg, run, &view);
-    trails(&mut svg, run, &frames, &view);
-    hull(&mut svg, run, &frames, &view);
-    edges(&mut svg, run, &frames, &view);
-    robots(&mut svg, run, &frames, &view);
-    svg.line(format_args!("</g>"));
-    strips(&mut svg, run, &frames);
-    legend(&mut svg, run);
-    svg.line(format_args!("</svg>"));
-    Some(svg.text)
+    let movie = Movie { run, view: View::of(run, &frames)?, frames, lasts_s };
+    let rim = Element::rect([0.5, 0.5, WIDTH - 1.0, HEIGHT - 1.0]).with("rx", 8);
+    let mut svg = Element::file(WIDTH, HEIGHT, "system-ui, sans-serif")
+        .with("font-size", 13)
+        .holding(Element::new("title").says(&run.scene.name))
+        .holding(Element::new("defs").holding(arrowhead()))
+        .holding(rim.filled(WHITE, 1.0).with("stroke", PALE));
+    svg.extend(movie.heading());
+    let mut plane = Element::clip([0.0, PLANE.0, PLANE_WIDTH, PLANE.1]);
+    plane.extend(movie.ground());
+    plane.extend(movie.walls());
+    plane.extend(movie.trails());
+    plane.extend(movie.hull());
+    plane.extend(movie.edges());
+    plane.extend(movie.robots());
+    svg.push(plane);
+    svg.push(movie.panels());
+    svg.extend(legend(run));
+    Some(format!("{svg}\n"))
+}
+
+fn arrowhead() -> Element {
+    let head = Element::path("M3 0L-5 3.5V-3.5Z").with("fill", "context-stroke");
+    let marker = Element::new("marker").with("id", "way").with("viewBox", "-5 -4 8 8");
+    let marker = marker.with("markerWidth", 7).with("markerHeight", 7).with("orient", "auto");
+    marker.holding(head)
 }
 
 /// Equally spaced frames of the replay.
@@ -109,13 +104,8 @@ struct View {
 impl View {
     fn of(run: &Run, frames: &[Frame]) -> Option<View> {
         let places = frames.iter().flat_map(|frame| fronts(run, frame)).filter(|at| known(*at));
-        let (low, high) = places
-            .fold((Vec2::repeat(1e300), Vec2::repeat(-1e300)), |(low, high), at| {
-                (low.inf(&at), high.sup(&at))
-            });
-        if low.x > high.x {
-            return None;
-        }
+        let reach = places.map(|at| (at, at));
+        let (low, high) = reach.reduce(|(low, high), (at, _)| (low.inf(&at), high.sup(&at)))?;
         let room = high - low + Vec2::repeat(1.6 * run.scene.distance_min_m + 0.1);
         let scale = (PLANE_WIDTH / room.x).min(PLANE.1 / room.y);
         Some(View { middle: (low + high) / 2.0, scale })
@@ -139,438 +129,280 @@ fn known(at: Vec2) -> bool {
     at.x.is_finite() && at.y.is_finite()
 }
 
-/// The picture so far.
-struct Svg {
-    text: String,
-    lasts_s: f64,
-}
-
-impl Svg {
-    fn line(&mut self, line: std::fmt::Arguments<'_>) {
-        // Writing to a string cannot fail.
-        let _ = writeln!(self.text, "{line}");
-    }
-
-    /// Lets an attribute go through these values.
-    fn animate(&mut self, attribute: &str, values: &[String]) {
-        if values.windows(2).any(|pair| pair[0] != pair[1]) {
-            let lasts_s = self.lasts_s;
-            self.line(format_args!(
-                "<animate attributeName=\"{attribute}\" dur=\"{lasts_s}s\" repeatCount=\"indefinite\" \
-                 values=\"{}\"/>",
-                values.join(";")
-            ));
-        }
-    }
-
-    fn transform(&mut self, kind: &str, values: &[String]) {
-        let lasts_s = self.lasts_s;
-        self.line(format_args!(
-            "<animateTransform attributeName=\"transform\" type=\"{kind}\" dur=\"{lasts_s}s\" \
-             repeatCount=\"indefinite\" values=\"{}\"/>",
-            values.join(";")
-        ));
-    }
-
-    /// Lets an attribute jump where its value changes.
-    fn switch(&mut self, attribute: &str, values: &[&str]) {
-        let last = (values.len() - 1).max(1) as f64;
-        let changes: Vec<(f64, &str)> = values
-            .iter()
-            .enumerate()
-            .filter(|&(i, value)| i == 0 || values[i - 1] != *value)
-            .map(|(i, value)| (i as f64 / last, *value))
-            .collect();
-        if changes.len() > 1 {
-            let times: Vec<String> = changes.iter().map(|(at, _)| format!("{at:.4}")).collect();
-            let words: Vec<&str> = changes.iter().map(|(_, value)| *value).collect();
-            let lasts_s = self.lasts_s;
-            self.line(format_args!(
-                "<animate attributeName=\"{attribute}\" dur=\"{lasts_s}s\" repeatCount=\"indefinite\" \
-                 calcMode=\"discrete\" keyTimes=\"{}\" values=\"{}\"/>",
-                times.join(";"),
-                words.join(";")
-            ));
-        }
-    }
-}
-
-fn px(value: f64) -> String {
-    let text = format!("{value:.1}");
-    text.strip_suffix(".0").unwrap_or(&text).to_owned()
-}
-
-fn hex(RGBColor(r, g, b): RGBColor) -> String {
-    format!("#{r:02x}{g:02x}{b:02x}")
-}
-
-fn way(points: impl IntoIterator<Item = Point>) -> String {
-    let steps: Vec<String> =
-        points.into_iter().map(|(x, y)| format!("{} {}", px(x), px(y))).collect();
-    format!("M{}", steps.join("L"))
-}
-
-/// What is shown, and what is wrong just now.
-fn heading(svg: &mut Svg, run: &Run, frames: &[Frame]) {
-    let scene = &run.scene;
-    svg.line(format_args!(
-        "<text x=\"16\" y=\"25\" font-size=\"15\" font-weight=\"600\">{}</text>",
-        escaped(&scene.name)
-    ));
-    for fault in &scene.faults {
-        let shown: Vec<&str> =
-            frames.iter().map(|frame| if lasts(fault, frame.t_s) { "1" } else { "0" }).collect();
-        svg.line(format_args!(
-            "<text x=\"{}\" y=\"25\" font-size=\"15\" font-weight=\"600\" text-anchor=\"end\" \
-             fill=\"{}\" opacity=\"{}\">{}",
-            WIDTH - 16.0,
-            hex(VERMILION),
-            shown[0],
-            escaped(&fault.what)
-        ));
-        svg.switch("opacity", &shown);
-        svg.line(format_args!("</text>"));
-    }
-}
-
-fn lasts(fault: &crate::report::scene::SceneFault, t_s: f64) -> bool {
+fn lasts(fault: &SceneFault, t_s: f64) -> bool {
     fault.t_s <= t_s && fault.until_s.is_none_or(|until_s| t_s < until_s)
 }
 
-/// A grid of meters, and where the leader is to go.
-fn ground(svg: &mut Svg, run: &Run, view: &View) {
-    let step_m = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 100.0];
-    let step_m = step_m.into_iter().find(|m| m * view.scale >= 40.0).unwrap_or(1000.0);
-    let half = Vec2::new(PLANE_WIDTH, PLANE.1) / 2.0 / view.scale;
-    let lines = |low: f64, high: f64| {
-        let first = (low / step_m).ceil() as i64;
-        (first..).map(move |n| n as f64 * step_m).take_while(move |&at| at <= high)
-    };
-    let mut grid = String::new();
-    for x in lines(view.middle.x - half.x, view.middle.x + half.x) {
-        let (x, _) = view.at(Vec2::new(x, 0.0));
-        let _ = write!(grid, "M{} {}v{}", px(x), PLANE.0, PLANE.1);
-    }
-    for y in lines(view.middle.y - half.y, view.middle.y + half.y) {
-        let (_, y) = view.at(Vec2::new(0.0, y));
-        let _ = write!(grid, "M0 {}h{PLANE_WIDTH}", px(y));
-    }
-    svg.line(format_args!("<path d=\"{grid}\" stroke=\"#eceff2\" fill=\"none\"/>"));
-    let lead: Vec<Point> = run.lead_m.iter().map(|&[x, y]| view.at(Vec2::new(x, y))).collect();
-    if lead.len() > 1 {
-        svg.line(format_args!(
-            "<path d=\"{}\" stroke=\"{}\" stroke-opacity=\".5\" stroke-dasharray=\"1 5\" \
-             stroke-linecap=\"round\" stroke-width=\"2\" fill=\"none\"/>",
-            way(within(&lead, 0.4)),
-            hex(GRAY)
-        ));
-    }
-    svg.line(format_args!(
-        "<path d=\"M16 {y}h{}\" stroke=\"#57606a\" stroke-width=\"2\"/><text x=\"{}\" y=\"{}\" \
-         fill=\"#57606a\">{} m</text>",
-        px(step_m * view.scale),
-        px(22.0 + step_m * view.scale),
-        PLANE.0 + PLANE.1 - 8.0,
-        asked(step_m),
-        y = PLANE.0 + PLANE.1 - 12.0,
-    ));
+/// What moves.
+struct Movie<'r> {
+    run: &'r Run,
+    frames: Vec<Frame>,
+    view: View,
+    /// s.
+    lasts_s: f64,
 }
 
-/// What stands in the way.
-fn walls(svg: &mut Svg, run: &Run, view: &View) {
-    let shape = |wall: &Obstacle| match wall {
-        Obstacle::Disc { center_m, radius_m } => {
-            let ((x, y), r) = (view.at(Vec2::from(*center_m)), px(radius_m * view.scale));
-            let left = px(x - radius_m * view.scale);
-            let across = px(2.0 * radius_m * view.scale);
-            format!("M{left} {}a{r} {r} 0 1 0 {across} 0a{r} {r} 0 1 0 -{across} 0Z", px(y))
+impl Movie<'_> {
+    /// One value at each instant.
+    fn each<T>(&self, value: impl FnMut(&Frame) -> T) -> Vec<T> {
+        self.frames.iter().map(value).collect()
+    }
+
+    fn repeated(&self, name: &'static str, attribute: &str, values: &[String]) -> Element {
+        let animation = Element::new(name).with("attributeName", attribute);
+        let animation = animation.with("dur", format!("{}s", self.lasts_s));
+        animation.with("repeatCount", "indefinite").with("values", values.join(";"))
+    }
+
+    /// An element whose attribute goes through these values.
+    fn animated(&self, element: Element, attribute: &str, values: &[String]) -> Element {
+        let element = element.with(attribute, &values[0]);
+        match values.iter().all(|value| *value == values[0]) {
+            true => element,
+            false => element.holding(self.repeated("animate", attribute, values)),
         }
-        polygon => way(polygon.outline().into_iter().map(|corner| view.at(corner))) + "Z",
-    };
-    let shapes: String = run.scene.walls.iter().map(shape).collect();
-    if !shapes.is_empty() {
-        svg.line(format_args!(
-            "<path d=\"{shapes}\" fill=\"#d0d7de\" stroke=\"#57606a\" stroke-width=\"2.5\" \
-             stroke-linejoin=\"round\"/>"
-        ));
     }
-}
 
-/// Where each robot was lately: a dash that moves along its path.
-fn trails(svg: &mut Svg, run: &Run, frames: &[Frame], view: &View) {
-    for robot in 0..run.scene.robots.len() {
-        let places: Vec<Point> = path(run, frames, view, robot);
-        let mut lengths = vec![0.0];
-        for pair in places.windows(2) {
-            let step = (pair[1].0 - pair[0].0).hypot(pair[1].1 - pair[0].1);
-            lengths.push(lengths[lengths.len() - 1] + step);
+    /// An element whose attribute jumps where its value changes.
+    fn switched(&self, element: Element, attribute: &str, values: &[String]) -> Element {
+        let element = element.with(attribute, &values[0]);
+        let last = (values.len() - 1).max(1) as f64;
+        let changes = (0..values.len()).filter(|&i| i == 0 || values[i - 1] != values[i]);
+        let changes: Vec<(String, String)> =
+            changes.map(|i| (format!("{:.4}", i as f64 / last), values[i].clone())).collect();
+        let (times, values): (Vec<String>, Vec<String>) = changes.into_iter().unzip();
+        if values.len() == 1 {
+            return element;
         }
-        let whole = lengths[lengths.len() - 1];
-        if whole < 1.0 {
-            continue;
-        }
-        let offsets: Vec<String> = lengths.iter().map(|length| px(TRAIL - length)).collect();
-        svg.line(format_args!(
-            "<path d=\"{}\" fill=\"none\" stroke=\"{}\" stroke-opacity=\".45\" stroke-width=\"2.5\" \
-             stroke-linejoin=\"round\" stroke-dasharray=\"{TRAIL} {}\" stroke-dashoffset=\"{TRAIL}\">",
-            way(places),
-            hex(palette::color(robot)),
-            px(whole + TRAIL)
-        ));
-        svg.animate("stroke-dashoffset", &offsets);
-        svg.line(format_args!("</path>"));
+        let animation = self.repeated("animate", attribute, &values);
+        let animation = animation.with("calcMode", "discrete").with("keyTimes", times.join(";"));
+        element.holding(animation)
     }
-}
 
-fn path(run: &Run, frames: &[Frame], view: &View, robot: usize) -> Vec<Point> {
-    let mut last = view.middle;
-    let places = frames.iter().map(|frame| {
-        let at = fronts(run, frame).nth(robot).expect("each frame has every robot");
-        last = if known(at) { at } else { last };
-        view.at(last)
-    });
-    places.collect()
-}
+    /// An element that is moved (`translate`) or turned (`rotate`) so.
+    fn transformed(&self, element: Element, kind: &str, values: &[String]) -> Element {
+        let animation = self.repeated("animateTransform", "transform", values).with("type", kind);
+        element.with("transform", format!("{kind}({})", values[0])).holding(animation)
+    }
 
-/// The hull of the leaders, in which the contained are to be.
-fn hull(svg: &mut Svg, run: &Run, frames: &[Frame], view: &View) {
-    let Some((_, leaders)) = run.containment() else { return };
-    let shapes: Vec<String> = frames
-        .iter()
-        .map(|frame| {
-            let places: Vec<Vec2> = fronts(run, frame).collect();
+    /// What is shown, and what is wrong just now.
+    fn heading(&self) -> Vec<Element> {
+        let words = |words: &str, x: f64, anchor| {
+            let text = Element::words(words, (x, 25.0), anchor);
+            text.with("font-size", 15).with("font-weight", 600)
+        };
+        let fault = |fault: &SceneFault| {
+            let shown = self.each(|frame| u8::from(lasts(fault, frame.t_s)).to_string());
+            let text = words(&fault.what, WIDTH - 16.0, Anchor::End).filled(VERMILION, 1.0);
+            self.switched(text, "opacity", &shown)
+        };
+        let name = words(&self.run.scene.name, 16.0, Anchor::Start);
+        std::iter::once(name).chain(self.run.scene.faults.iter().map(fault)).collect()
+    }
+
+    /// A grid of meters, and where the leader is to go.
+    fn ground(&self) -> Vec<Element> {
+        let (view, bottom) = (&self.view, PLANE.0 + PLANE.1);
+        let steps_m = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 100.0];
+        let step_m = steps_m.into_iter().find(|m| m * view.scale >= 40.0).unwrap_or(1000.0);
+        let half = Vec2::new(PLANE_WIDTH, PLANE.1) / 2.0 / view.scale;
+        let lines = |axis: usize| {
+            let (low, high) = (view.middle[axis] - half[axis], view.middle[axis] + half[axis]);
+            let first = (low / step_m).ceil() as i64;
+            (first..).map(move |n| n as f64 * step_m).take_while(move |&at| at <= high)
+        };
+        let upright = lines(0).map(|x| view.at(Vec2::new(x, 0.0)).0);
+        let level = lines(1).map(|y| view.at(Vec2::new(0.0, y)).1);
+        let upright = upright.map(|x| format!("M{} {}v{}", px(x), PLANE.0, PLANE.1));
+        let level = level.map(|y| format!("M0 {}h{PLANE_WIDTH}", px(y)));
+        let grid: String = upright.chain(level).collect();
+        let mut drawn = vec![Element::path(&grid).stroked(Line::solid(Color(0xec, 0xef, 0xf2)))];
+        let lead = self.run.lead_m.iter().map(|&[x, y]| view.at(Vec2::new(x, y)));
+        let lead: Vec<Point> = lead.collect();
+        if lead.len() > 1 {
+            let dots = Element::path(&way(within(&lead, 0.4)));
+            let dots = dots.stroked(Line::solid(GRAY).width(2.0).opacity(0.5));
+            drawn.push(dots.with("stroke-dasharray", "1 5").with("stroke-linecap", "round"));
+        }
+        let (step, ends) = (step_m * view.scale, (22.0 + step_m * view.scale, bottom - 8.0));
+        let scale = Element::path(&way([(16.0, bottom - 12.0), (16.0 + step, bottom - 12.0)]));
+        let meters = Element::words(&format!("{} m", asked(step_m)), ends, Anchor::Start);
+        drawn.push(scale.stroked(Line::solid(QUIET).width(2.0)));
+        drawn.push(meters.filled(QUIET, 1.0));
+        drawn
+    }
+
+    /// What stands in the way.
+    fn walls(&self) -> Option<Element> {
+        let shape = |wall: &Obstacle| match wall {
+            Obstacle::Disc { center_m, radius_m } => {
+                let ((x, y), r) = (self.view.at(Vec2::from(*center_m)), radius_m * self.view.scale);
+                let (left, across, r) = (px(x - r), px(2.0 * r), px(r));
+                format!("M{left} {}a{r} {r} 0 1 0 {across} 0a{r} {r} 0 1 0 -{across} 0Z", px(y))
+            }
+            polygon => way(polygon.outline().into_iter().map(|corner| self.view.at(corner))) + "Z",
+        };
+        let shapes: String = self.run.scene.walls.iter().map(shape).collect();
+        let drawn = Element::path(&shapes).filled(PALE, 1.0).with("stroke", QUIET);
+        let drawn = drawn.with("stroke-width", 2.5).with("stroke-linejoin", "round");
+        (!shapes.is_empty()).then_some(drawn)
+    }
+
+    /// Where each robot was lately: a dash that moves along its path.
+    fn trails(&self) -> Vec<Element> {
+        let trail = |robot: usize| {
+            let places = self.path(robot);
+            let mut lengths = vec![0.0];
+            for pair in places.windows(2) {
+                let step = (pair[1].0 - pair[0].0).hypot(pair[1].1 - pair[0].1);
+                lengths.push(lengths[lengths.len() - 1] + step);
+            }
+            let whole = lengths[lengths.len() - 1];
+            let offsets: Vec<String> = lengths.iter().map(|length| px(TRAIL - length)).collect();
+            let line = Line::solid(color(robot)).width(2.5).opacity(0.45);
+            let path = Element::path(&way(places)).stroked(line).with("stroke-linejoin", "round");
+            let path = path.with("stroke-dasharray", format!("{TRAIL} {}", px(whole + TRAIL)));
+            (whole >= 1.0).then(|| self.animated(path, "stroke-dashoffset", &offsets))
+        };
+        (0..self.run.scene.robots.len()).filter_map(trail).collect()
+    }
+
+    /// Where a robot is at each instant; where that is not known, where it was last.
+    fn path(&self, robot: usize) -> Vec<Point> {
+        let mut last = self.view.middle;
+        self.each(|frame| {
+            let at = fronts(self.run, frame).nth(robot).expect("each frame has every robot");
+            last = if known(at) { at } else { last };
+            self.view.at(last)
+        })
+    }
+
+    /// The hull of the leaders, in which the contained are to be.
+    fn hull(&self) -> Option<Element> {
+        let (_, leaders) = self.run.containment()?;
+        let shapes = self.each(|frame| {
+            let places: Vec<Vec2> = fronts(self.run, frame).collect();
             let leaders: Vec<Vec2> = leaders.iter().map(|&robot| places[robot]).collect();
             let mut corners = formation::hull::convex_hull(&leaders);
             // As many corners at every instant, from the first leader on, so that it can go over from
             // one to the next.
             let first = leaders.iter().find_map(|leader| corners.iter().position(|c| c == leader));
             corners.rotate_left(first.unwrap_or(0));
-            let last = corners.last().copied().unwrap_or(view.middle);
-            corners.resize(leaders.len(), last);
-            way(corners.into_iter().map(|corner| view.at(corner)))
-        })
-        .collect();
-    svg.line(format_args!(
-        "<path d=\"{}\" fill=\"{orange}\" fill-opacity=\".13\" stroke=\"{orange}\" stroke-width=\"1.5\" \
-         stroke-linejoin=\"round\">",
-        shapes[0],
-        orange = hex(ORANGE),
-    ));
-    svg.animate("d", &shapes);
-    svg.line(format_args!("</path>"));
-}
+            corners.resize(leaders.len(), corners.last().copied().unwrap_or(leaders[0]));
+            way(corners.into_iter().map(|corner| self.view.at(corner))) + "Z"
+        });
+        let hull = Element::new("path").filled(ORANGE, 0.18).with("stroke", ORANGE);
+        Some(self.animated(hull.with("stroke-linejoin", "round"), "d", &shapes))
+    }
 
-/// Who hears whom: an arrow the way information flows, broken where none does.
-fn edges(svg: &mut Svg, run: &Run, frames: &[Frame], view: &View) {
-    for (place, edge) in run.scene.edges.iter().enumerate() {
-        let (from, to) = (path(run, frames, view, edge.from), path(run, frames, view, edge.to));
-        let shapes: Vec<String> = from
-            .iter()
-            .zip(&to)
-            .map(|(&(x, y), &(u, v))| {
+    /// Who hears whom: an arrow the way information flows, broken where none does.
+    fn edges(&self) -> Vec<Element> {
+        let edge = |place: usize| {
+            let edge = self.run.scene.edges[place];
+            let ends = self.path(edge.from).into_iter().zip(self.path(edge.to));
+            let shapes = ends.map(|((x, y), (u, v))| {
                 way([(x, y), (x + 0.66 * (u - x), y + 0.66 * (v - y)), (u, v)])
-            })
-            .collect();
-        let state = |frame: &Frame| frame.edges[place];
-        let colors: Vec<String> = frames
-            .iter()
-            .map(|frame| match state(frame) {
-                EdgeState::Fresh => hex(GRAY),
-                EdgeState::Stale => hex(ORANGE),
-                EdgeState::Lost | EdgeState::Cut | EdgeState::Dead => hex(VERMILION),
-            })
-            .collect();
-        let dashes: Vec<&str> = frames
-            .iter()
-            .map(|frame| match state(frame) {
-                EdgeState::Fresh | EdgeState::Stale => "1 0",
-                EdgeState::Lost | EdgeState::Cut | EdgeState::Dead => "3 5",
-            })
-            .collect();
-        let colors: Vec<&str> = colors.iter().map(String::as_str).collect();
-        svg.line(format_args!(
-            "<path d=\"{}\" fill=\"none\" stroke=\"{}\" stroke-dasharray=\"{}\" stroke-width=\"1.3\" \
-             marker-mid=\"url(#way)\">",
-            shapes[0], colors[0], dashes[0]
-        ));
-        svg.animate("d", &shapes);
-        svg.switch("stroke", &colors);
-        svg.switch("stroke-dasharray", &dashes);
-        svg.line(format_args!("</path>"));
-    }
-}
-
-/// The robots, each with a circle of radius d/2 around its front point.
-fn robots(svg: &mut Svg, run: &Run, frames: &[Frame], view: &View) {
-    let reach = px(run.scene.distance_min_m / 2.0 * view.scale);
-    for (i, robot) in run.scene.robots.iter().enumerate() {
-        let places: Vec<String> = path(run, frames, view, i)
-            .into_iter()
-            .map(|(x, y)| format!("{},{}", px(x), px(y)))
-            .collect();
-        let mut heading_rad = 0.0;
-        let mut turned = |frame: &Frame| {
-            let turn = frame.robots[i].heading_rad - heading_rad;
-            if turn.is_finite() {
-                heading_rad += turn.sin().atan2(turn.cos());
-            }
-            px(-heading_rad.to_degrees())
+            });
+            let (colors, dashes): (Vec<String>, Vec<String>) = self
+                .each(|frame| match frame.edges[place] {
+                    EdgeState::Fresh => (GRAY.to_string(), "1 0".to_owned()),
+                    EdgeState::Stale => (ORANGE.to_string(), "1 0".to_owned()),
+                    EdgeState::Lost | EdgeState::Cut | EdgeState::Dead => {
+                        (VERMILION.to_string(), "3 5".to_owned())
+                    }
+                })
+                .into_iter()
+                .unzip();
+            let path = Element::new("path").with("fill", "none").with("stroke-width", 1.3);
+            let path = path.with("marker-mid", "url(#way)");
+            let path = self.animated(path, "d", &shapes.collect::<Vec<_>>());
+            let path = self.switched(path, "stroke", &colors);
+            self.switched(path, "stroke-dasharray", &dashes)
         };
-        let headings: Vec<String> = frames.iter().map(&mut turned).collect();
-        let own = hex(palette::color(i));
-        let gray = hex(GRAY);
-        let state = |frame: &Frame| frame.robots[i].state;
-        let colors: Vec<&str> = frames
-            .iter()
-            .map(|frame| if state(frame).moves() { own.as_str() } else { &gray })
-            .collect();
-        let crossed: Vec<&str> = frames
-            .iter()
-            .map(|frame| if state(frame) == RobotState::Dead { "1" } else { "0" })
-            .collect();
-        let length = (robot.front_point_m * view.scale).max(9.0);
-        svg.line(format_args!("<g transform=\"translate({})\" fill=\"{own}\">", places[0]));
-        svg.transform("translate", &places);
-        svg.switch("fill", &colors);
-        svg.line(format_args!(
-            "<circle r=\"{reach}\" fill-opacity=\".1\" stroke=\"#57606a\" stroke-opacity=\".35\"/>"
-        ));
-        svg.line(format_args!("<g transform=\"rotate({})\">", headings[0]));
-        svg.transform("rotate", &headings);
-        svg.line(format_args!(
-            "<path d=\"M{} 0L{} {}L{} 0L{} {}Z\" stroke=\"#fff\" stroke-width=\"1\"/></g>",
-            px(0.35 * length),
-            px(-1.35 * length),
-            px(0.75 * length),
-            px(-0.9 * length),
-            px(-1.35 * length),
-            px(-0.75 * length),
-        ));
-        let arm = px(1.1 * length);
-        svg.line(format_args!(
-            "<path d=\"M-{arm} -{arm}L{arm} {arm}M{arm} -{arm}L-{arm} {arm}\" stroke=\"{}\" \
-             stroke-width=\"3\" opacity=\"{}\">",
-            hex(VERMILION),
-            crossed[0]
-        ));
-        svg.switch("opacity", &crossed);
-        svg.line(format_args!("</path>"));
-        if run.scene.robots.len() <= NAMES_MAX {
-            svg.line(format_args!(
-                "<text y=\"-{}\" text-anchor=\"middle\" fill=\"#24292f\" \
-                 stroke=\"#fff\" stroke-width=\"3\" paint-order=\"stroke\">{}</text>",
-                px(length.max(run.scene.distance_min_m / 2.0 * view.scale) + 4.0),
-                escaped(&robot.name)
-            ));
-        }
-        svg.line(format_args!("</g>"));
+        (0..self.run.scene.edges.len()).map(edge).collect()
     }
-}
 
-/// The largest error and the smallest distance over time.
-fn strips(svg: &mut Svg, run: &Run, frames: &[Frame]) {
-    let (first_s, last_s) = (frames[0].t_s, frames[frames.len() - 1].t_s);
-    let x = |t_s: f64| TIME.0 + (t_s - first_s) / (last_s - first_s).max(1e-9) * (TIME.1 - TIME.0);
-    let d = run.scene.distance_min_m;
-    let bottom = STRIPS[1].0 + STRIPS[1].1;
-    for fault in &run.scene.faults {
-        let (from, to) = (x(fault.t_s), x(fault.until_s.unwrap_or(last_s).min(last_s)));
-        svg.line(format_args!(
-            "<rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" fill=\"{}\" fill-opacity=\".12\"/>",
-            px(from),
-            STRIPS[0].0,
-            px((to - from).max(1.5)),
-            bottom - STRIPS[0].0,
-            hex(BLACK)
-        ));
+    /// The robots, each with a circle of radius d/2 around its front point.
+    fn robots(&self) -> Vec<Element> {
+        let scene = &self.run.scene;
+        let reach = scene.distance_min_m / 2.0 * self.view.scale;
+        let robot = |i: usize| {
+            let places = self.path(i).into_iter().map(|(x, y)| format!("{},{}", px(x), px(y)));
+            let mut heading_rad = 0.0;
+            let headings = self.each(|frame| {
+                let turn: f64 = frame.robots[i].heading_rad - heading_rad;
+                if turn.is_finite() {
+                    heading_rad += turn.sin().atan2(turn.cos());
+                }
+                px(-heading_rad.to_degrees())
+            });
+            let colors = self.each(|frame| match frame.robots[i].state.moves() {
+                true => color(i).to_string(),
+                false => GRAY.to_string(),
+            });
+            let dead = |frame: &Frame| frame.robots[i].state == RobotState::Dead;
+            let crossed = self.each(|frame| u8::from(dead(frame)).to_string());
+            let length = (scene.robots[i].front_point_m * self.view.scale).max(9.0);
+            let corners = [(0.35, 0.0), (-1.35, 0.75), (-0.9, 0.0), (-1.35, -0.75)];
+            let body = corners.map(|(x, y)| (x * length, y * length));
+            let body = Element::path(&(way(body) + "Z")).with("stroke", WHITE);
+            let arm = 1.1 * length;
+            let cross = way([(-arm, -arm), (arm, arm)]) + &way([(arm, -arm), (-arm, arm)]);
+            let cross = Element::path(&cross).stroked(Line::solid(VERMILION).width(3.0));
+            let circle = Element::new("circle").with("r", px(reach)).with("fill-opacity", 0.1);
+            let mut group = self
+                .switched(Element::new("g"), "fill", &colors)
+                .holding(circle.with("stroke", QUIET).with("stroke-opacity", 0.35))
+                .holding(self.transformed(Element::new("g").holding(body), "rotate", &headings))
+                .holding(self.switched(cross, "opacity", &crossed));
+            if scene.robots.len() <= NAMES_MAX {
+                let above = (0.0, -length.max(reach) - 4.0);
+                let name = Element::words(&scene.robots[i].name, above, Anchor::Middle);
+                let name = name.filled(Color(0x24, 0x29, 0x2f), 1.0).with("stroke", WHITE);
+                group.push(name.with("stroke-width", 3).with("paint-order", "stroke"));
+            }
+            self.transformed(group, "translate", &places.collect::<Vec<_>>())
+        };
+        (0..scene.robots.len()).map(robot).collect()
     }
-    let all = run.frames();
-    let errors = all.iter().map(|frame| {
-        let living = frame.robots.iter().filter(|robot| robot.state.moves());
-        (frame.t_s, living.filter_map(|robot| robot.error_m).fold(f64::NAN, f64::max))
-    });
-    let distances = all.iter().map(|frame| (frame.t_s, frame.distance_m.unwrap_or(f64::NAN)));
-    let strips: [(&str, Vec<Point>, Option<f64>, RGBColor); 2] = [
-        ("largest error, m", errors.collect(), None, BLACK),
-        ("smallest distance, m", distances.collect(), Some(d), BLUE),
-    ];
-    for ((label, values, bound, color), (top, height)) in strips.into_iter().zip(STRIPS) {
-        let values: Vec<Point> =
-            values.into_iter().filter(|(_, value)| value.is_finite()).collect();
-        let most = values.iter().map(|value| value.1).fold(bound.unwrap_or(0.0), f64::max);
-        let (_, most) = Axis::linear(label, 0.0, most.max(1e-9)).bounds();
-        let y = |value: f64| top + height * (1.0 - value / most);
-        svg.line(format_args!(
-            "<path d=\"M{} {top}V{}H{}\" fill=\"none\" stroke=\"#8c959f\"/><text x=\"{}\" y=\"{}\" \
-             fill=\"#57606a\">{label}</text>",
-            TIME.0,
-            top + height,
-            TIME.1,
-            TIME.0,
-            top - 5.0
-        ));
-        let marks =
-            [(0.0, "0".to_owned()), (most, asked(most)), (bound.unwrap_or(0.0), String::new())];
-        for (value, text) in &marks {
-            svg.line(format_args!(
-                "<text x=\"{}\" y=\"{}\" text-anchor=\"end\" font-size=\"11\" fill=\"#57606a\">{text}</text>",
-                TIME.0 - 5.0,
-                px(y(*value) + 4.0)
-            ));
-        }
-        if let Some(bound) = bound {
-            svg.line(format_args!(
-                "<path d=\"M{} {y}H{}\" stroke=\"{color}\" stroke-dasharray=\"6 4\"/><text x=\"{}\" \
-                 y=\"{}\" text-anchor=\"end\" fill=\"{color}\">d = {}</text>",
-                TIME.0,
-                TIME.1,
-                TIME.1,
-                px(y(bound) - 4.0),
-                asked(bound),
-                y = px(y(bound)),
-                color = hex(VERMILION),
-            ));
-        }
-        let curve: Vec<Point> = values.iter().map(|&(t_s, value)| (x(t_s), y(value))).collect();
-        if curve.len() > 1 {
-            svg.line(format_args!(
-                "<path d=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"1.5\" stroke-linejoin=\"round\"/>",
-                way(by_column(&curve, 1.0)),
-                hex(color)
-            ));
-        }
+
+    /// The largest error and the smallest distance over time, with a line that walks along.
+    fn panels(&self) -> Element {
+        let all = self.run.frames();
+        let errors = all.iter().map(|frame| {
+            let living = frame.robots.iter().filter(|robot| robot.state.moves());
+            Some((frame.t_s, living.filter_map(|robot| robot.error_m).reduce(f64::max)?))
+        });
+        let distances = all.iter().map(|frame| Some((frame.t_s, frame.distance_m?)));
+        let (errors, distances): (Vec<_>, Vec<_>) = (errors.collect(), distances.collect());
+        let axis = |label: &str, values: &[Option<Point>], least: f64| {
+            let known = values.iter().flatten().map(|at| at.1).filter(|value| value.is_finite());
+            Axis::linear(label, 0.0, known.fold(least, f64::max))
+        };
+        let d = self.run.scene.distance_min_m;
+        let mut error = over_time(self.run, axis("largest error (m)", &errors, 1e-9));
+        error.over_x(errors, Line::solid(BLACK));
+        let distance = axis("smallest distance (m)", &distances, d);
+        let mut distance = over_time(self.run, distance).with_nameless_bands();
+        distance.over_x(distances, Line::solid(BLUE));
+        distance.bound(d, (0.0, self.run.end_s()), format!("d = {} m", asked(d)), BOUND);
+        let below = Place { y: PANELS.y + PANELS.height, ..PANELS };
+        let (top, bottom) = (PANELS.inner(&error.bands), below.inner(&distance.bands));
+        let (first_s, last_s) = (self.frames[0].t_s, self.frames[self.frames.len() - 1].t_s);
+        let places = [first_s, last_s].map(|t_s| top.x + error.x.share(t_s) * top.width);
+        let line = way([(0.0, top.y), (0.0, bottom.y + bottom.height)]);
+        let line = Element::path(&line).stroked(Line::solid(BLACK));
+        let places = places.map(|x| format!("{},0", px(x)));
+        Element::new("g")
+            .with("font-size", 12)
+            .holding(error.drawn(PANELS))
+            .holding(distance.drawn(below))
+            .holding(self.transformed(line, "translate", &places))
     }
-    // Round times, and the end where it is not near one of these.
-    let lasts_s = (last_s - first_s).max(1e-9);
-    let seconds = [1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0];
-    let step_s = seconds.into_iter().find(|s| s / lasts_s >= 0.14).unwrap_or(36000.0);
-    let mut ticks: Vec<f64> =
-        (0..=(lasts_s / step_s) as usize).map(|n| first_s + n as f64 * step_s).collect();
-    let end_s = run.end_s();
-    match ticks.last() {
-        Some(tick) if end_s - tick < 0.5 * step_s => {}
-        _ => ticks.push(end_s),
-    }
-    for t_s in ticks {
-        svg.line(format_args!(
-            "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\" font-size=\"11\" fill=\"#57606a\">{} s</text>",
-            px(x(t_s).min(TIME.1)),
-            bottom + 15.0,
-            asked(t_s)
-        ));
-    }
-    svg.line(format_args!(
-        "<path d=\"M0 {}V{bottom}\" stroke=\"{}\" stroke-width=\"1.5\" transform=\"translate({} 0)\">",
-        STRIPS[0].0,
-        hex(BLACK),
-        TIME.0
-    ));
-    svg.transform("translate", &[format!("{},0", TIME.0), format!("{},0", TIME.1)]);
-    svg.line(format_args!("</path>"));
 }
 
 /// How to read it.
-fn legend(svg: &mut Svg, run: &Run) {
+fn legend(run: &Run) -> Vec<Element> {
     let mut lines = vec![
         "Arrows: the way information flows.".to_owned(),
         "Orange, dashed arrows: nothing gets through.".to_owned(),
@@ -580,11 +412,9 @@ fn legend(svg: &mut Svg, run: &Run) {
     if !run.lead_m.is_empty() {
         lines.push("Gray dots: where the leader is to go.".to_owned());
     }
-    for (i, line) in lines.iter().enumerate() {
-        svg.line(format_args!(
-            "<text x=\"{}\" y=\"{}\" fill=\"#57606a\">{line}</text>",
-            TIME.0 - 36.0,
-            LEGEND + 21.0 * i as f64
-        ));
-    }
+    let line = |(i, line): (usize, &String)| {
+        let at = (LEGEND.0, LEGEND.1 + 21.0 * i as f64);
+        Element::words(line, at, Anchor::Start).filled(QUIET, 1.0)
+    };
+    lines.iter().enumerate().map(line).collect()
 }

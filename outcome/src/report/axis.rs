@@ -1,9 +1,5 @@
 //! One axis: from values to places, and where its ticks are.
 
-use std::ops::Range;
-
-use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
-
 /// Below this, a logarithmic axis knows no values.
 const LEAST: f64 = 1e-30;
 
@@ -71,8 +67,8 @@ impl Axis {
         if self.logarithmic { 10f64.powf(value) } else { value }
     }
 
-    /// At most about `many` of them.
-    fn ticks(&self, many: usize) -> Vec<f64> {
+    /// The numbers that stand at it: at most about `many`.
+    pub(super) fn ticks(&self, many: usize) -> Vec<f64> {
         if !self.logarithmic {
             let step = step(self.high - self.low, many);
             let step = if self.whole { step.max(1.0) } else { step };
@@ -117,7 +113,7 @@ fn step(length: f64, many: usize) -> f64 {
 }
 
 /// A tick in few characters: powers of ten from 0.001 down and 10,000 up.
-fn label(value: f64) -> String {
+pub(super) fn label(value: f64) -> String {
     if value == 0.0 {
         return "0".into();
     }
@@ -146,31 +142,6 @@ fn superscript(digit: char) -> char {
         '2' => '\u{b2}',
         '3' => '\u{b3}',
         other => char::from_u32(0x2070 + other as u32 - '0' as u32).unwrap_or(other),
-    }
-}
-
-impl Ranged for Axis {
-    type FormatOption = NoDefaultFormatting;
-    type ValueType = f64;
-
-    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
-        let (from, to) = (f64::from(limit.0), f64::from(limit.1));
-        (from + self.share(*value).clamp(-10.0, 10.0) * (to - from)).round() as i32
-    }
-
-    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
-        self.ticks(hint.bold_points())
-    }
-
-    fn range(&self) -> Range<f64> {
-        let (low, high) = self.bounds();
-        low..high
-    }
-}
-
-impl ValueFormatter<f64> for Axis {
-    fn format_ext(&self, value: &f64) -> String {
-        label(*value)
     }
 }
 

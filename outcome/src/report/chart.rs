@@ -2,28 +2,15 @@
 //!
 //! Lengths are in px of a page at 100 %. Must not know robots.
 
-use std::fmt::Write as _;
-use std::io;
+use crate::report::axis::{self, Axis};
+use crate::report::palette::{BLACK, Color, GRAY, Line, VERMILION, WHITE};
+use crate::report::simplify::{Point, by_column, within};
+use crate::report::svg::{Anchor, Element, px, way};
 
-use plotters::chart::{ChartBuilder, LabelAreaPosition};
-use plotters::coord::Shift;
-use plotters::drawing::{DrawingArea, DrawingAreaErrorKind, IntoDrawingArea};
-use plotters::element::{Circle, PathElement, Polygon, Rectangle, Text};
-use plotters::prelude::SVGBackend;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
-use plotters::style::{Color, IntoFont, RGBColor, ShapeStyle, TextStyle};
-
-use crate::report::axis::Axis;
-use crate::report::markup::escaped;
-use crate::report::palette::{BLACK, Dash, GRAY, Line, VERMILION, WHITE};
-use crate::report::simplify::{Point, by_column, clipped, within};
-
-/// Plotters rounds to whole px: on a canvas so many times too large nobody sees it.
-const FINE: f64 = 10.0;
 /// Size of all letters, px.
 const LETTERS: f64 = 12.0;
 /// Width of an average letter, px.
-const LETTER: f64 = 6.3;
+pub const LETTER: f64 = 6.3;
 /// From one line of text to the next, px.
 const LINE: f64 = 15.0;
 /// Room for the numbers and the label of an axis, px: below, and on the left.
@@ -31,11 +18,14 @@ const BELOW: f64 = 44.0;
 const LEFT: f64 = 64.0;
 /// Half of the last number may stand out, px.
 const RIGHT: f64 = 18.0;
-/// What is nearer than this cannot be told apart, in px of the fine canvas.
-const TOLERANCE: f64 = 0.8;
-
-type Canvas<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-type Failed = DrawingAreaErrorKind<io::Error>;
+/// What is nearer than this cannot be told apart, px.
+const TOLERANCE: f64 = 0.08;
+/// Of a curve over x, no more than four points are drawn for each of so many px.
+const COLUMN: f64 = 0.5;
+/// Half of the widest line, px: lines on the frame of a panel are seen.
+const MARGIN: f64 = 1.5;
+/// So many lengths of an axis beyond its ends, places make no difference.
+const FAR: f64 = 1e3;
 
 /// One figure.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,8 +38,6 @@ pub struct Figure {
     pub caption: String,
     /// px.
     pub width: f64,
-    /// Without the key, px.
-    pub height: f64,
     /// Where each panel is, from the upper left corner.
     pub panels: Vec<(Place, Panel)>,
     /// Lines and what they stand for.
@@ -72,13 +60,21 @@ pub struct Place {
 impl Place {
     /// What remains for the curves: the place within the axes.
     pub fn inner(self, bands: &[Band]) -> Place {
-        let above = if bands.is_empty() { 8.0 } else { 6.0 + LINE * f64::from(band_rows(bands)) };
+        let above = if bands.is_empty() { 8.0 } else { 6.0 + LINE * band_rows(bands) as f64 };
         Place {
             x: self.x + LEFT,
             y: self.y + above,
             width: self.width - LEFT - RIGHT,
             height: self.height - above - BELOW,
         }
+    }
+
+    fn right(self) -> f64 {
+        self.x + self.width
+    }
+
+    fn bottom(self) -> f64 {
+        self.y + self.height
     }
 }
 
@@ -92,7 +88,7 @@ pub struct Panel {
     /// Stretches of x that are tinted.
     pub bands: Vec<Band>,
     /// Tinted areas.
-    pub areas: Vec<(Vec<Point>, RGBColor, f64)>,
+    pub areas: Vec<(Vec<Point>, Color, f64)>,
     /// Lines from point to point; with `true`, x never falls along it.
     pub curves: Vec<(Vec<Point>, Line, bool)>,
     /// Bounds.
@@ -146,7 +142,7 @@ pub struct Mark {
     /// How it looks.
     pub shape: Shape,
     /// Its color.
-    pub color: RGBColor,
+    pub color: Color,
     /// Written beside it.
     pub label: String,
 }
@@ -165,19 +161,25 @@ impl Panel {
         }
     }
 
+    /// The same, without words above its bands: those of the panel above it say it.
+    pub fn with_nameless_bands(mut self) -> Panel {
+        self.bands.iter_mut().for_each(|band| band.label.clear());
+        self
+    }
+
     /// A curve over x; `None` interrupts it.
     pub fn over_x(&mut self, points: impl IntoIterator<Item = Option<Point>>, line: Line) {
-        let mut part = Vec::new();
-        for point in points {
-            match point.filter(|(x, y)| x.is_finite() && y.is_finite()) {
-                Some(point) => part.push(point),
-                None if part.is_empty() => {}
-                None => self.curves.push((std::mem::take(&mut part), line, true)),
-            }
+        let points = points.into_iter().map(|point| point.filter(is_finite));
+        let points: Vec<Option<Point>> = points.collect();
+        for part in points.split(Option::is_none).filter(|part| !part.is_empty()) {
+            self.curves.push((part.iter().flatten().copied().collect(), line, true));
         }
-        if !part.is_empty() {
-            self.curves.push((part, line, true));
-        }
+    }
+
+    /// A closed line around an area.
+    pub fn outline(&mut self, mut corners: Vec<Point>, line: Line) {
+        corners.extend(corners.first().copied());
+        self.curves.push((corners, line, false));
     }
 
     /// A level bound from `from` to `to`, told at its right end.
@@ -191,38 +193,77 @@ impl Panel {
         let (from, to) = ((x, self.y.at(share)), (x, self.y.at(0.0)));
         self.rules.push(Rule { from, to, label, label_ends: x, line });
     }
+
+    /// The panel with its axes at a place.
+    pub fn drawn(&self, place: Place) -> Element {
+        let drawing = Drawing { panel: self, inner: place.inner(&self.bands) };
+        let Place { x, y, width, height } = drawing.inner;
+        let (two, margin) = (2.0 * MARGIN, MARGIN);
+        let mut clip = Element::clip([x - margin, y - margin, width + two, height + two]);
+        clip.extend(self.bands.iter().flat_map(|band| drawing.band(band)));
+        clip.push(drawing.grid());
+        clip.extend(self.areas.iter().map(|(corners, color, opacity)| {
+            Element::path(&(drawing.way(corners) + "Z")).filled(*color, *opacity)
+        }));
+        clip.extend(self.curves.iter().filter_map(|curve| drawing.curve(curve)));
+        let rules = || self.rules.iter().filter(|rule| drawing.shows(rule));
+        let placed = |rule: &Rule| way([drawing.at(rule.from), drawing.at(rule.to)]);
+        clip.extend(rules().map(|rule| Element::path(&placed(rule)).stroked(rule.line)));
+        clip.extend(self.marks.iter().filter_map(|mark| drawing.mark(mark)));
+        let mut group = Element::new("g").holding(clip);
+        group.extend(drawing.band_labels());
+        group.extend(drawing.axes(place));
+        group.extend(rules().filter_map(|rule| drawing.rule_label(rule)));
+        group.extend(self.marks.iter().filter_map(|mark| drawing.mark_label(mark)));
+        group
+    }
+}
+
+fn is_finite(&(x, y): &Point) -> bool {
+    x.is_finite() && y.is_finite()
 }
 
 /// In how many rows the labels of bands are written, at most.
-fn band_rows(bands: &[Band]) -> u32 {
-    bands.len().clamp(1, 3) as u32
+fn band_rows(bands: &[Band]) -> usize {
+    bands.len().clamp(1, 3)
 }
 
 impl Figure {
-    /// The figure as an SVG file.
-    pub fn svg(&self) -> String {
-        let height = self.height + self.key_rows().len() as f64 * LINE + 6.0;
-        let size = ((self.width * FINE) as u32, (height * FINE) as u32);
-        let mut drawn = String::new();
-        let canvas = SVGBackend::with_string(&mut drawn, size).into_drawing_area();
-        // Into memory nothing fails to be written, and letters are not measured.
-        self.draw(&canvas).expect("memory takes everything");
-        drop(canvas);
-        self.finished(&drawn, height)
+    /// A figure that is one panel.
+    pub fn of_one(
+        name: &'static str,
+        title: &str,
+        caption: String,
+        place: Place,
+        panel: Panel,
+        key: Vec<(Line, String)>,
+    ) -> Figure {
+        let (title, width) = (title.to_owned(), place.width);
+        Figure { name, title, caption, width, panels: vec![(place, panel)], key }
     }
 
-    fn draw(&self, canvas: &Canvas<'_>) -> Result<(), Failed> {
-        for (place, panel) in &self.panels {
-            Drawing { canvas, panel, outer: *place, inner: place.inner(&panel.bands) }.draw()?;
-        }
-        for (row, entries) in self.key_rows().into_iter().enumerate() {
-            let y = self.height + (row as f64 + 0.5) * LINE;
+    /// The figure as an SVG file.
+    pub fn svg(&self) -> String {
+        let panels = self.panels.iter().map(|(place, _)| place.bottom()).fold(0.0, f64::max);
+        let rows = self.key_rows();
+        let height = panels + rows.len() as f64 * LINE + 6.0;
+        let svg = Element::file(self.width, height, "Helvetica, Arial, sans-serif");
+        let mut svg = svg
+            .with("role", "img")
+            .with("font-size", LETTERS)
+            .with("stroke-linejoin", "round")
+            .holding(Element::new("title").says(&self.title))
+            .holding(Element::new("desc").says(&self.caption))
+            .holding(Element::rect([0.0, 0.0, self.width, height]).filled(WHITE, 1.0));
+        svg.extend(self.panels.iter().map(|(place, panel)| panel.drawn(*place)));
+        for (row, entries) in rows.into_iter().enumerate() {
+            let y = panels + (row as f64 + 0.5) * LINE;
             for (x, (line, words)) in entries {
-                path(canvas, &[(x, y), (x + 26.0, y)], *line)?;
-                write(canvas, words, (x + 31.0, y), HPos::Left, VPos::Center, BLACK)?;
+                svg.push(Element::path(&way([(x, y), (x + 26.0, y)])).stroked(*line));
+                svg.push(Element::words(words, on_line((x + 31.0, y)), Anchor::Start));
             }
         }
-        canvas.present()
+        format!("{svg}\n")
     }
 
     /// The key in rows: where each entry begins, and the entry.
@@ -240,223 +281,174 @@ impl Figure {
         }
         rows
     }
-
-    /// What plotters drew, with a head of our own, dashes, and without what says nothing.
-    fn finished(&self, drawn: &str, height: f64) -> String {
-        let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {}\" width=\"{}\" \
-             height=\"{}\" role=\"img\" font-family=\"Helvetica, Arial, sans-serif\" \
-             stroke-linejoin=\"round\">\n<title>{}</title>\n<desc>{}</desc>\n\
-             <rect width=\"100%\" height=\"100%\" fill=\"#FFFFFF\"/>\n",
-            (self.width * FINE) as u32,
-            (height * FINE) as u32,
-            self.width,
-            height,
-            escaped(&self.title),
-            escaped(&self.caption),
-        );
-        for line in drawn.lines().skip(1) {
-            let line =
-                line.replace(" opacity=\"1\"", "").replace(" font-family=\"sans-serif\"", "");
-            let line = line.replace(" \"/>", "\"/>");
-            let Some((before, rest)) = line.split_once(" stroke-width=\"") else {
-                svg.push_str(&line);
-                svg.push('\n');
-                continue;
-            };
-            let (width, after) = rest.split_once('"').unwrap_or((rest, ""));
-            let width: u32 = width.parse().unwrap_or(0);
-            let dashes = match width % 4 {
-                1 => " stroke-dasharray=\"70 35\"",
-                2 => " stroke-dasharray=\"14 26\"",
-                3 => " stroke-dasharray=\"90 30 14 30\"",
-                _ => "",
-            };
-            let _ = writeln!(svg, "{before} stroke-width=\"{}\"{dashes}{after}", width / 4 * 4);
-        }
-        svg
-    }
-}
-
-/// Plotters knows no dashes. A width on the fine canvas is a multiple of 4; what is beyond names
-/// the dashes, until the file is finished.
-fn width_of(line: Line) -> u32 {
-    let dash = match line.dash {
-        Dash::Solid => 0,
-        Dash::Dashed => 1,
-        Dash::Dotted => 2,
-        Dash::DashDotted => 3,
-    };
-    4 * line.weight.max(1) + dash
 }
 
 /// One panel while it is drawn.
-struct Drawing<'a, 'b> {
-    canvas: &'a Canvas<'b>,
+struct Drawing<'a> {
     panel: &'a Panel,
-    outer: Place,
     inner: Place,
 }
 
-impl Drawing<'_, '_> {
-    fn draw(&self) -> Result<(), Failed> {
-        self.bands()?;
-        self.axes()?;
-        for (corners, color, opacity) in &self.panel.areas {
-            let corners: Vec<_> = corners.iter().map(|&at| fine(self.place(at))).collect();
-            self.canvas.draw(&Polygon::new(corners, color.mix(*opacity)))?;
-        }
-        for (points, line, over_x) in &self.panel.curves {
-            self.curve(points, *line, *over_x)?;
-        }
-        for rule in &self.panel.rules {
-            self.rule(rule)?;
-        }
-        self.panel.marks.iter().try_for_each(|mark| self.mark(mark))
+impl Drawing<'_> {
+    fn at(&self, (x, y): Point) -> Point {
+        let share = |axis: &Axis, value| axis.share(value).clamp(-FAR, FAR);
+        let Place { x: left, y: top, width, height } = self.inner;
+        let (right, up) = (share(&self.panel.x, x), share(&self.panel.y, y));
+        (left + right * width, top + (1.0 - up) * height)
     }
 
-    fn place(&self, at: Point) -> Point {
-        let Place { x, y, width, height } = self.inner;
-        (x + self.panel.x.share(at.0) * width, y + (1.0 - self.panel.y.share(at.1)) * height)
+    fn way(&self, points: &[Point]) -> String {
+        way(points.iter().filter(|at| is_finite(at)).map(|&at| self.at(at)))
     }
 
-    fn axes(&self) -> Result<(), Failed> {
-        let (outer, inner) = (self.outer, self.inner);
-        let corner = fine((outer.x, inner.y));
-        let size = fine((inner.x + inner.width - outer.x, outer.y + outer.height - inner.y));
-        let area = self.canvas.clone().shrink(corner, (size.0 as u32, size.1 as u32));
-        let mut chart = ChartBuilder::on(&area)
-            .set_label_area_size(LabelAreaPosition::Left, (LEFT * FINE) as u32)
-            .set_label_area_size(LabelAreaPosition::Bottom, (BELOW * FINE) as u32)
-            .build_cartesian_2d(self.panel.x.clone(), self.panel.y.clone())?;
-        let ticks = |length: f64, room: f64| ((length / room) as usize).clamp(2, 12);
-        chart
-            .configure_mesh()
-            .x_desc(&self.panel.x.label)
-            .y_desc(&self.panel.y.label)
-            .x_labels(ticks(inner.width, 62.0))
-            .y_labels(ticks(inner.height, 28.0))
-            .max_light_lines(0)
-            .bold_line_style(style(GRAY, 0.25, Line::solid(GRAY).weight(1)))
-            .axis_style(style(BLACK, 1.0, Line::solid(BLACK).weight(2)))
-            .set_all_tick_mark_size((5.0 * FINE) as i32)
-            .label_style(letters(BLACK))
-            .axis_desc_style(letters(BLACK))
-            .draw()
-    }
-
-    /// The bands, and their labels where there is room for them.
-    fn bands(&self) -> Result<(), Failed> {
-        let (low, high) = self.panel.x.bounds();
-        let rows = band_rows(&self.panel.bands) as usize;
-        let mut free_from = vec![f64::NEG_INFINITY; rows];
-        for band in &self.panel.bands {
-            let x = |value: f64| self.place((value.clamp(low, high), low)).0;
-            let (from, to) = (x(band.from), x(band.to).max(x(band.from) + 1.5));
-            let (top, bottom) = (self.inner.y, self.inner.y + self.inner.height);
-            let corners = [fine((from, top)), fine((to, bottom))];
-            self.canvas.draw(&Rectangle::new(corners, VERMILION.mix(0.16).filled()))?;
-            path(
-                self.canvas,
-                &[(from, top), (from, bottom)],
-                Line { opacity: 0.7, ..Line::solid(VERMILION).weight(1) },
-            )?;
-            let width = wide(&band.label);
-            let begin = from.min(self.inner.x + self.inner.width - width).max(self.inner.x);
-            if let Some(row) = free_from.iter().position(|&free| free <= begin) {
-                free_from[row] = begin + width + 8.0;
-                let y = top - 3.0 - LINE * (row as f64 + 0.5);
-                write(self.canvas, &band.label, (begin, y), HPos::Left, VPos::Center, VERMILION)?;
-            }
-        }
-        Ok(())
-    }
-
-    fn curve(&self, points: &[Point], line: Line, over_x: bool) -> Result<(), Failed> {
-        let placed = points.iter().filter(|(x, y)| x.is_finite() && y.is_finite());
-        let placed = placed.map(|&at| {
-            let (x, y) = self.place(at);
-            (x * FINE, y * FINE)
-        });
-        let placed: Vec<Point> = placed.collect();
-        let placed = if over_x { by_column(&placed, FINE / 2.0) } else { placed };
-        let (top, bottom) = (self.inner.y * FINE, (self.inner.y + self.inner.height) * FINE);
-        for part in clipped(&placed, top - 1.0, bottom + 1.0) {
-            let kept: Vec<Point> = within(&part, TOLERANCE);
-            let mut kept: Vec<Point> = kept.iter().map(|(x, y)| (x / FINE, y / FINE)).collect();
-            if let [(x, y)] = kept[..] {
-                kept.push((x + 1.0, y)); // one value alone is seen, too
-            }
-            path(self.canvas, &kept, line)?;
-        }
-        Ok(())
-    }
-
-    fn rule(&self, rule: &Rule) -> Result<(), Failed> {
-        let (from, to) = (self.place(rule.from), self.place(rule.to));
-        let within = |(_, y): Point| {
-            (self.inner.y - 1.0..=self.inner.y + self.inner.height + 1.0).contains(&y)
+    /// Where the numbers of each axis stand, px, and what they say.
+    fn ticks(&self) -> [Vec<(f64, String)>; 2] {
+        let Place { width, height, .. } = self.inner;
+        let many = |length: f64, room: f64| ((length / room) as usize).clamp(2, 12);
+        let Panel { x, y, .. } = self.panel;
+        let along = |axis: &Axis, many, place: &dyn Fn(f64) -> f64| {
+            let ticks = axis.ticks(many).into_iter();
+            ticks.map(|tick| (place(axis.share(tick)), axis::label(tick))).collect()
         };
-        if !within(from) || !within(to) {
-            return Ok(());
+        [
+            along(x, many(width, 62.0), &|share| self.inner.x + share * width),
+            along(y, many(height, 28.0), &|share| self.inner.bottom() - share * height),
+        ]
+    }
+
+    fn grid(&self) -> Element {
+        let Place { x, y, width, height } = self.inner;
+        let [across, up] = self.ticks();
+        let upright = across.iter().map(|(at, _)| format!("M{} {}v{}", px(*at), px(y), px(height)));
+        let level = up.iter().map(|(at, _)| format!("M{} {}h{}", px(x), px(*at), px(width)));
+        let lines: String = upright.chain(level).collect();
+        Element::path(&lines).stroked(Line::solid(GRAY).width(0.4).opacity(0.25))
+    }
+
+    fn axes(&self, outer: Place) -> Vec<Element> {
+        let inner = self.inner;
+        let (right, bottom) = (inner.right(), inner.bottom());
+        let [across, up] = self.ticks();
+        let mut lines = way([(inner.x, inner.y), (inner.x, bottom), (right, bottom)]);
+        lines.extend(across.iter().map(|(at, _)| format!("M{} {}v5", px(*at), px(bottom))));
+        lines.extend(up.iter().map(|(at, _)| format!("M{} {}h-5", px(inner.x), px(*at))));
+        let mut drawn = vec![Element::path(&lines).stroked(Line::solid(BLACK).width(0.8))];
+        let number = |(at, number): &(f64, String)| {
+            Element::words(number, on_line((*at, bottom + 13.0)), Anchor::Middle)
+        };
+        drawn.extend(across.iter().map(number));
+        let number = |(at, number): &(f64, String)| {
+            Element::words(number, on_line((inner.x - 8.0, *at)), Anchor::End)
+        };
+        drawn.extend(up.iter().map(number));
+        let below = (inner.x + inner.width / 2.0, outer.bottom() - 0.5 * LINE);
+        drawn.push(Element::words(&self.panel.x.label, on_line(below), Anchor::Middle));
+        let beside = (outer.x + 14.0, inner.y + inner.height / 2.0);
+        let turned = format!("translate({} {}) rotate(-90)", px(beside.0), px(beside.1));
+        let label = Element::words(&self.panel.y.label, (0.0, 0.0), Anchor::Middle);
+        drawn.push(label.with("transform", turned));
+        drawn
+    }
+
+    /// Where a band begins and ends, px.
+    fn reach(&self, band: &Band) -> (f64, f64) {
+        let x = |value: f64| self.at((value, 0.0)).0.clamp(self.inner.x, self.inner.right());
+        (x(band.from), x(band.to).max(x(band.from) + 1.5))
+    }
+
+    fn band(&self, band: &Band) -> [Element; 2] {
+        let ((from, to), Place { y, height, .. }) = (self.reach(band), self.inner);
+        let begins = Line::solid(VERMILION).width(0.4).opacity(0.7);
+        [
+            Element::rect([from, y, to - from, height]).filled(VERMILION, 0.16),
+            Element::path(&way([(from, y), (from, y + height)])).stroked(begins),
+        ]
+    }
+
+    /// The labels of bands, as far as there is room for them.
+    fn band_labels(&self) -> Vec<Element> {
+        let mut free_from = vec![f64::NEG_INFINITY; band_rows(&self.panel.bands)];
+        let mut labels = Vec::new();
+        for band in &self.panel.bands {
+            let width = wide(&band.label);
+            let begin = self.reach(band).0.min(self.inner.right() - width).max(self.inner.x);
+            let Some(row) = free_from.iter().position(|&free| free <= begin) else { continue };
+            free_from[row] = begin + width + 8.0;
+            let at = on_line((begin, self.inner.y - 3.0 - LINE * (row as f64 + 0.5)));
+            labels.push(Element::words(&band.label, at, Anchor::Start).filled(VERMILION, 1.0));
         }
-        path(self.canvas, &[from, to], rule.line)?;
-        let color = rule.line.color;
+        labels
+    }
+
+    fn curve(&self, (points, line, over_x): &(Vec<Point>, Line, bool)) -> Option<Element> {
+        let placed = points.iter().filter(|at| is_finite(at)).map(|&at| self.at(at));
+        let placed: Vec<Point> = placed.collect();
+        let placed = if *over_x { by_column(&placed, COLUMN) } else { placed };
+        let mut seen = within(&placed, TOLERANCE);
+        if let [(x, y)] = seen[..] {
+            seen.push((x + 1.0, y)); // one value alone is seen, too
+        }
+        (!seen.is_empty()).then(|| Element::path(&way(seen)).stroked(*line))
+    }
+
+    fn shows(&self, rule: &Rule) -> bool {
+        let rows = self.inner.y - 1.0..=self.inner.bottom() + 1.0;
+        [rule.from, rule.to].iter().all(|&end| is_finite(&end) && rows.contains(&self.at(end).1))
+    }
+
+    fn rule_label(&self, rule: &Rule) -> Option<Element> {
+        let (from, to) = (self.at(rule.from), self.at(rule.to));
         if from.1 == to.1 {
             // Above its right end, or below it where there is no room above.
             let above = from.1 - self.inner.y > LINE + 2.0;
             let y = if above { from.1 - 0.6 * LINE } else { from.1 + 0.7 * LINE };
-            let ends = self.place((rule.label_ends, rule.to.1)).0 - 3.0;
-            return words(self.canvas, &rule.label, (ends, y), HPos::Right, color);
+            let ends = self.at((rule.label_ends, rule.to.1)).0 - 3.0;
+            return on_paper(&rule.label, (ends, y), Anchor::End, rule.line.color);
         }
-        let right = from.0 + 4.0 + wide(&rule.label) < self.inner.x + self.inner.width;
-        let (x, side) =
-            if right { (from.0 + 4.0, HPos::Left) } else { (from.0 - 4.0, HPos::Right) };
-        words(self.canvas, &rule.label, (x, from.1.min(to.1) + 0.7 * LINE), side, color)
+        let (x, side) = self.beside(from.0, 4.0, &rule.label);
+        on_paper(&rule.label, (x, from.1.min(to.1) + 0.7 * LINE), side, rule.line.color)
     }
 
-    fn mark(&self, mark: &Mark) -> Result<(), Failed> {
-        let (x, y) = self.place(mark.at);
-        let line = Line::solid(mark.color).weight(4);
-        match mark.shape {
+    fn mark(&self, mark: &Mark) -> Option<Element> {
+        let (x, y) = self.at(mark.at);
+        let drawn = match mark.shape {
+            _ if !is_finite(&(x, y)) => return None,
             Shape::Cross => {
-                path(self.canvas, &[(x - 3.5, y - 3.5), (x + 3.5, y + 3.5)], line)?;
-                path(self.canvas, &[(x - 3.5, y + 3.5), (x + 3.5, y - 3.5)], line)?;
+                let [left, top] = [x - 3.5, y - 3.5].map(px);
+                Element::path(&format!("M{left} {top}l7 7m0 -7l-7 7"))
             }
-            Shape::Ring => {
-                let ring = style(mark.color, 1.0, line);
-                self.canvas.draw(&Circle::new(fine((x, y)), (4.5 * FINE) as i32, ring))?;
-            }
-            Shape::Words => {
-                return words(self.canvas, &mark.label, (x, y), HPos::Center, mark.color);
-            }
+            Shape::Ring => Element::circle((x, y), 4.5),
+            Shape::Words => return None,
+        };
+        Some(drawn.stroked(Line::solid(mark.color).width(1.6)))
+    }
+
+    fn mark_label(&self, mark: &Mark) -> Option<Element> {
+        let (x, y) = self.at(mark.at);
+        if !is_finite(&(x, y)) {
+            return None;
         }
-        let width = wide(&mark.label);
-        let right = x + 9.0 + width < self.inner.x + self.inner.width;
-        let (x, side) = if right { (x + 8.0, HPos::Left) } else { (x - 8.0, HPos::Right) };
-        let lowest = self.inner.y + self.inner.height - 0.6 * LINE;
-        words(
-            self.canvas,
-            &mark.label,
-            (x, (y - 0.7 * LINE).clamp(self.inner.y + 6.0, lowest)),
-            side,
-            mark.color,
-        )
+        if mark.shape == Shape::Words {
+            return on_paper(&mark.label, (x, y), Anchor::Middle, mark.color);
+        }
+        let (x, side) = self.beside(x, 8.0, &mark.label);
+        let lowest = self.inner.bottom() - 0.6 * LINE;
+        let y = (y - 0.7 * LINE).min(lowest).max(self.inner.y + 6.0);
+        on_paper(&mark.label, (x, y), side, mark.color)
+    }
+
+    /// Where a label stands that is so far right of x, or left of it where there is no room.
+    fn beside(&self, x: f64, gap: f64, label: &str) -> (f64, Anchor) {
+        match x + gap + 1.0 + wide(label) < self.inner.right() {
+            true => (x + gap, Anchor::Start),
+            false => (x - gap, Anchor::End),
+        }
     }
 }
 
-/// px as places on the fine canvas.
-fn fine((x, y): Point) -> (i32, i32) {
-    ((x * FINE).round() as i32, (y * FINE).round() as i32)
-}
-
-fn style(color: RGBColor, opacity: f64, line: Line) -> ShapeStyle {
-    color.mix(opacity).stroke_width(width_of(line))
-}
-
-fn letters(color: RGBColor) -> TextStyle<'static> {
-    // Plotters divides by this.
-    ("sans-serif", LETTERS * FINE * 1.24).into_font().color(&color)
+/// The base line of words whose middle is at this height.
+fn on_line((x, y): Point) -> Point {
+    (x, y + 0.35 * LETTERS)
 }
 
 /// About how wide a text is, px.
@@ -464,44 +456,16 @@ fn wide(text: &str) -> f64 {
     text.chars().count() as f64 * LETTER
 }
 
-fn path(canvas: &Canvas<'_>, points: &[Point], line: Line) -> Result<(), Failed> {
-    let points: Vec<_> = points.iter().map(|&at| fine(at)).collect();
-    canvas.draw(&PathElement::new(points, style(line.color, line.opacity, line)))
-}
-
-fn write(
-    canvas: &Canvas<'_>,
-    text: &str,
-    at: Point,
-    h_pos: HPos,
-    v_pos: VPos,
-    color: RGBColor,
-) -> Result<(), Failed> {
-    // What XML has no words for.
-    let text = text.replace(char::is_control, " ");
-    let style = letters(color).pos(Pos::new(h_pos, v_pos));
-    canvas.draw(&Text::new(text, fine(at), style))
-}
-
 /// Words on top of curves: on a pale ground.
-fn words(
-    canvas: &Canvas<'_>,
-    text: &str,
-    at: Point,
-    h_pos: HPos,
-    color: RGBColor,
-) -> Result<(), Failed> {
-    if text.is_empty() {
-        return Ok(());
-    }
-    let width = wide(text);
-    let left = match h_pos {
-        HPos::Left => at.0,
-        HPos::Center => at.0 - width / 2.0,
-        HPos::Right => at.0 - width,
+fn on_paper(words: &str, at: Point, anchor: Anchor, color: Color) -> Option<Element> {
+    let width = wide(words);
+    let left = match anchor {
+        Anchor::Start => at.0,
+        Anchor::Middle => at.0 - width / 2.0,
+        Anchor::End => at.0 - width,
     };
-    let corners =
-        [fine((left - 2.0, at.1 - 0.5 * LINE)), fine((left + width + 2.0, at.1 + 0.5 * LINE))];
-    canvas.draw(&Rectangle::new(corners, WHITE.mix(0.65).filled()))?;
-    write(canvas, text, at, h_pos, VPos::Center, color)
+    let paper = Element::rect([left - 2.0, at.1 - 0.5 * LINE, width + 4.0, LINE]);
+    let text = Element::words(words, on_line(at), anchor).filled(color, 1.0);
+    let both = Element::new("g").holding(paper.filled(WHITE, 0.65)).holding(text);
+    (!words.is_empty()).then_some(both)
 }

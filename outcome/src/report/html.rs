@@ -2,19 +2,20 @@
 
 use std::fmt::Write as _;
 
-use crate::metrics::expect::{self, Expectation, Verdict};
-use crate::metrics::fault::FaultReport;
-use crate::metrics::summary::{Commands, InformationAge, StageLatency, Summary};
+use crate::metrics::expect::Verdict;
+use crate::metrics::summary::{InformationAge, StageLatency, Summary};
 
 use crate::report::chart::Figure;
 use crate::report::digits::{asked, digits};
 use crate::report::markup::escaped;
 use crate::report::page;
+use crate::report::rows;
 use crate::report::run::Run;
 
 const STYLE: &str = include_str!("../../assets/report.css");
-/// Of a longer list of names only the first ones are told.
-const NAMES_MAX: usize = 12;
+/// What is said of a run that left no summary.
+pub const CUT_SHORT: &str =
+    "cut short: the run ended without a summary; what was recorded is shown";
 
 /// `report.html`.
 pub fn report(run: &Run, figures: &[Figure]) -> String {
@@ -67,8 +68,8 @@ fn sections(run: &Run, figures: &[Figure]) -> Vec<Section> {
     let all = [
         ("replay", "Replay", replay),
         ("summary", "Summary", of(summary)),
-        ("expectations", "Expectations", of(|summary| expectations(&summary.expectations))),
-        ("faults", "Faults", of(|summary| faults(&summary.faults))),
+        ("expectations", "Expectations", of(expectations)),
+        ("faults", "Faults", of(faults)),
         ("figures", "Figures", drawn(figures)),
         ("latency", "Latency", of(latency)),
         ("robots", "Robots and processes", of(robots)),
@@ -88,20 +89,11 @@ fn head(run: &Run) -> String {
         "<p class=\"quiet\">{robots} robots, {edges} edges, {} s, {pace}</p>\n",
         asked(run.lasts_s())
     );
-    let (class, verdict) = match &run.summary {
-        None => {
-            ("missed", "cut short: the run ended without a summary; what was recorded is shown")
-        }
-        Some(summary) if summary.interrupted => ("missed", "interrupted"),
-        Some(summary) if summary.exit == 4 => ("missed", "ended early"),
-        Some(summary) => match expect::worst(&summary.expectations) {
-            None => (
-                "undeclared",
-                "no expectations declared; exit code 0 says that the run ended as planned",
-            ),
-            Some(verdict) => (verdict.word(), verdict.of_all()),
-        },
+    let (verdict, worst) = match &run.summary {
+        None => (CUT_SHORT, Some(Verdict::Missed)),
+        Some(summary) => rows::verdict(summary),
     };
+    let class = worst.map_or("undeclared", Verdict::word);
     let _ = writeln!(text, "<p class=\"verdict {class}\">{verdict}</p>");
     if let Some(why) = &run.unpromised {
         let why = escaped(why);
@@ -120,144 +112,63 @@ fn head(run: &Run) -> String {
 }
 
 fn summary(summary: &Summary) -> String {
-    let mut rows: Vec<(&str, String)> = Vec::new();
-    if let (Some(distance_m), Some([a, b]), Some(t_s)) =
-        (summary.min_distance_m, &summary.min_distance_pair, summary.min_distance_t_s)
-    {
-        let below = match summary.violations {
-            0 => String::new(),
-            ticks => format!(", below d at {ticks} ticks"),
-        };
-        let distance = digits(distance_m);
-        rows.push((
-            "Smallest distance",
-            format!("{distance} m, {a} \u{2013} {b} at {t_s:.3} s{below}"),
-        ));
-    }
-    if let Some(clearance) = &summary.min_clearance {
-        let whereabouts = clearance.whereabouts(summary.clearance_violations);
-        let distance = digits(clearance.distance_m);
-        rows.push(("Smallest clearance", format!("{distance} m, {whereabouts}")));
-    }
-    let converged = summary.converged_at_s.map_or("never".into(), |t_s| format!("at {t_s:.3} s"));
-    rows.push(("Converged", converged));
-    let in_m = |value: Option<f64>| value.map(|value| format!("{} m", digits(value)));
-    let measured = [
-        ("Worst error, last 10 %", in_m(summary.final_error_m_max)),
-        ("Worst error to the ideal formation, last 10 %", in_m(summary.final_ideal_error_m_max)),
-        ("Main leader's error, last 10 %", in_m(summary.tracking_error_m_max)),
-        ("Outside the hull, last 10 %", in_m(summary.hull_distance_m_max_final)),
-        ("Trajectory hash", summary.trajectory_hash.clone()),
-    ];
-    rows.extend(measured.into_iter().filter_map(|(name, value)| Some((name, value?))));
-    rows.push((
-        "Time",
-        format!(
-            "{:.3} s of run time, {} ticks, in {:.3} s of wall time: {} x real time",
-            summary.t_s,
-            summary.ticks,
-            summary.wall.wall_s,
-            digits(summary.wall.real_time_factor)
-        ),
-    ));
-    rows.push(("Deadline misses", summary.deadline_misses.to_string()));
-    let Commands { late, old, not_finite, scaled, expired, lost, .. } = summary.commands;
-    let commands = [
-        (late, "late"),
-        (old, "old"),
-        (not_finite, "not finite"),
-        (scaled, "scaled"),
-        (expired, "expired"),
-        (lost, "lost"),
-    ];
-    let commands = commands.iter().filter(|(count, _)| *count > 0);
-    let commands: Vec<String> = commands.map(|(count, word)| format!("{count} {word}")).collect();
-    let fine = "all taken in time".to_owned();
-    rows.push(("Commands", if commands.is_empty() { fine } else { commands.join(", ") }));
-    for (name, lost) in [
-        ("Plant states not received", summary.truths_lost),
-        ("Latencies lost", summary.wall.latencies_lost),
-    ] {
-        if lost > 0 {
-            rows.push((name, lost.to_string()));
-        }
-    }
-    described(rows.iter().map(|(name, value)| (*name, value.as_str())))
+    let facts = rows::facts(summary);
+    described(facts.iter().map(|(name, value)| (capitalized(name), value.as_str())))
 }
 
-fn expectations(expectations: &[Expectation]) -> String {
-    let reasons = expectations.iter().any(|expectation| expectation.reason.is_some());
-    let rows = expectations.iter().map(|expectation| {
-        let Expectation { name, value, bound, held, reason, .. } = expectation;
-        // A miss by a hair's breadth must not be rounded to its bound.
-        let shown = |value: f64| if *held { digits(value) } else { value.to_string() };
+/// A head of the screen as a head of the page.
+fn capitalized(name: &str) -> String {
+    let mut letters = name.chars();
+    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
+}
+
+fn expectations(summary: &Summary) -> String {
+    let reasons = summary.expectations.iter().any(|expectation| expectation.reason.is_some());
+    let rows = rows::expectations(summary).map(|expectation| {
         let mut row = vec![
-            Cell::Text(name.clone()),
-            Cell::Number(value.map_or("never".into(), shown)),
-            Cell::Number(if *held { asked(*bound) } else { bound.to_string() }),
-            Cell::Verdict(expectation.verdict()),
+            Cell::Text(expectation.name.to_owned()),
+            Cell::Number(expectation.measured),
+            Cell::Number(expectation.required),
+            Cell::Verdict(expectation.verdict),
         ];
-        row.extend(reasons.then(|| Cell::Long(reason.clone().unwrap_or_default())));
+        let reason = expectation.reason.unwrap_or_default().to_owned();
+        row.extend(reasons.then_some(Cell::Long(reason)));
         row
     });
     let heads = ["Expected", "#Measured", "#Required", "Verdict", "Why"];
     table(&heads[..if reasons { 5 } else { 4 }], rows)
 }
 
-fn faults(faults: &[FaultReport]) -> String {
-    let seconds = |value: Option<f64>| Cell::Number(value.map_or("\u{2013}".into(), digits));
-    let rows = faults.iter().enumerate().map(|(place, fault)| {
-        vec![
-            Cell::Number((place + 1).to_string()),
-            Cell::Number(format!("{:.3}", fault.t_s)),
-            Cell::Word(fault.what.clone()),
-            seconds(fault.stale_after_s),
-            seconds(fault.lost_after_s),
-            Cell::Number(digits(fault.peak_error_m)),
-            seconds(fault.min_distance_m),
-            seconds(fault.recovered_after_s),
-            Cell::Long(predicted(fault)),
-            Cell::Text(who(&fault.broken)),
-            Cell::Text(who(&fault.affected)),
-            Cell::Text(who(&fault.orphaned)),
-        ]
+fn faults(summary: &Summary) -> String {
+    let rows = summary.faults.iter().enumerate().map(|(place, fault)| {
+        let [t_s, what, numbers @ ..] = rows::fault(fault);
+        let [mut predicted, others @ ..] = rows::broken(fault);
+        if !fault.predicted_why.is_empty() {
+            predicted = fault.predicted_why.join("; ");
+        }
+        [Cell::Number((place + 1).to_string()), Cell::Number(t_s), Cell::Word(what)]
+            .into_iter()
+            .chain(numbers.map(Cell::Number))
+            .chain([Cell::Long(predicted)])
+            .chain(others.map(Cell::Text))
+            .collect()
     });
-    let heads = [
-        "#No.",
-        "#At, s",
-        "What",
-        "#Stale after, s",
-        "#Lost after, s",
-        "#Peak error, m",
-        "#Least distance, m",
-        "#Recovered after, s",
-        "Predicted to break",
-        "Observed to break",
-        "Affected",
-        "Orphaned",
-    ];
-    let Some(first) = faults.first() else { return String::new() };
+    let words = |place: usize| place == 1;
+    let heads = ["#No.".to_owned()].into_iter().chain(heads(&rows::FAULTS, words));
+    let heads: Vec<String> = heads.chain(rows::BROKEN.map(capitalized)).collect();
+    let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
+    let Some(first) = summary.faults.first() else { return String::new() };
     let means = escaped(&first.broken_means());
     format!("{}<p class=\"quiet\">{means}</p>\n", table(&heads, rows))
 }
 
-/// Who is to break, each with the reason.
-fn predicted(fault: &FaultReport) -> String {
-    match fault.predicted_why.is_empty() {
-        true => who(&fault.predicted),
-        false => fault.predicted_why.join("; "),
-    }
-}
-
-fn who(robots: &[String]) -> String {
-    match robots.len() {
-        0 => "nobody".into(),
-        many if many > NAMES_MAX => {
-            let few = &robots[..NAMES_MAX - 4];
-            format!("{} and {} more", few.join(", "), many - few.len())
-        }
-        _ => robots.join(", "),
-    }
+/// Heads of the screen as heads of the page; those that are not of words are of numbers.
+fn heads(heads: &[(&str, usize)], words: impl Fn(usize) -> bool) -> Vec<String> {
+    let heads = heads.iter().enumerate().map(|(place, (head, _))| match words(place) {
+        true => capitalized(head),
+        false => format!("#{}", capitalized(head)),
+    });
+    heads.collect()
 }
 
 /// Figures within a page, each with its caption.
@@ -279,21 +190,13 @@ pub fn drawn(figures: &[Figure]) -> String {
 }
 
 fn latency(summary: &Summary) -> String {
-    let us = |ns: u64| Cell::Number(digits(ns as f64 / 1e3));
-    let row = |line: &StageLatency| {
-        let edge = line
-            .from
-            .as_ref()
-            .map_or(line.robot.clone(), |from| format!("{from} \u{2192} {}", line.robot));
-        let count = Cell::Number(line.count.to_string());
-        let values = [line.p50_ns, line.p99_ns, line.p99_9_ns, line.max_ns].map(us);
-        [Cell::Text(line.stage.clone()), Cell::Text(edge), count]
-            .into_iter()
-            .chain(values)
-            .collect()
+    let row = |line: &StageLatency| -> Vec<Cell> {
+        let [stage, edge, numbers @ ..] = rows::latency(line);
+        let words = [stage, edge].map(Cell::Text);
+        words.into_iter().chain(numbers.map(Cell::Number)).collect()
     };
-    let heads =
-        ["Stage", "Robot or edge", "#Count", "#p50, us", "#p99, us", "#p99.9, us", "#max, us"];
+    let heads = heads(&rows::LATENCY, |place| place < 2);
+    let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
     let worst = table(&heads, summary.worst_latencies().into_iter().map(row));
     let ages = ages(&summary.information_ages);
     if worst.is_empty() {
@@ -377,10 +280,12 @@ fn listed(entries: &[(String, String)]) -> String {
 }
 
 /// Names and what they stand for.
-pub fn described<'a>(entries: impl Iterator<Item = (&'a str, &'a str)>) -> String {
-    let entries: String = entries
-        .map(|(name, value)| format!("<dt>{}</dt><dd>{}</dd>\n", escaped(name), escaped(value)))
-        .collect();
+pub fn described<'a>(entries: impl Iterator<Item = (impl AsRef<str>, &'a str)>) -> String {
+    let entry = |(name, value): (_, &str)| {
+        let name: &str = AsRef::as_ref(&name);
+        format!("<dt>{}</dt><dd>{}</dd>\n", escaped(name), escaped(value))
+    };
+    let entries: String = entries.map(entry).collect();
     if entries.is_empty() { entries } else { format!("<dl>\n{entries}</dl>\n") }
 }
 

@@ -4,10 +4,13 @@
 //! |---|---|
 //! | `run` | what is known of a finished run? |
 //! | `figures/` | which figures does it get, and what is in each? |
-//! | `chart` | how does a figure become SVG? |
+//! | `chart` | how is a figure drawn? |
+//! | `svg` | how does a drawing become SVG? |
 //! | `axis` | where on an axis is a value, and where are the ticks? |
 //! | `palette` | which color and which dashes? |
 //! | `simplify` | which points of a curve can be seen? |
+//! | `rows` | what is said of a run, on the screen and on the page? |
+//! | `screen` | what is on the screen? |
 //! | `html` | what is on the page of a run? |
 //! | `digits` | how does a number stay short? |
 //! | `markup` | how does a text stay a text in HTML and XML? |
@@ -27,6 +30,9 @@ pub mod html;
 mod markup;
 pub mod page;
 pub mod palette;
+pub mod rows;
 pub mod run;
 pub mod scene;
+pub mod screen;
 mod simplify;
+pub mod svg;

@@ -1,6 +1,17 @@
 //! Colors and line styles: told apart by people who see colors differently, and in gray print.
 
-use plotters::style::RGBColor;
+use std::fmt;
+
+/// A color by its red, green and blue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Color(pub u8, pub u8, pub u8);
+
+impl fmt::Display for Color {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Color(red, green, blue) = self;
+        write!(f, "#{red:02x}{green:02x}{blue:02x}")
+    }
+}
 
 /// How a line is broken up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,19 +30,19 @@ pub enum Dash {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Line {
     /// Its color.
-    pub color: RGBColor,
+    pub color: Color,
     /// Its dashes.
     pub dash: Dash,
-    /// In fifths of 2 px: 1 is a hair, 4 is bold.
-    pub weight: u32,
+    /// px.
+    pub width: f64,
     /// 0 to 1.
     pub opacity: f64,
 }
 
 impl Line {
-    /// A line of medium weight.
-    pub const fn solid(color: RGBColor) -> Line {
-        Line { color, dash: Dash::Solid, weight: 3, opacity: 1.0 }
+    /// A line of medium width.
+    pub const fn solid(color: Color) -> Line {
+        Line { color, dash: Dash::Solid, width: 1.2, opacity: 1.0 }
     }
 
     /// The same, broken up.
@@ -39,40 +50,45 @@ impl Line {
         Line { dash, ..self }
     }
 
-    /// The same, of another weight.
-    pub const fn weight(self, weight: u32) -> Line {
-        Line { weight, ..self }
+    /// The same, of another width, px.
+    pub const fn width(self, width: f64) -> Line {
+        Line { width, ..self }
+    }
+
+    /// The same, so that what is below it is seen as well.
+    pub const fn opacity(self, opacity: f64) -> Line {
+        Line { opacity, ..self }
     }
 
     /// What nobody is to follow by name.
-    pub const CROWD: Line = Line { weight: 1, opacity: 0.6, ..Line::solid(GRAY) };
+    pub const CROWD: Line = Line::solid(GRAY).width(0.4).opacity(0.6);
 }
 
 /// What is written, and what bounds.
-pub const BLACK: RGBColor = RGBColor(0, 0, 0);
+pub const BLACK: Color = Color(0, 0, 0);
 /// What is there and not looked at.
-pub const GRAY: RGBColor = RGBColor(0x80, 0x80, 0x80);
+pub const GRAY: Color = Color(0x80, 0x80, 0x80);
 /// The paper.
-pub const WHITE: RGBColor = RGBColor(0xff, 0xff, 0xff);
+pub const WHITE: Color = Color(0xff, 0xff, 0xff);
 /// Okabe and Ito's vermilion: bounds that shall not be passed, and faults. No robot has it.
-pub const VERMILION: RGBColor = RGBColor(0xd5, 0x5e, 0x00);
+pub const VERMILION: Color = Color(0xd5, 0x5e, 0x00);
 /// Of a curve that stands alone, and of the first robot.
-pub const BLUE: RGBColor = RGBColor(0x00, 0x72, 0xb2);
+pub const BLUE: Color = Color(0x00, 0x72, 0xb2);
 /// Okabe and Ito's orange: hulls, and what is stale.
-pub const ORANGE: RGBColor = RGBColor(0xe6, 0x9f, 0x00);
+pub const ORANGE: Color = Color(0xe6, 0x9f, 0x00);
 
 /// Of robots, in scenario order, and of other curves: each dark enough to be seen on white, after Okabe
 /// and Ito as far as theirs are. `outcome/assets/page.css` has the same.
-pub const COLORS: [RGBColor; 9] = [
+pub const COLORS: [Color; 9] = [
     BLUE,
-    RGBColor(0x92, 0x41, 0x7b),
-    RGBColor(0x00, 0x80, 0x60),
-    RGBColor(0x1a, 0x1d, 0x21),
-    RGBColor(0xa6, 0x6a, 0x00),
-    RGBColor(0xd8, 0x5f, 0x9c),
-    RGBColor(0x6b, 0x7a, 0x00),
-    RGBColor(0x6a, 0x51, 0xc9),
-    RGBColor(0x7a, 0x4b, 0x2a),
+    Color(0x92, 0x41, 0x7b),
+    Color(0x00, 0x80, 0x60),
+    Color(0x1a, 0x1d, 0x21),
+    Color(0xa6, 0x6a, 0x00),
+    Color(0xd8, 0x5f, 0x9c),
+    Color(0x6b, 0x7a, 0x00),
+    Color(0x6a, 0x51, 0xc9),
+    Color(0x7a, 0x4b, 0x2a),
 ];
 const DASHES: [Dash; 4] = [Dash::Solid, Dash::Dashed, Dash::DashDotted, Dash::Dotted];
 
@@ -83,7 +99,7 @@ pub fn line(place: usize) -> Line {
 }
 
 /// The color of the robot at a place in the scenario, in all figures and pictures.
-pub fn color(place: usize) -> RGBColor {
+pub fn color(place: usize) -> Color {
     COLORS[place % COLORS.len()]
 }
 
@@ -92,16 +108,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_page_has_the_same_colors() {
+    fn colors_are_those_of_the_page_and_lines_differ_from_each_other_and_from_faults() {
         let style = include_str!("../../assets/page.css");
-        for (place, RGBColor(r, g, b)) in COLORS.into_iter().enumerate() {
-            let color = format!("--c{place}: #{r:02x}{g:02x}{b:02x};");
-            assert!(style.contains(&color), "no {color}");
+        for (place, color) in COLORS.into_iter().enumerate() {
+            assert!(style.contains(&format!("--c{place}: {color};")), "no {color}");
         }
-    }
-
-    #[test]
-    fn lines_differ_and_no_robot_has_the_color_of_faults_or_of_the_dead() {
         let lines: Vec<Line> = (0..36).map(line).collect();
         assert!((0..36).all(|i| !lines[..i].contains(&lines[i])));
         assert!(!COLORS.contains(&VERMILION) && !COLORS.contains(&GRAY));

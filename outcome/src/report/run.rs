@@ -1,5 +1,6 @@
 //! What is known of a finished run: the picture, what was recorded, what came out.
 
+pub use crate::metrics::summary::Stretch;
 use crate::metrics::summary::Summary;
 use formation::Vec2;
 use formation::front_point::front_point;
@@ -37,7 +38,7 @@ pub struct Run {
     /// What was run, where and how: words and their values.
     pub manifest: Vec<(String, String)>,
     /// Latencies over time.
-    pub over_time: Vec<Bin>,
+    pub over_time: Vec<Stretch>,
     /// How latencies are spread over the whole run.
     pub spreads: Vec<Spread>,
 }
@@ -89,27 +90,6 @@ pub enum ChangedTo {
     Robot(usize, RobotState),
     /// An edge, by its place in the scene.
     Edge(usize, EdgeState),
-}
-
-/// The values of one stage at one robot or edge over a stretch of run time.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Bin {
-    /// The middle of the stretch, s.
-    pub t_s: f64,
-    /// Its stage.
-    pub stage: String,
-    /// The robot, or `plant`.
-    pub robot: String,
-    /// Of an edge: whom the robot hears.
-    pub from: Option<String>,
-    /// How many values.
-    pub count: u64,
-    /// Half of the values are at most this, ns.
-    pub p50_ns: u64,
-    /// 99 % of them.
-    pub p99_ns: u64,
-    /// The largest, ns.
-    pub max_ns: u64,
 }
 
 /// How the values of one stage at one robot or edge are spread over the whole run.

@@ -49,45 +49,6 @@ fn distance(point: Point, a: Point, b: Point) -> f64 {
     (x - along * dx).hypot(y - along * dy)
 }
 
-/// The parts of a curve between two heights, cut where it leaves and enters.
-pub fn clipped(points: &[Point], low: f64, high: f64) -> Vec<Vec<Point>> {
-    let inside = |point: Point| (low..=high).contains(&point.1);
-    let mut parts: Vec<Vec<Point>> = Vec::new();
-    let mut drawing = false;
-    for (place, &point) in points.iter().enumerate() {
-        let before = place.checked_sub(1).map(|place| points[place]);
-        if let Some(before) = before {
-            // Where the stretch crosses a bound, in the order in which it does.
-            let mut crossings: Vec<(f64, f64)> = [low, high]
-                .into_iter()
-                .filter(|&bound| (before.1 - bound) * (point.1 - bound) < 0.0)
-                .map(|bound| ((bound - before.1) / (point.1 - before.1), bound))
-                .collect();
-            crossings.sort_by(|a, b| a.0.total_cmp(&b.0));
-            for (share, bound) in crossings {
-                let at = (before.0 + share * (point.0 - before.0), bound);
-                if drawing {
-                    parts.last_mut().expect("one is being drawn").push(at);
-                } else {
-                    parts.push(vec![at]);
-                }
-                drawing = !drawing;
-            }
-        }
-        if inside(point) {
-            if drawing {
-                parts.last_mut().expect("one is being drawn").push(point);
-            } else {
-                parts.push(vec![point]);
-                drawing = true;
-            }
-        } else {
-            drawing = false;
-        }
-    }
-    parts
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -128,23 +89,5 @@ mod tests {
                 prop_assert!(kept.contains(&point) || kept.windows(2).any(near));
             }
         }
-
-        #[test]
-        fn a_clipped_curve_stays_between_its_bounds_and_keeps_every_point_there(points in curve()) {
-            let parts = clipped(&points, -2.0, 3.0);
-            let kept = parts.concat();
-            prop_assert!(kept.iter().all(|point| (-2.0..=3.0).contains(&point.1)));
-            let inside = points.iter().filter(|point| (-2.0..=3.0).contains(&point.1));
-            for point in inside {
-                prop_assert!(kept.contains(point));
-            }
-        }
-    }
-
-    #[test]
-    fn a_curve_that_crosses_the_whole_picture_at_once_is_seen() {
-        let parts = clipped(&[(0.0, -4.0), (8.0, 4.0)], -2.0, 2.0);
-        assert_eq!(parts, [[(2.0, -2.0), (6.0, 2.0)]]);
-        assert!(clipped(&[(0.0, 4.0), (8.0, 5.0)], -2.0, 2.0).is_empty());
     }
 }

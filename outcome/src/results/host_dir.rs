@@ -1,14 +1,15 @@
-//! Where a host without the plant writes: briefs and logs of its own processes. What came out of the run
-//! is written on the plant's host, into the run's directory.
+//! What every host of a run writes: the effective scenario, briefs and logs of its processes, and copies of the
+//! programs that they run. What came out of the run is written on the plant's host alone, into the same directory.
 
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use protocol::brief;
 use serde::Serialize;
 
 use crate::results::programs::{self, Programs, Started};
-use crate::results::run_dir::{RunDirError, failed, make};
+use crate::results::run_dir::{RunDirError, failed};
 use experiment::scenario::program::Program;
 
 /// The directory of one host's share of a run.
@@ -18,14 +19,39 @@ pub struct HostDir {
 }
 
 impl HostDir {
-    /// Makes the directory, which must not exist, and writes the effective scenario and the fleet file.
-    pub fn create(path: &Path, scenario: &str, fleet: &str) -> Result<HostDir, RunDirError> {
-        make(path)?;
-        for (name, text) in [("scenario.toml", scenario), ("fleet.toml", fleet)] {
-            let file = path.join(name);
-            fs::write(&file, text).map_err(failed(&file))?;
+    /// Makes the directory, which must not exist, with places for briefs and logs.
+    pub fn make(path: &Path) -> Result<HostDir, RunDirError> {
+        let unmade = |path: &Path| {
+            let path = path.to_path_buf();
+            move |source| RunDirError::Make { path, source }
+        };
+        if let Some(parent) = path.parent() {
+            fs::create_dir_all(parent).map_err(unmade(parent))?;
+        }
+        // Made here and nowhere else, so that of two runs that want it one gets it.
+        fs::create_dir(path).map_err(|error| match error.kind() {
+            io::ErrorKind::AlreadyExists => RunDirError::Exists(path.into()),
+            _ => unmade(path)(error),
+        })?;
+        for directory in [path.join("briefs"), path.join("logs")] {
+            fs::create_dir(&directory).map_err(unmade(&directory))?;
         }
         Ok(HostDir { path: path.into() })
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Writes the effective scenario, which can be run again.
+    pub fn write_scenario(&self, text: &str) -> Result<(), RunDirError> {
+        self.write("scenario.toml", text)
+    }
+
+    /// Writes which hosts there are, and who lives where.
+    pub fn write_fleet(&self, text: &str) -> Result<(), RunDirError> {
+        self.write("fleet.toml", text)
     }
 
     /// Copies the programs that robots run.
@@ -35,19 +61,27 @@ impl HostDir {
 
     /// How a program is started from the copies.
     pub fn started(&self, program: &Program) -> Result<Started, RunDirError> {
+        // Its processes are started elsewhere than this one.
         let path = self.path.canonicalize().map_err(failed(&self.path))?;
         Ok(programs::started(program, &path))
     }
 
     /// Writes the brief of a process; where to.
     pub fn write_brief<B: Serialize>(&self, name: &str, told: &B) -> Result<PathBuf, RunDirError> {
-        let path = self.path.join(format!("briefs/{name}.toml"));
-        fs::write(&path, brief::to_text(told)).map_err(failed(&path))?;
+        let file = format!("briefs/{name}.toml");
+        self.write(&file, brief::to_text(told))?;
+        let path = self.path.join(file);
+        // Children may run elsewhere one day, and a relative path would mean something else.
         path.canonicalize().map_err(failed(&path))
     }
 
     /// Where the log of a process goes.
     pub fn log_path(&self, name: &str) -> PathBuf {
         self.path.join(format!("logs/{name}.jsonl"))
+    }
+
+    pub(crate) fn write(&self, name: &str, content: impl AsRef<[u8]>) -> Result<(), RunDirError> {
+        let path = self.path.join(name);
+        fs::write(&path, content).map_err(failed(&path))
     }
 }

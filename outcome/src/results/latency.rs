@@ -16,9 +16,8 @@ use protocol::brief::Pace;
 use protocol::message::{LatencyHeader, LatencyRow};
 use protocol::stage::Stage;
 
-use crate::metrics::summary::{InformationAge, StageLatency};
+use crate::metrics::summary::{InformationAge, StageLatency, Stretch};
 use experiment::scenario::Scenario;
-pub use over_time::Stretch;
 use over_time::Stretches;
 
 /// A histogram tells values apart that differ in this many digits.
@@ -145,11 +144,13 @@ impl Latency {
 
     /// Closes the stretch of run time at hand.
     fn sum_up(&mut self, middle_s: f64) {
+        let name = |place| name(&self.robots, place);
         for stage in Stage::ALL {
             for (place, process) in self.processes.iter_mut().enumerate() {
                 for (about, spread) in process.spreads[stage as usize].iter_mut().enumerate() {
                     let Some(spread) = spread else { continue };
                     let (robot, from) = whose(stage, place, about);
+                    let (robot, from) = (name(robot), from.map(&name));
                     self.stretches.add(middle_s, stage, robot, from, &mut spread.recent_ns);
                 }
             }
@@ -159,15 +160,7 @@ impl Latency {
     /// The lines of `latency_over_time.csv`.
     pub fn over_time(&mut self) -> Vec<Stretch> {
         self.sum_up(self.stretches.end());
-        self.stretches.lines(|place| self.name(place))
-    }
-
-    /// `plant`, the robot that counts from 1, or `machine` for the control timer.
-    fn name(&self, place: usize) -> &str {
-        match place.checked_sub(1) {
-            Some(robot) => self.robots.get(robot).map_or("machine", String::as_str),
-            None => "plant",
-        }
+        self.stretches.closed.clone()
     }
 
     /// Takes in what a process measured: the plant is 0, robots count from 1, then the control timer.
@@ -219,7 +212,12 @@ impl Latency {
             let spreads = self.processes[place].spreads[stage as usize].iter().enumerate();
             spreads.filter_map(move |(about, spread)| {
                 let (robot, from) = whose(stage, place, about);
-                Some((stage, self.name(robot), from.map(|from| self.name(from)), spread.as_ref()?))
+                Some((
+                    stage,
+                    name(&self.robots, robot),
+                    from.map(|from| name(&self.robots, from)),
+                    spread.as_ref()?,
+                ))
             })
         };
         Stage::ALL.into_iter().flat_map(move |stage| {
@@ -253,8 +251,8 @@ impl Latency {
             let ages = self.processes[place].ages.iter().enumerate();
             ages.filter_map(move |(from, sums)| {
                 Some(InformationAge {
-                    robot: self.name(place).to_owned(),
-                    from: self.name(from).to_owned(),
+                    robot: name(&self.robots, place).to_owned(),
+                    from: name(&self.robots, from).to_owned(),
                     heard: sums.heard,
                     over_ns: sums.over_ns,
                     mean_ns: sums.mean_ns()?,
@@ -300,6 +298,14 @@ impl Latency {
                 .expect("memory takes everything");
         }
         log
+    }
+}
+
+/// `plant`, the robot that counts from 1, or `machine` for the control timer.
+fn name(robots: &[String], place: usize) -> &str {
+    match place.checked_sub(1) {
+        Some(robot) => robots.get(robot).map_or("machine", String::as_str),
+        None => "plant",
     }
 }
 

@@ -16,9 +16,11 @@
 //! | `usage` | what did a process take from the machine? |
 //! | `scene` | what does a picture of it show all the time? |
 //! | `compare` | are two runs the same, and if not, where do they part? |
+//! | `date` | which day and time of day was it? |
 //! | `page` | what does a run directory look like in pictures? |
 
 pub mod compare;
+pub mod date;
 pub mod goals;
 pub mod host_dir;
 pub mod latency;

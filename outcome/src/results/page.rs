@@ -6,10 +6,12 @@
 //!
 //! | file | question it answers |
 //! |---|---|
+//! | `files` | how is a file read, whole or cut short? |
 //! | `record` | where was everybody, and what happened, as far as it was written down? |
 //! | `delays` | how late, how long and how old was everything? |
 
 mod delays;
+mod files;
 mod record;
 #[cfg(test)]
 mod tests;
@@ -18,21 +20,21 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::report::run::{ChangedTo, Limits, Run};
-use crate::report::scene::{EdgeState, RobotState, Scene, SceneFault};
+use crate::report::html::CUT_SHORT;
+use crate::report::run::{Change, ChangedTo, Limits, Run};
+use crate::report::scene::{RobotState, Scene, SceneFault};
+use files::json;
 use protocol::brief::Pace;
 use protocol::fault::LinkFaultKind;
 use protocol::number::told_apart;
 
 use crate::metrics::fault::FaultReport;
 use crate::metrics::summary::{Summary, Wall};
+use crate::results::date;
 use crate::results::manifest::LOCKSTEP_EPOCH_UNIX_NS;
-use crate::results::scene::{cut_by, scene};
-use experiment::scenario::{Fault, FaultKind, Scenario};
+use crate::results::scene::scene;
+use experiment::scenario::{FaultKind, Scenario};
 use formation::seconds;
-
-/// A report takes in no file larger than this, bytes: hours of any experiment.
-const FILE_BYTES_MAX: u64 = 1 << 34;
 
 /// Why there is no report.
 #[derive(Debug, thiserror::Error)]
@@ -81,8 +83,17 @@ pub fn scenario_path(run_dir: &Path) -> Result<PathBuf, ReportError> {
     if path.is_file() { Ok(path) } else { Err(ReportError::NotARun(run_dir.into())) }
 }
 
-/// Writes `figures/*.svg` and `report.html` of a run of this scenario; where the page is.
-pub fn write(run_dir: &Path, scenario: &Scenario) -> Result<PathBuf, ReportError> {
+/// A page that was written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Written {
+    /// Where it is.
+    pub path: PathBuf,
+    /// What is to be said of the run, if it ended without a summary.
+    pub cut_short: Option<&'static str>,
+}
+
+/// Writes `figures/*.svg` and `report.html` of a run of this scenario.
+pub fn write(run_dir: &Path, scenario: &Scenario) -> Result<Written, ReportError> {
     let run = load(run_dir, scenario)?;
     let figures = crate::report::figures::all(&run);
     let directory = run_dir.join("figures");
@@ -93,7 +104,7 @@ pub fn write(run_dir: &Path, scenario: &Scenario) -> Result<PathBuf, ReportError
     }
     let path = run_dir.join("report.html");
     fs::write(&path, crate::report::html::report(&run, &figures)).map_err(unwritten(&path))?;
-    Ok(path)
+    Ok(Written { path, cut_short: run.summary.is_none().then_some(CUT_SHORT) })
 }
 
 /// Writes a run of this scenario as one animated picture.
@@ -123,9 +134,12 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
     let pace = manifest.get("pace").and_then(serde_json::Value::as_str);
     let pace = pace.unwrap_or("unknown pace").to_owned();
     let mut scene = Scene { pace, ..scene(scenario, Pace::Realtime) };
-    let changes = record::changes(&run_dir.join("events.csv"), &scene)?;
-    scene.faults = faults(scenario, summary.as_ref(), &changes);
-    let goals = record::goals(&run_dir.join("events.csv"), scenario)?;
+    let events = record::events(&run_dir.join("events.csv"))?;
+    let changes = record::changes(&events, &scene);
+    if let Some(summary) = &summary {
+        scene.faults = seen(scenario, summary, &changes, &scene.faults);
+    }
+    let goals = record::goals(&events, scenario);
     let record = record::record(&run_dir.join("samples.csv"), scenario, &scene.faults, &goals)?;
     let lead_m = |lead: &protocol::brief::LeadBrief| {
         let places = record.times_s.iter().map(|&t_s| lead.trajectory.at(t_s).position);
@@ -171,47 +185,23 @@ fn told(name: &str, value: &serde_json::Value) -> (String, String) {
         }
         ("epoch_unix_ns", _, Some(LOCKSTEP_EPOCH_UNIX_NS)) => format!(
             "{}, as of every run in lockstep, so that equal runs give equal bytes",
-            date(LOCKSTEP_EPOCH_UNIX_NS)
+            date::in_words(LOCKSTEP_EPOCH_UNIX_NS / 1_000_000_000)
         ),
-        ("started_unix_ns" | "epoch_unix_ns", _, Some(unix_ns)) => date(unix_ns),
+        ("started_unix_ns" | "epoch_unix_ns", _, Some(unix_ns)) => {
+            date::in_words(unix_ns / 1_000_000_000)
+        }
         _ => in_words(value),
     };
     (name.strip_suffix("_unix_ns").unwrap_or(name).to_owned(), in_words)
 }
 
 /// A word as a POSIX shell reads it.
-fn quoted(word: &str) -> String {
+pub fn quoted(word: &str) -> String {
     let plain = |letter: char| letter.is_ascii_alphanumeric() || "_-./=:,+@%".contains(letter);
     if !word.is_empty() && word.chars().all(plain) {
         return word.to_owned();
     }
     format!("'{}'", word.replace('\'', r"'\''"))
-}
-
-/// Nanoseconds since 1970 as a date and a time of day in UTC, to the second.
-fn date(unix_ns: u64) -> String {
-    let seconds = unix_ns / 1_000_000_000;
-    let (of_day, mut days) = (seconds % 86_400, seconds / 86_400);
-    let leap = |year: u64| {
-        year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400))
-    };
-    // At most 584 years fit in.
-    let mut year = 1970;
-    while days >= 365 + u64::from(leap(year)) {
-        days -= 365 + u64::from(leap(year));
-        year += 1;
-    }
-    let february = 28 + u64::from(leap(year));
-    let mut month = 1;
-    for length in [31, february, 31, 30, 31, 30, 31, 31, 30, 31, 30] {
-        if days < length {
-            break;
-        }
-        days -= length;
-        month += 1;
-    }
-    let (hour, minute, second) = (of_day / 3600, of_day / 60 % 60, of_day % 60);
-    format!("{year}-{month:02}-{:02} {hour:02}:{minute:02}:{second:02} UTC", days + 1)
 }
 
 fn in_words(value: &serde_json::Value) -> String {
@@ -223,62 +213,13 @@ fn in_words(value: &serde_json::Value) -> String {
     }
 }
 
-/// What a file holds; `None` if there is none.
-fn text(path: &Path) -> Result<Option<Vec<u8>>, ReportError> {
-    let unread = |source| ReportError::Read { path: path.into(), source };
-    match fs::metadata(path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-        Err(error) => return Err(unread(error)),
-        Ok(found) if !found.is_file() => {
-            return Err(unread(io::Error::other("it is no file")));
-        }
-        Ok(found) if found.len() > FILE_BYTES_MAX => {
-            return Err(unread(io::Error::other(format!(
-                "it has {} bytes, expected at most {FILE_BYTES_MAX}",
-                found.len()
-            ))));
-        }
-        Ok(_) => {}
-    }
-    fs::read(path).map(Some).map_err(unread)
-}
-
-fn json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<Option<T>, ReportError> {
-    let Some(text) = text(path)? else { return Ok(None) };
-    let broken = |error: serde_json::Error| ReportError::Broken {
-        path: path.into(),
-        line: error.line() as u64,
-        what: format!("{error}; expected JSON as a run writes it"),
-    };
-    serde_json::from_slice(&text).map(Some).map_err(broken)
-}
-
-/// What went wrong: as it was seen, or, of a run that was cut short, as it was planned.
-fn faults(
+/// The faults as they were seen; `planned`: as they were planned.
+fn seen(
     scenario: &Scenario,
-    summary: Option<&Summary>,
-    changes: &[crate::report::run::Change],
+    summary: &Summary,
+    changes: &[Change],
+    planned: &[SceneFault],
 ) -> Vec<SceneFault> {
-    let planned = |fault: &Fault| {
-        let (what, struck) = fault.kind.struck(scenario);
-        let until_ns = match fault.kind {
-            FaultKind::Kill { restart_after_ns, .. } => {
-                restart_after_ns.map(|after_ns| fault.at_ns.saturating_add(after_ns))
-            }
-            _ => fault.until_ns(),
-        };
-        let t_s = seconds(fault.at_ns);
-        let robots = struck.robot.into_iter().collect();
-        SceneFault {
-            t_s,
-            until_s: until_ns.map(seconds),
-            what,
-            robots,
-            cuts: cut_by(struck.silenced),
-        }
-    };
-    let planned: Vec<SceneFault> = scenario.faults.iter().map(planned).collect();
-    let Some(summary) = summary else { return planned };
     let seen = |fault: &FaultReport| {
         let before = |plan: &&SceneFault| plan.what == fault.what && plan.t_s <= fault.t_s + 1e-9;
         let plan = planned.iter().rfind(before);
@@ -308,14 +249,4 @@ fn cut_by_hand(scenario: &Scenario, what: &str) -> Option<usize> {
     let mut edges = 0..scenario.graph.edges().len();
     edges
         .find(|&edge| FaultKind::Link { edge, kind: LinkFaultKind::Cut }.struck(scenario).0 == what)
-}
-
-/// The state of an edge, by its word in `events.csv`.
-fn edge_state(word: &str) -> Option<EdgeState> {
-    match word {
-        "fresh" => Some(EdgeState::Fresh),
-        "stale" => Some(EdgeState::Stale),
-        "lost" => Some(EdgeState::Lost),
-        _ => None,
-    }
 }

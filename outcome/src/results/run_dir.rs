@@ -3,26 +3,27 @@
 //! its file.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{self, BufWriter, Write};
+use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use crate::recording::recorder::{FLUSH_EVERY, Nearest, Recorder, Run};
-use protocol::brief::{self, Pace};
+use protocol::brief::Pace;
 use protocol::message::{TruthHeader, TruthRow};
 use protocol::process::exit;
 use serde::Serialize;
 
 use crate::metrics::summary::Summary;
 use crate::metrics::{Now, PairDistance};
+use crate::results::date;
+use crate::results::host_dir::HostDir;
 use crate::results::latency::Latency;
 use crate::results::manifest::Manifest;
-use crate::results::programs::{self, Programs, Started};
 use crate::results::reserved::Reserved;
 use crate::results::summary::to_json;
 use experiment::scenario::Scenario;
-use experiment::scenario::program::Program;
 use formation::obstacle::Obstacle;
 use formation::pose::{Pose, Twist};
 use formation::seconds;
@@ -42,9 +43,9 @@ pub const EVENTS: &str = "events.csv";
 /// The recording.
 pub const RECORDING: &str = "run.mcap";
 
-/// The directory of one run.
+/// The directory of one run: that of the plant's host, which holds all that came out as well.
 pub struct RunDir {
-    path: PathBuf,
+    host: HostDir,
     robots: Vec<String>,
     walls: Vec<Obstacle>,
     record_hz: f64,
@@ -110,21 +111,12 @@ pub(crate) fn failed(path: &Path) -> impl FnOnce(io::Error) -> RunDirError {
     move |source| RunDirError::Write { path, source }
 }
 
-/// Makes a directory, which must not exist, with places for briefs and logs.
-pub(crate) fn make(path: &Path) -> Result<(), RunDirError> {
-    if let Some(parent) = path.parent() {
-        let unmade = |source| RunDirError::Make { path: parent.into(), source };
-        fs::create_dir_all(parent).map_err(unmade)?;
+impl Deref for RunDir {
+    type Target = HostDir;
+
+    fn deref(&self) -> &HostDir {
+        &self.host
     }
-    // Made here and nowhere else, so that of two runs that want it one gets it.
-    fs::create_dir(path).map_err(|error| match error.kind() {
-        io::ErrorKind::AlreadyExists => RunDirError::Exists(path.into()),
-        _ => RunDirError::Make { path: path.into(), source: error },
-    })?;
-    for directory in [path.join("briefs"), path.join("logs")] {
-        fs::create_dir(&directory).map_err(failed(&directory))?;
-    }
-    Ok(())
 }
 
 impl Log {
@@ -151,10 +143,10 @@ impl Log {
 impl RunDir {
     /// Makes the directory, which must not exist.
     pub fn create(path: &Path, scenario: &Scenario) -> Result<RunDir, RunDirError> {
-        make(path)?;
+        let host = HostDir::make(path)?;
         let summary = path.join(SUMMARY);
         Ok(RunDir {
-            path: path.into(),
+            host,
             robots: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
             walls: scenario.walls.iter().map(|wall| wall.shape.clone()).collect(),
             record_hz: scenario.record_hz,
@@ -174,31 +166,9 @@ impl RunDir {
         })
     }
 
-    /// Writes the effective scenario, which can be run again.
-    pub fn write_scenario(&self, text: &str) -> Result<(), RunDirError> {
-        self.write("scenario.toml", text)
-    }
-
-    /// Writes which hosts there were, and who lived where.
-    pub fn write_fleet(&self, text: &str) -> Result<(), RunDirError> {
-        self.write("fleet.toml", text)
-    }
-
     /// Writes what was run, where and how.
     pub fn write_manifest(&self, manifest: &Manifest) -> Result<(), RunDirError> {
         self.write(MANIFEST, to_json(manifest))
-    }
-
-    /// Copies the programs that robots run.
-    pub fn write_programs(&self, programs: &Programs) -> Result<(), RunDirError> {
-        programs.write(&self.path).map_err(|(path, error)| failed(&path)(error))
-    }
-
-    /// How a program is started from the copies.
-    pub fn started(&self, program: &Program) -> Result<Started, RunDirError> {
-        // Its processes are started elsewhere than this one.
-        let path = self.path.canonicalize().map_err(failed(&self.path))?;
-        Ok(programs::started(program, &path))
     }
 
     /// Begins the recording, with the effective scenario in it and in real time, where no two runs
@@ -208,8 +178,8 @@ impl RunDir {
         scenario: &str,
         manifest: &Manifest,
     ) -> Result<(), RunDirError> {
-        let path = self.path.join(RECORDING);
-        let run = self.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let path = self.path().join(RECORDING);
+        let run = self.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
         let (seed, reproducible) = (manifest.seed.to_string(), manifest.pace == Pace::Lockstep);
         let mut facts = BTreeMap::from([
             ("scenario", manifest.scenario.as_str()),
@@ -246,22 +216,8 @@ impl RunDir {
         let Some(recording) = &mut self.recording else { return Ok(()) };
         write(recording, &self.newest).map_err(|error| {
             self.recording = None;
-            failed(&self.path.join(RECORDING))(error)
+            failed(&self.path().join(RECORDING))(error)
         })
-    }
-
-    /// Writes the brief of a process; where to.
-    pub fn write_brief<B: Serialize>(&self, name: &str, told: &B) -> Result<PathBuf, RunDirError> {
-        let file = format!("briefs/{name}.toml");
-        self.write(&file, brief::to_text(told))?;
-        let path = self.path.join(file);
-        // Children may run elsewhere one day, and a relative path would mean something else.
-        path.canonicalize().map_err(failed(&path))
-    }
-
-    /// Where the log of a process goes.
-    pub fn log_path(&self, name: &str) -> PathBuf {
-        self.path.join(format!("logs/{name}.jsonl"))
     }
 
     /// Of all truths that come, only the first and the last are written.
@@ -373,9 +329,9 @@ impl RunDir {
             summary.exit = exit::INFRASTRUCTURE;
         }
         let summarized = match self.summary.take() {
-            Some(reserved) => {
-                reserved.fill(to_json(summary).as_bytes()).map_err(failed(&self.path.join(SUMMARY)))
-            }
+            Some(reserved) => reserved
+                .fill(to_json(summary).as_bytes())
+                .map_err(failed(&self.path().join(SUMMARY))),
             None => Ok(()),
         };
         if summarized.is_err() {
@@ -405,16 +361,11 @@ impl RunDir {
             self.write("latency_over_time.csv", to_csv(&latency.over_time())),
             self.write("latency.hlog", hlog),
             self.recording.take().map_or(Ok(()), |recording| {
-                recording.finish().map_err(failed(&self.path.join(RECORDING)))
+                recording.finish().map_err(failed(&self.path().join(RECORDING)))
             }),
         ]
         .into_iter()
         .collect()
-    }
-
-    fn write(&self, name: &str, content: impl AsRef<[u8]>) -> Result<(), RunDirError> {
-        let path = self.path.join(name);
-        fs::write(&path, content).map_err(failed(&path))
     }
 }
 
@@ -485,35 +436,14 @@ fn dated(name: &str) -> String {
     let usable = |c: char| if c.is_alphanumeric() || "-_".contains(c) { c } else { '_' };
     let name: String = name.chars().map(usable).collect();
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
-    format!("{name}-{}", date_and_time(seconds))
-}
-
-/// `20261121-041500` for seconds since 1970, UTC.
-pub fn date_and_time(seconds: u64) -> String {
-    let (days, of_day) = (seconds / 86_400, seconds % 86_400);
-    // Civil date from a day count: eras of 400 years, years that begin in March.
-    let shifted = days + 719_468;
-    let (era, of_era) = (shifted / 146_097, shifted % 146_097);
-    let year_of_era = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
-    let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let from_march = (5 * of_year + 2) / 153;
-    let day = of_year - (153 * from_march + 2) / 5 + 1;
-    let month = if from_march < 10 { from_march + 3 } else { from_march - 9 };
-    let year = era * 400 + year_of_era + u64::from(month <= 2);
-    let (hour, minute, second) = (of_day / 3600, of_day / 60 % 60, of_day % 60);
-    format!("{year:04}{month:02}{day:02}-{hour:02}{minute:02}{second:02}")
+    format!("{name}-{}", date::in_a_name(seconds))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use std::fs;
 
-    #[test]
-    fn a_date_is_what_the_calendar_says() {
-        assert_eq!(date_and_time(0), "19700101-000000");
-        assert_eq!(date_and_time(951_782_400), "20000229-000000");
-        assert_eq!(date_and_time(1_795_233_599), "20261121-035959");
-    }
+    use super::*;
 
     #[test]
     fn a_name_that_somebody_else_takes_meanwhile_is_numbered() {
@@ -551,57 +481,29 @@ mod tests {
     use crate::metrics::examples::{header, rows};
     use experiment::examples::row_of_three;
 
-    /// A directory for one test, removed when it passed.
-    struct Place(PathBuf);
-
-    impl Place {
-        fn new(test: &str) -> Place {
-            let name = format!("phalanx-run-dir-{test}-{}", std::process::id());
-            let path = std::env::temp_dir().join(name);
-            let _ = fs::remove_dir_all(&path);
-            fs::create_dir(&path).unwrap();
-            Place(path)
-        }
-    }
-
-    impl Drop for Place {
-        fn drop(&mut self) {
-            if !std::thread::panicking() {
-                let _ = fs::remove_dir_all(&self.0);
-            }
-        }
-    }
-
     #[test]
-    fn a_directory_that_exists_is_refused_and_left_alone() {
-        let place = Place::new("exists");
-        let path = place.0.join("deep/run");
-        let run_dir = RunDir::create(&path, &row_of_three()).unwrap();
-        run_dir.write_scenario("name").unwrap();
-        let error = RunDir::create(&path, &row_of_three()).err().unwrap();
-        assert!(matches!(error, RunDirError::Exists(_)), "{error}");
-        assert_eq!(fs::read_to_string(path.join("scenario.toml")).unwrap(), "name");
-    }
-
-    #[test]
-    fn of_two_runs_that_want_the_same_directory_one_is_refused() {
-        let place = Place::new("race");
+    fn of_two_runs_that_want_the_same_directory_one_is_refused_and_the_other_left_alone() {
+        let place = tempfile::tempdir().unwrap();
         for round in 0..50 {
-            let path = place.0.join(format!("run-{round}"));
+            let path = place.path().join(format!("deep/run-{round}"));
             let both: Vec<_> = std::thread::scope(|scope| {
-                let one = || RunDir::create(&path, &row_of_three()).map(drop);
+                let one = || {
+                    let run_dir = RunDir::create(&path, &row_of_three())?;
+                    run_dir.write_scenario("name")
+                };
                 let threads = [scope.spawn(one), scope.spawn(one)];
                 threads.into_iter().map(|thread| thread.join().unwrap()).collect()
             });
             let refused: Vec<_> = both.into_iter().filter_map(Result::err).collect();
             assert!(matches!(refused[..], [RunDirError::Exists(_)]), "{refused:?}");
+            assert_eq!(fs::read_to_string(path.join("scenario.toml")).unwrap(), "name");
         }
     }
 
     #[test]
     fn samples_hold_the_first_and_the_last_truth_of_a_run_that_ends_early() {
-        let place = Place::new("samples");
-        let mut run_dir = RunDir::create(&place.0.join("run"), &row_of_three()).unwrap();
+        let place = tempfile::tempdir().unwrap();
+        let mut run_dir = RunDir::create(&place.path().join("run"), &row_of_three()).unwrap();
         for tick in 1..=7 {
             let rows = rows([tick as f64, -1.0, -2.0]);
             let measured = Now {
@@ -612,7 +514,7 @@ mod tests {
             run_dir.truth(&header(tick), &rows, &[true; 3], measured).unwrap();
         }
         run_dir.write_last_truth().unwrap();
-        let text = fs::read_to_string(place.0.join("run/samples.csv")).unwrap();
+        let text = fs::read_to_string(place.path().join("run/samples.csv")).unwrap();
         let lines: Vec<_> = text.lines().collect();
         assert_eq!(lines[1], "1,r1,0.9,0,0,0,0,,1,");
         assert_eq!(lines[2], "1,r2,-1.1,0,0,0,0,0.5,1,");
@@ -624,15 +526,15 @@ mod tests {
 
     #[test]
     fn a_recording_rate_beyond_every_tick_writes_every_tick() {
-        let place = Place::new("rate");
+        let place = tempfile::tempdir().unwrap();
         let scenario = Scenario { record_hz: 1e12, ..row_of_three() };
-        let mut run_dir = RunDir::create(&place.0.join("run"), &scenario).unwrap();
+        let mut run_dir = RunDir::create(&place.path().join("run"), &scenario).unwrap();
         for tick in 0..3 {
             let measured = Now { errors_m: &[None; 3], ideal_errors_m: &[None; 3], nearest: None };
             run_dir.truth(&header(tick), &rows([0.0; 3]), &[true; 3], measured).unwrap();
         }
         drop(run_dir);
-        let text = fs::read_to_string(place.0.join("run/samples.csv")).unwrap();
+        let text = fs::read_to_string(place.path().join("run/samples.csv")).unwrap();
         assert_eq!(text.lines().count(), 1 + 3 * 3);
     }
 }

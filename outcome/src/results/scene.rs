@@ -31,7 +31,7 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
         let (what, struck) = fault.kind.struck(scenario);
         let until_ns = match fault.kind {
             FaultKind::Kill { restart_after_ns, .. } => {
-                restart_after_ns.map(|after_ns| fault.at_ns + after_ns)
+                restart_after_ns.map(|after_ns| fault.at_ns.saturating_add(after_ns))
             }
             _ => fault.until_ns(),
         };
@@ -57,7 +57,7 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
 }
 
 /// The edge over which nothing gets any more.
-pub fn cut_by(silenced: Silenced) -> Option<usize> {
+fn cut_by(silenced: Silenced) -> Option<usize> {
     match silenced {
         Silenced::Edge(edge) => Some(edge),
         Silenced::Robot(_) | Silenced::Nobody => None,

@@ -1,13 +1,15 @@
 //! How old what was heard was, how late everybody woke, and why: over time, and how that is spread.
 
+use std::collections::HashMap;
+
 use crate::metrics::summary::Cause;
 
-use super::{BOUND, NAMED, SEEN, WIDTH, about_bands, largest, over_time, row};
+use super::{BOUND, Many, NAMED, SEEN, WIDTH, about_bands, over_time, row};
 use crate::report::axis::Axis;
 use crate::report::chart::{Figure, Panel, Place};
 use crate::report::digits::{asked, digits};
 use crate::report::palette::{BLACK, Dash, Line, VERMILION, line};
-use crate::report::run::{Bin, Run, Spread};
+use crate::report::run::{Run, Spread, Stretch};
 
 const HEIGHT: f64 = 300.0;
 /// The left panel, over time, is so wide, px.
@@ -15,219 +17,232 @@ const OVER_TIME: f64 = 390.0;
 
 /// Shares smaller than this are not drawn.
 const SHARE_LEAST: f64 = 1e-6;
+/// Nobody looks at less than a microsecond, ms.
+const LEAST_MS: f64 = 1e-3;
 /// The control group.
 const CONTROL: Line = Line::solid(BLACK).dashed(Dash::Dashed);
+/// The median of the worst.
+const MEDIAN: Line = SEEN.width(1.2);
 
 pub(super) fn information_age(run: &Run) -> Option<Figure> {
-    let mut figure = of_stage(
-        run,
-        "beacon_age",
-        "information_age",
-        "age at use",
-        Some(run.limits.lost_after_s),
-        None,
-    )?;
     let limits = run.limits;
-    for (place, (_, panel)) in figure.panels.iter_mut().enumerate() {
-        for (bound_s, word) in [(limits.stale_after_s, "stale"), (limits.lost_after_s, "lost")] {
-            let ms = bound_s * 1e3;
-            let label = format!("{word} after {} ms", asked(ms));
-            let line = match word {
-                "stale" => Line::solid(VERMILION).weight(2).dashed(Dash::Dotted),
-                _ => BOUND,
-            };
-            let (low, high) = panel.x.bounds();
-            if place == 0 {
-                panel.bound(ms, (low, high), label, line);
-            } else if (low..=high).contains(&ms) {
-                let share = if word == "stale" { 1.0 } else { 0.9 };
-                panel.upright(ms, share, word.to_owned(), line);
-            }
+    let stage = Stage::of(run, "beacon_age")?;
+    let (mut panels, named) = stage.panels(run, "age at use", 1.2e3 * limits.lost_after_s, None);
+    let dotted = Line::solid(VERMILION).width(0.8).dashed(Dash::Dotted);
+    for (bound_s, word, line, share) in
+        [(limits.stale_after_s, "stale", dotted, 1.0), (limits.lost_after_s, "lost", BOUND, 0.9)]
+    {
+        let ms = bound_s * 1e3;
+        let [(_, over_time), (_, shares)] = &mut panels;
+        let (low, high) = over_time.x.bounds();
+        over_time.bound(ms, (low, high), format!("{word} after {} ms", asked(ms)), line);
+        let (low, high) = shares.x.bounds();
+        if (low..=high).contains(&ms) {
+            shares.upright(ms, share, word.to_owned(), line);
         }
     }
-    figure.title = "Age of what was heard, at use".into();
-    figure.caption = format!(
-        "How old a neighbor's newest beacon was when it was used, by edge.{} Who is lost is not \
-         used any more: the information age, which silence makes grow, is in the table.{}",
-        figure.caption,
+    let caption = format!(
+        "How old a neighbor's newest beacon was when it was used, by edge.{named} Data of lost neighbors \
+         are not used: the information age, which silence makes grow, is in the table.{}",
         about_bands(run)
     );
-    Some(figure)
+    Some(stage.figure("information_age", "Age of what was heard, at use", caption, panels, false))
 }
 
 pub(super) fn wake_lateness(run: &Run) -> Option<Figure> {
-    let mut figure = of_stage(run, "wake", "wake_lateness", "lateness", None, Some("machine"))?;
-    figure.title = "Wake lateness".into();
-    let control = match run.spreads.iter().any(|spread| spread.stage == "machine") {
-        true => " Dashed: a process with the robots' timer and nothing else, on this machine.",
-        false => "",
+    let stage = Stage::of(run, "wake")?;
+    let machine = Stage::of(run, "machine");
+    let (panels, named) = stage.panels(run, "lateness", 0.0, machine.as_ref());
+    let control = match &machine {
+        Some(machine) if !machine.spreads.is_empty() => {
+            " Dashed: a process with the robots' timer and nothing else, on this machine."
+        }
+        _ => "",
     };
-    figure.caption = format!(
+    let caption = format!(
         "How much later than its timer's deadline each process woke; missed wake-ups count as \
-         well.{}{control}{}",
-        figure.caption,
+         well.{named}{control}{}",
         about_bands(run)
     );
-    Some(figure)
+    let beside = machine.is_some_and(|machine| !machine.stretches.is_empty());
+    Some(stage.figure("wake_lateness", "Wake lateness", caption, panels, beside))
 }
 
 /// How many wake-ups and answers had been late by when, for each cause that there was.
 pub(super) fn late_by_cause(run: &Run) -> Option<Figure> {
     let mut causes = Vec::new();
     for cause in Cause::ALL {
-        let mut bins: Vec<(f64, u64)> = (run.over_time.iter())
-            .filter(|bin| bin.stage == cause.stage().word())
-            .map(|bin| (bin.t_s, bin.count))
-            .collect();
-        bins.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let total: u64 = bins.iter().map(|bin| bin.1).sum();
-        if total > 0 {
-            causes.push((cause, bins, total));
+        let Some(stage) = Stage::of(run, cause.stage().word()) else { continue };
+        let mut so_far = 0;
+        let mut points = vec![Some((0.0, 0.0))];
+        let mut stretches = stage.stretches;
+        stretches.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+        for stretch in stretches {
+            points.push(Some((stretch.t_s, so_far as f64)));
+            so_far += stretch.count;
+            points.push(Some((stretch.t_s, so_far as f64)));
         }
+        points.push(Some((run.end_s(), so_far as f64)));
+        causes.extend((so_far > 0).then_some((cause, points, so_far)));
     }
     let most = causes.iter().map(|cause| cause.2).max()?;
     let mut panel = over_time(run, Axis::linear("cumulative count", 0.0, most as f64));
     let mut key = Vec::new();
-    for (place, (cause, bins, total)) in causes.iter().enumerate() {
-        let mut so_far = 0;
-        let mut points = vec![Some((0.0, 0.0))];
-        for &(t_s, count) in bins {
-            points.push(Some((t_s, so_far as f64)));
-            so_far += count;
-            points.push(Some((t_s, so_far as f64)));
-        }
-        points.push(Some((run.end_s(), so_far as f64)));
+    for (place, (cause, points, total)) in causes.into_iter().enumerate() {
         panel.over_x(points, line(place));
         key.push((line(place), format!("{}: {total}", cause.words())));
     }
-    Some(Figure {
-        name: "late_by_cause",
-        title: "Late, by cause".into(),
-        caption: format!(
-            "Cumulative count of the robots' wake-ups that came more than a tenth of a period late or \
-             after a missed deadline, by what explains at least half of the lateness. Planned freezes and \
-             slow robots are not counted.{}",
-            about_bands(run)
-        ),
-        width: WIDTH,
-        height: HEIGHT,
-        panels: vec![(row(0.0, HEIGHT), panel)],
-        key,
-    })
+    let caption = format!(
+        "Cumulative count of the robots' wake-ups that came more than a tenth of a period late or \
+         after a missed deadline, by what explains at least half of the lateness. Planned freezes and \
+         slow robots are not counted.{}",
+        about_bands(run)
+    );
+    Some(Figure::of_one("late_by_cause", "Late, by cause", caption, row(0.0, HEIGHT), panel, key))
 }
 
-/// A stage over time and as distribution, on an axis with `bound_s` on it, and beside it the stage
-/// `control`; the caption says what the lines are.
-fn of_stage(
-    run: &Run,
-    stage: &str,
-    name: &'static str,
-    word: &str,
-    bound_s: Option<f64>,
-    control: Option<&str>,
-) -> Option<Figure> {
-    let bins: Vec<&Bin> = run.over_time.iter().filter(|bin| bin.stage == stage).collect();
-    let spreads: Vec<&Spread> = run.spreads.iter().filter(|spread| spread.stage == stage).collect();
-    let mut who: Vec<String> = bins.iter().map(|bin| of_bin(bin)).collect();
-    who.extend(spreads.iter().map(|spread| spread.of.clone()));
-    let mut seen = std::collections::HashSet::new();
-    who.retain(|name| seen.insert(name.clone()));
-    if who.is_empty() {
-        return None;
-    }
-    let place_of: std::collections::HashMap<&str, usize> =
-        who.iter().enumerate().map(|(place, name)| (name.as_str(), place)).collect();
-    let mut by_who: Vec<Vec<&Bin>> = vec![Vec::new(); who.len()];
-    for bin in &bins {
-        by_who[place_of[of_bin(bin).as_str()]].push(bin);
-    }
-    let mut worst = vec![0.0f64; who.len()];
-    for (worst, bins) in worst.iter_mut().zip(&by_who) {
-        *worst = bins.iter().map(|bin| bin.max_ns as f64).fold(0.0, f64::max);
-    }
-    for spread in &spreads {
-        let place = place_of[spread.of.as_str()];
-        let largest = spread.above.last().map_or(0, |&(value_ns, _)| value_ns);
-        worst[place] = worst[place].max(largest as f64);
-    }
-    let named = largest(&worst);
-    let style = |place: usize| named.iter().position(|&other| other == place).map(line);
+/// What was measured of one stage.
+struct Stage<'r> {
+    stretches: Vec<&'r Stretch>,
+    spreads: Vec<&'r Spread>,
+    /// The robots or edges that have it.
+    who: Vec<String>,
+    /// The worst of them by name.
+    many: Many,
+}
 
-    let least = bins.iter().map(|bin| bin.p50_ns);
-    let least = least.chain(spreads.iter().filter_map(|spread| Some(spread.above.first()?.0)));
-    // Nobody looks at less than a microsecond.
-    let low = ms(least.filter(|&ns| ns > 0).min().unwrap_or(1).max(1000));
-    let is_control = |stage: &str| control == Some(stage);
-    let beside: Vec<&Bin> = run.over_time.iter().filter(|bin| is_control(&bin.stage)).collect();
-    worst.extend(beside.iter().map(|bin| bin.max_ns as f64));
-    let high = (worst.iter().copied().fold(0.0, f64::max) / 1e6).max(low);
-    // A bound is seen with some room above it.
-    let high = high.max(bound_s.map_or(low, |bound_s| 1.2e3 * bound_s));
-    let values = |label: &str| Axis::log(label, low, high);
-    let length_s = stretch_s(run);
-    let mut left = over_time(run, values(&format!("{word} (ms)")));
-    let mut right = Panel::new(values(&format!("{word} (ms)")), share_axis(&spreads));
-    let order = (0..who.len()).filter(|place| style(*place).is_none()).chain(named.iter().copied());
-    for place in order {
-        let line = style(place).unwrap_or(Line::CROWD);
-        let values = by_who[place].iter().map(|bin| (bin.t_s, ms(bin.max_ns).max(low)));
-        left.over_x(steps(values, length_s, run.end_s()), line.weight(line.weight.min(2)));
-        for spread in spreads.iter().filter(|spread| spread.of == who[place]) {
-            right.curves.push((stairs(spread, low), line.weight(line.weight.min(2)), true));
+impl<'r> Stage<'r> {
+    /// `None` if nobody has it.
+    fn of(run: &'r Run, stage: &str) -> Option<Stage<'r>> {
+        let stretches = run.over_time.iter().filter(|stretch| stretch.stage == stage);
+        let spreads = run.spreads.iter().filter(|spread| spread.stage == stage);
+        let (stretches, spreads) = (stretches.collect::<Vec<_>>(), spreads.collect::<Vec<_>>());
+        let (mut who, mut worst) = (Vec::new(), Vec::new());
+        let mut places = HashMap::new();
+        let of_stretches = stretches.iter().map(|stretch| (edge(stretch), stretch.max_ns));
+        let largest = |spread: &Spread| spread.above.last().map_or(0, |&(value_ns, _)| value_ns);
+        let of_spreads = spreads.iter().map(|spread| (spread.of.clone(), largest(spread)));
+        for (name, max_ns) in of_stretches.chain(of_spreads) {
+            let place = *places.entry(name.clone()).or_insert_with(|| {
+                who.push(name);
+                worst.push(0.0_f64);
+                worst.len() - 1
+            });
+            worst[place] = worst[place].max(ms(max_ns));
         }
+        let many = Many::by_size(&worst);
+        (!who.is_empty()).then_some(Stage { stretches, spreads, who, many })
     }
-    left.over_x(steps(medians(&bins, low), length_s, run.end_s()), SEEN.weight(3));
-    let values = beside.iter().map(|bin| (bin.t_s, ms(bin.max_ns).max(low)));
-    left.over_x(steps(values, length_s, run.end_s()), CONTROL);
-    for spread in run.spreads.iter().filter(|spread| is_control(&spread.stage)) {
-        right.curves.push((stairs(spread, low), CONTROL, true));
+
+    /// The line of one of those with a name.
+    fn line(&self, place: usize) -> Line {
+        line(self.many.named.iter().position(|&other| other == place).unwrap_or_default())
     }
-    let mut key: Vec<(Line, String)> =
-        named.iter().map(|&place| (style(place).unwrap_or(SEEN), who[place].clone())).collect();
-    if who.len() > named.len() {
-        key.push((Line::CROWD.weight(2), format!("{} others", who.len() - named.len())));
+
+    fn largest_ms(&self) -> f64 {
+        let largest = self.stretches.iter().map(|stretch| stretch.max_ns);
+        let spread = self.spreads.iter().flat_map(|spread| &spread.above).map(|&(ns, _)| ns);
+        ms(largest.chain(spread).max().unwrap_or(0))
     }
-    if !bins.is_empty() {
-        key.push((SEEN.weight(3), "median of the worst".to_owned()));
-    }
-    if !beside.is_empty() {
-        key.push((CONTROL, "bare timer".to_owned()));
-    }
-    let told = if who.len() > named.len() {
-        format!(" The {NAMED} that are worst by name.")
-    } else {
-        String::new()
-    };
-    let right_place = Place { x: OVER_TIME, y: 0.0, width: WIDTH - OVER_TIME, height: HEIGHT };
-    let left_place = Place { x: 0.0, y: 0.0, width: OVER_TIME, height: HEIGHT };
-    Some(Figure {
-        name,
-        title: String::new(),
-        caption: format!(
+
+    /// Over time and as distribution, on axes that reach to `high_ms` at least, with another stage as control
+    /// group; and what is to be said of the lines.
+    fn panels(
+        &self,
+        run: &Run,
+        word: &str,
+        high_ms: f64,
+        control: Option<&Stage<'_>>,
+    ) -> ([(Place, Panel); 2], String) {
+        let least = self.stretches.iter().map(|stretch| stretch.p50_ns);
+        let first = self.spreads.iter().filter_map(|spread| Some(spread.above.first()?.0));
+        let low = ms(least.chain(first).filter(|&ns| ns > 0).min().unwrap_or(0)).max(LEAST_MS);
+        let both = [Some(self), control].into_iter().flatten();
+        let high = both.map(Stage::largest_ms).fold(low.max(high_ms), f64::max);
+        let values = || Axis::log(&format!("{word} (ms)"), low, high);
+        let length_s = stretch_s(run);
+        let stairs_over_time = |of: &[(f64, f64)]| steps(of, length_s, run.end_s(), low);
+        let largest = |stretches: &[&Stretch]| -> Vec<(f64, f64)> {
+            stretches.iter().map(|stretch| (stretch.t_s, ms(stretch.max_ns))).collect()
+        };
+        let mut by_who: HashMap<String, Vec<&Stretch>> = HashMap::new();
+        for &stretch in &self.stretches {
+            by_who.entry(edge(stretch)).or_default().push(stretch);
+        }
+        let thin = |place| self.line(place).width(0.8);
+        let mut left = over_time(run, values());
+        self.many.draw(&mut left, thin, |place| {
+            let own = by_who.get(&self.who[place]).map_or(&[][..], Vec::as_slice);
+            stairs_over_time(&largest(own))
+        });
+        left.over_x(stairs_over_time(&self.medians()), MEDIAN);
+        let mut right = Panel::new(values(), self.share_axis());
+        self.many.draw(&mut right, thin, |place| {
+            let own = self.spreads.iter().filter(|spread| spread.of == self.who[place]);
+            own.flat_map(|spread| stairs(spread, low)).map(Some).collect::<Vec<_>>()
+        });
+        if let Some(control) = control {
+            left.over_x(stairs_over_time(&largest(&control.stretches)), CONTROL);
+            for spread in &control.spreads {
+                right.over_x(stairs(spread, low).into_iter().map(Some), CONTROL);
+            }
+        }
+        let named = match self.many.others() {
+            0 => String::new(),
+            _ => format!(" The {NAMED} that are worst by name."),
+        };
+        let lines = format!(
             " Left: the largest value of each {} s, by when it reached the supervisor; a gap where \
              there was none. Right: the complementary distribution (CCDF), the share of samples above \
-             a value.{told}",
+             a value.{named}",
             digits(length_s)
-        ),
-        width: WIDTH,
-        height: HEIGHT,
-        panels: vec![(left_place, left), (right_place, right)],
-        key,
-    })
+        );
+        let place = |x, width| Place { x, y: 0.0, width, height: HEIGHT };
+        let right_place = place(OVER_TIME, WIDTH - OVER_TIME);
+        ([(place(0.0, OVER_TIME), left), (right_place, right)], lines)
+    }
+
+    /// `beside`: a control group is drawn over time.
+    fn figure(
+        &self,
+        name: &'static str,
+        title: &str,
+        caption: String,
+        panels: [(Place, Panel); 2],
+        beside: bool,
+    ) -> Figure {
+        let mut key = self.many.key(|place| self.line(place), |place| self.who[place].clone());
+        key.extend(
+            (!self.stretches.is_empty()).then(|| (MEDIAN, "median of the worst".to_owned())),
+        );
+        key.extend(beside.then(|| (CONTROL, "bare timer".to_owned())));
+        let (title, panels) = (title.to_owned(), panels.into());
+        Figure { name, title, caption, width: WIDTH, panels, key }
+    }
+
+    /// For each stretch of time, the largest of all medians, ms.
+    fn medians(&self) -> Vec<(f64, f64)> {
+        let medians = self.stretches.iter().map(|stretch| (stretch.t_s, ms(stretch.p50_ns)));
+        let mut sorted: Vec<(f64, f64)> = medians.collect();
+        sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1)));
+        sorted.dedup_by_key(|median| median.0);
+        sorted
+    }
+
+    fn share_axis(&self) -> Axis {
+        let shares = self.spreads.iter().flat_map(|spread| &spread.above).map(|&(_, share)| share);
+        let least = shares.filter(|&share| share > 0.0).fold(1.0, f64::min).max(SHARE_LEAST);
+        Axis::log("share of samples above (CCDF)", least.min(0.1), 1.0)
+    }
 }
 
-fn of_bin(bin: &Bin) -> String {
-    bin.from.as_ref().map_or(bin.robot.clone(), |from| format!("{from}->{}", bin.robot))
+/// The robot, or the edge as `r1->r2`.
+fn edge(Stretch { robot, from, .. }: &Stretch) -> String {
+    from.as_ref().map_or(robot.clone(), |from| format!("{from}->{robot}"))
 }
 
 fn ms(ns: u64) -> f64 {
     ns as f64 / 1e6
-}
-
-fn share_axis(spreads: &[&Spread]) -> Axis {
-    let shares = spreads.iter().flat_map(|spread| &spread.above).map(|&(_, share)| share);
-    let least = shares.filter(|&share| share > 0.0).fold(1.0, f64::min).max(SHARE_LEAST);
-    Axis::log("share of samples above (CCDF)", least.min(0.1), 1.0)
 }
 
 /// The share of samples above falls in steps, from 1 at the smallest value.
@@ -248,7 +263,7 @@ fn stairs(spread: &Spread, low: f64) -> Vec<(f64, f64)> {
 /// How long the stretches are that latencies over time are summed up in, s. Those are told by their
 /// middles, and the last one may be cut short.
 fn stretch_s(run: &Run) -> f64 {
-    let mut middles: Vec<f64> = run.over_time.iter().map(|bin| bin.t_s).collect();
+    let mut middles: Vec<f64> = run.over_time.iter().map(|stretch| stretch.t_s).collect();
     middles.sort_by(f64::total_cmp);
     middles.dedup();
     let mut apart: Vec<f64> = middles.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -259,32 +274,19 @@ fn stretch_s(run: &Run) -> f64 {
 }
 
 /// What is known of stretches of this length, by their middles: each level from one end of its stretch
-/// to the other, and a gap where a stretch has no value.
-fn steps(
-    values: impl IntoIterator<Item = (f64, f64)>,
-    length_s: f64,
-    end_s: f64,
-) -> Vec<Option<(f64, f64)>> {
+/// to the other, `low` at least, and a gap where a stretch has no value.
+fn steps(values: &[(f64, f64)], length_s: f64, end_s: f64, low: f64) -> Vec<Option<(f64, f64)>> {
     let mut points = Vec::new();
     let mut last = None;
-    for (t_s, value) in values {
+    for &(t_s, value) in values {
         let nth = (t_s / length_s + 1e-6).floor();
         if last.is_some_and(|last| nth > last + 1.5) {
             points.push(None);
         }
         last = Some(nth);
-        let from_s = nth * length_s;
+        let (from_s, value) = (nth * length_s, value.max(low));
         points.push(Some((from_s, value)));
         points.push(Some(((from_s + length_s).min(end_s).max(from_s), value)));
     }
     points
-}
-
-/// For each stretch of time, the largest of all medians.
-fn medians(bins: &[&Bin], low: f64) -> Vec<(f64, f64)> {
-    let mut sorted: Vec<(f64, u64)> = bins.iter().map(|bin| (bin.t_s, bin.p50_ns)).collect();
-    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let stretches = sorted.chunk_by(|a, b| a.0 == b.0);
-    let largest = stretches.map(|group| (group[0].0, group.iter().map(|bin| bin.1).max()));
-    largest.map(|(t_s, ns)| (t_s, ms(ns.unwrap_or(0)).max(low))).collect()
 }

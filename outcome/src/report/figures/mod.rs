@@ -24,6 +24,7 @@ use crate::report::digits::{asked, digits};
 use crate::report::html::told;
 use crate::report::palette::{BLACK, Dash, Line, VERMILION};
 use crate::report::run::Run;
+use crate::report::simplify::Point;
 
 /// Of all figures: as wide as a page of a paper, px.
 const WIDTH: f64 = 640.0;
@@ -37,9 +38,11 @@ const FAULTS_NAMED: usize = 6;
 const FINAL_SHARE: f64 = 0.1;
 
 /// Shall not be passed.
-const BOUND: Line = Line::solid(VERMILION).weight(3).dashed(Dash::Dashed);
+pub(super) const BOUND: Line = Line::solid(VERMILION).dashed(Dash::Dashed);
 /// Was seen.
-const SEEN: Line = Line::solid(BLACK).weight(2);
+const SEEN: Line = Line::solid(BLACK).width(0.8);
+/// What is said of all together.
+const ALL: Line = Line::solid(BLACK).width(1.6);
 
 /// All figures for which there is something to show.
 pub fn all(run: &Run) -> Vec<Figure> {
@@ -60,14 +63,9 @@ pub fn all(run: &Run) -> Vec<Figure> {
     figures.into_iter().flatten().collect()
 }
 
-/// An axis of run time.
-fn time_axis(run: &Run) -> Axis {
-    Axis::exact("time (s)", 0.0, run.end_s())
-}
-
 /// A panel over run time with the faults as bands.
-fn over_time(run: &Run, y: Axis) -> Panel {
-    let mut panel = Panel::new(time_axis(run), y);
+pub(super) fn over_time(run: &Run, y: Axis) -> Panel {
+    let mut panel = Panel::new(Axis::exact("time (s)", 0.0, run.end_s()), y);
     let named = run.scene.faults.len() <= FAULTS_NAMED;
     let faults = run.scene.faults.iter().enumerate();
     panel.bands = faults
@@ -100,8 +98,15 @@ fn about_bands(run: &Run) -> &'static str {
     }
 }
 
-/// An expectation in words: what was measured, what was required, and whether it held.
-fn judged(expectation: &Expectation, of: &str, unit: &str) -> String {
+/// What the scenario expects under this name, and what came of it.
+fn expected<'r>(run: &'r Run, name: &str) -> Option<&'r Expectation> {
+    run.summary.as_ref()?.expected(name)
+}
+
+/// That expectation in words: what was measured, what was required, and whether it held; nothing if there is
+/// none.
+fn judged(run: &Run, name: &str, of: &str, unit: &str) -> String {
+    let Some(expectation) = expected(run, name) else { return String::new() };
     let Expectation { value, bound, held, .. } = expectation;
     // A miss by a hair's breadth must not be rounded to its bound.
     let exact = |value: f64| value.to_string();
@@ -115,12 +120,62 @@ fn judged(expectation: &Expectation, of: &str, unit: &str) -> String {
     format!(" {of}: {shown}, required {bound} {unit}: {verdict}{reason}.")
 }
 
-/// Places of the `NAMED` largest of `values`, or of all if they are few; the largest first.
-fn largest(values: &[f64]) -> Vec<usize> {
-    let mut places: Vec<usize> = (0..values.len()).collect();
-    if values.len() > NAMED_ALL {
-        places.sort_by(|&a, &b| values[b].total_cmp(&values[a]));
-        places.truncate(NAMED);
+/// Draws what is required over the last share of the run, and says what came of it.
+fn required_at_the_end(run: &Run, panel: &mut Panel, name: &str, of: &str) -> String {
+    if let Some(expectation) = expected(run, name) {
+        let label = format!("required at the end: {} m", asked(expectation.bound));
+        panel.bound(expectation.bound, last_stretch(run), label, BOUND);
     }
-    places
+    judged(run, name, of, "m")
+}
+
+/// Many curves, of which each has a name if they are few, else the largest ones.
+struct Many {
+    count: usize,
+    /// Places of those with a name.
+    named: Vec<usize>,
+}
+
+impl Many {
+    /// `sizes`: of each curve; the largest are named.
+    fn by_size(sizes: &[f64]) -> Many {
+        let count = sizes.len();
+        let mut named: Vec<usize> = (0..count).collect();
+        if count > NAMED_ALL {
+            named.sort_by(|&a, &b| sizes[b].total_cmp(&sizes[a]));
+            named.truncate(NAMED);
+        }
+        Many { count, named }
+    }
+
+    fn others(&self) -> usize {
+        self.count - self.named.len()
+    }
+
+    /// The nameless, then on top of them the others, each with its line and its points.
+    fn draw<P: IntoIterator<Item = Option<Point>>>(
+        &self,
+        panel: &mut Panel,
+        line: impl Fn(usize) -> Line,
+        points: impl Fn(usize) -> P,
+    ) {
+        for place in (0..self.count).filter(|place| !self.named.contains(place)) {
+            panel.over_x(points(place), Line::CROWD);
+        }
+        for &place in &self.named {
+            panel.over_x(points(place), line(place));
+        }
+    }
+
+    /// What each line stands for.
+    fn key(
+        &self,
+        line: impl Fn(usize) -> Line,
+        name: impl Fn(usize) -> String,
+    ) -> Vec<(Line, String)> {
+        let named = self.named.iter().map(|&place| (line(place), name(place)));
+        let others = (self.others() > 0)
+            .then(|| (Line::CROWD.width(0.8), format!("{} others", self.others())));
+        named.chain(others).collect()
+    }
 }

@@ -5,7 +5,7 @@ use formation::obstacle::Obstacle;
 
 use super::{WIDTH, judged};
 use crate::report::axis::Axis;
-use crate::report::chart::{Figure, Mark, Panel, Place, Shape};
+use crate::report::chart::{Figure, LETTER, Mark, Panel, Place, Shape};
 use crate::report::palette::{BLACK, Dash, GRAY, Line, ORANGE, VERMILION, color, line};
 use crate::report::run::{Change, ChangedTo, Run};
 use crate::report::scene::RobotState;
@@ -25,8 +25,6 @@ const BESIDE: f64 = 0.15;
 /// Half of the room that a time takes, and what is drawn of a robot, px.
 const LABEL: (f64, f64) = (21.0, 7.5);
 const ROBOT: (f64, f64) = (8.0, 8.0);
-/// A letter is about so wide, px.
-const LETTER: f64 = 6.3;
 /// The robots of the first instant shown are so pale, those of the last one not at all.
 const PALEST: f64 = 0.3;
 /// So many deaths are marked at most.
@@ -35,172 +33,135 @@ const DEATHS_MAX: usize = 12;
 const INSTANTS_MAX: usize = 8;
 
 pub(super) fn trajectories(run: &Run) -> Option<Figure> {
-    let robots = run.scene.robots.len();
-    let instants = run.times_s.len();
-    let paths: Vec<Vec<Point>> = (0..robots)
-        .map(|robot| (0..instants).map(|instant| point(run.alpha(robot, instant))).collect())
+    let paths: Vec<Vec<Point>> = (0..run.scene.robots.len())
+        .map(|robot| (0..run.times_s.len()).map(|k| point(run.alpha(robot, k))).collect())
         .collect();
     let lead: Vec<Point> = run.lead_m.iter().map(|&[x, y]| (x, y)).collect();
     let finite = |at: &&Point| at.0.is_finite() && at.1.is_finite();
-    let all = || paths.iter().chain([&lead]).flatten().filter(finite);
-    let robots_reach = reach(all());
-    if !(robots_reach.0.0.is_finite() && robots_reach.1.0.is_finite()) {
-        return None;
-    }
-    let (lowest, highest) = with_walls(run, robots_reach);
-
-    // Both axes have the same scale: the height follows the width within bounds, then one of both
-    // ranges grows until it fits.
-    let margin = |low: f64, high: f64| (high - low).max(0.1) * 0.06 + 0.02;
-    let (dx, dy) = (margin(lowest.0, highest.0), margin(lowest.1, highest.1));
-    let size = (highest.0 - lowest.0 + 2.0 * dx, highest.1 - lowest.1 + 2.0 * dy);
-    let mut place = Place { x: 0.0, y: 0.0, width: WIDTH, height: 0.0 };
-    let frame = place.height - place.inner(&[]).height;
-    let (low, high) = HEIGHT;
-    place.height = (place.inner(&[]).width * size.1 / size.0 + frame).clamp(low, high);
-    let inner = place.inner(&[]);
-    let m_per_px = (size.0 / inner.width).max(size.1 / inner.height);
-    let axis = |label: &str, low: f64, high: f64, px: f64| {
-        let (middle, half) = ((low + high) / 2.0, m_per_px * px / 2.0);
-        Axis::exact(label, middle - half, middle + half)
-    };
-    let mut panel = Panel::new(
-        axis("x (m)", lowest.0, highest.0, inner.width),
-        axis("y (m)", lowest.1, highest.1, inner.height),
-    );
-
-    let half = (m_per_px * inner.width / 2.0, m_per_px * inner.height / 2.0);
-    let middle = ((lowest.0 + highest.0) / 2.0, (lowest.1 + highest.1) / 2.0);
-    let drawn = ((middle.0 - half.0, middle.1 - half.1), (middle.0 + half.0, middle.1 + half.1));
-    for wall in &run.scene.walls {
-        let mut outline = seen(wall, drawn);
-        panel.areas.push((outline.clone(), GRAY, 0.35));
-        outline.extend(outline.first().copied());
-        panel.curves.push((outline, Line::solid(BLACK).weight(2), false));
-    }
+    let reach = reach(paths.iter().chain([&lead]).flatten().filter(finite))?;
+    let (place, mut panel, m_per_px) = in_scale(with_walls(run, reach));
+    walls(run, &mut panel);
 
     let mut key = Vec::new();
-    let few = robots <= NAMES_MAX;
+    let few = paths.len() <= NAMES_MAX;
     if !lead.is_empty() {
-        let line = Line { opacity: 0.35, ..Line::solid(GRAY).weight(16) };
+        let line = Line::solid(GRAY).width(6.4).opacity(0.35);
         panel.curves.push((lead, line, false));
         key.push((line, "m(t), the main leader's reference".to_owned()));
     }
-    for (robot, path) in paths.iter().enumerate() {
-        let role = run.scene.robots[robot].role.as_str();
-        let line = if few { line(robot).weight(2) } else { Line::solid(color(robot)).weight(1) };
-        panel.curves.push((path.clone(), line, false));
+    for (robot, path) in paths.into_iter().enumerate() {
+        let (name, role) = (&run.scene.robots[robot].name, &run.scene.robots[robot].role);
+        let own = if few { line(robot).width(0.8) } else { Line::solid(color(robot)).width(0.4) };
+        let label = if few { name.clone() } else { String::new() };
+        panel.marks.push(Mark { at: path[0], shape: Shape::Cross, color: BLACK, label });
+        panel.curves.push((path, own, false));
         if few {
-            key.push((line, format!("{} ({})", run.scene.robots[robot].name, in_words(role))));
+            key.push((own, format!("{name} ({})", in_words(role))));
         }
-        let name = if few { run.scene.robots[robot].name.clone() } else { String::new() };
-        panel.marks.push(Mark { at: path[0], shape: Shape::Cross, color: BLACK, label: name });
     }
-    let deaths = deaths(run);
-    let died = !deaths.is_empty();
-    panel.marks.extend(deaths);
+    if run.containment().is_some() {
+        key.push((Line::solid(ORANGE).width(1.6), "hull of the leaders".to_owned()));
+    }
+    panel.marks.extend(deaths(run));
     let shown = instants_apart(run);
     for (nth, &instant) in shown.iter().enumerate() {
         let newness = (nth + 1) as f64 / shown.len() as f64;
         let opacity = PALEST + (1.0 - PALEST) * newness;
         formation(run, instant, m_per_px, opacity, &mut panel);
     }
-    let mut taken = Taken::of(run, &shown, &panel, m_per_px);
-    for &instant in &shown {
-        panel.marks.extend(taken.time(run, instant));
-    }
+    let times = times(run, &shown, &panel, m_per_px);
+    panel.marks.extend(times);
+    let (title, caption) = ("Trajectories in the plane", caption(run, &shown));
+    Some(Figure::of_one("trajectories", title, caption, place, panel, key))
+}
+
+/// What is to be seen, and what the scenario expects of it.
+fn caption(run: &Run, shown: &[usize]) -> String {
     let times: Vec<String> =
         shown.iter().map(|&instant| format!("{:.1}", run.times_s[instant])).collect();
     let drawn = match run.containment() {
-        Some(_) => {
-            key.push((Line::solid(ORANGE).weight(4), "hull of the leaders".to_owned()));
-            "with the hull of the leaders"
-        }
+        Some(_) => "with the hull of the leaders",
         None => "with the edges of the formation graph",
     };
     let mut caption = format!(
         "Paths of the front points. Black crosses: starts{}. Robots as triangles that point forward, \
          {drawn}, each time that they have gone as far again, the older the paler: at {} s.",
-        if died { "; orange crosses: deaths, and when" } else { "" },
+        if deaths(run).is_empty() { "" } else { "; orange crosses: deaths, and when" },
         times.join(", ")
     );
     if !run.scene.walls.is_empty() {
         caption += " Gray: walls and obstacles.";
     }
-    if !few {
+    if run.scene.robots.len() > NAMES_MAX {
         caption += " Colors are those of the replay and repeat.";
     }
-    if let Some(summary) = &run.summary {
-        if let Some(expectation) = summary.expected("min_clearance_m") {
-            caption += &judged(expectation, "The smallest clearance at any tick", "m");
-        }
-        if let Some(expectation) = summary.expected("tracking_error_m_max") {
-            caption +=
-                &judged(expectation, "The main leader's worst distance from m(t) at the end", "m");
-        }
-        if let Some(expectation) = summary.expected("final_error_m_max") {
-            caption += &judged(expectation, "The worst error of the living at the end", "m");
-        }
-        if let Some(expectation) = summary.expected("hull_distance_m_max") {
-            caption += &judged(
-                expectation,
-                "The contained robots, farthest outside the hull at the end",
-                "m",
-            );
-        }
+    for (name, of) in [
+        ("min_clearance_m", "The smallest clearance at any tick"),
+        ("tracking_error_m_max", "The main leader's worst distance from m(t) at the end"),
+        ("final_error_m_max", "The worst error of the living at the end"),
+        ("hull_distance_m_max", "The contained robots, farthest outside the hull at the end"),
+    ] {
+        caption += &judged(run, name, of, "m");
     }
-    Some(Figure {
-        name: "trajectories",
-        title: "Trajectories in the plane".into(),
-        caption,
-        width: WIDTH,
-        height: place.height,
-        panels: vec![(place, panel)],
-        key,
-    })
+    caption
 }
 
 /// The lowest and the highest x and y.
 type Reach = (Point, Point);
 
-fn reach<'p>(points: impl Iterator<Item = &'p Point>) -> Reach {
-    let nowhere = ((f64::INFINITY, f64::INFINITY), (-f64::INFINITY, -f64::INFINITY));
-    points.fold(nowhere, |(low, high), at| {
+/// `None` of no points.
+fn reach<'p>(points: impl Iterator<Item = &'p Point>) -> Option<Reach> {
+    points.map(|&at| (at, at)).reduce(|(low, high), (at, _)| {
         ((low.0.min(at.0), low.1.min(at.1)), (high.0.max(at.0), high.1.max(at.1)))
     })
+}
+
+/// A panel in which both axes have the same scale, and how many m a px is: the height follows the width within
+/// bounds, then one of both ranges grows until it fits.
+fn in_scale((lowest, highest): Reach) -> (Place, Panel, f64) {
+    let margin = |low: f64, high: f64| (high - low).max(0.1) * 0.06 + 0.02;
+    let (dx, dy) = (margin(lowest.0, highest.0), margin(lowest.1, highest.1));
+    let size = (highest.0 - lowest.0 + 2.0 * dx, highest.1 - lowest.1 + 2.0 * dy);
+    let mut place = Place { x: 0.0, y: 0.0, width: WIDTH, height: 0.0 };
+    let frame = place.height - place.inner(&[]).height;
+    let height = place.inner(&[]).width * size.1 / size.0 + frame;
+    place.height = height.clamp(HEIGHT.0, HEIGHT.1);
+    let inner = place.inner(&[]);
+    let m_per_px = (size.0 / inner.width).max(size.1 / inner.height);
+    let axis = |label: &str, low: f64, high: f64, px: f64| {
+        let (middle, half) = ((low + high) / 2.0, m_per_px * px / 2.0);
+        Axis::exact(label, middle - half, middle + half)
+    };
+    let x = axis("x (m)", lowest.0, highest.0, inner.width);
+    let y = axis("y (m)", lowest.1, highest.1, inner.height);
+    (place, Panel::new(x, y), m_per_px)
 }
 
 /// The same with the walls beside where the robots were, as far as they are near.
 fn with_walls(run: &Run, robots: Reach) -> Reach {
     let ((left, low), (right, high)) = robots;
     let beside = BESIDE * (right - left).max(high - low);
-    let near = ((left - beside, low - beside), (right + beside, high + beside));
-    let walls: Vec<Point> = run.scene.walls.iter().flat_map(|wall| seen(wall, near)).collect();
-    reach(walls.iter().chain([&robots.0, &robots.1]))
+    let (least, most) = ((left - beside, low - beside), (right + beside, high + beside));
+    let near = |(x, y): Point| (x.clamp(least.0, most.0), y.clamp(least.1, most.1));
+    let walls = run.scene.walls.iter().filter_map(|wall| reach(outline(wall).iter()));
+    let walls = walls.filter(|(low, high)| {
+        (low.0 <= most.0 && high.0 >= least.0) && (low.1 <= most.1 && high.1 >= least.1)
+    });
+    let walls = walls.map(|(low, high)| (near(low), near(high)));
+    let corners: Vec<Point> = walls.flat_map(|(low, high)| [low, high]).collect();
+    reach(corners.iter().chain([&robots.0, &robots.1])).unwrap_or(robots)
 }
 
-/// The part of a wall within a rectangle. (Sutherland and Hodgman: side by side)
-fn seen(wall: &Obstacle, (low, high): Reach) -> Vec<Point> {
-    let mut outline: Vec<Point> = wall.outline().into_iter().map(point).collect();
-    // How far inside of each side a point is.
-    let sides: [&dyn Fn(Point) -> f64; 4] =
-        [&|p| p.0 - low.0, &|p| high.0 - p.0, &|p| p.1 - low.1, &|p| high.1 - p.1];
-    for inside in sides {
-        let mut kept = Vec::new();
-        for (i, &to) in outline.iter().enumerate() {
-            let from = outline[(i + outline.len() - 1) % outline.len()];
-            let (a, b) = (inside(from), inside(to));
-            if (a < 0.0) != (b < 0.0) {
-                let share = a / (a - b);
-                kept.push((from.0 + share * (to.0 - from.0), from.1 + share * (to.1 - from.1)));
-            }
-            if b >= 0.0 {
-                kept.push(to);
-            }
-        }
-        outline = kept;
+/// What stands in the way.
+fn walls(run: &Run, panel: &mut Panel) {
+    for wall in &run.scene.walls {
+        panel.areas.push((outline(wall), GRAY, 0.35));
+        panel.outline(outline(wall), Line::solid(BLACK).width(0.8));
     }
-    outline
+}
+
+fn outline(wall: &Obstacle) -> Vec<Point> {
+    wall.outline().into_iter().map(point).collect()
 }
 
 fn point(at: Vec2) -> Point {
@@ -233,12 +194,10 @@ fn deaths(run: &Run) -> Vec<Mark> {
 
 /// The robots at one instant, and what holds them together.
 fn formation(run: &Run, instant: usize, m_per_px: f64, opacity: f64, panel: &mut Panel) {
-    let robots = run.scene.robots.len();
     if let Some((_, leaders)) = run.containment() {
-        let mut corners: Vec<Point> = run.hull(&leaders, instant).into_iter().map(point).collect();
+        let corners: Vec<Point> = run.hull(&leaders, instant).into_iter().map(point).collect();
         panel.areas.push((corners.clone(), ORANGE, 0.2 * opacity));
-        corners.extend(corners.first().copied());
-        panel.curves.push((corners, Line { opacity, ..Line::solid(ORANGE).weight(2) }, false));
+        panel.outline(corners, Line::solid(ORANGE).width(0.8).opacity(opacity));
     } else {
         for edge in &run.scene.edges {
             let ends = [edge.from, edge.to].map(|robot| point(run.alpha(robot, instant)));
@@ -246,11 +205,11 @@ fn formation(run: &Run, instant: usize, m_per_px: f64, opacity: f64, panel: &mut
             let living = [edge.from, edge.to].iter().all(|&r| run.tracks[r][instant].alive);
             let (dash, opacity) =
                 if living { (Dash::Solid, opacity) } else { (Dash::Dotted, 0.6 * opacity) };
-            let line = Line { opacity, ..Line::solid(GRAY).weight(1) };
+            let line = Line::solid(GRAY).width(0.4).opacity(opacity);
             panel.curves.push((ends.into(), line.dashed(dash), false));
         }
     }
-    for robot in 0..robots {
+    for robot in 0..run.scene.robots.len() {
         let sample = run.tracks[robot][instant];
         let nose = run.alpha(robot, instant);
         if !(nose.x.is_finite() && nose.y.is_finite()) {
@@ -262,61 +221,46 @@ fn formation(run: &Run, instant: usize, m_per_px: f64, opacity: f64, panel: &mut
         let side = 0.4 * length * Vec2::new(-sin, cos);
         let color = if sample.alive { color(robot) } else { GRAY };
         let body: Vec<Point> = [nose, back + side, back - side].into_iter().map(point).collect();
-        let mut outline = body.clone();
-        outline.push(body[0]);
-        panel.areas.push((body, color, opacity));
-        panel.curves.push((outline, Line { opacity, ..Line::solid(BLACK).weight(1) }, false));
+        panel.areas.push((body.clone(), color, opacity));
+        panel.outline(body, Line::solid(BLACK).width(0.4).opacity(opacity));
     }
 }
 
-/// Where something is drawn that a time shall not stand on: middles, m, and half of the room, px.
-struct Taken {
-    m_per_px: f64,
-    rooms: Vec<(Point, Point)>,
-}
-
-impl Taken {
-    /// All robots that are shown, and the marks of the panel with their labels.
-    fn of(run: &Run, shown: &[usize], panel: &Panel, m_per_px: f64) -> Taken {
-        let mut rooms = Vec::new();
-        for &instant in shown {
-            let robots = 0..run.tracks.len();
-            rooms.extend(robots.map(|robot| (body(run, robot, instant, m_per_px), ROBOT)));
-        }
-        for mark in &panel.marks {
-            let half = mark.label.chars().count() as f64 * LETTER / 2.0;
-            let (x, y) = (mark.at.0 + (8.0 + half) * m_per_px, mark.at.1 + 10.0 * m_per_px);
-            rooms.extend([(mark.at, (4.0, 4.0)), ((x, y), (half, LABEL.1))]);
-        }
-        rooms.retain(|((x, y), _)| x.is_finite() && y.is_finite());
-        Taken { m_per_px, rooms }
+/// The times of these instants, each beside one of its robots: the highest one that has room for it above,
+/// below or at a side; nothing where none has.
+fn times(run: &Run, shown: &[usize], panel: &Panel, m_per_px: f64) -> Vec<Mark> {
+    let bodies = |instant: usize| {
+        let bodies = (0..run.tracks.len()).map(move |robot| body(run, robot, instant, m_per_px));
+        bodies.filter(|(x, y)| x.is_finite() && y.is_finite())
+    };
+    // What is drawn already: its middle, and half of its room, px.
+    let robots = shown.iter().flat_map(|&instant| bodies(instant)).map(|at| (at, ROBOT));
+    let mut rooms: Vec<(Point, Point)> = robots.collect();
+    for Mark { at, label, .. } in &panel.marks {
+        let half = label.chars().count() as f64 * LETTER / 2.0;
+        let words = (at.0 + (8.0 + half) * m_per_px, at.1 + 10.0 * m_per_px);
+        rooms.extend([(*at, (4.0, 4.0)), (words, (half, LABEL.1))]);
     }
-
-    fn is_free(&self, at: Point) -> bool {
-        let apart = |a: f64, b: f64, room: f64| (a - b).abs() >= room * self.m_per_px;
-        self.rooms.iter().all(|&(other, half)| {
-            apart(at.0, other.0, half.0 + LABEL.0) || apart(at.1, other.1, half.1 + LABEL.1)
-        })
-    }
-
-    /// The time of an instant beside one of its robots: the highest one that has room for it above,
-    /// below or at a side; nothing if none has.
-    fn time(&mut self, run: &Run, instant: usize) -> Option<Mark> {
-        let robots = 0..run.tracks.len();
-        let mut bodies: Vec<Point> =
-            robots.map(|robot| body(run, robot, instant, self.m_per_px)).collect();
-        bodies.retain(|(x, y)| x.is_finite() && y.is_finite());
-        bodies.sort_by(|a, b| b.1.total_cmp(&a.1));
-        let (aside, above) = (ROBOT.0 + LABEL.0 + 1.0, ROBOT.1 + LABEL.1 + 1.0);
-        let ways = [(0.0, above), (0.0, -above), (aside, 0.0), (-aside, 0.0)];
-        let beside = |&(x, y): &Point| {
-            ways.map(|(right, up)| (x + right * self.m_per_px, y + up * self.m_per_px))
+    rooms.retain(|((x, y), _)| x.is_finite() && y.is_finite());
+    let apart = |a: f64, b: f64, room: f64| (a - b).abs() >= room * m_per_px;
+    let (aside, above) = (ROBOT.0 + LABEL.0 + 1.0, ROBOT.1 + LABEL.1 + 1.0);
+    let ways = [(0.0, above), (0.0, -above), (aside, 0.0), (-aside, 0.0)];
+    let mut marks = Vec::new();
+    for &instant in shown {
+        let mut highest: Vec<Point> = bodies(instant).collect();
+        highest.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let beside = |&(x, y): &Point| ways.map(|(dx, dy)| (x + dx * m_per_px, y + dy * m_per_px));
+        let is_free = |at: &Point| {
+            rooms.iter().all(|(other, half)| {
+                apart(at.0, other.0, half.0 + LABEL.0) || apart(at.1, other.1, half.1 + LABEL.1)
+            })
         };
-        let at = bodies.iter().flat_map(beside).find(|&at| self.is_free(at))?;
-        self.rooms.push((at, LABEL));
+        let Some(at) = highest.iter().flat_map(beside).find(is_free) else { continue };
+        rooms.push((at, LABEL));
         let label = format!("{:.1} s", run.times_s[instant]);
-        Some(Mark { at, shape: Shape::Words, color: BLACK, label })
+        marks.push(Mark { at, shape: Shape::Words, color: BLACK, label });
     }
+    marks
 }
 
 /// The middle of what is drawn of a robot.

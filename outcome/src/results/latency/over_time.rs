@@ -3,10 +3,10 @@
 //! A value belongs to the stretch in which it reached the supervisor: up to 0.1 s of wall time after
 //! it was measured, in lockstep up to a few hundred ticks.
 
-use protocol::stage::Stage;
-use serde::Serialize;
-
 use formation::seconds;
+use protocol::stage::Stage;
+
+use crate::metrics::summary::Stretch;
 
 /// A run has about so many stretches,
 const STRETCHES: u64 = 100;
@@ -16,47 +16,13 @@ const STRETCHES_MIN: u64 = 20;
 /// nor longer, so that the values of one have room.
 const LENGTH_NS_MAX: u64 = 10_000_000_000;
 
-/// One line of `latency_over_time.csv`.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Stretch {
-    /// Its middle, s.
-    pub t_s: f64,
-    /// A [`Stage`], in its word.
-    pub stage: &'static str,
-    /// The robot it is measured at, or whose loop it is; or `plant`.
-    pub robot: String,
-    /// Of an edge: whom the robot hears.
-    pub from: Option<String>,
-    /// How many values.
-    pub count: usize,
-    /// Half of the values are at most this, ns.
-    pub p50_ns: u64,
-    /// 99 % of them.
-    pub p99_ns: u64,
-    /// The largest, ns.
-    pub max_ns: u64,
-}
-
 /// Everything up to the stretch at hand.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Stretches {
     duration_ns: u64,
     length_ns: u64,
     at_hand: u64,
-    closed: Vec<Closed>,
-}
-
-/// A line without names: the plant is 0, robots count from 1.
-#[derive(Debug, Clone)]
-struct Closed {
-    middle_s: f64,
-    stage: Stage,
-    robot: usize,
-    from: Option<usize>,
-    count: usize,
-    p50_ns: u64,
-    p99_ns: u64,
-    max_ns: u64,
+    pub(super) closed: Vec<Stretch>,
 }
 
 impl Stretches {
@@ -88,8 +54,8 @@ impl Stretches {
         &mut self,
         middle_s: f64,
         stage: Stage,
-        robot: usize,
-        from: Option<usize>,
+        robot: &str,
+        from: Option<&str>,
         values_ns: &mut Vec<u64>,
     ) {
         let count = values_ns.len();
@@ -102,22 +68,17 @@ impl Stretches {
         let max_ns = above.iter().copied().max().unwrap_or(p99_ns);
         let half = rank(50);
         let p50_ns = if half < below.len() { *below.select_nth_unstable(half).1 } else { p99_ns };
-        self.closed.push(Closed { middle_s, stage, robot, from, count, p50_ns, p99_ns, max_ns });
+        self.closed.push(Stretch {
+            t_s: middle_s,
+            stage: stage.word().to_owned(),
+            robot: robot.to_owned(),
+            from: from.map(str::to_owned),
+            count: count as u64,
+            p50_ns,
+            p99_ns,
+            max_ns,
+        });
         values_ns.clear();
-    }
-
-    pub(super) fn lines<'a>(&self, name: impl Fn(usize) -> &'a str) -> Vec<Stretch> {
-        let line = |closed: &Closed| Stretch {
-            t_s: closed.middle_s,
-            stage: closed.stage.word(),
-            robot: name(closed.robot).to_owned(),
-            from: closed.from.map(|from| name(from).to_owned()),
-            count: closed.count,
-            p50_ns: closed.p50_ns,
-            p99_ns: closed.p99_ns,
-            max_ns: closed.max_ns,
-        };
-        self.closed.iter().map(line).collect()
     }
 }
 
@@ -132,12 +93,12 @@ mod tests {
             values_ns in prop::collection::vec(0..1000u64, 1..300),
         ) {
             let mut stretches = Stretches::new(30_000_000_000);
-            stretches.add(0.5, Stage::Wake, 0, None, &mut values_ns.clone());
+            stretches.add(0.5, Stage::Wake, "plant", None, &mut values_ns.clone());
             let mut sorted = values_ns;
             sorted.sort_unstable();
             let rank = |share: f64| sorted[(sorted.len() as f64 * share).ceil() as usize - 1];
-            let line = &stretches.lines(|_| "plant")[0];
-            let summed_up = (line.count, line.p50_ns, line.p99_ns, line.max_ns);
+            let line = &stretches.closed[0];
+            let summed_up = (line.count as usize, line.p50_ns, line.p99_ns, line.max_ns);
             let expected = (sorted.len(), rank(0.5), rank(0.99), sorted[sorted.len() - 1]);
             prop_assert_eq!(summed_up, expected);
         }

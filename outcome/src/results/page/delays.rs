@@ -2,47 +2,28 @@
 
 use std::path::Path;
 
-use crate::report::run::{Bin, Spread};
+use crate::report::run::{Spread, Stretch};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use hdrhistogram::Histogram;
 use hdrhistogram::serialization::Deserializer;
 use hdrhistogram::serialization::interval_log::{IntervalLogIterator, LogEntry};
-use serde::Deserialize;
 
-use super::{ReportError, text};
+use super::ReportError;
+use super::files::{each_line, text};
 
 /// A histogram has thousands of values: of those nearer than this share to the last one that was
 /// told, the largest does.
 const NEAR: f64 = 0.01;
 
-/// A line of `latency_over_time.csv`.
-#[derive(Deserialize)]
-struct Line {
-    t_s: f64,
-    stage: String,
-    robot: String,
-    from: Option<String>,
-    count: u64,
-    p50_ns: u64,
-    p99_ns: u64,
-    max_ns: u64,
-}
-
 /// Reads `latency_over_time.csv`; nothing if the run was cut short before it was written.
-pub(super) fn over_time(path: &Path) -> Result<Vec<Bin>, ReportError> {
-    let Some(text) = text(path)? else { return Ok(Vec::new()) };
-    let mut reader = csv::Reader::from_reader(&text[..]);
-    let line = |line: Result<Line, csv::Error>| {
-        let Line { t_s, stage, robot, from, count, p50_ns, p99_ns, max_ns } =
-            line.map_err(|error| ReportError::Broken {
-                path: path.into(),
-                line: error.position().map_or(0, csv::Position::line),
-                what: error.to_string(),
-            })?;
-        Ok(Bin { t_s, stage, robot, from, count, p50_ns, p99_ns, max_ns })
-    };
-    reader.deserialize().map(line).collect()
+pub(super) fn over_time(path: &Path) -> Result<Vec<Stretch>, ReportError> {
+    let mut stretches = Vec::new();
+    each_line(path, |stretch| {
+        stretches.push(stretch);
+        Ok(())
+    })?;
+    Ok(stretches)
 }
 
 /// Reads `latency.hlog`; nothing if the run was cut short before it was written.

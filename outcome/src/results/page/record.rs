@@ -4,15 +4,17 @@
 //! is left out.
 
 use std::collections::HashMap;
+use std::iter::Peekable;
 use std::path::Path;
 
 use crate::report::run::{Change, ChangedTo, Sample};
-use crate::report::scene::{RobotState, Scene, SceneFault};
-use csv::{ByteRecord, ReaderBuilder};
+use crate::report::scene::{EdgeState, RobotState, Scene, SceneFault};
 use formation::Vec2;
 use formation::pose::Pose;
+use serde::Deserialize;
 
-use super::{ReportError, edge_state, text};
+use super::ReportError;
+use super::files::{each_line, each_line_of, text};
 use crate::metrics::vectors::{ErrorVectors, Silence};
 use crate::results::goals;
 use experiment::scenario::Scenario;
@@ -21,11 +23,6 @@ use experiment::scenario::Silenced;
 /// No more samples of one robot at one instant than this are taken in; of a longer record only one
 /// of so many instants.
 const SAMPLES_MAX: usize = 2_000_000;
-const SAMPLES_COLUMNS: [&str; 9] =
-    ["t_s", "robot", "x_m", "y_m", "heading_rad", "v_m_s", "w_rad_s", "error_m", "alive"];
-/// Behind these; in a run of an earlier version there is none.
-const IDEAL_COLUMN: &str = "ideal_error_m";
-const EVENTS_COLUMNS: [&str; 4] = ["t_s", "kind", "robot", "detail"];
 
 /// What `samples.csv` holds.
 pub(super) struct Record {
@@ -34,72 +31,25 @@ pub(super) struct Record {
     pub(super) every: usize,
 }
 
-/// A table that begins with known columns, in their order; later versions may append others.
-struct Lines<'a> {
-    path: &'a Path,
-    reader: csv::Reader<&'a [u8]>,
-    record: ByteRecord,
-    /// All that there are.
-    columns: Vec<String>,
+/// A line of `events.csv`.
+#[derive(Deserialize)]
+pub(super) struct Event {
+    t_s: f64,
+    kind: String,
+    robot: String,
+    detail: String,
 }
 
-impl<'a> Lines<'a> {
-    fn new(path: &'a Path, text: &'a [u8], columns: &[&str]) -> Result<Lines<'a>, ReportError> {
-        // Whatever follows the last line's end was being written when the run was killed.
-        let whole = text.iter().rposition(|&byte| byte == b'\n').map_or(0, |place| place + 1);
-        let mut reader = ReaderBuilder::new().flexible(true).from_reader(&text[..whole]);
-        let name = |name: &[u8]| String::from_utf8_lossy(name).into_owned();
-        let found = reader.byte_headers().map(|found| found.iter().map(name).collect::<Vec<_>>());
-        let sound = |found: &Vec<String>| {
-            found.is_empty()
-                || found.iter().zip(columns).filter(|(a, b)| a == b).count() == columns.len()
-        };
-        let Some(found) = found.ok().filter(sound) else {
-            let what = format!("has other columns, expected {}", columns.join(","));
-            return Err(ReportError::Broken { path: path.into(), line: 1, what });
-        };
-        Ok(Lines { path, reader, record: ByteRecord::new(), columns: found })
-    }
-
-    /// Goes on to the next line; `false` at the end.
-    fn next(&mut self) -> Result<bool, ReportError> {
-        let read = self.reader.read_byte_record(&mut self.record);
-        if !read.map_err(|error| self.broken(error.to_string()))? {
-            return Ok(false);
-        }
-        let (found, expected) = (self.record.len(), self.columns.len());
-        if found == expected {
-            return Ok(true);
-        }
-        Err(self.broken(format!("has {found} fields, expected {expected}")))
-    }
-
-    fn word(&self, column: usize) -> Result<&str, ReportError> {
-        let field = &self.record[column];
-        std::str::from_utf8(field)
-            .map_err(|_| self.broken(format!("{:?} is no text", String::from_utf8_lossy(field))))
-    }
-
-    fn number(&self, column: usize) -> Result<f64, ReportError> {
-        let word = self.word(column)?;
-        word.parse().map_err(|_| self.broken(format!("{word:?} is no number")))
-    }
-
-    /// Where a column is that may be missing.
-    fn column(&self, name: &str) -> Option<usize> {
-        self.columns.iter().position(|known| known == name)
-    }
-
-    /// A number, if the column is there and not empty.
-    fn maybe_number(&self, column: Option<usize>) -> Result<Option<f64>, ReportError> {
-        let filled = column.filter(|&column| !self.record[column].is_empty());
-        filled.map(|column| self.number(column)).transpose()
-    }
-
-    fn broken(&self, what: String) -> ReportError {
-        let line = self.record.position().map_or(0, csv::Position::line);
-        ReportError::Broken { path: self.path.into(), line, what }
-    }
+/// Reads `events.csv`.
+pub(super) fn events(path: &Path) -> Result<Vec<Event>, ReportError> {
+    let mut events = Vec::new();
+    each_line(path, |event| {
+        events.push(event);
+        Ok(())
+    })?;
+    // A contact is told with the time at which it began.
+    events.sort_by(|a: &Event, b| a.t_s.total_cmp(&b.t_s));
+    Ok(events)
 }
 
 /// Where a robot was sent from outside.
@@ -109,22 +59,62 @@ pub(super) struct SentTo {
     goal: Vec2,
 }
 
-/// Reads `events.csv`: where robots were sent from outside, in order of time.
-pub(super) fn goals(path: &Path, scenario: &Scenario) -> Result<Vec<SentTo>, ReportError> {
-    let Some(text) = text(path)? else { return Ok(Vec::new()) };
-    let mut sent = Vec::new();
-    let mut lines = Lines::new(path, &text, &EVENTS_COLUMNS)?;
-    while lines.next()? {
-        if lines.word(1)? != goals::EVENT {
-            continue;
-        }
-        let (t_s, name) = (lines.number(0)?, lines.word(2)?);
-        let robot = scenario.robots.iter().position(|robot| robot.name == name);
-        let place_m = goals::place_m(lines.word(3)?);
-        sent.extend(robot.zip(place_m).map(|(robot, m)| SentTo { t_s, robot, goal: m.into() }));
+/// Where robots were sent from outside, in order of time.
+pub(super) fn goals(events: &[Event], scenario: &Scenario) -> Vec<SentTo> {
+    let sent = |event: &Event| {
+        let robot = scenario.robots.iter().position(|robot| robot.name == event.robot)?;
+        Some(SentTo { t_s: event.t_s, robot, goal: goals::place_m(&event.detail)?.into() })
+    };
+    events.iter().filter(|event| event.kind == goals::EVENT).filter_map(sent).collect()
+}
+
+/// What became of robots and edges, in order of time.
+pub(super) fn changes(events: &[Event], scene: &Scene) -> Vec<Change> {
+    let robots = scene.robots.iter().enumerate();
+    let place: HashMap<&str, usize> = robots.map(|(i, robot)| (robot.name.as_str(), i)).collect();
+    let change = |Event { t_s, kind, robot, detail }: &Event| {
+        let robot = *place.get(robot.as_str())?;
+        let state = match kind.as_str() {
+            "kill" | "died" => RobotState::Dead,
+            "restart" => RobotState::Starting,
+            "ready" | "thaw" | "led" => RobotState::Moving,
+            "orphaned" => RobotState::Orphaned,
+            "freeze" if detail.starts_with("SIGSTOP") => RobotState::Frozen,
+            "contact" => {
+                let (word, heard) = detail.split_once(' ')?;
+                let ends = (*place.get(heard)?, robot);
+                let edge = scene.edges.iter().position(|edge| (edge.from, edge.to) == ends)?;
+                let to = ChangedTo::Edge(edge, edge_state(word)?);
+                return Some(Change { t_s: *t_s, to });
+            }
+            _ => return None,
+        };
+        Some(Change { t_s: *t_s, to: ChangedTo::Robot(robot, state) })
+    };
+    events.iter().filter_map(change).collect()
+}
+
+/// The state of an edge, by its word in `events.csv`.
+fn edge_state(word: &str) -> Option<EdgeState> {
+    match word {
+        "fresh" => Some(EdgeState::Fresh),
+        "stale" => Some(EdgeState::Stale),
+        "lost" => Some(EdgeState::Lost),
+        _ => None,
     }
-    sent.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
-    Ok(sent)
+}
+
+/// A line of `samples.csv`. In a run of an earlier version there is no `ideal_error_m`.
+#[derive(Deserialize)]
+struct Line {
+    t_s: f64,
+    robot: String,
+    x_m: f64,
+    y_m: f64,
+    heading_rad: f64,
+    error_m: Option<f64>,
+    alive: u8,
+    ideal_error_m: Option<f64>,
 }
 
 /// Reads `samples.csv`; without the file, nothing was recorded.
@@ -137,61 +127,83 @@ pub(super) fn record(
     let robots = scenario.robots.len();
     let mut record = Record { times_s: Vec::new(), tracks: vec![Vec::new(); robots], every: 1 };
     let Some(text) = text(path)? else { return Ok(record) };
-    let samples = text.iter().filter(|&&byte| byte == b'\n').count();
-    record.every = samples.div_ceil(SAMPLES_MAX).max(1);
-    let place: HashMap<&str, usize> =
-        scenario.robots.iter().enumerate().map(|(i, robot)| (robot.name.as_str(), i)).collect();
-    let mut errors = ErrorVectors::new(scenario, silences(scenario, faults));
-    let mut goals = goals.iter().peekable();
-    let mut lines = Lines::new(path, &text, &SAMPLES_COLUMNS)?;
-    let ideal = lines.column(IDEAL_COLUMN);
-    let mut instant: Vec<Option<Sample>> = vec![None; robots];
-    let (mut missing, mut number) = (robots, 0usize);
-    let mut instant_s = f64::NAN;
-    let mut t_word = Vec::new();
-    let last = samples.saturating_sub(robots) as u64 + 1;
-    while lines.next()? {
-        let begins = missing == robots;
-        if begins {
-            t_word.clear();
-            t_word.extend_from_slice(&lines.record[0]);
-            instant_s = lines.number(0)?;
-            if !instant_s.is_finite() || record.times_s.last().is_some_and(|&t_s| t_s > instant_s) {
-                return Err(lines.broken(format!("{instant_s} is no later time")));
-            }
-        } else if lines.record[0] != t_word[..] {
-            return Err(lines.broken(format!("begins an instant; {missing} robots still miss one")));
+    let lines = text.iter().filter(|&&byte| byte == b'\n').count();
+    record.every = lines.div_ceil(SAMPLES_MAX).max(1);
+    let names = scenario.robots.iter().map(|robot| robot.name.as_str());
+    let mut instants = Instants {
+        record,
+        place: names.zip(0..).collect(),
+        last: lines.saturating_sub(1) / robots.max(1),
+        errors: ErrorVectors::new(scenario, silences(scenario, faults)),
+        goals: goals.iter().peekable(),
+        number: 0,
+        t_s: f64::NEG_INFINITY,
+        samples: vec![None; robots],
+        missing: robots,
+    };
+    each_line_of(path, &text, |line| instants.take(line))?;
+    Ok(instants.record)
+}
+
+/// Puts the lines of each instant together.
+struct Instants<'a, G: Iterator<Item = &'a SentTo>> {
+    record: Record,
+    place: HashMap<&'a str, usize>,
+    /// How many there are.
+    last: usize,
+    errors: ErrorVectors,
+    goals: Peekable<G>,
+    /// Of those that are whole.
+    number: usize,
+    /// Of the one under way, s.
+    t_s: f64,
+    samples: Vec<Option<Sample>>,
+    missing: usize,
+}
+
+impl<'a, G: Iterator<Item = &'a SentTo>> Instants<'a, G> {
+    fn take(&mut self, line: Line) -> Result<(), String> {
+        let begins = self.missing == self.samples.len();
+        if begins && !(line.t_s.is_finite() && line.t_s >= self.t_s) {
+            return Err(format!("{} is no later time", line.t_s));
         }
-        let name = lines.word(1)?;
-        let Some(&robot) = place.get(name) else {
-            return Err(lines.broken(format!("{name:?} is no robot of scenario.toml")));
+        if !begins && line.t_s != self.t_s {
+            return Err(format!("begins an instant; {} robots still miss one", self.missing));
+        }
+        self.t_s = line.t_s;
+        let Some(&robot) = self.place.get(line.robot.as_str()) else {
+            return Err(format!("{:?} is no robot of scenario.toml", line.robot));
         };
         let sample = Sample {
-            x_m: lines.number(2)?,
-            y_m: lines.number(3)?,
-            heading_rad: lines.number(4)?,
-            error_m: lines.maybe_number(Some(7))?,
-            ideal_error_m: lines.maybe_number(ideal)?,
+            x_m: line.x_m,
+            y_m: line.y_m,
+            heading_rad: line.heading_rad,
+            error_m: line.error_m,
+            ideal_error_m: line.ideal_error_m,
             error_xy_m: None,
-            alive: &lines.record[8] == b"1",
+            alive: line.alive == 1,
         };
-        if instant[robot].replace(sample).is_some() {
-            return Err(lines.broken(format!("{name:?} is here twice at one time")));
+        if self.samples[robot].replace(sample).is_some() {
+            return Err(format!("{:?} is here twice at one time", line.robot));
         }
-        missing -= 1;
-        if missing > 0 {
-            continue;
+        self.missing -= 1;
+        if self.missing == 0 {
+            self.whole();
         }
-        let line = lines.record.position().map_or(0, csv::Position::line);
-        while let Some(sent) = goals.next_if(|sent| sent.t_s <= instant_s) {
-            errors.send(sent.robot, sent.goal);
+        Ok(())
+    }
+
+    /// Everybody's sample of this instant is there.
+    fn whole(&mut self) {
+        while let Some(sent) = self.goals.next_if(|sent| sent.t_s <= self.t_s) {
+            self.errors.send(sent.robot, sent.goal);
         }
-        if number.is_multiple_of(record.every) || line > last {
-            let whole = || instant.iter().flatten();
+        let samples: Vec<Sample> = self.samples.iter_mut().filter_map(Option::take).collect();
+        if self.number.is_multiple_of(self.record.every) || self.number + 1 >= self.last {
             let pose = |at: &Sample| Pose { x_m: at.x_m, y_m: at.y_m, heading_rad: at.heading_rad };
-            let poses: Vec<Pose> = whole().map(pose).collect();
-            for ((track, sample), error) in
-                record.tracks.iter_mut().zip(whole()).zip(errors.at(instant_s, &poses))
+            let poses: Vec<Pose> = samples.iter().map(pose).collect();
+            let errors = self.errors.at(self.t_s, &poses);
+            for ((track, sample), error) in self.record.tracks.iter_mut().zip(&samples).zip(errors)
             {
                 // Who was silent at that very moment is not known to the tick: where the error
                 // is not the one that was measured, it is another one.
@@ -202,13 +214,11 @@ pub(super) fn record(
                 let error_xy_m = error.filter(same).map(|error| [error.x, error.y]);
                 track.push(Sample { error_xy_m, ..*sample });
             }
-            record.times_s.push(instant_s);
+            self.record.times_s.push(self.t_s);
         }
-        number += 1;
-        missing = robots;
-        instant.fill(None);
+        self.number += 1;
+        self.missing = self.samples.len();
     }
-    Ok(record)
 }
 
 /// Who and what was silent, and when.
@@ -230,44 +240,4 @@ fn silences(scenario: &Scenario, faults: &[SceneFault]) -> Vec<Silence> {
         }
     };
     faults.iter().map(silence).collect()
-}
-
-/// Reads `events.csv`: what became of robots and edges, in order of time.
-pub(super) fn changes(path: &Path, scene: &Scene) -> Result<Vec<Change>, ReportError> {
-    let Some(text) = text(path)? else { return Ok(Vec::new()) };
-    let robots = scene.robots.iter().enumerate();
-    let place: HashMap<&str, usize> = robots.map(|(i, robot)| (robot.name.as_str(), i)).collect();
-    let edges = scene.edges.iter().enumerate();
-    let edge: HashMap<(usize, usize), usize> =
-        edges.map(|(i, edge)| ((edge.from, edge.to), i)).collect();
-    let mut changes = Vec::new();
-    let mut lines = Lines::new(path, &text, &EVENTS_COLUMNS)?;
-    while lines.next()? {
-        let t_s = lines.number(0)?;
-        let Some(&robot) = place.get(lines.word(2)?) else { continue };
-        let detail = lines.word(3)?;
-        let to = match lines.word(1)? {
-            "kill" | "died" => ChangedTo::Robot(robot, RobotState::Dead),
-            "restart" => ChangedTo::Robot(robot, RobotState::Starting),
-            "ready" | "thaw" | "led" => ChangedTo::Robot(robot, RobotState::Moving),
-            "orphaned" => ChangedTo::Robot(robot, RobotState::Orphaned),
-            "freeze" if detail.starts_with("SIGSTOP") => {
-                ChangedTo::Robot(robot, RobotState::Frozen)
-            }
-            "contact" => {
-                let words = detail.split_once(' ');
-                let known = words.and_then(|(word, heard)| {
-                    let edge = *edge.get(&(*place.get(heard)?, robot))?;
-                    Some(ChangedTo::Edge(edge, edge_state(word)?))
-                });
-                let Some(known) = known else { continue };
-                known
-            }
-            _ => continue,
-        };
-        changes.push(Change { t_s, to });
-    }
-    // A contact is told with the time at which it began.
-    changes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
-    Ok(changes)
 }

@@ -1,0 +1,265 @@
+//! What is said of a run that is over: one list of facts, and rows of tables, for the screen and the page alike.
+
+use protocol::brief::Pace;
+use protocol::number::{short, told_apart};
+use protocol::stage::Cause;
+
+use crate::metrics::expect::{self, Verdict};
+use crate::metrics::fault::FaultReport;
+use crate::metrics::summary::{Commands, GoalSummary, InformationAge, StageLatency, Summary};
+use crate::report::digits::digits;
+
+/// Of more robots than this, only those with the largest errors are named, and not all in a list.
+const ROBOTS_SHOWN: usize = 12;
+/// The verdict on a run of which nothing is expected: it has neither passed nor failed.
+const UNDECLARED: &str = "no expectations declared; exit code 0 says that the run ended as planned";
+
+/// How it went, in words; and the worst verdict, if it is one.
+pub fn verdict(summary: &Summary) -> (&'static str, Option<Verdict>) {
+    match (summary.interrupted, summary.exit, expect::worst(&summary.expectations)) {
+        (true, ..) => ("interrupted", Some(Verdict::Missed)),
+        (_, 4, _) => ("ended early", Some(Verdict::Missed)),
+        (.., None) => (UNDECLARED, None),
+        (.., Some(worst)) => (worst.of_all(), Some(worst)),
+    }
+}
+
+/// One expectation: what it is about, what was measured, what was required, how it came out, and why.
+pub struct Judged<'s> {
+    /// Its key in the scenario.
+    pub name: &'s str,
+    /// In as many digits as tell it from what was required.
+    pub measured: String,
+    /// With its relation.
+    pub required: String,
+    /// How it came out.
+    pub verdict: Verdict,
+    /// Where the value does not say.
+    pub reason: Option<&'s str>,
+}
+
+/// All expectations, in order.
+pub fn expectations(summary: &Summary) -> impl Iterator<Item = Judged<'_>> {
+    summary.expectations.iter().map(|expectation| {
+        let bound = expectation.bound;
+        let (measured, bound) = match expectation.value {
+            Some(value) => told_apart(value, bound).into(),
+            None => ("-".to_owned(), short(bound)),
+        };
+        Judged {
+            name: &expectation.name,
+            measured,
+            required: format!("{} {bound}", expectation.relation()),
+            verdict: expectation.verdict(),
+            reason: expectation.reason.as_deref(),
+        }
+    })
+}
+
+/// What to do about a miss that may be the machine's: more than half of many late wake-ups waited for a
+/// core.
+pub fn advice(summary: &Summary) -> Option<String> {
+    if expect::worst(&summary.expectations)? != Verdict::Missed {
+        return None;
+    }
+    let late = summary.late_by_cause();
+    let total: u64 = late.iter().map(|&(_, count)| count).sum();
+    let waited = late.iter().find(|(cause, _)| *cause == Cause::Core)?.1;
+    (summary.pace == Pace::Realtime && summary.deadline_misses > 0 && 2 * waited > total).then(|| {
+        format!(
+            "other programs wanted the cores ({waited} of {total} late wake-ups waited for one): \
+             `--pace lockstep` does not depend on that"
+        )
+    })
+}
+
+/// Names and values, in order.
+pub fn facts(summary: &Summary) -> Vec<(String, String)> {
+    let mut facts = Facts(Vec::new());
+    facts.of_the_formation(summary);
+    facts.of_the_run(summary);
+    facts.of_what_was_lost(summary);
+    facts.of_the_machine(summary);
+    facts.0
+}
+
+struct Facts(Vec<(String, String)>);
+
+impl Facts {
+    fn say(&mut self, name: &str, value: impl Into<String>) {
+        self.0.push((name.to_owned(), value.into()));
+    }
+
+    fn of_the_formation(&mut self, summary: &Summary) {
+        if let (Some(distance_m), Some([a, b]), Some(t_s)) =
+            (summary.min_distance_m, &summary.min_distance_pair, summary.min_distance_t_s)
+        {
+            let below = match summary.violations {
+                0 => String::new(),
+                ticks => format!(", below d at {ticks} ticks"),
+            };
+            let distance = digits(distance_m);
+            self.say("smallest distance", format!("{distance} m, {a} - {b} at {t_s:.3} s{below}"));
+        }
+        if let Some(clearance) = &summary.min_clearance {
+            let whereabouts = clearance.whereabouts(summary.clearance_violations);
+            let distance = digits(clearance.distance_m);
+            self.say("smallest clearance", format!("{distance} m, {whereabouts}"));
+        }
+        let converged = summary.converged_at_s;
+        self.say("converged", converged.map_or("never".into(), |t_s| format!("at {t_s:.3} s")));
+        for (errors, all, largest) in [
+            (&summary.final_error_m, "final errors, m", "largest errors, m"),
+            (&summary.final_ideal_error_m, "to ideal places, m", "farthest off, m"),
+        ] {
+            let mut errors: Vec<_> = errors.iter().collect();
+            let few = errors.len() <= ROBOTS_SHOWN;
+            if !few {
+                errors.sort_by(|(_, a), (_, b)| b.partial_cmp(a).expect("errors are no NaN"));
+                errors.truncate(ROBOTS_SHOWN / 2);
+            }
+            let shown =
+                errors.iter().map(|(robot, error_m)| format!("{robot} {}", or_dash(*error_m)));
+            self.say(if few { all } else { largest }, shown.collect::<Vec<_>>().join("  "));
+        }
+        for (name, error_m) in [
+            ("tracking error, m", summary.tracking_error_m_max),
+            ("outside the hull, m", summary.hull_distance_m_max_final),
+        ] {
+            if let Some(error_m) = error_m {
+                self.say(name, digits(error_m));
+            }
+        }
+    }
+
+    fn of_the_run(&mut self, summary: &Summary) {
+        let wall = &summary.wall;
+        let early = if summary.ended_early { ", ended early," } else { "" };
+        self.say(
+            "time",
+            format!(
+                "{:.3} s run{early} in {:.3} s of wall time, {:.0} ticks/s, {:.2} x real time",
+                summary.t_s, wall.wall_s, wall.ticks_per_s, wall.real_time_factor
+            ),
+        );
+        if let Some(hash) = &summary.trajectory_hash {
+            self.say("trajectory hash", hash);
+        }
+        if summary.pace == Pace::Realtime {
+            self.say("deadline misses", summary.deadline_misses.to_string());
+        }
+        let Commands { late, old, not_finite, scaled, expired, lost, .. } = summary.commands;
+        let refused = late + old + not_finite;
+        let commands =
+            format!("{refused} refused, {scaled} scaled, {expired} expired, {lost} lost");
+        self.say("commands", commands);
+    }
+
+    fn of_what_was_lost(&mut self, summary: &Summary) {
+        let beacons: u64 = summary.beacons_refused.iter().map(|(_, refused)| refused).sum();
+        if beacons > 0 {
+            self.say("beacons", format!("{beacons} refused"));
+        }
+        if summary.truths_lost > 0 {
+            let gaps = summary.unseen_s.iter();
+            let gap = |[from, until]: &[f64; 2]| format!(", none from {from:.3} s to {until:.3} s");
+            let gaps: String = gaps.map(gap).collect();
+            self.say("truths lost", format!("{}{gaps}", summary.truths_lost));
+        }
+        if summary.wall.latencies_lost > 0 {
+            self.say("latencies lost", summary.wall.latencies_lost.to_string());
+        }
+    }
+
+    fn of_the_machine(&mut self, summary: &Summary) {
+        if let Some(InformationAge { robot, from, mean_ns, peak_ns, .. }) = summary.oldest() {
+            let ms = |ns: f64| digits(ns / 1e6);
+            let (mean, peak) = (ms(*mean_ns), ms(*peak_ns as f64));
+            let oldest = format!("oldest {from} -> {robot}: mean {mean} ms, peak {peak} ms");
+            self.say("information age", oldest);
+        }
+        let late = summary.late_by_cause();
+        if !late.is_empty() {
+            let total: u64 = late.iter().map(|&(_, count)| count).sum();
+            let causes = late.iter().map(|(cause, count)| (cause.words(), count));
+            self.say("late wake-ups", format!("{total}: {}", counted(causes)));
+        }
+        if let Some(GoalSummary { taken, refused }) = &summary.wall.goals {
+            let reasons = counted(refused.iter().map(|(why, count)| (why, count)));
+            let reasons =
+                if reasons.is_empty() { reasons } else { format!("; refused: {reasons}") };
+            self.say("goals from ROS 2", format!("{taken} taken{reasons}"));
+        }
+        for host in &summary.wall.hosts {
+            self.say(&format!("host {}", host.name), host.words());
+        }
+    }
+}
+
+/// `this 3, that 4`.
+fn counted<'c>(counts: impl Iterator<Item = (impl std::fmt::Display, &'c u64)>) -> String {
+    counts.map(|(what, count)| format!("{what} {count}")).collect::<Vec<_>>().join(", ")
+}
+
+/// Of a table of latencies: its heads and how wide they are on the screen; the first two are words.
+pub const LATENCY: [(&str, usize); 7] = [
+    ("latency, us", 16),
+    ("worst", 16),
+    ("count", 9),
+    ("p50", 9),
+    ("p99", 9),
+    ("p99.9", 9),
+    ("max", 9),
+];
+
+/// A row of it.
+pub fn latency(line: &StageLatency) -> [String; 7] {
+    let us = |ns: u64| digits(ns as f64 / 1e3);
+    let StageLatency { stage, count, p50_ns, p99_ns, p99_9_ns, max_ns, .. } = line;
+    let [p50, p99, p99_9, max] = [*p50_ns, *p99_ns, *p99_9_ns, *max_ns].map(us);
+    [stage.clone(), line.edge(), count.to_string(), p50, p99, p99_9, max]
+}
+
+/// Of the table of faults: its heads and how wide they are on the screen; the second one is words.
+pub const FAULTS: [(&str, usize); 7] = [
+    ("fault, s", 9),
+    ("what", 28),
+    ("stale, s", 9),
+    ("lost, s", 9),
+    ("peak err, m", 11),
+    ("min dist, m", 11),
+    ("recovered, s", 12),
+];
+
+/// A row of it.
+pub fn fault(fault: &FaultReport) -> [String; 7] {
+    [
+        format!("{:.3}", fault.t_s),
+        fault.what.clone(),
+        or_dash(fault.stale_after_s),
+        or_dash(fault.lost_after_s),
+        digits(fault.peak_error_m),
+        or_dash(fault.min_distance_m),
+        or_dash(fault.recovered_after_s),
+    ]
+}
+
+/// Whom a fault was predicted to break, who was observed to break, who was affected, and orphaned.
+pub const BROKEN: [&str; 4] = ["predicted to break", "observed", "affected", "orphaned"];
+
+/// These, by name.
+pub fn broken(fault: &FaultReport) -> [String; 4] {
+    let all = [&fault.predicted, &fault.broken, &fault.affected, &fault.orphaned];
+    all.map(|robots| match robots.as_slice() {
+        [] => "nobody".to_owned(),
+        [few @ .., _] if few.len() >= ROBOTS_SHOWN => {
+            format!("{} and {} more", robots[..8].join(", "), robots.len() - 8)
+        }
+        few => few.join(", "),
+    })
+}
+
+/// A value that may never have come about.
+pub fn or_dash(value: Option<f64>) -> String {
+    value.map_or("-".into(), digits)
+}

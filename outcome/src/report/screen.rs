@@ -1,0 +1,93 @@
+//! A run that is over on one screen: first whether it went as expected, then why.
+
+use std::fmt::Write as _;
+
+use crate::metrics::expect::Verdict;
+use crate::metrics::summary::Summary;
+use crate::report::rows::{
+    BROKEN, FAULTS, LATENCY, advice, broken, expectations, facts, fault, latency, verdict,
+};
+
+/// The text of the screen.
+pub fn screen(summary: &Summary) -> String {
+    let (words, _) = verdict(summary);
+    let mut text = format!("{}, {}: {words}\n", summary.scenario, summary.pace.word());
+    for expectation in expectations(summary) {
+        let sign = match expectation.verdict {
+            Verdict::Held => "held  ",
+            Verdict::Missed => "MISSED",
+            Verdict::Unseen => "UNSEEN",
+        };
+        let reason = expectation.reason.map_or(String::new(), |reason| format!(": {reason}"));
+        let (name, measured) = (expectation.name, expectation.measured);
+        let required = format!("required {}{reason}", expectation.required);
+        line(&mut text, format_args!("  {sign} {name:<23} {measured:>12}  {required}"));
+    }
+    if let Some(advice) = advice(summary) {
+        line(&mut text, format_args!("  {advice}"));
+    }
+    for (name, value) in facts(summary) {
+        line(&mut text, format_args!("{name:<19} {value}"));
+    }
+    let worst = summary.worst_latencies();
+    if !worst.is_empty() {
+        let row = |cells: [&str; 7]| columns(cells, LATENCY, &[0, 1], " ");
+        line(&mut text, format_args!("\n  {}", row(LATENCY.map(|(head, _)| head))));
+        // Without the control timer there is nothing to hold it against.
+        let all = summary.beside_the_machine().map(|[all, _]| all);
+        for stage in all.into_iter().chain(worst) {
+            line(
+                &mut text,
+                format_args!("  {}", row(latency(stage).each_ref().map(String::as_str))),
+            );
+        }
+    }
+    if let Some(first) = summary.faults.first() {
+        let row = |[t_s, what, rest @ ..]: [&str; 7]| {
+            let [(_, wide), (_, whats), widths @ ..] = FAULTS;
+            format!("{t_s:>wide$}  {what:<whats$} {}", columns(rest, widths, &[], " "))
+        };
+        line(&mut text, format_args!("\n  {}", row(FAULTS.map(|(head, _)| head))));
+        for each in &summary.faults {
+            line(&mut text, format_args!("  {}", row(fault(each).each_ref().map(String::as_str))));
+            let [predicted, observed, affected, orphaned] = broken(each);
+            let indent = "             ";
+            line(
+                &mut text,
+                format_args!(
+                    "{indent}{}: {predicted}; {}: {observed}; {}: {affected}",
+                    BROKEN[0], BROKEN[1], BROKEN[2]
+                ),
+            );
+            for why in &each.predicted_why {
+                line(&mut text, format_args!("{indent}  {why}"));
+            }
+            if !each.orphaned.is_empty() {
+                line(&mut text, format_args!("{indent}{}: {orphaned}", BROKEN[3]));
+            }
+        }
+        line(&mut text, format_args!("  {}", first.broken_means()));
+    }
+    text
+}
+
+fn line(text: &mut String, line: std::fmt::Arguments<'_>) {
+    // Writing to a string cannot fail.
+    let _ = writeln!(text, "{line}");
+}
+
+/// Cells of these widths; words begin at the left, numbers end at the right.
+fn columns<const N: usize>(
+    cells: [&str; N],
+    widths: [(&str, usize); N],
+    words: &[usize],
+    between: &str,
+) -> String {
+    let cell =
+        |(place, (cell, (_, wide))): (usize, (&str, (&str, usize)))| match words.contains(&place) {
+            true => format!("{cell:<wide$}"),
+            false => format!("{cell:>wide$}"),
+        };
+    let cells: Vec<String> = cells.into_iter().zip(widths).enumerate().map(cell).collect();
+    cells.join(between)
+}

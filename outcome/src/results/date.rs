@@ -1,0 +1,48 @@
+//! Dates and times of day in UTC.
+
+/// Year, month and day, then hour, minute and second, of so many seconds since 1970.
+pub fn date_and_time(unix_s: u64) -> ([u64; 3], [u64; 3]) {
+    let (days, of_day) = (unix_s / 86_400, unix_s % 86_400);
+    // Civil date from a day count: eras of 400 years, years that begin in March.
+    let shifted = days + 719_468;
+    let (era, of_era) = (shifted / 146_097, shifted % 146_097);
+    let year_of_era = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
+    let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let from_march = (5 * of_year + 2) / 153;
+    let day = of_year - (153 * from_march + 2) / 5 + 1;
+    let month = if from_march < 10 { from_march + 3 } else { from_march - 9 };
+    let year = era * 400 + year_of_era + u64::from(month <= 2);
+    ([year, month, day], [of_day / 3600, of_day / 60 % 60, of_day % 60])
+}
+
+/// `20261121-041500`: part of a name.
+pub fn in_a_name(unix_s: u64) -> String {
+    let ([year, month, day], [hour, minute, second]) = date_and_time(unix_s);
+    format!("{year:04}{month:02}{day:02}-{hour:02}{minute:02}{second:02}")
+}
+
+/// `2026-11-21 04:15:00 UTC`, for people.
+pub fn in_words(unix_s: u64) -> String {
+    let ([year, month, day], [hour, minute, second]) = date_and_time(unix_s);
+    format!("{year}-{month:02}-{day:02} {hour:02}:{minute:02}:{second:02} UTC")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_date_is_what_the_calendar_says() {
+        for (unix_s, expected) in [
+            (0, "1970-01-01 00:00:00 UTC"),
+            (951_782_399, "2000-02-28 23:59:59 UTC"),
+            (951_782_400, "2000-02-29 00:00:00 UTC"),
+            (1_709_251_199, "2024-02-29 23:59:59 UTC"),
+            (1_735_689_599, "2024-12-31 23:59:59 UTC"),
+            (4_107_542_400, "2100-03-01 00:00:00 UTC"),
+        ] {
+            assert_eq!(in_words(unix_s), expected);
+        }
+        assert_eq!(in_a_name(1_795_233_599), "20261121-035959");
+    }
+}

@@ -9,7 +9,7 @@ use clap::Args;
 use experiment::campaign::cells::{self, Cell, CellError};
 use experiment::campaign::file::{self, Campaign};
 use outcome::campaign::figures::figures;
-use outcome::campaign::folder::{Folder, FolderError};
+use outcome::campaign::folder::{Folder, FolderError, LockError};
 use outcome::campaign::page::{self, Origin};
 use outcome::campaign::points::{pairings, points};
 use outcome::campaign::table;
@@ -20,6 +20,7 @@ use protocol::process::{Stop, exit};
 use super::cell_in_process::InProcess;
 use super::screen::{complain, print, runs_done, runs_progress, show, tell};
 use outcome::results::manifest::Build;
+use outcome::results::page::quoted;
 use supervisor::spawn::Launcher;
 
 /// Campaigns without `--out` go below this directory.
@@ -92,7 +93,14 @@ pub(super) fn sweep(args: &SweepArgs, catalog: &Catalog, launcher: &Launcher, bu
     let origin = Origin { build, executable: &executable };
     match go(args, &campaign, &cells, &out, launcher, catalog, &origin) {
         Ok(code) => code,
-        Err(error) => complain(&error),
+        Err(error) => {
+            let code = complain(&error);
+            if matches!(error, SweepError::Locked(LockError::Held { .. })) {
+                exit::USAGE
+            } else {
+                code
+            }
+        }
     }
 }
 
@@ -101,6 +109,8 @@ pub(super) fn sweep(args: &SweepArgs, catalog: &Catalog, launcher: &Launcher, bu
 enum SweepError {
     #[error(transparent)]
     Folder(#[from] FolderError),
+    #[error(transparent)]
+    Locked(#[from] LockError),
     #[error(transparent)]
     Pool(#[from] pool::PoolError),
     #[error("cannot handle signals: {0}")]
@@ -123,6 +133,9 @@ fn go(
     if args.retry {
         folder.forgive(cells);
     }
+    // Whoever only looks at what is there, or has it run by others, hinders nobody.
+    let runs = !args.emit_commands && !args.collect;
+    let _lock = runs.then(|| folder.lock()).transpose()?;
     let missing = folder.missing(cells, campaign.keep)?;
     if args.emit_commands {
         let executable = std::env::current_exe().map_err(SweepError::Executable)?;
@@ -135,7 +148,7 @@ fn go(
     }
     folder.write("campaign.toml", &std::fs::read_to_string(&campaign.path).unwrap_or_default())?;
     let mut ended = None;
-    if !args.collect && !missing.is_empty() {
+    if runs && !missing.is_empty() {
         let processes = ByProcesses { campaign, folder: &folder, launcher, stop: &stop };
         ended = Some(match args.in_process {
             false => run(args, campaign, &missing, &folder, &processes, &stop)?,
@@ -223,27 +236,4 @@ fn run(
         ended.cores,
     ));
     Ok(ended)
-}
-
-/// A word as a shell takes it.
-fn quoted(word: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "/._-=,:+@%".contains(c);
-    match !word.is_empty() && word.chars().all(plain) {
-        true => word.to_owned(),
-        false => format!("'{}'", word.replace('\'', "'\\''")),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_word_in_quotes_is_one_word_of_a_shell() {
-        for word in ["a", "", "a b", "it's", "$HOME `x` \\ \"y\"", "robot.r1.pose={ x_m = 1 }"] {
-            let script = format!("printf %s {}", quoted(word));
-            let output = std::process::Command::new("sh").args(["-c", &script]).output().unwrap();
-            assert_eq!(String::from_utf8(output.stdout).unwrap(), word);
-        }
-    }
 }

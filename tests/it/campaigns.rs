@@ -159,6 +159,41 @@ fn an_interrupted_campaign_says_how_far_it_is_and_the_same_command_goes_on() {
 }
 
 #[test]
+fn of_two_sweeps_into_one_folder_the_second_computes_nothing_and_says_who_runs_it() {
+    let place = Place::new(NINE);
+    let mut first = place.sweep("out", &["--jobs", "1"]).spawn().unwrap();
+    place.wait_for_runs(&mut first, "out", 1);
+    let said = ended(place.sweep("out", &[]), 2);
+    assert!(said.contains(&format!("process {} on ", first.id())), "{said}");
+    // Whoever runs nothing may look.
+    ended(place.sweep("out", &["--emit-commands"]), 0);
+    assert_eq!(first.wait().unwrap().code(), Some(0));
+    let said = ended(place.sweep("out", &[]), 0);
+    assert!(said.contains("9 of 9 runs"), "it is free again: {said}");
+    place.leaves_nothing();
+}
+
+#[test]
+fn the_identity_of_a_run_does_not_depend_on_how_the_path_of_its_scenario_is_written() {
+    let place = Place::new("");
+    let scenarios = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios");
+    std::os::unix::fs::symlink(&scenarios, place.out("linked")).unwrap();
+    // One has a graph in a file of its own.
+    for name in ["triangle.toml", "swarm64.toml"] {
+        let absolute = scenarios.join(name).to_str().unwrap().to_owned();
+        let paths = [absolute, format!("linked/{name}"), format!("./linked/../scenarios/{name}")];
+        let identities = paths.map(|path| {
+            let text = format!("name = \"one\"\nscenario = \"{path}\"\nseeds = 1\n");
+            fs::write(place.out("campaign.toml"), text).unwrap();
+            let line = ended(place.sweep("out", &["--emit-commands"]), 0);
+            let (_, run) = line.split_once("/runs/").expect("a run");
+            run[..64].to_owned()
+        });
+        assert!(identities.iter().all(|one| *one == identities[0]), "{name}: {identities:?}");
+    }
+}
+
+#[test]
 fn axes_zips_and_faults_make_the_grid_and_the_table() {
     let place = Place::new(
         "name = \"grid\"\nscenario = \"SCENARIOS/triangle.toml\"\n\

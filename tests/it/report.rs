@@ -124,6 +124,8 @@ fn a_supervisor_that_was_killed_leaves_enough_for_a_report() {
     ended.claim(ended.summary.is_null(), "there is no summary");
     let page = page(&ended, &["trajectories", "distances", "errors"]);
     ended.claim(page.contains("cut short"), "the page says so");
+    let said = String::from_utf8(report(&ended.run_dir()).stdout).unwrap();
+    ended.claim(said.starts_with("triangle: cut short"), format!("and the screen: {said}"));
 }
 
 #[test]
@@ -144,6 +146,23 @@ fn what_is_no_run_directory_is_refused() {
     let said = String::from_utf8_lossy(&stderr);
     assert_eq!(status.code(), Some(4), "{said}");
     assert!(said.contains("summary.json:1: "), "{said}");
+}
+
+#[test]
+fn a_run_whose_directory_cannot_be_made_does_not_claim_that_anything_is_kept() {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
+    command.args([
+        "run",
+        "scenarios/triangle.toml",
+        "--pace",
+        "lockstep",
+        "--out",
+        "/proc/none/run",
+    ]);
+    let Output { status, stdout, stderr } = command.env("NO_COLOR", "1").output().unwrap();
+    let said = String::from_utf8_lossy(&stdout) + String::from_utf8_lossy(&stderr);
+    assert_eq!(status.code(), Some(4), "{said}");
+    assert!(said.contains("cannot make /proc/none: ") && !said.contains("kept"), "{said}");
 }
 
 #[test]

@@ -5,8 +5,11 @@
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::io;
+use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
+
+use rustix::fs::{FlockOperation, flock};
+use rustix::io::Errno;
 
 use crate::metrics::summary::Summary;
 use crate::results::run_dir::SUMMARY;
@@ -17,6 +20,9 @@ use experiment::campaign::file::Keep;
 
 /// A run whose machinery failed so often is given up.
 pub const ATTEMPTS_MAX: usize = 3;
+
+/// Held by whoever runs it, and says who that is.
+const LOCK: &str = ".lock";
 
 /// Where the runs of a campaign are.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -49,6 +55,37 @@ pub(crate) fn failed(what: &'static str, path: &Path) -> impl FnOnce(io::Error) 
     move |source| FolderError { what, path, source }
 }
 
+/// Why nobody else may run it.
+#[derive(Debug, thiserror::Error)]
+pub enum LockError {
+    /// Another sweep does.
+    #[error(
+        "another `phalanx sweep` ({holder}) runs this campaign in {}; wait for it, or give --out another \
+         directory",
+        path.display()
+    )]
+    Held {
+        /// Where.
+        path: PathBuf,
+        /// Which process, and on which host.
+        holder: String,
+    },
+    /// The lock could not be taken.
+    #[error("cannot lock {}: {source}", path.display())]
+    Unlockable {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+/// Only whoever holds this runs what is missing; dropped, or with the end of the process, it is free.
+#[derive(Debug)]
+pub struct Lock {
+    _file: fs::File,
+}
+
 impl Folder {
     /// Makes it, unless it is there.
     pub fn open(path: &Path) -> Result<Folder, FolderError> {
@@ -57,6 +94,26 @@ impl Folder {
         }
         let path = path.canonicalize().map_err(failed("open", path))?;
         Ok(Folder { path })
+    }
+
+    /// Makes sure that nobody else runs what is missing.
+    pub fn lock(&self) -> Result<Lock, LockError> {
+        let path = self.path.join(LOCK);
+        let unlockable = |source| LockError::Unlockable { path: path.clone(), source };
+        let open =
+            fs::File::options().create(true).read(true).write(true).truncate(false).open(&path);
+        let mut file = open.map_err(unlockable)?;
+        match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+            Ok(()) => {}
+            Err(Errno::WOULDBLOCK) => {
+                let holder = fs::read_to_string(&path).unwrap_or_default().trim().to_owned();
+                return Err(LockError::Held { path: self.path.clone(), holder });
+            }
+            Err(error) => return Err(unlockable(error.into())),
+        }
+        let holder = format!("process {} on {}\n", std::process::id(), host());
+        file.set_len(0).and_then(|()| file.write_all(holder.as_bytes())).map_err(unlockable)?;
+        Ok(Lock { _file: file })
     }
 
     /// Where it is.
@@ -146,7 +203,6 @@ pub fn attempts(run: &Path) -> Vec<String> {
 
 /// Writes down that an attempt at a run failed.
 pub fn note_failure(run: &Path, why: &str) -> io::Result<()> {
-    use std::io::Write as _;
     let why = why.lines().next().unwrap_or("failed");
     let mut file = fs::File::options().create(true).append(true).open(beside(run, "failed"))?;
     writeln!(file, "{why}")

@@ -29,9 +29,10 @@
 //! - *Zero* needs no certificate: it only brakes earlier, on a ray on which every twist keeps the
 //!   half-planes.
 //! - *Restart.* In real time, and where they are delayed, commands of a predecessor may act for H after
-//!   the first sample. Nobody knows them, so the answer is 0 until they are dead. Then the twist in force
-//!   says all about the predecessor that still matters. Else, in lockstep, no command of an earlier tick
-//!   is alive at a sample.
+//!   the first sample. Nobody knows them, so that with inertia none can be certified, and the answer is 0
+//!   until they are dead. Then the twist in force says all about the predecessor that still matters.
+//!   Without, they count as the worst that there can be, v_max and +-v_max/ell: to stand instead would
+//!   cost H in every run. Else, in lockstep, no command of an earlier tick is alive at a sample.
 //! - *Blind.* Who does not know all near answers 0.
 //! - *Wheels* that are too weak, failing or stuck make of a command a part of it: the segment towards a
 //!   part of a target lies in the hull of K as well, since 0 is in K.
@@ -196,6 +197,14 @@ struct Bounds {
     w: [f64; 2],
 }
 
+impl Bounds {
+    /// Of whatever a robot that stops at once may do.
+    fn worst(v_max: f64, ell: f64) -> Bounds {
+        let w_max = v_max / ell;
+        Bounds { v_own: v_max, tau_o: 0.0, w: [-w_max, w_max] }
+    }
+}
+
 impl Avoidance for Guard {
     /// gamma, clipped to v_max: as it may be used and published.
     fn admit(&self, gamma: Vec2) -> Vec2 {
@@ -221,8 +230,8 @@ impl Avoidance for Guard {
     /// The part of `wanted` that keeps the promise: nothing leads it around others.
     fn restrain(&mut self, sample: &Sample<'_>, wanted: Twist, _: Vec2) -> Twist {
         self.forget_the_dead(sample.stamp_ns);
-        let stands = self.vicinity.is_blind(sample) || self.has_predecessor(sample.stamp_ns);
-        let granted = match stands {
+        let unknown = self.gradual && self.has_predecessor(sample.stamp_ns);
+        let granted = match unknown || self.vicinity.is_blind(sample) {
             true => Twist::ZERO,
             false => self.bound(sample, within_speed(self.v_max, self.ell, wanted)),
         };
@@ -326,7 +335,10 @@ impl Guard {
     /// The bounds hold for every command that may act, or have acted since the sample:
     /// `proof/Time.v::wheels_since_the_sample`, `proof/Inertia.v::fits`.
     fn grant(&mut self, sample: &Sample<'_>, now: Twist, tried: Twist) -> Option<Twist> {
-        let mut bounds = Bounds::default();
+        let mut bounds = match self.has_predecessor(sample.stamp_ns) {
+            true => Bounds::worst(self.v_max, self.ell),
+            false => Bounds::default(),
+        };
         let alive = self.alive.iter().map(|(_, twist)| *twist);
         for twist in alive.chain([now, tried]) {
             self.cover(&mut bounds, twist);

@@ -101,8 +101,7 @@ fn a_law_that_wants_a_twist_gets_it_as_far_as_the_guard_permits_and_publishes_it
         let mut sample = odometry(10);
         brain.answer(&sample, sample.stamp_ns);
         assert_eq!(brain.hear(0, &beacon(10), sample.stamp_ns), Ok(()));
-        // No predecessor's command acts any more.
-        sample = odometry(40);
+        sample = odometry(20);
         sample.proximity_count = near.len() as u32;
         sample.near[..near.len()].copy_from_slice(near);
         brain.answer(&sample, sample.stamp_ns).expect("it knows where it is")
@@ -113,7 +112,7 @@ fn a_law_that_wants_a_twist_gets_it_as_far_as_the_guard_permits_and_publishes_it
     let velocity = front_velocity(0.3, brief.front_point_m, WANTED);
     assert_eq!(free.beacon.velocity(), velocity);
     // Somebody right ahead of the front point, at d: it may not come nearer, and is told so alone.
-    let ahead = formation::front_point::front_point(odometry(40).pose(), brief.front_point_m)
+    let ahead = formation::front_point::front_point(odometry(20).pose(), brief.front_point_m)
         + brief.avoidance.distance_min_m * velocity / velocity.norm();
     let blocked = alone(&[ahead.into()]);
     assert!(twist(&blocked)[0].abs() < 1e-6, "{:?}", twist(&blocked));

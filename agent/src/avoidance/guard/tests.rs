@@ -152,7 +152,7 @@ fn a_robot_that_may_not_see_everything_that_matters_stands() {
 }
 
 #[test]
-fn commands_are_remembered_for_as_long_as_they_may_act_and_a_predecessors_are_waited_for() {
+fn a_command_is_remembered_for_as_long_as_it_may_act() {
     let stamps = [1_000_000_000, 1_010_000_000, 1_025_000_000, 2_000_000_000];
     let mut guard = Guard::new(&brief());
     let remembered = stamps.map(|stamp_ns| {
@@ -162,20 +162,43 @@ fn commands_are_remembered_for_as_long_as_they_may_act_and_a_predecessors_are_wa
     let [a, b, c, d] = stamps;
     // The first dies at 1.025 s: it acts no more at the sample of that instant.
     assert_eq!(remembered, [vec![a], vec![a, b], vec![b, c], vec![d]]);
+}
 
+#[test]
+fn with_inertia_a_robot_stands_until_no_command_of_a_predecessor_can_act() {
+    // H is 100 ms.
     for (pace, late_ns, since_ns, moves) in [
-        (Pace::Realtime, 0, 24_999_999, false),
-        (Pace::Realtime, 0, 25_000_000, true),
-        (Pace::Lockstep, 1, 24_999_999, false),
+        (Pace::Realtime, 0, 99_999_999, false),
+        (Pace::Realtime, 0, 100_000_000, true),
+        (Pace::Lockstep, 1, 99_999_999, false),
         // A tick's command is dead at the next.
         (Pace::Lockstep, 0, 1, true),
     ] {
-        let mut guard = Guard::new(&AgentBrief { pace, late_ns, ..brief() });
+        let mut guard = Guard::new(&AgentBrief { pace, late_ns, ..burger() });
         guard.steer(&sample(1_000_000_000, 0.0, &[]), Vec2::new(0.1, 0.0));
         let later = sample(1_000_000_000 + since_ns, 0.0, &[]);
         let twist = guard.steer(&later, Vec2::new(0.1, 0.0));
         assert_eq!(twist != Twist::ZERO, moves, "{pace:?}, {since_ns}");
     }
+}
+
+#[test]
+fn without_inertia_a_predecessors_commands_count_as_the_worst_there_can_be() {
+    let stamp_ns = 1_000_000_000;
+    let away = [Vec2::new(-0.21, 0.02)];
+    let tried = Twist { v_m_s: 0.3, w_rad_s: 1.0 };
+    let granted = |pace: Pace, since_ns: u64, alive: &[f64]| {
+        let mut guard = Guard::new(&AgentBrief { pace, ..brief() });
+        guard.forget_the_dead(stamp_ns - since_ns);
+        guard.alive = { alive }.iter().map(|&w_rad_s| (0, Twist { v_m_s: 0.0, w_rad_s })).collect();
+        guard.grant(&sample(stamp_ns, 0.2, &away), Twist::ZERO, tried)
+    };
+    // v_max / ell = 5 rad/s. H is 25 ms.
+    let worst = granted(Pace::Lockstep, 0, &[-5.0, 5.0]);
+    assert_eq!(granted(Pace::Realtime, 24_999_999, &[]), worst);
+    assert_eq!(granted(Pace::Realtime, 25_000_000, &[]), granted(Pace::Lockstep, 0, &[]));
+    assert_ne!(granted(Pace::Lockstep, 0, &[]), worst);
+    assert_ne!(granted(Pace::Lockstep, 0, &[5.0]), worst);
 }
 
 /// The rows of `docs/explanation/inertia.md`, and of those that stop at once.

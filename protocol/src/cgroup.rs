@@ -17,29 +17,43 @@ pub struct Limited {
 
 /// The limits that hold for this process, by the files below `root`, which is `/`; the own cgroup's first.
 pub fn limits(root: &Path) -> Vec<Limited> {
-    let groups = fs::read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();
-    groups.lines().filter_map(|line| folders(root, line)).flatten().collect()
+    let limited = |Folder { path, version_2 }: Folder| {
+        let quota = quota(&path, version_2)?;
+        Some(Limited { quota, stat: path.join("cpu.stat") })
+    };
+    folders(root, "cpu").into_iter().filter_map(limited).collect()
 }
 
-/// The limits of one line of `/proc/self/cgroup`: number, controllers (none: version 2) and path.
-fn folders(root: &Path, line: &str) -> Option<Vec<Limited>> {
-    let mut parts = line.splitn(3, ':').skip(1);
-    let (controllers, path) = (parts.next()?, PathBuf::from(parts.next()?));
-    let (mount, version_2) = match controllers {
-        "" => ("sys/fs/cgroup".to_owned(), true),
-        of if of.split(',').any(|name| name == "cpu") => (format!("sys/fs/cgroup/{of}"), false),
-        _ => return None,
-    };
-    let mount = root.join(mount);
-    let folders = path.ancestors().map(|path| match path.strip_prefix("/") {
-        Ok(below) => mount.join(below),
-        Err(_) => mount.join(path),
+/// The folder of a cgroup.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Folder {
+    /// Where.
+    pub path: PathBuf,
+    /// In the one hierarchy of version 2, not in the controller's own.
+    pub version_2: bool,
+}
+
+/// The cgroups that this process is in and those above them, as far as they have this controller or are of version 2,
+/// by the files below `root`, which is `/`. The own ones first.
+pub fn folders(root: &Path, controller: &str) -> Vec<Folder> {
+    let groups = fs::read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();
+    // Number, controllers (none: version 2) and path.
+    let folders = groups.lines().filter_map(|line| {
+        let mut parts = line.splitn(3, ':').skip(1);
+        let (controllers, path) = (parts.next()?, PathBuf::from(parts.next()?));
+        let (mount, version_2) = match controllers {
+            "" => ("sys/fs/cgroup".to_owned(), true),
+            some if some.split(',').any(|name| name == controller) => {
+                (format!("sys/fs/cgroup/{some}"), false)
+            }
+            _ => return None,
+        };
+        let mount = root.join(mount);
+        let below = |path: &Path| mount.join(path.strip_prefix("/").unwrap_or(path));
+        let folders = path.ancestors().map(|path| Folder { path: below(path), version_2 });
+        Some(folders.collect::<Vec<_>>())
     });
-    let limited = |folder: PathBuf| {
-        let quota = quota(&folder, version_2)?;
-        Some(Limited { quota, stat: folder.join("cpu.stat") })
-    };
-    Some(folders.filter_map(limited).collect())
+    folders.flatten().collect()
 }
 
 /// The limit of one cgroup, if it has one.

@@ -273,43 +273,21 @@ pub fn obey_parent() -> io::Result<()> {
 
 /// Becomes another program, in `folder`, after [`obey_parent`]: it dies with the same parent, which its
 /// own children are not told of. It gets no more memory of its own than `memory_max_mb`. Returns why not.
-pub fn become_program(
-    folder: &Path,
-    memory_max_mb: Option<u64>,
-    words: &[OsString],
-) -> BecomeError {
-    let [program, arguments @ ..] = words else { return BecomeError::Nothing };
+pub fn become_program(folder: &Path, memory_max_mb: Option<u64>, words: &[OsString]) -> io::Error {
+    let told = |what: &str, error: io::Error| io::Error::other(format!("{what}: {error}"));
+    let [program, arguments @ ..] = words else { return io::Error::other("no program was named") };
     if let Some(mb) = memory_max_mb {
         let bytes = Some(mb.saturating_mul(1_000_000));
         let limit = Rlimit { current: bytes, maximum: bytes };
         // Not the address space: what is shared with others, and what is only mapped, is no memory
         // of its own.
         if let Err(error) = setrlimit(Resource::Data, limit) {
-            return BecomeError::Limit(error.into());
+            return told("cannot bound its memory", error.into());
         }
     }
     let mut command = Command::new(program);
     command.args(arguments).current_dir(folder).env_remove(PARENT);
-    BecomeError::Exec { program: program.display().to_string(), source: command.exec() }
-}
-
-/// Why a process did not become another program.
-#[derive(Debug, thiserror::Error)]
-pub enum BecomeError {
-    /// No program was named.
-    #[error("no program was named")]
-    Nothing,
-    /// Its memory cannot be bound.
-    #[error("cannot bound its memory: {0}")]
-    Limit(io::Error),
-    /// It cannot be executed.
-    #[error("cannot start {program}: {source}")]
-    Exec {
-        /// Which.
-        program: String,
-        /// Why.
-        source: io::Error,
-    },
+    told(&format!("cannot start {}", program.display()), command.exec())
 }
 
 #[cfg(test)]

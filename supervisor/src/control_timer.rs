@@ -4,14 +4,15 @@
 //! Must not: hear a robot, the plant or the supervisor, or do more between two wake-ups than write down
 //! how late the last one was.
 
+use std::error::Error;
 use std::path::PathBuf;
 use std::time::Duration;
 
 use protocol::clock::{self, Timer, golden_phase};
 use protocol::latency::{LatencyPort, Recorder};
 use protocol::process::{self, Stop, Turns};
-use protocol::run_root::{self, RunRootError};
-use protocol::service::{self, ServiceError};
+use protocol::run_root;
+use protocol::service;
 use protocol::stage::Stage;
 
 /// What the control timer is told.
@@ -25,16 +26,6 @@ pub struct ControlTimer {
     pub robots: usize,
     /// Whether it runs before every ordinary process, as robots with this priority do.
     pub realtime_priority: bool,
-}
-
-#[derive(Debug, thiserror::Error)]
-enum ControlError {
-    #[error("cannot handle signals: {0}")]
-    Signals(#[from] std::io::Error),
-    #[error(transparent)]
-    RunRoot(#[from] RunRootError),
-    #[error(transparent)]
-    Service(#[from] ServiceError),
 }
 
 /// What the process `phalanx-machine` does.
@@ -53,8 +44,8 @@ pub fn main(timer: &ControlTimer) -> u8 {
     }
 }
 
-fn run(control: &ControlTimer) -> Result<(), ControlError> {
-    let stop = Stop::on_signals()?;
+fn run(control: &ControlTimer) -> Result<(), Box<dyn Error>> {
+    let stop = Stop::on_signals().map_err(|error| format!("cannot handle signals: {error}"))?;
     run_root::join(&control.run_root)?;
     clock::tighten_timer_slack();
     process::take_turns(Turns::Short);

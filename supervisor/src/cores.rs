@@ -318,8 +318,5 @@ mod tests {
         let own = own_time_s();
         assert!(own > 0.0 && time_s(std::process::id()) >= own);
         assert!(busy_s(std::iter::once(0)).is_none_or(|busy_s| busy_s > 0.0));
-        assert_eq!(busy_s(std::iter::once(CpuSet::MAX_CPU)), None);
-        assert_eq!(busy_s(std::iter::empty()), Some(0.0));
-        assert_eq!(time_s(4_194_305), 0.0, "there is no such process");
     }
 }

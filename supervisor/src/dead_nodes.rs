@@ -32,6 +32,9 @@ const ATTEMPT_MAX: Duration = Duration::from_millis(500);
 /// While a clean-up is at work, half-made connections are looked for this often: iceoryx2 waits
 /// half a second for one whose maker has died meanwhile, and goes on once it is gone.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
+/// A connection with the dead that is still there so long after a clean-up may be one that nobody opens any more.
+/// The living let go of theirs when they next send or receive.
+const UNCLAIMED_AFTER: Duration = Duration::from_secs(1);
 /// The last clean-up is waited for no longer than this at the end of a run.
 const LAST_MAX: Duration = Duration::from_secs(5);
 
@@ -84,7 +87,21 @@ impl Cleaner {
         let thread = std::thread::Builder::new().name("cleanup".into());
         let thread = thread.spawn(move || {
             let node = service::node("cleanup");
-            for dead in incoming {
+            let mut cleaned_some = false;
+            loop {
+                let wait = if cleaned_some { UNCLAIMED_AFTER } else { Duration::MAX };
+                let dead = match incoming.recv_timeout(wait) {
+                    Ok(dead) => dead,
+                    Err(RecvTimeoutError::Timeout) => {
+                        cleaned_some = false;
+                        if let Err(error) = remove_unclaimed_connections(&run_root) {
+                            tracing::warn!(%error, "cannot look for what the dead left");
+                        }
+                        continue;
+                    }
+                    Err(RecvTimeoutError::Disconnected) => break,
+                };
+                cleaned_some = true;
                 let cleaned = match &node {
                     Ok(node) => clean_watched(node, &run_root).map_err(|e| e.to_string()),
                     Err(error) => Err(error.to_string()),
@@ -229,6 +246,31 @@ fn remove_half_made_connections(run_root: &Path) -> Result<Vec<PathBuf>, Cleanup
     Ok(between_the_dead)
 }
 
+/// Removes connections of the dead that the living end has not opened. iceoryx2 leaves them: a process makes a
+/// connection and then signs it; killed between the two, it has left one that is whole and signed by nobody, and its
+/// removal is the work of the last who had signed.
+fn remove_unclaimed_connections(run_root: &Path) -> Result<(), CleanupError> {
+    let mut census = Census::default();
+    let mut opened = BTreeMap::<u32, String>::new();
+    for (path, ends) in connections(run_root)? {
+        let Some(living) = ends.iter().position(|&end| !census.is_gone(end)) else { continue };
+        if !census.is_gone(ends[1 - living]) {
+            continue;
+        }
+        let living = layout::process_of(ends[living]);
+        let opened = opened.entry(living).or_insert_with(|| {
+            fs::read_to_string(format!("/proc/{living}/maps")).unwrap_or_default()
+        });
+        // Whoever cannot be looked at may have it open.
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        if !opened.is_empty() && !opened.contains(&name) {
+            tracing::debug!(name, "a connection that nobody opened is removed");
+            remove_if_there(path)?;
+        }
+    }
+    Ok(())
+}
+
 /// Who is dead, each looked at once.
 #[derive(Debug, Default)]
 struct Census(BTreeMap<u32, bool>);
@@ -299,6 +341,23 @@ mod tests {
         assert_eq!(made.each_ref().map(|(_, path)| path.exists()), [false, true]);
         // Who has it open already stops waiting: it is not empty any more, and of no version.
         assert_eq!(made.map(|(file, _)| file.metadata().unwrap().len()), [8, 0]);
+        // Whole ones go once the dead one's neighbour has let go of them, or had never opened them.
+        let left = connection(ids[0], alive);
+        let file = fs::File::options().read(true).write(true).create_new(true).open(&left).unwrap();
+        file.set_len(4096).unwrap();
+        let between_the_living = connection(alive, alive);
+        fs::write(&between_the_living, "whole").unwrap();
+        // SAFETY: a mapping of a file of this length, which nobody else changes.
+        let mapped = unsafe {
+            use rustix::mm::{MapFlags, ProtFlags, mmap};
+            mmap(std::ptr::null_mut(), 4096, ProtFlags::READ, MapFlags::SHARED, &file, 0).unwrap()
+        };
+        remove_unclaimed_connections(run_root.path()).unwrap();
+        assert!(left.exists(), "the living end has it open");
+        // SAFETY: mapped above, and looked at by nobody.
+        unsafe { rustix::mm::munmap(mapped, 4096).unwrap() };
+        remove_unclaimed_connections(run_root.path()).unwrap();
+        assert!(!left.exists() && between_the_living.exists());
         drop(living);
         run_root.remove().unwrap();
     }

@@ -6,13 +6,12 @@
 use std::fmt;
 use std::fs;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
+use protocol::cgroup;
 use rustix::process::{Resource, getrlimit};
 use rustix::thread::{CapabilitySet, capabilities};
 
-/// Where control groups are mounted, version 2 first.
-const GROUPS: &str = "/sys/fs/cgroup";
 const MIB: u64 = 1 << 20;
 
 /// A limit on the number of processes and threads.
@@ -70,8 +69,8 @@ fn of_processes_in_words(error: &io::Error, limits: &[Limit]) -> String {
 /// Every limit on the number of processes and threads that holds for this process.
 fn of_processes() -> Vec<Limit> {
     let mut limits = of_user().into_iter().collect::<Vec<_>>();
-    let groups = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
-    limits.extend(groups_of(&groups, "pids").iter().filter_map(|group| of_group(group)));
+    let groups = cgroup::folders(Path::new("/"), "pids");
+    limits.extend(groups.iter().filter_map(|group| of_group(&group.path)));
     let running = fs::read_to_string("/proc/loadavg").ok().and_then(|text| {
         let tasks = text.split_whitespace().nth(3)?;
         tasks.split_once('/')?.1.parse().ok()
@@ -124,26 +123,6 @@ fn of_group(group: &Path) -> Option<Limit> {
     })
 }
 
-/// The folders of the control groups that this process is in, from its own to the root, by the
-/// text of /proc/self/cgroup.
-fn groups_of(text: &str, controller: &str) -> Vec<PathBuf> {
-    let mut groups = Vec::new();
-    for line in text.lines() {
-        let mut parts = line.splitn(3, ':').skip(1);
-        let (Some(controllers), Some(path)) = (parts.next(), parts.next()) else { continue };
-        let mount = match controllers {
-            "" => PathBuf::from(GROUPS),
-            some if some.split(',').any(|one| one == controller) => {
-                Path::new(GROUPS).join(controller)
-            }
-            _ => continue,
-        };
-        let path = Path::new(path.trim_start_matches('/'));
-        groups.extend(path.ancestors().map(|part| mount.join(part)));
-    }
-    groups
-}
-
 fn out_of_memory(error: &io::Error) -> String {
     let text = fs::read_to_string("/proc/meminfo").unwrap_or_default();
     let mib = |name: &str| {
@@ -155,8 +134,7 @@ fn out_of_memory(error: &io::Error) -> String {
     if let (Some(free), Some(all)) = (mib("MemAvailable"), mib("MemTotal")) {
         clauses.push(format!("{free} of {all} MiB are available"));
     }
-    let groups = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
-    for group in groups_of(&groups, "memory") {
+    for cgroup::Folder { path: group, .. } in cgroup::folders(Path::new("/"), "memory") {
         let names =
             [("memory.max", "memory.current"), ("memory.limit_in_bytes", "memory.usage_in_bytes")];
         for (most, used) in names {
@@ -196,18 +174,16 @@ mod tests {
     }
 
     #[test]
-    fn a_limit_that_is_reached_is_named_with_its_number_and_what_to_do() {
-        let limits = [limit("RLIMIT_NPROC", 64, 64), limit("pids.max", 100, 70)];
+    fn a_limit_that_is_reached_is_named_with_what_to_do_and_else_all_are_told() {
+        let words = |used| {
+            let limits = [limit("RLIMIT_NPROC", 64, used), limit("pids.max", 100, 70)];
+            of_processes_in_words(&refused(libc::EAGAIN), &limits)
+        };
         assert_eq!(
-            of_processes_in_words(&refused(libc::EAGAIN), &limits),
+            words(64),
             "RLIMIT_NPROC permits 64 processes and threads, and there are 64; raise RLIMIT_NPROC"
         );
-    }
-
-    #[test]
-    fn where_no_known_limit_is_reached_all_are_told() {
-        let limits = [limit("RLIMIT_NPROC", 64, 6), limit("pids.max", 100, 70)];
-        let text = of_processes_in_words(&refused(libc::EAGAIN), &limits);
+        let text = words(6);
         assert!(text.contains("RLIMIT_NPROC: 6 of 64, pids.max: 70 of 100"), "{text}");
         assert!(text.contains("temporarily unavailable"), "{text}");
     }
@@ -224,20 +200,5 @@ mod tests {
             assert!(text.contains(named), "{text}");
             assert!(text.contains(|c: char| c.is_ascii_digit()), "{text}");
         }
-    }
-
-    #[test]
-    fn control_groups_of_either_version_are_found_up_to_the_root() {
-        let text = "9:name=systemd:/a\n8:cpu,pids:/x/y\n0::/unit\n";
-        let found = groups_of(text, "pids");
-        let wanted = ["pids/x/y", "pids/x", "pids/", "unit", ""];
-        assert_eq!(found, wanted.map(|path| Path::new(GROUPS).join(path)));
-    }
-
-    #[test]
-    fn this_process_is_one_of_its_users() {
-        let user = rustix::process::getuid().as_raw();
-        assert!(threads_of(Path::new("/proc/self"), user).unwrap() >= 1);
-        assert_eq!(threads_of(Path::new("/proc/self"), user + 1), None);
     }
 }

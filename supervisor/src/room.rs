@@ -6,30 +6,34 @@
 //! fills the file system later harms only those who start after it.
 
 use std::ffi::CString;
-use std::fmt::{self, Write as _};
+use std::fmt;
 use std::fs::{self, OpenOptions};
-use std::io;
+use std::io::{self, Cursor, Write as _};
 use std::os::unix::ffi::OsStrExt as _;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
+use crate::dead_nodes::layout::sender_of;
 use protocol::process::exit;
 use rustix::fs::{FallocateFlags, fallocate, statvfs};
 use rustix::io::Errno;
 
 /// Bytes on tmpfs with all memory taken, in real time, where queues are longest; measured with 3 to
-/// 64 robots of 1 to 8 in-neighbours, and rounded up by a quarter.
-const BYTES_OF_A_RUN: u64 = 256 * 1024;
+/// 64 robots of 1 to 8 in-neighbours, and rounded up by a quarter. Those of a run have the plant's queues in them.
+const BYTES_OF_A_RUN: u64 = 2 * 1024 * 1024;
 const BYTES_OF_A_ROBOT: u64 = 256 * 1024;
 const BYTES_OF_A_LINK: u64 = 16 * 1024;
 /// Files, directories included, measured and rounded up in the same way.
 const FILES_OF_A_RUN: u64 = 48;
 const FILES_OF_A_ROBOT: u64 = 56;
 const FILES_OF_A_LINK: u64 = 4;
-/// Taken of one file at most. Some ports have memory for long queues that never fill: they use the
+/// Taken of one file at most. Robots have memory for long queues that never fill: they use the
 /// lowest free place, which is far below this.
 const TAKEN_MAX: u64 = 64 * 1024;
+/// The same of the plant's own: in lockstep it may be 63 ticks ahead of a supervisor that has no processor, and what
+/// it says of them waits in its queues.
+const TAKEN_OF_PLANT_MAX: u64 = 1024 * 1024;
 /// Nothing can be done with less.
 const BYTES_MIN: u64 = 64 * 1024;
 /// What to do about it.
@@ -156,12 +160,14 @@ pub fn check(base: &Path, need: Need) -> Result<(), RoomError> {
     }
 }
 
-/// Takes the memory that the files of a run root were promised, as far as it will be used.
-pub fn take(run_root: &Path) -> Result<(), RoomError> {
+/// Takes the memory that the files of a run root were promised, as far as it will be used. `plant`: the plant's
+/// process id, once there is one.
+pub fn take(run_root: &Path, plant: Option<u32>) -> Result<(), RoomError> {
     for entry in fs::read_dir(run_root).into_iter().flatten().flatten() {
         // It may be gone by now, as the files of the dead are.
         let Ok(found) = entry.metadata() else { continue };
-        let wanted = found.len().min(TAKEN_MAX);
+        let of_plant = plant.is_some() && sender_of(&entry.file_name().to_string_lossy()) == plant;
+        let wanted = found.len().min(if of_plant { TAKEN_OF_PLANT_MAX } else { TAKEN_MAX });
         if !found.is_file() || 512 * found.blocks() >= wanted {
             continue;
         }
@@ -201,41 +207,28 @@ pub fn tell_of_sigbus(base: &Path) {
 
 /// Only system calls, and no memory but the stack: it may come at any time.
 extern "C" fn at_sigbus(_signal: libc::c_int) {
-    let mut line = Line { bytes: [0; 1024], length: 0 };
+    let mut bytes = [0; 1024];
+    // On the stack; what is too long for it is lost.
+    let mut line = Cursor::new(&mut bytes[..]);
     if let Some((path, mount)) = SHARED.get() {
         // SAFETY: zeros are a value of this plain struct.
         let mut space: libc::statfs = unsafe { std::mem::zeroed() };
         // SAFETY: reads a path that ends in 0, writes `space`.
         let known = unsafe { libc::statfs(path.as_ptr(), &mut space) } == 0;
-        let bytes = |blocks: u64| Bytes(blocks * space.f_bsize as u64);
-        let full = known && bytes(space.f_bavail).0 < BYTES_MIN;
+        let taken = |blocks: u64| Bytes(blocks * space.f_bsize as u64);
+        let full = known && taken(space.f_bavail).0 < BYTES_MIN;
         let what = match full {
             true => "shared memory is full (SIGBUS)",
             false => "a part of shared memory is gone, or was not to be had (SIGBUS)",
         };
-        let (free, size) = (bytes(space.f_bavail), bytes(space.f_blocks));
+        let (free, size) = (taken(space.f_bavail), taken(space.f_blocks));
         let _ = writeln!(line, "error: {what}: {mount} has {free} of {size} free; {ADVICE}");
     }
+    let length = line.position() as usize;
     // SAFETY: plain system calls; the buffer is as long as said.
     unsafe {
-        libc::write(2, line.bytes.as_ptr().cast(), line.length);
+        libc::write(2, bytes.as_ptr().cast(), length);
         libc::_exit(i32::from(exit::INFRASTRUCTURE));
-    }
-}
-
-/// A text on the stack; what is too long for it is lost.
-struct Line {
-    bytes: [u8; 1024],
-    length: usize,
-}
-
-impl fmt::Write for Line {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        let room = &mut self.bytes[self.length..];
-        let taken = text.len().min(room.len());
-        room[..taken].copy_from_slice(&text.as_bytes()[..taken]);
-        self.length += taken;
-        Ok(())
     }
 }
 
@@ -304,9 +297,16 @@ mod tests {
         for (length, taken) in [(5_000, 8_192), (1_000_000, TAKEN_MAX)] {
             fs::File::create(&path).unwrap().set_len(length).unwrap();
             assert_eq!(fs::metadata(&path).unwrap().blocks(), 0);
-            take(root.path()).unwrap();
+            take(root.path(), None).unwrap();
             let found = fs::metadata(&path).unwrap();
             assert_eq!((found.len(), 512 * found.blocks()), (length, taken));
+        }
+        // The plant's, and another's.
+        for (process, taken) in [(7u32, 1_003_520), (8, TAKEN_MAX)] {
+            let path = root.path().join(format!("phx_hash_{}.data", u128::from(process) << 64 | 1));
+            fs::File::create(&path).unwrap().set_len(1_000_000).unwrap();
+            take(root.path(), Some(7)).unwrap();
+            assert_eq!(512 * fs::metadata(&path).unwrap().blocks(), taken);
         }
     }
 

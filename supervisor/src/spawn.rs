@@ -25,58 +25,30 @@ pub struct Launcher {
     same_addresses: bool,
 }
 
-/// What a child is to be.
+/// What a child is to be. `brief`: its file; `program`: what takes the place of our own agent or plant; `words`: of
+/// the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named in the variants' comments")]
 pub enum Role<'a> {
-    /// `phalanx agent BRIEF --incarnation N`, or a program in its place.
-    Agent {
-        /// Its brief.
-        brief: &'a Path,
-        /// What takes the place of `phalanx agent`.
-        program: Option<&'a Started>,
-        /// How often this robot's process was started before.
-        incarnation: u64,
-    },
+    /// `phalanx agent BRIEF --incarnation N`, or a program in its place. `incarnation`: how often this robot's
+    /// process was started before.
+    Agent { brief: &'a Path, program: Option<&'a Started>, incarnation: u64 },
     /// `phalanx plant BRIEF`, or a program in its place.
-    Plant {
-        /// Its brief.
-        brief: &'a Path,
-        /// What takes the place of `phalanx plant`.
-        program: Option<&'a Started>,
-    },
-    /// `phalanx machine RUN_ROOT --period-ns N --robots N`.
-    ControlTimer {
-        /// The run it belongs to.
-        run_root: &'a Path,
-        /// The robots' period, ns.
-        period_ns: u64,
-        /// How many robots there are.
-        robots: usize,
-    },
+    Plant { brief: &'a Path, program: Option<&'a Started> },
+    /// `phalanx machine RUN_ROOT --period-ns N --robots N`: of that run, with the robots' period.
+    ControlTimer { run_root: &'a Path, period_ns: u64, robots: usize },
     /// `phalanx bridge BRIEF`.
-    Bridge {
-        /// Its brief.
-        brief: &'a Path,
-    },
+    Bridge { brief: &'a Path },
     /// `phalanx ros2 BRIEF`.
-    Ros2 {
-        /// Its brief.
-        brief: &'a Path,
-    },
+    Ros2 { brief: &'a Path },
     /// `phalanx load`.
     Load,
     /// `phalanx awake`.
     Awake,
     /// `phalanx WORD...`: a run, or a peer in a measurement, of `phalanx bench`.
-    Bench {
-        /// The command line.
-        words: &'a [OsString],
-    },
+    Bench { words: &'a [OsString] },
     /// `phalanx run WORD...`: a run of a campaign.
-    Run {
-        /// The command line.
-        words: &'a [OsString],
-    },
+    Run { words: &'a [OsString] },
 }
 
 impl fmt::Display for Role<'_> {
@@ -93,10 +65,8 @@ impl fmt::Display for Role<'_> {
             Role::Awake => f.write_str("a process that keeps a core awake"),
             Role::Run { .. } => f.write_str("a run"),
             Role::Bench { words } => {
-                let words: Vec<_> = words.iter().take(2).map(|word| word.display()).collect();
-                write!(f, "`phalanx")?;
-                words.iter().try_for_each(|word| write!(f, " {word}"))?;
-                write!(f, "`")
+                let words = words.iter().take(2).map(|word| format!(" {}", word.display()));
+                write!(f, "`phalanx{}`", words.collect::<String>())
             }
         }
     }
@@ -170,40 +140,36 @@ impl Launcher {
         };
         let out = File::options().create(true).append(true).open(log).map_err(unlogged)?;
         let mut command = Command::new(&self.executable);
+        let (name, verb, brief) = match role {
+            Role::Agent { brief, .. } => ("phalanx-agent", Some("agent"), Some(brief)),
+            Role::Plant { brief, .. } => ("phalanx-plant", Some("plant"), Some(brief)),
+            Role::ControlTimer { run_root, .. } => {
+                ("phalanx-machine", Some("machine"), Some(run_root))
+            }
+            Role::Bridge { brief } => ("phalanx-bridge", Some("bridge"), Some(brief)),
+            Role::Ros2 { brief } => ("phalanx-ros2", Some("ros2"), Some(brief)),
+            Role::Load => ("phalanx-load", Some("load"), None),
+            Role::Awake => ("phalanx-awake", Some("awake"), None),
+            Role::Bench { .. } => ("phalanx-bench", None, None),
+            Role::Run { .. } => ("phalanx", None, None),
+        };
+        command.arg0(name);
         match role {
-            Role::Agent { brief, program, incarnation } => {
-                command.arg0("phalanx-agent");
-                part(&mut command, "agent", program);
-                command.arg(brief).arg("--incarnation").arg(incarnation.to_string());
+            Role::Agent { program: Some(program), .. }
+            | Role::Plant { program: Some(program), .. } => become_program(&mut command, program),
+            _ => drop(command.args(verb)),
+        }
+        command.args(brief);
+        match role {
+            Role::Agent { incarnation, .. } => {
+                command.arg("--incarnation").arg(incarnation.to_string());
             }
-            Role::Plant { brief, program } => {
-                command.arg0("phalanx-plant");
-                part(&mut command, "plant", program);
-                command.arg(brief);
-            }
-            Role::ControlTimer { run_root, period_ns, robots } => {
-                command.arg0("phalanx-machine").arg("machine").arg(run_root);
+            Role::ControlTimer { period_ns, robots, .. } => {
                 command.arg("--period-ns").arg(period_ns.to_string());
                 command.arg("--robots").arg(robots.to_string());
             }
-            Role::Bridge { brief } => {
-                command.arg0("phalanx-bridge").arg("bridge").arg(brief);
-            }
-            Role::Ros2 { brief } => {
-                command.arg0("phalanx-ros2").arg("ros2").arg(brief);
-            }
-            Role::Load => {
-                command.arg0("phalanx-load").arg("load");
-            }
-            Role::Awake => {
-                command.arg0("phalanx-awake").arg("awake");
-            }
-            Role::Bench { words } => {
-                command.arg0("phalanx-bench").args(words);
-            }
-            Role::Run { words } => {
-                command.arg0("phalanx").args(words);
-            }
+            Role::Bench { words } | Role::Run { words } => drop(command.args(words)),
+            _ => {}
         }
         if self.realtime_priority
             && matches!(
@@ -250,14 +216,6 @@ impl Launcher {
     }
 }
 
-/// The words by which our own executable becomes a part of phalanx, or what takes its place.
-fn part(command: &mut Command, part: &str, program: Option<&Started>) {
-    match program {
-        None => drop(command.arg(part)),
-        Some(program) => become_program(command, program),
-    }
-}
-
 /// The words by which our own executable becomes another one: what must be done between fork and exec
 /// is done by it, under the id that is watched.
 fn become_program(command: &mut Command, program: &Started) {
@@ -278,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn an_executable_that_cannot_be_started_is_named_with_the_reason() {
+    fn an_executable_or_a_log_that_cannot_be_opened_is_named_with_the_reason() {
         let brief = Path::new("/runs/x/briefs/r2.toml");
         let agent = Role::Agent { brief, program: None, incarnation: 0 };
         assert_eq!(
@@ -287,10 +245,6 @@ mod tests {
         );
         let text = refused(Path::new("/etc/passwd"), Role::Plant { brief, program: None });
         assert!(text.starts_with("cannot start the plant: /etc/passwd may not be exec"), "{text}");
-    }
-
-    #[test]
-    fn a_log_that_cannot_be_opened_is_named() {
         let log = Path::new("/no/such/folder/awake.jsonl");
         let error = Launcher::of_this_executable().spawn(Role::Awake, log).unwrap_err().to_string();
         assert!(error.contains("keeps a core awake: its log /no/such/folder/awake.j"), "{error}");

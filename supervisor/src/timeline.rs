@@ -8,31 +8,18 @@ use experiment::scenario::{FaultKind, Scenario};
 
 /// Something that the supervisor does at a time of the scenario's choice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named in the variants' comments")]
 pub enum Act {
-    /// SIGKILL; a replacement at that run time, ns.
-    Kill {
-        /// Whose process.
-        robot: usize,
-        /// When, ns.
-        restart_at_ns: Option<u64>,
-    },
-    /// SIGSTOP.
-    Freeze {
-        /// Whose process.
-        robot: usize,
-    },
+    /// SIGKILL of a robot's process; a replacement at that run time, ns.
+    Kill { robot: usize, restart_at_ns: Option<u64> },
+    /// SIGSTOP of a robot's process.
+    Freeze { robot: usize },
     /// SIGCONT, after a freeze.
-    Thaw {
-        /// Whose process.
-        robot: usize,
-    },
+    Thaw { robot: usize },
     /// SIGKILL of the plant.
     KillPlant,
-    /// Processes that do nothing but take processor time.
-    StartLoad {
-        /// How many.
-        processes: usize,
-    },
+    /// So many processes that do nothing but take processor time.
+    StartLoad { processes: usize },
     /// Ends them.
     EndLoad,
 }

@@ -100,19 +100,9 @@ fn robots_with_inertia_keep_d_in_real_time_whoever_freezes_or_is_late_or_dies() 
 
 /// `cargo test --release --test it -- --ignored dozens`
 #[test]
-#[ignore = "36 runs of 5 s: a minute"]
-fn guard_keeps_d_in_dozens_of_hostile_runs() {
-    for first in 0..3 {
-        hostile_runs(&["triangle", "triangle-b", "triangle-c", "triangle-d"], first, &[]);
-    }
-}
-
-/// `cargo test --release --test it -- --ignored with_inertia_keep_d_in_dozens`
-#[test]
-#[ignore = "36 runs of 5 s: a minute"]
-fn robots_with_inertia_keep_d_in_dozens_of_hostile_runs() {
-    for first in 0..3 {
-        let starts = ["triangle", "triangle-b", "triangle-c", "triangle-d"];
-        hostile_runs(&starts, first, &[BURGER]);
+#[ignore = "72 runs of 5 s: two minutes"]
+fn guard_keeps_d_in_dozens_of_hostile_runs_with_inertia_and_without() {
+    for (first, keys) in (0..3).flat_map(|first| [(first, &[][..]), (first, &[BURGER][..])]) {
+        hostile_runs(&["triangle", "triangle-b", "triangle-c", "triangle-d"], first, keys);
     }
 }

@@ -11,7 +11,7 @@ use protocol::clock::now_ns;
 use protocol::message::{self, Beacon};
 use protocol::{run_root, service};
 
-use crate::harness::{Running, files_below, run};
+use crate::harness::{Ended, Running, files_below, run};
 
 /// The user `nobody`, who has no business here.
 const STRANGER: u32 = 65534;
@@ -71,6 +71,38 @@ fn addresses_are_random_but_those_of_robots_in_lockstep() {
     }
 }
 
+const SECOND_NS: u64 = 1_000_000_000;
+
+/// Beacons that must be refused: in each round another number that is none.
+fn bad_beacons(number: f64, fresh_ns: u64) -> [Beacon; 7] {
+    let near = Beacon { stamp_ns: fresh_ns, x_m: 0.1, y_m: 0.1, ..Beacon::default() };
+    [
+        Beacon { x_m: number, ..near },
+        Beacon { vy_m_s: number, ..near },
+        Beacon { frame_known: 1, frame_turn_rate_rad_s: number, ..near },
+        Beacon { stamp_ns: fresh_ns + 3600 * SECOND_NS, ..near },
+        Beacon { stamp_ns: u64::MAX, ..near },
+        Beacon { stamp_ns: 0, ..near },
+        Beacon { incarnation: u64::MAX, ..near },
+    ]
+}
+
+/// Commands that must be refused.
+fn bad_commands(number: f64, fresh_ns: u64) -> [message::Command; 6] {
+    let (sequence, v_m_s, w_rad_s) = (u64::MAX, 0.3, 1.0);
+    let stamp_ns = fresh_ns;
+    let fast =
+        message::Command { stamp_ns, sequence, v_m_s, w_rad_s, ..message::Command::default() };
+    [
+        message::Command { v_m_s: number, ..fast },
+        message::Command { w_rad_s: number, ..fast },
+        message::Command { stamp_ns: fresh_ns + 3600 * SECOND_NS, ..fast },
+        message::Command { stamp_ns: u64::MAX, ..fast },
+        message::Command { stamp_ns: fresh_ns - SECOND_NS, ..fast },
+        message::Command { incarnation: u64::MAX, ..fast },
+    ]
+}
+
 /// All of it in one run and one process, because iceoryx2's configuration is process-wide.
 #[test]
 fn garbage_with_the_right_type_moves_no_robot_dead_or_alive_and_is_counted() {
@@ -91,71 +123,47 @@ fn garbage_with_the_right_type_moves_no_robot_dead_or_alive_and_is_counted() {
     let full = open("r2").publisher().unwrap_err().to_string();
     assert!(full.contains("room for 2 senders"), "{full}");
 
-    let rounds = Cell::new(0u64);
+    let rounds = Cell::new(0);
+    let pause = || std::thread::sleep(Duration::from_micros(100));
     let publish = |r1_is_new: bool| {
-        rounds.set(rounds.get() + 1);
         let numbers = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e300];
-        let number = numbers[rounds.get() as usize % numbers.len()];
-        let second = Duration::from_secs(1).as_nanos() as u64;
-        let fresh = now_ns() - second / 1000;
-        let near = Beacon { stamp_ns: fresh, x_m: 0.1, y_m: 0.1, ..Beacon::default() };
-        let fast = message::Command {
-            stamp_ns: fresh,
-            sequence: u64::MAX,
-            v_m_s: 0.3,
-            w_rad_s: 1.0,
-            ..message::Command::default()
-        };
-        for garbage in [
-            Beacon { x_m: number, ..near },
-            Beacon { vy_m_s: number, ..near },
-            Beacon { frame_known: 1, frame_turn_rate_rad_s: number, ..near },
-            Beacon { stamp_ns: fresh + 3600 * second, ..near },
-            Beacon { stamp_ns: u64::MAX, ..near },
-            Beacon { stamp_ns: 0, ..near },
-            Beacon { incarnation: u64::MAX, ..near },
-        ] {
+        let number = numbers[rounds.replace(rounds.get() + 1) % numbers.len()];
+        let fresh_ns = now_ns() - SECOND_NS / 1000;
+        for garbage in bad_beacons(number, fresh_ns) {
             beacon.send_copy(garbage).unwrap();
-            std::thread::sleep(Duration::from_micros(100));
+            pause();
         }
-        let mut commands = vec![
-            message::Command { v_m_s: number, ..fast },
-            message::Command { w_rad_s: number, ..fast },
-            message::Command { stamp_ns: fresh + 3600 * second, ..fast },
-            message::Command { stamp_ns: u64::MAX, ..fast },
-            message::Command { stamp_ns: fresh - second, ..fast },
-            message::Command { incarnation: u64::MAX, ..fast },
-        ];
+        for garbage in bad_commands(number, fresh_ns) {
+            to_r1.send_copy(garbage).unwrap();
+            to_r2.send_copy(garbage).unwrap();
+            pause();
+        }
         if r1_is_new {
             // Of the incarnation that died.
-            commands.push(message::Command { v_m_s: 0.0, w_rad_s: 0.0, ..fast });
+            let (stamp_ns, sequence) = (fresh_ns, u64::MAX);
+            let old = message::Command { stamp_ns, sequence, ..message::Command::default() };
+            to_r1.send_copy(old).unwrap();
+            pause();
         }
-        for garbage in commands {
-            to_r1.send_copy(garbage).unwrap();
-            if garbage.sequence != fast.sequence || garbage.v_m_s != 0.0 {
-                to_r2.send_copy(garbage).unwrap();
-            }
-            std::thread::sleep(Duration::from_micros(100));
-        }
-    };
-    let events = |run: &Running| {
-        std::fs::read_to_string(run.run_dir().join("events.csv")).unwrap_or_default()
     };
     running.wait_for("the new r1", |run| {
         publish(false);
-        events(run).contains("ready,r1,incarnation 1").then_some(())
+        run.events().contains("ready,r1,incarnation 1").then_some(())
     });
     running.wait_for("the death of r2", |run| {
         publish(true);
-        events(run).contains("died,r2").then_some(())
+        run.events().contains("died,r2").then_some(())
     });
     let dead_since = Instant::now();
     while dead_since.elapsed() < Duration::from_secs(3) {
         publish(true);
     }
     drop((beacon, to_r1, to_r2, node));
+    no_garbage_was_obeyed(&running.finish());
+}
 
-    let ended = running.finish();
+#[track_caller]
+fn no_garbage_was_obeyed(ended: &Ended) {
     ended.exits_with(0).leaves_nothing();
     ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
     ended.claim(ended.number("/violations") == 0.0, "no tick violates d");

@@ -5,11 +5,13 @@
 
 use std::fmt::Write as _;
 use std::fs;
+use std::io;
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use protocol::barrier::Barrier;
+use protocol::cgroup;
 use protocol::clock::{Timer, now_ns, tighten_timer_slack};
 use protocol::lateness::Reader;
 use protocol::process::{
@@ -192,24 +194,24 @@ fn waits(base: &Path) -> Finding {
     needed("shared files", tried(), advice)
 }
 
+/// Tries something on a thread of its own, for what it does to its thread stays there.
+fn on_a_thread<T: Send>(attempt: impl FnOnce() -> io::Result<T> + Send) -> io::Result<T> {
+    std::thread::scope(|scope| {
+        let thread = std::thread::Builder::new().spawn_scoped(scope, attempt)?;
+        thread.join().expect("it does not panic")
+    })
+}
+
 /// The timer that bounds waits in lockstep.
 fn alarm() -> Finding {
-    let started = std::thread::scope(|scope| {
-        let try_it = || Alarm::start().map(drop);
-        std::thread::Builder::new().spawn_scoped(scope, try_it)?.join().expect("it does not panic")
-    });
-    let tried = started.map(|()| "can be set".to_owned());
+    let tried = on_a_thread(|| Alarm::start().map(drop)).map(|()| "can be set".to_owned());
     let advice = "lockstep needs it; in a container, its seccomp profile must allow timer_create";
     needed("alarm", tried.map_err(|error| format!("timer_create is refused: {error}")), advice)
 }
 
 /// What makes lockstep faster where it is permitted.
 fn keeping_cores() -> Finding {
-    let idle = std::thread::scope(|scope| {
-        let thread = std::thread::Builder::new().spawn_scoped(scope, stand_back)?;
-        thread.join().expect("it does not panic")
-    });
-    let idle = idle.map_err(|error| format!("SCHED_IDLE: {error}"));
+    let idle = on_a_thread(stand_back).map_err(|error| format!("SCHED_IDLE: {error}"));
     match cores::try_to_keep().and(idle) {
         Ok(()) => Finding::fine("keeping cores", "processes can be kept on cores, and cores awake"),
         Err(why) => Finding::fine("keeping cores", format!("not permitted ({why})")).or(
@@ -252,13 +254,9 @@ fn wake_ups() -> Finding {
         let wakes = (0..WAKE_UPS).filter_map(|_| timer.wait());
         let mut late_ns: Vec<u64> = wakes.map(|wake| wake.lateness_ns).collect();
         late_ns.sort_unstable();
-        (slack_ns, late_ns)
+        Ok((slack_ns, late_ns))
     };
-    let measured = std::thread::scope(|scope| {
-        let thread = std::thread::Builder::new().spawn_scoped(scope, measure)?;
-        Ok::<_, std::io::Error>(thread.join().expect("it does not panic"))
-    });
-    let (slack_ns, late_ns) = match measured {
+    let (slack_ns, late_ns) = match on_a_thread(measure) {
         Ok(measured) => measured,
         Err(error) => {
             let advice = "the user's processes, or the control group's, are at their limit";
@@ -346,29 +344,11 @@ fn limited(limit: Option<u64>) -> String {
 /// The tightest pids.max of the control groups that this process is in.
 fn process_group_limit(robots: usize) -> Option<Finding> {
     let number = |path: PathBuf| fs::read_to_string(path).ok()?.trim().parse::<u64>().ok();
-    let groups = fs::read_to_string("/proc/self/cgroup").ok()?;
-    let folders = groups.lines().filter_map(|line| {
-        let mut parts = line.splitn(3, ':').skip(1);
-        let (controllers, path) = (parts.next()?, parts.next()?.trim_start_matches('/'));
-        let mount = match controllers {
-            "" => "/sys/fs/cgroup",
-            controllers if controllers.split(',').any(|word| word == "pids") => {
-                "/sys/fs/cgroup/pids"
-            }
-            _ => return None,
-        };
-        Some((Path::new(mount), Path::new(mount).join(path)))
+    let left = cgroup::folders(Path::new("/"), "pids").into_iter().filter_map(|group| {
+        let max = number(group.path.join("pids.max"))?;
+        let used = number(group.path.join("pids.current")).unwrap_or(0);
+        Some((max.saturating_sub(used), max))
     });
-    let left = folders
-        .flat_map(|(mount, folder)| {
-            let above: Vec<PathBuf> = folder.ancestors().map(Path::to_path_buf).collect();
-            above.into_iter().take_while(move |folder| folder.starts_with(mount))
-        })
-        .filter_map(|folder| {
-            let max = number(folder.join("pids.max"))?;
-            let used = number(folder.join("pids.current")).unwrap_or(0);
-            Some((max.saturating_sub(used), max))
-        });
     let (left, max) = left.min()?;
     let needed = PROCESSES + robots as u64;
     Some(Finding::fine("control group", format!("{left} of {max} processes left (pids.max)")).or(

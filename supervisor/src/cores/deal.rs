@@ -185,57 +185,6 @@ mod tests {
         }
     }
 
-    /// What the fewest domains are that have so many cores, if any domain may be the first.
-    #[test]
-    fn groups_that_fit_below_one_cache_or_on_one_node_are_there() {
-        for (name, topology) in machines() {
-            for (robots, first) in (1..100).flat_map(|robots| (0..8).map(move |i| (robots, i))) {
-                let Some(deal) = Deal::of(&topology, robots, first) else { continue };
-                let slowest =
-                    deal.groups.iter().map(|&cpu| core_of(&topology, cpu).speed).min().unwrap();
-                let fast = || topology.cores.iter().filter(|core| core.speed >= slowest);
-                let among = |of: fn(&Core) -> usize| {
-                    let is = |core: &Core| of(core);
-                    let fits = fast().any(|core| {
-                        fast().filter(|other| of(other) == of(core)).count() >= deal.groups.len()
-                    });
-                    let first = is(core_of(&topology, deal.groups[0]));
-                    let one = deal.groups.iter().all(|&cpu| is(core_of(&topology, cpu)) == first);
-                    assert!(one || !fits, "{name} {robots} {deal:?}");
-                };
-                among(|core| core.cache);
-                among(|core| core.node);
-            }
-        }
-    }
-
-    #[test]
-    fn few_robots_share_the_fastest_core_and_runs_side_by_side_begin_elsewhere() {
-        for (name, topology) in machines() {
-            let fastest = topology.cores.iter().map(|core| core.speed).max().unwrap();
-            let alike = topology.cores.iter().filter(|core| core.speed == fastest).count();
-            let deals = (0..alike).filter_map(|first| Deal::of(&topology, 3, first));
-            let mut plants: Vec<usize> = deals.map(|deal| deal.plant).collect();
-            assert!(plants.iter().all(|&cpu| core_of(&topology, cpu).speed == fastest), "{name}");
-            let all = plants.len();
-            plants.sort_unstable();
-            plants.dedup();
-            assert_eq!(plants.len(), all, "{name}");
-        }
-    }
-
-    #[test]
-    fn a_slow_core_is_left_out_if_all_would_wait_for_it() {
-        let cores = |slow: u32| {
-            read(&format!(
-                "cores 0-3 cache 0 node 0 speed 1024\ncores 4-7 cache 0 node 0 speed {slow}"
-            ))
-        };
-        let groups = |topology| Deal::of(&topology, 64, 0).unwrap().groups.len();
-        assert_eq!(groups(cores(500)), 4, "8 at 500 do less than 4 at 1024");
-        assert_eq!(groups(cores(600)), 8);
-    }
-
     /// The file is the table that was reviewed. `PHALANX_BLESS=1` writes it again.
     #[test]
     fn every_machines_table_is_as_reviewed() {

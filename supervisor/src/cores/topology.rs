@@ -162,43 +162,11 @@ mod tests {
     }
 
     #[test]
-    fn a_machine_that_says_nothing_has_one_thread_per_core() {
-        let root = machine(&[]);
-        let topology = Topology::read(root.path(), &[4, 6]);
+    fn a_machine_that_says_nothing_has_one_thread_per_core_and_a_quota_pays_for_whole_ones() {
+        let files = [("proc/self/cgroup", "0::/"), ("sys/fs/cgroup/cpu.max", "150000 100000")];
+        let topology = Topology::read(machine(&files).path(), &[4, 6]);
         let threads: Vec<_> = topology.cores.iter().map(|core| core.threads.clone()).collect();
-        assert_eq!((threads, topology.quota), (vec![vec![4], vec![6]], None));
-    }
-
-    #[test]
-    fn the_smallest_limit_of_a_cgroup_and_those_above_it_counts() {
-        let version_2 = machine(&[
-            ("proc/self/cgroup", "0::/docker/run"),
-            ("sys/fs/cgroup/docker/run/cpu.max", "max 100000"),
-            ("sys/fs/cgroup/docker/cpu.max", "150000 100000"),
-        ]);
-        assert_eq!(quota(version_2.path()), Some(1.5));
-        let version_1 = machine(&[
-            ("proc/self/cgroup", "5:memory:/x\n3:cpu,cpuacct:/job\n0::/"),
-            ("sys/fs/cgroup/cpu,cpuacct/job/cpu.cfs_quota_us", "-1"),
-            ("sys/fs/cgroup/cpu,cpuacct/job/cpu.cfs_period_us", "100000"),
-            ("sys/fs/cgroup/cpu,cpuacct/cpu.cfs_quota_us", "50000"),
-            ("sys/fs/cgroup/cpu,cpuacct/cpu.cfs_period_us", "100000"),
-        ]);
-        assert_eq!(quota(version_1.path()), Some(0.5));
-        let topology = Topology::read(version_1.path(), &[0, 1]);
+        assert_eq!((threads, topology.quota), (vec![vec![4], vec![6]], Some(1.5)));
         assert_eq!(topology.whole_cores(), 1);
-        assert_eq!(quota(machine(&[("proc/self/cgroup", "0::/")]).path()), None);
-    }
-
-    #[test]
-    fn this_machine_has_the_processors_that_the_kernel_lets_this_thread_use() {
-        let Some(topology) = Topology::of_this_thread() else { return };
-        let set = sched_getaffinity(None).unwrap();
-        let mut threads: Vec<usize> = topology.threads().collect();
-        threads.sort_unstable();
-        assert_eq!(
-            threads,
-            (0..CpuSet::MAX_CPU).filter(|&cpu| set.is_set(cpu)).collect::<Vec<_>>()
-        );
     }
 }

@@ -10,11 +10,11 @@ use protocol::barrier::{Barrier, BarrierError};
 use protocol::brief::Pace;
 use protocol::message::{StatusHeader, TruthHeader};
 use protocol::run_root::RunRoot;
-use rustix::event::{PollFd, Timespec, poll};
+use rustix::event::PollFd;
 
 use super::error::{READY_MAX, RunError, TRUTH_SILENCE_MAX};
 use super::hung::{Watch, Watched};
-use super::processes::LOG_LINES;
+use super::processes::{LOG_LINES, wait_for_news};
 use crate::child::Child;
 use crate::cores::{Cores, Placement};
 use crate::spawn::Launcher;
@@ -88,11 +88,7 @@ impl Conduct {
             Conduct::Lockstep { barrier, .. } => {
                 barrier.wait_attention(TURN);
             }
-            Conduct::Realtime { .. } => {
-                let turn = Timespec { tv_sec: 0, tv_nsec: TURN.as_nanos() as i64 };
-                // An interruption is a turn without news.
-                let _ = poll(&mut news(), Some(&turn));
-            }
+            Conduct::Realtime { .. } => wait_for_news(&mut news(), TURN),
         }
     }
 

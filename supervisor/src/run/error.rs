@@ -22,6 +22,7 @@ pub(super) const TRUTH_SILENCE_MAX: Duration = Duration::from_secs(15);
 
 /// Why a run could not go on. What was written is kept.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum RunError {
     /// No place for the files that the processes share.
     #[error(transparent)]
@@ -37,16 +38,7 @@ pub enum RunError {
     Room(#[from] RoomError),
     /// A process died while the file system of the run root was full.
     #[error("{room}\n{who} died of it ({how}); the last lines of its log:\n{log}")]
-    DiedOfFullMemory {
-        /// Which file system, and what to do.
-        room: Box<RoomError>,
-        /// A robot's name, or the plant.
-        who: String,
-        /// How it ended.
-        how: String,
-        /// The end of its log.
-        log: String,
-    },
+    DiedOfFullMemory { room: Box<RoomError>, who: String, how: String, log: String },
     /// So many robots need more open files than this process may have.
     #[error(transparent)]
     Descriptors(#[from] descriptors::TooFew),
@@ -67,107 +59,47 @@ pub enum RunError {
     Tell(#[from] SendError),
     /// A robot did not come up.
     #[error("{robot} was not ready after {} s; the last lines of its log:\n{log}", READY_MAX.as_secs())]
-    NotReady {
-        /// Its name.
-        robot: String,
-        /// The end of its log.
-        log: String,
-    },
+    NotReady { robot: String, log: String },
     /// A robot's process gave up, or died before t = 0, and its policy allows no (further) restart.
     #[error("{robot} died ({how}) and is not restarted; the last lines of its log:\n{log}")]
-    AgentDied {
-        /// Its name.
-        robot: String,
-        /// How it ended.
-        how: String,
-        /// The end of its log.
-        log: String,
-    },
+    AgentDied { robot: String, how: String, log: String },
     /// The plant's process died.
     #[error("the plant died ({how}); the last lines of its log:\n{log}")]
-    PlantDied {
-        /// How it ended.
-        how: String,
-        /// The end of its log.
-        log: String,
-    },
+    PlantDied { how: String, log: String },
     /// In lockstep a robot lives, and does not answer.
     #[error(
         "{robot} has not answered tick {tick} for {} s {instead} (hung_after_s); the last lines of its log:\n{log}",
         limit.as_secs_f64()
     )]
-    RobotHung {
-        /// Its name.
-        robot: String,
-        /// Which tick.
-        tick: u64,
-        /// For how long.
-        limit: Duration,
-        /// What it did meanwhile.
-        instead: Instead,
-        /// The end of its log.
-        log: String,
-    },
+    RobotHung { robot: String, tick: u64, limit: Duration, instead: Instead, log: String },
     /// In lockstep the plant lives, owes nobody a wait, and does not go on.
     #[error(
         "the plant has not gone on for {} s {instead} (hung_after_s); the last lines of its log:\n{log}",
         limit.as_secs_f64()
     )]
-    PlantHung {
-        /// For how long.
-        limit: Duration,
-        /// What it did meanwhile.
-        instead: Instead,
-        /// The end of its log.
-        log: String,
-    },
+    PlantHung { limit: Duration, instead: Instead, log: String },
     /// The bridge does not stay up.
     #[error("the bridge died ({how}) {times} times in a row; the last lines of its log:\n{log}")]
-    BridgeDied {
-        /// How it ended.
-        how: String,
-        /// How often.
-        times: u64,
-        /// The end of its log.
-        log: String,
-    },
+    BridgeDied { how: String, times: u64, log: String },
     /// Other hosts did not turn up.
     #[error(
         "not there after {} s: {hosts}; each needs its own `phalanx run` with the same scenario and fleet file, \
          options included, and must be reached at the addresses of the fleet file{dropped}",
         waited.as_secs_f64()
     )]
-    HostsMissing {
-        /// Their names.
-        hosts: String,
-        /// For how long.
-        waited: Duration,
-        /// What was dropped of them, and why.
-        dropped: String,
-    },
+    HostsMissing { hosts: String, waited: Duration, dropped: String },
     /// A signal came while hosts waited for each other.
     #[error("interrupted while waiting for {hosts}")]
-    Interrupted {
-        /// Their names.
-        hosts: String,
-    },
+    Interrupted { hosts: String },
     /// The plant's host is gone: there is no run without it.
     #[error(
         "the plant's host {host} is lost: no sign of it for {} s (silence_max_s); the run is over here",
         silent.as_secs_f64()
     )]
-    PlantsHostLost {
-        /// Its name.
-        host: String,
-        /// For how long.
-        silent: Duration,
-    },
+    PlantsHostLost { host: String, silent: Duration },
     /// The plant's host could not go on.
     #[error("the run could not go on; the plant's host {host} says why")]
-    PlantsHostFailed {
-        /// Its name.
-        host: String,
-    },
+    PlantsHostFailed { host: String },
     /// In real time the plant lives, and says nothing.
     #[error("the plant sent no truth for {} s", TRUTH_SILENCE_MAX.as_secs())]
     PlantSilent,

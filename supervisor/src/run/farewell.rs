@@ -6,27 +6,25 @@ use std::time::{Duration, Instant};
 use super::Run;
 use super::error::RunError;
 use super::hosts::coordinator::Hosts;
+use super::processes::end_all;
 use outcome::metrics::summary::ProcessUsage;
 use outcome::results::outcome::Outcome;
 use outcome::results::usage;
-
-/// Children asked to end are killed after this.
-const GRACE: Duration = Duration::from_secs(2);
 
 impl Run<'_> {
     /// Ends every process and removes what they shared. What went wrong at the end is told. `over`: when the run
     /// ended.
     pub(super) fn farewell(mut self, over: Instant) -> (Outcome, Result<(), RunError>) {
         let told = self.take_the_rest();
-        self.end_children();
+        end_all(self.processes.all_mut().collect());
         let released = self.release_hosts();
         // The last values are sent at the very end.
         let taken = self.intake.take_latencies();
         let complete = self.processes.load.missing().map_err(RunError::from);
         let mut usages = self.usages();
         let counted = self.intake.take_goal_counts();
-        usages.extend(self.hosts.as_mut().map(|hosts| hosts.bridge.end(GRACE)));
-        usages.extend(self.ros2.as_mut().map(|ros2| ros2.end(GRACE)));
+        usages.extend(self.hosts.as_mut().map(|hosts| hosts.bridge.end()));
+        usages.extend(self.ros2.as_mut().map(|ros2| ros2.end()));
         let Run {
             interrupted,
             launched,
@@ -78,30 +76,6 @@ impl Run<'_> {
         self.hosts = Some(hosts);
         self.journal.known_before(u64::MAX)?;
         released.and(taken)
-    }
-
-    /// Asks everybody to end, and kills whoever does not.
-    fn end_children(&mut self) {
-        let asked = Instant::now();
-        let mut killed = false;
-        for child in self.processes.all_mut() {
-            child.terminate();
-        }
-        while self.processes.all_mut().any(|child| child.ended().is_none()) {
-            if !killed && asked.elapsed() > GRACE {
-                killed = true;
-                for child in self.processes.all_mut() {
-                    if child.ended().is_none() {
-                        tracing::warn!("{} did not end when asked, and was killed", child.name());
-                        child.kill();
-                    }
-                }
-            } else if asked.elapsed() > 2 * GRACE {
-                tracing::error!("a killed process does not end; the kernel holds it");
-                return;
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
     }
 
     /// What everybody took, once all have ended, and how often each was started.

@@ -11,7 +11,7 @@ use super::error::RunError;
 use super::goals::Goals;
 use super::lives::Lives;
 use super::reports::Report;
-use super::services::Services;
+use super::services::RunServices;
 use outcome::metrics::summary::ProcessUsage;
 use outcome::results::latency::Latency;
 use outcome::results::outcome::Outcome;
@@ -46,13 +46,18 @@ pub(super) struct Intake {
 
 impl Intake {
     /// Nothing was said yet.
-    pub(super) fn new(services: &Services, latency: Latency) -> Result<Intake, ServiceError> {
-        let statuses: Vec<_> =
-            services.status.iter().map(|service| service.subscriber()).collect::<Result<_, _>>()?;
+    pub(super) fn new(services: &RunServices, latency: Latency) -> Result<Intake, ServiceError> {
+        let statuses: Vec<_> = services
+            .robots
+            .status
+            .iter()
+            .map(|service| service.subscriber())
+            .collect::<Result<_, _>>()?;
         let now = Instant::now();
         Ok(Intake {
             truths: services.truth.subscriber()?,
             latencies: services
+                .robots
                 .latencies
                 .iter()
                 .map(|service| service.subscriber())

@@ -9,6 +9,7 @@ use outcome::results::usage::Usage;
 
 use crate::child::{self, Child};
 use crate::dead_nodes::{Cleaner, Dead};
+use crate::run::processes::end_all;
 use crate::spawn::{Launcher, Role, SpawnError};
 
 /// One that lived for less than this did not come up.
@@ -140,19 +141,10 @@ impl Kept {
         self.child.as_ref()
     }
 
-    /// Asks it to end, and kills it if it does not within that time; what it took.
-    pub(crate) fn end(&mut self, grace: Duration) -> ProcessUsage {
+    /// Asks it to end, and kills it if it does not; what it took.
+    pub(crate) fn end(&mut self) -> ProcessUsage {
         if let Some(mut child) = self.child.take() {
-            child.terminate();
-            let asked = Instant::now();
-            while child.ended().is_none() {
-                if asked.elapsed() > grace {
-                    tracing::warn!("{} did not end when asked, and was killed", child.name());
-                    child.end();
-                    break;
-                }
-                std::thread::sleep(Duration::from_millis(1));
-            }
+            end_all(vec![&mut child]);
             self.usage += child.usage().unwrap_or_default();
         }
         ProcessUsage { name: self.which.name().into(), starts: self.starts, usage: self.usage }

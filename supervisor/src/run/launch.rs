@@ -22,7 +22,7 @@ use super::journal::Journal;
 use super::kept::{Kept, Which};
 use super::lives::Lives;
 use super::processes::{Processes, Robot};
-use super::services::{Services, has_control_timer};
+use super::services::{RunServices, has_control_timer};
 use super::stops::Stops;
 use crate::dead_nodes::Cleaner;
 use crate::descriptors;
@@ -66,15 +66,21 @@ impl<'a> Run<'a> {
         // Each takes descriptors and memory: only where they can be of use.
         let links_by_hand = open_to.hands && conduct.cuts_links_by_hand();
         let OpenTo { hosts: fleet, ros2, .. } = open_to;
-        let services =
-            Services::create(&node, scenario, pace, links_by_hand, fleet.is_some(), ros2.as_ref())?;
+        let services = RunServices::create(
+            &node,
+            scenario,
+            pace,
+            links_by_hand,
+            fleet.is_some(),
+            ros2.as_ref(),
+        )?;
         let intake = Intake::new(&services, Latency::new(scenario, pace))?;
         let heard = |i| scenario.graph.heard_by(i).count();
         let to_robots = services.faults.iter().enumerate();
         let faults_by_hand =
             to_robots.map(|(i, faults)| faults.publisher(heard(i))).collect::<Result<_, _>>()?;
         let cleaner = Cleaner::start(&run_root, &node)?;
-        room::take(run_root.path())?;
+        room::take(run_root.path(), None)?;
 
         let mut start = Start { scenario, pace, launcher, run_root: run_root.path(), journal };
         let mut robots = start.robots(fleet.as_ref(), ros2.as_ref(), links_by_hand)?;

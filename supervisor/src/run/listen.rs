@@ -42,7 +42,7 @@ impl Run<'_> {
         if self.intake.began.is_none() {
             self.intake.began = Some(now);
             // All ports of the plant are there now.
-            room::take(self.run_root.path())?;
+            self.take_memory()?;
         }
         self.intake.last_news = now;
         self.intake.newest = Some(*header);
@@ -67,6 +67,11 @@ impl Run<'_> {
         Ok(())
     }
 
+    /// Takes the memory that ports and connections were promised.
+    fn take_memory(&self) -> Result<(), RunError> {
+        Ok(room::take(self.run_root.path(), Some(self.processes.plant.pid()))?)
+    }
+
     /// Takes in what the robots say of themselves.
     pub(super) fn take_statuses(&mut self) -> Result<(), RunError> {
         for robot in 0..self.intake.statuses.len() {
@@ -86,16 +91,24 @@ impl Run<'_> {
         if header.incarnation != self.lives.incarnation(robot) {
             return Ok(()); // sent before its death
         }
+        let (moved, moves) = (self.intake.reports[robot].moves(), header.moving == 1);
         let news = self.intake.reports[robot].take(header, neighbors);
         let takes_part = self.conduct.takes_part(header);
         let t_ns = self.intake.now_ns().max(header.t_ns);
         let was_starting = self.lives.seat(robot) == Seat::Starting;
         self.happens(t_ns, Event::Reported { robot, takes_part })?;
-        let mut seats = (0..self.scenario.robots.len()).map(|robot| self.lives.seat(robot));
-        if was_starting && seats.all(|seat| seat != Seat::Starting) {
-            // All ports of the robots are there now. Once those of the plant are too, what fills the
-            // memory harms nobody.
-            room::take(self.run_root.path())?;
+        let mut robots = 0..self.scenario.robots.len();
+        // All ports of the robots are there once nobody starts, and all connections between them once everybody
+        // has heard and spoken. From then on what fills the memory harms nobody.
+        let all_there =
+            was_starting && robots.clone().all(|robot| self.lives.seat(robot) != Seat::Starting);
+        let all_move = !moved
+            && moves
+            && robots.all(|robot| {
+                self.lives.seat(robot) != Seat::Moving || self.intake.reports[robot].moves()
+            });
+        if all_there || all_move {
+            self.take_memory()?;
         }
         for news in news {
             match news {

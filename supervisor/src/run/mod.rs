@@ -69,7 +69,7 @@ use kept::{Died, GivenUp, Kept};
 use lives::{Event, Lives, Seat};
 use outcome::results::outcome::Outcome;
 use processes::Processes;
-use services::Services;
+use services::RunServices;
 use stops::Stops;
 
 /// A run under way.
@@ -102,7 +102,7 @@ pub struct Run<'a> {
     ros2: Option<Kept>,
     /// Something failed that no plan has.
     failed: bool,
-    _services: Services,
+    _services: RunServices,
     _node: Node,
     run_root: RunRoot,
 }

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitStatus;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use protocol::message::Wanted;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -15,6 +15,8 @@ use crate::spawn::{Launcher, Role, SpawnError};
 use outcome::results::programs::Started;
 use outcome::results::usage::Usage;
 
+/// Processes asked to end are killed after this.
+pub(crate) const GRACE: Duration = Duration::from_secs(2);
 /// How many lines of a dead child's log are shown.
 pub(super) const LOG_LINES: usize = 8;
 
@@ -30,7 +32,7 @@ pub(super) struct Processes {
 }
 
 /// A robot's process, or the place for one.
-pub(super) struct Robot {
+pub(crate) struct Robot {
     brief: PathBuf,
     /// What takes the place of the built-in agent.
     program: Option<Started>,
@@ -46,7 +48,7 @@ pub(super) struct Robot {
 
 impl Robot {
     /// One whose process was not started yet.
-    pub(super) fn new(brief: PathBuf, program: Option<Started>, log: PathBuf) -> Robot {
+    pub(crate) fn new(brief: PathBuf, program: Option<Started>, log: PathBuf) -> Robot {
         let (started, usage) = (Instant::now(), Usage::default());
         Robot { brief, program, log, child: None, remote: None, started, usage }
     }
@@ -60,6 +62,46 @@ impl Robot {
     /// Of a robot whose process another host has.
     pub(super) fn remote(&mut self) -> Option<&mut Remote> {
         self.remote.as_mut()
+    }
+
+    /// Starts its process; there is none now.
+    pub(crate) fn start(
+        &mut self,
+        launcher: &Launcher,
+        incarnation: u64,
+    ) -> Result<(), SpawnError> {
+        self.started = Instant::now();
+        let role = Role::Agent { brief: &self.brief, program: self.program.as_ref(), incarnation };
+        self.child = Some(launcher.spawn(role, &self.log)?);
+        Ok(())
+    }
+
+    /// Its process, if there is one.
+    pub(crate) fn child(&self) -> Option<&Child> {
+        self.child.as_ref()
+    }
+
+    /// The same, to be ended.
+    pub(crate) fn child_mut(&mut self) -> Option<&mut Child> {
+        self.child.as_mut()
+    }
+
+    /// Lets its process, if there is one, be so from now on.
+    pub(crate) fn want(&self, wanted: Wanted) {
+        let Some(child) = &self.child else { return };
+        match wanted {
+            Wanted::Killed => child.kill(),
+            Wanted::Stopped => child.stop(),
+            Wanted::Running => child.go_on(),
+        }
+    }
+
+    /// How its process ended, once it has; it is gone then.
+    pub(crate) fn reap(&mut self) -> Option<ExitStatus> {
+        let status = self.child.as_mut()?.ended()?;
+        self.usage = self.usage();
+        self.child = None;
+        Some(status)
     }
 
     /// What all its processes took, once they are dead.
@@ -84,15 +126,14 @@ impl Processes {
     /// Starts a robot's process; there is none now.
     pub(super) fn start(&mut self, robot: usize, incarnation: u64) -> Result<(), SpawnError> {
         let robot = &mut self.robots[robot];
-        robot.started = Instant::now();
-        if let Some(remote) = &mut robot.remote {
-            remote.start();
-            return Ok(());
+        match &mut robot.remote {
+            Some(remote) => {
+                robot.started = Instant::now();
+                remote.start();
+                Ok(())
+            }
+            None => robot.start(&self.launcher, incarnation),
         }
-        let program = robot.program.as_ref();
-        let role = Role::Agent { brief: &robot.brief, program, incarnation };
-        robot.child = Some(self.launcher.spawn(role, &robot.log)?);
-        Ok(())
     }
 
     /// Starts processes that take processor time, for a fault; how many there are, in words.
@@ -106,13 +147,7 @@ impl Processes {
         if let Some(remote) = &mut robot.remote {
             remote.want(wanted);
         }
-        if let Some(child) = &robot.child {
-            match wanted {
-                Wanted::Killed => child.kill(),
-                Wanted::Stopped => child.stop(),
-                Wanted::Running => child.go_on(),
-            }
-        }
+        robot.want(wanted);
     }
 
     /// The robots whose processes other hosts have, by place.
@@ -180,13 +215,10 @@ impl Processes {
     /// How a robot's process ended, once it has; it is gone then.
     pub(super) fn reap(&mut self, robot: usize) -> Option<ExitStatus> {
         let robot = &mut self.robots[robot];
-        if let Some(remote) = &mut robot.remote {
-            return remote.reap();
+        match &mut robot.remote {
+            Some(remote) => remote.reap(),
+            None => robot.reap(),
         }
-        let status = robot.child.as_mut()?.ended()?;
-        robot.usage = robot.usage();
-        robot.child = None;
-        Some(status)
     }
 
     /// All children. The control timer first: the end of a run is nobody's lateness. Then the plant,
@@ -209,6 +241,37 @@ impl Processes {
     }
 }
 
-fn watch(child: &Child) -> PollFd<'_> {
+/// Waits until one of these is readable, for at most one turn. An interruption is a turn without news.
+pub(crate) fn wait_for_news(news: &mut [PollFd<'_>], turn: Duration) {
+    let turn = Timespec { tv_sec: 0, tv_nsec: turn.as_nanos() as i64 };
+    let _ = poll(news, Some(&turn));
+}
+
+/// Asks everybody to end, and kills whoever does not.
+pub(crate) fn end_all(mut children: Vec<&mut Child>) {
+    let asked = Instant::now();
+    let mut killed = false;
+    children.iter().for_each(|child| child.terminate());
+    loop {
+        children.retain_mut(|child| child.ended().is_none());
+        if children.is_empty() {
+            return;
+        }
+        if !killed && asked.elapsed() > GRACE {
+            killed = true;
+            for child in &children {
+                tracing::warn!("{} did not end when asked, and was killed", child.name());
+                child.kill();
+            }
+        } else if asked.elapsed() > 2 * GRACE {
+            tracing::error!("a killed process does not end; the kernel holds it");
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+/// Readable once it is dead.
+pub(crate) fn watch(child: &Child) -> PollFd<'_> {
     PollFd::from_borrowed_fd(child.pidfd(), PollFlags::IN)
 }

@@ -11,6 +11,7 @@ pub struct Report {
     frame: (Contact, u64),
     /// The goal from outside that is in force, m.
     goal_m: Option<[f64; 2]>,
+    moves: bool,
     /// Counted by earlier incarnations, and by this one so far.
     counted: [Counts; 2],
 }
@@ -46,6 +47,7 @@ impl Report {
             contacts: vec![unheard; robots],
             frame: unheard,
             goal_m: None,
+            moves: false,
             counted: Default::default(),
         }
     }
@@ -65,6 +67,11 @@ impl Report {
         self.contacts[other].0
     }
 
+    /// Whether the process that is there now has answered a sample.
+    pub fn moves(&self) -> bool {
+        self.moves
+    }
+
     /// What it counted, all incarnations together.
     pub fn counts(&self) -> Counts {
         let [before, now] = self.counted;
@@ -77,6 +84,7 @@ impl Report {
 
     /// Takes in a status of the process that is there now; what is new of it.
     pub fn take(&mut self, header: &StatusHeader, neighbors: &[NeighborStatus]) -> Vec<News> {
+        self.moves |= header.moving == 1;
         self.counted[1] = Counts {
             misses: header.deadline_misses,
             refused: header.beacons_refused,
@@ -123,27 +131,32 @@ mod tests {
     #[test]
     fn a_replacement_says_anew_whom_it_hears_with_times_of_its_own() {
         let mut report = Report::new(2);
-        let frame = |contact: Contact, frame_since_t_ns| StatusHeader {
-            frame: contact as u64,
-            frame_since_t_ns,
-            deadline_misses: 3,
-            beacons_refused: 1,
-            odometry_old: 2,
-            ..StatusHeader::default()
+        let mut told = |contact: Contact, since_ns: u64| {
+            let header = StatusHeader {
+                frame: contact as u64,
+                frame_since_t_ns: since_ns,
+                deadline_misses: 3,
+                beacons_refused: 1,
+                odometry_old: 2,
+                ..StatusHeader::default()
+            };
+            if contact == Contact::Unheard {
+                report.begins_anew();
+            }
+            (report.take(&header, &[status(contact, since_ns)]), report.counts())
         };
-        let heard = |since_ns| News::Heard { other: 1, contact: Contact::Fresh, since_ns };
-        let frame_heard = |since_ns| News::FrameHeard { contact: Contact::Fresh, since_ns };
-        let first = report.take(&frame(Contact::Fresh, 5), &[status(Contact::Fresh, 4)]);
-        assert_eq!(first, [frame_heard(5), heard(4)]);
-        assert!(report.take(&frame(Contact::Fresh, 5), &[status(Contact::Fresh, 4)]).is_empty());
-        report.begins_anew();
-        assert_eq!(report.contact(1), Contact::Unheard);
+        let heard = |since_ns| {
+            let contact = Contact::Fresh;
+            let other = News::Heard { other: 1, contact, since_ns };
+            vec![News::FrameHeard { contact, since_ns }, other]
+        };
+        assert_eq!(told(Contact::Fresh, 5).0, heard(5));
+        assert_eq!(told(Contact::Fresh, 5).0, []);
         // It says so before it hears anybody, as of the run's start.
-        let born = report.take(&frame(Contact::Unheard, 0), &[status(Contact::Unheard, 0)]);
-        assert!(born.is_empty(), "{born:?}");
-        let again = report.take(&frame(Contact::Fresh, 95), &[status(Contact::Fresh, 90)]);
-        assert_eq!(again, [frame_heard(95), heard(90)]);
-        assert_eq!(report.counts(), Counts { misses: 6, refused: 2, odometry_old: 4 }, "of both");
+        assert_eq!(told(Contact::Unheard, 0).0, []);
+        let (again, counts) = told(Contact::Fresh, 90);
+        assert_eq!(again, heard(90));
+        assert_eq!(counts, Counts { misses: 6, refused: 2, odometry_old: 4 }, "of both");
     }
 
     #[test]

@@ -1,25 +1,31 @@
 //! Every service of a run. The supervisor makes them all and keeps them in being; agents and the plant
 //! open them.
 
-use protocol::brief::Pace;
+use protocol::brief::{BridgeBrief, Pace};
 use protocol::message::{
     Beacon, Command, Goal, GoalCounts, LatencyHeader, LatencyRow, LinkFaultByHand, NeighborStatus,
     Odometry, StatusHeader, TruthHeader, TruthRow,
 };
 use protocol::ros2::Ros2Brief;
-use protocol::service::{self, Factory, Node, Qos, ServiceError};
+use protocol::service::{self, Factory, Node, Qos, ServiceError, Topic};
 
 use experiment::scenario::Scenario;
 
-/// Every service of the run, kept in being.
-pub(super) struct Services {
+/// The services of robots, kept in being.
+pub(crate) struct Services {
     _odometry: Vec<Factory<Odometry>>,
     _command: Vec<Factory<Command>>,
     _beacon: Vec<Factory<Beacon>>,
+    /// Of the robots in scenario order.
     pub(super) status: Vec<Factory<[NeighborStatus], StatusHeader>>,
-    pub(super) truth: Factory<[TruthRow], TruthHeader>,
     /// Of the plant, then of the robots in scenario order, then of the control timer if there is one.
     pub(super) latencies: Vec<Factory<[LatencyRow], LatencyHeader>>,
+}
+
+/// Every service of the run, kept in being.
+pub(super) struct RunServices {
+    pub(super) robots: Services,
+    pub(super) truth: Factory<[TruthRow], TruthHeader>,
     /// Of the robots in scenario order; none unless links may be cut by hand.
     pub(super) faults: Vec<Factory<[LinkFaultByHand]>>,
     /// Of the robots that take goals from outside.
@@ -34,6 +40,61 @@ pub(super) fn has_control_timer(scenario: &Scenario, pace: Pace) -> bool {
 }
 
 impl Services {
+    /// Of the share of a host without the plant: of its robots, and of those elsewhere that they hear.
+    pub(crate) fn of_share(
+        node: &Node,
+        scenario: &Scenario,
+        brief: &BridgeBrief,
+    ) -> Result<Services, ServiceError> {
+        let is_here = |robot: usize| brief.robots[robot].host == brief.here;
+        let one = Qos::of_robot(Pace::Realtime, 1).and_one_more();
+        let hearers = |robot: usize| {
+            let here = scenario.graph.hearers_of(robot).filter(|edge| is_here(edge.to)).count();
+            let qos = Qos::of_robot(Pace::Realtime, here).and_one_more();
+            (is_here(robot) || here > 0).then_some(qos)
+        };
+        Services::create(node, scenario, is_here, one, one, hearers, [None, None])
+    }
+
+    /// Of robots that live here, of the beacons that somebody `hears` here, and the latencies of others before and
+    /// after those of the robots.
+    fn create(
+        node: &Node,
+        scenario: &Scenario,
+        is_here: impl Fn(usize) -> bool,
+        odometry: Qos,
+        command: Qos,
+        hears: impl Fn(usize) -> Option<Qos>,
+        [before, after]: [Option<Topic<[LatencyRow], LatencyHeader>>; 2],
+    ) -> Result<Services, ServiceError> {
+        let names: Vec<&str> = scenario.robots.iter().map(|robot| robot.name.as_str()).collect();
+        let here = || (0..names.len()).filter(|&robot| is_here(robot)).map(|robot| names[robot]);
+        let heard = (0..names.len()).filter_map(|robot| Some((names[robot], hears(robot)?)));
+        let latencies = here().map(service::latency);
+        Ok(Services {
+            _odometry: here()
+                .map(|name| service::odometry(name).create(node, odometry))
+                .collect::<Result<_, _>>()?,
+            _command: here()
+                .map(|name| service::command(name).create(node, command))
+                .collect::<Result<_, _>>()?,
+            _beacon: heard
+                .map(|(name, qos)| service::beacon(name).create(node, qos))
+                .collect::<Result<_, _>>()?,
+            status: here()
+                .map(|name| service::status(name).create(node, Qos::of_status(1)))
+                .collect::<Result<_, _>>()?,
+            latencies: before
+                .into_iter()
+                .chain(latencies)
+                .chain(after)
+                .map(|topic| topic.create(node, Qos::of_latency(1)))
+                .collect::<Result<_, _>>()?,
+        })
+    }
+}
+
+impl RunServices {
     pub(super) fn create(
         node: &Node,
         scenario: &Scenario,
@@ -41,37 +102,24 @@ impl Services {
         links_by_hand: bool,
         bridged: bool,
         ros2: Option<&Ros2Brief>,
-    ) -> Result<Services, ServiceError> {
-        let robots = || scenario.robots.iter().enumerate();
+    ) -> Result<RunServices, ServiceError> {
         // Where there are several hosts, the bridge hears as well.
         let with_bridge = |qos: Qos| if bridged { qos.and_one_more() } else { qos };
         let one = with_bridge(Qos::of_robot(pace, 1));
         // Where ROS 2 listens, somebody takes odometry as well.
         let odometry = if ros2.is_some() { one.and_one_more() } else { one };
+        let hearers =
+            |i| Some(with_bridge(Qos::of_robot(pace, scenario.graph.hearers_of(i).count())));
+        let timer = has_control_timer(scenario, pace).then(service::machine_latency);
+        let others = [Some(service::plant_latency()), timer];
         let takers = ros2.map_or(&[][..], |ros2| &ros2.goals);
-        let hearers = |i| with_bridge(Qos::of_robot(pace, scenario.graph.hearers_of(i).count()));
-        Ok(Services {
-            _odometry: robots()
-                .map(|(_, robot)| service::odometry(&robot.name).create(node, odometry))
-                .collect::<Result<_, _>>()?,
-            _command: robots()
-                .map(|(_, robot)| service::command(&robot.name).create(node, one))
-                .collect::<Result<_, _>>()?,
-            _beacon: robots()
-                .map(|(i, robot)| service::beacon(&robot.name).create(node, hearers(i)))
-                .collect::<Result<_, _>>()?,
-            status: robots()
-                .map(|(_, robot)| service::status(&robot.name).create(node, Qos::of_status(1)))
-                .collect::<Result<_, _>>()?,
+        let names = scenario.robots.iter().map(|robot| robot.name.as_str());
+        Ok(RunServices {
+            robots: Services::create(node, scenario, |_| true, odometry, one, hearers, others)?,
             truth: service::truth().create(node, Qos::of_truth(pace, 1))?,
-            latencies: std::iter::once(service::plant_latency())
-                .chain(robots().map(|(_, robot)| service::latency(&robot.name)))
-                .chain(has_control_timer(scenario, pace).then(service::machine_latency))
-                .map(|topic| topic.create(node, Qos::of_latency(1)))
-                .collect::<Result<_, _>>()?,
-            faults: robots()
+            faults: names
                 .filter(|_| links_by_hand)
-                .map(|(_, robot)| service::faults(&robot.name).create(node, one))
+                .map(|name| service::faults(name).create(node, one))
                 .collect::<Result<_, _>>()?,
             _goals: takers
                 .iter()

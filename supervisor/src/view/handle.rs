@@ -1,14 +1,20 @@
 //! The supervisor's end: what it hands over, and when. Nothing here waits, but for the farewell.
+//!
+//! The server's thread gives way to every other, so it may be held up for long: what there is no room for is kept
+//! here, or dropped.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use outcome::report::scene::Frame;
+use serde::Serialize;
+use tokio::sync::mpsc::Sender;
+use tokio::sync::mpsc::error::TrySendError;
 
 use crate::view::act::Request;
-use crate::view::post::{Ended, HAPPENED_MAX, Handed, Happened, Post, StageNow};
 
 /// At most 20 frames a second: enough for the eye.
 const FRAME_EVERY: Duration = Duration::from_millis(50);
@@ -16,17 +22,110 @@ const FRAME_EVERY: Duration = Duration::from_millis(50);
 const LATENCY_EVERY: Duration = Duration::from_secs(1);
 /// The farewell may take this long.
 const LANDED_MAX: Duration = Duration::from_millis(1500);
+/// So many events are kept for clients that come later; the oldest give way.
+pub(crate) const HAPPENED_MAX: usize = 256;
+/// So much may be on its way to the server.
+pub(crate) const LETTERS_MAX: usize = 64;
+/// Clients that are told of the run at once.
+const CLIENTS_MAX: usize = 16;
+
+/// An event of the run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Happened {
+    /// Run time, s.
+    pub t_s: f64,
+    /// As in `events.csv`.
+    pub kind: String,
+    /// To whom; empty where it was nobody in particular.
+    pub robot: String,
+    /// More about it.
+    pub detail: String,
+}
+
+/// How late one stage of the loop is so far, where it is latest.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StageNow {
+    /// As in `latency.csv`.
+    pub stage: String,
+    /// The robot or edge that fares worst.
+    pub worst: String,
+    /// Half of its values are at most this, us.
+    pub p50_us: f64,
+    /// 99 % of them.
+    pub p99_us: f64,
+    /// The largest, us.
+    pub max_us: f64,
+    /// How many values.
+    pub count: u64,
+}
+
+/// How the run ended.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct Ended {
+    /// Its exit code.
+    pub(crate) exit: u8,
+    /// What it prints.
+    pub(crate) text: String,
+}
+
+/// A frame on its way.
+#[derive(Debug, Clone)]
+pub(crate) struct Handed {
+    /// Counts up.
+    pub(crate) number: u64,
+    pub(crate) at: Instant,
+    pub(crate) at_unix_ms: u64,
+    pub(crate) frame: Frame,
+}
+
+/// What is handed over.
+#[derive(Debug)]
+pub(crate) enum Letter {
+    Frame(Handed),
+    Happened(Happened),
+    Latency(Vec<StageNow>),
+    Ended(Ended),
+}
+
+/// How many clients are told of the run.
+#[derive(Debug, Default)]
+pub(crate) struct Clients(AtomicUsize);
+
+/// A client's place, free again once it is gone.
+#[derive(Debug)]
+pub(crate) struct Seat(Arc<Clients>);
+
+impl Clients {
+    pub(crate) fn count(&self) -> usize {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    /// Lets one more client be told, if there is room. The server's one thread only.
+    pub(crate) fn seat(self: &Arc<Clients>) -> Option<Seat> {
+        (self.count() < CLIENTS_MAX).then(|| {
+            self.0.fetch_add(1, Ordering::Relaxed);
+            Seat(self.clone())
+        })
+    }
+}
+
+impl Drop for Seat {
+    fn drop(&mut self) {
+        self.0.0.fetch_sub(1, Ordering::Relaxed);
+    }
+}
 
 /// The supervisor's end of the live view.
 #[derive(Debug)]
 pub struct View {
-    pub(crate) post: Arc<Post>,
+    letters: Sender<Letter>,
+    clients: Arc<Clients>,
     /// Clients may act.
     control: bool,
     requests: Receiver<Request>,
     /// Closed when the server is gone.
     gone: Receiver<()>,
-    /// Events that are yet to be handed over: nobody has come to see them, or the box was taken.
+    /// Events that are yet to be handed over: nobody has come to see them, or there was no room.
     happened: VecDeque<Happened>,
     pub(crate) frames: u64,
     frame_due: Instant,
@@ -35,14 +134,16 @@ pub struct View {
 
 impl View {
     pub(crate) fn new(
-        post: Arc<Post>,
+        letters: Sender<Letter>,
+        clients: Arc<Clients>,
         control: bool,
         requests: Receiver<Request>,
         gone: Receiver<()>,
     ) -> View {
         let now = Instant::now();
         View {
-            post,
+            letters,
+            clients,
             control,
             requests,
             gone,
@@ -58,9 +159,14 @@ impl View {
         self.control
     }
 
+    /// How many clients are told of the run.
+    pub(crate) fn clients(&self) -> usize {
+        self.clients.count()
+    }
+
     /// Whether anybody looks. If not, there is no need to make anything.
     pub fn is_watched(&self) -> bool {
-        self.post.clients() > 0
+        self.clients() > 0
     }
 
     /// Whether somebody looks and the next frame is due.
@@ -68,14 +174,14 @@ impl View {
         self.is_watched() && now >= self.frame_due
     }
 
-    /// Hands over a frame; it takes the place of one that was not yet fetched.
+    /// Hands over a frame, if there is room.
     pub fn frame(&mut self, frame: Frame) {
         let at = Instant::now();
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let at_unix_ms = since_1970.as_millis() as u64;
         let number = self.frames + 1;
-        let handed = Handed { number, at, at_unix_ms, frame };
-        if self.post.put(|letters| letters.frame = Some(handed)) {
+        let handed = Letter::Frame(Handed { number, at, at_unix_ms, frame });
+        if self.letters.try_send(handed).is_ok() {
             self.frames = number;
             self.frame_due = at + FRAME_EVERY;
         }
@@ -86,9 +192,9 @@ impl View {
         self.is_watched() && now >= self.latency_due
     }
 
-    /// Hands over how late every stage is.
+    /// Hands over how late every stage is, if there is room.
     pub fn latency(&mut self, stages: Vec<StageNow>) {
-        if self.post.put(|letters| letters.latency = Some(stages)) {
+        if self.letters.try_send(Letter::Latency(stages)).is_ok() {
             self.latency_due = Instant::now() + LATENCY_EVERY;
         }
     }
@@ -101,15 +207,17 @@ impl View {
         self.happened.push_back(happened);
     }
 
-    /// Hands over the events that were kept, if somebody looks.
+    /// Hands over the events that were kept, as far as there is room, if somebody looks.
     pub fn pass_on(&mut self) {
-        if !self.happened.is_empty() && self.is_watched() {
-            let kept = &mut self.happened;
-            self.post.put(|letters| {
-                letters.happened.append(kept);
-                let spare = letters.happened.len().saturating_sub(HAPPENED_MAX);
-                letters.happened.drain(..spare);
-            });
+        while self.is_watched()
+            && let Some(happened) = self.happened.pop_front()
+        {
+            if let Err(TrySendError::Full(Letter::Happened(happened))) =
+                self.letters.try_send(Letter::Happened(happened))
+            {
+                self.happened.push_front(happened);
+                return;
+            }
         }
     }
 
@@ -122,14 +230,18 @@ impl View {
     /// not if nobody looks. `text`: what the run prints.
     pub fn ended(mut self, exit: u8, text: &str) {
         let end = Instant::now() + LANDED_MAX;
-        self.pass_on();
-        let mut ended = Some(Ended { exit, text: text.into() });
-        while !self.post.put(|letters| letters.ended = ended.take()) && Instant::now() < end {
+        loop {
+            self.pass_on();
+            let ended = Letter::Ended(Ended { exit, text: text.into() });
+            let full = matches!(self.letters.try_send(ended), Err(TrySendError::Full(_)));
+            if !full || Instant::now() > end {
+                break;
+            }
             std::thread::sleep(Duration::from_millis(1));
         }
         // No more requests: whoever still waits for an answer hears that the run is over.
         drop(self.requests);
-        if self.post.clients() > 0 {
+        if self.clients.count() > 0 {
             // It says nothing; it is gone, or takes too long.
             let _ = self.gone.recv_timeout(end.saturating_duration_since(Instant::now()));
         }
@@ -139,42 +251,32 @@ impl View {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::mpsc::channel;
-
-    fn view() -> (Arc<Post>, View) {
-        let post = Arc::new(Post::default());
-        (post.clone(), View::new(post, false, channel().1, channel().1))
-    }
 
     #[test]
-    fn a_frame_takes_the_place_of_one_that_nobody_fetched() {
-        let (post, mut view) = view();
-        assert!(!view.wants_frame(Instant::now()), "nobody looks");
-        let _seat = post.seat().unwrap();
-        assert!(view.wants_frame(Instant::now()));
-        for t_s in [1.0, 2.0] {
-            view.frame(Frame { t_s, ..Frame::default() });
-        }
-        assert!(!view.wants_frame(Instant::now() - FRAME_EVERY), "it is not due");
-        let frame = post.take().frame.unwrap();
-        assert_eq!((frame.number, frame.frame.t_s), (2, 2.0));
-    }
-
-    #[test]
-    fn what_happens_before_anybody_looks_is_kept_and_bounded() {
-        let (post, mut view) = view();
+    fn what_happens_before_anybody_looks_is_kept_and_bounded_and_nobody_waits_for_the_server() {
+        let (letters, mut taken) = tokio::sync::mpsc::channel(LETTERS_MAX);
+        let (clients, requests) = (Arc::new(Clients::default()), std::sync::mpsc::channel().1);
+        let gone = std::sync::mpsc::channel().1;
+        let mut view = View::new(letters, clients.clone(), false, requests, gone);
         for number in 0..2 * HAPPENED_MAX {
             let detail = number.to_string();
             view.happened(Happened { t_s: 0.0, kind: "kill".into(), robot: "".into(), detail });
         }
         view.pass_on();
-        assert!(post.take().happened.is_empty(), "nobody looks");
-        let _seat = post.seat().unwrap();
-        view.pass_on();
-        let happened = post.take().happened;
-        assert_eq!(happened.len(), HAPPENED_MAX);
-        assert_eq!(happened[0].detail, HAPPENED_MAX.to_string());
-        view.pass_on();
-        assert!(post.take().happened.is_empty(), "once");
+        assert!(taken.is_empty() && !view.wants_frame(Instant::now()), "nobody looks");
+        let seats: Vec<Seat> = (0..CLIENTS_MAX).map(|_| clients.seat().unwrap()).collect();
+        assert!(clients.seat().is_none() && view.wants_frame(Instant::now()));
+        let mut details = Vec::new();
+        // The server is held up again and again.
+        while details.len() < HAPPENED_MAX {
+            view.pass_on();
+            view.frame(Frame::default());
+            while let Ok(Letter::Happened(happened)) = taken.try_recv() {
+                details.push(happened.detail.parse::<usize>().unwrap());
+            }
+        }
+        assert_eq!(details, Vec::from_iter(HAPPENED_MAX..2 * HAPPENED_MAX));
+        drop(seats);
+        assert!(!view.is_watched());
     }
 }

@@ -7,7 +7,6 @@
 //! | file | question it answers |
 //! |---|---|
 //! | `address` | where does it listen, and who may reach it there? |
-//! | `post` | how do supervisor and server hand things to each other? |
 //! | `handle` | what does the supervisor hand over, and when? |
 //! | `act` | what may a client ask for, and what is wrong with it? |
 //! | `gate` | who is let in? |
@@ -22,12 +21,10 @@ mod gate;
 mod handle;
 mod listener;
 mod news;
-mod post;
 mod server;
 mod token;
 
 pub use act::{Act, Request};
 pub use address::{DEFAULT, address};
-pub use handle::View;
-pub use post::{Happened, StageNow};
+pub use handle::{Happened, StageNow, View};
 pub use server::{Bound, ViewError, bind};

@@ -14,7 +14,7 @@ use outcome::report::scene::Frame;
 use serde::Serialize;
 use tokio::sync::watch;
 
-use crate::view::post::{HAPPENED_MAX, Handed, Letters, Seat};
+use crate::view::handle::{HAPPENED_MAX, Handed, Letter, Seat};
 
 /// What there is to tell. Cheap to copy: clients take what is new and let go of the rest.
 #[derive(Debug, Default)]
@@ -30,28 +30,24 @@ pub(crate) struct News {
 }
 
 impl News {
-    /// Takes in what the supervisor handed over; whether there was anything.
-    pub(crate) fn take(&mut self, letters: Letters) -> bool {
-        let Letters { frame, happened, latency, ended } = letters;
-        let any = frame.is_some() || !happened.is_empty() || latency.is_some() || ended.is_some();
-        if let Some(frame) = frame {
-            self.frame = Some(Arc::new(frame));
-        }
-        for happened in &happened {
-            if self.happened.len() == HAPPENED_MAX {
-                self.happened.pop_front();
-                self.forgotten += 1;
+    /// Takes in what the supervisor handed over; whether it is the last.
+    pub(crate) fn take(&mut self, letter: Letter) -> bool {
+        match letter {
+            Letter::Frame(frame) => self.frame = Some(Arc::new(frame)),
+            Letter::Happened(happened) => {
+                if self.happened.len() == HAPPENED_MAX {
+                    self.happened.pop_front();
+                    self.forgotten += 1;
+                }
+                self.happened.push_back(json(&happened));
             }
-            self.happened.push_back(json(happened));
+            Letter::Latency(latency) => {
+                let number = self.latency.as_ref().map_or(0, |(number, _)| *number);
+                self.latency = Some((number + 1, json(&latency)));
+            }
+            Letter::Ended(ended) => self.ended = Some(json(&ended)),
         }
-        if let Some(latency) = latency {
-            let number = self.latency.as_ref().map_or(0, |(number, _)| *number);
-            self.latency = Some((number + 1, json(&latency)));
-        }
-        if let Some(ended) = ended {
-            self.ended = Some(json(&ended));
-        }
-        any
+        self.ended.is_some()
     }
 }
 
@@ -141,7 +137,7 @@ fn json(value: &impl Serialize) -> Arc<str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::view::post::Happened;
+    use crate::view::handle::{Ended, Happened};
     use proptest::prelude::*;
     use serde_json::Value;
     use std::time::Instant;
@@ -168,9 +164,8 @@ mod tests {
             let total = comes.len() as u64;
             for (number, comes) in (1..).zip(comes.into_iter().chain([true])) {
                 if number <= total {
-                    let mut letters = Letters { frame: Some(frame(number)), ..Letters::default() };
-                    letters.happened.push_back(happened(number));
-                    prop_assert!(news.take(letters));
+                    prop_assert!(!news.take(Letter::Frame(frame(number))));
+                    prop_assert!(!news.take(Letter::Happened(happened(number))));
                 }
                 if !comes {
                     continue;
@@ -199,10 +194,8 @@ mod tests {
     #[test]
     fn the_end_is_told_last() {
         let mut news = News::default();
-        assert!(!news.take(Letters::default()), "there is nothing new");
-        let ended = crate::view::post::Ended { exit: 1, text: "missed".into() };
-        let letters = Letters { frame: Some(frame(1)), ended: Some(ended), ..Letters::default() };
-        assert!(news.take(letters));
+        assert!(!news.take(Letter::Frame(frame(1))));
+        assert!(news.take(Letter::Ended(Ended { exit: 1, text: "missed".into() })));
         let (lines, last) = Told::default().more(&news);
         assert!(last);
         assert_eq!(lines.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["", "ended"]);

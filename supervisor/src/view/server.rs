@@ -32,17 +32,11 @@ use tokio::time::{sleep, timeout};
 use crate::view::act::{self, NoAct, Request};
 use crate::view::address::reachable;
 use crate::view::gate::{Gate, Refusal, may_order};
-use crate::view::handle::View;
+use crate::view::handle::{Clients, LETTERS_MAX, Letter, View};
 use crate::view::listener::{Limited, Limits, Pass};
 use crate::view::news::{News, tell};
-use crate::view::post::Post;
 use crate::view::token::Token;
 
-/// How often the letter box is looked into: nobody wakes this thread for it, so that the supervisor
-/// need not.
-const LOOK_EVERY: Duration = Duration::from_millis(25);
-/// The same while nobody looks at the page.
-const LOOK_EVERY_ALONE: Duration = Duration::from_millis(200);
 /// The last event gets this long to reach everybody.
 const FAREWELL_MAX: Duration = Duration::from_millis(500);
 /// What was written gets this long to be sent.
@@ -60,6 +54,9 @@ const REQUEST_MAX: Duration = Duration::from_secs(10);
 const SEND_BUFFER: u32 = 32 * 1024;
 /// Connections that wait to be accepted.
 const BACKLOG: u32 = 32;
+
+/// What the supervisor hands over.
+type Letters = tokio::sync::mpsc::Receiver<Letter>;
 
 const TOO_MANY: Refusal = (StatusCode::SERVICE_UNAVAILABLE, "too many look at this run");
 
@@ -142,7 +139,7 @@ struct Answers {
     scene: Arc<Scene>,
     /// `None`: this page only looks.
     control: Option<SyncSender<Request>>,
-    post: Arc<Post>,
+    clients: Arc<Clients>,
     news: watch::Receiver<News>,
 }
 
@@ -155,7 +152,8 @@ impl Bound {
     /// Starts to answer, on a thread of its own. `control`: clients may act.
     pub fn serve(self, scene: Scene, control: bool) -> Result<View, ViewError> {
         let Bound { runtime, listener, gate, limits, .. } = self;
-        let post = Arc::new(Post::default());
+        let (letters, taken) = tokio::sync::mpsc::channel(LETTERS_MAX);
+        let clients = Arc::new(Clients::default());
         let (requests, asked) = sync_channel(REQUESTS_MAX);
         let (here, gone) = channel::<()>();
         let (told, news) = watch::channel(News::default());
@@ -164,10 +162,10 @@ impl Bound {
             page: outcome::report::page::live(&scene, control).into(),
             scene: Arc::new(scene),
             control: control.then_some(requests),
-            post: post.clone(),
+            clients: clients.clone(),
             news,
         };
-        let letter_box = post.clone();
+        let told_clients = clients.clone();
         std::thread::Builder::new().name("view".into()).spawn(move || {
             let _here: Sender<()> = here; // until the thread ends
             give_way();
@@ -175,10 +173,10 @@ impl Bound {
                 let listener = Limited::new(listener, limits);
                 let answers = router(answers).into_make_service_with_connect_info::<Pass>();
                 tokio::spawn(axum::serve(listener, answers).into_future());
-                deliver(&letter_box, told).await;
+                deliver(taken, told, &told_clients).await;
             });
         })?;
-        Ok(View::new(post, control, asked, gone))
+        Ok(View::new(letters, clients, control, asked, gone))
     }
 }
 
@@ -191,17 +189,20 @@ fn give_way() {
 }
 
 /// Brings what the supervisor hands over to everybody, until the run is over.
-async fn deliver(post: &Post, told: watch::Sender<News>) {
+async fn deliver(mut letters: Letters, told: watch::Sender<News>, clients: &Clients) {
     let mut over = false;
-    while !over {
-        sleep(if post.clients() > 0 { LOOK_EVERY } else { LOOK_EVERY_ALONE }).await;
-        let letters = post.take();
-        over = letters.ended.is_some();
-        told.send_if_modified(|news| news.take(letters));
+    while !over && let Some(first) = letters.recv().await {
+        told.send_modify(|news| {
+            over = news.take(first);
+            // Of frames that came meanwhile, the newest.
+            while let Ok(next) = letters.try_recv() {
+                over = news.take(next);
+            }
+        });
     }
     let end = Instant::now() + FAREWELL_MAX;
-    while post.clients() > 0 && Instant::now() < end {
-        sleep(LOOK_EVERY).await;
+    while clients.count() > 0 && Instant::now() < end {
+        sleep(FLUSH).await;
     }
     sleep(FLUSH).await;
 }
@@ -241,7 +242,7 @@ async fn page(State(answers): State<Answers>) -> Response {
 }
 
 async fn events(State(answers): State<Answers>) -> Response {
-    match answers.post.seat() {
+    match answers.clients.seat() {
         Some(seat) => tell(answers.news, seat),
         None => TOO_MANY.into_response(),
     }

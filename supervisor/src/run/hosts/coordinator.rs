@@ -30,26 +30,25 @@ const DONE: Duration = Duration::from_millis(200);
 
 /// The services between a host's bridge and its supervisor, kept in being.
 pub(crate) struct HostServices {
-    orders: Vec<Option<Factory<[OrderRow], OrderHeader>>>,
-    report: Vec<Option<Factory<[ReportRow], ReportHeader>>>,
-    bridge: Vec<Factory<[PeerRow], BridgeHeader>>,
+    /// Of another host.
+    orders: Option<Factory<[OrderRow], OrderHeader>>,
+    report: Option<Factory<[ReportRow], ReportHeader>>,
+    bridge: Factory<[PeerRow], BridgeHeader>,
 }
 
 impl HostServices {
-    /// Those of the plant's host.
-    pub(crate) fn create(node: &Node, brief: &BridgeBrief) -> Result<HostServices, ServiceError> {
-        let (mut orders, mut report, mut bridge) = (Vec::new(), Vec::new(), Vec::new());
+    /// Those of the plant's host, by host.
+    pub(crate) fn create(node: &Node, brief: &BridgeBrief) -> Result<Vec<Self>, ServiceError> {
         let one = Qos::of_hosts(1);
-        for (place, host) in brief.hosts.iter().enumerate() {
-            let other = place != brief.here;
-            let name = host.name.as_str();
-            let create = |()| service::orders(name).create(node, one);
-            orders.push(other.then_some(()).map(create).transpose()?);
-            let create = |()| service::report(name).create(node, one);
-            report.push(other.then_some(()).map(create).transpose()?);
-            bridge.push(service::bridge(name).create(node, one)?);
-        }
-        Ok(HostServices { orders, report, bridge })
+        let hosts = brief.hosts.iter().enumerate().map(|(place, host)| {
+            let other = (place != brief.here).then_some(host.name.as_str());
+            Ok(HostServices {
+                orders: other.map(|name| service::orders(name).create(node, one)).transpose()?,
+                report: other.map(|name| service::report(name).create(node, one)).transpose()?,
+                bridge: service::bridge(&host.name).create(node, one)?,
+            })
+        });
+        hosts.collect()
     }
 }
 
@@ -62,7 +61,7 @@ pub(crate) struct Hosts {
     failed: bool,
     sequence: u64,
     told: Option<Instant>,
-    _services: HostServices,
+    _services: Vec<HostServices>,
 }
 
 /// One host, the own one included.
@@ -117,11 +116,10 @@ impl Hosts {
     pub(crate) fn new(
         brief: BridgeBrief,
         bridge: Kept,
-        services: HostServices,
+        services: Vec<HostServices>,
     ) -> Result<Hosts, ServiceError> {
         let robots = brief.robots.len();
-        let hosts = (services.orders.iter().zip(&services.report)).zip(&services.bridge);
-        let hosts = hosts.map(|((orders, report), bridge)| {
+        let hosts = services.iter().map(|HostServices { orders, report, bridge }| {
             Ok(Host {
                 orders: orders.as_ref().map(|orders| orders.publisher(robots)).transpose()?,
                 reports: report.as_ref().map(|report| report.subscriber()).transpose()?,

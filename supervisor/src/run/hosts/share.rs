@@ -3,36 +3,33 @@
 
 use std::collections::BTreeMap;
 use std::os::unix::process::ExitStatusExt as _;
-use std::path::PathBuf;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use protocol::brief::{AgentBrief, BridgeBrief, Pace};
 use protocol::message::{
-    Beacon, BridgeHeader, Command, LatencyHeader, LatencyRow, NeighborStatus, Odometry,
-    OrderHeader, OrderRow, PeerRow, Phase, ReportHeader, ReportRow, StatusHeader, Wanted,
+    BridgeHeader, OrderHeader, OrderRow, PeerRow, Phase, ReportHeader, ReportRow, Wanted,
 };
 use protocol::process::Stop;
-use protocol::service::{self, Factory, Node, Publisher, Qos, Subscriber, send_slice};
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use protocol::service::{self, Publisher, Qos, Subscriber, send_slice};
+use rustix::event::{PollFd, PollFlags};
 
-use crate::child::Child;
 use crate::dead_nodes::{Cleaner, Dead};
 use crate::room;
 use crate::run::RunError;
 use crate::run::kept::{Kept, Which};
 use crate::run::launch::make_run_root;
-use crate::spawn::{Launcher, Role};
+use crate::run::processes::{Robot as Process, end_all, wait_for_news, watch};
+use crate::run::services::Services;
+use crate::spawn::Launcher;
 use experiment::briefs;
 use experiment::scenario::Scenario;
 use outcome::results::host_dir::HostDir;
-use outcome::results::programs::Started;
 
 /// How long one turn of the loop waits for news.
 const TURN: Duration = Duration::from_millis(2);
 /// How often the plant's host is told.
 const REPORT_EVERY: Duration = Duration::from_millis(20);
-/// Processes asked to end are killed after this.
-const GRACE: Duration = Duration::from_secs(2);
 /// How long what the robots told may take to be confirmed, once they have ended.
 const HANDOVER_MAX: Duration = Duration::from_secs(4);
 /// The bridge takes what the robots said last within this.
@@ -49,71 +46,10 @@ pub enum Ended {
     Interrupted,
 }
 
-/// All services of the share, kept in being.
-struct Services {
-    _odometry: Vec<Factory<Odometry>>,
-    _command: Vec<Factory<Command>>,
-    _beacon: Vec<Factory<Beacon>>,
-    _status: Vec<Factory<[NeighborStatus], StatusHeader>>,
-    _latency: Vec<Factory<[LatencyRow], LatencyHeader>>,
-    orders: Factory<[OrderRow], OrderHeader>,
-    report: Factory<[ReportRow], ReportHeader>,
-    bridge: Factory<[PeerRow], BridgeHeader>,
-}
-
-impl Services {
-    /// Of the robots of this host, and of those elsewhere that they hear.
-    fn create(
-        node: &Node,
-        brief: &BridgeBrief,
-        scenario: &Scenario,
-    ) -> Result<Services, service::ServiceError> {
-        let here = brief.here;
-        let is_here = |robot: usize| brief.robots[robot].host == here;
-        let name = |robot: usize| scenario.robots[robot].name.as_str();
-        let own = || (0..scenario.robots.len()).filter(|&robot| is_here(robot));
-        let hearers = |robot: usize| {
-            let hearers = scenario.graph.edges().iter().filter(|edge| edge.from == robot);
-            hearers.filter(|edge| is_here(edge.to)).count()
-        };
-        let heard =
-            (0..scenario.robots.len()).filter(|&robot| is_here(robot) || hearers(robot) > 0);
-        let one = Qos::of_robot(Pace::Realtime, 1).and_one_more();
-        let host = brief.hosts[here].name.as_str();
-        let hosts = Qos::of_hosts(1);
-        Ok(Services {
-            _odometry: own()
-                .map(|robot| service::odometry(name(robot)).create(node, one))
-                .collect::<Result<_, _>>()?,
-            _command: own()
-                .map(|robot| service::command(name(robot)).create(node, one))
-                .collect::<Result<_, _>>()?,
-            _beacon: heard
-                .map(|robot| {
-                    let qos = Qos::of_robot(Pace::Realtime, hearers(robot)).and_one_more();
-                    service::beacon(name(robot)).create(node, qos)
-                })
-                .collect::<Result<_, _>>()?,
-            _status: own()
-                .map(|robot| service::status(name(robot)).create(node, Qos::of_status(1)))
-                .collect::<Result<_, _>>()?,
-            _latency: own()
-                .map(|robot| service::latency(name(robot)).create(node, Qos::of_latency(1)))
-                .collect::<Result<_, _>>()?,
-            orders: service::orders(host).create(node, hosts)?,
-            report: service::report(host).create(node, hosts)?,
-            bridge: service::bridge(host).create(node, hosts)?,
-        })
-    }
-}
-
 /// One robot of this host.
 struct Robot {
     name: String,
-    brief: PathBuf,
-    program: Option<Started>,
-    log: PathBuf,
-    child: Option<Child>,
+    process: Process,
     stopped: bool,
     report: ReportRow,
 }
@@ -150,44 +86,26 @@ pub fn run(
     let run_root = make_run_root(own.count(), links)?;
     let brief = BridgeBrief { run_root: run_root.path().into(), ..brief };
     let node = service::node("supervisor")?;
-    let services = Services::create(&node, &brief, scenario)?;
+    let services = Services::of_share(&node, scenario, &brief)?;
+    let name = brief.hosts[brief.here].name.as_str();
+    let hosts = Qos::of_hosts(1);
+    let orders = service::orders(name).create(&node, hosts)?;
+    let report = service::report(name).create(&node, hosts)?;
+    let bridges = service::bridge(name).create(&node, hosts)?;
     let cleaner = Cleaner::start(&run_root, &node)?;
-    room::take(run_root.path())?;
+    room::take(run_root.path(), None)?;
     let told = host_dir.write_brief("bridge", &brief)?;
     let bridge = Kept::start(Which::Bridge, launcher, told, host_dir.log_path("bridge"))?;
-    let mut robots = BTreeMap::new();
-    for (place, robot) in scenario.robots.iter().enumerate() {
-        if brief.robots[place].host != brief.here {
-            continue;
-        }
-        let told = briefs::agent(scenario, place, Pace::Realtime, run_root.path());
-        let told =
-            host_dir.write_brief(&robot.name, &AgentBrief { links_by_hand: false, ..told })?;
-        let program = scenario.program(place).map(|program| host_dir.started(program));
-        let number = place as u64 + 1;
-        robots.insert(
-            number,
-            Robot {
-                name: robot.name.clone(),
-                brief: told,
-                program: program.transpose()?,
-                log: host_dir.log_path(&robot.name),
-                child: None,
-                stopped: false,
-                report: ReportRow { robot: number, ..ReportRow::default() },
-            },
-        );
-    }
     let mut share = Share {
         brief: &brief,
         launcher,
         stop,
-        robots,
+        robots: robots(scenario, &brief, run_root.path(), host_dir)?,
         bridge,
         cleaner,
-        orders: services.orders.subscriber()?,
-        report: services.report.publisher(scenario.robots.len())?,
-        bridges: services.bridge.subscriber()?,
+        orders: orders.subscriber()?,
+        report: report.publisher(scenario.robots.len())?,
+        bridges: bridges.subscriber()?,
         ordered: None,
         unconfirmed: 0,
         phase: Phase::Gathering,
@@ -195,14 +113,38 @@ pub fn run(
         reported: None,
     };
     let ended = share.turn_until_the_end();
-    share.end_robots(Instant::now());
-    share.bridge.end(GRACE);
+    share.end_robots();
+    share.bridge.end();
     drop(share);
-    drop((services, node));
+    drop((orders, report, bridges, services, node));
     if let Err(error) = run_root.remove() {
         tracing::warn!(%error, "could not remove the run root");
     }
     ended
+}
+
+/// Writes the brief of each robot of this host.
+fn robots(
+    scenario: &Scenario,
+    brief: &BridgeBrief,
+    run_root: &Path,
+    host_dir: &HostDir,
+) -> Result<BTreeMap<u64, Robot>, RunError> {
+    let mut robots = BTreeMap::new();
+    for (place, robot) in scenario.robots.iter().enumerate() {
+        if brief.robots[place].host != brief.here {
+            continue;
+        }
+        let told = briefs::agent(scenario, place, Pace::Realtime, run_root);
+        let told =
+            host_dir.write_brief(&robot.name, &AgentBrief { links_by_hand: false, ..told })?;
+        let program = scenario.program(place).map(|program| host_dir.started(program));
+        let process = Process::new(told, program.transpose()?, host_dir.log_path(&robot.name));
+        let (name, number) = (robot.name.clone(), place as u64 + 1);
+        let report = ReportRow { robot: number, ..ReportRow::default() };
+        robots.insert(number, Robot { name, process, stopped: false, report });
+    }
+    Ok(robots)
 }
 
 impl Share<'_> {
@@ -268,49 +210,36 @@ impl Share<'_> {
     }
 
     fn wait_for_news(&self) {
-        let children = self.robots.values().filter_map(|robot| robot.child.as_ref());
-        let children = children.chain(self.bridge.child());
-        let mut news: Vec<PollFd<'_>> =
-            children.map(|child| PollFd::from_borrowed_fd(child.pidfd(), PollFlags::IN)).collect();
+        let children = self.robots.values().filter_map(|robot| robot.process.child());
+        let mut news: Vec<_> = children.chain(self.bridge.child()).map(watch).collect();
         news.push(PollFd::from_borrowed_fd(self.cleaner.news(), PollFlags::IN));
-        let turn = Timespec { tv_sec: 0, tv_nsec: TURN.as_nanos() as i64 };
-        // An interruption is a turn without news.
-        let _ = poll(&mut news, Some(&turn));
+        wait_for_news(&mut news, TURN);
     }
 
     /// Lets processes be as they are to be.
     fn obey(&mut self, rows: &[OrderRow]) -> Result<(), RunError> {
         for row in rows {
             let Some(robot) = self.robots.get_mut(&row.robot) else { continue };
-            let report = &mut robot.report;
-            match &robot.child {
-                Some(child) if report.starts < row.starts => child.kill(),
-                Some(child) => match Wanted::from_number(row.wanted) {
-                    Some(Wanted::Killed) => child.kill(),
-                    Some(Wanted::Stopped) if !robot.stopped => {
-                        child.stop();
-                        robot.stopped = true;
-                    }
-                    Some(Wanted::Running) if robot.stopped => {
-                        child.go_on();
-                        robot.stopped = false;
+            let (report, process) = (&mut robot.report, &mut robot.process);
+            let lives = process.child().is_some();
+            if lives && report.starts < row.starts {
+                process.want(Wanted::Killed);
+            } else if lives {
+                match Wanted::from_number(row.wanted) {
+                    Some(Wanted::Killed) => process.want(Wanted::Killed),
+                    Some(wanted) if robot.stopped != (wanted == Wanted::Stopped) => {
+                        process.want(wanted);
+                        robot.stopped = wanted == Wanted::Stopped;
                     }
                     _ => {}
-                },
-                // What the one before left is removed first.
-                None if report.starts < row.starts && report.cleaned == report.starts => {
-                    let role = Role::Agent {
-                        brief: &robot.brief,
-                        program: robot.program.as_ref(),
-                        incarnation: row.starts - 1,
-                    };
-                    robot.child = Some(self.launcher.spawn(role, &robot.log)?);
-                    robot.stopped = false;
-                    // Whoever was never started here is as good as cleaned up.
-                    report.cleaned = row.starts - 1;
-                    (report.starts, report.ended, report.status) = (row.starts, 0, 0);
                 }
-                None => {}
+            } else if report.starts < row.starts && report.cleaned == report.starts {
+                // What the one before left was removed first.
+                process.start(self.launcher, row.starts - 1)?;
+                robot.stopped = false;
+                // Whoever was never started here is as good as cleaned up.
+                report.cleaned = row.starts - 1;
+                (report.starts, report.ended, report.status) = (row.starts, 0, 0);
             }
         }
         Ok(())
@@ -319,8 +248,7 @@ impl Share<'_> {
     /// Reaps the dead.
     fn bury(&mut self) {
         for (number, robot) in &mut self.robots {
-            let Some(status) = robot.child.as_mut().and_then(Child::ended) else { continue };
-            robot.child = None;
+            let Some(status) = robot.process.reap() else { continue };
             robot.report.ended = 1;
             robot.report.status = status.into_raw() as u32 as u64;
             self.cleaner.request(Dead::Robot(*number as usize));
@@ -366,8 +294,7 @@ impl Share<'_> {
     /// The run is over: ends the robots, and waits until what they told has arrived.
     fn hand_over(&mut self) -> Result<(), RunError> {
         self.phase = Phase::Ending;
-        let began = Instant::now();
-        self.end_robots(began);
+        self.end_robots();
         let ended = Instant::now();
         self.unconfirmed = 1;
         while ended.elapsed() < HANDOVER_MAX
@@ -390,24 +317,9 @@ impl Share<'_> {
     }
 
     /// Asks all robots to end, and kills those that do not.
-    fn end_robots(&mut self, asked: Instant) {
-        let mut killed = false;
-        for child in self.robots.values().filter_map(|robot| robot.child.as_ref()) {
-            child.terminate();
-        }
-        while self.robots.values().any(|robot| robot.child.is_some()) {
-            if !killed && asked.elapsed() > GRACE {
-                killed = true;
-                for child in self.robots.values().filter_map(|robot| robot.child.as_ref()) {
-                    tracing::warn!("{} did not end when asked, and was killed", child.name());
-                    child.kill();
-                }
-            } else if asked.elapsed() > 2 * GRACE {
-                tracing::error!("a killed process does not end; the kernel holds it");
-                return;
-            }
-            self.bury();
-            std::thread::sleep(Duration::from_millis(1));
-        }
+    fn end_robots(&mut self) {
+        let robots = self.robots.values_mut();
+        end_all(robots.filter_map(|robot| robot.process.child_mut()).collect());
+        self.bury();
     }
 }

@@ -374,6 +374,21 @@ fn a_frozen_robot_that_is_killed_ends_its_freeze_and_its_thaw_reaches_nobody() {
 }
 
 #[test]
+fn whoever_somebody_else_stopped_is_frozen_and_gets_no_signal_of_ours() {
+    let mut world = World::new(true);
+    world.happens(Act::Reported { robot: 1, takes_part: true });
+    let (robot, fault, who) = (1, 7, Who::Outside);
+    let stopped = Event::Freeze { robot, fault, ends: false, who };
+    let effects = world.lives.step(1, stopped);
+    assert_eq!((kinds(&effects), world.lives.seat(1)), (vec!["freeze"], Seat::Frozen));
+    let effects_of_end = world.lives.step(2, Event::Thaw { robot, fault, who });
+    assert!(effects_of_end.contains(&Effect::Ended { fault, end: End::Whole, at_ns: 2 }));
+    assert_eq!(world.lives.seat(1), Seat::Moving);
+    let ours = [Effect::Stop(1), Effect::GoOn(1)];
+    assert!(!effects.iter().chain(&effects_of_end).any(|effect| ours.contains(effect)));
+}
+
+#[test]
 fn a_replacement_is_told_of_links_that_were_cut_before_its_birth() {
     let mut world = World::new(true);
     world.happens(Act::Reported { robot: 0, takes_part: true });

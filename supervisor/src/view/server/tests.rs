@@ -35,7 +35,7 @@ fn a_client_that_does_not_read_misses_frames_and_holds_up_nobody() {
     };
     let idle = come();
     let mut reader = frames(come());
-    while view.post.clients() < 2 {
+    while view.clients() < 2 {
         assert!(began.elapsed() < HANG, "they do not get in");
         std::thread::sleep(Duration::from_millis(1));
     }
@@ -155,7 +155,7 @@ fn whoever_has_not_the_token_gets_one_answer_and_is_gone() {
 #[test]
 fn with_the_token_there_are_only_so_many_connections_as_well() {
     let limits = Limits { silent_max: 10 * HANG, authenticated_max: 2, ..Limits::default() };
-    let (view, host, query) = serving(limits, true);
+    let (mut view, host, query) = serving(limits, true);
     let listen = || {
         let mut stream = connect(&host);
         write!(stream, "GET /events{query} HTTP/1.1\r\nHost: {host}\r\n\r\n").unwrap();
@@ -173,6 +173,6 @@ fn with_the_token_there_are_only_so_many_connections_as_well() {
     while !ask(&host, &format!("GET /{query}")).starts_with("HTTP/1.1 200 ") {
         assert!(began.elapsed() < HANG, "there is no room after they have gone");
         // Who has gone is noticed with the next thing that he would be told.
-        view.post.put(|letters| letters.latency = Some(Vec::new()));
+        view.latency(Vec::new());
     }
 }

@@ -42,6 +42,14 @@ impl Verdict {
         }
     }
 
+    /// The same for people.
+    pub fn in_words(self) -> &'static str {
+        match self {
+            Verdict::Held | Verdict::Missed => self.word(),
+            Verdict::Unseen => "not observed",
+        }
+    }
+
     /// What is said of all expectations together, if this is the worst of them.
     pub fn of_all(self) -> &'static str {
         match self {

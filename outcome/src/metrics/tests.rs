@@ -319,22 +319,6 @@ fn reports_are_kept_no_longer_than_a_fault_may_be_told_of() {
 }
 
 #[test]
-fn of_those_that_go_to_goals_every_error_is_the_distance_to_the_goal() {
-    let mut scenario = row_of_three();
-    for (robot, x_m) in scenario.robots.iter_mut().zip([0.0, 1.0, 2.0]) {
-        (robot.role, robot.goal_m) = (Role::GOAL, Some([x_m, 0.0]));
-    }
-    // Whomever they hear.
-    let mut metrics = Metrics::new(&scenario, Pace::Lockstep);
-    metrics.truth(&header(0), &rows([0.0, 0.7, 2.4]), &ALL);
-    let now = metrics.now();
-    for errors_m in [now.errors_m, now.ideal_errors_m] {
-        let expected = errors_m.iter().zip([0.0, 0.3, 0.4]);
-        assert!(expected.into_iter().all(|(&found, m)| close(found, m)), "{errors_m:?}");
-    }
-}
-
-#[test]
 fn of_whoever_is_sent_to_another_goal_errors_and_convergence_are_of_that_one() {
     let mut scenario = row_of_three();
     for (robot, x_m) in scenario.robots.iter_mut().zip([0.0, 1.0, 2.0]) {

@@ -303,14 +303,6 @@ pub enum Cell {
     Verdict(Verdict),
 }
 
-/// A verdict as people read it.
-pub(crate) fn told(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::Held | Verdict::Missed => verdict.word(),
-        Verdict::Unseen => "not observed",
-    }
-}
-
 /// A table that may be wider than the text, and scrolls by itself where it is wider than the page;
 /// heads of numbers begin with `#`. Nothing for no rows.
 pub fn table(heads: &[&str], rows: impl Iterator<Item = Vec<Cell>>) -> String {
@@ -324,7 +316,7 @@ pub fn table(heads: &[&str], rows: impl Iterator<Item = Vec<Cell>>) -> String {
                 Cell::Word(text) => write!(body, "<td class=\"word\">{}</td>", escaped(&text)),
                 Cell::Number(text) => write!(body, "<td class=\"number\">{}</td>", escaped(&text)),
                 Cell::Verdict(verdict) => {
-                    write!(body, "<td class=\"{}\">{}</td>", verdict.word(), told(verdict))
+                    write!(body, "<td class=\"{}\">{}</td>", verdict.word(), verdict.in_words())
                 }
             };
         }

@@ -39,27 +39,13 @@ pub enum NotRepeatable {
         /// Why.
         source: io::Error,
     },
-    /// It depended on the machine's clock.
-    #[error(
-        "{} is a run in real time, which no other run repeats; only runs with --pace lockstep can be verified",
-        .0.display()
-    )]
-    Realtime(PathBuf),
-    /// It has no end of its own.
-    #[error("{} was interrupted at {t_s} s; only a run that ended by itself can be verified", run_dir.display())]
-    Interrupted {
+    /// Some of it was decided by no plan.
+    #[error("{} {why}", run_dir.display())]
+    Unplanned {
         /// The run.
         run_dir: PathBuf,
-        /// How far it came, s.
-        t_s: f64,
-    },
-    /// Somebody acted on it, and the scenario does not say so.
-    #[error("{} was acted on by hand, which no other run repeats ({times} times)", run_dir.display())]
-    ByHand {
-        /// The run.
-        run_dir: PathBuf,
-        /// How often.
-        times: u64,
+        /// What, and what can be verified.
+        why: String,
     },
 }
 
@@ -67,18 +53,26 @@ pub enum NotRepeatable {
 pub fn repeatable(run_dir: &Path) -> Result<(), NotRepeatable> {
     let unreadable =
         |file| move |source| NotRepeatable::Unreadable { run_dir: run_dir.into(), file, source };
+    let unplanned = |why| Err(NotRepeatable::Unplanned { run_dir: run_dir.into(), why });
     let manifest = json(&run_dir.join(MANIFEST)).map_err(unreadable(MANIFEST))?;
     if manifest["pace"] != "lockstep" {
-        return Err(NotRepeatable::Realtime(run_dir.into()));
+        return unplanned(
+            "is a run in real time, which no other run repeats; only runs with --pace lockstep can be verified"
+                .to_owned(),
+        );
     }
     let summary = json(&run_dir.join(SUMMARY)).map_err(unreadable(SUMMARY))?;
     if summary["interrupted"] == true {
         let t_s = summary["t_s"].as_f64().unwrap_or_default();
-        return Err(NotRepeatable::Interrupted { run_dir: run_dir.into(), t_s });
+        return unplanned(format!(
+            "was interrupted at {t_s} s; only a run that ended by itself can be verified"
+        ));
     }
     match summary["acts_by_hand"].as_u64() {
         None | Some(0) => Ok(()),
-        Some(times) => Err(NotRepeatable::ByHand { run_dir: run_dir.into(), times }),
+        Some(times) => {
+            unplanned(format!("was acted on by hand, which no other run repeats ({times} times)"))
+        }
     }
 }
 

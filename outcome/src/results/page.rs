@@ -158,7 +158,7 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
         changes,
         unpromised: unpromised(scenario, summary.as_ref()),
         summary,
-        manifest: manifest.iter().map(|(name, value)| told(name, value)).collect(),
+        manifest: manifest.iter().map(|(name, value)| manifest_line(name, value)).collect(),
         over_time: delays::over_time(&run_dir.join("latency_over_time.csv"))?,
         spreads: delays::spreads(&run_dir.join("latency.hlog"))?,
         scene,
@@ -177,7 +177,7 @@ fn unpromised(scenario: &Scenario, summary: Option<&Summary>) -> Option<String> 
 }
 
 /// A line of the manifest as people read it: a command that a shell takes, dates.
-fn told(name: &str, value: &serde_json::Value) -> (String, String) {
+fn manifest_line(name: &str, value: &serde_json::Value) -> (String, String) {
     let unix_ns = value.as_u64();
     let in_words = match (name, value, unix_ns) {
         ("command", serde_json::Value::Array(words), _) => {

@@ -21,7 +21,6 @@ use crate::metrics::expect::Expectation;
 use crate::report::axis::Axis;
 use crate::report::chart::{Band, Figure, Panel, Place};
 use crate::report::digits::{asked, digits};
-use crate::report::html::told;
 use crate::report::palette::{BLACK, Dash, Line, VERMILION};
 use crate::report::run::Run;
 use crate::report::simplify::Point;
@@ -115,7 +114,7 @@ fn judged(run: &Run, name: &str, of: &str, unit: &str) -> String {
         false => (value.map(exact), exact(*bound)),
     };
     let shown = shown.map_or("never".into(), |value| format!("{value} {unit}"));
-    let verdict = told(expectation.verdict());
+    let verdict = expectation.verdict().in_words();
     let reason = expectation.reason.as_ref().map_or(String::new(), |why| format!(" ({why})"));
     format!(" {of}: {shown}, required {bound} {unit}: {verdict}{reason}.")
 }

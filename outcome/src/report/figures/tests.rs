@@ -184,26 +184,6 @@ fn the_plane_has_one_scale_on_both_axes() {
 }
 
 #[test]
-fn times_of_instants_stand_beside_each_other_where_nobody_has_moved_on() {
-    let mut run = example(3, 30, "formation");
-    for track in &mut run.tracks {
-        let there = track[0];
-        track.iter_mut().for_each(|sample| (sample.x_m, sample.y_m) = (there.x_m, there.y_m));
-    }
-    run.tracks[0][10].heading_rad += 0.01;
-    run.tracks[0][29].heading_rad += 0.01;
-    let figures = all(&run);
-    let svg = named(&figures, "trajectories").svg();
-    let document = roxmltree::Document::parse(&svg).unwrap();
-    let times = document.descendants().filter(|node| {
-        node.has_tag_name("text") && node.text().is_some_and(|text| text.trim().ends_with(" s"))
-    });
-    let mut heights: Vec<_> = times.map(|node| node.attribute("y").unwrap()).collect();
-    heights.dedup();
-    assert!(heights.len() > 1, "{heights:?}");
-}
-
-#[test]
 fn the_page_takes_no_word_for_markup_and_says_why_no_promise_holds() {
     let promised = example(4, 30, "contained");
     let unpromised = Some("r1 <slips>".to_owned());

@@ -109,37 +109,12 @@ mod tests {
     use super::*;
     use crate::report::scene::{FrameRobot, SceneEdge, SceneRobot};
 
-    /// Reads what [`pack`] wrote, the other way round and in other words.
-    struct Unpack {
-        bytes: std::vec::IntoIter<u8>,
-        count: usize,
-    }
-
-    impl Unpack {
-        fn number(&mut self) -> u64 {
-            let byte = u64::from(self.bytes.next().expect("the packed frames end too early"));
-            if byte < 128 { byte } else { byte - 128 + 128 * self.number() }
-        }
-
-        fn column(&mut self, per_unit: f64) -> Vec<Option<f64>> {
-            let mut last = 0;
-            let one = |unpack: &mut Unpack| {
-                let code = unpack.number().checked_sub(1)?;
-                let half = (code / 2) as i64;
-                last += if code % 2 == 0 { half } else { -half - 1 };
-                Some(last as f64 / per_unit)
-            };
-            (0..self.count).scan(one, |one, _| Some(one(self))).collect()
-        }
-
-        fn runs(&mut self) -> Vec<u64> {
-            let mut states = Vec::new();
-            while states.len() < self.count {
-                let state = self.number();
-                states.extend((0..self.number()).map(|_| state));
-            }
-            states
-        }
+    /// Reads what [`number`] wrote, in other words.
+    fn numbers(bytes: &[u8]) -> Vec<u64> {
+        let value = |bytes: &[u8]| {
+            bytes.iter().rev().fold(0, |value, byte| 128 * value + u64::from(byte & 127))
+        };
+        bytes.split_inclusive(|byte| *byte < 128).map(value).collect()
     }
 
     fn scene(robots: usize, edges: usize) -> Scene {
@@ -156,122 +131,82 @@ mod tests {
         }
     }
 
-    fn close(unpacked: &[Option<f64>], asked: impl Iterator<Item = Option<f64>>, step: f64) {
-        for (unpacked, asked) in unpacked.iter().zip(asked) {
-            let asked = asked.filter(|asked| asked.is_finite() && asked.abs() <= MAGNITUDE_MAX);
-            match (unpacked, asked) {
-                (Some(unpacked), Some(asked)) => {
-                    let slack = 4.0 * f64::EPSILON * asked.abs();
-                    assert!(
-                        (unpacked - asked).abs() <= step / 2.0 + slack,
-                        "{unpacked} for {asked}"
-                    );
-                }
-                (unpacked, asked) => assert_eq!(*unpacked, asked),
-            }
-        }
-    }
-
-    fn check(scene: &Scene, frames: &[Frame]) {
-        let packed = pack(scene, frames);
-        assert_eq!(packed.count, frames.len());
-        let bytes = BASE64_STANDARD.decode(&packed.data).unwrap();
-        let mut unpack = Unpack { bytes: bytes.into_iter(), count: frames.len() };
-        close(&unpack.column(1e3), frames.iter().map(|frame| Some(frame.t_s)), 1e-3);
-        close(&unpack.column(1e6), frames.iter().map(|frame| frame.distance_m), 1e-6);
-        for place in 0..scene.robots.len() {
-            let robots = || frames.iter().map(|frame| &frame.robots[place]);
-            close(&unpack.column(1e3), robots().map(|robot| Some(robot.x_m)), 1e-3);
-            close(&unpack.column(1e3), robots().map(|robot| Some(robot.y_m)), 1e-3);
-            close(&unpack.column(1e3), robots().map(|robot| Some(robot.heading_rad)), 1e-3);
-            close(&unpack.column(1e4), robots().map(|robot| robot.error_m), 1e-4);
-        }
-        for place in 0..scene.robots.len() {
-            let asked = frames.iter().map(|frame| robot_code(frame.robots[place].state));
-            assert_eq!(unpack.runs(), asked.collect::<Vec<_>>());
-        }
-        for place in 0..scene.edges.len() {
-            let asked = frames.iter().map(|frame| edge_code(frame.edges[place]));
-            assert_eq!(unpack.runs(), asked.collect::<Vec<_>>());
-        }
-        assert_eq!(unpack.bytes.next(), None, "bytes are left over");
-    }
-
     /// Lengths of every kind: small, far beyond the picture, and none at all.
-    fn length() -> impl Strategy<Value = f64> {
-        prop_oneof![
+    fn length() -> impl Strategy<Value = Option<f64>> {
+        prop::option::of(prop_oneof![
             8 => -20.0..20.0,
             1 => -2e9..2e9,
             1 => prop::num::f64::ANY,
-        ]
-    }
-
-    fn robot() -> impl Strategy<Value = FrameRobot> {
-        use RobotState::{Dead, Frozen, Moving, Orphaned, Starting};
-        let state = prop::sample::select(vec![Moving, Frozen, Dead, Starting, Orphaned]);
-        let place = (length(), length(), -3.15..3.15, prop::option::of(length()), state);
-        place.prop_map(|(x_m, y_m, heading_rad, error_m, state)| FrameRobot {
-            x_m,
-            y_m,
-            heading_rad,
-            error_m,
-            state,
-        })
-    }
-
-    fn recorded() -> impl Strategy<Value = (usize, usize, Vec<Frame>)> {
-        use EdgeState::{Cut, Dead, Fresh, Lost, Stale};
-        (0..4_usize, 0..4_usize, 0..30_usize).prop_flat_map(|(robots, edges, count)| {
-            let edge = prop::sample::select(vec![Fresh, Stale, Lost, Cut, Dead]);
-            let robot = prop::collection::vec(robot(), robots);
-            let edge = prop::collection::vec(edge, edges);
-            let frame = (length(), robot, edge, prop::option::of(length()));
-            let frame = frame.prop_map(|(t_s, robots, edges, distance_m)| Frame {
-                t_s,
-                robots,
-                edges,
-                distance_m,
-            });
-            (Just(robots), Just(edges), prop::collection::vec(frame, count))
-        })
+        ])
     }
 
     proptest! {
         #[test]
-        fn any_frames_come_back_within_half_a_step((robots, edges, frames) in recorded()) {
-            check(&scene(robots, edges), &frames);
+        fn a_column_comes_back_within_half_a_step(
+            values in prop::collection::vec(length(), 0..30),
+            per_unit in prop::sample::select(vec![1e3, 1e4, 1e6]),
+        ) {
+            let mut bytes = Vec::new();
+            column(&mut bytes, per_unit, values.iter().copied());
+            let codes = numbers(&bytes);
+            prop_assert_eq!(codes.len(), values.len());
+            let mut steps = 0;
+            for (code, value) in codes.into_iter().zip(values) {
+                let value = value.filter(|value| value.abs() <= MAGNITUDE_MAX);
+                prop_assert_eq!(code == 0, value.is_none());
+                let Some(value) = value else { continue };
+                let half = ((code - 1) / 2) as i64;
+                steps += if code % 2 == 1 { half } else { -half - 1 };
+                let slack = 0.5 + 4.0 * f64::EPSILON * (value * per_unit).abs();
+                prop_assert!((steps as f64 - value * per_unit).abs() <= slack);
+            }
+        }
+
+        #[test]
+        fn states_come_back(states in prop::collection::vec(0..5_u64, 0..300)) {
+            let mut bytes = Vec::new();
+            runs(&mut bytes, states.iter().copied());
+            let pairs = numbers(&bytes);
+            let back = pairs.chunks(2).flat_map(|pair| vec![pair[0]; pair[1] as usize]);
+            prop_assert_eq!(back.collect::<Vec<u64>>(), states);
         }
     }
 
     #[test]
-    fn a_frame_that_lacks_robots_or_edges_is_packed_all_the_same() {
+    fn columns_come_in_order_and_what_a_frame_lacks_is_nowhere() {
+        let state = RobotState::Dead;
+        let robot =
+            FrameRobot { x_m: 0.002, y_m: 0.003, heading_rad: 0.004, error_m: Some(5e-4), state };
+        let whole = Frame {
+            t_s: 0.001,
+            robots: vec![robot],
+            edges: vec![EdgeState::Lost],
+            distance_m: Some(6e-6),
+        };
+        let packed = pack(&scene(1, 1), &[whole]);
+        // One more than twice the number, then states and how long they last.
+        let bytes = BASE64_STANDARD.decode(packed.data).unwrap();
+        assert_eq!(bytes, [3, 13, 5, 7, 9, 11, 2, 1, 2, 1]);
         let packed = pack(&scene(1, 1), &[Frame { t_s: 0.001, ..Frame::default() }]);
-        // t: 1 + 2; no distance, x, y, heading, error; moving for one frame; fresh for one frame.
         assert_eq!(BASE64_STANDARD.decode(packed.data).unwrap(), [3, 0, 0, 0, 0, 0, 0, 1, 0, 1]);
     }
 
     #[test]
     fn sixty_four_robots_over_eighty_seconds_stay_under_a_megabyte() {
-        let frames: Vec<_> = (0..=1600)
-            .map(|step| {
-                let t_s = f64::from(step) / 20.0;
-                let robot = |place: u32| {
-                    let turn = 0.7 * t_s + f64::from(place);
-                    FrameRobot {
-                        x_m: 2.0 * turn.cos(),
-                        y_m: 2.0 * turn.sin(),
-                        heading_rad: turn.sin().atan2(turn.cos()),
-                        error_m: Some((-0.1 * t_s).exp()),
-                        state: RobotState::Moving,
-                    }
-                };
-                let robots = (0..64).map(robot).collect();
-                Frame { t_s, robots, edges: vec![EdgeState::Fresh; 128], distance_m: Some(0.3) }
-            })
-            .collect();
-        let scene = scene(64, 128);
-        check(&scene, &frames);
-        let size = pack(&scene, &frames).data.len();
+        let frame = |step: u32| {
+            let t_s = f64::from(step) / 20.0;
+            let robot = |place: u32| {
+                let turn = 0.7 * t_s + f64::from(place);
+                let (x_m, y_m) = (2.0 * turn.cos(), 2.0 * turn.sin());
+                let heading_rad = turn.sin().atan2(turn.cos());
+                let (error_m, state) = (Some((-0.1 * t_s).exp()), RobotState::Moving);
+                FrameRobot { x_m, y_m, heading_rad, error_m, state }
+            };
+            let robots = (0..64).map(robot).collect();
+            Frame { t_s, robots, edges: vec![EdgeState::Fresh; 128], distance_m: Some(0.3) }
+        };
+        let frames: Vec<Frame> = (0..=1600).map(frame).collect();
+        let size = pack(&scene(64, 128), &frames).data.len();
         assert!(size < 1_000_000, "{size} bytes");
     }
 }

@@ -31,6 +31,7 @@ fn run_dir(below: &Path) -> PathBuf {
     run_dir.event(4_000_000_000, "ready", "r2", "incarnation 1").unwrap();
     run_dir.event(4_500_000_000, "orphaned", "r1", "no living leader reaches it").unwrap();
     run_dir.event(5_000_000_000, "freeze", "r3", "SIGSTOP, as planned").unwrap();
+    run_dir.event(6_000_000_000, "freeze", "", "SIGSTOP of the plant, by somebody else").unwrap();
     drop(run_dir);
     let mut latency = Latency::new(&scenario, Pace::Realtime);
     let row = |value_ns| LatencyRow { stage: Stage::BeaconAge as u32, from: 1, value_ns };
@@ -45,7 +46,7 @@ fn run_dir(below: &Path) -> PathBuf {
     let summary = r#"{ "t_s": 7.0, "min_distance_m": 1.0, "min_distance_pair": ["r1", "r2"],
         "min_distance_t_s": 0.0, "faults": [{ "t_s": 2.0, "what": "death of r2 (signal 9)",
         "robot": "r2", "lasted_s": 2.0 }, { "t_s": 5.0, "what": "cut r1->r2, by hand", "robot": "r1",
-        "lasted_s": 1.0 }] }"#;
+        "lasted_s": 1.0 }, { "t_s": 6.0, "what": "freeze plant, by somebody else", "lasted_s": 0.5 }] }"#;
     write("summary.json", summary.as_bytes());
     path
 }
@@ -71,6 +72,12 @@ fn a_run_directory_says_where_everybody_was_and_what_became_of_them() {
     assert_eq!((died.t_s, died.until_s, &died.robots[..]), (2.0, Some(4.0), &[1][..]));
     let cut = &run.scene.faults[1];
     assert_eq!((cut.t_s, cut.until_s, cut.cuts), (5.0, Some(6.0), Some(0)));
+    let stopped = &run.scene.faults[2];
+    assert_eq!((stopped.t_s, stopped.until_s), (6.0, Some(6.5)));
+    assert_eq!(
+        (stopped.what.as_str(), stopped.robots.len()),
+        ("freeze plant, by somebody else", 0)
+    );
     let frozen = ChangedTo::Robot(2, RobotState::Frozen);
     assert!(run.changes.iter().any(|change| change.t_s == 5.0 && change.to == frozen));
     let orphaned = ChangedTo::Robot(0, RobotState::Orphaned);
@@ -163,7 +170,7 @@ fn samples_without_the_columns_of_later_versions_are_read_as_well() {
 
 #[test]
 fn the_command_can_be_pasted_and_times_are_dates() {
-    let read = |name: &str, value: serde_json::Value| told(name, &value);
+    let read = |name: &str, value: serde_json::Value| manifest_line(name, &value);
     let command = serde_json::json!(["phalanx", "--set", "expect={}", "kill r4 @6", "it's"]);
     let pasted = r"phalanx --set 'expect={}' 'kill r4 @6' 'it'\''s'";
     assert_eq!(read("command", command), ("command".to_owned(), pasted.to_owned()));

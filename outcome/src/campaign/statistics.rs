@@ -226,15 +226,6 @@ mod tests {
     }
 
     #[test]
-    fn a_distribution_with_censored_times_ends_below_one() {
-        let steps = distribution(&[1.0, 2.0, 2.0], &[1.5, 30.0]);
-        // 1 of 5, then 2 of the 3 that are left.
-        let shares: Vec<f64> = steps.iter().map(|step| step.share).collect();
-        assert!((shares[0] - 0.2).abs() < 1e-12 && (shares[1] - (1.0 - 0.8 / 3.0)).abs() < 1e-12);
-        assert_eq!(distribution(&[], &[30.0]), []);
-    }
-
-    #[test]
     fn a_median_of_times_of_which_most_came_is_finite_and_its_interval_may_be_open() {
         let inf = f64::INFINITY;
         let few = median(&[1.0, 2.0, 3.0, 4.0, inf, inf, inf]).unwrap();
@@ -260,21 +251,6 @@ mod tests {
             let Estimate { value, low, high } = rate(count, of).unwrap();
             prop_assert!(0.0 <= low.unwrap() && low.unwrap() <= value);
             prop_assert!(value <= high.unwrap() && high.unwrap() <= 1.0);
-        }
-
-        #[test]
-        fn the_quantile_is_the_inverse_of_the_distribution(share in 1e-9..0.999_999f64) {
-            prop_assert!((normal(normal_quantile(share)) - share).abs() <= 1e-12);
-        }
-
-        #[test]
-        fn without_censored_times_the_distribution_counts(mut times in proptest::collection::vec(0.0..30.0f64, 1..60)) {
-            let steps = distribution(&times, &[]);
-            times.sort_by(f64::total_cmp);
-            for Step { value, share } in steps {
-                let up_to = times.iter().filter(|time| **time <= value).count();
-                prop_assert!((share - up_to as f64 / times.len() as f64).abs() < 1e-12);
-            }
         }
 
         #[test]

@@ -67,28 +67,3 @@ impl HashChain {
         &self.by_second
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn chain(changed_tick: Option<u64>) -> HashChain {
-        let mut chain = HashChain::default();
-        for tick in 0..=35 {
-            let x_m = if Some(tick) == changed_tick { 1.0 } else { 0.0 };
-            chain.update(tick, tick * SECOND_NS / 10, &[TruthRow { x_m, ..TruthRow::default() }]);
-        }
-        chain
-    }
-
-    #[test]
-    fn two_chains_part_in_the_second_of_the_first_difference() {
-        let (whole, parted) = (chain(None), chain(Some(19)));
-        assert_eq!((whole.by_second().len(), parted.by_second().len()), (3, 3));
-        let same = whole.by_second().iter().zip(parted.by_second()).map(|(a, b)| a == b);
-        assert_eq!(same.collect::<Vec<_>>(), [true, false, false]);
-        assert_ne!(whole.finish(), parted.finish());
-        assert_eq!(chain(Some(20)).by_second()[1], whole.by_second()[1], "20 is of the next");
-        assert_ne!(whole.finish(), chain(Some(35)).finish(), "the last second is not over");
-    }
-}

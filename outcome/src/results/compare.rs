@@ -343,13 +343,4 @@ mod tests {
         let more = first_number(&[json!({}), json!({ "new": 1 })]).unwrap();
         assert_eq!(more, "/new was not there");
     }
-
-    #[test]
-    fn trajectories_part_in_the_first_second_whose_hash_differs() {
-        let second = |a: &[&str], b: &[&str]| first_second(&[json!(a), json!(b)]);
-        assert_eq!(second(&["a", "b"], &["a", "c"]), Some(1));
-        assert_eq!(second(&["a"], &["a"]), Some(1), "after the last whole second");
-        assert_eq!(second(&[], &[]), None, "nothing is known");
-        assert_eq!(first_second(&[json!(null), json!(["a"])]), None, "of an earlier version");
-    }
 }

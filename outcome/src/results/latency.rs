@@ -332,20 +332,6 @@ mod tests {
     }
 
     #[test]
-    fn a_wake_up_that_overslept_deadlines_counts_for_each_of_them() {
-        let scenario = row_of_three();
-        let mut latency = Latency::new(&scenario, Pace::Realtime);
-        let overslept_ns = 2 * scenario.period_ns + 7;
-        let rows = [row(Stage::Wake, 0, 3), row(Stage::Wake, 0, overslept_ns)];
-        latency.take(2, &LatencyHeader::default(), &rows);
-        let [wake] = &latency.stages()[..] else { panic!("one line") };
-        assert_eq!((wake.stage.as_str(), wake.robot.as_str(), &wake.from), ("wake", "r2", &None));
-        assert_eq!((wake.count, wake.min_ns, wake.max_ns), (4, 3, overslept_ns));
-        let sum_ns = (3 + overslept_ns + (scenario.period_ns + 7) + 7) as f64;
-        assert_eq!(wake.mean_ns, sum_ns / 4.0);
-    }
-
-    #[test]
     fn a_robot_that_returns_adds_to_what_it_measured_before_it_died() {
         let mut latency = Latency::new(&row_of_three(), Pace::Realtime);
         let header =

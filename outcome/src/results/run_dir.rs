@@ -468,16 +468,6 @@ mod tests {
         assert_eq!(quoted("a, \"b\""), "\"a, \"\"b\"\"\"");
     }
 
-    #[test]
-    fn a_full_disk_is_named_with_its_file() {
-        let path = PathBuf::from("/dev/full");
-        let file = File::options().write(true).open(&path).unwrap();
-        let mut log = Log { path, file: BufWriter::new(file) };
-        log.line(format_args!("buffered")).unwrap();
-        let error = log.flush().unwrap_err().to_string();
-        assert!(error.contains("/dev/full") && error.contains("No space left"), "{error}");
-    }
-
     use crate::metrics::examples::{header, rows};
     use experiment::examples::row_of_three;
 

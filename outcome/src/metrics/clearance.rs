@@ -3,7 +3,6 @@
 //! The plant looks at the end of every arc and counts from the start, so that neither shorter arcs nor
 //! lost truths hide anything.
 
-use experiment::scenario::Scenario;
 use formation::seconds;
 use protocol::message::TruthHeader;
 use serde::{Deserialize, Serialize};
@@ -25,6 +24,23 @@ pub struct Clearance {
 }
 
 impl Clearance {
+    /// The smallest so far, as the plant saw it; `None` without walls. `walls`: of each convex part, which
+    /// it belongs to.
+    pub(super) fn seen_by_plant(
+        header: &TruthHeader,
+        robots: &[String],
+        walls: &[String],
+    ) -> Option<Clearance> {
+        let [robot, wall] = header.clearance_between.map(|place| place as usize);
+        Some(Clearance {
+            distance_m: Some(header.clearance_m).filter(|m| m.is_finite())?,
+            robot: robots.get(robot)?.clone(),
+            wall: walls.get(wall)?.clone(),
+            at_m: header.clearance_at_m,
+            t_s: seconds(header.clearance_t_ns),
+        })
+    }
+
     /// Who, to what, where and when, for people; `violations`: ticks at which somebody was too near.
     pub fn whereabouts(&self, violations: u64) -> String {
         let Clearance { robot, wall, at_m: [x, y], t_s, .. } = self;
@@ -33,47 +49,5 @@ impl Clearance {
             ticks => format!(", too near at {ticks} ticks"),
         };
         format!("{robot} - {wall} at ({x:.2}, {y:.2}) m, {t_s:.3} s{too_near}")
-    }
-}
-
-/// The smallest clearance so far.
-pub(super) struct Clearances {
-    robots: Vec<String>,
-    /// Of each convex part.
-    walls: Vec<String>,
-    newest: Option<TruthHeader>,
-}
-
-impl Clearances {
-    /// Nothing measured yet.
-    pub(super) fn new(scenario: &Scenario) -> Clearances {
-        Clearances {
-            robots: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
-            walls: scenario.walls.iter().map(|wall| wall.name.clone()).collect(),
-            newest: None,
-        }
-    }
-
-    /// Takes in one truth.
-    pub(super) fn truth(&mut self, header: &TruthHeader) {
-        self.newest = Some(*header);
-    }
-
-    /// The smallest of all; `None` without walls.
-    pub(super) fn smallest(&self) -> Option<Clearance> {
-        let header = self.newest?;
-        let [robot, wall] = header.clearance_between.map(|place| place as usize);
-        Some(Clearance {
-            distance_m: Some(header.clearance_m).filter(|m| m.is_finite())?,
-            robot: self.robots.get(robot)?.clone(),
-            wall: self.walls.get(wall)?.clone(),
-            at_m: header.clearance_at_m,
-            t_s: seconds(header.clearance_t_ns),
-        })
-    }
-
-    /// Ticks (arcs' ends, in real time) at which some front point was too near.
-    pub(super) fn violations(&self) -> u64 {
-        self.newest.map_or(0, |header| header.clearance_violations)
     }
 }

@@ -1,12 +1,9 @@
-//! The trajectory hash: one word that two runs share only if they are the same bit by bit; and the
-//! same of the beginning of a run, second by second, which tells when two runs parted.
+//! The trajectory hash: one word that two runs share only if they are the same bit by bit.
 
 use std::fmt::Write as _;
 
 use protocol::message::TruthRow;
 use sha2::{Digest, Sha256};
-
-const SECOND_NS: u64 = 1_000_000_000;
 
 /// SHA-256 over, for every tick, the tick and each robot's x, y, heading, v, w and commanded flag
 /// in scenario order, all as little-endian 64-bit words.
@@ -37,33 +34,5 @@ impl TrajectoryHash {
             let _ = write!(text, "{byte:02x}");
             text
         })
-    }
-}
-
-/// The trajectory hash of a run under way, and what it was at the end of each simulated second.
-#[derive(Debug, Clone, Default)]
-pub struct HashChain {
-    hash: TrajectoryHash,
-    by_second: Vec<String>,
-}
-
-impl HashChain {
-    /// Takes in one tick, at `t_ns` of run time.
-    pub fn update(&mut self, tick: u64, t_ns: u64, rows: &[TruthRow]) {
-        let seconds = (t_ns / SECOND_NS) as usize;
-        if self.by_second.len() < seconds {
-            self.by_second.resize(seconds, self.hash.finish());
-        }
-        self.hash.update(tick, rows);
-    }
-
-    /// The hash of all that came.
-    pub fn finish(&self) -> String {
-        self.hash.finish()
-    }
-
-    /// Entry k is the hash of all truths before k + 1 s.
-    pub fn by_second(&self) -> &[String] {
-        &self.by_second
     }
 }

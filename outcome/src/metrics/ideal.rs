@@ -65,36 +65,28 @@ impl Ideal {
         alive: &[bool],
         own_m: &[Option<f64>],
     ) {
-        if self.to_goals {
-            self.now_m.copy_from_slice(own_m);
-            for (i, error) in own_m.iter().enumerate().filter(|&(i, _)| alive[i]) {
-                if let Some(error) = *error {
-                    self.finals.take(t_ns, i, error);
-                }
-            }
+        if self.places.is_empty() && !self.to_goals {
             return;
         }
-        if self.places.is_empty() {
-            return;
-        }
-        let leader = self.leader;
-        let origin = match leader {
+        let origin = match self.leader {
+            _ if self.to_goals => None,
             Some(leader) => Some(alphas[leader]),
             None => self.fitted(frame.scale, alphas, alive),
         };
         // Turned and grown at once: delta R(theta_n) s is a multiplication of complex numbers.
         let turn = rotate(frame.heading_rad, Vec2::new(frame.scale, 0.0));
-        for (i, (alpha, place)) in alphas.iter().zip(&self.places).enumerate() {
-            let error = origin.filter(|_| leader != Some(i)).map(|origin| {
+        for (i, alpha) in alphas.iter().enumerate() {
+            let ideal = origin.map(|origin| {
+                let place = self.places[i];
                 let turned = Vec2::new(
                     turn.x * place.x - turn.y * place.y,
                     turn.y * place.x + turn.x * place.y,
                 );
                 or_infinite((alpha - origin - turned).norm())
             });
-            let error = if leader == Some(i) { own_m[i] } else { error };
-            self.now_m[i] = error;
-            if let Some(error) = error.filter(|_| alive[i]) {
+            let own = self.to_goals || self.leader == Some(i);
+            self.now_m[i] = if own { own_m[i] } else { ideal };
+            if let Some(error) = self.now_m[i].filter(|_| alive[i]) {
                 self.finals.take(t_ns, i, error);
             }
         }

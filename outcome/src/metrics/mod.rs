@@ -49,7 +49,6 @@ use protocol::brief::Pace;
 use protocol::message::{Contact, TruthHeader, TruthRow};
 
 pub use clearance::Clearance;
-use clearance::Clearances;
 use containment::Containment;
 use distance::Distances;
 pub use distance::PairDistance;
@@ -78,7 +77,9 @@ pub struct Metrics {
     alive: Vec<bool>,
     truths: Truths,
     distances: Distances,
-    clearances: Clearances,
+    /// Which wall or obstacle each convex part belongs to.
+    walls: Vec<String>,
+    newest: Option<TruthHeader>,
     /// What the formation turns and grows with.
     frame: IdealFrame,
     errors: Errors,
@@ -118,7 +119,8 @@ impl Metrics {
             alive: vec![true; robots],
             truths: Truths::new(pace),
             distances: Distances::new(robots, scenario.avoidance.distance_min_m),
-            clearances: Clearances::new(scenario),
+            walls: scenario.walls.iter().map(|wall| wall.name.clone()).collect(),
+            newest: None,
             frame: IdealFrame::new(scenario),
             errors: Errors::new(scenario, window),
             travel: Travel::new(scenario),
@@ -147,7 +149,7 @@ impl Metrics {
             }
         }
         self.truths.truth(header.tick, t_ns, rows);
-        self.clearances.truth(header);
+        self.newest = Some(*header);
         self.alive.clear();
         self.alive.extend_from_slice(alive);
         for ((alpha, row), ell) in self.alphas.iter_mut().zip(rows).zip(&self.front_points_m) {
@@ -267,8 +269,10 @@ impl Metrics {
                 .map(|closest| closest.pair.map(|robot| self.names[robot].clone())),
             min_distance_t_s: closest.map(|closest| seconds(closest.t_ns)),
             violations: self.distances.violations(),
-            min_clearance: self.clearances.smallest(),
-            clearance_violations: self.clearances.violations(),
+            min_clearance: self
+                .newest
+                .and_then(|header| Clearance::seen_by_plant(&header, &self.names, &self.walls)),
+            clearance_violations: self.newest.map_or(0, |header| header.clearance_violations),
             final_error_m: by_name(&self.errors.finals.by_robot_m(end_ns)),
             final_error_m_max: self.errors.finals.max_m(end_ns),
             final_ideal_error_m: by_name(&self.ideal.finals.by_robot_m(end_ns)),
@@ -282,7 +286,7 @@ impl Metrics {
             path_over_straight: self.travel.path_over_straight(),
             trajectory_hash: self.truths.hash(),
             alive_at_end: living.map(|(name, _)| name.clone()).collect(),
-            hash_by_second: self.truths.hash_by_second(),
+            hash_by_second: self.truths.hash_by_second.clone(),
             truths_lost: self.truths.lost,
             unseen_s: self.truths.unseen_ns.iter().map(|gap| gap.map(seconds)).collect(),
             faults: self.faults.report(&self.names),

@@ -3,11 +3,13 @@
 use protocol::brief::Pace;
 use protocol::message::TruthRow;
 
-use crate::metrics::hash::HashChain;
+use crate::metrics::hash::TrajectoryHash;
 
 /// The truths so far.
 pub(super) struct Truths {
-    hash: Option<HashChain>,
+    hash: Option<TrajectoryHash>,
+    /// In lockstep: entry k is the hash of all truths before k + 1 s, which tells when two runs parted.
+    pub(super) hash_by_second: Vec<String>,
     newest_tick: Option<u64>,
     newest_t_ns: u64,
     pub(super) lost: u64,
@@ -19,11 +21,20 @@ pub(super) struct Truths {
 /// knows of. Less than that passes for a look at the next truth: nothing moves far in it.
 const UNSEEN_NS: u64 = 100_000_000;
 
+const SECOND_NS: u64 = 1_000_000_000;
+
 impl Truths {
     /// None came yet. Only in lockstep are two runs the same.
     pub(super) fn new(pace: Pace) -> Truths {
-        let hash = (pace == Pace::Lockstep).then(HashChain::default);
-        Truths { hash, newest_tick: None, newest_t_ns: 0, lost: 0, unseen_ns: Vec::new() }
+        let hash = (pace == Pace::Lockstep).then(TrajectoryHash::new);
+        Truths {
+            hash,
+            hash_by_second: Vec::new(),
+            newest_tick: None,
+            newest_t_ns: 0,
+            lost: 0,
+            unseen_ns: Vec::new(),
+        }
     }
 
     /// Takes in one.
@@ -37,17 +48,16 @@ impl Truths {
         self.newest_tick = Some(tick);
         self.newest_t_ns = t_ns;
         if let Some(hash) = &mut self.hash {
-            hash.update(tick, t_ns, rows);
+            let seconds = (t_ns / SECOND_NS) as usize;
+            if self.hash_by_second.len() < seconds {
+                self.hash_by_second.resize(seconds, hash.finish());
+            }
+            hash.update(tick, rows);
         }
     }
 
     /// In lockstep, of all that came; `None` if none did.
     pub(super) fn hash(&self) -> Option<String> {
-        self.hash.as_ref().filter(|_| self.newest_tick.is_some()).map(HashChain::finish)
-    }
-
-    /// In lockstep, what the hash was at the end of each simulated second.
-    pub(super) fn hash_by_second(&self) -> Vec<String> {
-        self.hash.as_ref().map(|chain| chain.by_second().to_vec()).unwrap_or_default()
+        self.hash.as_ref().filter(|_| self.newest_tick.is_some()).map(TrajectoryHash::finish)
     }
 }

@@ -3,64 +3,26 @@
 //! The loops need the plant; no command needs the supervisor. In lockstep, where a tick takes as long
 //! as the slowest robot, an agent waits as long as the supervisor is at work, which knows who is hung.
 
-use std::error::Error;
 use std::path::Path;
 use std::time::Duration;
 
-use protocol::barrier::{Barrier, BarrierError};
-use protocol::brief::{self, AgentBrief, BriefError, Pace};
+use protocol::barrier::Barrier;
+use protocol::brief::{self, AgentBrief, Pace};
 use protocol::clock::{self, Timer};
 use protocol::lateness::Witness;
 use protocol::message::Odometry;
-use protocol::process::{self, Alarm, Stop, Thaws, Turns};
-use protocol::run_root::{self, RunRootError};
+use protocol::process::{self, Alarm, Failure, Stop, Thaws, Turns};
+use protocol::run_root;
 use protocol::service::Sample;
-use protocol::watchdog::{SupervisorLost, SupervisorWatch};
+use protocol::watchdog::SupervisorWatch;
 
 use crate::brain::{Brain, Parts};
 use crate::golden_phase;
-use crate::ports::{PortError, Ports};
+use crate::ports::Ports;
 use crate::turn::{Delivery, Inbox, PLANT_SILENCE_MAX_NS, Turn, Woken};
 
 /// A robot that is slow on purpose looks this often whether it is to stop.
 const LINGER_STEP: Duration = Duration::from_millis(50);
-
-/// Why an agent gave up.
-#[derive(Debug, thiserror::Error)]
-pub enum LoopError {
-    /// Its brief is unreadable.
-    #[error(transparent)]
-    Brief(#[from] BriefError),
-    /// Its brief makes no brain.
-    #[error(transparent)]
-    Parts(#[from] Box<dyn Error + Send + Sync>),
-    /// The run it belongs to is not there.
-    #[error(transparent)]
-    RunRoot(#[from] RunRootError),
-    /// A port failed.
-    #[error(transparent)]
-    Port(#[from] PortError),
-    /// The barrier is not there.
-    #[error(transparent)]
-    Barrier(#[from] BarrierError),
-    /// Signals cannot be handled.
-    #[error("cannot handle signals: {0}")]
-    Signals(#[from] std::io::Error),
-    /// In lockstep the supervisor watches over everybody: without it there is no run.
-    #[error(transparent)]
-    SupervisorLost(#[from] SupervisorLost),
-    /// Nothing was heard of the plant.
-    #[error("no sign of the plant for {} s", PLANT_SILENCE_MAX_NS / 1_000_000_000)]
-    PlantSilent,
-    /// A sample that lockstep promises is not there.
-    #[error("lockstep is broken: at tick {tick} there is no {what}")]
-    Missing {
-        /// The tick at hand.
-        tick: u64,
-        /// What is missing.
-        what: String,
-    },
-}
 
 /// Moves the robot of this brief until told to stop. Its brain is made of what `parts` makes of the
 /// brief: [`Parts::of`], or a program's own law, role or method.
@@ -68,14 +30,14 @@ pub fn run<E>(
     brief_path: &Path,
     incarnation: u64,
     parts: impl FnOnce(&AgentBrief) -> Result<Parts, E>,
-) -> Result<(), LoopError>
+) -> Result<(), Failure>
 where
-    E: Into<Box<dyn Error + Send + Sync>>,
+    E: Into<Failure>,
 {
     let brief: AgentBrief = brief::read(brief_path)?;
     let parts = parts(&brief).map_err(Into::into)?;
     let brain = Brain::with_parts(&brief, incarnation, parts);
-    let stop = Stop::on_signals()?;
+    let stop = Stop::on_signals().map_err(|error| format!("cannot handle signals: {error}"))?;
     run_root::join(&brief.run_root)?;
     clock::tighten_timer_slack();
     if brief.pace == Pace::Realtime {
@@ -111,7 +73,7 @@ struct Agent {
 }
 
 impl Agent {
-    fn run_in_lockstep(&mut self, barrier: &Barrier, mut epoch: u32) -> Result<(), LoopError> {
+    fn run_in_lockstep(&mut self, barrier: &Barrier, mut epoch: u32) -> Result<(), Failure> {
         let slot = self.turn.brief().index - 1;
         let mut supervisor = SupervisorWatch::new(barrier);
         self.report()?;
@@ -161,7 +123,7 @@ impl Agent {
         supervisor.lost().map_or(Ok(()), |lost| Err(lost.into()))
     }
 
-    fn run_in_real_time(&mut self) -> Result<(), LoopError> {
+    fn run_in_real_time(&mut self) -> Result<(), Failure> {
         let &AgentBrief { period_ns, index, .. } = self.turn.brief();
         let mut timer = Timer::new(period_ns, (golden_phase(index) * period_ns as f64) as u64);
         let thaws = Thaws::watch()?;
@@ -188,7 +150,7 @@ impl Agent {
 
     /// Takes the turn that it woke up for; when that was over, ns. Only what may take long is worth a look at
     /// the clock.
-    fn turn_in_real_time(&mut self) -> Result<u64, LoopError> {
+    fn turn_in_real_time(&mut self) -> Result<u64, Failure> {
         // In real time a queue holds the newest sample and no other.
         let odometry = self.ports.odometry()?;
         let cuts = self.ports.cuts()?;
@@ -210,7 +172,8 @@ impl Agent {
             self.turn.sent(rested_ns);
         }
         if outbox.plant_silent {
-            return Err(LoopError::PlantSilent);
+            let silent_s = PLANT_SILENCE_MAX_NS / 1_000_000_000;
+            return Err(format!("no sign of the plant for {silent_s} s").into());
         }
         let batch_is_due = self.turn.batch_is_due();
         if outbox.report {
@@ -236,9 +199,9 @@ impl Agent {
     }
 
     /// Tells the supervisor how it goes.
-    fn report(&self) -> Result<(), LoopError> {
+    fn report(&self) -> Result<(), Failure> {
         let (header, neighbors) = self.turn.status();
-        Ok(self.ports.report(header, neighbors)?)
+        self.ports.report(header, neighbors)
     }
 
     fn send_measured(&mut self) {
@@ -247,13 +210,13 @@ impl Agent {
 }
 
 /// The odometry of exactly this tick; older samples are from before the robot took part.
-fn odometry_of(ports: &Ports, tick: u64) -> Result<Sample<Odometry>, LoopError> {
+fn odometry_of(ports: &Ports, tick: u64) -> Result<Sample<Odometry>, Failure> {
     while let Some(odometry) = ports.odometry()? {
         if odometry.tick == tick {
             return Ok(odometry);
         }
     }
-    Err(LoopError::Missing { tick, what: "odometry".into() })
+    Err(missing(tick, "odometry"))
 }
 
 /// What the neighbor at `place` said at the tick before this one, if it took part in that and was not mute.
@@ -263,7 +226,7 @@ fn beacon_before(
     barrier: &Barrier,
     place: usize,
     tick: u64,
-) -> Result<Option<Delivery>, LoopError> {
+) -> Result<Option<Delivery>, Failure> {
     let before = tick - 1;
     let slot = ports.neighbor(place).index - 1;
     let takes_part = || barrier.member_since(slot).is_some_and(|since| since <= before);
@@ -279,11 +242,16 @@ fn beacon_before(
             // It died in this very tick, by nobody's plan.
             None if !takes_part() => return Ok(None),
             _ => {
-                let what = format!("beacon of {} from tick {before}", ports.neighbor(place).name);
-                return Err(LoopError::Missing { tick, what });
+                let name = &ports.neighbor(place).name;
+                return Err(missing(tick, &format!("beacon of {name} from tick {before}")));
             }
         }
     }
+}
+
+/// A sample that lockstep promises is not there.
+fn missing(tick: u64, what: &str) -> Failure {
+    format!("lockstep is broken: at tick {tick} there is no {what}").into()
 }
 
 /// What the process `phalanx-agent` does: named, logging, and with an exit code that tells.
@@ -292,25 +260,11 @@ pub fn main(brief_path: &Path, incarnation: u64, realtime_priority: bool) -> u8 
 }
 
 /// The same for a program that has a law, a role or an avoidance method of its own, see [`run`].
-pub fn main_with<E>(
+pub fn main_with<E: Into<Failure>>(
     brief_path: &Path,
     incarnation: u64,
     realtime_priority: bool,
     parts: impl FnOnce(&AgentBrief) -> Result<Parts, E>,
-) -> u8
-where
-    E: Into<Box<dyn Error + Send + Sync>>,
-{
-    process::set_name("phalanx-agent");
-    process::log_to_stderr();
-    if realtime_priority {
-        process::hurry();
-    }
-    match run(brief_path, incarnation, parts) {
-        Ok(()) => process::exit::OK,
-        Err(error) => {
-            tracing::error!("{error}");
-            process::exit::INFRASTRUCTURE
-        }
-    }
+) -> u8 {
+    process::main("phalanx-agent", realtime_priority, || run(brief_path, incarnation, parts))
 }

@@ -8,9 +8,8 @@ use protocol::latency::{LatencyPort, Recorder};
 use protocol::message::{
     Beacon, Command, Goal, LinkFaultByHand, NeighborStatus, Odometry, StatusHeader,
 };
-use protocol::service::{
-    self, Node, Publisher, Sample, SendError, ServiceError, Subscriber, send_slice,
-};
+use protocol::process::Failure;
+use protocol::service::{self, Node, Publisher, Sample, ServiceError, Subscriber, send_slice};
 
 use crate::brain::Answer;
 use crate::turn::Delivery;
@@ -33,36 +32,9 @@ pub struct Ports {
     _node: Node,
 }
 
-/// Why a sample did not get through.
-#[derive(Debug, thiserror::Error)]
-pub enum PortError {
-    /// A port could not be made.
-    #[error(transparent)]
-    Service(#[from] ServiceError),
-    /// A sample could not be taken.
-    #[error("cannot receive {what}: {cause}")]
-    Receive {
-        /// Of which service.
-        what: &'static str,
-        /// Why.
-        cause: iceoryx2::port::ReceiveError,
-    },
-    /// A sample could not be sent.
-    #[error("cannot send {what}: {cause}")]
-    Send {
-        /// On which service.
-        what: &'static str,
-        /// Why.
-        cause: iceoryx2::port::SendError,
-    },
-    /// The status could not be sent.
-    #[error("cannot send status: {0}")]
-    Status(#[from] SendError),
-}
-
 impl Ports {
     /// Opens the services that the brief names, and one for what is `measured`.
-    pub fn open(brief: &AgentBrief, measured: &Recorder) -> Result<Ports, PortError> {
+    pub fn open(brief: &AgentBrief, measured: &Recorder) -> Result<Ports, Failure> {
         let node = service::node(&format!("agent-{}", brief.name))?;
         let own = brief.name.as_str();
         let neighbors = brief
@@ -102,8 +74,8 @@ impl Ports {
     }
 
     /// The next odometry sample in the queue, where the plant put it: it is large, and not copied.
-    pub fn odometry(&self) -> Result<Option<Sample<Odometry>>, PortError> {
-        receive(&self.odometry, "odometry")
+    pub fn odometry(&self) -> Result<Option<Sample<Odometry>>, Failure> {
+        self.odometry.receive().map_err(|cause| cannot("receive odometry", cause))
     }
 
     /// The neighbor at `place` (in the brief's order).
@@ -112,12 +84,12 @@ impl Ports {
     }
 
     /// The next beacon in the queue of the neighbor at `place`.
-    pub fn beacon(&self, place: usize) -> Result<Option<Beacon>, PortError> {
-        take(&self.neighbors[place].1, "beacon")
+    pub fn beacon(&self, place: usize) -> Result<Option<Beacon>, Failure> {
+        take(&self.neighbors[place].1, "receive beacon")
     }
 
     /// In real time: what everybody said last, as it is asked for.
-    pub fn newest_beacons(&self) -> impl Iterator<Item = Result<Delivery, PortError>> {
+    pub fn newest_beacons(&self) -> impl Iterator<Item = Result<Delivery, Failure>> {
         let delivery = |place, beacon| Delivery { place, beacon, taken_ns: clock::now_ns() };
         (0..self.neighbors.len()).filter_map(move |place| {
             let taken = self.beacon(place).transpose()?;
@@ -126,28 +98,28 @@ impl Ports {
     }
 
     /// The newest list of links cut and mended by hand, if one came since.
-    pub fn cuts(&self) -> Result<Option<Sample<[LinkFaultByHand]>>, PortError> {
+    pub fn cuts(&self) -> Result<Option<Sample<[LinkFaultByHand]>>, Failure> {
         let Some(faults) = &self.faults else { return Ok(None) };
-        let failed = |cause| PortError::Receive { what: "faults", cause };
         let mut newest = None;
-        while let Some(sample) = faults.receive().map_err(failed)? {
+        while let Some(sample) =
+            faults.receive().map_err(|cause| cannot("receive faults", cause))?
+        {
             newest = Some(sample);
         }
         Ok(newest)
     }
 
     /// The goal that somebody outside said last, if one came since.
-    pub fn goal(&self) -> Result<Option<Goal>, PortError> {
-        self.goal.as_ref().map_or(Ok(None), |goal| take(goal, "goal"))
+    pub fn goal(&self) -> Result<Option<Goal>, Failure> {
+        self.goal.as_ref().map_or(Ok(None), |goal| take(goal, "receive goal"))
     }
 
     /// Sends an answer: the beacon first, for others wait for it.
-    pub fn send(&self, answer: &Answer, sent_ns: u64) -> Result<(), PortError> {
+    pub fn send(&self, answer: &Answer, sent_ns: u64) -> Result<(), Failure> {
         let beacon = Beacon { sent_ns, ..answer.beacon };
         let command = Command { sent_ns, ..answer.command };
-        let failed = |what| move |cause| PortError::Send { what, cause };
-        self.beacon.send_copy(beacon).map_err(failed("beacon"))?;
-        self.command.send_copy(command).map_err(failed("command"))?;
+        self.beacon.send_copy(beacon).map_err(|cause| cannot("send beacon", cause))?;
+        self.command.send_copy(command).map_err(|cause| cannot("send command", cause))?;
         Ok(())
     }
 
@@ -156,24 +128,22 @@ impl Ports {
         &self,
         header: StatusHeader,
         mut neighbors: impl ExactSizeIterator<Item = NeighborStatus>,
-    ) -> Result<(), PortError> {
+    ) -> Result<(), Failure> {
         let length = neighbors.len();
         let next = |_| neighbors.next().expect("as many rows as announced");
-        send_slice(&self.status, header, length, next)?;
-        Ok(())
+        let sent = send_slice(&self.status, header, length, next);
+        sent.map(drop).map_err(|cause| cannot("send status", cause))
     }
 }
 
-fn take<M>(from: &Subscriber<M>, what: &'static str) -> Result<Option<M>, PortError>
+fn take<M>(from: &Subscriber<M>, what: &str) -> Result<Option<M>, Failure>
 where
     M: Copy + std::fmt::Debug + iceoryx2::prelude::ZeroCopySend,
 {
-    Ok(receive(from, what)?.map(|sample| *sample))
+    let sample = from.receive().map_err(|cause| cannot(what, cause))?;
+    Ok(sample.map(|sample| *sample))
 }
 
-fn receive<M>(from: &Subscriber<M>, what: &'static str) -> Result<Option<Sample<M>>, PortError>
-where
-    M: std::fmt::Debug + iceoryx2::prelude::ZeroCopySend,
-{
-    from.receive().map_err(|cause| PortError::Receive { what, cause })
+fn cannot(what: &str, cause: impl std::fmt::Display) -> Failure {
+    format!("cannot {what}: {cause}").into()
 }

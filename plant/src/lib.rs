@@ -8,11 +8,9 @@
 //! | `motion` | what moves the bodies: unicycles, or a program from outside? |
 //! | `turn` | what happens in which order, by what has come by now? |
 //! | `ports` | through which services does it speak? |
-//! | `gaps` | did a command get lost on its way? |
 //! | `overrun` | does what moves the bodies keep up with real time? |
 //! | `world_loop` | when is a turn? Waiting and sending, in both paces |
 
-mod gaps;
 pub mod motion;
 pub mod overrun;
 pub mod ports;

@@ -47,37 +47,24 @@ mod tests {
 
     const MS: u64 = 1_000_000;
 
-    /// Catch-ups of a plant that needs `cost` times as long as it covers, from a backlog of 1 ms on; the
-    /// seconds that the last one took, if it was refused.
-    fn grows(cost: u64) -> Option<f64> {
-        let (mut overrun, mut backlog_ns) = (Overrun::default(), MS);
-        for _ in 0..20 {
-            let took_ns = cost * backlog_ns;
-            if let Err(error) = overrun.under_way(backlog_ns, took_ns) {
-                return Some(error.took_s);
-            }
-            overrun.over(backlog_ns, took_ns);
-            backlog_ns = took_ns.max(MS);
-        }
-        None
-    }
-
     #[test]
-    fn a_plant_that_falls_ever_farther_behind_is_refused_after_a_second() {
-        assert_eq!(grows(0), None);
-        assert_eq!(grows(1), None);
-        assert_eq!(grows(2), Some(1.024));
-        assert_eq!(grows(2000), Some(4000.0));
-    }
-
-    #[test]
-    fn a_plant_that_was_stopped_for_a_while_and_catches_up_is_not() {
-        let mut overrun = Overrun::default();
-        for (covered_ns, took_ns) in
-            [(MS, 5000 * MS), (5000 * MS, 3000 * MS), (3000 * MS, 9000 * MS)]
-        {
-            assert_eq!(overrun.under_way(covered_ns, took_ns), Ok(()));
-            overrun.over(covered_ns, took_ns);
+    fn a_plant_that_falls_ever_farther_behind_is_refused_after_a_second_and_one_that_was_stopped_is_not()
+     {
+        // Catch-ups, by how long they took for each time that they covered, ms.
+        for (catch_ups, refused_s) in [
+            (vec![(1, 1); 20], None),
+            ((0..12).map(|power| (1 << power, 2 << power)).collect(), Some(1.024)),
+            (vec![(1, 2000), (2000, 4_000_000)], Some(4000.0)),
+            (vec![(1, 5000), (5000, 3000), (3000, 9000)], None),
+        ] {
+            let mut overrun = Overrun::default();
+            let took_s = catch_ups.into_iter().find_map(|(covered_ms, took_ms)| {
+                let (covered_ns, took_ns) = (covered_ms * MS, took_ms * MS);
+                let refused = overrun.under_way(covered_ns, took_ns).err();
+                overrun.over(covered_ns, took_ns);
+                refused.map(|error| error.took_s)
+            });
+            assert_eq!(took_s, refused_s);
         }
     }
 }

@@ -5,9 +5,8 @@ use protocol::brief::PlantBrief;
 use protocol::clock;
 use protocol::latency::{LatencyPort, Recorder};
 use protocol::message::{Command, Odometry, TruthHeader, TruthRow};
-use protocol::service::{
-    self, Factory, Node, Publisher, SendError, ServiceError, Subscriber, send_slice,
-};
+use protocol::process::Failure;
+use protocol::service::{self, Factory, Node, Publisher, ServiceError, Subscriber, send_slice};
 
 use crate::motion::Motion;
 use crate::turn::Delivery;
@@ -28,26 +27,9 @@ struct RobotPorts {
     command_service: Factory<Command>,
 }
 
-/// Why a sample did not get through.
-#[derive(Debug, thiserror::Error)]
-pub enum PortError {
-    /// A port could not be made.
-    #[error(transparent)]
-    Service(#[from] ServiceError),
-    /// A command could not be taken.
-    #[error("cannot receive a command: {0}")]
-    Receive(#[from] iceoryx2::port::ReceiveError),
-    /// Odometry could not be sent.
-    #[error("cannot send odometry: {0}")]
-    Send(#[from] iceoryx2::port::SendError),
-    /// Truth could not be sent.
-    #[error("cannot send truth: {0}")]
-    Truth(#[from] SendError),
-}
-
 impl Ports {
     /// Opens the services of all robots of the brief, and one for what is `measured`.
-    pub fn open(brief: &PlantBrief, measured: &Recorder) -> Result<Ports, PortError> {
+    pub fn open(brief: &PlantBrief, measured: &Recorder) -> Result<Ports, Failure> {
         let node = service::node("plant")?;
         let robots = brief
             .robots
@@ -82,30 +64,35 @@ impl Ports {
     }
 
     /// The next command in the queue of `robot`.
-    pub fn command(&self, robot: usize) -> Result<Option<Delivery>, PortError> {
-        let sample = self.robots[robot].command.receive()?;
+    pub fn command(&self, robot: usize) -> Result<Option<Delivery>, Failure> {
+        let sample = self.robots[robot].command.receive();
+        let sample = sample.map_err(|cause| cannot("receive a command", cause))?;
         let delivery = |command| Delivery { robot, command, taken_ns: clock::now_ns() };
         Ok(sample.map(|sample| delivery(*sample)))
     }
 
     /// All commands that have come, as they are asked for.
-    pub fn commands(&self) -> impl Iterator<Item = Result<Delivery, PortError>> {
+    pub fn commands(&self) -> impl Iterator<Item = Result<Delivery, Failure>> {
         let queue = move |robot| std::iter::from_fn(move || self.command(robot).transpose());
         (0..self.robots.len()).flat_map(queue)
     }
 
     /// Sends `robot` what it senses.
-    pub fn send_odometry(&self, robot: usize, odometry: Odometry) -> Result<(), PortError> {
-        self.robots[robot].odometry.send_copy(odometry)?;
-        Ok(())
+    pub fn send_odometry(&self, robot: usize, odometry: Odometry) -> Result<(), Failure> {
+        let sent = self.robots[robot].odometry.send_copy(odometry);
+        sent.map(drop).map_err(|cause| cannot("send odometry", cause))
     }
 
     /// Sends the supervisor the true state of everybody.
-    pub fn send_truth<M: Motion>(&self, world: &World<M>) -> Result<(), PortError> {
+    pub fn send_truth<M: Motion>(&self, world: &World<M>) -> Result<(), Failure> {
         let header = TruthHeader { sent_ns: clock::now_ns(), ..world.truth_header() };
         let mut rows = world.truth();
         let next = |_| rows.next().expect("a row for every robot");
-        send_slice(&self.truth, header, self.robots.len(), next)?;
-        Ok(())
+        let sent = send_slice(&self.truth, header, self.robots.len(), next);
+        sent.map(drop).map_err(|cause| cannot("send truth", cause))
     }
+}
+
+fn cannot(what: &str, cause: impl std::fmt::Display) -> Failure {
+    format!("cannot {what}: {cause}").into()
 }

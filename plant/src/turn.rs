@@ -15,7 +15,6 @@ use protocol::latency::Recorder;
 use protocol::message::{Command, Odometry};
 use protocol::stage::{Cause, Stage};
 
-use crate::gaps::Gaps;
 use crate::motion::{Motion, Unicycles};
 use crate::overrun::{Overrun, TooSlow};
 use crate::world::World;
@@ -38,7 +37,22 @@ struct Robot {
     name: String,
     /// When its newest odometry was sent, ns.
     sent_ns: u64,
-    gaps: Gaps,
+    /// Incarnation and number of the newest command taken from it.
+    newest: (u64, u64),
+}
+
+impl Robot {
+    /// How many commands were lost between the newest one and this one. An incarnation numbers its commands
+    /// from 1.
+    fn lost_before(&mut self, command: &Command) -> u64 {
+        let Command { incarnation, sequence, .. } = *command;
+        let known = if incarnation == self.newest.0 { self.newest.1 } else { 0 };
+        if incarnation < self.newest.0 || sequence <= known {
+            return 0;
+        }
+        self.newest = (incarnation, sequence);
+        sequence - known - 1
+    }
 }
 
 /// A command that has come.
@@ -66,7 +80,7 @@ pub enum TurnError {
 impl<M: Motion> Turn<M> {
     /// Everybody at the start, at t = 0, moved by `motion`.
     pub fn new(brief: &PlantBrief, motion: M) -> Turn<M> {
-        let robot = |name: &String| Robot { name: name.clone(), sent_ns: 0, gaps: Gaps::default() };
+        let robot = |name: &String| Robot { name: name.clone(), sent_ns: 0, newest: (0, 0) };
         Turn {
             world: World::moved_by(motion, brief),
             pace: brief.pace,
@@ -153,7 +167,7 @@ impl<M: Motion> Turn<M> {
                 // Stamps are simulated.
                 Pace::Lockstep => robot.sent_ns,
                 Pace::Realtime => {
-                    self.measured.count_lost(robot.gaps.before(&command));
+                    self.measured.count_lost(robot.lost_before(&command));
                     command.stamp_ns
                 }
             };
@@ -188,6 +202,7 @@ impl<M: Motion> Turn<M> {
 mod tests {
     use std::cell::Cell;
 
+    use protocol::fault::{LinkFault, LinkFaultKind, Span};
     use protocol::message::LatencyRow;
 
     use super::*;
@@ -237,6 +252,19 @@ mod tests {
     }
 
     #[test]
+    fn what_a_fault_held_back_is_accepted_once_it_is_due() {
+        let mut brief = PlantBrief { pace: Pace::Lockstep, ..brief(&[0.0]) };
+        let kind = LinkFaultKind::Delay { delay_ns: 10 * MS, jitter_ns: 0 };
+        let span = Span { from_ns: 0, until_ns: 5 * MS };
+        brief.robots[0].command_faults = vec![LinkFault { span, kind, seed: 1 }];
+        let mut turn = Turn::new(&brief, Unicycles::new(&brief));
+        take(&mut turn, 0, &[(0, 1, 0.4)]);
+        assert_eq!(x_m(&turn), 0.0);
+        take(&mut turn, 10, &[]);
+        assert!((x_m(&turn) - 0.004).abs() < 1e-15, "{}", x_m(&turn));
+    }
+
+    #[test]
     fn in_real_time_it_has_passed_until_now_before_commands_are_accepted() {
         let mut turn = world(Pace::Realtime);
         turn.start_at(100 * MS);
@@ -250,6 +278,17 @@ mod tests {
         take(&mut turn, 171, &[]);
         assert!(turn.is_over());
         assert_eq!(turn.world.t_ns(), 30 * MS, "no longer than planned");
+    }
+
+    #[test]
+    fn a_command_that_was_overwritten_is_missed_and_one_from_before_a_death_is_not() {
+        let mut robot = Robot { name: "a".into(), sent_ns: 0, newest: (0, 0) };
+        let lost = [(0, 1), (0, 2), (0, 5), (0, 4), (1, 1), (0, 6), (1, 3), (2, 2)].map(
+            |(incarnation, sequence)| {
+                robot.lost_before(&Command { incarnation, ..command(0, sequence, 0.0, 0.0) })
+            },
+        );
+        assert_eq!(lost, [0, 0, 2, 0, 0, 0, 1, 1]);
     }
 
     #[test]

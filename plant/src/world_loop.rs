@@ -3,21 +3,20 @@
 //! In lockstep the plant leads the barrier, and waits for robots and supervisor as long as that one
 //! is at work, which knows who is hung; in real time it waits for nobody but the clock.
 
-use std::error::Error;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use protocol::barrier::{Barrier, BarrierError, LEAD_MAX};
-use protocol::brief::{self, BriefError, Pace, PlantBrief};
+use protocol::barrier::{Barrier, LEAD_MAX};
+use protocol::brief::{self, Pace, PlantBrief};
 use protocol::clock::{self, Timer};
 use protocol::lateness::Witness;
-use protocol::process::{self, Alarm, Stop, Turns};
-use protocol::run_root::{self, RunRootError};
-use protocol::watchdog::{SupervisorLost, SupervisorWatch};
+use protocol::process::{self, Alarm, Failure, Stop, Turns};
+use protocol::run_root;
+use protocol::watchdog::SupervisorWatch;
 
 use crate::motion::{Checked, Motion, Unicycles};
-use crate::ports::{PortError, Ports};
-use crate::turn::{Delivery, Turn, TurnError};
+use crate::ports::Ports;
+use crate::turn::{Delivery, Turn};
 
 /// In real time all robots must be ready within this; the supervisor has a shorter bound and names
 /// the culprit.
@@ -33,62 +32,19 @@ const RELEASE_MAX: Duration = Duration::from_secs(10);
 const ATTENTION_ROBOTS: u64 = 48;
 const ATTENTION_EVERY: [u64; 2] = [4, 16];
 
-/// Why the plant gave up.
-#[derive(Debug, thiserror::Error)]
-pub enum LoopError {
-    /// Its brief is unreadable.
-    #[error(transparent)]
-    Brief(#[from] BriefError),
-    /// The run it belongs to is not there.
-    #[error(transparent)]
-    RunRoot(#[from] RunRootError),
-    /// A port failed.
-    #[error(transparent)]
-    Port(#[from] PortError),
-    /// The barrier is not there.
-    #[error(transparent)]
-    Barrier(#[from] BarrierError),
-    /// Signals cannot be handled.
-    #[error("cannot handle signals: {0}")]
-    Signals(#[from] std::io::Error),
-    /// What moves the robots could not be made.
-    #[error(transparent)]
-    Motion(Box<dyn Error + Send + Sync>),
-    /// Time could not pass.
-    #[error(transparent)]
-    Turn(#[from] TurnError),
-    /// Some robots never came up.
-    #[error("not ready after {} s: {robots}", READY_MAX.as_secs())]
-    NotReady {
-        /// Their names.
-        robots: String,
-    },
-    /// A robot arrived at the barrier without a command.
-    #[error("lockstep is broken: {robot} arrived at tick {tick} without a command")]
-    NoCommand {
-        /// The tick at hand.
-        tick: u64,
-        /// Its name.
-        robot: String,
-    },
-    /// In lockstep the supervisor watches over everybody: without it there is no run.
-    #[error(transparent)]
-    SupervisorLost(#[from] SupervisorLost),
-}
-
 /// Runs the world of this brief to its end. Its robots are moved by what `motion` makes of the brief:
 /// [`Unicycles`], or a program's own physics.
 pub fn run<M: Motion, E>(
     brief_path: &Path,
     motion: impl FnOnce(&PlantBrief) -> Result<M, E>,
-) -> Result<(), LoopError>
+) -> Result<(), Failure>
 where
-    E: Into<Box<dyn Error + Send + Sync>>,
+    E: Into<Failure>,
 {
     let brief: PlantBrief = brief::read(brief_path)?;
-    let stop = Stop::on_signals()?;
+    let stop = Stop::on_signals().map_err(|error| format!("cannot handle signals: {error}"))?;
     run_root::join(&brief.run_root)?;
-    let motion = motion(&brief).map_err(|error| LoopError::Motion(error.into()))?;
+    let motion = motion(&brief).map_err(Into::into)?;
     let motion = Checked::new(&brief, motion);
     clock::tighten_timer_slack();
     if brief.pace == Pace::Realtime {
@@ -125,7 +81,7 @@ impl<M: Motion> Plant<M> {
         true
     }
 
-    fn run_in_lockstep(&mut self) -> Result<(), LoopError> {
+    fn run_in_lockstep(&mut self) -> Result<(), Failure> {
         let mut barrier = Barrier::open(&run_root::barrier_path(&self.brief.run_root))?;
         barrier.rely_on(Alarm::start()?);
         let mut supervisor = SupervisorWatch::new(&barrier);
@@ -140,7 +96,7 @@ impl<M: Motion> Plant<M> {
         &mut self,
         barrier: &Barrier,
         supervisor: &mut SupervisorWatch,
-    ) -> Result<(), LoopError> {
+    ) -> Result<(), Failure> {
         let [often, seldom] = ATTENTION_EVERY;
         let attention_every =
             (ATTENTION_ROBOTS / self.brief.robots.len() as u64).clamp(often, seldom);
@@ -177,14 +133,15 @@ impl<M: Motion> Plant<M> {
         Ok(())
     }
 
-    fn run_in_real_time(&mut self) -> Result<(), LoopError> {
+    fn run_in_real_time(&mut self) -> Result<(), Failure> {
         let began = Instant::now();
         if !self.wait_until_ready(|| !self.stop.requested() && began.elapsed() < READY_MAX) {
-            let robots = self.ports.not_ready().map(|robot| self.brief.robots[robot].name.as_str());
-            return match self.stop.requested() {
-                true => Ok(()),
-                false => Err(LoopError::NotReady { robots: robots.collect::<Vec<_>>().join(", ") }),
-            };
+            if self.stop.requested() {
+                return Ok(());
+            }
+            let names = self.ports.not_ready().map(|robot| self.brief.robots[robot].name.as_str());
+            let names = names.collect::<Vec<_>>().join(", ");
+            return Err(format!("not ready after {} s: {names}", READY_MAX.as_secs()).into());
         }
         // Else everybody would connect to everybody in the first period, and all be late.
         self.ports.connect();
@@ -198,8 +155,7 @@ impl<M: Motion> Plant<M> {
         while !self.stop.requested() && !self.turn.is_over() {
             let Some(wake) = timer.wait() else { continue };
             self.turn.wake(&wake, witness.cause_if_late(&wake, false));
-            let commands = self.ports.commands().map(|taken| taken.map_err(LoopError::from));
-            self.turn.take(commands, clock::now_ns)?;
+            self.turn.take(self.ports.commands(), clock::now_ns)?;
             self.publish()?;
             let now_ns = clock::now_ns();
             self.ports.latency.send_if_due(self.turn.measured(), now_ns);
@@ -211,15 +167,15 @@ impl<M: Motion> Plant<M> {
     }
 
     /// Odometry to everybody, unless it is over, and the truth to the supervisor.
-    fn publish(&mut self) -> Result<(), LoopError> {
+    fn publish(&mut self) -> Result<(), Failure> {
         if !self.turn.is_over() {
             (0..self.brief.robots.len()).try_for_each(|robot| self.send_odometry(robot))?;
         }
-        Ok(self.ports.send_truth(self.turn.world())?)
+        self.ports.send_truth(self.turn.world())
     }
 
-    fn send_odometry(&mut self, robot: usize) -> Result<(), LoopError> {
-        Ok(self.ports.send_odometry(robot, self.turn.sense(robot, clock::now_ns()))?)
+    fn send_odometry(&mut self, robot: usize) -> Result<(), Failure> {
+        self.ports.send_odometry(robot, self.turn.sense(robot, clock::now_ns()))
     }
 }
 
@@ -231,7 +187,7 @@ fn command_of(
     robot: usize,
     tick: u64,
     brief: &PlantBrief,
-) -> Result<Option<Delivery>, LoopError> {
+) -> Result<Option<Delivery>, Failure> {
     loop {
         match ports.command(robot)? {
             Some(delivery) if delivery.command.tick < tick => {}
@@ -241,8 +197,9 @@ fn command_of(
             None if barrier.member_since(robot).is_none() => return Ok(None),
             None if barrier.is_mute(robot, tick) => return Ok(None),
             None => {
-                let robot = brief.robots[robot].name.clone();
-                return Err(LoopError::NoCommand { tick, robot });
+                let robot = &brief.robots[robot].name;
+                let broken = format!("{robot} arrived at tick {tick} without a command");
+                return Err(format!("lockstep is broken: {broken}").into());
             }
         }
     }
@@ -257,28 +214,14 @@ fn release(mut patience: impl FnMut() -> bool) {
 
 /// What the process does: named, logging, and with an exit code that tells.
 pub fn main(brief_path: &Path, realtime_priority: bool) -> u8 {
-    main_with(brief_path, realtime_priority, |brief| Ok::<_, LoopError>(Unicycles::new(brief)))
+    main_with(brief_path, realtime_priority, |brief| Ok::<_, Failure>(Unicycles::new(brief)))
 }
 
 /// The same for a program that moves the robots by itself, see [`run`].
-pub fn main_with<M: Motion, E>(
+pub fn main_with<M: Motion, E: Into<Failure>>(
     brief_path: &Path,
     realtime_priority: bool,
     motion: impl FnOnce(&PlantBrief) -> Result<M, E>,
-) -> u8
-where
-    E: Into<Box<dyn Error + Send + Sync>>,
-{
-    process::set_name("phalanx-plant");
-    process::log_to_stderr();
-    if realtime_priority {
-        process::hurry();
-    }
-    match run(brief_path, motion) {
-        Ok(()) => process::exit::OK,
-        Err(error) => {
-            tracing::error!("{error}");
-            process::exit::INFRASTRUCTURE
-        }
-    }
+) -> u8 {
+    process::main("phalanx-plant", realtime_priority, || run(brief_path, motion))
 }

@@ -4,13 +4,12 @@
 //! Must not: hear a robot, the plant or the supervisor, or do more between two wake-ups than write down
 //! how late the last one was.
 
-use std::error::Error;
 use std::path::PathBuf;
 use std::time::Duration;
 
 use protocol::clock::{self, Timer, golden_phase};
 use protocol::latency::{LatencyPort, Recorder};
-use protocol::process::{self, Stop, Turns};
+use protocol::process::{self, Failure, Stop, Turns};
 use protocol::run_root;
 use protocol::service;
 use protocol::stage::Stage;
@@ -30,21 +29,10 @@ pub struct ControlTimer {
 
 /// What the process `phalanx-machine` does.
 pub fn main(timer: &ControlTimer) -> u8 {
-    process::set_name("phalanx-machine");
-    process::log_to_stderr();
-    if timer.realtime_priority {
-        process::hurry();
-    }
-    match run(timer) {
-        Ok(()) => process::exit::OK,
-        Err(error) => {
-            tracing::error!("{error}");
-            process::exit::INFRASTRUCTURE
-        }
-    }
+    process::main("phalanx-machine", timer.realtime_priority, || run(timer))
 }
 
-fn run(control: &ControlTimer) -> Result<(), Box<dyn Error>> {
+fn run(control: &ControlTimer) -> Result<(), Failure> {
     let stop = Stop::on_signals().map_err(|error| format!("cannot handle signals: {error}"))?;
     run_root::join(&control.run_root)?;
     clock::tighten_timer_slack();

@@ -2,13 +2,10 @@
 //!
 //! A law is one file and one row of [`LAWS`]; `docs/add-a-law.md` shows how.
 
-mod containment_tanh;
-mod formation_tanh;
 mod formation_unit;
-mod goal_tanh;
 mod goal_unit;
-mod leader_tanh;
 pub mod situation;
+mod tanh;
 
 use std::collections::BTreeMap;
 
@@ -81,11 +78,11 @@ impl LawRow {
 /// Every law there is.
 pub const LAWS: &[LawRow] = &[
     formation_unit::ROW,
-    leader_tanh::ROW,
-    formation_tanh::ROW,
-    containment_tanh::ROW,
+    tanh::LEADER_TANH,
+    tanh::FORMATION_TANH,
+    tanh::CONTAINMENT_TANH,
     goal_unit::ROW,
-    goal_tanh::ROW,
+    tanh::GOAL_TANH,
 ];
 
 /// Why a law could not be made.

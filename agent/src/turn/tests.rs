@@ -103,7 +103,8 @@ fn odometry_as_old_as_a_command_lives_has_no_answer_and_is_counted() {
     // What it hears takes it 5 ms.
     assert!(robot_1.at(40, Some(20), &[1, 2, 3, 4, 5, 6]).answer.is_none());
     assert_eq!(robot_1.wish(), Wish::Velocity(formation::Vec2::zeros()), "the law is not asked");
-    assert!(robot_1.at(50, None, &[]).answer.is_none());
+    assert!(robot_1.at(50, Some(50), &[]).answer.is_some());
+    assert!(robot_1.at(60, None, &[]).answer.is_none(), "one answer to each");
     assert_eq!(robot_1.status().0.odometry_old, 2);
     // There, time is that of the sample.
     assert!(robot(lockstep).at(1000, Some(0), &[]).answer.is_some());
@@ -139,6 +140,7 @@ fn whoever_was_frozen_or_slow_on_purpose_past_a_deadline_was_held() {
     let counts = [Stage::Held, Stage::Wake].map(|stage| robot_1.measured_ms(stage));
     assert_eq!(counts, [[(0, 2); 2], [(0, 2); 2]]);
     let mut quick = robot(|_| ());
+    quick.wakes_ms(0, 0);
     quick.at(0, Some(0), &[]);
     quick.sent_ms(5);
     assert_eq!(quick.wakes_ms(4, 0), Woken::Counted { missed: false }, "not on purpose");
@@ -150,15 +152,16 @@ fn an_answer_misses_a_deadline_for_each_period_after_its_own_and_the_next_wake_u
     robot_1.at(0, Some(0), &[]);
     let mut misses = Vec::new();
     for (due_ms, sent_ms, missed) in
-        [(0, 9, false), (10, 20, false), (20, 47, true), (50, 50, true)]
+        [(0, 9, false), (10, 20, false), (20, 47, true), (50, 61, true)]
     {
         assert_eq!(robot_1.wakes_ms(due_ms, 0), Woken::Counted { missed }, "{due_ms} ms");
-        robot_1.at(due_ms, Some(due_ms), &[]);
+        robot_1.at(due_ms + 3, Some(due_ms), &[]);
         robot_1.sent_ms(sent_ms);
         misses.push(robot_1.status().0.deadline_misses);
     }
-    assert_eq!(misses, [0, 1, 3, 3]);
-    assert_eq!(robot_1.wakes_ms(60, 0), Woken::Counted { missed: false });
+    assert_eq!(misses, [0, 1, 3, 4]);
+    let missed = [60, 70].map(|due_ms| robot_1.wakes_ms(due_ms, 0));
+    assert_eq!(missed, [true, false].map(|missed| Woken::Counted { missed }), "it is told once");
     let mut robot_2 = robot(lockstep);
     robot_2.at(0, Some(0), &[]);
     robot_2.sent_ms(99);

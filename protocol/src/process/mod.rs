@@ -29,3 +29,23 @@ pub use self::priority::{
 };
 pub use self::stop::Stop;
 pub use self::thaw::Thaws;
+
+/// Why a process gave up, in words: nobody asks for more.
+pub type Failure = Box<dyn std::error::Error + Send + Sync>;
+
+/// What a process does around `run`: named, logging, before every ordinary process if it is to be, and with an
+/// exit code that tells how it ended.
+pub fn main(name: &str, realtime_priority: bool, run: impl FnOnce() -> Result<(), Failure>) -> u8 {
+    set_name(name);
+    log_to_stderr();
+    if realtime_priority {
+        hurry();
+    }
+    match run() {
+        Ok(()) => exit::OK,
+        Err(error) => {
+            tracing::error!("{error}");
+            exit::INFRASTRUCTURE
+        }
+    }
+}

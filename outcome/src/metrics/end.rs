@@ -50,7 +50,6 @@ impl EarlyEnd {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
 
     fn end(for_ns: u64, plan_over_ns: u64) -> EarlyEnd {
         let asked = Some((for_ns, plan_over_ns));
@@ -75,42 +74,6 @@ mod tests {
         ] {
             end.truth(t_ns, since_ns);
             assert_eq!(end.has_come(), expected, "{t_ns}");
-        }
-    }
-
-    proptest! {
-        /// Whoever looks only when it may come finds it at the first truth at which it does.
-        #[test]
-        fn looking_only_when_it_may_come_misses_nothing(
-            converged in proptest::collection::vec(proptest::bool::weighted(0.8), 200),
-            for_ns in 1..20u64,
-            plan_over_ns in 0..100u64,
-        ) {
-            let mut since = None;
-            let since: Vec<Option<u64>> = (0..)
-                .zip(&converged)
-                .map(|(t_ns, &converged)| {
-                    since = converged.then(|| since.unwrap_or(t_ns));
-                    since
-                })
-                .collect();
-            let (mut every, mut some) = (end(for_ns, plan_over_ns), end(for_ns, plan_over_ns));
-            let at = |end: &mut EarlyEnd, t_ns: usize| {
-                end.truth(t_ns as u64, since[t_ns]);
-                end.has_come()
-            };
-            let first = (0..200).find(|&t_ns| at(&mut every, t_ns));
-            let mut t_ns = 0;
-            let found = loop {
-                if at(&mut some, t_ns) {
-                    break Some(t_ns);
-                }
-                t_ns = some.not_before_ns().expect("it is asked for") as usize;
-                if t_ns >= 200 {
-                    break None;
-                }
-            };
-            prop_assert_eq!(found, first);
         }
     }
 }

@@ -129,10 +129,6 @@ fn known(at: Vec2) -> bool {
     at.x.is_finite() && at.y.is_finite()
 }
 
-fn lasts(fault: &SceneFault, t_s: f64) -> bool {
-    fault.t_s <= t_s && fault.until_s.is_none_or(|until_s| t_s < until_s)
-}
-
 /// What moves.
 struct Movie<'r> {
     run: &'r Run,
@@ -192,7 +188,7 @@ impl Movie<'_> {
             text.with("font-size", 15).with("font-weight", 600)
         };
         let fault = |fault: &SceneFault| {
-            let shown = self.each(|frame| u8::from(lasts(fault, frame.t_s)).to_string());
+            let shown = self.each(|frame| u8::from(fault.lasts_at(frame.t_s)).to_string());
             let text = words(&fault.what, WIDTH - 16.0, Anchor::End).filled(VERMILION, 1.0);
             self.switched(text, "opacity", &shown)
         };

@@ -181,9 +181,7 @@ impl Run {
             };
             let cut = |edge: usize| {
                 let mut faults = self.scene.faults.iter().filter(|fault| fault.cuts == Some(edge));
-                faults.any(|fault| {
-                    fault.t_s <= t_s && fault.until_s.is_none_or(|until_s| t_s < until_s)
-                })
+                faults.any(|fault| fault.lasts_at(t_s))
             };
             let edge = |(place, edge): (usize, &SceneEdge)| {
                 heard[place].of([states[edge.from], states[edge.to]], cut(place))

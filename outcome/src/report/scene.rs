@@ -63,6 +63,13 @@ pub struct SceneFault {
     pub cuts: Option<usize>,
 }
 
+impl SceneFault {
+    /// Whether it lasts at this time, s.
+    pub fn lasts_at(&self, t_s: f64) -> bool {
+        self.t_s <= t_s && self.until_s.is_none_or(|until_s| t_s < until_s)
+    }
+}
+
 /// One instant.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Frame {

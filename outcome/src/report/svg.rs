@@ -57,7 +57,7 @@ impl Element {
         Element::new("circle").with("cx", px(x)).with("cy", px(y)).with("r", px(radius))
     }
 
-    /// A path by its steps, see [`way`]; not filled unless told so.
+    /// A path by its steps, see [`way`].
     pub fn path(steps: &str) -> Element {
         Element::new("path").with("d", steps)
     }

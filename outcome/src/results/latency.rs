@@ -332,21 +332,6 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_returns_adds_to_what_it_measured_before_it_died() {
-        let mut latency = Latency::new(&row_of_three(), Pace::Realtime);
-        let header =
-            |incarnation, first_row| LatencyHeader { incarnation, first_row, samples_lost: 0 };
-        latency.take(1, &header(0, 0), &[row(Stage::BeaconAge, 2, 5)]);
-        latency.take(1, &header(0, 4), &[row(Stage::BeaconAge, 2, 6)]);
-        assert_eq!(latency.rows_lost(), 3, "rows 1 to 3 of the first incarnation");
-        latency.take(1, &header(1, 0), &[row(Stage::BeaconAge, 2, 7)]);
-        assert_eq!(latency.rows_lost(), 3, "the second counts from 0");
-        let [age] = &latency.stages()[..] else { panic!("one line") };
-        assert_eq!((age.robot.as_str(), age.from.as_deref()), ("r1", Some("r2")));
-        assert_eq!((age.count, age.min_ns, age.max_ns), (3, 5, 7));
-    }
-
-    #[test]
     fn the_information_age_of_an_edge_is_summed_up_over_all_incarnations() {
         let mut latency = Latency::new(&row_of_three(), Pace::Lockstep);
         for (incarnation, area_s2, peak_ns) in [(0, 1.0, 7), (1, 2.0, 5)] {
@@ -368,16 +353,6 @@ mod tests {
         let rows = [unknown, row(Stage::Wake, 4, 1), row(Stage::Wake, 0, u64::MAX)];
         latency.take(0, &LatencyHeader::default(), &rows);
         assert_eq!((latency.rows_lost(), latency.stages()), (3, Vec::new()));
-    }
-
-    #[test]
-    fn the_latest_of_a_stage_is_the_one_with_the_largest_value() {
-        let mut latency = Latency::new(&row_of_three(), Pace::Lockstep);
-        for (robot, value_ns) in [(1, MS), (2, 3 * MS), (3, 2 * MS)] {
-            latency.take(robot, &LatencyHeader::default(), &[row(Stage::Compute, 0, value_ns)]);
-        }
-        let [latest] = &latency.latest()[..] else { panic!("one stage") };
-        assert_eq!((latest.edge(), latest.max_ns), ("r2".into(), 3 * MS));
     }
 
     #[test]

@@ -5,7 +5,7 @@
 //! | file | question it answers |
 //! |---|---|
 //! | `run_dir` | which files are there, and what stands in them? |
-//! | `host_dir` | where does a host without the plant write? |
+//! | `host_dir` | what does every host of a run write? |
 //! | `reserved` | how does a small file survive a full disk? |
 //! | `programs` | what do robots run that is not built in? |
 //! | `manifest` | what was run, where and how? |

@@ -50,33 +50,3 @@ impl Drop for Reserved {
         let _ = fs::remove_file(&self.part);
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn names(folder: &Path) -> Vec<String> {
-        let entries = fs::read_dir(folder).unwrap().flatten();
-        entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect()
-    }
-
-    #[test]
-    fn a_file_has_its_content_and_no_more_whatever_was_reserved() {
-        let place = tempfile::tempdir().unwrap();
-        let path = place.path().join("summary.json");
-        for (bytes, content) in [(4096, &b"short"[..]), (2, b"longer than that")] {
-            let reserved = Reserved::create(&path, bytes).unwrap();
-            assert!(reserved.file.metadata().unwrap().len() >= bytes);
-            reserved.fill(content).unwrap();
-            assert_eq!(fs::read(&path).unwrap(), content);
-            assert_eq!(names(place.path()), ["summary.json"]);
-        }
-    }
-
-    #[test]
-    fn room_that_was_not_used_is_given_back() {
-        let place = tempfile::tempdir().unwrap();
-        drop(Reserved::create(&place.path().join("summary.json"), 4096).unwrap());
-        assert_eq!(names(place.path()), Vec::<String>::new());
-    }
-}

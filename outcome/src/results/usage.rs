@@ -67,29 +67,3 @@ fn of_rusage(usage: &libc::rusage) -> Usage {
         major_faults: usage.ru_majflt as u64,
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use rustix::process::{Pid, PidfdFlags, pidfd_open};
-    use std::os::fd::AsFd;
-    use std::process::Command;
-
-    #[test]
-    fn what_a_killed_process_took_is_known_before_it_is_reaped_and_it_still_can_be() {
-        let mut child = Command::new("sh").arg("-c").arg("while :; do :; done").spawn().unwrap();
-        let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty()).unwrap();
-        assert_eq!(of_dead(pidfd.as_fd()).unwrap(), None, "it lives");
-        std::thread::sleep(std::time::Duration::from_millis(50));
-        child.kill().unwrap();
-        let usage = loop {
-            if let Some(usage) = of_dead(pidfd.as_fd()).unwrap() {
-                break usage;
-            }
-            std::thread::yield_now();
-        };
-        assert!(usage.user_s + usage.system_s > 0.0 && usage.minor_faults > 0, "{usage:?}");
-        assert!(!child.wait().unwrap().success());
-        assert!(of_dead(pidfd.as_fd()).is_err(), "reaped");
-    }
-}

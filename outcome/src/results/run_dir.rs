@@ -513,18 +513,4 @@ mod tests {
         times.dedup();
         assert_eq!(times, ["1", "2", "4", "6", "7"]);
     }
-
-    #[test]
-    fn a_recording_rate_beyond_every_tick_writes_every_tick() {
-        let place = tempfile::tempdir().unwrap();
-        let scenario = Scenario { record_hz: 1e12, ..row_of_three() };
-        let mut run_dir = RunDir::create(&place.path().join("run"), &scenario).unwrap();
-        for tick in 0..3 {
-            let measured = Now { errors_m: &[None; 3], ideal_errors_m: &[None; 3], nearest: None };
-            run_dir.truth(&header(tick), &rows([0.0; 3]), &[true; 3], measured).unwrap();
-        }
-        drop(run_dir);
-        let text = fs::read_to_string(place.path().join("run/samples.csv")).unwrap();
-        assert_eq!(text.lines().count(), 1 + 3 * 3);
-    }
 }

@@ -109,6 +109,10 @@ impl Folder {
                 let holder = fs::read_to_string(&path).unwrap_or_default().trim().to_owned();
                 return Err(LockError::Held { path: self.path.clone(), holder });
             }
+            // A file system that knows no locks; there nobody is kept from computing things twice.
+            Err(Errno::NOSYS | Errno::OPNOTSUPP | Errno::NOLCK) => {
+                tracing::warn!("{} cannot be locked: start one sweep at a time", path.display());
+            }
             Err(error) => return Err(unlockable(error.into())),
         }
         let holder = format!("process {} on {}\n", std::process::id(), host());

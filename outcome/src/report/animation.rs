@@ -12,13 +12,13 @@ use formation::pose::Pose;
 
 use crate::report::axis::Axis;
 use crate::report::chart::Place;
-use crate::report::digits::asked;
 use crate::report::figures::{BOUND, over_time};
 use crate::report::palette::{BLACK, BLUE, Color, GRAY, Line, ORANGE, VERMILION, WHITE, color};
 use crate::report::run::Run;
 use crate::report::scene::{EdgeState, Frame, RobotState, SceneFault};
 use crate::report::simplify::{Point, within};
 use crate::report::svg::{Anchor, Element, px, way};
+use protocol::number::short;
 
 /// The whole picture, px.
 const WIDTH: f64 = 900.0;
@@ -222,7 +222,7 @@ impl Movie<'_> {
         }
         let (step, ends) = (step_m * view.scale, (22.0 + step_m * view.scale, bottom - 8.0));
         let scale = Element::path(&way([(16.0, bottom - 12.0), (16.0 + step, bottom - 12.0)]));
-        let meters = Element::words(&format!("{} m", asked(step_m)), ends, Anchor::Start);
+        let meters = Element::words(&format!("{} m", short(step_m)), ends, Anchor::Start);
         drawn.push(scale.stroked(Line::solid(QUIET).width(2.0)));
         drawn.push(meters.filled(QUIET, 1.0));
         drawn
@@ -381,7 +381,7 @@ impl Movie<'_> {
         let distance = axis("smallest distance (m)", &distances, d);
         let mut distance = over_time(self.run, distance).with_nameless_bands();
         distance.over_x(distances, Line::solid(BLUE));
-        distance.bound(d, (0.0, self.run.end_s()), format!("d = {} m", asked(d)), BOUND);
+        distance.bound(d, (0.0, self.run.end_s()), format!("d = {} m", short(d)), BOUND);
         let below = Place { y: PANELS.y + PANELS.height, ..PANELS };
         let (top, bottom) = (PANELS.inner(&error.bands), below.inner(&distance.bands));
         let (first_s, last_s) = (self.frames[0].t_s, self.frames[self.frames.len() - 1].t_s);
@@ -402,7 +402,7 @@ fn legend(run: &Run) -> Vec<Element> {
     let mut lines = vec![
         "Arrows: the way information flows.".to_owned(),
         "Orange, dashed arrows: nothing gets through.".to_owned(),
-        format!("Circles: radius d/2, d = {} m.", asked(run.scene.distance_min_m)),
+        format!("Circles: radius d/2, d = {} m.", short(run.scene.distance_min_m)),
         "While none overlap, no pair is nearer than d.".to_owned(),
     ];
     if !run.lead_m.is_empty() {

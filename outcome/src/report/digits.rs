@@ -1,12 +1,5 @@
 //! Numbers in few characters.
 
-/// A bound as it was asked for: at most four significant digits, and none that says nothing.
-pub fn asked(value: f64) -> String {
-    let text = digits(value);
-    let plain = text.contains('.') && !text.contains('e');
-    if plain { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
-}
-
 /// A number in few characters: four significant digits.
 pub fn digits(value: f64) -> String {
     match value.abs() {

@@ -6,11 +6,12 @@ use crate::metrics::expect::Verdict;
 use crate::metrics::summary::{InformationAge, StageLatency, Summary};
 
 use crate::report::chart::Figure;
-use crate::report::digits::{asked, digits};
+use crate::report::digits::digits;
 use crate::report::markup::escaped;
 use crate::report::page;
 use crate::report::rows;
 use crate::report::run::Run;
+use protocol::number::short;
 
 const STYLE: &str = include_str!("../../assets/report.css");
 /// What is said of a run that left no summary.
@@ -87,7 +88,7 @@ fn head(run: &Run) -> String {
     let (robots, edges) = (run.scene.robots.len(), run.scene.edges.len());
     let mut text = format!(
         "<p class=\"quiet\">{robots} robots, {edges} edges, {} s, {pace}</p>\n",
-        asked(run.lasts_s())
+        short(run.lasts_s())
     );
     let (verdict, worst) = match &run.summary {
         None => (CUT_SHORT, Some(Verdict::Missed)),

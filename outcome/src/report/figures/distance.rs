@@ -5,9 +5,10 @@ use formation::Vec2;
 use super::{ALL, BOUND, Many, NAMED, WIDTH, about_bands, judged, over_time, row};
 use crate::report::axis::Axis;
 use crate::report::chart::{Figure, Mark, Panel, Shape};
-use crate::report::digits::{asked, digits};
+use crate::report::digits::digits;
 use crate::report::palette::{BLACK, line};
 use crate::report::run::Run;
+use protocol::number::short;
 
 /// Up to so many pairs have all their curves drawn; of more, the smallest of all and the nearest.
 const DRAWN_MAX: usize = 120;
@@ -128,7 +129,7 @@ fn caption(run: &Run, pairs: usize, named: usize, shown_near: bool) -> String {
 
 /// The line d, and the smallest distance at any tick.
 fn bounded(run: &Run, panel: &mut Panel, d: f64) {
-    panel.bound(d, (0.0, run.end_s()), format!("d = {} m", asked(d)), BOUND);
+    panel.bound(d, (0.0, run.end_s()), format!("d = {} m", short(d)), BOUND);
     let Some(summary) = &run.summary else { return };
     if let (Some(distance_m), Some([a, b]), Some(t_s)) =
         (summary.min_distance_m, &summary.min_distance_pair, summary.min_distance_t_s)

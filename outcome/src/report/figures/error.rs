@@ -6,10 +6,10 @@ use super::{
 };
 use crate::report::axis::Axis;
 use crate::report::chart::{Figure, Panel};
-use crate::report::digits::asked;
 use crate::report::palette::{Dash, Line, VERMILION, line};
 use crate::report::run::{Run, Sample};
 use crate::report::simplify::Point;
+use protocol::number::short;
 
 /// Errors below this are drawn here: nobody looks at less than a micrometer, m.
 const LEAST_M: f64 = 1e-6;
@@ -22,7 +22,7 @@ pub(super) fn by_those_heard(run: &Run) -> Option<Figure> {
     let Sizes { mut panel, mut caption, key } = sizes;
     converged(run, &mut panel);
     if let Some(expectation) = expected(run, "converged_by_s") {
-        let label = format!("required by {} s", asked(expectation.bound));
+        let label = format!("required by {} s", short(expectation.bound));
         panel.upright(expectation.bound, 0.9, label, BOUND);
     }
     caption += &judged(run, "converged_by_s", "All errors stay small from", "s");
@@ -98,7 +98,7 @@ fn sizes(run: &Run, what: &str, axis: &str, error: fn(&Sample) -> Option<f64>) -
     let least = if floor < 1e-6 * 1.01 { "; clipped at 1 \u{b5}m" } else { "" };
     let bands = about_bands(run);
     let caption = format!("{what} of all living robots{named}, logarithmic{least}.{bands}");
-    let label = format!("converged below {} m", asked(converged_m));
+    let label = format!("converged below {} m", short(converged_m));
     let dotted = Line::solid(VERMILION).width(0.8).dashed(Dash::Dotted);
     panel.bound(converged_m, (0.0, run.end_s()), label, dotted);
     if let Some(rule) = panel.rules.last_mut() {

@@ -7,9 +7,10 @@ use crate::metrics::summary::Cause;
 use super::{BOUND, Many, NAMED, SEEN, WIDTH, about_bands, over_time, row};
 use crate::report::axis::Axis;
 use crate::report::chart::{Figure, Panel, Place};
-use crate::report::digits::{asked, digits};
+use crate::report::digits::digits;
 use crate::report::palette::{BLACK, Dash, Line, VERMILION, line};
 use crate::report::run::{Run, Spread, Stretch};
+use protocol::number::short;
 
 const HEIGHT: f64 = 300.0;
 /// The left panel, over time, is so wide, px.
@@ -35,7 +36,7 @@ pub(super) fn information_age(run: &Run) -> Option<Figure> {
         let ms = bound_s * 1e3;
         let [(_, over_time), (_, shares)] = &mut panels;
         let (low, high) = over_time.x.bounds();
-        over_time.bound(ms, (low, high), format!("{word} after {} ms", asked(ms)), line);
+        over_time.bound(ms, (low, high), format!("{word} after {} ms", short(ms)), line);
         let (low, high) = shares.x.bounds();
         if (low..=high).contains(&ms) {
             shares.upright(ms, share, word.to_owned(), line);

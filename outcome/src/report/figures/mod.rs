@@ -16,11 +16,12 @@ mod plane;
 #[cfg(test)]
 mod tests;
 
+use protocol::number::{short, told_apart};
+
 use crate::metrics::expect::Expectation;
 
 use crate::report::axis::Axis;
 use crate::report::chart::{Band, Figure, Panel, Place};
-use crate::report::digits::{asked, digits};
 use crate::report::palette::{BLACK, Dash, Line, VERMILION};
 use crate::report::run::Run;
 use crate::report::simplify::Point;
@@ -106,23 +107,22 @@ fn expected<'r>(run: &'r Run, name: &str) -> Option<&'r Expectation> {
 /// none.
 fn judged(run: &Run, name: &str, of: &str, unit: &str) -> String {
     let Some(expectation) = expected(run, name) else { return String::new() };
-    let Expectation { value, bound, held, .. } = expectation;
-    // A miss by a hair's breadth must not be rounded to its bound.
-    let exact = |value: f64| value.to_string();
-    let (shown, bound) = match held {
-        true => (value.map(digits), asked(*bound)),
-        false => (value.map(exact), exact(*bound)),
+    let (measured, bound) = match expectation.value {
+        Some(value) => {
+            let [value, bound] = told_apart(value, expectation.bound);
+            (format!("{value} {unit}"), bound)
+        }
+        None => ("never".to_owned(), short(expectation.bound)),
     };
-    let shown = shown.map_or("never".into(), |value| format!("{value} {unit}"));
     let verdict = expectation.verdict().in_words();
     let reason = expectation.reason.as_ref().map_or(String::new(), |why| format!(" ({why})"));
-    format!(" {of}: {shown}, required {bound} {unit}: {verdict}{reason}.")
+    format!(" {of}: {measured}, required {bound} {unit}: {verdict}{reason}.")
 }
 
 /// Draws what is required over the last share of the run, and says what came of it.
 fn required_at_the_end(run: &Run, panel: &mut Panel, name: &str, of: &str) -> String {
     if let Some(expectation) = expected(run, name) {
-        let label = format!("required at the end: {} m", asked(expectation.bound));
+        let label = format!("required at the end: {} m", short(expectation.bound));
         panel.bound(expectation.bound, last_stretch(run), label, BOUND);
     }
     judged(run, name, of, "m")

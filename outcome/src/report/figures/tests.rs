@@ -155,7 +155,7 @@ fn a_run_with_everything_gets_every_figure_with_its_bounds_its_marks_and_its_fau
     for (name, judged) in [
         ("distances", "The smallest at any tick: 0.2107 m, required 0.2 m: held."),
         ("errors", "worst over the last 10 % of the run: 0.02 m, required 0.01 m: missed."),
-        ("trajectories", "The main leader's worst distance from m(t) at the end: 1.0e-4 m"),
+        ("trajectories", "The main leader's worst distance from m(t) at the end: 0.0001 m"),
     ] {
         let caption = &named(&figures, name).caption;
         assert!(caption.contains(judged), "{name}: {caption}");

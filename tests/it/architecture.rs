@@ -4,7 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::process::Command;
 
-const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+use crate::harness::{ExitsWith as _, ROOT};
+
 const PAGE: &str = include_str!("../../ARCHITECTURE.md");
 
 #[test]
@@ -39,17 +40,12 @@ fn each_way_has_at_most_six_steps() {
     }
 }
 
-/// What `cargo tree` says of a build. It may not use the network: what this build needs is here, and of the
+/// What `cargo tree` prints. It may not use the network: what this build needs is here, and of the
 /// default build everything.
-fn tree(of: &[&str]) -> String {
-    let tree = Command::new(env!("CARGO"))
-        .args(["tree", "--offline", "--locked", "--prefix", "none"])
-        .args(of)
-        .current_dir(ROOT)
-        .output()
-        .unwrap();
-    assert!(tree.status.success(), "{}", String::from_utf8_lossy(&tree.stderr));
-    String::from_utf8(tree.stdout).unwrap()
+fn tree(words: &[&str]) -> String {
+    let mut tree = Command::new(env!("CARGO"));
+    tree.args(["tree", "--offline", "--locked", "--prefix", "none"]).args(words).current_dir(ROOT);
+    tree.exits_with(0).stdout
 }
 
 #[test]
@@ -73,9 +69,92 @@ fn zenoh_is_built_with_the_feature_bridge_only() {
     }
 }
 
-/// The crates whose files may not import each other in a circle.
-const CRATES: [&str; 11] = [
-    ".",
+/// The Rust files in git, with their texts.
+fn sources() -> Vec<(String, String)> {
+    let mut git = Command::new("git");
+    let listed = git.args(["ls-files", "--", "*.rs"]).current_dir(ROOT).exits_with(0).stdout;
+    // One that is about to be removed is still listed.
+    let sources = listed.lines().filter_map(|path| {
+        Some((path.to_owned(), std::fs::read_to_string(Path::new(ROOT).join(path)).ok()?))
+    });
+    sources.collect()
+}
+
+/// Not more lines of Rust than these.
+const LINES_MAX: usize = 87_600;
+
+/// Functions may be this long, lines.
+const FUNCTION_LINES_MAX: usize = 90;
+
+/// Functions that are longer, for now.
+const LONGER: &[&str] = &[
+    "experiment/src/check/steady.rs from",
+    "experiment/src/check/theory.rs of",
+    "experiment/src/scenario/faults.rs fault",
+    "experiment/src/scenario/keys.rs of",
+    "experiment/src/scenario/read.rs scenario",
+    "experiment/src/scenario/robots.rs robot",
+];
+
+#[test]
+fn the_house_is_small() {
+    let mut git = Command::new("git");
+    let listed = git.args(["ls-files"]).current_dir(ROOT).exits_with(0).stdout;
+    let folders: BTreeSet<&str> = listed
+        .lines()
+        .filter_map(|path| Some(path.split_once('/')?.0))
+        .filter(|folder| !folder.starts_with('.'))
+        .collect();
+    assert!(folders.len() <= 14, "{folders:?}");
+    let manifest = std::fs::read_to_string(Path::new(ROOT).join("Cargo.toml")).unwrap();
+    let manifest: toml::Table = manifest.parse().unwrap();
+    let members = manifest["workspace"]["members"].as_array().unwrap();
+    assert!(members.len() < 12, "with this package more than twelve: {members:?}");
+    let lines: usize = sources().iter().map(|(_, text)| text.lines().count()).sum();
+    assert!(lines <= LINES_MAX, "{lines} lines of Rust");
+}
+
+/// The names of functions, each with the lines from its signature to its end. Relies on rustfmt: a
+/// function ends with a brace as far in as its signature.
+fn functions(text: &str) -> Vec<(&str, usize)> {
+    let lines: Vec<&str> = text.lines().collect();
+    let starts = lines.iter().enumerate().filter_map(|(start, line)| {
+        let (before, after) = line.split_once("fn ")?;
+        let words = ["pub", "pub(crate)", "pub(super)", "const", "unsafe", "extern", "\"C\""];
+        let declared = before.split_whitespace().all(|word| words.contains(&word));
+        let name = after.split(['(', '<']).next()?;
+        (declared && !name.is_empty()).then_some((start, name))
+    });
+    let functions = starts.filter_map(|(start, name)| {
+        let inwards = lines[start].len() - lines[start].trim_start().len();
+        let end = lines[start..].iter().position(|line| {
+            let rest = line.get(inwards..).unwrap_or_default();
+            rest == "}" || rest.ends_with(';') && !rest.starts_with(' ')
+        })?;
+        Some((name, end + 1))
+    });
+    functions.collect()
+}
+
+#[test]
+fn no_function_is_longer_than_a_page() {
+    let mut found = 0;
+    let mut long = Vec::new();
+    for (path, text) in sources() {
+        for (name, lines) in functions(&text) {
+            found += 1;
+            let known = LONGER.contains(&format!("{path} {name}").as_str());
+            if lines > FUNCTION_LINES_MAX && !known {
+                long.push(format!("{path} {name}: {lines} lines"));
+            }
+        }
+    }
+    assert!(found > 3_000, "{found} functions");
+    assert!(long.is_empty(), "{long:#?}");
+}
+
+/// The packages whose files may not import each other in a circle.
+const PACKAGES: [&str; 11] = [
     "formation",
     "protocol",
     "experiment",
@@ -86,18 +165,19 @@ const CRATES: [&str; 11] = [
     "bench",
     "bindings/c",
     "bindings/bridge",
+    ".",
 ];
 
 #[test]
 fn no_files_import_each_other_in_a_circle() {
     let mut imports = 0;
-    for package in CRATES {
+    for package in PACKAGES {
         let files = modules(&Path::new(ROOT).join(package).join("src"), &[]);
         let known: BTreeSet<&Module> = files.iter().map(|(module, _)| module).collect();
         let mut edges: BTreeMap<&Module, BTreeSet<Module>> = BTreeMap::new();
         for (module, text) in &files {
-            let uses = text.lines().filter_map(|line| line.trim_start().strip_prefix("use "));
-            let found = uses.filter_map(|line| imported(module, line, &known));
+            let found = paths(text);
+            let found = found.iter().filter_map(|path| imported(module, path, &known));
             // A folder's own file and what is in the folder are one thing.
             let apart = found.filter(|to| !to.starts_with(module) && !module.starts_with(to));
             edges.insert(module, apart.collect());
@@ -110,9 +190,9 @@ fn no_files_import_each_other_in_a_circle() {
         {
             edges.remove(free);
         }
-        assert!(edges.is_empty(), "{package}: {edges:?} import each other");
+        assert!(edges.is_empty(), "{package}: {edges:#?} import each other");
     }
-    assert!(imports > 100, "{imports} imports");
+    assert!(imports > 300, "{imports} imports");
 }
 
 /// Where a file stands in its crate: the names of the modules down to it.
@@ -125,31 +205,46 @@ fn modules(folder: &Path, module: &[String]) -> Vec<(Module, String)> {
         let path = entry.path();
         let name = path.file_stem().unwrap().to_string_lossy().into_owned();
         let below = [module, std::slice::from_ref(&name)].concat();
-        if name == "tests" || name == "bin" {
+        if ["tests", "bin", "main"].contains(&name.as_str()) {
         } else if path.is_dir() {
             found.extend(modules(&path, &below));
         } else if path.extension().is_some_and(|extension| extension == "rs") && name != "lib" {
             let text = std::fs::read_to_string(&path).unwrap();
-            let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap().to_owned();
-            found.push((if name == "mod" { module.to_vec() } else { below }, code));
+            let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap().lines();
+            let code: Vec<&str> =
+                code.filter(|line| !line.trim_start().starts_with("//")).collect();
+            found.push((if name == "mod" { module.to_vec() } else { below }, code.join("\n")));
         }
     }
     found
 }
 
-/// The file that a `use` of `module` takes something from, if it is one of this crate's.
-fn imported(module: &Module, line: &str, known: &BTreeSet<&Module>) -> Option<Module> {
-    let names: Vec<&str> =
-        line.split([':', ';', '{', ' ']).filter(|name| !name.is_empty()).collect();
-    let up = names.iter().take_while(|&&name| name == "super").count();
-    let base = match names[0] {
-        "crate" => &[][..],
-        "self" => module,
-        "super" => &module[..module.len().checked_sub(up)?],
-        _ => return None,
-    };
-    let path = names[up.max(1)..].iter().map(|&name| name.to_owned());
-    let mut path: Module = base.iter().cloned().chain(path).collect();
+/// Every path within its crate that a text names, in a `use` or elsewhere: its words.
+fn paths(code: &str) -> Vec<Vec<&str>> {
+    let starts = ["crate::", "super::"].iter().flat_map(|root| code.match_indices(root));
+    let starts = starts.filter(|(start, _)| !code[..*start].ends_with("::"));
+    let paths = starts.flat_map(|(start, _)| {
+        let (base, rest) = path(&code[start..]);
+        let listed = rest.strip_prefix('{').and_then(|rest| rest.split('}').next());
+        let further = listed.unwrap_or_default().split(',').map(|text| path(text.trim()).0);
+        further.map(|further| [&base[..], &further].concat()).collect::<Vec<_>>()
+    });
+    paths.collect()
+}
+
+/// The words of the path that a text begins with, and the rest of the text.
+fn path(text: &str) -> (Vec<&str>, &str) {
+    let end = text.find(|c: char| !c.is_alphanumeric() && c != '_' && c != ':');
+    let (path, rest) = text.split_at(end.unwrap_or(text.len()));
+    (path.split("::").filter(|word| !word.is_empty()).collect(), rest)
+}
+
+/// The file of this crate that a path in `module` leads to, if it is another one.
+fn imported(module: &Module, words: &[&str], known: &BTreeSet<&Module>) -> Option<Module> {
+    let up = words.iter().take_while(|&&word| word == "super").count();
+    let base = if up > 0 { &module[..module.len().checked_sub(up)?] } else { &[] };
+    let further = words[up.max(1)..].iter().map(|&word| word.to_owned());
+    let mut path: Module = base.iter().cloned().chain(further).collect();
     while !known.contains(&path) {
         path.pop()?;
     }

@@ -94,9 +94,7 @@ fn chaos() -> Ended {
         "noise r3 odometry by 0.001 @1 for 3",
         "slow r8 by 0.003 @7 for 0.5",
     ];
-    let chaos = run("containment-chaos").lockstep();
-    let chaos = set.iter().fold(chaos, |chaos, set| chaos.set(set));
-    let ended = faults.iter().fold(chaos, |chaos, fault| chaos.fault(fault)).finish();
+    let ended = run("containment-chaos").lockstep().sets(set).faults(faults).finish();
     ended.exits_with(0).leaves_nothing();
     ended
 }

@@ -2,13 +2,13 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
 use tempfile::TempDir;
 
-use crate::harness::{files_below, signal_pid};
+use crate::harness::{ExitsWith as _, files_below, phalanx, signal_pid};
 
 /// No campaign of a test takes this long; only a hang meets it.
 const HANG: Duration = Duration::from_secs(400);
@@ -39,8 +39,8 @@ impl Place {
 
     /// `phalanx sweep`, into the folder of that name.
     pub fn sweep(&self, out: &str, args: &[&str]) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
-        command.arg("sweep").arg(self.out("campaign.toml")).arg("--out").arg(self.out(out));
+        let mut command = phalanx(["sweep"]);
+        command.arg(self.out("campaign.toml")).arg("--out").arg(self.out(out));
         command.args(args);
         self.prepared(command)
     }
@@ -95,10 +95,7 @@ impl Place {
 
 #[track_caller]
 pub fn ended(mut command: Command, code: i32) -> String {
-    let Output { status, stdout, stderr } = command.output().unwrap();
-    let said = String::from_utf8_lossy(&stdout).into_owned() + &String::from_utf8_lossy(&stderr);
-    assert_eq!(status.code(), Some(code), "{command:?}: {said}");
-    said
+    command.exits_with(code).both()
 }
 
 /// Nine short runs, of which each has starts of its own.

@@ -10,8 +10,9 @@ use experiment::prediction::{Broken, Predictor};
 use experiment::scenario::Scenario;
 use outcome::metrics::Measures;
 
+use crate::harness::in_parallel;
 use crate::oracle::simulate;
-use crate::single_faults::{self, Case, of_each};
+use crate::single_faults::{self, Case};
 
 /// Farther than this, m, from its place in the formation as planned, over the last tenth of the run,
 /// a robot is broken.
@@ -105,7 +106,7 @@ fn outcome(case: &Case, whole_again: bool) -> Outcome {
 
 /// Runs these cases and prints what they did; those in which others are broken than foretold.
 fn different(cases: &[Case], whole_again: bool) -> Vec<Outcome> {
-    let outcomes = of_each(cases, |case| outcome(case, whole_again));
+    let outcomes = in_parallel(cases, |case| outcome(case, whole_again));
     for outcome in &outcomes {
         println!("{}", outcome.told());
         assert_eq!(outcome.violations, 0, "{}: nearer than d", outcome.what);

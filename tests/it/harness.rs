@@ -1,68 +1,161 @@
 //! Runs `phalanx` as a user would, in a run root of its own, and shows what happened when a claim
 //! about it fails.
 
+use std::ffi::OsStr;
 use std::fmt::Write as _;
 use std::io::Read as _;
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use tempfile::TempDir;
 
+/// The root of this repository.
+pub const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+
+/// The program.
+pub const PHALANX: &str = env!("CARGO_BIN_EXE_phalanx");
+
 /// No run of a test takes this long; far more than any needs, so that only a hang meets it.
-const HANG: Duration = Duration::from_secs(120);
+pub const HANG: Duration = Duration::from_secs(120);
+
+/// `phalanx` with these words, typed at the root of this repository, without colors.
+pub fn phalanx<W: AsRef<OsStr>>(words: impl IntoIterator<Item = W>) -> Command {
+    let mut command = Command::new(PHALANX);
+    command.args(words);
+    plain(&mut command);
+    command
+}
+
+fn plain(command: &mut Command) {
+    command.current_dir(ROOT).env("NO_COLOR", "1").env("COLUMNS", "100").stdin(Stdio::null());
+}
+
+/// What a command printed before it ended.
+pub struct Printed {
+    pub stdout: String,
+    pub stderr: String,
+}
+
+impl Printed {
+    /// All of it.
+    pub fn both(&self) -> String {
+        format!("{}{}", self.stdout, self.stderr)
+    }
+
+    pub fn json(&self) -> Value {
+        serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}: {}", self.both()))
+    }
+}
+
+/// A command that a test runs to its end.
+pub trait ExitsWith {
+    /// Fails with the command and all that it printed if its exit code is another one.
+    #[track_caller]
+    fn exits_with(&mut self, code: i32) -> Printed;
+}
+
+impl ExitsWith for Command {
+    #[track_caller]
+    fn exits_with(&mut self, code: i32) -> Printed {
+        let Output { status, stdout, stderr } = self.output().unwrap();
+        let [stdout, stderr] = [stdout, stderr].map(|bytes| text(&bytes));
+        assert_eq!(status.code(), Some(code), "{self:?}\nstdout:\n{stdout}\nstderr:\n{stderr}");
+        Printed { stdout, stderr }
+    }
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// `phalanx` under a limit of the shell's `ulimit`.
+pub fn limited(limit: &str) -> Command {
+    limited_by(&format!("ulimit {limit}"))
+}
+
+/// `phalanx` after these words of a shell.
+pub fn limited_by(words: &str) -> Command {
+    let mut command = Command::new("sh");
+    command.args(["-c", &format!("{words} && exec \"$0\" \"$@\""), PHALANX]);
+    command
+}
+
+/// A folder for shared memory, in which runs leave nothing even if they end badly.
+pub struct RunRoot(TempDir);
+
+impl RunRoot {
+    pub fn new() -> RunRoot {
+        RunRoot(tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap())
+    }
+
+    pub fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    /// What its run roots are called: as long as a run lasts, there is one.
+    pub fn roots(&self) -> Vec<PathBuf> {
+        let entries = |folder: &Path| std::fs::read_dir(folder).into_iter().flatten().flatten();
+        let roots = entries(self.path()).flat_map(|base| entries(&base.path()));
+        roots.map(|entry| entry.path()).collect()
+    }
+
+    /// Removes what dead processes have left.
+    pub fn sweep(&self) {
+        for base in std::fs::read_dir(self.path()).into_iter().flatten().flatten() {
+            protocol::run_root::sweep(&base.path());
+        }
+    }
+}
+
+impl Drop for RunRoot {
+    fn drop(&mut self) {
+        self.sweep();
+    }
+}
+
+/// Where a run writes.
+struct Place {
+    scratch: TempDir,
+    run_root: RunRoot,
+}
+
+impl Place {
+    fn run_dir(&self) -> PathBuf {
+        self.scratch.path().join("run")
+    }
+}
 
 /// A run yet to be started.
 pub struct Phalanx {
     command: Command,
     draws: bool,
-    scratch: TempDir,
-    run_root: TempDir,
-}
-
-/// A run under way.
-pub struct Running {
-    child: Option<Child>,
-    /// What it has said and somebody has read already.
-    said: String,
-    shown: String,
-    scratch: TempDir,
-    run_root: TempDir,
-}
-
-/// A run that has ended.
-pub struct Ended {
-    pub code: Option<i32>,
-    pub stdout: String,
-    pub stderr: String,
-    pub summary: Value,
-    shown: String,
-    scratch: TempDir,
-    run_root: TempDir,
+    place: Place,
 }
 
 /// `phalanx run scenarios/<name>.toml`.
 pub fn run(name: &str) -> Phalanx {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
-    command.arg("run").arg(format!("scenarios/{name}.toml"));
-    Phalanx::new(command)
+    run_file(Path::new(&format!("scenarios/{name}.toml")))
+}
+
+/// `phalanx run` of any scenario.
+pub fn run_file(scenario: &Path) -> Phalanx {
+    Phalanx::new(phalanx([OsStr::new("run"), scenario.as_os_str()]))
 }
 
 impl Phalanx {
     /// A command that runs phalanx in the end; `--out` is added to it, and that it draws
     /// nothing.
     pub fn new(mut command: Command) -> Phalanx {
-        let scratch = tempfile::tempdir().unwrap();
-        let run_root = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
-        command
-            .current_dir(env!("CARGO_MANIFEST_DIR"))
-            .env("PHALANX_RUN_ROOT", run_root.path())
-            .env("NO_COLOR", "1")
-            .arg("--out")
-            .arg(scratch.path().join("run"));
-        Phalanx { command, draws: false, scratch, run_root }
+        let place = Place { scratch: tempfile::tempdir().unwrap(), run_root: RunRoot::new() };
+        plain(&mut command);
+        command.env("PHALANX_RUN_ROOT", place.run_root.path()).arg("--out").arg(place.run_dir());
+        Phalanx { command, draws: false, place }
     }
 
     pub fn lockstep(self) -> Phalanx {
@@ -78,8 +171,16 @@ impl Phalanx {
         self.args(["--set", assignment.as_ref()])
     }
 
+    pub fn sets<S: AsRef<str>>(self, assignments: impl IntoIterator<Item = S>) -> Phalanx {
+        assignments.into_iter().fold(self, |run, assignment| run.set(assignment))
+    }
+
     pub fn fault(self, spec: &str) -> Phalanx {
         self.args(["--fault", spec])
+    }
+
+    pub fn faults<S: AsRef<str>>(self, specs: impl IntoIterator<Item = S>) -> Phalanx {
+        specs.into_iter().fold(self, |run, spec| run.fault(spec.as_ref()))
     }
 
     pub fn args<'a>(mut self, args: impl IntoIterator<Item = &'a str>) -> Phalanx {
@@ -87,26 +188,26 @@ impl Phalanx {
         self
     }
 
-    /// The run root of another run, to find what that one left.
-    pub fn in_run_root_of(mut self, other: &Path) -> Phalanx {
-        self.command.env("PHALANX_RUN_ROOT", other);
+    pub fn env(mut self, name: &str, value: impl AsRef<OsStr>) -> Phalanx {
+        self.command.env(name, value);
         self
+    }
+
+    /// The run root of another run, to find what that one left.
+    pub fn in_run_root_of(self, other: &Path) -> Phalanx {
+        self.env("PHALANX_RUN_ROOT", other)
     }
 
     pub fn start(mut self) -> Running {
         if !self.draws {
             self.command.arg("--no-report");
         }
-        self.command.stdout(Stdio::piped()).stderr(Stdio::piped()).stdin(Stdio::null());
-        let shown = format!("{:?}", self.command);
-        let child = Some(self.command.spawn().unwrap());
-        Running {
-            child,
-            said: String::new(),
-            shown,
-            scratch: self.scratch,
-            run_root: self.run_root,
-        }
+        self.command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        let command = format!("{:?}", self.command);
+        let supervisor = self.command.spawn().unwrap();
+        let run_dir = self.place.run_dir();
+        let supervisor = Supervisor { child: Some(supervisor), run_dir };
+        Running { supervisor, read: String::new(), command, place: self.place }
     }
 
     /// Runs to the end.
@@ -115,42 +216,64 @@ impl Phalanx {
     }
 }
 
+/// The process that was started, killed with all that it has started if a test fails before it ends.
+struct Supervisor {
+    child: Option<Child>,
+    run_dir: PathBuf,
+}
+
+impl Drop for Supervisor {
+    fn drop(&mut self) {
+        let Some(mut child) = self.child.take() else { return };
+        let _ = child.kill();
+        let _ = child.wait();
+        let began = Instant::now();
+        while !processes_of(&self.run_dir).is_empty() && began.elapsed() < HANG {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+}
+
+/// A run under way.
+pub struct Running {
+    supervisor: Supervisor,
+    /// What of its stderr somebody has read already.
+    read: String,
+    command: String,
+    place: Place,
+}
+
 impl Running {
+    fn child(&mut self) -> &mut Child {
+        self.supervisor.child.as_mut().expect("it runs")
+    }
+
     pub fn pid(&self) -> u32 {
-        self.child.as_ref().expect("runs").id()
+        self.supervisor.child.as_ref().expect("it runs").id()
     }
 
     pub fn run_root(&self) -> &Path {
-        self.run_root.path()
+        self.place.run_root.path()
+    }
+
+    pub fn roots(&self) -> Vec<PathBuf> {
+        self.place.run_root.roots()
     }
 
     pub fn run_dir(&self) -> PathBuf {
-        self.scratch.path().join("run")
+        self.place.run_dir()
     }
 
-    /// The processes it started that are alive, by the name they show in `ps`, with their robot.
+    /// Its living agents and its plant: process id and robot, or `plant`.
     pub fn children(&self) -> Vec<(u32, String)> {
         processes_of(&self.run_dir())
     }
 
-    /// Process ids of its living agents, from the moment they are told to be one. Empty until the
-    /// plant, which is started first, is known. Cheap: made to be asked often.
+    /// Process ids of its living agents; none until the plant, which is started first, is there.
     pub fn agents(&self) -> Vec<u32> {
-        let (pid, briefs) = (self.pid(), self.run_dir().join("briefs"));
-        let listed = std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/children"));
-        let listed = listed.unwrap_or_default();
-        let children = listed.split_whitespace().filter_map(|pid| pid.parse().ok());
-        // The dead that are not yet reaped have no words.
-        let told = children.filter_map(|pid| Some((pid, briefed(&words_of(pid), &briefs)?)));
-        let (plant, agents): (Vec<_>, Vec<_>) = told.partition(|(_, name)| name == "plant");
+        let (plant, agents): (Vec<_>, Vec<_>) =
+            self.children().into_iter().partition(|(_, name)| name == "plant");
         if plant.is_empty() { Vec::new() } else { agents.into_iter().map(|(pid, _)| pid).collect() }
-    }
-
-    /// What its run roots are called: as long as it runs, there is one.
-    pub fn roots(&self) -> Vec<PathBuf> {
-        let bases = std::fs::read_dir(self.run_root()).into_iter().flatten().flatten();
-        let roots = bases.flat_map(|base| std::fs::read_dir(base.path()).into_iter().flatten());
-        roots.flatten().map(|entry| entry.path()).collect()
     }
 
     /// The lines of `events.csv` so far.
@@ -165,9 +288,9 @@ impl Running {
             if let Some(found) = condition(self) {
                 return found;
             }
-            let ended = self.child.as_mut().expect("runs").try_wait().unwrap();
-            assert!(ended.is_none(), "{} ended before {what}: {ended:?}", self.shown);
-            assert!(began.elapsed() < HANG, "{}: no {what} within {HANG:?}", self.shown);
+            let ended = self.child().try_wait().unwrap();
+            assert!(ended.is_none(), "{} ended before {what}: {ended:?}", self.command);
+            assert!(began.elapsed() < HANG, "{}: no {what} within {HANG:?}", self.command);
             std::thread::sleep(Duration::from_millis(5));
         }
     }
@@ -182,29 +305,26 @@ impl Running {
     /// Waits until an event of this kind was written.
     pub fn wait_for_event(&mut self, kind: &str) {
         self.wait_for(kind, |run| {
-            let events = std::fs::read_to_string(run.run_dir().join("events.csv")).ok()?;
-            events.lines().any(|line| line.split(',').nth(1) == Some(kind)).then_some(())
+            run.events().lines().any(|line| line.split(',').nth(1) == Some(kind)).then_some(())
         });
     }
 
     /// Waits for the rest of a line on stderr that begins so.
     pub fn line(&mut self, begins: &str) -> String {
-        let stderr = self.child.as_mut().expect("runs").stderr.as_mut().expect("piped");
         let mut line = Vec::new();
         let mut byte = [0];
         // Byte by byte: what follows the line is not ours to take.
-        while stderr.read(&mut byte).unwrap() > 0 {
+        while self.child().stderr.as_mut().expect("piped").read(&mut byte).unwrap() > 0 {
             line.push(byte[0]);
-            if line.ends_with(b"\n") {
-                let whole = String::from_utf8_lossy(&line).into_owned();
-                line.clear();
-                self.said += &whole;
+            if byte == *b"\n" {
+                let whole = text(&std::mem::take(&mut line));
+                self.read += &whole;
                 if let Some(rest) = whole.strip_prefix(begins) {
                     return rest.trim_end().to_owned();
                 }
             }
         }
-        panic!("{} ended without saying {begins:?}, but: {}", self.shown, self.said);
+        panic!("{} ended without a line {begins:?}, but with: {}", self.command, self.read);
     }
 
     pub fn signal(&self, signal: Signal) {
@@ -213,64 +333,39 @@ impl Running {
 
     pub fn finish(mut self) -> Ended {
         let began = Instant::now();
-        while self.child.as_mut().expect("runs").try_wait().unwrap().is_none() {
-            if began.elapsed() > HANG {
-                self.signal(Signal::KILL);
-                panic!("{} hangs", self.shown);
-            }
+        while self.child().try_wait().unwrap().is_none() {
+            assert!(began.elapsed() < HANG, "{} hangs", self.command);
             std::thread::sleep(Duration::from_millis(5));
         }
-        let Output { status, stdout, stderr } =
-            self.child.take().expect("runs").wait_with_output().unwrap();
-        let summary = std::fs::read(self.run_dir().join("summary.json"))
-            .map(|bytes| serde_json::from_slice(&bytes).expect("summary.json is JSON"))
-            .unwrap_or(Value::Null);
-        let stdout = String::from_utf8_lossy(&stdout).into_owned();
-        let stderr = std::mem::take(&mut self.said) + &String::from_utf8_lossy(&stderr);
+        let child = self.supervisor.child.take().expect("it ran");
+        let Output { status, stdout, stderr } = child.wait_with_output().unwrap();
+        let run_dir = self.run_dir();
+        let summary = std::fs::read(run_dir.join("summary.json"));
+        let summary = summary
+            .map_or(Value::Null, |bytes| serde_json::from_slice(&bytes).expect("it is JSON"));
+        let (stdout, stderr) = (text(&stdout), self.read + &text(&stderr));
         let shown = format!(
             "command: {}\ndirectory: {}\nstatus: {status}\nstdout:\n{stdout}\nstderr:\n{stderr}",
-            self.shown,
-            self.run_dir().display(),
+            self.command,
+            run_dir.display(),
         );
-        let code = status.code();
-        let scratch = std::mem::replace(&mut self.scratch, tempfile::tempdir().unwrap());
-        let run_root = std::mem::replace(&mut self.run_root, tempfile::tempdir().unwrap());
-        Ended { code, stdout, stderr, summary, shown, scratch, run_root }
+        Ended { code: status.code(), stdout, stderr, summary, shown, place: self.place }
     }
 }
 
-impl Drop for Running {
-    fn drop(&mut self) {
-        if let Some(mut child) = self.child.take() {
-            let _ = child.kill();
-            let _ = child.wait();
-            let run_dir = self.run_dir();
-            let began = Instant::now();
-            while !processes_of(&run_dir).is_empty() && began.elapsed() < HANG {
-                std::thread::sleep(Duration::from_millis(1));
-            }
-        }
-        sweep(self.run_root.path());
-    }
-}
-
-impl Drop for Ended {
-    fn drop(&mut self) {
-        sweep(self.run_root.path());
-    }
-}
-
-/// Removes what a run that ended badly left in its run root, so that a test leaves nothing even when
-/// it fails.
-fn sweep(run_root: &Path) {
-    for base in std::fs::read_dir(run_root).into_iter().flatten().flatten() {
-        protocol::run_root::sweep(&base.path());
-    }
+/// A run that has ended.
+pub struct Ended {
+    pub code: Option<i32>,
+    pub stdout: String,
+    pub stderr: String,
+    pub summary: Value,
+    shown: String,
+    place: Place,
 }
 
 impl Ended {
     pub fn run_dir(&self) -> PathBuf {
-        self.scratch.path().join("run")
+        self.place.run_dir()
     }
 
     pub fn file(&self, name: &str) -> String {
@@ -310,7 +405,7 @@ impl Ended {
     pub fn leaves_nothing(&self) -> &Ended {
         let processes = processes_of(&self.run_dir());
         self.claim(processes.is_empty(), format!("no process is left, found {processes:?}"));
-        let files = files_below(self.run_root.path());
+        let files = files_below(self.place.run_root.path());
         self.claim(files.is_empty(), format!("the run root is empty, found {files:?}"))
     }
 }
@@ -320,45 +415,28 @@ pub fn signal_pid(pid: u32, signal: Signal) {
     let _ = kill_process(Pid::from_raw(pid as i32).expect("a process id"), signal);
 }
 
-/// `phalanx` under a limit of the shell's `ulimit`.
-pub fn limited(limit: &str) -> Command {
-    limited_by(&format!("ulimit {limit}"))
-}
-
-/// `phalanx` after these words of a shell.
-pub fn limited_by(words: &str) -> Command {
-    let script = format!("{words} && exec \"$0\" \"$@\"");
-    let mut command = Command::new("sh");
-    command.args(["-c", &script, env!("CARGO_BIN_EXE_phalanx")]);
-    command
-}
-
 /// Living agents and plants whose brief lies in `run_dir`: process id and robot (or `plant`).
 pub fn processes_of(run_dir: &Path) -> Vec<(u32, String)> {
     let briefs = run_dir.join("briefs");
     let mut found = Vec::new();
     for entry in std::fs::read_dir("/proc").unwrap().flatten() {
         let Ok(pid) = entry.file_name().to_string_lossy().parse::<u32>() else { continue };
-        if let Some(name) = briefed(&words_of(pid), &briefs) {
-            found.push((pid, name));
-        }
+        // The dead that are not yet reaped have no words.
+        let line = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+        let words = line.split(|byte| *byte == 0).map(|word| PathBuf::from(text(word)));
+        let mut words = words.filter(|word| word.parent() == Some(&briefs));
+        let brief = words.find(|word| word.extension().is_some_and(|end| end == "toml"));
+        let robot = brief.as_ref().and_then(|brief| brief.file_stem());
+        found.extend(robot.map(|robot| (pid, robot.to_string_lossy().into_owned())));
     }
     found.sort();
     found
 }
 
-/// The command line of a process; none once it is dead.
-fn words_of(pid: u32) -> Vec<String> {
-    let line = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-    line.split(|b| *b == 0).map(|word| String::from_utf8_lossy(word).into_owned()).collect()
-}
-
-/// Whom a command line's brief in `briefs` is for.
-fn briefed(words: &[String], briefs: &Path) -> Option<String> {
-    let brief = words.iter().map(Path::new).find(|word| {
-        word.parent() == Some(briefs) && word.extension().is_some_and(|end| end == "toml")
-    })?;
-    Some(brief.file_stem()?.to_string_lossy().into_owned())
+/// An executable file with these lines of a shell.
+pub fn write_script(path: &Path, lines: &str) {
+    std::fs::write(path, format!("#!/bin/sh\n{lines}")).unwrap();
+    std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o755)).unwrap();
 }
 
 /// Everything below a directory.
@@ -371,4 +449,23 @@ pub fn files_below(directory: &Path) -> Vec<PathBuf> {
         }
     }
     found
+}
+
+/// What `work` makes of each item, in their order, worked out by as many threads as there are cores.
+pub fn in_parallel<I: Sync, T: Send>(items: &[I], work: impl Fn(&I) -> T + Sync) -> Vec<T> {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let next = AtomicUsize::new(0);
+    let results: Vec<Mutex<Option<T>>> = items.iter().map(|_| Mutex::new(None)).collect();
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| {
+                loop {
+                    let taken = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(item) = items.get(taken) else { break };
+                    *results[taken].lock().unwrap() = Some(work(item));
+                }
+            });
+        }
+    });
+    results.into_iter().map(|one| one.into_inner().unwrap().expect("each was taken")).collect()
 }

@@ -8,7 +8,7 @@ use formation::Vec2;
 use outcome::metrics::Measures;
 use protocol::brief::{AgentBrief, Pace};
 
-use crate::harness::run;
+use crate::harness::{in_parallel, run};
 use crate::hostile::{hostile, margin};
 use crate::model::{ADVERSARIES, Fleet, Wish};
 use crate::oracle::{simulate, simulate_with, with_faults};
@@ -63,17 +63,17 @@ fn check_says_how_late_odometry_and_commands_are_and_h_has_room_for_it() {
 fn in_lockstep_nobody_comes_nearer_than_d_however_late_odometry_and_commands_are() {
     let kills = ["kill r1 @2 restart 0.1", "kill r5 @3 restart 0.02", "freeze r3 @4 for 0.5"];
     let faults = [&LATE[..], &kills].concat();
-    for period in ["period_s=0.02", "period_s=0.005"] {
-        for seed in 1..=4 {
-            let set = [period, "duration_s=10", "expect={}", &format!("seed={seed}")];
-            let measures = ramming(&set, &faults, |_| ());
-            let apart_m = measures.min_distance_m.unwrap();
-            let d_m = with_faults("antipodal-8", &set, &[]).avoidance.distance_min_m;
-            assert!(apart_m >= d_m, "{set:?}: {apart_m} m");
-            // They did come near.
-            assert!(apart_m < 1.3 * d_m, "{set:?}: {apart_m} m");
-        }
-    }
+    let periods = ["period_s=0.02", "period_s=0.005"];
+    let runs = periods.map(|period| (1..=4).map(move |seed| (period, seed)));
+    in_parallel(&runs.into_iter().flatten().collect::<Vec<_>>(), |(period, seed)| {
+        let set = [*period, "duration_s=10", "expect={}", &format!("seed={seed}")];
+        let measures = ramming(&set, &faults, |_| ());
+        let apart_m = measures.min_distance_m.unwrap();
+        let d_m = with_faults("antipodal-8", &set, &[]).avoidance.distance_min_m;
+        assert!(apart_m >= d_m, "{set:?}: {apart_m} m");
+        // They did come near.
+        assert!(apart_m < 1.3 * d_m, "{set:?}: {apart_m} m");
+    });
 }
 
 #[test]
@@ -88,25 +88,23 @@ fn who_believes_that_commands_are_in_time_breaks_d() {
 
 #[test]
 fn in_the_model_of_real_time_nobody_comes_nearer_than_d_either() {
-    let mut seed = 77_000;
-    for period in ["period_s=0.005", "period_s=0.02"] {
-        for name in ["triangle", "pentagon", "antipodal-8"] {
-            let fleet = Fleet::of(&with_faults(name, &[period, "expect={}"], &LATE));
-            for adversary in ADVERSARIES {
-                for wish in [Wish::Law, Wish::Ram] {
-                    seed += 1;
-                    let (margin_m, outcome) = margin(&fleet, hostile(seed, adversary, wish));
-                    assert!(margin_m >= 0.0, "{name}, {period}, {seed}: {margin_m}, {outcome:?}");
-                }
-            }
+    let names = ["triangle", "pentagon", "antipodal-8"];
+    let fleets = ["period_s=0.005", "period_s=0.02"].map(|period| names.map(|name| (period, name)));
+    let fleets: Vec<_> = fleets.into_iter().flatten().zip(0..).collect();
+    in_parallel(&fleets, |&((period, name), place)| {
+        let fleet = Fleet::of(&with_faults(name, &[period, "expect={}"], &LATE));
+        let attacks = ADVERSARIES.iter().flat_map(|&by| [(by, Wish::Law), (by, Wish::Ram)]);
+        for (seed, (adversary, wish)) in (77_000 + 100 * place..).zip(attacks) {
+            let (margin_m, outcome) = margin(&fleet, hostile(seed, adversary, wish));
+            assert!(margin_m >= 0.0, "{name}, {period}, {seed}: {margin_m}, {outcome:?}");
         }
-    }
+    });
 }
 
 #[test]
 fn late_robots_still_come_to_their_places() {
-    for (name, set) in [("triangle", "period_s=0.02"), ("antipodal-8", "period_s=0.02")] {
-        let set = [set, "duration_s=60", "expect={}"];
+    for name in ["triangle", "antipodal-8"] {
+        let set = ["period_s=0.02", "duration_s=60", "expect={}"];
         let measures = simulate(&with_faults(name, &set, &LATE));
         let error_m = measures.final_error_m_max.unwrap();
         assert!(error_m < 0.02, "{name}: {error_m} m");
@@ -115,8 +113,7 @@ fn late_robots_still_come_to_their_places() {
 
 #[test]
 fn in_real_time_late_robots_keep_d_and_come_to_their_places() {
-    let faulty = LATE.into_iter().fold(run("triangle"), |run, fault| run.fault(fault));
-    let ended = faulty.set("duration_s=20").set("expect={}").finish();
+    let ended = run("triangle").faults(LATE).sets(["duration_s=20", "expect={}"]).finish();
     ended.exits_with(0).leaves_nothing();
     ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
     ended.claim(ended.number("/violations") == 0.0, "at no arc's end");

@@ -1,36 +1,25 @@
 //! What phalanx makes of the machine: its doctor, its clean-up, and its priority.
 
 use std::path::Path;
-use std::process::{Command, Output};
 
 use rustix::process::Signal;
 use serde_json::Value;
 
-use crate::harness::{files_below, limited, processes_of, run};
-
-fn phalanx(args: &[&str], run_root: &Path) -> (Output, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_phalanx"))
-        .args(args)
-        .env("PHALANX_RUN_ROOT", run_root)
-        .output()
-        .unwrap();
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
-    (output, said)
-}
+use crate::harness::{ExitsWith as _, files_below, limited, phalanx, processes_of, run};
 
 #[test]
 fn the_doctor_finds_nothing_wrong_where_runs_work_and_says_what_is_wrong_where_they_cannot() {
     let run_root = tempfile::tempdir_in("/dev/shm").unwrap();
-    let (output, said) = phalanx(&["doctor", "--output", "json"], run_root.path());
-    assert_eq!(output.status.code(), Some(0), "{output:?}");
-    let findings: Value = serde_json::from_str(&said).unwrap();
+    let doctor = |words: &[&str], run_root: &Path, code| {
+        phalanx(words).env("PHALANX_RUN_ROOT", run_root).exits_with(code)
+    };
+    let findings = doctor(&["doctor", "--output", "json"], run_root.path(), 0).json();
     let findings = findings.as_array().unwrap();
-    assert!(findings.len() >= 11, "{said}");
-    assert!(findings.iter().all(|finding| finding["verdict"] != "wrong"), "{said}");
+    assert!(findings.len() >= 11, "{findings:#?}");
+    assert!(findings.iter().all(|finding| finding["verdict"] != "wrong"), "{findings:#?}");
 
-    let (output, said) = phalanx(&["doctor"], &run_root.path().join("gone"));
-    assert_eq!(output.status.code(), Some(4), "{output:?}");
-    assert!(said.contains("WRONG          run root") && said.contains("gone"), "{said}");
+    let text = doctor(&["doctor"], &run_root.path().join("gone"), 4).stdout;
+    assert!(text.contains("WRONG          run root") && text.contains("gone"), "{text}");
 }
 
 #[test]
@@ -41,14 +30,12 @@ fn a_run_asks_for_the_open_files_it_needs_and_says_so_where_it_may_not_have_them
         let mut run = limited(limit);
         run.args(["run", "scenarios/triangle.toml"]);
         run.args(["--pace", "lockstep", "--set", "duration_s=1", "--set", "expect={}", "--out"]);
-        run.arg(out).env("PHALANX_RUN_ROOT", run_root.path()).output().unwrap()
+        run.arg(out).env("PHALANX_RUN_ROOT", run_root.path());
+        run
     };
     // 3 robots need 103.
-    let output = run_with("-Sn 64");
-    assert_eq!(output.status.code(), Some(0), "{output:?}");
-    let output = run_with("-n 64");
-    assert_eq!(output.status.code(), Some(4), "{output:?}");
-    let error = String::from_utf8(output.stderr).unwrap();
+    run_with("-Sn 64").exits_with(0);
+    let error = run_with("-n 64").exits_with(4).stderr;
     assert!(error.contains("3 robots need 103 open files"), "{error}");
     assert!(error.contains("no process may have more than 64"), "{error}");
 }
@@ -74,14 +61,15 @@ fn clean_removes_what_a_killed_run_left_and_spares_the_living() {
     let left = files_below(&dead).len();
     assert!(left > 30, "a killed supervisor cannot have cleaned up");
 
-    let (output, said) = phalanx(&["clean", "--dry-run"], &run_root);
-    assert_eq!(output.status.code(), Some(0), "{output:?}");
-    assert!(said.contains("would remove") && said.contains(dead.to_str().unwrap()), "{said}");
-    assert!(!said.contains(alive.to_str().unwrap()), "{said}");
+    let clean = |words: &[&str]| {
+        let text = phalanx(words).env("PHALANX_RUN_ROOT", &run_root).exits_with(0).stdout;
+        assert!(text.contains(dead.to_str().unwrap()), "{text}");
+        text
+    };
+    let text = clean(&["clean", "--dry-run"]);
+    assert!(text.contains("would remove") && !text.contains(alive.to_str().unwrap()), "{text}");
     assert_eq!(files_below(&dead).len(), left, "a dry run removes nothing");
-    let (output, said) = phalanx(&["clean"], &run_root);
-    assert_eq!(output.status.code(), Some(0), "{output:?}");
-    assert!(said.contains("removed") && said.contains(dead.to_str().unwrap()), "{said}");
+    assert!(clean(&["clean"]).contains("removed"));
     assert!(!dead.exists());
     assert_eq!(files_below(&alive).len(), alive_before);
 

@@ -1,17 +1,15 @@
 //! A plant from outside: a program that moves the robots by itself, in place of our unicycles.
 
 use std::convert::Infallible;
-use std::os::unix::fs::PermissionsExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use formation::pose::Twist;
 use plant::motion::{Motion, State, Unicycles};
 use plant::world_loop;
 use protocol::brief::PlantBrief;
-use serde_json::Value;
 
 use crate::oracle;
-use crate::processes::embedded;
+use crate::processes::{EmbeddedRun, in_place_of, run_embedded};
 
 /// Bodies from outside, which need `lag_s` to reach most of a twist that they are told.
 struct Lagging {
@@ -62,7 +60,7 @@ impl Motion for Lagging {
     }
 }
 
-/// The plant's process: what [`program`] starts.
+/// The plant's process: what [`triangle`] starts.
 #[test]
 #[ignore = "the plant's process: another test starts it"]
 fn a_plant_of_its_own() {
@@ -75,65 +73,50 @@ fn a_plant_of_its_own() {
     std::process::exit(world_loop::main_with(Path::new(&brief), false, motion).into());
 }
 
-/// A program that takes `phalanx`'s command lines, and whose plant does as it is told here.
-fn program(folder: &Path, does: &str) -> PathBuf {
-    let path = folder.join("program");
-    let text = format!(
-        "#!/bin/sh\n[ \"$1\" = plant ] || exec '{}' \"$@\"\n\
-         BRIEF=\"$2\" DOES={does} exec '{}' --exact plant::a_plant_of_its_own --ignored --nocapture\n",
-        env!("CARGO_BIN_EXE_phalanx"),
-        std::env::current_exe().unwrap().display()
-    );
-    std::fs::write(&path, text).unwrap();
-    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
-    path
+/// How the triangle ends on such a plant.
+fn triangle(does: &str, more: &[&str]) -> EmbeddedRun {
+    let variables = format!("BRIEF=\"$2\" DOES={does}");
+    let plant = in_place_of("plant", &variables, "plant::a_plant_of_its_own");
+    run_embedded(&plant, &[&["--set", "expect={}"], more].concat())
 }
 
-/// How the triangle ends on such a plant: exit code, summary, and the plant's log.
-fn triangle(does: &str, more: &[&str]) -> (i32, Value, String) {
-    let scratch = tempfile::tempdir().unwrap();
-    let out = scratch.path().join("run");
-    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/triangle.toml");
-    let mut words = vec!["run", scenario, "--out", out.to_str().unwrap()];
-    words.extend("--pace lockstep --no-report --set expect={}".split(' '));
-    words.extend(more);
-    let code = embedded(&program(scratch.path(), does), &words);
-    let text = |name: &str| std::fs::read_to_string(out.join(name)).unwrap_or_default();
-    let summary = serde_json::from_str(&text("summary.json")).unwrap_or_default();
-    (code, summary, text("logs/plant.jsonl"))
+/// What the oracle foretells of it on ours.
+fn hash_on_exact_plant() -> Option<String> {
+    oracle::simulate(&oracle::scenario("triangle", &[])).trajectory_hash
 }
 
 #[test]
 fn unicycles_from_outside_move_bit_for_bit_as_our_own() {
-    let (code, summary, log) = triangle("exact", &[]);
-    assert_eq!(code, 0, "{log}");
-    let foretold = oracle::simulate(&oracle::scenario("triangle", &[]));
-    assert_eq!(summary["trajectory_hash"].as_str(), foretold.trajectory_hash.as_deref());
+    let run = triangle("exact", &[]);
+    assert_eq!(run.code, 0, "{}", run.file("logs/plant.jsonl"));
+    assert_eq!(run.summary["trajectory_hash"].as_str(), hash_on_exact_plant().as_deref());
 }
 
 #[test]
-fn robots_that_lag_behind_their_commands_arrive_and_their_distance_is_told() {
-    let (code, summary, log) = triangle("lag", &["--fault", "kill r2 @5 restart 1"]);
-    assert_eq!(code, 0, "{log}");
+fn robots_that_lag_behind_their_commands_arrive_and_their_distance_is_measured() {
+    let run = triangle("lag", &["--fault", "kill r2 @5 restart 1"]);
+    let summary = &run.summary;
+    assert_eq!(run.code, 0, "{}", run.file("logs/plant.jsonl"));
     let number = |name: &str| summary[name].as_f64().unwrap_or(f64::NAN);
     assert!(number("final_error_m_max") < 0.02, "{summary:#}");
     assert!(number("min_distance_m") > 0.1, "{summary:#}");
     assert!(summary["faults"][0]["recovered_after_s"].is_number(), "{:#}", summary["faults"]);
-    let foretold = oracle::simulate(&oracle::scenario("triangle", &[]));
-    assert_ne!(summary["trajectory_hash"].as_str(), foretold.trajectory_hash.as_deref());
+    assert_ne!(summary["trajectory_hash"].as_str(), hash_on_exact_plant().as_deref());
 }
 
 #[test]
 fn a_plant_from_outside_that_fails_ends_the_run_with_its_reason() {
     for (does, more, reason) in [
-        ("nan", None, "the plant moved r2 to y_m = NaN, expected a number of at most 1e9"),
-        ("refuse", None, "the physics engine has no licence"),
-        ("exit", None, ""),
-        ("hang", Some(["--set", "hung_after_s=0.5"]), ""),
+        ("nan", &[][..], "the plant moved r2 to y_m = NaN, expected a number of at most 1e9"),
+        ("refuse", &[], "the physics engine has no licence"),
+        ("exit", &[], ""),
+        ("hang", &["--set", "hung_after_s=0.5"], ""),
     ] {
-        let (code, summary, log) = triangle(does, more.as_ref().map_or(&[], |more| &more[..]));
-        assert_eq!(code, 4, "{does}: {log}");
+        let run = triangle(does, more);
+        let log = run.file("logs/plant.jsonl");
+        assert_eq!(run.code, 4, "{does}: {log}");
         assert!(log.contains(reason), "{does}: {log}");
-        assert!(summary["t_s"].as_f64().is_none_or(|t_s| t_s <= 1.1), "{summary:#}");
+        let ended_at_s = run.summary["t_s"].as_f64();
+        assert!(ended_at_s.is_none_or(|t_s| t_s <= 1.1), "{:#}", run.summary);
     }
 }

@@ -1,15 +1,16 @@
 //! Which processes are started, by whom, and what is said where one cannot be.
 
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use clap::Parser;
 use outcome::results::manifest::Build;
 use protocol::brief;
+use serde_json::Value;
 use supervisor::spawn::Launcher;
+use tempfile::TempDir;
 
-use crate::harness::{Phalanx, limited_by};
+use crate::harness::{PHALANX, Phalanx, ROOT, limited_by, write_script};
 
 /// A program with the supervisor in it, as this test binary is.
 #[derive(Parser)]
@@ -30,60 +31,80 @@ fn a_program_with_the_supervisor_in_it() {
     std::process::exit(code.into());
 }
 
-/// The exit code of such a program with this command line, whose robots and plant are `program`. A
-/// process of its own, because iceoryx2's configuration is process-wide.
-pub(crate) fn embedded(program: &Path, words: &[&str]) -> i32 {
+/// How a run ended whose supervisor is in such a program.
+pub(crate) struct EmbeddedRun {
+    pub code: i32,
+    pub summary: Value,
+    folder: TempDir,
+}
+
+impl EmbeddedRun {
+    pub fn file(&self, name: &str) -> String {
+        std::fs::read_to_string(self.folder.path().join("run").join(name)).unwrap_or_default()
+    }
+}
+
+/// Runs the triangle in lockstep, with these words more on the command line, by a program with the
+/// supervisor in it whose robots and plant are this script of a shell. A process of its own, because
+/// iceoryx2's configuration is process-wide.
+pub(crate) fn run_embedded(script: &str, more: &[&str]) -> EmbeddedRun {
+    let folder = tempfile::tempdir().unwrap();
+    let [program, out] = ["program", "run"].map(|name| folder.path().join(name));
+    write_script(&program, script);
+    let scenario = format!("{ROOT}/scenarios/triangle.toml");
+    let words = ["embedding", "run", &scenario, "--pace", "lockstep", "--no-report", "--out"];
+    let words = [&words[..], &[out.to_str().unwrap()], more].concat();
     let ended = Command::new(std::env::current_exe().unwrap())
         .args(["--exact", "processes::a_program_with_the_supervisor_in_it"])
         .args(["--ignored", "--nocapture"])
         .env("PROGRAM", program)
-        .env("WORDS", ["embedding"].iter().chain(words).copied().collect::<Vec<_>>().join("\n"))
+        .env("WORDS", words.join("\n"))
         .output()
         .unwrap();
     eprint!("{}", String::from_utf8_lossy(&ended.stderr));
-    ended.status.code().expect("it ends by itself")
+    let code = ended.status.code().expect("it ends by itself");
+    let summary = std::fs::read_to_string(out.join("summary.json")).unwrap_or_default();
+    EmbeddedRun { code, summary: serde_json::from_str(&summary).unwrap_or_default(), folder }
+}
+
+/// A script that takes `phalanx`'s command lines, and in the place of one role runs an ignored test of this
+/// binary, with these variables.
+pub(crate) fn in_place_of(role: &str, variables: &str, test: &str) -> String {
+    format!(
+        "[ \"$1\" = {role} ] || exec '{PHALANX}' \"$@\"\n\
+         {variables} exec '{}' --exact {test} --ignored --nocapture\n",
+        std::env::current_exe().unwrap().display()
+    )
 }
 
 #[test]
 fn a_program_that_embeds_the_supervisor_says_which_executable_robots_and_plant_are() {
-    let scratch = tempfile::tempdir().unwrap();
-    let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/triangle.toml");
-    let out = scratch.path().join("run");
-    let mut words = vec!["run", scenario.to_str().unwrap(), "--out", out.to_str().unwrap()];
-    words.extend("--pace lockstep --no-report --set duration_s=1 --set expect={}".split(' '));
-    let code = embedded(Path::new(env!("CARGO_BIN_EXE_phalanx")), &words);
-    assert_eq!(code, 0);
-    let summary = std::fs::read(out.join("summary.json")).unwrap();
-    let summary: serde_json::Value = serde_json::from_slice(&summary).unwrap();
-    assert_eq!(summary["t_s"], 1.0);
+    let script = format!("exec '{PHALANX}' \"$@\"\n");
+    let run = run_embedded(&script, &["--set", "duration_s=1", "--set", "expect={}"]);
+    assert_eq!(run.code, 0);
+    assert_eq!(run.summary["t_s"], 1.0);
     // Robots and plant were told to be what `phalanx` can be, and this binary cannot.
-    assert!(std::fs::read_to_string(out.join("logs/plant.jsonl")).unwrap().contains("all ready"));
-    assert!(std::fs::read_to_string(out.join("logs/r1.jsonl")).unwrap().contains("ready"));
+    assert!(run.file("logs/plant.jsonl").contains("all ready"));
+    assert!(run.file("logs/r1.jsonl").contains("ready"));
 }
 
 #[test]
 fn children_of_another_build_say_so_and_the_run_ends() {
-    let scratch = tempfile::tempdir().unwrap();
-    let program = scratch.path().join("program");
     // A brief as a later build would write it.
-    let text = format!(
-        "#!/bin/sh\ncase \"$1\" in agent|plant) sed -i 's/^format = .*/format = 99/' \"$2\";; esac\n\
-         exec '{}' \"$@\"\n",
-        env!("CARGO_BIN_EXE_phalanx")
+    let script = format!(
+        "case \"$1\" in agent|plant) sed -i 's/^format = .*/format = 99/' \"$2\";; esac\n\
+         exec '{PHALANX}' \"$@\"\n"
     );
-    std::fs::write(&program, text).unwrap();
-    std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
-    let out = scratch.path().join("run");
-    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/triangle.toml");
-    let mut words = vec!["run", scenario, "--out", out.to_str().unwrap()];
-    words.extend("--pace lockstep --no-report".split(' '));
-    assert_eq!(embedded(&program, &words), 4);
-    let logs = ["plant", "r1", "r2", "r3"]
-        .map(|name| std::fs::read_to_string(out.join(format!("logs/{name}.jsonl"))));
-    let said = logs.iter().flatten().flat_map(|log| log.lines());
-    let said: Vec<&str> = said.filter(|line| line.contains("ERROR")).collect();
+    let run = run_embedded(&script, &[]);
+    assert_eq!(run.code, 4);
+    let logs = ["plant", "r1", "r2", "r3"].map(|name| run.file(&format!("logs/{name}.jsonl")));
+    let errors = logs.iter().flat_map(|log| log.lines()).filter(|line| line.contains("ERROR"));
+    let errors: Vec<&str> = errors.collect();
     let expected = format!("has format 99, and this program reads format {}", brief::FORMAT);
-    assert!(!said.is_empty() && said.iter().all(|line| line.contains(&expected)), "{said:#?}");
+    assert!(
+        !errors.is_empty() && errors.iter().all(|line| line.contains(&expected)),
+        "{errors:#?}"
+    );
 }
 
 /// A control group of this test alone, which holds no more than so many processes and threads.

@@ -2,8 +2,8 @@
 //! are. `PHALANX_BLESS=1` rewrites the committed files.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
+use crate::harness::{ExitsWith as _, phalanx};
 use crate::recording::reads;
 
 const SCENARIO: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/scenario.schema.json");
@@ -24,9 +24,7 @@ fn judged(schema: &str, verdict: &str, files: &[PathBuf]) {
 #[test]
 fn the_committed_schemas_are_those_of_the_readers_tables() {
     for (committed, words) in [(SCENARIO, &["schema"][..]), (CAMPAIGN, &["schema", "--campaign"])] {
-        let output = Command::new(env!("CARGO_BIN_EXE_phalanx")).args(words).output().unwrap();
-        assert_eq!(output.status.code(), Some(0));
-        let schema = String::from_utf8(output.stdout).unwrap();
+        let schema = phalanx(words).exits_with(0).stdout;
         if std::env::var_os("PHALANX_BLESS").is_some() {
             std::fs::write(committed, &schema).unwrap();
         }

@@ -1,8 +1,8 @@
 //! Robots that fall silent: who goes on, who stands, who is told, and who comes back.
 
-use crate::harness::{Ended, run};
+use crate::harness::{Ended, in_parallel, run};
 use crate::oracle::{simulate, with_faults};
-use crate::single_faults::{Broken, Case, cases_of, of_each};
+use crate::single_faults::{Broken, Case, cases_of};
 
 /// Speeds and turn rates of a robot in `samples.csv` from `from_s` to before `until_s`.
 fn motion(ended: &Ended, robot: &str, from_s: f64, until_s: f64) -> Vec<(f64, f64)> {
@@ -32,16 +32,15 @@ fn names(ended: &Ended, pointer: &str) -> Vec<String> {
 fn after_the_leaders_death_everybody_hears_of_it_and_nobody_spins() {
     let ended = run("pentagon")
         .lockstep()
-        .set("duration_s=40")
-        .set("expect={}")
+        .sets(["duration_s=40", "expect={}"])
         .fault("kill r5 @20")
         .finish();
     ended.exits_with(0);
     ended.claim(names(&ended, "/faults/0/predicted") == ["r1", "r2", "r3", "r4"], "as foretold");
     let events = ended.file("events.csv");
     for robot in ["r1", "r2", "r3", "r4"] {
-        let told = format!(",contact,{robot},lost frame of the leader");
-        ended.claim(events.contains(&told), format!("{robot} says that the frame is lost"));
+        let event = format!(",contact,{robot},lost frame of the leader");
+        ended.claim(events.contains(&event), format!("{robot} says that the frame is lost"));
         stands(&ended, robot, 30.0, 40.0);
     }
     ended.claim(ended.number("/min_distance_m") >= 0.3, "nobody came nearer than d");
@@ -81,9 +80,7 @@ fn by_policy_the_silent_are_ignored_kept_or_waited_for() {
         let goes_on = ["last", "keep"].contains(&policy);
         let ended = run("triangle")
             .lockstep()
-            .set("duration_s=20")
-            .set("expect={}")
-            .set(format!("silence.policy={policy}"))
+            .sets(["duration_s=20", "expect={}", &format!("silence.policy={policy}")])
             .fault("freeze r3 @2 for 6")
             .finish();
         ended.exits_with(0);
@@ -101,21 +98,19 @@ fn by_policy_the_silent_are_ignored_kept_or_waited_for() {
 #[test]
 fn a_robot_frozen_in_real_time_stands_and_is_given_up_and_taken_back() {
     let ended = run("triangle")
-        .set("duration_s=8")
-        .set("record_hz=1000")
-        .set("expect={ min_distance_m = 0.2 }")
+        .sets(["duration_s=8", "record_hz=1000", "expect={ min_distance_m = 0.2 }"])
         .fault("freeze r2 @2 for 2")
         .finish();
     ended.exits_with(0).leaves_nothing();
     let events = ended.file("events.csv");
-    let of_r2: Vec<&str> = events.lines().filter(|line| line.contains(",contact,r1,")).collect();
-    let words = |word: &str| of_r2.iter().any(|line| line.ends_with(&format!("{word} r2")));
+    let contacts: Vec<&str> = events.lines().filter(|line| line.contains(",contact,r1,")).collect();
+    let words = |word: &str| contacts.iter().any(|line| line.ends_with(&format!("{word} r2")));
     for word in ["stale", "lost", "fresh"] {
         ended.claim(words(word), format!("r1 calls r2 {word}"));
     }
     // A busy machine may make it stale again at any time.
     let after = |line: &&str| line.split(',').next().unwrap().parse::<f64>().unwrap() >= 4.0;
-    let back = of_r2.iter().filter(|line| after(line)).any(|line| line.ends_with("fresh r2"));
+    let back = contacts.iter().filter(|line| after(line)).any(|line| line.ends_with("fresh r2"));
     ended.claim(back, "and fresh again once it goes on");
     // H is 13 ms here; that it is kept to the nanosecond is the plant's own test.
     stands(&ended, "r2", 2.2, 3.9);
@@ -167,7 +162,7 @@ const TABLE: [(&str, &[f64]); 8] = [
 /// How many robots are more than 2 cm off at the end, by those they go by then, over these deaths and
 /// cuts, each for good.
 fn off_at_the_end(cases: &[Case], policy: &str) -> usize {
-    let off = of_each(cases, |case| {
+    let off = in_parallel(cases, |case| {
         let fault = format!("{} @{}", case.what, case.at_s);
         let policy = format!("silence.policy={policy:?}");
         let scenario = with_faults(case.scenario, &["expect={}", &policy], &[&fault]);

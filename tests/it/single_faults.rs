@@ -4,9 +4,6 @@
 //! What is asked of them stands with whoever asks; here is which cases there are, and how one runs
 //! in the oracle.
 
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
-
 use experiment::scenario::{FaultKind, Scenario};
 use formation::Vec2;
 use formation::front_point::front_point;
@@ -15,6 +12,7 @@ use outcome::metrics::Measures;
 use protocol::law::Reference;
 use protocol::message::{TruthHeader, TruthRow};
 
+use crate::harness::in_parallel;
 use crate::oracle::{scenario as scenario_named, simulate_watched, with_faults};
 
 /// The shipped scenarios that have no faults of their own and differ in more than their starts;
@@ -98,26 +96,6 @@ pub fn cases() -> Vec<Case> {
     SHIPPED.into_iter().flat_map(cases_of).collect()
 }
 
-/// What `of` makes of each of these, in their order, worked out by as many threads as there are
-/// cores.
-pub fn of_each<T: Send>(cases: &[Case], of: impl Fn(&Case) -> T + Sync) -> Vec<T> {
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let next = AtomicUsize::new(0);
-    let done: Vec<Mutex<Option<T>>> = cases.iter().map(|_| Mutex::new(None)).collect();
-    std::thread::scope(|scope| {
-        for _ in 0..threads {
-            scope.spawn(|| {
-                while let Some(i) =
-                    Some(next.fetch_add(1, Ordering::Relaxed)).filter(|&i| i < cases.len())
-                {
-                    *done[i].lock().unwrap() = Some(of(&cases[i]));
-                }
-            });
-        }
-    });
-    done.into_iter().map(|one| one.into_inner().unwrap().expect("every case was taken")).collect()
-}
-
 #[test]
 fn the_shipped_scenarios_have_162_single_deaths_and_cuts() {
     let cases = cases();
@@ -138,7 +116,7 @@ fn a_leader_is_not_held_up_by_a_contained_robot_that_wants_its_place() {
     // r3 hears r8, the leader, and r4: without r4 it wants to be where r8 is.
     let mut cases = cases_of("containment");
     cases.retain(|case| ["kill r4", "cut r4->r3"].contains(&case.what.as_str()));
-    let held_up = of_each(&cases, |case| {
+    let held_up = in_parallel(&cases, |case| {
         let scenario = case.scenario(false);
         let (leader, lead) = (scenario.leader().unwrap(), scenario.lead.clone().unwrap());
         let ell_m = scenario.robots[leader].front_point_m;
@@ -205,7 +183,7 @@ fn places_left(scenario: &Scenario, broken: Broken) -> Vec<Option<Vec2>> {
 #[test]
 #[ignore = "minutes: 324 runs"]
 fn nobody_who_can_stay_in_its_place_is_thrown_off_it_by_a_death_or_a_cut() {
-    let found = of_each(&cases(), |case| {
+    let found = in_parallel(&cases(), |case| {
         let mut wrong = Vec::new();
         let scenario = case.scenario(false);
         let measures = case.run(false, |_, _, _| {});

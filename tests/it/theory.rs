@@ -2,13 +2,14 @@
 //! by hand.
 
 use std::path::Path;
-use std::process::Command;
 
 use experiment::check::Theory;
 use experiment::scenario::Scenario;
 use experiment::scenario::read::{Overrides, read, read_text};
 use formation::Vec2;
 use serde_json::{Value, json};
+
+use crate::harness::{ExitsWith as _, phalanx};
 
 /// A shipped scenario with some `--set`s, and its warnings.
 fn scenario(name: &str, set: &[&str]) -> (Scenario, Vec<String>) {
@@ -22,14 +23,8 @@ fn scenario(name: &str, set: &[&str]) -> (Scenario, Vec<String>) {
 
 /// `phalanx check ... --output json`.
 fn check_json(name: &str) -> Value {
-    let output = Command::new(env!("CARGO_BIN_EXE_phalanx"))
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .args(["check", &format!("scenarios/{name}.toml"), "--output", "json"])
-        .output()
-        .unwrap();
-    let shown = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(0), "{shown}");
-    serde_json::from_slice(&output.stdout).unwrap()
+    let scenario = format!("scenarios/{name}.toml");
+    phalanx(["check", &scenario, "--output", "json"]).exits_with(0).json()
 }
 
 /// The deaths that take something, each with the lists that are not empty.
@@ -305,12 +300,7 @@ fn contained_robots_that_would_meet_are_warned_of() {
 
 #[test]
 fn the_text_says_what_the_json_says() {
-    let output = Command::new(env!("CARGO_BIN_EXE_phalanx"))
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .args(["check", "scenarios/containment.toml"])
-        .output()
-        .unwrap();
-    let text = String::from_utf8(output.stdout).unwrap();
+    let text = phalanx(["check", "scenarios/containment.toml"]).exits_with(0).stdout;
     for part in [
         "r7 hears r6 and wants to be at r6 + (0.000, -1.200) m, r8 and wants to be at r8 + (-1.200",
         "without r4: r1: place elsewhere without r4; ",

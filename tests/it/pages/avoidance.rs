@@ -1,16 +1,12 @@
 //! `docs/add-an-avoidance-method.md`.
 
 use agent::avoidance::{Avoidance, AvoidanceRow, Sample};
-use agent::brain::{Brain, Parts};
-use agent::laws;
 use experiment::briefs;
 use experiment::scenario::Scenario;
 use experiment::scenario::diagnostic::Diagnostic;
-use experiment::scenario::read::{Overrides, read};
-use outcome::metrics::Measures;
 use protocol::brief::Pace;
 
-use super::{assert_row, blocks};
+use super::{Build, assert_row, blocks, sound};
 use crate::oracle;
 
 mod brake;
@@ -26,27 +22,13 @@ mod guard {
 
 const PAGE: &str = include_str!("../../../docs/add-an-avoidance-method.md");
 
-/// Start d of the triangle with these keys set, read by a build with the page's method.
-fn triangle(set: &[&str]) -> Result<Scenario, Diagnostic> {
-    let mut catalog = agent::catalog();
-    catalog.methods.push(brake::ROW.description);
-    let set = set.iter().map(|&assignment| assignment.into()).collect();
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/triangle-d.toml");
-    read(path.as_ref(), &Overrides { set, ..Overrides::default() }, &catalog)
-        .map(|(scenario, ..)| scenario)
+fn build() -> Build {
+    Build { methods: vec![brake::ROW], ..Build::default() }
 }
 
-fn run(scenario: &Scenario) -> Measures {
-    oracle::simulate_with(scenario, &|brief, incarnation| {
-        let method = METHODS.iter().find(|row| row.description.name == brief.avoidance.kind);
-        let law = laws::row(&brief.law).unwrap();
-        let parts = Parts {
-            role: law.role.make(brief).unwrap(),
-            law: law.make(&brief.gains).unwrap(),
-            avoidance: method.expect("a method").make(brief).unwrap(),
-        };
-        Brain::with_parts(brief, incarnation, parts)
-    })
+/// Start d of the triangle with these keys set, read by a build with the page's method.
+fn triangle(set: &[&str]) -> Result<Scenario, Diagnostic> {
+    build().read("scenarios/triangle-d.toml", set, &[])
 }
 
 const BRAKE: [&str; 3] = ["avoidance.kind=brake", "avoidance.horizon_s=0.5", "expect={}"];
@@ -57,6 +39,7 @@ fn the_page_shows_the_method_that_runs_here() {
     assert_eq!(file, include_str!("avoidance/brake.rs"));
     let there = include_str!("../../../agent/src/avoidance/mod.rs");
     assert_row(row, include_str!("avoidance.rs"), there);
+    assert_eq!(METHODS.len(), 2);
 }
 
 #[test]
@@ -67,20 +50,17 @@ fn a_row_suffices_for_keys_limits_and_sensed_velocities() {
     let near = triangle(&[&BRAKE[..], &["avoidance.sensing_radius_m=0.3"]].concat()).unwrap_err();
     assert!(near.message.contains("the brake would see too late"), "{}", near.message);
 
-    let scenario = triangle(&BRAKE).unwrap_or_else(|error| panic!("{}", error.render(false)));
-    let plant = briefs::plant(&scenario, Pace::Lockstep, "/nowhere".as_ref());
-    assert!(plant.velocities_sensed && plant.speed_max_m_s == Some(0.3), "{plant:?}");
-    assert!((plant.sensing_radius_m - 0.5).abs() < 1e-12, "{}", plant.sensing_radius_m);
-    let plain = triangle(&[]).map(|guarded| briefs::plant(&guarded, Pace::Lockstep, "/".as_ref()));
-    assert!(!plain.unwrap().velocities_sensed, "nobody else pays for them");
+    let plant = |set| briefs::plant(&sound(triangle(set)), Pace::Lockstep, "/nowhere".as_ref());
+    let braked = plant(&BRAKE);
+    assert!(braked.velocities_sensed && braked.speed_max_m_s == Some(0.3), "{braked:?}");
+    assert!((braked.sensing_radius_m - 0.5).abs() < 1e-12, "{}", braked.sensing_radius_m);
+    assert!(!plant(&[]).velocities_sensed, "nobody else pays for them");
 }
 
 #[test]
 fn robots_with_the_pages_method_stop_before_each_other() {
-    let braked = run(&triangle(&BRAKE).unwrap()).min_distance_m.unwrap();
+    let braked = build().simulate(&sound(triangle(&BRAKE))).min_distance_m.unwrap();
     let unheeding = oracle::simulate(&oracle::scenario("triangle-d", &["avoidance.kind=none"]));
     assert!(unheeding.min_distance_m.unwrap() < 0.1);
     assert!(braked > 0.19, "{braked}");
-    let guarded = run(&triangle(&[]).unwrap()).trajectory_hash;
-    assert_eq!(guarded, oracle::simulate(&oracle::scenario("triangle-d", &[])).trajectory_hash);
 }

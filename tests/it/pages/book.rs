@@ -14,10 +14,11 @@ use experiment::scenario::keys::{Format, Section, Takes};
 use phalanx::command_line::CommandLine;
 use tempfile::TempDir;
 
-const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+use crate::harness::{PHALANX, ROOT, RunRoot, files_below, in_parallel};
 
-/// Commands that tests cannot run: they are the tests, take minutes or change the machine.
-const ELSEWHERE: &[&str] = &[
+/// What commands of the pages begin with that tests cannot run: they are the tests, take minutes or change the
+/// machine.
+const NOT_RUN: &[&str] = &[
     "cargo ",
     "tests/",
     "bench/",
@@ -33,27 +34,41 @@ const ELSEWHERE: &[&str] = &[
     "perf ",
 ];
 
-/// Pages whose runs take long, and are run by `cargo test --test it -- --ignored pages::`.
-const LONG: &[&str] =
-    &["docs/how-to/chapter.md", "docs/how-to/faults.md", "docs/faults.md", "docs/chapter.md"];
+/// And what those begin with that tests run.
+const RUN: &[&str] =
+    &["phalanx ", "export ", "cp ", "g++ ", "sed ", "head ", "cat ", "cmp ", "grep ", "ls "];
 
-/// Pages with Python in them, which needs what `tests/readers/install` installs.
-const PYTHON: &[&str] = &["docs/how-to/graph.md", "docs/how-to/analyse.md"];
+/// What a page needs to be followed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Needs {
+    /// A minute or more.
+    Time,
+    /// What `tests/readers/install` installs.
+    Readers,
+    /// The Python package, which `tests/python/install` installs.
+    Package,
+    /// What `tests/cpp/install` installs, and the library of `bindings/c`.
+    Cpp,
+    /// To change the program: a test of its own plays it.
+    Build,
+}
 
-/// Pages about the Python package, which `tests/python/install` installs.
-const PACKAGE: &[&str] = &[
-    "bindings/python/README.md",
-    "docs/tutorial/python.md",
-    "docs/how-to/plant.md",
-    "docs/hardware.md",
-    "docs/how-to/policy.md",
+/// All other pages need nothing.
+const PAGES: &[(&str, Needs)] = &[
+    ("docs/how-to/chapter.md", Needs::Time),
+    ("docs/how-to/faults.md", Needs::Time),
+    ("docs/faults.md", Needs::Time),
+    ("docs/chapter.md", Needs::Time),
+    ("docs/how-to/graph.md", Needs::Readers),
+    ("docs/how-to/analyse.md", Needs::Readers),
+    ("bindings/python/README.md", Needs::Package),
+    ("docs/tutorial/python.md", Needs::Package),
+    ("docs/how-to/plant.md", Needs::Package),
+    ("docs/hardware.md", Needs::Package),
+    ("docs/how-to/policy.md", Needs::Package),
+    ("docs/how-to/cpp.md", Needs::Cpp),
+    ("docs/tutorial/law.md", Needs::Build),
 ];
-
-/// Pages with C++, which needs what `tests/cpp/install` installs, and the library of `c/`.
-const CPP: &[&str] = &["docs/how-to/cpp.md"];
-
-/// Pages that change the program, and are played by tests of their own.
-const BUILDS: &[&str] = &["docs/tutorial/law.md"];
 
 #[derive(Debug, Clone)]
 struct Block {
@@ -87,38 +102,39 @@ fn blocks(page: &str) -> Vec<Block> {
     found
 }
 
-/// Every page: path and text.
-fn pages() -> Vec<(String, String)> {
-    let mut paths =
-        vec!["README.md".into(), "CONTRIBUTING.md".into(), "bindings/python/README.md".into()];
-    let mut folders = vec![PathBuf::from("docs")];
-    while let Some(folder) = folders.pop() {
-        for entry in std::fs::read_dir(Path::new(ROOT).join(&folder)).unwrap() {
-            let path = folder.join(entry.unwrap().file_name());
-            if Path::new(ROOT).join(&path).is_dir() {
-                folders.push(path);
-            } else if path.extension().is_some_and(|ending| ending == "md") {
-                paths.push(path.to_str().unwrap().to_owned());
-            }
-        }
-    }
+fn page(path: &str) -> String {
+    std::fs::read_to_string(Path::new(ROOT).join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
+}
+
+/// The paths of all pages.
+fn pages() -> Vec<String> {
+    let beside = ["README.md", "CONTRIBUTING.md", "bindings/python/README.md"];
+    let docs = files_below(&Path::new(ROOT).join("docs")).into_iter();
+    let docs = docs.filter(|path| path.extension().is_some_and(|ending| ending == "md"));
+    let docs = docs.map(|path| path.strip_prefix(ROOT).unwrap().to_str().unwrap().to_owned());
+    let mut paths: Vec<String> = docs.chain(beside.map(str::to_owned)).collect();
     paths.sort();
-    let text = |path: String| {
-        let text = std::fs::read_to_string(Path::new(ROOT).join(&path)).unwrap();
-        (path, text)
-    };
-    paths.into_iter().map(text).collect()
+    paths
+}
+
+/// The blocks of all pages in this language, or in any, each with its place.
+fn all_blocks(language: Option<&str>) -> Vec<(String, Block)> {
+    let blocks = pages().into_iter().flat_map(|path| {
+        let found = blocks(&page(&path)).into_iter();
+        found.map(move |block| (format!("{path}:{}", block.line), block))
+    });
+    blocks.filter(|(_, block)| language.is_none_or(|language| block.language == language)).collect()
 }
 
 /// The commands of a block of shell, as a reader types them who has `phalanx` on the path.
 fn commands(block: &Block) -> Vec<String> {
     let text = block.text.replace("\\\n", " ");
     let lines = text.lines().filter(|line| !line.trim().is_empty() && !line.starts_with('#'));
-    let said = [
-        ("cargo run --release -- ", "phalanx "),
-        ("cargo run --profile dist -p bench -- ", "phalanx bench "),
-    ];
-    lines.map(|line| said.iter().fold(line.to_owned(), |line, (a, b)| line.replace(a, b))).collect()
+    let installed = lines.map(|line| {
+        line.replace("cargo run --release -- ", "phalanx ")
+            .replace("cargo run --profile dist -p bench -- ", "phalanx bench ")
+    });
+    installed.collect()
 }
 
 /// The words of a command, without quotes, comment, redirection and pipe.
@@ -143,7 +159,7 @@ fn words(command: &str) -> Vec<String> {
 
 /// Whether a test can run a command: neither for long nor with a browser.
 fn runs(command: &str) -> bool {
-    let elsewhere = ELSEWHERE.iter().any(|begins| command.starts_with(begins));
+    let elsewhere = NOT_RUN.iter().any(|begins| command.starts_with(begins));
     let by_the_clock = command.starts_with("phalanx run ") && !command.contains("--pace lockstep");
     !elsewhere && !by_the_clock && !command.contains("--view")
 }
@@ -151,48 +167,22 @@ fn runs(command: &str) -> bool {
 #[test]
 fn every_command_of_every_page_is_one_that_the_program_takes() {
     let mut parsed = 0;
-    for (path, text) in pages() {
-        for block in blocks(&text).iter().filter(|block| block.language == "sh") {
-            for command in commands(block) {
-                let Some(rest) = command.strip_prefix("phalanx ") else {
-                    let known = [
-                        "cargo ",
-                        "tests/",
-                        "bench/",
-                        "proof/",
-                        "target/",
-                        ".ci/",
-                        "docker ",
-                        "pip ",
-                        ". ",
-                        "python3 ",
-                        "export ",
-                        "cp ",
-                        "g++ ",
-                        "sed ",
-                        "head ",
-                        "cat ",
-                        "cmp ",
-                        "grep ",
-                        "ls ",
-                        "parallel ",
-                        "perf ",
-                    ];
-                    let known = known.iter().any(|begins| command.starts_with(begins));
-                    assert!(known, "{path}:{}: what is `{command}`?", block.line);
-                    continue;
-                };
-                let words = ["phalanx".to_owned()].into_iter().chain(words(rest));
-                let words: Vec<String> = words.collect();
-                let mut parsed_as = CommandLine::try_parse_from(&words).map(drop);
-                if words[1] == "bench" {
-                    parsed_as = bench::cli::CommandLine::try_parse_from(&words[1..]).map(drop);
+    for (at, block) in all_blocks(Some("sh")) {
+        for command in commands(&block) {
+            let mut known = RUN.iter().chain(NOT_RUN);
+            assert!(known.any(|begins| command.starts_with(begins)), "{at}: what is `{command}`?");
+            let words = words(&command);
+            let accepted = match &words[..] {
+                [phalanx, bench, ..] if phalanx == "phalanx" && bench == "bench" => {
+                    bench::cli::CommandLine::try_parse_from(&words[1..]).map(drop)
                 }
-                if let Err(error) = parsed_as {
-                    panic!("{path}:{}: `{command}`: {error}", block.line);
+                [phalanx, ..] if phalanx == "phalanx" => {
+                    CommandLine::try_parse_from(&words).map(drop)
                 }
-                parsed += 1;
-            }
+                _ => continue,
+            };
+            accepted.unwrap_or_else(|error| panic!("{at}: `{command}`: {error}"));
+            parsed += 1;
         }
     }
     assert!(parsed > 20, "{parsed} commands");
@@ -202,36 +192,30 @@ fn every_command_of_every_page_is_one_that_the_program_takes() {
 fn every_block_says_what_it_is() {
     let languages =
         ["sh", "toml", "text", "rust", "python", "c", "cpp", "xml", "json", "dockerfile"];
-    for (path, text) in pages() {
-        for block in blocks(&text) {
-            let known = languages.contains(&block.language.as_str());
-            assert!(known, "{path}:{}: a block of {:?}", block.line, block.language);
-        }
+    for (at, block) in all_blocks(None) {
+        let known = languages.contains(&block.language.as_str());
+        assert!(known, "{at}: a block of {:?}", block.language);
     }
 }
 
 #[test]
 fn every_block_of_toml_has_only_keys_of_scenarios_campaigns_or_fleets() {
-    let format = Format::of(&agent::catalog());
+    let scenario = Format::of(&agent::catalog());
+    let campaign = experiment::campaign::keys::format();
     let mut found = 0;
-    for (path, text) in pages() {
-        for block in blocks(&text).iter().filter(|block| block.language == "toml") {
-            let at = format!("{path}:{}", block.line);
-            let table: toml::Table =
-                block.text.parse().unwrap_or_else(|error| panic!("{at}: {error}"));
-            if block.text.starts_with("# Cargo.toml") {
-                continue;
-            }
-            if table.contains_key("host") {
-                let fleet = bridge::fleet::read_text(Path::new(&path), &block.text);
-                fleet.unwrap_or_else(|error| panic!("{at}: {}", error.render(false)));
-                found += 1;
-                continue;
-            }
-            let campaign = experiment::campaign::keys::format();
-            let format = if table.contains_key("scenario") { &campaign } else { &format };
-            assert_keys(&at, &table, format.root(), format);
-            found += 1;
+    for (at, block) in all_blocks(Some("toml")) {
+        let table: toml::Table = block.text.parse().unwrap_or_else(|e| panic!("{at}: {e}"));
+        if block.text.starts_with("# Cargo.toml") {
+            continue;
+        }
+        found += 1;
+        if table.contains_key("host") {
+            let fleet = bridge::fleet::read_text(Path::new(&at), &block.text);
+            fleet.unwrap_or_else(|error| panic!("{at}: {}", error.render(false)));
+        } else if table.contains_key("scenario") {
+            assert_keys(&at, &table, campaign.root(), &campaign);
+        } else {
+            assert_keys(&at, &table, scenario.root(), &scenario);
         }
     }
     assert!(found >= 4, "{found} blocks");
@@ -270,27 +254,25 @@ fn assert_keys(at: &str, table: &toml::Table, section: &Section, format: &Format
 struct Reader {
     path: String,
     folder: TempDir,
-    run_root: TempDir,
+    run_root: RunRoot,
     /// In which Python finds what pages import; none: no Python is run.
     python: Option<PathBuf>,
 }
 
 impl Reader {
-    fn of(path: &str) -> Reader {
+    fn new(path: &str, python: Option<PathBuf>) -> Reader {
         let folder = tempfile::tempdir().unwrap();
         for shipped in ["scenarios", "bindings"] {
             let target = Path::new(ROOT).join(shipped);
             std::os::unix::fs::symlink(target, folder.path().join(shipped)).unwrap();
         }
-        let run_root = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
-        Reader { path: path.into(), folder, run_root, python: None }
+        Reader { path: path.into(), folder, run_root: RunRoot::new(), python }
     }
 
     /// Does all that the page says that can be done.
     fn follow(&self) {
-        let text = std::fs::read_to_string(Path::new(ROOT).join(&self.path)).unwrap();
         let mut printed: Option<String> = None;
-        for block in blocks(&text) {
+        for block in blocks(&page(&self.path)) {
             let at = format!("{}:{}", self.path, block.line);
             if let Some(name) = file_name(&block) {
                 let path = self.folder.path().join(name);
@@ -327,14 +309,14 @@ impl Reader {
     }
 
     fn shell(&self, command: &str) -> (i32, String) {
-        let program = Path::new(env!("CARGO_BIN_EXE_phalanx")).parent().unwrap();
-        let path = std::env::var("PATH").unwrap();
-        let python =
-            self.python.as_ref().map_or(String::new(), |python| format!("{}:", python.display()));
+        let program = Path::new(PHALANX).parent().into_iter();
+        let folders = program.chain(self.python.as_deref()).map(Path::to_owned);
+        let path = std::env::var_os("PATH").unwrap();
+        let path = std::env::join_paths(folders.chain(std::env::split_paths(&path))).unwrap();
         let output = Command::new("bash")
             .args(["-o", "pipefail", "-c", &format!("exec 2>&1; {command}")])
             .current_dir(self.folder.path())
-            .env("PATH", format!("{}:{python}{path}", program.display()))
+            .env("PATH", path)
             .env("PHALANX_RUN_ROOT", self.run_root.path())
             .env("NO_COLOR", "1")
             .stdin(Stdio::null())
@@ -344,21 +326,10 @@ impl Reader {
     }
 }
 
-impl Drop for Reader {
-    fn drop(&mut self) {
-        for base in std::fs::read_dir(self.run_root.path()).into_iter().flatten().flatten() {
-            protocol::run_root::sweep(&base.path());
-        }
-    }
-}
-
 /// The file that a block is, if its first line says so.
 fn file_name(block: &Block) -> Option<&str> {
-    let name = block.text.lines().next()?.strip_prefix("# ").or(block
-        .text
-        .lines()
-        .next()?
-        .strip_prefix("// "))?;
+    let line = block.text.lines().next()?;
+    let name = line.strip_prefix("# ").or(line.strip_prefix("// "))?;
     let like_a_file = name.contains('.') && !name.contains(' ') && !name.ends_with('.');
     (like_a_file && ["toml", "python", "rust", "cpp"].contains(&block.language.as_str()))
         .then_some(name)
@@ -399,86 +370,74 @@ fn a_text_fits_a_pattern_if_only_what_it_leaves_open_differs() {
     }
 }
 
+/// Follows all pages that need no more than this; with Python of the virtual environment below `target/`.
+fn follow(needs: Option<Needs>, environment: Option<&str>) {
+    let python = environment.map(|name| Path::new(ROOT).join("target").join(name).join("bin"));
+    let installed = python.as_ref().is_none_or(|python| python.join("python3").exists());
+    assert!(installed, "run tests/{}/install first", environment.unwrap_or_default());
+    let mut paths = pages();
+    paths.retain(|path| {
+        PAGES.iter().find(|(other, _)| path == other).map(|(_, needs)| *needs) == needs
+    });
+    in_parallel(&paths, |path| Reader::new(path, python.clone()).follow());
+}
+
 #[test]
 fn what_the_short_pages_say_happens() {
-    let special = [LONG, PYTHON, PACKAGE, CPP, BUILDS].concat();
-    for (path, _) in pages().iter().filter(|(path, _)| !special.contains(&path.as_str())) {
-        Reader::of(path).follow();
-    }
+    follow(None, None);
 }
 
 #[test]
 #[ignore = "runs the chapter's cases and others to their ends: a minute"]
 fn what_the_long_pages_say_happens() {
-    for path in LONG {
-        Reader::of(path).follow();
-    }
+    follow(Some(Needs::Time), None);
 }
 
 #[test]
 #[ignore = "needs the readers that tests/readers/install installs"]
 fn what_the_pages_with_python_say_happens_where_readers_are() {
-    let python = Path::new(ROOT).join("target/readers/bin");
-    assert!(python.join("python3").exists(), "run tests/readers/install first");
-    for path in PYTHON {
-        let mut reader = Reader::of(path);
-        reader.python = Some(python.clone());
-        reader.follow();
-    }
+    follow(Some(Needs::Readers), Some("readers"));
 }
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn what_the_pages_about_the_python_package_say_happens() {
-    let python = Path::new(ROOT).join("target/python/bin");
-    assert!(python.join("phalanx").exists(), "run tests/python/install first");
-    for path in PACKAGE {
-        let mut reader = Reader::of(path);
-        reader.python = Some(python.clone());
-        reader.follow();
-    }
+    follow(Some(Needs::Package), Some("python"));
 }
+
+const CPP: &str = "docs/how-to/cpp.md";
 
 #[test]
 #[ignore = "needs what tests/cpp/install installs"]
 fn what_the_page_about_laws_in_cpp_says_happens() {
-    for path in CPP {
-        let reader = Reader::of(path);
-        let there = reader.folder.path();
-        std::fs::create_dir(there.join("target")).unwrap();
-        std::os::unix::fs::symlink(crate::cpp::library(), there.join("target/release")).unwrap();
-        reader.follow();
-    }
+    let reader = Reader::new(CPP, None);
+    let there = reader.folder.path();
+    std::fs::create_dir(there.join("target")).unwrap();
+    std::os::unix::fs::symlink(crate::cpp::library(), there.join("target/release")).unwrap();
+    reader.follow();
 }
 
 #[test]
-fn the_page_about_laws_in_cpp_shows_the_example() {
-    let page = std::fs::read_to_string(Path::new(ROOT).join(CPP[0])).unwrap();
-    let example =
-        std::fs::read_to_string(Path::new(ROOT).join("bindings/c/examples/tanh.cpp")).unwrap();
-    let shown = blocks(&page).into_iter().find(|block| file_name(block) == Some("vee/tanh.cpp"));
-    assert_eq!(shown.expect("the law").text, format!("// vee/tanh.cpp\n{example}"));
-}
-
-#[test]
-fn the_page_about_a_policy_shows_the_example() {
-    let page = std::fs::read_to_string(Path::new(ROOT).join("docs/how-to/policy.md")).unwrap();
-    let shown = blocks(&page);
-    for name in ["policy.py", "train.py", "drive.py", "laws.toml"] {
-        let file = Path::new(ROOT).join("bindings/python/examples/policy").join(name);
-        let file = std::fs::read_to_string(file).unwrap();
-        let name = format!("policy/{name}");
-        let block = shown.iter().find(|block| file_name(block) == Some(&name));
-        assert_eq!(block.expect(&name).text, format!("# {name}\n{file}"));
+fn pages_show_their_examples_as_they_are() {
+    let policy = ["policy.py", "train.py", "drive.py", "laws.toml"];
+    let policy = policy.map(|name| {
+        let shown = format!("policy/{name}");
+        ("docs/how-to/policy.md", "#", shown, format!("bindings/python/examples/policy/{name}"))
+    });
+    let law = "bindings/c/examples/tanh.cpp".to_owned();
+    for (path, comment, name, example) in
+        policy.into_iter().chain([(CPP, "//", "vee/tanh.cpp".to_owned(), law)])
+    {
+        let shown = blocks(&page(path));
+        let shown = shown.iter().find(|block| file_name(block) == Some(&name)).expect(&name);
+        assert_eq!(shown.text, format!("{comment} {name}\n{}", page(&example)), "{path}");
     }
 }
 
 #[test]
 fn the_readmes_test_command_is_the_one_that_continuous_integration_runs() {
-    let readme = std::fs::read_to_string(Path::new(ROOT).join("README.md")).unwrap();
-    let found = blocks(&readme);
+    let found = blocks(&page("README.md"));
     let command = found.iter().flat_map(commands).find(|command| command.starts_with("cargo test"));
     let command = command.expect("the README names the tests");
-    let ci = std::fs::read_to_string(Path::new(ROOT).join(".ci/run")).unwrap();
-    assert!(ci.lines().any(|line| line == command), "{command}");
+    assert!(page(".ci/run").lines().any(|line| line == command), "{command}");
 }

@@ -1,21 +1,17 @@
 //! `docs/add-a-law.md`.
 
-use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
-use agent::avoidance;
-use agent::brain::{Brain, Parts};
+use agent::brain::Brain;
 use agent::laws::{Gains, Law, LawRow, Situation};
 use agent::roles::FORMATION;
 use experiment::scenario::Scenario;
 use experiment::scenario::diagnostic::Diagnostic;
-use experiment::scenario::read::{Overrides, read};
 use formation::Vec2;
-use protocol::catalog::Catalog;
 
-use super::{assert_row, blocks};
+use super::{Build, assert_row, blocks, sound};
 use crate::oracle;
-use crate::processes::embedded;
+use crate::processes::{in_place_of, run_embedded};
 
 mod formation_linear;
 
@@ -32,26 +28,17 @@ mod formation_unit {
 
 const PAGE: &str = include_str!("../../../docs/add-a-law.md");
 
-/// What the agents of a build with this law know.
-fn catalog() -> Catalog {
-    Catalog { laws: LAWS.iter().map(LawRow::description).collect(), ..agent::catalog() }
+fn build() -> Build {
+    Build { laws: vec![formation_linear::ROW], ..Build::default() }
 }
 
 /// The triangle with the page's law, and what its reader says with these keys set.
 fn triangle(set: &[&str]) -> Result<Scenario, Diagnostic> {
-    let set = ["robot_defaults.law=formation-linear"].iter().chain(set);
-    let set = set.map(|&assignment| assignment.into()).collect();
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/triangle.toml");
-    read(path.as_ref(), &Overrides { set, ..Overrides::default() }, &catalog())
-        .map(|(scenario, ..)| scenario)
+    let set = [&["robot_defaults.law=formation-linear"], set].concat();
+    build().read("scenarios/triangle.toml", &set, &[])
 }
 
 const GAINS: &[&str] = &["robot_defaults.k_per_s=1.0", "robot_defaults.limit_m_s=0.1"];
-
-/// The row of the law that a scenario asks for by its name.
-fn row(name: &str) -> &'static LawRow {
-    LAWS.iter().find(|row| row.name == name).expect("a law")
-}
 
 #[test]
 fn the_page_shows_the_law_that_runs_here() {
@@ -59,20 +46,12 @@ fn the_page_shows_the_law_that_runs_here() {
     assert_eq!(file, include_str!("law/formation_linear.rs"));
     assert_row(row, include_str!("law.rs"), include_str!("../../../agent/src/laws/mod.rs"));
     assert_eq!(own, include_str!("law/own.rs"));
+    assert_eq!(LAWS.len(), 2);
 }
 
 #[test]
 fn robots_with_the_pages_law_form_the_triangle_and_keep_their_distance() {
-    let scenario = triangle(GAINS).unwrap_or_else(|error| panic!("{}", error.render(false)));
-    let measured = oracle::simulate_with(&scenario, &|brief, incarnation| {
-        let row = row(&brief.law);
-        let parts = Parts {
-            role: row.role.make(brief).unwrap(),
-            law: row.make(&brief.gains).unwrap(),
-            avoidance: avoidance::build(brief).unwrap(),
-        };
-        Brain::with_parts(brief, incarnation, parts)
-    });
+    let measured = build().simulate(&sound(triangle(GAINS)));
     assert!(measured.final_error_m_max.unwrap() < 1e-3, "{:?}", measured.final_error_m_max);
     assert!(measured.min_distance_m.unwrap() >= 0.2, "{:?}", measured.min_distance_m);
     assert!(measured.converged_at_s.is_some_and(|s| s < 15.0), "{:?}", measured.converged_at_s);
@@ -81,7 +60,7 @@ fn robots_with_the_pages_law_form_the_triangle_and_keep_their_distance() {
 #[test]
 fn the_pages_law_is_linear_up_to_its_limit() {
     let gains = [("k_per_s".to_owned(), 2.0), ("limit_m_s".to_owned(), 0.1)].into();
-    let mut law = row("formation-linear").make(&gains).unwrap();
+    let mut law = formation_linear::ROW.make(&gains).unwrap();
     let mut gamma = |x, y| {
         let desired_velocity = Vec2::new(5.0, 5.0);
         law.gamma(&Situation { error: Vec2::new(x, y), desired_velocity, ..Situation::ALONE })
@@ -98,7 +77,7 @@ fn a_missing_or_wrong_gain_of_the_pages_law_gets_its_diagnostic() {
     assert!(wrong.contains("`limit_m_s` is -1"), "{wrong}");
 }
 
-/// The process of a robot whose law is in no table: what [`program`] starts.
+/// The process of a robot whose law is in no table: what another test starts.
 #[test]
 #[ignore = "a robot's process: another test starts it"]
 fn a_robot_of_its_own() {
@@ -111,36 +90,17 @@ fn a_robot_of_its_own() {
     std::process::exit(code.into());
 }
 
-/// A program that takes `phalanx`'s command lines, and whose agents have the page's own law.
-fn program(folder: &Path) -> std::path::PathBuf {
-    let path = folder.join("program");
-    let text = format!(
-        "#!/bin/sh\n[ \"$1\" = agent ] || exec '{}' \"$@\"\n\
-         BRIEF=\"$2\" INCARNATION=\"$4\" exec '{}' --exact pages::law::a_robot_of_its_own \
-         --ignored --nocapture\n",
-        env!("CARGO_BIN_EXE_phalanx"),
-        std::env::current_exe().unwrap().display()
-    );
-    std::fs::write(&path, text).unwrap();
-    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
-    path
-}
-
 #[test]
 fn processes_of_a_program_of_ones_own_move_by_a_law_that_is_in_no_table() {
-    let scratch = tempfile::tempdir().unwrap();
-    let out = scratch.path().join("run");
-    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/triangle.toml");
-    let mut words = vec!["run", scenario, "--out", out.to_str().unwrap()];
-    words.extend("--pace lockstep --no-report --set expect={}".split(' '));
-    assert_eq!(embedded(&program(scratch.path()), &words), 0);
-    let summary = std::fs::read_to_string(out.join("summary.json")).unwrap();
-    let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
+    let variables = "BRIEF=\"$2\" INCARNATION=\"$4\"";
+    let agent = in_place_of("agent", variables, "pages::law::a_robot_of_its_own");
+    let run = run_embedded(&agent, &["--set", "expect={}"]);
+    assert_eq!(run.code, 0);
     let foretold =
         oracle::simulate_with(&oracle::scenario("triangle", &[]), &|brief, incarnation| {
             Brain::with_parts(brief, incarnation, own::parts(brief).unwrap())
         });
-    assert_eq!(summary["trajectory_hash"].as_str(), foretold.trajectory_hash.as_deref());
-    let error_m = summary["final_error_m_max"].as_f64().unwrap();
+    assert_eq!(run.summary["trajectory_hash"].as_str(), foretold.trajectory_hash.as_deref());
+    let error_m = run.summary["final_error_m_max"].as_f64().unwrap();
     assert!(error_m < 1e-2, "they arrive: {error_m}");
 }

@@ -2,24 +2,14 @@
 //! rewrites the pages that the program writes.
 
 use std::collections::BTreeSet;
-use std::process::Command;
 
 use clap::CommandFactory as _;
 use experiment::scenario::keys::Format;
 
-use crate::harness::run;
+use crate::harness::{ExitsWith as _, ROOT, phalanx, run};
 
-const ROOT: &str = env!("CARGO_MANIFEST_DIR");
-
-fn phalanx(args: &[&str]) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_phalanx"))
-        .args(args)
-        .env("NO_COLOR", "1")
-        .env("COLUMNS", "100")
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "phalanx {args:?}: {output:?}");
-    String::from_utf8(output.stdout).unwrap()
+fn printed(words: &[&str]) -> String {
+    phalanx(words).exits_with(0).stdout
 }
 
 fn page(path: &str) -> String {
@@ -55,12 +45,12 @@ fn listed(page: &str, heading: &str) -> Vec<String> {
 
 #[test]
 fn the_page_of_scenario_keys_is_what_the_program_writes() {
-    assert_page("scenario.md", &phalanx(&["schema", "--markdown"]));
+    assert_page("scenario.md", &printed(&["schema", "--markdown"]));
 }
 
 #[test]
 fn the_page_of_campaign_files_is_what_the_program_writes_and_lists_every_key() {
-    assert_page("campaign.md", &phalanx(&["schema", "--campaign", "--markdown"]));
+    assert_page("campaign.md", &printed(&["schema", "--campaign", "--markdown"]));
     let page = page("campaign.md");
     for section in &experiment::campaign::keys::format().sections {
         let heading = match section.name {
@@ -120,12 +110,12 @@ fn the_page_of_the_command_line_is_the_programs_help() {
     let mut text =
         "# Command line\n\nWritten from `phalanx VERB --help` by the tests; do not edit it.\n"
             .to_owned();
-    text += &format!("\n```text\n{}```\n", phalanx(&["--help"]));
+    text += &format!("\n```text\n{}```\n", printed(&["--help"]));
     for verb in verbs() {
         let help = match verb.as_str() {
             // A program of its own, which need not be built.
             "bench" => bench::cli::CommandLine::command().render_long_help().to_string(),
-            _ => phalanx(&[&verb, "--help"]),
+            _ => printed(&[&verb, "--help"]),
         };
         text += &format!("\n## `phalanx {verb}`\n\n```text\n{help}```\n");
     }
@@ -135,7 +125,7 @@ fn the_page_of_the_command_line_is_the_programs_help() {
 
 /// The verbs that the help names.
 fn verbs() -> Vec<String> {
-    let help = phalanx(&["--help"]);
+    let help = printed(&["--help"]);
     let (_, commands) = help.split_once("Commands:\n").unwrap();
     let (commands, _) = commands.split_once("\n\n").unwrap();
     let names = commands.lines().filter_map(|line| {

@@ -1,3 +1,0 @@
-//! Empty: what is wanted of it is its dependencies.
-
-fn main() {}

@@ -1,1 +1,0 @@
-//! Empty: see this package's Cargo.toml.

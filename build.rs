@@ -21,7 +21,7 @@ fn main() {
     embed("GIT_HASH", commit);
     embed("GIT_DIRTY", dirty.map(|dirty| dirty.to_string()));
     let rustc = env::var_os("RUSTC").unwrap_or("rustc".into());
-    embed("RUSTC", said(Command::new(rustc).arg("--version")));
+    embed("RUSTC", output_of(Command::new(rustc).arg("--version")));
     embed("PROFILE", profile());
 }
 
@@ -88,11 +88,11 @@ fn git(tree: &Path, words: &[&str]) -> Option<String> {
     for name in ["GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE"] {
         git.env_remove(name);
     }
-    said(&mut git)
+    output_of(&mut git)
 }
 
 /// What a command prints, if it is there and succeeds.
-fn said(command: &mut Command) -> Option<String> {
+fn output_of(command: &mut Command) -> Option<String> {
     let output = command.output().ok().filter(|output| output.status.success())?;
     String::from_utf8(output.stdout).ok().map(|text| text.trim().to_owned())
 }

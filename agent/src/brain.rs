@@ -13,7 +13,7 @@ use formation::front_point::{front_point, front_velocity};
 use formation::pose::wrap_angle;
 use protocol::age::AgeSums;
 use protocol::brief::{AgentBrief, Pace, PublishedVelocity};
-use protocol::fault::{LinkFault, LinkFaultKind, Said, SlowFault};
+use protocol::fault::{LinkFault, LinkFaultKind, SlowFault, Transmission};
 use protocol::link::Link;
 use protocol::message::{
     Beacon, Command, Goal, NeighborStatus, Odometry, PROXIMITY_MAX, StatusHeader,
@@ -193,12 +193,12 @@ impl Brain {
         beacon: &Beacon,
         now_ns: u64,
     ) -> Result<(), BeaconRefusal> {
-        let said = Said {
+        let transmission = Transmission {
             tick: beacon.tick,
             t_ns: beacon.stamp_ns.saturating_sub(self.start_ns),
             distance_m: self.front_point.map(|alpha| (alpha - beacon.position()).norm()),
         };
-        match self.links[place].pass(beacon, said) {
+        match self.links[place].pass(beacon, transmission) {
             Some(beacon) => self.hear_now(place, &beacon, now_ns),
             None => Ok(()),
         }
@@ -389,7 +389,7 @@ impl Brain {
     fn arrived(&mut self, odometry: &Odometry) -> Option<Odometry> {
         let link = self.odometry.as_mut()?;
         let Odometry { tick, t_ns, .. } = *odometry;
-        let mut newest = link.pass(odometry, Said { tick, t_ns, distance_m: None });
+        let mut newest = link.pass(odometry, Transmission { tick, t_ns, distance_m: None });
         while let Some(sample) = link.due(t_ns) {
             if newest.is_none_or(|newest| sample.stamp_ns > newest.stamp_ns) {
                 newest = Some(sample);

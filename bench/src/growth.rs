@@ -35,7 +35,7 @@ pub(crate) fn cases<'a>(setting: &'a Setting<'_>, robots: &[usize]) -> Vec<Case<
         Case::new(format!("{robots} robots"), move |table| {
             let run = |ticks| {
                 let text = ring::text(robots, ticks, PERIOD_S);
-                Summary::of(setting, &text, Pace::Lockstep, &[])
+                Summary::of_run(setting, &text, Pace::Lockstep, &[])
             };
             let (start, whole) = (run(TICKS_OF_A_START)?, run(ticks)?);
             let by_us = per_tick_us(&start, &whole)?.map(|us| us / robots as f64);

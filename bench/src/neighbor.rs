@@ -66,7 +66,7 @@ pub(crate) fn cases<'a>(
         let node = service::node("bench")?;
         let name = format!("{robots} robots at {rate_hz} Hz");
         Ok(Case::new(name, move |table: &mut Table| {
-            let summary = Summary::of(setting, &text, Pace::Realtime, &[])?;
+            let summary = Summary::of_run(setting, &text, Pace::Realtime, &[])?;
             let [used, answer, wake] = [Stage::BeaconDelivery, Stage::Compute, Stage::Wake]
                 .map(|stage| summary.stage(stage));
             for (what, us) in (Seen { used, answer, wake }).figures()? {

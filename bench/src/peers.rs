@@ -103,8 +103,8 @@ pub(crate) fn write_briefs<B: Serialize>(
     dir: &Path,
     briefs: impl Iterator<Item = B>,
 ) -> anyhow::Result<()> {
-    for (index, told) in briefs.enumerate() {
-        write(&Post { dir: dir.into(), index }.brief(), &brief::to_text(&told))?;
+    for (index, brief) in briefs.enumerate() {
+        write(&Post { dir: dir.into(), index }.brief(), &brief::to_text(&brief))?;
     }
     Ok(())
 }

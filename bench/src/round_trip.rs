@@ -109,7 +109,7 @@ impl Trips<'_> {
         let name = format!("alone-{round}");
         let ticks = (WARM_UP + self.count()) as u64;
         let scenario = ring::read(&ring::alone(&name, ticks, PERIOD_S))?;
-        let told = briefs::agent(&scenario, 0, Pace::Lockstep, root.path());
+        let brief = briefs::agent(&scenario, 0, Pace::Lockstep, root.path());
         let plant = briefs::plant(&scenario, Pace::Lockstep, root.path());
         let own = create(&name, node)?;
         // Nobody receives these.
@@ -122,7 +122,7 @@ impl Trips<'_> {
         barrier.set_member(0, 0);
         let place = Place::new(root, &name)?;
         let path = place.path().join("brief.toml");
-        write(&path, &brief::to_text(&told))?;
+        write(&path, &brief::to_text(&brief))?;
         let (odometry, command) = ports_of(&own)?;
         let role = Role::Agent { brief: &path, program: None, incarnation: 0 };
         let log = place.path().join("agent.log");

@@ -22,10 +22,13 @@ pub(crate) struct Setting<'a> {
     pub(crate) shows_progress: bool,
 }
 
+/// Measures once, and writes down what came out.
+type Measure<'a> = Box<dyn FnMut(&mut Table) -> anyhow::Result<()> + 'a>;
+
 /// One line or several lines of the table, measured together in each round.
 pub(crate) struct Case<'a> {
     name: String,
-    measure: Box<dyn FnMut(&mut Table) -> anyhow::Result<()> + 'a>,
+    measure: Measure<'a>,
 }
 
 impl<'a> Case<'a> {

@@ -132,7 +132,7 @@ pub(crate) struct Summary(pub(crate) Value);
 
 impl Summary {
     /// Runs a scenario to its end.
-    pub(crate) fn of(
+    pub(crate) fn of_run(
         setting: &Setting<'_>,
         scenario: &str,
         pace: Pace,

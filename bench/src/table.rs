@@ -103,7 +103,7 @@ impl Figure {
         let alone = Row {
             part: self.part,
             what: self.what.clone(),
-            ours: Spread::of(&self.run),
+            ours: Spread::over(&self.run),
             floor_name: None,
             floor: None,
             ratio: None,
@@ -113,9 +113,9 @@ impl Figure {
                 self.run.iter().zip(baseline).map(|(run, of)| run / of).collect();
             Row {
                 floor_name: Some(name.clone()),
-                floor: Some(Spread::of(baseline)),
+                floor: Some(Spread::over(baseline)),
                 // Nothing is a multiple of nothing.
-                ratio: ratios.iter().all(|ratio| ratio.is_finite()).then(|| Spread::of(&ratios)),
+                ratio: ratios.iter().all(|ratio| ratio.is_finite()).then(|| Spread::over(&ratios)),
                 ..alone.clone()
             }
         });
@@ -136,7 +136,7 @@ struct Spread {
 
 impl Spread {
     /// Of at least one round.
-    fn of(rounds: &[f64]) -> Spread {
+    fn over(rounds: &[f64]) -> Spread {
         let mut sorted = rounds.to_vec();
         sorted.sort_by(f64::total_cmp);
         let (middle, last) = (sorted.len() / 2, sorted.len() - 1);
@@ -278,7 +278,7 @@ mod tests {
         let ratio = row.ratio.as_ref().unwrap();
         assert_eq!((ratio.median, ratio.min, ratio.max, row.ours.median), (10.0, 5.0, 60.0, 30.0));
         assert!(report.screen().contains("30.0 (10.0-40.0)"), "{}", report.screen());
-        assert_eq!(Spread::of(&[9.0, 1.0, 2.0, 4.0]).median, 3.0);
+        assert_eq!(Spread::over(&[9.0, 1.0, 2.0, 4.0]).median, 3.0);
     }
 
     #[test]

@@ -14,7 +14,7 @@ use formation::front_point::{front_point, front_speed, front_velocity};
 use formation::near::NearPairs;
 use formation::pose::{Twist, wrap_angle};
 use protocol::brief::{BodyBrief, Pace, PlantBrief};
-use protocol::fault::{Said, Sensor, SensorFault, SensorFaultKind, WheelFaultKind};
+use protocol::fault::{Sensor, SensorFault, SensorFaultKind, Transmission, WheelFaultKind};
 use protocol::link::Link;
 use protocol::message::{Command, Odometry, PROXIMITY_MAX, TruthHeader, TruthRow};
 
@@ -184,8 +184,8 @@ impl<M: Motion> World<M> {
     /// Takes a command that is sent now: it is lost or held back where faults say so, and else accepted
     /// at once.
     pub fn take(&mut self, robot: usize, command: &Command) -> Result<(), Refusal> {
-        let said = Said { tick: command.tick, t_ns: self.t_ns, distance_m: None };
-        match self.robots[robot].link.pass(command, said) {
+        let transmission = Transmission { tick: command.tick, t_ns: self.t_ns, distance_m: None };
+        match self.robots[robot].link.pass(command, transmission) {
             Some(command) => self.accept(robot, &command),
             None => Ok(()),
         }

@@ -87,12 +87,12 @@ pub enum LinkFaultKind {
 
 /// A message as a link sees it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Said {
+pub struct Transmission {
     /// At which tick: messages of a link have different ones.
     pub tick: u64,
     /// When, ns of run time.
     pub t_ns: u64,
-    /// How far the one who said it is from the one who is to hear it, m, where both know.
+    /// How far its sender is from the one who is to hear it, m, where both know.
     pub distance_m: Option<f64>,
 }
 
@@ -107,7 +107,7 @@ pub enum Passage {
 
 impl LinkFault {
     /// What becomes of a message.
-    pub fn passage(&self, Said { tick, t_ns, distance_m }: Said) -> Passage {
+    pub fn passage(&self, Transmission { tick, t_ns, distance_m }: Transmission) -> Passage {
         if !self.span.holds(t_ns) {
             return Passage::At(t_ns);
         }
@@ -288,8 +288,8 @@ mod tests {
 
     /// Which of so many messages are lost, one a tick of 1 ms.
     fn lost(fault: &LinkFault, distance_m: Option<f64>, ticks: u64) -> Vec<bool> {
-        let said = |tick| Said { tick, t_ns: 100 + tick * MS, distance_m };
-        (0..ticks).map(|tick| fault.passage(said(tick)) == Passage::Lost).collect()
+        let sent = |tick| Transmission { tick, t_ns: 100 + tick * MS, distance_m };
+        (0..ticks).map(|tick| fault.passage(sent(tick)) == Passage::Lost).collect()
     }
 
     fn share(lost: &[bool]) -> f64 {
@@ -300,8 +300,8 @@ mod tests {
     fn a_fault_acts_in_its_span_and_nowhere_else() {
         let span = Span { from_ns: 100, until_ns: 1000 };
         let cut = LinkFault { span, kind: LinkFaultKind::Cut, seed: 7 };
-        let passages =
-            [99, 100, 999, 1000].map(|t_ns| cut.passage(Said { tick: 0, t_ns, distance_m: None }));
+        let passages = [99, 100, 999, 1000]
+            .map(|t_ns| cut.passage(Transmission { tick: 0, t_ns, distance_m: None }));
         assert_eq!(passages, [Passage::At(99), Passage::Lost, Passage::Lost, Passage::At(1000)]);
         let bounds = [5, 100, 1000].map(|t_ns| span.next_bound_ns(t_ns));
         assert_eq!(bounds, [Some(100), Some(1000), None]);
@@ -329,7 +329,8 @@ mod tests {
             // Gaps and bursts of less than a millisecond do not show.
             let expected_ms = mean_burst_ns as f64 / 1e6;
             assert!((mean_ms / expected_ms - 1.0).abs() < 0.15, "{mean_ms} of {expected_ms} ms");
-            let asked = |tick: u64| Said { tick: 0, t_ns: 100 + tick * MS, distance_m: None };
+            let asked =
+                |tick: u64| Transmission { tick: 0, t_ns: 100 + tick * MS, distance_m: None };
             let again = |tick| bursty.passage(asked(tick)) == Passage::Lost;
             assert!([77_003, 5, 940_000].iter().all(|&tick| again(tick) == found[tick as usize]));
         }
@@ -353,8 +354,8 @@ mod tests {
     #[test]
     fn a_delay_lies_between_its_bounds() {
         let late = link(LinkFaultKind::Delay { delay_ns: 50, jitter_ns: 10 });
-        let said = |tick| Said { tick, t_ns: 200, distance_m: None };
-        let found: Vec<Passage> = (0..1000).map(|tick| late.passage(said(tick))).collect();
+        let sent = |tick| Transmission { tick, t_ns: 200, distance_m: None };
+        let found: Vec<Passage> = (0..1000).map(|tick| late.passage(sent(tick))).collect();
         assert!(found.iter().all(|p| matches!(p, Passage::At(t_ns) if (250..260).contains(t_ns))));
         assert!(found.iter().any(|passage| *passage != found[0]));
     }

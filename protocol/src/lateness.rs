@@ -25,21 +25,20 @@ const WAITED: usize = 1;
 /// In `stat`: `cpu`, then user, nice, system, idle, iowait, irq, softirq and steal, of all cores.
 const STOLEN: usize = 8;
 
-/// What had been counted at one moment, since the process or the machine started.
+/// What had been counted at one moment, since the process or the machine started; 0 where the kernel does not say.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Counters {
-    /// For how long this thread was ready to run while others ran, ns; 0 where the kernel does not say.
-    pub waited_ns: u64,
-    /// For how long the cgroups that this process is in were held up by a limit, on all cores together,
-    /// ns; 0 where there is none.
-    pub held_up_ns: u64,
-    /// For how long the host of this virtual machine ran somebody else, on all cores together, ns; 0
-    /// where the kernel does not say. It grows in steps of 10 ms.
-    pub stolen_ns: u64,
+struct Counters {
+    /// For how long this thread was ready to run while others ran, ns.
+    waited_ns: u64,
+    /// For how long the cgroups that this process is in were held up by a limit, on all cores together, ns.
+    held_up_ns: u64,
+    /// For how long the host of this virtual machine ran somebody else, on all cores together, ns. It grows in
+    /// steps of 10 ms.
+    stolen_ns: u64,
     /// Page faults that read a disk.
-    pub major_faults: u64,
+    major_faults: u64,
     /// Page faults that did not.
-    pub minor_faults: u64,
+    minor_faults: u64,
 }
 
 /// Whether a wake-up this long after its deadline is on time, of a loop with this period.
@@ -49,24 +48,13 @@ const fn in_time(behind_ns: u64, period_ns: u64) -> bool {
 
 /// A wake-up after its deadline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Late {
+struct Late {
     /// How long after, ns.
-    pub behind_ns: u64,
+    behind_ns: u64,
     /// How much of that the loop was still at work, ns.
-    pub at_work_ns: u64,
+    at_work_ns: u64,
     /// How long that work took since the wake-up before, ns.
-    pub worked_ns: u64,
-}
-
-impl Late {
-    /// Of this wake-up, by a loop that woke up before at `awake_ns` and was at work until `rested_ns`.
-    pub fn of(wake: &Wake, awake_ns: u64, rested_ns: u64) -> Late {
-        Late {
-            behind_ns: wake.lateness_ns,
-            at_work_ns: rested_ns.saturating_sub(wake.due_ns),
-            worked_ns: rested_ns.saturating_sub(awake_ns),
-        }
-    }
+    worked_ns: u64,
 }
 
 /// Why a loop with this period was late: whatever explains at least half of the lateness. `grown`: by how
@@ -133,11 +121,29 @@ impl Witness {
         Witness { reader, period_ns, counted, on_time: 0, previous: None, awake_ns, rested_ns }
     }
 
-    /// Why the loop was late at this wake-up, if it was; `missed`: it missed its last deadline.
+    /// Why the loop was late at this wake-up, if it was: by more than a tenth of the period, or after a
+    /// `missed` deadline. To be asked at each wake-up. Counters are read again now and then while it is on time,
+    /// and at each late wake-up: what was counted may yet be why the next is late.
     pub fn cause_if_late(&mut self, wake: &Wake, missed: bool) -> Option<Cause> {
-        let late = Late::of(wake, self.awake_ns, self.rested_ns);
+        let late = Late {
+            behind_ns: wake.lateness_ns,
+            at_work_ns: self.rested_ns.saturating_sub(wake.due_ns),
+            worked_ns: self.rested_ns.saturating_sub(self.awake_ns),
+        };
         self.awake_ns = wake.due_ns + wake.lateness_ns;
-        (!self.on_time(wake.lateness_ns, missed)).then(|| self.cause_of(late))
+        if !missed && in_time(late.behind_ns, self.period_ns) {
+            self.previous = None;
+            self.on_time += 1;
+            if self.on_time == LOOK_EVERY {
+                self.look();
+            }
+            return None;
+        }
+        self.on_time = 0;
+        let before = std::mem::replace(&mut self.counted, self.reader.read());
+        self.previous =
+            Some(cause(late, self.counted.since(before), self.period_ns, self.previous));
+        self.previous
     }
 
     /// At a wake-up that does not count: looks again.
@@ -152,33 +158,9 @@ impl Witness {
     }
 
     /// Looks again, so that what was counted until now explains nothing that comes.
-    pub fn look(&mut self) {
+    fn look(&mut self) {
         self.counted = self.reader.read();
         (self.on_time, self.previous) = (0, None);
-    }
-
-    /// Whether a wake-up so long after its deadline is on time: by a tenth of the period at most, and not
-    /// after a `missed` deadline. To be asked at each wake-up, and for its cause if it is late. It looks
-    /// again now and then, and only when on time: what was counted may yet be why the next is late.
-    pub fn on_time(&mut self, behind_ns: u64, missed: bool) -> bool {
-        if missed || !in_time(behind_ns, self.period_ns) {
-            return false;
-        }
-        self.previous = None;
-        self.on_time += 1;
-        if self.on_time == LOOK_EVERY {
-            self.look();
-        }
-        true
-    }
-
-    /// Why it was late, at a wake-up that was not on time.
-    pub fn cause_of(&mut self, late: Late) -> Cause {
-        self.on_time = 0;
-        let before = std::mem::replace(&mut self.counted, self.reader.read());
-        let cause = cause(late, self.counted.since(before), self.period_ns, self.previous);
-        self.previous = Some(cause);
-        cause
     }
 }
 
@@ -221,7 +203,7 @@ impl Reader {
     }
 
     /// What is counted now.
-    pub fn read(&self) -> Counters {
+    fn read(&self) -> Counters {
         let mut counters = faults();
         let mut buffer = [0; 160];
         if let Some(waited_ns) = number(self.schedstat.as_ref(), &mut buffer, WAITED) {
@@ -338,12 +320,18 @@ mod tests {
         assert_eq!(cause(slow, Some(Cause::Core)), Cause::Work);
     }
 
+    fn wake(lateness_ns: u64) -> Wake {
+        Wake { due_ns: clock::now_ns(), lateness_ns }
+    }
+
     #[test]
     fn on_time_is_by_a_tenth_of_the_period_and_not_after_a_missed_deadline() {
         let mut witness = Witness::new(10 * MS);
-        assert!(witness.on_time(MS, false));
-        assert!(!witness.on_time(MS, true));
-        assert!(!witness.on_time(MS + 1, false));
+        let mut is_late = |ns, missed| witness.cause_if_late(&wake(ns), missed).is_some();
+        assert_eq!(
+            [is_late(MS, false), is_late(MS, true), is_late(MS + 1, false)],
+            [false, true, true]
+        );
     }
 
     #[test]
@@ -353,12 +341,14 @@ mod tests {
         let faults = |witness: &Witness| witness.reader.read().since(witness.counted).minor_faults;
         touch();
         assert!(faults(&witness) > FEW);
-        witness.cause_of(late(5 * MS, 5 * MS));
+        assert!(witness.cause_if_late(&wake(5 * MS), false).is_some());
         assert!(faults(&witness) < FEW, "they were looked at when it was late");
         touch();
-        (1..LOOK_EVERY).for_each(|_| assert!(witness.on_time(0, false)));
+        for _ in 1..LOOK_EVERY {
+            assert_eq!(witness.cause_if_late(&wake(0), false), None);
+        }
         assert!(faults(&witness) > FEW, "not yet");
-        assert!(witness.on_time(0, false));
+        assert_eq!(witness.cause_if_late(&wake(0), false), None);
         assert!(faults(&witness) < FEW, "they were looked at when it was on time");
     }
 

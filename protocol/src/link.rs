@@ -4,7 +4,7 @@
 //! Messages go in as they come and come out when they may be heard. A pure function of times and
 //! seeds: no I/O, no clock.
 
-use crate::fault::{LinkFault, Passage, Said};
+use crate::fault::{LinkFault, Passage, Transmission};
 
 /// More messages than this are never under way: the oldest is lost instead.
 const WAITING_MAX: usize = 4096;
@@ -31,16 +31,16 @@ impl<M: Copy> Link<M> {
         self.cut = cut;
     }
 
-    /// Takes a message that was said so; gives it back if it may be heard at once.
-    pub fn pass(&mut self, message: &M, said: Said) -> Option<M> {
+    /// Takes a message that was sent so; gives it back if it may be heard at once.
+    pub fn pass(&mut self, message: &M, transmission: Transmission) -> Option<M> {
         if self.cut {
             self.lost += 1;
             return None;
         }
-        let t_ns = said.t_ns;
+        let t_ns = transmission.t_ns;
         let mut due_ns = t_ns;
         for fault in &self.faults {
-            match fault.passage(said) {
+            match fault.passage(transmission) {
                 Passage::At(at_ns) => due_ns = due_ns.max(at_ns),
                 Passage::Lost => {
                     self.lost += 1;
@@ -85,7 +85,7 @@ mod tests {
     }
 
     fn pass(link: &mut Link<u64>, t_ns: u64) -> Option<u64> {
-        link.pass(&t_ns, Said { tick: t_ns, t_ns, distance_m: None })
+        link.pass(&t_ns, Transmission { tick: t_ns, t_ns, distance_m: None })
     }
 
     #[test]

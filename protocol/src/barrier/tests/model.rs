@@ -288,7 +288,7 @@ impl<'a> Model<'a> {
                 && let Some(waits) = stuck()
             {
                 let what = format!("{:?} {waits} waits for ever", role(waits));
-                return self.found(known.len(), Some(told(&what, &ways, from, &state)));
+                return self.found(known.len(), Some(flaw_and_way(&what, &ways, from, &state)));
             }
             for next in moves {
                 let (mut then, process) = (state.clone(), next % DIES);
@@ -297,7 +297,7 @@ impl<'a> Model<'a> {
                 if flaw.is_some() || known.insert(hasher.hash_one(&then)) {
                     ways.push(Way { from, process, at, made: self.made });
                     if let Some(what) = flaw {
-                        let flaw = told(&what, &ways, ways.len(), &then);
+                        let flaw = flaw_and_way(&what, &ways, ways.len(), &then);
                         return self.found(known.len(), Some(flaw));
                     }
                     open.push((then, ways.len()));
@@ -623,7 +623,7 @@ fn waits(state: &State, process: usize) -> bool {
 }
 
 /// What goes wrong in a state, and the way there step by step.
-fn told(what: &str, ways: &[Way], mut reached: usize, state: &State) -> String {
+fn flaw_and_way(what: &str, ways: &[Way], mut reached: usize, state: &State) -> String {
     let mut steps = Vec::new();
     while let Some(Way { from, process, at, made }) = reached.checked_sub(1).map(|way| &ways[way]) {
         let made = made.map_or("dies or goes on".to_owned(), |made| format!("{made:?}"));

@@ -22,7 +22,7 @@ pub mod control_timer;
 pub mod cores;
 pub mod dead_nodes;
 pub mod descriptors;
-mod limits;
+pub mod limits;
 pub mod live;
 #[cfg(test)]
 #[path = "../../protocol/src/machine_files.rs"]

@@ -16,11 +16,15 @@ const MIB: u64 = 1 << 20;
 
 /// A limit on the number of processes and threads.
 #[derive(Debug, Clone, PartialEq, Eq)]
-struct Limit {
-    what: String,
-    most: u64,
-    used: u64,
-    remedy: String,
+pub struct Limit {
+    /// Its name, and whose it is.
+    pub what: String,
+    /// How many it permits.
+    pub most: u64,
+    /// How many there are.
+    pub used: u64,
+    /// What to do about it.
+    pub remedy: String,
 }
 
 impl fmt::Display for Limit {
@@ -67,7 +71,7 @@ fn of_processes_in_words(error: &io::Error, limits: &[Limit]) -> String {
 }
 
 /// Every limit on the number of processes and threads that holds for this process.
-fn of_processes() -> Vec<Limit> {
+pub fn of_processes() -> Vec<Limit> {
     let mut limits = of_user().into_iter().collect::<Vec<_>>();
     let groups = cgroup::folders(Path::new("/"), "pids");
     limits.extend(groups.iter().filter_map(|group| of_group(&group.path)));

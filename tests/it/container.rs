@@ -15,79 +15,52 @@ fn text(path: &str) -> String {
     std::fs::read_to_string(Path::new(ROOT).join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
 }
 
-/// The instructions of the Dockerfile: word and rest.
-fn instructions() -> Vec<(String, String)> {
+/// The arguments of all instructions of this kind, each as words.
+fn all(kind: &str) -> Vec<Vec<String>> {
     let text = text("Dockerfile").replace("\\\n", " ");
-    let lines = text.lines().filter(|line| !line.is_empty() && !line.starts_with('#'));
-    let split = |line: &str| {
-        let (word, rest) = line.split_once(' ').expect("an instruction has arguments");
-        (word.to_owned(), rest.split_whitespace().collect::<Vec<_>>().join(" "))
-    };
-    lines.map(split).collect()
-}
-
-/// The arguments of all instructions of this kind.
-fn all(kind: &str) -> Vec<String> {
-    instructions().into_iter().filter(|(word, _)| word == kind).map(|(_, rest)| rest).collect()
-}
-
-/// `key = "value"` in a manifest.
-fn value(manifest: &str, key: &str) -> String {
-    let text = text(manifest);
-    let line = text.lines().find_map(|line| line.strip_prefix(&format!("{key} = ")));
-    line.unwrap_or_else(|| panic!("no {key} in {manifest}")).trim_matches('"').to_owned()
+    let words = text.lines().map(|line| line.split_whitespace().map(str::to_owned));
+    let mut of_kind: Vec<Vec<String>> = words.map(Iterator::collect).collect();
+    of_kind.retain(|words| words.first().is_some_and(|first| first == kind));
+    of_kind.iter_mut().for_each(|words| drop(words.remove(0)));
+    of_kind
 }
 
 #[test]
-fn the_image_is_built_by_the_oldest_rust_that_is_supported() {
-    let version = value("Cargo.toml", "rust-version");
-    assert!(all("FROM")[0].starts_with(&format!("rust:{version}-")), "{:?}", all("FROM"));
-}
-
-#[test]
-fn the_image_is_built_by_commands_that_cargo_takes_and_tested_as_in_continuous_integration() {
+fn the_image_is_built_from_what_is_there_by_the_oldest_rust_and_tested_as_in_continuous_integration()
+ {
+    let manifest: toml::Table = text("Cargo.toml").parse().unwrap();
+    let version = manifest["workspace"]["package"]["rust-version"].as_str().unwrap();
+    assert!(all("FROM")[0][0].starts_with(&format!("rust:{version}-")), "{:?}", all("FROM"));
     let ran = all("RUN");
-    let ci = text(".ci/run");
-    assert!(ran.iter().any(|command| {
-        let command = command.trim_end_matches(" --locked");
-        command == "cargo test --workspace" && ci.lines().any(|line| line == command)
-    }));
-    for command in &ran {
-        let words: Vec<&str> = command.split(' ').collect();
-        let [program, verb, rest @ ..] = &words[..] else { panic!("{command}") };
-        assert_eq!(*program, "cargo", "{command}");
+    let tests = ["cargo", "test", "--workspace"];
+    assert!(
+        ran.iter().any(|words| words[..3] == tests && words[3..].iter().all(|w| w == "--locked"))
+    );
+    assert!(text(".ci/run").lines().any(|line| line == tests.join(" ")));
+    for words in &ran {
+        let [program, verb, rest @ ..] = &words[..] else { panic!("{words:?}") };
+        assert_eq!(program, "cargo", "{words:?}");
         // The rest up to `--` are flags of cargo; with `--help` behind them it checks them first.
-        let own = rest.iter().take_while(|word| **word != "--");
-        let mut cargo = Command::new(env!("CARGO"));
-        let output = cargo.arg(verb).args(own).arg("--help").output().unwrap();
-        assert!(output.status.success(), "{command}: {output:?}");
-        let profiles = rest.windows(2).filter(|pair| pair[0] == "--profile");
-        for profile in profiles.map(|pair| format!("[profile.{}]", pair[1])) {
-            assert!(text("Cargo.toml").lines().any(|line| line == profile), "{command}");
-        }
-        for package in rest.windows(2).filter(|pair| pair[0] == "-p").map(|pair| pair[1]) {
-            let folder = if package == "phalanx" { "." } else { package };
-            assert_eq!(value(&format!("{folder}/Cargo.toml"), "name"), package);
+        let own = rest.iter().take_while(|word| *word != "--");
+        let output =
+            Command::new(env!("CARGO")).arg(verb).args(own).arg("--help").output().unwrap();
+        assert!(output.status.success(), "{words:?}: {output:?}");
+        for pair in rest.windows(2).filter(|pair| pair[0] == "--profile") {
+            assert!(manifest["profile"].get(&pair[1]).is_some(), "{words:?}");
         }
     }
-}
-
-#[test]
-fn what_the_image_copies_is_in_the_sources_or_made_by_its_commands() {
-    let built =
-        ["phalanx", "phalanx-agent", "phalanx-bench"].map(|name| format!("target/dist/{name}"));
-    let made = [&built[..], &["target/manual/man1".to_owned()]].concat();
+    let made = ["dist/phalanx", "dist/phalanx-agent", "dist/phalanx-bench", "manual/man1"];
     for copy in all("COPY") {
-        let mut words: Vec<&str> = copy.split(' ').collect();
-        words.pop().expect("where to");
-        let from_build = words.first() == Some(&"--from=build");
-        for path in words.iter().skip(usize::from(from_build)) {
-            match from_build {
-                true => {
-                    let path = path.strip_prefix("/phalanx/").expect("a path of the build stage");
-                    assert!(made.iter().any(|made| made == path), "{path} of {made:?}");
+        let (_, from) = copy.split_last().expect("where to");
+        match from {
+            [stage, paths @ ..] if stage == "--from=build" => {
+                for path in paths {
+                    let target = path.strip_prefix("/phalanx/target/").expect("what was built");
+                    assert!(made.contains(&target), "{path}");
                 }
-                false => assert!(Path::new(ROOT).join(path).exists(), "{path}"),
+            }
+            paths => {
+                assert!(paths.iter().all(|path| Path::new(ROOT).join(path).exists()), "{copy:?}")
             }
         }
     }
@@ -95,17 +68,15 @@ fn what_the_image_copies_is_in_the_sources_or_made_by_its_commands() {
 
 #[test]
 fn its_page_runs_the_image_with_arguments_that_its_entry_point_takes() {
-    assert_eq!(all("ENTRYPOINT"), [r#"["phalanx"]"#]);
+    assert_eq!(all("ENTRYPOINT"), [[r#"["phalanx"]"#]]);
     let page = text("docs/how-to/install.md");
-    let runs = page.lines().filter(|line| line.starts_with("docker run "));
-    let mut ran = 0;
+    let runs: Vec<&str> = page.lines().filter(|line| line.starts_with("docker run ")).collect();
+    assert!(runs.len() >= 2, "{runs:?}");
     for line in runs {
         let (_, arguments) = line.split_once(" phalanx ").expect("the image's name");
         let words = ["phalanx"].into_iter().chain(arguments.split(' '));
         CommandLine::try_parse_from(words).unwrap_or_else(|error| panic!("{line}: {error}"));
-        ran += 1;
     }
-    assert!(ran >= 2, "{ran} lines");
 }
 
 #[test]

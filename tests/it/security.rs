@@ -121,7 +121,7 @@ fn garbage_with_the_right_type_moves_no_robot_dead_or_alive_and_is_counted() {
     let to_r1 = open("r1").publisher().unwrap();
     let to_r2 = open("r2").publisher().unwrap();
     let full = open("r2").publisher().unwrap_err().to_string();
-    assert!(full.contains("room for 2 senders"), "{full}");
+    assert!(full.contains("room for one sender and its replacement"), "{full}");
 
     let rounds = Cell::new(0);
     let pause = || std::thread::sleep(Duration::from_micros(100));

@@ -39,7 +39,7 @@ const fn in_lockstep(name: &'static str) -> Soaked {
 }
 
 /// What came of one run, or of all.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 struct Toll {
     runs: usize,
     kills: usize,
@@ -47,28 +47,14 @@ struct Toll {
     at_start_up: usize,
     /// Of them of processes that had not said yet that they are ready.
     unready: usize,
-    /// Smallest distance by d.
-    nearest: f64,
-    error_m: f64,
 }
 
 impl Toll {
-    const NONE: Toll = Toll {
-        runs: 0,
-        kills: 0,
-        at_start_up: 0,
-        unready: 0,
-        nearest: f64::INFINITY,
-        error_m: 0.0,
-    };
-
     fn add(&mut self, other: &Toll) {
         self.runs += other.runs;
         self.kills += other.kills;
         self.at_start_up += other.at_start_up;
         self.unready += other.unready;
-        self.nearest = self.nearest.min(other.nearest);
-        self.error_m = self.error_m.max(other.error_m);
     }
 }
 
@@ -325,8 +311,6 @@ fn survived(ended: &Ended, what: Soaked, kills: usize) -> Toll {
         kills,
         at_start_up: deaths.iter().filter(|row| row.0 == 0.0).count(),
         unready,
-        nearest: ended.number("/min_distance_m") / distance_min_m(what),
-        error_m: ended.number("/final_error_m_max"),
     };
     println!("soak: {toll:?}");
     toll
@@ -336,7 +320,7 @@ fn survived(ended: &Ended, what: Soaked, kills: usize) -> Toll {
 /// one that fails.
 fn soak(runs: &[Soaked], kills: usize, kills_of_a_run: usize) -> Toll {
     let files: Vec<_> = runs.iter().map(|what| files_of_an_undisturbed_run(*what)).collect();
-    let (began, mut toll) = (Instant::now(), Toll::NONE);
+    let (began, mut toll) = (Instant::now(), Toll::default());
     let simulated = |seed: usize| {
         let place = (seed - 1) % runs.len();
         simulate(runs[place], seed as u64, kills_of_a_run, &files[place])

@@ -11,7 +11,6 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use protocol::barrier::Barrier;
-use protocol::cgroup;
 use protocol::clock::{Timer, now_ns, tighten_timer_slack};
 use protocol::lateness::Reader;
 use protocol::process::{
@@ -25,6 +24,7 @@ use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
 
 use super::super::dead_runs;
+use supervisor::limits::{self, Limit};
 use supervisor::room::{Need, Room, RoomError};
 use supervisor::spawn::{Launcher, Role};
 use supervisor::{cores, descriptors};
@@ -103,7 +103,6 @@ pub fn examine(robots: usize) -> Vec<Finding> {
     findings.extend(governor());
     findings.push(descriptors(robots));
     findings.push(processes(robots));
-    findings.extend(process_group_limit(robots));
     findings.push(realtime_priority());
     findings.push(locked_memory());
     findings.push(place("run root", base.parent().unwrap_or(Path::new("/")), robots));
@@ -323,39 +322,19 @@ fn descriptors(robots: usize) -> Finding {
     Finding::fine("open files", found).or(Verdict::Wrong, limit.is_some_and(|n| n < needed), advice)
 }
 
+/// How many processes may be started, by the limit of which the least is left.
 fn processes(robots: usize) -> Finding {
-    let limit = getrlimit(Resource::Nproc).current;
-    let needed = PROCESSES + robots as u64;
-    let found = format!("{} (RLIMIT_NPROC), all of this user", limited(limit));
-    let advice = format!("{robots} robots need {needed} on top of what runs: ulimit -u");
-    // It does not bind root.
-    let binds = !rustix::process::geteuid().is_root();
-    Finding::fine("processes", found).or(
-        Verdict::Wrong,
-        binds && limit.is_some_and(|n| n < needed),
-        advice,
-    )
+    let left = |limit: &Limit| limit.most.saturating_sub(limit.used);
+    let tightest = limits::of_processes().into_iter().min_by_key(left);
+    let Some(limit) = tightest else { return Finding::fine("processes", "unlimited") };
+    let (needed, left) = (PROCESSES + robots as u64, left(&limit));
+    let Limit { what, most, remedy, .. } = limit;
+    let found = format!("{left} of {most} left ({what}), {robots} robots need {needed}");
+    Finding::fine("processes", found).or(Verdict::Wrong, left < needed, remedy)
 }
 
 fn limited(limit: Option<u64>) -> String {
     limit.map_or("unlimited".into(), |limit| limit.to_string())
-}
-
-/// The tightest pids.max of the control groups that this process is in.
-fn process_group_limit(robots: usize) -> Option<Finding> {
-    let number = |path: PathBuf| fs::read_to_string(path).ok()?.trim().parse::<u64>().ok();
-    let left = cgroup::folders(Path::new("/"), "pids").into_iter().filter_map(|group| {
-        let max = number(group.path.join("pids.max"))?;
-        let used = number(group.path.join("pids.current")).unwrap_or(0);
-        Some((max.saturating_sub(used), max))
-    });
-    let (left, max) = left.min()?;
-    let needed = PROCESSES + robots as u64;
-    Some(Finding::fine("control group", format!("{left} of {max} processes left (pids.max)")).or(
-        Verdict::Wrong,
-        left < needed,
-        format!("{robots} robots need {needed}; in a container: --pids-limit"),
-    ))
 }
 
 fn realtime_priority() -> Finding {

@@ -147,40 +147,32 @@ mod tests {
         machines
     }
 
-    fn core_of(topology: &Topology, cpu: usize) -> &Core {
-        topology.cores.iter().find(|core| core.threads.contains(&cpu)).expect("it may be used")
-    }
-
     #[test]
     fn no_two_groups_share_a_core_and_nobody_is_where_it_may_not_be() {
         for (name, topology) in machines() {
-            for robots in 1..200 {
-                for first in 0..40 {
-                    let Some(deal) = Deal::of(&topology, robots, first) else {
-                        assert!(topology.threads().count() < 2, "{name}");
-                        continue;
-                    };
-                    let mut cores: Vec<&Core> =
-                        deal.groups.iter().map(|&cpu| core_of(&topology, cpu)).collect();
-                    cores.sort_by_key(|core| core.threads[0]);
-                    assert!(cores.windows(2).all(|two| two[0] != two[1]), "{name} {deal:?}");
-                    assert!(cores.len() <= topology.whole_cores().min(GROUPS_MAX).min(robots));
-                    assert_eq!(Some(&deal.plant), deal.groups.last());
-                    core_of(&topology, deal.supervisor);
-                    assert_ne!(deal.supervisor, deal.plant, "{name}");
-                    for used in 1..=deal.groups.len() {
-                        let all: BTreeSet<_> =
-                            (0..robots).map(|i| deal.of_robot(i, used)).collect();
-                        assert_eq!(all.len(), used, "{name} {deal:?}");
-                        assert!(
-                            all.contains(&deal.plant)
-                                && all.iter().all(|c| deal.groups.contains(c))
-                        );
-                    }
-                    let i = robots - 1;
-                    let all = deal.groups.len();
-                    assert_eq!(deal.of_robot(i, all), deal.groups[i % all], "in turns");
+            for (robots, first) in (1..200).flat_map(|robots| (0..40).map(move |i| (robots, i))) {
+                let Some(deal) = Deal::of(&topology, robots, first) else {
+                    assert!(topology.threads().count() < 2, "{name}");
+                    continue;
+                };
+                let core = |cpu: usize| {
+                    let found = topology.cores.iter().position(|c| c.threads.contains(&cpu));
+                    found.expect("it may be used")
+                };
+                let cores: BTreeSet<_> = deal.groups.iter().map(|&cpu| core(cpu)).collect();
+                assert_eq!(cores.len(), deal.groups.len(), "{name} {deal:?}");
+                assert!(cores.len() <= topology.whole_cores().min(GROUPS_MAX).min(robots));
+                assert_eq!(Some(&deal.plant), deal.groups.last());
+                core(deal.supervisor);
+                assert_ne!(deal.supervisor, deal.plant, "{name}");
+                for used in 1..=deal.groups.len() {
+                    let all: BTreeSet<_> = (0..robots).map(|i| deal.of_robot(i, used)).collect();
+                    assert_eq!(all.len(), used, "{name} {deal:?}");
+                    assert!(all.contains(&deal.plant));
+                    assert!(all.iter().all(|cpu| deal.groups.contains(cpu)));
                 }
+                let (i, all) = (robots - 1, deal.groups.len());
+                assert_eq!(deal.of_robot(i, all), deal.groups[i % all], "in turns");
             }
         }
     }

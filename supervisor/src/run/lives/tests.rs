@@ -19,46 +19,20 @@ const POLICY: RestartPolicy = RestartPolicy {
 /// What may happen next. Robots and links are numbers.
 #[derive(Debug, Clone, Copy)]
 enum Act {
-    Kill {
-        robot: usize,
-        restart_after_ns: Option<u64>,
-    },
-    Freeze {
-        robot: usize,
-        ends: bool,
-    },
-    Thaw {
-        robot: usize,
-    },
-    Restart {
-        robot: usize,
-    },
-    Cut {
-        edge: usize,
-    },
-    Mend {
-        edge: usize,
-    },
-    /// Its process dies, by nobody's plan, unless it is stopped and the exit would be its own.
-    Dies {
-        robot: usize,
-        success: bool,
-    },
-    /// The supervisor learns of a death.
-    Reaped {
-        robot: usize,
-    },
-    Cleaned {
-        robot: usize,
-    },
-    Reported {
-        robot: usize,
-        takes_part: bool,
-    },
-    /// Time passes, and what is due is started.
-    Wait {
-        ns: u64,
-    },
+    Kill { robot: usize, restart_after_ns: Option<u64> },
+    Freeze { robot: usize, ends: bool },
+    Thaw { robot: usize },
+    Restart { robot: usize },
+    Cut { edge: usize },
+    Mend { edge: usize },
+    // Its process dies, by nobody's plan, unless it is stopped and the exit would be its own.
+    Dies { robot: usize, success: bool },
+    // The supervisor learns of a death.
+    Reaped { robot: usize },
+    Cleaned { robot: usize },
+    Reported { robot: usize, takes_part: bool },
+    // Time passes, and what is due is started.
+    Wait { ns: u64 },
 }
 
 fn acts() -> impl Strategy<Value = Vec<Act>> {

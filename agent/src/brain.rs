@@ -19,10 +19,11 @@ use protocol::message::{
     Beacon, Command, Goal, NeighborStatus, Odometry, PROXIMITY_MAX, StatusHeader,
 };
 
-use crate::avoidance::{self, Avoidance, AvoidanceError, Sample};
-use crate::laws::{self, Heard, Law, LawError, Situation, Wish};
+use crate::UnfitBrief;
+use crate::avoidance::{self, Avoidance, Sample};
+use crate::laws::{self, Heard, Law, Situation, Wish};
 use crate::neighborhood::{BeaconRefusal, Neighborhood};
-use crate::roles::{Moment, Role, RoleError};
+use crate::roles::{Moment, Role};
 use sent::Sent;
 
 /// a of the boundary layer: how many periods old a beacon is when it is used. In lockstep exactly
@@ -48,7 +49,7 @@ pub struct Parts {
 
 impl Parts {
     /// Those that the brief names.
-    pub fn of(brief: &AgentBrief) -> Result<Parts, BrainError> {
+    pub fn of(brief: &AgentBrief) -> Result<Parts, UnfitBrief> {
         let row = laws::row(&brief.law)?;
         Ok(Parts {
             role: row.role.make(brief)?,
@@ -56,20 +57,6 @@ impl Parts {
             avoidance: avoidance::build(brief)?,
         })
     }
-}
-
-/// Why a brief makes no brain.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum BrainError {
-    /// Its law does not exist, or not with these gains.
-    #[error(transparent)]
-    Law(#[from] LawError),
-    /// Its avoidance method does not exist, or not with these gains.
-    #[error(transparent)]
-    Avoidance(#[from] AvoidanceError),
-    /// Its law's role lacks something.
-    #[error(transparent)]
-    Role(#[from] RoleError),
 }
 
 /// One robot's brain.
@@ -140,7 +127,7 @@ pub struct Answer {
 
 impl Brain {
     /// A brain that has heard nothing yet.
-    pub fn new(brief: &AgentBrief, incarnation: u64) -> Result<Brain, BrainError> {
+    pub fn new(brief: &AgentBrief, incarnation: u64) -> Result<Brain, UnfitBrief> {
         Ok(Brain::with_parts(brief, incarnation, Parts::of(brief)?))
     }
 

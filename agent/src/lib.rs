@@ -32,6 +32,11 @@ pub mod turn;
 use protocol::catalog::Catalog;
 pub use protocol::clock::golden_phase;
 
+/// Why a brief makes no robot, in words.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct UnfitBrief(pub String);
+
 /// Every law and every avoidance method of this crate.
 pub fn catalog() -> Catalog {
     Catalog {

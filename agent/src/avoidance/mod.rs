@@ -53,8 +53,8 @@ pub use deflection::{
 };
 pub use hold::exact_hold;
 
+use crate::UnfitBrief;
 pub use crate::gains::Gains;
-use crate::gains::GainsError;
 
 /// One odometry sample as avoidance sees it.
 #[derive(Debug, Clone, Copy)]
@@ -137,19 +137,22 @@ pub struct AvoidanceRow {
 
 impl AvoidanceRow {
     /// The method for the robot of this brief.
-    pub fn make(&self, brief: &AgentBrief) -> Result<Box<dyn Avoidance>, AvoidanceError> {
+    pub fn make(&self, brief: &AgentBrief) -> Result<Box<dyn Avoidance>, UnfitBrief> {
         let of = format!("avoidance {:?}", self.description.name);
         let keys = self.description.gains.iter().map(|gain| gain.key);
         let gains = Gains::check(&brief.avoidance.gains, &of, keys)?;
         let AvoidanceBrief { speed_max_m_s, sensing_radius_m, .. } = brief.avoidance;
         if self.description.clamps_speed && !speed_max_m_s.is_finite() {
-            return Err(AvoidanceError::NoSpeedLimit { of, speed_max_m_s });
+            let got = format!("got avoidance.speed_max_m_s = {speed_max_m_s}");
+            return Err(UnfitBrief(format!("{of} needs a speed limit, {got}")));
         }
         let needed_m = (self.description.sensing_radius_m)(&Conditions::of(brief));
         // Not a number is less than anything.
         if sensing_radius_m.is_nan() || sensing_radius_m < needed_m {
             let [found, needed] = told_apart(sensing_radius_m, needed_m);
-            return Err(AvoidanceError::SeesTooLate { of, found, needed });
+            let radius =
+                format!("avoidance.sensing_radius_m = {found}, expected {needed} m or more");
+            return Err(UnfitBrief(format!("{of} sees too late with {radius}")));
         }
         Ok((self.build)(brief, &gains))
     }
@@ -159,48 +162,12 @@ impl AvoidanceRow {
 pub const METHODS: &[AvoidanceRow] =
     &[guard::ROW, focus::ROW, none::ROW, orca::ROW, cbf_qp::ROW, rbl::ROW];
 
-/// Why a method could not be made.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum AvoidanceError {
-    /// No row has this name.
-    #[error("unknown avoidance {name:?}, expected one of {known}")]
-    Unknown {
-        /// The name asked for.
-        name: String,
-        /// The names there are.
-        known: String,
-    },
-    /// It rests on a speed limit.
-    #[error("{of} needs a speed limit, got avoidance.speed_max_m_s = {speed_max_m_s}")]
-    NoSpeedLimit {
-        /// Which method: `avoidance "x"`.
-        of: String,
-        /// What was given, m/s.
-        speed_max_m_s: f64,
-    },
-    /// It would see others too late.
-    #[error(
-        "{of} sees too late with avoidance.sensing_radius_m = {found}, expected {needed} m or more"
-    )]
-    SeesTooLate {
-        /// Which method: `avoidance "x"`.
-        of: String,
-        /// The radius given, m.
-        found: String,
-        /// The radius needed, m.
-        needed: String,
-    },
-    /// The gains are not the method's.
-    #[error(transparent)]
-    Gains(#[from] GainsError),
-}
-
 /// The method that a brief asks for.
-pub fn build(brief: &AgentBrief) -> Result<Box<dyn Avoidance>, AvoidanceError> {
+pub fn build(brief: &AgentBrief) -> Result<Box<dyn Avoidance>, UnfitBrief> {
     let name = &brief.avoidance.kind;
     let row = METHODS.iter().find(|row| row.description.name == name).ok_or_else(|| {
         let known: Vec<_> = METHODS.iter().map(|row| row.description.name).collect();
-        AvoidanceError::Unknown { name: name.clone(), known: known.join(", ") }
+        UnfitBrief(format!("unknown avoidance {name:?}, expected one of {}", known.join(", ")))
     })?;
     row.make(brief)
 }

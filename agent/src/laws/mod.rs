@@ -14,8 +14,8 @@ use formation::pose::Twist;
 use protocol::law::LawDescription;
 
 pub use self::situation::{Heard, Situation};
+use crate::UnfitBrief;
 pub use crate::gains::Gains;
-use crate::gains::GainsError;
 use crate::roles::{CONTAINED, FORMATION, GOAL, LEADER, RoleRow};
 
 /// A control law: the nominal velocity gamma of the front point.
@@ -62,7 +62,7 @@ pub struct LawRow {
 
 impl LawRow {
     /// The law with these gains: exactly its own, and all of them positive.
-    pub fn make(&self, gains: &BTreeMap<String, f64>) -> Result<Box<dyn Law>, LawError> {
+    pub fn make(&self, gains: &BTreeMap<String, f64>) -> Result<Box<dyn Law>, UnfitBrief> {
         let of = format!("law {:?}", self.name);
         Ok((self.build)(&Gains::check(gains, &of, self.gains.iter().copied())?))
     }
@@ -85,27 +85,11 @@ pub const LAWS: &[LawRow] = &[
     tanh::GOAL_TANH,
 ];
 
-/// Why a law could not be made.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum LawError {
-    /// No row has this name.
-    #[error("unknown law {name:?}, expected one of {known}")]
-    Unknown {
-        /// The name asked for.
-        name: String,
-        /// The names there are.
-        known: String,
-    },
-    /// The gains are not the law's.
-    #[error(transparent)]
-    Gains(#[from] GainsError),
-}
-
 /// The row of the law called `name`.
-pub fn row(name: &str) -> Result<&'static LawRow, LawError> {
+pub fn row(name: &str) -> Result<&'static LawRow, UnfitBrief> {
     LAWS.iter().find(|row| row.name == name).ok_or_else(|| {
         let known: Vec<_> = LAWS.iter().map(|row| row.name).collect();
-        LawError::Unknown { name: name.into(), known: known.join(", ") }
+        UnfitBrief(format!("unknown law {name:?}, expected one of {}", known.join(", ")))
     })
 }
 

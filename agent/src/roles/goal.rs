@@ -5,14 +5,16 @@ use formation::Vec2;
 use formation::desired::Target;
 use protocol::brief::AgentBrief;
 
-use super::{Moment, Role, RoleError, RoleRow};
+use super::{Moment, Role, RoleRow};
+use crate::UnfitBrief;
 use crate::laws::situation::Heard;
 
 /// The row of those that go to goals.
 pub const GOAL: RoleRow = RoleRow {
     description: protocol::law::Role::GOAL,
     build: |brief: &AgentBrief| {
-        let goal_m = brief.goal_m.ok_or_else(|| RoleError::NoGoal(brief.name.clone()))?;
+        let why = || format!("{} goes to a goal, but its brief has no goal_m", brief.name);
+        let goal_m = brief.goal_m.ok_or_else(|| UnfitBrief(why()))?;
         Ok(Box::new(Goal { goal: goal_m.into() }))
     },
 };

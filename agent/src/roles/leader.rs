@@ -7,7 +7,8 @@ use formation::frame::LeaderFrame;
 use protocol::brief::{AgentBrief, LeadBrief};
 
 use super::nominal_frame::NominalFrame;
-use super::{Moment, Role, RoleError, RoleRow};
+use super::{Moment, Role, RoleRow};
+use crate::UnfitBrief;
 use crate::avoidance::Avoidance;
 use crate::laws::situation::Heard;
 
@@ -15,9 +16,9 @@ use crate::laws::situation::Heard;
 pub const LEADER: RoleRow = RoleRow {
     description: protocol::law::Role::LEADER,
     build: |brief: &AgentBrief| {
-        let lead = brief.lead.clone();
+        let why = || format!("{} leads, but its brief has no [lead] with a trajectory", brief.name);
         Ok(Box::new(Leader {
-            lead: lead.ok_or_else(|| RoleError::NothingToLead(brief.name.clone()))?,
+            lead: brief.lead.clone().ok_or_else(|| UnfitBrief(why()))?,
             period_s: brief.period_ns as f64 / 1e9,
             frame: NominalFrame::new(brief.period_ns as f64 / 1e9),
         }))

@@ -19,6 +19,7 @@ pub use self::contained::CONTAINED;
 pub use self::formation::FORMATION;
 pub use self::goal::GOAL;
 pub use self::leader::LEADER;
+use crate::UnfitBrief;
 use crate::avoidance::Avoidance;
 use crate::laws::situation::Heard;
 use crate::neighborhood::Neighborhood;
@@ -63,12 +64,12 @@ pub struct RoleRow {
     /// What the supervisor may know of it.
     pub description: protocol::law::Role,
     /// Makes it of a brief.
-    pub build: fn(&AgentBrief) -> Result<Box<dyn Role>, RoleError>,
+    pub build: fn(&AgentBrief) -> Result<Box<dyn Role>, UnfitBrief>,
 }
 
 impl RoleRow {
     /// The role for the robot of this brief.
-    pub fn make(&self, brief: &AgentBrief) -> Result<Box<dyn Role>, RoleError> {
+    pub fn make(&self, brief: &AgentBrief) -> Result<Box<dyn Role>, UnfitBrief> {
         (self.build)(brief)
     }
 }
@@ -77,21 +78,10 @@ impl RoleRow {
 pub const ROLES: &[RoleRow] = &[LEADER, FORMATION, CONTAINED, GOAL];
 
 /// The row of the role that files call `name`.
-pub fn row(name: &str) -> Result<RoleRow, RoleError> {
+pub fn row(name: &str) -> Result<RoleRow, UnfitBrief> {
     let found = ROLES.iter().find(|row| row.description.name == name);
-    found.copied().ok_or_else(|| RoleError::Unknown(name.into()))
-}
-
-/// Why a role could not be made.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum RoleError {
-    /// No row has this name.
-    #[error("unknown role {0:?}, expected leader, formation, contained or goal")]
-    Unknown(String),
-    /// A robot with a trajectory of its own, and none in the brief.
-    #[error("{0} leads, but its brief has no [lead] with a trajectory")]
-    NothingToLead(String),
-    /// A robot with a goal of its own, and none in the brief.
-    #[error("{0} goes to a goal, but its brief has no goal_m")]
-    NoGoal(String),
+    found.copied().ok_or_else(|| {
+        let known: Vec<_> = ROLES.iter().map(|row| row.description.name).collect();
+        UnfitBrief(format!("unknown role {name:?}, expected one of {}", known.join(", ")))
+    })
 }

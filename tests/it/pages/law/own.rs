@@ -1,7 +1,7 @@
-use agent::brain::{BrainError, Parts};
+use agent::brain::Parts;
 use agent::laws::{Law, Situation};
 use agent::roles::FORMATION;
-use agent::{avoidance, control_loop};
+use agent::{UnfitBrief, avoidance, control_loop};
 use formation::Vec2;
 use protocol::brief::AgentBrief;
 
@@ -18,7 +18,7 @@ impl Law for Sprung {
     }
 }
 
-pub fn parts(brief: &AgentBrief) -> Result<Parts, BrainError> {
+pub fn parts(brief: &AgentBrief) -> Result<Parts, UnfitBrief> {
     Ok(Parts {
         role: FORMATION.make(brief)?,
         law: Box::new(Sprung { integral: Vec2::zeros() }),

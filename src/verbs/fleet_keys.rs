@@ -69,7 +69,7 @@ fn keys(args: &KeysArgs) -> u8 {
         Err(error) => {
             let code = complain(&error);
             match error {
-                CertificatesError::NoFolder | CertificatesError::Exists { .. } => exit::USAGE,
+                CertificatesError::NoFolder | CertificatesError::Exists(..) => exit::USAGE,
                 _ => code,
             }
         }

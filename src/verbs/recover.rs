@@ -35,7 +35,7 @@ pub(super) fn recover(args: &RecoverArgs) -> u8 {
         }
         Err(error) => {
             let code = complain(&error);
-            if matches!(error, RecoverError::Write { .. }) { code } else { exit::USAGE }
+            if matches!(error, RecoverError::Write(..)) { code } else { exit::USAGE }
         }
     }
 }

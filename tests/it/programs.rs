@@ -134,7 +134,9 @@ fn a_script_takes_the_place_of_the_built_in_plant_and_the_run_ends_with_it() {
         let set = ["robot.r2.law=formation-tanh", "robot_defaults.k_f_m_s=0.1"];
         set.iter().fold(run.lockstep(), |run, set| run.set(set))
     };
-    let folder = scenario("[\"sh\"]", "[plant]\nprogram = [\"./world.sh\"]\n");
+    let plant = "[plant]\nprogram = [\"./world.sh\"]\nfiles = [\"data.txt\"]\n";
+    let folder = scenario("[\"sh\"]", plant);
+    std::fs::write(folder.path().join("data.txt"), "1 2 3\n").unwrap();
     script(folder.path(), "world.sh", "pwd > \"$TRACE\"; exec \"$PHALANX\" plant \"$@\"");
     let trace = folder.path().join("trace");
     let own = built_in(followed(folder.path(), &trace)).drawing().finish();
@@ -144,6 +146,7 @@ fn a_script_takes_the_place_of_the_built_in_plant_and_the_run_ends_with_it() {
     let programs = own.run_dir().join("programs").canonicalize().unwrap();
     let told = std::fs::read_to_string(&trace).unwrap();
     assert_eq!(Path::new(told.trim()), programs, "it runs there");
+    own.claim(own.file("programs/data.txt") == "1 2 3\n", "its file is copied");
     let seen_m = own.number("/min_distance_m");
     let said = "no promise about distances: `./world.sh` moves the robots, and the guard is proven for another \
                 plant; the smallest distance seen is";

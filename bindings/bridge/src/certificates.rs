@@ -28,28 +28,15 @@ pub enum CertificatesError {
         "the fleet file names no folder for certificates: expected `certificates = \"keys\"` in it, or another"
     )]
     NoFolder,
-    /// There are some.
-    #[error("{} is there already, and is kept: expected a folder without certificates", path.display())]
-    Exists {
-        /// Which file.
-        path: PathBuf,
-    },
+    /// There are some: which file.
+    #[error("{} is there already, and is kept: expected a folder without certificates", .0.display())]
+    Exists(PathBuf),
     /// One cannot be written.
-    #[error("cannot write {}: {source}", path.display())]
-    Write {
-        /// Which file.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
-    /// One cannot be signed.
-    #[error("cannot make the certificate of {name}: {source}")]
-    Sign {
-        /// Whose.
-        name: String,
-        /// Why.
-        source: rcgen::Error,
-    },
+    #[error("cannot write {}: {}", .0.display(), .1)]
+    Write(PathBuf, io::Error),
+    /// One cannot be signed: whose.
+    #[error("cannot make the certificate of {0}: {1}")]
+    Sign(String, rcgen::Error),
 }
 
 /// When certificates hold.
@@ -127,7 +114,7 @@ fn params(
 
 fn sign(name: &str) -> impl FnOnce(rcgen::Error) -> CertificatesError {
     let name = name.to_owned();
-    move |source| CertificatesError::Sign { name, source }
+    move |error| CertificatesError::Sign(name, error)
 }
 
 /// Makes the certificates of all hosts of a fleet in the folder that it names: `ca.pem`, and of each host
@@ -142,10 +129,10 @@ pub fn make(fleet: &Fleet, valid: Validity) -> Result<Vec<PathBuf>, Certificates
         files.push((folder.join(format!("{}.key", host.name)), key));
     }
     if let Some((path, _)) = files.iter().find(|(path, _)| path.exists()) {
-        return Err(CertificatesError::Exists { path: path.clone() });
+        return Err(CertificatesError::Exists(path.clone()));
     }
     let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(folder);
-    made.map_err(|source| CertificatesError::Write { path: folder.clone(), source })?;
+    made.map_err(|error| CertificatesError::Write(folder.clone(), error))?;
     for (path, text) in &files {
         write(path, text)?;
     }
@@ -155,9 +142,9 @@ pub fn make(fleet: &Fleet, valid: Validity) -> Result<Vec<PathBuf>, Certificates
 fn write(path: &Path, text: &str) -> Result<(), CertificatesError> {
     let opened = File::options().write(true).create_new(true).mode(0o600).open(path);
     let written = opened.and_then(|mut file| file.write_all(text.as_bytes()));
-    written.map_err(|source| match source.kind() {
-        io::ErrorKind::AlreadyExists => CertificatesError::Exists { path: path.into() },
-        _ => CertificatesError::Write { path: path.into(), source },
+    written.map_err(|error| match error.kind() {
+        io::ErrorKind::AlreadyExists => CertificatesError::Exists(path.into()),
+        _ => CertificatesError::Write(path.into(), error),
     })
 }
 

@@ -9,28 +9,18 @@ use zenoh::Wait as _;
 /// Why there is no connection.
 #[derive(Debug, thiserror::Error)]
 pub enum WireError {
-    /// zenoh does not take the configuration, or cannot listen.
-    #[error("cannot listen at {address}: {why}")]
-    Open {
-        /// Where.
-        address: String,
-        /// Why.
-        why: zenoh::Error,
-    },
-    /// A key could not be declared.
-    #[error("cannot declare {key}: {why}")]
-    Declare {
-        /// Which.
-        key: String,
-        /// Why.
-        why: zenoh::Error,
-    },
+    /// zenoh does not take the configuration, or cannot listen: where, and why.
+    #[error("cannot listen at {0}: {1}")]
+    Open(String, zenoh::Error),
+    /// A key could not be declared: which, and why.
+    #[error("cannot declare {0}: {1}")]
+    Declare(String, zenoh::Error),
 }
 
 impl WireError {
     /// That this key could not be declared.
     pub fn declaring(key: &str) -> impl FnOnce(zenoh::Error) -> WireError {
-        move |why| WireError::Declare { key: key.to_owned(), why }
+        move |why| WireError::Declare(key.to_owned(), why)
     }
 }
 

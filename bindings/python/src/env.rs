@@ -140,16 +140,10 @@ impl Episode {
 
 impl Inner {
     fn new(scenario: Scenario, robots: Option<Vec<String>>, level: Level) -> Result<Inner, String> {
-        let known = || -> Vec<&str> { scenario.robots.iter().map(|robot| &*robot.name).collect() };
-        if let Some(asked) = &robots {
-            for name in asked {
-                if !known().contains(&name.as_str()) {
-                    return Err(format!(
-                        "no robot is called {name:?}; there are {}",
-                        known().join(", ")
-                    ));
-                }
-            }
+        let names: Vec<&str> = scenario.robots.iter().map(|robot| robot.name.as_str()).collect();
+        let mut asked = robots.iter().flatten();
+        if let Some(name) = asked.find(|name| !names.contains(&name.as_str())) {
+            return Err(format!("no robot is called {name:?}; there are {}", names.join(", ")));
         }
         let learns =
             move |name: &str| robots.as_ref().is_none_or(|asked| asked.iter().any(|n| n == name));

@@ -43,13 +43,8 @@ pub enum ExportError {
     #[error("{} exists already; an export never overwrites, give --out a new name", .0.display())]
     Exists(PathBuf),
     /// The recording cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
-    Read {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    #[error("cannot read {}: {}", .0.display(), .1)]
+    Read(PathBuf, io::Error),
     /// It does not say what run it is of.
     #[error(
         "{} is no recording of a run: expected an MCAP file with metadata called \"{FACTS}\", \
@@ -58,39 +53,22 @@ pub enum ExportError {
     Foreign(PathBuf),
     /// Something of it is lost or changed.
     #[error(
-        "{} is damaged, and nothing is exported: {soundness}. `phalanx recover` writes what is whole into a new file; \
-         --allow-damage exports that at once", path.display()
+        "{} is damaged, and nothing is exported: {}. `phalanx recover` writes what is whole into a new file; \
+         --allow-damage exports that at once", .0.display(), .1
     )]
-    Damaged {
-        /// Which.
-        path: PathBuf,
-        /// How.
-        soundness: Soundness,
-    },
-    /// A message is not what its channel says.
-    #[error("{}: a message on {topic} at {t_s} s is not what its type says", path.display())]
-    Message {
-        /// In which file.
-        path: PathBuf,
-        /// Its topic.
-        topic: String,
-        /// Its run time, s.
-        t_s: f64,
-    },
+    Damaged(PathBuf, Soundness),
+    /// A message is not what its channel says: in which file, on which topic, and its run time, s.
+    #[error("{}: a message on {} at {} s is not what its type says", .0.display(), .1, .2)]
+    Message(PathBuf, String, f64),
     /// A table could not be written.
-    #[error("cannot write {}: {source}; what was written before is kept", path.display())]
-    Write {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    #[error("cannot write {}: {}; what was written before is kept", .0.display(), .1)]
+    Write(PathBuf, io::Error),
 }
 
 /// Writes the tables of the recording `file` into the new directory `out`: of one that is damaged only if that is
 /// allowed, and then what is whole in it.
 pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<Exported, ExportError> {
-    let unreadable = |source| ExportError::Read { path: file.into(), source };
+    let unreadable = |error| ExportError::Read(file.into(), error);
     let mut pieces = Pieces::open(file).map_err(unreadable)?;
     let run = loop {
         match pieces.next().transpose().map_err(unreadable)? {
@@ -102,11 +80,11 @@ pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<Exported, E
     let run = run.ok_or_else(|| ExportError::Foreign(file.into()))?;
     let soundness = soundness(file).map_err(unreadable)?;
     if !soundness.is_whole() && !allow_damage {
-        return Err(ExportError::Damaged { path: file.into(), soundness });
+        return Err(ExportError::Damaged(file.into(), soundness));
     }
-    fs::create_dir(out).map_err(|source| match source.kind() {
+    fs::create_dir(out).map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => ExportError::Exists(out.into()),
-        _ => ExportError::Write { path: out.into(), source },
+        _ => ExportError::Write(out.into(), error),
     })?;
     let mut tables = Tables::create(out)?;
     let mut channels = HashMap::new();
@@ -119,11 +97,8 @@ pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<Exported, E
             Record::Message { header, data } => {
                 let Some((topic, Some(kind))) = channels.get(&header.channel_id) else { continue };
                 let t_s = seconds(header.log_time.saturating_sub(run.started_unix_ns));
-                tables.take(*kind, t_s, &run, &data)?.ok_or_else(|| ExportError::Message {
-                    path: file.into(),
-                    topic: topic.clone(),
-                    t_s,
-                })?;
+                let is_taken = tables.take(*kind, t_s, &run, &data)?;
+                is_taken.ok_or_else(|| ExportError::Message(file.into(), topic.clone(), t_s))?;
             }
             _ => {}
         }
@@ -193,8 +168,8 @@ impl Table {
     /// `columns`: as they are in the file.
     fn create(out: &Path, name: &'static str, columns: &str) -> Result<Table, ExportError> {
         let path = out.join(name);
-        let file = File::create_new(&path)
-            .map_err(|source| ExportError::Write { path: path.clone(), source })?;
+        let file =
+            File::create_new(&path).map_err(|error| ExportError::Write(path.clone(), error))?;
         let writer = csv::WriterBuilder::new().has_headers(false).from_writer(file);
         let mut table = Table { name, path, rows: 0, writer };
         // Here, not with the first row: a table without rows has columns all the same.
@@ -214,8 +189,8 @@ impl Table {
         Ok((self.name, self.rows))
     }
 
-    fn failed(&self, source: io::Error) -> ExportError {
-        ExportError::Write { path: self.path.clone(), source }
+    fn failed(&self, error: io::Error) -> ExportError {
+        ExportError::Write(self.path.clone(), error)
     }
 }
 

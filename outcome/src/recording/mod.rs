@@ -8,7 +8,8 @@
 //! | `messages` | how do metrics and events look in it? |
 //! | `walls` | how do walls look in it? |
 //! | `schemas` | how is each message defined, in ROS 2's own words? |
-//! | `file` | what is the crate `mcap` told, which writes the file? |
+//! | `writer` | what is in a file of MCAP, from its first byte to its last? |
+//! | `chunk` | how do messages become a chunk and its indexes? |
 //! | `pieces` | what is in a file, as far as it is whole? |
 //! | `recover` | how does a file get its end back that a killed supervisor never wrote? |
 //! | `export` | how does a recording become tables? |
@@ -35,8 +36,8 @@
 //! [spelled](topics) with underscores. The scenario and the manifest are attachments, the facts of
 //! the run metadata under the name `phalanx`.
 
+mod chunk;
 pub mod export;
-mod file;
 mod messages;
 mod pieces;
 pub mod recorder;
@@ -44,6 +45,7 @@ pub mod recover;
 mod schemas;
 pub mod topics;
 mod walls;
+mod writer;
 
 #[cfg(test)]
 mod tests;

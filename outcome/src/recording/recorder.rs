@@ -1,6 +1,5 @@
 //! Writes a run down while it goes on. Every failure is the file's; what was written before is kept.
 
-use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
@@ -8,17 +7,16 @@ use std::time::{Duration, Instant};
 
 use formation::obstacle::Obstacle;
 use formation::pose::{Pose, Twist};
-use mcap::Attachment;
-use mcap::records::{MessageHeader, Metadata};
+use mcap::records::{AttachmentHeader, Metadata};
 use protocol::ros2::cdr;
 use protocol::ros2::messages::{self as of_robot, State, base_link};
 
-use crate::recording::file::{self, Writer, io_error};
 pub use crate::recording::messages::Nearest;
 use crate::recording::messages::{self as of_all, Event};
 use crate::recording::schemas::{self, Schema};
 use crate::recording::topics::spelled;
 use crate::recording::walls;
+use crate::recording::writer::Writer;
 
 /// What is written is in the file after this, whether its chunk is full or not: a kill must not cost
 /// more than a second, on a busy machine neither.
@@ -88,44 +86,47 @@ impl Recorder {
     /// Begins a file, which must not exist, with everything in it that is known beforehand.
     pub fn create(path: &Path, run: &Run<'_>) -> io::Result<Recorder> {
         let topics = spelled(run.robots);
-        let mut writer = file::create(path, "ros2")?;
+        let mut writer = Writer::create(path, "ros2")?;
         let mut facts = run.facts.clone();
         facts.insert(EPOCH.into(), run.started_unix_ns.to_string());
         facts.insert(ROBOTS.into(), run.robots.join(","));
         facts.insert(TOPICS.into(), topics.join(","));
         let facts = Metadata { name: FACTS.into(), metadata: facts };
-        writer.write_metadata(&facts).map_err(io_error)?;
+        writer.metadata(&facts)?;
         for &(name, media_type, content) in run.attachments {
-            let attachment = Attachment {
+            let header = AttachmentHeader {
                 log_time: run.started_unix_ns,
                 create_time: run.started_unix_ns,
                 name: name.into(),
                 media_type: media_type.into(),
-                data: Cow::Borrowed(content.as_bytes()),
             };
-            writer.attach(&attachment).map_err(io_error)?;
+            writer.attachment(header, content.as_bytes())?;
         }
-        // Empty: whoever plays it back takes the defaults. Half a profile would not be understood.
-        let mut open = |schema, topic: &str| channel(&mut writer, schema, topic, "");
-        let tf = open(&schemas::TF, "/tf")?;
-        let rosout = open(&schemas::LOG, "/rosout")?;
-        let metrics = open(&schemas::METRICS, "/metrics")?;
+        let tf = only_channel(&mut writer, &schemas::TF, "/tf", NO_QOS)?;
+        let rosout = only_channel(&mut writer, &schemas::LOG, "/rosout", NO_QOS)?;
+        let metrics = only_channel(&mut writer, &schemas::METRICS, "/metrics", NO_QOS)?;
         let mut robots = Vec::with_capacity(topics.len());
+        let types = [&schemas::ODOMETRY, &schemas::POSE_STAMPED, &schemas::COMMAND];
+        let [odometry, pose, command] = types.map(|schema| schema_id(&mut writer, schema));
+        let (odometry, pose, command) = (odometry?, pose?, command?);
         for (name, topic) in run.robots.iter().zip(&topics) {
+            let mut open = |schema: u16, what: &str| {
+                writer.channel(schema, &format!("/{topic}/{what}"), offered(NO_QOS))
+            };
             robots.push(Robot {
                 frame: base_link(name),
-                odometry: open(&schemas::ODOMETRY, &format!("/{topic}/odom"))?,
-                pose: open(&schemas::POSE_STAMPED, &format!("/{topic}/pose"))?,
-                command: open(&schemas::COMMAND, &format!("/{topic}/cmd_vel"))?,
+                odometry: open(odometry, "odom")?,
+                pose: open(pose, "pose")?,
+                command: open(command, "cmd_vel")?,
             });
         }
         let mut message = cdr::Writer::new();
         if !run.walls.is_empty() {
-            let channel = channel(&mut writer, &schemas::WALLS, "/walls", walls::LATCHED)?;
+            let channel = only_channel(&mut writer, &schemas::WALLS, "/walls", walls::LATCHED)?;
             walls::markers(&mut message, run.walls, run.started_unix_ns);
-            put(&mut writer, channel, 0, run.started_unix_ns, &message)?;
+            writer.message(channel, 0, run.started_unix_ns, message.bytes())?;
         }
-        writer.flush().map_err(io_error)?;
+        writer.flush()?;
         Ok(Recorder {
             writer,
             started_unix_ns: run.started_unix_ns,
@@ -160,24 +161,24 @@ impl Recorder {
             && u128::from(t_ns.saturating_sub(self.flushed_t_ns)) >= FLUSH_EVERY.as_nanos()
         {
             self.flushed_t_ns = t_ns;
-            self.writer.flush().map_err(io_error)?;
+            self.writer.flush()?;
         }
         let (number, stamp_ns) = (self.instants, self.started_unix_ns + t_ns);
         let Recorder { writer, message, transforms, .. } = self;
         of_robot::transforms(transforms, self.robots.len());
         for (robot, (pose, twist)) in self.robots.iter().zip(states) {
-            let state = State { frame: &robot.frame, stamp_ns, pose, twist };
+            let state = State::new(&robot.frame, stamp_ns, pose, twist);
             of_robot::transform(transforms, &state);
             of_robot::odometry(message, &state);
-            put(writer, robot.odometry, number, stamp_ns, message)?;
+            writer.message(robot.odometry, number, stamp_ns, message.bytes())?;
             of_robot::pose_stamped(message, &state);
-            put(writer, robot.pose, number, stamp_ns, message)?;
+            writer.message(robot.pose, number, stamp_ns, message.bytes())?;
             of_robot::twist(message, twist);
-            put(writer, robot.command, number, stamp_ns, message)?;
+            writer.message(robot.command, number, stamp_ns, message.bytes())?;
         }
-        put(writer, self.tf, number, stamp_ns, transforms)?;
+        writer.message(self.tf, number, stamp_ns, transforms.bytes())?;
         of_all::metrics(message, stamp_ns, &self.names, nearest, errors_m, alive);
-        put(writer, self.metrics, number, stamp_ns, message)?;
+        writer.message(self.metrics, number, stamp_ns, message.bytes())?;
         self.instants = self.instants.wrapping_add(1);
         self.unflushed = true;
         Ok(())
@@ -195,7 +196,7 @@ impl Recorder {
         let event = Event { level: level(kind), name, kind, text: &self.text };
         let stamp_ns = self.started_unix_ns + t_ns;
         of_all::log(&mut self.message, stamp_ns, &event);
-        put(&mut self.writer, self.rosout, self.events, stamp_ns, &self.message)?;
+        self.writer.message(self.rosout, self.events, stamp_ns, self.message.bytes())?;
         self.events = self.events.wrapping_add(1);
         self.unflushed = true;
         Ok(())
@@ -209,35 +210,33 @@ impl Recorder {
         }
         self.flushed = now;
         if std::mem::take(&mut self.unflushed) {
-            self.writer.flush().map_err(io_error)?;
+            self.writer.flush()?;
         }
         Ok(())
     }
 
     /// Writes the index and the summary, by which the file is whole.
-    pub fn finish(mut self) -> io::Result<()> {
-        self.writer.finish().map(drop).map_err(io_error)
+    pub fn finish(self) -> io::Result<()> {
+        self.writer.finish()
     }
 }
 
-/// Opens a channel.
-fn channel(writer: &mut Writer, schema: &Schema, topic: &str, qos: &str) -> io::Result<u16> {
-    let text = schema.text();
-    let schema = writer.add_schema(schema.name, schemas::ENCODING, text.as_bytes());
-    let facts = BTreeMap::from([("offered_qos_profiles".to_owned(), qos.to_owned())]);
-    schema.and_then(|id| writer.add_channel(id, topic, "cdr", &facts)).map_err(io_error)
+/// Whoever plays it back takes the defaults. Half a profile would not be understood.
+const NO_QOS: &str = "";
+
+/// What a channel says of its quality of service.
+fn offered(qos: &str) -> BTreeMap<String, String> {
+    BTreeMap::from([("offered_qos_profiles".to_owned(), qos.to_owned())])
 }
 
-/// Writes the message with this number on its channel.
-fn put(
-    writer: &mut Writer,
-    channel_id: u16,
-    sequence: u32,
-    stamp_ns: u64,
-    message: &cdr::Writer,
-) -> io::Result<()> {
-    let header = MessageHeader { channel_id, sequence, log_time: stamp_ns, publish_time: stamp_ns };
-    writer.write_to_known_channel(&header, message.bytes()).map_err(io_error)
+fn schema_id(writer: &mut Writer, schema: &Schema) -> io::Result<u16> {
+    writer.schema(schema.name, schemas::ENCODING, schema.text().as_bytes())
+}
+
+/// Opens the one channel of a type.
+fn only_channel(writer: &mut Writer, schema: &Schema, topic: &str, qos: &str) -> io::Result<u16> {
+    let schema = schema_id(writer, schema)?;
+    writer.channel(schema, topic, offered(qos))
 }
 
 /// How bad a kind of event is, as ROS counts it.

@@ -3,13 +3,15 @@
 //! metadata. The old file is only read.
 
 use std::fmt;
-use std::io;
+use std::fs::File;
+use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
 use mcap::records::Record;
-use mcap::{Attachment, McapError, McapResult};
+use mcap::write::NoSeek;
+use mcap::{Attachment, Compression, McapError, McapResult, WriteOptions};
 
-use crate::recording::file::{self, Writer, io_error};
+use crate::recording::chunk::SIZE_MAX;
 use crate::recording::pieces::{Pieces, Soundness};
 
 /// What came of it.
@@ -48,29 +50,20 @@ pub enum RecoverError {
     #[error("{} exists already; give --out a new name", .0.display())]
     Exists(PathBuf),
     /// The recording cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
-    Read {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    #[error("cannot read {}: {}", .0.display(), .1)]
+    Read(PathBuf, io::Error),
     /// It is no recording, or one that was cut before anything was in it.
     #[error("nothing to recover in {}: expected an MCAP file with at least its header", .0.display())]
     Nothing(PathBuf),
     /// The new file cannot be written.
-    #[error("cannot write {}: {source}; it is removed again", path.display())]
-    Write {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    #[error("cannot write {}: {}; it is removed again", .0.display(), .1)]
+    Write(PathBuf, io::Error),
 }
 
 /// Writes what is whole in `file` into the new file `out`, unless all of it is.
 pub fn recover(file: &Path, out: &Path) -> Result<Outcome, RecoverError> {
-    let unreadable = |source| RecoverError::Read { path: file.into(), source };
+    let unreadable = |error| RecoverError::Read(file.into(), error);
+    let unwritten = |error| RecoverError::Write(out.into(), error);
     let mut pieces = Pieces::open(file).map_err(unreadable)?;
     let mut profile = None;
     for piece in pieces.by_ref() {
@@ -84,40 +77,52 @@ pub fn recover(file: &Path, out: &Path) -> Result<Outcome, RecoverError> {
         return Ok(Outcome::Whole { checked: soundness.has_checksums });
     }
 
-    let writer = file::create(out, &profile).map_err(|source| match source.kind() {
+    let mut writer = create(out, &profile).map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => RecoverError::Exists(out.into()),
-        _ => RecoverError::Write { path: out.into(), source },
+        _ => unwritten(error),
     })?;
-    let pieces = Pieces::open(file).map_err(unreadable)?;
-    let recovered = copied(pieces, writer, soundness).map_err(|error| match error {
-        Failure::Read(source) => unreadable(source),
-        Failure::Write(source) => RecoverError::Write { path: out.into(), source },
-    });
-    if recovered.is_err() {
+    let mut recovered = Recovered { soundness, ..Recovered::default() };
+    let mut copy_all = || -> Result<(), RecoverError> {
+        for piece in Pieces::open(file).map_err(unreadable)? {
+            let record = piece.map_err(unreadable)?;
+            match copy(&record, &mut writer, &mut recovered) {
+                Ok(()) => {}
+                Err(McapError::Io(error)) => return Err(unwritten(error)),
+                // It refers to something that was lost, or contradicts what came before.
+                Err(_) => recovered.orphans += u64::from(matches!(record, Record::Message { .. })),
+            }
+        }
+        writer.finish().map(drop).map_err(|error| unwritten(io_error(error)))
+    };
+    if let Err(error) = copy_all() {
         // Half a file would only stand in the way of the next try.
         let _ = std::fs::remove_file(out);
+        return Err(error);
     }
-    recovered.map(Outcome::Recovered)
+    Ok(Outcome::Recovered(recovered))
 }
 
-enum Failure {
-    Read(io::Error),
-    Write(io::Error),
+/// Time is no matter here, so that the crate's own writer does it, which takes records from anywhere.
+type Writer = mcap::Writer<NoSeek<BufWriter<File>>>;
+
+/// Begins a file, which must not exist.
+fn create(path: &Path, profile: &str) -> io::Result<Writer> {
+    let options = WriteOptions::new()
+        .profile(profile)
+        .library(concat!("phalanx ", env!("CARGO_PKG_VERSION")))
+        .compression(Some(Compression::Lz4))
+        .chunk_size(Some(SIZE_MAX as u64))
+        .disable_seeking(true);
+    let file = BufWriter::new(File::create_new(path)?);
+    options.create(NoSeek::new(file)).map_err(io_error)
 }
 
-fn copied(pieces: Pieces, mut writer: Writer, soundness: Soundness) -> Result<Recovered, Failure> {
-    let mut recovered = Recovered { soundness, ..Recovered::default() };
-    for piece in pieces {
-        let record = piece.map_err(Failure::Read)?;
-        match copy(&record, &mut writer, &mut recovered) {
-            Ok(()) => {}
-            Err(McapError::Io(source)) => return Err(Failure::Write(source)),
-            // It refers to something that was lost, or contradicts what came before.
-            Err(_) => recovered.orphans += u64::from(matches!(record, Record::Message { .. })),
-        }
+/// What `mcap` says of a file, as everybody else says it.
+fn io_error(error: McapError) -> io::Error {
+    match error {
+        McapError::Io(error) => error,
+        other => io::Error::other(other),
     }
-    writer.finish().map_err(|error| Failure::Write(io_error(error)))?;
-    Ok(recovered)
 }
 
 fn copy(record: &Record<'_>, writer: &mut Writer, recovered: &mut Recovered) -> McapResult<()> {

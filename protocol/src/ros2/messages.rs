@@ -22,14 +22,19 @@ pub fn base_link(robot: &str) -> String {
 /// Where one robot is, and how it moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct State<'a> {
-    /// Its [`base_link`].
-    pub frame: &'a str,
-    /// When, ns since 1970.
-    pub stamp_ns: u64,
-    /// Of the axle's mid-point, in `map`.
-    pub pose: Pose,
-    /// In the robot's frame.
-    pub twist: Twist,
+    frame: &'a str,
+    stamp_ns: u64,
+    /// x, y, z of the axle's mid-point in `map`, m, and x, y, z, w of the heading.
+    pose: [f64; 7],
+    twist: Twist,
+}
+
+impl<'a> State<'a> {
+    /// Of the robot with this [`base_link`], at that time, ns since 1970.
+    pub fn new(frame: &'a str, stamp_ns: u64, pose: Pose, twist: Twist) -> State<'a> {
+        let (z, w) = (pose.heading_rad / 2.0).sin_cos();
+        State { frame, stamp_ns, pose: [pose.x_m, pose.y_m, 0.0, 0.0, 0.0, z, w], twist }
+    }
 }
 
 /// Writes a `nav_msgs/Odometry`.
@@ -37,7 +42,7 @@ pub fn odometry(out: &mut Writer, state: &State<'_>) {
     out.clear();
     header(out, state.stamp_ns);
     out.string(state.frame);
-    pose(out, state.pose);
+    out.f64s(&state.pose);
     out.zeros(COVARIANCE);
     linear_and_angular(out, state.twist);
     out.zeros(COVARIANCE);
@@ -47,7 +52,7 @@ pub fn odometry(out: &mut Writer, state: &State<'_>) {
 pub fn pose_stamped(out: &mut Writer, state: &State<'_>) {
     out.clear();
     header(out, state.stamp_ns);
-    pose(out, state.pose);
+    out.f64s(&state.pose);
 }
 
 /// Writes a `geometry_msgs/Twist`.
@@ -66,19 +71,13 @@ pub fn transforms(out: &mut Writer, count: usize) {
 pub fn transform(out: &mut Writer, state: &State<'_>) {
     header(out, state.stamp_ns);
     out.string(state.frame);
-    pose(out, state.pose);
+    out.f64s(&state.pose);
 }
 
 /// `std_msgs/Header`, of `map`.
 fn header(out: &mut Writer, stamp_ns: u64) {
     out.time(stamp_ns);
     out.string(MAP);
-}
-
-/// Position and orientation, or translation and rotation: they look alike.
-fn pose(out: &mut Writer, pose: Pose) {
-    let (z, w) = (pose.heading_rad / 2.0).sin_cos();
-    out.f64s(&[pose.x_m, pose.y_m, 0.0, 0.0, 0.0, z, w]);
 }
 
 fn linear_and_angular(out: &mut Writer, twist: Twist) {
@@ -125,12 +124,13 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const STATE: State<'_> = State {
-        frame: "r1/base_link",
-        stamp_ns: 1_700_000_000_000_000_007,
-        pose: Pose { x_m: 1.5, y_m: -2.5, heading_rad: 0.5 },
-        twist: Twist { v_m_s: 0.25, w_rad_s: -0.75 },
-    };
+    const FRAME: &str = "r1/base_link";
+    const POSE: Pose = Pose { x_m: 1.5, y_m: -2.5, heading_rad: 0.5 };
+
+    fn state(frame: &str, pose: Pose) -> State<'_> {
+        let twist = Twist { v_m_s: 0.25, w_rad_s: -0.75 };
+        State::new(frame, 1_700_000_000_000_000_007, pose, twist)
+    }
 
     fn written(write: impl FnOnce(&mut Writer)) -> Vec<u8> {
         let mut out = Writer::new();
@@ -141,8 +141,8 @@ mod tests {
     /// Numbers at known places; `tests/ros2/by_rosbags.py` compares all bytes with another encoder.
     #[test]
     fn every_number_of_an_odometry_message_is_in_its_place() {
-        assert_eq!(base_link("r1"), STATE.frame);
-        let bytes = written(|out| odometry(out, &STATE));
+        assert_eq!(base_link("r1"), FRAME);
+        let bytes = written(|out| odometry(out, &state(FRAME, POSE)));
         let at = |place: usize| f64::from_le_bytes(bytes[place..place + 8].try_into().unwrap());
         assert_eq!(&bytes[4..12], &[0x00, 0xf1, 0x53, 0x65, 7, 0, 0, 0]);
         assert_eq!(&bytes[12..20], b"\x04\0\0\0map\0");
@@ -157,14 +157,14 @@ mod tests {
 
     #[test]
     fn transforms_have_one_entry_for_each_robot() {
-        let other = State { frame: "robot_2/base_link", ..STATE };
+        let (own, other) = (state(FRAME, POSE), state("robot_2/base_link", POSE));
         let all = |states: &[&State<'_>]| {
             written(|out| {
                 transforms(out, states.len());
                 states.iter().for_each(|state| transform(out, state));
             })
         };
-        let (one, two) = (all(&[&STATE]), all(&[&STATE, &other]));
+        let (one, two) = (all(&[&own]), all(&[&own, &other]));
         assert_eq!((one[4], two[4]), (1, 2));
         assert_eq!(&one[24..41], b"\x0d\0\0\0r1/base_link\0");
         assert_eq!(&two[8..one.len()], &one[8..]);
@@ -173,7 +173,7 @@ mod tests {
 
     #[test]
     fn a_pose_is_read_as_it_is_written_and_in_no_other_layout() {
-        let bytes = written(|out| pose_stamped(out, &STATE));
+        let bytes = written(|out| pose_stamped(out, &state(FRAME, POSE)));
         let place = read_pose_stamped(&bytes).unwrap();
         let orientation = [0.0, 0.0, 0.25_f64.sin(), 0.25_f64.cos()];
         assert_eq!(place, Place { frame: "map", position_m: [1.5, -2.5, 0.0], orientation });
@@ -183,7 +183,7 @@ mod tests {
         for count in [4, 8] {
             assert_eq!(read_pose_stamped(&more(count)), None, "{count} bytes more");
         }
-        assert_eq!(read_pose_stamped(&written(|out| odometry(out, &STATE))), None);
+        assert_eq!(read_pose_stamped(&written(|out| odometry(out, &state(FRAME, POSE)))), None);
         assert_eq!(read_pose_stamped(&written(|out| transforms(out, 1))), None);
     }
 
@@ -194,7 +194,7 @@ mod tests {
         ) {
             let [x_m, y_m, v_m_s, w_rad_s] = numbers;
             let pose = Pose { x_m, y_m, heading_rad };
-            let bytes = written(|out| pose_stamped(out, &State { pose, ..STATE }));
+            let bytes = written(|out| pose_stamped(out, &state(FRAME, pose)));
             let read = read_pose_stamped(&bytes).unwrap().pose();
             prop_assert_eq!([read.x_m, read.y_m], [x_m, y_m]);
             prop_assert!((read.heading_rad - heading_rad).abs() < 1e-14);

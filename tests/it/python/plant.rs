@@ -2,7 +2,7 @@
 //! that fails ends the run and is told.
 
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Command;
 
 use tempfile::TempDir;
 
@@ -32,11 +32,6 @@ fn built_in() -> Phalanx {
     crate::harness::run("triangle").set("expect={}").set("duration_s=4")
 }
 
-fn phalanx(words: &[&str]) -> Output {
-    let program = Path::new(ROOT).join("target/python/bin/phalanx");
-    Command::new(program).args(words).env("NO_COLOR", "1").env("PATH", path()).output().unwrap()
-}
-
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn the_same_arcs_in_python_give_the_same_run_bit_by_bit_under_faults_too() {
@@ -64,36 +59,6 @@ fn a_plant_that_gives_poses_alone_moves_robots_as_far() {
     }
 }
 
-#[test]
-#[ignore = "needs the package that tests/python/install installs"]
-fn its_files_are_kept_and_it_is_started_by_run_alone_and_by_verify_where_that_is_allowed() {
-    let folder = triangle("exact", "exact", "files = [\"data.txt\"]\n");
-    std::fs::write(folder.path().join("data.txt"), "1 2 3\n").unwrap();
-    let ended = run(&folder).lockstep().drawing().finish();
-    ended.exits_with(0).leaves_nothing();
-    let manifest: serde_json::Value = serde_json::from_str(&ended.file("manifest.json")).unwrap();
-    let listed = |i: usize| manifest["programs"][i]["file"].as_str();
-    ended.claim([listed(0), listed(1)] == [Some("exact.py"), Some("data.txt")], "both are listed");
-    ended.claim(ended.file("programs/data.txt") == "1 2 3\n", "and copied");
-    let page = ended.file("report.html");
-    let said = "no promise about distances: `python3 exact.py` moves the robots, and the guard is proven for \
-                another plant; the smallest distance seen is";
-    ended.claim(page.contains(said), said);
-
-    let scenario = folder.path().join("triangle.toml");
-    let checked = phalanx(&["check", scenario.to_str().unwrap()]);
-    let said = String::from_utf8_lossy(&checked.stdout);
-    assert!(said.contains("python3 exact.py: no promise about distances"), "{said}");
-    let run_dir = ended.run_dir();
-    let run_dir = run_dir.to_str().unwrap();
-    let refused = phalanx(&["verify", run_dir]);
-    let said = String::from_utf8_lossy(&refused.stderr);
-    assert_eq!(refused.status.code(), Some(2), "{said}");
-    assert!(said.contains("python3 exact.py") && said.contains("--allow-programs"), "{said}");
-    let verified = phalanx(&["verify", run_dir, "--allow-programs"]);
-    assert_eq!(verified.status.code(), Some(0), "{}", String::from_utf8_lossy(&verified.stderr));
-}
-
 /// The plant is bad from 1 s on: the run ends as with a plant's death, and says all of `parts`.
 fn bad(name: &str, run: impl Fn(Phalanx) -> Phalanx, parts: &[&str]) -> Ended {
     let folder = triangle("hostile", name, "memory_max_mb = 300\n");
@@ -106,31 +71,23 @@ fn bad(name: &str, run: impl Fn(Phalanx) -> Phalanx, parts: &[&str]) -> Ended {
 
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
-fn a_plant_that_raises_ends_the_run_with_its_traceback() {
-    let parts = [
+fn a_plant_that_fails_ends_the_run_with_what_it_did() {
+    let raises = [
         "error: the plant died (exit code 4)",
         "Hostile.step (raises.py:19) at t = 1.000 s raised",
         "Traceback (most recent call last):",
         "ValueError: my physics are at their end",
     ];
-    bad("raises", Phalanx::lockstep, &parts);
-    bad(
-        "raises",
-        |run| run,
-        &["error: the plant died (exit code 4)", "ValueError: my physics are"],
-    );
-}
-
-#[test]
-#[ignore = "needs the package that tests/python/install installs"]
-fn a_plant_that_says_a_robot_is_nowhere_is_refused() {
-    let said = "the plant moved r2 to y_m = NaN, expected a number of at most 1e9";
-    bad("returns_nan", Phalanx::lockstep, &[said]);
-}
-
-#[test]
-#[ignore = "needs the package that tests/python/install installs"]
-fn a_plant_that_answers_anything_but_a_pose_for_each_robot_is_refused() {
+    for (name, parts) in [
+        ("raises", &raises[..]),
+        ("returns_nan", &["the plant moved r2 to y_m = NaN, expected a number of at most 1e9"]),
+        ("leaves", &["error: the plant died (exit code 0)"]),
+        ("crashes", &["error: the plant died (signal 11)"]),
+        ("eats", &["Hostile.step (eats.py:19) at t = 1.000 s raised", "MemoryError"]),
+    ] {
+        bad(name, Phalanx::lockstep, parts);
+    }
+    bad("raises", |run| run, &[raises[0], raises[3]]);
     for (name, returned) in [
         ("returns_nothing", "returned None, "),
         ("returns_a_string", "returned 'north', "),
@@ -163,18 +120,6 @@ fn a_plant_that_never_answers_is_named_in_lockstep() {
         "loops",
         |run| run.lockstep().set("hung_after_s=1"),
         &["error: the plant has not gone on for 1 s"],
-    );
-}
-
-#[test]
-#[ignore = "needs the package that tests/python/install installs"]
-fn a_plant_that_ends_ends_the_run() {
-    bad("leaves", Phalanx::lockstep, &["error: the plant died (exit code 0)"]);
-    bad("crashes", Phalanx::lockstep, &["error: the plant died (signal 11)"]);
-    bad(
-        "eats",
-        Phalanx::lockstep,
-        &["Hostile.step (eats.py:19) at t = 1.000 s raised", "MemoryError"],
     );
 }
 

@@ -111,7 +111,7 @@ impl Wire {
         let ends_at = |host: usize| end.is_with(here, host);
         let address = || self.brief.hosts[here].address.clone();
         let session = wire::open(&config::of(&self.brief, end))
-            .map_err(|why| WireError::Open { address: address(), why })?;
+            .map_err(|why| WireError::Open(address(), why))?;
         let mut senders = Vec::new();
         for (place, route) in self.routes.iter().enumerate() {
             let sends = route.from == here && route.to.iter().any(|&to| ends_at(to));

@@ -155,24 +155,21 @@ impl Face {
     /// What is new of each robot. Of a robot whose pose is not sensed, nothing.
     fn publish(&mut self) -> Result<(), ReceiveError> {
         let message = &mut self.message;
-        let mut states = Vec::with_capacity(self.robots.len());
+        let (mut states, mut newest_ns) = (Vec::with_capacity(self.robots.len()), 0);
         for robot in &mut self.robots {
             let mut newest: Option<Odometry> = None;
             while let Some(sample) = robot.source.receive()? {
                 newest = Some(*sample);
             }
             let Some(sample) = newest.filter(|sample| sample.pose_valid == 1) else { continue };
-            let state = State {
-                frame: &robot.frame,
-                stamp_ns: sample.stamp_ns + self.ros_offset_ns,
-                pose: sample.pose(),
-                twist: sample.twist(),
-            };
+            let stamp_ns = sample.stamp_ns + self.ros_offset_ns;
+            let state = State::new(&robot.frame, stamp_ns, sample.pose(), sample.twist());
             messages::odometry(message, &state);
-            robot.odom.send(state.stamp_ns, message.bytes());
+            robot.odom.send(stamp_ns, message.bytes());
+            newest_ns = newest_ns.max(stamp_ns);
             states.push(state);
         }
-        if let Some(newest_ns) = states.iter().map(|state| state.stamp_ns).max() {
+        if !states.is_empty() {
             messages::transforms(message, states.len());
             states.iter().for_each(|state| messages::transform(message, state));
             self.tf.send(newest_ns, message.bytes());

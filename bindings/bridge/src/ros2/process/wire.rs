@@ -48,8 +48,7 @@ impl Wire {
                     return Ok(Some(Wire { session, id, nodes, entities }));
                 }
                 Err(why) if brief.listens => {
-                    let address = brief.address.to_string();
-                    return Err(WireError::Open { address, why });
+                    return Err(WireError::Open(brief.address.to_string(), why));
                 }
                 Err(why) => {
                     if !told {
@@ -77,8 +76,7 @@ impl Wire {
         topic: &str,
         message: MessageType,
     ) -> Result<Sender, WireError> {
-        let id = self.entities.replace(self.entities.get() + 1);
-        let node = names::Node { domain: of.domain, session: &self.id, id: of.id, name: &of.name };
+        let (id, node) = self.entity(of);
         let token = node.publisher_token(id, topic, message);
         let gid = names::gid(&token);
         let key = names::key(of.domain, topic, message);
@@ -101,8 +99,7 @@ impl Wire {
         message: MessageType,
         take: impl Fn(&[u8]) + Send + Sync + 'static,
     ) -> Result<Receiver, WireError> {
-        let id = self.entities.replace(self.entities.get() + 1);
-        let node = names::Node { domain: of.domain, session: &self.id, id: of.id, name: &of.name };
+        let (id, node) = self.entity(of);
         let token = node.subscriber_token(id, topic, message);
         let key = names::key(of.domain, topic, message);
         let declared = self
@@ -116,6 +113,12 @@ impl Wire {
             .wait();
         declared.map_err(WireError::declaring(&key))?;
         Ok(Receiver { _token: self.token(token)? })
+    }
+
+    /// The id of another sender or receiver of a node, and that node.
+    fn entity<'n>(&'n self, of: &'n Node) -> (usize, names::Node<'n>) {
+        let id = self.entities.replace(self.entities.get() + 1);
+        (id, names::Node { domain: of.domain, session: &self.id, id: of.id, name: &of.name })
     }
 
     fn token(&self, key: String) -> Result<LivelinessToken, WireError> {

@@ -1,0 +1,161 @@
+//! The chunk that is being filled: records as they will lie in it, and where each message lies.
+//! Checksum and compression are for the whole of it, once, when it is closed: both cost far more
+//! when they are fed message by message. What was allocated stays for the next chunk.
+
+use lz4::block::{compress_bound, compress_to_buffer};
+use mcap::records::{ChunkHeader, ChunkIndex, op};
+
+use crate::recording::writer::{bytes, record};
+
+/// How large a chunk may become, bytes, unless a single record is larger. A chunk that a kill cuts is lost, and small
+/// ones are quick to look something up in, but have more of an index: 64 robots fill 68 KB at an instant.
+pub(crate) const SIZE_MAX: usize = 256 * 1024;
+/// What a message is besides its data: kind, length, channel, number and two stamps; bytes.
+const MESSAGE_HEADER: usize = 9 + 22;
+/// How the chunk says what its frame is.
+const COMPRESSION: &str = "lz4";
+
+/// How a frame of LZ4 begins: version 1, blocks that do not need each other, of 64 KiB at most, no
+/// checksum, for the chunk has one. The last byte vouches for the two before it.
+const FRAME: [u8; 7] = [0x04, 0x22, 0x4d, 0x18, 0x60, 0x40, 0x82];
+/// The largest block of such a frame, bytes.
+const BLOCK_MAX: usize = 64 * 1024;
+/// Says in a block's length that the block is as it was.
+const UNCOMPRESSED: u32 = 1 << 31;
+/// Ends a frame.
+const NO_BLOCK: u32 = 0;
+
+pub(crate) struct Chunk {
+    records: Vec<u8>,
+    /// Of the first and the last message by their stamps, ns since 1970.
+    stamps_ns: Option<(u64, u64)>,
+    /// Of each channel by its id: stamp and place of its messages, as the index has them.
+    entries: Vec<Vec<u8>>,
+    /// The records, compressed.
+    frame: Vec<u8>,
+    /// A block, compressed.
+    block: Vec<u8>,
+    /// The chunk and its message indexes, as they will be in the file.
+    piece: Vec<u8>,
+}
+
+impl Chunk {
+    pub(crate) fn new() -> Chunk {
+        let bound = compress_bound(BLOCK_MAX).expect("64 KiB are not too much");
+        Chunk {
+            records: Vec::new(),
+            stamps_ns: None,
+            entries: Vec::new(),
+            frame: Vec::new(),
+            block: vec![0; bound],
+            piece: Vec::new(),
+        }
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.records.is_empty()
+    }
+
+    /// Whether a record with `length` bytes still fits.
+    pub(crate) fn has_room(&self, length: usize) -> bool {
+        self.is_empty() || self.records.len() + MESSAGE_HEADER + length <= SIZE_MAX
+    }
+
+    /// Of the first and the last message by their stamps, ns since 1970.
+    pub(crate) fn stamps_ns(&self) -> Option<(u64, u64)> {
+        self.stamps_ns
+    }
+
+    /// Adds a whole record, of a schema or a channel.
+    pub(crate) fn add(&mut self, record: &[u8]) {
+        self.records.extend_from_slice(record);
+    }
+
+    pub(crate) fn add_message(
+        &mut self,
+        channel_id: u16,
+        sequence: u32,
+        stamp_ns: u64,
+        data: &[u8],
+    ) {
+        let channel = usize::from(channel_id);
+        if self.entries.len() <= channel {
+            self.entries.resize_with(channel + 1, Vec::new);
+        }
+        let mut entry = [0; 16];
+        entry[..8].copy_from_slice(&stamp_ns.to_le_bytes());
+        entry[8..].copy_from_slice(&(self.records.len() as u64).to_le_bytes());
+        self.entries[channel].extend_from_slice(&entry);
+        let (first_ns, last_ns) = self.stamps_ns.unwrap_or((stamp_ns, stamp_ns));
+        self.stamps_ns = Some((first_ns.min(stamp_ns), last_ns.max(stamp_ns)));
+        // In one piece: nothing else is written as often.
+        let mut begin = [op::MESSAGE; MESSAGE_HEADER];
+        begin[1..9].copy_from_slice(&((MESSAGE_HEADER - 9 + data.len()) as u64).to_le_bytes());
+        begin[9..11].copy_from_slice(&channel_id.to_le_bytes());
+        begin[11..15].copy_from_slice(&sequence.to_le_bytes());
+        begin[15..23].copy_from_slice(&stamp_ns.to_le_bytes());
+        begin[23..].copy_from_slice(&stamp_ns.to_le_bytes());
+        self.records.extend_from_slice(&begin);
+        self.records.extend_from_slice(data);
+    }
+
+    /// The chunk and its message indexes, as they are to stand at `offset` in the file, and what leads to them.
+    pub(crate) fn close(&mut self, offset: u64) -> (&[u8], ChunkIndex) {
+        self.compress();
+        let (first_ns, last_ns) = self.stamps_ns.unwrap_or((0, 0));
+        let header = ChunkHeader {
+            message_start_time: first_ns,
+            message_end_time: last_ns,
+            uncompressed_size: self.records.len() as u64,
+            uncompressed_crc: crc32fast::hash(&self.records),
+            compression: COMPRESSION.to_owned(),
+            compressed_size: self.frame.len() as u64,
+        };
+        self.piece.clear();
+        record(&mut self.piece, op::CHUNK, &[&bytes(&header), &self.frame]);
+        let mut index = ChunkIndex {
+            message_start_time: first_ns,
+            message_end_time: last_ns,
+            chunk_start_offset: offset,
+            chunk_length: self.piece.len() as u64,
+            message_index_offsets: Default::default(),
+            message_index_length: 0,
+            compression: header.compression,
+            compressed_size: header.compressed_size,
+            uncompressed_size: header.uncompressed_size,
+        };
+        for (channel_id, entries) in (0_u16..).zip(&self.entries) {
+            if !entries.is_empty() {
+                let place = offset + self.piece.len() as u64;
+                index.message_index_offsets.insert(channel_id, place);
+                let length = (entries.len() as u32).to_le_bytes();
+                let parts = [&channel_id.to_le_bytes()[..], &length, entries];
+                record(&mut self.piece, op::MESSAGE_INDEX, &parts);
+            }
+        }
+        index.message_index_length = self.piece.len() as u64 - index.chunk_length;
+        (&self.piece, index)
+    }
+
+    /// Makes the frame of the records, block by block; one that does not become smaller stays as it is.
+    fn compress(&mut self) {
+        self.frame.clear();
+        self.frame.extend(FRAME);
+        for part in self.records.chunks(BLOCK_MAX) {
+            let (length, block) = match compress_to_buffer(part, None, false, &mut self.block) {
+                Ok(size) if size < part.len() => (size as u32, &self.block[..size]),
+                _ => (part.len() as u32 | UNCOMPRESSED, part),
+            };
+            self.frame.extend(length.to_le_bytes());
+            self.frame.extend_from_slice(block);
+        }
+        self.frame.extend(NO_BLOCK.to_le_bytes());
+    }
+
+    /// Begins the next one.
+    pub(crate) fn clear(&mut self) {
+        self.records.clear();
+        self.stamps_ns = None;
+        self.entries.iter_mut().for_each(Vec::clear);
+    }
+}

@@ -1,0 +1,225 @@
+//! What was written is held against another reader, the crate `mcap`.
+
+use std::fs;
+use std::io::{Read, Write as _};
+
+use mcap::Summary;
+use mcap::read::LinearReader as Plain;
+use mcap::records::Record;
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use proptest::prelude::*;
+
+use super::*;
+use crate::recording::chunk::SIZE_MAX;
+
+#[derive(Debug, Clone)]
+enum Step {
+    Message { channel: prop::sample::Index, stamp_ns: u64, size: usize, noise: bool },
+    Flush,
+    Attachment(Vec<u8>),
+    Metadata(String),
+}
+
+fn step() -> impl Strategy<Value = Step> {
+    let size = prop_oneof![8 => 0..600usize, 2 => 0..20_000usize, 1 => 60_000..300_000usize];
+    let message = (any::<prop::sample::Index>(), 1..1_000_000u64, size, any::<bool>());
+    prop_oneof![
+        20 => message.prop_map(|(channel, stamp_ns, size, noise)| {
+            Step::Message { channel, stamp_ns, size, noise }
+        }),
+        2 => Just(Step::Flush),
+        1 => prop::collection::vec(any::<u8>(), 0..2000).prop_map(Step::Attachment),
+        1 => "[a-z]{0,9}".prop_map(Step::Metadata),
+    ]
+}
+
+/// Bytes that do not compress, or do.
+fn content(size: usize, noise: bool, seed: u64) -> Vec<u8> {
+    let mut word = seed.wrapping_mul(2).wrapping_add(1);
+    let mut byte = || {
+        word = word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (word >> 56) as u8
+    };
+    (0..size).map(|at| if noise || at % 50 == 0 { byte() } else { 0 }).collect()
+}
+
+/// A file with so many channels, of three types in turns.
+fn begun(channels: usize) -> (tempfile::TempDir, std::path::PathBuf, Writer) {
+    let scratch = tempfile::tempdir().unwrap();
+    let path = scratch.path().join("out.mcap");
+    let mut writer = Writer::create(&path, "ros2").unwrap();
+    let schemas = [(); 3].map(|()| writer.schema("a type", "ros2msg", b"float64 x\n").unwrap());
+    for (id, schema) in (0..channels).zip(schemas.into_iter().cycle()) {
+        let metadata = BTreeMap::from([("key".into(), "value".into())]);
+        assert_eq!(usize::from(writer.channel(schema, &format!("/{id}"), metadata).unwrap()), id);
+    }
+    (scratch, path, writer)
+}
+
+/// Every record of a file, from its first byte to its last, each checksum checked.
+fn records(file: &[u8]) -> Vec<Record<'static>> {
+    let options = LinearReaderOptions::default()
+        .with_validate_chunk_crcs(true)
+        .with_validate_data_section_crc(true)
+        .with_validate_summary_section_crc(true)
+        .with_check_finishes_after_end_magic(true);
+    let mut reader = LinearReader::new_with_options(options);
+    let (mut rest, mut records) = (file, Vec::new());
+    while let Some(event) = reader.next_event() {
+        match event.unwrap() {
+            LinearReadEvent::ReadRequest(wanted) => {
+                let read = rest.read(reader.insert(wanted)).unwrap();
+                reader.notify_read(read);
+            }
+            LinearReadEvent::Record { opcode, data } => {
+                records.push(mcap::parse_record(opcode, data).unwrap().into_owned());
+            }
+        }
+    }
+    records
+}
+
+/// Channel, number, stamp and data of messages.
+type Messages = Vec<(u16, u32, u64, Vec<u8>)>;
+
+fn messages(records: &[Record<'_>]) -> Messages {
+    let message = |record: &Record<'_>| match record {
+        Record::Message { header, data } => {
+            assert_eq!(header.log_time, header.publish_time);
+            Some((header.channel_id, header.sequence, header.log_time, data.to_vec()))
+        }
+        _ => None,
+    };
+    records.iter().filter_map(message).collect()
+}
+
+/// Every message, found by the summary and the indexes, in the order of their numbers.
+fn indexed(file: &[u8], summary: &Summary) -> Messages {
+    let mut messages = Vec::new();
+    for chunk in summary.chunk_indexes.iter().filter(|c| !c.message_index_offsets.is_empty()) {
+        for (channel, entries) in summary.read_message_indexes(file, chunk).unwrap() {
+            for entry in entries {
+                let found = summary.seek_message(file, chunk, &entry).unwrap();
+                assert_eq!((found.channel.id, found.log_time), (channel.id, entry.log_time));
+                assert!(entry.log_time >= chunk.message_start_time);
+                assert!(entry.log_time <= chunk.message_end_time);
+                messages.push((
+                    channel.id,
+                    found.sequence,
+                    found.log_time,
+                    found.data.into_owned(),
+                ));
+            }
+        }
+    }
+    messages.sort_by_key(|&(_, sequence, ..)| sequence);
+    messages
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+    #[test]
+    fn whatever_was_written_is_read_back_by_the_crate_mcap_in_order_and_by_index(
+        channels in 1..40usize,
+        steps in prop::collection::vec(step(), 0..120),
+    ) {
+        let (_scratch, path, mut writer) = begun(channels);
+        let (mut written, mut attached, mut facts) = (Messages::new(), Vec::new(), Vec::new());
+        for step in steps {
+            match step {
+                Step::Message { channel, stamp_ns, size, noise } => {
+                    let (channel, number) = (channel.index(channels) as u16, written.len() as u32);
+                    let data = content(size, noise, stamp_ns);
+                    writer.message(channel, number, stamp_ns, &data).unwrap();
+                    written.push((channel, number, stamp_ns, data));
+                }
+                Step::Flush => writer.flush().unwrap(),
+                Step::Attachment(data) => {
+                    let name = format!("file {}", attached.len());
+                    let media_type = "text/plain".to_owned();
+                    let header = AttachmentHeader { log_time: 1, create_time: 2, name, media_type };
+                    writer.attachment(header, &data).unwrap();
+                    attached.push(data);
+                }
+                Step::Metadata(name) => {
+                    let metadata = BTreeMap::from([("key".to_owned(), name.clone())]);
+                    facts.push(Metadata { name, metadata });
+                    writer.metadata(facts.last().unwrap()).unwrap();
+                }
+            }
+        }
+        writer.finish().unwrap();
+
+        let file = fs::read(&path).unwrap();
+        let read = records(&file);
+        prop_assert_eq!(&messages(&read), &written);
+        prop_assert!(mcap::read::footer(&file).unwrap().summary_crc != 0);
+        for record in &read {
+            if let Record::DataEnd(end) = record {
+                prop_assert!(end.data_section_crc != 0);
+            }
+            let Record::SummaryOffset(group) = record else { continue };
+            let end = (group.group_start + group.group_length) as usize;
+            for record in Plain::sans_magic(&file[group.group_start as usize..end]) {
+                prop_assert_eq!(record.unwrap().opcode(), group.group_opcode);
+            }
+        }
+
+        let summary = Summary::read(&file).unwrap().expect("a summary");
+        prop_assert_eq!(&indexed(&file, &summary), &written);
+        prop_assert_eq!(summary.channels.len(), channels);
+        for (id, found) in &summary.channels {
+            prop_assert_eq!(&found.topic, &format!("/{id}"));
+            prop_assert!(found.schema.as_ref().is_some_and(|s| &*s.data == b"float64 x\n"));
+        }
+        for chunk in &summary.chunk_indexes {
+            let alone = chunk.message_index_offsets.len() == 1
+                && chunk.message_index_length == 9 + 2 + 4 + 16;
+            prop_assert!(chunk.uncompressed_size <= SIZE_MAX as u64 || alone);
+        }
+        for (place, (index, data)) in summary.attachment_indexes.iter().zip(&attached).enumerate() {
+            prop_assert_eq!(&index.name, &format!("file {place}"));
+            prop_assert_eq!(&mcap::read::attachment(&file, index).unwrap().data, data);
+        }
+        let found = summary.metadata_indexes.iter();
+        let found = found.map(|index| mcap::read::metadata(&file, index).unwrap());
+        prop_assert_eq!(found.collect::<Vec<_>>(), &facts[..]);
+
+        let stamps = || written.iter().map(|&(_, _, stamp_ns, _)| stamp_ns);
+        let mut channel_message_counts = BTreeMap::new();
+        for &(channel, ..) in &written {
+            *channel_message_counts.entry(channel).or_insert(0) += 1;
+        }
+        prop_assert_eq!(summary.stats.expect("statistics"), Statistics {
+            message_count: written.len() as u64,
+            schema_count: 3,
+            channel_count: channels as u32,
+            attachment_count: attached.len() as u32,
+            metadata_count: facts.len() as u32,
+            chunk_count: summary.chunk_indexes.len() as u32,
+            message_start_time: stamps().min().unwrap_or(0),
+            message_end_time: stamps().max().unwrap_or(0),
+            channel_message_counts,
+        });
+    }
+}
+
+#[test]
+fn a_write_that_failed_half_way_leaves_no_trace_once_the_disk_has_room_again() {
+    let (_scratch, path, mut writer) = begun(1);
+    writer.message(0, 0, 10, &content(5000, true, 1)).unwrap();
+    writer.flush().unwrap();
+    writer.message(0, 1, 20, &content(5000, true, 2)).unwrap();
+    let good = std::mem::replace(&mut writer.file.file, File::open(&path).unwrap());
+    writer.flush().unwrap_err();
+    fs::OpenOptions::new().append(true).open(&path).unwrap().write_all(&[6; 100]).unwrap();
+    writer.file.file = good;
+    writer.message(0, 2, 30, &content(5000, true, 3)).unwrap();
+    // Given up, it gets its end all the same.
+    drop(writer);
+    let file = fs::read(&path).unwrap();
+    let stamps = messages(&records(&file)).into_iter().map(|(_, _, stamp_ns, _)| stamp_ns);
+    assert_eq!(stamps.collect::<Vec<_>>(), [10, 20, 30]);
+    let summary = Summary::read(&file).unwrap().expect("a summary");
+    assert_eq!((summary.chunk_indexes.len(), indexed(&file, &summary).len()), (2, 3));
+}

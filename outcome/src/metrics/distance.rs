@@ -27,6 +27,7 @@ pub(super) struct Closest {
 }
 
 /// The smallest distances so far.
+#[derive(Default)]
 pub(super) struct Distances {
     robots: usize,
     distance_min_m: f64,
@@ -49,12 +50,7 @@ impl Distances {
             robots,
             distance_min_m,
             least: vec![(f64::INFINITY, 0); robots * robots.saturating_sub(1) / 2],
-            closest: None,
-            nearest: None,
-            seen: None,
-            violations: 0,
-            violations_plant: 0,
-            newest_t_ns: None,
+            ..Distances::default()
         }
     }
 

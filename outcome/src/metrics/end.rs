@@ -7,6 +7,7 @@ use experiment::scenario::Scenario;
 
 use crate::metrics::finals::FINAL_SHARE;
 
+#[derive(Default)]
 pub(super) struct EarlyEnd {
     /// How long it is to have been converged, and from when on nothing of the plan is to come, ns; `None`: it
     /// lasts for `duration_s`.
@@ -21,8 +22,7 @@ impl EarlyEnd {
         EarlyEnd {
             asked: scenario.end_after_converged_ns.zip(scenario.plan_over_ns()),
             duration_ns: scenario.duration_ns,
-            converged_since_ns: None,
-            newest_t_ns: 0,
+            ..EarlyEnd::default()
         }
     }
 

@@ -6,6 +6,7 @@ use protocol::message::TruthRow;
 use crate::metrics::hash::TrajectoryHash;
 
 /// The truths so far.
+#[derive(Default)]
 pub(super) struct Truths {
     hash: Option<TrajectoryHash>,
     /// In lockstep: entry k is the hash of all truths before k + 1 s, which tells when two runs parted.
@@ -27,14 +28,7 @@ impl Truths {
     /// None came yet. Only in lockstep are two runs the same.
     pub(super) fn new(pace: Pace) -> Truths {
         let hash = (pace == Pace::Lockstep).then(TrajectoryHash::new);
-        Truths {
-            hash,
-            hash_by_second: Vec::new(),
-            newest_tick: None,
-            newest_t_ns: 0,
-            lost: 0,
-            unseen_ns: Vec::new(),
-        }
+        Truths { hash, ..Truths::default() }
     }
 
     /// Takes in one.

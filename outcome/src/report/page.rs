@@ -92,25 +92,12 @@ mod tests {
     const HOSTILE: &str = "</script><script>alert(1)</script><!--\"'&\u{2028}";
 
     fn hostile() -> Scene {
+        let name = HOSTILE.to_owned();
         let robot =
-            SceneRobot { name: HOSTILE.into(), role: "formation".into(), front_point_m: f64::NAN };
-        let fault = SceneFault {
-            t_s: 1.0,
-            until_s: None,
-            what: HOSTILE.into(),
-            robots: vec![0],
-            cuts: None,
-        };
-        Scene {
-            name: HOSTILE.into(),
-            pace: "lockstep".into(),
-            duration_s: f64::INFINITY,
-            distance_min_m: 0.2,
-            robots: vec![robot],
-            edges: vec![],
-            walls: vec![],
-            faults: vec![fault],
-        }
+            SceneRobot { name: name.clone(), front_point_m: f64::NAN, ..Default::default() };
+        let fault = SceneFault { what: name.clone(), robots: vec![0], ..SceneFault::default() };
+        let (robots, faults) = (vec![robot], vec![fault]);
+        Scene { name, duration_s: f64::INFINITY, robots, faults, ..Scene::default() }
     }
 
     /// What stands between the tags of the data block of this class.

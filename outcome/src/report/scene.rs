@@ -7,7 +7,7 @@ use formation::obstacle::Obstacle;
 use serde::Serialize;
 
 /// What does not change during a run.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Scene {
     /// The scenario's name.
     pub name: String,
@@ -29,7 +29,7 @@ pub struct Scene {
 }
 
 /// One robot.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct SceneRobot {
     /// Its name.
     pub name: String,
@@ -49,7 +49,7 @@ pub struct SceneEdge {
 }
 
 /// Something that goes wrong.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct SceneFault {
     /// When it begins, s.
     pub t_s: f64,

@@ -118,17 +118,8 @@ mod tests {
     }
 
     fn scene(robots: usize, edges: usize) -> Scene {
-        let robot = SceneRobot { name: "r".into(), role: "formation".into(), front_point_m: 0.1 };
-        Scene {
-            name: "made up".into(),
-            pace: "lockstep".into(),
-            duration_s: 80.0,
-            distance_min_m: 0.2,
-            robots: vec![robot; robots],
-            edges: vec![SceneEdge { from: 0, to: 0 }; edges],
-            walls: vec![],
-            faults: vec![],
-        }
+        let edges = vec![SceneEdge { from: 0, to: 0 }; edges];
+        Scene { robots: vec![SceneRobot::default(); robots], edges, ..Scene::default() }
     }
 
     /// Lengths of every kind: small, far beyond the picture, and none at all.

@@ -9,8 +9,36 @@ use protocol::brief;
 use serde::Serialize;
 
 use crate::results::programs::{self, Programs, Started};
-use crate::results::run_dir::{RunDirError, failed};
 use experiment::scenario::program::Program;
+
+/// Why something could not be written down. What was written before is kept.
+#[derive(Debug, thiserror::Error)]
+pub enum RunDirError {
+    /// It would overwrite an earlier run.
+    #[error("{} exists already; a run never overwrites another, give --out a new name", .0.display())]
+    Exists(PathBuf),
+    /// Its directory could not be made.
+    #[error("cannot make {}: {source}; nothing was run", path.display())]
+    Make {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A file or directory could not be written.
+    #[error("cannot write {}: {source}; what was written before is kept", path.display())]
+    Write {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+pub(crate) fn failed(path: &Path) -> impl FnOnce(io::Error) -> RunDirError {
+    let path = path.to_path_buf();
+    move |source| RunDirError::Write { path, source }
+}
 
 /// The directory of one host's share of a run.
 #[derive(Debug)]

@@ -18,7 +18,7 @@ use serde::Serialize;
 use crate::metrics::summary::Summary;
 use crate::metrics::{Now, PairDistance};
 use crate::results::date;
-use crate::results::host_dir::HostDir;
+use crate::results::host_dir::{HostDir, failed};
 use crate::results::latency::Latency;
 use crate::results::manifest::Manifest;
 use crate::results::reserved::Reserved;
@@ -27,6 +27,8 @@ use experiment::scenario::Scenario;
 use formation::obstacle::Obstacle;
 use formation::pose::{Pose, Twist};
 use formation::seconds;
+
+pub use crate::results::host_dir::RunDirError;
 
 /// Runs without `--out` go below this directory.
 const RUNS: &str = "runs";
@@ -80,35 +82,6 @@ struct Newest {
 struct Log {
     path: PathBuf,
     file: BufWriter<File>,
-}
-
-/// Why something could not be written down. What was written before is kept.
-#[derive(Debug, thiserror::Error)]
-pub enum RunDirError {
-    /// It would overwrite an earlier run.
-    #[error("{} exists already; a run never overwrites another, give --out a new name", .0.display())]
-    Exists(PathBuf),
-    /// Its directory could not be made.
-    #[error("cannot make {}: {source}; nothing was run", path.display())]
-    Make {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
-    /// A file or directory could not be written.
-    #[error("cannot write {}: {source}; what was written before is kept", path.display())]
-    Write {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
-}
-
-pub(crate) fn failed(path: &Path) -> impl FnOnce(io::Error) -> RunDirError {
-    let path = path.to_path_buf();
-    move |source| RunDirError::Write { path, source }
 }
 
 impl Deref for RunDir {

@@ -1,6 +1,7 @@
 //! The convex hull of the leaders, and how far outside it a follower is. (7) (49)
 
 use crate::Vec2;
+use crate::obstacle::Obstacle;
 
 /// Corners of the convex hull of `points`, counter-clockwise, without points on its edges.
 /// (Andrew's monotone chain.)
@@ -32,17 +33,12 @@ pub fn convex_hull(points: &[Vec2]) -> Vec<Vec2> {
 /// Distance, m, from `point` to the convex hull of `points` (the polygon, not its corners); 0
 /// inside. Infinite for no points.
 pub fn hull_distance(point: Vec2, points: &[Vec2]) -> f64 {
-    let hull = convex_hull(points);
-    match hull.as_slice() {
+    match convex_hull(points)[..] {
         [] => f64::INFINITY,
         [only] => (point - only).norm(),
-        corners => {
-            let next = |i: usize| corners[(i + 1) % corners.len()];
-            let sides = || corners.iter().enumerate().map(|(i, &a)| (a, next(i)));
-            if corners.len() > 2 && sides().all(|(a, b)| turn(a, b, point) >= 0.0) {
-                return 0.0;
-            }
-            sides().map(|(a, b)| segment_distance(point, a, b)).fold(f64::INFINITY, f64::min)
+        ref corners => {
+            let corners_m = corners.iter().map(|&corner| corner.into()).collect();
+            (point - Obstacle::Polygon { corners_m }.nearest(point)).norm()
         }
     }
 }
@@ -50,12 +46,6 @@ pub fn hull_distance(point: Vec2, points: &[Vec2]) -> f64 {
 /// Positive if a -> b -> c turns to the left.
 fn turn(a: Vec2, b: Vec2, c: Vec2) -> f64 {
     (b - a).perp(&(c - a))
-}
-
-fn segment_distance(point: Vec2, a: Vec2, b: Vec2) -> f64 {
-    let along = b - a;
-    let share = ((point - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
-    (point - (a + share * along)).norm()
 }
 
 #[cfg(test)]
@@ -68,8 +58,9 @@ mod tests {
         let mut nearest = f64::INFINITY;
         for a in points {
             for b in points {
-                let d = if a == b { (point - a).norm() } else { segment_distance(point, *a, *b) };
-                nearest = nearest.min(d);
+                let segment = Obstacle::segment((*a).into(), (*b).into());
+                let there = if a == b { *a } else { segment.nearest(point) };
+                nearest = nearest.min((point - there).norm());
                 for c in points {
                     let turns = [turn(*a, *b, point), turn(*b, *c, point), turn(*c, *a, point)];
                     let inside = turns.iter().all(|t| *t >= 0.0);

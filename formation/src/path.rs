@@ -382,18 +382,6 @@ mod tests {
     }
 
     #[test]
-    fn two_waypoints_are_a_straight_line_with_two_ramps() {
-        let line = path(&[[0.0, 0.0], [3.0, 4.0]], false).unwrap();
-        assert!((line.length_m() - 5.0).abs() < 1e-12);
-        // 2 s of ramp cover 0.5 m, so the speed is kept for 4 m, from 2 s to 10 s.
-        for (t, along) in
-            [(1.0, 0.125), (2.0, 0.5), (6.0, 2.5), (10.0, 4.5), (11.0, 4.875), (12.0, 5.0)]
-        {
-            assert!((line.at(t).position - along * Vec2::new(0.6, 0.8)).norm() < 1e-12, "{t}");
-        }
-    }
-
-    #[test]
     fn evenly_spaced_waypoints_on_a_circle_are_that_circle() {
         let points: Vec<[f64; 2]> = (0..5)
             .map(|i| (TAU * f64::from(i) / 5.0).sin_cos())

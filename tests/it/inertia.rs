@@ -1,22 +1,10 @@
 //! The promise where nobody stops at once: the adversarial runs of `hostile`, with robots that have
 //! inertia, half of them among walls, under the guard that knows it and under the one that does not.
 
-use std::f64::consts::TAU;
-
-use agent::brain::Brain;
-use experiment::scenario::Scenario;
-use formation::Vec2;
-use formation::front_point::front_point;
-use formation::pose::{Pose, wrap_angle};
-use formation::random::SplitMix64;
-use outcome::metrics::Measures;
-use protocol::brief::AgentBrief;
-
 use crate::hostile::{
     Case, PERIODS, S, TRIANGLES, adversaries_and_wishes, hostile, margin, named, on_all_cores, swap,
 };
 use crate::model::{Fleet, HARDSHIPS, Hardship, INERTIAS, Trial};
-use crate::oracle::{self, scenario};
 
 /// Every fleet at every period, with every inertia in turn.
 fn fleets(round: usize) -> Vec<(String, Fleet)> {
@@ -106,100 +94,4 @@ fn in_2016_adversarial_runs_no_two_robots_with_inertia_come_nearer_than_d() {
 #[ignore = "minutes; ten times as many seeds"]
 fn in_20160_adversarial_runs_no_two_robots_with_inertia_come_nearer_than_d() {
     nobody_comes_nearer_than_d(120);
-}
-
-/// `swap-8-burger` from starts drawn from this seed: each robot off its place on the circle, in any
-/// heading.
-fn swap_from(seed: u64) -> Scenario {
-    let mut dice = SplitMix64::new(seed);
-    let mut swap = scenario("swap-8-burger", &[]);
-    for robot in &mut swap.robots {
-        let mut off = || 0.2 * (dice.unit() - 0.5);
-        let alpha = front_point(robot.start, robot.front_point_m) + Vec2::new(off(), off());
-        let heading_rad = wrap_angle(TAU * dice.unit());
-        let back = robot.front_point_m * Vec2::new(heading_rad.cos(), heading_rad.sin());
-        robot.start = Pose { x_m: alpha.x - back.x, y_m: alpha.y - back.y, heading_rad };
-    }
-    swap
-}
-
-/// The same of robots that stop at once.
-fn without_inertia(mut scenario: Scenario) -> Scenario {
-    for robot in &mut scenario.robots {
-        robot.limits = None;
-    }
-    scenario.avoidance.braking_time_max_s = 0.0;
-    scenario
-}
-
-/// Runs it with the guard that does not know that robots have inertia.
-fn simulate_unknowing(scenario: &Scenario) -> Measures {
-    oracle::simulate_with(scenario, &|brief, incarnation| {
-        let mut brief = AgentBrief { limits: None, ..brief.clone() };
-        brief.avoidance.braking_time_max_s = 0.0;
-        Brain::new(&brief, incarnation).expect("a checked brief")
-    })
-}
-
-/// Mean time until all have arrived, s, how many did, and the smallest distance in units of d.
-fn told(what: &str, trials: &[Measures]) -> (usize, f64) {
-    let arrived: Vec<f64> = trials.iter().filter_map(|trial| trial.converged_at_s).collect();
-    let mean_s = arrived.iter().sum::<f64>() / arrived.len() as f64;
-    let closest = trials.iter().filter_map(|trial| trial.min_distance_m).fold(f64::MAX, f64::min);
-    let ratio = closest / 0.42;
-    println!("| {what} | {} of {} | {mean_s:.1} | {ratio:.3} |", arrived.len(), trials.len());
-    (arrived.len(), ratio)
-}
-
-/// `cargo test --release --test it -- --ignored --nocapture swaps_of_eight_burgers`
-#[test]
-#[ignore = "a table of docs/explanation/inertia.md: 60 trials of a minute"]
-fn swaps_of_eight_burgers_arrive_and_keep_d_and_without_the_guard_that_knows_they_do_not() {
-    let swaps: Vec<Scenario> = (1..=20).map(swap_from).collect();
-    println!(
-        "| guard, plant | arrived | mean time (s) | smallest distance / d |\n|---|---|---|---|"
-    );
-    let ideal: Vec<_> =
-        swaps.iter().map(|s| oracle::simulate(&without_inertia(s.clone()))).collect();
-    told("without inertia, robots that stop at once", &ideal);
-    let unknowing: Vec<_> = swaps.iter().map(simulate_unknowing).collect();
-    let (_, without) = told("without inertia, Burgers", &unknowing);
-    let knowing: Vec<_> = swaps.iter().map(oracle::simulate).collect();
-    let (arrived, with) = told("with inertia, Burgers", &knowing);
-    assert!(arrived == 20 && with >= 1.0 && without < 1.0);
-}
-
-/// `cargo test --release --test it -- --ignored --nocapture what_inertia_costs`
-#[test]
-#[ignore = "a table of docs/explanation/inertia.md: 15 runs"]
-fn what_inertia_costs_is_time_and_never_distance() {
-    let cases = [
-        ("triangle", "period_s=0.005"),
-        ("pentagon", "period_s=0.005"),
-        ("containment", "period_s=0.005"),
-    ];
-    println!(
-        "| case | v_max / a (s) | converged at (s) | worst error of the last 10 % (m) | smallest distance / d |"
-    );
-    println!("|---|---|---|---|---|");
-    for (name, period) in cases {
-        for braking_s in [0.0, 0.05, 0.1, 0.2, 0.5] {
-            let free = scenario(name, &[period]);
-            let (v_max, ell) = (free.avoidance.speed_max_m_s, free.robots[0].front_point_m);
-            let (a, a_w) = (v_max / braking_s, v_max / (ell * braking_s));
-            let limits = format!(
-                "robot_defaults.limits={{acceleration_m_s2={a:.6},turn_acceleration_rad_s2={a_w:.6}}}"
-            );
-            let set = [period, &limits];
-            let simulated = if braking_s > 0.0 { scenario(name, &set) } else { free };
-            let run = oracle::simulate(&simulated);
-            let ratio = run.min_distance_m.unwrap() / simulated.avoidance.distance_min_m;
-            let converged = run.converged_at_s.map_or("-".to_owned(), |s| format!("{s:.1}"));
-            println!(
-                "| `{name}` | {braking_s} | {converged} | {:.1e} | {ratio:.3} |",
-                run.final_error_m_max.unwrap()
-            );
-            assert!(ratio >= 1.0, "{name}, {braking_s}");
-        }
-    }
 }

@@ -1,17 +1,10 @@
 //! Walls: what `check` says of them, what a run among them says of itself, and where they are drawn.
 
-use std::f64::consts::TAU;
 use std::path::Path;
 
-use experiment::check::check;
-use experiment::scenario::Scenario;
 use experiment::scenario::diagnostic::Severity;
 use experiment::scenario::read::{Overrides, read};
 use formation::Vec2;
-use formation::front_point::front_point;
-use formation::pose::{Pose, wrap_angle};
-use formation::random::SplitMix64;
-use outcome::metrics::Measures;
 
 use crate::harness::run;
 use crate::oracle::{self, scenario};
@@ -106,46 +99,4 @@ fn a_run_tells_its_smallest_clearance_judges_it_and_draws_the_walls() {
     ended.claim(brief.matches("[[obstacle]]").count() == 24, "every segment is an obstacle");
     let missed = run("corridor").lockstep().set("expect={min_clearance_m=0.3}").finish();
     missed.exits_with(1);
-}
-
-/// A scene from starts drawn from this seed: every front point up to 0.15 m off along x and y, in any heading.
-/// Starts that are too near are drawn again.
-fn scene_from(name: &str, seed: u64) -> Scenario {
-    let mut dice = SplitMix64::new(seed);
-    let scene = scenario(name, &["expect={}"]);
-    loop {
-        let mut drawn = scene.clone();
-        for robot in &mut drawn.robots {
-            let mut off = || 0.3 * (dice.unit() - 0.5);
-            let alpha = front_point(robot.start, robot.front_point_m) + Vec2::new(off(), off());
-            let heading_rad = wrap_angle(TAU * dice.unit());
-            let back = robot.front_point_m * Vec2::new(heading_rad.cos(), heading_rad.sin());
-            robot.start = Pose { x_m: alpha.x - back.x, y_m: alpha.y - back.y, heading_rad };
-        }
-        if check(&drawn).iter().all(|finding| finding.severity != Severity::Error) {
-            return drawn;
-        }
-    }
-}
-
-/// `cargo test --release --test it -- --ignored --nocapture a_hundred_starts_of_each_scene`
-#[test]
-#[ignore = "a table of docs/explanation/inertia.md: 500 runs"]
-fn from_a_hundred_starts_of_each_scene_all_keep_clear_and_hardly_anybody_gets_stuck() {
-    println!("| scene | stuck | mean time (s) | smallest distance / d | smallest clearance |");
-    println!("|---|---|---|---|---|");
-    for name in ["corridor", "doorway", "hallway", "intersection", "warehouse"] {
-        let runs: Vec<Measures> =
-            (1..=100).map(|seed| oracle::simulate(&scene_from(name, seed))).collect();
-        let arrived: Vec<f64> = runs.iter().filter_map(|run| run.converged_at_s).collect();
-        let mean_s = arrived.iter().sum::<f64>() / arrived.len() as f64;
-        let closest = runs.iter().filter_map(|run| run.min_distance_m).fold(f64::MAX, f64::min);
-        let clearances = runs.iter().filter_map(|run| run.min_clearance.as_ref());
-        let clearance = clearances.map(|one| one.distance_m).fold(f64::MAX, f64::min);
-        let (d, ratio) = (closest / 0.42, clearance / 0.21);
-        let stuck = runs.len() - arrived.len();
-        println!("| `{name}` | {stuck} of 100 | {mean_s:.1} | {d:.3} | {ratio:.3} |");
-        assert!(d >= 1.0 && ratio >= 1.0, "{name}");
-        assert!(stuck <= 10, "{name}: {stuck}");
-    }
 }

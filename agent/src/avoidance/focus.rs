@@ -90,7 +90,6 @@ fn overshoot(at: &Conditions<'_>) -> Option<Advice> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::brief::{AvoidanceBrief, Rank};
 
     #[test]
     fn the_field_spirals_outwards_counter_clockwise_and_ends_at_d() {
@@ -114,24 +113,10 @@ mod tests {
 
     #[test]
     fn it_needs_to_see_d_and_what_sensors_err_by_and_a_period_short_for_epsilon() {
-        let avoidance = AvoidanceBrief {
-            kind: "focus".into(),
-            distance_min_m: 0.2,
-            speed_max_m_s: f64::INFINITY,
-            sensing_radius_m: 1.0,
-            sensing_error_m: 0.01,
-            heading_error_rad: 0.0,
-            braking_time_max_s: 0.0,
-            clearance_m: 0.0,
-            gains: [("epsilon_per_s".into(), 10.0)].into(),
-        };
-        let at = |period_s: f64| Conditions {
-            avoidance: &avoidance,
-            period_s,
-            lifetime_s: period_s,
-            front_point_m: 0.1,
-            rank: Rank::First,
-        };
+        let mut brief = crate::testing::brief();
+        brief.avoidance.sensing_error_m = 0.01;
+        brief.avoidance.gains = [("epsilon_per_s".into(), 10.0)].into();
+        let at = |period_s: f64| Conditions { period_s, ..Conditions::of(&brief) };
         assert!(((ROW.description.sensing_radius_m)(&at(0.01)) - 0.21).abs() < 1e-12);
         assert_eq!((overshoot(&at(0.009)), overshoot(&at(0.01))), (None, None));
         let advice = overshoot(&at(0.02)).unwrap();

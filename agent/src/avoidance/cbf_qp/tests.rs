@@ -42,17 +42,6 @@ fn ideal_robots_never_come_nearer_than_d_whatever_they_want() {
     }
 }
 
-/// Known of it: what is nearest to what is wanted may be to stand.
-#[test]
-fn robots_that_swap_places_exactly_deadlock() {
-    let at = vec![Vec2::new(0.5, 0.0), Vec2::new(-0.5, 0.0)];
-    let goals = at.iter().map(|at| -at).collect();
-    let mut crowd = Crowd::new(vec![cbf_qp(5.0), cbf_qp(5.0)], at, goals, 0.5, 0.01);
-    let closest = (0..3000).map(|_| crowd.step()).fold(f64::INFINITY, f64::min);
-    assert!(closest > D - 1e-9 && closest < D + 1e-3, "{closest}");
-    assert!(crowd.farthest() > 0.5, "{}", crowd.farthest());
-}
-
 #[test]
 fn another_robot_leaves_half_of_the_rate_to_it_and_a_wall_all() {
     let away = [Vec2::new(-0.25, 0.0)];

@@ -4,10 +4,7 @@
 //! (`proof/Braking.v::share_of_the_slack_with_inertia`). Where everybody stops at once, the same of the new
 //! command, whatever acted before it (`proof/Time.v::share_of_the_slack`).
 //!
-//! And what happens to it if one of its parts is left out: by cases that are made for that, and by
-//! drawing cases at random for longer.
-
-#![expect(clippy::print_stdout, reason = "the long form prints its counts")]
+//! And what happens to it if one of its parts is left out, by cases that are made for that.
 
 use formation::front_point::{front_point, front_velocity};
 use formation::obstacle::Obstacle;
@@ -597,19 +594,5 @@ fn without_any_of_its_parts_the_lemma_is_broken() {
     for (without, ramp, make) in ABLATIONS {
         let (count, worst) = broken(1000, without, ramp, make);
         assert!(count > 0 && worst > 1e-4, "{without:?}, {ramp:?}: {count} of 1000, {worst}");
-    }
-}
-
-/// `cargo test --release -p agent -- --ignored --nocapture certified_cases`
-#[test]
-#[ignore = "minutes: 200,000 certified cases, and as many without each part"]
-fn of_200000_certified_cases_none_is_broken_and_without_each_part_some_are() {
-    let certified = 200_000;
-    let (count, worst) = broken(certified, Without::Nothing, Ramp::Together, Case::drawn);
-    println!("with all of it: {count} of {certified}, worst {worst:e} m/s");
-    for (without, ramp, _) in ABLATIONS {
-        let (count, worst) = broken(certified, without, ramp, Case::drawn);
-        println!("without {without:?}, {ramp:?}: {count} of {certified}, worst {worst} m/s");
-        assert!(count > 0, "{without:?}, {ramp:?}");
     }
 }

@@ -1,74 +1,22 @@
 //! Of which briefs a guard is made, when a robot stands, what of a command it is granted, and its figures.
 
-use protocol::brief::{
-    AvoidanceBrief, Format, PublishedVelocity, RampKind, Rank, SilenceBrief, SilencePolicy,
-};
+use protocol::brief::{AvoidanceBrief, RampKind};
 
 use super::*;
 
 /// d = 0.2 m, v_max = 0.5 m/s, ell = 0.1 m, T = 10 ms, H = 25 ms, exact sensors.
 pub(in super::super) fn brief() -> AgentBrief {
-    AgentBrief {
-        format: Format,
-        name: "r1".into(),
-        index: 1,
-        run_root: "/nowhere".into(),
-        pace: Pace::Realtime,
-        period_ns: 10_000_000,
-        plant_tick_ns: 1_000_000,
-        command_lifetime_ns: 25_000_000,
-        late_ns: 0,
-        front_point_m: 0.1,
-        law: String::new(),
-        gains: Default::default(),
-        program: None,
-        led: false,
-        rank: Rank::First,
-        lead: None,
-        scale: None,
-        goal_m: None,
-        published_velocity: PublishedVelocity::Gamma,
-        limits: None,
-        avoidance: AvoidanceBrief {
-            kind: "guard".into(),
-            distance_min_m: 0.2,
-            speed_max_m_s: 0.5,
-            sensing_radius_m: f64::INFINITY,
-            sensing_error_m: 0.0,
-            heading_error_rad: 0.0,
-            braking_time_max_s: 0.0,
-            clearance_m: 0.0,
-            gains: Default::default(),
-        },
-        silence: SilenceBrief {
-            stale_after_ns: 1,
-            lost_after_ns: 1,
-            policy: SilencePolicy::Ignore,
-        },
-        slow: Vec::new(),
-        odometry_faults: Vec::new(),
-        command_faults: Vec::new(),
-        links_by_hand: false,
-        goals_from_outside: false,
-        neighbors: Vec::new(),
-    }
+    let mut brief = crate::testing::brief();
+    brief.avoidance.kind = "guard".into();
+    brief.avoidance.speed_max_m_s = 0.5;
+    brief.avoidance.sensing_radius_m = f64::INFINITY;
+    brief
 }
 
 pub(in super::super) fn sample(stamp_ns: u64, heading_rad: f64, away: &[Vec2]) -> Sample<'_> {
-    Sample {
-        stamp_ns,
-        t_s: stamp_ns as f64 / 1e9,
-        heading_rad,
-        heading_effect_rad: heading_rad,
-        twist: Twist::ZERO,
-        away,
-        proximity_valid: true,
-        proximity_cut: false,
-        velocities: &[],
-        walls: &[],
-        walls_cut: false,
-        error: None,
-    }
+    let t_s = stamp_ns as f64 / 1e9;
+    let heading_effect_rad = heading_rad;
+    Sample { stamp_ns, t_s, heading_rad, heading_effect_rad, away, ..Sample::default() }
 }
 
 /// A TurtleBot3 Burger: d = 0.3 m, ell = 0.1 m, T = 10 ms, H = 100 ms, tau = 0.35 s.

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use protocol::brief::AgentBrief;
 
 use super::super::guard::tests::brief as guarded;
-use super::super::ideal::{Crowd, antipodal, scattered};
+use super::super::ideal::{Crowd, scattered};
 use super::*;
 
 const D: f64 = 0.2;
@@ -110,27 +110,6 @@ fn ideal_robots_keep_d_wherever_their_programs_have_solutions() {
         arrived += u32::from(crowd.farthest() < 0.01);
     }
     assert!(kept > 30_000 && arrived >= 15, "{kept} periods, {arrived} of 20 arrived");
-}
-
-/// Known of it: who is held up from both sides stands. Two pass: each turns to its right.
-#[test]
-fn three_or_more_that_meet_in_the_middle_of_a_circle_deadlock_also_a_millimetre_off() {
-    for robots in [2, 3, 4, 5, 6, 8, 12, 16] {
-        for off in [0.0, 1e-3] {
-            let [mut at, goals] = antipodal(robots, 1.0);
-            let mut random = SplitMix64::new(robots as u64);
-            at.iter_mut().for_each(|at| *at += off * Vec2::new(random.unit(), random.unit()));
-            let mut crowd = crowd(at, goals);
-            let closest = (0..6000).map(|_| crowd.step()).fold(f64::INFINITY, f64::min);
-            assert!(closest > D - 1e-9, "{robots}, {off}: {closest}");
-            let far = crowd.farthest();
-            let stands = crowd.velocities.iter().all(|v| v.norm() < 1e-3);
-            assert!(
-                if robots == 2 { far < 1e-6 } else { far > 1.0 && stands },
-                "{robots}, {off}: {far}"
-            );
-        }
-    }
 }
 
 #[test]

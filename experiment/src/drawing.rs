@@ -9,7 +9,7 @@ use std::fmt::Write;
 use formation::graph::Edge;
 use protocol::law::Reference;
 
-use crate::scenario::Scenario;
+use crate::scenario::{Robot, Scenario};
 
 /// Who draws it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,17 +28,22 @@ pub fn drawn(scenario: &Scenario, drawing: Drawing) -> String {
     }
 }
 
+/// How a robot is drawn: in Mermaid's brackets, and by Graphviz's name.
+fn shape(robot: &Robot) -> ([&'static str; 2], &'static str) {
+    match robot.role.reference {
+        Reference::Trajectory => (["(((", ")))"], "doublecircle"),
+        Reference::Offsets => (["((", "))"], "circle"),
+        Reference::Middle => (["[", "]"], "box"),
+        Reference::Goal => (["{{", "}}"], "hexagon"),
+    }
+}
+
 fn mermaid(scenario: &Scenario) -> String {
     // Writing to a string cannot fail. A JSON string is a YAML string.
     let title = serde_json::Value::from(scenario.name.as_str());
     let mut text = format!("---\ntitle: {title}\n---\nflowchart LR\n");
     for (i, robot) in scenario.robots.iter().enumerate() {
-        let (open, close) = match robot.role.reference {
-            Reference::Trajectory => ("(((", ")))"),
-            Reference::Offsets => ("((", "))"),
-            Reference::Middle => ("[", "]"),
-            Reference::Goal => ("{{", "}}"),
-        };
+        let ([open, close], _) = shape(robot);
         // Names may be words of Mermaid's own, such as `end`: they are labels only.
         let name = robot.name.replace('"', "#quot;");
         let _ = writeln!(text, "    robot{}{open}\"{name}\"{close}", i + 1);
@@ -53,12 +58,7 @@ fn mermaid(scenario: &Scenario) -> String {
 fn dot(scenario: &Scenario) -> String {
     let mut text = format!("digraph {} {{\n    rankdir = LR\n", in_dot(&scenario.name));
     for robot in &scenario.robots {
-        let shape = match robot.role.reference {
-            Reference::Trajectory => "doublecircle",
-            Reference::Offsets => "circle",
-            Reference::Middle => "box",
-            Reference::Goal => "hexagon",
-        };
+        let (_, shape) = shape(robot);
         let _ = writeln!(text, "    {} [shape = {shape}]", in_dot(&robot.name));
     }
     for edge in scenario.graph.edges() {
@@ -85,74 +85,38 @@ fn label(scenario: &Scenario, edge: &Edge) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
-    use protocol::avoidance::AvoidanceDescription;
-    use protocol::catalog::Catalog;
-    use protocol::law::{LawDescription, Role};
+    use protocol::law::Role;
 
     use super::*;
-    use crate::scenario::read::{Overrides, read_text};
-
-    fn scenario() -> Scenario {
-        let law = |name, role| LawDescription {
-            name,
-            role,
-            source: "",
-            gains: &[],
-            feed_forward: false,
-            correction_max: None,
-        };
-        let laws =
-            [law("lead", Role::LEADER), law("keep", Role::FORMATION), law("mean", Role::CONTAINED)];
-        let catalog = Catalog { laws: laws.to_vec(), methods: vec![AvoidanceDescription::INERT] };
-        let text = r#"
-            name = 'a "quoted" \ name'
-            duration_s = 1.0
-            period_s = 0.005
-            avoidance = { distance_min_m = 0.2, speed_max_m_s = 0.3 }
-            robot_defaults = { front_point_m = 0.1 }
-            trajectory = { kind = "still" }
-            robot = [
-                { name = "end", law = "lead", pose = { x_m = 0, y_m = 0, heading_rad = 0 } },
-                { name = "r2", law = "keep", pose = { x_m = 1, y_m = 0, heading_rad = 0 } },
-                { name = "r3", law = "mean", hears = ["end", "r2"], pose = { x_m = 2, y_m = 0, heading_rad = 0 } },
-            ]
-            edge = [{ from = "end", to = "r2", offset_m = [1, -0.5] }]
-        "#;
-        read_text(Path::new("t.toml"), text, &Overrides::default(), &catalog)
-            .unwrap_or_else(|error| panic!("{}", error.render(false)))
-            .0
-    }
+    use crate::examples::row_of_three;
 
     #[test]
-    fn mermaid_shows_roles_by_shape_and_offsets_as_labels() {
-        let expected = r#"---
+    fn both_show_roles_by_shape_and_offsets_as_labels() {
+        let mut scenario = row_of_three();
+        scenario.name = "a \"quoted\" \\ name".to_owned();
+        scenario.robots[0].name = "end".to_owned();
+        scenario.robots[0].role = Role::LEADER;
+        scenario.robots[2].role = Role::CONTAINED;
+        let mermaid = r#"---
 title: "a \"quoted\" \\ name"
 ---
 flowchart LR
     robot1((("end")))
     robot2(("r2"))
     robot3["r3"]
-    robot1 -->|"(1.000, -0.500) m"| robot2
-    robot1 --> robot3
+    robot1 -->|"(-1.000, 0.000) m"| robot2
     robot2 --> robot3
 "#;
-        assert_eq!(drawn(&scenario(), Drawing::Mermaid), expected);
-    }
-
-    #[test]
-    fn dot_shows_roles_by_shape_and_offsets_as_labels() {
-        let expected = r#"digraph "a \"quoted\" \\ name" {
+        assert_eq!(drawn(&scenario, Drawing::Mermaid), mermaid);
+        let dot = r#"digraph "a \"quoted\" \\ name" {
     rankdir = LR
     "end" [shape = doublecircle]
     "r2" [shape = circle]
     "r3" [shape = box]
-    "end" -> "r2" [label = "(1.000, -0.500) m"]
-    "end" -> "r3"
+    "end" -> "r2" [label = "(-1.000, 0.000) m"]
     "r2" -> "r3"
 }
 "#;
-        assert_eq!(drawn(&scenario(), Drawing::Dot), expected);
+        assert_eq!(drawn(&scenario, Drawing::Dot), dot);
     }
 }

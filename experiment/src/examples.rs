@@ -77,19 +77,6 @@ pub fn row_of_three() -> Scenario {
         faults: Vec::new(),
         lead: None,
         unled_scale: None,
-        expect: Expectations {
-            hull_distance_m_max: None,
-            min_distance_m: None,
-            min_clearance_m: None,
-            final_error_m_max: None,
-            final_ideal_error_m_max: None,
-            tracking_error_m_max: None,
-            converged_by_s: None,
-            recovered_within_s: None,
-            alive_at_end: None,
-            deadline_misses_max: None,
-            exit: None,
-            converged_error_m: 0.01,
-        },
+        expect: Expectations { converged_error_m: 0.01, ..Expectations::default() },
     }
 }

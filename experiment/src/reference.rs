@@ -4,11 +4,12 @@
 use std::fmt::Write;
 
 use protocol::catalog::Catalog;
+use toml::de::DeValue;
 
 use crate::scenario::fault::FORMS;
 use crate::scenario::keys::{Format, Key, Otherwise, Range, Section, Takes};
 use crate::scenario::models::MODELS;
-use crate::scenario::table::{NUMBER_MAX, SECONDS_MAX};
+use crate::scenario::table::{NUMBER_MAX, SECONDS_MAX, spelled};
 
 const HEAD: &str = "\
 # Scenario keys
@@ -52,12 +53,12 @@ fn table(page: &mut String, section: &Section, heading: &str, format: &Format) {
         "| key | type | unit | default | range | what it is |\n|---|---|---|---|---|---|\n",
     );
     for key in &section.keys {
-        let (kind, unit, range) = type_of(key, format);
+        let (kind, range) = type_of(key, section, format);
         let _ = writeln!(
             page,
             "| `{}` | {kind} | {} | {} | {range} | {} |",
             key.name,
-            unit.replace("^2", "²"),
+            key.unit().replace("^2", "²"),
             default(key),
             says(key),
         );
@@ -71,65 +72,58 @@ fn table(page: &mut String, section: &Section, heading: &str, format: &Format) {
     }
 }
 
-/// Type, unit and range of a key's value, in words.
-fn type_of(key: &Key, format: &Format) -> (String, &'static str, String) {
+/// Type and range of a key's value, in words.
+fn type_of(key: &Key, section: &Section, format: &Format) -> (String, String) {
     let within = |range: Range, most: f64| match range {
         Range::Any => format!("-{most:e} to {most:e}"),
         Range::NotNegative => format!("0 to {most:e}"),
         Range::Positive => format!("above 0, to {most:e}"),
     };
     let link = |section: &str| format!("[`{section}`](#{section})");
+    let plain = |kind: &str| (kind.to_owned(), String::new());
     match key.takes {
-        Takes::Text => ("string".into(), "", String::new()),
+        Takes::Text => plain("string"),
         Takes::Word(words) => {
             let words: Vec<&str> = words.iter().map(|(word, _)| *word).collect();
-            ("word".into(), "", names(&words))
+            ("word".into(), names(&words))
         }
-        Takes::Law => ("word".into(), "", format!("a [law](#laws): {}", names(&format.laws))),
-        Takes::Method => (
-            "word".into(),
-            "",
-            format!("a [method](#avoidance-methods): {}", names(&format.methods)),
-        ),
-        Takes::Truth => ("boolean".into(), "", String::new()),
-        Takes::Number(unit, range) => ("number".into(), unit, within(range, NUMBER_MAX)),
-        Takes::Time(range) => ("number, whole nanoseconds".into(), "s", within(range, SECONDS_MAX)),
-        Takes::Times => (
-            "list of numbers, whole nanoseconds".into(),
-            "s",
-            within(Range::NotNegative, SECONDS_MAX),
-        ),
-        Takes::Whole(least, most) => {
-            let most = if most == i64::MAX as u64 {
-                "2<sup>63</sup> - 1".into()
-            } else {
-                most.to_string()
-            };
-            ("integer".into(), "", format!("{least} to {most}"))
+        Takes::Kind => ("word".into(), names(&section.words())),
+        Takes::Law => ("word".into(), format!("a [law](#laws): {}", names(&format.laws))),
+        Takes::Method => {
+            ("word".into(), format!("a [method](#avoidance-methods): {}", names(&format.methods)))
         }
-        Takes::Pair(unit) => ("[x, y]".into(), unit, within(Range::Any, NUMBER_MAX)),
-        Takes::Points(unit) => ("list of [x, y]".into(), unit, within(Range::Any, NUMBER_MAX)),
-        Takes::Texts => ("list of strings".into(), "", String::new()),
-        Takes::Names => ("list of strings".into(), "", String::new()),
-        Takes::NamesOrCount => ("list of strings, or integer".into(), "", String::new()),
-        Takes::Table(section) => (format!("table {}", link(section)), "", String::new()),
-        Takes::Tables(section) => (format!("list of tables {}", link(section)), "", String::new()),
-        Takes::NamedTables(section) => {
-            (format!("table of tables {}", link(section)), "", String::new())
+        Takes::Truth => plain("boolean"),
+        Takes::Number(range) => ("number".into(), within(range, NUMBER_MAX)),
+        Takes::Time(range) => ("number, whole nanoseconds".into(), within(range, SECONDS_MAX)),
+        Takes::Times => {
+            let range = within(Range::NotNegative, SECONDS_MAX);
+            ("list of numbers, whole nanoseconds".into(), range)
         }
-        Takes::Any(words) => (words.into(), "", String::new()),
+        Takes::Whole(least, most) if most == i64::MAX as u64 => {
+            ("integer".into(), format!("{least} to 2<sup>63</sup> - 1"))
+        }
+        Takes::Whole(least, most) => ("integer".into(), format!("{least} to {most}")),
+        Takes::Pair => ("[x, y]".into(), within(Range::Any, NUMBER_MAX)),
+        Takes::Points => ("list of [x, y]".into(), within(Range::Any, NUMBER_MAX)),
+        Takes::Texts | Takes::Names => plain("list of strings"),
+        Takes::NamesOrCount => plain("list of strings, or integer"),
+        Takes::Table(section) => plain(&format!("table {}", link(section))),
+        Takes::Tables(section) => plain(&format!("list of tables {}", link(section))),
+        Takes::NamedTables(section) => plain(&format!("table of tables {}", link(section))),
+        Takes::Any(words) => plain(words),
     }
 }
 
 fn default(key: &Key) -> String {
-    match key.otherwise {
+    match &key.otherwise {
         Otherwise::Needed => "**needed**".into(),
-        Otherwise::Number(number) => number.to_string(),
-        Otherwise::Whole(number) => number.to_string(),
-        Otherwise::Word(word) => format!("`{word}`"),
-        Otherwise::No => "false".into(),
-        Otherwise::Yes => "true".into(),
-        Otherwise::Rule(rule) => rule.into(),
+        Otherwise::Default(DeValue::String(word)) => format!("`{word}`"),
+        // As short as numbers are written.
+        Otherwise::Default(DeValue::Float(number)) => {
+            number.as_str().parse::<f64>().expect("a number").to_string()
+        }
+        Otherwise::Default(other) => spelled(other),
+        Otherwise::Rule(rule) => (*rule).into(),
         Otherwise::Absent => "-".into(),
     }
 }

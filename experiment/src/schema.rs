@@ -3,9 +3,10 @@
 
 use protocol::catalog::Catalog;
 use serde_json::{Map, Value, json};
+use toml::de::DeValue;
 
 use crate::scenario::keys::{Format, Key, Kind, Otherwise, Range, Section, Takes};
-use crate::scenario::table::{NUMBER_MAX, SECONDS_MAX};
+use crate::scenario::table::{NUMBER_MAX, SECONDS_MAX, spelled};
 
 /// The schema for these laws and methods, as text with a newline at its end.
 pub fn schema(catalog: &Catalog) -> String {
@@ -73,10 +74,11 @@ fn table(section: &Section, format: &Format) -> Value {
 }
 
 fn of_kind(section: &Section, kind: &Kind, format: &Format) -> Value {
-    let there = |key: &&Key| kind.needs.contains(&key.name) || kind.may.contains(&key.name);
-    let keys: Vec<&Key> = section.keys.iter().filter(there).collect();
-    let row = section.key("kind");
-    let by_default = row.is_some_and(|row| row.otherwise == Otherwise::Word(kind.word));
+    let keys: Vec<&Key> = section.keys.iter().filter(|key| kind.has(key.name)).collect();
+    let by_default = section.key("kind").is_some_and(|row| match &row.otherwise {
+        Otherwise::Default(word) => word.as_str() == Some(kind.word),
+        _ => false,
+    });
     let said = (!by_default).then_some("kind");
     let needed = said.into_iter().chain(kind.needs.iter().copied());
     let mut object = object(kind.says, &keys, needed.collect(), format);
@@ -93,7 +95,7 @@ fn needed(section: &Section, key: &Key) -> bool {
         "robot_defaults" => true,
         _ => false,
     };
-    key.otherwise == Otherwise::Needed && !elsewhere
+    matches!(key.otherwise, Otherwise::Needed) && !elsewhere
 }
 
 fn object(says: &str, keys: &[&Key], needed: Vec<&str>, format: &Format) -> Value {
@@ -130,10 +132,11 @@ fn value(key: &Key, format: &Format) -> Value {
         Takes::Word(words) => {
             json!({ "enum": words.iter().map(|(word, _)| word).collect::<Vec<_>>() })
         }
+        Takes::Kind => json!({ "type": "string" }),
         Takes::Law => json!({ "enum": format.laws }),
         Takes::Method => json!({ "enum": format.methods }),
         Takes::Truth => json!({ "type": "boolean" }),
-        Takes::Number(_, range) => number(range, NUMBER_MAX),
+        Takes::Number(range) => number(range, NUMBER_MAX),
         Takes::Time(range) => number(range, SECONDS_MAX),
         Takes::Times => {
             json!({ "type": "array", "items": number(Range::NotNegative, SECONDS_MAX) })
@@ -141,10 +144,9 @@ fn value(key: &Key, format: &Format) -> Value {
         Takes::Whole(least, most) => {
             json!({ "type": "integer", "minimum": least, "maximum": most })
         }
-        Takes::Pair(_) => pair,
-        Takes::Points(_) => json!({ "type": "array", "items": pair }),
-        Takes::Texts => json!({ "type": "array", "items": { "type": "string" } }),
-        Takes::Names => json!({ "type": "array", "items": { "type": "string" } }),
+        Takes::Pair => pair,
+        Takes::Points => json!({ "type": "array", "items": pair }),
+        Takes::Texts | Takes::Names => json!({ "type": "array", "items": { "type": "string" } }),
         Takes::NamesOrCount => json!({
             "type": ["array", "integer"],
             "items": { "type": "string" },
@@ -158,36 +160,31 @@ fn value(key: &Key, format: &Format) -> Value {
         }
         Takes::Any(_) => json!({}),
     };
-    let default: Option<Value> = match key.otherwise {
-        Otherwise::Number(number) => Some(number.into()),
-        Otherwise::Whole(number) => Some(number.into()),
-        Otherwise::Word(word) => Some(word.into()),
-        Otherwise::No => Some(false.into()),
-        Otherwise::Yes => Some(true.into()),
-        Otherwise::Needed | Otherwise::Rule(_) | Otherwise::Absent => None,
-    };
     let mut says = key.says.to_string();
-    let unit = match key.takes {
-        Takes::Number(unit, _) | Takes::Pair(unit) | Takes::Points(unit) => unit,
-        Takes::Time(_) | Takes::Times => "s",
-        _ => "",
-    };
-    if !unit.is_empty() {
-        says += &format!(" [{unit}]");
+    if !key.unit().is_empty() {
+        says += &format!(" [{}]", key.unit());
     }
     if let Takes::Word(words) = key.takes {
         for (word, meaning) in words.iter().filter(|(_, meaning)| !meaning.is_empty()) {
             says += &format!("; {word}: {meaning}");
         }
     }
-    if let Otherwise::Rule(rule) = key.otherwise {
-        says += &format!("; without it: {rule}");
+    match &key.otherwise {
+        Otherwise::Rule(rule) => says += &format!("; without it: {rule}"),
+        Otherwise::Default(default) => value["default"] = in_json(default),
+        Otherwise::Needed | Otherwise::Absent => {}
     }
     value["description"] = says.into();
-    if let Some(default) = default {
-        value["default"] = default;
-    }
     value
+}
+
+/// A default: a number, a word, true or false.
+fn in_json(default: &DeValue<'_>) -> Value {
+    match default {
+        DeValue::String(word) => word.as_ref().into(),
+        DeValue::Boolean(truth) => (*truth).into(),
+        number => spelled(number).parse::<serde_json::Number>().expect("a number").into(),
+    }
 }
 
 fn number(range: Range, most: f64) -> Value {

@@ -163,7 +163,8 @@ impl LinkFault {
 const STRETCH: f64 = 16.0;
 
 /// One of the two streams between a robot and its body.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Stream {
     /// What it senses.
     Odometry,

@@ -21,10 +21,16 @@ fn scenario(name: &str, set: &[&str]) -> (Scenario, Vec<String>) {
     (scenario, warnings.into_iter().map(|warning| warning.message).collect())
 }
 
-/// `phalanx check ... --output json`.
+/// A scenario of this text.
+fn from_text(text: &str) -> Scenario {
+    read_text("test.toml".as_ref(), text, &Overrides::default(), &agent::catalog())
+        .unwrap_or_else(|error| panic!("{}", error.render(false)))
+        .0
+}
+
+/// What `phalanx check --output json` says of a shipped scenario.
 fn check_json(name: &str) -> Value {
-    let scenario = format!("scenarios/{name}.toml");
-    phalanx(["check", &scenario, "--output", "json"]).exits_with(0).json()
+    serde_json::from_str(&Theory::of(&scenario(name, &[]).0).to_json()).unwrap()
 }
 
 /// The deaths that take something, each with the lists that are not empty.
@@ -69,11 +75,7 @@ fn crowd(speed_max_m_s: f64) -> String {
 #[test]
 fn who_may_have_more_others_near_than_a_sample_reports_is_told_so_with_the_speed_that_avoids_it() {
     let warnings = |speed_max_m_s: f64| {
-        let text = crowd(speed_max_m_s);
-        let overrides = Overrides::default();
-        let (scenario, ..) = read_text("crowd.toml".as_ref(), &text, &overrides, &agent::catalog())
-            .unwrap_or_else(|error| panic!("{}", error.render(false)));
-        let findings = Theory::of(&scenario).findings.into_iter();
+        let findings = Theory::of(&from_text(&crowd(speed_max_m_s))).findings.into_iter();
         findings.filter(|f| f.message.contains("sample reports")).collect::<Vec<_>>()
     };
     let [stand] = &warnings(0.8)[..] else { panic!("expected one warning") };
@@ -235,12 +237,7 @@ fn on_a_circle_the_formation_turns_about_its_center_like_a_rigid_body() {
          [[robot]]\nname = 'r2'\npose = {{ x_m = 1.0, y_m = 0.0, heading_rad = 0.0 }}\n\
          [[edge]]\nfrom = 'r1'\nto = 'r2'\noffset_m = [-0.8, -0.5]\n"
     );
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("circle.toml");
-    std::fs::write(&path, &text).unwrap();
-    let catalog = agent::catalog();
-    let (scenario, _, _) = read(&path, &Overrides::default(), &catalog)
-        .unwrap_or_else(|error| panic!("{}", error.render(false)));
+    let scenario = from_text(&text);
     let theory = Theory::of(&scenario);
     let facts = theory.trajectory.unwrap();
     assert_near(facts.eta_m_m_s, turn_rate * radius, 1e-12);
@@ -257,8 +254,7 @@ fn on_a_circle_the_formation_turns_about_its_center_like_a_rigid_body() {
     // A leader that starts across its path swings the others around until it has turned.
     let across = text.replace(&heading, "heading_rad = 0.5");
     assert_ne!(across, text);
-    std::fs::write(&path, across).unwrap();
-    let (scenario, _, _) = read(&path, &Overrides::default(), &catalog).unwrap();
+    let scenario = from_text(&across);
     let theory = Theory::of(&scenario);
     assert_near(theory.trajectory.unwrap().tangent_rad.unwrap(), std::f64::consts::FRAC_PI_2, 1e-9);
     // Settled is settled, but for the front point's lag, which is here from the start.
@@ -300,7 +296,11 @@ fn contained_robots_that_would_meet_are_warned_of() {
 
 #[test]
 fn the_text_says_what_the_json_says() {
-    let text = phalanx(["check", "scenarios/containment.toml"]).exits_with(0).stdout;
+    let checked = |args: &[&str]| {
+        phalanx([&["check", "scenarios/containment.toml"][..], args].concat()).exits_with(0)
+    };
+    assert_eq!(checked(&["--output", "json"]).json(), check_json("containment"));
+    let text = checked(&[]).stdout;
     for part in [
         "r7 hears r6 and wants to be at r6 + (0.000, -1.200) m, r8 and wants to be at r8 + (-1.200",
         "without r4: r1: place elsewhere without r4; ",

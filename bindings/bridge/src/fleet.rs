@@ -97,7 +97,7 @@ pub fn read_text(path: &Path, text: &str) -> Result<Fleet, Diagnostic> {
     let entries = toml(text, &source)?;
     let format = keys::format();
     let document = Document::new(source, &format);
-    let root = Table::titled(&document, entries.get_ref(), "the fleet");
+    let root = Table::root(&document, entries.get_ref(), "the fleet");
     root.only()?;
     if let Some(description) = root.get("description") {
         description.text("expected a string")?;
@@ -118,10 +118,9 @@ pub fn read_text(path: &Path, text: &str) -> Result<Fleet, Diagnostic> {
         let expected = format!("expected one of {}", known.join(", "));
         return Err(plant.wrong(format!("is \"{name}\", which is no host"), expected));
     };
-    let words: Vec<(&str, &str)> = keys::TRANSPORTS.iter().map(|&(word, _)| (word, word)).collect();
-    let transport = root.word("transport", &words)?;
+    let transport: String = root.word("transport")?;
     let certificates = root.get("certificates");
-    if let (Some(certificates), "udp") = (&certificates, transport) {
+    if let (Some(certificates), "udp") = (&certificates, transport.as_str()) {
         let expected = "expected it with `transport = \"tcp\"` only: TLS goes over TCP";
         return Err(certificates.wrong("is given with UDP", expected));
     }
@@ -132,7 +131,7 @@ pub fn read_text(path: &Path, text: &str) -> Result<Fleet, Diagnostic> {
         hosts,
         plant,
         latency_max_ns: root.time_ns("latency_max_s")?,
-        transport: transport.to_owned(),
+        transport,
         certificates: certificates.map(|keys| folder.join(keys)),
         join_within_ns: root.time_ns("join_within_s")?,
         unreachable_after_ns: root.time_ns("unreachable_after_s")?,

@@ -2,101 +2,67 @@
 //! of the book that lists them.
 
 use experiment::reference::sections;
-use experiment::scenario::keys::{Format, Key, Otherwise, Range, Section, Takes, key};
+use experiment::scenario::keys::Range::{NotNegative, Positive};
+use experiment::scenario::keys::Takes::{Names, Tables, Text, Time, Word};
+use experiment::scenario::keys::{Format, Key, Section, key};
 
 /// What carries frames: words of `transport`.
-pub(crate) const TRANSPORTS: &[(&str, &str)] = &[
+const TRANSPORTS: &[(&str, &str)] = &[
     ("tcp", "TCP: nothing is lost, and what is lost below comes late"),
     ("udp", "UDP: what is lost below is lost, and nothing waits for it; without certificates only"),
 ];
 
-const ROOT: &[Key] = &[
-    key("description", Takes::Text, Otherwise::Absent, "what it is about")
-        .guessed(&["comment", "about", "notes"]),
-    key(
-        "plant",
-        Takes::Text,
-        Otherwise::Needed,
-        "the host of the plant, which coordinates the run, collects what came out, and judges it",
-    )
-    .guessed(&["coordinator", "master", "main"]),
-    key(
-        "latency_max_s",
-        Takes::Time(Range::NotNegative),
-        Otherwise::Number(0.01),
-        "L: how long a sample from the plant to a robot of another host and the answer to it may be under way \
-         together; the command lifetime H grows by it, rounded up to whole periods, and commands that take longer \
-         are refused",
-    )
-    .guessed(&["latency_s", "delay_s", "latency_allowed_s", "latency_max_ms"]),
-    key(
-        "transport",
-        Takes::Word(TRANSPORTS),
-        Otherwise::Word("tcp"),
-        "what carries samples between hosts",
-    )
-    .guessed(&["protocol"]),
-    key(
-        "certificates",
-        Takes::Text,
-        Otherwise::Rule("no TLS, and then addresses of this machine only, unless `--insecure`"),
-        "the folder, as seen from the fleet file, with `ca.pem` and of this host `HOST.pem` and `HOST.key`",
-    )
-    .guessed(&["tls", "keys", "certs", "pki"]),
-    key(
-        "join_within_s",
-        Takes::Time(Range::Positive),
-        Otherwise::Number(60.0),
-        "how long hosts wait for each other before the run",
-    )
-    .guessed(&["timeout_s", "wait_s"]),
-    key(
-        "unreachable_after_s",
-        Takes::Time(Range::Positive),
-        Otherwise::Number(1.0),
-        "a host that was not heard for this long counts as unreachable",
-    ),
-    key(
-        "silence_max_s",
-        Takes::Time(Range::Positive),
-        Otherwise::Number(25.0),
-        "without a sign of the plant's host for this long, another host's share of the run ends",
-    ),
-    key("host", Takes::Tables("host"), Otherwise::Needed, "the hosts, two or more")
-        .guessed(&["hosts", "machine", "machines", "node"]),
-];
+fn root() -> Vec<Key> {
+    vec![
+        key("description", Text).optional("what it is about").guesses("comment about notes"),
+        key("plant", Text)
+            .needed("the host of the plant, which coordinates the run, collects what came out, and judges it")
+            .guesses("coordinator master main"),
+        key("latency_max_s", Time(NotNegative))
+            .default("0.01", "L: how long a sample from the plant to a robot of another host and the answer to \
+                 it may be under way together; the command lifetime H grows by it, rounded up to whole \
+                 periods, and commands that take longer are refused")
+            .guesses("latency_s delay_s latency_allowed_s latency_max_ms"),
+        key("transport", Word(TRANSPORTS))
+            .default("'tcp'", "what carries samples between hosts")
+            .guesses("protocol"),
+        key("certificates", Text)
+            .rule("no TLS, and then addresses of this machine only, unless `--insecure`", "the folder, as seen \
+                 from the fleet file, with `ca.pem` and of this host `HOST.pem` and `HOST.key`")
+            .guesses("tls keys certs pki"),
+        key("join_within_s", Time(Positive))
+            .default("60.0", "how long hosts wait for each other before the run")
+            .guesses("timeout_s wait_s"),
+        key("unreachable_after_s", Time(Positive))
+            .default("1.0", "a host that was not heard for this long counts as unreachable"),
+        key("silence_max_s", Time(Positive))
+            .default("25.0", "without a sign of the plant's host for this long, another host's share of the run ends"),
+        key("host", Tables("host"))
+            .needed("the hosts, two or more")
+            .guesses("hosts machine machines node"),
+    ]
+}
 
-const HOST: &[Key] = &[
-    key(
-        "name",
-        Takes::Text,
-        Otherwise::Needed,
-        "its name, and with certificates the common name of its own",
-    )
-    .guessed(&["id", "host", "hostname"]),
-    key(
-        "address",
-        Takes::Text,
-        Otherwise::Needed,
-        "where the others reach it, as in \"192.168.1.10:7447\"",
-    )
-    .guessed(&["endpoint", "listen", "ip", "addr", "url"]),
-    key("robots", Takes::Names, Otherwise::Rule("none"), "the robots that live there")
-        .guessed(&["robot", "agents", "names"]),
-];
+fn host() -> Vec<Key> {
+    vec![
+        key("name", Text)
+            .needed("its name, and with certificates the common name of its own")
+            .guesses("id host hostname"),
+        key("address", Text)
+            .needed("where the others reach it, as in \"192.168.1.10:7447\"")
+            .guesses("endpoint listen ip addr url"),
+        key("robots", Names)
+            .rule("none", "the robots that live there")
+            .guesses("robot agents names"),
+    ]
+}
 
 /// The keys that fleet files may have.
 pub fn format() -> Format {
-    let section =
-        |name, says, keys: &[Key]| Section { name, says, keys: keys.to_vec(), kinds: Vec::new() };
-    Format {
-        sections: vec![
-            section("fleet", "Several hosts that run one scenario together.", ROOT),
-            section("host", "One of them.", HOST),
-        ],
-        laws: Vec::new(),
-        methods: Vec::new(),
-    }
+    Format::plain(vec![
+        Section::new("fleet", "Several hosts that run one scenario together.", root()),
+        Section::new("host", "One of them.", host()),
+    ])
 }
 
 const HEAD: &str = "\

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use crate::scenario::diagnostic::Diagnostic;
-use crate::scenario::table::Value;
+use crate::scenario::table::{Value, spelled};
 use toml::de::DeValue;
 
 use crate::campaign::starts::Starts;
@@ -186,30 +186,6 @@ fn points(from: f64, to: f64, count: usize, log: bool) -> Vec<f64> {
         }
     };
     (0..count).map(point).collect()
-}
-
-/// A value in TOML, on one line.
-pub(crate) fn spelled(value: &DeValue<'_>) -> String {
-    match value {
-        DeValue::String(text) => toml::Value::String(text.clone().into_owned()).to_string(),
-        DeValue::Integer(integer) => integer.to_string(),
-        DeValue::Float(float) => float.to_string(),
-        DeValue::Boolean(truth) => truth.to_string(),
-        DeValue::Datetime(date) => date.to_string(),
-        DeValue::Array(list) => {
-            let list: Vec<String> = list.iter().map(|value| spelled(value.get_ref())).collect();
-            format!("[{}]", list.join(", "))
-        }
-        DeValue::Table(table) if table.is_empty() => "{}".to_owned(),
-        DeValue::Table(table) => {
-            let entry =
-                |(key, value): (
-                    &toml::Spanned<std::borrow::Cow<'_, str>>,
-                    &toml::Spanned<DeValue<'_>>,
-                )| { format!("{} = {}", key.get_ref(), spelled(value.get_ref())) };
-            format!("{{ {} }}", table.iter().map(entry).collect::<Vec<_>>().join(", "))
-        }
-    }
 }
 
 #[cfg(test)]

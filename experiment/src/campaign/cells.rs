@@ -1,9 +1,8 @@
 //! The runs of a campaign: each a scenario that is known to be sound, the command line that runs it,
 //! and its identity.
 //!
-//! The identity is the SHA-256 of the pace, of the effective scenario with all defaults written out
-//! and every graph that it names in it, of the programs that its robots run, and of the executable: what has the same identity is the
-//! same run.
+//! The identity is the SHA-256 of the pace, of the scenario as it was read, of the programs that its robots
+//! run, and of the executable: what has the same identity is the same run, however its file is written.
 
 use std::fmt::Write as _;
 use std::fs::File;
@@ -13,7 +12,6 @@ use std::path::{Path, PathBuf};
 use crate::scenario::Scenario;
 use crate::scenario::diagnostic::Diagnostic;
 use crate::scenario::read::{Overrides, folder, read_to_run};
-use crate::scenario::written_out::written_out;
 use protocol::catalog::Catalog;
 use sha2::{Digest, Sha256};
 
@@ -107,9 +105,9 @@ pub fn cells(
                     .set
                     .extend(drawn.map_err(|source| CellError::Starts { source, run: run() })?);
             }
-            let (scenario, text, _) = read(&overrides)?;
+            let (scenario, ..) = read(&overrides)?;
             let mut hash = Sha256::new();
-            for part in [campaign.pace.word(), &written_out(&text, catalog), executable] {
+            for part in [campaign.pace.word(), &format!("{scenario:?}"), executable] {
                 hash.update((part.len() as u64).to_le_bytes());
                 hash.update(part);
             }

@@ -7,12 +7,13 @@ use crate::scenario::diagnostic::{Diagnostic, Source};
 use crate::scenario::file::load;
 use crate::scenario::keys::{Format, Takes};
 use crate::scenario::read::toml;
-use crate::scenario::table::{Document, Table, Value};
+use crate::scenario::table::{Document, Table, Value, spelled};
 use protocol::brief::Pace;
 use protocol::catalog::Catalog;
+use serde::Deserialize;
 use toml::de::DeValue;
 
-use crate::campaign::axes::{Axis, AxisKind, Case, Setting, axis, spelled};
+use crate::campaign::axes::{Axis, AxisKind, Case, Setting, axis};
 use crate::campaign::keys;
 use crate::campaign::starts::Starts;
 
@@ -49,7 +50,8 @@ pub struct Campaign {
 }
 
 /// What is kept of a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Keep {
     /// Scenario, manifest and summary.
     Summary,
@@ -60,13 +62,13 @@ pub enum Keep {
 }
 
 impl Keep {
-    /// All, with their words.
-    pub const WORDS: [(&'static str, Keep); 3] =
-        [("summary", Keep::Summary), ("failed", Keep::Failed), ("all", Keep::All)];
-
     /// The word for it.
     pub fn word(self) -> &'static str {
-        Keep::WORDS.iter().find(|(_, keep)| *keep == self).expect("all have one").0
+        match self {
+            Keep::Summary => "summary",
+            Keep::Failed => "failed",
+            Keep::All => "all",
+        }
     }
 }
 
@@ -105,7 +107,7 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
     let entries = toml(text, &source)?;
     let format = keys::format();
     let document = Document::new(source, &format);
-    let root = Table::titled(&document, entries.get_ref(), "the campaign");
+    let root = Table::root(&document, entries.get_ref(), "the campaign");
     root.only()?;
     let scenario_format = Format::of(catalog);
 
@@ -171,8 +173,8 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
         faults: templates,
         seeds: root.get("seeds").map_or(Ok(Vec::new()), |value| seeds(&value))?,
         starts: root.get("starts").map(|value| Starts::read(&value)).transpose()?,
-        pace: root.word("pace", &[("lockstep", Pace::Lockstep), ("realtime", Pace::Realtime)])?,
-        keep: root.word("keep", &Keep::WORDS)?,
+        pace: root.word("pace")?,
+        keep: root.word("keep")?,
         deadline_s: root.number("deadline_s")?,
     };
     let drawn = |setting: &Setting| setting.case.starts.is_some();
@@ -291,13 +293,7 @@ fn known(path: &str, value: &Value<'_>, format: &Format) -> Result<(), Diagnosti
     while let Some(part) = parts.next() {
         let Some(key) = section.key(part) else {
             let rows: Vec<_> = section.keys.iter().collect();
-            let expected = match format.meant(section, &rows, part, true) {
-                Some(close) => format!("did you mean {close}?"),
-                None => {
-                    let names: Vec<&str> = rows.iter().map(|row| row.name).collect();
-                    format!("expected one of {}", names.join(", "))
-                }
-            };
+            let expected = format.expected(section, &rows, part, true);
             return Err(value.here(format!("a scenario has no key `{path}`"), expected));
         };
         match key.takes {

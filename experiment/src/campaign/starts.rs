@@ -14,6 +14,7 @@ use crate::scenario::table::Value;
 use formation::Vec2;
 use formation::front_point::front_point;
 use formation::random::SplitMix64;
+use serde::Deserialize;
 
 /// Told apart from other draws of the same seed.
 const STREAM: u64 = u64::from_le_bytes(*b"starts  ");
@@ -46,7 +47,8 @@ pub struct Starts {
 }
 
 /// Where robots go whose starts are drawn.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Goals {
     /// Where the scenario says.
     Own,
@@ -55,12 +57,12 @@ pub enum Goals {
 }
 
 impl Goals {
-    /// All, with their words.
-    pub const WORDS: [(&'static str, Goals); 2] = [("own", Goals::Own), ("swaps", Goals::Swaps)];
-
     /// The word for it.
     pub fn word(self) -> &'static str {
-        Goals::WORDS.iter().find(|(_, goals)| *goals == self).expect("all have one").0
+        match self {
+            Goals::Own => "own",
+            Goals::Swaps => "swaps",
+        }
     }
 }
 
@@ -100,7 +102,7 @@ impl Starts {
             return Err(sides.wrong("has a side without length", "expected two lengths above 0 m"));
         }
         let center = table.get("center_m");
-        let each = table.word("around", &[("middle", false), ("each", true)])?;
+        let each = table.word::<String>("around")? == "each";
         let around = match (each, &center) {
             (true, Some(center)) => {
                 return Err(center.wrong(
@@ -111,8 +113,7 @@ impl Starts {
             (true, None) => Around::Each,
             _ => Around::Middle(center.map(|center| center.pair()).transpose()?),
         };
-        let goals = table.word("goals", &Goals::WORDS)?;
-        Ok(Starts { box_m, apart_m: table.number("apart_m")?, around, goals })
+        Ok(Starts { box_m, apart_m: table.number("apart_m")?, around, goals: table.word("goals")? })
     }
 
     /// The start poses, and goals, that a seed draws for a scenario's robots, as `--set` has them.
@@ -232,30 +233,31 @@ mod tests {
     #[test]
     fn without_a_center_the_box_is_where_the_scenarios_own_starts_are() {
         let scenario = row_of_three();
-        let own = Starts { around: Around::Middle(None), ..STARTS }.draw(&scenario, 3).unwrap();
-        let points = scenario.robots.iter().map(|r| front_point(r.start, r.front_point_m));
-        let mean = points.sum::<Vec2>() / 3.0;
+        let around_own = Starts { around: Around::Middle(None), ..STARTS }.draw(&scenario, 3);
+        let mean = own(&scenario).iter().sum::<Vec2>() / 3.0;
         let there = Starts { around: Around::Middle(Some([mean.x, mean.y])), ..STARTS };
-        assert_eq!(own, there.draw(&scenario, 3).unwrap());
+        assert_eq!(around_own.unwrap(), there.draw(&scenario, 3).unwrap());
     }
 
-    /// The front points of these starts; robots' front points are 0.1 m ahead.
+    fn own(scenario: &Scenario) -> Vec<Vec2> {
+        scenario.robots.iter().map(|robot| front_point(robot.start, robot.front_point_m)).collect()
+    }
+
+    /// The front point of a start; robots' front points are 0.1 m ahead.
+    fn point(text: &str) -> Vec2 {
+        let heading = number(text, "heading_rad");
+        assert!(-PI < heading && heading <= PI);
+        let axle = Vec2::new(number(text, "x_m"), number(text, "y_m"));
+        axle + 0.1 * Vec2::new(heading.cos(), heading.sin())
+    }
+
     fn front_points(drawn: &[String]) -> Vec<Vec2> {
-        let point = |text: &String| {
-            let heading = number(text, "heading_rad");
-            assert!(-PI < heading && heading <= PI);
-            let axle = Vec2::new(number(text, "x_m"), number(text, "y_m"));
-            axle + 0.1 * Vec2::new(heading.cos(), heading.sin())
-        };
-        drawn.iter().map(point).collect()
+        drawn.iter().map(|text| point(text)).collect()
     }
 
     #[test]
     fn around_each_a_robot_starts_near_its_own_start_and_clear_of_walls() {
         let mut scenario = row_of_three();
-        let own = |scenario: &Scenario| -> Vec<Vec2> {
-            scenario.robots.iter().map(|r| front_point(r.start, r.front_point_m)).collect()
-        };
         let places = own(&scenario);
         let middle_m = (places[1] + Vec2::new(0.0, 0.1)).into();
         scenario.walls.push(Wall {
@@ -309,12 +311,7 @@ mod tests {
         let swapping = Starts { goals: Goals::Swaps, ..STARTS };
         let drawn = swapping.draw(&scenario, 4).unwrap();
         assert_eq!(drawn[3..], STARTS.draw(&scenario, 4).unwrap());
-        let start = |text: &String| {
-            let heading = number(text, "heading_rad");
-            let axle = Vec2::new(number(text, "x_m"), number(text, "y_m"));
-            axle + 0.1 * Vec2::new(heading.cos(), heading.sin())
-        };
-        let starts: Vec<Vec2> = drawn[3..].iter().map(start).collect();
+        let starts = front_points(&drawn[3..]);
         for (own, text) in starts.iter().zip(&drawn) {
             let (_, pair) = text.split_once(".goal_m=[").unwrap();
             let (x, y) = pair.trim_end_matches(']').split_once(", ").unwrap();

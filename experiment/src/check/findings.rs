@@ -9,6 +9,8 @@ use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::graph::{Edge, FormationGraph};
 use formation::laplacian::echoing;
+use formation::scale::Scale;
+use formation::seconds;
 use protocol::avoidance::{Advice, Promise, Senses};
 use protocol::brief::AvoidanceBrief;
 use protocol::law::Reference;
@@ -19,13 +21,13 @@ use serde::Serialize;
 use super::opening::{Opening, locked_out};
 use super::steady::{Motion, Peak, Settled};
 use super::{rounded_down, rounded_up, start_points};
-use crate::scenario::diagnostic::Severity;
+use crate::scenario::diagnostic::{Severity, listed};
 use crate::scenario::{Robot, Scenario};
-use formation::scale::Scale;
-use formation::seconds;
 
 /// Offsets around a cycle may miss by this much, m: rounding of decimals, and no more.
 const OFFSET_GAP_M_MAX: f64 = 1e-6;
+/// No finding names more robots than this.
+const NAMES_MAX: usize = 6;
 
 /// Something about a scenario that is wrong, or worth knowing.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -38,6 +40,14 @@ pub struct Finding {
     pub expected: String,
     /// The key that says so, as in `avoidance.kind`, `robot.r1.pose` or `edge.0.offset_m`.
     pub path: String,
+}
+
+fn error(path: impl Into<String>, message: String, expected: impl Into<String>) -> Finding {
+    Finding { severity: Severity::Error, message, expected: expected.into(), path: path.into() }
+}
+
+fn warning(path: impl Into<String>, message: String, expected: impl Into<String>) -> Finding {
+    Finding { severity: Severity::Warning, ..error(path, message, expected) }
 }
 
 /// All that is wrong or worth knowing, errors first.
@@ -55,20 +65,21 @@ pub fn check(scenario: &Scenario) -> Vec<Finding> {
 
 /// What can be found without knowing where the robots settle.
 pub(super) fn unsettled(scenario: &Scenario) -> Vec<Finding> {
-    let mut findings = Vec::new();
-    leaders_hear_leaders(scenario, &mut findings);
-    references(scenario, &mut findings);
-    echoes(scenario, &mut findings);
-    offsets(scenario, &mut findings);
-    speeds(scenario, &mut findings);
-    ramps(scenario, &mut findings);
-    start_distances(scenario, &mut findings);
-    walls_minded(scenario, &mut findings);
-    start_clearances(scenario, &mut findings);
-    sensing(scenario, &mut findings);
-    crowds(scenario, &mut findings);
-    advice(scenario, &mut findings);
-    findings
+    let checks: [fn(&Scenario) -> Vec<Finding>; 12] = [
+        leaders_hear_leaders,
+        references,
+        echoes,
+        offsets,
+        speeds,
+        ramps,
+        start_distances,
+        walls_minded,
+        start_clearances,
+        sensing,
+        crowds,
+        advice,
+    ];
+    checks.into_iter().flat_map(|check| check(scenario)).collect()
 }
 
 /// The rest, of a scenario without errors.
@@ -77,91 +88,73 @@ pub(super) fn once_settled(
     settled: &Settled,
     motion: Option<&Motion>,
 ) -> Vec<Finding> {
-    let mut findings = Vec::new();
-    settled_distances(scenario, settled, &mut findings);
-    openings(scenario, &mut findings);
-    goals(scenario, &mut findings);
+    let mut findings = settled_distances(scenario, settled);
+    findings.extend(openings(scenario));
+    findings.extend(goals(scenario));
     if let Some(motion) = motion {
-        steady_speeds(scenario, motion, &mut findings);
-        steady_wheels(scenario, motion, &mut findings);
-        passages(scenario, motion, &mut findings);
+        findings.extend(steady_speeds(scenario, motion));
+        findings.extend(steady_wheels(scenario, motion));
+        findings.extend(passages(scenario, motion));
     }
     findings
 }
 
-fn finding(
-    severity: Severity,
-    path: impl Into<String>,
-    message: String,
-    expected: impl Into<String>,
-) -> Finding {
-    Finding { severity, message, expected: expected.into(), path: path.into() }
-}
-
 /// Nobody that leads or keeps a place hears a contained robot: P of (52) has a block of zeros there.
-fn leaders_hear_leaders(scenario: &Scenario, findings: &mut Vec<Finding>) {
-    for (index, edge) in scenario.formation_edges() {
-        let (from, to) = (&scenario.robots[edge.from], &scenario.robots[edge.to]);
-        if from.role.reference == Reference::Middle {
-            findings.push(finding(
-                Severity::Error,
-                format!("edge.{index}.from"),
-                format!(
-                    "{} keeps a place, but is to hear {}, which is contained and has none",
-                    to.name, from.name
-                ),
-                "expected a robot that leads or keeps a place itself (52)",
-            ));
-        }
-    }
+fn leaders_hear_leaders(scenario: &Scenario) -> Vec<Finding> {
+    let ends = |edge: &Edge| [edge.from, edge.to].map(|end| &scenario.robots[end]);
+    let edges = scenario.formation_edges().map(|(index, edge)| (index, ends(edge)));
+    let wrong = edges.filter(|(_, [from, _])| from.role.reference == Reference::Middle);
+    let finding = |(index, [from, to]): (usize, [&Robot; 2])| {
+        let message = format!(
+            "{} keeps a place, but is to hear {}, which is contained and has none",
+            to.name, from.name
+        );
+        let expected = "expected a robot that leads or keeps a place itself (52)";
+        error(format!("edge.{index}.from"), message, expected)
+    };
+    wrong.map(finding).collect()
 }
 
 /// Everybody must have what it goes by. (Assumptions 3 to 5)
-fn references(scenario: &Scenario, findings: &mut Vec<Finding>) {
+fn references(scenario: &Scenario) -> Vec<Finding> {
+    let robots = &scenario.robots;
     let goes = |robot: &&Robot| robot.goal_m.is_some();
-    if let Some(goer) = scenario.robots.iter().find(goes) {
-        if let Some(other) = scenario.robots.iter().find(|robot| !goes(robot)) {
-            findings.push(finding(
-                Severity::Error,
-                format!("robot.{}.law", other.name),
-                format!(
-                    "{} goes to a goal, and {} does not: nobody can say where a formation beside it \
-                     is to be",
-                    goer.name, other.name
-                ),
-                "expected a law that goes to a goal for all robots, or for none",
-            ));
-        }
-        return;
+    if let Some(goer) = robots.iter().find(goes) {
+        let other = robots.iter().find(|robot| !goes(robot));
+        let finding = |other: &Robot| {
+            let message = format!(
+                "{} goes to a goal, and {} does not: nobody can say where a formation beside it is to be",
+                goer.name, other.name
+            );
+            let expected = "expected a law that goes to a goal for all robots, or for none";
+            error(format!("robot.{}.law", other.name), message, expected)
+        };
+        return other.map(finding).into_iter().collect();
     }
     let reachability = scenario.reachability();
     let standing = reachability.intact();
-    let robots = &scenario.robots;
     if let Some(leader) = scenario.leader() {
         let leader = &robots[leader].name;
         let mut unreached =
             [&standing.unled[..], &standing.uncontained[..], &standing.adrift[..]].concat();
         unreached.sort_unstable();
-        for robot in unreached {
+        let finding = |robot: usize| {
             let name = &robots[robot].name;
-            findings.push(finding(
-                Severity::Error,
-                format!("robot.{name}"),
-                format!("nothing that {leader} says ever reaches {name}"),
-                format!("expected a path of edges from the leader {leader} (Assumptions 3 to 5)"),
-            ));
-        }
-        return;
+            let message = format!("nothing that {leader} says ever reaches {name}");
+            let expected =
+                format!("expected a path of edges from the leader {leader} (Assumptions 3 to 5)");
+            error(format!("robot.{name}"), message, expected)
+        };
+        return unreached.into_iter().map(finding).collect();
     }
-    let names = |group: &[usize]| {
-        let shown: Vec<&str> = group.iter().take(6).map(|&r| robots[r].name.as_str()).collect();
-        let more = if group.len() > 6 { ", ..." } else { "" };
-        format!("{{{}{more}}}", shown.join(", "))
+    let names = |group: &Vec<usize>| {
+        let names: Vec<&str> = group.iter().map(|&r| robots[r].name.as_str()).collect();
+        format!("{{{}}}", listed(&names, NAMES_MAX))
     };
+    let mut findings = Vec::new();
     if let [_, second, ..] = &standing.groups[..] {
-        let list: Vec<String> = standing.groups.iter().take(4).map(|group| names(group)).collect();
-        findings.push(finding(
-            Severity::Error,
+        let list: Vec<String> = standing.groups.iter().take(4).map(names).collect();
+        findings.push(error(
             format!("robot.{}", robots[second[0]].name),
             format!(
                 "the formation falls apart: {} groups hear nobody outside: {}",
@@ -173,12 +166,8 @@ fn references(scenario: &Scenario, findings: &mut Vec<Finding>) {
     }
     if let Some(&robot) = standing.uncontained.first() {
         let name = &robots[robot].name;
-        let others = match standing.uncontained.len() {
-            1 => String::new(),
-            n => format!(" (and {} more)", n - 1),
-        };
-        findings.push(finding(
-            Severity::Error,
+        let others = and_more(standing.uncontained.len(), "more");
+        findings.push(error(
             format!("robot.{name}"),
             format!(
                 "{name} is contained{others}, but nothing ever reaches it from anybody who leads \
@@ -187,93 +176,82 @@ fn references(scenario: &Scenario, findings: &mut Vec<Finding>) {
             "expected a path of edges from a robot that leads or keeps a place (Assumption 4)",
         ));
     }
+    findings
+}
+
+/// That there are others beside the one that is named.
+fn and_more(count: usize, what: &str) -> String {
+    if count > 1 { format!(" (and {} {what})", count - 1) } else { String::new() }
 }
 
 /// The velocities that robots learn from each other must die out: a radius of the iteration below
 /// 1.
-fn echoes(scenario: &Scenario, findings: &mut Vec<Finding>) {
+fn echoes(scenario: &Scenario) -> Vec<Finding> {
     let feed_forward: Vec<bool> = scenario.robots.iter().map(|r| r.feed_forward).collect();
     let echoing = echoing(&scenario.graph, &feed_forward);
-    if let Some(&first) = echoing.first() {
-        let names: Vec<&str> =
-            echoing.iter().take(6).map(|&r| scenario.robots[r].name.as_str()).collect();
-        let more = if echoing.len() > 6 { ", ..." } else { "" };
-        findings.push(finding(
-            Severity::Error,
-            format!("robot.{}", scenario.robots[first].name),
+    let names: Vec<&str> = echoing.iter().map(|&r| scenario.robots[r].name.as_str()).collect();
+    let finding = |first: &&str| {
+        error(
+            format!("robot.{first}"),
             format!(
-                "{}{more} go only by the velocities of each other, which never die out: the \
-                 iteration's spectral radius is 1",
-                names.join(", ")
+                "{} go only by the velocities of each other, which never die out: the iteration's \
+                 spectral radius is 1",
+                listed(&names, NAMES_MAX)
             ),
             "expected a leader's information to reach them, or a law without feed-forward, such as \
              formation-unit",
-        ));
-    }
+        )
+    };
+    names.first().map(finding).into_iter().collect()
 }
 
 /// Offsets must close: around a directed cycle the formation would walk away for ever, around
 /// any other the robots settle for a mean that fits no offset.
-fn offsets(scenario: &Scenario, findings: &mut Vec<Finding>) {
+fn offsets(scenario: &Scenario) -> Vec<Finding> {
     let graph = &scenario.graph;
     let reached = graph.reachability();
+    let kept: Vec<(usize, &Edge)> = scenario.formation_edges().collect();
     // Edges within groups that hear each other: every cycle among them is made of directed ones.
-    let within: Vec<usize> = scenario
-        .formation_edges()
-        .filter(|(_, edge)| reached[edge.to][edge.from])
-        .map(|(e, _)| e)
-        .collect();
-    let directed =
-        FormationGraph::new(graph.robots(), within.iter().map(|&e| graph.edges()[e]).collect());
-    let mut say = |edge: usize, gap_m: f64, severity, what: &str| {
-        let ends = graph.edges()[edge];
-        findings.push(finding(
-            severity,
-            format!("edge.{edge}.offset_m"),
+    let within = kept.iter().filter(|(_, edge)| reached[edge.to][edge.from]);
+    let within: Vec<(usize, &Edge)> = within.copied().collect();
+    let open = |edges: &[(usize, &Edge)], what: &str| {
+        let alone = FormationGraph::new(graph.robots(), edges.iter().map(|(_, e)| **e).collect());
+        let (_, open) = alone.shape(OFFSET_GAP_M_MAX);
+        let cycle = open.first()?;
+        let (place, ends) = edges[cycle.edge];
+        let [from, to] = [ends.from, ends.to].map(|end| &scenario.robots[end].name);
+        let gap = short(cycle.gap_m);
+        Some(warning(
+            format!("edge.{place}.offset_m"),
             format!(
-                "offsets around a {what} through {} and {} do not close: they miss by {} m",
-                scenario.robots[ends.from].name,
-                scenario.robots[ends.to].name,
-                short(gap_m)
+                "offsets around a {what} through {from} and {to} do not close: they miss by {gap} m"
             ),
             "expected offsets that add up to zero around every cycle",
-        ));
+        ))
     };
-    let (_, open) = directed.shape(OFFSET_GAP_M_MAX);
-    if let Some(cycle) = open.first() {
-        say(within[cycle.edge], cycle.gap_m, Severity::Error, "directed cycle");
-        return;
-    }
-    let kept: Vec<(usize, &Edge)> = scenario.formation_edges().collect();
-    let rigid = FormationGraph::new(graph.robots(), kept.iter().map(|(_, e)| **e).collect());
-    let (_, open) = rigid.shape(OFFSET_GAP_M_MAX);
-    if let Some(cycle) = open.first() {
-        say(kept[cycle.edge].0, cycle.gap_m, Severity::Warning, "cycle");
-    }
+    let directed = open(&within, "directed cycle");
+    let directed = directed.map(|finding| Finding { severity: Severity::Error, ..finding });
+    directed.or_else(|| open(&kept, "cycle")).into_iter().collect()
 }
 
 /// v_max T < ell, and front points nearer to the axle than d/2.
-fn speeds(scenario: &Scenario, findings: &mut Vec<Finding>) {
-    let a = &scenario.avoidance;
-    let d = a.distance_min_m;
-    if a.speed_max_m_s.is_finite() {
-        let step_m = a.speed_max_m_s * seconds(scenario.period_ns);
-        if let Some(robot) = scenario.robots.iter().find(|robot| step_m >= robot.front_point_m) {
-            let [step, ell] = told_apart(step_m, robot.front_point_m);
-            findings.push(finding(
-                Severity::Error,
-                "avoidance.speed_max_m_s",
-                format!(
-                    "in one period a front point may move {step} m, no less than it lies ahead of \
-                     the axle of {} ({ell} m)",
-                    robot.name
-                ),
-                format!(
-                    "expected less than front_point_m / period_s = {} m/s",
-                    short(robot.front_point_m / seconds(scenario.period_ns))
-                ),
-            ));
-        }
+fn speeds(scenario: &Scenario) -> Vec<Finding> {
+    let (a, period_s) = (&scenario.avoidance, seconds(scenario.period_ns));
+    let (d, step_m) = (a.distance_min_m, a.speed_max_m_s * period_s);
+    let mut findings = Vec::new();
+    let jumps = |robot: &&Robot| step_m.is_finite() && step_m >= robot.front_point_m;
+    if let Some(robot) = scenario.robots.iter().find(jumps) {
+        let [step, ell] = told_apart(step_m, robot.front_point_m);
+        let most = short(robot.front_point_m / period_s);
+        findings.push(error(
+            "avoidance.speed_max_m_s",
+            format!(
+                "in one period a front point may move {step} m, no less than it lies ahead of the axle \
+                 of {} ({ell} m)",
+                robot.name
+            ),
+            format!("expected less than front_point_m / period_s = {most} m/s"),
+        ));
     }
     // From the front point to the far side of the body.
     let reach_m = |robot: &Robot| robot.front_point_m + robot.body_radius_m.unwrap_or(0.0);
@@ -281,8 +259,7 @@ fn speeds(scenario: &Scenario, findings: &mut Vec<Finding>) {
         let body = robot.body_radius_m.map_or(String::new(), |body_radius_m| {
             format!(", and its body reaches {} m from the axle", short(body_radius_m))
         });
-        findings.push(finding(
-            Severity::Warning,
+        findings.push(warning(
             "avoidance.distance_min_m",
             format!(
                 "d = {} m keeps front points apart, but not bodies: that of {} is {} m ahead{body}",
@@ -293,185 +270,179 @@ fn speeds(scenario: &Scenario, findings: &mut Vec<Finding>) {
             format!("expected at least twice that, {} m", short(2.0 * reach_m(robot))),
         ));
     }
+    findings
 }
 
 /// Wheels whose speed and turn rate do not change together leave the segment that the guard certifies.
-fn ramps(scenario: &Scenario, findings: &mut Vec<Finding>) {
-    if scenario.method.promise != Promise::Always {
-        return;
-    }
-    if let Some(name) = scenario.voids_the_promise() {
-        findings.push(finding(
-            Severity::Warning,
+fn ramps(scenario: &Scenario) -> Vec<Finding> {
+    let name = scenario.voids_the_promise();
+    let name = name.filter(|_| scenario.method.promise == Promise::Always);
+    let finding = |name: &str| {
+        let method = scenario.method.name;
+        warning(
             format!("robot.{name}.limits"),
             format!(
-                "speed and turn rate of {name} change independently: the {} promises nothing then",
-                scenario.method.name
+                "speed and turn rate of {name} change independently: the {method} promises nothing then"
             ),
             "expected `ramp = \"together\"`: both arrive at the same time",
-        ));
-    }
+        )
+    };
+    name.map(finding).into_iter().collect()
 }
 
 /// Assumption 1: all start at least d apart.
-fn start_distances(scenario: &Scenario, findings: &mut Vec<Finding>) {
+fn start_distances(scenario: &Scenario) -> Vec<Finding> {
     let severity = match scenario.method.promise {
         Promise::Always => Severity::Error,
         Promise::Ideal => Severity::Warning,
-        Promise::Nothing => return,
+        Promise::Nothing => return Vec::new(),
     };
     let d = scenario.avoidance.distance_min_m;
-    if let Some(ClosestPair { pair: [i, j], distance_m }) =
-        closest_pair(&start_points(&scenario.robots))
-        && distance_m < d
-    {
-        let (a, b) = (&scenario.robots[i].name, &scenario.robots[j].name);
+    let closest = closest_pair(&start_points(&scenario.robots));
+    let finding = |ClosestPair { pair, distance_m }| {
+        let [a, b] = pair.map(|robot: usize| &scenario.robots[robot].name);
         let [distance, least] = told_apart(distance_m, d);
-        findings.push(finding(
-            severity,
-            format!("robot.{b}.pose"),
-            format!("the front points of {a} and {b} start {distance} m apart"),
-            format!("expected at least `distance_min_m`, {least} m (Assumption 1)"),
-        ));
-    }
+        let message = format!("the front points of {a} and {b} start {distance} m apart");
+        let expected = format!("expected at least `distance_min_m`, {least} m (Assumption 1)");
+        Finding { severity, ..warning(format!("robot.{b}.pose"), message, expected) }
+    };
+    closest.filter(|closest| closest.distance_m < d).map(finding).into_iter().collect()
 }
 
 /// A method that knows nothing of walls leads through them; and bodies are larger than points.
-fn walls_minded(scenario: &Scenario, findings: &mut Vec<Finding>) {
+fn walls_minded(scenario: &Scenario) -> Vec<Finding> {
     if scenario.walls.is_empty() {
-        return;
+        return Vec::new();
     }
     if !scenario.method.minds_walls {
-        findings.push(finding(
-            Severity::Warning,
+        let name = scenario.method.name;
+        return vec![warning(
             "avoidance.kind",
-            format!(
-                "avoidance \"{}\" knows nothing of walls: robots drive through them",
-                scenario.method.name
-            ),
+            format!("avoidance \"{name}\" knows nothing of walls: robots drive through them"),
             "expected `kind = \"guard\"`, or a scenario without walls",
-        ));
-        return;
+        )];
     }
     let clearance_m = scenario.avoidance.clearance_m;
-    let reach_m = |robot: &Robot| Some(robot.front_point_m + robot.body_radius_m?);
-    let wide = |robot: &&Robot| reach_m(robot).is_some_and(|reach_m| clearance_m < reach_m);
-    if let Some(robot) = scenario.robots.iter().find(wide) {
-        let [clearance, reach] = told_apart(clearance_m, reach_m(robot).unwrap_or_default());
-        findings.push(finding(
-            Severity::Warning,
-            "avoidance.clearance_m",
-            format!(
-                "a clearance of {clearance} m keeps front points from walls, but not bodies: that of {} \
-                 reaches {reach} m from its front point",
-                robot.name
-            ),
-            format!("expected at least {reach} m"),
-        ));
-    }
+    let wide = |robot: &Robot| {
+        let reach_m = robot.front_point_m + robot.body_radius_m?;
+        let [clearance, reach] = told_apart(clearance_m, reach_m);
+        (clearance_m < reach_m).then(|| {
+            warning(
+                "avoidance.clearance_m",
+                format!(
+                    "a clearance of {clearance} m keeps front points from walls, but not bodies: that of {} \
+                     reaches {reach} m from its front point",
+                    robot.name
+                ),
+                format!("expected at least {reach} m"),
+            )
+        })
+    };
+    scenario.robots.iter().find_map(wide).into_iter().collect()
+}
+
+/// Those of these robots and points of theirs that are nearer to a wall than `bound_m`: who, how near and the bound
+/// in numbers that differ, and to which wall.
+fn near_walls(
+    scenario: &Scenario,
+    points: Vec<Vec2>,
+    bound_m: f64,
+) -> Vec<(&Robot, [String; 2], &str)> {
+    let walls = scenario.obstacles();
+    let near = scenario.robots.iter().zip(points).filter_map(|(robot, point)| {
+        let near = walls.nearest(point).filter(|near| near.distance_m < bound_m)?;
+        let wall = scenario.walls[near.place].name.as_str();
+        Some((robot, told_apart(near.distance_m, bound_m), wall))
+    });
+    near.collect()
 }
 
 /// All start as far from walls as they are to stay.
-fn start_clearances(scenario: &Scenario, findings: &mut Vec<Finding>) {
-    let (walls, clearance_m) = (scenario.obstacles(), scenario.avoidance.clearance_m);
+fn start_clearances(scenario: &Scenario) -> Vec<Finding> {
     let promised = scenario.method.minds_walls && scenario.method.promise == Promise::Always;
     let severity = if promised { Severity::Error } else { Severity::Warning };
-    let starts = start_points(&scenario.robots).into_iter().zip(&scenario.robots);
-    let near = starts.filter_map(|(start, robot)| walls.nearest(start).map(|near| (robot, near)));
-    for (robot, near) in near.filter(|(_, near)| near.distance_m < clearance_m) {
-        let [distance, least] = told_apart(near.distance_m, clearance_m);
-        let wall = &scenario.walls[near.place].name;
-        findings.push(finding(
-            severity,
-            format!("robot.{}.pose", robot.name),
-            format!("the front point of {} starts {distance} m from {wall}", robot.name),
-            format!("expected at least `clearance_m`, {least} m"),
-        ));
-    }
+    let starts = start_points(&scenario.robots);
+    let near = near_walls(scenario, starts, scenario.avoidance.clearance_m).into_iter();
+    near.map(|(robot, [distance, least], wall)| {
+        let message = format!("the front point of {} starts {distance} m from {wall}", robot.name);
+        let expected = format!("expected at least `clearance_m`, {least} m");
+        Finding { severity, ..warning(format!("robot.{}.pose", robot.name), message, expected) }
+    })
+    .collect()
 }
 
 /// Nobody is led away from its goal by a wall.
-fn goals(scenario: &Scenario, findings: &mut Vec<Finding>) {
-    let (Some((name, distance_m)), Some(goals)) =
-        (scenario.method.steers_beside_walls, scenario.goals_m())
-    else {
-        return;
-    };
-    let (bound_m, walls) = (distance_m(&scenario.conditions()), scenario.obstacles());
-    let near = scenario.robots.iter().zip(goals).filter_map(|(robot, goal)| {
-        walls.nearest(goal).filter(|near| near.distance_m < bound_m).map(|near| (robot, near))
-    });
-    for (robot, near) in near {
-        let [distance, bound] = told_apart(near.distance_m, bound_m);
-        let wall = &scenario.walls[near.place].name;
-        findings.push(finding(
-            Severity::Warning,
-            format!("robot.{}.goal_m", robot.name),
+fn goals(scenario: &Scenario) -> Vec<Finding> {
+    let steers = scenario.method.steers_beside_walls.zip(scenario.goals_m());
+    let Some(((symbol, distance_m), goals)) = steers else { return Vec::new() };
+    let near = near_walls(scenario, goals, distance_m(&scenario.conditions())).into_iter();
+    near.map(|(Robot { name, .. }, [distance, bound], wall)| {
+        warning(
+            format!("robot.{name}.goal_m"),
             format!(
-                "the goal of {} is {distance} m from {wall}: avoidance will keep it from there",
-                robot.name
+                "the goal of {name} is {distance} m from {wall}: avoidance will keep it from there"
             ),
-            format!("expected more than {name} = {bound} m"),
-        ));
-    }
+            format!("expected more than {symbol} = {bound} m"),
+        )
+    })
+    .collect()
 }
 
 /// Places and the trajectory should keep so far from walls that nobody is led away from them.
-fn passages(scenario: &Scenario, motion: &Motion, findings: &mut Vec<Finding>) {
-    let Some((name, distance_m)) = scenario.method.steers_beside_walls else { return };
+fn passages(scenario: &Scenario, motion: &Motion) -> Vec<Finding> {
+    let Some((symbol, distance_m)) = scenario.method.steers_beside_walls else { return Vec::new() };
     let bound_m = distance_m(&scenario.conditions());
     let passages = motion.passages.iter().zip(&scenario.robots);
     let near = passages.filter_map(|(passage, robot)| passage.map(|passage| (passage, robot)));
     let near: Vec<_> = near.filter(|(passage, _)| passage.distance_m < bound_m).collect();
     let (led, others): (Vec<_>, Vec<_>) = near.into_iter().partition(|(_, robot)| robot.role.leads);
     let tightest = others.iter().min_by(|a, b| a.0.distance_m.total_cmp(&b.0.distance_m));
-    for (passage, robot) in led.iter().chain(tightest) {
-        let [distance, bound] = told_apart(passage.distance_m, bound_m);
-        let (path, what) = match robot.role.leads {
-            true => ("trajectory.points_m".to_owned(), format!("the trajectory of {}", robot.name)),
-            false => (format!("robot.{}", robot.name), format!("the place of {}", robot.name)),
-        };
-        let more = match others.len() {
-            n if n > 1 && !robot.role.leads => format!(" ({} more are too near)", n - 1),
-            _ => String::new(),
-        };
-        findings.push(finding(
-            Severity::Warning,
-            path,
-            format!(
-                "{what} is {distance} m from {} at {} s: avoidance will keep it from there{more}",
-                scenario.walls[passage.wall].name,
-                short(passage.t_s)
-            ),
-            format!("expected more than {name} = {bound} m"),
-        ));
-    }
+    led.iter()
+        .chain(tightest)
+        .map(|(passage, Robot { name, role, .. })| {
+            let [distance, bound] = told_apart(passage.distance_m, bound_m);
+            let (wall, t) = (&scenario.walls[passage.wall].name, short(passage.t_s));
+            let (path, what) = match role.leads {
+                true => ("trajectory.points_m".to_owned(), "trajectory"),
+                false => (format!("robot.{name}"), "place"),
+            };
+            let more = match others.len() {
+                n if n > 1 && !role.leads => format!(" ({} more are too near)", n - 1),
+                _ => String::new(),
+            };
+            warning(
+                path,
+                format!(
+                    "the {what} of {name} is {distance} m from {wall} at {t} s: avoidance will keep it \
+                     from there{more}"
+                ),
+                format!("expected more than {symbol} = {bound} m"),
+            )
+        })
+        .collect()
 }
 
 /// Whoever matters to the method must be seen.
-fn sensing(scenario: &Scenario, findings: &mut Vec<Finding>) {
+fn sensing(scenario: &Scenario) -> Vec<Finding> {
     let a = &scenario.avoidance;
     let needed_m = scenario.sensing_radius_needed_m();
-    if a.sensing_radius_m < needed_m {
-        let [radius, needed] = told_apart(a.sensing_radius_m, needed_m);
-        let rounded = rounded_up(needed_m);
-        let more = rounded.parse().is_ok_and(|rounded_m: f64| rounded_m > a.sensing_radius_m);
-        let needed = if more { rounded } else { needed };
-        findings.push(finding(
-            Severity::Error,
-            "avoidance.sensing_radius_m",
-            format!("`sensing_radius_m` is {radius}: the {} would see too late", a.kind),
-            format!("expected at least {needed} m, or no such key"),
-        ));
+    if a.sensing_radius_m >= needed_m {
+        return Vec::new();
     }
+    let [radius, needed] = told_apart(a.sensing_radius_m, needed_m);
+    let rounded = rounded_up(needed_m);
+    let more = rounded.parse().is_ok_and(|rounded_m: f64| rounded_m > a.sensing_radius_m);
+    let needed = if more { rounded } else { needed };
+    vec![error(
+        "avoidance.sensing_radius_m",
+        format!("`sensing_radius_m` is {radius}: the {} would see too late", a.kind),
+        format!("expected at least {needed} m, or no such key"),
+    )]
 }
 
 /// A robot that may have more others near than a sample of its sensor reports stands, for it does
 /// not know where the rest are. With v_max below the cap no such crowd fits within the needed radius.
-fn crowds(scenario: &Scenario, findings: &mut Vec<Finding>) {
-    if scenario.method.promise != Promise::Always {
-        return;
-    }
+fn crowds(scenario: &Scenario) -> Vec<Finding> {
     let most = match scenario.method.senses {
         Senses::Velocities => PROXIMITY_MAX / 2,
         Senses::Positions | Senses::Nothing => PROXIMITY_MAX,
@@ -479,8 +450,9 @@ fn crowds(scenario: &Scenario, findings: &mut Vec<Finding>) {
     let (d, radius_m) = (scenario.avoidance.distance_min_m, scenario.sensing_radius_needed_m());
     let fit = points_max(radius_m, d) - 1.0;
     let others = scenario.robots.len().saturating_sub(1);
-    if others <= most || fit <= most as f64 {
-        return;
+    let promised = scenario.method.promise == Promise::Always;
+    if !promised || others <= most || fit <= most as f64 {
+        return Vec::new();
     }
     let points = start_points(&scenario.robots);
     let near = |point: &Vec2| {
@@ -519,7 +491,7 @@ fn crowds(scenario: &Scenario, findings: &mut Vec<Finding>) {
         true => format!("expected at most {} m/s, or {} robots", rounded_down(low), most + 1),
         false => format!("expected {} robots at most", most + 1),
     };
-    findings.push(finding(Severity::Warning, "avoidance.speed_max_m_s", who, expected));
+    vec![warning("avoidance.speed_max_m_s", who, expected)]
 }
 
 /// A bound on how many points lie within `radius_m` of one of them, itself included, if no two are
@@ -530,8 +502,8 @@ fn points_max(radius_m: f64, apart_m: f64) -> f64 {
 }
 
 /// Remark 1: in the final shape nobody stands where avoidance would push it away.
-fn settled_distances(scenario: &Scenario, settled: &Settled, findings: &mut Vec<Finding>) {
-    let Some((name, _)) = scenario.method.steers_within else { return };
+fn settled_distances(scenario: &Scenario, settled: &Settled) -> Vec<Finding> {
+    let Some((name, _)) = scenario.method.steers_within else { return Vec::new() };
     let steered: Vec<f64> =
         (0..scenario.robots.len()).filter_map(|i| scenario.steers_within_m(i)).collect();
     let pairs = (0..steered.len()).flat_map(|i| (0..i).map(move |j| [j, i]));
@@ -541,165 +513,178 @@ fn settled_distances(scenario: &Scenario, settled: &Settled, findings: &mut Vec<
     });
     let tightest =
         spare.min_by(|(_, a, a_bound), (_, b, b_bound)| (a - a_bound).total_cmp(&(b - b_bound)));
-    let Some(([i, j], distance_m, bound_m)) = tightest else { return };
-    if distance_m <= bound_m {
+    let finding = |([i, j], distance_m, bound_m): ([usize; 2], f64, f64)| {
         let [distance, bound] = told_apart(distance_m, bound_m);
-        let (a, b) = (&scenario.robots[i].name, &scenario.robots[j].name);
+        let [a, b] = [i, j].map(|robot| &scenario.robots[robot].name);
         let mut edges = scenario.formation_edges();
         let direct = edges.find(|(_, e)| [e.from, e.to] == [i, j] || [e.from, e.to] == [j, i]);
-        findings.push(finding(
-            Severity::Warning,
+        warning(
             direct.map_or(format!("robot.{b}"), |(edge, _)| format!("edge.{edge}.offset_m")),
             format!(
                 "in the final shape {a} and {b} stand {distance} m apart: avoidance will keep them \
                  from it"
             ),
             format!("expected more than {name} = {bound} m (Remark 1)"),
-        ));
-    }
+        )
+    };
+    tightest
+        .filter(|(_, distance_m, bound_m)| distance_m <= bound_m)
+        .map(finding)
+        .into_iter()
+        .collect()
 }
 
 /// A formation whose gaps nobody passes through must open while it forms, far and long enough.
-fn openings(scenario: &Scenario, findings: &mut Vec<Finding>) {
-    let Some(((symbol, _), opening)) = scenario.method.steers_within.zip(Opening::of(scenario))
-    else {
-        return;
-    };
-    let ([a, b], farthest) = opening.who;
-    let name = |i: usize| scenario.robots[i].name.as_str();
-    let passage = short(opening.passage_m);
-    let duration_s = seconds(scenario.duration_ns);
-    let mut warn = |path: &str, message: String, expected: String| {
-        findings.push(finding(Severity::Warning, path, message, expected));
-    };
-    let Some(&Scale::Closing { from, hold_s, .. }) = scenario.scale() else {
-        let smallest = scenario.scale().map_or(1.0, |scale| scale.range()[0]);
-        // Nearer than d_f nobody stays in any case, which is said by Remark 1.
-        let gaps = 0.5 * opening.passage_m..opening.passage_m;
-        if !gaps.contains(&(smallest * opening.gap_m)) {
-            return;
+fn openings(scenario: &Scenario) -> Vec<Finding> {
+    let steers = scenario.method.steers_within.zip(Opening::of(scenario));
+    let Some(((symbol, _), opening)) = steers else { return Vec::new() };
+    match scenario.scale() {
+        Some(scale @ &Scale::Closing { from, hold_s, .. }) => {
+            let closed_s = scale.closed_at_s().unwrap_or_default();
+            too_little_open(scenario, &opening, symbol, [from, hold_s, closed_s])
         }
-        let Some(ringed) = locked_out(scenario, opening.passage_m / smallest) else { return };
-        warn(
-            &format!("robot.{}", name(ringed)),
-            format!(
-                "places are {} m apart ({} and {}), less than 2 {symbol} = {passage} m: if {} comes \
-                 late, it may find no way in between the others",
-                short(smallest * opening.gap_m),
-                name(a),
-                name(b),
-                name(ringed)
-            ),
-            format!(
-                "expected `scale = {{ kind = \"closing\" }}`, which opens to {} for {} s and closes in \
-                 {} s, or wider gaps",
-                short(opening.from),
-                short(opening.hold_s),
-                short(opening.over_s)
-            ),
-        );
-        return;
-    };
+        scale => {
+            let smallest = scale.map_or(1.0, |scale| scale.range()[0]);
+            never_open(scenario, &opening, symbol, smallest).into_iter().collect()
+        }
+    }
+}
+
+/// A formation that never opens, at its smallest scale.
+fn never_open(
+    scenario: &Scenario,
+    opening: &Opening,
+    symbol: &str,
+    smallest: f64,
+) -> Option<Finding> {
+    // Nearer than d_f nobody stays in any case, which is said by Remark 1.
+    let gaps = 0.5 * opening.passage_m..opening.passage_m;
+    let late = gaps.contains(&(smallest * opening.gap_m));
+    let late = late.then(|| locked_out(scenario, opening.passage_m / smallest)).flatten()?;
+    let late = &scenario.robots[late].name;
+    let [a, b] = opening.who.0.map(|robot| &scenario.robots[robot].name);
+    let [gap, passage] = [smallest * opening.gap_m, opening.passage_m].map(short);
+    let [from, hold, over] = [opening.from, opening.hold_s, opening.over_s].map(short);
+    Some(warning(
+        format!("robot.{late}"),
+        format!(
+            "places are {gap} m apart ({a} and {b}), less than 2 {symbol} = {passage} m: if {late} comes \
+             late, it may find no way in between the others"
+        ),
+        format!(
+            "expected `scale = {{ kind = \"closing\" }}`, which opens to {from} for {hold} s and closes in \
+             {over} s, or wider gaps"
+        ),
+    ))
+}
+
+/// A formation that opens so far, stays open for so long, s, and has closed then, s.
+fn too_little_open(
+    scenario: &Scenario,
+    opening: &Opening,
+    symbol: &str,
+    [from, hold_s, closed_s]: [f64; 3],
+) -> Vec<Finding> {
+    let ([a, b], farthest) = opening.who;
+    let [a, b, farthest] = [a, b, farthest].map(|robot| &scenario.robots[robot].name);
+    let mut findings = Vec::new();
     if from * opening.gap_m < opening.passage_m {
-        warn(
+        let [gap, passage] = [from * opening.gap_m, opening.passage_m].map(short);
+        findings.push(warning(
             "scale.from",
             format!(
-                "open, {} and {} are {} m apart, less than 2 {symbol} = {passage} m: nobody passes \
-                 between them",
-                name(a),
-                name(b),
-                short(from * opening.gap_m)
+                "open, {a} and {b} are {gap} m apart, less than 2 {symbol} = {passage} m: nobody passes \
+                 between them"
             ),
             format!("expected {} or more", short(opening.from)),
-        );
+        ));
     }
     let least_s = opening.way_m / opening.speed_m_s;
     if hold_s < least_s {
-        warn(
+        let [hold, least, way, speed] =
+            [hold_s, least_s, opening.way_m, opening.speed_m_s].map(short);
+        findings.push(warning(
             "scale.hold_s",
             format!(
-                "the formation closes from {} s on, and {} alone needs {} s: {} m at {} m/s",
-                short(hold_s),
-                name(farthest),
-                short(least_s),
-                short(opening.way_m),
-                short(opening.speed_m_s)
+                "the formation closes from {hold} s on, and {farthest} alone needs {least} s: {way} m at \
+                 {speed} m/s"
             ),
             format!("expected {} or more", short(opening.hold_s)),
-        );
+        ));
     }
-    let closed_s = scenario.scale().and_then(Scale::closed_at_s);
-    if let Some(closed_s) = closed_s.filter(|&closed_s| closed_s > duration_s) {
-        warn(
+    let duration_s = seconds(scenario.duration_ns);
+    if closed_s > duration_s {
+        let [closed, duration] = [closed_s, duration_s].map(short);
+        findings.push(warning(
             "scale",
-            format!(
-                "the formation has closed at {} s, and the run ends at {} s",
-                short(closed_s),
-                short(duration_s)
-            ),
-            "expected a longer run, or shorter times".to_owned(),
-        );
+            format!("the formation has closed at {closed} s, and the run ends at {duration} s"),
+            "expected a longer run, or shorter times",
+        ));
     }
+    findings
 }
 
 /// Where speeds are limited, nobody may need to be faster than v_max to stay in its place.
-fn steady_speeds(scenario: &Scenario, motion: &Motion, findings: &mut Vec<Finding>) {
-    let (v_max, limited) = (scenario.avoidance.speed_max_m_s, scenario.method.clamps_speed);
-    let front = |i: &usize| motion.peaks[*i].front_speed_m_s;
-    let fastest = (0..scenario.robots.len()).max_by(|a, b| front(a).total_cmp(&front(b)));
-    let Some(i) = fastest.filter(|i| limited && front(i) > v_max) else {
-        if limited {
-            let front = |peak: &Peak| Some(peak.front_speed_m_s);
-            transient(scenario, motion, 0, "", front, |_| Some(v_max), findings);
-        }
-        return;
+fn steady_speeds(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
+    if !scenario.method.clamps_speed {
+        return None;
+    }
+    let v_max = scenario.avoidance.speed_max_m_s;
+    let front = |peak: &Peak| Some(peak.front_speed_m_s);
+    let (robot, speed_m_s, _) = match over_limit(scenario, &motion.peaks, front, |_| Some(v_max)) {
+        Some((fastest, _)) => fastest,
+        None => return transient(scenario, motion, 0, "", front, |_| Some(v_max)),
     };
-    let [needed, limit] = told_apart(front(&i), v_max);
-    findings.push(finding(
-        Severity::Warning,
+    let [needed, limit] = told_apart(speed_m_s, v_max);
+    Some(warning(
         "avoidance.speed_max_m_s",
         format!(
-            "to stay in its place {} must go at {needed} m/s, faster than the speed limit of \
-             {limit} m/s",
-            scenario.robots[i].name
+            "to stay in its place {} must go at {needed} m/s, faster than the speed limit of {limit} m/s",
+            scenario.robots[robot].name
         ),
         format!("expected more than {needed} m/s, or a slower trajectory"),
-    ));
+    ))
 }
 
 /// Wheels must be able to follow.
-fn steady_wheels(scenario: &Scenario, motion: &Motion, findings: &mut Vec<Finding>) {
-    let too_slow = |i: &usize| {
-        let (rim_m_s, wheels) = (motion.peaks[*i].rim_speed_m_s?, scenario.robots[*i].wheels?);
-        (rim_m_s > wheels.speed_max_m_s).then_some((rim_m_s, wheels.speed_max_m_s))
+fn steady_wheels(scenario: &Scenario, motion: &Motion) -> Option<Finding> {
+    let limit = |robot: &Robot| robot.wheels.map(|wheels| wheels.speed_max_m_s);
+    let rim = |peak: &Peak| peak.rim_speed_m_s;
+    let Some((worst, slow)) = over_limit(scenario, &motion.peaks, rim, limit) else {
+        return transient(scenario, motion, 1, "a wheel of ", rim, limit);
     };
-    let slow: Vec<usize> = (0..scenario.robots.len()).filter(|i| too_slow(i).is_some()).collect();
-    let excess = |i: &usize| too_slow(i).map_or(0.0, |(rim_m_s, limit)| rim_m_s / limit);
-    let Some(&worst) = slow.iter().max_by(|a, b| excess(a).total_cmp(&excess(b))) else {
-        let limit = |robot: &Robot| robot.wheels.map(|wheels| wheels.speed_max_m_s);
-        let rim = |peak: &Peak| peak.rim_speed_m_s;
-        transient(scenario, motion, 1, "a wheel of ", rim, limit, findings);
-        return;
-    };
-    let Some((rim_m_s, limit_m_s)) = too_slow(&worst) else { return };
-    let name = &scenario.robots[worst].name;
-    let others = match slow.len() {
-        1 => String::new(),
-        n => format!(" (and {} more cannot follow)", n - 1),
-    };
+    let (robot, rim_m_s, limit_m_s) = worst;
+    let name = &scenario.robots[robot].name;
+    let others = and_more(slow, "more cannot follow");
     let [needed, limit] = told_apart(rim_m_s, limit_m_s);
-    findings.push(finding(
-        Severity::Warning,
+    Some(warning(
         format!("robot.{name}.wheels.speed_max_m_s"),
         format!(
             "to stay in its place a wheel of {name} must go at {needed} m/s, faster than its limit \
              of {limit} m/s{others}"
         ),
         format!("expected more than {needed} m/s, or a slower trajectory"),
-    ));
+    ))
 }
 
-/// That somebody is slow enough once settled, but not while the leader turns into its path.
+/// Who is to be faster than its limit by the largest factor, how fast, and the limit, m/s; and how many are.
+fn over_limit(
+    scenario: &Scenario,
+    peaks: &[Peak],
+    speed_m_s: impl Fn(&Peak) -> Option<f64>,
+    limit_m_s: impl Fn(&Robot) -> Option<f64>,
+) -> Option<((usize, f64, f64), usize)> {
+    let robots = scenario.robots.iter().zip(peaks).enumerate();
+    let limits =
+        robots.filter_map(|(i, (robot, peak))| Some((i, speed_m_s(peak)?, limit_m_s(robot)?)));
+    let over: Vec<(usize, f64, f64)> = limits.filter(|(_, speed, limit)| speed > limit).collect();
+    let excess = |&(_, speed, limit): &(usize, f64, f64)| speed / limit;
+    let worst = over.iter().copied().max_by(|a, b| excess(a).total_cmp(&excess(b)))?;
+    Some((worst, over.len()))
+}
+
+/// That somebody is slow enough once settled, but not while the leader turns into its path. `which` of the
+/// times of its peaks it is.
 fn transient(
     scenario: &Scenario,
     motion: &Motion,
@@ -707,44 +692,33 @@ fn transient(
     what: &str,
     speed_m_s: impl Fn(&Peak) -> Option<f64>,
     limit_m_s: impl Fn(&Robot) -> Option<f64>,
-    findings: &mut Vec<Finding>,
-) {
-    let (Some(transient), Some(leader)) = (&motion.transient, scenario.leader()) else { return };
-    let robots = &scenario.robots;
-    let excess = |i: &usize| {
-        let (speed, limit) = (speed_m_s(&transient.peaks[*i]), limit_m_s(&robots[*i]));
-        speed.zip(limit).map_or(0.0, |(speed, limit)| speed / limit)
-    };
-    let worst = (0..robots.len()).max_by(|a, b| excess(a).total_cmp(&excess(b)));
-    let Some(i) = worst.filter(|i| excess(i) > 1.0) else { return };
-    let speed = |peak: &Peak| short(speed_m_s(peak).unwrap_or_default());
-    let leader = &robots[leader];
-    findings.push(finding(
-        Severity::Warning,
-        format!("robot.{}.pose.heading_rad", leader.name),
+) -> Option<Finding> {
+    let (transient, leader) = (motion.transient.as_ref()?, scenario.leader()?);
+    let ((i, needed_m_s, limit), _) =
+        over_limit(scenario, &transient.peaks, &speed_m_s, limit_m_s)?;
+    let leader = &scenario.robots[leader].name;
+    let settled_m_s = speed_m_s(&motion.peaks[i]).unwrap_or_default();
+    let [needed, settled, limit, t] =
+        [needed_m_s, settled_m_s, limit, transient.peaks_at_s[i][which]].map(short);
+    Some(warning(
+        format!("robot.{leader}.pose.heading_rad"),
         format!(
-            "while {}, the leader, turns into its path, {what}{} would have to go at {} m/s at {} s \
-             to stay in its place ({} m/s once settled), faster than its limit of {} m/s",
-            leader.name,
-            robots[i].name,
-            speed(&transient.peaks[i]),
-            short(transient.peaks_at_s[i][which]),
-            speed(&motion.peaks[i]),
-            short(limit_m_s(&robots[i]).unwrap_or_default())
+            "while {leader}, the leader, turns into its path, {what}{} would have to go at {needed} m/s at \
+             {t} s to stay in its place ({settled} m/s once settled), faster than its limit of {limit} m/s",
+            scenario.robots[i].name
         ),
         format!(
             "expected heading_rad = {}, the tangent of its path at the start",
             short(transient.tangent_rad)
         ),
-    ));
+    ))
 }
 
 /// What the method itself has to say.
-fn advice(scenario: &Scenario, findings: &mut Vec<Finding>) {
-    if let Some(Advice { key, message, expected }) =
-        (scenario.method.advice)(&scenario.conditions())
-    {
-        let path = format!("avoidance.{key}");
-        findings.push(finding(Severity::Warning, path, message, expected));
-    }
+fn advice(scenario: &Scenario) -> Vec<Finding> {
+    let advice = (scenario.method.advice)(&scenario.conditions());
+    let finding = |Advice { key, message, expected }: Advice| {
+        warning(format!("avoidance.{key}"), message, expected)
+    };
+    advice.map(finding).into_iter().collect()
 }

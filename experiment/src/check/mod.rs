@@ -21,6 +21,7 @@ pub use findings::{Finding, check};
 pub use opening::Opening;
 pub use report::report;
 pub use steady::Peak;
+pub(crate) use steady::leader_course;
 pub use theory::{
     ClosingFacts, Death, Distances, EdgeCut, Epsilon, Gap, Guard, Hears, Loss, MatrixFacts,
     RobotTheory, SpeedBounds, Theory, TrajectoryFacts, TransientPeak, WallFacts,

@@ -218,26 +218,21 @@ mod tests {
         (hundredths(passages), asked.hold_s, asked.way_m / asked.speed_m_s)
     }
 
-    /// That far, and that many times as long as the longest way, rounded up to whole seconds.
-    #[track_caller]
-    fn holds(asked: (f64, f64, f64), passages: f64, ways: f64) {
-        let (open, hold_s, way_s) = asked;
-        assert_eq!(open, passages, "{asked:?}");
-        assert_eq!(hold_s, (ways * way_s).ceil(), "{asked:?}");
-    }
-
     #[test]
-    fn four_times_as_many_robots_open_twice_as_wide() {
-        holds(opens(4, 4, false), 2.5, 2.5);
-        holds(opens(8, 8, false), 5.0, 0.25 * 14.0);
-        holds(opens(2, 1, false), 1.05, 2.5);
-    }
-
-    #[test]
-    fn those_that_hear_each_other_and_long_rows_stay_open_longer() {
-        holds(opens(4, 3, true), 2.17, 1.5 * 2.5);
-        holds(opens(12, 1, false), 2.17, 0.25 * 11.0);
-        holds(opens(12, 1, true), 2.17, 1.5 * 0.25 * 11.0);
+    fn more_robots_open_wider_and_those_that_hear_each_other_and_long_rows_stay_open_longer() {
+        for ((columns, rows, both_ways), passages, ways) in [
+            // Four times as many robots open twice as wide.
+            ((4, 4, false), 2.5, 2.5),
+            ((8, 8, false), 5.0, 0.25 * 14.0),
+            ((2, 1, false), 1.05, 2.5),
+            ((4, 3, true), 2.17, 1.5 * 2.5),
+            ((12, 1, false), 2.17, 0.25 * 11.0),
+            ((12, 1, true), 2.17, 1.5 * 0.25 * 11.0),
+        ] {
+            let (open, hold_s, way_s) = opens(columns, rows, both_ways);
+            assert_eq!(open, passages, "{columns} x {rows}");
+            assert_eq!(hold_s, f64::ceil(ways * way_s), "{columns} x {rows}");
+        }
     }
 
     #[test]
@@ -251,14 +246,10 @@ mod tests {
         assert!(fastest_m_s > 0.7 * speed_m_s, "{fastest_m_s}");
     }
 
-    fn beside(places: &[Vec2], near_m: f64) -> Vec<Vec<usize>> {
-        let near = |a: &Vec2, b: &Vec2| a != b && (a - b).norm() < near_m;
-        let of = |a: &Vec2| (0..places.len()).filter(|&j| near(a, &places[j])).collect();
-        places.iter().map(of).collect()
-    }
-
     fn ringed(places: &[Vec2], near_m: f64) -> Vec<usize> {
-        let beside = beside(places, near_m);
+        let near = |a: &Vec2, b: &Vec2| a != b && (a - b).norm() < near_m;
+        let beside = |a: &Vec2| (0..places.len()).filter(|&j| near(a, &places[j])).collect();
+        let beside: Vec<Vec<usize>> = places.iter().map(beside).collect();
         (0..places.len()).filter(|&i| is_ringed(i, places, &beside)).collect()
     }
 

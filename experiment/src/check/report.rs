@@ -3,13 +3,14 @@
 use std::cmp::Ordering::Equal;
 use std::fmt::Write;
 
+use formation::seconds;
 use protocol::number::short;
 
 use super::braking::Braking;
 use super::theory::{Death, Epsilon, Gap, Loss, RobotTheory, Theory};
 use crate::prediction::{BrokenRobot, broken_means, lines};
 use crate::scenario::Scenario;
-use formation::seconds;
+use crate::scenario::diagnostic::listed;
 
 /// Matrices of more robots than this are not for people.
 const MATRIX_ROBOTS_MAX: usize = 12;
@@ -42,16 +43,10 @@ impl Page {
 pub fn report(scenario: &Scenario, theory: &Theory<'_>) -> String {
     let mut page = Page(String::new());
     page.line("scenario", theory.scenario);
-    page.line(
-        "time",
-        format!(
-            "{} s in periods of {} s: {} ticks, seed {}",
-            short(seconds(scenario.duration_ns)),
-            short(seconds(scenario.period_ns)),
-            scenario.duration_ns / scenario.period_ns,
-            scenario.seed
-        ),
-    );
+    let in_s = |ns| short(seconds(ns));
+    let [duration, period] = [scenario.duration_ns, scenario.period_ns].map(in_s);
+    let (ticks, seed) = (scenario.duration_ns / scenario.period_ns, scenario.seed);
+    page.line("time", format!("{duration} s in periods of {period} s: {ticks} ticks, seed {seed}"));
     graph(&mut page, theory);
     fragility(&mut page, theory);
     matrices(&mut page, scenario, theory);
@@ -60,45 +55,27 @@ pub fn report(scenario: &Scenario, theory: &Theory<'_>) -> String {
     distances(&mut page, theory);
     closing(&mut page, theory);
     avoidance(&mut page, scenario, theory);
-    page.line(
-        "silence",
-        format!(
-            "stale after {} s, lost after {} s",
-            short(seconds(scenario.silence.stale_after_ns)),
-            short(seconds(scenario.silence.lost_after_ns))
-        ),
-    );
-    page.list(
-        "faults",
-        scenario
-            .faults
-            .iter()
-            .map(|fault| format!("{} s: {}", short(seconds(fault.at_ns)), fault.words(scenario))),
-    );
+    inertia_and_walls(&mut page, scenario, theory);
+    let [stale, lost] = [scenario.silence.stale_after_ns, scenario.silence.lost_after_ns].map(in_s);
+    page.line("silence", format!("stale after {stale} s, lost after {lost} s"));
+    let faults = scenario.faults.iter();
+    let faults = faults.map(|fault| format!("{} s: {}", in_s(fault.at_ns), fault.words(scenario)));
+    page.list("faults", faults);
     page.0
 }
 
 /// Who hears whom, who plays which part, and who reaches everybody.
 fn graph(page: &mut Page, theory: &Theory<'_>) {
-    page.list(
-        "who hears whom",
-        theory.robots.iter().map(|robot| {
-            let heard: Vec<String> = robot
-                .hears
-                .iter()
-                .map(|hears| match hears.offset_m {
-                    Some([x, y]) => {
-                        format!("{} and wants to be at {0} + ({x:.3}, {y:.3}) m", hears.robot)
-                    }
-                    None => hears.robot.to_owned(),
-                })
-                .collect();
-            match heard.len() {
-                0 => format!("{} hears nobody", robot.name),
-                _ => format!("{} hears {}", robot.name, heard.join(", ")),
-            }
-        }),
-    );
+    let hears = |robot: &RobotTheory<'_>| {
+        let heard = robot.hears.iter().map(|hears| match hears.offset_m {
+            Some([x, y]) => format!("{} and wants to be at {0} + ({x:.3}, {y:.3}) m", hears.robot),
+            None => hears.robot.to_owned(),
+        });
+        let heard: Vec<String> = heard.collect();
+        let whom = if heard.is_empty() { "nobody".to_owned() } else { heard.join(", ") };
+        format!("{} hears {whom}", robot.name)
+    };
+    page.list("who hears whom", theory.robots.iter().map(hears));
     let mut parts: Vec<(&str, Vec<&str>)> = Vec::new();
     for robot in &theory.robots {
         match parts.iter_mut().find(|(does, _)| *does == robot.does) {
@@ -107,7 +84,7 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
         }
     }
     for (does, of_role) in parts {
-        page.line(does, names(&of_role));
+        page.line(does, listed(&of_role, LIST_MAX));
     }
     let contains = theory.robots.iter().any(|robot| robot.contained);
     let reachability = match theory.leader {
@@ -121,7 +98,7 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
         None if theory.roots.len() == theory.robots.len() => {
             "anybody's information reaches everybody".to_owned()
         }
-        None => format!("everybody is reached from {}", names(&theory.roots)),
+        None => format!("everybody is reached from {}", listed(&theory.roots, LIST_MAX)),
     };
     page.line("reachability", reachability);
     if contains {
@@ -136,22 +113,20 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
     if breaking.is_empty() {
         page.line("single deaths", "none leaves another robot with less to go by");
     }
-    page.list(
-        "single deaths",
-        breaking.into_iter().map(|death| {
-            let leads =
-                if theory.leader == Some(death.robot) { ", who leads all others" } else { "" };
-            format!("without {}{leads}: {}", death.robot, lost(&death.loss, &death.breaks))
-        }),
-    );
+    let death = |death: &Death<'_>| {
+        let is_leader = theory.leader == Some(death.robot);
+        let leads = if is_leader { ", who leads all others" } else { "" };
+        format!("without {}{leads}: {}", death.robot, lost(&death.loss, &death.breaks))
+    };
+    page.list("single deaths", breaking.into_iter().map(death));
     if theory.breaking_cuts.is_empty() {
         page.line("single cuts", "none leaves a robot with less to go by");
     }
+    let cuts = theory.breaking_cuts.iter();
+    let cuts = cuts.map(|cut| (cut.from, cut.to, lost(&cut.loss, &cut.breaks)));
     page.list(
         "single cuts",
-        theory.breaking_cuts.iter().map(|cut| {
-            format!("without {} -> {}: {}", cut.from, cut.to, lost(&cut.loss, &cut.breaks))
-        }),
+        cuts.map(|(from, to, lost)| format!("without {from} -> {to}: {lost}")),
     );
     page.line("", broken_means(theory.broken_m));
 }
@@ -159,31 +134,25 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
 /// What is lost by whom, and who is broken.
 fn lost(loss: &Loss<'_>, breaks: &[BrokenRobot<'_>]) -> String {
     let mut parts = Vec::new();
-    let mut say = |who: &[&str], one: &str, many: &str| {
-        if !who.is_empty() {
-            parts.push(format!("{} {}", names(who), if who.len() == 1 { one } else { many }));
+    for (who, one, many) in [
+        (&loss.unled, "loses the leader", "lose the leader"),
+        (&loss.pulled, "goes by one without the leader", "go by one without the leader"),
+        (&loss.uncontained, "is contained by nobody", "are contained by nobody"),
+        (&loss.adrift, "is contained by the unled only", "are contained by the unled only"),
+    ] {
+        // Whoever is broken is said to be so, with the reason.
+        let broken = |robot: &&&str| breaks.iter().any(|one| one.robot == **robot);
+        let whole: Vec<&str> = who.iter().filter(|robot| !broken(robot)).copied().collect();
+        match whole.len() {
+            0 => {}
+            1 => parts.push(format!("{} {one}", whole[0])),
+            _ => parts.push(format!("{} {many}", listed(&whole, LIST_MAX))),
         }
-    };
-    // Whoever is broken is said to be so, with the reason.
-    let whole = |who: &[&'_ str]| -> Vec<String> {
-        let broken = |robot: &str| breaks.iter().any(|one| one.robot == robot);
-        who.iter().filter(|robot| !broken(robot)).map(|&robot| robot.to_owned()).collect()
-    };
-    let mut said = |who: &[&str], one: &str, many: &str| {
-        let who = whole(who);
-        say(&who.iter().map(String::as_str).collect::<Vec<_>>(), one, many);
-    };
-    said(&loss.unled, "loses the leader", "lose the leader");
-    said(&loss.pulled, "goes by one without the leader", "go by one without the leader");
-    said(&loss.uncontained, "is contained by nobody", "are contained by nobody");
-    said(&loss.adrift, "is contained by the unled only", "are contained by the unled only");
+    }
     if !loss.groups.is_empty() {
-        let groups: Vec<String> = loss
-            .groups
-            .iter()
-            .take(LIST_MAX)
-            .map(|group| format!("{{{}}}", names(group)))
-            .collect();
+        let groups = loss.groups.iter().take(LIST_MAX);
+        let groups = groups.map(|group| format!("{{{}}}", listed(group, LIST_MAX)));
+        let groups: Vec<String> = groups.collect();
         parts.push(format!("the formation falls apart into {}", groups.join(" and ")));
     }
     let broken = lines(breaks.iter().map(|one| (one.robot, one.why.clone())));
@@ -198,12 +167,10 @@ fn lost(loss: &Loss<'_>, breaks: &[BrokenRobot<'_>]) -> String {
 fn matrices(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
     let n = theory.robots.len();
     if n <= MATRIX_ROBOTS_MAX {
-        let row = |row: &Vec<f64>, width, digits| {
-            let elements = row.iter().map(|x| {
-                // No minus before a zero.
-                format!(" {:>width$.digits$}", if *x == 0.0 { 0.0 } else { *x })
-            });
-            elements.collect::<String>()
+        let row = |row: &Vec<f64>, width, digits| -> String {
+            // No minus before a zero.
+            let elements = row.iter().map(|x| if *x == 0.0 { 0.0 } else { *x });
+            elements.map(|x| format!(" {x:>width$.digits$}")).collect()
         };
         page.list("L (4)-(6)", theory.laplacian.iter().map(|elements| row(elements, 3, 0)));
         page.list("A = Lambda L + Gamma", theory.system.iter().map(|elements| row(elements, 7, 4)));
@@ -211,70 +178,53 @@ fn matrices(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
         page.line("L, A", format!("{n} x {n}: --output json has them"));
     }
     let matrix = &theory.matrix;
-    page.line(
-        "",
-        match (matrix.inverse_radius, matrix.inverse_norm_2) {
-            (Some(radius), Some(norm)) => format!(
-                "{}: eigenvalues from {} on, rho(A^-1) = {}, |A^-1| = {}",
-                if matrix.m_matrix { "an M-matrix, invertible" } else { "no M-matrix" },
-                short(matrix.system_eigenvalue_min),
-                short(radius),
-                short(norm)
-            ),
-            _ => "singular: without a leader the offsets fix the shape, and the starts where it is"
-                .to_owned(),
-        },
-    );
+    let inverse = match matrix.inverse_radius.zip(matrix.inverse_norm_2) {
+        Some((radius, norm)) => {
+            let kind = if matrix.m_matrix { "an M-matrix, invertible" } else { "no M-matrix" };
+            let [least, radius, norm] = [matrix.system_eigenvalue_min, radius, norm].map(short);
+            format!("{kind}: eigenvalues from {least} on, rho(A^-1) = {radius}, |A^-1| = {norm}")
+        }
+        None => "singular: without a leader the offsets fix the shape, and the starts where it is"
+            .to_owned(),
+    };
+    page.line("", inverse);
     let iterated = scenario.robots.iter().any(|robot| robot.feed_forward);
-    page.line(
-        "velocity iteration",
-        match matrix.iteration_radius {
-            _ if !iterated => "none: no law uses the velocities of others".to_owned(),
-            0.0 => "spectral radius 0: velocities agree exactly after some ticks".to_owned(),
-            radius => format!("spectral radius {}, below 1: velocities agree", short(radius)),
-        },
-    );
+    let iteration = match matrix.iteration_radius {
+        _ if !iterated => "none: no law uses the velocities of others".to_owned(),
+        0.0 => "spectral radius 0: velocities agree exactly after some ticks".to_owned(),
+        radius => format!("spectral radius {}, below 1: velocities agree", short(radius)),
+    };
+    page.line("velocity iteration", iteration);
 }
 
 /// eta and epsilon, by each rule.
 fn bounds(page: &mut Page, theory: &Theory<'_>) {
     if let Some(facts) = &theory.trajectory {
-        page.line(
-            "trajectory and offsets",
-            format!(
-                "eta_m = {} m/s, eta_c = {} m/s over {} s",
-                short(facts.eta_m_m_s),
-                short(facts.eta_c_m_s),
-                short(facts.horizon_s)
-            ),
-        );
+        let [m, c, horizon] = [facts.eta_m_m_s, facts.eta_c_m_s, facts.horizon_s].map(short);
+        let etas = format!("eta_m = {m} m/s, eta_c = {c} m/s over {horizon} s");
+        page.line("trajectory and offsets", etas);
     }
     if let Some(bounds) = &theory.bounds {
+        let [lemma, norm] = [bounds.lemma_1_m_s, bounds.norm_2_m_s].map(short);
         page.line(
             "bounds on |alpha'|",
             format!(
-                "eta = {} m/s by Lemma 1 (can be exceeded), {} m/s by the 2-norm of A^-1",
-                short(bounds.lemma_1_m_s),
-                short(bounds.norm_2_m_s)
+                "eta = {lemma} m/s by Lemma 1 (can be exceeded), {norm} m/s by the 2-norm of A^-1"
             ),
         );
-        page.line(
-            "",
-            format!("with k* = {} m/s, eta* = {} m/s", short(bounds.k_m_s), short(bounds.eta_m_s)),
-        );
+        let [k, eta] = [bounds.k_m_s, bounds.eta_m_s].map(short);
+        page.line("", format!("with k* = {k} m/s, eta* = {eta} m/s"));
     }
     if theory.epsilon.is_empty() {
         page.line("epsilon", "no rule of the chapter applies to these laws");
     }
-    page.list(
-        "epsilon by the rules",
-        theory.epsilon.iter().map(|epsilon| {
-            let Epsilon { rule, source, epsilon_per_s, epsilon_norm_2_per_s } = epsilon;
-            let true_bound = epsilon_norm_2_per_s
-                .map_or(String::new(), |epsilon| format!(", by the 2-norm {}", short(epsilon)));
-            format!("{rule} = {} 1/s ({source}){true_bound}", short(*epsilon_per_s))
-        }),
-    );
+    let rule = |epsilon: &Epsilon| {
+        let Epsilon { rule, source, epsilon_per_s, epsilon_norm_2_per_s } = epsilon;
+        let norm =
+            epsilon_norm_2_per_s.map(|epsilon| format!(", by the 2-norm {}", short(epsilon)));
+        format!("{rule} = {} 1/s ({source}){}", short(*epsilon_per_s), norm.unwrap_or_default())
+    };
+    page.list("epsilon by the rules", theory.epsilon.iter().map(rule));
 }
 
 /// Peak speeds of everybody once all errors are gone.
@@ -283,37 +233,33 @@ fn motion(page: &mut Page, theory: &Theory<'_>) {
         page.line("once settled", "all stand still");
         return;
     }
-    page.list(
-        "peaks once settled",
-        theory.robots.iter().map(|robot| {
-            let peak = &robot.peak;
-            let rim = match (peak.rim_speed_m_s, robot.rim_speed_max_m_s) {
-                (Some(rim_m_s), Some(limit)) => {
-                    format!(", wheel rim {rim_m_s:.4} of {} m/s", short(limit))
-                }
-                _ => String::new(),
-            };
-            format!(
-                "{} front point {:.4} m/s, v {:.4} m/s, w {:.4} rad/s{rim}",
-                robot.name, peak.front_speed_m_s, peak.v_m_s, peak.w_rad_s
-            )
-        }),
-    );
+    let peak = |robot: &RobotTheory<'_>| {
+        let (name, peak) = (robot.name, &robot.peak);
+        let rim = peak.rim_speed_m_s.zip(robot.rim_speed_max_m_s);
+        let rim =
+            rim.map(|(rim_m_s, limit)| format!(", wheel rim {rim_m_s:.4} of {} m/s", short(limit)));
+        format!(
+            "{name} front point {:.4} m/s, v {:.4} m/s, w {:.4} rad/s{}",
+            peak.front_speed_m_s,
+            peak.v_m_s,
+            peak.w_rad_s,
+            rim.unwrap_or_default()
+        )
+    };
+    page.list("peaks once settled", theory.robots.iter().map(peak));
     let front = |robot: &&RobotTheory<'_>| robot.transient.map(|peak| peak.front_speed_m_s);
     let fastest =
         theory.robots.iter().max_by(|a, b| front(a).partial_cmp(&front(b)).unwrap_or(Equal));
     let tangent_rad = theory.trajectory.and_then(|facts| facts.tangent_rad);
-    if let (Some(robot), Some(tangent_rad)) = (fastest, tangent_rad)
-        && let Some(peak) = robot.transient
+    if let (Some(RobotTheory { name, transient: Some(peak), .. }), Some(tangent_rad)) =
+        (fastest, tangent_rad)
     {
+        let (speed_m_s, [t, tangent]) = (peak.front_speed_m_s, [peak.t_s, tangent_rad].map(short));
         page.line(
             "before that",
             format!(
-                "up to {1:.4} m/s ({0} at {2} s), while the leader turns to the heading of its path, {3} rad",
-                robot.name,
-                peak.front_speed_m_s,
-                short(peak.t_s),
-                short(tangent_rad)
+                "up to {speed_m_s:.4} m/s ({name} at {t} s), while the leader turns to the heading of its \
+                 path, {tangent} rad"
             ),
         );
     }
@@ -326,13 +272,11 @@ fn motion(page: &mut Page, theory: &Theory<'_>) {
 
 /// Where everybody settles, and how near to each other.
 fn distances(page: &mut Page, theory: &Theory<'_>) {
-    page.list(
-        "places once settled",
-        theory.robots.iter().map(|robot| {
-            let [x, y] = robot.settled_m.map(|c| if c.abs() < 5e-5 { 0.0 } else { c });
-            format!("{} ({x:.4}, {y:.4}) m", robot.name)
-        }),
-    );
+    let place = |robot: &RobotTheory<'_>| {
+        let [x, y] = robot.settled_m.map(|c| if c.abs() < 5e-5 { 0.0 } else { c });
+        format!("{} ({x:.4}, {y:.4}) m", robot.name)
+    };
+    page.list("places once settled", theory.robots.iter().map(place));
     let of = |gap: &Option<Gap<'_>>| {
         gap.map_or("one robot alone".to_owned(), |Gap { robots: [a, b], distance_m }| {
             format!("{distance_m:.4} m ({a} and {b})")
@@ -345,51 +289,35 @@ fn distances(page: &mut Page, theory: &Theory<'_>) {
         false => format!(", at the smallest scale, {smallest} ({smallest} to {largest})"),
     };
     let d = short(distances.distance_min_m);
-    page.line(
-        "smallest distance",
-        format!("{} at the start; Assumption 1 asks for {d} m", of(&distances.start)),
-    );
-    page.line(
-        "",
-        format!(
-            "{} once settled{at_scale}; Remark 1 asks for more than {d} m",
-            of(&distances.settled)
-        ),
-    );
+    let (start, settled) = (of(&distances.start), of(&distances.settled));
+    page.line("smallest distance", format!("{start} at the start; Assumption 1 asks for {d} m"));
+    page.line("", format!("{settled} once settled{at_scale}; Remark 1 asks for more than {d} m"));
 }
 
 /// How the formation opens and closes, and what its places, starts and speeds ask for.
 fn closing(page: &mut Page, theory: &Theory<'_>) {
     let Some(closing) = &theory.closing else { return };
-    let again = match &closing.reopen_at_s[..] {
-        [] => String::new(),
-        times => {
-            let times: Vec<String> =
-                times.iter().map(|&at_s| format!("{} s", short(at_s))).collect();
-            format!("; opens again at {}", times.join(", "))
-        }
+    let times: Vec<String> = closing.reopen_at_s.iter().map(|&at_s| short(at_s) + " s").collect();
+    let again = match times.is_empty() {
+        true => String::new(),
+        false => format!("; opens again at {}", times.join(", ")),
     };
+    let [from, hold, over, closed] =
+        [closing.from, closing.hold_s, closing.over_s, closing.closed_at_s].map(short);
     page.line(
         "opening",
         format!(
-            "scale {} for {} s, then closes in {} s{again}; closed for good at {} s",
-            short(closing.from),
-            short(closing.hold_s),
-            short(closing.over_s),
-            short(closing.closed_at_s)
+            "scale {from} for {hold} s, then closes in {over} s{again}; closed for good at {closed} s"
         ),
     );
     if let Some(asked) = &closing.asked {
+        let [from, gap, hold] = [asked.from, asked.gap_m, asked.hold_s].map(short);
+        let [way, speed, over] = [asked.way_m, asked.speed_m_s, asked.over_s].map(short);
         page.line(
             "",
             format!(
-                "asked for: {} for gaps of {} m, {} s for ways of {} m at {} m/s, {} s to close",
-                short(asked.from),
-                short(asked.gap_m),
-                short(asked.hold_s),
-                short(asked.way_m),
-                short(asked.speed_m_s),
-                short(asked.over_s)
+                "asked for: {from} for gaps of {gap} m, {hold} s for ways of {way} m at {speed} m/s, \
+                 {over} s to close"
             ),
         );
     }
@@ -397,41 +325,32 @@ fn closing(page: &mut Page, theory: &Theory<'_>) {
 
 /// What keeps them apart.
 fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
-    let a = &scenario.avoidance;
-    let guard = &theory.guard;
-    let speed = guard.speed_max_m_s.map_or("no speed limit".to_owned(), |speed_max_m_s| {
-        format!("v_max = {} m/s", short(speed_max_m_s))
-    });
+    let (a, guard, method) = (&scenario.avoidance, &theory.guard, &scenario.method);
+    let speed =
+        guard.speed_max_m_s.map(|speed_max_m_s| format!("v_max = {} m/s", short(speed_max_m_s)));
+    let speed = speed.unwrap_or("no speed limit".to_owned());
     page.line("avoidance", format!("{}, d = {} m, {speed}", a.kind, short(a.distance_min_m)));
-    page.line("promises", scenario.method.promises);
-    if !scenario.method.assumes.is_empty() {
-        page.line("assumes", scenario.method.assumes);
+    page.line("promises", method.promises);
+    if !method.assumes.is_empty() {
+        page.line("assumes", method.assumes);
     }
-    let own = |key: &String| scenario.method.gains.iter().any(|gain| gain.key == key);
+    let own = |key: &String| method.gains.iter().any(|gain| gain.key == key);
     for (key, gain) in a.gains.iter().filter(|(key, _)| own(key)) {
         page.line("", format!("{key} = {}", short(*gain)));
     }
-    page.line(
-        "command lifetime H",
-        format!(
-            "{} s in lockstep, {} s in real time",
-            short(guard.lifetime_lockstep_s),
-            short(guard.lifetime_realtime_s)
-        ),
-    );
-    let [lockstep_s, realtime_s] = guard.late_s;
-    if realtime_s > 0.0 {
+    let [lockstep, realtime] = [guard.lifetime_lockstep_s, guard.lifetime_realtime_s].map(short);
+    page.line("command lifetime H", format!("{lockstep} s in lockstep, {realtime} s in real time"));
+    if guard.late_s[1] > 0.0 {
+        let [lockstep, realtime] = guard.late_s.map(short);
         page.line(
             "",
             format!(
-                "of that {} s and {} s for odometry and commands that are delayed",
-                short(lockstep_s),
-                short(realtime_s)
+                "of that {lockstep} s and {realtime} s for odometry and commands that are delayed"
             ),
         );
     }
     if let (Some((symbol, _)), Some(distance_m)) =
-        (scenario.method.steers_within, guard.deflection_distance_m)
+        (method.steers_within, guard.deflection_distance_m)
     {
         let more = |m: Option<f64>, whose: &str| {
             m.map(|m| format!(", {m:.4} m for {whose}")).unwrap_or_default()
@@ -441,38 +360,33 @@ fn avoidance(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
         let distances = format!("{distance_m:.4} m{followers}{contained}");
         page.line(&format!("no rest within {symbol}"), distances);
     }
-    page.line(
-        "sensing radius",
-        format!("{:.4} m, needed {:.4} m", guard.sensing_radius_m, guard.sensing_radius_needed_m),
-    );
+    let (radius_m, needed_m) = (guard.sensing_radius_m, guard.sensing_radius_needed_m);
+    page.line("sensing radius", format!("{radius_m:.4} m, needed {needed_m:.4} m"));
     if let Some(speed_cap_m_s) = guard.speed_cap_m_s {
         page.line("cap on v_max", format!("{speed_cap_m_s:.4} m/s"));
     }
     if let Some(zone_m) = guard.slow_down_zone_m {
-        page.line(
-            "slows down within",
-            format!("{:.4} m of another (d + {zone_m:.4} m)", a.distance_min_m + zone_m),
-        );
+        let within_m = a.distance_min_m + zone_m;
+        page.line("slows down within", format!("{within_m:.4} m of another (d + {zone_m:.4} m)"));
     }
+}
+
+/// How robots brake, what stands in their way, and what no promise holds for.
+fn inertia_and_walls(page: &mut Page, scenario: &Scenario, theory: &Theory<'_>) {
     let braking = theory.robots.iter().filter_map(|robot| {
         let braking = robot.braking?;
         Some((robot.name, braking_line(&braking)))
     });
     page.list("inertia", lines(braking));
     if let Some(walls) = &theory.walls {
+        let (parts, s) = (walls.parts, if walls.parts == 1 { "" } else { "s" });
+        let clearance = short(walls.clearance_m);
         let led = walls.deflection_distance_m.map(|m| format!(", led along them within {m:.4} m"));
-        page.line(
-            "walls",
-            format!(
-                "{} convex part{}; front points stay {} m away{}",
-                walls.parts,
-                if walls.parts == 1 { "" } else { "s" },
-                short(walls.clearance_m),
-                led.unwrap_or_default()
-            ),
-        );
-        let [robot, wall] = walls.start;
-        page.line("", format!("{:.4} m at the start ({robot} and {wall})", walls.start_m));
+        let led = led.unwrap_or_default();
+        let stay = format!("{parts} convex part{s}; front points stay {clearance} m away{led}");
+        page.line("walls", stay);
+        let ([robot, wall], start_m) = (walls.start, walls.start_m);
+        page.line("", format!("{start_m:.4} m at the start ({robot} and {wall})"));
     }
     if let Some(name) = scenario.voids_the_promise() {
         page.line("", format!("{name} ramps independently: no promise about distances"));
@@ -495,12 +409,4 @@ fn braking_line(braking: &Braking) -> String {
         short(braking.speed_max_m_s),
         braking.limited_by
     )
-}
-
-/// The first of these names, and how many there are.
-fn names(names: &[&str]) -> String {
-    match names.len() {
-        n if n > LIST_MAX => format!("{}, ... ({n} in all)", names[..LIST_MAX].join(", ")),
-        _ => names.join(", "),
-    }
 }

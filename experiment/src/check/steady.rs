@@ -8,13 +8,16 @@
 
 use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
+use formation::desired::Target;
 use formation::frame::LeaderFrame;
 use formation::front_point::{drawn_heading, front_speed, twist_for};
 use formation::laplacian::settled;
+use formation::obstacle::Obstacles;
+use formation::pose::Twist;
 use formation::scale::Scale;
 use serde::Serialize;
 
-use crate::scenario::Scenario;
+use crate::scenario::{Robot, Scenario};
 use formation::seconds;
 
 /// Steps of all robots together: a second of work at most.
@@ -145,7 +148,7 @@ impl Motion {
 
     /// The motion whose leader starts with that heading.
     fn from(leader_rad: f64, scenario: &Scenario, settled: &Settled) -> Option<Motion> {
-        let (leader, lead) = (scenario.leader()?, scenario.lead.as_ref()?);
+        let leader = scenario.leader()?;
         let robots = &scenario.robots;
         let steps_max = (STEPS_MAX / robots.len()) as f64;
         let duration_s = seconds(scenario.duration_ns);
@@ -167,46 +170,17 @@ impl Motion {
         // Where each place was when its distance from all walls was looked at last, m.
         let mut looked = vec![(Vec2::zeros(), 0.0); robots.len()];
         let mut headings_rad: Vec<f64> = robots.iter().map(|r| r.start.heading_rad).collect();
-        headings_rad[leader] = leader_rad;
         let mut before: Option<Vec<Vec2>> = None;
-        for step in 0..=steps {
-            let t_s = step as f64 * step_s;
-            let ell_m = robots[leader].front_point_m;
-            if step > 0 {
-                let between = lead.trajectory.at(t_s - 0.5 * step_s).velocity;
-                headings_rad[leader] = drawn_heading(headings_rad[leader], ell_m, between, step_s);
-            }
-            let target = lead.trajectory.at(t_s);
-            let (scale, scale_rate_per_s) = lead.scale.at(t_s);
-            let frame = LeaderFrame {
-                heading_rad: headings_rad[leader],
-                turn_rate_rad_s: twist_for(headings_rad[leader], ell_m, target.velocity).w_rad_s,
-                turn_acceleration_rad_s2: 0.0,
-                scale,
-                scale_rate_per_s,
-            };
+        for (t_s, target, frame) in leader_course(scenario, leader_rad, step_s, steps)? {
+            headings_rad[leader] = frame.heading_rad;
             if !walls.is_empty() {
-                for (i, &place) in settled.places.iter().enumerate() {
-                    let at = target.position + frame.offset(place).position;
-                    let least_m = motion.passages[i].map_or(f64::INFINITY, |one| one.distance_m);
-                    // No nearer than this to any wall, since it was so far from all of them there.
-                    let (there, far_m) = looked[i];
-                    if far_m - (at - there).norm() > least_m {
-                        continue;
-                    }
-                    let Some(near) = walls.nearest(at) else { continue };
-                    looked[i] = (at, near.distance_m);
-                    if near.distance_m < least_m {
-                        let (distance_m, wall) = (near.distance_m, near.place);
-                        motion.passages[i] = Some(Passage { distance_m, t_s, wall });
-                    }
-                }
+                let places = settled.places.iter();
+                let places = places.map(|&place| target.position + frame.offset(place).position);
+                motion.pass(&walls, places, t_s, &mut looked);
             }
-            let velocities: Vec<Vec2> = settled
-                .places
-                .iter()
-                .map(|&place| target.velocity + frame.offset(place).velocity)
-                .collect();
+            let places = settled.places.iter();
+            let velocities: Vec<Vec2> =
+                places.map(|&place| target.velocity + frame.offset(place).velocity).collect();
             for (i, robot) in robots.iter().enumerate() {
                 if i != leader {
                     headings_rad[i] = match &before {
@@ -218,20 +192,8 @@ impl Motion {
                     };
                 }
                 let twist = twist_for(headings_rad[i], robot.front_point_m, velocities[i]);
-                let (v, w) = (twist.v_m_s.abs(), twist.w_rad_s.abs());
-                let (peak, peak_at_s) = (&mut motion.peaks[i], &mut motion.peaks_at_s[i]);
-                let front_m_s = front_speed(robot.front_point_m, twist);
-                if front_m_s > peak.front_speed_m_s {
-                    (peak.front_speed_m_s, peak_at_s[0]) = (front_m_s, t_s);
-                }
-                peak.v_m_s = peak.v_m_s.max(v);
-                peak.w_rad_s = peak.w_rad_s.max(w);
-                if let Some(wheels) = robot.wheels {
-                    let rim_m_s = v + 0.5 * wheels.track_m * w;
-                    if peak.rim_speed_m_s.is_none_or(|peak_m_s| rim_m_s > peak_m_s) {
-                        (peak.rim_speed_m_s, peak_at_s[1]) = (Some(rim_m_s), t_s);
-                    }
-                }
+                let peaks_at_s = &mut motion.peaks_at_s[i];
+                motion.peaks[i].raise(peaks_at_s, robot, twist, t_s);
             }
             motion.trajectory_speed_m_s = motion.trajectory_speed_m_s.max(target.velocity.norm());
             let longest = frame.offset(Vec2::new(offset_m, 0.0)).velocity.norm();
@@ -240,6 +202,75 @@ impl Motion {
         }
         Some(motion)
     }
+
+    /// Notes how near these places are to a wall. `looked`: where each was when it was looked at last, and how
+    /// far from all walls, m.
+    fn pass(
+        &mut self,
+        walls: &Obstacles,
+        places: impl Iterator<Item = Vec2>,
+        t_s: f64,
+        looked: &mut [(Vec2, f64)],
+    ) {
+        for ((at, passage), looked) in places.zip(&mut self.passages).zip(looked) {
+            let least_m = passage.map_or(f64::INFINITY, |passage| passage.distance_m);
+            // No nearer than this to any wall, since it was so far from all of them there.
+            let (there, far_m) = *looked;
+            if far_m - (at - there).norm() > least_m {
+                continue;
+            }
+            let Some(near) = walls.nearest(at) else { continue };
+            *looked = (at, near.distance_m);
+            if near.distance_m < least_m {
+                *passage = Some(Passage { distance_m: near.distance_m, t_s, wall: near.place });
+            }
+        }
+    }
+}
+
+impl Peak {
+    /// Notes this twist at `t_s`, if it is faster; `peaks_at_s`: when front point and rim were fastest.
+    fn raise(&mut self, peaks_at_s: &mut [f64; 2], robot: &Robot, twist: Twist, t_s: f64) {
+        let (v, w) = (twist.v_m_s.abs(), twist.w_rad_s.abs());
+        let front_m_s = front_speed(robot.front_point_m, twist);
+        if front_m_s > self.front_speed_m_s {
+            (self.front_speed_m_s, peaks_at_s[0]) = (front_m_s, t_s);
+        }
+        self.v_m_s = self.v_m_s.max(v);
+        self.w_rad_s = self.w_rad_s.max(w);
+        if let Some(wheels) = robot.wheels {
+            let rim_m_s = v + 0.5 * wheels.track_m * w;
+            if self.rim_speed_m_s.is_none_or(|peak_m_s| rim_m_s > peak_m_s) {
+                (self.rim_speed_m_s, peaks_at_s[1]) = (Some(rim_m_s), t_s);
+            }
+        }
+    }
+}
+
+/// The main leader's target and frame at 0 and after each of so many steps, with the time, s: its front point is on
+/// m(t), and draws its heading along, which is `heading_rad` at the start. `None` where nobody leads.
+pub(crate) fn leader_course(
+    scenario: &Scenario,
+    heading_rad: f64,
+    step_s: f64,
+    steps: usize,
+) -> Option<impl Iterator<Item = (f64, Target, LeaderFrame)>> {
+    let (leader, lead) = (scenario.leader()?, scenario.lead.as_ref()?);
+    let ell_m = scenario.robots[leader].front_point_m;
+    let mut heading_rad = heading_rad;
+    Some((0..=steps).map(move |step| {
+        let t_s = step as f64 * step_s;
+        if step > 0 {
+            let between = lead.trajectory.at(t_s - 0.5 * step_s).velocity;
+            heading_rad = drawn_heading(heading_rad, ell_m, between, step_s);
+        }
+        let target = lead.trajectory.at(t_s);
+        let (scale, scale_rate_per_s) = lead.scale.at(t_s);
+        let turn_rate_rad_s = twist_for(heading_rad, ell_m, target.velocity).w_rad_s;
+        let still = LeaderFrame::STILL;
+        let frame = LeaderFrame { heading_rad, turn_rate_rad_s, scale, scale_rate_per_s, ..still };
+        (t_s, target, frame)
+    }))
 }
 
 /// Where a velocity points, if anywhere.

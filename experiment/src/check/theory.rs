@@ -322,6 +322,33 @@ pub struct Guard {
     pub speed_cap_m_s: Option<f64>,
 }
 
+impl Guard {
+    fn of(scenario: &Scenario) -> Guard {
+        let (a, conditions, method) =
+            (&scenario.avoidance, scenario.conditions(), &scenario.method);
+        let lifetime_s = |pace| seconds(scenario.command_lifetime_ns(pace));
+        let first_of = |rank| (0..scenario.robots.len()).find(|&i| scenario.rank(i) == rank);
+        let steers_within_m = |rank| first_of(rank).and_then(|i| scenario.steers_within_m(i));
+        let steers = method.steers_within;
+        let zone = method.slow_down_zone_m.filter(|_| a.braking_time_max_s > 0.0);
+        Guard {
+            on: method.promise == Promise::Always && scenario.unpromised().is_none(),
+            lifetime_lockstep_s: lifetime_s(Pace::Lockstep),
+            lifetime_realtime_s: lifetime_s(Pace::Realtime),
+            late_s: [Pace::Lockstep, Pace::Realtime].map(|pace| seconds(scenario.late_ns(pace))),
+            deflection_distance_m: steers
+                .map(|(_, m)| m(&Conditions { rank: Rank::First, ..conditions })),
+            giving_way_distance_m: steers_within_m(Rank::Contained),
+            following_distance_m: steers_within_m(Rank::Follower),
+            sensing_radius_m: a.sensing_radius_m,
+            sensing_radius_needed_m: scenario.sensing_radius_needed_m(),
+            slow_down_zone_m: zone.map(|m| m(&conditions)),
+            speed_max_m_s: a.speed_max_m_s.is_finite().then_some(a.speed_max_m_s),
+            speed_cap_m_s: method.speed_cap_m_s.map(|m_s| m_s(&conditions)),
+        }
+    }
+}
+
 /// Walls and obstacles.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct WallFacts<'s> {
@@ -376,8 +403,6 @@ impl<'s> Theory<'s> {
             closest
                 .map(|ClosestPair { pair, distance_m }| Gap { robots: pair.map(name), distance_m })
         };
-        let (a, conditions) = (&scenario.avoidance, scenario.conditions());
-        let lifetime_s = |pace| seconds(scenario.command_lifetime_ns(pace));
         let edges = scenario.graph.edges();
         let breaking = reachability.breaking_cuts();
         let lost_by_cut = |edge: usize| {
@@ -425,37 +450,14 @@ impl<'s> Theory<'s> {
             bounds,
             epsilon: epsilon_rules(scenario, bounds),
             distances: Distances {
-                distance_min_m: a.distance_min_m,
+                distance_min_m: scenario.avoidance.distance_min_m,
                 start: gap(closest_pair(&start_points(robots))),
                 settled: gap(settled.closest),
                 scale: settled.scale,
             },
             closing: ClosingFacts::of(scenario),
             walls: WallFacts::of(scenario),
-            guard: Guard {
-                on: scenario.method.promise == Promise::Always && scenario.unpromised().is_none(),
-                lifetime_lockstep_s: lifetime_s(Pace::Lockstep),
-                lifetime_realtime_s: lifetime_s(Pace::Realtime),
-                late_s: [Pace::Lockstep, Pace::Realtime]
-                    .map(|pace| seconds(scenario.late_ns(pace))),
-                deflection_distance_m: scenario
-                    .method
-                    .steers_within
-                    .map(|(_, m)| m(&Conditions { rank: Rank::First, ..conditions })),
-                giving_way_distance_m: (0..robots.len())
-                    .find(|&i| scenario.rank(i) == Rank::Contained)
-                    .and_then(|i| scenario.steers_within_m(i)),
-                following_distance_m: (0..robots.len())
-                    .find(|&i| scenario.rank(i) == Rank::Follower)
-                    .and_then(|i| scenario.steers_within_m(i)),
-                sensing_radius_m: a.sensing_radius_m,
-                sensing_radius_needed_m: scenario.sensing_radius_needed_m(),
-                slow_down_zone_m: (a.braking_time_max_s > 0.0)
-                    .then(|| scenario.method.slow_down_zone_m.map(|m| m(&conditions)))
-                    .flatten(),
-                speed_max_m_s: a.speed_max_m_s.is_finite().then_some(a.speed_max_m_s),
-                speed_cap_m_s: scenario.method.speed_cap_m_s.map(|m_s| m_s(&conditions)),
-            },
+            guard: Guard::of(scenario),
             findings,
         }
     }
@@ -555,34 +557,29 @@ fn speed_bounds(robots: &[Robot], matrix: &MatrixFacts, motion: &Motion) -> Opti
 
 fn epsilon_rules(scenario: &Scenario, bounds: Option<SpeedBounds>) -> Vec<Epsilon> {
     let d = scenario.avoidance.distance_min_m;
+    let by = |rules: &[(&'static str, f64, &'static str)], speed_m_s: f64, norm_2: Option<f64>| {
+        let rules = rules.iter().map(|&(rule, factor, source)| Epsilon {
+            rule,
+            source,
+            epsilon_per_s: factor * speed_m_s / d,
+            epsilon_norm_2_per_s: norm_2.map(|norm_2_m_s| factor * norm_2_m_s / d),
+        });
+        rules.collect()
+    };
     if let Some(SpeedBounds { lemma_1_m_s, norm_2_m_s, .. }) = bounds {
         let rules = [
             ("eta / d", 1.0, "Proposition 4, two robots"),
             ("2 eta / d", 2.0, "Propositions 5 and 6, more"),
             ("3 eta / d", 3.0, "simulations of 3.2 and 3.3"),
         ];
-        return rules
-            .map(|(rule, factor, source)| Epsilon {
-                rule,
-                source,
-                epsilon_per_s: factor * lemma_1_m_s / d,
-                epsilon_norm_2_per_s: Some(factor * norm_2_m_s / d),
-            })
-            .to_vec();
+        return by(&rules, lemma_1_m_s, Some(norm_2_m_s));
     }
     let unit = |robot: &Robot| robot.role.reference == Reference::Offsets && !robot.feed_forward;
     match correction_max_m_s(&scenario.robots).filter(|_| scenario.robots.iter().all(unit)) {
         Some(mu) => {
             let rules =
                 [("6 mu / d", 6.0, "Proposition 2"), ("2 mu / d", 2.0, "simulation of 2.5")];
-            rules
-                .map(|(rule, factor, source)| Epsilon {
-                    rule,
-                    source,
-                    epsilon_per_s: factor * mu / d,
-                    epsilon_norm_2_per_s: None,
-                })
-                .to_vec()
+            by(&rules, mu, None)
         }
         None => Vec::new(),
     }

@@ -4,6 +4,7 @@ use protocol::number::short;
 use serde::Serialize;
 
 use crate::scenario::Robot;
+use crate::scenario::diagnostic::listed;
 
 /// No line names more robots than this.
 const NAMES_MAX: usize = 24;
@@ -170,13 +171,8 @@ pub fn lines<'a>(broken: impl IntoIterator<Item = (&'a str, String)>) -> Vec<Str
             None => lines.push((why, vec![robot])),
         }
     }
-    lines.into_iter().map(|(why, robots)| format!("{}: {why}", named(&robots))).collect()
-}
-
-/// The first of these names, and how many there are.
-fn named(names: &[&str]) -> String {
-    match names.len() {
-        n if n > NAMES_MAX => format!("{}, ... ({n} in all)", names[..NAMES_MAX].join(", ")),
-        _ => names.join(", "),
-    }
+    lines
+        .into_iter()
+        .map(|(why, robots)| format!("{}: {why}", listed(&robots, NAMES_MAX)))
+        .collect()
 }

@@ -3,9 +3,9 @@
 
 use formation::Vec2;
 use formation::frame::LeaderFrame;
-use formation::front_point::{drawn_heading, twist_for};
 use formation::seconds;
 
+use crate::check::leader_course;
 use crate::scenario::Scenario;
 
 /// Instants at which a trajectory is looked at.
@@ -26,30 +26,13 @@ pub(super) struct Course {
 impl Course {
     /// `None` where nobody leads.
     pub(super) fn of(scenario: &Scenario) -> Option<Course> {
-        let (leader, lead) = (scenario.leader()?, scenario.lead.as_ref()?);
-        let robot = &scenario.robots[leader];
+        let leader = scenario.leader()?;
         let step_s = seconds(scenario.duration_ns) / LOOKS as f64;
-        let mut heading_rad = robot.start.heading_rad;
-        let (mut looks, mut places) = (Vec::new(), Vec::new());
-        for look in 0..=LOOKS {
-            let t_s = look as f64 * step_s;
-            if look > 0 {
-                let between = lead.trajectory.at(t_s - 0.5 * step_s).velocity;
-                heading_rad = drawn_heading(heading_rad, robot.front_point_m, between, step_s);
-            }
-            let target = lead.trajectory.at(t_s);
-            let (scale, scale_rate_per_s) = lead.scale.at(t_s);
-            let twist = twist_for(heading_rad, robot.front_point_m, target.velocity);
-            let frame = LeaderFrame {
-                heading_rad,
-                turn_rate_rad_s: twist.w_rad_s,
-                scale,
-                scale_rate_per_s,
-                ..LeaderFrame::STILL
-            };
-            looks.push((target.velocity, frame));
-            places.push((target.position, scale));
-        }
+        let start_rad = scenario.robots[leader].start.heading_rad;
+        let course = leader_course(scenario, start_rad, step_s, LOOKS)?;
+        let (looks, places): (Vec<_>, Vec<_>) = course
+            .map(|(_, target, frame)| ((target.velocity, frame), (target.position, frame.scale)))
+            .unzip();
         let (last, last_scale) = places[LOOKS];
         let moving = places.iter().rposition(|(place, scale)| {
             (place - last).norm() > STANDS_M || (scale - last_scale).abs() > STANDS_M

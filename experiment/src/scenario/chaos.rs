@@ -62,7 +62,7 @@ impl Chaos {
     /// Reads the table.
     pub(super) fn read(value: &Value<'_>, duration_ns: u64) -> Result<Chaos, Diagnostic> {
         let table = value.table()?;
-        let until_ns = table.get("until_s").map_or(Ok(duration_ns), |until| until.time_ns())?;
+        let until_ns = table.maybe_time_ns("until_s")?.unwrap_or(duration_ns);
         let chaos = Chaos {
             between_kills_s: table.maybe_number("mean_time_between_kills_s")?,
             restart_after_ns: table.time_ns("restart_after_s")?,

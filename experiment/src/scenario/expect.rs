@@ -13,6 +13,7 @@ pub(super) fn expect(
     duration_ns: u64,
 ) -> Result<Expectations, Diagnostic> {
     let table = root.table("expect")?;
+    let number = |key| table.maybe_number(key);
     let whole = |key: &str| table.get(key).map(|value| value.whole()).transpose();
     let converged_by_s = table.maybe_number("converged_by_s")?;
     if let (Some(by_s), Some(value)) = (converged_by_s, table.get("converged_by_s"))
@@ -30,14 +31,14 @@ pub(super) fn expect(
         ));
     }
     Ok(Expectations {
-        min_distance_m: table.maybe_number("min_distance_m")?,
-        min_clearance_m: table.maybe_number("min_clearance_m")?,
-        final_error_m_max: table.maybe_number("final_error_m_max")?,
-        final_ideal_error_m_max: table.maybe_number("final_ideal_error_m_max")?,
-        tracking_error_m_max: table.maybe_number("tracking_error_m_max")?,
-        hull_distance_m_max: table.maybe_number("hull_distance_m_max")?,
+        min_distance_m: number("min_distance_m")?,
+        min_clearance_m: number("min_clearance_m")?,
+        final_error_m_max: number("final_error_m_max")?,
+        final_ideal_error_m_max: number("final_ideal_error_m_max")?,
+        tracking_error_m_max: number("tracking_error_m_max")?,
+        hull_distance_m_max: number("hull_distance_m_max")?,
         converged_by_s,
-        recovered_within_s: table.maybe_number("recovered_within_s")?,
+        recovered_within_s: number("recovered_within_s")?,
         alive_at_end: table.get("alive_at_end").map(|value| alive(&value, robots)).transpose()?,
         deadline_misses_max: whole("deadline_misses_max")?,
         exit: whole("exit")?.map(|code| code as u8),

@@ -69,11 +69,50 @@ const fn whole(word: &'static str, key: &'static str) -> Detail {
     Detail { word, key, value: DetailValue::Whole, needed: false }
 }
 
+const fn yes(word: &'static str, key: &'static str) -> Detail {
+    Detail { word, key, value: DetailValue::Yes, needed: false }
+}
+
 impl Detail {
     const fn needed(self) -> Detail {
         Detail { needed: true, ..self }
     }
 }
+
+/// A form without details, of a fault that lasts.
+const fn form(kind: &'static str, subject: Subject, says: &'static str) -> Form {
+    Form { kind, says, subject, lasts: true, details: &[], grammar: "" }
+}
+
+impl Form {
+    const fn written(self, grammar: &'static str) -> Form {
+        Form { grammar, ..self }
+    }
+
+    const fn with(self, details: &'static [Detail]) -> Form {
+        Form { details, ..self }
+    }
+
+    const fn at_once(self) -> Form {
+        Form { lasts: false, ..self }
+    }
+}
+
+impl Subject {
+    /// Which keys say whom it strikes, in the order of their words.
+    fn keys(self) -> &'static [&'static str] {
+        match self {
+            Robot => &["robot"],
+            Link => &["from", "to"],
+            Stream => &["robot", "stream"],
+            Subject::Sensor => &["robot", "sensor"],
+            Hosts => &["hosts"],
+            Machine => &[],
+        }
+    }
+}
+
+use Subject::{Hosts, Link, Machine, Robot, Stream};
 
 const LOSS: &[Detail] = &[number("of", "probability").needed(), whole("burst", "burst")];
 const BURSTS: &[Detail] =
@@ -82,145 +121,52 @@ const DELAY: &[Detail] = &[number("by", "delay_s").needed(), number("jitter", "j
 
 /// Every kind of fault; those that strike links and streams have a form for each.
 pub(crate) const FORMS: &[Form] = &[
-    Form {
-        kind: "kill",
-        says: "SIGKILL of a robot's process, or of the plant",
-        subject: Subject::Robot,
-        lasts: false,
-        details: &[number("restart", "restart_after_s")],
-        grammar: "kill ROBOT|plant @SECONDS [restart SECONDS]",
-    },
-    Form {
-        kind: "freeze",
-        says: "SIGSTOP of a robot's process, and SIGCONT at its end",
-        subject: Subject::Robot,
-        lasts: true,
-        details: &[],
-        grammar: "freeze ROBOT @SECONDS [for SECONDS]",
-    },
-    Form {
-        kind: "slow",
-        says: "a robot that needs longer to answer",
-        subject: Subject::Robot,
-        lasts: true,
-        details: &[number("by", "delay_s").needed()],
-        grammar: "slow ROBOT by SECONDS @SECONDS [for SECONDS]",
-    },
-    Form {
-        kind: "cut",
-        says: "a link that carries nothing",
-        subject: Subject::Link,
-        lasts: true,
-        details: &[],
-        grammar: "cut FROM->TO @SECONDS [for SECONDS]",
-    },
-    Form {
-        kind: "loss",
-        says: "a link that loses beacons",
-        subject: Subject::Link,
-        lasts: true,
-        details: LOSS,
-        grammar: "loss FROM->TO of SHARE [burst BEACONS] @SECONDS [for SECONDS]",
-    },
-    Form {
-        kind: "loss",
-        says: "a robot's odometry or commands, of which some are lost",
-        subject: Subject::Stream,
-        lasts: true,
-        details: LOSS,
-        grammar: "loss ROBOT odometry|commands of SHARE [burst MESSAGES] @SECONDS [for SECONDS]",
-    },
-    Form {
-        kind: "bursts",
-        says: "a link that loses all beacons while it is bad, for times of random lengths (Gilbert-Elliott)",
-        subject: Subject::Link,
-        lasts: true,
-        details: BURSTS,
-        grammar: "bursts FROM->TO of SHARE mean SECONDS @SECONDS [for SECONDS]",
-    },
-    Form {
-        kind: "bursts",
-        says: "the same of a robot's odometry or commands",
-        subject: Subject::Stream,
-        lasts: true,
-        details: BURSTS,
-        grammar: "bursts ROBOT odometry|commands of SHARE mean SECONDS @SECONDS [for SECONDS]",
-    },
-    Form {
-        kind: "fading",
-        says: "a link that carries a beacon with probability exp(-(r / range)^exponent) over the distance r",
-        subject: Subject::Link,
-        lasts: true,
-        details: &[number("range", "range_m").needed(), number("exponent", "exponent")],
-        grammar: "fading FROM->TO range METERS [exponent NUMBER] @SECONDS [for SECONDS]",
-    },
-    Form {
-        kind: "delay",
-        says: "a link that delays beacons",
-        subject: Subject::Link,
-        lasts: true,
-        details: DELAY,
-        grammar: "delay FROM->TO by SECONDS [jitter SECONDS] @SECONDS [for SECONDS]",
-    },
-    Form {
-        kind: "delay",
-        says: "a robot's odometry or commands that come late",
-        subject: Subject::Stream,
-        lasts: true,
-        details: DELAY,
-        grammar: "delay ROBOT odometry|commands by SECONDS [jitter SECONDS] @SECONDS [for SECONDS]",
-    },
-    Form {
-        kind: "blackout",
-        says: "a sensor that sees nothing",
-        subject: Subject::Sensor,
-        lasts: true,
-        details: &[],
-        grammar: "blackout ROBOT odometry|proximity @SECONDS [for SECONDS]",
-    },
-    Form {
-        kind: "noise",
-        says: "a sensor that sees not exactly",
-        subject: Subject::Sensor,
-        lasts: true,
-        details: &[number("by", "bound_m").needed(), number("heading", "heading_bound_rad")],
-        grammar: "noise ROBOT odometry|proximity by METERS [heading RADIANS] @SECONDS [for SECONDS]",
-    },
-    Form {
-        kind: "wheels",
-        says: "wheels that are stuck, or slow",
-        subject: Subject::Robot,
-        lasts: true,
-        details: &[
-            Detail { word: "stuck", key: "stuck", value: DetailValue::Yes, needed: false },
-            number("limit", "speed_max_m_s"),
-        ],
-        grammar: "wheels ROBOT stuck|limit M_PER_S @SECONDS [for SECONDS]",
-    },
-    Form {
-        kind: "partition",
-        says: "hosts of a fleet and all others, which cannot hear each other (runs with --fleet only)",
-        subject: Subject::Hosts,
-        lasts: true,
-        details: &[],
-        grammar: "partition HOST[,HOST...] @SECONDS [for SECONDS]",
-    },
-    Form {
-        kind: "load",
-        says: "processes that take processor time from everybody",
-        subject: Subject::Machine,
-        lasts: true,
-        details: &[whole("of", "processes").needed()],
-        grammar: "load of PROCESSES @SECONDS [for SECONDS]",
-    },
+    form("kill", Robot, "SIGKILL of a robot's process, or of the plant")
+        .written("kill ROBOT|plant @SECONDS [restart SECONDS]")
+        .with(&[number("restart", "restart_after_s")])
+        .at_once(),
+    form("freeze", Robot, "SIGSTOP of a robot's process, and SIGCONT at its end")
+        .written("freeze ROBOT @SECONDS [for SECONDS]"),
+    form("slow", Robot, "a robot that needs longer to answer")
+        .written("slow ROBOT by SECONDS @SECONDS [for SECONDS]")
+        .with(&[number("by", "delay_s").needed()]),
+    form("cut", Link, "a link that carries nothing")
+        .written("cut FROM->TO @SECONDS [for SECONDS]"),
+    form("loss", Link, "a link that loses beacons")
+        .written("loss FROM->TO of SHARE [burst BEACONS] @SECONDS [for SECONDS]")
+        .with(LOSS),
+    form("loss", Stream, "a robot's odometry or commands, of which some are lost")
+        .written("loss ROBOT odometry|commands of SHARE [burst MESSAGES] @SECONDS [for SECONDS]")
+        .with(LOSS),
+    form("bursts", Link, "a link that loses all beacons while it is bad, for times of random lengths (Gilbert-Elliott)")
+        .written("bursts FROM->TO of SHARE mean SECONDS @SECONDS [for SECONDS]")
+        .with(BURSTS),
+    form("bursts", Stream, "the same of a robot's odometry or commands")
+        .written("bursts ROBOT odometry|commands of SHARE mean SECONDS @SECONDS [for SECONDS]")
+        .with(BURSTS),
+    form("fading", Link, "a link that carries a beacon with probability exp(-(r / range)^exponent) over the distance r")
+        .written("fading FROM->TO range METERS [exponent NUMBER] @SECONDS [for SECONDS]")
+        .with(&[number("range", "range_m").needed(), number("exponent", "exponent")]),
+    form("delay", Link, "a link that delays beacons")
+        .written("delay FROM->TO by SECONDS [jitter SECONDS] @SECONDS [for SECONDS]")
+        .with(DELAY),
+    form("delay", Stream, "a robot's odometry or commands that come late")
+        .written("delay ROBOT odometry|commands by SECONDS [jitter SECONDS] @SECONDS [for SECONDS]")
+        .with(DELAY),
+    form("blackout", Subject::Sensor, "a sensor that sees nothing")
+        .written("blackout ROBOT odometry|proximity @SECONDS [for SECONDS]"),
+    form("noise", Subject::Sensor, "a sensor that sees not exactly")
+        .written("noise ROBOT odometry|proximity by METERS [heading RADIANS] @SECONDS [for SECONDS]")
+        .with(&[number("by", "bound_m").needed(), number("heading", "heading_bound_rad")]),
+    form("wheels", Robot, "wheels that are stuck, or slow")
+        .written("wheels ROBOT stuck|limit M_PER_S @SECONDS [for SECONDS]")
+        .with(&[yes("stuck", "stuck"), number("limit", "speed_max_m_s")]),
+    form("partition", Hosts, "hosts of a fleet and all others, which cannot hear each other (runs with --fleet only)")
+        .written("partition HOST[,HOST...] @SECONDS [for SECONDS]"),
+    form("load", Machine, "processes that take processor time from everybody")
+        .written("load of PROCESSES @SECONDS [for SECONDS]")
+        .with(&[whole("of", "processes").needed()]),
 ];
-
-/// The words of the key `kind`, in order.
-pub(crate) fn kinds() -> impl Iterator<Item = &'static str> {
-    let first =
-        |(i, form): &(usize, &Form)| FORMS[..*i].iter().all(|other| other.kind != form.kind);
-    FORMS.iter().enumerate().filter(first).map(|(_, form)| form.kind)
-}
 
 impl Form {
     /// The form of that kind which strikes a stream, if `stream`, or whatever else; the only one of a
@@ -233,16 +179,9 @@ impl Form {
 
     /// The keys that its table must have, beside `kind`.
     pub(crate) fn needs(&self) -> Vec<&'static str> {
-        let subject: &[&str] = match self.subject {
-            Subject::Robot => &["robot"],
-            Subject::Link => &["from", "to"],
-            Subject::Stream => &["robot", "stream"],
-            Subject::Sensor => &["robot", "sensor"],
-            Subject::Hosts => &["hosts"],
-            Subject::Machine => &[],
-        };
         let details = self.details.iter().filter(|detail| detail.needed).map(|detail| detail.key);
-        ["at_s"].into_iter().chain(subject.iter().copied()).chain(details).collect()
+        let subject = self.subject.keys().iter().copied();
+        ["at_s"].into_iter().chain(subject).chain(details).collect()
     }
 
     /// The keys that it may have.
@@ -393,7 +332,8 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
     let has_stream = FORMS.iter().any(|form| form.kind == kind && form.subject == Subject::Stream);
     let stream = has_stream && !is_link && words.clone().next().is_some();
     let Some(form) = Form::of(kind, stream) else {
-        let kinds: Vec<&str> = kinds().collect();
+        let mut kinds: Vec<&str> = FORMS.iter().map(|form| form.kind).collect();
+        kinds.dedup();
         let reason = match kind {
             "" => "it is empty".to_owned(),
             kind => format!("there is no fault `{kind}`"),
@@ -408,37 +348,30 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
         |reason: String| FaultError { reason, expected: format!("expected {}", form.grammar) };
     let mut table = Table::new();
     table["kind"] = value(kind);
-    match form.subject {
-        Subject::Robot | Subject::Sensor | Subject::Stream => {
-            let robot = words.next().ok_or_else(|| wrong(format!("`{kind}` needs a robot")))?;
-            table["robot"] = value(robot);
-        }
-        Subject::Link => {
-            let link = words.next().and_then(|link| link.split_once("->"));
-            let (from, to) =
-                link.ok_or_else(|| wrong(format!("`{kind}` needs a link, such as r1->r2")))?;
-            table["from"] = value(from);
-            table["to"] = value(to);
-        }
-        Subject::Hosts => {
-            let hosts = words.next().filter(|word| !word.starts_with('@'));
-            let hosts =
-                hosts.ok_or_else(|| wrong(format!("`{kind}` needs a host of the fleet")))?;
-            table["hosts"] = value(Array::from_iter(hosts.split(',')));
-        }
-        Subject::Machine => {}
-    }
-    if form.subject == Subject::Sensor {
-        let sensor = words.next().ok_or_else(|| wrong(format!("`{kind}` needs a sensor")))?;
-        table["sensor"] = value(sensor);
-    }
-    if form.subject == Subject::Stream {
-        let stream = words.next().filter(|word| ["odometry", "commands"].contains(word));
-        table["stream"] = value(stream.ok_or_else(|| {
-            wrong(format!(
-                "`{kind}` needs a link, such as r1->r2, or a robot's odometry or commands"
-            ))
-        })?);
+    for &key in form.subject.keys().iter().filter(|key| **key != "to") {
+        let needs = |what: &str| wrong(format!("`{kind}` needs {what}"));
+        let word = words.next();
+        let item = match key {
+            "from" => {
+                let link = word.and_then(|link| link.split_once("->"));
+                let (from, to) = link.ok_or_else(|| needs("a link, such as r1->r2"))?;
+                table["from"] = value(from);
+                table["to"] = value(to);
+                continue;
+            }
+            "hosts" => {
+                let hosts = word.filter(|word| !word.starts_with('@'));
+                let hosts = hosts.ok_or_else(|| needs("a host of the fleet"))?;
+                value(Array::from_iter(hosts.split(',')))
+            }
+            "stream" => {
+                let stream = word.filter(|word| ["odometry", "commands"].contains(word));
+                let what = "a link, such as r1->r2, or a robot's odometry or commands";
+                value(stream.ok_or_else(|| needs(what))?)
+            }
+            key => value(word.ok_or_else(|| needs(&format!("a {key}")))?),
+        };
+        table[key] = item;
     }
     while let Some(word) = words.next() {
         let of_time = match word {
@@ -491,70 +424,56 @@ fn parsed(word: &str) -> Result<f64, String> {
 mod tests {
     use super::*;
 
+    /// Arguments, and the table that a file would hold.
+    const FAULTS: &str = "\
+kill r2 @10 restart 2 => kind = 'kill', robot = 'r2', at_s = 10.0, restart_after_s = 2.0
+  kill plant   @0.5 => kind = 'kill', robot = 'plant', at_s = 0.5
+freeze r2 @12 for 1.5 => kind = 'freeze', robot = 'r2', at_s = 12.0, for_s = 1.5
+slow r2 by 0.01 @5 => kind = 'slow', robot = 'r2', delay_s = 0.01, at_s = 5.0
+cut r1->r2 for 5 @1 => kind = 'cut', from = 'r1', to = 'r2', for_s = 5.0, at_s = 1.0
+loss a->b of 0.3 burst 5 @1 => kind = 'loss', from = 'a', to = 'b', probability = 0.3, burst = 5, at_s = 1.0
+delay a->b by 0.02 jitter 0.01 @0 => kind = 'delay', from = 'a', to = 'b', delay_s = 0.02, jitter_s = 0.01, at_s = 0.0
+blackout r2 proximity @5 => kind = 'blackout', robot = 'r2', sensor = 'proximity', at_s = 5.0
+noise r2 odometry by 0.01 @5 => kind = 'noise', robot = 'r2', sensor = 'odometry', bound_m = 0.01, at_s = 5.0
+noise r2 odometry by 0 heading 0.02 @5 => kind = 'noise', robot = 'r2', sensor = 'odometry', bound_m = 0.0, heading_bound_rad = 0.02, at_s = 5.0
+wheels r2 stuck @5 => kind = 'wheels', robot = 'r2', stuck = true, at_s = 5.0
+wheels r2 limit 0.2 @5 => kind = 'wheels', robot = 'r2', speed_max_m_s = 0.2, at_s = 5.0
+load of 2 @5 => kind = 'load', processes = 2, at_s = 5.0
+partition b,c @5 for 2 => kind = 'partition', hosts = ['b', 'c'], at_s = 5.0, for_s = 2.0
+bursts a->b of 0.2 mean 0.1 @1 => kind = 'bursts', from = 'a', to = 'b', probability = 0.2, mean_burst_s = 0.1, at_s = 1.0
+fading a->b range 4 exponent 3 @1 => kind = 'fading', from = 'a', to = 'b', range_m = 4.0, exponent = 3.0, at_s = 1.0
+loss * commands of 0.2 @0 => kind = 'loss', robot = '*', stream = 'commands', probability = 0.2, at_s = 0.0
+delay r1 odometry by 0.04 jitter 0.01 @1 for 2 => kind = 'delay', robot = 'r1', stream = 'odometry', delay_s = 0.04, jitter_s = 0.01, at_s = 1.0, for_s = 2.0";
+
+    /// Arguments, and what of each is named.
+    const MISTAKES: &str = "\
+explode r2 @1 => no fault `explode`
+kill => needs a robot
+kill r2 => needs a time
+kill r2 10 => `10` has no place
+kill r2 @ten => `ten` is not a number
+kill r2 @inf => `inf` is not a number
+kill r2 @-1 => `-1` is not a number
+kill r2 @1 restart => `restart` needs a number
+kill r2 @1 again 2 => `again` has no place
+kill r2 @1 restart 2 3 => `3` has no place
+kill r2 @1 @2 => `@2` says again
+kill r2 @1 for 2 => `for` has no place
+cut r1 @1 => needs a link
+loss r1 @1 => needs a link, such as r1->r2, or a robot's odometry
+delay r1 proximity by 1 @1 => needs a link, such as r1->r2, or a robot's odometry
+delay => needs a link
+noise r1 => needs a sensor
+partition @1 => needs a host
+load of 1.5 @1 => `of 1.5` is not a whole number";
+
+    fn rows(table: &'static str) -> impl Iterator<Item = (&'static str, &'static str)> {
+        table.lines().map(|line| line.split_once(" => ").unwrap())
+    }
+
     #[test]
     fn every_kind_becomes_the_table_that_a_file_would_hold() {
-        for (argument, table) in [
-            (
-                "kill r2 @10 restart 2",
-                "kind = 'kill', robot = 'r2', at_s = 10.0, restart_after_s = 2.0",
-            ),
-            ("  kill plant   @0.5", "kind = 'kill', robot = 'plant', at_s = 0.5"),
-            ("freeze r2 @12 for 1.5", "kind = 'freeze', robot = 'r2', at_s = 12.0, for_s = 1.5"),
-            ("slow r2 by 0.01 @5", "kind = 'slow', robot = 'r2', delay_s = 0.01, at_s = 5.0"),
-            (
-                "cut r1->r2 for 5 @1",
-                "kind = 'cut', from = 'r1', to = 'r2', for_s = 5.0, at_s = 1.0",
-            ),
-            (
-                "loss a->b of 0.3 burst 5 @1",
-                "kind = 'loss', from = 'a', to = 'b', probability = 0.3, burst = 5, at_s = 1.0",
-            ),
-            (
-                "delay a->b by 0.02 jitter 0.01 @0",
-                "kind = 'delay', from = 'a', to = 'b', delay_s = 0.02, jitter_s = 0.01, at_s = 0.0",
-            ),
-            (
-                "blackout r2 proximity @5",
-                "kind = 'blackout', robot = 'r2', sensor = 'proximity', at_s = 5.0",
-            ),
-            (
-                "noise r2 odometry by 0.01 @5",
-                "kind = 'noise', robot = 'r2', sensor = 'odometry', bound_m = 0.01, at_s = 5.0",
-            ),
-            (
-                "noise r2 odometry by 0 heading 0.02 @5",
-                "kind = 'noise', robot = 'r2', sensor = 'odometry', bound_m = 0.0, \
-                 heading_bound_rad = 0.02, at_s = 5.0",
-            ),
-            ("wheels r2 stuck @5", "kind = 'wheels', robot = 'r2', stuck = true, at_s = 5.0"),
-            (
-                "wheels r2 limit 0.2 @5",
-                "kind = 'wheels', robot = 'r2', speed_max_m_s = 0.2, at_s = 5.0",
-            ),
-            ("load of 2 @5", "kind = 'load', processes = 2, at_s = 5.0"),
-            (
-                "partition b,c @5 for 2",
-                "kind = 'partition', hosts = ['b', 'c'], at_s = 5.0, for_s = 2.0",
-            ),
-            (
-                "bursts a->b of 0.2 mean 0.1 @1",
-                "kind = 'bursts', from = 'a', to = 'b', probability = 0.2, mean_burst_s = 0.1, \
-                 at_s = 1.0",
-            ),
-            (
-                "fading a->b range 4 exponent 3 @1",
-                "kind = 'fading', from = 'a', to = 'b', range_m = 4.0, exponent = 3.0, at_s = 1.0",
-            ),
-            (
-                "loss * commands of 0.2 @0",
-                "kind = 'loss', robot = '*', stream = 'commands', probability = 0.2, at_s = 0.0",
-            ),
-            (
-                "delay r1 odometry by 0.04 jitter 0.01 @1 for 2",
-                "kind = 'delay', robot = 'r1', stream = 'odometry', delay_s = 0.04, \
-                 jitter_s = 0.01, at_s = 1.0, for_s = 2.0",
-            ),
-        ] {
+        for (argument, table) in rows(FAULTS) {
             let found = parse(argument).unwrap().to_string();
             assert_eq!(found.trim().replace('\n', ", ").replace('"', "'"), table, "{argument}");
         }
@@ -562,32 +481,12 @@ mod tests {
 
     #[test]
     fn each_mistake_is_named() {
-        for (argument, word) in [
-            ("", "empty"),
-            ("explode r2 @1", "no fault `explode`"),
-            ("kill", "needs a robot"),
-            ("kill r2", "needs a time"),
-            ("kill r2 10", "`10` has no place"),
-            ("kill r2 @ten", "`ten` is not a number"),
-            ("kill r2 @inf", "`inf` is not a number"),
-            ("kill r2 @-1", "`-1` is not a number"),
-            ("kill r2 @1 restart", "`restart` needs a number"),
-            ("kill r2 @1 again 2", "`again` has no place"),
-            ("kill r2 @1 restart 2 3", "`3` has no place"),
-            ("kill r2 @1 @2", "`@2` says again"),
-            ("kill r2 @1 for 2", "`for` has no place"),
-            ("cut r1 @1", "needs a link"),
-            ("loss r1 @1", "needs a link, such as r1->r2, or a robot's odometry"),
-            ("delay r1 proximity by 1 @1", "needs a link, such as r1->r2, or a robot's odometry"),
-            ("delay", "needs a link"),
-            ("noise r1", "needs a sensor"),
-            ("partition @1", "needs a host"),
-            ("load of 1.5 @1", "`of 1.5` is not a whole number"),
-        ] {
+        for (argument, word) in rows(MISTAKES) {
             let error = parse(argument).unwrap_err();
             assert!(error.to_string().contains(word), "{argument}: {error}");
             assert!(!error.expected.is_empty());
         }
+        assert!(parse(" ").unwrap_err().to_string().contains("empty"));
         assert!(parse("frezze r1 @1").unwrap_err().expected.contains("`freeze`"));
     }
 }

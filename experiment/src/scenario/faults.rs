@@ -5,7 +5,7 @@ use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind, Stream, WheelFault
 
 use super::chaos::Chaos;
 use super::diagnostic::Diagnostic;
-use super::fault::{Form, kinds};
+use super::fault::Form;
 use super::lives::Lives;
 use super::robots::robot_named;
 use super::table::{Table, Value};
@@ -49,10 +49,9 @@ pub(super) fn faults(root: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, 
 
 /// One `[[fault]]`, which may strike many.
 fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, Diagnostic> {
-    let kinds: Vec<(&str, &str)> = kinds().map(|kind| (kind, kind)).collect();
-    let kind = table.need("kind")?.word(&kinds)?;
-    let stream = table.get("robot").is_some() || table.get("stream").is_some();
-    let form = Form::of(kind, stream).expect("a kind has a form");
+    let kind = table.kind_alone()?;
+    let of_stream = table.get("robot").is_some() || table.get("stream").is_some();
+    let form = Form::of(kind, of_stream).expect("a kind has a form");
     table.only_with(&[form.needs(), form.may()].concat())?;
     let at_ns = at.time_ns()?;
     if at_ns >= scene.duration_ns {
@@ -61,111 +60,30 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fau
             format!("expected less than `duration_s`, {} s", seconds(scene.duration_ns)),
         ));
     }
-    let for_ns = table.get("for_s").map(|lasts| lasts.time_ns()).transpose()?;
-    let robot_value = || table.need("robot");
-    let robots = || {
-        let value = robot_value()?;
-        match value.text("expected a name")? {
-            EVERY => Ok((0..scene.robots.len()).collect()),
-            _ => robot_named(&value, scene.robots).map(|robot| vec![robot]),
+    let for_ns = table.maybe_time_ns("for_s")?;
+    let each = |kind: &dyn Fn(usize) -> FaultKind| -> Result<Vec<FaultKind>, Diagnostic> {
+        Ok(robots(table, scene)?.into_iter().map(kind).collect())
+    };
+    let struck = match kind {
+        "kill" if table.need("robot")?.text("expected a name")? == "plant" => {
+            kill_of_the_plant(table)?
         }
-    };
-    let each = |of: &dyn Fn(usize) -> FaultKind| -> Result<Vec<FaultKind>, Diagnostic> {
-        let robots: Vec<usize> = robots()?;
-        Ok(robots.into_iter().map(of).collect())
-    };
-    let carried = |kind: LinkFaultKind| -> Result<Vec<FaultKind>, Diagnostic> {
-        if !stream {
-            let link = |edge| FaultKind::Link { edge, kind: kind.clone() };
-            return Ok(edges(table, scene)?.into_iter().map(link).collect());
-        }
-        let words = [("odometry", Stream::Odometry), ("commands", Stream::Commands)];
-        let stream = table.need("stream")?.word(&words)?;
-        each(&|robot| FaultKind::Stream { robot, stream, kind: kind.clone() })
-    };
-    let share = || {
-        let value = table.need("probability")?;
-        let share = value.number()?;
-        match share > 1.0 {
-            true => Err(value.wrong(
-                format!("is {share}"),
-                "expected a share of what is sent, above 0 and at most 1",
-            )),
-            false => Ok(share),
-        }
-    };
-    let delay_ns = || table.need("delay_s")?.time_ns();
-    let struck = match form.kind {
         "kill" => {
-            let restart = table.get("restart_after_s");
-            if robot_value()?.text("expected a name")? == "plant" {
-                if let Some(restart) = restart {
-                    return Err(restart.wrong(
-                        "is given for the plant",
-                        "expected none: with the plant's death the run ends, with exit code 4",
-                    ));
-                }
-                vec![FaultKind::KillPlant]
-            } else {
-                let restart_after_ns = restart.map(|after| after.time_ns()).transpose()?;
-                each(&|robot| FaultKind::Kill { robot, restart_after_ns })?
-            }
+            let restart_after_ns = table.maybe_time_ns("restart_after_s")?;
+            each(&|robot| FaultKind::Kill { robot, restart_after_ns })?
         }
         "freeze" => each(&|robot| FaultKind::Freeze { robot })?,
         "slow" => {
-            let delay_ns = delay_ns()?;
+            let delay_ns = table.time_ns("delay_s")?;
             each(&|robot| FaultKind::Slow { robot, delay_ns })?
         }
-        "cut" => carried(LinkFaultKind::Cut)?,
-        "loss" => {
-            carried(LinkFaultKind::Loss { probability: share()?, burst: table.whole("burst")? })?
-        }
-        "bursts" => carried(LinkFaultKind::Bursts {
-            probability: share()?,
-            mean_burst_ns: table.need("mean_burst_s")?.time_ns()?,
-        })?,
-        "fading" => carried(LinkFaultKind::Fading {
-            range_m: table.number("range_m")?,
-            exponent: table.number("exponent")?,
-        })?,
-        "delay" => {
-            let jitter_ns = table.time_ns("jitter_s")?;
-            carried(LinkFaultKind::Delay { delay_ns: delay_ns()?, jitter_ns })?
-        }
-        "blackout" => {
-            let (sensor, kind) = (sensor(table)?, SensorFaultKind::Blackout);
-            each(&|robot| FaultKind::Sensor { robot, sensor, kind })?
-        }
-        "noise" => {
-            let (bound, sensor) = (table.need("bound_m")?, sensor(table)?);
-            let (bound_m, heading_bound_rad) =
-                (bound.number()?, table.number("heading_bound_rad")?);
-            if sensor == Sensor::Proximity && heading_bound_rad > 0.0 {
-                return Err(table.need("heading_bound_rad")?.wrong(
-                    "is given for proximity, which senses no heading",
-                    "expected it with `sensor = \"odometry\"` only",
-                ));
-            }
-            if bound_m == 0.0 && heading_bound_rad == 0.0 {
-                return Err(bound.wrong("is 0: there is no noise", "expected more than 0"));
-            }
-            let kind = SensorFaultKind::Noise { bound_m, heading_bound_rad };
+        "blackout" | "noise" => {
+            let sensor = table.word("sensor")?;
+            let kind = sensor_fault(kind, sensor, table)?;
             each(&|robot| FaultKind::Sensor { robot, sensor, kind })?
         }
         "wheels" => {
-            let kind = match (table.get("stuck"), table.get("speed_max_m_s")) {
-                (Some(stuck), None) if stuck.truth()? => WheelFaultKind::Stuck,
-                (None, Some(limit)) => WheelFaultKind::Limit { speed_max_m_s: limit.number()? },
-                (Some(stuck), _) => {
-                    return Err(stuck.wrong(
-                        "says too little, or too much",
-                        "expected either `stuck = true` or `speed_max_m_s`",
-                    ));
-                }
-                (None, None) => {
-                    return Err(table.missing("stuck", "or else `speed_max_m_s`, in m/s"));
-                }
-            };
+            let kind = wheel_fault(table)?;
             each(&|robot| FaultKind::Wheels { robot, kind })?
         }
         "partition" => {
@@ -177,13 +95,106 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fau
             }
             vec![FaultKind::Partition { hosts: names }]
         }
-        "load" => {
-            let processes = table.need("processes")?;
-            vec![FaultKind::Load { processes: processes.whole()? as usize }]
+        "load" => vec![FaultKind::Load { processes: table.whole("processes")? as usize }],
+        _ => {
+            let kind = link_fault(kind, table)?;
+            let kind = || kind.clone();
+            if of_stream {
+                let stream: Stream = table.word("stream")?;
+                each(&|robot| FaultKind::Stream { robot, stream, kind: kind() })?
+            } else {
+                let edges = edges(table, scene)?.into_iter();
+                edges.map(|edge| FaultKind::Link { edge, kind: kind() }).collect()
+            }
         }
-        other => unreachable!("{other} is a form, and read here"),
     };
     Ok(struck.into_iter().map(|kind| Fault { at_ns, for_ns, kind }).collect())
+}
+
+/// The robots that `robot` names.
+fn robots(table: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<usize>, Diagnostic> {
+    let value = table.need("robot")?;
+    match value.text("expected a name")? {
+        EVERY => Ok((0..scene.robots.len()).collect()),
+        _ => robot_named(&value, scene.robots).map(|robot| vec![robot]),
+    }
+}
+
+fn kill_of_the_plant(table: &Table<'_>) -> Result<Vec<FaultKind>, Diagnostic> {
+    match table.get("restart_after_s") {
+        Some(restart) => Err(restart.wrong(
+            "is given for the plant",
+            "expected none: with the plant's death the run ends, with exit code 4",
+        )),
+        None => Ok(vec![FaultKind::KillPlant]),
+    }
+}
+
+/// What is wrong with a link or a stream.
+fn link_fault(kind: &str, table: &Table<'_>) -> Result<LinkFaultKind, Diagnostic> {
+    let share = || {
+        let value = table.need("probability")?;
+        match value.number()? {
+            share if share > 1.0 => Err(value.wrong(
+                format!("is {share}"),
+                "expected a share of what is sent, above 0 and at most 1",
+            )),
+            share => Ok(share),
+        }
+    };
+    Ok(match kind {
+        "cut" => LinkFaultKind::Cut,
+        "loss" => LinkFaultKind::Loss { probability: share()?, burst: table.whole("burst")? },
+        "bursts" => LinkFaultKind::Bursts {
+            probability: share()?,
+            mean_burst_ns: table.time_ns("mean_burst_s")?,
+        },
+        "fading" => LinkFaultKind::Fading {
+            range_m: table.number("range_m")?,
+            exponent: table.number("exponent")?,
+        },
+        "delay" => LinkFaultKind::Delay {
+            delay_ns: table.time_ns("delay_s")?,
+            jitter_ns: table.time_ns("jitter_s")?,
+        },
+        other => unreachable!("{other} is a kind, and read here"),
+    })
+}
+
+/// What is wrong with a sensor.
+fn sensor_fault(
+    kind: &str,
+    sensor: Sensor,
+    table: &Table<'_>,
+) -> Result<SensorFaultKind, Diagnostic> {
+    if kind == "blackout" {
+        return Ok(SensorFaultKind::Blackout);
+    }
+    let (bound, heading) = (table.need("bound_m")?, table.need("heading_bound_rad")?);
+    let (bound_m, heading_bound_rad) = (bound.number()?, heading.number()?);
+    if sensor == Sensor::Proximity && heading_bound_rad > 0.0 {
+        return Err(heading.wrong(
+            "is given for proximity, which senses no heading",
+            "expected it with `sensor = \"odometry\"` only",
+        ));
+    }
+    if bound_m == 0.0 && heading_bound_rad == 0.0 {
+        return Err(bound.wrong("is 0: there is no noise", "expected more than 0"));
+    }
+    Ok(SensorFaultKind::Noise { bound_m, heading_bound_rad })
+}
+
+/// What is wrong with wheels.
+fn wheel_fault(table: &Table<'_>) -> Result<WheelFaultKind, Diagnostic> {
+    match (table.get("stuck"), table.get("speed_max_m_s")) {
+        (Some(stuck), None) if stuck.truth()? => Ok(WheelFaultKind::Stuck),
+        (None, Some(limit)) => Ok(WheelFaultKind::Limit { speed_max_m_s: limit.number()? }),
+        (Some(stuck), _) => Err(stuck.wrong(
+            "says too little, or too much",
+            "expected either `stuck = true` or `speed_max_m_s`",
+        )),
+        (None, None) => Err(table.missing("stuck", "or else `speed_max_m_s`, in m/s")),
+    }
 }
 
 /// The places of the edges that `from` and `to` name.
@@ -216,9 +227,4 @@ fn edges(table: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<usize>, Diagnostic>
         };
         to.wrong(format!("is \"{hearer}\", which does not hear {speaker}"), expected)
     })
-}
-
-fn sensor(table: &Table<'_>) -> Result<Sensor, Diagnostic> {
-    let words = [("odometry", Sensor::Odometry), ("proximity", Sensor::Proximity)];
-    table.need("sensor")?.word(&words)
 }

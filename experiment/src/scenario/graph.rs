@@ -81,15 +81,13 @@ impl Edges<'_, '_> {
             (Reference::Offsets, Some(offset)) => offset.pair()?,
             (Reference::Offsets, None) => self.between_places(ends, whole)?,
             (Reference::Middle | Reference::Goal, None) => [0.0, 0.0],
-            (Reference::Goal, Some(offset)) => {
+            (reference @ (Reference::Middle | Reference::Goal), Some(offset)) => {
+                let does = match reference {
+                    Reference::Goal => "goes to a goal",
+                    _ => "is contained",
+                };
                 return Err(offset.wrong(
-                    format!("is given, but {} goes to a goal: its law knows no offsets", to.name),
-                    "expected no `offset_m` here, or a formation law for that robot",
-                ));
-            }
-            (Reference::Middle, Some(offset)) => {
-                return Err(offset.wrong(
-                    format!("is given, but {} is contained: its law knows no offsets", to.name),
+                    format!("is given, but {} {does}: its law knows no offsets", to.name),
                     "expected no `offset_m` here, or a formation law for that robot",
                 ));
             }

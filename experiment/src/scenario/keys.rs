@@ -1,8 +1,9 @@
 //! THE table of the scenario format: every key with its type, unit, range, default and meaning.
 //!
 //! The reader takes types, units, ranges and defaults from these rows, diagnostics their words, the
-//! JSON Schema all of it. What values mean together is asked where they are read, and in
-//! [`crate::check`]. Nothing is read here.
+//! JSON Schema and the page of the book all of it. Files of campaigns and fleets are made of such rows
+//! too. What values mean together is asked where they are read, and in [`crate::check`]. Nothing is
+//! read here.
 //!
 //! To rename a key, give its row the new name and put the old one into `was`: files that have it
 //! are read as before, with a warning.
@@ -10,6 +11,7 @@
 use std::borrow::Cow;
 
 use protocol::catalog::Catalog;
+use toml::de::DeValue;
 
 use super::diagnostic::meant;
 use super::fault::FORMS;
@@ -23,6 +25,8 @@ const HOLD_PERIODS_MAX: u64 = 100;
 /// Most beacons that are lost together, most load processes: more is a slip of the keyboard.
 const BURST_MAX: u64 = 1_000_000;
 const LOAD_MAX: u64 = 256;
+/// Most memory that a program may be bound to, MB: a terabyte.
+const MEMORY_MB_MAX: u64 = 1 << 20;
 
 /// One key.
 #[derive(Debug, Clone)]
@@ -37,35 +41,37 @@ pub struct Key {
     pub says: Cow<'static, str>,
     /// Names that it had: still read, with a warning.
     pub was: &'static [&'static str],
-    /// What people write who mean it, without units, in small letters.
-    pub guesses: &'static [&'static str],
+    /// What people write who mean it, without units, in small letters: words.
+    pub guesses: &'static str,
 }
 
-/// What a value is.
+/// What a value is. Numbers are in the unit that the key's name ends in.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Takes {
     /// A string.
     Text,
     /// One of these words, each with its meaning.
     Word(&'static [(&'static str, &'static str)]),
+    /// The word of one of the section's kinds.
+    Kind,
     /// The name of a control law.
     Law,
     /// The name of an avoidance method.
     Method,
     /// True or false.
     Truth,
-    /// A number in this unit (none: "").
-    Number(&'static str, Range),
+    /// A number.
+    Number(Range),
     /// A time in seconds that is a whole number of nanoseconds.
     Time(Range),
     /// A list of such times, from 0.
     Times,
     /// A whole number from the first to the second.
     Whole(u64, u64),
-    /// `[x, y]` in this unit.
-    Pair(&'static str),
-    /// A list of `[x, y]` in this unit.
-    Points(&'static str),
+    /// `[x, y]`.
+    Pair,
+    /// A list of `[x, y]`.
+    Points,
     /// A list of strings.
     Texts,
     /// A list of names of robots.
@@ -94,20 +100,12 @@ pub enum Range {
 }
 
 /// What holds where a key is not given.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone)]
 pub enum Otherwise {
     /// It must be given.
     Needed,
-    /// That number.
-    Number(f64),
-    /// That whole number.
-    Whole(u64),
-    /// That word.
-    Word(&'static str),
-    /// No.
-    No,
-    /// Yes.
-    Yes,
+    /// That value, as if the file had it.
+    Default(DeValue<'static>),
     /// What these words say.
     Rule(&'static str),
     /// Nothing: what it asks for does not happen.
@@ -151,107 +149,168 @@ pub struct Format {
     pub methods: Vec<&'static str>,
 }
 
+/// A row that says nothing yet of what holds without the key, nor what it is.
+pub fn key(name: &'static str, takes: Takes) -> Key {
+    let (otherwise, says) = (Otherwise::Absent, Cow::Borrowed(""));
+    Key { name, takes, otherwise, says, was: &[], guesses: "" }
+}
+
+impl Key {
+    /// It must be given.
+    pub fn needed(self, says: &'static str) -> Key {
+        Key { otherwise: Otherwise::Needed, says: says.into(), ..self }
+    }
+
+    /// It may be given; without it, what it asks for does not happen.
+    pub fn optional(self, says: &'static str) -> Key {
+        Key { otherwise: Otherwise::Absent, says: says.into(), ..self }
+    }
+
+    /// Without it this value holds, written in TOML.
+    pub fn default(self, value: &'static str, says: &'static str) -> Key {
+        let value = DeValue::parse(value).expect("a default is TOML").into_inner();
+        Key { otherwise: Otherwise::Default(value), says: says.into(), ..self }
+    }
+
+    /// Without it holds what this rule says.
+    pub fn rule(self, rule: &'static str, says: impl Into<Cow<'static, str>>) -> Key {
+        Key { otherwise: Otherwise::Rule(rule), says: says.into(), ..self }
+    }
+
+    /// Words that people write who mean it, without units, in small letters.
+    pub fn guesses(self, guesses: &'static str) -> Key {
+        Key { guesses, ..self }
+    }
+
+    /// Its name, and those that it had.
+    pub(crate) fn names(&self) -> impl Iterator<Item = &'static str> {
+        [self.name].into_iter().chain(self.was.iter().copied())
+    }
+
+    /// The unit of its numbers; "" where they have none.
+    pub(crate) fn unit(&self) -> &'static str {
+        match self.takes {
+            Takes::Number(_) | Takes::Pair | Takes::Points | Takes::Time(_) | Takes::Times => {
+                let name = self.name.strip_suffix("_max").unwrap_or(self.name);
+                UNITS.iter().find(|(suffix, _)| name.ends_with(suffix)).map_or("", |unit| unit.1)
+            }
+            _ => "",
+        }
+    }
+
+    fn is_guessed(&self, guess: &str) -> bool {
+        self.guesses.split(' ').any(|known| known == guess)
+    }
+}
+
 impl Section {
+    /// A section with these keys.
+    pub fn new(name: &'static str, says: &'static str, keys: Vec<Key>) -> Section {
+        Section { name, says, keys, kinds: Vec::new() }
+    }
+
+    /// The same where `kind` decides which of its keys there may be.
+    fn of_kinds(self, kinds: impl IntoIterator<Item = Kind>) -> Section {
+        Section { kinds: kinds.into_iter().collect(), ..self }
+    }
+
     /// The row of that name.
     pub fn key(&self, name: &str) -> Option<&Key> {
         self.keys.iter().find(|key| key.name == name)
+    }
+
+    /// The words of its kinds, each once.
+    pub fn words(&self) -> Vec<&'static str> {
+        let mut words: Vec<&str> = self.kinds.iter().map(|kind| kind.word).collect();
+        words.dedup();
+        words
+    }
+}
+
+impl Kind {
+    /// With the keys in these lists of words.
+    fn new(word: &'static str, says: &'static str, needs: &'static str, may: &'static str) -> Kind {
+        let list = |keys: &'static str| keys.split_whitespace().collect();
+        Kind { word, says, needs: list(needs), may: list(may) }
+    }
+
+    /// Whether there may be that key with it.
+    pub(crate) fn has(&self, key: &str) -> bool {
+        self.needs.contains(&key) || self.may.contains(&key)
     }
 }
 
 impl Format {
     /// The keys that scenarios may have with these laws and methods.
     pub fn of(catalog: &Catalog) -> Format {
-        let kind = |&(word, says, needs, may): &KindRow| Kind {
-            word,
-            says,
-            needs: needs.to_vec(),
-            may: may.to_vec(),
-        };
+        let gains = gains(catalog);
         let faults = FORMS.iter().map(|form| Kind {
             word: form.kind,
             says: form.says,
             needs: form.needs(),
             may: form.may(),
         });
-        let section = |name, says, keys: &[Key]| Section {
-            name,
-            says,
-            keys: keys.to_vec(),
-            kinds: Vec::new(),
-        };
-        let mut avoidance = section("avoidance", "How robots keep their distance.", AVOIDANCE);
-        for (method, gain) in
-            catalog.methods.iter().flat_map(|m| m.gains.iter().map(move |g| (m, g)))
-        {
-            let says = format!("{}; `{}` needs it", gain.meaning, method.name);
-            avoidance.keys.push(gain_row(gain.key, says));
-        }
-        let mut gains: Vec<Key> = Vec::new();
-        for &name in catalog.laws.iter().flat_map(|law| law.gains) {
-            if gains.iter().all(|gain| gain.name != name) {
-                let users = catalog.laws.iter().filter(|law| law.gains.contains(&name));
-                let users: Vec<_> =
-                    users.map(|law| format!("`{}` {}", law.name, law.source)).collect();
-                let laws = if users.len() == 1 { "law" } else { "laws" };
-                gains.push(gain_row(name, format!("gain of the {laws} {}", users.join(", "))));
-            }
-        }
-        let defaults = [DEFAULTS, &gains].concat();
-        let robots = [ROBOT, DEFAULTS, &gains].concat();
         let sections = vec![
-            section("scenario", "One experiment.", ROOT),
-            section("realtime", "How late things may be, in real time.", REALTIME),
-            avoidance,
-            section(
+            Section::new("scenario", "One experiment.", root()),
+            Section::new("realtime", "How late things may be, in real time.", realtime()),
+            Section::new(
+                "avoidance",
+                "How robots keep their distance.",
+                [avoidance(), gains_of_methods(catalog)].concat(),
+            ),
+            Section::new(
                 "silence",
                 "When a robot that is not heard counts as stale, and as lost.",
-                SILENCE,
+                silence(),
             ),
-            section(
+            Section::new(
                 "law",
                 "A law in a program of the scenario's own: a table `[laws.NAME]`.",
-                &[LAW, PROGRAM].concat(),
+                [law(), program()].concat(),
             ),
-            section(
+            Section::new(
                 "plant",
                 "A program of the scenario's own that moves the robots, in place of exact unicycles.",
-                PROGRAM,
+                program(),
             ),
-            section("robot_defaults", "What all robots have that do not say otherwise.", &defaults),
-            section("robot", "One robot.", &robots),
-            section("pose", "A pose in the frame `map`.", POSE),
-            section("wheels", "What a robot's wheels can do.", WHEELS),
-            section("limits", "How fast a robot's twist can change: its inertia.", LIMITS),
-            section("edge", "One robot hears another.", EDGE),
-            section("wall", "A wall: segments from point to point.", WALL),
-            Section {
-                kinds: OBSTACLES.iter().map(kind).collect(),
-                ..section("obstacle", "Something fixed that robots keep away from.", OBSTACLE)
-            },
-            Section {
-                kinds: TRAJECTORIES.iter().map(kind).collect(),
-                ..section("trajectory", "Where the leader's front point goes.", TRAJECTORY)
-            },
-            Section {
-                kinds: SCALES.iter().map(kind).collect(),
-                ..section("scale", "How the formation grows and shrinks.", SCALE)
-            },
-            Section {
-                kinds: faults.collect(),
-                ..section("fault", "Something that breaks on purpose.", FAULT)
-            },
-            section(
+            Section::new(
+                "robot_defaults",
+                "What all robots have that do not say otherwise.",
+                [defaults(), gains.clone()].concat(),
+            ),
+            Section::new("robot", "One robot.", [robot(), defaults(), gains].concat()),
+            Section::new("pose", "A pose in the frame `map`.", pose()),
+            Section::new("wheels", "What a robot's wheels can do.", wheels()),
+            Section::new("limits", "How fast a robot's twist can change: its inertia.", limits()),
+            Section::new("edge", "One robot hears another.", edge()),
+            Section::new("wall", "A wall: segments from point to point.", wall()),
+            Section::new("obstacle", "Something fixed that robots keep away from.", obstacle())
+                .of_kinds([
+                    Kind::new("disc", "a disc", "center_m radius_m", ""),
+                    Kind::new("polygon", "a convex polygon", "corners_m", ""),
+                ]),
+            Section::new("trajectory", "Where the leader's front point goes.", trajectory())
+                .of_kinds(trajectories()),
+            Section::new("scale", "How the formation grows and shrinks.", scale())
+                .of_kinds(scales()),
+            Section::new("fault", "Something that breaks on purpose.", fault()).of_kinds(faults),
+            Section::new(
                 "chaos",
                 "Kills, freezes and partitions at random times, drawn from the seed.",
-                CHAOS,
+                chaos(),
             ),
-            section("expect", "What must hold for exit code 0.", EXPECT),
+            Section::new("expect", "What must hold for exit code 0.", expect()),
         ];
         Format {
             sections,
             laws: catalog.laws.iter().map(|law| law.name).collect(),
             methods: catalog.methods.iter().map(|method| method.name).collect(),
         }
+    }
+
+    /// A format that knows no laws and methods.
+    pub fn plain(sections: Vec<Section>) -> Format {
+        Format { sections, laws: Vec::new(), methods: Vec::new() }
     }
 
     /// The whole file.
@@ -265,72 +324,69 @@ impl Format {
         found.unwrap_or_else(|| panic!("`{name}` is a section"))
     }
 
-    /// What was probably meant by a `word` that is none of the `rows` of the section; `elsewhere`:
-    /// it may be a key of another one.
-    pub fn meant(
+    /// What to expect instead of a `word` that is none of the `rows` of the section; `elsewhere`: it
+    /// may be a key of another one.
+    pub(crate) fn expected(
         &self,
         section: &Section,
         rows: &[&Key],
         word: &str,
         elsewhere: bool,
-    ) -> Option<String> {
+    ) -> String {
         let guess = stem(word);
-        let guessed = |key: &Key| key.guesses.contains(&guess.as_str());
-        if let Some(key) = rows.iter().find(|key| guessed(key)) {
-            return Some(format!("`{}`", key.name));
-        }
-        if let Some(close) = meant(word, rows.iter().map(|key| key.name)) {
-            return Some(format!("`{close}`"));
+        let names = || rows.iter().map(|key| key.name);
+        let guessed = rows.iter().find(|key| key.is_guessed(&guess)).map(|key| key.name);
+        if let Some(close) = guessed.or_else(|| meant(word, names())) {
+            return format!("did you mean `{close}`?");
         }
         let others = self.sections.iter().filter(|other| elsewhere && other.name != section.name);
-        others.into_iter().find_map(|other| {
-            let key = other.keys.iter().find(|key| stem(key.name) == guess || guessed(key))?;
-            Some(match std::ptr::eq(other, self.root()) {
-                true => format!("`{}`, outside of all tables", key.name),
-                false => format!("`{}` in `{}`", key.name, other.name),
-            })
-        })
+        let mut keys = others.flat_map(|other| other.keys.iter().map(move |key| (other, key)));
+        match keys.find(|(_, key)| stem(key.name) == guess || key.is_guessed(&guess)) {
+            Some((other, key)) if std::ptr::eq(other, self.root()) => {
+                format!("did you mean `{}`, outside of all tables?", key.name)
+            }
+            Some((other, key)) => format!("did you mean `{}` in `{}`?", key.name, other.name),
+            None => format!("expected one of {}", names().collect::<Vec<_>>().join(", ")),
+        }
     }
 }
 
-impl Key {
-    /// Its name, and those that it had.
-    pub(crate) fn names(&self) -> impl Iterator<Item = &'static str> {
-        [self.name].into_iter().chain(self.was.iter().copied())
+/// The gains of all laws: positive, and needed by those who use them.
+fn gains(catalog: &Catalog) -> Vec<Key> {
+    let mut gains: Vec<Key> = Vec::new();
+    for &name in catalog.laws.iter().flat_map(|law| law.gains) {
+        if gains.iter().all(|gain| gain.name != name) {
+            let users = catalog.laws.iter().filter(|law| law.gains.contains(&name));
+            let users: Vec<_> = users.map(|law| format!("`{}` {}", law.name, law.source)).collect();
+            let laws = if users.len() == 1 { "law" } else { "laws" };
+            gains.push(gain(name, format!("gain of the {laws} {}", users.join(", "))));
+        }
     }
-
-    /// The same row with what people write who mean it.
-    pub const fn guessed(mut self, guesses: &'static [&'static str]) -> Key {
-        self.guesses = guesses;
-        self
-    }
+    gains
 }
 
-/// A row without old names and guesses.
-pub const fn key(
-    name: &'static str,
-    takes: Takes,
-    otherwise: Otherwise,
-    says: &'static str,
-) -> Key {
-    Key { name, takes, otherwise, says: Cow::Borrowed(says), was: &[], guesses: &[] }
+fn gains_of_methods(catalog: &Catalog) -> Vec<Key> {
+    let gains = catalog.methods.iter().flat_map(|m| m.gains.iter().map(move |g| (m.name, g)));
+    gains.map(|(name, g)| gain(g.key, format!("{}; `{name}` needs it", g.meaning))).collect()
 }
 
-/// A gain: positive, and needed by those who use it.
-fn gain_row(name: &'static str, says: String) -> Key {
-    let guesses = GAIN_GUESSES.iter().find(|(key, _)| *key == name).map_or(&[][..], |row| row.1);
-    let takes = Takes::Number(unit_of(name), Range::Positive);
-    let otherwise = Otherwise::Rule("needed by those who use it");
-    Key { name, takes, otherwise, says: says.into(), was: &[], guesses }
-}
-
-/// The unit that a gain's key ends in.
-fn unit_of(key: &str) -> &'static str {
-    UNITS.iter().find(|(suffix, _)| key.ends_with(suffix)).map_or("", |(_, unit)| unit)
+fn gain(name: &'static str, says: String) -> Key {
+    let guesses = match name {
+        "speed_m_s" => "mu gain k v velocity",
+        "k_f_m_s" => "kf k_formation mu_f",
+        "k_c_m_s" => "kc k_containment k_contained mu_c",
+        "k_m_m_s" => "km k_m k_leader mu_m",
+        "k_g_m_s" => "kg k_g k_goal",
+        "epsilon_per_s" => "eps e strength",
+        _ => "",
+    };
+    key(name, Number(Positive)).rule("needed by those who use it", says).guesses(guesses)
 }
 
 /// Suffixes and units, longer ones first.
 const UNITS: &[(&str, &str)] = &[
+    ("cycles", "cycles per period"),
+    ("_rad_s2", "rad/s^2"),
     ("_m_s2", "m/s^2"),
     ("_per_s", "1/s"),
     ("_rad_s", "rad/s"),
@@ -349,957 +405,613 @@ fn stem(word: &str) -> String {
     suffix.filter(|stem| !stem.is_empty()).unwrap_or(&word).to_owned()
 }
 
-use Otherwise::{Absent, Needed, No, Rule};
 use Range::{Any, NotNegative, Positive};
 use Takes::{
     Law, Method, NamedTables, Names, NamesOrCount, Number, Pair, Points, Table, Tables, Text,
     Texts, Time, Times, Truth, Whole, Word,
 };
 
-const ROOT: &[Key] = &[
-    key(
-        "format",
-        Whole(FORMAT, FORMAT),
-        Otherwise::Whole(FORMAT),
-        "number of the format that the file is written in",
-    )
-    .guessed(&["version", "format_version", "schema"]),
-    key("name", Text, Needed, "a short name for the experiment, such as \"triangle\"")
-        .guessed(&["title", "id"]),
-    key("description", Text, Absent, "what it is about").guessed(&["comment", "about", "notes"]),
-    key("duration_s", Time(Positive), Needed, "how long the run lasts, in seconds").guessed(&[
-        "end",
-        "t_end",
-        "tmax",
-        "t_max",
-        "t_final",
-        "tf",
-        "length",
-        "horizon",
-        "time",
-        "total_time",
-    ]),
-    key(
-        "end_after_converged_s",
-        Time(Positive),
-        Absent,
-        "the run ends before `duration_s` once all living errors have been below `converged_error_m` for so long, and over the last 10 % of the run, and nothing of the plan is to come: no fault, no opening or closing of the formation, no waypoint",
-    )
-    .guessed(&["end_when_converged_s", "stop_when_converged_s", "settle_s", "early_stop_s"]),
-    key("period_s", Time(Positive), Needed, "seconds from one command to the next, such as 0.005")
-        .guessed(&[
-            "dt",
-            "t",
-            "ts",
-            "delta_t",
-            "step",
-            "time_step",
-            "timestep",
-            "sample_time",
-            "sampling_time",
-            "sampling_period",
-            "control_period",
-            "cycle_time",
-            "tick",
-        ]),
-    key("seed", Whole(0, i64::MAX as u64), Otherwise::Whole(1), "seed of everything random")
-        .guessed(&["random_seed", "rng_seed", "rng"]),
-    key(
-        "record_hz",
-        Number("Hz", Positive),
-        Otherwise::Number(100.0),
-        "rows per second of run time and robot in `samples.csv` and in the recording",
-    )
-    .guessed(&["record", "record_rate", "sample_rate", "log_rate", "rate", "logging"]),
-    key(
-        "hung_after_s",
-        Time(Positive),
-        Otherwise::Number(60.0),
-        "how long a process may owe the others an answer in lockstep: wall time in which it runs or is blocked",
-    )
-    .guessed(&["hung", "timeout", "hang", "deadline"]),
-    key(
-        "published_velocity",
-        Word(&[
-            ("gamma", "the law's"),
-            ("gamma+beta", "the law's with avoidance"),
-            ("differenced", "from one position to the next"),
-        ]),
-        Otherwise::Word("gamma"),
-        "which velocity robots publish",
-    ),
-    key(
-        "trajectory",
-        Table("trajectory"),
-        Rule("needed with a leader"),
-        "where the leader's front point goes",
-    )
-    .guessed(&["path", "reference", "m"]),
-    key("scale", Table("scale"), Rule("always 1"), "how the formation grows and shrinks")
-        .guessed(&["delta", "scaling"]),
-    key(
-        "avoidance",
-        Table("avoidance"),
-        Needed,
-        "a table with `kind`, `distance_min_m`, `speed_max_m_s`",
-    )
-    .guessed(&["collision_avoidance", "collision", "safety", "guard", "repulsion"]),
-    key("realtime", Table("realtime"), Absent, "how late things may be, in real time")
-        .guessed(&["real_time", "rt"]),
-    key(
-        "silence",
-        Table("silence"),
-        Absent,
-        "when a robot that is not heard counts as stale, and as lost",
-    ),
-    key(
-        "laws",
-        NamedTables("law"),
-        Absent,
-        "laws in programs of the scenario's own, each a table `[laws.NAME]`",
-    ),
-    key("plant", Table("plant"), Absent, "a program of the scenario's own that moves the robots")
-        .guessed(&["simulator", "physics", "engine", "world", "hardware", "driver"]),
-    key(
-        "robot_defaults",
-        Table("robot_defaults"),
-        Absent,
-        "what all robots have that do not say otherwise",
-    )
-    .guessed(&["defaults", "default", "robots_defaults"]),
-    key(
-        "robot",
-        Tables("robot"),
-        Needed,
-        "at least one table headed `[[robot]]`, or robot = [{ ... }, ...]",
-    )
-    .guessed(&["robots", "agent", "agents", "node", "nodes", "vehicle", "vehicles"]),
-    key("edge", Tables("edge"), Absent, "who hears whom; robots may say so with `hears` too")
-        .guessed(&[
-            "edges",
-            "link",
-            "links",
-            "neighbor",
-            "neighbors",
-            "neighbour",
-            "neighbours",
-            "connections",
-            "adjacency",
-        ]),
-    key(
-        "graph",
-        Text,
-        Absent,
-        "a file with edges, and perhaps robots: .json (node-link), .csv (matrix) or .graphml",
-    )
-    .guessed(&["graph_file", "network", "topology", "import"]),
-    key("wall", Tables("wall"), Absent, "walls: lines through points")
-        .guessed(&["walls", "lines", "segments", "boundary"]),
-    key("obstacle", Tables("obstacle"), Absent, "discs and convex polygons that robots keep away from")
-        .guessed(&["obstacles", "disc", "discs", "polygon", "polygons", "shelf", "shelves"]),
-    key("fault", Tables("fault"), Absent, "what breaks on purpose")
-        .guessed(&["faults", "failure", "failures", "event", "events"]),
-    key("chaos", Table("chaos"), Absent, "kills, freezes and partitions at random times")
-        .guessed(&["random_faults", "chaos_monkey"]),
-    key("expect", Table("expect"), Absent, "what must hold for exit code 0").guessed(&[
-        "expectations",
-        "expected",
-        "assert",
-        "require",
-        "check",
-    ]),
-];
+fn root() -> Vec<Key> {
+    vec![
+        key("format", Whole(FORMAT, FORMAT))
+            .default("1", "number of the format that the file is written in")
+            .guesses("version format_version schema"),
+        key("name", Text)
+            .needed("a short name for the experiment, such as \"triangle\"")
+            .guesses("title id"),
+        key("description", Text).optional("what it is about").guesses("comment about notes"),
+        key("duration_s", Time(Positive))
+            .needed("how long the run lasts, in seconds")
+            .guesses("end t_end tmax t_max t_final tf length horizon time total_time"),
+        key("end_after_converged_s", Time(Positive))
+            .optional("the run ends before `duration_s` once all living errors have been below \
+                       `converged_error_m` for so long, and over the last 10 % of the run, and nothing of the \
+                       plan is to come: no fault, no opening or closing of the formation, no waypoint")
+            .guesses("end_when_converged_s stop_when_converged_s settle_s early_stop_s"),
+        key("period_s", Time(Positive))
+            .needed("seconds from one command to the next, such as 0.005")
+            .guesses("dt t ts delta_t step time_step timestep sample_time sampling_time sampling_period \
+                      control_period cycle_time tick"),
+        key("seed", Whole(0, i64::MAX as u64))
+            .default("1", "seed of everything random")
+            .guesses("random_seed rng_seed rng"),
+        key("record_hz", Number(Positive))
+            .default("100.0", "rows per second of run time and robot in `samples.csv` and in the recording")
+            .guesses("record record_rate sample_rate log_rate rate logging"),
+        key("hung_after_s", Time(Positive))
+            .default(
+                "60.0",
+                "how long a process may owe the others an answer in lockstep: wall time in which it runs or is \
+                 blocked",
+            )
+            .guesses("hung timeout hang deadline"),
+        key("published_velocity", Word(&[
+                ("gamma", "the law's"),
+                ("gamma+beta", "the law's with avoidance"),
+                ("differenced", "from one position to the next"),
+            ]))
+            .default("'gamma'", "which velocity robots publish"),
+        key("trajectory", Table("trajectory"))
+            .rule("needed with a leader", "where the leader's front point goes")
+            .guesses("path reference m"),
+        key("scale", Table("scale"))
+            .rule("always 1", "how the formation grows and shrinks")
+            .guesses("delta scaling"),
+        key("avoidance", Table("avoidance"))
+            .needed("a table with `kind`, `distance_min_m`, `speed_max_m_s`")
+            .guesses("collision_avoidance collision safety guard repulsion"),
+        key("realtime", Table("realtime"))
+            .optional("how late things may be, in real time")
+            .guesses("real_time rt"),
+        key("silence", Table("silence"))
+            .optional("when a robot that is not heard counts as stale, and as lost"),
+        key("laws", NamedTables("law"))
+            .optional("laws in programs of the scenario's own, each a table `[laws.NAME]`"),
+        key("plant", Table("plant"))
+            .optional("a program of the scenario's own that moves the robots")
+            .guesses("simulator physics engine world hardware driver"),
+        key("robot_defaults", Table("robot_defaults"))
+            .optional("what all robots have that do not say otherwise")
+            .guesses("defaults default robots_defaults"),
+        key("robot", Tables("robot"))
+            .needed("at least one table headed `[[robot]]`, or robot = [{ ... }, ...]")
+            .guesses("robots agent agents node nodes vehicle vehicles"),
+        key("edge", Tables("edge"))
+            .optional("who hears whom; robots may say so with `hears` too")
+            .guesses("edges link links neighbor neighbors neighbour neighbours connections adjacency"),
+        key("graph", Text)
+            .optional("a file with edges, and perhaps robots: .json (node-link), .csv (matrix) or .graphml")
+            .guesses("graph_file network topology import"),
+        key("wall", Tables("wall"))
+            .optional("walls: lines through points")
+            .guesses("walls lines segments boundary"),
+        key("obstacle", Tables("obstacle"))
+            .optional("discs and convex polygons that robots keep away from")
+            .guesses("obstacles disc discs polygon polygons shelf shelves"),
+        key("fault", Tables("fault"))
+            .optional("what breaks on purpose")
+            .guesses("faults failure failures event events"),
+        key("chaos", Table("chaos"))
+            .optional("kills, freezes and partitions at random times")
+            .guesses("random_faults chaos_monkey"),
+        key("expect", Table("expect"))
+            .optional("what must hold for exit code 0")
+            .guesses("expectations expected assert require check"),
+    ]
+}
 
-const REALTIME: &[Key] = &[
-    key(
-        "plant_tick_s",
-        Time(Positive),
-        Otherwise::Number(0.001),
-        "T_p: the plant's tick in real time",
-    )
-    .guessed(&["tick", "plant_period", "t_p"]),
-    key(
-        "latency_allowed_s",
-        Time(NotNegative),
-        Otherwise::Number(0.002),
-        "L: latency from odometry to command that is allowed for",
-    )
-    .guessed(&["l", "latency", "latency_max"]),
-    key(
-        "between_hosts_s",
-        Time(NotNegative),
-        Otherwise::Number(0.0),
-        "how much later a sample may come because it goes from host to host, which H has room for; `--fleet` sets it",
-    ),
-    key(
-        "hold_periods",
-        Whole(1, HOLD_PERIODS_MAX),
-        Otherwise::Whole(2),
-        "h: for how many periods a command may be held",
-    )
-    .guessed(&["h", "hold", "periods"]),
-    key(
-        "control_timer",
-        Truth,
-        Otherwise::Yes,
-        "whether one process with the robots' timer and nothing else shows what the machine does to anybody",
-    )
-    .guessed(&["control", "control_group", "baseline", "machine"]),
-];
+fn realtime() -> Vec<Key> {
+    vec![
+        key("plant_tick_s", Time(Positive))
+            .default("0.001", "T_p: the plant's tick in real time")
+            .guesses("tick plant_period t_p"),
+        key("latency_allowed_s", Time(NotNegative))
+            .default("0.002", "L: latency from odometry to command that is allowed for")
+            .guesses("l latency latency_max"),
+        key("between_hosts_s", Time(NotNegative)).default(
+            "0.0",
+            "how much later a sample may come because it goes from host to host, which H has \
+                 room for; `--fleet` sets it",
+        ),
+        key("hold_periods", Whole(1, HOLD_PERIODS_MAX))
+            .default("2", "h: for how many periods a command may be held")
+            .guesses("h hold periods"),
+        key("control_timer", Truth)
+            .default(
+                "true",
+                "whether one process with the robots' timer and nothing else shows what the \
+                 machine does to anybody",
+            )
+            .guesses("control control_group baseline machine"),
+    ]
+}
 
-const AVOIDANCE: &[Key] = &[
-    key("kind", Method, Rule("`guard`"), "the avoidance method")
-        .guessed(&["method", "type", "mode", "name"]),
-    key(
-        "distance_min_m",
-        Number("m", Positive),
-        Needed,
-        "d: no two front points may be nearer than this, in meters",
-    )
-    .guessed(&[
-        "d",
-        "d_min",
-        "dmin",
-        "min_distance",
-        "minimum_distance",
-        "minimal_distance",
-        "safe_distance",
-        "safety_distance",
-        "distance",
-        "radius",
-    ]),
-    key(
-        "speed_max_m_s",
-        Number("m/s", Positive),
-        Rule("no limit; `guard` needs one"),
-        "v_max: no front point moves faster than this",
-    )
-    .guessed(&[
-        "v_max",
-        "vmax",
-        "max_speed",
-        "speed",
-        "max_velocity",
-        "velocity_max",
-        "speed_limit",
-        "v",
-    ]),
-    key(
-        "clearance_m",
-        Number("m", Positive),
-        Rule("half of `distance_min_m`"),
-        "no front point may be nearer than this to a wall or obstacle, in meters",
-    )
-    .guessed(&["clearance", "wall_distance", "obstacle_distance", "margin", "d_o"]),
-    key(
-        "sensing_radius_m",
-        Number("m", Positive),
-        Rule("as far as the method needs"),
-        "within this distance robots see each other and walls",
-    )
-    .guessed(&["sensing", "sensor_range", "range", "sensing_range", "r_s"]),
-    key(
-        "sensing_error_m",
-        Number("m", NotNegative),
-        Rule("0, or what noise faults make of it"),
-        "by how much a sensed distance may be off",
-    )
-    .guessed(&["error", "sensing_noise"]),
-    key(
-        "heading_error_rad",
-        Number("rad", NotNegative),
-        Rule("0, or what noise faults make of it"),
-        "by how much a robot may be wrong about its own heading",
-    )
-    .guessed(&["heading_noise", "heading_error_deg"]),
-];
+fn avoidance() -> Vec<Key> {
+    vec![
+        key("kind", Method)
+            .rule("`guard`", "the avoidance method")
+            .guesses("method type mode name"),
+        key("distance_min_m", Number(Positive))
+            .needed("d: no two front points may be nearer than this, in meters")
+            .guesses(
+                "d d_min dmin min_distance minimum_distance minimal_distance safe_distance \
+                      safety_distance distance radius",
+            ),
+        key("speed_max_m_s", Number(Positive))
+            .rule("no limit; `guard` needs one", "v_max: no front point moves faster than this")
+            .guesses("v_max vmax max_speed speed max_velocity velocity_max speed_limit v"),
+        key("clearance_m", Number(Positive))
+            .rule(
+                "half of `distance_min_m`",
+                "no front point may be nearer than this to a wall or obstacle, in meters",
+            )
+            .guesses("clearance wall_distance obstacle_distance margin d_o"),
+        key("sensing_radius_m", Number(Positive))
+            .rule(
+                "as far as the method needs",
+                "within this distance robots see each other and walls",
+            )
+            .guesses("sensing sensor_range range sensing_range r_s"),
+        key("sensing_error_m", Number(NotNegative))
+            .rule("0, or what noise faults make of it", "by how much a sensed distance may be off")
+            .guesses("error sensing_noise"),
+        key("heading_error_rad", Number(NotNegative))
+            .rule(
+                "0, or what noise faults make of it",
+                "by how much a robot may be wrong about its own heading",
+            )
+            .guesses("heading_noise heading_error_deg"),
+    ]
+}
 
-const SILENCE: &[Key] = &[
-    key(
-        "stale_after_s",
-        Time(Positive),
-        Rule("3 periods"),
-        "who is not heard for longer is stale: extrapolated",
-    )
-    .guessed(&["stale"]),
-    key(
-        "lost_after_s",
-        Time(Positive),
-        Rule("20 periods, but 0.1 s at least"),
-        "who is not heard for longer is lost",
-    )
-    .guessed(&["lost", "timeout"]),
-    key(
-        "policy",
-        Word(&[
-            ("last", "the lost do not count, unless nobody else is left: then as with keep"),
-            ("ignore", "the lost do not count, and who has nobody left stops"),
-            ("keep", "the lost are taken to stand at their last extrapolated point"),
-            ("stop", "who has lost one stops"),
-        ]),
-        Otherwise::Word("last"),
-        "what is done about the lost",
-    ),
-];
+fn silence() -> Vec<Key> {
+    vec![
+        key("stale_after_s", Time(Positive))
+            .rule("3 periods", "who is not heard for longer is stale: extrapolated")
+            .guesses("stale"),
+        key("lost_after_s", Time(Positive))
+            .rule("20 periods, but 0.1 s at least", "who is not heard for longer is lost")
+            .guesses("lost timeout"),
+        key(
+            "policy",
+            Word(&[
+                ("last", "the lost do not count, unless nobody else is left: then as with keep"),
+                ("ignore", "the lost do not count, and who has nobody left stops"),
+                ("keep", "the lost are taken to stand at their last extrapolated point"),
+                ("stop", "who has lost one stops"),
+            ]),
+        )
+        .default("'last'", "what is done about the lost"),
+    ]
+}
 
 /// Keys of one law in a program of its own, beside those of its program.
-const LAW: &[Key] = &[
-    key(
-        "role",
-        Word(&[
-            ("leader", "it follows the trajectory"),
-            ("formation", "it keeps a place in the formation"),
-            ("contained", "it goes to the middle of those that it hears"),
-            ("goal", "it goes to its `goal_m`"),
-        ]),
-        Needed,
-        "what it makes of a robot: what the error is measured against",
-    )
-    .guessed(&["kind", "type"]),
-    key(
-        "gains",
-        Texts,
-        Rule("none"),
-        "keys of its gains, with the unit last: robots that follow it must have them, above 0",
-    )
-    .guessed(&["parameters", "params", "gain"]),
-    key(
-        "feed_forward",
-        Truth,
-        No,
-        "whether it uses the velocities of those heard: `phalanx check` asks whether these die out",
-    ),
-    key(
-        "correction_max",
-        Text,
-        Absent,
-        "which of its gains, in m/s, bounds each component of what it adds to these velocities",
-    ),
-];
+fn law() -> Vec<Key> {
+    vec![
+        key("role", Word(&[
+                ("leader", "it follows the trajectory"),
+                ("formation", "it keeps a place in the formation"),
+                ("contained", "it goes to the middle of those that it hears"),
+                ("goal", "it goes to its `goal_m`"),
+            ]))
+            .needed("what it makes of a robot: what the error is measured against")
+            .guesses("kind type"),
+        key("gains", Texts)
+            .rule("none", "keys of its gains, with the unit last: robots that follow it must have them, above 0")
+            .guesses("parameters params gain"),
+        key("feed_forward", Truth)
+            .default("false", "whether it uses the velocities of those heard: `phalanx check` asks whether \
+                 these die out"),
+        key("correction_max", Text)
+            .optional("which of its gains, in m/s, bounds each component of what it adds to these velocities"),
+    ]
+}
 
 /// Keys of a program of the scenario's own.
-const PROGRAM: &[Key] = &[
-    key(
-        "program",
-        Texts,
-        Needed,
-        "the program and its arguments, as in [\"python3\", \"my_law.py\"]; files among them lie in the \
-         scenario's folder, and are copied into the run's directory",
-    )
-    .guessed(&["command", "cmd", "executable", "script", "run"]),
-    key("files", Texts, Rule("none"), "other files of that folder that it needs")
-        .guessed(&["data", "needs", "modules"]),
-    key(
-        "memory_max_mb",
-        Whole(1, MEMORY_MB_MAX),
-        Rule("no bound"),
-        "it may have no more memory of its own than this, in MB (RLIMIT_DATA)",
-    )
-    .guessed(&["memory", "memory_max", "max_memory", "memory_limit"]),
-];
-
-/// Most memory that a program may be bound to, MB: a terabyte.
-const MEMORY_MB_MAX: u64 = 1 << 20;
+fn program() -> Vec<Key> {
+    vec![
+        key("program", Texts)
+            .needed("the program and its arguments, as in [\"python3\", \"my_law.py\"]; files among them lie \
+                     in the scenario's folder, and are copied into the run's directory")
+            .guesses("command cmd executable script run"),
+        key("files", Texts)
+            .rule("none", "other files of that folder that it needs")
+            .guesses("data needs modules"),
+        key("memory_max_mb", Whole(1, MEMORY_MB_MAX))
+            .rule("no bound", "it may have no more memory of its own than this, in MB (RLIMIT_DATA)")
+            .guesses("memory memory_max max_memory memory_limit"),
+    ]
+}
 
 /// Keys of one robot alone.
-const ROBOT: &[Key] =
-    &[
-        key("name", Text, Needed, "a letter, then letters, digits, `-` or `_`")
-            .guessed(&["id", "label"]),
-        key("pose", Table("pose"), Needed, "{ x_m = 0.0, y_m = 0.0, heading_rad = 0.0 }")
-            .guessed(&["start", "position", "initial", "initial_pose", "x0", "start_pose"]),
-        key(
-            "place_m",
-            Pair("m"),
-            Rule("offsets stand at the edges"),
-            "its place in the formation's shape",
-        )
-        .guessed(&["slot", "formation", "place"]),
-        key(
-            "goal_m",
-            Pair("m"),
-            Rule("needed with a law that goes to a goal"),
-            "where its front point goes, in `map`",
-        )
-        .guessed(&["goal", "target", "destination", "end"]),
-        key("hears", Names, Absent, "the robots that it hears").guessed(&[
-            "neighbors",
-            "neighbours",
-            "listens_to",
-            "heard",
-        ]),
-    ];
+fn robot() -> Vec<Key> {
+    vec![
+        key("name", Text).needed("a letter, then letters, digits, `-` or `_`").guesses("id label"),
+        key("pose", Table("pose"))
+            .needed("{ x_m = 0.0, y_m = 0.0, heading_rad = 0.0 }")
+            .guesses("start position initial initial_pose x0 start_pose"),
+        key("place_m", Pair)
+            .rule("offsets stand at the edges", "its place in the formation's shape")
+            .guesses("slot formation place"),
+        key("goal_m", Pair)
+            .rule("needed with a law that goes to a goal", "where its front point goes, in `map`")
+            .guesses("goal target destination end"),
+        key("hears", Names)
+            .optional("the robots that it hears")
+            .guesses("neighbors neighbours listens_to heard"),
+    ]
+}
 
 /// Keys that `robot_defaults` may have too, beside gains.
-const DEFAULTS: &[Key] = &[
-    key(
-        "front_point_m",
-        Number("m", Positive),
-        Rule("needed without a `model`"),
-        "how far the front point lies ahead of the axle, in meters",
-    )
-    .guessed(&["ell", "l", "front", "lookahead", "look_ahead", "off_axis"]),
-    key("law", Law, Needed, "its control law").guessed(&[
-        "controller",
-        "control",
-        "control_law",
-        "type",
-        "kind",
-        "role",
-    ]),
-    key("wheels", Table("wheels"), Rule("those of the model, or no limits"), "what its wheels can do").guessed(&["wheel"]),
-    key(
-        "model",
-        Word(models::WORDS),
-        Absent,
-        "a robot that one can buy: its front point, body, wheels and limits where keys do not say otherwise",
-    )
-    .guessed(&["robot_model", "platform", "vehicle", "body"]),
-    key(
-        "body_radius_m",
-        Number("m", Positive),
-        Rule("that of the model, or not known"),
-        "how far its body reaches from the axle's middle",
-    )
-    .guessed(&["body_radius", "robot_radius", "radius", "size"]),
-    key(
-        "limits",
-        Table("limits"),
-        Rule("those of the model, or it stops at once"),
-        "how fast its twist can change",
-    )
-        .guessed(&["limit", "inertia", "acceleration", "accelerations", "dynamics"]),
-    key(
-        "restart_policy",
-        Word(&[
-            ("never", "it is not restarted"),
-            ("on-failure", "it is, after a signal or an exit code other than 0"),
-            ("always", "it is"),
-        ]),
-        Otherwise::Word("on-failure"),
-        "whether its process is restarted when it dies unexpectedly",
-    )
-    .guessed(&["restart"]),
-    key(
-        "max_restarts",
-        Whole(0, 1_000_000),
-        Otherwise::Whole(3),
-        "no more restarts than this within the window",
-    )
-    .guessed(&["restarts_max", "restarts"]),
-    key(
-        "restart_delay_s",
-        Time(NotNegative),
-        Otherwise::Number(0.5),
-        "wait before the first restart; it doubles each time",
-    )
-    .guessed(&["delay", "restart_after"]),
-    key(
-        "max_restart_delay_s",
-        Time(NotNegative),
-        Rule("10 s, or the first wait if that is longer"),
-        "the wait grows no longer than this",
-    )
-    .guessed(&["restart_delay_max"]),
-    key(
-        "restart_window_s",
-        Time(Positive),
-        Otherwise::Number(60.0),
-        "restarts are counted over this time",
-    )
-    .guessed(&["window"]),
-];
+fn defaults() -> Vec<Key> {
+    vec![
+        key("front_point_m", Number(Positive))
+            .rule("needed without a `model`", "how far the front point lies ahead of the axle, in meters")
+            .guesses("ell l front lookahead look_ahead off_axis"),
+        key("law", Law)
+            .needed("its control law")
+            .guesses("controller control control_law type kind role"),
+        key("wheels", Table("wheels"))
+            .rule("those of the model, or no limits", "what its wheels can do")
+            .guesses("wheel"),
+        key("model", Word(models::WORDS))
+            .optional("a robot that one can buy: its front point, body, wheels and limits where keys do not \
+                       say otherwise")
+            .guesses("robot_model platform vehicle body"),
+        key("body_radius_m", Number(Positive))
+            .rule("that of the model, or not known", "how far its body reaches from the axle's middle")
+            .guesses("body_radius robot_radius radius size"),
+        key("limits", Table("limits"))
+            .rule("those of the model, or it stops at once", "how fast its twist can change")
+            .guesses("limit inertia acceleration accelerations dynamics"),
+        key("restart_policy", Word(&[
+                ("never", "it is not restarted"),
+                ("on-failure", "it is, after a signal or an exit code other than 0"),
+                ("always", "it is"),
+            ]))
+            .default("'on-failure'", "whether its process is restarted when it dies unexpectedly")
+            .guesses("restart"),
+        key("max_restarts", Whole(0, 1_000_000))
+            .default("3", "no more restarts than this within the window")
+            .guesses("restarts_max restarts"),
+        key("restart_delay_s", Time(NotNegative))
+            .default("0.5", "wait before the first restart; it doubles each time")
+            .guesses("delay restart_after"),
+        key("max_restart_delay_s", Time(NotNegative))
+            .rule("10 s, or the first wait if that is longer", "the wait grows no longer than this")
+            .guesses("restart_delay_max"),
+        key("restart_window_s", Time(Positive))
+            .default("60.0", "restarts are counted over this time")
+            .guesses("window"),
+    ]
+}
 
-const GAIN_GUESSES: &[(&str, &[&str])] = &[
-    ("speed_m_s", &["mu", "gain", "k", "v", "velocity"]),
-    ("k_f_m_s", &["kf", "k_formation", "mu_f"]),
-    ("k_c_m_s", &["kc", "k_containment", "k_contained", "mu_c"]),
-    ("k_m_m_s", &["km", "k_m", "k_leader", "mu_m"]),
-    ("k_g_m_s", &["kg", "k_g", "k_goal"]),
-    ("epsilon_per_s", &["eps", "e", "strength"]),
-];
+fn pose() -> Vec<Key> {
+    vec![
+        key("x_m", Number(Any)).needed("x of the axle's middle, in meters").guesses("x0"),
+        key("y_m", Number(Any)).needed("y of the axle's middle, in meters").guesses("y0"),
+        key("heading_rad", Number(Any))
+            .needed("counter-clockwise from x, in radians")
+            .guesses("theta yaw phi angle theta0 orientation heading_deg"),
+    ]
+}
 
-const POSE: &[Key] = &[
-    key("x_m", Number("m", Any), Needed, "x of the axle's middle, in meters").guessed(&["x0"]),
-    key("y_m", Number("m", Any), Needed, "y of the axle's middle, in meters").guessed(&["y0"]),
-    key("heading_rad", Number("rad", Any), Needed, "counter-clockwise from x, in radians")
-        .guessed(&["theta", "yaw", "phi", "angle", "theta0", "orientation", "heading_deg"]),
-];
+fn wheels() -> Vec<Key> {
+    vec![
+        key("speed_max_m_s", Number(Positive))
+            .rule("needed without a `model`", "largest speed of a wheel's rim, in m/s")
+            .guesses("v_max vmax max_speed speed limit"),
+        key("track_m", Number(Positive))
+            .rule("needed without a `model`", "distance between the wheels, in meters")
+            .guesses("width wheelbase wheel_base base axle"),
+    ]
+}
 
-const WHEELS: &[Key] = &[
-    key(
-        "speed_max_m_s",
-        Number("m/s", Positive),
-        Rule("needed without a `model`"),
-        "largest speed of a wheel's rim, in m/s",
-    )
-    .guessed(&["v_max", "vmax", "max_speed", "speed", "limit"]),
-    key(
-        "track_m",
-        Number("m", Positive),
-        Rule("needed without a `model`"),
-        "distance between the wheels, in meters",
-    )
-    .guessed(&["width", "wheelbase", "wheel_base", "base", "axle"]),
-];
+fn limits() -> Vec<Key> {
+    vec![
+        key("acceleration_m_s2", Number(Positive))
+            .rule(
+                "needed without a `model`",
+                "a_v: how fast its speed can change, when braking too",
+            )
+            .guesses("a a_v acceleration a_max linear_acceleration deceleration"),
+        key("turn_acceleration_rad_s2", Number(Positive))
+            .rule("needed without a `model`", "a_w: how fast its turn rate can change")
+            .guesses("a_w alpha angular_acceleration turn_acceleration"),
+        key("braking_time_s", Number(Positive))
+            .rule(
+                "the longer of v_max / a_v and v_max / (2 a_w `front_point_m`)",
+                "tau: no command takes \
+                 longer to brake from; its turn rate is a_w tau at most",
+            )
+            .guesses("tau braking_time stopping_time"),
+        key(
+            "ramp",
+            Word(&[
+                ("together", "speed and turn rate arrive at the same time"),
+                ("independent", "each is as fast as it can be: the guard promises nothing then"),
+            ]),
+        )
+        .default("'together'", "how speed and turn rate change together"),
+    ]
+}
 
-const LIMITS: &[Key] = &[
-    key(
-        "acceleration_m_s2",
-        Number("m/s^2", Positive),
-        Rule("needed without a `model`"),
-        "a_v: how fast its speed can change, when braking too",
-    )
-    .guessed(&["a", "a_v", "acceleration", "a_max", "linear_acceleration", "deceleration"]),
-    key(
-        "turn_acceleration_rad_s2",
-        Number("rad/s^2", Positive),
-        Rule("needed without a `model`"),
-        "a_w: how fast its turn rate can change",
-    )
-    .guessed(&["a_w", "alpha", "angular_acceleration", "turn_acceleration"]),
-    key(
-        "braking_time_s",
-        Number("s", Positive),
-        Rule("the longer of v_max / a_v and v_max / (2 a_w `front_point_m`)"),
-        "tau: no command takes longer to brake from; its turn rate is a_w tau at most",
-    )
-    .guessed(&["tau", "braking_time", "stopping_time"]),
-    key(
-        "ramp",
-        Word(&[
-            ("together", "speed and turn rate arrive at the same time"),
-            ("independent", "each is as fast as it can be: the guard promises nothing then"),
-        ]),
-        Otherwise::Word("together"),
-        "how speed and turn rate change together",
-    ),
-];
+fn edge() -> Vec<Key> {
+    vec![
+        key("from", Text)
+            .needed("the robot that is heard")
+            .guesses("source src sender speaker heard start tail"),
+        key("to", Text)
+            .needed("the robot that hears")
+            .guesses("target dst dest destination receiver hearer end head"),
+        key("offset_m", Pair)
+            .rule(
+                "the difference of both robots' `place_m`",
+                "where `to` stands as seen from `from`",
+            )
+            .guesses("c displacement delta d relative_position"),
+    ]
+}
 
-const EDGE: &[Key] = &[
-    key("from", Text, Needed, "the robot that is heard")
-        .guessed(&["source", "src", "sender", "speaker", "heard", "start", "tail"]),
-    key("to", Text, Needed, "the robot that hears").guessed(&[
-        "target",
-        "dst",
-        "dest",
-        "destination",
-        "receiver",
-        "hearer",
-        "end",
-        "head",
-    ]),
-    key(
-        "offset_m",
-        Pair("m"),
-        Rule("the difference of both robots' `place_m`"),
-        "where `to` stands as seen from `from`",
-    )
-    .guessed(&["c", "displacement", "delta", "d", "relative_position"]),
-];
+fn wall() -> Vec<Key> {
+    vec![
+        key("points_m", Points)
+            .needed("its points in order: [[0.0, 0.0], [1.0, 0.5]]")
+            .guesses("points corners vertices polyline"),
+        key("closed", Truth)
+            .default("false", "whether it leads back to its first point")
+            .guesses("loop cyclic"),
+    ]
+}
 
-const WALL: &[Key] = &[
-    key("points_m", Points("m"), Needed, "its points in order: [[0.0, 0.0], [1.0, 0.5]]")
-        .guessed(&["points", "corners", "vertices", "polyline"]),
-    key("closed", Truth, No, "whether it leads back to its first point")
-        .guessed(&["loop", "cyclic"]),
-];
+fn obstacle() -> Vec<Key> {
+    vec![
+        key("kind", Takes::Kind).needed("\"disc\" or \"polygon\"").guesses("type shape"),
+        key("center_m", Pair).needed("center of a disc").guesses("centre position origin"),
+        key("radius_m", Number(Positive)).needed("radius of a disc").guesses("r size"),
+        key("corners_m", Points)
+            .needed("corners of a convex polygon, in order: [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]")
+            .guesses("corners points vertices"),
+    ]
+}
 
-const OBSTACLE: &[Key] = &[
-    key("kind", Word(&[("disc", ""), ("polygon", "")]), Needed, "\"disc\" or \"polygon\"")
-        .guessed(&["type", "shape"]),
-    key("center_m", Pair("m"), Needed, "center of a disc")
-        .guessed(&["centre", "position", "origin"]),
-    key("radius_m", Number("m", Positive), Needed, "radius of a disc").guessed(&["r", "size"]),
-    key(
-        "corners_m",
-        Points("m"),
-        Needed,
-        "corners of a convex polygon, in order: [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]",
-    )
-    .guessed(&["corners", "points", "vertices"]),
-];
+fn trajectory() -> Vec<Key> {
+    vec![
+        key("kind", Takes::Kind)
+            .needed("\"still\", \"line\", \"circle\", ...")
+            .guesses("type shape"),
+        key("center_m", Pair)
+            .rule("[0.0, 0.0]", "its center; of a line, where it begins")
+            .guesses("centre origin start"),
+        key("velocity_m_s", Pair).needed("velocity along a line").guesses("v speed"),
+        key("radius_m", Number(Positive))
+            .needed("radius; of a curve with leaves, half its largest extent")
+            .guesses("r a amplitude"),
+        key("radii_m", Pair).needed("half the extent in x and in y").guesses("amplitudes radius"),
+        key("cycles", Pair)
+            .needed("two whole numbers: cycles per period in x and in y")
+            .guesses("frequencies ratio"),
+        key("phase_rad", Number(Any)).default("0.0", "phase of x").guesses("phi"),
+        key("period_s", Number(Positive)).needed("time for one turn").guesses("t turn"),
+        key("points_m", Points)
+            .needed("the waypoints in order: [[0.0, 0.0], [1.0, 0.5]]")
+            .guesses("waypoints path"),
+        key("speed_m_s", Number(Positive))
+            .needed("how fast the path is driven, in m/s")
+            .guesses("v velocity"),
+        key("acceleration_m_s2", Number(Positive))
+            .rule("`speed_m_s` within 1 s", "how fast its speed is reached")
+            .guesses("a acceleration_max a_max"),
+        key("closed", Truth)
+            .default("false", "whether it leads back to its first point, and goes on for ever")
+            .guesses("loop cyclic repeat"),
+    ]
+}
 
-const OBSTACLES: &[KindRow] = &[
-    ("disc", "a disc", &["center_m", "radius_m"], &[]),
-    ("polygon", "a convex polygon", &["corners_m"], &[]),
-];
+fn scale() -> Vec<Key> {
+    vec![
+        key("kind", Takes::Kind).default("'sine'", "\"sine\" or \"closing\"").guesses("type shape"),
+        key("mean", Number(Positive)).default("1.0", "mean scale"),
+        key("amplitude", Number(NotNegative))
+            .rule("0: the scale does not change", "by how much it swings, less than the mean"),
+        key("period_s", Number(Positive))
+            .rule("needed with `amplitude`", "length of a swing, in seconds")
+            .guesses("t"),
+        key("from", Number(Positive))
+            .rule(
+                "what opens the smallest gap to 0.625 times what a robot passes through, times the \
+                 square root of the number of robots; to 1.05 times that at least",
+                "how large it is while open, 1 or more",
+            )
+            .guesses("open start max"),
+        key("hold_s", Time(NotNegative))
+            .rule(
+                "2.5 times what the longest way from a start to a place takes, or a quarter of it for \
+                 each hop between the two robots farthest apart in the graph; 1.5 times the longer \
+                 where robots hear each other, directly or by others",
+                "how long it stays open",
+            )
+            .guesses("hold open_s wait"),
+        key("over_s", Time(Positive))
+            .rule("so long that no place moves faster than three quarters of the speed of the robots", "how \
+                 long it takes to close, and to open again")
+            .guesses("over duration close_s"),
+        key("reopen_at_s", Times)
+            .optional("when it begins to open again, for those that come back late: [120.0, 300.0]")
+            .guesses("reopen open_at again"),
+    ]
+}
 
-const TRAJECTORY: &[Key] = &[
-    key(
-        "kind",
-        Word(&[
-            ("still", ""),
-            ("line", ""),
-            ("circle", ""),
-            ("quadrifolium", ""),
-            ("lissajous", ""),
-            ("lemniscate", ""),
-            ("waypoints", ""),
-        ]),
-        Needed,
-        "\"still\", \"line\", \"circle\", ...",
-    )
-    .guessed(&["type", "shape"]),
-    key("center_m", Pair("m"), Rule("[0.0, 0.0]"), "its center; of a line, where it begins")
-        .guessed(&["centre", "origin", "start"]),
-    key("velocity_m_s", Pair("m/s"), Needed, "velocity along a line").guessed(&["v", "speed"]),
-    key(
-        "radius_m",
-        Number("m", Positive),
-        Needed,
-        "radius; of a curve with leaves, half its largest extent",
-    )
-    .guessed(&["r", "a", "amplitude"]),
-    key("radii_m", Pair("m"), Needed, "half the extent in x and in y")
-        .guessed(&["amplitudes", "radius"]),
-    key(
-        "cycles",
-        Pair("cycles per period"),
-        Needed,
-        "two whole numbers: cycles per period in x and in y",
-    )
-    .guessed(&["frequencies", "ratio"]),
-    key("phase_rad", Number("rad", Any), Otherwise::Number(0.0), "phase of x").guessed(&["phi"]),
-    key("period_s", Number("s", Positive), Needed, "time for one turn").guessed(&["t", "turn"]),
-    key("points_m", Points("m"), Needed, "the waypoints in order: [[0.0, 0.0], [1.0, 0.5]]")
-        .guessed(&["waypoints", "path"]),
-    key("speed_m_s", Number("m/s", Positive), Needed, "how fast the path is driven, in m/s")
-        .guessed(&["v", "velocity"]),
-    key(
-        "acceleration_m_s2",
-        Number("m/s^2", Positive),
-        Rule("`speed_m_s` within 1 s"),
-        "how fast its speed is reached",
-    )
-    .guessed(&["a", "acceleration_max", "a_max"]),
-    key("closed", Truth, No, "whether it leads back to its first point, and goes on for ever")
-        .guessed(&["loop", "cyclic", "repeat"]),
-];
+fn fault() -> Vec<Key> {
+    vec![
+        key("at_s", Time(NotNegative))
+            .needed("when it happens, in seconds since the start")
+            .guesses("t time start when from"),
+        key("kind", Takes::Kind)
+            .needed("\"kill\", \"freeze\", \"cut\", ...")
+            .guesses("type fault what"),
+        key("robot", Text)
+            .needed("the name of a robot, or \"*\" for each")
+            .guesses("name agent target who"),
+        key("from", Text)
+            .needed("the robot that is heard, or \"*\" for each")
+            .guesses("source sender"),
+        key("to", Text).needed("the robot that hears, or \"*\" for each").guesses("receiver"),
+        key("stream", Word(&[("odometry", "what it senses"), ("commands", "how it is to move")]))
+            .needed("\"odometry\" or \"commands\"")
+            .guesses("what topic channel"),
+        key("sensor", Word(&[("odometry", "its own pose"), ("proximity", "where others are")]))
+            .needed("\"odometry\" or \"proximity\""),
+        key("hosts", Texts)
+            .needed("names of hosts of the fleet: these and all others cannot hear each other")
+            .guesses("host side islands"),
+        key("for_s", Time(Positive))
+            .rule("to the end of the run", "how long it lasts")
+            .guesses("duration length until lasts"),
+        key("restart_after_s", Time(Positive))
+            .rule("it stays dead", "how long after a kill its replacement is started")
+            .guesses("restart back_after restart_delay"),
+        key("delay_s", Time(Positive))
+            .needed("how much later, in seconds")
+            .guesses("by latency delay_ms"),
+        key("jitter_s", Time(NotNegative))
+            .default("0.0", "by how much the delay varies at most")
+            .guesses("jitter_ms"),
+        key("probability", Number(Positive))
+            .needed("share of what is sent that is lost")
+            .guesses("p rate share loss"),
+        key("burst", Whole(1, BURST_MAX))
+            .default("1", "how many are lost together")
+            .guesses("burst_length"),
+        key("mean_burst_s", Time(Positive))
+            .needed("how long the link stays bad on average")
+            .guesses("mean_burst burst_time bad"),
+        key("range_m", Number(Positive))
+            .needed("the distance at which 37 % (1/e) get through")
+            .guesses("range distance reach"),
+        key("exponent", Number(Positive))
+            .default("2.0", "exponent of the path loss: 2 in free space")
+            .guesses("n path_loss"),
+        key("bound_m", Number(NotNegative))
+            .needed("positions are off by at most this, in meters")
+            .guesses("amplitude sigma std noise bound"),
+        key("heading_bound_rad", Number(NotNegative))
+            .default("0.0", "the heading is off by at most this; of odometry only")
+            .guesses("heading heading_noise"),
+        key("stuck", Truth).rule("or else `speed_max_m_s`", "the robot stands"),
+        key("speed_max_m_s", Number(Positive))
+            .rule("or else `stuck`", "its wheels' rims are no faster")
+            .guesses("v_max limit"),
+        key("processes", Whole(1, LOAD_MAX))
+            .needed("how many processes take processor time")
+            .guesses("count n number"),
+    ]
+}
 
-/// Word, meaning, keys that it needs, keys that it may have.
-type KindRow = (&'static str, &'static str, &'static [&'static str], &'static [&'static str]);
+fn chaos() -> Vec<Key> {
+    vec![
+        key("mean_time_between_kills_s", Number(Positive))
+            .optional("how often a robot is killed, in seconds, or `mean_time_between_freezes_s`")
+            .guesses("kills mtbf"),
+        key("restart_after_s", Time(Positive))
+            .default("1.0", "how long after a kill its replacement is started")
+            .guesses("restart"),
+        key("mean_time_between_freezes_s", Number(Positive))
+            .optional("how often a robot is frozen, in seconds")
+            .guesses("freezes"),
+        key("mean_freeze_s", Number(Positive))
+            .default("0.5", "mean length of a freeze")
+            .guesses("freeze"),
+        key("mean_time_between_partitions_s", Number(Positive))
+            .optional(
+                "how often one of the `hosts` and all others cannot hear each other, in seconds",
+            )
+            .guesses("partitions partition"),
+        key("mean_partition_s", Number(Positive)).default("2.0", "mean length of a partition"),
+        key("hosts", Texts)
+            .rule(
+                "needed with `mean_time_between_partitions_s`",
+                "names of hosts of the fleet, one of which \
+                 is cut off at a time",
+            )
+            .guesses("host"),
+        key("from_s", Time(NotNegative)).default("0.0", "nothing happens before").guesses("start"),
+        key("until_s", Time(NotNegative))
+            .rule("the end of the run", "nothing begins from here on")
+            .guesses("end to"),
+    ]
+}
 
-const TRAJECTORIES: &[KindRow] = &[
-    ("still", "a point", &[], &["center_m"]),
-    ("line", "a straight line at a constant speed", &["velocity_m_s"], &["center_m"]),
-    ("circle", "a circle", &["radius_m", "period_s"], &["center_m"]),
-    ("quadrifolium", "a rose of four leaves", &["radius_m", "period_s"], &["center_m"]),
-    (
-        "lissajous",
-        "a Lissajous curve",
-        &["radii_m", "cycles", "period_s"],
-        &["center_m", "phase_rad"],
-    ),
-    ("lemniscate", "Bernoulli's lemniscate", &["radius_m", "period_s"], &["center_m"]),
-    (
-        "waypoints",
-        "arcs through all points",
-        &["points_m", "speed_m_s"],
-        &["acceleration_m_s2", "closed"],
-    ),
-];
+fn expect() -> Vec<Key> {
+    vec![
+        key("min_distance_m", Number(Positive))
+            .optional("no two front points nearer than this at any tick")
+            .guesses("distance_min d d_min distance"),
+        key("min_clearance_m", Number(Positive))
+            .optional("no front point nearer than this to a wall or obstacle at any tick")
+            .guesses("clearance clearance_min"),
+        key("final_error_m_max", Number(Positive))
+            .optional("bound on the worst living error over the last 10 % of the run")
+            .guesses("final_error error_max max_error error"),
+        key("final_ideal_error_m_max", Number(Positive))
+            .optional("bound on the worst living error to the ideal formation, by the main leader's true pose \
+                       and the whole graph as planned, over the last 10 % of the run")
+            .guesses("final_ideal_error ideal_error ideal_error_m_max"),
+        key("tracking_error_m_max", Number(Positive))
+            .optional("bound on the main leader's error over the last 10 % of the run")
+            .guesses("tracking_error"),
+        key("hull_distance_m_max", Number(NotNegative))
+            .optional("bound on the distance of contained robots from the leaders' hull over the last 10 %")
+            .guesses("hull_distance hull"),
+        key("converged_by_s", Number(Positive))
+            .optional("all living errors are below `converged_error_m` from then on")
+            .guesses("converged settling_time converged_at"),
+        key("recovered_within_s", Number(Positive))
+            .optional("the same within this long after each fault's end")
+            .guesses("recovery recovered"),
+        key("alive_at_end", NamesOrCount)
+            .rule("no bound, and the other expectations count all but those that the plan leaves dead", "names \
+                 of the robots that live at the end, or how many do at least; others count in no expectation")
+            .guesses("alive survivors living"),
+        key("deadline_misses_max", Whole(0, i64::MAX as u64))
+            .optional("bound on deadline misses of all agents, in real time")
+            .guesses("deadline_misses misses"),
+        key("exit", Whole(0, 255))
+            .rule("0", "the exit code that the run itself ends with")
+            .guesses("exit_code code"),
+        key("converged_error_m", Number(Positive))
+            .default("0.01", "errors below this count as converged")
+            .guesses("tolerance converged_error epsilon"),
+    ]
+}
 
-const SCALE: &[Key] = &[
-    key(
-        "kind",
-        Word(&[("sine", ""), ("closing", "")]),
-        Otherwise::Word("sine"),
-        "\"sine\" or \"closing\"",
-    )
-    .guessed(&["type", "shape"]),
-    key("mean", Number("", Positive), Otherwise::Number(1.0), "mean scale"),
-    key(
-        "amplitude",
-        Number("", NotNegative),
-        Rule("0: the scale does not change"),
-        "by how much it swings, less than the mean",
-    ),
-    key(
-        "period_s",
-        Number("s", Positive),
-        Rule("needed with `amplitude`"),
-        "length of a swing, in seconds",
-    )
-    .guessed(&["t"]),
-    key(
-        "from",
-        Number("", Positive),
-        Rule("what opens the smallest gap to 0.625 times what a robot passes through, times the square root of the number of robots; to 1.05 times that at least"),
-        "how large it is while open, 1 or more",
-    )
-    .guessed(&["open", "start", "max"]),
-    key(
-        "hold_s",
-        Time(NotNegative),
-        Rule("2.5 times what the longest way from a start to a place takes, or a quarter of it for each hop between the two robots farthest apart in the graph; 1.5 times the longer where robots hear each other, directly or by others"),
-        "how long it stays open",
-    )
-    .guessed(&["hold", "open_s", "wait"]),
-    key(
-        "over_s",
-        Time(Positive),
-        Rule("so long that no place moves faster than three quarters of the speed of the robots"),
-        "how long it takes to close, and to open again",
-    )
-    .guessed(&["over", "duration", "close_s"]),
-    key(
-        "reopen_at_s",
-        Times,
-        Absent,
-        "when it begins to open again, for those that come back late: [120.0, 300.0]",
-    )
-    .guessed(&["reopen", "open_at", "again"]),
-];
+fn trajectories() -> Vec<Kind> {
+    vec![
+        Kind::new("still", "a point", "", "center_m"),
+        Kind::new("line", "a straight line at a constant speed", "velocity_m_s", "center_m"),
+        Kind::new("circle", "a circle", "radius_m period_s", "center_m"),
+        Kind::new("quadrifolium", "a rose of four leaves", "radius_m period_s", "center_m"),
+        Kind::new(
+            "lissajous",
+            "a Lissajous curve",
+            "radii_m cycles period_s",
+            "center_m phase_rad",
+        ),
+        Kind::new("lemniscate", "Bernoulli's lemniscate", "radius_m period_s", "center_m"),
+        Kind::new(
+            "waypoints",
+            "arcs through all points",
+            "points_m speed_m_s",
+            "acceleration_m_s2 closed",
+        ),
+    ]
+}
 
-const SCALES: &[KindRow] = &[
-    ("sine", "mean + amplitude sin(2 pi t / period)", &[], &["mean", "amplitude", "period_s"]),
-    (
-        "closing",
-        "open while the robots come to their places, then closing along half a cosine to 1",
-        &[],
-        &["from", "hold_s", "over_s", "reopen_at_s"],
-    ),
-];
-
-const FAULT: &[Key] = &[
-    key("at_s", Time(NotNegative), Needed, "when it happens, in seconds since the start")
-        .guessed(&["t", "time", "start", "when", "from"]),
-    key(
-        "kind",
-        Word(&[
-            ("kill", ""),
-            ("freeze", ""),
-            ("slow", ""),
-            ("cut", ""),
-            ("loss", ""),
-            ("bursts", ""),
-            ("fading", ""),
-            ("delay", ""),
-            ("blackout", ""),
-            ("noise", ""),
-            ("wheels", ""),
-            ("partition", ""),
-            ("load", ""),
-        ]),
-        Needed,
-        "\"kill\", \"freeze\", \"cut\", ...",
-    )
-    .guessed(&["type", "fault", "what"]),
-    key("robot", Text, Needed, "the name of a robot, or \"*\" for each")
-        .guessed(&["name", "agent", "target", "who"]),
-    key("from", Text, Needed, "the robot that is heard, or \"*\" for each")
-        .guessed(&["source", "sender"]),
-    key("to", Text, Needed, "the robot that hears, or \"*\" for each").guessed(&["receiver"]),
-    key(
-        "stream",
-        Word(&[("odometry", "what it senses"), ("commands", "how it is to move")]),
-        Needed,
-        "\"odometry\" or \"commands\"",
-    )
-    .guessed(&["what", "topic", "channel"]),
-    key(
-        "sensor",
-        Word(&[("odometry", "its own pose"), ("proximity", "where others are")]),
-        Needed,
-        "\"odometry\" or \"proximity\"",
-    ),
-    key(
-        "hosts",
-        Texts,
-        Needed,
-        "names of hosts of the fleet: these and all others cannot hear each other",
-    )
-    .guessed(&["host", "side", "islands"]),
-    key("for_s", Time(Positive), Rule("to the end of the run"), "how long it lasts")
-        .guessed(&["duration", "length", "until", "lasts"]),
-    key(
-        "restart_after_s",
-        Time(Positive),
-        Rule("it stays dead"),
-        "how long after a kill its replacement is started",
-    )
-    .guessed(&["restart", "back_after", "restart_delay"]),
-    key("delay_s", Time(Positive), Needed, "how much later, in seconds")
-        .guessed(&["by", "latency", "delay_ms"]),
-    key(
-        "jitter_s",
-        Time(NotNegative),
-        Otherwise::Number(0.0),
-        "by how much the delay varies at most",
-    )
-    .guessed(&["jitter_ms"]),
-    key("probability", Number("", Positive), Needed, "share of what is sent that is lost")
-        .guessed(&["p", "rate", "share", "loss"]),
-    key("burst", Whole(1, BURST_MAX), Otherwise::Whole(1), "how many are lost together")
-        .guessed(&["burst_length"]),
-    key("mean_burst_s", Time(Positive), Needed, "how long the link stays bad on average")
-        .guessed(&["mean_burst", "burst_time", "bad"]),
-    key("range_m", Number("m", Positive), Needed, "the distance at which 37 % (1/e) get through")
-        .guessed(&["range", "distance", "reach"]),
-    key(
-        "exponent",
-        Number("", Positive),
-        Otherwise::Number(2.0),
-        "exponent of the path loss: 2 in free space",
-    )
-    .guessed(&["n", "path_loss"]),
-    key(
-        "bound_m",
-        Number("m", NotNegative),
-        Needed,
-        "positions are off by at most this, in meters",
-    )
-    .guessed(&["amplitude", "sigma", "std", "noise", "bound"]),
-    key(
-        "heading_bound_rad",
-        Number("rad", NotNegative),
-        Otherwise::Number(0.0),
-        "the heading is off by at most this; of odometry only",
-    )
-    .guessed(&["heading", "heading_noise"]),
-    key("stuck", Truth, Rule("or else `speed_max_m_s`"), "the robot stands"),
-    key(
-        "speed_max_m_s",
-        Number("m/s", Positive),
-        Rule("or else `stuck`"),
-        "its wheels' rims are no faster",
-    )
-    .guessed(&["v_max", "limit"]),
-    key("processes", Whole(1, LOAD_MAX), Needed, "how many processes take processor time")
-        .guessed(&["count", "n", "number"]),
-];
-
-const CHAOS: &[Key] = &[
-    key(
-        "mean_time_between_kills_s",
-        Number("s", Positive),
-        Absent,
-        "how often a robot is killed, in seconds, or `mean_time_between_freezes_s`",
-    )
-    .guessed(&["kills", "mtbf"]),
-    key(
-        "restart_after_s",
-        Time(Positive),
-        Otherwise::Number(1.0),
-        "how long after a kill its replacement is started",
-    )
-    .guessed(&["restart"]),
-    key(
-        "mean_time_between_freezes_s",
-        Number("s", Positive),
-        Absent,
-        "how often a robot is frozen, in seconds",
-    )
-    .guessed(&["freezes"]),
-    key("mean_freeze_s", Number("s", Positive), Otherwise::Number(0.5), "mean length of a freeze")
-        .guessed(&["freeze"]),
-    key(
-        "mean_time_between_partitions_s",
-        Number("s", Positive),
-        Absent,
-        "how often one of the `hosts` and all others cannot hear each other, in seconds",
-    )
-    .guessed(&["partitions", "partition"]),
-    key(
-        "mean_partition_s",
-        Number("s", Positive),
-        Otherwise::Number(2.0),
-        "mean length of a partition",
-    ),
-    key(
-        "hosts",
-        Texts,
-        Rule("needed with `mean_time_between_partitions_s`"),
-        "names of hosts of the fleet, one of which is cut off at a time",
-    )
-    .guessed(&["host"]),
-    key("from_s", Time(NotNegative), Otherwise::Number(0.0), "nothing happens before")
-        .guessed(&["start"]),
-    key("until_s", Time(NotNegative), Rule("the end of the run"), "nothing begins from here on")
-        .guessed(&["end", "to"]),
-];
-
-const EXPECT: &[Key] = &[
-    key(
-        "min_distance_m",
-        Number("m", Positive),
-        Absent,
-        "no two front points nearer than this at any tick",
-    )
-    .guessed(&["distance_min", "d", "d_min", "distance"]),
-    key(
-        "min_clearance_m",
-        Number("m", Positive),
-        Absent,
-        "no front point nearer than this to a wall or obstacle at any tick",
-    )
-    .guessed(&["clearance", "clearance_min"]),
-    key(
-        "final_error_m_max",
-        Number("m", Positive),
-        Absent,
-        "bound on the worst living error over the last 10 % of the run",
-    )
-    .guessed(&["final_error", "error_max", "max_error", "error"]),
-    key(
-        "final_ideal_error_m_max",
-        Number("m", Positive),
-        Absent,
-        "bound on the worst living error to the ideal formation, by the main leader's true pose and \
-         the whole graph as planned, over the last 10 % of the run",
-    )
-    .guessed(&["final_ideal_error", "ideal_error", "ideal_error_m_max"]),
-    key(
-        "tracking_error_m_max",
-        Number("m", Positive),
-        Absent,
-        "bound on the main leader's error over the last 10 % of the run",
-    )
-    .guessed(&["tracking_error"]),
-    key(
-        "hull_distance_m_max",
-        Number("m", NotNegative),
-        Absent,
-        "bound on the distance of contained robots from the leaders' hull over the last 10 %",
-    )
-    .guessed(&["hull_distance", "hull"]),
-    key(
-        "converged_by_s",
-        Number("s", Positive),
-        Absent,
-        "all living errors are below `converged_error_m` from then on",
-    )
-    .guessed(&["converged", "settling_time", "converged_at"]),
-    key(
-        "recovered_within_s",
-        Number("s", Positive),
-        Absent,
-        "the same within this long after each fault's end",
-    )
-    .guessed(&["recovery", "recovered"]),
-    key(
-        "alive_at_end",
-        NamesOrCount,
-        Rule("no bound, and the other expectations count all but those that the plan leaves dead"),
-        "names of the robots that live at the end, or how many do at least; others count in no \
-         expectation",
-    )
-    .guessed(&["alive", "survivors", "living"]),
-    key(
-        "deadline_misses_max",
-        Whole(0, i64::MAX as u64),
-        Absent,
-        "bound on deadline misses of all agents, in real time",
-    )
-    .guessed(&["deadline_misses", "misses"]),
-    key("exit", Whole(0, 255), Rule("0"), "the exit code that the run itself ends with")
-        .guessed(&["exit_code", "code"]),
-    key(
-        "converged_error_m",
-        Number("m", Positive),
-        Otherwise::Number(0.01),
-        "errors below this count as converged",
-    )
-    .guessed(&["tolerance", "converged_error", "epsilon"]),
-];
+fn scales() -> [Kind; 2] {
+    let closing =
+        "open while the robots come to their places, then closing along half a cosine to 1";
+    [
+        Kind::new("sine", "mean + amplitude sin(2 pi t / period)", "", "mean amplitude period_s"),
+        Kind::new("closing", closing, "", "from hold_s over_s reopen_at_s"),
+    ]
+}

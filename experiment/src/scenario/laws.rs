@@ -37,7 +37,7 @@ pub(super) fn known(
     }
     let format = Format::of(catalog);
     let document = Document::new(source.clone(), &format);
-    for (name, table) in Table::root(&document, entries).named_tables("laws")? {
+    for (name, table) in Table::root(&document, entries, "the scenario").named_tables("laws")? {
         known.laws.push(description(name, &table, catalog, &format)?);
         if let Some(folder) = files_in {
             Program::must_be_there(&table, folder)?;

@@ -30,42 +30,22 @@ pub(super) fn lead(root: &Table<'_>, robots: &[Robot]) -> Result<Option<LeadBrie
 
 /// m(t).
 fn trajectory(value: &Value<'_>) -> Result<Trajectory, Diagnostic> {
-    #[derive(Clone, Copy)]
-    enum Kind {
-        Still,
-        Line,
-        Circle,
-        Quadrifolium,
-        Lissajous,
-        Lemniscate,
-        Waypoints,
-    }
-    let kinds = [
-        ("still", Kind::Still),
-        ("line", Kind::Line),
-        ("circle", Kind::Circle),
-        ("quadrifolium", Kind::Quadrifolium),
-        ("lissajous", Kind::Lissajous),
-        ("lemniscate", Kind::Lemniscate),
-        ("waypoints", Kind::Waypoints),
-    ];
     let table = value.table()?;
-    let kind_value = table.need("kind")?;
-    let kind = kind_value.word(&kinds)?;
-    table.only_of(kinds[kind as usize].0)?;
+    let kind = table.kind()?;
     let center_m = table.get("center_m").map_or(Ok([0.0, 0.0]), |center| center.pair())?;
     let radius = || table.number("radius_m");
     let period = || table.number("period_s");
     Ok(match kind {
-        Kind::Still => Trajectory::Still { center_m },
-        Kind::Line => {
-            Trajectory::Line { center_m, velocity_m_s: table.need("velocity_m_s")?.pair()? }
-        }
-        Kind::Circle => Trajectory::Circle { center_m, radius_m: radius()?, period_s: period()? },
-        Kind::Quadrifolium => {
+        "still" => Trajectory::Still { center_m },
+        "line" => Trajectory::Line { center_m, velocity_m_s: table.need("velocity_m_s")?.pair()? },
+        "circle" => Trajectory::Circle { center_m, radius_m: radius()?, period_s: period()? },
+        "quadrifolium" => {
             Trajectory::Quadrifolium { center_m, radius_m: radius()?, period_s: period()? }
         }
-        Kind::Lissajous => {
+        "lemniscate" => {
+            Trajectory::Lemniscate { center_m, radius_m: radius()?, period_s: period()? }
+        }
+        "lissajous" => {
             let cycles = table.need("cycles")?;
             let whole = cycles.pair()?.map(|n| n as u32);
             if cycles.pair()? != whole.map(f64::from) || whole.contains(&0) {
@@ -79,18 +59,15 @@ fn trajectory(value: &Value<'_>) -> Result<Trajectory, Diagnostic> {
                 period_s: period()?,
             }
         }
-        Kind::Lemniscate => {
-            Trajectory::Lemniscate { center_m, radius_m: radius()?, period_s: period()? }
-        }
-        Kind::Waypoints => Trajectory::Waypoints(waypoints(&table)?),
+        "waypoints" => Trajectory::Waypoints(waypoints(&table)?),
+        other => unreachable!("{other} is a kind, and read here"),
     })
 }
 
 /// A path through waypoints; unless told otherwise, it takes 1 s to its speed.
 fn waypoints(table: &Table<'_>) -> Result<Path, Diagnostic> {
     let points_value = table.need("points_m")?;
-    let points = points_value.elements("expected a list of points: [[0.0, 0.0], [1.0, 0.5]]")?;
-    let points_m = points.iter().map(|point| point.pair()).collect::<Result<Vec<_>, _>>()?;
+    let (points, points_m): (Vec<_>, Vec<_>) = points_value.points()?.into_iter().unzip();
     let speed_m_s = table.number("speed_m_s")?;
     let acceleration_m_s2 = table.maybe_number("acceleration_m_s2")?.unwrap_or(speed_m_s);
     let closed = table.truth("closed")?;

@@ -22,27 +22,25 @@ pub(super) enum Impossible {
 impl Impossible {
     /// What is in the way, and what was expected instead.
     pub(super) fn in_words<'n>(self, name: impl Fn(usize) -> &'n str) -> (String, String) {
-        match self {
-            Impossible::Dead { robot, until_ns: Some(until_ns) } => (
-                format!("{} is dead already", name(robot)),
-                format!(
-                    "expected more than {} s, when {} is started again",
-                    seconds(until_ns),
-                    name(robot)
-                ),
-            ),
-            Impossible::Dead { robot, until_ns: None } => (
-                format!("{} is dead already", name(robot)),
-                format!(
-                    "expected `restart_after_s` in the kill of {} before this one",
-                    name(robot)
-                ),
-            ),
-            Impossible::Frozen { robot, until_ns } => (
-                format!("{} is frozen already", name(robot)),
-                format!("expected at least {} s, when {} goes on", seconds(until_ns), name(robot)),
-            ),
-        }
+        let (robot, state, expected) = match self {
+            Impossible::Dead { robot, until_ns: Some(until_ns) } => {
+                let (until_s, name) = (seconds(until_ns), name(robot));
+                (
+                    robot,
+                    "dead",
+                    format!("expected more than {until_s} s, when {name} is started again"),
+                )
+            }
+            Impossible::Dead { robot, until_ns: None } => {
+                let kill = format!("the kill of {} before this one", name(robot));
+                (robot, "dead", format!("expected `restart_after_s` in {kill}"))
+            }
+            Impossible::Frozen { robot, until_ns } => {
+                let (until_s, name) = (seconds(until_ns), name(robot));
+                (robot, "frozen", format!("expected at least {until_s} s, when {name} goes on"))
+            }
+        };
+        (format!("{} is {state} already", name(robot)), expected)
     }
 }
 
@@ -69,17 +67,16 @@ impl Lives {
     pub(super) fn take(&mut self, fault: &Fault) -> Result<(), Impossible> {
         let at_ns = fault.at_ns;
         match fault.kind {
+            FaultKind::Kill { robot, .. } | FaultKind::Freeze { robot }
+                if self.dead(robot, at_ns) =>
+            {
+                return Err(Impossible::Dead { robot, until_ns: self.dead_until[robot] });
+            }
             FaultKind::Kill { robot, restart_after_ns } => {
-                if self.dead(robot, at_ns) {
-                    return Err(Impossible::Dead { robot, until_ns: self.dead_until[robot] });
-                }
                 self.dead_until[robot] = restart_after_ns.map(|after_ns| at_ns + after_ns);
                 self.frozen_until[robot] = 0;
             }
             FaultKind::Freeze { robot } => {
-                if self.dead(robot, at_ns) {
-                    return Err(Impossible::Dead { robot, until_ns: self.dead_until[robot] });
-                }
                 let until_ns = self.frozen_until[robot];
                 if until_ns > at_ns {
                     return Err(Impossible::Frozen { robot, until_ns });

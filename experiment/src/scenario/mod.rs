@@ -17,7 +17,6 @@
 //! | `restart` | does a robot come back after a death that nobody planned? |
 //! | `chaos` | which faults does a seed draw? |
 //! | `lives` | who is alive when a fault is to happen? |
-//! | `written_out` | what is left of a text when only its meaning counts? |
 
 mod chaos;
 pub mod diagnostic;
@@ -44,7 +43,6 @@ pub mod table;
 #[cfg(test)]
 mod tests;
 mod walls;
-pub mod written_out;
 
 use std::collections::BTreeMap;
 
@@ -293,7 +291,7 @@ pub enum AliveAtEnd {
 }
 
 /// What must hold for exit code 0; what is absent is not asked.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Expectations {
     /// No two front points nearer than this at any tick, m.
     pub min_distance_m: Option<f64>,
@@ -392,6 +390,15 @@ impl Scenario {
     /// delta(t), whoever leads; `None`: always 1.
     pub fn scale(&self) -> Option<&Scale> {
         self.lead.as_ref().map(|lead| &lead.scale).or(self.unled_scale.as_ref())
+    }
+
+    /// The same with this delta(t); `None`: always 1.
+    pub(crate) fn scaled(mut self, scale: Option<Scale>) -> Scenario {
+        match (&mut self.lead, scale) {
+            (Some(lead), scale) => lead.scale = scale.unwrap_or(Scale::ONE),
+            (None, scale) => self.unled_scale = scale,
+        }
+        self
     }
 
     /// From when on nothing of the plan is to come, ns: no fault begins or ends (one that lasts to the end of

@@ -9,7 +9,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use protocol::avoidance::AvoidanceDescription;
-use protocol::brief::{AvoidanceBrief, PublishedVelocity, SilenceBrief, SilencePolicy};
+use protocol::brief::{AvoidanceBrief, SilenceBrief};
 use protocol::catalog::Catalog;
 use protocol::fault::SensorFaultKind;
 use protocol::visible::is_hidden;
@@ -33,7 +33,7 @@ use super::robots::{Robots, robots};
 use super::scale::scale;
 use super::table::{Document, Places, Table, Value};
 use super::walls::walls;
-use super::{Fault, FaultKind, Scenario, seconds};
+use super::{Fault, FaultKind, Robot, Scenario, seconds};
 use crate::check;
 
 /// Most ticks in one run: a day at 1 kHz.
@@ -42,25 +42,18 @@ const TICKS_MAX: u64 = 100_000_000;
 /// The least time without an answer that may be allowed for, ns.
 const HUNG_AFTER_NS_MIN: u64 = 100_000_000;
 
+/// A scenario, the text that it was read from (the file's, with the command line's changes applied: a
+/// scenario file that can be run again), and what is worth a warning; or what is wrong.
+pub type Reading = Result<(Scenario, String, Vec<Diagnostic>), Diagnostic>;
+
 /// Reads a scenario with the command line's changes.
-///
-/// Gives the scenario, the text that it was read from (the file's, with the changes applied: a
-/// scenario file that can be run again), and what is worth a warning.
-pub fn read(
-    path: &Path,
-    overrides: &Overrides,
-    catalog: &Catalog,
-) -> Result<(Scenario, String, Vec<Diagnostic>), Diagnostic> {
-    read_for(path, overrides, catalog, For::Reading)
+pub fn read(path: &Path, overrides: &Overrides, catalog: &Catalog) -> Reading {
+    read_file(path, overrides, catalog, None)
 }
 
 /// The same for one that is to be run: the programs that it names must be there.
-pub fn read_to_run(
-    path: &Path,
-    overrides: &Overrides,
-    catalog: &Catalog,
-) -> Result<(Scenario, String, Vec<Diagnostic>), Diagnostic> {
-    read_for(path, overrides, catalog, For::Running)
+pub fn read_to_run(path: &Path, overrides: &Overrides, catalog: &Catalog) -> Reading {
+    read_file(path, overrides, catalog, Some(folder(path)))
 }
 
 /// The folder of a scenario's file, in which its programs are.
@@ -69,40 +62,29 @@ pub fn folder(path: &Path) -> &Path {
 }
 
 /// The same for a text at hand; `path` is only shown.
-pub fn read_text(
-    path: &Path,
-    text: &str,
-    overrides: &Overrides,
-    catalog: &Catalog,
-) -> Result<(Scenario, String, Vec<Diagnostic>), Diagnostic> {
-    read_text_for(path, text, overrides, catalog, For::Reading)
+pub fn read_text(path: &Path, text: &str, overrides: &Overrides, catalog: &Catalog) -> Reading {
+    read_parts(path, text, overrides, catalog, None)
 }
 
-/// What a scenario is read for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum For {
-    Reading,
-    Running,
-}
-
-fn read_for(
+fn read_file(
     path: &Path,
     overrides: &Overrides,
     catalog: &Catalog,
-    purpose: For,
-) -> Result<(Scenario, String, Vec<Diagnostic>), Diagnostic> {
+    files_in: Option<&Path>,
+) -> Reading {
     let expected = "expected a scenario file, such as scenarios/triangle.toml";
     let text = load(path, expected).map_err(|trouble| trouble.about(path))?;
-    read_text_for(path, &text, overrides, catalog, purpose)
+    read_parts(path, &text, overrides, catalog, files_in)
 }
 
-fn read_text_for(
+/// `files_in`: the folder in which the files of programs must be there.
+fn read_parts(
     path: &Path,
     text: &str,
     overrides: &Overrides,
     catalog: &Catalog,
-    purpose: For,
-) -> Result<(Scenario, String, Vec<Diagnostic>), Diagnostic> {
+    files_in: Option<&Path>,
+) -> Reading {
     if text.trim().is_empty() {
         let expected = "expected a scenario in TOML";
         return Err(Trouble { what: "is empty".to_owned(), expected }.about(path));
@@ -123,11 +105,10 @@ fn read_text_for(
         source = Source::new(path, &text, true);
     }
     let entries = toml(&text, &source)?;
-    let files_in = (purpose == For::Running).then(|| folder(path));
     let catalog = laws::known(catalog, &source, entries.get_ref(), files_in)?;
     let format = Format::of(&catalog);
     let document = Document::new(source, &format);
-    let root = Table::root(&document, entries.get_ref());
+    let root = Table::root(&document, entries.get_ref(), "the scenario");
     let (scenario, mut warnings) = scenario(&root, &catalog, &document)?;
     if let (Some(folder), Some(plant)) = (files_in, root.get("plant")) {
         Program::must_be_there(&plant.table()?, folder)?;
@@ -136,16 +117,12 @@ fn read_text_for(
 
     let places = document.places.borrow();
     for finding in check::check(&scenario) {
-        let mut diagnostic = document.source.error(
-            &place(&places, &finding.path),
-            finding.message,
-            finding.expected,
-        );
-        if finding.severity == Severity::Error {
-            return Err(diagnostic);
+        let place = place(&places, &finding.path);
+        let diagnostic = document.source.error(&place, finding.message, finding.expected);
+        match finding.severity {
+            Severity::Error => return Err(diagnostic),
+            Severity::Warning => warnings.push(diagnostic.as_warning()),
         }
-        diagnostic.severity = Severity::Warning;
-        warnings.push(diagnostic);
     }
     drop(places);
     Ok((scenario, text, warnings))
@@ -209,137 +186,125 @@ fn scenario(
         return Err(format.wrong("is none that this phalanx reads", expected));
     }
     root.only()?;
-    let name = root.need("name")?;
-    let name_text = name.text("expected a string")?;
-    if name_text.trim().is_empty() {
-        return Err(name.wrong("is empty", "expected a short name, such as \"triangle\""));
-    }
-    if name_text.contains(is_hidden) {
-        return Err(
-            name.wrong(format!("is \"{name_text}\""), "expected a name without control characters")
-        );
-    }
-    if let Some(description) = root.get("description") {
-        description.text("expected a string")?;
-    }
-    let duration = root.need("duration_s")?;
-    let duration_ns = duration.time_ns()?;
-    let period = root.need("period_s")?;
-    let period_ns = period.time_ns()?;
-    if duration_ns < period_ns {
-        return Err(duration.wrong(
-            format!("is {}, shorter than one period", seconds(duration_ns)),
-            format!("expected at least `period_s`, {} s", seconds(period_ns)),
-        ));
-    }
-    let ticks = duration_ns / period_ns;
-    if ticks > TICKS_MAX {
-        return Err(period.wrong(
-            format!("is {}: {ticks} ticks in {} s", seconds(period_ns), seconds(duration_ns)),
-            format!("expected at most {TICKS_MAX} ticks: a longer period or a shorter run"),
-        ));
-    }
+    let name = name(root)?;
+    let [duration_ns, period_ns] = times_ns(root)?;
     let seed = root.whole("seed")?;
-    let record_hz = root.number("record_hz")?;
-    let hung_after_ns = root.time_ns("hung_after_s")?;
-    if hung_after_ns < HUNG_AFTER_NS_MIN {
-        let (found, least) = (seconds(hung_after_ns), seconds(HUNG_AFTER_NS_MIN));
-        let expected = format!("expected at least {least}: every robot waits now and then");
-        return Err(root.need("hung_after_s")?.wrong(format!("is {found}"), expected));
-    }
-    let velocities = [
-        ("gamma", PublishedVelocity::Gamma),
-        ("gamma+beta", PublishedVelocity::GammaAndBeta),
-        ("differenced", PublishedVelocity::Differenced),
-    ];
-    let published_velocity = root.word("published_velocity", &velocities)?;
     let realtime = root.table("realtime")?;
-    let plant_tick_ns = realtime.time_ns("plant_tick_s")?;
-    let latency_allowed_ns = realtime.time_ns("latency_allowed_s")?;
-    let between_hosts_ns = realtime.time_ns("between_hosts_s")?;
-    let hold_periods = realtime.whole("hold_periods")? as u32;
-    let control_timer = realtime.truth("control_timer")?;
     let avoidance_table = root.need("avoidance")?.table()?;
-    let (method, avoidance) = avoidance(&avoidance_table, &catalog.methods)?;
-    let silence = silence(root, period_ns)?;
+    let method = method(&avoidance_table, &catalog.methods)?;
+    let speed_max_m_s = speed_max_m_s(&avoidance_table, &method)?;
     let Robots { robots, ties, mut warnings } =
-        robots(root, &catalog.laws, avoidance.speed_max_m_s, document)?;
+        robots(root, &catalog.laws, speed_max_m_s, document)?;
     let graph = graph(root, &robots, &ties)?;
     let lead = lead(root, &robots)?;
     let walls = walls(root)?;
-    let laws = laws::laws(root)?;
-    let plant = root.get("plant").map(|plant| Program::read(&plant.table()?)).transpose()?;
     let faults = faults(root, &Scene { robots: &robots, graph: &graph, duration_ns, seed })?;
-    let expect = expect(root, &robots, &walls, duration_ns)?;
-    let end_after = root.get("end_after_converged_s");
-    let end_after_converged_ns = end_after.as_ref().map(Value::time_ns).transpose()?;
+    let clearance_m = clearance_m(&avoidance_table, walls.is_empty(), &mut warnings)?;
+    let sensing_radius_m = avoidance_table.maybe_number("sensing_radius_m")?;
+    let [noise_m, noise_rad] = noise_bounds(robots.len(), &faults);
+    let error = |key| avoidance_table.maybe_number(key).map(|bound| bound.unwrap_or(0.0));
+    let braking_times_s = robots.iter().filter_map(|robot| robot.limits);
+    let avoidance = AvoidanceBrief {
+        kind: method.name.to_owned(),
+        distance_min_m: avoidance_table.number("distance_min_m")?,
+        speed_max_m_s,
+        // Without the key, as far as the whole scenario asks for, below.
+        sensing_radius_m: sensing_radius_m.unwrap_or(f64::INFINITY),
+        sensing_error_m: error("sensing_error_m")?.max(noise_m),
+        heading_error_rad: error("heading_error_rad")?.max(noise_rad),
+        braking_time_max_s: braking_times_s.map(|own| own.braking_time_s).fold(0.0, f64::max),
+        clearance_m,
+        gains: gains(&avoidance_table, &method, &catalog.methods)?,
+    };
     let mut scenario = Scenario {
-        name: name_text.to_owned(),
+        name,
         duration_ns,
-        end_after_converged_ns,
+        end_after_converged_ns: root.maybe_time_ns("end_after_converged_s")?,
         period_ns,
-        plant_tick_ns,
-        latency_allowed_ns,
-        between_hosts_ns,
-        hold_periods,
-        control_timer,
-        hung_after_ns,
+        plant_tick_ns: realtime.time_ns("plant_tick_s")?,
+        latency_allowed_ns: realtime.time_ns("latency_allowed_s")?,
+        between_hosts_ns: realtime.time_ns("between_hosts_s")?,
+        hold_periods: realtime.whole("hold_periods")? as u32,
+        control_timer: realtime.truth("control_timer")?,
+        hung_after_ns: hung_after_ns(root)?,
         seed,
-        record_hz,
-        published_velocity,
+        record_hz: root.number("record_hz")?,
+        published_velocity: root.word("published_velocity")?,
         method,
         avoidance,
-        silence,
-        laws,
-        plant,
+        silence: silence(root, period_ns)?,
+        laws: laws::laws(root)?,
+        plant: root.get("plant").map(|plant| Program::read(&plant.table()?)).transpose()?,
+        expect: expect(root, &robots, &walls, duration_ns)?,
         robots,
         graph,
         lead,
         unled_scale: None,
         walls,
         faults,
-        expect,
     };
-    let clearance = avoidance_table.get("clearance_m");
-    if !scenario.walls.is_empty() {
-        let half = 0.5 * scenario.avoidance.distance_min_m;
-        let given = clearance.map(|clearance| clearance.number()).transpose()?;
-        scenario.avoidance.clearance_m = given.unwrap_or(half);
-    } else if let Some(clearance) = clearance {
-        let mut warning = clearance.wrong(
-            "has no effect: there is no wall",
-            "expected a `[[wall]]` or an `[[obstacle]]`, or no such key",
-        );
-        warning.severity = Severity::Warning;
-        warnings.push(warning);
+    if sensing_radius_m.is_none() {
+        scenario.avoidance.sensing_radius_m = scenario.sensing_radius_needed_m();
     }
-    let [noise_m, noise_rad] = noise_bounds(scenario.robots.len(), &scenario.faults);
-    let avoidance = &mut scenario.avoidance;
-    avoidance.sensing_error_m = avoidance.sensing_error_m.max(noise_m);
-    avoidance.heading_error_rad = avoidance.heading_error_rad.max(noise_rad);
-    let braking_times_s = scenario.robots.iter().filter_map(|robot| robot.limits);
-    scenario.avoidance.braking_time_max_s =
-        braking_times_s.map(|limits| limits.braking_time_s).fold(0.0, f64::max);
-    scenario.avoidance.sensing_radius_m = match avoidance_table.maybe_number("sensing_radius_m")? {
-        Some(radius_m) => radius_m,
-        None => scenario.sensing_radius_needed_m(),
-    };
     let scale = scale(root, &scenario)?;
-    match (&mut scenario.lead, scale) {
-        (Some(lead), Some(scale)) => lead.scale = scale,
-        (_, scale) => scenario.unled_scale = scale,
-    }
-    if let Some(end_after) = end_after {
+    let scenario = scenario.scaled(scale);
+    if let Some(end_after) = root.get("end_after_converged_s") {
         can_end_early(&scenario, &end_after)?;
     }
     Ok((scenario, warnings))
 }
 
+/// Its name; the description is for readers alone.
+fn name(root: &Table<'_>) -> Result<String, Diagnostic> {
+    let name = root.need("name")?;
+    let text = name.text("expected a string")?;
+    if text.trim().is_empty() {
+        return Err(name.wrong("is empty", "expected a short name, such as \"triangle\""));
+    }
+    if text.contains(is_hidden) {
+        let expected = "expected a name without control characters";
+        return Err(name.wrong(format!("is \"{text}\""), expected));
+    }
+    root.get("description").map(|about| about.text("expected a string")).transpose()?;
+    Ok(text.to_owned())
+}
+
+/// Duration and period, ns: at least one tick, and not too many.
+fn times_ns(root: &Table<'_>) -> Result<[u64; 2], Diagnostic> {
+    let (duration, period) = (root.need("duration_s")?, root.need("period_s")?);
+    let (duration_ns, period_ns) = (duration.time_ns()?, period.time_ns()?);
+    let (duration_s, period_s) = (seconds(duration_ns), seconds(period_ns));
+    let ticks = duration_ns / period_ns;
+    if ticks == 0 {
+        return Err(duration.wrong(
+            format!("is {duration_s}, shorter than one period"),
+            format!("expected at least `period_s`, {period_s} s"),
+        ));
+    }
+    if ticks > TICKS_MAX {
+        return Err(period.wrong(
+            format!("is {period_s}: {ticks} ticks in {duration_s} s"),
+            format!("expected at most {TICKS_MAX} ticks: a longer period or a shorter run"),
+        ));
+    }
+    Ok([duration_ns, period_ns])
+}
+
+fn hung_after_ns(root: &Table<'_>) -> Result<u64, Diagnostic> {
+    let hung_after = root.need("hung_after_s")?;
+    let hung_after_ns = hung_after.time_ns()?;
+    if hung_after_ns < HUNG_AFTER_NS_MIN {
+        let (found, least) = (seconds(hung_after_ns), seconds(HUNG_AFTER_NS_MIN));
+        let expected = format!("expected at least {least}: every robot waits now and then");
+        return Err(hung_after.wrong(format!("is {found}"), expected));
+    }
+    Ok(hung_after_ns)
+}
+
 /// Refuses a key by which a run could never end, or would end at once.
 fn can_end_early(scenario: &Scenario, key: &Value<'_>) -> Result<(), Diagnostic> {
     let hears = |i| scenario.graph.heard_by(i).next().is_some();
-    let is_judged =
-        |(i, robot): (usize, &super::Robot)| robot.role.reference.is_its_own() || hears(i);
+    let is_judged = |(i, robot): (usize, &Robot)| robot.role.reference.is_its_own() || hears(i);
     if !scenario.robots.iter().enumerate().any(is_judged) {
         return Err(key.wrong(
             "is given, but no robot has an error: nobody leads, has a goal, or hears another",
@@ -371,63 +336,73 @@ fn noise_bounds(robots: usize, faults: &[Fault]) -> [f64; 2] {
     bounds.into_iter().fold([0.0; 2], largest)
 }
 
-/// `[avoidance]`; the sensing radius and the largest braking time are filled in later, from the whole
-/// scenario.
-fn avoidance(
+/// The avoidance method.
+fn method(
     table: &Table<'_>,
     methods: &[AvoidanceDescription],
-) -> Result<(AvoidanceDescription, AvoidanceBrief), Diagnostic> {
+) -> Result<AvoidanceDescription, Diagnostic> {
     let kinds: Vec<_> = methods.iter().map(|method| (method.name, *method)).collect();
-    let default = methods[0];
-    let method = table.get("kind").map_or(Ok(default), |kind| kind.word(&kinds))?;
-    let distance_min_m = table.number("distance_min_m")?;
-    let speed_max_m_s = match table.maybe_number("speed_max_m_s")? {
-        Some(speed_max_m_s) => speed_max_m_s,
+    table.get("kind").map_or(Ok(methods[0]), |kind| kind.word(&kinds))
+}
+
+/// v_max, m/s; infinite where the method needs none and none is given.
+fn speed_max_m_s(table: &Table<'_>, method: &AvoidanceDescription) -> Result<f64, Diagnostic> {
+    match table.maybe_number("speed_max_m_s")? {
+        Some(speed_max_m_s) => Ok(speed_max_m_s),
         None if method.clamps_speed => {
             let expected = format!("the {} needs a speed limit, in m/s", method.name);
-            return Err(table.missing("speed_max_m_s", &expected));
+            Err(table.missing("speed_max_m_s", &expected))
         }
-        None => f64::INFINITY,
-    };
+        None => Ok(f64::INFINITY),
+    }
+}
+
+/// The gains that are given, those of other methods too; none of its own may lack.
+fn gains(
+    table: &Table<'_>,
+    method: &AvoidanceDescription,
+    methods: &[AvoidanceDescription],
+) -> Result<BTreeMap<String, f64>, Diagnostic> {
     let mut gains = BTreeMap::new();
     for gain in methods.iter().flat_map(|method| method.gains) {
-        if let Some(value) = table.get(gain.key) {
-            gains.insert(gain.key.to_owned(), value.number()?);
+        if let Some(value) = table.maybe_number(gain.key)? {
+            gains.insert(gain.key.to_owned(), value);
         }
     }
-    if let Some(gain) = method.gains.iter().find(|gain| !gains.contains_key(gain.key)) {
-        return Err(table.missing(gain.key, gain.meaning));
+    match method.gains.iter().find(|gain| !gains.contains_key(gain.key)) {
+        Some(gain) => Err(table.missing(gain.key, gain.meaning)),
+        None => Ok(gains),
     }
-    let bound = |key| table.maybe_number(key).map(|bound| bound.unwrap_or(0.0));
-    let avoidance = AvoidanceBrief {
-        kind: method.name.to_owned(),
-        distance_min_m,
-        speed_max_m_s,
-        sensing_radius_m: 0.0,
-        sensing_error_m: bound("sensing_error_m")?,
-        heading_error_rad: bound("heading_error_rad")?,
-        braking_time_max_s: 0.0,
-        clearance_m: 0.0,
-        gains,
-    };
-    Ok((method, avoidance))
+}
+
+/// The distance that is kept from walls, m; 0 without any.
+fn clearance_m(
+    table: &Table<'_>,
+    no_walls: bool,
+    warnings: &mut Vec<Diagnostic>,
+) -> Result<f64, Diagnostic> {
+    let clearance = table.get("clearance_m");
+    if !no_walls {
+        let given = clearance.map(|clearance| clearance.number()).transpose()?;
+        return Ok(given.unwrap_or(0.5 * table.number("distance_min_m")?));
+    }
+    if let Some(clearance) = clearance {
+        let warning = clearance.wrong(
+            "has no effect: there is no wall",
+            "expected a `[[wall]]` or an `[[obstacle]]`, or no such key",
+        );
+        warnings.push(warning.as_warning());
+    }
+    Ok(0.0)
 }
 
 /// `[silence]`.
 fn silence(root: &Table<'_>, period_ns: u64) -> Result<SilenceBrief, Diagnostic> {
-    let policies = [
-        ("last", SilencePolicy::Last),
-        ("ignore", SilencePolicy::Ignore),
-        ("keep", SilencePolicy::Keep),
-        ("stop", SilencePolicy::Stop),
-    ];
     let table = root.table("silence")?;
     let (stale, lost) = (table.get("stale_after_s"), table.get("lost_after_s"));
-    let time_ns = |value: &Option<Value<'_>>, otherwise_ns| {
-        value.as_ref().map_or(Ok(otherwise_ns), |value| value.time_ns())
-    };
-    let stale_after_ns = time_ns(&stale, 3 * period_ns)?;
-    let lost_after_ns = time_ns(&lost, (20 * period_ns).max(100_000_000))?;
+    let stale_after_ns = table.maybe_time_ns("stale_after_s")?.unwrap_or(3 * period_ns);
+    let lost_after_ns = table.maybe_time_ns("lost_after_s")?;
+    let lost_after_ns = lost_after_ns.unwrap_or((20 * period_ns).max(100_000_000));
     if lost_after_ns < stale_after_ns {
         let (stale_s, lost_s) = (seconds(stale_after_ns), seconds(lost_after_ns));
         return Err(match (&lost, &stale) {
@@ -442,6 +417,5 @@ fn silence(root: &Table<'_>, period_ns: u64) -> Result<SilenceBrief, Diagnostic>
             (None, None) => unreachable!("3 T <= 20 T"),
         });
     }
-    let policy = table.word("policy", &policies)?;
-    Ok(SilenceBrief { stale_after_ns, lost_after_ns, policy })
+    Ok(SilenceBrief { stale_after_ns, lost_after_ns, policy: table.word("policy")? })
 }

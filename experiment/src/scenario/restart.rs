@@ -1,5 +1,7 @@
 //! What follows on a death that nobody planned.
 
+use serde::Deserialize;
+
 /// What happens when a process dies unasked.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RestartPolicy {
@@ -16,7 +18,8 @@ pub struct RestartPolicy {
 }
 
 /// Which deaths lead to a restart.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum RestartWhen {
     /// None.
     Never,

@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use formation::pose::{Pose, wrap_angle};
-use protocol::brief::{LimitsBrief, RampKind, WheelsBrief};
+use protocol::brief::{LimitsBrief, WheelsBrief};
 use protocol::law::{LawDescription, Reference};
 
-use super::diagnostic::{Diagnostic, Severity, meant};
+use super::diagnostic::{Diagnostic, listed, meant};
 use super::models::{MODELS, Model};
 use super::table::{Document, Table, Value};
-use super::{RestartPolicy, RestartWhen, Robot, seconds};
+use super::{RestartPolicy, Robot, seconds};
 
 /// Most robots in one scenario: each is a process.
 const ROBOTS_MAX: usize = 256;
@@ -92,13 +92,9 @@ pub(super) fn robots<'t>(
         if robots.iter().any(used) {
             return None;
         }
-        let mut warning = document.source.error(
-            &span,
-            format!("`{key}` has no effect: no robot follows the law \"{}\"", owner.name),
-            "expected a gain of a law that is used, or none",
-        );
-        warning.severity = Severity::Warning;
-        Some(warning)
+        let message = format!("`{key}` has no effect: no robot follows the law \"{}\"", owner.name);
+        let expected = "expected a gain of a law that is used, or none";
+        Some(document.source.error(&span, message, expected).as_warning())
     };
     let warnings =
         defaults.iter().flat_map(|defaults| defaults.keys()).filter_map(unused).collect();
@@ -131,50 +127,9 @@ fn robot(
     let limits = given("limits")
         .then(|| limits_of(&table.table("limits")?, model, front_point_m, speed_max_m_s));
     let limits = limits.transpose()?;
-    let law_names: Vec<&str> = laws.iter().map(|law| law.name).collect();
-    let known_laws = format!("one of {}", quoted(&law_names));
-    let law_value = table.get("law").ok_or_else(|| table.missing("law", &known_laws))?;
-    let law_name = law_value.text(&format!("expected {known_laws}"))?;
-    let Some(law) = laws.iter().find(|law| law.name == law_name) else {
-        let expected = match meant(law_name, law_names.iter().copied()) {
-            Some(close) => format!("did you mean \"{close}\"?"),
-            None => format!("expected {known_laws}"),
-        };
-        return Err(law_value.wrong(format!("is \"{law_name}\", which is no known law"), expected));
-    };
-    for (key, span) in table.keys() {
-        let owner = laws.iter().find(|other| other.gains.contains(&key));
-        if let Some(owner) = owner.filter(|_| !law.gains.contains(&key)) {
-            return Err(document.source.error(
-                &span,
-                format!(
-                    "`{key}` is a gain of the law \"{}\", but robot {name} follows \"{}\"",
-                    owner.name, law.name
-                ),
-                format!("expected gains of \"{}\": {}", law.name, law.gains.join(", ")),
-            ));
-        }
-    }
-    let goal = table.get("goal_m");
-    let goal_m = match (law.role.reference, &goal) {
-        (Reference::Goal, Some(goal)) => Some(goal.pair()?),
-        (Reference::Goal, None) => {
-            let expected = format!("where the law \"{}\" goes: [x, y], in meters", law.name);
-            return Err(table.missing("goal_m", &expected));
-        }
-        (_, Some(goal)) => {
-            let goes: Vec<&str> = laws
-                .iter()
-                .filter(|law| law.role.reference == Reference::Goal)
-                .map(|law| law.name)
-                .collect();
-            return Err(goal.wrong(
-                format!("is given, but {name} follows \"{}\", which goes to no goal", law.name),
-                format!("expected no such key, or a law that does: {}", quoted(&goes)),
-            ));
-        }
-        (_, None) => None,
-    };
+    let law = law(table, laws)?;
+    foreign_gains(table, name, law, laws, document)?;
+    let goal_m = goal_m(table, name, law, laws)?;
     let mut gains = BTreeMap::new();
     for &key in law.gains {
         let expected = format!("a gain of the law \"{}\", above 0", law.name);
@@ -198,6 +153,70 @@ fn robot(
     })
 }
 
+/// The control law.
+fn law<'l>(
+    table: &Table<'_>,
+    laws: &'l [LawDescription],
+) -> Result<&'l LawDescription, Diagnostic> {
+    let names: Vec<&str> = laws.iter().map(|law| law.name).collect();
+    let known = format!("one of {}", quoted(&names));
+    let value = table.get("law").ok_or_else(|| table.missing("law", &known))?;
+    let name = value.text(&format!("expected {known}"))?;
+    laws.iter().find(|law| law.name == name).ok_or_else(|| {
+        let expected = match meant(name, names.iter().copied()) {
+            Some(close) => format!("did you mean \"{close}\"?"),
+            None => format!("expected {known}"),
+        };
+        value.wrong(format!("is \"{name}\", which is no known law"), expected)
+    })
+}
+
+/// Refuses gains that the robot has itself and that are other laws'.
+fn foreign_gains(
+    table: &Table<'_>,
+    name: &str,
+    law: &LawDescription,
+    laws: &[LawDescription],
+    document: &Document<'_>,
+) -> Result<(), Diagnostic> {
+    for (key, span) in table.keys().filter(|(key, _)| !law.gains.contains(key)) {
+        if let Some(owner) = laws.iter().find(|other| other.gains.contains(&key)) {
+            let message = format!(
+                "`{key}` is a gain of the law \"{}\", but robot {name} follows \"{}\"",
+                owner.name, law.name
+            );
+            let expected = format!("expected gains of \"{}\": {}", law.name, law.gains.join(", "));
+            return Err(document.source.error(&span, message, expected));
+        }
+    }
+    Ok(())
+}
+
+/// Where it goes, m, if its law goes to a goal, and only then.
+fn goal_m(
+    table: &Table<'_>,
+    name: &str,
+    law: &LawDescription,
+    laws: &[LawDescription],
+) -> Result<Option<[f64; 2]>, Diagnostic> {
+    match (law.role.reference, table.get("goal_m")) {
+        (Reference::Goal, Some(goal)) => goal.pair().map(Some),
+        (Reference::Goal, None) => {
+            let expected = format!("where the law \"{}\" goes: [x, y], in meters", law.name);
+            Err(table.missing("goal_m", &expected))
+        }
+        (_, Some(goal)) => {
+            let goes = laws.iter().filter(|law| law.role.reference == Reference::Goal);
+            let goes: Vec<&str> = goes.map(|law| law.name).collect();
+            Err(goal.wrong(
+                format!("is given, but {name} follows \"{}\", which goes to no goal", law.name),
+                format!("expected no such key, or a law that does: {}", quoted(&goes)),
+            ))
+        }
+        (_, None) => Ok(None),
+    }
+}
+
 /// The number of `key`, which must be given where the model does not have it.
 fn number(table: &Table<'_>, key: &str, of_model: Option<f64>) -> Result<f64, Diagnostic> {
     match (table.maybe_number(key)?, of_model) {
@@ -217,7 +236,6 @@ fn limits_of(
     let acceleration_m_s2 = number(table, "acceleration_m_s2", own.map(|own| own[0]))?;
     let turn_acceleration_rad_s2 =
         number(table, "turn_acceleration_rad_s2", own.map(|own| own[1]))?;
-    let ramps = [("together", RampKind::Together), ("independent", RampKind::Independent)];
     let braking_time_s = match table.maybe_number("braking_time_s")? {
         Some(braking_time_s) => braking_time_s,
         None if speed_max_m_s.is_finite() => {
@@ -226,7 +244,7 @@ fn limits_of(
         }
         None => 0.0,
     };
-    let ramp = table.word("ramp", &ramps)?;
+    let ramp = table.word("ramp")?;
     Ok(LimitsBrief { acceleration_m_s2, turn_acceleration_rad_s2, braking_time_s, ramp })
 }
 
@@ -269,12 +287,7 @@ fn pose(value: &Value<'_>) -> Result<Pose, Diagnostic> {
 
 /// What happens when a robot's process dies unasked.
 fn restart(table: &Table<'_>) -> Result<RestartPolicy, Diagnostic> {
-    let words = [
-        ("never", RestartWhen::Never),
-        ("on-failure", RestartWhen::OnFailure),
-        ("always", RestartWhen::Always),
-    ];
-    let when = table.word("restart_policy", &words)?;
+    let when = table.word("restart_policy")?;
     let restarts_max = table.whole("max_restarts")? as u32;
     let delay_ns = table.time_ns("restart_delay_s")?;
     let ceiling = table.get("max_restart_delay_s");
@@ -293,7 +306,7 @@ fn restart(table: &Table<'_>) -> Result<RestartPolicy, Diagnostic> {
 /// The place of the robot that `value` names.
 pub(super) fn robot_named(value: &Value<'_>, robots: &[Robot]) -> Result<usize, Diagnostic> {
     let names: Vec<&str> = robots.iter().map(|robot| robot.name.as_str()).collect();
-    let expected = format!("expected the name of a robot: {}", shortened(&names));
+    let expected = format!("expected the name of a robot: {}", listed(&names, 8));
     let name = value.text(&expected)?;
     names.iter().position(|known| *known == name).ok_or_else(|| {
         let expected = match meant(name, names.iter().copied()) {
@@ -306,14 +319,4 @@ pub(super) fn robot_named(value: &Value<'_>, robots: &[Robot]) -> Result<usize, 
 
 fn quoted(names: &[&str]) -> String {
     names.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", ")
-}
-
-/// The first few of many names.
-fn shortened(names: &[&str]) -> String {
-    match names {
-        [_, _, _, _, _, _, _, _, _, ..] => {
-            format!("{}, ... ({} in all)", names[..8].join(", "), names.len())
-        }
-        few => few.join(", "),
-    }
 }

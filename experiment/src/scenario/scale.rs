@@ -19,21 +19,10 @@ pub(super) fn scale(root: &Table<'_>, scenario: &Scenario) -> Result<Option<Scal
             "expected a robot with a law of a leader or of a formation",
         ));
     }
-    #[derive(Clone, Copy)]
-    enum Kind {
-        Sine,
-        Closing,
-    }
     let table = value.table()?;
-    match table.word("kind", &[("sine", Kind::Sine), ("closing", Kind::Closing)])? {
-        Kind::Sine => {
-            table.only_of("sine")?;
-            sine(&table)
-        }
-        Kind::Closing => {
-            table.only_of("closing")?;
-            closing(&table, &value, scenario)
-        }
+    match table.kind()? {
+        "sine" => sine(&table),
+        _ => closing(&table, &value, scenario),
     }
     .map(Some)
 }
@@ -57,7 +46,7 @@ fn sine(table: &Table<'_>) -> Result<Scale, Diagnostic> {
 /// Open, then closing; what is not given follows from the places, the starts and the speeds.
 fn closing(table: &Table<'_>, value: &Value<'_>, scenario: &Scenario) -> Result<Scale, Diagnostic> {
     let opening = Opening::of(scenario);
-    let time_s = |key| Ok(table.get(key).map(|value| value.time_ns()).transpose()?.map(seconds));
+    let time_s = |key| Ok(table.maybe_time_ns(key)?.map(seconds));
     let (from, hold_s, over_s) = (table.get("from"), time_s("hold_s")?, time_s("over_s")?);
     let given = from.as_ref().map(|from| from.number()).transpose()?;
     let or = |given: Option<f64>, of: fn(&Opening) -> f64| {

@@ -1,12 +1,12 @@
 //! Texts by the thousand, or by the million: that no scenario, no `--fault` and no imported graph
-//! makes a reader panic. The short form for graphs is with the other tests of imports.
+//! makes a reader panic, and that what is read is the same when it is read again.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use formation::random::draw;
 
 use super::read::{Overrides, read_text};
-use super::tests::catalog;
+use super::tests::{HEADED, catalog, triangle};
 use crate::check::{Theory, report};
 
 const SPECS: [&str; 13] = [
@@ -25,59 +25,20 @@ const SPECS: [&str; 13] = [
     "wheels r1 limit 0.1 @1",
 ];
 
-const PIECES: [&str; 40] = [
-    "[",
-    "]",
-    "[[",
-    "]]",
-    "{",
-    "}",
-    "=",
-    "\"",
-    "'",
-    "\n",
-    "\r\n",
-    "#",
-    ".",
-    ",",
-    "-",
-    "->",
-    "@",
-    " ",
-    "1e400",
-    "-1",
-    "0",
-    "nan",
-    "inf",
-    "1e300",
-    "99999999999999999999",
-    "true",
-    "ä",
-    "\u{0}",
-    "𝔘",
-    "\u{feff}",
-    "<",
-    ">",
-    "/",
-    "&amp;",
-    "for",
-    "restart 2",
-    "[[edge]]\n",
-    "[[fault]]\n",
-    "null",
-    "robot",
-];
-
-fn repository() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
-}
+/// Words of TOML, JSON, GraphML and faults, and some of none; `_` is a space, `~` a new line.
+const PIECES: &str = "[ ] [[ ]] { } = \" ' ''' \"\"\" # . : , - -> @ _ ~ \r~ < > /> / &amp; &x; 1e400 -1 0 7 \
+    nan inf 1e300 99999999999999999999 9223372036854775808 true null ä \u{0} 𝔘 \u{feff} \\ud800 for \
+    restart_2 robot r1 [[edge]]~ [[fault]]~ [[robot]]~ [graph]~ robot_=_[]~ edge_=_3~ name_=_\"r1\"~ \
+    graph_=_\"triangle.graphml\"~ {_name_=_\"r2\"_}, \"id\":_7, \"pose\":_3, <node_id=\"x\"> <data_key=\"d0\">";
 
 fn file(path: &str) -> String {
-    std::fs::read_to_string(repository().join(path)).unwrap()
+    let repository = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    std::fs::read_to_string(repository.join(path)).unwrap()
 }
 
 /// `original` with a few changes that `seed` draws.
 fn mutated(original: &str, seed: u64) -> String {
+    let pieces: Vec<&str> = PIECES.split(' ').collect();
     let mut drawn = 0;
     let mut below = |bound: usize| {
         drawn += 1;
@@ -87,8 +48,8 @@ fn mutated(original: &str, seed: u64) -> String {
     for _ in 0..1 + below(4) {
         let at = below(text.len() + 1);
         let cut = below(6).min(text.len() - at);
-        let piece = if below(3) == 0 { "" } else { PIECES[below(PIECES.len())] };
-        text.splice(at..at + cut, piece.chars());
+        let piece = if below(3) == 0 { "" } else { pieces[below(pieces.len())] };
+        text.splice(at..at + cut, piece.replace('_', " ").replace('~', "\n").chars());
     }
     text.into_iter().collect()
 }
@@ -108,7 +69,7 @@ fn is_read(path: &Path, text: &str, overrides: &Overrides) -> bool {
 /// Scenarios near a sound one, and some from nothing: read or refused, and what is read can be
 /// reported and is the same when it is read again.
 fn no_scenario_makes_the_reader_panic(texts: u64) {
-    let originals = [file("scenarios/triangle.toml"), file("scenarios/triangle-kill.toml")];
+    let originals = [file("scenarios/triangle-kill.toml"), HEADED.to_owned()];
     let set = vec!["robot.r1.pose.x_m=0.1".to_owned()];
     let overrides = [
         Overrides::default(),
@@ -147,7 +108,7 @@ fn no_scenario_of_a_million_makes_the_reader_panic() {
 }
 
 fn no_fault_makes_the_reader_panic(specs: u64) {
-    let triangle = file("scenarios/triangle.toml");
+    let triangle = triangle();
     let read = (0..specs).filter(|&seed| {
         let spec = mutated(SPECS[(seed % SPECS.len() as u64) as usize], seed);
         let overrides = Overrides { faults: vec![spec], ..Overrides::default() };
@@ -168,19 +129,55 @@ fn no_fault_of_a_million_makes_the_reader_panic() {
     no_fault_makes_the_reader_panic(1_000_000);
 }
 
+/// Graphs near sound ones, in scenarios that are changed too, now and then, and that have no robots, no edges, or
+/// both; what is read needs no graph any more.
+fn no_graph_makes_the_reader_panic(texts: u64) {
+    let graphs = [
+        "triangle-edges.json",
+        "triangle.graphml",
+        "triangle-names.csv",
+        "triangle-numbers.json",
+        "all-hear-all.graphml",
+        "triangle-matrix.csv",
+    ];
+    let originals = graphs.map(|name| file(&format!("tests/graphs/{name}")));
+    let inline = triangle().replace("pose =", "place_m = [0, 0], pose =");
+    let (head, _) = HEADED.split_once("[[robot]]").unwrap();
+    let (robots, _) = HEADED.split_once("[[edge]]").unwrap();
+    let heads = [head, &robots.replace("pose =", "place_m = [0, 0]\npose ="), HEADED, &inline];
+    let folder = tempfile::tempdir_in("/dev/shm").unwrap();
+    let path = folder.path().join("test.toml");
+    let mut read = 0;
+    for seed in 0..texts {
+        let which = (seed % 6) as usize;
+        let graph = match draw(seed, 100) < 0.3 {
+            true => originals[which].clone(),
+            false => mutated(&originals[which], seed),
+        };
+        std::fs::write(folder.path().join(graphs[which]), graph).unwrap();
+        let head = heads[(draw(seed, 101) * 4.0) as usize];
+        let text = format!("graph = \"{}\" # g\n{head}", graphs[which]);
+        let text = if draw(seed, 102) < 0.3 { mutated(&text, !seed) } else { text };
+        let overrides = Overrides { seed: (seed % 5 == 0).then_some(7), ..Overrides::default() };
+        if is_read(&path, &text, &overrides) {
+            read += 1;
+            let (scenario, effective, _) = read_text(&path, &text, &overrides, &catalog()).unwrap();
+            let elsewhere = Path::new("/nowhere/test.toml");
+            let again = read_text(elsewhere, &effective, &Overrides::default(), &catalog());
+            let (again, same, _) = again.unwrap();
+            assert_eq!((again, same), (scenario, effective), "seed {seed}");
+        }
+    }
+    assert!(read > texts / 30 && read < texts, "{read} of {texts} were read");
+}
+
+#[test]
+fn no_imported_graph_makes_the_reader_panic_and_what_is_read_reads_again() {
+    no_graph_makes_the_reader_panic(3000);
+}
+
 #[test]
 #[ignore = "minutes; half a million graphs"]
 fn no_graph_of_half_a_million_makes_the_reader_panic() {
-    let graphs = ["triangle-edges.json", "triangle-names.csv", "triangle.graphml"];
-    let texts = graphs.map(|graph| file(&format!("tests/graphs/{graph}")));
-    let triangle = file("scenarios/triangle.toml");
-    let (head, robots) = triangle.split_once("robot = [").unwrap();
-    let (_, tail) = robots.split_once("\n]\n").unwrap();
-    let folder = tempfile::tempdir_in("/dev/shm").unwrap();
-    for seed in 0..500_000 {
-        let which = (seed % 3) as usize;
-        std::fs::write(folder.path().join(graphs[which]), mutated(&texts[which], seed)).unwrap();
-        let scenario = format!("graph = \"{}\"\n{head}{tail}", graphs[which]);
-        is_read(&folder.path().join("test.toml"), &scenario, &Overrides::default());
-    }
+    no_graph_makes_the_reader_panic(500_000);
 }

@@ -7,9 +7,11 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use serde::de::value::{Error, StrDeserializer};
+use serde::de::{DeserializeOwned, IntoDeserializer as _};
 use toml::de::{DeTable, DeValue};
 
-use super::diagnostic::{Diagnostic, Severity, Source};
+use super::diagnostic::{Diagnostic, Source};
 use super::keys::{Format, Key, Otherwise, Range as Numbers, Section, Takes};
 
 /// Largest magnitude of any number, in its unit: what is larger is a slip of the keyboard, and
@@ -71,17 +73,29 @@ pub struct Value<'t> {
     span: Range<usize>,
 }
 
-impl<'t> Table<'t> {
-    /// The whole document, a scenario.
-    pub fn root(document: &'t Document<'t>, entries: &'t DeTable<'t>) -> Table<'t> {
-        Table::titled(document, entries, "the scenario")
+impl<'t> Document<'t> {
+    /// A table of the text, under no path and title as yet.
+    fn table(
+        &'t self,
+        section: &str,
+        entries: Option<&'t DeTable<'t>>,
+        span: Range<usize>,
+    ) -> Table<'t> {
+        let (document, section) = (self, self.format.section(section));
+        let (path, title) = (String::new(), String::new());
+        Table { document, path, title, section, entries, defaults: None, span }
     }
+}
 
+impl<'t> Table<'t> {
     /// The whole document, under the title by which messages name it.
-    pub fn titled(document: &'t Document<'t>, entries: &'t DeTable<'t>, title: &str) -> Table<'t> {
-        let (path, title) = (String::new(), title.to_owned());
-        let (section, entries) = (document.format.root(), Some(entries));
-        Table { document, path, title, section, entries, defaults: None, span: 0..0 }
+    pub fn root(
+        document: &'t Document<'t>,
+        entries: &'t DeTable<'t>,
+        title: &'static str,
+    ) -> Table<'t> {
+        let root = document.table(document.format.root().name, Some(entries), 0..0);
+        Table { title: title.to_owned(), ..root }
     }
 
     /// The same table with those keys of `defaults` that it does not have itself.
@@ -90,11 +104,9 @@ impl<'t> Table<'t> {
     }
 
     /// The same table under another path and title: a list's element, once its name is known.
-    pub fn named(mut self, path: &str, title: &str) -> Table<'t> {
+    pub fn named(self, path: &str, title: &str) -> Table<'t> {
         self.document.places.borrow_mut().insert(path.to_owned(), self.span.clone());
-        self.path = path.to_owned();
-        self.title = title.to_owned();
-        self
+        Table { path: path.to_owned(), title: title.to_owned(), ..self }
     }
 
     /// Refuses keys that it may not have, and warns of old names.
@@ -102,23 +114,29 @@ impl<'t> Table<'t> {
         self.only_these(&|_| true, true)
     }
 
-    /// Refuses keys that it may not have with that `kind`.
-    pub fn only_of(&self, word: &str) -> Result<(), Diagnostic> {
-        let kind = self.section.kinds.iter().find(|kind| kind.word == word);
-        let kind = kind.unwrap_or_else(|| panic!("`{word}` is a kind of {}", self.section.name));
-        let of_kind = |key: &Key| {
-            key.name == "kind" || kind.needs.contains(&key.name) || kind.may.contains(&key.name)
-        };
-        self.only_these(&of_kind, false)
+    /// The word of its `kind`, with which it has no other keys than it may.
+    pub fn kind(&self) -> Result<&'static str, Diagnostic> {
+        let word = self.kind_alone()?;
+        let kinds = self.section.kinds.iter().filter(|kind| kind.word == word);
+        let kinds: Vec<_> = kinds.collect();
+        self.only_these(&|key: &Key| kinds.iter().any(|kind| kind.has(key.name)), false)?;
+        Ok(word)
+    }
+
+    /// The word of its `kind`, whatever its other keys are.
+    pub fn kind_alone(&self) -> Result<&'static str, Diagnostic> {
+        let words: Vec<_> = self.section.words().into_iter().map(|word| (word, word)).collect();
+        self.need("kind")?.word(&words)
     }
 
     /// Refuses keys other than `kind` and these.
     pub fn only_with(&self, keys: &[&str]) -> Result<(), Diagnostic> {
-        self.only_these(&|key: &Key| key.name == "kind" || keys.contains(&key.name), false)
+        self.only_these(&|key: &Key| keys.contains(&key.name), false)
     }
 
     fn only_these(&self, may: &dyn Fn(&Key) -> bool, elsewhere: bool) -> Result<(), Diagnostic> {
-        let rows: Vec<&Key> = self.section.keys.iter().filter(|key| may(key)).collect();
+        let rows = self.section.keys.iter().filter(|key| key.name == "kind" || may(key));
+        let rows: Vec<&Key> = rows.collect();
         let mut keys: Vec<_> = self.keys().collect();
         keys.sort_by_key(|(_, span)| span.start);
         let wrong = |span, message, expected| self.document.source.error(span, message, expected);
@@ -127,14 +145,7 @@ impl<'t> Table<'t> {
                 continue;
             }
             let Some(row) = rows.iter().find(|row| row.was.contains(word)) else {
-                let close = self.document.format.meant(self.section, &rows, word, elsewhere);
-                let expected = match close {
-                    Some(close) => format!("did you mean {close}?"),
-                    None => {
-                        let names: Vec<&str> = rows.iter().map(|row| row.name).collect();
-                        format!("expected one of {}", names.join(", "))
-                    }
-                };
+                let expected = self.document.format.expected(self.section, &rows, word, elsewhere);
                 return Err(wrong(span, format!("{} has no key `{word}`", self.title), expected));
             };
             let new = row.name;
@@ -142,12 +153,9 @@ impl<'t> Table<'t> {
                 let message = format!("{} has `{new}` and `{word}`, its old name", self.title);
                 return Err(wrong(span, message, format!("expected `{new}` alone")));
             }
-            let mut warning = wrong(
-                span,
-                format!("`{word}` is called `{new}` now"),
-                format!("expected `{new}`; the old name still works"),
-            );
-            warning.severity = Severity::Warning;
+            let message = format!("`{word}` is called `{new}` now");
+            let expected = format!("expected `{new}`; the old name still works");
+            let warning = wrong(span, message, expected).as_warning();
             self.document.warnings.borrow_mut().push(warning);
         }
         Ok(())
@@ -183,62 +191,51 @@ impl<'t> Table<'t> {
             self.document.places.borrow_mut().insert(path, value.span.clone());
             return Some(value);
         };
-        self.document.places.borrow_mut().insert(path.clone(), found.span());
-        Some(Value {
-            document: self.document,
-            path,
-            key: key.to_owned(),
-            row,
-            value: found.get_ref(),
-            span: found.span(),
-        })
+        self.document.places.borrow_mut().insert(path, found.span());
+        Some(self.value(row, found.get_ref(), found.span()))
     }
 
-    /// The value of `key`, which must be given.
+    fn value(&self, row: &'t Key, value: &'t DeValue<'t>, span: Range<usize>) -> Value<'t> {
+        let (path, key) = (self.path_of(row.name), row.name.to_owned());
+        Value { document: self.document, path, key, row, value, span }
+    }
+
+    /// The value of `key`, or its default; without one it must be given.
     pub fn need(&self, key: &str) -> Result<Value<'t>, Diagnostic> {
-        self.get(key).ok_or_else(|| self.missing(key, &self.row(key).says))
+        let row = self.row(key);
+        match (self.get(key), &row.otherwise) {
+            (Some(given), _) => Ok(given),
+            (None, Otherwise::Default(default)) => Ok(self.value(row, default, self.span())),
+            (None, _) => Err(self.missing(key, &row.says)),
+        }
     }
 
     /// The number of `key`, or its default.
     pub fn number(&self, key: &str) -> Result<f64, Diagnostic> {
-        match (self.get(key), self.row(key).otherwise) {
-            (None, Otherwise::Number(number)) => Ok(number),
-            _ => self.need(key)?.number(),
-        }
+        self.need(key)?.number()
     }
 
     /// The time of `key`, or its default, ns.
     pub fn time_ns(&self, key: &str) -> Result<u64, Diagnostic> {
-        match (self.get(key), self.row(key).otherwise) {
-            (None, Otherwise::Number(seconds)) => Ok((seconds * 1e9).round() as u64),
-            _ => self.need(key)?.time_ns(),
-        }
+        self.need(key)?.time_ns()
     }
 
     /// The whole number of `key`, or its default.
     pub fn whole(&self, key: &str) -> Result<u64, Diagnostic> {
-        match (self.get(key), self.row(key).otherwise) {
-            (None, Otherwise::Whole(number)) => Ok(number),
-            _ => self.need(key)?.whole(),
-        }
+        self.need(key)?.whole()
     }
 
     /// Whether `key` says so.
     pub fn truth(&self, key: &str) -> Result<bool, Diagnostic> {
-        match (self.get(key), self.row(key).otherwise) {
-            (None, Otherwise::No) => Ok(false),
-            (None, Otherwise::Yes) => Ok(true),
-            _ => self.need(key)?.truth(),
-        }
+        self.need(key)?.truth()
     }
 
-    /// What the word of `key`, or its default, means; `words` are those of its row.
-    pub fn word<T: Copy>(&self, key: &str, words: &[(&str, T)]) -> Result<T, Diagnostic> {
-        if let (None, Otherwise::Word(word)) = (self.get(key), self.row(key).otherwise) {
-            let meaning = words.iter().find(|(known, _)| *known == word);
-            return Ok(meaning.unwrap_or_else(|| panic!("`{word}` means something")).1);
-        }
-        self.need(key)?.word(words)
+    /// What the word of `key`, or its default, is called in files of every kind: as `T` reads it.
+    pub fn word<T: DeserializeOwned>(&self, key: &str) -> Result<T, Diagnostic> {
+        let Takes::Word(words) = self.row(key).takes else { panic!("`{key}` is a word") };
+        let words: Vec<_> = words.iter().map(|&(word, _)| (word, word)).collect();
+        let word: StrDeserializer<'_, Error> = self.need(key)?.word(&words)?.into_deserializer();
+        Ok(T::deserialize(word).expect("every word of a row means something"))
     }
 
     /// The number of `key`, if it is given.
@@ -252,15 +249,13 @@ impl<'t> Table<'t> {
             return value.table();
         }
         let Takes::Table(section) = self.row(key).takes else { panic!("`{key}` is a table") };
-        Ok(Table {
-            document: self.document,
-            path: self.path_of(key),
-            title: format!("[{key}]"),
-            section: self.document.format.section(section),
-            entries: None,
-            defaults: None,
-            span: self.span(),
-        })
+        let table = self.document.table(section, None, self.span());
+        Ok(Table { path: self.path_of(key), title: format!("[{key}]"), ..table })
+    }
+
+    /// The times of `key`, if it is given, ns.
+    pub fn maybe_time_ns(&self, key: &str) -> Result<Option<u64>, Diagnostic> {
+        self.get(key).map(|value| value.time_ns()).transpose()
     }
 
     /// That `key` is not there; `expected` says what to add.
@@ -282,25 +277,14 @@ impl<'t> Table<'t> {
         );
         let DeValue::Array(elements) = list.value else { return Err(list.wrong_type(&expected)) };
         let Takes::Tables(section) = list.row.takes else { panic!("`{key}` is a list of tables") };
-        let section = self.document.format.section(section);
         let element = |(index, element): (usize, &'t toml::Spanned<DeValue<'t>>)| {
             let title = format!("{key} {}", index + 1);
-            match element.get_ref() {
-                DeValue::Table(entries) => Ok(Table {
-                    document: self.document,
-                    path: String::new(),
-                    title: title.clone(),
-                    section,
-                    entries: Some(entries),
-                    defaults: None,
-                    span: element.span(),
-                }
-                .named(&format!("{key}.{index}"), &title)),
-                other => {
-                    let message = format!("{title} is {}", with_article(other));
-                    Err(self.document.source.error(&element.span(), message, expected.clone()))
-                }
-            }
+            let DeValue::Table(entries) = element.get_ref() else {
+                let message = format!("{title} is {}", with_article(element.get_ref()));
+                return Err(self.document.source.error(&element.span(), message, &expected));
+            };
+            let table = self.document.table(section, Some(entries), element.span());
+            Ok(table.named(&format!("{key}.{index}"), &title))
         };
         elements.iter().enumerate().map(element).collect()
     }
@@ -309,30 +293,21 @@ impl<'t> Table<'t> {
     pub fn named_tables(&self, key: &str) -> Result<Vec<(&'t str, Table<'t>)>, Diagnostic> {
         let Some(named) = self.get(key) else { return Ok(Vec::new()) };
         let Takes::NamedTables(section) = named.row.takes else { panic!("`{key}` has tables") };
-        let section = self.document.format.section(section);
         let expected = format!("expected a table with a name of its own, headed `[{key}.NAME]`");
         let DeValue::Table(tables) = named.value else { return Err(named.wrong_type(&expected)) };
-        let table = |(name, value): (&'t toml::Spanned<_>, &'t toml::Spanned<DeValue<'t>>)| {
-            let name: &'t std::borrow::Cow<'t, str> = name.get_ref();
-            let path = format!("{key}.{name}");
+        let mut found = Vec::new();
+        for (name, value) in tables {
+            let path = format!("{key}.{}", name.get_ref());
             let DeValue::Table(entries) = value.get_ref() else {
                 let message = format!("`{path}` is {}", with_article(value.get_ref()));
-                return Err(self.document.source.error(&value.span(), message, expected.clone()));
+                return Err(self.document.source.error(&value.span(), message, expected));
             };
-            let table = Table {
-                document: self.document,
-                path: String::new(),
-                title: String::new(),
-                section,
-                entries: Some(entries),
-                defaults: None,
-                span: value.span(),
-            };
+            let table = self.document.table(section, Some(entries), value.span());
             let table = table.named(&path, &format!("[{path}]"));
             table.only()?;
-            Ok((name.as_ref(), table))
-        };
-        tables.iter().map(table).collect()
+            found.push((name.get_ref().as_ref(), table));
+        }
+        Ok(found)
     }
 
     fn path_of(&self, key: &str) -> String {
@@ -374,24 +349,17 @@ impl<'t> Value<'t> {
     /// The table that this value is.
     pub fn table(&self) -> Result<Table<'t>, Diagnostic> {
         let Takes::Table(section) = self.row.takes else { panic!("`{}` is a table", self.key) };
-        let section = self.document.format.section(section);
         let DeValue::Table(entries) = self.value else {
-            let names: Vec<&str> = section.keys.iter().map(|key| key.name).collect();
+            let keys = &self.document.format.section(section).keys;
+            let names: Vec<&str> = keys.iter().map(|key| key.name).collect();
             return Err(self.wrong_type(&format!("expected a table of {}", names.join(", "))));
         };
-        let table = Table {
-            document: self.document,
-            path: self.path.clone(),
-            title: if self.path == self.key {
-                format!("[{}]", self.key)
-            } else {
-                format!("`{}`", self.key)
-            },
-            section,
-            entries: Some(entries),
-            defaults: None,
-            span: self.span.clone(),
+        let title = match self.path == self.key {
+            true => format!("[{}]", self.key),
+            false => format!("`{}`", self.key),
         };
+        let table = self.document.table(section, Some(entries), self.span());
+        let table = Table { path: self.path.clone(), title, ..table };
         table.only()?;
         Ok(table)
     }
@@ -410,12 +378,8 @@ impl<'t> Value<'t> {
         elements.map(|element| Ok(element.text(expected)?.to_owned())).collect()
     }
 
-    /// What its word means; `words` are those of its row.
+    /// What its word means, one of these.
     pub fn word<T: Copy>(&self, words: &[(&str, T)]) -> Result<T, Diagnostic> {
-        if let Takes::Word(row) = self.row.takes {
-            let same = row.iter().map(|(word, _)| word).eq(words.iter().map(|(word, _)| word));
-            assert!(same, "`{}` has the words of its row", self.key);
-        }
         let list: Vec<String> = words.iter().map(|(word, _)| format!("\"{word}\"")).collect();
         let expected = match &list[..] {
             [only] => format!("expected {only}"),
@@ -431,7 +395,7 @@ impl<'t> Value<'t> {
     /// A number, in the unit and range of its row.
     pub fn number(&self) -> Result<f64, Diagnostic> {
         match self.row.takes {
-            Takes::Number(unit, range) => self.within(unit, range),
+            Takes::Number(range) => self.within(range),
             _ => panic!("`{}` is a number", self.key),
         }
     }
@@ -439,8 +403,8 @@ impl<'t> Value<'t> {
     /// A time in seconds, in the range of its row, as whole nanoseconds.
     pub fn time_ns(&self) -> Result<u64, Diagnostic> {
         match self.row.takes {
-            Takes::Time(range) => self.whole_nanoseconds(self.within("s", range)?),
-            Takes::Times => self.whole_nanoseconds(self.within("s", Numbers::NotNegative)?),
+            Takes::Time(range) => self.whole_nanoseconds(self.within(range)?),
+            Takes::Times => self.whole_nanoseconds(self.within(Numbers::NotNegative)?),
             _ => panic!("`{}` is a time", self.key),
         }
     }
@@ -451,8 +415,8 @@ impl<'t> Value<'t> {
         times.into_iter().map(|time| time.time_ns().map(|ns| (time, ns))).collect()
     }
 
-    fn within(&self, unit: &str, range: Numbers) -> Result<f64, Diagnostic> {
-        let number = self.finite(unit)?;
+    fn within(&self, range: Numbers) -> Result<f64, Diagnostic> {
+        let (number, unit) = (self.finite()?, self.row.unit());
         let expected = match range {
             Numbers::Positive if number <= 0.0 => {
                 format!("expected a number{} above 0", in_unit(unit))
@@ -464,7 +428,8 @@ impl<'t> Value<'t> {
     }
 
     /// A finite number of sane size.
-    fn finite(&self, unit: &str) -> Result<f64, Diagnostic> {
+    fn finite(&self) -> Result<f64, Diagnostic> {
+        let unit = self.row.unit();
         let expected = format!("expected a number{}", in_unit(unit));
         let (number, text) = match self.value {
             DeValue::Float(float) => (float.as_str().parse::<f64>().ok(), float.to_string()),
@@ -492,7 +457,7 @@ impl<'t> Value<'t> {
         let ns = seconds * 1e9;
         // Beyond some seconds, the spacing of floating-point numbers is the coarser bound.
         let tolerance = NANOSECOND_TOLERANCE.max(2.0 * ns * f64::EPSILON);
-        if (ns - ns.round()).abs() > tolerance {
+        if (ns - ns.round()).abs() > tolerance || (seconds > 0.0 && ns < 0.5) {
             return Err(self.wrong(
                 format!("is {seconds}"),
                 format!(
@@ -548,19 +513,12 @@ impl<'t> Value<'t> {
     /// What a table has in it, whatever its keys are, in their order.
     pub fn entries(&self, expected: &str) -> Result<Vec<(String, Value<'t>)>, Diagnostic> {
         let DeValue::Table(table) = self.value else { return Err(self.wrong_type(expected)) };
-        let entry = |(key, value): (&'t toml::Spanned<_>, &'t toml::Spanned<DeValue<'t>>)| {
-            let key: &std::borrow::Cow<'t, str> = key.get_ref();
-            let value = Value {
-                document: self.document,
-                path: self.path.clone(),
-                key: key.clone().into_owned(),
-                row: self.row,
-                value: value.get_ref(),
-                span: value.span(),
-            };
-            (key.clone().into_owned(), value)
-        };
-        Ok(table.iter().map(entry).collect())
+        let entries = table.iter().map(|(key, value)| {
+            let (key, span) = (key.get_ref().clone().into_owned(), value.span());
+            let value = Value { key: key.clone(), value: value.get_ref(), span, ..self.clone() };
+            (key, value)
+        });
+        Ok(entries.collect())
     }
 
     /// Whether it is a list.
@@ -571,29 +529,30 @@ impl<'t> Value<'t> {
     /// The elements of a list; messages count them from 1.
     pub fn elements(&self, expected: &str) -> Result<Vec<Value<'t>>, Diagnostic> {
         let DeValue::Array(list) = self.value else { return Err(self.wrong_type(expected)) };
-        let element = |(index, element): (usize, &'t toml::Spanned<DeValue<'t>>)| Value {
-            document: self.document,
-            path: self.path.clone(),
+        let elements = list.iter().enumerate().map(|(index, element)| Value {
             key: format!("{} ({})", self.key, index + 1),
-            row: self.row,
             value: element.get_ref(),
             span: element.span(),
-        };
-        Ok(list.iter().enumerate().map(element).collect())
+            ..self.clone()
+        });
+        Ok(elements.collect())
+    }
+
+    /// Points, `[[x, y], ...]`, each with its place.
+    pub fn points(&self) -> Result<Vec<(Value<'t>, [f64; 2])>, Diagnostic> {
+        let points = self.elements("expected a list of points: [[0.0, 0.0], [1.0, 0.5]]")?;
+        points.into_iter().map(|point| point.pair().map(|pair| (point, pair))).collect()
     }
 
     /// Two numbers, `[x, y]`, in the unit of its row.
     pub fn pair(&self) -> Result<[f64; 2], Diagnostic> {
-        let (Takes::Pair(unit) | Takes::Points(unit)) = self.row.takes else {
-            panic!("`{}` has two numbers", self.key)
-        };
-        let expected = format!("expected two numbers{}: [x, y]", in_unit(unit));
+        let expected = format!("expected two numbers{}: [x, y]", in_unit(self.row.unit()));
         let [x, y] = <[Value<'t>; 2]>::try_from(self.elements(&expected)?).map_err(|list| {
             let plural = if list.len() == 1 { "" } else { "s" };
             self.wrong(format!("has {} element{plural}", list.len()), &expected)
         })?;
         let component = |element: Value<'t>, name: &str| {
-            Value { key: format!("{} ({name})", self.key), ..element }.finite(unit)
+            Value { key: format!("{} ({name})", self.key), ..element }.finite()
         };
         Ok([component(x, "x")?, component(y, "y")?])
     }
@@ -630,6 +589,28 @@ fn with_article(value: &DeValue<'_>) -> &'static str {
     }
 }
 
+/// A value in TOML, on one line.
+pub(crate) fn spelled(value: &DeValue<'_>) -> String {
+    match value {
+        DeValue::String(text) => toml::Value::String(text.clone().into_owned()).to_string(),
+        DeValue::Integer(integer) => integer.to_string(),
+        DeValue::Float(float) => float.to_string(),
+        DeValue::Boolean(truth) => truth.to_string(),
+        DeValue::Datetime(date) => date.to_string(),
+        DeValue::Array(list) => {
+            let list: Vec<String> = list.iter().map(|value| spelled(value.get_ref())).collect();
+            format!("[{}]", list.join(", "))
+        }
+        DeValue::Table(table) if table.is_empty() => "{}".to_owned(),
+        DeValue::Table(table) => {
+            let entries = table.iter();
+            let entries = entries
+                .map(|(key, value)| format!("{} = {}", key.get_ref(), spelled(value.get_ref())));
+            format!("{{ {} }}", entries.collect::<Vec<_>>().join(", "))
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::path::Path;
@@ -637,6 +618,7 @@ mod tests {
     use protocol::catalog::Catalog;
 
     use super::*;
+    use crate::scenario::diagnostic::Severity;
 
     /// Reads the key `period_s`, once called `step_s`, of a text.
     fn period_of(text: &str) -> (Result<f64, Diagnostic>, Vec<Diagnostic>) {
@@ -645,7 +627,7 @@ mod tests {
         keys.iter_mut().find(|key| key.name == "period_s").unwrap().was = &["step_s"];
         let document = Document::new(Source::new(Path::new("t.toml"), text, false), &format);
         let entries = DeTable::parse(text).unwrap();
-        let root = Table::root(&document, entries.get_ref());
+        let root = Table::root(&document, entries.get_ref(), "the scenario");
         let period = root.only().and_then(|()| root.need("period_s")?.seconds());
         (period, document.warnings.take())
     }

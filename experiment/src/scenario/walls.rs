@@ -44,7 +44,7 @@ fn add(
 /// The segments of one `[[wall]]`.
 fn segments(table: &Table<'_>) -> Result<Vec<Obstacle>, Diagnostic> {
     let list = table.need("points_m")?;
-    let points = points(&list)?;
+    let points = list.points()?;
     let closed = table.truth("closed")?;
     let least = if closed { 3 } else { 2 };
     if points.len() < least {
@@ -67,14 +67,12 @@ fn segments(table: &Table<'_>) -> Result<Vec<Obstacle>, Diagnostic> {
 
 /// One `[[obstacle]]`.
 fn obstacle(table: &Table<'_>) -> Result<Obstacle, Diagnostic> {
-    let kind = table.need("kind")?.word(&[("disc", "disc"), ("polygon", "polygon")])?;
-    table.only_of(kind)?;
-    if kind == "disc" {
+    if table.kind()? == "disc" {
         let center_m = table.need("center_m")?.pair()?;
         return Ok(Obstacle::Disc { center_m, radius_m: table.number("radius_m")? });
     }
     let list = table.need("corners_m")?;
-    let corners = points(&list)?;
+    let corners = list.points()?;
     let polygon = Obstacle::Polygon { corners_m: corners.iter().map(|corner| corner.1).collect() };
     match polygon.convex() {
         _ if corners.len() < 3 => Err(list.wrong(
@@ -92,12 +90,6 @@ fn obstacle(table: &Table<'_>) -> Result<Obstacle, Diagnostic> {
             "expected it to turn the same way at all corners, once around; or several convex parts",
         )),
     }
-}
-
-fn points<'t>(list: &Value<'t>) -> Result<Vec<(Value<'t>, [f64; 2])>, Diagnostic> {
-    let points = list.elements("expected a list of points: [[0.0, 0.0], [1.0, 0.5]]")?;
-    let with_value = |point: Value<'t>| point.pair().map(|pair| (point, pair));
-    points.into_iter().map(with_value).collect()
 }
 
 /// That a point lies where the one before it does.

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use roxmltree::{Document, Node as Element};
 
-use super::{Attribute, Builder, Name, Network, chunk, quoted};
+use super::{Attribute, Builder, Given, Name, Network, Tree};
 use crate::scenario::diagnostic::{Diagnostic, Source};
 
 pub(super) fn read(
@@ -143,8 +143,8 @@ impl Xml<'_> {
                 return Err(self.wrong(data, message, "expected the id of an element `key`"));
             };
             let attribute = self.value(*key, data)?;
-            if attributes.iter().any(|other| other.key == attribute.key) {
-                let message = format!("the {kind} has `{}` twice", attribute.key);
+            if attributes.iter().any(|(key, _)| *key == attribute.0) {
+                let message = format!("the {kind} has `{}` twice", attribute.0);
                 return Err(self.wrong(data, message, "expected it once"));
             }
             attributes.push(attribute);
@@ -154,7 +154,7 @@ impl Xml<'_> {
             let Some(default) = children(*key, "default").next() else { continue };
             if meant_for == kind || meant_for == "all" {
                 let attribute = self.value(*key, default)?;
-                if attributes.iter().all(|other| other.key != attribute.key) {
+                if attributes.iter().all(|(key, _)| *key != attribute.0) {
                     attributes.push(attribute);
                 }
             }
@@ -172,6 +172,7 @@ impl Xml<'_> {
         let name = key.attribute("attr.name").or(key.attribute("id")).unwrap_or_default();
         let text = holder.text().unwrap_or_default().trim();
         let wrong = |expected: &str| self.wrong(holder, format!("`{name}` is {text:?}"), expected);
+        let span = holder.range();
         let value = match key.attribute("attr.type").unwrap_or("string") {
             "int" | "long" => match text.parse::<i64>() {
                 Ok(number) => number.to_string(),
@@ -185,9 +186,8 @@ impl Xml<'_> {
                 truth @ ("true" | "false") => truth.to_owned(),
                 _ => return Err(wrong("expected true or false")),
             },
-            _ => quoted(text),
+            _ => return Ok((name.to_owned(), Given::text(text, span))),
         };
-        let span = holder.range();
-        Ok(Attribute { key: name.to_owned(), value: vec![chunk(value, &span)], span })
+        Ok((name.to_owned(), Given { value: Tree::Plain(value), span }))
     }
 }

@@ -6,7 +6,7 @@ use serde::Deserialize;
 use serde::de::{Deserializer, Error, MapAccess, Visitor};
 use serde_json::value::RawValue;
 
-use super::{Attribute, Builder, Chunk, Name, Network, chunk, quoted};
+use super::{Attribute, Builder, Given, Name, Network, Tree};
 use crate::scenario::diagnostic::{Diagnostic, Source};
 
 /// How deep a value may nest: lists in tables, and no more.
@@ -54,11 +54,8 @@ pub(super) fn read(
         (Some(edges), None) => edges,
         (None, Some(links)) => links,
         (Some(_), Some(links)) => {
-            return Err(json.wrong(
-                links,
-                "the graph has `edges` and `links`",
-                "expected one of them",
-            ));
+            let message = "the graph has `edges` and `links`";
+            return Err(json.wrong(links, message, "expected one of them"));
         }
         (None, None) => {
             return Err(json.about(
@@ -196,69 +193,49 @@ impl<'a> Json<'a> {
         known: &[&str],
     ) -> Result<Vec<Attribute>, Diagnostic> {
         let attributes = members.into_iter().filter(|(key, _)| !known.contains(&key.as_str()));
-        attributes
-            .map(|(key, value)| {
-                let mut chunks = Vec::new();
-                self.toml(&key, value, DEPTH_MAX, &mut chunks)?;
-                Ok(Attribute { key, value: chunks, span: self.span(value) })
-            })
-            .collect()
+        attributes.map(|entry| self.attribute(entry, DEPTH_MAX)).collect()
     }
 
-    /// Writes a value in TOML.
-    fn toml(
+    fn attribute(
         &self,
-        key: &str,
-        value: &'a RawValue,
+        (key, value): (String, &'a RawValue),
         depth: usize,
-        chunks: &mut Vec<Chunk>,
-    ) -> Result<(), Diagnostic> {
-        let span = self.span(value);
-        let text = value.get();
+    ) -> Result<Attribute, Diagnostic> {
+        let given = self.given(&key, value, depth)?;
+        Ok((key, given))
+    }
+
+    /// A value as TOML has it.
+    fn given(&self, key: &str, value: &'a RawValue, depth: usize) -> Result<Given, Diagnostic> {
+        let (text, span) = (value.get(), self.span(value));
+        let wrong =
+            |what: &str, expected| Err(self.wrong(value, format!("`{key}` {what}"), expected));
         if depth == 0 {
-            return Err(self.wrong(
-                value,
-                format!("`{key}` nests too deep"),
-                "expected a plain value",
-            ));
+            return wrong("nests too deep", "expected a plain value");
         }
-        match text.as_bytes().first() {
+        let value = match text.as_bytes().first() {
             Some(b'{') => {
-                chunks.push(chunk("{ ", &span));
-                for (at, (name, member)) in self.object(value, key)?.into_iter().enumerate() {
-                    let comma = if at > 0 { ", " } else { "" };
-                    let name_text = toml_edit::Key::new(&name).to_string();
-                    chunks.push(chunk(format!("{comma}{name_text} = "), &self.span(member)));
-                    self.toml(&name, member, depth - 1, chunks)?;
-                }
-                chunks.push(chunk(" }", &span));
+                let members = self.object(value, key)?.into_iter();
+                let members = members.map(|member| self.attribute(member, depth - 1));
+                Tree::Table(members.collect::<Result<_, _>>()?)
             }
             Some(b'[') => {
-                chunks.push(chunk("[", &span));
-                for (at, element) in self.list(value, key)?.into_iter().enumerate() {
-                    chunks.push(chunk(if at > 0 { ", " } else { "" }, &self.span(element)));
-                    self.toml(key, element, depth - 1, chunks)?;
+                let elements = self.list(value, key)?.into_iter();
+                let elements = elements.map(|element| self.given(key, element, depth - 1));
+                Tree::List(elements.collect::<Result<_, _>>()?)
+            }
+            Some(b'"') => match serde_json::from_str::<String>(text) {
+                Ok(text) => return Ok(Given::text(&text, span)),
+                Err(error) => {
+                    let what = format!("is no text: {}", without_place(&error));
+                    return wrong(&what, "expected a string");
                 }
-                chunks.push(chunk("]", &span));
-            }
-            Some(b'"') => {
-                let text: String = serde_json::from_str(text).map_err(|error| {
-                    let message = format!("`{key}` is no text: {}", without_place(&error));
-                    self.wrong(value, message, "expected a string")
-                })?;
-                chunks.push(chunk(quoted(&text), &span));
-            }
-            Some(b'n') => {
-                return Err(self.wrong(
-                    value,
-                    format!("`{key}` is null"),
-                    "expected a value, or no such attribute",
-                ));
-            }
+            },
+            Some(b'n') => return wrong("is null", "expected a value, or no such attribute"),
             // Numbers, true and false are written alike in both.
-            _ => chunks.push(chunk(text, &span)),
-        }
-        Ok(())
+            _ => Tree::Plain(text.to_owned()),
+        };
+        Ok(Given { value, span })
     }
 }
 

@@ -21,7 +21,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
-use crate::scenario::diagnostic::{Diagnostic, Severity, Source, meant};
+use crate::scenario::diagnostic::{Diagnostic, Source, meant};
 
 /// Keys of an edge, beside its ends.
 const EDGE_KEYS: &[&str] = &["offset_m"];
@@ -85,28 +85,30 @@ struct Link {
     attributes: Vec<Attribute>,
 }
 
-/// A key and its value, written in TOML.
+/// A key, and its value.
+type Attribute = (String, Given);
+
+/// A value, and where in the graph's file it is given.
 #[derive(Debug, Clone)]
-struct Attribute {
-    key: String,
-    value: Vec<Chunk>,
+struct Given {
+    value: Tree,
     span: Range<usize>,
 }
 
-/// A bit of TOML, and where in the graph's file it comes from.
+/// A value.
 #[derive(Debug, Clone)]
-struct Chunk {
-    text: String,
-    origin: Range<usize>,
+enum Tree {
+    /// As TOML has it.
+    Plain(String),
+    List(Vec<Given>),
+    Table(Vec<Attribute>),
 }
 
-fn chunk(text: impl Into<String>, origin: &Range<usize>) -> Chunk {
-    Chunk { text: text.into(), origin: origin.clone() }
-}
-
-/// A string, quoted as TOML has it.
-fn quoted(text: &str) -> String {
-    toml_edit::Value::from(text).to_string()
+impl Given {
+    /// A string, quoted as TOML has it.
+    fn text(text: &str, span: Range<usize>) -> Given {
+        Given { value: Tree::Plain(toml_edit::Value::from(text).to_string()), span }
+    }
 }
 
 /// The graph in a text, by its file's extension; `robot_keys`: what nodes may say of a robot.
@@ -175,13 +177,10 @@ impl<'a> Builder<'a> {
             })?;
         }
         let attributes = self.keys(&title, attributes, EDGE_KEYS)?;
-        if let (false, Some(offset)) = (directed, attributes.first()) {
+        if let (false, Some((key, offset))) = (directed, attributes.first()) {
             return Err(self.source.error(
                 &offset.span,
-                format!(
-                    "`{}` stands at an edge without a direction: seen from which end?",
-                    offset.key
-                ),
+                format!("`{key}` stands at an edge without a direction: seen from which end?"),
                 "expected a directed graph, or `place_m` = [x, y] in the nodes",
             ));
         }
@@ -211,58 +210,46 @@ impl<'a> Builder<'a> {
         let spelled_out: Vec<_> =
             SPELLED_OUT.iter().filter(|(whole, _)| known.contains(whole)).collect();
         let mut keys: Vec<Attribute> = Vec::new();
-        let mut parts: Vec<Attribute> = Vec::new();
-        for attribute in attributes {
-            let key = attribute.key.as_str();
-            if known.contains(&key) {
-                keys.push(attribute);
-            } else if spelled_out.iter().any(|(_, names)| names.contains(&key)) {
-                parts.push(attribute);
+        let mut parts: BTreeMap<String, Given> = BTreeMap::new();
+        for (key, given) in attributes {
+            let mut names = spelled_out.iter().flat_map(|(_, names)| names.iter()).copied();
+            if known.contains(&key.as_str()) {
+                keys.push((key, given));
+            } else if names.clone().any(|name| name == key) {
+                parts.entry(key).or_insert(given);
+            } else if let Some(close) = meant(&key, names.by_ref().chain(known.iter().copied()))
+                && key != DRAWN_AT
+            {
+                return Err(self.source.error(
+                    &given.span,
+                    format!("{title} has the attribute `{key}`, which has no meaning here"),
+                    format!("did you mean `{close}`?"),
+                ));
             } else {
-                let names = spelled_out.iter().flat_map(|(_, names)| names.iter());
-                let close = meant(key, names.chain(known).copied());
-                if let Some(close) = close.filter(|_| key != DRAWN_AT) {
-                    return Err(self.source.error(
-                        &attribute.span,
-                        format!("{title} has the attribute `{key}`, which has no meaning here"),
-                        format!("did you mean `{close}`?"),
-                    ));
-                }
-                self.network.ignored.entry(attribute.key).or_insert(attribute.span);
+                self.network.ignored.entry(key).or_insert(given.span);
             }
         }
         for (whole, names) in spelled_out {
-            let found: Vec<&Attribute> = names
-                .iter()
-                .filter_map(|name| parts.iter().find(|part| part.key == *name))
-                .collect();
-            let Some(first) = found.first() else { continue };
-            if keys.iter().any(|other| other.key == *whole) {
-                return Err(self.source.error(
-                    &first.span,
-                    format!("{title} has `{}` and `{whole}`", first.key),
-                    "expected one of them",
-                ));
+            let found = names.iter().filter_map(|name| Some((*name, parts.get(*name)?.clone())));
+            let found: Vec<(&str, Given)> = found.collect();
+            let Some((first, Given { span, .. })) = found.first() else { continue };
+            let wrong = |message, expected| Err(self.source.error(span, message, expected));
+            if keys.iter().any(|(key, _)| key == whole) {
+                let message = format!("{title} has `{first}` and `{whole}`");
+                return wrong(message, "expected one of them".to_owned());
             }
-            if found.len() < names.len() {
-                let missing = names.iter().find(|name| found.iter().all(|part| part.key != **name));
-                return Err(self.source.error(
-                    &first.span,
-                    format!("{title} has `{}`, but no `{}`", first.key, missing.unwrap_or(&"")),
-                    format!("expected all of {}", names.join(", ")),
-                ));
+            if let Some(missing) = names.iter().find(|name| !parts.contains_key(**name)) {
+                let message = format!("{title} has `{first}`, but no `{missing}`");
+                return wrong(message, format!("expected all of {}", names.join(", ")));
             }
-            let span = first.span.clone();
-            let named = *whole == "pose";
-            let mut value = vec![chunk(if named { "{ " } else { "[" }, &span)];
-            for (at, part) in found.into_iter().enumerate() {
-                let comma = if at > 0 { ", " } else { "" };
-                let key = if named { format!("{} = ", part.key) } else { String::new() };
-                value.push(chunk(format!("{comma}{key}"), &part.span));
-                value.extend(part.value.iter().cloned());
-            }
-            value.push(chunk(if named { " }" } else { "]" }, &span));
-            keys.push(Attribute { key: (*whole).to_owned(), value, span });
+            let span = span.clone();
+            let value = match *whole {
+                "pose" => {
+                    Tree::Table(found.into_iter().map(|(key, part)| (key.into(), part)).collect())
+                }
+                _ => Tree::List(found.into_iter().map(|(_, part)| part).collect()),
+            };
+            keys.push(((*whole).to_owned(), Given { value, span }));
         }
         Ok(keys)
     }
@@ -272,13 +259,9 @@ impl Network {
     /// What of the file has no effect.
     fn warnings(&self, source: &Source) -> Vec<Diagnostic> {
         let warning = |(key, span): (&String, &Range<usize>)| {
-            let mut warning = source.error(
-                span,
-                format!("the attribute `{key}` has no meaning here and is left out"),
-                "expected keys of a robot, or at an edge `offset_m`",
-            );
-            warning.severity = Severity::Warning;
-            warning
+            let message = format!("the attribute `{key}` has no meaning here and is left out");
+            let expected = "expected keys of a robot, or at an edge `offset_m`";
+            source.error(span, message, expected).as_warning()
         };
         self.ignored.iter().map(warning).collect()
     }

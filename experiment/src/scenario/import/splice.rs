@@ -9,7 +9,7 @@ use std::path::Path;
 
 use toml::de::DeTable;
 
-use super::{Attribute, Chunk, Link, Name, Network, Node, chunk, network, quoted};
+use super::{Attribute, Given, Link, Name, Network, Node, Tree, network};
 use crate::scenario::diagnostic::{Diagnostic, Origin, Source};
 use crate::scenario::file::{FILE_BYTES_MAX, load};
 use crate::scenario::keys::{Format, Key};
@@ -34,7 +34,7 @@ pub(in crate::scenario) fn splice(
         return Ok(Spliced { text: text.to_owned(), source, warnings: Vec::new() });
     };
     let document = Document::new(source, format);
-    let root = Table::root(&document, entries);
+    let root = Table::root(&document, entries, "the scenario");
     let value = root.need("graph")?;
     let expected = "expected a file that ends in .json (node-link), .csv (matrix) or .graphml";
     let name = value.text(expected)?;
@@ -54,20 +54,18 @@ pub(in crate::scenario) fn splice(
 
     let robots = Robots::read(&root, text)?;
     let names = robots.named(&network, &graph)?;
-    let mut edits = robots.edits(&network, &names);
+    let mut edits = robots.additions(&network, &names);
     let here = value.span();
-    let mut lists: Vec<Chunk> = vec![chunk(format!("# {name:?}, written out:"), &(0..0))];
-    for (key, items, list) in [
-        ("robot", new_robots(&network, &names, &robots), &robots.list),
-        ("edge", edges(&network, &names), &List::read(&root, "edge", text)?),
-    ] {
-        list.add(key, items, &mut lists, &mut edits, text);
+    let mut lists = Written::default();
+    lists.push(&format!("# {name:?}, written out:"), &NOWHERE);
+    robots.list.add("robot", new_robots(&network, &names, &robots), &mut lists, &mut edits, text);
+    let list = List::read(&root, "edge", text)?;
+    list.add("edge", edges(&network, &names), &mut lists, &mut edits, text);
+    if lists.origins.len() == 1 {
+        lists = Written::default();
     }
-    if lists.len() == 1 {
-        lists.clear();
-    }
-    edits.push(Edit { at: key.span().start..here.end, chunks: lists });
-    let (spliced, origins) = apply(text, edits);
+    edits.push((key.span().start..here.end, lists));
+    let Written { text: spliced, origins } = apply(text, edits);
     if spliced.len() as u64 > FILE_BYTES_MAX {
         return Err(value.wrong(
             format!("names `{shown}`: written out, the scenario has {} bytes", spliced.len()),
@@ -78,30 +76,72 @@ pub(in crate::scenario) fn splice(
     Ok(Spliced { text: spliced, source, warnings })
 }
 
+/// Of what is written, but stands in no file.
+const NOWHERE: Range<usize> = 0..0;
+
 /// A stretch of the scenario's text and what takes its place.
-struct Edit {
-    at: Range<usize>,
-    chunks: Vec<Chunk>,
+type Edit = (Range<usize>, Written);
+
+/// A text, and from where on which part of it comes from where.
+#[derive(Default)]
+struct Written {
+    text: String,
+    origins: Vec<(usize, Origin)>,
 }
 
-/// The text after all edits, and from where on which part of it comes from where.
-fn apply(text: &str, mut edits: Vec<Edit>) -> (String, Vec<(usize, Origin)>) {
-    edits.sort_by_key(|edit| edit.at.start);
-    let mut result = String::new();
-    let mut origins = Vec::new();
-    let mut copied = 0;
-    for edit in edits {
-        origins.push((result.len(), Origin::Scenario(copied)));
-        result += &text[copied..edit.at.start];
-        copied = edit.at.end;
-        for chunk in edit.chunks {
-            origins.push((result.len(), Origin::Graph(chunk.origin)));
-            result += &chunk.text;
+impl Written {
+    /// Words for what stands at `span` in the graph's file.
+    fn push(&mut self, words: &str, span: &Range<usize>) {
+        self.origins.push((self.text.len(), Origin::Graph(span.clone())));
+        self.text += words;
+    }
+
+    fn value(&mut self, Given { value, span }: &Given) {
+        match value {
+            Tree::Plain(text) => self.push(text, span),
+            Tree::List(list) => {
+                self.push("[", span);
+                for (at, element) in list.iter().enumerate() {
+                    self.push(if at > 0 { ", " } else { "" }, &element.span);
+                    self.value(element);
+                }
+                self.push("]", span);
+            }
+            Tree::Table(entries) => {
+                for (at, (key, value)) in entries.iter().enumerate() {
+                    self.entry(if at > 0 { ", " } else { "{ " }, key, value);
+                }
+                self.push(if entries.is_empty() { "{ }" } else { " }" }, span);
+            }
         }
     }
-    origins.push((result.len(), Origin::Scenario(copied)));
-    result += &text[copied..];
-    (result, origins)
+
+    fn entry(&mut self, before: &str, key: &str, value: &Given) {
+        self.push(&format!("{before}{} = ", toml_edit::Key::new(key)), &value.span);
+        self.value(value);
+    }
+
+    /// A copy of the scenario's text from `at` on.
+    fn copy(&mut self, text: &str, at: usize) {
+        self.origins.push((self.text.len(), Origin::Scenario(at)));
+        self.text += text;
+    }
+}
+
+/// The text after all edits.
+fn apply(text: &str, mut edits: Vec<Edit>) -> Written {
+    edits.sort_by_key(|(at, _)| at.start);
+    let mut result = Written::default();
+    let mut copied = 0;
+    for (at, written) in edits {
+        result.copy(&text[copied..at.start], copied);
+        copied = at.end;
+        let start = result.text.len();
+        result.text += &written.text;
+        result.origins.extend(written.origins.into_iter().map(|(at, from)| (start + at, from)));
+    }
+    result.copy(&text[copied..], copied);
+    result
 }
 
 /// How a list of tables is written.
@@ -130,95 +170,65 @@ impl List {
     fn add(
         &self,
         key: &str,
-        tables: Vec<Item>,
-        here: &mut Vec<Chunk>,
+        tables: Vec<Given>,
+        here: &mut Written,
         edits: &mut Vec<Edit>,
         text: &str,
     ) {
         if tables.is_empty() {
             return;
         }
-        let nowhere = 0..0;
-        let mut chunks = Vec::new();
+        let mut added = Written::default();
         match self {
             List::Absent => {
-                here.push(chunk(format!("\n{key} = ["), &nowhere));
+                here.push(&format!("\n{key} = ["), &NOWHERE);
                 for table in tables {
-                    here.push(chunk("\n    ", &table.span));
-                    table.write_inline(here);
-                    here.push(chunk(",", &nowhere));
+                    here.push("\n    ", &table.span);
+                    here.value(&table);
+                    here.push(",", &NOWHERE);
                 }
-                here.push(chunk("\n]", &nowhere));
+                here.push("\n]", &NOWHERE);
             }
             List::Headed => {
+                added.push(if text.ends_with('\n') { "" } else { "\n" }, &NOWHERE);
                 for table in tables {
-                    chunks.push(chunk(format!("\n[[{key}]]"), &table.span));
-                    for attribute in table.keys {
-                        chunks.push(chunk(format!("\n{} = ", attribute.key), &attribute.span));
-                        chunks.extend(attribute.value);
-                    }
-                    chunks.push(chunk("\n", &nowhere));
+                    added.push(&format!("\n[[{key}]]"), &table.span);
+                    let Tree::Table(entries) = &table.value else { unreachable!("it is a table") };
+                    entries.iter().for_each(|(key, value)| added.entry("\n", key, value));
+                    added.push("\n", &NOWHERE);
                 }
-                if !text.ends_with('\n') {
-                    chunks.insert(0, chunk("\n", &nowhere));
-                }
-                edits.push(Edit { at: text.len()..text.len(), chunks });
+                edits.push((text.len()..text.len(), added));
             }
             List::Inline { end, empty } => {
-                for (at, table) in tables.into_iter().enumerate() {
+                for (at, table) in tables.iter().enumerate() {
                     let comma = if *empty && at == 0 { "" } else { "," };
-                    chunks.push(chunk(format!("{comma}\n    "), &table.span));
-                    table.write_inline(&mut chunks);
+                    added.push(&format!("{comma}\n    "), &table.span);
+                    added.value(table);
                 }
-                edits.push(Edit { at: *end..*end, chunks });
+                edits.push((*end..*end, added));
             }
         }
     }
 }
 
-/// A table to be written.
-struct Item {
-    keys: Vec<Attribute>,
-    span: Range<usize>,
-}
-
-impl Item {
-    fn write_inline(self, chunks: &mut Vec<Chunk>) {
-        chunks.push(chunk("{ ", &self.span));
-        for (at, attribute) in self.keys.into_iter().enumerate() {
-            let comma = if at > 0 { ", " } else { "" };
-            chunks.push(chunk(format!("{comma}{} = ", attribute.key), &attribute.span));
-            chunks.extend(attribute.value);
-        }
-        chunks.push(chunk(" }", &self.span));
-    }
-}
-
-fn text_key(key: &str, value: &str, span: &Range<usize>) -> Attribute {
-    Attribute { key: key.to_owned(), value: vec![chunk(quoted(value), span)], span: span.clone() }
+/// A table that begins with these words.
+fn table(words: &[(&str, &str)], span: &Range<usize>, attributes: &[Attribute]) -> Given {
+    let text = |&(key, word): &(&str, &str)| (key.to_owned(), Given::text(word, span.clone()));
+    let entries = words.iter().map(text).chain(attributes.iter().cloned());
+    Given { value: Tree::Table(entries.collect()), span: span.clone() }
 }
 
 /// The nodes that are no robots of the scenario yet.
-fn new_robots(network: &Network, names: &[String], robots: &Robots<'_>) -> Vec<Item> {
-    let item = |(node, name): (&Node, &String)| {
-        let mut keys = vec![text_key("name", name, &node.span)];
-        keys.extend(node.attributes.iter().cloned());
-        Item { keys, span: node.span.clone() }
-    };
-    let nodes = network.nodes.iter().zip(names);
-    nodes.filter(|(_, name)| robots.find(name).is_none()).map(item).collect()
+fn new_robots(network: &Network, names: &[String], robots: &Robots<'_>) -> Vec<Given> {
+    let new = network.nodes.iter().zip(names).filter(|(_, name)| robots.find(name).is_none());
+    new.map(|(node, name)| table(&[("name", name)], &node.span, &node.attributes)).collect()
 }
 
-fn edges(network: &Network, names: &[String]) -> Vec<Item> {
-    let item = |link: &Link| {
-        let mut keys = vec![
-            text_key("from", &names[link.from], &link.span),
-            text_key("to", &names[link.to], &link.span),
-        ];
-        keys.extend(link.attributes.iter().cloned());
-        Item { keys, span: link.span.clone() }
+fn edges(network: &Network, names: &[String]) -> Vec<Given> {
+    let edge = |Link { from, to, span, attributes }: &Link| {
+        table(&[("from", &names[*from]), ("to", &names[*to])], span, attributes)
     };
-    network.links.iter().map(item).collect()
+    network.links.iter().map(edge).collect()
 }
 
 /// The robots that the scenario's own text has.
@@ -269,7 +279,11 @@ impl<'t> Robots<'t> {
         };
         let numbers: BTreeSet<i64> = nodes.iter().filter_map(number).collect();
         let Some(&first) = numbers.first() else {
-            return Ok(nodes.iter().map(|node| node.name.to_text()).collect());
+            let text = |node: &Node| match &node.name {
+                Name::Text(text) => text.clone(),
+                Name::Number(_) => unreachable!("none has a number"),
+            };
+            return Ok(nodes.iter().map(text).collect());
         };
         if let Some(node) = nodes.iter().find(|node| number(node).is_none()) {
             return Err(graph.error(
@@ -309,29 +323,16 @@ impl<'t> Robots<'t> {
     }
 
     /// What nodes say of robots that the scenario has already, where it does not say so itself.
-    fn edits(&self, network: &Network, names: &[String]) -> Vec<Edit> {
+    fn additions(&self, network: &Network, names: &[String]) -> Vec<Edit> {
         let mut edits = Vec::new();
         for (node, name) in network.nodes.iter().zip(names) {
             let Some(robot) = self.find(name) else { continue };
-            let mut chunks = Vec::new();
-            for attribute in &node.attributes {
-                if !robot.keys.contains(attribute.key.as_str()) {
-                    let before = if robot.inline { ", " } else { "\n" };
-                    chunks.push(chunk(format!("{before}{} = ", attribute.key), &attribute.span));
-                    chunks.extend(attribute.value.iter().cloned());
-                }
-            }
-            edits.push(Edit { at: robot.end..robot.end, chunks });
+            let mut added = Written::default();
+            let new = node.attributes.iter().filter(|(key, _)| !robot.keys.contains(key.as_str()));
+            let before = if robot.inline { ", " } else { "\n" };
+            new.for_each(|(key, value)| added.entry(before, key, value));
+            edits.push((robot.end..robot.end, added));
         }
         edits
-    }
-}
-
-impl Name {
-    fn to_text(&self) -> String {
-        match self {
-            Name::Text(text) => text.clone(),
-            Name::Number(number) => number.to_string(),
-        }
     }
 }

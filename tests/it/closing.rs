@@ -147,21 +147,13 @@ fn check_asks_a_dense_lattice_to_open_and_not_one_that_does_or_is_wide() {
     assert!(!asks(&warned(&scattered(12, 3.0 * D, false, 1))));
     let mut opens = opened(12, 1.1 * D, false, 1, &[]);
     assert!(!asks(&warned(&opens)));
-    for (scale, word) in [
-        (
-            Scale::Closing { from: 1.3, hold_s: 70.0, over_s: 30.0, reopen_at_s: vec![] },
-            "nobody passes",
-        ),
-        (
-            Scale::Closing { from: 2.2, hold_s: 5.0, over_s: 30.0, reopen_at_s: vec![] },
-            "alone needs",
-        ),
-        (
-            Scale::Closing { from: 2.2, hold_s: 70.0, over_s: 900.0, reopen_at_s: vec![] },
-            "run ends",
-        ),
+    for (from, hold_s, over_s, word) in [
+        (1.3, 70.0, 30.0, "nobody passes"),
+        (2.2, 5.0, 30.0, "alone needs"),
+        (2.2, 70.0, 900.0, "run ends"),
     ] {
-        opens.unled_scale = Some(scale);
+        let reopen_at_s = Vec::new();
+        opens.unled_scale = Some(Scale::Closing { from, hold_s, over_s, reopen_at_s });
         let messages = warned(&opens);
         assert!(messages.iter().any(|message| message.contains(word)), "{word}: {messages:?}");
     }

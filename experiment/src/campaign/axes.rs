@@ -120,12 +120,7 @@ fn faults(value: &Value<'_>) -> Result<Setting, Diagnostic> {
     let expected =
         "expected a fault in words, such as \"kill r2 @10\", a list of them, or \"none\"";
     let faults: Vec<String> = match value.raw() {
-        DeValue::Array(_) => {
-            let list = value.elements(expected)?;
-            list.iter()
-                .map(|fault| fault.text(expected).map(str::to_owned))
-                .collect::<Result<_, _>>()?
-        }
+        DeValue::Array(_) => value.texts(expected)?,
         _ => vec![value.text(expected)?.to_owned()].into_iter().filter(|f| f != NONE).collect(),
     };
     let shown = if faults.is_empty() { NONE.to_owned() } else { faults.join("; ") };
@@ -158,7 +153,7 @@ fn range(value: &Value<'_>) -> Result<Vec<Setting>, Diagnostic> {
                     other => return Err(inner.wrong(format!("is \"{other}\""), expected)),
                 });
             }
-            _ => return Err(inner.here(format!("a range has no key `{key}`"), expected.into())),
+            _ => return Err(inner.here(format!("a range has no key `{key}`"), expected)),
         }
     }
     let ([Some(from), Some(to)], Some(count)) = (ends, count) else {

@@ -124,10 +124,7 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
     let scenario = root.need("scenario")?;
     let file = scenario_file(path, &scenario)?;
 
-    let templates = match root.get("faults") {
-        Some(list) => list.texts("expected a list of faults, such as [\"kill r2 @10\"]")?,
-        None => Vec::new(),
-    };
+    let templates = faults(&root)?;
     let set = set(&root, &scenario_format)?;
     let mut axes = cases(&root, path, &scenario_format)?;
     for (key, value) in leaves(&root, "vary")? {
@@ -136,9 +133,8 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
             "fault" => AxisKind::Fault,
             "seed" => {
                 return Err(value.here(
-                    "`seed` is no axis".into(),
-                    "expected `seeds`, outside of all tables: which seeds each point is run with"
-                        .into(),
+                    "`seed` is no axis",
+                    "expected `seeds`, outside of all tables: which seeds each point is run with",
                 ));
             }
             _ if templates.iter().any(|fault| fault.contains(&placeholder)) => AxisKind::InFaults,
@@ -148,7 +144,7 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
             }
         };
         if axes.iter().any(|axis| axis.key == key) {
-            let expected = "expected another name for one of them".to_owned();
+            let expected = "expected another name for one of them";
             return Err(value.here(format!("`{key}` is an axis of cases too"), expected));
         }
         axes.push(axis(&key, kind, &value)?);
@@ -202,6 +198,12 @@ fn scenario_file(path: &Path, scenario: &Value<'_>) -> Result<PathBuf, Diagnosti
     Ok(file)
 }
 
+/// Faults in words.
+fn faults(table: &Table<'_>) -> Result<Vec<String>, Diagnostic> {
+    let expected = "expected a list of faults, such as [\"kill r2 @10\"]";
+    table.get("faults").map_or(Ok(Vec::new()), |list| list.texts(expected))
+}
+
 /// What `set` in a table changes, as `--set` has it.
 fn set(table: &Table<'_>, format: &Format) -> Result<Vec<String>, Diagnostic> {
     let assignment = |(key, value): (String, Value<'_>)| {
@@ -219,10 +221,7 @@ fn cases(root: &Table<'_>, path: &Path, format: &Format) -> Result<Vec<Axis>, Di
         let (axis, name) = (table.need("axis")?, table.need("name")?);
         let key = axis.text("expected a string")?;
         let shown = name.text("expected a string")?.to_owned();
-        let faults = match table.get("faults") {
-            Some(list) => list.texts("expected a list of faults, such as [\"kill r2 @10\"]")?,
-            None => Vec::new(),
-        };
+        let faults = faults(&table)?;
         let scenario =
             table.get("scenario").map(|value| scenario_file(path, &value)).transpose()?;
         let starts = table.get("starts").map(|value| Starts::read(&value)).transpose()?;
@@ -264,7 +263,7 @@ fn collect<'t>(
         let sound = !key.is_empty()
             && key.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-' || c == '.');
         if !sound {
-            let expected = "expected a key as in `--set`: avoidance.kind".to_owned();
+            let expected = "expected a key as in `--set`: avoidance.kind";
             return Err(inner.here(format!("`{key}` is not a key"), expected));
         }
         let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
@@ -308,14 +307,14 @@ fn known(path: &str, value: &Value<'_>, format: &Format) -> Result<(), Diagnosti
             Takes::Tables(name) if name == "robot" => {
                 section = format.section(name);
                 if parts.next().is_none() {
-                    let expected = "expected the name of one: robot.r1.law".to_owned();
-                    return Err(value.here("`robot` is a list of robots".into(), expected));
+                    let expected = "expected the name of one: robot.r1.law";
+                    return Err(value.here("`robot` is a list of robots", expected));
                 }
             }
             Takes::Tables(_) if removes(value) && parts.next().is_none() => return Ok(()),
             Takes::Tables(_) => {
                 let expected = "expected `faults`, or `fault` in [vary]; edges cannot be varied";
-                return Err(value.here(format!("`{path}` is a list of tables"), expected.into()));
+                return Err(value.here(format!("`{path}` is a list of tables"), expected));
             }
             _ if parts.clone().next().is_some() => {
                 let expected = format!("expected `{part}` alone");
@@ -342,19 +341,16 @@ fn groups(root: &Table<'_>, axes: &[Axis]) -> Result<Vec<Vec<usize>>, Diagnostic
                     return Err(name.here(format!("`{text}` is no axis of [vary]"), expected));
                 };
                 if groups.iter().flatten().chain(&group).any(|&other| other == place) {
-                    let expected = "expected each axis once".to_owned();
+                    let expected = "expected each axis once";
                     return Err(name.here(format!("`{text}` is in `zip` twice"), expected));
                 }
                 if let Some(&first) = group.first() {
                     let [long, other] = [first, place].map(|axis| axes[axis].settings.len());
                     if long != other {
-                        return Err(name.here(
-                            format!(
-                                "`{text}` has {other} values, `{}` has {long}",
-                                axes[first].key
-                            ),
-                            "expected as many: the axes move together".to_owned(),
-                        ));
+                        let first = &axes[first].key;
+                        let message = format!("`{text}` has {other} values, `{first}` has {long}");
+                        let expected = "expected as many: the axes move together";
+                        return Err(name.here(message, expected));
                     }
                 }
                 group.push(place);
@@ -414,10 +410,8 @@ fn seeds(value: &Value<'_>) -> Result<Vec<u64>, Diagnostic> {
                     "from" => from = whole(&inner, 0)?,
                     "count" => count = Some(whole(&inner, 1)?),
                     _ => {
-                        return Err(inner.here(
-                            format!("`seeds` has no key `{key}`"),
-                            "expected `from` and `count`".to_owned(),
-                        ));
+                        let message = format!("`seeds` has no key `{key}`");
+                        return Err(inner.here(message, "expected `from` and `count`"));
                     }
                 }
             }

@@ -60,22 +60,20 @@ impl Edges<'_, '_> {
         if ends[0] == ends[1] {
             return Err(hearer.here(
                 format!("an edge leads from {} to itself", to.name),
-                "expected another robot: nobody hears itself".to_owned(),
+                "expected another robot: nobody hears itself",
             ));
         }
         if let Some(first) = self.seen.insert(ends, self.list.len() + 1) {
             return Err(hearer.here(
                 format!("an edge repeats edge {first}: from {} to {}", from.name, to.name),
-                "expected one edge for a pair and direction, in `edge`, `hears` or `graph`"
-                    .to_owned(),
+                "expected one edge for a pair and direction, in `edge`, `hears` or `graph`",
             ));
         }
         let [x, y] = match (to.role.reference, offset) {
             (Reference::Trajectory, _) => {
                 return Err(hearer.here(
                     format!("an edge makes {}, the leader, hear {}", to.name, from.name),
-                    "expected no edge into the leader: it goes by its trajectory and hears nobody"
-                        .to_owned(),
+                    "expected no edge into the leader: it goes by its trajectory and hears nobody",
                 ));
             }
             (Reference::Offsets, Some(offset)) => offset.pair()?,

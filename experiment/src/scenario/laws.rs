@@ -63,14 +63,12 @@ fn description(
     if !is_name(name, |c| c.is_ascii_alphanumeric() || c == '-' || c == '_') {
         return Err(table.here(
             format!("`{name}` is the name of a law"),
-            "expected letters, digits, `-` and `_`, and a letter first".to_owned(),
+            "expected letters, digits, `-` and `_`, and a letter first",
         ));
     }
     if catalog.laws.iter().any(|law| law.name == name) {
-        return Err(table.here(
-            format!("\"{name}\" is a law that is built in"),
-            "expected a name of its own".to_owned(),
-        ));
+        return Err(table
+            .here(format!("\"{name}\" is a law that is built in"), "expected a name of its own"));
     }
     let roles =
         [Role::LEADER, Role::FORMATION, Role::CONTAINED, Role::GOAL].map(|role| (role.name, role));

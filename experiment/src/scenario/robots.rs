@@ -48,8 +48,8 @@ pub(super) fn robots<'t>(
     if tables.is_empty() {
         root.need("robot")?;
         return Err(root.here(
-            "the scenario has no robot".to_owned(),
-            "expected at least one table headed `[[robot]]`, or robot = [{ ... }, ...]".to_owned(),
+            "the scenario has no robot",
+            "expected at least one table headed `[[robot]]`, or robot = [{ ... }, ...]",
         ));
     }
     let mut robots: Vec<Robot> = Vec::new();

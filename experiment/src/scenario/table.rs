@@ -265,7 +265,7 @@ impl<'t> Table<'t> {
     }
 
     /// An error at this table.
-    pub fn here(&self, message: String, expected: String) -> Diagnostic {
+    pub fn here(&self, message: impl Into<String>, expected: impl Into<String>) -> Diagnostic {
         self.document.source.error(&self.span, message, expected)
     }
 
@@ -317,7 +317,7 @@ impl<'t> Table<'t> {
 
 impl<'t> Value<'t> {
     /// An error at this value.
-    pub fn here(&self, message: String, expected: String) -> Diagnostic {
+    pub fn here(&self, message: impl Into<String>, expected: impl Into<String>) -> Diagnostic {
         self.document.source.error(&self.span, message, expected)
     }
 

@@ -112,38 +112,4 @@ pub(crate) mod tests {
             faults: Vec::new(),
         }
     }
-
-    #[test]
-    fn each_act_is_read_and_each_mistake_is_named() {
-        let scene = two_robots();
-        let found = |body: &str| read(body.as_bytes(), &scene);
-        for (body, act) in [
-            (r#"{"act":"kill","robot":"b"}"#, Act::Kill(1)),
-            (r#"{"act":"freeze","robot":"a"}"#, Act::Freeze(0)),
-            (r#"{"robot":"a","act":"thaw"}"#, Act::Thaw(0)),
-            (r#"{"act":"restart","robot":"b"}"#, Act::Restart(1)),
-            (r#"{"act":"cut","from":"b","to":"a"}"#, Act::Cut(0)),
-            (r#"{"act":"mend","from":"b","to":"a"}"#, Act::Mend(0)),
-        ] {
-            assert_eq!(found(body), Ok(act), "{body}");
-        }
-        for (body, reason) in [
-            (r#"{"act":"kill","robot":"c"}"#, "no robot \"c\"; there are a, b"),
-            (r#"{"act":"cut","from":"a","to":"b"}"#, "no edge a->b: b does not hear a"),
-            (r#"{"act":"mend","from":"c","to":"b"}"#, "no robot \"c\""),
-        ] {
-            let Err(NoAct::Unknown(why)) = found(body) else { panic!("{body}") };
-            assert!(why.contains(reason), "{why}");
-        }
-        for body in [
-            "",
-            "[]",
-            r#"{"act":"explode","robot":"a"}"#,
-            r#"{"act":"kill"}"#,
-            r#"{"act":"kill","robot":"a","to":"b"}"#,
-            r#"{"act":"cut","robot":"a"}"#,
-        ] {
-            assert!(matches!(found(body), Err(NoAct::Malformed(_))), "{body}");
-        }
-    }
 }

@@ -1,43 +1,6 @@
 //! What lockstep writes is a function of the run: the same bytes again, whatever the load.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
-
-use crate::harness::{Ended, run};
-
-/// Threads that take processor time until they are dropped, or for this long.
-const HOGS_MAX: Duration = Duration::from_secs(300);
-
-struct Hogs {
-    enough: Arc<AtomicBool>,
-    threads: Vec<JoinHandle<()>>,
-}
-
-impl Hogs {
-    fn start(threads: usize) -> Hogs {
-        let enough = Arc::new(AtomicBool::new(false));
-        let began = Instant::now();
-        let hog = |_| {
-            let enough = enough.clone();
-            std::thread::spawn(move || {
-                while !enough.load(Ordering::Relaxed) && began.elapsed() < HOGS_MAX {
-                    std::hint::spin_loop();
-                }
-            })
-        };
-        let threads = (0..threads).map(hog).collect();
-        Hogs { enough, threads }
-    }
-}
-
-impl Drop for Hogs {
-    fn drop(&mut self) {
-        self.enough.store(true, Ordering::Relaxed);
-        self.threads.drain(..).for_each(|thread| drop(thread.join()));
-    }
-}
+use crate::harness::{Ended, in_parallel, run};
 
 /// Name and bytes of everything that must be the same, `summary.json` without its section `wall`,
 /// which stands at its end.
@@ -113,25 +76,6 @@ fn the_same_run_writes_the_same_bytes_idle_or_busy() {
     let t_s = |line: &str| line.split_once(',').and_then(|(t_s, _)| t_s.parse::<f64>().ok());
     let times: Vec<_> = events.lines().skip(1).map(t_s).collect();
     idle.claim(times.len() > 100 && times.is_sorted(), "events stand in order of time");
-    let hogs = Hogs::start(4);
-    let busy = chaos();
-    drop(hogs);
-    same_bytes(&idle, &busy);
-}
-
-/// `cargo test --release --test it -- --ignored twenty_reruns`, beside a compile if there is one.
-#[test]
-#[ignore = "21 runs of 80 s of run time each, 20 of them beside two threads that spin: minutes"]
-fn twenty_reruns_of_chaos_under_load_write_the_same_bytes() {
-    let chaos = || run("containment-chaos").lockstep().finish();
-    let first = chaos();
-    first.exits_with(0);
-    let hogs = Hogs::start(2);
-    for rerun in 1..=20 {
-        let again = chaos();
-        again.exits_with(0);
-        same_bytes(&first, &again);
-        println!("rerun {rerun}: the same bytes");
-    }
-    drop(hogs);
+    // Each keeps the cores of the others busy.
+    in_parallel(&[(), ()], |()| same_bytes(&idle, &chaos()));
 }

@@ -1,15 +1,12 @@
 //! Scenarios in their shorter forms and with imported graphs, as a user runs them.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
-use crate::harness::Phalanx;
+use crate::harness::{Phalanx, run_file};
 
 /// `phalanx run PATH --pace lockstep`.
 fn run(scenario: &Path) -> Phalanx {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
-    command.arg("run").arg(scenario);
-    Phalanx::new(command).lockstep()
+    run_file(scenario).lockstep()
 }
 
 /// A scenario in a folder of its own, beside copies of `tests/graphs`.

@@ -17,7 +17,7 @@ const SET: [&str; 3] = ["duration_s=240", "hung_after_s=0.5", "expect={}"];
 const LONG: Duration = Duration::from_millis(2500);
 
 fn long() -> Phalanx {
-    SET.iter().fold(run("triangle").lockstep(), |run, set| run.set(set))
+    run("triangle").lockstep().sets(SET)
 }
 
 /// A run whose robots move.

@@ -1,10 +1,6 @@
 //! The leader's frame: what noise, silence and whoever pushes the leader make of the formation.
 
-use experiment::scenario::FaultKind;
-use experiment::scenario::read::{Overrides, read};
-use formation::front_point::front_point;
-
-use crate::oracle::{scenario, simulate, simulate_watched, with_faults};
+use crate::oracle::{scenario, simulate, with_faults};
 
 /// Five millimeters of noise on the leader's odometry, and nobody hears of it for 0.4 s: the others
 /// go on by its last turn rate and acceleration.
@@ -40,43 +36,4 @@ fn the_way_to_its_path_does_not_turn_a_leaders_formation() {
     assert!(worst_m < 1e-3, "{:?}", measures.final_ideal_error_m);
     let worst_m = measures.final_error_m_max.expect("errors");
     assert!(worst_m < 1e-3, "{:?}", measures.final_error_m);
-}
-
-/// For how long, s, kills and freezes keep the leader more than 5 cm off its path, and for how much of
-/// that it lived: the table of docs/faults.md.
-/// `cargo test --test it -- --ignored --nocapture chaos_keeps_the_leader`
-#[test]
-#[ignore = "a minute: 20 runs of 80 s"]
-fn chaos_keeps_the_leader_off_its_path_only_while_it_is_down_and_on_its_way_back() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/containment-chaos.toml");
-    let (mut off_in_all_s, mut living_in_all_s) = (0.0, 0.0);
-    for seed in 1..=20 {
-        let overrides = Overrides { seed: Some(seed), ..Overrides::default() };
-        let read = read(path.as_ref(), &overrides, &agent::catalog());
-        let (scenario, ..) = read.unwrap_or_else(|error| panic!("{}", error.render(false)));
-        let (leader, lead) = (scenario.leader().unwrap(), scenario.lead.clone().unwrap());
-        let (mut off, mut living) = (0u32, 0u32);
-        let measures = simulate_watched(&scenario, |header, rows, alive| {
-            let t_s = header.t_ns as f64 / 1e9;
-            let alpha = front_point(rows[leader].pose(), scenario.robots[leader].front_point_m);
-            let off_m = (alpha - lead.trajectory.at(t_s).position).norm();
-            if t_s > 5.0 && off_m > 0.05 {
-                off += 1;
-                living += u32::from(alive[leader]);
-            }
-        });
-        let seconds = |ticks: u32| f64::from(ticks) * scenario.period_ns as f64 / 1e9;
-        println!("seed {seed}: {:.2} s, {:.2} s of it alive", seconds(off), seconds(living));
-        off_in_all_s += seconds(off);
-        living_in_all_s += seconds(living);
-        let strikes = |kind: &FaultKind| match *kind {
-            FaultKind::Kill { robot, .. } | FaultKind::Freeze { robot } => robot == leader,
-            _ => false,
-        };
-        let struck = scenario.faults.iter().any(|fault| strikes(&fault.kind));
-        assert!(struck || off == 0, "seed {seed}: somebody else held the leader up");
-        assert_eq!(measures.violations, 0, "seed {seed}");
-        assert!(measures.final_error_m_max.unwrap() < 0.02, "seed {seed}: all come home");
-    }
-    println!("in all: {off_in_all_s:.2} s, {living_in_all_s:.2} s of it alive");
 }

@@ -87,21 +87,6 @@ fn runs_agree_whatever_order_the_robots_start_in_and_whoever_runs_beside_them() 
 /// A scenario, its d in m, and how much of d the literal focus may lose at 0.1 ms.
 const FOCUS: [(&str, f64, f64); 2] = [("pentagon", 0.3, 0.01), ("containment", 0.2, 0.04)];
 
-/// `cargo test --release --test it -- --ignored whole_run_of_focus`
-#[test]
-#[ignore = "a million ticks for each of two scenarios: a minute with --release"]
-fn a_whole_run_of_focus_at_a_tenth_of_a_millisecond_comes_no_nearer_than_its_start() {
-    for (name, d, lost) in FOCUS {
-        let set = ["avoidance.kind=focus", "period_s=0.0001", "expect={}"];
-        let simulated = simulate(&scenario(name, &set));
-        let distance = simulated.min_distance_m.unwrap() / d;
-        assert!((1.0 - lost..1.0).contains(&distance), "{name}: {distance} d");
-        let nearest_s = simulated.min_distance_t_s.unwrap();
-        assert!(nearest_s < 5.0, "{name}: nearest at {nearest_s} s");
-        run_as_foretold(name, &[&set[..], &["duration_s=20"]].concat());
-    }
-}
-
 #[test]
 fn the_literal_focus_almost_keeps_d_at_a_tenth_of_a_millisecond() {
     in_parallel(&FOCUS, |(name, d, lost)| {

@@ -3,11 +3,11 @@
 
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Command;
 
 use tempfile::TempDir;
 
-use crate::harness::Phalanx;
+use crate::harness::{ExitsWith as _, PHALANX, Phalanx, phalanx, run_file};
 
 /// A scenario of two robots in a folder of its own; r2 runs `program` by the law `own`.
 fn scenario(program: &str, more: &str) -> TempDir {
@@ -34,13 +34,7 @@ fn script(folder: &Path, name: &str, text: &str) {
 }
 
 fn run(folder: &Path) -> Phalanx {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
-    command.arg("run").arg(folder.join("own.toml"));
-    Phalanx::new(command)
-}
-
-fn phalanx(words: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_phalanx")).args(words).env("NO_COLOR", "1").output().unwrap()
+    run_file(&folder.join("own.toml"))
 }
 
 /// One that leaves a trace, and becomes the built-in agent with a law that is built in.
@@ -50,10 +44,7 @@ const FOLLOWS: &str = "pwd >> \"$TRACE\"; cat /proc/$$/personality > \"$TRACE-pe
     exec \"$PHALANX\" agent \"${brief%.toml}-own.toml\" \"$@\"";
 
 fn followed(folder: &Path, trace: &Path) -> Phalanx {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
-    command.arg("run").arg(folder.join("own.toml"));
-    command.env("TRACE", trace).env("PHALANX", env!("CARGO_BIN_EXE_phalanx"));
-    Phalanx::new(command)
+    run(folder).env("TRACE", trace).env("PHALANX", PHALANX)
 }
 
 #[test]
@@ -67,7 +58,7 @@ fn a_script_takes_the_place_of_the_built_in_agent_and_runs_from_its_copy() {
     own.exits_with(0).leaves_nothing();
     // The same law, built in.
     let same = ["robot.r2.law=formation-tanh", "robot_defaults.k_f_m_s=0.1"];
-    let same = same.iter().fold(run(folder.path()).lockstep(), |run, set| run.set(set)).finish();
+    let same = run(folder.path()).lockstep().sets(same).finish();
     own.claim(own.hash() == same.hash(), format!("the trajectory is that of {}", same.hash()));
 
     let programs = own.run_dir().join("programs").canonicalize().unwrap();
@@ -99,8 +90,7 @@ fn a_program_is_started_by_run_alone_and_by_verify_where_that_is_allowed() {
     script(folder.path(), "follow.sh", FOLLOWS);
     let trace = folder.path().join("trace");
     let own = folder.path().join("own.toml");
-    let checked = phalanx(&["check", own.to_str().unwrap()]);
-    assert_eq!(checked.status.code(), Some(0), "{}", String::from_utf8_lossy(&checked.stderr));
+    phalanx(["check", own.to_str().unwrap()]).exits_with(0);
     assert!(!trace.exists(), "check starts nothing");
 
     let ended = followed(folder.path(), &trace).lockstep().finish();
@@ -110,21 +100,13 @@ fn a_program_is_started_by_run_alone_and_by_verify_where_that_is_allowed() {
     std::fs::remove_file(&trace).unwrap();
     let run_dir = ended.run_dir();
     let run_dir = run_dir.to_str().unwrap();
-    assert_eq!(phalanx(&["report", run_dir]).status.code(), Some(0));
-    let refused = phalanx(&["verify", run_dir]);
-    assert_eq!(refused.status.code(), Some(2));
-    let said = String::from_utf8(refused.stderr).unwrap();
-    assert!(said.contains("./follow.sh") && said.contains("--allow-programs"), "{said}");
+    phalanx(["report", run_dir]).exits_with(0);
+    let refusal = phalanx(["verify", run_dir]).exits_with(2).stderr;
+    assert!(refusal.contains("./follow.sh") && refusal.contains("--allow-programs"), "{refusal}");
     assert!(!trace.exists(), "report and verify start nothing");
 
-    let verified = Command::new(env!("CARGO_BIN_EXE_phalanx"))
-        .args(["verify", run_dir, "--allow-programs"])
-        .env("TRACE", &trace)
-        .env("PHALANX", env!("CARGO_BIN_EXE_phalanx"))
-        .output()
-        .unwrap();
-    let said = String::from_utf8_lossy(&verified.stderr);
-    assert_eq!(verified.status.code(), Some(0), "{said}");
+    let mut verify = phalanx(["verify", run_dir, "--allow-programs"]);
+    verify.env("TRACE", &trace).env("PHALANX", PHALANX).exits_with(0);
     assert!(trace.exists());
 }
 
@@ -132,7 +114,7 @@ fn a_program_is_started_by_run_alone_and_by_verify_where_that_is_allowed() {
 fn a_script_takes_the_place_of_the_built_in_plant_and_the_run_ends_with_it() {
     let built_in = |run: Phalanx| {
         let set = ["robot.r2.law=formation-tanh", "robot_defaults.k_f_m_s=0.1"];
-        set.iter().fold(run.lockstep(), |run, set| run.set(set))
+        run.lockstep().sets(set)
     };
     let plant = "[plant]\nprogram = [\"./world.sh\"]\nfiles = [\"data.txt\"]\n";
     let folder = scenario("[\"sh\"]", plant);
@@ -153,14 +135,11 @@ fn a_script_takes_the_place_of_the_built_in_plant_and_the_run_ends_with_it() {
     own.claim(own.file("report.html").contains(said), format!("{said} {seen_m}"));
 
     std::fs::remove_file(&trace).unwrap();
-    let checked = phalanx(&["check", folder.path().join("own.toml").to_str().unwrap()]);
-    assert_eq!(checked.status.code(), Some(0), "{}", String::from_utf8_lossy(&checked.stderr));
+    phalanx(["check", folder.path().join("own.toml").to_str().unwrap()]).exits_with(0);
     let run_dir = own.run_dir();
-    assert_eq!(phalanx(&["report", run_dir.to_str().unwrap()]).status.code(), Some(0));
-    let refused = phalanx(&["verify", run_dir.to_str().unwrap()]);
-    assert_eq!(refused.status.code(), Some(2));
-    let said = String::from_utf8(refused.stderr).unwrap();
-    assert!(said.contains("./world.sh") && said.contains("--allow-programs"), "{said}");
+    phalanx(["report", run_dir.to_str().unwrap()]).exits_with(0);
+    let refusal = phalanx(["verify", run_dir.to_str().unwrap()]).exits_with(2).stderr;
+    assert!(refusal.contains("./world.sh") && refusal.contains("--allow-programs"), "{refusal}");
     assert!(!trace.exists(), "check, report and verify start nothing");
 
     let killed = built_in(followed(folder.path(), &trace)).fault("kill plant @0.2").finish();

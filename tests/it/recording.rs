@@ -3,28 +3,14 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Command;
 use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
 
-use crate::harness::{Ended, run, signal_pid};
+use crate::harness::{Ended, ExitsWith as _, phalanx, run, signal_pid};
 
 const FAULT: &str = "kill r2 @2.5 restart 2";
-
-/// `phalanx`, with these arguments.
-fn phalanx<'a>(args: impl IntoIterator<Item = &'a Path>) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
-    command.env("NO_COLOR", "1").args(args).output().unwrap()
-}
-
-#[track_caller]
-fn must(output: &Output, code: i32) -> String {
-    let text = |bytes| String::from_utf8_lossy(bytes).into_owned();
-    let said = text(&output.stdout) + &text(&output.stderr);
-    assert_eq!(output.status.code(), Some(code), "{said}");
-    said
-}
 
 /// The rows of a table; columns by name.
 fn table(path: &Path) -> Vec<BTreeMap<String, String>> {
@@ -64,7 +50,7 @@ fn recorded() -> Ended {
 fn an_export_says_of_every_robot_and_event_what_the_run_wrote_itself() {
     let ended = recorded();
     let run_dir = ended.run_dir();
-    let said = must(&phalanx([Path::new("export"), &run_dir]), 0);
+    let said = phalanx([Path::new("export"), &run_dir]).exits_with(0).both();
     ended.claim(said.contains("poses.csv"), format!("the tables are named: {said}"));
     let (samples, export) = (run_dir.join("samples.csv"), run_dir.join("export"));
     let all = usize::MAX;
@@ -82,11 +68,11 @@ fn an_export_says_of_every_robot_and_event_what_the_run_wrote_itself() {
     let least = ended.number("/min_distance_m");
     ended.claim((least..1.01 * least).contains(&nearest), format!("{nearest} m apart at last"));
 
-    let again = must(&phalanx([Path::new("export"), &run_dir]), 2);
+    let again = phalanx([Path::new("export"), &run_dir]).exits_with(2).both();
     ended.claim(again.contains("exists already"), format!("it is not overwritten: {again}"));
-    let whole = must(&phalanx([Path::new("recover"), &run_dir.join("run.mcap")]), 0);
+    let whole = phalanx([Path::new("recover"), &run_dir.join("run.mcap")]).exits_with(0).both();
     ended.claim(whole.contains("is whole"), format!("nothing is to be recovered: {whole}"));
-    let missing = must(&phalanx([Path::new("recover"), Path::new("missing.mcap")]), 2);
+    let missing = phalanx([Path::new("recover"), Path::new("missing.mcap")]).exits_with(2).both();
     ended.claim(missing.contains("missing.mcap"), format!("the file is named: {missing}"));
 
     let bytes = std::fs::read(run_dir.join("run.mcap")).unwrap();
@@ -95,11 +81,11 @@ fn an_export_says_of_every_robot_and_event_what_the_run_wrote_itself() {
     for (name, damaged) in [("flipped", &flipped[..]), ("cut", &bytes[..bytes.len() - 1])] {
         let file = run_dir.join(name).with_extension("mcap");
         std::fs::write(&file, damaged).unwrap();
-        let said = must(&phalanx([Path::new("export"), &file]), 1);
+        let said = phalanx([Path::new("export"), &file]).exits_with(1).both();
         let named = said.contains("is damaged") && said.contains("--allow-damage");
         ended.claim(named, format!("{name}: what can be done is told: {said}"));
-        must(&phalanx([Path::new("export"), &file, Path::new("--allow-damage")]), 0);
-        let said = must(&phalanx([Path::new("recover"), &file]), 0);
+        phalanx([Path::new("export"), &file, Path::new("--allow-damage")]).exits_with(0).both();
+        let said = phalanx([Path::new("recover"), &file]).exits_with(0).both();
         ended.claim(!said.contains("is whole"), format!("{name}: {said}"));
     }
 }
@@ -141,7 +127,7 @@ fn cut() -> Cut {
     {
         std::thread::sleep(Duration::from_millis(5));
     }
-    must(&phalanx([Path::new("recover"), &run_dir.join("run.mcap")]), 0);
+    phalanx([Path::new("recover"), &run_dir.join("run.mcap")]).exits_with(0).both();
     Cut { _running: running, recovered, run_dir, killed_after_s: died_s + later_s }
 }
 
@@ -150,7 +136,7 @@ fn a_supervisor_killed_in_mid_run_costs_the_recording_at_most_a_second() {
     let cut = cut();
     let out = cut.run_dir.join("tables");
     let args = [Path::new("export"), &cut.recovered, Path::new("--out"), &out];
-    must(&phalanx(args), 0);
+    phalanx(args).exits_with(0).both();
     let poses = table(&out.join("poses.csv"));
     let last_s: f64 = poses.last().expect("there are poses")["t_s"].parse().unwrap();
     let lost_s = cut.killed_after_s - last_s;
@@ -183,7 +169,7 @@ pub fn reads(script: &str, args: &[&Path]) {
         .args(args)
         .output()
         .unwrap();
-    must(&output, 0);
+    assert!(output.status.success(), "{output:?}");
 }
 
 const READERS: &str = "by_rosbags by_mcap by_rerun";
@@ -227,7 +213,7 @@ fn eighty_seconds_of_sixty_four_robots_stay_small() {
     for (record_hz, size_max) in [("100", 150 * MB), ("10", 15 * MB)] {
         // The plant ticks as often as is recorded.
         let set = ["duration_s=80", "period_s=0.01", "expect={}"];
-        let swarm = set.iter().fold(run("swarm64").lockstep(), |run, set| run.set(set));
+        let swarm = run("swarm64").lockstep().sets(set);
         let ended = swarm.set(format!("record_hz={record_hz}")).finish();
         ended.exits_with(0);
         let size = std::fs::metadata(ended.run_dir().join("run.mcap")).unwrap().len();

@@ -1,23 +1,21 @@
 //! Figures and page of a run, as a user gets them.
 
 use std::path::Path;
-use std::process::{Command, Output};
 
-use crate::harness::{Ended, run};
+use crate::harness::{Ended, ExitsWith as _, Printed, phalanx, run};
 
 /// A page is no larger than this, bytes.
 const PAGE_BYTES_MAX: usize = 3_000_000;
 
-fn report(run_dir: &Path) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
-    command.arg("report").arg(run_dir).env("NO_COLOR", "1").output().unwrap()
+#[track_caller]
+fn report(run_dir: &Path, code: i32) -> Printed {
+    phalanx([Path::new("report"), run_dir]).exits_with(code)
 }
 
 /// The page of a run that has ended; every figure is a sound SVG file.
 #[track_caller]
 fn page(ended: &Ended, figures: &[&str]) -> String {
-    let Output { status, stderr, .. } = report(&ended.run_dir());
-    ended.claim(status.success(), format!("a report: {}", String::from_utf8_lossy(&stderr)));
+    report(&ended.run_dir(), 0);
     for name in figures {
         let svg = ended.file(&format!("figures/{name}.svg"));
         let sound = roxmltree::Document::parse(&svg);
@@ -124,45 +122,30 @@ fn a_supervisor_that_was_killed_leaves_enough_for_a_report() {
     ended.claim(ended.summary.is_null(), "there is no summary");
     let page = page(&ended, &["trajectories", "distances", "errors"]);
     ended.claim(page.contains("cut short"), "the page says so");
-    let said = String::from_utf8(report(&ended.run_dir()).stdout).unwrap();
-    ended.claim(said.starts_with("triangle: cut short"), format!("and the screen: {said}"));
+    let text = report(&ended.run_dir(), 0).stdout;
+    ended.claim(text.starts_with("triangle: cut short"), format!("and the screen: {text}"));
 }
 
 #[test]
 fn what_is_no_run_directory_is_refused() {
     let place = tempfile::tempdir().unwrap();
     for path in [place.path().to_path_buf(), place.path().join("none")] {
-        let Output { status, stderr, .. } = report(&path);
-        let said = String::from_utf8_lossy(&stderr);
-        assert_eq!(status.code(), Some(2), "{said}");
-        assert!(said.contains("is no run directory") && said.lines().count() == 1, "{said}");
+        let error = report(&path, 2).stderr;
+        assert!(error.contains("is no run directory") && error.lines().count() == 1, "{error}");
     }
     std::fs::write(place.path().join("scenario.toml"), "name = 3\n").unwrap();
-    let Output { status, stderr, .. } = report(place.path());
-    assert_eq!(status.code(), Some(3), "{}", String::from_utf8_lossy(&stderr));
+    report(place.path(), 3);
     std::fs::copy("scenarios/triangle.toml", place.path().join("scenario.toml")).unwrap();
     std::fs::write(place.path().join("summary.json"), "{ \"t_s\": ").unwrap();
-    let Output { status, stderr, .. } = report(place.path());
-    let said = String::from_utf8_lossy(&stderr);
-    assert_eq!(status.code(), Some(4), "{said}");
-    assert!(said.contains("summary.json:1: "), "{said}");
+    let error = report(place.path(), 4).stderr;
+    assert!(error.contains("summary.json:1: "), "{error}");
 }
 
 #[test]
 fn a_run_whose_directory_cannot_be_made_does_not_claim_that_anything_is_kept() {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_phalanx"));
-    command.args([
-        "run",
-        "scenarios/triangle.toml",
-        "--pace",
-        "lockstep",
-        "--out",
-        "/proc/none/run",
-    ]);
-    let Output { status, stdout, stderr } = command.env("NO_COLOR", "1").output().unwrap();
-    let said = String::from_utf8_lossy(&stdout) + String::from_utf8_lossy(&stderr);
-    assert_eq!(status.code(), Some(4), "{said}");
-    assert!(said.contains("cannot make /proc/none: ") && !said.contains("kept"), "{said}");
+    let words = "run scenarios/triangle.toml --pace lockstep --out /proc/none/run".split(' ');
+    let text = phalanx(words).exits_with(4).both();
+    assert!(text.contains("cannot make /proc/none: ") && !text.contains("kept"), "{text}");
 }
 
 #[test]

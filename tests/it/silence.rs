@@ -1,8 +1,6 @@
 //! Robots that fall silent: who goes on, who stands, who is told, and who comes back.
 
-use crate::harness::{Ended, in_parallel, run};
-use crate::oracle::{simulate, with_faults};
-use crate::single_faults::{Broken, Case, cases_of};
+use crate::harness::{Ended, run};
 
 /// Speeds and turn rates of a robot in `samples.csv` from `from_s` to before `until_s`.
 fn motion(ended: &Ended, robot: &str, from_s: f64, until_s: f64) -> Vec<(f64, f64)> {
@@ -145,57 +143,4 @@ fn a_cut_orphans_those_behind_it_and_their_information_grows_as_old_as_it_lasts(
         let right = (peak_s - peak).abs() < 0.003 && mean.contains(&mean_s);
         ended.claim(right, format!("the age of {age}"));
     }
-}
-
-/// Led formations half-way; those without a leader while they still form, at these seconds.
-const TABLE: [(&str, &[f64]); 8] = [
-    ("escort", &[]),
-    ("pentagon", &[]),
-    ("line-5", &[]),
-    ("standing-leaders", &[]),
-    ("triangle", &[3.0]),
-    ("ring-6", &[3.0, 10.0]),
-    ("lattice-12", &[3.0, 10.0]),
-    ("swap-8", &[3.0]),
-];
-
-/// How many robots are more than 2 cm off at the end, by those they go by then, over these deaths and
-/// cuts, each for good.
-fn off_at_the_end(cases: &[Case], policy: &str) -> usize {
-    let off = in_parallel(cases, |case| {
-        let fault = format!("{} @{}", case.what, case.at_s);
-        let policy = format!("silence.policy={policy:?}");
-        let scenario = with_faults(case.scenario, &["expect={}", &policy], &[&fault]);
-        let errors = simulate(&scenario).final_error_m;
-        errors.iter().filter(|(_, off_m)| off_m.is_some_and(|m| m > 0.02)).count()
-    });
-    off.iter().sum()
-}
-
-/// `cargo test --test it -- --ignored --nocapture silence::no_policy`
-#[test]
-#[ignore = "a table of docs/faults.md: hundreds of runs"]
-fn no_policy_leaves_fewer_robots_off_their_places_than_the_one_that_goes_by_the_last_heard() {
-    let mut off = [0; 4];
-    for (name, times_s) in TABLE {
-        let half_way = cases_of(name);
-        let at = |&at_s: &f64| -> Vec<Case> {
-            half_way.iter().map(|case| Case { at_s, ..case.clone() }).collect()
-        };
-        let mut rounds: Vec<Vec<Case>> = times_s.iter().map(at).collect();
-        if rounds.is_empty() {
-            rounds.push(half_way.clone());
-        }
-        for round in rounds {
-            let (kills, cuts): (Vec<Case>, Vec<Case>) =
-                round.into_iter().partition(|case| matches!(case.broken, Broken::Robot(_)));
-            println!("{name} at {} s, after deaths and after cuts:", kills[0].at_s);
-            for (off, policy) in off.iter_mut().zip(["last", "ignore", "keep", "stop"]) {
-                let counts = [off_at_the_end(&kills, policy), off_at_the_end(&cuts, policy)];
-                println!("    {policy}: {} + {}", counts[0], counts[1]);
-                *off += counts[0] + counts[1];
-            }
-        }
-    }
-    assert!(off.iter().all(|&other| off[0] <= other), "last, ignore, keep, stop: {off:?}");
 }

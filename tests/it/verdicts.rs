@@ -20,9 +20,7 @@ fn missed(reason: &str) -> (String, String) {
 #[test]
 fn what_is_asked_of_the_dead_is_missed_and_says_why() {
     let kills = ["kill r1 @2", "kill r2 @2", "kill r3 @2", "kill r4 @2"];
-    let all = |what| {
-        kills.iter().fold(run(what).lockstep().set("duration_s=6"), |run, kill| run.fault(kill))
-    };
+    let all = |what| run(what).lockstep().set("duration_s=6").faults(kills);
     let contained = all("containment").set("expect={ hull_distance_m_max = 0.0 }").finish();
     contained.exits_with(1);
     let nobody = missed("nobody is left of r1, r2, r3, r4");

@@ -2,19 +2,18 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
 
-use crate::harness::{Ended, run};
+use crate::harness::{Ended, ExitsWith as _, RunRoot, phalanx, run};
 
-fn verify(run_dir: &Path) -> Output {
-    let root = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
-    Command::new(env!("CARGO_BIN_EXE_phalanx"))
-        .arg("verify")
-        .arg(run_dir)
-        .env("PHALANX_RUN_ROOT", root.path())
-        .env("NO_COLOR", "1")
-        .output()
-        .unwrap()
+/// Verifies a run; all that is printed must have these words.
+#[track_caller]
+fn verify(run_dir: &Path, code: i32, words: &[&str]) {
+    let root = RunRoot::new();
+    let mut command = phalanx([Path::new("verify"), run_dir]);
+    let text = command.env("PHALANX_RUN_ROOT", root.path()).exits_with(code).both();
+    for word in words {
+        assert!(text.contains(word), "{word:?} is not in {text:?}");
+    }
 }
 
 fn short_run() -> Ended {
@@ -24,21 +23,12 @@ fn short_run() -> Ended {
     ended
 }
 
-#[track_caller]
-fn said(output: &Output, code: i32, words: &[&str]) {
-    let text = [&output.stdout, &output.stderr].map(|bytes| String::from_utf8_lossy(bytes));
-    assert_eq!(output.status.code(), Some(code), "{text:?}");
-    for word in words {
-        assert!(text.iter().any(|text| text.contains(word)), "{word:?} is not in {text:?}");
-    }
-}
-
 #[test]
 fn a_run_in_lockstep_is_verified_with_its_faults_and_nothing_is_left_beside_it() {
     let ended = short_run();
     let hash = ended.summary["trajectory_hash"].as_str().unwrap().to_owned();
-    let verified = verify(&ended.run_dir());
-    said(&verified, 0, &["the same, bit by bit", &hash, "run.mcap            the same"]);
+    let words = ["the same, bit by bit", &hash, "run.mcap            the same"];
+    verify(&ended.run_dir(), 0, &words);
     let beside = fs::read_dir(ended.run_dir().parent().unwrap()).unwrap().count();
     assert_eq!(beside, 1, "the new run is removed");
 }
@@ -53,28 +43,26 @@ fn a_run_that_was_changed_is_told_with_second_line_and_column() {
     let changed = text.replace("at_s = 1.0", "at_s = 3.5");
     assert_ne!(text, changed);
     fs::write(&scenario, changed).unwrap();
-    let verified = verify(&run_dir);
-    let words =
+    let found =
         ["NOT the same", "between 1 s and 2 s of simulated time", "samples.csv         line "];
-    said(&verified, 1, &words);
-    said(&verified, 1, &[", robot r", " was ", ", is "]);
+    verify(&run_dir, 1, &[&found[..], &[", robot r", " was ", ", is "]].concat());
 }
 
 #[test]
 fn what_no_run_can_repeat_is_refused() {
     let real = run("triangle").set("expect={}").set("duration_s=0.5").finish();
-    said(&verify(&real.run_dir()), 2, &["real time", "--pace lockstep"]);
+    verify(&real.run_dir(), 2, &["real time", "--pace lockstep"]);
 
     let ended = short_run();
     let summary = ended.run_dir().join("summary.json");
     let text = fs::read_to_string(&summary).unwrap();
     fs::write(&summary, text.replace("\"acts_by_hand\": 0", "\"acts_by_hand\": 2")).unwrap();
-    said(&verify(&ended.run_dir()), 2, &["by hand", "2 times"]);
+    verify(&ended.run_dir(), 2, &["by hand", "2 times"]);
 
     fs::write(&summary, text.replace("\"interrupted\": false", "\"interrupted\": true")).unwrap();
-    said(&verify(&ended.run_dir()), 2, &["interrupted"]);
+    verify(&ended.run_dir(), 2, &["interrupted"]);
 
     fs::remove_file(&summary).unwrap();
-    said(&verify(&ended.run_dir()), 4, &["not a complete run", "summary.json"]);
-    said(&verify(Path::new("/nowhere")), 2, &["/nowhere"]);
+    verify(&ended.run_dir(), 4, &["not a complete run", "summary.json"]);
+    verify(Path::new("/nowhere"), 2, &["/nowhere"]);
 }

@@ -4,7 +4,6 @@
 use std::collections::BTreeSet;
 
 use clap::CommandFactory as _;
-use experiment::scenario::keys::Format;
 
 use crate::harness::{ExitsWith as _, ROOT, phalanx, run};
 
@@ -44,36 +43,10 @@ fn listed(page: &str, heading: &str) -> Vec<String> {
 }
 
 #[test]
-fn the_page_of_scenario_keys_is_what_the_program_writes() {
+fn the_pages_of_keys_are_what_the_program_writes() {
     assert_page("scenario.md", &printed(&["schema", "--markdown"]));
-}
-
-#[test]
-fn the_page_of_campaign_files_is_what_the_program_writes_and_lists_every_key() {
     assert_page("campaign.md", &printed(&["schema", "--campaign", "--markdown"]));
-    let page = page("campaign.md");
-    for section in &experiment::campaign::keys::format().sections {
-        let heading = match section.name {
-            "campaign" => "The whole campaign file".to_owned(),
-            name => format!("`{name}`"),
-        };
-        let keys: Vec<&str> = section.keys.iter().map(|key| key.name).collect();
-        assert_eq!(listed(&page, &heading), keys, "{heading}");
-    }
-}
-
-#[test]
-fn the_page_of_fleet_files_is_what_their_reader_says_and_lists_every_key() {
     assert_page("fleet.md", &bridge::keys::reference());
-    let page = page("fleet.md");
-    for section in &bridge::keys::format().sections {
-        let heading = match section.name {
-            "fleet" => "The whole fleet file".to_owned(),
-            name => format!("`{name}`"),
-        };
-        let keys: Vec<&str> = section.keys.iter().map(|key| key.name).collect();
-        assert_eq!(listed(&page, &heading), keys, "{heading}");
-    }
 }
 
 #[test]
@@ -86,23 +59,6 @@ fn the_page_of_files_lists_every_column_of_a_campaigns_tables() {
         let columns: Vec<&str> = columns.iter().map(|(name, _)| *name).collect();
         assert_eq!(listed(&page, &format!("`{table}`")), columns, "{table}");
     }
-}
-
-#[test]
-fn the_page_of_scenario_keys_lists_every_key_of_the_reader_and_no_other() {
-    let page = page("scenario.md");
-    let format = Format::of(&agent::catalog());
-    for section in &format.sections {
-        let heading = match section.name {
-            "scenario" => "The whole file".to_owned(),
-            name => format!("`{name}`"),
-        };
-        let keys: Vec<&str> = section.keys.iter().map(|key| key.name).collect();
-        let kinds: Vec<&str> = section.kinds.iter().map(|kind| kind.word).collect();
-        assert_eq!(listed(&page, &heading), [keys, kinds].concat(), "{heading}");
-    }
-    assert_eq!(listed(&page, "Laws"), format.laws);
-    assert_eq!(listed(&page, "Avoidance methods"), format.methods);
 }
 
 #[test]

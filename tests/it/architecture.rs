@@ -190,7 +190,13 @@ fn no_files_import_each_other_in_a_circle() {
         {
             edges.remove(free);
         }
-        assert!(edges.is_empty(), "{package}: {edges:#?} import each other");
+        // And whom nobody imports that is left.
+        while let Some(&free) =
+            edges.keys().find(|module| edges.values().all(|to| !to.contains(**module)))
+        {
+            edges.remove(free);
+        }
+        assert!(edges.is_empty(), "{package}: {edges:?} import each other");
     }
     assert!(imports > 300, "{imports} imports");
 }

@@ -5,7 +5,7 @@
 use lz4::block::{compress_bound, compress_to_buffer};
 use mcap::records::{ChunkHeader, ChunkIndex, op};
 
-use crate::recording::writer::{bytes, record};
+use crate::recording::records::{bytes, record};
 
 /// How large a chunk may become, bytes, unless a single record is larger. A chunk that a kill cuts is lost, and small
 /// ones are quick to look something up in, but have more of an index: 64 robots fill 68 KB at an instant.

@@ -10,6 +10,7 @@
 //! | `schemas` | how is each message defined, in ROS 2's own words? |
 //! | `writer` | what is in a file of MCAP, from its first byte to its last? |
 //! | `chunk` | how do messages become a chunk and its indexes? |
+//! | `records` | how is one record written? |
 //! | `pieces` | what is in a file, as far as it is whole? |
 //! | `recover` | how does a file get its end back that a killed supervisor never wrote? |
 //! | `export` | how does a recording become tables? |
@@ -41,6 +42,7 @@ pub mod export;
 mod messages;
 mod pieces;
 pub mod recorder;
+mod records;
 pub mod recover;
 mod schemas;
 pub mod topics;

@@ -9,11 +9,10 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, Cursor};
+use std::io;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-use binrw::{BinWrite, BinWriterExt as _};
 use mcap::MAGIC;
 use mcap::records::{
     AttachmentHeader, AttachmentIndex, Channel, DataEnd, Header, Metadata, MetadataIndex,
@@ -21,6 +20,7 @@ use mcap::records::{
 };
 
 use crate::recording::chunk::Chunk;
+use crate::recording::records::{bytes, record};
 
 /// A file being written. Dropped without [`Writer::finish`] it still gets its end.
 pub(crate) struct Writer {
@@ -54,21 +54,6 @@ impl Output {
         self.crc.update(bytes);
         Ok(begin)
     }
-}
-
-/// A record: its kind, its length, and what is in it, in parts.
-pub(crate) fn record(out: &mut Vec<u8>, opcode: u8, parts: &[&[u8]]) {
-    let length: usize = parts.iter().map(|part| part.len()).sum();
-    out.push(opcode);
-    out.extend((length as u64).to_le_bytes());
-    parts.iter().for_each(|part| out.extend_from_slice(part));
-}
-
-/// A record's content, or the beginning of it.
-pub(crate) fn bytes(content: &impl for<'a> BinWrite<Args<'a> = ()>) -> Vec<u8> {
-    let mut bytes = Cursor::new(Vec::new());
-    bytes.write_le(content).expect("memory takes all");
-    bytes.into_inner()
 }
 
 impl Writer {

@@ -164,7 +164,7 @@ impl Witness {
     }
 }
 
-/// Reads [`Counters`], of the thread that made it. What cannot be read counts as 0.
+/// Reads the counters of late wake-ups, of the thread that made it. What cannot be read counts as 0.
 #[derive(Debug)]
 pub struct Reader {
     schedstat: Option<File>,

@@ -73,7 +73,8 @@ fn hostile(name: &str, more: &str) -> Pentagon {
 /// In lockstep: the run with a hostile r3 ends with `code`, and says all of `parts`.
 #[track_caller]
 fn ends(name: &str, more: &str, set: &[&str], code: i32, parts: &[&str]) -> Ended {
-    let run = hostile(name, more).with_r3().lockstep().set("duration_s=2");
+    let pentagon = hostile(name, more);
+    let run = pentagon.with_r3().lockstep().set("duration_s=2");
     let ended = set.iter().fold(run, |run, set| run.set(set)).finish();
     ended.exits_with(code).leaves_nothing();
     keeps_its_distance(&ended);

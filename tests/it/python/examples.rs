@@ -56,10 +56,10 @@ fn the_pentagon_on_wheels_keeps_its_distance_where_the_guard_knows_of_inertia() 
 #[ignore = "needs the package that tests/python/install installs"]
 fn triangle_and_pentagon_on_wheels_keep_up_with_real_time() {
     for name in ["triangle", "pentagon"] {
-        let run = example(&format!("mujoco/{name}")).set("expect={}").set("duration_s=4");
+        let run = example(&format!("mujoco/{name}")).set("expect={}").set("duration_s=8");
         let ended = run.fault("kill r2 @1 restart 1").finish();
         went_as_expected(&ended);
-        ended.claim(ended.number("/t_s") == 4.0, "it goes to its end");
+        ended.claim(ended.number("/t_s") == 8.0, "it goes to its end");
         ended.claim(ended.file("events.csv").contains(",ready,r2,incarnation 1"), "r2 came back");
     }
 }

@@ -18,7 +18,7 @@ use super::screen::{complain, progress, show_progress, tell};
 use experiment::scenario::read::folder;
 use experiment::scenario::{FaultKind, Scenario};
 use outcome::metrics::Metrics;
-use outcome::metrics::expect;
+use outcome::metrics::expect::{self, FailedRobot};
 use outcome::metrics::summary::Summary;
 use outcome::report::screen::screen;
 use outcome::results::manifest::{Build, Manifest};
@@ -96,6 +96,8 @@ pub(super) struct Ended {
     /// What of it fits on a screen.
     pub(super) screen: String,
     pub(super) end: End,
+    /// The processes that failed, as their logs are called, and how; each begins with the name.
+    pub(super) failed: Vec<(String, String)>,
 }
 
 /// How a run ended.
@@ -142,8 +144,9 @@ pub(super) fn judge(
     run_dir: &mut RunDir,
 ) -> Judged {
     let measures = metrics.finish();
-    let expectations =
+    let mut expectations =
         expect::evaluate(scenario, &measures, pace, outcome.deadline_misses, ended_with);
+    expectations.extend(expect::no_robot_fails(scenario, &outcome.failed_robots));
     let held = expectations.iter().all(|expectation| expectation.held);
     let expected = scenario.expect.exit == Some(ended_with);
     let exit = match (ended_with, held) {
@@ -199,7 +202,22 @@ pub(super) fn execute(
         view.ended(summary.exit, &text);
     }
     let (began, written) = (outcome.truth.is_some(), finished.is_ok());
-    Ok(Ended { began, out, written, summary, screen, end })
+    let failed = failed(scenario, &outcome, &result);
+    Ok(Ended { began, out, written, summary, screen, end, failed })
+}
+
+/// The processes that failed, as their logs are called, and how.
+fn failed(
+    scenario: &Scenario,
+    outcome: &Outcome,
+    result: &Result<(), RunError>,
+) -> Vec<(String, String)> {
+    let robots = outcome.failed_robots.iter().map(|FailedRobot { robot, cause }| {
+        let name = &scenario.robots[*robot].name;
+        (name.clone(), format!("{name} {cause}"))
+    });
+    let last = result.as_ref().err().and_then(RunError::failed_process);
+    robots.chain(last.map(|(process, how)| (process.to_owned(), how))).collect()
 }
 
 /// Writes down what is known before the run begins.

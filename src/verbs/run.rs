@@ -16,7 +16,7 @@ use super::execute::{Ended, How, LiveView, NotRun, execute, read_programs};
 use super::fleet::{FleetArgs, Member, must_be_of_one_host};
 use super::ros2::Ros2Args;
 use super::scenario::ScenarioArgs;
-use super::screen::{Output, complain, print, print_as};
+use super::screen::{Output, complain, print, print_as, tell};
 use super::share;
 use experiment::scenario::Scenario;
 use outcome::results::manifest::{Build, Manifest};
@@ -223,6 +223,12 @@ impl RunArgs {
             }
             Output::Json => print_as(Output::Json, &to_json(&ended.summary)),
         };
+        // The last lines, after all figures.
+        for (process, how) in &ended.failed {
+            let log = ended.out.join(format!("logs/{process}.jsonl"));
+            let log = if log.exists() { log.display().to_string() } else { "on its host".into() };
+            tell(&format!("failed: {how}; its log: {log}"));
+        }
         if ended.summary.exit == exit::OK { printed } else { ended.summary.exit }
     }
 }

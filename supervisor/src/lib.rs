@@ -11,6 +11,8 @@
 //! | `addresses` | how do robots share what a core learns of their code? |
 //! | `limits` | why does the kernel refuse another process? |
 //! | `child` | how is a process watched and ended? |
+//! | `left_behind` | whom did programs of a run start and leave behind? |
+//! | `logs` | what is dropped of logs that grow without end? |
 //! | `cores` | on which cores are the processes of a lockstep run? |
 //! | `dead_nodes` | what did a dead process of this run leave in iceoryx2? |
 //! | `view/` | how is the live view served to browsers? |
@@ -22,8 +24,10 @@ pub mod control_timer;
 pub mod cores;
 pub mod dead_nodes;
 pub mod descriptors;
+mod left_behind;
 pub mod limits;
 pub mod live;
+mod logs;
 #[cfg(test)]
 #[path = "../../protocol/src/machine_files.rs"]
 mod machine_files;

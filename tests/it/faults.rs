@@ -125,8 +125,10 @@ fn a_robot_that_keeps_dying_is_given_up_at_the_ceiling_and_the_run_goes_on() {
         });
     }
     let ended = running.finish();
-    ended.exits_with(0).leaves_nothing();
+    ended.exits_with(1).leaves_nothing();
     ended.claim(ended.file("events.csv").contains("restart-ceiling,r2"), "the ceiling is an event");
+    let why = "failed: r2 died (signal 9) after 1 restarts within 60 s (max_restarts); its log: ";
+    ended.claim(ended.stderr.lines().last().is_some_and(|l| l.starts_with(why)), "it is told last");
 }
 
 #[test]

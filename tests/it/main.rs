@@ -16,6 +16,7 @@ mod container;
 mod cpp;
 mod elsewhere;
 mod every_fault;
+mod failures;
 mod faults;
 mod foretold;
 mod formats;

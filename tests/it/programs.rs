@@ -10,7 +10,7 @@ use tempfile::TempDir;
 use crate::harness::{ExitsWith as _, PHALANX, Phalanx, phalanx, run_file};
 
 /// A scenario of two robots in a folder of its own; r2 runs `program` by the law `own`.
-fn scenario(program: &str, more: &str) -> TempDir {
+pub fn scenario(program: &str, more: &str) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let text = format!(
         "name = \"own\"\nduration_s = 0.5\nperiod_s = 0.01\n\
@@ -27,18 +27,18 @@ fn scenario(program: &str, more: &str) -> TempDir {
     folder
 }
 
-fn script(folder: &Path, name: &str, text: &str) {
+pub fn script(folder: &Path, name: &str, text: &str) {
     let path = folder.join(name);
     std::fs::write(&path, format!("#!/bin/sh\n{text}\n")).unwrap();
     std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
 }
 
-fn run(folder: &Path) -> Phalanx {
+pub fn run(folder: &Path) -> Phalanx {
     run_file(&folder.join("own.toml"))
 }
 
 /// One that leaves a trace, and becomes the built-in agent with a law that is built in.
-const FOLLOWS: &str = "pwd >> \"$TRACE\"; cat /proc/$$/personality > \"$TRACE-personality\"; cat \"$0\" > /dev/null; brief=\"$1\"; shift\n\
+pub const FOLLOWS: &str = "pwd >> \"$TRACE\"; cat /proc/$$/personality > \"$TRACE-personality\"; cat \"$0\" > /dev/null; brief=\"$1\"; shift\n\
     sed -e 's/^law = .*/law = \"formation-tanh\"/' -e 's/^k_own_m_s/k_f_m_s/' \
     -e '/^\\[program\\]/,/^$/d' \"$brief\" > \"${brief%.toml}-own.toml\"\n\
     exec \"$PHALANX\" agent \"${brief%.toml}-own.toml\" \"$@\"";

@@ -182,8 +182,8 @@ fn a_law_that_answers_anything_but_two_finite_numbers_or_takes_too_much_memory_i
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn a_law_that_leaves_or_brings_down_its_process_is_a_death_that_nobody_planned() {
-    for (name, death) in [("leaves", "exit code 0"), ("crashes", "signal 11")] {
-        let ended = ends(name, "", &[], 0, &["died unexpectedly", death]);
+    for (name, death, code) in [("leaves", "exit code 0", 1), ("crashes", "signal 11", 0)] {
+        let ended = ends(name, "", &[], code, &["died unexpectedly", death]);
         let events = ended.file("events.csv");
         ended.claim(events.contains(&format!("died,r3,{death}")), "it is an event");
     }
@@ -199,9 +199,10 @@ fn a_law_that_loops_for_ever_is_named_in_lockstep() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn a_law_that_loops_for_ever_is_left_behind_in_real_time_and_killed_at_the_end() {
-    let ended = hostile("loops", "").with_r3().set("duration_s=3").finish();
-    ended.exits_with(0).leaves_nothing();
+    let ended = hostile("loops", "").with_r3().set("duration_s=6").finish();
+    ended.exits_with(1).leaves_nothing();
     keeps_its_distance(&ended);
+    says(&ended, "failed: r3 was hung at the end: it said nothing while it ran; its log: ");
     says(&ended, "r3 did not end when asked, and was killed");
     ended.claim(ended.file("events.csv").contains("lost"), "others lose it");
 }

@@ -412,6 +412,13 @@ use Takes::{
 };
 
 fn root() -> Vec<Key> {
+    let mut keys = run_itself();
+    keys.extend(experiment());
+    keys
+}
+
+/// What the run is called, how long it lasts, and when it is given up.
+fn run_itself() -> Vec<Key> {
     vec![
         key("format", Whole(FORMAT, FORMAT))
             .default("1", "number of the format that the file is written in")
@@ -445,6 +452,19 @@ fn root() -> Vec<Key> {
                  blocked",
             )
             .guesses("hung timeout hang deadline"),
+        key("stopped_after_s", Time(Positive))
+            .rule(
+                "the run waits; 60 where the environment variable `CI` is set",
+                "how long a process may be stopped by somebody else (SIGSTOP) in lockstep before the run ends with \
+                 exit code 4",
+            )
+            .guesses("stopped sigstop"),
+    ]
+}
+
+/// What moves, where, and what becomes of it.
+fn experiment() -> Vec<Key> {
+    vec![
         key("published_velocity", Word(&[
                 ("gamma", "the law's"),
                 ("gamma+beta", "the law's with avoidance"),

@@ -92,6 +92,8 @@ pub struct Scenario {
     /// A process that owes the others an answer in lockstep for this long is hung, ns: processor time
     /// that it uses meanwhile, or wall time while it is blocked.
     pub hung_after_ns: u64,
+    /// A process that somebody else stopped ends a lockstep run after this, ns; without, the run waits.
+    pub stopped_after_ns: Option<u64>,
     /// Seed of everything random.
     pub seed: u64,
     /// Rows of `samples.csv` per second of run time and robot.
@@ -399,6 +401,15 @@ impl Scenario {
             (None, scale) => self.unled_scale = scale,
         }
         self
+    }
+
+    /// By how much a robot is slow on purpose at most, ns.
+    pub fn slow_ns_max(&self, robot: usize) -> u64 {
+        let slow = self.faults.iter().filter_map(|fault| match fault.kind {
+            FaultKind::Slow { robot: slow, delay_ns } if slow == robot => Some(delay_ns),
+            _ => None,
+        });
+        slow.max().unwrap_or(0)
     }
 
     /// From when on nothing of the plan is to come, ns: no fault begins or ends (one that lasts to the end of

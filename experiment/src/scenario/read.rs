@@ -227,6 +227,7 @@ fn scenario(
         hold_periods: realtime.whole("hold_periods")? as u32,
         control_timer: realtime.truth("control_timer")?,
         hung_after_ns: hung_after_ns(root)?,
+        stopped_after_ns: root.maybe_time_ns("stopped_after_s")?,
         seed,
         record_hz: root.number("record_hz")?,
         published_velocity: root.word("published_velocity")?,

@@ -29,6 +29,17 @@ pub enum RestartWhen {
     Always,
 }
 
+impl RestartWhen {
+    /// As a scenario has it.
+    pub fn word(self) -> &'static str {
+        match self {
+            RestartWhen::Never => "never",
+            RestartWhen::OnFailure => "on-failure",
+            RestartWhen::Always => "always",
+        }
+    }
+}
+
 /// What follows on a death that nobody planned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AfterDeath {

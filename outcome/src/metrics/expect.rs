@@ -95,6 +95,38 @@ impl Expectation {
     }
 }
 
+/// A robot that was lost for good by nobody's plan: dead, hung or stopped.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FailedRobot {
+    /// Its place in the scenario.
+    pub robot: usize,
+    /// What happened to it; follows its name.
+    pub cause: String,
+}
+
+/// The expectation that every scenario has: no robot is lost for good by nobody's plan.
+pub const FAILED_ROBOTS: &str = "failed_robots";
+
+/// How that came out if robots were lost, but for those that `alive_at_end` does not want alive; `None` if none was.
+pub fn no_robot_fails(scenario: &Scenario, failed: &[FailedRobot]) -> Option<Expectation> {
+    let wanted = |failed: &&FailedRobot| match &scenario.expect.alive_at_end {
+        None => true,
+        Some(AliveAtEnd::Names(robots)) => robots.contains(&failed.robot),
+        Some(AliveAtEnd::Count(_)) => false,
+    };
+    let failed: Vec<&FailedRobot> = failed.iter().filter(wanted).collect();
+    let words =
+        |failed: &&FailedRobot| format!("{} {}", scenario.robots[failed.robot].name, failed.cause);
+    (!failed.is_empty()).then(|| Expectation {
+        name: FAILED_ROBOTS.into(),
+        value: Some(failed.len() as f64),
+        bound: 0.0,
+        held: false,
+        verdict: Verdict::Missed,
+        reason: Some(failed.iter().map(words).collect::<Vec<_>>().join("; ")),
+    })
+}
+
 /// The worst of all verdicts, a miss before what is unseen; `None` without any.
 pub fn worst(expectations: &[Expectation]) -> Option<Verdict> {
     let by_badness = [Verdict::Missed, Verdict::Unseen, Verdict::Held];

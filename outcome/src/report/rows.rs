@@ -4,7 +4,7 @@ use protocol::brief::Pace;
 use protocol::number::{short, told_apart};
 use protocol::stage::Cause;
 
-use crate::metrics::expect::{self, Verdict};
+use crate::metrics::expect::{self, FAILED_ROBOTS, Verdict};
 use crate::metrics::fault::FaultReport;
 use crate::metrics::summary::{Commands, GoalSummary, InformationAge, StageLatency, Summary};
 use crate::report::digits::digits;
@@ -19,6 +19,9 @@ pub fn verdict(summary: &Summary) -> (&'static str, Option<Verdict>) {
     match (summary.interrupted, summary.exit, expect::worst(&summary.expectations)) {
         (true, ..) => ("interrupted", Some(Verdict::Missed)),
         (_, 4, _) => ("ended early", Some(Verdict::Missed)),
+        _ if summary.expectations.iter().any(|expectation| expectation.name == FAILED_ROBOTS) => {
+            ("a robot failed", Some(Verdict::Missed))
+        }
         (.., None) => (UNDECLARED, None),
         (.., Some(worst)) => (worst.of_all(), Some(worst)),
     }

@@ -103,9 +103,14 @@ impl HostDir {
         path.canonicalize().map_err(failed(&path))
     }
 
+    /// Where the logs of all processes go.
+    pub fn logs(&self) -> PathBuf {
+        self.path.join("logs")
+    }
+
     /// Where the log of a process goes.
     pub fn log_path(&self, name: &str) -> PathBuf {
-        self.path.join(format!("logs/{name}.jsonl"))
+        self.logs().join(format!("{name}.jsonl"))
     }
 
     pub(crate) fn write(&self, name: &str, content: impl AsRef<[u8]>) -> Result<(), RunDirError> {

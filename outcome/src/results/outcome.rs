@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use protocol::message::TruthHeader;
 
+use crate::metrics::expect::FailedRobot;
 use crate::metrics::summary::{GoalSummary, HostSummary, ProcessUsage};
 use crate::results::latency::Latency;
 
@@ -29,6 +30,8 @@ pub struct Outcome {
     pub beacons_refused: Vec<u64>,
     /// Restarts by robot, in scenario order.
     pub restarts: Vec<u64>,
+    /// Robots that were lost for good by nobody's plan.
+    pub failed_robots: Vec<FailedRobot>,
     /// What the processes measured of delays.
     pub latency: Latency,
     /// Where there are several: what is to be said of each host.

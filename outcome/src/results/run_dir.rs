@@ -403,11 +403,19 @@ impl Place {
     }
 }
 
+/// Of a longer name only the beginning is in that of its directory, bytes: file systems take 255.
+const NAME_BYTES_MAX: usize = 200;
+
 /// `<name>-<date>-<time>`, in UTC.
 fn dated(name: &str) -> String {
     // A scenario's name is free text; a slash in it must not lead out of the folder.
     let usable = |c: char| if c.is_alphanumeric() || "-_".contains(c) { c } else { '_' };
-    let name: String = name.chars().map(usable).collect();
+    let mut bytes = 0;
+    let fits = |c: &char| {
+        bytes += c.len_utf8();
+        bytes <= NAME_BYTES_MAX
+    };
+    let name: String = name.chars().map(usable).take_while(fits).collect();
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
     format!("{name}-{}", date::in_a_name(seconds))
 }

@@ -19,6 +19,7 @@ use crate::child::Child;
 use crate::cores::{Cores, Placement};
 use crate::spawn::Launcher;
 use experiment::scenario::Scenario;
+use outcome::metrics::expect::FailedRobot;
 use outcome::results::usage::Usage;
 
 /// How long one turn of the loop waits for news.
@@ -35,7 +36,7 @@ pub(super) enum Conduct {
         watch: Box<Watch>,
     },
     /// As on the wall.
-    Realtime { period_ns: u64 },
+    Realtime { period_ns: u64, watch: Box<Watch> },
 }
 
 impl Conduct {
@@ -47,10 +48,11 @@ impl Conduct {
         launcher: &Launcher,
     ) -> Result<Conduct, BarrierError> {
         let (robots, period_ns) = (scenario.robots.len(), scenario.period_ns);
-        if pace == Pace::Realtime {
-            return Ok(Conduct::Realtime { period_ns });
-        }
         let hung_after = Duration::from_nanos(scenario.hung_after_ns);
+        let watch = Box::new(Watch::new(robots, hung_after));
+        if pace == Pace::Realtime {
+            return Ok(Conduct::Realtime { period_ns, watch });
+        }
         let cores = Cores::deal(robots, std::process::id() as usize);
         let groups = cores.as_ref().map_or(1, Cores::groups);
         let barrier = Barrier::create(&run_root.barrier_path(), robots, groups, hung_after)?;
@@ -61,7 +63,7 @@ impl Conduct {
             barrier,
             placement: cores.map(|cores| Box::new(Placement::new(cores, launcher.clone()))),
             period_ns,
-            watch: Box::new(Watch::new(robots, hung_after)),
+            watch,
         })
     }
 
@@ -183,22 +185,26 @@ impl Conduct {
     }
 
     /// Nobody is waited for without a limit. In real time that is one of the clock's; in lockstep a
-    /// process may take as long as the machine makes it. `last_news`: when the last truth came.
+    /// process may take as long as the machine makes it. `last_news`: when the last truth came; `slow`: by how much a
+    /// robot may be slow on purpose.
     pub(super) fn check_deadlines<'c>(
         &mut self,
         newest: Option<&TruthHeader>,
         last_news: Instant,
         plant: &Child,
-        mut robots: impl Iterator<Item = Watched<'c>>,
+        robots: impl Iterator<Item = Watched<'c>> + Clone,
+        slow: impl Fn(usize) -> Duration,
     ) -> Result<(), RunError> {
         match self {
             Conduct::Lockstep { barrier, watch, .. } => watch.look(barrier, newest, plant, robots),
-            Conduct::Realtime { .. } => {
+            Conduct::Realtime { watch, .. } => {
                 let late = |since: Instant| since.elapsed() > READY_MAX;
-                if let Some(late) = robots.find(|robot| robot.starting_since.is_some_and(late)) {
+                let mut starting = robots.clone();
+                if let Some(late) = starting.find(|robot| robot.starting_since.is_some_and(late)) {
                     let log = late.child.last_lines(LOG_LINES);
                     return Err(RunError::NotReady { robot: late.name.to_owned(), log });
                 }
+                watch.look_for_silence(robots, slow);
                 match last_news.elapsed() > TRUTH_SILENCE_MAX {
                     true => Err(RunError::PlantSilent),
                     false => Ok(()),
@@ -210,8 +216,16 @@ impl Conduct {
     /// The last truth is in: lets everybody come to the end of what they are at, so that none is
     /// ended over it.
     pub(super) fn let_finish(&self) {
-        if let Conduct::Realtime { period_ns } = self {
+        if let Conduct::Realtime { period_ns, .. } = self {
             std::thread::sleep(2 * Duration::from_nanos(*period_ns));
+        }
+    }
+
+    /// Robots that are hung and hold nobody up: in lockstep they end the run.
+    pub(super) fn failed(&self) -> Vec<FailedRobot> {
+        match self {
+            Conduct::Lockstep { .. } => Vec::new(),
+            Conduct::Realtime { watch, .. } => watch.failed().collect(),
         }
     }
 

@@ -72,6 +72,9 @@ pub enum RunError {
         limit.as_secs_f64()
     )]
     RobotHung { robot: String, tick: u64, limit: Duration, instead: Instead, log: String },
+    /// In lockstep somebody stopped a process, and did not let it go on.
+    #[error("{who} was stopped by somebody else {} s ago, and does not go on (stopped_after_s)", limit.as_secs_f64())]
+    Stopped { who: String, limit: Duration },
     /// In lockstep the plant lives, owes nobody a wait, and does not go on.
     #[error(
         "the plant has not gone on for {} s {instead} (hung_after_s); the last lines of its log:\n{log}",
@@ -106,6 +109,27 @@ pub enum RunError {
 }
 
 impl RunError {
+    /// The process that failed, as its log is called, and how; `None` if no process is to blame.
+    pub fn failed_process(&self) -> Option<(&str, String)> {
+        let process = match self {
+            RunError::NotReady { robot, .. }
+            | RunError::AgentDied { robot, .. }
+            | RunError::RobotHung { robot, .. } => robot,
+            RunError::Stopped { who, .. } | RunError::DiedOfFullMemory { who, .. } => {
+                who.strip_prefix("the ").unwrap_or(who)
+            }
+            RunError::PlantDied { .. } | RunError::PlantHung { .. } | RunError::PlantSilent => {
+                "plant"
+            }
+            RunError::BridgeDied { .. } => "bridge",
+            _ => return None,
+        };
+        let text = self.to_string();
+        let cause = text.lines().find(|line| line.contains(process)).unwrap_or(&text);
+        let cause = cause.split("; the last lines of its log").next().unwrap_or(cause);
+        Some((process, cause.to_owned()))
+    }
+
     /// How the bridge died; an error if it is not started anew.
     pub(crate) fn unless_it_comes_back(bridge: Died) -> Result<String, RunError> {
         let Died { how, given_up } = bridge;

@@ -7,6 +7,7 @@ use super::Run;
 use super::error::RunError;
 use super::hosts::coordinator::Hosts;
 use super::processes::end_all;
+use outcome::metrics::expect::FailedRobot;
 use outcome::metrics::summary::ProcessUsage;
 use outcome::results::outcome::Outcome;
 use outcome::results::usage;
@@ -16,6 +17,7 @@ impl Run<'_> {
     /// ended.
     pub(super) fn farewell(mut self, over: Instant) -> (Outcome, Result<(), RunError>) {
         let told = self.take_the_rest();
+        let failed_robots = self.failed_robots();
         end_all(self.processes.all_mut().collect());
         let released = self.release_hosts();
         // The last values are sent at the very end.
@@ -39,18 +41,33 @@ impl Run<'_> {
             _services,
             _node,
             run_root,
+            mut logs,
+            left_behind,
             ..
         } = self;
         drop(processes);
+        drop(left_behind);
+        logs.shorten_all();
         let wall = intake.began.map_or(Duration::ZERO, |began| over - began);
         let mut outcome = intake.into_outcome(launched, &lives, interrupted, usages);
         (outcome.wall, outcome.acts_by_hand) = (wall, acts_by_hand);
+        outcome.failed_robots = failed_robots;
         outcome.hosts = hosts.as_ref().map_or(Vec::new(), Hosts::summaries);
         drop((hosts, faults_by_hand, cleaner, conduct, _services, _node));
         if let Err(error) = run_root.remove() {
             tracing::warn!(%error, "could not remove the run root");
         }
         (outcome, told.and(released).and(taken).and(counted).and(complete))
+    }
+
+    /// Robots that are lost by nobody's plan, once everything is taken in.
+    fn failed_robots(&self) -> Vec<FailedRobot> {
+        let dead = self.lives.failed();
+        let dead = dead.map(|(robot, cause)| FailedRobot { robot, cause: cause.to_owned() });
+        let stopped = self.stops.failed().filter(|_| self.conduct.goes_on_without_the_stopped());
+        let mut failed: Vec<_> = dead.chain(stopped).chain(self.conduct.failed()).collect();
+        failed.sort_by_key(|failed| failed.robot);
+        failed
     }
 
     /// Takes in and writes down what was said up to now.

@@ -2,6 +2,9 @@
 //! over each that owes an answer: a robot its first status and its arrival at each tick, the plant
 //! the next tick. Whoever owes one for some seconds is told on the screen; whoever is hung ends the run.
 //!
+//! In real time nobody waits for anybody; whoever has fallen silent is told, and named at the end if it is still
+//! silent then.
+//!
 //! A machine that is busy ends no run: what counts is what a process does (`protocol::watchdog`). Robots that owe
 //! an answer share the wall time evenly; one alone has all of it. Whoever answers within a look or two costs nothing
 //! here.
@@ -15,11 +18,15 @@ use protocol::watchdog::{GAP_MAX, Instead, Sample, State, Watchdog};
 use super::error::{READY_MAX, RunError};
 use super::processes::LOG_LINES;
 use crate::child::Child;
+use outcome::metrics::expect::FailedRobot;
 
 /// How often those who owe an answer are looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 /// Whoever owes an answer for this much wall time is told, or for half of what ends the run if that is less.
 const TELL_AFTER: Duration = Duration::from_secs(5);
+/// In real time robots report ten times a second; whoever does not for this long, and is not slow on purpose, is
+/// silent.
+const SILENT_AFTER: Duration = Duration::from_secs(2);
 /// Of so many at once each is told.
 const TOLD_MAX: usize = 4;
 /// Instead of a tick: the first status.
@@ -34,6 +41,8 @@ pub(super) struct Watched<'a> {
     pub(super) child: &'a Child,
     /// When it was started, if its first status is awaited.
     pub(super) starting_since: Option<Instant>,
+    /// How many statuses of it were taken.
+    pub(super) statuses: u64,
 }
 
 /// Watches over all processes of a lockstep run.
@@ -42,13 +51,57 @@ pub(super) struct Watch {
     looked: Instant,
     plant: Debt,
     robots: Vec<Debt>,
+    /// In real time, what silent robots do instead of reporting.
+    silent: Vec<Option<Instead>>,
 }
 
 impl Watch {
     /// Whoever owes an answer for `limit` is hung.
     pub(super) fn new(robots: usize, limit: Duration) -> Watch {
-        let robots = (0..robots).map(|_| Debt::default()).collect();
-        Watch { limit, looked: Instant::now(), plant: Debt::default(), robots }
+        Watch {
+            limit,
+            looked: Instant::now(),
+            plant: Debt::default(),
+            silent: vec![None; robots],
+            robots: (0..robots).map(|_| Debt::default()).collect(),
+        }
+    }
+
+    /// In real time: looks, if it is time to, who has fallen silent, and tells each of them once. `slow`: by how much a
+    /// robot may be slow on purpose.
+    pub(super) fn look_for_silence<'a>(
+        &mut self,
+        robots: impl Iterator<Item = Watched<'a>>,
+        slow: impl Fn(usize) -> Duration,
+    ) {
+        if self.looked.elapsed() < LOOK_EVERY {
+            return;
+        }
+        self.looked = Instant::now();
+        let before = std::mem::take(&mut self.silent);
+        self.silent = vec![None; before.len()];
+        for Watched { robot, name, child, starting_since, statuses } in robots {
+            let owed = starting_since.is_none().then_some(statuses);
+            let limit = SILENT_AFTER + slow(robot);
+            if let Found::Hung(instead) = self.robots[robot].look(owed, 1.0, child, limit) {
+                self.silent[robot] = Some(instead);
+                if before[robot].is_none() {
+                    tracing::warn!(
+                        "{name} has said nothing for {} s {instead}; the others go on without it",
+                        limit.as_secs_f64()
+                    );
+                }
+            }
+        }
+    }
+
+    /// Robots that are silent, as those that nobody's plan lost.
+    pub(super) fn failed(&self) -> impl Iterator<Item = FailedRobot> {
+        let silent = self.silent.iter().enumerate();
+        silent.filter_map(|(robot, instead)| {
+            let cause = format!("was hung at the end: it said nothing {}", (*instead)?);
+            Some(FailedRobot { robot, cause })
+        })
     }
 
     /// Looks, if it is time to. An error names whoever is hung. `newest`: the truth taken in last.
@@ -66,7 +119,7 @@ impl Watch {
         let awaited = barrier.awaited();
         let mut anybody_starts = false;
         let mut late = Vec::new();
-        for Watched { robot, name, child, starting_since } in robots {
+        for Watched { robot, name, child, starting_since, .. } in robots {
             anybody_starts |= starting_since.is_some();
             let tick = awaited.iter().find(|(slot, _)| *slot == robot).map(|(_, tick)| *tick);
             let (owed, share, limit) = match starting_since {

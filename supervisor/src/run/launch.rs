@@ -26,6 +26,8 @@ use super::services::{RunServices, has_control_timer};
 use super::stops::Stops;
 use crate::dead_nodes::Cleaner;
 use crate::descriptors;
+use crate::left_behind::LeftBehind;
+use crate::logs::Logs;
 use crate::room::{self, Need};
 use crate::spawn::{Launcher, Role};
 use crate::timeline::Timeline;
@@ -60,6 +62,8 @@ impl<'a> Run<'a> {
             Pace::Realtime => launcher.clone(),
         };
         let edges = scenario.graph.edges();
+        let logs = journal.run_dir.logs();
+        let left_behind = LeftBehind::watch(&logs);
         let run_root = make_run_root(scenario.robots.len(), edges.len())?;
         let node = service::node("supervisor")?;
         let conduct = Conduct::new(scenario, pace, &run_root, &launcher)?;
@@ -105,7 +109,7 @@ impl<'a> Run<'a> {
             lives: Lives::new(policies, hearers, conduct.starts_beside_remains()),
             asked: VecDeque::new(),
             acts_by_hand: 0,
-            stops: Stops::new(scenario.robots.len()),
+            stops: Stops::new(scenario),
             journal: start.journal,
             processes,
             intake,
@@ -118,6 +122,8 @@ impl<'a> Run<'a> {
             _services: services,
             _node: node,
             run_root,
+            logs: Logs::new(&logs),
+            left_behind,
         })
     }
 }

@@ -50,6 +50,8 @@ struct Life {
     frozen_by: Option<usize>,
     /// The fault by which its host is out of reach.
     unreachable_by: Option<usize>,
+    /// Dead for good by nobody's plan: how that came about.
+    failed: Option<String>,
 }
 
 /// A link that may be cut by hand.
@@ -91,6 +93,7 @@ impl Lives {
                 fault: None,
                 frozen_by: None,
                 unreachable_by: None,
+                failed: None,
             })
             .collect();
         Lives {
@@ -137,6 +140,12 @@ impl Lives {
         self.robots[robot].restart_at_ns.is_some()
     }
 
+    /// Who is dead for good by nobody's plan, and how that came about.
+    pub fn failed(&self) -> impl Iterator<Item = (usize, &str)> {
+        let robots = self.robots.iter().enumerate();
+        robots.filter_map(|(robot, life)| Some((robot, life.failed.as_deref()?)))
+    }
+
     /// When the next replacement is due, ns.
     pub fn next_restart_ns(&self) -> Option<u64> {
         self.robots.iter().filter_map(|life| life.restart_at_ns).min()
@@ -167,6 +176,7 @@ impl Lives {
             Event::Restart { robot } => {
                 let life = &mut self.robots[robot];
                 if matches!(life.seat, Seat::Down | Seat::Ending) {
+                    life.failed = None;
                     life.restart_at_ns = Some(now_ns);
                 }
             }
@@ -231,6 +241,7 @@ impl Lives {
             out.push(Effect::Kill(robot));
         }
         life.restart_at_ns = restart_at_ns;
+        life.failed = None;
         let earlier = life.fault.replace(fault);
         self.all_whole(out, earlier);
         self.began(out, fault);
@@ -309,9 +320,14 @@ impl Lives {
                 let RestartPolicy { restarts_max, window_ns, .. } = life.policy;
                 let window_s = window_ns as f64 / 1e9;
                 let detail = format!("{restarts_max} restarts within {window_s} s");
+                life.failed = Some(format!("died ({how}) after {detail} (max_restarts)"));
                 out.note("restart-ceiling", robot, detail);
             }
-            AfterDeath::StayDead => {}
+            AfterDeath::StayDead => {
+                let policy = life.policy.when.word();
+                life.failed =
+                    Some(format!("died ({how}) and was not restarted (restart_policy {policy})"));
+            }
         }
         // A death on top of a fault that is still going on belongs to that fault.
         let fault = *life.fault.get_or_insert(death.fault);

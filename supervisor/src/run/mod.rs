@@ -46,7 +46,7 @@ mod services;
 mod stops;
 
 use std::collections::VecDeque;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use protocol::message::LinkFaultByHand;
 use protocol::process::{Stop, exit};
@@ -55,7 +55,9 @@ use protocol::service::{Node, Publisher};
 use rustix::event::{PollFd, PollFlags};
 
 use crate::dead_nodes::{Cleaner, Dead};
+use crate::left_behind::LeftBehind;
 use crate::live;
+use crate::logs::Logs;
 use crate::room;
 use crate::timeline::Timeline;
 use conduct::Conduct;
@@ -105,6 +107,8 @@ pub struct Run<'a> {
     _services: RunServices,
     _node: Node,
     run_root: RunRoot,
+    logs: Logs,
+    left_behind: LeftBehind,
 }
 
 impl<'a> Run<'a> {
@@ -136,6 +140,7 @@ impl<'a> Run<'a> {
             // Deaths first: whoever calls a robot stale then does so of a fault that is known.
             self.take_deaths()?;
             self.take_stops()?;
+            self.logs.look();
             self.take_reports()?;
             while let Some(dead) = self.cleaner.done() {
                 let kept = match dead {
@@ -288,11 +293,13 @@ impl<'a> Run<'a> {
         let watched = processes.of_robots().map(|(robot, child)| {
             let starts = lives.seat(robot) == Seat::Starting;
             let starting_since = starts.then(|| processes.started(robot));
-            Watched { robot, name: journal.name(robot), child, starting_since }
+            let statuses = intake.reports[robot].taken;
+            Watched { robot, name: journal.name(robot), child, starting_since, statuses }
         });
+        let slow = |robot| Duration::from_nanos(self.scenario.slow_ns_max(robot));
         let newest = intake.newest.as_ref();
         conduct
-            .check_deadlines(newest, intake.last_news, &processes.plant, watched)
+            .check_deadlines(newest, intake.last_news, &processes.plant, watched, slow)
             .map_err(|error| room::full(run_root.path()).map_or(error, RunError::Room))
     }
 

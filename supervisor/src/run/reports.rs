@@ -12,6 +12,8 @@ pub struct Report {
     /// The goal from outside that is in force, m.
     goal_m: Option<[f64; 2]>,
     moves: bool,
+    /// How many statuses of the process that is there now were taken.
+    pub taken: u64,
     /// Counted by earlier incarnations, and by this one so far.
     counted: [Counts; 2],
 }
@@ -48,6 +50,7 @@ impl Report {
             frame: unheard,
             goal_m: None,
             moves: false,
+            taken: 0,
             counted: Default::default(),
         }
     }
@@ -85,6 +88,7 @@ impl Report {
     /// Takes in a status of the process that is there now; what is new of it.
     pub fn take(&mut self, header: &StatusHeader, neighbors: &[NeighborStatus]) -> Vec<News> {
         self.moves |= header.moving == 1;
+        self.taken += 1;
         self.counted[1] = Counts {
             misses: header.deadline_misses,
             refused: header.beacons_refused,

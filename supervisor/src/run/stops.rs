@@ -2,20 +2,29 @@
 //! where the run goes on without them, as a fault like any other. In lockstep all wait, and nothing of the run
 //! depends on it.
 
+use std::ffi::OsStr;
 use std::time::{Duration, Instant};
 
-use experiment::scenario::{FaultKind, Struck};
+use experiment::scenario::{FaultKind, Scenario, Struck};
 use outcome::metrics::fault::End;
 
 use super::Run;
 use super::error::RunError;
 use super::lives::{Event, Seat, Who};
+use outcome::metrics::expect::FailedRobot;
 
 /// How often the kernel is asked who is stopped.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 
+/// Where nobody watches, whoever is stopped in lockstep ends the run after this, if the scenario does not say.
+const UNWATCHED_MAX: Duration = Duration::from_secs(60);
+/// The environment variable that is set where nobody watches.
+const UNWATCHED: &str = "CI";
+
 /// Who is stopped by somebody else.
 pub(super) struct Stops {
+    /// Whoever is for this long in lockstep ends the run.
+    limit: Option<Duration>,
     looked: Instant,
     plant: Option<Stopped>,
     /// In scenario order.
@@ -31,9 +40,22 @@ struct Stopped {
 }
 
 impl Stops {
-    /// Of so many robots none.
-    pub(super) fn new(robots: usize) -> Stops {
-        Stops { looked: Instant::now(), plant: None, robots: vec![None; robots] }
+    /// Nobody is yet.
+    pub(super) fn new(scenario: &Scenario) -> Stops {
+        let unwatched = std::env::var_os(UNWATCHED);
+        Stops {
+            limit: limit(scenario.stopped_after_ns, unwatched.as_deref()),
+            looked: Instant::now(),
+            plant: None,
+            robots: vec![None; scenario.robots.len()],
+        }
+    }
+
+    /// Robots that are, as those that nobody's plan lost.
+    pub(super) fn failed(&self) -> impl Iterator<Item = FailedRobot> {
+        let stopped = self.robots.iter().enumerate().filter(|(_, stopped)| stopped.is_some());
+        let cause = "was stopped by somebody else, and did not go on";
+        stopped.map(move |(robot, _)| FailedRobot { robot, cause: cause.into() })
     }
 }
 
@@ -52,14 +74,39 @@ impl Run<'_> {
         for robot in 0..self.scenario.robots.len() {
             let stopped = self.processes.is_stopped(robot);
             match self.stops.robots[robot] {
-                None if stopped && self.lives.seat(robot) == Seat::Moving => {
+                None if stopped && self.takes_stop(robot) => {
                     self.stops.robots[robot] = Some(self.robot_was_stopped(robot)?);
                 }
                 Some(since) if !stopped => self.robot_goes_on(robot, since)?,
                 _ => {}
             }
         }
-        Ok(())
+        self.end_if_stopped_too_long()
+    }
+
+    /// Whether a robot that is stopped was to move, or in lockstep is waited for before that.
+    fn takes_stop(&self, robot: usize) -> bool {
+        let waits = !self.conduct.goes_on_without_the_stopped();
+        match self.lives.seat(robot) {
+            Seat::Moving => true,
+            Seat::Starting => waits,
+            Seat::Frozen | Seat::Ending | Seat::Down => false,
+        }
+    }
+
+    /// In lockstep nobody waits for longer than the scenario says.
+    fn end_if_stopped_too_long(&self) -> Result<(), RunError> {
+        let Some(limit) = self.stops.limit else { return Ok(()) };
+        if self.conduct.goes_on_without_the_stopped() {
+            return Ok(());
+        }
+        let long = |stopped: &Option<Stopped>| stopped.is_some_and(|s| s.since.elapsed() > limit);
+        let robot = self.stops.robots.iter().position(long);
+        let robot = robot.map(|robot| self.journal.name(robot));
+        match robot.or(long(&self.stops.plant).then_some("the plant")) {
+            Some(who) => Err(RunError::Stopped { who: who.into(), limit }),
+            None => Ok(()),
+        }
     }
 
     fn plant_was_stopped(&mut self) -> Stopped {
@@ -116,6 +163,13 @@ impl Run<'_> {
     }
 }
 
+/// After how long whoever is stopped in lockstep ends the run; `None`: it waits. `unwatched`: what the environment variable
+/// of that name is.
+fn limit(stopped_after_ns: Option<u64>, unwatched: Option<&OsStr>) -> Option<Duration> {
+    let unwatched = unwatched.is_some_and(|value| !value.is_empty());
+    stopped_after_ns.map(Duration::from_nanos).or(unwatched.then_some(UNWATCHED_MAX))
+}
+
 fn warn_of(name: &str, what_follows: &str) {
     tracing::warn!("{name} was stopped by somebody else; {what_follows}");
 }
@@ -124,5 +178,25 @@ impl Stopped {
     fn tell_its_end(&self, name: &str) {
         let lasted_s = self.since.elapsed().as_secs_f64();
         tracing::warn!("{name} goes on, after {lasted_s:.1} s");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn where_nobody_watches_the_stopped_are_waited_for_a_minute_unless_the_scenario_says_how_long()
+    {
+        for (said_s, unwatched, waits_s) in [
+            (None, None, None),
+            (None, Some(""), None),
+            (None, Some("true"), Some(60)),
+            (Some(5), Some("true"), Some(5)),
+            (Some(90), None, Some(90)),
+        ] {
+            let found = limit(said_s.map(|s: u64| s * 1_000_000_000), unwatched.map(OsStr::new));
+            assert_eq!(found, waits_s.map(Duration::from_secs), "{said_s:?} {unwatched:?}");
+        }
     }
 }

@@ -15,6 +15,8 @@ use protocol::service::{self, Publisher, Qos, Subscriber, send_slice};
 use rustix::event::{PollFd, PollFlags};
 
 use crate::dead_nodes::{Cleaner, Dead};
+use crate::left_behind::LeftBehind;
+use crate::logs::Logs;
 use crate::room;
 use crate::run::RunError;
 use crate::run::kept::{Kept, Which};
@@ -62,6 +64,7 @@ struct Share<'a> {
     robots: BTreeMap<u64, Robot>,
     bridge: Kept,
     cleaner: Cleaner,
+    logs: Logs,
     orders: Subscriber<[OrderRow], OrderHeader>,
     report: Publisher<[ReportRow], ReportHeader>,
     bridges: Subscriber<[PeerRow], BridgeHeader>,
@@ -81,6 +84,7 @@ pub fn run(
     host_dir: &HostDir,
     stop: &Stop,
 ) -> Result<Ended, RunError> {
+    let _left_behind = LeftBehind::watch(&host_dir.logs());
     let own = brief.robots.iter().filter(|robot| robot.host == brief.here);
     let links = own.clone().map(|robot| robot.hears).sum();
     let run_root = make_run_root(own.count(), links)?;
@@ -103,6 +107,7 @@ pub fn run(
         robots: robots(scenario, &brief, run_root.path(), host_dir)?,
         bridge,
         cleaner,
+        logs: Logs::new(&host_dir.logs()),
         orders: orders.subscriber()?,
         report: report.publisher(scenario.robots.len())?,
         bridges: bridges.subscriber()?,
@@ -186,6 +191,7 @@ impl Share<'_> {
             wanted = Some(sample.payload().to_vec());
         }
         self.bury();
+        self.logs.look();
         if let Some(died) = self.bridge.watch(&self.cleaner) {
             let how = RunError::unless_it_comes_back(died)?;
             tracing::warn!(%how, "the bridge died, and is started anew");

@@ -1,0 +1,115 @@
+//! Logs of a run are bounded: of one that grows without end the middle is dropped, and a line says how much.
+
+use std::collections::BTreeMap;
+use std::fs::{self, OpenOptions};
+use std::io::{self, Write as _};
+use std::os::unix::fs::FileExt as _;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// No log is longer for longer than a look.
+pub(crate) const BYTES_MAX: u64 = 64 << 20;
+/// What stays of the beginning of one that was.
+const BEGINNING_BYTES: u64 = BYTES_MAX / 2;
+/// What stays of its end.
+const END_BYTES: u64 = 16 << 10;
+/// How often lengths are looked at.
+const LOOK_EVERY: Duration = Duration::from_millis(200);
+
+/// All logs of a run's directory.
+pub(crate) struct Logs {
+    folder: PathBuf,
+    looked: Instant,
+    dropped: BTreeMap<PathBuf, Dropped>,
+}
+
+/// What was dropped of one log.
+#[derive(Default)]
+struct Dropped {
+    bytes: u64,
+    /// How long the line is that says so.
+    line_bytes: u64,
+}
+
+impl Logs {
+    /// Those in that folder; none is too long yet.
+    pub(crate) fn new(folder: &Path) -> Logs {
+        Logs { folder: folder.into(), looked: Instant::now(), dropped: BTreeMap::new() }
+    }
+
+    /// Shortens those that are too long, if it is time to look.
+    pub(crate) fn look(&mut self) {
+        if self.looked.elapsed() >= LOOK_EVERY {
+            self.looked = Instant::now();
+            self.shorten_all();
+        }
+    }
+
+    /// Shortens those that are too long.
+    pub(crate) fn shorten_all(&mut self) {
+        for entry in fs::read_dir(&self.folder).into_iter().flatten().flatten() {
+            // A link is nobody's log.
+            let long = |file: fs::Metadata| file.is_file() && file.len() > BYTES_MAX;
+            if entry.metadata().is_ok_and(long)
+                && let Err(error) = self.shorten(&entry.path())
+            {
+                tracing::warn!("cannot shorten {}: {error}", entry.path().display());
+            }
+        }
+    }
+
+    /// Whoever writes into it meanwhile appends to what stays.
+    fn shorten(&mut self, path: &Path) -> io::Result<()> {
+        let mut file = OpenOptions::new().read(true).append(true).open(path)?;
+        let length = file.metadata()?.len();
+        let mut end = vec![0; END_BYTES as usize];
+        file.read_exact_at(&mut end, length - END_BYTES)?;
+        let line_end = end.iter().position(|&byte| byte == b'\n');
+        let end = &end[line_end.map_or(0, |at| at + 1)..];
+        file.set_len(BEGINNING_BYTES)?;
+        if !self.dropped.contains_key(path) {
+            let mib = BYTES_MAX >> 20;
+            tracing::warn!("{} is longer than {mib} MiB; its middle is dropped", path.display());
+        }
+        let dropped = self.dropped.entry(path.into()).or_default();
+        dropped.bytes += length - BEGINNING_BYTES - end.len() as u64 - dropped.line_bytes;
+        let line = format!(
+            "\n{{\"level\":\"WARN\",\"message\":\"here {} bytes were dropped: a log has at most {} MiB\"}}\n",
+            dropped.bytes,
+            BYTES_MAX >> 20
+        );
+        dropped.line_bytes = line.len() as u64;
+        file.write_all(&[line.as_bytes(), end].concat())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_a_log_that_is_too_long_beginning_and_end_stay_and_all_that_is_dropped_is_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("r1.jsonl");
+        let mut log = OpenOptions::new().create(true).append(true).open(&path).unwrap();
+        let mut logs = Logs::new(folder.path());
+        let line = format!("{:>63}\n", "x");
+        let (mut written, mut times) = (0, 0);
+        while times < 3 {
+            let text = line.repeat(1 << 18);
+            written += text.len() as u64;
+            log.write_all(text.as_bytes()).unwrap();
+            let before = log.metadata().unwrap().len();
+            logs.shorten_all();
+            times += u64::from(log.metadata().unwrap().len() < before);
+        }
+        log.write_all(b"the end\n").unwrap();
+        let text = fs::read_to_string(&path).unwrap();
+        assert!(text.len() as u64 <= BYTES_MAX, "{}", text.len());
+        let said: Vec<&str> = text.lines().filter(|line| line.contains("dropped")).collect();
+        let [said] = said[..] else { panic!("one line says so: {said:?}") };
+        let kept = (text.lines().filter(|line| line.ends_with(" x")).count() * line.len()) as u64;
+        assert!(said.contains(&format!("here {} bytes were", written - kept)), "{said} {kept}");
+        assert!(text.ends_with(" x\nthe end\n"), "what was said last is there");
+    }
+}

@@ -1,0 +1,166 @@
+//! What fails says so: by exit code and on the last lines, with the robot's name, the cause and the log; and a program that
+//! writes without end, or leaves processes behind, harms nobody.
+
+use rustix::process::Signal;
+
+use crate::harness::{
+    Ended, ExitsWith as _, PHALANX, Phalanx, ROOT, RunRoot, phalanx, run, signal_pid,
+};
+use crate::programs::{FOLLOWS, run as run_own, scenario, script};
+
+/// The last line on the screen says that of a process.
+#[track_caller]
+fn last_line(ended: &Ended, process: &str, how: &str) {
+    let log = ended.run_dir().join(format!("logs/{process}.jsonl"));
+    let line = format!("failed: {how}; its log: {}", log.display());
+    let last = ended.stderr.lines().last().unwrap_or_default();
+    ended.claim(last == line, format!("the last line is {line:?}, not {last:?}"));
+}
+
+/// Two robots, of which r2 is a script that does this before it becomes an agent.
+fn with_script(before: &str) -> (tempfile::TempDir, Phalanx) {
+    let folder = scenario("[\"./own.sh\"]", "");
+    script(folder.path(), "own.sh", &format!("{before}\n{FOLLOWS}"));
+    let run = run_own(folder.path()).env("TRACE", folder.path().join("trace"));
+    (folder, run.env("PHALANX", PHALANX))
+}
+
+#[test]
+fn a_robot_that_is_dead_for_good_by_nobodys_plan_fails_the_run_unless_it_need_not_live() {
+    for (expect, code) in [
+        ("{}", 1),
+        ("{ min_distance_m = 0.1 }", 1),
+        ("{ alive_at_end = [\"r1\", \"r3\"] }", 0),
+        ("{ alive_at_end = 2 }", 0),
+    ] {
+        let mut running = run("triangle")
+            .lockstep()
+            .sets(["period_s=0.0001", "robot_defaults.restart_policy=never"])
+            .set(format!("expect={expect}"))
+            .start();
+        running.wait_for_event("contact");
+        let r2 = running.pid_of("r2");
+        signal_pid(r2, Signal::KILL);
+        let ended = running.finish();
+        ended.exits_with(code).leaves_nothing();
+        let how = "r2 died (signal 9) and was not restarted (restart_policy never)";
+        last_line(&ended, "r2", how);
+        let missed = ended.stdout.contains("triangle, lockstep: a robot failed\n")
+            && ended.stdout.contains("MISSED failed_robots")
+            && ended.stdout.contains(how);
+        ended.claim(missed == (code == 1), format!("{expect}: the verdict is about it: {missed}"));
+        ended.claim(ended.number("/t_s") == 30.0, "the run goes to its end");
+    }
+}
+
+#[test]
+fn a_robot_that_says_nothing_in_real_time_is_told_and_fails_the_run() {
+    let folder = scenario("[\"./own.sh\"]", "");
+    let [go, agent] = ["go", "agent.sh"].map(|name| folder.path().join(name));
+    script(folder.path(), "agent.sh", FOLLOWS);
+    // The agent is a child of the script, which stays when the agent is gone.
+    let hangs = "\"$AGENT\" \"$@\" & while [ ! -e \"$GO\" ]; do sleep 0.05; done\n\
+                 kill -9 $!; exec sleep 1000";
+    script(folder.path(), "own.sh", hangs);
+    let run = run_own(folder.path()).env("TRACE", folder.path().join("trace"));
+    let run = run.env("PHALANX", PHALANX).env("AGENT", agent).env("GO", &go);
+    let mut running = run.set("duration_s=8").start();
+    running.wait_for_event("contact");
+    std::fs::write(go, "").unwrap();
+    running.line(" WARN r2 has said nothing for 2 s while blocked; the others go on without it");
+    let ended = running.finish();
+    ended.exits_with(1).leaves_nothing();
+    last_line(&ended, "r2", "r2 was hung at the end: it said nothing while blocked");
+}
+
+#[test]
+fn a_robot_that_somebody_stopped_for_good_in_real_time_fails_the_run() {
+    let mut running = run("triangle").sets(["duration_s=3", "expect={}"]).start();
+    running.wait_for_event("contact");
+    let r2 = running.pid_of("r2");
+    signal_pid(r2, Signal::STOP);
+    running.wait_for_event("freeze");
+    let ended = running.finish();
+    ended.exits_with(1).leaves_nothing();
+    last_line(&ended, "r2", "r2 was stopped by somebody else, and did not go on");
+}
+
+#[test]
+fn in_lockstep_whoever_is_stopped_for_longer_than_the_scenario_says_ends_the_run_with_4() {
+    for (process, who) in [("r2", "r2"), ("plant", "the plant")] {
+        let set = ["duration_s=240", "stopped_after_s=0.5", "expect={}"];
+        let mut running = run("triangle").lockstep().sets(set).start();
+        running.wait_for_event("contact");
+        let stopped = running.pid_of(process);
+        signal_pid(stopped, Signal::STOP);
+        let ended = running.finish();
+        ended.exits_with(4).leaves_nothing();
+        let ago = "was stopped by somebody else 0.5 s ago, and does not go on (stopped_after_s)";
+        last_line(&ended, process, &format!("{who} {ago}"));
+    }
+}
+
+#[test]
+fn what_a_program_leaves_behind_ends_with_the_run_and_is_named() {
+    let (_folder, run) = with_script("sleep 1000 &\nsetsid sleep 1001 &");
+    let ended = run.lockstep().finish();
+    ended.exits_with(0).leaves_nothing();
+    let begins = " WARN r2 left the process `sleep` (";
+    let left: Vec<&str> = ended.stderr.lines().filter_map(|l| l.strip_prefix(begins)).collect();
+    ended.claim(left.len() == 2, format!("both are named: {left:?}"));
+    for line in left {
+        let (pid, rest) = line.split_once(')').unwrap();
+        assert_eq!(rest, " behind; it is killed");
+        let words = std::fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+        ended.claim(!words.starts_with("sleep"), format!("{pid} is gone: {words:?}"));
+    }
+}
+
+#[test]
+fn a_program_that_writes_without_end_loses_what_is_too_much_and_is_told() {
+    let (_folder, run) = with_script("yes 'a line of a log' | head -c 80000000");
+    let ended = run.lockstep().finish();
+    ended.exits_with(0).leaves_nothing();
+    let log = ended.run_dir().join("logs/r2.jsonl");
+    let said = "logs/r2.jsonl is longer than 64 MiB; its middle is dropped";
+    ended.claim(ended.stderr.contains(said), said);
+    let text = std::fs::read_to_string(log).unwrap();
+    ended.claim(text.len() < 64 << 20, format!("it has {} bytes", text.len()));
+    ended.claim(text.contains(" bytes were dropped: a log has at most 64 MiB\"}\n"), "it says so");
+    ended.claim(text.starts_with("a line of a log\n"), "its beginning is there");
+}
+
+#[test]
+fn a_scenario_with_a_name_of_any_length_is_run_and_its_directory_has_the_beginning() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = RunRoot::new();
+    let text = std::fs::read_to_string(format!("{ROOT}/scenarios/triangle.toml")).unwrap();
+    let long = text.replace("\"triangle\"", &format!("\"{}\"", "ü".repeat(3000)));
+    assert_ne!(text, long);
+    std::fs::write(folder.path().join("long.toml"), long).unwrap();
+    for words in [&["check"][..], &["run", "--pace", "lockstep", "--no-report"]] {
+        let mut command = phalanx(words);
+        command.arg("long.toml").current_dir(folder.path());
+        command.env("PHALANX_RUN_ROOT", root.path()).exits_with(0);
+    }
+    let runs = std::fs::read_dir(folder.path().join("runs")).unwrap();
+    let names: Vec<_> = runs.map(|run| run.unwrap().file_name().into_string().unwrap()).collect();
+    assert!(
+        names.len() == 1 && names[0].starts_with(&format!("{}-2", "ü".repeat(100))),
+        "{names:?}"
+    );
+}
+
+#[test]
+fn verify_names_the_file_that_is_missing() {
+    let ended = run("triangle").lockstep().sets(["duration_s=1", "expect={}"]).finish();
+    ended.exits_with(0);
+    for name in ["samples.csv", "pairs.csv", "events.csv", "run.mcap", "manifest.json"] {
+        let [path, kept] = [name, "kept"].map(|name| ended.run_dir().join(name));
+        std::fs::rename(&path, &kept).unwrap();
+        let mut verify = phalanx(["verify", ended.run_dir().to_str().unwrap()]);
+        let said = verify.env("PHALANX_RUN_ROOT", RunRoot::new().path()).exits_with(4).stderr;
+        assert!(said.contains(&format!(": {name}: No such file")), "{said}");
+        std::fs::rename(&kept, &path).unwrap();
+    }
+}

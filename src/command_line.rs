@@ -4,7 +4,10 @@
 use std::ffi::OsString;
 use std::path::PathBuf;
 
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, Parser, Subcommand};
+use clap_complete::Shell;
+use experiment::scenario::keys::Format;
 
 use crate::verbs::Verb;
 
@@ -17,14 +20,54 @@ pub struct CommandLine {
     pub role: Role,
 }
 
+impl CommandLine {
+    /// That of this process; if it is wrong, says so and ends the process. Keys of a scenario that are given as options are
+    /// told how to be set.
+    pub fn read() -> CommandLine {
+        CommandLine::try_parse().unwrap_or_else(|mut error| {
+            if let Some(tip) = how_to_set(&error) {
+                error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
+            }
+            error.exit()
+        })
+    }
+}
+
+/// How to set the key of a scenario that was given as an option, if one was.
+fn how_to_set(error: &clap::Error) -> Option<String> {
+    let words: Vec<String> =
+        std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
+    let sets = ["run", "check"].contains(&words.get(1)?.as_str());
+    let unknown = sets && error.kind() == ErrorKind::UnknownArgument;
+    let ContextValue::String(option) = error.get(ContextKind::InvalidArg).filter(|_| unknown)?
+    else {
+        return None;
+    };
+    let key = Format::of(&agent::catalog()).key_meant_by(option.strip_prefix("--")?)?;
+    let at = words.iter().position(|word| word.split('=').next() == Some(option))?;
+    let value = match words[at].split_once('=') {
+        Some((_, value)) => value,
+        None => {
+            words.get(at + 1).filter(|word| !word.starts_with("--")).map_or("VALUE", |word| word)
+        }
+    };
+    Some(format!("a key of the scenario is set by '--set {key}={value}'"))
+}
+
 /// What this process does, or is.
 #[derive(Debug, Subcommand)]
 pub enum Role {
     /// A verb.
     #[command(flatten)]
     Supervisor(Verb),
+    /// Print what completes this command line in a shell.
+    Completions {
+        /// The shell.
+        shell: Shell,
+    },
     /// Measure this machine's baselines, and the ratio of a run to each: the program phalanx-bench.
-    #[command(disable_help_flag = true)]
+    // It may not be there.
+    #[command(disable_help_flag = true, hide = true)]
     Bench {
         /// Passed on; `--help` lists them.
         #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "ARGUMENTS")]

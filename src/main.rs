@@ -4,7 +4,6 @@
 use std::io::Write as _;
 use std::process::ExitCode;
 
-use clap::Parser as _;
 use phalanx::command_line::CommandLine;
 use phalanx::roles;
 use protocol::process::{Stderr, exit};
@@ -14,5 +13,5 @@ fn main() -> ExitCode {
         let _ = writeln!(Stderr, "error: cannot start as a child: {error}");
         return ExitCode::from(exit::INFRASTRUCTURE);
     }
-    ExitCode::from(roles::main(CommandLine::parse().role))
+    ExitCode::from(roles::main(CommandLine::read().role))
 }

@@ -6,13 +6,15 @@ use std::io::{self, Write as _};
 use std::os::unix::process::CommandExt as _;
 use std::process::Command;
 
+use clap::CommandFactory as _;
+use clap_complete::Shell;
 use outcome::results::manifest::Build;
 use protocol::process::{Stderr, exit};
 use supervisor::child::become_program;
 use supervisor::control_timer::{self, ControlTimer};
 use supervisor::spawn::Launcher;
 
-use crate::command_line::{AgentArgs, Role};
+use crate::command_line::{AgentArgs, CommandLine, Role};
 use crate::verbs;
 
 /// The program that measures; it lies beside this one.
@@ -47,8 +49,16 @@ pub fn main(role: Role) -> u8 {
         }
         Role::Load => supervisor::child::load(),
         Role::Awake => supervisor::child::awake(),
+        Role::Completions { shell } => verbs::print(&completions(shell)),
         Role::Bench { words } => bench(&words),
     }
+}
+
+/// What completes the command line in this shell.
+fn completions(shell: Shell) -> String {
+    let mut text = Vec::new();
+    clap_complete::generate(shell, &mut CommandLine::command(), "phalanx", &mut text);
+    String::from_utf8(text).expect("names and sentences of ours")
 }
 
 /// Becomes the program that measures.

@@ -54,12 +54,13 @@ fn table(page: &mut String, section: &Section, heading: &str, format: &Format) {
     );
     for key in &section.keys {
         let (kind, range) = type_of(key, section, format);
+        let range = if key.bounds.is_empty() { &range } else { key.bounds };
         let _ = writeln!(
             page,
             "| `{}` | {kind} | {} | {} | {range} | {} |",
             key.name,
             key.unit().replace("^2", "²"),
-            default(key),
+            default(key, section),
             says(key),
         );
     }
@@ -114,8 +115,11 @@ fn type_of(key: &Key, section: &Section, format: &Format) -> (String, String) {
     }
 }
 
-fn default(key: &Key) -> String {
+fn default(key: &Key, section: &Section) -> String {
+    let of_some_kinds =
+        key.name != "kind" && section.kinds.iter().any(|kind| !kind.needs.contains(&key.name));
     match &key.otherwise {
+        Otherwise::Needed if of_some_kinds => "needed by kinds below".into(),
         Otherwise::Needed => "**needed**".into(),
         Otherwise::Default(DeValue::String(word)) => format!("`{word}`"),
         // As short as numbers are written.

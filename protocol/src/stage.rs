@@ -76,7 +76,7 @@ impl Cause {
             Cause::Core => "waited for a core",
             Cause::Faults => "page faults",
             Cause::Host => "the host took the core",
-            Cause::Unknown => "unknown",
+            Cause::Unknown => "no cause found",
         }
     }
 }

@@ -42,6 +42,8 @@ use protocol::process::quiet_iceoryx2;
 use outcome::results::manifest::Build;
 use supervisor::spawn::Launcher;
 
+pub(crate) use screen::print;
+
 /// The supervisor's verbs.
 #[derive(Debug, Subcommand)]
 pub enum Verb {
@@ -66,6 +68,7 @@ pub enum Verb {
     /// Turn a recording into CSV tables, one for each kind of observation.
     Export(export::ExportArgs),
     /// Make what a run on several hosts needs.
+    #[cfg_attr(not(feature = "bridge"), command(hide = true))]
     Fleet(fleet_keys::FleetVerbArgs),
     /// Run a recorded run in lockstep again, and say whether it is the same bit by bit.
     Verify(verify::VerifyArgs),

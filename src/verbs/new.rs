@@ -1,10 +1,13 @@
 //! `phalanx new`: a folder to start an experiment from.
 
+mod shipped;
+
 use std::fs;
 use std::io;
 use std::path::PathBuf;
 
 use clap::Args;
+use clap::builder::PossibleValuesParser;
 use protocol::catalog::Catalog;
 use protocol::process::exit;
 
@@ -20,6 +23,9 @@ pub struct NewArgs {
     /// The folder to make, and the name of the experiment: a letter, then letters, digits, `-` or `_`.
     #[arg(value_name = "NAME", value_parser = name)]
     name: String,
+    /// Begin with one of the shipped scenarios.
+    #[arg(long, value_name = "SCENARIO", value_parser = PossibleValuesParser::new(shipped::SCENARIOS.iter().map(|(name, _)| *name)))]
+    from: Option<String>,
 }
 
 fn name(word: &str) -> Result<String, String> {
@@ -33,17 +39,30 @@ fn name(word: &str) -> Result<String, String> {
     }
 }
 
-pub(super) fn new(NewArgs { name }: &NewArgs, catalog: &Catalog) -> u8 {
+pub(super) fn new(NewArgs { name, from }: &NewArgs, catalog: &Catalog) -> u8 {
     let folder = PathBuf::from(name);
     if let Err(error) = fs::create_dir(&folder) {
         let code = complain(&format_args!("cannot make {}: {error}", folder.display()));
         return if error.kind() == io::ErrorKind::AlreadyExists { exit::USAGE } else { code };
     }
+    let shipped = shipped::SCENARIOS.iter().find(|(shipped, _)| from.as_deref() == Some(shipped));
+    let scenario = match shipped {
+        Some((shipped, text)) => {
+            let text =
+                text.replace(&format!("name = \"{shipped}\""), &format!("name = \"{name}\""));
+            format!("#:schema scenario.schema.json\n{text}")
+        }
+        None => SCENARIO.replace("NAME", name),
+    };
+    let named = shipped::FILES.iter().filter(|(file, _)| scenario.contains(file));
+    let named: Vec<_> =
+        named.map(|&(file, text)| (file, text.to_owned(), "the scenario names it")).collect();
     let files = [
-        ("scenario.toml", SCENARIO.replace("NAME", name), "the experiment, with comments"),
+        ("scenario.toml", scenario, "the experiment, with comments"),
         ("scenario.schema.json", schema::schema(catalog), "lets editors complete and check it"),
         ("law.rs", LAW.to_owned(), "a control law to start from; delete it if you need none"),
     ];
+    let files = files.into_iter().chain(named);
     let mut told = String::new();
     for (file, text, about) in files {
         let path = folder.join(file);

@@ -51,7 +51,7 @@ pub(super) fn print_as(output: Output, text: &str) -> u8 {
 }
 
 /// Prints a result for people.
-pub(super) fn print(text: &str) -> u8 {
+pub(crate) fn print(text: &str) -> u8 {
     print_as(Output::Text, text)
 }
 

@@ -57,3 +57,4 @@ mod verdicts;
 mod verify;
 mod view;
 mod walls;
+mod words;

@@ -259,7 +259,9 @@ fn a_program_that_cannot_serve_says_why() {
     let made = python(&["-m", "venv", "--without-pip", bare.to_str().unwrap()]);
     assert!(made.status.success());
     let program = format!("laws.mine.program=[\"{}/bin/python3\", \"mine.py\"]", bare.display());
-    without.cannot_start(&[&program], &["ModuleNotFoundError: No module named 'phalanx'"]);
+    let parts =
+        ["ModuleNotFoundError: No module named 'phalanx'", "activate the virtual environment"];
+    without.cannot_start(&[&program], &parts);
 
     let nothing = tanh();
     std::fs::write(nothing.folder.path().join("mine.py"), "import phalanx\n").unwrap();
@@ -276,8 +278,8 @@ fn a_supervisor_of_another_version_is_one_clear_diagnostic() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn a_law_started_by_hand_says_what_starts_it() {
-    let part = "the following arguments are required: brief";
-    tanh().says_by_hand(&[], 2, &[part], usize::MAX);
+    let parts = ["mine.py does nothing by itself: a scenario runs it", "phalanx run SCENARIO"];
+    tanh().says_by_hand(&[], 2, &parts, usize::MAX);
     let output = python(&["-c", "import phalanx; phalanx.serve(3)"]);
     let said = String::from_utf8_lossy(&output.stderr);
     let expected = "takes a class derived from phalanx.Law, phalanx.Controller or phalanx.Plant";

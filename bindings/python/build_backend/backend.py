@@ -9,6 +9,7 @@ Settings, as in ``pip install ./bindings/python -C profile=dev``:
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import maturin
@@ -52,8 +53,17 @@ def _prepare(settings):
     os.environ["MATURIN_PEP517_ARGS"] = f"--profile {profile}"
     program = settings.get("program")
     if program is None:
+        _say(
+            "building the program `phalanx` first; `-C program=target/release/phalanx` packs one that is built already"
+        )
         build = ["cargo", "build", "--locked", "--profile", profile, "--bin", "phalanx"]
         subprocess.run(build, cwd=ROOT, check=True)
         # Cargo's folder for the profile dev has another name.
         program = target / {"dev": "debug"}.get(profile, profile) / "phalanx"
     shutil.copy2(program, SCRIPTS / "phalanx")
+    _say(f"packing {program}; now building the package's own half, which takes minutes the first time")
+
+
+def _say(words):
+    # pip shows it with `-v`.
+    print(f"phalanx: {words}", file=sys.stderr, flush=True)

@@ -124,7 +124,7 @@ def serve(part: type[Law] | type[Controller] | type[Plant]) -> NoReturn:
         description=f"The plant {part.__name__}." if moves else f"A robot with the law {part.__name__}.",
         epilog=f'`phalanx run SCENARIO` starts it, where the scenario names it: {table} program = ["python3", "..."].',
     )
-    parser.add_argument("brief", help="what it is to be, from the run's directory")
+    parser.add_argument("brief", nargs="?", help="what it is to be, from the run's directory")
     if not moves:
         parser.add_argument(
             "--incarnation", type=int, default=0, help="how often it was started before"
@@ -133,6 +133,14 @@ def serve(part: type[Law] | type[Controller] | type[Plant]) -> NoReturn:
         "--realtime-priority", action="store_true", help="run before every ordinary process"
     )
     words = parser.parse_args()
+    if words.brief is None:
+        file = os.path.basename(sys.argv[0]) or "my_law.py"
+        parser.exit(
+            2,
+            f"{file} does nothing by itself: a scenario runs it, with odometry, neighbors and a clock. Name it in the scenario,\n\n"
+            f'    {table}\n    program = ["python3", "{file}"]\n\n'
+            "beside which it lies, and run that: phalanx run SCENARIO\n",
+        )
     if moves:
         sys.exit(_phalanx.serve_plant(part, words.brief, words.realtime_priority))
     sys.exit(_phalanx.serve(part, words.brief, words.incarnation, words.realtime_priority))

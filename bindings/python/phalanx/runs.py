@@ -87,7 +87,8 @@ class Run:
     @cached_property
     def samples(self) -> _DataFrame:
         """Every robot at ``record_hz``: ``t_s``, ``robot``, ``x_m``, ``y_m`` and ``heading_rad`` of the middle of its axle,
-        ``v_m_s``, ``w_rad_s``, ``error_m``, ``alive``, ``ideal_error_m``.
+        ``v_m_s``, ``w_rad_s``, ``error_m``, ``alive``, ``ideal_error_m``, ``front_x_m``,
+        ``front_y_m``.
 
         One row for each instant and robot, in order of time; errors are NaN while there is none.
         """

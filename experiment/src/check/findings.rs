@@ -198,8 +198,9 @@ fn echoes(scenario: &Scenario) -> Vec<Finding> {
                  spectral radius is 1",
                 listed(&names, NAMES_MAX)
             ),
-            "expected a leader's information to reach them, or a law without feed-forward, such as \
-             formation-unit",
+            "expected a leader's information to reach them, or a law without feed-forward: \
+             `law = \"formation-unit\"`, `speed_m_s = 0.1`; `phalanx new NAME --from ring-6` writes such a \
+             scenario",
         )
     };
     names.first().map(finding).into_iter().collect()

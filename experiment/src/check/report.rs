@@ -111,7 +111,10 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
     let breaking = |death: &&Death<'_>| !death.loss.is_none() || !death.breaks.is_empty();
     let breaking: Vec<_> = theory.deaths.iter().filter(breaking).collect();
     if breaking.is_empty() {
-        page.line("single deaths", "none leaves another robot with less to go by");
+        page.line(
+            "single deaths",
+            "whichever robot dies for good, each other one keeps its leader and its place",
+        );
     }
     let death = |death: &Death<'_>| {
         let is_leader = theory.leader == Some(death.robot);
@@ -120,7 +123,10 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
     };
     page.list("single deaths", breaking.into_iter().map(death));
     if theory.breaking_cuts.is_empty() {
-        page.line("single cuts", "none leaves a robot with less to go by");
+        page.line(
+            "single cuts",
+            "whichever edge is cut for good, each robot keeps its leader and its place",
+        );
     }
     let cuts = theory.breaking_cuts.iter();
     let cuts = cuts.map(|cut| (cut.from, cut.to, lost(&cut.loss, &cut.breaks)));

@@ -156,8 +156,8 @@ impl Broken {
 /// What broken means, in words, for whoever is to be told who is.
 pub fn broken_means(bound_m: f64) -> String {
     format!(
-        "broken: more than {} m off its place in the formation as planned when the fault ends, or at \
-         last if it is for good",
+        "a robot is broken if, when the fault ends (one for good: at the end of the run), it is more than {} m \
+         from the place that the plan gives it in the formation",
         short(bound_m)
     )
 }

@@ -21,7 +21,10 @@ pub(super) fn expect(
     {
         return Err(value.wrong(
             format!("is {by_s}, when the run is over"),
-            format!("expected at most `duration_s`, {} s", seconds(duration_ns)),
+            format!(
+                "expected at most `duration_s`, {} s; `--set expect={{}}` runs it without expectations",
+                seconds(duration_ns)
+            ),
         ));
     }
     if let Some(clearance) = table.get("min_clearance_m").filter(|_| walls.is_empty()) {

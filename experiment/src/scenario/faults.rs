@@ -57,7 +57,10 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fau
     if at_ns >= scene.duration_ns {
         return Err(at.wrong(
             format!("is {}, when the run is over", seconds(at_ns)),
-            format!("expected less than `duration_s`, {} s", seconds(scene.duration_ns)),
+            format!(
+                "expected less than `duration_s`, {} s; `--set fault=[]` runs it without faults",
+                seconds(scene.duration_ns)
+            ),
         ));
     }
     let for_ns = table.maybe_time_ns("for_s")?;

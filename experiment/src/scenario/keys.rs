@@ -41,6 +41,8 @@ pub struct Key {
     pub says: Cow<'static, str>,
     /// Names that it had: still read, with a warning.
     pub was: &'static [&'static str],
+    /// Which numbers the checker takes, where it asks for more than a range.
+    pub bounds: &'static str,
     /// What people write who mean it, without units, in small letters: words.
     pub guesses: &'static str,
 }
@@ -152,7 +154,7 @@ pub struct Format {
 /// A row that says nothing yet of what holds without the key, nor what it is.
 pub fn key(name: &'static str, takes: Takes) -> Key {
     let (otherwise, says) = (Otherwise::Absent, Cow::Borrowed(""));
-    Key { name, takes, otherwise, says, was: &[], guesses: "" }
+    Key { name, takes, otherwise, says, was: &[], bounds: "", guesses: "" }
 }
 
 impl Key {
@@ -175,6 +177,11 @@ impl Key {
     /// Without it holds what this rule says.
     pub fn rule(self, rule: &'static str, says: impl Into<Cow<'static, str>>) -> Key {
         Key { otherwise: Otherwise::Rule(rule), says: says.into(), ..self }
+    }
+
+    /// It is checked for more than its range.
+    fn bounds(self, bounds: &'static str) -> Key {
+        Key { bounds, ..self }
     }
 
     /// Words that people write who mean it, without units, in small letters.
@@ -324,6 +331,18 @@ impl Format {
         found.unwrap_or_else(|| panic!("`{name}` is a section"))
     }
 
+    /// The key that a word means, as `--set` takes it: one of the file's own, or of a table that there is once.
+    pub fn key_meant_by(&self, word: &str) -> Option<String> {
+        let guess = stem(word);
+        let key = |section: &Section| {
+            let mut keys = section.keys.iter();
+            keys.find(|key| stem(key.name) == guess || key.is_guessed(&guess)).map(|key| key.name)
+        };
+        let tables = ["avoidance", "realtime", "silence", "expect"];
+        let within = |table: &&str| Some(format!("{table}.{}", key(self.section(table))?));
+        key(self.root()).map(str::to_owned).or_else(|| tables.iter().find_map(within))
+    }
+
     /// What to expect instead of a `word` that is none of the `rows` of the section; `elsewhere`: it
     /// may be a key of another one.
     pub(crate) fn expected(
@@ -437,6 +456,7 @@ fn run_itself() -> Vec<Key> {
             .guesses("end_when_converged_s stop_when_converged_s settle_s early_stop_s"),
         key("period_s", Time(Positive))
             .needed("seconds from one command to the next, such as 0.005")
+            .bounds("above 0, to `duration_s`")
             .guesses("dt t ts delta_t step time_step timestep sample_time sampling_time sampling_period \
                       control_period cycle_time tick"),
         key("seed", Whole(0, i64::MAX as u64))
@@ -451,6 +471,7 @@ fn run_itself() -> Vec<Key> {
                 "how long a process may owe the others an answer in lockstep: wall time in which it runs or is \
                  blocked",
             )
+            .bounds("0.1 to 1e7")
             .guesses("hung timeout hang deadline"),
         key("stopped_after_s", Time(Positive))
             .rule(
@@ -588,9 +609,11 @@ fn silence() -> Vec<Key> {
     vec![
         key("stale_after_s", Time(Positive))
             .rule("3 periods", "who is not heard for longer is stale: extrapolated")
+            .bounds("above 0, to `lost_after_s`")
             .guesses("stale"),
         key("lost_after_s", Time(Positive))
             .rule("20 periods, but 0.1 s at least", "who is not heard for longer is lost")
+            .bounds("`stale_after_s` to 1e7")
             .guesses("lost timeout"),
         key(
             "policy",
@@ -669,7 +692,7 @@ fn defaults() -> Vec<Key> {
             .rule("needed without a `model`", "how far the front point lies ahead of the axle, in meters")
             .guesses("ell l front lookahead look_ahead off_axis"),
         key("law", Law)
-            .needed("its control law")
+            .rule("needed here or in the other of `robot` and `robot_defaults`", "its control law")
             .guesses("controller control control_law type kind role"),
         key("wheels", Table("wheels"))
             .rule("those of the model, or no limits", "what its wheels can do")
@@ -699,6 +722,7 @@ fn defaults() -> Vec<Key> {
             .guesses("delay restart_after"),
         key("max_restart_delay_s", Time(NotNegative))
             .rule("10 s, or the first wait if that is longer", "the wait grows no longer than this")
+            .bounds("`restart_delay_s` to 1e7")
             .guesses("restart_delay_max"),
         key("restart_window_s", Time(Positive))
             .default("60.0", "restarts are counted over this time")
@@ -712,6 +736,7 @@ fn pose() -> Vec<Key> {
         key("y_m", Number(Any)).needed("y of the axle's middle, in meters").guesses("y0"),
         key("heading_rad", Number(Any))
             .needed("counter-clockwise from x, in radians")
+            .bounds("-π to π")
             .guesses("theta yaw phi angle theta0 orientation heading_deg"),
     ]
 }
@@ -866,6 +891,7 @@ fn fault() -> Vec<Key> {
     vec![
         key("at_s", Time(NotNegative))
             .needed("when it happens, in seconds since the start")
+            .bounds("0 to less than `duration_s`")
             .guesses("t time start when from"),
         key("kind", Takes::Kind)
             .needed("\"kill\", \"freeze\", \"cut\", ...")
@@ -899,6 +925,7 @@ fn fault() -> Vec<Key> {
             .guesses("jitter_ms"),
         key("probability", Number(Positive))
             .needed("share of what is sent that is lost")
+            .bounds("above 0, to 1")
             .guesses("p rate share loss"),
         key("burst", Whole(1, BURST_MAX))
             .default("1", "how many are lost together")
@@ -914,6 +941,7 @@ fn fault() -> Vec<Key> {
             .guesses("n path_loss"),
         key("bound_m", Number(NotNegative))
             .needed("positions are off by at most this, in meters")
+            .bounds("0 to 1e9; above 0 without `heading_bound_rad`")
             .guesses("amplitude sigma std noise bound"),
         key("heading_bound_rad", Number(NotNegative))
             .default("0.0", "the heading is off by at most this; of odometry only")
@@ -985,6 +1013,7 @@ fn expect() -> Vec<Key> {
             .guesses("hull_distance hull"),
         key("converged_by_s", Number(Positive))
             .optional("all living errors are below `converged_error_m` from then on")
+            .bounds("above 0, to `duration_s`")
             .guesses("converged settling_time converged_at"),
         key("recovered_within_s", Number(Positive))
             .optional("the same within this long after each fault's end")

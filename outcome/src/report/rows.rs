@@ -185,7 +185,9 @@ impl Facts {
         if !late.is_empty() {
             let total: u64 = late.iter().map(|&(_, count)| count).sum();
             let causes = late.iter().map(|(cause, count)| (cause.words(), count));
-            self.say("late wake-ups", format!("{total}: {}", counted(causes)));
+            let harm =
+                if summary.deadline_misses == 0 { "; no deadline was missed by it" } else { "" };
+            self.say("late wake-ups", format!("{total}: {}{harm}", counted(causes)));
         }
         if let Some(GoalSummary { taken, refused }) = &summary.wall.goals {
             let reasons = counted(refused.iter().map(|(why, count)| (why, count)));

@@ -24,6 +24,7 @@ use crate::results::manifest::Manifest;
 use crate::results::reserved::Reserved;
 use crate::results::summary::to_json;
 use experiment::scenario::Scenario;
+use formation::front_point::front_point;
 use formation::obstacle::Obstacle;
 use formation::pose::{Pose, Twist};
 use formation::seconds;
@@ -49,6 +50,8 @@ pub const RECORDING: &str = "run.mcap";
 pub struct RunDir {
     host: HostDir,
     robots: Vec<String>,
+    /// How far each front point lies ahead of its axle, m.
+    front_points_m: Vec<f64>,
     walls: Vec<Obstacle>,
     record_hz: f64,
     /// The newest stretch of 1 / record_hz of which a truth was written.
@@ -121,13 +124,15 @@ impl RunDir {
         Ok(RunDir {
             host,
             robots: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
+            front_points_m: scenario.robots.iter().map(|robot| robot.front_point_m).collect(),
             walls: scenario.walls.iter().map(|wall| wall.shape.clone()).collect(),
             record_hz: scenario.record_hz,
             recorded: None,
             newest: Newest::default(),
             samples: Log::create(
                 path.join(SAMPLES),
-                "t_s,robot,x_m,y_m,heading_rad,v_m_s,w_rad_s,error_m,alive,ideal_error_m",
+                "t_s,robot,x_m,y_m,heading_rad,v_m_s,w_rad_s,error_m,alive,ideal_error_m,front_x_m,\
+                 front_y_m",
             )?,
             samples_flushed: Instant::now(),
             text: String::new(),
@@ -245,6 +250,10 @@ impl RunDir {
             field(text, errors_m[i]);
             text.push_str(if alive[i] { ",1" } else { ",0" });
             field(text, ideal_errors_m[i]);
+            // Distances are theirs.
+            let front = front_point(Pose { x_m, y_m, heading_rad }, self.front_points_m[i]);
+            field(text, Some(front.x));
+            field(text, Some(front.y));
             text.push('\n');
         }
         self.samples.text(text)?;

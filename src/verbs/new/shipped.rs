@@ -1,0 +1,43 @@
+//! The scenarios of the repository, to begin from.
+
+macro_rules! shipped {
+    ($($name:literal),* $(,)?) => {
+        &[$(($name, include_str!(concat!("../../../scenarios/", $name, ".toml")))),*]
+    };
+}
+
+/// Each with its name and its text.
+pub(super) const SCENARIOS: &[(&str, &str)] = shipped![
+    "antipodal-8",
+    "containment",
+    "containment-chaos",
+    "containment-inertia",
+    "corridor",
+    "doorway",
+    "escort",
+    "hallway",
+    "intersection",
+    "lattice-12",
+    "line-5",
+    "pentagon",
+    "pentagon-cut",
+    "pentagon-inertia",
+    "random-swaps-10",
+    "ring-6",
+    "standing-leaders",
+    "swap-8",
+    "swap-8-burger",
+    "swaps-128",
+    "swarm64",
+    "triangle",
+    "triangle-b",
+    "triangle-c",
+    "triangle-d",
+    "triangle-inertia",
+    "triangle-kill",
+    "warehouse",
+];
+
+/// Files that these name, with their texts.
+pub(super) const FILES: &[(&str, &str)] =
+    &[("swarm64.json", include_str!("../../../scenarios/swarm64.json"))];

@@ -1,0 +1,158 @@
+//! Words at the point of need: what a message says to do is what works, and what is listed can be done.
+
+use std::path::Path;
+
+use crate::harness::{ExitsWith as _, ROOT, phalanx, run};
+use crate::programs::{run as run_own, scenario, script};
+
+/// The names of all shipped scenarios.
+fn shipped() -> Vec<String> {
+    let files = std::fs::read_dir(Path::new(ROOT).join("scenarios")).unwrap();
+    let paths = files.map(|file| file.unwrap().path());
+    let scenarios = paths.filter(|path| path.extension().is_some_and(|end| end == "toml"));
+    scenarios.map(|path| path.file_stem().unwrap().to_str().unwrap().to_owned()).collect()
+}
+
+#[test]
+fn a_folder_begins_with_any_shipped_scenario() {
+    let folder = tempfile::tempdir().unwrap();
+    let names = shipped();
+    assert!(names.len() > 20);
+    for name in names {
+        let new = format!("my-{name}");
+        phalanx(["new", &new, "--from", &name]).current_dir(folder.path()).exits_with(0);
+        let path = folder.path().join(&new).join("scenario.toml");
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(text.contains(&format!("\nname = \"{new}\"\n")), "{text}");
+        phalanx(["check", path.to_str().unwrap()]).exits_with(0);
+    }
+    let said = phalanx(["new", "x", "--from", "ring"]).exits_with(2).stderr;
+    assert!(said.contains("ring-6"), "{said}");
+}
+
+#[test]
+fn a_ring_that_echoes_velocities_is_told_the_lines_that_mend_it() {
+    let tanh = ["robot_defaults.law=formation-tanh", "robot_defaults.k_f_m_s=0.1"];
+    let mut check = phalanx(["check", "scenarios/ring-6.toml"]);
+    check.args(tanh.iter().flat_map(|set| ["--set", set]));
+    let said = check.exits_with(3).stderr;
+    for words in ["`law = \"formation-unit\"`, `speed_m_s = 0.1`", "phalanx new NAME --from ring-6"]
+    {
+        assert!(said.contains(words), "{said}");
+    }
+    // What it says to write.
+    let mend = ["robot_defaults.law=formation-unit", "robot_defaults.speed_m_s=0.1"];
+    check.args(mend.iter().flat_map(|set| ["--set", set])).exits_with(0);
+}
+
+#[test]
+fn a_fault_after_the_end_and_a_key_given_as_an_option_are_told_what_to_type() {
+    let words = ["check", "scenarios/triangle-kill.toml", "--set", "duration_s=5"];
+    let said = phalanx(words).exits_with(3).stderr;
+    assert!(said.contains("`--set fault=[]`"), "{said}");
+    phalanx(words).args(["--set", "fault=[]", "--set", "expect={}"]).exits_with(0);
+    for (option, key) in [
+        (&["--duration", "5"][..], "duration_s=5"),
+        (&["--period-s=0.01"], "period_s=0.01"),
+        (&["--v_max", "0.2"], "avoidance.speed_max_m_s=0.2"),
+        (&["--dt"], "period_s=VALUE"),
+    ] {
+        let said = phalanx(["run", "scenarios/triangle.toml"]).args(option).exits_with(2).stderr;
+        let tip = format!("tip: a key of the scenario is set by '--set {key}'");
+        assert!(said.contains(&tip), "{said}");
+        let check = ["check", "scenarios/triangle.toml", "--set", key, "--set", "expect={}"];
+        phalanx(check).exits_with(if key.contains("VALUE") { 3 } else { 0 });
+    }
+    let words = ["check", "scenarios/triangle.toml", "--set", "duration_s=5"];
+    let said = phalanx(words).exits_with(3).stderr;
+    assert!(said.contains("`--set expect={}`"), "{said}");
+    // What is no key has no such tip.
+    let said = phalanx(["run", "scenarios/triangle.toml", "--flurb"]).exits_with(2).stderr;
+    assert!(!said.contains("--set"), "{said}");
+}
+
+#[test]
+fn completions_are_of_the_default_binary_and_help_lists_no_verb_that_cannot_run() {
+    for shell in ["bash", "zsh", "fish"] {
+        let text = phalanx(["completions", shell]).exits_with(0).stdout;
+        assert!(["sweep", "pace", "completions"].iter().all(|word| text.contains(word)));
+    }
+    let help = phalanx(["--help"]).exits_with(0).stdout;
+    let lists = |verb: &str| help.contains(&format!("\n  {verb} "));
+    assert!(lists("run") && lists("completions") && !lists("bench"), "{help}");
+    assert_eq!(lists("fleet"), cfg!(feature = "bridge"), "{help}");
+}
+
+#[test]
+fn a_python_without_the_package_is_told_so() {
+    let folder = scenario("[\"./own.sh\"]", "");
+    let says = "echo \"ModuleNotFoundError: No module named 'phalanx'\" >&2; exit 1";
+    script(folder.path(), "own.sh", says);
+    let ended = run_own(folder.path()).lockstep().finish();
+    ended.exits_with(4).leaves_nothing();
+    ended.claim(ended.stderr.contains("activate the virtual environment"), "it is told");
+}
+
+#[test]
+fn front_points_are_columns_of_the_samples_and_distances_are_theirs() {
+    let ended = run("triangle").lockstep().set("record_hz=1000").finish();
+    let text = ended.file("samples.csv");
+    let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
+    let column = |name| rows[0].iter().position(|head| *head == name).expect(name);
+    let at = |row: &Vec<&str>, name| row[column(name)].parse::<f64>().unwrap();
+    let mut nearest_m = f64::INFINITY;
+    for instant in rows[1..].chunks(3) {
+        let fronts: Vec<[f64; 2]> = instant
+            .iter()
+            .map(|row| {
+                let (sin, cos) = at(row, "heading_rad").sin_cos();
+                let front = [at(row, "front_x_m"), at(row, "front_y_m")];
+                let off = [
+                    front[0] - at(row, "x_m") - 0.045 * cos,
+                    front[1] - at(row, "y_m") - 0.045 * sin,
+                ];
+                assert!(off[0].hypot(off[1]) < 1e-12, "{row:?}");
+                front
+            })
+            .collect();
+        for [a, b] in [[0, 1], [0, 2], [1, 2]] {
+            let apart_m = (fronts[a][0] - fronts[b][0]).hypot(fronts[a][1] - fronts[b][1]);
+            nearest_m = nearest_m.min(apart_m);
+        }
+    }
+    // Every tick counts for the summary, every fifth is written at most: it is not below, and hardly above.
+    let least_m = ended.number("/min_distance_m");
+    ended.claim((0.0..1e-3).contains(&(nearest_m - least_m + 1e-12)), format!("{nearest_m}"));
+}
+
+#[test]
+fn the_reference_calls_needed_what_is_needed_and_has_the_checkers_bounds() {
+    let page = phalanx(["schema", "--markdown"]).exits_with(0).stdout;
+    let section = |name: &str| {
+        let (_, rest) = page.split_once(&format!("\n## `{name}`\n")).expect(name);
+        rest.split("\n## ").next().unwrap().to_owned()
+    };
+    let row = |of: &str, key: &str| {
+        let section = section(of);
+        let row = section.lines().find(|line| line.starts_with(&format!("| `{key}` |")));
+        row.unwrap_or_else(|| panic!("{of} {key}")).to_owned()
+    };
+    for (of, key, words) in [
+        ("fault", "at_s", "| **needed** | 0 to less than `duration_s` |"),
+        ("fault", "probability", "| needed by kinds below | above 0, to 1 |"),
+        ("fault", "hosts", "| needed by kinds below |"),
+        ("pose", "heading_rad", "| **needed** | -π to π |"),
+        ("robot", "law", "| needed here or in the other of `robot` and `robot_defaults` |"),
+        ("silence", "lost_after_s", "| `stale_after_s` to 1e7 |"),
+    ] {
+        let found = row(of, key);
+        assert!(found.contains(words), "{found}");
+    }
+}
+
+#[test]
+fn what_no_single_death_takes_is_said_in_whole_words() {
+    let text = phalanx(["check", "scenarios/antipodal-8.toml"]).exits_with(0).stdout;
+    let words = "whichever robot dies for good, each other one keeps its leader and its place";
+    assert!(text.contains(words), "{text}");
+}

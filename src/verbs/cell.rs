@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use clap::Args;
 use experiment::campaign::file::Keep;
-use outcome::campaign::folder::{complete, note_failure, part};
+use outcome::campaign::folder::{complete, make_room, note_failure, part};
 use protocol::process::{Stop, exit};
 
 use super::execute::{End, How, execute};
@@ -53,10 +53,12 @@ pub(super) fn run(
     manifest: &Manifest,
     how: How,
 ) -> u8 {
-    if cell.exists() {
-        return exit::OK;
-    }
     let keep = args.keep;
+    match make_room(cell, keep) {
+        Ok(true) => return exit::OK,
+        Ok(false) => {}
+        Err(error) => return complain(&error),
+    }
     let out = part(cell);
     // What a process of this number left.
     let _ = std::fs::remove_dir_all(&out);

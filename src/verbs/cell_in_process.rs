@@ -12,7 +12,7 @@ use experiment::campaign::cells::Cell;
 use experiment::campaign::file::{Campaign, Keep};
 use experiment::scenario::Scenario;
 use experiment::scenario::read::read_to_run;
-use outcome::campaign::folder::{Folder, complete, part};
+use outcome::campaign::folder::{Folder, complete, make_room, part};
 use outcome::metrics::Metrics;
 use outcome::results::manifest::{Build, Manifest};
 use outcome::results::run_dir::RunDir;
@@ -77,6 +77,9 @@ impl InProcess<'_> {
         run: &Path,
     ) -> Result<Tried, String> {
         let (keep, pace) = (self.campaign.keep, Pace::Lockstep);
+        if make_room(run, keep).map_err(in_words)? {
+            return Ok(Tried::Done);
+        }
         let manifest = Manifest::collect(scenario, from, pace, self.build);
         let mut run_dir = self.begin(scenario, text, &manifest, part).map_err(in_words)?;
         let mut metrics = Metrics::new(scenario, pace);
@@ -92,7 +95,9 @@ impl InProcess<'_> {
             };
         }
         let judged = judge(scenario, pace, &metrics, &mut outcome, exit::OK, &mut run_dir);
-        judged.finished.map_err(in_words)?;
+        if let Some(error) = judged.unwritten.first() {
+            return Err(error.to_string());
+        }
         let passed = judged.summary.exit == exit::OK;
         complete(part, run, keep, passed)
             .map_err(|error| format!("cannot complete {}: {error}", run.display()))?;

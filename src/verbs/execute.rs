@@ -21,6 +21,7 @@ use outcome::metrics::Metrics;
 use outcome::metrics::expect::{self, FailedRobot};
 use outcome::metrics::summary::Summary;
 use outcome::report::screen::screen;
+use outcome::results::checksums;
 use outcome::results::manifest::{Build, Manifest};
 use outcome::results::outcome::Outcome;
 use outcome::results::programs::Programs;
@@ -130,7 +131,8 @@ impl End {
 pub(super) struct Judged {
     pub(super) summary: Summary,
     screen: String,
-    pub(super) finished: Result<(), RunDirError>,
+    /// Why not all of it was written, file by file.
+    pub(super) unwritten: Vec<RunDirError>,
 }
 
 /// Holds what was measured against what the scenario expects, and writes it down. `ended_with`: the exit
@@ -158,8 +160,8 @@ pub(super) fn judge(
     let mut summary = summary::sum_up(scenario, pace, measures, outcome, expectations, exit);
     // The verdict is what it is, whether or not it can be written down.
     let screen = screen(&summary);
-    let finished = run_dir.finish(&mut summary, &metrics.pairs(), &mut outcome.latency);
-    Judged { summary, screen, finished }
+    let unwritten = run_dir.finish(&mut summary, &metrics.pairs(), &mut outcome.latency);
+    Judged { summary, screen, unwritten }
 }
 
 /// Runs a sound scenario and writes everything down. `text`: the effective scenario.
@@ -190,18 +192,18 @@ pub(super) fn execute(
         complain(error);
     }
     let judged = judge(scenario, pace, &metrics, &mut outcome, ended_with, &mut run_dir);
-    let Judged { summary, screen, finished } = judged;
+    let Judged { summary, screen, unwritten } = judged;
     let ended = result.as_ref().err().map(ToString::to_string);
-    let unwritten = finished.as_ref().err().map(ToString::to_string);
-    if let Some(error) = unwritten.as_ref().filter(|error| ended.as_ref() != Some(error)) {
+    let unwritten: Vec<String> = unwritten.iter().map(ToString::to_string).collect();
+    for error in unwritten.iter().filter(|&error| ended.as_ref() != Some(error)) {
         complain(error);
     }
     if let Some(view) = view {
-        let error = ended.as_ref().or(unwritten.as_ref());
+        let error = ended.as_ref().or(unwritten.first());
         let text = error.map_or_else(|| screen.clone(), |error| format!("error: {error}"));
         view.ended(summary.exit, &text);
     }
-    let (began, written) = (outcome.truth.is_some(), finished.is_ok());
+    let (began, written) = (outcome.truth.is_some(), unwritten.is_empty());
     let failed = failed(scenario, &outcome, &result);
     Ok(Ended { began, out, written, summary, screen, end, failed })
 }
@@ -301,7 +303,12 @@ pub(super) fn run_again(
     manifest.programs = programs.listed();
     let how = How::new(pace, launcher, programs);
     match execute(scenario, text, &manifest, &Place::At(out.into()), how) {
-        Ok(ended) => ended.began && ended.written && !ended.summary.interrupted,
+        Ok(ended) => {
+            ended.began
+                && ended.written
+                && !ended.summary.interrupted
+                && checksums::write(out).map_err(|error| complain(&error)).is_ok()
+        }
         Err(error) => {
             complain(&error);
             false

@@ -6,6 +6,7 @@ use clap::Args;
 use outcome::recording::export::{ExportError, Exported, export as write_tables};
 use protocol::process::exit;
 
+use super::must_be_in_its_folder;
 use super::screen::{complain, print};
 use outcome::results::run_dir::RECORDING;
 
@@ -31,6 +32,9 @@ pub(super) fn export(args: &ExportArgs) -> u8 {
         let stem = args.run.file_stem().unwrap_or_default().to_string_lossy();
         (args.run.clone(), args.run.with_file_name(format!("{stem}-export")))
     };
+    if let Err(code) = must_be_in_its_folder(&file) {
+        return code;
+    }
     let out = args.out.clone().unwrap_or(out);
     match write_tables(&file, &out, args.allow_damage) {
         Ok(Exported { tables, soundness }) => {

@@ -35,9 +35,12 @@ mod share;
 mod sweep;
 mod verify;
 
+use std::path::Path;
+
 use clap::Subcommand;
+use experiment::scenario::file::stays_in;
 use protocol::catalog::Catalog;
-use protocol::process::quiet_iceoryx2;
+use protocol::process::{exit, fail_at_file_size_limits, quiet_iceoryx2};
 
 use outcome::results::manifest::Build;
 use supervisor::spawn::Launcher;
@@ -79,6 +82,7 @@ pub enum Verb {
 pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) -> u8 {
     screen::log_to_stderr();
     quiet_iceoryx2();
+    fail_at_file_size_limits();
     match verb {
         Verb::New(args) => new::new(args, catalog),
         Verb::Run(args) => run::run(args, catalog, launcher.clone(), build),
@@ -93,4 +97,12 @@ pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) 
         Verb::Fleet(args) => fleet_keys::fleet(args),
         Verb::Verify(args) => verify::verify(args, catalog, launcher.clone(), build),
     }
+}
+
+/// Refuses a recording that is not there, or is a link that leads out of its folder.
+fn must_be_in_its_folder(recording: &Path) -> Result<(), u8> {
+    stays_in(recording.parent().unwrap_or(recording), recording).map_err(|error| {
+        screen::complain(&format_args!("cannot read {}: {error}", recording.display()));
+        exit::USAGE
+    })
 }

@@ -6,6 +6,7 @@ use clap::Args;
 use outcome::recording::recover::{Outcome, RecoverError, recover as rebuild};
 use protocol::process::exit;
 
+use super::must_be_in_its_folder;
 use super::screen::{complain, print};
 
 /// Arguments of `phalanx recover`.
@@ -19,6 +20,9 @@ pub struct RecoverArgs {
 }
 
 pub(super) fn recover(args: &RecoverArgs) -> u8 {
+    if let Err(code) = must_be_in_its_folder(&args.file) {
+        return code;
+    }
     let out = args.out.clone().unwrap_or_else(|| args.file.with_extension("recovered.mcap"));
     match rebuild(&args.file, &out) {
         Ok(Outcome::Whole { checked }) => {
@@ -31,7 +35,10 @@ pub(super) fn recover(args: &RecoverArgs) -> u8 {
             print(&format!("{} is whole{limit}: nothing to recover\n", args.file.display()))
         }
         Ok(Outcome::Recovered(recovered)) => {
-            print(&format!("{recovered}written to {}\n", out.display()))
+            match print(&format!("{recovered}written to {}\n", out.display())) {
+                exit::OK if recovered.is_damaged() => exit::EXPECTATION_MISSED,
+                code => code,
+            }
         }
         Err(error) => {
             let code = complain(&error);

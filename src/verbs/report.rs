@@ -41,9 +41,15 @@ pub(super) fn report(ReportArgs { run_dir, animate }: &ReportArgs, catalog: &Cat
         animated.transpose().map(|_| written)
     });
     match written {
-        Ok(Written { path, cut_short }) => {
-            let why = cut_short.map_or(String::new(), |why| format!("{}: {why}\n", scenario.name));
-            print(&format!("{why}written to {}\n", path.display()))
+        Ok(Written { path, cut_short, damage, is_checked }) => {
+            let unchecked = (cut_short.is_none() && !is_checked)
+                .then_some("its tables have no checksums to hold them against");
+            let why = cut_short.or(unchecked);
+            let why = why.map_or(String::new(), |why| format!("{}: {why}\n", scenario.name));
+            let printed = print(&format!("{why}written to {}\n", path.display()));
+            let Some(damage) = damage else { return printed };
+            complain(&format_args!("{}: {damage}; the report says so, too", run_dir.display()));
+            exit::EXPECTATION_MISSED
         }
         Err(error) => complain(&error),
     }

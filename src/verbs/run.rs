@@ -19,6 +19,7 @@ use super::scenario::ScenarioArgs;
 use super::screen::{Output, complain, print, print_as, tell};
 use super::share;
 use experiment::scenario::Scenario;
+use outcome::results::checksums;
 use outcome::results::manifest::{Build, Manifest};
 use outcome::results::page;
 use outcome::results::run_dir::{Place, RunDirError};
@@ -207,7 +208,12 @@ impl RunArgs {
 
     /// Draws what was asked for and prints what came out; the exit code.
     fn tell(&self, scenario: &Scenario, ended: &Ended) -> u8 {
-        if ended.began && ended.written && !self.no_report {
+        let checksums = ended.written.then(|| checksums::write(&ended.out));
+        let is_written = matches!(checksums, Some(Ok(())));
+        if let Some(Err(error)) = checksums {
+            complain(&format_args!("cannot write checksums into {}: {error}", ended.out.display()));
+        }
+        if ended.began && is_written && !self.no_report {
             // The run is written down: that its pictures are not changes nothing about it.
             if let Err(error) = page::write(&ended.out, scenario) {
                 complain(&error);
@@ -217,7 +223,7 @@ impl RunArgs {
             // What was wrong was said already; of nothing there is nothing to show.
             Output::Text if !ended.began => exit::OK,
             Output::Text => {
-                let written = if ended.written { "written" } else { "not all of it is written" };
+                let written = if is_written { "written" } else { "not all of it is written" };
                 let (screen, out) = (ended.screen.trim_end(), ended.out.display());
                 print(&format!("{screen}\n{written} to {out}\n"))
             }
@@ -229,7 +235,11 @@ impl RunArgs {
             let log = if log.exists() { log.display().to_string() } else { "on its host".into() };
             tell(&format!("failed: {how}; its log: {log}"));
         }
-        if ended.summary.exit == exit::OK { printed } else { ended.summary.exit }
+        match ended.summary.exit {
+            exit::OK | exit::EXPECTATION_MISSED if !is_written => exit::INFRASTRUCTURE,
+            exit::OK => printed,
+            code => code,
+        }
     }
 }
 

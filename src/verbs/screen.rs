@@ -6,6 +6,7 @@
 use std::fmt::Display;
 use std::io::{self, IsTerminal, Write};
 use std::sync::OnceLock;
+use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -107,16 +108,51 @@ pub(super) fn runs_progress(runs: usize) -> &'static ProgressBar {
         let bar = ProgressBar::new(runs as u64);
         let style = "{bar:40} {pos} of {len} runs, {eta} left{msg}";
         bar.set_style(ProgressStyle::with_template(style).expect("a valid template"));
-        bar.enable_steady_tick(std::time::Duration::from_secs(1));
+        bar.enable_steady_tick(Duration::from_secs(1));
         bar
     })
 }
 
-/// Moves that bar; `failures`: attempts whose machinery failed.
-pub(super) fn runs_done(bar: &ProgressBar, done: usize, failures: usize) {
+/// Moves that bar, or says the same in a line where there is none; `failures`: attempts whose machinery failed.
+pub(super) fn runs_done(
+    bar: &ProgressBar,
+    lines: &mut ProgressLines,
+    done: usize,
+    failures: usize,
+) {
     bar.set_position(done as u64);
-    if failures > 0 {
-        bar.set_message(format!(", {failures} failed attempts"));
+    let failed = match failures {
+        0 => String::new(),
+        _ => format!(", {failures} failed attempts"),
+    };
+    if bar.is_hidden() && lines.are_due(done) {
+        tell(&format!("{done} of {} runs{failed}", lines.runs));
+    }
+    bar.set_message(failed);
+}
+
+/// When a line is due where the output is no terminal: with each tenth of the runs that took a second, after half a
+/// minute, and at last.
+pub(super) struct ProgressLines {
+    runs: usize,
+    done: usize,
+    at: Instant,
+}
+
+impl ProgressLines {
+    pub(super) fn new(runs: usize) -> ProgressLines {
+        ProgressLines { runs, done: 0, at: Instant::now() }
+    }
+
+    fn are_due(&mut self, done: usize) -> bool {
+        let tenth = |done| 10 * done / self.runs.max(1);
+        let wait_s = if tenth(done) > tenth(self.done) { 1 } else { 30 };
+        let is_late = self.at.elapsed() >= Duration::from_secs(wait_s);
+        let is_due = done > self.done && (is_late || done == self.runs);
+        if is_due {
+            (self.done, self.at) = (done, Instant::now());
+        }
+        is_due
     }
 }
 

@@ -1,5 +1,6 @@
 //! `phalanx sweep`: a campaign is run, or what is missing of it, and its tables are written.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -9,7 +10,7 @@ use clap::Args;
 use experiment::campaign::cells::{self, Cell, CellError};
 use experiment::campaign::file::{self, Campaign};
 use outcome::campaign::figures::figures;
-use outcome::campaign::folder::{Folder, FolderError, LockError};
+use outcome::campaign::folder::{Folder, FolderError, LockError, State, state};
 use outcome::campaign::page::{self, Origin};
 use outcome::campaign::points::{pairings, points};
 use outcome::campaign::table;
@@ -18,7 +19,7 @@ use protocol::catalog::Catalog;
 use protocol::process::{Stop, exit};
 
 use super::cell_in_process::InProcess;
-use super::screen::{complain, print, runs_done, runs_progress, show, tell};
+use super::screen::{ProgressLines, complain, print, runs_done, runs_progress, show, tell};
 use outcome::results::manifest::Build;
 use outcome::results::page::quoted;
 use supervisor::spawn::Launcher;
@@ -136,7 +137,9 @@ fn go(
     // Whoever only looks at what is there, or has it run by others, hinders nobody.
     let runs = !args.emit_commands && !args.collect;
     let _lock = runs.then(|| folder.lock()).transpose()?;
-    let missing = folder.missing(cells, campaign.keep)?;
+    let mut states = folder.states(cells, campaign.keep)?;
+    say_what_is_there(args, campaign, cells, &folder, &states);
+    let missing = to_be_run(cells, &states);
     if args.emit_commands {
         let executable = std::env::current_exe().map_err(SweepError::Executable)?;
         let line = |cell: &&Cell| {
@@ -147,10 +150,10 @@ fn go(
         return Ok(print(&missing.iter().map(line).collect::<String>()));
     }
     folder.write("campaign.toml", &std::fs::read_to_string(&campaign.path).unwrap_or_default())?;
-    let mut ended = None;
+    let mut interrupted = false;
     if runs && !missing.is_empty() {
         let processes = ByProcesses { campaign, folder: &folder, launcher, stop: &stop };
-        ended = Some(match args.in_process {
+        let ended = match args.in_process {
             false => run(args, campaign, &missing, &folder, &processes, &stop)?,
             true => {
                 let way = InProcess {
@@ -168,28 +171,39 @@ fn go(
                 }
                 ended
             }
-        });
+        };
+        interrupted = ended.interrupted;
+        for (cell, known) in cells.iter().zip(&mut states).filter(|(_, known)| known.is_to_be_run())
+        {
+            *known = state(&folder.run(&cell.id), campaign.keep)?;
+        }
     }
-    let rows = table::rows(cells, &folder, campaign.keep)?;
-    let absent = cells.len() - rows.len();
-    if ended.is_some_and(|ended| ended.interrupted) {
+    let damaged = states.iter().filter(|state| matches!(state, State::Damaged(_))).count();
+    let rows = table::rows(cells, &folder, states);
+    if interrupted {
         let (done, all) = (rows.len(), cells.len());
         tell(&format!("interrupted: {done} of {all} runs are done; the same command goes on"));
         return Ok(exit::INTERRUPTED);
     }
-    folder.write("runs.csv", &table::runs(campaign, &rows))?;
-    folder.write("timing.csv", &table::timing(&rows))?;
-    let points = points(campaign, &rows);
-    let pairs = pairings(campaign, &rows);
-    let figures = figures(campaign, &points);
-    folder.write("campaign.json", &page::json(campaign, &points, &pairs, origin))?;
-    for figure in &figures {
-        folder.write(&format!("figures/{}.svg", figure.name), &figure.svg())?;
-    }
-    folder.write("report.html", &page::html(campaign, &points, &pairs, &figures))?;
+    write(campaign, &rows, &folder, origin)?;
+    let absent = cells.len() - rows.len() - damaged;
     let mut text = format!("{}: {} of {} runs", campaign.name, rows.len(), cells.len());
-    if absent > 0 {
-        text += &format!(", {absent} are missing");
+    text += &in_words(&rows, absent, damaged);
+    let printed = print(&format!("{text}\nwritten to {}\n", out.display()));
+    Ok(match (damaged, absent + rows.iter().filter(|row| row.summary().is_none()).count()) {
+        (0, 0) => printed,
+        (0, _) => exit::INFRASTRUCTURE,
+        _ => exit::EXPECTATION_MISSED,
+    })
+}
+
+/// How many runs came out how.
+fn in_words(rows: &[table::Row<'_>], absent: usize, damaged: usize) -> String {
+    let mut text = String::new();
+    for (count, what) in [(absent, "missing"), (damaged, "damaged")] {
+        if count > 0 {
+            text += &format!(", {count} are {what}");
+        }
     }
     for outcome in ["held", "missed", "unseen", "undeclared"] {
         let count = rows.iter().filter(|row| row.outcome() == outcome).count();
@@ -201,9 +215,61 @@ fn go(
     if broken > 0 {
         text += &format!(", {broken} given up: their machinery failed");
     }
-    text += &format!("\nwritten to {}\n", out.display());
-    let printed = print(&text);
-    Ok(if absent + broken > 0 { exit::INFRASTRUCTURE } else { printed })
+    text
+}
+
+/// The runs that are missing or damaged, each once.
+fn to_be_run<'c>(cells: &'c [Cell], states: &[State]) -> Vec<&'c Cell> {
+    let mut seen = BTreeSet::new();
+    let runs = cells.iter().zip(states).filter(|(_, state)| state.is_to_be_run());
+    runs.map(|(cell, _)| cell).filter(|cell| seen.insert(&cell.id)).collect()
+}
+
+/// Names the runs that are damaged, and says how many need not be run again.
+fn say_what_is_there(
+    args: &SweepArgs,
+    campaign: &Campaign,
+    cells: &[Cell],
+    folder: &Folder,
+    states: &[State],
+) {
+    for (cell, state) in cells.iter().zip(states) {
+        let State::Damaged(why) = state else { continue };
+        let (run, which) = (folder.run(&cell.id), cell.in_words(campaign));
+        let damaged = format!("{} is damaged: {why} ({which})", run.display());
+        match args.collect {
+            true => {
+                complain(&format_args!("{damaged}; without --collect it is run again"));
+            }
+            false => tell(&format!(
+                "{damaged}; it is run again, and the damaged one stays as {}.damaged",
+                cell.id
+            )),
+        }
+    }
+    let there = states.iter().filter(|state| !state.is_to_be_run()).count();
+    if there > 0 && !args.collect && !args.emit_commands {
+        tell(&format!("{there} of {} runs are there already", cells.len()));
+    }
+}
+
+/// Writes the tables of what is there, the report and its figures.
+fn write(
+    campaign: &Campaign,
+    rows: &[table::Row<'_>],
+    folder: &Folder,
+    origin: &Origin<'_>,
+) -> Result<(), FolderError> {
+    folder.write("runs.csv", &table::runs(campaign, rows))?;
+    folder.write("timing.csv", &table::timing(rows))?;
+    let points = points(campaign, rows);
+    let pairs = pairings(campaign, rows);
+    let figures = figures(campaign, &points);
+    folder.write("campaign.json", &page::json(campaign, &points, &pairs, origin))?;
+    for figure in &figures {
+        folder.write(&format!("figures/{}.svg", figure.name), &figure.svg())?;
+    }
+    folder.write("report.html", &page::html(campaign, &points, &pairs, &figures))
 }
 
 fn run(
@@ -220,13 +286,15 @@ fn run(
     }
     let bar = runs_progress(missing.len());
     let jobs = args.jobs.map(usize::from);
+    let mut lines = ProgressLines::new(missing.len());
     let ended = pool::run(campaign, missing, folder, way, stop, jobs, |progress| {
-        runs_done(bar, progress.done, progress.failures);
+        runs_done(bar, &mut lines, progress.done, progress.failures);
     });
     bar.finish_and_clear();
     // What died with an earlier campaign may have taken its time to.
     folder.tidy();
     let ended = ended?;
+    folder.sync()?;
     tell(&format!(
         "{} runs in {:.1} s, {} at a time; they used {:.0} % of {} cores",
         missing.len(),

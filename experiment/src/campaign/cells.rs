@@ -183,6 +183,11 @@ fn in_words(campaign: &Campaign, settings: &[&Setting], seed: Option<u64>) -> St
 }
 
 impl Cell {
+    /// Which run it is, in words.
+    pub fn in_words(&self, campaign: &Campaign) -> String {
+        in_words(campaign, &campaign.at(self.point), self.overrides.seed)
+    }
+
     /// The words of the command line that runs it into its directory `to`, behind the executable.
     pub fn words(&self, campaign: &Campaign, to: &Path) -> Vec<String> {
         let text = |path: &Path| path.to_string_lossy().into_owned();
@@ -212,12 +217,18 @@ impl Cell {
 
 /// The SHA-256 of this very executable.
 pub fn executable() -> io::Result<String> {
-    let mut file = File::open("/proc/self/exe")?;
-    let (mut hash, mut part) = (Sha256::new(), vec![0; 1 << 20]);
+    sha256(File::open("/proc/self/exe")?)
+}
+
+/// The SHA-256 of all that can be read, as 64 hexadecimal digits.
+pub fn sha256(mut from: impl Read) -> io::Result<String> {
+    let (mut hash, mut part) = (Sha256::new(), vec![0; 1 << 16]);
     loop {
-        match file.read(&mut part)? {
-            0 => return Ok(hex(&hash.finalize())),
-            read => hash.update(&part[..read]),
+        match from.read(&mut part) {
+            Ok(0) => return Ok(hex(&hash.finalize())),
+            Ok(read) => hash.update(&part[..read]),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
         }
     }
 }

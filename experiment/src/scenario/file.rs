@@ -1,7 +1,7 @@
-//! A file's text, as far as it can be had: small, regular, UTF-8.
+//! A file's text, as far as it can be had: small, regular, UTF-8; and whether a file is where it seems to be.
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{self, Read};
 use std::path::Path;
 
 use super::diagnostic::Diagnostic;
@@ -22,6 +22,18 @@ impl Trouble {
     pub fn about(self, path: &Path) -> Diagnostic {
         Diagnostic::plain(format!("`{}` {}", path.display(), self.what), self.expected)
     }
+}
+
+/// Fails if `path` is not there, or is a link that leads out of its folder: whoever wrote the folder chose where it
+/// leads. `folder`: the one that it must not leave, with `path` in it.
+pub fn stays_in(folder: &Path, path: &Path) -> io::Result<()> {
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let (folder, target) = (folder.canonicalize()?, path.canonicalize()?);
+    if target.starts_with(&folder) {
+        return Ok(());
+    }
+    let (folder, target) = (folder.display(), target.display());
+    Err(io::Error::other(format!("it is a link to {target}, which is outside of {folder}")))
 }
 
 /// The file's text; `expected`: what should be there instead of no such file.

@@ -7,6 +7,7 @@ use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Component, Path, PathBuf};
 
 use super::diagnostic::Diagnostic;
+use super::file::stays_in;
 use super::table::{Table, Value};
 
 /// Where a run's directory has its copies.
@@ -85,7 +86,7 @@ const WORDS: &str = "expected a program and its arguments, as in [\"python3\", \
 fn find(folder: &Path, name: &str) -> Option<PathBuf> {
     let places = [folder.join(name), folder.join(PROGRAMS).join(name)];
     let inside = stays_inside(name);
-    places.into_iter().find(|path| inside && path.is_file())
+    places.into_iter().find(|path| inside && path.is_file() && stays_in(folder, path).is_ok())
 }
 
 /// Whether a name leads nowhere but into the folder.
@@ -110,7 +111,11 @@ fn file_must_be_there(value: &Value<'_>, name: &str, folder: &Path) -> Result<()
     if Path::new(name).is_absolute() && runs(Path::new(name)) {
         return Ok(());
     }
-    if !stays_inside(name) {
+    let is_link_out = || {
+        let path = folder.join(name);
+        path.is_file() && stays_in(folder, &path).is_err()
+    };
+    if !stays_inside(name) || is_link_out() {
         let expected =
             "expected a file in the scenario's folder: it is copied into the run's directory";
         return Err(value
@@ -164,12 +169,17 @@ mod tests {
             std::fs::create_dir_all(path.parent().unwrap()).unwrap();
             std::fs::write(path, "").unwrap();
         }
-        let words = ["python3", "law.py", "fast", "kept.py", "../law.py", "law.py"];
+        // A link may lead to another file of the folder, and not out of it.
+        for (name, target) in [("same.py", "law.py"), ("out.py", "/etc/hostname")] {
+            std::os::unix::fs::symlink(target, folder.path().join(name)).unwrap();
+        }
+        let words =
+            ["python3", "law.py", "fast", "kept.py", "../law.py", "law.py", "same.py", "out.py"];
         let words = words.map(str::to_owned).to_vec();
         let program = Program { words, files: vec!["law.py".into()], memory_max_mb: None };
         let found = program.files(folder.path());
         let names: Vec<&str> = found.iter().map(|(name, _)| *name).collect();
-        assert_eq!(names, ["law.py", "kept.py"]);
+        assert_eq!(names, ["law.py", "kept.py", "same.py"]);
         assert_eq!(found[1].1, folder.path().join("programs/kept.py"));
     }
 }

@@ -1,9 +1,9 @@
 //! The folder of a campaign: which runs are done, which gave up, which are missing.
 //!
-//! A run is done when its directory is there: it is written under another name and renamed when it is
-//! complete. What was killed on its way is as if it had never been.
+//! A run is done when its directory is there and fits its checksums, which are the last thing that is written
+//! under another name, before the directory gets its own. What was killed on its way is as if it had never been;
+//! what the disk lost or somebody changed is damaged, and run again.
 
-use std::collections::BTreeSet;
 use std::fs;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
@@ -12,11 +12,12 @@ use rustix::fs::{FlockOperation, flock};
 use rustix::io::Errno;
 
 use crate::metrics::summary::Summary;
-use crate::results::run_dir::SUMMARY;
-
-use crate::results::run_dir::SAMPLES;
+use crate::results::checksums::{self, Damage, replace, sync};
+use crate::results::host_dir::SCENARIO;
+use crate::results::run_dir::{MANIFEST, SAMPLES, SUMMARY};
 use experiment::campaign::cells::Cell;
 use experiment::campaign::file::Keep;
+use experiment::scenario::file::stays_in;
 
 /// A run whose machinery failed so often is given up.
 pub const ATTEMPTS_MAX: usize = 3;
@@ -37,8 +38,17 @@ pub enum State {
     Done(Box<Summary>),
     /// Its machinery failed as often as it may, the last time so.
     GivenUp(String),
-    /// It is yet to be run.
+    /// It is yet to be run, or less was kept of it than is asked for now.
     Missing,
+    /// It is there, but not as it was written, for this reason: it is yet to be run again.
+    Damaged(String),
+}
+
+impl State {
+    /// Whether it has no result yet, and is not given up.
+    pub fn is_to_be_run(&self) -> bool {
+        matches!(self, State::Missing | State::Damaged(_))
+    }
 }
 
 /// Why the folder cannot be used.
@@ -91,6 +101,7 @@ impl Folder {
     pub fn open(path: &Path) -> Result<Folder, FolderError> {
         for folder in [path.join("runs"), path.join("figures")] {
             fs::create_dir_all(&folder).map_err(failed("make", &folder))?;
+            stays_in(path, &folder).map_err(failed("write into", &folder))?;
         }
         let path = path.canonicalize().map_err(failed("open", path))?;
         Ok(Folder { path })
@@ -130,30 +141,9 @@ impl Folder {
         self.path.join("runs").join(id)
     }
 
-    /// What became of a run. One of which less was kept than is asked for now is missing.
-    pub fn state(&self, cell: &Cell, keep: Keep) -> Result<State, FolderError> {
-        let run = self.run(&cell.id);
-        let summary = run.join(SUMMARY);
-        match fs::read_to_string(&summary) {
-            Ok(text) => {
-                let parsed = serde_json::from_str(&text).map_err(io::Error::from);
-                let found: Summary = parsed.map_err(failed("read", &summary))?;
-                let wanted = keep == Keep::All || keep == Keep::Failed && found.exit != 0;
-                if wanted && !run.join(SAMPLES).exists() {
-                    fs::remove_dir_all(&run).map_err(failed("remove", &run))?;
-                    return Ok(State::Missing);
-                }
-                Ok(State::Done(Box::new(found)))
-            }
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {
-                let attempts = attempts(&run);
-                Ok(match attempts.last() {
-                    Some(last) if attempts.len() >= ATTEMPTS_MAX => State::GivenUp(last.clone()),
-                    _ => State::Missing,
-                })
-            }
-            Err(error) => Err(failed("read", &summary)(error)),
-        }
+    /// What became of each run, in their order.
+    pub fn states(&self, cells: &[Cell], keep: Keep) -> Result<Vec<State>, FolderError> {
+        cells.iter().map(|cell| state(&self.run(&cell.id), keep)).collect()
     }
 
     /// Forgets that runs were given up.
@@ -180,23 +170,63 @@ impl Folder {
         }
     }
 
-    /// The runs that are missing, each once.
-    pub fn missing<'c>(&self, cells: &'c [Cell], keep: Keep) -> Result<Vec<&'c Cell>, FolderError> {
-        let (mut missing, mut seen) = (Vec::new(), BTreeSet::new());
-        for cell in cells {
-            if seen.insert(&cell.id) && self.state(cell, keep)? == State::Missing {
-                missing.push(cell);
-            }
-        }
-        Ok(missing)
+    /// Returns once the disk knows which runs there are.
+    pub fn sync(&self) -> Result<(), FolderError> {
+        let runs = self.path.join("runs");
+        sync(&runs).map_err(failed("sync", &runs))
     }
 
     /// Writes a file at once: whoever reads it sees the old one or the new one.
     pub fn write(&self, name: &str, content: &str) -> Result<(), FolderError> {
-        let (path, new) = (self.path.join(name), self.path.join(format!("{name}.new")));
-        fs::write(&new, content).map_err(failed("write", &new))?;
-        fs::rename(&new, &path).map_err(failed("write", &path))
+        let path = self.path.join(name);
+        replace(&path, content, false).map_err(failed("write", &path))
     }
+}
+
+/// What became of a run.
+pub fn state(run: &Path, keep: Keep) -> Result<State, FolderError> {
+    if fs::symlink_metadata(run).is_err_and(|error| error.kind() == io::ErrorKind::NotFound) {
+        let attempts = attempts(run);
+        return Ok(match attempts.last() {
+            Some(last) if attempts.len() >= ATTEMPTS_MAX => State::GivenUp(last.clone()),
+            _ => State::Missing,
+        });
+    }
+    match checksums::check(run) {
+        Ok(()) => {}
+        Err(Damage::Unreadable(name, error)) => return Err(failed("read", &run.join(name))(error)),
+        Err(damage) => return Ok(State::Damaged(damage.to_string())),
+    }
+    let read = fs::read(run.join(SUMMARY));
+    let summary = read.and_then(|text| Ok(serde_json::from_slice::<Box<Summary>>(&text)?));
+    Ok(match summary {
+        Err(error) => State::Damaged(format!("{SUMMARY}: {error}")),
+        Ok(summary) => {
+            let wanted = keep == Keep::All || keep == Keep::Failed && summary.exit != 0;
+            let is_less = wanted && !run.join(SAMPLES).exists();
+            if is_less { State::Missing } else { State::Done(summary) }
+        }
+    })
+}
+
+/// Makes room for a run that is to be run: whether it is there already. What is there of a damaged one stays beside
+/// it, as RUN.damaged; one of which less was kept than is asked for now is removed.
+pub fn make_room(run: &Path, keep: Keep) -> Result<bool, FolderError> {
+    match state(run, keep)? {
+        State::Done(_) => return Ok(true),
+        State::Damaged(_) => {
+            let aside = beside(run, "damaged");
+            let _ = fs::remove_dir_all(&aside);
+            // Unless another process did it.
+            match fs::rename(run, &aside) {
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                renamed => renamed.map_err(failed("rename", run))?,
+            }
+        }
+        State::Missing if run.exists() => fs::remove_dir_all(run).map_err(failed("remove", run))?,
+        State::Missing | State::GivenUp(_) => {}
+    }
+    Ok(false)
 }
 
 /// The failed attempts at a run, each in words.
@@ -225,20 +255,47 @@ pub fn part_of(run: &Path, pid: u32) -> PathBuf {
 /// Keeps of a complete run, which is written in `part`, what is to be kept, and gives it its name. One
 /// that another process has completed meanwhile stays.
 pub fn complete(part: &Path, run: &Path, keep: Keep, passed: bool) -> io::Result<()> {
-    if keep == Keep::Summary || keep == Keep::Failed && passed {
+    for step in steps(part, keep == Keep::Summary || keep == Keep::Failed && passed)? {
+        step.take(part, run)?;
+    }
+    Ok(())
+}
+
+/// What is done to complete a run, in this order.
+#[derive(Debug, Clone)]
+enum Step {
+    Remove(PathBuf),
+    /// The run was written to its end.
+    WriteChecksums,
+    /// It gets its name: if the disk loses that, it is run again.
+    Rename,
+}
+
+fn steps(part: &Path, is_summary: bool) -> io::Result<Vec<Step>> {
+    let mut steps = Vec::new();
+    if is_summary {
         for entry in fs::read_dir(part)? {
-            let path = entry?.path();
-            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            match name.as_str() {
-                "scenario.toml" | "manifest.json" | "summary.json" => {}
-                _ if path.is_dir() => fs::remove_dir_all(&path)?,
-                _ => fs::remove_file(&path)?,
+            let entry = entry?;
+            if ![SCENARIO, MANIFEST, SUMMARY].iter().any(|&kept| entry.file_name() == kept) {
+                steps.push(Step::Remove(entry.path()));
             }
         }
     }
-    match fs::rename(part, run) {
-        Err(_) if run.join(SUMMARY).exists() => fs::remove_dir_all(part),
-        renamed => renamed,
+    steps.extend([Step::WriteChecksums, Step::Rename]);
+    Ok(steps)
+}
+
+impl Step {
+    fn take(&self, part: &Path, run: &Path) -> io::Result<()> {
+        match self {
+            Step::Remove(path) if path.is_dir() => fs::remove_dir_all(path),
+            Step::Remove(path) => fs::remove_file(path),
+            Step::WriteChecksums => checksums::write(part),
+            Step::Rename => match fs::rename(part, run) {
+                Err(_) if checksums::check(run).is_ok() => fs::remove_dir_all(part),
+                renamed => renamed,
+            },
+        }
     }
 }
 
@@ -258,4 +315,84 @@ fn lives(pid: &str) -> bool {
 
 fn host() -> String {
     rustix::system::uname().nodename().to_string_lossy().into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::results::checksums::CHECKSUMS;
+    use crate::results::summary::to_json;
+
+    const FILES: [&str; 4] = [SCENARIO, MANIFEST, SUMMARY, SAMPLES];
+
+    fn found() -> Summary {
+        Summary { t_s: 1.0, ..Summary::default() }
+    }
+
+    /// A run of which everything but its checksums is written.
+    fn written(place: &Path) -> (PathBuf, PathBuf) {
+        let (part, run) = (place.join("id.part-1-host"), place.join("id"));
+        fs::create_dir_all(part.join("logs")).unwrap();
+        let texts = ["name = 1\n", "{}\n", &to_json(&found()), "t_s\n0\n"];
+        FILES.iter().zip(texts).for_each(|(name, text)| fs::write(part.join(name), text).unwrap());
+        (part, run)
+    }
+
+    /// The power fails between any two writes, and of what is not synced any file is lost or cut.
+    #[test]
+    fn whenever_the_power_fails_a_run_is_whole_or_run_again() {
+        let mut whole = 0;
+        for (keep, files) in [(Keep::Summary, 3), (Keep::All, 4)] {
+            let cuts = 0..=steps(&written(tempfile::tempdir().unwrap().path()).0, files == 3)
+                .unwrap()
+                .len();
+            let losses = FILES[..files].iter().flat_map(|name| [(name, 0), (name, 4)]);
+            let losses: Vec<_> = losses.map(Some).chain([None]).collect();
+            for (cut, loss) in cuts.flat_map(|cut| losses.iter().map(move |&loss| (cut, loss))) {
+                let place = tempfile::tempdir().unwrap();
+                let (part, run) = written(place.path());
+                for step in &steps(&part, files == 3).unwrap()[..cut] {
+                    step.take(&part, &run).unwrap();
+                }
+                let is_named = run.exists();
+                if let (Some((name, bytes)), true) = (loss, is_named) {
+                    let file = fs::File::options().write(true).open(run.join(name)).unwrap();
+                    file.set_len(bytes).unwrap();
+                }
+                let state = state(&run, keep).unwrap();
+                let expected = match (is_named, loss) {
+                    (false, _) => State::Missing,
+                    (true, None) => State::Done(Box::new(found())),
+                    (true, Some((name, _))) => {
+                        State::Damaged(format!("{name} is not as the run wrote it"))
+                    }
+                };
+                assert_eq!(state, expected, "after {cut} steps, {loss:?} lost");
+                whole += usize::from(make_room(&run, keep).unwrap());
+                let (part, run) = written(place.path());
+                complete(&part, &run, keep, true).unwrap();
+                assert_eq!(super::state(&run, keep).unwrap(), State::Done(Box::new(found())));
+                assert!(!part.exists());
+            }
+        }
+        // Once it has its name, and nothing of it is lost.
+        assert_eq!(whole, 2);
+    }
+
+    #[test]
+    fn no_file_of_a_run_may_be_lost_or_listed_beside_the_others() {
+        let place = tempfile::tempdir().unwrap();
+        let (part, run) = written(place.path());
+        complete(&part, &run, Keep::All, true).unwrap();
+        let listed = fs::read_to_string(run.join(CHECKSUMS)).unwrap();
+        for wrong in ["", "?", &listed[..listed.len() / 2], &(listed.clone() + "0  other\n")] {
+            fs::write(run.join(CHECKSUMS), wrong).unwrap();
+            let damaged = matches!(state(&run, Keep::All).unwrap(), State::Damaged(_));
+            assert!(damaged, "{wrong:?}");
+        }
+        fs::write(run.join(CHECKSUMS), listed).unwrap();
+        fs::remove_file(run.join(MANIFEST)).unwrap();
+        let state = state(&run, Keep::All).unwrap();
+        assert_eq!(state, State::Damaged("manifest.json is missing".into()));
+    }
 }

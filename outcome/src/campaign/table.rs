@@ -6,9 +6,9 @@
 use crate::metrics::expect;
 use crate::metrics::summary::Summary;
 
-use crate::campaign::folder::{Folder, FolderError, State, attempts};
+use crate::campaign::folder::{Folder, State, attempts};
 use experiment::campaign::cells::Cell;
-use experiment::campaign::file::{Campaign, Keep};
+use experiment::campaign::file::Campaign;
 
 /// One run and what became of it.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,21 +21,16 @@ pub struct Row<'c> {
     pub failures: usize,
 }
 
-/// What became of all runs, in their order; those that are missing have no row.
-pub fn rows<'c>(
-    cells: &'c [Cell],
-    folder: &Folder,
-    keep: Keep,
-) -> Result<Vec<Row<'c>>, FolderError> {
+/// The rows of runs in these states, in their order; those that are missing or damaged have none.
+pub fn rows<'c>(cells: &'c [Cell], folder: &Folder, states: Vec<State>) -> Vec<Row<'c>> {
     let mut rows = Vec::new();
-    for cell in cells {
-        let state = folder.state(cell, keep)?;
-        if state != State::Missing {
+    for (cell, state) in cells.iter().zip(states) {
+        if !state.is_to_be_run() {
             let failures = attempts(&folder.run(&cell.id)).len();
             rows.push(Row { cell, state, failures });
         }
     }
-    Ok(rows)
+    rows
 }
 
 impl Row<'_> {
@@ -43,7 +38,7 @@ impl Row<'_> {
     pub fn summary(&self) -> Option<&Summary> {
         match &self.state {
             State::Done(summary) => Some(summary),
-            State::GivenUp(_) | State::Missing => None,
+            State::GivenUp(_) | State::Missing | State::Damaged(_) => None,
         }
     }
 

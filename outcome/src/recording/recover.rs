@@ -161,6 +161,13 @@ fn copy(record: &Record<'_>, writer: &mut Writer, recovered: &mut Recovered) -> 
     Ok(())
 }
 
+impl Recovered {
+    /// Whether something that had been written is not in the new file, or is changed.
+    pub fn is_damaged(&self) -> bool {
+        self.soundness.is_damaged() || self.orphans > 0
+    }
+}
+
 impl fmt::Display for Recovered {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (first_ns, last_ns) = self.stamps_ns.unwrap_or((0, 0));

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use mcap::records::Record;
+use mcap::records::{Record, op};
 use proptest::prelude::*;
 use tempfile::TempDir;
 
@@ -164,6 +164,7 @@ fn a_chunk_damaged_in_the_middle_costs_only_itself() {
     fs::write(&bad, &bytes).unwrap();
     let found = recovered(&bad, &out);
     assert_eq!((found.soundness.damaged, found.soundness.cut_bytes), (1, 0));
+    assert!(found.is_damaged() && found.soundness.lost_ns > 0);
     let error = export(&bad, &scratch.path().join("tables"), false).unwrap_err();
     assert!(error.to_string().contains("damaged chunks or other records: 1"), "{error}");
     assert!(export(&bad, &scratch.path().join("tables"), true).is_ok());
@@ -175,6 +176,60 @@ fn a_chunk_damaged_in_the_middle_costs_only_itself() {
         all.len()
     );
     assert_eq!(kept.last(), all.last());
+}
+
+/// Where the records of a file begin, with their kinds and lengths.
+fn layout(bytes: &[u8]) -> Vec<(u8, usize, usize)> {
+    let (mut at, mut found) = (mcap::MAGIC.len(), Vec::new());
+    while at < bytes.len() - mcap::MAGIC.len() {
+        let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+        found.push((bytes[at], at, length));
+        at += 9 + length;
+    }
+    found
+}
+
+#[test]
+fn the_seconds_lost_are_those_between_what_is_left() {
+    let (scratch, path) = recorded(2000);
+    let (bytes, all) = (fs::read(&path).unwrap(), messages(&path));
+    let chunks: Vec<_> =
+        layout(&bytes).into_iter().filter(|(kind, ..)| *kind == op::CHUNK).collect();
+    assert!(chunks.len() > 4);
+    let (bad, out) = (scratch.path().join("bad.mcap"), scratch.path().join("out.mcap"));
+    let stamp_ns = |(stamp_ns, ..): &(u64, u16, Vec<u8>)| *stamp_ns;
+    for hurt in [0, 2, chunks.len() - 1] {
+        let (_, at, length) = chunks[hurt];
+        // What is in it, and how long it is.
+        for place in [at + 9 + length / 2, at + 2, at + 8] {
+            let mut bytes = bytes.clone();
+            bytes[place] ^= 0x55;
+            fs::write(&bad, &bytes).unwrap();
+            let found = recovered(&bad, &out);
+            let kept = messages(&out);
+            fs::remove_file(&out).unwrap();
+            assert!(found.is_damaged() && found.soundness.cut_bytes == 0, "{found:?}");
+            // The first chunk says which channels there are.
+            if hurt > 0 {
+                // Events are written last, with stamps of the beginning.
+                let is_lost = |message: &&(u64, u16, Vec<u8>)| {
+                    stamp_ns(message) > STARTED_UNIX_NS + 2 * STEP_NS && !kept.contains(message)
+                };
+                let lost: Vec<_> = all.iter().filter(is_lost).collect();
+                if lost.is_empty() {
+                    assert_eq!((found.soundness.lost_ns, kept.len()), (0, all.len()));
+                    continue;
+                }
+                let before = kept.iter().map(stamp_ns).filter(|&ns| ns < stamp_ns(lost[0])).max();
+                let last_ns = stamp_ns(lost.last().unwrap());
+                let behind = kept.iter().map(stamp_ns).find(|&ns| ns > last_ns).unwrap_or(last_ns);
+                let between = behind - before.unwrap();
+                let lost_ns = found.soundness.lost_ns;
+                assert!(lost_ns > 0 && lost_ns <= between, "{hurt}: {lost_ns} of {between}");
+                assert!(lost_ns + 2 * STEP_NS >= between, "{hurt}: {lost_ns} of {between}");
+            }
+        }
+    }
 }
 
 #[test]

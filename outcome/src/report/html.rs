@@ -96,6 +96,10 @@ fn head(run: &Run) -> String {
     };
     let class = worst.map_or("undeclared", Verdict::word);
     let _ = writeln!(text, "<p class=\"verdict {class}\">{verdict}</p>");
+    if let Some(damage) = &run.damage {
+        let damage = escaped(damage);
+        let _ = writeln!(text, "<p class=\"verdict missed\">not to be relied on: {damage}</p>");
+    }
     if let Some(why) = &run.unpromised {
         let why = escaped(why);
         let _ =

@@ -35,6 +35,8 @@ pub struct Run {
     pub summary: Option<Summary>,
     /// Why no promise about distances holds in it, if one otherwise would.
     pub unpromised: Option<String>,
+    /// Which of its files is not as the run wrote it, in words.
+    pub damage: Option<String>,
     /// What was run, where and how: words and their values.
     pub manifest: Vec<(String, String)>,
     /// Latencies over time.

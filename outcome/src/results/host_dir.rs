@@ -11,6 +11,9 @@ use serde::Serialize;
 use crate::results::programs::{self, Programs, Started};
 use experiment::scenario::program::Program;
 
+/// The effective scenario.
+pub const SCENARIO: &str = "scenario.toml";
+
 /// Why something could not be written down. What was written before is kept.
 #[derive(Debug, thiserror::Error)]
 pub enum RunDirError {
@@ -74,7 +77,7 @@ impl HostDir {
 
     /// Writes the effective scenario, which can be run again.
     pub fn write_scenario(&self, text: &str) -> Result<(), RunDirError> {
-        self.write("scenario.toml", text)
+        self.write(SCENARIO, text)
     }
 
     /// Writes which hosts there are, and who lives where.

@@ -6,6 +6,7 @@
 //! |---|---|
 //! | `run_dir` | which files are there, and what stands in them? |
 //! | `host_dir` | what does every host of a run write? |
+//! | `checksums` | is a run whole, and as it was written? |
 //! | `reserved` | how does a small file survive a full disk? |
 //! | `programs` | what do robots run that is not built in? |
 //! | `manifest` | what was run, where and how? |
@@ -19,6 +20,7 @@
 //! | `date` | which day and time of day was it? |
 //! | `page` | what does a run directory look like in pictures? |
 
+pub mod checksums;
 pub mod compare;
 pub mod date;
 pub mod goals;

@@ -30,9 +30,12 @@ use protocol::number::told_apart;
 
 use crate::metrics::fault::FaultReport;
 use crate::metrics::summary::{Summary, Wall};
+use crate::results::checksums::{self, Damage, replace};
 use crate::results::date;
+use crate::results::host_dir::SCENARIO;
 use crate::results::manifest::LOCKSTEP_EPOCH_UNIX_NS;
 use crate::results::scene::scene;
+use experiment::scenario::file::stays_in;
 use experiment::scenario::{FaultKind, Scenario};
 use formation::seconds;
 
@@ -79,8 +82,14 @@ pub enum ReportError {
 
 /// Refuses a directory that no run has written.
 pub fn scenario_path(run_dir: &Path) -> Result<PathBuf, ReportError> {
-    let path = run_dir.join("scenario.toml");
-    if path.is_file() { Ok(path) } else { Err(ReportError::NotARun(run_dir.into())) }
+    let path = run_dir.join(SCENARIO);
+    if !path.is_file() {
+        return Err(ReportError::NotARun(run_dir.into()));
+    }
+    match stays_in(run_dir, &path) {
+        Ok(()) => Ok(path),
+        Err(source) => Err(ReportError::Read { path, source }),
+    }
 }
 
 /// A page that was written.
@@ -90,21 +99,31 @@ pub struct Written {
     pub path: PathBuf,
     /// What is to be said of the run, if it ended without a summary.
     pub cut_short: Option<&'static str>,
+    /// Which of its files is not as the run wrote it.
+    pub damage: Option<String>,
+    /// Whether its files could be held against checksums.
+    pub is_checked: bool,
 }
 
 /// Writes `figures/*.svg` and `report.html` of a run of this scenario.
 pub fn write(run_dir: &Path, scenario: &Scenario) -> Result<Written, ReportError> {
-    let run = load(run_dir, scenario)?;
+    let checked = checksums::check(run_dir);
+    let is_checked = !matches!(checked, Err(Damage::NoChecksums));
+    let damage = checked.err().filter(|_| is_checked).map(|damage| damage.to_string());
+    let run = Run { damage, ..load(run_dir, scenario)? };
     let figures = crate::report::figures::all(&run);
     let directory = run_dir.join("figures");
-    fs::create_dir_all(&directory).map_err(unwritten(&directory))?;
+    fs::create_dir_all(&directory)
+        .and_then(|()| stays_in(run_dir, &directory))
+        .map_err(unwritten(&directory))?;
     for figure in &figures {
         let path = directory.join(format!("{}.svg", figure.name));
-        fs::write(&path, figure.svg()).map_err(unwritten(&path))?;
+        replace(&path, figure.svg(), false).map_err(unwritten(&path))?;
     }
     let path = run_dir.join("report.html");
-    fs::write(&path, crate::report::html::report(&run, &figures)).map_err(unwritten(&path))?;
-    Ok(Written { path, cut_short: run.summary.is_none().then_some(CUT_SHORT) })
+    replace(&path, crate::report::html::report(&run, &figures), false).map_err(unwritten(&path))?;
+    let cut_short = run.summary.is_none().then_some(CUT_SHORT);
+    Ok(Written { path, cut_short, damage: run.damage, is_checked })
 }
 
 /// Writes a run of this scenario as one animated picture.
@@ -157,6 +176,7 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
         every: record.every,
         changes,
         unpromised: unpromised(scenario, summary.as_ref()),
+        damage: None,
         summary,
         manifest: manifest.iter().map(|(name, value)| manifest_line(name, value)).collect(),
         over_time: delays::over_time(&run_dir.join("latency_over_time.csv"))?,

@@ -7,10 +7,10 @@ use std::io;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
+use experiment::campaign::cells::sha256;
 use experiment::scenario::Scenario;
 use experiment::scenario::program::{PROGRAMS, Program};
 use serde::Serialize;
-use sha2::{Digest, Sha256};
 
 /// All of them, read.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -66,10 +66,7 @@ impl Programs {
 
     /// What a manifest says of them.
     pub fn listed(&self) -> Vec<Listed> {
-        let hash = |bytes: &[u8]| {
-            let hash = Sha256::digest(bytes);
-            hash.iter().fold(String::new(), |text, byte| text + &format!("{byte:02x}"))
-        };
+        let hash = |bytes: &[u8]| sha256(bytes).expect("memory is always read");
         let listed = |file: &File| Listed { file: file.name.clone(), sha256: hash(&file.bytes) };
         self.files.iter().map(listed).collect()
     }

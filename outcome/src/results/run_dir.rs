@@ -18,7 +18,7 @@ use serde::Serialize;
 use crate::metrics::summary::Summary;
 use crate::metrics::{Now, PairDistance};
 use crate::results::date;
-use crate::results::host_dir::{HostDir, failed};
+use crate::results::host_dir::{HostDir, SCENARIO, failed};
 use crate::results::latency::Latency;
 use crate::results::manifest::Manifest;
 use crate::results::reserved::Reserved;
@@ -167,7 +167,7 @@ impl RunDir {
             ("git_hash", manifest.build.git_hash.as_deref().unwrap_or("")),
         ]);
         let manifest_text = to_json(manifest);
-        let mut attachments = vec![("scenario.toml", "application/toml", scenario)];
+        let mut attachments = vec![(SCENARIO, "application/toml", scenario)];
         if !reproducible {
             facts.insert("run", &run);
             attachments.push(("manifest.json", "application/json", &manifest_text));
@@ -299,27 +299,24 @@ impl RunDir {
     }
 
     /// Writes everything still in hand, as far as there is room, and what came out; with the exit code
-    /// that a failure makes it. The first failure is told.
+    /// that a failure makes it. All that failed: each names a file that is not whole.
     pub fn finish(
         &mut self,
         summary: &mut Summary,
         pairs: &[PairDistance],
         latency: &mut Latency,
-    ) -> Result<(), RunDirError> {
-        let kept = self.write_rest(summary, pairs, latency);
-        if kept.is_err() {
+    ) -> Vec<RunDirError> {
+        let mut unwritten = self.write_rest(summary, pairs, latency);
+        if !unwritten.is_empty() {
             summary.exit = exit::INFRASTRUCTURE;
         }
-        let summarized = match self.summary.take() {
-            Some(reserved) => reserved
-                .fill(to_json(summary).as_bytes())
-                .map_err(failed(&self.path().join(SUMMARY))),
-            None => Ok(()),
-        };
-        if summarized.is_err() {
+        if let Some(Err(error)) =
+            self.summary.take().map(|reserved| reserved.fill(to_json(summary).as_bytes()))
+        {
+            unwritten.push(failed(&self.path().join(SUMMARY))(error));
             summary.exit = exit::INFRASTRUCTURE;
         }
-        kept.and(summarized)
+        unwritten
     }
 
     fn write_rest(
@@ -327,7 +324,7 @@ impl RunDir {
         summary: &Summary,
         pairs: &[PairDistance],
         latency: &mut Latency,
-    ) -> Result<(), RunDirError> {
+    ) -> Vec<RunDirError> {
         let mut text = "robot_a,robot_b,min_distance_m,t_s\n".to_owned();
         for PairDistance { pair: [a, b], min_distance_m, t_s } in pairs {
             text += &format!("{a},{b},{min_distance_m},{t_s}\n");
@@ -347,6 +344,7 @@ impl RunDir {
             }),
         ]
         .into_iter()
+        .filter_map(Result::err)
         .collect()
     }
 }

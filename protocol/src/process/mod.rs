@@ -12,6 +12,9 @@
 //! | `priority` | who runs before it, and for how long? |
 //! | `exit` | which exit code says what? |
 
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
 mod alarm;
 pub mod exit;
 mod log;
@@ -38,6 +41,7 @@ pub type Failure = Box<dyn std::error::Error + Send + Sync>;
 pub fn main(name: &str, realtime_priority: bool, run: impl FnOnce() -> Result<(), Failure>) -> u8 {
     set_name(name);
     log_to_stderr();
+    fail_at_file_size_limits();
     if realtime_priority {
         hurry();
     }
@@ -47,5 +51,14 @@ pub fn main(name: &str, realtime_priority: bool, run: impl FnOnce() -> Result<()
             tracing::error!("{error}");
             exit::INFRASTRUCTURE
         }
+    }
+}
+
+/// Lets writing beyond a limit of file sizes (`ulimit -f`) fail as on a full disk does, in place of a signal that ends
+/// the process. Programs that this one becomes have the signal again.
+pub fn fail_at_file_size_limits() {
+    let nobody_asks: Arc<AtomicBool> = Arc::default();
+    if let Err(error) = signal_hook::flag::register(libc::SIGXFSZ, nobody_asks) {
+        tracing::warn!("cannot handle SIGXFSZ: {error}");
     }
 }

@@ -5,6 +5,7 @@ use std::io;
 use std::path::Path;
 
 use csv::ErrorKind;
+use experiment::scenario::file::stays_in;
 use serde::de::DeserializeOwned;
 
 use super::ReportError;
@@ -26,7 +27,7 @@ pub(super) fn text(path: &Path) -> Result<Option<Vec<u8>>, ReportError> {
             let why = format!("it has {bytes} bytes, expected at most {FILE_BYTES_MAX}");
             return Err(unread(io::Error::other(why)));
         }
-        Ok(_) => {}
+        Ok(_) => stays_in(path.parent().unwrap_or(path), path).map_err(unread)?,
     }
     fs::read(path).map(Some).map_err(unread)
 }

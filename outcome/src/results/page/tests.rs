@@ -114,8 +114,8 @@ fn a_run_that_was_killed_gets_a_report_of_what_it_had_written() {
     }
     let run = load(&path, &row_of_three()).unwrap();
     assert_eq!(run.times_s.len(), 7, "the last instant was not whole");
-    let Written { path, cut_short } = write(&path, &row_of_three()).unwrap();
-    assert_eq!(cut_short, Some(CUT_SHORT));
+    let Written { path, cut_short, is_checked, .. } = write(&path, &row_of_three()).unwrap();
+    assert_eq!((cut_short, is_checked), (Some(CUT_SHORT), false));
     assert!(fs::read_to_string(path).unwrap().contains("cut short"));
 }
 

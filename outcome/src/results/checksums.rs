@@ -1,0 +1,114 @@
+//! Checksums of a run's files, as `sha256sum -c` takes them: the last thing that is written of a run. A run that has
+//! them was written to its end; what does not fit them was changed or damaged since.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{self, Write as _};
+use std::path::Path;
+
+use experiment::campaign::cells::sha256;
+
+use crate::results::host_dir::SCENARIO;
+use crate::results::run_dir::{EVENTS, MANIFEST, PAIRS, SAMPLES, SUMMARY};
+
+/// Where they are, in a run's directory.
+pub const CHECKSUMS: &str = "checksums.sha256";
+/// What they are of, as far as a run has it. A recording has checksums of its own.
+const FILES: [&str; 9] = [
+    SCENARIO,
+    MANIFEST,
+    SUMMARY,
+    SAMPLES,
+    PAIRS,
+    EVENTS,
+    "latency.csv",
+    "latency_over_time.csv",
+    "latency.hlog",
+];
+
+/// Why a run's directory is not as the run wrote it.
+#[derive(Debug, thiserror::Error)]
+pub enum Damage {
+    /// Its end was never written, or by a version that knew no checksums.
+    #[error("it has no {CHECKSUMS}, which is written last")]
+    NoChecksums,
+    /// A file is gone.
+    #[error("{0} is missing")]
+    Missing(String),
+    /// A file is another one.
+    #[error("{0} is not as the run wrote it")]
+    Changed(String),
+    /// Nobody knows.
+    #[error("cannot read {0}: {1}")]
+    Unreadable(String, io::Error),
+}
+
+/// Writes them, and returns once they are on the disk.
+pub fn write(run_dir: &Path) -> io::Result<()> {
+    let mut text = String::new();
+    for name in FILES {
+        match File::open(run_dir.join(name)) {
+            Ok(file) => text += &format!("{}  {name}\n", sha256(file)?),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            Err(error) => return Err(error),
+        }
+    }
+    replace(&run_dir.join(CHECKSUMS), text, true)?;
+    sync(run_dir)
+}
+
+/// Holds a run's files against them.
+pub fn check(run_dir: &Path) -> Result<(), Damage> {
+    let open = |name: &str| match File::open(run_dir.join(name)) {
+        Ok(file) => Ok(Some(file)),
+        Err(error) => match error.kind() {
+            io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => Ok(None),
+            _ => Err(Damage::Unreadable(name.to_owned(), error)),
+        },
+    };
+    let listed = open(CHECKSUMS)?.ok_or(Damage::NoChecksums)?;
+    let changed = |name: &str| Damage::Changed(name.to_owned());
+    let listed = io::read_to_string(listed).map_err(|_| changed(CHECKSUMS))?;
+    let line = |line| str::split_once(line, "  ").map(|(sum, name)| (name, sum));
+    let listed: Option<BTreeMap<&str, &str>> = listed.lines().map(line).collect();
+    let mut listed = listed.ok_or_else(|| changed(CHECKSUMS))?;
+    for name in FILES {
+        match (listed.remove(name), open(name)?) {
+            (None, None) => {}
+            (Some(_), None) => return Err(Damage::Missing(name.to_owned())),
+            (None, Some(_)) => return Err(changed(CHECKSUMS)),
+            (Some(sum), Some(file)) => {
+                let found = sha256(file).map_err(|e| Damage::Unreadable(name.to_owned(), e))?;
+                if found != sum {
+                    return Err(changed(name));
+                }
+            }
+        }
+    }
+    if listed.is_empty() { Ok(()) } else { Err(changed(CHECKSUMS)) }
+}
+
+/// Writes a file at once: whoever reads it sees the old one or the new one. A link of that name is replaced, not
+/// followed. `synced`: the content is on the disk before the file has its name.
+pub(crate) fn replace(path: &Path, content: impl AsRef<[u8]>, synced: bool) -> io::Result<()> {
+    let mut new = path.as_os_str().to_owned();
+    new.push(".new");
+    let new = Path::new(&new);
+    // What was left when somebody was killed, or a link.
+    if let Err(error) = fs::remove_file(new)
+        && error.kind() != io::ErrorKind::NotFound
+    {
+        return Err(error);
+    }
+    let mut file = File::create_new(new)?;
+    file.write_all(content.as_ref())?;
+    if synced {
+        file.sync_all()?;
+    }
+    fs::rename(new, path)
+}
+
+/// Returns once what a folder has is on the disk: the names, not what is in the files.
+pub(crate) fn sync(folder: &Path) -> io::Result<()> {
+    File::open(folder)?.sync_all()
+}

@@ -1,0 +1,129 @@
+//! Whoever looks at the folder of somebody else reads and writes nothing outside of it, wherever its links lead.
+
+use std::fs;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use tempfile::TempDir;
+
+use crate::harness::{Ended, ExitsWith as _, files_below, phalanx, run};
+
+const PRECIOUS: &str = "precious\n";
+
+/// A run, and beside it a folder with a file that nobody may touch.
+struct Foreign {
+    ended: Ended,
+    outside: TempDir,
+}
+
+impl Foreign {
+    fn new() -> Foreign {
+        let ended = run("triangle").lockstep().set("duration_s=1").set("expect={}").finish();
+        ended.exits_with(0);
+        let outside = tempfile::tempdir().unwrap();
+        fs::write(outside.path().join("precious"), PRECIOUS).unwrap();
+        Foreign { ended, outside }
+    }
+
+    fn precious(&self) -> PathBuf {
+        self.outside.path().join("precious")
+    }
+
+    /// Puts a link in place of what the run has under that name.
+    fn link(&self, name: &str, target: &Path) {
+        let path = self.ended.run_dir().join(name);
+        let _ = fs::remove_file(&path);
+        let _ = fs::remove_dir_all(&path);
+        symlink(target, path).unwrap();
+    }
+
+    #[track_caller]
+    fn verb(&self, verb: &str, name: &str, code: i32) -> String {
+        let said = phalanx([Path::new(verb), &self.ended.run_dir().join(name)]).exits_with(code);
+        assert_eq!(files_below(self.outside.path()), [self.precious()], "{}", said.both());
+        assert_eq!(fs::read_to_string(self.precious()).unwrap(), PRECIOUS, "{}", said.both());
+        said.both()
+    }
+}
+
+#[test]
+fn a_report_replaces_links_and_writes_through_none() {
+    let foreign = Foreign::new();
+    foreign.verb("report", "", 0);
+    let figures = foreign.ended.run_dir().join("figures");
+    let names: Vec<_> = fs::read_dir(&figures).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert!(names.len() > 2, "{names:?}");
+    for name in names.iter().map(|name| format!("figures/{}", name.display())) {
+        foreign.link(&name, &foreign.precious());
+    }
+    // What is written first has another name.
+    for name in ["report.html", "report.html.new"] {
+        foreign.link(name, &foreign.precious());
+    }
+    foreign.verb("report", "", 0);
+    assert!(foreign.ended.file("report.html").contains("</html>"));
+    foreign.link("figures", foreign.outside.path());
+    let said = foreign.verb("report", "", 4);
+    assert!(said.contains("figures: it is a link to "), "{said}");
+}
+
+#[test]
+fn nothing_is_read_through_a_link_out_of_a_run() {
+    let foreign = Foreign::new();
+    let run_dir = foreign.ended.run_dir();
+    // Within the folder a link is as good as a file.
+    for name in ["events.csv", "run.mcap"] {
+        fs::rename(run_dir.join(name), run_dir.join(format!("same.{name}"))).unwrap();
+        foreign.link(name, &Path::new(".").join(format!("same.{name}")));
+    }
+    foreign.verb("report", "", 0);
+    foreign.verb("export", "", 0);
+    foreign.verb("recover", "run.mcap", 0);
+    for name in ["samples.csv", "summary.json", "manifest.json", "latency.hlog", "scenario.toml"] {
+        let path = run_dir.join(name);
+        let text = fs::read(&path).unwrap();
+        foreign.link(name, &foreign.precious());
+        let code = if name == "scenario.toml" { 2 } else { 4 };
+        let said = foreign.verb("report", "", code);
+        assert!(said.contains(&format!("{name}: it is a link to ")), "{said}");
+        fs::remove_file(&path).unwrap();
+        fs::write(&path, text).unwrap();
+    }
+    foreign.link("run.mcap", &foreign.precious());
+    fs::remove_dir_all(run_dir.join("export")).unwrap();
+    for (verb, name) in [("export", ""), ("export", "run.mcap"), ("recover", "run.mcap")] {
+        let said = foreign.verb(verb, name, 2);
+        assert!(said.contains("run.mcap: it is a link to "), "{said}");
+    }
+    for made in ["export", "run-export", "run.recovered.mcap"] {
+        assert!(!run_dir.join(made).exists(), "{made}");
+    }
+}
+
+#[test]
+fn the_files_of_a_program_are_in_the_scenarios_folder_or_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let outside = tempfile::tempdir().unwrap();
+    let secret = outside.path().join("secret.txt");
+    fs::write(&secret, PRECIOUS).unwrap();
+    symlink(&secret, folder.path().join("link.txt")).unwrap();
+    fs::write(folder.path().join("law.py"), "").unwrap();
+    symlink("law.py", folder.path().join("same.py")).unwrap();
+    let text = fs::read_to_string("scenarios/triangle.toml").unwrap();
+    let check = |law: &str| {
+        let law = format!("{text}\n[laws.own]\nrole = \"formation\"\n{law}\n");
+        fs::write(folder.path().join("scenario.toml"), law).unwrap();
+        let mut check: Command = phalanx(["check"]);
+        check.arg(folder.path().join("scenario.toml"));
+        check
+    };
+    check("program = [\"python3\", \"same.py\"]").exits_with(0);
+    for law in [
+        "program = [\"python3\", \"law.py\"]\nfiles = [\"link.txt\"]",
+        "program = [\"python3\", \"link.txt\"]",
+    ] {
+        let said = check(law).exits_with(3).both();
+        assert!(said.contains("\"link.txt\", which leads out of the scenario's folder"), "{said}");
+    }
+}

@@ -24,16 +24,3 @@ pub fn closest_pair(points: &[Vec2]) -> Option<ClosestPair> {
     }
     closest.map(|(pair, square)| ClosestPair { pair, distance_m: square.sqrt() })
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_closest_pair_is_found_and_one_point_alone_has_none() {
-        let points = [Vec2::new(0.0, 0.0), Vec2::new(5.0, 0.0), Vec2::new(5.0, 0.5)];
-        let closest = closest_pair(&points).unwrap();
-        assert_eq!(closest, ClosestPair { pair: [1, 2], distance_m: 0.5 });
-        assert_eq!(closest_pair(&points[..1]), None);
-    }
-}

@@ -60,9 +60,11 @@ mod tests {
 
         #[test]
         fn the_desired_position_and_its_velocity_are_means_over_those_heard(
-            heard in proptest::collection::vec((targets(), targets()), 1..9),
+            heard in proptest::collection::vec((targets(), targets()), 0..9),
         ) {
-            let desired = desired(heard.iter().copied()).unwrap();
+            let desired = desired(heard.iter().copied());
+            prop_assert_eq!(desired.is_some(), !heard.is_empty());
+            let Some(desired) = desired else { return Ok(()) };
             let off = |asked: Vec2, of: fn(&Target) -> Vec2| {
                 let sum: Vec2 = heard.iter().map(|(alpha, c)| of(alpha) + of(c)).sum();
                 (asked * heard.len() as f64 - sum).norm()
@@ -70,16 +72,5 @@ mod tests {
             prop_assert!(off(desired.position, |target| target.position) < 1e-9);
             prop_assert!(off(desired.velocity, |target| target.velocity) < 1e-9);
         }
-    }
-
-    #[test]
-    fn the_desired_position_is_the_mean_of_what_each_neighbour_asks_for() {
-        let target = |x, y, vx| Target { position: Vec2::new(x, y), velocity: Vec2::new(vx, 0.0) };
-        let heard = [
-            (target(1.0, 0.0, 1.0), target(0.0, 1.0, 0.5)),
-            (target(3.0, 2.0, 2.0), target(0.0, -1.0, 0.5)),
-        ];
-        assert_eq!(desired(heard), Some(target(2.0, 1.0, 2.0)));
-        assert_eq!(desired([]), None);
     }
 }

@@ -57,13 +57,3 @@ pub const ROUNDING: f64 = 1e-9;
 pub fn seconds(ns: u64) -> f64 {
     ns as f64 / 1e9
 }
-
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn nanoseconds_are_seconds_without_digits_behind() {
-        for (ns, s) in [(0, 0.0), (1, 1e-9), (15_000_000, 0.015), (2_500_000_000, 2.5)] {
-            assert_eq!(super::seconds(ns), s);
-        }
-    }
-}

@@ -67,14 +67,6 @@ mod tests {
             prop_assert!((0.0..1.0).contains(&unit));
             prop_assert_eq!((unit * 2f64.powi(64)) as u64, word & !0x7ff);
         }
-
-        #[test]
-        fn what_is_drawn_between_two_lies_between_them(
-            seed: u64, least in 0..1000u64, more in 0..1000u64,
-        ) {
-            let drawn = SplitMix64::new(seed).between(least, least + more);
-            prop_assert!((least..=least + more).contains(&drawn));
-        }
     }
 
     #[test]

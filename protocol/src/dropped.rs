@@ -45,18 +45,3 @@ numbered! {
 pub fn in_words(header: &BridgeHeader) -> impl Iterator<Item = (&'static str, u64)> {
     numbered::in_words(Dropped::ALL.map(Dropped::word), &header.dropped)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn each_reason_has_a_word_and_a_place_of_its_own() {
-        let counts = std::array::from_fn(|place| place as u64 + 1);
-        let header = BridgeHeader { dropped: counts, ..BridgeHeader::default() };
-        let words: Vec<_> = in_words(&header).collect();
-        assert!(words.iter().map(|&(_, count)| count).eq(counts), "{words:?}");
-        let different: std::collections::BTreeSet<_> = words.iter().map(|(word, _)| word).collect();
-        assert_eq!(different.len(), Dropped::ALL.len());
-    }
-}

@@ -1,5 +1,6 @@
 //! Campaigns: one file, many runs, one table; whatever happens on the way, the same table.
 
+use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -8,7 +9,9 @@ use std::time::{Duration, Instant};
 use rustix::process::Signal;
 use tempfile::TempDir;
 
-use crate::harness::{ExitsWith as _, files_below, phalanx, signal_pid};
+use crate::harness::{
+    ExitsWith as _, ROOT, RunRoot, as_written_beside, files_below, phalanx, signal_pid,
+};
 
 /// No campaign of a test takes this long; only a hang meets it.
 const HANG: Duration = Duration::from_secs(400);
@@ -16,17 +19,15 @@ const HANG: Duration = Duration::from_secs(400);
 /// A campaign file, its folder, and a run root of its own.
 pub struct Place {
     scratch: TempDir,
-    run_root: TempDir,
+    run_root: RunRoot,
 }
 
 impl Place {
     pub fn new(text: &str) -> Place {
         let scratch = tempfile::tempdir().unwrap();
-        let run_root = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
-        let scenarios = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios");
-        let text = text.replace("SCENARIOS", scenarios.to_str().unwrap());
+        let text = text.replace("SCENARIOS", &format!("{ROOT}/scenarios"));
         fs::write(scratch.path().join("campaign.toml"), text).unwrap();
-        Place { scratch, run_root }
+        Place { scratch, run_root: RunRoot::new() }
     }
 
     pub fn out(&self, name: &str) -> PathBuf {
@@ -76,12 +77,10 @@ impl Place {
     }
 
     /// Waits until nobody uses the run root: children of a killed sweep die by themselves.
-    fn leaves_nothing(&self) {
+    pub fn leaves_nothing(&self) {
         let began = Instant::now();
         loop {
-            for base in fs::read_dir(self.run_root.path()).into_iter().flatten().flatten() {
-                protocol::run_root::sweep(&base.path());
-            }
+            self.run_root.sweep();
             let files = files_below(self.run_root.path());
             let files: Vec<_> = files.iter().filter(|path| path.is_file()).collect();
             if files.is_empty() {
@@ -173,7 +172,7 @@ fn of_two_sweeps_into_one_folder_the_second_computes_nothing_and_says_who_runs_i
 #[test]
 fn the_identity_of_a_run_does_not_depend_on_how_the_path_of_its_scenario_is_written() {
     let place = Place::new("");
-    let scenarios = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios");
+    let scenarios = Path::new(ROOT).join("scenarios");
     std::os::unix::fs::symlink(&scenarios, place.out("linked")).unwrap();
     // One has a graph in a file of its own.
     for name in ["triangle.toml", "swarm64.toml"] {
@@ -276,30 +275,6 @@ fn a_run_whose_machinery_fails_three_times_is_given_up_and_tried_again_when_aske
 }
 
 #[test]
-fn a_planned_kill_of_the_plant_is_a_result() {
-    let place = Place::new(
-        "name = \"plant\"\nscenario = \"SCENARIOS/triangle.toml\"\n\
-         set = { duration_s = 1.0, expect.converged_by_s = 1.0 }\nfaults = [\"kill plant @0.5\"]\n",
-    );
-    ended(place.sweep("out", &[]), 0);
-    let table = place.file("out/runs.csv");
-    assert!(table.lines().nth(1).unwrap().starts_with("1,missed,4,"), "{table}");
-}
-
-#[test]
-fn a_run_past_its_deadline_is_ended_and_counts_as_failed_machinery() {
-    let place = Place::new(&format!(
-        "deadline_s = 0.001\n{}",
-        NINE.replace("seeds = 9", "seeds = 1")
-            .replace("duration_s = 1.0", "duration_s = 10000.0")
-            .replace("converged_by_s = 1.0", "converged_by_s = 10000.0")
-    ));
-    ended(place.sweep("out", &[]), 4);
-    assert!(place.file("out/runs.csv").contains(",infrastructure,4,"));
-    place.leaves_nothing();
-}
-
-#[test]
 fn in_real_time_runs_go_one_at_a_time_and_all_of_a_run_is_kept_if_asked() {
     let place = Place::new(
         "name = \"real\"\nscenario = \"SCENARIOS/triangle.toml\"\npace = \"realtime\"\nseeds = 2\n\
@@ -335,7 +310,7 @@ fn through(engine: &str) {
     ended(place.sweep("own", &[]), 0);
     let lines = ended(place.sweep("theirs", &["--emit-commands"]), 0);
     fs::write(place.out("commands.txt"), &lines).unwrap();
-    let tools = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/engines/bin");
+    let tools = Path::new(ROOT).join("target/engines/bin");
     let mut shell = Command::new("bash");
     let path = format!("{}:{}", tools.display(), std::env::var("PATH").unwrap());
     shell.args(["-euc", engine]).current_dir(place.out("")).env("PATH", path);
@@ -354,52 +329,24 @@ fn engines_gnu_parallel_gives_the_same_table() {
 #[test]
 #[ignore = "needs HyperQueue, which tests/engines/install installs"]
 fn engines_hyperqueue_gives_the_same_table() {
-    through(&format!(
-        "python {}/tests/engines/by_hyperqueue.py commands.txt",
-        env!("CARGO_MANIFEST_DIR")
-    ));
+    through(&format!("python {ROOT}/tests/engines/by_hyperqueue.py commands.txt"));
 }
 
 #[test]
 fn every_bad_campaign_gets_its_diagnostic_and_exit_status_3() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let folder = root.join("tests/bad_campaigns");
-    let mut names: Vec<String> = fs::read_dir(&folder)
-        .unwrap()
-        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-        .filter(|name| name.ends_with(".toml"))
-        .collect();
-    names.sort();
-    assert!(names.len() >= 15, "only {} files in tests/bad_campaigns", names.len());
     let scratch = tempfile::tempdir().unwrap();
-    let mut wrong = Vec::new();
-    for name in &names {
-        let out = scratch.path().join(name);
-        let output = Command::new(env!("CARGO_BIN_EXE_phalanx"))
-            .current_dir(root)
-            .args(["sweep", &format!("tests/bad_campaigns/{name}"), "--out"])
-            .arg(&out)
-            .env("NO_COLOR", "1")
-            .output()
-            .unwrap();
-        let stderr = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(3), "{name}: {stderr}");
-        assert!(!out.exists(), "a folder was made for {name}");
-        let beside = folder.join(name).with_extension("stderr");
-        if std::env::var_os("PHALANX_BLESS").is_some() {
-            fs::write(&beside, &stderr).unwrap();
-        }
-        let expected = fs::read_to_string(&beside).unwrap_or_default();
-        if stderr != expected {
-            wrong.push(format!("{name}\nexpected:\n{expected}\nfound:\n{stderr}"));
-        }
-    }
-    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    let out = scratch.path().join("out");
+    as_written_beside("tests/bad_campaigns", 15, |path| {
+        let sweep = [OsStr::new("sweep"), path.as_os_str(), OsStr::new("--out"), out.as_os_str()];
+        let stderr = phalanx(sweep).exits_with(3).stderr;
+        assert!(!out.exists(), "a folder was made for {}", path.display());
+        stderr
+    });
 }
 
 #[test]
 fn every_campaign_that_comes_with_it_is_one() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/campaigns");
+    let folder = Path::new(ROOT).join("scenarios/campaigns");
     let files = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let files: Vec<PathBuf> =
         files.filter(|path| path.extension() == Some("toml".as_ref())).collect();

@@ -34,6 +34,15 @@ const ALL: &str = "name = \"all\"\nscenario = \"SCENARIOS/triangle.toml\"\nkeep 
     { axis = \"case\", name = \"inertia\", scenario = \"SCENARIOS/pentagon-inertia.toml\" },\n]\n\
     [set]\nduration_s = 1.5\nperiod_s = 0.02\nexpect = {}\n";
 
+/// Everything at once: robots that are killed, frozen and deaf at the same time, and report it all at the same
+/// time; beacons that overtake each other; bad sensors.
+const CHAOS: &str = "{ axis = \"case\", name = \"chaos\", scenario = \"SCENARIOS/containment-chaos.toml\", \
+    set = { duration_s = 10, period_s = 0.002, chaos = { from_s = 1, until_s = 8, restart_after_s = 0.5, \
+      mean_time_between_kills_s = 1.5, mean_time_between_freezes_s = 1.5 } }, \
+    faults = [\"kill r5 @3 restart 1\", \"kill r7 @3 restart 0.002\", \"freeze r2 @3 for 0.5\", \"kill r1 @6\", \
+      \"cut r1->r4 @4.001 for 2\", \"loss r6->r7 of 0.9 @2 for 5\", \"delay r7->r6 by 0.006 jitter 0.01 @0.5 for 4\", \
+      \"noise r3 odometry by 0.001 @1 for 3\", \"slow r8 by 0.003 @7 for 0.5\"] },\n]\n[set]";
+
 fn runs(place: &Place, out: &str) -> Vec<String> {
     let runs = fs::read_dir(place.out(out).join("runs")).unwrap().flatten();
     let mut runs: Vec<String> = runs.map(|run| run.file_name().into_string().unwrap()).collect();
@@ -51,14 +60,21 @@ fn determined(path: &Path) -> Value {
 
 #[test]
 fn a_campaign_in_one_process_is_that_of_processes_byte_for_byte() {
-    let place = Place::new(&ALL.replace("KEEP", "all"));
+    let place = Place::new(&ALL.replace("KEEP", "all").replace("]\n[set]", CHAOS));
     ended(place.sweep("processes", &[]), 0);
     let said = ended(place.sweep("one", &["--in-process"]), 0);
     assert!(!said.contains("by processes"), "{said}");
     let [processes, one] = ["processes", "one"].map(|out| place.file(&format!("{out}/runs.csv")));
     assert_eq!(processes, one);
-    assert_eq!(one.lines().count(), 8, "{one}");
+    assert_eq!(one.lines().count(), 9, "{one}");
     same(&place);
+    let summary = |run: &String| determined(&place.out("one/runs").join(run).join("summary.json"));
+    let mut summaries = runs(&place, "one").iter().map(summary).collect::<Vec<_>>().into_iter();
+    let chaos = summaries.find(|summary| summary["scenario"] == "containment-chaos").unwrap();
+    assert!(chaos["faults"].as_array().unwrap().len() > 12, "there was chaos: {chaos:#}");
+    let refused = chaos["beacons_refused"].as_object().unwrap().values();
+    let refused: u64 = refused.filter_map(Value::as_u64).sum();
+    assert!(refused > 0, "beacons overtook each other: {chaos:#}");
     // What was measured has a value, and what there is not without processes has none.
     let timing = place.file("one/timing.csv");
     let heads: Vec<&str> = timing.lines().next().unwrap().split(',').collect();
@@ -149,7 +165,9 @@ fn runs_that_need_processes_get_them_and_the_rest_none() {
     let said = ended(place.sweep("one", &["--in-process"]), 0);
     assert!(said.contains("2 of them by processes"), "{said}");
     ended(place.sweep("processes", &[]), 0);
-    assert_eq!(place.file("one/runs.csv"), place.file("processes/runs.csv"));
+    let table = place.file("processes/runs.csv");
+    assert_eq!(place.file("one/runs.csv"), table);
+    assert!(table.contains("\nkill plant @0.5,1,missed,4,"), "its end is a result: {table}");
 }
 
 #[test]
@@ -191,14 +209,18 @@ fn runs_if_any(place: &Place) -> Vec<String> {
 }
 
 #[test]
-fn a_run_in_one_process_past_its_deadline_is_given_up() {
+fn a_run_past_its_deadline_is_given_up_and_counts_as_failed_machinery() {
     let place = Place::new(&format!(
         "deadline_s = 0.001\n{}",
         NINE.replace("seeds = 9", "seeds = 1").replace("duration_s = 1.0", "duration_s = 10000.0")
     ));
-    let said = ended(place.sweep("out", &["--in-process"]), 4);
-    assert!(said.contains("1 given up"), "{said}");
-    assert!(place.file("out/runs.csv").contains(",infrastructure,4,"));
-    let [left] = &runs(&place, "out")[..] else { panic!("{:?}", runs(&place, "out")) };
-    assert!(left.ends_with(".failed"), "{left}");
+    for (out, args) in [("processes", &[][..]), ("one", &["--in-process"])] {
+        let said = ended(place.sweep(out, args), 4);
+        assert!(said.contains("1 given up"), "{said}");
+        assert!(place.file(&format!("{out}/runs.csv")).contains(",infrastructure,4,"));
+        let left = runs(&place, out);
+        let ends = |name: &String| name.ends_with(".failed") || name.ends_with(".log");
+        assert!(left.iter().all(ends), "{left:?}");
+    }
+    place.leaves_nothing();
 }

@@ -5,7 +5,10 @@ use std::process::{Command, Stdio};
 
 use rustix::process::Signal;
 
-use crate::harness::{Phalanx, files_below, processes_of, run};
+use crate::harness::{
+    ExitsWith as _, PHALANX, Phalanx, ROOT, files_below, limited_by, phalanx, run, signal_pid,
+    wait_until_gone,
+};
 
 #[test]
 fn an_interrupt_ends_the_run_with_130_and_what_was_measured_is_kept() {
@@ -27,7 +30,7 @@ fn a_second_interrupt_ends_it_at_once_and_takes_the_children_along() {
     running.wait_for_event("contact");
     // Children that do not listen make the supervisor wait, and the person press again.
     for (pid, _) in running.children() {
-        crate::harness::signal_pid(pid, Signal::STOP);
+        signal_pid(pid, Signal::STOP);
     }
     running.signal(Signal::INT);
     std::thread::sleep(std::time::Duration::from_millis(100));
@@ -59,19 +62,13 @@ fn the_next_run_removes_what_a_killed_supervisor_left() {
 fn an_out_directory_that_exists_or_cannot_be_made_is_refused_and_nothing_is_said_to_be_kept() {
     let scratch = tempfile::tempdir().unwrap();
     std::fs::write(scratch.path().join("precious"), "data").unwrap();
-    let triangle = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/triangle.toml");
     for (out, code, said) in [
         (scratch.path(), 2, "exists already"),
         (Path::new("/proc/run"), 4, "error: cannot make /proc/run: "),
         (Path::new("/proc/runs/new"), 4, "error: cannot make /proc/runs: "),
     ] {
-        let output = Command::new(env!("CARGO_BIN_EXE_phalanx"))
-            .args(["run", triangle, "--pace", "lockstep", "--out"])
-            .arg(out)
-            .output()
-            .unwrap();
-        let stderr = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{stderr}");
+        let mut run = phalanx(["run", "scenarios/triangle.toml", "--pace", "lockstep", "--out"]);
+        let stderr = run.arg(out).exits_with(code).stderr;
         assert!(stderr.contains(said) && !stderr.contains("kept"), "{stderr}");
     }
     assert_eq!(files_below(scratch.path()).len(), 1);
@@ -80,24 +77,16 @@ fn an_out_directory_that_exists_or_cannot_be_made_is_refused_and_nothing_is_said
 #[test]
 fn runs_that_begin_in_the_same_second_get_a_directory_each() {
     let folder = tempfile::tempdir().unwrap();
-    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/triangle.toml");
+    let scenario = format!("{ROOT}/scenarios/triangle.toml");
     let words = "--pace lockstep --no-report --set duration_s=0.1 --set expect={}".split(' ');
-    let runs: Vec<_> = (0..6)
-        .map(|_| {
-            Command::new(env!("CARGO_BIN_EXE_phalanx"))
-                .args(["run", scenario])
-                .args(words.clone())
-                .current_dir(folder.path())
-                .env("PHALANX_RUN_ROOT", folder.path())
-                .stdout(Stdio::piped())
-                .stderr(Stdio::piped())
-                .spawn()
-                .unwrap()
-        })
-        .collect();
-    for run in runs {
-        let output = run.wait_with_output().unwrap();
-        assert!(output.status.success(), "{output:?}");
+    let runs = [(); 6].map(|()| {
+        let mut run = phalanx(["run", &scenario]);
+        run.args(words.clone()).current_dir(folder.path());
+        run.env("PHALANX_RUN_ROOT", folder.path()).stdout(Stdio::null()).stderr(Stdio::null());
+        run.spawn().unwrap()
+    });
+    for mut run in runs {
+        assert!(run.wait().unwrap().success());
     }
     let directories = std::fs::read_dir(folder.path().join("runs")).unwrap().count();
     assert_eq!(directories, 6);
@@ -106,9 +95,7 @@ fn runs_that_begin_in_the_same_second_get_a_directory_each() {
 #[test]
 fn a_full_disk_ends_the_run_with_4_and_keeps_what_was_written() {
     // A file size limit stands in for a full disk: writing fails, everything else goes on.
-    let mut limited = Command::new("sh");
-    let script = "ulimit -f 8192; exec \"$0\" \"$@\"";
-    limited.args(["-c", script, env!("CARGO_BIN_EXE_phalanx")]);
+    let mut limited = limited_by("ulimit -f 8192");
     limited.args(["run", "scenarios/triangle.toml"]);
     let ended =
         Phalanx::new(limited).lockstep().set("period_s=0.0005").set("record_hz=2000").finish();
@@ -118,9 +105,8 @@ fn a_full_disk_ends_the_run_with_4_and_keeps_what_was_written() {
     ended.claim(ended.stderr.contains("kept"), "and says that the rest is kept");
     ended.claim(ended.file("samples.csv").len() > 1_000_000, "samples are kept");
     let tables = ended.run_dir().join("tables");
-    let mut export = Command::new(env!("CARGO_BIN_EXE_phalanx"));
-    export.args(["export", "--allow-damage"]).arg(ended.run_dir()).arg("--out").arg(&tables);
-    ended.claim(export.status().unwrap().success(), "the recording is exported");
+    let mut export = phalanx(["export", "--allow-damage", "--out"]);
+    export.arg(&tables).arg(ended.run_dir()).exits_with(0);
     let poses = std::fs::read_to_string(tables.join("poses.csv")).unwrap();
     ended.claim(poses.len() > 1_000_000, "as far as it was kept");
     ended.claim(ended.number("/t_s") > 0.0, "and there is a summary");
@@ -137,9 +123,9 @@ fn on_a_disk_that_is_full_to_the_last_block_the_summary_and_the_verdict_survive(
         cp -r \"$disk/run\" \"$kept\"; exit $code";
     let mut unshare = Command::new("unshare");
     unshare.args(["--map-root-user", "--mount", "sh", "-c", script, "sh"]).args([&disk, &kept]);
-    unshare.args([env!("CARGO_BIN_EXE_phalanx"), "run", "scenarios/triangle.toml"]);
+    unshare.args([PHALANX, "run", "scenarios/triangle.toml"]);
     unshare.args("--pace lockstep --set period_s=0.0005 --set record_hz=2000".split(' '));
-    unshare.current_dir(env!("CARGO_MANIFEST_DIR")).env("PHALANX_RUN_ROOT", place.path());
+    unshare.current_dir(ROOT).env("PHALANX_RUN_ROOT", place.path());
     let output = unshare.output().unwrap();
     let [out, error] = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text));
     if !kept.exists() {
@@ -167,24 +153,4 @@ fn on_a_disk_that_is_full_to_the_last_block_the_summary_and_the_verdict_survive(
     let parts =
         files_below(&kept).into_iter().filter(|path| path.extension() == Some("part".as_ref()));
     assert_eq!(parts.count(), 0);
-}
-
-#[test]
-fn without_its_plant_a_run_ends_with_4_and_says_why() {
-    let mut running = run("triangle").start();
-    running.wait_for("a robot", |run| (!run.children().is_empty()).then_some(()));
-    let plant = running.pid_of("plant");
-    crate::harness::signal_pid(plant, Signal::KILL);
-    let ended = running.finish();
-    ended.exits_with(4).leaves_nothing();
-    ended.claim(ended.stderr.contains("the plant died (signal 9)"), "the plant's death is named");
-}
-
-/// Waits until no process of this run lives.
-fn wait_until_gone(run_dir: &Path) {
-    let began = std::time::Instant::now();
-    while !processes_of(run_dir).is_empty() {
-        assert!(began.elapsed().as_secs() < 20, "left: {:?}", processes_of(run_dir));
-        std::thread::sleep(std::time::Duration::from_millis(5));
-    }
 }

@@ -31,16 +31,6 @@ fn killed_on_the_way(name: &str) -> Phalanx {
     run(name).set("duration_s=16").fault("kill r2 @2.5 restart 2")
 }
 
-#[test]
-fn a_robot_killed_on_its_way_and_restarted_finds_back_in_lockstep() {
-    let ended = killed_on_the_way("triangle").lockstep().set("expect.converged_by_s=12").finish();
-    survived_the_kill(&ended);
-    // Three periods after its last beacon it is stale, after 100 ms lost; both by the tick.
-    ended.claim(ended.number("/faults/0/stale_after_s") == 0.01, "stale after 10 ms");
-    ended.claim(ended.number("/faults/0/lost_after_s") == 0.095, "lost after 95 ms");
-    ended.claim(ended.number("/faults/0/peak_error_m") > 0.1, "the error rose");
-}
-
 /// r2 dies for good: r3, which hears r1, stands where r1 wants it, and r1, which heard r2, stands still.
 #[track_caller]
 fn r1_stands_without_r2(triangle: Phalanx) -> Ended {
@@ -64,33 +54,6 @@ fn who_hears_only_the_dead_stops_or_goes_to_where_that_one_was_last_heard() {
     // It goes by r2 as it was last heard, on its way; r2 stopped a moment later.
     let off_m = ended.number("/final_error_m/r1");
     ended.claim(off_m < 0.02, format!("r1 stands by the dead r2, {off_m} m off"));
-}
-
-#[test]
-fn all_robots_may_die_and_nothing_blocks() {
-    let ended = run("triangle")
-        .lockstep()
-        .set("expect={}")
-        .fault("kill r1 @1 restart 1")
-        .fault("kill r2 @1 restart 1.5")
-        .fault("kill r3 @1.002")
-        .finish();
-    ended.exits_with(0).leaves_nothing();
-    ended.claim(ended.number("/t_s") == 30.0, "the run reached its end");
-    ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
-}
-
-#[test]
-fn an_unplanned_death_in_lockstep_is_met_by_the_restart_policy() {
-    // Slow enough to be hit: half a minute of run time in a few seconds of wall time.
-    let mut running = run("triangle").lockstep().set("period_s=0.0001").start();
-    running.wait_for_event("contact");
-    let pid = running.pid_of("r2");
-    signal_pid(pid, Signal::KILL);
-    let ended = running.finish();
-    ended.exits_with(0).leaves_nothing();
-    ended.claim(ended.number("/restarts/r2") == 1.0, "r2 was restarted");
-    ended.claim(ended.number("/min_distance_m") >= 0.2, "nobody came nearer than d");
 }
 
 #[test]

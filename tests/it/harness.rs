@@ -433,10 +433,46 @@ pub fn processes_of(run_dir: &Path) -> Vec<(u32, String)> {
     found
 }
 
+/// Waits until no process of the run in `run_dir` lives: children of a killed supervisor die by themselves.
+#[track_caller]
+pub fn wait_until_gone(run_dir: &Path) {
+    let began = Instant::now();
+    while !processes_of(run_dir).is_empty() {
+        assert!(began.elapsed() < HANG, "left: {:?}", processes_of(run_dir));
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
 /// An executable file with these lines of a shell.
 pub fn write_script(path: &Path, lines: &str) {
     std::fs::write(path, format!("#!/bin/sh\n{lines}")).unwrap();
     std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+/// Of each `*.toml` in a folder of this repository, of which there are so many at least, `said` stands beside it in
+/// `*.stderr`, and no other is there. `PHALANX_BLESS=1` writes it anew.
+pub fn as_written_beside(folder: &str, least: usize, said: impl Fn(&Path) -> String) {
+    let entries = std::fs::read_dir(Path::new(ROOT).join(folder)).unwrap();
+    let names = entries.map(|entry| Path::new(folder).join(entry.unwrap().file_name()));
+    let (mut files, beside): (Vec<PathBuf>, Vec<PathBuf>) =
+        names.partition(|path| path.extension() == Some(OsStr::new("toml")));
+    files.sort();
+    assert!(files.len() >= least, "only {} files in {folder}", files.len());
+    for path in beside {
+        assert!(files.contains(&path.with_extension("toml")), "{} is left over", path.display());
+    }
+    let mut wrong = Vec::new();
+    for path in files {
+        let (found, beside) = (said(&path), Path::new(ROOT).join(path.with_extension("stderr")));
+        if std::env::var_os("PHALANX_BLESS").is_some() {
+            std::fs::write(&beside, &found).unwrap();
+        }
+        let expected = std::fs::read_to_string(&beside).unwrap_or_default();
+        if found != expected {
+            wrong.push(format!("{}\nexpected:\n{expected}\nfound:\n{found}", path.display()));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 /// Everything below a directory.
@@ -449,6 +485,11 @@ pub fn files_below(directory: &Path) -> Vec<PathBuf> {
         }
     }
     found
+}
+
+/// How many times as long tests take that draw at random: `PHALANX_TIMES=10` makes their long forms.
+pub fn times() -> usize {
+    std::env::var("PHALANX_TIMES").map_or(1, |times| times.parse().expect("a whole number"))
 }
 
 /// What `work` makes of each item, in their order, worked out by as many threads as there are cores.

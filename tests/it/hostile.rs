@@ -3,8 +3,6 @@
 //! with worse ones. Mistakes on purpose show that the same runs would find a broken promise.
 
 use std::f64::consts::TAU;
-use std::sync::Mutex;
-use std::thread;
 
 use formation::Vec2;
 use formation::front_point::front_point;
@@ -13,6 +11,7 @@ use outcome::metrics::Metrics;
 use protocol::brief::{AgentBrief, BodyBrief, Pace};
 use protocol::message::PROXIMITY_MAX;
 
+use crate::harness::{in_parallel, times};
 use crate::model::{
     ADVERSARIES, Adversary, Expiry, Fleet, HARDSHIPS, Hardship, Outcome, Trial, Wish, simulate,
     stay_at,
@@ -41,26 +40,6 @@ pub struct Case {
     pub name: String,
     pub fleet: Fleet,
     pub trial: Trial,
-}
-
-/// What `run` makes of each case, in their order, computed on all cores.
-pub fn on_all_cores<C: Sync, R: Send>(cases: &[C], run: impl Fn(&C) -> R + Sync) -> Vec<R> {
-    let cores = thread::available_parallelism().map_or(1, |cores| cores.get());
-    let next = Mutex::new(cases.iter().enumerate());
-    let worker = || {
-        let mut results = Vec::new();
-        loop {
-            let taken = next.lock().expect("nobody panics with it").next();
-            let Some((place, case)) = taken else { return results };
-            results.push((place, run(case)));
-        }
-    };
-    let mut results: Vec<(usize, R)> = thread::scope(|scope| {
-        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(worker)).collect();
-        workers.into_iter().flat_map(|worker| worker.join().expect("a case failed")).collect()
-    });
-    results.sort_by_key(|(place, _)| *place);
-    results.into_iter().map(|(_, result)| result).collect()
 }
 
 /// The same of a run that was simulated.
@@ -132,7 +111,9 @@ fn leads_to(point: Vec2, i: usize, agent: &AgentBrief) -> AgentBrief {
 
 /// Every fleet at every period, against every adversary, where its law leads and ramming: 216
 /// runs a round, none of them with a seed of another, each round under another hardship.
-fn nobody_comes_nearer_than_d(rounds: usize) {
+#[test]
+fn in_2160_adversarial_runs_no_two_robots_come_nearer_than_d() {
+    let rounds = 10 * times();
     let mut fleets = Vec::new();
     for period in PERIODS {
         let of_scenarios = TRIANGLES.into_iter().chain(["pentagon", "containment"]);
@@ -152,7 +133,7 @@ fn nobody_comes_nearer_than_d(rounds: usize) {
                 cases.push(Case { name, fleet: fleet.clone(), trial });
             }
         }
-        let outcomes = on_all_cores(&cases, |case| margin(&case.fleet, case.trial));
+        let outcomes = in_parallel(&cases, |case| margin(&case.fleet, case.trial));
         for (case, (margin_m, outcome)) in cases.iter().zip(outcomes) {
             assert!(margin_m >= 0.0, "{}: {margin_m}, {outcome:?}", case.name);
             if hardship == Hardship::Nothing && case.trial.wish == Wish::Ram {
@@ -174,17 +155,6 @@ pub fn adversaries_and_wishes() -> impl Iterator<Item = (Adversary, Wish)> {
     ADVERSARIES.into_iter().flat_map(|adversary| [(adversary, Wish::Law), (adversary, Wish::Ram)])
 }
 
-#[test]
-fn in_2160_adversarial_runs_no_two_robots_come_nearer_than_d() {
-    nobody_comes_nearer_than_d(10);
-}
-
-#[test]
-#[ignore = "minutes; ten times as many seeds"]
-fn in_21600_adversarial_runs_no_two_robots_come_nearer_than_d() {
-    nobody_comes_nearer_than_d(100);
-}
-
 /// How near a robot came to a wall once it had left the place where it was put, m.
 fn passed_m(fleet: &Fleet, trial: Trial) -> (f64, Outcome) {
     let mut passed_m = f64::INFINITY;
@@ -201,7 +171,9 @@ fn passed_m(fleet: &Fleet, trial: Trial) -> (f64, Outcome) {
 }
 
 /// The same fleets, each among walls of its own.
-fn nobody_comes_nearer_to_a_wall_than_the_clearance(rounds: u64) {
+#[test]
+fn in_864_adversarial_runs_among_walls_no_robot_comes_nearer_than_the_clearance() {
+    let rounds = 6 * times() as u64;
     let (mut runs, mut closest_m, mut passed) = (0, f64::INFINITY, 0);
     for (round, hardship) in (0..rounds).zip(HARDSHIPS.into_iter().cycle()) {
         let mut cases = Vec::new();
@@ -219,7 +191,7 @@ fn nobody_comes_nearer_to_a_wall_than_the_clearance(rounds: u64) {
                 }
             }
         }
-        let outcomes = on_all_cores(&cases, |case| passed_m(&case.fleet, case.trial));
+        let outcomes = in_parallel(&cases, |case| passed_m(&case.fleet, case.trial));
         for (Case { name, fleet, .. }, (passed_m, outcome)) in cases.iter().zip(outcomes) {
             assert!(kept_by(fleet, &outcome) >= 0.0, "{name}: {outcome:?}");
             let beside_m = passed_m - fleet.plant.clearance_m;
@@ -234,17 +206,6 @@ fn nobody_comes_nearer_to_a_wall_than_the_clearance(rounds: u64) {
     assert_eq!(runs, 144 * rounds);
     // Walls were where the robots went.
     assert!(closest_m < 1e-3 && 5 * passed > runs, "{closest_m}, {passed} of {runs}");
-}
-
-#[test]
-fn in_864_adversarial_runs_among_walls_no_robot_comes_nearer_than_the_clearance() {
-    nobody_comes_nearer_to_a_wall_than_the_clearance(6);
-}
-
-#[test]
-#[ignore = "minutes; ten times as many seeds"]
-fn in_8640_adversarial_runs_among_walls_no_robot_comes_nearer_than_the_clearance() {
-    nobody_comes_nearer_to_a_wall_than_the_clearance(60);
 }
 
 #[test]

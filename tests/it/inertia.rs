@@ -1,8 +1,9 @@
 //! The promise where nobody stops at once: the adversarial runs of `hostile`, with robots that have
 //! inertia, half of them among walls, under the guard that knows it and under the one that does not.
 
+use crate::harness::{in_parallel, times};
 use crate::hostile::{
-    Case, PERIODS, S, TRIANGLES, adversaries_and_wishes, hostile, margin, named, on_all_cores, swap,
+    Case, PERIODS, S, TRIANGLES, adversaries_and_wishes, hostile, margin, named, swap,
 };
 use crate::model::{Fleet, HARDSHIPS, Hardship, INERTIAS, Trial};
 
@@ -30,7 +31,9 @@ fn fleets(round: usize) -> Vec<(String, Fleet)> {
 
 /// 168 runs a round, each round under another hardship; how many of the same runs, without hardship,
 /// fall below d or clearance under the guard that does not know of inertia, of how many, and the worst.
-fn nobody_comes_nearer_than_d(rounds: usize) {
+#[test]
+fn in_2016_adversarial_runs_no_two_robots_with_inertia_come_nearer_than_d() {
+    let rounds = 12 * times();
     let (mut seed, mut late, mut freezes, mut kills) = (0, 0, 0, 0);
     let (mut compared, mut below) = (0, 0);
     let (mut worst, mut worst_clearance) = (f64::INFINITY, f64::INFINITY);
@@ -49,7 +52,7 @@ fn nobody_comes_nearer_than_d(rounds: usize) {
                 cases.push((Case { name, fleet: fleet.clone(), trial }, compare));
             }
         }
-        let outcomes = on_all_cores(&cases, |(Case { fleet, trial, .. }, unknowing)| {
+        let outcomes = in_parallel(&cases, |(Case { fleet, trial, .. }, unknowing)| {
             let compared = unknowing.as_ref().map(|unknowing| margin(unknowing, *trial));
             (margin(fleet, *trial), compared)
         });
@@ -82,16 +85,4 @@ fn nobody_comes_nearer_than_d(rounds: usize) {
         "{late} late, {freezes} frozen, {kills} killed"
     );
     assert!(20 * below >= 3 * compared, "only {below} of {compared} runs show a broken promise");
-}
-
-#[test]
-fn in_2016_adversarial_runs_no_two_robots_with_inertia_come_nearer_than_d() {
-    nobody_comes_nearer_than_d(12);
-}
-
-/// `cargo test --release --test it -- --ignored --nocapture adversarial_runs_no_two_robots_with_inertia`
-#[test]
-#[ignore = "minutes; ten times as many seeds"]
-fn in_20160_adversarial_runs_no_two_robots_with_inertia_come_nearer_than_d() {
-    nobody_comes_nearer_than_d(120);
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use rustix::process::Signal;
 use serde_json::Value;
 
-use crate::harness::{ExitsWith as _, files_below, limited, phalanx, processes_of, run};
+use crate::harness::{ExitsWith as _, files_below, limited, phalanx, run, wait_until_gone};
 
 #[test]
 fn the_doctor_finds_nothing_wrong_where_runs_work_and_says_what_is_wrong_where_they_cannot() {
@@ -53,11 +53,7 @@ fn clean_removes_what_a_killed_run_left_and_spares_the_living() {
     let alive_before = files_below(&alive).len();
 
     killed.signal(Signal::KILL);
-    let began = std::time::Instant::now();
-    while !processes_of(&killed.run_dir()).is_empty() {
-        assert!(began.elapsed().as_secs() < 20, "children outlive their supervisor");
-        std::thread::sleep(std::time::Duration::from_millis(5));
-    }
+    wait_until_gone(&killed.run_dir());
     let left = files_below(&dead).len();
     assert!(left > 30, "a killed supervisor cannot have cleaned up");
 

@@ -6,7 +6,6 @@
 mod architecture;
 mod bad_files;
 mod browser;
-mod byte_equality;
 mod campaigns;
 mod campaigns_heal;
 mod campaigns_in_process;

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rustix::process::Signal;
 
-use crate::harness::{Phalanx, Running, processes_of, signal_pid};
+use crate::harness::{Phalanx, Running, signal_pid, wait_until_gone};
 
 /// `phalanx run scenarios/triangle.toml` with its run root on a tmpfs of so many KiB, of which so many
 /// are taken already. `None`, and said aloud, if this user may not mount one.
@@ -137,10 +137,6 @@ fn signal_7_in_full_memory_is_told_as_full_memory_whoever_got_it() {
             let said = format!("{who} died of it (signal 7");
             ended.claim(ended.stderr.contains(&said), format!("it says {said:?}"));
         }
-        let began = std::time::Instant::now();
-        while !processes_of(&run_dir).is_empty() {
-            assert!(began.elapsed().as_secs() < 20, "left: {:?}", processes_of(&run_dir));
-            std::thread::sleep(std::time::Duration::from_millis(5));
-        }
+        wait_until_gone(&run_dir);
     }
 }

@@ -26,6 +26,13 @@ fn path() -> String {
     format!("{}:{}", programs.display(), std::env::var("PATH").unwrap())
 }
 
+/// The `phalanx` that the package has installed.
+fn installed() -> Command {
+    let mut command = Command::new(Path::new(ROOT).join("target/python/bin/phalanx"));
+    command.env("PATH", path());
+    command
+}
+
 /// Something in the environment that has the package.
 fn python(words: &[&str]) -> Output {
     Command::new("python3").args(words).env("PATH", path()).output().unwrap()
@@ -48,17 +55,12 @@ fn with_gain(file: &str, name: &str, gain: &str, more: &str) -> Pentagon {
          gains = [\"k_m_m_s\"]\nfeed_forward = true\ncorrection_max = \"k_m_m_s\"\n"
     );
     Pentagon::write(folder.path(), &laws);
-    let phalanx = || {
-        let mut command = Command::new(Path::new(ROOT).join("target/python/bin/phalanx"));
-        command.env("PATH", path());
-        command
-    };
     let by_hand = |folder: &Path, words: &[&Path]| {
         let mut command = Command::new("python3");
         command.arg(folder.join("mine.py")).args(words).env("PATH", path());
         command
     };
-    Pentagon { folder, phalanx, by_hand }
+    Pentagon { folder, phalanx: installed, by_hand }
 }
 
 fn tanh() -> Pentagon {
@@ -105,8 +107,7 @@ fn the_package_has_the_version_of_the_workspace_and_the_program_too() {
     let said = python(&["-c", "import phalanx; print(phalanx.__version__)"]);
     let version = env!("CARGO_PKG_VERSION");
     assert_eq!(String::from_utf8_lossy(&said.stdout).trim(), version);
-    let program = Path::new(ROOT).join("target/python/bin/phalanx");
-    let said = Command::new(program).arg("--version").output().unwrap();
+    let said = installed().arg("--version").output().unwrap();
     assert_eq!(String::from_utf8_lossy(&said.stdout).trim(), format!("phalanx {version}"));
     let manifest =
         std::fs::read_to_string(Path::new(ROOT).join("bindings/python/Cargo.toml")).unwrap();

@@ -207,20 +207,3 @@ fn readers_that_others_wrote_open_what_was_recovered() {
         reads(script, &[&cut.run_dir, &cut.recovered]);
     }
 }
-
-/// `cargo test --test it -- --ignored stay_small --nocapture`
-#[test]
-#[ignore = "two runs of 66 processes and 8000 ticks: a minute or two"]
-fn eighty_seconds_of_sixty_four_robots_stay_small() {
-    const MB: u64 = 1_000_000;
-    for (record_hz, size_max) in [("100", 150 * MB), ("10", 15 * MB)] {
-        // The plant ticks as often as is recorded.
-        let set = ["duration_s=80", "period_s=0.01", "expect={}"];
-        let swarm = run("swarm64").lockstep().sets(set);
-        let ended = swarm.set(format!("record_hz={record_hz}")).finish();
-        ended.exits_with(0);
-        let size = std::fs::metadata(ended.run_dir().join("run.mcap")).unwrap().len();
-        println!("{record_hz} Hz: {size} bytes");
-        ended.claim(size < size_max, format!("{size} bytes are below {size_max}"));
-    }
-}

@@ -140,26 +140,3 @@ fn what_is_no_run_directory_is_refused() {
     let error = report(place.path(), 4).stderr;
     assert!(error.contains("summary.json:1: "), "{error}");
 }
-
-#[test]
-fn a_run_whose_directory_cannot_be_made_does_not_claim_that_anything_is_kept() {
-    let words = "run scenarios/triangle.toml --pace lockstep --out /proc/none/run".split(' ');
-    let text = phalanx(words).exits_with(4).both();
-    assert!(text.contains("cannot make /proc/none: ") && !text.contains("kept"), "{text}");
-}
-
-#[test]
-#[ignore = "every shipped scenario at full length"]
-fn every_shipped_scenario_has_a_page_below_three_megabytes() {
-    for entry in std::fs::read_dir("scenarios").unwrap() {
-        let path = entry.unwrap().path();
-        if path.extension().is_none_or(|extension| extension != "toml") {
-            continue;
-        }
-        let name = path.file_stem().unwrap().to_str().unwrap();
-        let ended = run(name).lockstep().finish();
-        let began = std::time::Instant::now();
-        let page = page(&ended, &["trajectories", "distances", "errors"]);
-        println!("{name}: {} bytes, drawn in {:?}", page.len(), began.elapsed());
-    }
-}

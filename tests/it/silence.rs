@@ -94,29 +94,6 @@ fn by_policy_the_silent_are_ignored_kept_or_waited_for() {
 }
 
 #[test]
-fn a_robot_frozen_in_real_time_stands_and_is_given_up_and_taken_back() {
-    let ended = run("triangle")
-        .sets(["duration_s=8", "record_hz=1000", "expect={ min_distance_m = 0.2 }"])
-        .fault("freeze r2 @2 for 2")
-        .finish();
-    ended.exits_with(0).leaves_nothing();
-    let events = ended.file("events.csv");
-    let contacts: Vec<&str> = events.lines().filter(|line| line.contains(",contact,r1,")).collect();
-    let words = |word: &str| contacts.iter().any(|line| line.ends_with(&format!("{word} r2")));
-    for word in ["stale", "lost", "fresh"] {
-        ended.claim(words(word), format!("r1 calls r2 {word}"));
-    }
-    // A busy machine may make it stale again at any time.
-    let after = |line: &&str| line.split(',').next().unwrap().parse::<f64>().unwrap() >= 4.0;
-    let back = contacts.iter().filter(|line| after(line)).any(|line| line.ends_with("fresh r2"));
-    ended.claim(back, "and fresh again once it goes on");
-    // H is 13 ms here; that it is kept to the nanosecond is the plant's own test.
-    stands(&ended, "r2", 2.2, 3.9);
-    let before = motion(&ended, "r2", 1.0, 1.9);
-    ended.claim(before.iter().any(|(v_m_s, _)| v_m_s.abs() > 0.01), "it was on its way");
-}
-
-#[test]
 fn a_cut_orphans_those_behind_it_and_their_information_grows_as_old_as_it_lasts() {
     let ended = run("pentagon-cut").lockstep().finish();
     ended.exits_with(0);

@@ -4,12 +4,9 @@
 //! What is asked of them stands with whoever asks; here is which cases there are, and how one runs
 //! in the oracle.
 
-use experiment::scenario::{FaultKind, Scenario};
-use formation::Vec2;
+use experiment::scenario::Scenario;
 use formation::front_point::front_point;
-use formation::graph::{Edge, FormationGraph};
 use outcome::metrics::Measures;
-use protocol::law::Reference;
 use protocol::message::{TruthHeader, TruthRow};
 
 use crate::harness::in_parallel;
@@ -97,21 +94,6 @@ pub fn cases() -> Vec<Case> {
 }
 
 #[test]
-fn the_shipped_scenarios_have_162_single_deaths_and_cuts() {
-    let cases = cases();
-    assert_eq!(cases.len(), 162);
-    let r4 = cases.iter().find(|case| case.scenario == "containment" && case.what == "kill r4");
-    let r4 = r4.expect("r4 may die");
-    assert_eq!((r4.broken, r4.at_s), (Broken::Robot(3), 40.0));
-    for (whole_again, restart_after_ns) in [(false, None), (true, Some(5_000_000_000))] {
-        let faults = r4.scenario(whole_again).faults;
-        let [fault] = &faults[..] else { panic!("one fault: {faults:?}") };
-        assert_eq!(fault.kind, FaultKind::Kill { robot: 3, restart_after_ns });
-        assert_eq!(fault.at_ns, 40_000_000_000);
-    }
-}
-
-#[test]
 fn a_leader_is_not_held_up_by_a_contained_robot_that_wants_its_place() {
     // r3 hears r8, the leader, and r4: without r4 it wants to be where r8 is.
     let mut cases = cases_of("containment");
@@ -148,89 +130,4 @@ fn whoever_has_no_place_is_in_nobodys_way() {
         let bound_m = if ["f1", "f2"].contains(&robot.as_str()) { 0.3 } else { 0.005 };
         assert!(error_m < bound_m, "{robot}: {error_m} m");
     }
-}
-
-/// Where everybody settles without what is broken, m, seen from the leader at heading 0 and scale 1,
-/// of those that the leader reaches and no orphan pulls away.
-fn places_left(scenario: &Scenario, broken: Broken) -> Vec<Option<Vec2>> {
-    let edges = scenario.graph.edges().iter().enumerate();
-    let whole = |(e, edge): (usize, &Edge)| match broken {
-        Broken::Robot(dead) => (edge.from != dead && edge.to != dead).then_some(*edge),
-        Broken::Edge(cut) => (e != cut).then_some(*edge),
-    };
-    let left: Vec<Edge> = edges.filter_map(whole).collect();
-    let (robots, leader) = (scenario.robots.len(), scenario.leader().expect("a leader"));
-    let graph = FormationGraph::new(robots, left.clone());
-    let reached = graph.reachability();
-    let orphan = |i: usize| !reached[leader][i];
-    let pulled = |i: usize| (0..robots).any(|j| orphan(j) && reached[j][i]);
-    let stands = |i: usize| !orphan(i) && !pulled(i);
-    let mut places = vec![Vec2::zeros(); robots];
-    // The mean of what those heard ask for, again and again: it converges as velocities do. (33)
-    for _ in 0..5_000 {
-        for i in (0..robots).filter(|&i| i != leader && stands(i)) {
-            let heard: Vec<&Edge> = left.iter().filter(|edge| edge.to == i).collect();
-            let keeps_place = scenario.robots[i].role.reference == Reference::Offsets;
-            let offset = |edge: &Edge| if keeps_place { edge.offset_m } else { Vec2::zeros() };
-            let asked = heard.iter().map(|edge| places[edge.from] + offset(edge));
-            places[i] = asked.sum::<Vec2>() / heard.len() as f64;
-        }
-    }
-    (0..robots).map(|i| stands(i).then_some(places[i])).collect()
-}
-
-/// `cargo test --test it -- --ignored --nocapture nobody_who_can_stay`
-#[test]
-#[ignore = "minutes: 324 runs"]
-fn nobody_who_can_stay_in_its_place_is_thrown_off_it_by_a_death_or_a_cut() {
-    let found = in_parallel(&cases(), |case| {
-        let mut wrong = Vec::new();
-        let scenario = case.scenario(false);
-        let measures = case.run(false, |_, _, _| {});
-        let d = scenario.avoidance.distance_min_m;
-        let (near_m, dead) = (measures.min_distance_m.unwrap(), case.broken);
-        if near_m < d || measures.violations > 0 {
-            wrong.push(format!("{near_m} m apart"));
-        }
-        if let Some(leader) = scenario.leader().filter(|&i| dead != Broken::Robot(i)) {
-            let tracking_m = measures.tracking_error_m_max.unwrap();
-            if tracking_m >= 5e-3 {
-                wrong.push(format!("the leader is {tracking_m} m off"));
-            }
-            let lead = scenario.lead.as_ref().unwrap();
-            let end_s = scenario.duration_ns as f64 / 1e9;
-            let last = (0..=100).map(|k| lead.scale.at(end_s * (0.9 + 1e-3 * f64::from(k))).0);
-            let scale = last.fold(f64::INFINITY, f64::min);
-            let places = places_left(&scenario, case.broken);
-            let steers = |i: usize| scenario.steers_within_m(i).unwrap();
-            for i in (0..places.len()).filter(|&i| i != leader && dead != Broken::Robot(i)) {
-                let Some(place) = places[i] else { continue };
-                let taken = (0..places.len()).filter(|&j| j != i).any(|j| {
-                    let apart_m = places[j].map(|other| scale * (place - other).norm());
-                    apart_m.is_some_and(|apart_m| apart_m <= steers(i).max(steers(j)))
-                });
-                let own = scenario.robots[i].role.reference == Reference::Offsets;
-                let errors =
-                    if own { &measures.final_ideal_error_m } else { &measures.final_error_m };
-                let error_m = errors[i].1.unwrap();
-                if !taken && error_m >= 0.02 {
-                    wrong.push(format!("{} is {error_m} m off", errors[i].0));
-                }
-            }
-        }
-        // Half as long again: gains of 0.3 per second take their time.
-        let mut longer = case.scenario(true);
-        longer.duration_ns += longer.duration_ns / 2;
-        let measures = simulate_watched(&longer, |_, _, _| {});
-        let bound_m = scenario_named(case.scenario, &[]).expect.final_error_m_max.unwrap();
-        let error_m = measures.final_error_m_max.unwrap();
-        let name = format!("{} {}", case.scenario, case.what);
-        if error_m >= bound_m || measures.min_distance_m.unwrap() < d {
-            wrong.push(format!("whole again, somebody is {error_m} m off"));
-        }
-        (name, wrong)
-    });
-    let wrong: Vec<_> = found.iter().filter(|(_, wrong)| !wrong.is_empty()).collect();
-    println!("{} cases, {} of them not as promised", found.len(), wrong.len());
-    assert!(wrong.is_empty(), "{wrong:#?}");
 }

@@ -91,36 +91,6 @@ fn who_may_have_more_others_near_than_a_sample_reports_is_told_so_with_the_speed
 }
 
 #[test]
-fn no_single_death_and_no_single_cut_breaks_a_triangle() {
-    for name in ["triangle", "triangle-b", "triangle-c", "triangle-d", "triangle-kill"] {
-        let theory = check_json(name);
-        assert_eq!(theory["deaths"].as_array().unwrap().len(), 3);
-        assert_eq!(losses(&theory["deaths"]), Vec::<Value>::new(), "{name}");
-        assert_eq!(theory["breaking_cuts"], json!([]), "{name}");
-    }
-}
-
-#[test]
-fn in_the_pentagon_each_death_takes_the_leader_from_all_behind() {
-    let theory = check_json("pentagon");
-    let deaths = [
-        json!({ "robot": "r2", "unled": ["r1"] }),
-        json!({ "robot": "r3", "unled": ["r1", "r2"] }),
-        json!({ "robot": "r4", "unled": ["r1", "r2", "r3"] }),
-        json!({ "robot": "r5", "unled": ["r1", "r2", "r3", "r4"] }),
-    ];
-    assert_eq!(losses(&theory["deaths"]), deaths);
-    // A mutual pair cut in one direction: who still hears the other is pulled by it.
-    let cuts = [
-        json!({ "from": "r2", "to": "r1", "unled": ["r1"], "pulled": ["r2"] }),
-        json!({ "from": "r3", "to": "r2", "unled": ["r1", "r2"] }),
-        json!({ "from": "r4", "to": "r3", "unled": ["r1", "r2", "r3"], "pulled": ["r4"] }),
-        json!({ "from": "r5", "to": "r4", "unled": ["r1", "r2", "r3", "r4"] }),
-    ];
-    assert_eq!(losses(&theory["breaking_cuts"]), cuts);
-}
-
-#[test]
 fn in_the_containment_no_single_death_leaves_anybody_uncontained() {
     let theory = check_json("containment");
     let deaths = [
@@ -157,19 +127,6 @@ fn the_pentagon_has_the_chapters_numbers() {
     let epsilon: Vec<f64> = theory.epsilon.iter().map(|rule| rule.epsilon_per_s).collect();
     assert_near(epsilon[2], 201.25, 5e-3);
     assert_near(epsilon[0], epsilon[2] / 3.0, 1e-9);
-}
-
-#[test]
-fn the_containment_has_the_chapters_numbers() {
-    let (scenario, warnings) = scenario("containment", &[]);
-    assert_eq!(warnings.len(), 1, "{warnings:?}");
-    let theory = Theory::of(&scenario);
-    assert_near(theory.matrix.iteration_radius, 0.5f64.sqrt(), 1e-12);
-    let facts = theory.trajectory.unwrap();
-    // Here the turning kite is faster than the trajectory.
-    assert!(facts.eta_c_m_s > facts.eta_m_m_s);
-    assert_near(facts.eta_c_m_s, 0.7048, 1e-4);
-    assert_near(theory.epsilon[2].epsilon_per_s, 277.0, 0.02);
 }
 
 #[test]

@@ -44,23 +44,6 @@ fn what_is_asked_of_the_dead_is_missed_and_says_why() {
     more.claim(of(&more, "alive_at_end") == dead, "one is not two");
 }
 
-#[test]
-fn a_robot_that_nobody_planned_to_lose_has_not_converged() {
-    let mut running = run("triangle")
-        .set("duration_s=6")
-        .set("robot_defaults.restart_policy=never")
-        .set("expect={ converged_by_s = 6.0, converged_error_m = 100.0, min_distance_m = 0.1 }")
-        .start();
-    running.wait_for_event("contact");
-    let r2 = running.pid_of("r2");
-    crate::harness::signal_pid(r2, Signal::KILL);
-    let ended = running.finish();
-    ended.exits_with(1);
-    let dead = missed("dead at the end: r2");
-    ended.claim(of(&ended, "converged_by_s") == dead, "though all others are within 100 m");
-    ended.claim(of(&ended, "min_distance_m").0 == "held", "and nothing else is wrong");
-}
-
 /// How often a process went to sleep by itself; `None` once it is gone.
 fn naps(pid: u32) -> Option<u64> {
     let status = std::fs::read_to_string(format!("/proc/{pid}/status")).ok()?;

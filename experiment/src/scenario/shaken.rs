@@ -1,5 +1,5 @@
 //! Texts by the thousand, or by the million: that no scenario, no `--fault` and no imported graph
-//! makes a reader panic, and that what is read is the same when it is read again.
+//! makes a reader panic, and that what is read is the same when it is read again. `PHALANX_TIMES=300` takes minutes.
 
 use std::path::Path;
 
@@ -30,6 +30,10 @@ const PIECES: &str = "[ ] [[ ]] { } = \" ' ''' \"\"\" # . : , - -> @ _ ~ \r~ < >
     nan inf 1e300 99999999999999999999 9223372036854775808 true null ä \u{0} 𝔘 \u{feff} \\ud800 for \
     restart_2 robot r1 [[edge]]~ [[fault]]~ [[robot]]~ [graph]~ robot_=_[]~ edge_=_3~ name_=_\"r1\"~ \
     graph_=_\"triangle.graphml\"~ {_name_=_\"r2\"_}, \"id\":_7, \"pose\":_3, <node_id=\"x\"> <data_key=\"d0\">";
+
+fn times() -> u64 {
+    std::env::var("PHALANX_TIMES").map_or(1, |times| times.parse().unwrap())
+}
 
 fn file(path: &str) -> String {
     let repository = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
@@ -68,7 +72,9 @@ fn is_read(path: &Path, text: &str, overrides: &Overrides) -> bool {
 
 /// Scenarios near a sound one, and some from nothing: read or refused, and what is read can be
 /// reported and is the same when it is read again.
-fn no_scenario_makes_the_reader_panic(texts: u64) {
+#[test]
+fn no_scenario_makes_the_reader_panic_and_every_diagnostic_can_be_shown() {
+    let texts = 3000 * times();
     let originals = [file("scenarios/triangle-kill.toml"), HEADED.to_owned()];
     let set = vec!["robot.r1.pose.x_m=0.1".to_owned()];
     let overrides = [
@@ -97,17 +103,8 @@ fn no_scenario_makes_the_reader_panic(texts: u64) {
 }
 
 #[test]
-fn no_scenario_makes_the_reader_panic_and_every_diagnostic_can_be_shown() {
-    no_scenario_makes_the_reader_panic(3000);
-}
-
-#[test]
-#[ignore = "minutes; a million scenarios"]
-fn no_scenario_of_a_million_makes_the_reader_panic() {
-    no_scenario_makes_the_reader_panic(1_000_000);
-}
-
-fn no_fault_makes_the_reader_panic(specs: u64) {
+fn no_fault_on_the_command_line_makes_the_reader_panic() {
+    let specs = 4000 * times();
     let triangle = triangle();
     let read = (0..specs).filter(|&seed| {
         let spec = mutated(SPECS[(seed % SPECS.len() as u64) as usize], seed);
@@ -118,20 +115,11 @@ fn no_fault_makes_the_reader_panic(specs: u64) {
     assert!(read > specs / 1000 && read < specs, "{read} of {specs} were read");
 }
 
-#[test]
-fn no_fault_on_the_command_line_makes_the_reader_panic() {
-    no_fault_makes_the_reader_panic(4000);
-}
-
-#[test]
-#[ignore = "minutes; a million faults"]
-fn no_fault_of_a_million_makes_the_reader_panic() {
-    no_fault_makes_the_reader_panic(1_000_000);
-}
-
 /// Graphs near sound ones, in scenarios that are changed too, now and then, and that have no robots, no edges, or
 /// both; what is read needs no graph any more.
-fn no_graph_makes_the_reader_panic(texts: u64) {
+#[test]
+fn no_imported_graph_makes_the_reader_panic_and_what_is_read_reads_again() {
+    let texts = 3000 * times();
     let graphs = [
         "triangle-edges.json",
         "triangle.graphml",
@@ -169,15 +157,4 @@ fn no_graph_makes_the_reader_panic(texts: u64) {
         }
     }
     assert!(read > texts / 30 && read < texts, "{read} of {texts} were read");
-}
-
-#[test]
-fn no_imported_graph_makes_the_reader_panic_and_what_is_read_reads_again() {
-    no_graph_makes_the_reader_panic(3000);
-}
-
-#[test]
-#[ignore = "minutes; half a million graphs"]
-fn no_graph_of_half_a_million_makes_the_reader_panic() {
-    no_graph_makes_the_reader_panic(500_000);
 }

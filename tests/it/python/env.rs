@@ -60,8 +60,8 @@ fn a_policy_sees_the_same_numbers_in_a_process_as_in_training() {
     let law = "\n[laws.shows]\nprogram = [\"python3\", \"process.py\"]\nrole = \"formation\"\n";
     let scenario = folder.path().join("triangle.toml");
     std::fs::write(&scenario, text + law).unwrap();
-    let mut command = std::process::Command::new(format!("{ROOT}/target/python/bin/phalanx"));
-    command.arg("run").arg(&scenario).env("PATH", super::path());
+    let mut command = super::installed();
+    command.arg("run").arg(&scenario);
     let run = harness::Phalanx::new(command).set("expect={}").set("robot_defaults.law=shows");
     let ended = run.lockstep().set("duration_s=0.6").finish();
     ended.exits_with(0);

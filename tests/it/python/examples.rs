@@ -1,16 +1,14 @@
 //! Plants that are shipped in `bindings/python/examples/`: robots on wheels in MuJoCo, and at the end of serial lines.
 
 use std::path::Path;
-use std::process::Command;
 
-use super::{ROOT, path, says};
+use super::{ROOT, installed, says};
 use crate::harness::{Ended, Phalanx};
 
 /// A shipped scenario, by the `phalanx` that the package has installed.
 fn example(name: &str) -> Phalanx {
-    let mut command = Command::new(Path::new(ROOT).join("target/python/bin/phalanx"));
+    let mut command = installed();
     command.arg("run").arg(format!("{ROOT}/bindings/python/examples/{name}.toml"));
-    command.env("PATH", path());
     Phalanx::new(command)
 }
 
@@ -105,8 +103,8 @@ fn robots_that_do_not_stand_where_the_scenario_has_them_are_not_driven() {
     let elsewhere = text.replace("(robot.start.x_m, ", "(robot.start.x_m + 0.1, ");
     assert_ne!(text, elsewhere);
     std::fs::write(&driver, elsewhere).unwrap();
-    let mut command = Command::new(Path::new(ROOT).join("target/python/bin/phalanx"));
-    command.arg("run").arg(folder.path().join("pair.toml")).env("PATH", path());
+    let mut command = installed();
+    command.arg("run").arg(folder.path().join("pair.toml"));
     let ended = Phalanx::new(command).finish();
     ended.exits_with(4).leaves_nothing();
     says(&ended, "ahead stands at 1.1, 0.0, 1.5, not at its start");

@@ -2,11 +2,10 @@
 //! that fails ends the run and is told.
 
 use std::path::Path;
-use std::process::Command;
 
 use tempfile::TempDir;
 
-use super::{ROOT, path, python, says};
+use super::{ROOT, installed, python, says};
 use crate::harness::{Ended, Phalanx};
 
 /// The triangle on a plant that is the copy of a file of the tests under the name `name`.
@@ -22,8 +21,8 @@ fn triangle(file: &str, name: &str, more: &str) -> TempDir {
 
 /// The triangle in that folder for 4 s, by the `phalanx` that the package has installed.
 fn run(folder: &TempDir) -> Phalanx {
-    let mut command = Command::new(Path::new(ROOT).join("target/python/bin/phalanx"));
-    command.arg("run").arg(folder.path().join("triangle.toml")).env("PATH", path());
+    let mut command = installed();
+    command.arg("run").arg(folder.path().join("triangle.toml"));
     Phalanx::new(command).set("expect={}").set("duration_s=4")
 }
 

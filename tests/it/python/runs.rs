@@ -6,11 +6,12 @@ use std::process::{Command, Output};
 use tempfile::TempDir;
 
 use super::{ROOT, path};
+use crate::harness::RunRoot;
 
 /// A folder with the shipped scenarios, and a run root.
 struct Desk {
     folder: TempDir,
-    run_root: TempDir,
+    run_root: RunRoot,
 }
 
 impl Desk {
@@ -18,8 +19,7 @@ impl Desk {
         let folder = tempfile::tempdir().unwrap();
         let scenarios = Path::new(ROOT).join("scenarios");
         std::os::unix::fs::symlink(scenarios, folder.path().join("scenarios")).unwrap();
-        let run_root = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
-        Desk { folder, run_root }
+        Desk { folder, run_root: RunRoot::new() }
     }
 
     fn python(&self, words: &[&str]) -> Output {

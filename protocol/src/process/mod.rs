@@ -39,8 +39,18 @@ pub type Failure = Box<dyn std::error::Error + Send + Sync>;
 /// What a process does around `run`: named, logging, before every ordinary process if it is to be, and with an
 /// exit code that tells how it ended.
 pub fn main(name: &str, realtime_priority: bool, run: impl FnOnce() -> Result<(), Failure>) -> u8 {
+    main_that_logs(name, realtime_priority, log_to_stderr, run)
+}
+
+/// The same, by a log of its own, which `log` begins.
+pub fn main_that_logs(
+    name: &str,
+    realtime_priority: bool,
+    log: impl FnOnce(),
+    run: impl FnOnce() -> Result<(), Failure>,
+) -> u8 {
     set_name(name);
-    log_to_stderr();
+    log();
     fail_at_file_size_limits();
     if realtime_priority {
         hurry();

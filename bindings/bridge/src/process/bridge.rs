@@ -6,9 +6,9 @@ use protocol::brief::BridgeBrief;
 use protocol::clock;
 use protocol::dropped::Dropped;
 use protocol::message::{BridgeHeader, PeerRow, Plain};
+use protocol::process::Failure;
 use protocol::service::{self, Node, Publisher, send_slice};
 
-use super::BridgeError;
 use super::inbox::{Arrived, Inbox};
 use super::ports::{self, CommandPort, PortError, Sink, Source};
 use super::refusals;
@@ -89,16 +89,15 @@ fn due(at_ns: &mut u64, now_ns: u64, every_ns: u64) -> bool {
 }
 
 impl Bridge {
-    pub(super) fn open(brief: BridgeBrief) -> Result<Bridge, BridgeError> {
+    pub(super) fn open(brief: BridgeBrief) -> Result<Bridge, Failure> {
         let experiment = u64::from_str_radix(&brief.experiment, 16).expect("checked when read");
         let (here, plant) = (brief.here, brief.plant);
         let (hosts, robots) = (brief.hosts.len(), brief.robots.len());
         let name = brief.hosts[here].name.clone();
-        let node = service::node(&format!("bridge-{name}")).map_err(PortError::from)?;
+        let node = service::node(&format!("bridge-{name}"))?;
         let mut routes = topics::routes(&brief);
         routes.retain(|route| route.from == here || route.to.contains(&here));
-        let status = service::bridge(&name).open(&node).map_err(PortError::from)?;
-        let status = status.publisher(hosts).map_err(PortError::from)?;
+        let status = service::bridge(&name).open(&node)?.publisher(hosts)?;
         let inbox = Arc::new(Inbox::new(routes.len(), hosts));
         let (mut outs, mut sinks) = (Vec::new(), Vec::new());
         let mut commands: Vec<Option<CommandPort>> = (0..robots).map(|_| None).collect();
@@ -149,7 +148,7 @@ impl Bridge {
     }
 
     /// What arrived, and what is due.
-    pub(super) fn turn(&mut self) -> Result<(), BridgeError> {
+    pub(super) fn turn(&mut self) -> Result<(), Failure> {
         for arrived in self.inbox.wait(self.due.look_ns) {
             self.take(&arrived)?;
         }
@@ -175,7 +174,7 @@ impl Bridge {
     }
 
     /// Takes what this host has for others.
-    fn look(&mut self, now_ns: u64) -> Result<(), BridgeError> {
+    fn look(&mut self, now_ns: u64) -> Result<(), Failure> {
         let head = self.head(now_ns);
         let Bridge { outs, times, counts, wire, .. } = self;
         for out in outs {
@@ -191,7 +190,7 @@ impl Bridge {
     }
 
     /// Takes a sample of another host over, or drops it.
-    fn take(&mut self, arrived: &Arrived) -> Result<(), BridgeError> {
+    fn take(&mut self, arrived: &Arrived) -> Result<(), Failure> {
         match self.deliver(arrived, clock::now_ns()) {
             Ok(()) => self.counts.taken += 1,
             Err(PortError::Dropped(why)) => self.counts.dropped[why as usize] += 1,
@@ -249,7 +248,7 @@ impl Bridge {
     }
 
     /// What robots tell the supervisor goes its way.
-    fn tell(&mut self, now_ns: u64) -> Result<(), BridgeError> {
+    fn tell(&mut self, now_ns: u64) -> Result<(), Failure> {
         if let Some(batch) = self.telling.batch(now_ns)? {
             self.send(|topic| matches!(topic, Topic::Told(_)), &batch);
         }
@@ -263,7 +262,7 @@ impl Bridge {
     }
 
     /// Tells the supervisor how it is doing, and that of the plant's host.
-    fn report(&mut self, now_ns: u64) -> Result<(), BridgeError> {
+    fn report(&mut self, now_ns: u64) -> Result<(), Failure> {
         for (why, words) in refusals::news() {
             tracing::warn!(why = why.word(), "refused, and counted from here on: {words}");
         }

@@ -25,53 +25,20 @@ pub mod wire;
 
 use std::path::Path;
 
-use protocol::brief::{self, BridgeBrief, BriefError};
-use protocol::clock;
-use protocol::process::{self, Stop, Turns, exit};
-use protocol::run_root::{self, RunRootError};
+use protocol::brief::{self, BridgeBrief};
+use protocol::process::{self, Failure, Stop, Turns};
+use protocol::{clock, run_root};
 
 use self::bridge::Bridge;
-use self::ports::PortError;
-use crate::wire::WireError;
-
-/// Why a bridge gave up.
-#[derive(Debug, thiserror::Error)]
-pub enum BridgeError {
-    /// Its brief is unreadable.
-    #[error(transparent)]
-    Brief(#[from] BriefError),
-    /// The run it belongs to is not there.
-    #[error(transparent)]
-    RunRoot(#[from] RunRootError),
-    /// A port failed.
-    #[error(transparent)]
-    Port(#[from] PortError),
-    /// No connection.
-    #[error(transparent)]
-    Wire(#[from] WireError),
-    /// Signals cannot be handled.
-    #[error("cannot handle signals: {0}")]
-    Signals(#[from] std::io::Error),
-}
 
 /// What the process does: named, logging, and with an exit code that tells.
 pub fn main(brief_path: &Path, realtime_priority: bool) -> u8 {
-    process::set_name("phalanx-bridge");
-    process::log_to_stderr_and(refusals::Listener::layer(), refusals::is_counted);
-    if realtime_priority {
-        process::hurry();
-    }
-    match run(brief_path) {
-        Ok(()) => exit::OK,
-        Err(error) => {
-            tracing::error!("{error}");
-            exit::INFRASTRUCTURE
-        }
-    }
+    let log = || process::log_to_stderr_and(refusals::Listener::layer(), refusals::is_counted);
+    process::main_that_logs("phalanx-bridge", realtime_priority, log, || run(brief_path))
 }
 
 /// Carries what the brief says until told to stop.
-fn run(brief_path: &Path) -> Result<(), BridgeError> {
+fn run(brief_path: &Path) -> Result<(), Failure> {
     let brief: BridgeBrief = brief::read(brief_path)?;
     let stop = Stop::on_signals()?;
     run_root::join(&brief.run_root)?;

@@ -11,18 +11,17 @@
 mod sending;
 mod wire;
 
-use std::io;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use iceoryx2::port::{ReceiveError, SendError};
-use protocol::brief::{self, BriefError};
+use iceoryx2::port::ReceiveError;
+use protocol::brief;
 use protocol::clock::{self, Timer};
 use protocol::message::Odometry;
-use protocol::process::{self, Stop};
+use protocol::process::{self, Failure, Stop};
 use protocol::ros2::messages::{self, State, base_link};
 use protocol::ros2::{Ros2Brief, cdr};
-use protocol::run_root::{self, RunRootError};
+use protocol::run_root;
 use protocol::service::{self, Node, ServiceError, Subscriber};
 
 use super::names::{self, ODOMETRY, POSE_STAMPED, TF};
@@ -33,42 +32,17 @@ use wire::{Sender, Wire};
 /// Robots go first, wherever time is short. (nice, of 19)
 const NICE: i32 = 5;
 
-/// Why it gave up.
-#[derive(Debug, thiserror::Error)]
-enum Ros2Error {
-    #[error(transparent)]
-    Brief(#[from] BriefError),
-    #[error("cannot handle signals: {0}")]
-    Signals(#[from] io::Error),
-    #[error(transparent)]
-    RunRoot(#[from] RunRootError),
-    #[error(transparent)]
-    Service(#[from] ServiceError),
-    #[error(transparent)]
-    Wire(#[from] WireError),
-    #[error("cannot receive odometry: {0}")]
-    Receive(#[from] ReceiveError),
-    #[error("cannot hand goals on: {0}")]
-    Send(#[from] SendError),
-}
-
 /// Shows the run of this brief to ROS 2 until told to stop.
 pub fn main(brief: &Path) -> u8 {
-    process::set_name("phalanx-ros2");
-    process::log_to_stderr();
-    if let Err(error) = rustix::process::nice(NICE) {
-        tracing::warn!(%error, "this process has the priority of robots");
-    }
-    match run(brief) {
-        Ok(()) => process::exit::OK,
-        Err(error) => {
-            tracing::error!("{error}");
-            process::exit::INFRASTRUCTURE
+    process::main("phalanx-ros2", false, || {
+        if let Err(error) = rustix::process::nice(NICE) {
+            tracing::warn!(%error, "this process has the priority of robots");
         }
-    }
+        run(brief)
+    })
 }
 
-fn run(path: &Path) -> Result<(), Ros2Error> {
+fn run(path: &Path) -> Result<(), Failure> {
     let brief: Ros2Brief = brief::read(path)?;
     let stop = Stop::on_signals()?;
     run_root::join(&brief.run_root)?;
@@ -82,8 +56,8 @@ fn run(path: &Path) -> Result<(), Ros2Error> {
     let mut timer = Timer::new(brief.period_ns, 0);
     while !stop.requested() {
         if timer.wait().is_some() {
-            face.publish()?;
-            face.sending.hand_on()?;
+            face.publish().map_err(|why| format!("cannot receive odometry: {why}"))?;
+            face.sending.hand_on().map_err(|why| format!("cannot hand goals on: {why}"))?;
         }
     }
     drop(face);

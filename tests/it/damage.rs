@@ -29,16 +29,16 @@ fn put(bytes: &mut [u8], at: usize, number: u64, size: usize) {
     bytes[at..at + size].copy_from_slice(&number.to_le_bytes()[..size]);
 }
 
-/// What is changed, in which record, and what `recover` exits with: 2 where nothing is left to recover.
-const CHANGES: [(&str, u8, Change, i32); 8] = [
-    ("a bit of a chunk", CHUNK, |bytes, at, length| bytes[at + length / 2] ^= 1, 1),
-    ("the length of a chunk", CHUNK, |bytes, at, _| put(bytes, at + 1, 1 << 40, 8), 1),
-    ("how large a chunk is", CHUNK, |bytes, at, _| put(bytes, at + 25, 1 << 40, 8), 1),
-    ("a chunk up to the end", CHUNK, chunk_to_the_end, 1),
-    ("a chunk of 3 GB", CHUNK, |bytes, at, _| put(bytes, at + 1, 3 << 30, 8), 1),
-    ("the length of a name", METADATA, |bytes, at, _| put(bytes, at + 9, 0xffff_fff0, 4), 1),
-    ("the length of a value", ATTACHMENT, |bytes, at, _| put(bytes, at + 25, 0xffff_fff0, 4), 1),
-    ("the length of the profile", HEADER, |bytes, at, _| put(bytes, at + 9, 0xffff_fff0, 4), 2),
+/// What is changed, and in which record.
+const CHANGES: [(&str, u8, Change); 8] = [
+    ("a bit of a chunk", CHUNK, |bytes, at, length| bytes[at + length / 2] ^= 1),
+    ("the length of a chunk", CHUNK, |bytes, at, _| put(bytes, at + 1, 1 << 40, 8)),
+    ("how large a chunk is", CHUNK, |bytes, at, _| put(bytes, at + 25, 1 << 40, 8)),
+    ("a chunk up to the end", CHUNK, chunk_to_the_end),
+    ("a chunk of 3 GB", CHUNK, |bytes, at, _| put(bytes, at + 1, 3 << 30, 8)),
+    ("the length of a name", METADATA, |bytes, at, _| put(bytes, at + 9, 0xffff_fff0, 4)),
+    ("the length of a value", ATTACHMENT, |bytes, at, _| put(bytes, at + 25, 0xffff_fff0, 4)),
+    ("the length of the profile", HEADER, |bytes, at, _| put(bytes, at + 9, 0xffff_fff0, 4)),
 ];
 
 /// What follows is all of it, and is said to become 250 times as much.
@@ -56,7 +56,7 @@ fn no_length_of_a_recording_is_trusted_and_every_loss_is_said() {
     let bytes = std::fs::read(ended.run_dir().join("run.mcap")).unwrap();
     let scratch = tempfile::tempdir().unwrap();
     let at = |name: &str| scratch.path().join(name);
-    for (what, kind, change, code) in CHANGES {
+    for (what, kind, change) in CHANGES {
         let records: Vec<_> = layout(&bytes).into_iter().filter(|found| found.0 == kind).collect();
         let (_, place, length) = records[records.len() / 2];
         let mut changed = bytes.clone();
@@ -75,7 +75,7 @@ fn no_length_of_a_recording_is_trusted_and_every_loss_is_said() {
             assert_eq!(status.code(), Some(code), "{what}: {verb}: {said}");
             said
         };
-        let said = verb("recover", &["--out".as_ref(), &at("out.mcap")], code);
+        let said = verb("recover", &["--out".as_ref(), &at("out.mcap")], 1);
         // Without its facts nobody knows whose recording it is.
         let is_foreign = kind == METADATA;
         let exported = verb("export", &[], if is_foreign { 2 } else { 1 });

@@ -392,7 +392,11 @@ mod tests {
         }
         fs::write(run.join(CHECKSUMS), listed).unwrap();
         fs::remove_file(run.join(MANIFEST)).unwrap();
-        let state = state(&run, Keep::All).unwrap();
-        assert_eq!(state, State::Damaged("manifest.json is missing".into()));
+        let gone = state(&run, Keep::All).unwrap();
+        assert_eq!(gone, State::Damaged("manifest.json is missing".into()));
+        // As a pipe, it has no content to be hashed.
+        fs::create_dir(run.join(MANIFEST)).unwrap();
+        let replaced = state(&run, Keep::All).unwrap();
+        assert_eq!(replaced, State::Damaged("manifest.json is not as the run wrote it".into()));
     }
 }

@@ -22,6 +22,8 @@ use crate::recording::writer::Writer;
 /// more than a second, on a busy machine neither.
 pub const FLUSH_EVERY: Duration = Duration::from_millis(500);
 
+/// What recordings are for.
+pub(crate) const PROFILE: &str = "ros2";
 /// Name of the metadata that says what run this is.
 pub(crate) const FACTS: &str = "phalanx";
 /// Key of the run's start, ns since 1970.
@@ -86,7 +88,7 @@ impl Recorder {
     /// Begins a file, which must not exist, with everything in it that is known beforehand.
     pub fn create(path: &Path, run: &Run<'_>) -> io::Result<Recorder> {
         let topics = spelled(run.robots);
-        let mut writer = Writer::create(path, "ros2")?;
+        let mut writer = Writer::create(path, PROFILE)?;
         let mut facts = run.facts.clone();
         facts.insert(EPOCH.into(), run.started_unix_ns.to_string());
         facts.insert(ROBOTS.into(), run.robots.join(","));

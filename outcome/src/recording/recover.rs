@@ -13,6 +13,7 @@ use mcap::{Attachment, Compression, McapError, McapResult, WriteOptions};
 
 use crate::recording::chunk::SIZE_MAX;
 use crate::recording::pieces::{Pieces, Soundness};
+use crate::recording::recorder::PROFILE;
 
 /// What came of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,12 +66,16 @@ pub fn recover(file: &Path, out: &Path) -> Result<Outcome, RecoverError> {
     let unreadable = |error| RecoverError::Read(file.into(), error);
     let unwritten = |error| RecoverError::Write(out.into(), error);
     let mut pieces = Pieces::open(file).map_err(unreadable)?;
-    let mut profile = None;
+    let (mut profile, mut has_messages) = (None, false);
     for piece in pieces.by_ref() {
-        if let Record::Header(header) = piece.map_err(unreadable)? {
-            profile.get_or_insert(header.profile);
+        match piece.map_err(unreadable)? {
+            Record::Header(header) => drop(profile.get_or_insert(header.profile)),
+            Record::Message { .. } => has_messages = true,
+            _ => {}
         }
     }
+    // A header may be damaged, and the messages behind it whole.
+    let profile = profile.or_else(|| has_messages.then(|| PROFILE.to_owned()));
     let profile = profile.ok_or_else(|| RecoverError::Nothing(file.into()))?;
     let soundness = pieces.soundness();
     if soundness.is_whole() {

@@ -7,6 +7,7 @@ use std::io::{self, Write as _};
 use std::path::Path;
 
 use experiment::campaign::cells::sha256;
+use rustix::io::Errno;
 
 use crate::results::host_dir::SCENARIO;
 use crate::results::run_dir::{EVENTS, MANIFEST, PAIRS, SAMPLES, SUMMARY};
@@ -59,15 +60,20 @@ pub fn write(run_dir: &Path) -> io::Result<()> {
 
 /// Holds a run's files against them.
 pub fn check(run_dir: &Path) -> Result<(), Damage> {
-    let open = |name: &str| match File::open(run_dir.join(name)) {
-        Ok(file) => Ok(Some(file)),
+    let changed = |name: &str| Damage::Changed(name.to_owned());
+    let open = |name: &str| match fs::metadata(run_dir.join(name)) {
+        // Whoever opens a pipe may wait for ever, and a device may have no end.
+        Ok(found) if !found.is_file() => Err(changed(name)),
+        Ok(_) => File::open(run_dir.join(name))
+            .map(Some)
+            .map_err(|error| Damage::Unreadable(name.to_owned(), error)),
         Err(error) => match error.kind() {
             io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => Ok(None),
+            _ if error.raw_os_error() == Some(Errno::LOOP.raw_os_error()) => Err(changed(name)),
             _ => Err(Damage::Unreadable(name.to_owned(), error)),
         },
     };
     let listed = open(CHECKSUMS)?.ok_or(Damage::NoChecksums)?;
-    let changed = |name: &str| Damage::Changed(name.to_owned());
     let listed = io::read_to_string(listed).map_err(|_| changed(CHECKSUMS))?;
     let line = |line| str::split_once(line, "  ").map(|(sum, name)| (name, sum));
     let listed: Option<BTreeMap<&str, &str>> = listed.lines().map(line).collect();

@@ -118,7 +118,7 @@ fn what_a_program_leaves_behind_ends_with_the_run_and_is_named() {
 
 #[test]
 fn a_program_that_writes_without_end_loses_what_is_too_much_and_is_told() {
-    let (_folder, run) = with_script("yes 'a line of a log' | head -c 80000000");
+    let (_folder, run) = with_script("yes 'a line of a log' | head -c 68000000");
     let ended = run.lockstep().finish();
     ended.exits_with(0).leaves_nothing();
     let log = ended.run_dir().join("logs/r2.jsonl");

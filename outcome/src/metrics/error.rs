@@ -17,6 +17,8 @@ pub(super) struct Errors {
     converged_error_m: f64,
     /// At the newest truth.
     pub(super) now_m: Vec<Option<f64>>,
+    /// The same as vectors.
+    pub(super) now: Vec<Option<Vec2>>,
     /// Integral of each robot's error over the time it lived, m s.
     pub(super) integrated_m_s: Vec<Option<f64>>,
     pub(super) finals: Finals,
@@ -38,6 +40,7 @@ impl Errors {
             leader: scenario.leader(),
             converged_error_m: scenario.expect.converged_error_m,
             now_m: vec![None; robots],
+            now: vec![None; robots],
             integrated_m_s: vec![None; robots],
             finals: Finals::new(robots, window),
             converged_since_ns: None,
@@ -65,6 +68,7 @@ impl Errors {
         let mut worst: Option<f64> = None;
         for (i, &alive) in alive.iter().enumerate() {
             let error = self.targets.error(i, t_s, frame, alphas, silent);
+            self.now[i] = error;
             let error = error.map(|error| or_infinite(error.norm()));
             self.now_m[i] = error;
             let Some(error) = error.filter(|_| alive) else { continue };

@@ -10,6 +10,7 @@
 //! | `finals` | what is worst towards the end? |
 //! | `end` | may it end before its time? |
 //! | `target` | where does its role want it? |
+//! | `waits` | who is not there at the end, and for whom does it wait? |
 //! | `travel` | when did it get there, and by how long a way? |
 //! | `ideal` | how far is each robot from its place in the whole formation? |
 //! | `frame` | how does that formation turn and grow? |
@@ -42,6 +43,7 @@ mod target;
 mod travel;
 mod truths;
 pub mod vectors;
+pub mod waits;
 
 use formation::Vec2;
 use formation::front_point::front_point;
@@ -64,6 +66,7 @@ pub use orphans::Turn;
 use summary::Summary;
 use travel::Travel;
 use truths::Truths;
+use waits::Waits;
 
 /// Measures a run as its truths come in.
 pub struct Metrics {
@@ -84,6 +87,7 @@ pub struct Metrics {
     frame: IdealFrame,
     errors: Errors,
     travel: Travel,
+    waits: Waits,
     ideal: Ideal,
     containment: Containment,
     faults: Faults,
@@ -124,6 +128,7 @@ impl Metrics {
             frame: IdealFrame::new(scenario),
             errors: Errors::new(scenario, window),
             travel: Travel::new(scenario),
+            waits: Waits::new(scenario),
             ideal: Ideal::new(scenario, window),
             containment: Containment::new(scenario, window),
             faults: Faults::new(scenario),
@@ -284,6 +289,7 @@ impl Metrics {
             arrived_at_s: by_name(&self.travel.arrived_at_s()),
             path_m: by_name(&self.travel.path_m()),
             path_over_straight: self.travel.path_over_straight(),
+            waits: self.waits.at(&self.alphas, &self.errors.now, &self.alive),
             trajectory_hash: self.truths.hash(),
             alive_at_end: living.map(|(name, _)| name.clone()).collect(),
             hash_by_second: self.truths.hash_by_second.clone(),

@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::metrics::clearance::Clearance;
 use crate::metrics::expect::Expectation;
 use crate::metrics::fault::FaultReport;
+use crate::metrics::waits::Wait;
 
 /// The content of `summary.json`. What never came about is `null`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -83,6 +84,8 @@ pub struct Summary {
     /// Of all that arrived at goals: the lengths of their ways over those of straight lines there; `null` once
     /// somebody was sent to another goal.
     pub path_over_straight: Option<f64>,
+    /// Who was not there at the end, and for whom it waits.
+    pub waits: Vec<Wait>,
     /// Commands sent after their agent's next wake-up was due.
     pub deadline_misses: u64,
     /// What became of commands at the plant.

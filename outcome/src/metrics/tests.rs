@@ -340,3 +340,23 @@ fn of_whoever_is_sent_to_another_goal_errors_and_convergence_are_of_that_one() {
     assert_eq!(metrics.finish().converged_at_s, Some(seconds(header(3).t_ns)));
     assert_eq!(metrics.finish().path_over_straight, None, "it was not on its way to one place");
 }
+
+/// Places of the row: 0, -1, -2 m; each steers within 0.21 m of another.
+#[test]
+fn who_is_not_there_at_the_end_waits_for_whoever_is_on_its_place_or_in_its_way() {
+    let mut scenario = row_of_three();
+    scenario.method.steers_within = Some(("d_f", |_| 0.21));
+    let waits = |x_m: [f64; 3], alive: [bool; 3]| {
+        let mut metrics = Metrics::new(&scenario, Pace::Lockstep);
+        metrics.truth(&header(0), &rows(x_m), &alive);
+        let waits = metrics.finish().waits;
+        waits.iter().map(|wait| wait.in_words()).collect::<Vec<_>>().join("; ")
+    };
+    assert_eq!(waits([0.0, -1.0, -2.0], ALL), "", "all are there");
+    assert_eq!(waits([0.0, -1.0, -1.5], ALL), "", "nobody is in the way");
+    // r2's place is 1 m behind r1.
+    assert_eq!(waits([0.0, -0.8, -1.0], [true, true, false]), "r2 for r3, dead, on its place");
+    assert_eq!(waits([0.0, -0.4, -0.6], [true, true, false]), "r2 for r3, dead, in its way");
+    let both = waits([0.0, -0.7, -0.9], ALL);
+    assert_eq!(both, "r2 for r3 on its place");
+}

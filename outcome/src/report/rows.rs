@@ -7,6 +7,7 @@ use protocol::stage::Cause;
 use crate::metrics::expect::{self, FAILED_ROBOTS, Verdict};
 use crate::metrics::fault::FaultReport;
 use crate::metrics::summary::{Commands, GoalSummary, InformationAge, StageLatency, Summary};
+use crate::metrics::waits::Wait;
 use crate::report::digits::digits;
 
 /// Of more robots than this, only those with the largest errors are named, and not all in a list.
@@ -124,6 +125,13 @@ impl Facts {
             let shown =
                 errors.iter().map(|(robot, error_m)| format!("{robot} {}", or_dash(*error_m)));
             self.say(if few { all } else { largest }, shown.collect::<Vec<_>>().join("  "));
+        }
+        if !summary.waits.is_empty() {
+            let more = summary.waits.len().saturating_sub(ROBOTS_SHOWN);
+            let shown = summary.waits.iter().take(ROBOTS_SHOWN).map(Wait::in_words);
+            let shown = shown.collect::<Vec<_>>().join("; ");
+            let more = if more > 0 { format!("; and {more} more") } else { String::new() };
+            self.say("waiting", format!("{shown}{more}"));
         }
         for (name, error_m) in [
             ("tracking error, m", summary.tracking_error_m_max),

@@ -1,4 +1,4 @@
-"""Writes antipodal-2.toml, -4, -8, -16 and -32 beside itself: `python3 antipodal.py`.
+"""Writes antipodal-2.toml, -4, -8, -16, -32 and -64 beside itself: `python3 antipodal.py`.
 
 Robots stand evenly on a circle and head for the opposite point, all through the middle. It has room for 0.4 m
 between neighbors, and is 1.6 m wide at least. A run lasts four times as long as the straight way, and 20 s more.
@@ -10,7 +10,7 @@ from pathlib import Path
 FRONT_POINT_M = 0.045
 SPEED_M_S = 0.2
 
-for robots in (2, 4, 8, 16, 32):
+for robots in (2, 4, 8, 16, 32, 64):
     radius = max(0.8, 0.2 / math.sin(math.pi / robots))
     duration = math.ceil(20 + 4 * 2 * radius / SPEED_M_S)
     rows = []

@@ -1,9 +1,11 @@
-"""Makes the tables of docs/comparison.md from the tables of the two campaigns:
+"""Makes the tables of docs/comparison.md from the tables of the campaigns:
 
     python3 scenarios/campaigns/comparison/tables.py runs/campaigns/comparison docs/comparison.md
     python3 scenarios/campaigns/comparison/tables.py runs/campaigns/scenes docs/comparison.md
+    python3 scenarios/campaigns/comparison/tables.py runs/campaigns/dense docs/comparison.md
 
-What stands between the campaign's two marks of the page is replaced. Needs nothing but Python.
+What stands between the campaign's two marks of the page is replaced; where the page has the same tables with rows of
+other methods, these rows stay. Needs nothing but Python.
 """
 
 import csv
@@ -105,6 +107,43 @@ def scenes(runs):
     return table([*heads, "arrived, %", "makespan, s", "compute, us"], rows)
 
 
+def dense(runs):
+    """Of scenarios/campaigns/dense.toml: one table. Where robots die, those count that live."""
+    rows = []
+    for scene in in_order(runs, "scene"):
+        for condition in in_order(runs, "condition"):
+            for kind in in_order(runs, "kind"):
+                here = some(runs, scene=scene, condition=condition, kind=kind)
+                if not here:
+                    continue
+                living = sum(int(run["alive_at_end"]) for run in here)
+                row = [f"`{scene}`, `{condition}`", f"`{kind}`", str(len(here)), rate(here, "below")]
+                row += [least(here, "min_distance_over_d"), rate(here, "arrived")]
+                row += [f"{100 * sum(run['robots_arrived'] for run in here) / living:.1f}", makespan(here)]
+                rows.append(row)
+    heads = ["scene, condition", "method", "n", "below d, %", "smallest distance / d", "all arrived, %"]
+    return table([*heads, "robots arrived, %", "makespan, s"], rows)
+
+
+def keyed(text):
+    """Lines, each with its heading and the fields that name its row; the overview has a method alone there."""
+    heading, lines = "", []
+    for line in text.splitlines():
+        heading = line if line.startswith("#") else heading
+        fields = line.split("|")
+        lines.append(((heading, *fields[1 : 3 if len(fields) > 7 else 2]), line))
+    return lines
+
+
+def into(old, new):
+    """The old tables with the rows of the new ones; the new tables where the old ones have none of these rows."""
+    rows = {key: line for key, line in keyed(new) if line.startswith("| ")}
+    known = {key for key, _ in keyed(old)}
+    if not rows.keys() <= known:
+        return new
+    return "\n".join(rows.get(key, line) for key, line in keyed(old)) + "\n"
+
+
 folder, page = Path(sys.argv[1]), Path(sys.argv[2])
 timing = {row["run"]: row for row in csv.DictReader(open(folder / "timing.csv"))}
 runs = [row for row in csv.DictReader(open(folder / "runs.csv")) if row["outcome"] != "infrastructure"]
@@ -114,8 +153,16 @@ for run in runs:
     run["below"] = int(run["violations"]) > 0
     run["far_below"] = float(run["min_distance_over_d"]) < 0.99
     run["below_clearance"] = int(run["clearance_violations"]) > 0
+    run["robots_arrived"] = int(run["arrived"])
     run["arrived"] = run["converged"] == "1"
-name, text = ("comparison", comparison(runs)) if "condition" in runs[0] else ("scenes", scenes(runs))
+if "condition" not in runs[0]:
+    name, text = "scenes", scenes(runs)
+elif any(run["scene"].endswith("-dead") for run in runs):
+    name, text = "dense", dense(runs)
+else:
+    name, text = "comparison", comparison(runs)
 marks = (f"<!-- {name} -->\n", f"<!-- end of {name} -->\n")
 before, rest = page.read_text().split(marks[0])
-page.write_text(before + marks[0] + "\n" + text.rstrip("\n") + "\n\n" + marks[1] + rest.split(marks[1])[1])
+old, after = rest.split(marks[1])
+text = into(old.strip("\n"), text.rstrip("\n"))
+page.write_text(before + marks[0] + "\n" + text.rstrip("\n") + "\n\n" + marks[1] + after)

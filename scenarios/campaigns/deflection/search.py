@@ -1,0 +1,171 @@
+"""Searches what the guard's way around others is made of (the keys of `[avoidance]` that are for `guard`):
+
+    pip install cma
+    python3 scenarios/campaigns/deflection/search.py --minutes 30 --out search.csv
+
+CMA-ES over the logarithms of the keys. A point's cost is the mean over all cells of a training campaign, of
+log(makespan / that of the best other method), counted four times over where it is above 0.97, and of how much longer
+than 1.085 times the straight line ways are in swaps of 16 and more. Who never arrives has twice the run's length as its
+makespan. Each generation has other seeds, from 100,001 on: none of those that docs/comparison.md reports.
+"""
+
+import argparse
+import csv
+import json
+import math
+import re
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from pathlib import Path
+
+import cma
+
+HERE = Path(__file__).resolve().parent
+CAMPAIGNS = HERE.parent
+ROOT = CAMPAIGNS.parent.parent
+
+# Key: where the search starts, and its bounds.
+KEYS = {
+    "dither_rad": (0.1, 0.01, 2.0),
+    "around": (0.3, 0.1, 2.0),
+    "around_at_last": (1.6, 0.3, 4.0),
+    "impatience_time": (0.9, 0.1, 5.0),
+    "slack_share": (0.17, 0.03, 0.6),
+    "margin": (1.9, 0.5, 4.0),
+    "look_ahead": (3.3, 0.3, 8.0),
+    "look_ahead_share": (1.7, 0.2, 6.0),
+    "look_ahead_turn_rad": (0.75, 0.1, 2.0),
+    "yield": (0.45, 0.05, 1.0),
+    "yield_speed": (1.0, 0.1, 2.0),
+    "yield_reach": (0.45, 0.2, 4.0),
+}
+
+
+def toml(value):
+    """As TOML writes it, in a line."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(toml(item) for item in value) + "]"
+    return json.dumps(value)
+
+
+def best_others(page):
+    """The least median makespan of `orca`, `cbf-qp` and `rbl` in each cell of docs/comparison.md, s."""
+    best, cell = {}, None
+    for line in page.splitlines():
+        if line.startswith(("###", "<!--")):
+            head = re.match(r"### (Circle|Swaps), (\w+)$", line)
+            cell = (head[1].lower(), head[2]) if head else None
+        fields = [field.strip() for field in line.split("|")[1:-1]]
+        if cell and len(fields) == 10 and fields[1] in ("`orca`", "`cbf-qp`", "`rbl`") and fields[7] != "never":
+            key = (f"{cell[0]}-{fields[0]}", cell[1])
+            best[key] = min(best.get(key, math.inf), float(fields[7]))
+    return best
+
+
+def training(seeds, only):
+    """The campaign: scenes of the comparison and denser ones in all conditions, scenes with walls, and lattices."""
+    whole = tomllib.loads((CAMPAIGNS / "comparison.toml").read_text())
+    scenes = [case for case in whole["case"] if case["axis"] == "scene" and not case["name"].endswith("-2")]
+    conditions = [case for case in whole["case"] if case["axis"] == "condition"]
+    for robots in (16, 32):
+        side = round(math.sqrt(0.16 * robots), 3)
+        starts = {"box_m": [side, side], "apart_m": 0.26, "goals": "swaps"}
+        scenario = f"comparison/antipodal-{robots}.toml"
+        scenes.append({"name": f"dense-{robots}", "scenario": scenario, "starts": starts})
+    cells = []
+    for scene in scenes:
+        for condition in conditions:
+            if scene["name"].startswith("dense") and condition["name"] not in ("ideal", "radio"):
+                continue
+            cell = {**scene, **condition, "axis": "cell", "name": f"{scene['name']}/{condition['name']}"}
+            cell["set"] = {**condition.get("set", {}), **whole["set"]}
+            cells.append(cell)
+    for scene in ("corridor", "doorway", "warehouse", "intersection"):
+        starts = {"box_m": [0.3, 0.3], "around": "each", "apart_m": 0.43}
+        cells.append({"axis": "cell", "name": scene, "scenario": f"../{scene}.toml", "starts": starts})
+    for graph in ("12-1.1-both-ways", "12-1.2-one-way"):
+        cell = {"axis": "cell", "name": graph, "scenario": "../lattices/lattice.toml"}
+        cell["starts"] = {"box_m": [2.4, 2.4], "apart_m": 0.25}
+        cell["set"] = {"duration_s": 200.0, "scale": {"kind": "sine", "mean": 1.0}, "graph": f"{graph}.json"}
+        cells.append(cell)
+    for cell in cells:
+        cell["scenario"] = str((CAMPAIGNS / cell["scenario"]).resolve())
+    cells = [cell for cell in cells if re.search(only, cell["name"])]
+    rows = "\n".join(f"    {toml(cell)}," for cell in cells)
+    head = f'name = "training"\nscenario = {toml(cells[0]["scenario"])}\nseeds = {toml(seeds)}\n'
+    return head + f"case = [\n{rows}\n]\n"
+
+
+def cost_of(run, best):
+    arrived = run["converged"] == "1"
+    scene, _, condition = run["cell"].partition("/")
+    walled = not condition
+    lasts_s = 200.0 if walled else 90.0
+    makespan_s = float(run["converged_at_s"]) if arrived else 2.0 * lasts_s
+    other_s = best.get((scene, condition), 40.0)
+    ratio = math.log(makespan_s / other_s)
+    if (scene, condition) not in best:
+        return ratio
+    cost = ratio + 4.0 * max(0.0, ratio - math.log(0.97))
+    if condition == "ideal" and scene in ("swaps-16", "swaps-32") and run["path_over_straight"]:
+        cost += 8.0 * max(0.0, math.log(float(run["path_over_straight"]) / 1.085))
+    return cost
+
+
+def cost(values, seeds, best, args):
+    """Of the training campaign with these values of the keys."""
+    with tempfile.TemporaryDirectory() as work:
+        campaign, out = Path(work) / "training.toml", Path(work) / "out"
+        lines = "".join(f"avoidance.{key} = {value!r}\n" for key, value in values.items())
+        campaign.write_text(training(seeds, args.only) + "\n[set]\n" + lines)
+        command = [args.phalanx, "sweep", campaign, "--in-process", "--out", out]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if not (out / "runs.csv").exists():
+            sys.exit(done.stderr)
+        cells = {}
+        for run in csv.DictReader((out / "runs.csv").open()):
+            cells.setdefault(run["cell"], []).append(cost_of(run, best))
+    return sum(sum(costs) / len(costs) for costs in cells.values()) / len(cells)
+
+
+def values_at(point):
+    values = {}
+    for (key, (start, low, high)), x in zip(KEYS.items(), point, strict=True):
+        values[key] = float(f"{min(max(start * math.exp(x), low), high):.4g}")
+    return values
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--minutes", type=float, default=30.0, help="how long it searches")
+    parser.add_argument("--seeds", type=int, default=4, help="runs of each cell at a point")
+    parser.add_argument("--only", default="", help="only the cells whose names match this regular expression")
+    parser.add_argument("--out", type=Path, default=Path("search.csv"), help="a row for each generation")
+    parser.add_argument("--phalanx", default=str(ROOT / "target/release/phalanx"), help="the program")
+    args = parser.parse_args()
+    best = best_others((ROOT / "docs/comparison.md").read_text())
+    options = {"popsize": 9, "seed": 1, "verbose": -9}
+    search = cma.CMAEvolutionStrategy([0.0] * len(KEYS), 0.25, options)
+    until = time.monotonic() + 60.0 * args.minutes
+    with args.out.open("w") as file:
+        rows = csv.writer(file)
+        rows.writerow(["generation", "least_cost", "mean_cost", *KEYS])
+        generation = 0
+        while time.monotonic() < until:
+            seeds = {"from": 100_001 + 1000 * generation, "count": args.seeds}
+            points = search.ask()
+            costs = [cost(values_at(point), seeds, best, args) for point in points]
+            search.tell(points, costs)
+            generation += 1
+            mean = sum(costs) / len(costs)
+            rows.writerow([generation, min(costs), mean, *values_at(search.mean).values()])
+            file.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -269,7 +269,8 @@ impl Brain {
         if let Some(target) = target {
             let error = alpha - target.position;
             self.now.error = Some(error);
-            let error = self.avoidance.stand_off(&self.now.away, error);
+            let seen = seen(odometry, alpha, &self.now.away);
+            let error = self.avoidance.stand_off(&seen, error);
             self.now.target = Some((error, target.velocity));
         }
     }
@@ -296,7 +297,7 @@ impl Brain {
         let effect_ns = effect_ns + self.commands_late_ns(t_ns);
         let odometry = self.now.odometry.as_ref()?;
         let moment = moment(odometry, &self.neighborhood);
-        let (pose, t_s, alpha) = (moment.pose, moment.t_s, self.now.front_point);
+        let (pose, alpha) = (moment.pose, self.now.front_point);
         let wish = self.now.target.map_or(STAND, |_| wish);
         let gamma = self.avoidance.admit(match wish {
             Wish::Velocity(gamma) => gamma,
@@ -313,20 +314,13 @@ impl Brain {
         self.walls.extend(odometry.walls().map(|nearest| alpha - nearest));
         let until_effect_s = effect_ns.saturating_sub(odometry.stamp_ns) as f64 / 1e9;
         let sample = Sample {
-            stamp_ns: odometry.stamp_ns,
-            t_s,
-            heading_rad: pose.heading_rad,
             heading_effect_rad: wrap_angle(
                 pose.heading_rad + odometry.twist().w_rad_s * until_effect_s,
             ),
-            twist: odometry.twist(),
-            away: &self.now.away,
-            proximity_valid: odometry.proximity_valid == 1,
-            proximity_cut: odometry.proximity_cut == 1,
             velocities: &self.velocities,
             walls: &self.walls,
-            walls_cut: odometry.walls_cut == 1,
             error: self.now.error,
+            ..seen(odometry, alpha, &self.now.away)
         };
         let twist = match wish {
             Wish::Velocity(_) => self.avoidance.steer(&sample, gamma),
@@ -445,6 +439,26 @@ impl Now {
             away: &self.away,
             heard: &self.heard,
         })
+    }
+}
+
+/// What a sample tells avoidance at once: where the robot is, at `alpha`, and who is near, at `away`.
+fn seen<'a>(odometry: &Odometry, alpha: Vec2, away: &'a [Vec2]) -> Sample<'a> {
+    let heading_rad = odometry.pose().heading_rad;
+    Sample {
+        stamp_ns: odometry.stamp_ns,
+        t_s: odometry.t_ns as f64 / 1e9,
+        heading_rad,
+        heading_effect_rad: heading_rad,
+        twist: odometry.twist(),
+        front_point: alpha,
+        away,
+        proximity_valid: odometry.proximity_valid == 1,
+        proximity_cut: odometry.proximity_cut == 1,
+        velocities: &[],
+        walls: &[],
+        walls_cut: odometry.walls_cut == 1,
+        error: None,
     }
 }
 

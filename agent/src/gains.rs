@@ -8,16 +8,17 @@ use crate::UnfitBrief;
 pub struct Gains<'a>(&'a BTreeMap<String, f64>);
 
 impl Gains<'_> {
-    /// `gains` if they are `of`'s, with exactly these `keys`.
+    /// `gains` if they are `of`'s: all of these `keys` that are needed, and no others.
     pub(crate) fn check<'a>(
         gains: &'a BTreeMap<String, f64>,
         of: &str,
-        keys: impl Iterator<Item = &'static str>,
+        keys: impl Iterator<Item = (&'static str, bool)>,
     ) -> Result<Gains<'a>, UnfitBrief> {
-        let mut expected: Vec<String> = keys.map(str::to_owned).collect();
-        expected.sort();
-        if !gains.keys().eq(expected.iter()) {
+        let expected: BTreeMap<&str, bool> = keys.collect();
+        let lacks = expected.iter().any(|(&key, &needed)| needed && !gains.contains_key(key));
+        if lacks || gains.keys().any(|key| !expected.contains_key(key.as_str())) {
             let found: Vec<&String> = gains.keys().collect();
+            let expected: Vec<&str> = expected.into_keys().collect();
             let why = format!("{of} takes exactly the gains {expected:?}, got {found:?}");
             return Err(UnfitBrief(why));
         }

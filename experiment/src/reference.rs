@@ -127,7 +127,7 @@ fn default(key: &Key, section: &Section) -> String {
             number.as_str().parse::<f64>().expect("a number").to_string()
         }
         Otherwise::Default(other) => spelled(other),
-        Otherwise::Rule(rule) => (*rule).into(),
+        Otherwise::Rule(rule) => rule.to_string(),
         Otherwise::Absent => "-".into(),
     }
 }

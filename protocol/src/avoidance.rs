@@ -33,12 +33,26 @@ pub enum Senses {
 }
 
 /// A key of `[avoidance]` that one method alone needs; its value is positive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gain {
     /// The key, with a unit suffix.
     pub key: &'static str,
     /// What it is, with its unit, as diagnostics say it.
     pub meaning: &'static str,
+    /// What it is where it is not given; `None`: it must be.
+    pub otherwise: Option<f64>,
+}
+
+impl Gain {
+    /// One that must be given.
+    pub const fn needed(key: &'static str, meaning: &'static str) -> Gain {
+        Gain { key, meaning, otherwise: None }
+    }
+
+    /// One that is `otherwise` where it is not given.
+    pub const fn or(key: &'static str, otherwise: f64, meaning: &'static str) -> Gain {
+        Gain { key, meaning, otherwise: Some(otherwise) }
+    }
 }
 
 /// What the figures of a method follow from.
@@ -73,6 +87,14 @@ impl<'a> Conditions<'a> {
     pub fn distance_error_m(&self) -> f64 {
         let heading_rad = self.avoidance.heading_error_rad.min(PI);
         self.avoidance.sensing_error_m + 2.0 * self.front_point_m * (0.5 * heading_rad).sin()
+    }
+
+    /// The gain `key` of these, as given, or what it is otherwise. Panics if it is none of them.
+    pub fn gain(&self, gains: &[Gain], key: &str) -> f64 {
+        let otherwise =
+            || gains.iter().find(|gain| gain.key == key).and_then(|gain| gain.otherwise);
+        let given = self.avoidance.gains.get(key).copied();
+        given.or_else(otherwise).unwrap_or_else(|| panic!("no gain {key}"))
     }
 
     /// v_max, m/s; 0 where there is no limit and nothing rests on it.
@@ -114,6 +136,9 @@ pub struct AvoidanceDescription {
     pub minds_walls: bool,
     /// Within this radius it must know everybody, m.
     pub sensing_radius_m: Figure,
+    /// Farther than that it makes use of whom it knows within this radius, m: the default of what is
+    /// sensed. `None`: no farther.
+    pub useful_radius_m: Option<Figure>,
     /// The distance to another robot at which it begins to steer: its symbol, and its value, m.
     /// Two robots that are nearer do not come to rest. (Remark 1) `None`: it never steers.
     pub steers_within: Option<(&'static str, Figure)>,
@@ -147,6 +172,7 @@ impl AvoidanceDescription {
         senses: Senses::Nothing,
         minds_walls: false,
         sensing_radius_m: |_| 0.0,
+        useful_radius_m: None,
         steers_within: None,
         steers_beside_walls: None,
         slow_down_zone_m: None,

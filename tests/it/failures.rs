@@ -64,10 +64,10 @@ fn a_robot_that_says_nothing_in_real_time_is_told_and_fails_the_run() {
     script(folder.path(), "own.sh", hangs);
     let run = run_own(folder.path()).env("TRACE", folder.path().join("trace"));
     let run = run.env("PHALANX", PHALANX).env("AGENT", agent).env("GO", &go);
-    let mut running = run.set("duration_s=8").start();
+    let mut running = run.set("duration_s=12").start();
     running.wait_for_event("contact");
     std::fs::write(go, "").unwrap();
-    running.line(" WARN r2 has said nothing for 2 s while blocked; the others go on without it");
+    running.line(" WARN r2 has said nothing for 5 s while blocked; the others go on without it");
     let ended = running.finish();
     ended.exits_with(1).leaves_nothing();
     last_line(&ended, "r2", "r2 was hung at the end: it said nothing while blocked");

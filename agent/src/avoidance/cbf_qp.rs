@@ -39,10 +39,10 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         source: "Wang et al. 2017",
         promises: "d, where `barrier_per_s` times the period is at most 1; no way out of deadlocks",
         sensing_radius_m,
-        gains: &[Gain {
-            key: "barrier_per_s",
-            meaning: "rate at which r^2 - d^2 of two robots may fall, in 1/s",
-        }],
+        gains: &[Gain::needed(
+            "barrier_per_s",
+            "rate at which r^2 - d^2 of two robots may fall, in 1/s",
+        )],
         // Of more than all of the slack in a period, nothing is left.
         advice: |at| sampled_too_slowly(at, "barrier_per_s", 1.0),
         ..HOLONOMIC

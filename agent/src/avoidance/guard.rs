@@ -79,8 +79,8 @@ use protocol::number::{short, told_apart};
 use super::braking::{Braking, rate_per_s, slow_down_zone_m};
 use super::cone::{Cone, PASSES_MAX, ROUNDING_M, SIGMAS, direction, headings, swing};
 use super::deflection::{
-    ASIDE, Deflection, deflection_distance_m, deflection_share, wall_deflection_distance_m,
-    wall_deflection_share,
+    ASIDE, Deflection, GAINS, deflection_distance_m, deflection_share, look_ahead_radius_m,
+    wall_deflection_distance_m, wall_deflection_share,
 };
 use super::near::Vicinity;
 use super::polygon::{HalfPlane, nearest_point};
@@ -101,13 +101,14 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
         senses: Senses::Positions,
         minds_walls: true,
         sensing_radius_m,
+        useful_radius_m: Some(look_ahead_radius_m),
         steers_within: Some(("d_f", deflection_distance_m)),
         steers_beside_walls: Some(("c_f", wall_deflection_distance_m)),
         aside: ASIDE,
         slow_down_zone_m: Some(slow_down_zone_m),
         speed_cap_m_s: Some(speed_cap_m_s),
+        gains: GAINS,
         advice: brakes_a_lot,
-        ..AvoidanceDescription::INERT
     },
     build: |brief, _| Box::new(Guard::new(brief)),
 };
@@ -211,8 +212,8 @@ impl Avoidance for Guard {
         clip(gamma, self.v_max)
     }
 
-    fn stand_off(&mut self, away: &[Vec2], error: Vec2) -> Vec2 {
-        self.deflection.stand_off(away, error)
+    fn stand_off(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
+        self.deflection.stand_off(sample, error)
     }
 
     /// The twist that moves the front point by gamma T.

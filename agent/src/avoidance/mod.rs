@@ -9,6 +9,8 @@
 //! | `guard` | what keeps d when samples are late, robots die, and nobody stops at once? |
 //! | `braking` | what does inertia do to its figures? |
 //! | `deflection` | which way leads around others? |
+//! | `motion` | how do those near move? |
+//! | `patience` | does the robot get where it wants, and when does it give up? |
 //! | `near` | what is near, how fast may it come, and what distance is kept from it? |
 //! | `cone` | in which directions may another be while a command acts? |
 //! | `hold` | which held (v, w) moves the front point by exactly this much? |
@@ -34,9 +36,11 @@ mod hold;
 mod holonomic;
 #[cfg(test)]
 mod ideal;
+mod motion;
 mod near;
 mod none;
 mod orca;
+mod patience;
 mod polygon;
 mod program;
 mod rbl;
@@ -69,6 +73,8 @@ pub struct Sample<'a> {
     pub heading_effect_rad: f64,
     /// The twist in force at the stamp.
     pub twist: Twist,
+    /// Own front point, m, in `map`.
+    pub front_point: Vec2,
     /// z_j = own front point - other's, m, in `map`, nearest first.
     pub away: &'a [Vec2],
     /// The sensor works; `false`: nothing is known about who is near.
@@ -105,10 +111,11 @@ pub trait Avoidance: Send {
         gamma
     }
 
-    /// e = alpha - alpha*, m, as the law is to see it, with those near at `away` (own front point -
-    /// other's, m): another where alpha* is a place that somebody has taken.
-    fn stand_off(&mut self, away: &[Vec2], error: Vec2) -> Vec2 {
-        let _ = away;
+    /// e = alpha - alpha*, m, as the law is to see it, with those near as in `sample`, of which
+    /// velocities, walls and the error itself are not known yet: another where alpha* is a place that
+    /// somebody has taken.
+    fn stand_off(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
+        let _ = sample;
         error
     }
 
@@ -139,7 +146,8 @@ impl AvoidanceRow {
     /// The method for the robot of this brief.
     pub fn make(&self, brief: &AgentBrief) -> Result<Box<dyn Avoidance>, UnfitBrief> {
         let of = format!("avoidance {:?}", self.description.name);
-        let keys = self.description.gains.iter().map(|gain| gain.key);
+        let keys = self.description.gains.iter();
+        let keys = keys.map(|gain| (gain.key, gain.otherwise.is_none()));
         let gains = Gains::check(&brief.avoidance.gains, &of, keys)?;
         let AvoidanceBrief { speed_max_m_s, sensing_radius_m, .. } = brief.avoidance;
         if self.description.clamps_speed && !speed_max_m_s.is_finite() {
@@ -197,6 +205,7 @@ mod tests {
                 heading_rad: 0.0,
                 heading_effect_rad: 0.0,
                 twist: Twist::ZERO,
+                front_point: Vec2::zeros(),
                 away: &[],
                 proximity_valid: true,
                 proximity_cut: false,

@@ -41,7 +41,7 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
                   chooses; no delay, no inertia",
         senses: Senses::Velocities,
         sensing_radius_m,
-        gains: &[Gain { key: "horizon_s", meaning: "tau, how far ahead it keeps d, in seconds" }],
+        gains: &[Gain::needed("horizon_s", "tau, how far ahead it keeps d, in seconds")],
         ..HOLONOMIC
     },
     build: |brief, gains| {

@@ -68,12 +68,9 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
                   no inertia; goals farther apart than cells",
         sensing_radius_m,
         gains: &[
-            Gain { key: "cell_radius_m", meaning: "r_s, how far cells reach, in m" },
-            Gain { key: "spread_m", meaning: "beta, how far around the goal points weigh, in m" },
-            Gain {
-                key: "approach_per_s",
-                meaning: "k, rate at which it approaches the centroid, in 1/s",
-            },
+            Gain::needed("cell_radius_m", "r_s, how far cells reach, in m"),
+            Gain::needed("spread_m", "beta, how far around the goal points weigh, in m"),
+            Gain::needed("approach_per_s", "k, rate at which it approaches the centroid, in 1/s"),
         ],
         // Two that use up all of the slack meet.
         advice: |at| sampled_too_slowly(at, "approach_per_s", 0.5),

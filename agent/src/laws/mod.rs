@@ -64,7 +64,7 @@ impl LawRow {
     /// The law with these gains: exactly its own, and all of them positive.
     pub fn make(&self, gains: &BTreeMap<String, f64>) -> Result<Box<dyn Law>, UnfitBrief> {
         let of = format!("law {:?}", self.name);
-        Ok((self.build)(&Gains::check(gains, &of, self.gains.iter().copied())?))
+        Ok((self.build)(&Gains::check(gains, &of, self.gains.iter().map(|&key| (key, true)))?))
     }
 
     /// What the supervisor may know of it.

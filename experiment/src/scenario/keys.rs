@@ -10,6 +10,7 @@
 
 use std::borrow::Cow;
 
+use protocol::avoidance::Gain;
 use protocol::catalog::Catalog;
 use toml::de::DeValue;
 
@@ -109,7 +110,7 @@ pub enum Otherwise {
     /// That value, as if the file had it.
     Default(DeValue<'static>),
     /// What these words say.
-    Rule(&'static str),
+    Rule(Cow<'static, str>),
     /// Nothing: what it asks for does not happen.
     Absent,
 }
@@ -175,8 +176,12 @@ impl Key {
     }
 
     /// Without it holds what this rule says.
-    pub fn rule(self, rule: &'static str, says: impl Into<Cow<'static, str>>) -> Key {
-        Key { otherwise: Otherwise::Rule(rule), says: says.into(), ..self }
+    pub fn rule(
+        self,
+        rule: impl Into<Cow<'static, str>>,
+        says: impl Into<Cow<'static, str>>,
+    ) -> Key {
+        Key { otherwise: Otherwise::Rule(rule.into()), says: says.into(), ..self }
     }
 
     /// It is checked for more than its range.
@@ -386,7 +391,12 @@ fn gains(catalog: &Catalog) -> Vec<Key> {
 
 fn gains_of_methods(catalog: &Catalog) -> Vec<Key> {
     let gains = catalog.methods.iter().flat_map(|m| m.gains.iter().map(move |g| (m.name, g)));
-    gains.map(|(name, g)| gain(g.key, format!("{}; `{name}` needs it", g.meaning))).collect()
+    let key = |(name, g): (&str, &Gain)| match g.otherwise {
+        None => gain(g.key, format!("{}; `{name}` needs it", g.meaning)),
+        Some(otherwise) => key(g.key, Number(Positive))
+            .rule(otherwise.to_string(), format!("{}; for `{name}`", g.meaning)),
+    };
+    gains.map(key).collect()
 }
 
 fn gain(name: &'static str, says: String) -> Key {
@@ -589,7 +599,7 @@ fn avoidance() -> Vec<Key> {
             .guesses("clearance wall_distance obstacle_distance margin d_o"),
         key("sensing_radius_m", Number(Positive))
             .rule(
-                "as far as the method needs",
+                "as far as the method has a use for",
                 "within this distance robots see each other and walls",
             )
             .guesses("sensing sensor_range range sensing_range r_s"),

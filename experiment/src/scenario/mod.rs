@@ -545,4 +545,11 @@ impl Scenario {
         });
         radii_m.fold(0.0, f64::max)
     }
+
+    /// Nobody farther away than this, m, makes any difference to the method.
+    pub fn sensing_radius_useful_m(&self) -> f64 {
+        let useful_m =
+            self.method.useful_radius_m.map_or(0.0, |radius_m| radius_m(&self.conditions()));
+        useful_m.max(self.sensing_radius_needed_m())
+    }
 }

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
-use protocol::avoidance::AvoidanceDescription;
+use protocol::avoidance::{AvoidanceDescription, Gain};
 use protocol::brief::{AvoidanceBrief, SilenceBrief};
 use protocol::catalog::Catalog;
 use protocol::fault::SensorFaultKind;
@@ -245,7 +245,7 @@ fn scenario(
         faults,
     };
     if sensing_radius_m.is_none() {
-        scenario.avoidance.sensing_radius_m = scenario.sensing_radius_needed_m();
+        scenario.avoidance.sensing_radius_m = scenario.sensing_radius_useful_m();
     }
     let scale = scale(root, &scenario)?;
     let scenario = scenario.scaled(scale);
@@ -370,7 +370,8 @@ fn gains(
             gains.insert(gain.key.to_owned(), value);
         }
     }
-    match method.gains.iter().find(|gain| !gains.contains_key(gain.key)) {
+    let lacks = |gain: &&Gain| gain.otherwise.is_none() && !gains.contains_key(gain.key);
+    match method.gains.iter().find(lacks) {
         Some(gain) => Err(table.missing(gain.key, gain.meaning)),
         None => Ok(gains),
     }

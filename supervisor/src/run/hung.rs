@@ -26,7 +26,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(200);
 const TELL_AFTER: Duration = Duration::from_secs(5);
 /// In real time robots report ten times a second; whoever does not for this long, and is not slow on purpose, is
 /// silent.
-const SILENT_AFTER: Duration = Duration::from_secs(2);
+const SILENT_AFTER: Duration = Duration::from_secs(5);
 /// Of so many at once each is told.
 const TOLD_MAX: usize = 4;
 /// Instead of a tick: the first status.

@@ -293,8 +293,8 @@ impl Avoidance for Deceived {
         self.honest.admit(gamma)
     }
 
-    fn stand_off(&mut self, away: &[Vec2], error: Vec2) -> Vec2 {
-        self.honest.stand_off(away, error)
+    fn stand_off(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
+        self.honest.stand_off(sample, error)
     }
 
     fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {

@@ -1,0 +1,184 @@
+//! How those near move: the proximity sensor tells where they are, not who they are, nor how fast.
+//!
+//! Robots are d or more apart, and none goes farther than v_max dt between two samples. So whoever is
+//! within d/4 of where somebody was is the same robot, as long as v_max dt is less than that; after a
+//! longer gap nothing is known. Comfort alone rests on it: no promise about distances knows of it.
+
+use formation::Vec2;
+use protocol::avoidance::Conditions;
+
+use super::{Sample, clip};
+
+/// Shortest time over which velocities are smoothed, s.
+const SMOOTH_S: f64 = 0.05;
+/// Velocities are smoothed for as long as v_max needs for this many times the error of a position.
+const SMOOTH_ERRORS: f64 = 10.0;
+/// Whoever stays within this share of d of a place is still.
+const STILL: f64 = 0.05;
+
+/// One of those near.
+#[derive(Debug, Clone, Copy)]
+pub struct Mover {
+    /// Own front point - its, m.
+    pub z: Vec2,
+    /// How it moves in `map`, m/s; 0 where nothing is known yet.
+    pub velocity: Vec2,
+    /// For how long it has been still, s.
+    pub still_s: f64,
+    /// Where it is, m, and where it was when it moved last.
+    at: Vec2,
+    anchor: Vec2,
+}
+
+/// Those near, from sample to sample.
+#[derive(Debug)]
+pub struct Motion {
+    v_max: f64,
+    /// Nobody else comes as near to where somebody was, m.
+    same: f64,
+    smooth_s: f64,
+    /// Farther away from its anchor than this, m, somebody has moved.
+    still: f64,
+    stamp_ns: Option<u64>,
+    /// Time between the last two samples, s.
+    dt: f64,
+    movers: Vec<Mover>,
+    before: Vec<Mover>,
+}
+
+impl Motion {
+    /// Nobody seen yet.
+    pub fn new(at: &Conditions<'_>) -> Motion {
+        let (d, error) = (at.avoidance.distance_min_m, at.distance_error_m());
+        let v_max = at.speed_m_s();
+        Motion {
+            v_max,
+            same: 0.25 * d,
+            smooth_s: SMOOTH_S.max(SMOOTH_ERRORS * error / v_max),
+            still: (STILL * d).max(3.0 * error),
+            stamp_ns: None,
+            dt: 0.0,
+            movers: Vec::new(),
+            before: Vec::new(),
+        }
+    }
+
+    /// Takes a sample in, once.
+    pub fn observe(&mut self, sample: &Sample<'_>) {
+        let known = self.movers.iter().map(|mover| &mover.z);
+        if self.stamp_ns == Some(sample.stamp_ns) && known.eq(sample.away) {
+            return;
+        }
+        let earlier_ns = self.stamp_ns.replace(sample.stamp_ns).unwrap_or(sample.stamp_ns);
+        let dt = sample.stamp_ns.saturating_sub(earlier_ns) as f64 / 1e9;
+        self.dt = dt;
+        std::mem::swap(&mut self.movers, &mut self.before);
+        self.movers.clear();
+        for (place, &z) in sample.away.iter().enumerate() {
+            let at = sample.front_point - z;
+            let before = if self.v_max * dt < self.same { self.same_as(at, place) } else { None };
+            self.movers.push(match before {
+                Some(before) if dt > 0.0 => self.moved(before, z, at, dt),
+                _ => Mover { z, velocity: Vec2::zeros(), still_s: 0.0, at, anchor: at },
+            });
+        }
+    }
+
+    /// Time between the last two samples, s.
+    pub fn dt(&self) -> f64 {
+        self.dt
+    }
+
+    /// Everybody near, nearest first.
+    pub fn movers(&self) -> &[Mover] {
+        &self.movers
+    }
+
+    /// Who was where somebody is now: the list changes its order little.
+    fn same_as(&self, at: Vec2, place: usize) -> Option<Mover> {
+        let is_same = |mover: &&Mover| (mover.at - at).norm_squared() < self.same * self.same;
+        let guess = self.before.get(place).filter(is_same);
+        guess.or_else(|| self.before.iter().find(is_same)).copied()
+    }
+
+    fn moved(&self, before: Mover, z: Vec2, at: Vec2, dt: f64) -> Mover {
+        let now = (at - before.at) / dt;
+        let velocity = before.velocity + (now - before.velocity) * (dt / (dt + self.smooth_s));
+        let (anchor, still_s) = match (at - before.anchor).norm_squared() < self.still * self.still
+        {
+            true => (before.anchor, before.still_s + dt),
+            false => (at, 0.0),
+        };
+        Mover { z, velocity: clip(velocity, self.v_max), still_s, at, anchor }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::guard::tests::{brief, sample};
+    use super::*;
+
+    /// d = 0.2 m, v_max = 0.5 m/s.
+    fn motion(sensing_error_m: f64) -> Motion {
+        let mut brief = brief();
+        brief.avoidance.sensing_error_m = sensing_error_m;
+        Motion::new(&Conditions::of(&brief))
+    }
+
+    /// The robot goes along x at 0.1 m/s; others are at these places in `map`, seen every 10 ms.
+    fn watch(motion: &mut Motion, steps: u64, places: impl Fn(u64, f64) -> Vec<Vec2>) {
+        for step in 0..steps {
+            let t_s = 0.01 * step as f64;
+            let front_point = Vec2::new(0.1 * t_s, 0.0);
+            let away: Vec<Vec2> = places(step, t_s).iter().map(|at| front_point - at).collect();
+            motion.observe(&Sample { front_point, ..sample(10_000_000 * step, 0.0, &away) });
+        }
+    }
+
+    #[test]
+    fn how_others_move_is_seen_whatever_the_order_in_which_they_are_listed() {
+        let mut motion = motion(0.0);
+        let (still, goes) = (Vec2::new(1.0, 0.2), Vec2::new(0.0, -0.4));
+        watch(&mut motion, 101, |step, t_s| {
+            let two = [still, Vec2::new(1.0, 0.0) + t_s * goes];
+            if step % 3 == 0 { two.to_vec() } else { vec![two[1], two[0]] }
+        });
+        let [moves, stays] = motion.movers() else { panic!("two are near") };
+        assert!((moves.velocity - goes).norm() < 1e-6, "{moves:?}");
+        assert!(moves.still_s < 0.05, "{moves:?}");
+        assert!(stays.velocity.norm() < 1e-9 && (stays.still_s - 1.0).abs() < 1e-9, "{stays:?}");
+    }
+
+    #[test]
+    fn nothing_is_known_of_who_was_not_seen_nor_after_a_gap_in_which_two_could_be_taken_for_each_other()
+     {
+        let mut motion = motion(0.0);
+        let one = |step: u64, t_s: f64| {
+            let first = Vec2::new(1.0, 0.3 * t_s);
+            if step < 20 { vec![first] } else { vec![first, Vec2::new(0.5, 0.3 * t_s)] }
+        };
+        watch(&mut motion, 21, one);
+        let [known, new] = motion.movers() else { panic!("two are near") };
+        assert!(known.velocity.y > 0.2 && new.velocity == Vec2::zeros() && new.still_s == 0.0);
+        // v_max goes d/4 in 100 ms: at 99 ms whoever is near is known again, at 100 ms nobody is.
+        for (gap_ns, is_known) in [(99_999_999, true), (100_000_000, false)] {
+            let mut motion = super::tests::motion(0.0);
+            watch(&mut motion, 21, |_, t_s| vec![Vec2::new(1.0, 0.3 * t_s)]);
+            let away = [Vec2::new(-0.98, -0.06)];
+            let front_point = Vec2::new(0.02, 0.0);
+            motion.observe(&Sample { front_point, ..sample(200_000_000 + gap_ns, 0.0, &away) });
+            assert_eq!(motion.movers()[0].velocity != Vec2::zeros(), is_known, "{gap_ns} ns");
+        }
+    }
+
+    #[test]
+    fn errors_of_sensed_places_make_nobody_move() {
+        let mut motion = motion(0.01);
+        watch(&mut motion, 500, |step, _| {
+            let error = if step % 2 == 0 { 0.01 } else { -0.01 };
+            vec![Vec2::new(1.0 + error, 0.5)]
+        });
+        let [stays] = motion.movers() else { panic!("one is near") };
+        assert!(stays.velocity.norm() < 0.06 && stays.still_s > 4.9, "{stays:?}");
+    }
+}

@@ -20,7 +20,7 @@ const DEFAULT: &str = "/dev/shm";
 /// A directory without a lock file younger than this may be one that another run is making.
 const UNLOCKED_AGE_MIN: Duration = Duration::from_secs(10);
 /// How many names are tried. One is lost when another run ends and takes the base with it.
-const ATTEMPTS: usize = 16;
+const ATTEMPTS: usize = 64;
 /// What the names of iceoryx2's files in a run root begin with.
 pub const PREFIX: &str = "phx_";
 /// A receiver keeps what is left of so many senders that are gone until it next takes samples. At most two

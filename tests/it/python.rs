@@ -200,7 +200,7 @@ fn a_law_that_loops_for_ever_is_named_in_lockstep() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn a_law_that_loops_for_ever_is_left_behind_in_real_time_and_killed_at_the_end() {
-    let ended = hostile("loops", "").with_r3().set("duration_s=6").finish();
+    let ended = hostile("loops", "").with_r3().set("duration_s=10").finish();
     ended.exits_with(1).leaves_nothing();
     keeps_its_distance(&ended);
     says(&ended, "failed: r3 was hung at the end: it said nothing while it ran; its log: ");

@@ -158,6 +158,7 @@ pub struct Deflection {
     comfort: Comfort,
     /// Its place is taken: it is held back, and not led around.
     stands_off: Option<Taken>,
+    limits: Vec<Limit>,
     pub(super) dither_period: f64,
     pub(super) dither_phase: f64,
 }
@@ -196,6 +197,16 @@ impl Comfort {
     }
 }
 
+/// How much of a displacement away from another is asked for.
+#[derive(Debug, Clone, Copy)]
+struct Limit {
+    /// z, m, and r, m.
+    z: Vec2,
+    r: f64,
+    /// The least n·p, m: below 0 where there is slack.
+    excess: f64,
+}
+
 /// Why a robot stands off.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Taken {
@@ -225,6 +236,7 @@ impl Deflection {
             patience: Patience::new(d, v_max, gain(&at, "impatience_time")),
             comfort: Comfort::new(&at),
             stands_off: None,
+            limits: Vec::new(),
             dither_period: DITHER_PERIOD_S * (1.0 + 4.0 * phase / 3.0),
             dither_phase: phase,
         }
@@ -295,15 +307,17 @@ impl Deflection {
         self.patience.observe(sample, (length / self.period - got_m_s) / self.v_max);
         let led_around = self.stands_off.is_none() && !self.patience.rests();
         let at_its_place = self.at_its_place(sample);
-        let keeps = |mover: &Mover| {
-            -self.kappa * (mover.z.norm() - self.distance_from(mover, at_its_place))
-        };
-        let movers = self.motion.movers();
+        let mut limits = std::mem::take(&mut self.limits);
+        limits.clear();
+        limits.extend(self.motion.movers().iter().map(|mover| {
+            let r = mover.z.norm();
+            let excess = -self.kappa * (r - self.distance_from(mover, at_its_place));
+            Limit { z: mover.z, r, excess }
+        }));
         let mut around = 0.0;
         if led_around {
             p = self.look_ahead(p);
-            let blocks = |mover: &Mover| mover.z.dot(&p) < keeps(mover) * mover.z.norm();
-            if movers.iter().any(blocks) {
+            if limits.iter().any(|limit| limit.z.dot(&p) < limit.excess * limit.r) {
                 let turns = sample.t_s / self.dither_period + self.dither_phase;
                 let usual = self.comfort.dither_rad;
                 let at_last = self.patience.has_tried();
@@ -314,10 +328,9 @@ impl Deflection {
             around = usual + (around_at_last - usual) * self.patience.lost();
         }
         for _ in 0..2 {
-            for mover in movers.iter().rev() {
-                let (r, excess) = (mover.z.norm(), keeps(mover));
+            for &Limit { z, r, excess } in limits.iter().rev() {
                 if -excess < reach && r > 0.0 {
-                    let n = mover.z / r;
+                    let n = z / r;
                     let lambda = (excess - n.dot(&p)).max(0.0);
                     p += lambda * (n + around * Vec2::new(-n.y, n.x));
                 }
@@ -336,6 +349,7 @@ impl Deflection {
                 }
             }
         }
+        self.limits = limits;
         clip(p, reach)
     }
 

@@ -7,7 +7,7 @@ use std::process::Command;
 
 use tempfile::TempDir;
 
-use crate::harness::{Ended, ExitsWith as _, files_below, phalanx, run};
+use crate::harness::{Ended, ExitsWith as _, RunRoot, files_below, phalanx, run};
 
 const PRECIOUS: &str = "precious\n";
 
@@ -40,7 +40,8 @@ impl Foreign {
 
     #[track_caller]
     fn verb(&self, verb: &str, name: &str, code: i32) -> String {
-        let said = phalanx([Path::new(verb), &self.ended.run_dir().join(name)]).exits_with(code);
+        let mut command = phalanx([Path::new(verb), &self.ended.run_dir().join(name)]);
+        let said = command.env("PHALANX_RUN_ROOT", RunRoot::new().path()).exits_with(code);
         assert_eq!(files_below(self.outside.path()), [self.precious()], "{}", said.both());
         assert_eq!(fs::read_to_string(self.precious()).unwrap(), PRECIOUS, "{}", said.both());
         said.both()
@@ -99,6 +100,51 @@ fn nothing_is_read_through_a_link_out_of_a_run() {
     for made in ["export", "run-export", "run.recovered.mcap"] {
         assert!(!run_dir.join(made).exists(), "{made}");
     }
+}
+
+#[test]
+fn a_run_is_verified_without_what_links_or_pipes_stand_for() {
+    let foreign = Foreign::new();
+    let run_dir = foreign.ended.run_dir();
+    foreign.verb("verify", "", 0);
+    for name in
+        ["samples.csv", "pairs.csv", "events.csv", "summary.json", "manifest.json", "run.mcap"]
+    {
+        let [path, kept] = [name, "kept"].map(|name| run_dir.join(name));
+        fs::rename(&path, &kept).unwrap();
+        foreign.link(name, &foreign.precious());
+        let said = foreign.verb("verify", "", 4);
+        assert!(said.contains(&format!("{name}: it is a link to ")), "{said}");
+        fs::rename(&kept, &path).unwrap();
+    }
+    // Whoever opens a pipe waits for ever.
+    fs::remove_file(run_dir.join("samples.csv")).unwrap();
+    Command::new("mkfifo").arg(run_dir.join("samples.csv")).exits_with(0);
+    let said = foreign.verb("verify", "", 4);
+    assert!(said.contains("samples.csv: it is no regular file"), "{said}");
+    foreign.link("scenario.toml", &foreign.precious());
+    let said = foreign.verb("verify", "", 2);
+    assert!(said.contains("scenario.toml: it is a link to "), "{said}");
+}
+
+#[test]
+fn a_graph_that_is_a_link_out_of_its_folder_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let outside = tempfile::tempdir().unwrap();
+    let graph = outside.path().join("swarm64.json");
+    fs::copy("scenarios/swarm64.json", &graph).unwrap();
+    let scenario = folder.path().join("swarm64.toml");
+    fs::copy("scenarios/swarm64.toml", &scenario).unwrap();
+    let imported = folder.path().join("swarm64.json");
+    symlink(&graph, &imported).unwrap();
+    let check = |code| phalanx([Path::new("check"), &scenario]).exits_with(code).both();
+    let said = check(3);
+    assert!(said.contains("swarm64.json`, which cannot be read: it is a link to "), "{said}");
+    // What the scenario itself names is not hidden from whoever reads it, and within a folder a link is as good as a file.
+    fs::rename(&graph, folder.path().join("same.json")).unwrap();
+    fs::remove_file(&imported).unwrap();
+    symlink("same.json", &imported).unwrap();
+    check(0);
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
 use crate::harness::{Ended, ExitsWith as _, RunRoot, phalanx, run};
 
@@ -46,6 +47,33 @@ fn a_run_that_was_changed_is_told_with_second_line_and_column() {
     let found =
         ["NOT the same", "between 1 s and 2 s of simulated time", "samples.csv         line "];
     verify(&run_dir, 1, &[&found[..], &[", robot r", " was ", ", is "]].concat());
+}
+
+#[test]
+fn the_recording_of_another_commit_is_held_against_its_checksum() {
+    let ended = short_run();
+    let run_dir = ended.run_dir();
+    Command::new("sha256sum").args(["-c", "checksums.sha256"]).current_dir(&run_dir).exits_with(0);
+    let manifest = run_dir.join("manifest.json");
+    let mut text: serde_json::Value =
+        serde_json::from_slice(&fs::read(&manifest).unwrap()).unwrap();
+    text["git_hash"] = "another".into();
+    fs::write(manifest, text.to_string()).unwrap();
+    let same = "run.mcap            the same";
+    verify(&run_dir, 0, &[same]);
+    let recording = run_dir.join("run.mcap");
+    let mut bytes = fs::read(&recording).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&recording, bytes).unwrap();
+    verify(&run_dir, 1, &["NOT the same", "run.mcap            is not as the run wrote it"]);
+    // An earlier version had no checksum of it.
+    let sums = run_dir.join("checksums.sha256");
+    let listed = fs::read_to_string(&sums).unwrap();
+    let older: Vec<&str> = listed.lines().filter(|line| !line.ends_with("run.mcap")).collect();
+    assert_eq!(older.len() + 1, listed.lines().count());
+    fs::write(sums, older.join("\n") + "\n").unwrap();
+    verify(&run_dir, 0, &["the same, bit by bit"]);
 }
 
 #[test]

@@ -36,6 +36,16 @@ pub fn stays_in(folder: &Path, path: &Path) -> io::Result<()> {
     Err(io::Error::other(format!("it is a link to {target}, which is outside of {folder}")))
 }
 
+/// Opens a file that [`stays_in`] its folder, and is no pipe, device or folder.
+pub fn open_in(folder: &Path, name: &str) -> io::Result<File> {
+    let path = folder.join(name);
+    stays_in(folder, &path)?;
+    if !path.metadata()?.is_file() {
+        return Err(io::Error::other("it is no regular file"));
+    }
+    File::open(path)
+}
+
 /// The file's text; `expected`: what should be there instead of no such file.
 pub fn load(path: &Path, expected: &'static str) -> Result<String, Trouble> {
     let trouble = |what: String| Trouble { what, expected };

@@ -7,15 +7,16 @@ use std::io::{self, Write as _};
 use std::path::Path;
 
 use experiment::campaign::cells::sha256;
+use experiment::scenario::file::open_in;
 use rustix::io::Errno;
 
 use crate::results::host_dir::SCENARIO;
-use crate::results::run_dir::{EVENTS, MANIFEST, PAIRS, SAMPLES, SUMMARY};
+use crate::results::run_dir::{EVENTS, MANIFEST, PAIRS, RECORDING, SAMPLES, SUMMARY};
 
 /// Where they are, in a run's directory.
 pub const CHECKSUMS: &str = "checksums.sha256";
-/// What they are of, as far as a run has it. A recording has checksums of its own.
-const FILES: [&str; 9] = [
+/// What they are of, as far as a run has it.
+const FILES: [&str; 10] = [
     SCENARIO,
     MANIFEST,
     SUMMARY,
@@ -25,6 +26,7 @@ const FILES: [&str; 9] = [
     "latency.csv",
     "latency_over_time.csv",
     "latency.hlog",
+    RECORDING,
 ];
 
 /// Why a run's directory is not as the run wrote it.
@@ -58,7 +60,15 @@ pub fn write(run_dir: &Path) -> io::Result<()> {
     sync(run_dir)
 }
 
-/// Holds a run's files against them.
+/// The checksum of a file, as it is listed.
+pub(crate) fn listed(run_dir: &Path, name: &str) -> Option<String> {
+    let text = io::read_to_string(open_in(run_dir, CHECKSUMS).ok()?).ok()?;
+    let sum = |line: &str| Some(line.strip_suffix(name)?.strip_suffix("  ")?.to_owned());
+    text.lines().find_map(sum)
+}
+
+/// Holds a run's files against them, but for the recording: no figure is made of it, it is large, and it has checksums of
+/// its own, which `phalanx export` and `phalanx recover` look at.
 pub fn check(run_dir: &Path) -> Result<(), Damage> {
     let changed = |name: &str| Damage::Changed(name.to_owned());
     let open = |name: &str| match fs::metadata(run_dir.join(name)) {
@@ -78,7 +88,8 @@ pub fn check(run_dir: &Path) -> Result<(), Damage> {
     let line = |line| str::split_once(line, "  ").map(|(sum, name)| (name, sum));
     let listed: Option<BTreeMap<&str, &str>> = listed.lines().map(line).collect();
     let mut listed = listed.ok_or_else(|| changed(CHECKSUMS))?;
-    for name in FILES {
+    listed.remove(RECORDING);
+    for name in FILES.into_iter().filter(|&name| name != RECORDING) {
         match (listed.remove(name), open(name)?) {
             (None, None) => {}
             (Some(_), None) => return Err(Damage::Missing(name.to_owned())),

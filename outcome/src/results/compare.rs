@@ -4,13 +4,15 @@
 //! the experiment, byte for byte, for one executable on one kind of machine.
 
 use std::fmt::{self, Write as _};
-use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
+use experiment::campaign::cells::sha256;
+use experiment::scenario::file::open_in;
 use serde::Serialize;
 use serde_json::Value;
 
+use crate::results::checksums;
 use crate::results::run_dir::{EVENTS, MANIFEST, PAIRS, RECORDING, SAMPLES, SUMMARY};
 
 /// What of a manifest may explain a difference, and what it is called.
@@ -54,14 +56,14 @@ pub fn repeatable(run_dir: &Path) -> Result<(), NotRepeatable> {
     let unreadable =
         |file| move |source| NotRepeatable::Unreadable { run_dir: run_dir.into(), file, source };
     let unplanned = |why| Err(NotRepeatable::Unplanned { run_dir: run_dir.into(), why });
-    let manifest = json(&run_dir.join(MANIFEST)).map_err(unreadable(MANIFEST))?;
+    let manifest = json(run_dir, MANIFEST).map_err(unreadable(MANIFEST))?;
     if manifest["pace"] != "lockstep" {
         return unplanned(
             "is a run in real time, which no other run repeats; only runs with --pace lockstep can be verified"
                 .to_owned(),
         );
     }
-    let summary = json(&run_dir.join(SUMMARY)).map_err(unreadable(SUMMARY))?;
+    let summary = json(run_dir, SUMMARY).map_err(unreadable(SUMMARY))?;
     if summary["interrupted"] == true {
         let t_s = summary["t_s"].as_f64().unwrap_or_default();
         return unplanned(format!(
@@ -76,8 +78,8 @@ pub fn repeatable(run_dir: &Path) -> Result<(), NotRepeatable> {
     }
 }
 
-fn json(path: &Path) -> io::Result<Value> {
-    serde_json::from_str(&fs::read_to_string(path)?).map_err(io::Error::from)
+fn json(run_dir: &Path, name: &str) -> io::Result<Value> {
+    serde_json::from_reader(BufReader::new(open_in(run_dir, name)?)).map_err(io::Error::from)
 }
 
 /// Two runs, side by side. Of every pair the first is the recorded run, the second the new one.
@@ -89,7 +91,8 @@ pub struct Comparison {
     pub trajectory_hash: [Value; 2],
     /// The first simulated second, from 0, in which the trajectories differ.
     pub first_second: Option<u64>,
-    /// File by file; the recording only of the same version and commit, which stand in it.
+    /// File by file. The recording has version and commit in it: one of others is held against its checksum, if there is
+    /// one.
     pub files: Vec<FileComparison>,
     /// What is different about executable and machine.
     pub origins: Vec<Origin>,
@@ -117,7 +120,7 @@ impl Comparison {
     /// Of a recorded run and a new one.
     pub fn of(recorded: &Path, again: &Path) -> io::Result<Comparison> {
         let both = |name: &str| -> io::Result<[Value; 2]> {
-            Ok([json(&recorded.join(name))?, json(&again.join(name))?])
+            Ok([json(recorded, name)?, json(again, name)?])
         };
         let (summaries, manifests) = (both(SUMMARY)?, both(MANIFEST)?);
         let hashes = |key| summaries.each_ref().map(|summary| summary[key].clone());
@@ -125,15 +128,20 @@ impl Comparison {
         // The recording names version and commit.
         let same_source =
             ["phalanx", "git_hash"].iter().all(|&key| manifests[0][key] == manifests[1][key]);
+        let checksum = checksums::listed(recorded, RECORDING);
         let files: Vec<FileComparison> = [SAMPLES, PAIRS, EVENTS, SUMMARY, RECORDING]
             .into_iter()
-            .filter(|&file| file != RECORDING || same_source)
+            .filter(|&file| file != RECORDING || same_source || checksum.is_some())
             .map(|file| {
-                let paths = [recorded.join(file), again.join(file)];
+                let both = || Ok([open_in(recorded, file)?, open_in(again, file)?]);
                 let first_difference = match file {
-                    RECORDING => first_byte(&paths),
+                    RECORDING if same_source => both().and_then(first_byte),
+                    RECORDING => open_in(recorded, file).and_then(sha256).map(|found| {
+                        let differs = checksum.as_ref() != Some(&found);
+                        differs.then(|| "is not as the run wrote it".to_owned())
+                    }),
                     SUMMARY => Ok(first_number(&summaries)),
-                    _ => first_line(&paths),
+                    _ => both().and_then(first_line),
                 };
                 let named =
                     |error: io::Error| io::Error::new(error.kind(), format!("{file}: {error}"));
@@ -165,11 +173,8 @@ fn first_second(chains: &[Value; 2]) -> Option<u64> {
 
 /// Where two tables begin to differ: the line, what its first two columns say, and the first column
 /// that differs.
-fn first_line(paths: &[PathBuf; 2]) -> io::Result<Option<String>> {
-    let [mut recorded, mut again] = [
-        BufReader::new(File::open(&paths[0])?).lines(),
-        BufReader::new(File::open(&paths[1])?).lines(),
-    ];
+fn first_line(files: [impl Read; 2]) -> io::Result<Option<String>> {
+    let [mut recorded, mut again] = files.map(|file| BufReader::new(file).lines());
     let mut header = None;
     for number in 1.. {
         let lines = match (recorded.next().transpose()?, again.next().transpose()?) {
@@ -210,10 +215,8 @@ fn differing(number: usize, header: &str, lines: &[String; 2]) -> String {
 }
 
 /// Where two recordings begin to differ.
-fn first_byte(paths: &[PathBuf; 2]) -> io::Result<Option<String>> {
-    let [recorded, again] =
-        [BufReader::new(File::open(&paths[0])?), BufReader::new(File::open(&paths[1])?)];
-    let (mut recorded, mut again) = (recorded.bytes(), again.bytes());
+fn first_byte(files: [impl Read; 2]) -> io::Result<Option<String>> {
+    let [mut recorded, mut again] = files.map(|file| BufReader::new(file).bytes());
     for place in 0_u64.. {
         match (recorded.next().transpose()?, again.next().transpose()?) {
             (None, None) => break,
@@ -309,12 +312,8 @@ mod tests {
 
     #[test]
     fn tables_differ_at_a_line_and_a_column() {
-        let scratch = tempfile::tempdir().unwrap();
-        let paths = ["a", "b"].map(|name| scratch.path().join(name));
         let first = |recorded: &str, again: &str| {
-            fs::write(&paths[0], recorded).unwrap();
-            fs::write(&paths[1], again).unwrap();
-            first_line(&paths).unwrap()
+            first_line([recorded.as_bytes(), again.as_bytes()]).unwrap()
         };
         let table = "t_s,robot,x_m\n0,r1,1\n0,r2,2\n";
         assert_eq!(first(table, table), None);
@@ -327,12 +326,9 @@ mod tests {
 
     #[test]
     fn recordings_differ_at_a_byte_or_in_length() {
-        let scratch = tempfile::tempdir().unwrap();
-        let paths = ["a", "b"].map(|name| scratch.path().join(name));
         for (again, place) in [("abc", None), ("abx", Some("byte 2")), ("ab", Some("byte 2"))] {
-            fs::write(&paths[0], "abc").unwrap();
-            fs::write(&paths[1], again).unwrap();
-            assert_eq!(first_byte(&paths).unwrap().as_deref(), place);
+            let first = first_byte([b"abc", again.as_bytes()]).unwrap();
+            assert_eq!(first.as_deref(), place);
         }
     }
 

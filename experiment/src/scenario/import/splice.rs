@@ -11,7 +11,7 @@ use toml::de::DeTable;
 
 use super::{Attribute, Given, Link, Name, Network, Node, Tree, network};
 use crate::scenario::diagnostic::{Diagnostic, Origin, Source};
-use crate::scenario::file::{FILE_BYTES_MAX, load};
+use crate::scenario::file::{FILE_BYTES_MAX, Trouble, load, stays_in};
 use crate::scenario::keys::{Format, Key};
 use crate::scenario::table::{Document, Table, Value};
 
@@ -40,7 +40,15 @@ pub(in crate::scenario) fn splice(
     let name = value.text(expected)?;
     let file = path.parent().unwrap_or(Path::new("")).join(name);
     let shown = file.display();
-    let graph_text = load(&file, expected).map_err(|trouble| {
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let is_in_its_folder = match stays_in(folder, &file) {
+        Err(error) if file.exists() => Err(Trouble {
+            what: format!("cannot be read: {error}"),
+            expected: "expected the file itself: whoever wrote the folder chose where its links lead",
+        }),
+        _ => Ok(()),
+    };
+    let graph_text = is_in_its_folder.and_then(|()| load(&file, expected)).map_err(|trouble| {
         value.wrong(format!("names `{shown}`, which {}", trouble.what), trouble.expected)
     })?;
     let graph_text = graph_text.strip_prefix('\u{feff}').unwrap_or(&graph_text);

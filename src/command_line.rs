@@ -130,6 +130,14 @@ pub enum Role {
     /// Take processor time until killed.
     #[command(hide = true)]
     Load,
+    /// End what programs of a run left behind, once its supervisor was killed.
+    #[command(hide = true)]
+    Reap {
+        /// The run.
+        run_root: PathBuf,
+        /// Where its logs are.
+        logs: PathBuf,
+    },
     /// Keep a core from falling asleep until killed.
     #[command(hide = true)]
     Awake,

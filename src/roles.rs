@@ -49,6 +49,7 @@ pub fn main(role: Role) -> u8 {
         }
         Role::Load => supervisor::child::load(),
         Role::Awake => supervisor::child::awake(),
+        Role::Reap { run_root, logs } => supervisor::left_behind::reap(&run_root, &logs),
         Role::Completions { shell } => verbs::print(&completions(shell)),
         Role::Bench { words } => bench(&words),
     }

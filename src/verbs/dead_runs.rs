@@ -9,6 +9,7 @@ use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 
 use protocol::run_root::{DeadRoot, dead_roots};
+use supervisor::left_behind;
 
 /// Removes what dead runs left below `base`, or only looks, if `dry_run`; what there is to say, and
 /// what could not be removed.
@@ -17,6 +18,10 @@ pub fn remove(base: &Path, dry_run: bool) -> (String, Vec<String>) {
     let verb = if dry_run { "would remove" } else { "removed" };
     for root in dead_roots(base) {
         let what = in_words(&root);
+        let ended = if dry_run { Vec::new() } else { left_behind::end_all_of(&root.path, None) };
+        for named in ended {
+            let _ = writeln!(said, "in a run that was killed, {named}");
+        }
         match if dry_run { Ok(()) } else { root.remove() } {
             Ok(()) => drop(writeln!(said, "{verb} {what}")),
             Err(error) => failures.push(format!("cannot remove {what}: {error}")),

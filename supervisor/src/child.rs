@@ -27,6 +27,8 @@ const TAIL_BYTES: u64 = 16 * 1024;
 
 /// The environment variable that tells a child which process started it.
 pub(crate) const PARENT: &str = "PHALANX_PARENT";
+/// The environment variable that says to which run a process belongs: its root.
+pub(crate) const RUN: &str = "PHALANX_RUN";
 
 /// SIGKILL cannot be ignored, but the kernel can hold a process (in an uninterruptible wait): for
 /// one that was killed nobody waits longer than this after the kill.
@@ -266,6 +268,11 @@ pub fn obey_parent() -> io::Result<()> {
     if parent_id() != parent {
         return Err(io::Error::other("whoever started this process is gone already"));
     }
+    keep_three_descriptors()
+}
+
+/// Closes what was inherited beyond the first three descriptors, before this process has any of its own.
+pub(crate) fn keep_three_descriptors() -> io::Result<()> {
     // SAFETY: a plain system call; no descriptor beyond the first three is anybody's yet.
     let closed = unsafe { libc::close_range(3, u32::MAX, 0) };
     if closed == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }

@@ -24,7 +24,7 @@ pub mod control_timer;
 pub mod cores;
 pub mod dead_nodes;
 pub mod descriptors;
-mod left_behind;
+pub mod left_behind;
 pub mod limits;
 pub mod live;
 mod logs;

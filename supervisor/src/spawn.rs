@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use crate::addresses::SameAddresses;
-use crate::child::{Child, PARENT};
+use crate::child::{Child, PARENT, RUN};
 use crate::limits;
 use outcome::results::programs::Started;
 
@@ -23,6 +23,7 @@ pub struct Launcher {
     realtime_priority: bool,
     keeps_awake: bool,
     same_addresses: bool,
+    run_root: Option<PathBuf>,
 }
 
 /// What a child is to be. `brief`: its file; `program`: what takes the place of our own agent or plant; `words`: of
@@ -45,6 +46,9 @@ pub enum Role<'a> {
     Load,
     /// `phalanx awake`.
     Awake,
+    /// `phalanx reap RUN_ROOT LOGS`: of that run. It outlives this process for a moment, and all that it is told is that
+    /// this process is gone.
+    Reaper { run_root: &'a Path, logs: &'a Path },
     /// `phalanx WORD...`: a run, or a peer in a measurement, of `phalanx bench`.
     Bench { words: &'a [OsString] },
     /// `phalanx run WORD...`: a run of a campaign.
@@ -63,6 +67,7 @@ impl fmt::Display for Role<'_> {
             Role::Ros2 { .. } => f.write_str("the process for ROS 2"),
             Role::Load => f.write_str("a process that takes processor time"),
             Role::Awake => f.write_str("a process that keeps a core awake"),
+            Role::Reaper { .. } => f.write_str("the process that ends what programs leave behind"),
             Role::Run { .. } => f.write_str("a run"),
             Role::Bench { words } => {
                 let words = words.iter().take(2).map(|word| format!(" {}", word.display()));
@@ -102,6 +107,7 @@ impl Launcher {
             realtime_priority: false,
             keeps_awake: true,
             same_addresses: false,
+            run_root: None,
         }
     }
 
@@ -118,6 +124,11 @@ impl Launcher {
     /// Robots that are our own agent have the same addresses, not random ones: faster in lockstep.
     pub(crate) fn with_same_addresses(self) -> Launcher {
         Launcher { same_addresses: true, ..self }
+    }
+
+    /// Whoever is started belongs to the run of that root, with all that it starts.
+    pub(crate) fn in_run(self, run_root: &Path) -> Launcher {
+        Launcher { run_root: Some(run_root.into()), ..self }
     }
 
     /// Whether cores are kept awake.
@@ -150,6 +161,7 @@ impl Launcher {
             Role::Ros2 { brief } => ("phalanx-ros2", Some("ros2"), Some(brief)),
             Role::Load => ("phalanx-load", Some("load"), None),
             Role::Awake => ("phalanx-awake", Some("awake"), None),
+            Role::Reaper { run_root, .. } => ("phalanx-reaper", Some("reap"), Some(run_root)),
             Role::Bench { .. } => ("phalanx-bench", None, None),
             Role::Run { .. } => ("phalanx", None, None),
         };
@@ -168,6 +180,7 @@ impl Launcher {
                 command.arg("--period-ns").arg(period_ns.to_string());
                 command.arg("--robots").arg(robots.to_string());
             }
+            Role::Reaper { logs, .. } => drop(command.arg(logs)),
             Role::Bench { words } | Role::Run { words } => drop(command.args(words)),
             _ => {}
         }
@@ -190,6 +203,10 @@ impl Launcher {
         // Nothing may be asked to run between fork and exec: the start would copy the page tables
         // of this process, whose shared memory grows with the robots, once for each of them.
         command.env(PARENT, std::process::id().to_string());
+        command.envs(self.run_root.iter().map(|run_root| (RUN, run_root)));
+        if let Role::Reaper { .. } = role {
+            command.env_remove(PARENT).env_remove(RUN).stdin(Stdio::piped());
+        }
         // Never for somebody else's program, which may be fed by strangers.
         let own_agent = matches!(role, Role::Agent { program: None, .. });
         let same = (self.same_addresses && own_agent).then(SameAddresses::for_children);

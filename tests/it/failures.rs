@@ -1,10 +1,13 @@
 //! What fails says so: by exit code and on the last lines, with the robot's name, the cause and the log; and a program that
 //! writes without end, or leaves processes behind, harms nobody.
 
+use std::time::{Duration, Instant};
+
 use rustix::process::Signal;
 
 use crate::harness::{
-    Ended, ExitsWith as _, PHALANX, Phalanx, ROOT, RunRoot, phalanx, run, signal_pid,
+    Ended, ExitsWith as _, HANG, PHALANX, Phalanx, ROOT, RunRoot, Running, phalanx, run,
+    signal_pid, wait_until_gone,
 };
 use crate::programs::{FOLLOWS, run as run_own, scenario, script};
 
@@ -113,6 +116,82 @@ fn what_a_program_leaves_behind_ends_with_the_run_and_is_named() {
         assert_eq!(rest, " behind; it is killed");
         let words = std::fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
         ended.claim(!words.starts_with("sleep"), format!("{pid} is gone: {words:?}"));
+    }
+}
+
+/// A run under way whose r2 has left three processes behind, one of which hides whose it is; their ids.
+fn with_three_left() -> (tempfile::TempDir, Running, Vec<u32>) {
+    let left = "sleep 1000 & echo $! >> \"$LEFT\"\nsetsid sleep 1001 & echo $! >> \"$LEFT\"\n\
+                env -i setsid sleep 1002 & echo $! >> \"$LEFT\"";
+    let (folder, run) = with_script(left);
+    let left = folder.path().join("left");
+    let mut running = run.env("LEFT", &left).set("duration_s=100").start();
+    running.wait_for_event("contact");
+    let pids = std::fs::read_to_string(left).unwrap();
+    let pids: Vec<u32> = pids.lines().map(|pid| pid.parse().unwrap()).collect();
+    assert_eq!(pids.len(), 3);
+    (folder, running, pids)
+}
+
+fn sleeps(pid: u32) -> bool {
+    std::fs::read_to_string(format!("/proc/{pid}/cmdline")).is_ok_and(|w| w.contains("sleep"))
+}
+
+#[track_caller]
+fn wait_until_none_sleeps(pids: &[u32]) {
+    let began = Instant::now();
+    while let Some(pid) = pids.iter().find(|&&pid| sleeps(pid)) {
+        assert!(began.elapsed() < HANG, "{pid} is left behind");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn a_killed_supervisor_takes_along_what_programs_of_its_run_left_behind() {
+    let (_folder, running, pids) = with_three_left();
+    assert!(pids.iter().all(|&pid| sleeps(pid)));
+    running.signal(Signal::KILL);
+    wait_until_none_sleeps(&pids);
+    wait_until_gone(&running.run_dir());
+    let log = running.run_dir().join("logs/reaper.jsonl");
+    let began = Instant::now();
+    let names = |text: &str, pid: &u32| {
+        text.contains(&format!("r2 left the process `sleep` ({pid}) behind; it is killed"))
+    };
+    while !pids.iter().all(|pid| names(&std::fs::read_to_string(&log).unwrap(), pid)) {
+        assert!(began.elapsed() < HANG, "{}", std::fs::read_to_string(&log).unwrap());
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    assert_eq!(std::fs::read_to_string(log).unwrap().lines().count(), 3, "and nobody else");
+}
+
+#[test]
+fn the_next_run_or_clean_ends_and_names_what_is_left_where_nobody_was_left_to_do_it() {
+    for words in [&["run", "scenarios/triangle.toml", "--pace", "lockstep"][..], &["clean"]] {
+        let (folder, running, pids) = with_three_left();
+        let logs = running.run_dir().canonicalize().unwrap().join("logs");
+        let is_reaper = |pid: &u32| {
+            let line = std::fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+            line.starts_with("phalanx-reaper\0reap\0") && line.contains(logs.to_str().unwrap())
+        };
+        let processes = std::fs::read_dir("/proc").unwrap().flatten();
+        let mut others = processes.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
+        signal_pid(others.find(is_reaper).expect("there is one"), Signal::KILL);
+        running.signal(Signal::KILL);
+        wait_until_gone(&running.run_dir());
+        assert!(pids.iter().all(|&pid| sleeps(pid)));
+        let mut next = phalanx(words);
+        if words[0] == "run" {
+            next.arg("--out").arg(folder.path().join("next"));
+        }
+        let said = next.env("PHALANX_RUN_ROOT", running.run_root()).exits_with(0).both();
+        for pid in &pids[..2] {
+            let named = format!("a program of the run left the process `sleep` ({pid}) behind");
+            assert!(said.contains(&named), "{said}");
+        }
+        wait_until_none_sleeps(&pids[..2]);
+        // Whose that is, nobody can tell any more.
+        signal_pid(pids[2], Signal::KILL);
     }
 }
 

@@ -26,7 +26,7 @@ use super::services::{RunServices, has_control_timer};
 use super::stops::Stops;
 use crate::dead_nodes::Cleaner;
 use crate::descriptors;
-use crate::left_behind::LeftBehind;
+use crate::left_behind::{self, LeftBehind};
 use crate::logs::Logs;
 use crate::room::{self, Need};
 use crate::spawn::{Launcher, Role};
@@ -63,9 +63,13 @@ impl<'a> Run<'a> {
         };
         let edges = scenario.graph.edges();
         let logs = journal.run_dir.logs();
-        let left_behind = LeftBehind::watch(&logs);
+        let mut left_behind = LeftBehind::watch(&logs);
         let run_root = make_run_root(scenario.robots.len(), edges.len())?;
         let node = service::node("supervisor")?;
+        let launcher = launcher.in_run(run_root.path());
+        if scenario.programs().next().is_some() {
+            left_behind.reap_after_a_kill(&launcher, run_root.path())?;
+        }
         let conduct = Conduct::new(scenario, pace, &run_root, &launcher)?;
         // Each takes descriptors and memory: only where they can be of use.
         let links_by_hand = open_to.hands && conduct.cuts_links_by_hand();
@@ -132,8 +136,17 @@ impl<'a> Run<'a> {
 pub(super) fn make_run_root(robots: usize, links: usize) -> Result<RunRoot, RunError> {
     descriptors::make_room(robots)?;
     let base = run_root::base();
-    for removed in run_root::sweep(&base) {
-        tracing::info!(path = %removed.display(), "removed what a dead run left");
+    for dead in run_root::dead_roots(&base) {
+        for named in left_behind::end_all_of(&dead.path, None) {
+            tracing::warn!("in a run that was killed, {named}");
+        }
+        let path = dead.path.clone();
+        match dead.remove() {
+            Ok(()) => tracing::info!(path = %path.display(), "removed what a dead run left"),
+            Err(error) => {
+                tracing::warn!(%error, path = %path.display(), "a dead run's root stays behind");
+            }
+        }
     }
     room::check(&base, Need::of(robots, links))?;
     room::tell_of_sigbus(&base);

@@ -84,10 +84,14 @@ pub fn run(
     host_dir: &HostDir,
     stop: &Stop,
 ) -> Result<Ended, RunError> {
-    let _left_behind = LeftBehind::watch(&host_dir.logs());
+    let mut left_behind = LeftBehind::watch(&host_dir.logs());
     let own = brief.robots.iter().filter(|robot| robot.host == brief.here);
     let links = own.clone().map(|robot| robot.hears).sum();
     let run_root = make_run_root(own.count(), links)?;
+    let launcher = &launcher.clone().in_run(run_root.path());
+    if scenario.programs().next().is_some() {
+        left_behind.reap_after_a_kill(launcher, run_root.path())?;
+    }
     let brief = BridgeBrief { run_root: run_root.path().into(), ..brief };
     let node = service::node("supervisor")?;
     let services = Services::of_share(&node, scenario, &brief)?;

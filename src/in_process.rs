@@ -157,12 +157,11 @@ impl<F: Fn(&AgentBrief, u64) -> Brain> InProcess<F> {
         for (place, robot) in robots.iter_mut().enumerate() {
             let Some((turn, member_since)) = robot.taking_part() else { continue };
             let odometry = plant.sense(place, clock_ns());
-            // From robots that still take part.
-            let heard =
-                agents[place].neighbors.iter().enumerate().filter_map(|(place, neighbor)| {
-                    let beacon = beacons[neighbor.index - 1]?;
-                    Some(Ok::<_, Infallible>(turn::Delivery { place, beacon, taken_ns: 0 }))
-                });
+            // From robots that still take part; of spares, what they say while they are open counts.
+            let heard = agents[place].senders().enumerate().filter_map(|(place, sender)| {
+                let beacon = beacons[sender.index - 1]?;
+                Some(Ok::<_, Infallible>(turn::Delivery { place, beacon, taken_ns: 0 }))
+            });
             let Ok(()) = turn.sense(Inbox {
                 taken_ns: clock_ns(),
                 odometry: Some(&odometry),

@@ -68,7 +68,7 @@ pub struct Brain {
     avoidance: Box<dyn Avoidance>,
     neighborhood: Neighborhood,
     now: Now,
-    /// From each neighbour, in the brief's order.
+    /// From each sender, in the brief's order.
     links: Vec<Link<Beacon>>,
     /// From its own sensors, where that may fail.
     odometry: Option<Link<Odometry>>,
@@ -140,7 +140,7 @@ impl Brain {
             front_point_m: brief.front_point_m,
             law,
             avoidance,
-            neighborhood: Neighborhood::new(&brief.neighbors, brief.silence.clone()),
+            neighborhood: Neighborhood::new(brief),
             now: Now {
                 period_s: brief.period_ns as f64 / 1e9,
                 age_periods: age_periods(brief),
@@ -149,9 +149,9 @@ impl Brain {
                 error: None,
                 target: None,
                 away: Vec::with_capacity(PROXIMITY_MAX),
-                heard: Vec::with_capacity(brief.neighbors.len()),
+                heard: Vec::with_capacity(brief.senders().count()),
             },
-            links: brief.neighbors.iter().map(|neighbor| Link::new(&neighbor.faults)).collect(),
+            links: brief.senders().map(|sender| Link::new(&sender.faults)).collect(),
             odometry: (!brief.odometry_faults.is_empty())
                 .then(|| Link::new(&brief.odometry_faults)),
             answered_ns: None,
@@ -215,6 +215,11 @@ impl Brain {
         self.beacons_refused += u64::from(heard.is_err());
         self.news |= heard.is_err();
         heard
+    }
+
+    /// Those whom it hears, and what it makes of their silence.
+    pub fn neighborhood(&self) -> &Neighborhood {
+        &self.neighborhood
     }
 
     /// Which incarnation of the robot it is, from 0.

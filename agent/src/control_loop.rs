@@ -89,14 +89,13 @@ impl Agent {
             let since = barrier.member_since(slot).filter(|&since| since <= tick);
             let Some(member_since) = since else { continue };
             let odometry = odometry_of(&self.ports, tick)?;
-            let neighbors = 0..self.turn.brief().neighbors.len();
             let ports = &self.ports;
             let beacon = |place| beacon_before(ports, barrier, place, tick).transpose();
             let outbox = self.turn.take(Inbox {
                 taken_ns: clock::now_ns(),
                 odometry: Some(&odometry),
                 member_since,
-                beacons: neighbors.filter_map(beacon),
+                beacons: (0..ports.senders()).filter_map(beacon),
                 cuts: &[],
                 goal: None,
             })?;
@@ -106,6 +105,8 @@ impl Agent {
                 self.ports.send(answer, sent_ns)?;
                 self.turn.sent(sent_ns);
             }
+            // Before it arrives: what a spare that is opened now says at the next tick is in the queue.
+            self.ports.listen(self.turn.brain().neighborhood())?;
             // Before it arrives, and by what happened alone: whoever is killed after this tick has
             // told the same in every run.
             if outbox.report {
@@ -171,6 +172,7 @@ impl Agent {
             self.ports.send(answer, rested_ns)?;
             self.turn.sent(rested_ns);
         }
+        self.ports.listen(self.turn.brain().neighborhood())?;
         if outbox.plant_silent {
             let silent_s = PLANT_SILENCE_MAX_NS / 1_000_000_000;
             return Err(format!("no sign of the plant for {silent_s} s").into());
@@ -219,8 +221,8 @@ fn odometry_of(ports: &Ports, tick: u64) -> Result<Sample<Odometry>, Failure> {
     Err(missing(tick, "odometry"))
 }
 
-/// What the neighbor at `place` said at the tick before this one, if it took part in that and was not mute.
-/// It may be a tick ahead: what it said there stays in the queue.
+/// What the sender at `place` said at the tick before this one, if it was awaited, took part in that and was
+/// not mute. It may be a tick ahead: what it said there stays in the queue.
 fn beacon_before(
     ports: &Ports,
     barrier: &Barrier,
@@ -228,9 +230,9 @@ fn beacon_before(
     tick: u64,
 ) -> Result<Option<Delivery>, Failure> {
     let before = tick - 1;
-    let slot = ports.neighbor(place).index - 1;
+    let (name, slot) = ports.sender(place);
     let takes_part = || barrier.member_since(slot).is_some_and(|since| since <= before);
-    if !takes_part() || barrier.is_mute(slot, before) {
+    if !ports.awaits(place, before) || !takes_part() || barrier.is_mute(slot, before) {
         return Ok(None);
     }
     loop {
@@ -242,7 +244,6 @@ fn beacon_before(
             // It died in this very tick, by nobody's plan.
             None if !takes_part() => return Ok(None),
             _ => {
-                let name = &ports.neighbor(place).name;
                 return Err(missing(tick, &format!("beacon of {name} from tick {before}")));
             }
         }

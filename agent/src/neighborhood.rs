@@ -1,18 +1,24 @@
 //! What a robot knows of those it hears: their newest beacons, how old these are, and what
-//! silence makes of them.
+//! silence makes of them; and who takes the place of those lost for long.
+
+mod repair;
 
 use formation::Vec2;
 use formation::desired::{Target, desired};
 use formation::frame::LeaderFrame;
 use protocol::age::{AgeSums, Sawtooth};
-use protocol::brief::{NeighborBrief, SilenceBrief, SilencePolicy};
+use protocol::brief::{AgentBrief, NeighborBrief, SilenceBrief, SilencePolicy};
 use protocol::message::{Beacon, Contact, NeighborStatus};
 
 use crate::laws::situation::Heard;
+use repair::{GivenUp, GoesBy, Opened};
 
-/// The robots heard, in the order of the brief.
+/// The robots heard and the spares, in the order of the brief: places are counted over both.
 pub struct Neighborhood {
     neighbors: Vec<Neighbor>,
+    /// From this place on they are spares.
+    spares_from: usize,
+    repair_after_ns: u64,
     silence: SilenceBrief,
     /// The freshest leader's frame that anybody passed on.
     frame: Option<HeardFrame>,
@@ -27,6 +33,34 @@ struct Neighbor {
     newest: Option<Beacon>,
     contact: Since,
     age: Sawtooth,
+    given_up: GivenUp,
+    goes_by: GoesBy,
+    /// Of a spare, since when it is listened to.
+    opened: Option<Opened>,
+}
+
+impl Neighbor {
+    fn new(brief: &NeighborBrief, is_spare: bool) -> Neighbor {
+        Neighbor {
+            index: brief.index as u64,
+            offset: Vec2::from(brief.offset_m),
+            newest: None,
+            contact: Since::default(),
+            age: Sawtooth::default(),
+            given_up: GivenUp::default(),
+            goes_by: GoesBy { yes: !is_spare, since_t_ns: 0 },
+            opened: None,
+        }
+    }
+
+    /// What was known of a spare is forgotten.
+    fn close(&mut self) {
+        self.newest = None;
+        self.contact = Since::default();
+        self.age = Sawtooth::default();
+        self.given_up = GivenUp::default();
+        self.opened = None;
+    }
 }
 
 /// A leader's frame that somebody passed on.
@@ -80,19 +114,31 @@ pub enum BeaconRefusal {
 
 impl Neighborhood {
     /// Nobody was heard yet.
-    pub fn new(neighbors: &[NeighborBrief], silence: SilenceBrief) -> Neighborhood {
-        let neighbors = neighbors
-            .iter()
-            .map(|brief| Neighbor {
-                index: brief.index as u64,
-                offset: Vec2::from(brief.offset_m),
-                newest: None,
-                contact: Since::default(),
-                age: Sawtooth::default(),
-            })
-            .collect();
-        let frame_contact = Since::default();
-        Neighborhood { neighbors, silence, frame: None, frame_contact, first_ns: None }
+    pub fn new(brief: &AgentBrief) -> Neighborhood {
+        let neighbors = brief.neighbors.iter().map(|sender| Neighbor::new(sender, false));
+        let spares = brief.spares.iter().map(|sender| Neighbor::new(sender, true));
+        Neighborhood {
+            neighbors: neighbors.chain(spares).collect(),
+            spares_from: brief.neighbors.len(),
+            repair_after_ns: brief.repair_after_ns,
+            silence: brief.silence.clone(),
+            frame: None,
+            frame_contact: Since::default(),
+            first_ns: None,
+        }
+    }
+
+    /// Of each spare its place, and the tick at which it was opened, if it is listened to.
+    pub fn spares(&self) -> impl Iterator<Item = (usize, Option<u64>)> {
+        let spares = self.neighbors.iter().enumerate().skip(self.spares_from);
+        spares.map(|(place, spare)| (place, spare.opened.map(|opened| opened.tick)))
+    }
+
+    /// Whether a beacon of this tick counts if the sender at `place` is listened to. What a spare said up to
+    /// the tick at which it was opened may or may not be in the queue, and counts for nothing.
+    pub fn awaits(&self, place: usize, tick: u64) -> bool {
+        place < self.spares_from
+            || self.neighbors[place].opened.is_some_and(|opened| tick > opened.tick)
     }
 
     /// Where in the brief's order a robot is heard, by its place in the scenario from 1.
@@ -132,12 +178,12 @@ impl Neighborhood {
         Ok(())
     }
 
-    /// Judges everybody's silence as of an odometry sample; whether any contact changed.
+    /// Judges everybody's silence as of an odometry sample, and whom to go by; whether any of it changed.
     pub fn judge(&mut self, tick: u64, t_ns: u64, stamp_ns: u64) -> bool {
         let first_ns = *self.first_ns.get_or_insert(stamp_ns);
         let silence = &self.silence;
-        let judged = |heard_ns: Option<u64>| {
-            let since_ns = stamp_ns.saturating_sub(heard_ns.unwrap_or(first_ns));
+        let judged = |heard_ns: Option<u64>, from_ns: u64| {
+            let since_ns = stamp_ns.saturating_sub(heard_ns.unwrap_or(from_ns));
             match heard_ns {
                 _ if since_ns > silence.lost_after_ns => Contact::Lost,
                 None => Contact::Unheard,
@@ -147,10 +193,20 @@ impl Neighborhood {
         };
         let frame = self.frame.map(|heard| heard.heard_ns);
         // A formation without a leader never hears of one, and lacks nothing.
-        let mut changed = frame.is_some() && self.frame_contact.turns(judged(frame), tick, t_ns);
-        for neighbor in &mut self.neighbors {
-            let heard = neighbor.newest.as_ref().map(|beacon| beacon.stamp_ns);
-            changed |= neighbor.contact.turns(judged(heard), tick, t_ns);
+        let mut changed =
+            frame.is_some() && self.frame_contact.turns(judged(frame, first_ns), tick, t_ns);
+        let (neighbors, spares) = self.neighbors.split_at_mut(self.spares_from);
+        let listened = spares.iter_mut().filter_map(|spare| {
+            let from_ns = spare.opened?.stamp_ns;
+            Some((spare, from_ns))
+        });
+        for (sender, from_ns) in neighbors.iter_mut().map(|it| (it, first_ns)).chain(listened) {
+            let heard = sender.newest.as_ref().map(|beacon| beacon.stamp_ns);
+            changed |= sender.contact.turns(judged(heard, from_ns), tick, t_ns);
+        }
+        if !spares.is_empty() {
+            let now = Opened { tick, stamp_ns };
+            changed |= repair::repair(neighbors, spares, self.repair_after_ns, now, t_ns);
         }
         changed
     }
@@ -206,24 +262,29 @@ impl Neighborhood {
         }));
     }
 
-    /// alpha* by what was recalled: the mean of what all of them ask for. `None` where the robot is
-    /// to stop: nobody left to go by, or somebody lost under `stop`. (13) (24) (45) (46)
+    /// alpha* by what was recalled: the mean of what all of them ask for, but for in-neighbours that a spare
+    /// replaces. `None` where the robot is to stop: nobody left to go by, or somebody lost under `stop`.
+    /// (13) (24) (45) (46)
     ///
     /// Once the leader's frame is lost, velocities count as 0: they are somebody's echo, and
     /// without a path from the leader an echo never dies away.
     pub fn desired(&self, heard: &[Heard]) -> Option<Target> {
         let lost = |neighbor: &Neighbor| neighbor.contact.contact == Contact::Lost;
-        if self.silence.policy == SilencePolicy::Stop && self.neighbors.iter().any(lost) {
+        let mut gone_by = self.neighbors.iter().filter(|neighbor| neighbor.goes_by.yes);
+        if self.silence.policy == SilencePolicy::Stop && gone_by.any(lost) {
             return None;
         }
-        let all_lost = heard.iter().all(|one| one.contact == Contact::Lost);
+        // In the order in which they were recalled.
+        let known = self.neighbors.iter().filter(|neighbor| neighbor.newest.is_some());
+        let gone_by = || heard.iter().zip(known.clone()).filter(|(_, known)| known.goes_by.yes);
+        let all_lost = gone_by().all(|(one, _)| one.contact == Contact::Lost);
         let keep = match self.silence.policy {
             SilencePolicy::Keep => true,
             SilencePolicy::Last => all_lost,
             SilencePolicy::Ignore | SilencePolicy::Stop => false,
         };
-        let counted = heard.iter().filter(|one| keep || one.contact != Contact::Lost);
-        let target = desired(counted.map(|&Heard { position, velocity, offset, .. }| {
+        let counted = gone_by().filter(|(one, _)| keep || one.contact != Contact::Lost);
+        let target = desired(counted.map(|(&Heard { position, velocity, offset, .. }, _)| {
             (Target { position, velocity }, offset)
         }))?;
         let echo = self.frame_contact.contact == Contact::Lost;
@@ -243,9 +304,12 @@ impl Neighborhood {
     /// What the information age of everybody came to since this was asked last, with the sender's
     /// place in the scenario, from 1. The silent have one as well.
     pub fn take_ages(&mut self, now_ns: u64) -> impl Iterator<Item = (usize, AgeSums)> {
-        self.neighbors
+        let (neighbors, spares) = self.neighbors.split_at_mut(self.spares_from);
+        let open = spares.iter_mut().filter(|spare| spare.opened.is_some());
+        neighbors
             .iter_mut()
-            .map(move |neighbor| (neighbor.index as usize, neighbor.age.take(now_ns)))
+            .chain(open)
+            .map(move |sender| (sender.index as usize, sender.age.take(now_ns)))
     }
 
     /// How everybody is heard, for the supervisor.
@@ -255,6 +319,8 @@ impl Neighborhood {
             contact: neighbor.contact.contact as u64,
             since_tick: neighbor.contact.tick,
             since_t_ns: neighbor.contact.t_ns,
+            goes_by: u64::from(neighbor.goes_by.yes),
+            goes_by_since_t_ns: neighbor.goes_by.since_t_ns,
         })
     }
 }

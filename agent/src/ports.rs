@@ -1,8 +1,9 @@
 //! An agent's ports: its own five services, more where links may be cut by hand or goals come from
-//! outside, and the beacons of those it hears. It opens no others.
+//! outside, and the beacons of those it hears; those of spares while they replace somebody. It opens no
+//! others.
 
 use iceoryx2::port::update_connections::UpdateConnections as _;
-use protocol::brief::{AgentBrief, NeighborBrief};
+use protocol::brief::AgentBrief;
 use protocol::clock;
 use protocol::latency::{LatencyPort, Recorder};
 use protocol::message::{
@@ -12,14 +13,15 @@ use protocol::process::Failure;
 use protocol::service::{self, Node, Publisher, Sample, ServiceError, Subscriber, send_slice};
 
 use crate::brain::Answer;
+use crate::neighborhood::Neighborhood;
 use crate::turn::Delivery;
 
 /// All ports of one agent. The command's is made last: the plant takes it as the sign that this
 /// robot is ready.
 pub struct Ports {
     odometry: Subscriber<Odometry>,
-    /// Those that it hears.
-    neighbors: Vec<(NeighborBrief, Subscriber<Beacon>)>,
+    /// Of those that it hears, then of its spares.
+    senders: Vec<Sender>,
     /// Where links may be cut by hand.
     faults: Option<Subscriber<[LinkFaultByHand]>>,
     /// Where goals come from outside.
@@ -29,7 +31,18 @@ pub struct Ports {
     pub latency: LatencyPort,
     beacon: Publisher<Beacon>,
     command: Publisher<Command>,
-    _node: Node,
+    node: Node,
+}
+
+/// One whose beacons may be opened.
+struct Sender {
+    name: String,
+    /// Its slot in the barrier.
+    slot: usize,
+    /// Of a spare only while it is open.
+    port: Option<Subscriber<Beacon>>,
+    /// A spare's beacons up to this tick do not count.
+    opened_at: Option<u64>,
 }
 
 impl Ports {
@@ -37,17 +50,16 @@ impl Ports {
     pub fn open(brief: &AgentBrief, measured: &Recorder) -> Result<Ports, Failure> {
         let node = service::node(&format!("agent-{}", brief.name))?;
         let own = brief.name.as_str();
-        let neighbors = brief
-            .neighbors
-            .iter()
-            .map(|neighbor| {
-                let beacons = service::beacon(&neighbor.name).open(&node)?.subscriber()?;
-                Ok((neighbor.clone(), beacons))
-            })
-            .collect::<Result<_, ServiceError>>()?;
+        let senders = brief.senders().enumerate().map(|(place, sender)| {
+            let is_heard = place < brief.neighbors.len();
+            let port = is_heard.then(|| receiver(&node, &sender.name)).transpose()?;
+            let (name, slot) = (sender.name.clone(), sender.index - 1);
+            Ok(Sender { name, slot, port, opened_at: None })
+        });
+        let senders = senders.collect::<Result<_, ServiceError>>()?;
         Ok(Ports {
             odometry: service::odometry(own).open(&node)?.subscriber()?,
-            neighbors,
+            senders,
             faults: match brief.links_by_hand {
                 true => Some(service::faults(own).open(&node)?.subscriber()?),
                 false => None,
@@ -56,17 +68,30 @@ impl Ports {
                 true => Some(service::goal(own).open(&node)?.subscriber()?),
                 false => None,
             },
-            status: service::status(own).open(&node)?.publisher(brief.neighbors.len())?,
+            status: service::status(own).open(&node)?.publisher(brief.senders().count())?,
             latency: LatencyPort::new(&service::latency(own).open(&node)?, measured)?,
             beacon: service::beacon(own).open(&node)?.publisher()?,
             command: service::command(own).open(&node)?.publisher()?,
-            _node: node,
+            node,
         })
+    }
+
+    /// Opens the beacons of the spares that are listened to now, and closes those of the others.
+    pub fn listen(&mut self, neighborhood: &Neighborhood) -> Result<(), Failure> {
+        for (place, opened_at) in neighborhood.spares() {
+            let Sender { name, port, opened_at: was, .. } = &mut self.senders[place];
+            if *was != opened_at {
+                *was = opened_at;
+                *port = opened_at.map(|_| receiver(&self.node, name)).transpose()?;
+            }
+        }
+        Ok(())
     }
 
     /// Connects to everybody who is there by now, which otherwise happens at the next sample.
     pub fn connect(&self) {
-        let connected = (self.neighbors.iter().map(|(_, beacons)| beacons.update_connections()))
+        let connected = (self.senders.iter().filter_map(|sender| sender.port.as_ref()))
+            .map(|port| port.update_connections())
             .chain([self.odometry.update_connections()])
             .chain([self.beacon.update_connections(), self.command.update_connections()]);
         // A failure shows again, with its reason, at the next sample.
@@ -78,20 +103,33 @@ impl Ports {
         self.odometry.receive().map_err(|cause| cannot("receive odometry", cause))
     }
 
-    /// The neighbor at `place` (in the brief's order).
-    pub fn neighbor(&self, place: usize) -> &NeighborBrief {
-        &self.neighbors[place].0
+    /// How many there are whose beacons may be opened.
+    pub fn senders(&self) -> usize {
+        self.senders.len()
     }
 
-    /// The next beacon in the queue of the neighbor at `place`.
+    /// The name of the sender at `place` (in the brief's order), and its slot in the barrier.
+    pub fn sender(&self, place: usize) -> (&str, usize) {
+        let Sender { name, slot, .. } = &self.senders[place];
+        (name, *slot)
+    }
+
+    /// Whether what the sender at `place` says at this tick of lockstep is in the queue.
+    pub fn awaits(&self, place: usize, tick: u64) -> bool {
+        let Sender { port, opened_at, .. } = &self.senders[place];
+        port.is_some() && opened_at.is_none_or(|opened_at| tick > opened_at)
+    }
+
+    /// The next beacon in the queue of the sender at `place`, if it is open.
     pub fn beacon(&self, place: usize) -> Result<Option<Beacon>, Failure> {
-        take(&self.neighbors[place].1, "receive beacon")
+        let port = self.senders[place].port.as_ref();
+        port.map_or(Ok(None), |port| take(port, "receive beacon"))
     }
 
     /// In real time: what everybody said last, as it is asked for.
     pub fn newest_beacons(&self) -> impl Iterator<Item = Result<Delivery, Failure>> {
         let delivery = |place, beacon| Delivery { place, beacon, taken_ns: clock::now_ns() };
-        (0..self.neighbors.len()).filter_map(move |place| {
+        (0..self.senders.len()).filter_map(move |place| {
             let taken = self.beacon(place).transpose()?;
             Some(taken.map(|beacon| delivery(place, beacon)))
         })
@@ -134,6 +172,11 @@ impl Ports {
         let sent = send_slice(&self.status, header, length, next);
         sent.map(drop).map_err(|cause| cannot("send status", cause))
     }
+}
+
+/// A receiver of that robot's beacons.
+fn receiver(node: &Node, robot: &str) -> Result<Subscriber<Beacon>, ServiceError> {
+    service::beacon(robot).open(node)?.subscriber()
 }
 
 fn take<M>(from: &Subscriber<M>, what: &str) -> Result<Option<M>, Failure>

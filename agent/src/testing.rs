@@ -58,9 +58,11 @@ pub(crate) fn brief() -> AgentBrief {
         slow: Vec::new(),
         odometry_faults: Vec::new(),
         command_faults: Vec::new(),
+        repair_after_ns: 0,
         links_by_hand: false,
         goals_from_outside: false,
         neighbors: vec![hears(5), hears(2)],
+        spares: Vec::new(),
     }
 }
 

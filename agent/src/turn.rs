@@ -76,7 +76,7 @@ pub struct Inbox<'a, B> {
 /// A beacon that has come.
 #[derive(Debug, Clone, Copy)]
 pub struct Delivery {
-    /// The sender's place among those that the robot hears, from 0.
+    /// The sender's place among those that the robot hears and its spares, from 0.
     pub place: usize,
     /// What it said.
     pub beacon: Beacon,
@@ -280,7 +280,10 @@ impl Turn {
 
     fn hear(&mut self, delivery: &Delivery) {
         let &Delivery { place, beacon, taken_ns } = delivery;
-        let neighbor = &self.brief.neighbors[place];
+        if !self.brain.neighborhood().awaits(place, beacon.tick) {
+            return;
+        }
+        let neighbor = self.brief.sender(place);
         if self.brief.pace == Pace::Realtime {
             let under_way_ns = taken_ns.saturating_sub(beacon.sent_ns);
             self.measured.record(Stage::BeaconDelivery, neighbor.index, under_way_ns);
@@ -304,7 +307,7 @@ impl Turn {
 
 /// How many values an agent measures in one tick, at most.
 fn rows_per_tick(brief: &AgentBrief) -> usize {
-    3 + 2 * brief.neighbors.len()
+    3 + 2 * brief.senders().count()
 }
 
 #[cfg(test)]

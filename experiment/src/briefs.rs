@@ -27,6 +27,12 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
             _ => None,
         }),
     });
+    let spares = scenario.spares.iter().filter(|edge| edge.to == i).map(|edge| NeighborBrief {
+        name: scenario.robots[edge.from].name.clone(),
+        index: edge.from + 1,
+        offset_m: edge.offset_m.into(),
+        faults: Vec::new(),
+    });
     AgentBrief {
         format: Format,
         name: robot.name.clone(),
@@ -61,9 +67,11 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         }),
         odometry_faults: stream_faults(scenario, i, Stream::Odometry),
         command_faults: stream_faults(scenario, i, Stream::Commands),
+        repair_after_ns: scenario.repair_after_ns.unwrap_or(0),
         links_by_hand: false,
         goals_from_outside: false,
         neighbors: neighbors.collect(),
+        spares: spares.collect(),
     }
 }
 

@@ -76,6 +76,8 @@ pub fn row_of_three() -> Scenario {
         graph: FormationGraph::new(3, vec![behind(0, 1), behind(1, 2)]),
         walls: Vec::new(),
         faults: Vec::new(),
+        spares: Vec::new(),
+        repair_after_ns: None,
         lead: None,
         unled_scale: None,
         expect: Expectations { converged_error_m: 0.01, ..Expectations::default() },

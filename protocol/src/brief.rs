@@ -248,6 +248,10 @@ pub struct AgentBrief {
     pub avoidance: AvoidanceBrief,
     /// What to do about the silent.
     pub silence: SilenceBrief,
+    /// For how long an in-neighbour is lost before a spare is opened, and heard again before it is
+    /// closed, ns.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub repair_after_ns: u64,
     /// Links may be cut by hand: it is told so over `robot/<id>/faults`. In real time only.
     #[serde(default)]
     pub links_by_hand: bool,
@@ -266,6 +270,22 @@ pub struct AgentBrief {
     /// Who is heard.
     #[serde(default, rename = "neighbor")]
     pub neighbors: Vec<NeighborBrief>,
+    /// Who is heard in place of lost in-neighbours, in this order.
+    #[serde(default, rename = "spare", skip_serializing_if = "Vec::is_empty")]
+    pub spares: Vec<NeighborBrief>,
+}
+
+impl AgentBrief {
+    /// All whose beacons it may open: those heard, then the spares. Places count in this order.
+    pub fn senders(&self) -> impl Iterator<Item = &NeighborBrief> {
+        self.neighbors.iter().chain(&self.spares)
+    }
+
+    /// The sender at this place.
+    pub fn sender(&self, place: usize) -> &NeighborBrief {
+        let in_neighbor = self.neighbors.get(place);
+        in_neighbor.unwrap_or_else(|| &self.spares[place - self.neighbors.len()])
+    }
 }
 
 /// Limits of a robot's wheels: (v, w) are scaled down together to meet them.
@@ -533,7 +553,8 @@ impl Brief for AgentBrief {
     fn flaw(&self) -> Option<String> {
         let mut flaws = Flaws::default();
         let neighbors = self.neighbors.iter().map(|neighbor| ("neighbor.index", neighbor.index));
-        for (key, place) in neighbors.chain([("index", self.index)]) {
+        let spares = self.spares.iter().map(|spare| ("spare.index", spare.index));
+        for (key, place) in neighbors.chain(spares).chain([("index", self.index)]) {
             flaws.unless(place > 0, || format!("{key} is 0, expected 1 or more"));
         }
         flaws.time("period_ns", self.period_ns);

@@ -405,7 +405,7 @@ message! {
 
 message! {
     /// What an agent thinks of one robot it hears.
-    NeighborStatus / 1 {
+    NeighborStatus / 2 {
         /// Place of the neighbour in the scenario, from 1.
         robot: u64,
         /// A [`Contact`] as a number.
@@ -414,6 +414,11 @@ message! {
         since_tick: u64,
         /// Time since the run's start at which it became so, ns.
         since_t_ns: u64,
+        /// 1 if the robot goes by it: an in-neighbour unless a spare replaces it, a spare while it
+        /// replaces one.
+        goes_by: u64,
+        /// Time since the run's start at which that became so, ns; 0: it always was.
+        goes_by_since_t_ns: u64,
     }
 }
 

@@ -140,6 +140,9 @@ impl Listener<'_> {
                 News::FrameHeard { contact, since_ns } => {
                     self.journal.frame_heard(since_ns, place, contact);
                 }
+                News::GoesBy { other, yes, since_ns } => {
+                    self.journal.goes_by(since_ns, place, other, yes);
+                }
                 // In lockstep no goal comes from outside.
                 News::GoesTo { .. } => {}
             }

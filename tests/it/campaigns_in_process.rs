@@ -31,6 +31,8 @@ const ALL: &str = "name = \"all\"\nscenario = \"SCENARIOS/triangle.toml\"\nkeep 
       mean_time_between_freezes_s = 0.3 } } },\n\
     { axis = \"case\", name = \"walls\", scenario = \"SCENARIOS/corridor.toml\", \
       faults = [\"kill r2 @0.5 restart 0.4\"] },\n\
+    { axis = \"case\", name = \"repair\", scenario = \"SCENARIOS/pentagon.toml\", set = { repair = \"spares\", \
+      repair_after_s = 0.1 }, faults = [\"kill r4 @0.6 restart 0.5\", \"freeze r3 @0.7 for 0.4\"] },\n\
     { axis = \"case\", name = \"inertia\", scenario = \"SCENARIOS/pentagon-inertia.toml\" },\n]\n\
     [set]\nduration_s = 1.5\nperiod_s = 0.02\nexpect = {}\n";
 
@@ -66,7 +68,7 @@ fn a_campaign_in_one_process_is_that_of_processes_byte_for_byte() {
     assert!(!said.contains("by processes"), "{said}");
     let [processes, one] = ["processes", "one"].map(|out| place.file(&format!("{out}/runs.csv")));
     assert_eq!(processes, one);
-    assert_eq!(one.lines().count(), 9, "{one}");
+    assert_eq!(one.lines().count(), 10, "{one}");
     same(&place);
     let summary = |run: &String| determined(&place.out("one/runs").join(run).join("summary.json"));
     let mut summaries = runs(&place, "one").iter().map(summary).collect::<Vec<_>>().into_iter();

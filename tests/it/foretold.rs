@@ -12,6 +12,7 @@ use outcome::metrics::Measures;
 
 use crate::harness::in_parallel;
 use crate::oracle::simulate;
+use crate::repair::with_repair;
 use crate::single_faults::{self, Case};
 
 /// Farther than this, m, from its place in the formation as planned, over the last tenth of the run,
@@ -153,6 +154,16 @@ fn who_is_left_with_one_neighbor_is_foretold_to_want_its_place_and_nobody_else_i
 #[ignore = "hundreds of runs: minutes"]
 fn every_single_death_and_cut_breaks_whom_theory_says() {
     let cases = all_cases();
+    let different = different(&cases, false).len();
+    println!("{} of {} as foretold", cases.len() - different, cases.len());
+    assert!(20 * different <= cases.len(), "{different} of {} differ", cases.len());
+}
+
+/// `cargo test --release --test it -- --ignored foretold::every_single --nocapture`
+#[test]
+#[ignore = "a hundred runs: minutes"]
+fn every_single_death_and_cut_breaks_whom_theory_says_where_spares_repair_the_graph() {
+    let cases: Vec<Case> = all_cases().into_iter().map(with_repair).collect();
     let different = different(&cases, false).len();
     println!("{} of {} as foretold", cases.len() - different, cases.len());
     assert!(20 * different <= cases.len(), "{different} of {} differ", cases.len());

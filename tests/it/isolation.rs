@@ -35,6 +35,39 @@ fn an_agent_opens_its_own_services_and_the_beacons_it_hears_and_no_others() {
     }
 }
 
+/// r3 hears r4, and r5 in its place while r4 is dead.
+#[test]
+fn an_agent_opens_the_beacon_of_a_spare_while_it_goes_by_it_and_at_no_other_time() {
+    let set = ["duration_s=60", "expect={}", "repair=spares", "repair_after_s=0.5"];
+    let mut running = run("pentagon").sets(set).fault("kill r4 @3 restart 4").start();
+    running.wait_for_event("contact");
+    let services = services(&running);
+    let spare = "robot/r5/beacon".to_owned();
+    let r3 = running.pid_of("r3");
+    let open = |running: &Running| -> [BTreeSet<String>; 2] {
+        let mapped = mapped(r3);
+        let is_mapped =
+            |service: &&Service| mapped.iter().any(|path| path.ends_with(&service.management));
+        let mapped = services.values().filter(is_mapped).map(|service| service.name.clone());
+        [tagged(running, r3, &services), mapped.collect()]
+    };
+    let own = ["odometry", "command", "beacon", "status", "latency"];
+    let mut heard: BTreeSet<String> = own.map(|what| format!("robot/r3/{what}")).into();
+    heard.insert("robot/r4/beacon".into());
+    let more: BTreeSet<String> = heard.iter().cloned().chain([spare]).collect();
+    // On a busy machine somebody may be lost and heard again at any time: what is open comes to this.
+    let mut comes_to = |what: &str, expected: &BTreeSet<String>| {
+        running.wait_for(what, |running| {
+            let [tagged, mapped] = open(running);
+            assert!(tagged.is_subset(&more) && mapped.is_subset(&more), "{tagged:?} {mapped:?}");
+            (tagged == *expected && mapped == *expected).then_some(())
+        });
+    };
+    comes_to("r3 hears r4", &heard);
+    comes_to("r3 goes by r5 while r4 is dead", &more);
+    comes_to("r3 hears r4 again", &heard);
+}
+
 #[derive(Debug)]
 struct Service {
     name: String,
@@ -68,7 +101,8 @@ fn tagged(running: &Running, pid: u32, services: &BTreeMap<String, Service>) -> 
         .into_iter()
         .filter(|path| path.extension().is_some_and(|end| end == "details"))
         .find(|path| {
-            let text = std::fs::read_to_string(path).unwrap();
+            // That of a dead process may be removed meanwhile.
+            let text = std::fs::read_to_string(path).unwrap_or_default();
             text.lines().any(|line| line == format!("process = {pid}"))
         })
         .unwrap_or_else(|| panic!("process {pid} has no node"));

@@ -46,6 +46,7 @@ mod provenance;
 mod python;
 mod realtime;
 mod recording;
+mod repair;
 mod report;
 mod ros2;
 mod schema;

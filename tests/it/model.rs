@@ -335,7 +335,7 @@ impl<'a> Model<'a> {
     /// Sends a beacon to all that hear `i`.
     fn spread(&mut self, i: usize, beacon: Beacon) {
         for (listener, brief) in self.fleet.agents.iter().enumerate() {
-            let place = brief.neighbors.iter().position(|neighbor| neighbor.index == i + 1);
+            let place = brief.senders().position(|sender| sender.index == i + 1);
             if let Some(place) = place
                 && self.robots[listener].turn.is_some()
                 && let Some(delay_ns) = self.beacon_delay_ns()

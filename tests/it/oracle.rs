@@ -4,7 +4,7 @@
 use agent::brain::Brain;
 use experiment::scenario::Scenario;
 use experiment::scenario::read::{Overrides, read};
-use outcome::metrics::{Measures, Metrics};
+use outcome::metrics::{Measures, Metrics, Rewiring};
 use phalanx::in_process::{Effect, InProcess};
 use protocol::brief::{AgentBrief, Pace};
 use protocol::message::{TruthHeader, TruthRow};
@@ -71,6 +71,19 @@ fn run(
             Effect::Ended { fault, end, at_ns } => metrics.fault_ended(fault, end, at_ns),
             _ => {}
         });
-        run.step(|_, turn| turn.wish());
+        let mut rewirings = Vec::new();
+        run.step(|robot, turn| {
+            let wish = turn.wish();
+            if !turn.brief().spares.is_empty() {
+                let (_, senders) = turn.status();
+                rewirings.extend(senders.map(|sender| Rewiring::GoesBy {
+                    robot,
+                    other: sender.robot as usize - 1,
+                    yes: sender.goes_by == 1,
+                }));
+            }
+            wish
+        });
+        rewirings.into_iter().for_each(|rewiring| metrics.rewired(rewiring));
     }
 }

@@ -49,6 +49,8 @@ pub struct Case {
     pub what: String,
     /// When, s: half-way, when all have settled.
     pub at_s: f64,
+    /// Keys that are set.
+    pub set: &'static [&'static str],
 }
 
 impl Case {
@@ -61,7 +63,7 @@ impl Case {
             (true, Broken::Edge(_)) => format!(" for {WHOLE_AFTER_S}"),
         };
         let fault = format!("{} @{}{ends}", self.what, self.at_s);
-        with_faults(self.scenario, &["expect={}"], &[&fault])
+        with_faults(self.scenario, self.set, &[&fault])
     }
 
     /// Runs it in the oracle; `watch` sees every truth, and who was alive at it.
@@ -85,7 +87,11 @@ pub fn cases_of(name: &'static str) -> Vec<Case> {
         (Broken::Edge(e), format!("cut {}->{}", robot(edge.from), robot(edge.to)))
     });
     let at_s = 0.5 * scenario.duration_ns as f64 / 1e9;
-    kills.chain(cuts).map(|(broken, what)| Case { scenario: name, broken, what, at_s }).collect()
+    let set = &["expect={}"];
+    kills
+        .chain(cuts)
+        .map(|(broken, what)| Case { scenario: name, broken, what, at_s, set })
+        .collect()
 }
 
 /// Every case of every shipped scenario.

@@ -3,6 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::testing::brief;
 
 fn hears(index: usize) -> NeighborBrief {
     NeighborBrief { name: format!("r{index}"), index, offset_m: [0.0, 1.0], faults: Vec::new() }
@@ -10,8 +11,15 @@ fn hears(index: usize) -> NeighborBrief {
 
 /// Of r1 and r2.
 fn neighborhood(policy: SilencePolicy) -> Neighborhood {
-    let silence = SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy };
-    Neighborhood::new(&[1, 2].map(hears), silence)
+    hood_of(&[1, 2], &[], SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy })
+}
+
+/// Of these robots with these spares, which are opened after 50 ns.
+fn hood_of(heard: &[usize], spares: &[usize], silence: SilenceBrief) -> Neighborhood {
+    let senders = |robots: &[usize]| robots.iter().copied().map(hears).collect();
+    let (neighbors, spares) = (senders(heard), senders(spares));
+    let brief = AgentBrief { neighbors, spares, silence, repair_after_ns: 50, ..brief() };
+    Neighborhood::new(&brief)
 }
 
 fn beacon(incarnation: u64, stamp_ns: u64, x_m: f64) -> Beacon {
@@ -179,6 +187,76 @@ fn everybodys_age_is_summed_up_whoever_is_silent() {
     assert_eq!(again, [0, 10]);
 }
 
+/// By whom a robot goes, by their places in the scenario, and which of its spares are open.
+fn gone_by(hood: &Neighborhood) -> (Vec<u64>, Vec<bool>) {
+    let gone_by = hood.status().filter(|status| status.goes_by == 1).map(|status| status.robot);
+    (gone_by.collect(), hood.spares().map(|(_, opened)| opened.is_some()).collect())
+}
+
+/// What is heard when, ns, by whom the robot then goes, which spares are open, and where it is sent, m.
+type Row = (u64, &'static [usize], &'static [u64], [bool; 2], f64);
+
+/// It hears r2 and r3; r7 and r8 are spares.
+#[test]
+fn a_spare_replaces_whom_a_robot_has_lost_for_long_until_that_one_was_heard_again_for_as_long() {
+    use SilencePolicy::{Ignore, Keep, Last, Stop};
+    for policy in [Ignore, Keep, Last, Stop] {
+        let silence = SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy };
+        let mut hood = hood_of(&[2, 3], &[7, 8], silence);
+        let hear = |hood: &mut Neighborhood, place: usize, t: u64| {
+            assert!(hood.awaits(place, t));
+            let said = Beacon { tick: t, ..beacon(0, t, [1.0, 5.0, 3.0, 9.0][place]) };
+            hood.hear(place, &Beacon { vx_m_s: 0.0, ..said }, t).unwrap();
+        };
+        let rows: [Row; 14] = [
+            (100, &[0, 1], &[2, 3], [false; 2], 3.0),
+            (300, &[1], &[2, 3], [false; 2], 3.0),
+            (350, &[1], &[2, 3], [false; 2], f64::NAN), // r2 is lost from here on
+            (399, &[1], &[2, 3], [false; 2], f64::NAN),
+            (400, &[1], &[2, 3], [true, false], f64::NAN), // for 50 ns
+            (410, &[1, 2], &[3, 7], [true, false], 4.0),
+            (620, &[1], &[2, 3], [true, false], f64::NAN), // r7 is lost, too
+            (670, &[1], &[2, 3], [true, true], f64::NAN),
+            (680, &[1, 3], &[3, 8], [true, true], 7.0),
+            (690, &[1, 2, 3], &[3, 7, 8], [true, true], 17.0 / 3.0),
+            (740, &[1, 2, 3], &[3, 7], [true, false], 4.0), // for 50 ns again
+            (750, &[0, 1, 2], &[3, 7], [true, false], 4.0),
+            (799, &[0, 1, 2], &[3, 7], [true, false], 4.0),
+            (800, &[0, 1, 2], &[2, 3], [false; 2], 3.0),
+        ];
+        for (t, heard, by, open, x_m) in rows {
+            heard.iter().for_each(|&place| hear(&mut hood, place, t));
+            hood.judge(t, t, t);
+            assert_eq!(gone_by(&hood), (by.to_vec(), open.to_vec()), "{policy:?} at {t}");
+            // Where nobody replaces r2, the policy says what is done about it.
+            let target = desired(&hood, t);
+            let x_m = match (x_m.is_nan(), policy) {
+                (false, _) => Some(x_m),
+                (true, Stop) => None,
+                (true, Keep) => Some(3.0),
+                (true, Ignore | Last) => Some(5.0),
+            };
+            assert_eq!(target.map(|target| target.position.x), x_m, "{policy:?} at {t}");
+        }
+        let said: Vec<(u64, u64)> =
+            hood.status().map(|status| (status.robot, status.goes_by_since_t_ns)).collect();
+        assert_eq!(said, [(2, 800), (3, 0), (7, 800), (8, 740)]);
+    }
+}
+
+#[test]
+fn what_a_spare_said_up_to_its_opening_counts_for_nothing() {
+    let silence =
+        SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy: SilencePolicy::Last };
+    let mut hood = hood_of(&[2], &[7], silence);
+    for t in [0, 201, 251] {
+        assert!(!hood.awaits(1, t));
+        hood.judge(t, t, t);
+    }
+    assert_eq!(gone_by(&hood), (vec![2], vec![true]));
+    assert_eq!([251, 252].map(|tick| hood.awaits(1, tick)), [false, true]);
+}
+
 fn frames() -> impl Strategy<Value = LeaderFrame> {
     (-3.0..3.0f64, -2.0..2.0f64, -3.0..3.0f64, 0.5..2.0f64, -0.3..0.3f64).prop_map(
         |(heading_rad, turn_rate_rad_s, turn_acceleration_rad_s2, scale, scale_rate_per_s)| {
@@ -209,7 +287,7 @@ proptest! {
         let after_ns = 100 * period_ns;
         let policy = SilencePolicy::Ignore;
         let silence = SilenceBrief { stale_after_ns: after_ns, lost_after_ns: after_ns, policy };
-        let hood = |&parent: &usize| Neighborhood::new(&[hears(parent + 1)], silence.clone());
+        let hood = |&parent: &usize| hood_of(&[parent + 1], &[], silence.clone());
         let mut hoods: Vec<Neighborhood> = parents.iter().map(hood).collect();
         let mut beacons: Vec<Beacon> = Vec::new();
         for tick in 0..20 {

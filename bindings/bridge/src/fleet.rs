@@ -253,13 +253,13 @@ impl Fleet {
         effective: &str,
     ) -> Result<BridgeBrief, FleetError> {
         let homes = self.homes(scenario)?;
-        let edges = scenario.graph.edges();
+        let graph = scenario.graph_with_spares();
         let robots = scenario.robots.iter().enumerate().map(|(i, robot)| {
-            let heard = edges.iter().filter(|edge| edge.from == i).map(|edge| homes[edge.to]);
+            let heard = graph.hearers_of(i).map(|edge| homes[edge.to]);
             let mut heard_on: Vec<usize> = heard.filter(|&host| host != homes[i]).collect();
             heard_on.sort_unstable();
             heard_on.dedup();
-            let hears = scenario.graph.heard_by(i).count();
+            let hears = graph.heard_by(i).count();
             BridgedBrief { name: robot.name.clone(), host: homes[i], heard_on, hears }
         });
         let certificates = self.certificates.as_ref().map(|folder| {

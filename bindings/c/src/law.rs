@@ -40,7 +40,7 @@ impl CLaw {
     ///
     /// `function` may be called with `user` for as long as this is there.
     pub unsafe fn new(function: Function, user: *mut c_void, brief: &AgentBrief) -> CLaw {
-        let neighbors = brief.neighbors.iter();
+        let neighbors = brief.senders();
         let name = |name: &str| CString::new(name).expect("a robot's name has letters and digits");
         CLaw {
             function,
@@ -48,7 +48,7 @@ impl CLaw {
             name: brief.law.clone(),
             names: neighbors.map(|neighbor| (neighbor.index, name(&neighbor.name))).collect(),
             near: Vec::new(),
-            neighbors: Vec::with_capacity(brief.neighbors.len()),
+            neighbors: Vec::with_capacity(brief.senders().count()),
         }
     }
 

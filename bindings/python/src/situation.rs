@@ -141,7 +141,7 @@ pub struct Names(Vec<(usize, String)>);
 impl Names {
     /// Those of the robots that the robot of this brief hears.
     pub fn of_those_heard(brief: &AgentBrief) -> Names {
-        let neighbors = brief.neighbors.iter();
+        let neighbors = brief.senders();
         Names(neighbors.map(|neighbor| (neighbor.index, neighbor.name.clone())).collect())
     }
 

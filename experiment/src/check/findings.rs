@@ -18,6 +18,7 @@ use protocol::message::PROXIMITY_MAX;
 use protocol::number::{short, told_apart};
 use serde::Serialize;
 
+use super::circles::{Circle, first_circle};
 use super::opening::{Opening, locked_out};
 use super::steady::{Motion, Peak, Settled};
 use super::{rounded_down, rounded_up, start_points};
@@ -65,10 +66,11 @@ pub fn check(scenario: &Scenario) -> Vec<Finding> {
 
 /// What can be found without knowing where the robots settle.
 pub(super) fn unsettled(scenario: &Scenario) -> Vec<Finding> {
-    let checks: [fn(&Scenario) -> Vec<Finding>; 12] = [
+    let checks: [fn(&Scenario) -> Vec<Finding>; 13] = [
         leaders_hear_leaders,
         references,
         echoes,
+        circles,
         offsets,
         speeds,
         ramps,
@@ -206,15 +208,38 @@ fn echoes(scenario: &Scenario) -> Vec<Finding> {
     names.first().map(finding).into_iter().collect()
 }
 
+/// Spares must not leave robots to go by each other alone.
+fn circles(scenario: &Scenario) -> Vec<Finding> {
+    let name = |robot: usize| scenario.robots[robot].name.as_str();
+    let finding = |Circle { dead, robot, spare }| {
+        let [dead, robot, spare] = [dead, robot, spare].map(name);
+        let nobody = match scenario.leader() {
+            Some(leader) => format!("{}, the leader, reaches neither", name(leader)),
+            None => "their velocities never die out".to_owned(),
+        };
+        error(
+            format!("robot.{robot}.spares"),
+            format!(
+                "without {dead}, {robot} goes by its spare {spare}, which goes by {robot}: {nobody}"
+            ),
+            format!("expected a spare that does not go by {robot} then"),
+        )
+    };
+    first_circle(scenario).map(finding).into_iter().collect()
+}
+
 /// Offsets must close: around a directed cycle the formation would walk away for ever, around
 /// any other the robots settle for a mean that fits no offset.
 fn offsets(scenario: &Scenario) -> Vec<Finding> {
     let graph = &scenario.graph;
-    let reached = graph.reachability();
+    let reached = scenario.graph_with_spares().reachability();
     let kept: Vec<(usize, &Edge)> = scenario.formation_edges().collect();
+    let keeps_place = |edge: &&Edge| scenario.robots[edge.to].role.reference == Reference::Offsets;
+    let spares = scenario.spares.iter().filter(keeps_place).map(|edge| (graph.edges().len(), edge));
     // Edges within groups that hear each other: every cycle among them is made of directed ones.
-    let within = kept.iter().filter(|(_, edge)| reached[edge.to][edge.from]);
-    let within: Vec<(usize, &Edge)> = within.copied().collect();
+    let within = kept.iter().copied().chain(spares);
+    let within = within.filter(|(_, edge)| reached[edge.to][edge.from]);
+    let within: Vec<(usize, &Edge)> = within.collect();
     let open = |edges: &[(usize, &Edge)], what: &str| {
         let alone = FormationGraph::new(graph.robots(), edges.iter().map(|(_, e)| **e).collect());
         let (_, open) = alone.shape(OFFSET_GAP_M_MAX);
@@ -222,8 +247,11 @@ fn offsets(scenario: &Scenario) -> Vec<Finding> {
         let (place, ends) = edges[cycle.edge];
         let [from, to] = [ends.from, ends.to].map(|end| &scenario.robots[end].name);
         let gap = short(cycle.gap_m);
+        let is_spare = place == graph.edges().len();
+        let path =
+            if is_spare { format!("robot.{to}.spares") } else { format!("edge.{place}.offset_m") };
         Some(warning(
-            format!("edge.{place}.offset_m"),
+            path,
             format!(
                 "offsets around a {what} through {from} and {to} do not close: they miss by {gap} m"
             ),

@@ -4,12 +4,14 @@
 //! |---|---|
 //! | `findings` | what is wrong with it, or worth knowing? |
 //! | `braking` | how long and how far does a robot brake, and how fast may it be? |
+//! | `circles` | would a death leave robots that go by each other alone? |
 //! | `steady` | where does everybody settle, and how fast must it go to stay there? |
 //! | `opening` | must the formation open while it forms, how far, and for how long? |
 //! | `theory` | what does the chapter's theory make of it: graph, matrices, bounds? |
 //! | `report` | how is all that shown to people? |
 
 mod braking;
+mod circles;
 mod findings;
 mod opening;
 mod report;
@@ -21,9 +23,9 @@ pub use findings::{Finding, check};
 pub use opening::Opening;
 pub use report::report;
 pub use steady::Peak;
-pub(crate) use steady::leader_course;
+pub(crate) use steady::{leader_course, places};
 pub use theory::{
-    ClosingFacts, Death, Distances, EdgeCut, Epsilon, Gap, Guard, Hears, Loss, MatrixFacts,
+    ClosingFacts, Death, Distances, EdgeCut, Epsilon, Gap, Guard, Hears, Loss, MatrixFacts, Repair,
     RobotTheory, SpeedBounds, Theory, TrajectoryFacts, TransientPeak, WallFacts,
 };
 

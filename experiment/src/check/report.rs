@@ -7,7 +7,7 @@ use formation::seconds;
 use protocol::number::short;
 
 use super::braking::Braking;
-use super::theory::{Death, Epsilon, Gap, Loss, RobotTheory, Theory};
+use super::theory::{Death, Epsilon, Gap, Hears, Loss, Repair, RobotTheory, Theory};
 use crate::prediction::{BrokenRobot, broken_means, lines};
 use crate::scenario::Scenario;
 use crate::scenario::diagnostic::listed;
@@ -58,6 +58,10 @@ pub fn report(scenario: &Scenario, theory: &Theory<'_>) -> String {
     inertia_and_walls(&mut page, scenario, theory);
     let [stale, lost] = [scenario.silence.stale_after_ns, scenario.silence.lost_after_ns].map(in_s);
     page.line("silence", format!("stale after {stale} s, lost after {lost} s"));
+    if let Some(after_ns) = scenario.repair_after_ns {
+        let after = in_s(after_ns);
+        page.line("repair", format!("a spare is opened for one that is lost for {after} s"));
+    }
     let faults = scenario.faults.iter();
     let faults = faults.map(|fault| format!("{} s: {}", in_s(fault.at_ns), fault.words(scenario)));
     page.list("faults", faults);
@@ -66,8 +70,8 @@ pub fn report(scenario: &Scenario, theory: &Theory<'_>) -> String {
 
 /// Who hears whom, who plays which part, and who reaches everybody.
 fn graph(page: &mut Page, theory: &Theory<'_>) {
-    let hears = |robot: &RobotTheory<'_>| {
-        let heard = robot.hears.iter().map(|hears| match hears.offset_m {
+    let hears = |robot: &RobotTheory<'_>, senders: &[Hears<'_>]| {
+        let heard = senders.iter().map(|hears| match hears.offset_m {
             Some([x, y]) => format!("{} and wants to be at {0} + ({x:.3}, {y:.3}) m", hears.robot),
             None => hears.robot.to_owned(),
         });
@@ -75,7 +79,9 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
         let whom = if heard.is_empty() { "nobody".to_owned() } else { heard.join(", ") };
         format!("{} hears {whom}", robot.name)
     };
-    page.list("who hears whom", theory.robots.iter().map(hears));
+    page.list("who hears whom", theory.robots.iter().map(|robot| hears(robot, &robot.hears)));
+    let with_spares = theory.robots.iter().filter(|robot| !robot.spares.is_empty());
+    page.list("in place of the lost", with_spares.map(|robot| hears(robot, &robot.spares)));
     let mut parts: Vec<(&str, Vec<&str>)> = Vec::new();
     for robot in &theory.robots {
         match parts.iter_mut().find(|(does, _)| *does == robot.does) {
@@ -108,7 +114,9 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
 
 /// Which single deaths and cuts, for good, take something from whom, and whom they break.
 fn fragility(page: &mut Page, theory: &Theory<'_>) {
-    let breaking = |death: &&Death<'_>| !death.loss.is_none() || !death.breaks.is_empty();
+    let breaking = |death: &&Death<'_>| {
+        !(death.loss.is_none() && death.breaks.is_empty() && death.repairs.is_empty())
+    };
     let breaking: Vec<_> = theory.deaths.iter().filter(breaking).collect();
     if breaking.is_empty() {
         page.line(
@@ -119,7 +127,11 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
     let death = |death: &Death<'_>| {
         let is_leader = theory.leader == Some(death.robot);
         let leads = if is_leader { ", who leads all others" } else { "" };
-        format!("without {}{leads}: {}", death.robot, lost(&death.loss, &death.breaks))
+        format!(
+            "without {}{leads}: {}",
+            death.robot,
+            lost(&death.repairs, &death.loss, &death.breaks)
+        )
     };
     page.list("single deaths", breaking.into_iter().map(death));
     if theory.breaking_cuts.is_empty() {
@@ -129,7 +141,7 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
         );
     }
     let cuts = theory.breaking_cuts.iter();
-    let cuts = cuts.map(|cut| (cut.from, cut.to, lost(&cut.loss, &cut.breaks)));
+    let cuts = cuts.map(|cut| (cut.from, cut.to, lost(&cut.repairs, &cut.loss, &cut.breaks)));
     page.list(
         "single cuts",
         cuts.map(|(from, to, lost)| format!("without {from} -> {to}: {lost}")),
@@ -137,9 +149,10 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
     page.line("", broken_means(theory.broken_m));
 }
 
-/// What is lost by whom, and who is broken.
-fn lost(loss: &Loss<'_>, breaks: &[BrokenRobot<'_>]) -> String {
-    let mut parts = Vec::new();
+/// Who goes by whom instead, what is lost by whom, and who is broken.
+fn lost(repairs: &[Repair<'_>], loss: &Loss<'_>, breaks: &[BrokenRobot<'_>]) -> String {
+    let goes = |Repair { robot, by, .. }: &Repair<'_>| format!("{robot} goes by {by}");
+    let mut parts: Vec<String> = repairs.iter().take(LIST_MAX).map(goes).collect();
     for (who, one, many) in [
         (&loss.unled, "loses the leader", "lose the leader"),
         (&loss.pulled, "goes by one without the leader", "go by one without the leader"),

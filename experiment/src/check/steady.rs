@@ -55,7 +55,7 @@ impl Settled {
 
 /// Where everybody settles at scale 1 and heading 0, seen from the leader (without one, from the
 /// first root), or goes, m; `None` where that does not follow from the graph.
-pub(super) fn places(scenario: &Scenario) -> Option<Vec<Vec2>> {
+pub(crate) fn places(scenario: &Scenario) -> Option<Vec<Vec2>> {
     let pinned = || scenario.leader().or_else(|| scenario.graph.roots().first().copied());
     scenario.goals_m().or_else(|| settled(&scenario.graph, pinned()?))
 }

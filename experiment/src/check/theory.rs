@@ -2,6 +2,7 @@
 //! JSON both come from here. Equation numbers in round brackets are the chapter's.
 
 use formation::closest::{ClosestPair, closest_pair};
+use formation::graph::Edge;
 use formation::laplacian::{self, Matrix};
 use formation::reachability::Standing;
 use formation::scale::Scale;
@@ -36,7 +37,7 @@ pub struct Theory<'s> {
     /// What the death of each single robot takes from the others, for good, and whom it breaks; all
     /// robots, in order.
     pub deaths: Vec<Death<'s>>,
-    /// The single edges whose cut takes something from somebody, or breaks somebody.
+    /// The single edges whose cut takes something from somebody, breaks somebody, or is repaired.
     pub breaking_cuts: Vec<EdgeCut<'s>>,
     /// L. (4)-(6)
     pub laplacian: Vec<Vec<f64>>,
@@ -85,6 +86,9 @@ pub struct RobotTheory<'s> {
     pub law: &'s str,
     /// Its receive list.
     pub hears: Vec<Hears<'s>>,
+    /// By whom it goes in place of those that it has lost, in order.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub spares: Vec<Hears<'s>>,
     /// Where it settles at scale 1, in the leader's frame; without a leader in `map`, as seen from
     /// the first root, m; its goal, if it has one.
     pub settled_m: [f64; 2],
@@ -155,11 +159,38 @@ impl<'s> Loss<'s> {
     }
 }
 
+/// A robot that goes by a spare.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Repair<'s> {
+    /// Who.
+    pub robot: &'s str,
+    /// By whom from then on.
+    pub by: &'s str,
+    /// In place of whom.
+    pub instead_of: &'s str,
+}
+
+impl<'s> Repair<'s> {
+    /// All of them once these robots are dead and these edges cut.
+    fn after(scenario: &'s Scenario, dead: &[usize], cut: &[usize]) -> Vec<Repair<'s>> {
+        let name = |robot: usize| scenario.robots[robot].name.as_str();
+        let repairs = scenario.repairs(dead, cut).into_iter();
+        let named = |(spare, lost): (usize, usize)| {
+            let Edge { from, to, .. } = scenario.spares[spare];
+            Repair { robot: name(to), by: name(from), instead_of: name(lost) }
+        };
+        repairs.map(named).collect()
+    }
+}
+
 /// The death of one robot.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Death<'s> {
     /// Who dies.
     pub robot: &'s str,
+    /// Who then goes by a spare.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub repairs: Vec<Repair<'s>>,
     /// What it takes from the others.
     #[serde(flatten)]
     pub loss: Loss<'s>,
@@ -174,6 +205,9 @@ pub struct EdgeCut<'s> {
     pub from: &'s str,
     /// By whom.
     pub to: &'s str,
+    /// Who then goes by a spare.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub repairs: Vec<Repair<'s>>,
     /// What that takes from all robots.
     #[serde(flatten)]
     pub loss: Loss<'s>,
@@ -405,9 +439,13 @@ impl<'s> Theory<'s> {
         };
         let edges = scenario.graph.edges();
         let breaking = reachability.breaking_cuts();
+        let repaired = scenario.reachability_of(&scenario.graph_with_spares());
+        let loss = |dead: &[usize], cut: &[usize]| {
+            repaired.loss(dead, &[cut, &scenario.closed_spares(dead, cut)].concat())
+        };
         let lost_by_cut = |edge: usize| {
-            let found = breaking.iter().find(|(cut, _)| *cut == edge);
-            found.map_or(Standing::default(), |(_, loss)| loss.clone())
+            let breaks = breaking.iter().any(|(cut, _)| *cut == edge);
+            if breaks { loss(&[], &[edge]) } else { Standing::default() }
         };
         let predictor = Predictor::of(scenario);
         let breaks = |dead: &[usize], cut: &[usize]| -> Vec<BrokenRobot<'s>> {
@@ -425,7 +463,8 @@ impl<'s> Theory<'s> {
             deaths: (0..robots.len())
                 .map(|i| Death {
                     robot: name(i),
-                    loss: Loss::new(&reachability.loss(&[i], &[]), robots),
+                    repairs: Repair::after(scenario, &[i], &[]),
+                    loss: Loss::new(&loss(&[i], &[]), robots),
                     breaks: breaks(&[i], &[]),
                 })
                 .collect(),
@@ -433,10 +472,13 @@ impl<'s> Theory<'s> {
                 .map(|edge| EdgeCut {
                     from: name(edges[edge].from),
                     to: name(edges[edge].to),
+                    repairs: Repair::after(scenario, &[], &[edge]),
                     loss: Loss::new(&lost_by_cut(edge), robots),
                     breaks: breaks(&[], &[edge]),
                 })
-                .filter(|cut| !cut.loss.is_none() || !cut.breaks.is_empty())
+                .filter(|cut| {
+                    !(cut.loss.is_none() && cut.breaks.is_empty() && cut.repairs.is_empty())
+                })
                 .collect(),
             laplacian: rows(&laplacian::laplacian(&scenario.graph)),
             system: rows(&system),
@@ -476,10 +518,11 @@ fn robot_theory<'s>(
     motion: Option<&Motion>,
 ) -> RobotTheory<'s> {
     let robot = &scenario.robots[i];
-    let hears = scenario.graph.heard_by(i).map(|edge| Hears {
+    let hears = |edge: &Edge| Hears {
         robot: &scenario.robots[edge.from].name,
         offset_m: (robot.role.reference == Reference::Offsets).then(|| edge.offset_m.into()),
-    });
+    };
+    let spares = scenario.spares.iter().filter(|edge| edge.to == i);
     let at_rest = Peak { rim_speed_m_s: robot.wheels.map(|_| 0.0), ..Peak::default() };
     RobotTheory {
         name: &robot.name,
@@ -488,7 +531,8 @@ fn robot_theory<'s>(
         contained: robot.role.reference == Reference::Middle,
         has_goal: robot.goal_m.is_some(),
         law: &robot.law,
-        hears: hears.collect(),
+        hears: scenario.graph.heard_by(i).map(hears).collect(),
+        spares: spares.map(hears).collect(),
         settled_m: settled.places[i].into(),
         peak: motion.map_or(at_rest, |motion| motion.peaks[i]),
         transient: motion.and_then(|motion| motion.transient.as_ref()).map(|transient| {

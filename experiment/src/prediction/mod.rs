@@ -41,6 +41,8 @@ pub struct Predictor {
     robots: Vec<Facts>,
     /// For each robot, whom it hears: the edge's place in the graph, who, and c_ji, m.
     heard: Vec<Vec<Ear>>,
+    /// For each robot its spares, in order: who, and at which offset, m.
+    spares: Vec<Vec<(usize, Vec2)>>,
     /// The main leader.
     leader: Option<usize>,
     /// Where each robot belongs: places as planned, at scale 1 and heading 0, m.
@@ -92,9 +94,14 @@ impl Predictor {
         for (edge, ends) in scenario.graph.edges().iter().enumerate() {
             heard[ends.to].push(Ear { edge, from: ends.from, offset_m: ends.offset_m });
         }
+        let spares_of = |i: usize| {
+            let spares = scenario.spares.iter().filter(|edge| edge.to == i);
+            spares.map(|edge| (edge.from, edge.offset_m)).collect()
+        };
         let mut predictor = Predictor {
             robots: (0..n).map(facts).collect(),
             heard,
+            spares: (0..n).map(spares_of).collect(),
             leader: scenario.leader(),
             planned: scenario.goals_m().unwrap_or_else(|| vec![Vec2::zeros(); n]),
             course: Course::of(scenario),

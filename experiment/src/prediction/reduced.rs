@@ -13,7 +13,8 @@ use super::{Broken, Cause, Predictor};
 #[derive(Debug)]
 pub(super) struct Reduced {
     pub(super) alive: Vec<bool>,
-    /// For each robot, whom it goes by, with c_ji, m. Of the dead, and of those who stop, nobody.
+    /// For each robot, whom it goes by, with c_ji, m: spares in place of whom it has lost. Of the dead, and of
+    /// those who stop, nobody.
     pub(super) heard: Vec<Vec<(usize, Vec2)>>,
     /// Whom each robot has lost, the first of them.
     pub(super) lost: Vec<Option<usize>>,
@@ -38,18 +39,25 @@ impl Reduced {
                 continue;
             }
             let silent = |from: usize, edge: usize| dead.contains(&from) || cut.contains(&edge);
+            let mut spares = p.spares[i].iter().filter(|(from, _)| !dead.contains(from));
+            let mut stops = false;
             for ear in ears {
                 if !silent(ear.from, ear.edge) {
                     reduced.heard[i].push((ear.from, ear.offset_m));
                     continue;
                 }
                 reduced.lost[i].get_or_insert(ear.from);
+                if let Some(&spare) = spares.next() {
+                    reduced.heard[i].push(spare);
+                    continue;
+                }
+                stops = p.robots[i].silence == SilencePolicy::Stop;
                 if p.robots[i].silence == SilencePolicy::Keep {
                     reduced.heard[i].push((n + ear.from, ear.offset_m));
                 }
             }
             match p.robots[i].silence {
-                SilencePolicy::Stop if reduced.lost[i].is_some() => reduced.heard[i].clear(),
+                SilencePolicy::Stop if stops => reduced.heard[i].clear(),
                 // With nobody left, the last points of all.
                 SilencePolicy::Last if reduced.heard[i].is_empty() => {
                     reduced.heard[i] =

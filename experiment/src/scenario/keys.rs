@@ -26,6 +26,8 @@ const HOLD_PERIODS_MAX: u64 = 100;
 /// Most beacons that are lost together, most load processes: more is a slip of the keyboard.
 const BURST_MAX: u64 = 1_000_000;
 const LOAD_MAX: u64 = 256;
+/// Most spares that are chosen for a robot.
+const SPARES_MAX: u64 = 16;
 /// Most memory that a program may be bound to, MB: a terabyte.
 const MEMORY_MB_MAX: u64 = 1 << 20;
 
@@ -443,6 +445,7 @@ use Takes::{
 fn root() -> Vec<Key> {
     let mut keys = run_itself();
     keys.extend(experiment());
+    keys.extend(repair());
     keys
 }
 
@@ -548,6 +551,34 @@ fn experiment() -> Vec<Key> {
         key("expect", Table("expect"))
             .optional("what must hold for exit code 0")
             .guesses("expectations expected assert require check"),
+    ]
+}
+
+/// What becomes of the formation graph when robots are lost.
+fn repair() -> Vec<Key> {
+    vec![
+        key(
+            "repair",
+            Word(&[
+                (
+                    "none",
+                    "who has lost an in-neighbor goes by the others, or as `silence.policy` says",
+                ),
+                ("spares", "it goes by a spare in its place"),
+            ]),
+        )
+        .default("'none'", "what becomes of the formation graph when robots are lost for good")
+        .guesses("heal healing self_healing reconnect"),
+        key("spares", Whole(0, SPARES_MAX))
+            .default("2", "so many spares are chosen for each robot that does not name its own")
+            .guesses("backups fallbacks"),
+        key("repair_after_s", Time(NotNegative))
+            .default(
+                "0.5",
+                "for how long an in-neighbor is lost before a spare is opened, and is heard again \
+                      before it is closed",
+            )
+            .guesses("repair_after heal_after"),
     ]
 }
 
@@ -692,6 +723,10 @@ fn robot() -> Vec<Key> {
         key("hears", Names)
             .optional("the robots that it hears")
             .guesses("neighbors neighbours listens_to heard"),
+        key("spares", Names)
+            .rule("chosen", "the robots by which it goes in place of those that it has lost, in this order, with \
+                   `repair = \"spares\"`")
+            .guesses("backups fallbacks"),
     ]
 }
 

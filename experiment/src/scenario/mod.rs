@@ -7,6 +7,7 @@
 //! | `laws` `program` | which laws are in programs of the scenario's own, and which files are these made of? |
 //! | `robots` `graph` `lead` `scale` `walls` `faults` `expect` | the same for one kind of table each |
 //! | `models` | which robots can one buy, and what can they do? |
+//! | `spares` | by whom does a robot go in place of those it has lost for long? |
 //! | `import/` | which robots and edges does a graph of another tool hold? |
 //! | `file` | how is a file's text had, and when is it refused? |
 //! | `table` | is a value what its key takes, and where does it stand? |
@@ -39,6 +40,7 @@ mod robots;
 mod scale;
 #[cfg(test)]
 mod shaken;
+mod spares;
 pub mod table;
 #[cfg(test)]
 mod tests;
@@ -114,6 +116,11 @@ pub struct Scenario {
     pub robots: Vec<Robot>,
     /// Who hears whom, at which offset (zero where the hearer's law knows no offsets).
     pub graph: FormationGraph,
+    /// Who may be heard in place of lost in-neighbours, robot by robot and in order, at the same kind of offset.
+    pub spares: Vec<Edge>,
+    /// For how long an in-neighbour is lost before a spare is opened, and heard again before it is closed, ns;
+    /// `None`: nothing is repaired.
+    pub repair_after_ns: Option<u64>,
     /// Where the main leader goes, if there is one.
     pub lead: Option<LeadBrief>,
     /// delta(t) of a formation that nobody leads; without, always 1.
@@ -446,8 +453,46 @@ impl Scenario {
 
     /// Who needs whom, and what a death takes from whom.
     pub fn reachability(&self) -> Reachability {
+        self.reachability_of(&self.graph)
+    }
+
+    /// The same over edges of another graph.
+    pub fn reachability_of(&self, graph: &FormationGraph) -> Reachability {
         let alone = self.places(|role| role.reference == Reference::Goal);
-        Reachability::new(&self.graph, self.leader(), &self.contained(), &alone)
+        Reachability::new(graph, self.leader(), &self.contained(), &alone)
+    }
+
+    /// Who goes by whom instead once these robots are dead and these edges cut for long enough: the place of the
+    /// spare in [`Scenario::spares`], and whom it replaces.
+    pub fn repairs(&self, dead: &[usize], cut: &[usize]) -> Vec<(usize, usize)> {
+        let edges = self.graph.edges().iter().enumerate();
+        let is_lost = |place: usize, from: usize| dead.contains(&from) || cut.contains(&place);
+        let mut lost: Vec<&Edge> = edges
+            .filter(|(place, edge)| is_lost(*place, edge.from) && !dead.contains(&edge.to))
+            .map(|(_, edge)| edge)
+            .collect();
+        let mut repairs = Vec::new();
+        for (place, spare) in self.spares.iter().enumerate() {
+            let living = !dead.contains(&spare.from);
+            if let Some(first) = lost.iter().position(|edge| living && edge.to == spare.to) {
+                repairs.push((place, lost.remove(first).from));
+            }
+        }
+        repairs
+    }
+
+    /// Which spares stay closed then, as edges of [`Scenario::graph_with_spares`].
+    pub fn closed_spares(&self, dead: &[usize], cut: &[usize]) -> Vec<usize> {
+        let open = self.repairs(dead, cut);
+        let closed = |place: &usize| open.iter().all(|(spare, _)| spare != place);
+        let in_graph = self.graph.edges().len();
+        (0..self.spares.len()).filter(closed).map(|place| in_graph + place).collect()
+    }
+
+    /// The graph with all spares as edges behind its own: everybody who may ever hear somebody.
+    pub fn graph_with_spares(&self) -> FormationGraph {
+        let edges = self.graph.edges().iter().chain(&self.spares);
+        FormationGraph::new(self.robots.len(), edges.copied().collect())
     }
 
     /// Where everybody goes, m, in `map`, if they have goals of their own: all do, or nobody.

@@ -31,6 +31,7 @@ use super::lead::lead;
 use super::program::Program;
 use super::robots::{Robots, robots};
 use super::scale::scale;
+use super::spares::Repair;
 use super::table::{Document, Places, Table, Value};
 use super::walls::walls;
 use super::{Fault, FaultKind, Robot, Scenario, seconds};
@@ -239,6 +240,8 @@ fn scenario(
         expect: expect(root, &robots, &walls, duration_ns)?,
         robots,
         graph,
+        spares: Vec::new(),
+        repair_after_ns: None,
         lead,
         unled_scale: None,
         walls,
@@ -248,7 +251,10 @@ fn scenario(
         scenario.avoidance.sensing_radius_m = scenario.sensing_radius_useful_m();
     }
     let scale = scale(root, &scenario)?;
-    let scenario = scenario.scaled(scale);
+    let mut scenario = scenario.scaled(scale);
+    let repair = Repair::read(root, &scenario, &ties, &mut warnings)?;
+    scenario.spares = repair.spares(&scenario);
+    scenario.repair_after_ns = repair.after_ns;
     if let Some(end_after) = root.get("end_after_converged_s") {
         can_end_early(&scenario, &end_after)?;
     }

@@ -34,6 +34,8 @@ pub(super) struct Ties<'t> {
     pub(super) place_m: Option<[f64; 2]>,
     /// Whom it hears: a list of names.
     pub(super) hears: Option<Value<'t>>,
+    /// By whom it goes in place of those: a list of names.
+    pub(super) spares: Option<Value<'t>>,
 }
 
 /// All `[[robot]]`, where no front point is faster than `speed_max_m_s`.
@@ -81,7 +83,7 @@ pub(super) fn robots<'t>(
             ));
         }
         let place_m = table.get("place_m").map(|place| place.pair()).transpose()?;
-        ties.push(Ties { place_m, hears: table.get("hears") });
+        ties.push(Ties { place_m, hears: table.get("hears"), spares: table.get("spares") });
         robots.push(robot);
     }
     let unused = |(key, span): (&str, Range<usize>)| {

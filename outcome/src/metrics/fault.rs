@@ -65,7 +65,7 @@ impl Faults {
         Faults {
             windows: Vec::new(),
             silent: Silent::new(scenario),
-            reachability: scenario.reachability(),
+            reachability: scenario.reachability_of(&scenario.graph_with_spares()),
             predictor: Predictor::of(scenario),
             orphans: Orphans::new(scenario),
             planned: scenario.faults.iter().map(|fault| fault.kind.struck(scenario)).collect(),

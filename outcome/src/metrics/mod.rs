@@ -63,6 +63,7 @@ use formation::seconds;
 use frame::IdealFrame;
 use ideal::Ideal;
 pub use orphans::Turn;
+pub use silence::Rewiring;
 use summary::Summary;
 use travel::Travel;
 use truths::Truths;
@@ -251,6 +252,16 @@ impl Metrics {
     /// this is about.
     pub fn contact(&mut self, hearer: usize, neighbor: usize, contact: Contact, since_t_ns: u64) {
         self.faults.contact(Report { hearer, neighbor, contact, since_ns: since_t_ns });
+    }
+
+    /// By whom a robot goes changes at this time, ns: before all up to then is known.
+    pub fn rewiring_announced(&mut self, t_ns: u64, rewiring: Rewiring) {
+        self.faults.orphans.rewired(t_ns, rewiring);
+    }
+
+    /// By whom a robot goes has changed: from the next truth on its error is measured by those.
+    pub fn rewired(&mut self, rewiring: Rewiring) {
+        self.faults.silent.rewire(rewiring);
     }
 
     /// How near every pair came, and when.

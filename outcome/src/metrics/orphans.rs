@@ -8,7 +8,7 @@
 
 use formation::reachability::Reachability;
 
-use crate::metrics::silence::Silent;
+use crate::metrics::silence::{Rewiring, Silent};
 use experiment::scenario::{Scenario, Silenced};
 
 /// Who is orphaned.
@@ -16,9 +16,17 @@ pub(super) struct Orphans {
     reachability: Reachability,
     /// Up to the time that is settled.
     silent: Silent,
-    /// What was silenced (1) or spoke again (-1) since, and when, ns.
-    pending: Vec<(u64, Silenced, i32)>,
+    /// What happened since, and when, ns.
+    pending: Vec<(u64, Change)>,
     pub(super) orphaned: Vec<bool>,
+}
+
+/// What decides who is reached.
+#[derive(Debug, Clone, Copy)]
+enum Change {
+    /// This was silenced (1), or spoke again (-1).
+    Silenced(Silenced, i32),
+    Rewired(Rewiring),
 }
 
 /// A robot was cut off from its leader, or is reached again.
@@ -36,7 +44,7 @@ impl Orphans {
     /// Everybody speaks.
     pub(super) fn new(scenario: &Scenario) -> Orphans {
         Orphans {
-            reachability: scenario.reachability(),
+            reachability: scenario.reachability_of(&scenario.graph_with_spares()),
             silent: Silent::new(scenario),
             pending: Vec::new(),
             orphaned: vec![false; scenario.robots.len()],
@@ -46,8 +54,13 @@ impl Orphans {
     /// From that time on this is silenced by one fault more (1), or fewer (-1).
     pub(super) fn count(&mut self, t_ns: u64, silenced: Silenced, by: i32) {
         if silenced != Silenced::Nobody {
-            self.pending.push((t_ns, silenced, by));
+            self.pending.push((t_ns, Change::Silenced(silenced, by)));
         }
+    }
+
+    /// From that time on a robot goes by others.
+    pub(super) fn rewired(&mut self, t_ns: u64, rewiring: Rewiring) {
+        self.pending.push((t_ns, Change::Rewired(rewiring)));
     }
 
     /// Everything before this time, ns, is known: who turned what, in order of time and of robots.
@@ -59,9 +72,12 @@ impl Orphans {
         self.pending.sort_by_key(|&(t_ns, ..)| t_ns);
         let known = self.pending.partition_point(|&(then_ns, ..)| then_ns < t_ns);
         let known: Vec<_> = self.pending.drain(..known).collect();
-        for instant in known.chunk_by(|(a_ns, ..), (b_ns, ..)| a_ns == b_ns) {
-            for &(_, silenced, by) in instant {
-                self.silent.count(silenced, by);
+        for instant in known.chunk_by(|(a_ns, _), (b_ns, _)| a_ns == b_ns) {
+            for &(_, change) in instant {
+                match change {
+                    Change::Silenced(silenced, by) => self.silent.count(silenced, by),
+                    Change::Rewired(rewiring) => self.silent.rewire(rewiring),
+                }
             }
             let cut_off = self.silent.orphaned(&self.reachability);
             for (robot, was) in self.orphaned.iter_mut().enumerate() {

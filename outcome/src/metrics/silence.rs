@@ -5,18 +5,42 @@ use experiment::scenario::{Scenario, Silenced};
 use formation::reachability::Reachability;
 use formation::seconds;
 
-/// Who and what is silent now, and by how many faults.
+/// Who and what is silent now, by how many faults, and by whom robots go meanwhile. Spares are edges behind
+/// those of the graph.
 #[derive(Debug, Clone)]
 pub(super) struct Silent {
     robots: Vec<i32>,
     edges: Vec<i32>,
+    /// The ends of each edge, `[from, to]`.
+    ends: Vec<[usize; 2]>,
+    /// How many are of the graph.
+    in_graph: usize,
+    gone_by: Vec<bool>,
+}
+
+/// By whom a robot goes changes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[expect(missing_docs, reason = "robots by their places")]
+pub enum Rewiring {
+    /// It goes by another, or no longer does.
+    GoesBy { robot: usize, other: usize, yes: bool },
+    /// It is replaced, and goes by its in-neighbours again.
+    Anew { robot: usize },
 }
 
 impl Silent {
     /// Everybody speaks.
     pub(super) fn new(scenario: &Scenario) -> Silent {
-        let edges = scenario.graph.edges().len();
-        Silent { robots: vec![0; scenario.robots.len()], edges: vec![0; edges] }
+        let in_graph = scenario.graph.edges().len();
+        let edges = scenario.graph.edges().iter().chain(&scenario.spares);
+        let ends: Vec<[usize; 2]> = edges.map(|edge| [edge.from, edge.to]).collect();
+        Silent {
+            robots: vec![0; scenario.robots.len()],
+            edges: vec![0; ends.len()],
+            gone_by: (0..ends.len()).map(|edge| edge < in_graph).collect(),
+            ends,
+            in_graph,
+        }
     }
 
     /// One fault more, or fewer, silences this.
@@ -28,15 +52,35 @@ impl Silent {
         }
     }
 
+    /// A robot goes by others.
+    pub(super) fn rewire(&mut self, rewiring: Rewiring) {
+        for (edge, &[from, to]) in self.ends.iter().enumerate() {
+            match rewiring {
+                Rewiring::GoesBy { robot, other, yes } if [from, to] == [other, robot] => {
+                    self.gone_by[edge] = yes;
+                }
+                Rewiring::Anew { robot } if to == robot => {
+                    self.gone_by[edge] = edge < self.in_graph;
+                }
+                _ => {}
+            }
+        }
+    }
+
     /// Everybody speaks again.
     pub(super) fn clear(&mut self) {
         self.robots.fill(0);
         self.edges.fill(0);
     }
 
-    /// Whether anything is heard over this edge.
+    /// Whether the robot that hears over this edge goes by it, and anything is heard.
     pub(super) fn carries(&self, edge: usize, from: usize) -> bool {
-        self.robots[from] <= 0 && self.edges[edge] <= 0
+        self.gone_by[edge] && self.robots[from] <= 0 && self.edges[edge] <= 0
+    }
+
+    /// Whether this edge is a spare.
+    pub(super) fn is_spare(&self, edge: usize) -> bool {
+        edge >= self.in_graph
     }
 
     /// Whether nobody hears this robot.
@@ -46,7 +90,8 @@ impl Silent {
 
     /// Everybody among the others whom no living leader reaches any more.
     pub(super) fn orphaned(&self, reachability: &Reachability) -> Vec<usize> {
-        let loss = reachability.loss(&gone(&self.robots), &gone(&self.edges));
+        let silent = (0..self.ends.len()).filter(|&e| self.edges[e] > 0 || !self.gone_by[e]);
+        let loss = reachability.loss(&gone(&self.robots), &silent.collect::<Vec<_>>());
         [loss.unled, loss.uncontained, loss.adrift].concat()
     }
 

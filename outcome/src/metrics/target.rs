@@ -13,7 +13,7 @@ use experiment::scenario::Scenario;
 /// What the errors of a scenario's robots are measured against.
 pub(super) struct Targets {
     references: Vec<Reference>,
-    /// For each robot, the edges that end in it, and their places in the graph.
+    /// For each robot, the edges that end in it, and their places in the graph; its spares behind them.
     heard: Vec<Vec<(usize, Edge)>>,
     /// The trajectory of each, if it follows one.
     leads: Vec<Option<LeadBrief>>,
@@ -24,7 +24,7 @@ pub(super) struct Targets {
 
 impl Targets {
     pub(super) fn new(scenario: &Scenario) -> Targets {
-        let edges = || scenario.graph.edges().iter().copied().enumerate();
+        let edges = || scenario.graph.edges().iter().chain(&scenario.spares).copied().enumerate();
         let heard = |i| edges().filter(|(_, edge)| edge.to == i).collect();
         Targets {
             references: scenario.robots.iter().map(|robot| robot.role.reference).collect(),
@@ -60,13 +60,15 @@ impl Targets {
         target.map(|target| alphas[robot] - target.position)
     }
 
-    /// Those by which a robot's error is measured, as the policy on silence has it: those heard; if
-    /// nobody is, or if the silent are to count, all.
+    /// Those by which a robot's error is measured, as the policy on silence has it: those heard, spares that
+    /// replace somebody included; if nobody is, or if the silent are to count, all in-neighbours.
     fn counted(&self, robot: usize, silent: &Silent) -> impl Iterator<Item = &(usize, Edge)> {
         let heard = &self.heard[robot];
         let speaks = |(edge, ends): &(usize, Edge)| silent.carries(*edge, ends.from);
-        let all = self.policy == SilencePolicy::Keep || !heard.iter().any(speaks);
-        heard.iter().filter(move |one| all || speaks(one))
+        let replaced = heard.iter().any(|one| silent.is_spare(one.0) && speaks(one));
+        let keep = self.policy == SilencePolicy::Keep && !replaced;
+        let all = keep || !heard.iter().any(speaks);
+        heard.iter().filter(move |one| (all && !silent.is_spare(one.0)) || speaks(one))
     }
 
     fn mean(

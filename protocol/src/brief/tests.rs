@@ -66,6 +66,7 @@ fn agent() -> AgentBrief {
         slow: vec![SlowFault { span: SPAN, delay_ns: 7 }],
         odometry_faults: vec![fault(LinkFaultKind::Bursts { probability: 0.2, mean_burst_ns: 9 })],
         command_faults: vec![fault(LinkFaultKind::Fading { range_m: 4.0, exponent: 2.5 })],
+        repair_after_ns: 500_000_000,
         links_by_hand: true,
         goals_from_outside: true,
         neighbors: vec![NeighborBrief {
@@ -76,6 +77,12 @@ fn agent() -> AgentBrief {
                 fault(LinkFaultKind::Cut),
                 fault(LinkFaultKind::Delay { delay_ns: 1, jitter_ns: 2 }),
             ],
+        }],
+        spares: vec![NeighborBrief {
+            name: "r3".into(),
+            index: 3,
+            offset_m: [0.25, 0.5],
+            faults: Vec::new(),
         }],
     }
 }

@@ -8,7 +8,7 @@ use crate::view::View;
 use protocol::message::Contact;
 
 use crate::live;
-use outcome::metrics::{Metrics, Turn};
+use outcome::metrics::{Metrics, Rewiring, Turn};
 use outcome::results::goals;
 use outcome::results::run_dir::{RunDir, RunDirError};
 
@@ -33,8 +33,16 @@ struct Line {
     /// By place; `None` for the run as a whole.
     robot: Option<usize>,
     detail: String,
-    /// How the robot hears another, if it is about that.
-    heard: Option<(usize, Contact)>,
+    change: Option<Change>,
+}
+
+/// What the metrics are to know of it, once all before it is known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Change {
+    /// How the robot hears another.
+    Heard { other: usize, contact: Contact },
+    /// By whom robots go.
+    Rewired(Rewiring),
 }
 
 /// Lines that wait.
@@ -66,20 +74,33 @@ impl<'a> Journal<'a> {
 
     /// Something happened, to a robot or to the run as a whole. Whoever looks on is told at once.
     pub fn event(&mut self, t_ns: u64, kind: &'static str, robot: Option<usize>, detail: String) {
-        self.line(Line { t_ns, kind, robot, detail, heard: None });
+        // A replacement goes by its in-neighbours.
+        let anew = robot.filter(|_| kind == RESTART).map(|robot| Rewiring::Anew { robot });
+        anew.into_iter().for_each(|anew| self.metrics.rewiring_announced(t_ns, anew));
+        self.line(Line { t_ns, kind, robot, detail, change: anew.map(Change::Rewired) });
     }
 
     /// A robot says that it hears another so, since then.
     pub fn heard(&mut self, t_ns: u64, robot: usize, other: usize, contact: Contact) {
         let detail = format!("{} {}", contact.word(), self.names[other]);
-        let heard = Some((other, contact));
-        self.line(Line { t_ns, kind: CONTACT, robot: Some(robot), detail, heard });
+        let change = Some(Change::Heard { other, contact });
+        self.line(Line { t_ns, kind: CONTACT, robot: Some(robot), detail, change });
     }
 
     /// A robot says that it hears the leader's frame so, since then.
     pub fn frame_heard(&mut self, t_ns: u64, robot: usize, contact: Contact) {
         let detail = format!("{} frame of the leader", contact.word());
         self.event(t_ns, CONTACT, Some(robot), detail);
+    }
+
+    /// A robot says that it goes by another, or no longer does, since then.
+    pub fn goes_by(&mut self, t_ns: u64, robot: usize, other: usize, yes: bool) {
+        let does = if yes { "goes by" } else { "goes no longer by" };
+        let detail = format!("{does} {}", self.names[other]);
+        let rewiring = Rewiring::GoesBy { robot, other, yes };
+        self.metrics.rewiring_announced(t_ns, rewiring);
+        let change = Some(Change::Rewired(rewiring));
+        self.line(Line { t_ns, kind: REPAIR, robot: Some(robot), detail, change });
     }
 
     /// A robot says that it goes to this place, m, since then, and whose goal that is. Errors are measured
@@ -111,8 +132,12 @@ impl<'a> Journal<'a> {
             return Ok(());
         }
         for line in self.waiting.take_before(t_ns) {
-            if let (Some(robot), Some((other, contact))) = (line.robot, line.heard) {
-                self.metrics.contact(robot, other, contact, line.t_ns);
+            match (line.robot, line.change) {
+                (Some(robot), Some(Change::Heard { other, contact })) => {
+                    self.metrics.contact(robot, other, contact, line.t_ns);
+                }
+                (_, Some(Change::Rewired(rewiring))) => self.metrics.rewired(rewiring),
+                _ => {}
             }
             let name = line.robot.map_or("", |robot| &self.names[robot]);
             self.run_dir.event(line.t_ns, line.kind, name, &line.detail)?;
@@ -121,8 +146,12 @@ impl<'a> Journal<'a> {
     }
 }
 
+/// The kind of a replacement's start.
+const RESTART: &str = "restart";
 /// The kind of what robots say of those they hear.
 const CONTACT: &str = "contact";
+/// The kind of what robots say of those they go by.
+const REPAIR: &str = "repair";
 /// The kinds of what the metrics say of the graph.
 const ORPHANED: &str = "orphaned";
 const LED: &str = "led";
@@ -130,7 +159,7 @@ const LED: &str = "led";
 /// What may happen at the same time, in the order of causes: acts, in the order in which they were
 /// done; then what follows from them.
 fn rank(kind: &str) -> usize {
-    let follows = ["died", "restart-ceiling", "restart", "ready", CONTACT, ORPHANED, LED];
+    let follows = ["died", "restart-ceiling", RESTART, "ready", CONTACT, REPAIR, ORPHANED, LED];
     follows.iter().position(|&other| other == kind).map_or(0, |place| place + 1)
 }
 
@@ -138,8 +167,8 @@ impl Lines {
     fn push(&mut self, line: Line) {
         // Whoever was brought back by hand may be killed again before time goes on.
         let of_robot = |(_, other): &&(usize, Line)| {
-            ![CONTACT, ORPHANED, LED].contains(&line.kind)
-                && ![CONTACT, ORPHANED, LED].contains(&other.kind)
+            ![CONTACT, REPAIR, ORPHANED, LED].contains(&line.kind)
+                && ![CONTACT, REPAIR, ORPHANED, LED].contains(&other.kind)
                 && (other.t_ns, other.robot) == (line.t_ns, line.robot)
         };
         let round = match self.list.iter().rev().find(of_robot) {
@@ -198,7 +227,7 @@ mod tests {
     }
 
     fn line(t_ns: u64, kind: &'static str, robot: usize) -> Line {
-        Line { t_ns, kind, robot: Some(robot), detail: String::new(), heard: None }
+        Line { t_ns, kind, robot: Some(robot), detail: String::new(), change: None }
     }
 
     fn kinds(lines: &[Line]) -> Vec<(u64, &str, usize)> {

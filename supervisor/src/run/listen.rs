@@ -118,6 +118,11 @@ impl Run<'_> {
                 News::FrameHeard { contact, since_ns } => {
                     self.journal.frame_heard(since_ns, robot, contact);
                 }
+                News::GoesBy { other, yes, since_ns } => {
+                    // A spare that was opened has memory of its own.
+                    self.take_memory()?;
+                    self.journal.goes_by(since_ns, robot, other, yes);
+                }
                 News::GoesTo { outside_m, since_ns } => {
                     let own_m = self.scenario.robots[robot].goal_m;
                     if let Some(goal_m) = outside_m.or(own_m) {

@@ -7,6 +7,8 @@ use protocol::message::{Contact, NeighborStatus, StatusHeader};
 pub struct Report {
     /// How it hears each robot, and since when, ns.
     contacts: Vec<(Contact, u64)>,
+    /// Since when it goes by each robot, or no longer does, ns; 0: it always did, or never.
+    gone_by_since_ns: Vec<u64>,
     /// How it hears the leader's frame, and since when, ns.
     frame: (Contact, u64),
     /// The goal from outside that is in force, m.
@@ -37,6 +39,8 @@ pub enum News {
     Heard { other: usize, contact: Contact, since_ns: u64 },
     /// How it hears the leader's frame.
     FrameHeard { contact: Contact, since_ns: u64 },
+    /// That it goes by another, or no longer does: by a spare in place of whom it has given up.
+    GoesBy { other: usize, yes: bool, since_ns: u64 },
     /// Where it goes, m: to a goal from outside, or again to its own.
     GoesTo { outside_m: Option<[f64; 2]>, since_ns: u64 },
 }
@@ -47,6 +51,7 @@ impl Report {
         let unheard = (Contact::Unheard, 0);
         Report {
             contacts: vec![unheard; robots],
+            gone_by_since_ns: vec![0; robots],
             frame: unheard,
             goal_m: None,
             moves: false,
@@ -107,12 +112,16 @@ impl Report {
             let since_ns = header.goal().map_or(header.t_ns, |(since_ns, _)| since_ns);
             news.push(News::GoesTo { outside_m, since_ns });
         }
-        for &NeighborStatus { robot, contact, since_t_ns: since_ns, .. } in neighbors {
-            let Some(contact) = Contact::from_number(contact) else { continue };
-            let Some(other) = (robot as usize).checked_sub(1) else { continue };
+        for status in neighbors {
+            let Some(contact) = Contact::from_number(status.contact) else { continue };
+            let Some(other) = (status.robot as usize).checked_sub(1) else { continue };
             let Some(known) = self.contacts.get_mut(other) else { continue };
-            if turns(known, contact, since_ns) {
-                news.push(News::Heard { other, contact, since_ns });
+            if turns(known, contact, status.since_t_ns) {
+                news.push(News::Heard { other, contact, since_ns: status.since_t_ns });
+            }
+            let since_ns = status.goes_by_since_t_ns;
+            if std::mem::replace(&mut self.gone_by_since_ns[other], since_ns) != since_ns {
+                news.push(News::GoesBy { other, yes: status.goes_by == 1, since_ns });
             }
         }
         news
@@ -129,7 +138,7 @@ mod tests {
     use super::*;
 
     fn status(contact: Contact, since_t_ns: u64) -> NeighborStatus {
-        NeighborStatus { robot: 2, contact: contact as u64, since_tick: 0, since_t_ns }
+        NeighborStatus { robot: 2, contact: contact as u64, since_t_ns, ..Default::default() }
     }
 
     #[test]

@@ -48,8 +48,9 @@ impl Services {
     ) -> Result<Services, ServiceError> {
         let is_here = |robot: usize| brief.robots[robot].host == brief.here;
         let one = Qos::of_robot(Pace::Realtime, 1).and_one_more();
+        let graph = scenario.graph_with_spares();
         let hearers = |robot: usize| {
-            let here = scenario.graph.hearers_of(robot).filter(|edge| is_here(edge.to)).count();
+            let here = graph.hearers_of(robot).filter(|edge| is_here(edge.to)).count();
             let qos = Qos::of_robot(Pace::Realtime, here).and_one_more();
             (is_here(robot) || here > 0).then_some(qos)
         };
@@ -108,8 +109,8 @@ impl RunServices {
         let one = with_bridge(Qos::of_robot(pace, 1));
         // Where ROS 2 listens, somebody takes odometry as well.
         let odometry = if ros2.is_some() { one.and_one_more() } else { one };
-        let hearers =
-            |i| Some(with_bridge(Qos::of_robot(pace, scenario.graph.hearers_of(i).count())));
+        let graph = scenario.graph_with_spares();
+        let hearers = |i| Some(with_bridge(Qos::of_robot(pace, graph.hearers_of(i).count())));
         let timer = has_control_timer(scenario, pace).then(service::machine_latency);
         let others = [Some(service::plant_latency()), timer];
         let takers = ros2.map_or(&[][..], |ros2| &ros2.goals);

@@ -9,7 +9,7 @@
 mod sent;
 
 use formation::Vec2;
-use formation::front_point::{front_point, front_velocity};
+use formation::front_point::{front_motion, front_velocity};
 use formation::pose::wrap_angle;
 use protocol::age::AgeSums;
 use protocol::brief::{AgentBrief, Pace, PublishedVelocity};
@@ -99,8 +99,9 @@ struct Now {
     age_periods: f64,
     /// Of which the pose is valid; `None`: nothing to answer.
     odometry: Option<Odometry>,
-    /// alpha, m.
+    /// alpha, m, and alpha', m/s.
     front_point: Vec2,
+    front_velocity: Vec2,
     /// alpha - alpha*, m; `None`: nothing to go by.
     error: Option<Vec2>,
     /// The same as the law is to see it, and alpha*', m/s.
@@ -146,6 +147,7 @@ impl Brain {
                 age_periods: age_periods(brief),
                 odometry: None,
                 front_point: Vec2::zeros(),
+                front_velocity: Vec2::zeros(),
                 error: None,
                 target: None,
                 away: Vec::with_capacity(PROXIMITY_MAX),
@@ -260,21 +262,26 @@ impl Brain {
         self.news |= self.sent.apply(&mut *self.role, odometry.t_ns);
         self.news |= self.neighborhood.judge(odometry.tick, odometry.t_ns, odometry.stamp_ns);
         (self.now.error, self.now.target) = (None, None);
-        self.now.odometry = match &self.odometry {
-            None => (odometry.pose_valid == 1).then_some(*odometry),
-            Some(_) => self.arrived(odometry).filter(|sample| sample.pose_valid == 1),
-        };
+        match (&self.odometry, &mut self.now.odometry) {
+            // A sample is large: it is copied once.
+            (None, Some(sample)) if odometry.pose_valid == 1 => sample.clone_from(odometry),
+            (None, sample) => *sample = (odometry.pose_valid == 1).then_some(*odometry),
+            (Some(_), _) => {
+                let arrived = self.arrived(odometry);
+                self.now.odometry = arrived.filter(|sample| sample.pose_valid == 1);
+            }
+        }
         let Some(odometry) = &self.now.odometry else { return };
-        let alpha = front_point(odometry.pose(), self.front_point_m); // (2)
+        let (alpha, velocity) = front_motion(odometry.pose(), self.front_point_m, odometry.twist()); // (2), (3)
         self.front_point = Some(alpha);
-        self.now.front_point = alpha;
+        (self.now.front_point, self.now.front_velocity) = (alpha, velocity);
         self.now.away.clear();
         self.now.away.extend(odometry.proximity().map(|other| alpha - other));
         let target = self.role.target(&moment(odometry, &self.neighborhood), &mut self.now.heard);
         if let Some(target) = target {
             let error = alpha - target.position;
             self.now.error = Some(error);
-            let seen = seen(odometry, alpha, &self.now.away);
+            let seen = seen(odometry, (alpha, velocity), &self.now.away);
             let error = self.avoidance.stand_off(&seen, error);
             self.now.target = Some((error, target.velocity));
         }
@@ -325,7 +332,7 @@ impl Brain {
             velocities: &self.velocities,
             walls: &self.walls,
             error: self.now.error,
-            ..seen(odometry, alpha, &self.now.away)
+            ..seen(odometry, (alpha, self.now.front_velocity), &self.now.away)
         };
         let twist = match wish {
             Wish::Velocity(_) => self.avoidance.steer(&sample, gamma),
@@ -448,7 +455,11 @@ impl Now {
 }
 
 /// What a sample tells avoidance at once: where the robot is, at `alpha`, and who is near, at `away`.
-fn seen<'a>(odometry: &Odometry, alpha: Vec2, away: &'a [Vec2]) -> Sample<'a> {
+fn seen<'a>(
+    odometry: &Odometry,
+    (front_point, front_velocity): (Vec2, Vec2),
+    away: &'a [Vec2],
+) -> Sample<'a> {
     let heading_rad = odometry.pose().heading_rad;
     Sample {
         stamp_ns: odometry.stamp_ns,
@@ -456,7 +467,8 @@ fn seen<'a>(odometry: &Odometry, alpha: Vec2, away: &'a [Vec2]) -> Sample<'a> {
         heading_rad,
         heading_effect_rad: heading_rad,
         twist: odometry.twist(),
-        front_point: alpha,
+        front_point,
+        front_velocity,
         away,
         proximity_valid: odometry.proximity_valid == 1,
         proximity_cut: odometry.proximity_cut == 1,

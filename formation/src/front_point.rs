@@ -5,14 +5,24 @@ use crate::Vec2;
 use crate::pose::{Pose, Twist, wrap_angle};
 
 /// alpha = xi + ell (cos theta, sin theta), m, in `map`. (2)
+#[inline]
 pub fn front_point(pose: Pose, ell_m: f64) -> Vec2 {
-    let (sin, cos) = pose.heading_rad.sin_cos();
-    Vec2::new(pose.x_m + ell_m * cos, pose.y_m + ell_m * sin)
+    front_motion(pose, ell_m, Twist::ZERO).0
 }
 
 /// Velocity of the front point in `map`, m/s: A(theta) (v, w). (3)
+#[inline]
 pub fn front_velocity(heading_rad: f64, ell_m: f64, twist: Twist) -> Vec2 {
     rotate(heading_rad, Vec2::new(twist.v_m_s, ell_m * twist.w_rad_s))
+}
+
+/// The front point, m, and its velocity, m/s, in `map`: (2) and (3).
+#[inline]
+pub fn front_motion(pose: Pose, ell_m: f64, twist: Twist) -> (Vec2, Vec2) {
+    let (sin, cos) = pose.heading_rad.sin_cos();
+    let alpha = Vec2::new(pose.x_m + ell_m * cos, pose.y_m + ell_m * sin);
+    let (v, across) = (twist.v_m_s, ell_m * twist.w_rad_s);
+    (alpha, Vec2::new(cos * v - sin * across, sin * v + cos * across))
 }
 
 /// The twist that gives the front point the velocity `u`: A(theta)^-1 u. (17)
@@ -22,6 +32,7 @@ pub fn twist_for(heading_rad: f64, ell_m: f64, u: Vec2) -> Twist {
 }
 
 /// Speed of the front point, m/s: |A(theta) (v, w)| = hypot(v, ell w), at any heading.
+#[inline]
 pub fn front_speed(ell_m: f64, twist: Twist) -> f64 {
     twist.v_m_s.hypot(ell_m * twist.w_rad_s)
 }
@@ -43,6 +54,7 @@ pub fn drawn_heading(heading_rad: f64, ell_m: f64, u: Vec2, time_s: f64) -> f64 
 }
 
 /// `vector` turned counter-clockwise by `angle_rad`.
+#[inline]
 pub fn rotate(angle_rad: f64, vector: Vec2) -> Vec2 {
     let (sin, cos) = angle_rad.sin_cos();
     Vec2::new(cos * vector.x - sin * vector.y, sin * vector.x + cos * vector.y)

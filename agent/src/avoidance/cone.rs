@@ -29,6 +29,7 @@ pub struct Cone {
 impl Cone {
     /// Whether the velocity `u` approaches slower than b in all directions at once:
     /// `proof/Braking.v::one_test_for_the_cone`.
+    #[inline]
     pub fn permits(&self, u: Vec2) -> bool {
         let speed = u.norm();
         if speed <= self.b {
@@ -41,6 +42,7 @@ impl Cone {
 
     /// Half-planes of which each velocity approaches slower than b in every direction of the cone:
     /// `proof/Geometry.v::sides_bound_the_cone`.
+    #[inline]
     pub fn sides(&self) -> impl Iterator<Item = HalfPlane> + use<> {
         let Cone { n, psi, b } = *self;
         let count = if psi < 1.2 { 3 } else { 5 };
@@ -53,6 +55,7 @@ impl Cone {
 }
 
 /// n = z / r; any direction at r = 0.
+#[inline]
 pub fn direction(z: Vec2) -> Vec2 {
     let r = z.norm();
     if r > 0.0 { z / r } else { Vec2::new(1.0, 0.0) }
@@ -60,6 +63,7 @@ pub fn direction(z: Vec2) -> Vec2 {
 
 /// By how much the direction of z, r m long, may turn while z moves by at most `reach`, m, rad:
 /// `proof/Guard.v::swing`, `proof/Geometry.v::direction_within_asin`.
+#[inline]
 pub fn swing(reach: f64, r: f64) -> f64 {
     if reach < r { (reach / r).asin() } else { PI }
 }
@@ -67,6 +71,7 @@ pub fn swing(reach: f64, r: f64) -> f64 {
 /// Middle and half-width of the headings that are possible within `time`, s, at turn rates from the
 /// first to the second of `w`, rad/s, where the sensed heading is off by at most `error`, rad:
 /// `proof/Guard.v::middle` and `proof/Guard.v::spread`.
+#[inline]
 pub fn headings(heading_rad: f64, time: f64, w: [f64; 2], error: f64) -> (f64, f64) {
     let half = 0.5 * time;
     (heading_rad + half * (w[0] + w[1]), half * (w[1] - w[0]) + error)

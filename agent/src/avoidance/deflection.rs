@@ -18,7 +18,7 @@
 use std::f64::consts::TAU;
 
 use formation::Vec2;
-use formation::front_point::{front_velocity, rotate};
+use formation::front_point::rotate;
 use protocol::avoidance::{Conditions, Gain};
 use protocol::brief::{AgentBrief, Rank};
 
@@ -147,7 +147,6 @@ pub struct Deflection {
     v_max: f64,
     /// T, s.
     period: f64,
-    ell: f64,
     kappa: f64,
     pub(super) d_f: f64,
     /// kappa and c_f, beside walls.
@@ -205,6 +204,26 @@ struct Limit {
     r: f64,
     /// The least n·p, m: below 0 where there is slack.
     excess: f64,
+    /// Of a wall, which does not move aside.
+    is_wall: bool,
+}
+
+impl Limit {
+    /// The displacement `p`, with what it lacks away from the other, and this share of that across: beside a wall
+    /// to the side to which p leads anyway.
+    fn lead(&self, p: Vec2, around: f64) -> Vec2 {
+        let n = self.z / self.r;
+        let lambda = self.excess - n.dot(&p);
+        if lambda <= 0.0 {
+            return p;
+        }
+        let across = Vec2::new(-n.y, n.x);
+        let around = match self.is_wall {
+            true => (ALONG * across.dot(&p) / p.norm().max(f64::MIN_POSITIVE)).clamp(-1.0, 1.0),
+            false => around,
+        };
+        p + lambda * (n + around * across)
+    }
 }
 
 /// Why a robot stands off.
@@ -227,7 +246,6 @@ impl Deflection {
         Deflection {
             v_max: brief.avoidance.speed_max_m_s,
             period: brief.period_ns as f64 / 1e9,
-            ell: brief.front_point_m,
             kappa: deflection_share(&at),
             d_f: deflection_distance_m(&at),
             wall: (wall_deflection_share(&at), wall_deflection_distance_m(&at)),
@@ -249,18 +267,19 @@ impl Deflection {
     /// been still for long.
     pub fn stand_off(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
         self.motion.observe(sample);
-        let gap = |z: &Vec2| (z - error).norm(); // |alpha* - alpha_j|
+        let gap2 = |z: &Vec2| (z - error).norm_squared(); // |alpha* - alpha_j|^2
         let has_it = |mover: &&Mover| {
-            gap(&mover.z) < self.d_f
+            gap2(&mover.z) < self.d_f * self.d_f
                 && (self.rank == Rank::Contained || mover.still_s >= TAKEN_AFTER_S)
         };
         let movers = self.motion.movers().iter().filter(has_it);
-        let nearest = movers.map(|mover| mover.z).min_by(|a, b| gap(a).total_cmp(&gap(b)));
+        let nearest = movers.map(|mover| mover.z).min_by(|a, b| gap2(a).total_cmp(&gap2(b)));
         let nearest = nearest
             .filter(|_| self.rank == Rank::Contained || self.patience.stands_off(self.motion.dt()));
         self.stands_off = nearest.map(|z| {
-            let d_s = self.d_f + ASIDE * (self.d_f - gap(&z));
-            let beside = (z - error) + (self.d_f - gap(&z)) * z / z.norm();
+            let lacking = self.d_f - gap2(&z).sqrt();
+            let d_s = self.d_f + ASIDE * lacking;
+            let beside = (z - error) + lacking * z / z.norm();
             let beside = d_s * beside / beside.norm(); // from alpha_j
             let aside = beside - (z - error);
             let finite = aside.x.is_finite() && aside.y.is_finite();
@@ -270,16 +289,49 @@ impl Deflection {
     }
 
     /// The distance from which the robot is led around another, m: d_f, or d_s while it stands off, but for
-    /// whoever has its place; larger for a robot near its place, the faster the other comes.
-    fn distance_from(&self, mover: &Mover, at_its_place: f64) -> f64 {
-        let d_f = match self.stands_off {
+    /// whoever has its place.
+    fn distance_from(&self, mover: &Mover) -> f64 {
+        match self.stands_off {
             Some(taken) if taken.by != mover.z => taken.d_s,
             _ => self.d_f,
-        };
-        let comes_m_s = mover.velocity.dot(&mover.z) / mover.z.norm();
+        }
+    }
+
+    /// What may stop the robot within this period, walls first, the nearest of each first.
+    fn limits(&mut self, sample: &Sample<'_>) -> Vec<Limit> {
+        let mut limits = std::mem::take(&mut self.limits);
+        limits.clear();
+        let reach = self.v_max * self.period;
+        let (kappa, c_f) = self.wall;
+        limits.extend(sample.walls.iter().map(|&z| {
+            let r = z.norm();
+            Limit { z, r, excess: -kappa * (r - c_f), is_wall: true }
+        }));
+        let farthest = self.stands_off.map_or(self.d_f, |taken| taken.d_s.max(self.d_f));
+        let farthest = farthest * (1.0 + self.comfort.yields) + reach / self.kappa;
+        for mover in self.motion.movers() {
+            let r2 = mover.z.norm_squared();
+            if r2 < farthest * farthest {
+                limits.push(self.limit(mover, r2.sqrt(), sample));
+            }
+        }
+        limits.retain(|limit| -limit.excess < reach && limit.r > 0.0);
+        limits
+    }
+
+    /// How much is asked for beside another, r m away, by whom the robot may be stopped within this
+    /// period: it is led around it from farther away where it is near its place, the faster the other comes.
+    fn limit(&self, mover: &Mover, r: f64, sample: &Sample<'_>) -> Limit {
+        let d_f = self.distance_from(mover);
+        let comes_m_s = mover.velocity.dot(&mover.z) / r;
         let share = (comes_m_s / self.comfort.yield_speed_m_s).clamp(0.0, 1.0);
         // Where two are at the same place there is no direction to come from.
-        if share > 0.0 { d_f * (1.0 + self.comfort.yields * share * at_its_place) } else { d_f }
+        let yields = match share > 0.0 {
+            true => self.comfort.yields * share * self.at_its_place(sample),
+            false => 0.0,
+        };
+        let excess = -self.kappa * (r - d_f * (1.0 + yields));
+        Limit { z: mover.z, r, excess, is_wall: false }
     }
 
     /// How much the robot gives way: 1 at its place, or where it has given up; 0 far away, or where it has nothing
@@ -301,23 +353,20 @@ impl Deflection {
     pub fn deflect(&mut self, sample: &Sample<'_>, mut p: Vec2) -> Vec2 {
         let reach = self.v_max * self.period; // V
         self.motion.observe(sample);
-        let own = front_velocity(sample.heading_rad, self.ell, sample.twist);
         let length = p.norm();
-        let got_m_s = if length > 0.0 { own.dot(&p) / length } else { 0.0 };
-        self.patience.observe(sample, (length / self.period - got_m_s) / self.v_max);
+        let got_m_s = if length > 0.0 { sample.front_velocity.dot(&p) / length } else { 0.0 };
+        self.patience.observe(
+            self.motion.dt(),
+            sample,
+            (length / self.period - got_m_s) / self.v_max,
+        );
         let led_around = self.stands_off.is_none() && !self.patience.rests();
-        let at_its_place = self.at_its_place(sample);
-        let mut limits = std::mem::take(&mut self.limits);
-        limits.clear();
-        limits.extend(self.motion.movers().iter().map(|mover| {
-            let r = mover.z.norm();
-            let excess = -self.kappa * (r - self.distance_from(mover, at_its_place));
-            Limit { z: mover.z, r, excess }
-        }));
+        let limits = self.limits(sample);
         let mut around = 0.0;
         if led_around {
             p = self.look_ahead(p);
-            if limits.iter().any(|limit| limit.z.dot(&p) < limit.excess * limit.r) {
+            if limits.iter().any(|limit| !limit.is_wall && limit.z.dot(&p) < limit.excess * limit.r)
+            {
                 let turns = sample.t_s / self.dither_period + self.dither_phase;
                 let usual = self.comfort.dither_rad;
                 let at_last = self.patience.has_tried();
@@ -328,26 +377,7 @@ impl Deflection {
             around = usual + (around_at_last - usual) * self.patience.lost();
         }
         for _ in 0..2 {
-            for &Limit { z, r, excess } in limits.iter().rev() {
-                if -excess < reach && r > 0.0 {
-                    let n = z / r;
-                    let lambda = (excess - n.dot(&p)).max(0.0);
-                    p += lambda * (n + around * Vec2::new(-n.y, n.x));
-                }
-            }
-            for z in sample.walls.iter().rev() {
-                let r = z.norm();
-                let (kappa, c_f) = self.wall;
-                let excess = -kappa * (r - c_f);
-                if -excess < reach && r > 0.0 {
-                    let n = z / r;
-                    let lambda = (excess - n.dot(&p)).max(0.0);
-                    let along = Vec2::new(-n.y, n.x);
-                    let length = p.norm();
-                    let side = if length > 0.0 { along.dot(&p) / length } else { 0.0 };
-                    p += lambda * (n + (ALONG * side).clamp(-1.0, 1.0) * along);
-                }
-            }
+            p = limits.iter().rev().fold(p, |p, limit| limit.lead(p, around));
         }
         self.limits = limits;
         clip(p, reach)
@@ -361,31 +391,29 @@ impl Deflection {
             return p;
         }
         let (wish, speed) = (p / self.period, length / self.period);
-        let within_s = self.comfort.look_ahead_s;
+        let (within_s, d_f2) = (self.comfort.look_ahead_s, self.d_f * self.d_f);
         let turn_from = |mover: &Mover| {
             let relative = wish - mover.velocity;
             let (way, speed2) = (-mover.z.dot(&relative), relative.norm_squared());
-            let soon_s = way / speed2;
             // Nobody that is passed already, that is met later, or that moves alike.
-            if !(way > 0.0 && soon_s < within_s) {
+            if !(way > 0.0 && way < within_s * speed2) {
                 return 0.0;
             }
-            let miss = mover.z + soon_s * relative;
-            let left = Vec2::new(-relative.y, relative.x) / speed2.sqrt();
-            let offset = miss.dot(&left);
-            let lacking = self.d_f - offset.abs();
-            if lacking <= 0.0 {
+            // How far to the left of the other's way it passes, m, times the relative speed.
+            let left = mover.z.y * relative.x - mover.z.x * relative.y;
+            if left * left >= d_f2 * speed2 {
                 return 0.0;
             }
+            let (soon_s, offset) = (way / speed2, left / speed2.sqrt());
             // Who passes on the left of the other's way turns on to the left.
-            let side = if offset >= 0.0 { 1.0 } else { -1.0 };
-            let turns_left = left.dot(&Vec2::new(-wish.y, wish.x)).signum();
+            let side = if (left >= 0.0) == (relative.dot(&wish) >= 0.0) { 1.0 } else { -1.0 };
+            let lacking = self.d_f - offset.abs();
             let lateral_m_s = self.comfort.look_ahead_share * lacking / soon_s.max(SOONEST_S);
-            side * turns_left * lateral_m_s * (1.0 - soon_s / within_s) / speed
+            side * lateral_m_s * (1.0 - soon_s / within_s) / speed
         };
         let turn: f64 = self.motion.movers().iter().map(turn_from).sum();
         let most = self.comfort.look_ahead_turn_rad;
-        rotate(turn.clamp(-most, most), p)
+        if turn == 0.0 { p } else { rotate(turn.clamp(-most, most), p) }
     }
 }
 

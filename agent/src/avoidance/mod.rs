@@ -75,6 +75,8 @@ pub struct Sample<'a> {
     pub twist: Twist,
     /// Own front point, m, in `map`.
     pub front_point: Vec2,
+    /// Its velocity at the stamp, m/s, in `map`.
+    pub front_velocity: Vec2,
     /// z_j = own front point - other's, m, in `map`, nearest first.
     pub away: &'a [Vec2],
     /// The sensor works; `false`: nothing is known about who is near.
@@ -181,12 +183,22 @@ pub fn build(brief: &AgentBrief) -> Result<Box<dyn Avoidance>, UnfitBrief> {
 }
 
 /// `vector`, shortened to `length_max` if it is longer.
+#[inline]
 fn clip(vector: Vec2, length_max: f64) -> Vec2 {
-    let length = vector.norm();
-    if length > length_max { vector * (length_max / length) } else { vector }
+    match vector.norm_squared() > length_max * length_max {
+        true => shortened(vector, length_max),
+        false => vector,
+    }
+}
+
+/// Seldom needed: roots and quotients are slow.
+#[cold]
+fn shortened(vector: Vec2, length: f64) -> Vec2 {
+    vector * (length / vector.norm())
 }
 
 /// `twist`, slowed down on its path until the front point is no faster than `speed_max`, m/s.
+#[inline]
 fn within_speed(speed_max: f64, ell: f64, twist: Twist) -> Twist {
     let speed = front_speed(ell, twist);
     if speed > speed_max { twist.scaled(speed_max / speed) } else { twist }
@@ -206,6 +218,7 @@ mod tests {
                 heading_effect_rad: 0.0,
                 twist: Twist::ZERO,
                 front_point: Vec2::zeros(),
+                front_velocity: Vec2::zeros(),
                 away: &[],
                 proximity_valid: true,
                 proximity_cut: false,

@@ -16,6 +16,9 @@ const SMOOTH_ERRORS: f64 = 10.0;
 /// Whoever stays within this share of d of a place is still.
 const STILL: f64 = 0.05;
 
+/// No more than this many of the nearest are watched: who is behind them is met later.
+const WATCHED_MAX: usize = 6;
+
 /// One of those near.
 #[derive(Debug, Clone, Copy)]
 pub struct Mover {
@@ -28,6 +31,41 @@ pub struct Mover {
     /// Where it is, m, and where it was when it moved last.
     at: Vec2,
     anchor: Vec2,
+}
+
+/// From one sample to the next.
+#[derive(Debug, Clone, Copy)]
+struct Step {
+    /// How long it takes, s, and how often that is in a second.
+    dt: f64,
+    rate: f64,
+    /// What share of a velocity is taken over from it.
+    share: f64,
+    v_max: f64,
+    /// Whoever is nearer than this to its anchor is still, m^2.
+    still2: f64,
+}
+
+impl Mover {
+    /// Seen for the first time.
+    fn new(z: Vec2, at: Vec2) -> Mover {
+        Mover { z, velocity: Vec2::zeros(), still_s: 0.0, at, anchor: at }
+    }
+
+    fn is_near(&self, at: Vec2, distance2: f64) -> bool {
+        (self.at - at).norm_squared() < distance2
+    }
+
+    /// Seen again.
+    fn moved(self, z: Vec2, at: Vec2, step: &Step) -> Mover {
+        let now = (at - self.at) * step.rate;
+        let velocity = self.velocity + (now - self.velocity) * step.share;
+        let (anchor, still_s) = match (at - self.anchor).norm_squared() < step.still2 {
+            true => (self.anchor, self.still_s + step.dt),
+            false => (at, 0.0),
+        };
+        Mover { z, velocity: clip(velocity, step.v_max), still_s, at, anchor }
+    }
 }
 
 /// Those near, from sample to sample.
@@ -65,23 +103,41 @@ impl Motion {
 
     /// Takes a sample in, once.
     pub fn observe(&mut self, sample: &Sample<'_>) {
+        let nearest = &sample.away[..sample.away.len().min(WATCHED_MAX)];
         let known = self.movers.iter().map(|mover| &mover.z);
-        if self.stamp_ns == Some(sample.stamp_ns) && known.eq(sample.away) {
+        if self.stamp_ns == Some(sample.stamp_ns) && known.eq(nearest) {
             return;
         }
         let earlier_ns = self.stamp_ns.replace(sample.stamp_ns).unwrap_or(sample.stamp_ns);
         let dt = sample.stamp_ns.saturating_sub(earlier_ns) as f64 / 1e9;
         self.dt = dt;
+        if self.v_max * dt >= self.same || dt == 0.0 {
+            self.movers.clear();
+        }
+        let step = Step {
+            dt,
+            rate: 1.0 / dt,
+            share: dt / (dt + self.smooth_s),
+            v_max: self.v_max,
+            still2: self.still * self.still,
+        };
+        let same2 = self.same * self.same;
+        let places = nearest.iter().map(|&z| (z, sample.front_point - z));
+        // The list seldom changes its order.
+        let in_order = self.movers.len() == nearest.len()
+            && places.clone().zip(&self.movers).all(|((_, at), mover)| mover.is_near(at, same2));
+        if in_order {
+            for (mover, (z, at)) in self.movers.iter_mut().zip(places) {
+                *mover = mover.moved(z, at, &step);
+            }
+            return;
+        }
         std::mem::swap(&mut self.movers, &mut self.before);
         self.movers.clear();
-        for (place, &z) in sample.away.iter().enumerate() {
-            let at = sample.front_point - z;
-            let before = if self.v_max * dt < self.same { self.same_as(at, place) } else { None };
-            self.movers.push(match before {
-                Some(before) if dt > 0.0 => self.moved(before, z, at, dt),
-                _ => Mover { z, velocity: Vec2::zeros(), still_s: 0.0, at, anchor: at },
-            });
-        }
+        self.movers.extend(places.map(|(z, at)| {
+            let before = self.before.iter().find(|mover| mover.is_near(at, same2));
+            before.map_or_else(|| Mover::new(z, at), |mover| mover.moved(z, at, &step))
+        }));
     }
 
     /// Time between the last two samples, s.
@@ -89,27 +145,9 @@ impl Motion {
         self.dt
     }
 
-    /// Everybody near, nearest first.
+    /// The nearest, nearest first.
     pub fn movers(&self) -> &[Mover] {
         &self.movers
-    }
-
-    /// Who was where somebody is now: the list changes its order little.
-    fn same_as(&self, at: Vec2, place: usize) -> Option<Mover> {
-        let is_same = |mover: &&Mover| (mover.at - at).norm_squared() < self.same * self.same;
-        let guess = self.before.get(place).filter(is_same);
-        guess.or_else(|| self.before.iter().find(is_same)).copied()
-    }
-
-    fn moved(&self, before: Mover, z: Vec2, at: Vec2, dt: f64) -> Mover {
-        let now = (at - before.at) / dt;
-        let velocity = before.velocity + (now - before.velocity) * (dt / (dt + self.smooth_s));
-        let (anchor, still_s) = match (at - before.anchor).norm_squared() < self.still * self.still
-        {
-            true => (before.anchor, before.still_s + dt),
-            false => (at, 0.0),
-        };
-        Mover { z, velocity: clip(velocity, self.v_max), still_s, at, anchor }
     }
 }
 
@@ -169,6 +207,16 @@ mod tests {
             motion.observe(&Sample { front_point, ..sample(200_000_000 + gap_ns, 0.0, &away) });
             assert_eq!(motion.movers()[0].velocity != Vec2::zeros(), is_known, "{gap_ns} ns");
         }
+    }
+
+    #[test]
+    fn no_more_than_the_six_nearest_are_watched() {
+        let mut motion = motion(0.0);
+        let row = |count: u32| (1..=count).map(|j| Vec2::new(0.3 * f64::from(j), 0.0)).collect();
+        watch(&mut motion, 1, |_, _| row(8));
+        let watched: Vec<f64> = motion.movers().iter().map(|mover| -mover.z.x).collect();
+        let nearest: Vec<f64> = row(6).iter().map(|at: &Vec2| at.x).collect();
+        assert_eq!(watched, nearest);
     }
 
     #[test]

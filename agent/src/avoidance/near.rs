@@ -50,18 +50,22 @@ impl Vicinity {
         }
     }
 
-    /// All near, as far as the sample says: robots, then walls.
+    /// All who are near enough to matter, as far as the sample says: robots, then walls.
+    #[inline]
     pub fn near<'s>(self, sample: &Sample<'s>) -> impl Iterator<Item = Near> + use<'s> {
         let robot =
             Near { z: Vec2::zeros(), speed: self.v_max, share: OF_ANOTHER, distance_min: self.d };
         let wall = Near { speed: 0.0, share: OF_A_WALL, distance_min: self.clearance, ..robot };
-        let robots = sample.away.iter().map(move |&z| Near { z, ..robot });
-        robots.chain(sample.walls.iter().map(move |&z| Near { z, ..wall }))
+        let within = |radius: f64| move |z: &&Vec2| z.norm_squared() < radius * radius;
+        let robots = sample.away.iter().filter(within(self.robots_radius));
+        let walls = sample.walls.iter().filter(within(self.walls_radius));
+        robots.map(move |&z| Near { z, ..robot }).chain(walls.map(move |&z| Near { z, ..wall }))
     }
 
     /// Nothing, or not enough, is known about what is near: the proofs need all robots that are nearer
     /// than `proof/Guard.v::far` or `proof/Braking.v::far_braking`, and all walls nearer than
     /// `proof/Walls.v::far_wall` or the latter.
+    #[inline]
     pub fn is_blind(self, sample: &Sample<'_>) -> bool {
         let misses = |cut: bool, listed: &[Vec2], radius: f64| {
             cut && listed.last().map_or(0.0, |z| z.norm()) < radius

@@ -24,7 +24,6 @@ pub struct Patience {
     /// Over how long `lacks` is smoothed, s, and that share of its speed.
     smooth_s: f64,
     lacks: f64,
-    stamp_ns: Option<u64>,
     /// The least \|e\| so far, m.
     nearest: f64,
     /// For how long it has tried since, and still rests, s.
@@ -48,7 +47,6 @@ impl Patience {
             tries_s,
             smooth_s: time * d / v_max,
             lacks: 0.0,
-            stamp_ns: None,
             nearest: f64::INFINITY,
             tried_s: 0.0,
             rests_s: 0.0,
@@ -60,10 +58,9 @@ impl Patience {
         }
     }
 
-    /// Takes a sample in, at which the robot lacks this share of v_max of what it wants.
-    pub fn observe(&mut self, sample: &Sample<'_>, lacks: f64) {
-        let earlier_ns = self.stamp_ns.replace(sample.stamp_ns).unwrap_or(sample.stamp_ns);
-        let dt = sample.stamp_ns.saturating_sub(earlier_ns) as f64 / 1e9;
+    /// Takes in, `dt` seconds after the last one, a sample at which the robot lacks this share of v_max of
+    /// what it wants.
+    pub fn observe(&mut self, dt: f64, sample: &Sample<'_>, lacks: f64) {
         self.lacks += (lacks.clamp(0.0, 1.0) - self.lacks) * (dt / (dt + self.smooth_s));
         let error = sample.error.map_or(f64::INFINITY, |error| error.norm());
         let nearer = error < self.nearest - HEADWAY * self.d;

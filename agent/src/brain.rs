@@ -13,7 +13,7 @@ use formation::front_point::{front_motion, front_velocity};
 use formation::pose::wrap_angle;
 use protocol::age::AgeSums;
 use protocol::brief::{AgentBrief, Pace, PublishedVelocity};
-use protocol::fault::{LinkFault, LinkFaultKind, SlowFault, Transmission};
+use protocol::fault::{LieFault, LinkFault, LinkFaultKind, SlowFault, Transmission};
 use protocol::link::Link;
 use protocol::message::{
     Beacon, Command, Goal, NeighborStatus, Odometry, PROXIMITY_MAX, StatusHeader,
@@ -70,6 +70,8 @@ pub struct Brain {
     now: Now,
     /// From each sender, in the brief's order.
     links: Vec<Link<Beacon>>,
+    /// What each of them lies, in the same order.
+    lies: Vec<Vec<LieFault>>,
     /// From its own sensors, where that may fail.
     odometry: Option<Link<Odometry>>,
     /// Stamp of the newest sample answered, ns.
@@ -154,6 +156,7 @@ impl Brain {
                 heard: Vec::with_capacity(brief.senders().count()),
             },
             links: brief.senders().map(|sender| Link::new(&sender.faults)).collect(),
+            lies: brief.senders().map(|sender| sender.lies.clone()).collect(),
             odometry: (!brief.odometry_faults.is_empty())
                 .then(|| Link::new(&brief.odometry_faults)),
             answered_ns: None,
@@ -187,7 +190,9 @@ impl Brain {
             t_ns: beacon.stamp_ns.saturating_sub(self.start_ns),
             distance_m: self.front_point.map(|alpha| (alpha - beacon.position()).norm()),
         };
-        match self.links[place].pass(beacon, transmission) {
+        let mut beacon = *beacon;
+        self.lies[place].iter().for_each(|lie| lie.falsify(&mut beacon, transmission.t_ns));
+        match self.links[place].pass(&beacon, transmission) {
             Some(beacon) => self.hear_now(place, &beacon, now_ns),
             None => Ok(()),
         }

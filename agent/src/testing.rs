@@ -17,6 +17,7 @@ pub(crate) fn brief() -> AgentBrief {
         index,
         offset_m: [0.0, 0.0],
         faults: Vec::new(),
+        lies: Vec::new(),
     };
     AgentBrief {
         format: Format,

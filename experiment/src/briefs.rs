@@ -7,7 +7,7 @@ use protocol::brief::{
     AgentBrief, AvoidanceBrief, BodyBrief, Format, NeighborBrief, Pace, PlantBrief,
     PlantProgramBrief, ProgramBrief, VERSION,
 };
-use protocol::fault::{LinkFault, SensorFault, SlowFault, Span, Stream, WheelFault};
+use protocol::fault::{LieFault, LinkFault, SensorFault, SlowFault, Span, Stream, WheelFault};
 use protocol::law::Reference;
 
 use crate::scenario::{Fault, FaultKind, Scenario};
@@ -26,12 +26,14 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
             }
             _ => None,
         }),
+        lies: lies(scenario, edge.from, i),
     });
     let spares = scenario.spares.iter().filter(|edge| edge.to == i).map(|edge| NeighborBrief {
         name: scenario.robots[edge.from].name.clone(),
         index: edge.from + 1,
         offset_m: edge.offset_m.into(),
         faults: Vec::new(),
+        lies: lies(scenario, edge.from, i),
     });
     AgentBrief {
         format: Format,
@@ -121,6 +123,18 @@ pub fn plant(scenario: &Scenario, pace: Pace, run_root: &Path) -> PlantBrief {
         obstacles: scenario.walls.iter().map(|wall| wall.shape.clone()).collect(),
         robots: robots.collect(),
     }
+}
+
+/// What `robot` lies to `hearer`.
+fn lies(scenario: &Scenario, robot: usize, hearer: usize) -> Vec<LieFault> {
+    faults(scenario, |fault, span, seed| match fault.kind {
+        FaultKind::Lie { robot: liar, hearer: only, lie }
+            if liar == robot && only.is_none_or(|only| only == hearer) =>
+        {
+            Some(LieFault { span, lie, seed })
+        }
+        _ => None,
+    })
 }
 
 /// What is wrong with one of a robot's streams.

@@ -14,7 +14,7 @@ use formation::trajectory::Trajectory;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::fault::{LinkFault, SensorFault, SlowFault, Span, WheelFault};
+use crate::fault::{LieFault, LinkFault, SensorFault, SlowFault, Span, WheelFault};
 use crate::number::{is_zero, told_apart};
 
 /// The version of the briefs' form that this build writes and reads. It is raised with every change
@@ -160,6 +160,9 @@ pub struct NeighborBrief {
     /// What is to be wrong with the link from it.
     #[serde(default, rename = "fault", skip_serializing_if = "Vec::is_empty")]
     pub faults: Vec<LinkFault>,
+    /// When its beacons are to be false.
+    #[serde(default, rename = "lie", skip_serializing_if = "Vec::is_empty")]
+    pub lies: Vec<LieFault>,
 }
 
 /// What the main leader alone is told: where to go, and how large the formation is to be.

@@ -7,6 +7,7 @@
 use formation::random::draw;
 use serde::{Deserialize, Serialize};
 
+use crate::message::Beacon;
 use crate::number::is_zero;
 
 /// From `from_ns` of run time on, until before `until_ns`.
@@ -182,6 +183,58 @@ impl Stream {
     }
 }
 
+/// A robot whose beacons say of it what is not so; it moves as ever. It acts where they arrive.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LieFault {
+    /// When, by the stamps of beacons.
+    pub span: Span,
+    /// What they say.
+    pub lie: Lie,
+    /// Seed of its draws.
+    pub seed: u64,
+}
+
+/// By how much a beacon is false; all of it adds up.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Lie {
+    /// The position by this much, m.
+    pub by_m: [f64; 2],
+    /// And by this much more each second, m/s; the velocity by as much.
+    pub drift_m_s: [f64; 2],
+    /// The position by a draw for each beacon: a point of the disc of this radius, m.
+    pub random_m: f64,
+    /// The heading of the leader's frame that is passed on, rad.
+    pub turn_rad: f64,
+}
+
+impl LieFault {
+    /// Makes the beacon that was sent at this run time false, if it was sent in its span.
+    pub fn falsify(&self, beacon: &mut Beacon, t_ns: u64) {
+        if !self.span.holds(t_ns) {
+            return;
+        }
+        let Lie { by_m, drift_m_s, random_m, turn_rad } = self.lie;
+        let since_s = (t_ns - self.span.from_ns) as f64 / 1e9;
+        let drawn_m = in_disc(self.seed, beacon.tick << 1, random_m);
+        let off_m = |axis: usize| by_m[axis] + drift_m_s[axis] * since_s + drawn_m[axis];
+        beacon.x_m += off_m(0);
+        beacon.y_m += off_m(1);
+        beacon.vx_m_s += drift_m_s[0];
+        beacon.vy_m_s += drift_m_s[1];
+        beacon.frame_heading_rad += turn_rad;
+    }
+}
+
+/// A point of the disc of this radius, each as likely as any other, by the draws `counter` and the
+/// next.
+fn in_disc(seed: u64, counter: u64, radius_m: f64) -> [f64; 2] {
+    let radius_m = radius_m * draw(seed, counter).sqrt();
+    let (sin, cos) = (std::f64::consts::TAU * draw(seed, counter | 1)).sin_cos();
+    [radius_m * cos, radius_m * sin]
+}
+
 /// A robot that needs longer to answer.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -238,10 +291,7 @@ impl SensorFault {
     pub fn offset_m(&self, tick: u64, item: u64) -> [f64; 2] {
         let SensorFaultKind::Noise { bound_m, .. } = self.kind else { return [0.0, 0.0] };
         // A sample has far fewer than 2^10 positions, and each takes two draws.
-        let counter = (tick << 10 | item) << 1;
-        let radius_m = bound_m * draw(self.seed, counter).sqrt();
-        let (sin, cos) = (std::f64::consts::TAU * draw(self.seed, counter | 1)).sin_cos();
-        [radius_m * cos, radius_m * sin]
+        in_disc(self.seed, (tick << 10 | item) << 1, bound_m)
     }
 
     /// By how much the heading of the sample of `tick` is off, rad: each within the bound as likely
@@ -359,6 +409,28 @@ mod tests {
         let found: Vec<Passage> = (0..1000).map(|tick| late.passage(sent(tick))).collect();
         assert!(found.iter().all(|p| matches!(p, Passage::At(t_ns) if (250..260).contains(t_ns))));
         assert!(found.iter().any(|passage| *passage != found[0]));
+    }
+
+    #[test]
+    fn a_lie_is_of_where_a_robot_is_and_how_it_moves_and_of_nothing_else_in_its_span() {
+        let span = Span { from_ns: 1000 * MS, until_ns: 3000 * MS };
+        let lie = Lie { by_m: [0.5, -0.25], drift_m_s: [0.0, 0.125], random_m: 0.0, turn_rad: 0.5 };
+        let said =
+            Beacon { tick: 3, x_m: 1.0, vx_m_s: 0.25, frame_scale: 2.0, ..Beacon::default() };
+        let heard = |lie, t_ns| {
+            let mut beacon = said;
+            LieFault { span, lie, seed: 7 }.falsify(&mut beacon, t_ns);
+            beacon
+        };
+        assert_eq!([999 * MS, 3000 * MS].map(|t_ns| heard(lie, t_ns)), [said; 2]);
+        let expected = Beacon { x_m: 1.5, vy_m_s: 0.125, frame_heading_rad: 0.5, ..said };
+        assert_eq!(heard(lie, 2000 * MS), Beacon { y_m: -0.125, ..expected });
+        let random = Lie { random_m: 0.5, ..Lie::default() };
+        let drawn = heard(random, 2000 * MS);
+        assert_eq!(drawn, heard(random, 2500 * MS), "by the tick alone");
+        let off_m = (drawn.position() - said.position()).norm();
+        assert!(off_m > 0.0 && off_m <= 0.5, "{off_m}");
+        assert_eq!(Beacon { x_m: said.x_m, y_m: said.y_m, ..drawn }, said);
     }
 
     #[test]

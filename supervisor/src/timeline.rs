@@ -69,6 +69,7 @@ impl Timeline {
                 FaultKind::Slow { .. }
                 | FaultKind::Link { .. }
                 | FaultKind::Stream { .. }
+                | FaultKind::Lie { .. }
                 | FaultKind::Sensor { .. }
                 | FaultKind::Wheels { .. }
                 | FaultKind::Partition { .. } => None,

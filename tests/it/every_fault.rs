@@ -4,7 +4,7 @@ use crate::harness::{in_parallel, run};
 use crate::oracle::{self, with_faults};
 
 /// A fault on the way into the formation, and whether it changes what happens.
-const FAULTS: [(&str, bool); 25] = [
+const FAULTS: [(&str, bool); 28] = [
     ("kill r2 @2.5 restart 2", true),
     ("freeze r2 @2.5 for 1.5", true),
     ("slow r2 by 0.005 @2 for 1", true),
@@ -17,6 +17,10 @@ const FAULTS: [(&str, bool); 25] = [
     ("delay r2->r1 by 0.02 jitter 0.1 @1 for 5", true),
     ("bursts r2->r1 of 0.6 mean 0.3 @1 for 5", true),
     ("fading r2->r1 range 0.3 exponent 3 @1 for 5", true),
+    ("lie r2 beacons by [0.1, -0.05] drift [0.0, 0.02] @2 for 5", true),
+    ("lie r2->r1 random 0.2 @2 for 5", true),
+    // Nobody leads: there is no frame that it could pass on.
+    ("lie r2 beacons turn 0.5 @2 for 5", false),
     ("loss r2 odometry of 0.3 burst 4 @1 for 5", true),
     ("loss r2 commands of 0.3 @1 for 5", true),
     ("bursts r1 commands of 0.4 mean 0.1 @1 for 5", true),

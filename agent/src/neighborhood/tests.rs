@@ -6,7 +6,13 @@ use super::*;
 use crate::testing::brief;
 
 fn hears(index: usize) -> NeighborBrief {
-    NeighborBrief { name: format!("r{index}"), index, offset_m: [0.0, 1.0], faults: Vec::new() }
+    NeighborBrief {
+        name: format!("r{index}"),
+        index,
+        offset_m: [0.0, 1.0],
+        faults: Vec::new(),
+        lies: Vec::new(),
+    }
 }
 
 /// Of r1 and r2.

@@ -3,8 +3,8 @@
 //! Here only the words are read. Whether there is such a robot, and whether it is alive then, is
 //! asked in `faults`, where those of the file are read too: both become the same `[[fault]]` tables.
 
-use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind, WheelFaultKind};
-use toml_edit::{Array, Table, value};
+use protocol::fault::{Lie, LinkFaultKind, Sensor, SensorFaultKind, WheelFaultKind};
+use toml_edit::{Array, Item, Table, value};
 
 use super::diagnostic::meant;
 use super::{Fault, FaultKind, Scenario, Silenced, Struck, seconds as in_seconds};
@@ -36,6 +36,8 @@ enum Subject {
     Link,
     /// `robot` and `stream`: `r1 commands`.
     Stream,
+    /// `robot`: `r1 beacons`.
+    Beacons,
     /// `robot` and `sensor`: `r1 proximity`.
     Sensor,
     /// `hosts`: `b`, or `b,c`.
@@ -55,8 +57,13 @@ struct Detail {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum DetailValue {
+    /// From 0.
     Number,
+    /// A number of either sign.
+    Signed,
     Whole,
+    /// `[x, y]`.
+    Pair,
     /// The word alone says it all.
     Yes,
 }
@@ -67,6 +74,14 @@ const fn number(word: &'static str, key: &'static str) -> Detail {
 
 const fn whole(word: &'static str, key: &'static str) -> Detail {
     Detail { word, key, value: DetailValue::Whole, needed: false }
+}
+
+const fn signed(word: &'static str, key: &'static str) -> Detail {
+    Detail { word, key, value: DetailValue::Signed, needed: false }
+}
+
+const fn pair(word: &'static str, key: &'static str) -> Detail {
+    Detail { word, key, value: DetailValue::Pair, needed: false }
 }
 
 const fn yes(word: &'static str, key: &'static str) -> Detail {
@@ -102,7 +117,7 @@ impl Subject {
     /// Which keys say whom it strikes, in the order of their words.
     fn keys(self) -> &'static [&'static str] {
         match self {
-            Robot => &["robot"],
+            Robot | Beacons => &["robot"],
             Link => &["from", "to"],
             Stream => &["robot", "stream"],
             Subject::Sensor => &["robot", "sensor"],
@@ -112,12 +127,18 @@ impl Subject {
     }
 }
 
-use Subject::{Hosts, Link, Machine, Robot, Stream};
+use Subject::{Beacons, Hosts, Link, Machine, Robot, Stream};
 
 const LOSS: &[Detail] = &[number("of", "probability").needed(), whole("burst", "burst")];
 const BURSTS: &[Detail] =
     &[number("of", "probability").needed(), number("mean", "mean_burst_s").needed()];
 const DELAY: &[Detail] = &[number("by", "delay_s").needed(), number("jitter", "jitter_s")];
+const LIE: &[Detail] = &[
+    pair("by", "by_m"),
+    pair("drift", "drift_m_s"),
+    number("random", "random_m"),
+    signed("turn", "turn_rad"),
+];
 
 /// Every kind of fault; those that strike links and streams have a form for each.
 pub(crate) const FORMS: &[Form] = &[
@@ -153,6 +174,12 @@ pub(crate) const FORMS: &[Form] = &[
     form("delay", Stream, "a robot's odometry or commands that come late")
         .written("delay ROBOT odometry|commands by SECONDS [jitter SECONDS] @SECONDS [for SECONDS]")
         .with(DELAY),
+    form("lie", Link, "a robot that says what is not so to one that hears it, and moves as ever")
+        .written("lie FROM->TO [by [X,Y]] [drift [VX,VY]] [random METERS] [turn RADIANS] @SECONDS [for SECONDS]")
+        .with(LIE),
+    form("lie", Beacons, "the same to all that hear it")
+        .written("lie ROBOT beacons [by [X,Y]] [drift [VX,VY]] [random METERS] [turn RADIANS] @SECONDS [for SECONDS]")
+        .with(LIE),
     form("blackout", Subject::Sensor, "a sensor that sees nothing")
         .written("blackout ROBOT odometry|proximity @SECONDS [for SECONDS]"),
     form("noise", Subject::Sensor, "a sensor that sees not exactly")
@@ -169,12 +196,17 @@ pub(crate) const FORMS: &[Form] = &[
 ];
 
 impl Form {
-    /// The form of that kind which strikes a stream, if `stream`, or whatever else; the only one of a
-    /// kind that has one.
-    pub(crate) fn of(kind: &str, stream: bool) -> Option<&'static Form> {
+    /// The form of that kind which strikes what one robot sends or gets, if `of_robot`, or whatever
+    /// else; the only one of a kind that has one.
+    pub(crate) fn of(kind: &str, of_robot: bool) -> Option<&'static Form> {
         let mut forms = FORMS.iter().filter(|form| form.kind == kind);
-        let suits = |form: &&Form| (form.subject == Subject::Stream) == stream;
+        let suits = |form: &&Form| form.is_beside_links() == of_robot;
         forms.clone().find(suits).or_else(|| forms.next())
+    }
+
+    /// Whether it strikes what one robot sends or gets, where another of its kind strikes links.
+    fn is_beside_links(&self) -> bool {
+        matches!(self.subject, Stream | Beacons)
     }
 
     /// The keys that its table must have, beside `kind`.
@@ -231,7 +263,15 @@ impl FaultKind {
                     | LinkFaultKind::Fading { .. }
                     | LinkFaultKind::Delay { .. } => Silenced::Nobody,
                 };
-                (what, Struck { robot: Some(ends.from), hearer: Some(ends.to), silenced })
+                let (robot, hearer) = (Some(ends.from), Some(ends.to));
+                (what, Struck { robot, hearer, silenced, lies: false })
+            }
+            FaultKind::Lie { robot, hearer, ref lie } => {
+                let whom = match hearer {
+                    Some(hearer) => format!("{}->{}", name(robot), name(hearer)),
+                    None => format!("{} beacons", name(robot)),
+                };
+                (lying(&whom, lie), Struck { hearer, lies: true, ..strikes(robot) })
             }
             FaultKind::Stream { robot, stream, ref kind } => {
                 (failing(&format!("{} {}", name(robot), stream.word()), kind), strikes(robot))
@@ -279,6 +319,7 @@ impl FaultKind {
             FaultKind::Slow { .. }
             | FaultKind::Link { .. }
             | FaultKind::Stream { .. }
+            | FaultKind::Lie { .. }
             | FaultKind::Sensor { .. }
             | FaultKind::Wheels { .. }
             | FaultKind::Partition { .. } => true,
@@ -314,6 +355,23 @@ fn failing(link: &str, kind: &LinkFaultKind) -> String {
     }
 }
 
+/// What a robot lies, in words.
+fn lying(whom: &str, lie: &Lie) -> String {
+    let &Lie { by_m, drift_m_s, random_m, turn_rad } = lie;
+    let mut words = format!("lie {whom}");
+    for (word, [x, y]) in [("by", by_m), ("drift", drift_m_s)] {
+        if [x, y] != [0.0, 0.0] {
+            words += &format!(" {word} [{x}, {y}]");
+        }
+    }
+    for (word, number) in [("random", random_m), ("turn", turn_rad)] {
+        if number != 0.0 {
+            words += &format!(" {word} {number}");
+        }
+    }
+    words
+}
+
 /// Why an argument is no fault, and how it would be one.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{reason}")]
@@ -329,9 +387,8 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
     let kind = words.next().unwrap_or_default();
     // A link is written with an arrow.
     let is_link = words.clone().next().is_some_and(|subject| subject.contains("->"));
-    let has_stream = FORMS.iter().any(|form| form.kind == kind && form.subject == Subject::Stream);
-    let stream = has_stream && !is_link && words.clone().next().is_some();
-    let Some(form) = Form::of(kind, stream) else {
+    let of_robot = !is_link && words.clone().next().is_some();
+    let Some(form) = Form::of(kind, of_robot) else {
         let mut kinds: Vec<&str> = FORMS.iter().map(|form| form.kind).collect();
         kinds.dedup();
         let reason = match kind {
@@ -373,6 +430,9 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
         };
         table[key] = item;
     }
+    if form.subject == Beacons && words.next() != Some("beacons") {
+        return Err(wrong(format!("`{kind}` needs a link, such as r1->r2, or a robot's beacons")));
+    }
     while let Some(word) = words.next() {
         let of_time = match word {
             "for" if form.lasts => Some("for_s"),
@@ -382,19 +442,7 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
         let (key, item) = match (word.strip_prefix('@'), of_time, detail) {
             (Some(at), ..) => ("at_s", value(parsed(at).map_err(wrong)?)),
             (None, Some(key), _) => (key, value(number_after(word, &mut words).map_err(wrong)?)),
-            (None, None, Some(detail)) => match detail.value {
-                DetailValue::Yes => (detail.key, value(true)),
-                DetailValue::Number => {
-                    (detail.key, value(number_after(word, &mut words).map_err(wrong)?))
-                }
-                DetailValue::Whole => {
-                    let number = number_after(word, &mut words).map_err(wrong)?;
-                    if number.fract() != 0.0 || number > 1e9 {
-                        return Err(wrong(format!("`{word} {number}` is not a whole number")));
-                    }
-                    (detail.key, value(number as i64))
-                }
-            },
+            (None, None, Some(detail)) => (detail.key, detail.read(&mut words).map_err(wrong)?),
             (None, None, None) => return Err(wrong(format!("`{word}` has no place here"))),
         };
         if table.contains_key(key) {
@@ -406,6 +454,43 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
         return Err(wrong(format!("`{kind}` needs a time, such as @10")));
     }
     Ok(table)
+}
+
+impl Detail {
+    /// The value that follows its word.
+    fn read<'w>(&self, words: &mut impl Iterator<Item = &'w str>) -> Result<Item, String> {
+        let word = self.word;
+        Ok(match self.value {
+            DetailValue::Yes => value(true),
+            DetailValue::Number => value(number_after(word, words)?),
+            DetailValue::Whole => {
+                let number = number_after(word, words)?;
+                if number.fract() != 0.0 || number > 1e9 {
+                    return Err(format!("`{word} {number}` is not a whole number"));
+                }
+                value(number as i64)
+            }
+            DetailValue::Signed => {
+                let number = words.next().ok_or(format!("`{word}` needs a number after it"))?;
+                let wrong = || format!("`{number}` is not a number");
+                value(number.parse().ok().filter(|n: &f64| n.is_finite()).ok_or_else(wrong)?)
+            }
+            DetailValue::Pair => {
+                let mut text = String::new();
+                while !text.ends_with(']') {
+                    let next = words.next();
+                    text += next.ok_or(format!("`{word}` needs two numbers after it: [x, y]"))?;
+                }
+                let inner = text.strip_prefix('[').and_then(|text| text.strip_suffix(']'));
+                let numbers = inner.unwrap_or_default().split(',').map(str::parse::<f64>);
+                let numbers: Vec<f64> = numbers.filter_map(Result::ok).collect();
+                if numbers.len() != 2 || numbers.iter().any(|number| !number.is_finite()) {
+                    return Err(format!("`{text}` is not two numbers: [x, y]"));
+                }
+                value(Array::from_iter(numbers))
+            }
+        })
+    }
 }
 
 fn number_after<'w>(word: &str, words: &mut impl Iterator<Item = &'w str>) -> Result<f64, String> {
@@ -443,6 +528,8 @@ partition b,c @5 for 2 => kind = 'partition', hosts = ['b', 'c'], at_s = 5.0, fo
 bursts a->b of 0.2 mean 0.1 @1 => kind = 'bursts', from = 'a', to = 'b', probability = 0.2, mean_burst_s = 0.1, at_s = 1.0
 fading a->b range 4 exponent 3 @1 => kind = 'fading', from = 'a', to = 'b', range_m = 4.0, exponent = 3.0, at_s = 1.0
 loss * commands of 0.2 @0 => kind = 'loss', robot = '*', stream = 'commands', probability = 0.2, at_s = 0.0
+lie r3 beacons by [0.5, -0.25] @10 for 20 => kind = 'lie', robot = 'r3', by_m = [0.5, -0.25], at_s = 10.0, for_s = 20.0
+lie a->b drift [0,1e-2] random 0.2 turn -0.5 @1 => kind = 'lie', from = 'a', to = 'b', drift_m_s = [0.0, 0.01], random_m = 0.2, turn_rad = -0.5, at_s = 1.0
 delay r1 odometry by 0.04 jitter 0.01 @1 for 2 => kind = 'delay', robot = 'r1', stream = 'odometry', delay_s = 0.04, jitter_s = 0.01, at_s = 1.0, for_s = 2.0";
 
     /// Arguments, and what of each is named.
@@ -464,6 +551,11 @@ loss r1 @1 => needs a link, such as r1->r2, or a robot's odometry
 delay r1 proximity by 1 @1 => needs a link, such as r1->r2, or a robot's odometry
 delay => needs a link
 noise r1 => needs a sensor
+lie r1 by [1, 0] @1 => needs a link, such as r1->r2, or a robot's beacons
+lie r1 beacons by [1, nan] @1 => `[1,nan]` is not two numbers
+lie r1 beacons by [1] @1 => `[1]` is not two numbers
+lie r1 beacons by [1, 2 @1 => needs two numbers
+lie r1->r2 turn inf @1 => `inf` is not a number
 partition @1 => needs a host
 load of 1.5 @1 => `of 1.5` is not a whole number";
 

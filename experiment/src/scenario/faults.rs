@@ -1,7 +1,7 @@
 //! What breaks in a scenario, and that it can: all `[[fault]]`, and `[chaos]`.
 
 use formation::graph::FormationGraph;
-use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind, Stream, WheelFaultKind};
+use protocol::fault::{Lie, LinkFaultKind, Sensor, SensorFaultKind, Stream, WheelFaultKind};
 
 use super::chaos::Chaos;
 use super::diagnostic::Diagnostic;
@@ -50,8 +50,8 @@ pub(super) fn faults(root: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, 
 /// One `[[fault]]`, which may strike many.
 fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fault>, Diagnostic> {
     let kind = table.kind_alone()?;
-    let of_stream = table.get("robot").is_some() || table.get("stream").is_some();
-    let form = Form::of(kind, of_stream).expect("a kind has a form");
+    let of_robot = table.get("robot").is_some() || table.get("stream").is_some();
+    let form = Form::of(kind, of_robot).expect("a kind has a form");
     table.only_with(&[form.needs(), form.may()].concat())?;
     let at_ns = at.time_ns()?;
     if at_ns >= scene.duration_ns {
@@ -98,11 +98,12 @@ fn fault(table: &Table<'_>, at: &Value<'_>, scene: &Scene<'_>) -> Result<Vec<Fau
             }
             vec![FaultKind::Partition { hosts: names }]
         }
+        "lie" => lies(table, scene, of_robot)?,
         "load" => vec![FaultKind::Load { processes: table.whole("processes")? as usize }],
         _ => {
             let kind = link_fault(kind, table)?;
             let kind = || kind.clone();
-            if of_stream {
+            if of_robot {
                 let stream: Stream = table.word("stream")?;
                 each(&|robot| FaultKind::Stream { robot, stream, kind: kind() })?
             } else {
@@ -121,6 +122,36 @@ fn robots(table: &Table<'_>, scene: &Scene<'_>) -> Result<Vec<usize>, Diagnostic
         EVERY => Ok((0..scene.robots.len()).collect()),
         _ => robot_named(&value, scene.robots).map(|robot| vec![robot]),
     }
+}
+
+/// Lies to one, or to all.
+fn lies(
+    table: &Table<'_>,
+    scene: &Scene<'_>,
+    of_robot: bool,
+) -> Result<Vec<FaultKind>, Diagnostic> {
+    let pair = |key| Ok(table.get(key).map(|value| value.pair()).transpose()?.unwrap_or_default());
+    let number = |key| Ok(table.maybe_number(key)?.unwrap_or_default());
+    let (by_m, drift_m_s) = (pair("by_m")?, pair("drift_m_s")?);
+    let lie = Lie { by_m, drift_m_s, random_m: number("random_m")?, turn_rad: number("turn_rad")? };
+    if lie == Lie::default() {
+        let expected = "expected one of `by_m`, `drift_m_s`, `random_m`, `turn_rad` that is not 0";
+        return Err(table.here("the lie is the truth", expected));
+    }
+    if !of_robot {
+        let ends = edges(table, scene)?.into_iter().map(|edge| scene.graph.edges()[edge]);
+        let lie = ends.map(|ends| FaultKind::Lie { robot: ends.from, hearer: Some(ends.to), lie });
+        return Ok(lie.collect());
+    }
+    let mut liars = robots(table, scene)?;
+    liars.retain(|&robot| scene.graph.hearers_of(robot).next().is_some());
+    if liars.is_empty() {
+        let value = table.need("robot")?;
+        let said = value.text("expected a name")?;
+        let what = format!("is \"{said}\", whom nobody hears");
+        return Err(value.wrong(what, "expected a robot that another one hears"));
+    }
+    Ok(liars.into_iter().map(|robot| FaultKind::Lie { robot, hearer: None, lie }).collect())
 }
 
 fn kill_of_the_plant(table: &Table<'_>) -> Result<Vec<FaultKind>, Diagnostic> {

@@ -991,6 +991,18 @@ fn fault() -> Vec<Key> {
         key("heading_bound_rad", Number(NotNegative))
             .default("0.0", "the heading is off by at most this; of odometry only")
             .guesses("heading heading_noise"),
+        key("by_m", Pair)
+            .optional("the position that its beacons say is off by this, in meters")
+            .guesses("offset_m lie_m by"),
+        key("drift_m_s", Pair)
+            .optional("it drifts off at this velocity, which its beacons say it has beside its own, in m/s")
+            .guesses("drift velocity_m_s"),
+        key("random_m", Number(Positive))
+            .optional("it is off by a draw for each beacon, of the disc of this radius, in meters")
+            .guesses("random radius_m"),
+        key("turn_rad", Number(Any))
+            .optional("the heading of the leader's frame that it passes on is off by this")
+            .guesses("turn heading_rad frame_rad"),
         key("stuck", Truth).rule("or else `speed_max_m_s`", "the robot stands"),
         key("speed_max_m_s", Number(Positive))
             .rule("or else `stuck`", "its wheels' rims are no faster")

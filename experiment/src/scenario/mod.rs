@@ -65,7 +65,7 @@ use protocol::brief::{
     AvoidanceBrief, LeadBrief, LimitsBrief, Pace, PublishedVelocity, RampKind, Rank, SilenceBrief,
     WheelsBrief,
 };
-use protocol::fault::{LinkFaultKind, Sensor, SensorFaultKind, Span, Stream, WheelFaultKind};
+use protocol::fault::{Lie, LinkFaultKind, Sensor, SensorFaultKind, Span, Stream, WheelFaultKind};
 use protocol::law::{Reference, Role};
 
 /// One experiment. Robots are numbered by their place in the file, from 0.
@@ -239,6 +239,15 @@ pub enum FaultKind {
         /// What is wrong with it.
         kind: LinkFaultKind,
     },
+    /// A robot whose beacons are false.
+    Lie {
+        /// Whose.
+        robot: usize,
+        /// The only robot that hears the lie; `None`: all that hear it.
+        hearer: Option<usize>,
+        /// What they say.
+        lie: Lie,
+    },
     /// A sensor that sees nothing, or not exactly.
     Sensor {
         /// Whose.
@@ -276,6 +285,8 @@ pub struct Struck {
     pub hearer: Option<usize>,
     /// What nobody hears any more while it lasts.
     pub silenced: Silenced,
+    /// It lies: theory does not foretell what becomes of that.
+    pub lies: bool,
 }
 
 /// What a fault silences.

@@ -217,7 +217,8 @@ impl Metrics {
     pub fn died_unplanned(&mut self, robot: usize, how: &str, t_ns: u64) -> usize {
         let what = format!("death of {} ({how})", self.names[robot]);
         let silenced = Silenced::Robot(robot);
-        let fault = self.new_fault(what, Struck { robot: Some(robot), hearer: None, silenced });
+        let fault =
+            self.new_fault(what, Struck { robot: Some(robot), silenced, ..Struck::default() });
         self.fault_began(fault, t_ns);
         fault
     }

@@ -265,7 +265,8 @@ const STORY: [Told; 25] = [
 fn faults_told(story: impl Iterator<Item = Told>) -> Vec<FaultReport> {
     let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
     for robot in [1, 0, 1] {
-        let struck = Struck { robot: Some(robot), hearer: None, silenced: Silenced::Robot(robot) };
+        let struck =
+            Struck { robot: Some(robot), silenced: Silenced::Robot(robot), ..Struck::default() };
         metrics.new_fault(format!("death of {robot}"), struck);
     }
     for told in story {

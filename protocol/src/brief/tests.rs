@@ -5,7 +5,7 @@ use formation::trajectory::Trajectory;
 
 use super::*;
 use crate::fault::{
-    LinkFaultKind, Sensor, SensorFaultKind, SlowFault, Span, WheelFault, WheelFaultKind,
+    Lie, LinkFaultKind, Sensor, SensorFaultKind, SlowFault, Span, WheelFault, WheelFaultKind,
 };
 
 const SPAN: Span = Span { from_ns: 5, until_ns: 9 };
@@ -77,12 +77,18 @@ fn agent() -> AgentBrief {
                 fault(LinkFaultKind::Cut),
                 fault(LinkFaultKind::Delay { delay_ns: 1, jitter_ns: 2 }),
             ],
+            lies: vec![LieFault {
+                span: SPAN,
+                lie: Lie { turn_rad: 0.5, ..Lie::default() },
+                seed: 5,
+            }],
         }],
         spares: vec![NeighborBrief {
             name: "r3".into(),
             index: 3,
             offset_m: [0.25, 0.5],
             faults: Vec::new(),
+            lies: Vec::new(),
         }],
     }
 }

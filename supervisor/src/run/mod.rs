@@ -233,7 +233,7 @@ impl<'a> Run<'a> {
                     tracing::warn!(host = name, t_s = now_ns as f64 / 1e9, "out of reach");
                     for robot in robots {
                         let silenced = Silenced::Robot(robot);
-                        let struck = Struck { robot: Some(robot), hearer: None, silenced };
+                        let struck = Struck { robot: Some(robot), silenced, ..Struck::default() };
                         let what = format!("{} out of reach, on {name}", self.journal.name(robot));
                         let fault = self.journal.metrics.new_fault(what, struck);
                         let why = format!("host {name} is not heard");

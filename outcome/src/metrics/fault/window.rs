@@ -8,6 +8,9 @@ use experiment::prediction::{Broken, broken_means, lines};
 use experiment::scenario::{Silenced, Struck};
 use formation::seconds;
 
+/// What theory says of a lie.
+const NOT_FORETOLD: &str = "what becomes of a lie is not predicted";
+
 /// A fault while it is watched.
 #[derive(Debug, Clone)]
 pub(super) struct FaultWindow {
@@ -259,12 +262,14 @@ impl FaultWindow {
         if self.recovered_ns.is_none() || !self.disturbed {
             worst.merge(self.worst_since);
         }
+        let mut predicted_why = lines(broken.iter().map(|one| (name(one.robot), one.why(name))));
+        predicted_why.extend(self.struck.lies.then(|| NOT_FORETOLD.to_owned()));
         FaultReport {
             t_s: seconds(self.began_ns),
             what: self.what.clone(),
             robot: self.struck.robot.map(|robot| names[robot].clone()),
             predicted: broken.iter().map(|one| names[one.robot].clone()).collect(),
-            predicted_why: lines(broken.iter().map(|one| (name(one.robot), one.why(name)))),
+            predicted_why,
             orphaned: self.foretold.orphaned.iter().map(|&i| names[i].clone()).collect(),
             broken: self.left.names(1, names),
             affected: self.left.names(0, names),
@@ -293,7 +298,8 @@ mod tests {
 
     const S: u64 = 1_000_000_000;
 
-    const STRUCK: Struck = Struck { robot: Some(1), hearer: None, silenced: Silenced::Robot(1) };
+    const STRUCK: Struck =
+        Struck { robot: Some(1), hearer: None, silenced: Silenced::Robot(1), lies: false };
 
     fn none() -> impl Iterator<Item = Both> {
         [[false; 2]; 3].into_iter()
@@ -356,6 +362,16 @@ mod tests {
         let report = fault.report(&names(), 0.01);
         assert_eq!((report.lasted_s, report.recovered_after_s), (Some(5.0), Some(2.0)));
         assert_eq!(report.peak_error_m, 0.5);
+    }
+
+    #[test]
+    fn of_a_lie_it_is_said_that_nothing_is_foretold() {
+        let struck = Struck { robot: Some(1), lies: true, ..Struck::default() };
+        let what = "lie r2 beacons by [0.5, 0]".into();
+        let fault = FaultWindow::new(0, what, struck, S, Foretold::default(), none());
+        let FaultReport { predicted, predicted_why, .. } = fault.report(&names(), 0.01);
+        assert!(predicted.is_empty());
+        assert_eq!(predicted_why, [NOT_FORETOLD]);
     }
 
     #[test]

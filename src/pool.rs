@@ -153,6 +153,31 @@ pub fn run(
     })
 }
 
+/// What `work` makes of each item, in their order, by so many threads at once; one for each core unless it is said.
+pub fn on_all_cores<I: Sync, T: Send>(
+    items: &[I],
+    jobs: Option<usize>,
+    work: impl Fn(&I) -> T + Sync,
+) -> Vec<T> {
+    let cores = || Topology::of_this_thread().unwrap_or_default().whole_cores();
+    let jobs = jobs.unwrap_or_else(cores).clamp(1, items.len().max(1));
+    let next = AtomicUsize::new(0);
+    let work_off = || {
+        let mut done = Vec::new();
+        loop {
+            let place = next.fetch_add(1, Ordering::Relaxed);
+            let Some(item) = items.get(place) else { return done };
+            done.push((place, work(item)));
+        }
+    };
+    let mut done: Vec<(usize, T)> = std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..jobs).map(|_| scope.spawn(work_off)).collect();
+        threads.into_iter().flat_map(|thread| thread.join().expect("work does not panic")).collect()
+    });
+    done.sort_by_key(|(place, _)| *place);
+    done.into_iter().map(|(_, made)| made).collect()
+}
+
 /// Processor time of this process, of all children that have ended, and of theirs, s.
 fn processor_s() -> f64 {
     let usages = [usage::of_this_process(), usage::of_ended_children()];

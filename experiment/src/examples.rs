@@ -9,7 +9,7 @@ use protocol::avoidance::AvoidanceDescription;
 use protocol::brief::{AvoidanceBrief, PublishedVelocity, SilenceBrief, SilencePolicy};
 use protocol::law::Role;
 
-use crate::scenario::{Expectations, RestartPolicy, RestartWhen, Robot, Scenario};
+use crate::scenario::{Expectations, HuntBounds, RestartPolicy, RestartWhen, Robot, Scenario};
 
 const SECOND_NS: u64 = 1_000_000_000;
 
@@ -81,5 +81,6 @@ pub fn row_of_three() -> Scenario {
         lead: None,
         unled_scale: None,
         expect: Expectations { converged_error_m: 0.01, ..Expectations::default() },
+        hunt: HuntBounds::default(),
     }
 }

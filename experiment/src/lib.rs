@@ -11,6 +11,7 @@
 //! | `reference` | how is it told to people? |
 //! | `drawing` | what does its graph look like? |
 //! | `campaign/` | which runs is a campaign made of? |
+//! | `hunt/` | which runs does a hunt try next? |
 //! | `briefs` | what is each process told? |
 //! | `examples` | a small experiment for tests |
 
@@ -19,6 +20,7 @@ pub mod campaign;
 pub mod check;
 pub mod drawing;
 pub mod examples;
+pub mod hunt;
 pub mod prediction;
 pub mod reference;
 pub mod scenario;

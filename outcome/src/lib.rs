@@ -7,10 +7,12 @@
 //! | `report/` | what do people look at? |
 //! | `results/` | what is in its directory, written and read? |
 //! | `campaign/` | what came of many runs, and with which confidence? |
+//! | `hunt` | what has a hunt tried? |
 //!
 //! Must not: start, signal or wait for a process, know iceoryx2, or decide anything about a run.
 
 pub mod campaign;
+pub mod hunt;
 pub mod metrics;
 pub mod recording;
 pub mod report;

@@ -9,8 +9,8 @@ use std::time::Instant;
 use agent::brain::Brain;
 use agent::turn::Turn;
 use experiment::scenario::{FaultKind, Scenario};
-use outcome::metrics::Metrics;
 use outcome::metrics::summary::ProcessUsage;
+use outcome::metrics::{Measures, Metrics};
 use outcome::results::latency::Latency;
 use outcome::results::outcome::Outcome;
 use outcome::results::run_dir::{RunDir, RunDirError};
@@ -69,6 +69,36 @@ pub fn run(
     outcome.usages = vec![ProcessUsage { name: NAME.into(), starts: 1, usage }];
     listener.into_outcome(&mut outcome);
     (outcome, ran)
+}
+
+/// What a run in lockstep comes to, with nothing taken down but what it is judged by; `None` if `goes_on` says no before
+/// its end.
+pub fn measure(scenario: &Scenario, mut goes_on: impl FnMut() -> bool) -> Option<Measures> {
+    let think = |brief: &AgentBrief, incarnation| {
+        Brain::new(brief, incarnation).expect("the brief of a checked scenario")
+    };
+    let mut run = InProcess::new(scenario.clone(), think).expect("it needs no processes");
+    let mut metrics = Metrics::new(scenario, Pace::Lockstep);
+    let mut rows: Vec<TruthRow> = Vec::new();
+    loop {
+        let header = run.world().truth_header();
+        rows.clear();
+        rows.extend(run.world().truth());
+        metrics.orphans_before(header.t_ns);
+        metrics.truth(&header, &rows, run.alive());
+        if run.is_over() || metrics.ends_early() {
+            return Some(metrics.finish());
+        }
+        if !goes_on() {
+            return None;
+        }
+        run.sense(|effect| match *effect {
+            Effect::Began(fault) => metrics.fault_began(fault, header.t_ns),
+            Effect::Ended { fault, end, at_ns } => metrics.fault_ended(fault, end, at_ns),
+            _ => {}
+        });
+        run.step(|_, turn| turn.wish());
+    }
 }
 
 /// Takes down what the robots report of themselves, and what happens to them.

@@ -7,6 +7,7 @@
 //! | `new` `run` `check` `schema` `report` `doctor` `clean` `recover` `export` `verify` | the verb of its name |
 //! | `fleet_keys` | `phalanx fleet keys`: certificates |
 //! | `sweep` | runs a campaign; `cell`: one run of it; `cell_in_process`: without processes |
+//! | `hunt` | looks for a run that misses an expectation, and shrinks it |
 //! | `execute` | runs a sound scenario, judges it and writes it down, for `run`, `cell` and `verify` |
 //! | `fleet` `share` | this host's part of a run on several |
 //! | `scenario` | reads the scenario that a verb is about, with the command line's changes |
@@ -23,6 +24,7 @@ mod execute;
 mod export;
 mod fleet;
 mod fleet_keys;
+mod hunt;
 mod new;
 mod recover;
 mod report;
@@ -56,6 +58,8 @@ pub enum Verb {
     Run(Box<run::RunArgs>),
     /// Run a campaign: one scenario many times, varied as its file says.
     Sweep(sweep::SweepArgs),
+    /// Look for a run of a scenario that misses what it expects, and shrink it to the simplest one.
+    Hunt(hunt::HuntArgs),
     /// Validate a scenario, and print what theory says about it before it runs.
     Check(check::CheckArgs),
     /// Print the JSON Schema of scenario files, for editors and other programs.
@@ -87,6 +91,7 @@ pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) 
         Verb::New(args) => new::new(args, catalog),
         Verb::Run(args) => run::run(args, catalog, launcher.clone(), build),
         Verb::Sweep(args) => sweep::sweep(args, catalog, launcher, build),
+        Verb::Hunt(args) => hunt::hunt(args, catalog),
         Verb::Check(args) => check::check(args, catalog),
         Verb::Schema(args) => schema::schema(args, catalog),
         Verb::Report(args) => report::report(args, catalog),

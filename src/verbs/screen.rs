@@ -99,36 +99,32 @@ pub(super) fn show_progress(bar: &ProgressBar, t_ns: u64) {
     bar.set_message(format!("{:.1} of {whole} s", seconds(t_ns / MS)));
 }
 
-/// The progress bar of a campaign of so many runs.
+/// The progress bar of so many runs; `usize::MAX`: nobody knows how many.
 pub(super) fn runs_progress(runs: usize) -> &'static ProgressBar {
     BAR.get_or_init(|| {
         if !io::stderr().is_terminal() {
             return ProgressBar::hidden();
         }
-        let bar = ProgressBar::new(runs as u64);
-        let style = "{bar:40} {pos} of {len} runs, {eta} left{msg}";
+        let (bar, style) = match runs {
+            usize::MAX => (ProgressBar::no_length(), "{pos} runs in {elapsed}{msg}"),
+            _ => (ProgressBar::new(runs as u64), "{bar:40} {pos} of {len} runs, {eta} left{msg}"),
+        };
         bar.set_style(ProgressStyle::with_template(style).expect("a valid template"));
         bar.enable_steady_tick(Duration::from_secs(1));
         bar
     })
 }
 
-/// Moves that bar, or says the same in a line where there is none; `failures`: attempts whose machinery failed.
-pub(super) fn runs_done(
-    bar: &ProgressBar,
-    lines: &mut ProgressLines,
-    done: usize,
-    failures: usize,
-) {
+/// Moves that bar, or says the same in a line where there is none; `more` is said of them.
+pub(super) fn runs_done(bar: &ProgressBar, lines: &mut ProgressLines, done: usize, more: String) {
     bar.set_position(done as u64);
-    let failed = match failures {
-        0 => String::new(),
-        _ => format!(", {failures} failed attempts"),
-    };
     if bar.is_hidden() && lines.are_due(done) {
-        tell(&format!("{done} of {} runs{failed}", lines.runs));
+        match lines.runs {
+            usize::MAX => tell(&format!("{done} runs{more}")),
+            runs => tell(&format!("{done} of {runs} runs{more}")),
+        }
     }
-    bar.set_message(failed);
+    bar.set_message(more);
 }
 
 /// When a line is due where the output is no terminal: with each tenth of the runs that took a second, after half a
@@ -145,7 +141,7 @@ impl ProgressLines {
     }
 
     fn are_due(&mut self, done: usize) -> bool {
-        let tenth = |done| 10 * done / self.runs.max(1);
+        let tenth = |done: usize| done / self.runs.div_ceil(10).max(1);
         let wait_s = if tenth(done) > tenth(self.done) { 1 } else { 30 };
         let is_late = self.at.elapsed() >= Duration::from_secs(wait_s);
         let is_due = done > self.done && (is_late || done == self.runs);

@@ -288,7 +288,11 @@ fn run(
     let jobs = args.jobs.map(usize::from);
     let mut lines = ProgressLines::new(missing.len());
     let ended = pool::run(campaign, missing, folder, way, stop, jobs, |progress| {
-        runs_done(bar, &mut lines, progress.done, progress.failures);
+        let failed = match progress.failures {
+            0 => String::new(),
+            failures => format!(", {failures} failed attempts"),
+        };
+        runs_done(bar, &mut lines, progress.done, failed);
     });
     bar.finish_and_clear();
     // What died with an earlier campaign may have taken its time to.

@@ -25,6 +25,7 @@ mod formats;
 mod harness;
 mod hostile;
 mod hung;
+mod hunt;
 mod ideal;
 mod inertia;
 mod isolation;

@@ -314,6 +314,7 @@ impl Format {
                 chaos(),
             ),
             Section::new("expect", "What must hold for exit code 0.", expect()),
+            Section::new("hunt", "What `phalanx hunt` may vary, and within which bounds.", hunt()),
         ];
         Format {
             sections,
@@ -551,6 +552,9 @@ fn experiment() -> Vec<Key> {
         key("expect", Table("expect"))
             .optional("what must hold for exit code 0")
             .guesses("expectations expected assert require check"),
+        key("hunt", Table("hunt"))
+            .optional("what `phalanx hunt` may vary, and within which bounds")
+            .guesses("search fuzz falsify"),
     ]
 }
 
@@ -1044,6 +1048,58 @@ fn chaos() -> Vec<Key> {
         key("until_s", Time(NotNegative))
             .rule("the end of the run", "nothing begins from here on")
             .guesses("end to"),
+    ]
+}
+
+fn hunt() -> Vec<Key> {
+    vec![
+        key("vary", Texts)
+            .rule(
+                "starts, faults and delays",
+                "what varies: \"starts\", \"faults\", \"delays\", \"noise\", \"gains\"",
+            )
+            .guesses("varies varied"),
+        key("faults_max", Whole(1, 20))
+            .default("3", "most faults in a run")
+            .guesses("faults count n"),
+        key("kinds", Texts)
+            .rule("all that a hunt knows", "kinds of faults, such as \"freeze\" and \"cut\"")
+            .guesses("kind fault_kinds"),
+        key("robots", Names)
+            .rule("all robots", "which robots break, or send on links that do")
+            .guesses("robot targets"),
+        key("from_s", Time(NotNegative)).default("0.0", "no fault begins before").guesses("start"),
+        key("until_s", Time(Positive))
+            .rule("half of `duration_s`", "every fault has ended by then")
+            .bounds("above `from_s`, to `duration_s`")
+            .guesses("end to"),
+        key("box_m", Pair)
+            .rule(
+                "[4 d, 4 d]",
+                "the box around each robot's own start in which its front point starts",
+            )
+            .bounds("each above 0")
+            .guesses("box size area"),
+        key("apart_m", Number(Positive))
+            .rule("1.5 d", "no two front points start nearer than this, or than in the scenario")
+            .guesses("apart separation"),
+        key("delay_s_max", Time(Positive))
+            .rule("4 `period_s`", "longest delay of a link, of odometry, or of commands")
+            .guesses("delay latency delay_max latency_max"),
+        key("loss_max", Number(Positive))
+            .default("0.5", "largest share of what is sent that is lost")
+            .bounds("above 0, to 1")
+            .guesses("loss"),
+        key("noise_m_max", Number(Positive))
+            .rule("0.05 d", "largest error of a position that a sensor says")
+            .guesses("noise noise_max"),
+        key("noise_heading_rad_max", Number(Positive))
+            .default("0.02", "largest error of a heading that a sensor says")
+            .guesses("heading_noise noise_heading"),
+        key("gain_factors", Pair)
+            .rule("[0.5, 2]", "gains are those of the scenario times a factor between these two")
+            .bounds("each above 0, the first below the second")
+            .guesses("gains factors"),
     ]
 }
 

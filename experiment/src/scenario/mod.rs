@@ -18,6 +18,7 @@
 //! | `restart` | does a robot come back after a death that nobody planned? |
 //! | `chaos` | which faults does a seed draw? |
 //! | `lives` | who is alive when a fault is to happen? |
+//! | `hunt` | what may `phalanx hunt` vary, and within which bounds? |
 
 mod chaos;
 pub mod diagnostic;
@@ -26,6 +27,7 @@ pub mod fault;
 mod faults;
 pub mod file;
 mod graph;
+pub mod hunt;
 mod import;
 pub mod keys;
 pub mod laws;
@@ -67,6 +69,7 @@ use protocol::brief::{
 };
 use protocol::fault::{Lie, LinkFaultKind, Sensor, SensorFaultKind, Span, Stream, WheelFaultKind};
 use protocol::law::{Reference, Role};
+use serde::Deserialize;
 
 /// One experiment. Robots are numbered by their place in the file, from 0.
 #[derive(Debug, Clone, PartialEq)]
@@ -131,6 +134,55 @@ pub struct Scenario {
     pub faults: Vec<Fault>,
     /// What must hold for exit code 0.
     pub expect: Expectations,
+    /// What may vary when a run is looked for that misses it.
+    pub hunt: HuntBounds,
+}
+
+/// What a hunt varies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Varied {
+    /// Where robots start.
+    Starts,
+    /// What breaks.
+    Faults,
+    /// How late or lost everything is that is sent, over the whole run.
+    Delays,
+    /// How wrong sensors are, over the whole run.
+    Noise,
+    /// Gains of laws and of the avoidance method.
+    Gains,
+}
+
+/// What may vary when a run is looked for that misses an expectation, and within which bounds.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct HuntBounds {
+    /// Which of these.
+    pub vary: Vec<Varied>,
+    /// How many faults there are at most.
+    pub faults_max: usize,
+    /// Kinds of faults.
+    pub kinds: Vec<&'static str>,
+    /// Robots that break, by their places.
+    pub robots: Vec<usize>,
+    /// No fault begins before, ns.
+    pub from_ns: u64,
+    /// Every fault has ended by then, ns.
+    pub until_ns: u64,
+    /// Width and height of the box around each robot's own start in which its front point starts, m.
+    pub box_m: [f64; 2],
+    /// No two front points start nearer to each other, m; or no nearer than in the scenario.
+    pub apart_m: f64,
+    /// Longest delay, ns.
+    pub delay_ns_max: u64,
+    /// Largest share of what is sent that is lost.
+    pub loss_max: f64,
+    /// Largest error of a position, m, and of a heading, rad.
+    pub noise_m_max: f64,
+    /// The same of a heading, rad.
+    pub noise_heading_rad_max: f64,
+    /// Gains are those of the scenario times a factor from the first to the second of these.
+    pub gain_factors: [f64; 2],
 }
 
 /// One robot.

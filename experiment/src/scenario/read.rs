@@ -24,6 +24,7 @@ use super::expect::expect;
 use super::faults::{Scene, faults};
 use super::file::{Trouble, load};
 use super::graph::graph;
+use super::hunt::hunt;
 use super::import::splice::{Spliced, splice};
 use super::keys::{FORMAT, Format};
 use super::laws;
@@ -205,9 +206,10 @@ fn scenario(
     let [noise_m, noise_rad] = noise_bounds(robots.len(), &faults);
     let error = |key| avoidance_table.maybe_number(key).map(|bound| bound.unwrap_or(0.0));
     let braking_times_s = robots.iter().filter_map(|robot| robot.limits);
+    let distance_min_m = avoidance_table.number("distance_min_m")?;
     let avoidance = AvoidanceBrief {
         kind: method.name.to_owned(),
-        distance_min_m: avoidance_table.number("distance_min_m")?,
+        distance_min_m,
         speed_max_m_s,
         // Without the key, as far as the whole scenario asks for, below.
         sensing_radius_m: sensing_radius_m.unwrap_or(f64::INFINITY),
@@ -238,6 +240,7 @@ fn scenario(
         laws: laws::laws(root)?,
         plant: root.get("plant").map(|plant| Program::read(&plant.table()?)).transpose()?,
         expect: expect(root, &robots, &walls, duration_ns)?,
+        hunt: hunt(root, &robots, [duration_ns, period_ns], distance_min_m)?,
         robots,
         graph,
         spares: Vec::new(),

@@ -68,9 +68,9 @@ pub(crate) fn failed(what: &'static str, path: &Path) -> impl FnOnce(io::Error) 
 /// Why nobody else may run it.
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
-    /// Another sweep does.
+    /// Another sweep or hunt does.
     #[error(
-        "another `phalanx sweep` ({holder}) runs this campaign in {}; wait for it, or give --out another \
+        "another `phalanx` ({holder}) is at work in {}; wait for it, or give --out another \
          directory",
         path.display()
     )]
@@ -99,7 +99,12 @@ pub struct Lock {
 impl Folder {
     /// Makes it, unless it is there.
     pub fn open(path: &Path) -> Result<Folder, FolderError> {
-        for folder in [path.join("runs"), path.join("figures")] {
+        Folder::with(path, &["runs", "figures"])
+    }
+
+    /// Makes it with these folders in it, unless they are there.
+    pub fn with(path: &Path, folders: &[&str]) -> Result<Folder, FolderError> {
+        for folder in folders.iter().map(|folder| path.join(folder)) {
             fs::create_dir_all(&folder).map_err(failed("make", &folder))?;
             stays_in(path, &folder).map_err(failed("write into", &folder))?;
         }

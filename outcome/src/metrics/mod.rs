@@ -20,6 +20,7 @@
 //! | `orphans` | who is cut off from its leader? |
 //! | `silence` | who is silent by faults, and whom does that break? |
 //! | `expect` | did it go as the scenario expects? |
+//! | `margin` | how far was that from going otherwise? |
 //! | `summary` | what came out, as it is written and read? |
 //! | `truths` | are two runs the same, and is any truth missing? |
 //! | `hash` | how does a trajectory become one word? |
@@ -36,6 +37,7 @@ mod finals;
 mod frame;
 pub mod hash;
 mod ideal;
+pub mod margin;
 mod orphans;
 mod silence;
 pub mod summary;

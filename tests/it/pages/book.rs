@@ -19,6 +19,7 @@ use crate::harness::{PHALANX, ROOT, RunRoot, files_below, in_parallel};
 /// What commands of the pages begin with that tests cannot run: they are the tests, take minutes or change the
 /// machine.
 const NOT_RUN: &[&str] = &[
+    "phalanx hunt ",
     "cargo ",
     "tests/",
     "bench/",

@@ -1,0 +1,169 @@
+//! Covariance matrix adaptation in the unit cube, for functions of which only the order of values is known.
+//!
+//! (mu/mu_w, lambda)-CMA-ES after N. Hansen, The CMA Evolution Strategy: A Tutorial (2016), equations in brackets.
+//! Steps are drawn by the Cholesky factor of C, in place of its symmetric root: the evolution path of the step size
+//! is then that of the same steps before the factor.
+
+use formation::random::SplitMix64;
+
+/// A search under way.
+pub(super) struct Cma {
+    mean: Vec<f64>,
+    /// Step size.
+    pub(super) sigma: f64,
+    /// C, and its Cholesky factor A.
+    covariance: Vec<Vec<f64>>,
+    factor: Vec<Vec<f64>>,
+    path_sigma: Vec<f64>,
+    path_c: Vec<f64>,
+    generation: i32,
+    /// Of the points asked for last: standard normal, before the factor.
+    drawn: Vec<Vec<f64>>,
+}
+
+impl Cma {
+    /// Around this point.
+    pub(super) fn new(mean: Vec<f64>, sigma: f64) -> Cma {
+        let n = mean.len();
+        let one = |i: usize| (0..n).map(|j| f64::from(i == j)).collect();
+        let identity: Vec<Vec<f64>> = (0..n).map(one).collect();
+        Cma {
+            mean,
+            sigma,
+            factor: identity.clone(),
+            covariance: identity,
+            path_sigma: vec![0.0; n],
+            path_c: vec![0.0; n],
+            generation: 0,
+            drawn: Vec::new(),
+        }
+    }
+
+    /// The next `lambda` points: x = m + sigma A z, reflected at the cube's sides. (39) (40)
+    pub(super) fn ask(&mut self, random: &mut SplitMix64, lambda: usize) -> Vec<Vec<f64>> {
+        let n = self.mean.len();
+        self.drawn = (0..lambda).map(|_| (0..n).map(|_| normal(random)).collect()).collect();
+        let point = |z: &Vec<f64>| {
+            let y = product(&self.factor, z);
+            self.mean.iter().zip(y).map(|(m, y)| reflected(m + self.sigma * y)).collect()
+        };
+        self.drawn.iter().map(point).collect()
+    }
+
+    /// What came of these: the smaller, the better.
+    pub(super) fn tell(&mut self, costs: &[f64]) {
+        let (n, lambda) = (self.mean.len() as f64, costs.len());
+        let mut order: Vec<usize> = (0..lambda).collect();
+        order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
+        let mu = (lambda / 2).max(1);
+        // Weights, and the variance-effective selection mass. (49) (8)
+        let raw = |i: usize| ((lambda as f64 + 1.0) / 2.0).ln() - (i as f64 + 1.0).ln();
+        let sum: f64 = (0..mu).map(raw).sum();
+        let weights: Vec<f64> = (0..mu).map(|i| raw(i) / sum).collect();
+        let mu_eff = 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
+        // Learning rates. (55) to (58)
+        let c_sigma = (mu_eff + 2.0) / (n + mu_eff + 5.0);
+        let damping = 1.0 + 2.0 * (((mu_eff - 1.0) / (n + 1.0)).sqrt() - 1.0).max(0.0) + c_sigma;
+        let c_c = (4.0 + mu_eff / n) / (n + 4.0 + 2.0 * mu_eff / n);
+        let c_1 = 2.0 / ((n + 1.3).powi(2) + mu_eff);
+        let c_mu =
+            (2.0 * (mu_eff - 2.0 + 1.0 / mu_eff) / ((n + 2.0).powi(2) + mu_eff)).min(1.0 - c_1);
+        let best: Vec<&Vec<f64>> = order[..mu].iter().map(|&i| &self.drawn[i]).collect();
+        let weighted = |i: usize| weights.iter().zip(&best).map(|(w, z)| w * z[i]).sum::<f64>();
+        let z_mean: Vec<f64> = (0..self.mean.len()).map(weighted).collect();
+        let y_mean = product(&self.factor, &z_mean);
+        for (m, y) in self.mean.iter_mut().zip(&y_mean) {
+            *m = reflected(*m + self.sigma * y);
+        }
+        // Step size. (43) (44)
+        let keep = (c_sigma * (2.0 - c_sigma) * mu_eff).sqrt();
+        for (p, z) in self.path_sigma.iter_mut().zip(&z_mean) {
+            *p = (1.0 - c_sigma) * *p + keep * z;
+        }
+        self.generation += 1;
+        let chi = n.sqrt() * (1.0 - 1.0 / (4.0 * n) + 1.0 / (21.0 * n * n));
+        let length = self.path_sigma.iter().map(|p| p * p).sum::<f64>().sqrt();
+        self.sigma = (self.sigma * (c_sigma / damping * (length / chi - 1.0)).exp()).min(1.0);
+        // Covariance. (45) (47)
+        let settled = (1.0 - (1.0 - c_sigma).powi(2 * self.generation)).sqrt();
+        let moves = f64::from(length / settled < (1.4 + 2.0 / (n + 1.0)) * chi);
+        let keep = moves * (c_c * (2.0 - c_c) * mu_eff).sqrt();
+        for (p, y) in self.path_c.iter_mut().zip(&y_mean) {
+            *p = (1.0 - c_c) * *p + keep * y;
+        }
+        let steps: Vec<Vec<f64>> = best.iter().map(|z| product(&self.factor, z)).collect();
+        let forget = 1.0 - c_1 - c_mu + (1.0 - moves) * c_1 * c_c * (2.0 - c_c);
+        for (i, row) in self.covariance.iter_mut().enumerate() {
+            for (j, c) in row.iter_mut().enumerate() {
+                let of_steps: f64 = weights.iter().zip(&steps).map(|(w, y)| w * y[i] * y[j]).sum();
+                *c = forget * *c + c_1 * self.path_c[i] * self.path_c[j] + c_mu * of_steps;
+            }
+        }
+        self.factor = cholesky(&self.covariance);
+    }
+}
+
+/// A standard normal number. (Box and Muller)
+pub(super) fn normal(random: &mut SplitMix64) -> f64 {
+    let radius = (-2.0 * (1.0 - random.unit()).ln()).sqrt();
+    radius * (std::f64::consts::TAU * random.unit()).cos()
+}
+
+/// The point of [0, 1] that a mirror at either end shows.
+pub(super) fn reflected(x: f64) -> f64 {
+    let x = x.rem_euclid(2.0);
+    if x > 1.0 { 2.0 - x } else { x }
+}
+
+fn product(matrix: &[Vec<f64>], vector: &[f64]) -> Vec<f64> {
+    matrix.iter().map(|row| row.iter().zip(vector).map(|(a, b)| a * b).sum()).collect()
+}
+
+/// The lower triangular A with A A^T = C.
+fn cholesky(c: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let mut a = vec![vec![0.0; c.len()]; c.len()];
+    for i in 0..c.len() {
+        for j in 0..=i {
+            let rest = c[i][j] - a[i][..j].iter().zip(&a[j][..j]).map(|(x, y)| x * y).sum::<f64>();
+            a[i][j] = if i == j { rest.max(1e-20).sqrt() } else { rest / a[j][j] };
+        }
+    }
+    a
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A long valley that is in line with no axis: 1e4 times as steep across as along.
+    fn valley(x: &[f64]) -> f64 {
+        let s: Vec<f64> = x.iter().map(|x| x - 0.3).collect();
+        let across: f64 = s.windows(2).map(|pair| (pair[0] - pair[1]).powi(2)).sum();
+        1e4 * across + s.iter().sum::<f64>().powi(2)
+    }
+
+    #[test]
+    fn the_bottom_of_a_skewed_valley_is_found() {
+        let mut random = SplitMix64::new(3);
+        let mut cma = Cma::new(vec![0.8; 8], 0.2);
+        for _ in 0..400 {
+            let points = cma.ask(&mut random, 16);
+            assert!(points.iter().flatten().all(|x| (0.0..=1.0).contains(x)));
+            let costs: Vec<f64> = points.iter().map(|point| valley(point)).collect();
+            cma.tell(&costs);
+        }
+        assert!(valley(&cma.mean) < 1e-12, "{:?}", cma.mean);
+    }
+
+    #[test]
+    fn a_factor_times_its_transpose_is_the_matrix() {
+        let c = [[4.0, 2.0, 0.6], [2.0, 5.0, 1.0], [0.6, 1.0, 3.0]].map(Vec::from);
+        let a = cholesky(&c);
+        for i in 0..3 {
+            for j in 0..3 {
+                let product: f64 = (0..3).map(|k| a[i][k] * a[j][k]).sum();
+                assert!((product - c[i][j]).abs() < 1e-12);
+            }
+        }
+    }
+}

@@ -1,0 +1,299 @@
+//! Which points are tried next: a portfolio of four searches with the same share of each batch.
+//!
+//! A batch depends on the seed and on what came of the batches before, never on the machine.
+
+use formation::random::SplitMix64;
+
+use crate::hunt::cma::{Cma, normal, reflected};
+
+/// Points of one batch.
+pub const BATCH: usize = 64;
+/// Points of one member in a batch; those of CMA-ES are a generation.
+const SHARE: usize = BATCH / 4;
+/// How many of the best are parents.
+const PARENTS: usize = 8;
+/// A search that gets no better for so many batches begins anew.
+const PATIENCE: u32 = 12;
+/// Steps of a restarted search, and of one that is about to give up.
+const STEP: f64 = 0.2;
+const STEP_MIN: f64 = 0.002;
+
+/// Who asks for a point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Member {
+    /// Points anywhere.
+    Uniform,
+    /// Changes of the best so far.
+    Mutation,
+    /// CMA-ES on what changes gradually, from the best or from anywhere.
+    Cma,
+    /// A descent that begins anew somewhere else once it gets no better.
+    Restarts,
+}
+
+impl Member {
+    /// The word for it.
+    pub fn word(self) -> &'static str {
+        match self {
+            Member::Uniform => "uniform",
+            Member::Mutation => "mutation",
+            Member::Cma => "cma-es",
+            Member::Restarts => "restarts",
+        }
+    }
+}
+
+/// A point to be tried.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trial {
+    /// Who asks for it.
+    pub by: Member,
+    /// Where it is in the unit cube.
+    pub point: Vec<f64>,
+}
+
+/// A search under way.
+pub struct Search {
+    seed: u64,
+    batch: u64,
+    /// Of each coordinate: whether runs change gradually with it.
+    gradual: Vec<bool>,
+    /// Tried before all others.
+    own: Vec<f64>,
+    uniform_only: bool,
+    /// The best so far, best first.
+    best: Vec<Found>,
+    descent: Option<Descent>,
+    cma: Option<CmaSearch>,
+    /// How often CMA-ES began.
+    cma_starts: u64,
+    asked: Vec<Trial>,
+}
+
+#[derive(Debug, Clone)]
+struct Found {
+    cost: f64,
+    point: Vec<f64>,
+}
+
+struct Descent {
+    at: Found,
+    step: f64,
+}
+
+struct CmaSearch {
+    cma: Cma,
+    /// What does not change gradually is that of this point.
+    from: Vec<f64>,
+    best: f64,
+    idle: u32,
+}
+
+impl Search {
+    /// A search of a cube with these coordinates, which tries `own` first. `uniform_only`: points anywhere, and
+    /// nothing is learnt.
+    pub fn new(gradual: Vec<bool>, own: Vec<f64>, seed: u64, uniform_only: bool) -> Search {
+        Search {
+            seed,
+            batch: 0,
+            gradual,
+            own,
+            uniform_only,
+            best: Vec::new(),
+            descent: None,
+            cma: None,
+            cma_starts: 0,
+            asked: Vec::new(),
+        }
+    }
+
+    /// The next batch.
+    pub fn ask(&mut self) -> &[Trial] {
+        let mut random =
+            SplitMix64::new(SplitMix64::new(self.seed ^ self.batch.rotate_left(32)).word());
+        self.batch += 1;
+        let n = self.gradual.len();
+        let mut anywhere = || -> Vec<f64> { (0..n).map(|_| random.unit()).collect() };
+        let alone = self.uniform_only || self.best.is_empty();
+        let count = if alone { BATCH } else { SHARE };
+        let mut points: Vec<Vec<f64>> = (0..count).map(|_| anywhere()).collect();
+        if self.batch == 1 {
+            points[0].clone_from(&self.own);
+        }
+        let by = |by| move |point| Trial { by, point };
+        self.asked = points.into_iter().map(by(Member::Uniform)).collect();
+        if !alone {
+            let mutated = (0..SHARE).map(|_| self.mutated(&mut random));
+            let mutated: Vec<Trial> = mutated.map(by(Member::Mutation)).collect();
+            let drawn = self.cma_points(&mut random).into_iter().map(by(Member::Cma));
+            let drawn: Vec<Trial> = drawn.collect();
+            let stepped = (0..SHARE).map(|_| self.stepped(&mut random));
+            let stepped: Vec<Trial> = stepped.map(by(Member::Restarts)).collect();
+            self.asked.extend(mutated.into_iter().chain(drawn).chain(stepped));
+        }
+        &self.asked
+    }
+
+    /// What came of the batch asked for last: the smaller, the better; `None` could not be tried.
+    pub fn tell(&mut self, costs: &[Option<f64>]) {
+        let costs: Vec<f64> = costs.iter().map(|cost| cost.unwrap_or(f64::INFINITY)).collect();
+        if self.uniform_only {
+            return;
+        }
+        let of = |member: Member| {
+            let trials = self.asked.iter().zip(&costs).filter(move |(trial, _)| trial.by == member);
+            trials
+                .map(|(trial, &cost)| Found { cost, point: trial.point.clone() })
+                .collect::<Vec<_>>()
+        };
+        let [uniform, stepped] = [Member::Uniform, Member::Restarts].map(of);
+        let drawn: Vec<f64> = of(Member::Cma).iter().map(|found| found.cost).collect();
+        let all = self.asked.iter().zip(&costs).filter(|(_, cost)| cost.is_finite());
+        self.best.extend(all.map(|(trial, &cost)| Found { cost, point: trial.point.clone() }));
+        // A stable sort: of equals, the first.
+        self.best.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        self.best.truncate(PARENTS);
+        self.learn_descent(&uniform, &stepped);
+        self.learn_cma(&drawn);
+    }
+
+    /// One of the best, crossed with another one now and then, changed in a few coordinates.
+    fn mutated(&self, random: &mut SplitMix64) -> Vec<f64> {
+        let parent = |random: &mut SplitMix64| {
+            // The better, the more likely.
+            let place = (random.unit() * random.unit() * self.best.len() as f64) as usize;
+            &self.best[place].point
+        };
+        let mut point = parent(random).clone();
+        if random.chance(0.3) {
+            let other = parent(random);
+            point.iter_mut().zip(other).filter(|_| random.chance(0.5)).for_each(|(x, y)| *x = *y);
+        }
+        let changes = 1.0 + 5.0 * random.unit() * random.unit();
+        self.change(&mut point, changes / self.gradual.len() as f64, 0.15, random);
+        point
+    }
+
+    /// Changes each coordinate with this probability: by a step, or to anywhere.
+    fn change(&self, point: &mut [f64], probability: f64, step: f64, random: &mut SplitMix64) {
+        let forced = (random.unit() * point.len() as f64) as usize;
+        for (place, (x, &gradual)) in point.iter_mut().zip(&self.gradual).enumerate() {
+            if place == forced || random.chance(probability) {
+                let steps = gradual && random.chance(0.7);
+                *x = if steps { reflected(*x + step * normal(random)) } else { random.unit() };
+            }
+        }
+    }
+
+    fn stepped(&self, random: &mut SplitMix64) -> Vec<f64> {
+        let Some(Descent { at, step }) = &self.descent else { return self.mutated(random) };
+        let mut point = at.point.clone();
+        self.change(&mut point, 2.0 / self.gradual.len() as f64, *step, random);
+        point
+    }
+
+    /// Goes on from what was better, with smaller steps where nothing was; at last from the best of the uniform.
+    fn learn_descent(&mut self, uniform: &[Found], stepped: &[Found]) {
+        let least =
+            |found: &[Found]| found.iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).cloned();
+        let Some(descent) = &mut self.descent else {
+            self.descent = least(uniform).map(|at| Descent { at, step: STEP });
+            return;
+        };
+        match least(stepped) {
+            Some(better) if better.cost < descent.at.cost => descent.at = better,
+            _ => descent.step *= 0.7,
+        }
+        if descent.step < STEP_MIN {
+            self.descent = least(uniform).map(|at| Descent { at, step: STEP });
+        }
+    }
+
+    fn cma_points(&mut self, random: &mut SplitMix64) -> Vec<Vec<f64>> {
+        if !self.gradual.contains(&true) {
+            return (0..SHARE).map(|_| self.mutated(random)).collect();
+        }
+        let n = self.gradual.len();
+        let gradual = self.gradual.clone();
+        let (starts, best) = (&mut self.cma_starts, &self.best[0].point);
+        let search = self.cma.get_or_insert_with(|| {
+            // By turns from the best and from anywhere.
+            *starts += 1;
+            let from = match *starts % 2 {
+                1 => best.clone(),
+                _ => (0..n).map(|_| random.unit()).collect(),
+            };
+            let mean = from.iter().zip(&gradual).filter(|(_, gradual)| **gradual).map(|(x, _)| *x);
+            CmaSearch { cma: Cma::new(mean.collect(), STEP), from, best: f64::INFINITY, idle: 0 }
+        });
+        let whole = |drawn: Vec<f64>| {
+            let mut drawn = drawn.into_iter();
+            let both = search.from.iter().zip(&gradual);
+            both.map(|(x, gradual)| if *gradual { drawn.next().unwrap_or(*x) } else { *x })
+                .collect()
+        };
+        search.cma.ask(random, SHARE).into_iter().map(whole).collect()
+    }
+
+    fn learn_cma(&mut self, costs: &[f64]) {
+        let Some(search) = self.cma.as_mut().filter(|_| costs.len() == SHARE) else { return };
+        search.cma.tell(costs);
+        let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
+        search.idle = if least < search.best { 0 } else { search.idle + 1 };
+        search.best = search.best.min(least);
+        if search.idle >= PATIENCE || search.cma.sigma < STEP_MIN {
+            self.cma = None;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// How many points are tried until one costs less than 0: all of eight coordinates must be near 0.8, and one
+    /// that is not gradual in its last tenth.
+    fn trials_to_find(seed: u64, uniform_only: bool, most: usize) -> usize {
+        let gradual: Vec<bool> = (0..9).map(|place| place < 8).collect();
+        let mut search = Search::new(gradual, vec![0.5; 9], seed, uniform_only);
+        for batch in 0..most / BATCH {
+            let cost = |trial: &Trial| {
+                let off = trial.point[..8].iter().map(|x| (x - 0.8).abs()).fold(0.0, f64::max);
+                off - 0.15 + if trial.point[8] < 0.9 { 0.5 } else { 0.0 }
+            };
+            let costs: Vec<f64> = search.ask().iter().map(cost).collect();
+            assert_eq!(costs.len(), BATCH);
+            if let Some(first) = costs.iter().position(|cost| *cost < 0.0) {
+                return batch * BATCH + first + 1;
+            }
+            search.tell(&costs.into_iter().map(Some).collect::<Vec<_>>());
+        }
+        most
+    }
+
+    #[test]
+    fn the_portfolio_finds_in_a_few_thousand_trials_what_chance_finds_in_no_hundred_thousand() {
+        for seed in 1..=5 {
+            let portfolio = trials_to_find(seed, false, 6_400);
+            assert!(portfolio < 6_400, "seed {seed}");
+            assert_eq!(portfolio, trials_to_find(seed, false, 6_400), "the same again");
+            assert!(
+                trials_to_find(seed, true, 64_000) > 10 * portfolio,
+                "seed {seed}: {portfolio}"
+            );
+        }
+    }
+
+    #[test]
+    fn each_member_has_the_same_share_and_what_cannot_be_tried_is_no_parent() {
+        let mut search = Search::new(vec![true; 4], vec![0.5; 4], 1, false);
+        assert_eq!(search.ask()[0].point, [0.5; 4]);
+        search.tell(&[None; BATCH]);
+        assert!(search.ask().iter().all(|trial| trial.by == Member::Uniform), "nothing is learnt");
+        search.tell(&[Some(1.0); BATCH]);
+        let asked = search.ask();
+        for member in [Member::Uniform, Member::Mutation, Member::Cma, Member::Restarts] {
+            assert_eq!(asked.iter().filter(|trial| trial.by == member).count(), SHARE);
+        }
+    }
+}

@@ -1,0 +1,364 @@
+//! The runs that a hunt may try: each stands for a point of the unit cube, so that any search can look there.
+
+use std::f64::consts::TAU;
+
+use formation::Vec2;
+use formation::closest::closest_pair;
+use formation::front_point::front_point;
+use formation::pose::{Pose, wrap_angle};
+
+use crate::hunt::plan::{EVERY, Plan, PlannedFault, rounded};
+use crate::scenario::{HuntBounds, Scenario, Varied};
+
+/// Digits of a number that is drawn.
+const DIGITS: usize = 3;
+/// Longest run of losses, messages.
+const BURST_MAX: f64 = 20.0;
+
+/// All runs that may be tried.
+pub struct Space {
+    scenario: Scenario,
+    bounds: HuntBounds,
+    /// No two front points start nearer, m.
+    apart_m: f64,
+    /// Kinds of faults, and whom and what each may strike.
+    kinds: Vec<(&'static str, Vec<Target>)>,
+    /// Keys of gains, and their values in the scenario; those of one list get the same factor.
+    gains: Vec<Vec<(String, f64)>>,
+}
+
+/// Whom a fault strikes, and what of it.
+type Target = (Vec<String>, &'static str);
+
+/// There is nothing to vary.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("nothing would vary: {0}")]
+pub struct EmptySpace(&'static str);
+
+/// The coordinates of a point, one after the other.
+struct Genes<'p> {
+    point: &'p [f64],
+    taken: usize,
+    /// Of each taken: whether runs change gradually with it.
+    gradual: Vec<bool>,
+}
+
+impl Genes<'_> {
+    fn take(&mut self, gradual: bool) -> f64 {
+        let gene = self.point.get(self.taken).copied().unwrap_or(0.5);
+        self.taken += 1;
+        self.gradual.push(gradual);
+        gene
+    }
+
+    /// From 0 to 1.
+    fn share(&mut self) -> f64 {
+        self.take(true)
+    }
+
+    /// One of so many.
+    fn pick(&mut self, count: usize) -> usize {
+        ((self.take(false) * count as f64) as usize).min(count.saturating_sub(1))
+    }
+
+    /// Something that is not there for one half of its range, and grows from 0 to 1 over the other.
+    fn amount(&mut self) -> Option<f64> {
+        let gene = self.share();
+        (gene > 0.5).then_some(2.0 * gene - 1.0)
+    }
+}
+
+impl Space {
+    /// The runs of a scenario within its bounds, in which these vary.
+    pub fn new(scenario: &Scenario, vary: &[Varied]) -> Result<Space, EmptySpace> {
+        let bounds = HuntBounds { vary: vary.to_vec(), ..scenario.hunt.clone() };
+        let points: Vec<Vec2> = scenario.robots.iter().map(own_front_point).collect();
+        let own_m = closest_pair(&points).map_or(f64::INFINITY, |pair| pair.distance_m);
+        let mut space = Space {
+            apart_m: bounds.apart_m.min(own_m),
+            kinds: Vec::new(),
+            gains: gains(scenario),
+            scenario: scenario.clone(),
+            bounds,
+        };
+        space.kinds = space.bounds.kinds.iter().map(|kind| (*kind, space.targets(kind))).collect();
+        space.kinds.retain(|(_, targets)| !targets.is_empty());
+        let only = |varied| space.bounds.vary == [varied];
+        if space.bounds.vary.is_empty() {
+            Err(EmptySpace("no word says what varies"))
+        } else if only(Varied::Gains) && space.gains.is_empty() {
+            Err(EmptySpace("no law or method of the scenario has a gain"))
+        } else if only(Varied::Faults) && space.kinds.is_empty() {
+            Err(EmptySpace("no robot or link can have any of the `kinds` of faults"))
+        } else {
+            Ok(space)
+        }
+    }
+
+    /// Of each coordinate: whether runs change gradually with it.
+    pub fn gradual(&self) -> Vec<bool> {
+        let mut genes = Genes { point: &[], taken: 0, gradual: Vec::new() };
+        self.decode(&mut genes);
+        genes.gradual
+    }
+
+    /// The point of the scenario as it is, where the bounds allow it.
+    pub fn own(&self) -> Vec<f64> {
+        let mut point = vec![0.5; self.gradual().len()];
+        if let Some(count) = self.place_of_count() {
+            point[count] = 0.0;
+        }
+        point
+    }
+
+    /// The run that a point stands for.
+    pub fn plan(&self, point: &[f64]) -> Plan {
+        self.decode(&mut Genes { point, taken: 0, gradual: Vec::new() })
+    }
+
+    /// The scenario that all runs begin with.
+    pub fn scenario(&self) -> &Scenario {
+        &self.scenario
+    }
+
+    /// All links and robots that faults may strike in place of every one.
+    pub(super) fn instead_of_every(&self, who: &[String]) -> Vec<Vec<String>> {
+        match who {
+            [_, _] => self.links(),
+            _ => self.robots(),
+        }
+    }
+
+    fn varies(&self, varied: Varied) -> bool {
+        self.bounds.vary.contains(&varied)
+    }
+
+    fn place_of_count(&self) -> Option<usize> {
+        let before = if self.varies(Varied::Starts) { 3 * self.scenario.robots.len() } else { 0 };
+        self.varies(Varied::Faults).then_some(before)
+    }
+
+    fn decode(&self, genes: &mut Genes<'_>) -> Plan {
+        let mut plan = Plan::default();
+        if self.varies(Varied::Starts) {
+            plan.starts = self.starts(genes);
+        }
+        if self.varies(Varied::Faults) && !self.kinds.is_empty() {
+            let count = genes.pick(self.bounds.faults_max + 1);
+            plan.faults = (0..self.bounds.faults_max).map(|_| self.fault(genes)).collect();
+            plan.faults.truncate(count);
+        }
+        if self.varies(Varied::Delays) {
+            plan.faults.extend(self.delays(genes));
+        }
+        if self.varies(Varied::Noise) {
+            plan.faults.extend(self.noise(genes));
+        }
+        if self.varies(Varied::Gains) {
+            for keys in &self.gains {
+                let [least, most] = self.bounds.gain_factors;
+                let factor = least * (most / least).powf(genes.share());
+                let gain =
+                    |(key, own): &(String, f64)| (key.clone(), rounded(own * factor, DIGITS));
+                plan.gains.extend(keys.iter().map(gain));
+            }
+        }
+        plan
+    }
+
+    /// Each front point in its box, as far towards its own start as it needs to be apart from others, and clear
+    /// of walls.
+    fn starts(&self, genes: &mut Genes<'_>) -> Vec<(usize, Pose)> {
+        let robots = &self.scenario.robots;
+        let walls = self.scenario.obstacles();
+        let clearance_m = self.scenario.avoidance.clearance_m;
+        let mut points: Vec<Vec2> = robots.iter().map(own_front_point).collect();
+        let mut starts = Vec::new();
+        for (place, robot) in robots.iter().enumerate() {
+            let own = points[place];
+            let [x, y] = self.bounds.box_m.map(|side_m| side_m * (genes.share() - 0.5));
+            let turn_rad = TAU * (genes.share() - 0.5);
+            let heading_rad = rounded_to(wrap_angle(robot.start.heading_rad + turn_rad), 1e3);
+            let pose_at = |point: Vec2| {
+                let ahead = robot.front_point_m * Vec2::new(heading_rad.cos(), heading_rad.sin());
+                let [x_m, y_m] = [point.x - ahead.x, point.y - ahead.y].map(|m| rounded_to(m, 1e3));
+                Pose { x_m, y_m, heading_rad }
+            };
+            let mut tries = (0..=10)
+                .map(|tenths| pose_at(own + Vec2::new(x, y) * (1.0 - 0.1 * f64::from(tenths))));
+            let free = tries.find(|pose| {
+                let point = front_point(*pose, robot.front_point_m);
+                let apart = |(other, at): (usize, &Vec2)| {
+                    other == place || (at - point).norm() >= self.apart_m
+                };
+                points.iter().enumerate().all(apart)
+                    && walls.nearest(point).is_none_or(|wall| wall.distance_m >= clearance_m)
+            });
+            // Without room it stays where the scenario has it.
+            if let Some(pose) = free {
+                points[place] = front_point(pose, robot.front_point_m);
+                starts.push((place, pose));
+            }
+        }
+        starts
+    }
+
+    fn fault(&self, genes: &mut Genes<'_>) -> PlannedFault {
+        let (kind, targets) = &self.kinds[genes.pick(self.kinds.len())];
+        let (who, what) = targets[genes.pick(targets.len())].clone();
+        let [at, length, a, b] = [(); 4].map(|()| genes.share());
+        let HuntBounds { from_ns, until_ns, .. } = self.bounds;
+        let period_ns = self.scenario.period_ns;
+        let latest_ns = until_ns.saturating_sub(period_ns).max(from_ns);
+        let at_ns =
+            self.ticks_ns(from_ns as f64 + at * (latest_ns - from_ns) as f64).min(latest_ns);
+        let rest = (until_ns - at_ns) as f64 / period_ns as f64;
+        let for_ns = self.ticks_ns(period_ns as f64 * rest.max(1.0).powf(length)).max(period_ns);
+        let amounts = self.amounts(kind, what, [a, b]);
+        PlannedFault { kind, who, what, amounts, at_ns, for_ns: Some(for_ns) }
+    }
+
+    /// The numbers of a fault, by two shares.
+    fn amounts(
+        &self,
+        kind: &str,
+        what: &str,
+        [a, b]: [f64; 2],
+    ) -> Vec<(&'static str, Option<f64>)> {
+        let seconds = |ns| Some(formation::seconds(ns));
+        let (period_ns, d_m) = (self.scenario.period_ns, self.scenario.avoidance.distance_min_m);
+        let loss = Some(rounded(self.bounds.loss_max * a.max(0.01), 2));
+        match kind {
+            "slow" => vec![("by", seconds((period_ns / 10).max(1) * (1.0 + 15.0 * a) as u64))],
+            "loss" => vec![("of", loss), ("burst", Some((1.0 + b * (BURST_MAX - 1.0)).floor()))],
+            "bursts" => {
+                vec![("of", loss), ("mean", seconds(period_ns * (1.0 + b * BURST_MAX) as u64))]
+            }
+            "fading" => vec![("range", Some(rounded(d_m * (1.0 + 9.0 * a), 2)))],
+            "delay" => {
+                let by_ns = self.delay_ns(a);
+                let jitter_ns = self.ticks_ns((2.0 * b - 1.0).max(0.0) * by_ns as f64);
+                let jitter = (jitter_ns > 0).then(|| ("jitter", seconds(jitter_ns)));
+                [("by", seconds(by_ns))].into_iter().chain(jitter).collect()
+            }
+            "noise" => {
+                let by = rounded(self.bounds.noise_m_max * a.max(0.01), 2);
+                let heading = rounded(self.bounds.noise_heading_rad_max * (2.0 * b - 1.0), 2);
+                let heading =
+                    (what == "odometry" && heading > 0.0).then_some(("heading", Some(heading)));
+                [("by", Some(by))].into_iter().chain(heading).collect()
+            }
+            "wheels" if a < 0.5 => vec![("stuck", None)],
+            "wheels" => {
+                let fast_m_s = self.scenario.avoidance.speed_max_m_s.min(1.0);
+                vec![("limit", Some(rounded(fast_m_s * b.max(0.01), 2)))]
+            }
+            _ => Vec::new(),
+        }
+    }
+
+    /// How late or lost everything is over the whole run.
+    fn delays(&self, genes: &mut Genes<'_>) -> Vec<PlannedFault> {
+        let mut faults = Vec::new();
+        let links = !self.scenario.graph.edges().is_empty();
+        for what in
+            ["", "odometry", "commands"].into_iter().filter(|what| links || !what.is_empty())
+        {
+            let (delay, jitter, loss) = (genes.amount(), genes.share(), genes.amount());
+            let who = vec![EVERY.to_owned(); if what.is_empty() { 2 } else { 1 }];
+            let drawn = [
+                ("delay", delay.map(|share| [share, jitter])),
+                ("loss", loss.map(|share| [share, 0.0])),
+            ];
+            faults.extend(drawn.into_iter().filter_map(|(kind, shares)| {
+                let amounts = self.amounts(kind, what, shares?);
+                Some(PlannedFault { kind, who: who.clone(), what, amounts, at_ns: 0, for_ns: None })
+            }));
+        }
+        faults
+    }
+
+    /// How wrong sensors are over the whole run.
+    fn noise(&self, genes: &mut Genes<'_>) -> Vec<PlannedFault> {
+        let mut faults = Vec::new();
+        for what in ["odometry", "proximity"] {
+            let (position, heading) = (genes.amount(), genes.share());
+            let Some(position) = position else { continue };
+            let amounts = self.amounts("noise", what, [position, heading]);
+            let who = vec![EVERY.to_owned()];
+            faults.push(PlannedFault { kind: "noise", who, what, amounts, at_ns: 0, for_ns: None });
+        }
+        faults
+    }
+
+    /// A whole number of periods, ns.
+    fn ticks_ns(&self, ns: f64) -> u64 {
+        let period_ns = self.scenario.period_ns;
+        (ns / period_ns as f64).round() as u64 * period_ns
+    }
+
+    fn delay_ns(&self, share: f64) -> u64 {
+        let most_ns = self.bounds.delay_ns_max;
+        self.ticks_ns(share * most_ns as f64).max(self.scenario.period_ns).min(most_ns)
+    }
+
+    fn targets(&self, kind: &str) -> Vec<Target> {
+        let of_robots = |what: &'static str| self.robots().into_iter().map(move |who| (who, what));
+        let links = || self.links().into_iter().map(|who| (who, ""));
+        match kind {
+            "cut" | "fading" => links().collect(),
+            "loss" | "bursts" | "delay" => {
+                links().chain(of_robots("odometry")).chain(of_robots("commands")).collect()
+            }
+            "blackout" | "noise" => of_robots("odometry").chain(of_robots("proximity")).collect(),
+            _ => of_robots("").collect(),
+        }
+    }
+
+    /// The robots that may break, each alone.
+    fn robots(&self) -> Vec<Vec<String>> {
+        self.bounds
+            .robots
+            .iter()
+            .map(|&robot| vec![self.scenario.robots[robot].name.clone()])
+            .collect()
+    }
+
+    /// The links on which these send.
+    fn links(&self) -> Vec<Vec<String>> {
+        let edges = self.scenario.graph.edges().iter();
+        let sent = edges.filter(|edge| self.bounds.robots.contains(&edge.from));
+        let names =
+            |robots: [usize; 2]| robots.map(|robot| self.scenario.robots[robot].name.clone());
+        sent.map(|edge| names([edge.from, edge.to]).to_vec()).collect()
+    }
+}
+
+fn own_front_point(robot: &crate::scenario::Robot) -> Vec2 {
+    front_point(robot.start, robot.front_point_m)
+}
+
+/// To the nearest of so many in one.
+pub(super) fn rounded_to(number: f64, in_one: f64) -> f64 {
+    // Not -0.
+    (number * in_one).round() / in_one + 0.0
+}
+
+/// The gains of laws, one list for each key, and those of the method.
+fn gains(scenario: &Scenario) -> Vec<Vec<(String, f64)>> {
+    let mut keys: Vec<&String> =
+        scenario.robots.iter().flat_map(|robot| robot.gains.keys()).collect();
+    keys.sort();
+    keys.dedup();
+    let of_laws = keys.into_iter().map(|key| {
+        let gain = |robot: &crate::scenario::Robot| {
+            Some((format!("robot.{}.{key}", robot.name), *robot.gains.get(key)?))
+        };
+        scenario.robots.iter().filter_map(gain).collect()
+    });
+    let of_method = scenario.method.gains.iter().filter_map(|gain| {
+        let own = scenario.avoidance.gains.get(gain.key)?;
+        Some(vec![(format!("avoidance.{}", gain.key), *own)])
+    });
+    of_laws.chain(of_method).collect()
+}

@@ -1,0 +1,131 @@
+//! What `phalanx hunt` may vary, and within which bounds: `[hunt]`.
+
+use super::diagnostic::{Diagnostic, meant};
+use super::robots::robot_named;
+use super::table::{Table, Value};
+use super::{HuntBounds, Robot, Varied, seconds};
+
+/// The words of what varies, as `--vary` has them too.
+pub const VARIED: &[(&str, Varied)] = &[
+    ("starts", Varied::Starts),
+    ("faults", Varied::Faults),
+    ("delays", Varied::Delays),
+    ("noise", Varied::Noise),
+    ("gains", Varied::Gains),
+];
+
+/// The kinds of faults that a hunt draws: all that happen within one process.
+const KINDS: &[&str] = &[
+    "kill", "freeze", "slow", "cut", "loss", "bursts", "fading", "delay", "blackout", "noise",
+    "wheels",
+];
+
+/// `[hunt]`.
+pub(super) fn hunt(
+    root: &Table<'_>,
+    robots: &[Robot],
+    [duration_ns, period_ns]: [u64; 2],
+    d_m: f64,
+) -> Result<HuntBounds, Diagnostic> {
+    let table = root.table("hunt")?;
+    let vary = words(&table, "vary", &|word| {
+        VARIED.iter().find(|(known, _)| *known == word).map(|(_, varied)| *varied)
+    })?;
+    let kinds =
+        words(&table, "kinds", &|word| KINDS.iter().find(|known| **known == word).copied())?;
+    let named = match table.get("robots") {
+        None => (0..robots.len()).collect(),
+        Some(list) => {
+            let names = list.elements("expected a list of names of robots")?;
+            not_empty(&list, &names)?;
+            names.iter().map(|name| robot_named(name, robots)).collect::<Result<_, _>>()?
+        }
+    };
+    let from_ns = table.time_ns("from_s")?;
+    let until_ns = table.maybe_time_ns("until_s")?.unwrap_or(duration_ns / 2);
+    if until_ns <= from_ns || until_ns > duration_ns {
+        let key = table.get("until_s").or_else(|| table.get("from_s"));
+        return Err(key.expect("half of the duration is above 0").wrong(
+            format!(
+                "leaves no time for faults: from {} s to {} s",
+                seconds(from_ns),
+                seconds(until_ns)
+            ),
+            format!(
+                "expected `from_s` below `until_s`, and that at most {} s",
+                seconds(duration_ns)
+            ),
+        ));
+    }
+    let loss = table.need("loss_max")?;
+    let loss_max = loss.number()?;
+    if loss_max > 1.0 {
+        return Err(loss.wrong(format!("is {loss_max}"), "expected a share above 0 and at most 1"));
+    }
+    let box_m = pair(&table, "box_m", [4.0 * d_m; 2])?;
+    let gain_factors = pair(&table, "gain_factors", [0.5, 2.0])?;
+    if let ([least, most], Some(key)) = (gain_factors, table.get("gain_factors"))
+        && least >= most
+    {
+        let expected = "expected the smaller factor first, such as [0.5, 2.0]";
+        return Err(key.wrong(format!("is [{least}, {most}]"), expected));
+    }
+    Ok(HuntBounds {
+        vary: vary.unwrap_or_else(|| vec![Varied::Starts, Varied::Faults, Varied::Delays]),
+        faults_max: table.whole("faults_max")? as usize,
+        kinds: kinds.unwrap_or_else(|| KINDS.to_vec()),
+        robots: named,
+        from_ns,
+        until_ns,
+        box_m,
+        apart_m: table.maybe_number("apart_m")?.unwrap_or(1.5 * d_m),
+        delay_ns_max: table.maybe_time_ns("delay_s_max")?.unwrap_or(4 * period_ns),
+        loss_max,
+        noise_m_max: table.maybe_number("noise_m_max")?.unwrap_or(0.05 * d_m),
+        noise_heading_rad_max: table.number("noise_heading_rad_max")?,
+        gain_factors,
+    })
+}
+
+/// What the words of a list mean, if it is given.
+fn words<T>(
+    table: &Table<'_>,
+    key: &str,
+    meaning: &dyn Fn(&str) -> Option<T>,
+) -> Result<Option<Vec<T>>, Diagnostic> {
+    let Some(list) = table.get(key) else { return Ok(None) };
+    let known: Vec<&str> = match key {
+        "kinds" => KINDS.to_vec(),
+        _ => VARIED.iter().map(|(word, _)| *word).collect(),
+    };
+    let expected = format!("expected some of {}", known.join(", "));
+    let words = list.elements(&expected)?;
+    not_empty(&list, &words)?;
+    let meant_by = |word: &Value<'_>| {
+        let text = word.text(&expected)?;
+        meaning(text).ok_or_else(|| {
+            let close = meant(text, known.iter().copied());
+            let close = close.map(|close| format!("did you mean \"{close}\"?"));
+            word.wrong(format!("is \"{text}\""), close.unwrap_or_else(|| expected.clone()))
+        })
+    };
+    words.iter().map(meant_by).collect::<Result<_, _>>().map(Some)
+}
+
+fn not_empty(list: &Value<'_>, elements: &[Value<'_>]) -> Result<(), Diagnostic> {
+    match elements {
+        [] => {
+            Err(list.wrong("is empty: nothing would vary", "expected at least one, or no such key"))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Two numbers above 0.
+fn pair(table: &Table<'_>, key: &str, otherwise: [f64; 2]) -> Result<[f64; 2], Diagnostic> {
+    let Some(value) = table.get(key) else { return Ok(otherwise) };
+    match value.pair()? {
+        pair if pair.iter().all(|number| *number > 0.0) => Ok(pair),
+        [a, b] => Err(value.wrong(format!("is [{a}, {b}]"), "expected two numbers above 0")),
+    }
+}

@@ -1,0 +1,361 @@
+//! `phalanx hunt`: a run is looked for that misses an expectation, and shrunk to the simplest that does.
+//!
+//! Runs are computed within this process. What is tried depends on the scenario, the seed and what came of the runs
+//! before; a journal makes a hunt that was killed go on to the same result.
+
+mod runs;
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use experiment::campaign::cells;
+use experiment::hunt::search::{BATCH, Search};
+use experiment::hunt::shrink::simpler;
+use experiment::hunt::space::Space;
+use experiment::scenario::hunt::VARIED;
+use experiment::scenario::{Scenario, Varied};
+use outcome::campaign::folder::{Folder, FolderError, LockError};
+use outcome::hunt::{Journal, JournalError, Margins};
+use outcome::results::page::quoted;
+use outcome::results::summary::to_json;
+use protocol::catalog::Catalog;
+use protocol::number::short;
+use protocol::process::{Stop, exit};
+use serde_json::json;
+
+use self::runs::{Judged, NotJudged, Runs, expected};
+use super::scenario::ScenarioArgs;
+use super::screen::{ProgressLines, complain, print, runs_done, runs_progress, tell};
+use crate::in_process::measured;
+
+/// Hunts without `--out` go below this directory.
+const HUNTS: &str = "runs/hunts";
+/// Runs of a hunt of which neither runs nor minutes are said.
+const RUNS: usize = 1000;
+/// A find is shrunk with at most so many runs, and so many are tried at once.
+const SHRINK_RUNS: usize = 3000;
+const SHRINK_AT_ONCE: usize = 16;
+
+/// Arguments of `phalanx hunt`.
+#[derive(Debug, Args)]
+pub struct HuntArgs {
+    #[command(flatten)]
+    scenario: ScenarioArgs,
+    /// Try at most so many runs [default: 1000, or as many as fit in --minutes].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    runs: Option<u64>,
+    /// Try for at most so long.
+    #[arg(long, value_name = "M", value_parser = minutes)]
+    minutes: Option<Duration>,
+    /// What varies: starts, faults, delays, noise, gains [default: `vary` of the scenario's `[hunt]`].
+    #[arg(long, value_name = "WHAT", value_delimiter = ',', value_parser = varied)]
+    vary: Vec<Varied>,
+    /// Expectations to miss, by their keys in `[expect]` [default: all that have a margin, else min_distance_m].
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    expect: Vec<String>,
+    /// Where its journal and what it finds go; it goes on where it was left [default: runs/hunts/NAME-SEED].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// How many runs go at once [default: one for each core].
+    #[arg(long, value_name = "RUNS", value_parser = clap::value_parser!(u16).range(1..))]
+    jobs: Option<u16>,
+    /// Draw every run anew and learn nothing, to compare with.
+    #[arg(long)]
+    uniform: bool,
+    /// Run nothing: print command lines for so many hunts with seeds of their own, for GNU parallel, HyperQueue or a
+    /// Slurm array.
+    #[arg(long, value_name = "HUNTS", value_parser = clap::value_parser!(u16).range(1..))]
+    emit_commands: Option<u16>,
+}
+
+fn minutes(text: &str) -> Result<Duration, String> {
+    let minutes: f64 = text.parse().map_err(|_| "no number".to_owned())?;
+    let sound = Some(minutes).filter(|minutes| *minutes > 0.0);
+    let duration = sound.and_then(|minutes| Duration::try_from_secs_f64(60.0 * minutes).ok());
+    duration.ok_or_else(|| "expected a number of minutes above 0".into())
+}
+
+fn varied(word: &str) -> Result<Varied, String> {
+    let found = VARIED.iter().find(|(known, _)| *known == word);
+    let known: Vec<&str> = VARIED.iter().map(|(known, _)| *known).collect();
+    found.map(|(_, varied)| *varied).ok_or_else(|| format!("expected one of {}", known.join(", ")))
+}
+
+/// Why a hunt could not go on; what it has tried is kept.
+#[derive(Debug, thiserror::Error)]
+enum HuntError {
+    #[error(transparent)]
+    Folder(#[from] FolderError),
+    #[error(transparent)]
+    Locked(#[from] LockError),
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+    #[error("cannot write the journal: {0}")]
+    Written(std::io::Error),
+    #[error("cannot handle signals: {0}")]
+    Signals(std::io::Error),
+    #[error("cannot read the executable: {0}")]
+    Executable(std::io::Error),
+    #[error("no run of the first {BATCH} is sound: {0}")]
+    NothingSound(String),
+    #[error("a run panicked: {0}")]
+    Panicked(String),
+}
+
+pub(super) fn hunt(args: &HuntArgs, catalog: &Catalog) -> u8 {
+    let Some((scenario, text)) = args.scenario.read(catalog) else { return exit::BAD_SCENARIO };
+    let refused = |why: &dyn std::fmt::Display| {
+        complain(why);
+        exit::USAGE
+    };
+    if let Some(why) = measured::needs_processes(&scenario) {
+        return refused(&format_args!(
+            "a hunt computes its runs within one process, and {why} need others"
+        ));
+    }
+    let (names, set) = match expected(&scenario, &args.expect) {
+        Ok(expected) => expected,
+        Err(why) => return refused(&why),
+    };
+    let Some((scenario, text)) = runs::with(&scenario, text, set, catalog) else {
+        return exit::BAD_SCENARIO;
+    };
+    let vary = if args.vary.is_empty() { &scenario.hunt.vary } else { &args.vary };
+    let space = match Space::new(&scenario, vary) {
+        Ok(space) => space,
+        Err(why) => return refused(&why),
+    };
+    let default = || Path::new(HUNTS).join(format!("{}-{}", scenario.name, scenario.seed));
+    let out = args.out.clone().unwrap_or_else(default);
+    if let Some(hunts) = args.emit_commands {
+        return print(&commands(hunts, scenario.seed, &out));
+    }
+    let ended = Stop::on_signals_twice_at_once().map_err(HuntError::Signals).and_then(|stop| {
+        let jobs = args.jobs.map(usize::from);
+        let runs = Runs { text: &text, space: &space, names: &names, catalog, jobs, stop: &stop };
+        go(args, &scenario, vary, &runs, &out)
+    });
+    ended.unwrap_or_else(|error| match error {
+        HuntError::Locked(LockError::Held { .. }) | HuntError::Journal(JournalError::Other(_)) => {
+            refused(&error)
+        }
+        _ => complain(&error),
+    })
+}
+
+/// The same command line for so many seeds from this one on, each into a folder of its own.
+fn commands(hunts: u16, seed: u64, out: &Path) -> String {
+    let mut words: Vec<String> =
+        std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
+    if let Ok(executable) = std::env::current_exe() {
+        words[0] = executable.to_string_lossy().into_owned();
+    }
+    for option in ["--emit-commands", "--out", "--seed"] {
+        while let Some(place) = words.iter().position(|word| word.split('=').next() == Some(option))
+        {
+            let with_value = if words[place].contains('=') { 1 } else { 2 };
+            words.drain(place..(place + with_value).min(words.len()));
+        }
+    }
+    let line = |seed: u64| {
+        let to = out.join(format!("seed-{seed}")).to_string_lossy().into_owned();
+        let own = ["--seed".to_owned(), seed.to_string(), "--out".into(), to];
+        words.iter().chain(&own).map(|word| quoted(word)).collect::<Vec<_>>().join(" ") + "\n"
+    };
+    (0..u64::from(hunts)).map(|more| line(seed + more)).collect()
+}
+
+/// How far it has come.
+#[derive(Default)]
+struct Tally {
+    tried: usize,
+    unsound: usize,
+    /// The smallest margin, of which run, who asked for it, and the run's point.
+    nearest: Option<(f64, usize, &'static str, Vec<f64>)>,
+}
+
+impl Tally {
+    fn missed(&self) -> bool {
+        self.nearest.as_ref().is_some_and(|(margin, ..)| *margin < 0.0)
+    }
+}
+
+fn go(
+    args: &HuntArgs,
+    scenario: &Scenario,
+    vary: &[Varied],
+    runs: &Runs<'_>,
+    out: &Path,
+) -> Result<u8, HuntError> {
+    let folder = Folder::with(out, &["found"])?;
+    let _lock = folder.lock()?;
+    let executable = cells::executable().map_err(HuntError::Executable)?;
+    let of = format!("{scenario:?} {vary:?} {:?} {} {executable}", runs.names, args.uniform);
+    let identity = cells::sha256(of.as_bytes()).map_err(HuntError::Executable)?;
+    let mut journal = Journal::open(folder.path(), &identity, runs.names)?;
+    folder.write("scenario.toml", runs.text)?;
+    let Some(tally) = look(args, scenario.seed, runs, &mut journal)? else {
+        tell("interrupted: the same command goes on");
+        return Ok(exit::INTERRUPTED);
+    };
+    let (margin, number, by, point) = tally.nearest.as_ref().expect("one was run");
+    let plan = runs.space.plan(point);
+    let judged = |plan| {
+        runs.judge(plan).map_err(|error| match error {
+            NotJudged::Panicked(why) => HuntError::Panicked(why),
+            NotJudged::Unsound(why) => HuntError::NothingSound(why),
+            NotJudged::Stopped => HuntError::NothingSound("interrupted".into()),
+        })
+    };
+    let nearest = judged(&plan)?;
+    let missed = tally.missed();
+    let (shrunk, found) = match missed {
+        true => match shrink(runs, plan.clone(), nearest.smallest()) {
+            Some(shrunk) => (shrunk.clone(), judged(&shrunk)?),
+            None => {
+                tell("interrupted: the same command goes on");
+                return Ok(exit::INTERRUPTED);
+            }
+        },
+        false => (plan.clone(), nearest),
+    };
+    let (name, words) = found.in_words();
+    let file = match missed {
+        true => format!("found/{}-{name}.toml", scenario.name),
+        false => "nearest.toml".to_owned(),
+    };
+    let path = folder.path().join(&file);
+    let replay = format!("phalanx run {} --pace lockstep", quoted(&path.to_string_lossy()));
+    folder.write(&file, &found.commented(&words))?;
+    let (faults, starts) = (shrunk.faults.len(), shrunk.starts.len());
+    let report = json!({
+        "scenario": scenario.name, "seed": scenario.seed, "runs": tally.tried, "not_sound": tally.unsound,
+        "found": missed, "run": number, "by": by, "expectation": name, "margin": margin,
+        "file": file, "margin_of_file": found.margin(), "trajectory_hash": found.hash(), "faults": faults,
+        "starts": starts, "what": words,
+    });
+    folder.write("hunt.json", &to_json(&report))?;
+    let mut text = format!("{}: {} runs", scenario.name, tally.tried);
+    if tally.unsound > 0 {
+        text += &format!(", {} of them not sound and left out", tally.unsound);
+    }
+    text += &match missed {
+        true => format!(
+            "\nfound in run {number}, by {by}: {words} (margin {})\n",
+            short(found.margin())
+        ),
+        false => format!(
+            "\nnothing missed; nearest in run {number}, by {by}: {words} (margin {})\n",
+            short(*margin)
+        ),
+    };
+    if missed {
+        let (before, starts_before) = (plan.faults.len(), plan.starts.len());
+        text += &format!(
+            "shrunk from {before} faults and {starts_before} other starts to {faults} and {starts}\n"
+        );
+    }
+    text += &format!("written to {}\n{replay}\n", path.display());
+    let printed = print(&text);
+    Ok(if missed { exit::EXPECTATION_MISSED } else { printed })
+}
+
+/// Tries runs until one misses an expectation, or enough were tried; `None` if a signal ended it.
+fn look(
+    args: &HuntArgs,
+    seed: u64,
+    runs: &Runs<'_>,
+    journal: &mut Journal,
+) -> Result<Option<Tally>, HuntError> {
+    let began = Instant::now();
+    let otherwise = if args.minutes.is_some() { usize::MAX } else { RUNS };
+    let most = args.runs.map_or(otherwise, |runs| runs as usize);
+    let mut search = Search::new(runs.space.gradual(), runs.space.own(), seed, args.uniform);
+    let (bar, mut lines) = (runs_progress(most), ProgressLines::new(most));
+    let mut tally = Tally::default();
+    let mut why_unsound = String::new();
+    while tally.tried < most && !tally.missed() {
+        let trials = search.ask();
+        let trials = &trials[..trials.len().min(most - tally.tried)];
+        let known = journal.known.iter().skip(tally.tried).take(trials.len());
+        let mut came: Vec<Margins> = known.cloned().collect();
+        let fresh = &trials[came.len()..];
+        if !fresh.is_empty() {
+            if tally.tried > 0 && args.minutes.is_some_and(|minutes| began.elapsed() >= minutes) {
+                break;
+            }
+            let plans: Vec<_> = fresh.iter().map(|trial| runs.space.plan(&trial.point)).collect();
+            let mut news: Vec<Margins> = Vec::new();
+            for judged in runs.judge_all(&plans) {
+                news.push(match judged {
+                    Ok(judged) => Some(judged.margins),
+                    Err(NotJudged::Unsound(why)) => {
+                        why_unsound = why;
+                        None
+                    }
+                    Err(NotJudged::Panicked(why)) => return Err(HuntError::Panicked(why)),
+                    Err(NotJudged::Stopped) => return Ok(None),
+                });
+            }
+            let by = fresh.iter().map(|trial| trial.by.word());
+            journal.append(by.zip(&news)).map_err(HuntError::Written)?;
+            came.extend(news);
+        }
+        let costs: Vec<Option<f64>> =
+            came.iter().map(|margins| margins.as_ref().map(|m| smallest(m))).collect();
+        for (trial, cost) in trials.iter().zip(&costs) {
+            if tally.missed() {
+                break;
+            }
+            tally.tried += 1;
+            match cost {
+                None => tally.unsound += 1,
+                Some(cost) if tally.nearest.as_ref().is_none_or(|(least, ..)| cost < least) => {
+                    tally.nearest =
+                        Some((*cost, tally.tried, trial.by.word(), trial.point.clone()));
+                }
+                Some(_) => {}
+            }
+        }
+        if tally.nearest.is_none() {
+            return Err(HuntError::NothingSound(why_unsound));
+        }
+        let margin = tally.nearest.as_ref().map_or(f64::INFINITY, |(margin, ..)| *margin);
+        runs_done(bar, &mut lines, tally.tried, format!(", smallest margin {}", short(margin)));
+        search.tell(&costs);
+    }
+    bar.finish_and_clear();
+    Ok(Some(tally))
+}
+
+fn smallest(margins: &[f64]) -> f64 {
+    margins.iter().copied().fold(f64::INFINITY, f64::min)
+}
+
+/// The simplest run that misses the expectation at this place among those hunted; `None` if a signal ended it.
+fn shrink(
+    runs: &Runs<'_>,
+    mut plan: experiment::hunt::plan::Plan,
+    expectation: usize,
+) -> Option<experiment::hunt::plan::Plan> {
+    let mut tried = 0;
+    let missed = |judged: &Result<Judged, NotJudged>| {
+        judged.as_ref().is_ok_and(|judged| judged.margins[expectation] < 0.0)
+    };
+    'simpler: while tried < SHRINK_RUNS {
+        for plans in simpler(&plan, runs.space).chunks(SHRINK_AT_ONCE) {
+            tried += plans.len();
+            let judged = runs.judge_all(plans);
+            if judged.iter().any(|judged| matches!(judged, Err(NotJudged::Stopped))) {
+                return None;
+            }
+            if let Some(place) = judged.iter().position(missed) {
+                plan.clone_from(&plans[place]);
+                continue 'simpler;
+            }
+        }
+        break;
+    }
+    Some(plan)
+}

@@ -1,0 +1,182 @@
+//! The runs of a hunt: each becomes a scenario, is run within this process, and judged.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+use experiment::hunt::plan::Plan;
+use experiment::hunt::space::Space;
+use experiment::scenario::Scenario;
+use experiment::scenario::diagnostic::meant;
+use experiment::scenario::read::{Overrides, read_text};
+use outcome::metrics::Measures;
+use outcome::metrics::expect::{self, Expectation};
+use outcome::metrics::margin::{self, WITH_MARGIN};
+use protocol::brief::Pace;
+use protocol::catalog::Catalog;
+use protocol::number::short;
+use protocol::process::{Stop, exit};
+
+use crate::in_process::measured;
+use crate::pool::on_all_cores;
+use crate::verbs::screen::show;
+
+/// How a hunt runs what it tries.
+pub(super) struct Runs<'a> {
+    /// The scenario that all begin with.
+    pub(super) text: &'a str,
+    pub(super) space: &'a Space,
+    /// The expectations to miss.
+    pub(super) names: &'a [String],
+    pub(super) catalog: &'a Catalog,
+    pub(super) jobs: Option<usize>,
+    pub(super) stop: &'a Stop,
+}
+
+/// A run that is over.
+pub(super) struct Judged {
+    /// Of each expectation to miss.
+    pub(super) margins: Vec<f64>,
+    text: String,
+    expectations: Vec<Expectation>,
+    measures: Measures,
+}
+
+/// Why there is no run.
+pub(super) enum NotJudged {
+    /// Its scenario is refused.
+    Unsound(String),
+    Panicked(String),
+    /// A signal ended it.
+    Stopped,
+}
+
+impl Runs<'_> {
+    pub(super) fn judge_all(&self, plans: &[Plan]) -> Vec<Result<Judged, NotJudged>> {
+        on_all_cores(plans, self.jobs, |plan| self.judge(plan))
+    }
+
+    pub(super) fn judge(&self, plan: &Plan) -> Result<Judged, NotJudged> {
+        // What it holds is thrown away with it.
+        catch_unwind(AssertUnwindSafe(|| self.run(plan))).unwrap_or_else(|panic| {
+            let said = panic.downcast_ref::<String>().map(String::as_str);
+            let said =
+                said.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a word");
+            let overrides = plan.overrides(self.space.scenario());
+            Err(NotJudged::Panicked(format!(
+                "{said}, with {:?} {:?}",
+                overrides.set, overrides.faults
+            )))
+        })
+    }
+
+    fn run(&self, plan: &Plan) -> Result<Judged, NotJudged> {
+        let overrides = plan.overrides(self.space.scenario());
+        let read = read_text(Path::new("a run of the hunt"), self.text, &overrides, self.catalog);
+        let (scenario, text, _) = read.map_err(|why| NotJudged::Unsound(why.message))?;
+        let goes_on = || !self.stop.requested();
+        let measures = measured::measure(&scenario, goes_on).ok_or(NotJudged::Stopped)?;
+        let all = expect::evaluate(&scenario, &measures, Pace::Lockstep, 0, exit::OK);
+        let named =
+            |name: &String| all.iter().find(|expectation| expectation.name == *name).cloned();
+        let expectations: Vec<Expectation> = self.names.iter().filter_map(named).collect();
+        let margins = expectations.iter().map(margin::margin).collect();
+        Ok(Judged { margins, text, expectations, measures })
+    }
+}
+
+impl Judged {
+    /// The place of the expectation with the smallest margin.
+    pub(super) fn smallest(&self) -> usize {
+        let places = 0..self.margins.len();
+        places.min_by(|&a, &b| self.margins[a].total_cmp(&self.margins[b])).expect("one is hunted")
+    }
+
+    pub(super) fn margin(&self) -> f64 {
+        self.margins[self.smallest()]
+    }
+
+    pub(super) fn hash(&self) -> &str {
+        self.measures.trajectory_hash.as_deref().unwrap_or_default()
+    }
+
+    /// The name of that expectation, and what happened in one sentence.
+    pub(super) fn in_words(&self) -> (&str, String) {
+        let expectation = &self.expectations[self.smallest()];
+        (&expectation.name, margin::in_words(expectation, &self.measures))
+    }
+
+    /// Its scenario, with what happens as a comment.
+    pub(super) fn commented(&self, words: &str) -> String {
+        let Judged { text, .. } = self;
+        let (margin, hash) = (short(self.margin()), self.hash());
+        format!(
+            "# From `phalanx hunt`: {words} (margin {margin}).\n# Trajectory hash in lockstep: {hash}\n\n{text}"
+        )
+    }
+}
+
+/// Which expectations are to be missed, and what is to be set so that the scenario has them.
+pub(super) fn expected(
+    scenario: &Scenario,
+    names: &[String],
+) -> Result<(Vec<String>, Vec<String>), String> {
+    let none = Measures::default();
+    let own = expect::evaluate(scenario, &none, Pace::Realtime, 0, exit::OK);
+    let own: Vec<String> = own.into_iter().map(|expectation| expectation.name).collect();
+    let d = "min_distance_m".to_owned();
+    let mut hunted = names.to_vec();
+    if hunted.is_empty() {
+        hunted = own.iter().filter(|name| WITH_MARGIN.contains(&name.as_str())).cloned().collect();
+    }
+    if hunted.is_empty() {
+        hunted.push(d.clone());
+    }
+    let mut set = Vec::new();
+    for name in &hunted {
+        if ["exit", "deadline_misses_max"].contains(&name.as_str()) {
+            return Err(format!(
+                "--expect {name}: it has no margin; expected one of {}",
+                WITH_MARGIN.join(", ")
+            ));
+        }
+        if !WITH_MARGIN.contains(&name.as_str()) {
+            let close = meant(name, WITH_MARGIN).map(|close| format!("did you mean {close}?"));
+            let all = || format!("expected one of {}", WITH_MARGIN.join(", "));
+            return Err(format!(
+                "--expect {name}: there is no such expectation; {}",
+                close.unwrap_or_else(all)
+            ));
+        }
+        if own.contains(name) {
+            continue;
+        }
+        if *name != d {
+            return Err(format!(
+                "--expect {name}: the scenario has no bound for it; give it one in [expect], or by --set expect.{name}=..."
+            ));
+        }
+        set.push(format!("expect.{d}={:?}", scenario.avoidance.distance_min_m));
+    }
+    hunted.dedup();
+    Ok((hunted, set))
+}
+
+/// The scenario with these keys set too, and its text; what is wrong with it is shown.
+pub(super) fn with(
+    scenario: &Scenario,
+    text: String,
+    set: Vec<String>,
+    catalog: &Catalog,
+) -> Option<(Scenario, String)> {
+    if set.is_empty() {
+        return Some((scenario.clone(), text));
+    }
+    let overrides = Overrides { set, ..Overrides::default() };
+    match read_text(Path::new(&scenario.name), &text, &overrides, catalog) {
+        Ok((scenario, text, _)) => Some((scenario, text)),
+        Err(diagnostic) => {
+            show(&diagnostic);
+            None
+        }
+    }
+}

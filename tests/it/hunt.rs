@@ -1,0 +1,168 @@
+//! `phalanx hunt`: what it finds is found again, by processes too; killed, it comes to the same; what is wrong with what
+//! it is asked for is told in one line.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use rustix::process::Signal;
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::harness::{ExitsWith as _, phalanx, run_file, signal_pid};
+
+/// Eight robots that cross without avoidance, for a short time: they come nearer than d sooner or later.
+const CROSSING: [&str; 9] = [
+    "hunt",
+    "scenarios/antipodal-8.toml",
+    "--set",
+    "avoidance.kind=none",
+    "--set",
+    "duration_s=4",
+    "--set",
+    "expect={}",
+    "--out",
+];
+
+fn hunt(words: &[&str], out: &Path, more: &[&str]) -> Command {
+    let mut command = phalanx(words);
+    command.arg(out).args(more);
+    command
+}
+
+fn report(out: &Path) -> Value {
+    serde_json::from_str(&fs::read_to_string(out.join("hunt.json")).unwrap()).unwrap()
+}
+
+/// All that a hunt writes, but for who held its lock.
+fn written(out: &Path) -> Vec<(String, String)> {
+    let names = ["journal.csv", "hunt.json", "nearest.toml", "scenario.toml"];
+    let text = |name: &str| fs::read_to_string(out.join(name)).unwrap_or_default();
+    // Where it is differs.
+    names.map(|name| (name.to_owned(), text(name))).into()
+}
+
+#[test]
+fn a_miss_is_shrunk_and_processes_miss_it_too_by_the_same_trajectories() {
+    let scratch = TempDir::new().unwrap();
+    let out = scratch.path().join("out");
+    let said = hunt(&CROSSING, &out, &["--runs", "300"]).exits_with(1).stdout;
+    let found = report(&out);
+    assert_eq!((&found["found"], &found["expectation"]), (&true.into(), &"min_distance_m".into()));
+    assert!(found["margin_of_file"].as_f64().unwrap() < 0.0, "{found:#}");
+    // Nothing of the start of one or two robots is needed beside what the scenario has: no fault.
+    assert_eq!(found["faults"], 0, "{found:#}");
+    assert!(found["starts"].as_u64().unwrap() <= 2, "{found:#}");
+    assert!(said.contains(found["what"].as_str().unwrap()), "{said}");
+    let file = out.join(found["file"].as_str().unwrap());
+    let ended = run_file(&file).lockstep().finish();
+    ended.exits_with(1);
+    assert_eq!(ended.hash(), found["trajectory_hash"].as_str().unwrap());
+    let held = &ended.summary["expectations"][0];
+    assert_eq!((&held["name"], &held["held"]), (&"min_distance_m".into(), &false.into()));
+}
+
+/// With faults, delays and noise of every kind, and more than one expectation.
+#[test]
+fn the_nearest_run_of_everything_that_varies_is_the_same_by_processes() {
+    let scratch = TempDir::new().unwrap();
+    let out = scratch.path().join("out");
+    let words =
+        ["hunt", "scenarios/triangle.toml", "--set", "duration_s=6", "--set", "expect={}", "--out"];
+    let sets = [
+        "--set",
+        "expect.final_error_m_max=100",
+        "--set",
+        "expect.alive_at_end=1",
+        "--set",
+        "hunt.faults_max=8",
+        "--vary",
+        "starts,faults,delays,noise,gains",
+        "--runs",
+        "64",
+        "--expect",
+        "final_error_m_max,alive_at_end,min_distance_m",
+    ];
+    hunt(&words, &out, &sets).exits_with(0);
+    let found = report(&out);
+    assert_eq!((&found["found"], &found["runs"]), (&false.into(), &64.into()));
+    let ended = run_file(&out.join("nearest.toml")).lockstep().finish();
+    ended.exits_with(0);
+    assert_eq!(ended.hash(), found["trajectory_hash"].as_str().unwrap());
+    let journal = fs::read_to_string(out.join("journal.csv")).unwrap();
+    assert_eq!(journal.lines().nth(1), Some("by,final_error_m_max,alive_at_end,min_distance_m"));
+    assert_eq!(journal.lines().count(), 66);
+}
+
+#[test]
+fn killed_on_its_way_and_on_any_number_of_cores_it_comes_to_the_same() {
+    let scratch = TempDir::new().unwrap();
+    let [whole, killed] = ["whole", "killed"].map(|name| scratch.path().join(name));
+    let words =
+        ["hunt", "scenarios/triangle.toml", "--set", "duration_s=2", "--set", "expect={}", "--out"];
+    let more = ["--runs", "200", "--jobs", "1"];
+    hunt(&words, &whole, &more).exits_with(0);
+    let mut first = hunt(&words, &killed, &["--runs", "200", "--jobs", "2"]);
+    let mut first = first.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let journal = killed.join("journal.csv");
+    let lines = || fs::read_to_string(&journal).map_or(0, |text| text.lines().count());
+    while lines() < 60 && first.try_wait().unwrap().is_none() {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    signal_pid(first.id(), Signal::KILL);
+    first.wait().unwrap();
+    // A line that was cut short.
+    let text = fs::read_to_string(&journal).unwrap();
+    fs::write(&journal, &text[..text.len() - 5]).unwrap();
+    hunt(&words, &killed, &["--runs", "200", "--jobs", "3"]).exits_with(0);
+    assert_eq!(written(&whole), written(&killed));
+    // More runs go on from there, and another hunt does not.
+    hunt(&words, &killed, &["--runs", "210"]).exits_with(0);
+    let grown = fs::read_to_string(&journal).unwrap();
+    assert!(grown.starts_with(&fs::read_to_string(whole.join("journal.csv")).unwrap()));
+    assert_eq!(grown.lines().count(), 212);
+    let said = hunt(&words, &killed, &["--seed", "9"]).exits_with(2).stderr;
+    assert!(said.contains("another hunt") && said.lines().count() == 1, "{said}");
+}
+
+#[test]
+fn emitted_commands_are_hunts_of_their_own() {
+    let scratch = TempDir::new().unwrap();
+    let out = scratch.path().join("out");
+    let more = ["--seed", "5", "--runs", "3", "--emit-commands", "2"];
+    let lines = hunt(&CROSSING, &out, &more).exits_with(0).stdout;
+    assert!(!out.exists());
+    assert_eq!(lines.lines().count(), 2, "{lines}");
+    for (line, seed) in lines.lines().zip([5, 6]) {
+        let mut shell = Command::new("sh");
+        let code =
+            shell.args(["-c", line]).stdout(Stdio::null()).stderr(Stdio::null()).status().unwrap();
+        assert!(matches!(code.code(), Some(0 | 1)), "{line}: {code}");
+        assert_eq!(report(&out.join(format!("seed-{seed}")))["seed"], seed);
+    }
+}
+
+#[test]
+fn what_is_wrong_with_what_it_is_asked_for_is_told_in_one_line() {
+    let scratch = TempDir::new().unwrap();
+    let out = scratch.path().join("out");
+    let goals = "scenarios/antipodal-8.toml";
+    let cases: [(&[&str], &str); 8] = [
+        (&["scenarios/triangle.toml", "--expect", "exit"], "has no margin"),
+        (&["scenarios/triangle.toml", "--expect", "converged_by"], "did you mean converged_by_s?"),
+        (&["scenarios/triangle.toml", "--expect", "hull_distance_m_max"], "has no bound for it"),
+        (&["scenarios/triangle.toml", "--vary", "start"], "expected one of starts, faults"),
+        (&["scenarios/triangle.toml", "--minutes", "0"], "a number of minutes above 0"),
+        (&[goals, "--vary", "faults", "--set", "hunt.kinds=[\"cut\"]"], "nothing would vary"),
+        (&["scenarios/triangle.toml", "--fault", "load of 1 @1"], "within one process"),
+        (&["scenarios/triangle.toml", "--runs", "0"], "0 is not in"),
+    ];
+    for (words, part) in cases {
+        let words = [&["hunt"], words, &["--out"]].concat();
+        let said = hunt(&words, &out, &[]).exits_with(2).stderr;
+        assert!(said.starts_with("error: ") && said.contains(part), "{words:?}: {said}");
+        assert_eq!(said.matches("error: ").count(), 1, "{said}");
+        assert!(!out.exists());
+    }
+}

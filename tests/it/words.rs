@@ -23,7 +23,10 @@ fn a_folder_begins_with_any_shipped_scenario() {
         phalanx(["new", &new, "--from", &name]).current_dir(folder.path()).exits_with(0);
         let path = folder.path().join(&new).join("scenario.toml");
         let text = std::fs::read_to_string(&path).unwrap();
-        assert!(text.contains(&format!("\nname = \"{new}\"\n")), "{text}");
+        let shipped = std::fs::read_to_string(format!("{ROOT}/scenarios/{name}.toml")).unwrap();
+        let renamed =
+            shipped.replace(&format!("\nname = \"{name}\"\n"), &format!("\nname = \"{new}\"\n"));
+        assert!(text.ends_with(&renamed[renamed.find("\nname").unwrap()..]), "{text}");
         phalanx(["check", path.to_str().unwrap()]).exits_with(0);
     }
     let said = phalanx(["new", "x", "--from", "ring"]).exits_with(2).stderr;
@@ -148,6 +151,19 @@ fn the_reference_calls_needed_what_is_needed_and_has_the_checkers_bounds() {
         let found = row(of, key);
         assert!(found.contains(words), "{found}");
     }
+}
+
+#[test]
+fn broken_and_the_ideal_formation_are_explained_where_they_are_shown() {
+    let ended = run("triangle-kill").lockstep().drawing().finish();
+    ended.exits_with(0);
+    let broken = "a robot is broken if, when the fault ends (one for good: at the end of the run), it is more than \
+                  0.01 m from the place that the plan gives it in the formation";
+    let ideal = "Distances from the places that the whole graph, as planned, gives everybody";
+    let page = ended.file("report.html");
+    let on_screen = ended.stdout.contains(broken) && ended.stdout.contains("to ideal places, m");
+    ended.claim(on_screen, "the screen says it");
+    ended.claim(page.contains(broken) && page.contains(ideal), "the page says it");
 }
 
 #[test]

@@ -212,8 +212,10 @@ impl Key {
         }
     }
 
-    fn is_guessed(&self, guess: &str) -> bool {
-        self.guesses.split(' ').any(|known| known == guess)
+    /// Whether that word may well stand for it: its name without unit, or what others call it.
+    pub(crate) fn is_meant_by(&self, word: &str) -> bool {
+        let guess = stem(word);
+        stem(self.name) == guess || self.guesses.split(' ').any(|known| known == guess)
     }
 }
 
@@ -341,10 +343,8 @@ impl Format {
 
     /// The key that a word means, as `--set` takes it: one of the file's own, or of a table that there is once.
     pub fn key_meant_by(&self, word: &str) -> Option<String> {
-        let guess = stem(word);
         let key = |section: &Section| {
-            let mut keys = section.keys.iter();
-            keys.find(|key| stem(key.name) == guess || key.is_guessed(&guess)).map(|key| key.name)
+            section.keys.iter().find(|key| key.is_meant_by(word)).map(|key| key.name)
         };
         let tables = ["avoidance", "realtime", "silence", "expect"];
         let within = |table: &&str| Some(format!("{table}.{}", key(self.section(table))?));
@@ -360,15 +360,14 @@ impl Format {
         word: &str,
         elsewhere: bool,
     ) -> String {
-        let guess = stem(word);
         let names = || rows.iter().map(|key| key.name);
-        let guessed = rows.iter().find(|key| key.is_guessed(&guess)).map(|key| key.name);
+        let guessed = rows.iter().find(|key| key.is_meant_by(word)).map(|key| key.name);
         if let Some(close) = guessed.or_else(|| meant(word, names())) {
             return format!("did you mean `{close}`?");
         }
         let others = self.sections.iter().filter(|other| elsewhere && other.name != section.name);
         let mut keys = others.flat_map(|other| other.keys.iter().map(move |key| (other, key)));
-        match keys.find(|(_, key)| stem(key.name) == guess || key.is_guessed(&guess)) {
+        match keys.find(|(_, key)| key.is_meant_by(word)) {
             Some((other, key)) if std::ptr::eq(other, self.root()) => {
                 format!("did you mean `{}`, outside of all tables?", key.name)
             }

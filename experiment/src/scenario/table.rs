@@ -11,7 +11,7 @@ use serde::de::value::{Error, StrDeserializer};
 use serde::de::{DeserializeOwned, IntoDeserializer as _};
 use toml::de::{DeTable, DeValue};
 
-use super::diagnostic::{Diagnostic, Source};
+use super::diagnostic::{Diagnostic, Source, meant};
 use super::keys::{Format, Key, Otherwise, Range as Numbers, Section, Takes};
 
 /// Largest magnitude of any number, in its unit: what is larger is a slip of the keyboard, and
@@ -258,8 +258,16 @@ impl<'t> Table<'t> {
         self.get(key).map(|value| value.time_ns()).transpose()
     }
 
-    /// That `key` is not there; `expected` says what to add.
+    /// That `key` is not there, or is called otherwise; `expected` says what to add.
     pub fn missing(&self, key: &str, expected: &str) -> Diagnostic {
+        let stands_for_it = |(word, _): &(&str, Range<usize>)| {
+            let row = self.section.key(key).filter(|_| self.section.key(word).is_none());
+            row.is_some_and(|row| row.is_meant_by(word) || meant(word, [key]).is_some())
+        };
+        if let Some((word, span)) = self.keys().find(stands_for_it) {
+            let message = format!("{} has no key `{word}`", self.title);
+            return self.document.source.error(&span, message, format!("did you mean `{key}`?"));
+        }
         let message = format!("{} has no `{key}`", self.title);
         self.here(message, format!("expected `{key}`: {expected}"))
     }

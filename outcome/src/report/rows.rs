@@ -276,3 +276,25 @@ pub fn broken(fault: &FaultReport) -> [String; 4] {
 pub fn or_dash(value: Option<f64>) -> String {
     value.map_or("-".into(), digits)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn late_wake_ups_say_what_made_them_and_whether_they_did_harm() {
+        let mut summary = Summary::default();
+        for (cause, count) in [(Cause::Core, 3), (Cause::Unknown, 4)] {
+            let stage = cause.stage().word().to_owned();
+            summary.wall.latency.push(StageLatency { stage, count, ..StageLatency::default() });
+        }
+        let late = |summary: &Summary| {
+            facts(summary).into_iter().find(|(name, _)| name == "late wake-ups").unwrap().1
+        };
+        let causes = late(&summary);
+        assert!(causes.starts_with("7: ") && causes.contains("no cause found 4"), "{causes}");
+        assert!(causes.ends_with("; no deadline was missed by it"), "{causes}");
+        summary.deadline_misses = 1;
+        assert!(!late(&summary).contains("no deadline"));
+    }
+}

@@ -277,6 +277,37 @@ fn a_supervisor_of_another_version_is_one_clear_diagnostic() {
 }
 
 #[test]
+#[ignore = "needs Python, as tests/python/install does"]
+fn the_build_of_the_package_says_what_it_waits_for_and_how_to_wait_less() {
+    // Without maturin, and nothing is built or copied.
+    let program = "import shutil, subprocess, sys, types\n\
+         names = 'get_requires_for_build_editable get_requires_for_build_sdist get_requires_for_build_wheel '\n\
+         names += 'prepare_metadata_for_build_editable prepare_metadata_for_build_wheel'\n\
+         stub = types.ModuleType('maturin')\n\
+         for name in names.split(): setattr(stub, name, None)\n\
+         sys.modules['maturin'] = stub\n\
+         shutil.copy2 = subprocess.run = lambda *_, **__: None\n\
+         sys.path.insert(0, 'bindings/python/build_backend')\n\
+         import backend, os\n\
+         backend._prepare({})\n\
+         os.chdir('bindings/python')\n\
+         backend._prepare({'program': 'src/main.rs'})\n\
+         backend._prepare({'program': 'nowhere'})";
+    let mut python = Command::new("python3");
+    let output = python.args(["-c", program]).env_remove("PWD").output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    for words in [
+        // pip starts it in another folder than itself.
+        &format!("packing {ROOT}/src/main.rs"),
+        "-C program=nowhere: there is no file ",
+        "building the program `phalanx` first; `-C program=target/release/phalanx` packs one that is built already",
+        "now building the package's own half, which takes minutes the first time",
+    ] {
+        assert!(said.contains(words), "{said}");
+    }
+}
+
+#[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn a_law_started_by_hand_says_what_starts_it() {
     let parts = ["mine.py does nothing by itself: a scenario runs it", "phalanx run SCENARIO"];

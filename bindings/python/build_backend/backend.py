@@ -3,7 +3,8 @@
 Settings, as in ``pip install ./bindings/python -C profile=dev``:
 
 * ``profile``: cargo's profile for both halves (default: release);
-* ``program``: a `phalanx` that is built already, to be packed instead of building one.
+* ``program``: a `phalanx` that is built already, to be packed instead of building one: seen from where pip was
+  started, or from the root of the clone.
 """
 
 import os
@@ -60,8 +61,20 @@ def _prepare(settings):
         subprocess.run(build, cwd=ROOT, check=True)
         # Cargo's folder for the profile dev has another name.
         program = target / {"dev": "debug"}.get(profile, profile) / "phalanx"
+    else:
+        program = _found(program)
     shutil.copy2(program, SCRIPTS / "phalanx")
     _say(f"packing {program}; now building the package's own half, which takes minutes the first time")
+
+
+def _found(program):
+    """Where it is: pip runs this in the package's folder, and the shell's variable still says where pip was started."""
+    places = [Path(folder, program) for folder in (os.environ.get("PWD", ROOT), ROOT)]
+    for place in places:
+        if place.is_file():
+            return place
+    looked = " or ".join(dict.fromkeys(map(str, places)))
+    raise SystemExit(f"phalanx: -C program={program}: there is no file {looked}; `cargo build --release` makes it")
 
 
 def _say(words):

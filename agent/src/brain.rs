@@ -337,6 +337,7 @@ impl Brain {
             velocities: &self.velocities,
             walls: &self.walls,
             error: self.now.error,
+            place_velocity: self.now.target.map_or(Vec2::zeros(), |(_, velocity)| velocity),
             ..seen(odometry, (alpha, self.now.front_velocity), &self.now.away)
         };
         let twist = match wish {
@@ -481,6 +482,7 @@ fn seen<'a>(
         walls: &[],
         walls_cut: odometry.walls_cut == 1,
         error: None,
+        place_velocity: Vec2::zeros(),
     }
 }
 

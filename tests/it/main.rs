@@ -4,6 +4,7 @@
 #![expect(clippy::print_stderr, clippy::print_stdout, reason = "tests tell whoever runs them")]
 
 mod architecture;
+mod arrival;
 mod bad_files;
 mod browser;
 mod campaigns;

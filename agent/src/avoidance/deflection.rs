@@ -12,8 +12,8 @@
 //! | kappa | share of the slack to d_f that a period's approach may use up |
 //!
 //! Who has arrived gives way to whoever comes: d_f grows by a share of itself where e is small and the
-//! other approaches the place. In a formation that keeps its shape, at rest or turning, nobody approaches
-//! anybody, and d_f is what it was. In words: `docs/explanation/arrival.md`.
+//! other approaches the place. In a formation that keeps its shape, at rest, moving or turning, nobody
+//! approaches anybody's place, and d_f is what it was. In words: `docs/explanation/arrival.md`.
 
 use std::f64::consts::TAU;
 
@@ -40,6 +40,9 @@ const DITHER_AT_LAST_RAD: f64 = 1.0;
 const MARGIN: f64 = 0.05;
 /// Who has been still for this long, s, has a place for good, as far as anybody can tell.
 const TAKEN_AFTER_S: f64 = 3.0;
+/// Over how long a place's velocity is smoothed, in d / v_max. While a formation forms, those whom a robot
+/// hears carry its place along: they still count as coming.
+const PLACE_SMOOTH: f64 = 3.0;
 /// Nobody is turned aside as if whom it meets were nearer than this, s.
 const SOONEST_S: f64 = 0.1;
 
@@ -155,6 +158,8 @@ pub struct Deflection {
     motion: Motion,
     patience: Patience,
     comfort: Comfort,
+    /// How its place moves in the long run, m/s.
+    place_velocity: Vec2,
     /// Its place is taken: it is held back, and not led around.
     stands_off: Option<Taken>,
     limits: Vec<Limit>,
@@ -173,6 +178,8 @@ struct Comfort {
     yields: f64,
     yield_speed_m_s: f64,
     yield_reach_m: f64,
+    /// Over how long the place's velocity is smoothed, s.
+    place_s: f64,
 }
 
 impl Comfort {
@@ -189,9 +196,11 @@ impl Comfort {
             look_ahead_s: gain(at, "look_ahead") * d / v_max,
             look_ahead_share: gain(at, "look_ahead_share"),
             look_ahead_turn_rad: gain(at, "look_ahead_turn_rad"),
-            yields: gain(at, "yield"),
+            // Whoever comes to a contained robot's place may want just that, and stay there.
+            yields: if at.rank == Rank::Contained { 0.0 } else { gain(at, "yield") },
             yield_speed_m_s: gain(at, "yield_speed") * v_max / (1.0 + YIELD_SOONER * late),
             yield_reach_m: gain(at, "yield_reach") * d + YIELD_EARLIER * late * d,
+            place_s: PLACE_SMOOTH * d / v_max,
         }
     }
 }
@@ -253,6 +262,7 @@ impl Deflection {
             motion: Motion::new(&at),
             patience: Patience::new(d, v_max, gain(&at, "impatience_time")),
             comfort: Comfort::new(&at),
+            place_velocity: Vec2::zeros(),
             stands_off: None,
             limits: Vec::new(),
             dither_period: DITHER_PERIOD_S * (1.0 + 4.0 * phase / 3.0),
@@ -268,9 +278,9 @@ impl Deflection {
     pub fn stand_off(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
         self.motion.observe(sample);
         let gap2 = |z: &Vec2| (z - error).norm_squared(); // |alpha* - alpha_j|^2
+        let at_once = self.rank == Rank::Contained || self.patience.rests();
         let has_it = |mover: &&Mover| {
-            gap2(&mover.z) < self.d_f * self.d_f
-                && (self.rank == Rank::Contained || mover.still_s >= TAKEN_AFTER_S)
+            gap2(&mover.z) < self.d_f * self.d_f && (at_once || mover.still_s >= TAKEN_AFTER_S)
         };
         let movers = self.motion.movers().iter().filter(has_it);
         let nearest = movers.map(|mover| mover.z).min_by(|a, b| gap2(a).total_cmp(&gap2(b)));
@@ -323,7 +333,7 @@ impl Deflection {
     /// period: it is led around it from farther away where it is near its place, the faster the other comes.
     fn limit(&self, mover: &Mover, r: f64, sample: &Sample<'_>) -> Limit {
         let d_f = self.distance_from(mover);
-        let comes_m_s = mover.velocity.dot(&mover.z) / r;
+        let comes_m_s = (mover.velocity - self.place_velocity).dot(&mover.z) / r;
         let share = (comes_m_s / self.comfort.yield_speed_m_s).clamp(0.0, 1.0);
         // Where two are at the same place there is no direction to come from.
         let yields = match share > 0.0 {
@@ -355,12 +365,13 @@ impl Deflection {
         self.motion.observe(sample);
         let length = p.norm();
         let got_m_s = if length > 0.0 { sample.front_velocity.dot(&p) / length } else { 0.0 };
-        self.patience.observe(
-            self.motion.dt(),
-            sample,
-            (length / self.period - got_m_s) / self.v_max,
-        );
+        let wanted_m_s = length / self.period;
+        let shares = [wanted_m_s, wanted_m_s - got_m_s].map(|speed| speed / self.v_max);
+        self.patience.observe(self.motion.dt(), sample, shares);
         let led_around = self.stands_off.is_none() && !self.patience.rests();
+        let dt = self.motion.dt();
+        let place = sample.place_velocity - self.place_velocity;
+        self.place_velocity += place * (dt / (dt + self.comfort.place_s));
         let limits = self.limits(sample);
         let mut around = 0.0;
         if led_around {

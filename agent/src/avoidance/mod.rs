@@ -95,6 +95,8 @@ pub struct Sample<'a> {
     pub walls_cut: bool,
     /// Own front point - the place wanted, m, in `map`; `None`: no place is.
     pub error: Option<Vec2>,
+    /// How that place moves, m/s, in `map`.
+    pub place_velocity: Vec2,
 }
 
 impl Sample<'_> {
@@ -226,6 +228,7 @@ mod tests {
                 walls: &[],
                 walls_cut: false,
                 error: None,
+                place_velocity: Vec2::zeros(),
             }
         }
     }

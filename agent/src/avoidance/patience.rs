@@ -2,8 +2,10 @@
 
 use super::Sample;
 
-/// A robot that lacks less than this share of its speed gets on.
+/// A robot that lacks less than this share of what it wants gets on.
 const GETS_ON: f64 = 0.3;
+/// A robot that wants less than this share of v_max is where it wants to be.
+const WANTS: f64 = 0.05;
 /// Nearer to its place than ever, by this share of d: headway.
 const HEADWAY: f64 = 0.05;
 /// The place itself is another, if it is farther away than ever by this share of d.
@@ -58,9 +60,9 @@ impl Patience {
         }
     }
 
-    /// Takes in, `dt` seconds after the last one, a sample at which the robot lacks this share of v_max of
-    /// what it wants.
-    pub fn observe(&mut self, dt: f64, sample: &Sample<'_>, lacks: f64) {
+    /// Takes in, `dt` seconds after the last one, a sample at which the robot wants this share of v_max, and
+    /// lacks that share.
+    pub fn observe(&mut self, dt: f64, sample: &Sample<'_>, [wants, lacks]: [f64; 2]) {
         self.lacks += (lacks.clamp(0.0, 1.0) - self.lacks) * (dt / (dt + self.smooth_s));
         let error = sample.error.map_or(f64::INFINITY, |error| error.norm());
         let nearer = error < self.nearest - HEADWAY * self.d;
@@ -70,7 +72,7 @@ impl Patience {
             (self.stood_s, self.next_stand_s) = (0.0, self.insists_s);
         } else if self.rests_s > 0.0 {
             self.rests_s -= dt;
-        } else if self.lost() > 0.0 {
+        } else if wants > WANTS && lacks > GETS_ON * wants {
             self.tried_s += dt;
             if self.tried_s > self.tries_s {
                 (self.tried_s, self.rests_s) = (0.0, self.next_rest_s);

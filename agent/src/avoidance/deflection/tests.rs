@@ -2,8 +2,6 @@
 
 use std::f64::consts::PI;
 
-use protocol::brief::AvoidanceBrief;
-
 use super::super::guard::tests::brief;
 use super::*;
 
@@ -121,17 +119,21 @@ fn one_that_gives_way_is_led_around_from_farther_away_and_asks_for_a_wider_view(
 }
 
 /// What a robot that wants nothing does beside another that is `z` away and moves like this, after it has seen
-/// that for a second; the error of its own place is `error`.
-fn answers(gains: &AvoidanceBrief, error: Vec2, z: Vec2, velocity: Vec2) -> Vec2 {
-    let mut brief = slow(Rank::First);
-    brief.avoidance.gains.clone_from(&gains.gains);
-    let mut robot = Deflection::new(&brief);
+/// that for 20 s; the error of its own place is `error`, and the place moves as well.
+fn answers(
+    brief: &AgentBrief,
+    error: Vec2,
+    z: Vec2,
+    [velocity, place_velocity]: [Vec2; 2],
+) -> Vec2 {
+    let mut robot = Deflection::new(brief);
     let mut answer = Vec2::zeros();
-    for step in 0..=200u64 {
+    for step in 0..=4000u64 {
         let t_s = 0.005 * step as f64;
-        let away = [z + velocity * (1.0 - t_s)]; // z at the last
+        let away = [z + velocity * (20.0 - t_s)]; // z at the last
         let stamp_ns = 5_000_000 * step;
-        let seen = Sample { stamp_ns, t_s, away: &away, error: Some(error), ..Sample::default() };
+        let at = Sample { stamp_ns, t_s, place_velocity, ..Sample::default() };
+        let seen = Sample { away: &away, error: Some(error), ..at };
         robot.stand_off(&seen, error);
         answer = robot.deflect(&seen, Vec2::zeros());
     }
@@ -140,26 +142,31 @@ fn answers(gains: &AvoidanceBrief, error: Vec2, z: Vec2, velocity: Vec2) -> Vec2
 
 #[test]
 fn who_has_arrived_gives_way_to_whoever_comes_and_to_nobody_else() {
-    let gains = AvoidanceBrief::clone(&plain(slow(Rank::First)).avoidance);
-    let mut yields = gains.clone();
-    yields.gains.extend([("yield".into(), 0.5), ("yield_speed".into(), 0.5)]);
+    let yielding = |rank| {
+        let mut brief = plain(slow(rank));
+        brief.avoidance.gains.extend([("yield".into(), 0.5), ("yield_speed".into(), 0.5)]);
+        brief
+    };
+    let first = yielding(Rank::First);
     let z = rotate(0.4, Vec2::new(0.31, 0.0)); // between d_f and 1.5 d_f = 0.315 m
     let (comes, passes) = (0.6 * z, 0.6 * Vec2::new(-z.y, z.x)); // 0.19 m/s
     let at_home = Vec2::new(0.001, 0.0);
-    let aside = answers(&yields, at_home, z, comes);
-    assert!(aside.dot(&z) > 0.0 && aside.norm() > 1e-4, "{aside:?}");
     let nothing = Vec2::zeros();
-    for (what, error, velocity) in [
-        ("one that stands", at_home, nothing),
-        ("one that goes away", at_home, -comes),
-        ("one that passes as in a formation that turns", at_home, passes),
-        ("one that is on its own way", Vec2::new(3.0, 0.0), comes),
+    let aside = answers(&first, at_home, z, [comes, nothing]);
+    assert!(aside.dot(&z) > 0.0 && aside.norm() > 1e-4, "{aside:?}");
+    for (what, error, velocities) in [
+        ("one that stands", at_home, [nothing, nothing]),
+        ("one that goes away", at_home, [-comes, nothing]),
+        ("one that passes as in a formation that turns", at_home, [passes, nothing]),
+        ("one that goes along as in a formation that moves", at_home, [comes, comes]),
+        ("one that is on its own way", Vec2::new(3.0, 0.0), [comes, nothing]),
     ] {
-        assert!(answers(&yields, error, z, velocity).norm() < 1e-6, "{what}");
+        assert!(answers(&first, error, z, velocities).norm() < 1e-6, "{what}");
     }
-    assert!(answers(&gains, at_home, z, comes).norm() < 1e-12, "nobody yields without the gain");
-    // To one that comes half as fast it gives way later.
-    assert!(answers(&yields, at_home, z, 0.5 * comes).norm() < 1e-12);
+    let without = answers(&plain(slow(Rank::First)), at_home, z, [comes, nothing]);
+    assert!(without.norm() < 1e-12, "nobody yields without the gain");
+    let contained = answers(&yielding(Rank::Contained), at_home, z, [comes, nothing]);
+    assert!(contained.norm() < 1e-12, "another may want to stay at a contained robot's place");
 }
 
 #[test]

@@ -109,10 +109,11 @@ pub fn end_all_of(run_root: &Path, logs: Option<&Path>) -> Vec<String> {
             return named;
         }
         for pid in left.into_iter().filter(|&pid| killed.insert(pid)) {
-            // The kernel kills those that the supervisor started; each leads a group.
+            let line = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+            // The kernel kills those that the supervisor started; each leads a group. Whoever is dying has no line left.
             let is_started_by_the_supervisor =
-                has_brief(pid) && stat(pid, 2).is_some_and(|group| group == pid);
-            if !is_started_by_the_supervisor {
+                has_brief(&line) && stat(pid, 2).is_some_and(|group| group == pid);
+            if !is_started_by_the_supervisor && !line.is_empty() {
                 named.push(format!("{}; it is killed", name(pid, logs)));
             }
             if let Some(pid) = Pid::from_raw(pid) {
@@ -130,9 +131,8 @@ fn has_run(pid: i32, run_root: &Path) -> bool {
     environment.split(|&byte| byte == 0).any(|entry| entry == wanted)
 }
 
-/// Whether its command line names a brief, as those of agents and plants do.
-fn has_brief(pid: i32) -> bool {
-    let line = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+/// Whether a command line names a brief, as those of agents and plants do.
+fn has_brief(line: &[u8]) -> bool {
     let mut words = line.split(|&byte| byte == 0).map(String::from_utf8_lossy);
     words.any(|word| word.contains("/briefs/") && word.ends_with(".toml"))
 }

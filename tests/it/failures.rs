@@ -162,13 +162,14 @@ fn a_killed_supervisor_takes_along_what_programs_of_its_run_left_behind() {
         assert!(began.elapsed() < HANG, "{}", std::fs::read_to_string(&log).unwrap());
         std::thread::sleep(Duration::from_millis(5));
     }
-    assert_eq!(std::fs::read_to_string(log).unwrap().lines().count(), 3, "and nobody else");
+    let text = std::fs::read_to_string(log).unwrap();
+    assert_eq!(text.lines().count(), 3, "and nobody else: {text}");
 }
 
 #[test]
 fn the_next_run_or_clean_ends_and_names_what_is_left_where_nobody_was_left_to_do_it() {
     for words in [&["run", "scenarios/triangle.toml", "--pace", "lockstep"][..], &["clean"]] {
-        let (folder, running, pids) = with_three_left();
+        let (folder, mut running, pids) = with_three_left();
         let logs = running.run_dir().canonicalize().unwrap().join("logs");
         let is_reaper = |pid: &u32| {
             let line = std::fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
@@ -178,6 +179,7 @@ fn the_next_run_or_clean_ends_and_names_what_is_left_where_nobody_was_left_to_do
         let mut others = processes.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
         signal_pid(others.find(is_reaper).expect("there is one"), Signal::KILL);
         running.signal(Signal::KILL);
+        running.wait_until_ended();
         wait_until_gone(&running.run_dir());
         assert!(pids.iter().all(|&pid| sleeps(pid)));
         let mut next = phalanx(words);

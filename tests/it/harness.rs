@@ -331,12 +331,17 @@ impl Running {
         signal_pid(self.pid(), signal);
     }
 
-    pub fn finish(mut self) -> Ended {
+    /// Until the supervisor has ended, and all that it held is free.
+    pub fn wait_until_ended(&mut self) {
         let began = Instant::now();
         while self.child().try_wait().unwrap().is_none() {
             assert!(began.elapsed() < HANG, "{} hangs", self.command);
             std::thread::sleep(Duration::from_millis(5));
         }
+    }
+
+    pub fn finish(mut self) -> Ended {
+        self.wait_until_ended();
         let child = self.supervisor.child.take().expect("it ran");
         let Output { status, stdout, stderr } = child.wait_with_output().unwrap();
         let run_dir = self.run_dir();

@@ -116,3 +116,11 @@ fn the_swap_and_the_lattice_untangle_from_disturbed_starts_too() {
         assert!(error_m < 1e-3, "{name}, disturbance {disturbance}: {error_m}");
     });
 }
+
+#[test]
+fn a_run_whose_last_period_is_not_whole_ends_at_its_last_tick() {
+    let ended = run("triangle").lockstep().sets(["period_s=0.03", "duration_s=0.1", "expect={}"]);
+    let ended = ended.finish();
+    ended.exits_with(0).leaves_nothing();
+    ended.claim(ended.number("/ticks") == 3.0, "three ticks of 0.03 s");
+}

@@ -46,14 +46,14 @@ impl Run<'_> {
         }
         self.intake.last_news = now;
         self.intake.newest = Some(*header);
+        let is_last = header.t_ns >= self.end_ns();
         let (journal, alive) = (&mut self.journal, self.lives.alive());
         journal.metrics.truth(header, rows, alive);
         let measured = journal.metrics.now();
         journal.run_dir.truth(header, rows, alive, measured)?;
         if let Some(view) = &mut journal.view
             && (view.wants_frame(now)
-                || view.is_watched()
-                    && (header.t_ns >= self.scenario.duration_ns || journal.metrics.ends_early()))
+                || view.is_watched() && (is_last || journal.metrics.ends_early()))
         {
             let (lives, reports) = (&self.lives, &self.intake.reports);
             let heard = |from: usize, to: usize| reports[to].contact(from);

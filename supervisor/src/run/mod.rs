@@ -169,7 +169,16 @@ impl<'a> Run<'a> {
 
     /// Whether the newest truth is the last that counts.
     fn is_over(&self) -> bool {
-        self.intake.now_ns() >= self.scenario.duration_ns || self.journal.metrics.ends_early()
+        self.intake.now_ns() >= self.end_ns() || self.journal.metrics.ends_early()
+    }
+
+    /// When the last truth comes, ns: in lockstep at a whole tick.
+    fn end_ns(&self) -> u64 {
+        let &Scenario { duration_ns, period_ns, .. } = self.scenario;
+        match self.conduct.goes_on_without_the_stopped() {
+            true => duration_ns,
+            false => duration_ns / period_ns * period_ns,
+        }
     }
 
     /// Waits until something may have happened.

@@ -6,6 +6,7 @@ mod repair;
 use formation::Vec2;
 use formation::desired::{Target, desired};
 use formation::frame::LeaderFrame;
+use formation::resilient::{Said, resilient_frame, resilient_target};
 use protocol::age::{AgeSums, Sawtooth};
 use protocol::brief::{AgentBrief, NeighborBrief, SilenceBrief, SilencePolicy};
 use protocol::message::{Beacon, Contact, NeighborStatus};
@@ -20,6 +21,8 @@ pub struct Neighborhood {
     spares_from: usize,
     repair_after_ns: u64,
     silence: SilenceBrief,
+    /// F: how many of those heard are left out on either side.
+    liars_max: usize,
     /// The freshest leader's frame that anybody passed on.
     frame: Option<HeardFrame>,
     frame_contact: Since,
@@ -29,6 +32,8 @@ pub struct Neighborhood {
 
 struct Neighbor {
     index: u64,
+    /// Never left out as a liar.
+    trusted: bool,
     offset: Vec2,
     newest: Option<Beacon>,
     contact: Since,
@@ -43,6 +48,7 @@ impl Neighbor {
     fn new(brief: &NeighborBrief, is_spare: bool) -> Neighbor {
         Neighbor {
             index: brief.index as u64,
+            trusted: brief.trusted,
             offset: Vec2::from(brief.offset_m),
             newest: None,
             contact: Since::default(),
@@ -61,6 +67,11 @@ impl Neighbor {
         self.given_up = GivenUp::default();
         self.opened = None;
     }
+}
+
+/// A frame of `told_ns` at `then_ns`, later or earlier.
+fn at(told_ns: u64, frame: LeaderFrame, then_ns: u64) -> LeaderFrame {
+    frame.later((then_ns as i64 - told_ns as i64) as f64 / 1e9)
 }
 
 /// A leader's frame that somebody passed on.
@@ -122,6 +133,7 @@ impl Neighborhood {
             spares_from: brief.neighbors.len(),
             repair_after_ns: brief.repair_after_ns,
             silence: brief.silence.clone(),
+            liars_max: brief.liars_max(),
             frame: None,
             frame_contact: Since::default(),
             first_ns: None,
@@ -171,6 +183,7 @@ impl Neighborhood {
         neighbor.newest = Some(*beacon);
         neighbor.age.heard(beacon.stamp_ns, now_ns);
         if let Some((stamp_ns, frame)) = frame
+            && self.liars_max == 0
             && self.frame.is_none_or(|freshest| stamp_ns > freshest.stamp_ns)
         {
             self.frame = Some(HeardFrame { stamp_ns, frame, heard_ns: now_ns });
@@ -181,6 +194,9 @@ impl Neighborhood {
     /// Judges everybody's silence as of an odometry sample, and whom to go by; whether any of it changed.
     pub fn judge(&mut self, tick: u64, t_ns: u64, stamp_ns: u64) -> bool {
         let first_ns = *self.first_ns.get_or_insert(stamp_ns);
+        if self.liars_max > 0 {
+            self.agree_on_a_frame(stamp_ns);
+        }
         let silence = &self.silence;
         let judged = |heard_ns: Option<u64>, from_ns: u64| {
             let since_ns = stamp_ns.saturating_sub(heard_ns.unwrap_or(from_ns));
@@ -230,6 +246,34 @@ impl Neighborhood {
         Some(if lost { later.frozen() } else { later })
     }
 
+    /// Where some of those heard may lie: goes by the frame of the leader itself, if that is heard, and else by
+    /// what W-MSR makes of what the others pass on, at a stamp that `liars_max` of them surpass.
+    fn agree_on_a_frame(&mut self, now_ns: u64) {
+        let heard = self.neighbors.iter().filter(|one| one.contact.contact != Contact::Lost);
+        let heard = heard.filter_map(|one| Some((one.trusted, one.newest.as_ref()?.frame()?)));
+        let (trusted, others): (Vec<_>, Vec<_>) = heard.partition(|(trusted, _)| *trusted);
+        let mut stamps: Vec<u64> = others.iter().map(|(_, (stamp_ns, _))| *stamp_ns).collect();
+        stamps.sort_unstable_by(|a, b| b.cmp(a));
+        let own = self.frame;
+        let is_news = |stamp_ns: &u64| own.is_none_or(|own| *stamp_ns > own.stamp_ns);
+        let own_at = |stamp_ns| own.map(|own| at(own.stamp_ns, own.frame, stamp_ns));
+        let newest = trusted.iter().map(|(_, told)| *told).max_by_key(|(stamp_ns, _)| *stamp_ns);
+        let agreed = match (newest, stamps.get(self.liars_max)) {
+            (Some((stamp_ns, frame)), _) => is_news(&stamp_ns).then_some((stamp_ns, frame)),
+            (None, Some(&stamp_ns)) => {
+                let then = others.iter().map(|&(_, (told_ns, frame))| at(told_ns, frame, stamp_ns));
+                let then: Vec<LeaderFrame> = then.collect();
+                let agreed = is_news(&stamp_ns)
+                    .then(|| resilient_frame(own_at(stamp_ns), &then, self.liars_max));
+                agreed.flatten().map(|frame| (stamp_ns, frame))
+            }
+            (None, None) => None,
+        };
+        if let Some((stamp_ns, frame)) = agreed {
+            self.frame = Some(HeardFrame { stamp_ns, frame, heard_ns: now_ns });
+        }
+    }
+
     /// How the leader's frame is heard, and since when.
     pub fn frame_contact(&self) -> Since {
         self.frame_contact
@@ -269,6 +313,31 @@ impl Neighborhood {
     /// Once the leader's frame is lost, velocities count as 0: they are somebody's echo, and
     /// without a path from the leader an echo never dies away.
     pub fn desired(&self, heard: &[Heard]) -> Option<Target> {
+        self.desired_by(heard, |said| desired(said.map(|(alpha_j, c_ji, _)| (alpha_j, c_ji))))
+    }
+
+    /// The same without what liars may have said: W-MSR in place of the mean. `own`: where the robot is, m,
+    /// and the velocity that it last desired, m/s.
+    pub fn desired_despite_liars(&self, heard: &[Heard], own: Target) -> Option<Target> {
+        self.desired_by(heard, |said| {
+            let place = |(alpha_j, c_ji, trusted): (Target, Target, bool)| Said {
+                value: Target {
+                    position: alpha_j.position + c_ji.position,
+                    velocity: alpha_j.velocity + c_ji.velocity,
+                },
+                trusted,
+            };
+            let said: Vec<Said<Target>> = said.map(place).collect();
+            (!said.is_empty()).then(|| resilient_target(own, &said, self.liars_max))
+        })
+    }
+
+    /// alpha* by what `mean` makes of alpha_j, C_ji and whether R_j is trusted.
+    fn desired_by(
+        &self,
+        heard: &[Heard],
+        mean: impl FnOnce(&mut dyn Iterator<Item = (Target, Target, bool)>) -> Option<Target>,
+    ) -> Option<Target> {
         let lost = |neighbor: &Neighbor| neighbor.contact.contact == Contact::Lost;
         let mut gone_by = self.neighbors.iter().filter(|neighbor| neighbor.goes_by.yes);
         if self.silence.policy == SilencePolicy::Stop && gone_by.any(lost) {
@@ -284,9 +353,10 @@ impl Neighborhood {
             SilencePolicy::Ignore | SilencePolicy::Stop => false,
         };
         let counted = gone_by().filter(|(one, _)| keep || one.contact != Contact::Lost);
-        let target = desired(counted.map(|(&Heard { position, velocity, offset, .. }, _)| {
-            (Target { position, velocity }, offset)
-        }))?;
+        let target =
+            mean(&mut counted.map(|(&Heard { position, velocity, offset, .. }, known)| {
+                (Target { position, velocity }, offset, known.trusted)
+            }))?;
         let echo = self.frame_contact.contact == Contact::Lost;
         Some(if echo { Target::still(target.position) } else { target })
     }

@@ -18,6 +18,7 @@ pub(crate) fn brief() -> AgentBrief {
         offset_m: [0.0, 0.0],
         faults: Vec::new(),
         lies: Vec::new(),
+        trusted: false,
     };
     AgentBrief {
         format: Format,

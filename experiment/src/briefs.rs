@@ -15,6 +15,9 @@ use crate::scenario::{Fault, FaultKind, Scenario};
 /// The brief of robot `i` (from 0).
 pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> AgentBrief {
     let robot = &scenario.robots[i];
+    let leaves_out_liars = robot.liars_max() > 0;
+    let leads = |other: usize| scenario.robots[other].role.reference.is_its_own();
+    let trusts = |other: usize| leaves_out_liars && leads(other);
     let edges = scenario.graph.edges().iter().enumerate();
     let neighbors = edges.filter(|(_, edge)| edge.to == i).map(|(e, edge)| NeighborBrief {
         name: scenario.robots[edge.from].name.clone(),
@@ -27,6 +30,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
             _ => None,
         }),
         lies: lies(scenario, edge.from, i),
+        trusted: trusts(edge.from),
     });
     let spares = scenario.spares.iter().filter(|edge| edge.to == i).map(|edge| NeighborBrief {
         name: scenario.robots[edge.from].name.clone(),
@@ -34,6 +38,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         offset_m: edge.offset_m.into(),
         faults: Vec::new(),
         lies: lies(scenario, edge.from, i),
+        trusted: trusts(edge.from),
     });
     AgentBrief {
         format: Format,

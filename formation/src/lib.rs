@@ -11,12 +11,14 @@
 //! | `front_point` | which point is controlled, and how does (v, w) move it? (2) (3) (17) |
 //! | `graph` | who hears whom, at which offset? (Definition 1) |
 //! | `reachability` | whose information reaches whom, and what does a death take from whom? |
+//! | `robustness` | how many liars does a graph bear? |
 //! | `laplacian` | what do the matrices L and A say, and where does the formation settle? (4)-(6) (31) |
 //! | `trajectory` | where is the main leader to be? |
 //! | `path` | which curve goes through waypoints, and where on it is one at a time? |
 //! | `scale` | how large is the formation to be, and when does it open and close? |
 //! | `frame` | how do offsets turn and grow with the leader? (20)-(23) |
 //! | `desired` | where should a robot be, seen from those it hears? (13) (24) (46) |
+//! | `resilient` | the same where some of them may lie? |
 //! | `hull` | how far is a follower from the leaders' convex hull? (7) (49) |
 //! | `closest` | which two robots are nearest to each other? (15) |
 //! | `near` | which robots are near which, from one instant to the next? |
@@ -43,6 +45,8 @@ pub mod pose;
 pub mod ramp;
 pub mod random;
 pub mod reachability;
+pub mod resilient;
+pub mod robustness;
 pub mod scale;
 pub mod trajectory;
 pub mod unicycle;

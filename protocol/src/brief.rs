@@ -15,6 +15,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::fault::{LieFault, LinkFault, SensorFault, SlowFault, Span, WheelFault};
+use crate::law::LIARS_MAX;
 use crate::number::{is_zero, told_apart};
 
 /// The version of the briefs' form that this build writes and reads. It is raised with every change
@@ -163,6 +164,9 @@ pub struct NeighborBrief {
     /// When its beacons are to be false.
     #[serde(default, rename = "lie", skip_serializing_if = "Vec::is_empty")]
     pub lies: Vec<LieFault>,
+    /// It leads: a robot that leaves out liars never leaves it out.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub trusted: bool,
 }
 
 /// What the main leader alone is told: where to go, and how large the formation is to be.
@@ -282,6 +286,11 @@ impl AgentBrief {
     /// All whose beacons it may open: those heard, then the spares. Places count in this order.
     pub fn senders(&self) -> impl Iterator<Item = &NeighborBrief> {
         self.neighbors.iter().chain(&self.spares)
+    }
+
+    /// F: how many of those heard it leaves out on either side.
+    pub fn liars_max(&self) -> usize {
+        self.gains.get(LIARS_MAX).map_or(0, |&liars| liars as usize)
     }
 
     /// The sender at this place.
@@ -564,6 +573,10 @@ impl Brief for AgentBrief {
         flaws.time("plant_tick_ns", self.plant_tick_ns);
         flaws.time("command_lifetime_ns", self.command_lifetime_ns);
         flaws.positive("front_point_m", self.front_point_m);
+        let liars = self.gains.get(LIARS_MAX).copied().unwrap_or(0.0);
+        flaws.unless(liars.fract() == 0.0, || {
+            format!("gains.{LIARS_MAX} is {liars}, expected a whole number")
+        });
         let avoidance = &self.avoidance;
         flaws.positive("avoidance.distance_min_m", avoidance.distance_min_m);
         flaws.not_negative("avoidance.sensing_error_m", avoidance.sensing_error_m);
@@ -734,6 +747,10 @@ fn parse<B: Brief>(path: &Path, text: &str) -> Result<B, BriefError> {
 pub fn writer(path: &Path) -> Option<String> {
     let told: toml::Table = std::fs::read_to_string(path).ok()?.parse().ok()?;
     Some(told.get("program")?.get("phalanx")?.as_str()?.to_owned())
+}
+
+fn is_false(truth: &bool) -> bool {
+    !truth
 }
 
 fn is_none(ns: &u64) -> bool {

@@ -3,6 +3,9 @@
 //! The laws live in the crate `agent`; the supervisor must name them and their gains in its
 //! diagnostics without knowing any of them. The binary hands it this list.
 
+/// Key of the gain that says how many liars a robot leaves out on either side: F. A whole number.
+pub const LIARS_MAX: &str = "liars_max";
+
 /// What alpha*, and with it a robot's error, is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reference {

@@ -32,6 +32,7 @@ mod inertia;
 mod isolation;
 mod latency;
 mod leader_frame;
+mod liars;
 mod links;
 mod lockstep;
 mod lost_screen;

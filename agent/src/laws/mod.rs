@@ -80,6 +80,7 @@ pub const LAWS: &[LawRow] = &[
     formation_unit::ROW,
     tanh::LEADER_TANH,
     tanh::FORMATION_TANH,
+    tanh::FORMATION_ROBUST,
     tanh::CONTAINMENT_TANH,
     goal_unit::ROW,
     tanh::GOAL_TANH,

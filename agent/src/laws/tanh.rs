@@ -4,6 +4,7 @@
 //! hull of those heard, with alpha* by (46) (51). A goal stands, and has no alpha*'.
 
 use formation::Vec2;
+use protocol::law::LIARS_MAX;
 
 use super::{CONTAINED, FORMATION, GOAL, Gains, LEADER, Law, LawRow, RoleRow, Situation, tanh};
 
@@ -12,6 +13,14 @@ pub(super) const LEADER_TANH: LawRow =
 
 pub(super) const FORMATION_TANH: LawRow =
     row("formation-tanh", FORMATION, "(28)", &["k_f_m_s"], |gains| follows(gains.get("k_f_m_s")));
+
+/// Beside `liars_max` on either side, whom its role leaves out.
+pub(super) const FORMATION_ROBUST: LawRow = LawRow {
+    gains: &["k_f_m_s", LIARS_MAX],
+    ..row("formation-robust", FORMATION, "(28), W-MSR", &["k_f_m_s"], |gains| {
+        follows(gains.get("k_f_m_s"))
+    })
+};
 
 pub(super) const CONTAINMENT_TANH: LawRow =
     row("containment-tanh", CONTAINED, "(51)", &["k_c_m_s"], |gains| follows(gains.get("k_c_m_s")));

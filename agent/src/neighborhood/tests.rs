@@ -12,6 +12,7 @@ fn hears(index: usize) -> NeighborBrief {
         offset_m: [0.0, 1.0],
         faults: Vec::new(),
         lies: Vec::new(),
+        trusted: false,
     }
 }
 
@@ -319,4 +320,53 @@ proptest! {
             beacons = frames.map(|frame| beacon(0, stamp_ns, 0.0).with_frame(frame)).collect();
         }
     }
+}
+
+/// Of r1, which leads, and r2 and r3, of which one may lie.
+fn wary() -> Neighborhood {
+    let silence =
+        SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy: SilencePolicy::Ignore };
+    let mut neighbors: Vec<NeighborBrief> = (1..4).map(hears).collect();
+    neighbors[0].trusted = true;
+    let gains = [("liars_max".into(), 1.0)].into();
+    Neighborhood::new(&AgentBrief { neighbors, silence, gains, ..brief() })
+}
+
+#[test]
+fn the_leader_is_never_left_out_and_the_farthest_of_the_others_is() {
+    let mut hood = wary();
+    for (place, x_m) in [(0, 0.0), (1, 5.0), (2, 9.0)] {
+        hood.hear(place, &Beacon { stamp_ns: 100, x_m, ..Beacon::default() }, 100).unwrap();
+    }
+    hood.judge(100, 100, 100);
+    let mut heard = Vec::new();
+    hood.recall(100, |_| Target::still(Vec2::zeros()), &mut heard);
+    let own = |x| Target::still(Vec2::new(x, 0.0));
+    let desired_x = |x| hood.desired_despite_liars(&heard, own(x)).unwrap().position.x;
+    assert_eq!([5.0, 4.0, 10.0].map(desired_x), [2.5, 2.5, 4.5]);
+}
+
+#[test]
+fn the_frame_is_the_leaders_own_and_without_it_what_one_more_than_lie_agree_on() {
+    let told = |stamp_ns, heading_rad| {
+        let frame = LeaderFrame { heading_rad, ..LeaderFrame::STILL };
+        Beacon { stamp_ns, ..Beacon::default() }.with_frame(Some((stamp_ns, frame)))
+    };
+    let heading = |hood: &Neighborhood| hood.frame_at(100).map(|frame| frame.heading_rad);
+    let mut hood = wary();
+    for (place, heading_rad) in [(1, 0.5), (2, 3.0)] {
+        hood.hear(place, &told(100, heading_rad), 100).unwrap();
+    }
+    hood.judge(100, 100, 100);
+    assert_eq!(heading(&hood), None, "which of both lies?");
+    hood.hear(0, &told(90, 0.25), 100).unwrap();
+    hood.judge(100, 100, 100);
+    assert_eq!(heading(&hood), Some(0.25));
+    let mut others = wary();
+    others.neighbors.iter_mut().for_each(|one| one.trusted = false);
+    for (place, heading_rad) in [(0, 0.5), (1, 3.0), (2, 0.5)] {
+        others.hear(place, &told(100, heading_rad), 100).unwrap();
+    }
+    others.judge(100, 100, 100);
+    assert_eq!(heading(&others), Some(0.5));
 }

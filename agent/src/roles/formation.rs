@@ -1,7 +1,9 @@
 //! Keeps its place in the formation, as seen from those it hears. (13) (24) (45)
 
+use formation::Vec2;
 use formation::desired::Target;
 use formation::frame::LeaderFrame;
+use formation::front_point::front_point;
 use formation::scale::Scale;
 use protocol::brief::AgentBrief;
 
@@ -16,6 +18,10 @@ pub const FORMATION: RoleRow = RoleRow {
             led: brief.led,
             scale: brief.scale.clone(),
             period_s: brief.period_ns as f64 / 1e9,
+            liars: (brief.liars_max() > 0).then(|| Wary {
+                front_point_m: brief.front_point_m,
+                desired_velocity: Vec2::zeros(),
+            }),
         }))
     },
 };
@@ -27,6 +33,16 @@ struct Formation {
     scale: Option<Scale>,
     /// T, s.
     period_s: f64,
+    /// Of one that leaves out liars.
+    liars: Option<Wary>,
+}
+
+/// By what a robot tells who is far off.
+struct Wary {
+    /// ell, m.
+    front_point_m: f64,
+    /// alpha*' of the sample before, m/s.
+    desired_velocity: Vec2,
 }
 
 impl Role for Formation {
@@ -50,6 +66,13 @@ impl Role for Formation {
             },
             heard,
         );
-        moment.neighborhood.desired(heard)
+        let Some(wary) = &mut self.liars else { return moment.neighborhood.desired(heard) };
+        let own = Target {
+            position: front_point(moment.pose, wary.front_point_m),
+            velocity: wary.desired_velocity,
+        };
+        let target = moment.neighborhood.desired_despite_liars(heard, own);
+        wary.desired_velocity = target.map_or(Vec2::zeros(), |target| target.velocity);
+        target
     }
 }

@@ -16,9 +16,10 @@ use protocol::brief::AvoidanceBrief;
 use protocol::law::Reference;
 use protocol::message::PROXIMITY_MAX;
 use protocol::number::{short, told_apart};
-use serde::Serialize;
 
 use super::circles::{Circle, first_circle};
+use super::finding::{Finding, NAMES_MAX, error, warning};
+use super::liars::liars;
 use super::opening::{Opening, locked_out};
 use super::steady::{Motion, Peak, Settled};
 use super::{rounded_down, rounded_up, start_points};
@@ -27,30 +28,6 @@ use crate::scenario::{Robot, Scenario};
 
 /// Offsets around a cycle may miss by this much, m: rounding of decimals, and no more.
 const OFFSET_GAP_M_MAX: f64 = 1e-6;
-/// No finding names more robots than this.
-const NAMES_MAX: usize = 6;
-
-/// Something about a scenario that is wrong, or worth knowing.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Finding {
-    /// Whether it can be run all the same.
-    pub severity: Severity,
-    /// What is wrong, with the offending values.
-    pub message: String,
-    /// What was expected instead.
-    pub expected: String,
-    /// The key that says so, as in `avoidance.kind`, `robot.r1.pose` or `edge.0.offset_m`.
-    pub path: String,
-}
-
-fn error(path: impl Into<String>, message: String, expected: impl Into<String>) -> Finding {
-    Finding { severity: Severity::Error, message, expected: expected.into(), path: path.into() }
-}
-
-fn warning(path: impl Into<String>, message: String, expected: impl Into<String>) -> Finding {
-    Finding { severity: Severity::Warning, ..error(path, message, expected) }
-}
-
 /// All that is wrong or worth knowing, errors first.
 pub fn check(scenario: &Scenario) -> Vec<Finding> {
     let mut findings = unsettled(scenario);
@@ -66,11 +43,12 @@ pub fn check(scenario: &Scenario) -> Vec<Finding> {
 
 /// What can be found without knowing where the robots settle.
 pub(super) fn unsettled(scenario: &Scenario) -> Vec<Finding> {
-    let checks: [fn(&Scenario) -> Vec<Finding>; 13] = [
+    let checks: [fn(&Scenario) -> Vec<Finding>; 14] = [
         leaders_hear_leaders,
         references,
         echoes,
         circles,
+        liars,
         offsets,
         speeds,
         ramps,

@@ -2,9 +2,11 @@
 //!
 //! | file | question it answers |
 //! |---|---|
+//! | `finding` | what is said of something that is wrong? |
 //! | `findings` | what is wrong with it, or worth knowing? |
 //! | `braking` | how long and how far does a robot brake, and how fast may it be? |
 //! | `circles` | would a death leave robots that go by each other alone? |
+//! | `liars` | how many liars does the graph bear? |
 //! | `steady` | where does everybody settle, and how fast must it go to stay there? |
 //! | `opening` | must the formation open while it forms, how far, and for how long? |
 //! | `theory` | what does the chapter's theory make of it: graph, matrices, bounds? |
@@ -12,14 +14,18 @@
 
 mod braking;
 mod circles;
+mod finding;
 mod findings;
+mod liars;
 mod opening;
 mod report;
 mod steady;
 mod theory;
 
 pub use braking::Braking;
-pub use findings::{Finding, check};
+pub use finding::Finding;
+pub use findings::check;
+pub use liars::Liars;
 pub use opening::Opening;
 pub use report::report;
 pub use steady::Peak;

@@ -49,6 +49,9 @@ pub fn report(scenario: &Scenario, theory: &Theory<'_>) -> String {
     page.line("time", format!("{duration} s in periods of {period} s: {ticks} ticks, seed {seed}"));
     graph(&mut page, theory);
     fragility(&mut page, theory);
+    if let Some(liars) = &theory.liars {
+        page.line("liars", liars.words(theory.leader));
+    }
     matrices(&mut page, scenario, theory);
     bounds(&mut page, theory);
     motion(&mut page, theory);

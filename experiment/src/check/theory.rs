@@ -12,7 +12,9 @@ use protocol::law::Reference;
 use serde::Serialize;
 
 use super::braking::Braking;
-use super::findings::{Finding, once_settled, unsettled};
+use super::finding::Finding;
+use super::findings::{once_settled, unsettled};
+use super::liars::Liars;
 use super::opening::Opening;
 use super::start_points;
 use super::steady::{Motion, Peak, Settled};
@@ -39,6 +41,9 @@ pub struct Theory<'s> {
     pub deaths: Vec<Death<'s>>,
     /// The single edges whose cut takes something from somebody, breaks somebody, or is repaired.
     pub breaking_cuts: Vec<EdgeCut<'s>>,
+    /// What the graph is worth where robots may lie, if that is asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub liars: Option<Liars>,
     /// L. (4)-(6)
     pub laplacian: Vec<Vec<f64>>,
     /// A = Lambda L + Gamma. (31)
@@ -480,6 +485,7 @@ impl<'s> Theory<'s> {
                     !(cut.loss.is_none() && cut.breaks.is_empty() && cut.repairs.is_empty())
                 })
                 .collect(),
+            liars: Liars::of(scenario),
             laplacian: rows(&laplacian::laplacian(&scenario.graph)),
             system: rows(&system),
             matrix,

@@ -12,6 +12,7 @@ use std::borrow::Cow;
 
 use protocol::avoidance::Gain;
 use protocol::catalog::Catalog;
+use protocol::law::LIARS_MAX;
 use toml::de::DeValue;
 
 use super::diagnostic::meant;
@@ -26,6 +27,8 @@ const HOLD_PERIODS_MAX: u64 = 100;
 /// Most beacons that are lost together, most load processes: more is a slip of the keyboard.
 const BURST_MAX: u64 = 1_000_000;
 const LOAD_MAX: u64 = 256;
+/// No robot hears more than can lie.
+const LIARS_MOST: u64 = 1000;
 /// Most spares that are chosen for a robot.
 const SPARES_MAX: u64 = 16;
 /// Most memory that a program may be bound to, MB: a terabyte.
@@ -402,6 +405,14 @@ fn gains_of_methods(catalog: &Catalog) -> Vec<Key> {
 }
 
 fn gain(name: &'static str, says: String) -> Key {
+    if name == LIARS_MAX {
+        return key(name, Whole(1, LIARS_MOST))
+            .rule(
+                "needed by those who use it",
+                format!("F: how many of those heard may lie; {says}"),
+            )
+            .guesses("f liars f_max liars_max_count adversaries");
+    }
     let guesses = match name {
         "speed_m_s" => "mu gain k v velocity",
         "k_f_m_s" => "kf k_formation mu_f",

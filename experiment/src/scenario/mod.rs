@@ -68,7 +68,7 @@ use protocol::brief::{
     WheelsBrief,
 };
 use protocol::fault::{Lie, LinkFaultKind, Sensor, SensorFaultKind, Span, Stream, WheelFaultKind};
-use protocol::law::{Reference, Role};
+use protocol::law::{LIARS_MAX, Reference, Role};
 use serde::Deserialize;
 
 /// One experiment. Robots are numbered by their place in the file, from 0.
@@ -214,6 +214,13 @@ pub struct Robot {
     pub correction_max_m_s: Option<f64>,
     /// What happens when its process dies unasked.
     pub restart: RestartPolicy,
+}
+
+impl Robot {
+    /// F: how many of those heard it leaves out on either side.
+    pub fn liars_max(&self) -> usize {
+        self.gains.get(LIARS_MAX).map_or(0, |&liars| liars as usize)
+    }
 }
 
 /// One convex part of a wall or obstacle.

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use formation::pose::{Pose, wrap_angle};
 use protocol::brief::{LimitsBrief, WheelsBrief};
-use protocol::law::{LawDescription, Reference};
+use protocol::law::{LIARS_MAX, LawDescription, Reference};
 
 use super::diagnostic::{Diagnostic, listed, meant};
 use super::models::{MODELS, Model};
@@ -136,7 +136,8 @@ fn robot(
     for &key in law.gains {
         let expected = format!("a gain of the law \"{}\", above 0", law.name);
         let value = table.get(key).ok_or_else(|| table.missing(key, &expected))?;
-        gains.insert(key.to_owned(), value.number()?);
+        let gain = if key == LIARS_MAX { value.whole()? as f64 } else { value.number()? };
+        gains.insert(key.to_owned(), gain);
     }
     Ok(Robot {
         name: name.to_owned(),

@@ -77,6 +77,7 @@ fn agent() -> AgentBrief {
                 fault(LinkFaultKind::Cut),
                 fault(LinkFaultKind::Delay { delay_ns: 1, jitter_ns: 2 }),
             ],
+            trusted: false,
             lies: vec![LieFault {
                 span: SPAN,
                 lie: Lie { turn_rad: 0.5, ..Lie::default() },
@@ -89,6 +90,7 @@ fn agent() -> AgentBrief {
             offset_m: [0.25, 0.5],
             faults: Vec::new(),
             lies: Vec::new(),
+            trusted: true,
         }],
     }
 }

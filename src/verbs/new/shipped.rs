@@ -18,6 +18,7 @@ pub(super) const SCENARIOS: &[(&str, &str)] = shipped![
     "hallway",
     "intersection",
     "lattice-12",
+    "liar-10",
     "line-5",
     "pentagon",
     "pentagon-cut",

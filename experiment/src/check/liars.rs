@@ -1,0 +1,156 @@
+//! How many liars does the graph bear, and is that as many as its robots are to leave out?
+
+use formation::robustness::{
+    ROBOTS_EXACT_MAX, liars_in_all_max, robustness, robustness_max, strong_robustness, unreached,
+};
+use protocol::law::Reference;
+use serde::Serialize;
+
+use super::finding::{Finding, NAMES_MAX, error, warning};
+use crate::scenario::diagnostic::listed;
+use crate::scenario::{FaultKind, Robot, Scenario};
+
+/// What the graph is worth where robots may lie.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Liars {
+    /// F: how many a robot is to leave out, at most.
+    pub liars_max: usize,
+    /// r for which the graph is r-robust.
+    pub robustness: usize,
+    /// Whether that is only known to be no larger: for many robots.
+    pub robustness_is_bound: bool,
+    /// r for which the graph is strongly r-robust around its leader, if somebody leads.
+    pub strong_robustness: Option<usize>,
+    /// How many liars it bears among those that each robot hears; at most, where `robustness` is a bound.
+    pub among_heard: usize,
+    /// How many it bears in all if nobody leads; not known for many robots.
+    pub in_all: Option<usize>,
+}
+
+impl Liars {
+    /// Of a scenario in which somebody lies, or somebody leaves liars out.
+    pub(super) fn of(scenario: &Scenario) -> Option<Liars> {
+        let lies = |kind: &FaultKind| matches!(kind, FaultKind::Lie { .. });
+        let liars_max = scenario.robots.iter().map(Robot::liars_max).max().unwrap_or(0);
+        if liars_max == 0 && !scenario.faults.iter().any(|fault| lies(&fault.kind)) {
+            return None;
+        }
+        let (graph, trusted) = (&scenario.graph, trusted(scenario));
+        let is_led = trusted.contains(&true);
+        let is_exact = graph.robots() <= ROBOTS_EXACT_MAX;
+        let robust = if is_exact { robustness(graph) } else { robustness_max(graph) };
+        let strong = is_led.then(|| strong_robustness(graph, &trusted));
+        Some(Liars {
+            liars_max,
+            robustness: robust,
+            robustness_is_bound: !is_exact,
+            strong_robustness: strong,
+            among_heard: strong.unwrap_or(robust).saturating_sub(1) / 2,
+            in_all: (is_exact && !is_led).then(|| liars_in_all_max(graph)),
+        })
+    }
+
+    /// It in words.
+    pub(super) fn words(&self, leader: Option<&str>) -> String {
+        let at_most = if self.robustness_is_bound { "at most " } else { "" };
+        let robust = format!("the graph is {at_most}{}-robust", self.robustness);
+        let count = |count: usize| format!("{count} liar{}", if count == 1 { "" } else { "s" });
+        let heard = count(self.among_heard);
+        match (self.strong_robustness, self.in_all) {
+            (Some(strong), _) => format!(
+                "{robust}, and strongly {strong}-robust around the leader {}: it bears {heard} among those \
+                 that each robot hears",
+                leader.unwrap_or_default()
+            ),
+            (None, Some(in_all)) => format!(
+                "{robust}: without a leader it bears {heard} among those that each robot hears, and {} in all",
+                count(in_all)
+            ),
+            (None, None) => {
+                format!("{robust}: it bears {at_most}{heard} among those that each robot hears")
+            }
+        }
+    }
+}
+
+/// Whom those that leave out liars trust.
+fn trusted(scenario: &Scenario) -> Vec<bool> {
+    scenario.robots.iter().map(|robot| robot.role.reference.is_its_own()).collect()
+}
+
+/// Whoever leaves out liars must hear enough others, and the graph must bear as many.
+pub(super) fn liars(scenario: &Scenario) -> Vec<Finding> {
+    let (robots, graph, trusted) = (&scenario.robots, &scenario.graph, trusted(scenario));
+    let name = |i: usize| robots[i].name.as_str();
+    let leader = scenario.leader().map_or("a leader", name);
+    let careful: Vec<usize> = (0..robots.len()).filter(|&i| robots[i].liars_max() > 0).collect();
+    if careful.is_empty() {
+        return Vec::new();
+    }
+    let heard = |i: usize| graph.heard_by(i).map(|edge| edge.from);
+    let needed = |i: usize| 2 * robots[i].liars_max() + 1;
+    let few = |&&i: &&usize| !heard(i).any(|from| trusted[from]) && heard(i).count() < needed(i);
+    if let Some(&i) = careful.iter().find(few) {
+        let (liars_max, count) = (robots[i].liars_max(), heard(i).count());
+        return vec![error(
+            format!("robot.{}.liars_max", name(i)),
+            format!(
+                "{} is to leave out {liars_max} on either side, but does not hear {leader}, and hears {count} \
+                 in all",
+                name(i)
+            ),
+            format!(
+                "expected 2 liars_max + 1 = {} in-neighbors, or the leader among them",
+                needed(i)
+            ),
+        )];
+    }
+    let follows_others = |&i: &usize| {
+        robots[i].role.reference == Reference::Offsets
+            && robots[i].liars_max() == 0
+            && heard(i).any(|from| !trusted[from])
+    };
+    let careless: Vec<usize> = (0..robots.len()).filter(follows_others).collect();
+    let takes_part = |i: usize| match robots[i].liars_max() {
+        0 => (!careless.contains(&i)).then_some(usize::MAX),
+        _ => Some(needed(i)),
+    };
+    let mut findings = Vec::new();
+    let left = unreached(graph, &trusted, takes_part);
+    let left: Vec<&str> = left.into_iter().filter(|i| careful.contains(i)).map(name).collect();
+    if let Some(first) = left.first() {
+        let most = careful.iter().map(|&i| robots[i].liars_max()).max().unwrap_or(0);
+        findings.push(error(
+            format!("robot.{first}.liars_max"),
+            format!(
+                "the graph does not bear liars_max = {most}: of {} none hears {leader}, or 2 liars_max + 1 robots \
+                 beside these that are sure of their place",
+                listed(&left, NAMES_MAX)
+            ),
+            format!(
+                "expected a graph that is strongly {}-robust around {leader}, or fewer liars",
+                2 * most + 1
+            ),
+        ));
+    }
+    if let Some(&i) = careless.first() {
+        let all: Vec<&str> = careless.iter().map(|&i| name(i)).collect();
+        findings.push(warning(
+            format!("robot.{}.law", name(i)),
+            format!("liars move {}, and these then mislead others", listed(&all, NAMES_MAX)),
+            "expected `law = \"formation-robust\"` for all that keep a place",
+        ));
+    }
+    let lying_leader = scenario.faults.iter().find_map(|fault| match fault.kind {
+        FaultKind::Lie { robot, .. } if trusted[robot] => Some(robot),
+        _ => None,
+    });
+    findings.extend(lying_leader.map(|i| {
+        warning(
+            "fault",
+            format!("{} lies, whom everybody trusts: nobody leaves it out", name(i)),
+            "expected a liar that does not lead",
+        )
+    }));
+    findings
+}

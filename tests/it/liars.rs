@@ -1,0 +1,113 @@
+//! Robots that lie: whom they move, and whom they do not.
+
+use formation::Vec2;
+use formation::front_point::front_point;
+use formation::random::SplitMix64;
+
+use crate::harness::{in_parallel, run, times};
+use crate::oracle::{simulate, simulate_watched, with_faults};
+
+const LIE: &str = "lie r3 beacons by [1.5, 0.0] @15 for 20";
+const TICKS_PER_S: usize = 200;
+
+/// How far each robot is moved at most from this time on, m, beside the same run without a lie.
+fn moved(law: &str, lie: &str, from_s: usize) -> Vec<f64> {
+    let law = format!("robot_defaults.law=\"{law}\"");
+    let set = ["expect={}", "fault=[]", "duration_s=40", &law];
+    let paths = |faults: &[&str]| {
+        let scenario = with_faults("liar-10", &set, faults);
+        let mut paths: Vec<Vec<Vec2>> = Vec::new();
+        let measures = simulate_watched(&scenario, |_, truth, _| {
+            let robots = truth.iter().zip(&scenario.robots);
+            paths.push(robots.map(|(row, r)| front_point(row.pose(), r.front_point_m)).collect());
+        });
+        assert_eq!(measures.violations, 0, "{lie}");
+        paths
+    };
+    let (with, without) = (paths(&[lie]), paths(&[]));
+    let apart = |robot: usize| {
+        let pairs = with.iter().zip(&without).skip(from_s * TICKS_PER_S);
+        pairs.map(|(a, b)| (a[robot] - b[robot]).norm()).fold(0.0, f64::max)
+    };
+    (0..10).map(apart).collect()
+}
+
+/// Without the liar itself, which is r3.
+fn worst_honest(moved: &[f64]) -> f64 {
+    (0..10).filter(|&robot| robot != 2).map(|robot| moved[robot]).fold(0.0, f64::max)
+}
+
+#[test]
+fn one_liar_moves_nobody_that_leaves_it_out_and_somebody_else_by_half_a_meter() {
+    for lie in [
+        LIE,
+        "lie r3 beacons drift [0.1, 0.05] @15 for 20",
+        "lie r3 beacons random 3 @15 for 20",
+        "lie r3 beacons by [0.0, -1.5] turn 0.8 @15 for 20",
+    ] {
+        let robust_m = worst_honest(&moved("formation-robust", lie, 0));
+        assert!(robust_m < 0.05, "{lie}: somebody honest is moved by {robust_m} m");
+        println!("{lie}: {robust_m} m");
+    }
+    let mean_m = worst_honest(&moved("formation-tanh", LIE, 0));
+    println!("the mean: {mean_m} m");
+    assert!(mean_m > 0.5, "the mean is moved by {mean_m} m only");
+}
+
+/// Of a formation that has settled; or from the start, where everybody is off its place, as soon as it would have
+/// settled. To one robot or all.
+#[test]
+fn random_liars_move_nobody_honest_by_more_than_5_centimeters() {
+    let lies: Vec<u64> = (0..8 * times() as u64).collect();
+    let worst = in_parallel(&lies, |&number| {
+        let (liar, lie) = drawn(number);
+        let from_s = if number % 8 < 4 { 0 } else { 25 };
+        let moved = moved("formation-robust", &lie, from_s).into_iter().enumerate();
+        let honest = moved.filter(|&(robot, _)| robot != liar).map(|(_, moved_m)| moved_m);
+        (honest.fold(0.0, f64::max), lie)
+    });
+    for (moved_m, lie) in &worst {
+        println!("{lie}: {moved_m} m");
+        assert!(*moved_m < 0.05, "{lie}: somebody honest is moved by {moved_m} m");
+    }
+}
+
+/// A lie of r2 to r10: constant, drifting or random, and of the frame, to all or to one.
+fn drawn(number: u64) -> (usize, String) {
+    let mut dice = SplitMix64::new(1000 + number);
+    let scenario = with_faults("liar-10", &["fault=[]"], &[]);
+    let edges: Vec<_> = scenario.graph.edges().iter().filter(|edge| edge.from > 0).collect();
+    let edge = edges[dice.word() as usize % edges.len()];
+    let [liar, hearer] = [edge.from, edge.to].map(|i| scenario.robots[i].name.as_str());
+    let mut within = |most: f64| most * (2.0 * dice.unit() - 1.0);
+    let what = match number % 4 {
+        0 => format!("by [{:.3}, {:.3}]", within(4.0), within(4.0)),
+        1 => format!("drift [{:.3}, {:.3}]", within(0.3), within(0.3)),
+        2 => format!("random {:.3}", within(3.0).abs() + 0.1),
+        _ => format!("by [{:.3}, {:.3}] turn {:.3}", within(1.0), within(1.0), within(3.0)),
+    };
+    let whom =
+        if number % 3 == 0 { format!("{liar}->{hearer}") } else { format!("{liar} beacons") };
+    let at_s = if number % 8 < 4 { 12 } else { 0 };
+    (edge.from, format!("lie {whom} {what} @{at_s} for 28"))
+}
+
+#[test]
+fn runs_with_a_liar_are_foretold_and_keep_their_distance_in_both_paces() {
+    for law in ["formation-robust", "formation-tanh"] {
+        let law = format!("robot_defaults.law=\"{law}\"");
+        let set = ["expect={}", "duration_s=25", &law];
+        let ended = run("liar-10").lockstep().sets(set).finish();
+        ended.exits_with(0).leaves_nothing();
+        let foretold = simulate(&with_faults("liar-10", &set, &[])).trajectory_hash;
+        ended.claim(Some(ended.hash()) == foretold.as_deref(), "the oracle has the same hash");
+        ended.claim(ended.number("/violations") == 0.0, "nobody comes nearer than d");
+        let why = ended.summary["faults"][0]["predicted_why"].to_string();
+        ended.claim(why.contains("not predicted"), format!("it does not foretell a lie: {why}"));
+        let again = run("liar-10").lockstep().sets(set).finish();
+        again.claim(again.hash() == ended.hash(), "the same hash twice");
+        let live = run("liar-10").args(["--pace", "realtime"]).sets(set).finish();
+        live.exits_with(0).leaves_nothing();
+        live.claim(live.number("/violations") == 0.0, "nobody comes nearer than d");
+    }
+}

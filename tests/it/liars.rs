@@ -86,8 +86,11 @@ fn drawn(number: u64) -> (usize, String) {
         2 => format!("random {:.3}", within(3.0).abs() + 0.1),
         _ => format!("by [{:.3}, {:.3}] turn {:.3}", within(1.0), within(1.0), within(3.0)),
     };
-    let whom =
-        if number % 3 == 0 { format!("{liar}->{hearer}") } else { format!("{liar} beacons") };
+    let whom = if number.is_multiple_of(3) {
+        format!("{liar}->{hearer}")
+    } else {
+        format!("{liar} beacons")
+    };
     let at_s = if number % 8 < 4 { 12 } else { 0 };
     (edge.from, format!("lie {whom} {what} @{at_s} for 28"))
 }

@@ -67,6 +67,8 @@ pub struct Brain {
     law: Box<dyn Law>,
     avoidance: Box<dyn Avoidance>,
     neighborhood: Neighborhood,
+    /// Of its frame, if it leads: 0 the main leader's, else that of a deputy.
+    rank: u64,
     now: Now,
     /// From each sender, in the brief's order.
     links: Vec<Link<Beacon>>,
@@ -143,7 +145,8 @@ impl Brain {
             front_point_m: brief.front_point_m,
             law,
             avoidance,
-            neighborhood: Neighborhood::new(brief),
+            neighborhood: Neighborhood::new(brief, incarnation),
+            rank: brief.deputy.as_ref().map_or(0, |deputy| deputy.rank),
             now: Now {
                 period_s: brief.period_ns as f64 / 1e9,
                 age_periods: age_periods(brief),
@@ -286,6 +289,9 @@ impl Brain {
         if let Some(target) = target {
             let error = alpha - target.position;
             self.now.error = Some(error);
+            if error.norm() <= self.front_point_m {
+                self.neighborhood.arrived();
+            }
             let seen = seen(odometry, (alpha, velocity), &self.now.away);
             let error = self.avoidance.stand_off(&seen, error);
             self.now.target = Some((error, target.velocity));
@@ -320,9 +326,12 @@ impl Brain {
             Wish::Velocity(gamma) => gamma,
             Wish::Twist(twist) => front_velocity(pose.heading_rad, self.front_point_m, twist),
         });
-        let frame = match self.role.frame(&moment, &*self.avoidance) {
-            Some(own) => Some((odometry.stamp_ns, own)),
-            None => self.neighborhood.frame(),
+        let (frame_rank, frame) = match self.role.frame(&moment, &*self.avoidance) {
+            Some(own) => (self.rank, Some((odometry.stamp_ns, own))),
+            None => match self.neighborhood.frame(odometry.stamp_ns) {
+                Some(heard) => (heard.rank, Some((heard.stamp_ns, heard.frame))),
+                None => (0, None),
+            },
         };
 
         self.velocities.clear();
@@ -367,6 +376,7 @@ impl Brain {
                 y_m: alpha.y,
                 vx_m_s: published.x,
                 vy_m_s: published.y,
+                frame_rank,
                 ..Beacon::default()
             }
             .with_frame(frame),

@@ -1,6 +1,7 @@
 //! What a robot knows of those it hears: their newest beacons, how old these are, and what
 //! silence makes of them; and who takes the place of those lost for long.
 
+mod frames;
 mod repair;
 
 use formation::Vec2;
@@ -12,6 +13,8 @@ use protocol::brief::{AgentBrief, NeighborBrief, SilenceBrief, SilencePolicy};
 use protocol::message::{Beacon, Contact, NeighborStatus};
 
 use crate::laws::situation::Heard;
+use frames::Frames;
+pub use frames::HeardFrame;
 use repair::{GivenUp, GoesBy, Opened};
 
 /// The robots heard and the spares, in the order of the brief: places are counted over both.
@@ -23,11 +26,13 @@ pub struct Neighborhood {
     silence: SilenceBrief,
     /// F: how many of those heard are left out on either side.
     liars_max: usize,
-    /// The freshest leader's frame that anybody passed on.
-    frame: Option<HeardFrame>,
+    /// The frames of leaders that anybody passed on.
+    frames: Frames,
     frame_contact: Since,
     /// Stamp of the first sample, ns: silence counts from there.
     first_ns: Option<u64>,
+    /// It led before, and hears its deputies, its spares, until it takes back the lead.
+    resumes: bool,
 }
 
 struct Neighbor {
@@ -74,16 +79,6 @@ fn at(told_ns: u64, frame: LeaderFrame, then_ns: u64) -> LeaderFrame {
     frame.later((then_ns as i64 - told_ns as i64) as f64 / 1e9)
 }
 
-/// A leader's frame that somebody passed on.
-#[derive(Debug, Clone, Copy)]
-struct HeardFrame {
-    /// Stamp of the leader's sample that it is from, ns.
-    stamp_ns: u64,
-    frame: LeaderFrame,
-    /// When it came, ns.
-    heard_ns: u64,
-}
-
 /// How somebody is heard, and since when.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Since {
@@ -124,8 +119,8 @@ pub enum BeaconRefusal {
 }
 
 impl Neighborhood {
-    /// Nobody was heard yet.
-    pub fn new(brief: &AgentBrief) -> Neighborhood {
+    /// Nobody was heard yet. `incarnation`: how often the robot's process was started before.
+    pub fn new(brief: &AgentBrief, incarnation: u64) -> Neighborhood {
         let neighbors = brief.neighbors.iter().map(|sender| Neighbor::new(sender, false));
         let spares = brief.spares.iter().map(|sender| Neighbor::new(sender, true));
         Neighborhood {
@@ -134,9 +129,10 @@ impl Neighborhood {
             repair_after_ns: brief.repair_after_ns,
             silence: brief.silence.clone(),
             liars_max: brief.liars_max(),
-            frame: None,
+            frames: Frames::new(brief),
             frame_contact: Since::default(),
             first_ns: None,
+            resumes: brief.lead.is_some() && !brief.spares.is_empty() && incarnation > 0,
         }
     }
 
@@ -184,9 +180,8 @@ impl Neighborhood {
         neighbor.age.heard(beacon.stamp_ns, now_ns);
         if let Some((stamp_ns, frame)) = frame
             && self.liars_max == 0
-            && self.frame.is_none_or(|freshest| stamp_ns > freshest.stamp_ns)
         {
-            self.frame = Some(HeardFrame { stamp_ns, frame, heard_ns: now_ns });
+            self.frames.hear(beacon.frame_rank, stamp_ns, frame, now_ns);
         }
         Ok(())
     }
@@ -207,10 +202,11 @@ impl Neighborhood {
                 Some(_) => Contact::Fresh,
             }
         };
-        let frame = self.frame.map(|heard| heard.heard_ns);
+        let frame = self.frames.in_force(stamp_ns).map(|heard| heard.heard_ns);
         // A formation without a leader never hears of one, and lacks nothing.
         let mut changed =
             frame.is_some() && self.frame_contact.turns(judged(frame, first_ns), tick, t_ns);
+        self.resumes &= judged(frame, first_ns) != Contact::Lost;
         let (neighbors, spares) = self.neighbors.split_at_mut(self.spares_from);
         let listened = spares.iter_mut().filter_map(|spare| {
             let from_ns = spare.opened?.stamp_ns;
@@ -220,23 +216,37 @@ impl Neighborhood {
             let heard = sender.newest.as_ref().map(|beacon| beacon.stamp_ns);
             changed |= sender.contact.turns(judged(heard, from_ns), tick, t_ns);
         }
-        if !spares.is_empty() {
-            let now = Opened { tick, stamp_ns };
+        let now = Opened { tick, stamp_ns };
+        if self.resumes {
+            spares.iter_mut().for_each(|spare| _ = spare.opened.get_or_insert(now));
+        } else if !spares.is_empty() {
             changed |= repair::repair(neighbors, spares, self.repair_after_ns, now, t_ns);
         }
         changed
     }
 
-    /// The freshest leader's frame heard, with its stamp, ns: what this robot passes on.
-    pub fn frame(&self) -> Option<(u64, LeaderFrame)> {
-        self.frame.map(|heard| (heard.stamp_ns, heard.frame))
+    /// The frame to go by at `stamp_ns`, and to pass on: that of the best rank that is not lost, or else the last
+    /// that was heard.
+    pub fn frame(&self, stamp_ns: u64) -> Option<&HeardFrame> {
+        self.frames.in_force(stamp_ns)
+    }
+
+    /// Whether the robot led before, and has not taken back the lead: a deputy is heard that leads, and it is not
+    /// on its path yet.
+    pub fn resumes(&self) -> bool {
+        self.resumes
+    }
+
+    /// The robot is on its path, and takes back the lead if somebody told it how the frame goes on.
+    pub fn arrived(&mut self) {
+        self.resumes &= self.frame_contact.contact == Contact::Unheard;
     }
 
     /// The leader's frame at `stamp_ns`, extrapolated by its age. Once no newer one has come for as
     /// long as makes a neighbour lost, it stands still, so that nobody spins for ever around a dead
     /// leader. It is the silence that counts, not the age: a relay of many hops is old and well.
     pub fn frame_at(&self, stamp_ns: u64) -> Option<LeaderFrame> {
-        let HeardFrame { stamp_ns: told_ns, frame, heard_ns } = self.frame?;
+        let &HeardFrame { stamp_ns: told_ns, frame, heard_ns, .. } = self.frame(stamp_ns)?;
         let lost_after_ns = self.silence.lost_after_ns;
         let lost = stamp_ns.saturating_sub(heard_ns) > lost_after_ns;
         // All that have heard the same last of the leader stand by the same frame, whoever heard it
@@ -254,7 +264,7 @@ impl Neighborhood {
         let (trusted, others): (Vec<_>, Vec<_>) = heard.partition(|(trusted, _)| *trusted);
         let mut stamps: Vec<u64> = others.iter().map(|(_, (stamp_ns, _))| *stamp_ns).collect();
         stamps.sort_unstable_by(|a, b| b.cmp(a));
-        let own = self.frame;
+        let own = self.frames.of_the_main_leader().copied();
         let is_news = |stamp_ns: &u64| own.is_none_or(|own| *stamp_ns > own.stamp_ns);
         let own_at = |stamp_ns| own.map(|own| at(own.stamp_ns, own.frame, stamp_ns));
         let newest = trusted.iter().map(|(_, told)| *told).max_by_key(|(stamp_ns, _)| *stamp_ns);
@@ -270,7 +280,7 @@ impl Neighborhood {
             (None, None) => None,
         };
         if let Some((stamp_ns, frame)) = agreed {
-            self.frame = Some(HeardFrame { stamp_ns, frame, heard_ns: now_ns });
+            self.frames.hear(0, stamp_ns, frame, now_ns);
         }
     }
 

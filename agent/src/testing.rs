@@ -37,6 +37,7 @@ pub(crate) fn brief() -> AgentBrief {
         led: false,
         rank: Rank::First,
         lead: None,
+        deputy: None,
         scale: None,
         goal_m: None,
         published_velocity: PublishedVelocity::Gamma,

@@ -4,13 +4,14 @@ use std::path::Path;
 
 use protocol::avoidance::Senses;
 use protocol::brief::{
-    AgentBrief, AvoidanceBrief, BodyBrief, Format, NeighborBrief, Pace, PlantBrief,
+    AgentBrief, AvoidanceBrief, BodyBrief, DeputyBrief, Format, NeighborBrief, Pace, PlantBrief,
     PlantProgramBrief, ProgramBrief, VERSION,
 };
 use protocol::fault::{LieFault, LinkFault, SensorFault, SlowFault, Span, Stream, WheelFault};
 use protocol::law::Reference;
 
-use crate::scenario::{Fault, FaultKind, Scenario};
+use crate::check::places;
+use crate::scenario::{Fault, FaultKind, Robot, Scenario};
 
 /// The brief of robot `i` (from 0).
 pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> AgentBrief {
@@ -32,7 +33,10 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         lies: lies(scenario, edge.from, i),
         trusted: trusts(edge.from),
     });
-    let spares = scenario.spares.iter().filter(|edge| edge.to == i).map(|edge| NeighborBrief {
+    let in_graph = scenario.graph.edges().len();
+    let receivers = scenario.graph_of_receivers();
+    let spares = receivers.edges()[in_graph..].iter().filter(|edge| edge.to == i);
+    let spares = spares.map(|edge| NeighborBrief {
         name: scenario.robots[edge.from].name.clone(),
         index: edge.from + 1,
         offset_m: edge.offset_m.into(),
@@ -60,6 +64,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         led: scenario.lead.is_some(),
         rank: scenario.rank(i),
         lead: scenario.lead_of(i).cloned(),
+        deputy: deputy(scenario, i),
         scale: (scenario.lead.is_none() && robot.role.reference == Reference::Offsets)
             .then(|| scenario.unled_scale.clone())
             .flatten(),
@@ -80,6 +85,16 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         neighbors: neighbors.collect(),
         spares: spares.collect(),
     }
+}
+
+/// What a deputy is told.
+fn deputy(scenario: &Scenario, i: usize) -> Option<DeputyBrief> {
+    let rank = 1 + scenario.deputies.iter().position(|&deputy| deputy == i)? as u64;
+    let (leader, lead) = (scenario.leader()?, scenario.lead.clone()?);
+    let places = places(scenario)?;
+    let Robot { front_point_m, limits, .. } = scenario.robots[leader];
+    let place_m = (places[i] - places[leader]).into();
+    Some(DeputyBrief { rank, place_m, front_point_m, limits, lead })
 }
 
 /// What the scenario's method is told: of the gains, its own.

@@ -93,10 +93,16 @@ impl Reachability {
     /// Who among the living lacks what once the robots `dead` have died and the edges `cut` (by
     /// their places) carry nothing.
     pub fn standing(&self, dead: &[usize], cut: &[usize]) -> Standing {
+        self.standing_led_by(self.leader.as_slice(), dead, cut)
+    }
+
+    /// The same where these lead, who go by nobody, deputies of the main leader among them.
+    fn standing_led_by(&self, leaders: &[usize], dead: &[usize], cut: &[usize]) -> Standing {
         let n = self.leaving.len();
-        let mut gone = Gone { dead: vec![false; n], cut: vec![false; self.edges.len()] };
-        dead.iter().for_each(|&robot| gone.dead[robot] = true);
-        cut.iter().for_each(|&edge| gone.cut[edge] = true);
+        let mut gone = self.gone(dead, cut);
+        for (edge, [_, to]) in self.edges.iter().enumerate() {
+            gone.cut[edge] |= leaders.contains(to);
+        }
 
         let living = |&robot: &usize| !gone.dead[robot];
         let places: Vec<usize> = self.places().filter(living).collect();
@@ -106,18 +112,31 @@ impl Reachability {
             uncontained: contained().filter(|&robot| !held[robot]).collect(),
             ..Standing::default()
         };
-        let Some(leader) = self.leader else {
+        if self.leader.is_none() {
             standing.groups = self.groups(&places, &gone);
             return standing;
-        };
-        let led = self.spread(self.leader.as_slice(), &gone).reached;
-        let kept = |robot: &&usize| **robot != leader;
+        }
+        let led = self.spread(leaders, &gone).reached;
+        let kept = |robot: &&usize| !leaders.contains(robot);
         standing.unled = places.iter().filter(kept).copied().filter(|&r| !led[r]).collect();
         let stray = self.spread(&standing.unled, &gone).reached;
         let pulled = |&robot: &usize| led[robot] && stray[robot];
         standing.pulled = places.iter().filter(kept).copied().filter(pulled).collect();
         standing.adrift = contained().filter(|&robot| held[robot] && !led[robot]).collect();
         standing
+    }
+
+    /// Whom the information of these living reaches once those robots are dead and edges cut.
+    pub fn reached(&self, from: &[usize], dead: &[usize], cut: &[usize]) -> Vec<bool> {
+        self.spread(from, &self.gone(dead, cut)).reached
+    }
+
+    fn gone(&self, dead: &[usize], cut: &[usize]) -> Gone {
+        let robots = self.leaving.len();
+        let mut gone = Gone { dead: vec![false; robots], cut: vec![false; self.edges.len()] };
+        dead.iter().for_each(|&robot| gone.dead[robot] = true);
+        cut.iter().for_each(|&edge| gone.cut[edge] = true);
+        gone
     }
 
     /// Those that lead or keep a place by what they hear.
@@ -128,7 +147,13 @@ impl Reachability {
     /// What the living lack after these losses and had before. Groups count as lost only where
     /// all were one before.
     pub fn loss(&self, dead: &[usize], cut: &[usize]) -> Standing {
-        let Standing { unled, pulled, uncontained, adrift, groups } = self.standing(dead, cut);
+        self.loss_led_by(self.leader.as_slice(), dead, cut)
+    }
+
+    /// The same where these lead, who go by nobody, deputies of the main leader among them.
+    pub fn loss_led_by(&self, leaders: &[usize], dead: &[usize], cut: &[usize]) -> Standing {
+        let Standing { unled, pulled, uncontained, adrift, groups } =
+            self.standing_led_by(leaders, dead, cut);
         let new = |after: Vec<usize>, before: &[usize]| {
             after.into_iter().filter(|robot| !before.contains(robot)).collect()
         };

@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::fault::{LieFault, LinkFault, SensorFault, SlowFault, Span, WheelFault};
 use crate::law::LIARS_MAX;
+use crate::message::DEPUTIES_MAX;
 use crate::number::{is_zero, told_apart};
 
 /// The version of the briefs' form that this build writes and reads. It is raised with every change
@@ -179,6 +180,23 @@ pub struct LeadBrief {
     pub trajectory: Trajectory,
 }
 
+/// What a robot is told that leads while it hears no leader of a better rank.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DeputyBrief {
+    /// Its rank, from 1; the main leader's is 0.
+    pub rank: u64,
+    /// Its place in the leader's frame at scale 1, seen from the main leader, m.
+    pub place_m: [f64; 2],
+    /// ell of the main leader, whose frame it continues, m.
+    pub front_point_m: f64,
+    /// How fast the main leader's twist can change; without, at once.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limits: Option<LimitsBrief>,
+    /// What the main leader is told.
+    pub lead: LeadBrief,
+}
+
 /// What a program with a law of its own is told beside the rest: no build has a row for it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -237,6 +255,9 @@ pub struct AgentBrief {
     /// Where to lead, for the main leader only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lead: Option<LeadBrief>,
+    /// How to lead in the main leader's place, for its deputies only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub deputy: Option<DeputyBrief>,
     /// delta(t), for those that keep a place in a formation that nobody leads; without, always 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scale: Option<Scale>,
@@ -277,7 +298,8 @@ pub struct AgentBrief {
     /// Who is heard.
     #[serde(default, rename = "neighbor")]
     pub neighbors: Vec<NeighborBrief>,
-    /// Who is heard in place of lost in-neighbours, in this order.
+    /// Who is heard in place of lost in-neighbours, in this order; of the main leader its deputies, which it
+    /// hears before it leads anew.
     #[serde(default, rename = "spare", skip_serializing_if = "Vec::is_empty")]
     pub spares: Vec<NeighborBrief>,
 }
@@ -568,6 +590,10 @@ impl Brief for AgentBrief {
         let spares = self.spares.iter().map(|spare| ("spare.index", spare.index));
         for (key, place) in neighbors.chain(spares).chain([("index", self.index)]) {
             flaws.unless(place > 0, || format!("{key} is 0, expected 1 or more"));
+        }
+        if let Some(&DeputyBrief { rank, .. }) = self.deputy.as_ref() {
+            let is_one = (1..=DEPUTIES_MAX).contains(&rank);
+            flaws.unless(is_one, || format!("deputy.rank is {rank}, expected 1 to {DEPUTIES_MAX}"));
         }
         flaws.time("period_ns", self.period_ns);
         flaws.time("plant_tick_ns", self.plant_tick_ns);

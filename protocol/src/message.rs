@@ -23,6 +23,8 @@ pub const OTHER_MAX: f64 = 1e9;
 /// No robot's process was started more often than this: a larger number is garbage, and would lock
 /// out the honest.
 pub const INCARNATION_MAX: u64 = u32::MAX as u64;
+/// Most deputies of a leader.
+pub const DEPUTIES_MAX: u64 = 16;
 
 /// The most robots that one odometry sample reports as near.
 pub const PROXIMITY_MAX: usize = 32;
@@ -220,7 +222,7 @@ impl Command {
 
 message! {
     /// Agent to those that hear it: where its front point is and where it wants to go.
-    Beacon / 2 {
+    Beacon / 3 {
         /// Tick of the odometry this was computed from.
         tick: u64,
         /// Stamp of that odometry, ns.
@@ -239,6 +241,8 @@ message! {
         vy_m_s: f64,
         /// 1 if the leader's frame below is known.
         frame_known: u64,
+        /// Whose it is: 0 the main leader's, k that of the k-th deputy, which leads in its place.
+        frame_rank: u64,
         /// Stamp of the leader's odometry that the frame is from, ns.
         frame_stamp_ns: u64,
         /// theta_n, rad.
@@ -305,6 +309,7 @@ impl Beacon {
             && within(&[self.vx_m_s, self.vy_m_s], SPEED_MAX_M_S)
             && within(&self.frame_numbers(), OTHER_MAX)
             && self.incarnation <= INCARNATION_MAX
+            && self.frame_rank <= DEPUTIES_MAX
     }
 
     fn frame_numbers(&self) -> [f64; 5] {
@@ -705,7 +710,7 @@ mod tests {
     fn the_hash_of_a_layout_is_that_of_other_builds() {
         assert_eq!(
             (Command::LAYOUT, Beacon::LAYOUT),
-            (0x5c33_4519_ee2a_5fd8, 0x192a_423c_84c5_ce83)
+            (0x5c33_4519_ee2a_5fd8, 0x1189_c96e_91a2_16ce)
         );
     }
 

@@ -58,6 +58,7 @@ mod silence;
 mod single_faults;
 mod soak;
 mod statistics;
+mod succession;
 mod theory;
 mod verdicts;
 mod verify;

@@ -7,7 +7,7 @@ use experiment::scenario::read::{Overrides, read};
 use outcome::metrics::{Measures, Metrics, Rewiring};
 use phalanx::in_process::{Effect, InProcess};
 use protocol::brief::{AgentBrief, Pace};
-use protocol::message::{TruthHeader, TruthRow};
+use protocol::message::{Contact, TruthHeader, TruthRow};
 
 /// `scenarios/<name>.toml`, with these keys set.
 pub fn scenario(name: &str, set: &[&str]) -> Scenario {
@@ -74,6 +74,10 @@ fn run(
         let mut rewirings = Vec::new();
         run.step(|robot, turn| {
             let wish = turn.wish();
+            if turn.brief().deputy.is_some() {
+                let yes = turn.status().0.frame == Contact::Lost as u64;
+                rewirings.push(Rewiring::Leads { robot, yes });
+            }
             if !turn.brief().spares.is_empty() {
                 let (_, senders) = turn.status();
                 rewirings.extend(senders.map(|sender| Rewiring::GoesBy {

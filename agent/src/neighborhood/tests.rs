@@ -26,7 +26,7 @@ fn hood_of(heard: &[usize], spares: &[usize], silence: SilenceBrief) -> Neighbor
     let senders = |robots: &[usize]| robots.iter().copied().map(hears).collect();
     let (neighbors, spares) = (senders(heard), senders(spares));
     let brief = AgentBrief { neighbors, spares, silence, repair_after_ns: 50, ..brief() };
-    Neighborhood::new(&brief)
+    Neighborhood::new(&brief, 0)
 }
 
 fn beacon(incarnation: u64, stamp_ns: u64, x_m: f64) -> Beacon {
@@ -164,6 +164,38 @@ fn the_freshest_frame_wins_ages_and_stands_still_once_lost() {
         assert!((known.heading_rad - heading_rad).abs() < 1e-9, "at {stamp_ns} ns: {known:?}");
         assert_eq!(known.turn_rate_rad_s, rate_rad_s, "at {stamp_ns} ns");
     }
+}
+
+#[test]
+fn the_frame_of_the_best_rank_that_is_not_lost_is_gone_by_and_passed_on() {
+    let silence =
+        SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy: SilencePolicy::Last };
+    let mut hood = hood_of(&[1, 2], &[], silence);
+    let frame = |heading_rad| Some((0, LeaderFrame { heading_rad, ..LeaderFrame::STILL }));
+    let said = |place, now_ns, heading_rad, frame_rank, hood: &mut Neighborhood| {
+        let frame = frame(heading_rad).map(|(_, frame)| (now_ns, frame));
+        let beacon = Beacon { frame_rank, ..beacon(0, now_ns, 1.0) }.with_frame(frame);
+        hood.hear(place, &beacon, now_ns).unwrap();
+    };
+    let in_force = |hood: &Neighborhood, stamp_ns| {
+        let heard = hood.frame(stamp_ns).unwrap();
+        (heard.rank, hood.frame_at(stamp_ns).unwrap().heading_rad)
+    };
+    said(0, 100, 0.5, 2, &mut hood);
+    assert_eq!(in_force(&hood, 100), (2, 0.5));
+    said(1, 110, 0.25, 0, &mut hood);
+    assert_eq!(in_force(&hood, 110), (0, 0.25));
+    for now_ns in [200, 300, 310] {
+        said(0, now_ns, 0.75, 2, &mut hood);
+    }
+    assert_eq!(in_force(&hood, 310), (0, 0.25));
+    assert_eq!(in_force(&hood, 311), (2, 0.75));
+    // All are lost: the last that was heard.
+    assert_eq!(in_force(&hood, 900), (2, 0.75));
+    hood.judge(900, 900, 900);
+    assert_eq!(hood.frame_contact().contact, Contact::Lost);
+    said(1, 900, 0.125, 0, &mut hood);
+    assert_eq!(in_force(&hood, 900), (0, 0.125));
 }
 
 #[test]
@@ -315,7 +347,9 @@ proptest! {
                     prop_assert!((known - truth).abs() <= 1e-12, "{known} {truth}");
                 }
             }
-            let frames = hoods.iter().map(Neighborhood::frame);
+            let frames = hoods.iter().map(|hood| {
+                hood.frame(stamp_ns).map(|heard| (heard.stamp_ns, heard.frame))
+            });
             let frames = std::iter::once(Some((stamp_ns, truth))).chain(frames);
             beacons = frames.map(|frame| beacon(0, stamp_ns, 0.0).with_frame(frame)).collect();
         }
@@ -329,7 +363,7 @@ fn wary() -> Neighborhood {
     let mut neighbors: Vec<NeighborBrief> = (1..4).map(hears).collect();
     neighbors[0].trusted = true;
     let gains = [("liars_max".into(), 1.0)].into();
-    Neighborhood::new(&AgentBrief { neighbors, silence, gains, ..brief() })
+    Neighborhood::new(&AgentBrief { neighbors, silence, gains, ..brief() }, 0)
 }
 
 #[test]

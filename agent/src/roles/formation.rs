@@ -7,7 +7,9 @@ use formation::front_point::front_point;
 use formation::scale::Scale;
 use protocol::brief::AgentBrief;
 
+use super::deputy::Deputy;
 use super::{Moment, Role, RoleRow};
+use crate::avoidance::Avoidance;
 use crate::laws::situation::Heard;
 
 /// The row of those that keep a place.
@@ -18,6 +20,7 @@ pub const FORMATION: RoleRow = RoleRow {
             led: brief.led,
             scale: brief.scale.clone(),
             period_s: brief.period_ns as f64 / 1e9,
+            deputy: Deputy::of(brief)?,
             liars: (brief.liars_max() > 0).then(|| Wary {
                 front_point_m: brief.front_point_m,
                 desired_velocity: Vec2::zeros(),
@@ -33,6 +36,8 @@ struct Formation {
     scale: Option<Scale>,
     /// T, s.
     period_s: f64,
+    /// Of the main leader's deputies.
+    deputy: Option<Deputy>,
     /// Of one that leaves out liars.
     liars: Option<Wary>,
 }
@@ -47,6 +52,11 @@ struct Wary {
 
 impl Role for Formation {
     fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
+        if let Some(target) = self.deputy.as_ref().and_then(|deputy| deputy.target(moment)) {
+            let nowhere = Target::still(Vec2::zeros());
+            moment.neighborhood.recall(moment.stamp_ns, |_| nowhere, heard);
+            return Some(target);
+        }
         let (now_s, later_s) = (moment.t_s, moment.t_s + 0.5 * self.period_s);
         let (frame, later) = match (self.led, &self.scale) {
             (true, _) => {
@@ -74,5 +84,9 @@ impl Role for Formation {
         let target = moment.neighborhood.desired_despite_liars(heard, own);
         wary.desired_velocity = target.map_or(Vec2::zeros(), |target| target.velocity);
         target
+    }
+
+    fn frame(&mut self, moment: &Moment<'_>, _: &dyn Avoidance) -> Option<LeaderFrame> {
+        self.deputy.as_mut()?.frame(moment)
     }
 }

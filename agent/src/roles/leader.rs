@@ -20,6 +20,7 @@ pub const LEADER: RoleRow = RoleRow {
         Ok(Box::new(Leader {
             lead: brief.lead.clone().ok_or_else(|| UnfitBrief(why()))?,
             period_s: brief.period_ns as f64 / 1e9,
+            has_deputies: !brief.spares.is_empty(),
             frame: NominalFrame::new(brief.period_ns as f64 / 1e9),
         }))
     },
@@ -29,6 +30,8 @@ struct Leader {
     lead: LeadBrief,
     /// T, s.
     period_s: f64,
+    /// It hears them first, if it led before.
+    has_deputies: bool,
     frame: NominalFrame,
 }
 
@@ -42,6 +45,17 @@ impl Role for Leader {
     }
 
     fn frame(&mut self, moment: &Moment<'_>, avoidance: &dyn Avoidance) -> Option<LeaderFrame> {
+        if moment.neighborhood.resumes() {
+            return None;
+        }
+        // Who led before it continues the frame of its deputies.
+        if self.has_deputies
+            && !self.frame.has_begun()
+            && let Some(heard) = moment.neighborhood.frame(moment.stamp_ns)
+        {
+            let t_s = moment.t_of_s(heard.stamp_ns);
+            self.frame = NominalFrame::from(self.period_s, t_s, heard.frame);
+        }
         let LeadBrief { trajectory, scale } = &self.lead;
         Some(self.frame.at(moment.t_s, moment.pose.heading_rad, trajectory, scale, avoidance))
     }

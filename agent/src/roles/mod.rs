@@ -4,6 +4,7 @@
 //! A role is one file, and the row that its laws name. `docs/add-a-role.md` shows how.
 
 mod contained;
+mod deputy;
 mod formation;
 mod goal;
 mod leader;
@@ -34,6 +35,13 @@ pub struct Moment<'a> {
     pub pose: Pose,
     /// Those heard.
     pub neighborhood: &'a Neighborhood,
+}
+
+impl Moment<'_> {
+    /// The run's time at another stamp, s.
+    fn t_of_s(&self, stamp_ns: u64) -> f64 {
+        self.t_s - (self.stamp_ns as i64 - stamp_ns as i64) as f64 / 1e9
+    }
 }
 
 /// A role.

@@ -50,6 +50,20 @@ impl NominalFrame {
         NominalFrame { period_s, nominal: None }
     }
 
+    /// That continues a frame of `t_s`, s since the run's start.
+    pub(super) fn from(period_s: f64, t_s: f64, frame: LeaderFrame) -> NominalFrame {
+        let LeaderFrame { heading_rad, turn_rate_rad_s, turn_acceleration_rad_s2, .. } = frame;
+        let held_rad_s = turn_rate_rad_s + 0.5 * period_s * turn_acceleration_rad_s2;
+        let acceleration_rad_s2 = turn_acceleration_rad_s2;
+        let nominal = Nominal { t_s, heading_rad, held_rad_s, acceleration_rad_s2 };
+        NominalFrame { period_s, nominal: Some(nominal) }
+    }
+
+    /// Whether it was asked before, or continues another.
+    pub(super) fn has_begun(&self) -> bool {
+        self.nominal.is_some()
+    }
+
     /// The frame at `t_s`, s since the run's start. `heading_rad`, the robot's own, counts if this
     /// is the first sample, or the first after a long gap.
     pub(super) fn at(

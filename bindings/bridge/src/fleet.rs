@@ -253,7 +253,7 @@ impl Fleet {
         effective: &str,
     ) -> Result<BridgeBrief, FleetError> {
         let homes = self.homes(scenario)?;
-        let graph = scenario.graph_with_spares();
+        let graph = scenario.graph_of_receivers();
         let robots = scenario.robots.iter().enumerate().map(|(i, robot)| {
             let heard = graph.hearers_of(i).map(|edge| homes[edge.to]);
             let mut heard_on: Vec<usize> = heard.filter(|&host| host != homes[i]).collect();

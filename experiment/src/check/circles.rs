@@ -33,8 +33,10 @@ fn circle(scenario: &Scenario, dead: usize) -> Option<Circle> {
     let reached = graph.reachability();
     let feed_forward: Vec<bool> = scenario.robots.iter().map(|robot| robot.feed_forward).collect();
     let echoing = echoing(&graph, &feed_forward);
+    // A deputy that no leader reaches leads.
+    let leads = |leader| [&[leader], &scenario.deputies[..]].concat();
     let adrift = |robot: usize| match scenario.leader() {
-        Some(leader) => !reached[leader][robot],
+        Some(leader) => leads(leader).iter().all(|&leads| !reached[leads][robot]),
         None => echoing.contains(&robot),
     };
     let spares = left.iter().filter(|(place, _)| *place >= scenario.graph.edges().len());

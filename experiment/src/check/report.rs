@@ -83,6 +83,11 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
         format!("{} hears {whom}", robot.name)
     };
     page.list("who hears whom", theory.robots.iter().map(|robot| hears(robot, &robot.hears)));
+    if let Some(leader) = theory.leader.filter(|_| !theory.deputies.is_empty()) {
+        let who = theory.deputies.join(", then ");
+        page.line("deputies", format!("while {leader} is lost: {who}"));
+        page.line("", "two halves of a cut network may have two leaders, until the link is back");
+    }
     let with_spares = theory.robots.iter().filter(|robot| !robot.spares.is_empty());
     page.list("in place of the lost", with_spares.map(|robot| hears(robot, &robot.spares)));
     let mut parts: Vec<(&str, Vec<&str>)> = Vec::new();
@@ -118,7 +123,8 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
 /// Which single deaths and cuts, for good, take something from whom, and whom they break.
 fn fragility(page: &mut Page, theory: &Theory<'_>) {
     let breaking = |death: &&Death<'_>| {
-        !(death.loss.is_none() && death.breaks.is_empty() && death.repairs.is_empty())
+        let Death { loss, breaks, repairs, leading, .. } = death;
+        !(loss.is_none() && breaks.is_empty() && repairs.is_empty() && leading.is_empty())
     };
     let breaking: Vec<_> = theory.deaths.iter().filter(breaking).collect();
     if breaking.is_empty() {
@@ -133,7 +139,7 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
         format!(
             "without {}{leads}: {}",
             death.robot,
-            lost(&death.repairs, &death.loss, &death.breaks)
+            led(&death.leading, death.peak_m) + &lost(&death.repairs, &death.loss, &death.breaks)
         )
     };
     page.list("single deaths", breaking.into_iter().map(death));
@@ -144,12 +150,27 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
         );
     }
     let cuts = theory.breaking_cuts.iter();
-    let cuts = cuts.map(|cut| (cut.from, cut.to, lost(&cut.repairs, &cut.loss, &cut.breaks)));
+    let cuts = cuts.map(|cut| {
+        let lost = lost(&cut.repairs, &cut.loss, &cut.breaks);
+        (cut.from, cut.to, led(&cut.leading, None) + &lost)
+    });
     page.list(
         "single cuts",
         cuts.map(|(from, to, lost)| format!("without {from} -> {to}: {lost}")),
     );
     page.line("", broken_means(theory.broken_m));
+}
+
+/// Who leads in the leader's place, and how far off somebody is until then, if that is known.
+fn led(leading: &[&str], peak_m: Option<f64>) -> String {
+    let Some((last, before)) = leading.split_last() else { return String::new() };
+    let who = match before {
+        [] => format!("{last} leads"),
+        _ => format!("{} and {last} lead", before.join(", ")),
+    };
+    let off = peak_m
+        .map_or(String::new(), |m| format!(", somebody is up to {} m off until then", short(m)));
+    format!("{who}{off}; ")
 }
 
 /// Who goes by whom instead, what is lost by whom, and who is broken.

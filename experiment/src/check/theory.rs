@@ -32,6 +32,9 @@ pub struct Theory<'s> {
     pub robots: Vec<RobotTheory<'s>>,
     /// The main leader, if there is one.
     pub leader: Option<&'s str>,
+    /// Who leads in its place while it is lost, the best rank first.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub deputies: Vec<&'s str>,
     /// Robots whose information reaches everybody.
     pub roots: Vec<&'s str>,
     /// Farther than this from its place in the formation as planned a robot is broken, m.
@@ -193,6 +196,12 @@ impl<'s> Repair<'s> {
 pub struct Death<'s> {
     /// Who dies.
     pub robot: &'s str,
+    /// Which deputies then lead.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub leading: Vec<&'s str>,
+    /// By how much somebody who keeps a place is off meanwhile at most, m, unless it has to go around the dead.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub peak_m: Option<f64>,
     /// Who then goes by a spare.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub repairs: Vec<Repair<'s>>,
@@ -210,6 +219,9 @@ pub struct EdgeCut<'s> {
     pub from: &'s str,
     /// By whom.
     pub to: &'s str,
+    /// Which deputies then lead.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub leading: Vec<&'s str>,
     /// Who then goes by a spare.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub repairs: Vec<Repair<'s>>,
@@ -420,6 +432,30 @@ impl<'s> WallFacts<'s> {
     }
 }
 
+impl EdgeCut<'_> {
+    /// Whether anything comes of it.
+    fn matters(&self) -> bool {
+        let EdgeCut { loss, breaks, repairs, leading, .. } = self;
+        !(loss.is_none() && breaks.is_empty() && repairs.is_empty() && leading.is_empty())
+    }
+}
+
+impl<'s> Distances<'s> {
+    fn of(scenario: &'s Scenario, settled: &Settled) -> Distances<'s> {
+        let name = |i: usize| scenario.robots[i].name.as_str();
+        let gap = |closest: Option<ClosestPair>| {
+            closest
+                .map(|ClosestPair { pair, distance_m }| Gap { robots: pair.map(name), distance_m })
+        };
+        Distances {
+            distance_min_m: scenario.avoidance.distance_min_m,
+            start: gap(closest_pair(&start_points(&scenario.robots))),
+            settled: gap(settled.closest),
+            scale: settled.scale,
+        }
+    }
+}
+
 impl<'s> Theory<'s> {
     /// Of a scenario without errors.
     pub fn of(scenario: &'s Scenario) -> Theory<'s> {
@@ -438,21 +474,22 @@ impl<'s> Theory<'s> {
         };
         let matrix = matrix_facts(scenario, &system);
         let bounds = motion.as_ref().and_then(|motion| speed_bounds(robots, &matrix, motion));
-        let gap = |closest: Option<ClosestPair>| {
-            closest
-                .map(|ClosestPair { pair, distance_m }| Gap { robots: pair.map(name), distance_m })
-        };
         let edges = scenario.graph.edges();
         let breaking = reachability.breaking_cuts();
         let repaired = scenario.reachability_of(&scenario.graph_with_spares());
         let loss = |dead: &[usize], cut: &[usize]| {
-            repaired.loss(dead, &[cut, &scenario.closed_spares(dead, cut)].concat())
+            let silent = [cut, &scenario.closed_spares(dead, cut)].concat();
+            repaired.loss_led_by(&scenario.leading(dead, cut), dead, &silent)
         };
         let lost_by_cut = |edge: usize| {
             let breaks = breaking.iter().any(|(cut, _)| *cut == edge);
             if breaks { loss(&[], &[edge]) } else { Standing::default() }
         };
         let predictor = Predictor::of(scenario);
+        let deputies = |dead: &[usize], cut: &[usize]| -> Vec<&'s str> {
+            let leading = scenario.leading(dead, cut).into_iter();
+            leading.filter(|&i| Some(i) != leader).map(name).collect()
+        };
         let breaks = |dead: &[usize], cut: &[usize]| -> Vec<BrokenRobot<'s>> {
             let broken = predictor.broken(dead, cut, None);
             broken.iter().map(|broken| broken.named(robots)).collect()
@@ -463,11 +500,14 @@ impl<'s> Theory<'s> {
                 .map(|i| robot_theory(scenario, i, &settled, motion.as_ref()))
                 .collect(),
             leader: leader.map(name),
+            deputies: scenario.deputies.iter().map(|&i| name(i)).collect(),
             roots: scenario.graph.roots().into_iter().map(name).collect(),
             broken_m: predictor.bound_m(),
             deaths: (0..robots.len())
                 .map(|i| Death {
                     robot: name(i),
+                    leading: deputies(&[i], &[]),
+                    peak_m: predictor.peak_m(&[i], None),
                     repairs: Repair::after(scenario, &[i], &[]),
                     loss: Loss::new(&loss(&[i], &[]), robots),
                     breaks: breaks(&[i], &[]),
@@ -477,13 +517,12 @@ impl<'s> Theory<'s> {
                 .map(|edge| EdgeCut {
                     from: name(edges[edge].from),
                     to: name(edges[edge].to),
+                    leading: deputies(&[], &[edge]),
                     repairs: Repair::after(scenario, &[], &[edge]),
                     loss: Loss::new(&lost_by_cut(edge), robots),
                     breaks: breaks(&[], &[edge]),
                 })
-                .filter(|cut| {
-                    !(cut.loss.is_none() && cut.breaks.is_empty() && cut.repairs.is_empty())
-                })
+                .filter(EdgeCut::matters)
                 .collect(),
             liars: Liars::of(scenario),
             laplacian: rows(&laplacian::laplacian(&scenario.graph)),
@@ -497,12 +536,7 @@ impl<'s> Theory<'s> {
             }),
             bounds,
             epsilon: epsilon_rules(scenario, bounds),
-            distances: Distances {
-                distance_min_m: scenario.avoidance.distance_min_m,
-                start: gap(closest_pair(&start_points(robots))),
-                settled: gap(settled.closest),
-                scale: settled.scale,
-            },
+            distances: Distances::of(scenario, &settled),
             closing: ClosingFacts::of(scenario),
             walls: WallFacts::of(scenario),
             guard: Guard::of(scenario),

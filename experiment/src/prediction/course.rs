@@ -2,6 +2,7 @@
 //! in the formation is meanwhile.
 
 use formation::Vec2;
+use formation::desired::Target;
 use formation::frame::LeaderFrame;
 use formation::seconds;
 
@@ -17,8 +18,8 @@ const STANDS_M: f64 = 1e-6;
 #[derive(Debug, Clone)]
 pub(super) struct Course {
     step_s: f64,
-    /// At each look: m', m/s, and the frame.
-    looks: Vec<(Vec2, LeaderFrame)>,
+    /// At each look: m, m, and m', m/s, and the frame.
+    looks: Vec<(Target, LeaderFrame)>,
     /// From this look on it stands.
     stands_from: usize,
 }
@@ -30,12 +31,11 @@ impl Course {
         let step_s = seconds(scenario.duration_ns) / LOOKS as f64;
         let start_rad = scenario.robots[leader].start.heading_rad;
         let course = leader_course(scenario, start_rad, step_s, LOOKS)?;
-        let (looks, places): (Vec<_>, Vec<_>) = course
-            .map(|(_, target, frame)| ((target.velocity, frame), (target.position, frame.scale)))
-            .unzip();
-        let (last, last_scale) = places[LOOKS];
-        let moving = places.iter().rposition(|(place, scale)| {
-            (place - last).norm() > STANDS_M || (scale - last_scale).abs() > STANDS_M
+        let looks: Vec<_> = course.map(|(_, target, frame)| (target, frame)).collect();
+        let (last, last_frame) = looks[LOOKS];
+        let moving = looks.iter().rposition(|(target, frame)| {
+            (target.position - last.position).norm() > STANDS_M
+                || (frame.scale - last_frame.scale).abs() > STANDS_M
         });
         Some(Course { step_s, looks, stands_from: moving.map_or(0, |look| look + 1) })
     }
@@ -48,14 +48,25 @@ impl Course {
     /// How fast the place at `planned` (heading 0, scale 1) moves at this time, m/s; without a
     /// time, the fastest.
     pub(super) fn speed_m_s(&self, planned: Vec2, t_s: Option<f64>) -> f64 {
-        let speed = |(velocity, frame): &(Vec2, LeaderFrame)| {
-            (velocity + frame.offset(planned).velocity).norm()
+        let speed = |(target, frame): &(Target, LeaderFrame)| {
+            (target.velocity + frame.offset(planned).velocity).norm()
         };
         match t_s {
             Some(t_s) => speed(&self.looks[self.look(t_s)]),
             // The leader's turn into its path at the start is not meant.
             None => self.looks[LOOKS / 10..].iter().map(speed).fold(0.0, f64::max),
         }
+    }
+
+    /// How near the place at `planned` comes from this time on to where the leader was then, m.
+    pub(super) fn nears_m(&self, planned: Vec2, t_s: f64) -> f64 {
+        let looks = &self.looks[self.look(t_s)..];
+        let (leader, _) = looks[0];
+        let place = |(target, frame): &(Target, LeaderFrame)| {
+            target.position + frame.offset(planned).position
+        };
+        let apart_m = looks.iter().map(|look| (place(look) - leader.position).norm());
+        apart_m.fold(f64::INFINITY, f64::min)
     }
 
     fn look(&self, t_s: f64) -> usize {

@@ -45,6 +45,8 @@ pub struct Predictor {
     spares: Vec<Vec<(usize, Vec2)>>,
     /// The main leader.
     leader: Option<usize>,
+    /// Who leads in its place, the best rank first.
+    deputies: Vec<usize>,
     /// Where each robot belongs: places as planned, at scale 1 and heading 0, m.
     planned: Vec<Vec2>,
     /// How the main leader goes, if there is one.
@@ -52,6 +54,10 @@ pub struct Predictor {
     /// How far into its future a dead robot is believed, s: until it is lost, and its last beacon is
     /// two periods old when it dies.
     believed_s: f64,
+    /// For how long a robot that has lost everybody waits for a spare, s.
+    repair_after_s: f64,
+    /// d, m.
+    distance_min_m: f64,
     /// Usual and smallest scale.
     scale: [f64; 2],
     /// Farther off its place than this a robot is broken, m.
@@ -103,9 +109,12 @@ impl Predictor {
             heard,
             spares: (0..n).map(spares_of).collect(),
             leader: scenario.leader(),
+            deputies: scenario.deputies.clone(),
             planned: scenario.goals_m().unwrap_or_else(|| vec![Vec2::zeros(); n]),
             course: Course::of(scenario),
             believed_s: seconds(scenario.silence.lost_after_ns) - 2.0 * seconds(scenario.period_ns),
+            repair_after_s: seconds(scenario.repair_after_ns.unwrap_or(0)),
+            distance_min_m: scenario.avoidance.distance_min_m,
             scale: scenario.scale().map_or([1.0; 2], |scale| [scale.usual(), scale.range()[0]]),
             bound_m: scenario.expect.converged_error_m,
         };
@@ -133,9 +142,10 @@ impl Predictor {
     /// without one) the robots `dead` are dead or frozen and the edges `cut` carry nothing.
     pub fn broken(&self, dead: &[usize], cut: &[usize], t_s: Option<f64>) -> Vec<Broken> {
         let moving = self.course.as_ref().is_some_and(|course| course.moves(t_s));
-        let leader_dead = self.leader.is_some_and(|leader| dead.contains(&leader));
-        // About a dead leader all stand.
-        let reduced = Reduced::of(self, dead, cut, moving && !leader_dead);
+        let mut reduced = Reduced::of(self, dead, cut, moving);
+        // About a dead leader all stand, if no deputy leads.
+        let unled = self.leader.is_some() && !reduced.leads.contains(&true);
+        reduced.moving &= !unled;
         let mut causes = reduced.left_behind(self);
         let places = self.settled(&reduced, &causes);
         let crowd = Crowd::of(self, &reduced, &places, &causes);
@@ -145,10 +155,35 @@ impl Predictor {
                 causes[i] = Some(Broken { robot: i, cause, off_m: Some(off_m), outside_m });
             }
         }
-        if moving && leader_dead {
+        if moving && unled {
             self.run_on(&mut causes, &reduced, t_s);
         }
         causes.into_iter().flatten().collect()
+    }
+
+    /// By how much somebody who keeps a place is off at most, m, once these robots, of whom one led, die at `t_s` (at
+    /// any time without one), and a deputy leads; `None`: none does. Whom no leader reaches
+    /// but over spares stands until these are opened; and who comes by where a dead leader stands keeps d from it.
+    pub fn peak_m(&self, dead: &[usize], t_s: Option<f64>) -> Option<f64> {
+        let spares = vec![Vec::new(); self.robots.len()];
+        let reduced = Reduced::of(&Predictor { spares, ..self.clone() }, dead, &[], true);
+        let leading: Vec<usize> = (0..self.robots.len()).filter(|&i| reduced.leads[i]).collect();
+        let led = reduced.downstream(&leading);
+        let leader = self.leader.filter(|leader| dead.contains(leader))?;
+        let course = self.course.as_ref().filter(|_| reduced.leads.contains(&true))?;
+        let mut peak_m = 0.0f64;
+        let keeps_place = |&i: &usize| self.robots[i].reference == Reference::Offsets;
+        for i in (0..self.robots.len()).filter(keeps_place).filter(|i| reduced.alive[*i]) {
+            let seen_from_leader = self.planned[i] - self.planned[leader];
+            if !led[i] {
+                let stands_m = course.speed_m_s(seen_from_leader, t_s) * self.repair_after_s;
+                peak_m = peak_m.max(stands_m);
+            }
+            if let Some(t_s) = t_s {
+                peak_m = peak_m.max(self.distance_min_m - course.nears_m(seen_from_leader, t_s));
+            }
+        }
+        Some(peak_m)
     }
 
     /// Who has gone on until the leader was given up, with the speed of its place, for too far.

@@ -20,6 +20,8 @@ pub(super) struct Reduced {
     pub(super) lost: Vec<Option<usize>>,
     /// For each robot, who goes by it.
     hearers: Vec<Vec<usize>>,
+    /// Who leads: the main leader, or deputies that nobody of a better rank who leads reaches.
+    pub(super) leads: Vec<bool>,
     pub(super) moving: bool,
 }
 
@@ -32,6 +34,7 @@ impl Reduced {
             heard: vec![Vec::new(); n],
             lost: vec![None; n],
             hearers: vec![Vec::new(); n],
+            leads: vec![false; n],
             moving,
         };
         for (i, ears) in p.heard.iter().enumerate().filter(|(i, _)| !dead.contains(i)) {
@@ -67,6 +70,15 @@ impl Reduced {
             }
             for &(from, _) in reduced.heard[i].iter().filter(|(from, _)| *from < n) {
                 reduced.hearers[from].push(i);
+            }
+        }
+        for &robot in p.leader.iter().chain(&p.deputies).filter(|robot| !dead.contains(robot)) {
+            let leading: Vec<usize> = (0..n).filter(|&i| reduced.leads[i]).collect();
+            if !reduced.downstream(&leading)[robot] {
+                // It goes by nobody.
+                reduced.leads[robot] = true;
+                reduced.heard[robot].clear();
+                reduced.hearers.iter_mut().for_each(|hearers| hearers.retain(|&i| i != robot));
             }
         }
         reduced
@@ -144,7 +156,7 @@ impl Reduced {
         let n = self.heard.len();
         let mut causes = vec![None; n];
         let (Some(leader), true) = (p.leader, self.moving) else { return causes };
-        let follows = |i: usize| p.robots[i].reference.is_its_own();
+        let follows = |i: usize| p.robots[i].reference.is_its_own() || self.leads[i];
         let leads: Vec<usize> = (0..n).filter(|&i| self.alive[i] && follows(i)).collect();
         let led = self.downstream(&leads);
         let places: Vec<usize> = (0..n)

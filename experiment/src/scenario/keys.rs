@@ -571,6 +571,12 @@ fn experiment() -> Vec<Key> {
 /// What becomes of the formation graph when robots are lost.
 fn repair() -> Vec<Key> {
     vec![
+        key("deputies", Names)
+            .optional(
+                "the robots that lead in the main leader's place while it is lost, the first that lives: each \
+                 from its own place in the formation",
+            )
+            .guesses("deputy successors succession backup_leaders"),
         key(
             "repair",
             Word(&[

@@ -7,6 +7,7 @@
 //! | `laws` `program` | which laws are in programs of the scenario's own, and which files are these made of? |
 //! | `robots` `graph` `lead` `scale` `walls` `faults` `expect` | the same for one kind of table each |
 //! | `models` | which robots can one buy, and what can they do? |
+//! | `deputies` | who leads in the main leader's place? |
 //! | `spares` | by whom does a robot go in place of those it has lost for long? |
 //! | `import/` | which robots and edges does a graph of another tool hold? |
 //! | `file` | how is a file's text had, and when is it refused? |
@@ -21,6 +22,7 @@
 //! | `hunt` | what may `phalanx hunt` vary, and within which bounds? |
 
 mod chaos;
+mod deputies;
 pub mod diagnostic;
 mod expect;
 pub mod fault;
@@ -121,6 +123,8 @@ pub struct Scenario {
     pub graph: FormationGraph,
     /// Who may be heard in place of lost in-neighbours, robot by robot and in order, at the same kind of offset.
     pub spares: Vec<Edge>,
+    /// Who leads in the main leader's place while it is lost, the best rank first.
+    pub deputies: Vec<usize>,
     /// For how long an in-neighbour is lost before a spare is opened, and heard again before it is closed, ns;
     /// `None`: nothing is repaired.
     pub repair_after_ns: Option<u64>,
@@ -563,6 +567,34 @@ impl Scenario {
     pub fn graph_with_spares(&self) -> FormationGraph {
         let edges = self.graph.edges().iter().chain(&self.spares);
         FormationGraph::new(self.robots.len(), edges.copied().collect())
+    }
+
+    /// The same with the edges from the deputies to the main leader, which hears them before it leads anew: whose
+    /// beacons anybody may open.
+    pub fn graph_of_receivers(&self) -> FormationGraph {
+        let to_leader = self.deputies.iter().zip(std::iter::repeat(self.leader()));
+        let offset_m = Vec2::zeros();
+        let to_leader = to_leader.filter_map(|(&from, to)| Some(Edge { from, to: to?, offset_m }));
+        let edges = self.graph.edges().iter().chain(&self.spares).copied();
+        FormationGraph::new(self.robots.len(), edges.chain(to_leader).collect())
+    }
+
+    /// Who leads once these robots are dead and these edges cut for long enough, the best rank first: the main
+    /// leader, and each deputy that nobody of a better rank who leads reaches.
+    pub fn leading(&self, dead: &[usize], cut: &[usize]) -> Vec<usize> {
+        let living = |robot: &usize| !dead.contains(robot);
+        let mut leading: Vec<usize> = self.leader().filter(living).into_iter().collect();
+        if self.deputies.is_empty() {
+            return leading;
+        }
+        let reachability = self.reachability_of(&self.graph_with_spares());
+        let silent = [cut, &self.closed_spares(dead, cut)].concat();
+        for &deputy in self.deputies.iter().filter(|deputy| living(deputy)) {
+            if !reachability.reached(&leading, dead, &silent)[deputy] {
+                leading.push(deputy);
+            }
+        }
+        leading
     }
 
     /// Where everybody goes, m, in `map`, if they have goals of their own: all do, or nobody.

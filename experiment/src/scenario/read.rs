@@ -19,6 +19,7 @@ use toml_edit::DocumentMut;
 
 pub use super::overrides::Overrides;
 
+use super::deputies::deputies;
 use super::diagnostic::{Diagnostic, Severity, Source};
 use super::expect::expect;
 use super::faults::{Scene, faults};
@@ -244,6 +245,7 @@ fn scenario(
         robots,
         graph,
         spares: Vec::new(),
+        deputies: Vec::new(),
         repair_after_ns: None,
         lead,
         unled_scale: None,
@@ -255,6 +257,7 @@ fn scenario(
     }
     let scale = scale(root, &scenario)?;
     let mut scenario = scenario.scaled(scale);
+    scenario.deputies = deputies(root, &scenario)?;
     let repair = Repair::read(root, &scenario, &ties, &mut warnings)?;
     scenario.spares = repair.spares(&scenario);
     scenario.repair_after_ns = repair.after_ns;

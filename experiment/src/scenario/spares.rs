@@ -3,7 +3,8 @@
 //! A spare that is chosen comes before the robot in an order: fewer hops from the leader, then earlier in the
 //! file. Whoever goes by somebody before it in that order is led as long as that one is. So as long as the
 //! leader lives and a robot has a spare for each in-neighbour that it has lost, it is led, and no circle of
-//! spares is without a leader.
+//! spares is without a leader. A deputy may be anybody's spare: who goes by it is led if it is, and otherwise it
+//! leads.
 
 use formation::Vec2;
 use formation::graph::Edge;
@@ -139,17 +140,25 @@ impl Choice<'_> {
         // Without a leader, a circle would be one in which velocities never die out.
         let unled = self.scenario.leader().is_none();
         let reached = unled.then(|| self.scenario.graph.hops().swap_remove(to));
+        let deputies = &self.scenario.deputies;
+        let rank_of = |from: usize| deputies.iter().position(|&deputy| deputy == from);
         let may = |&from: &usize| {
             let fits = reference(to) == Reference::Middle || reference(from) != Reference::Middle;
             let before = self.order[from].is_some() && self.order[from] < self.order[to];
             let reached = reached.as_ref().is_some_and(|reached| reached[from].is_some());
-            fits && before && !hears(from) && !reached
+            fits && (before || rank_of(from).is_some()) && from != to && !hears(from) && !reached
         };
         let candidates = (0..self.scenario.robots.len()).filter(may);
         let mut rated: Vec<((usize, u64), usize)> = match reference(to) {
             Reference::Offsets => {
                 let distance_m = |from: usize| (self.places[from] - self.places[to]).norm();
-                candidates.map(|from| ((0, rank(distance_m(from))), from)).collect()
+                // Without the leader those who heard it go by who leads then.
+                let hears_leader = self.scenario.leader().is_some_and(hears);
+                let first = |from: usize| match hears_leader {
+                    true => rank_of(from).unwrap_or(deputies.len()),
+                    false => 0,
+                };
+                candidates.map(|from| ((first(from), rank(distance_m(from))), from)).collect()
             }
             Reference::Middle => {
                 let without = self.without(to, None);

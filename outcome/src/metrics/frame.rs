@@ -44,7 +44,10 @@ impl IdealFrame {
         alive: impl Fn(usize) -> bool,
     ) -> LeaderFrame {
         match self {
-            IdealFrame::Led(led) => led.at(t_s, heading_rad(led.leader), alive(led.leader)),
+            IdealFrame::Led(led) => {
+                let alive = led.lead_it.iter().any(|&i| alive(i));
+                led.at(t_s, heading_rad(led.leader), alive)
+            }
             IdealFrame::Unled(Some(scale)) => LeaderFrame::unled(scale, t_s),
             IdealFrame::Unled(None) => LeaderFrame::STILL,
         }
@@ -54,6 +57,8 @@ impl IdealFrame {
 /// The frame of a main leader.
 pub(super) struct Led {
     leader: usize,
+    /// It, and its deputies, who continue its frame.
+    lead_it: Vec<usize>,
     lead: LeadBrief,
     /// ell, m.
     front_point_m: f64,
@@ -84,6 +89,7 @@ impl Led {
         };
         Some(Led {
             leader,
+            lead_it: [&[leader], &scenario.deputies[..]].concat(),
             lead: scenario.lead.clone()?,
             front_point_m: robot.front_point_m,
             speed_max_m_s,
@@ -93,8 +99,8 @@ impl Led {
         })
     }
 
-    /// The frame at the truth of this time, by the leader's true heading. A dead leader's frame
-    /// stays as it was when it died; whoever replaces it begins with the true heading.
+    /// The frame at the truth of this time, by the leader's true heading, and whether it or a deputy lives. A dead leader's frame
+    /// stays as it was when the last of them died; whoever replaces it begins with the true heading.
     fn at(&mut self, t_s: f64, heading_rad: f64, alive: bool) -> LeaderFrame {
         let lived = std::mem::replace(&mut self.lived, alive);
         let begins = alive && !lived;

@@ -5,7 +5,7 @@
 //! together. This one is measured against the main leader's true front point and the places that the
 //! whole graph settles in (33), in the leader's frame: of those that keep a place, the offsets
 //! summed along the graph; of the contained, the middle of the ideal places of those they hear (51).
-//! No fault changes the graph in here. The main leader's own error is its tracking error; that of those
+//! No fault changes the graph in here. A leader with deputies is taken to be where m(t) is: they go on without it. The main leader's own error is its tracking error; that of those
 //! that go to goals is the distance to the goal.
 //!
 //! Without a leader nobody says where the formation is. It is put where most of the living are: at
@@ -15,6 +15,8 @@ use formation::Vec2;
 use formation::frame::LeaderFrame;
 use formation::front_point::rotate;
 use formation::laplacian::settled;
+use formation::seconds;
+use formation::trajectory::Trajectory;
 use protocol::law::Reference;
 
 use crate::metrics::error::or_infinite;
@@ -24,6 +26,8 @@ use experiment::scenario::Scenario;
 /// The errors to the ideal formation so far. Those of the dead count for nothing.
 pub(super) struct Ideal {
     leader: Option<usize>,
+    /// m(t), of a leader with deputies.
+    course: Option<Trajectory>,
     /// Everybody goes to a goal of its own.
     to_goals: bool,
     /// Of each robot at heading 0 and scale 1, m, seen from the leader, or without one from some
@@ -46,6 +50,9 @@ impl Ideal {
         let keeps_place = |&i: &usize| scenario.robots[i].role.reference == Reference::Offsets;
         Ideal {
             leader: scenario.leader(),
+            course: (!scenario.deputies.is_empty())
+                .then(|| scenario.lead.as_ref().map(|lead| lead.trajectory.clone()))
+                .flatten(),
             to_goals: scenario.goals_m().is_some(),
             places: pinned.and_then(|i| settled(&scenario.graph, i)).unwrap_or_default(),
             anchors: (0..robots).filter(keeps_place).collect(),
@@ -70,7 +77,10 @@ impl Ideal {
         }
         let origin = match self.leader {
             _ if self.to_goals => None,
-            Some(leader) => Some(alphas[leader]),
+            Some(leader) => Some(match &self.course {
+                Some(course) => course.at(seconds(t_ns)).position,
+                None => alphas[leader],
+            }),
             None => self.fitted(frame.scale, alphas, alive),
         };
         // Turned and grown at once: delta R(theta_n) s is a multiplication of complex numbers.

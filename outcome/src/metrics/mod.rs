@@ -76,6 +76,7 @@ pub struct Metrics {
     looks_away: bool,
     converged_error_m: f64,
     names: Vec<String>,
+    deputies: Vec<usize>,
     front_points_m: Vec<f64>,
     /// Front points at the newest truth.
     alphas: Vec<Vec2>,
@@ -121,6 +122,7 @@ impl Metrics {
             looks_away: false,
             converged_error_m: scenario.expect.converged_error_m,
             names: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
+            deputies: scenario.deputies.clone(),
             front_points_m: scenario.robots.iter().map(|robot| robot.front_point_m).collect(),
             alphas: vec![Vec2::zeros(); robots],
             alive: vec![true; robots],
@@ -255,6 +257,11 @@ impl Metrics {
     /// this is about.
     pub fn contact(&mut self, hearer: usize, neighbor: usize, contact: Contact, since_t_ns: u64) {
         self.faults.contact(Report { hearer, neighbor, contact, since_ns: since_t_ns });
+    }
+
+    /// Whether this robot may lead in the main leader's place.
+    pub fn is_deputy(&self, robot: usize) -> bool {
+        self.deputies.contains(&robot)
     }
 
     /// By whom a robot goes changes at this time, ns: before all up to then is known.

@@ -16,6 +16,9 @@ pub(super) struct Silent {
     /// How many are of the graph.
     in_graph: usize,
     gone_by: Vec<bool>,
+    leader: Option<usize>,
+    /// Which deputies lead in its place.
+    leads: Vec<bool>,
 }
 
 /// By whom a robot goes changes.
@@ -24,6 +27,8 @@ pub(super) struct Silent {
 pub enum Rewiring {
     /// It goes by another, or no longer does.
     GoesBy { robot: usize, other: usize, yes: bool },
+    /// A deputy leads, or no longer does.
+    Leads { robot: usize, yes: bool },
     /// It is replaced, and goes by its in-neighbours again.
     Anew { robot: usize },
 }
@@ -40,6 +45,8 @@ impl Silent {
             gone_by: (0..ends.len()).map(|edge| edge < in_graph).collect(),
             ends,
             in_graph,
+            leader: scenario.leader(),
+            leads: vec![false; scenario.robots.len()],
         }
     }
 
@@ -54,6 +61,11 @@ impl Silent {
 
     /// A robot goes by others.
     pub(super) fn rewire(&mut self, rewiring: Rewiring) {
+        match rewiring {
+            Rewiring::Leads { robot, yes } => self.leads[robot] = yes,
+            Rewiring::Anew { robot } => self.leads[robot] = false,
+            Rewiring::GoesBy { .. } => {}
+        }
         for (edge, &[from, to]) in self.ends.iter().enumerate() {
             match rewiring {
                 Rewiring::GoesBy { robot, other, yes } if [from, to] == [other, robot] => {
@@ -83,6 +95,11 @@ impl Silent {
         edge >= self.in_graph
     }
 
+    /// Whether this robot, a deputy, leads.
+    pub(super) fn leads(&self, robot: usize) -> bool {
+        self.leads[robot]
+    }
+
     /// Whether nobody hears this robot.
     pub(super) fn robot(&self, robot: usize) -> bool {
         self.robots[robot] > 0
@@ -91,7 +108,9 @@ impl Silent {
     /// Everybody among the others whom no living leader reaches any more.
     pub(super) fn orphaned(&self, reachability: &Reachability) -> Vec<usize> {
         let silent = (0..self.ends.len()).filter(|&e| self.edges[e] > 0 || !self.gone_by[e]);
-        let loss = reachability.loss(&gone(&self.robots), &silent.collect::<Vec<_>>());
+        let leaders = (0..self.leads.len()).filter(|&i| self.leads[i] || self.leader == Some(i));
+        let (dead, silent): (_, Vec<usize>) = (gone(&self.robots), silent.collect());
+        let loss = reachability.loss_led_by(&leaders.collect::<Vec<_>>(), &dead, &silent);
         [loss.unled, loss.uncontained, loss.adrift].concat()
     }
 

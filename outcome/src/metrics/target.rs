@@ -4,6 +4,7 @@ use formation::Vec2;
 use formation::desired::{Target, desired};
 use formation::frame::LeaderFrame;
 use formation::graph::Edge;
+use formation::laplacian::settled;
 use protocol::brief::{LeadBrief, SilencePolicy};
 use protocol::law::Reference;
 
@@ -15,8 +16,8 @@ pub(super) struct Targets {
     references: Vec<Reference>,
     /// For each robot, the edges that end in it, and their places in the graph; its spares behind them.
     heard: Vec<Vec<(usize, Edge)>>,
-    /// The trajectory of each, if it follows one.
-    leads: Vec<Option<LeadBrief>>,
+    /// The trajectory of each that may lead, and its place about it, at heading 0 and scale 1, m.
+    leads: Vec<Option<(LeadBrief, Vec2)>>,
     /// The goal of each, if it goes to one, m: the scenario's, until it is sent to another.
     goals: Vec<Option<Vec2>>,
     policy: SilencePolicy,
@@ -29,7 +30,7 @@ impl Targets {
         Targets {
             references: scenario.robots.iter().map(|robot| robot.role.reference).collect(),
             heard: (0..scenario.robots.len()).map(heard).collect(),
-            leads: (0..scenario.robots.len()).map(|i| scenario.lead_of(i).cloned()).collect(),
+            leads: (0..scenario.robots.len()).map(|i| lead_of(scenario, i)).collect(),
             goals: scenario.robots.iter().map(|robot| robot.goal_m.map(Vec2::from)).collect(),
             policy: scenario.silence.policy,
         }
@@ -40,7 +41,7 @@ impl Targets {
         self.goals[robot] = Some(goal);
     }
 
-    /// alpha_i - alpha*_i, m: alpha* is m(t) for the leader (25), the mean of what all heard ask
+    /// alpha_i - alpha*_i, m: alpha* is m(t) for the leader (25), its place about m(t) for a deputy that leads, the mean of what all heard ask
     /// for in a formation (13) (24) (45), their mean for a contained robot (46), and of those that go
     /// to goals the one in force; see `counted` for the silent. `None` for one that has nothing to go by.
     pub(super) fn error(
@@ -51,8 +52,12 @@ impl Targets {
         alphas: &[Vec2],
         silent: &Silent,
     ) -> Option<Vec2> {
+        let leading = self.leads[robot].as_ref().map(|(lead, place)| {
+            Target::still(lead.trajectory.at(t_s).position + frame.offset(*place).position)
+        });
         let target = match self.references[robot] {
-            Reference::Trajectory => self.leads[robot].as_ref().map(|lead| lead.trajectory.at(t_s)),
+            Reference::Trajectory => leading,
+            Reference::Offsets if silent.leads(robot) => leading,
             Reference::Offsets => self.mean(robot, alphas, silent, |c_ji| frame.offset(c_ji)),
             Reference::Middle => self.mean(robot, alphas, silent, |_| Target::still(Vec2::zeros())),
             Reference::Goal => self.goals[robot].map(Target::still),
@@ -81,5 +86,15 @@ impl Targets {
         let counted = self.counted(robot, silent);
         let place = |ends: &Edge| Target::still(alphas[ends.from]);
         desired(counted.map(|(_, ends)| (place(ends), offset(ends.offset_m))))
+    }
+}
+
+/// The trajectory of a robot that may lead, and its place about it, m.
+fn lead_of(scenario: &Scenario, i: usize) -> Option<(LeadBrief, Vec2)> {
+    let leader = scenario.leader()?;
+    let lead = scenario.lead.clone()?;
+    match scenario.deputies.contains(&i) {
+        true => Some((lead, settled(&scenario.graph, leader)?[i])),
+        false => (i == leader).then(|| (lead, Vec2::zeros())),
     }
 }

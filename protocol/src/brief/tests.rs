@@ -11,6 +11,10 @@ use crate::fault::{
 const SPAN: Span = Span { from_ns: 5, until_ns: 9 };
 
 /// A brief that says everything a brief can say.
+fn lead(center_m: [f64; 2]) -> LeadBrief {
+    LeadBrief { scale: Scale::ONE, trajectory: Trajectory::Still { center_m } }
+}
+
 fn agent() -> AgentBrief {
     let fault = |kind| LinkFault { span: SPAN, kind, seed: 3 };
     AgentBrief {
@@ -29,9 +33,13 @@ fn agent() -> AgentBrief {
         program: Some(ProgramBrief { phalanx: VERSION.into(), role: "formation".into() }),
         led: true,
         rank: Rank::Contained,
-        lead: Some(LeadBrief {
-            scale: Scale::ONE,
-            trajectory: Trajectory::Still { center_m: [0.0, 1.0] },
+        lead: Some(lead([0.0, 1.0])),
+        deputy: Some(DeputyBrief {
+            rank: 1,
+            place_m: [0.5, -0.25],
+            front_point_m: 0.2,
+            limits: None,
+            lead: lead([1.0, 2.0]),
         }),
         scale: Some(Scale::Closing {
             from: 2.4,

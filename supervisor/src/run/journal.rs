@@ -4,6 +4,8 @@
 //! In which order reports arrive is the machine's doing. So a line waits here until everything up
 //! to its time is known, and is written in an order that only the run decides.
 
+use std::collections::BTreeSet;
+
 use crate::view::View;
 use protocol::message::Contact;
 
@@ -21,6 +23,8 @@ pub struct Journal<'a> {
     pub metrics: &'a mut Metrics,
     /// Whoever looks on.
     pub(crate) view: Option<&'a mut View>,
+    /// The deputies that lead.
+    leading: BTreeSet<usize>,
     waiting: Lines,
 }
 
@@ -59,7 +63,14 @@ impl<'a> Journal<'a> {
         run_dir: &'a mut RunDir,
         metrics: &'a mut Metrics,
     ) -> Journal<'a> {
-        Journal { names, run_dir, metrics, view: None, waiting: Lines::default() }
+        Journal {
+            names,
+            run_dir,
+            metrics,
+            view: None,
+            waiting: Lines::default(),
+            leading: BTreeSet::new(),
+        }
     }
 
     /// Lets somebody look on, and act by hand.
@@ -76,6 +87,7 @@ impl<'a> Journal<'a> {
     pub fn event(&mut self, t_ns: u64, kind: &'static str, robot: Option<usize>, detail: String) {
         // A replacement goes by its in-neighbours.
         let anew = robot.filter(|_| kind == RESTART).map(|robot| Rewiring::Anew { robot });
+        robot.filter(|_| anew.is_some()).inspect(|robot| _ = self.leading.remove(robot));
         anew.into_iter().for_each(|anew| self.metrics.rewiring_announced(t_ns, anew));
         self.line(Line { t_ns, kind, robot, detail, change: anew.map(Change::Rewired) });
     }
@@ -91,13 +103,25 @@ impl<'a> Journal<'a> {
     pub fn frame_heard(&mut self, t_ns: u64, robot: usize, contact: Contact) {
         let detail = format!("{} frame of the leader", contact.word());
         self.event(t_ns, CONTACT, Some(robot), detail);
+        let leads = self.metrics.is_deputy(robot) && contact == Contact::Lost;
+        if leads != self.leading.contains(&robot) {
+            match leads {
+                true => _ = self.leading.insert(robot),
+                false => _ = self.leading.remove(&robot),
+            }
+            let detail = if leads { "leads" } else { "leads no longer" }.to_owned();
+            self.repaired(t_ns, robot, Rewiring::Leads { robot, yes: leads }, detail);
+        }
     }
 
     /// A robot says that it goes by another, or no longer does, since then.
     pub fn goes_by(&mut self, t_ns: u64, robot: usize, other: usize, yes: bool) {
         let does = if yes { "goes by" } else { "goes no longer by" };
         let detail = format!("{does} {}", self.names[other]);
-        let rewiring = Rewiring::GoesBy { robot, other, yes };
+        self.repaired(t_ns, robot, Rewiring::GoesBy { robot, other, yes }, detail);
+    }
+
+    fn repaired(&mut self, t_ns: u64, robot: usize, rewiring: Rewiring, detail: String) {
         self.metrics.rewiring_announced(t_ns, rewiring);
         let change = Some(Change::Rewired(rewiring));
         self.line(Line { t_ns, kind: REPAIR, robot: Some(robot), detail, change });

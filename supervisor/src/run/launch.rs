@@ -64,7 +64,8 @@ impl<'a> Run<'a> {
         let edges = scenario.graph.edges();
         let logs = journal.run_dir.logs();
         let mut left_behind = LeftBehind::watch(&logs);
-        let run_root = make_run_root(scenario.robots.len(), edges.len() + scenario.spares.len())?;
+        let receivers = scenario.graph_of_receivers().edges().len();
+        let run_root = make_run_root(scenario.robots.len(), receivers)?;
         let node = service::node("supervisor")?;
         let launcher = launcher.in_run(run_root.path());
         if scenario.programs().next().is_some() {

@@ -116,6 +116,8 @@ impl Run<'_> {
                     self.journal.heard(since_ns, robot, other, contact);
                 }
                 News::FrameHeard { contact, since_ns } => {
+                    // So has a deputy's beacon that a leader opened which is back.
+                    self.take_memory()?;
                     self.journal.frame_heard(since_ns, robot, contact);
                 }
                 News::GoesBy { other, yes, since_ns } => {

@@ -48,7 +48,7 @@ impl Services {
     ) -> Result<Services, ServiceError> {
         let is_here = |robot: usize| brief.robots[robot].host == brief.here;
         let one = Qos::of_robot(Pace::Realtime, 1).and_one_more();
-        let graph = scenario.graph_with_spares();
+        let graph = scenario.graph_of_receivers();
         let hearers = |robot: usize| {
             let here = graph.hearers_of(robot).filter(|edge| is_here(edge.to)).count();
             let qos = Qos::of_robot(Pace::Realtime, here).and_one_more();
@@ -109,7 +109,7 @@ impl RunServices {
         let one = with_bridge(Qos::of_robot(pace, 1));
         // Where ROS 2 listens, somebody takes odometry as well.
         let odometry = if ros2.is_some() { one.and_one_more() } else { one };
-        let graph = scenario.graph_with_spares();
+        let graph = scenario.graph_of_receivers();
         let hearers = |i| Some(with_bridge(Qos::of_robot(pace, graph.hearers_of(i).count())));
         let timer = has_control_timer(scenario, pace).then(service::machine_latency);
         let others = [Some(service::plant_latency()), timer];

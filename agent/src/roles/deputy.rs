@@ -1,0 +1,89 @@
+//! A deputy of the main leader: while it hears no frame of a better rank, it leads from its own place in the
+//! formation. It continues the frame that it heard last, so that nothing jumps for those who follow, and two deputies
+//! that lead at once, in two halves of a cut network, agree about the frame. Not in the paper.
+
+use formation::Vec2;
+use formation::desired::Target;
+use formation::frame::LeaderFrame;
+use protocol::brief::{AgentBrief, DeputyBrief, LeadBrief};
+use protocol::message::Contact;
+
+use super::Moment;
+use super::nominal_frame::NominalFrame;
+use crate::UnfitBrief;
+use crate::avoidance::{self, Avoidance};
+
+/// What a robot needs to lead.
+pub(super) struct Deputy {
+    lead: LeadBrief,
+    /// Seen from the main leader, at heading 0 and scale 1, m.
+    place: Vec2,
+    /// T, s.
+    period_s: f64,
+    /// How a leader with the main leader's front point would follow m(t).
+    leaders: Box<dyn Avoidance>,
+    /// The frame, and what it was at the newest sample, while it leads.
+    own: Option<(NominalFrame, Known)>,
+}
+
+/// A frame at some time of the run, s.
+#[derive(Clone, Copy)]
+struct Known {
+    t_s: f64,
+    frame: LeaderFrame,
+}
+
+impl Deputy {
+    /// The one that a brief speaks of.
+    pub(super) fn of(brief: &AgentBrief) -> Result<Option<Deputy>, UnfitBrief> {
+        let Some(deputy) = &brief.deputy else { return Ok(None) };
+        let &DeputyBrief { place_m, front_point_m, limits, ref lead, .. } = deputy;
+        let leaders = AgentBrief { front_point_m, limits, ..brief.clone() };
+        Ok(Some(Deputy {
+            lead: lead.clone(),
+            place: place_m.into(),
+            period_s: brief.period_ns as f64 / 1e9,
+            leaders: avoidance::build(&leaders)?,
+            own: None,
+        }))
+    }
+
+    /// alpha* while it leads: its place about m(t). `None`: somebody of a better rank is heard, or never was.
+    pub(super) fn target(&self, moment: &Moment<'_>) -> Option<Target> {
+        let Known { t_s, frame } = self.known(moment)?;
+        let (now, half_s) = (frame.later(moment.t_s - t_s), 0.5 * self.period_s);
+        let LeadBrief { trajectory, .. } = &self.lead;
+        let position = trajectory.at(moment.t_s).position + now.offset(self.place).position;
+        let velocity = trajectory.at(moment.t_s + half_s).velocity
+            + now.later(half_s).offset(self.place).velocity;
+        Some(Target { position, velocity })
+    }
+
+    /// The frame that it gives to others while it leads.
+    pub(super) fn frame(&mut self, moment: &Moment<'_>) -> Option<LeaderFrame> {
+        let Some(known) = self.known(moment) else {
+            self.own = None;
+            return None;
+        };
+        let (mut nominal, _) = self
+            .own
+            .take()
+            .unwrap_or_else(|| (NominalFrame::from(self.period_s, known.t_s, known.frame), known));
+        let LeadBrief { trajectory, scale } = &self.lead;
+        let heading_rad = known.frame.heading_rad;
+        let frame = nominal.at(moment.t_s, heading_rad, trajectory, scale, &*self.leaders);
+        self.own = Some((nominal, Known { t_s: moment.t_s, frame }));
+        Some(frame)
+    }
+
+    /// The newest frame that is known, if it leads: its own, or the last of a better rank.
+    fn known(&self, moment: &Moment<'_>) -> Option<Known> {
+        if moment.neighborhood.frame_contact().contact != Contact::Lost {
+            return None;
+        }
+        self.own.as_ref().map(|(_, known)| *known).or_else(|| {
+            let heard = moment.neighborhood.frame(moment.stamp_ns)?;
+            Some(Known { t_s: moment.t_of_s(heard.stamp_ns), frame: heard.frame })
+        })
+    }
+}

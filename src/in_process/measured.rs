@@ -10,14 +10,14 @@ use agent::brain::Brain;
 use agent::turn::Turn;
 use experiment::scenario::{FaultKind, Scenario};
 use outcome::metrics::summary::ProcessUsage;
-use outcome::metrics::{Measures, Metrics};
+use outcome::metrics::{Measures, Metrics, Rewiring};
 use outcome::results::latency::Latency;
 use outcome::results::outcome::Outcome;
 use outcome::results::run_dir::{RunDir, RunDirError};
 use outcome::results::usage;
 use protocol::brief::{AgentBrief, Pace};
 use protocol::clock::now_ns;
-use protocol::message::TruthRow;
+use protocol::message::{Contact, TruthHeader, TruthRow};
 use supervisor::run::journal::Journal;
 use supervisor::run::reports::{News, Report};
 
@@ -49,10 +49,7 @@ pub fn run(
     mut goes_on: impl FnMut() -> bool,
 ) -> (Outcome, Result<(), RunDirError>) {
     let usage_before = usage::of_this_thread();
-    let think = |brief: &AgentBrief, incarnation| {
-        Brain::new(brief, incarnation).expect("the brief of a checked scenario")
-    };
-    let mut run = InProcess::new(scenario.clone(), think).expect("it needs no processes");
+    let mut run = InProcess::new(scenario.clone(), brain).expect("it needs no processes");
     run.clock_ns = now_ns;
     let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
     let mut listener = Listener {
@@ -71,25 +68,32 @@ pub fn run(
     (outcome, ran)
 }
 
-/// What a run in lockstep comes to, with nothing taken down but what it is judged by; `None` if `goes_on` says no before
-/// its end.
-pub fn measure(scenario: &Scenario, mut goes_on: impl FnMut() -> bool) -> Option<Measures> {
-    let think = |brief: &AgentBrief, incarnation| {
-        Brain::new(brief, incarnation).expect("the brief of a checked scenario")
-    };
-    let mut run = InProcess::new(scenario.clone(), think).expect("it needs no processes");
+/// The brain of a brief that a checked scenario has.
+pub fn brain(brief: &AgentBrief, incarnation: u64) -> Brain {
+    Brain::new(brief, incarnation).expect("the brief of a checked scenario")
+}
+
+/// What a run in lockstep with brains made by `think` comes to, with nothing taken down but what it is judged by. `watch`
+/// sees every truth, and who was alive at it; `None` if it says before the end that the run is not to go on.
+pub fn measure(
+    scenario: &Scenario,
+    think: &dyn Fn(&AgentBrief, u64) -> Brain,
+    mut watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]) -> bool,
+) -> Option<Measures> {
+    let run = InProcess::new(scenario.clone(), think);
+    let mut run = run.unwrap_or_else(|error| panic!("it needs no processes: {error}"));
     let mut metrics = Metrics::new(scenario, Pace::Lockstep);
     let mut rows: Vec<TruthRow> = Vec::new();
     loop {
         let header = run.world().truth_header();
         rows.clear();
         rows.extend(run.world().truth());
-        metrics.orphans_before(header.t_ns);
         metrics.truth(&header, &rows, run.alive());
+        let goes_on = watch(&header, &rows, run.alive());
         if run.is_over() || metrics.ends_early() {
             return Some(metrics.finish());
         }
-        if !goes_on() {
+        if !goes_on {
             return None;
         }
         run.sense(|effect| match *effect {
@@ -97,7 +101,24 @@ pub fn measure(scenario: &Scenario, mut goes_on: impl FnMut() -> bool) -> Option
             Effect::Ended { fault, end, at_ns } => metrics.fault_ended(fault, end, at_ns),
             _ => {}
         });
-        run.step(|_, turn| turn.wish());
+        let mut rewirings = Vec::new();
+        run.step(|robot, turn| {
+            let wish = turn.wish();
+            if turn.brief().deputy.is_some() {
+                let yes = turn.status().0.frame == Contact::Lost as u64;
+                rewirings.push(Rewiring::Leads { robot, yes });
+            }
+            if !turn.brief().spares.is_empty() {
+                let (_, senders) = turn.status();
+                rewirings.extend(senders.map(|sender| Rewiring::GoesBy {
+                    robot,
+                    other: sender.robot as usize - 1,
+                    yes: sender.goes_by == 1,
+                }));
+            }
+            wish
+        });
+        rewirings.into_iter().for_each(|rewiring| metrics.rewired(rewiring));
     }
 }
 

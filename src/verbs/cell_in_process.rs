@@ -1,6 +1,7 @@
 //! One run of a campaign within this process: the same directory as that of `phalanx run --cell`, without
 //! the processes, and without their briefs and logs.
 
+use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Mutex;
@@ -125,12 +126,15 @@ impl InProcess<'_> {
 /// What came of an attempt: one that panics, or fails for a reason in words, has failed, and others go on.
 fn sheltered(attempt: impl FnOnce() -> Result<Tried, String>) -> Tried {
     // What it holds is thrown away with it.
-    let tried = catch_unwind(AssertUnwindSafe(attempt)).unwrap_or_else(|panic| {
-        let said = panic.downcast_ref::<String>().map(String::as_str);
-        let said = said.or_else(|| panic.downcast_ref::<&str>().copied());
-        Err(format!("panicked: {}", said.unwrap_or("without a word")))
-    });
+    let tried = catch_unwind(AssertUnwindSafe(attempt))
+        .unwrap_or_else(|panic| Err(format!("panicked: {}", said_by(&*panic))));
     tried.unwrap_or_else(Tried::Failed)
+}
+
+/// What a panic said.
+pub(super) fn said_by(panic: &(dyn Any + Send)) -> &str {
+    let said = panic.downcast_ref::<String>().map(String::as_str);
+    said.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a word")
 }
 
 fn in_words(error: impl std::fmt::Display) -> String {

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use experiment::campaign::cells;
+use experiment::hunt::plan::Plan;
 use experiment::hunt::search::{BATCH, Search};
 use experiment::hunt::shrink::simpler;
 use experiment::hunt::space::Space;
@@ -17,7 +18,7 @@ use experiment::scenario::hunt::VARIED;
 use experiment::scenario::{Scenario, Varied};
 use outcome::campaign::folder::{Folder, FolderError, LockError};
 use outcome::hunt::{Journal, JournalError, Margins};
-use outcome::results::page::quoted;
+use outcome::results::page::command_line;
 use outcome::results::summary::to_json;
 use protocol::catalog::Catalog;
 use protocol::number::short;
@@ -101,6 +102,18 @@ enum HuntError {
     NothingSound(String),
     #[error("a run panicked: {0}")]
     Panicked(String),
+    #[error("interrupted: the same command goes on")]
+    Interrupted,
+}
+
+impl From<NotJudged> for HuntError {
+    fn from(why: NotJudged) -> HuntError {
+        match why {
+            NotJudged::Unsound(why) => HuntError::NothingSound(why),
+            NotJudged::Panicked(why) => HuntError::Panicked(why),
+            NotJudged::Stopped => HuntError::Interrupted,
+        }
+    }
 }
 
 pub(super) fn hunt(args: &HuntArgs, catalog: &Catalog) -> u8 {
@@ -140,6 +153,10 @@ pub(super) fn hunt(args: &HuntArgs, catalog: &Catalog) -> u8 {
         HuntError::Locked(LockError::Held { .. }) | HuntError::Journal(JournalError::Other(_)) => {
             refused(&error)
         }
+        HuntError::Interrupted => {
+            tell(&error.to_string());
+            exit::INTERRUPTED
+        }
         _ => complain(&error),
     })
 }
@@ -161,7 +178,7 @@ fn commands(hunts: u16, seed: u64, out: &Path) -> String {
     let line = |seed: u64| {
         let to = out.join(format!("seed-{seed}")).to_string_lossy().into_owned();
         let own = ["--seed".to_owned(), seed.to_string(), "--out".into(), to];
-        words.iter().chain(&own).map(|word| quoted(word)).collect::<Vec<_>>().join(" ") + "\n"
+        command_line(words.iter().chain(&own)) + "\n"
     };
     (0..u64::from(hunts)).map(|more| line(seed + more)).collect()
 }
@@ -195,29 +212,13 @@ fn go(
     let identity = cells::sha256(of.as_bytes()).map_err(HuntError::Executable)?;
     let mut journal = Journal::open(folder.path(), &identity, runs.names)?;
     folder.write("scenario.toml", runs.text)?;
-    let Some(tally) = look(args, scenario.seed, runs, &mut journal)? else {
-        tell("interrupted: the same command goes on");
-        return Ok(exit::INTERRUPTED);
-    };
+    let tally = look(args, scenario.seed, runs, &mut journal)?;
     let (margin, number, by, point) = tally.nearest.as_ref().expect("one was run");
     let plan = runs.space.plan(point);
-    let judged = |plan| {
-        runs.judge(plan).map_err(|error| match error {
-            NotJudged::Panicked(why) => HuntError::Panicked(why),
-            NotJudged::Unsound(why) => HuntError::NothingSound(why),
-            NotJudged::Stopped => HuntError::NothingSound("interrupted".into()),
-        })
-    };
-    let nearest = judged(&plan)?;
+    let nearest = runs.judge(&plan)?;
     let missed = tally.missed();
     let (shrunk, found) = match missed {
-        true => match shrink(runs, plan.clone(), nearest.smallest()) {
-            Some(shrunk) => (shrunk.clone(), judged(&shrunk)?),
-            None => {
-                tell("interrupted: the same command goes on");
-                return Ok(exit::INTERRUPTED);
-            }
-        },
+        true => shrink(runs, plan.clone(), nearest)?,
         false => (plan.clone(), nearest),
     };
     let (name, words) = found.in_words();
@@ -226,7 +227,8 @@ fn go(
         false => "nearest.toml".to_owned(),
     };
     let path = folder.path().join(&file);
-    let replay = format!("phalanx run {} --pace lockstep", quoted(&path.to_string_lossy()));
+    let replay = ["phalanx", "run", &path.to_string_lossy(), "--pace", "lockstep"];
+    let replay = command_line(replay.into_iter());
     folder.write(&file, &found.commented(&words))?;
     let (faults, starts) = (shrunk.faults.len(), shrunk.starts.len());
     let report = json!({
@@ -261,13 +263,13 @@ fn go(
     Ok(if missed { exit::EXPECTATION_MISSED } else { printed })
 }
 
-/// Tries runs until one misses an expectation, or enough were tried; `None` if a signal ended it.
+/// Tries runs until one misses an expectation, or enough were tried.
 fn look(
     args: &HuntArgs,
     seed: u64,
     runs: &Runs<'_>,
     journal: &mut Journal,
-) -> Result<Option<Tally>, HuntError> {
+) -> Result<Tally, HuntError> {
     let began = Instant::now();
     let otherwise = if args.minutes.is_some() { usize::MAX } else { RUNS };
     let most = args.runs.map_or(otherwise, |runs| runs as usize);
@@ -294,8 +296,7 @@ fn look(
                         why_unsound = why;
                         None
                     }
-                    Err(NotJudged::Panicked(why)) => return Err(HuntError::Panicked(why)),
-                    Err(NotJudged::Stopped) => return Ok(None),
+                    Err(why) => return Err(why.into()),
                 });
             }
             let by = fresh.iter().map(|trial| trial.by.word());
@@ -326,36 +327,33 @@ fn look(
         search.tell(&costs);
     }
     bar.finish_and_clear();
-    Ok(Some(tally))
+    Ok(tally)
 }
 
 fn smallest(margins: &[f64]) -> f64 {
     margins.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// The simplest run that misses the expectation at this place among those hunted; `None` if a signal ended it.
-fn shrink(
-    runs: &Runs<'_>,
-    mut plan: experiment::hunt::plan::Plan,
-    expectation: usize,
-) -> Option<experiment::hunt::plan::Plan> {
+/// The simplest run that misses what this one misses most, and what came of it.
+fn shrink(runs: &Runs<'_>, mut plan: Plan, mut found: Judged) -> Result<(Plan, Judged), HuntError> {
     let mut tried = 0;
-    let missed = |judged: &Result<Judged, NotJudged>| {
-        judged.as_ref().is_ok_and(|judged| judged.margins[expectation] < 0.0)
-    };
+    let expectation = found.smallest();
     'simpler: while tried < SHRINK_RUNS {
         for plans in simpler(&plan, runs.space).chunks(SHRINK_AT_ONCE) {
             tried += plans.len();
-            let judged = runs.judge_all(plans);
-            if judged.iter().any(|judged| matches!(judged, Err(NotJudged::Stopped))) {
-                return None;
+            let all = runs.judge_all(plans);
+            if all.iter().any(|judged| matches!(judged, Err(NotJudged::Stopped))) {
+                return Err(HuntError::Interrupted);
             }
-            if let Some(place) = judged.iter().position(missed) {
-                plan.clone_from(&plans[place]);
+            let judged =
+                plans.iter().zip(all).filter_map(|(plan, judged)| Some((plan, judged.ok()?)));
+            let mut missed = judged.filter(|(_, judged)| judged.margins[expectation] < 0.0);
+            if let Some((simpler, judged)) = missed.next() {
+                (plan, found) = (simpler.clone(), judged);
                 continue 'simpler;
             }
         }
         break;
     }
-    Some(plan)
+    Ok((plan, found))
 }

@@ -21,7 +21,7 @@ use protocol::process::{Stop, exit};
 use super::cell_in_process::InProcess;
 use super::screen::{ProgressLines, complain, print, runs_done, runs_progress, show, tell};
 use outcome::results::manifest::Build;
-use outcome::results::page::quoted;
+use outcome::results::page::command_line;
 use supervisor::spawn::Launcher;
 
 /// Campaigns without `--out` go below this directory.
@@ -145,7 +145,7 @@ fn go(
         let line = |cell: &&Cell| {
             let words = cell.words(campaign, &folder.run(&cell.id));
             let words = [executable.to_string_lossy().into_owned()].into_iter().chain(words);
-            words.map(|word| quoted(&word)).collect::<Vec<_>>().join(" ") + "\n"
+            command_line(words) + "\n"
         };
         return Ok(print(&missing.iter().map(line).collect::<String>()));
     }

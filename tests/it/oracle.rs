@@ -4,10 +4,10 @@
 use agent::brain::Brain;
 use experiment::scenario::Scenario;
 use experiment::scenario::read::{Overrides, read};
-use outcome::metrics::{Measures, Metrics, Rewiring};
-use phalanx::in_process::{Effect, InProcess};
-use protocol::brief::{AgentBrief, Pace};
-use protocol::message::{Contact, TruthHeader, TruthRow};
+use outcome::metrics::Measures;
+use phalanx::in_process::measured::{brain, measure};
+use protocol::brief::AgentBrief;
+use protocol::message::{TruthHeader, TruthRow};
 
 /// `scenarios/<name>.toml`, with these keys set.
 pub fn scenario(name: &str, set: &[&str]) -> Scenario {
@@ -27,9 +27,7 @@ pub fn with_faults(name: &str, set: &[&str], faults: &[&str]) -> Scenario {
 
 /// Simulates `scenario` in lockstep, with its faults, and measures what it would do.
 pub fn simulate(scenario: &Scenario) -> Measures {
-    simulate_with(scenario, &|brief, incarnation| {
-        Brain::new(brief, incarnation).expect("a checked brief")
-    })
+    simulate_with(scenario, &brain)
 }
 
 /// The same with brains made by `think` of a brief and an incarnation.
@@ -42,11 +40,7 @@ pub fn simulate_watched(
     scenario: &Scenario,
     watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
 ) -> Measures {
-    run(
-        scenario,
-        &|brief, incarnation| Brain::new(brief, incarnation).expect("a checked brief"),
-        watch,
-    )
+    run(scenario, &brain, watch)
 }
 
 fn run(
@@ -54,40 +48,9 @@ fn run(
     think: &dyn Fn(&AgentBrief, u64) -> Brain,
     mut watch: impl FnMut(&TruthHeader, &[TruthRow], &[bool]),
 ) -> Measures {
-    let mut metrics = Metrics::new(scenario, Pace::Lockstep);
-    let run = InProcess::new(scenario.clone(), think);
-    let mut run = run.unwrap_or_else(|error| panic!("{error}"));
-    loop {
-        let header = run.world().truth_header();
-        let truth: Vec<TruthRow> = run.world().truth().collect();
-        let alive = run.alive().to_vec();
-        metrics.truth(&header, &truth, &alive);
-        watch(&header, &truth, &alive);
-        if run.is_over() || metrics.ends_early() {
-            return metrics.finish();
-        }
-        run.sense(|effect| match *effect {
-            Effect::Began(fault) => metrics.fault_began(fault, header.t_ns),
-            Effect::Ended { fault, end, at_ns } => metrics.fault_ended(fault, end, at_ns),
-            _ => {}
-        });
-        let mut rewirings = Vec::new();
-        run.step(|robot, turn| {
-            let wish = turn.wish();
-            if turn.brief().deputy.is_some() {
-                let yes = turn.status().0.frame == Contact::Lost as u64;
-                rewirings.push(Rewiring::Leads { robot, yes });
-            }
-            if !turn.brief().spares.is_empty() {
-                let (_, senders) = turn.status();
-                rewirings.extend(senders.map(|sender| Rewiring::GoesBy {
-                    robot,
-                    other: sender.robot as usize - 1,
-                    yes: sender.goes_by == 1,
-                }));
-            }
-            wish
-        });
-        rewirings.into_iter().for_each(|rewiring| metrics.rewired(rewiring));
-    }
+    let measures = measure(scenario, think, |header, rows, alive| {
+        watch(header, rows, alive);
+        true
+    });
+    measures.expect("it goes on to its end")
 }

@@ -200,9 +200,7 @@ fn unpromised(scenario: &Scenario, summary: Option<&Summary>) -> Option<String> 
 fn manifest_line(name: &str, value: &serde_json::Value) -> (String, String) {
     let unix_ns = value.as_u64();
     let in_words = match (name, value, unix_ns) {
-        ("command", serde_json::Value::Array(words), _) => {
-            words.iter().map(|word| quoted(&in_words(word))).collect::<Vec<_>>().join(" ")
-        }
+        ("command", serde_json::Value::Array(words), _) => command_line(words.iter().map(in_words)),
         ("epoch_unix_ns", _, Some(LOCKSTEP_EPOCH_UNIX_NS)) => format!(
             "{}, as of every run in lockstep, so that equal runs give equal bytes",
             date::in_words(LOCKSTEP_EPOCH_UNIX_NS / 1_000_000_000)
@@ -215,8 +213,13 @@ fn manifest_line(name: &str, value: &serde_json::Value) -> (String, String) {
     (name.strip_suffix("_unix_ns").unwrap_or(name).to_owned(), in_words)
 }
 
+/// Words as a POSIX shell reads them.
+pub fn command_line(words: impl Iterator<Item = impl AsRef<str>>) -> String {
+    words.map(|word| quoted(word.as_ref())).collect::<Vec<_>>().join(" ")
+}
+
 /// A word as a POSIX shell reads it.
-pub fn quoted(word: &str) -> String {
+fn quoted(word: &str) -> String {
     let plain = |letter: char| letter.is_ascii_alphanumeric() || "_-./=:,+@%".contains(letter);
     if !word.is_empty() && word.chars().all(plain) {
         return word.to_owned();

@@ -16,8 +16,9 @@ use protocol::catalog::Catalog;
 use protocol::number::short;
 use protocol::process::{Stop, exit};
 
-use crate::in_process::measured;
+use crate::in_process::measured::{self, brain};
 use crate::pool::on_all_cores;
+use crate::verbs::cell_in_process::said_by;
 use crate::verbs::screen::show;
 
 /// How a hunt runs what it tries.
@@ -58,9 +59,7 @@ impl Runs<'_> {
     pub(super) fn judge(&self, plan: &Plan) -> Result<Judged, NotJudged> {
         // What it holds is thrown away with it.
         catch_unwind(AssertUnwindSafe(|| self.run(plan))).unwrap_or_else(|panic| {
-            let said = panic.downcast_ref::<String>().map(String::as_str);
-            let said =
-                said.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a word");
+            let said = said_by(&*panic);
             let overrides = plan.overrides(self.space.scenario());
             Err(NotJudged::Panicked(format!(
                 "{said}, with {:?} {:?}",
@@ -74,7 +73,8 @@ impl Runs<'_> {
         let read = read_text(Path::new("a run of the hunt"), self.text, &overrides, self.catalog);
         let (scenario, text, _) = read.map_err(|why| NotJudged::Unsound(why.message))?;
         let goes_on = || !self.stop.requested();
-        let measures = measured::measure(&scenario, goes_on).ok_or(NotJudged::Stopped)?;
+        let measures = measured::measure(&scenario, &brain, |_, _, _| goes_on());
+        let measures = measures.ok_or(NotJudged::Stopped)?;
         let all = expect::evaluate(&scenario, &measures, Pace::Lockstep, 0, exit::OK);
         let named =
             |name: &String| all.iter().find(|expectation| expectation.name == *name).cloned();

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use formation::graph::Edge;
 use protocol::avoidance::Senses;
 use protocol::brief::{
     AgentBrief, AvoidanceBrief, BodyBrief, DeputyBrief, Format, NeighborBrief, Pace, PlantBrief,
@@ -19,31 +20,28 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
     let leaves_out_liars = robot.liars_max() > 0;
     let leads = |other: usize| scenario.robots[other].role.reference.is_its_own();
     let trusts = |other: usize| leaves_out_liars && leads(other);
-    let edges = scenario.graph.edges().iter().enumerate();
-    let neighbors = edges.filter(|(_, edge)| edge.to == i).map(|(e, edge)| NeighborBrief {
+    let sender = |edge: &Edge, faults: Vec<LinkFault>| NeighborBrief {
         name: scenario.robots[edge.from].name.clone(),
         index: edge.from + 1,
         offset_m: edge.offset_m.into(),
-        faults: faults(scenario, |fault, span, seed| match &fault.kind {
+        faults,
+        lies: lies(scenario, edge.from, i),
+        trusted: trusts(edge.from),
+    };
+    let edges = scenario.graph.edges().iter().enumerate();
+    let neighbors = edges.filter(|(_, edge)| edge.to == i).map(|(e, edge)| {
+        let faults = faults(scenario, |fault, span, seed| match &fault.kind {
             FaultKind::Link { edge, kind } if *edge == e => {
                 Some(LinkFault { span, kind: kind.clone(), seed })
             }
             _ => None,
-        }),
-        lies: lies(scenario, edge.from, i),
-        trusted: trusts(edge.from),
+        });
+        sender(edge, faults)
     });
     let in_graph = scenario.graph.edges().len();
     let receivers = scenario.graph_of_receivers();
     let spares = receivers.edges()[in_graph..].iter().filter(|edge| edge.to == i);
-    let spares = spares.map(|edge| NeighborBrief {
-        name: scenario.robots[edge.from].name.clone(),
-        index: edge.from + 1,
-        offset_m: edge.offset_m.into(),
-        faults: Vec::new(),
-        lies: lies(scenario, edge.from, i),
-        trusted: trusts(edge.from),
-    });
+    let spares = spares.map(|edge| sender(edge, Vec::new()));
     AgentBrief {
         format: Format,
         name: robot.name.clone(),

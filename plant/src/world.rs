@@ -349,9 +349,13 @@ impl<M: Motion> World<M> {
             }
         }
         let kept = within.min(most);
+        let exact = self.faults_of(body, Sensor::Proximity).next().is_none();
         for (item, (place, (_, other))) in sample.near.iter_mut().zip(&near[..kept]).enumerate() {
             let alpha = self.alphas[*other];
-            let off = self.noise_m(body, Sensor::Proximity, item as u64 + 1);
+            let off = match exact {
+                true => Vec2::zeros(),
+                false => self.noise_m(body, Sensor::Proximity, item as u64 + 1),
+            };
             *place = [alpha.x + off.x, alpha.y + off.y];
         }
         if self.velocities_sensed {

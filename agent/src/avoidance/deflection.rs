@@ -367,9 +367,9 @@ impl Deflection {
         let got_m_s = if length > 0.0 { sample.front_velocity.dot(&p) / length } else { 0.0 };
         let wanted_m_s = length / self.period;
         let shares = [wanted_m_s, wanted_m_s - got_m_s].map(|speed| speed / self.v_max);
-        self.patience.observe(self.motion.dt(), sample, shares);
-        let led_around = self.stands_off.is_none() && !self.patience.rests();
         let dt = self.motion.dt();
+        self.patience.observe(dt, sample, shares);
+        let led_around = self.stands_off.is_none() && !self.patience.rests();
         let place = sample.place_velocity - self.place_velocity;
         self.place_velocity += place * (dt / (dt + self.comfort.place_s));
         let limits = self.limits(sample);

@@ -8,11 +8,12 @@
 
 use std::f64::consts::PI;
 
+use crate::check::start_points;
 use crate::scenario::Scenario;
 use crate::scenario::diagnostic::Diagnostic;
 use crate::scenario::table::Value;
 use formation::Vec2;
-use formation::front_point::front_point;
+use formation::pose::Pose;
 use formation::random::SplitMix64;
 use serde::Deserialize;
 
@@ -123,8 +124,7 @@ impl Starts {
             return Err(NoStarts::TooNear { apart_m: self.apart_m, d_m });
         }
         let robots = &scenario.robots;
-        let own: Vec<Vec2> =
-            robots.iter().map(|one| front_point(one.start, one.front_point_m)).collect();
+        let own = start_points(robots);
         let middle = |at: Vec2| vec![at; robots.len()];
         let centers = match self.around {
             Around::Each => own,
@@ -154,10 +154,7 @@ impl Starts {
             let heading_rad = PI - 2.0 * PI * random.unit();
             let ahead = robot.front_point_m * Vec2::new(heading_rad.cos(), heading_rad.sin());
             let axle = place - ahead;
-            format!(
-                "robot.{}.pose={{ x_m = {:?}, y_m = {:?}, heading_rad = {heading_rad:?} }}",
-                robot.name, axle.x, axle.y
-            )
+            starts_at(&robot.name, Pose { x_m: axle.x, y_m: axle.y, heading_rad })
         };
         drawn.extend(places.into_iter().zip(robots).map(start));
         Ok(drawn)
@@ -187,6 +184,12 @@ impl Starts {
     }
 }
 
+/// A robot's start, as `--set` has it.
+pub(crate) fn starts_at(robot: &str, pose: Pose) -> String {
+    let Pose { x_m, y_m, heading_rad } = pose;
+    format!("robot.{robot}.pose={{ x_m = {x_m:?}, y_m = {y_m:?}, heading_rad = {heading_rad:?} }}")
+}
+
 /// With whom each of `robots` changes places: in random order, the first with the second, and so on; the
 /// last three of an odd number go around. One alone stays.
 fn partners(random: &mut SplitMix64, robots: usize) -> Vec<usize> {
@@ -211,6 +214,7 @@ mod tests {
     use super::*;
     use crate::examples::row_of_three;
     use crate::scenario::Wall;
+    use formation::front_point::front_point;
     use formation::obstacle::Obstacle;
     use proptest::prelude::*;
 

@@ -28,6 +28,7 @@ use crate::scenario::{Robot, Scenario};
 
 /// Offsets around a cycle may miss by this much, m: rounding of decimals, and no more.
 const OFFSET_GAP_M_MAX: f64 = 1e-6;
+
 /// All that is wrong or worth knowing, errors first.
 pub fn check(scenario: &Scenario) -> Vec<Finding> {
     let mut findings = unsettled(scenario);

@@ -41,7 +41,7 @@ use formation::front_point::front_point;
 use crate::scenario::Robot;
 
 /// The front points at the start, m.
-fn start_points(robots: &[Robot]) -> Vec<Vec2> {
+pub(crate) fn start_points(robots: &[Robot]) -> Vec<Vec2> {
     robots.iter().map(|robot| front_point(robot.start, robot.front_point_m)).collect()
 }
 

@@ -6,6 +6,7 @@ use std::fmt::{self, Display};
 use formation::pose::Pose;
 use formation::seconds;
 
+use crate::campaign::starts::starts_at;
 use crate::scenario::Scenario;
 use crate::scenario::read::Overrides;
 
@@ -59,12 +60,7 @@ impl Display for PlannedFault {
 impl Plan {
     /// What makes it of the scenario.
     pub fn overrides(&self, scenario: &Scenario) -> Overrides {
-        let start = |(robot, pose): &(usize, Pose)| {
-            let (name, Pose { x_m, y_m, heading_rad }) = (&scenario.robots[*robot].name, pose);
-            format!(
-                "robot.{name}.pose={{ x_m = {x_m:?}, y_m = {y_m:?}, heading_rad = {heading_rad:?} }}"
-            )
-        };
+        let start = |&(robot, pose): &(usize, Pose)| starts_at(&scenario.robots[robot].name, pose);
         let gain = |(key, value): &(String, f64)| format!("{key}={value:?}");
         Overrides {
             set: self.starts.iter().map(start).chain(self.gains.iter().map(gain)).collect(),

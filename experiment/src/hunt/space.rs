@@ -7,8 +7,9 @@ use formation::closest::closest_pair;
 use formation::front_point::front_point;
 use formation::pose::{Pose, wrap_angle};
 
+use crate::check::start_points;
 use crate::hunt::plan::{EVERY, Plan, PlannedFault, rounded};
-use crate::scenario::{HuntBounds, Scenario, Varied};
+use crate::scenario::{HuntBounds, Robot, Scenario, Varied};
 
 /// Digits of a number that is drawn.
 const DIGITS: usize = 3;
@@ -72,8 +73,8 @@ impl Space {
     /// The runs of a scenario within its bounds, in which these vary.
     pub fn new(scenario: &Scenario, vary: &[Varied]) -> Result<Space, EmptySpace> {
         let bounds = HuntBounds { vary: vary.to_vec(), ..scenario.hunt.clone() };
-        let points: Vec<Vec2> = scenario.robots.iter().map(own_front_point).collect();
-        let own_m = closest_pair(&points).map_or(f64::INFINITY, |pair| pair.distance_m);
+        let own_m = closest_pair(&start_points(&scenario.robots))
+            .map_or(f64::INFINITY, |pair| pair.distance_m);
         let mut space = Space {
             apart_m: bounds.apart_m.min(own_m),
             kinds: Vec::new(),
@@ -172,7 +173,7 @@ impl Space {
         let robots = &self.scenario.robots;
         let walls = self.scenario.obstacles();
         let clearance_m = self.scenario.avoidance.clearance_m;
-        let mut points: Vec<Vec2> = robots.iter().map(own_front_point).collect();
+        let mut points = start_points(robots);
         let mut starts = Vec::new();
         for (place, robot) in robots.iter().enumerate() {
             let own = points[place];
@@ -334,10 +335,6 @@ impl Space {
     }
 }
 
-fn own_front_point(robot: &crate::scenario::Robot) -> Vec2 {
-    front_point(robot.start, robot.front_point_m)
-}
-
 /// To the nearest of so many in one.
 pub(super) fn rounded_to(number: f64, in_one: f64) -> f64 {
     // Not -0.
@@ -351,9 +348,8 @@ fn gains(scenario: &Scenario) -> Vec<Vec<(String, f64)>> {
     keys.sort();
     keys.dedup();
     let of_laws = keys.into_iter().map(|key| {
-        let gain = |robot: &crate::scenario::Robot| {
-            Some((format!("robot.{}.{key}", robot.name), *robot.gains.get(key)?))
-        };
+        let gain =
+            |robot: &Robot| Some((format!("robot.{}.{key}", robot.name), *robot.gains.get(key)?));
         scenario.robots.iter().filter_map(gain).collect()
     });
     let of_method = scenario.method.gains.iter().filter_map(|gain| {

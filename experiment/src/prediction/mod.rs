@@ -165,12 +165,15 @@ impl Predictor {
     /// any time without one), and a deputy leads; `None`: none does. Whom no leader reaches
     /// but over spares stands until these are opened; and who comes by where a dead leader stands keeps d from it.
     pub fn peak_m(&self, dead: &[usize], t_s: Option<f64>) -> Option<f64> {
+        let leader = self.leader.filter(|leader| dead.contains(leader))?;
+        let course = self.course.as_ref().filter(|_| !self.deputies.is_empty())?;
         let spares = vec![Vec::new(); self.robots.len()];
         let reduced = Reduced::of(&Predictor { spares, ..self.clone() }, dead, &[], true);
         let leading: Vec<usize> = (0..self.robots.len()).filter(|&i| reduced.leads[i]).collect();
+        if leading.is_empty() {
+            return None;
+        }
         let led = reduced.downstream(&leading);
-        let leader = self.leader.filter(|leader| dead.contains(leader))?;
-        let course = self.course.as_ref().filter(|_| reduced.leads.contains(&true))?;
         let mut peak_m = 0.0f64;
         let keeps_place = |&i: &usize| self.robots[i].reference == Reference::Offsets;
         for i in (0..self.robots.len()).filter(keeps_place).filter(|i| reduced.alive[*i]) {

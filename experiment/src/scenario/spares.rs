@@ -54,7 +54,7 @@ impl Repair {
     /// that follow from the whole graph (Remark 1).
     pub(super) fn spares(&self, scenario: &Scenario) -> Vec<Edge> {
         // Without places the scenario has errors, and is never run.
-        let places = places(scenario).filter(|_| self.after_ns.is_some());
+        let places = self.after_ns.and_then(|_| places(scenario));
         let Some(places) = places else { return Vec::new() };
         let choice = Choice { scenario, order: order(scenario), places: &places };
         let mut spares = Vec::new();

@@ -99,8 +99,9 @@ impl Led {
         })
     }
 
-    /// The frame at the truth of this time, by the leader's true heading, and whether it or a deputy lives. A dead leader's frame
-    /// stays as it was when the last of them died; whoever replaces it begins with the true heading.
+    /// The frame at the truth of this time, by the leader's true heading, and whether it or a deputy
+    /// lives. A dead leader's frame stays as it was when the last of them died; whoever replaces it begins
+    /// with the true heading.
     fn at(&mut self, t_s: f64, heading_rad: f64, alive: bool) -> LeaderFrame {
         let lived = std::mem::replace(&mut self.lived, alive);
         let begins = alive && !lived;

@@ -5,8 +5,9 @@
 //! together. This one is measured against the main leader's true front point and the places that the
 //! whole graph settles in (33), in the leader's frame: of those that keep a place, the offsets
 //! summed along the graph; of the contained, the middle of the ideal places of those they hear (51).
-//! No fault changes the graph in here. A leader with deputies is taken to be where m(t) is: they go on without it. The main leader's own error is its tracking error; that of those
-//! that go to goals is the distance to the goal.
+//! No fault changes the graph in here. A leader with deputies is taken to be where m(t) is: they go on
+//! without it. The main leader's own error is its tracking error; that of those that go to goals is the
+//! distance to the goal.
 //!
 //! Without a leader nobody says where the formation is. It is put where most of the living are: at
 //! the median, along each axis, of where each of them would have it.

@@ -41,9 +41,9 @@ impl Targets {
         self.goals[robot] = Some(goal);
     }
 
-    /// alpha_i - alpha*_i, m: alpha* is m(t) for the leader (25), its place about m(t) for a deputy that leads, the mean of what all heard ask
-    /// for in a formation (13) (24) (45), their mean for a contained robot (46), and of those that go
-    /// to goals the one in force; see `counted` for the silent. `None` for one that has nothing to go by.
+    /// alpha_i - alpha*_i, m: alpha* is m(t) for the leader (25), its place about m(t) for a deputy that
+    /// leads, the mean of what all heard ask for in a formation (13) (24) (45), their mean for a contained
+    /// robot (46), and of those that go to goals the one in force; see `counted` for the silent. `None` for one that has nothing to go by.
     pub(super) fn error(
         &self,
         robot: usize,

@@ -307,7 +307,7 @@ pub(super) fn run_again(
             ended.began
                 && ended.written
                 && !ended.summary.interrupted
-                && checksums::write(out).map_err(|error| complain(&error)).is_ok()
+                && checksums::write(out, out).map_err(|error| complain(&error)).is_ok()
         }
         Err(error) => {
             complain(&error);

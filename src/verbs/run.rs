@@ -208,7 +208,7 @@ impl RunArgs {
 
     /// Draws what was asked for and prints what came out; the exit code.
     fn tell(&self, scenario: &Scenario, ended: &Ended) -> u8 {
-        let checksums = ended.written.then(|| checksums::write(&ended.out));
+        let checksums = ended.written.then(|| checksums::write(&ended.out, &ended.out));
         let is_written = matches!(checksums, Some(Ok(())));
         if let Some(Err(error)) = checksums {
             complain(&format_args!("cannot write checksums into {}: {error}", ended.out.display()));

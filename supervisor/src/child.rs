@@ -249,13 +249,20 @@ pub(crate) fn last_entries(path: &Path, count: usize) -> Vec<Entry> {
     lines[lines.len().saturating_sub(count)..].iter().map(|line| Entry::read(line)).collect()
 }
 
+/// What a law, or a plant, in Python says last where the package is not.
+const NO_PACKAGE: &str = "No module named 'phalanx'";
+/// What to do about it.
+const WITH_PACKAGE: &str = "\n  (activate the virtual environment that has the package, or name its interpreter in `program`)";
+
 /// Lines of a log for a screen.
 pub(crate) fn shown(entries: &[Entry]) -> String {
     let line = |Entry { level, message }: &Entry| match level {
         Some(level) => format!("  {level} {message}"),
         None => format!("  {message}"),
     };
-    entries.iter().map(line).collect::<Vec<_>>().join("\n")
+    let lines = entries.iter().map(line).collect::<Vec<_>>().join("\n");
+    let hint = if lines.contains(NO_PACKAGE) { WITH_PACKAGE } else { "" };
+    lines + hint
 }
 
 /// What every process does first of all, before it has threads or files: a child dies with its

@@ -1,11 +1,11 @@
 //! Damage to the runs of a campaign is named and healed, and no table is made of it.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::campaigns::{NINE, Place, ended};
-use crate::harness::{ExitsWith as _, phalanx, run};
+use crate::harness::{ExitsWith as _, ROOT, in_parallel, phalanx, run};
 
 /// The directories of the runs that are done, or were.
 fn runs(place: &Place) -> Vec<PathBuf> {
@@ -59,6 +59,46 @@ fn damaged_runs_are_named_and_run_again_and_no_others() {
     assert!(!said.contains("damaged"), "{said}");
 }
 
+/// Their figures may be equal: by these nobody tells one from the other.
+#[test]
+fn runs_whose_directories_change_places_are_named_and_run_again() {
+    let place = Place::new(&NINE.replace("seeds = 9", "seeds = 3\nkeep = \"all\""));
+    ended(place.sweep("out", &["--in-process"]), 0);
+    let table = place.file("out/runs.csv");
+    let runs = runs(&place);
+    let aside = place.out("aside");
+    for (from, to) in [(&runs[0], &aside), (&runs[1], &runs[0]), (&aside, &runs[1])] {
+        fs::rename(from, to).unwrap();
+    }
+    let id = |run: &PathBuf| run.file_name().unwrap().to_str().unwrap().to_owned();
+    let is_named = |said: &str| {
+        let why = |at: &PathBuf, is: &PathBuf| {
+            let why = "it is not the run that its directory is called after, but";
+            format!("{} is damaged: {why} {}", at.display(), id(is))
+        };
+        assert!(said.contains(&why(&runs[0], &runs[1])), "{said}");
+        assert!(said.contains(&why(&runs[1], &runs[0])), "{said}");
+    };
+    let said = ended(place.sweep("out", &["--collect"]), 1);
+    is_named(&said);
+    assert_eq!(place.file("out/runs.csv").lines().count(), 2, "no row is of another run");
+    let report = phalanx(["report", "."]).current_dir(&runs[0]).exits_with(1).both();
+    assert!(report.contains(&format!("but {}; the report says so", id(&runs[1]))), "{report}");
+    let said = ended(place.sweep("out", &["--in-process"]), 0);
+    is_named(&said);
+    assert!(said.contains("1 of 3 runs are there already"), "{said}");
+    assert_eq!(place.file("out/runs.csv"), table);
+    // One that changed places under another name is nobody's.
+    fs::remove_dir_all(&runs[0]).unwrap();
+    std::os::unix::fs::symlink(&runs[1], &runs[0]).unwrap();
+    let said = ended(place.sweep("out", &["--collect"]), 1);
+    assert!(said.contains(&format!("but {}", id(&runs[1]))), "{said}");
+    // A copy elsewhere is whole, and sums are those that everybody can compute.
+    Command::new("cp").args(["-r".as_ref(), runs[1].as_os_str(), aside.as_os_str()]).exits_with(0);
+    phalanx(["report".as_ref(), aside.as_os_str()]).exits_with(0);
+    Command::new("sha256sum").args(["-c", "checksums.sha256"]).current_dir(&aside).exits_with(0);
+}
+
 #[test]
 fn the_command_of_a_damaged_run_runs_it_again() {
     let place = Place::new(&NINE.replace("seeds = 9", "seeds = 1"));
@@ -86,6 +126,40 @@ fn whoever_only_looks_at_a_campaign_removes_no_run() {
     assert_eq!(runs(&place).len(), 2);
     ended(place.sweep("out", &["--in-process"]), 0);
     assert!(runs(&place).iter().all(|run| run.join("run.mcap").exists()));
+}
+
+/// Each write, rename, removal and sync is a cut, after which everything is lost that was not synced, or its content, or its
+/// name, or nothing.
+#[test]
+fn whenever_the_power_fails_the_same_command_ends_with_the_same_table() {
+    let place = Place::new(&NINE.replace("seeds = 9", "seeds = 2"));
+    let [library, told] = ["cut.so", "told"].map(|name| place.out(name));
+    let source = Path::new(ROOT).join("tests/power/cut.c");
+    let mut compiler = Command::new("cc");
+    compiler.args(["-shared", "-fPIC", "-o"]).args([&library, &source]).arg("-ldl").exits_with(0);
+    let sweep = |out: &str, cut: usize| {
+        let mut sweep = place.sweep(out, &["--in-process", "--jobs", "1"]);
+        sweep.env("LD_PRELOAD", &library).env("CUT_FOLDER", place.out(out).join("runs"));
+        sweep.env("CUT_AT", cut.to_string()).env("CUT_LOSES", (cut % 4).to_string());
+        sweep
+    };
+    sweep("whole", 0).env("CUT_TOLD", &told).exits_with(0);
+    let told = place.file("told");
+    let (calls, rest) = told.split_once(" calls\n").expect(&told);
+    assert_eq!(rest, "", "what says that runs are complete is synced");
+    let cuts: Vec<usize> = (1..=calls.parse().unwrap()).collect();
+    assert!(cuts.len() > 20, "{told}");
+    let whole = place.file("whole/runs.csv");
+    in_parallel(&cuts, |cut| {
+        let out = format!("cut-{cut}");
+        ended(sweep(&out, *cut), 137);
+        let collected = place.sweep(&out, &["--collect"]).output().unwrap();
+        assert!(matches!(collected.status.code(), Some(0 | 1 | 4)), "{cut}: {collected:?}");
+        let rows = place.file(&format!("{out}/runs.csv"));
+        assert!(rows.lines().all(|row| whole.lines().any(|line| line == row)), "{cut}: {rows}");
+        ended(place.sweep(&out, &["--in-process"]), 0);
+        assert_eq!(place.file(&format!("{out}/runs.csv")), whole, "{cut}");
+    });
 }
 
 #[test]

@@ -3,11 +3,11 @@
 use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 use tempfile::TempDir;
 
-use crate::harness::{Ended, ExitsWith as _, RunRoot, files_below, phalanx, run};
+use crate::harness::{Ended, ExitsWith as _, HANG, PHALANX, RunRoot, files_below, phalanx, run};
 
 const PRECIOUS: &str = "precious\n";
 
@@ -40,7 +40,10 @@ impl Foreign {
 
     #[track_caller]
     fn verb(&self, verb: &str, name: &str, code: i32) -> String {
-        let mut command = phalanx([Path::new(verb), &self.ended.run_dir().join(name)]);
+        // Whoever opens a pipe waits for ever: that ends with 124.
+        let mut command = Command::new("timeout");
+        command.arg(HANG.as_secs().to_string()).args([PHALANX, verb]);
+        command.arg(self.ended.run_dir().join(name)).env("NO_COLOR", "1").stdin(Stdio::null());
         let said = command.env("PHALANX_RUN_ROOT", RunRoot::new().path()).exits_with(code);
         assert_eq!(files_below(self.outside.path()), [self.precious()], "{}", said.both());
         assert_eq!(fs::read_to_string(self.precious()).unwrap(), PRECIOUS, "{}", said.both());
@@ -117,7 +120,6 @@ fn a_run_is_verified_without_what_links_or_pipes_stand_for() {
         assert!(said.contains(&format!("{name}: it is a link to ")), "{said}");
         fs::rename(&kept, &path).unwrap();
     }
-    // Whoever opens a pipe waits for ever.
     fs::remove_file(run_dir.join("samples.csv")).unwrap();
     Command::new("mkfifo").arg(run_dir.join("samples.csv")).exits_with(0);
     let said = foreign.verb("verify", "", 4);

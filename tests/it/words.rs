@@ -39,8 +39,10 @@ fn a_ring_that_echoes_velocities_is_told_the_lines_that_mend_it() {
     let mut check = phalanx(["check", "scenarios/ring-6.toml"]);
     check.args(tanh.iter().flat_map(|set| ["--set", set]));
     let said = check.exits_with(3).stderr;
-    for words in ["`law = \"formation-unit\"`, `speed_m_s = 0.1`", "phalanx new NAME --from ring-6"]
-    {
+    for words in [
+        "`law = \"formation-unit\"` and `speed_m_s = 0.1` in place",
+        "phalanx new NAME --from ring-6",
+    ] {
         assert!(said.contains(words), "{said}");
     }
     // What it says to write.
@@ -88,12 +90,17 @@ fn completions_are_of_the_default_binary_and_help_lists_no_verb_that_cannot_run(
 
 #[test]
 fn a_python_without_the_package_is_told_so() {
-    let folder = scenario("[\"./own.sh\"]", "");
     let says = "echo \"ModuleNotFoundError: No module named 'phalanx'\" >&2; exit 1";
-    script(folder.path(), "own.sh", says);
-    let ended = run_own(folder.path()).lockstep().finish();
-    ended.exits_with(4).leaves_nothing();
-    ended.claim(ended.stderr.contains("activate the virtual environment"), "it is told");
+    // Of a law, and of a plant.
+    for (law, plant) in [("own.sh", "follow.sh"), ("follow.sh", "own.sh")] {
+        let plant = format!("[plant]\nprogram = [\"./{plant}\"]\n");
+        let folder = scenario(&format!("[\"./{law}\"]"), &plant);
+        script(folder.path(), "own.sh", says);
+        script(folder.path(), "follow.sh", "sleep 100");
+        let ended = run_own(folder.path()).lockstep().finish();
+        ended.exits_with(4).leaves_nothing();
+        ended.claim(ended.stderr.contains("activate the virtual environment"), "it is told");
+    }
 }
 
 #[test]

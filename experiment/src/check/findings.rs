@@ -180,8 +180,8 @@ fn echoes(scenario: &Scenario) -> Vec<Finding> {
                 listed(&names, NAMES_MAX)
             ),
             "expected a leader's information to reach them, or a law without feed-forward: \
-             `law = \"formation-unit\"`, `speed_m_s = 0.1`; `phalanx new NAME --from ring-6` writes such a \
-             scenario",
+             `law = \"formation-unit\"` and `speed_m_s = 0.1` in place of their law and its gains; \
+             `phalanx new NAME --from ring-6` writes such a scenario",
         )
     };
     names.first().map(finding).into_iter().collect()

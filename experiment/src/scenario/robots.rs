@@ -134,7 +134,9 @@ fn robot(
     let goal_m = goal_m(table, name, law, laws)?;
     let mut gains = BTreeMap::new();
     for &key in law.gains {
-        let expected = format!("a gain of the law \"{}\", above 0", law.name);
+        let name = law.name;
+        let expected =
+            format!("a gain of the law \"{name}\", above 0; write `{key} = ...` beside `law`");
         let value = table.get(key).ok_or_else(|| table.missing(key, &expected))?;
         let gain = if key == LIARS_MAX { value.whole()? as f64 } else { value.number()? };
         gains.insert(key.to_owned(), gain);

@@ -396,7 +396,11 @@ impl<'t> Value<'t> {
         let text = self.text(&expected)?;
         match words.iter().find(|(word, _)| *word == text) {
             Some((_, meaning)) => Ok(*meaning),
-            None => Err(self.wrong(format!("is \"{text}\""), expected)),
+            None => {
+                let close = meant(text, words.iter().map(|&(word, _)| word));
+                let close = close.map(|close| format!("did you mean \"{close}\"?"));
+                Err(self.wrong(format!("is \"{text}\""), close.unwrap_or(expected)))
+            }
         }
     }
 

@@ -295,7 +295,7 @@ impl Step {
         match self {
             Step::Remove(path) if path.is_dir() => fs::remove_dir_all(path),
             Step::Remove(path) => fs::remove_file(path),
-            Step::WriteChecksums => checksums::write(part),
+            Step::WriteChecksums => checksums::write(part, run),
             Step::Rename => match fs::rename(part, run) {
                 Err(_) if checksums::check(run).is_ok() => fs::remove_dir_all(part),
                 renamed => renamed,

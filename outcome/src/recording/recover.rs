@@ -169,7 +169,7 @@ fn copy(record: &Record<'_>, writer: &mut Writer, recovered: &mut Recovered) -> 
 impl Recovered {
     /// Whether something that had been written is not in the new file, or is changed.
     pub fn is_damaged(&self) -> bool {
-        self.soundness.is_damaged() || self.orphans > 0
+        self.soundness.is_damaged() || self.orphans > 0 || self.messages == 0
     }
 }
 
@@ -185,6 +185,9 @@ impl fmt::Display for Recovered {
             self.metadata
         )?;
         writeln!(f, "lost       {}", self.soundness)?;
+        if self.messages == 0 {
+            writeln!(f, "           every message: no whole one is in it")?;
+        }
         if self.orphans > 0 {
             writeln!(f, "           messages of unknown channels: {}", self.orphans)?;
         }

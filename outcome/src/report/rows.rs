@@ -193,9 +193,16 @@ impl Facts {
         if !late.is_empty() {
             let total: u64 = late.iter().map(|&(_, count)| count).sum();
             let causes = late.iter().map(|(cause, count)| (cause.words(), count));
-            let harm =
-                if summary.deadline_misses == 0 { "; no deadline was missed by it" } else { "" };
-            self.say("late wake-ups", format!("{total}: {}{harm}", counted(causes)));
+            let misses = summary.deadline_misses;
+            let harm = match (misses, summary.commands.expired) {
+                (0, _) => "no deadline was missed by it".to_owned(),
+                (_, 0) => format!("with {misses} deadline misses, and no robot had to stop for it"),
+                (_, expired) => format!(
+                    "with {misses} deadline misses; {expired} times a robot stopped for want of a \
+                     command: that may show in errors and times"
+                ),
+            };
+            self.say("late wake-ups", format!("{total}: {}; {harm}", counted(causes)));
         }
         if let Some(GoalSummary { taken, refused }) = &summary.wall.goals {
             let reasons = counted(refused.iter().map(|(why, count)| (why, count)));
@@ -295,6 +302,9 @@ mod tests {
         assert!(causes.starts_with("7: ") && causes.contains("no cause found 4"), "{causes}");
         assert!(causes.ends_with("; no deadline was missed by it"), "{causes}");
         summary.deadline_misses = 1;
-        assert!(!late(&summary).contains("no deadline"));
+        let missed = late(&summary);
+        assert!(missed.ends_with("; with 1 deadline misses, and no robot had to stop for it"));
+        summary.commands.expired = 6;
+        assert!(late(&summary).contains("; 6 times a robot stopped"), "{}", late(&summary));
     }
 }

@@ -1,5 +1,6 @@
 //! Checksums of a run's files, as `sha256sum -c` takes them: the last thing that is written of a run. A run that has
-//! them was written to its end; what does not fit them was changed or damaged since.
+//! them was written to its end; what does not fit them was changed or damaged since. A run of a campaign says there, too,
+//! which run it is: its directory is called so, and counts as that run.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -41,14 +42,27 @@ pub enum Damage {
     /// A file is another one.
     #[error("{0} is not as the run wrote it")]
     Changed(String),
+    /// It is the run of another directory.
+    #[error("it is not the run that its directory is called after, but {0}")]
+    Another(String),
     /// Nobody knows.
     #[error("cannot read {0}: {1}")]
     Unreadable(String, io::Error),
 }
 
-/// Writes them, and returns once they are on the disk.
-pub fn write(run_dir: &Path) -> io::Result<()> {
-    let mut text = String::new();
+/// In front of the identity of a run of a campaign; to `sha256sum -c` it is a comment.
+const IDENTITY: &str = "# run ";
+
+/// The identity that a directory is called after.
+fn identity(run_dir: &Path) -> Option<String> {
+    let path = std::path::absolute(run_dir).ok()?;
+    let name = path.file_name()?.to_str()?;
+    (name.len() == 64 && name.bytes().all(|byte| byte.is_ascii_hexdigit())).then(|| name.to_owned())
+}
+
+/// Writes them for a run whose directory is called `named` in the end, and returns once they are on the disk.
+pub fn write(run_dir: &Path, named: &Path) -> io::Result<()> {
+    let mut text = identity(named).map_or(String::new(), |id| format!("{IDENTITY}{id}\n"));
     for name in FILES {
         match File::open(run_dir.join(name)) {
             Ok(file) => text += &format!("{}  {name}\n", sha256(file)?),
@@ -85,8 +99,14 @@ pub fn check(run_dir: &Path) -> Result<(), Damage> {
     };
     let listed = open(CHECKSUMS)?.ok_or(Damage::NoChecksums)?;
     let listed = io::read_to_string(listed).map_err(|_| changed(CHECKSUMS))?;
+    let (mut lines, found) = (listed.lines().peekable(), identity(run_dir));
+    let said = lines.next_if(|line| line.starts_with(IDENTITY));
+    let said = said.map(|line| &line[IDENTITY.len()..]);
+    if found.is_some() && found.as_deref() != said {
+        return Err(Damage::Another(said.unwrap_or("none of a campaign").to_owned()));
+    }
     let line = |line| str::split_once(line, "  ").map(|(sum, name)| (name, sum));
-    let listed: Option<BTreeMap<&str, &str>> = listed.lines().map(line).collect();
+    let listed: Option<BTreeMap<&str, &str>> = lines.map(line).collect();
     let mut listed = listed.ok_or_else(|| changed(CHECKSUMS))?;
     listed.remove(RECORDING);
     for name in FILES.into_iter().filter(|&name| name != RECORDING) {

@@ -15,11 +15,6 @@ use crate::room;
 use crate::timeline::{Act, Due};
 use outcome::metrics::fault::End;
 
-/// What a law in Python says last where the package is not.
-const NO_PACKAGE: &str = "No module named 'phalanx'";
-/// What to do about it.
-const WITH_PACKAGE: &str = "\n  (activate the virtual environment that has the package, or name its interpreter in `program`)";
-
 impl Run<'_> {
     /// Does what is due now, if this is a time to act. In lockstep the plant goes on once nothing is
     /// under way.
@@ -120,10 +115,7 @@ impl Run<'_> {
                     if program && self.conduct.starting_up(self.intake.newest.as_ref()) {
                         how += ", before it was ready";
                     }
-                    let mut log = self.processes.last_lines(robot);
-                    if log.contains(NO_PACKAGE) {
-                        log += WITH_PACKAGE;
-                    }
+                    let log = self.processes.last_lines(robot);
                     let robot = self.journal.name(robot).to_owned();
                     return Err(RunError::AgentDied { robot, how, log });
                 }

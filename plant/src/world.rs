@@ -341,9 +341,14 @@ impl<M: Motion> World<M> {
                 let kept = within.min(most);
                 within += 1;
                 // Behind those at the same distance: they stay in scenario order.
-                let place = near[..kept].partition_point(|nearer| nearer.0 <= distance);
+                let mut place = kept;
+                while place > 0 && near[place - 1].0 > distance {
+                    if place < most {
+                        near[place] = near[place - 1];
+                    }
+                    place -= 1;
+                }
                 if place < most {
-                    near.copy_within(place..kept.min(most - 1), place + 1);
                     near[place] = (distance, other);
                 }
             }

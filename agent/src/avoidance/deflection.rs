@@ -218,6 +218,11 @@ struct Limit {
 }
 
 impl Limit {
+    /// Whether it may matter to a displacement of no more than `reach`, m.
+    fn stops_within(&self, reach: f64) -> bool {
+        -self.excess < reach && self.r > 0.0
+    }
+
     /// The displacement `p`, with what it lacks away from the other, and this share of that across: beside a wall
     /// to the side to which p leads anyway.
     fn lead(&self, p: Vec2, around: f64) -> Vec2 {
@@ -317,15 +322,16 @@ impl Deflection {
             let r = z.norm();
             Limit { z, r, excess: -kappa * (r - c_f), is_wall: true }
         }));
+        limits.retain(|limit| limit.stops_within(reach));
         let farthest = self.stands_off.map_or(self.d_f, |taken| taken.d_s.max(self.d_f));
         let farthest = farthest * (1.0 + self.comfort.yields) + reach / self.kappa;
         for mover in self.motion.movers() {
             let r2 = mover.z.norm_squared();
             if r2 < farthest * farthest {
-                limits.push(self.limit(mover, r2.sqrt(), sample));
+                let limit = self.limit(mover, r2.sqrt(), sample);
+                limits.extend(Some(limit).filter(|limit| limit.stops_within(reach)));
             }
         }
-        limits.retain(|limit| -limit.excess < reach && limit.r > 0.0);
         limits
     }
 
@@ -335,13 +341,16 @@ impl Deflection {
         let d_f = self.distance_from(mover);
         let comes_m_s = (mover.velocity - self.place_velocity).dot(&mover.z) / r;
         let share = (comes_m_s / self.comfort.yield_speed_m_s).clamp(0.0, 1.0);
-        // Where two are at the same place there is no direction to come from.
-        let yields = match share > 0.0 {
-            true => self.comfort.yields * share * self.at_its_place(sample),
-            false => 0.0,
+        let beside = |yields: f64| {
+            let excess = -self.kappa * (r - d_f * (1.0 + yields));
+            Limit { z: mover.z, r, excess, is_wall: false }
         };
-        let excess = -self.kappa * (r - d_f * (1.0 + yields));
-        Limit { z: mover.z, r, excess, is_wall: false }
+        // Where two are at the same place there is no direction to come from.
+        let most = if share > 0.0 { self.comfort.yields * share } else { 0.0 };
+        match most > 0.0 && beside(most).stops_within(self.v_max * self.period) {
+            true => beside(most * self.at_its_place(sample)),
+            false => beside(most),
+        }
     }
 
     /// How much the robot gives way: 1 at its place, or where it has given up; 0 far away, or where it has nothing

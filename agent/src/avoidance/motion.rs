@@ -42,6 +42,8 @@ struct Step {
     /// What share of a velocity is taken over from it.
     share: f64,
     v_max: f64,
+    /// Nobody else comes as near to where somebody was, m^2.
+    same2: f64,
     /// Whoever is nearer than this to its anchor is still, m^2.
     still2: f64,
 }
@@ -50,10 +52,6 @@ impl Mover {
     /// Seen for the first time.
     fn new(z: Vec2, at: Vec2) -> Mover {
         Mover { z, velocity: Vec2::zeros(), still_s: 0.0, at, anchor: at }
-    }
-
-    fn is_near(&self, at: Vec2, distance2: f64) -> bool {
-        (self.at - at).norm_squared() < distance2
     }
 
     /// Seen again.
@@ -71,15 +69,10 @@ impl Mover {
 /// Those near, from sample to sample.
 #[derive(Debug)]
 pub struct Motion {
-    v_max: f64,
-    /// Nobody else comes as near to where somebody was, m.
-    same: f64,
     smooth_s: f64,
-    /// Farther away from its anchor than this, m, somebody has moved.
-    still: f64,
     stamp_ns: Option<u64>,
-    /// Time between the last two samples, s.
-    dt: f64,
+    /// Between the last two samples.
+    step: Step,
     movers: Vec<Mover>,
     before: Vec<Mover>,
 }
@@ -89,13 +82,18 @@ impl Motion {
     pub fn new(at: &Conditions<'_>) -> Motion {
         let (d, error) = (at.avoidance.distance_min_m, at.distance_error_m());
         let v_max = at.speed_m_s();
+        let (same, still) = (0.25 * d, (STILL * d).max(3.0 * error));
         Motion {
-            v_max,
-            same: 0.25 * d,
             smooth_s: SMOOTH_S.max(SMOOTH_ERRORS * error / v_max),
-            still: (STILL * d).max(3.0 * error),
             stamp_ns: None,
-            dt: 0.0,
+            step: Step {
+                dt: 0.0,
+                rate: f64::INFINITY,
+                share: 0.0,
+                v_max,
+                same2: same * same,
+                still2: still * still,
+            },
             movers: Vec::new(),
             before: Vec::new(),
         }
@@ -104,45 +102,38 @@ impl Motion {
     /// Takes a sample in, once.
     pub fn observe(&mut self, sample: &Sample<'_>) {
         let nearest = &sample.away[..sample.away.len().min(WATCHED_MAX)];
-        let known = self.movers.iter().map(|mover| &mover.z);
-        if self.stamp_ns == Some(sample.stamp_ns) && known.eq(nearest) {
+        let first = self.movers.first().map(|mover| &mover.z);
+        let same = first == nearest.first() && self.movers.len() == nearest.len();
+        if same && self.stamp_ns == Some(sample.stamp_ns) {
             return;
         }
         let earlier_ns = self.stamp_ns.replace(sample.stamp_ns).unwrap_or(sample.stamp_ns);
         let dt = sample.stamp_ns.saturating_sub(earlier_ns) as f64 / 1e9;
-        self.dt = dt;
-        if self.v_max * dt >= self.same || dt == 0.0 {
-            self.movers.clear();
+        if self.step.dt != dt {
+            let share = dt / (dt + self.smooth_s);
+            self.step = Step { dt, rate: 1.0 / dt, share, ..self.step };
         }
-        let step = Step {
-            dt,
-            rate: 1.0 / dt,
-            share: dt / (dt + self.smooth_s),
-            v_max: self.v_max,
-            still2: self.still * self.still,
-        };
-        let same2 = self.same * self.same;
-        let places = nearest.iter().map(|&z| (z, sample.front_point - z));
-        // The list seldom changes its order.
-        let in_order = self.movers.len() == nearest.len()
-            && places.clone().zip(&self.movers).all(|((_, at), mover)| mover.is_near(at, same2));
-        if in_order {
-            for (mover, (z, at)) in self.movers.iter_mut().zip(places) {
-                *mover = mover.moved(z, at, &step);
-            }
-            return;
+        let step = &self.step;
+        if (step.v_max * dt).powi(2) >= step.same2 || dt == 0.0 {
+            self.movers.clear();
         }
         std::mem::swap(&mut self.movers, &mut self.before);
         self.movers.clear();
-        self.movers.extend(places.map(|(z, at)| {
-            let before = self.before.iter().find(|mover| mover.is_near(at, same2));
-            before.map_or_else(|| Mover::new(z, at), |mover| mover.moved(z, at, &step))
+        self.movers.extend(nearest.iter().enumerate().map(|(place, &z)| {
+            let at = sample.front_point - z;
+            let same = |mover: &&Mover| (mover.at - at).norm_squared() < step.same2;
+            // The list seldom changes its order.
+            let known = self.before.get(place).filter(same);
+            match known.or_else(|| self.before.iter().find(same)) {
+                Some(mover) => mover.moved(z, at, step),
+                None => Mover::new(z, at),
+            }
         }));
     }
 
     /// Time between the last two samples, s.
     pub fn dt(&self) -> f64 {
-        self.dt
+        self.step.dt
     }
 
     /// The nearest, nearest first.

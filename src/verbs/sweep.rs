@@ -1,6 +1,9 @@
 //! `phalanx sweep`: a campaign is run, or what is missing of it, and its tables are written.
 
+mod numbers;
+
 use std::collections::BTreeSet;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -18,6 +21,7 @@ use protocol::brief::Pace;
 use protocol::catalog::Catalog;
 use protocol::process::{Stop, exit};
 
+use self::numbers::Numbers;
 use super::cell_in_process::InProcess;
 use super::screen::{ProgressLines, complain, print, runs_done, runs_progress, show, tell};
 use outcome::results::manifest::Build;
@@ -42,7 +46,7 @@ pub struct SweepArgs {
     jobs: Option<u16>,
     /// Compute the runs in this process, without one for each robot: the same table, sooner. For lockstep.
     /// Runs that need processes still get them.
-    #[arg(long, conflicts_with_all = ["collect", "emit_commands"])]
+    #[arg(long, conflicts_with = "collect")]
     in_process: bool,
     /// Try runs again that were given up because their machinery failed.
     #[arg(long)]
@@ -51,6 +55,13 @@ pub struct SweepArgs {
     /// or a Slurm array.
     #[arg(long, conflicts_with = "collect")]
     emit_commands: bool,
+    /// With --emit-commands: so many runs on each line, one after the other.
+    #[arg(long, value_name = "RUNS", requires = "emit_commands")]
+    chunk: Option<NonZeroUsize>,
+    /// Run only these of those that are missing, by their numbers as in 1-50,73, and write no tables:
+    /// what the lines of --emit-commands --chunk say. Others may run beside it.
+    #[arg(long, value_name = "NUMBERS", conflicts_with_all = ["collect", "emit_commands"])]
+    only: Option<Numbers>,
     /// Run nothing: write the tables of what has arrived.
     #[arg(long)]
     collect: bool,
@@ -71,11 +82,23 @@ pub(super) fn sweep(args: &SweepArgs, catalog: &Catalog, launcher: &Launcher, bu
         );
         return exit::USAGE;
     }
+    if args.in_process && args.emit_commands && args.chunk.is_none() {
+        complain(
+            &"a command line of one run is of its processes: with --in-process add --chunk RUNS",
+        );
+        return exit::USAGE;
+    }
+    let all = campaign.points() * campaign.seeds.len().max(1);
+    if let Some(only) = args.only.as_ref().filter(|only| only.largest() > all) {
+        complain(&format_args!("{} has {all} runs, and --only asks for {only}", campaign.name));
+        return exit::USAGE;
+    }
     let executable = match cells::executable() {
         Ok(executable) => executable,
         Err(error) => return complain(&format_args!("cannot read the executable: {error}")),
     };
-    let cells = match cells::cells(&campaign, catalog, &executable) {
+    let wanted = |number| args.only.as_ref().is_none_or(|only| only.contain(number));
+    let cells = match cells::cells(&campaign, catalog, &executable, wanted) {
         Ok(cells) => cells,
         Err(error) => {
             match &error {
@@ -116,8 +139,8 @@ enum SweepError {
     Pool(#[from] pool::PoolError),
     #[error("cannot handle signals: {0}")]
     Signals(std::io::Error),
-    #[error("cannot say where the executable is: {0}")]
-    Executable(std::io::Error),
+    #[error("cannot say where the executable and the campaign file are: {0}")]
+    Paths(std::io::Error),
 }
 
 fn go(
@@ -134,22 +157,19 @@ fn go(
     if args.retry {
         folder.forgive(cells);
     }
-    // Whoever only looks at what is there, or has it run by others, hinders nobody.
+    // Whoever only looks at what is there, or has it run by others, hinders nobody; nor does one of these.
     let runs = !args.emit_commands && !args.collect;
-    let _lock = runs.then(|| folder.lock()).transpose()?;
+    let _lock = (runs && args.only.is_none()).then(|| folder.lock()).transpose()?;
     let mut states = folder.states(cells, campaign.keep)?;
     say_what_is_there(args, campaign, cells, &folder, &states);
     let missing = to_be_run(cells, &states);
     if args.emit_commands {
-        let executable = std::env::current_exe().map_err(SweepError::Executable)?;
-        let line = |cell: &&Cell| {
-            let words = cell.words(campaign, &folder.run(&cell.id));
-            let words = [executable.to_string_lossy().into_owned()].into_iter().chain(words);
-            command_line(words) + "\n"
-        };
-        return Ok(print(&missing.iter().map(line).collect::<String>()));
+        return Ok(print(&commands(args, campaign, &missing, &folder)?));
     }
-    folder.write("campaign.toml", &std::fs::read_to_string(&campaign.path).unwrap_or_default())?;
+    if args.only.is_none() {
+        let text = std::fs::read_to_string(&campaign.path).unwrap_or_default();
+        folder.write("campaign.toml", &text)?;
+    }
     let mut interrupted = false;
     if runs && !missing.is_empty() {
         let processes = ByProcesses { campaign, folder: &folder, launcher, stop: &stop };
@@ -178,6 +198,9 @@ fn go(
             *known = state(&folder.run(&cell.id), campaign.keep)?;
         }
     }
+    if let (Some(only), false) = (&args.only, interrupted) {
+        return Ok(say_how_many(campaign, only, &states));
+    }
     let damaged = states.iter().filter(|state| matches!(state, State::Damaged(_))).count();
     let rows = table::rows(cells, &folder, states);
     if interrupted {
@@ -195,6 +218,42 @@ fn go(
         (0, _) => exit::INFRASTRUCTURE,
         _ => exit::EXPECTATION_MISSED,
     })
+}
+
+/// A command line for each run that is missing, or for each chunk of them.
+fn commands(
+    args: &SweepArgs,
+    campaign: &Campaign,
+    missing: &[&Cell],
+    folder: &Folder,
+) -> Result<String, SweepError> {
+    let executable = std::env::current_exe().map_err(SweepError::Paths)?;
+    let text = |path: &Path| path.to_string_lossy().into_owned();
+    let line =
+        |words: Vec<String>| command_line([text(&executable)].into_iter().chain(words)) + "\n";
+    let Some(chunk) = args.chunk else {
+        let words = missing.iter().map(|cell| cell.words(campaign, &folder.run(&cell.id)));
+        return Ok(words.map(line).collect());
+    };
+    // Whoever runs it from wherever.
+    let path = campaign.path.canonicalize().map_err(SweepError::Paths)?;
+    let chunks = missing.chunks(chunk.get()).map(|chunk| {
+        let numbers: Numbers = chunk.iter().map(|cell| cell.number).collect();
+        let mut words = vec!["sweep".into(), text(&path), "--out".into(), text(folder.path())];
+        words.extend(["--only".into(), numbers.to_string()]);
+        words.extend(["--jobs", "1"].map(str::to_owned));
+        words.extend(args.in_process.then(|| "--in-process".into()));
+        line(words)
+    });
+    Ok(chunks.collect())
+}
+
+/// Of some runs, how many have a result.
+fn say_how_many(campaign: &Campaign, only: &Numbers, states: &[State]) -> u8 {
+    let done = states.iter().filter(|state| matches!(state, State::Done(_))).count();
+    let (name, all) = (&campaign.name, states.len());
+    let printed = print(&format!("{name}: {done} of {all} runs ({only}) are there\n"));
+    if done == all { printed } else { exit::INFRASTRUCTURE }
 }
 
 /// How many runs came out how.

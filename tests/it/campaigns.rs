@@ -303,6 +303,33 @@ fn commands_printed_for_other_engines_give_the_same_table() {
     assert_eq!(place.file("own/runs.csv"), place.file("theirs/runs.csv"));
 }
 
+#[test]
+fn lines_of_several_runs_give_the_same_table_and_run_only_what_they_say() {
+    let place = Place::new(&NINE.replace("seeds = 9", "seeds = 4"));
+    ended(place.sweep("own", &[]), 0);
+    let said = ended(place.sweep("theirs", &["--only", "2"]), 0);
+    assert!(said.contains("nine: 1 of 1 runs (2) are there\n"), "{said}");
+    assert_eq!((place.complete("theirs"), place.file("theirs/runs.csv")), (1, String::new()));
+    let emit = ["--emit-commands", "--chunk", "2", "--in-process"];
+    let lines = ended(place.sweep("theirs", &emit), 0);
+    let only = lines.lines().map(|line| line.split(" --only ").nth(1).unwrap());
+    let expected = ["1,3 --jobs 1 --in-process", "4 --jobs 1 --in-process"];
+    assert_eq!(only.collect::<Vec<_>>(), expected);
+    for line in lines.lines() {
+        let mut shell = Command::new("sh");
+        // From wherever.
+        shell.args(["-c", line]).current_dir("/");
+        ended(place.prepared(shell), 0);
+    }
+    assert_eq!(ended(place.sweep("theirs", &emit), 0), "");
+    ended(place.sweep("theirs", &["--collect"]), 0);
+    assert_eq!(place.file("own/runs.csv"), place.file("theirs/runs.csv"));
+    let said = ended(place.sweep("theirs", &["--only", "3-5"]), 2);
+    assert!(said.contains("nine has 4 runs, and --only asks for 3-5"), "{said}");
+    let said = ended(place.sweep("theirs", &["--emit-commands", "--in-process"]), 2);
+    assert!(said.contains("add --chunk RUNS"), "{said}");
+}
+
 /// Runs the commands of a campaign through another engine: a line of a shell in which `COMMANDS` is
 /// their file.
 fn through(engine: &str) {

@@ -5,6 +5,7 @@ mod env;
 mod examples;
 mod plant;
 mod runs;
+mod sweep;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -26,11 +26,13 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 from . import _phalanx
 from ._phalanx import Neighbor, Odometry, Pose, Situation, Twist, __version__
+from .campaigns import Campaign, sweep
 from .observation import Observation
 from .plant import Limits, Plant, Robot, Wheels
 from .runs import Figure, Run, RunError, load, run
 
 __all__ = [
+    "Campaign",
     "Controller",
     "Figure",
     "Law",
@@ -51,6 +53,7 @@ __all__ = [
     "parallel_env",
     "run",
     "serve",
+    "sweep",
 ]
 
 if TYPE_CHECKING:

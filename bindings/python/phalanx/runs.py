@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 if TYPE_CHECKING:
     from pandas import DataFrame as _DataFrame  # type: ignore[import-untyped, import-not-found, unused-ignore]
@@ -23,6 +23,8 @@ __all__ = ["Figure", "Run", "RunError", "load", "run"]
 _WENT_TO_ITS_END = (0, 1)
 # A run that is interrupted is given so long to end by itself, s.
 _ENDS_WITHIN_S = 30.0
+# By this variable a process of phalanx knows which parent it is to die with.
+_PARENT = "PHALANX_PARENT"
 
 
 class RunError(RuntimeError):
@@ -32,8 +34,12 @@ class RunError(RuntimeError):
     """The exit code: 2 for a command line, 3 for a scenario that is wrong, 4 for a run that ended early."""
 
     def __init__(self, said: str, code: int) -> None:
-        super().__init__(said)
+        # Both, so that it can be sent from process to process.
+        super().__init__(said, code)
         self.code = code
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 class Figure:
@@ -121,17 +127,29 @@ class Run:
         """The page with everything, and the run replayed."""
         return self.path / "report.html"
 
+    @property
+    def tables(self) -> dict[str, _DataFrame]:
+        """Every table of the run as a frame, by the name of its file: ``"samples"``, ``"latency_over_time"``, and
+        ``"export/poses"`` of what ``phalanx export`` wrote."""
+        found = sorted([*self.path.glob("*.csv"), *self.path.glob("export/*.csv")])
+        names = (path.relative_to(self.path).with_suffix("").as_posix() for path in found)
+        return {name: self._table(name) for name in names}
+
     def _table(self, name: str) -> _DataFrame:
-        path = self.path / f"{name}.csv"
-        try:
-            import pandas
-        except ImportError as error:
-            raise ImportError(
-                f"Run.{name} is a pandas frame, and pandas cannot be imported ({error}): pip install pandas; "
-                f"the table itself is {path}"
-            ) from error
-        # A robot may be called as what pandas takes for no value.
-        return pandas.read_csv(path, keep_default_na=False, na_values=[""])
+        return frame(f"Run.{name}", self.path / f"{name}.csv")
+
+
+def frame(name: str, path: Path) -> _DataFrame:
+    """The table of this name as a frame."""
+    try:
+        import pandas
+    except ImportError as error:
+        raise ImportError(
+            f"{name} is a pandas frame, and pandas cannot be imported ({error}): pip install pandas; "
+            f"the table itself is {path}"
+        ) from error
+    # A robot may be called as what pandas takes for no value.
+    return pandas.read_csv(path, keep_default_na=False, na_values=[""])
 
 
 def load(run_dir: str | os.PathLike[str]) -> Run:
@@ -176,30 +194,42 @@ def run(
         words += ["--fault", fault]
     for assignment in assignments(overrides):
         words += ["--set", assignment]
-    code, said = _call(words)
-    if code not in _WENT_TO_ITS_END:
-        raise RunError(said, code)
+    ended = called(words)
+    if ended.code not in _WENT_TO_ITS_END:
+        raise RunError(ended.said, ended.code)
     return load(directory)
 
 
-def _call(words: Sequence[str]) -> tuple[int, str]:
-    """What the program ends with, and what it says about it."""
+class Ended(NamedTuple):
+    """How ``phalanx`` ended."""
+
+    code: int
+    """Its exit code."""
+    printed: str
+    """Its results, from its standard output."""
+    said: str
+    """What it said about it, from its standard error."""
+
+
+def called(words: Sequence[str], *, ends_with_caller: bool = False) -> Ended:
+    """Calls ``phalanx``. With ``ends_with_caller`` it dies with this process, even where that one is killed."""
     scripts = sysconfig.get_path("scripts")
     # The programs of this environment first: `python3` is then one that has this package.
     path = os.pathsep.join([scripts, os.environ.get("PATH", os.defpath)])
     program = shutil.which("phalanx", path=path)
     if program is None:
         raise RunError(f"there is no program `phalanx` in {scripts}: install the package again", 2)
+    parent = {_PARENT: str(os.getpid())} if ends_with_caller else {}
     process = subprocess.Popen(
         [program, *words],
         stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PATH": path, "NO_COLOR": "1"},
+        env={**os.environ, **parent, "PATH": path, "NO_COLOR": "1"},
     )
     try:
-        _, said = process.communicate()
+        printed, said = process.communicate()
     except BaseException:
         process.send_signal(signal.SIGINT)
         try:
@@ -207,7 +237,7 @@ def _call(words: Sequence[str]) -> tuple[int, str]:
         except subprocess.TimeoutExpired:
             process.kill()
         raise
-    return process.returncode, said.strip()
+    return Ended(process.returncode, printed, said.strip())
 
 
 def _unused(name: str) -> Path:

@@ -22,6 +22,8 @@ use crate::campaign::starts::NoStarts;
 /// One run of a campaign.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cell {
+    /// Its row in the whole table, from 1 on.
+    pub number: usize,
     /// The point of the grid.
     pub point: usize,
     /// Its seed.
@@ -69,11 +71,12 @@ pub enum CellError {
     },
 }
 
-/// All runs: seeds within points of the grid.
+/// The runs whose numbers are `wanted`, in their order: seeds within points of the grid.
 pub fn cells(
     campaign: &Campaign,
     catalog: &Catalog,
     executable: &str,
+    wanted: impl Fn(usize) -> bool,
 ) -> Result<Vec<Cell>, CellError> {
     let mut cells = Vec::new();
     for point in 0..campaign.points() {
@@ -89,7 +92,8 @@ pub fn cells(
             true => vec![None],
             false => campaign.seeds.iter().copied().map(Some).collect(),
         };
-        for seed in seeds {
+        let first = point * seeds.len() + 1;
+        for (number, seed) in (first..).zip(seeds).filter(|(number, _)| wanted(*number)) {
             let run = || in_words(campaign, &settings, seed);
             let refused =
                 |diagnostic| CellError::Scenario { diagnostic: Box::new(diagnostic), run: run() };
@@ -123,6 +127,7 @@ pub fn cells(
                 hash.update(text);
             }
             cells.push(Cell {
+                number,
                 point,
                 seed: scenario.seed,
                 id: hex(&hash.finalize()),

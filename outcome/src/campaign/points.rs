@@ -205,6 +205,7 @@ mod tests {
         let catalog = Catalog { laws: Vec::new(), methods: Vec::new() };
         let campaign = read_text(&path, text, &catalog).unwrap();
         let cell = |point: usize, seed: u64| Cell {
+            number: 1,
             point,
             seed,
             id: format!("{point}{seed}"),

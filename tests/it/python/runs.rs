@@ -9,20 +9,20 @@ use super::{ROOT, path};
 use crate::harness::RunRoot;
 
 /// A folder with the shipped scenarios, and a run root.
-struct Desk {
-    folder: TempDir,
-    run_root: RunRoot,
+pub(super) struct Desk {
+    pub(super) folder: TempDir,
+    pub(super) run_root: RunRoot,
 }
 
 impl Desk {
-    fn new() -> Desk {
+    pub(super) fn new() -> Desk {
         let folder = tempfile::tempdir().unwrap();
         let scenarios = Path::new(ROOT).join("scenarios");
         std::os::unix::fs::symlink(scenarios, folder.path().join("scenarios")).unwrap();
         Desk { folder, run_root: RunRoot::new() }
     }
 
-    fn python(&self, words: &[&str]) -> Output {
+    pub(super) fn python(&self, words: &[&str]) -> Output {
         let mut command = Command::new("python3");
         command.args(words).current_dir(self.folder.path()).env("PATH", path());
         command.env("PHALANX_RUN_ROOT", self.run_root.path()).output().unwrap()
@@ -30,7 +30,7 @@ impl Desk {
 
     /// What a program prints, which has to end well.
     #[track_caller]
-    fn says(&self, program: &str) -> String {
+    pub(super) fn says(&self, program: &str) -> String {
         let output = self.python(&["-c", &format!("import phalanx\n{program}")]);
         let said = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.success(), "{said}");

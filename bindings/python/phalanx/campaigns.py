@@ -1,0 +1,236 @@
+"""Campaigns: run on this machine or by the workers of any executor, and read as pandas frames."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import socket
+import warnings
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError, Future
+from functools import cached_property
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+from .runs import Run, RunError, called, frame, load
+
+if TYPE_CHECKING:
+    from pandas import DataFrame as _DataFrame  # type: ignore[import-untyped, import-not-found, unused-ignore]
+
+__all__ = ["Campaign", "sweep"]
+
+# Exit codes of `phalanx sweep`.
+_REFUSED = (2, 3)
+_GIVEN_UP = 4
+
+
+class _Submits(Protocol):
+    """What is asked of an executor: the ``submit`` of ``concurrent.futures.Executor``."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]: ...
+
+
+class Campaign:
+    """The folder of a campaign, read when it is asked. All quantities are SI.
+
+    ``runs``, ``timing``, ``statistics`` and ``pairs`` are pandas frames, and need pandas. Every column of the
+    first two: docs/reference/files.md.
+    """
+
+    path: Path
+    """The folder."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        """Raises FileNotFoundError for a folder that ``phalanx sweep`` has not written."""
+        self.path = Path(path)
+        if not (self.path / "campaign.json").is_file():
+            raise FileNotFoundError(
+                f"{path} is no campaign's folder: it has no campaign.json; expected the folder that `phalanx sweep` "
+                "has written"
+            )
+
+    def __repr__(self) -> str:
+        return f"Campaign({str(self.path)!r})"
+
+    @cached_property
+    def document(self) -> dict[str, Any]:
+        """``campaign.json``: axes, seeds, executable, and the numbers of the report."""
+        document: dict[str, Any] = json.loads((self.path / "campaign.json").read_text())
+        return document
+
+    @cached_property
+    def runs(self) -> _DataFrame:
+        """One row for each run: the value of each axis, ``seed``, ``outcome``, ``min_distance_m``, ..., ``run``."""
+        return frame("Campaign.runs", self.path / "runs.csv")
+
+    @cached_property
+    def timing(self) -> _DataFrame:
+        """One row for each run: what depends on the machine."""
+        return frame("Campaign.timing", self.path / "timing.csv")
+
+    @cached_property
+    def statistics(self) -> _DataFrame:
+        """One row for each combination of settings, with the numbers of the report.
+
+        A rate, such as ``held``, is five columns: ``held_count`` of ``held_of`` runs, ``held``, and Wilson's interval of 95 %
+        from ``held_low`` to ``held_high``. A median, such as ``converged_at_s``, is ``converged_at_s_of`` runs, of
+        which ``converged_at_s_never`` have none, ``converged_at_s``, and its bootstrap interval of 95 %. NaN: the data
+        give no such number.
+        """
+        return self._rows("statistics", "points")
+
+    @cached_property
+    def pairs(self) -> _DataFrame:
+        """Every combination of settings against the first, seed by seed, as in the report."""
+        return self._rows("pairs", "pairs")
+
+    @property
+    def report(self) -> Path:
+        """The page with everything."""
+        return self.path / "report.html"
+
+    def run(self, identity: str) -> Run:
+        """A run by its identity, the column ``run``. Which of its tables there are, ``keep`` of the campaign says."""
+        return load(self.path / "runs" / identity)
+
+    def _rows(self, name: str, key: str) -> _DataFrame:
+        try:
+            import pandas
+        except ImportError as error:
+            raise ImportError(
+                f"Campaign.{name} is a pandas frame, and pandas cannot be imported ({error}): pip install pandas; "
+                f"the numbers are `{key}` in {self.path / 'campaign.json'}"
+            ) from error
+        return pandas.DataFrame([_flat(row) for row in self.document[key]])
+
+
+def _flat(row: dict[str, Any]) -> dict[str, Any]:
+    """One row of ``campaign.json``: its settings and estimates as columns."""
+    columns: dict[str, Any] = {}
+    for key, value in row.items():
+        if key == "settings":
+            columns.update(value)
+        elif isinstance(value, dict):
+            estimate = value.get("rate", value.get("median")) or {}
+            counts = (name for name in value if name not in ("rate", "median"))
+            columns.update({f"{key}_{name}": value[name] for name in counts})
+            columns[key] = estimate.get("value")
+            columns.update({f"{key}_{end}": estimate.get(end) for end in ("low", "high")})
+        else:
+            columns[key] = value
+    return columns
+
+
+def sweep(
+    campaign: str | os.PathLike[str],
+    *,
+    executor: _Submits | None = None,
+    out: str | os.PathLike[str] | None = None,
+    chunk: int = 1,
+    in_process: bool = False,
+    retry: bool = False,
+    wait_s: float = 3600.0,
+) -> Campaign:
+    """Runs what is missing of a campaign, and gives its folder.
+
+    ``executor``: whose workers compute the runs: any ``concurrent.futures.Executor``, such as a ``ProcessPoolExecutor``,
+    ``Client.get_executor()`` of Dask or ``mpi4py.futures.MPIPoolExecutor``; without, ``phalanx sweep`` on all cores
+    of this machine. Workers need this package in the same version, and the campaign, its scenario and ``out`` at the same
+    paths. In lockstep the tables are those of ``phalanx sweep``, byte for byte.
+
+    ``out``: the folder; else ``runs/campaigns/NAME``. ``chunk``: so many runs for each task, one after the other.
+    ``in_process``: compute each run in one process, without one for each robot: the same table, sooner.
+    ``retry``: try runs again that were given up. ``wait_s``: how long to wait for the next task to end, s; an
+    executor whose workers are all lost may never say so.
+
+    Raises RunError for a campaign that is wrong, and if runs are missing in the end, with how many are there and why. The same
+    call goes on then. A run whose machinery failed three times is no error: a warning says how many there are, and
+    ``runs.outcome`` says ``"infrastructure"``.
+    """
+    words = [os.fspath(campaign)]
+    words += ["--out", os.fspath(out)] if out is not None else []
+    more = ["--in-process"] if in_process else []
+    more += ["--retry"] if retry else []
+    if executor is None:
+        return _collected(called(["sweep", *words, *more]), "")
+    if not callable(getattr(executor, "submit", None)):
+        raise TypeError(
+            f"executor={executor!r} has no method submit: expected a concurrent.futures.Executor, such as "
+            "ProcessPoolExecutor() or Dask's Client.get_executor()"
+        )
+    ended = called(["sweep", *words, *more, "--emit-commands", "--chunk", str(chunk)])
+    if ended.code != 0:
+        raise RunError(ended.said, ended.code)
+    commands = [shlex.split(line)[1:] for line in ended.printed.splitlines()]
+    why = _run_by(executor, commands, wait_s)
+    return _collected(called(["sweep", *words, "--collect"]), why)
+
+
+class _Task(NamedTuple):
+    """How a task of an executor ended."""
+
+    host: str
+    code: int
+    said: str
+
+
+def _task(command: Sequence[str]) -> _Task:
+    """Runs what is missing of a chunk, on a worker, with the program of the worker's environment."""
+    ended = called(command, ends_with_caller=True)
+    return _Task(socket.gethostname(), ended.code, ended.said)
+
+
+def _run_by(executor: _Submits, commands: Sequence[Sequence[str]], wait_s: float) -> str:
+    """Has an executor run the commands: what went wrong first, in words, or nothing."""
+    ended: SimpleQueue[Future[_Task]] = SimpleQueue()
+    tasks: list[Future[_Task]] = []
+    why = ""
+    try:
+        for command in commands:
+            tasks.append(executor.submit(_task, command))
+            tasks[-1].add_done_callback(ended.put)
+    except Exception as error:
+        why = f"the executor takes no more tasks ({_named(error)})"
+    try:
+        for _ in tasks:
+            try:
+                task = ended.get(timeout=wait_s).result()
+            except Empty:
+                return why or f"no task ended for {wait_s:g} s, which is `wait_s`: are there workers?"
+            except (Exception, CancelledError) as error:
+                why = why or f"the executor failed ({_named(error)})"
+                continue
+            if task.code in _REFUSED:
+                return f"a worker on {task.host} refused it:\n{task.said}"
+    finally:
+        for future in tasks:
+            future.cancel()
+    return why
+
+
+def _named(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}".rstrip(": ")
+
+
+def _collected(ended: Any, why: str) -> Campaign:
+    """The campaign of which tables were just written, unless runs are missing."""
+    summary, _, path = ended.printed.rstrip().rpartition("\nwritten to ")
+    if ended.code in _REFUSED or not path:
+        raise RunError(ended.said, ended.code)
+    campaign = Campaign(path)
+    missing = sum(point["missing"] for point in campaign.document["points"])
+    if missing > 0:
+        why = why or ended.said or (
+            "its tasks ended well elsewhere: do all workers share this folder, and have they the same "
+            "build of phalanx?"
+        )
+        raise RunError(
+            f"{summary}: {why}\nWhat is there stays in {path}: call phalanx.sweep again, with an executor that works, and "
+            "what is missing is run.",
+            _GIVEN_UP,
+        )
+    if ended.code == _GIVEN_UP:
+        warnings.warn(f"{summary}; retry=True tries them again", stacklevel=3)
+    return campaign

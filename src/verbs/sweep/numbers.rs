@@ -1,0 +1,78 @@
+//! Some runs of a campaign by their numbers, as in `1-50,73`.
+
+use std::fmt;
+use std::ops::RangeInclusive;
+use std::str::FromStr;
+
+/// Ranges of numbers, from 1 on.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Numbers(Vec<RangeInclusive<usize>>);
+
+impl Numbers {
+    pub(super) fn contain(&self, number: usize) -> bool {
+        self.0.iter().any(|range| range.contains(&number))
+    }
+
+    pub(super) fn largest(&self) -> usize {
+        self.0.iter().map(|range| *range.end()).max().unwrap_or(0)
+    }
+}
+
+/// Of numbers in their order.
+impl FromIterator<usize> for Numbers {
+    fn from_iter<I: IntoIterator<Item = usize>>(numbers: I) -> Numbers {
+        let mut ranges: Vec<RangeInclusive<usize>> = Vec::new();
+        for number in numbers {
+            match ranges.last_mut() {
+                Some(last) if last.end() + 1 == number => *last = *last.start()..=number,
+                _ => ranges.push(number..=number),
+            }
+        }
+        Numbers(ranges)
+    }
+}
+
+impl FromStr for Numbers {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Numbers, Self::Err> {
+        let range = |part: &str| {
+            let (first, last) = part.split_once('-').unwrap_or((part, part));
+            let (first, last) = (first.parse().ok()?, last.parse().ok()?);
+            (0 < first && first <= last).then_some(first..=last)
+        };
+        let ranges: Option<_> = text.split(',').map(range).collect();
+        ranges.map(Numbers).ok_or("expected numbers of runs from 1 on, as in 1-50,73")
+    }
+}
+
+impl fmt::Display for Numbers {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (place, range) in self.0.iter().enumerate() {
+            let comma = if place == 0 { "" } else { "," };
+            match (range.start(), range.end()) {
+                (first, last) if first == last => write!(f, "{comma}{first}")?,
+                (first, last) => write!(f, "{comma}{first}-{last}")?,
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_read_as_they_are_written() {
+        let numbers: Numbers = [1, 2, 3, 7, 9, 10].into_iter().collect();
+        assert_eq!(numbers.to_string(), "1-3,7,9-10");
+        assert_eq!(numbers.to_string().parse(), Ok(numbers.clone()));
+        let contained = (0..12).filter(|&number| numbers.contain(number));
+        assert_eq!(contained.collect::<Vec<_>>(), [1, 2, 3, 7, 9, 10]);
+        assert_eq!(numbers.largest(), 10);
+        for wrong in ["", "0", "3-1", "1,", "1-", "a", "1-2-3", "-1"] {
+            assert!(wrong.parse::<Numbers>().is_err(), "{wrong}");
+        }
+    }
+}

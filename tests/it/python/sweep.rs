@@ -1,0 +1,108 @@
+//! Campaigns from Python: by any executor the table of `phalanx sweep`, whoever of its workers is killed.
+
+use std::path::Path;
+
+use super::runs::Desk;
+use super::{ROOT, installed};
+use crate::campaigns::NINE;
+use crate::harness::ExitsWith as _;
+
+/// A desk with a campaign of twelve runs.
+fn desk() -> Desk {
+    let desk = Desk::new();
+    let text = NINE.replace("SCENARIOS", "scenarios").replace("seeds = 9", "seeds = 12");
+    std::fs::write(desk.folder.path().join("campaign.toml"), text).unwrap();
+    desk
+}
+
+fn table(desk: &Desk, out: &str) -> String {
+    std::fs::read_to_string(desk.folder.path().join(out).join("runs.csv")).unwrap()
+}
+
+/// That a folder has the table that the command line makes of the same campaign.
+#[track_caller]
+fn has_the_table_of_the_command_line(desk: &Desk, out: &str) {
+    let mut sweep = installed();
+    sweep.args(["sweep", "campaign.toml", "--out", "own"]).current_dir(desk.folder.path());
+    sweep.env("PHALANX_RUN_ROOT", desk.run_root.path()).exits_with(0);
+    assert_eq!(table(desk, out), table(desk, "own"));
+}
+
+#[track_caller]
+fn by(desk: &Desk, executor: &str) -> String {
+    let program = Path::new(ROOT).join("tests/python/by_executors.py");
+    let output = desk.python(&[program.to_str().unwrap(), executor]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn a_worker_of_dask_is_killed_and_the_table_is_that_of_the_command_line() {
+    let desk = desk();
+    let expected = "killed in the middle True gone True\n1 12 0 12 12 0\nTrue\nTrue\nTrue\n";
+    assert_eq!(by(&desk, "dask"), expected);
+    has_the_table_of_the_command_line(&desk, "dask");
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn a_pool_that_is_killed_says_how_many_runs_are_there_and_another_one_goes_on() {
+    let desk = desk();
+    let said = by(&desk, "pool");
+    let lines: Vec<&str> = said.lines().collect();
+    let [message, how, seen, all] = lines[..] else { panic!("{said}") };
+    let there = seen.strip_prefix("killed in the middle True there ").unwrap();
+    let begins =
+        format!("4 nine: {there} of 12 runs, {} are missing", 12 - there.parse::<u32>().unwrap());
+    assert!(message.starts_with(&begins), "{said}");
+    assert!(message.contains(": the executor failed (BrokenProcessPool: "), "{said}");
+    assert!(how.contains("call phalanx.sweep again, with an executor that works"), "{said}");
+    assert_eq!(all, "12");
+    has_the_table_of_the_command_line(&desk, "pool");
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn what_is_no_executor_and_what_has_no_workers_says_so() {
+    let desk = desk();
+    let said = desk.says(
+        "from concurrent.futures import Executor, Future\n\
+         class Nobody(Executor):\n\
+         \x20   def submit(self, *words): return Future()\n\
+         for words in [dict(executor=Nobody(), wait_s=0.2), dict(executor=3), dict(out='scenarios/triangle.toml'), {}]:\n\
+         \x20   file = 'campaign.toml' if words else 'scenarios/triangle.toml'\n\
+         \x20   try: phalanx.sweep(file, **{'out': 'none', **words})\n\
+         \x20   except (phalanx.RunError, TypeError) as error: print(str(error).splitlines()[0])\n\
+         try: phalanx.Campaign('scenarios')\n\
+         except FileNotFoundError as error: print(error)",
+    );
+    let lines: Vec<&str> = said.lines().collect();
+    let expected = [
+        "nine: 0 of 12 runs, 12 are missing: no task ended for 0.2 s, which is `wait_s`: are there workers?",
+        "executor=3 has no method submit: expected a concurrent.futures.Executor, such as ProcessPoolExecutor() or \
+         Dask's Client.get_executor()",
+        "error: cannot make scenarios/triangle.toml/runs: Not a directory (os error 20)",
+        "error: the campaign has no key `duration_s`",
+        "scenarios is no campaign's folder: it has no campaign.json; expected the folder that `phalanx sweep` has written",
+    ];
+    assert_eq!(lines, expected);
+}
+
+#[test]
+#[ignore = "needs the package that tests/python/install installs"]
+fn every_table_of_a_run_is_a_frame() {
+    let desk = Desk::new();
+    let said = desk.says(
+        "import subprocess\n\
+         run = phalanx.run('scenarios/triangle.toml', pace='lockstep', out='a', draw=False, duration_s=0.5, expect={})\n\
+         subprocess.run(['phalanx', 'export', 'a'], check=True, capture_output=True)\n\
+         tables = phalanx.load('a').tables\n\
+         print(*tables)\n\
+         print(tables['samples'].equals(run.samples), tables['export/poses'].columns[1])",
+    );
+    let expected = "events export/commands export/distances export/errors export/events export/poses latency \
+                    latency_over_time pairs samples\nTrue robot\n";
+    assert_eq!(said, expected);
+}

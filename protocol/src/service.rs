@@ -61,7 +61,7 @@ const NAMES: &str = "names have 1 to 255 bytes";
 const CREATING: &str =
     "a name can be created once in a run, and the file system of the run root must not be full";
 const SENDING: &str = "it has room for one sender and its replacement, and the dead count until \
-     the supervisor cleaned up";
+     the supervisor cleaned up; a limit of file sizes (`ulimit -f`) holds for shared memory, too";
 const RECEIVING: &str =
     "its room for receivers was counted from the formation graph when the run began";
 

@@ -48,8 +48,8 @@ pub(super) fn export(args: &ExportArgs) -> u8 {
         Err(error) => {
             let code = complain(&error);
             match error {
-                ExportError::Damaged(..) => exit::EXPECTATION_MISSED,
-                ExportError::Write(..) | ExportError::Message(..) => code,
+                ExportError::Damaged(..) | ExportError::Message(..) => exit::EXPECTATION_MISSED,
+                ExportError::Write(..) => code,
                 _ => exit::USAGE,
             }
         }

@@ -113,6 +113,15 @@ fn a_full_disk_ends_the_run_with_4_and_keeps_what_was_written() {
 }
 
 #[test]
+fn a_limit_of_file_sizes_that_shared_memory_does_not_fit_into_is_told() {
+    let mut limited = limited_by("ulimit -f 200");
+    limited.args(["run", "scenarios/triangle.toml"]);
+    let ended = Phalanx::new(limited).lockstep().finish();
+    ended.exits_with(4).leaves_nothing();
+    ended.claim(ended.stderr.contains("`ulimit -f`"), "it says what to look at");
+}
+
+#[test]
 fn on_a_disk_that_is_full_to_the_last_block_the_summary_and_the_verdict_survive() {
     let place = tempfile::Builder::new().prefix("phx").tempdir_in("/dev/shm").unwrap();
     let [disk, kept] = ["disk", "kept"].map(|name| place.path().join(name));

@@ -55,7 +55,7 @@ const CHANGES: [(&str, u8, Change); 5] = [
     ("the length of a chunk", CHUNK, |bytes, at, _| put(bytes, at + 1, 1 << 40, 8)),
     ("how large a chunk is", CHUNK, |bytes, at, _| put(bytes, at + 25, 1 << 40, 8)),
     ("a chunk up to the end", CHUNK, chunk_to_the_end),
-    ("a chunk of 3 GB", CHUNK, |bytes, at, _| put(bytes, at + 1, 3 << 30, 8)),
+    ("chunks of 3 GB", CHUNK, chunks_of_3_gb),
 ];
 
 #[test]
@@ -75,6 +75,14 @@ fn a_recording_that_ends_before_its_first_message_says_that_all_is_lost() {
         assert!(said.contains("every message: no whole one is in it"), "{at}: {said}");
         let said = phalanx(["recover".as_ref(), out.as_os_str()]).exits_with(0).stdout;
         assert!(said.contains("is whole"), "{at}: {said}");
+    }
+}
+
+/// The chunk is, and what is found first behind its header.
+fn chunks_of_3_gb(bytes: &mut [u8], at: usize, _: usize) {
+    for at in [at, at + 100] {
+        bytes[at] = CHUNK;
+        put(bytes, at + 1, 3 << 30, 8);
     }
 }
 
@@ -159,7 +167,7 @@ fn no_length_of_a_recording_is_trusted_and_every_loss_is_said() {
         let mut changed = bytes.clone();
         change(&mut changed, place, length);
         std::fs::write(at("run.mcap"), changed).unwrap();
-        if what == "a chunk of 3 GB" {
+        if what == "chunks of 3 GB" {
             let file = std::fs::File::options().write(true).open(at("run.mcap")).unwrap();
             file.set_len(4 << 30).unwrap();
         }

@@ -86,7 +86,23 @@ pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<Exported, E
         io::ErrorKind::AlreadyExists => ExportError::Exists(out.into()),
         _ => ExportError::Write(out.into(), error),
     })?;
-    let mut tables = Tables::create(out)?;
+    let tables = Tables::create(out)?;
+    let filled = fill(tables, pieces, &run, file);
+    if matches!(filled, Err(ExportError::Message(..))) {
+        // Half of it would be taken for all.
+        let _ = fs::remove_dir_all(out);
+    }
+    Ok(Exported { tables: filled?, soundness })
+}
+
+/// Writes the messages of these pieces into the tables; what these are called, and how many rows each has.
+fn fill(
+    mut tables: Tables,
+    pieces: Pieces,
+    run: &Run,
+    file: &Path,
+) -> Result<Vec<(&'static str, u64)>, ExportError> {
+    let unreadable = |error| ExportError::Read(file.into(), error);
     let mut channels = HashMap::new();
     for piece in pieces {
         match piece.map_err(unreadable)? {
@@ -97,13 +113,13 @@ pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<Exported, E
             Record::Message { header, data } => {
                 let Some((topic, Some(kind))) = channels.get(&header.channel_id) else { continue };
                 let t_s = seconds(header.log_time.saturating_sub(run.started_unix_ns));
-                let is_taken = tables.take(*kind, t_s, &run, &data)?;
+                let is_taken = tables.take(*kind, t_s, run, &data)?;
                 is_taken.ok_or_else(|| ExportError::Message(file.into(), topic.clone(), t_s))?;
             }
             _ => {}
         }
     }
-    Ok(Exported { tables: tables.finish()?, soundness })
+    tables.finish()
 }
 
 /// How far a file is whole: all of it is read.

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use mcap::records::{Record, op};
+use mcap::records::{MessageHeader, Record, op};
 use proptest::prelude::*;
 use tempfile::TempDir;
 
@@ -190,6 +190,23 @@ fn layout(bytes: &[u8]) -> Vec<(u8, usize, usize)> {
 }
 
 #[test]
+fn what_is_called_a_message_outside_of_chunks_is_none() {
+    let (scratch, path) = recorded(50);
+    let (bytes, all) = (fs::read(&path).unwrap(), messages(&path));
+    let (bad, out) = (scratch.path().join("bad.mcap"), scratch.path().join("out.mcap"));
+    let others = layout(&bytes).into_iter().filter(|(kind, ..)| *kind != op::CHUNK);
+    for (kind, at, _) in others {
+        let mut bytes = bytes.clone();
+        bytes[at] = op::MESSAGE;
+        fs::write(&bad, &bytes).unwrap();
+        let found = recovered(&bad, &out);
+        assert!(found.is_damaged(), "{kind}: {found:?}");
+        assert!(messages(&out) == all, "{kind} at {at}");
+        fs::remove_file(&out).unwrap();
+    }
+}
+
+#[test]
 fn the_seconds_lost_are_those_between_what_is_left() {
     let (scratch, path) = recorded(2000);
     let (bytes, all) = (fs::read(&path).unwrap(), messages(&path));
@@ -354,6 +371,19 @@ fn an_export_never_overwrites_and_refuses_what_is_no_run() {
     fs::write(at("noise"), "noise").unwrap();
     let error = export(&at("noise"), &at("out"), false).unwrap_err();
     assert!(matches!(error, ExportError::Foreign(_)), "{error}");
+    // Whole, and of a run, but what is on its topic is no event.
+    let facts = Pieces::open(&path).unwrap().map(Result::unwrap).find_map(|record| match record {
+        Record::Metadata(facts) => Some(facts),
+        _ => None,
+    });
+    let mut writer = mcap::Writer::new(fs::File::create(at("odd")).unwrap()).unwrap();
+    writer.write_metadata(&facts.unwrap()).unwrap();
+    let channel_id = writer.add_channel(0, "/rosout", "cdr", &BTreeMap::new()).unwrap();
+    let header = MessageHeader { channel_id, sequence: 0, log_time: 0, publish_time: 0 };
+    writer.write_to_known_channel(&header, b"?").unwrap();
+    writer.finish().unwrap();
+    let error = export(&at("odd"), &at("out"), false).unwrap_err();
+    assert!(matches!(error, ExportError::Message(..)), "{error}");
     assert!(!at("out").exists());
 }
 

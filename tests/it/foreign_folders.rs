@@ -40,9 +40,9 @@ impl Foreign {
 
     #[track_caller]
     fn verb(&self, verb: &str, name: &str, code: i32) -> String {
-        // Whoever opens a pipe waits for ever: that ends with 124.
+        // Whoever opens a pipe waits for ever, whatever signal it takes.
         let mut command = Command::new("timeout");
-        command.arg(HANG.as_secs().to_string()).args([PHALANX, verb]);
+        command.args(["--signal", "KILL"]).arg(HANG.as_secs().to_string()).args([PHALANX, verb]);
         command.arg(self.ended.run_dir().join(name)).env("NO_COLOR", "1").stdin(Stdio::null());
         let said = command.env("PHALANX_RUN_ROOT", RunRoot::new().path()).exits_with(code);
         assert_eq!(files_below(self.outside.path()), [self.precious()], "{}", said.both());

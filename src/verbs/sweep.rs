@@ -88,7 +88,7 @@ pub(super) fn sweep(args: &SweepArgs, catalog: &Catalog, launcher: &Launcher, bu
         );
         return exit::USAGE;
     }
-    let all = campaign.points() * campaign.seeds.len().max(1);
+    let all = campaign.runs();
     if let Some(only) = args.only.as_ref().filter(|only| only.largest() > all) {
         complain(&format_args!("{} has {all} runs, and --only asks for {only}", campaign.name));
         return exit::USAGE;

@@ -318,20 +318,17 @@ impl Deflection {
         limits.clear();
         let reach = self.v_max * self.period;
         let (kappa, c_f) = self.wall;
-        limits.extend(sample.walls.iter().map(|&z| {
+        let walls = sample.walls.iter().map(|&z| {
             let r = z.norm();
             Limit { z, r, excess: -kappa * (r - c_f), is_wall: true }
-        }));
-        limits.retain(|limit| limit.stops_within(reach));
+        });
         let farthest = self.stands_off.map_or(self.d_f, |taken| taken.d_s.max(self.d_f));
         let farthest = farthest * (1.0 + self.comfort.yields) + reach / self.kappa;
-        for mover in self.motion.movers() {
+        let movers = self.motion.movers().iter().filter_map(|mover| {
             let r2 = mover.z.norm_squared();
-            if r2 < farthest * farthest {
-                let limit = self.limit(mover, r2.sqrt(), sample);
-                limits.extend(Some(limit).filter(|limit| limit.stops_within(reach)));
-            }
-        }
+            (r2 < farthest * farthest).then(|| self.limit(mover, r2.sqrt(), sample))
+        });
+        limits.extend(walls.chain(movers).filter(|limit| limit.stops_within(reach)));
         limits
     }
 

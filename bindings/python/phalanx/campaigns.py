@@ -14,7 +14,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from .runs import Run, RunError, called, frame, load
+from .runs import Run, RunError, called, frame, frames, load
 
 if TYPE_CHECKING:
     from pandas import DataFrame as _DataFrame  # type: ignore[import-untyped, import-not-found, unused-ignore]
@@ -96,13 +96,7 @@ class Campaign:
         return load(self.path / "runs" / identity)
 
     def _rows(self, name: str, key: str) -> _DataFrame:
-        try:
-            import pandas
-        except ImportError as error:
-            raise ImportError(
-                f"Campaign.{name} is a pandas frame, and pandas cannot be imported ({error}): pip install pandas; "
-                f"the numbers are `{key}` in {self.path / 'campaign.json'}"
-            ) from error
+        pandas = frames(f"Campaign.{name}", f"the numbers are `{key}` in {self.path / 'campaign.json'}")
         return pandas.DataFrame([_flat(row) for row in self.document[key]])
 
 

@@ -139,15 +139,20 @@ class Run:
         return frame(f"Run.{name}", self.path / f"{name}.csv")
 
 
-def frame(name: str, path: Path) -> _DataFrame:
-    """The table of this name as a frame."""
+def frames(name: str, otherwise: str) -> Any:
+    """The package pandas, for the frame of this name; without it, the error says what there is ``otherwise``."""
     try:
         import pandas
     except ImportError as error:
         raise ImportError(
-            f"{name} is a pandas frame, and pandas cannot be imported ({error}): pip install pandas; "
-            f"the table itself is {path}"
+            f"{name} is a pandas frame, and pandas cannot be imported ({error}): pip install pandas; {otherwise}"
         ) from error
+    return pandas
+
+
+def frame(name: str, path: Path) -> _DataFrame:
+    """The table of this name as a frame."""
+    pandas = frames(name, f"the table itself is {path}")
     # A robot may be called as what pandas takes for no value.
     return pandas.read_csv(path, keep_default_na=False, na_values=[""])
 

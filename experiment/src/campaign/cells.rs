@@ -92,7 +92,7 @@ pub fn cells(
             true => vec![None],
             false => campaign.seeds.iter().copied().map(Some).collect(),
         };
-        let first = point * seeds.len() + 1;
+        let first = point * campaign.runs_at_each_point() + 1;
         for (number, seed) in (first..).zip(seeds).filter(|(number, _)| wanted(*number)) {
             let run = || in_words(campaign, &settings, seed);
             let refused =

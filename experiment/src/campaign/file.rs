@@ -78,6 +78,16 @@ impl Campaign {
         self.groups.iter().map(|group| self.axes[group[0]].settings.len()).product()
     }
 
+    /// How many runs each point of the grid has: one for each seed, or one with the scenario's own.
+    pub fn runs_at_each_point(&self) -> usize {
+        self.seeds.len().max(1)
+    }
+
+    /// How many runs it has.
+    pub fn runs(&self) -> usize {
+        self.points().saturating_mul(self.runs_at_each_point())
+    }
+
     /// The settings at a point of the grid, by axis; the first group changes slowest.
     pub fn at(&self, point: usize) -> Vec<&Setting> {
         let mut settings: Vec<Option<&Setting>> = vec![None; self.axes.len()];
@@ -178,7 +188,7 @@ pub fn read_text(path: &Path, text: &str, catalog: &Catalog) -> Result<Campaign,
     if (campaign.starts.is_some() || drawn) && campaign.seeds.is_empty() {
         return Err(root.missing("seeds", "how many seeds to draw starts from, such as 100"));
     }
-    let runs = campaign.points().saturating_mul(campaign.seeds.len().max(1));
+    let runs = campaign.runs();
     if runs > RUNS_MAX {
         let largest = root.get("vary").or_else(|| root.get("seeds"));
         let largest = largest.or_else(|| root.get("case")).expect("one of them is long");

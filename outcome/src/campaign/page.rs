@@ -48,7 +48,7 @@ pub fn json(
         "faults": campaign.faults,
         "seeds": campaign.seeds,
         "starts": campaign.starts.map(drawn_from),
-        "runs": campaign.points() * campaign.seeds.len().max(1),
+        "runs": campaign.runs(),
         "bootstrap": { "resamples": RESAMPLES, "seed": BOOTSTRAP_SEED },
         "points": points,
         "pairs": pairs,
@@ -94,7 +94,7 @@ pub fn html(
     let runs: usize = points.iter().map(|point| point.runs).sum();
     let missing: usize = points.iter().map(|point| point.missing).sum();
     let given_up: usize = points.iter().map(|point| point.given_up).sum();
-    let (all, seeds) = (points.len(), campaign.seeds.len().max(1));
+    let (all, seeds) = (points.len(), campaign.runs_at_each_point());
     let mut head = format!(
         "<p class=\"quiet\">{runs} runs: {all} combination{} of settings, {seeds} seed{}, {}</p>\n",
         if all == 1 { "" } else { "s" },

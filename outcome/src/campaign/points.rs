@@ -102,7 +102,7 @@ fn middle(values: &[Option<f64>]) -> Median {
 
 /// Each point of the grid, in order.
 pub fn points(campaign: &Campaign, rows: &[Row<'_>]) -> Vec<Point> {
-    let each = campaign.seeds.len().max(1);
+    let each = campaign.runs_at_each_point();
     (0..campaign.points())
         .map(|point| {
             let here: Vec<_> = rows.iter().filter(|row| row.cell.point == point).collect();

@@ -11,6 +11,7 @@ use formation::resilient::{Said, resilient_frame, resilient_target};
 use protocol::age::{AgeSums, Sawtooth};
 use protocol::brief::{AgentBrief, NeighborBrief, SilenceBrief, SilencePolicy};
 use protocol::message::{Beacon, Contact, NeighborStatus};
+use protocol::planted;
 
 use crate::laws::situation::Heard;
 use frames::Frames;
@@ -252,6 +253,7 @@ impl Neighborhood {
         // All that have heard the same last of the leader stand by the same frame, whoever heard it
         // when: frames that differ by a hair would let mutual neighbours walk away together.
         let age_ns = if lost { lost_after_ns } else { stamp_ns.saturating_sub(told_ns) };
+        let age_ns = if planted::is("frame-not-extrapolated") { 0 } else { age_ns };
         let later = frame.later(age_ns as f64 / 1e9);
         Some(if lost { later.frozen() } else { later })
     }

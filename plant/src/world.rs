@@ -17,6 +17,7 @@ use protocol::brief::{BodyBrief, Pace, PlantBrief};
 use protocol::fault::{Sensor, SensorFault, SensorFaultKind, Transmission, WheelFaultKind};
 use protocol::link::Link;
 use protocol::message::{Command, Odometry, PROXIMITY_MAX, TruthHeader, TruthRow};
+use protocol::planted;
 
 use crate::motion::{Motion, State, Unicycles};
 use walls::Walls;
@@ -205,7 +206,9 @@ impl<M: Motion> World<M> {
     /// `proof/Motion.v::obeys`.
     pub fn accept(&mut self, robot: usize, command: &Command) -> Result<(), Refusal> {
         let now_ns = self.stamp_ns();
-        let dies_ns = command.stamp_ns.saturating_add(self.command_lifetime_ns);
+        let acts_from_ns =
+            if planted::is("expiry-from-arrival") { now_ns } else { command.stamp_ns };
+        let dies_ns = acts_from_ns.saturating_add(self.command_lifetime_ns);
         let order = (command.incarnation, command.stamp_ns, command.sequence);
         let mut twist = command.twist();
         if !command.is_plausible() {

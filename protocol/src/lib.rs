@@ -24,11 +24,12 @@
 //! | `number` | how is a number shown to people? |
 //! | `numbered` | which value has which number on the wire, and which word in files? |
 //! | `watchdog` | is a process that owes an answer hung, or only kept from giving it? |
+//! | `planted` | which defect is planted on purpose, to see whether it is found? |
 //! | `process` | how does a child name itself, log, and stop? |
 //! | `visible` | how is text from anywhere shown on a terminal? |
 //!
 //! Without the feature `ipc` there are only the words: `message`, `brief`, `ros2`, `goal`, `fault`, `dropped`, `link`,
-//! `law`, `avoidance`, `catalog`, `number`, `age`, `visible`; no iceoryx2, no system calls.
+//! `law`, `avoidance`, `catalog`, `number`, `planted`, `age`, `visible`; no iceoryx2, no system calls.
 
 #[macro_use]
 mod numbered;
@@ -58,6 +59,7 @@ pub mod link;
 mod machine_files;
 pub mod message;
 pub mod number;
+pub mod planted;
 #[cfg(feature = "ipc")]
 pub mod process;
 pub mod ros2;

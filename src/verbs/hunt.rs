@@ -3,6 +3,7 @@
 //! Runs are computed within this process. What is tried depends on the scenario, the seed and what came of the runs
 //! before; a journal makes a hunt that was killed go on to the same result.
 
+mod page;
 mod runs;
 
 use std::path::{Path, PathBuf};
@@ -18,6 +19,7 @@ use experiment::scenario::hunt::VARIED;
 use experiment::scenario::{Scenario, Varied};
 use outcome::campaign::folder::{Folder, FolderError, LockError};
 use outcome::hunt::{Journal, JournalError, Margins};
+use outcome::results::manifest::Build;
 use outcome::results::page::command_line;
 use outcome::results::summary::to_json;
 use protocol::catalog::Catalog;
@@ -100,6 +102,8 @@ enum HuntError {
     Executable(std::io::Error),
     #[error("no run of the first {BATCH} is sound: {0}")]
     NothingSound(String),
+    #[error("cannot write the page of what was found: {0}")]
+    Page(String),
     #[error("a run panicked: {0}")]
     Panicked(String),
     #[error("interrupted: the same command goes on")]
@@ -116,7 +120,7 @@ impl From<NotJudged> for HuntError {
     }
 }
 
-pub(super) fn hunt(args: &HuntArgs, catalog: &Catalog) -> u8 {
+pub(super) fn hunt(args: &HuntArgs, catalog: &Catalog, build: &Build) -> u8 {
     let Some((scenario, text)) = args.scenario.read(catalog) else { return exit::BAD_SCENARIO };
     let refused = |why: &dyn std::fmt::Display| {
         complain(why);
@@ -146,7 +150,8 @@ pub(super) fn hunt(args: &HuntArgs, catalog: &Catalog) -> u8 {
     }
     let ended = Stop::on_signals_twice_at_once().map_err(HuntError::Signals).and_then(|stop| {
         let jobs = args.jobs.map(usize::from);
-        let runs = Runs { text: &text, space: &space, names: &names, catalog, jobs, stop: &stop };
+        let stop = &stop;
+        let runs = Runs { text: &text, space: &space, names: &names, catalog, build, jobs, stop };
         go(args, &scenario, vary, &runs, &out)
     });
     ended.unwrap_or_else(|error| match error {
@@ -230,6 +235,8 @@ fn go(
     let replay = ["phalanx", "run", &path.to_string_lossy(), "--pace", "lockstep"];
     let replay = command_line(replay.into_iter());
     folder.write(&file, &found.commented(&words))?;
+    let drawn = path.with_extension("");
+    page::write(&path, &words, &drawn, runs.catalog, runs.build).map_err(HuntError::Page)?;
     let (faults, starts) = (shrunk.faults.len(), shrunk.starts.len());
     let report = json!({
         "scenario": scenario.name, "seed": scenario.seed, "runs": tally.tried, "not_sound": tally.unsound,
@@ -258,7 +265,8 @@ fn go(
             "shrunk from {before} faults and {starts_before} other starts to {faults} and {starts}\n"
         );
     }
-    text += &format!("written to {}\n{replay}\n", path.display());
+    let page = drawn.join("report.html");
+    text += &format!("written to {}\npage: {}\n{replay}\n", path.display(), page.display());
     let printed = print(&text);
     Ok(if missed { exit::EXPECTATION_MISSED } else { printed })
 }

@@ -91,7 +91,7 @@ pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) 
         Verb::New(args) => new::new(args, catalog),
         Verb::Run(args) => run::run(args, catalog, launcher.clone(), build),
         Verb::Sweep(args) => sweep::sweep(args, catalog, launcher, build),
-        Verb::Hunt(args) => hunt::hunt(args, catalog),
+        Verb::Hunt(args) => hunt::hunt(args, catalog, build),
         Verb::Check(args) => check::check(args, catalog),
         Verb::Schema(args) => schema::schema(args, catalog),
         Verb::Report(args) => report::report(args, catalog),

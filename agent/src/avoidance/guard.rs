@@ -75,6 +75,7 @@ use formation::pose::Twist;
 use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Senses};
 use protocol::brief::{AgentBrief, LimitsBrief, Pace};
 use protocol::number::{short, told_apart};
+use protocol::planted;
 
 use super::braking::{Braking, rate_per_s, slow_down_zone_m};
 use super::cone::{Cone, PASSES_MAX, ROUNDING_M, SIGMAS, direction, headings, swing};
@@ -236,7 +237,9 @@ impl Avoidance for Guard {
             true => Twist::ZERO,
             false => self.bound(sample, within_speed(self.v_max, self.ell, wanted)),
         };
-        self.alive.push_back((sample.stamp_ns, granted));
+        if !planted::is("alive-forgotten") {
+            self.alive.push_back((sample.stamp_ns, granted));
+        }
         granted
     }
 }
@@ -336,7 +339,8 @@ impl Guard {
     /// The bounds hold for every command that may act, or have acted since the sample:
     /// `proof/Time.v::wheels_since_the_sample`, `proof/Inertia.v::fits`.
     fn grant(&mut self, sample: &Sample<'_>, now: Twist, tried: Twist) -> Option<Twist> {
-        let mut bounds = match self.has_predecessor(sample.stamp_ns) {
+        let remembered = !planted::is("predecessor-forgotten");
+        let mut bounds = match remembered && self.has_predecessor(sample.stamp_ns) {
             true => Bounds::worst(self.v_max, self.ell),
             false => Bounds::default(),
         };
@@ -386,13 +390,19 @@ impl Guard {
     /// again at the next sample, as the twist in force, is bounded for H + T, so that it can be.
     fn nearest(&mut self, sample: &Sample<'_>, tried: Twist, bounds: Bounds) -> Twist {
         let again = if self.gradual { self.period } else { 0.0 };
-        let mid = self.collect_cones(sample, self.lifetime + again, bounds);
+        let forgets = planted::is("alive-forgotten")
+            || planted::is("predecessor-forgotten") && self.has_predecessor(sample.stamp_ns);
+        let lifetime = if forgets { self.period } else { self.lifetime };
+        let mid = self.collect_cones(sample, lifetime + again, bounds);
         let u = rotate(mid, Vec2::new(tried.v_m_s, self.ell * tried.w_rad_s));
         if self.gradual && self.cones.iter().all(|cone| cone.permits(u)) {
             return tried;
         }
         self.sides.clear();
         self.sides.extend(self.cones.iter().flat_map(Cone::sides));
+        if planted::is("half-plane-dropped") {
+            self.sides.drain(..self.sides.len().saturating_sub(32));
+        }
         let Some(u) = nearest_point(u, &self.sides) else { return tried };
         let body = rotate(-mid, u);
         self.within_y(Twist { v_m_s: body.x, w_rad_s: body.y / self.ell })

@@ -6,6 +6,7 @@
 
 use formation::Vec2;
 use protocol::avoidance::Conditions;
+use protocol::planted;
 
 use super::Sample;
 
@@ -53,8 +54,8 @@ impl Vicinity {
     /// All who are near enough to matter, as far as the sample says: robots, then walls.
     #[inline]
     pub fn near<'s>(self, sample: &Sample<'s>) -> impl Iterator<Item = Near> + use<'s> {
-        let robot =
-            Near { z: Vec2::zeros(), speed: self.v_max, share: OF_ANOTHER, distance_min: self.d };
+        let share = if planted::is("share-doubled") { OF_A_WALL } else { OF_ANOTHER };
+        let robot = Near { z: Vec2::zeros(), speed: self.v_max, share, distance_min: self.d };
         let wall = Near { speed: 0.0, share: OF_A_WALL, distance_min: self.clearance, ..robot };
         let within = |radius: f64| move |z: &&Vec2| z.norm_squared() < radius * radius;
         let robots = sample.away.iter().filter(within(self.robots_radius));

@@ -17,6 +17,15 @@ pub fn simpler(plan: &Plan, space: &Space) -> Vec<Plan> {
     let faults = 0..plan.faults.len();
     let mut simpler = vec![with(&|other| other.faults.clear())];
     simpler.extend(faults.clone().map(|fault| with(&|other| _ = other.faults.remove(fault))));
+    for gone in faults.clone() {
+        // One fault less, where another one is as strong as the bounds allow.
+        simpler.extend(faults.clone().filter(|kept| *kept != gone).map(|kept| {
+            with(&|other| {
+                other.faults[kept] = space.strongest(&plan.faults[kept]);
+                other.faults.remove(gone);
+            })
+        }));
+    }
     simpler.extend(fewer_robots(plan, space));
     simpler.push(with(&|other| other.starts.clear()));
     simpler
@@ -84,7 +93,7 @@ fn rounder(fault: &PlannedFault, scenario: &Scenario) -> Vec<PlannedFault> {
             other.amounts[place].1 = Some(rounded(amount, digits));
             rounder.push(other);
         }
-        if ["jitter", "heading", "burst"].contains(&word) {
+        if ["jitter", "heading", "burst", "turn"].contains(&word) {
             let mut other = fault.clone();
             other.amounts.remove(place);
             rounder.push(other);

@@ -130,6 +130,24 @@ impl Space {
         }
     }
 
+    /// The same fault for as long, with as much loss and delay, as the bounds allow.
+    pub(super) fn strongest(&self, fault: &PlannedFault) -> PlannedFault {
+        let HuntBounds { until_ns, loss_max, delay_ns_max, .. } = self.bounds;
+        let mut strongest = fault.clone();
+        if fault.kind != "kill" {
+            let longest = |for_ns: u64| for_ns.max(until_ns.saturating_sub(fault.at_ns));
+            strongest.for_ns = fault.for_ns.map(longest);
+        }
+        for (word, amount) in &mut strongest.amounts {
+            match *word {
+                "of" => *amount = Some(loss_max),
+                "by" if fault.kind == "delay" => *amount = Some(formation::seconds(delay_ns_max)),
+                _ => {}
+            }
+        }
+        strongest
+    }
+
     fn varies(&self, varied: Varied) -> bool {
         self.bounds.vary.contains(&varied)
     }
@@ -216,7 +234,9 @@ impl Space {
         let rest = (until_ns - at_ns) as f64 / period_ns as f64;
         let for_ns = self.ticks_ns(period_ns as f64 * rest.max(1.0).powf(length)).max(period_ns);
         let amounts = self.amounts(kind, what, [a, b]);
-        PlannedFault { kind, who, what, amounts, at_ns, for_ns: Some(for_ns) }
+        // Half of those that are killed stay dead.
+        let for_ns = (*kind != "kill" || a < 0.5).then_some(for_ns);
+        PlannedFault { kind, who, what, amounts, at_ns, for_ns }
     }
 
     /// The numbers of a fault, by two shares.
@@ -248,6 +268,11 @@ impl Space {
                 let heading =
                     (what == "odometry" && heading > 0.0).then_some(("heading", Some(heading)));
                 [("by", Some(by))].into_iter().chain(heading).collect()
+            }
+            "lie" => {
+                let random = ("random", Some(rounded(d_m * (0.1 + 4.9 * a), 2)));
+                let turn = rounded(2.0 * b - 1.0, 2);
+                [random].into_iter().chain((turn > 0.0).then_some(("turn", Some(turn)))).collect()
             }
             "wheels" if a < 0.5 => vec![("stuck", None)],
             "wheels" => {
@@ -307,7 +332,7 @@ impl Space {
         let of_robots = |what: &'static str| self.robots().into_iter().map(move |who| (who, what));
         let links = || self.links().into_iter().map(|who| (who, ""));
         match kind {
-            "cut" | "fading" => links().collect(),
+            "cut" | "fading" | "lie" => links().collect(),
             "loss" | "bursts" | "delay" => {
                 links().chain(of_robots("odometry")).chain(of_robots("commands")).collect()
             }

@@ -16,8 +16,8 @@ pub const VARIED: &[(&str, Varied)] = &[
 
 /// The kinds of faults that a hunt draws: all that happen within one process.
 const KINDS: &[&str] = &[
-    "kill", "freeze", "slow", "cut", "loss", "bursts", "fading", "delay", "blackout", "noise",
-    "wheels",
+    "kill", "freeze", "slow", "cut", "loss", "bursts", "fading", "delay", "lie", "blackout",
+    "noise", "wheels",
 ];
 
 /// `[hunt]`.
@@ -73,7 +73,9 @@ pub(super) fn hunt(
     Ok(HuntBounds {
         vary: vary.unwrap_or_else(|| vec![Varied::Starts, Varied::Faults, Varied::Delays]),
         faults_max: table.whole("faults_max")? as usize,
-        kinds: kinds.unwrap_or_else(|| KINDS.to_vec()),
+        // Few laws promise anything where robots lie.
+        kinds: kinds
+            .unwrap_or_else(|| KINDS.iter().copied().filter(|kind| *kind != "lie").collect()),
         robots: named,
         from_ns,
         until_ns,

@@ -1079,7 +1079,10 @@ fn hunt() -> Vec<Key> {
             .default("3", "most faults in a run")
             .guesses("faults count n"),
         key("kinds", Texts)
-            .rule("all that a hunt knows", "kinds of faults, such as \"freeze\" and \"cut\"")
+            .rule(
+                "all that a hunt knows but \"lie\"",
+                "kinds of faults, such as \"freeze\" and \"cut\"",
+            )
             .guesses("kind fault_kinds"),
         key("robots", Names)
             .rule("all robots", "which robots break, or send on links that do")

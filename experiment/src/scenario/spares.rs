@@ -9,6 +9,7 @@
 use formation::Vec2;
 use formation::graph::Edge;
 use protocol::law::Reference;
+use protocol::planted;
 
 use super::Scenario;
 use super::diagnostic::Diagnostic;
@@ -144,7 +145,8 @@ impl Choice<'_> {
         let rank_of = |from: usize| deputies.iter().position(|&deputy| deputy == from);
         let may = |&from: &usize| {
             let fits = reference(to) == Reference::Middle || reference(from) != Reference::Middle;
-            let before = self.order[from].is_some() && self.order[from] < self.order[to];
+            let before = self.order[from].is_some()
+                && (self.order[from] < self.order[to] || planted::is("circle-of-spares"));
             let reached = reached.as_ref().is_some_and(|reached| reached[from].is_some());
             fits && (before || rank_of(from).is_some()) && from != to && !hears(from) && !reached
         };

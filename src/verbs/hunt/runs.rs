@@ -11,6 +11,7 @@ use experiment::scenario::read::{Overrides, read_text};
 use outcome::metrics::Measures;
 use outcome::metrics::expect::{self, Expectation};
 use outcome::metrics::margin::{self, WITH_MARGIN};
+use outcome::results::manifest::Build;
 use protocol::brief::Pace;
 use protocol::catalog::Catalog;
 use protocol::number::short;
@@ -29,6 +30,8 @@ pub(super) struct Runs<'a> {
     /// The expectations to miss.
     pub(super) names: &'a [String],
     pub(super) catalog: &'a Catalog,
+    /// What the page of what is found says of this program.
+    pub(super) build: &'a Build,
     pub(super) jobs: Option<usize>,
     pub(super) stop: &'a Stop,
 }

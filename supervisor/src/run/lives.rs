@@ -12,6 +12,7 @@ use std::collections::BTreeMap;
 
 use experiment::scenario::{AfterDeath, RestartPolicy};
 use outcome::metrics::fault::End;
+use protocol::planted;
 
 pub use event::{Death, Effect, Event, Who};
 
@@ -343,6 +344,8 @@ impl Lives {
     }
 
     fn reported(&mut self, out: &mut Effects, robot: usize, takes_part: bool) {
+        let is_away = |life: &Life| matches!(life.seat, Seat::Frozen | Seat::Down);
+        let two_are_away = self.robots.iter().filter(|life| is_away(life)).count() > 1;
         let life = &mut self.robots[robot];
         if life.seat != Seat::Starting {
             return;
@@ -354,7 +357,9 @@ impl Lives {
         if takes_part {
             life.seat = Seat::Moving;
             self.alive[robot] = life.unreachable_by.is_none();
-            life.join(out, robot);
+            if !(two_are_away && planted::is("join-lost")) {
+                life.join(out, robot);
+            }
             out.note("ready", robot, format!("incarnation {}", life.incarnation));
             let fault = life.fault.take();
             self.all_whole(out, fault);

@@ -19,7 +19,12 @@ use crate::harness::{PHALANX, ROOT, RunRoot, files_below, in_parallel};
 /// What commands of the pages begin with that tests cannot run: they are the tests, take minutes or change the
 /// machine.
 const NOT_RUN: &[&str] = &[
-    "phalanx hunt ",
+    "phalanx hunt scenarios/triangle.toml --runs 20000",
+    "phalanx hunt scenarios/triangle.toml --minutes",
+    "phalanx hunt scenarios/antipodal-8.toml",
+    "phalanx hunt scenarios/intersection.toml",
+    "phalanx hunt scenarios/triangle.toml --set duration_s=4",
+    "phalanx hunt tests/planted/",
     "cargo ",
     "tests/",
     "bench/",

@@ -16,6 +16,8 @@
 //! | `control_loop` | when is a turn? Waiting and sending, in both paces |
 //! | `program` | and with a law in another language? |
 
+#![cfg_attr(test, allow(clippy::disallowed_methods))]
+
 pub mod avoidance;
 pub mod brain;
 pub mod control_loop;

@@ -5,6 +5,8 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
+use formation::real;
+
 use crate::machine::Machine;
 
 /// Figures under way, in the order in which they first came.
@@ -256,7 +258,7 @@ fn digits(value: f64) -> String {
         0.0 => "0".into(),
         size if size >= 1e4 => format!("{:.1}k", value / 1e3),
         size if size < 1e-3 => format!("{value:.1e}"),
-        size => format!("{value:.*}", (2 - size.log10().floor() as i32).max(0) as usize),
+        size => format!("{value:.*}", (2 - real::log10(size).floor() as i32).max(0) as usize),
     }
 }
 

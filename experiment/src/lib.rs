@@ -15,6 +15,8 @@
 //! | `briefs` | what is each process told? |
 //! | `examples` | a small experiment for tests |
 
+#![cfg_attr(test, allow(clippy::disallowed_methods))]
+
 pub mod briefs;
 pub mod campaign;
 pub mod check;

@@ -3,6 +3,7 @@
 
 use crate::Vec2;
 use crate::pose::{Pose, Twist, wrap_angle};
+use crate::real;
 
 /// alpha = xi + ell (cos theta, sin theta), m, in `map`. (2)
 #[inline]
@@ -19,7 +20,7 @@ pub fn front_velocity(heading_rad: f64, ell_m: f64, twist: Twist) -> Vec2 {
 /// The front point, m, and its velocity, m/s, in `map`: (2) and (3).
 #[inline]
 pub fn front_motion(pose: Pose, ell_m: f64, twist: Twist) -> (Vec2, Vec2) {
-    let (sin, cos) = pose.heading_rad.sin_cos();
+    let (sin, cos) = real::sin_cos(pose.heading_rad);
     let alpha = Vec2::new(pose.x_m + ell_m * cos, pose.y_m + ell_m * sin);
     let (v, across) = (twist.v_m_s, ell_m * twist.w_rad_s);
     (alpha, Vec2::new(cos * v - sin * across, sin * v + cos * across))
@@ -34,7 +35,7 @@ pub fn twist_for(heading_rad: f64, ell_m: f64, u: Vec2) -> Twist {
 /// Speed of the front point, m/s: |A(theta) (v, w)| = hypot(v, ell w), at any heading.
 #[inline]
 pub fn front_speed(ell_m: f64, twist: Twist) -> f64 {
-    twist.v_m_s.hypot(ell_m * twist.w_rad_s)
+    real::hypot(twist.v_m_s, ell_m * twist.w_rad_s)
 }
 
 /// The heading after `time_s`, rad, from `heading_rad`, while the front point moves at the constant
@@ -47,16 +48,16 @@ pub fn drawn_heading(heading_rad: f64, ell_m: f64, u: Vec2, time_s: f64) -> f64 
     if speed_m_s == 0.0 {
         return heading_rad;
     }
-    let direction_rad = u.y.atan2(u.x);
+    let direction_rad = real::atan2(u.y, u.x);
     let half_rad = 0.5 * wrap_angle(heading_rad - direction_rad);
-    let closed = (-speed_m_s * time_s / ell_m).exp();
-    wrap_angle(direction_rad + 2.0 * (half_rad.sin() * closed).atan2(half_rad.cos()))
+    let closed = real::exp(-speed_m_s * time_s / ell_m);
+    wrap_angle(direction_rad + 2.0 * real::atan2(real::sin(half_rad) * closed, real::cos(half_rad)))
 }
 
 /// `vector` turned counter-clockwise by `angle_rad`.
 #[inline]
 pub fn rotate(angle_rad: f64, vector: Vec2) -> Vec2 {
-    let (sin, cos) = angle_rad.sin_cos();
+    let (sin, cos) = real::sin_cos(angle_rad);
     Vec2::new(cos * vector.x - sin * vector.y, sin * vector.x + cos * vector.y)
 }
 

@@ -9,6 +9,7 @@ use nalgebra::DVector;
 
 use crate::Vec2;
 use crate::graph::FormationGraph;
+use crate::real;
 
 /// A square matrix; row and column i belong to the robot at place i.
 pub type Matrix = nalgebra::DMatrix<f64>;
@@ -81,10 +82,10 @@ pub fn spectral_radius(matrix: &Matrix) -> f64 {
             return 0.0;
         }
         power /= norm;
-        log_radius += norm.ln() / 2f64.powi(squared);
+        log_radius += real::ln(norm) / real::exp2(f64::from(squared));
         power = &power * &power;
     }
-    log_radius.exp()
+    real::exp(log_radius)
 }
 
 /// |M|_2 of a matrix without negative elements: sqrt(rho(M^T M)).

@@ -24,6 +24,9 @@
 //! | `near` | which robots are near which, from one instant to the next? |
 //! | `obstacle` | which point of a wall is nearest, and which walls are near? |
 //! | `random` | what does a seed draw? |
+//! | `real` | what are sine, exponential and the like, the same on every target? |
+
+#![cfg_attr(test, allow(clippy::disallowed_methods))]
 
 // Here, because everything is built on this: whoever builds elsewhere sees this sentence and no other.
 #[cfg(not(target_os = "linux"))]
@@ -45,6 +48,7 @@ pub mod pose;
 pub mod ramp;
 pub mod random;
 pub mod reachability;
+pub mod real;
 pub mod resilient;
 pub mod robustness;
 pub mod scale;

@@ -7,6 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::Vec2;
+use crate::real;
 
 /// Corners this near to each other, m, are one.
 pub const CORNERS_APART_M_MIN: f64 = 1e-6;
@@ -67,7 +68,7 @@ impl Obstacle {
             return Ok(());
         }
         // By how much it turns at the end of each side: all the same way, and once around.
-        let turn = |i: usize| side(i).perp(&side(i + 1)).atan2(side(i).dot(&side(i + 1)));
+        let turn = |i: usize| real::atan2(side(i).perp(&side(i + 1)), side(i).dot(&side(i + 1)));
         let around: f64 = (0..count).map(turn).sum();
         let mut turned = 0.0;
         for i in 0..count {
@@ -121,7 +122,7 @@ impl Obstacle {
         match self {
             Obstacle::Disc { center_m, radius_m } => {
                 let corner = |k: u32| {
-                    let (sin, cos) = (std::f64::consts::TAU * f64::from(k) / 32.0).sin_cos();
+                    let (sin, cos) = real::sin_cos(std::f64::consts::TAU * f64::from(k) / 32.0);
                     Vec2::from(*center_m) + *radius_m * Vec2::new(cos, sin)
                 };
                 (0..32).map(corner).collect()

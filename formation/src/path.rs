@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::Vec2;
 use crate::desired::Target;
 use crate::pose::{Pose, Twist, wrap_angle};
+use crate::real;
 use crate::unicycle::arc;
 
 /// Most waypoints: a path of this many is compiled in microseconds and searched in nine steps.
@@ -101,7 +102,7 @@ impl TryFrom<Waypoints> for Path {
             if chord.norm() < WAYPOINT_DISTANCE_M_MIN {
                 return Err(PathError::Coincident(i, next(i)));
             }
-            chords.push((chord.norm(), chord.y.atan2(chord.x)));
+            chords.push((chord.norm(), real::atan2(chord.y, chord.x)));
         }
         // By how much the path's direction differs from each chord's, at its start and its end.
         let mut starts = vec![None; legs];
@@ -127,7 +128,7 @@ impl TryFrom<Waypoints> for Path {
                 (None, None) => (0.0, 0.0),
             };
             let (chord_m, direction) = chords[leg];
-            let half_m = chord_m / (2.0 * ((b - a) / 4.0).cos());
+            let half_m = chord_m / (2.0 * real::cos((b - a) / 4.0));
             let meeting = -(a + b) / 2.0;
             let mut from = points[leg];
             for (enter, leave) in [(a, meeting), (meeting, b)] {
@@ -140,7 +141,7 @@ impl TryFrom<Waypoints> for Path {
                     curvature_per_m: turn / piece_m,
                 });
                 length_m += piece_m;
-                let (sin, cos) = (direction + (enter + leave) / 2.0).sin_cos();
+                let (sin, cos) = real::sin_cos(direction + (enter + leave) / 2.0);
                 from += half_m * Vec2::new(cos, sin);
             }
         }
@@ -165,7 +166,7 @@ fn shared_turn(
 /// How much longer an arc is than its chord, by how far it turns, rad: at most half a turn.
 fn arc_over_chord(turn: f64) -> f64 {
     let half = turn / 2.0;
-    if half.abs() < 1e-4 { 1.0 + half * half / 6.0 } else { half / half.sin() }
+    if half.abs() < 1e-4 { 1.0 + half * half / 6.0 } else { half / real::sin(half) }
 }
 
 impl Path {
@@ -184,7 +185,7 @@ impl Path {
     pub fn at(&self, t_s: f64) -> Target {
         let (along_m, speed_m_s) = self.driven(t_s);
         let pose = self.pose(along_m);
-        let (sin, cos) = pose.heading_rad.sin_cos();
+        let (sin, cos) = real::sin_cos(pose.heading_rad);
         Target {
             position: Vec2::new(pose.x_m, pose.y_m),
             velocity: speed_m_s * Vec2::new(cos, sin),

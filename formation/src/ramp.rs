@@ -6,6 +6,7 @@
 //! [`SHARE_OFF_MAX`] of the way.
 
 use crate::pose::{Pose, Twist, wrap_angle};
+use crate::real;
 use crate::unicycle::arc;
 
 /// Bound on the error of a position, as a share of the way driven: see the test against a reference.
@@ -131,7 +132,7 @@ fn glide_piece(pose: Pose, from: Twist, to: Twist, dt_s: f64) -> Pose {
     let turned = |s: f64| dt_s * s * (from.w_rad_s + 0.5 * s * change.w_rad_s);
     let (mut x, mut y) = (0.0, 0.0);
     for (s, weight) in NODES {
-        let (sin, cos) = (pose.heading_rad + turned(s)).sin_cos();
+        let (sin, cos) = real::sin_cos(pose.heading_rad + turned(s));
         let way = weight * (from.v_m_s + s * change.v_m_s);
         x += way * cos;
         y += way * sin;

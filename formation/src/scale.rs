@@ -6,6 +6,8 @@ use std::f64::consts::{PI, TAU};
 
 use serde::{Deserialize, Serialize};
 
+use crate::real;
+
 /// delta(t), t in seconds since the run's start.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
@@ -44,7 +46,7 @@ impl Scale {
         match *self {
             Scale::Sine { mean, amplitude, period_s } => {
                 let w = TAU / period_s;
-                let (sin, cos) = (w * t_s).sin_cos();
+                let (sin, cos) = real::sin_cos(w * t_s);
                 (mean + amplitude * sin, amplitude * w * cos)
             }
             Scale::Closing { from, hold_s, over_s, ref reopen_at_s } => {
@@ -103,7 +105,7 @@ fn half_cosine(share: f64) -> (f64, f64) {
         share if share <= 0.0 => (0.0, 0.0),
         share if share >= 1.0 => (1.0, 0.0),
         share => {
-            let (sin, cos) = (PI * share).sin_cos();
+            let (sin, cos) = real::sin_cos(PI * share);
             (0.5 - 0.5 * cos, 0.5 * PI * sin)
         }
     }

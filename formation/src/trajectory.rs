@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::Vec2;
 use crate::desired::Target;
 use crate::path::Path;
+use crate::real;
 
 /// A navigation trajectory m(t), t in seconds since the run's start.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -91,14 +92,14 @@ impl Trajectory {
             }
             Trajectory::Circle { center_m, radius_m, period_s } => {
                 let w = TAU / period_s;
-                let (sin, cos) = (w * t_s).sin_cos();
+                let (sin, cos) = real::sin_cos(w * t_s);
                 let place = Vec2::from(center_m) + radius_m * Vec2::new(cos, sin);
                 (place, radius_m * w * Vec2::new(-sin, cos))
             }
             Trajectory::Quadrifolium { center_m, radius_m, period_s } => {
                 let w = TAU / period_s;
-                let (sin, cos) = (w * t_s).sin_cos();
-                let (sin_2, cos_2) = (2.0 * w * t_s).sin_cos();
+                let (sin, cos) = real::sin_cos(w * t_s);
+                let (sin_2, cos_2) = real::sin_cos(2.0 * w * t_s);
                 let place = Vec2::from(center_m) + radius_m * sin_2 * Vec2::new(cos, sin);
                 let slope =
                     Vec2::new(2.0 * cos_2 * cos - sin_2 * sin, 2.0 * cos_2 * sin + sin_2 * cos);
@@ -106,8 +107,8 @@ impl Trajectory {
             }
             Trajectory::Lissajous { center_m, radii_m, cycles, phase_rad, period_s } => {
                 let w = cycles.map(|n| f64::from(n) * TAU / period_s);
-                let (sin_x, cos_x) = (w[0] * t_s + phase_rad).sin_cos();
-                let (sin_y, cos_y) = (w[1] * t_s).sin_cos();
+                let (sin_x, cos_x) = real::sin_cos(w[0] * t_s + phase_rad);
+                let (sin_y, cos_y) = real::sin_cos(w[1] * t_s);
                 let [a_x, a_y] = radii_m;
                 (
                     Vec2::from(center_m) + Vec2::new(a_x * sin_x, a_y * sin_y),
@@ -116,7 +117,7 @@ impl Trajectory {
             }
             Trajectory::Lemniscate { center_m, radius_m, period_s } => {
                 let w = TAU / period_s;
-                let (sin, cos) = (w * t_s).sin_cos();
+                let (sin, cos) = real::sin_cos(w * t_s);
                 let q = 1.0 / (1.0 + sin * sin);
                 let place = Vec2::from(center_m) + radius_m * q * Vec2::new(cos, sin * cos);
                 // (cos q)' = -sin q (1 + 2 cos^2 q), (sin cos q)' = (1 - 3 sin^2) q^2, by wt.

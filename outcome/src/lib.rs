@@ -11,6 +11,8 @@
 //!
 //! Must not: start, signal or wait for a process, know iceoryx2, or decide anything about a run.
 
+#![cfg_attr(test, allow(clippy::disallowed_methods))]
+
 pub mod campaign;
 pub mod hunt;
 pub mod metrics;

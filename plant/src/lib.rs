@@ -11,6 +11,8 @@
 //! | `overrun` | does what moves the bodies keep up with real time? |
 //! | `world_loop` | when is a turn? Waiting and sending, in both paces |
 
+#![cfg_attr(test, allow(clippy::disallowed_methods))]
+
 pub mod motion;
 pub mod overrun;
 pub mod ports;

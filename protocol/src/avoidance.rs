@@ -7,6 +7,8 @@
 use std::f64::consts::PI;
 use std::fmt;
 
+use formation::real;
+
 use crate::brief::{AgentBrief, AvoidanceBrief, Rank};
 
 /// What a method promises about the distance of any two robots that use it.
@@ -86,7 +88,7 @@ impl<'a> Conditions<'a> {
     /// positions, and by that of the own front point where the heading is not exact.
     pub fn distance_error_m(&self) -> f64 {
         let heading_rad = self.avoidance.heading_error_rad.min(PI);
-        self.avoidance.sensing_error_m + 2.0 * self.front_point_m * (0.5 * heading_rad).sin()
+        self.avoidance.sensing_error_m + 2.0 * self.front_point_m * real::sin(0.5 * heading_rad)
     }
 
     /// The gain `key` of these, as given, or what it is otherwise. Panics if it is none of them.

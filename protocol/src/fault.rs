@@ -5,6 +5,7 @@
 //! bit by bit, even by a process that was restarted half-way.
 
 use formation::random::draw;
+use formation::real;
 use serde::{Deserialize, Serialize};
 
 use crate::message::Beacon;
@@ -122,7 +123,8 @@ impl LinkFault {
                 lost(self.is_bad(t_ns - self.span.from_ns, probability, mean_burst_ns))
             }
             LinkFaultKind::Fading { range_m, exponent } => {
-                let through = distance_m.map_or(1.0, |r_m| (-(r_m / range_m).powf(exponent)).exp());
+                let through =
+                    distance_m.map_or(1.0, |r_m| real::exp(-real::pow(r_m / range_m, exponent)));
                 lost(draw(self.seed, tick) >= through)
             }
             LinkFaultKind::Delay { delay_ns, jitter_ns } => {
@@ -150,7 +152,7 @@ impl LinkFault {
         let mut bad = draw(self.seed, first) < share;
         for change in first + 1.. {
             let mean_ns = if bad { mean_bad } else { mean_good };
-            left_ns += mean_ns * (1.0 - draw(self.seed, change)).ln();
+            left_ns += mean_ns * real::ln(1.0 - draw(self.seed, change));
             if left_ns < 0.0 {
                 break;
             }
@@ -231,7 +233,7 @@ impl LieFault {
 /// next.
 fn in_disc(seed: u64, counter: u64, radius_m: f64) -> [f64; 2] {
     let radius_m = radius_m * draw(seed, counter).sqrt();
-    let (sin, cos) = (std::f64::consts::TAU * draw(seed, counter | 1)).sin_cos();
+    let (sin, cos) = real::sin_cos(std::f64::consts::TAU * draw(seed, counter | 1));
     [radius_m * cos, radius_m * sin]
 }
 

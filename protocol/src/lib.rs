@@ -31,6 +31,8 @@
 //! Without the feature `ipc` there are only the words: `message`, `brief`, `ros2`, `goal`, `fault`, `dropped`, `link`,
 //! `law`, `avoidance`, `catalog`, `number`, `planted`, `age`, `visible`; no iceoryx2, no system calls.
 
+#![cfg_attr(test, allow(clippy::disallowed_methods))]
+
 #[macro_use]
 mod numbered;
 

@@ -2,6 +2,7 @@
 //! and the same brains and world composed in one process: `oracle` (lockstep), `model` (real time).
 
 #![expect(clippy::print_stderr, clippy::print_stdout, reason = "tests tell whoever runs them")]
+#![allow(clippy::disallowed_methods)]
 
 mod architecture;
 mod arrival;

@@ -3,6 +3,8 @@
 
 use protocol::avoidance::Conditions;
 
+use formation::real;
+
 /// What braking adds to a certificate. Tests leave parts of it out, to show that each is needed.
 #[derive(Debug, Clone, Copy)]
 pub struct Braking {
@@ -24,7 +26,7 @@ impl Default for Braking {
 /// mu: how much less may be granted because braking takes time: `proof/Inertia.v::mu`,
 /// `proof/Inertia.v::braking_keeps_up`.
 pub fn mu(x: f64) -> f64 {
-    if x <= 1.0 { 1.0 } else { x * (1.0 - x).exp() }
+    if x <= 1.0 { 1.0 } else { x * real::exp(1.0 - x) }
 }
 
 /// Lambda, 1/s: `proof/Braking.v::braking_rate`.
@@ -39,5 +41,5 @@ pub fn slow_down_zone_m(at: &Conditions<'_>) -> f64 {
     let (rate, tau) = (rate_per_s(at), at.avoidance.braking_time_max_s);
     let less = mu(2.0 * rate * tau);
     let lasting = 2.0 * rate * at.lifetime_s;
-    at.speed_m_s() / (rate * less) * lasting.exp().min(1.0 + lasting * less)
+    at.speed_m_s() / (rate * less) * real::exp(lasting).min(1.0 + lasting * less)
 }

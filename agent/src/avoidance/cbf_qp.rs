@@ -21,6 +21,7 @@
 //! | a | rate at which h may fall, 1/s (gamma in the paper) |
 
 use formation::Vec2;
+use formation::real;
 use protocol::avoidance::{AvoidanceDescription, Conditions, Gain};
 
 use super::cone::{ROUNDING_M, direction};
@@ -64,7 +65,7 @@ fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
     // a (r^2 - k^2) share / (2 r) = v_max
     let radius = |distance_min: f64, share: f64| {
         let half = at.speed_m_s() / (rate * share);
-        half + half.hypot(distance_min)
+        half + real::hypot(half, distance_min)
     };
     let robots = radius(at.avoidance.distance_min_m, OF_ANOTHER);
     let walls = radius(at.avoidance.clearance_m, OF_A_WALL);

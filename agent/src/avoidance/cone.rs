@@ -5,6 +5,7 @@ use std::f64::consts::PI;
 
 use formation::Vec2;
 use formation::front_point::rotate;
+use formation::real;
 
 use super::polygon::{HalfPlane, TOLERANCE};
 
@@ -36,8 +37,8 @@ impl Cone {
             return true;
         }
         let cross = self.n.x * u.y - self.n.y * u.x;
-        let angle = cross.abs().atan2(self.n.dot(&u));
-        speed * (angle + self.psi).min(PI).cos() >= -self.b - TOLERANCE
+        let angle = real::atan2(cross.abs(), self.n.dot(&u));
+        speed * real::cos((angle + self.psi).min(PI)) >= -self.b - TOLERANCE
     }
 
     /// Half-planes of which each velocity approaches slower than b in every direction of the cone:
@@ -49,7 +50,7 @@ impl Cone {
         let step = 2.0 * psi / f64::from(count - 1);
         (0..count).map(move |q| HalfPlane {
             normal: rotate(-psi + f64::from(q) * step, n),
-            bound: b * (0.5 * step).cos(),
+            bound: b * real::cos(0.5 * step),
         })
     }
 }
@@ -65,7 +66,7 @@ pub fn direction(z: Vec2) -> Vec2 {
 /// `proof/Guard.v::swing`, `proof/Geometry.v::direction_within_asin`.
 #[inline]
 pub fn swing(reach: f64, r: f64) -> f64 {
-    if reach < r { (reach / r).asin() } else { PI }
+    if reach < r { real::asin(reach / r) } else { PI }
 }
 
 /// Middle and half-width of the headings that are possible within `time`, s, at turn rates from the

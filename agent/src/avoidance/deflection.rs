@@ -19,6 +19,7 @@ use std::f64::consts::TAU;
 
 use formation::Vec2;
 use formation::front_point::rotate;
+use formation::real;
 use protocol::avoidance::{Conditions, Gain};
 use protocol::brief::{AgentBrief, Rank};
 use protocol::planted;
@@ -361,7 +362,7 @@ impl Deflection {
         let Some(error) = sample.error.map(|error| error - aside) else { return 0.0 };
         match self.patience.rests() {
             true => 1.0,
-            false => (-error.norm_squared() / self.comfort.yield_reach_m.powi(2)).exp(),
+            false => real::exp(-error.norm_squared() / real::square(self.comfort.yield_reach_m)),
         }
     }
 
@@ -392,7 +393,7 @@ impl Deflection {
                 let usual = self.comfort.dither_rad;
                 let at_last = self.patience.has_tried();
                 let most = usual + (DITHER_AT_LAST_RAD - usual).max(0.0) * at_last;
-                p = rotate(most * (TAU * turns).sin(), p);
+                p = rotate(most * real::sin(TAU * turns), p);
             }
             let Comfort { around: usual, around_at_last, .. } = self.comfort;
             around = usual + (around_at_last - usual) * self.patience.lost();

@@ -72,6 +72,7 @@ use std::f64::consts::PI;
 use formation::Vec2;
 use formation::front_point::{front_speed, rotate};
 use formation::pose::Twist;
+use formation::real;
 use protocol::avoidance::{Advice, AvoidanceDescription, Conditions, Promise, Senses};
 use protocol::brief::{AgentBrief, LimitsBrief, Pace};
 use protocol::number::{short, told_apart};
@@ -419,7 +420,7 @@ impl Guard {
         let Braking { way, turn, mu } = self.braking;
         let (mid, spread) = headings(sample.heading_rad, h + turn * tau_o, w, self.heading_error);
         let brakes_for = way * tau_o;
-        let lasting = (-2.0 * self.rate * h).exp(); // e^(-2 Lambda h)
+        let lasting = real::exp(-2.0 * self.rate * h); // e^(-2 Lambda h)
         let less = mu(2.0 * self.rate * tau_o);
         self.cones.clear();
         for near in self.vicinity.near(sample) {

@@ -5,6 +5,7 @@
 //! longer gap nothing is known. Comfort alone rests on it: no promise about distances knows of it.
 
 use formation::Vec2;
+use formation::real;
 use protocol::avoidance::Conditions;
 
 use super::{Sample, clip};
@@ -114,7 +115,7 @@ impl Motion {
             self.step = Step { dt, rate: 1.0 / dt, share, ..self.step };
         }
         let step = &self.step;
-        if (step.v_max * dt).powi(2) >= step.same2 || dt == 0.0 {
+        if real::square(step.v_max * dt) >= step.same2 || dt == 0.0 {
             self.movers.clear();
         }
         std::mem::swap(&mut self.movers, &mut self.before);

@@ -37,6 +37,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use formation::Vec2;
 use formation::front_point::rotate;
+use formation::real;
 use protocol::avoidance::{AvoidanceDescription, Conditions, Gain};
 
 use super::cone::{ROUNDING_M, direction};
@@ -182,7 +183,7 @@ fn centroid(points: &[Vec2], goal: Vec2, spread: f64) -> Vec2 {
     let Some(nearest) = points.iter().map(far).reduce(f64::min) else { return Vec2::zeros() };
     let (mut sum, mut weights) = (Vec2::zeros(), 0.0);
     for q in points {
-        let weight = ((nearest - far(q)) / spread).exp();
+        let weight = real::exp((nearest - far(q)) / spread);
         sum += weight * q;
         weights += weight;
     }

@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 
 use formation::Vec2;
 use formation::pose::Twist;
+use formation::real;
 use protocol::law::LawDescription;
 
 pub use self::situation::{Heard, Situation};
@@ -96,5 +97,5 @@ pub fn row(name: &str) -> Result<&'static LawRow, UnfitBrief> {
 
 /// tanh of each component. (8)
 fn tanh(e: Vec2) -> Vec2 {
-    e.map(f64::tanh)
+    e.map(real::tanh)
 }

@@ -1,7 +1,5 @@
 // The law formation-tanh in C++: gamma = -k tanh(e) + alpha*'. (28)
 
-#include <cmath>
-
 #include <phalanx.hpp>
 
 namespace {
@@ -14,7 +12,7 @@ struct Tanh {
     phalanx_vector gamma(const phalanx_situation &seen) {
         const auto [ex, ey] = seen.error;
         const auto [vx, vy] = seen.desired_velocity;
-        return {-k_m_s * std::tanh(ex) + vx, -k_m_s * std::tanh(ey) + vy};
+        return {-k_m_s * phalanx_tanh(ex) + vx, -k_m_s * phalanx_tanh(ey) + vy};
     }
 };
 

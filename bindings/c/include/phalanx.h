@@ -155,6 +155,31 @@ int phalanx_serve_law(struct phalanx_robot *robot,
 // As of phalanx_serve_law.
 int phalanx_serve_controller(struct phalanx_robot *robot, phalanx_steer controller, void *user);
 
+// tanh as the built-in laws have it. It and the functions below are the same on every machine; those of the C
+// library may differ in the last digit, and with it the trajectory.
+double phalanx_tanh(double x);
+
+// The direction of (x, y), rad, in (-pi, pi].
+double phalanx_atan2(double y, double x);
+
+// Of an angle in rad.
+double phalanx_cos(double x);
+
+// e^x.
+double phalanx_exp(double x);
+
+// The length of (x, y).
+double phalanx_hypot(double x, double y);
+
+// The natural logarithm.
+double phalanx_ln(double x);
+
+// x^y.
+double phalanx_pow(double x, double y);
+
+// Of an angle in rad.
+double phalanx_sin(double x);
+
 #ifdef __cplusplus
 } // extern "C"
 #endif // __cplusplus

@@ -4,6 +4,7 @@ use std::ffi::{c_char, c_int, c_void, CStr};
 use std::io::Write as _;
 
 use agent::program::{self, LAW_FAILED};
+use formation::real;
 use protocol::brief::AgentBrief;
 use protocol::process::{self, exit};
 
@@ -226,4 +227,53 @@ fn fail(code: u8, why: &str) -> ! {
     process::log_to_stderr();
     tracing::error!("{why}");
     std::process::exit(code.into())
+}
+
+/// tanh as the built-in laws have it. It and the functions below are the same on every machine; those of the C
+/// library may differ in the last digit, and with it the trajectory.
+#[no_mangle]
+pub extern "C" fn phalanx_tanh(x: f64) -> f64 {
+    real::tanh(x)
+}
+
+/// The direction of (x, y), rad, in (-pi, pi].
+#[no_mangle]
+pub extern "C" fn phalanx_atan2(y: f64, x: f64) -> f64 {
+    real::atan2(y, x)
+}
+
+/// Of an angle in rad.
+#[no_mangle]
+pub extern "C" fn phalanx_cos(x: f64) -> f64 {
+    real::cos(x)
+}
+
+/// e^x.
+#[no_mangle]
+pub extern "C" fn phalanx_exp(x: f64) -> f64 {
+    real::exp(x)
+}
+
+/// The length of (x, y).
+#[no_mangle]
+pub extern "C" fn phalanx_hypot(x: f64, y: f64) -> f64 {
+    real::hypot(x, y)
+}
+
+/// The natural logarithm.
+#[no_mangle]
+pub extern "C" fn phalanx_ln(x: f64) -> f64 {
+    real::ln(x)
+}
+
+/// x^y.
+#[no_mangle]
+pub extern "C" fn phalanx_pow(x: f64, y: f64) -> f64 {
+    real::pow(x, y)
+}
+
+/// Of an angle in rad.
+#[no_mangle]
+pub extern "C" fn phalanx_sin(x: f64) -> f64 {
+    real::sin(x)
 }

@@ -3,13 +3,13 @@
 A law is a class with a method ``gamma``; a file that ends in ``phalanx.serve(MyLaw)`` is a robot's program,
 which a scenario names under ``[laws.NAME]`` and ``phalanx run`` starts::
 
-    import math
     import phalanx
+    from phalanx.real import tanh
 
     class Tanh(phalanx.Law):
         def gamma(self, situation):
             (ex, ey), (vx, vy) = situation.error, situation.desired_velocity
-            return -self.k_f_m_s * math.tanh(ex) + vx, -self.k_f_m_s * math.tanh(ey) + vy
+            return -self.k_f_m_s * tanh(ex) + vx, -self.k_f_m_s * tanh(ey) + vy
 
     phalanx.serve(Tanh)
 
@@ -24,7 +24,7 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
-from . import _phalanx
+from . import _phalanx, real
 from ._phalanx import Neighbor, Odometry, Pose, Situation, Twist, __version__
 from .campaigns import Campaign, sweep
 from .observation import Observation
@@ -51,6 +51,7 @@ __all__ = [
     "__version__",
     "load",
     "parallel_env",
+    "real",
     "run",
     "serve",
     "sweep",

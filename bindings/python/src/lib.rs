@@ -7,6 +7,7 @@
 //! | `law` | how is it asked, and what if its answer is none? |
 //! | `serve` | how does a Python process become a robot? |
 //! | `plant` | how does it become what moves the robots? |
+//! | `real` | what are its sine and exponential? |
 //! | `env` | and how is a scenario stepped from Python, for training? |
 
 // What `pymodule` and `pymethods` write is not ours to document.
@@ -15,6 +16,7 @@
 mod env;
 mod law;
 mod plant;
+mod real;
 mod serve;
 mod situation;
 
@@ -28,6 +30,8 @@ mod _phalanx {
     use super::env::Episode;
     #[pymodule_export]
     use super::plant::serve_plant;
+    #[pymodule_export]
+    use super::real::real;
     #[pymodule_export]
     use super::serve::serve;
     #[pymodule_export]

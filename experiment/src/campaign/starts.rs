@@ -13,6 +13,7 @@ use crate::scenario::Scenario;
 use crate::scenario::diagnostic::Diagnostic;
 use crate::scenario::table::Value;
 use formation::Vec2;
+use formation::front_point::rotate;
 use formation::pose::Pose;
 use formation::random::SplitMix64;
 use serde::Deserialize;
@@ -152,7 +153,7 @@ impl Starts {
         let start = |(place, robot): (Vec2, &crate::scenario::Robot)| {
             // From 0 to below 1, turned around: above -pi, up to pi.
             let heading_rad = PI - 2.0 * PI * random.unit();
-            let ahead = robot.front_point_m * Vec2::new(heading_rad.cos(), heading_rad.sin());
+            let ahead = robot.front_point_m * rotate(heading_rad, Vec2::x());
             let axle = place - ahead;
             starts_at(&robot.name, Pose { x_m: axle.x, y_m: axle.y, heading_rad })
         };

@@ -10,6 +10,7 @@ use formation::Vec2;
 use formation::closest::{ClosestPair, closest_pair};
 use formation::front_point::rotate;
 use formation::pose::wrap_angle;
+use formation::real;
 use serde::Serialize;
 
 use super::start_points;
@@ -152,7 +153,7 @@ fn nearest_to_zero(begin: Vec2, end: Vec2) -> f64 {
 fn is_ringed(middle: usize, places: &[Vec2], beside: &[Vec<usize>]) -> bool {
     let bearing = |i: usize| {
         let from = places[i] - places[middle];
-        from.y.atan2(from.x)
+        real::atan2(from.y, from.x)
     };
     let mut turned: Vec<Option<f64>> = vec![None; places.len()];
     for first in (0..places.len()).filter(|&i| i != middle) {

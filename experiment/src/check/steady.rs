@@ -14,6 +14,7 @@ use formation::front_point::{drawn_heading, front_speed, twist_for};
 use formation::laplacian::settled;
 use formation::obstacle::Obstacles;
 use formation::pose::Twist;
+use formation::real;
 use formation::scale::Scale;
 use serde::Serialize;
 
@@ -275,5 +276,5 @@ pub(crate) fn leader_course(
 
 /// Where a velocity points, if anywhere.
 fn heading_of(velocity: Vec2) -> Option<f64> {
-    (velocity.norm() > 0.0).then(|| velocity.y.atan2(velocity.x))
+    (velocity.norm() > 0.0).then(|| real::atan2(velocity.y, velocity.x))
 }

@@ -4,8 +4,9 @@ use std::f64::consts::TAU;
 
 use formation::Vec2;
 use formation::closest::closest_pair;
-use formation::front_point::front_point;
+use formation::front_point::{front_point, rotate};
 use formation::pose::{Pose, wrap_angle};
+use formation::real;
 
 use crate::check::start_points;
 use crate::hunt::plan::{EVERY, Plan, PlannedFault, rounded};
@@ -176,7 +177,7 @@ impl Space {
         if self.varies(Varied::Gains) {
             for keys in &self.gains {
                 let [least, most] = self.bounds.gain_factors;
-                let factor = least * (most / least).powf(genes.share());
+                let factor = least * real::pow(most / least, genes.share());
                 let gain =
                     |(key, own): &(String, f64)| (key.clone(), rounded(own * factor, DIGITS));
                 plan.gains.extend(keys.iter().map(gain));
@@ -199,7 +200,7 @@ impl Space {
             let turn_rad = TAU * (genes.share() - 0.5);
             let heading_rad = rounded_to(wrap_angle(robot.start.heading_rad + turn_rad), 1e3);
             let pose_at = |point: Vec2| {
-                let ahead = robot.front_point_m * Vec2::new(heading_rad.cos(), heading_rad.sin());
+                let ahead = robot.front_point_m * rotate(heading_rad, Vec2::x());
                 let [x_m, y_m] = [point.x - ahead.x, point.y - ahead.y].map(|m| rounded_to(m, 1e3));
                 Pose { x_m, y_m, heading_rad }
             };
@@ -232,7 +233,8 @@ impl Space {
         let at_ns =
             self.ticks_ns(from_ns as f64 + at * (latest_ns - from_ns) as f64).min(latest_ns);
         let rest = (until_ns - at_ns) as f64 / period_ns as f64;
-        let for_ns = self.ticks_ns(period_ns as f64 * rest.max(1.0).powf(length)).max(period_ns);
+        let for_ns =
+            self.ticks_ns(period_ns as f64 * real::pow(rest.max(1.0), length)).max(period_ns);
         let amounts = self.amounts(kind, what, [a, b]);
         // Half of those that are killed stay dead.
         let for_ns = (*kind != "kill" || a < 0.5).then_some(for_ns);

@@ -4,6 +4,7 @@
 //! the tick in lockstep, reported one by one.
 
 use formation::random::draw;
+use formation::real;
 
 use super::diagnostic::Diagnostic;
 use super::lives::Lives;
@@ -166,7 +167,7 @@ impl Dice {
     /// A time until something that happens every `mean_s` on average, ns.
     fn exponential_ns(&mut self, mean_s: f64) -> u64 {
         let draw = self.next();
-        (-(1.0 - draw).ln() * mean_s * 1e9) as u64
+        (-real::ln(1.0 - draw) * mean_s * 1e9) as u64
     }
 }
 

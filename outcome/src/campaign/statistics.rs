@@ -4,6 +4,7 @@
 //! (`tests/readers/by_scipy.py`). All intervals are two-sided, of 95 %.
 
 use formation::random::SplitMix64;
+use formation::real;
 
 /// Probability that an interval misses.
 const ALPHA: f64 = 0.05;
@@ -125,8 +126,8 @@ pub fn bca(values: &[f64], value: f64, drawn: &[f64]) -> Option<[f64; 2]> {
     let without = without?;
     let mean = without.iter().sum::<f64>() / n as f64;
     let [squares, cubes] =
-        [2, 3].map(|power| without.iter().map(|m| (mean - m).powi(power)).sum::<f64>());
-    let acceleration = cubes / (6.0 * squares.powf(1.5));
+        [2.0, 3.0].map(|power| without.iter().map(|m| real::pow(mean - m, power)).sum::<f64>());
+    let acceleration = cubes / (6.0 * real::pow(squares, 1.5));
     if !bias.is_finite() || !acceleration.is_finite() {
         return None;
     }
@@ -182,15 +183,15 @@ pub fn mcnemar(first: usize, second: usize) -> f64 {
     let mut term = -(n as f64) * std::f64::consts::LN_2;
     let mut sum = 0.0;
     for k in 0..=least {
-        sum += term.exp();
-        term += ((n - k) as f64 / (k + 1) as f64).ln();
+        sum += real::exp(term);
+        term += real::ln((n - k) as f64 / (k + 1) as f64);
     }
     (2.0 * sum).min(1.0)
 }
 
 /// The share of the standard normal distribution below z.
 pub fn normal(z: f64) -> f64 {
-    0.5 * libm::erfc(-z / std::f64::consts::SQRT_2)
+    0.5 * real::erfc(-z / std::f64::consts::SQRT_2)
 }
 
 /// Where a share of the standard normal distribution is below: by bisection, then Newton's steps.

@@ -9,6 +9,7 @@ use formation::Vec2;
 use formation::front_point::front_point;
 use formation::obstacle::Obstacle;
 use formation::pose::Pose;
+use formation::real;
 
 use crate::report::axis::Axis;
 use crate::report::chart::Place;
@@ -250,7 +251,7 @@ impl Movie<'_> {
             let places = self.path(robot);
             let mut lengths = vec![0.0];
             for pair in places.windows(2) {
-                let step = (pair[1].0 - pair[0].0).hypot(pair[1].1 - pair[0].1);
+                let step = real::hypot(pair[1].0 - pair[0].0, pair[1].1 - pair[0].1);
                 lengths.push(lengths[lengths.len() - 1] + step);
             }
             let whole = lengths[lengths.len() - 1];
@@ -328,7 +329,7 @@ impl Movie<'_> {
             let headings = self.each(|frame| {
                 let turn: f64 = frame.robots[i].heading_rad - heading_rad;
                 if turn.is_finite() {
-                    heading_rad += turn.sin().atan2(turn.cos());
+                    heading_rad += real::atan2(real::sin(turn), real::cos(turn));
                 }
                 px(-heading_rad.to_degrees())
             });

@@ -1,5 +1,7 @@
 //! What can be seen of a curve: fewer points, and no extreme lost.
 
+use formation::real;
+
 /// A point of the canvas.
 pub type Point = (f64, f64);
 
@@ -46,7 +48,7 @@ fn distance(point: Point, a: Point, b: Point) -> f64 {
     let (x, y) = (point.0 - a.0, point.1 - a.1);
     let square = dx * dx + dy * dy;
     let along = if square > 0.0 { ((x * dx + y * dy) / square).clamp(0.0, 1.0) } else { 0.0 };
-    (x - along * dx).hypot(y - along * dy)
+    real::hypot(x - along * dx, y - along * dy)
 }
 
 #[cfg(test)]

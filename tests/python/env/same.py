@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import phalanx
+from phalanx import real
 
 
 def unit(mu, seen, period_s):
@@ -18,7 +19,7 @@ def unit(mu, seen, period_s):
 def tanh(k, seen, _):
     """formation-tanh and leader-tanh. (28)"""
     _, ex, ey, vx, vy = seen[:5]
-    return -k * math.tanh(ex) + vx, -k * math.tanh(ey) + vy
+    return -k * real.tanh(ex) + vx, -k * real.tanh(ey) + vy
 
 
 def law(scenario, name):

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import phalanx
+from phalanx.real import tanh
 
 
 def siblings():
@@ -23,7 +24,7 @@ class Hostile(phalanx.Law):
         k = self.k_f_m_s
         if situation.t_s >= 1.0:
             return getattr(self, Path(__file__).stem)()
-        return -k * math.tanh(ex) + vx, -k * math.tanh(ey) + vy
+        return -k * tanh(ex) + vx, -k * tanh(ey) + vy
 
     def raises(self):
         raise ValueError("my law is at its end")

@@ -6,6 +6,8 @@
 //! What a kill or a freeze leads to is said by the supervisor's own tables, `supervisor::timeline` and
 //! `supervisor::run::lives`. `measured` is a whole run, written down as one of processes is.
 
+// By its path, so that `bindings/web/` finds it too.
+#[path = "in_process/measured.rs"]
 pub mod measured;
 
 use std::collections::VecDeque;

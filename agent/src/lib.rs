@@ -15,16 +15,21 @@
 //! | `ports` | through which services does it speak? |
 //! | `control_loop` | when is a turn? Waiting and sending, in both paces |
 //! | `program` | and with a law in another language? |
+//!
+//! Without the feature `ipc` there are no `ports`, `control_loop` and `program`: a robot without a process.
 
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
 pub mod avoidance;
 pub mod brain;
+#[cfg(feature = "ipc")]
 pub mod control_loop;
 mod gains;
 pub mod laws;
 pub mod neighborhood;
+#[cfg(feature = "ipc")]
 pub mod ports;
+#[cfg(feature = "ipc")]
 pub mod program;
 pub mod roles;
 #[cfg(test)]
@@ -32,7 +37,7 @@ mod testing;
 pub mod turn;
 
 use protocol::catalog::Catalog;
-pub use protocol::clock::golden_phase;
+pub use protocol::wake::golden_phase;
 
 /// Why a brief makes no robot, in words.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

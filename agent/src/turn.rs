@@ -9,10 +9,10 @@
 //! of it all, and for how long a robot may hear nothing of the plant.
 
 use protocol::brief::{AgentBrief, Pace};
-use protocol::clock::Wake;
 use protocol::latency::Recorder;
 use protocol::message::{Beacon, Goal, LinkFaultByHand, NeighborStatus, Odometry, StatusHeader};
 use protocol::stage::{Cause, Stage};
+use protocol::wake::Wake;
 
 use crate::brain::{Answer, Brain};
 use crate::laws::Wish;

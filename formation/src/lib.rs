@@ -29,7 +29,7 @@
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
 // Here, because everything is built on this: whoever builds elsewhere sees this sentence and no other.
-#[cfg(not(target_os = "linux"))]
+#[cfg(not(any(target_os = "linux", target_arch = "wasm32")))]
 compile_error!(
     "Phalanx runs on Linux only: on macOS and Windows, use Docker (see the Dockerfile) or WSL2."
 );

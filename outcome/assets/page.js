@@ -2,7 +2,7 @@
 //
 // Both show the same frames (outcome/src/report/scene.rs); a number that is not there is null. Words of a
 // scenario reach the page as text, never as markup. The live page listens to `events` and posts to
-// `control` beside it; nothing else is ever asked for.
+// `control` beside it; nothing else is ever asked for. Where the page itself computes the run, both are `phalanxFeed`.
 const TRAIL_S = 5;
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 
@@ -673,6 +673,7 @@ function live(root, scene, picture, control) {
   const [lamp, dropped, answer, log, end] = [".lamp", ".dropped", ".answer", ".log", ".end"].map((selector) => root.querySelector(selector));
   const track = new Track(root, scene, scene.duration_s ?? 60);
   for (const fault of scene.faults) track.mark(fault.t_s, fault.until_s, fault.what);
+  const feed = globalThis.phalanxFeed;
   let [frames, waiting, drawn, heard, lost, ended] = [[], false, 0, 0, 0, false];
 
   function link(state, text) {
@@ -682,11 +683,12 @@ function live(root, scene, picture, control) {
 
   function act(body) {
     say(answer, "");
-    fetch("control" + location.search, {
+    const asked = () => fetch("control" + location.search, {
       method: "POST",
       headers: { "Content-Type": "application/json" },
       body: JSON.stringify(body),
-    }).then(async (response) => {
+    });
+    (feed ? feed.act(body) : asked()).then(async (response) => {
       if (response.ok) mended(body.act, `${body.from}->${body.to}`);
       else say(answer, `${body.act} ${body.robot ?? `${body.from} -> ${body.to}`}: ${(await response.text()) || response.status}`);
     }).catch(() => say(answer, `${body.act}: the run does not answer`));
@@ -815,14 +817,14 @@ function live(root, scene, picture, control) {
   }
 
   function connect() {
-    const source = new EventSource("events" + location.search);
+    const source = feed ? feed.listen() : new EventSource("events" + location.search);
     source.addEventListener("message", take);
     source.addEventListener("happened", happened);
     source.addEventListener("latency", latency);
     source.addEventListener("ended", (event) => {
       const { exit, text } = JSON.parse(event.data);
       ended = true;
-      source.close();
+      source.close?.();
       link("ended", `the run has ended, exit code ${exit}`);
       say(end, text);
       for (const element of root.querySelectorAll(".acts button")) element.disabled = true;
@@ -838,7 +840,7 @@ function live(root, scene, picture, control) {
   setInterval(() => {
     track.flush();
     const silent_s = (performance.now() - heard) / 1000;
-    if (heard && silent_s > 1 && !ended && lamp.dataset.link !== "reconnecting") link("behind", `nothing heard for ${silent_s.toFixed(0)} s`);
+    if (!feed && heard && silent_s > 1 && !ended && lamp.dataset.link !== "reconnecting") link("behind", `nothing heard for ${silent_s.toFixed(0)} s`);
   }, 500);
   connect();
 }

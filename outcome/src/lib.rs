@@ -9,13 +9,18 @@
 //! | `campaign/` | what came of many runs, and with which confidence? |
 //! | `hunt` | what has a hunt tried? |
 //!
+//! Without the feature `files` there are `metrics/`, the picture in the plane, and, in memory, the tables and the summary.
+//!
 //! Must not: start, signal or wait for a process, know iceoryx2, or decide anything about a run.
 
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
+#[cfg(feature = "files")]
 pub mod campaign;
+#[cfg(feature = "files")]
 pub mod hunt;
 pub mod metrics;
+#[cfg(feature = "files")]
 pub mod recording;
 pub mod report;
 pub mod results;

@@ -10,10 +10,10 @@
 use std::error::Error;
 
 use protocol::brief::{Pace, PlantBrief};
-use protocol::clock::Wake;
 use protocol::latency::Recorder;
 use protocol::message::{Command, Odometry};
 use protocol::stage::{Cause, Stage};
+use protocol::wake::Wake;
 
 use crate::motion::{Motion, Unicycles};
 use crate::overrun::{Overrun, TooSlow};

@@ -7,6 +7,8 @@ use std::num::NonZeroU64;
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::Timespec;
 
+use crate::wake::Wake;
+
 const NS_PER_S: u64 = 1_000_000_000;
 
 /// CLOCK_MONOTONIC, ns.
@@ -30,15 +32,6 @@ pub fn tighten_timer_slack() {
     if let Err(error) = rustix::thread::set_current_timer_slack(NonZeroU64::new(1)) {
         tracing::warn!(%error, "timer slack stays at the kernel's default; wake-ups are 50 us later");
     }
-}
-
-/// One wake-up of a [`Timer`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Wake {
-    /// The deadline waited for, ns.
-    pub due_ns: u64,
-    /// How long after it the wait returned, ns.
-    pub lateness_ns: u64,
 }
 
 /// Deadlines at the multiples of a period plus a phase. Missed ones are skipped.
@@ -79,12 +72,6 @@ impl Timer {
 pub fn sleep_until(due_ns: u64) -> Option<()> {
     let due = Timespec { tv_sec: (due_ns / NS_PER_S) as i64, tv_nsec: (due_ns % NS_PER_S) as _ };
     clock_nanosleep_absolute(ClockId::Monotonic, &due).ok()
-}
-
-/// A phase in [0, 1) of its own for the robot with this place in the scenario: multiples of the
-/// golden ratio's fractional part spread evenly, however many robots there are.
-pub fn golden_phase(index: usize) -> f64 {
-    (0.618_033_988_7 * index as f64).fract()
 }
 
 /// The first `n * period + phase` that is later than `now`.

@@ -6,6 +6,7 @@
 
 use crate::age::AgeSums;
 use crate::message::{LatencyHeader, LatencyRow};
+#[cfg(feature = "ipc")]
 use crate::service::{Factory, Publisher, ServiceError, send_slice};
 use crate::stage::Stage;
 
@@ -101,11 +102,13 @@ impl Recorder {
 }
 
 /// Where what a [`Recorder`] holds is sent to.
+#[cfg(feature = "ipc")]
 #[derive(Debug)]
 pub struct LatencyPort {
     publisher: Publisher<[LatencyRow], LatencyHeader>,
 }
 
+#[cfg(feature = "ipc")]
 impl LatencyPort {
     /// Room for batches of this recorder.
     pub fn new(

@@ -8,8 +8,8 @@ use std::fs::File;
 use std::os::unix::fs::FileExt as _;
 use std::path::Path;
 
-use crate::clock::Wake;
 use crate::stage::Cause;
+use crate::wake::Wake;
 use crate::{cgroup, clock};
 
 /// A wake-up is late if it comes this part of a period after its deadline.

@@ -27,9 +27,10 @@
 //! | `planted` | which defect is planted on purpose, to see whether it is found? |
 //! | `process` | how does a child name itself, log, and stop? |
 //! | `visible` | how is text from anywhere shown on a terminal? |
+//! | `wake` | when does a process wake up, and how late was it? |
 //!
 //! Without the feature `ipc` there are only the words: `message`, `brief`, `ros2`, `goal`, `fault`, `dropped`, `link`,
-//! `law`, `avoidance`, `catalog`, `number`, `planted`, `age`, `visible`; no iceoryx2, no system calls.
+//! `law`, `avoidance`, `catalog`, `number`, `planted`, `age`, `latency` but for its port, `process::exit`, `stage`, `visible`, `wake`; no iceoryx2, no system calls.
 
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
@@ -51,7 +52,6 @@ pub mod fault;
 pub mod goal;
 #[cfg(feature = "ipc")]
 mod ipc;
-#[cfg(feature = "ipc")]
 pub mod latency;
 #[cfg(feature = "ipc")]
 pub mod lateness;
@@ -64,6 +64,12 @@ pub mod number;
 pub mod planted;
 #[cfg(feature = "ipc")]
 pub mod process;
+#[cfg(not(feature = "ipc"))]
+pub mod process {
+    //! Of processes, what they end with.
+
+    pub mod exit;
+}
 pub mod ros2;
 #[cfg(feature = "ipc")]
 pub mod run_root;
@@ -71,5 +77,6 @@ pub mod run_root;
 pub mod service;
 pub mod stage;
 pub mod visible;
+pub mod wake;
 #[cfg(feature = "ipc")]
 pub mod watchdog;

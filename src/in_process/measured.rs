@@ -4,27 +4,21 @@
 //! What has no meaning without processes is left out: logs, briefs, the time that the start-up took, and how
 //! long messages were under way.
 
-use std::time::Instant;
-
 use agent::brain::Brain;
 use agent::turn::Turn;
 use experiment::scenario::{FaultKind, Scenario};
-use outcome::metrics::summary::ProcessUsage;
 use outcome::metrics::{Measures, Metrics, Rewiring};
+use outcome::report::scene::Frame;
 use outcome::results::latency::Latency;
 use outcome::results::outcome::Outcome;
 use outcome::results::run_dir::{RunDir, RunDirError};
-use outcome::results::usage;
+use outcome::results::scene;
 use protocol::brief::{AgentBrief, Pace};
-use protocol::clock::now_ns;
 use protocol::message::{Contact, TruthHeader, TruthRow};
 use supervisor::run::journal::Journal;
 use supervisor::run::reports::{News, Report};
 
-use super::{Effect, InProcess, Robot};
-
-/// How the thread that does a run is called among its processes.
-const NAME: &str = "all";
+use super::{Effect, InProcess, NotInProcess, Robot};
 
 /// Why a run of this scenario needs processes, if it does.
 pub fn needs_processes(scenario: &Scenario) -> Option<&'static str> {
@@ -39,33 +33,6 @@ pub fn needs_processes(scenario: &Scenario) -> Option<&'static str> {
     } else {
         None
     }
-}
-
-/// Runs a scenario in lockstep to its end, or until `goes_on` says no, which is asked at every tick.
-pub fn run(
-    scenario: &Scenario,
-    run_dir: &mut RunDir,
-    metrics: &mut Metrics,
-    mut goes_on: impl FnMut() -> bool,
-) -> (Outcome, Result<(), RunDirError>) {
-    let usage_before = usage::of_this_thread();
-    let mut run = InProcess::new(scenario.clone(), brain).expect("it needs no processes");
-    run.clock_ns = now_ns;
-    let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
-    let mut listener = Listener {
-        journal: Journal::new(names, run_dir, metrics),
-        latency: Latency::new(scenario, Pace::Lockstep),
-        reports: run.agents.iter().map(|_| Report::new(run.agents.len())).collect(),
-    };
-    let (began, mut outcome) = (Instant::now(), Outcome::default());
-    let ran = listener.tick_until_the_end(&mut run, &mut outcome, &mut goes_on);
-    outcome.wall = began.elapsed();
-    let robots = 0..scenario.robots.len();
-    outcome.restarts = robots.map(|robot| run.lives.incarnation(robot)).collect();
-    let usage = usage::of_this_thread().since(&usage_before);
-    outcome.usages = vec![ProcessUsage { name: NAME.into(), starts: 1, usage }];
-    listener.into_outcome(&mut outcome);
-    (outcome, ran)
 }
 
 /// The brain of a brief that a checked scenario has.
@@ -122,113 +89,158 @@ pub fn measure(
     }
 }
 
-/// Takes down what the robots report of themselves, and what happens to them.
-struct Listener<'a> {
+/// A whole run under way: what the robots report of themselves is taken down, and what happens to them.
+pub struct Measured<'a, F> {
+    run: InProcess<F>,
     journal: Journal<'a>,
     latency: Latency,
     reports: Vec<Report>,
+    /// The newest truth.
+    header: TruthHeader,
+    rows: Vec<TruthRow>,
 }
 
-impl Listener<'_> {
-    fn tick_until_the_end<F: Fn(&AgentBrief, u64) -> Brain>(
-        &mut self,
-        run: &mut InProcess<F>,
-        outcome: &mut Outcome,
-        goes_on: &mut impl FnMut() -> bool,
-    ) -> Result<(), RunDirError> {
-        let mut rows: Vec<TruthRow> = Vec::new();
-        loop {
-            let header = run.world().truth_header();
-            rows.clear();
-            rows.extend(run.world().truth());
-            self.journal.known_before(header.t_ns)?;
-            self.journal.metrics.truth(&header, &rows, run.alive());
-            let measured = self.journal.metrics.now();
-            self.journal.run_dir.truth(&header, &rows, run.alive(), measured)?;
-            outcome.truth = Some(header);
-            if run.is_over() || self.journal.metrics.ends_early() {
-                break;
-            }
-            if !goes_on() {
-                outcome.interrupted = true;
-                break;
-            }
-            self.latency.now(header.t_ns);
-            self.one_tick(run, header.t_ns);
-        }
-        for (place, robot) in run.robots.iter_mut().enumerate() {
-            if let Some(turn) = &mut robot.turn {
-                self.take_batch(turn, place);
-            }
-        }
-        self.journal.known_before(u64::MAX)
+impl<'a, F: Fn(&AgentBrief, u64) -> Brain> Measured<'a, F> {
+    /// At the start, before the first truth. `clock_ns`: by which it is measured how long everything takes.
+    pub fn new(
+        scenario: &Scenario,
+        think: F,
+        run_dir: &'a mut RunDir,
+        metrics: &'a mut Metrics,
+        clock_ns: fn() -> u64,
+    ) -> Result<Measured<'a, F>, NotInProcess> {
+        let mut run = InProcess::new(scenario.clone(), think)?;
+        run.clock_ns = clock_ns;
+        let names = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
+        Ok(Measured {
+            journal: Journal::new(names, run_dir, metrics),
+            latency: Latency::new(scenario, Pace::Lockstep),
+            reports: run.agents.iter().map(|_| Report::new(run.agents.len())).collect(),
+            header: TruthHeader::default(),
+            rows: Vec::new(),
+            run,
+        })
     }
 
-    fn one_tick<F: Fn(&AgentBrief, u64) -> Brain>(&mut self, run: &mut InProcess<F>, t_ns: u64) {
-        run.sense(|effect| self.happened(effect, t_ns));
+    /// The run itself.
+    pub fn run(&self) -> &InProcess<F> {
+        &self.run
+    }
+
+    /// What measures it.
+    pub fn metrics(&self) -> &Metrics {
+        self.journal.metrics
+    }
+
+    /// Where it is written.
+    pub fn run_dir(&mut self) -> &mut RunDir {
+        self.journal.run_dir
+    }
+
+    /// The newest truth, as pictures show it.
+    pub fn frame(&self) -> Frame {
+        let Measured { run, journal, reports, header, rows, .. } = self;
+        let orphaned = journal.metrics.orphaned();
+        let state = |robot: usize| run.lives.seat(robot).state(orphaned[robot]);
+        let heard = |from: usize, to: usize| reports[to].contact(from);
+        let errors_m = journal.metrics.now().errors_m;
+        scene::frame(&run.scenario, header, rows, errors_m, state, heard, |_| false)
+    }
+
+    /// Takes down the truth at hand; whether it is the last one.
+    pub fn truth(&mut self) -> Result<bool, RunDirError> {
+        let Measured { run, journal, header, rows, .. } = self;
+        *header = run.world().truth_header();
+        rows.clear();
+        rows.extend(run.world().truth());
+        journal.known_before(header.t_ns)?;
+        journal.metrics.truth(header, rows, run.alive());
+        let measured = journal.metrics.now();
+        journal.run_dir.truth(header, rows, run.alive(), measured)?;
+        Ok(run.is_over() || journal.metrics.ends_early())
+    }
+
+    /// Lets a period pass, after a truth that was not the last one.
+    pub fn tick(&mut self) {
+        let Measured { run, journal, latency, reports, header, .. } = self;
+        latency.now(header.t_ns);
+        run.sense(|effect| happened(journal, reports, effect, header.t_ns));
         run.step(|_, turn| turn.wish());
-        for (place, Robot { turn, member_since, reports, .. }) in run.robots.iter_mut().enumerate()
+        for (place, Robot { turn, member_since, reports: news, .. }) in
+            run.robots.iter_mut().enumerate()
         {
             let Some((turn, _)) = turn.as_mut().zip(*member_since) else { continue };
-            if *reports {
-                self.take_report(turn, place);
+            if *news {
+                take_report(journal, &mut reports[place], turn, place);
             }
             if turn.batch_is_due() {
-                self.take_batch(turn, place);
+                take_batch(latency, turn, place);
             }
         }
     }
 
-    /// Takes down how this robot says that it goes.
-    fn take_report(&mut self, turn: &Turn, place: usize) {
-        let (header, neighbors) = turn.status();
-        let neighbors: Vec<_> = neighbors.collect();
-        for news in self.reports[place].take(&header, &neighbors) {
-            match news {
-                News::Heard { other, contact, since_ns } => {
-                    self.journal.heard(since_ns, place, other, contact);
-                }
-                News::FrameHeard { contact, since_ns } => {
-                    self.journal.frame_heard(since_ns, place, contact);
-                }
-                News::GoesBy { other, yes, since_ns } => {
-                    self.journal.goes_by(since_ns, place, other, yes);
-                }
-                // In lockstep no goal comes from outside.
-                News::GoesTo { .. } => {}
+    /// Takes down what is left after the last truth; what the run leaves besides its metrics, and where it was
+    /// written.
+    pub fn finish(mut self) -> (Outcome, Journal<'a>, Result<(), RunDirError>) {
+        for (place, robot) in self.run.robots.iter_mut().enumerate() {
+            if let Some(turn) = &mut robot.turn {
+                take_batch(&mut self.latency, turn, place);
             }
         }
-    }
-
-    /// Takes down what this robot measured so far.
-    fn take_batch(&mut self, turn: &mut Turn, place: usize) {
-        let measured = turn.batch();
-        let (header, rows) = measured.batch();
-        // The plant is 0.
-        self.latency.take(place + 1, &header, rows);
-        measured.clear(0);
-    }
-
-    /// Something happened to a robot at this run time, ns.
-    fn happened(&mut self, effect: &Effect, t_ns: u64) {
-        match *effect {
-            // What the dead had not yet reported is gone.
-            Effect::Start { robot, .. } => self.reports[robot].begins_anew(),
-            Effect::Note { kind, robot, ref detail } => {
-                self.journal.event(t_ns, kind, Some(robot), detail.clone());
-            }
-            Effect::Began(fault) => self.journal.metrics.fault_began(fault, t_ns),
-            Effect::Ended { fault, end, at_ns } => {
-                self.journal.metrics.fault_ended(fault, end, at_ns);
-            }
-            _ => {}
-        }
-    }
-
-    fn into_outcome(self, outcome: &mut Outcome) {
+        let told = self.journal.known_before(u64::MAX);
         let counts = self.reports.iter().map(Report::counts);
-        outcome.deadline_misses = counts.clone().map(|counts| counts.misses).sum();
-        outcome.beacons_refused = counts.map(|counts| counts.refused).collect();
-        outcome.latency = self.latency;
+        let outcome = Outcome {
+            truth: Some(self.header),
+            restarts: (0..self.reports.len()).map(|i| self.run.lives.incarnation(i)).collect(),
+            deadline_misses: counts.clone().map(|counts| counts.misses).sum(),
+            beacons_refused: counts.map(|counts| counts.refused).collect(),
+            latency: self.latency,
+            ..Outcome::default()
+        };
+        (outcome, self.journal, told)
+    }
+}
+
+/// Takes down how this robot says that it goes.
+fn take_report(journal: &mut Journal<'_>, report: &mut Report, turn: &Turn, place: usize) {
+    let (header, neighbors) = turn.status();
+    let neighbors: Vec<_> = neighbors.collect();
+    for news in report.take(&header, &neighbors) {
+        match news {
+            News::Heard { other, contact, since_ns } => {
+                journal.heard(since_ns, place, other, contact);
+            }
+            News::FrameHeard { contact, since_ns } => {
+                journal.frame_heard(since_ns, place, contact);
+            }
+            News::GoesBy { other, yes, since_ns } => {
+                journal.goes_by(since_ns, place, other, yes);
+            }
+            // In lockstep no goal comes from outside.
+            News::GoesTo { .. } => {}
+        }
+    }
+}
+
+/// Takes down what this robot measured so far.
+fn take_batch(latency: &mut Latency, turn: &mut Turn, place: usize) {
+    let measured = turn.batch();
+    let (header, rows) = measured.batch();
+    // The plant is 0.
+    latency.take(place + 1, &header, rows);
+    measured.clear(0);
+}
+
+/// Something happened to a robot at this run time, ns.
+fn happened(journal: &mut Journal<'_>, reports: &mut [Report], effect: &Effect, t_ns: u64) {
+    match *effect {
+        // What the dead had not yet reported is gone.
+        Effect::Start { robot, .. } => reports[robot].begins_anew(),
+        Effect::Note { kind, robot, ref detail } => {
+            journal.event(t_ns, kind, Some(robot), detail.clone());
+        }
+        Effect::Began(fault) => journal.metrics.fault_began(fault, t_ns),
+        Effect::Ended { fault, end, at_ns } => journal.metrics.fault_ended(fault, end, at_ns),
+        _ => {}
     }
 }

@@ -15,14 +15,18 @@ use experiment::scenario::Scenario;
 use experiment::scenario::read::read_to_run;
 use outcome::campaign::folder::{Folder, complete, make_room, part};
 use outcome::metrics::Metrics;
+use outcome::metrics::summary::ProcessUsage;
 use outcome::results::manifest::{Build, Manifest};
-use outcome::results::run_dir::RunDir;
+use outcome::results::outcome::Outcome;
+use outcome::results::run_dir::{RunDir, RunDirError};
+use outcome::results::usage;
 use protocol::brief::Pace;
 use protocol::catalog::Catalog;
+use protocol::clock::now_ns;
 use protocol::process::{Stop, exit};
 
 use super::execute::judge;
-use crate::in_process::measured;
+use crate::in_process::measured::{self, Measured, brain};
 
 /// Runs of a campaign within this process.
 pub(super) struct InProcess<'a> {
@@ -87,7 +91,7 @@ impl InProcess<'_> {
         let began = Instant::now();
         let deadline = Duration::from_secs_f64(self.campaign.deadline_s);
         let goes_on = || !self.stop.requested() && began.elapsed() < deadline;
-        let (mut outcome, ran) = measured::run(scenario, &mut run_dir, &mut metrics, goes_on);
+        let (mut outcome, ran) = to_the_end(scenario, &mut run_dir, &mut metrics, goes_on);
         ran.map_err(in_words)?;
         if outcome.interrupted {
             return match self.stop.requested() {
@@ -111,7 +115,7 @@ impl InProcess<'_> {
         text: &str,
         manifest: &Manifest,
         part: &Path,
-    ) -> Result<RunDir, outcome::results::run_dir::RunDirError> {
+    ) -> Result<RunDir, RunDirError> {
         let mut run_dir = RunDir::create(part, scenario)?;
         run_dir.write_scenario(text)?;
         run_dir.write_manifest(manifest)?;
@@ -122,6 +126,34 @@ impl InProcess<'_> {
         Ok(run_dir)
     }
 }
+
+/// Runs a scenario to its end, or until `goes_on` says no, which is asked at every tick.
+pub(super) fn to_the_end(
+    scenario: &Scenario,
+    run_dir: &mut RunDir,
+    metrics: &mut Metrics,
+    goes_on: impl Fn() -> bool,
+) -> (Outcome, Result<(), RunDirError>) {
+    let usage_before = usage::of_this_thread();
+    let run = Measured::new(scenario, brain, run_dir, metrics, now_ns);
+    let mut run = run.expect("it needs no processes");
+    let began = Instant::now();
+    let (interrupted, ran) = loop {
+        match run.truth() {
+            Ok(false) if goes_on() => run.tick(),
+            Ok(last) => break (!last, Ok(())),
+            Err(error) => break (false, Err(error)),
+        }
+    };
+    let wall = began.elapsed();
+    let (outcome, _, told) = run.finish();
+    let usage = usage::of_this_thread().since(&usage_before);
+    let usages = vec![ProcessUsage { name: NAME.into(), starts: 1, usage }];
+    (Outcome { interrupted, wall, usages, ..outcome }, ran.and(told))
+}
+
+/// How the thread that does a run is called among its processes.
+const NAME: &str = "all";
 
 /// What came of an attempt: one that panics, or fails for a reason in words, has failed, and others go on.
 fn sheltered(attempt: impl FnOnce() -> Result<Tried, String>) -> Tried {

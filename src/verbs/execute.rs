@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use protocol::brief::Pace;
-use protocol::process::{Stop, exit};
+use protocol::process::Stop;
 use protocol::ros2::Ros2Brief;
 use supervisor::run::journal::Journal;
 use supervisor::run::launch::OpenTo;
@@ -18,7 +18,7 @@ use super::screen::{complain, progress, show_progress, tell};
 use experiment::scenario::read::folder;
 use experiment::scenario::{FaultKind, Scenario};
 use outcome::metrics::Metrics;
-use outcome::metrics::expect::{self, FailedRobot};
+use outcome::metrics::expect::FailedRobot;
 use outcome::metrics::summary::Summary;
 use outcome::report::screen::screen;
 use outcome::results::checksums;
@@ -145,19 +145,7 @@ pub(super) fn judge(
     ended_with: u8,
     run_dir: &mut RunDir,
 ) -> Judged {
-    let measures = metrics.finish();
-    let mut expectations =
-        expect::evaluate(scenario, &measures, pace, outcome.deadline_misses, ended_with);
-    expectations.extend(expect::no_robot_fails(scenario, &outcome.failed_robots));
-    let held = expectations.iter().all(|expectation| expectation.held);
-    let expected = scenario.expect.exit == Some(ended_with);
-    let exit = match (ended_with, held) {
-        (exit::OK, true) => exit::OK,
-        (exit::OK, false) => exit::EXPECTATION_MISSED,
-        (_, true) if expected => exit::OK,
-        (code, _) => code,
-    };
-    let mut summary = summary::sum_up(scenario, pace, measures, outcome, expectations, exit);
+    let mut summary = summary::judge(scenario, pace, metrics, outcome, ended_with);
     // The verdict is what it is, whether or not it can be written down.
     let screen = screen(&summary);
     let unwritten = run_dir.finish(&mut summary, &metrics.pairs(), &mut outcome.latency);

@@ -7,12 +7,13 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use protocol::clock::{self, Timer, golden_phase};
+use protocol::clock::{self, Timer};
 use protocol::latency::{LatencyPort, Recorder};
 use protocol::process::{self, Failure, Stop, Turns};
 use protocol::run_root;
 use protocol::service;
 use protocol::stage::Stage;
+use protocol::wake::golden_phase;
 
 /// What the control timer is told.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -17,22 +17,46 @@
 //! | `dead_nodes` | what did a dead process of this run leave in iceoryx2? |
 //! | `view/` | how is the live view served to browsers? |
 //! | `live` | what does the live view show of it? |
+//!
+//! Without the feature `processes` there are `timeline`, and of `run/` `journal`, `lives` and `reports`: plain values.
 
+#[cfg(feature = "processes")]
 mod addresses;
+#[cfg(feature = "processes")]
 pub mod child;
+#[cfg(feature = "processes")]
 pub mod control_timer;
+#[cfg(feature = "processes")]
 pub mod cores;
+#[cfg(feature = "processes")]
 pub mod dead_nodes;
+#[cfg(feature = "processes")]
 pub mod descriptors;
+#[cfg(feature = "processes")]
 pub mod left_behind;
+#[cfg(feature = "processes")]
 pub mod limits;
+#[cfg(feature = "processes")]
 pub mod live;
+#[cfg(feature = "processes")]
 mod logs;
 #[cfg(test)]
 #[path = "../../protocol/src/machine_files.rs"]
 mod machine_files;
+#[cfg(feature = "processes")]
 pub mod room;
+#[cfg(feature = "processes")]
 pub mod run;
+#[cfg(not(feature = "processes"))]
+pub mod run {
+    //! What of a run is decided and told without a process.
+
+    pub mod journal;
+    pub mod lives;
+    pub mod reports;
+}
+#[cfg(feature = "processes")]
 pub mod spawn;
 pub mod timeline;
+#[cfg(feature = "processes")]
 pub mod view;

@@ -1,22 +1,9 @@
 //! What the live view shows of a run under way, in its own words.
 
 use crate::view::{Happened, StageNow};
-use outcome::report::scene::RobotState;
 
-use crate::run::lives::Seat;
 use formation::seconds;
 use outcome::results::latency::Latency;
-
-/// How a robot in this seat looks. `orphaned`: no living leader reaches it.
-pub(crate) fn state(seat: Seat, orphaned: bool) -> RobotState {
-    match seat {
-        Seat::Moving if orphaned => RobotState::Orphaned,
-        Seat::Moving => RobotState::Moving,
-        Seat::Frozen => RobotState::Frozen,
-        Seat::Starting => RobotState::Starting,
-        Seat::Ending | Seat::Down => RobotState::Dead,
-    }
-}
 
 /// An event of the run.
 pub(crate) fn happened(t_ns: u64, kind: &str, robot: &str, detail: &str) -> Happened {

@@ -51,7 +51,8 @@ fn put(bytes: &mut [u8], at: usize, number: u64, size: usize) {
 
 /// What is changed, and in which record.
 const CHANGES: [(&str, u8, Change); 5] = [
-    ("a bit of a chunk", CHUNK, |bytes, at, length| bytes[at + length / 2] ^= 1),
+    // Of a single bit the same messages may come: compressed data name one of several equal stretches.
+    ("bytes of a chunk", CHUNK, |bytes, at, length| bytes[at + length / 2..][..8].fill(0xa5)),
     ("the length of a chunk", CHUNK, |bytes, at, _| put(bytes, at + 1, 1 << 40, 8)),
     ("how large a chunk is", CHUNK, |bytes, at, _| put(bytes, at + 25, 1 << 40, 8)),
     ("a chunk up to the end", CHUNK, chunk_to_the_end),

@@ -27,8 +27,8 @@ use formation::random::SplitMix64;
 use plant::motion::Unicycles;
 use plant::turn::{self, Turn as PlantTurn, TurnError};
 use protocol::brief::{AgentBrief, Pace, PlantBrief};
-use protocol::clock::Wake;
 use protocol::message::{Beacon, Command, Odometry, TruthHeader, TruthRow};
+use protocol::wake::Wake;
 
 use adversary::Deceit;
 pub use adversary::{ADVERSARIES, Adversary, Wish, stay_at};

@@ -6,8 +6,10 @@ macro_rules! functions {
     ($($name:ident($($x:ident),+);)+) => {
         #[pymodule]
         pub mod real {
+            use super::*;
+
             $(
-                #[pyo3::pyfunction]
+                #[pyfunction]
                 fn $name($($x: f64),+) -> f64 {
                     formation::real::$name($($x),+)
                 }

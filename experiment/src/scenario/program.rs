@@ -3,6 +3,7 @@
 //!
 //! Must not: start one.
 
+#[cfg(unix)]
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Component, Path, PathBuf};
 
@@ -137,7 +138,11 @@ fn on_path(name: &str) -> bool {
 }
 
 fn runs(path: &Path) -> bool {
+    #[cfg(unix)]
     let executable = |meta: std::fs::Metadata| meta.permissions().mode() & 0o111 != 0;
+    // In a browser there are no files.
+    #[cfg(not(unix))]
+    let executable = |_| false;
     path.metadata().is_ok_and(|meta| meta.is_file() && executable(meta))
 }
 

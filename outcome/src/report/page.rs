@@ -68,6 +68,11 @@ pub fn content_security_policy() -> String {
     )
 }
 
+/// The same without its document, its script and anything to listen to: where the run is in the page itself.
+pub fn fragment(scene: &Scene) -> String {
+    picture("control", "The run", LIVE, PANELS, &[data("scene", scene)])
+}
+
 fn picture(mode: &str, label: &str, time_line: &str, panels: &str, blocks: &[String]) -> String {
     let (board, blocks) = (PICTURE.replace(TIME_LINE, time_line), blocks.concat());
     format!(

@@ -5,6 +5,8 @@
 //! | file | question it answers |
 //! |---|---|
 //! | `run_dir` | which files are there, and what stands in them? |
+//! | `tables` | what stands in its tables? |
+//! | `in_memory` | and where there are no files? |
 //! | `host_dir` | what does every host of a run write? |
 //! | `checksums` | is a run whole, and as it was written? |
 //! | `reserved` | how does a small file survive a full disk? |
@@ -20,18 +22,29 @@
 //! | `date` | which day and time of day was it? |
 //! | `page` | what does a run directory look like in pictures? |
 
+#[cfg(feature = "files")]
 pub mod checksums;
+#[cfg(feature = "files")]
 pub mod compare;
+#[cfg(feature = "files")]
 pub mod date;
 pub mod goals;
+#[cfg(feature = "files")]
 pub mod host_dir;
 pub mod latency;
+#[cfg(feature = "files")]
 pub mod manifest;
 pub mod outcome;
+#[cfg(feature = "files")]
 pub mod page;
+#[cfg(feature = "files")]
 pub mod programs;
+#[cfg(feature = "files")]
 mod reserved;
+#[cfg_attr(not(feature = "files"), path = "in_memory.rs")]
 pub mod run_dir;
 pub mod scene;
 pub mod summary;
+pub mod tables;
+#[cfg(feature = "files")]
 pub mod usage;

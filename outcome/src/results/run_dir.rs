@@ -23,11 +23,10 @@ use crate::results::latency::Latency;
 use crate::results::manifest::Manifest;
 use crate::results::reserved::Reserved;
 use crate::results::summary::to_json;
+use crate::results::tables::{self, EVENTS_HEADER, Newest, SAMPLES_HEADER, Samples, event_line};
 use experiment::scenario::Scenario;
-use formation::front_point::front_point;
 use formation::obstacle::Obstacle;
 use formation::pose::{Pose, Twist};
-use formation::seconds;
 
 pub use crate::results::host_dir::RunDirError;
 
@@ -49,36 +48,16 @@ pub const RECORDING: &str = "run.mcap";
 /// The directory of one run: that of the plant's host, which holds all that came out as well.
 pub struct RunDir {
     host: HostDir,
-    robots: Vec<String>,
-    /// How far each front point lies ahead of its axle, m.
-    front_points_m: Vec<f64>,
+    tables: Samples,
     walls: Vec<Obstacle>,
-    record_hz: f64,
-    /// The newest stretch of 1 / record_hz of which a truth was written.
-    recorded: Option<u64>,
-    newest: Newest,
     samples: Log,
     /// When what was written was last seen to be in the file.
     samples_flushed: Instant,
-    /// The lines of one truth, kept for the next.
-    text: String,
     events: Log,
     /// None before it is begun, and after it could not be written.
     recording: Option<Recorder>,
     /// None once it is written.
     summary: Option<Reserved>,
-}
-
-/// The newest truth, and whether it still has to be written if the run ends now.
-#[derive(Default)]
-struct Newest {
-    unwritten: bool,
-    t_ns: u64,
-    rows: Vec<TruthRow>,
-    errors_m: Vec<Option<f64>>,
-    ideal_errors_m: Vec<Option<f64>>,
-    alive: Vec<bool>,
-    nearest: Option<(f64, [usize; 2])>,
 }
 
 /// A file that is appended to, and its name for messages.
@@ -99,12 +78,8 @@ impl Log {
     fn create(path: PathBuf, header: &str) -> Result<Log, RunDirError> {
         let file = File::create_new(&path).map_err(failed(&path))?;
         let mut log = Log { path, file: BufWriter::new(file) };
-        log.line(format_args!("{header}"))?;
+        log.text(header)?;
         Ok(log)
-    }
-
-    fn line(&mut self, line: std::fmt::Arguments<'_>) -> Result<(), RunDirError> {
-        writeln!(self.file, "{line}").map_err(failed(&self.path))
     }
 
     fn text(&mut self, text: &str) -> Result<(), RunDirError> {
@@ -123,20 +98,11 @@ impl RunDir {
         let summary = path.join(SUMMARY);
         Ok(RunDir {
             host,
-            robots: scenario.robots.iter().map(|robot| robot.name.clone()).collect(),
-            front_points_m: scenario.robots.iter().map(|robot| robot.front_point_m).collect(),
+            tables: Samples::new(scenario),
             walls: scenario.walls.iter().map(|wall| wall.shape.clone()).collect(),
-            record_hz: scenario.record_hz,
-            recorded: None,
-            newest: Newest::default(),
-            samples: Log::create(
-                path.join(SAMPLES),
-                "t_s,robot,x_m,y_m,heading_rad,v_m_s,w_rad_s,error_m,alive,ideal_error_m,front_x_m,\
-                 front_y_m",
-            )?,
+            samples: Log::create(path.join(SAMPLES), SAMPLES_HEADER)?,
             samples_flushed: Instant::now(),
-            text: String::new(),
-            events: Log::create(path.join(EVENTS), "t_s,kind,robot,detail")?,
+            events: Log::create(path.join(EVENTS), EVENTS_HEADER)?,
             recording: None,
             summary: Some(
                 Reserved::create(&summary, room_bytes(scenario)).map_err(failed(&summary))?,
@@ -176,7 +142,7 @@ impl RunDir {
         let run = Run {
             started_unix_ns: manifest.epoch_unix_ns,
             reproducible,
-            robots: &self.robots,
+            robots: self.tables.robots(),
             walls: &self.walls,
             facts: facts.collect(),
             attachments: &attachments,
@@ -192,7 +158,7 @@ impl RunDir {
         write: impl FnOnce(&mut Recorder, &Newest) -> io::Result<()>,
     ) -> Result<(), RunDirError> {
         let Some(recording) = &mut self.recording else { return Ok(()) };
-        write(recording, &self.newest).map_err(|error| {
+        write(recording, self.tables.newest()).map_err(|error| {
             self.recording = None;
             failed(&self.path().join(RECORDING))(error)
         })
@@ -200,7 +166,7 @@ impl RunDir {
 
     /// Of all truths that come, only the first and the last are written.
     pub fn record_nothing(&mut self) {
-        self.record_hz = 0.0;
+        self.tables.record_nothing();
     }
 
     /// Writes a truth to `samples.csv` and the recording if one is due; the last one is written at
@@ -212,50 +178,14 @@ impl RunDir {
         alive: &[bool],
         measured: Now<'_>,
     ) -> Result<(), RunDirError> {
-        let newest = &mut self.newest;
-        newest.unwritten = true;
-        newest.t_ns = header.t_ns;
-        replace(&mut newest.rows, rows);
-        replace(&mut newest.errors_m, measured.errors_m);
-        replace(&mut newest.ideal_errors_m, measured.ideal_errors_m);
-        replace(&mut newest.alive, alive);
-        newest.nearest = measured.nearest;
-        // A tick's time is a whole number of ns, its rate is not: a hair's breadth early counts.
-        let stretch = (seconds(header.t_ns) * self.record_hz + 1e-6) as u64;
-        if self.recorded.replace(stretch) == Some(stretch) { Ok(()) } else { self.write_newest() }
+        match self.tables.truth(header, rows, alive, measured) {
+            true => self.write_newest(),
+            false => Ok(()),
+        }
     }
 
     fn write_newest(&mut self) -> Result<(), RunDirError> {
-        if !std::mem::take(&mut self.newest.unwritten) {
-            return Ok(());
-        }
-        let Newest { t_ns, rows, errors_m, ideal_errors_m, alive, .. } = &self.newest;
-        let t_s = seconds(*t_ns).to_string();
-        // Many numbers at a time: the formatter of the standard library is slow at shortest digits.
-        let (text, mut digits) = (&mut self.text, zmij::Buffer::new());
-        text.clear();
-        for (i, row) in rows.iter().enumerate() {
-            let &TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = row;
-            text.extend([&t_s, ",", &self.robots[i]]);
-            let mut field = |text: &mut String, number: Option<f64>| {
-                text.push(',');
-                if let Some(number) = number {
-                    let number = digits.format(number);
-                    text.push_str(number.strip_suffix(".0").unwrap_or(number));
-                }
-            };
-            for number in [x_m, y_m, heading_rad, v_m_s, w_rad_s] {
-                field(text, Some(number));
-            }
-            field(text, errors_m[i]);
-            text.push_str(if alive[i] { ",1" } else { ",0" });
-            field(text, ideal_errors_m[i]);
-            // Distances are theirs.
-            let front = front_point(Pose { x_m, y_m, heading_rad }, self.front_points_m[i]);
-            field(text, Some(front.x));
-            field(text, Some(front.y));
-            text.push('\n');
-        }
+        let Some(text) = self.tables.take_lines() else { return Ok(()) };
         self.samples.text(text)?;
         self.record(|recording, newest| {
             let Newest { t_ns, rows, errors_m, ideal_errors_m, alive, nearest, .. } = newest;
@@ -292,8 +222,7 @@ impl RunDir {
         robot: &str,
         detail: &str,
     ) -> Result<(), RunDirError> {
-        let (t_s, quoted) = (seconds(t_ns), quoted(detail));
-        self.events.line(format_args!("{t_s},{kind},{robot},{quoted}"))?;
+        self.events.text(&event_line(t_ns, kind, robot, detail))?;
         self.events.flush()?;
         self.record(|recording, _| recording.event(t_ns, kind, robot, detail))
     }
@@ -325,17 +254,13 @@ impl RunDir {
         pairs: &[PairDistance],
         latency: &mut Latency,
     ) -> Vec<RunDirError> {
-        let mut text = "robot_a,robot_b,min_distance_m,t_s\n".to_owned();
-        for PairDistance { pair: [a, b], min_distance_m, t_s } in pairs {
-            text += &format!("{a},{b},{min_distance_m},{t_s}\n");
-        }
         let lasted = Duration::from_secs_f64(summary.wall.wall_s);
         let hlog = latency.hlog(SystemTime::now() - lasted, lasted);
         // Each of them, whatever became of the one before.
         [
             self.events.flush(),
             self.write_last_truth(),
-            self.write(PAIRS, &text),
+            self.write(PAIRS, tables::pairs(pairs)),
             self.write("latency.csv", to_csv(&latency.stages())),
             self.write("latency_over_time.csv", to_csv(&latency.over_time())),
             self.write("latency.hlog", hlog),
@@ -346,20 +271,6 @@ impl RunDir {
         .into_iter()
         .filter_map(Result::err)
         .collect()
-    }
-}
-
-fn replace<T: Copy>(kept: &mut Vec<T>, with: &[T]) {
-    kept.clear();
-    kept.extend_from_slice(with);
-}
-
-/// A CSV field, in quotes if it needs them.
-fn quoted(field: &str) -> String {
-    if field.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", field.replace('"', "\"\""))
-    } else {
-        field.into()
     }
 }
 
@@ -448,12 +359,6 @@ mod tests {
             super::Place::At("here".into()).make(make).is_err(),
             "no other place was asked for"
         );
-    }
-
-    #[test]
-    fn fields_are_quoted_only_where_csv_asks_for_it() {
-        assert_eq!(quoted("exit code 4"), "exit code 4");
-        assert_eq!(quoted("a, \"b\""), "\"a, \"\"b\"\"\"");
     }
 
     use crate::metrics::examples::{header, rows};

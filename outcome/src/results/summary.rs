@@ -1,12 +1,13 @@
 //! What came out, summed up.
 
 use protocol::brief::Pace;
+use protocol::process::exit;
 use protocol::stage::Stage;
 use serde::Serialize;
 
-use crate::metrics::Measures;
-use crate::metrics::expect::Expectation;
+use crate::metrics::expect::{self, Expectation};
 use crate::metrics::summary::{Commands, StageLatency, Summary, Wall};
+use crate::metrics::{Measures, Metrics};
 use crate::results::outcome::Outcome;
 use experiment::scenario::Scenario;
 use formation::seconds;
@@ -15,6 +16,30 @@ use formation::seconds;
 pub fn to_json<T: Serialize>(value: &T) -> String {
     let text = serde_json::to_string_pretty(value).expect("string keys and plain values only");
     text + "\n"
+}
+
+/// Holds what was measured against what the scenario expects, and puts together what came out. `ended_with`: the
+/// exit code without expectations.
+pub fn judge(
+    scenario: &Scenario,
+    pace: Pace,
+    metrics: &Metrics,
+    outcome: &Outcome,
+    ended_with: u8,
+) -> Summary {
+    let measures = metrics.finish();
+    let mut expectations =
+        expect::evaluate(scenario, &measures, pace, outcome.deadline_misses, ended_with);
+    expectations.extend(expect::no_robot_fails(scenario, &outcome.failed_robots));
+    let held = expectations.iter().all(|expectation| expectation.held);
+    let expected = scenario.expect.exit == Some(ended_with);
+    let exit = match (ended_with, held) {
+        (exit::OK, true) => exit::OK,
+        (exit::OK, false) => exit::EXPECTATION_MISSED,
+        (_, true) if expected => exit::OK,
+        (code, _) => code,
+    };
+    sum_up(scenario, pace, measures, outcome, expectations, exit)
 }
 
 /// Puts together what came out: what was measured, and what else the run leaves.

@@ -13,7 +13,7 @@ use protocol::brief::Pace;
 use protocol::catalog::Catalog;
 use protocol::process::exit;
 
-use crate::in_process::measured;
+use crate::verbs::cell_in_process::to_the_end;
 use crate::verbs::execute::judge;
 
 /// Writes the run of the scenario file `found` into the folder `to`, in place of what was there. `words`: what happens
@@ -35,7 +35,7 @@ pub(super) fn write(
     run_dir.write_manifest(&manifest).map_err(said)?;
     run_dir.begin_recording(&text, &manifest).map_err(said)?;
     let mut metrics = Metrics::new(&scenario, pace);
-    let (mut outcome, ran) = measured::run(&scenario, &mut run_dir, &mut metrics, || true);
+    let (mut outcome, ran) = to_the_end(&scenario, &mut run_dir, &mut metrics, || true);
     ran.map_err(said)?;
     let judged = judge(&scenario, pace, &metrics, &mut outcome, exit::OK, &mut run_dir);
     judged.unwritten.first().map_or(Ok(()), |error| Err(said(error)))?;

@@ -6,9 +6,11 @@
 
 use std::collections::BTreeSet;
 
+#[cfg(feature = "processes")]
 use crate::view::View;
 use protocol::message::Contact;
 
+#[cfg(feature = "processes")]
 use crate::live;
 use outcome::metrics::{Metrics, Rewiring, Turn};
 use outcome::results::goals;
@@ -22,6 +24,7 @@ pub struct Journal<'a> {
     /// What measures the run.
     pub metrics: &'a mut Metrics,
     /// Whoever looks on.
+    #[cfg(feature = "processes")]
     pub(crate) view: Option<&'a mut View>,
     /// The deputies that lead.
     leading: BTreeSet<usize>,
@@ -67,6 +70,7 @@ impl<'a> Journal<'a> {
             names,
             run_dir,
             metrics,
+            #[cfg(feature = "processes")]
             view: None,
             waiting: Lines::default(),
             leading: BTreeSet::new(),
@@ -74,6 +78,7 @@ impl<'a> Journal<'a> {
     }
 
     /// Lets somebody look on, and act by hand.
+    #[cfg(feature = "processes")]
     pub fn shown_to(self, view: Option<&'a mut View>) -> Journal<'a> {
         Journal { view, ..self }
     }
@@ -136,6 +141,7 @@ impl<'a> Journal<'a> {
     }
 
     fn line(&mut self, line: Line) {
+        #[cfg(feature = "processes")]
         if let Some(view) = &mut self.view {
             let name = line.robot.map_or("", |robot| &self.names[robot]);
             view.happened(live::happened(line.t_ns, line.kind, name, &line.detail));

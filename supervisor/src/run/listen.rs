@@ -9,7 +9,6 @@ use super::Run;
 use super::error::RunError;
 use super::lives::{Event, Seat};
 use super::reports::News;
-use crate::live;
 use crate::room;
 use outcome::results::scene;
 
@@ -58,7 +57,7 @@ impl Run<'_> {
             let (lives, reports) = (&self.lives, &self.intake.reports);
             let heard = |from: usize, to: usize| reports[to].contact(from);
             let orphaned = journal.metrics.orphaned();
-            let state = |robot: usize| live::state(lives.seat(robot), orphaned[robot]);
+            let state = |robot: usize| lives.seat(robot).state(orphaned[robot]);
             let cut = |edge| lives.is_cut(edge);
             let errors_m = measured.errors_m;
             view.frame(scene::frame(self.scenario, header, rows, errors_m, state, heard, cut));

@@ -12,6 +12,7 @@ use std::collections::BTreeMap;
 
 use experiment::scenario::{AfterDeath, RestartPolicy};
 use outcome::metrics::fault::End;
+use outcome::report::scene::RobotState;
 use protocol::planted;
 
 pub use event::{Death, Effect, Event, Who};
@@ -29,6 +30,19 @@ pub enum Seat {
     Ending,
     /// Dead and reaped.
     Down,
+}
+
+impl Seat {
+    /// How a robot in it looks. `orphaned`: no living leader reaches it.
+    pub fn state(self, orphaned: bool) -> RobotState {
+        match self {
+            Seat::Moving if orphaned => RobotState::Orphaned,
+            Seat::Moving => RobotState::Moving,
+            Seat::Frozen => RobotState::Frozen,
+            Seat::Starting => RobotState::Starting,
+            Seat::Ending | Seat::Down => RobotState::Dead,
+        }
+    }
 }
 
 /// One robot's life.

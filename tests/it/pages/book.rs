@@ -28,6 +28,7 @@ const NOT_RUN: &[&str] = &[
     "cargo ",
     "tests/",
     "bench/",
+    "bindings/",
     "proof/",
     "target/",
     ".ci/",
@@ -57,6 +58,8 @@ enum Needs {
     Cpp,
     /// To change the program: a test of its own plays it.
     Build,
+    /// To be drawn: `tests/book/gallery` plays it.
+    Pictures,
 }
 
 /// All other pages need nothing.
@@ -74,6 +77,7 @@ const PAGES: &[(&str, Needs)] = &[
     ("docs/how-to/policy.md", Needs::Package),
     ("docs/how-to/cpp.md", Needs::Cpp),
     ("docs/tutorial/law.md", Needs::Build),
+    ("docs/gallery.md", Needs::Pictures),
 ];
 
 #[derive(Debug, Clone)]

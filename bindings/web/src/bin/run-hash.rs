@@ -1,0 +1,33 @@
+//! Runs scenarios in lockstep within this process: for each a line with its name, its trajectory hash, and what its
+//! tables hash to. With `--text` it prints the effective scenario of each instead.
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use phalanx_web::engine::Engine;
+
+fn main() -> ExitCode {
+    let mut words: Vec<String> = std::env::args().skip(1).collect();
+    let text = words.iter().position(|word| word == "--text").map(|at| words.remove(at)).is_some();
+    if words.is_empty() {
+        eprintln!("usage: run-hash [--text] SCENARIO...");
+        return ExitCode::from(2);
+    }
+    for path in words.iter().map(Path::new) {
+        let mut engine = match Engine::of_file(path) {
+            Ok(engine) => engine,
+            Err(why) => {
+                eprint!("{why}");
+                return ExitCode::from(3);
+            }
+        };
+        if text {
+            print!("{}", engine.text());
+            continue;
+        }
+        engine.advance(u64::MAX);
+        let left = engine.left().expect("it was left nowhere yet");
+        println!("{} {}", path.file_stem().unwrap_or_default().display(), left.digest());
+    }
+    ExitCode::SUCCESS
+}

@@ -6,11 +6,16 @@
 //! remainder and rounding to whole numbers are exact to the last digit everywhere, and are the standard library's.
 
 pub use libm::{
-    asin, atan, atan2, cos, erfc, exp, exp2, hypot, log as ln, log10, pow, sin, sincos as sin_cos,
-    tanh,
+    asin, atan, atan2, cos, erfc, exp, exp2, log as ln, log10, pow, sin, sincos as sin_cos, tanh,
 };
 
 /// x^2.
 pub fn square(x: f64) -> f64 {
     x * x
+}
+
+/// The length of (x, y): of anything that robots do, whose squares neither overflow nor vanish.
+#[inline]
+pub fn hypot(x: f64, y: f64) -> f64 {
+    (x * x + y * y).sqrt()
 }

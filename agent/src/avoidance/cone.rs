@@ -4,7 +4,6 @@
 use std::f64::consts::PI;
 
 use formation::Vec2;
-use formation::front_point::rotate;
 use formation::real;
 
 use super::polygon::{HalfPlane, TOLERANCE};
@@ -46,11 +45,19 @@ impl Cone {
     #[inline]
     pub fn sides(&self) -> impl Iterator<Item = HalfPlane> + use<> {
         let Cone { n, psi, b } = *self;
-        let count = if psi < 1.2 { 3 } else { 5 };
-        let step = 2.0 * psi / f64::from(count - 1);
-        (0..count).map(move |q| HalfPlane {
-            normal: rotate(-psi + f64::from(q) * step, n),
-            bound: b * real::cos(0.5 * step),
+        let pairs = if psi < 1.2 { 1_i32 } else { 2 };
+        let step = psi / f64::from(pairs);
+        let bound = b * real::cos(0.5 * step);
+        // By 0, 1, and 2 steps, the same to either side.
+        let mut turns = [(0.0, 1.0); 3];
+        for (q, turn) in (0..=pairs).zip(&mut turns).skip(1) {
+            *turn = real::sin_cos(f64::from(q) * step);
+        }
+        (-pairs..=pairs).map(move |q| {
+            let (sin, cos) = turns[q.unsigned_abs() as usize];
+            let sin = f64::from(q.signum()) * sin;
+            let normal = Vec2::new(cos * n.x - sin * n.y, sin * n.x + cos * n.y);
+            HalfPlane { normal, bound }
         })
     }
 }

@@ -177,6 +177,8 @@ struct Guard {
     /// The robot's own inertia; `None`: it stops at once.
     limits: Option<LimitsBrief>,
     braking: Braking,
+    /// For a command as it is, and for one that is certified again.
+    horizons: [Horizon; 2],
     /// eps, m.
     distance_error: f64,
     /// eta, rad.
@@ -189,6 +191,21 @@ struct Guard {
     remembers_predecessor: bool,
     cones: Vec<Cone>,
     sides: Vec<HalfPlane>,
+}
+
+/// How far ahead a certificate looks.
+#[derive(Debug, Clone, Copy)]
+struct Horizon {
+    /// h, s.
+    h: f64,
+    /// e^(-2 Lambda h).
+    lasting: f64,
+}
+
+impl Horizon {
+    fn new(rate: f64, h: f64) -> Horizon {
+        Horizon { h, lasting: real::exp(-2.0 * rate * h) }
+    }
 }
 
 /// Bounds on all twists that may be in force until the robot stands.
@@ -249,6 +266,8 @@ impl Guard {
     fn new(brief: &AgentBrief) -> Guard {
         let avoidance = &brief.avoidance;
         let at = Conditions::of(brief);
+        let (rate, gradual) = (rate_per_s(&at), avoidance.braking_time_max_s > 0.0);
+        let again = at.lifetime_s + if gradual { at.period_s } else { 0.0 };
         Guard {
             vicinity: Vicinity::new(&at, [robots_radius_m(&at), walls_radius_m(&at)]),
             v_max: avoidance.speed_max_m_s,
@@ -256,10 +275,11 @@ impl Guard {
             period: at.period_s,
             lifetime: at.lifetime_s,
             lifetime_ns: brief.command_lifetime_ns,
-            rate: rate_per_s(&at),
-            gradual: avoidance.braking_time_max_s > 0.0,
+            rate,
+            gradual,
             limits: brief.limits,
             braking: Braking::default(),
+            horizons: [at.lifetime_s, again].map(|h| Horizon::new(rate, h)),
             distance_error: at.distance_error_m(),
             heading_error: avoidance.heading_error_rad,
             deflection: Deflection::new(brief),
@@ -379,7 +399,7 @@ impl Guard {
 
     /// The twist in force and the commands alive approach nobody faster than b.
     fn is_certified_still(&mut self, sample: &Sample<'_>, now: Twist, bounds: Bounds) -> bool {
-        let mid = self.collect_cones(sample, self.lifetime, bounds);
+        let mid = self.collect_cones(sample, self.horizons[0], bounds);
         let mut certified = self.alive.iter().map(|(_, twist)| *twist).chain([now]);
         certified.all(|twist| {
             let u = rotate(mid, Vec2::new(twist.v_m_s, self.ell * twist.w_rad_s));
@@ -390,11 +410,13 @@ impl Guard {
     /// `tried`, or what is nearest to it and approaches nobody faster than b. What has to be certified
     /// again at the next sample, as the twist in force, is bounded for H + T, so that it can be.
     fn nearest(&mut self, sample: &Sample<'_>, tried: Twist, bounds: Bounds) -> Twist {
-        let again = if self.gradual { self.period } else { 0.0 };
-        let forgets = planted::is("alive-forgotten")
-            || planted::is("predecessor-forgotten") && self.has_predecessor(sample.stamp_ns);
-        let lifetime = if forgets { self.period } else { self.lifetime };
-        let mid = self.collect_cones(sample, lifetime + again, bounds);
+        let mut horizon = self.horizons[1];
+        if planted::is("alive-forgotten")
+            || planted::is("predecessor-forgotten") && self.has_predecessor(sample.stamp_ns)
+        {
+            horizon = Horizon::new(self.rate, horizon.h - self.lifetime + self.period);
+        }
+        let mid = self.collect_cones(sample, horizon, bounds);
         let u = rotate(mid, Vec2::new(tried.v_m_s, self.ell * tried.w_rad_s));
         if self.gradual && self.cones.iter().all(|cone| cone.permits(u)) {
             return tried;
@@ -415,12 +437,12 @@ impl Guard {
     /// The formulas of `proof/Braking.v::certified_against`: `proof/Braking.v::swept`,
     /// `proof/Braking.v::turning_time` and `proof/Braking.v::braking_bound`; for tau_o = 0 those of
     /// `proof/Guard.v::respects` and `proof/Walls.v::respects_wall`.
-    fn collect_cones(&mut self, sample: &Sample<'_>, h: f64, bounds: Bounds) -> f64 {
+    fn collect_cones(&mut self, sample: &Sample<'_>, horizon: Horizon, bounds: Bounds) -> f64 {
         let Bounds { v_own, tau_o, w } = bounds;
+        let Horizon { h, lasting } = horizon;
         let Braking { way, turn, mu } = self.braking;
         let (mid, spread) = headings(sample.heading_rad, h + turn * tau_o, w, self.heading_error);
         let brakes_for = way * tau_o;
-        let lasting = real::exp(-2.0 * self.rate * h); // e^(-2 Lambda h)
         let less = mu(2.0 * self.rate * tau_o);
         self.cones.clear();
         for near in self.vicinity.near(sample) {

@@ -280,8 +280,9 @@ pub fn obey_parent() -> io::Result<()> {
 
 /// Closes what was inherited beyond the first three descriptors, before this process has any of its own.
 pub(crate) fn keep_three_descriptors() -> io::Result<()> {
+    // By its number: the C library has a name for it only since glibc 2.34.
     // SAFETY: a plain system call; no descriptor beyond the first three is anybody's yet.
-    let closed = unsafe { libc::close_range(3, u32::MAX, 0) };
+    let closed = unsafe { libc::syscall(libc::SYS_close_range, 3_u64, u64::from(u32::MAX), 0_u64) };
     if closed == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
 

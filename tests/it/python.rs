@@ -301,11 +301,18 @@ fn the_build_of_the_package_says_what_it_waits_for_and_how_to_wait_less() {
         // pip starts it in another folder than itself.
         &format!("packing {ROOT}/src/main.rs"),
         "-C program=nowhere: there is no file ",
-        "building the program `phalanx` first; `-C program=target/release/phalanx` packs one that is built already",
+        "building the program `phalanx` first, unless ",
+        ": minutes, the first time; `-C program=target/release/phalanx` packs one that is built already",
         "now building the package's own half, which takes minutes the first time",
     ] {
         assert!(said.contains(words), "{said}");
     }
+    // pip hides what a build says, so it says it to the terminal, too.
+    let line = "python3 -c \"$PROGRAM\" 2>/dev/null";
+    let mut terminal = Command::new("script");
+    let output = terminal.args(["-qec", line, "/dev/null"]).env("PROGRAM", program).output();
+    let said = String::from_utf8(output.unwrap().stdout).unwrap();
+    assert!(said.contains("phalanx: building the program `phalanx` first"), "{said}");
 }
 
 #[test]

@@ -42,7 +42,7 @@ def build_editable(wheel_directory, config_settings=None, metadata_directory=Non
 def build_sdist(sdist_directory, config_settings=None):
     raise RuntimeError(
         "a source distribution would lack the rest of the workspace: "
-        "install from a clone with `pip install ./bindings/python`, or build a wheel with `pip wheel ./python`"
+        "install from a clone with `pip install ./bindings/python`, or build a wheel with `pip wheel ./bindings/python`"
     )
 
 
@@ -55,7 +55,8 @@ def _prepare(settings):
     program = settings.get("program")
     if program is None:
         _say(
-            "building the program `phalanx` first; `-C program=target/release/phalanx` packs one that is built already"
+            f"building the program `phalanx` first, unless {target} has it: minutes, the first time; "
+            "`-C program=target/release/phalanx` packs one that is built already"
         )
         build = ["cargo", "build", "--locked", "--profile", profile, "--bin", "phalanx"]
         subprocess.run(build, cwd=ROOT, check=True)
@@ -78,5 +79,10 @@ def _found(program):
 
 
 def _say(words):
-    # pip shows it with `-v`.
+    """To whoever waits: pip keeps the standard error to itself, unless it is called with `-v`."""
     print(f"phalanx: {words}", file=sys.stderr, flush=True)
+    try:
+        with open("/dev/tty", "w") as terminal:
+            print(f"\nphalanx: {words}", file=terminal)
+    except OSError:
+        pass  # nobody is there

@@ -4,6 +4,8 @@
 mod frames;
 mod repair;
 
+use std::iter::repeat_n;
+
 use formation::Vec2;
 use formation::desired::{Target, desired};
 use formation::frame::LeaderFrame;
@@ -23,6 +25,7 @@ pub struct Neighborhood {
     neighbors: Vec<Neighbor>,
     /// From this place on they are spares.
     spares_from: usize,
+    is_repaired: bool,
     repair_after_ns: u64,
     silence: SilenceBrief,
     /// F: how many of those heard are left out on either side.
@@ -41,6 +44,8 @@ struct Neighbor {
     /// Never left out as a liar.
     trusted: bool,
     offset: Vec2,
+    /// In place of which in-neighbours it counts, see [`NeighborBrief::replaces`].
+    replaces: Vec<u64>,
     newest: Option<Beacon>,
     contact: Since,
     age: Sawtooth,
@@ -56,6 +61,7 @@ impl Neighbor {
             index: brief.index as u64,
             trusted: brief.trusted,
             offset: Vec2::from(brief.offset_m),
+            replaces: brief.replaces.iter().map(|&robot| robot as u64).collect(),
             newest: None,
             contact: Since::default(),
             age: Sawtooth::default(),
@@ -63,6 +69,11 @@ impl Neighbor {
             goes_by: GoesBy { yes: !is_spare, since_t_ns: 0 },
             opened: None,
         }
+    }
+
+    /// Whether it is listened to, and not lost.
+    fn is_heard(&self) -> bool {
+        self.newest.is_some() && self.contact.contact != Contact::Lost
     }
 
     /// What was known of a spare is forgotten.
@@ -127,6 +138,7 @@ impl Neighborhood {
         Neighborhood {
             neighbors: neighbors.chain(spares).collect(),
             spares_from: brief.neighbors.len(),
+            is_repaired: brief.is_repaired(),
             repair_after_ns: brief.repair_after_ns,
             silence: brief.silence.clone(),
             liars_max: brief.liars_max(),
@@ -220,7 +232,7 @@ impl Neighborhood {
         let now = Opened { tick, stamp_ns };
         if self.resumes {
             spares.iter_mut().for_each(|spare| _ = spare.opened.get_or_insert(now));
-        } else if !spares.is_empty() {
+        } else if self.is_repaired {
             changed |= repair::repair(neighbors, spares, self.repair_after_ns, now, t_ns);
         }
         changed
@@ -318,8 +330,18 @@ impl Neighborhood {
         }));
     }
 
-    /// alpha* by what was recalled: the mean of what all of them ask for, but for in-neighbours that a spare
-    /// replaces. `None` where the robot is to stop: nobody left to go by, or somebody lost under `stop`.
+    /// How often a sender that is gone by counts.
+    fn times(&self, place: usize) -> usize {
+        let replaces = &self.neighbors[place].replaces;
+        let in_neighbors = &self.neighbors[..self.spares_from];
+        let is_replaced =
+            |robot: &&u64| in_neighbors.iter().any(|one| one.index == **robot && !one.goes_by.yes);
+        let once = place < self.spares_from || replaces.is_empty();
+        usize::from(once) + replaces.iter().filter(is_replaced).count()
+    }
+
+    /// alpha* by what was recalled: the mean of what all of them ask for, but for in-neighbours that others
+    /// replace. `None` where the robot is to stop: nobody left to go by, or somebody lost under `stop`.
     /// (13) (24) (45) (46)
     ///
     /// Once the leader's frame is lost, velocities count as 0: they are somebody's echo, and
@@ -356,8 +378,9 @@ impl Neighborhood {
             return None;
         }
         // In the order in which they were recalled.
-        let known = self.neighbors.iter().filter(|neighbor| neighbor.newest.is_some());
-        let gone_by = || heard.iter().zip(known.clone()).filter(|(_, known)| known.goes_by.yes);
+        let places = self.neighbors.iter().enumerate();
+        let known = places.filter(|(_, neighbor)| neighbor.newest.is_some());
+        let gone_by = || heard.iter().zip(known.clone()).filter(|(_, (_, one))| one.goes_by.yes);
         let all_lost = gone_by().all(|(one, _)| one.contact == Contact::Lost);
         let keep = match self.silence.policy {
             SilencePolicy::Keep => true,
@@ -365,10 +388,11 @@ impl Neighborhood {
             SilencePolicy::Ignore | SilencePolicy::Stop => false,
         };
         let counted = gone_by().filter(|(one, _)| keep || one.contact != Contact::Lost);
-        let target =
-            mean(&mut counted.map(|(&Heard { position, velocity, offset, .. }, known)| {
-                (Target { position, velocity }, offset, known.trusted)
-            }))?;
+        let mut said =
+            counted.flat_map(|(&Heard { position, velocity, offset, .. }, (k, known))| {
+                repeat_n((Target { position, velocity }, offset, known.trusted), self.times(k))
+            });
+        let target = mean(&mut said)?;
         let echo = self.frame_contact.contact == Contact::Lost;
         Some(if echo { Target::still(target.position) } else { target })
     }

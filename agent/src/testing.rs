@@ -19,6 +19,7 @@ pub(crate) fn brief() -> AgentBrief {
         faults: Vec::new(),
         lies: Vec::new(),
         trusted: false,
+        replaces: Vec::new(),
     };
     AgentBrief {
         format: Format,

@@ -18,8 +18,8 @@ use crate::table::{Report, Table};
 use crate::timers::Task;
 use crate::transport::Transport;
 use crate::{
-    Interrupted, bare_lockstep, growth, lockstep, neighbor, realtime, replacement, round_trip,
-    timers,
+    Interrupted, bare_lockstep, growth, lockstep, neighbor, realtime, repair, replacement,
+    round_trip, timers,
 };
 
 /// The first word of a process that takes part in a measurement.
@@ -70,7 +70,7 @@ struct BenchArgs {
     /// How often ours and the baselines take turns [default: 5; 3 if quick].
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
     rounds: Option<u16>,
-    /// Kills in each round of the part replacement.
+    /// Kills in each round of the parts replacement and repair.
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..))]
     kills: u16,
     /// Measure the start-up of 256 robots too.
@@ -106,6 +106,8 @@ enum Part {
     Startup,
     /// Time from a kill to the replacement's first command.
     Replacement,
+    /// Time from a loss to the first sample for which a spare is gone by, beyond `repair_after_s`.
+    Repair,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -218,6 +220,7 @@ fn measure_part(
             ("startup", lockstep::startup(setting, &robots)?)
         }
         Part::Replacement => ("replacement", replacement::cases(setting, args.kills.into())),
+        Part::Repair => ("repair", repair::cases(setting, args.kills.into())),
     };
     setting.measure(table, name, cases)
 }

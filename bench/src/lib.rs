@@ -16,6 +16,7 @@
 //! | `realtime` | how many deadlines are missed, at which rate and size? |
 //! | `neighbor` | how long from a neighbor's publication to its use? |
 //! | `growth` | what does a tick cost, to 256 robots, and how does that grow? |
+//! | `repair` | how long from a loss to the first sample for which a spare is gone by? |
 //! | `replacement` | how long from a kill to the replacement's first command? |
 //! | **baselines** | |
 //! | `transport` | two messages between two processes, over anything |
@@ -40,6 +41,7 @@ mod neighbor;
 mod peers;
 mod quantiles;
 mod realtime;
+mod repair;
 mod replacement;
 pub mod ring;
 mod round_trip;

@@ -57,8 +57,12 @@ impl<'a> Run<'a> {
 
     /// Whether at least so many events of this kind were written down.
     pub(crate) fn has_events(&self, kind: &str, count: usize) -> bool {
-        let events = std::fs::read_to_string(self.out().join("events.csv")).unwrap_or_default();
-        events.lines().filter(|line| line.split(',').nth(1) == Some(kind)).count() >= count
+        self.events().lines().filter(|line| line.split(',').nth(1) == Some(kind)).count() >= count
+    }
+
+    /// `events.csv` as far as it is written.
+    pub(crate) fn events(&self) -> String {
+        std::fs::read_to_string(self.out().join("events.csv")).unwrap_or_default()
     }
 
     fn out(&self) -> PathBuf {
@@ -76,6 +80,15 @@ impl<'a> Run<'a> {
 
     /// Waits for its end; its summary.
     pub(crate) fn summary(mut self) -> anyhow::Result<Summary> {
+        self.end()?;
+        let path = self.out().join("summary.json");
+        let cannot = || format!("cannot read {}", path.display());
+        let bytes = std::fs::read(&path).with_context(cannot)?;
+        serde_json::from_slice(&bytes).map(Summary).with_context(cannot)
+    }
+
+    /// Waits for its end.
+    pub(crate) fn end(&mut self) -> anyhow::Result<()> {
         let began = Instant::now();
         let status = loop {
             // An interruption is a turn without news.
@@ -92,10 +105,7 @@ impl<'a> Run<'a> {
         if !status.success() {
             return Err(self.broken(format!("a run failed ({})", in_words(status))));
         }
-        let path = self.out().join("summary.json");
-        let cannot = || format!("cannot read {}", path.display());
-        let bytes = std::fs::read(&path).with_context(cannot)?;
-        serde_json::from_slice(&bytes).map(Summary).with_context(cannot)
+        Ok(())
     }
 
     /// With its own complaint if there is one, for its summary comes after that; else with the last

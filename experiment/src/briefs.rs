@@ -27,6 +27,7 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         faults,
         lies: lies(scenario, edge.from, i),
         trusted: trusts(edge.from),
+        replaces: scenario.replaces(i, edge.from).map(|lost| lost + 1).collect(),
     };
     let edges = scenario.graph.edges().iter().enumerate();
     let neighbors = edges.filter(|(_, edge)| edge.to == i).map(|(e, edge)| {

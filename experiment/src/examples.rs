@@ -77,6 +77,7 @@ pub fn row_of_three() -> Scenario {
         walls: Vec::new(),
         faults: Vec::new(),
         spares: Vec::new(),
+        substitutes: Vec::new(),
         deputies: Vec::new(),
         repair_after_ns: None,
         lead: None,

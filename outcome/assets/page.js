@@ -40,7 +40,7 @@ function unpack({ count, data }, scene) {
   const distance = column(1e6);
   const robots = scene.robots.map(() => [column(1e3), column(1e3), column(1e3), column(1e4)]);
   const states = scene.robots.map(() => runs(["moving", "frozen", "dead", "starting", "orphaned"]));
-  const edges = scene.edges.map(() => runs(["fresh", "stale", "lost", "cut", "dead"]));
+  const edges = scene.edges.map(() => runs(["fresh", "stale", "lost", "cut", "dead", "closed"]));
   return time.map((t_s, i) => ({
     t_s: t_s ?? 0,
     distance_m: distance[i],
@@ -169,8 +169,8 @@ class Picture {
     this.area = svg(canvas, "path", { class: "hull" });
     const look = looks(scene);
     this.trails = look.map((look) => svg(canvas, "path", { class: `trail ${look}` }));
-    this.arrows = scene.edges.map(() => {
-      const group = svg(canvas, "g", { class: "edge" });
+    this.arrows = scene.edges.map(({ spare }) => {
+      const group = svg(canvas, "g", { class: spare ? "edge spare" : "edge" });
       return { group, line: svg(group, "path", { class: "line" }), head: svg(group, "path", { class: "head" }), cut: svg(group, "path", { class: "cut" }) };
     });
     const rows = root.querySelector(".robots tbody");
@@ -209,7 +209,7 @@ class Picture {
       item.hidden = !scene.robots.some((robot) => robot.role === item.dataset.role);
     }
     for (const item of root.querySelectorAll(".legend [data-need]")) {
-      item.hidden = !(item.dataset.need === "hull" ? this.contained : scene[item.dataset.need]?.length);
+      item.hidden = !(item.dataset.need === "hull" ? this.contained : item.dataset.need === "spares" ? scene.edges.some(({ spare }) => spare) : scene[item.dataset.need]?.length);
     }
     say(root.querySelector(".legend .circle"), "circle of radius d / 2 around the front point: while no two circles overlap, " +
       `no two robots are nearer to each other than d = ${scene.distance_min_m} m`);
@@ -438,8 +438,9 @@ class Picture {
       const [p, q] = [this.points[from], this.points[to]];
       const apart = p && q ? Math.hypot(q[0] - p[0], q[1] - p[1]) : 0;
       group.dataset.state = this.frame.edges[i] ?? "fresh";
-      group.style.visibility = apart > 4 ? "" : "hidden";
-      if (apart <= 4) return;
+      const shown = apart > 4 && group.dataset.state !== "closed";
+      group.style.visibility = shown ? "" : "hidden";
+      if (!shown) return;
       const [ux, uy] = [(q[0] - p[0]) / apart, (q[1] - p[1]) / apart];
       const aside = this.paired[i] ? 3 : 0;
       const room = Math.min(Math.max(this.radius, 5), apart * 0.3);
@@ -702,12 +703,12 @@ function live(root, scene, picture, control) {
     return element;
   }
 
-  const edges = scene.edges.map(({ from, to }) => {
+  const edges = scene.edges.map(({ from, to, spare }) => {
     const [heard, hearer] = [scene.robots[from].name, scene.robots[to].name];
     const row = html(root.querySelector(".edges tbody"), "tr");
     html(row, "th", "", `${heard} \u2192 ${hearer}`).scope = "row";
     const cell = html(row, "td", "state");
-    if (!control) return { row, cell };
+    if (!control || spare) return { row, cell };
     const acts = html(row, "td", "acts");
     const [cut, mend] = ["cut", "mend"].map((name) => button(acts, name, `${heard} to ${hearer}`, () => ({ act: name, from: heard, to: hearer })));
     mend.hidden = true;
@@ -755,6 +756,7 @@ function live(root, scene, picture, control) {
     track.move(frame.t_s);
     edges.forEach(({ row, cell }, i) => {
       row.dataset.state = frame.edges[i];
+      row.hidden = frame.edges[i] === "closed";
       say(cell, frame.edges[i]);
     });
   }

@@ -168,6 +168,10 @@ pub struct NeighborBrief {
     /// It leads: a robot that leaves out liars never leaves it out.
     #[serde(default, skip_serializing_if = "is_false")]
     pub trusted: bool,
+    /// In place of which in-neighbours it counts, by their places in the scenario, from 1: once, or once more, for
+    /// each entry whose robot is given up. Empty: an in-neighbour counts once, and a spare replaces anybody.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub replaces: Vec<usize>,
 }
 
 /// What the main leader alone is told: where to go, and how large the formation is to be.
@@ -308,6 +312,11 @@ impl AgentBrief {
     /// All whose beacons it may open: those heard, then the spares. Places count in this order.
     pub fn senders(&self) -> impl Iterator<Item = &NeighborBrief> {
         self.neighbors.iter().chain(&self.spares)
+    }
+
+    /// Whether anybody is gone by in place of lost in-neighbours.
+    pub fn is_repaired(&self) -> bool {
+        !self.spares.is_empty() || self.neighbors.iter().any(|sender| !sender.replaces.is_empty())
     }
 
     /// F: how many of those heard it leaves out on either side.

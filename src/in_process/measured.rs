@@ -75,7 +75,7 @@ pub fn measure(
                 let yes = turn.status().0.frame == Contact::Lost as u64;
                 rewirings.push(Rewiring::Leads { robot, yes });
             }
-            if !turn.brief().spares.is_empty() {
+            if turn.brief().is_repaired() {
                 let (_, senders) = turn.status();
                 rewirings.extend(senders.map(|sender| Rewiring::GoesBy {
                     robot,

@@ -12,10 +12,15 @@ const TICKS_PER_S: usize = 200;
 
 /// How far each robot is moved at most from this time on, m, beside the same run without a lie.
 fn moved(law: &str, lie: &str, from_s: usize) -> Vec<f64> {
+    moved_amid(&[], law, lie, from_s)
+}
+
+/// The same in runs that have these faults besides, and spares.
+fn moved_amid(others: &[&str], law: &str, lie: &str, from_s: usize) -> Vec<f64> {
     let law = format!("robot_defaults.law=\"{law}\"");
-    let set = ["expect={}", "fault=[]", "duration_s=40", &law];
-    let paths = |faults: &[&str]| {
-        let scenario = with_faults("liar-10", &set, faults);
+    let set = ["expect={}", "fault=[]", "duration_s=40", "repair=spares", &law];
+    let paths = |lies: &[&str]| {
+        let scenario = with_faults("liar-10", &set, &[others, lies].concat());
         let mut paths: Vec<Vec<Vec2>> = Vec::new();
         let measures = simulate_watched(&scenario, |_, truth, _| {
             let robots = truth.iter().zip(&scenario.robots);
@@ -52,6 +57,25 @@ fn one_liar_moves_nobody_that_leaves_it_out_and_somebody_else_by_half_a_meter() 
     let mean_m = worst_honest(&moved("formation-tanh", LIE, 0));
     println!("the mean: {mean_m} m");
     assert!(mean_m > 0.5, "the mean is moved by {mean_m} m only");
+}
+
+/// Without r2, r6 and r7 go by r5 in its place, and that lies. Or robots find themselves up to 2 cm off.
+#[test]
+fn a_liar_that_is_a_spare_and_one_amid_sensor_noise_move_nobody_that_leaves_them_out() {
+    let dead = ["kill r2 @10"];
+    let spares = with_faults("liar-10", &["repair=spares", "fault=[]"], &dead).repairs(&[1], &[]);
+    assert_eq!(spares.iter().filter(|one| one.by == 4).count(), 2, "{spares:?}");
+    let noise = ["r4", "r6", "r7", "r9"];
+    let noise = noise.map(|robot| format!("noise {robot} odometry by 0.02 heading 0.01 @5 for 35"));
+    let noise: Vec<&str> = noise.iter().map(String::as_str).collect();
+    for (others, liar) in [(&dead[..], 5), (&noise[..], 3)] {
+        let lie = format!("lie r{liar} beacons by [1.5, 0.0] @15 for 20");
+        let moved = moved_amid(others, "formation-robust", &lie, 0);
+        let honest = (1..=10).zip(moved).filter(|(robot, _)| *robot != liar);
+        let moved_m = honest.map(|(_, moved_m)| moved_m).fold(0.0, f64::max);
+        println!("{others:?}, {lie}: {moved_m} m");
+        assert!(moved_m < 0.05, "{others:?}, {lie}: somebody honest is moved by {moved_m} m");
+    }
 }
 
 /// Of a formation that has settled; or from the start, where everybody is off its place, as soon as it would have

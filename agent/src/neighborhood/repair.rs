@@ -1,5 +1,5 @@
 //! Whom a robot goes by in place of in-neighbours that it has given up: the next spares that are
-//! heard. Must not: hear anything but how those heard so far are heard.
+//! heard, or those that its brief names for each. Must not: hear anything but how those heard so far are heard.
 
 use protocol::message::Contact;
 
@@ -52,8 +52,9 @@ pub(super) struct Opened {
     pub(super) stamp_ns: u64,
 }
 
-/// Opens and closes spares, and says by whom the robot goes; whether that changed. For each
-/// in-neighbour given up one spare is open, and one more for each open one that is given up too.
+/// Opens and closes spares, and says by whom the robot goes; whether that changed. A spare that replaces certain
+/// in-neighbours is open while one of them is given up. Of the others one is open for each in-neighbour given up,
+/// and one more for each open one that is given up too.
 pub(super) fn repair(
     neighbors: &mut [Neighbor],
     spares: &mut [Neighbor],
@@ -65,25 +66,31 @@ pub(super) fn repair(
         sender.given_up.judge(sender.contact.contact, after_ns, t_ns);
     }
     let mut lacking = neighbors.iter().filter(|neighbor| neighbor.given_up.yes).count();
+    let mut replacing = 0;
+    let mut changed = false;
     for spare in &mut *spares {
-        match (lacking > 0, spare.opened) {
+        let for_anybody = spare.replaces.is_empty();
+        let is_given_up = |robot: &u64| {
+            neighbors.iter().any(|neighbor| neighbor.index == *robot && neighbor.given_up.yes)
+        };
+        let wanted = if for_anybody { lacking > 0 } else { spare.replaces.iter().any(is_given_up) };
+        match (wanted, spare.opened) {
             (true, None) => spare.opened = Some(now),
             (false, Some(_)) => spare.close(),
             _ => {}
         }
-        lacking -= usize::from(lacking > 0 && !spare.given_up.yes);
-    }
-    let mut changed = false;
-    let mut replacing = 0;
-    for spare in spares {
-        let heard = spare.newest.is_some() && spare.contact.contact != Contact::Lost;
-        replacing += usize::from(heard);
+        lacking -= usize::from(lacking > 0 && for_anybody && !spare.given_up.yes);
+        let heard = spare.is_heard();
+        replacing += usize::from(for_anybody && heard);
         changed |= spare.goes_by.turns(heard, t_ns);
     }
-    for neighbor in neighbors {
-        let replaced = neighbor.given_up.yes && replacing > 0;
-        replacing -= usize::from(replaced);
-        changed |= neighbor.goes_by.turns(!replaced, t_ns);
+    for place in 0..neighbors.len() {
+        let robot = neighbors[place].index;
+        let mut senders = neighbors.iter().chain(&*spares);
+        let by_plan = senders.any(|one| one.replaces.contains(&robot) && one.is_heard());
+        let replaced = neighbors[place].given_up.yes && (by_plan || replacing > 0);
+        replacing -= usize::from(replaced && !by_plan);
+        changed |= neighbors[place].goes_by.turns(!replaced, t_ns);
     }
     changed
 }

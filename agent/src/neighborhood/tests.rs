@@ -13,6 +13,7 @@ fn hears(index: usize) -> NeighborBrief {
         faults: Vec::new(),
         lies: Vec::new(),
         trusted: false,
+        replaces: Vec::new(),
     }
 }
 
@@ -280,6 +281,39 @@ fn a_spare_replaces_whom_a_robot_has_lost_for_long_until_that_one_was_heard_agai
         let said: Vec<(u64, u64)> =
             hood.status().map(|status| (status.robot, status.goes_by_since_t_ns)).collect();
         assert_eq!(said, [(2, 800), (3, 0), (7, 800), (8, 740)]);
+    }
+}
+
+/// It hears r2 and r3. In place of r2 it counts r3 once more, and r7 twice; in place of r3 r8.
+#[test]
+fn who_is_to_replace_somebody_counts_as_often_as_planned_while_that_one_is_given_up() {
+    let silence =
+        SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy: SilencePolicy::Keep };
+    let sender = |robot: usize, replaces: &[usize]| NeighborBrief {
+        replaces: replaces.to_vec(),
+        ..hears(robot)
+    };
+    let neighbors = vec![sender(2, &[]), sender(3, &[2])];
+    let spares = vec![sender(7, &[2, 2]), sender(8, &[3])];
+    let brief = AgentBrief { neighbors, spares, silence, repair_after_ns: 50, ..brief() };
+    let mut hood = Neighborhood::new(&brief, 0);
+    let rows: [Row; 7] = [
+        (100, &[0, 1], &[2, 3], [false; 2], 3.0),
+        (300, &[1], &[2, 3], [false; 2], 3.0),
+        (350, &[1], &[2, 3], [false; 2], 3.0), // r2 is lost from here on, and kept
+        (400, &[1], &[3], [true, false], 5.0), // for 50 ns
+        (410, &[1, 2], &[3, 7], [true, false], (5.0 + 5.0 + 9.0 + 9.0) / 4.0),
+        (500, &[0, 1, 2], &[3, 7], [true, false], 7.0),
+        (560, &[0, 1, 2], &[2, 3], [false; 2], 3.0),
+    ];
+    for (t, heard, by, open, x_m) in rows {
+        for &place in heard {
+            let said = Beacon { tick: t, ..beacon(0, t, [1.0, 5.0, 9.0, 13.0][place]) };
+            hood.hear(place, &Beacon { vx_m_s: 0.0, ..said }, t).unwrap();
+        }
+        hood.judge(t, t, t);
+        assert_eq!(gone_by(&hood), (by.to_vec(), open.to_vec()), "at {t}");
+        assert_eq!(desired(&hood, t).unwrap().position.x, x_m, "at {t}");
     }
 }
 

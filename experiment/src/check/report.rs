@@ -76,7 +76,10 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
     let hears = |robot: &RobotTheory<'_>, senders: &[Hears<'_>]| {
         let heard = senders.iter().map(|hears| match hears.offset_m {
             Some([x, y]) => format!("{} and wants to be at {0} + ({x:.3}, {y:.3}) m", hears.robot),
-            None => hears.robot.to_owned(),
+            None => match hears.instead_of {
+                Some(lost) => format!("{} in place of {lost}", hears.robot),
+                None => hears.robot.to_owned(),
+            },
         });
         let heard: Vec<String> = heard.collect();
         let whom = if heard.is_empty() { "nobody".to_owned() } else { heard.join(", ") };
@@ -136,8 +139,14 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
     let death = |death: &Death<'_>| {
         let is_leader = theory.leader == Some(death.robot);
         let leads = if is_leader { ", who leads all others" } else { "" };
+        let after = death.settles_after_s.map_or(String::new(), |after_s| {
+            format!(
+                "; within {} m of where they then belong after {after_s:.0} s",
+                short(theory.broken_m)
+            )
+        });
         format!(
-            "without {}{leads}: {}",
+            "without {}{leads}: {}{after}",
             death.robot,
             led(&death.leading, death.peak_m) + &lost(&death.repairs, &death.loss, &death.breaks)
         )
@@ -159,6 +168,12 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
         cuts.map(|(from, to, lost)| format!("without {from} -> {to}: {lost}")),
     );
     page.line("", broken_means(theory.broken_m));
+    if theory.liars.is_some() {
+        page.line(
+            "",
+            "whoever leaves liars out is foretold as if it went by the mean of those it hears",
+        );
+    }
 }
 
 /// Who leads in the leader's place, and how far off somebody is until then, if that is known.
@@ -175,8 +190,15 @@ fn led(leading: &[&str], peak_m: Option<f64>) -> String {
 
 /// Who goes by whom instead, what is lost by whom, and who is broken.
 fn lost(repairs: &[Repair<'_>], loss: &Loss<'_>, breaks: &[BrokenRobot<'_>]) -> String {
-    let goes = |Repair { robot, by, .. }: &Repair<'_>| format!("{robot} goes by {by}");
-    let mut parts: Vec<String> = repairs.iter().take(LIST_MAX).map(goes).collect();
+    let mut parts: Vec<String> = Vec::new();
+    for Repair { robot, by, .. } in repairs.iter().take(LIST_MAX) {
+        let goes = format!("{robot} goes by {by}");
+        match parts.last_mut().filter(|last| last.starts_with(&format!("{robot} goes by "))) {
+            Some(last) if last.ends_with(&format!(" {by}")) => *last += " twice",
+            Some(last) => *last += &format!(" and {by}"),
+            None => parts.push(goes),
+        }
+    }
     for (who, one, many) in [
         (&loss.unled, "loses the leader", "lose the leader"),
         (&loss.pulled, "goes by one without the leader", "go by one without the leader"),

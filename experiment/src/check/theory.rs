@@ -19,7 +19,7 @@ use super::opening::Opening;
 use super::start_points;
 use super::steady::{Motion, Peak, Settled};
 use crate::prediction::{BrokenRobot, Predictor};
-use crate::scenario::{Robot, Scenario};
+use crate::scenario::{Repaired, Robot, Scenario};
 use formation::seconds;
 
 /// What can be said about a scenario before it runs. Rows and columns of matrices are robots in
@@ -130,6 +130,9 @@ pub struct Hears<'s> {
     /// c_ji, m; for contained robots there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub offset_m: Option<[f64; 2]>,
+    /// In place of whom, if it is gone by in place of this one alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub instead_of: Option<&'s str>,
 }
 
 /// What the others lose, by name. Each list as in [`Standing`].
@@ -183,9 +186,10 @@ impl<'s> Repair<'s> {
     fn after(scenario: &'s Scenario, dead: &[usize], cut: &[usize]) -> Vec<Repair<'s>> {
         let name = |robot: usize| scenario.robots[robot].name.as_str();
         let repairs = scenario.repairs(dead, cut).into_iter();
-        let named = |(spare, lost): (usize, usize)| {
-            let Edge { from, to, .. } = scenario.spares[spare];
-            Repair { robot: name(to), by: name(from), instead_of: name(lost) }
+        let named = |Repaired { robot, by, instead_of, .. }| Repair {
+            robot: name(robot),
+            by: name(by),
+            instead_of: name(instead_of),
         };
         repairs.map(named).collect()
     }
@@ -205,6 +209,9 @@ pub struct Death<'s> {
     /// Who then goes by a spare.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub repairs: Vec<Repair<'s>>,
+    /// When contained robots that go by spares have come to their places, s.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub settles_after_s: Option<f64>,
     /// What it takes from the others.
     #[serde(flatten)]
     pub loss: Loss<'s>,
@@ -509,6 +516,9 @@ impl<'s> Theory<'s> {
                     leading: deputies(&[i], &[]),
                     peak_m: predictor.peak_m(&[i], None),
                     repairs: Repair::after(scenario, &[i], &[]),
+                    settles_after_s: (!scenario.substitutes.is_empty())
+                        .then(|| predictor.settles_after_s(&[i]))
+                        .flatten(),
                     loss: Loss::new(&loss(&[i], &[]), robots),
                     breaks: breaks(&[i], &[]),
                 })
@@ -561,8 +571,17 @@ fn robot_theory<'s>(
     let hears = |edge: &Edge| Hears {
         robot: &scenario.robots[edge.from].name,
         offset_m: (robot.role.reference == Reference::Offsets).then(|| edge.offset_m.into()),
+        instead_of: None,
     };
-    let spares = scenario.spares.iter().filter(|edge| edge.to == i);
+    let name = |robot: usize| scenario.robots[robot].name.as_str();
+    let plans = scenario.substitutes.iter().filter(|planned| planned.robot == i);
+    let planned = plans.flat_map(|planned| {
+        let instead_of = Some(name(planned.lost));
+        let named = move |&by| Hears { robot: name(by), offset_m: None, instead_of };
+        planned.by.iter().map(named)
+    });
+    let planned: Vec<Hears<'_>> = planned.collect();
+    let spares = scenario.spares.iter().filter(|edge| edge.to == i && planned.is_empty());
     let at_rest = Peak { rim_speed_m_s: robot.wheels.map(|_| 0.0), ..Peak::default() };
     RobotTheory {
         name: &robot.name,
@@ -572,7 +591,7 @@ fn robot_theory<'s>(
         has_goal: robot.goal_m.is_some(),
         law: &robot.law,
         hears: scenario.graph.heard_by(i).map(hears).collect(),
-        spares: spares.map(hears).collect(),
+        spares: spares.map(hears).chain(planned.clone()).collect(),
         settled_m: settled.places[i].into(),
         peak: motion.map_or(at_rest, |motion| motion.peaks[i]),
         transient: motion.and_then(|motion| motion.transient.as_ref()).map(|transient| {

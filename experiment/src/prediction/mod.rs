@@ -32,7 +32,7 @@ use course::Course;
 use crowd::Crowd;
 use reduced::Reduced;
 
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, Substitutes};
 use formation::seconds;
 
 /// What theory needs to know of a scenario to foretell what its deaths and cuts break.
@@ -43,6 +43,8 @@ pub struct Predictor {
     heard: Vec<Vec<Ear>>,
     /// For each robot its spares, in order: who, and at which offset, m.
     spares: Vec<Vec<(usize, Vec2)>>,
+    /// By whom contained robots go in place of each that they may lose, if that is planned.
+    substitutes: Vec<Substitutes>,
     /// The main leader.
     leader: Option<usize>,
     /// Who leads in its place, the best rank first.
@@ -73,6 +75,8 @@ struct Facts {
     stands_off_m: f64,
     /// Whether it stands off where its place is taken.
     gives_way: bool,
+    /// k of a law whose correction is k tanh, m/s.
+    gain_m_s: Option<f64>,
     /// By what share of how far its place is within that distance it then stays farther away.
     aside: f64,
 }
@@ -93,6 +97,7 @@ impl Predictor {
             silence: scenario.silence.policy,
             stands_off_m: scenario.steers_within_m(i).unwrap_or(0.0),
             gives_way: scenario.rank(i) == Rank::Contained,
+            gain_m_s: scenario.robots[i].correction_max_m_s,
             aside: scenario.method.aside,
         };
         let n = scenario.robots.len();
@@ -108,6 +113,7 @@ impl Predictor {
             robots: (0..n).map(facts).collect(),
             heard,
             spares: (0..n).map(spares_of).collect(),
+            substitutes: scenario.substitutes.clone(),
             leader: scenario.leader(),
             deputies: scenario.deputies.clone(),
             planned: scenario.goals_m().unwrap_or_else(|| vec![Vec2::zeros(); n]),
@@ -159,6 +165,21 @@ impl Predictor {
             self.run_on(&mut causes, &reduced, t_s);
         }
         causes.into_iter().flatten().collect()
+    }
+
+    /// When, s after these deaths, contained robots are within the bound of the places that they then have, if any of
+    /// them has another one: e' = -k tanh e from there, once the dead are given up.
+    pub fn settles_after_s(&self, dead: &[usize]) -> Option<f64> {
+        let reduced = Reduced::of(self, dead, &[], false);
+        let places = self.settled(&reduced, &vec![None; self.robots.len()]);
+        let slow_s = |i: usize| {
+            let moved_m = self.scale[0] * (places[i] - self.planned[i]).norm();
+            let contained = reduced.alive[i] && self.robots[i].reference == Reference::Middle;
+            let k = self.robots[i].gain_m_s.filter(|_| contained && moved_m > self.bound_m)?;
+            Some((moved_m.sinh() / self.bound_m.sinh()).ln() / k)
+        };
+        let slowest_s = (0..self.robots.len()).filter_map(slow_s).reduce(f64::max)?;
+        Some(self.believed_s + self.repair_after_s + slowest_s)
     }
 
     /// By how much somebody who keeps a place is off at most, m, once these robots, of whom one led, die at `t_s` (at

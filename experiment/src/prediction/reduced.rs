@@ -42,7 +42,14 @@ impl Reduced {
                 continue;
             }
             let silent = |from: usize, edge: usize| dead.contains(&from) || cut.contains(&edge);
-            let mut spares = p.spares[i].iter().filter(|(from, _)| !dead.contains(from));
+            let hears = |from: usize| {
+                let mut ears = ears.iter().filter(|ear| ear.from == from);
+                !dead.contains(&from) && ears.all(|ear| !silent(ear.from, ear.edge))
+            };
+            let planned = || p.substitutes.iter().filter(|planned| planned.robot == i);
+            let in_order = planned().next().is_none();
+            let living = |(from, _): &&(usize, Vec2)| in_order && !dead.contains(from);
+            let mut spares = p.spares[i].iter().filter(living);
             let mut stops = false;
             for ear in ears {
                 if !silent(ear.from, ear.edge) {
@@ -50,8 +57,12 @@ impl Reduced {
                     continue;
                 }
                 reduced.lost[i].get_or_insert(ear.from);
-                if let Some(&spare) = spares.next() {
-                    reduced.heard[i].push(spare);
+                let instead = planned().filter(|planned| planned.lost == ear.from);
+                let instead = instead.flat_map(|planned| &planned.by).filter(|&&by| hears(by));
+                let instead: Vec<_> = instead.map(|&by| (by, Vec2::zeros())).collect();
+                let instead = spares.next().map_or(instead, |&spare| vec![spare]);
+                if !instead.is_empty() {
+                    reduced.heard[i].extend(instead);
                     continue;
                 }
                 stops = p.robots[i].silence == SilencePolicy::Stop;

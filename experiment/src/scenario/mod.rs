@@ -53,6 +53,7 @@ mod walls;
 use std::collections::BTreeMap;
 
 pub use restart::{AfterDeath, RestartPolicy, RestartWhen};
+pub use spares::{Repaired, Substitutes};
 
 use laws::ProgramLaw;
 use program::Program;
@@ -123,6 +124,8 @@ pub struct Scenario {
     pub graph: FormationGraph,
     /// Who may be heard in place of lost in-neighbours, robot by robot and in order, at the same kind of offset.
     pub spares: Vec<Edge>,
+    /// By whom contained robots go in place of each that they may lose, if that is planned.
+    pub substitutes: Vec<Substitutes>,
     /// Who leads in the main leader's place while it is lost, the best rank first.
     pub deputies: Vec<usize>,
     /// For how long an in-neighbour is lost before a spare is opened, and heard again before it is closed, ns;
@@ -536,29 +539,57 @@ impl Scenario {
         Reachability::new(graph, self.leader(), &self.contained(), &alone)
     }
 
-    /// Who goes by whom instead once these robots are dead and these edges cut for long enough: the place of the
-    /// spare in [`Scenario::spares`], and whom it replaces.
-    pub fn repairs(&self, dead: &[usize], cut: &[usize]) -> Vec<(usize, usize)> {
-        let edges = self.graph.edges().iter().enumerate();
-        let is_lost = |place: usize, from: usize| dead.contains(&from) || cut.contains(&place);
-        let mut lost: Vec<&Edge> = edges
-            .filter(|(place, edge)| is_lost(*place, edge.from) && !dead.contains(&edge.to))
-            .map(|(_, edge)| edge)
+    /// Who goes by whom instead once these robots are dead and these edges cut for long enough.
+    pub fn repairs(&self, dead: &[usize], cut: &[usize]) -> Vec<Repaired> {
+        let edges = self.graph.edges();
+        let is_lost = |place: usize| dead.contains(&edges[place].from) || cut.contains(&place);
+        let mut lost: Vec<&Edge> = (0..edges.len())
+            .filter(|&place| is_lost(place) && !dead.contains(&edges[place].to))
+            .map(|place| &edges[place])
             .collect();
         let mut repairs = Vec::new();
         for (place, spare) in self.spares.iter().enumerate() {
-            let living = !dead.contains(&spare.from);
-            if let Some(first) = lost.iter().position(|edge| living && edge.to == spare.to) {
-                repairs.push((place, lost.remove(first).from));
+            let &Edge { from: by, to: robot, .. } = spare;
+            let in_order = self.substitutes.iter().all(|planned| planned.robot != robot);
+            let living = in_order && !dead.contains(&by);
+            if let Some(first) = lost.iter().position(|edge| living && edge.to == robot) {
+                let instead_of = lost.remove(first).from;
+                repairs.push(Repaired { robot, by, instead_of, spare: Some(place) });
+            }
+        }
+        for &Edge { from: instead_of, to: robot, .. } in lost {
+            for &by in self.substitutes_of(robot, instead_of) {
+                let ends = |edge: &Edge| (edge.from, edge.to) == (by, robot);
+                let spare = self.spares.iter().position(ends);
+                let silent = || edges.iter().position(ends).is_none_or(is_lost);
+                if !dead.contains(&by) && (spare.is_some() || !silent()) {
+                    repairs.push(Repaired { robot, by, instead_of, spare });
+                }
             }
         }
         repairs
     }
 
+    /// By whom a contained robot goes in place of this one, as planned; somebody twice counts twice.
+    fn substitutes_of(&self, robot: usize, lost: usize) -> &[usize] {
+        let mut plans = self.substitutes.iter();
+        let plan = plans.find(|planned| (planned.robot, planned.lost) == (robot, lost));
+        plan.map_or(&[], |planned| &planned.by)
+    }
+
+    /// In place of whom this sender counts for that robot, as planned: once for each entry.
+    pub fn replaces(&self, robot: usize, sender: usize) -> impl Iterator<Item = usize> {
+        let plans = self.substitutes.iter().filter(move |planned| planned.robot == robot);
+        plans.flat_map(move |planned| {
+            let times = planned.by.iter().filter(|&&by| by == sender).count();
+            std::iter::repeat_n(planned.lost, times)
+        })
+    }
+
     /// Which spares stay closed then, as edges of [`Scenario::graph_with_spares`].
     pub fn closed_spares(&self, dead: &[usize], cut: &[usize]) -> Vec<usize> {
         let open = self.repairs(dead, cut);
-        let closed = |place: &usize| open.iter().all(|(spare, _)| spare != place);
+        let closed = |place: &usize| open.iter().all(|repaired| repaired.spare != Some(*place));
         let in_graph = self.graph.edges().len();
         (0..self.spares.len()).filter(closed).map(|place| in_graph + place).collect()
     }

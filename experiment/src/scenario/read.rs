@@ -245,6 +245,7 @@ fn scenario(
         robots,
         graph,
         spares: Vec::new(),
+        substitutes: Vec::new(),
         deputies: Vec::new(),
         repair_after_ns: None,
         lead,
@@ -259,7 +260,7 @@ fn scenario(
     let mut scenario = scenario.scaled(scale);
     scenario.deputies = deputies(root, &scenario)?;
     let repair = Repair::read(root, &scenario, &ties, &mut warnings)?;
-    scenario.spares = repair.spares(&scenario);
+    (scenario.spares, scenario.substitutes) = repair.spares(&scenario);
     scenario.repair_after_ns = repair.after_ns;
     if let Some(end_after) = root.get("end_after_converged_s") {
         can_end_early(&scenario, &end_after)?;

@@ -1,13 +1,20 @@
 //! Whom robots go by in place of in-neighbours that are lost for long: as the file says, or chosen.
 //!
-//! A spare that is chosen comes before the robot in an order: fewer hops from the leader, then earlier in the
+//! A contained robot has no offsets: whom it goes by in place of one moves its place, and those of others that
+//! go by it. So that is planned for each death, for all that hear the dead one together, see [`Choice::plan`].
+//!
+//! A spare that is chosen for a robot that keeps a place comes before the robot in an order: fewer hops from the leader, then earlier in the
 //! file. Whoever goes by somebody before it in that order is led as long as that one is. So as long as the
 //! leader lives and a robot has a spare for each in-neighbour that it has lost, it is led, and no circle of
 //! spares is without a leader. A deputy may be anybody's spare: who goes by it is led if it is, and otherwise it
 //! leads.
 
+use std::collections::BTreeSet;
+
 use formation::Vec2;
 use formation::graph::Edge;
+use formation::laplacian::settle;
+use formation::trajectory::Trajectory;
 use protocol::law::Reference;
 use protocol::planted;
 
@@ -16,6 +23,37 @@ use super::diagnostic::Diagnostic;
 use super::robots::{Ties, robot_named};
 use super::table::Table;
 use crate::check::places;
+
+/// Of robots that a contained one does not hear, so many of the nearest may take somebody's place.
+const NEAREST: usize = 5;
+/// Most who take one robot's place.
+const SUBSTITUTES_MAX: usize = 3;
+/// Most rounds of choices: each is better than the one before.
+const ROUNDS: usize = 4;
+
+/// By whom a contained robot goes in place of one that it has lost.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Substitutes {
+    /// The contained robot.
+    pub robot: usize,
+    /// Whom it has lost.
+    pub lost: usize,
+    /// By whom it goes instead: somebody twice counts twice, one that it hears anyway once more.
+    pub by: Vec<usize>,
+}
+
+/// A robot that goes by another in place of one that it has lost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Repaired {
+    /// Which.
+    pub robot: usize,
+    /// By whom.
+    pub by: usize,
+    /// In place of whom.
+    pub instead_of: usize,
+    /// The place of that spare in [`Scenario::spares`]; `None`: it hears it anyway, and counts it once more.
+    pub spare: Option<usize>,
+}
 
 /// What is repaired, and how soon.
 pub(super) struct Repair {
@@ -52,22 +90,36 @@ impl Repair {
     }
 
     /// The spares of all robots, robot by robot: edges from the spare, with the difference of the two places
-    /// that follow from the whole graph (Remark 1).
-    pub(super) fn spares(&self, scenario: &Scenario) -> Vec<Edge> {
+    /// that follow from the whole graph (Remark 1); and what is planned for contained robots.
+    pub(super) fn spares(&self, scenario: &Scenario) -> (Vec<Edge>, Vec<Substitutes>) {
         // Without places the scenario has errors, and is never run.
         let places = self.after_ns.and_then(|_| places(scenario));
-        let Some(places) = places else { return Vec::new() };
+        let Some(places) = places else { return Default::default() };
+        let contained = |i: &usize| scenario.robots[*i].role.reference == Reference::Middle;
+        let plans = |i: &usize| contained(i) && self.given[*i].is_none();
         let choice = Choice { scenario, order: order(scenario), places: &places };
+        let robots = 0..scenario.robots.len();
+        let planning: Vec<usize> = robots.clone().filter(plans).collect();
+        let substitutes: Vec<Substitutes> =
+            robots.clone().flat_map(|lost| choice.plan(lost, &planning, self.count)).collect();
         let mut spares = Vec::new();
         for (to, given) in self.given.iter().enumerate() {
-            let keeps_place = scenario.robots[to].role.reference == Reference::Offsets;
-            let from = given.clone().unwrap_or_else(|| choice.of(to, self.count));
+            let from = match given {
+                Some(given) => given.clone(),
+                None if contained(&to) => {
+                    let planned = substitutes.iter().filter(|planned| planned.robot == to);
+                    let by = planned.flat_map(|planned| planned.by.iter().copied());
+                    let by: BTreeSet<usize> = by.filter(|&by| !choice.hears(to, by)).collect();
+                    by.into_iter().collect()
+                }
+                None => choice.of(to, self.count),
+            };
             spares.extend(from.into_iter().map(|from| {
                 let offset_m = places[to] - places[from];
-                Edge { from, to, offset_m: if keeps_place { offset_m } else { Vec2::zeros() } }
+                Edge { from, to, offset_m: if contained(&to) { Vec2::zeros() } else { offset_m } }
             }));
         }
-        spares
+        (spares, substitutes)
     }
 }
 
@@ -125,6 +177,9 @@ fn order(scenario: &Scenario) -> Vec<Option<(usize, usize)>> {
     hops.into_iter().enumerate().map(|(i, hops)| Some((hops?, i))).collect()
 }
 
+/// How bad a plan is.
+type Cost = (u64, u64, usize);
+
 /// What spares are chosen by.
 struct Choice<'a> {
     scenario: &'a Scenario,
@@ -134,74 +189,177 @@ struct Choice<'a> {
 }
 
 impl Choice<'_> {
-    /// At most so many spares for a robot, the best first.
-    fn of(&self, to: usize, count: usize) -> Vec<usize> {
-        let hears = |from: usize| self.scenario.graph.heard_by(to).any(|edge| edge.from == from);
-        let reference = |robot: usize| self.scenario.robots[robot].role.reference;
-        // Without a leader, a circle would be one in which velocities never die out.
+    fn hears(&self, to: usize, from: usize) -> bool {
+        self.scenario.graph.heard_by(to).any(|edge| edge.from == from)
+    }
+
+    fn reference(&self, robot: usize) -> Reference {
+        self.scenario.robots[robot].role.reference
+    }
+
+    fn is_before(&self, from: usize, to: usize) -> bool {
+        self.order[from].is_some()
+            && (self.order[from] < self.order[to] || planted::is("circle-of-spares"))
+    }
+
+    /// Whether this robot may go by that one: without a leader, a circle would be one in which velocities never
+    /// die out.
+    fn may(&self, to: usize, from: usize) -> bool {
         let unled = self.scenario.leader().is_none();
-        let reached = unled.then(|| self.scenario.graph.hops().swap_remove(to));
+        let circle = || self.scenario.graph.hops().swap_remove(to)[from].is_some();
+        from != to && !(unled && circle())
+    }
+
+    /// At most so many spares for a robot that keeps a place, the best first.
+    fn of(&self, to: usize, count: usize) -> Vec<usize> {
+        if self.reference(to) != Reference::Offsets {
+            return Vec::new();
+        }
         let deputies = &self.scenario.deputies;
         let rank_of = |from: usize| deputies.iter().position(|&deputy| deputy == from);
-        let may = |&from: &usize| {
-            let fits = reference(to) == Reference::Middle || reference(from) != Reference::Middle;
-            let before = self.order[from].is_some()
-                && (self.order[from] < self.order[to] || planted::is("circle-of-spares"));
-            let reached = reached.as_ref().is_some_and(|reached| reached[from].is_some());
-            fits && (before || rank_of(from).is_some()) && from != to && !hears(from) && !reached
+        let fits = |&from: &usize| {
+            let before = self.is_before(from, to) || rank_of(from).is_some();
+            before && self.reference(from) != Reference::Middle
         };
-        let candidates = (0..self.scenario.robots.len()).filter(may);
-        let mut rated: Vec<((usize, u64), usize)> = match reference(to) {
-            Reference::Offsets => {
-                let distance_m = |from: usize| (self.places[from] - self.places[to]).norm();
-                // Without the leader those who heard it go by who leads then.
-                let hears_leader = self.scenario.leader().is_some_and(hears);
-                let first = |from: usize| match hears_leader {
-                    true => rank_of(from).unwrap_or(deputies.len()),
-                    false => 0,
-                };
-                candidates.map(|from| ((first(from), rank(distance_m(from))), from)).collect()
-            }
-            Reference::Middle => {
-                let without = self.without(to, None);
-                let rated = candidates.map(|from| (self.without(to, Some(from)), from));
-                rated.filter(|(with, _)| *with < without).collect()
-            }
-            Reference::Trajectory | Reference::Goal => Vec::new(),
+        let fits = (0..self.scenario.robots.len()).filter(fits);
+        let candidates = fits.filter(|&from| !self.hears(to, from) && self.may(to, from));
+        let distance_m = |from: usize| (self.places[from] - self.places[to]).norm();
+        // Without the leader those who heard it go by who leads then.
+        let hears_leader = self.scenario.leader().is_some_and(|leader| self.hears(to, leader));
+        let first = |from: usize| match hears_leader {
+            true => rank_of(from).unwrap_or(deputies.len()),
+            false => 0,
         };
+        let rated = candidates.map(|from| ((first(from), rank(distance_m(from))), from));
+        let mut rated: Vec<((usize, u64), usize)> = rated.collect();
         rated.sort_unstable();
         rated.into_iter().take(count).map(|(_, from)| from).collect()
     }
 
-    /// How bad it is for a contained robot to lose one of those it hears and go by this one in its place: after
-    /// how many of these losses its place is nearer to another's than robots come to rest (Remark 1), and how far
-    /// it moves at most. The others' places are taken to stay.
-    fn without(&self, to: usize, spare: Option<usize>) -> (usize, u64) {
-        let heard: Vec<usize> = self.scenario.graph.heard_by(to).map(|edge| edge.from).collect();
+    /// By whom those of `planning` go that hear `lost`, once it is dead: with at most so many each, so that nobody's
+    /// place is nearer to another's than robots come to rest (Remark 1), or as little as can be; and of these so
+    /// that places move least. One robot's choice after the other, until none is better; if some are still too near,
+    /// those of two at a time.
+    fn plan(&self, lost: usize, planning: &[usize], count: usize) -> Vec<Substitutes> {
+        let hears_lost = |&&to: &&usize| to != lost && self.hears(to, lost);
+        let hearers: Vec<usize> = planning.iter().filter(hears_lost).copied().collect();
+        let left = |to: usize| {
+            let heard = self.scenario.graph.heard_by(to).map(|edge| edge.from);
+            heard.filter(|&from| from != lost).collect::<Vec<usize>>()
+        };
+        let heard: Vec<Vec<usize>> = (0..self.places.len()).map(left).collect();
+        let options = hearers.iter().map(|&to| (to, self.options(lost, to, &heard[to], count)));
+        let options: Vec<(usize, Vec<Vec<usize>>)> = options.collect();
+        let mut best = (self.cost(lost, &heard), heard);
+        for _ in 0..ROUNDS {
+            let before = best.0;
+            options
+                .iter()
+                .for_each(|one| self.search(lost, &[one], &mut best.1.clone(), &mut best));
+            if best.0 == before {
+                break;
+            }
+        }
+        let pairs = options.iter().enumerate();
+        let pairs =
+            pairs.flat_map(|(k, one)| options[k + 1..].iter().map(move |other| [one, other]));
+        for pair in pairs {
+            if best.0.0 > 0 {
+                self.search(lost, &pair, &mut best.1.clone(), &mut best);
+            }
+        }
+        let planned = hearers.into_iter().map(|robot| {
+            let by = best.1[robot].split_off(left(robot).len());
+            Substitutes { robot, lost, by }
+        });
+        planned.filter(|planned| !planned.by.is_empty()).collect()
+    }
+
+    /// Whether these robots do better with others of their options: the best of all is kept in `best`.
+    fn search(
+        &self,
+        lost: usize,
+        choices: &[&(usize, Vec<Vec<usize>>)],
+        heard: &mut [Vec<usize>],
+        best: &mut (Cost, Vec<Vec<usize>>),
+    ) {
+        let [(to, options), others @ ..] = choices else {
+            let cost = self.cost(lost, heard);
+            if cost < best.0 {
+                *best = (cost, heard.to_vec());
+            }
+            return;
+        };
+        for option in options {
+            heard[*to].clone_from(option);
+            self.search(lost, others, heard, best);
+        }
+    }
+
+    /// By whom a contained robot might go that has lost this one: by those that are `left` to it, and up to so many of
+    /// these and of the nearest others besides, some perhaps twice. Somebody before it is among them.
+    fn options(&self, lost: usize, to: usize, left: &[usize], count: usize) -> Vec<Vec<usize>> {
+        let unled = self.scenario.leader().is_none();
+        let fits = |&from: &usize| {
+            let other = from != lost && !left.contains(&from) && self.may(to, from);
+            other && (!unled || self.is_before(from, to))
+        };
+        let mut others: Vec<usize> = (0..self.places.len()).filter(fits).collect();
+        others.sort_by_key(|&from| rank((self.places[from] - self.places[to]).norm()));
+        others.truncate(NEAREST);
+        let candidates = [left, &others].concat();
+        let mut options = vec![left.to_vec()];
+        let mut shorter = 0;
+        for _ in 0..count.min(SUBSTITUTES_MAX) {
+            let end = options.len();
+            for k in shorter..end {
+                let option = options[k].clone();
+                // Each set once: in the order of the candidates.
+                let last = option.get(left.len()..).and_then(|more| more.last());
+                let from = last.and_then(|last| candidates.iter().position(|one| one == last));
+                let next = candidates[from.unwrap_or(0)..].iter();
+                options.extend(next.map(|&by| [&option[..], &[by]].concat()));
+            }
+            shorter = end;
+        }
+        options.retain(|option| option.iter().any(|&from| self.is_before(from, to)));
+        options
+    }
+
+    /// How bad it is that robots go by these once one is dead: by how much places are nearer to others than robots come
+    /// to rest, and how far they move (squared), over all; then how many are gone by.
+    fn cost(&self, lost: usize, heard: &[Vec<usize>]) -> Cost {
+        let n = self.places.len();
+        let moves = |&i: &usize| i != lost && self.reference(i) == Reference::Middle;
+        let free: Vec<usize> = (0..n).filter(moves).collect();
+        let gone_by: Vec<Vec<(usize, Vec2)>> = heard
+            .iter()
+            .map(|heard| heard.iter().map(|&from| (from, Vec2::zeros())).collect())
+            .collect();
+        let mut places = self.places.to_vec();
+        let stranded = free.iter().any(|&i| heard[i].is_empty());
+        if stranded || settle(&gone_by, &free, &mut places).is_none() {
+            return (u64::MAX, 0, 0);
+        }
         let scale = self.scenario.scale().map_or(1.0, |scale| scale.range()[0]);
         let steers_m = |robot: usize| self.scenario.steers_within_m(robot).unwrap_or(0.0);
-        let (mut taken, mut moved_m) = (0, 0.0f64);
-        for &lost in &heard {
-            let left: Vec<usize> =
-                heard.iter().copied().filter(|&from| from != lost).chain(spare).collect();
-            if left.is_empty() {
-                return (usize::MAX, 0);
+        // A formation that moves leaves bodies behind.
+        let lead = self.scenario.lead.as_ref();
+        let stands = lead.is_none_or(|lead| matches!(lead.trajectory, Trajectory::Still { .. }));
+        let (mut lacking_m, mut moved_m2) = (0.0, 0.0);
+        for &i in &free {
+            moved_m2 += (places[i] - self.places[i]).norm_squared();
+            for j in (0..n).filter(|&j| j != i && (stands || j != lost)) {
+                let planned_m = scale * (self.places[i] - self.places[j]).norm();
+                let asked_m = steers_m(i).max(steers_m(j)).min(planned_m);
+                lacking_m += (asked_m - scale * (places[i] - places[j]).norm()).max(0.0);
             }
-            let place =
-                left.iter().map(|&from| self.places[from]).sum::<Vec2>() / left.len() as f64;
-            let mut others = (0..self.places.len()).filter(|&other| other != to && other != lost);
-            let near = |other: usize| {
-                let apart_m = scale * (self.places[other] - place).norm();
-                apart_m < steers_m(to).max(steers_m(other))
-            };
-            taken += usize::from(others.any(near));
-            moved_m = moved_m.max((place - self.places[to]).norm());
         }
-        (taken, rank(moved_m))
+        (rank(lacking_m), rank(moved_m2), heard.iter().map(Vec::len).sum())
     }
 }
 
-/// A length, m, in micrometers: sums of offsets differ in their last digits from others that are the same.
+/// A length, m, in micrometers (or the square of one): sums of offsets differ in their last digits from others that are the same.
 fn rank(length_m: f64) -> u64 {
     (length_m * 1e6).round() as u64
 }

@@ -90,6 +90,11 @@ impl Silent {
         self.gone_by[edge] && self.robots[from] <= 0 && self.edges[edge] <= 0
     }
 
+    /// Whether the robot that hears over this edge goes by it, heard or not.
+    pub(super) fn goes_by(&self, edge: usize) -> bool {
+        self.gone_by[edge]
+    }
+
     /// Whether this edge is a spare.
     pub(super) fn is_spare(&self, edge: usize) -> bool {
         edge >= self.in_graph

@@ -15,7 +15,7 @@ use experiment::scenario::Scenario;
 pub(super) struct Targets {
     references: Vec<Reference>,
     /// For each robot, the edges that end in it, and their places in the graph; its spares behind them.
-    heard: Vec<Vec<(usize, Edge)>>,
+    heard: Vec<Vec<Ear>>,
     /// The trajectory of each that may lead, and its place about it, at heading 0 and scale 1, m.
     leads: Vec<Option<(LeadBrief, Vec2)>>,
     /// The goal of each, if it goes to one, m: the scenario's, until it is sent to another.
@@ -23,10 +23,23 @@ pub(super) struct Targets {
     policy: SilencePolicy,
 }
 
+/// An edge, by its place in the graph, and in place of which others it counts, once for each entry.
+struct Ear {
+    place: usize,
+    ends: Edge,
+    replaces: Vec<usize>,
+}
+
 impl Targets {
     pub(super) fn new(scenario: &Scenario) -> Targets {
         let edges = || scenario.graph.edges().iter().chain(&scenario.spares).copied().enumerate();
-        let heard = |i| edges().filter(|(_, edge)| edge.to == i).collect();
+        let place_of = |from, to| edges().position(|(_, edge)| (edge.from, edge.to) == (from, to));
+        let ear = |(place, ends): (usize, Edge)| {
+            let replaces = scenario.replaces(ends.to, ends.from);
+            let replaces = replaces.filter_map(|lost| place_of(lost, ends.to)).collect();
+            Ear { place, ends, replaces }
+        };
+        let heard = |i| edges().filter(|(_, edge)| edge.to == i).map(ear).collect();
         Targets {
             references: scenario.robots.iter().map(|robot| robot.role.reference).collect(),
             heard: (0..scenario.robots.len()).map(heard).collect(),
@@ -65,15 +78,23 @@ impl Targets {
         target.map(|target| alphas[robot] - target.position)
     }
 
-    /// Those by which a robot's error is measured, as the policy on silence has it: those heard, spares that
-    /// replace somebody included; if nobody is, or if the silent are to count, all in-neighbours.
-    fn counted(&self, robot: usize, silent: &Silent) -> impl Iterator<Item = &(usize, Edge)> {
+    /// Those by which a robot's error is measured, as the policy on silence has it, each as often as it counts:
+    /// those heard, who replaces somebody included; if nobody is, or if the silent are to count, all in-neighbours.
+    fn counted(&self, robot: usize, silent: &Silent) -> impl Iterator<Item = &Edge> {
         let heard = &self.heard[robot];
-        let speaks = |(edge, ends): &(usize, Edge)| silent.carries(*edge, ends.from);
-        let replaced = heard.iter().any(|one| silent.is_spare(one.0) && speaks(one));
+        let speaks = |ear: &Ear| silent.carries(ear.place, ear.ends.from);
+        let replaced = heard.iter().any(|ear| {
+            if silent.is_spare(ear.place) { speaks(ear) } else { !silent.goes_by(ear.place) }
+        });
         let keep = self.policy == SilencePolicy::Keep && !replaced;
         let all = keep || !heard.iter().any(speaks);
-        heard.iter().filter(move |one| (all && !silent.is_spare(one.0)) || speaks(one))
+        let counted =
+            heard.iter().filter(move |ear| (all && !silent.is_spare(ear.place)) || speaks(ear));
+        counted.flat_map(|ear| {
+            let replaced = ear.replaces.iter().filter(|&&other| !silent.goes_by(other)).count();
+            let once = !silent.is_spare(ear.place) || ear.replaces.is_empty();
+            std::iter::repeat_n(&ear.ends, usize::from(once) + replaced)
+        })
     }
 
     fn mean(
@@ -85,7 +106,7 @@ impl Targets {
     ) -> Option<Target> {
         let counted = self.counted(robot, silent);
         let place = |ends: &Edge| Target::still(alphas[ends.from]);
-        desired(counted.map(|(_, ends)| (place(ends), offset(ends.offset_m))))
+        desired(counted.map(|ends| (place(ends), offset(ends.offset_m))))
     }
 }
 

@@ -302,6 +302,8 @@ impl Movie<'_> {
             });
             let (colors, dashes): (Vec<String>, Vec<String>) = self
                 .each(|frame| match frame.edges[place] {
+                    EdgeState::Closed => ("transparent".to_owned(), "1 0".to_owned()),
+                    EdgeState::Fresh if edge.spare => (BLUE.to_string(), "1 0".to_owned()),
                     EdgeState::Fresh => (GRAY.to_string(), "1 0".to_owned()),
                     EdgeState::Stale => (ORANGE.to_string(), "1 0".to_owned()),
                     EdgeState::Lost | EdgeState::Cut | EdgeState::Dead => {
@@ -406,11 +408,15 @@ fn legend(run: &Run) -> Vec<Element> {
         format!("Circles: radius d/2, d = {} m.", short(run.scene.distance_min_m)),
         "While none overlap, no pair is nearer than d.".to_owned(),
     ];
+    if !run.repairs.is_empty() {
+        lines.insert(2, "Blue arrows: heard in place of the lost.".to_owned());
+    }
     if !run.lead_m.is_empty() {
         lines.push("Gray dots: where the leader is to go.".to_owned());
     }
+    let step = (105.0 / lines.len() as f64).min(21.0);
     let line = |(i, line): (usize, &String)| {
-        let at = (LEGEND.0, LEGEND.1 + 21.0 * i as f64);
+        let at = (LEGEND.0, LEGEND.1 + step * i as f64);
         Element::words(line, at, Anchor::Start).filled(QUIET, 1.0)
     };
     lines.iter().enumerate().map(line).collect()

@@ -71,6 +71,7 @@ fn sections(run: &Run, figures: &[Figure]) -> Vec<Section> {
         ("summary", "Summary", of(summary)),
         ("expectations", "Expectations", of(expectations)),
         ("faults", "Faults", of(faults)),
+        ("repairs", "Repairs", repairs(run)),
         ("figures", "Figures", drawn(figures)),
         ("latency", "Latency", of(latency)),
         ("robots", "Robots and processes", of(robots)),
@@ -85,7 +86,8 @@ fn sections(run: &Run, figures: &[Figure]) -> Vec<Section> {
 /// What the run was, and how it went.
 fn head(run: &Run) -> String {
     let pace = escaped(&run.scene.pace);
-    let (robots, edges) = (run.scene.robots.len(), run.scene.edges.len());
+    let robots = run.scene.robots.len();
+    let edges = run.scene.edges.iter().filter(|edge| !edge.spare).count();
     let mut text = format!(
         "<p class=\"quiet\">{robots} robots, {edges} edges, {} s, {pace}</p>\n",
         short(run.lasts_s())
@@ -165,6 +167,14 @@ fn faults(summary: &Summary) -> String {
     let Some(first) = summary.faults.first() else { return String::new() };
     let means = escaped(&first.broken_means());
     format!("{}<p class=\"quiet\">{means}</p>\n", table(&heads, rows))
+}
+
+/// Who went by whom from when on.
+fn repairs(run: &Run) -> String {
+    let rows = run.repairs.iter().map(|(t_s, robot, what)| {
+        vec![Cell::Number(digits(*t_s)), Cell::Word(robot.clone()), Cell::Text(what.clone())]
+    });
+    table(&["#Time, s", "Robot", "From then on"], rows)
 }
 
 /// Heads of the screen as heads of the page; those that are not of words are of numbers.

@@ -31,6 +31,8 @@ pub struct Run {
     pub every: usize,
     /// What became of robots and edges, in order of time.
     pub changes: Vec<Change>,
+    /// What robots said of those they go by, in order of time: when, s, who, and what.
+    pub repairs: Vec<(f64, String, String)>,
     /// What came out; `None` if the run was cut short before it was summed up.
     pub summary: Option<Summary>,
     /// Why no promise about distances holds in it, if one otherwise would.
@@ -151,6 +153,26 @@ impl Run {
         formation::closest::closest_pair(&points).map(|closest| closest.distance_m)
     }
 
+    /// How each edge is heard before anything changes.
+    fn heard_at_first(&self) -> Vec<EdgeState> {
+        let closed = |edge: &SceneEdge| match edge.spare {
+            true => EdgeState::Closed,
+            false => EdgeState::Fresh,
+        };
+        self.scene.edges.iter().map(closed).collect()
+    }
+
+    /// Whether each edge is gone by at this time, s: spares while they replace somebody.
+    pub fn gone_by(&self, t_s: f64) -> Vec<bool> {
+        let mut heard = self.heard_at_first();
+        for change in self.changes.iter().take_while(|change| change.t_s <= t_s) {
+            if let ChangedTo::Edge(edge, state) = change.to {
+                heard[edge] = state;
+            }
+        }
+        heard.into_iter().map(|state| state != EdgeState::Closed).collect()
+    }
+
     /// The run as the replay shows it.
     pub fn frames(&self) -> Vec<Frame> {
         let robots = self.scene.robots.len();
@@ -158,7 +180,7 @@ impl Run {
         let most_hz = FRAME_ROBOTS_MAX / robots.max(1) as f64 / seconds;
         let step_s = 1.0 / FRAMES_HZ.min(most_hz);
         let mut states = vec![RobotState::Moving; robots];
-        let mut heard = vec![EdgeState::Fresh; self.scene.edges.len()];
+        let mut heard = self.heard_at_first();
         let mut changes = self.changes.iter().peekable();
         let mut frames = Vec::new();
         let mut due_s = f64::NEG_INFINITY;

@@ -19,7 +19,7 @@ pub struct Scene {
     pub distance_min_m: f64,
     /// In scenario order; everything else names robots by their place here, from 0.
     pub robots: Vec<SceneRobot>,
-    /// The formation graph: robot `to` hears robot `from`.
+    /// The formation graph: robot `to` hears robot `from`; behind it the spares.
     pub edges: Vec<SceneEdge>,
     /// The convex parts of walls and obstacles.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -40,12 +40,15 @@ pub struct SceneRobot {
 }
 
 /// One edge of the formation graph.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct SceneEdge {
     /// Who is heard.
     pub from: usize,
     /// Who hears.
     pub to: usize,
+    /// Only in place of one who is lost.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub spare: bool,
 }
 
 /// Something that goes wrong.
@@ -137,12 +140,15 @@ pub enum EdgeState {
     Cut,
     /// A robot at one of its ends is dead.
     Dead,
+    /// A spare that replaces nobody.
+    Closed,
 }
 
 impl EdgeState {
     /// The state of an edge from a robot in one state to a robot in another, as that one hears it.
     pub fn of(self, [from, to]: [RobotState; 2], cut: bool) -> EdgeState {
         match (from, to) {
+            _ if self == EdgeState::Closed => self,
             (RobotState::Dead, _) | (_, RobotState::Dead) => EdgeState::Dead,
             _ if cut => EdgeState::Cut,
             // Whoever does not move hears nobody.

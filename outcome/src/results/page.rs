@@ -174,6 +174,7 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
         times_s: record.times_s,
         tracks: record.tracks,
         every: record.every,
+        repairs: record::repairs(&events),
         changes,
         unpromised: unpromised(scenario, summary.as_ref()),
         damage: None,

@@ -26,7 +26,13 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
         .into(),
         front_point_m: robot.front_point_m,
     });
-    let edges = scenario.graph.edges().iter();
+    let in_graph = scenario.graph.edges().len();
+    let edges = scenario.graph.edges().iter().chain(&scenario.spares).enumerate();
+    let edge = |(place, &Edge { from, to, .. }): (usize, &Edge)| SceneEdge {
+        from,
+        to,
+        spare: place >= in_graph,
+    };
     let faults = scenario.faults.iter().map(|fault| {
         let (what, struck) = fault.kind.struck(scenario);
         let until_ns = match fault.kind {
@@ -50,7 +56,7 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
         duration_s: seconds(scenario.duration_ns),
         distance_min_m: scenario.avoidance.distance_min_m,
         robots: robots.collect(),
-        edges: edges.map(|edge| SceneEdge { from: edge.from, to: edge.to }).collect(),
+        edges: edges.map(edge).collect(),
         walls: scenario.walls.iter().map(|wall| wall.shape.clone()).collect(),
         faults: faults.collect(),
     }
@@ -102,19 +108,28 @@ pub fn frame(
             state,
         }
     });
+    let in_graph = scenario.graph.edges().len();
     let edge = |(place, ends): (usize, &Edge)| {
         let contact = match heard(ends.from, ends.to) {
+            Contact::Unheard if place >= in_graph => EdgeState::Closed,
             Contact::Fresh => EdgeState::Fresh,
             Contact::Stale | Contact::Unheard => EdgeState::Stale,
             Contact::Lost => EdgeState::Lost,
         };
-        let cut = cut_by_hand(place) || is_cut(scenario, place, header.t_ns);
+        let cut = place < in_graph && cut_by_hand(place) || is_cut(scenario, place, header.t_ns);
         contact.of([ends.from, ends.to].map(&state), cut)
     };
     Frame {
         t_s: seconds(header.t_ns),
         robots: shown.collect(),
-        edges: scenario.graph.edges().iter().enumerate().map(edge).collect(),
+        edges: scenario
+            .graph
+            .edges()
+            .iter()
+            .chain(&scenario.spares)
+            .enumerate()
+            .map(edge)
+            .collect(),
         distance_m: pairs.reduce(f64::min),
     }
 }
@@ -140,7 +155,7 @@ mod tests {
         ];
         let scene = scene(&scenario, Pace::Lockstep);
         let ends = scenario.graph.edges()[0];
-        assert_eq!(scene.edges[0], SceneEdge { from: ends.from, to: ends.to });
+        assert_eq!(scene.edges[0], SceneEdge { from: ends.from, to: ends.to, spare: false });
         let [cut, kill] = &scene.faults[..] else { panic!("{:?}", scene.faults) };
         assert_eq!((cut.t_s, cut.until_s, cut.cuts), (1.0, Some(1.5), Some(0)));
         assert!(cut.robots.is_empty(), "{cut:?}");

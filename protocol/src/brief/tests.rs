@@ -86,6 +86,7 @@ fn agent() -> AgentBrief {
                 fault(LinkFaultKind::Delay { delay_ns: 1, jitter_ns: 2 }),
             ],
             trusted: false,
+            replaces: vec![2, 2],
             lies: vec![LieFault {
                 span: SPAN,
                 lie: Lie { turn_rad: 0.5, ..Lie::default() },
@@ -99,6 +100,7 @@ fn agent() -> AgentBrief {
             faults: Vec::new(),
             lies: Vec::new(),
             trusted: true,
+            replaces: Vec::new(),
         }],
     }
 }

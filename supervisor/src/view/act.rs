@@ -75,7 +75,7 @@ pub(crate) fn read(body: &[u8], scene: &Scene) -> Result<Act, NoAct> {
     };
     let edge = |from: &str, to: &str| {
         let ends = (robot(from)?, robot(to)?);
-        let found = scene.edges.iter().position(|edge| (edge.from, edge.to) == ends);
+        let found = scene.edges.iter().position(|edge| (edge.from, edge.to) == ends && !edge.spare);
         found.ok_or_else(|| {
             NoAct::Unknown(format!("there is no edge {from}->{to}: {to} does not hear {from}"))
         })
@@ -107,7 +107,7 @@ pub(crate) mod tests {
             duration_s: 1.0,
             distance_min_m: 0.2,
             robots: vec![robot("a"), robot("b")],
-            edges: vec![SceneEdge { from: 1, to: 0 }],
+            edges: vec![SceneEdge { from: 1, to: 0, spare: false }],
             walls: Vec::new(),
             faults: Vec::new(),
         }

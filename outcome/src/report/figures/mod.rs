@@ -6,6 +6,7 @@
 //! | `distance` | how near did every pair come? |
 //! | `error` | how far was everybody from where it wanted to be, and from its place in the whole? |
 //! | `hull` | how far outside the leaders' hull were the contained? |
+//! | `repair` | who went by whom before and after robots were lost? |
 //! | `latency` | how old was what was heard, how late did everybody wake, and why? |
 
 mod distance;
@@ -13,6 +14,7 @@ mod error;
 mod hull;
 mod latency;
 mod plane;
+mod repair;
 #[cfg(test)]
 mod tests;
 
@@ -56,6 +58,7 @@ pub fn all(run: &Run) -> Vec<Figure> {
         error::to_the_ideal(run),
         error::components(run),
         hull::distance(run),
+        repair::before_and_after(run),
         latency::information_age(run),
         latency::wake_lateness(run),
         latency::late_by_cause(run),

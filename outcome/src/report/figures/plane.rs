@@ -200,7 +200,8 @@ fn formation(run: &Run, instant: usize, m_per_px: f64, opacity: f64, panel: &mut
         panel.areas.push((corners.clone(), ORANGE, 0.2 * opacity));
         panel.outline(corners, Line::solid(ORANGE).width(0.8).opacity(opacity));
     } else {
-        for edge in &run.scene.edges {
+        let gone_by = run.gone_by(run.times_s[instant]);
+        for (edge, _) in run.scene.edges.iter().zip(gone_by).filter(|(_, gone_by)| *gone_by) {
             let ends = [edge.from, edge.to].map(|robot| point(run.alpha(robot, instant)));
             // Nothing goes from or to the dead.
             let living = [edge.from, edge.to].iter().all(|&r| run.tracks[r][instant].alive);

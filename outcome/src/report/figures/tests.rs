@@ -37,7 +37,7 @@ fn example(robots: usize, instants: usize, role: &str) -> Run {
                 front_point_m: 0.1,
             })
             .collect(),
-        edges: (1..robots).map(|to| SceneEdge { from: to, to: to - 1 }).collect(),
+        edges: (1..robots).map(|to| SceneEdge { from: to, to: to - 1, spare: false }).collect(),
         walls: vec![
             Obstacle::segment([0.0, -9.0], [0.0, 9.0]),
             Obstacle::Disc { center_m: [0.5, 0.5], radius_m: 0.1 },
@@ -68,6 +68,7 @@ fn example(robots: usize, instants: usize, role: &str) -> Run {
             .collect(),
         lead_m: vec![[0.0, 0.0]; instants],
         every: 1,
+        repairs: Vec::new(),
         changes: vec![
             Change { t_s: 0.3, to: ChangedTo::Robot(1, RobotState::Dead) },
             Change { t_s: 0.4, to: ChangedTo::Edge(0, EdgeState::Stale) },
@@ -213,6 +214,35 @@ fn the_replay_has_at_most_twenty_instants_a_second_and_the_last_one() {
     assert_eq!(frames[60].t_s, 3.0);
     assert_eq!(frames[7].robots[1].state, RobotState::Dead, "killed at 0.3 s");
     assert_eq!(frames[10].robots[1].state, RobotState::Moving);
+}
+
+#[test]
+fn a_repaired_graph_is_drawn_before_and_after_and_a_spare_is_an_edge_while_it_replaces_somebody() {
+    let mut run = example(3, 20, "formation");
+    assert!(all(&run).iter().all(|figure| figure.name != "repairs"));
+    // r1 hears r2, which dies at 0.3 s, and goes by r3 from 0.6 s to 1.2 s.
+    let spare = run.scene.edges.len();
+    run.scene.edges.push(SceneEdge { from: 2, to: 0, spare: true });
+    run.repairs = vec![
+        (0.6, "r1".into(), "goes by r3".into()),
+        (1.2, "r1".into(), "goes no longer by r3".into()),
+    ];
+    let open = [(0.6, EdgeState::Fresh), (1.2, EdgeState::Closed)];
+    run.changes.extend(open.map(|(t_s, state)| Change { t_s, to: ChangedTo::Edge(spare, state) }));
+    run.changes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+    assert_eq!([0.5, 0.6, 1.1, 1.2].map(|t_s| run.gone_by(t_s)[spare]), [false, true, true, false]);
+    let states: Vec<EdgeState> = run.frames().iter().map(|frame| frame.edges[spare]).collect();
+    assert!(
+        states.contains(&EdgeState::Closed) && states.contains(&EdgeState::Fresh),
+        "{states:?}"
+    );
+    let figures = all(&run);
+    let repairs = figures.iter().find(|figure| figure.name == "repairs").expect("it was repaired");
+    // One bar of the time line, from when on to when.
+    let bars = repairs.panels[2].1.curves.iter().map(|(points, ..)| (points[0].0, points[1].0));
+    assert_eq!(bars.collect::<Vec<_>>(), [(0.6, 1.2)]);
+    let page = html::report(&run, &figures);
+    assert!(page.contains("goes no longer by r3"));
 }
 
 #[test]

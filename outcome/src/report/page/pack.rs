@@ -63,6 +63,7 @@ fn edge_code(state: EdgeState) -> u64 {
         EdgeState::Lost => 2,
         EdgeState::Cut => 3,
         EdgeState::Dead => 4,
+        EdgeState::Closed => 5,
     }
 }
 
@@ -118,7 +119,7 @@ mod tests {
     }
 
     fn scene(robots: usize, edges: usize) -> Scene {
-        let edges = vec![SceneEdge { from: 0, to: 0 }; edges];
+        let edges = vec![SceneEdge::default(); edges];
         Scene { robots: vec![SceneRobot::default(); robots], edges, ..Scene::default() }
     }
 

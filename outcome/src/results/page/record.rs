@@ -8,7 +8,7 @@ use std::iter::Peekable;
 use std::path::Path;
 
 use crate::report::run::{Change, ChangedTo, Sample};
-use crate::report::scene::{EdgeState, RobotState, Scene, SceneFault};
+use crate::report::scene::{EdgeState, RobotState, Scene, SceneEdge, SceneFault};
 use formation::Vec2;
 use formation::pose::Pose;
 use serde::Deserialize;
@@ -68,6 +68,9 @@ pub(super) fn goals(events: &[Event], scenario: &Scenario) -> Vec<SentTo> {
     events.iter().filter(|event| event.kind == goals::EVENT).filter_map(sent).collect()
 }
 
+/// The kind of what robots say of those they go by.
+const REPAIR: &str = "repair";
+
 /// What became of robots and edges, in order of time.
 pub(super) fn changes(events: &[Event], scene: &Scene) -> Vec<Change> {
     let robots = scene.robots.iter().enumerate();
@@ -83,15 +86,33 @@ pub(super) fn changes(events: &[Event], scene: &Scene) -> Vec<Change> {
             "contact" => {
                 let (word, heard) = detail.split_once(' ')?;
                 let ends = (*place.get(heard)?, robot);
-                let edge = scene.edges.iter().position(|edge| (edge.from, edge.to) == ends)?;
+                let is_heard = |edge: &SceneEdge| (edge.from, edge.to) == ends && !edge.spare;
+                let edge = scene.edges.iter().position(is_heard)?;
                 let to = ChangedTo::Edge(edge, edge_state(word)?);
                 return Some(Change { t_s: *t_s, to });
+            }
+            REPAIR => {
+                let (yes, by) = match detail.strip_prefix("goes by ") {
+                    Some(by) => (true, by),
+                    None => (false, detail.strip_prefix("goes no longer by ")?),
+                };
+                let ends = (*place.get(by)?, robot);
+                let is_spare = |edge: &SceneEdge| (edge.from, edge.to) == ends && edge.spare;
+                let edge = scene.edges.iter().position(is_spare)?;
+                let state = if yes { EdgeState::Fresh } else { EdgeState::Closed };
+                return Some(Change { t_s: *t_s, to: ChangedTo::Edge(edge, state) });
             }
             _ => return None,
         };
         Some(Change { t_s: *t_s, to: ChangedTo::Robot(robot, state) })
     };
     events.iter().filter_map(change).collect()
+}
+
+/// What robots said of those they go by, in order of time: when, s, who, and what.
+pub(super) fn repairs(events: &[Event]) -> Vec<(f64, String, String)> {
+    let repairs = events.iter().filter(|event| event.kind == REPAIR);
+    repairs.map(|event| (event.t_s, event.robot.clone(), event.detail.clone())).collect()
 }
 
 /// The state of an edge, by its word in `events.csv`.

@@ -1,0 +1,180 @@
+//! The graph before and after its repair, and when which robot went by whom.
+
+use formation::Vec2;
+
+use super::{WIDTH, over_time};
+use crate::report::axis::Axis;
+use crate::report::chart::{Figure, Mark, Panel, Place, Shape};
+use crate::report::palette::{BLUE, Dash, GRAY, Line, VERMILION, color};
+use crate::report::run::{Change, ChangedTo, Run};
+use crate::report::scene::RobotState;
+use crate::report::simplify::Point;
+
+/// Height of both pictures of the graph, and of the time line below them, px.
+const HEIGHT: f64 = 300.0;
+const ROW: f64 = 18.0;
+const AXES: f64 = 56.0;
+/// So many robots have a row of the time line at most.
+const ROWS_MAX: usize = 24;
+/// Arrows end so far before the robot that hears, and their heads are so long and half as wide, as shares of the
+/// picture.
+const BEFORE: f64 = 0.035;
+const HEAD: f64 = 0.03;
+/// Room around the robots, as a share of where they are.
+const MARGIN: f64 = 0.15;
+
+/// Heard as planned; in place of the lost; no longer.
+const HEARD: Line = Line::solid(GRAY);
+const SPARE: Line = Line::solid(BLUE).width(1.6);
+const LOST: Line = Line::solid(VERMILION).width(0.8).dashed(Dash::Dotted);
+
+pub(super) fn before_and_after(run: &Run) -> Option<Figure> {
+    let (first_s, _, _) = run.repairs.first()?;
+    let before = run.times_s.partition_point(|t_s| t_s < first_s).saturating_sub(1);
+    let died = |robot: usize| !run.tracks[robot][before].alive;
+    // Before whoever is given up was lost.
+    let since = |robot: usize| run.tracks[robot].iter().position(|sample| !sample.alive);
+    let robots = 0..run.scene.robots.len();
+    let lost = robots.filter(|&robot| died(robot)).filter_map(since).min();
+    let before = lost.map_or(before, |lost| lost.saturating_sub(1).min(before));
+    let after = run.times_s.len() - 1;
+    let half = |x: f64| Place { x, y: 0.0, width: WIDTH / 2.0, height: HEIGHT };
+    let mut panels = vec![
+        (half(0.0), graph(run, before, half(0.0))),
+        (half(WIDTH / 2.0), graph(run, after, half(WIDTH / 2.0))),
+    ];
+    panels.push(time_line(run));
+    let caption = format!(
+        "Arrows from a robot to one that hears it, at {:.1} s and at {:.1} s. Below, when which robot goes by \
+         another in place of one that it has lost, and deputies that lead.",
+        run.times_s[before], run.times_s[after]
+    );
+    Some(Figure {
+        name: "repairs",
+        title: "The graph before and after its repair".to_owned(),
+        caption,
+        width: WIDTH,
+        panels,
+        key: vec![
+            (HEARD, "hears".to_owned()),
+            (SPARE, "in place of the lost".to_owned()),
+            (LOST, "dead".to_owned()),
+        ],
+    })
+}
+
+/// Who goes by whom at one instant.
+fn graph(run: &Run, instant: usize, place: Place) -> Panel {
+    let at: Vec<Vec2> =
+        (0..run.scene.robots.len()).map(|robot| run.alpha(robot, instant)).collect();
+    let known = |at: &&Vec2| at.x.is_finite() && at.y.is_finite();
+    let (low, high) =
+        at.iter().filter(known).fold(
+            (Vec2::repeat(f64::INFINITY), Vec2::repeat(f64::NEG_INFINITY)),
+            |(low, high), at| (low.inf(at), high.sup(at)),
+        );
+    let (inner, size) = (place.inner(&[]), (high - low).add_scalar(0.2) * (1.0 + MARGIN));
+    let m_per_px = (size.x / inner.width).max(size.y / inner.height);
+    let axis = |label: &str, i: usize, px: f64| {
+        let (middle, half) = ((low[i] + high[i]) / 2.0, m_per_px * px / 2.0);
+        Axis::exact(label, middle - half, middle + half)
+    };
+    let mut panel = Panel::new(axis("x (m)", 0, inner.width), axis("y (m)", 1, inner.height));
+    let reach_m = m_per_px * inner.width;
+    let gone_by = run.gone_by(run.times_s[instant]);
+    for (edge, _) in run.scene.edges.iter().zip(gone_by).filter(|(_, gone_by)| *gone_by) {
+        let living = [edge.from, edge.to].iter().all(|&robot| run.tracks[robot][instant].alive);
+        let line = match (living, edge.spare) {
+            (false, _) => LOST,
+            (true, true) => SPARE,
+            (true, false) => HEARD,
+        };
+        let way = at[edge.to] - at[edge.from];
+        let Some(along) = way.try_normalize(1e-9).filter(|_| known(&&way)) else { continue };
+        let tip = at[edge.to] - BEFORE * reach_m * along;
+        let back = tip - HEAD * reach_m * along;
+        let side = 0.35 * HEAD * reach_m * Vec2::new(-along.y, along.x);
+        panel.curves.push((vec![point(at[edge.from]), point(back)], line, false));
+        let head: Vec<Point> = [tip, back + side, back - side].map(point).into();
+        panel.areas.push((head, line.color, 1.0));
+    }
+    for (robot, at) in at.iter().enumerate().filter(|(_, at)| known(at)) {
+        let label = run.scene.robots[robot].name.clone();
+        let (shape, color) = match run.tracks[robot][instant].alive {
+            true => (Shape::Ring, color(robot)),
+            false => (Shape::Cross, VERMILION),
+        };
+        panel.marks.push(Mark { at: point(*at), shape, color, label });
+    }
+    panel
+}
+
+/// A row for each robot that was ever repaired: bars while it goes by somebody in place of another.
+fn time_line(run: &Run) -> (Place, Panel) {
+    let mut names: Vec<&str> = Vec::new();
+    for (_, robot, _) in &run.repairs {
+        if !names.contains(&robot.as_str()) && names.len() < ROWS_MAX {
+            names.push(robot);
+        }
+    }
+    let height = AXES + ROW * (names.len() as f64 + 1.0);
+    let place = Place { x: 0.0, y: HEIGHT, width: WIDTH, height };
+    let mut panel = over_time(run, Axis::exact("", 0.0, names.len() as f64 + 0.5));
+    for (row, name) in names.iter().enumerate() {
+        let level = names.len() as f64 - row as f64 - 0.25;
+        let whose = run.repairs.iter().filter(|(_, robot, _)| robot == name);
+        let mut since: Vec<(String, f64)> = Vec::new();
+        let mut bars: Vec<(String, f64, f64)> = Vec::new();
+        for (t_s, _, what) in whose {
+            let (begins, by) = match (what.strip_prefix("goes by "), what.as_str()) {
+                (Some(by), _) => (true, by),
+                (None, "leads") => (true, "leads"),
+                (None, "leads no longer") => (false, "leads"),
+                (None, other) => (false, other.trim_start_matches("goes no longer by ")),
+            };
+            match since.iter().position(|(other, _)| other == by) {
+                None if begins => since.push((by.to_owned(), *t_s)),
+                Some(open) if !begins => {
+                    let (by, from_s) = since.remove(open);
+                    bars.push((by, from_s, *t_s));
+                }
+                _ => {}
+            }
+        }
+        // An in-neighbor that is back is gone by until the end, and no repair.
+        let spare = |by: &str| by == "leads" || is_spare(run, name, by);
+        let still =
+            since.into_iter().map(|(by, from_s)| (by, from_s, lives_until(run, name, from_s)));
+        let bars = bars.into_iter().chain(still).filter(|(by, ..)| spare(by));
+        for (nth, (by, from_s, to_s)) in bars.enumerate() {
+            let level = level - 0.16 * nth as f64 % 0.5;
+            panel.curves.push((vec![(from_s, level), (to_s, level)], SPARE.width(3.0), true));
+            let label =
+                if by == "leads" { format!("{name} leads") } else { format!("{name}: {by}") };
+            panel.marks.push(Mark { at: (from_s, level), shape: Shape::Ring, color: BLUE, label });
+        }
+    }
+    (place, panel)
+}
+
+/// When a robot dies next, s, or the run ends.
+fn lives_until(run: &Run, robot: &str, from_s: f64) -> f64 {
+    let dies = |change: &&Change| match change.to {
+        ChangedTo::Robot(who, RobotState::Dead) => {
+            change.t_s >= from_s && run.scene.robots[who].name == robot
+        }
+        _ => false,
+    };
+    run.changes.iter().find(dies).map_or(run.end_s(), |change| change.t_s)
+}
+
+/// Whether that robot is a spare of this one.
+fn is_spare(run: &Run, robot: &str, by: &str) -> bool {
+    let name = |place: usize| run.scene.robots[place].name.as_str();
+    let mut spares = run.scene.edges.iter().filter(|edge| edge.spare);
+    spares.any(|edge| (name(edge.from), name(edge.to)) == (by, robot))
+}
+
+fn point(at: Vec2) -> Point {
+    (at.x, at.y)
+}

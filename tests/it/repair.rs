@@ -1,6 +1,8 @@
 //! Robots that go by spares in place of those they have lost for long: in the oracle, by processes in both
 //! paces, and as seen from outside.
 
+use std::path::Path;
+
 use agent::brain::Brain;
 use experiment::prediction::{Cause, Predictor};
 use experiment::scenario::Scenario;
@@ -13,7 +15,7 @@ use phalanx::in_process::InProcess;
 use protocol::brief::AgentBrief;
 use protocol::law::Reference;
 
-use crate::harness::{Ended, in_parallel, run, times};
+use crate::harness::{Ended, ExitsWith as _, in_parallel, phalanx, run, times};
 use crate::oracle::{scenario, simulate, simulate_watched, with_faults};
 use crate::single_faults::{Case, SHIPPED};
 
@@ -106,6 +108,15 @@ fn a_robot_goes_by_its_spare_while_its_in_neighbor_is_dead_and_says_so() {
         // Simulated time: a few ticks of 2 ms.
         ended.claim(same && (t_s - expected.0).abs() < 0.01, format!("{told:?}"));
     }
+    // The recording has the same.
+    phalanx([Path::new("export"), &ended.run_dir()]).exits_with(0);
+    let recorded = ended.file("export/events.csv");
+    let recorded: Vec<&str> = recorded.lines().filter(|line| line.contains(",repair,")).collect();
+    let same = told.len() == recorded.len()
+        && told.iter().zip(&recorded).all(|((_, robot, detail), row)| {
+            row.contains(&format!(",repair,{robot},")) && row.contains(detail.as_str())
+        });
+    ended.claim(same, format!("the recording has {recorded:?}"));
     // Nobody is cut off any more once r3 goes by the leader, and errors are those to whom a robot goes by.
     let events = ended.file("events.csv");
     let row = |what: &str| events.lines().position(|line| line.contains(what));

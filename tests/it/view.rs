@@ -339,6 +339,29 @@ fn a_link_cut_by_hand_is_lost_to_its_hearer_until_it_is_mended_even_if_that_one_
     ended.claim(ended.number("/faults/0/lasted_s") > 0.0, "and has ended");
 }
 
+#[test]
+fn a_spare_is_shown_while_it_is_gone_by() {
+    let set = ["repair=spares", "repair_after_s=0.2", "duration_s=100", "expect={}"];
+    let planned = crate::oracle::scenario("pentagon", &set);
+    let ends = |from, to| planned.spares.iter().position(|one| (one.from, one.to) == (from, to));
+    let spare = planned.graph.edges().len() + ends(4, 2).expect("r5 is a spare of r3");
+    let mut running = run("pentagon").sets(set).args(["--view", "--view-control"]).start();
+    let page = Page::of(&mut running);
+    let mut events = page.events();
+    events.edge_is(spare, "closed");
+    assert_eq!(page.press_on("kill", "r4").0, 204);
+    let mut said = [0, 1].map(|_| events.happens("repair", "r3")["detail"].to_string());
+    said.sort();
+    assert_eq!(said, ["\"goes by r5\"", "\"goes no longer by r4\""]);
+    events.edge_is(spare, "fresh");
+    assert_eq!(page.press_on("restart", "r4").0, 204);
+    events.edge_is(spare, "closed");
+    running.signal(Signal::INT);
+    let ended = running.finish();
+    ended.exits_with(130).leaves_nothing();
+    ended.claim(ended.number("/violations") == 0.0, "nobody came nearer than d");
+}
+
 /// Slow enough to be looked at: half a minute of run time in some seconds of wall time.
 fn lockstep() -> Phalanx {
     run("triangle").lockstep().set("period_s=0.0005").set("expect={}")

@@ -128,9 +128,9 @@ impl Report {
     }
 }
 
-/// Whether it is news; that nobody was heard yet is none.
+/// Whether it is news; that nobody was heard yet, or a spare is closed, is none.
 fn turns(known: &mut (Contact, u64), contact: Contact, since_ns: u64) -> bool {
-    contact != Contact::Unheard && std::mem::replace(known, (contact, since_ns)) != *known
+    std::mem::replace(known, (contact, since_ns)) != *known && contact != Contact::Unheard
 }
 
 #[cfg(test)]

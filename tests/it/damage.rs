@@ -79,6 +79,28 @@ fn a_recording_that_ends_before_its_first_message_says_that_all_is_lost() {
     }
 }
 
+#[test]
+fn a_recording_that_ends_between_two_chunks_is_a_loss_where_its_run_had_written_more() {
+    let ended = run("triangle").lockstep().set("duration_s=2").set("expect={}").finish();
+    ended.exits_with(0);
+    let scratch = tempfile::tempdir().unwrap();
+    let [file, alone] =
+        [ended.run_dir(), scratch.path().to_owned()].map(|folder| folder.join("run.mcap"));
+    let bytes = std::fs::read(&file).unwrap();
+    let last_chunk = layout(&bytes).into_iter().rfind(|found| found.0 == CHUNK).unwrap().1;
+    for (file, code, words) in [
+        (file, 1, "its end is lost: the run had written more"),
+        // A supervisor that is killed leaves such a one.
+        (alone, 0, "it has no end, and whether more was written is not known"),
+    ] {
+        std::fs::write(&file, &bytes[..last_chunk]).unwrap();
+        let said = phalanx([Path::new("recover"), &file]).exits_with(code).stdout;
+        assert!(said.contains(words), "{said}");
+        let said = phalanx([Path::new("export"), &file]).exits_with(1).stderr;
+        assert!(said.contains(words), "{said}");
+    }
+}
+
 /// The chunk is, and what is found first behind its header.
 fn chunks_of_3_gb(bytes: &mut [u8], at: usize, _: usize) {
     for at in [at, at + 100] {

@@ -151,12 +151,16 @@ fn the_reference_calls_needed_what_is_needed_and_has_the_checkers_bounds() {
         ("fault", "at_s", "| **needed** | 0 to less than `duration_s` |"),
         ("fault", "probability", "| needed by kinds below | above 0, to 1 |"),
         ("fault", "hosts", "| needed by kinds below |"),
-        ("pose", "heading_rad", "| **needed** | -π to π |"),
+        ("pose", "heading_rad", "| **needed** | -2π to 2π |"),
         ("robot", "law", "| needed here or in the other of `robot` and `robot_defaults` |"),
         ("silence", "lost_after_s", "| `stale_after_s` to 1e7 |"),
     ] {
         let found = row(of, key);
         assert!(found.contains(words), "{found}");
+    }
+    for (heading_rad, code) in [("-6.28", 0), ("6.28", 0), ("6.29", 3)] {
+        let set = format!("robot.r1.pose.heading_rad={heading_rad}");
+        phalanx(["check", "scenarios/triangle.toml", "--set", &set]).exits_with(code);
     }
 }
 

@@ -48,7 +48,7 @@ fn root() -> Vec<Key> {
             .guesses("override overrides fixed"),
         key("vary", Table("vary"))
             .optional("keys of the scenario that runs differ in")
-            .guesses("axes axis grid sweep params parameters matrix"),
+            .guesses("varies varied axes axis grid sweep params parameters matrix"),
         key("case", Tables("case"))
             .optional("values of axes that stand for several things at once; such axes change slower than \
                        those in `vary`")

@@ -403,6 +403,17 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
     };
     let wrong =
         |reason: String| FaultError { reason, expected: format!("expected {}", form.grammar) };
+    let no_word = |word: &str, reason: String| {
+        let known = form.grammar.split(|sign: char| !sign.is_ascii_lowercase());
+        let mistaken = wrong(reason);
+        match meant(word, known.filter(|known| !known.is_empty())) {
+            Some(close) => FaultError {
+                expected: format!("did you mean `{close}`? {}", mistaken.expected),
+                ..mistaken
+            },
+            None => mistaken,
+        }
+    };
     let mut table = Table::new();
     table["kind"] = value(kind);
     for &key in form.subject.keys().iter().filter(|key| **key != "to") {
@@ -424,14 +435,17 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
             "stream" => {
                 let stream = word.filter(|word| ["odometry", "commands"].contains(word));
                 let what = "a link, such as r1->r2, or a robot's odometry or commands";
-                value(stream.ok_or_else(|| needs(what))?)
+                let reason = || format!("`{kind}` needs {what}");
+                value(stream.ok_or_else(|| no_word(word.unwrap_or_default(), reason()))?)
             }
             key => value(word.ok_or_else(|| needs(&format!("a {key}")))?),
         };
         table[key] = item;
     }
-    if form.subject == Beacons && words.next() != Some("beacons") {
-        return Err(wrong(format!("`{kind}` needs a link, such as r1->r2, or a robot's beacons")));
+    let beacons = if form.subject == Beacons { words.next() } else { Some("beacons") };
+    if beacons != Some("beacons") {
+        let reason = format!("`{kind}` needs a link, such as r1->r2, or a robot's beacons");
+        return Err(no_word(beacons.unwrap_or_default(), reason));
     }
     while let Some(word) = words.next() {
         let of_time = match word {
@@ -443,7 +457,9 @@ pub fn parse(argument: &str) -> Result<Table, FaultError> {
             (Some(at), ..) => ("at_s", value(parsed(at).map_err(wrong)?)),
             (None, Some(key), _) => (key, value(number_after(word, &mut words).map_err(wrong)?)),
             (None, None, Some(detail)) => (detail.key, detail.read(&mut words).map_err(wrong)?),
-            (None, None, None) => return Err(wrong(format!("`{word}` has no place here"))),
+            (None, None, None) => {
+                return Err(no_word(word, format!("`{word}` has no place here")));
+            }
         };
         if table.contains_key(key) {
             return Err(wrong(format!("`{word}` says again what was said before")));
@@ -579,6 +595,16 @@ load of 1.5 @1 => `of 1.5` is not a whole number";
             assert!(!error.expected.is_empty());
         }
         assert!(parse(" ").unwrap_err().to_string().contains("empty"));
-        assert!(parse("frezze r1 @1").unwrap_err().expected.contains("`freeze`"));
+        for (argument, meant) in [
+            ("frezze r1 @1", "freeze"),
+            ("kill r2 @10 restrt 2", "restart"),
+            ("freeze r2 @1 fro 2", "for"),
+            ("loss r2 odometri of 0.1 @2", "odometry"),
+            ("lie r2 beacon by [1, 0] @2", "beacons"),
+        ] {
+            let expected = parse(argument).unwrap_err().expected;
+            assert!(expected.starts_with(&format!("did you mean `{meant}`?")), "{expected}");
+        }
+        assert!(parse("kill r2 @1 flurb").unwrap_err().expected.starts_with("expected kill"));
     }
 }

@@ -801,7 +801,7 @@ fn pose() -> Vec<Key> {
         key("y_m", Number(Any)).needed("y of the axle's middle, in meters").guesses("y0"),
         key("heading_rad", Number(Any))
             .needed("counter-clockwise from x, in radians")
-            .bounds("-π to π")
+            .bounds("-2π to 2π")
             .guesses("theta yaw phi angle theta0 orientation heading_deg"),
     ]
 }

@@ -282,7 +282,7 @@ fn pose(value: &Value<'_>) -> Result<Pose, Diagnostic> {
         return Err(heading.wrong(
             format!("is {heading_rad}: more than one turn"),
             format!(
-                "expected radians from -pi to pi; {heading_rad} degrees are {:.6}",
+                "expected radians from -2 pi to 2 pi; {heading_rad} degrees are {:.6}",
                 wrap_angle(heading_rad.to_radians())
             ),
         ));

@@ -15,6 +15,8 @@ use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{MAGIC, McapError};
 
+use crate::results::checksums::listed;
+
 /// What every record begins with: its kind and its length.
 const RECORD_HEADER: u64 = 9;
 /// Kinds of records below this are MCAP's own, from this on anybody's.
@@ -48,7 +50,8 @@ pub(crate) struct Pieces {
     stamps_ns: Option<(u64, u64)>,
     /// Messages are missing behind the newest.
     is_gap: bool,
-    data_ended: bool,
+    /// Its run wrote it to its end: the checksums of a run are written after it.
+    had_end: bool,
 }
 
 /// How far a file is whole.
@@ -60,12 +63,14 @@ pub struct Soundness {
     pub lost_ns: u64,
     /// Bytes at the end that are no whole record.
     pub cut_bytes: u64,
-    /// These were no mere index.
+    /// What is cut off at the end was no mere index.
     pub cuts_data: bool,
     /// The checksum over all data, or that over the index, does not fit.
     pub misfits: bool,
     /// There is an index, and the end is where it should be.
     pub has_end: bool,
+    /// There is the record behind which no data follow.
+    pub data_ended: bool,
     /// There is a checksum over all data and one over the index: without them nothing is known of what is outside of
     /// chunks and attachments.
     pub has_checksums: bool,
@@ -87,12 +92,17 @@ impl Soundness {
 impl fmt::Display for Soundness {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let &Soundness { damaged, lost_ns, cut_bytes, misfits, has_end, .. } = self;
+        let no_end = match (self.data_ended, self.cuts_data) {
+            (true, _) => "it has no index",
+            (false, true) => "its end is lost: the run had written more",
+            (false, false) => "it has no end, and whether more was written is not known",
+        };
         let faults = [
             (damaged > 0, format!("damaged chunks or other records: {damaged}")),
             (lost_ns > 0, format!("seconds lost: {:.3}", formation::seconds(lost_ns))),
             (cut_bytes > 0, format!("bytes at the end that are cut: {cut_bytes}")),
             (misfits, "a checksum over the whole does not fit".to_owned()),
-            (!has_end && cut_bytes == 0 && !misfits, "it has no index".to_owned()),
+            (!has_end && cut_bytes == 0 && !misfits, no_end.to_owned()),
         ];
         let faults: Vec<String> =
             faults.into_iter().filter_map(|(is_so, words)| is_so.then_some(words)).collect();
@@ -119,13 +129,14 @@ impl Pieces {
             looked_at: 0,
             stamps_ns: None,
             is_gap: false,
-            data_ended: false,
+            had_end: is_of_a_run_that_ended(path),
         })
     }
 
     /// How far the file was whole; known once there are no more pieces.
     pub(crate) fn soundness(&self) -> Soundness {
-        self.soundness
+        let ends_too_early = self.had_end && !self.soundness.data_ended;
+        Soundness { cuts_data: self.soundness.cuts_data || ends_too_early, ..self.soundness }
     }
 
     /// Takes in the next record of the file itself, or finds its end, or where it is cut.
@@ -193,14 +204,15 @@ impl Pieces {
     /// Reads on behind a record whose length is wrong, where that can be; if not, the file is cut there.
     fn go_on_behind_damage(&mut self) -> io::Result<()> {
         // In the index nothing would be gained by it.
-        let next = if self.data_ended { None } else { self.next_sound(self.whole_to + 1)? };
+        let next =
+            if self.soundness.data_ended { None } else { self.next_sound(self.whole_to + 1)? };
         if let Some(at) = next {
             self.soundness.damaged += 1;
             self.is_gap = true;
             return self.go_on_at(at);
         }
         self.soundness.cut_bytes = self.length - self.whole_to.min(self.length);
-        self.soundness.cuts_data = self.soundness.cut_bytes > 0 && !self.data_ended;
+        self.soundness.cuts_data = self.soundness.cut_bytes > 0 && !self.soundness.data_ended;
         self.soundness.has_end = false;
         self.reads_on = false;
         Ok(())
@@ -286,7 +298,7 @@ impl Iterator for Pieces {
         loop {
             match self.waiting.pop_front() {
                 Some(Record::DataEnd(end)) => {
-                    self.data_ended = true;
+                    self.soundness.data_ended = true;
                     self.soundness.has_checksums &= end.data_section_crc != 0;
                 }
                 Some(Record::Message { header, data }) => {
@@ -317,6 +329,13 @@ impl Iterator for Pieces {
             }
         }
     }
+}
+
+fn is_of_a_run_that_ended(file: &Path) -> bool {
+    let name = file.file_name().and_then(|name| name.to_str());
+    // Of a path that is a name alone it is empty.
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+    name.is_some_and(|name| listed(folder.unwrap_or(Path::new(".")), name).is_some())
 }
 
 /// What is in a chunk, once its checksum was found right: nothing is taken from a damaged one.

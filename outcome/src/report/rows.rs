@@ -193,14 +193,20 @@ impl Facts {
         if !late.is_empty() {
             let total: u64 = late.iter().map(|&(_, count)| count).sum();
             let causes = late.iter().map(|(cause, count)| (cause.words(), count));
-            let misses = summary.deadline_misses;
-            let harm = match (misses, summary.commands.expired) {
+            let misses = match summary.deadline_misses {
+                1 => "1 deadline miss".to_owned(),
+                misses => format!("{misses} deadline misses"),
+            };
+            let harm = match (summary.deadline_misses, summary.commands.expired) {
                 (0, _) => "no deadline was missed by it".to_owned(),
-                (_, 0) => format!("with {misses} deadline misses, and no robot had to stop for it"),
-                (_, expired) => format!(
-                    "with {misses} deadline misses; {expired} times a robot stopped for want of a \
-                     command: that may show in errors and times"
-                ),
+                (_, 0) => format!("with {misses}, and no robot had to stop for it"),
+                (_, expired) => {
+                    let times = if expired == 1 { "once" } else { &format!("{expired} times") };
+                    format!(
+                        "with {misses}; {times} a robot stopped for want of a command: that may \
+                         show in errors and times"
+                    )
+                }
             };
             self.say("late wake-ups", format!("{total}: {}; {harm}", counted(causes)));
         }
@@ -303,8 +309,12 @@ mod tests {
         assert!(causes.ends_with("; no deadline was missed by it"), "{causes}");
         summary.deadline_misses = 1;
         let missed = late(&summary);
-        assert!(missed.ends_with("; with 1 deadline misses, and no robot had to stop for it"));
-        summary.commands.expired = 6;
-        assert!(late(&summary).contains("; 6 times a robot stopped"), "{}", late(&summary));
+        assert!(missed.ends_with("; with 1 deadline miss, and no robot had to stop for it"));
+        summary.deadline_misses = 2;
+        for (expired, times) in [(1, "once"), (6, "6 times")] {
+            summary.commands.expired = expired;
+            let words = format!("; with 2 deadline misses; {times} a robot stopped");
+            assert!(late(&summary).contains(&words), "{}", late(&summary));
+        }
     }
 }

@@ -12,11 +12,12 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use experiment::campaign::cells;
 use experiment::hunt::plan::Plan;
-use experiment::hunt::search::{BATCH, Search};
-use experiment::hunt::shrink::simpler;
+use experiment::hunt::search::Search;
+use experiment::hunt::shrink::{fewer_faults, near, simpler};
 use experiment::hunt::space::Space;
 use experiment::scenario::hunt::VARIED;
 use experiment::scenario::{Scenario, Varied};
+use formation::random::SplitMix64;
 use outcome::campaign::folder::{Folder, FolderError, LockError};
 use outcome::hunt::{Journal, JournalError, Margins};
 use outcome::results::manifest::Build;
@@ -36,9 +37,14 @@ use crate::in_process::measured;
 const HUNTS: &str = "runs/hunts";
 /// Runs of a hunt of which neither runs nor minutes are said.
 const RUNS: usize = 1000;
+/// A hunt is given up if none of so many first runs is sound.
+const UNSOUND_MAX: usize = 64;
 /// A find is shrunk with at most so many runs, and so many are tried at once.
 const SHRINK_RUNS: usize = 3000;
 const SHRINK_AT_ONCE: usize = 16;
+/// Of those with one fault left out at most so many times as many, and no more once so many times none came nearer.
+const ONE_LESS_BATCHES: usize = 32;
+const ONE_LESS_PATIENCE: usize = 6;
 
 /// Arguments of `phalanx hunt`.
 #[derive(Debug, Args)]
@@ -100,8 +106,8 @@ enum HuntError {
     Signals(std::io::Error),
     #[error("cannot read the executable: {0}")]
     Executable(std::io::Error),
-    #[error("no run of the first {BATCH} is sound: {0}")]
-    NothingSound(String),
+    #[error("no run of the first {0} is sound: {1}")]
+    NothingSound(usize, String),
     #[error("cannot write the page of what was found: {0}")]
     Page(String),
     #[error("a run panicked: {0}")]
@@ -113,7 +119,7 @@ enum HuntError {
 impl From<NotJudged> for HuntError {
     fn from(why: NotJudged) -> HuntError {
         match why {
-            NotJudged::Unsound(why) => HuntError::NothingSound(why),
+            NotJudged::Unsound(why) => HuntError::NothingSound(1, why),
             NotJudged::Panicked(why) => HuntError::Panicked(why),
             NotJudged::Stopped => HuntError::Interrupted,
         }
@@ -223,7 +229,7 @@ fn go(
     let nearest = runs.judge(&plan)?;
     let missed = tally.missed();
     let (shrunk, found) = match missed {
-        true => shrink(runs, plan.clone(), nearest)?,
+        true => shrink(runs, plan.clone(), point.clone(), nearest)?,
         false => (plan.clone(), nearest),
     };
     let (name, words) = found.in_words();
@@ -281,7 +287,8 @@ fn look(
     let began = Instant::now();
     let otherwise = if args.minutes.is_some() { usize::MAX } else { RUNS };
     let most = args.runs.map_or(otherwise, |runs| runs as usize);
-    let mut search = Search::new(runs.space.gradual(), runs.space.own(), seed, args.uniform);
+    let (space, matters) = (runs.space, |point: &[f64]| runs.space.matters(point));
+    let mut search = Search::new(space.gradual(), &matters, space.own(), seed, args.uniform);
     let (bar, mut lines) = (runs_progress(most), ProgressLines::new(most));
     let mut tally = Tally::default();
     let mut why_unsound = String::new();
@@ -292,7 +299,8 @@ fn look(
         let mut came: Vec<Margins> = known.cloned().collect();
         let fresh = &trials[came.len()..];
         if !fresh.is_empty() {
-            if tally.tried > 0 && args.minutes.is_some_and(|minutes| began.elapsed() >= minutes) {
+            let any = tally.nearest.is_some();
+            if any && args.minutes.is_some_and(|minutes| began.elapsed() >= minutes) {
                 break;
             }
             let plans: Vec<_> = fresh.iter().map(|trial| runs.space.plan(&trial.point)).collect();
@@ -327,8 +335,8 @@ fn look(
                 Some(_) => {}
             }
         }
-        if tally.nearest.is_none() {
-            return Err(HuntError::NothingSound(why_unsound));
+        if tally.nearest.is_none() && tally.tried >= most.min(UNSOUND_MAX) {
+            return Err(HuntError::NothingSound(tally.tried, why_unsound));
         }
         let margin = tally.nearest.as_ref().map_or(f64::INFINITY, |(margin, ..)| *margin);
         runs_done(bar, &mut lines, tally.tried, format!(", smallest margin {}", short(margin)));
@@ -342,26 +350,98 @@ fn smallest(margins: &[f64]) -> f64 {
     margins.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// The simplest run that misses what this one misses most, and what came of it.
-fn shrink(runs: &Runs<'_>, mut plan: Plan, mut found: Judged) -> Result<(Plan, Judged), HuntError> {
-    let mut tried = 0;
-    let expectation = found.smallest();
-    'simpler: while tried < SHRINK_RUNS {
-        for plans in simpler(&plan, runs.space).chunks(SHRINK_AT_ONCE) {
-            tried += plans.len();
-            let all = runs.judge_all(plans);
-            if all.iter().any(|judged| matches!(judged, Err(NotJudged::Stopped))) {
-                return Err(HuntError::Interrupted);
+/// The simplest run that misses what this one misses most, and what came of it. Fewest faults come first, where need be
+/// by other numbers of the `point` that the plan is of.
+fn shrink(
+    runs: &Runs<'_>,
+    plan: Plan,
+    mut point: Vec<f64>,
+    found: Judged,
+) -> Result<(Plan, Judged), HuntError> {
+    let mut shrinking = Shrinking { runs, expectation: found.smallest(), tried: 0 };
+    let mut random = SplitMix64::new(runs.space.scenario().seed);
+    let mut least = (plan, found);
+    loop {
+        least = shrinking.simplest(least, fewer_faults)?;
+        let Some((plan, judged, at)) = shrinking.one_less(&least.0, &point, &mut random)? else {
+            return shrinking.simplest(least, simpler);
+        };
+        (least, point) = ((plan, judged), at);
+    }
+}
+
+/// A find on its way to a simpler one.
+struct Shrinking<'r> {
+    runs: &'r Runs<'r>,
+    /// The place of what is missed.
+    expectation: usize,
+    tried: usize,
+}
+
+impl Shrinking<'_> {
+    /// What came of these plans, of those that are sound.
+    fn judge(&self, plans: &[Plan]) -> Result<Vec<(usize, Judged)>, HuntError> {
+        let all = self.runs.judge_all(plans);
+        if all.iter().any(|judged| matches!(judged, Err(NotJudged::Stopped))) {
+            return Err(HuntError::Interrupted);
+        }
+        Ok(all.into_iter().enumerate().filter_map(|(n, judged)| Some((n, judged.ok()?))).collect())
+    }
+
+    /// Goes on from the first simpler one that misses it too, until none does.
+    fn simplest(
+        &mut self,
+        mut least: (Plan, Judged),
+        simpler: fn(&Plan, &Space) -> Vec<Plan>,
+    ) -> Result<(Plan, Judged), HuntError> {
+        'simpler: while self.tried < SHRINK_RUNS {
+            for plans in simpler(&least.0, self.runs.space).chunks(SHRINK_AT_ONCE) {
+                self.tried += plans.len();
+                let judged = self.judge(plans)?;
+                let missed =
+                    judged.into_iter().find(|(_, judged)| judged.margins[self.expectation] < 0.0);
+                if let Some((place, judged)) = missed {
+                    least = (plans[place].clone(), judged);
+                    continue 'simpler;
+                }
             }
-            let judged =
-                plans.iter().zip(all).filter_map(|(plan, judged)| Some((plan, judged.ok()?)));
-            let mut missed = judged.filter(|(_, judged)| judged.margins[expectation] < 0.0);
-            if let Some((simpler, judged)) = missed.next() {
-                (plan, found) = (simpler.clone(), judged);
-                continue 'simpler;
+            break;
+        }
+        Ok(least)
+    }
+
+    /// One with a fault less that misses it too, which other numbers make up for, and its point.
+    fn one_less(
+        &self,
+        plan: &Plan,
+        point: &[f64],
+        random: &mut SplitMix64,
+    ) -> Result<Option<(Plan, Judged, Vec<f64>)>, HuntError> {
+        let gone = if plan.faults.len() < 2 { 0 } else { plan.faults.len() };
+        let space = self.runs.space;
+        for gone in (0..gone).rev() {
+            let mut kept = plan.faults.clone();
+            kept.remove(gone);
+            let (mut nearest, mut at, mut nearer) = (f64::INFINITY, point.to_vec(), 0);
+            for batch in 0..ONE_LESS_BATCHES {
+                if batch - nearer > ONE_LESS_PATIENCE {
+                    break;
+                }
+                let points: Vec<_> =
+                    (0..SHRINK_AT_ONCE).map(|_| near(&at, space, random)).collect();
+                let plans: Vec<_> =
+                    points.iter().map(|point| space.plan(point).with_only(&kept)).collect();
+                for (place, judged) in self.judge(&plans)? {
+                    let margin = judged.margins[self.expectation];
+                    if margin < 0.0 {
+                        return Ok(Some((plans[place].clone(), judged, points[place].clone())));
+                    }
+                    if margin < nearest {
+                        (nearest, at, nearer) = (margin, points[place].clone(), batch);
+                    }
+                }
             }
         }
-        break;
+        Ok(None)
     }
-    Ok((plan, found))
 }

@@ -69,6 +69,17 @@ impl Plan {
         }
     }
 
+    /// The same with those faults alone whose kind, and whom and what it strikes, is that of one of these.
+    pub fn with_only(mut self, kept: &[PlannedFault]) -> Plan {
+        let what = |fault: &PlannedFault| (fault.kind, fault.who.clone(), fault.what);
+        let mut left: Vec<_> = kept.iter().map(what).collect();
+        self.faults.retain(|fault| {
+            let place = left.iter().position(|kept| *kept == what(fault));
+            place.map(|place| left.remove(place)).is_some()
+        });
+        self
+    }
+
     /// The names in its faults; `*` is one.
     pub(super) fn struck(&self) -> BTreeSet<&str> {
         self.faults.iter().flat_map(|fault| &fault.who).map(String::as_str).collect()

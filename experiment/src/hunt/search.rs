@@ -1,15 +1,19 @@
 //! Which points are tried next: a portfolio of four searches with the same share of each batch.
 //!
-//! A batch depends on the seed and on what came of the batches before, never on the machine.
+//! A batch depends on the seed and on what came of the batches before, never on the machine. The first ones are small, so
+//! that something is learnt before much is tried; later ones keep all cores busy.
 
 use formation::random::SplitMix64;
 
 use crate::hunt::cma::{Cma, normal, reflected};
 
-/// Points of one batch.
-pub const BATCH: usize = 64;
-/// Points of one member in a batch; those of CMA-ES are a generation.
-const SHARE: usize = BATCH / 4;
+/// Points of one member in a batch, and in one of the first.
+const SHARE: usize = 16;
+const SHARE_AT_FIRST: usize = 4;
+/// Points of the first, small batches.
+const FIRST: usize = 1024;
+/// Points of a generation of CMA-ES, handed out over as many batches as it takes.
+const GENERATION: usize = 16;
 /// How many of the best are parents.
 const PARENTS: usize = 8;
 /// A search that gets no better for so many batches begins anew.
@@ -53,11 +57,15 @@ pub struct Trial {
 }
 
 /// A search under way.
-pub struct Search {
+pub struct Search<'s> {
     seed: u64,
     batch: u64,
+    /// Points asked for so far.
+    tried: usize,
     /// Of each coordinate: whether runs change gradually with it.
     gradual: Vec<bool>,
+    /// Of each coordinate of a point: whether its run would be another one with another value there.
+    matters: &'s dyn Fn(&[f64]) -> Vec<bool>,
     /// Tried before all others.
     own: Vec<f64>,
     uniform_only: bool,
@@ -87,16 +95,27 @@ struct CmaSearch {
     from: Vec<f64>,
     best: f64,
     idle: u32,
+    /// Of the generation under way: what is still to be asked for, and what the others cost.
+    left: Vec<Vec<f64>>,
+    costs: Vec<f64>,
 }
 
-impl Search {
-    /// A search of a cube with these coordinates, which tries `own` first. `uniform_only`: points anywhere, and
-    /// nothing is learnt.
-    pub fn new(gradual: Vec<bool>, own: Vec<f64>, seed: u64, uniform_only: bool) -> Search {
+impl Search<'_> {
+    /// A search of a cube with these coordinates, which tries `own` first. `matters` says of a point which of its
+    /// coordinates its run depends on. `uniform_only`: points anywhere, and nothing is learnt.
+    pub fn new(
+        gradual: Vec<bool>,
+        matters: &dyn Fn(&[f64]) -> Vec<bool>,
+        own: Vec<f64>,
+        seed: u64,
+        uniform_only: bool,
+    ) -> Search<'_> {
         Search {
             seed,
             batch: 0,
+            tried: 0,
             gradual,
+            matters,
             own,
             uniform_only,
             best: Vec::new(),
@@ -115,7 +134,8 @@ impl Search {
         let n = self.gradual.len();
         let mut anywhere = || -> Vec<f64> { (0..n).map(|_| random.unit()).collect() };
         let alone = self.uniform_only || self.best.is_empty();
-        let count = if alone { BATCH } else { SHARE };
+        let share = if self.tried < FIRST { SHARE_AT_FIRST } else { SHARE };
+        let count = if alone { 4 * share } else { share };
         let mut points: Vec<Vec<f64>> = (0..count).map(|_| anywhere()).collect();
         if self.batch == 1 {
             points[0].clone_from(&self.own);
@@ -123,14 +143,17 @@ impl Search {
         let by = |by| move |point| Trial { by, point };
         self.asked = points.into_iter().map(by(Member::Uniform)).collect();
         if !alone {
-            let mutated = (0..SHARE).map(|_| self.mutated(&mut random));
+            let drawn = self.cma_points(share, &mut random);
+            // In place of what a generation lacks.
+            let mutated = (drawn.len()..2 * share).map(|_| self.mutated(&mut random));
             let mutated: Vec<Trial> = mutated.map(by(Member::Mutation)).collect();
-            let drawn = self.cma_points(&mut random).into_iter().map(by(Member::Cma));
-            let drawn: Vec<Trial> = drawn.collect();
-            let stepped = (0..SHARE).map(|_| self.stepped(&mut random));
+            let stepped = (0..share).map(|_| self.stepped(&mut random));
             let stepped: Vec<Trial> = stepped.map(by(Member::Restarts)).collect();
-            self.asked.extend(mutated.into_iter().chain(drawn).chain(stepped));
+            self.asked.extend(mutated);
+            self.asked.extend(drawn.into_iter().map(by(Member::Cma)));
+            self.asked.extend(stepped);
         }
+        self.tried += self.asked.len();
         &self.asked
     }
 
@@ -169,17 +192,23 @@ impl Search {
             let other = parent(random);
             point.iter_mut().zip(other).filter(|_| random.chance(0.5)).for_each(|(x, y)| *x = *y);
         }
-        let changes = 1.0 + 5.0 * random.unit() * random.unit();
-        self.change(&mut point, changes / self.gradual.len() as f64, 0.15, random);
+        let changes = 5.0 * random.unit() * random.unit();
+        // From steps of all the cube to a thirtieth of it.
+        let step = 0.5 * 0.03_f64.powf(random.unit());
+        self.change(&mut point, changes, step, random);
         point
     }
 
-    /// Changes each coordinate with this probability: by a step, or to anywhere.
-    fn change(&self, point: &mut [f64], probability: f64, step: f64, random: &mut SplitMix64) {
-        let forced = (random.unit() * point.len() as f64) as usize;
-        for (place, (x, &gradual)) in point.iter_mut().zip(&self.gradual).enumerate() {
-            if place == forced || random.chance(probability) {
-                let steps = gradual && random.chance(0.7);
+    /// Changes one coordinate that matters, and so many others: by a step, or to anywhere.
+    fn change(&self, point: &mut [f64], changes: f64, step: f64, random: &mut SplitMix64) {
+        let matters = (self.matters)(point);
+        let count = matters.iter().filter(|matters| **matters).count();
+        let forced = (random.unit() * count as f64) as usize;
+        let places = (0..point.len()).filter(|&place| matters[place]).enumerate();
+        for (nth, place) in places {
+            if nth == forced || random.chance(changes / count as f64) {
+                let steps = self.gradual[place] && random.chance(0.8);
+                let x = &mut point[place];
                 *x = if steps { reflected(*x + step * normal(random)) } else { random.unit() };
             }
         }
@@ -188,7 +217,7 @@ impl Search {
     fn stepped(&self, random: &mut SplitMix64) -> Vec<f64> {
         let Some(Descent { at, step }) = &self.descent else { return self.mutated(random) };
         let mut point = at.point.clone();
-        self.change(&mut point, 2.0 / self.gradual.len() as f64, *step, random);
+        self.change(&mut point, 1.0, *step, random);
         point
     }
 
@@ -202,19 +231,19 @@ impl Search {
         };
         match least(stepped) {
             Some(better) if better.cost < descent.at.cost => descent.at = better,
-            _ => descent.step *= 0.7,
+            _ => descent.step *= 0.7_f64.powf(stepped.len() as f64 / SHARE as f64),
         }
         if descent.step < STEP_MIN {
             self.descent = least(uniform).map(|at| Descent { at, step: STEP });
         }
     }
 
-    fn cma_points(&mut self, random: &mut SplitMix64) -> Vec<Vec<f64>> {
+    /// The next points of the generation under way, of a new one, or of a new search: at most so many.
+    fn cma_points(&mut self, most: usize, random: &mut SplitMix64) -> Vec<Vec<f64>> {
         if !self.gradual.contains(&true) {
-            return (0..SHARE).map(|_| self.mutated(random)).collect();
+            return Vec::new();
         }
-        let n = self.gradual.len();
-        let gradual = self.gradual.clone();
+        let (n, gradual) = (self.gradual.len(), &self.gradual);
         let (starts, best) = (&mut self.cma_starts, &self.best[0].point);
         let search = self.cma.get_or_insert_with(|| {
             // By turns from the best and from anywhere.
@@ -223,22 +252,32 @@ impl Search {
                 1 => best.clone(),
                 _ => (0..n).map(|_| random.unit()).collect(),
             };
-            let mean = from.iter().zip(&gradual).filter(|(_, gradual)| **gradual).map(|(x, _)| *x);
-            CmaSearch { cma: Cma::new(mean.collect(), STEP), from, best: f64::INFINITY, idle: 0 }
+            let mean = from.iter().zip(gradual).filter(|(_, gradual)| **gradual).map(|(x, _)| *x);
+            let cma = Cma::new(mean.collect(), STEP);
+            let (left, costs) = (Vec::new(), Vec::new());
+            CmaSearch { cma, from, best: f64::INFINITY, idle: 0, left, costs }
         });
+        if search.left.is_empty() {
+            search.left = search.cma.ask(random, GENERATION);
+        }
         let whole = |drawn: Vec<f64>| {
             let mut drawn = drawn.into_iter();
-            let both = search.from.iter().zip(&gradual);
+            let both = search.from.iter().zip(gradual);
             both.map(|(x, gradual)| if *gradual { drawn.next().unwrap_or(*x) } else { *x })
                 .collect()
         };
-        search.cma.ask(random, SHARE).into_iter().map(whole).collect()
+        let count = most.min(search.left.len());
+        search.left.drain(..count).map(whole).collect()
     }
 
     fn learn_cma(&mut self, costs: &[f64]) {
-        let Some(search) = self.cma.as_mut().filter(|_| costs.len() == SHARE) else { return };
-        search.cma.tell(costs);
-        let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
+        let Some(search) = &mut self.cma else { return };
+        search.costs.extend(costs);
+        if search.costs.len() < GENERATION {
+            return;
+        }
+        search.cma.tell(&search.costs);
+        let least = search.costs.drain(..).fold(f64::INFINITY, f64::min);
         search.idle = if least < search.best { 0 } else { search.idle + 1 };
         search.best = search.best.min(least);
         if search.idle >= PATIENCE || search.cma.sigma < STEP_MIN {
@@ -255,17 +294,19 @@ mod tests {
     /// that is not gradual in its last tenth.
     fn trials_to_find(seed: u64, uniform_only: bool, most: usize) -> usize {
         let gradual: Vec<bool> = (0..9).map(|place| place < 8).collect();
-        let mut search = Search::new(gradual, vec![0.5; 9], seed, uniform_only);
-        for batch in 0..most / BATCH {
+        let all = |point: &[f64]| vec![true; point.len()];
+        let mut search = Search::new(gradual, &all, vec![0.5; 9], seed, uniform_only);
+        let mut tried = 0;
+        while tried < most {
             let cost = |trial: &Trial| {
                 let off = trial.point[..8].iter().map(|x| (x - 0.8).abs()).fold(0.0, f64::max);
                 off - 0.15 + if trial.point[8] < 0.9 { 0.5 } else { 0.0 }
             };
             let costs: Vec<f64> = search.ask().iter().map(cost).collect();
-            assert_eq!(costs.len(), BATCH);
             if let Some(first) = costs.iter().position(|cost| *cost < 0.0) {
-                return batch * BATCH + first + 1;
+                return tried + first + 1;
             }
+            tried += costs.len();
             search.tell(&costs.into_iter().map(Some).collect::<Vec<_>>());
         }
         most
@@ -286,14 +327,34 @@ mod tests {
 
     #[test]
     fn each_member_has_the_same_share_and_what_cannot_be_tried_is_no_parent() {
-        let mut search = Search::new(vec![true; 4], vec![0.5; 4], 1, false);
+        let all = |point: &[f64]| vec![true; point.len()];
+        let mut search = Search::new(vec![true; 4], &all, vec![0.5; 4], 1, false);
         assert_eq!(search.ask()[0].point, [0.5; 4]);
-        search.tell(&[None; BATCH]);
+        search.tell(&[None; 4 * SHARE_AT_FIRST]);
         assert!(search.ask().iter().all(|trial| trial.by == Member::Uniform), "nothing is learnt");
-        search.tell(&[Some(1.0); BATCH]);
-        let asked = search.ask();
-        for member in [Member::Uniform, Member::Mutation, Member::Cma, Member::Restarts] {
-            assert_eq!(asked.iter().filter(|trial| trial.by == member).count(), SHARE);
+        let mut told = 4 * SHARE_AT_FIRST;
+        for (batch, share) in [4; 62].into_iter().chain([16; 20]).enumerate() {
+            search.tell(&vec![Some(1.0); told]);
+            let asked = search.ask();
+            told = asked.len();
+            assert_eq!(told, 4 * share);
+            for member in [Member::Uniform, Member::Mutation, Member::Cma, Member::Restarts] {
+                let count = asked.iter().filter(|trial| trial.by == member).count();
+                // Where the batches grow, a generation of CMA-ES ends with fewer.
+                assert!(count == share || batch == 62, "{member:?} in batch {batch}: {count}");
+            }
         }
+    }
+
+    #[test]
+    fn what_does_not_matter_is_left_as_it_is() {
+        let first = |point: &[f64]| (0..point.len()).map(|place| place == 0).collect();
+        let mut search = Search::new(vec![true; 4], &first, vec![0.5; 4], 1, false);
+        search.ask();
+        search.tell(&[Some(1.0)]);
+        let asked = search.ask();
+        let mutated: Vec<_> = asked.iter().filter(|trial| trial.by == Member::Mutation).collect();
+        assert!(!mutated.is_empty());
+        assert!(mutated.iter().all(|trial| trial.point[1..] == [0.5; 3] && trial.point[0] != 0.5));
     }
 }

@@ -3,11 +3,49 @@
 //!
 //! Whoever tries them goes on from the first that misses it too, until none does.
 
+use formation::random::SplitMix64;
+
+use crate::hunt::cma::{normal, reflected};
 use crate::hunt::plan::{EVERY, Plan, PlannedFault, rounded};
 use crate::hunt::space::{Space, rounded_to};
 use crate::scenario::Scenario;
 
-/// Simpler plans, simplest first; none is the plan itself.
+/// Plans with fewer faults, fewest first.
+pub fn fewer_faults(plan: &Plan, space: &Space) -> Vec<Plan> {
+    let faults = 0..plan.faults.len();
+    let mut fewer: Vec<Plan> = Vec::new();
+    if !plan.faults.is_empty() {
+        fewer.push(Plan { faults: Vec::new(), ..plan.clone() });
+    }
+    let without = |plan: &Plan, gone: usize| {
+        let mut other = plan.clone();
+        other.faults.remove(gone);
+        other
+    };
+    fewer.extend(faults.clone().map(|gone| without(plan, gone)));
+    for gone in faults.clone() {
+        // One fault less, where another one is as strong as the bounds allow.
+        fewer.extend(faults.clone().filter(|kept| *kept != gone).map(|kept| {
+            let mut other = plan.clone();
+            other.faults[kept] = space.strongest(&plan.faults[kept]);
+            without(&other, gone)
+        }));
+    }
+    fewer
+}
+
+/// A point near another one: some of the coordinates with which its run changes gradually are others.
+pub fn near(point: &[f64], space: &Space, random: &mut SplitMix64) -> Vec<f64> {
+    let (gradual, matters) = (space.gradual(), space.matters(point));
+    let step = 0.3 * 0.1_f64.powf(random.unit());
+    let change = |(place, &x): (usize, &f64)| match gradual[place] && matters[place] {
+        true if random.chance(0.25) => reflected(x + step * normal(random)),
+        _ => x,
+    };
+    point.iter().enumerate().map(change).collect()
+}
+
+/// Plans with as many faults or fewer, simplest first; none is the plan itself.
 pub fn simpler(plan: &Plan, space: &Space) -> Vec<Plan> {
     let with = |change: &dyn Fn(&mut Plan)| {
         let mut other = plan.clone();
@@ -15,17 +53,7 @@ pub fn simpler(plan: &Plan, space: &Space) -> Vec<Plan> {
         other
     };
     let faults = 0..plan.faults.len();
-    let mut simpler = vec![with(&|other| other.faults.clear())];
-    simpler.extend(faults.clone().map(|fault| with(&|other| _ = other.faults.remove(fault))));
-    for gone in faults.clone() {
-        // One fault less, where another one is as strong as the bounds allow.
-        simpler.extend(faults.clone().filter(|kept| *kept != gone).map(|kept| {
-            with(&|other| {
-                other.faults[kept] = space.strongest(&plan.faults[kept]);
-                other.faults.remove(gone);
-            })
-        }));
-    }
+    let mut simpler = fewer_faults(plan, space);
     simpler.extend(fewer_robots(plan, space));
     simpler.push(with(&|other| other.starts.clear()));
     simpler
@@ -100,4 +128,47 @@ fn rounder(fault: &PlannedFault, scenario: &Scenario) -> Vec<PlannedFault> {
         }
     }
     rounder
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::examples::row_of_three;
+    use crate::scenario::{HuntBounds, Varied};
+
+    fn struck(plan: &Plan) -> Vec<(&str, &Vec<String>, &str)> {
+        plan.faults.iter().map(|fault| (fault.kind, &fault.who, fault.what)).collect()
+    }
+
+    #[test]
+    fn fewer_faults_are_some_of_those_that_a_plan_has_and_points_near_another_have_them_all() {
+        let hunt = HuntBounds {
+            faults_max: 3,
+            kinds: vec!["freeze", "cut", "delay"],
+            robots: vec![0, 1, 2],
+            until_ns: 10_000_000_000,
+            delay_ns_max: 3_000_000_000,
+            ..HuntBounds::default()
+        };
+        let scenario = Scenario { hunt, ..row_of_three() };
+        let space = Space::new(&scenario, &[Varied::Faults]).unwrap();
+        let mut random = SplitMix64::new(1);
+        let mut anywhere = || -> Vec<f64> { space.own().iter().map(|_| random.unit()).collect() };
+        let point = std::iter::repeat_with(&mut anywhere)
+            .find(|point| space.plan(point).faults.len() == 3)
+            .unwrap();
+        let plan = space.plan(&point);
+        let fewer: Vec<usize> =
+            fewer_faults(&plan, &space).iter().map(|plan| plan.faults.len()).collect();
+        assert_eq!(fewer, [0, 2, 2, 2, 2, 2, 2, 2, 2, 2]);
+        let all_near = (0..50).map(|_| space.plan(&near(&point, &space, &mut random)));
+        let all_near: Vec<Plan> = all_near.collect();
+        assert!(all_near.iter().any(|other| *other != plan));
+        for other in all_near {
+            assert_eq!(struck(&other), struck(&plan));
+            assert_eq!(other.clone().with_only(&plan.faults), other);
+            let one = other.with_only(&plan.faults[1..2]);
+            assert_eq!(struck(&one), struck(&plan)[1..2]);
+        }
+    }
 }

@@ -41,15 +41,23 @@ pub struct EmptySpace(&'static str);
 struct Genes<'p> {
     point: &'p [f64],
     taken: usize,
-    /// Of each taken: whether runs change gradually with it.
+    /// Of each taken: whether runs change gradually with it, and whether this one depends on it.
     gradual: Vec<bool>,
+    matters: Vec<bool>,
+    /// Whether the run depends on those taken next.
+    count: bool,
 }
 
 impl Genes<'_> {
+    fn of(point: &[f64]) -> Genes<'_> {
+        Genes { point, taken: 0, gradual: Vec::new(), matters: Vec::new(), count: true }
+    }
+
     fn take(&mut self, gradual: bool) -> f64 {
         let gene = self.point.get(self.taken).copied().unwrap_or(0.5);
         self.taken += 1;
         self.gradual.push(gradual);
+        self.matters.push(self.count);
         gene
     }
 
@@ -99,9 +107,16 @@ impl Space {
 
     /// Of each coordinate: whether runs change gradually with it.
     pub fn gradual(&self) -> Vec<bool> {
-        let mut genes = Genes { point: &[], taken: 0, gradual: Vec::new() };
+        let mut genes = Genes::of(&[]);
         self.decode(&mut genes);
         genes.gradual
+    }
+
+    /// Of each coordinate of a point: whether its run depends on it. It does not on those of faults that it lacks.
+    pub fn matters(&self, point: &[f64]) -> Vec<bool> {
+        let mut genes = Genes::of(point);
+        self.decode(&mut genes);
+        genes.matters
     }
 
     /// The point of the scenario as it is, where the bounds allow it.
@@ -115,7 +130,7 @@ impl Space {
 
     /// The run that a point stands for.
     pub fn plan(&self, point: &[f64]) -> Plan {
-        self.decode(&mut Genes { point, taken: 0, gradual: Vec::new() })
+        self.decode(&mut Genes::of(point))
     }
 
     /// The scenario that all runs begin with.
@@ -165,7 +180,11 @@ impl Space {
         }
         if self.varies(Varied::Faults) && !self.kinds.is_empty() {
             let count = genes.pick(self.bounds.faults_max + 1);
-            plan.faults = (0..self.bounds.faults_max).map(|_| self.fault(genes)).collect();
+            for fault in 0..self.bounds.faults_max {
+                genes.count = fault < count;
+                plan.faults.push(self.fault(genes));
+            }
+            genes.count = true;
             plan.faults.truncate(count);
         }
         if self.varies(Varied::Delays) {

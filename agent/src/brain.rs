@@ -12,7 +12,7 @@ use formation::Vec2;
 use formation::front_point::{front_motion, front_velocity};
 use formation::pose::wrap_angle;
 use protocol::age::AgeSums;
-use protocol::brief::{AgentBrief, Pace, PublishedVelocity};
+use protocol::brief::{AgentBrief, Pace, PublishedVelocity, REPAIR_HASTE, Rank};
 use protocol::fault::{LieFault, LinkFault, LinkFaultKind, SlowFault, Transmission};
 use protocol::link::Link;
 use protocol::message::{
@@ -68,6 +68,7 @@ pub struct Brain {
     law: Box<dyn Law>,
     avoidance: Box<dyn Avoidance>,
     neighborhood: Neighborhood,
+    is_contained: bool,
     /// Of its frame, if it leads: 0 the main leader's, else that of a deputy.
     rank: u64,
     now: Now,
@@ -147,6 +148,7 @@ impl Brain {
             law,
             avoidance,
             neighborhood: Neighborhood::new(brief, incarnation),
+            is_contained: brief.rank == Rank::Contained,
             rank: brief.deputy.as_ref().map_or(0, |deputy| deputy.rank),
             now: Now {
                 period_s: brief.period_ns as f64 / 1e9,
@@ -295,6 +297,8 @@ impl Brain {
             }
             let seen = seen(odometry, (alpha, velocity), &self.now.away);
             let error = self.avoidance.stand_off(&seen, error);
+            let hastens = self.is_contained && self.neighborhood.has_given_up();
+            let error = if hastens { REPAIR_HASTE * error } else { error };
             self.now.target = Some((error, target.velocity));
         }
     }

@@ -330,6 +330,11 @@ impl Neighborhood {
         }));
     }
 
+    /// Whether somebody whom it hears as planned was lost for so long that others replace it, if there are any.
+    pub fn has_given_up(&self) -> bool {
+        self.neighbors[..self.spares_from].iter().any(|neighbor| neighbor.given_up.yes)
+    }
+
     /// How often a sender that is gone by counts.
     fn times(&self, place: usize) -> usize {
         let replaces = &self.neighbors[place].replaces;

@@ -94,6 +94,10 @@ pub struct AvoidanceBrief {
     pub gains: BTreeMap<String, f64>,
 }
 
+/// A contained robot that has given up somebody whom it heard has another place, and goes there so many times as fast as it corrects
+/// small errors else.
+pub const REPAIR_HASTE: f64 = 2.0;
+
 /// Whose way it is: who comes later here makes way for those before. Comfort only: no promise about
 /// distances knows of it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

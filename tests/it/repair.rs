@@ -368,16 +368,16 @@ fn after_any_death_all_who_keep_places_are_where_they_were() {
     assert_eq!(tally(&all)[0], [all.len(), all.len(), 0]);
 }
 
-/// `cargo test --test it -- --ignored --nocapture repair::after_five_in_six`
+/// `cargo test --test it -- --ignored --nocapture repair::after_nineteen`
 #[test]
 #[ignore = "minutes: all single deaths of the shipped scenarios"]
-fn after_five_in_six_deaths_everybody_is_where_it_is_to_be_and_of_nearly_all_others_it_is_foretold()
-{
+fn after_nineteen_in_twenty_deaths_everybody_is_where_it_is_to_be_and_of_others_it_is_foretold() {
     let all = deaths(&SHIPPED);
-    for [right, foretold, unforeseen] in tally(&all) {
-        assert!(6 * right >= 5 * all.len() && 10 * foretold >= 9 * all.len());
-        assert!(20 * unforeseen <= all.len());
-    }
+    let [[right, foretold, unforeseen], later] = tally(&all);
+    assert!(20 * right >= 19 * all.len() && 20 * foretold >= 19 * all.len() && unforeseen == 0);
+    // Some of `pentagon` meet a body on their way once more.
+    let [right, foretold, unforeseen] = later;
+    assert!(10 * right >= 9 * all.len() && 10 * foretold >= 9 * all.len() && unforeseen <= 1);
 }
 
 /// `PHALANX_TIMES=20 cargo test --test it -- --nocapture repair::of_nine` draws 200.
@@ -402,4 +402,5 @@ fn of_nine_in_ten_pairs_of_deaths_it_is_foretold_whether_everybody_is_where_it_i
     // Later the dead of `pentagon` are in the way once more.
     let [[right, foretold, _], _] = tally(&all);
     assert!(10 * right >= 7 * all.len() && 10 * foretold >= 9 * all.len());
+    assert!(all.len() < 200 || 10 * right >= 9 * all.len());
 }

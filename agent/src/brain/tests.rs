@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
+use formation::front_point::front_point;
 use formation::pose::Twist;
 use protocol::fault::{LinkFaultKind, Span};
 
@@ -194,4 +195,32 @@ fn a_role_without_a_goal_listens_to_none() {
     brain.go_to(&Goal { stamp_ns: 7, x_m: -5.0, y_m: 2.0 });
     answered(&mut brain, 10);
     assert_eq!((brain.take_news(), brain.status().0.goal()), (false, None));
+}
+
+#[test]
+fn the_law_of_a_contained_robot_sees_errors_twice_as_long_once_somebody_is_given_up() {
+    let mut contained = AgentBrief {
+        law: "containment-tanh".into(),
+        gains: [("k_c_m_s".into(), 2.0)].into(),
+        rank: Rank::Contained,
+        repair_after_ns: 50 * MS,
+        ..brief()
+    };
+    // r2 counts twice in place of r5.
+    contained.neighbors[1].replaces = vec![5];
+    let mut brain = Brain::new(&contained, 0).unwrap();
+    brain.sense(&odometry(0));
+    let seen = [0, 40, 90, 140, 190].map(|t_ms| {
+        for place in usize::from(t_ms > 0)..2 {
+            brain.hear(place, &beacon(t_ms), START_NS + t_ms * MS).unwrap();
+        }
+        let odometry = odometry(t_ms);
+        brain.sense(&odometry);
+        let error = front_point(odometry.pose(), 0.1) - beacon(t_ms).position();
+        brain.situation().unwrap().error.norm() / error.norm()
+    });
+    // Lost at 140 ms, given up at 190 ms.
+    for (seen, expected) in seen.iter().zip([1.0, 1.0, 1.0, 1.0, REPAIR_HASTE]) {
+        assert!((seen - expected).abs() < 1e-9, "{seen:?}");
+    }
 }

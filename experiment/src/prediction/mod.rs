@@ -24,7 +24,7 @@ mod tests;
 
 use formation::Vec2;
 use formation::laplacian::settle;
-use protocol::brief::{Rank, SilencePolicy};
+use protocol::brief::{REPAIR_HASTE, Rank, SilencePolicy};
 use protocol::law::Reference;
 
 pub use broken::{Broken, BrokenRobot, Cause, broken_means, lines};
@@ -33,7 +33,7 @@ use crowd::Crowd;
 use reduced::Reduced;
 
 use crate::scenario::{Scenario, Substitutes};
-use formation::seconds;
+use formation::{real, seconds};
 
 /// What theory needs to know of a scenario to foretell what its deaths and cuts break.
 #[derive(Debug, Clone)]
@@ -168,15 +168,20 @@ impl Predictor {
     }
 
     /// When, s after these deaths, contained robots are within the bound of the places that they then have, if any of
-    /// them has another one: e' = -k tanh e from there, once the dead are given up.
+    /// those that heard the dead has another one: e' = -k tanh(h e) from there, once the dead are given up. Whoever
+    /// heard none of them stays amid those that it hears meanwhile, and is no farther off than they.
     pub fn settles_after_s(&self, dead: &[usize]) -> Option<f64> {
         let reduced = Reduced::of(self, dead, &[], false);
         let places = self.settled(&reduced, &vec![None; self.robots.len()]);
         let slow_s = |i: usize| {
             let moved_m = self.scale[0] * (places[i] - self.planned[i]).norm();
             let contained = reduced.alive[i] && self.robots[i].reference == Reference::Middle;
-            let k = self.robots[i].gain_m_s.filter(|_| contained && moved_m > self.bound_m)?;
-            Some((moved_m.sinh() / self.bound_m.sinh()).ln() / k)
+            let moves = contained && reduced.lost[i].is_some() && moved_m > self.bound_m;
+            let k = self.robots[i].gain_m_s.filter(|_| moves)?;
+            let planned = self.substitutes.iter().any(|planned| planned.robot == i);
+            let h = if planned || !self.spares[i].is_empty() { REPAIR_HASTE } else { 1.0 };
+            let sinh = |x: f64| (real::exp(x) - real::exp(-x)) / 2.0;
+            Some(real::ln(sinh(h * moved_m) / sinh(h * self.bound_m)) / (h * k))
         };
         let slowest_s = (0..self.robots.len()).filter_map(slow_s).reduce(f64::max)?;
         Some(self.believed_s + self.repair_after_s + slowest_s)

@@ -1,7 +1,8 @@
 //! Whom robots go by in place of in-neighbours that are lost for long: as the file says, or chosen.
 //!
 //! A contained robot has no offsets: whom it goes by in place of one moves its place, and those of others that
-//! go by it. So that is planned for each death, for all that hear the dead one together, see [`Choice::plan`].
+//! go by it. So that is planned for each death, for all that hear the dead one together, see [`Choice::plan`]; and so that
+//! the plans of two deaths go together, see [`Choice::plan_for_pairs`].
 //!
 //! A spare that is chosen for a robot that keeps a place comes before the robot in an order: fewer hops from the leader, then earlier in the
 //! file. Whoever goes by somebody before it in that order is led as long as that one is. So as long as the
@@ -30,6 +31,9 @@ const NEAREST: usize = 5;
 const SUBSTITUTES_MAX: usize = 3;
 /// Most rounds of choices: each is better than the one before.
 const ROUNDS: usize = 4;
+
+/// Plans are chosen for pairs of deaths too where there are no more robots than this.
+const PAIRS_ROBOTS_MAX: usize = 16;
 
 /// By whom a contained robot goes in place of one that it has lost.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -100,8 +104,17 @@ impl Repair {
         let choice = Choice { scenario, order: order(scenario), places: &places };
         let robots = 0..scenario.robots.len();
         let planning: Vec<usize> = robots.clone().filter(plans).collect();
-        let substitutes: Vec<Substitutes> =
-            robots.clone().flat_map(|lost| choice.plan(lost, &planning, self.count)).collect();
+        let mut plans: Vec<Vec<Substitutes>> =
+            robots.map(|lost| choice.plan(lost, &planning, self.count)).collect();
+        if !planning.is_empty() && plans.len() <= PAIRS_ROBOTS_MAX {
+            for _ in 0..ROUNDS {
+                if !choice.plan_for_pairs(&mut plans, self.count) {
+                    break;
+                }
+            }
+        }
+        let filled = |planned: &Substitutes| !planned.by.is_empty();
+        let substitutes: Vec<Substitutes> = plans.into_iter().flatten().filter(filled).collect();
         let mut spares = Vec::new();
         for (to, given) in self.given.iter().enumerate() {
             let from = match given {
@@ -177,6 +190,9 @@ fn order(scenario: &Scenario) -> Vec<Option<(usize, usize)>> {
     hops.into_iter().enumerate().map(|(i, hops)| Some((hops?, i))).collect()
 }
 
+/// As bad as a pair of deaths can be: somebody is left without anybody to go by.
+const STRANDED: u64 = 10_000_000;
+
 /// How bad a plan is.
 type Cost = (u64, u64, usize);
 
@@ -250,7 +266,7 @@ impl Choice<'_> {
         let heard: Vec<Vec<usize>> = (0..self.places.len()).map(left).collect();
         let options = hearers.iter().map(|&to| (to, self.options(lost, to, &heard[to], count)));
         let options: Vec<(usize, Vec<Vec<usize>>)> = options.collect();
-        let mut best = (self.cost(lost, &heard), heard);
+        let mut best = (self.cost(&[lost], &heard), heard);
         for _ in 0..ROUNDS {
             let before = best.0;
             options
@@ -272,7 +288,63 @@ impl Choice<'_> {
             let by = best.1[robot].split_off(left(robot).len());
             Substitutes { robot, lost, by }
         });
-        planned.filter(|planned| !planned.by.is_empty()).collect()
+        planned.collect()
+    }
+
+    /// Chooses among what is as good after single deaths what is better after pairs of them; whether anything is.
+    fn plan_for_pairs(&self, plans: &mut [Vec<Substitutes>], count: usize) -> bool {
+        let mut better = false;
+        for lost in 0..plans.len() {
+            let mut best = self.cost_of_pairs(lost, plans, u64::MAX);
+            for k in 0..plans[lost].len() {
+                let to = plans[lost][k].robot;
+                let heard = self.scenario.graph.heard_by(to).map(|edge| edge.from);
+                let left: Vec<usize> = heard.filter(|&from| from != lost).collect();
+                for option in self.options(lost, to, &left, count) {
+                    let by = option[left.len()..].to_vec();
+                    let before = std::mem::replace(&mut plans[lost][k].by, by);
+                    let cost = self.cost_of_pairs(lost, plans, best.0);
+                    if cost < best {
+                        (best, better) = (cost, true);
+                    } else {
+                        plans[lost][k].by = before;
+                    }
+                }
+            }
+        }
+        better
+    }
+
+    /// How bad these plans are once one is dead, alone or with another: first as [`Choice::cost`] has it of the one
+    /// death, no worse than `worst`, then of all pairs.
+    fn cost_of_pairs(
+        &self,
+        lost: usize,
+        plans: &[Vec<Substitutes>],
+        worst: u64,
+    ) -> (u64, u64, u64, usize) {
+        let (lacking, moved, count) = self.cost(&[lost], &self.heard(plans, &[lost]));
+        if lacking > worst {
+            return (lacking, 0, 0, 0);
+        }
+        let others = (0..plans.len()).filter(|&other| other != lost);
+        let pairs = others.map(|other| [lost, other]);
+        let lacking_m = pairs.map(|dead| self.cost(&dead, &self.heard(plans, &dead)).0);
+        (lacking, lacking_m.map(|lacking_m| lacking_m.min(STRANDED)).sum(), moved, count)
+    }
+
+    /// By whom everybody goes once these are dead.
+    fn heard(&self, plans: &[Vec<Substitutes>], dead: &[usize]) -> Vec<Vec<usize>> {
+        let gone_by = |to: usize| {
+            let heard = self.scenario.graph.heard_by(to).map(|edge| edge.from);
+            let (silent, mut left): (Vec<usize>, Vec<usize>) =
+                heard.partition(|from| dead.contains(from));
+            let planned = silent.iter().flat_map(|&lost| &plans[lost]);
+            let by = planned.filter(|planned| planned.robot == to).flat_map(|planned| &planned.by);
+            left.extend(by.filter(|by| !dead.contains(by)));
+            left
+        };
+        (0..plans.len()).map(gone_by).collect()
     }
 
     /// Whether these robots do better with others of their options: the best of all is kept in `best`.
@@ -284,7 +356,7 @@ impl Choice<'_> {
         best: &mut (Cost, Vec<Vec<usize>>),
     ) {
         let [(to, options), others @ ..] = choices else {
-            let cost = self.cost(lost, heard);
+            let cost = self.cost(&[lost], heard);
             if cost < best.0 {
                 *best = (cost, heard.to_vec());
             }
@@ -326,11 +398,11 @@ impl Choice<'_> {
         options
     }
 
-    /// How bad it is that robots go by these once one is dead: by how much places are nearer to others than robots come
+    /// How bad it is that robots go by these once some are dead: by how much places are nearer to others than robots come
     /// to rest, and how far they move (squared), over all; then how many are gone by.
-    fn cost(&self, lost: usize, heard: &[Vec<usize>]) -> Cost {
+    fn cost(&self, dead: &[usize], heard: &[Vec<usize>]) -> Cost {
         let n = self.places.len();
-        let moves = |&i: &usize| i != lost && self.reference(i) == Reference::Middle;
+        let moves = |&i: &usize| !dead.contains(&i) && self.reference(i) == Reference::Middle;
         let free: Vec<usize> = (0..n).filter(moves).collect();
         let gone_by: Vec<Vec<(usize, Vec2)>> = heard
             .iter()
@@ -349,7 +421,7 @@ impl Choice<'_> {
         let (mut lacking_m, mut moved_m2) = (0.0, 0.0);
         for &i in &free {
             moved_m2 += (places[i] - self.places[i]).norm_squared();
-            for j in (0..n).filter(|&j| j != i && (stands || j != lost)) {
+            for j in (0..n).filter(|&j| j != i && (stands || !dead.contains(&j))) {
                 let planned_m = scale * (self.places[i] - self.places[j]).norm();
                 let asked_m = steers_m(i).max(steers_m(j)).min(planned_m);
                 lacking_m += (asked_m - scale * (places[i] - places[j]).norm()).max(0.0);

@@ -188,13 +188,20 @@ impl Movie<'_> {
             let text = Element::words(words, (x, 25.0), anchor);
             text.with("font-size", 15).with("font-weight", 600)
         };
+        let faults = &self.run.scene.faults;
+        // Of several at once the newest.
+        let newest = |t_s: f64| {
+            let lasting = faults.iter().filter(|fault| fault.lasts_at(t_s));
+            lasting.max_by(|a, b| a.t_s.total_cmp(&b.t_s))
+        };
         let fault = |fault: &SceneFault| {
-            let shown = self.each(|frame| u8::from(fault.lasts_at(frame.t_s)).to_string());
+            let is_newest = |t_s| newest(t_s).is_some_and(|newest| std::ptr::eq(newest, fault));
+            let shown = self.each(|frame| u8::from(is_newest(frame.t_s)).to_string());
             let text = words(&fault.what, WIDTH - 16.0, Anchor::End).filled(VERMILION, 1.0);
             self.switched(text, "opacity", &shown)
         };
         let name = words(&self.run.scene.name, 16.0, Anchor::Start);
-        std::iter::once(name).chain(self.run.scene.faults.iter().map(fault)).collect()
+        std::iter::once(name).chain(faults.iter().map(fault)).collect()
     }
 
     /// A grid of meters, and where the leader is to go.

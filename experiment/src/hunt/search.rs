@@ -4,6 +4,7 @@
 //! that something is learnt before much is tried; later ones keep all cores busy.
 
 use formation::random::SplitMix64;
+use formation::real;
 
 use crate::hunt::cma::{Cma, normal, reflected};
 
@@ -194,7 +195,7 @@ impl Search<'_> {
         }
         let changes = 5.0 * random.unit() * random.unit();
         // From steps of all the cube to a thirtieth of it.
-        let step = 0.5 * 0.03_f64.powf(random.unit());
+        let step = 0.5 * real::pow(0.03, random.unit());
         self.change(&mut point, changes, step, random);
         point
     }
@@ -231,7 +232,7 @@ impl Search<'_> {
         };
         match least(stepped) {
             Some(better) if better.cost < descent.at.cost => descent.at = better,
-            _ => descent.step *= 0.7_f64.powf(stepped.len() as f64 / SHARE as f64),
+            _ => descent.step *= real::pow(0.7, stepped.len() as f64 / SHARE as f64),
         }
         if descent.step < STEP_MIN {
             self.descent = least(uniform).map(|at| Descent { at, step: STEP });

@@ -4,6 +4,7 @@
 //! Whoever tries them goes on from the first that misses it too, until none does.
 
 use formation::random::SplitMix64;
+use formation::real;
 
 use crate::hunt::cma::{normal, reflected};
 use crate::hunt::plan::{EVERY, Plan, PlannedFault, rounded};
@@ -37,7 +38,7 @@ pub fn fewer_faults(plan: &Plan, space: &Space) -> Vec<Plan> {
 /// A point near another one: some of the coordinates with which its run changes gradually are others.
 pub fn near(point: &[f64], space: &Space, random: &mut SplitMix64) -> Vec<f64> {
     let (gradual, matters) = (space.gradual(), space.matters(point));
-    let step = 0.3 * 0.1_f64.powf(random.unit());
+    let step = 0.3 * real::pow(0.1, random.unit());
     let change = |(place, &x): (usize, &f64)| match gradual[place] && matters[place] {
         true if random.chance(0.25) => reflected(x + step * normal(random)),
         _ => x,

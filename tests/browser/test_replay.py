@@ -179,7 +179,9 @@ def test_edges_show_whether_they_are_heard_cut_or_end_at_the_dead(replay):
     assert len(set(looks.values())) == 5, looks
     assert all("none" not in looks[state] for state in ("lost", "cut", "dead")), looks
     for state in looks:
-        expect(replay.locator(f".legend .edge[data-state={state}]")).to_have_count(1)
+        expect(replay.locator(f".legend [data-need=edges] .edge[data-state={state}]")).to_have_count(1)
+    # Nobody here has spares.
+    assert replay.locator(".legend [data-need=spares]").get_attribute("hidden") == ""
 
 
 def test_robots_in_formation_have_colors_of_their_own(visit, report_address):

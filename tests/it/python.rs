@@ -151,7 +151,7 @@ fn a_robot_in_python_that_is_killed_and_restarted_in_real_time_finds_its_place_a
 #[ignore = "needs the package that tests/python/install installs"]
 fn a_law_that_raises_ends_its_robot_with_its_traceback_on_screen_and_in_its_log() {
     let parts = [
-        "Hostile.gamma (raises.py:21) at t = 1.000 s raised",
+        "Hostile.gamma (raises.py:22) at t = 1.000 s raised",
         "Traceback (most recent call last):",
         "ValueError: my law is at its end",
     ];
@@ -168,9 +168,9 @@ fn a_law_that_raises_ends_its_robot_with_its_traceback_on_screen_and_in_its_log(
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn a_law_that_answers_anything_but_two_finite_numbers_or_takes_too_much_memory_is_refused() {
-    let nan = "Hostile.gamma (returns_nan.py:21) at t = 1.000 s returned (nan, 0.0), expected two \
+    let nan = "Hostile.gamma (returns_nan.py:22) at t = 1.000 s returned (nan, 0.0), expected two \
                finite numbers (x, y) in m/s";
-    let memory = "Hostile.gamma (eats.py:21) at t = 1.000 s raised";
+    let memory = "Hostile.gamma (eats.py:22) at t = 1.000 s raised";
     for (name, more, parts) in [
         ("returns_nan", "", &[nan][..]),
         ("returns_a_string", "", &["returned 'north', expected two finite numbers"]),

@@ -2,35 +2,15 @@
 
 import os
 from collections.abc import Sequence
+from types import ModuleType
 from typing import Literal, final
 
-__all__ = ["Episode", "serve", "serve_plant", "Neighbor", "Odometry", "Pose", "Situation", "Twist", "__version__"]
+__all__ = ["Episode", "serve", "serve_plant", "Neighbor", "Odometry", "Pose", "Situation", "Twist", "__version__", "real"]
 
 __version__: str
 
-class real:
-    """Elementary functions, the same on every machine: see phalanx.real."""
-
-    @staticmethod
-    def asin(x: float) -> float: ...
-    @staticmethod
-    def atan(x: float) -> float: ...
-    @staticmethod
-    def atan2(y: float, x: float) -> float: ...
-    @staticmethod
-    def cos(x: float) -> float: ...
-    @staticmethod
-    def exp(x: float) -> float: ...
-    @staticmethod
-    def hypot(x: float, y: float) -> float: ...
-    @staticmethod
-    def ln(x: float) -> float: ...
-    @staticmethod
-    def pow(x: float, y: float) -> float: ...
-    @staticmethod
-    def sin(x: float) -> float: ...
-    @staticmethod
-    def tanh(x: float) -> float: ...
+real: ModuleType
+"""See phalanx.real."""
 
 @final
 class Pose:

@@ -4,15 +4,17 @@ Those of ``math`` are the C library's, and numpy's its own: they may differ in t
 trajectory and its hash. Numbers in, numbers out, angles in rad.
 """
 
+from collections.abc import Callable
+
 from ._phalanx import real as _real
 
-asin = _real.asin
-atan = _real.atan
-atan2 = _real.atan2
-cos = _real.cos
-exp = _real.exp
-hypot = _real.hypot
-ln = _real.ln
-pow = _real.pow
-sin = _real.sin
-tanh = _real.tanh
+asin: Callable[[float], float] = _real.asin
+atan: Callable[[float], float] = _real.atan
+atan2: Callable[[float, float], float] = _real.atan2
+cos: Callable[[float], float] = _real.cos
+exp: Callable[[float], float] = _real.exp
+hypot: Callable[[float, float], float] = _real.hypot
+ln: Callable[[float], float] = _real.ln
+pow: Callable[[float, float], float] = _real.pow
+sin: Callable[[float], float] = _real.sin
+tanh: Callable[[float], float] = _real.tanh

@@ -5,10 +5,11 @@ import math
 from pathlib import Path
 
 import phalanx
+from phalanx import real
 
 
 def sinc(a):
-    return 1.0 - a * a / 6.0 if abs(a) < 1e-4 else math.sin(a) / a
+    return 1.0 - a * a / 6.0 if abs(a) < 1e-4 else real.sin(a) / a
 
 
 def wrap(angle):
@@ -25,7 +26,7 @@ def arc(pose, twist, dt):
     chord = v * dt * sinc(half_turn)
     direction = heading + half_turn
     heading = wrap(heading + 2.0 * half_turn)
-    return x + chord * math.cos(direction), y + chord * math.sin(direction), heading
+    return x + chord * real.cos(direction), y + chord * real.sin(direction), heading
 
 
 class Exact(phalanx.Plant):

@@ -86,7 +86,7 @@ impl InProcess<'_> {
             return Ok(Tried::Done);
         }
         let manifest = Manifest::collect(scenario, from, pace, self.build);
-        let mut run_dir = self.begin(scenario, text, &manifest, part).map_err(in_words)?;
+        let mut run_dir = begin(scenario, text, &manifest, part, keep).map_err(in_words)?;
         let mut metrics = Metrics::new(scenario, pace);
         let began = Instant::now();
         let deadline = Duration::from_secs_f64(self.campaign.deadline_s);
@@ -108,23 +108,24 @@ impl InProcess<'_> {
             .map_err(|error| format!("cannot complete {}: {error}", run.display()))?;
         Ok(Tried::Done)
     }
+}
 
-    fn begin(
-        &self,
-        scenario: &Scenario,
-        text: &str,
-        manifest: &Manifest,
-        part: &Path,
-    ) -> Result<RunDir, RunDirError> {
-        let mut run_dir = RunDir::create(part, scenario)?;
-        run_dir.write_scenario(text)?;
-        run_dir.write_manifest(manifest)?;
-        match self.campaign.keep {
-            Keep::Summary => run_dir.record_nothing(),
-            Keep::Failed | Keep::All => run_dir.begin_recording(text, manifest)?,
-        }
-        Ok(run_dir)
+/// The directory `part` of a run, with what stands in it before the first truth.
+pub(super) fn begin(
+    scenario: &Scenario,
+    text: &str,
+    manifest: &Manifest,
+    part: &Path,
+    keep: Keep,
+) -> Result<RunDir, RunDirError> {
+    let mut run_dir = RunDir::create(part, scenario)?;
+    run_dir.write_scenario(text)?;
+    run_dir.write_manifest(manifest)?;
+    match keep {
+        Keep::Summary => run_dir.record_nothing(),
+        Keep::Failed | Keep::All => run_dir.begin_recording(text, manifest)?,
     }
+    Ok(run_dir)
 }
 
 /// Runs a scenario to its end, or until `goes_on` says no, which is asked at every tick.
@@ -169,7 +170,7 @@ pub(super) fn said_by(panic: &(dyn Any + Send)) -> &str {
     said.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a word")
 }
 
-fn in_words(error: impl std::fmt::Display) -> String {
+pub(super) fn in_words(error: impl std::fmt::Display) -> String {
     error.to_string()
 }
 

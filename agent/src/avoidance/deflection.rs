@@ -185,8 +185,11 @@ struct Comfort {
 }
 
 impl Comfort {
-    fn new(at: &Conditions<'_>) -> Comfort {
+    /// Of a robot that leads all others, or of another.
+    fn new(at: &Conditions<'_>, leads: bool) -> Comfort {
         let (d, v_max) = (at.avoidance.distance_min_m, at.speed_m_s());
+        // Whoever leads keeps its way: where it turns aside, everybody does.
+        let aside = |key| if leads { 0.0 } else { gain(at, key) };
         let late = v_max * at.lifetime_s / d;
         Comfort {
             dither_rad: match at.avoidance.gains.get("dither_rad") {
@@ -197,9 +200,9 @@ impl Comfort {
             around_at_last: gain(at, "around_at_last"),
             look_ahead_s: gain(at, "look_ahead") * d / v_max,
             look_ahead_share: gain(at, "look_ahead_share"),
-            look_ahead_turn_rad: gain(at, "look_ahead_turn_rad"),
+            look_ahead_turn_rad: aside("look_ahead_turn_rad"),
             // Whoever comes to a contained robot's place may want just that, and stay there.
-            yields: if at.rank == Rank::Contained { 0.0 } else { gain(at, "yield") },
+            yields: if at.rank == Rank::Contained { 0.0 } else { aside("yield") },
             yield_speed_m_s: gain(at, "yield_speed") * v_max / (1.0 + YIELD_SOONER * late),
             yield_reach_m: gain(at, "yield_reach") * d + YIELD_EARLIER * late * d,
             place_s: PLACE_SMOOTH * d / v_max,
@@ -268,7 +271,7 @@ impl Deflection {
             rank: brief.rank,
             motion: Motion::new(&at),
             patience: Patience::new(d, v_max, gain(&at, "impatience_time")),
-            comfort: Comfort::new(&at),
+            comfort: Comfort::new(&at, brief.lead.is_some()),
             place_velocity: Vec2::zeros(),
             stands_off: None,
             limits: Vec::new(),

@@ -2,6 +2,10 @@
 
 use std::f64::consts::PI;
 
+use formation::scale::Scale;
+use formation::trajectory::Trajectory;
+use protocol::brief::LeadBrief;
+
 use super::super::guard::tests::brief;
 use super::*;
 
@@ -167,6 +171,14 @@ fn who_has_arrived_gives_way_to_whoever_comes_and_to_nobody_else() {
     assert!(without.norm() < 1e-12, "nobody yields without the gain");
     let contained = answers(&yielding(Rank::Contained), at_home, z, [comes, nothing]);
     assert!(contained.norm() < 1e-12, "another may want to stay at a contained robot's place");
+    let leader = answers(&leading(first), at_home, z, [comes, nothing]);
+    assert!(leader.norm() < 1e-12, "all others go by a leader's way");
+}
+
+/// Of a robot that leads all others.
+fn leading(brief: AgentBrief) -> AgentBrief {
+    let trajectory = Trajectory::Still { center_m: [0.0, 0.0] };
+    AgentBrief { lead: Some(LeadBrief { scale: Scale::ONE, trajectory }), ..brief }
 }
 
 #[test]
@@ -176,8 +188,8 @@ fn a_robot_turns_early_to_the_side_on_which_it_passes_anyway() {
     brief.avoidance.gains.extend([("look_ahead".into(), 4.0), ("look_ahead_share".into(), 1.0)]);
     let ahead = Vec2::new(1.5e-3, 0.0); // 0.3 m/s
     // The other's place, and its velocity: seen twice, so that it is known at once.
-    let turn = |at: Vec2, velocity: Vec2| {
-        let mut robot = Deflection::new(&brief);
+    let turn_of = |brief: &AgentBrief, at: Vec2, velocity: Vec2| {
+        let mut robot = Deflection::new(brief);
         for step in 0..=200u64 {
             let stamp_ns = 5_000_000 * step;
             let away = [-(at - velocity * (1.0 - 0.005 * step as f64))];
@@ -187,6 +199,7 @@ fn a_robot_turns_early_to_the_side_on_which_it_passes_anyway() {
         assert!((led.norm() - ahead.norm()).abs() < 1e-15, "as fast as before: {led:?}");
         led.y.atan2(led.x)
     };
+    let turn = |at: Vec2, velocity: Vec2| turn_of(&brief, at, velocity);
     let still = Vec2::zeros();
     let [left, right] = [0.05, -0.05].map(|y| turn(Vec2::new(0.6, -y), still));
     assert!(left > 0.01 && (left + right).abs() < 1e-12, "{left}, {right}");
@@ -199,6 +212,8 @@ fn a_robot_turns_early_to_the_side_on_which_it_passes_anyway() {
     ] {
         assert!(turn(at, velocity).abs() < 1e-9, "{what}: {}", turn(at, velocity));
     }
+    let leader = turn_of(&leading(brief.clone()), Vec2::new(0.6, -0.05), still);
+    assert_eq!(leader, 0.0, "all others go by a leader's way");
     // The sooner, the more; and never more than the limit.
     let sooner = turn(Vec2::new(0.4, -0.05), still);
     assert!(sooner > left, "{sooner}, {left}");

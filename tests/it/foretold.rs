@@ -8,10 +8,11 @@ use std::fmt::Write as _;
 
 use experiment::prediction::{Broken, Predictor};
 use experiment::scenario::Scenario;
+use formation::front_point::front_point;
 use outcome::metrics::Measures;
 
 use crate::harness::in_parallel;
-use crate::oracle::simulate;
+use crate::oracle::{simulate, simulate_watched};
 use crate::repair::with_repair;
 use crate::single_faults::{self, Case};
 
@@ -147,6 +148,31 @@ fn who_is_left_with_one_neighbor_is_foretold_to_want_its_place_and_nobody_else_i
         .collect();
     assert!(why.contains(&"r3: wants r8's place (Remark 1)".to_owned()), "{why:?}");
     assert!(outcome.agrees(), "{}", outcome.told());
+}
+
+#[test]
+fn a_leader_keeps_its_way_when_it_meets_robots_that_are_left_behind() {
+    let about = ["kill r4", "cut r2->r1", "cut r4->r3", "cut r5->r4"];
+    let cases = single_faults::cases_of("pentagon").into_iter();
+    let cases: Vec<Case> = cases.filter(|case| about.contains(&case.what.as_str())).collect();
+    assert_eq!(cases.len(), about.len());
+    let off_m = in_parallel(&cases, |case| {
+        let scenario = case.scenario(false);
+        let (r5, ell) = (4, scenario.robots[4].front_point_m);
+        let lead = scenario.lead_of(r5).expect("r5 leads");
+        let mut off_m = 0f64;
+        simulate_watched(&scenario, |header, rows, _| {
+            let t_s = header.t_ns as f64 / 1e9;
+            if t_s > case.at_s {
+                let m = lead.trajectory.at(t_s).position;
+                off_m = off_m.max((front_point(rows[r5].pose(), ell) - m).norm());
+            }
+        });
+        off_m
+    });
+    for (case, off_m) in cases.iter().zip(off_m) {
+        assert!(off_m < 0.005, "{}: {off_m} m", case.what);
+    }
 }
 
 /// `cargo test --release --test it -- --ignored foretold::every_single --nocapture`

@@ -94,6 +94,8 @@ pub enum ChangedTo {
     Robot(usize, RobotState),
     /// An edge, by its place in the scene.
     Edge(usize, EdgeState),
+    /// A deputy, by its place in the scene, leads, or no longer does.
+    Leads(usize, bool),
 }
 
 /// How the values of one stage at one robot or edge are spread over the whole run.
@@ -195,6 +197,7 @@ impl Run {
                 match change.to {
                     ChangedTo::Robot(robot, state) => states[robot] = state,
                     ChangedTo::Edge(edge, state) => heard[edge] = state,
+                    ChangedTo::Leads(..) => {}
                 }
             }
             let robot = |robot: usize| {

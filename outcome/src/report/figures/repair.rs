@@ -7,7 +7,7 @@ use crate::report::axis::Axis;
 use crate::report::chart::{Figure, Mark, Panel, Place, Shape};
 use crate::report::palette::{BLUE, Dash, GRAY, Line, VERMILION, color};
 use crate::report::run::{Change, ChangedTo, Run};
-use crate::report::scene::RobotState;
+use crate::report::scene::{EdgeState, RobotState, SceneEdge};
 use crate::report::simplify::Point;
 
 /// Height of both pictures of the graph, and of the time line below them, px.
@@ -109,70 +109,65 @@ fn graph(run: &Run, instant: usize, place: Place) -> Panel {
     panel
 }
 
-/// A row for each robot that was ever repaired: bars while it goes by somebody in place of another.
+/// A row for each robot that was ever repaired: bars while it goes by somebody in place of another, or leads.
 fn time_line(run: &Run) -> (Place, Panel) {
-    let mut names: Vec<&str> = Vec::new();
-    for (_, robot, _) in &run.repairs {
-        if !names.contains(&robot.as_str()) && names.len() < ROWS_MAX {
-            names.push(robot);
+    let bars = bars(run);
+    let mut robots: Vec<usize> = Vec::new();
+    for bar in &bars {
+        if !robots.contains(&bar.robot) && robots.len() < ROWS_MAX {
+            robots.push(bar.robot);
         }
     }
-    let height = AXES + ROW * (names.len() as f64 + 1.0);
-    let place = Place { x: 0.0, y: HEIGHT, width: WIDTH, height };
-    let mut panel = over_time(run, Axis::exact("", 0.0, names.len() as f64 + 0.5));
-    for (row, name) in names.iter().enumerate() {
-        let level = names.len() as f64 - row as f64 - 0.25;
-        let whose = run.repairs.iter().filter(|(_, robot, _)| robot == name);
-        let mut since: Vec<(String, f64)> = Vec::new();
-        let mut bars: Vec<(String, f64, f64)> = Vec::new();
-        for (t_s, _, what) in whose {
-            let (begins, by) = match (what.strip_prefix("goes by "), what.as_str()) {
-                (Some(by), _) => (true, by),
-                (None, "leads") => (true, "leads"),
-                (None, "leads no longer") => (false, "leads"),
-                (None, other) => (false, other.trim_start_matches("goes no longer by ")),
+    let rows = robots.len() as f64;
+    let place = Place { x: 0.0, y: HEIGHT, width: WIDTH, height: AXES + ROW * (rows + 1.0) };
+    let mut panel = over_time(run, Axis::exact("", 0.0, rows + 0.5));
+    let name = |robot: usize| &run.scene.robots[robot].name;
+    for (row, robot) in robots.into_iter().enumerate() {
+        for (nth, bar) in bars.iter().filter(|bar| bar.robot == robot).enumerate() {
+            let level = rows - row as f64 - 0.25 - 0.16 * nth as f64 % 0.5;
+            let ends = vec![(bar.from_s, level), (bar.to_s.min(run.end_s()), level)];
+            panel.curves.push((ends, SPARE.width(3.0), true));
+            let label = match bar.by {
+                Some(by) => format!("{}: {}", name(robot), name(by)),
+                None => format!("{} leads", name(robot)),
             };
-            match since.iter().position(|(other, _)| other == by) {
-                None if begins => since.push((by.to_owned(), *t_s)),
-                Some(open) if !begins => {
-                    let (by, from_s) = since.remove(open);
-                    bars.push((by, from_s, *t_s));
-                }
-                _ => {}
-            }
-        }
-        // An in-neighbor that is back is gone by until the end, and no repair.
-        let spare = |by: &str| by == "leads" || is_spare(run, name, by);
-        let still =
-            since.into_iter().map(|(by, from_s)| (by, from_s, lives_until(run, name, from_s)));
-        let bars = bars.into_iter().chain(still).filter(|(by, ..)| spare(by));
-        for (nth, (by, from_s, to_s)) in bars.enumerate() {
-            let level = level - 0.16 * nth as f64 % 0.5;
-            panel.curves.push((vec![(from_s, level), (to_s, level)], SPARE.width(3.0), true));
-            let label =
-                if by == "leads" { format!("{name} leads") } else { format!("{name}: {by}") };
-            panel.marks.push(Mark { at: (from_s, level), shape: Shape::Ring, color: BLUE, label });
+            let at = (bar.from_s, level);
+            panel.marks.push(Mark { at, shape: Shape::Ring, color: BLUE, label });
         }
     }
     (place, panel)
 }
 
-/// When a robot dies next, s, or the run ends.
-fn lives_until(run: &Run, robot: &str, from_s: f64) -> f64 {
-    let dies = |change: &&Change| match change.to {
-        ChangedTo::Robot(who, RobotState::Dead) => {
-            change.t_s >= from_s && run.scene.robots[who].name == robot
-        }
-        _ => false,
-    };
-    run.changes.iter().find(dies).map_or(run.end_s(), |change| change.t_s)
+/// While a robot that lives goes by a spare, or, without one, leads.
+struct Bar {
+    robot: usize,
+    by: Option<usize>,
+    from_s: f64,
+    /// Infinite where nothing ends it.
+    to_s: f64,
 }
 
-/// Whether that robot is a spare of this one.
-fn is_spare(run: &Run, robot: &str, by: &str) -> bool {
-    let name = |place: usize| run.scene.robots[place].name.as_str();
-    let mut spares = run.scene.edges.iter().filter(|edge| edge.spare);
-    spares.any(|edge| (name(edge.from), name(edge.to)) == (by, robot))
+fn bars(run: &Run) -> Vec<Bar> {
+    let mut bars: Vec<Bar> = Vec::new();
+    for &Change { t_s, to } in &run.changes {
+        let (robot, by, begins) = match to {
+            ChangedTo::Edge(edge, state) if run.scene.edges[edge].spare => {
+                let SceneEdge { from, to, .. } = run.scene.edges[edge];
+                (to, Some(from), state != EdgeState::Closed)
+            }
+            ChangedTo::Leads(robot, yes) => (robot, None, yes),
+            ChangedTo::Robot(robot, RobotState::Dead) => (robot, None, false),
+            _ => continue,
+        };
+        let dies = matches!(to, ChangedTo::Robot(..));
+        let ends =
+            |bar: &&mut Bar| bar.to_s.is_infinite() && bar.robot == robot && (dies || bar.by == by);
+        bars.iter_mut().filter(ends).for_each(|bar| bar.to_s = t_s);
+        if begins {
+            bars.push(Bar { robot, by, from_s: t_s, to_s: f64::INFINITY });
+        }
+    }
+    bars
 }
 
 fn point(at: Vec2) -> Point {

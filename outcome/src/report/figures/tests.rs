@@ -229,6 +229,9 @@ fn a_repaired_graph_is_drawn_before_and_after_and_a_spare_is_an_edge_while_it_re
     ];
     let open = [(0.6, EdgeState::Fresh), (1.2, EdgeState::Closed)];
     run.changes.extend(open.map(|(t_s, state)| Change { t_s, to: ChangedTo::Edge(spare, state) }));
+    // r2 is back at 0.5 s, leads, and dies once more.
+    let led = [(0.8, ChangedTo::Leads(1, true)), (1.5, ChangedTo::Robot(1, RobotState::Dead))];
+    run.changes.extend(led.map(|(t_s, to)| Change { t_s, to }));
     run.changes.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
     assert_eq!([0.5, 0.6, 1.1, 1.2].map(|t_s| run.gone_by(t_s)[spare]), [false, true, true, false]);
     let states: Vec<EdgeState> = run.frames().iter().map(|frame| frame.edges[spare]).collect();
@@ -238,9 +241,12 @@ fn a_repaired_graph_is_drawn_before_and_after_and_a_spare_is_an_edge_while_it_re
     );
     let figures = all(&run);
     let repairs = figures.iter().find(|figure| figure.name == "repairs").expect("it was repaired");
-    // One bar of the time line, from when on to when.
-    let bars = repairs.panels[2].1.curves.iter().map(|(points, ..)| (points[0].0, points[1].0));
-    assert_eq!(bars.collect::<Vec<_>>(), [(0.6, 1.2)]);
+    // Bars of the time line, from when on to when; nobody leads who is dead.
+    let time_line = &repairs.panels[2].1;
+    let bars = time_line.curves.iter().map(|(points, ..)| (points[0].0, points[1].0));
+    assert_eq!(bars.collect::<Vec<_>>(), [(0.6, 1.2), (0.8, 1.5)]);
+    let labels = time_line.marks.iter().map(|mark| mark.label.as_str());
+    assert_eq!(labels.collect::<Vec<_>>(), ["r1: r3", "r2 leads"]);
     let page = html::report(&run, &figures);
     assert!(page.contains("goes no longer by r3"));
 }

@@ -92,9 +92,12 @@ pub(super) fn changes(events: &[Event], scene: &Scene) -> Vec<Change> {
                 return Some(Change { t_s: *t_s, to });
             }
             REPAIR => {
-                let (yes, by) = match detail.strip_prefix("goes by ") {
-                    Some(by) => (true, by),
-                    None => (false, detail.strip_prefix("goes no longer by ")?),
+                let (yes, by) = match detail.split_once(" by ") {
+                    Some((does, by)) => (does == "goes", by),
+                    None => {
+                        let to = ChangedTo::Leads(robot, detail == "leads");
+                        return Some(Change { t_s: *t_s, to });
+                    }
                 };
                 let ends = (*place.get(by)?, robot);
                 let is_spare = |edge: &SceneEdge| (edge.from, edge.to) == ends && edge.spare;

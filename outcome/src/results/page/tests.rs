@@ -30,6 +30,7 @@ fn run_dir(below: &Path) -> PathBuf {
     run_dir.event(3_000_000_000, "contact", "r3", "stale r2").unwrap();
     run_dir.event(4_000_000_000, "ready", "r2", "incarnation 1").unwrap();
     run_dir.event(4_500_000_000, "orphaned", "r1", "no living leader reaches it").unwrap();
+    run_dir.event(4_600_000_000, "repair", "r1", "leads").unwrap();
     run_dir.event(5_000_000_000, "freeze", "r3", "SIGSTOP, as planned").unwrap();
     run_dir.event(6_000_000_000, "freeze", "", "SIGSTOP of the plant, by somebody else").unwrap();
     drop(run_dir);
@@ -82,6 +83,8 @@ fn a_run_directory_says_where_everybody_was_and_what_became_of_them() {
     assert!(run.changes.iter().any(|change| change.t_s == 5.0 && change.to == frozen));
     let orphaned = ChangedTo::Robot(0, RobotState::Orphaned);
     assert!(run.changes.iter().any(|change| change.t_s == 4.5 && change.to == orphaned));
+    let leads = ChangedTo::Leads(0, true);
+    assert!(run.changes.iter().any(|change| change.t_s == 4.6 && change.to == leads));
     let stale = ChangedTo::Edge(1, EdgeState::Stale);
     assert!(run.changes.iter().any(|change| change.t_s == 3.0 && change.to == stale));
     assert_eq!(run.over_time[0].from.as_deref(), Some("r1"));

@@ -13,7 +13,7 @@ use formation::front_point::{front_motion, front_velocity};
 use formation::pose::wrap_angle;
 use protocol::age::AgeSums;
 use protocol::brief::{AgentBrief, Pace, PublishedVelocity, REPAIR_HASTE, Rank};
-use protocol::fault::{LieFault, LinkFault, LinkFaultKind, SlowFault, Transmission};
+use protocol::fault::{LinkFaultKind, Transmission};
 use protocol::link::Link;
 use protocol::message::{
     Beacon, Command, Goal, NeighborStatus, Odometry, PROXIMITY_MAX, StatusHeader,
@@ -24,7 +24,7 @@ use crate::UnfitBrief;
 use crate::avoidance::{self, Avoidance, Sample};
 use crate::laws::{self, Heard, Law, Situation, Wish};
 use crate::neighborhood::{BeaconRefusal, Neighborhood};
-use crate::roles::{Moment, Role};
+use crate::roles::{self, Moment, Role};
 use sent::Sent;
 
 /// a of the boundary layer: how many periods old a beacon is when it is used. In lockstep exactly
@@ -51,12 +51,16 @@ pub struct Parts {
 impl Parts {
     /// Those that the brief names.
     pub fn of(brief: &AgentBrief) -> Result<Parts, UnfitBrief> {
-        let row = laws::row(&brief.law)?;
-        Ok(Parts {
-            role: row.role.make(brief)?,
-            law: row.make(&brief.gains)?,
-            avoidance: avoidance::build(brief)?,
-        })
+        Parts::with_law(brief, laws::row(&brief.law)?.make(&brief.gains)?)
+    }
+
+    /// The same with this law; the role is that of the brief's program, or of the law that the brief names.
+    pub fn with_law(brief: &AgentBrief, law: Box<dyn Law>) -> Result<Parts, UnfitBrief> {
+        let role = match &brief.program {
+            Some(program) => roles::row(&program.role)?,
+            None => laws::row(&brief.law)?.role,
+        };
+        Ok(Parts { role: role.make(brief)?, law, avoidance: avoidance::build(brief)? })
     }
 }
 
@@ -64,30 +68,21 @@ impl Parts {
 pub struct Brain {
     role: Box<dyn Role>,
     incarnation: u64,
-    front_point_m: f64,
+    brief: AgentBrief,
     law: Box<dyn Law>,
     avoidance: Box<dyn Avoidance>,
     neighborhood: Neighborhood,
-    is_contained: bool,
-    /// Of its frame, if it leads: 0 the main leader's, else that of a deputy.
-    rank: u64,
     now: Now,
     /// From each sender, in the brief's order.
     links: Vec<Link<Beacon>>,
-    /// What each of them lies, in the same order.
-    lies: Vec<Vec<LieFault>>,
     /// From its own sensors, where that may fail.
     odometry: Option<Link<Odometry>>,
     /// Stamp of the newest sample answered, ns.
     answered_ns: Option<u64>,
-    /// What delays its commands.
-    command_faults: Vec<LinkFault>,
-    slow: Vec<SlowFault>,
     /// Stamp of t = 0, ns; known with the first sample.
     start_ns: u64,
     news: bool,
     sent: Sent,
-    published_velocity: PublishedVelocity,
     /// Where it found itself last, m.
     front_point: Option<Vec2>,
     /// The previous sample's stamp, ns, and front point; kept only where velocities are differenced.
@@ -144,12 +139,10 @@ impl Brain {
         Brain {
             role,
             incarnation,
-            front_point_m: brief.front_point_m,
+            brief: brief.clone(),
             law,
             avoidance,
             neighborhood: Neighborhood::new(brief, incarnation),
-            is_contained: brief.rank == Rank::Contained,
-            rank: brief.deputy.as_ref().map_or(0, |deputy| deputy.rank),
             now: Now {
                 period_s: brief.period_ns as f64 / 1e9,
                 age_periods: age_periods(brief),
@@ -162,16 +155,12 @@ impl Brain {
                 heard: Vec::with_capacity(brief.senders().count()),
             },
             links: brief.senders().map(|sender| Link::new(&sender.faults)).collect(),
-            lies: brief.senders().map(|sender| sender.lies.clone()).collect(),
             odometry: (!brief.odometry_faults.is_empty())
                 .then(|| Link::new(&brief.odometry_faults)),
             answered_ns: None,
-            command_faults: brief.command_faults.clone(),
-            slow: brief.slow.clone(),
             start_ns: 0,
             news: false,
             sent: Sent::default(),
-            published_velocity: brief.published_velocity,
             front_point: None,
             before: None,
             velocities: Vec::new(),
@@ -197,7 +186,8 @@ impl Brain {
             distance_m: self.front_point.map(|alpha| (alpha - beacon.position()).norm()),
         };
         let mut beacon = *beacon;
-        self.lies[place].iter().for_each(|lie| lie.falsify(&mut beacon, transmission.t_ns));
+        let lies = self.brief.senders().nth(place).into_iter().flat_map(|sender| &sender.lies);
+        lies.for_each(|lie| lie.falsify(&mut beacon, transmission.t_ns));
         match self.links[place].pass(&beacon, transmission) {
             Some(beacon) => self.hear_now(place, &beacon, now_ns),
             None => Ok(()),
@@ -283,7 +273,8 @@ impl Brain {
             }
         }
         let Some(odometry) = &self.now.odometry else { return };
-        let (alpha, velocity) = front_motion(odometry.pose(), self.front_point_m, odometry.twist()); // (2), (3)
+        let (alpha, velocity) =
+            front_motion(odometry.pose(), self.brief.front_point_m, odometry.twist()); // (2), (3)
         self.front_point = Some(alpha);
         (self.now.front_point, self.now.front_velocity) = (alpha, velocity);
         self.now.away.clear();
@@ -292,12 +283,12 @@ impl Brain {
         if let Some(target) = target {
             let error = alpha - target.position;
             self.now.error = Some(error);
-            if error.norm() <= self.front_point_m {
+            if error.norm() <= self.brief.front_point_m {
                 self.neighborhood.arrived();
             }
             let seen = seen(odometry, (alpha, velocity), &self.now.away);
             let error = self.avoidance.stand_off(&seen, error);
-            let hastens = self.is_contained && self.neighborhood.has_given_up();
+            let hastens = self.brief.rank == Rank::Contained && self.neighborhood.has_given_up();
             let error = if hastens { REPAIR_HASTE * error } else { error };
             self.now.target = Some((error, target.velocity));
         }
@@ -329,10 +320,14 @@ impl Brain {
         let wish = self.now.target.map_or(STAND, |_| wish);
         let gamma = self.avoidance.admit(match wish {
             Wish::Velocity(gamma) => gamma,
-            Wish::Twist(twist) => front_velocity(pose.heading_rad, self.front_point_m, twist),
+            Wish::Twist(twist) => front_velocity(pose.heading_rad, self.brief.front_point_m, twist),
         });
         let (frame_rank, frame) = match self.role.frame(&moment, &*self.avoidance) {
-            Some(own) => (self.rank, Some((odometry.stamp_ns, own))),
+            Some(own) => {
+                // 0: the main leader's.
+                let rank = self.brief.deputy.as_ref().map_or(0, |deputy| deputy.rank);
+                (rank, Some((odometry.stamp_ns, own)))
+            }
             None => match self.neighborhood.frame(odometry.stamp_ns) {
                 Some(heard) => (heard.rank, Some((heard.stamp_ns, heard.frame))),
                 None => (0, None),
@@ -358,10 +353,10 @@ impl Brain {
             Wish::Velocity(_) => self.avoidance.steer(&sample, gamma),
             Wish::Twist(twist) => self.avoidance.restrain(&sample, twist, gamma),
         };
-        let published = match self.published_velocity {
+        let published = match self.brief.published_velocity {
             PublishedVelocity::Gamma => gamma,
             PublishedVelocity::GammaAndBeta => {
-                front_velocity(pose.heading_rad, self.front_point_m, twist)
+                front_velocity(pose.heading_rad, self.brief.front_point_m, twist)
             }
             PublishedVelocity::Differenced => {
                 let before = self.before.replace((odometry.stamp_ns, alpha));
@@ -370,7 +365,7 @@ impl Brain {
         };
 
         self.sequence += 1;
-        let slow = self.slow.iter().filter(|fault| fault.span.holds(odometry.t_ns));
+        let slow = self.brief.slow.iter().filter(|fault| fault.span.holds(odometry.t_ns));
         Some(Answer {
             beacon: Beacon {
                 tick,
@@ -420,7 +415,7 @@ impl Brain {
 
     /// How long commands sent at this run time are under way, ns: the mean of what delays them.
     fn commands_late_ns(&self, t_ns: u64) -> u64 {
-        let holding = self.command_faults.iter().filter(|fault| fault.span.holds(t_ns));
+        let holding = self.brief.command_faults.iter().filter(|fault| fault.span.holds(t_ns));
         let late_ns = holding.map(|fault| match fault.kind {
             LinkFaultKind::Delay { delay_ns, jitter_ns } => delay_ns.saturating_add(jitter_ns / 2),
             _ => 0,

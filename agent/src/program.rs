@@ -14,8 +14,8 @@ use protocol::brief::{self, AgentBrief, VERSION};
 use protocol::process::{self, exit};
 
 use crate::brain::Parts;
+use crate::control_loop;
 use crate::laws::{Law, Situation, Wish};
-use crate::{avoidance, control_loop, roles};
 
 /// The exit code of a process whose law has no answer: also Python's own for an exception.
 pub const LAW_FAILED: u8 = 1;
@@ -108,18 +108,13 @@ fn parts<L: ForeignLaw + 'static>(
     brief: &AgentBrief,
     make: impl FnOnce(&AgentBrief) -> Result<L, String>,
 ) -> Result<Parts, String> {
-    let Some(program) = &brief.program else {
+    if brief.program.is_none() {
         return Err(format!(
             "the brief of {} names the law {:?}, which is built into phalanx: it is for `phalanx agent`",
             brief.name, brief.law
         ));
-    };
-    let role = roles::row(&program.role).and_then(|row| row.make(brief));
-    Ok(Parts {
-        role: role.map_err(|error| error.to_string())?,
-        law: Box::new(Asked(make(brief)?)),
-        avoidance: avoidance::build(brief).map_err(|error| error.to_string())?,
-    })
+    }
+    Parts::with_law(brief, Box::new(Asked(make(brief)?))).map_err(|error| error.to_string())
 }
 
 /// A law of somebody else's as the brain knows laws.

@@ -10,9 +10,9 @@ pub(crate) const MS: u64 = 1_000_000;
 /// The stamp of t = 0.
 pub(crate) const START_NS: u64 = 500 * MS;
 
-/// r1, which hears r5 and r2, in this order.
-pub(crate) fn brief() -> AgentBrief {
-    let hears = |index: usize| NeighborBrief {
+/// A robot that is heard, and is nowhere.
+pub(crate) fn hears(index: usize) -> NeighborBrief {
+    NeighborBrief {
         name: format!("r{index}"),
         index,
         offset_m: [0.0, 0.0],
@@ -20,7 +20,11 @@ pub(crate) fn brief() -> AgentBrief {
         lies: Vec::new(),
         trusted: false,
         replaces: Vec::new(),
-    };
+    }
+}
+
+/// r1, which hears r5 and r2, in this order.
+pub(crate) fn brief() -> AgentBrief {
     AgentBrief {
         format: Format,
         name: "r1".into(),

@@ -19,10 +19,13 @@ pub struct State {
     pub twist: Twist,
 }
 
+/// Why bodies could not be moved, in words.
+pub type Failure = Box<dyn Error + Send + Sync>;
+
 /// Moves bodies.
 pub trait Motion {
     /// Why time could not pass.
-    type Error: Error + Send + Sync + 'static;
+    type Error: Into<Failure>;
 
     /// Lets `dt_s` pass, more than 0 and at most a plant tick. `targets`: the twist that each robot is
     /// to have meanwhile, within its wheels' limits; 0 for one without a command in force. `states`, in
@@ -83,24 +86,6 @@ pub struct Checked<M> {
     names: Vec<String>,
 }
 
-/// Why time could not pass.
-#[derive(Debug, thiserror::Error)]
-pub enum CheckedError<E> {
-    /// It failed.
-    #[error(transparent)]
-    Failed(E),
-    /// It gave what no robot does.
-    #[error("the plant moved {robot} to {what} = {value}, expected a number of at most 1e9")]
-    NotPlausible {
-        /// Whose.
-        robot: String,
-        /// Which number, with its unit.
-        what: &'static str,
-        /// What was said.
-        value: f64,
-    },
-}
-
 impl<M: Motion> Checked<M> {
     /// Of the robots of the brief.
     pub fn new(brief: &PlantBrief, motion: M) -> Checked<M> {
@@ -109,15 +94,10 @@ impl<M: Motion> Checked<M> {
 }
 
 impl<M: Motion> Motion for Checked<M> {
-    type Error = CheckedError<M::Error>;
+    type Error = Failure;
 
-    fn step(
-        &mut self,
-        targets: &[Twist],
-        dt_s: f64,
-        states: &mut [State],
-    ) -> Result<(), Self::Error> {
-        self.motion.step(targets, dt_s, states).map_err(CheckedError::Failed)?;
+    fn step(&mut self, targets: &[Twist], dt_s: f64, states: &mut [State]) -> Result<(), Failure> {
+        self.motion.step(targets, dt_s, states).map_err(Into::into)?;
         for (state, name) in states.iter_mut().zip(&self.names) {
             let State { pose, twist } = state;
             let numbers = [
@@ -129,7 +109,10 @@ impl<M: Motion> Motion for Checked<M> {
             ];
             let wrong = |(_, number): &(_, f64)| number.is_nan() || number.abs() > PLAUSIBLE_MAX;
             if let Some((what, value)) = numbers.into_iter().find(wrong) {
-                return Err(CheckedError::NotPlausible { robot: name.clone(), what, value });
+                return Err(format!(
+                    "the plant moved {name} to {what} = {value}, expected a number of at most 1e9"
+                )
+                .into());
             }
             pose.heading_rad = wrap_angle(pose.heading_rad);
         }

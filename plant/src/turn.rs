@@ -7,15 +7,13 @@
 //! What is decided here: what comes first of time and commands in which pace, until when time passes, whether
 //! what moves the robots keeps up, which commands were lost on their way, and when it is over.
 
-use std::error::Error;
-
 use protocol::brief::{Pace, PlantBrief};
 use protocol::latency::Recorder;
 use protocol::message::{Command, Odometry};
 use protocol::stage::{Cause, Stage};
 use protocol::wake::Wake;
 
-use crate::motion::{Motion, Unicycles};
+use crate::motion::{Failure, Motion, Unicycles};
 use crate::overrun::{Overrun, TooSlow};
 use crate::world::World;
 
@@ -71,7 +69,7 @@ pub struct Delivery {
 pub enum TurnError {
     /// What moves the robots failed.
     #[error(transparent)]
-    Motion(Box<dyn Error + Send + Sync>),
+    Motion(Failure),
     /// It is slower than real time.
     #[error(transparent)]
     TooSlow(#[from] TooSlow),

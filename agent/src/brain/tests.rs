@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use formation::front_point::front_point;
 use formation::pose::Twist;
-use protocol::fault::{LinkFaultKind, Span};
+use protocol::fault::{LinkFault, LinkFaultKind, Span};
 
 use super::*;
 use crate::testing::{MS, START_NS, beacon, brief, odometry};

@@ -3,18 +3,10 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::testing::brief;
+use crate::testing::{self, brief};
 
 fn hears(index: usize) -> NeighborBrief {
-    NeighborBrief {
-        name: format!("r{index}"),
-        index,
-        offset_m: [0.0, 1.0],
-        faults: Vec::new(),
-        lies: Vec::new(),
-        trusted: false,
-        replaces: Vec::new(),
-    }
+    NeighborBrief { offset_m: [0.0, 1.0], ..testing::hears(index) }
 }
 
 /// Of r1 and r2.

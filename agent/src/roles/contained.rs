@@ -1,6 +1,5 @@
 //! Goes to the middle of those it hears, and so into the leaders' hull. (46)
 
-use formation::Vec2;
 use formation::desired::Target;
 use protocol::brief::AgentBrief;
 
@@ -17,8 +16,7 @@ struct Contained;
 
 impl Role for Contained {
     fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
-        let nowhere = Target::still(Vec2::zeros());
-        moment.neighborhood.recall(moment.stamp_ns, |_| nowhere, heard);
+        moment.recall_without_offsets(heard);
         moment.neighborhood.desired(heard)
     }
 }

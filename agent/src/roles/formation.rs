@@ -53,8 +53,7 @@ struct Wary {
 impl Role for Formation {
     fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
         if let Some(target) = self.deputy.as_ref().and_then(|deputy| deputy.target(moment)) {
-            let nowhere = Target::still(Vec2::zeros());
-            moment.neighborhood.recall(moment.stamp_ns, |_| nowhere, heard);
+            moment.recall_without_offsets(heard);
             return Some(target);
         }
         let (now_s, later_s) = (moment.t_s, moment.t_s + 0.5 * self.period_s);

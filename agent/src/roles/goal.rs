@@ -26,8 +26,7 @@ struct Goal {
 
 impl Role for Goal {
     fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
-        let nowhere = Target::still(Vec2::zeros());
-        moment.neighborhood.recall(moment.stamp_ns, |_| nowhere, heard);
+        moment.recall_without_offsets(heard);
         Some(Target::still(self.goal))
     }
 

@@ -1,7 +1,6 @@
 //! The main leader: follows the trajectory m(t), which it alone knows; formations turn and grow with
 //! it. (20)-(23) (25)
 
-use formation::Vec2;
 use formation::desired::Target;
 use formation::frame::LeaderFrame;
 use protocol::brief::{AgentBrief, LeadBrief};
@@ -37,8 +36,7 @@ struct Leader {
 
 impl Role for Leader {
     fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
-        let nowhere = Target::still(Vec2::zeros());
-        moment.neighborhood.recall(moment.stamp_ns, |_| nowhere, heard);
+        moment.recall_without_offsets(heard);
         let Target { position, .. } = self.lead.trajectory.at(moment.t_s);
         let Target { velocity, .. } = self.lead.trajectory.at(moment.t_s + 0.5 * self.period_s);
         Some(Target { position, velocity })

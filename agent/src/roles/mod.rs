@@ -38,6 +38,11 @@ pub struct Moment<'a> {
 }
 
 impl Moment<'_> {
+    /// Fills `heard` for the law of a role that asks nobody where it is to be seen from them.
+    fn recall_without_offsets(&self, heard: &mut Vec<Heard>) {
+        self.neighborhood.recall(self.stamp_ns, |_| Target::still(Vec2::zeros()), heard);
+    }
+
     /// The run's time at another stamp, s.
     fn t_of_s(&self, stamp_ns: u64) -> f64 {
         self.t_s - (self.stamp_ns as i64 - stamp_ns as i64) as f64 / 1e9

@@ -6,7 +6,6 @@ use std::sync::{Mutex, MutexGuard};
 use agent::brain::{Brain, Parts};
 use agent::laws::{self, Law, Wish};
 use agent::program::Level;
-use agent::{avoidance, roles};
 use experiment::scenario::read::{Overrides, read};
 use experiment::scenario::Scenario;
 use formation::Vec2;
@@ -205,15 +204,7 @@ fn brain(brief: &AgentBrief, incarnation: u64, is_told: bool) -> Result<Brain, S
         }
         return Brain::new(brief, incarnation).map_err(|error| told(&error));
     }
-    let role = match &brief.program {
-        Some(program) => roles::row(&program.role),
-        None => Ok(laws::row(&brief.law).map_err(|error| told(&error))?.role),
-    };
-    let parts = Parts {
-        role: role.and_then(|row| row.make(brief)).map_err(|error| told(&error))?,
-        law: Box::new(Unasked),
-        avoidance: avoidance::build(brief).map_err(|error| told(&error))?,
-    };
+    let parts = Parts::with_law(brief, Box::new(Unasked)).map_err(|error| told(&error))?;
     Ok(Brain::with_parts(brief, incarnation, parts))
 }
 

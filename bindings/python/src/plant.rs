@@ -1,8 +1,6 @@
 //! A plant in Python: told what the wheels of everybody are to do, and asked where that leads. Which commands
 //! count, what is sensed and what breaks stays with the plant in Rust, whose motion this is.
 
-use std::error::Error;
-use std::fmt;
 use std::path::PathBuf;
 
 use agent::program::is_of_another_version;
@@ -42,21 +40,9 @@ struct PythonMotion {
     t_s: f64,
 }
 
-/// Why time could not pass, in words.
-#[derive(Debug)]
-struct Failed(String);
-
-impl fmt::Display for Failed {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl Error for Failed {}
-
 impl PythonMotion {
     /// Makes it with the robots of the brief.
-    fn new(class: &Bound<'_, PyAny>, brief: &PlantBrief) -> Result<PythonMotion, Failed> {
+    fn new(class: &Bound<'_, PyAny>, brief: &PlantBrief) -> Result<PythonMotion, String> {
         let py = class.py();
         let made = || -> PyResult<PythonMotion> {
             let robots: Vec<_> =
@@ -66,7 +52,7 @@ impl PythonMotion {
             Ok(PythonMotion { instance: instance.unbind(), method: method.unbind(), t_s: 0.0 })
         };
         made().map_err(|error| {
-            Failed(format!("cannot make the plant {}(robots): {}", name(class), told(py, &error)))
+            format!("cannot make the plant {}(robots): {}", name(class), told(py, &error))
         })
     }
 
@@ -103,10 +89,10 @@ impl PythonMotion {
 }
 
 impl Motion for PythonMotion {
-    type Error = Failed;
+    type Error = String;
 
-    fn step(&mut self, targets: &[Twist], dt_s: f64, states: &mut [State]) -> Result<(), Failed> {
-        Python::attach(|py| self.ask(py, targets, dt_s, states)).map_err(Failed)?;
+    fn step(&mut self, targets: &[Twist], dt_s: f64, states: &mut [State]) -> Result<(), String> {
+        Python::attach(|py| self.ask(py, targets, dt_s, states))?;
         self.t_s += dt_s;
         Ok(())
     }

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use outcome::results::date;
+use outcome::results::{date, manifest};
 use serde::Serialize;
 
 /// More load than this for each core, and the floors are those of a crowd.
@@ -33,27 +33,25 @@ impl Machine {
     pub(crate) fn look() -> Machine {
         let system = rustix::system::uname();
         let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
-        let governor = read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor");
-        let cpuinfo = read("/proc/cpuinfo").unwrap_or_default();
-        let model = cpuinfo.lines().find_map(|line| line.strip_prefix("model name"));
+        let governor =
+            std::fs::read_to_string("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor");
         let unknown = || "unknown".to_owned();
         Machine {
             date: date::in_a_name(seconds),
-            processor: model
-                .map_or_else(unknown, |model| model.trim_start_matches([' ', '\t', ':']).into()),
+            processor: manifest::processor().unwrap_or_else(unknown),
             kernel: [system.sysname(), system.release(), system.machine()]
                 .map(|part| part.to_string_lossy())
                 .join(" "),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
-            governor: governor.map_or_else(unknown, |text| text.trim().into()),
-            load_before: load(),
+            governor: governor.map_or_else(|_| unknown(), |text| text.trim().into()),
+            load_before: manifest::load_average(),
             load_after: None,
         }
     }
 
     /// Looks at the load again.
     pub(crate) fn look_again(&mut self) {
-        self.load_after = Some(load());
+        self.load_after = Some(manifest::load_average());
     }
 
     /// What makes figures from here doubtful.
@@ -89,12 +87,4 @@ impl Machine {
         let _ = writeln!(text, "load average {load_before} before, {after} after");
         text
     }
-}
-
-fn read(path: &str) -> Option<String> {
-    std::fs::read_to_string(path).ok()
-}
-
-fn load() -> String {
-    read("/proc/loadavg").unwrap_or_default().split(' ').take(3).collect::<Vec<_>>().join(" ")
 }

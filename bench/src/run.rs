@@ -7,7 +7,6 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, anyhow, bail};
 use protocol::brief::Pace;
 use protocol::stage::Stage;
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde_json::Value;
 use supervisor::child::{Child, in_words};
 use supervisor::spawn::{Launcher, Role};
@@ -19,7 +18,7 @@ use crate::{LOG_LINES, MEASUREMENT_MAX, Place, write};
 /// A run asked to end has ended its children and removed its files within this.
 const END_MAX: Duration = Duration::from_secs(15);
 /// How often signals are looked for.
-const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
+const LOOK: Duration = Duration::from_millis(50);
 
 /// Who takes processor time.
 pub(crate) const TAKERS: [&str; 3] = ["robots", "plant", "supervisor"];
@@ -91,10 +90,7 @@ impl<'a> Run<'a> {
     pub(crate) fn end(&mut self) -> anyhow::Result<()> {
         let began = Instant::now();
         let status = loop {
-            // An interruption is a turn without news.
-            let pidfd = PollFd::from_borrowed_fd(self.child.pidfd(), PollFlags::IN);
-            let _ = poll(&mut [pidfd], Some(&LOOK));
-            if let Some(status) = self.child.ended() {
+            if let Some(status) = self.child.ended_within(LOOK) {
                 break status;
             }
             self.setting.go_on()?;
@@ -129,10 +125,7 @@ impl Drop for Run<'_> {
     fn drop(&mut self) {
         if self.child.ended().is_none() {
             self.child.terminate();
-            let began = Instant::now();
-            while self.child.ended().is_none() && began.elapsed() < END_MAX {
-                std::thread::sleep(Duration::from_millis(1));
-            }
+            self.child.ended_within(END_MAX);
         }
     }
 }

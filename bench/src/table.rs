@@ -5,7 +5,8 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
-use formation::real;
+use outcome::campaign::statistics::median_of;
+use outcome::report::digits::digits;
 
 use crate::machine::Machine;
 
@@ -139,12 +140,9 @@ struct Spread {
 impl Spread {
     /// Of at least one round.
     fn over(rounds: &[f64]) -> Spread {
-        let mut sorted = rounds.to_vec();
-        sorted.sort_by(f64::total_cmp);
-        let (middle, last) = (sorted.len() / 2, sorted.len() - 1);
-        // Of an even number of rounds the middle of two.
-        let median = 0.5 * (sorted[middle] + sorted[last - middle]);
-        Spread { median, min: sorted[0], max: sorted[last], rounds: rounds.to_vec() }
+        let median = median_of(rounds).expect("at least one round");
+        let [min, max] = [f64::min, f64::max].map(|of| rounds.iter().copied().fold(median, of));
+        Spread { median, min, max, rounds: rounds.to_vec() }
     }
 
     fn shown(&self) -> String {
@@ -252,16 +250,6 @@ impl Report {
     }
 }
 
-/// Three significant digits.
-fn digits(value: f64) -> String {
-    match value.abs() {
-        0.0 => "0".into(),
-        size if size >= 1e4 => format!("{:.1}k", value / 1e3),
-        size if size < 1e-3 => format!("{value:.1e}"),
-        size => format!("{value:.*}", (2 - real::log10(size).floor() as i32).max(0) as usize),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -279,7 +267,7 @@ mod tests {
         let row = &report.rows[0];
         let ratio = row.ratio.as_ref().unwrap();
         assert_eq!((ratio.median, ratio.min, ratio.max, row.ours.median), (10.0, 5.0, 60.0, 30.0));
-        assert!(report.screen().contains("30.0 (10.0-40.0)"), "{}", report.screen());
+        assert!(report.screen().contains("30.00 (10.00-40.00)"), "{}", report.screen());
         assert_eq!(Spread::over(&[9.0, 1.0, 2.0, 4.0]).median, 3.0);
     }
 
@@ -291,14 +279,5 @@ mod tests {
         }
         let differing = table.report(Machine::look(), Vec::new(), Vec::new()).differing();
         assert!(differing.unwrap().contains(r#"("run", "a"), ("mapping", "a"), ("run", "b")"#));
-    }
-
-    #[test]
-    fn figures_keep_three_digits() {
-        for (value, shown) in
-            [(0.0, "0"), (13.26, "13.3"), (0.4567, "0.457"), (123_456.0, "123.5k"), (987.6, "988")]
-        {
-            assert_eq!(digits(value), shown);
-        }
     }
 }

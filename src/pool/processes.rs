@@ -6,7 +6,6 @@ use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
 use protocol::process::{Stop, exit};
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use supervisor::child::{Child, in_words};
 use supervisor::spawn::{Launcher, Role};
 
@@ -16,7 +15,7 @@ use experiment::campaign::file::Campaign;
 use outcome::campaign::folder::{Folder, beside, part_of};
 
 /// How often signals and deadlines are looked for.
-const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
+const LOOK: Duration = Duration::from_millis(50);
 /// A run ends itself at its deadline; one that does not is killed this long after.
 const GRACE: Duration = Duration::from_secs(15);
 const LOG_LINES: usize = 8;
@@ -83,18 +82,12 @@ impl ByProcesses<'_> {
         let began = Instant::now();
         let limit = Duration::from_secs_f64(self.campaign.deadline_s) + GRACE;
         loop {
-            // An interruption is a turn without news.
-            let _ =
-                poll(&mut [PollFd::from_borrowed_fd(child.pidfd(), PollFlags::IN)], Some(&LOOK));
-            if let Some(status) = child.ended() {
+            if let Some(status) = child.ended_within(LOOK) {
                 return Some(status);
             }
             if self.stop.requested() {
                 child.terminate();
-                let asked = Instant::now();
-                while child.ended().is_none() && asked.elapsed() < GRACE {
-                    std::thread::sleep(Duration::from_millis(5));
-                }
+                child.ended_within(GRACE);
                 child.end();
                 return None;
             }

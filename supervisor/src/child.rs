@@ -142,17 +142,27 @@ impl Child {
         }
         self.kill();
         let killed = *self.killed.get_or_init(Instant::now);
-        while let Some(left) = KILLED_MAX.checked_sub(killed.elapsed()) {
-            let left =
+        let ended = self.ended_within(KILLED_MAX.saturating_sub(killed.elapsed()));
+        if ended.is_none() {
+            tracing::warn!(pid = self.pid(), "killed, and does not end: the kernel holds it");
+        }
+        ended
+    }
+
+    /// Waits for its end, and no longer than this; how it ended.
+    pub fn ended_within(&mut self, limit: Duration) -> Option<ExitStatus> {
+        let began = Instant::now();
+        loop {
+            let left = limit.saturating_sub(began.elapsed());
+            let time =
                 Timespec { tv_sec: left.as_secs() as i64, tv_nsec: left.subsec_nanos().into() };
-            let _ = poll(&mut [PollFd::new(&self.pidfd, PollFlags::IN)], Some(&left));
-            if let Some(status) = self.ended() {
-                return Some(status);
+            let _ = poll(&mut [PollFd::new(&self.pidfd, PollFlags::IN)], Some(&time));
+            let ended = self.ended();
+            if ended.is_some() || left.is_zero() {
+                return ended;
             }
             std::thread::sleep(LOOK_EVERY);
         }
-        tracing::warn!(pid = self.pid(), "killed, and does not end: the kernel holds it");
-        None
     }
 
     /// What it took from the machine, once it has ended.

@@ -79,7 +79,6 @@ impl Manifest {
     pub fn collect(scenario: &Scenario, path: &Path, pace: Pace, build: &Build) -> Manifest {
         let system = rustix::system::uname();
         let text = |part: &std::ffi::CStr| part.to_string_lossy().into_owned();
-        let load = fs::read_to_string("/proc/loadavg").unwrap_or_default();
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let started_unix_ns = since_1970.as_nanos() as u64;
         Manifest {
@@ -96,9 +95,9 @@ impl Manifest {
             libc: libc_version(),
             kernel: format!("{} {}", text(system.sysname()), text(system.release())),
             machine: text(system.machine()),
-            processor: processor(&fs::read_to_string("/proc/cpuinfo").unwrap_or_default()),
+            processor: processor(),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
-            load_average: load.split(' ').take(3).collect::<Vec<_>>().join(" "),
+            load_average: load_average(),
             started_unix_ns,
             epoch_unix_ns: match pace {
                 Pace::Lockstep => LOCKSTEP_EPOCH_UNIX_NS,
@@ -120,8 +119,19 @@ fn libc_version() -> Option<String> {
     None
 }
 
+/// Load averages over 1, 5 and 15 minutes; nothing where the kernel tells none.
+pub fn load_average() -> String {
+    let text = fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    text.split(' ').take(3).collect::<Vec<_>>().join(" ")
+}
+
+/// The processor's model, if the kernel tells it.
+pub fn processor() -> Option<String> {
+    named_in(&fs::read_to_string("/proc/cpuinfo").unwrap_or_default())
+}
+
 /// The model that /proc/cpuinfo names; which line does depends on the architecture.
-fn processor(cpuinfo: &str) -> Option<String> {
+fn named_in(cpuinfo: &str) -> Option<String> {
     let value = |name: &str| {
         let mut lines = cpuinfo.lines().filter_map(|line| line.split_once(':'));
         let found = lines.find(|(key, value)| key.trim() == name && !value.trim().is_empty());
@@ -142,9 +152,9 @@ mod tests {
     #[test]
     fn the_processor_is_named_on_every_architecture() {
         let x86 = "processor\t: 0\nmodel\t\t: 85\nmodel name\t: Some CPU @ 2.60GHz\n";
-        assert_eq!(processor(x86).as_deref(), Some("Some CPU @ 2.60GHz"));
+        assert_eq!(named_in(x86).as_deref(), Some("Some CPU @ 2.60GHz"));
         let arm = "processor\t: 0\nCPU implementer\t: 0x41\nCPU part\t: 0xd0c\n";
-        assert_eq!(processor(arm).as_deref(), Some("ARM implementer 0x41, part 0xd0c"));
-        assert_eq!(processor("processor\t: 0\n"), None);
+        assert_eq!(named_in(arm).as_deref(), Some("ARM implementer 0x41, part 0xd0c"));
+        assert_eq!(named_in("processor\t: 0\n"), None);
     }
 }

@@ -20,14 +20,6 @@ use experiment::campaign::cells::Cell;
 use experiment::campaign::file::Campaign;
 use outcome::campaign::folder::{ATTEMPTS_MAX, Folder, attempts, note_failure};
 
-/// Why the runs could not go on.
-#[derive(Debug, thiserror::Error)]
-pub enum PoolError {
-    /// A run was refused that the campaign had found sound, or could not be started at all.
-    #[error("a run failed: {0}")]
-    Run(String),
-}
-
 /// How far it is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Progress {
@@ -92,7 +84,8 @@ fn deal(topology: &Topology, pace: Pace, missing: usize, jobs: Option<usize>) ->
     (0..jobs).map(|job| (job * each..(job + 1) * each).flat_map(threads).collect()).collect()
 }
 
-/// Runs what is missing. `told` hears of each end.
+/// Runs what is missing. `told` hears of each end. Fails with the reason for which a run was refused that the
+/// campaign had found sound, or could not be started at all.
 pub fn run(
     campaign: &Campaign,
     missing: &[&Cell],
@@ -101,7 +94,7 @@ pub fn run(
     stop: &Stop,
     jobs: Option<usize>,
     mut told: impl FnMut(Progress),
-) -> Result<Ended, PoolError> {
+) -> Result<Ended, String> {
     let (began, before_s) = (Instant::now(), processor_s());
     let topology = Topology::of_this_thread().unwrap_or_default();
     let shares = deal(&topology, campaign.pace, missing.len(), jobs);
@@ -141,7 +134,7 @@ pub fn run(
         }
         let wall_s = began.elapsed().as_secs_f64();
         match broken {
-            Some(error) => Err(error),
+            Some(why) => Err(format!("a run failed: {why}")),
             None => Ok(Ended {
                 interrupted: stop.requested(),
                 wall_s,
@@ -188,7 +181,7 @@ enum News {
     /// The machinery of an attempt failed.
     Failure,
     /// Whether a run is done.
-    End(Result<bool, PoolError>),
+    End(Result<bool, String>),
 }
 
 fn keep_on(cores: &[usize]) {
@@ -209,7 +202,7 @@ fn to_its_end(
     way: &dyn Way,
     stop: &Stop,
     news: &mpsc::Sender<News>,
-) -> Result<bool, PoolError> {
+) -> Result<bool, String> {
     let run = folder.run(&cell.id);
     loop {
         let failed_before = attempts(&run).len();
@@ -222,13 +215,13 @@ fn to_its_end(
         let why = match way.attempt(cell) {
             Tried::Done => return Ok(true),
             Tried::Stopped => return Ok(false),
-            Tried::Refused(why) => return Err(PoolError::Run(why)),
+            Tried::Refused(why) => return Err(why),
             Tried::Failed(why) => why,
         };
         let _ = news.send(News::Failure);
         // A run that could say why has done so.
         if attempts(&run).len() == failed_before {
-            note_failure(&run, &why).map_err(|error| PoolError::Run(error.to_string()))?;
+            note_failure(&run, &why).map_err(|error| error.to_string())?;
         }
     }
 }

@@ -24,13 +24,8 @@ pub struct Journal {
 #[derive(Debug, thiserror::Error)]
 pub enum JournalError {
     /// It cannot be read or written.
-    #[error("cannot use {path}: {source}")]
-    Io {
-        /// Which.
-        path: String,
-        /// Why.
-        source: io::Error,
-    },
+    #[error("cannot use {0}: {1}")]
+    Io(String, io::Error),
     /// It is of another scenario, seed, space, or program.
     #[error(
         "{0} is of another hunt: the scenario, the seed, what varies, what is expected or this program is another one; \
@@ -48,7 +43,7 @@ impl Journal {
         expectations: &[String],
     ) -> Result<Journal, JournalError> {
         let path = folder.join(JOURNAL);
-        let failed = |source| JournalError::Io { path: path.display().to_string(), source };
+        let failed = |error| JournalError::Io(path.display().to_string(), error);
         let head = format!("# {identity}\nby,{}\n", expectations.join(","));
         let text = match fs::read_to_string(&path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),

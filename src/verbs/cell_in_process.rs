@@ -119,12 +119,7 @@ pub(super) fn begin(
     keep: Keep,
 ) -> Result<RunDir, RunDirError> {
     let mut run_dir = RunDir::create(part, scenario)?;
-    run_dir.write_scenario(text)?;
-    run_dir.write_manifest(manifest)?;
-    match keep {
-        Keep::Summary => run_dir.record_nothing(),
-        Keep::Failed | Keep::All => run_dir.begin_recording(text, manifest)?,
-    }
+    run_dir.begin(text, manifest, keep != Keep::Summary)?;
     Ok(run_dir)
 }
 

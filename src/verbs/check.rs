@@ -2,7 +2,6 @@
 
 use clap::{Args, ValueEnum};
 use protocol::catalog::Catalog;
-use protocol::process::exit;
 
 use super::scenario::ScenarioArgs;
 use super::screen::{Output, print, print_as};
@@ -39,19 +38,15 @@ impl From<GraphFormat> for Drawing {
     }
 }
 
-pub(super) fn check(args: &CheckArgs, catalog: &Catalog) -> u8 {
-    let Some((scenario, _)) = args.scenario.read(catalog) else {
-        return exit::BAD_SCENARIO;
-    };
+pub(super) fn check(args: &CheckArgs, catalog: &Catalog) -> Result<u8, u8> {
+    let (scenario, _) = args.scenario.read(catalog)?;
     if let Some(drawing) = args.graph {
-        return print(&drawn(&scenario, drawing.into()));
+        return Ok(print(&drawn(&scenario, drawing.into())));
     }
     let theory = Theory::of(&scenario);
-    print_as(
-        args.output,
-        &match args.output {
-            Output::Text => check::report(&scenario, &theory),
-            Output::Json => theory.to_json(),
-        },
-    )
+    let text = match args.output {
+        Output::Text => check::report(&scenario, &theory),
+        Output::Json => theory.to_json(),
+    };
+    Ok(print_as(args.output, &text))
 }

@@ -1,7 +1,6 @@
 //! A sound scenario is run to its end by processes, judged, and written down: for `phalanx run`, for one run of a
 //! campaign, and for `phalanx verify`.
 
-use std::io;
 use std::path::{Path, PathBuf};
 
 use protocol::brief::Pace;
@@ -13,6 +12,7 @@ use supervisor::run::{self, Run, RunError};
 use supervisor::spawn::Launcher;
 use supervisor::view::{Bound, View, ViewError};
 
+use super::Failure;
 use super::fleet::Part;
 use super::screen::{complain, progress, show_progress, tell};
 use experiment::scenario::read::folder;
@@ -28,17 +28,6 @@ use outcome::results::programs::Programs;
 use outcome::results::run_dir::{Place, RunDir, RunDirError};
 use outcome::results::scene::scene;
 use outcome::results::summary;
-
-/// Why a run left no summary.
-#[derive(Debug, thiserror::Error)]
-pub(super) enum NotRun {
-    #[error("cannot handle signals: {0}")]
-    Signals(#[from] io::Error),
-    #[error(transparent)]
-    RunDir(#[from] RunDirError),
-    #[error(transparent)]
-    View(#[from] ViewError),
-}
 
 /// Is given what ends the run early, before it begins.
 type OnStart = Box<dyn FnOnce(&Stop)>;
@@ -159,13 +148,16 @@ pub(super) fn execute(
     manifest: &Manifest,
     place: &Place,
     mut how: How,
-) -> Result<Ended, NotRun> {
-    let stop = Stop::on_signals_twice_at_once()?;
+) -> Result<Ended, Failure> {
+    let stop = Stop::on_signals_twice_at_once()
+        .map_err(|error| format!("cannot handle signals: {error}"))?;
     if let Some(on_start) = how.on_start.take() {
         on_start(&stop);
     }
     let (out, mut run_dir) = place.make(|out| RunDir::create(out, scenario))?;
-    begin(&mut run_dir, text, manifest, &how)?;
+    run_dir.begin(text, manifest, how.recorded && !how.unmeasured)?;
+    run_dir.write_programs(&how.programs)?;
+    how.part.as_ref().map_or(Ok(()), |part| run_dir.write_fleet(&part.text))?;
     let mut metrics = Metrics::new(scenario, how.pace);
     if how.unmeasured {
         metrics.look_away();
@@ -208,27 +200,6 @@ fn failed(
     });
     let last = result.as_ref().err().and_then(RunError::failed_process);
     robots.chain(last.map(|(process, how)| (process.to_owned(), how))).collect()
-}
-
-/// Writes down what is known before the run begins.
-fn begin(
-    run_dir: &mut RunDir,
-    text: &str,
-    manifest: &Manifest,
-    how: &How,
-) -> Result<(), RunDirError> {
-    run_dir.write_scenario(text)?;
-    run_dir.write_manifest(manifest)?;
-    run_dir.write_programs(&how.programs)?;
-    if let Some(part) = &how.part {
-        run_dir.write_fleet(&part.text)?;
-    }
-    if how.recorded && !how.unmeasured {
-        run_dir.begin_recording(text, manifest)?;
-    } else {
-        run_dir.record_nothing();
-    }
-    Ok(())
 }
 
 impl LiveView {

@@ -25,16 +25,14 @@ pub struct ExportArgs {
     allow_damage: bool,
 }
 
-pub(super) fn export(args: &ExportArgs) -> u8 {
+pub(super) fn export(args: &ExportArgs) -> Result<u8, u8> {
     let (file, out) = if args.run.is_dir() {
         (args.run.join(RECORDING), args.run.join("export"))
     } else {
         let stem = args.run.file_stem().unwrap_or_default().to_string_lossy();
         (args.run.clone(), args.run.with_file_name(format!("{stem}-export")))
     };
-    if let Err(code) = must_be_in_its_folder(&file) {
-        return code;
-    }
+    must_be_in_its_folder(&file)?;
     let out = args.out.clone().unwrap_or(out);
     match write_tables(&file, &out, args.allow_damage) {
         Ok(Exported { tables, soundness }) => {
@@ -43,15 +41,15 @@ pub(super) fn export(args: &ExportArgs) -> u8 {
             }
             let rows = |(name, rows): &(&str, u64)| format!("{rows:>9} rows  {name}\n");
             let tables: String = tables.iter().map(rows).collect();
-            print(&format!("{tables}written to {}\n", out.display()))
+            Ok(print(&format!("{tables}written to {}\n", out.display())))
         }
         Err(error) => {
             let code = complain(&error);
-            match error {
+            Err(match error {
                 ExportError::Damaged(..) | ExportError::Message(..) => exit::EXPECTATION_MISSED,
                 ExportError::Write(..) => code,
                 _ => exit::USAGE,
-            }
+            })
         }
     }
 }

@@ -83,7 +83,7 @@ mod with_bridge {
     use protocol::process::exit;
 
     use super::Part;
-    use crate::verbs::screen::{complain, show};
+    use crate::verbs::screen::{complain, misused, unsound};
 
     /// A fleet, and which of its hosts this is.
     pub(in crate::verbs) struct Member {
@@ -93,21 +93,13 @@ mod with_bridge {
 
     impl Member {
         pub(super) fn read(path: &Path, host: &str, insecure: bool) -> Result<Member, u8> {
-            let fleet = fleet::read(path).map_err(|diagnostic| {
-                show(&diagnostic);
-                exit::BAD_SCENARIO
-            })?;
+            let fleet = fleet::read(path).map_err(|why| unsound(&why))?;
             let sound = fleet.host(host).and_then(|here| match insecure {
                 true => Ok(here),
                 false => fleet.must_be_secure().map(|()| here),
             });
-            match sound {
-                Ok(here) => Ok(Member { fleet, here }),
-                Err(error) => {
-                    complain(&error);
-                    Err(exit::USAGE)
-                }
-            }
+            let here = sound.map_err(|error| misused(&error))?;
+            Ok(Member { fleet, here })
         }
 
         /// What it sets in the scenario: H has room for the latency between hosts.
@@ -137,21 +129,15 @@ mod without_bridge {
     use std::path::Path;
 
     use experiment::scenario::Scenario;
-    use protocol::process::exit;
 
     use super::Part;
-    use crate::verbs::screen::complain;
 
     /// There is none.
     pub(in crate::verbs) enum Member {}
 
     impl Member {
         pub(super) fn read(_: &Path, _: &str, _: bool) -> Result<Member, u8> {
-            complain(
-                &"this phalanx was built for one host: expected one built with `--features bridge`, as by \
-                  `cargo install --path . --features bridge`",
-            );
-            Err(exit::USAGE)
+            Err(crate::verbs::needs_bridge())
         }
 
         pub(in crate::verbs) fn set(&self) -> Vec<String> {

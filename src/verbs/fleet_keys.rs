@@ -35,52 +35,32 @@ struct KeysArgs {
 }
 
 /// Does it.
-pub(super) fn fleet(args: &FleetVerbArgs) -> u8 {
+pub(super) fn fleet(args: &FleetVerbArgs) -> Result<u8, u8> {
     match &args.act {
         Act::Keys(args) => keys(args),
     }
 }
 
 #[cfg(feature = "bridge")]
-fn keys(args: &KeysArgs) -> u8 {
+fn keys(args: &KeysArgs) -> Result<u8, u8> {
     use bridge::certificates::{self, CertificatesError, Validity};
     use bridge::fleet;
-    use protocol::process::exit;
 
-    use super::screen::{complain, print, show};
+    use super::screen::{complain, misused, print, unsound};
 
-    let fleet = match fleet::read(&args.fleet) {
-        Ok(fleet) => fleet,
-        Err(diagnostic) => {
-            show(&diagnostic);
-            return exit::BAD_SCENARIO;
-        }
-    };
-    match certificates::make(&fleet, Validity::of_days(args.days)) {
-        Ok(files) => {
-            let mut told = String::new();
-            for path in files {
-                told += &format!("{}\n", path.display());
-            }
-            print(&format!(
-                "{told}\neach host needs ca.pem, and its own HOST.pem and HOST.key, which nobody else may have\n"
-            ))
-        }
-        Err(error) => {
-            let code = complain(&error);
-            match error {
-                CertificatesError::NoFolder | CertificatesError::Exists(..) => exit::USAGE,
-                _ => code,
-            }
-        }
-    }
+    let fleet = fleet::read(&args.fleet).map_err(|why| unsound(&why))?;
+    let made = certificates::make(&fleet, Validity::of_days(args.days));
+    let files = made.map_err(|error| match error {
+        CertificatesError::NoFolder | CertificatesError::Exists(..) => misused(&error),
+        _ => complain(&error),
+    })?;
+    let told: String = files.iter().map(|path| format!("{}\n", path.display())).collect();
+    Ok(print(&format!(
+        "{told}\neach host needs ca.pem, and its own HOST.pem and HOST.key, which nobody else may have\n"
+    )))
 }
 
 #[cfg(not(feature = "bridge"))]
-fn keys(_: &KeysArgs) -> u8 {
-    super::screen::complain(
-        &"this phalanx was built for one host: expected one built with `--features bridge`, as by \
-          `cargo install --path . --features bridge`",
-    );
-    protocol::process::exit::USAGE
+fn keys(_: &KeysArgs) -> Result<u8, u8> {
+    Err(super::needs_bridge())
 }

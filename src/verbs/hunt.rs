@@ -127,7 +127,7 @@ impl From<NotJudged> for HuntError {
 }
 
 pub(super) fn hunt(args: &HuntArgs, catalog: &Catalog, build: &Build) -> u8 {
-    let Some((scenario, text)) = args.scenario.read(catalog) else { return exit::BAD_SCENARIO };
+    let Ok((scenario, text)) = args.scenario.read(catalog) else { return exit::BAD_SCENARIO };
     let refused = |why: &dyn std::fmt::Display| {
         complain(why);
         exit::USAGE

@@ -42,12 +42,24 @@ use std::path::Path;
 use clap::Subcommand;
 use experiment::scenario::file::stays_in;
 use protocol::catalog::Catalog;
-use protocol::process::{exit, fail_at_file_size_limits, quiet_iceoryx2};
+use protocol::process::{fail_at_file_size_limits, quiet_iceoryx2};
 
 use outcome::results::manifest::Build;
 use supervisor::spawn::Launcher;
 
 pub(crate) use screen::print;
+
+/// Why a verb could not go on.
+type Failure = Box<dyn std::error::Error>;
+
+/// Says of what is about several hosts, or about ROS 2, that it is not built in.
+#[cfg(not(feature = "bridge"))]
+fn needs_bridge() -> u8 {
+    screen::misused(
+        &"this phalanx was built for one host and without ROS 2: expected one built with `--features bridge`, as by \
+          `cargo install --path . --features bridge`",
+    )
+}
 
 /// The supervisor's verbs.
 #[derive(Debug, Subcommand)]
@@ -87,27 +99,28 @@ pub fn main(verb: &Verb, catalog: &Catalog, launcher: &Launcher, build: &Build) 
     screen::log_to_stderr();
     quiet_iceoryx2();
     fail_at_file_size_limits();
-    match verb {
-        Verb::New(args) => new::new(args, catalog),
-        Verb::Run(args) => run::run(args, catalog, launcher.clone(), build),
+    let ended = match verb {
+        Verb::New(args) => Ok(new::new(args, catalog)),
+        Verb::Run(args) => args.run(catalog, launcher.clone(), build),
         Verb::Sweep(args) => sweep::sweep(args, catalog, launcher, build),
-        Verb::Hunt(args) => hunt::hunt(args, catalog, build),
+        Verb::Hunt(args) => Ok(hunt::hunt(args, catalog, build)),
         Verb::Check(args) => check::check(args, catalog),
-        Verb::Schema(args) => schema::schema(args, catalog),
+        Verb::Schema(args) => Ok(schema::schema(args, catalog)),
         Verb::Report(args) => report::report(args, catalog),
-        Verb::Doctor(args) => doctor::doctor(args),
-        Verb::Clean(args) => clean::clean(args),
+        Verb::Doctor(args) => Ok(doctor::doctor(args)),
+        Verb::Clean(args) => Ok(clean::clean(args)),
         Verb::Recover(args) => recover::recover(args),
         Verb::Export(args) => export::export(args),
         Verb::Fleet(args) => fleet_keys::fleet(args),
         Verb::Verify(args) => verify::verify(args, catalog, launcher.clone(), build),
-    }
+    };
+    // What went wrong was said.
+    ended.unwrap_or_else(|code| code)
 }
 
 /// Refuses a recording that is not there, or is a link that leads out of its folder.
 fn must_be_in_its_folder(recording: &Path) -> Result<(), u8> {
     stays_in(recording.parent().unwrap_or(recording), recording).map_err(|error| {
-        screen::complain(&format_args!("cannot read {}: {error}", recording.display()));
-        exit::USAGE
+        screen::misused(&format_args!("cannot read {}: {error}", recording.display()))
     })
 }

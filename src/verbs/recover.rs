@@ -7,7 +7,7 @@ use outcome::recording::recover::{Outcome, RecoverError, recover as rebuild};
 use protocol::process::exit;
 
 use super::must_be_in_its_folder;
-use super::screen::{complain, print};
+use super::screen::{complain, misused, print};
 
 /// Arguments of `phalanx recover`.
 #[derive(Debug, Args)]
@@ -19,10 +19,8 @@ pub struct RecoverArgs {
     out: Option<PathBuf>,
 }
 
-pub(super) fn recover(args: &RecoverArgs) -> u8 {
-    if let Err(code) = must_be_in_its_folder(&args.file) {
-        return code;
-    }
+pub(super) fn recover(args: &RecoverArgs) -> Result<u8, u8> {
+    must_be_in_its_folder(&args.file)?;
     let out = args.out.clone().unwrap_or_else(|| args.file.with_extension("recovered.mcap"));
     match rebuild(&args.file, &out) {
         Ok(Outcome::Whole { checked }) => {
@@ -32,17 +30,15 @@ pub(super) fn recover(args: &RecoverArgs) -> u8 {
                     ", as far as its checksums reach; an earlier version wrote it, and metadata and indexes have none"
                 }
             };
-            print(&format!("{} is whole{limit}: nothing to recover\n", args.file.display()))
+            Ok(print(&format!("{} is whole{limit}: nothing to recover\n", args.file.display())))
         }
         Ok(Outcome::Recovered(recovered)) => {
             match print(&format!("{recovered}written to {}\n", out.display())) {
-                exit::OK if recovered.is_damaged() => exit::EXPECTATION_MISSED,
-                code => code,
+                exit::OK if recovered.is_damaged() => Err(exit::EXPECTATION_MISSED),
+                code => Ok(code),
             }
         }
-        Err(error) => {
-            let code = complain(&error);
-            if matches!(error, RecoverError::Write(..)) { code } else { exit::USAGE }
-        }
+        Err(error @ RecoverError::Write(..)) => Err(complain(&error)),
+        Err(error) => Err(misused(&error)),
     }
 }

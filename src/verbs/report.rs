@@ -6,7 +6,7 @@ use clap::Args;
 use protocol::catalog::Catalog;
 use protocol::process::exit;
 
-use super::screen::{complain, print, show};
+use super::screen::{complain, misused, print, unsound};
 use experiment::scenario::read::{Overrides, read};
 use outcome::results::page::{self, Written};
 
@@ -20,37 +20,26 @@ pub struct ReportArgs {
     animate: Option<PathBuf>,
 }
 
-pub(super) fn report(ReportArgs { run_dir, animate }: &ReportArgs, catalog: &Catalog) -> u8 {
-    let scenario = match page::scenario_path(run_dir) {
-        Ok(scenario) => scenario,
-        Err(error) => {
-            complain(&error);
-            return exit::USAGE;
-        }
-    };
+pub(super) fn report(
+    ReportArgs { run_dir, animate }: &ReportArgs,
+    catalog: &Catalog,
+) -> Result<u8, u8> {
+    let scenario = page::scenario_path(run_dir).map_err(|error| misused(&error))?;
     // Its warnings were shown when it ran.
-    let (scenario, ..) = match read(&scenario, &Overrides::default(), catalog) {
-        Ok(read) => read,
-        Err(diagnostic) => {
-            show(&diagnostic);
-            return exit::BAD_SCENARIO;
-        }
-    };
+    let (scenario, ..) =
+        read(&scenario, &Overrides::default(), catalog).map_err(|why| unsound(&why))?;
     let written = page::write(run_dir, &scenario).and_then(|written| {
         let animated = animate.as_ref().map(|path| page::animate(run_dir, &scenario, path));
         animated.transpose().map(|_| written)
     });
-    match written {
-        Ok(Written { path, cut_short, damage, is_checked }) => {
-            let unchecked = (cut_short.is_none() && !is_checked)
-                .then_some("its tables have no checksums to hold them against");
-            let why = cut_short.or(unchecked);
-            let why = why.map_or(String::new(), |why| format!("{}: {why}\n", scenario.name));
-            let printed = print(&format!("{why}written to {}\n", path.display()));
-            let Some(damage) = damage else { return printed };
-            complain(&format_args!("{}: {damage}; the report says so, too", run_dir.display()));
-            exit::EXPECTATION_MISSED
-        }
-        Err(error) => complain(&error),
-    }
+    let Written { path, cut_short, damage, is_checked } =
+        written.map_err(|error| complain(&error))?;
+    let unchecked = (cut_short.is_none() && !is_checked)
+        .then_some("its tables have no checksums to hold them against");
+    let why = cut_short.or(unchecked);
+    let why = why.map_or(String::new(), |why| format!("{}: {why}\n", scenario.name));
+    let printed = print(&format!("{why}written to {}\n", path.display()));
+    let Some(damage) = damage else { return Ok(printed) };
+    complain(&format_args!("{}: {damage}; the report says so, too", run_dir.display()));
+    Err(exit::EXPECTATION_MISSED)
 }

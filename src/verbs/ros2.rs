@@ -8,10 +8,9 @@ use clap::Args;
 use experiment::scenario::Scenario;
 use formation::front_point::front_point;
 use protocol::law::Reference;
-use protocol::process::exit;
 use protocol::ros2::{GoalBrief, Ros2Brief};
 
-use super::screen::complain;
+use super::screen::misused;
 
 /// Where the router of rmw_zenoh is, if nobody says otherwise.
 const ROUTER: &str = "127.0.0.1:7447";
@@ -95,7 +94,8 @@ impl Ros2Args {
     ) -> Result<Option<Ros2Brief>, u8> {
         let Some(endpoint) = self.ros2 else { return Ok(None) };
         if !realtime {
-            return refused("--ros2 is for --pace realtime: in lockstep time is not that of ROS");
+            let why = "--ros2 is for --pace realtime: in lockstep time is not that of ROS";
+            return Err(misused(&why));
         }
         let domain = match (self.ros2_domain, std::env::var("ROS_DOMAIN_ID")) {
             (Some(domain), _) => domain,
@@ -103,9 +103,9 @@ impl Ros2Args {
             (None, Ok(word)) => match word.parse().ok().filter(|&domain| domain <= DOMAIN_MAX) {
                 Some(domain) => domain,
                 None => {
-                    return refused(&format!(
+                    return Err(misused(&format_args!(
                         "ROS_DOMAIN_ID is {word:?}, expected a number from 0 to {DOMAIN_MAX}"
-                    ));
+                    )));
                 }
             },
         };
@@ -121,11 +121,6 @@ impl Ros2Args {
     }
 }
 
-fn refused<T>(why: &str) -> Result<T, u8> {
-    complain(&why);
-    Err(exit::USAGE)
-}
-
 #[cfg(feature = "bridge")]
 fn brief(scenario: &Scenario, at: Endpoint, domain: u32, hz: f64) -> Result<Ros2Brief, u8> {
     use std::net::TcpListener;
@@ -133,17 +128,18 @@ fn brief(scenario: &Scenario, at: Endpoint, domain: u32, hz: f64) -> Result<Ros2
 
     use bridge::ros2::names;
 
+    use super::screen::complain;
+
     let Endpoint { address, listens } = at;
     let robots: Vec<String> = scenario.robots.iter().map(|robot| robot.name.clone()).collect();
     if let Some(name) = robots.iter().find(|name| !names::is_valid(name)) {
-        return refused(&format!(
+        return Err(misused(&format_args!(
             "{name} is no name for ROS 2: expected letters, digits and single underscores, and no digit first"
-        ));
+        )));
     }
     // Before anything is written or spawned: the port may be taken.
     if listens && let Err(error) = TcpListener::bind(address) {
-        complain(&format_args!("cannot listen at {address}: {error}"));
-        return Err(exit::INFRASTRUCTURE);
+        return Err(complain(&format_args!("cannot listen at {address}: {error}")));
     }
     Ok(Ros2Brief {
         format: protocol::brief::Format,
@@ -162,10 +158,7 @@ fn brief(scenario: &Scenario, at: Endpoint, domain: u32, hz: f64) -> Result<Ros2
 
 #[cfg(not(feature = "bridge"))]
 fn brief(_: &Scenario, _: Endpoint, _: u32, _: f64) -> Result<Ros2Brief, u8> {
-    refused(
-        "this phalanx was built without ROS 2: expected one built with `--features bridge`, as by `cargo install \
-         --path . --features bridge`",
-    )
+    Err(super::needs_bridge())
 }
 
 #[cfg(test)]

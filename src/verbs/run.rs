@@ -12,11 +12,11 @@ use supervisor::spawn::Launcher;
 use supervisor::view::ViewError;
 
 use super::cell::{self, CellArgs};
-use super::execute::{Ended, How, LiveView, NotRun, execute, read_programs};
+use super::execute::{Ended, How, LiveView, execute, read_programs};
 use super::fleet::{FleetArgs, Member, must_be_of_one_host};
 use super::ros2::Ros2Args;
 use super::scenario::ScenarioArgs;
-use super::screen::{Output, complain, print, print_as, tell};
+use super::screen::{Output, complain, misused, print, print_as, tell};
 use super::share;
 use experiment::scenario::Scenario;
 use outcome::results::checksums;
@@ -85,18 +85,18 @@ enum PaceArg {
     Realtime,
 }
 
-/// Runs what the command line names; the exit code.
-pub(super) fn run(args: &RunArgs, catalog: &Catalog, launcher: Launcher, build: &Build) -> u8 {
-    args.run(catalog, launcher, build).unwrap_or_else(|code| code)
-}
-
 impl RunArgs {
-    /// The exit code either way; an error came before any process.
-    fn run(&self, catalog: &Catalog, launcher: Launcher, build: &Build) -> Result<u8, u8> {
+    /// Runs what the command line names; the exit code either way. An error came before any process.
+    pub(super) fn run(
+        &self,
+        catalog: &Catalog,
+        launcher: Launcher,
+        build: &Build,
+    ) -> Result<u8, u8> {
         self.must_fit_together()?;
         let fleet = self.fleet.read(self.insecure)?;
         let set = fleet.as_ref().map_or(Vec::new(), Member::set);
-        let (scenario, text) = self.scenario.read_with(&set, catalog).ok_or(exit::BAD_SCENARIO)?;
+        let (scenario, text) = self.scenario.read_with(&set, catalog)?;
         let part = match fleet {
             Some(fleet) => Some(fleet.part(&scenario, &text)?),
             None => must_be_of_one_host(&scenario).map(|()| None)?,
@@ -117,10 +117,10 @@ impl RunArgs {
         {
             if self.view.is_some() || ros2.is_some() {
                 let why = "--view and --ros2 are for the plant's host, which sees all of the run";
-                return Err(usage(why));
+                return Err(misused(&why));
             }
             let place = self.place(&scenario, self.fleet.host.as_deref());
-            return Ok(share::run(&scenario, &text, part, &programs, &place, &launcher));
+            return share::run(&scenario, &text, part, &programs, &place, &launcher);
         }
         let how = How { part, ..How::new(pace, launcher, programs) };
         if let Some(cell) = &self.campaign.cell {
@@ -129,10 +129,12 @@ impl RunArgs {
             return Ok(cell::run(&self.campaign, cell, &scenario, &text, &manifest, how));
         }
         let how = How { unmeasured: self.unmeasured, live_view, ros2, ..how };
-        match execute(&scenario, &text, &manifest, &self.place(&scenario, None), how) {
-            Ok(ended) => Ok(self.tell(&scenario, &ended)),
-            Err(error) => Err(refused(&error)),
-        }
+        let ended = execute(&scenario, &text, &manifest, &self.place(&scenario, None), how);
+        let ended = ended.map_err(|error| match error.downcast_ref() {
+            Some(RunDirError::Exists(_)) => misused(&error),
+            _ => complain(&error),
+        })?;
+        Ok(self.tell(&scenario, &ended))
     }
 
     /// Refuses options that contradict each other.
@@ -154,7 +156,7 @@ impl RunArgs {
             ),
         ];
         match contradictions.iter().find(|(contradicts, _)| *contradicts) {
-            Some((_, why)) => Err(usage(why)),
+            Some((_, why)) => Err(misused(why)),
             None => Ok(()),
         }
     }
@@ -169,14 +171,11 @@ impl RunArgs {
     /// Takes the port at which people may look at the run.
     fn live_view(&self) -> Result<Option<LiveView>, u8> {
         let bound = self.view.map(|address| supervisor::view::bind(address, self.insecure));
-        match bound.transpose() {
-            Ok(bound) => {
-                let control = self.view_control;
-                Ok(bound.map(|bound| LiveView { bound, control }))
-            }
-            Err(error @ ViewError::NotLoopback(_)) => Err(usage(&error.to_string())),
-            Err(error) => Err(complain(&error)),
-        }
+        let bound = bound.transpose().map_err(|error| match error {
+            ViewError::NotLoopback(_) => misused(&error),
+            _ => complain(&error),
+        })?;
+        Ok(bound.map(|bound| LiveView { bound, control: self.view_control }))
     }
 
     /// With the priority that was asked for, if it is granted; the manifest says whether it was.
@@ -241,16 +240,4 @@ impl RunArgs {
             code => code,
         }
     }
-}
-
-/// Says what is wrong with the command line.
-fn usage(why: &str) -> u8 {
-    complain(&why);
-    exit::USAGE
-}
-
-/// Says why nothing was run.
-fn refused(error: &NotRun) -> u8 {
-    let code = complain(error);
-    if matches!(error, NotRun::RunDir(RunDirError::Exists(_))) { exit::USAGE } else { code }
 }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use protocol::catalog::Catalog;
 
-use super::screen::show;
+use super::screen::{show, unsound};
 use experiment::scenario::Scenario;
 use experiment::scenario::read::{Overrides, read_to_run};
 
@@ -27,8 +27,8 @@ pub(super) struct ScenarioArgs {
 }
 
 impl ScenarioArgs {
-    /// The scenario with its effective text; what is wrong with it is shown.
-    pub(super) fn read(&self, catalog: &Catalog) -> Option<(Scenario, String)> {
+    /// The scenario with its effective text; what is wrong with it is shown, with an exit code.
+    pub(super) fn read(&self, catalog: &Catalog) -> Result<(Scenario, String), u8> {
         self.read_with(&[], catalog)
     }
 
@@ -37,18 +37,12 @@ impl ScenarioArgs {
         &self,
         also: &[String],
         catalog: &Catalog,
-    ) -> Option<(Scenario, String)> {
+    ) -> Result<(Scenario, String), u8> {
         let set = self.set.iter().chain(also).cloned().collect();
         let overrides = Overrides { set, faults: self.fault.clone(), seed: self.seed };
-        match read_to_run(&self.path, &overrides, catalog) {
-            Ok((scenario, text, warnings)) => {
-                warnings.iter().for_each(show);
-                Some((scenario, text))
-            }
-            Err(diagnostic) => {
-                show(&diagnostic);
-                None
-            }
-        }
+        let (scenario, text, warnings) =
+            read_to_run(&self.path, &overrides, catalog).map_err(|why| unsound(&why))?;
+        warnings.iter().for_each(show);
+        Ok((scenario, text))
     }
 }

@@ -67,6 +67,18 @@ pub(super) fn show(diagnostic: &Diagnostic) {
     let _ = writeln!(Stderr, "{}", diagnostic.render(in_color()));
 }
 
+/// Says what is wrong with the command line, or with what it names; the exit code.
+pub(super) fn misused(error: &dyn Display) -> u8 {
+    complain(error);
+    exit::USAGE
+}
+
+/// Shows why a file is no sound scenario, or none of its kind; the exit code.
+pub(super) fn unsound(diagnostic: &Diagnostic) -> u8 {
+    show(diagnostic);
+    exit::BAD_SCENARIO
+}
+
 /// Says something that is neither result nor complaint.
 pub(super) fn tell(line: &str) {
     let _ = writeln!(Stderr, "{}", visible::lines(line));

@@ -13,7 +13,7 @@ use supervisor::run::hosts::share::{self, Ended};
 use supervisor::spawn::Launcher;
 
 use super::fleet::Part;
-use super::screen::{complain, print, tell};
+use super::screen::{complain, misused, print, tell};
 
 /// Runs this host's share into a new directory; the exit code.
 pub(super) fn run(
@@ -23,11 +23,9 @@ pub(super) fn run(
     programs: &Programs,
     place: &Place,
     launcher: &Launcher,
-) -> u8 {
-    let stop = match Stop::on_signals_twice_at_once() {
-        Ok(stop) => stop,
-        Err(error) => return complain(&format_args!("cannot handle signals: {error}")),
-    };
+) -> Result<u8, u8> {
+    let stop = Stop::on_signals_twice_at_once()
+        .map_err(|error| complain(&format_args!("cannot handle signals: {error}")))?;
     let make = |out: &Path| {
         let host_dir = HostDir::make(out)?;
         host_dir.write_scenario(text)?;
@@ -38,24 +36,21 @@ pub(super) fn run(
         made.1.write_programs(programs)?;
         Ok(made)
     });
-    let (out, host_dir) = match made {
-        Ok(made) => made,
-        Err(error) => {
-            let code = complain(&error);
-            return if matches!(error, RunDirError::Exists(_)) { exit::USAGE } else { code };
-        }
-    };
+    let (out, host_dir) = made.map_err(|error| match error {
+        RunDirError::Exists(_) => misused(&error),
+        _ => complain(&error),
+    })?;
     let (here, plant) = (part.brief.here, part.brief.plant);
     let name = |host: usize| part.brief.hosts[host].name.clone();
     let (here, plant) = (name(here), name(plant));
     tell(&format!("host {here}: waiting for {plant}, which has the plant"));
     match share::run(scenario, part.brief.clone(), launcher, &host_dir, &stop) {
-        Ok(Ended::WithTheRun) => print(&format!(
+        Ok(Ended::WithTheRun) => Ok(print(&format!(
             "{}, host {here}: the run is over; what came out is on {plant}\nlogs are in {}\n",
             scenario.name,
             out.display()
-        )),
-        Ok(Ended::Interrupted) | Err(RunError::Interrupted { .. }) => exit::INTERRUPTED,
-        Err(error) => complain(&error),
+        ))),
+        Ok(Ended::Interrupted) | Err(RunError::Interrupted { .. }) => Err(exit::INTERRUPTED),
+        Err(error) => Err(complain(&error)),
     }
 }

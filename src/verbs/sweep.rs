@@ -22,8 +22,11 @@ use protocol::catalog::Catalog;
 use protocol::process::{Stop, exit};
 
 use self::numbers::Numbers;
+use super::Failure;
 use super::cell_in_process::InProcess;
-use super::screen::{ProgressLines, complain, print, runs_done, runs_progress, show, tell};
+use super::screen::{
+    ProgressLines, complain, misused, print, runs_done, runs_progress, show, tell, unsound,
+};
 use outcome::results::manifest::Build;
 use outcome::results::page::command_line;
 use supervisor::spawn::Launcher;
@@ -67,80 +70,47 @@ pub struct SweepArgs {
     collect: bool,
 }
 
-pub(super) fn sweep(args: &SweepArgs, catalog: &Catalog, launcher: &Launcher, build: &Build) -> u8 {
-    let campaign = match file::read(&args.path, catalog) {
-        Ok(campaign) => campaign,
-        Err(diagnostic) => {
-            show(&diagnostic);
-            return exit::BAD_SCENARIO;
-        }
-    };
+pub(super) fn sweep(
+    args: &SweepArgs,
+    catalog: &Catalog,
+    launcher: &Launcher,
+    build: &Build,
+) -> Result<u8, u8> {
+    let campaign = file::read(&args.path, catalog).map_err(|why| unsound(&why))?;
     if args.in_process && campaign.pace == Pace::Realtime {
-        complain(
+        return Err(misused(
             &"--in-process is for pace = \"lockstep\": in real time a run is its processes, so leave the \
               option out",
-        );
-        return exit::USAGE;
+        ));
     }
     if args.in_process && args.emit_commands && args.chunk.is_none() {
-        complain(
-            &"a command line of one run is of its processes: with --in-process add --chunk RUNS",
-        );
-        return exit::USAGE;
+        let why =
+            "a command line of one run is of its processes: with --in-process add --chunk RUNS";
+        return Err(misused(&why));
     }
-    let all = campaign.runs();
+    let (name, all) = (&campaign.name, campaign.runs());
     if let Some(only) = args.only.as_ref().filter(|only| only.largest() > all) {
-        complain(&format_args!("{} has {all} runs, and --only asks for {only}", campaign.name));
-        return exit::USAGE;
+        return Err(misused(&format_args!("{name} has {all} runs, and --only asks for {only}")));
     }
-    let executable = match cells::executable() {
-        Ok(executable) => executable,
-        Err(error) => return complain(&format_args!("cannot read the executable: {error}")),
-    };
+    let executable = cells::executable()
+        .map_err(|error| complain(&format_args!("cannot read the executable: {error}")))?;
     let wanted = |number| args.only.as_ref().is_none_or(|only| only.contain(number));
-    let cells = match cells::cells(&campaign, catalog, &executable, wanted) {
-        Ok(cells) => cells,
-        Err(error) => {
-            match &error {
-                CellError::Scenario { diagnostic, run } => {
-                    show(diagnostic);
-                    tell(run);
-                }
-                CellError::Starts { .. } | CellError::Program { .. } => {
-                    complain(&error);
-                }
-            }
-            return exit::BAD_SCENARIO;
+    let cells = cells::cells(&campaign, catalog, &executable, wanted).map_err(|error| {
+        if let CellError::Scenario { diagnostic, run } = &error {
+            show(diagnostic);
+            tell(run);
+        } else {
+            complain(&error);
         }
-    };
+        exit::BAD_SCENARIO
+    })?;
     let out = args.out.clone().unwrap_or_else(|| Path::new(CAMPAIGNS).join(&campaign.name));
     let origin = Origin { build, executable: &executable };
-    match go(args, &campaign, &cells, &out, launcher, catalog, &origin) {
-        Ok(code) => code,
-        Err(error) => {
-            let code = complain(&error);
-            if matches!(error, SweepError::Locked(LockError::Held { .. })) {
-                exit::USAGE
-            } else {
-                code
-            }
-        }
-    }
-}
-
-/// Why a campaign could not go on; runs that are done are kept.
-#[derive(Debug, thiserror::Error)]
-enum SweepError {
-    #[error(transparent)]
-    Folder(#[from] FolderError),
-    #[error(transparent)]
-    Locked(#[from] LockError),
-    #[error(transparent)]
-    Pool(#[from] pool::PoolError),
-    #[error("cannot handle signals: {0}")]
-    Signals(std::io::Error),
-    #[error("cannot say where the executable and the campaign file are: {0}")]
-    Paths(std::io::Error),
+    let ended = go(args, &campaign, &cells, &out, launcher, catalog, &origin);
+    ended.map_err(|error| match error.downcast_ref() {
+        Some(LockError::Held(..)) => misused(&error),
+        _ => complain(&error),
+    })
 }
 
 fn go(
@@ -151,8 +121,9 @@ fn go(
     launcher: &Launcher,
     catalog: &Catalog,
     origin: &Origin<'_>,
-) -> Result<u8, SweepError> {
-    let stop = Stop::on_signals_twice_at_once().map_err(SweepError::Signals)?;
+) -> Result<u8, Failure> {
+    let stop = Stop::on_signals_twice_at_once()
+        .map_err(|error| format!("cannot handle signals: {error}"))?;
     let folder = Folder::open(out)?;
     if args.retry {
         folder.forgive(cells);
@@ -226,8 +197,10 @@ fn commands(
     campaign: &Campaign,
     missing: &[&Cell],
     folder: &Folder,
-) -> Result<String, SweepError> {
-    let executable = std::env::current_exe().map_err(SweepError::Paths)?;
+) -> Result<String, Failure> {
+    let unknown =
+        |error| format!("cannot say where the executable and the campaign file are: {error}");
+    let executable = std::env::current_exe().map_err(unknown)?;
     let text = |path: &Path| path.to_string_lossy().into_owned();
     let line =
         |words: Vec<String>| command_line([text(&executable)].into_iter().chain(words)) + "\n";
@@ -236,7 +209,7 @@ fn commands(
         return Ok(words.map(line).collect());
     };
     // Whoever runs it from wherever.
-    let path = campaign.path.canonicalize().map_err(SweepError::Paths)?;
+    let path = campaign.path.canonicalize().map_err(unknown)?;
     let chunks = missing.chunks(chunk.get()).map(|chunk| {
         let numbers: Numbers = chunk.iter().map(|cell| cell.number).collect();
         let mut words = vec!["sweep".into(), text(&path), "--out".into(), text(folder.path())];
@@ -338,7 +311,7 @@ fn run(
     folder: &Folder,
     way: &dyn Way,
     stop: &Stop,
-) -> Result<Ended, SweepError> {
+) -> Result<Ended, Failure> {
     folder.tidy();
     if campaign.pace == Pace::Realtime {
         tell("one run at a time: in real time several would take each other's processor time");

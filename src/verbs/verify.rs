@@ -7,7 +7,7 @@ use protocol::catalog::Catalog;
 use protocol::process::exit;
 
 use super::execute::{read_programs, run_again};
-use super::screen::{Output, complain, print, print_as, show};
+use super::screen::{Output, complain, misused, print, print_as, unsound};
 use experiment::scenario::read::{Overrides, read_to_run};
 use outcome::results::compare::{Comparison, NotRepeatable, repeatable};
 use outcome::results::manifest::Build;
@@ -49,63 +49,44 @@ pub(super) fn verify(
     catalog: &Catalog,
     launcher: Launcher,
     build: &Build,
-) -> u8 {
+) -> Result<u8, u8> {
     let run_dir = &args.run_dir;
-    let scenario = match page::scenario_path(run_dir) {
-        Ok(scenario) => scenario,
-        Err(error) => {
-            complain(&error);
-            return exit::USAGE;
-        }
-    };
-    if let Err(error) = repeatable(run_dir) {
-        let code = complain(&error);
-        let unreadable = matches!(error, NotRepeatable::Unreadable { .. });
-        return if unreadable { code } else { exit::USAGE };
-    }
-    let path = scenario;
-    let (scenario, text, _) = match read_to_run(&path, &Overrides::default(), catalog) {
-        Ok(read) => read,
-        Err(diagnostic) => {
-            show(&diagnostic);
-            return exit::BAD_SCENARIO;
-        }
-    };
+    let path = page::scenario_path(run_dir).map_err(|error| misused(&error))?;
+    repeatable(run_dir).map_err(|error| match error {
+        NotRepeatable::Unreadable(..) => complain(&error),
+        _ => misused(&error),
+    })?;
+    let (scenario, text, _) =
+        read_to_run(&path, &Overrides::default(), catalog).map_err(|why| unsound(&why))?;
     if let Some(program) = scenario.programs().next().filter(|_| !args.allow_programs) {
-        complain(&format_args!(
+        return Err(misused(&format_args!(
             "{} runs a program of its own, {}: whoever wrote the directory decides what it \
              does; look at programs/, then give --allow-programs",
             run_dir.display(),
             program.words.join(" ")
-        ));
-        return exit::USAGE;
+        )));
     }
-    let Some(programs) = read_programs(&scenario, &path) else {
-        return exit::INFRASTRUCTURE;
-    };
+    let programs = read_programs(&scenario, &path).ok_or(exit::INFRASTRUCTURE)?;
     let name = run_dir.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let beside = run_dir.with_file_name(format!("{name}-again-{}", std::process::id()));
     let out = args.out.clone().unwrap_or_else(|| beside.clone());
     if out.exists() {
-        complain(&format_args!("{} exists already; give --out a new name", out.display()));
-        return exit::USAGE;
+        let out = out.display();
+        return Err(misused(&format_args!("{out} exists already; give --out a new name")));
     }
     let _scratch = Scratch(args.out.is_none().then_some(beside));
     if !run_again(&scenario, &text, programs, &out, launcher, build) {
-        return exit::INFRASTRUCTURE;
+        return Err(exit::INFRASTRUCTURE);
     }
-    let comparison = match Comparison::of(run_dir, &out) {
-        Ok(comparison) => comparison,
-        Err(error) => {
-            return complain(&format_args!("cannot compare {}: {error}", run_dir.display()));
-        }
-    };
+    let comparison = Comparison::of(run_dir, &out).map_err(|error| {
+        complain(&format_args!("cannot compare {}: {error}", run_dir.display()))
+    })?;
     let printed = match args.output {
         Output::Text => print(&format!("{}: {comparison}", run_dir.display())),
         Output::Json => print_as(Output::Json, &to_json(&comparison)),
     };
     match (printed, comparison.same) {
-        (exit::OK, false) => exit::EXPECTATION_MISSED,
-        (printed, _) => printed,
+        (exit::OK, false) => Err(exit::EXPECTATION_MISSED),
+        (printed, _) => Ok(printed),
     }
 }

@@ -68,26 +68,12 @@ pub(crate) fn failed(what: &'static str, path: &Path) -> impl FnOnce(io::Error) 
 /// Why nobody else may run it.
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
-    /// Another sweep or hunt does.
-    #[error(
-        "another `phalanx` ({holder}) is at work in {}; wait for it, or give --out another \
-         directory",
-        path.display()
-    )]
-    Held {
-        /// Where.
-        path: PathBuf,
-        /// Which process, and on which host.
-        holder: String,
-    },
+    /// Another sweep or hunt does: where, and which process on which host.
+    #[error("another `phalanx` ({}) is at work in {}; wait for it, or give --out another directory", .1, .0.display())]
+    Held(PathBuf, String),
     /// The lock could not be taken.
-    #[error("cannot lock {}: {source}", path.display())]
-    Unlockable {
-        /// Which file.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    #[error("cannot lock {}: {}", .0.display(), .1)]
+    Unlockable(PathBuf, io::Error),
 }
 
 /// Only whoever holds this runs what is missing; dropped, or with the end of the process, it is free.
@@ -115,7 +101,7 @@ impl Folder {
     /// Makes sure that nobody else runs what is missing.
     pub fn lock(&self) -> Result<Lock, LockError> {
         let path = self.path.join(LOCK);
-        let unlockable = |source| LockError::Unlockable { path: path.clone(), source };
+        let unlockable = |error| LockError::Unlockable(path.clone(), error);
         let open =
             fs::File::options().create(true).read(true).write(true).truncate(false).open(&path);
         let mut file = open.map_err(unlockable)?;
@@ -123,7 +109,7 @@ impl Folder {
             Ok(()) => {}
             Err(Errno::WOULDBLOCK) => {
                 let holder = fs::read_to_string(&path).unwrap_or_default().trim().to_owned();
-                return Err(LockError::Held { path: self.path.clone(), holder });
+                return Err(LockError::Held(self.path.clone(), holder));
             }
             // A file system that knows no locks; there nobody is kept from computing things twice.
             Err(Errno::NOSYS | Errno::OPNOTSUPP | Errno::NOLCK) => {

@@ -6,7 +6,7 @@
 
 mod by_name;
 
-use std::ops::AddAssign;
+use std::ops::{Add, AddAssign, Sub};
 
 use protocol::brief::Pace;
 pub use protocol::stage::Cause;
@@ -359,25 +359,24 @@ pub struct Usage {
 
 impl AddAssign for Usage {
     fn add_assign(&mut self, other: Usage) {
-        self.user_s += other.user_s;
-        self.system_s += other.system_s;
-        self.voluntary_switches += other.voluntary_switches;
-        self.involuntary_switches += other.involuntary_switches;
-        self.minor_faults += other.minor_faults;
-        self.major_faults += other.major_faults;
+        *self = self.with(&other, Add::add, Add::add);
     }
 }
 
 impl Usage {
     /// What was taken since `earlier`.
     pub fn since(&self, earlier: &Usage) -> Usage {
+        self.with(earlier, Sub::sub, Sub::sub)
+    }
+
+    fn with(&self, other: &Usage, s: fn(f64, f64) -> f64, n: fn(u64, u64) -> u64) -> Usage {
         Usage {
-            user_s: self.user_s - earlier.user_s,
-            system_s: self.system_s - earlier.system_s,
-            voluntary_switches: self.voluntary_switches - earlier.voluntary_switches,
-            involuntary_switches: self.involuntary_switches - earlier.involuntary_switches,
-            minor_faults: self.minor_faults - earlier.minor_faults,
-            major_faults: self.major_faults - earlier.major_faults,
+            user_s: s(self.user_s, other.user_s),
+            system_s: s(self.system_s, other.system_s),
+            voluntary_switches: n(self.voluntary_switches, other.voluntary_switches),
+            involuntary_switches: n(self.involuntary_switches, other.involuntary_switches),
+            minor_faults: n(self.minor_faults, other.minor_faults),
+            major_faults: n(self.major_faults, other.major_faults),
         }
     }
 }

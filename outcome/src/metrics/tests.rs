@@ -16,14 +16,27 @@ fn r3_off(off_m: f64) -> [TruthRow; 3] {
     rows([0.0, -1.0, -2.0 + off_m])
 }
 
+/// What is known of the row of three after these truths: the tick, where the robots are, and who is alive.
+fn after(truths: impl IntoIterator<Item = (u64, [TruthRow; 3], [bool; 3])>) -> Metrics {
+    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
+    for (tick, rows, alive) in truths {
+        metrics.truth(&header(tick), &rows, &alive);
+    }
+    metrics
+}
+
+/// The same, of r3 that far off its place at each tick, and everybody alive.
+fn with_r3_off<const N: usize>(truths: [(u64, f64); N]) -> Measures {
+    after(truths.map(|(tick, off_m)| (tick, r3_off(off_m), ALL))).finish()
+}
+
 fn close(a: Option<f64>, b: f64) -> bool {
     a.is_some_and(|a| (a - b).abs() < 1e-12)
 }
 
 #[test]
 fn errors_are_distances_from_where_the_heard_robots_ask_one_to_stand() {
-    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
-    metrics.truth(&header(0), &rows([0.0, -0.7, -1.5]), &ALL);
+    let metrics = after([(0, rows([0.0, -0.7, -1.5]), ALL)]);
     let errors = metrics.now().errors_m;
     assert_eq!(errors[0], None);
     assert!(close(errors[1], 0.3) && close(errors[2], 0.2), "{errors:?}");
@@ -31,11 +44,8 @@ fn errors_are_distances_from_where_the_heard_robots_ask_one_to_stand() {
 
 #[test]
 fn the_integrated_error_counts_the_time_a_robot_lives() {
-    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
-    for tick in 0..=4 {
-        // r3 dies after 3 s.
-        metrics.truth(&header(tick), &r3_off(0.25), &[true, true, tick < 4]);
-    }
+    // r3 dies after 3 s.
+    let metrics = after((0..=4).map(|tick| (tick, r3_off(0.25), [true, true, tick < 4])));
     let integrated = metrics.finish().integrated_error_m_s;
     assert_eq!(integrated[0], ("r1".to_owned(), None));
     assert!(close(integrated[1].1, 0.0) && close(integrated[2].1, 0.75), "{integrated:?}");
@@ -43,11 +53,8 @@ fn the_integrated_error_counts_the_time_a_robot_lives() {
 
 #[test]
 fn the_smallest_distance_is_named_with_its_pair_and_time() {
-    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
-    for (tick, x_m) in [(0, 1.0), (1, 0.15), (2, 0.1), (3, 0.5)] {
-        metrics.truth(&header(tick), &rows([0.0, 3.0, x_m]), &ALL);
-    }
-    let measures = metrics.finish();
+    let truths = [(0, 1.0), (1, 0.15), (2, 0.1), (3, 0.5)];
+    let measures = after(truths.map(|(tick, x_m)| (tick, rows([0.0, 3.0, x_m]), ALL))).finish();
     assert!(close(measures.min_distance_m, 0.1));
     assert_eq!(measures.min_distance_t_s, Some(2.0));
     assert_eq!(measures.violations, 2);
@@ -55,8 +62,7 @@ fn the_smallest_distance_is_named_with_its_pair_and_time() {
 
 #[test]
 fn what_the_plant_saw_between_two_truths_counts() {
-    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
-    metrics.truth(&header(0), &r3_off(0.0), &ALL);
+    let mut metrics = after([(0, r3_off(0.0), ALL)]);
     metrics.died_unplanned(1, "signal 9", SECOND_NS / 4);
     let seen = TruthHeader {
         closest_m: 0.05,
@@ -86,11 +92,7 @@ fn a_robot_alone_has_no_smallest_distance() {
 
 #[test]
 fn lost_truths_are_counted_from_the_gaps_and_repeated_ones_passed_over() {
-    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
-    for tick in [1, 2, 6, 6, 7] {
-        metrics.truth(&header(tick), &r3_off(0.0), &ALL);
-    }
-    let measures = metrics.finish();
+    let measures = with_r3_off([1, 2, 6, 6, 7].map(|tick| (tick, 0.0)));
     assert_eq!(measures.truths_lost, 4);
     // Tick 0 was lost before the first.
     assert_eq!(measures.unseen_s, [[0.0, 1.0], [2.0, 6.0]]);
@@ -98,32 +100,22 @@ fn lost_truths_are_counted_from_the_gaps_and_repeated_ones_passed_over() {
 
 #[test]
 fn convergence_counts_from_the_last_time_that_an_error_was_large() {
-    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
-    for (tick, off_m) in [(0, 0.5), (1, 0.005), (2, 0.02), (3, 0.009), (4, 0.001)] {
-        metrics.truth(&header(tick), &r3_off(off_m), &ALL);
-    }
-    assert_eq!(metrics.finish().converged_at_s, Some(3.0));
+    let measures = with_r3_off([(0, 0.5), (1, 0.005), (2, 0.02), (3, 0.009), (4, 0.001)]);
+    assert_eq!(measures.converged_at_s, Some(3.0));
 }
 
 #[test]
 fn a_formation_that_ends_disturbed_or_dead_or_without_numbers_has_not_converged() {
-    let ends: [([TruthRow; 3], [bool; 3]); 3] =
-        [(r3_off(0.5), ALL), (r3_off(0.0), [false; 3]), (r3_off(f64::NAN), ALL)];
-    for (rows, alive) in ends {
-        let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
-        metrics.truth(&header(0), &r3_off(0.0), &ALL);
-        metrics.truth(&header(1), &rows, &alive);
+    for (off_m, alive) in [(0.5, ALL), (0.0, [false; 3]), (f64::NAN, ALL)] {
+        let metrics = after([(0, r3_off(0.0), ALL), (1, r3_off(off_m), alive)]);
         assert_eq!(metrics.finish().converged_at_s, None);
     }
 }
 
 #[test]
 fn the_dead_have_no_say_in_convergence_and_final_errors() {
-    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
-    for tick in 0..=20 {
-        metrics.truth(&header(tick), &r3_off(0.5), &[true, true, false]);
-    }
-    let measures = metrics.finish();
+    let truths = (0..=20).map(|tick| (tick, r3_off(0.5), [true, true, false]));
+    let measures = after(truths).finish();
     assert_eq!(measures.converged_at_s, Some(0.0));
     let finals: Vec<_> = measures.final_error_m.into_iter().map(|(_, e)| e).collect();
     assert_eq!(finals, [None, Some(0.0), None]);
@@ -132,15 +124,9 @@ fn the_dead_have_no_say_in_convergence_and_final_errors() {
 
 #[test]
 fn final_errors_are_the_worst_of_the_last_tenth_of_the_run() {
-    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
-    for (tick, off_m) in [(0, 0.9), (17, 0.8), (18, 0.3), (19, 0.4), (20, 0.1)] {
-        metrics.truth(&header(tick), &r3_off(off_m), &ALL);
-    }
-    assert!(close(metrics.finish().final_error_m_max, 0.4));
-
-    let mut short = Metrics::new(&row_of_three(), Pace::Lockstep);
-    short.truth(&header(0), &r3_off(0.0), &ALL);
-    assert_eq!(short.finish().final_error_m_max, None);
+    let measures = with_r3_off([(0, 0.9), (17, 0.8), (18, 0.3), (19, 0.4), (20, 0.1)]);
+    assert!(close(measures.final_error_m_max, 0.4));
+    assert_eq!(with_r3_off([(0, 0.0)]).final_error_m_max, None);
 }
 
 /// A run in which r2 is killed at 3 s and moves again at 5 s; `off_m` is r3's error at each tick.
@@ -208,8 +194,7 @@ fn a_later_fault_closes_the_window_of_one_recovered_from_and_no_other() {
 
 #[test]
 fn faults_at_the_same_instant_share_what_follows() {
-    let mut metrics = Metrics::new(&row_of_three(), Pace::Lockstep);
-    metrics.truth(&header(0), &r3_off(0.0), &ALL);
+    let mut metrics = after([(0, r3_off(0.0), ALL)]);
     for fault in [0, 1] {
         metrics.died_unplanned(fault, "signal 9", SECOND_NS);
         metrics.fault_ended(fault, End::ForGood, SECOND_NS);

@@ -23,7 +23,7 @@ use mcap::records::{Metadata, Record};
 use protocol::ros2::messages::{read_pose_stamped, read_twist};
 use serde::Serialize;
 
-use crate::recording::messages::{Nearest, read_log, read_metrics};
+use crate::recording::messages::{read_log, read_metrics};
 use crate::recording::pieces::{Pieces, Soundness};
 use crate::recording::recorder::{EPOCH, FACTS, ROBOTS, SUPERVISOR, TOPICS};
 
@@ -86,7 +86,8 @@ pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<Exported, E
         io::ErrorKind::AlreadyExists => ExportError::Exists(out.into()),
         _ => ExportError::Write(out.into(), error),
     })?;
-    let tables = Tables::create(out)?;
+    let tables = TABLES.map(|(name, columns)| Table::create(out, name, columns));
+    let tables = tables.into_iter().collect::<Result<Vec<_>, _>>()?;
     let filled = fill(tables, pieces, &run, file);
     if matches!(filled, Err(ExportError::Message(..))) {
         // Half of it would be taken for all.
@@ -97,7 +98,7 @@ pub fn export(file: &Path, out: &Path, allow_damage: bool) -> Result<Exported, E
 
 /// Writes the messages of these pieces into the tables; what these are called, and how many rows each has.
 fn fill(
-    mut tables: Tables,
+    mut tables: Vec<Table>,
     pieces: Pieces,
     run: &Run,
     file: &Path,
@@ -113,13 +114,13 @@ fn fill(
             Record::Message { header, data } => {
                 let Some((topic, Some(kind))) = channels.get(&header.channel_id) else { continue };
                 let t_s = seconds(header.log_time.saturating_sub(run.started_unix_ns));
-                let is_taken = tables.take(*kind, t_s, run, &data)?;
+                let is_taken = run.take(&mut tables, *kind, t_s, &data)?;
                 is_taken.ok_or_else(|| ExportError::Message(file.into(), topic.clone(), t_s))?;
             }
             _ => {}
         }
     }
-    tables.finish()
+    tables.into_iter().map(Table::finish).collect()
 }
 
 /// How far a file is whole: all of it is read.
@@ -170,7 +171,61 @@ impl Run {
             }
         }
     }
+
+    /// Takes one message into its table; `None` if it is not of its type.
+    fn take(
+        &self,
+        tables: &mut [Table],
+        kind: Observation,
+        t_s: f64,
+        message: &[u8],
+    ) -> Result<Option<()>, ExportError> {
+        let [poses, commands, errors, distances, events] = tables else {
+            unreachable!("as many as TABLES")
+        };
+        match kind {
+            Observation::Pose(robot) => {
+                let Some(place) = read_pose_stamped(message) else { return Ok(None) };
+                let Pose { x_m, y_m, heading_rad } = place.pose();
+                poses.row((t_s, &self.robots[robot], x_m, y_m, heading_rad))?;
+            }
+            Observation::Command(robot) => {
+                let Some(Twist { v_m_s, w_rad_s }) = read_twist(message) else { return Ok(None) };
+                commands.row((t_s, &self.robots[robot], v_m_s, w_rad_s))?;
+            }
+            Observation::Metrics => {
+                let Some(metrics) = read_metrics(message) else { return Ok(None) };
+                let robots = metrics.robots.iter().zip(&metrics.errors_m).zip(&metrics.alive);
+                for (i, ((robot, error_m), alive)) in robots.enumerate() {
+                    let ideal_m = metrics.ideal_errors_m.get(i).copied().flatten();
+                    errors.row((t_s, robot, error_m, u8::from(*alive), ideal_m))?;
+                }
+                if let Some((distance_m, [a, b])) = metrics.nearest {
+                    let name = |place: usize| metrics.robots.get(place);
+                    let (Some(a), Some(b)) = (name(a), name(b)) else { return Ok(None) };
+                    distances.row((t_s, a, b, distance_m))?;
+                }
+            }
+            Observation::Event => {
+                let Some(event) = read_log(message) else { return Ok(None) };
+                let robot = if event.name == SUPERVISOR { "" } else { event.name };
+                let detail = event.text.strip_prefix(event.kind).unwrap_or(event.text);
+                let detail = detail.strip_prefix(": ").unwrap_or(detail);
+                events.row((t_s, event.kind, robot, event.level, detail))?;
+            }
+        }
+        Ok(Some(()))
+    }
 }
+
+/// Each table, and its columns as they are in the file.
+const TABLES: [(&str, &str); 5] = [
+    ("poses.csv", "t_s,robot,x_m,y_m,heading_rad"),
+    ("commands.csv", "t_s,robot,v_m_s,w_rad_s"),
+    ("errors.csv", "t_s,robot,error_m,alive,ideal_error_m"),
+    ("distances.csv", "t_s,robot_a,robot_b,min_distance_m"),
+    ("events.csv", "t_s,kind,robot,level,detail"),
+];
 
 /// One table under way.
 struct Table {
@@ -181,7 +236,6 @@ struct Table {
 }
 
 impl Table {
-    /// `columns`: as they are in the file.
     fn create(out: &Path, name: &'static str, columns: &str) -> Result<Table, ExportError> {
         let path = out.join(name);
         let file =
@@ -207,73 +261,5 @@ impl Table {
 
     fn failed(&self, error: io::Error) -> ExportError {
         ExportError::Write(self.path.clone(), error)
-    }
-}
-
-struct Tables {
-    poses: Table,
-    commands: Table,
-    errors: Table,
-    distances: Table,
-    events: Table,
-}
-
-impl Tables {
-    fn create(out: &Path) -> Result<Tables, ExportError> {
-        let table = |name, columns| Table::create(out, name, columns);
-        Ok(Tables {
-            poses: table("poses.csv", "t_s,robot,x_m,y_m,heading_rad")?,
-            commands: table("commands.csv", "t_s,robot,v_m_s,w_rad_s")?,
-            errors: table("errors.csv", "t_s,robot,error_m,alive,ideal_error_m")?,
-            distances: table("distances.csv", "t_s,robot_a,robot_b,min_distance_m")?,
-            events: table("events.csv", "t_s,kind,robot,level,detail")?,
-        })
-    }
-
-    /// Takes one message into its table; `None` if it is not of its type.
-    fn take(
-        &mut self,
-        kind: Observation,
-        t_s: f64,
-        run: &Run,
-        message: &[u8],
-    ) -> Result<Option<()>, ExportError> {
-        match kind {
-            Observation::Pose(robot) => {
-                let Some(place) = read_pose_stamped(message) else { return Ok(None) };
-                let Pose { x_m, y_m, heading_rad } = place.pose();
-                self.poses.row((t_s, &run.robots[robot], x_m, y_m, heading_rad))?;
-            }
-            Observation::Command(robot) => {
-                let Some(Twist { v_m_s, w_rad_s }) = read_twist(message) else { return Ok(None) };
-                self.commands.row((t_s, &run.robots[robot], v_m_s, w_rad_s))?;
-            }
-            Observation::Metrics => {
-                let Some(metrics) = read_metrics(message) else { return Ok(None) };
-                let robots = metrics.robots.iter().zip(&metrics.errors_m).zip(&metrics.alive);
-                for (i, ((robot, error_m), alive)) in robots.enumerate() {
-                    let ideal_m = metrics.ideal_errors_m.get(i).copied().flatten();
-                    self.errors.row((t_s, robot, error_m, u8::from(*alive), ideal_m))?;
-                }
-                if let Some(Nearest { distance_m, pair: [a, b] }) = metrics.nearest {
-                    let name = |place: usize| metrics.robots.get(place);
-                    let (Some(a), Some(b)) = (name(a), name(b)) else { return Ok(None) };
-                    self.distances.row((t_s, a, b, distance_m))?;
-                }
-            }
-            Observation::Event => {
-                let Some(event) = read_log(message) else { return Ok(None) };
-                let robot = if event.name == SUPERVISOR { "" } else { event.name };
-                let detail = event.text.strip_prefix(event.kind).unwrap_or(event.text);
-                let detail = detail.strip_prefix(": ").unwrap_or(detail);
-                self.events.row((t_s, event.kind, robot, event.level, detail))?;
-            }
-        }
-        Ok(Some(()))
-    }
-
-    fn finish(self) -> Result<Vec<(&'static str, u64)>, ExportError> {
-        let Tables { poses, commands, errors, distances, events } = self;
-        [poses, commands, errors, distances, events].into_iter().map(Table::finish).collect()
     }
 }

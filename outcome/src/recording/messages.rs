@@ -3,14 +3,8 @@
 
 use protocol::ros2::cdr::{Reader, Writer};
 
-/// The smallest distance between two front points at an instant.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Nearest {
-    /// How near, m.
-    pub distance_m: f64,
-    /// Which two: places in the scenario, from 0.
-    pub pair: [usize; 2],
-}
+/// The smallest distance between two front points at an instant, m, and which two: places in the scenario, from 0.
+pub type Nearest = (f64, [usize; 2]);
 
 /// What a `phalanx_msgs/Metrics` says. The lists are in scenario order.
 #[derive(Debug, PartialEq)]
@@ -38,8 +32,8 @@ pub(crate) fn metrics(
     };
     out.clear();
     out.time(stamp_ns);
-    out.f64s(&[nearest.map_or(f64::NAN, |nearest| nearest.distance_m)]);
-    for place in nearest.map_or([0, 0], |nearest| nearest.pair) {
+    out.f64s(&[nearest.map_or(f64::NAN, |(distance_m, _)| distance_m)]);
+    for place in nearest.map_or([0, 0], |(_, pair)| pair) {
         out.u32(place as u32);
     }
     out.u32(robots.len() as u32);
@@ -61,7 +55,7 @@ pub(crate) fn read_metrics(message: &[u8]) -> Option<Metrics<'_>> {
         Some(list.map(|error_m| (!error_m.is_nan()).then_some(error_m)).collect())
     };
     Some(Metrics {
-        nearest: (!distance_m.is_nan()).then_some(Nearest { distance_m, pair }),
+        nearest: (!distance_m.is_nan()).then_some((distance_m, pair)),
         robots: reader.list(Reader::string)?,
         errors_m: errors(&mut reader)?,
         alive: reader.list(|reader| Some(reader.u8()? != 0))?,

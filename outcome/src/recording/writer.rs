@@ -67,7 +67,7 @@ impl Writer {
         file.append(&begin)?;
         Ok(Writer {
             file,
-            chunk: Chunk::new(),
+            chunk: Chunk::default(),
             schemas: Vec::new(),
             channels: Vec::new(),
             messages: Vec::new(),

@@ -19,8 +19,12 @@ const FRAME_ROBOTS_MAX: f64 = 200_000.0;
 pub struct Run {
     /// What stays the same.
     pub scene: Scene,
-    /// What the scenario asks for and when silence counts.
-    pub limits: Limits,
+    /// Errors below this count as converged, m.
+    pub converged_error_m: f64,
+    /// Older neighbors are stale, s.
+    pub stale_after_s: f64,
+    /// Older neighbors are lost, s.
+    pub lost_after_s: f64,
     /// When each recorded instant was, s.
     pub times_s: Vec<f64>,
     /// Of each robot, one sample for each instant.
@@ -45,17 +49,6 @@ pub struct Run {
     pub over_time: Vec<Stretch>,
     /// How latencies are spread over the whole run.
     pub spreads: Vec<Spread>,
-}
-
-/// What a scenario asks for.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Limits {
-    /// Errors below this count as converged, m.
-    pub converged_error_m: f64,
-    /// Older neighbors are stale, s.
-    pub stale_after_s: f64,
-    /// Older neighbors are lost, s.
-    pub lost_after_s: f64,
 }
 
 /// One robot at one recorded instant.

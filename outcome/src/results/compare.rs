@@ -31,31 +31,18 @@ const ORIGINS: [(&str, &str); 9] = [
 /// Why a run cannot be run again bit by bit.
 #[derive(Debug, thiserror::Error)]
 pub enum NotRepeatable {
-    /// A file of it is missing or broken.
-    #[error("{} is not a complete run: {}: {source}", run_dir.display(), file)]
-    Unreadable {
-        /// The run.
-        run_dir: PathBuf,
-        /// Which.
-        file: &'static str,
-        /// Why.
-        source: io::Error,
-    },
-    /// Some of it was decided by no plan.
-    #[error("{} {why}", run_dir.display())]
-    Unplanned {
-        /// The run.
-        run_dir: PathBuf,
-        /// What, and what can be verified.
-        why: String,
-    },
+    /// A file of the run is missing or broken.
+    #[error("{} is not a complete run: {}: {}", .0.display(), .1, .2)]
+    Unreadable(PathBuf, &'static str, io::Error),
+    /// Some of it was decided by no plan: what, and what can be verified.
+    #[error("{} {}", .0.display(), .1)]
+    Unplanned(PathBuf, String),
 }
 
 /// Refuses the directory of a run that cannot be run again bit by bit.
 pub fn repeatable(run_dir: &Path) -> Result<(), NotRepeatable> {
-    let unreadable =
-        |file| move |source| NotRepeatable::Unreadable { run_dir: run_dir.into(), file, source };
-    let unplanned = |why| Err(NotRepeatable::Unplanned { run_dir: run_dir.into(), why });
+    let unreadable = |file| move |error| NotRepeatable::Unreadable(run_dir.into(), file, error);
+    let unplanned = |why| Err(NotRepeatable::Unplanned(run_dir.into(), why));
     let manifest = json(run_dir, MANIFEST).map_err(unreadable(MANIFEST))?;
     if manifest["pace"] != "lockstep" {
         return unplanned(

@@ -21,26 +21,16 @@ pub enum RunDirError {
     #[error("{} exists already; a run never overwrites another, give --out a new name", .0.display())]
     Exists(PathBuf),
     /// Its directory could not be made.
-    #[error("cannot make {}: {source}; nothing was run", path.display())]
-    Make {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    #[error("cannot make {}: {}; nothing was run", .0.display(), .1)]
+    Make(PathBuf, io::Error),
     /// A file or directory could not be written.
-    #[error("cannot write {}: {source}; what was written before is kept", path.display())]
-    Write {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    #[error("cannot write {}: {}; what was written before is kept", .0.display(), .1)]
+    Write(PathBuf, io::Error),
 }
 
 pub(crate) fn failed(path: &Path) -> impl FnOnce(io::Error) -> RunDirError {
     let path = path.to_path_buf();
-    move |source| RunDirError::Write { path, source }
+    move |error| RunDirError::Write(path, error)
 }
 
 /// The directory of one host's share of a run.
@@ -54,7 +44,7 @@ impl HostDir {
     pub fn make(path: &Path) -> Result<HostDir, RunDirError> {
         let unmade = |path: &Path| {
             let path = path.to_path_buf();
-            move |source| RunDirError::Make { path, source }
+            move |error| RunDirError::Make(path, error)
         };
         if let Some(parent) = path.parent() {
             fs::create_dir_all(parent).map_err(unmade(parent))?;

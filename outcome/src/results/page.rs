@@ -21,7 +21,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::report::html::CUT_SHORT;
-use crate::report::run::{Change, ChangedTo, Limits, Run};
+use crate::report::run::{Change, ChangedTo, Run};
 use crate::report::scene::{RobotState, Scene, SceneFault};
 use files::json;
 use protocol::brief::Pace;
@@ -50,34 +50,17 @@ pub enum ReportError {
     )]
     NotARun(PathBuf),
     /// A file could not be read.
-    #[error("cannot read {}: {source}", path.display())]
-    Read {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
-    /// A file is not as a run writes it.
-    #[error("{}:{line}: {what}", path.display())]
-    Broken {
-        /// Which.
-        path: PathBuf,
-        /// Where, from 1.
-        line: u64,
-        /// What is there, and what was expected.
-        what: String,
-    },
+    #[error("cannot read {}: {}", .0.display(), .1)]
+    Read(PathBuf, io::Error),
+    /// A file is not as a run writes it: which, at which line from 1, and what is there.
+    #[error("{}:{}: {}", .0.display(), .1, .2)]
+    Broken(PathBuf, u64, String),
     /// There is nothing that could move.
     #[error("{} has no recorded movement to show", .0.display())]
     Nothing(PathBuf),
     /// A figure or the page could not be written.
-    #[error("cannot write {}: {source}; the run itself is kept", path.display())]
-    Write {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    #[error("cannot write {}: {}; the run itself is kept", .0.display(), .1)]
+    Write(PathBuf, io::Error),
 }
 
 /// Refuses a directory that no run has written.
@@ -88,7 +71,7 @@ pub fn scenario_path(run_dir: &Path) -> Result<PathBuf, ReportError> {
     }
     match stays_in(run_dir, &path) {
         Ok(()) => Ok(path),
-        Err(source) => Err(ReportError::Read { path, source }),
+        Err(error) => Err(ReportError::Read(path, error)),
     }
 }
 
@@ -135,7 +118,7 @@ pub fn animate(run_dir: &Path, scenario: &Scenario, path: &Path) -> Result<(), R
 
 fn unwritten(path: &Path) -> impl FnOnce(io::Error) -> ReportError {
     let path = path.to_path_buf();
-    move |source| ReportError::Write { path, source }
+    move |error| ReportError::Write(path, error)
 }
 
 /// Everything that a run directory says.
@@ -165,11 +148,9 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
         places.map(|place| [place.x, place.y]).collect()
     };
     Ok(Run {
-        limits: Limits {
-            converged_error_m: scenario.expect.converged_error_m,
-            stale_after_s: seconds(scenario.silence.stale_after_ns),
-            lost_after_s: seconds(scenario.silence.lost_after_ns),
-        },
+        converged_error_m: scenario.expect.converged_error_m,
+        stale_after_s: seconds(scenario.silence.stale_after_ns),
+        lost_after_s: seconds(scenario.silence.lost_after_ns),
         lead_m: scenario.lead.as_ref().map(lead_m).unwrap_or_default(),
         times_s: record.times_s,
         tracks: record.tracks,

@@ -9,7 +9,7 @@ use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use crate::recording::recorder::{FLUSH_EVERY, Nearest, Recorder, Run};
+use crate::recording::recorder::{FLUSH_EVERY, Recorder, Run};
 use protocol::brief::Pace;
 use protocol::message::{TruthHeader, TruthRow};
 use protocol::process::exit;
@@ -110,18 +110,26 @@ impl RunDir {
         })
     }
 
-    /// Writes what was run, where and how.
-    pub fn write_manifest(&self, manifest: &Manifest) -> Result<(), RunDirError> {
-        self.write(MANIFEST, to_json(manifest))
+    /// Writes the effective scenario, and what is run, where and how; and begins the recording, unless of all truths that
+    /// come only the first and the last are to be written.
+    pub fn begin(
+        &mut self,
+        scenario: &str,
+        manifest: &Manifest,
+        is_recorded: bool,
+    ) -> Result<(), RunDirError> {
+        self.write_scenario(scenario)?;
+        self.write(MANIFEST, to_json(manifest))?;
+        if is_recorded {
+            return self.begin_recording(scenario, manifest);
+        }
+        self.tables.record_nothing();
+        Ok(())
     }
 
     /// Begins the recording, with the effective scenario in it and in real time, where no two runs
     /// are the same, the manifest.
-    pub fn begin_recording(
-        &mut self,
-        scenario: &str,
-        manifest: &Manifest,
-    ) -> Result<(), RunDirError> {
+    fn begin_recording(&mut self, scenario: &str, manifest: &Manifest) -> Result<(), RunDirError> {
         let path = self.path().join(RECORDING);
         let run = self.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
         let (seed, reproducible) = (manifest.seed.to_string(), manifest.pace == Pace::Lockstep);
@@ -164,11 +172,6 @@ impl RunDir {
         })
     }
 
-    /// Of all truths that come, only the first and the last are written.
-    pub fn record_nothing(&mut self) {
-        self.tables.record_nothing();
-    }
-
     /// Writes a truth to `samples.csv` and the recording if one is due; the last one is written at
     /// the end anyhow. `measured`: what is known at that truth.
     pub fn truth(
@@ -193,9 +196,8 @@ impl RunDir {
                 let &TruthRow { x_m, y_m, heading_rad, v_m_s, w_rad_s, .. } = row;
                 (Pose { x_m, y_m, heading_rad }, Twist { v_m_s, w_rad_s })
             });
-            let nearest = nearest.map(|(distance_m, pair)| Nearest { distance_m, pair });
             let errors_m = [errors_m, ideal_errors_m].map(Vec::as_slice);
-            recording.instant(*t_ns, states, errors_m, alive, nearest)
+            recording.instant(*t_ns, states, errors_m, alive, *nearest)
         })
     }
 

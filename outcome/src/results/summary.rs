@@ -5,9 +5,9 @@ use protocol::process::exit;
 use protocol::stage::Stage;
 use serde::Serialize;
 
-use crate::metrics::expect::{self, Expectation};
+use crate::metrics::Metrics;
+use crate::metrics::expect;
 use crate::metrics::summary::{Commands, StageLatency, Summary, Wall};
-use crate::metrics::{Measures, Metrics};
 use crate::results::outcome::Outcome;
 use experiment::scenario::Scenario;
 use formation::seconds;
@@ -39,18 +39,6 @@ pub fn judge(
         (_, true) if expected => exit::OK,
         (code, _) => code,
     };
-    sum_up(scenario, pace, measures, outcome, expectations, exit)
-}
-
-/// Puts together what came out: what was measured, and what else the run leaves.
-pub fn sum_up(
-    scenario: &Scenario,
-    pace: Pace,
-    measures: Measures,
-    outcome: &Outcome,
-    expectations: Vec<Expectation>,
-    exit: u8,
-) -> Summary {
     let truth = outcome.truth.unwrap_or_default();
     let wall_s = outcome.wall.as_secs_f64();
     let per_wall = |amount: f64| if wall_s > 0.0 { amount / wall_s } else { 0.0 };

@@ -24,6 +24,7 @@ use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
 
 use super::super::dead_runs;
+use outcome::results::manifest;
 use supervisor::limits::{self, Limit};
 use supervisor::room::{Need, Room, RoomError};
 use supervisor::spawn::{Launcher, Role};
@@ -93,6 +94,15 @@ impl Finding {
             false => self,
         }
     }
+
+    /// Something that runs do without, if it is so.
+    fn or_known(self, bad: bool, advice: impl Into<String>) -> Finding {
+        self.or(Verdict::WorthKnowing, bad, advice)
+    }
+
+    fn wrong(topic: &'static str, found: impl Into<String>, advice: impl Into<String>) -> Finding {
+        Finding::fine(topic, found).or(Verdict::Wrong, true, advice)
+    }
 }
 
 /// Looks at everything a run with so many robots depends on.
@@ -132,7 +142,7 @@ pub fn screen(findings: &[Finding]) -> String {
 fn needed(topic: &'static str, tried: Result<String, String>, advice: &str) -> Finding {
     match tried {
         Ok(found) => Finding::fine(topic, found),
-        Err(found) => Finding::fine(topic, found).or(Verdict::Wrong, true, advice),
+        Err(found) => Finding::wrong(topic, found, advice),
     }
 }
 
@@ -213,11 +223,8 @@ fn keeping_cores() -> Finding {
     let idle = on_a_thread(stand_back).map_err(|error| format!("SCHED_IDLE: {error}"));
     match cores::try_to_keep().and(idle) {
         Ok(()) => Finding::fine("keeping cores", "processes can be kept on cores, and cores awake"),
-        Err(why) => Finding::fine("keeping cores", format!("not permitted ({why})")).or(
-            Verdict::WorthKnowing,
-            true,
-            "lockstep is slower",
-        ),
+        Err(why) => Finding::fine("keeping cores", format!("not permitted ({why})"))
+            .or_known(true, "lockstep is slower"),
     }
 }
 
@@ -228,18 +235,16 @@ fn cores(robots: usize) -> Finding {
     let advice = format!(
         "{robots} robots need a longer period_s, or --pace lockstep, which any number of cores can do"
     );
-    Finding::fine("cores", found).or(Verdict::WorthKnowing, robots > enough, advice)
+    Finding::fine("cores", found).or_known(robots > enough, advice)
 }
 
 fn load() -> Finding {
-    let text = fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    let text = manifest::load_average();
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let Some(load) = text.split(' ').next().and_then(|word| word.parse::<f64>().ok()) else {
         return Finding::fine("load", "not readable");
     };
-    Finding::fine("load", format!("{load:.2} over the last minute")).or(
-        Verdict::WorthKnowing,
-        load > cores as f64,
+    Finding::fine("load", format!("{load:.2} over the last minute")).or_known(load > cores as f64,
         "other processes want all cores: real time will miss deadlines; wait, or try --realtime-priority",
     )
 }
@@ -259,11 +264,7 @@ fn wake_ups() -> Finding {
         Ok(measured) => measured,
         Err(error) => {
             let advice = "the user's processes, or the control group's, are at their limit";
-            return Finding::fine("timer", format!("cannot start a thread: {error}")).or(
-                Verdict::Wrong,
-                true,
-                advice,
-            );
+            return Finding::wrong("timer", format!("cannot start a thread: {error}"), advice);
         }
     };
     let [Some(median_ns), Some(worst_ns)] = [late_ns.get(late_ns.len() / 2), late_ns.last()] else {
@@ -272,8 +273,7 @@ fn wake_ups() -> Finding {
     let us = |ns: &u64| ns / 1000;
     let (median, worst) = (us(median_ns), us(worst_ns));
     Finding::fine("timer", format!("wakes up {median} us late, at worst {worst} us of {WAKE_UPS}"))
-        .or(
-            Verdict::WorthKnowing,
+        .or_known(
             slack_ns > 1 || *median_ns > LATENESS_NS_MAX,
             format!(
                 "timer slack is {slack_ns} ns; a virtual machine, power saving or load may add more"
@@ -287,8 +287,7 @@ fn causes() -> Finding {
     let words =
         |causes: Vec<Cause>| causes.into_iter().map(Cause::words).collect::<Vec<_>>().join(", ");
     let told: Vec<Cause> = Cause::ALL.into_iter().filter(|cause| !untold.contains(cause)).collect();
-    Finding::fine("causes", format!("late wake-ups are told apart as {}", words(told))).or(
-        Verdict::WorthKnowing,
+    Finding::fine("causes", format!("late wake-ups are told apart as {}", words(told))).or_known(
         !untold.is_empty(),
         format!("late wake-ups of these causes count as unknown: {}", words(untold)),
     )
@@ -306,8 +305,7 @@ fn governor() -> Option<Finding> {
     governors.dedup();
     let slow = governors.iter().any(|governor| governor != "performance");
     (!governors.is_empty()).then(|| {
-        Finding::fine("cpu frequency", format!("governor {}", governors.join(", "))).or(
-            Verdict::WorthKnowing,
+        Finding::fine("cpu frequency", format!("governor {}", governors.join(", "))).or_known(
             slow,
             "a core that was asleep is slow at first: cpupower frequency-set -g performance",
         )
@@ -352,7 +350,7 @@ fn realtime_priority() -> Finding {
                 PriorityError::Refused(_) => format!("not permitted (RLIMIT_RTPRIO {limit})"),
             };
             let advice = format!("--realtime-priority has no effect: {error}");
-            Finding::fine("real-time prio", found).or(Verdict::WorthKnowing, true, advice)
+            Finding::fine("real-time prio", found).or_known(true, advice)
         }
     }
 }
@@ -364,14 +362,13 @@ fn locked_memory() -> Finding {
         (false, bytes) => format!("may not be locked (RLIMIT_MEMLOCK {} bytes)", limited(bytes)),
     };
     let advice = "--realtime-priority will not lock memory: ulimit -l unlimited, or CAP_IPC_LOCK";
-    Finding::fine("memory", found).or(Verdict::WorthKnowing, !may_lock_memory(), advice)
+    Finding::fine("memory", found).or_known(!may_lock_memory(), advice)
 }
 
 /// A directory on tmpfs with room for everything that a run shares.
 fn place(topic: &'static str, directory: &Path, robots: usize) -> Finding {
     let shown = directory.display();
-    let wrong =
-        |found: String, advice: &str| Finding::fine(topic, found).or(Verdict::Wrong, true, advice);
+    let wrong = |found: String, advice: &str| Finding::wrong(topic, found, advice);
     if let Err(error) = access(directory, Access::WRITE_OK | Access::EXEC_OK) {
         let advice = "make it and give this user the right to write there, or let PHALANX_RUN_ROOT name another";
         return wrong(format!("{shown} cannot be written to: {error}"), advice);
@@ -384,8 +381,7 @@ fn place(topic: &'static str, directory: &Path, robots: usize) -> Finding {
     if !room.suffices(&need) {
         return wrong(RoomError::Short { need, room }.to_string(), "every such run is refused");
     }
-    Finding::fine(topic, format!("{shown}: {room}")).or(
-        Verdict::WorthKnowing,
+    Finding::fine(topic, format!("{shown}: {room}")).or_known(
         !room.is_tmpfs(),
         "it is not on tmpfs: starting takes twice as long; see PHALANX_RUN_ROOT",
     )
@@ -395,9 +391,9 @@ fn privacy(base: &Path) -> Finding {
     let shown = base.display();
     match run_root::unfit(base) {
         None => Finding::fine("privacy", format!("{shown} is this user's alone")),
-        Some(flaw) => Finding::fine("privacy", format!("{shown}: {flaw}")).or(
-            Verdict::Wrong,
-            true,
+        Some(flaw) => Finding::wrong(
+            "privacy",
+            format!("{shown}: {flaw}"),
             "every run refuses it: remove it, or let PHALANX_RUN_ROOT name another folder",
         ),
     }
@@ -410,7 +406,7 @@ fn dead_runs(base: &Path) -> Finding {
         [] => "no dead run left anything".to_owned(),
         left => left.join("; "),
     };
-    Finding::fine("dead runs", found).or(Verdict::WorthKnowing, !left.is_empty(), "phalanx clean")
+    Finding::fine("dead runs", found).or_known(!left.is_empty(), "phalanx clean")
 }
 
 #[cfg(test)]

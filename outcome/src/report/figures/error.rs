@@ -72,7 +72,7 @@ fn sizes(run: &Run, what: &str, axis: &str, error: fn(&Sample) -> Option<f64>) -
     let highest = errors.filter(|error| error.is_finite()).reduce(f64::max)?;
     let last = last_errors(run, error);
     let reached = last.iter().copied().fold(f64::INFINITY, f64::min);
-    let converged_m = run.limits.converged_error_m;
+    let converged_m = run.converged_error_m;
     let low = reached.clamp(LEAST_M, (converged_m / 2.0).max(LEAST_M));
     let mut panel = over_time(run, Axis::log(axis, low, highest.max(2.0 * low)));
     let floor = panel.y.bounds().0;

@@ -26,12 +26,11 @@ const CONTROL: Line = Line::solid(BLACK).dashed(Dash::Dashed);
 const MEDIAN: Line = SEEN.width(1.2);
 
 pub(super) fn information_age(run: &Run) -> Option<Figure> {
-    let limits = run.limits;
     let stage = Stage::of(run, "beacon_age")?;
-    let (mut panels, named) = stage.panels(run, "age at use", 1.2e3 * limits.lost_after_s, None);
+    let (mut panels, named) = stage.panels(run, "age at use", 1.2e3 * run.lost_after_s, None);
     let dotted = Line::solid(VERMILION).width(0.8).dashed(Dash::Dotted);
     for (bound_s, word, line, share) in
-        [(limits.stale_after_s, "stale", dotted, 1.0), (limits.lost_after_s, "lost", BOUND, 0.9)]
+        [(run.stale_after_s, "stale", dotted, 1.0), (run.lost_after_s, "lost", BOUND, 0.9)]
     {
         let ms = bound_s * 1e3;
         let [(_, over_time), (_, shares)] = &mut panels;

@@ -108,10 +108,10 @@ fn caption(run: &Run, shown: &[usize]) -> String {
 }
 
 /// The lowest and the highest x and y.
-type Reach = (Point, Point);
+pub(super) type Reach = (Point, Point);
 
 /// `None` of no points.
-fn reach<'p>(points: impl Iterator<Item = &'p Point>) -> Option<Reach> {
+pub(super) fn reach<'p>(points: impl Iterator<Item = &'p Point>) -> Option<Reach> {
     points.map(|&at| (at, at)).reduce(|(low, high), (at, _)| {
         ((low.0.min(at.0), low.1.min(at.1)), (high.0.max(at.0), high.1.max(at.1)))
     })
@@ -127,15 +127,20 @@ fn in_scale((lowest, highest): Reach) -> (Place, Panel, f64) {
     let frame = place.height - place.inner(&[]).height;
     let height = place.inner(&[]).width * size.1 / size.0 + frame;
     place.height = height.clamp(HEIGHT.0, HEIGHT.1);
-    let inner = place.inner(&[]);
+    let (panel, m_per_px) = around((lowest, highest), size, place.inner(&[]));
+    (place, panel, m_per_px)
+}
+
+/// A panel with the same scale on both axes, in which so much is to be seen, m, the reach in its middle; and how many
+/// m a px is.
+pub(super) fn around((low, high): Reach, size: Point, inner: Place) -> (Panel, f64) {
     let m_per_px = (size.0 / inner.width).max(size.1 / inner.height);
     let axis = |label: &str, low: f64, high: f64, px: f64| {
         let (middle, half) = ((low + high) / 2.0, m_per_px * px / 2.0);
         Axis::exact(label, middle - half, middle + half)
     };
-    let x = axis("x (m)", lowest.0, highest.0, inner.width);
-    let y = axis("y (m)", lowest.1, highest.1, inner.height);
-    (place, Panel::new(x, y), m_per_px)
+    let x = axis("x (m)", low.0, high.0, inner.width);
+    (Panel::new(x, axis("y (m)", low.1, high.1, inner.height)), m_per_px)
 }
 
 /// The same with the walls beside where the robots were, as far as they are near.
@@ -165,7 +170,7 @@ fn outline(wall: &Obstacle) -> Vec<Point> {
     wall.outline().into_iter().map(point).collect()
 }
 
-fn point(at: Vec2) -> Point {
+pub(super) fn point(at: Vec2) -> Point {
     (at.x, at.y)
 }
 

@@ -2,6 +2,7 @@
 
 use formation::Vec2;
 
+use super::plane::{around, point, reach};
 use super::{WIDTH, over_time};
 use crate::report::axis::Axis;
 use crate::report::chart::{Figure, Mark, Panel, Place, Shape};
@@ -68,18 +69,11 @@ fn graph(run: &Run, instant: usize, place: Place) -> Panel {
     let at: Vec<Vec2> =
         (0..run.scene.robots.len()).map(|robot| run.alpha(robot, instant)).collect();
     let known = |at: &&Vec2| at.x.is_finite() && at.y.is_finite();
-    let (low, high) =
-        at.iter().filter(known).fold(
-            (Vec2::repeat(f64::INFINITY), Vec2::repeat(f64::NEG_INFINITY)),
-            |(low, high), at| (low.inf(at), high.sup(at)),
-        );
-    let (inner, size) = (place.inner(&[]), (high - low).add_scalar(0.2) * (1.0 + MARGIN));
-    let m_per_px = (size.x / inner.width).max(size.y / inner.height);
-    let axis = |label: &str, i: usize, px: f64| {
-        let (middle, half) = ((low[i] + high[i]) / 2.0, m_per_px * px / 2.0);
-        Axis::exact(label, middle - half, middle + half)
-    };
-    let mut panel = Panel::new(axis("x (m)", 0, inner.width), axis("y (m)", 1, inner.height));
+    let points: Vec<Point> = at.iter().filter(known).map(|at| point(*at)).collect();
+    let (low, high) = reach(points.iter()).unwrap_or_default();
+    let size = |low: f64, high: f64| (high - low + 0.2) * (1.0 + MARGIN);
+    let (inner, size) = (place.inner(&[]), (size(low.0, high.0), size(low.1, high.1)));
+    let (mut panel, m_per_px) = around((low, high), size, inner);
     let reach_m = m_per_px * inner.width;
     let gone_by = run.gone_by(run.times_s[instant]);
     for (edge, _) in run.scene.edges.iter().zip(gone_by).filter(|(_, gone_by)| *gone_by) {
@@ -168,8 +162,4 @@ fn bars(run: &Run) -> Vec<Bar> {
         }
     }
     bars
-}
-
-fn point(at: Vec2) -> Point {
-    (at.x, at.y)
 }

@@ -5,7 +5,7 @@ use super::*;
 use crate::metrics::summary::Summary;
 use crate::report::html;
 use crate::report::palette::{self, Dash};
-use crate::report::run::{Change, ChangedTo, Limits, Sample, Spread, Stretch};
+use crate::report::run::{Change, ChangedTo, Sample, Spread, Stretch};
 use crate::report::scene::{EdgeState, RobotState, Scene, SceneEdge, SceneFault, SceneRobot};
 
 /// Robots in a row, half a meter apart, that come to rest; the last one leads, the others are
@@ -61,7 +61,9 @@ fn example(robots: usize, instants: usize, role: &str) -> Run {
         max_ns: 7_000_000,
     };
     Run {
-        limits: Limits { converged_error_m: 0.01, stale_after_s: 0.015, lost_after_s: 0.1 },
+        converged_error_m: 0.01,
+        stale_after_s: 0.015,
+        lost_after_s: 0.1,
         times_s: (0..instants).map(|instant| instant as f64 * 0.1).collect(),
         tracks: (0..robots)
             .map(|robot| (0..instants).map(|instant| sample(robot, instant)).collect())
@@ -363,7 +365,7 @@ proptest! {
         run.scene.faults[0].t_s = number();
         run.scene.faults[0].until_s = Some(number());
         run.scene.distance_min_m = number();
-        run.limits.converged_error_m = number();
+        run.converged_error_m = number();
         let summary = run.summary.as_mut().unwrap();
         summary.t_s = number();
         summary.converged_at_s = Some(number());

@@ -29,10 +29,9 @@ pub(super) fn over_time(path: &Path) -> Result<Vec<Stretch>, ReportError> {
 /// Reads `latency.hlog`; nothing if the run was cut short before it was written.
 pub(super) fn spreads(path: &Path) -> Result<Vec<Spread>, ReportError> {
     let Some(text) = text(path)? else { return Ok(Vec::new()) };
-    let broken = |place: usize, what: String| ReportError::Broken {
-        path: path.into(),
-        line: place as u64 + 1,
-        what: format!("{what}; expected the log of histograms that a run writes"),
+    let broken = |place: usize, what: String| {
+        let what = format!("{what}; expected the log of histograms that a run writes");
+        ReportError::Broken(path.into(), place as u64 + 1, what)
     };
     let mut deserializer = Deserializer::new();
     let mut spreads = Vec::new();

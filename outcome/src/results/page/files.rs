@@ -15,7 +15,7 @@ const FILE_BYTES_MAX: u64 = 1 << 34;
 
 /// What a file holds; `None` if there is none.
 pub(super) fn text(path: &Path) -> Result<Option<Vec<u8>>, ReportError> {
-    let unread = |source| ReportError::Read { path: path.into(), source };
+    let unread = |error| ReportError::Read(path.into(), error);
     match fs::metadata(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(unread(error)),
@@ -35,10 +35,9 @@ pub(super) fn text(path: &Path) -> Result<Option<Vec<u8>>, ReportError> {
 /// The value that a file holds; `None` if there is none.
 pub(super) fn json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, ReportError> {
     let Some(text) = text(path)? else { return Ok(None) };
-    let broken = |error: serde_json::Error| ReportError::Broken {
-        path: path.into(),
-        line: error.line() as u64,
-        what: format!("{error}; expected JSON as a run writes it"),
+    let broken = |error: serde_json::Error| {
+        let what = format!("{error}; expected JSON as a run writes it");
+        ReportError::Broken(path.into(), error.line() as u64, what)
     };
     serde_json::from_slice(&text).map(Some).map_err(broken)
 }
@@ -63,7 +62,7 @@ pub(super) fn each_line_of<T: DeserializeOwned>(
 ) -> Result<(), ReportError> {
     let whole = text.iter().rposition(|&byte| byte == b'\n').map_or(0, |place| place + 1);
     let mut reader = csv::Reader::from_reader(&text[..whole]);
-    let broken = |line, what| ReportError::Broken { path: path.into(), line, what };
+    let broken = |line, what| ReportError::Broken(path.into(), line, what);
     let mut lines = reader.deserialize::<T>();
     while let Some(line) = lines.next() {
         let end = lines.reader().position().line();

@@ -1,9 +1,11 @@
 //! What a C program sees and calls. `include/phalanx.h` is made of this file.
 
-use std::ffi::{c_char, c_int, c_void, CStr};
+use std::ffi::{c_char, c_int, c_void, CStr, OsStr};
 use std::io::Write as _;
+use std::os::unix::ffi::OsStrExt as _;
 
 use agent::program::{self, LAW_FAILED};
+use clap::Parser as _;
 use formation::real;
 use protocol::brief::AgentBrief;
 use protocol::process::{self, exit};
@@ -140,7 +142,7 @@ pub struct Robot {
 pub unsafe extern "C" fn phalanx_open(argc: c_int, argv: *mut *mut c_char) -> *mut Robot {
     // SAFETY: as the caller promises.
     let given = (0..argc).map(|i| unsafe { CStr::from_ptr(*argv.offset(i as isize)) });
-    let words = match Words::of(given) {
+    let words = match Words::try_parse_from(given.map(|word| OsStr::from_bytes(word.to_bytes()))) {
         Ok(words) => words,
         Err(usage) => {
             let _ = write!(process::Stderr, "{usage}");

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::elsewhere::{Pentagon, keeps_its_distance, says};
+use crate::harness::ExitsWith as _;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
@@ -20,7 +21,7 @@ fn build(source: &str, program: &Path, more: &[&str]) {
     let (source, library) = (Path::new(ROOT).join(source), library());
     let c = source.extension().is_some_and(|ending| ending == "c");
     let (compiler, standard) = if c { ("cc", "-std=c11") } else { ("g++", "-std=c++17") };
-    let output = Command::new(compiler)
+    Command::new(compiler)
         .args([standard, "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"])
         .args(more)
         .args(["-I", &format!("{ROOT}/bindings/c/include")])
@@ -30,10 +31,7 @@ fn build(source: &str, program: &Path, more: &[&str]) {
         .arg(format!("-L{}", library.display()))
         .arg(format!("-Wl,-rpath,{}", library.display()))
         .args(["-lphalanx_agent", "-lm"])
-        .output()
-        .unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{}: {said}", source.display());
+        .exits_with(0);
 }
 
 /// The pentagon beside a program with the law `mine`, built of `source`.
@@ -145,10 +143,8 @@ fn the_header_is_what_cbindgen_makes_of_the_library() {
     let made = Command::new("cbindgen")
         .args(["--quiet", "--config", "bindings/c/cbindgen.toml", "bindings/c/src/abi.rs"])
         .current_dir(ROOT)
-        .output()
-        .unwrap();
-    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
-    let made = String::from_utf8(made.stdout).unwrap();
+        .exits_with(0)
+        .stdout;
     let path = Path::new(ROOT).join("bindings/c/include/phalanx.h");
     if std::env::var_os("PHALANX_BLESS").is_some() {
         std::fs::write(&path, &made).unwrap();

@@ -6,7 +6,7 @@ use std::process::Command;
 
 use tempfile::TempDir;
 
-use crate::harness::{Ended, Phalanx};
+use crate::harness::{Ended, ExitsWith as _, Phalanx};
 
 /// The pentagon in a folder of its own, with the law `mine` beside it.
 pub struct Pentagon {
@@ -89,9 +89,7 @@ impl Pentagon {
     /// `lines_max` lines.
     #[track_caller]
     pub fn says_by_hand(&self, words: &[&Path], code: i32, parts: &[&str], lines_max: usize) {
-        let output = (self.by_hand)(self.folder.path(), words).output().unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{said}");
+        let said = (self.by_hand)(self.folder.path(), words).exits_with(code).stderr;
         assert!(parts.iter().all(|part| said.contains(part)), "{said}");
         assert!(said.lines().count() <= lines_max, "{said}");
     }

@@ -75,8 +75,7 @@ fn a_script_takes_the_place_of_the_built_in_agent_and_runs_from_its_copy() {
     let manifest: serde_json::Value = serde_json::from_str(&own.file("manifest.json")).unwrap();
     let listed = &manifest["programs"];
     // printf '1 2 3\n' | sha256sum
-    let sum = Command::new("sha256sum").arg(programs.join("data/weights.txt")).output().unwrap();
-    let sum = String::from_utf8(sum.stdout).unwrap();
+    let sum = Command::new("sha256sum").arg(programs.join("data/weights.txt")).exits_with(0).stdout;
     assert_eq!(listed[0]["file"], "./follow.sh");
     assert_eq!(listed[1]["file"], "data/weights.txt");
     assert_eq!(listed[1]["sha256"].as_str(), sum.split(' ').next());

@@ -3,12 +3,12 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Command;
 
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::harness::run;
+use crate::harness::{ExitsWith as _, Printed, run};
 
 /// A tree with our build script: a program, and a crate beside it with a law.
 struct Tree(TempDir);
@@ -51,9 +51,8 @@ impl Tree {
     fn commit(&self) -> String {
         let git = |words: &[&str]| {
             let who = ["-c", "user.name=nobody", "-c", "user.email=nobody@localhost"];
-            let output = self.without_ours("git").args(who).args(words).output().unwrap();
-            assert!(output.status.success(), "git {words:?}: {output:?}");
-            String::from_utf8(output.stdout).unwrap().trim().to_owned()
+            let said = self.without_ours("git").args(who).args(words).exits_with(0).stdout;
+            said.trim().to_owned()
         };
         git(&["init", "-q"]);
         git(&["add", "-A"]);
@@ -74,17 +73,14 @@ impl Tree {
         command
     }
 
-    fn build(&self) -> Output {
-        let cargo = self.without_ours(env!("CARGO")).args(["build", "--offline"]).output().unwrap();
-        assert!(cargo.status.success(), "{}", String::from_utf8_lossy(&cargo.stderr));
-        cargo
+    fn build(&self) -> Printed {
+        self.without_ours(env!("CARGO")).args(["build", "--offline"]).exits_with(0)
     }
 
     /// What the program, built anew if it must be, says of commit and sources.
     fn says(&self) -> (String, String) {
         self.build();
-        let output = Command::new(self.path().join("target/debug/program")).output().unwrap();
-        let text = String::from_utf8(output.stdout).unwrap();
+        let text = Command::new(self.path().join("target/debug/program")).exits_with(0).stdout;
         assert!(text.contains("\nRUSTC=rustc 1."), "{text}");
         assert!(text.contains("\nPROFILE=debug\n"), "{text}");
         (word(&text, "GIT_HASH="), word(&text, "GIT_DIRTY="))
@@ -105,8 +101,7 @@ fn a_law_that_was_edited_after_the_commit_is_dirty_once_it_is_built() {
     tree.write("build.rs", &fs::read_to_string(tree.path().join("build.rs")).unwrap());
     assert_eq!(tree.says(), (first.clone(), "false".into()));
 
-    let again = tree.build();
-    let again = String::from_utf8_lossy(&again.stderr);
+    let again = tree.build().stderr;
     assert!(!again.contains("Compiling"), "built again without a reason: {again}");
 
     tree.write("agent/src/lib.rs", "pub fn law() { assert!(true); }\n");
@@ -136,9 +131,7 @@ fn without_a_repository_or_without_git_the_commit_is_unknown() {
     let run_with = |path: &str| {
         let mut script = tree.without_ours(script.to_str().unwrap());
         script.env("CARGO_MANIFEST_DIR", tree.path()).env("PATH", path);
-        let output = script.output().unwrap();
-        assert!(output.status.success(), "{output:?}");
-        let text = String::from_utf8(output.stdout).unwrap();
+        let text = script.exits_with(0).stdout;
         word(&text, "cargo::rustc-env=PHALANX_GIT_HASH=")
     };
     assert_eq!(run_with(&std::env::var("PATH").unwrap()).len(), 40);

@@ -8,10 +8,10 @@ mod runs;
 mod sweep;
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Command;
 
 use crate::elsewhere::{Pentagon, keeps_its_distance, says};
-use crate::harness::Ended;
+use crate::harness::{Ended, ExitsWith as _};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
@@ -35,8 +35,10 @@ fn installed() -> Command {
 }
 
 /// Something in the environment that has the package.
-fn python(words: &[&str]) -> Output {
-    Command::new("python3").args(words).env("PATH", path()).output().unwrap()
+fn python(words: &[&str]) -> Command {
+    let mut command = Command::new("python3");
+    command.args(words).env("PATH", path());
+    command
 }
 
 /// The pentagon with the law `mine` of the file `mine.py`, a copy of one of the tests, by the `phalanx` that the package has
@@ -93,10 +95,9 @@ fn auditwheel_finds_the_wheel_fit_for_other_machines_with_the_same_or_a_newer_sy
         panic!("one wheel")
     };
     assert!(wheel.to_string_lossy().ends_with("-cp310-abi3-linux_x86_64.whl"), "{wheel:?}");
-    let Output { status, stdout, stderr } =
-        python(&["-m", "auditwheel", "show", wheel.to_str().unwrap()]);
-    let said = String::from_utf8_lossy(&stdout).split_whitespace().collect::<Vec<_>>().join(" ");
-    assert!(status.success(), "{said} {}", String::from_utf8_lossy(&stderr));
+    let mut audit = python(&["-m", "auditwheel", "show", wheel.to_str().unwrap()]);
+    let said = audit.exits_with(0).stdout;
+    let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
     // No library but those that every Linux with this glibc has.
     let tag = "is consistent with the following platform tag: \"manylinux_2_";
     assert!(said.contains(tag), "{said}");
@@ -105,11 +106,11 @@ fn auditwheel_finds_the_wheel_fit_for_other_machines_with_the_same_or_a_newer_sy
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn the_package_has_the_version_of_the_workspace_and_the_program_too() {
-    let said = python(&["-c", "import phalanx; print(phalanx.__version__)"]);
+    let mut said = python(&["-c", "import phalanx; print(phalanx.__version__)"]);
     let version = env!("CARGO_PKG_VERSION");
-    assert_eq!(String::from_utf8_lossy(&said.stdout).trim(), version);
-    let said = installed().arg("--version").output().unwrap();
-    assert_eq!(String::from_utf8_lossy(&said.stdout).trim(), format!("phalanx {version}"));
+    assert_eq!(said.exits_with(0).stdout.trim(), version);
+    let said = installed().arg("--version").exits_with(0).stdout;
+    assert_eq!(said.trim(), format!("phalanx {version}"));
     let manifest =
         std::fs::read_to_string(Path::new(ROOT).join("bindings/python/Cargo.toml")).unwrap();
     let manifest: toml::Table = manifest.parse().unwrap();
@@ -258,8 +259,7 @@ fn a_program_that_cannot_serve_says_why() {
 
     let without = tanh();
     let bare = without.folder.path().join("bare");
-    let made = python(&["-m", "venv", "--without-pip", bare.to_str().unwrap()]);
-    assert!(made.status.success());
+    python(&["-m", "venv", "--without-pip", bare.to_str().unwrap()]).exits_with(0);
     let program = format!("laws.mine.program=[\"{}/bin/python3\", \"mine.py\"]", bare.display());
     let parts =
         ["ModuleNotFoundError: No module named 'phalanx'", "activate the virtual environment"];
@@ -320,7 +320,7 @@ fn the_build_of_the_package_says_what_it_waits_for_and_how_to_wait_less() {
 fn a_law_started_by_hand_says_what_starts_it() {
     let parts = ["mine.py does nothing by itself: a scenario runs it", "phalanx run SCENARIO"];
     tanh().says_by_hand(&[], 2, &parts, usize::MAX);
-    let output = python(&["-c", "import phalanx; phalanx.serve(3)"]);
+    let output = python(&["-c", "import phalanx; phalanx.serve(3)"]).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     let expected = "takes a class derived from phalanx.Law, phalanx.Controller or phalanx.Plant";
     assert!(said.contains(expected), "{said}");
@@ -329,7 +329,5 @@ fn a_law_started_by_hand_says_what_starts_it() {
 #[test]
 #[ignore = "needs the package that tests/python/install installs"]
 fn the_packages_types_are_what_its_stubs_say() {
-    let output = python(&["-m", "mypy.stubtest", "phalanx", "--ignore-disjoint-bases"]);
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{said}");
+    python(&["-m", "mypy.stubtest", "phalanx", "--ignore-disjoint-bases"]).exits_with(0);
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::harness;
+use crate::harness::{self, ExitsWith as _};
 
 use super::{ROOT, python};
 
@@ -10,10 +10,7 @@ use super::{ROOT, python};
 #[track_caller]
 fn script(name: &str, words: &[&str]) -> String {
     let path = format!("{ROOT}/tests/python/env/{name}.py");
-    let output = python(&[&[path.as_str()], words].concat());
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{name} {words:?}: {said}");
-    String::from_utf8(output.stdout).unwrap()
+    python(&[&[path.as_str()], words].concat()).exits_with(0).stdout
 }
 
 fn shipped(name: &str) -> String {
@@ -113,9 +110,7 @@ fn what_an_environment_cannot_be_made_of_is_told() {
          def step(e, **actions):\n    e.reset()\n    e.step(actions)\n"
     );
     for (line, error, part) in cases {
-        let output = python(&["-c", &format!("{head}{line}")]);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(1), "{line}: {said}");
+        let said = python(&["-c", &format!("{head}{line}")]).exits_with(1).stderr;
         assert!(said.contains(error) && said.contains(part), "{line}: {said}");
     }
 }
@@ -125,7 +120,7 @@ fn what_an_environment_cannot_be_made_of_is_told() {
 fn without_pettingzoo_it_says_what_to_install() {
     let hidden = "import sys; sys.modules['pettingzoo'] = None\n\
                   import phalanx; phalanx.parallel_env('x.toml')";
-    let output = python(&["-c", hidden]);
+    let output = python(&["-c", hidden]).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("pip install pettingzoo gymnasium numpy"), "{said}");
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 use tempfile::TempDir;
 
 use super::{ROOT, installed, python, says};
-use crate::harness::{Ended, Phalanx};
+use crate::harness::{Ended, ExitsWith as _, Phalanx};
 
 /// The triangle on a plant that is the copy of a file of the tests under the name `name`.
 fn triangle(file: &str, name: &str, more: &str) -> TempDir {
@@ -139,6 +139,6 @@ fn a_law_in_the_place_of_a_plant_says_what_it_cannot_take() {
     let ended = run(&folder).lockstep().finish();
     ended.exits_with(4).leaves_nothing();
     says(&ended, "plant.toml is not a brief");
-    let said = python(&[folder.path().join("tanh.py").to_str().unwrap(), "--help"]);
-    assert!(String::from_utf8_lossy(&said.stdout).contains("[laws.NAME]"));
+    let mut help = python(&[folder.path().join("tanh.py").to_str().unwrap(), "--help"]);
+    assert!(help.exits_with(0).stdout.contains("[laws.NAME]"));
 }

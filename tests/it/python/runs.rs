@@ -1,12 +1,11 @@
 //! Runs for analysis: `phalanx.run`, `phalanx.load`, and the notebook that shows them.
 
 use std::path::Path;
-use std::process::{Command, Output};
 
 use tempfile::TempDir;
 
-use super::{ROOT, path};
-use crate::harness::RunRoot;
+use super::{ROOT, python};
+use crate::harness::{ExitsWith as _, RunRoot};
 
 /// A folder with the shipped scenarios, and a run root.
 pub(super) struct Desk {
@@ -22,19 +21,18 @@ impl Desk {
         Desk { folder, run_root: RunRoot::new() }
     }
 
-    pub(super) fn python(&self, words: &[&str]) -> Output {
-        let mut command = Command::new("python3");
-        command.args(words).current_dir(self.folder.path()).env("PATH", path());
-        command.env("PHALANX_RUN_ROOT", self.run_root.path()).output().unwrap()
+    /// What Python prints, which has to end well.
+    #[track_caller]
+    pub(super) fn python(&self, words: &[&str]) -> String {
+        let mut command = python(words);
+        command.current_dir(self.folder.path()).env("PHALANX_RUN_ROOT", self.run_root.path());
+        command.exits_with(0).stdout
     }
 
     /// What a program prints, which has to end well.
     #[track_caller]
     pub(super) fn says(&self, program: &str) -> String {
-        let output = self.python(&["-c", &format!("import phalanx\n{program}")]);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.success(), "{said}");
-        String::from_utf8(output.stdout).unwrap()
+        self.python(&["-c", &format!("import phalanx\n{program}")])
     }
 }
 
@@ -140,10 +138,7 @@ fn the_notebook_runs_from_its_top_to_its_end() {
     let desk = Desk::new();
     let nbclient = Path::new(ROOT).join("tests/python/by_nbclient.py");
     let notebook = Path::new(ROOT).join("bindings/python/examples/first_look.ipynb");
-    let output = desk.python(&[nbclient.to_str().unwrap(), notebook.to_str().unwrap()]);
-    let (said, why) =
-        (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert!(output.status.success(), "{said}\n{why}");
+    let said = desk.python(&[nbclient.to_str().unwrap(), notebook.to_str().unwrap()]);
     for part in ["image/svg+xml", "text/html", ", True)\n", "kill", "ready", "'trajectories'"] {
         assert!(said.contains(part), "{part}: {said}");
     }

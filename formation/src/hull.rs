@@ -112,13 +112,4 @@ mod tests {
             prop_assert!(distance == expected || (distance - expected).abs() < 1e-9);
         }
     }
-
-    #[test]
-    fn the_distance_is_to_the_polygon_and_not_to_its_corners() {
-        let square = [(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (1.0, 0.0)];
-        let square: Vec<Vec2> = square.into_iter().map(|(x, y)| Vec2::new(x, y)).collect();
-        assert_eq!(convex_hull(&square).len(), 4);
-        assert_eq!(hull_distance(Vec2::new(1.0, -0.5), &square), 0.5);
-        assert_eq!(hull_distance(Vec2::new(1.0, 1.0), &square), 0.0);
-    }
 }

@@ -83,17 +83,6 @@ mod tests {
     }
 
     #[test]
-    fn draws_are_even_and_independent_of_their_neighbors() {
-        let draws: Vec<f64> = (0..10_000).map(|counter| draw(1, counter)).collect();
-        let mean = draws.iter().sum::<f64>() / 1e4;
-        assert!((mean - 0.5).abs() < 0.02, "{mean}");
-        let pairs = draws.windows(2).map(|pair| (pair[0] - 0.5) * (pair[1] - 0.5)).sum::<f64>();
-        assert!((pairs / 1e4).abs() < 0.005);
-        assert!(draws.iter().all(|draw| (0.0..1.0).contains(draw)));
-        assert_ne!(draw(1, 0), draw(2, 0));
-    }
-
-    #[test]
     fn numbers_between_two_are_all_of_them_and_chances_come_as_often_as_asked_for() {
         let mut random = SplitMix64::new(5);
         let mut drawn = [0; 4];

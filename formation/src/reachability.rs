@@ -3,6 +3,8 @@
 //! Plain places in, plain places out. The dead are left out, as with the silence policy `ignore`;
 //! robots that fell silent without dying count as dead.
 
+use serde::Serialize;
+
 use crate::graph::FormationGraph;
 
 /// A formation graph with the parts its robots play, and what its edges give them.
@@ -19,29 +21,41 @@ pub struct Reachability {
     intact: Standing,
 }
 
-/// Who has what it goes by. Robots by their places, in order.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Standing {
+/// Who has what it goes by. Robots by their places, or by their names, in order.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+pub struct Standing<R = usize> {
     /// With a main leader: robots that keep a place and that it does not reach. (Assumptions 3, 5)
-    pub unled: Vec<usize>,
+    pub unled: Vec<R>,
     /// With a main leader: robots that keep a place and that it reaches, but an unled robot
     /// reaches too. That one pulls them out of their place.
-    pub pulled: Vec<usize>,
+    pub pulled: Vec<R>,
     /// Contained robots that no robot reaches that leads or keeps a place. (Assumption 4)
-    pub uncontained: Vec<usize>,
+    pub uncontained: Vec<R>,
     /// With a main leader: contained robots that still have somebody to be contained by, but only
     /// unled ones. Their hull no longer follows the trajectory.
-    pub adrift: Vec<usize>,
+    pub adrift: Vec<R>,
     /// Without a main leader: groups of robots that keep a place and hear nobody outside, if
     /// there are several. No robot's information reaches them all, so each stands for itself.
-    pub groups: Vec<Vec<usize>>,
+    pub groups: Vec<Vec<R>>,
 }
 
-impl Standing {
+impl<R> Standing<R> {
     /// Whether everybody has what it goes by.
     pub fn is_sound(&self) -> bool {
         let Standing { unled, pulled, uncontained, adrift, groups } = self;
         [unled, pulled, uncontained, adrift].iter().all(|list| list.is_empty()) && groups.is_empty()
+    }
+
+    /// The same with that name for each robot.
+    pub fn named<N>(&self, name: impl Fn(&R) -> N) -> Standing<N> {
+        let named = |robots: &Vec<R>| robots.iter().map(&name).collect::<Vec<N>>();
+        Standing {
+            unled: named(&self.unled),
+            pulled: named(&self.pulled),
+            uncontained: named(&self.uncontained),
+            adrift: named(&self.adrift),
+            groups: self.groups.iter().map(named).collect(),
+        }
     }
 }
 

@@ -282,12 +282,17 @@ fn those_that_go_to_goals_need_nobody_and_end_there() {
     for (robot, goal) in theory.robots.iter().zip(&goals) {
         assert_eq!(Vec2::from(robot.settled_m), *goal);
     }
-    assert!(theory.deaths.iter().all(|death| death.loss.is_none() && death.breaks.is_empty()));
+    assert!(
+        theory
+            .deaths
+            .iter()
+            .all(|death| death.after.loss.is_sound() && death.after.breaks.is_empty())
+    );
     assert!(theory.matrix.m_matrix && theory.matrix.inverse_norm_2 == Some(1.0));
     let settled = theory.distances.settled.unwrap().distance_m;
     assert_near(settled, 1.6 * (std::f64::consts::PI / 8.0).sin(), 1e-6);
     // Edges give them nothing to go by, so that a cut takes nothing from them.
     let (heard, _) = scenario("antipodal-8", &["robot.r1.hears=[\"r2\"]"]);
     let theory = Theory::of(&heard);
-    assert!(theory.breaking_cuts.is_empty() && theory.deaths[1].loss.is_none());
+    assert!(theory.breaking_cuts.is_empty() && theory.deaths[1].after.loss.is_sound());
 }

@@ -5,6 +5,7 @@ use protocol::avoidance::Conditions;
 use protocol::brief::AvoidanceBrief;
 use serde::Serialize;
 
+use super::largest;
 use crate::scenario::Scenario;
 
 /// A robot that cannot stop at once.
@@ -73,13 +74,8 @@ fn fastest(scenario: &Scenario, i: usize, conditions: &Conditions<'_>) -> (f64, 
     };
     let most = limits.iter().map(|limit| limit.0).fold(f64::INFINITY, f64::min);
     if needed_m(most) > radius_m {
-        let (mut low, mut high) = (0.0, most);
-        // To twelve digits.
-        for _ in 0..40 {
-            let middle = 0.5 * (low + high);
-            *if needed_m(middle) <= radius_m { &mut low } else { &mut high } = middle;
-        }
-        limits.push((low, "the sensing radius"));
+        let fits = |speed_max_m_s| needed_m(speed_max_m_s) <= radius_m;
+        limits.push((largest(most, fits), "the sensing radius"));
     }
     { limits }.into_iter().fold((f64::INFINITY, ""), |a, b| if b.0 < a.0 { b } else { a })
 }

@@ -23,7 +23,7 @@ use super::finding::{Finding, NAMES_MAX, error, warning};
 use super::liars::liars;
 use super::opening::{Opening, locked_out};
 use super::steady::{Motion, Peak, Settled};
-use super::{rounded_down, rounded_up, start_points};
+use super::{largest, rounded_down, rounded_up, start_points};
 use crate::scenario::diagnostic::{Severity, listed};
 use crate::scenario::{Robot, Scenario};
 
@@ -486,19 +486,15 @@ fn crowds(scenario: &Scenario) -> Vec<Finding> {
             short(radius_m)
         ),
     };
-    // The radius grows with v_max: halve the interval until it is known to six digits.
+    // The radius grows with v_max.
     let fits_at = |speed_max_m_s: f64| {
         let avoidance = AvoidanceBrief { speed_max_m_s, ..scenario.avoidance.clone() };
         let slower = Scenario { avoidance, ..scenario.clone() };
         points_max(slower.sensing_radius_needed_m(), d) - 1.0 <= most as f64
     };
-    let (mut low, mut high) = (0.0, scenario.avoidance.speed_max_m_s);
-    for _ in 0..40 {
-        let middle = 0.5 * (low + high);
-        *if fits_at(middle) { &mut low } else { &mut high } = middle;
-    }
-    let expected = match low > 0.0 {
-        true => format!("expected at most {} m/s, or {} robots", rounded_down(low), most + 1),
+    let slow_m_s = largest(scenario.avoidance.speed_max_m_s, fits_at);
+    let expected = match slow_m_s > 0.0 {
+        true => format!("expected at most {} m/s, or {} robots", rounded_down(slow_m_s), most + 1),
         false => format!("expected {} robots at most", most + 1),
     };
     vec![warning("avoidance.speed_max_m_s", who, expected)]

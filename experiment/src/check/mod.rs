@@ -31,8 +31,8 @@ pub use report::report;
 pub use steady::Peak;
 pub(crate) use steady::{leader_course, places};
 pub use theory::{
-    ClosingFacts, Death, Distances, EdgeCut, Epsilon, Gap, Guard, Hears, Loss, MatrixFacts, Repair,
-    RobotTheory, SpeedBounds, Theory, TrajectoryFacts, TransientPeak, WallFacts,
+    Aftermath, ClosingFacts, Death, Distances, EdgeCut, Epsilon, Gap, Guard, Hears, MatrixFacts,
+    Repair, RobotTheory, SpeedBounds, Theory, TrajectoryFacts, TransientPeak, WallFacts,
 };
 
 use formation::Vec2;
@@ -43,6 +43,16 @@ use crate::scenario::Robot;
 /// The front points at the start, m.
 pub(crate) fn start_points(robots: &[Robot]) -> Vec<Vec2> {
     robots.iter().map(|robot| front_point(robot.start, robot.front_point_m)).collect()
+}
+
+/// The largest number up to `most`, from 0, that fits, where smaller ones do: to twelve digits.
+fn largest(most: f64, fits: impl Fn(f64) -> bool) -> f64 {
+    let (mut low, mut high) = (0.0, most);
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        *if fits(middle) { &mut low } else { &mut high } = middle;
+    }
+    low
 }
 
 /// Four decimals, never more than `number`.

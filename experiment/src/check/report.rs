@@ -7,8 +7,8 @@ use formation::seconds;
 use protocol::number::short;
 
 use super::braking::Braking;
-use super::theory::{Death, Epsilon, Gap, Hears, Loss, Repair, RobotTheory, Theory};
-use crate::prediction::{BrokenRobot, broken_means, lines};
+use super::theory::{Aftermath, Death, EdgeCut, Epsilon, Gap, Hears, Repair, RobotTheory, Theory};
+use crate::prediction::{broken_means, lines};
 use crate::scenario::Scenario;
 use crate::scenario::diagnostic::listed;
 
@@ -125,11 +125,7 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
 
 /// Which single deaths and cuts, for good, take something from whom, and whom they break.
 fn fragility(page: &mut Page, theory: &Theory<'_>) {
-    let breaking = |death: &&Death<'_>| {
-        let Death { loss, breaks, repairs, leading, .. } = death;
-        !(loss.is_none() && breaks.is_empty() && repairs.is_empty() && leading.is_empty())
-    };
-    let breaking: Vec<_> = theory.deaths.iter().filter(breaking).collect();
+    let breaking: Vec<_> = theory.deaths.iter().filter(|death| death.after.matters()).collect();
     if breaking.is_empty() {
         page.line(
             "single deaths",
@@ -148,7 +144,7 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
         format!(
             "without {}{leads}: {}{after}",
             death.robot,
-            led(&death.leading, death.peak_m) + &lost(&death.repairs, &death.loss, &death.breaks)
+            led(&death.after.leading, death.peak_m) + &lost(&death.after)
         )
     };
     page.list("single deaths", breaking.into_iter().map(death));
@@ -158,15 +154,11 @@ fn fragility(page: &mut Page, theory: &Theory<'_>) {
             "whichever edge is cut for good, each robot keeps its leader and its place",
         );
     }
-    let cuts = theory.breaking_cuts.iter();
-    let cuts = cuts.map(|cut| {
-        let lost = lost(&cut.repairs, &cut.loss, &cut.breaks);
-        (cut.from, cut.to, led(&cut.leading, None) + &lost)
-    });
-    page.list(
-        "single cuts",
-        cuts.map(|(from, to, lost)| format!("without {from} -> {to}: {lost}")),
-    );
+    let cut = |cut: &EdgeCut<'_>| {
+        let what = led(&cut.after.leading, None) + &lost(&cut.after);
+        format!("without {} -> {}: {what}", cut.from, cut.to)
+    };
+    page.list("single cuts", theory.breaking_cuts.iter().map(cut));
     page.line("", broken_means(theory.broken_m));
     if theory.liars.is_some() {
         page.line(
@@ -189,7 +181,8 @@ fn led(leading: &[&str], peak_m: Option<f64>) -> String {
 }
 
 /// Who goes by whom instead, what is lost by whom, and who is broken.
-fn lost(repairs: &[Repair<'_>], loss: &Loss<'_>, breaks: &[BrokenRobot<'_>]) -> String {
+fn lost(after: &Aftermath<'_>) -> String {
+    let Aftermath { repairs, loss, breaks, .. } = after;
     let mut parts: Vec<String> = Vec::new();
     for Repair { robot, by, .. } in repairs.iter().take(LIST_MAX) {
         let goes = format!("{robot} goes by {by}");

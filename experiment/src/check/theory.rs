@@ -135,41 +135,6 @@ pub struct Hears<'s> {
     pub instead_of: Option<&'s str>,
 }
 
-/// What the others lose, by name. Each list as in [`Standing`].
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
-pub struct Loss<'s> {
-    /// Robots that keep a place and that the leader no longer reaches.
-    pub unled: Vec<&'s str>,
-    /// Robots that keep a place, are led, and hear of an unled one too, which pulls them off it.
-    pub pulled: Vec<&'s str>,
-    /// Contained robots that nobody contains any more.
-    pub uncontained: Vec<&'s str>,
-    /// Contained robots that only unled ones contain.
-    pub adrift: Vec<&'s str>,
-    /// Without a leader: the groups that the formation falls apart into.
-    pub groups: Vec<Vec<&'s str>>,
-}
-
-impl<'s> Loss<'s> {
-    /// `standing` with the names of these robots.
-    pub fn new(standing: &Standing, robots: &'s [Robot]) -> Loss<'s> {
-        let names = |places: &Vec<usize>| places.iter().map(|&i| robots[i].name.as_str()).collect();
-        let Standing { unled, pulled, uncontained, adrift, groups } = standing;
-        Loss {
-            unled: names(unled),
-            pulled: names(pulled),
-            uncontained: names(uncontained),
-            adrift: names(adrift),
-            groups: groups.iter().map(names).collect(),
-        }
-    }
-
-    /// Whether nobody loses anything.
-    pub fn is_none(&self) -> bool {
-        *self == Loss::default()
-    }
-}
-
 /// A robot that goes by a spare.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Repair<'s> {
@@ -195,28 +160,44 @@ impl<'s> Repair<'s> {
     }
 }
 
+/// What comes of a death or a cut, for good.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Aftermath<'s> {
+    /// Which deputies then lead.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub leading: Vec<&'s str>,
+    /// Who then goes by a spare.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub repairs: Vec<Repair<'s>>,
+    /// What it takes from the others.
+    #[serde(flatten)]
+    pub loss: Standing<&'s str>,
+    /// Who ends off its place, and why.
+    pub breaks: Vec<BrokenRobot<'s>>,
+}
+
+impl Aftermath<'_> {
+    /// Whether anything comes of it.
+    pub fn matters(&self) -> bool {
+        let Aftermath { leading, repairs, loss, breaks } = self;
+        !(loss.is_sound() && breaks.is_empty() && repairs.is_empty() && leading.is_empty())
+    }
+}
+
 /// The death of one robot.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Death<'s> {
     /// Who dies.
     pub robot: &'s str,
-    /// Which deputies then lead.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub leading: Vec<&'s str>,
     /// By how much somebody who keeps a place is off meanwhile at most, m, unless it has to go around the dead.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub peak_m: Option<f64>,
-    /// Who then goes by a spare.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub repairs: Vec<Repair<'s>>,
     /// When contained robots that go by spares have come to their places, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub settles_after_s: Option<f64>,
-    /// What it takes from the others.
+    /// What comes of it.
     #[serde(flatten)]
-    pub loss: Loss<'s>,
-    /// Who ends off its place, and why.
-    pub breaks: Vec<BrokenRobot<'s>>,
+    pub after: Aftermath<'s>,
 }
 
 /// The cut of one edge.
@@ -226,17 +207,9 @@ pub struct EdgeCut<'s> {
     pub from: &'s str,
     /// By whom.
     pub to: &'s str,
-    /// Which deputies then lead.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub leading: Vec<&'s str>,
-    /// Who then goes by a spare.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub repairs: Vec<Repair<'s>>,
-    /// What that takes from all robots.
+    /// What comes of it.
     #[serde(flatten)]
-    pub loss: Loss<'s>,
-    /// Who ends off its place, and why.
-    pub breaks: Vec<BrokenRobot<'s>>,
+    pub after: Aftermath<'s>,
 }
 
 /// What follows from A and its iteration.
@@ -439,14 +412,6 @@ impl<'s> WallFacts<'s> {
     }
 }
 
-impl EdgeCut<'_> {
-    /// Whether anything comes of it.
-    fn matters(&self) -> bool {
-        let EdgeCut { loss, breaks, repairs, leading, .. } = self;
-        !(loss.is_none() && breaks.is_empty() && repairs.is_empty() && leading.is_empty())
-    }
-}
-
 impl<'s> Distances<'s> {
     fn of(scenario: &'s Scenario, settled: &Settled) -> Distances<'s> {
         let name = |i: usize| scenario.robots[i].name.as_str();
@@ -493,13 +458,15 @@ impl<'s> Theory<'s> {
             if breaks { loss(&[], &[edge]) } else { Standing::default() }
         };
         let predictor = Predictor::of(scenario);
-        let deputies = |dead: &[usize], cut: &[usize]| -> Vec<&'s str> {
+        let after = |dead: &[usize], cut: &[usize], loss: Standing| {
             let leading = scenario.leading(dead, cut).into_iter();
-            leading.filter(|&i| Some(i) != leader).map(name).collect()
-        };
-        let breaks = |dead: &[usize], cut: &[usize]| -> Vec<BrokenRobot<'s>> {
             let broken = predictor.broken(dead, cut, None);
-            broken.iter().map(|broken| broken.named(robots)).collect()
+            Aftermath {
+                leading: leading.filter(|&i| Some(i) != leader).map(name).collect(),
+                repairs: Repair::after(scenario, dead, cut),
+                loss: loss.named(|&i| name(i)),
+                breaks: broken.iter().map(|broken| broken.named(robots)).collect(),
+            }
         };
         Theory {
             scenario: &scenario.name,
@@ -513,26 +480,20 @@ impl<'s> Theory<'s> {
             deaths: (0..robots.len())
                 .map(|i| Death {
                     robot: name(i),
-                    leading: deputies(&[i], &[]),
                     peak_m: predictor.peak_m(&[i], None),
-                    repairs: Repair::after(scenario, &[i], &[]),
                     settles_after_s: (!scenario.substitutes.is_empty())
                         .then(|| predictor.settles_after_s(&[i]))
                         .flatten(),
-                    loss: Loss::new(&loss(&[i], &[]), robots),
-                    breaks: breaks(&[i], &[]),
+                    after: after(&[i], &[], loss(&[i], &[])),
                 })
                 .collect(),
             breaking_cuts: (0..edges.len())
                 .map(|edge| EdgeCut {
                     from: name(edges[edge].from),
                     to: name(edges[edge].to),
-                    leading: deputies(&[], &[edge]),
-                    repairs: Repair::after(scenario, &[], &[edge]),
-                    loss: Loss::new(&lost_by_cut(edge), robots),
-                    breaks: breaks(&[], &[edge]),
+                    after: after(&[], &[edge], lost_by_cut(edge)),
                 })
-                .filter(EdgeCut::matters)
+                .filter(|cut| cut.after.matters())
                 .collect(),
             liars: Liars::of(scenario),
             laplacian: rows(&laplacian::laplacian(&scenario.graph)),

@@ -33,27 +33,16 @@ pub(crate) const PATH_BYTES_MAX: usize = 128;
 
 /// Why a run root could not be made or joined.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum RunRootError {
     /// A file or directory could not be made or looked at.
     #[error(
         "cannot {action} {path}: {source}; PHALANX_RUN_ROOT names the directory in which runs share their memory and files (default {DEFAULT}): it must exist, be writable, have room, and should be on tmpfs"
     )]
-    Io {
-        /// What was tried.
-        action: &'static str,
-        /// With which file.
-        path: PathBuf,
-        /// Why it failed.
-        source: io::Error,
-    },
+    Io { action: &'static str, path: PathBuf, source: io::Error },
     /// It is not fit for a run root, or for this process.
     #[error("{path} {why}")]
-    Unfit {
-        /// Which directory or file.
-        path: PathBuf,
-        /// Why, and what to do about it.
-        why: String,
-    },
+    Unfit { path: PathBuf, why: String },
 }
 
 /// A run's directory, locked for as long as this value lives.

@@ -409,21 +409,14 @@ where
 
 /// Why a slice was not sent.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum SendError {
     /// No memory to write it to.
     #[error("no room for a slice of {length}: {cause:?}; the sender was made for a certain length")]
-    Loan {
-        /// How long it was.
-        length: usize,
-        /// Why.
-        cause: iceoryx2::port::LoanError,
-    },
+    Loan { length: usize, cause: iceoryx2::port::LoanError },
     /// It was written, and not delivered.
     #[error("a slice was not delivered: {cause:?}")]
-    Send {
-        /// Why.
-        cause: iceoryx2::port::SendError,
-    },
+    Send { cause: iceoryx2::port::SendError },
 }
 
 /// Sends a header and a slice written in place; returns how many receive it.

@@ -42,24 +42,17 @@ const ADVICE: &str = "make room there (mount -o remount,size=...; in a container
 
 /// Why there is too little.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum RoomError {
     /// Not enough for this run.
     #[error(
         "shared memory is {}: {room}, and {} robots with {} links need {} and {} files; {ADVICE}",
         room.too_small_or_full(need), need.robots, need.links, Bytes(need.bytes()), need.files()
     )]
-    Short {
-        /// What the run needs.
-        need: Need,
-        /// What there is.
-        room: Room,
-    },
+    Short { need: Need, room: Room },
     /// Enough at first, and none is left.
     #[error("shared memory is full: {room}; {ADVICE}")]
-    Full {
-        /// What there is.
-        room: Room,
-    },
+    Full { room: Room },
 }
 
 /// What a run needs.

@@ -42,33 +42,17 @@ pub struct Cell {
 
 /// Why a campaign has a run that cannot be.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum CellError {
     /// Its scenario is refused.
     #[error("{diagnostic}")]
-    Scenario {
-        /// Why.
-        diagnostic: Box<Diagnostic>,
-        /// Which run, in words.
-        run: String,
-    },
+    Scenario { diagnostic: Box<Diagnostic>, run: String },
     /// A file of a program that its robots run cannot be read.
     #[error("cannot read {}: {source} ({run})", path.display())]
-    Program {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-        /// Which run, in words.
-        run: String,
-    },
+    Program { path: PathBuf, source: io::Error, run: String },
     /// No starts can be drawn for it.
     #[error("{source} ({run})")]
-    Starts {
-        /// Why.
-        source: NoStarts,
-        /// Which run, in words.
-        run: String,
-    },
+    Starts { source: NoStarts, run: String },
 }
 
 /// The runs whose numbers are `wanted`, in their order: seeds within points of the grid.

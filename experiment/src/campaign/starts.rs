@@ -70,29 +70,16 @@ impl Goals {
 
 /// Why no starts could be drawn.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum NoStarts {
     /// Assumption 1 would not hold.
     #[error(
         "`apart_m` is {apart_m}, and d is {d_m}: Assumption 1 asks for starts farther apart than d"
     )]
-    TooNear {
-        /// Asked for, m.
-        apart_m: f64,
-        /// The scenario's, m.
-        d_m: f64,
-    },
+    TooNear { apart_m: f64, d_m: f64 },
     /// They do not fit.
     #[error("{robots} robots {apart_m} m apart find no room in a box of {} m by {} m with seed {seed}", .box_m[0], .box_m[1])]
-    NoRoom {
-        /// How many.
-        robots: usize,
-        /// How far apart, m.
-        apart_m: f64,
-        /// In this, m.
-        box_m: [f64; 2],
-        /// With this seed.
-        seed: u64,
-    },
+    NoRoom { robots: usize, apart_m: f64, box_m: [f64; 2], seed: u64 },
 }
 
 impl Starts {

@@ -17,33 +17,19 @@ use super::{Barrier, GROUPS_MAX, SLOTS_MAX};
 
 /// Why a barrier could not be made or opened.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum BarrierError {
     /// The file or its mapping failed.
     #[error("cannot {action} the barrier {path}: {source}")]
-    Io {
-        /// What was tried.
-        action: &'static str,
-        /// Which file.
-        path: PathBuf,
-        /// Why it failed.
-        source: io::Error,
-    },
+    Io { action: &'static str, path: PathBuf, source: io::Error },
     /// Too many robots, or none.
     #[error("a barrier of {slots} slots: expected 1 to {SLOTS_MAX}")]
-    Slots {
-        /// How many were asked for.
-        slots: usize,
-    },
+    Slots { slots: usize },
     /// The file is none of ours.
     #[error(
         "{path} is no barrier of this version: {found}; supervisor and children must be of one build"
     )]
-    Foreign {
-        /// Which file.
-        path: PathBuf,
-        /// What is wrong with it.
-        found: String,
-    },
+    Foreign { path: PathBuf, found: String },
 }
 
 impl Barrier {

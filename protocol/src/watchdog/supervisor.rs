@@ -13,18 +13,14 @@ const LOOK_EVERY_NS: u64 = 500_000_000;
 
 /// Why nobody need wait any longer.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum SupervisorLost {
     /// Its process is dead.
     #[error("the supervisor is gone")]
     Gone,
     /// Its process lives and does nothing for the run.
     #[error("no sign of life of the supervisor for {} s {instead}", limit.as_secs_f64())]
-    Hung {
-        /// For how long.
-        limit: Duration,
-        /// What it did meanwhile.
-        instead: Instead,
-    },
+    Hung { limit: Duration, instead: Instead },
 }
 
 /// Watches over the supervisor of a lockstep run.

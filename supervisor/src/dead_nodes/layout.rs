@@ -20,29 +20,18 @@ const VERSION: &str = "0.10.0";
 
 /// Why the dead could not be cleaned up after.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum LayoutError {
     /// A directory cannot be read.
     #[error("cannot look into {path}: {source}")]
-    Look {
-        /// The directory.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    Look { path: PathBuf, source: io::Error },
     /// Something is not where, or as, it was expected.
     #[error(
         "iceoryx2 lays out its files otherwise than phalanx knows, which could then not clean up after \
          a robot that dies: expected {expected} in {directory}, found {found}; phalanx needs iceoryx2 \
          {VERSION}: build it with its own Cargo.lock"
     )]
-    Otherwise {
-        /// What was expected.
-        expected: String,
-        /// Where.
-        directory: PathBuf,
-        /// What is there instead.
-        found: String,
-    },
+    Otherwise { expected: String, directory: PathBuf, found: String },
     /// No service to look at.
     #[error(transparent)]
     Service(#[from] ServiceError),

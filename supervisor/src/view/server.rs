@@ -29,7 +29,7 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::sync::{oneshot, watch};
 use tokio::time::{sleep, timeout};
 
-use crate::view::act::{self, NoAct, Request};
+use crate::view::act::{self, Request};
 use crate::view::address::reachable;
 use crate::view::gate::{Gate, Refusal, may_order};
 use crate::view::handle::{Clients, LETTERS_MAX, Letter, View};
@@ -78,6 +78,7 @@ const HEADERS: [(HeaderName, &str); 5] = [
 
 /// Why there is no live view.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum ViewError {
     /// Others could come.
     #[error(
@@ -88,12 +89,7 @@ pub enum ViewError {
     #[error(
         "cannot listen on {address} for the live view: {source}; another port may be free, and --view alone finds one"
     )]
-    Listen {
-        /// Where.
-        address: SocketAddr,
-        /// Why.
-        source: io::Error,
-    },
+    Listen { address: SocketAddr, source: io::Error },
     /// No thread, no random numbers, no descriptors.
     #[error("cannot start the live view: {0}")]
     Start(#[from] io::Error),
@@ -258,8 +254,7 @@ async fn control(State(answers): State<Answers>, headers: HeaderMap, body: Bytes
     }
     let act = match act::read(&body, &answers.scene) {
         Ok(act) => act,
-        Err(NoAct::Malformed(reason)) => return (StatusCode::BAD_REQUEST, reason).into_response(),
-        Err(NoAct::Unknown(reason)) => return (StatusCode::NOT_FOUND, reason).into_response(),
+        Err(refusal) => return refusal.into_response(),
     };
     let (answer, answered) = oneshot::channel();
     let over = (StatusCode::CONFLICT, "the run is over");

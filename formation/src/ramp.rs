@@ -5,6 +5,8 @@
 //! closed form (a clothoid), by Gauss-Legendre over pieces of small turns. Its error is below
 //! [`SHARE_OFF_MAX`] of the way.
 
+use serde::{Deserialize, Serialize};
+
 use crate::pose::{Pose, Twist, wrap_angle};
 use crate::real;
 use crate::unicycle::arc;
@@ -34,12 +36,22 @@ pub struct Accelerations {
 }
 
 /// How the two parts of a twist change together.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Ramp {
-    /// Both at constant rates that let them arrive at the same time: a straight segment.
+    /// Both at constant rates that let them arrive at the same time: a straight segment, as the guard's
+    /// promise needs it.
+    #[default]
     Together,
-    /// Each at its largest rate.
+    /// Each at its largest rate: the guard promises nothing then.
     Independent,
+}
+
+impl Ramp {
+    /// Whether both parts arrive at the same time.
+    pub fn is_together(&self) -> bool {
+        *self == Ramp::Together
+    }
 }
 
 impl Accelerations {

@@ -67,7 +67,7 @@ impl Motion for Unicycles {
                 None => (arc(pose, target, dt_s), target),
                 Some(limits) => {
                     let accelerations = limits.accelerations();
-                    accelerations.drive(pose, twist, target, limits.ramp.ramp(), dt_s)
+                    accelerations.drive(pose, twist, target, limits.ramp, dt_s)
                 }
             };
             *state = State { pose, twist };

@@ -25,7 +25,7 @@ pub const FORMAT: u64 = 2;
 
 /// [`FORMAT`], as the first key of a brief: no other can be read or written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(try_from = "u64", into = "u64")]
+#[serde(from = "u64", into = "u64")]
 pub struct Format;
 
 impl From<Format> for u64 {
@@ -34,14 +34,10 @@ impl From<Format> for u64 {
     }
 }
 
-impl TryFrom<u64> for Format {
-    type Error = String;
-
-    fn try_from(format: u64) -> Result<Format, String> {
-        match format {
-            FORMAT => Ok(Format),
-            other => Err(format!("format {other}, expected {FORMAT}")),
-        }
+impl From<u64> for Format {
+    /// Whether it is this one [`read`] asks before all else.
+    fn from(_: u64) -> Format {
+        Format
     }
 }
 
@@ -199,7 +195,6 @@ pub struct DeputyBrief {
     /// ell of the main leader, whose frame it continues, m.
     pub front_point_m: f64,
     /// How fast the main leader's twist can change; without, at once.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub limits: Option<LimitsBrief>,
     /// What the main leader is told.
     pub lead: LeadBrief,
@@ -256,21 +251,16 @@ pub struct AgentBrief {
     /// The law's gains by key.
     pub gains: BTreeMap<String, f64>,
     /// Of a law in a program of its own.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub program: Option<ProgramBrief>,
     /// Whether offsets turn and grow with a leader's frame, which then must be heard first.
     pub led: bool,
     /// Where to lead, for the main leader only.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lead: Option<LeadBrief>,
     /// How to lead in the main leader's place, for its deputies only.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub deputy: Option<DeputyBrief>,
     /// delta(t), for those that keep a place in a formation that nobody leads; without, always 1.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scale: Option<Scale>,
     /// Where to go, m, in `map`, for a robot with a goal of its own.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub goal_m: Option<[f64; 2]>,
     /// Whom avoidance is to make way for.
     #[serde(default)]
@@ -278,7 +268,6 @@ pub struct AgentBrief {
     /// Which velocity to publish.
     pub published_velocity: PublishedVelocity,
     /// How fast its twist can change; without, at once.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub limits: Option<LimitsBrief>,
     /// How to keep distance.
     pub avoidance: AvoidanceBrief,
@@ -356,8 +345,8 @@ pub struct LimitsBrief {
     /// tau: it is never commanded a twist that takes longer to brake from, s.
     pub braking_time_s: f64,
     /// How both parts of the twist change together.
-    #[serde(default, skip_serializing_if = "RampKind::is_together")]
-    pub ramp: RampKind,
+    #[serde(default, skip_serializing_if = "Ramp::is_together")]
+    pub ramp: Ramp,
 }
 
 impl LimitsBrief {
@@ -366,31 +355,6 @@ impl LimitsBrief {
         Accelerations {
             forward_m_s2: self.acceleration_m_s2,
             turn_rad_s2: self.turn_acceleration_rad_s2,
-        }
-    }
-}
-
-/// How the two parts of a twist change together.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum RampKind {
-    /// On a straight segment: both arrive at the same time, as the guard's promise needs it.
-    #[default]
-    Together,
-    /// Each as fast as it can: the guard promises nothing then.
-    Independent,
-}
-
-impl RampKind {
-    fn is_together(&self) -> bool {
-        *self == RampKind::Together
-    }
-
-    /// The same for the integration.
-    pub fn ramp(self) -> Ramp {
-        match self {
-            RampKind::Together => Ramp::Together,
-            RampKind::Independent => Ramp::Independent,
         }
     }
 }
@@ -404,10 +368,8 @@ pub struct BodyBrief {
     /// ell, m.
     pub front_point_m: f64,
     /// Wheel limits, if any.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub wheels: Option<WheelsBrief>,
     /// How fast its twist can change; without, at once.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub limits: Option<LimitsBrief>,
     /// Where it starts.
     pub start: Pose,
@@ -443,7 +405,6 @@ pub struct PlantBrief {
     /// d, m: nearer pairs are counted.
     pub distance_min_m: f64,
     /// Speed limit of every front point, m/s; absent where commands are taken literally.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub speed_max_m_s: Option<f64>,
     /// Robots within this distance are reported in odometry, m.
     pub sensing_radius_m: f64,
@@ -454,7 +415,6 @@ pub struct PlantBrief {
     #[serde(default, skip_serializing_if = "is_zero")]
     pub clearance_m: f64,
     /// Where a program of the scenario's own moves the robots.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub program: Option<PlantProgramBrief>,
     /// The convex parts of all walls and obstacles.
     #[serde(default, rename = "obstacle", skip_serializing_if = "Vec::is_empty")]
@@ -491,7 +451,6 @@ pub struct BridgeBrief {
     /// tcp or udp; with certificates TLS, over TCP.
     pub transport: String,
     /// The certificates of mutual TLS, if there are any.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub certificates: Option<CertificatesBrief>,
     /// All hosts.
     #[serde(rename = "host")]
@@ -552,42 +511,23 @@ pub struct PartitionBrief {
 
 /// Why a brief could not be read or written.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum BriefError {
     /// The file could not be read.
     #[error("cannot read the brief {path}: {source}")]
-    Read {
-        /// Which file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    Read { path: PathBuf, source: std::io::Error },
     /// Another build wrote it.
     #[error(
         "{path} has {found}, and this program reads format {FORMAT}: whoever wrote it is of another \
          build; start supervisor, agents and plant from the same one"
     )]
-    Format {
-        /// Which file.
-        path: PathBuf,
-        /// Its format.
-        found: String,
-    },
+    Format { path: PathBuf, found: String },
     /// The file's content is no such brief.
     #[error("{path} is not a brief: {source}")]
-    Parse {
-        /// Which file.
-        path: PathBuf,
-        /// Why, with line and column.
-        source: Box<toml::de::Error>,
-    },
+    Parse { path: PathBuf, source: Box<toml::de::Error> },
     /// It says what no process can do.
     #[error("{path} cannot be followed: {flaw}")]
-    Unsound {
-        /// Which file.
-        path: PathBuf,
-        /// Which key, its value, and what was expected.
-        flaw: String,
-    },
+    Unsound { path: PathBuf, flaw: String },
 }
 
 /// An [`AgentBrief`] or a [`PlantBrief`].

@@ -68,30 +68,12 @@ enum DetailValue {
     Yes,
 }
 
-const fn number(word: &'static str, key: &'static str) -> Detail {
-    Detail { word, key, value: DetailValue::Number, needed: false }
+const fn may(word: &'static str, value: DetailValue, key: &'static str) -> Detail {
+    Detail { word, key, value, needed: false }
 }
 
-const fn whole(word: &'static str, key: &'static str) -> Detail {
-    Detail { word, key, value: DetailValue::Whole, needed: false }
-}
-
-const fn signed(word: &'static str, key: &'static str) -> Detail {
-    Detail { word, key, value: DetailValue::Signed, needed: false }
-}
-
-const fn pair(word: &'static str, key: &'static str) -> Detail {
-    Detail { word, key, value: DetailValue::Pair, needed: false }
-}
-
-const fn yes(word: &'static str, key: &'static str) -> Detail {
-    Detail { word, key, value: DetailValue::Yes, needed: false }
-}
-
-impl Detail {
-    const fn needed(self) -> Detail {
-        Detail { needed: true, ..self }
-    }
+const fn needs(word: &'static str, value: DetailValue, key: &'static str) -> Detail {
+    Detail { needed: true, ..may(word, value, key) }
 }
 
 /// A form without details, of a fault that lasts.
@@ -127,30 +109,31 @@ impl Subject {
     }
 }
 
+use DetailValue::{Number, Pair, Signed, Whole, Yes};
 use Subject::{Beacons, Hosts, Link, Machine, Robot, Stream};
 
-const LOSS: &[Detail] = &[number("of", "probability").needed(), whole("burst", "burst")];
+const LOSS: &[Detail] = &[needs("of", Number, "probability"), may("burst", Whole, "burst")];
 const BURSTS: &[Detail] =
-    &[number("of", "probability").needed(), number("mean", "mean_burst_s").needed()];
-const DELAY: &[Detail] = &[number("by", "delay_s").needed(), number("jitter", "jitter_s")];
+    &[needs("of", Number, "probability"), needs("mean", Number, "mean_burst_s")];
+const DELAY: &[Detail] = &[needs("by", Number, "delay_s"), may("jitter", Number, "jitter_s")];
 const LIE: &[Detail] = &[
-    pair("by", "by_m"),
-    pair("drift", "drift_m_s"),
-    number("random", "random_m"),
-    signed("turn", "turn_rad"),
+    may("by", Pair, "by_m"),
+    may("drift", Pair, "drift_m_s"),
+    may("random", Number, "random_m"),
+    may("turn", Signed, "turn_rad"),
 ];
 
 /// Every kind of fault; those that strike links and streams have a form for each.
 pub(crate) const FORMS: &[Form] = &[
     form("kill", Robot, "SIGKILL of a robot's process, or of the plant")
         .written("kill ROBOT|plant @SECONDS [restart SECONDS]")
-        .with(&[number("restart", "restart_after_s")])
+        .with(&[may("restart", Number, "restart_after_s")])
         .at_once(),
     form("freeze", Robot, "SIGSTOP of a robot's process, and SIGCONT at its end")
         .written("freeze ROBOT @SECONDS [for SECONDS]"),
     form("slow", Robot, "a robot that needs longer to answer")
         .written("slow ROBOT by SECONDS @SECONDS [for SECONDS]")
-        .with(&[number("by", "delay_s").needed()]),
+        .with(&[needs("by", Number, "delay_s")]),
     form("cut", Link, "a link that carries nothing")
         .written("cut FROM->TO @SECONDS [for SECONDS]"),
     form("loss", Link, "a link that loses beacons")
@@ -167,7 +150,7 @@ pub(crate) const FORMS: &[Form] = &[
         .with(BURSTS),
     form("fading", Link, "a link that carries a beacon with probability exp(-(r / range)^exponent) over the distance r")
         .written("fading FROM->TO range METERS [exponent NUMBER] @SECONDS [for SECONDS]")
-        .with(&[number("range", "range_m").needed(), number("exponent", "exponent")]),
+        .with(&[needs("range", Number, "range_m"), may("exponent", Number, "exponent")]),
     form("delay", Link, "a link that delays beacons")
         .written("delay FROM->TO by SECONDS [jitter SECONDS] @SECONDS [for SECONDS]")
         .with(DELAY),
@@ -184,15 +167,15 @@ pub(crate) const FORMS: &[Form] = &[
         .written("blackout ROBOT odometry|proximity @SECONDS [for SECONDS]"),
     form("noise", Subject::Sensor, "a sensor that sees not exactly")
         .written("noise ROBOT odometry|proximity by METERS [heading RADIANS] @SECONDS [for SECONDS]")
-        .with(&[number("by", "bound_m").needed(), number("heading", "heading_bound_rad")]),
+        .with(&[needs("by", Number, "bound_m"), may("heading", Number, "heading_bound_rad")]),
     form("wheels", Robot, "wheels that are stuck, or slow")
         .written("wheels ROBOT stuck|limit M_PER_S @SECONDS [for SECONDS]")
-        .with(&[yes("stuck", "stuck"), number("limit", "speed_max_m_s")]),
+        .with(&[may("stuck", Yes, "stuck"), may("limit", Number, "speed_max_m_s")]),
     form("partition", Hosts, "hosts of a fleet and all others, which cannot hear each other (runs with --fleet only)")
         .written("partition HOST[,HOST...] @SECONDS [for SECONDS]"),
     form("load", Machine, "processes that take processor time from everybody")
         .written("load of PROCESSES @SECONDS [for SECONDS]")
-        .with(&[whole("of", "processes").needed()]),
+        .with(&[needs("of", Whole, "processes")]),
 ];
 
 impl Form {
@@ -477,21 +460,21 @@ impl Detail {
     fn read<'w>(&self, words: &mut impl Iterator<Item = &'w str>) -> Result<Item, String> {
         let word = self.word;
         Ok(match self.value {
-            DetailValue::Yes => value(true),
-            DetailValue::Number => value(number_after(word, words)?),
-            DetailValue::Whole => {
+            Yes => value(true),
+            Number => value(number_after(word, words)?),
+            Whole => {
                 let number = number_after(word, words)?;
                 if number.fract() != 0.0 || number > 1e9 {
                     return Err(format!("`{word} {number}` is not a whole number"));
                 }
                 value(number as i64)
             }
-            DetailValue::Signed => {
+            Signed => {
                 let number = words.next().ok_or(format!("`{word}` needs a number after it"))?;
                 let wrong = || format!("`{number}` is not a number");
                 value(number.parse().ok().filter(|n: &f64| n.is_finite()).ok_or_else(wrong)?)
             }
-            DetailValue::Pair => {
+            Pair => {
                 let mut text = String::new();
                 while !text.ends_with(']') {
                     let next = words.next();

@@ -62,12 +62,13 @@ use formation::Vec2;
 use formation::graph::{Edge, FormationGraph};
 use formation::obstacle::{Obstacle, Obstacles};
 use formation::pose::Pose;
+use formation::ramp::Ramp;
 use formation::reachability::Reachability;
 use formation::scale::Scale;
 use formation::seconds;
 use protocol::avoidance::{AvoidanceDescription, Conditions, Promise};
 use protocol::brief::{
-    AvoidanceBrief, LeadBrief, LimitsBrief, Pace, PublishedVelocity, RampKind, Rank, SilenceBrief,
+    AvoidanceBrief, LeadBrief, LimitsBrief, Pace, PublishedVelocity, Rank, SilenceBrief,
     WheelsBrief,
 };
 use protocol::fault::{Lie, LinkFaultKind, Sensor, SensorFaultKind, Span, Stream, WheelFaultKind};
@@ -266,80 +267,31 @@ impl Fault {
 
 /// What breaks.
 #[derive(Debug, Clone, PartialEq)]
+#[expect(missing_docs, reason = "`robot`, `hearer`: by place; `edge`: by its place in the graph")]
 pub enum FaultKind {
-    /// SIGKILL of a robot's process.
-    Kill {
-        /// Which robot.
-        robot: usize,
-        /// Its replacement is started this long after the kill, ns; without, the robot stays dead
-        /// (its restart policy is for deaths that nobody planned).
-        restart_after_ns: Option<u64>,
-    },
+    /// SIGKILL of a robot's process. Its replacement is started this long after it, ns; without, the robot
+    /// stays dead (its restart policy is for deaths that nobody planned).
+    Kill { robot: usize, restart_after_ns: Option<u64> },
     /// SIGKILL of the plant: the run ends.
     KillPlant,
     /// SIGSTOP of a robot's process, and SIGCONT at its end.
-    Freeze {
-        /// Which robot.
-        robot: usize,
-    },
-    /// A robot that needs longer to answer.
-    Slow {
-        /// Which robot.
-        robot: usize,
-        /// By how much, ns.
-        delay_ns: u64,
-    },
+    Freeze { robot: usize },
+    /// A robot that needs longer to answer, by this, ns.
+    Slow { robot: usize, delay_ns: u64 },
     /// A link that loses or delays what it carries.
-    Link {
-        /// Place of its edge in the graph.
-        edge: usize,
-        /// What is wrong with it.
-        kind: LinkFaultKind,
-    },
+    Link { edge: usize, kind: LinkFaultKind },
     /// A robot's own stream that loses or delays what it carries.
-    Stream {
-        /// Whose.
-        robot: usize,
-        /// Which.
-        stream: Stream,
-        /// What is wrong with it.
-        kind: LinkFaultKind,
-    },
-    /// A robot whose beacons are false.
-    Lie {
-        /// Whose.
-        robot: usize,
-        /// The only robot that hears the lie; `None`: all that hear it.
-        hearer: Option<usize>,
-        /// What they say.
-        lie: Lie,
-    },
+    Stream { robot: usize, stream: Stream, kind: LinkFaultKind },
+    /// A robot whose beacons are false, to this hearer alone; `None`: to all.
+    Lie { robot: usize, hearer: Option<usize>, lie: Lie },
     /// A sensor that sees nothing, or not exactly.
-    Sensor {
-        /// Whose.
-        robot: usize,
-        /// Which.
-        sensor: Sensor,
-        /// What is wrong with it.
-        kind: SensorFaultKind,
-    },
+    Sensor { robot: usize, sensor: Sensor, kind: SensorFaultKind },
     /// Wheels that are stuck, or slow.
-    Wheels {
-        /// Whose.
-        robot: usize,
-        /// What is wrong with them.
-        kind: WheelFaultKind,
-    },
-    /// Hosts that cannot hear the others, nor these them.
-    Partition {
-        /// Which, by the names of the fleet file.
-        hosts: Vec<String>,
-    },
-    /// Processes that take processor time from everybody.
-    Load {
-        /// How many.
-        processes: usize,
-    },
+    Wheels { robot: usize, kind: WheelFaultKind },
+    /// Hosts, by the names of the fleet file, that cannot hear the others, nor these them.
+    Partition { hosts: Vec<String> },
+    /// So many processes that take processor time from everybody.
+    Load { processes: usize },
 }
 
 /// Whom a fault strikes.
@@ -644,11 +596,6 @@ impl Scenario {
         edges.filter(|(_, edge)| self.robots[edge.to].role.reference == Reference::Offsets)
     }
 
-    /// Names of the robots that robot `i` hears.
-    pub fn heard_names(&self, i: usize) -> Vec<&str> {
-        self.graph.heard_by(i).map(|e| self.robots[e.from].name.as_str()).collect()
-    }
-
     /// The longer of both paces' H, ns: what is safe with it is safe in either.
     pub fn command_lifetime_ns_max(&self) -> u64 {
         self.command_lifetime_ns(Pace::Lockstep).max(self.command_lifetime_ns(Pace::Realtime))
@@ -676,9 +623,8 @@ impl Scenario {
     /// The first robot whose speed and turn rate change independently, by its name: the guard with
     /// inertia promises nothing then.
     pub fn voids_the_promise(&self) -> Option<&str> {
-        let independent = |robot: &&Robot| {
-            robot.limits.is_some_and(|limits| limits.ramp == RampKind::Independent)
-        };
+        let independent =
+            |robot: &&Robot| robot.limits.is_some_and(|limits| limits.ramp == Ramp::Independent);
         self.robots.iter().find(independent).map(|robot| robot.name.as_str())
     }
 

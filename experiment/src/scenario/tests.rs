@@ -150,7 +150,8 @@ fn the_triangle_is_read_as_the_chapter_has_it() {
     assert_eq!((silence.stale_after_ns, silence.lost_after_ns), (15_000_000, 100_000_000));
     assert_eq!(scenario.robots[1].gains["speed_m_s"], 0.1);
     assert_eq!(scenario.robots[1].restart.when, RestartWhen::OnFailure);
-    assert_eq!([0, 1, 2].map(|i| scenario.heard_names(i)[0]), ["r2", "r3", "r1"]);
+    let heard = |i| scenario.graph.heard_by(i).map(|edge| edge.from).collect::<Vec<_>>();
+    assert_eq!([0, 1, 2].map(heard), [[1], [2], [0]]);
     assert_eq!(scenario.expect.converged_error_m, 0.01);
     assert!(report(&scenario).contains("r1 hears r2 and wants to be at r2 + (0.150, 0.260) m"));
 }
@@ -405,7 +406,7 @@ fn every_word_of_a_row_means_something() {
     mean_something::<protocol::brief::PublishedVelocity>(&format, "scenario", "published_velocity");
     mean_something::<protocol::brief::SilencePolicy>(&format, "silence", "policy");
     mean_something::<RestartWhen>(&format, "robot", "restart_policy");
-    mean_something::<protocol::brief::RampKind>(&format, "limits", "ramp");
+    mean_something::<formation::ramp::Ramp>(&format, "limits", "ramp");
     mean_something::<protocol::fault::Stream>(&format, "fault", "stream");
     mean_something::<protocol::fault::Sensor>(&format, "fault", "sensor");
     let format = campaign::keys::format();

@@ -1,14 +1,15 @@
 //! Robots whose twist cannot change at once: the rules that the guard with inertia rests on.
 
+use formation::ramp::Ramp;
 use proptest::prelude::*;
-use protocol::brief::{LimitsBrief, RampKind};
+use protocol::brief::LimitsBrief;
 use protocol::fault::{Span, WheelFault};
 
 use super::*;
 use crate::testing::{self, MS, brief};
 
 /// a_v = 2 m/s^2, a_w = 10 rad/s^2.
-fn world(ramp: RampKind, wheel_faults: Vec<WheelFault>) -> World {
+fn world(ramp: Ramp, wheel_faults: Vec<WheelFault>) -> World {
     let limits = LimitsBrief {
         acceleration_m_s2: 2.0,
         turn_acceleration_rad_s2: 10.0,
@@ -31,7 +32,7 @@ fn close(found: Twist, v_m_s: f64, w_rad_s: f64) -> bool {
 
 #[test]
 fn independent_ramps_leave_the_segment() {
-    let mut world = world(RampKind::Independent, Vec::new());
+    let mut world = world(Ramp::Independent, Vec::new());
     world.accept(0, &command(0, 0.4, 1.0)).unwrap();
     world.advance(10 * MS);
     assert!(close(world.states[0].twist, 0.02, 0.1), "{:?}", world.states[0].twist);
@@ -41,7 +42,7 @@ fn independent_ramps_leave_the_segment() {
 fn stuck_wheels_brake_and_go_on_where_they_are_freed() {
     let span = Span { from_ns: 10 * MS, until_ns: 15 * MS };
     let stuck = vec![WheelFault { span, kind: WheelFaultKind::Stuck }];
-    let mut world = world(RampKind::Together, stuck);
+    let mut world = world(Ramp::Together, stuck);
     world.accept(0, &command(0, 0.4, 0.0)).unwrap();
     for (t_ms, v_m_s) in [(10, 0.02), (15, 0.01), (20, 0.02)] {
         world.advance(t_ms * MS);
@@ -61,7 +62,7 @@ proptest! {
             (0..30u64, 0..25u64, -1.0..1.0f64, -8.0..8.0f64), 1..12,
         ),
     ) {
-        let mut world = world(RampKind::Together, Vec::new());
+        let mut world = world(Ramp::Together, Vec::new());
         let accelerations = world.robots[0].body.limits.unwrap().accelerations();
         for (wait_ms, age_ms, v_m_s, w_rad_s) in commands {
             for _ in 0..wait_ms {

@@ -53,7 +53,7 @@ fn agent() -> AgentBrief {
             acceleration_m_s2: 2.5,
             turn_acceleration_rad_s2: 3.2,
             braking_time_s: 0.35,
-            ramp: RampKind::Together,
+            ramp: Ramp::Together,
         }),
         avoidance: AvoidanceBrief {
             kind: "focus".into(),
@@ -132,7 +132,7 @@ fn plant() -> PlantBrief {
                 acceleration_m_s2: 1.0,
                 turn_acceleration_rad_s2: 3.0,
                 braking_time_s: 0.5,
-                ramp: RampKind::Independent,
+                ramp: Ramp::Independent,
             }),
             start: Pose { x_m: 0.0, y_m: -0.5, heading_rad: 1.0 },
             sensor_faults: vec![SensorFault {

@@ -6,6 +6,7 @@ use std::io::{self, IsTerminal, Write};
 use iceoryx2::prelude::{LogLevel, set_log_level};
 use tracing::{Level, Metadata};
 use tracing_subscriber::filter::filter_fn;
+use tracing_subscriber::layer::Identity;
 use tracing_subscriber::prelude::*;
 use tracing_subscriber::{Layer, Registry};
 
@@ -36,16 +37,7 @@ impl Write for Stderr {
 /// Logs to stderr, panics included: one JSON object a line, or plain text where a person reads it.
 /// `PHALANX_LOG` names the level.
 pub fn log_to_stderr() {
-    let level = log_level(Level::INFO);
-    // Fails only if this process logs already, which then goes on as it was.
-    let log = tracing_subscriber::fmt().with_max_level(level).with_writer(|| Stderr);
-    let _ = if io::stderr().is_terminal() {
-        log.with_target(false).try_init()
-    } else {
-        log.json().flatten_event(true).try_init()
-    };
-    log_panics();
-    quiet_iceoryx2();
+    log_to_stderr_and(Identity::new(), |_| false);
 }
 
 /// The same, with another listener, which hears what it asks for; what is `hidden` is not logged.
@@ -56,6 +48,7 @@ where
     let level = log_level(Level::INFO);
     let shown = filter_fn(move |about| *about.level() <= level && !hidden(about));
     let log = tracing_subscriber::fmt::layer().with_writer(|| Stderr);
+    // Fails only if this process logs already, which then goes on as it was.
     let all = tracing_subscriber::registry().with(listener);
     let _ = if io::stderr().is_terminal() {
         all.with(log.with_target(false).with_filter(shown)).try_init()

@@ -9,6 +9,7 @@ use protocol::message::Wanted;
 use super::Run;
 use super::error::RunError;
 use super::lives::{Death, Effect, Event, Who};
+use super::processes::{LOG_LINES, Processes};
 use crate::child;
 use crate::dead_nodes::Dead;
 use crate::room;
@@ -58,7 +59,8 @@ impl Run<'_> {
             }
             Act::StartLoad { processes } => {
                 let log = self.journal.run_dir.log_path("load");
-                let started = self.processes.start_load(fault, processes, &log);
+                let Processes { load, launcher, .. } = &mut self.processes;
+                let started = load.start(launcher, fault, processes, &log);
                 self.journal.event(now_ns, "load", None, started);
                 self.journal.metrics.fault_began(fault, now_ns);
             }
@@ -157,7 +159,7 @@ impl Run<'_> {
         if self.is_over() {
             return Ok(());
         }
-        let log = self.processes.last_lines_of_plant();
+        let log = self.processes.plant.last_lines(LOG_LINES);
         self.died_of_full_memory("the plant", status, &log)?;
         Err(RunError::PlantDied { how: child::in_words(status), log })
     }

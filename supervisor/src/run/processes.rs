@@ -1,7 +1,7 @@
 //! The processes of a run: started, signalled, watched, reaped. Must not: decide anything about
 //! them, or wait for one.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
@@ -28,7 +28,7 @@ pub(super) struct Processes {
     control_timer: Option<Child>,
     /// What takes processor time on purpose.
     pub(super) load: Load,
-    launcher: Launcher,
+    pub(super) launcher: Launcher,
 }
 
 /// A robot's process, or the place for one.
@@ -136,11 +136,6 @@ impl Processes {
         }
     }
 
-    /// Starts processes that take processor time, for a fault; how many there are, in words.
-    pub(super) fn start_load(&mut self, fault: usize, asked: usize, log: &Path) -> String {
-        self.load.start(&self.launcher, fault, asked, log)
-    }
-
     /// Lets a robot's process, if there is one, be so from now on.
     pub(super) fn want(&mut self, robot: usize, wanted: Wanted) {
         let robot = &mut self.robots[robot];
@@ -181,11 +176,6 @@ impl Processes {
     /// Whether a robot's process is stopped, by whomever.
     pub(super) fn is_stopped(&mut self, robot: usize) -> bool {
         self.robots[robot].child.as_mut().is_some_and(Child::is_stopped)
-    }
-
-    /// The end of the plant's log.
-    pub(super) fn last_lines_of_plant(&self) -> String {
-        self.plant.last_lines(LOG_LINES)
     }
 
     /// The robots' processes, by place.

@@ -1,5 +1,6 @@
 //! What a client may ask for, what is wrong with it, and the answer it waits for.
 
+use axum::http::StatusCode;
 use outcome::report::scene::Scene;
 use serde::Deserialize;
 use tokio::sync::oneshot;
@@ -49,35 +50,29 @@ enum Wish {
     Mend { from: String, to: String },
 }
 
-/// Why a wish is none.
-#[derive(Debug, PartialEq, Eq)]
-pub(crate) enum NoAct {
-    /// Not one of our words.
-    Malformed(String),
-    /// It names what is not there.
-    Unknown(String),
-}
-
-/// Reads what a client wrote.
-pub(crate) fn read(body: &[u8], scene: &Scene) -> Result<Act, NoAct> {
+/// Reads what a client wrote: in none of our words it is a bad request, and names of what is not there are not found.
+pub(crate) fn read(body: &[u8], scene: &Scene) -> Result<Act, (StatusCode, String)> {
     let wish: Wish = serde_json::from_slice(body).map_err(|error| {
-        NoAct::Malformed(format!(
+        let reason = format!(
             "{error}; expected such as {{\"act\":\"kill\",\"robot\":\"r1\"}} with kill, freeze, thaw \
              or restart, or {{\"act\":\"cut\",\"from\":\"r1\",\"to\":\"r2\"}} with cut or mend"
-        ))
+        );
+        (StatusCode::BAD_REQUEST, reason)
     })?;
     let robot = |name: &str| {
         let found = scene.robots.iter().position(|robot| robot.name == name);
         found.ok_or_else(|| {
             let names: Vec<&str> = scene.robots.iter().map(|robot| robot.name.as_str()).collect();
-            NoAct::Unknown(format!("there is no robot {name:?}; there are {}", names.join(", ")))
+            let reason = format!("there is no robot {name:?}; there are {}", names.join(", "));
+            (StatusCode::NOT_FOUND, reason)
         })
     };
     let edge = |from: &str, to: &str| {
         let ends = (robot(from)?, robot(to)?);
         let found = scene.edges.iter().position(|edge| (edge.from, edge.to) == ends && !edge.spare);
         found.ok_or_else(|| {
-            NoAct::Unknown(format!("there is no edge {from}->{to}: {to} does not hear {from}"))
+            let reason = format!("there is no edge {from}->{to}: {to} does not hear {from}");
+            (StatusCode::NOT_FOUND, reason)
         })
     };
     Ok(match wish {

@@ -1,6 +1,7 @@
 //! Robots that cannot stop at once.
 
-use protocol::brief::{LimitsBrief, RampKind};
+use formation::ramp::Ramp;
+use protocol::brief::LimitsBrief;
 
 use super::Fleet;
 
@@ -33,7 +34,7 @@ impl Fleet {
                 acceleration_m_s2: speed_max_m_s / forward_s,
                 turn_acceleration_rad_s2: speed_max_m_s / (body.front_point_m * turning_s),
                 braking_time_s: tau_s,
-                ramp: RampKind::Together,
+                ramp: Ramp::Together,
             });
             agent.limits = body.limits;
         }

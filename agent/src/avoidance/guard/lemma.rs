@@ -12,7 +12,6 @@ use formation::pose::{Pose, wrap_angle};
 use formation::ramp::Ramp;
 use formation::random::SplitMix64;
 use formation::unicycle::arc;
-use protocol::brief::RampKind;
 
 use super::super::braking::mu;
 use super::tests::{brief, sample as sample_at};
@@ -103,7 +102,7 @@ impl Case {
                 acceleration_m_s2,
                 turn_acceleration_rad_s2,
                 braking_time_s,
-                ramp: RampKind::Together,
+                ramp: Ramp::Together,
             }),
             tau_max: braking_time_s * others_longer,
             error_m: 0.0,
@@ -130,7 +129,7 @@ impl Case {
             acceleration_m_s2,
             turn_acceleration_rad_s2,
             braking_time_s: 1.0,
-            ramp: RampKind::Together,
+            ramp: Ramp::Together,
         });
     }
 

@@ -1,8 +1,8 @@
 //! The guard against its proof: the formulas that the lemmas of the folder `proof` speak of, read from
 //! there and evaluated, say what the guard does. Whoever changes one of the two has to change the other.
 
+use formation::ramp::Ramp;
 use proptest::prelude::*;
-use protocol::brief::RampKind;
 
 use super::super::braking::mu;
 use super::formulas::Formulas;
@@ -62,7 +62,7 @@ proptest! {
             acceleration_m_s2: accelerations.0,
             turn_acceleration_rad_s2: accelerations.1,
             braking_time_s: tau,
-            ramp: RampKind::Together,
+            ramp: Ramp::Together,
         });
         let tau_max = tau * others_longer;
         let mut guard = guard([d, v_max, ell], errors, limits, tau_max);
@@ -142,7 +142,7 @@ proptest! {
             acceleration_m_s2: a.0,
             turn_acceleration_rad_s2: a.1,
             braking_time_s: 1.0,
-            ramp: RampKind::Together,
+            ramp: Ramp::Together,
         };
         let guard = guard([0.2, 0.5, 0.1], (0.0, 0.0), Some(limits), 1.0);
         let time = (twist.0.abs() / a.0).max(twist.1.abs() / a.1);

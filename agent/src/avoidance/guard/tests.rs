@@ -1,6 +1,7 @@
 //! Of which briefs a guard is made, when a robot stands, what of a command it is granted, and its figures.
 
-use protocol::brief::{AvoidanceBrief, RampKind};
+use formation::ramp::Ramp;
+use protocol::brief::AvoidanceBrief;
 
 use super::*;
 
@@ -27,7 +28,7 @@ fn burger() -> AgentBrief {
         acceleration_m_s2: 2.5,
         turn_acceleration_rad_s2: 3.2,
         braking_time_s: 0.35,
-        ramp: RampKind::Together,
+        ramp: Ramp::Together,
     });
     brief.avoidance.distance_min_m = 0.3;
     brief.avoidance.speed_max_m_s = 0.22;

@@ -102,6 +102,9 @@ fn one_in_the_way_is_gone_around_by_a_focus_that_is_as_strong_as_needed() {
     let expected = clipped(-excess, -(excess + reach));
     near(deflect(3.0, &[deep], turned(reach, 0.0)), expected);
     near(deflect(3.0, &[deep, turned(0.0, 0.24)], turned(reach, 0.0)), expected);
+    // One that is only just near enough holds back what a period could bring too much.
+    let half_of_it = turned(-(d_f + 0.5 * reach / 0.25), 0.0); // kappa = 0.25
+    near(deflect(3.0, &[half_of_it], turned(reach, 0.0)), turned(0.5 * reach, -0.5 * reach));
     // At the same place there is no direction to go around by.
     assert!(deflect(3.0, &[Vec2::zeros()], turned(reach, 0.0)).norm() <= reach);
 }

@@ -423,11 +423,6 @@ impl Brain {
         late_ns.max().unwrap_or(0)
     }
 
-    /// How old at `now_ns` the beacons are that answers go by: see [`Neighborhood::ages`].
-    pub fn ages(&self, now_ns: u64) -> impl Iterator<Item = (usize, u64)> {
-        self.neighborhood.ages(now_ns)
-    }
-
     /// What information ages came to since this was asked last: see [`Neighborhood::take_ages`].
     pub fn take_ages(&mut self, now_ns: u64) -> impl Iterator<Item = (usize, AgeSums)> {
         self.neighborhood.take_ages(now_ns)

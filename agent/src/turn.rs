@@ -237,7 +237,7 @@ impl Turn {
     pub fn sent(&mut self, sent_ns: u64) {
         let compute_ns = sent_ns.saturating_sub(self.taken_ns);
         self.measured.record(Stage::Compute, 0, compute_ns);
-        for (from, age_ns) in self.brain.ages(self.used_ns) {
+        for (from, age_ns) in self.brain.neighborhood().ages(self.used_ns) {
             self.measured.record(Stage::BeaconAge, from, age_ns);
         }
         let Some(due_ns) = self.due_ns else { return };

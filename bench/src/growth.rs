@@ -11,7 +11,7 @@ use formation::real;
 use crate::lockstep::{self, PERIOD_S, TICKS_OF_A_START};
 use crate::ring;
 use crate::rounds::{Case, Setting};
-use crate::run::{Summary, TAKERS};
+use crate::run::{Run, Summary, TAKERS};
 
 /// What grows, and how to read the rows.
 pub(crate) const NOTES: [&str; 4] = [
@@ -37,7 +37,7 @@ pub(crate) fn cases<'a>(setting: &'a Setting<'_>, robots: &[usize]) -> Vec<Case<
         Case::new(format!("{robots} robots"), move |table| {
             let run = |ticks| {
                 let text = ring::text(robots, ticks, PERIOD_S);
-                Summary::of_run(setting, &text, Pace::Lockstep, &[])
+                Run::start(setting, &text, Pace::Lockstep, &[])?.summary()
             };
             let (start, whole) = (run(TICKS_OF_A_START)?, run(ticks)?);
             let by_us = per_tick_us(&start, &whole)?.map(|us| us / robots as f64);

@@ -6,7 +6,7 @@
 use protocol::brief::Pace;
 
 use crate::rounds::{Case, Setting};
-use crate::run::Summary;
+use crate::run::Run;
 use crate::{bare_lockstep, ring};
 
 /// T, s. Simulated.
@@ -37,14 +37,15 @@ pub(crate) fn speed<'a>(
         let scenario = ring::read(&text)?;
         Ok(Case::new(format!("{robots} robots"), move |table| {
             let what = "ticks/s";
-            let summary = Summary::of_run(setting, &text, Pace::Lockstep, &[])?;
+            let summary = Run::start(setting, &text, Pace::Lockstep, &[])?.summary()?;
             table.run(what, summary.number("/wall/ticks_per_s")?);
             let hash = summary.0["trajectory_hash"].as_str().unwrap_or("none");
             table.trajectory(robots, ticks, "phalanx run", hash);
             let bare = bare_lockstep::run(setting, &scenario)?;
             table.baseline(what, MAPPING, bare.ticks_per_s);
             table.trajectory(robots, ticks, MAPPING, &bare.hash);
-            let unmeasured = Summary::of_run(setting, &text, Pace::Lockstep, &["--unmeasured"])?;
+            let unmeasured =
+                Run::start(setting, &text, Pace::Lockstep, &["--unmeasured"])?.summary()?;
             let ticks_per_s = unmeasured.number("/wall/ticks_per_s")?;
             table.baseline(what, "ours, not measured or recorded", ticks_per_s);
             Ok(())
@@ -62,7 +63,7 @@ pub(crate) fn startup<'a>(
         let text = ring::text(robots, TICKS_OF_A_START, PERIOD_S);
         let scenario = ring::read(&text)?;
         Ok(Case::new(format!("{robots} robots"), move |table| {
-            let summary = Summary::of_run(setting, &text, Pace::Lockstep, &[])?;
+            let summary = Run::start(setting, &text, Pace::Lockstep, &[])?.summary()?;
             table.run("ready, s", summary.number("/wall/startup_s")?);
             let bare = bare_lockstep::run(setting, &scenario)?;
             table.baseline("ready, s", "bare processes", bare.startup_s);

@@ -21,7 +21,7 @@ use crate::peers::{self, Peers, Post};
 use crate::quantiles::{QUANTILES, Quantiles, mean, quantiles_us};
 use crate::realtime::{LONGER, RATES_HZ};
 use crate::rounds::{Case, Setting};
-use crate::run::Summary;
+use crate::run::Run;
 use crate::table::Table;
 use crate::{Place, ring};
 
@@ -66,7 +66,7 @@ pub(crate) fn cases<'a>(
         let node = service::node("bench")?;
         let name = format!("{robots} robots at {rate_hz} Hz");
         Ok(Case::new(name, move |table: &mut Table| {
-            let summary = Summary::of_run(setting, &text, Pace::Realtime, &[])?;
+            let summary = Run::start(setting, &text, Pace::Realtime, &[])?.summary()?;
             let [used, answer, wake] = [Stage::BeaconDelivery, Stage::Compute, Stage::Wake]
                 .map(|stage| summary.stage(stage));
             for (what, us) in (Seen { used, answer, wake }).figures()? {

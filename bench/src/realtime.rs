@@ -9,7 +9,7 @@ use protocol::stage::Stage;
 use crate::quantiles::{QUANTILES, combined};
 use crate::ring;
 use crate::rounds::{Case, Setting};
-use crate::run::Summary;
+use crate::run::Run;
 use crate::timers::{self, Task};
 
 /// Rates of the robots, Hz.
@@ -26,7 +26,8 @@ pub(crate) fn cases<'a>(setting: &'a Setting<'_>, robots: &[usize]) -> Vec<Case<
         let (ticks, text) = ring::lasting(robots, rate_hz, LONGER * setting.seconds);
         Case::new(setting.realtime_case(robots, rate_hz), move |table| {
             let periods = (ticks * robots as u64) as f64;
-            let summary = Summary::of_run(setting, &text, Pace::Realtime, priority.as_slice())?;
+            let summary =
+                Run::start(setting, &text, Pace::Realtime, priority.as_slice())?.summary()?;
             let latest = combined(&summary.stage(Stage::Wake), f64::max).context("nobody woke")?;
             let busy_ns = (1e9 * summary.taken_s()?[0] / periods) as u64;
             let period_ns = 1_000_000_000 / rate_hz;

@@ -134,16 +134,6 @@ impl Drop for Run<'_> {
 pub(crate) struct Summary(pub(crate) Value);
 
 impl Summary {
-    /// Runs a scenario to its end.
-    pub(crate) fn of_run(
-        setting: &Setting<'_>,
-        scenario: &str,
-        pace: Pace,
-        more: &[&str],
-    ) -> anyhow::Result<Summary> {
-        Run::start(setting, scenario, pace, more)?.summary()
-    }
-
     /// A number.
     pub(crate) fn number(&self, pointer: &str) -> anyhow::Result<f64> {
         let found = self.0.pointer(pointer).and_then(Value::as_f64);

@@ -85,29 +85,24 @@ pub(super) fn run(
         }
         exit::INFRASTRUCTURE
     };
+    let told = |why: String| {
+        complain(&why);
+        failed(&why)
+    };
     let ended = match execute(scenario, text, manifest, &Place::At(out.clone()), how) {
         Ok(ended) => ended,
-        Err(error) => {
-            complain(&error);
-            return failed(&error.to_string());
-        }
+        Err(error) => return told(error.to_string()),
     };
     match ended.end {
         End::AsPlanned if ended.written => {
             let passed = ended.summary.exit == exit::OK;
             match complete(&out, cell, keep, passed) {
                 Ok(()) => exit::OK,
-                Err(error) => {
-                    let why = format!("cannot complete {}: {error}", cell.display());
-                    complain(&why);
-                    failed(&why)
-                }
+                Err(error) => told(format!("cannot complete {}: {error}", cell.display())),
             }
         }
         End::Interrupted if late.load(Ordering::Relaxed) => {
-            let why = format!("took more than {:?}", args.deadline_s.unwrap_or_default());
-            complain(&why);
-            failed(&why)
+            told(format!("took more than {:?}", args.deadline_s.unwrap_or_default()))
         }
         End::Interrupted => {
             remove();

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use protocol::brief::Pace;
-use protocol::process::Stop;
+use protocol::process::{Stop, exit};
 use protocol::ros2::Ros2Brief;
 use supervisor::run::journal::Journal;
 use supervisor::run::launch::OpenTo;
@@ -149,8 +149,7 @@ pub(super) fn execute(
     place: &Place,
     mut how: How,
 ) -> Result<Ended, Failure> {
-    let stop = Stop::on_signals_twice_at_once()
-        .map_err(|error| format!("cannot handle signals: {error}"))?;
+    let stop = super::stop()?;
     if let Some(on_start) = how.on_start.take() {
         on_start(&stop);
     }
@@ -239,16 +238,13 @@ fn run_to_the_end(
 }
 
 /// The programs of a scenario of that file; what cannot be read is said.
-pub(super) fn read_programs(scenario: &Scenario, path: &Path) -> Option<Programs> {
-    let read = Programs::read(scenario, folder(path));
-    let read = read.map_err(|(path, error)| {
-        complain(&format_args!("cannot read {}: {error}", path.display()))
-    });
-    read.ok()
+pub(super) fn read_programs(scenario: &Scenario, path: &Path) -> Result<Programs, u8> {
+    Programs::read(scenario, folder(path))
+        .map_err(|(path, error)| complain(&format_args!("cannot read {}: {error}", path.display())))
 }
 
-/// Runs a sound scenario in lockstep, into a new directory and without pictures. Whether it came to its
-/// end; what went wrong is said.
+/// Runs a sound scenario in lockstep, into a new directory and without pictures. Fails unless it came to
+/// its end; what went wrong is said.
 pub(super) fn run_again(
     scenario: &Scenario,
     text: &str,
@@ -256,21 +252,15 @@ pub(super) fn run_again(
     out: &Path,
     launcher: Launcher,
     build: &Build,
-) -> bool {
+) -> Result<(), u8> {
     let pace = Pace::Lockstep;
     let mut manifest = Manifest::collect(scenario, &out.join("scenario.toml"), pace, build);
     manifest.programs = programs.listed();
     let how = How::new(pace, launcher, programs);
-    match execute(scenario, text, &manifest, &Place::At(out.into()), how) {
-        Ok(ended) => {
-            ended.began
-                && ended.written
-                && !ended.summary.interrupted
-                && checksums::write(out, out).map_err(|error| complain(&error)).is_ok()
-        }
-        Err(error) => {
-            complain(&error);
-            false
-        }
+    let ended = execute(scenario, text, &manifest, &Place::At(out.into()), how);
+    let ended = ended.map_err(|error| complain(&error))?;
+    if !(ended.began && ended.written) || ended.summary.interrupted {
+        return Err(exit::INFRASTRUCTURE);
     }
+    checksums::write(out, out).map_err(|error| complain(&error))
 }

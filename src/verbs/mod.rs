@@ -42,7 +42,7 @@ use std::path::Path;
 use clap::Subcommand;
 use experiment::scenario::file::stays_in;
 use protocol::catalog::Catalog;
-use protocol::process::{fail_at_file_size_limits, quiet_iceoryx2};
+use protocol::process::{Stop, fail_at_file_size_limits, quiet_iceoryx2};
 
 use outcome::results::manifest::Build;
 use supervisor::spawn::Launcher;
@@ -51,6 +51,11 @@ pub(crate) use screen::print;
 
 /// Why a verb could not go on.
 type Failure = Box<dyn std::error::Error>;
+
+/// What ends a verb early: signals.
+fn stop() -> Result<Stop, String> {
+    Stop::on_signals_twice_at_once().map_err(|error| format!("cannot handle signals: {error}"))
+}
 
 /// Says of what is about several hosts, or about ROS 2, that it is not built in.
 #[cfg(not(feature = "bridge"))]

@@ -107,7 +107,8 @@ impl RunArgs {
         let ros2 = self.ros2.read(&scenario, self.pace == PaceArg::Realtime, lives_here)?;
         // Before anything is written or spawned: the port may be taken.
         let live_view = self.live_view()?;
-        let programs = read_programs(&scenario, &self.scenario.path).ok_or(exit::BAD_SCENARIO)?;
+        let programs =
+            read_programs(&scenario, &self.scenario.path).map_err(|_| exit::BAD_SCENARIO)?;
         let pace = self.pace();
         let mut manifest = Manifest::collect(&scenario, &self.scenario.path, pace, build);
         manifest.programs = programs.listed();

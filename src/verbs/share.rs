@@ -7,7 +7,7 @@ use experiment::scenario::Scenario;
 use outcome::results::host_dir::HostDir;
 use outcome::results::programs::Programs;
 use outcome::results::run_dir::{Place, RunDirError};
-use protocol::process::{Stop, exit};
+use protocol::process::exit;
 use supervisor::run::RunError;
 use supervisor::run::hosts::share::{self, Ended};
 use supervisor::spawn::Launcher;
@@ -24,8 +24,7 @@ pub(super) fn run(
     place: &Place,
     launcher: &Launcher,
 ) -> Result<u8, u8> {
-    let stop = Stop::on_signals_twice_at_once()
-        .map_err(|error| complain(&format_args!("cannot handle signals: {error}")))?;
+    let stop = super::stop().map_err(|error| complain(&error))?;
     let make = |out: &Path| {
         let host_dir = HostDir::make(out)?;
         host_dir.write_scenario(text)?;

@@ -122,8 +122,7 @@ fn go(
     catalog: &Catalog,
     origin: &Origin<'_>,
 ) -> Result<u8, Failure> {
-    let stop = Stop::on_signals_twice_at_once()
-        .map_err(|error| format!("cannot handle signals: {error}"))?;
+    let stop = super::stop()?;
     let folder = Folder::open(out)?;
     if args.retry {
         folder.forgive(cells);

@@ -66,7 +66,7 @@ pub(super) fn verify(
             program.words.join(" ")
         )));
     }
-    let programs = read_programs(&scenario, &path).ok_or(exit::INFRASTRUCTURE)?;
+    let programs = read_programs(&scenario, &path)?;
     let name = run_dir.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let beside = run_dir.with_file_name(format!("{name}-again-{}", std::process::id()));
     let out = args.out.clone().unwrap_or_else(|| beside.clone());
@@ -75,9 +75,7 @@ pub(super) fn verify(
         return Err(misused(&format_args!("{out} exists already; give --out a new name")));
     }
     let _scratch = Scratch(args.out.is_none().then_some(beside));
-    if !run_again(&scenario, &text, programs, &out, launcher, build) {
-        return Err(exit::INFRASTRUCTURE);
-    }
+    run_again(&scenario, &text, programs, &out, launcher, build)?;
     let comparison = Comparison::of(run_dir, &out).map_err(|error| {
         complain(&format_args!("cannot compare {}: {error}", run_dir.display()))
     })?;

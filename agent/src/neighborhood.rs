@@ -18,7 +18,7 @@ use protocol::planted;
 use crate::laws::situation::Heard;
 use frames::Frames;
 pub use frames::HeardFrame;
-use repair::{GivenUp, GoesBy, Opened};
+use repair::{GivenUp, GoesBy, Opened, Successions};
 
 /// The robots heard and the spares, in the order of the brief: places are counted over both.
 pub struct Neighborhood {
@@ -27,6 +27,7 @@ pub struct Neighborhood {
     spares_from: usize,
     is_repaired: bool,
     repair_after_ns: u64,
+    successions: Successions,
     silence: SilenceBrief,
     /// F: how many of those heard are left out on either side.
     liars_max: usize,
@@ -46,6 +47,9 @@ struct Neighbor {
     offset: Vec2,
     /// In place of which in-neighbours it counts, see [`NeighborBrief::replaces`].
     replaces: Vec<u64>,
+    /// A spare that replaces anybody; one by which the robot keeps the place of a leader that it takes.
+    for_anybody: bool,
+    for_place: bool,
     newest: Option<Beacon>,
     contact: Since,
     age: Sawtooth,
@@ -56,12 +60,17 @@ struct Neighbor {
 }
 
 impl Neighbor {
-    fn new(brief: &NeighborBrief, is_spare: bool) -> Neighbor {
+    fn new(own: &AgentBrief, brief: &NeighborBrief, is_spare: bool) -> Neighbor {
+        let is_in = |robots: &[usize]| robots.contains(&brief.index);
+        let for_place = own.successions.iter().any(|one| is_in(&one.by));
+        let is_deputy = own.successions.iter().any(|one| is_in(&one.deputies));
         Neighbor {
             index: brief.index as u64,
             trusted: brief.trusted,
             offset: Vec2::from(brief.offset_m),
             replaces: brief.replaces.iter().map(|&robot| robot as u64).collect(),
+            for_anybody: is_spare && !for_place && !is_deputy && brief.replaces.is_empty(),
+            for_place,
             newest: None,
             contact: Since::default(),
             age: Sawtooth::default(),
@@ -133,13 +142,14 @@ pub enum BeaconRefusal {
 impl Neighborhood {
     /// Nobody was heard yet. `incarnation`: how often the robot's process was started before.
     pub fn new(brief: &AgentBrief, incarnation: u64) -> Neighborhood {
-        let neighbors = brief.neighbors.iter().map(|sender| Neighbor::new(sender, false));
-        let spares = brief.spares.iter().map(|sender| Neighbor::new(sender, true));
+        let neighbors = brief.neighbors.iter().map(|sender| Neighbor::new(brief, sender, false));
+        let spares = brief.spares.iter().map(|sender| Neighbor::new(brief, sender, true));
         Neighborhood {
             neighbors: neighbors.chain(spares).collect(),
             spares_from: brief.neighbors.len(),
             is_repaired: brief.is_repaired(),
             repair_after_ns: brief.repair_after_ns,
+            successions: Successions::new(brief),
             silence: brief.silence.clone(),
             liars_max: brief.liars_max(),
             frames: Frames::new(brief),
@@ -233,7 +243,8 @@ impl Neighborhood {
         if self.resumes {
             spares.iter_mut().for_each(|spare| _ = spare.opened.get_or_insert(now));
         } else if self.is_repaired {
-            changed |= repair::repair(neighbors, spares, self.repair_after_ns, now, t_ns);
+            let (successions, after_ns) = (&mut self.successions, self.repair_after_ns);
+            changed |= repair::repair(neighbors, spares, successions, after_ns, now, t_ns);
         }
         changed
     }
@@ -335,14 +346,20 @@ impl Neighborhood {
         self.neighbors[..self.spares_from].iter().any(|neighbor| neighbor.given_up.yes)
     }
 
+    /// Whether it takes the place of a leader that is given up, and keeps it by those that it hears for that alone.
+    pub fn takes_place(&self) -> bool {
+        self.successions.takes_place
+    }
+
     /// How often a sender that is gone by counts.
     fn times(&self, place: usize) -> usize {
-        let replaces = &self.neighbors[place].replaces;
+        let Neighbor { index, replaces, for_anybody, for_place, .. } = &self.neighbors[place];
         let in_neighbors = &self.neighbors[..self.spares_from];
         let is_replaced =
-            |robot: &&u64| in_neighbors.iter().any(|one| one.index == **robot && !one.goes_by.yes);
-        let once = place < self.spares_from || replaces.is_empty();
-        usize::from(once) + replaces.iter().filter(is_replaced).count()
+            |robot: &u64| in_neighbors.iter().any(|one| one.index == *robot && !one.goes_by.yes);
+        let once = place < self.spares_from || *for_anybody || *for_place;
+        let replaced = replaces.iter().copied().chain(self.successions.taken_by(*index));
+        usize::from(once) + replaced.filter(is_replaced).count()
     }
 
     /// alpha* by what was recalled: the mean of what all of them ask for, but for in-neighbours that others

@@ -71,6 +71,7 @@ pub(crate) fn brief() -> AgentBrief {
         goals_from_outside: false,
         neighbors: vec![hears(5), hears(2)],
         spares: Vec::new(),
+        successions: Vec::new(),
     }
 }
 

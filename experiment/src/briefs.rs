@@ -6,7 +6,7 @@ use formation::graph::Edge;
 use protocol::avoidance::Senses;
 use protocol::brief::{
     AgentBrief, AvoidanceBrief, BodyBrief, DeputyBrief, Format, NeighborBrief, Pace, PlantBrief,
-    PlantProgramBrief, ProgramBrief, VERSION,
+    PlantProgramBrief, ProgramBrief, SuccessionBrief, VERSION,
 };
 use protocol::fault::{LieFault, LinkFault, SensorFault, SlowFault, Span, Stream, WheelFault};
 use protocol::law::Reference;
@@ -83,7 +83,20 @@ pub fn agent(scenario: &Scenario, i: usize, pace: Pace, run_root: &Path) -> Agen
         goals_from_outside: false,
         neighbors: neighbors.collect(),
         spares: spares.collect(),
+        successions: successions(scenario, i),
     }
+}
+
+/// Who takes the places of leaders that a robot hears.
+fn successions(scenario: &Scenario, i: usize) -> Vec<SuccessionBrief> {
+    let own = scenario.spares.iter().filter(|edge| edge.to == i && scenario.is_for_place(edge));
+    let own: Vec<usize> = own.map(|edge| edge.from + 1).collect();
+    let told = scenario.successions_heard(i).map(|one| SuccessionBrief {
+        leader: one.leader + 1,
+        deputies: one.deputies.iter().map(|deputy| deputy + 1).collect(),
+        by: if one.deputies.contains(&i) { own.clone() } else { Vec::new() },
+    });
+    told.collect()
 }
 
 /// What a deputy is told.

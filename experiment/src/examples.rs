@@ -79,6 +79,7 @@ pub fn row_of_three() -> Scenario {
         spares: Vec::new(),
         substitutes: Vec::new(),
         deputies: Vec::new(),
+        successions: Vec::new(),
         repair_after_ns: None,
         lead: None,
         unled_scale: None,

@@ -200,6 +200,19 @@ pub struct DeputyBrief {
     pub lead: LeadBrief,
 }
 
+/// Contained robots that take the place of a leader that a robot hears, while it is lost.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SuccessionBrief {
+    /// The leader, by its place in the scenario, from 1.
+    pub leader: usize,
+    /// They, the best rank first; the robot itself may be one.
+    pub deputies: Vec<usize>,
+    /// If it is, by which of its spares it then keeps that place, at their offsets. They replace nobody else.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub by: Vec<usize>,
+}
+
 /// What a program with a law of its own is told beside the rest: no build has a row for it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -299,6 +312,9 @@ pub struct AgentBrief {
     /// hears before it leads anew.
     #[serde(default, rename = "spare", skip_serializing_if = "Vec::is_empty")]
     pub spares: Vec<NeighborBrief>,
+    /// Who takes the places of leaders that a contained robot hears.
+    #[serde(default, rename = "succession", skip_serializing_if = "Vec::is_empty")]
+    pub successions: Vec<SuccessionBrief>,
 }
 
 impl AgentBrief {
@@ -309,7 +325,9 @@ impl AgentBrief {
 
     /// Whether anybody is gone by in place of lost in-neighbours.
     pub fn is_repaired(&self) -> bool {
-        !self.spares.is_empty() || self.neighbors.iter().any(|sender| !sender.replaces.is_empty())
+        let is_planned = |sender: &NeighborBrief| !sender.replaces.is_empty();
+        !(self.spares.is_empty() && self.successions.is_empty())
+            || self.neighbors.iter().any(is_planned)
     }
 
     /// F: how many of those heard it leaves out on either side.

@@ -32,7 +32,7 @@ const PROCESS_EVERY: usize = 22;
 #[test]
 fn every_bad_scenario_gets_its_diagnostic_and_exit_status_3() {
     let (catalog, files) = (agent::catalog(), Cell::new(0));
-    as_written_beside("tests/bad", 210, |path| {
+    as_written_beside("tests/bad", 216, |path| {
         let read = read_to_run(path, &Overrides::default(), &catalog);
         let shown = read.expect_err(&run_of(path)).render(false) + "\n";
         if files.replace(files.get() + 1) % PROCESS_EVERY == 0 {

@@ -48,7 +48,7 @@ fn scene() -> Scene {
             robot("r2", "formation"),
             robot("<img src=x onerror=alert(1)>", "contained"),
         ],
-        edges: EDGES.map(|(from, to)| SceneEdge { from, to, spare: false }).to_vec(),
+        edges: EDGES.map(|(from, to)| SceneEdge { from, to, ..SceneEdge::default() }).to_vec(),
         walls: vec![
             Obstacle::segment([-0.8, -0.9], [0.9, -0.9]),
             Obstacle::Disc { center_m: [0.0, 0.0], radius_m: 0.05 },

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use agent::brain::Brain;
 use experiment::prediction::{Cause, Predictor};
-use experiment::scenario::Scenario;
+use experiment::scenario::{Repaired, Scenario};
 use formation::Vec2;
 use formation::front_point::front_point;
 use formation::graph::Edge;
@@ -169,23 +169,25 @@ fn spares_gone_by(scenario: &Scenario) -> Vec<(usize, usize)> {
 fn who_goes_by_whom_after_deaths_and_cuts_is_foretold() {
     let set = [&REPAIR[..], &["duration_s=3"]].concat();
     let mut cases = Vec::new();
-    for name in SHIPPED {
+    let deputies = "robot.left.deputies=[\"f2\",\"f4\"]";
+    let with_deputies = ("escort", [&set[..], &[deputies]].concat());
+    for (name, set) in SHIPPED.map(|name| (name, set.clone())).into_iter().chain([with_deputies]) {
         let planned = scenario(name, &set);
         let robot = |i: usize| planned.robots[i].name.clone();
         let robots = 0..planned.robots.len();
         for (i, j) in robots.flat_map(|i| [(i, i), (i, (i + 1) % planned.robots.len())]) {
             let kills = [format!("kill {} @1", robot(i)), format!("kill {} @1.7", robot(j))];
             let kills = kills[..1 + usize::from(i != j)].to_vec();
-            cases.push((name, kills, vec![i, j], Vec::new()));
+            cases.push((name, set.clone(), kills, vec![i, j], Vec::new()));
         }
         for (e, edge) in planned.graph.edges().iter().enumerate().step_by(3) {
             let cut = vec![format!("cut {}->{} @1", robot(edge.from), robot(edge.to))];
-            cases.push((name, cut, Vec::new(), vec![e]));
+            cases.push((name, set.clone(), cut, Vec::new(), vec![e]));
         }
     }
-    let seen = in_parallel(&cases, |(name, faults, dead, cut)| {
+    let seen = in_parallel(&cases, |(name, set, faults, dead, cut)| {
         let faults: Vec<&str> = faults.iter().map(String::as_str).collect();
-        let scenario = with_faults(name, &set, &faults);
+        let scenario = with_faults(name, set, &faults);
         let repairs = scenario.repairs(dead, cut).into_iter();
         let ends = repairs.filter(|repaired| repaired.spare.is_some());
         let mut foretold: Vec<_> = ends.map(|repaired| (repaired.robot, repaired.by)).collect();
@@ -213,6 +215,11 @@ struct Whole {
 
 impl Whole {
     fn of(name: &'static str) -> Whole {
+        Whole::with(name, &[])
+    }
+
+    /// The same with this set besides.
+    fn with(name: &'static str, more: &[&str]) -> Whole {
         let shipped = scenario(name, &[]);
         let keeps_place = |i: &usize| shipped.robots[*i].role.reference == Reference::Offsets;
         let mut deputies: Vec<usize> = (0..shipped.robots.len()).filter(keeps_place).collect();
@@ -224,7 +231,7 @@ impl Whole {
         let deputies: Vec<&str> =
             deputies.iter().map(|&i| shipped.robots[i].name.as_str()).collect();
         let at_s = 0.5 * shipped.duration_ns as f64 / 1e9;
-        let mut set: Vec<String> = REPAIR.map(str::to_owned).into();
+        let mut set: Vec<String> = REPAIR.iter().chain(more).copied().map(str::to_owned).collect();
         if !deputies.is_empty() {
             set.push(format!("deputies={deputies:?}"));
         }
@@ -321,13 +328,20 @@ fn places_on_the_repaired_graph(
     repairs.iter().for_each(|one| heard[one.robot].push((one.by, Vec2::zeros())));
     let free: Vec<usize> =
         (0..found.len()).filter(|&i| contained(i) && !dead.contains(&i)).collect();
-    // About where those are that keep places.
-    let place = |i: usize| if contained(i) { without[i] } else { found[i] };
+    let takes_from = |i: usize| {
+        let for_place = |spare: usize| scenario.is_for_place(&scenario.spares[spare]);
+        let takes = |one: &&Repaired| one.robot == i && one.spare.is_some_and(for_place);
+        repairs.iter().find(takes).map(|one| one.instead_of)
+    };
+    // About where those are that keep places, or take them.
+    let keeps = |i: usize| !contained(i) || takes_from(i).is_some();
+    let place = |i: usize| if keeps(i) { found[i] } else { without[i] };
     let mut places: Vec<Vec2> = (0..found.len()).map(place).collect();
-    let free: Vec<usize> = free.into_iter().filter(|&i| !heard[i].is_empty()).collect();
+    let free: Vec<usize> =
+        free.into_iter().filter(|&i| !keeps(i) && !heard[i].is_empty()).collect();
     settle(&heard, &free, &mut places).expect("somebody contains them");
-    for i in (0..found.len()).filter(|&i| !contained(i)) {
-        places[i] = without[i];
+    for i in (0..found.len()).filter(|&i| keeps(i)) {
+        places[i] = without[takes_from(i).unwrap_or(i)];
     }
     places
 }
@@ -356,7 +370,10 @@ fn tally(all: &[Aftermath]) -> [[usize; 3]; 2] {
 
 /// All single deaths of these scenarios that leave a leader or a deputy.
 fn deaths(scenarios: &[&'static str]) -> Vec<Aftermath> {
-    let wholes = in_parallel(scenarios, |name| Whole::of(name));
+    deaths_of(&in_parallel(scenarios, |name| Whole::of(name)))
+}
+
+fn deaths_of(wholes: &[Whole]) -> Vec<Aftermath> {
     let robots = |name: &str| 0..scenario(name, &[]).robots.len();
     let cases = wholes.iter().flat_map(|whole| robots(whole.name).map(move |robot| (whole, robot)));
     in_parallel(&cases.collect::<Vec<_>>(), |(whole, robot)| Aftermath::of(whole, &[(*robot, 0.0)]))
@@ -366,6 +383,16 @@ fn deaths(scenarios: &[&'static str]) -> Vec<Aftermath> {
 fn after_any_death_all_who_keep_places_are_where_they_were() {
     let all = deaths(&["pentagon", "line-5"]);
     assert_eq!(tally(&all)[0], [all.len(), all.len(), 0]);
+}
+
+/// Without them nobody finds room in what is left of the hull when `left` or `right` dies.
+#[test]
+fn after_any_death_all_are_where_they_are_to_be_amid_leaders_that_have_deputies() {
+    let deputies = [("left", "f2", "f4"), ("right", "f3", "f5")];
+    let set = deputies
+        .map(|(leader, one, other)| format!("robot.{leader}.deputies=[\"{one}\",\"{other}\"]"));
+    let all = deaths_of(&[Whole::with("escort", &set.each_ref().map(String::as_str))]);
+    assert_eq!(tally(&all), [[all.len(), all.len(), 0]; 2]);
 }
 
 /// `cargo test --test it -- --ignored --nocapture repair::after_nineteen`

@@ -15,6 +15,10 @@ const PENTAGON: [&str; 4] =
 const CONTAINMENT: [&str; 4] =
     ["repair=spares", "repair_after_s=0.2", "expect={}", "deputies=[\"r7\",\"r6\"]"];
 
+/// Two contained robots that may take the place of the leader `left`.
+const ESCORT: [&str; 4] =
+    ["repair=spares", "repair_after_s=0.2", "expect={}", "robot.left.deputies=[\"f2\",\"f4\"]"];
+
 /// By time, s, how far those who keep places are from where they would be without the faults, m: the farthest.
 fn off_m(name: &str, set: &[&str], faults: &[&str]) -> Vec<(f64, f64)> {
     let kept = with_faults(name, set, &[]);
@@ -111,6 +115,80 @@ fn a_leader_that_is_back_takes_back_the_lead_without_a_jump_for_those_who_are_le
     assert_eq!(late.count(), 0);
 }
 
+/// How far robots are so long after the start, s, from where others of them are without the faults, m.
+fn apart_m(faults: &[&str], at_s: f64, places: &[(&str, &str)]) -> Vec<f64> {
+    let set = [&ESCORT[..], &["duration_s=46"]].concat();
+    let scenario = with_faults("escort", &set, faults);
+    let place = |name: &str| scenario.robots.iter().position(|robot| robot.name == name).unwrap();
+    let [found, planned] = [faults, &[]].map(|faults| {
+        let ways = ways(&with_faults("escort", &set, faults));
+        let at = ways.partition_point(|(t_s, _)| *t_s < at_s);
+        ways.into_iter().nth(at).unwrap().1
+    });
+    let apart_m =
+        places.iter().map(|&(robot, of)| (found[place(robot)] - planned[place(of)]).norm());
+    apart_m.collect()
+}
+
+#[test]
+fn the_first_contained_deputy_that_lives_takes_the_place_of_a_secondary_leader_and_gives_it_back() {
+    let leaders = [("lead", "lead"), ("right", "right")];
+    let with = |others: &[(&'static str, &'static str)]| [&leaders[..], others].concat();
+    let all = ["lead", "left", "right", "f1", "f2", "f3", "f4", "f5"].map(|name| (name, name));
+    type Case = (&'static [&'static str], f64, Vec<(&'static str, &'static str)>);
+    let cases: [Case; 4] = [
+        (&["kill left @20"], 40.0, with(&[("f2", "left")])),
+        (&["kill left @20", "kill f2 @22"], 44.0, with(&[("f4", "left")])),
+        // The first is back and hears nothing of left: it takes over from the second.
+        (&["kill left @20", "kill f2 @20.5 restart 4"], 44.0, with(&[("f2", "left")])),
+        (&["kill left @16 restart 4"], 44.0, all.to_vec()),
+    ];
+    in_parallel(&cases, |(faults, at_s, places)| {
+        let apart_m = apart_m(faults, *at_s, places);
+        assert!(apart_m.iter().all(|off_m| *off_m < 0.01), "{faults:?} {places:?}: {apart_m:?}");
+        let measures = simulate(&with_faults("escort", &ESCORT, faults));
+        assert_eq!(measures.violations, 0, "{faults:?}");
+        // Errors are by those whom each robot goes by, and the hull has its corner again.
+        let [error_m, outside_m] =
+            [measures.final_error_m_max, measures.hull_distance_m_max_final].map(Option::unwrap);
+        assert!(error_m < 0.01 && outside_m == 0.0, "{faults:?}: {error_m} m, {outside_m} m");
+    });
+}
+
+#[test]
+fn processes_take_the_places_of_secondary_leaders_as_foretold() {
+    let set = [&ESCORT[..], &["duration_s=9"]].concat();
+    let faults = ["kill left @2 restart 4", "kill f2 @4 restart 1", "cut left->f4 @7.5 for 1"];
+    let hash = simulate(&with_faults("escort", &set, &faults)).trajectory_hash.unwrap();
+    let ended = run("escort").lockstep().sets(&set).faults(faults).finish();
+    ended.exits_with(0).leaves_nothing();
+    ended.claim(ended.hash() == hash, format!("the hash is {hash}"));
+    let events = ended.file("events.csv");
+    for says in ["f2,goes by lead", "f4,goes by f2", "f4,goes by lead", "f2,goes no longer by lead"]
+    {
+        ended.claim(events.contains(&format!(",repair,{says}")), says);
+    }
+}
+
+#[test]
+fn what_becomes_of_a_containment_with_deputies_is_foretold() {
+    let planned = with_faults("escort", &ESCORT, &[]);
+    let place = |name: &str| planned.robots.iter().position(|robot| robot.name == name).unwrap();
+    let broken = |dead: &[&str]| {
+        let dead: Vec<usize> = dead.iter().map(|name| place(name)).collect();
+        let broken = Predictor::of(&planned).broken(&dead, &[], Some(20.0));
+        let said = broken.iter().map(|one| one.named(&planned.robots));
+        said.map(|one| format!("{}: {}", one.robot, one.why)).collect::<Vec<String>>()
+    };
+    let says = |dead: &[&str], what: &str| {
+        let broken = broken(dead);
+        assert!(broken.iter().any(|one| one == what), "{dead:?}: {broken:?}");
+    };
+    says(&["left"], "f2: takes the place of left");
+    says(&["left", "f2"], "f4: takes the place of left");
+    assert!(!broken(&["left"]).iter().any(|one| one.contains("outside the hull")));
+}
+
 #[test]
 fn processes_are_led_by_deputies_as_foretold() {
     let cases: [(&str, &[&str], &[&str]); 4] = [
@@ -145,14 +223,16 @@ fn whoever_of_leaders_deputies_and_spares_is_killed_nobody_comes_nearer_than_d()
     let draws: Vec<u64> = (0..8 * times() as u64).collect();
     in_parallel(&draws, |&number| {
         let (name, set) =
-            [("pentagon", PENTAGON), ("containment", CONTAINMENT)][number as usize % 2];
+            [("pentagon", PENTAGON), ("containment", CONTAINMENT), ("escort", ESCORT)]
+                [number as usize % 3];
         let set = [&set[..], &["duration_s=8"]].concat();
-        let robots = with_faults(name, &set, &[]).robots.len() as f64;
+        let robots = with_faults(name, &set, &[]).robots;
         let of = |what: u64| draw(number, what);
         let kill = |k: u64| {
-            let robot = 1 + ((of(0) * robots) as usize + k as usize) % robots as usize;
+            let robot = ((of(0) * robots.len() as f64) as usize + k as usize) % robots.len();
+            let robot = &robots[robot].name;
             let (at_s, after_s) = (0.5 + 6.0 * of(3 * k + 1), 0.05 + 2.0 * of(3 * k + 2));
-            format!("kill r{robot} @{at_s:.3} restart {after_s:.3}")
+            format!("kill {robot} @{at_s:.3} restart {after_s:.3}")
         };
         let kills: Vec<String> = (0..3).map(kill).collect();
         let kills: Vec<&str> = kills.iter().map(String::as_str).collect();

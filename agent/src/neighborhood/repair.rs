@@ -1,6 +1,7 @@
 //! Whom a robot goes by in place of in-neighbours that it has given up: the next spares that are
-//! heard, or those that its brief names for each. Must not: hear anything but how those heard so far are heard.
+//! heard, or those that its brief names for each; and whose place it takes itself. Must not: hear anything but how those heard so far are heard.
 
+use protocol::brief::AgentBrief;
 use protocol::message::Contact;
 
 use super::Neighbor;
@@ -52,12 +53,66 @@ pub(super) struct Opened {
     pub(super) stamp_ns: u64,
 }
 
+/// Who takes the place of a leader that is given up.
+struct Succession {
+    leader: u64,
+    /// The best rank first.
+    deputies: Vec<u64>,
+    /// The rank, from 0, of the first that is not given up, while the leader is.
+    acting: Option<usize>,
+}
+
+impl Succession {
+    fn acts(&self, robot: u64) -> bool {
+        self.acting.is_some_and(|rank| self.deputies.get(rank) == Some(&robot))
+    }
+}
+
+/// Of all leaders heard, and whether the robot itself takes the place of one.
+pub(super) struct Successions {
+    own: u64,
+    all: Vec<Succession>,
+    pub(super) takes_place: bool,
+}
+
+impl Successions {
+    pub(super) fn new(brief: &AgentBrief) -> Successions {
+        let all = brief.successions.iter().map(|one| Succession {
+            leader: one.leader as u64,
+            deputies: one.deputies.iter().map(|&deputy| deputy as u64).collect(),
+            acting: None,
+        });
+        Successions { own: brief.index as u64, all: all.collect(), takes_place: false }
+    }
+
+    fn judge(&mut self, is_given_up: impl Fn(u64) -> bool) {
+        for one in &mut self.all {
+            let living = one.deputies.iter().position(|&deputy| !is_given_up(deputy));
+            let acting = living.unwrap_or(one.deputies.len());
+            one.acting = is_given_up(one.leader).then_some(acting);
+        }
+    }
+
+    /// The leaders whose place this robot takes now.
+    pub(super) fn taken_by(&self, robot: u64) -> impl Iterator<Item = u64> {
+        self.all.iter().filter(move |one| one.acts(robot)).map(|one| one.leader)
+    }
+
+    /// Whether a deputy is listened to: it takes a place, or has a better rank than who does.
+    fn tries(&self, robot: u64) -> bool {
+        let tries = |one: &Succession| one.acting.map_or(0, |rank| rank + 1);
+        self.all.iter().any(|one| one.deputies.iter().take(tries(one)).any(|&one| one == robot))
+    }
+}
+
 /// Opens and closes spares, and says by whom the robot goes; whether that changed. A spare that replaces certain
 /// in-neighbours is open while one of them is given up. Of the others one is open for each in-neighbour given up,
-/// and one more for each open one that is given up too.
+/// and one more for each open one that is given up too. Deputies of leaders come before them, by rank; and who takes a
+/// place goes by those that its brief names for that alone.
 pub(super) fn repair(
     neighbors: &mut [Neighbor],
     spares: &mut [Neighbor],
+    successions: &mut Successions,
     after_ns: u64,
     now: Opened,
     t_ns: u64,
@@ -65,32 +120,51 @@ pub(super) fn repair(
     for sender in neighbors.iter_mut().chain(&mut *spares) {
         sender.given_up.judge(sender.contact.contact, after_ns, t_ns);
     }
-    let mut lacking = neighbors.iter().filter(|neighbor| neighbor.given_up.yes).count();
+    let mut senders = neighbors.iter().chain(&*spares);
+    successions.judge(|robot| senders.clone().any(|one| one.index == robot && one.given_up.yes));
+    let acts = successions.taken_by(successions.own).next().is_some();
+    let takes_place = acts && senders.any(|sender| sender.for_place && sender.is_heard());
+    successions.takes_place = takes_place;
+    let has_deputies = |robot: u64| successions.all.iter().any(|one| one.leader == robot);
+    let lacks = |one: &&Neighbor| one.given_up.yes && !has_deputies(one.index);
+    let mut lacking = neighbors.iter().filter(lacks).count();
     let mut replacing = 0;
     let mut changed = false;
     for spare in &mut *spares {
-        let for_anybody = spare.replaces.is_empty();
         let is_given_up = |robot: &u64| {
             neighbors.iter().any(|neighbor| neighbor.index == *robot && neighbor.given_up.yes)
         };
-        let wanted = if for_anybody { lacking > 0 } else { spare.replaces.iter().any(is_given_up) };
+        let planned = spare.replaces.iter().any(is_given_up);
+        let wanted = if spare.for_anybody {
+            lacking > 0
+        } else if spare.for_place {
+            acts
+        } else {
+            planned || successions.tries(spare.index)
+        };
         match (wanted, spare.opened) {
             (true, None) => spare.opened = Some(now),
             (false, Some(_)) => spare.close(),
             _ => {}
         }
-        lacking -= usize::from(lacking > 0 && for_anybody && !spare.given_up.yes);
+        lacking -= usize::from(lacking > 0 && spare.for_anybody && !spare.given_up.yes);
         let heard = spare.is_heard();
-        replacing += usize::from(for_anybody && heard);
-        changed |= spare.goes_by.turns(heard, t_ns);
+        replacing += usize::from(spare.for_anybody && heard);
+        let replaces =
+            spare.for_anybody || planned || successions.taken_by(spare.index).next().is_some();
+        let counts = if takes_place { spare.for_place } else { replaces };
+        changed |= spare.goes_by.turns(heard && counts, t_ns);
     }
     for place in 0..neighbors.len() {
         let robot = neighbors[place].index;
         let mut senders = neighbors.iter().chain(&*spares);
-        let by_plan = senders.any(|one| one.replaces.contains(&robot) && one.is_heard());
+        let by_plan = senders.any(|one| {
+            let acts = || successions.taken_by(one.index).any(|leader| leader == robot);
+            one.is_heard() && (one.replaces.contains(&robot) || acts())
+        });
         let replaced = neighbors[place].given_up.yes && (by_plan || replacing > 0);
         replacing -= usize::from(replaced && !by_plan);
-        changed |= neighbors[place].goes_by.turns(!replaced, t_ns);
+        changed |= neighbors[place].goes_by.turns(!replaced && !takes_place, t_ns);
     }
     changed
 }

@@ -2,6 +2,8 @@
 
 use proptest::prelude::*;
 
+use protocol::brief::SuccessionBrief;
+
 use super::*;
 use crate::testing::{self, brief};
 
@@ -305,6 +307,44 @@ fn who_is_to_replace_somebody_counts_as_often_as_planned_while_that_one_is_given
         }
         hood.judge(t, t, t);
         assert_eq!(gone_by(&hood), (by.to_vec(), open.to_vec()), "at {t}");
+        assert_eq!(desired(&hood, t).unwrap().position.x, x_m, "at {t}");
+    }
+}
+
+/// r1 hears r2, a leader, and r3. In the place of r2 comes r7, and after it r1 itself, which then keeps it by r8.
+#[test]
+fn the_first_deputy_that_lives_counts_in_place_of_a_leader_and_the_next_takes_that_place_itself() {
+    let silence =
+        SilenceBrief { stale_after_ns: 30, lost_after_ns: 200, policy: SilencePolicy::Ignore };
+    let [neighbors, spares] = [[2, 3], [7, 8]].map(|robots| robots.map(hears).into());
+    let successions = vec![SuccessionBrief { leader: 2, deputies: vec![7, 1], by: vec![8] }];
+    let brief =
+        AgentBrief { neighbors, spares, successions, silence, repair_after_ns: 50, ..brief() };
+    let mut hood = Neighborhood::new(&brief, 0);
+    let rows: [Row; 14] = [
+        (100, &[0, 1], &[2, 3], [false; 2], 3.0),
+        (300, &[1], &[2, 3], [false; 2], 3.0),
+        (350, &[1], &[2, 3], [false; 2], 5.0), // r2 is lost from here on
+        (400, &[1], &[2, 3], [true, false], 5.0), // for 50 ns
+        (410, &[1, 2], &[3, 7], [true, false], 7.0),
+        (620, &[1], &[2, 3], [true, false], 5.0), // r7 is lost, too
+        (670, &[1], &[2, 3], [true, true], 5.0),
+        (680, &[1, 3], &[8], [true, true], 13.0),
+        (690, &[1, 2, 3], &[8], [true, true], 13.0),
+        (740, &[1, 2, 3], &[3, 7], [true, false], 7.0), // for 50 ns again
+        (750, &[0, 1, 2], &[3, 7], [true, false], 7.0),
+        (799, &[0, 1, 2], &[3, 7], [true, false], 7.0),
+        (800, &[0, 1, 2], &[2, 3], [false; 2], 3.0),
+        (850, &[0, 1], &[2, 3], [false; 2], 3.0),
+    ];
+    for (t, heard, by, open, x_m) in rows {
+        for &place in heard {
+            let said = Beacon { tick: t, ..beacon(0, t, [1.0, 5.0, 9.0, 13.0][place]) };
+            hood.hear(place, &Beacon { vx_m_s: 0.0, ..said }, t).unwrap();
+        }
+        hood.judge(t, t, t);
+        assert_eq!(gone_by(&hood), (by.to_vec(), open.to_vec()), "at {t}");
+        assert_eq!(hood.takes_place(), by == [8], "at {t}");
         assert_eq!(desired(&hood, t).unwrap().position.x, x_m, "at {t}");
     }
 }

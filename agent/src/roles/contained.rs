@@ -1,22 +1,33 @@
-//! Goes to the middle of those it hears, and so into the leaders' hull. (46)
+//! Goes to the middle of those it hears, and so into the leaders' hull. (46) As a deputy of a leader that is lost it keeps
+//! that one's place, as a robot of the formation does; not in the paper.
 
 use formation::desired::Target;
 use protocol::brief::AgentBrief;
 
-use super::{Moment, Role, RoleRow};
+use super::{Moment, Role, RoleRow, offsets};
 use crate::laws::situation::Heard;
 
 /// The row of the contained.
 pub const CONTAINED: RoleRow = RoleRow {
     description: protocol::law::Role::CONTAINED,
-    build: |_: &AgentBrief| Ok(Box::new(Contained)),
+    build: |brief: &AgentBrief| Ok(Box::new(Contained { period_s: brief.period_ns as f64 / 1e9 })),
 };
 
-struct Contained;
+struct Contained {
+    /// T, s.
+    period_s: f64,
+}
 
 impl Role for Contained {
     fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target> {
-        moment.recall_without_offsets(heard);
-        moment.neighborhood.desired(heard)
+        let Moment { stamp_ns, neighborhood, .. } = *moment;
+        if neighborhood.takes_place() {
+            let frame = neighborhood.frame_at(stamp_ns)?;
+            let later = frame.later(0.5 * self.period_s);
+            neighborhood.recall(stamp_ns, offsets(frame, later), heard);
+        } else {
+            moment.recall_without_offsets(heard);
+        }
+        neighborhood.desired(heard)
     }
 }

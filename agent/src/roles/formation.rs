@@ -8,7 +8,7 @@ use formation::scale::Scale;
 use protocol::brief::AgentBrief;
 
 use super::deputy::Deputy;
-use super::{Moment, Role, RoleRow};
+use super::{Moment, Role, RoleRow, offsets};
 use crate::avoidance::Avoidance;
 use crate::laws::situation::Heard;
 
@@ -67,14 +67,7 @@ impl Role for Formation {
             }
             (false, None) => (LeaderFrame::STILL, LeaderFrame::STILL),
         };
-        moment.neighborhood.recall(
-            moment.stamp_ns,
-            |c_ji| Target {
-                position: frame.offset(c_ji).position,
-                velocity: later.offset(c_ji).velocity,
-            },
-            heard,
-        );
+        moment.neighborhood.recall(moment.stamp_ns, offsets(frame, later), heard);
         let Some(wary) = &mut self.liars else { return moment.neighborhood.desired(heard) };
         let own = Target {
             position: front_point(moment.pose, wary.front_point_m),

@@ -49,6 +49,14 @@ impl Moment<'_> {
     }
 }
 
+/// C_ji(t) by the frame at a sample, and C'_ji by that half a period later.
+fn offsets(frame: LeaderFrame, later: LeaderFrame) -> impl Fn(Vec2) -> Target {
+    move |c_ji| Target {
+        position: frame.offset(c_ji).position,
+        velocity: later.offset(c_ji).velocity,
+    }
+}
+
 /// A role.
 pub trait Role: Send {
     /// alpha* at the sample, and alpha*' half a period later: the answer acts for a period, and

@@ -91,6 +91,10 @@ fn graph(page: &mut Page, theory: &Theory<'_>) {
         page.line("deputies", format!("while {leader} is lost: {who}"));
         page.line("", "two halves of a cut network may have two leaders, until the link is back");
     }
+    for one in &theory.successions {
+        let who = one.deputies.join(", then ");
+        page.line("deputies", format!("in the place of {} while it is lost: {who}", one.leader));
+    }
     let with_spares = theory.robots.iter().filter(|robot| !robot.spares.is_empty());
     page.list("in place of the lost", with_spares.map(|robot| hears(robot, &robot.spares)));
     let mut parts: Vec<(&str, Vec<&str>)> = Vec::new();

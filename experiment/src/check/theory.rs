@@ -35,6 +35,9 @@ pub struct Theory<'s> {
     /// Who leads in its place while it is lost, the best rank first.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub deputies: Vec<&'s str>,
+    /// Who takes the places of other leaders while these are lost.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub successions: Vec<Deputies<'s>>,
     /// Robots whose information reaches everybody.
     pub roots: Vec<&'s str>,
     /// Farther than this from its place in the formation as planned a robot is broken, m.
@@ -133,6 +136,27 @@ pub struct Hears<'s> {
     /// In place of whom, if it is gone by in place of this one alone.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub instead_of: Option<&'s str>,
+}
+
+/// Who takes the place of a leader.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Deputies<'s> {
+    /// Whose.
+    pub leader: &'s str,
+    /// The first of these that lives.
+    pub deputies: Vec<&'s str>,
+}
+
+impl<'s> Deputies<'s> {
+    /// Of all leaders that have some.
+    fn of(scenario: &'s Scenario) -> Vec<Deputies<'s>> {
+        let name = |i: usize| scenario.robots[i].name.as_str();
+        let named = scenario.successions.iter().map(|one| Deputies {
+            leader: name(one.leader),
+            deputies: one.deputies.iter().map(|&i| name(i)).collect(),
+        });
+        named.collect()
+    }
 }
 
 /// A robot that goes by a spare.
@@ -475,6 +499,7 @@ impl<'s> Theory<'s> {
                 .collect(),
             leader: leader.map(name),
             deputies: scenario.deputies.iter().map(|&i| name(i)).collect(),
+            successions: Deputies::of(scenario),
             roots: scenario.graph.roots().into_iter().map(name).collect(),
             broken_m: predictor.bound_m(),
             deaths: (0..robots.len())
@@ -541,8 +566,18 @@ fn robot_theory<'s>(
         let named = move |&by| Hears { robot: name(by), offset_m: None, instead_of };
         planned.by.iter().map(named)
     });
-    let planned: Vec<Hears<'_>> = planned.collect();
-    let spares = scenario.spares.iter().filter(|edge| edge.to == i && planned.is_empty());
+    let taken = scenario.successions_heard(i).flat_map(|one| {
+        let better = one.deputies.iter().copied().take_while(|&deputy| deputy != i);
+        let own = scenario.spares.iter().filter(move |edge| {
+            one.deputies.contains(&i) && edge.to == i && scenario.is_for_place(edge)
+        });
+        let instead_of = Some(name(one.leader));
+        let by = better.chain(own.map(|edge| edge.from));
+        by.map(move |by| Hears { robot: name(by), offset_m: None, instead_of })
+    });
+    let planned: Vec<Hears<'_>> = planned.chain(taken).collect();
+    let in_order = |edge: &&Edge| edge.to == i && scenario.is_for_anybody(edge);
+    let spares = scenario.spares.iter().filter(in_order);
     let at_rest = Peak { rim_speed_m_s: robot.wheels.map(|_| 0.0), ..Peak::default() };
     RobotTheory {
         name: &robot.name,
@@ -552,7 +587,7 @@ fn robot_theory<'s>(
         has_goal: robot.goal_m.is_some(),
         law: &robot.law,
         hears: scenario.graph.heard_by(i).map(hears).collect(),
-        spares: spares.map(hears).chain(planned.clone()).collect(),
+        spares: spares.map(hears).chain(planned).collect(),
         settled_m: settled.places[i].into(),
         peak: motion.map_or(at_rest, |motion| motion.peaks[i]),
         transient: motion.and_then(|motion| motion.transient.as_ref()).map(|transient| {

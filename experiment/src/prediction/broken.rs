@@ -57,6 +57,11 @@ pub enum Cause {
         /// Whom it has lost.
         lost: usize,
     },
+    /// It takes the place of a leader that it has lost.
+    TakesPlace {
+        /// Whose.
+        of: usize,
+    },
     /// It goes by one whose place is elsewhere.
     Follows {
         /// By whom.
@@ -85,6 +90,7 @@ impl Cause {
             Cause::Pulled { by } => ("pulled", Some(by)),
             Cause::Uncontained => ("uncontained", None),
             Cause::Without { lost } => ("without", Some(lost)),
+            Cause::TakesPlace { of } => ("takes-place", Some(of)),
             Cause::Follows { whom } => ("follows", Some(whom)),
             Cause::Taken { by } => ("place-taken", Some(by)),
             Cause::Crowded { by } => ("crowded", Some(by)),
@@ -101,6 +107,7 @@ impl Cause {
             Cause::Pulled { by } => format!("held back by {}, which is left behind", name(by)),
             Cause::Uncontained => "an empty hull: nobody who leads or keeps a place".to_owned(),
             Cause::Without { lost } => format!("place elsewhere without {}", name(lost)),
+            Cause::TakesPlace { of } => format!("takes the place of {}", name(of)),
             Cause::Follows { whom } => format!("follows {}, itself off its place", name(whom)),
             Cause::Taken { by } => format!("wants {}'s place (Remark 1)", name(by)),
             Cause::Crowded { by } => format!("{} wants the same place (Remark 1)", name(by)),

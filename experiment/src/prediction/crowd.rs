@@ -207,7 +207,10 @@ impl Crowd {
             match (self.taken(p, i, wanted), self.nearest(i), lost, whom) {
                 (Some(by), ..) if self.stirred => Cause::Taken { by },
                 (_, Some(by), ..) if self.stirred && pushed => Cause::Crowded { by },
-                (_, _, Some(lost), _) => Cause::Without { lost },
+                (_, _, Some(lost), _) => match reduced.takes[i] {
+                    Some(of) => Cause::TakesPlace { of },
+                    None => Cause::Without { lost },
+                },
                 (.., Some(whom)) => Cause::Follows { whom },
                 _ => Cause::Uncontained,
             }
@@ -220,7 +223,8 @@ impl Crowd {
 
     /// How far a contained robot is outside the hull of the living that lead or keep a place, m.
     pub(super) fn outside_m(&self, p: &Predictor, reduced: &Reduced, i: usize) -> Option<f64> {
-        let contained = |i: usize| p.robots[i].reference == Reference::Middle;
+        let contained =
+            |i: usize| p.robots[i].reference == Reference::Middle && reduced.takes[i].is_none();
         let corners: Vec<Vec2> = (0..p.robots.len())
             .filter(|&j| reduced.alive[j] && self.there[j] && !contained(j))
             .map(|j| self.places[j])

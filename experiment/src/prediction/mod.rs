@@ -23,6 +23,7 @@ mod reduced;
 mod tests;
 
 use formation::Vec2;
+use formation::graph::Edge;
 use formation::laplacian::settle;
 use protocol::brief::{REPAIR_HASTE, Rank, SilencePolicy};
 use protocol::law::Reference;
@@ -32,7 +33,7 @@ use course::Course;
 use crowd::Crowd;
 use reduced::Reduced;
 
-use crate::scenario::{Scenario, Substitutes};
+use crate::scenario::{Scenario, Substitutes, Succession};
 use formation::{real, seconds};
 
 /// What theory needs to know of a scenario to foretell what its deaths and cuts break.
@@ -41,8 +42,12 @@ pub struct Predictor {
     robots: Vec<Facts>,
     /// For each robot, whom it hears: the edge's place in the graph, who, and c_ji, m.
     heard: Vec<Vec<Ear>>,
-    /// For each robot its spares, in order: who, and at which offset, m.
+    /// For each robot its spares for anybody, in order: who, and at which offset, m.
     spares: Vec<Vec<(usize, Vec2)>>,
+    /// For each deputy of a secondary leader, by whom it keeps the place that it takes, and at which offset, m.
+    for_place: Vec<Vec<(usize, Vec2)>>,
+    /// Who takes the places of secondary leaders, the best rank first.
+    successions: Vec<Succession>,
     /// By whom contained robots go in place of each that they may lose, if that is planned.
     substitutes: Vec<Substitutes>,
     /// The main leader.
@@ -105,14 +110,18 @@ impl Predictor {
         for (edge, ends) in scenario.graph.edges().iter().enumerate() {
             heard[ends.to].push(Ear { edge, from: ends.from, offset_m: ends.offset_m });
         }
-        let spares_of = |i: usize| {
-            let spares = scenario.spares.iter().filter(|edge| edge.to == i);
+        let spares_of = |i: usize, are: &dyn Fn(&Edge) -> bool| {
+            let spares = scenario.spares.iter().filter(|edge| edge.to == i && are(edge));
             spares.map(|edge| (edge.from, edge.offset_m)).collect()
         };
+        let for_anybody = |edge: &Edge| scenario.is_for_anybody(edge);
+        let for_place = |edge: &Edge| scenario.is_for_place(edge);
         let mut predictor = Predictor {
             robots: (0..n).map(facts).collect(),
             heard,
-            spares: (0..n).map(spares_of).collect(),
+            spares: (0..n).map(|i| spares_of(i, &for_anybody)).collect(),
+            for_place: (0..n).map(|i| spares_of(i, &for_place)).collect(),
+            successions: scenario.successions.clone(),
             substitutes: scenario.substitutes.clone(),
             leader: scenario.leader(),
             deputies: scenario.deputies.clone(),
@@ -179,7 +188,10 @@ impl Predictor {
             let moves = contained && reduced.lost[i].is_some() && moved_m > self.bound_m;
             let k = self.robots[i].gain_m_s.filter(|_| moves)?;
             let planned = self.substitutes.iter().any(|planned| planned.robot == i);
-            let h = if planned || !self.spares[i].is_empty() { REPAIR_HASTE } else { 1.0 };
+            let hears = |leader: usize| self.heard[i].iter().any(|ear| ear.from == leader);
+            let has_deputies = self.successions.iter().any(|one| hears(one.leader));
+            let repaired = planned || has_deputies || !self.spares[i].is_empty();
+            let h = if repaired { REPAIR_HASTE } else { 1.0 };
             let sinh = |x: f64| (real::exp(x) - real::exp(-x)) / 2.0;
             Some(real::ln(sinh(h * moved_m) / sinh(h * self.bound_m)) / (h * k))
         };

@@ -18,6 +18,8 @@ pub(super) struct Reduced {
     pub(super) heard: Vec<Vec<(usize, Vec2)>>,
     /// Whom each robot has lost, the first of them.
     pub(super) lost: Vec<Option<usize>>,
+    /// Whose place each robot takes, if it does.
+    pub(super) takes: Vec<Option<usize>>,
     /// For each robot, who goes by it.
     hearers: Vec<Vec<usize>>,
     /// Who leads: the main leader, or deputies that nobody of a better rank who leads reaches.
@@ -33,6 +35,7 @@ impl Reduced {
             alive: (0..n).map(|i| !dead.contains(&i)).collect(),
             heard: vec![Vec::new(); n],
             lost: vec![None; n],
+            takes: vec![None; n],
             hearers: vec![Vec::new(); n],
             leads: vec![false; n],
             moving,
@@ -47,8 +50,7 @@ impl Reduced {
                 !dead.contains(&from) && ears.all(|ear| !silent(ear.from, ear.edge))
             };
             let planned = || p.substitutes.iter().filter(|planned| planned.robot == i);
-            let in_order = planned().next().is_none();
-            let living = |(from, _): &&(usize, Vec2)| in_order && !dead.contains(from);
+            let living = |(from, _): &&(usize, Vec2)| !dead.contains(from);
             let mut spares = p.spares[i].iter().filter(living);
             let mut stops = false;
             for ear in ears {
@@ -57,10 +59,22 @@ impl Reduced {
                     continue;
                 }
                 reduced.lost[i].get_or_insert(ear.from);
-                let instead = planned().filter(|planned| planned.lost == ear.from);
-                let instead = instead.flat_map(|planned| &planned.by).filter(|&&by| hears(by));
-                let instead: Vec<_> = instead.map(|&by| (by, Vec2::zeros())).collect();
-                let instead = spares.next().map_or(instead, |&spare| vec![spare]);
+                let contained = p.robots[i].reference == Reference::Middle;
+                let mut successions = p.successions.iter().filter(|_| contained);
+                let instead: Vec<(usize, Vec2)> = if let Some(one) =
+                    successions.find(|one| one.leader == ear.from)
+                {
+                    let by = one.deputies.iter().find(|&&by| by == i || hears(by));
+                    reduced.takes[i] =
+                        reduced.takes[i].or_else(|| by.filter(|&&by| by == i).map(|_| ear.from));
+                    by.filter(|&&by| by != i).map(|&by| (by, Vec2::zeros())).into_iter().collect()
+                } else if let Some(&spare) = spares.next() {
+                    vec![spare]
+                } else {
+                    let instead = planned().filter(|planned| planned.lost == ear.from);
+                    let instead = instead.flat_map(|planned| &planned.by);
+                    instead.filter(|&&by| hears(by)).map(|&by| (by, Vec2::zeros())).collect()
+                };
                 if !instead.is_empty() {
                     reduced.heard[i].extend(instead);
                     continue;
@@ -78,6 +92,12 @@ impl Reduced {
                         ears.iter().map(|ear| (n + ear.from, ear.offset_m)).collect();
                 }
                 _ => {}
+            }
+            let for_place: Vec<(usize, Vec2)> =
+                p.for_place[i].iter().filter(living).copied().collect();
+            match reduced.takes[i] {
+                Some(_) if !for_place.is_empty() => reduced.heard[i] = for_place,
+                _ => reduced.takes[i] = None,
             }
             for &(from, _) in reduced.heard[i].iter().filter(|(from, _)| *from < n) {
                 reduced.hearers[from].push(i);

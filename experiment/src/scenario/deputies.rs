@@ -1,12 +1,77 @@
-//! Who leads in the main leader's place while it is lost: `deputies`.
+//! Who leads in the main leader's place while it is lost, and who takes the places of other leaders: `deputies`.
 
+use formation::graph::Edge;
 use protocol::law::Reference;
 use protocol::message::DEPUTIES_MAX;
 
 use super::Scenario;
 use super::diagnostic::Diagnostic;
-use super::robots::robot_named;
+use super::robots::{Ties, robot_named};
 use super::table::Table;
+
+/// Contained robots that take the place of a leader that keeps one itself, while it is lost.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Succession {
+    /// The leader.
+    pub leader: usize,
+    /// They, the best rank first.
+    pub deputies: Vec<usize>,
+}
+
+/// Of all leaders whose tables name deputies.
+pub(super) fn successions(
+    scenario: &Scenario,
+    ties: &[Ties<'_>],
+) -> Result<Vec<Succession>, Diagnostic> {
+    let robots = &scenario.robots;
+    let name = |robot: usize| &robots[robot].name;
+    let hears = |to: usize, from: usize| scenario.graph.heard_by(to).any(|edge| edge.from == from);
+    let mut all: Vec<Succession> = Vec::new();
+    for (leader, tie) in ties.iter().enumerate() {
+        let Some(list) = &tie.deputies else { continue };
+        let led = scenario.leader().is_some();
+        if !led || robots[leader].role.reference != Reference::Offsets {
+            return Err(list.here(
+                format!("{} has deputies, but keeps no place to a main leader", name(leader)),
+                "expected this in the table of a secondary leader; those of the main leader are named at the top",
+            ));
+        }
+        let of = name(leader);
+        let mut deputies: Vec<usize> = Vec::new();
+        for value in list.elements("expected a list of names of robots: [\"r2\", \"r3\"]")? {
+            let deputy = robot_named(&value, robots)?;
+            let other = name(deputy);
+            let wrong = |what: String, expected: String| Err(value.here(what, expected));
+            if robots[deputy].role.reference != Reference::Middle {
+                let what = format!("{other} is to take the place of {of}, but has one already");
+                return wrong(what, "expected contained robots".to_owned());
+            }
+            if !hears(deputy, leader) {
+                let what =
+                    format!("{other} does not hear {of}, and cannot tell whether it is lost");
+                return wrong(what, format!("expected contained robots that hear {of}"));
+            }
+            let named = all.iter().map(|one| (one.leader, &one.deputies));
+            let is_one = |(_, deputies): &(usize, &Vec<usize>)| deputies.contains(&deputy);
+            let first = named.chain([(leader, &deputies)]).find(is_one).map(|(first, _)| first);
+            if let Some(first) = first {
+                let what = format!("{other} is a deputy of {} already", name(first));
+                return wrong(what, "expected it once: nobody can be in two places".to_owned());
+            }
+            let mut by = scenario.graph.heard_by(leader).map(|edge: &Edge| edge.from);
+            if by.all(|from| hears(deputy, from)) {
+                let what = format!("{other} hears all by whom {of} keeps its place");
+                let expected = format!(
+                    "expected one that does not: it cannot go by their middle and keep the place of {of}"
+                );
+                return wrong(what, expected);
+            }
+            deputies.push(deputy);
+        }
+        all.push(Succession { leader, deputies });
+    }
+    Ok(all)
+}
 
 /// By their places, the best rank first.
 pub(super) fn deputies(root: &Table<'_>, scenario: &Scenario) -> Result<Vec<usize>, Diagnostic> {

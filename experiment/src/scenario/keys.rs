@@ -747,6 +747,10 @@ fn robot() -> Vec<Key> {
             .rule("chosen", "the robots by which it goes in place of those that it has lost, in this order, with \
                    `repair = \"spares\"`")
             .guesses("backups fallbacks"),
+        key("deputies", Names)
+            .optional("the contained robots that take its place in a containment while it is lost, the first that lives, \
+                       with `repair = \"spares\"`")
+            .guesses("deputy successors"),
     ]
 }
 

@@ -52,6 +52,7 @@ mod walls;
 
 use std::collections::BTreeMap;
 
+pub use deputies::Succession;
 pub use restart::{AfterDeath, RestartPolicy, RestartWhen};
 pub use spares::{Repaired, Substitutes};
 
@@ -123,12 +124,15 @@ pub struct Scenario {
     pub robots: Vec<Robot>,
     /// Who hears whom, at which offset (zero where the hearer's law knows no offsets).
     pub graph: FormationGraph,
-    /// Who may be heard in place of lost in-neighbours, robot by robot and in order, at the same kind of offset.
+    /// Who may be heard in place of lost in-neighbours, robot by robot and in order, at the same kind of offset; and
+    /// by whom contained robots keep the places of leaders that they take, at offsets that are not zero.
     pub spares: Vec<Edge>,
     /// By whom contained robots go in place of each that they may lose, if that is planned.
     pub substitutes: Vec<Substitutes>,
     /// Who leads in the main leader's place while it is lost, the best rank first.
     pub deputies: Vec<usize>,
+    /// Who takes the places of other leaders of a containment while these are lost.
+    pub successions: Vec<Succession>,
     /// For how long an in-neighbour is lost before a spare is opened, and heard again before it is closed, ns;
     /// `None`: nothing is repaired.
     pub repair_after_ns: Option<u64>,
@@ -495,15 +499,35 @@ impl Scenario {
     pub fn repairs(&self, dead: &[usize], cut: &[usize]) -> Vec<Repaired> {
         let edges = self.graph.edges();
         let is_lost = |place: usize| dead.contains(&edges[place].from) || cut.contains(&place);
+        // Over which spare a living robot is heard, if it is: over none if it is heard anyway.
+        let heard = |by: usize, robot: usize| {
+            let ends = |edge: &Edge| (edge.from, edge.to) == (by, robot);
+            let spare = self.spares.iter().position(ends);
+            let silent = || edges.iter().position(ends).is_none_or(is_lost);
+            (!dead.contains(&by) && (spare.is_some() || !silent())).then_some(spare)
+        };
         let mut lost: Vec<&Edge> = (0..edges.len())
             .filter(|&place| is_lost(place) && !dead.contains(&edges[place].to))
             .map(|place| &edges[place])
             .collect();
         let mut repairs = Vec::new();
+        let mut takes = Vec::new();
+        lost.retain(|&&Edge { from: instead_of, to: robot, .. }| {
+            let succession = self.successions_heard(robot).find(|one| one.leader == instead_of);
+            let deputies = succession.iter().flat_map(|one| &one.deputies);
+            let mut deputies = deputies.map(|&by| (by, heard(by, robot)));
+            match deputies.find(|(by, heard)| *by == robot || heard.is_some()) {
+                Some((by, Some(spare))) => {
+                    repairs.push(Repaired { robot, by, instead_of, spare });
+                }
+                Some(_) => takes.push((robot, instead_of)),
+                None => {}
+            }
+            succession.is_none()
+        });
         for (place, spare) in self.spares.iter().enumerate() {
             let &Edge { from: by, to: robot, .. } = spare;
-            let in_order = self.substitutes.iter().all(|planned| planned.robot != robot);
-            let living = in_order && !dead.contains(&by);
+            let living = self.is_for_anybody(spare) && !dead.contains(&by);
             if let Some(first) = lost.iter().position(|edge| living && edge.to == robot) {
                 let instead_of = lost.remove(first).from;
                 repairs.push(Repaired { robot, by, instead_of, spare: Some(place) });
@@ -511,15 +535,45 @@ impl Scenario {
         }
         for &Edge { from: instead_of, to: robot, .. } in lost {
             for &by in self.substitutes_of(robot, instead_of) {
-                let ends = |edge: &Edge| (edge.from, edge.to) == (by, robot);
-                let spare = self.spares.iter().position(ends);
-                let silent = || edges.iter().position(ends).is_none_or(is_lost);
-                if !dead.contains(&by) && (spare.is_some() || !silent()) {
+                if let Some(spare) = heard(by, robot) {
                     repairs.push(Repaired { robot, by, instead_of, spare });
                 }
             }
         }
+        for (robot, instead_of) in takes {
+            let spares = self.spares.iter().enumerate();
+            let by = spares.filter(|(_, edge)| edge.to == robot && self.is_for_place(edge));
+            let by = by.filter(|(_, edge)| !dead.contains(&edge.from)).map(|(place, edge)| {
+                Repaired { robot, by: edge.from, instead_of, spare: Some(place) }
+            });
+            let by: Vec<Repaired> = by.collect();
+            if !by.is_empty() {
+                repairs.retain(|repaired| repaired.robot != robot);
+                repairs.extend(by);
+            }
+        }
         repairs
+    }
+
+    /// The deputies of leaders that a contained robot hears.
+    pub fn successions_heard(&self, robot: usize) -> impl Iterator<Item = &Succession> {
+        let contained = self.robots[robot].role.reference == Reference::Middle;
+        let hears = move |leader| self.graph.heard_by(robot).any(|edge| edge.from == leader);
+        self.successions.iter().filter(move |one| contained && hears(one.leader))
+    }
+
+    /// Whether a contained robot hears this spare to keep the place of a leader that it takes.
+    pub fn is_for_place(&self, spare: &Edge) -> bool {
+        let contained = self.robots[spare.to].role.reference == Reference::Middle;
+        contained && spare.offset_m != Vec2::zeros()
+    }
+
+    /// Whether this spare replaces whoever is lost: one that is neither planned, nor a deputy, nor for a place.
+    pub fn is_for_anybody(&self, spare: &Edge) -> bool {
+        let planned = self.substitutes.iter().any(|planned| planned.robot == spare.to);
+        let mut successions = self.successions_heard(spare.to);
+        let is_deputy = successions.any(|one| one.deputies.contains(&spare.from));
+        !(planned || is_deputy || self.is_for_place(spare))
     }
 
     /// By whom a contained robot goes in place of this one, as planned; somebody twice counts twice.
@@ -538,12 +592,20 @@ impl Scenario {
         })
     }
 
-    /// Which spares stay closed then, as edges of [`Scenario::graph_with_spares`].
+    /// Which spares stay closed then, as edges of [`Scenario::graph_with_spares`], and over which edges nobody goes any
+    /// longer since it takes the place of a leader.
     pub fn closed_spares(&self, dead: &[usize], cut: &[usize]) -> Vec<usize> {
         let open = self.repairs(dead, cut);
         let closed = |place: &usize| open.iter().all(|repaired| repaired.spare != Some(*place));
-        let in_graph = self.graph.edges().len();
-        (0..self.spares.len()).filter(closed).map(|place| in_graph + place).collect()
+        let for_place = |place: usize| self.is_for_place(&self.spares[place]);
+        let takes = |robot: usize| {
+            let mut own = open.iter().filter(|repaired| repaired.robot == robot);
+            own.any(|repaired| repaired.spare.is_some_and(for_place))
+        };
+        let edges = self.graph.edges();
+        let left = (0..edges.len()).filter(|&place| takes(edges[place].to));
+        let closed = (0..self.spares.len()).filter(closed).map(|place| edges.len() + place);
+        left.chain(closed).collect()
     }
 
     /// The graph with all spares as edges behind its own: everybody who may ever hear somebody.

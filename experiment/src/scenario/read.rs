@@ -19,7 +19,7 @@ use toml_edit::DocumentMut;
 
 pub use super::overrides::Overrides;
 
-use super::deputies::deputies;
+use super::deputies::{deputies, successions};
 use super::diagnostic::{Diagnostic, Severity, Source};
 use super::expect::expect;
 use super::faults::{Scene, faults};
@@ -247,6 +247,7 @@ fn scenario(
         spares: Vec::new(),
         substitutes: Vec::new(),
         deputies: Vec::new(),
+        successions: Vec::new(),
         repair_after_ns: None,
         lead,
         unled_scale: None,
@@ -259,9 +260,9 @@ fn scenario(
     let scale = scale(root, &scenario)?;
     let mut scenario = scenario.scaled(scale);
     scenario.deputies = deputies(root, &scenario)?;
+    scenario.successions = successions(&scenario, &ties)?;
     let repair = Repair::read(root, &scenario, &ties, &mut warnings)?;
-    (scenario.spares, scenario.substitutes) = repair.spares(&scenario);
-    scenario.repair_after_ns = repair.after_ns;
+    repair.plan(&mut scenario);
     if let Some(end_after) = root.get("end_after_converged_s") {
         can_end_early(&scenario, &end_after)?;
     }

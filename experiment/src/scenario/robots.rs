@@ -36,6 +36,8 @@ pub(super) struct Ties<'t> {
     pub(super) hears: Option<Value<'t>>,
     /// By whom it goes in place of those: a list of names.
     pub(super) spares: Option<Value<'t>>,
+    /// Who takes its place while it is lost: a list of names.
+    pub(super) deputies: Option<Value<'t>>,
 }
 
 /// All `[[robot]]`, where no front point is faster than `speed_max_m_s`.
@@ -83,7 +85,8 @@ pub(super) fn robots<'t>(
             ));
         }
         let place_m = table.get("place_m").map(|place| place.pair()).transpose()?;
-        ties.push(Ties { place_m, hears: table.get("hears"), spares: table.get("spares") });
+        let [hears, spares, deputies] = ["hears", "spares", "deputies"].map(|key| table.get(key));
+        ties.push(Ties { place_m, hears, spares, deputies });
         robots.push(robot);
     }
     let unused = |(key, span): (&str, Range<usize>)| {

@@ -62,7 +62,7 @@ pub struct Repaired {
 /// What is repaired, and how soon.
 pub(super) struct Repair {
     /// A spare is opened for an in-neighbour that is lost for so long, ns; `None`: none ever is.
-    pub(super) after_ns: Option<u64>,
+    after_ns: Option<u64>,
     /// So many are chosen for a robot.
     count: usize,
     /// Of robots that name their own: which.
@@ -80,7 +80,7 @@ impl Repair {
         let repairs = root.need("repair")?.word(&[("none", false), ("spares", true)])?;
         let given = ties.iter().enumerate().map(|(hearer, tie)| given(scenario, hearer, tie));
         let given: Vec<Option<Vec<usize>>> = given.collect::<Result<_, _>>()?;
-        let own = ties.iter().filter_map(|tie| tie.spares.clone());
+        let own = ties.iter().flat_map(|tie| [&tie.spares, &tie.deputies]).flatten().cloned();
         let mut unused =
             root.get("spares").into_iter().chain(root.get("repair_after_s")).chain(own);
         if let Some(unused) = unused.next().filter(|_| !repairs) {
@@ -93,16 +93,27 @@ impl Repair {
         Ok(Repair { after_ns: repairs.then_some(after_ns), count, given })
     }
 
+    /// Who replaces whom, if anything is repaired.
+    pub(super) fn plan(&self, scenario: &mut Scenario) {
+        if self.after_ns.is_none() {
+            scenario.successions.clear();
+        }
+        (scenario.spares, scenario.substitutes) = self.spares(scenario);
+        scenario.repair_after_ns = self.after_ns;
+    }
+
     /// The spares of all robots, robot by robot: edges from the spare, with the difference of the two places
     /// that follow from the whole graph (Remark 1); and what is planned for contained robots.
-    pub(super) fn spares(&self, scenario: &Scenario) -> (Vec<Edge>, Vec<Substitutes>) {
+    fn spares(&self, scenario: &Scenario) -> (Vec<Edge>, Vec<Substitutes>) {
         // Without places the scenario has errors, and is never run.
         let places = self.after_ns.and_then(|_| places(scenario));
         let Some(places) = places else { return Default::default() };
         let contained = |i: &usize| scenario.robots[*i].role.reference == Reference::Middle;
         let plans = |i: &usize| contained(i) && self.given[*i].is_none();
-        let choice = Choice { scenario, order: order(scenario), places: &places };
         let robots = 0..scenario.robots.len();
+        let mut choice =
+            Choice { scenario, order: order(scenario), places: &places, keep_by: Vec::new() };
+        choice.keep_by = robots.clone().map(|i| self.keeps_place_by(&choice, i)).collect();
         let planning: Vec<usize> = robots.clone().filter(plans).collect();
         let mut plans: Vec<Vec<Substitutes>> =
             robots.map(|lost| choice.plan(lost, &planning, self.count)).collect();
@@ -117,7 +128,7 @@ impl Repair {
         let substitutes: Vec<Substitutes> = plans.into_iter().flatten().filter(filled).collect();
         let mut spares = Vec::new();
         for (to, given) in self.given.iter().enumerate() {
-            let from = match given {
+            let mut from = match given {
                 Some(given) => given.clone(),
                 None if contained(&to) => {
                     let planned = substitutes.iter().filter(|planned| planned.robot == to);
@@ -127,12 +138,40 @@ impl Repair {
                 }
                 None => choice.of(to, self.count),
             };
+            for deputy in scenario.successions_heard(to).flat_map(|one| &one.deputies) {
+                if *deputy != to && !choice.hears(to, *deputy) && !from.contains(deputy) {
+                    from.push(*deputy);
+                }
+            }
             spares.extend(from.into_iter().map(|from| {
                 let offset_m = places[to] - places[from];
                 Edge { from, to, offset_m: if contained(&to) { Vec2::zeros() } else { offset_m } }
             }));
+            let (place, by) = choice.keep_by[to].clone();
+            spares.extend(by.into_iter().map(|from| Edge {
+                from,
+                to,
+                offset_m: places[place] - places[from],
+            }));
         }
         (spares, substitutes)
+    }
+
+    /// By whom a deputy keeps the place of a leader that it takes, and whose that is: by those that this one hears and by its
+    /// spares, but for whom the deputy itself hears.
+    fn keeps_place_by(&self, choice: &Choice<'_>, deputy: usize) -> (usize, Vec<usize>) {
+        let mut successions = choice.scenario.successions.iter();
+        let Some(one) = successions.find(|one| one.deputies.contains(&deputy)) else {
+            return (deputy, Vec::new());
+        };
+        let leader = one.leader;
+        let spares = self.given[leader].clone();
+        let spares = spares.unwrap_or_else(|| choice.of(leader, self.count));
+        let heard = choice.scenario.graph.heard_by(leader).map(|edge| edge.from);
+        let own = self.given[deputy].as_deref().unwrap_or_default();
+        let by = heard.chain(spares);
+        let by = by.filter(|from| !choice.hears(deputy, *from) && !own.contains(from));
+        (leader, by.collect())
     }
 }
 
@@ -170,6 +209,19 @@ fn given(
             let expected = "expected a robot that it does not hear anyway";
             return wrong(format!("{name} hears {other}, which is to be its spare"), expected);
         }
+        let mut keeps_by = scenario.successions.iter().filter(|one| {
+            let by = |edge: &Edge| edge.from == spare;
+            one.deputies.contains(&hearer) && scenario.graph.heard_by(one.leader).any(by)
+        });
+        if let Some(one) = keeps_by.next() {
+            let leader = &robots[one.leader].name;
+            return wrong(
+                format!(
+                    "{name} is to keep the place of {leader} by {other}, which is to be its spare"
+                ),
+                "expected a robot by which that leader does not keep its place",
+            );
+        }
         let contained = robots[spare].role.reference == Reference::Middle;
         if reference == Reference::Offsets && contained {
             return wrong(
@@ -202,6 +254,8 @@ struct Choice<'a> {
     order: Vec<Option<(usize, usize)>>,
     /// Where everybody settles, at scale 1, m.
     places: &'a [Vec2],
+    /// Of each deputy, whose place it takes, and by whom it then keeps it.
+    keep_by: Vec<(usize, Vec<usize>)>,
 }
 
 impl Choice<'_> {
@@ -255,8 +309,11 @@ impl Choice<'_> {
     /// By whom those of `planning` go that hear `lost`, once it is dead: with at most so many each, so that nobody's
     /// place is nearer to another's than robots come to rest (Remark 1), or as little as can be; and of these so
     /// that places move least. One robot's choice after the other, until none is better; if some are still too near,
-    /// those of two at a time.
+    /// those of two at a time. Who has deputies is replaced by them.
     fn plan(&self, lost: usize, planning: &[usize], count: usize) -> Vec<Substitutes> {
+        if self.scenario.successions.iter().any(|one| one.leader == lost) {
+            return Vec::new();
+        }
         let hears_lost = |&&to: &&usize| to != lost && self.hears(to, lost);
         let hearers: Vec<usize> = planning.iter().filter(hears_lost).copied().collect();
         let left = |to: usize| {
@@ -342,9 +399,20 @@ impl Choice<'_> {
             let planned = silent.iter().flat_map(|&lost| &plans[lost]);
             let by = planned.filter(|planned| planned.robot == to).flat_map(|planned| &planned.by);
             left.extend(by.filter(|by| !dead.contains(by)));
+            let taken = self.taken(dead).filter(|(leader, _)| silent.contains(leader));
+            left.extend(taken.map(|(_, deputy)| deputy));
             left
         };
         (0..plans.len()).map(gone_by).collect()
+    }
+
+    /// Which leaders' places are taken once these are dead, and by whom.
+    fn taken(&self, dead: &[usize]) -> impl Iterator<Item = (usize, usize)> {
+        let lost = self.scenario.successions.iter().filter(|one| dead.contains(&one.leader));
+        lost.filter_map(|one| {
+            let mut living = one.deputies.iter().filter(|deputy| !dead.contains(deputy));
+            Some((one.leader, *living.next()?))
+        })
     }
 
     /// Whether these robots do better with others of their options: the best of all is kept in `best`.
@@ -374,6 +442,7 @@ impl Choice<'_> {
         let unled = self.scenario.leader().is_none();
         let fits = |&from: &usize| {
             let other = from != lost && !left.contains(&from) && self.may(to, from);
+            let other = other && !self.keep_by[to].1.contains(&from);
             other && (!unled || self.is_before(from, to))
         };
         let mut others: Vec<usize> = (0..self.places.len()).filter(fits).collect();
@@ -402,13 +471,18 @@ impl Choice<'_> {
     /// to rest, and how far they move (squared), over all; then how many are gone by.
     fn cost(&self, dead: &[usize], heard: &[Vec<usize>]) -> Cost {
         let n = self.places.len();
-        let moves = |&i: &usize| !dead.contains(&i) && self.reference(i) == Reference::Middle;
+        let taken: Vec<(usize, usize)> = self.taken(dead).collect();
+        let contained = |i: usize| {
+            self.reference(i) == Reference::Middle && taken.iter().all(|(_, deputy)| *deputy != i)
+        };
+        let moves = |&i: &usize| !dead.contains(&i) && contained(i);
         let free: Vec<usize> = (0..n).filter(moves).collect();
         let gone_by: Vec<Vec<(usize, Vec2)>> = heard
             .iter()
             .map(|heard| heard.iter().map(|&from| (from, Vec2::zeros())).collect())
             .collect();
         let mut places = self.places.to_vec();
+        taken.iter().for_each(|&(leader, deputy)| places[deputy] = self.places[leader]);
         let stranded = free.iter().any(|&i| heard[i].is_empty());
         if stranded || settle(&gone_by, &free, &mut places).is_none() {
             return (u64::MAX, 0, 0);

@@ -4,6 +4,7 @@ use formation::Vec2;
 use formation::hull::hull_distance;
 
 use crate::metrics::finals::{Window, Worst};
+use crate::metrics::silence::Silent;
 use experiment::scenario::Scenario;
 
 /// The largest distance from the hull so far.
@@ -29,15 +30,18 @@ impl Containment {
         }
     }
 
-    /// Takes in where everybody is now, and who lives.
-    pub(super) fn truth(&mut self, t_ns: u64, alphas: &[Vec2], alive: &[bool]) {
+    /// Takes in where everybody is now, and who lives. Whoever takes a leader's place is a corner.
+    pub(super) fn truth(&mut self, t_ns: u64, alphas: &[Vec2], alive: &[bool], silent: &Silent) {
         if t_ns < self.window.begins_ns(t_ns) || self.contained.is_empty() {
             return;
         }
         self.corners.clear();
         self.corners.extend(self.leaders.iter().map(|&i| alphas[i]));
         let living = self.contained.iter().filter(|&&i| alive[i]);
-        let outside = living.map(|&i| hull_distance(alphas[i], &self.corners));
+        let (take_places, contained): (Vec<&usize>, Vec<&usize>) =
+            living.partition(|&&i| silent.takes_place(i));
+        self.corners.extend(take_places.into_iter().map(|&i| alphas[i]));
+        let outside = contained.into_iter().map(|&i| hull_distance(alphas[i], &self.corners));
         if let Some(outside_m) = outside.reduce(f64::max) {
             self.outside_m.take(t_ns, outside_m);
         }

@@ -178,7 +178,7 @@ impl Metrics {
         });
         let calm_since_ns = self.errors.converged_since_ns;
         self.faults.truth(t_ns, worst_m, calm_since_ns, beyond, distance_m);
-        self.containment.truth(t_ns, &self.alphas, alive);
+        self.containment.truth(t_ns, &self.alphas, alive, &self.faults.silent);
         self.end.truth(t_ns, calm_since_ns);
     }
 

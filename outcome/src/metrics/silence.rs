@@ -16,6 +16,8 @@ pub(super) struct Silent {
     /// How many are of the graph.
     in_graph: usize,
     gone_by: Vec<bool>,
+    /// Whether a contained robot hears it to keep the place of a leader that it takes.
+    for_place: Vec<bool>,
     leader: Option<usize>,
     /// Which deputies lead in its place.
     leads: Vec<bool>,
@@ -38,12 +40,15 @@ impl Silent {
     pub(super) fn new(scenario: &Scenario) -> Silent {
         let in_graph = scenario.graph.edges().len();
         let edges = scenario.graph.edges().iter().chain(&scenario.spares);
+        let for_place = |(place, edge)| place >= in_graph && scenario.is_for_place(edge);
+        let for_place = edges.clone().enumerate().map(for_place).collect();
         let ends: Vec<[usize; 2]> = edges.map(|edge| [edge.from, edge.to]).collect();
         Silent {
             robots: vec![0; scenario.robots.len()],
             edges: vec![0; ends.len()],
             gone_by: (0..ends.len()).map(|edge| edge < in_graph).collect(),
             ends,
+            for_place,
             in_graph,
             leader: scenario.leader(),
             leads: vec![false; scenario.robots.len()],
@@ -103,6 +108,12 @@ impl Silent {
     /// Whether this robot, a deputy, leads.
     pub(super) fn leads(&self, robot: usize) -> bool {
         self.leads[robot]
+    }
+
+    /// Whether this robot, a contained one, takes the place of a leader.
+    pub(super) fn takes_place(&self, robot: usize) -> bool {
+        let by = |edge: usize| self.for_place[edge] && self.gone_by[edge];
+        (0..self.ends.len()).any(|edge| self.ends[edge][1] == robot && by(edge))
     }
 
     /// Whether nobody hears this robot.

@@ -23,11 +23,12 @@ pub(super) struct Targets {
     policy: SilencePolicy,
 }
 
-/// An edge, by its place in the graph, and in place of which others it counts, once for each entry.
+/// An edge, by its place in the graph, and in place of which others it counts, once for each entry, while those
+/// from the deputies of a better rank are silent.
 struct Ear {
     place: usize,
     ends: Edge,
-    replaces: Vec<usize>,
+    replaces: Vec<(usize, Vec<usize>)>,
 }
 
 impl Targets {
@@ -35,8 +36,16 @@ impl Targets {
         let edges = || scenario.graph.edges().iter().chain(&scenario.spares).copied().enumerate();
         let place_of = |from, to| edges().position(|(_, edge)| (edge.from, edge.to) == (from, to));
         let ear = |(place, ends): (usize, Edge)| {
-            let replaces = scenario.replaces(ends.to, ends.from);
-            let replaces = replaces.filter_map(|lost| place_of(lost, ends.to)).collect();
+            let planned = scenario.replaces(ends.to, ends.from).map(|lost| (lost, Vec::new()));
+            let taken = scenario.successions_heard(ends.to).filter_map(|one| {
+                let rank = one.deputies.iter().position(|&deputy| deputy == ends.from)?;
+                let better = one.deputies[..rank].iter();
+                Some((one.leader, better.filter_map(|&by| place_of(by, ends.to)).collect()))
+            });
+            let replaces = planned.chain(taken);
+            let replaces = replaces
+                .filter_map(|(lost, better)| Some((place_of(lost, ends.to)?, better)))
+                .collect();
             Ear { place, ends, replaces }
         };
         let heard = |i| edges().filter(|(_, edge)| edge.to == i).map(ear).collect();
@@ -55,8 +64,8 @@ impl Targets {
     }
 
     /// alpha_i - alpha*_i, m: alpha* is m(t) for the leader (25), its place about m(t) for a deputy that
-    /// leads, the mean of what all heard ask for in a formation (13) (24) (45), their mean for a contained
-    /// robot (46), and of those that go to goals the one in force; see `counted` for the silent. `None` for one that has nothing to go by.
+    /// leads, the mean of what all heard ask for in a formation (13) (24) (45) and for a contained robot, which has offsets
+    /// only while it takes a leader's place (46), and of those that go to goals the one in force; see `counted` for the silent. `None` for one that has nothing to go by.
     pub(super) fn error(
         &self,
         robot: usize,
@@ -71,8 +80,9 @@ impl Targets {
         let target = match self.references[robot] {
             Reference::Trajectory => leading,
             Reference::Offsets if silent.leads(robot) => leading,
-            Reference::Offsets => self.mean(robot, alphas, silent, |c_ji| frame.offset(c_ji)),
-            Reference::Middle => self.mean(robot, alphas, silent, |_| Target::still(Vec2::zeros())),
+            Reference::Offsets | Reference::Middle => {
+                self.mean(robot, alphas, silent, |c_ji| frame.offset(c_ji))
+            }
             Reference::Goal => self.goals[robot].map(Target::still),
         };
         target.map(|target| alphas[robot] - target.position)
@@ -90,8 +100,12 @@ impl Targets {
         let all = keep || !heard.iter().any(speaks);
         let counted =
             heard.iter().filter(move |ear| (all && !silent.is_spare(ear.place)) || speaks(ear));
-        counted.flat_map(|ear| {
-            let replaced = ear.replaces.iter().filter(|&&other| !silent.goes_by(other)).count();
+        counted.flat_map(move |ear| {
+            let better = |place: &usize| heard.iter().any(|ear| ear.place == *place && speaks(ear));
+            let counts = |(other, betters): &&(usize, Vec<usize>)| {
+                !silent.goes_by(*other) && !betters.iter().any(better)
+            };
+            let replaced = ear.replaces.iter().filter(counts).count();
             let once = !silent.is_spare(ear.place) || ear.replaces.is_empty();
             std::iter::repeat_n(&ear.ends, usize::from(once) + replaced)
         })

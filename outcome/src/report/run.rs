@@ -129,16 +129,26 @@ impl Run {
         (!contained.is_empty() && !leaders.is_empty()).then_some((contained, leaders))
     }
 
-    /// Corners of the hull of these robots at an instant.
-    pub fn hull(&self, robots: &[usize], instant: usize) -> Vec<Vec2> {
-        let points: Vec<Vec2> = robots.iter().map(|&robot| self.alpha(robot, instant)).collect();
-        convex_hull(&points)
+    /// Corners of the hull of these leaders at an instant, and of those that take the place of one.
+    pub fn hull(&self, leaders: &[usize], instant: usize) -> Vec<Vec2> {
+        convex_hull(&self.leading_points(leaders, instant))
     }
 
-    /// How far a robot is outside the hull of others at an instant, m.
+    /// How far a robot is outside that hull at an instant, m.
     pub fn outside(&self, robot: usize, leaders: &[usize], instant: usize) -> f64 {
-        let points: Vec<Vec2> = leaders.iter().map(|&leader| self.alpha(leader, instant)).collect();
-        hull_distance(self.alpha(robot, instant), &points)
+        hull_distance(self.alpha(robot, instant), &self.leading_points(leaders, instant))
+    }
+
+    fn leading_points(&self, leaders: &[usize], instant: usize) -> Vec<Vec2> {
+        let gone_by = match self.scene.edges.iter().any(|edge| edge.for_place) {
+            true => self.gone_by(self.times_s[instant]),
+            false => Vec::new(),
+        };
+        let edges = self.scene.edges.iter().zip(gone_by);
+        let takes = edges.filter(|(edge, gone_by)| edge.for_place && *gone_by);
+        let living = takes.map(|(edge, _)| edge.to).filter(|&i| self.tracks[i][instant].alive);
+        let leaders = leaders.iter().copied().chain(living);
+        leaders.map(|robot| self.alpha(robot, instant)).collect()
     }
 
     /// The smallest distance of two front points at an instant, m.

@@ -49,6 +49,9 @@ pub struct SceneEdge {
     /// Only in place of one who is lost.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub spare: bool,
+    /// By this one a contained robot keeps the place of a leader that it takes.
+    #[serde(skip)]
+    pub for_place: bool,
 }
 
 /// Something that goes wrong.

@@ -28,10 +28,11 @@ pub fn scene(scenario: &Scenario, pace: Pace) -> Scene {
     });
     let in_graph = scenario.graph.edges().len();
     let edges = scenario.graph.edges().iter().chain(&scenario.spares).enumerate();
-    let edge = |(place, &Edge { from, to, .. }): (usize, &Edge)| SceneEdge {
-        from,
-        to,
+    let edge = |(place, edge): (usize, &Edge)| SceneEdge {
+        from: edge.from,
+        to: edge.to,
         spare: place >= in_graph,
+        for_place: place >= in_graph && scenario.is_for_place(edge),
     };
     let faults = scenario.faults.iter().map(|fault| {
         let (what, struck) = fault.kind.struck(scenario);
@@ -155,7 +156,10 @@ mod tests {
         ];
         let scene = scene(&scenario, Pace::Lockstep);
         let ends = scenario.graph.edges()[0];
-        assert_eq!(scene.edges[0], SceneEdge { from: ends.from, to: ends.to, spare: false });
+        assert_eq!(
+            scene.edges[0],
+            SceneEdge { from: ends.from, to: ends.to, ..SceneEdge::default() }
+        );
         let [cut, kill] = &scene.faults[..] else { panic!("{:?}", scene.faults) };
         assert_eq!((cut.t_s, cut.until_s, cut.cuts), (1.0, Some(1.5), Some(0)));
         assert!(cut.robots.is_empty(), "{cut:?}");

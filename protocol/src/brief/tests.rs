@@ -102,6 +102,7 @@ fn agent() -> AgentBrief {
             trusted: true,
             replaces: Vec::new(),
         }],
+        successions: vec![SuccessionBrief { leader: 2, deputies: vec![4, 1], by: vec![3] }],
     }
 }
 

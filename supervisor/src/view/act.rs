@@ -102,7 +102,7 @@ pub(crate) mod tests {
             duration_s: 1.0,
             distance_min_m: 0.2,
             robots: vec![robot("a"), robot("b")],
-            edges: vec![SceneEdge { from: 1, to: 0, spare: false }],
+            edges: vec![SceneEdge { from: 1, to: 0, ..SceneEdge::default() }],
             walls: Vec::new(),
             faults: Vec::new(),
         }

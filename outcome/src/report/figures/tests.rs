@@ -37,7 +37,9 @@ fn example(robots: usize, instants: usize, role: &str) -> Run {
                 front_point_m: 0.1,
             })
             .collect(),
-        edges: (1..robots).map(|to| SceneEdge { from: to, to: to - 1, spare: false }).collect(),
+        edges: (1..robots)
+            .map(|to| SceneEdge { from: to, to: to - 1, ..SceneEdge::default() })
+            .collect(),
         walls: vec![
             Obstacle::segment([0.0, -9.0], [0.0, 9.0]),
             Obstacle::Disc { center_m: [0.5, 0.5], radius_m: 0.1 },
@@ -224,7 +226,7 @@ fn a_repaired_graph_is_drawn_before_and_after_and_a_spare_is_an_edge_while_it_re
     assert!(all(&run).iter().all(|figure| figure.name != "repairs"));
     // r1 hears r2, which dies at 0.3 s, and goes by r3 from 0.6 s to 1.2 s.
     let spare = run.scene.edges.len();
-    run.scene.edges.push(SceneEdge { from: 2, to: 0, spare: true });
+    run.scene.edges.push(SceneEdge { from: 2, to: 0, spare: true, for_place: true });
     run.repairs = vec![
         (0.6, "r1".into(), "goes by r3".into()),
         (1.2, "r1".into(), "goes no longer by r3".into()),
@@ -249,6 +251,12 @@ fn a_repaired_graph_is_drawn_before_and_after_and_a_spare_is_an_edge_while_it_re
     assert_eq!(bars.collect::<Vec<_>>(), [(0.6, 1.2), (0.8, 1.5)]);
     let labels = time_line.marks.iter().map(|mark| mark.label.as_str());
     assert_eq!(labels.collect::<Vec<_>>(), ["r1: r3", "r2 leads"]);
+    // By r3 it takes the place of r2: then it is a corner of the hull of leaders.
+    let corners = |t_s: f64| {
+        let instant = run.times_s.partition_point(|then_s| *then_s < t_s);
+        run.hull(&[1, 2], instant).contains(&run.alpha(0, instant))
+    };
+    assert_eq!([0.5, 0.7, 1.1, 1.3].map(corners), [false, true, true, false]);
     let page = html::report(&run, &figures);
     assert!(page.contains("goes no longer by r3"));
 }

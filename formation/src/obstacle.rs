@@ -17,19 +17,12 @@ pub const CORNERS_MAX: usize = 64;
 /// A convex obstacle that does not move.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+#[expect(missing_docs, reason = "the names say what the fields are")]
 pub enum Obstacle {
     /// A disc.
-    Disc {
-        /// Its center, m.
-        center_m: [f64; 2],
-        /// Its radius, m.
-        radius_m: f64,
-    },
-    /// A convex polygon, in either direction; with two corners a segment.
-    Polygon {
-        /// Its corners in order, m.
-        corners_m: Vec<[f64; 2]>,
-    },
+    Disc { center_m: [f64; 2], radius_m: f64 },
+    /// A convex polygon, its corners in order, in either direction; with two corners a segment.
+    Polygon { corners_m: Vec<[f64; 2]> },
 }
 
 /// Why some corners are not those of a convex polygon.

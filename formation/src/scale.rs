@@ -13,14 +13,8 @@ use crate::real;
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Scale {
     /// mean + amplitude sin(2 pi t / period). The chapter's.
-    Sine {
-        /// Its mean.
-        mean: f64,
-        /// How far it swings to either side of the mean.
-        amplitude: f64,
-        /// Length of a swing, s.
-        period_s: f64,
-    },
+    #[expect(missing_docs, reason = "the fields are in the formula")]
+    Sine { mean: f64, amplitude: f64, period_s: f64 },
     /// Open while the robots come to their places, then closing to 1. Not in the chapter: through gaps
     /// narrower than twice the distance at which robots are led around each other, the last to come
     /// find no way in.

@@ -14,60 +14,27 @@ use crate::real;
 /// A navigation trajectory m(t), t in seconds since the run's start.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+#[expect(missing_docs, reason = "`radius_m` is the a, and `period_s` the 2 pi / w of a formula")]
 pub enum Trajectory {
     /// Stays at a point.
-    Still {
-        /// The point, m.
-        center_m: [f64; 2],
-    },
-    /// A straight line at constant velocity.
-    Line {
-        /// Where it is at t = 0, m.
-        center_m: [f64; 2],
-        /// m', m/s.
-        velocity_m_s: [f64; 2],
-    },
+    Still { center_m: [f64; 2] },
+    /// A straight line at constant velocity, from its center at t = 0.
+    Line { center_m: [f64; 2], velocity_m_s: [f64; 2] },
     /// A circle, counter-clockwise, from its easternmost point.
-    Circle {
-        /// Its center, m.
-        center_m: [f64; 2],
-        /// Its radius, m.
-        radius_m: f64,
-        /// Once around, s.
-        period_s: f64,
-    },
+    Circle { center_m: [f64; 2], radius_m: f64, period_s: f64 },
     /// The four-leaved rose of section 3.2: a (sin 2wt cos wt, sin 2wt sin wt).
-    Quadrifolium {
-        /// Its center, m.
-        center_m: [f64; 2],
-        /// a: from the center to a leaf's tip, m.
-        radius_m: f64,
-        /// 2 pi / w, s.
-        period_s: f64,
-    },
-    /// A Lissajous figure: (a_x sin(n_x wt + phase), a_y sin(n_y wt)).
+    Quadrifolium { center_m: [f64; 2], radius_m: f64, period_s: f64 },
+    /// A Lissajous figure: (a_x sin(n_x wt + phase), a_y sin(n_y wt)) with `radii_m` a, `cycles` n.
     Lissajous {
-        /// Its center, m.
         center_m: [f64; 2],
-        /// a_x and a_y, m.
         radii_m: [f64; 2],
-        /// n_x and n_y.
         cycles: [u32; 2],
-        /// Phase of the first component, rad.
         phase_rad: f64,
-        /// 2 pi / w, s.
         period_s: f64,
     },
     /// A lying eight, Bernoulli's lemniscate: a cos wt / (1 + sin^2 wt) (1, sin wt), from its
     /// easternmost point up to the left.
-    Lemniscate {
-        /// Its center, m.
-        center_m: [f64; 2],
-        /// a: from the center to the tips in the east and west, m.
-        radius_m: f64,
-        /// 2 pi / w: once through both loops, s.
-        period_s: f64,
-    },
+    Lemniscate { center_m: [f64; 2], radius_m: f64, period_s: f64 },
     /// A path through waypoints.
     Waypoints(Path),
 }

@@ -52,39 +52,20 @@ pub struct LinkFault {
 /// What may be wrong with a link.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase", deny_unknown_fields)]
+#[expect(missing_docs, reason = "the fields are named in the variants' comments")]
 pub enum LinkFaultKind {
     /// Nothing gets through.
     Cut,
-    /// Some messages do not get through.
-    Loss {
-        /// Share of the messages that are lost.
-        probability: f64,
-        /// So many messages in a row are lost together.
-        burst: u64,
-    },
-    /// A link that is good or bad, and loses everything while it is bad; it stays so for times of
-    /// exponential distributions. (Gilbert 1960; Elliott 1963)
-    Bursts {
-        /// Share of the time for which it is bad.
-        probability: f64,
-        /// How long it stays bad on average, ns.
-        mean_burst_ns: u64,
-    },
+    /// This share of the messages is lost, so many in a row together.
+    Loss { probability: f64, burst: u64 },
+    /// A link that is good or bad (for this share of the time), and loses everything while it is bad; it
+    /// stays so for times of exponential distributions, of this mean. (Gilbert 1960; Elliott 1963)
+    Bursts { probability: f64, mean_burst_ns: u64 },
     /// Messages get through with probability exp(-(r / range)^exponent) over the distance r: Rayleigh
-    /// fading over a path loss of that exponent.
-    Fading {
-        /// The distance at which a share of 1/e gets through, m.
-        range_m: f64,
-        /// 2 in free space.
-        exponent: f64,
-    },
-    /// Messages get through late.
-    Delay {
-        /// At least this late, ns.
-        delay_ns: u64,
-        /// And up to this much later, each by a draw of its own, ns.
-        jitter_ns: u64,
-    },
+    /// fading over a path loss of that exponent, 2 in free space.
+    Fading { range_m: f64, exponent: f64 },
+    /// Messages get through late: at least by so much, and up to the jitter later, each by a draw of its own.
+    Delay { delay_ns: u64, jitter_ns: u64 },
 }
 
 /// A message as a link sees it.

@@ -42,12 +42,10 @@ impl RestartWhen {
 
 /// What follows on a death that nobody planned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the field is named in the variant's comment")]
 pub enum AfterDeath {
     /// A replacement, this long after the death, ns.
-    Return {
-        /// ns.
-        delay_ns: u64,
-    },
+    Return { delay_ns: u64 },
     /// No replacement, by policy.
     StayDead,
     /// No replacement: there were too many within the window.

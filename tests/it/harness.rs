@@ -396,6 +396,16 @@ impl Ended {
         self.claim(self.code == Some(code), format!("exit code {code}"))
     }
 
+    /// No two robots came nearer to each other than d, which is 0.2 m or more in every scenario here.
+    #[track_caller]
+    pub fn keeps_d(&self) -> &Ended {
+        let counted = self.number("/violations");
+        self.claim(
+            counted == 0.0 && self.number("/min_distance_m") >= 0.2,
+            "nobody came nearer than d",
+        )
+    }
+
     /// A number of the summary by JSON pointer; NaN if it is none.
     pub fn number(&self, pointer: &str) -> f64 {
         self.summary.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN)

@@ -28,7 +28,7 @@ pub(super) fn report(
     // Its warnings were shown when it ran.
     let (scenario, ..) =
         read(&scenario, &Overrides::default(), catalog).map_err(|why| unsound(&why))?;
-    let written = page::write(run_dir, &scenario).and_then(|written| {
+    let written = page::write(run_dir, &scenario, None).and_then(|written| {
         let animated = animate.as_ref().map(|path| page::animate(run_dir, &scenario, path));
         animated.transpose().map(|_| written)
     });

@@ -215,7 +215,7 @@ impl RunArgs {
         }
         if ended.began && is_written && !self.no_report {
             // The run is written down: that its pictures are not changes nothing about it.
-            if let Err(error) = page::write(&ended.out, scenario) {
+            if let Err(error) = page::write(&ended.out, scenario, None) {
                 complain(&error);
             }
         }

@@ -88,8 +88,11 @@ fn head(run: &Run) -> String {
     let pace = escaped(&run.scene.pace);
     let robots = run.scene.robots.len();
     let edges = run.scene.edges.iter().filter(|edge| !edge.spare).count();
-    let mut text = format!(
-        "<p class=\"quiet\">{robots} robots, {edges} edges, {} s, {pace}</p>\n",
+    let about = run.about.as_ref().map(|about| format!("<p>{}</p>\n", escaped(about)));
+    let mut text = about.unwrap_or_default();
+    let _ = writeln!(
+        text,
+        "<p class=\"quiet\">{robots} robots, {edges} edges, {} s, {pace}</p>",
         short(run.lasts_s())
     );
     let (verdict, worst) = match &run.summary {

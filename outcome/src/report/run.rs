@@ -41,6 +41,8 @@ pub struct Run {
     pub summary: Option<Summary>,
     /// Why no promise about distances holds in it, if one otherwise would.
     pub unpromised: Option<String>,
+    /// What happens in it, in one sentence, if somebody says so.
+    pub about: Option<String>,
     /// Which of its files is not as the run wrote it, in words.
     pub damage: Option<String>,
     /// What was run, where and how: words and their values.

@@ -88,12 +88,16 @@ pub struct Written {
     pub is_checked: bool,
 }
 
-/// Writes `figures/*.svg` and `report.html` of a run of this scenario.
-pub fn write(run_dir: &Path, scenario: &Scenario) -> Result<Written, ReportError> {
+/// Writes `figures/*.svg` and `report.html` of a run of this scenario; `about` it, a sentence stands at its top.
+pub fn write(
+    run_dir: &Path,
+    scenario: &Scenario,
+    about: Option<String>,
+) -> Result<Written, ReportError> {
     let checked = checksums::check(run_dir);
     let is_checked = !matches!(checked, Err(Damage::NoChecksums));
     let damage = checked.err().filter(|_| is_checked).map(|damage| damage.to_string());
-    let run = Run { damage, ..load(run_dir, scenario)? };
+    let run = Run { about, damage, ..load(run_dir, scenario)? };
     let figures = crate::report::figures::all(&run);
     let directory = run_dir.join("figures");
     fs::create_dir_all(&directory)
@@ -158,6 +162,7 @@ pub fn load(run_dir: &Path, scenario: &Scenario) -> Result<Run, ReportError> {
         repairs: record::repairs(&events),
         changes,
         unpromised: unpromised(scenario, summary.as_ref()),
+        about: None,
         damage: None,
         summary,
         manifest: manifest.iter().map(|(name, value)| manifest_line(name, value)).collect(),

@@ -38,9 +38,5 @@ pub(super) fn write(
     judged.unwritten.first().map_or(Ok(()), |error| Err(in_words(error)))?;
     drop(run_dir);
     checksums::write(to, to).map_err(in_words)?;
-    let path = page::write(to, &scenario).map_err(in_words)?.path;
-    let html = fs::read_to_string(&path).map_err(in_words)?;
-    let words = words.replace('&', "&amp;").replace('<', "&lt;");
-    fs::write(&path, html.replacen("</h1>", &format!("</h1>\n<p>{words}.</p>"), 1))
-        .map_err(in_words)
+    page::write(to, &scenario, Some(format!("{words}."))).map(|_| ()).map_err(in_words)
 }

@@ -80,6 +80,7 @@ fn example(robots: usize, instants: usize, role: &str) -> Run {
         ],
         summary: Some(summary(end_s)),
         unpromised: None,
+        about: None,
         damage: None,
         manifest: vec![("kernel".into(), "Linux <6>".into())],
         over_time: vec![bin("beacon_age", Some("r2")), bin("wake", None), bin("late_core", None)],

@@ -117,7 +117,7 @@ fn a_run_that_was_killed_gets_a_report_of_what_it_had_written() {
     }
     let run = load(&path, &row_of_three()).unwrap();
     assert_eq!(run.times_s.len(), 7, "the last instant was not whole");
-    let Written { path, cut_short, is_checked, .. } = write(&path, &row_of_three()).unwrap();
+    let Written { path, cut_short, is_checked, .. } = write(&path, &row_of_three(), None).unwrap();
     assert_eq!((cut_short, is_checked), (Some(CUT_SHORT), false));
     assert!(fs::read_to_string(path).unwrap().contains("cut short"));
 }
@@ -153,7 +153,7 @@ fn a_broken_line_is_named() {
         let broken = if from.starts_with('t') { text.replacen(from, to, 1) } else { broken };
         assert_ne!(broken, text);
         fs::write(path.join("samples.csv"), broken).unwrap();
-        let error = write(&path, &row_of_three()).unwrap_err().to_string();
+        let error = write(&path, &row_of_three(), None).unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
     }
 }
@@ -206,7 +206,7 @@ proptest! {
             bytes.truncate(blows[0].0.index(bytes.len()));
         }
         fs::write(path.join(name), bytes).unwrap();
-        if let Err(error) = write(&path, &row_of_three()) {
+        if let Err(error) = write(&path, &row_of_three(), None) {
             prop_assert!(error.to_string().contains(name), "{error}");
         }
     }

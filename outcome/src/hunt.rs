@@ -1,7 +1,7 @@
 //! What a hunt has tried, written down as it goes on: whoever was killed goes on from there, and comes to the same.
 //!
-//! `journal.csv` has a line for each run: who asked for it, and the margin of each expectation; none of a run that is
-//! not sound.
+//! `journal.csv` has a line for each run: who asked for it, the margin of each expectation, and what happened in it, as
+//! numbers; none of a run that is not sound.
 
 use std::fs::{self, File};
 use std::io::{self, Seek as _, SeekFrom, Write as _};
@@ -10,14 +10,20 @@ use std::path::Path;
 /// The name of the file.
 pub const JOURNAL: &str = "journal.csv";
 
-/// The margins of one run; `None`: it is not sound, and was not run.
-pub type Margins = Option<Vec<f64>>;
+/// What came of one run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tried {
+    /// Of each expectation.
+    pub margins: Vec<f64>,
+    /// What happened in it, as numbers.
+    pub traits: Vec<u16>,
+}
 
 /// A journal that is open.
 pub struct Journal {
     file: File,
     /// What was tried before, in order.
-    pub known: Vec<Margins>,
+    pub known: Vec<Option<Tried>>,
 }
 
 /// Why a journal cannot be used.
@@ -44,7 +50,7 @@ impl Journal {
     ) -> Result<Journal, JournalError> {
         let path = folder.join(JOURNAL);
         let failed = |error| JournalError::Io(path.display().to_string(), error);
-        let head = format!("# {identity}\nby,{}\n", expectations.join(","));
+        let head = format!("# {identity}\nby,{},traits\n", expectations.join(","));
         let text = match fs::read_to_string(&path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
             text => text.map_err(failed)?,
@@ -59,8 +65,8 @@ impl Journal {
             lines => lines,
         };
         let rows = lines.unwrap_or_default();
-        let read: Vec<Margins> =
-            rows.lines().map_while(|line| margins(line, expectations.len())).collect();
+        let read: Vec<Option<Tried>> =
+            rows.lines().map_while(|line| tried(line, expectations.len())).collect();
         let kept: usize = rows.split_inclusive('\n').take(read.len()).map(str::len).sum();
         let open = File::options().create(true).read(true).write(true).truncate(false).open(&path);
         let mut file = open.map_err(failed)?;
@@ -76,12 +82,13 @@ impl Journal {
     /// Writes down what came of the next runs, each with who asked for it.
     pub fn append<'m>(
         &mut self,
-        tried: impl Iterator<Item = (&'static str, &'m Margins)>,
+        tried: impl Iterator<Item = (&'static str, &'m Option<Tried>)>,
     ) -> io::Result<()> {
-        let line = |(by, margins): (&str, &Margins)| match margins {
-            Some(margins) => {
-                margins.iter().fold(by.to_owned(), |line, margin| line + &format!(",{margin:?}"))
-                    + "\n"
+        let line = |(by, margins): (&str, &Option<Tried>)| match margins {
+            Some(Tried { margins, traits }) => {
+                let margins: String = margins.iter().map(|margin| format!(",{margin:?}")).collect();
+                let traits: Vec<String> = traits.iter().map(ToString::to_string).collect();
+                format!("{by}{margins},{}\n", traits.join(" "))
             }
             None => format!("{by},not sound\n"),
         };
@@ -89,15 +96,18 @@ impl Journal {
     }
 }
 
-/// The margins of a line; `None` if it is none.
-fn margins(line: &str, count: usize) -> Option<Margins> {
+/// What a line says; `None` if it is none.
+fn tried(line: &str, count: usize) -> Option<Option<Tried>> {
     let (_, rest) = line.split_once(',')?;
     if rest == "not sound" {
         return Some(None);
     }
+    let (margins, traits) = rest.rsplit_once(',')?;
     let margins: Vec<f64> =
-        rest.split(',').map(|margin| margin.parse().ok()).collect::<Option<_>>()?;
-    (margins.len() == count).then_some(Some(margins))
+        margins.split(',').map(|margin| margin.parse().ok()).collect::<Option<_>>()?;
+    let traits =
+        traits.split_whitespace().map(|number| number.parse().ok()).collect::<Option<_>>()?;
+    (margins.len() == count).then_some(Some(Tried { margins, traits }))
 }
 
 #[cfg(test)]
@@ -107,13 +117,16 @@ mod tests {
     #[test]
     fn wherever_a_journal_is_cut_it_goes_on_after_its_last_whole_line() {
         let names = ["a".to_owned(), "b".to_owned()];
-        let tried = [Some(vec![0.1, -2.5e-7]), None, Some(vec![1.0, f64::INFINITY])];
+        let of = |margins: [f64; 2], traits: &[u16]| {
+            Some(Tried { margins: margins.into(), traits: traits.into() })
+        };
+        let tried = [of([0.1, -2.5e-7], &[3, 40]), None, of([1.0, f64::INFINITY], &[])];
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(JOURNAL);
         let mut journal = Journal::open(folder.path(), "id", &names).unwrap();
         journal.append(["x", "y", "z"].into_iter().zip(&tried)).unwrap();
         let whole = fs::read_to_string(&path).unwrap();
-        assert_eq!(whole, "# id\nby,a,b\nx,0.1,-2.5e-7\ny,not sound\nz,1.0,inf\n");
+        assert_eq!(whole, "# id\nby,a,b,traits\nx,0.1,-2.5e-7,3 40\ny,not sound\nz,1.0,inf,\n");
         for cut in 0..=whole.len() {
             fs::write(&path, &whole[..cut]).unwrap();
             let mut journal = Journal::open(folder.path(), "id", &names).unwrap();

@@ -3,6 +3,8 @@
 //! Runs are computed within this process. What is tried depends on the scenario, the seed and what came of the runs
 //! before; a journal makes a hunt that was killed go on to the same result.
 
+mod behavior;
+mod caller;
 mod page;
 mod runs;
 
@@ -12,14 +14,14 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use experiment::campaign::cells;
 use experiment::hunt::plan::Plan;
-use experiment::hunt::search::Search;
+use experiment::hunt::search::{Came, Search};
 use experiment::hunt::shrink::{fewer_faults, near, simpler};
 use experiment::hunt::space::Space;
 use experiment::scenario::hunt::VARIED;
 use experiment::scenario::{Scenario, Varied};
 use formation::random::SplitMix64;
 use outcome::campaign::folder::{Folder, FolderError, LockError};
-use outcome::hunt::{Journal, JournalError, Margins};
+use outcome::hunt::{Journal, JournalError, Tried};
 use outcome::results::manifest::Build;
 use outcome::results::page::command_line;
 use outcome::results::summary::to_json;
@@ -28,6 +30,7 @@ use protocol::number::short;
 use protocol::process::{Stop, exit};
 use serde_json::json;
 
+use self::caller::Caller;
 use self::runs::{Judged, NotJudged, Runs, expected};
 use super::scenario::ScenarioArgs;
 use super::screen::{ProgressLines, complain, print, runs_done, runs_progress, tell};
@@ -63,6 +66,10 @@ pub struct HuntArgs {
     /// Expectations to miss, by their keys in `[expect]` [default: all that have a margin, else min_distance_m].
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     expect: Vec<String>,
+    /// Ask whoever started this for a margin of this name as well: the path of each run's directory is a line of standard
+    /// output after "? ", and the next line of standard input is its margin, below 0 for a miss.
+    #[arg(long, value_name = "NAME")]
+    margin: Option<String>,
     /// Where its journal and what it finds go; it goes on where it was left [default: runs/hunts/NAME-SEED].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -112,6 +119,8 @@ enum HuntError {
     Page(String),
     #[error("a run panicked: {0}")]
     Panicked(String),
+    #[error("{0}")]
+    Unsaid(String),
     #[error("interrupted: the same command goes on")]
     Interrupted,
 }
@@ -121,6 +130,7 @@ impl From<NotJudged> for HuntError {
         match why {
             NotJudged::Unsound(why) => HuntError::NothingSound(1, why),
             NotJudged::Panicked(why) => HuntError::Panicked(why),
+            NotJudged::Unsaid(why) => HuntError::Unsaid(why),
             NotJudged::Stopped => HuntError::Interrupted,
         }
     }
@@ -137,7 +147,7 @@ pub(super) fn hunt(args: &HuntArgs, catalog: &Catalog, build: &Build) -> u8 {
             "a hunt computes its runs within one process, and {why} need others"
         ));
     }
-    let (names, set) = match expected(&scenario, &args.expect) {
+    let (names, set) = match expected(&scenario, &args.expect, args.margin.is_some()) {
         Ok(expected) => expected,
         Err(why) => return refused(&why),
     };
@@ -157,7 +167,9 @@ pub(super) fn hunt(args: &HuntArgs, catalog: &Catalog, build: &Build) -> u8 {
     let ended = Stop::on_signals_twice_at_once().map_err(HuntError::Signals).and_then(|stop| {
         let jobs = args.jobs.map(usize::from);
         let stop = &stop;
-        let runs = Runs { text: &text, space: &space, names: &names, catalog, build, jobs, stop };
+        let caller = args.margin.clone().map(|name| Caller::new(name, out.clone()));
+        let (text, space, names, caller) = (&*text, &space, &*names, caller.as_ref());
+        let runs = Runs { text, space, names, caller, catalog, build, jobs, stop };
         go(args, &scenario, vary, &runs, &out)
     });
     ended.unwrap_or_else(|error| match error {
@@ -219,9 +231,10 @@ fn go(
     let folder = Folder::with(out, &["found"])?;
     let _lock = folder.lock()?;
     let executable = cells::executable().map_err(HuntError::Executable)?;
-    let of = format!("{scenario:?} {vary:?} {:?} {} {executable}", runs.names, args.uniform);
+    let names: Vec<String> = runs.names.iter().chain(&args.margin).cloned().collect();
+    let of = format!("{scenario:?} {vary:?} {names:?} {} {executable}", args.uniform);
     let identity = cells::sha256(of.as_bytes()).map_err(HuntError::Executable)?;
-    let mut journal = Journal::open(folder.path(), &identity, runs.names)?;
+    let mut journal = Journal::open(folder.path(), &identity, &names)?;
     folder.write("scenario.toml", runs.text)?;
     let tally = look(args, scenario.seed, runs, &mut journal)?;
     let (margin, number, by, point) = tally.nearest.as_ref().expect("one was run");
@@ -288,7 +301,7 @@ fn look(
     let otherwise = if args.minutes.is_some() { usize::MAX } else { RUNS };
     let most = args.runs.map_or(otherwise, |runs| runs as usize);
     let (space, matters) = (runs.space, |point: &[f64]| runs.space.matters(point));
-    let mut search = Search::new(space.gradual(), &matters, space.own(), seed, args.uniform);
+    let mut search = Search::new(space.shape(), &matters, space.own(), seed, args.uniform);
     let (bar, mut lines) = (runs_progress(most), ProgressLines::new(most));
     let mut tally = Tally::default();
     let mut why_unsound = String::new();
@@ -296,7 +309,7 @@ fn look(
         let trials = search.ask();
         let trials = &trials[..trials.len().min(most - tally.tried)];
         let known = journal.known.iter().skip(tally.tried).take(trials.len());
-        let mut came: Vec<Margins> = known.cloned().collect();
+        let mut came: Vec<Option<Tried>> = known.cloned().collect();
         let fresh = &trials[came.len()..];
         if !fresh.is_empty() {
             let any = tally.nearest.is_some();
@@ -304,10 +317,10 @@ fn look(
                 break;
             }
             let plans: Vec<_> = fresh.iter().map(|trial| runs.space.plan(&trial.point)).collect();
-            let mut news: Vec<Margins> = Vec::new();
+            let mut news: Vec<Option<Tried>> = Vec::new();
             for judged in runs.judge_all(&plans) {
                 news.push(match judged {
-                    Ok(judged) => Some(judged.margins),
+                    Ok(judged) => Some(Tried { margins: judged.margins, traits: judged.traits }),
                     Err(NotJudged::Unsound(why)) => {
                         why_unsound = why;
                         None
@@ -319,16 +332,18 @@ fn look(
             journal.append(by.zip(&news)).map_err(HuntError::Written)?;
             came.extend(news);
         }
-        let costs: Vec<Option<f64>> =
-            came.iter().map(|margins| margins.as_ref().map(|m| smallest(m))).collect();
-        for (trial, cost) in trials.iter().zip(&costs) {
+        let cost = |Tried { margins, traits }| Came { cost: smallest(&margins), traits };
+        let told: Vec<Option<Came>> = came.into_iter().map(|tried| tried.map(cost)).collect();
+        for (trial, came) in trials.iter().zip(&told) {
             if tally.missed() {
                 break;
             }
             tally.tried += 1;
-            match cost {
+            match came {
                 None => tally.unsound += 1,
-                Some(cost) if tally.nearest.as_ref().is_none_or(|(least, ..)| cost < least) => {
+                Some(Came { cost, .. })
+                    if tally.nearest.as_ref().is_none_or(|(least, ..)| cost < least) =>
+                {
                     tally.nearest =
                         Some((*cost, tally.tried, trial.by.word(), trial.point.clone()));
                 }
@@ -340,7 +355,7 @@ fn look(
         }
         let margin = tally.nearest.as_ref().map_or(f64::INFINITY, |(margin, ..)| *margin);
         runs_done(bar, &mut lines, tally.tried, format!(", smallest margin {}", short(margin)));
-        search.tell(&costs);
+        search.tell(&told);
     }
     bar.finish_and_clear();
     Ok(tally)
@@ -382,10 +397,15 @@ impl Shrinking<'_> {
     /// What came of these plans, of those that are sound.
     fn judge(&self, plans: &[Plan]) -> Result<Vec<(usize, Judged)>, HuntError> {
         let all = self.runs.judge_all(plans);
-        if all.iter().any(|judged| matches!(judged, Err(NotJudged::Stopped))) {
-            return Err(HuntError::Interrupted);
+        let mut sound = Vec::new();
+        for (place, judged) in all.into_iter().enumerate() {
+            match judged {
+                Ok(judged) => sound.push((place, judged)),
+                Err(why @ (NotJudged::Stopped | NotJudged::Unsaid(_))) => return Err(why.into()),
+                Err(_) => {}
+            }
         }
-        Ok(all.into_iter().enumerate().filter_map(|(n, judged)| Some((n, judged.ok()?))).collect())
+        Ok(sound)
     }
 
     /// Goes on from the first simpler one that misses it too, until none does.

@@ -94,7 +94,10 @@ fn the_nearest_run_of_everything_that_varies_is_the_same_by_processes() {
     ended.exits_with(0);
     assert_eq!(ended.hash(), found["trajectory_hash"].as_str().unwrap());
     let journal = fs::read_to_string(out.join("journal.csv")).unwrap();
-    assert_eq!(journal.lines().nth(1), Some("by,final_error_m_max,alive_at_end,min_distance_m"));
+    assert_eq!(
+        journal.lines().nth(1),
+        Some("by,final_error_m_max,alive_at_end,min_distance_m,traits")
+    );
     assert_eq!(journal.lines().count(), 66);
 }
 

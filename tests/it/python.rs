@@ -3,6 +3,7 @@
 
 mod env;
 mod examples;
+mod hunt;
 mod plant;
 mod runs;
 mod sweep;

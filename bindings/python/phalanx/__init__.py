@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn
 from . import _phalanx, real
 from ._phalanx import Neighbor, Odometry, Pose, Situation, Twist, __version__
 from .campaigns import Campaign, sweep
+from .hunts import Hunt, hunt
 from .observation import Observation
 from .plant import Limits, Plant, Robot, Wheels
 from .runs import Figure, Run, RunError, load, run
@@ -35,6 +36,7 @@ __all__ = [
     "Campaign",
     "Controller",
     "Figure",
+    "Hunt",
     "Law",
     "Limits",
     "Neighbor",
@@ -49,6 +51,7 @@ __all__ = [
     "Twist",
     "Wheels",
     "__version__",
+    "hunt",
     "load",
     "parallel_env",
     "real",

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
 import signal
 import subprocess
 import sysconfig
+import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -192,7 +194,7 @@ def run(
     ``phalanx`` said for a scenario that is wrong and for a run that ended early.
     """
     path = Path(scenario)
-    directory = Path(out) if out is not None else _unused(path.stem)
+    directory = Path(out) if out is not None else unused(Path("runs"), path.stem)
     words = ["run", str(path), "--pace", pace, "--out", str(directory)]
     words += [] if draw else ["--no-report"]
     for fault in faults:
@@ -216,8 +218,11 @@ class Ended(NamedTuple):
     """What it said about it, from its standard error."""
 
 
-def called(words: Sequence[str], *, ends_with_caller: bool = False) -> Ended:
-    """Calls ``phalanx``. With ``ends_with_caller`` it dies with this process, even where that one is killed."""
+def called(
+    words: Sequence[str], *, ends_with_caller: bool = False, answer: Callable[[str], str] | None = None
+) -> Ended:
+    """Calls ``phalanx``. With ``ends_with_caller`` it dies with this process, even where that one is killed. What it asks,
+    in lines that begin with "? ", is put to ``answer``."""
     scripts = sysconfig.get_path("scripts")
     # The programs of this environment first: `python3` is then one that has this package.
     path = os.pathsep.join([scripts, os.environ.get("PATH", os.defpath)])
@@ -225,16 +230,35 @@ def called(words: Sequence[str], *, ends_with_caller: bool = False) -> Ended:
     if program is None:
         raise RunError(f"there is no program `phalanx` in {scripts}: install the package again", 2)
     parent = {_PARENT: str(os.getpid())} if ends_with_caller else {}
-    process = subprocess.Popen(
-        [program, *words],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, **parent, "PATH": path, "NO_COLOR": "1"},
-    )
+    # Not a pipe: nobody reads it while what is asked is answered.
+    with tempfile.TemporaryFile("w+") as said:
+        process = subprocess.Popen(
+            [program, *words],
+            stdin=subprocess.PIPE if answer else subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=said,
+            text=True,
+            env={**os.environ, **parent, "PATH": path, "NO_COLOR": "1"},
+        )
+        printed = _printed(process, answer)
+        said.seek(0)
+        return Ended(process.returncode, printed, said.read().strip())
+
+
+def _printed(process: subprocess.Popen[str], answer: Callable[[str], str] | None) -> str:
+    """What it prints until it ends; what it asks is answered."""
+    printed = ""
     try:
-        printed, said = process.communicate()
+        for line in process.stdout or ():
+            if answer is None or process.stdin is None or not line.startswith("? "):
+                printed += line
+                continue
+            answered = answer(line[2:].rstrip("\n"))
+            # Who has ended meanwhile has said why.
+            with contextlib.suppress(BrokenPipeError):
+                process.stdin.write(answered + "\n")
+                process.stdin.flush()
+        process.wait()
     except BaseException:
         process.send_signal(signal.SIGINT)
         try:
@@ -242,12 +266,12 @@ def called(words: Sequence[str], *, ends_with_caller: bool = False) -> Ended:
         except subprocess.TimeoutExpired:
             process.kill()
         raise
-    return Ended(process.returncode, printed, said.strip())
+    return printed
 
 
-def _unused(name: str) -> Path:
-    """A directory of this name and of now that is not there."""
-    stem = Path("runs") / time.strftime(f"{name}-%Y%m%d-%H%M%S")
+def unused(folder: Path, name: str) -> Path:
+    """A directory of this name and of now that is not there yet in a folder."""
+    stem = folder / time.strftime(f"{name}-%Y%m%d-%H%M%S")
     path, number = stem, 1
     while path.exists():
         number += 1

@@ -1,23 +1,30 @@
-//! Which points are tried next: a portfolio of four searches with the same share of each batch.
+//! Which points are tried next: a portfolio of five searches. A tenth of each batch is each one's own; the rest goes to
+//! those that lately found what belongs to the best.
 //!
 //! A batch depends on the seed and on what came of the batches before, never on the machine. The first ones are small, so
 //! that something is learnt before much is tried; later ones keep all cores busy.
+
+use std::collections::BTreeMap;
 
 use formation::random::SplitMix64;
 use formation::real;
 
 use crate::hunt::cma::{Cma, normal, reflected};
+use crate::hunt::space::Shape;
 
-/// Points of one member in a batch, and in one of the first.
-const SHARE: usize = 16;
-const SHARE_AT_FIRST: usize = 4;
-/// Points of the first, small batches.
-const FIRST: usize = 1024;
+/// So many points anywhere come first.
+const FIRST: usize = 32;
+/// Points of a batch, from so many tried on.
+const BATCHES: [(usize, usize); 4] = [(0, 16), (FIRST, 4), (256, 16), (1024, 64)];
+/// What each member has of a batch at least.
+const SHARE_MIN: f64 = 0.1;
+/// How much of what a member found or tried counts after it tried once more.
+const MEMORY: f64 = 0.95;
 /// Points of a generation of CMA-ES, handed out over as many batches as it takes.
 const GENERATION: usize = 16;
 /// How many of the best are parents.
 const PARENTS: usize = 8;
-/// A search that gets no better for so many batches begins anew.
+/// CMA-ES that gets no better for so many generations begins anew.
 const PATIENCE: u32 = 12;
 /// Steps of a restarted search, and of one that is about to give up.
 const STEP: f64 = 0.2;
@@ -34,7 +41,12 @@ pub enum Member {
     Cma,
     /// A descent that begins anew somewhere else once it gets no better.
     Restarts,
+    /// Changes of runs in which something happened that is rare.
+    Novelty,
 }
+
+const MEMBERS: [Member; 5] =
+    [Member::Uniform, Member::Mutation, Member::Cma, Member::Restarts, Member::Novelty];
 
 impl Member {
     /// The word for it.
@@ -44,6 +56,7 @@ impl Member {
             Member::Mutation => "mutation",
             Member::Cma => "cma-es",
             Member::Restarts => "restarts",
+            Member::Novelty => "novelty",
         }
     }
 }
@@ -57,14 +70,22 @@ pub struct Trial {
     pub point: Vec<f64>,
 }
 
+/// What came of a point that could be tried.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Came {
+    /// The smaller, the better.
+    pub cost: f64,
+    /// What happened, as numbers.
+    pub traits: Vec<u16>,
+}
+
 /// A search under way.
 pub struct Search<'s> {
     seed: u64,
     batch: u64,
     /// Points asked for so far.
     tried: usize,
-    /// Of each coordinate: whether runs change gradually with it.
-    gradual: Vec<bool>,
+    shape: Shape,
     /// Of each coordinate of a point: whether its run would be another one with another value there.
     matters: &'s dyn Fn(&[f64]) -> Vec<bool>,
     /// Tried before all others.
@@ -72,6 +93,10 @@ pub struct Search<'s> {
     uniform_only: bool,
     /// The best so far, best first.
     best: Vec<Found>,
+    /// What each member found that was among the best, and what it tried; of late.
+    record: [(f64, f64); MEMBERS.len()],
+    /// Of each trait: in how many points it came about, and the best of them.
+    rare: BTreeMap<u16, (u32, Found)>,
     descent: Option<Descent>,
     cma: Option<CmaSearch>,
     /// How often CMA-ES began.
@@ -102,10 +127,10 @@ struct CmaSearch {
 }
 
 impl Search<'_> {
-    /// A search of a cube with these coordinates, which tries `own` first. `matters` says of a point which of its
+    /// A search of a cube of this shape, which tries `own` first. `matters` says of a point which of its
     /// coordinates its run depends on. `uniform_only`: points anywhere, and nothing is learnt.
     pub fn new(
-        gradual: Vec<bool>,
+        shape: Shape,
         matters: &dyn Fn(&[f64]) -> Vec<bool>,
         own: Vec<f64>,
         seed: u64,
@@ -115,11 +140,13 @@ impl Search<'_> {
             seed,
             batch: 0,
             tried: 0,
-            gradual,
+            shape,
             matters,
             own,
             uniform_only,
             best: Vec::new(),
+            record: Default::default(),
+            rare: BTreeMap::new(),
             descent: None,
             cma: None,
             cma_starts: 0,
@@ -132,48 +159,101 @@ impl Search<'_> {
         let mut random =
             SplitMix64::new(SplitMix64::new(self.seed ^ self.batch.rotate_left(32)).word());
         self.batch += 1;
-        let n = self.gradual.len();
-        let mut anywhere = || -> Vec<f64> { (0..n).map(|_| random.unit()).collect() };
-        let alone = self.uniform_only || self.best.is_empty();
-        let share = if self.tried < FIRST { SHARE_AT_FIRST } else { SHARE };
-        let count = if alone { 4 * share } else { share };
-        let mut points: Vec<Vec<f64>> = (0..count).map(|_| anywhere()).collect();
-        if self.batch == 1 {
-            points[0].clone_from(&self.own);
+        let alone = self.uniform_only || self.best.is_empty() || self.tried < FIRST;
+        let is_due = |(from, size): &&(usize, usize)| {
+            *from <= self.tried && !(alone && *size < BATCHES[0].1)
+        };
+        let size = BATCHES.iter().rfind(is_due).map_or(1, |(_, size)| *size);
+        let counts = match alone {
+            true => [size, 0, 0, 0, 0],
+            false => self.shares(size, &mut random),
+        };
+        self.asked.clear();
+        for (by, count) in MEMBERS.into_iter().zip(counts) {
+            for point in self.points(by, count, &mut random) {
+                self.asked.push(Trial { by, point });
+            }
         }
-        let by = |by| move |point| Trial { by, point };
-        self.asked = points.into_iter().map(by(Member::Uniform)).collect();
-        if !alone {
-            let drawn = self.cma_points(share, &mut random);
-            // In place of what a generation lacks.
-            let mutated = (drawn.len()..2 * share).map(|_| self.mutated(&mut random));
-            let mutated: Vec<Trial> = mutated.map(by(Member::Mutation)).collect();
-            let stepped = (0..share).map(|_| self.stepped(&mut random));
-            let stepped: Vec<Trial> = stepped.map(by(Member::Restarts)).collect();
-            self.asked.extend(mutated);
-            self.asked.extend(drawn.into_iter().map(by(Member::Cma)));
-            self.asked.extend(stepped);
+        // In place of what a generation lacks.
+        for _ in self.asked.len()..size {
+            let point = self.mutated(&mut random);
+            self.asked.push(Trial { by: Member::Mutation, point });
+        }
+        if self.batch == 1 {
+            self.asked[0].point.clone_from(&self.own);
         }
         self.tried += self.asked.len();
         &self.asked
     }
 
-    /// What came of the batch asked for last: the smaller, the better; `None` could not be tried.
-    pub fn tell(&mut self, costs: &[Option<f64>]) {
-        let costs: Vec<f64> = costs.iter().map(|cost| cost.unwrap_or(f64::INFINITY)).collect();
+    /// How many of a batch each member asks for.
+    fn shares(&self, size: usize, random: &mut SplitMix64) -> [usize; MEMBERS.len()] {
+        // One success beforehand, so that nobody is given up.
+        let rates = self.record.map(|(found, tried)| (found + 1.0) / (tried + 10.0));
+        let all: f64 = rates.iter().sum();
+        let rest = 1.0 - SHARE_MIN * MEMBERS.len() as f64;
+        let mut counts = [0; MEMBERS.len()];
+        for _ in 0..size {
+            let mut left = random.unit();
+            let chosen = rates.iter().position(|rate| {
+                left -= SHARE_MIN + rest * rate / all;
+                left < 0.0
+            });
+            counts[chosen.unwrap_or_default()] += 1;
+        }
+        counts
+    }
+
+    fn points(&mut self, by: Member, count: usize, random: &mut SplitMix64) -> Vec<Vec<f64>> {
+        if count == 0 {
+            return Vec::new();
+        }
+        if by == Member::Cma {
+            return self.cma_points(count, random);
+        }
+        let n = self.shape.gradual.len();
+        let point = |_| match by {
+            Member::Mutation => self.mutated(random),
+            Member::Restarts => self.stepped(random),
+            Member::Novelty => self.novel(random),
+            Member::Uniform | Member::Cma => (0..n).map(|_| random.unit()).collect(),
+        };
+        (0..count).map(point).collect()
+    }
+
+    /// What came of the batch asked for last; `None` could not be tried.
+    pub fn tell(&mut self, came: &[Option<Came>]) {
         if self.uniform_only {
             return;
         }
         let of = |member: Member| {
-            let trials = self.asked.iter().zip(&costs).filter(move |(trial, _)| trial.by == member);
-            trials
-                .map(|(trial, &cost)| Found { cost, point: trial.point.clone() })
-                .collect::<Vec<_>>()
+            let trials = self.asked.iter().zip(came).filter(move |(trial, _)| trial.by == member);
+            let found = |(trial, came): (&Trial, &Option<Came>)| Found {
+                cost: came.as_ref().map_or(f64::INFINITY, |came| came.cost),
+                point: trial.point.clone(),
+            };
+            trials.map(found).collect::<Vec<_>>()
         };
-        let [uniform, stepped] = [Member::Uniform, Member::Restarts].map(of);
-        let drawn: Vec<f64> = of(Member::Cma).iter().map(|found| found.cost).collect();
-        let all = self.asked.iter().zip(&costs).filter(|(_, cost)| cost.is_finite());
-        self.best.extend(all.map(|(trial, &cost)| Found { cost, point: trial.point.clone() }));
+        let [uniform, stepped, drawn] = [Member::Uniform, Member::Restarts, Member::Cma].map(of);
+        let drawn: Vec<f64> = drawn.iter().map(|found| found.cost).collect();
+        let worst = self.best.get(PARENTS - 1).map_or(f64::INFINITY, |found| found.cost);
+        for (trial, came) in self.asked.iter().zip(came) {
+            let (found, tried) = &mut self.record[trial.by as usize];
+            let is_good = came.as_ref().is_some_and(|came| came.cost < worst);
+            *found = MEMORY * *found + f64::from(is_good);
+            *tried = MEMORY * *tried + 1.0;
+            let Some(Came { cost, traits }) = came else { continue };
+            let news = Found { cost: *cost, point: trial.point.clone() };
+            for one in traits {
+                let (count, best) = self.rare.entry(*one).or_insert((0, news.clone()));
+                *count += 1;
+                // Of equals the last one: it goes on where nothing gets better.
+                if news.cost <= best.cost {
+                    best.clone_from(&news);
+                }
+            }
+            self.best.push(news);
+        }
         // A stable sort: of equals, the first.
         self.best.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         self.best.truncate(PARENTS);
@@ -181,23 +261,67 @@ impl Search<'_> {
         self.learn_cma(&drawn);
     }
 
-    /// One of the best, crossed with another one now and then, changed in a few coordinates.
+    /// Another one than one of the best.
     fn mutated(&self, random: &mut SplitMix64) -> Vec<f64> {
-        let parent = |random: &mut SplitMix64| {
-            // The better, the more likely.
-            let place = (random.unit() * random.unit() * self.best.len() as f64) as usize;
-            &self.best[place].point
-        };
-        let mut point = parent(random).clone();
+        let parent = self.parent(random);
+        self.changed(parent, random)
+    }
+
+    /// Another one than the best of those in which something rare happened: the rarer, the more likely.
+    fn novel(&self, random: &mut SplitMix64) -> Vec<f64> {
+        let all: f64 = self.rare.values().map(|(count, _)| 1.0 / f64::from(*count)).sum();
+        let mut left = random.unit() * all;
+        let chosen = self.rare.values().find(|(count, _)| {
+            left -= 1.0 / f64::from(*count);
+            left < 0.0
+        });
+        let parent = chosen.map_or_else(|| self.parent(random), |(_, found)| found);
+        self.changed(parent, random)
+    }
+
+    /// One of the best: the better, the more likely.
+    fn parent(&self, random: &mut SplitMix64) -> &Found {
+        &self.best[(random.unit() * random.unit() * self.best.len() as f64) as usize]
+    }
+
+    /// A point with some parts of another parent now and then, or with another fault, and changed in a few coordinates.
+    fn changed(&self, from: &Found, random: &mut SplitMix64) -> Vec<f64> {
+        let mut point = from.point.clone();
         if random.chance(0.3) {
-            let other = parent(random);
-            point.iter_mut().zip(other).filter(|_| random.chance(0.5)).for_each(|(x, y)| *x = *y);
+            let other = &self.parent(random).point;
+            for part in self.shape.parts.iter().filter(|_| random.chance(0.5)) {
+                point[part.clone()].copy_from_slice(&other[part.clone()]);
+            }
+        }
+        if random.chance(0.2) {
+            self.refault(&mut point, random);
         }
         let changes = 5.0 * random.unit() * random.unit();
         // From steps of all the cube to a thirtieth of it.
         let step = 0.5 * real::pow(0.03, random.unit());
         self.change(&mut point, changes, step, random);
         point
+    }
+
+    /// One fault more, or in place of another: drawn anew, or one of a parent.
+    fn refault(&self, point: &mut [f64], random: &mut SplitMix64) {
+        let (Some(count), slots) = (self.shape.count, self.shape.faults.len()) else { return };
+        let pick = |of: usize, random: &mut SplitMix64| (random.unit() * of as f64) as usize;
+        let have = |point: &[f64]| ((point[count] * (slots + 1) as f64) as usize).min(slots);
+        let fault = |place: usize| self.shape.parts[self.shape.faults.start + place].clone();
+        let (now, other) = (have(point), self.parent(random));
+        let mut place = pick(now, random);
+        if now < slots && (now == 0 || random.chance(0.5)) {
+            place = now;
+            point[count] = (now as f64 + 1.5) / (slots + 1) as f64;
+        }
+        match have(&other.point) {
+            theirs if theirs > 0 && random.chance(0.5) => {
+                let one = fault(pick(theirs, random));
+                point[fault(place)].copy_from_slice(&other.point[one]);
+            }
+            _ => point[fault(place)].iter_mut().for_each(|x| *x = random.unit()),
+        }
     }
 
     /// Changes one coordinate that matters, and so many others: by a step, or to anywhere.
@@ -208,7 +332,7 @@ impl Search<'_> {
         let places = (0..point.len()).filter(|&place| matters[place]).enumerate();
         for (nth, place) in places {
             if nth == forced || random.chance(changes / count as f64) {
-                let steps = self.gradual[place] && random.chance(0.8);
+                let steps = self.shape.gradual[place] && random.chance(0.8);
                 let x = &mut point[place];
                 *x = if steps { reflected(*x + step * normal(random)) } else { random.unit() };
             }
@@ -232,7 +356,7 @@ impl Search<'_> {
         };
         match least(stepped) {
             Some(better) if better.cost < descent.at.cost => descent.at = better,
-            _ => descent.step *= real::pow(0.7, stepped.len() as f64 / SHARE as f64),
+            _ => descent.step *= real::pow(0.7, stepped.len() as f64 / GENERATION as f64),
         }
         if descent.step < STEP_MIN {
             self.descent = least(uniform).map(|at| Descent { at, step: STEP });
@@ -241,10 +365,10 @@ impl Search<'_> {
 
     /// The next points of the generation under way, of a new one, or of a new search: at most so many.
     fn cma_points(&mut self, most: usize, random: &mut SplitMix64) -> Vec<Vec<f64>> {
-        if !self.gradual.contains(&true) {
+        if !self.shape.gradual.contains(&true) {
             return Vec::new();
         }
-        let (n, gradual) = (self.gradual.len(), &self.gradual);
+        let (n, gradual) = (self.shape.gradual.len(), &self.shape.gradual);
         let (starts, best) = (&mut self.cma_starts, &self.best[0].point);
         let search = self.cma.get_or_insert_with(|| {
             // By turns from the best and from anywhere.
@@ -291,12 +415,21 @@ impl Search<'_> {
 mod tests {
     use super::*;
 
+    fn shape(n: usize) -> Shape {
+        Shape { gradual: vec![true; n], ..Shape::default() }
+    }
+
+    fn came(cost: f64) -> Option<Came> {
+        Some(Came { cost, traits: Vec::new() })
+    }
+
     /// How many points are tried until one costs less than 0: all of eight coordinates must be near 0.8, and one
     /// that is not gradual in its last tenth.
     fn trials_to_find(seed: u64, uniform_only: bool, most: usize) -> usize {
         let gradual: Vec<bool> = (0..9).map(|place| place < 8).collect();
+        let shape = Shape { gradual, ..Shape::default() };
         let all = |point: &[f64]| vec![true; point.len()];
-        let mut search = Search::new(gradual, &all, vec![0.5; 9], seed, uniform_only);
+        let mut search = Search::new(shape, &all, vec![0.5; 9], seed, uniform_only);
         let mut tried = 0;
         while tried < most {
             let cost = |trial: &Trial| {
@@ -308,7 +441,7 @@ mod tests {
                 return tried + first + 1;
             }
             tried += costs.len();
-            search.tell(&costs.into_iter().map(Some).collect::<Vec<_>>());
+            search.tell(&costs.into_iter().map(came).collect::<Vec<_>>());
         }
         most
     }
@@ -327,33 +460,89 @@ mod tests {
     }
 
     #[test]
-    fn each_member_has_the_same_share_and_what_cannot_be_tried_is_no_parent() {
+    fn who_finds_has_most_of_a_batch_and_what_cannot_be_tried_is_no_parent() {
         let all = |point: &[f64]| vec![true; point.len()];
-        let mut search = Search::new(vec![true; 4], &all, vec![0.5; 4], 1, false);
+        let mut search = Search::new(shape(4), &all, vec![0.5; 4], 1, false);
         assert_eq!(search.ask()[0].point, [0.5; 4]);
-        search.tell(&[None; 4 * SHARE_AT_FIRST]);
-        assert!(search.ask().iter().all(|trial| trial.by == Member::Uniform), "nothing is learnt");
-        let mut told = 4 * SHARE_AT_FIRST;
-        for (batch, share) in [4; 62].into_iter().chain([16; 20]).enumerate() {
-            search.tell(&vec![Some(1.0); told]);
+        for _ in 0..FIRST / 8 {
+            search.tell(&[const { None }; 16]);
             let asked = search.ask();
-            told = asked.len();
-            assert_eq!(told, 4 * share);
-            for member in [Member::Uniform, Member::Mutation, Member::Cma, Member::Restarts] {
-                let count = asked.iter().filter(|trial| trial.by == member).count();
-                // Where the batches grow, a generation of CMA-ES ends with fewer.
-                assert!(count == share || batch == 62, "{member:?} in batch {batch}: {count}");
-            }
+            assert!(asked.iter().all(|trial| trial.by == Member::Uniform), "nothing is learnt");
         }
+        search.tell(&vec![came(1.0); 16]);
+        let mut counts = [0; MEMBERS.len()];
+        let mut cost = 1.0;
+        for _ in 0..300 {
+            let by: Vec<Member> = search.ask().iter().map(|trial| trial.by).collect();
+            let mut costs = Vec::new();
+            for by in by {
+                counts[by as usize] += 1;
+                cost -= 1e-3;
+                costs.push(came(if by == Member::Restarts { cost } else { 2.0 }));
+            }
+            search.tell(&costs);
+        }
+        let all: usize = counts.iter().sum();
+        assert!(counts[Member::Restarts as usize] > all / 3, "{counts:?}");
+        assert!(counts.iter().all(|count| *count > all / 20), "{counts:?}");
+    }
+
+    /// Nothing says where to go but what happens: one more of eight things for each of eight coordinates above 0.75 that follow on
+    /// one another.
+    #[test]
+    fn where_nothing_gets_better_what_is_rare_leads_on() {
+        let trials = |uniform_only| {
+            let all = |point: &[f64]| vec![true; point.len()];
+            let mut search = Search::new(shape(8), &all, vec![0.5; 8], 7, uniform_only);
+            let mut tried = 0;
+            while tried < 6_000 {
+                let happens = |point: &[f64]| point.iter().take_while(|x| **x > 0.75).count();
+                let came = |trial: &Trial| {
+                    let traits = (0..=happens(&trial.point) as u16).collect();
+                    Some(Came { cost: 1.0, traits })
+                };
+                let came: Vec<_> = search.ask().iter().map(came).collect();
+                if came.iter().flatten().any(|came| came.traits.len() == 9) {
+                    return tried;
+                }
+                tried += came.len();
+                search.tell(&came);
+            }
+            tried
+        };
+        assert!(trials(false) < 6_000 && trials(true) >= 6_000);
+    }
+
+    #[test]
+    fn a_fault_is_added_or_taken_from_a_parent_as_a_whole() {
+        let all = |point: &[f64]| vec![true; point.len()];
+        // Faults of two coordinates each.
+        let parts = vec![0..1, 1..3, 3..5];
+        let shape = Shape { gradual: vec![true; 5], parts, count: Some(0), faults: 1..3 };
+        let mut search = Search::new(shape, &all, vec![0.5; 5], 1, false);
+        search.best.push(Found { cost: 1.0, point: vec![0.5, 0.1, 0.2, 0.3, 0.4] });
+        let mut random = SplitMix64::new(1);
+        let (mut added, mut taken) = (0, 0);
+        for _ in 0..100 {
+            let mut point = search.best[0].point.clone();
+            search.refault(&mut point, &mut random);
+            let place = if point[0] > 2.0 / 3.0 { 3 } else { 1 };
+            added += usize::from(place == 3);
+            taken += usize::from(point[place..place + 2] == [0.1, 0.2]);
+            assert!(place == 1 || point[1..3] == [0.1, 0.2], "{point:?}");
+        }
+        assert!((30..70).contains(&added) && (30..70).contains(&taken), "{added} {taken}");
     }
 
     #[test]
     fn what_does_not_matter_is_left_as_it_is() {
         let first = |point: &[f64]| (0..point.len()).map(|place| place == 0).collect();
-        let mut search = Search::new(vec![true; 4], &first, vec![0.5; 4], 1, false);
-        search.ask();
-        search.tell(&[Some(1.0)]);
-        let asked = search.ask();
+        let mut search = Search::new(shape(4), &first, vec![0.5; 4], 1, false);
+        for _ in 0..FIRST / 16 {
+            search.ask();
+        }
+        search.best.push(Found { cost: 1.0, point: vec![0.5; 4] });
+        let asked: Vec<Trial> = (0..20).flat_map(|_| search.ask().to_vec()).collect();
         let mutated: Vec<_> = asked.iter().filter(|trial| trial.by == Member::Mutation).collect();
         assert!(!mutated.is_empty());
         assert!(mutated.iter().all(|trial| trial.point[1..] == [0.5; 3] && trial.point[0] != 0.5));

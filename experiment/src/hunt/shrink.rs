@@ -32,12 +32,45 @@ pub fn fewer_faults(plan: &Plan, space: &Space) -> Vec<Plan> {
             without(&other, gone)
         }));
     }
+    let pairs = faults.clone().flat_map(|a| (a + 1..plan.faults.len()).map(move |b| [a, b]));
+    for [a, b] in pairs {
+        let one = joined(&plan.faults[a], &plan.faults[b], space.strikes_all());
+        fewer.extend(one.map(|one| {
+            let mut other = plan.clone();
+            other.faults[a] = one;
+            without(&other, b)
+        }));
+        fewer.push(without(&without(plan, b), a));
+    }
     fewer
+}
+
+/// One fault in place of two of the same kind: from the first's begin to the last's end, as strong as the stronger one. Of those
+/// that strike different robots or links it is one of `all`, where the bounds allow that.
+fn joined(a: &PlannedFault, b: &PlannedFault, all: bool) -> Option<PlannedFault> {
+    let words = |fault: &PlannedFault| fault.amounts.iter().map(|(word, _)| *word).collect();
+    let (these, those): (Vec<&str>, Vec<&str>) = (words(a), words(b));
+    let who = match a.who == b.who {
+        true => a.who.clone(),
+        false => vec![EVERY.to_owned(); a.who.len()],
+    };
+    let fits = a.who == b.who || all && a.who.len() == b.who.len();
+    if !fits || (a.kind, a.what, these) != (b.kind, b.what, those) {
+        return None;
+    }
+    let at_ns = a.at_ns.min(b.at_ns);
+    let end_ns = |fault: &PlannedFault| Some(fault.at_ns + fault.for_ns?);
+    let for_ns = end_ns(a).zip(end_ns(b)).map(|(a, b)| a.max(b) - at_ns);
+    let stronger = |(&(word, a), (_, b)): (&(_, Option<f64>), &(_, Option<f64>))| {
+        (word, a.zip(*b).map(|(a, b)| a.max(b)))
+    };
+    let amounts = a.amounts.iter().zip(&b.amounts).map(stronger).collect();
+    Some(PlannedFault { who, amounts, at_ns, for_ns, ..a.clone() })
 }
 
 /// A point near another one: some of the coordinates with which its run changes gradually are others.
 pub fn near(point: &[f64], space: &Space, random: &mut SplitMix64) -> Vec<f64> {
-    let (gradual, matters) = (space.gradual(), space.matters(point));
+    let (gradual, matters) = (space.shape().gradual, space.matters(point));
     let step = 0.3 * real::pow(0.1, random.unit());
     let change = |(place, &x): (usize, &f64)| match gradual[place] && matters[place] {
         true if random.chance(0.25) => reflected(x + step * normal(random)),
@@ -142,6 +175,25 @@ mod tests {
     }
 
     #[test]
+    fn two_faults_become_one_that_lasts_as_long_as_both_and_is_as_strong() {
+        let fault = |who: &str, by, at_ns, for_ns| PlannedFault {
+            kind: "delay",
+            who: vec![who.into()],
+            what: "odometry",
+            amounts: vec![("by", Some(by))],
+            at_ns,
+            for_ns,
+        };
+        let [a, b] = [fault("r1", 0.1, 4, Some(6)), fault("r1", 0.2, 2, Some(3))];
+        assert_eq!(joined(&a, &b, false), Some(fault("r1", 0.2, 2, Some(8))));
+        let other = fault("r2", 0.0, 1, None);
+        assert_eq!(joined(&a, &other, true), Some(fault("*", 0.1, 1, None)), "to the end");
+        assert_eq!(joined(&a, &other, false), None, "not all may break");
+        assert_eq!(joined(&a, &PlannedFault { kind: "loss", ..b.clone() }, true), None);
+        assert_eq!(joined(&a, &PlannedFault { what: "commands", ..b }, true), None);
+    }
+
+    #[test]
     fn fewer_faults_are_some_of_those_that_a_plan_has_and_points_near_another_have_them_all() {
         let hunt = HuntBounds {
             faults_max: 3,
@@ -161,7 +213,8 @@ mod tests {
         let plan = space.plan(&point);
         let fewer: Vec<usize> =
             fewer_faults(&plan, &space).iter().map(|plan| plan.faults.len()).collect();
-        assert_eq!(fewer, [0, 2, 2, 2, 2, 2, 2, 2, 2, 2]);
+        assert_eq!(fewer[..10], [0, 2, 2, 2, 2, 2, 2, 2, 2, 2]);
+        assert_eq!(fewer[10..].iter().filter(|left| **left == 1).count(), 3, "{fewer:?}");
         let all_near = (0..50).map(|_| space.plan(&near(&point, &space, &mut random)));
         let all_near: Vec<Plan> = all_near.collect();
         assert!(all_near.iter().any(|other| *other != plan));

@@ -1,6 +1,7 @@
 //! The runs that a hunt may try: each stands for a point of the unit cube, so that any search can look there.
 
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 use formation::Vec2;
 use formation::closest::closest_pair;
@@ -29,6 +30,19 @@ pub struct Space {
     gains: Vec<Vec<(String, f64)>>,
 }
 
+/// What the coordinates of a point are.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Shape {
+    /// Of each: whether runs change gradually with it.
+    pub gradual: Vec<bool>,
+    /// Those that belong together, such as the start of one robot, or one fault.
+    pub parts: Vec<Range<usize>>,
+    /// The coordinate that says how many faults there are.
+    pub count: Option<usize>,
+    /// The places among `parts` of faults: as many coordinates each, with the same meaning.
+    pub faults: Range<usize>,
+}
+
 /// Whom a fault strikes, and what of it.
 type Target = (Vec<String>, &'static str);
 
@@ -46,11 +60,20 @@ struct Genes<'p> {
     matters: Vec<bool>,
     /// Whether the run depends on those taken next.
     count: bool,
+    /// Those that belong together end before these.
+    ends: Vec<usize>,
 }
 
 impl Genes<'_> {
     fn of(point: &[f64]) -> Genes<'_> {
-        Genes { point, taken: 0, gradual: Vec::new(), matters: Vec::new(), count: true }
+        Genes {
+            point,
+            taken: 0,
+            gradual: Vec::new(),
+            matters: Vec::new(),
+            count: true,
+            ends: Vec::new(),
+        }
     }
 
     fn take(&mut self, gradual: bool) -> f64 {
@@ -59,6 +82,11 @@ impl Genes<'_> {
         self.gradual.push(gradual);
         self.matters.push(self.count);
         gene
+    }
+
+    /// Those taken since the end before belong together.
+    fn end(&mut self) {
+        self.ends.push(self.taken);
     }
 
     /// From 0 to 1.
@@ -105,11 +133,17 @@ impl Space {
         }
     }
 
-    /// Of each coordinate: whether runs change gradually with it.
-    pub fn gradual(&self) -> Vec<bool> {
+    /// What its coordinates are.
+    pub fn shape(&self) -> Shape {
         let mut genes = Genes::of(&[]);
         self.decode(&mut genes);
-        genes.gradual
+        let begins = [0].into_iter().chain(genes.ends.iter().copied());
+        let parts = begins.zip(&genes.ends).map(|(begin, &end)| begin..end).collect();
+        let count = self.place_of_count();
+        let before =
+            count.map_or(0, |count| genes.ends.iter().filter(|&&end| end <= count + 1).count());
+        let faults = before..before + count.map_or(0, |_| self.bounds.faults_max);
+        Shape { gradual: genes.gradual, parts, count, faults }
     }
 
     /// Of each coordinate of a point: whether its run depends on it. It does not on those of faults that it lacks.
@@ -121,7 +155,7 @@ impl Space {
 
     /// The point of the scenario as it is, where the bounds allow it.
     pub fn own(&self) -> Vec<f64> {
-        let mut point = vec![0.5; self.gradual().len()];
+        let mut point = vec![0.5; self.shape().gradual.len()];
         if let Some(count) = self.place_of_count() {
             point[count] = 0.0;
         }
@@ -144,6 +178,11 @@ impl Space {
             [_, _] => self.links(),
             _ => self.robots(),
         }
+    }
+
+    /// Whether any robot may break.
+    pub(super) fn strikes_all(&self) -> bool {
+        (0..self.scenario.robots.len()).all(|robot| self.bounds.robots.contains(&robot))
     }
 
     /// The same fault for as long, with as much loss and delay, as the bounds allow.
@@ -170,7 +209,7 @@ impl Space {
 
     fn place_of_count(&self) -> Option<usize> {
         let before = if self.varies(Varied::Starts) { 3 * self.scenario.robots.len() } else { 0 };
-        self.varies(Varied::Faults).then_some(before)
+        (self.varies(Varied::Faults) && !self.kinds.is_empty()).then_some(before)
     }
 
     fn decode(&self, genes: &mut Genes<'_>) -> Plan {
@@ -180,9 +219,11 @@ impl Space {
         }
         if self.varies(Varied::Faults) && !self.kinds.is_empty() {
             let count = genes.pick(self.bounds.faults_max + 1);
+            genes.end();
             for fault in 0..self.bounds.faults_max {
                 genes.count = fault < count;
                 plan.faults.push(self.fault(genes));
+                genes.end();
             }
             genes.count = true;
             plan.faults.truncate(count);
@@ -197,6 +238,7 @@ impl Space {
             for keys in &self.gains {
                 let [least, most] = self.bounds.gain_factors;
                 let factor = least * real::pow(most / least, genes.share());
+                genes.end();
                 let gain =
                     |(key, own): &(String, f64)| (key.clone(), rounded(own * factor, DIGITS));
                 plan.gains.extend(keys.iter().map(gain));
@@ -217,6 +259,7 @@ impl Space {
             let own = points[place];
             let [x, y] = self.bounds.box_m.map(|side_m| side_m * (genes.share() - 0.5));
             let turn_rad = TAU * (genes.share() - 0.5);
+            genes.end();
             let heading_rad = rounded_to(wrap_angle(robot.start.heading_rad + turn_rad), 1e3);
             let pose_at = |point: Vec2| {
                 let ahead = robot.front_point_m * rotate(heading_rad, Vec2::x());
@@ -312,6 +355,7 @@ impl Space {
             ["", "odometry", "commands"].into_iter().filter(|what| links || !what.is_empty())
         {
             let (delay, jitter, loss) = (genes.amount(), genes.share(), genes.amount());
+            genes.end();
             let who = vec![EVERY.to_owned(); if what.is_empty() { 2 } else { 1 }];
             let drawn = [
                 ("delay", delay.map(|share| [share, jitter])),
@@ -330,6 +374,7 @@ impl Space {
         let mut faults = Vec::new();
         for what in ["odometry", "proximity"] {
             let (position, heading) = (genes.amount(), genes.share());
+            genes.end();
             let Some(position) = position else { continue };
             let amounts = self.amounts("noise", what, [position, heading]);
             let who = vec![EVERY.to_owned()];

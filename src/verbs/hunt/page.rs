@@ -1,9 +1,10 @@
-//! The page of what a hunt found: the run is computed once more, written down and drawn as `phalanx run` does.
+//! A run of a hunt, computed once more and written down as `phalanx run` does; the page of what was found.
 
 use std::fs;
 use std::path::Path;
 
 use experiment::campaign::file::Keep;
+use experiment::scenario::Scenario;
 use experiment::scenario::read::{Overrides, read_to_run};
 use outcome::metrics::Metrics;
 use outcome::results::manifest::{Build, Manifest};
@@ -26,17 +27,27 @@ pub(super) fn write(
 ) -> Result<(), String> {
     let read = read_to_run(found, &Overrides::default(), catalog);
     let (scenario, text, _) = read.map_err(|diagnostic| diagnostic.message)?;
-    let pace = Pace::Lockstep;
-    let manifest = Manifest::collect(&scenario, found, pace, build);
-    let _ = fs::remove_dir_all(to);
-    let begun = begin(&scenario, &text, &manifest, to, Keep::All);
-    let mut run_dir = begun.map_err(in_words)?;
-    let mut metrics = Metrics::new(&scenario, pace);
-    let (mut outcome, ran) = to_the_end(&scenario, &mut run_dir, &mut metrics, || true);
-    ran.map_err(in_words)?;
-    let judged = judge(&scenario, pace, &metrics, &mut outcome, exit::OK, &mut run_dir);
-    judged.unwritten.first().map_or(Ok(()), |error| Err(in_words(error)))?;
-    drop(run_dir);
+    record(&scenario, &text, found, to, build)?;
     checksums::write(to, to).map_err(in_words)?;
     page::write(to, &scenario, Some(format!("{words}."))).map(|_| ()).map_err(in_words)
+}
+
+/// Writes the run of a scenario of the file `from` into the folder `to`, in place of what was there. An error says what could
+/// not be done.
+pub(super) fn record(
+    scenario: &Scenario,
+    text: &str,
+    from: &Path,
+    to: &Path,
+    build: &Build,
+) -> Result<(), String> {
+    let pace = Pace::Lockstep;
+    let manifest = Manifest::collect(scenario, from, pace, build);
+    let _ = fs::remove_dir_all(to);
+    let mut run_dir = begin(scenario, text, &manifest, to, Keep::All).map_err(in_words)?;
+    let mut metrics = Metrics::new(scenario, pace);
+    let (mut outcome, ran) = to_the_end(scenario, &mut run_dir, &mut metrics, || true);
+    ran.map_err(in_words)?;
+    let judged = judge(scenario, pace, &metrics, &mut outcome, exit::OK, &mut run_dir);
+    judged.unwritten.first().map_or(Ok(()), |error| Err(in_words(error)))
 }

@@ -17,6 +17,8 @@ use protocol::catalog::Catalog;
 use protocol::number::short;
 use protocol::process::{Stop, exit};
 
+use super::behavior::Behavior;
+use super::caller::Caller;
 use crate::in_process::measured::{self, brain};
 use crate::pool::on_all_cores;
 use crate::verbs::cell_in_process::said_by;
@@ -29,6 +31,8 @@ pub(super) struct Runs<'a> {
     pub(super) space: &'a Space,
     /// The expectations to miss.
     pub(super) names: &'a [String],
+    /// And whoever says one more margin.
+    pub(super) caller: Option<&'a Caller>,
     pub(super) catalog: &'a Catalog,
     /// What the page of what is found says of this program.
     pub(super) build: &'a Build,
@@ -40,8 +44,11 @@ pub(super) struct Runs<'a> {
 pub(super) struct Judged {
     /// Of each expectation to miss.
     pub(super) margins: Vec<f64>,
+    /// What happened in it.
+    pub(super) traits: Vec<u16>,
     text: String,
-    expectations: Vec<Expectation>,
+    /// Each in one sentence, under its name.
+    words: Vec<(String, String)>,
     measures: Measures,
 }
 
@@ -50,6 +57,8 @@ pub(super) enum NotJudged {
     /// Its scenario is refused.
     Unsound(String),
     Panicked(String),
+    /// Its margin is not known.
+    Unsaid(String),
     /// A signal ended it.
     Stopped,
 }
@@ -75,15 +84,30 @@ impl Runs<'_> {
         let overrides = plan.overrides(self.space.scenario());
         let read = read_text(Path::new("a run of the hunt"), self.text, &overrides, self.catalog);
         let (scenario, text, _) = read.map_err(|why| NotJudged::Unsound(why.message))?;
-        let goes_on = || !self.stop.requested();
-        let measures = measured::measure(&scenario, &brain, |_, _, _| goes_on());
+        let front_points_m: Vec<f64> =
+            scenario.robots.iter().map(|robot| robot.front_point_m).collect();
+        let mut behavior = Behavior::new(&front_points_m, scenario.avoidance.distance_min_m);
+        let measures = measured::measure(&scenario, &brain, |_, rows, alive| {
+            behavior.truth(rows, alive);
+            !self.stop.requested()
+        });
         let measures = measures.ok_or(NotJudged::Stopped)?;
         let all = expect::evaluate(&scenario, &measures, Pace::Lockstep, 0, exit::OK);
         let named =
             |name: &String| all.iter().find(|expectation| expectation.name == *name).cloned();
         let expectations: Vec<Expectation> = self.names.iter().filter_map(named).collect();
-        let margins = expectations.iter().map(margin::margin).collect();
-        Ok(Judged { margins, text, expectations, measures })
+        let mut margins: Vec<f64> = expectations.iter().map(margin::margin).collect();
+        let in_words = |expectation: &Expectation| {
+            (expectation.name.clone(), margin::in_words(expectation, &measures))
+        };
+        let mut words: Vec<(String, String)> = expectations.iter().map(in_words).collect();
+        if let Some(caller) = self.caller {
+            let margin = caller.margin(&scenario, &text, self.build).map_err(NotJudged::Unsaid)?;
+            words.push((caller.name.clone(), caller.in_words(margin)));
+            margins.push(margin);
+        }
+        let traits = behavior.traits();
+        Ok(Judged { margins, traits, text, words, measures })
     }
 }
 
@@ -104,8 +128,8 @@ impl Judged {
 
     /// The name of that expectation, and what happened in one sentence.
     pub(super) fn in_words(&self) -> (&str, String) {
-        let expectation = &self.expectations[self.smallest()];
-        (&expectation.name, margin::in_words(expectation, &self.measures))
+        let (name, words) = &self.words[self.smallest()];
+        (name, words.clone())
     }
 
     /// Its scenario, with what happens as a comment.
@@ -118,16 +142,21 @@ impl Judged {
     }
 }
 
-/// Which expectations are to be missed, and what is to be set so that the scenario has them.
+/// Which expectations are to be missed, and what is to be set so that the scenario has them. `asks`: a margin is asked for
+/// beside them.
 pub(super) fn expected(
     scenario: &Scenario,
     names: &[String],
+    asks: bool,
 ) -> Result<(Vec<String>, Vec<String>), String> {
     let none = Measures::default();
     let own = expect::evaluate(scenario, &none, Pace::Realtime, 0, exit::OK);
     let own: Vec<String> = own.into_iter().map(|expectation| expectation.name).collect();
     let d = "min_distance_m".to_owned();
     let mut hunted = names.to_vec();
+    if hunted.is_empty() && asks {
+        return Ok((hunted, Vec::new()));
+    }
     if hunted.is_empty() {
         hunted = own.iter().filter(|name| WITH_MARGIN.contains(&name.as_str())).cloned().collect();
     }

@@ -1,0 +1,94 @@
+"""Hunts for the run that misses an expectation, which may be a function in Python."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+from .runs import Run, RunError, assignments, called, load, unused
+
+__all__ = ["Hunt", "hunt"]
+
+# What `phalanx hunt` ends with: nothing missed, or something found.
+_WENT_TO_ITS_END = (0, 1)
+
+
+class Hunt:
+    """The folder of a hunt that went to its end."""
+
+    path: Path
+    """The folder."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __repr__(self) -> str:
+        return f"Hunt({str(self.path)!r})"
+
+    @cached_property
+    def document(self) -> dict[str, Any]:
+        """``hunt.json``: ``found``, ``runs``, ``margin_of_file``, ``what`` happens in one sentence, ``trajectory_hash``, ..."""
+        document: dict[str, Any] = json.loads((self.path / "hunt.json").read_text())
+        return document
+
+    @property
+    def found(self) -> bool:
+        """Whether a run missed an expectation."""
+        return bool(self.document["found"])
+
+    @property
+    def scenario(self) -> Path:
+        """The simplest run that missed it, or the nearest one, as a scenario for ``phalanx run``."""
+        return self.path / str(self.document["file"])
+
+    @property
+    def run(self) -> Run:
+        """That run, in lockstep."""
+        return load(self.scenario.with_suffix(""))
+
+
+def hunt(
+    scenario: str | os.PathLike[str],
+    *,
+    margin: Callable[[Run], float] | None = None,
+    runs: int | None = None,
+    minutes: float | None = None,
+    vary: Sequence[str] = (),
+    seed: int | None = None,
+    jobs: int | None = None,
+    out: str | os.PathLike[str] | None = None,
+    faults: Sequence[str] = (),
+    **overrides: Any,
+) -> Hunt:
+    """Looks for a run of a scenario that misses an expectation, shrinks it to the simplest, and gives the hunt's folder.
+
+    ``margin``: a function that is given each run, with its tables, and returns how far it is from a miss: a number in
+    units of its own, below 0 if it was missed. The run's directory is there only while the function is asked, which is for
+    one run at a time. Without it, the margins of the scenario's expectations. ``runs``, ``minutes``: at most so many, and for so
+    long. ``vary``: ``"starts"``, ``"faults"``, ``"delays"``, ``"noise"``, ``"gains"``. ``out``: the folder; that of a hunt
+    that did not go to its end goes on, if the function is the same. ``faults``, ``overrides``: as for ``phalanx.run``.
+
+    Raises RunError with what ``phalanx`` said for what is wrong, and what the function raises.
+    """
+    folder = Path(out) if out is not None else unused(Path("runs/hunts"), Path(scenario).stem)
+    words = ["hunt", os.fspath(scenario), "--out", str(folder)]
+    words += ["--margin", getattr(margin, "__name__", "margin")] if margin else []
+    words += ["--vary", ",".join(vary)] if vary else []
+    for option, value in (("--runs", runs), ("--minutes", minutes), ("--seed", seed), ("--jobs", jobs)):
+        words += [option, str(value)] if value is not None else []
+    for fault in faults:
+        words += ["--fault", fault]
+    for assignment in assignments(overrides):
+        words += ["--set", assignment]
+    ended = called(words, answer=partial(_answer, margin) if margin else None)
+    if ended.code not in _WENT_TO_ITS_END:
+        raise RunError(ended.said, ended.code)
+    return Hunt(folder)
+
+
+def _answer(margin: Callable[[Run], float], run_dir: str) -> str:
+    return repr(float(margin(load(run_dir))))

@@ -11,7 +11,7 @@ use protocol::brief::AgentBrief;
 use protocol::process::{self, exit};
 
 use crate::law::{CLaw, Function};
-use crate::words::Words;
+use crate::words::{Words, STARTED_BY};
 
 /// Of a neighbour's contact: its beacons are recent.
 pub const PHALANX_FRESH: u32 = 1;
@@ -145,7 +145,7 @@ pub unsafe extern "C" fn phalanx_open(argc: c_int, argv: *mut *mut c_char) -> *m
     let words = match Words::try_parse_from(given.map(|word| OsStr::from_bytes(word.to_bytes()))) {
         Ok(words) => words,
         Err(usage) => {
-            let _ = write!(process::Stderr, "{usage}");
+            let _ = writeln!(process::Stderr, "{usage}{STARTED_BY}");
             std::process::exit(exit::USAGE.into());
         }
     };

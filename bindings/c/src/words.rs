@@ -2,10 +2,12 @@
 
 use std::path::PathBuf;
 
+/// What is said to whoever starts a program by hand.
+pub const STARTED_BY: &str = "`phalanx run SCENARIO` starts it, where the scenario names it: \
+                              [laws.NAME] program = [\"./my_law\"].";
+
 /// What `phalanx run` says to a program.
 #[derive(Debug, clap::Parser)]
-#[command(after_help = "`phalanx run SCENARIO` starts it, where the scenario names it: \
-                        [laws.NAME] program = [\"./my_law\"].")]
 pub struct Words {
     /// The robot's brief.
     pub brief: PathBuf,

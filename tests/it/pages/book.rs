@@ -23,6 +23,7 @@ const NOT_RUN: &[&str] = &[
     "phalanx hunt scenarios/triangle.toml --minutes",
     "phalanx hunt scenarios/antipodal-8.toml",
     "phalanx hunt scenarios/intersection.toml",
+    "phalanx hunt scenarios/doorway.toml",
     "phalanx hunt scenarios/triangle.toml --set duration_s=4",
     "phalanx hunt tests/planted/",
     "cargo ",

@@ -2,9 +2,7 @@
 //! Checksum and compression are for the whole of it, once, when it is closed: both cost far more
 //! when they are fed message by message. What was allocated stays for the next chunk.
 
-use std::io::Write as _;
-
-use lz4::{BlockMode, BlockSize, ContentChecksum, EncoderBuilder};
+use lz4::block::{compress_bound, compress_to_buffer};
 use mcap::records::{ChunkHeader, ChunkIndex, op};
 
 use crate::recording::records::{bytes, record};
@@ -17,7 +15,16 @@ const MESSAGE_HEADER: usize = 9 + 22;
 /// How the chunk says what its frame is.
 const COMPRESSION: &str = "lz4";
 
-#[derive(Default)]
+/// How a frame of LZ4 begins: version 1, blocks that do not need each other, of 64 KiB at most, no
+/// checksum, for the chunk has one. The last byte vouches for the two before it.
+const FRAME: [u8; 7] = [0x04, 0x22, 0x4d, 0x18, 0x60, 0x40, 0x82];
+/// The largest block of such a frame, bytes.
+const BLOCK_MAX: usize = 64 * 1024;
+/// Says in a block's length that the block is as it was.
+const UNCOMPRESSED: u32 = 1 << 31;
+/// Ends a frame.
+const NO_BLOCK: u32 = 0;
+
 pub(crate) struct Chunk {
     records: Vec<u8>,
     /// Of the first and the last message by their stamps, ns since 1970.
@@ -26,11 +33,25 @@ pub(crate) struct Chunk {
     entries: Vec<Vec<u8>>,
     /// The records, compressed.
     frame: Vec<u8>,
+    /// A block, compressed.
+    block: Vec<u8>,
     /// The chunk and its message indexes, as they will be in the file.
     piece: Vec<u8>,
 }
 
 impl Chunk {
+    pub(crate) fn new() -> Chunk {
+        let bound = compress_bound(BLOCK_MAX).expect("64 KiB are not too much");
+        Chunk {
+            records: Vec::new(),
+            stamps_ns: None,
+            entries: Vec::new(),
+            frame: Vec::new(),
+            block: vec![0; bound],
+            piece: Vec::new(),
+        }
+    }
+
     pub(crate) fn is_empty(&self) -> bool {
         self.records.is_empty()
     }
@@ -116,14 +137,19 @@ impl Chunk {
         (&self.piece, index)
     }
 
-    /// Makes the frame of the records: blocks that do not need each other, and no checksum, for the chunk has one.
+    /// Makes the frame of the records, block by block; one that does not become smaller stays as it is.
     fn compress(&mut self) {
         self.frame.clear();
-        let mut options = EncoderBuilder::new();
-        options.block_size(BlockSize::Max64KB).block_mode(BlockMode::Independent);
-        let encoder = options.checksum(ContentChecksum::NoChecksum).build(&mut self.frame);
-        let mut encoder = encoder.expect("memory for a block");
-        encoder.write_all(&self.records).and(encoder.finish().1).expect("a Vec takes all");
+        self.frame.extend(FRAME);
+        for part in self.records.chunks(BLOCK_MAX) {
+            let (length, block) = match compress_to_buffer(part, None, false, &mut self.block) {
+                Ok(size) if size < part.len() => (size as u32, &self.block[..size]),
+                _ => (part.len() as u32 | UNCOMPRESSED, part),
+            };
+            self.frame.extend(length.to_le_bytes());
+            self.frame.extend_from_slice(block);
+        }
+        self.frame.extend(NO_BLOCK.to_le_bytes());
     }
 
     /// Begins the next one.

@@ -67,7 +67,7 @@ impl Writer {
         file.append(&begin)?;
         Ok(Writer {
             file,
-            chunk: Chunk::default(),
+            chunk: Chunk::new(),
             schemas: Vec::new(),
             channels: Vec::new(),
             messages: Vec::new(),

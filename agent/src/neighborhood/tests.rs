@@ -300,14 +300,21 @@ fn who_is_to_replace_somebody_counts_as_often_as_planned_while_that_one_is_given
         (500, &[0, 1, 2], &[3, 7], [true, false], 7.0),
         (560, &[0, 1, 2], &[2, 3], [false; 2], 3.0),
     ];
-    for (t, heard, by, open, x_m) in rows {
+    goes_as(&mut hood, &rows, |_| false);
+}
+
+/// Who is heard at each instant, and by whom the robot then goes, what is open, whether it takes a place, and where it wants to be.
+#[track_caller]
+fn goes_as(hood: &mut Neighborhood, rows: &[Row], takes_place: impl Fn(&[u64]) -> bool) {
+    for &(t, heard, by, open, x_m) in rows {
         for &place in heard {
             let said = Beacon { tick: t, ..beacon(0, t, [1.0, 5.0, 9.0, 13.0][place]) };
             hood.hear(place, &Beacon { vx_m_s: 0.0, ..said }, t).unwrap();
         }
         hood.judge(t, t, t);
-        assert_eq!(gone_by(&hood), (by.to_vec(), open.to_vec()), "at {t}");
-        assert_eq!(desired(&hood, t).unwrap().position.x, x_m, "at {t}");
+        assert_eq!(gone_by(hood), (by.to_vec(), open.to_vec()), "at {t}");
+        assert_eq!(hood.takes_place(), takes_place(by), "at {t}");
+        assert_eq!(desired(hood, t).unwrap().position.x, x_m, "at {t}");
     }
 }
 
@@ -337,16 +344,7 @@ fn the_first_deputy_that_lives_counts_in_place_of_a_leader_and_the_next_takes_th
         (800, &[0, 1, 2], &[2, 3], [false; 2], 3.0),
         (850, &[0, 1], &[2, 3], [false; 2], 3.0),
     ];
-    for (t, heard, by, open, x_m) in rows {
-        for &place in heard {
-            let said = Beacon { tick: t, ..beacon(0, t, [1.0, 5.0, 9.0, 13.0][place]) };
-            hood.hear(place, &Beacon { vx_m_s: 0.0, ..said }, t).unwrap();
-        }
-        hood.judge(t, t, t);
-        assert_eq!(gone_by(&hood), (by.to_vec(), open.to_vec()), "at {t}");
-        assert_eq!(hood.takes_place(), by == [8], "at {t}");
-        assert_eq!(desired(&hood, t).unwrap().position.x, x_m, "at {t}");
-    }
+    goes_as(&mut hood, &rows, |by| by == [8]);
 }
 
 #[test]

@@ -46,8 +46,11 @@ const UNSOUND_MAX: usize = 64;
 const SHRINK_RUNS: usize = 3000;
 const SHRINK_AT_ONCE: usize = 16;
 /// Of those with one fault left out at most so many times as many, and no more once so many times none came nearer.
-const ONE_LESS_BATCHES: usize = 32;
-const ONE_LESS_PATIENCE: usize = 6;
+const ONE_LESS_BATCHES: usize = 64;
+const ONE_LESS_PATIENCE: usize = 16;
+/// Where more faults than these are left, runs with so many at most are hunted, so many of them.
+const FEW_FAULTS: usize = 3;
+const FEW_FAULTS_RUNS: usize = 4000;
 
 /// Arguments of `phalanx hunt`.
 #[derive(Debug, Args)]
@@ -378,7 +381,11 @@ fn shrink(
     let mut least = (plan, found);
     loop {
         least = shrinking.simplest(least, fewer_faults)?;
-        let Some((plan, judged, at)) = shrinking.one_less(&least.0, &point, &mut random)? else {
+        let mut fewer = shrinking.one_less(&least.0, &point, &mut random)?;
+        if fewer.is_none() && least.0.faults.len() > FEW_FAULTS {
+            fewer = shrinking.few(&point)?;
+        }
+        let Some((plan, judged, at)) = fewer else {
             return shrinking.simplest(least, simpler);
         };
         (least, point) = ((plan, judged), at);
@@ -439,9 +446,14 @@ impl Shrinking<'_> {
     ) -> Result<Option<(Plan, Judged, Vec<f64>)>, HuntError> {
         let gone = if plan.faults.len() < 2 { 0 } else { plan.faults.len() };
         let space = self.runs.space;
-        for gone in (0..gone).rev() {
+        let ways = (0..gone).rev().flat_map(|gone| [(gone, false), (gone, true)]);
+        for (gone, strongest) in ways {
             let mut kept = plan.faults.clone();
             kept.remove(gone);
+            let plan = |point: &Vec<f64>| {
+                let plan = space.plan(point).with_only(&kept);
+                if strongest { space.at_its_worst(&plan) } else { plan }
+            };
             let (mut nearest, mut at, mut nearer) = (f64::INFINITY, point.to_vec(), 0);
             for batch in 0..ONE_LESS_BATCHES {
                 if batch - nearer > ONE_LESS_PATIENCE {
@@ -449,8 +461,7 @@ impl Shrinking<'_> {
                 }
                 let points: Vec<_> =
                     (0..SHRINK_AT_ONCE).map(|_| near(&at, space, random)).collect();
-                let plans: Vec<_> =
-                    points.iter().map(|point| space.plan(point).with_only(&kept)).collect();
+                let plans: Vec<_> = points.iter().map(plan).collect();
                 for (place, judged) in self.judge(&plans)? {
                     let margin = judged.margins[self.expectation];
                     if margin < 0.0 {
@@ -461,6 +472,31 @@ impl Shrinking<'_> {
                     }
                 }
             }
+        }
+        Ok(None)
+    }
+
+    /// Another one with few faults that misses it too, looked for anew, and its point.
+    fn few(&self, point: &[f64]) -> Result<Option<(Plan, Judged, Vec<f64>)>, HuntError> {
+        let (space, seed) = (self.runs.space, self.runs.space.scenario().seed);
+        let matters = |point: &[f64]| space.matters(point);
+        let mut search = Search::new(space.shape(), &matters, point.to_vec(), seed, false);
+        let mut tried = 0;
+        while tried < FEW_FAULTS_RUNS {
+            let trials = search.ask().to_vec();
+            tried += trials.len();
+            let mut plans: Vec<_> = trials.iter().map(|trial| space.plan(&trial.point)).collect();
+            plans.iter_mut().for_each(|plan| plan.faults.truncate(FEW_FAULTS));
+            let mut came = vec![None; plans.len()];
+            for (place, judged) in self.judge(&plans)? {
+                let cost = judged.margins[self.expectation];
+                if cost < 0.0 {
+                    let (plan, point) = (plans[place].clone(), trials[place].point.clone());
+                    return Ok(Some((plan, judged, point)));
+                }
+                came[place] = Some(Came { cost, traits: judged.traits });
+            }
+            search.tell(&came);
         }
         Ok(None)
     }

@@ -81,7 +81,7 @@ fn sources() -> Vec<(String, String)> {
 }
 
 /// Not more lines of Rust than these.
-const LINES_MAX: usize = 96_600;
+const LINES_MAX: usize = 96_700;
 
 /// Functions may be this long, lines.
 const FUNCTION_LINES_MAX: usize = 90;

@@ -1,5 +1,5 @@
-//! Which points are tried next: a portfolio of five searches. A tenth of each batch is each one's own; the rest goes to
-//! those that lately found what belongs to the best.
+//! Which points are tried next: a portfolio of five searches. A twentieth of each batch is each one's own; the rest goes
+//! to those that lately found what belongs to the best, and where nobody does, mostly to points anywhere.
 //!
 //! A batch depends on the seed and on what came of the batches before, never on the machine. The first ones are small, so
 //! that something is learnt before much is tried; later ones keep all cores busy.
@@ -13,11 +13,15 @@ use crate::hunt::cma::{Cma, normal, reflected};
 use crate::hunt::space::Shape;
 
 /// So many points anywhere come first.
-const FIRST: usize = 32;
+const FIRST: usize = 96;
 /// Points of a batch, from so many tried on.
 const BATCHES: [(usize, usize); 4] = [(0, 16), (FIRST, 4), (256, 16), (1024, 64)];
+/// How often a coordinate that is changed goes to an end of its range: delays and losses do most there.
+const TO_AN_END: f64 = 0.25;
 /// What each member has of a batch at least.
-const SHARE_MIN: f64 = 0.1;
+const SHARE_MIN: f64 = 0.05;
+/// Costs that differ by less than this are the same: a margin that stays at a bound is no progress.
+const WORTH: f64 = 1e-4;
 /// How much of what a member found or tried counts after it tried once more.
 const MEMORY: f64 = 0.95;
 /// Points of a generation of CMA-ES, handed out over as many batches as it takes.
@@ -77,6 +81,13 @@ pub struct Came {
     pub cost: f64,
     /// What happened, as numbers.
     pub traits: Vec<u16>,
+}
+
+impl Came {
+    /// Its cost, as far as it counts.
+    fn worth(&self) -> f64 {
+        (self.cost / WORTH).ceil() * WORTH
+    }
 }
 
 /// A search under way.
@@ -188,8 +199,14 @@ impl Search<'_> {
 
     /// How many of a batch each member asks for.
     fn shares(&self, size: usize, random: &mut SplitMix64) -> [usize; MEMBERS.len()] {
-        // One success beforehand, so that nobody is given up.
-        let rates = self.record.map(|(found, tried)| (found + 1.0) / (tried + 10.0));
+        // What nobody has shown yet: who looks anywhere needs no luck so far.
+        let beforehand = MEMBERS.map(|member| match member {
+            Member::Uniform => 1.0,
+            Member::Novelty => 0.5,
+            _ => 0.1,
+        });
+        let rate = |((found, tried), more): ((f64, f64), f64)| (found + more) / (tried + 10.0);
+        let rates: Vec<f64> = self.record.into_iter().zip(beforehand).map(rate).collect();
         let all: f64 = rates.iter().sum();
         let rest = 1.0 - SHARE_MIN * MEMBERS.len() as f64;
         let mut counts = [0; MEMBERS.len()];
@@ -229,7 +246,7 @@ impl Search<'_> {
         let of = |member: Member| {
             let trials = self.asked.iter().zip(came).filter(move |(trial, _)| trial.by == member);
             let found = |(trial, came): (&Trial, &Option<Came>)| Found {
-                cost: came.as_ref().map_or(f64::INFINITY, |came| came.cost),
+                cost: came.as_ref().map_or(f64::INFINITY, Came::worth),
                 point: trial.point.clone(),
             };
             trials.map(found).collect::<Vec<_>>()
@@ -239,12 +256,12 @@ impl Search<'_> {
         let worst = self.best.get(PARENTS - 1).map_or(f64::INFINITY, |found| found.cost);
         for (trial, came) in self.asked.iter().zip(came) {
             let (found, tried) = &mut self.record[trial.by as usize];
-            let is_good = came.as_ref().is_some_and(|came| came.cost < worst);
+            let is_good = came.as_ref().is_some_and(|came| came.worth() < worst);
             *found = MEMORY * *found + f64::from(is_good);
             *tried = MEMORY * *tried + 1.0;
-            let Some(Came { cost, traits }) = came else { continue };
-            let news = Found { cost: *cost, point: trial.point.clone() };
-            for one in traits {
+            let Some(came) = came else { continue };
+            let news = Found { cost: came.worth(), point: trial.point.clone() };
+            for one in &came.traits {
                 let (count, best) = self.rare.entry(*one).or_insert((0, news.clone()));
                 *count += 1;
                 // Of equals the last one: it goes on where nothing gets better.
@@ -252,9 +269,9 @@ impl Search<'_> {
                     best.clone_from(&news);
                 }
             }
-            self.best.push(news);
+            self.best.insert(0, news);
         }
-        // A stable sort: of equals, the first.
+        // A stable sort: of equals, the last one tried.
         self.best.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         self.best.truncate(PARENTS);
         self.learn_descent(&uniform, &stepped);
@@ -287,13 +304,13 @@ impl Search<'_> {
     /// A point with some parts of another parent now and then, or with another fault, and changed in a few coordinates.
     fn changed(&self, from: &Found, random: &mut SplitMix64) -> Vec<f64> {
         let mut point = from.point.clone();
-        if random.chance(0.3) {
+        if random.chance(0.5) {
             let other = &self.parent(random).point;
             for part in self.shape.parts.iter().filter(|_| random.chance(0.5)) {
                 point[part.clone()].copy_from_slice(&other[part.clone()]);
             }
         }
-        if random.chance(0.2) {
+        if random.chance(0.4) {
             self.refault(&mut point, random);
         }
         let changes = 5.0 * random.unit() * random.unit();
@@ -320,7 +337,12 @@ impl Search<'_> {
                 let one = fault(pick(theirs, random));
                 point[fault(place)].copy_from_slice(&other.point[one]);
             }
-            _ => point[fault(place)].iter_mut().for_each(|x| *x = random.unit()),
+            _ => fault(place).for_each(|gene| {
+                point[gene] = match self.shape.gradual[gene] {
+                    true if random.chance(TO_AN_END) => an_end(random),
+                    _ => random.unit(),
+                }
+            }),
         }
     }
 
@@ -332,9 +354,12 @@ impl Search<'_> {
         let places = (0..point.len()).filter(|&place| matters[place]).enumerate();
         for (nth, place) in places {
             if nth == forced || random.chance(changes / count as f64) {
-                let steps = self.shape.gradual[place] && random.chance(0.8);
-                let x = &mut point[place];
-                *x = if steps { reflected(*x + step * normal(random)) } else { random.unit() };
+                let x = point[place];
+                point[place] = match self.shape.gradual[place] {
+                    true if random.chance(TO_AN_END) => an_end(random),
+                    true if random.chance(0.8) => reflected(x + step * normal(random)),
+                    _ => random.unit(),
+                };
             }
         }
     }
@@ -411,6 +436,11 @@ impl Search<'_> {
     }
 }
 
+/// One of the ends of a coordinate's range.
+pub(super) fn an_end(random: &mut SplitMix64) -> f64 {
+    f64::from(u8::from(random.chance(0.5)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -484,7 +514,7 @@ mod tests {
         }
         let all: usize = counts.iter().sum();
         assert!(counts[Member::Restarts as usize] > all / 3, "{counts:?}");
-        assert!(counts.iter().all(|count| *count > all / 20), "{counts:?}");
+        assert!(counts.iter().all(|count| *count > all / 40), "{counts:?}");
     }
 
     /// Nothing says where to go but what happens: one more of eight things for each of eight coordinates above 0.75 that follow on
@@ -532,6 +562,39 @@ mod tests {
             assert!(place == 1 || point[1..3] == [0.1, 0.2], "{point:?}");
         }
         assert!((30..70).contains(&added) && (30..70).contains(&taken), "{added} {taken}");
+    }
+
+    #[test]
+    fn what_is_better_by_next_to_nothing_is_no_progress_and_of_equals_the_last_one_is_a_parent() {
+        let all = |point: &[f64]| vec![true; point.len()];
+        let mut search = Search::new(shape(2), &all, vec![0.5; 2], 1, false);
+        search.ask();
+        search.tell(&vec![came(0.31); 16]);
+        let found = search.record[Member::Uniform as usize].0;
+        let last = search.ask().last().expect("a batch").point.clone();
+        search.tell(&vec![came(0.31 - 1e-9); 16]);
+        assert!(search.record[Member::Uniform as usize].0 < found);
+        assert_eq!(search.best[0].point, last);
+        search.ask();
+        search.tell(&vec![came(0.30); 16]);
+        assert!(search.record[Member::Uniform as usize].0 > found);
+    }
+
+    #[test]
+    fn what_changes_gradually_goes_to_an_end_of_its_range_now_and_then() {
+        let all = |point: &[f64]| vec![true; point.len()];
+        let shape = Shape { gradual: vec![true, false], ..Shape::default() };
+        let search = Search::new(shape, &all, vec![0.5; 2], 1, false);
+        let mut random = SplitMix64::new(1);
+        let mut ends = [0; 2];
+        for _ in 0..400 {
+            let mut point = vec![0.5; 2];
+            search.change(&mut point, 2.0, 0.01, &mut random);
+            for (ends, x) in ends.iter_mut().zip(point) {
+                *ends += u32::from(x == 0.0 || x == 1.0);
+            }
+        }
+        assert!((70..130).contains(&ends[0]) && ends[1] == 0, "{ends:?}");
     }
 
     #[test]

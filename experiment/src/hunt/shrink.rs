@@ -8,6 +8,7 @@ use formation::real;
 
 use crate::hunt::cma::{normal, reflected};
 use crate::hunt::plan::{EVERY, Plan, PlannedFault, rounded};
+use crate::hunt::search::an_end;
 use crate::hunt::space::{Space, rounded_to};
 use crate::scenario::Scenario;
 
@@ -31,6 +32,7 @@ pub fn fewer_faults(plan: &Plan, space: &Space) -> Vec<Plan> {
             other.faults[kept] = space.strongest(&plan.faults[kept]);
             without(&other, gone)
         }));
+        fewer.push(space.at_its_worst(&without(plan, gone)));
     }
     let pairs = faults.clone().flat_map(|a| (a + 1..plan.faults.len()).map(move |b| [a, b]));
     for [a, b] in pairs {
@@ -73,6 +75,7 @@ pub fn near(point: &[f64], space: &Space, random: &mut SplitMix64) -> Vec<f64> {
     let (gradual, matters) = (space.shape().gradual, space.matters(point));
     let step = 0.3 * real::pow(0.1, random.unit());
     let change = |(place, &x): (usize, &f64)| match gradual[place] && matters[place] {
+        true if random.chance(0.05) => an_end(random),
         true if random.chance(0.25) => reflected(x + step * normal(random)),
         _ => x,
     };

@@ -185,6 +185,12 @@ impl Space {
         (0..self.scenario.robots.len()).all(|robot| self.bounds.robots.contains(&robot))
     }
 
+    /// The same run, with all its faults at their strongest.
+    pub fn at_its_worst(&self, plan: &Plan) -> Plan {
+        let faults = plan.faults.iter().map(|fault| self.strongest(fault)).collect();
+        Plan { faults, ..plan.clone() }
+    }
+
     /// The same fault for as long, with as much loss and delay, as the bounds allow.
     pub(super) fn strongest(&self, fault: &PlannedFault) -> PlannedFault {
         let HuntBounds { until_ns, loss_max, delay_ns_max, .. } = self.bounds;

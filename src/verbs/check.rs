@@ -1,6 +1,7 @@
 //! `phalanx check`: is the scenario sound, and what can be said about it before it runs?
 
-use clap::{Args, ValueEnum};
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use protocol::catalog::Catalog;
 
 use super::scenario::ScenarioArgs;
@@ -17,31 +18,21 @@ pub struct CheckArgs {
     #[arg(long, value_enum, default_value_t = Output::Text)]
     output: Output,
     /// Print the formation graph instead, to be drawn.
-    #[arg(long, value_enum, value_name = "FORMAT", conflicts_with = "output")]
-    graph: Option<GraphFormat>,
+    #[arg(long, value_parser = drawings(), value_name = "FORMAT", conflicts_with = "output")]
+    graph: Option<Drawing>,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum GraphFormat {
-    /// Mermaid: GitHub and many editors draw it.
-    Mermaid,
-    /// Graphviz: `| dot -Tsvg`.
-    Dot,
-}
-
-impl From<GraphFormat> for Drawing {
-    fn from(format: GraphFormat) -> Drawing {
-        match format {
-            GraphFormat::Mermaid => Drawing::Mermaid,
-            GraphFormat::Dot => Drawing::Dot,
-        }
-    }
+fn drawings() -> impl TypedValueParser<Value = Drawing> {
+    let mermaid = PossibleValue::new("mermaid").help("Mermaid: GitHub and many editors draw it");
+    let dot = PossibleValue::new("dot").help("Graphviz: `| dot -Tsvg`");
+    let drawing = |word: String| if word == "dot" { Drawing::Dot } else { Drawing::Mermaid };
+    PossibleValuesParser::new([mermaid, dot]).map(drawing)
 }
 
 pub(super) fn check(args: &CheckArgs, catalog: &Catalog) -> Result<u8, u8> {
     let (scenario, _) = args.scenario.read(catalog)?;
     if let Some(drawing) = args.graph {
-        return Ok(print(&drawn(&scenario, drawing.into())));
+        return Ok(print(&drawn(&scenario, drawing)));
     }
     let theory = Theory::of(&scenario);
     let text = match args.output {

@@ -50,7 +50,7 @@ const ONE_LESS_BATCHES: usize = 64;
 const ONE_LESS_PATIENCE: usize = 16;
 /// Where more faults than these are left, runs with so many at most are hunted, so many of them.
 const FEW_FAULTS: usize = 3;
-const FEW_FAULTS_RUNS: usize = 4000;
+const FEW_FAULTS_RUNS: usize = 10_000;
 
 /// Arguments of `phalanx hunt`.
 #[derive(Debug, Args)]

@@ -84,7 +84,7 @@ pub struct Came {
 }
 
 impl Came {
-    /// Its cost, as far as it counts.
+    /// Its cost in steps that count.
     fn worth(&self) -> f64 {
         (self.cost / WORTH).ceil() * WORTH
     }
@@ -199,14 +199,15 @@ impl Search<'_> {
 
     /// How many of a batch each member asks for.
     fn shares(&self, size: usize, random: &mut SplitMix64) -> [usize; MEMBERS.len()] {
-        // What nobody has shown yet: who looks anywhere needs no luck so far.
-        let beforehand = MEMBERS.map(|member| match member {
-            Member::Uniform => 1.0,
-            Member::Novelty => 0.5,
-            _ => 0.1,
+        // Successes credited beforehand, so that nobody is given up. Where nobody has any, points anywhere are
+        // the best guess: a margin may mislead. Where all of the best are equal it says nothing.
+        let flat = self.best.len() == PARENTS && self.best[0].cost == self.best[PARENTS - 1].cost;
+        let rates = MEMBERS.map(|member| match (self.record[member as usize], member) {
+            ((found, tried), Member::Uniform) => (found + 1.0) / (tried + 10.0),
+            _ if flat => 0.0,
+            ((found, tried), Member::Novelty) => (found + 0.5) / (tried + 10.0),
+            ((found, tried), _) => (found + 0.1) / (tried + 10.0),
         });
-        let rate = |((found, tried), more): ((f64, f64), f64)| (found + more) / (tried + 10.0);
-        let rates: Vec<f64> = self.record.into_iter().zip(beforehand).map(rate).collect();
         let all: f64 = rates.iter().sum();
         let rest = 1.0 - SHARE_MIN * MEMBERS.len() as f64;
         let mut counts = [0; MEMBERS.len()];
@@ -578,6 +579,22 @@ mod tests {
         search.ask();
         search.tell(&vec![came(0.30); 16]);
         assert!(search.record[Member::Uniform as usize].0 > found);
+    }
+
+    #[test]
+    fn where_all_of_the_best_are_equal_most_points_are_anywhere() {
+        let all = |point: &[f64]| vec![true; point.len()];
+        let mut search = Search::new(shape(4), &all, vec![0.5; 4], 1, false);
+        let mut anywhere = 0;
+        for _ in 0..FIRST / 16 + 200 {
+            let asked = search.ask();
+            let by = asked.iter().filter(|trial| trial.by == Member::Uniform).count();
+            anywhere += if asked.len() == 4 { by } else { 0 };
+            let costs = vec![came(0.0); asked.len()];
+            search.tell(&costs);
+        }
+        // Of the batches of four, up to point 256: 160.
+        assert!((110..150).contains(&anywhere), "{anywhere}");
     }
 
     #[test]

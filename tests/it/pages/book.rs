@@ -26,6 +26,7 @@ const NOT_RUN: &[&str] = &[
     "phalanx hunt scenarios/doorway.toml",
     "phalanx hunt scenarios/triangle.toml --set duration_s=4",
     "phalanx hunt tests/planted/",
+    "scenarios/campaigns/hunts/",
     "cargo ",
     "tests/",
     "bench/",

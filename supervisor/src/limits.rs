@@ -12,6 +12,8 @@ use protocol::cgroup;
 use rustix::process::{Resource, getrlimit};
 use rustix::thread::{CapabilitySet, capabilities};
 
+use crate::cores::topology::number;
+
 const MIB: u64 = 1 << 20;
 
 /// A limit on the number of processes and threads.
@@ -158,11 +160,6 @@ fn out_of_memory(error: &io::Error) -> String {
         "there is no memory for it ({error}; {}); end other programs, or run fewer robots",
         clauses.join(", ")
     )
-}
-
-/// A file that holds a number and nothing else.
-fn number(path: impl AsRef<Path>) -> Option<u64> {
-    fs::read_to_string(path).ok()?.trim().parse().ok()
 }
 
 #[cfg(test)]

@@ -62,9 +62,9 @@ impl Deal {
 /// On how many cores, `wanted` at most, robots that are dealt evenly get most done, all at the pace of
 /// the slowest; with all cores that are fast enough for it.
 fn fast_together(topology: &Topology, wanted: usize) -> (Vec<&Core>, usize) {
-    let mut speeds: Vec<u32> = topology.cores.iter().map(|core| core.speed).collect();
+    let mut speeds: Vec<u64> = topology.cores.iter().map(|core| core.speed).collect();
     speeds.sort_unstable_by_key(|&speed| std::cmp::Reverse(speed));
-    let done = |&cores: &usize| cores as u64 * u64::from(speeds[cores - 1]);
+    let done = |&cores: &usize| cores as u64 * speeds[cores - 1];
     // Of equals the smaller number: fewer are woken from afar.
     let cores = (1..=wanted.min(speeds.len())).rev().max_by_key(done).unwrap_or(0);
     let slowest = speeds.get(cores.wrapping_sub(1)).copied().unwrap_or(0);
@@ -91,7 +91,7 @@ fn close_together(mut from: Vec<&Core>, cores: usize, first: usize) -> Vec<&Core
 }
 
 /// The nearer, the smaller.
-fn distance(a: &Core, b: &Core) -> (bool, bool, u32) {
+fn distance(a: &Core, b: &Core) -> (bool, bool, u64) {
     (a.node != b.node, a.cache != b.cache, a.speed.abs_diff(b.speed))
 }
 

@@ -7,15 +7,14 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
-use std::str::FromStr;
 
 use protocol::cgroup;
 use rustix::thread::{CpuSet, sched_getaffinity};
 
 /// Speed of a core by the kernel's `cpu_capacity`, of the fastest ones.
-const FULL_SPEED: u32 = 1024;
+const FULL_SPEED: u64 = 1024;
 /// Speed of the small cores of a hybrid processor whose kernel has no `cpu_capacity`.
-const SMALL_SPEED: u32 = 600;
+const SMALL_SPEED: u64 = 600;
 
 /// A core: its threads share one execution unit, so that two busy threads slow each other down.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -27,7 +26,7 @@ pub struct Core {
     /// Its NUMA node.
     pub node: usize,
     /// How fast it is; the fastest of a machine have 1024.
-    pub speed: u32,
+    pub speed: u64,
 }
 
 /// What may be used.
@@ -62,7 +61,7 @@ impl Topology {
                 threads: Vec::new(),
                 cache: last_cache(&folder.join("cache")).unwrap_or(0),
                 node: nodes.iter().position(|node| node.contains(&cpu)).unwrap_or(0),
-                speed: number(&folder.join("cpu_capacity")).unwrap_or(unknown),
+                speed: number(folder.join("cpu_capacity")).unwrap_or(unknown),
             });
             core.threads.push(cpu);
         }
@@ -96,7 +95,8 @@ pub(super) fn numbers(text: &str) -> Vec<usize> {
     text.split(',').filter_map(range).flatten().collect()
 }
 
-fn number<T: FromStr>(path: &Path) -> Option<T> {
+/// The number in a file that holds nothing else.
+pub fn number(path: impl AsRef<Path>) -> Option<u64> {
     fs::read_to_string(path).ok()?.trim().parse().ok()
 }
 
@@ -109,7 +109,7 @@ fn nodes(folder: &Path) -> Vec<Vec<usize>> {
 /// The first processor that shares the cache of the highest level.
 fn last_cache(folder: &Path) -> Option<usize> {
     let caches = fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path());
-    let with_level = caches.filter_map(|cache| Some((number::<u32>(&cache.join("level"))?, cache)));
+    let with_level = caches.filter_map(|cache| Some((number(cache.join("level"))?, cache)));
     let (_, last) = with_level.max()?;
     list(&last.join("shared_cpu_list")).first().copied()
 }

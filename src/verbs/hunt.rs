@@ -335,7 +335,10 @@ fn look(
             journal.append(by.zip(&news)).map_err(HuntError::Written)?;
             came.extend(news);
         }
-        let cost = |Tried { margins, traits }| Came { cost: smallest(&margins), traits };
+        let cost = |Tried { margins, traits }| Came {
+            cost: margins.into_iter().fold(f64::INFINITY, f64::min),
+            traits,
+        };
         let told: Vec<Option<Came>> = came.into_iter().map(|tried| tried.map(cost)).collect();
         for (trial, came) in trials.iter().zip(&told) {
             if tally.missed() {
@@ -362,10 +365,6 @@ fn look(
     }
     bar.finish_and_clear();
     Ok(tally)
-}
-
-fn smallest(margins: &[f64]) -> f64 {
-    margins.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
 /// The simplest run that misses what this one misses most, and what came of it. Fewest faults come first, where need be

@@ -58,7 +58,13 @@ const MEMBERS: [Member; 5] =
 impl Member {
     /// The word for it.
     pub fn word(self) -> &'static str {
-        ["uniform", "mutation", "cma-es", "restarts", "novelty"][self as usize]
+        match self {
+            Member::Uniform => "uniform",
+            Member::Mutation => "mutation",
+            Member::Cma => "cma-es",
+            Member::Restarts => "restarts",
+            Member::Novelty => "novelty",
+        }
     }
 }
 
@@ -101,7 +107,7 @@ pub struct Search<'s> {
     uniform_only: bool,
     /// Where points anywhere come from.
     anywhere: SplitMix64,
-    /// What each member has of the batches so far less than its shares.
+    /// How many points each member is owed: its shares so far, less those it had.
     owed: [f64; MEMBERS.len()],
     /// The best so far, best first.
     best: Vec<Found>,
@@ -184,9 +190,8 @@ impl Search<'_> {
         };
         self.asked.clear();
         for (by, count) in MEMBERS.into_iter().zip(counts) {
-            for point in self.points(by, count, &mut random) {
-                self.asked.push(Trial { by, point });
-            }
+            let points = self.points(by, count, &mut random);
+            self.asked.extend(points.into_iter().map(|point| Trial { by, point }));
         }
         // In place of what a generation lacks.
         for _ in self.asked.len()..size {
@@ -227,7 +232,7 @@ impl Search<'_> {
     }
 
     fn points(&mut self, by: Member, count: usize, random: &mut SplitMix64) -> Vec<Vec<f64>> {
-        if by == Member::Cma && count > 0 {
+        if by == Member::Cma {
             return self.cma_points(count, random);
         }
         let n = self.shape.gradual.len();
@@ -245,24 +250,22 @@ impl Search<'_> {
         if self.uniform_only {
             return;
         }
+        let found = |(trial, came): (&Trial, &Option<Came>)| Found {
+            cost: came.as_ref().map_or(f64::INFINITY, Came::worth),
+            point: trial.point.clone(),
+        };
+        let all: Vec<Found> = self.asked.iter().zip(came).map(found).collect();
         let of = |member: Member| {
-            let trials = self.asked.iter().zip(came).filter(move |(trial, _)| trial.by == member);
-            let found = |(trial, came): (&Trial, &Option<Came>)| Found {
-                cost: came.as_ref().map_or(f64::INFINITY, Came::worth),
-                point: trial.point.clone(),
-            };
-            trials.map(found).collect::<Vec<_>>()
+            let its = self.asked.iter().zip(&all).filter(|(trial, _)| trial.by == member);
+            its.map(|(_, found)| found.clone()).collect::<Vec<_>>()
         };
         let [uniform, stepped, drawn] = [Member::Uniform, Member::Restarts, Member::Cma].map(of);
-        let drawn: Vec<f64> = drawn.iter().map(|found| found.cost).collect();
         let worst = self.best.get(PARENTS - 1).map_or(f64::INFINITY, |found| found.cost);
-        for (trial, came) in self.asked.iter().zip(came) {
+        for ((trial, came), news) in self.asked.iter().zip(came).zip(all) {
             let (found, tried) = &mut self.record[trial.by as usize];
-            let is_good = came.as_ref().is_some_and(|came| came.worth() < worst);
-            *found = MEMORY * *found + f64::from(is_good);
+            *found = MEMORY * *found + f64::from(news.cost < worst);
             *tried = MEMORY * *tried + 1.0;
             let Some(came) = came else { continue };
-            let news = Found { cost: came.worth(), point: trial.point.clone() };
             for one in &came.traits {
                 let (count, best) = self.rare.entry(*one).or_insert((0, news.clone()));
                 *count += 1;
@@ -282,8 +285,7 @@ impl Search<'_> {
 
     /// Another one than one of the best.
     fn mutated(&self, random: &mut SplitMix64) -> Vec<f64> {
-        let parent = self.parent(random);
-        self.changed(parent, random)
+        self.changed(self.parent(random), random)
     }
 
     /// Another one than the best of those in which something rare happened: the rarer, the more likely.
@@ -391,7 +393,7 @@ impl Search<'_> {
 
     /// The next points of the generation under way, of a new one, or of a new search: at most so many.
     fn cma_points(&mut self, most: usize, random: &mut SplitMix64) -> Vec<Vec<f64>> {
-        if !self.shape.gradual.contains(&true) {
+        if most == 0 || !self.shape.gradual.contains(&true) {
             return Vec::new();
         }
         let (n, gradual) = (self.shape.gradual.len(), &self.shape.gradual);
@@ -421,9 +423,9 @@ impl Search<'_> {
         search.left.drain(..count).map(whole).collect()
     }
 
-    fn learn_cma(&mut self, costs: &[f64]) {
+    fn learn_cma(&mut self, drawn: &[Found]) {
         let Some(search) = &mut self.cma else { return };
-        search.costs.extend(costs);
+        search.costs.extend(drawn.iter().map(|found| found.cost));
         if search.costs.len() < GENERATION {
             return;
         }

@@ -1,4 +1,4 @@
-"""Decentralised multi-robot experiments in which every robot is a process: laws, controllers and plants in Python.
+"""Decentralized multi-robot experiments in which every robot is a process: laws, controllers and plants in Python.
 
 A law is a class with a method ``gamma``; a file that ends in ``phalanx.serve(MyLaw)`` is a robot's program,
 which a scenario names under ``[laws.NAME]`` and ``phalanx run`` starts::

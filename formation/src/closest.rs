@@ -1,17 +1,18 @@
-//! The pair of points nearest to each other.
+//! Search for the pair of points with the smallest distance.
 
 use crate::Vec2;
 
-/// Two points, by their places in the list, and how far apart they are.
+/// The pair of points with the smallest distance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClosestPair {
-    /// Places in the list, the smaller one first.
+    /// Indices of the two points, in ascending order.
     pub pair: [usize; 2],
-    /// Distance, m.
+    /// Distance between the two points, m.
     pub distance_m: f64,
 }
 
-/// The closest two of `points`; `None` for fewer than two. Of equals, the first in list order.
+/// Returns the pair of `points` with the smallest distance, or `None` for fewer than two points. Of pairs at
+/// equal distance the first in list order is returned.
 pub fn closest_pair(points: &[Vec2]) -> Option<ClosestPair> {
     let mut closest: Option<([usize; 2], f64)> = None;
     for (i, a) in points.iter().enumerate() {

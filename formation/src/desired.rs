@@ -1,32 +1,33 @@
-//! Where a robot should be, seen from the robots it hears.
+//! Desired position of a robot, computed from its in-neighbors.
 
 use crate::Vec2;
 
-/// A place in `map`, m, and how it moves, m/s.
+/// A desired position in `map`, m, and its velocity, m/s.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Target {
-    /// alpha*, m.
+    /// Desired position (alpha*), m.
     pub position: Vec2,
-    /// alpha*', m/s.
+    /// Desired velocity (alpha*'), m/s.
     pub velocity: Vec2,
 }
 
 impl Target {
-    /// A place that stays where it is.
+    /// Returns a target with velocity 0 at `position`.
     pub fn still(position: Vec2) -> Target {
         Target { position, velocity: Vec2::zeros() }
     }
 
-    /// The same place `dt_s` later.
+    /// Returns the target after `dt_s` seconds at its constant velocity.
     pub fn later(self, dt_s: f64) -> Target {
         Target { position: self.position + dt_s * self.velocity, ..self }
     }
 }
 
-/// alpha*_i = mean over heard j of (alpha_j + C_ji), and its derivative; `None` if nobody is
-/// heard. (13) (24) (45); with C = 0, (46).
+/// Returns the desired position and velocity (alpha*_i, alpha*_i'): the mean over the in-neighbors j of
+/// (alpha_j + C_ji), and its derivative. (13) (24) (45); with C = 0, (46).
 ///
-/// `heard` yields what is known of alpha_j, and of C_ji.
+/// Each item of `heard` is the estimate of alpha_j and the desired relative position C_ji. Returns `None` if
+/// `heard` is empty.
 pub fn desired(heard: impl IntoIterator<Item = (Target, Target)>) -> Option<Target> {
     let mut sum = Target::still(Vec2::zeros());
     let mut count = 0u32;
@@ -51,7 +52,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_place_moves_on_at_its_velocity(target in targets(), dt_s in -3.0..3.0f64) {
+        fn target_later_moves_at_its_velocity(target in targets(), dt_s in -3.0..3.0f64) {
             let later = target.later(dt_s);
             prop_assert_eq!(later.velocity, target.velocity);
             let way = later.position - target.position;
@@ -59,7 +60,7 @@ mod tests {
         }
 
         #[test]
-        fn the_desired_position_and_its_velocity_are_means_over_those_heard(
+        fn desired_target_is_the_mean_over_in_neighbors(
             heard in proptest::collection::vec((targets(), targets()), 0..9),
         ) {
             let desired = desired(heard.iter().copied());

@@ -1,28 +1,28 @@
-//! The leader's frame: the rotation and scale that turn static offsets into time-varying ones.
-//! (20)-(23)
+//! The leader's frame: the rotation and scale that make static offsets time-varying. (20)-(23)
 
 use crate::Vec2;
 use crate::desired::Target;
 use crate::front_point::rotate;
 use crate::scale::Scale;
 
-/// Heading and scale of the formation at one instant, and how they change.
+/// Heading and scale of the formation at one instant, with their rates of change.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LeaderFrame {
-    /// theta_n, rad.
+    /// Heading of the leader (theta_n), rad.
     pub heading_rad: f64,
-    /// w_n, free of avoidance, rad/s.
+    /// Turn rate of the leader (w_n), without the part caused by collision avoidance, rad/s.
     pub turn_rate_rad_s: f64,
-    /// w_n', rad/s^2: a relay of several hops would otherwise lag behind w_n. Not in paper.
+    /// Turn acceleration of the leader (w_n'), rad/s^2. Without it, a frame relayed over several hops would lag
+    /// behind w_n. An addition to the chapter.
     pub turn_acceleration_rad_s2: f64,
-    /// delta.
+    /// Scale factor of the formation (delta).
     pub scale: f64,
-    /// delta', 1/s.
+    /// Rate of change of the scale factor (delta'), 1/s.
     pub scale_rate_per_s: f64,
 }
 
 impl LeaderFrame {
-    /// No leader: offsets stay as they are.
+    /// Identity frame for formations without a leader: it leaves offsets unchanged.
     pub const STILL: LeaderFrame = LeaderFrame {
         heading_rad: 0.0,
         turn_rate_rad_s: 0.0,
@@ -31,13 +31,14 @@ impl LeaderFrame {
         scale_rate_per_s: 0.0,
     };
 
-    /// Nobody leads: offsets do not turn, and grow by this scale at `t_s`, s since the run's start.
+    /// Returns the frame of a leaderless formation: offsets do not rotate, and `scale` is evaluated at `t_s`, s
+    /// since the start of the run.
     pub fn unled(scale: &Scale, t_s: f64) -> LeaderFrame {
         let (scale, scale_rate_per_s) = scale.at(t_s);
         LeaderFrame { scale, scale_rate_per_s, ..LeaderFrame::STILL }
     }
 
-    /// The frame `age_s` later, if its turn acceleration and its scale's rate last.
+    /// Returns the frame extrapolated by `age_s`, with constant turn acceleration and constant scale rate.
     pub fn later(self, age_s: f64) -> LeaderFrame {
         let gained = self.turn_acceleration_rad_s2 * age_s;
         LeaderFrame {
@@ -48,13 +49,13 @@ impl LeaderFrame {
         }
     }
 
-    /// The frame as it is, standing still.
+    /// Returns a frame with the current heading and scale and all rates 0.
     pub fn frozen(self) -> LeaderFrame {
         let still = LeaderFrame::STILL;
         LeaderFrame { heading_rad: self.heading_rad, scale: self.scale, ..still }
     }
 
-    /// C_ji and C'_ji for the static offset c_ji, m.
+    /// Returns the desired relative position C_ji and its derivative C'_ji for the static offset c_ji, m.
     pub fn offset(&self, c_ji: Vec2) -> Target {
         let turned = rotate(self.heading_rad, c_ji); // R c
         let quarter = Vec2::new(-turned.y, turned.x); // (23): R' c = w times this
@@ -71,7 +72,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_offsets_rate_is_the_derivative_of_the_offset(
+        fn offset_velocity_is_derivative_of_offset(
             heading_rad in -3.0..3.0f64, turn_rate_rad_s in -2.0..2.0f64,
             turn_acceleration_rad_s2 in -1.0..1.0f64,
             scale in 0.5..2.0f64, scale_rate_per_s in -0.5..0.5f64,
@@ -90,7 +91,7 @@ mod tests {
         }
 
         #[test]
-        fn a_frozen_frame_keeps_heading_and_scale_for_ever(
+        fn frozen_frame_keeps_heading_and_scale(
             heading_rad in -3.0..3.0f64, rate in -2.0..2.0f64, scale in 0.5..2.0f64,
             age_s in 0.0..9.0f64,
         ) {
@@ -109,13 +110,13 @@ mod tests {
     }
 
     #[test]
-    fn without_a_leader_offsets_stay_as_they_are() {
+    fn still_frame_leaves_offsets_unchanged() {
         let c = Vec2::new(0.3, 0.4);
         assert_eq!(LeaderFrame::STILL.offset(c), Target::still(c));
     }
 
     #[test]
-    fn a_frame_gains_what_its_rates_say() {
+    fn frame_later_integrates_its_rates() {
         let frame = LeaderFrame {
             heading_rad: 0.1,
             turn_rate_rad_s: 0.5,

@@ -1,23 +1,24 @@
-//! The front point alpha, `ell` ahead of the axle's mid-point, and the map between its velocity
-//! and (v, w). Controlling alpha instead of xi keeps the decoupling matrix A(theta) invertible.
+//! The front point (off-axis point, alpha), `ell` ahead of the axle midpoint, and the map between its velocity
+//! and (v, w). Controlling alpha instead of the axle midpoint xi keeps the decoupling matrix A(theta)
+//! invertible.
 
 use crate::Vec2;
 use crate::pose::{Pose, Twist, wrap_angle};
 use crate::real;
 
-/// alpha = xi + ell (cos theta, sin theta), m, in `map`. (2)
+/// Returns the front point alpha = xi + ell (cos theta, sin theta), m, in `map`. (2)
 #[inline]
 pub fn front_point(pose: Pose, ell_m: f64) -> Vec2 {
     front_motion(pose, ell_m, Twist::ZERO).0
 }
 
-/// Velocity of the front point in `map`, m/s: A(theta) (v, w). (3)
+/// Returns the velocity of the front point, A(theta) (v, w), m/s, in `map`. (3)
 #[inline]
 pub fn front_velocity(heading_rad: f64, ell_m: f64, twist: Twist) -> Vec2 {
     rotate(heading_rad, Vec2::new(twist.v_m_s, ell_m * twist.w_rad_s))
 }
 
-/// The front point, m, and its velocity, m/s, in `map`: (2) and (3).
+/// Returns the front point, m, and its velocity, m/s, in `map`. (2) (3)
 #[inline]
 pub fn front_motion(pose: Pose, ell_m: f64, twist: Twist) -> (Vec2, Vec2) {
     let (sin, cos) = real::sin_cos(pose.heading_rad);
@@ -26,23 +27,23 @@ pub fn front_motion(pose: Pose, ell_m: f64, twist: Twist) -> (Vec2, Vec2) {
     (alpha, Vec2::new(cos * v - sin * across, sin * v + cos * across))
 }
 
-/// The twist that gives the front point the velocity `u`: A(theta)^-1 u. (17)
+/// Returns the twist that gives the front point the velocity `u`: A(theta)^-1 u. (17)
 pub fn twist_for(heading_rad: f64, ell_m: f64, u: Vec2) -> Twist {
     let body = rotate(-heading_rad, u);
     Twist { v_m_s: body.x, w_rad_s: body.y / ell_m }
 }
 
-/// Speed of the front point, m/s: |A(theta) (v, w)| = hypot(v, ell w), at any heading.
+/// Returns the speed of the front point, m/s: |A(theta) (v, w)| = hypot(v, ell w), at any heading.
 #[inline]
 pub fn front_speed(ell_m: f64, twist: Twist) -> f64 {
     real::hypot(twist.v_m_s, ell_m * twist.w_rad_s)
 }
 
-/// The heading after `time_s`, rad, from `heading_rad`, while the front point moves at the constant
-/// velocity `u`, m/s: the vehicle is drawn behind it like a cart by its pole.
+/// Returns the heading, rad, after the front point has moved for `time_s` at the constant velocity `u`, m/s,
+/// starting from `heading_rad`. The vehicle follows the front point like a towed cart.
 ///
-/// theta' = (-sin theta u_x + cos theta u_y) / ell (17). The angle psi between heading and u
-/// closes like tan(psi / 2) = tan(psi_0 / 2) exp(-|u| t / ell).
+/// theta' = (-sin theta u_x + cos theta u_y) / ell (17). The angle psi between heading and u decays as tan(psi
+/// / 2) = tan(psi_0 / 2) exp(-|u| t / ell).
 pub fn drawn_heading(heading_rad: f64, ell_m: f64, u: Vec2, time_s: f64) -> f64 {
     let speed_m_s = u.norm();
     if speed_m_s == 0.0 {
@@ -54,7 +55,7 @@ pub fn drawn_heading(heading_rad: f64, ell_m: f64, u: Vec2, time_s: f64) -> f64 
     wrap_angle(direction_rad + 2.0 * real::atan2(real::sin(half_rad) * closed, real::cos(half_rad)))
 }
 
-/// `vector` turned counter-clockwise by `angle_rad`.
+/// Returns `vector` rotated counter-clockwise by `angle_rad`.
 #[inline]
 pub fn rotate(angle_rad: f64, vector: Vec2) -> Vec2 {
     let (sin, cos) = real::sin_cos(angle_rad);
@@ -69,7 +70,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_decoupling_matrix_and_its_inverse_cancel(
+        fn twist_for_inverts_front_velocity(
             theta in -3.0..3.0f64, ell in 0.01..0.5f64, ux in -2.0..2.0f64, uy in -2.0..2.0f64,
         ) {
             let u = Vec2::new(ux, uy);
@@ -78,7 +79,7 @@ mod tests {
         }
 
         #[test]
-        fn the_front_velocity_is_the_derivative_of_the_front_point(
+        fn front_velocity_is_derivative_of_front_point(
             theta in -3.0..3.0f64, v in -2.0..2.0f64, w in -5.0..5.0f64,
         ) {
             let (ell, h) = (0.1, 1e-6);
@@ -92,17 +93,17 @@ mod tests {
     }
 
     #[test]
-    fn nothing_draws_the_heading_while_the_front_point_stands() {
+    fn drawn_heading_at_zero_velocity_is_unchanged() {
         for start in [-3.0, -0.1, 0.7, 3.1] {
             assert_eq!(drawn_heading(start, 0.15, Vec2::zeros(), 0.7), start);
         }
     }
 
     #[test]
-    fn a_drawn_heading_follows_its_differential_equation() {
+    fn drawn_heading_solves_its_differential_equation() {
         let (ell, u) = (0.15, Vec2::new(0.3, -0.4));
         for start in [-3.0, -1.0, 0.2, 2.0] {
-            // Euler's method with steps so short that it is exact to 1e-5.
+            // Explicit Euler with a step short enough for an error below 1e-5.
             let (mut euler, steps) = (start, 200_000);
             let step_s = 0.7 / f64::from(steps);
             for _ in 0..steps {

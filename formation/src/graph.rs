@@ -1,76 +1,78 @@
-//! The formation graph: who hears whom, and at which offset. (Definition 1)
+//! The formation graph: which robot receives from which, and at which offset. (Definition 1)
 //!
-//! An edge points the way information flows: `from` is heard by `to`.
+//! An edge points in the direction of information flow: `to` receives from `from`.
 
 use std::cell::OnceCell;
 use std::collections::VecDeque;
 
 use crate::Vec2;
 
-/// The edge R_from -> R_to: R_to hears R_from and wants to stand at alpha_from + offset.
+/// The directed edge R_from -> R_to: R_to receives from R_from, and its desired position is alpha_from +
+/// offset.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Edge {
-    /// Place of the robot that is heard.
+    /// Index of the sending robot.
     pub from: usize,
-    /// Place of the robot that hears.
+    /// Index of the receiving robot.
     pub to: usize,
-    /// c_{from,to} = R_to - R_from, m, in `map`.
+    /// Desired relative position c_{from,to} = R_to - R_from, m, in `map`.
     pub offset_m: Vec2,
 }
 
-/// Robots by their place in the scenario (from 0), and the edges between them.
+/// Formation graph: the number of robots, which are indexed from 0 in scenario order, and the edges between
+/// them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FormationGraph {
     robots: usize,
     edges: Vec<Edge>,
 }
 
-/// An edge whose offset disagrees with the path that the other edges already fix.
+/// An edge whose offset is inconsistent with the path that the other edges define.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OpenCycle {
-    /// Place in the list of edges of the edge that closes the cycle.
+    /// Index of the edge that closes the cycle.
     pub edge: usize,
-    /// By how much the offsets around the cycle miss, m.
+    /// Closure error: the norm of the sum of the offsets around the cycle, m.
     pub gap_m: f64,
-    /// Whether information can flow all the way round it.
+    /// `true` if the cycle is directed, so that information can flow around it.
     pub directed: bool,
 }
 
 impl FormationGraph {
-    /// A graph on `robots` robots. Panics if an edge names a robot that does not exist.
+    /// Creates a graph with `robots` robots. Panics if an edge names a robot that does not exist.
     pub fn new(robots: usize, edges: Vec<Edge>) -> FormationGraph {
         assert!(edges.iter().all(|e| e.from < robots && e.to < robots), "edge out of range");
         FormationGraph { robots, edges }
     }
 
-    /// How many robots there are.
+    /// Returns the number of robots.
     pub fn robots(&self) -> usize {
         self.robots
     }
 
-    /// All edges, in the order given.
+    /// Returns all edges, in the order given.
     pub fn edges(&self) -> &[Edge] {
         &self.edges
     }
 
-    /// The edges that end in `robot`: its neighbourhood N_i with offsets.
+    /// Returns the incoming edges of `robot`: its in-neighborhood N_i with offsets.
     pub fn heard_by(&self, robot: usize) -> impl Iterator<Item = &Edge> {
         self.edges.iter().filter(move |e| e.to == robot)
     }
 
-    /// The edges that leave `robot`.
+    /// Returns the outgoing edges of `robot`.
     pub fn hearers_of(&self, robot: usize) -> impl Iterator<Item = &Edge> {
         self.edges.iter().filter(move |e| e.from == robot)
     }
 
-    /// For each robot, which robots its information reaches, itself included.
+    /// Returns for each robot the set of robots that its information reaches, itself included.
     pub fn reachability(&self) -> Vec<Vec<bool>> {
         let reached = |row: Vec<Option<usize>>| row.iter().map(Option::is_some).collect();
         self.hops().into_iter().map(reached).collect()
     }
 
-    /// For each robot, over how many edges its information reaches each robot, at least; itself over none.
-    /// `None` for a robot that it does not reach.
+    /// Returns the minimum number of edges from each robot to each robot: 0 to itself, and `None` for an
+    /// unreachable robot.
     pub fn hops(&self) -> Vec<Vec<Option<usize>>> {
         let mut hearers = vec![Vec::new(); self.robots];
         for edge in &self.edges {
@@ -93,15 +95,15 @@ impl FormationGraph {
         (0..self.robots).map(from).collect()
     }
 
-    /// Robots from which information reaches every other robot. Empty: the formation falls apart
-    /// into groups that never agree on where it stands.
+    /// Returns the robots from which every other robot is reachable. If there are none, the formation
+    /// decomposes into groups that do not agree on a common position.
     pub fn roots(&self) -> Vec<usize> {
         let reached = self.reachability();
         (0..self.robots).filter(|&r| reached[r].iter().all(|&yes| yes)).collect()
     }
 
-    /// Positions that meet as many offsets as possible (the first robot of each connected part at
-    /// the origin), m, and the edges that miss by more than `tolerance_m`.
+    /// Returns positions that satisfy the offsets of a spanning forest, m, with the first robot of each
+    /// connected component at the origin, and the edges whose closure error exceeds `tolerance_m`.
     pub fn shape(&self, tolerance_m: f64) -> (Vec<Vec2>, Vec<OpenCycle>) {
         let mut place: Vec<Option<Vec2>> = vec![None; self.robots];
         for first in 0..self.robots {
@@ -147,11 +149,11 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// Offsets that are taken from places close every cycle, and give the places back, up to
-        /// where each connected part stands. One that is off by more than the tolerance opens the
-        /// cycles that it is part of.
+        /// Offsets computed from positions close every cycle and reproduce the positions, up to a translation
+        /// of each connected component. An offset changed by more than the tolerance opens the cycles it is
+        /// part of.
         #[test]
-        fn the_shape_is_that_which_the_offsets_were_taken_from(
+        fn shape_reproduces_positions_and_finds_open_cycles(
             places in proptest::collection::vec((-4..5i32, -4..5i32), 1..8),
             pairs in proptest::collection::btree_set((0..8usize, 0..8usize), 0..20),
             off in any::<proptest::sample::Index>(),
@@ -172,7 +174,7 @@ mod tests {
             for edge in &edges {
                 prop_assert_eq!(found[edge.to] - found[edge.from], edge.offset_m);
             }
-            // The first robot of each part stands at the origin.
+            // The first robot of each component is at the origin.
             let joined = FormationGraph::new(n, edges.iter().flat_map(|&edge| {
                 let Edge { from, to, offset_m } = edge;
                 [edge, Edge { from: to, to: from, offset_m: -offset_m }]
@@ -198,7 +200,7 @@ mod tests {
                 let directed = reached[edge.to][edge.from];
                 prop_assert!(listed.is_none_or(|o| o.gap_m == gap_m && o.directed == directed));
             }
-            // It opens exactly the cycles that it is part of: if its ends hang together without it.
+            // It opens exactly the cycles it is part of, which exist if its ends are connected without it.
             let without = edges.iter().enumerate().filter(|(index, _)| *index != wrong);
             let without = without.flat_map(|(_, &edge)| {
                 [edge, Edge { from: edge.to, to: edge.from, ..edge }]
@@ -213,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn hops_are_counted_along_the_edges_and_the_shortest_way() {
+    fn hops_count_edges_of_the_shortest_directed_path() {
         let graph = FormationGraph::new(
             4,
             vec![edge(0, 1, 1.0, 0.0), edge(1, 2, 1.0, 0.0), edge(0, 2, 2.0, 0.0)],
@@ -233,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_heard_and_who_hears_are_the_two_ends_of_an_edge() {
+    fn edge_ends_are_in_neighbor_and_out_neighbor() {
         let graph = FormationGraph::new(4, vec![edge(0, 1, 1.0, 0.0), edge(2, 1, 0.0, 1.0)]);
         assert_eq!(graph.robots(), 4);
         let heard = |robot| graph.heard_by(robot).map(|e| e.from).collect::<Vec<_>>();

@@ -1,10 +1,10 @@
-//! The convex hull of the leaders, and how far outside it a follower is. (7) (49)
+//! The convex hull of the leaders, and the distance of a follower from it. (7) (49)
 
 use crate::Vec2;
 use crate::obstacle::Obstacle;
 
-/// Corners of the convex hull of `points`, counter-clockwise, without points on its edges.
-/// (Andrew's monotone chain.)
+/// Returns the corners of the convex hull of `points`, counter-clockwise, without points on its edges (Andrew's
+/// monotone chain).
 pub fn convex_hull(points: &[Vec2]) -> Vec<Vec2> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
@@ -30,8 +30,8 @@ pub fn convex_hull(points: &[Vec2]) -> Vec<Vec2> {
     hull
 }
 
-/// Distance, m, from `point` to the convex hull of `points` (the polygon, not its corners); 0
-/// inside. Infinite for no points.
+/// Returns the distance, m, from `point` to the convex hull of `points` (the polygon, not only its corners). It
+/// is 0 inside the hull and infinite if `points` is empty.
 pub fn hull_distance(point: Vec2, points: &[Vec2]) -> f64 {
     match convex_hull(points)[..] {
         [] => f64::INFINITY,
@@ -43,7 +43,7 @@ pub fn hull_distance(point: Vec2, points: &[Vec2]) -> f64 {
     }
 }
 
-/// Positive if a -> b -> c turns to the left.
+/// Returns the cross product (b - a) x (c - a), which is positive if a, b, c are counter-clockwise.
 fn turn(a: Vec2, b: Vec2, c: Vec2) -> f64 {
     (b - a).perp(&(c - a))
 }
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Brute force: the nearest of all triangles' and segments' nearest points.
+    /// Computes the hull distance by brute force, as the minimum over all triangles and segments.
     fn by_brute_force(point: Vec2, points: &[Vec2]) -> f64 {
         let mut nearest = f64::INFINITY;
         for a in points {
@@ -75,7 +75,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_distance_agrees_with_brute_force(
+        fn hull_distance_agrees_with_brute_force(
             x in -2.0..2.0f64, y in -2.0..2.0f64,
             points in proptest::collection::vec((-1.0..1.0f64, -1.0..1.0f64), 1..9),
         ) {
@@ -85,9 +85,9 @@ mod tests {
             prop_assert!(difference.abs() < 1e-9);
         }
 
-        /// On a lattice, where many points coincide or lie on one line, or all do.
+        /// On a lattice, where many points coincide or are collinear.
         #[test]
-        fn a_hull_turns_left_at_every_corner_and_has_all_points_inside(
+        fn hull_is_convex_and_contains_all_points(
             points in proptest::collection::vec((-3..4i32, -3..4i32), 0..12),
             (x, y) in (-5..6i32, -5..6i32),
             line in any::<bool>(),

@@ -1,9 +1,8 @@
-//! The formation graph as matrices: what the chapter's proofs, and its iteration, rest on. (4)-(6)
-//! (31)
+//! Matrices of the formation graph, on which the chapter's proofs and its iteration are based. (4)-(6) (31)
 //!
-//! W = Lambda A_d, the mean over those heard, is a matrix without negative elements. So its
-//! spectral radius rho is itself an eigenvalue, the largest in modulus and in real part; that of
-//! A = I - W with the smallest real part is 1 - rho, and rho(A^-1) = 1 / (1 - rho).
+//! W = Lambda A_d, the mean over the in-neighbors, is a non-negative matrix. By Perron-Frobenius its spectral
+//! radius rho is an eigenvalue, the largest in modulus and in real part. Hence the eigenvalue of A = I - W with
+//! the smallest real part is 1 - rho, and rho(A^-1) = 1 / (1 - rho).
 
 use nalgebra::DVector;
 
@@ -11,13 +10,13 @@ use crate::Vec2;
 use crate::graph::FormationGraph;
 use crate::real;
 
-/// A square matrix; row and column i belong to the robot at place i.
+/// A square matrix whose row and column i belong to the robot with index i.
 pub type Matrix = nalgebra::DMatrix<f64>;
 
-/// How often [`spectral_radius`] squares: 2^50 in the exponent leaves no more than rounding.
+/// Number of squarings in [`spectral_radius`]. An exponent of 2^50 leaves only rounding errors.
 const SQUARINGS: i32 = 50;
 
-/// L = Delta - A_d. (4) (5) (6)
+/// Returns the graph Laplacian L = Delta - A_d. (4) (5) (6)
 pub fn laplacian(graph: &FormationGraph) -> Matrix {
     let mut l = Matrix::zeros(graph.robots(), graph.robots());
     for edge in graph.edges() {
@@ -27,8 +26,8 @@ pub fn laplacian(graph: &FormationGraph) -> Matrix {
     l
 }
 
-/// A = Lambda L + Gamma: of the leader the unit row, of whoever else hears somebody I minus the
-/// mean over those heard, of others a row of zeros. (31)
+/// Returns A = Lambda L + Gamma (31): the unit row for the leader, I minus the mean over the in-neighbors for
+/// every other robot with in-neighbors, and a row of zeros for a robot without.
 pub fn system(graph: &FormationGraph, leader: Option<usize>) -> Matrix {
     let mut a = laplacian(graph);
     for i in 0..graph.robots() {
@@ -43,8 +42,8 @@ pub fn system(graph: &FormationGraph, leader: Option<usize>) -> Matrix {
     a
 }
 
-/// How velocities feed on velocities from one tick to the next: the mean over those heard, for
-/// each robot whose law uses its desired velocity, and a row of zeros for the others.
+/// Returns the iteration matrix of the velocities from one tick to the next: the mean over the in-neighbors for
+/// each robot whose control law uses its desired velocity (`feed_forward`), and a row of zeros for the others.
 pub fn iteration(graph: &FormationGraph, feed_forward: &[bool]) -> Matrix {
     let mut w = Matrix::zeros(graph.robots(), graph.robots());
     for (i, _) in feed_forward.iter().enumerate().filter(|(_, uses)| **uses) {
@@ -54,9 +53,9 @@ pub fn iteration(graph: &FormationGraph, feed_forward: &[bool]) -> Matrix {
     w
 }
 
-/// Robots in which velocities echo for ever, in order: the information of no robot reaches them
-/// that goes by anything but the velocities of others. The radius of [`iteration`] is 1 if there
-/// are any, and less if there are none.
+/// Returns the robots, ascending, in which velocities feed back forever: none of their ancestors in the graph
+/// depends on anything but the velocities of others. The spectral radius of [`iteration`] is 1 if there are
+/// such robots, and less than 1 otherwise.
 pub fn echoing(graph: &FormationGraph, feed_forward: &[bool]) -> Vec<usize> {
     let mut damped: Vec<bool> =
         (0..graph.robots()).map(|i| !feed_forward[i] || graph.heard_by(i).count() == 0).collect();
@@ -71,9 +70,9 @@ pub fn echoing(graph: &FormationGraph, feed_forward: &[bool]) -> Vec<usize> {
     (0..graph.robots()).filter(|&i| !damped[i]).collect()
 }
 
-/// rho of a square matrix without negative elements (Definition 7), by Gelfand's formula: the
-/// limit of |M^m|^(1/m). Squaring such a matrix cancels nothing, so that rounding stays small, and
-/// neither cycles nor repeated eigenvalues slow it down, as they do the QR algorithm.
+/// Returns the spectral radius rho of a non-negative square matrix (Definition 7) by Gelfand's formula, the
+/// limit of |M^m|^(1/m). Squaring a non-negative matrix causes no cancellation, so rounding errors stay small.
+/// Unlike the QR algorithm it is not slowed by cycles or repeated eigenvalues.
 pub fn spectral_radius(matrix: &Matrix) -> f64 {
     let (mut power, mut log_radius) = (matrix.clone(), 0.0);
     for squared in 0..=SQUARINGS {
@@ -88,15 +87,15 @@ pub fn spectral_radius(matrix: &Matrix) -> f64 {
     real::exp(log_radius)
 }
 
-/// |M|_2 of a matrix without negative elements: sqrt(rho(M^T M)).
+/// Returns the spectral norm |M|_2 of a non-negative matrix: sqrt(rho(M^T M)).
 pub fn norm_2(matrix: &Matrix) -> f64 {
     spectral_radius(&(matrix.transpose() * matrix)).sqrt()
 }
 
-/// Where the robots settle, seen from `pinned`, m, at heading 0 and scale 1: the alpha that solves
-/// A alpha = C with the row of `pinned` replaced by the unit row. (29) (30) (33)
+/// Returns the positions at which the robots settle relative to `pinned`, m, at heading 0 and scale 1: the
+/// alpha that solves A alpha = C with the row of `pinned` replaced by the unit row. (29) (30) (33)
 ///
-/// `None` unless the information of `pinned` reaches everybody.
+/// Returns `None` unless every robot is reachable from `pinned`.
 pub fn settled(graph: &FormationGraph, pinned: usize) -> Option<Vec<Vec2>> {
     if !graph.reachability()[pinned].iter().all(|&reached| reached) {
         return None;
@@ -110,11 +109,11 @@ pub fn settled(graph: &FormationGraph, pinned: usize) -> Option<Vec<Vec2>> {
     Some(places)
 }
 
-/// Puts the robots `free` where they settle, m, while all the others stay at their `places`: each
-/// at the mean of what those ask for that it hears (with their offsets). (24) (46)
+/// Moves the robots `free` to the positions at which they settle, m, while all other robots keep their
+/// `places`: each free robot is at the mean over its in-neighbors of position plus offset. (24) (46)
 ///
-/// A robot that stays must reach each of them. `None`, and nothing moves, where the system that
-/// follows otherwise is singular to the last bit.
+/// Every free robot must be reachable from a robot that is not free. Returns `None` and changes no position if
+/// the linear system is numerically singular.
 pub fn settle(heard: &[Vec<(usize, Vec2)>], free: &[usize], places: &mut [Vec2]) -> Option<()> {
     if free.is_empty() {
         return Some(());
@@ -151,7 +150,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn edge(from: usize, to: usize) -> Edge {
-        // Any offsets, each edge another one.
+        // Arbitrary offsets, different for each edge.
         let offset_m = Vec2::new(from as f64 - 0.3 * to as f64, 0.1 * from as f64 + to as f64);
         Edge { from, to, offset_m }
     }
@@ -166,7 +165,7 @@ mod tests {
     }
 
     prop_compose! {
-        /// Up to 8 robots; the first hears nobody if `leads`.
+        /// Generates graphs of up to 8 robots, in which the first has no incoming edge if `leads`.
         fn graphs(leads: bool)(
             n in 1..9usize,
             pairs in proptest::collection::btree_set((0..9usize, 0..9usize), 0..30),
@@ -178,7 +177,7 @@ mod tests {
         }
     }
 
-    /// The largest modulus of the eigenvalues, by the QR algorithm.
+    /// Returns the largest modulus of the eigenvalues, by the QR algorithm.
     fn by_qr(matrix: &Matrix) -> f64 {
         let schur = nalgebra::Schur::try_new(matrix.clone(), 1e-14, 10_000).unwrap();
         schur.complex_eigenvalues().iter().map(|z| z.re.hypot(z.im)).fold(0.0, f64::max)
@@ -186,7 +185,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_laplacian_and_the_system_are_element_by_element_as_defined(
+        fn laplacian_and_system_match_their_definitions(
             graph in graphs(true), leads in any::<bool>(),
         ) {
             let n = graph.robots();
@@ -208,7 +207,7 @@ mod tests {
         }
 
         #[test]
-        fn the_leader_reaches_all_if_and_only_if_the_system_is_an_m_matrix(
+        fn system_is_an_m_matrix_iff_the_leader_reaches_all(
             graph in graphs(true),
         ) {
             let n = graph.robots();
@@ -229,7 +228,7 @@ mod tests {
         }
 
         #[test]
-        fn the_spectral_radius_is_that_of_the_qr_algorithm(
+        fn spectral_radius_and_norm_agree_with_qr_and_svd(
             n in 1..7usize, elements in proptest::collection::vec(0.0..1.0f64, 36),
         ) {
             let matrix = Matrix::from_fn(n, n, |i, j| elements[6 * i + j]);
@@ -240,7 +239,7 @@ mod tests {
         }
 
         #[test]
-        fn velocities_echo_exactly_where_the_iterations_radius_is_1(
+        fn velocities_echo_iff_the_spectral_radius_is_1(
             graph in graphs(false), feed_forward in proptest::collection::vec(any::<bool>(), 9),
         ) {
             let feed_forward = &feed_forward[..graph.robots()];
@@ -249,9 +248,9 @@ mod tests {
             prop_assert_eq!(echoing(&graph, feed_forward).is_empty(), radius < 1.0 - 1e-9);
         }
 
-        /// Those that stay may stand anywhere.
+        /// Robots that are not free may be at any position.
         #[test]
-        fn whoever_is_free_settles_where_those_it_hears_ask_for_and_nobody_else_moves(
+        fn settle_moves_only_free_robots_to_their_neighbor_mean(
             graph in graphs(true), stays in proptest::collection::vec(any::<bool>(), 9),
             at in proptest::collection::vec((-9.0..9.0f64, -9.0..9.0f64), 9),
         ) {
@@ -279,7 +278,7 @@ mod tests {
         }
 
         #[test]
-        fn settled_robots_stand_where_the_mean_over_those_they_hear_asks_for(
+        fn settled_robots_are_at_their_neighbor_mean(
             graph in graphs(true),
         ) {
             let reached = Reachability::new(&graph, Some(0), &[], &[]).intact().unled.is_empty();
@@ -296,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn a_directed_ring_has_radius_1_and_so_echoes_unless_its_law_uses_no_velocities() {
+    fn directed_ring_echoes_only_with_feed_forward() {
         for robots in [2, 3, 7, 64] {
             let ring = ring(robots);
             let all = vec![true; robots];

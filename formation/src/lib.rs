@@ -1,34 +1,35 @@
-//! The mathematics that every process shares: plain values in, plain values out.
+//! Mathematics shared by all processes: pure functions on plain values.
 //!
-//! No I/O, no clock, no iceoryx2 in here. SI units; world frame `map`; x forward, y left, angles
-//! counter-clockwise and in (-pi, pi].
+//! This crate does no I/O, reads no clock and does not know iceoryx2. Units are SI. The world frame is `map`: x
+//! forward, y left, angles counter-clockwise in (-pi, pi].
 //!
 //! | file | question it answers |
 //! |---|---|
 //! | `pose` | where is a robot, and how does it move in its own frame? |
-//! | `unicycle` | where does a held (v, w) take it, exactly? (1) |
-//! | `ramp` | where does it take it while it changes gradually? |
+//! | `unicycle` | which pose follows from a constant (v, w), in closed form? (1) |
+//! | `ramp` | which pose follows while (v, w) changes at bounded rates? |
 //! | `front_point` | which point is controlled, and how does (v, w) move it? (2) (3) (17) |
-//! | `graph` | who hears whom, at which offset? (Definition 1) |
-//! | `reachability` | whose information reaches whom, and what does a death take from whom? |
-//! | `robustness` | how many liars does a graph bear? |
-//! | `laplacian` | what do the matrices L and A say, and where does the formation settle? (4)-(6) (31) |
-//! | `trajectory` | where is the main leader to be? |
-//! | `path` | which curve goes through waypoints, and where on it is one at a time? |
-//! | `scale` | how large is the formation to be, and when does it open and close? |
-//! | `frame` | how do offsets turn and grow with the leader? (20)-(23) |
-//! | `desired` | where should a robot be, seen from those it hears? (13) (24) (46) |
-//! | `resilient` | the same where some of them may lie? |
+//! | `graph` | which robot receives from which, at which offset? (Definition 1) |
+//! | `reachability` | which robots does a robot's information reach, and what do others lose when it dies? |
+//! | `robustness` | how many Byzantine robots does a graph tolerate (r-robustness)? |
+//! | `laplacian` | what are the matrices L and A, and where does the formation settle? (4)-(6) (31) |
+//! | `trajectory` | what is the reference trajectory of the main leader? |
+//! | `path` | which curve passes through given waypoints, and which point of it is reached at a time? |
+//! | `scale` | what is the scale factor of the formation over time? |
+//! | `frame` | how do offsets rotate and scale with the leader? (20)-(23) |
+//! | `desired` | what is the desired position of a robot, given its in-neighbors? (13) (24) (46) |
+//! | `resilient` | what is the desired position if some in-neighbors are Byzantine (W-MSR)? |
 //! | `hull` | how far is a follower from the leaders' convex hull? (7) (49) |
-//! | `closest` | which two robots are nearest to each other? (15) |
-//! | `near` | which robots are near which, from one instant to the next? |
-//! | `obstacle` | which point of a wall is nearest, and which walls are near? |
-//! | `random` | what does a seed draw? |
-//! | `real` | what are sine, exponential and the like, the same on every target? |
+//! | `closest` | which two robots have the smallest distance? (15) |
+//! | `near` | which robots are within a cutoff radius of each other, updated incrementally? |
+//! | `obstacle` | which point of a wall is nearest, and which walls are within a radius? |
+//! | `random` | which pseudo-random numbers follow from a seed? |
+//! | `real` | what are the elementary functions, bit-identical on every target? |
 
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
-// Here, because everything is built on this: whoever builds elsewhere sees this sentence and no other.
+// Stands in this crate because every other crate depends on it, so an unsupported target reports only this
+// error.
 #[cfg(not(any(target_os = "linux", target_arch = "wasm32")))]
 compile_error!(
     "Phalanx runs on Linux only: on macOS and Windows, use Docker (see the Dockerfile) or WSL2."
@@ -55,13 +56,14 @@ pub mod scale;
 pub mod trajectory;
 pub mod unicycle;
 
-/// A point or vector of the plane in metres or metres per second, in the frame `map`.
+/// A point or vector of the plane in the frame `map`, in meters or meters per second.
 pub type Vec2 = nalgebra::Vector2<f64>;
 
-/// Rounding changes no coordinate, distance or square of one by so large a share.
+/// Upper bound on the relative rounding error of a coordinate, a distance or a squared distance.
 pub const ROUNDING: f64 = 1e-9;
 
-/// Nanoseconds as seconds. Divided, not multiplied by 1e-9: 15 ms are 0.015 s, with no digits behind.
+/// Converts nanoseconds to seconds. The division, unlike a multiplication by 1e-9, makes 15 ms exactly the
+/// literal 0.015.
 pub fn seconds(ns: u64) -> f64 {
     ns as f64 / 1e9
 }

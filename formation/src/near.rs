@@ -1,34 +1,34 @@
-//! Who is near whom, kept from one instant to the next.
+//! Verlet neighbor list: all pairs within a cutoff radius, kept from one update to the next.
 //!
-//! All pairs within a reach are listed with a margin (Verlet's list); the list is made anew only when
-//! somebody has moved so far that the margin may be used up. Whoever walks the list sees pairs in list
-//! order, and computes with them what he would with all pairs: the result is the same, bit by bit, at a
-//! cost that grows with the number of near pairs.
+//! The list includes a margin (skin) and is rebuilt only when a point has moved so far that the margin may be
+//! used up. Pairs are visited in list order, so a computation over the list gives bit for bit the same result
+//! as one over all pairs, at a cost that grows with the number of listed pairs.
 
 use crate::closest::ClosestPair;
 use crate::{ROUNDING, Vec2};
 
-/// The margin for each of two points, as a share of the reach.
+/// Minimum margin for each of the two points of a pair, as a fraction of the cutoff radius.
 const MARGIN: f64 = 0.125;
-/// So many instants are to pass from list to list, if a margin as large as the reach allows it.
+/// Target number of updates between two rebuilds of the neighbor list. The margin is sized for it, up to the
+/// cutoff radius.
 const INSTANTS: f64 = 16.0;
 
-/// All pairs of points within a reach.
+/// Neighbor list of all pairs of points within a cutoff radius.
 #[derive(Debug, Clone)]
 pub struct NearPairs {
     reach_m: f64,
-    /// Where everybody was when the list was made.
+    /// Positions of all points at the last rebuild, m.
     then: Vec<Vec2>,
-    /// The list holds until somebody is farther from there than this, m^2.
+    /// Squared displacement since the last rebuild up to which the list stays valid, m^2.
     moved_square_max: f64,
-    /// How often it was found to hold.
+    /// Number of updates since the last rebuild, without the rebuild itself.
     held: u64,
-    /// For each point the places of all near it, ascending.
+    /// For each point, the indices of its listed neighbors, ascending.
     neighbors: Vec<Vec<usize>>,
 }
 
 impl NearPairs {
-    /// Of no points yet, within `reach_m`, m.
+    /// Creates an empty list with the cutoff radius `reach_m`, m.
     pub fn new(reach_m: f64) -> NearPairs {
         NearPairs {
             reach_m,
@@ -39,13 +39,14 @@ impl NearPairs {
         }
     }
 
-    /// Takes in where the points are now. Afterwards every pair within the reach is listed, and some
-    /// others; so is everybody with whoever is nowhere (not a number).
+    /// Updates the list for the current positions of all points. Afterwards it holds every pair within the
+    /// cutoff radius, and some pairs beyond it. A point with a coordinate that is NaN is listed as a neighbor
+    /// of every other point.
     pub fn update(&mut self, points: &[Vec2]) {
         let moved = |(now, then): (&Vec2, &Vec2)| (now - then).norm_squared();
         let pairs = || points.iter().zip(&self.then);
         let same_points = points.len() == self.then.len();
-        // NaN is no place to hold on to.
+        // A comparison with NaN is false, so a NaN coordinate forces a rebuild.
         if same_points && pairs().all(|pair| moved(pair) <= self.moved_square_max) {
             self.held += 1;
             return;
@@ -55,7 +56,7 @@ impl NearPairs {
             false => 0.0,
         };
         let margin_m = (MARGIN * self.reach_m).max((INSTANTS * step_m).min(self.reach_m));
-        // Rounding: what may move is taken a little shorter, so that this need not be longer.
+        // The permitted displacement is reduced by the rounding error, so the list radius need not be enlarged.
         let near_m = self.reach_m + 2.0 * margin_m;
         self.moved_square_max = margin_m * margin_m * (1.0 - ROUNDING);
         self.held = 0;
@@ -74,13 +75,14 @@ impl NearPairs {
         }
     }
 
-    /// Places of those near `point`, ascending.
+    /// Returns the indices of the listed neighbors of `point`, ascending.
     pub fn neighbors_of(&self, point: usize) -> impl Iterator<Item = usize> {
         self.neighbors[point].iter().copied()
     }
 
-    /// The closest two of the pairs listed: of all pairs, where they are within the reach. Of
-    /// equals, the first in list order. `points` are those of the last update.
+    /// Returns the listed pair with the smallest distance, which is the closest of all pairs if any pair is
+    /// within the cutoff radius. Of pairs at equal distance the first in list order is returned. `points` must
+    /// be those of the last update. Returns `None` if no pair is listed.
     pub fn closest(&self, points: &[Vec2]) -> Option<ClosestPair> {
         let mut closest: Option<([usize; 2], f64)> = None;
         for (i, (a, neighbors)) in points.iter().zip(&self.neighbors).enumerate() {
@@ -103,8 +105,8 @@ mod tests {
     use crate::random::SplitMix64;
     use proptest::prelude::*;
 
-    /// A motion: where everybody is at each of some instants, scattered, upon each other or on a lattice.
-    /// All move slowly, one jumps, and one may be nowhere at some instants.
+    /// Generates a sequence of position snapshots: scattered, coincident or on a lattice. All points move
+    /// slowly, one jumps, and one may have a non-finite coordinate for a few instants.
     fn motion() -> impl Strategy<Value = Vec<Vec<Vec2>>> {
         let step = prop_oneof![Just(0.0), Just(1e-17), 1e-4..0.2f64];
         let lattice = prop_oneof![Just(0.0), Just(0.5)];
@@ -145,7 +147,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn whoever_is_within_reach_is_listed_at_every_instant_and_few_others(
+        fn pairs_within_cutoff_are_listed_at_every_instant(
             motion in motion(), reach_m in prop_oneof![Just(0.0), 0.1..2.0f64, Just(f64::INFINITY)],
         ) {
             let mut near = NearPairs::new(reach_m);
@@ -158,11 +160,12 @@ mod tests {
                         let within = j != i && (a - b).norm() <= reach_m;
                         prop_assert!(!within || listed.binary_search(&j).is_ok());
                     }
-                    // The margin is no more than the reach, on either side, when the list is made.
+                    // At a rebuild the margin of each point is at most the cutoff radius.
                     let far = listed.iter().map(|&j| (near.then[i] - near.then[j]).norm());
                     prop_assert!(far.fold(0.0, f64::max) <= 3.0 * reach_m * (1.0 + 1e-6));
                 }
-                // Of all pairs, bit by bit, where the closest is within reach.
+                // Equal bit for bit to the search over all pairs, if the closest pair is within the cutoff
+                // radius.
                 let all = closest_pair(&points).filter(|pair| pair.distance_m < reach_m);
                 let listed = near.closest(&points).filter(|pair| pair.distance_m < reach_m);
                 prop_assert_eq!(listed, all);
@@ -171,10 +174,10 @@ mod tests {
     }
 
     #[test]
-    fn a_list_is_made_anew_before_rounding_can_hide_who_came_within_reach() {
+    fn list_is_rebuilt_before_rounding_can_hide_a_pair() {
         let points = |apart_m: f64| [Vec2::zeros(), Vec2::new(apart_m, 0.0)];
         let mut near = NearPairs::new(1.0);
-        // Just too far apart for the list, then each nearer by its margin and a billionth of it.
+        // Just beyond the list radius, then each point moves by its margin plus a few parts in 1e10.
         near.update(&points(1.25 + 1e-12));
         assert_eq!(near.neighbors_of(0).count(), 0);
         let step = Vec2::new(0.125 * (1.0 + 3e-10), 0.0);
@@ -186,10 +189,10 @@ mod tests {
     }
 
     #[test]
-    fn a_list_lasts_16_instants_or_for_as_long_as_a_margin_of_the_reach_allows() {
+    fn list_lasts_16_updates_or_as_long_as_the_margin_allows() {
         let lattice: Vec<Vec2> =
             (0..100).map(|i| Vec2::new((i % 10) as f64, (i / 10) as f64)).collect();
-        // How many lists are made if all move by so much from one instant to the next.
+        // Number of rebuilds if all points move by `step_m` per instant.
         let lists_made = |step_m: f64, instants: u32| {
             let mut near = NearPairs::new(0.5);
             let made = (0..instants).map(|instant| {
@@ -199,8 +202,8 @@ mod tests {
             });
             made.sum::<u32>()
         };
-        assert_eq!(lists_made(0.0, 100), 1, "nobody moves");
-        // The first has a margin of an eighth of the reach, none has more than the reach.
+        assert_eq!(lists_made(0.0, 100), 1, "no point moves");
+        // The first margin is an eighth of the cutoff radius, and no margin exceeds the cutoff radius.
         for (step_m, first, lasts) in [(0.02, 4, 16), (0.01, 7, 16), (0.1, 1, 5), (0.001, 63, 63)] {
             let expected = 2 + (100 - first) / lasts;
             assert_eq!(lists_made(step_m, 101), expected, "{step_m}");

@@ -1,51 +1,52 @@
-//! Fixed obstacles, and which point of one is nearest.
+//! Fixed convex obstacles and nearest-point queries.
 //!
-//! All are convex: the vector from the nearest point of a convex set changes by no more than the point
-//! that looks for it moves. (`proof/Obstacles.v::the_rest_is_not_longer`) What is not convex is made of
-//! convex parts.
+//! Obstacles are convex because the vector from the nearest point of a convex set to a query point changes by
+//! at most the displacement of the query point (`proof/Obstacles.v::the_rest_is_not_longer`). A non-convex
+//! obstacle is composed of convex parts.
 
 use serde::{Deserialize, Serialize};
 
 use crate::Vec2;
 use crate::real;
 
-/// Corners this near to each other, m, are one.
+/// Minimum distance between consecutive corners, m. Closer corners are refused as coincident.
 pub const CORNERS_APART_M_MIN: f64 = 1e-6;
-/// Most corners of one obstacle.
+/// Maximum number of corners of one obstacle.
 pub const CORNERS_MAX: usize = 64;
 
-/// A convex obstacle that does not move.
+/// A fixed convex obstacle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 #[expect(missing_docs, reason = "the names say what the fields are")]
 pub enum Obstacle {
     /// A disc.
     Disc { center_m: [f64; 2], radius_m: f64 },
-    /// A convex polygon, its corners in order, in either direction; with two corners a segment.
+    /// A convex polygon with its corners in order, clockwise or counter-clockwise. Two corners make a segment.
     Polygon { corners_m: Vec<[f64; 2]> },
 }
 
-/// Why some corners are not those of a convex polygon.
+/// Reason why a list of corners is not a convex polygon.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum NotConvex {
-    /// So many make no polygon.
+    /// Number of corners, outside of 2 to [`CORNERS_MAX`].
     #[error("{0} corners")]
     Count(usize),
-    /// The corner of this place lies on the one before it.
-    #[error("corner {} lies on the one before it", .0 + 1)]
+    /// Index of a corner that coincides with the previous corner.
+    #[error("corner {} coincides with the previous corner", .0 + 1)]
     Coincident(usize),
-    /// At the corner of this place it turns the other way, or around a second time.
-    #[error("it is not convex at corner {}", .0 + 1)]
+    /// Index of a corner at which the polygon turns in the opposite direction or starts a second revolution.
+    #[error("the polygon is not convex at corner {}", .0 + 1)]
     Corner(usize),
 }
 
 impl Obstacle {
-    /// The segment from one point to another.
+    /// Returns the segment between two points.
     pub fn segment(from_m: [f64; 2], to_m: [f64; 2]) -> Obstacle {
         Obstacle::Polygon { corners_m: vec![from_m, to_m] }
     }
 
-    /// Whether it is convex: always, unless it is a polygon that is not.
+    /// Checks that the obstacle is convex. A disc always is. For a polygon, returns the first violation as an
+    /// error.
     pub fn convex(&self) -> Result<(), NotConvex> {
         let Obstacle::Polygon { corners_m } = self else { return Ok(()) };
         let count = corners_m.len();
@@ -60,7 +61,7 @@ impl Obstacle {
         if count == 2 {
             return Ok(());
         }
-        // By how much it turns at the end of each side: all the same way, and once around.
+        // Turn angles at the ends of the sides must all have one sign and sum to one revolution.
         let turn = |i: usize| real::atan2(side(i).perp(&side(i + 1)), side(i).dot(&side(i + 1)));
         let around: f64 = (0..count).map(turn).sum();
         let mut turned = 0.0;
@@ -71,14 +72,14 @@ impl Obstacle {
                 return Err(NotConvex::Corner((i + 1) % count));
             }
         }
-        // One that goes forth and back turns by half a turn twice, and has no inside.
+        // A degenerate polygon that doubles back turns by half a revolution twice and has no interior.
         if around.abs() < 1.0 || (0..count).any(|i| turn(i).abs() > std::f64::consts::PI - 1e-9) {
             return Err(NotConvex::Corner(1));
         }
         Ok(())
     }
 
-    /// The point of it that is nearest to `point`: `point` itself inside.
+    /// Returns the point of the obstacle nearest to `point`, which is `point` itself if it lies inside.
     pub fn nearest(&self, point: Vec2) -> Vec2 {
         match self {
             Obstacle::Disc { center_m, radius_m } => {
@@ -90,7 +91,7 @@ impl Obstacle {
             Obstacle::Polygon { corners_m } => {
                 let count = corners_m.len();
                 let corner = |i: usize| Vec2::from(corners_m[i % count]);
-                // Outside of one side at least, unless it is inside.
+                // A point outside is on the outer side of at least one side.
                 let (mut left, mut right) = (false, false);
                 let mut nearest = (f64::INFINITY, point);
                 for i in 0..count {
@@ -110,7 +111,8 @@ impl Obstacle {
         }
     }
 
-    /// Its corners, m; of a disc, those of a polygon around which it bends by 1 % of its radius at most.
+    /// Returns the corners, m. A disc is approximated by a polygon whose deviation is at most 1 % of the
+    /// radius.
     pub fn outline(&self) -> Vec<Vec2> {
         match self {
             Obstacle::Disc { center_m, radius_m } => {
@@ -124,7 +126,8 @@ impl Obstacle {
         }
     }
 
-    /// The smallest circle's center that is easily had, and its radius: all of it lies within, m.
+    /// Returns the center and radius, m, of a circle that contains the obstacle. For a polygon the center is
+    /// the mean of its corners, so the circle need not be the smallest.
     pub fn around(&self) -> (Vec2, f64) {
         match self {
             Obstacle::Disc { center_m, radius_m } => (Vec2::from(*center_m), *radius_m),
@@ -137,26 +140,26 @@ impl Obstacle {
     }
 }
 
-/// Obstacles, of which most are far away.
+/// A list of obstacles with bounding circles, so distant obstacles are skipped cheaply.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Obstacles {
-    /// Each with a circle around it.
+    /// Obstacle, center and radius of its bounding circle, m.
     parts: Vec<(Obstacle, Vec2, f64)>,
 }
 
-/// The obstacle nearest to a point.
+/// The obstacle nearest to a query point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Nearest {
-    /// Its place in the list.
+    /// Index of the obstacle in the list.
     pub place: usize,
-    /// The point of it that is nearest, m.
+    /// Nearest point of the obstacle, m.
     pub point: Vec2,
-    /// How far away that is, m.
+    /// Distance from the query point to the nearest point, m.
     pub distance_m: f64,
 }
 
 impl Obstacles {
-    /// These.
+    /// Creates the list and computes a bounding circle for each obstacle.
     pub fn new(parts: &[Obstacle]) -> Obstacles {
         let with_circle = |part: &Obstacle| {
             let (center, radius_m) = part.around();
@@ -165,18 +168,19 @@ impl Obstacles {
         Obstacles { parts: parts.iter().map(with_circle).collect() }
     }
 
-    /// Whether there are none.
+    /// Returns `true` if the list is empty.
     pub fn is_empty(&self) -> bool {
         self.parts.is_empty()
     }
 
-    /// Those within `radius_m` of `point`, in order of the list.
+    /// Returns the obstacles within `radius_m` of `point`, in list order.
     pub fn within(&self, point: Vec2, radius_m: f64) -> impl Iterator<Item = Nearest> {
         let parts = self.parts.iter().enumerate();
         parts.filter_map(move |(place, part)| nearest_within(place, part, point, radius_m))
     }
 
-    /// The nearest to `point`; of equals, the first of the list.
+    /// Returns the obstacle nearest to `point`, or `None` if the list is empty. Of obstacles at equal distance
+    /// the first in the list is returned.
     pub fn nearest(&self, point: Vec2) -> Option<Nearest> {
         let mut nearest: Option<Nearest> = None;
         for (place, part) in self.parts.iter().enumerate() {
@@ -194,7 +198,7 @@ fn nearest_within(
     point: Vec2,
     radius_m: f64,
 ) -> Option<Nearest> {
-    // A little more, for rounding; what is no number is near nothing.
+    // Enlarged by the rounding error. A NaN coordinate is within no radius.
     let reach_m = (radius_m + around_m) * (1.0 + crate::ROUNDING);
     if (point - center).norm_squared() > reach_m * reach_m {
         return None;
@@ -213,7 +217,7 @@ mod tests {
         Obstacle::Polygon { corners_m: corners_m.to_vec() }
     }
 
-    /// Corners on an ellipse, in order.
+    /// Generates a disc, or a polygon with its corners in order on an ellipse.
     fn convex() -> impl Strategy<Value = Obstacle> {
         let angles = proptest::collection::btree_set(0..360u32, 2..9);
         let polygon = (angles, 0.1..3.0f64, 0.1..3.0f64, any::<bool>()).prop_map(
@@ -239,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_convex_is_told_by_the_corner_that_makes_it_so() {
+    fn non_convex_polygon_is_refused_with_its_corner() {
         let square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
         assert_eq!(polygon(&square).convex(), Ok(()));
         let mut clockwise = square;
@@ -257,7 +261,7 @@ mod tests {
         assert!(polygon(&forth_and_back).convex().is_err());
         let crossing = [[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]];
         assert!(polygon(&crossing).convex().is_err());
-        // Five corners, each the second next: all turns are to the left, but twice around.
+        // A pentagram: all turns are to the left, but they sum to two revolutions.
         let star = [0.0, 144.0, 288.0, 72.0, 216.0f64].map(|angle| {
             let (sin, cos) = angle.to_radians().sin_cos();
             [cos, sin]
@@ -269,13 +273,13 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(2000))]
 
         #[test]
-        fn no_point_of_an_obstacle_is_nearer_than_the_nearest(
+        fn nearest_point_is_nearest_of_all_points_of_the_obstacle(
             obstacle in convex(), point in point(), shares in proptest::collection::vec(0.0..1.0f64, 9),
         ) {
             prop_assert_eq!(obstacle.convex(), Ok(()));
             let nearest = obstacle.nearest(point);
             let distance_m = (point - nearest).norm();
-            // Some other point of it.
+            // An arbitrary point of the obstacle.
             let other = match &obstacle {
                 Obstacle::Disc { center_m, radius_m } => {
                     let (sin, cos) = (7.0 * shares[0]).sin_cos();
@@ -288,16 +292,16 @@ mod tests {
                 }
             };
             prop_assert!(distance_m <= (point - other).norm() + 1e-12);
-            // It is one of its points: nothing is nearer to it than itself.
+            // The nearest point belongs to the obstacle: its own nearest point is itself.
             prop_assert!((obstacle.nearest(nearest) - nearest).norm() < 1e-9);
             prop_assert!((obstacle.nearest(other) - other).norm() < 1e-9);
             let (center, radius_m) = obstacle.around();
             prop_assert!((nearest - center).norm() <= radius_m + 1e-9 || distance_m == 0.0);
         }
 
-        /// `proof/Obstacles.v::the_rest_is_not_longer`.
+        /// The Lipschitz property proven as `proof/Obstacles.v::the_rest_is_not_longer`.
         #[test]
-        fn the_vector_from_the_nearest_point_changes_by_no_more_than_the_point_moves(
+        fn vector_from_nearest_point_is_nonexpansive(
             obstacle in convex(), from in point(), to in point(),
         ) {
             let away = |point: Vec2| point - obstacle.nearest(point);
@@ -305,7 +309,7 @@ mod tests {
         }
 
         #[test]
-        fn of_many_those_within_a_radius_are_found_and_the_nearest_of_all(
+        fn queries_find_obstacles_within_radius_and_the_nearest(
             parts in proptest::collection::vec(convex(), 0..6), point in point(), radius_m in 0.0..5.0f64,
         ) {
             let obstacles = Obstacles::new(&parts);

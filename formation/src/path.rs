@@ -1,11 +1,12 @@
-//! A path through waypoints, driven at constant speed: two circular arcs between neighbors.
+//! A path through waypoints, driven at constant speed: two circular arcs (a biarc) between consecutive
+//! waypoints.
 //!
-//! At each waypoint the turn from one leg to the next is shared between both, the shorter leg
-//! bending more. Between two waypoints, at a distance L, the path leaves at the angle a from the
-//! chord and arrives at the angle b. Two arcs do that: they meet in the direction -(a + b)/2 from
-//! the chord, and their own chords are both L / (2 cos((b - a)/4)) long. So the path goes through
-//! every waypoint, its direction never jumps, its length is exact, and it is what a unicycle
-//! drives with piecewise constant (v, w). Its curvature does jump, where arcs meet.
+//! At each waypoint the change of direction from one leg to the next is divided between both legs, and the
+//! shorter leg bends more. Between two waypoints at distance L the path leaves at the angle a from the chord
+//! and arrives at the angle b. The two arcs meet in the direction -(a + b)/2 from the chord, and each of their
+//! chords is L / (2 cos((b - a)/4)) long. The path passes through every waypoint, its direction is continuous,
+//! its length is exact, and a unicycle drives it with piecewise constant (v, w). Its curvature is discontinuous
+//! where arcs meet.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -17,40 +18,42 @@ use crate::pose::{Pose, Twist, wrap_angle};
 use crate::real;
 use crate::unicycle::arc;
 
-/// Most waypoints: a path of this many is compiled in microseconds and searched in nine steps.
+/// Maximum number of waypoints. A path of this size is compiled in microseconds, and a point on it is found in
+/// nine steps of a binary search.
 pub const WAYPOINTS_MAX: usize = 256;
-/// Neighbors nearer than this coincide, m: between them there is no direction to drive in.
+/// Minimum distance between consecutive waypoints, m. Closer waypoints are refused, because they define no
+/// direction.
 pub const WAYPOINT_DISTANCE_M_MIN: f64 = 1e-6;
 
-/// Waypoints, and how fast to go through them.
+/// Waypoints and the speed profile along them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Waypoints {
-    /// The waypoints, m.
+    /// Positions of the waypoints, m.
     pub points_m: Vec<[f64; 2]>,
     /// Speed along the path, m/s.
     pub speed_m_s: f64,
-    /// How fast that speed is reached from rest, and left again at the end, m/s^2.
+    /// Acceleration from rest at the start and deceleration to rest at the end, m/s^2.
     pub acceleration_m_s2: f64,
-    /// Whether the last waypoint leads to the first again, without end.
+    /// `true` if the last waypoint is connected to the first, and the path is driven in an endless loop.
     pub closed: bool,
 }
 
-/// Why waypoints make no path. Waypoints are counted from 0.
+/// Reason why waypoints make no valid path. Waypoints are counted from 0.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PathError {
     /// Fewer than two, or more than [`WAYPOINTS_MAX`].
     #[error("there are {0} waypoints, expected 2 to {WAYPOINTS_MAX}")]
     Count(usize),
-    /// Two neighbors in one place.
+    /// Two consecutive waypoints that are closer than [`WAYPOINT_DISTANCE_M_MIN`].
     #[error("waypoints {0} and {1} coincide")]
     Coincident(usize, usize),
-    /// A number that is not finite, or a speed or acceleration that is not above 0.
-    #[error("the path has a number that is not finite, or a speed or acceleration not above 0")]
+    /// A number that is not finite, or a speed or acceleration that is not positive.
+    #[error("all numbers of the path must be finite, and its speed and acceleration above 0")]
     Number,
 }
 
-/// A path ready to be driven.
+/// A compiled path.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Waypoints", into = "Waypoints")]
 pub struct Path {
@@ -59,14 +62,14 @@ pub struct Path {
     length_m: f64,
 }
 
-/// A circular arc.
+/// One circular arc of the path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Piece {
-    /// How far along the path it begins, m.
+    /// Arc length from the start of the path to the start of this arc, m.
     from_m: f64,
-    /// Where it begins, and in which direction.
+    /// Position and direction at the start of the arc.
     start: Pose,
-    /// Turn per length, 1/m, counter-clockwise.
+    /// Curvature, 1/m, positive for a counter-clockwise arc.
     curvature_per_m: f64,
 }
 
@@ -95,7 +98,7 @@ impl TryFrom<Waypoints> for Path {
         }
         let legs = if closed { points.len() } else { points.len() - 1 };
         let next = |i: usize| (i + 1) % points.len();
-        // Each leg's chord: its length and direction.
+        // Length and direction of the chord of each leg.
         let mut chords = Vec::with_capacity(legs);
         for i in 0..legs {
             let chord = points[next(i)] - points[i];
@@ -104,7 +107,7 @@ impl TryFrom<Waypoints> for Path {
             }
             chords.push((chord.norm(), real::atan2(chord.y, chord.x)));
         }
-        // By how much the path's direction differs from each chord's, at its start and its end.
+        // Angle between the path's direction and each chord, at its start and its end.
         let mut starts = vec![None; legs];
         let mut ends = vec![None; legs];
         for here in 0..legs {
@@ -120,7 +123,7 @@ impl TryFrom<Waypoints> for Path {
         let mut pieces = Vec::with_capacity(2 * legs);
         let mut length_m = 0.0;
         for leg in 0..legs {
-            // Where a path begins or ends, its last leg is a single arc.
+            // The first and the last leg of an open path are single arcs.
             let (a, b) = match (starts[leg], ends[leg]) {
                 (Some(a), Some(b)) => (a, b),
                 (Some(a), None) => (a, -a),
@@ -149,9 +152,9 @@ impl TryFrom<Waypoints> for Path {
     }
 }
 
-/// The turn from one chord to the next, shared: by how much the direction of the path at the
-/// waypoint between them differs from the first's, and from the second's. The longer one gives
-/// way less, and neither by more than a right angle: what doubles back goes around.
+/// Divides the change of direction between two chords. Returns the angles of the path at their common waypoint
+/// relative to the first and to the second chord. The longer chord gets the smaller angle, and neither angle
+/// exceeds a right angle, so a path that doubles back makes a loop.
 fn shared_turn(
     (length, direction): (f64, f64),
     (next_length, next_direction): (f64, f64),
@@ -163,25 +166,26 @@ fn shared_turn(
     (first, first - turn)
 }
 
-/// How much longer an arc is than its chord, by how far it turns, rad: at most half a turn.
+/// Returns the ratio of arc length to chord length for an arc that turns by `turn`, rad, at most half a
+/// revolution.
 fn arc_over_chord(turn: f64) -> f64 {
     let half = turn / 2.0;
     if half.abs() < 1e-4 { 1.0 + half * half / 6.0 } else { half / real::sin(half) }
 }
 
 impl Path {
-    /// Its waypoints.
+    /// Returns the waypoints of the path.
     pub fn waypoints(&self) -> &Waypoints {
         &self.waypoints
     }
 
-    /// Its length, m; of a closed one, once around.
+    /// Returns the length of the path, m. For a closed path it is the length of one lap.
     pub fn length_m(&self) -> f64 {
         self.length_m
     }
 
-    /// Where it is at `t_s`, and how it moves. It starts from rest at the first waypoint and, if
-    /// it is open, comes to rest at the last and stays there.
+    /// Returns position and velocity at `t_s`. The motion starts from rest at the first waypoint. On an open
+    /// path it comes to rest at the last waypoint and stays there.
     pub fn at(&self, t_s: f64) -> Target {
         let (along_m, speed_m_s) = self.driven(t_s);
         let pose = self.pose(along_m);
@@ -192,25 +196,25 @@ impl Path {
         }
     }
 
-    /// When it comes to rest at its last waypoint, s; `None` for a closed one.
+    /// Returns the time at which the motion comes to rest at the last waypoint, s, or `None` for a closed path.
     pub fn end_s(&self) -> Option<f64> {
-        // Both ramps together take the time of one more ramp.
+        // The two ramps together add the time of one ramp.
         let ends =
             |speed_m_s| self.length_m / speed_m_s + speed_m_s / self.waypoints.acceleration_m_s2;
         (!self.waypoints.closed).then(|| ends(self.cruise_m_s()))
     }
 
-    /// How fast it gets, m/s.
+    /// Returns the maximum speed reached, m/s.
     fn cruise_m_s(&self) -> f64 {
         let Waypoints { speed_m_s, acceleration_m_s2, closed, .. } = self.waypoints;
         match closed {
             true => speed_m_s,
-            // A short open path is braked before it reaches its speed.
+            // A short open path is decelerated before it reaches its nominal speed.
             false => speed_m_s.min((acceleration_m_s2 * self.length_m).sqrt()),
         }
     }
 
-    /// How far along the path it is at `t_s`, m, and how fast, m/s.
+    /// Returns the arc length driven by `t_s`, m, and the speed, m/s.
     fn driven(&self, t_s: f64) -> (f64, f64) {
         let t_s = t_s.max(0.0);
         let Waypoints { acceleration_m_s2, closed, .. } = self.waypoints;
@@ -220,7 +224,7 @@ impl Path {
         if t_s < ramp_s {
             return speeding_up(t_s);
         }
-        // Both ramps together take the time of one more ramp.
+        // The two ramps together add the time of one ramp.
         let end_s = self.length_m / speed_m_s + ramp_s;
         let left_s = end_s - t_s;
         if closed || left_s > ramp_s {
@@ -230,7 +234,7 @@ impl Path {
         (self.length_m - left_m, speed_m_s)
     }
 
-    /// Place and direction at a length along the path.
+    /// Returns position and direction at an arc length along the path.
     fn pose(&self, along_m: f64) -> Pose {
         let along_m = if self.waypoints.closed {
             along_m.rem_euclid(self.length_m)
@@ -255,7 +259,7 @@ mod tests {
         Waypoints { points_m, speed_m_s: 0.5, acceleration_m_s2: 0.25, closed }.try_into()
     }
 
-    /// Any waypoints but coincident ones, those that double back included.
+    /// Generates arbitrary waypoints without coincident neighbors, paths that double back included.
     fn paths() -> impl Strategy<Value = Path> {
         let point = [-4..5i32, -4..5i32].prop_map(|point| point.map(|x| 0.5 * f64::from(x)));
         let points = prop::collection::vec(point, 2..20);
@@ -269,17 +273,17 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_velocity_is_the_derivative_of_the_place(path in paths(), t in 0.0..200.0f64) {
+        fn velocity_is_the_derivative_of_position(path in paths(), t in 0.0..200.0f64) {
             let h = 1e-5;
             let slope = (path.at(t + h).position - path.at(t - h).position) / (2.0 * h);
-            // Within one arc to second order; where arcs or ramps meet, to first.
+            // Second-order accurate within one arc, first-order where arcs or ramps meet.
             let bend = path.pieces.iter().map(|p| p.curvature_per_m.abs()).fold(0.0, f64::max);
             let jump = h * (0.25 * bend + 0.25) + 1e-9;
             prop_assert!((slope - path.at(t).velocity).norm() < jump);
         }
 
         #[test]
-        fn a_path_goes_through_every_waypoint_in_turn(path in paths()) {
+        fn path_passes_through_every_waypoint_in_order(path in paths()) {
             for (piece, place) in path.pieces.iter().step_by(2).zip(places(&path)) {
                 let pose = path.pose(piece.from_m);
                 prop_assert!((Vec2::new(pose.x_m, pose.y_m) - place).norm() < 1e-12);
@@ -290,7 +294,7 @@ mod tests {
         }
 
         #[test]
-        fn where_arcs_meet_neither_place_nor_direction_jumps(path in paths()) {
+        fn position_and_direction_are_continuous_between_arcs(path in paths()) {
             for (before, after) in path.pieces.iter().zip(&path.pieces[1..]) {
                 let twist = Twist { v_m_s: 1.0, w_rad_s: before.curvature_per_m };
                 let end = arc(before.start, twist, after.from_m - before.from_m);
@@ -302,7 +306,7 @@ mod tests {
         }
 
         #[test]
-        fn the_speed_is_the_one_asked_for_between_the_ramps(path in paths(), t in 2.0..200.0f64) {
+        fn speed_between_ramps_is_the_requested_speed(path in paths(), t in 2.0..200.0f64) {
             let ramps_s = 2.0;
             let cruise_end_s = path.length_m / 0.5;
             if path.waypoints.closed || (ramps_s < cruise_end_s && t < cruise_end_s) {
@@ -312,7 +316,7 @@ mod tests {
         }
 
         #[test]
-        fn an_open_path_starts_from_rest_and_stays_at_its_end(path in paths()) {
+        fn open_path_starts_from_rest_and_stays_at_its_end(path in paths()) {
             prop_assert_eq!(path.at(0.0).velocity.norm(), 0.0);
             prop_assert!((path.at(0.0).position - places(&path)[0]).norm() < 1e-12);
             if !path.waypoints.closed {
@@ -325,7 +329,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_turn_is_shared_between_two_legs_and_the_shorter_one_bends_more(
+        fn turn_is_shared_and_the_shorter_leg_bends_more(
             lengths in [0.1..9.0f64, 0.1..9.0f64], directions in [-3.1..3.1f64, -3.1..3.1f64],
         ) {
             let turn = wrap_angle(directions[1] - directions[0]);
@@ -334,7 +338,7 @@ mod tests {
             prop_assert!((first - second - turn).abs() < 1e-12, "together they are the turn");
             prop_assert!(first * turn >= 0.0 && second * turn <= 0.0);
             prop_assert!(first.abs().max(second.abs()) <= FRAC_PI_2 + 1e-12);
-            // In inverse proportion, where neither has to bend by more than a right angle.
+            // In inverse proportion to the lengths, unless a leg would bend by more than a right angle.
             let share = turn.abs() * lengths[1] / (lengths[0] + lengths[1]);
             let bends_fully = share.max(turn.abs() - share) >= FRAC_PI_2;
             let largest = first.abs().max(second.abs());
@@ -345,7 +349,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn an_open_path_begins_and_ends_with_single_arcs(path in paths()) {
+        fn open_path_begins_and_ends_with_single_arcs(path in paths()) {
             let legs: Vec<&[Piece]> = path.pieces.chunks(2).collect();
             for leg in [legs[0], legs[legs.len() - 1]] {
                 let [one, other] = [leg[0].curvature_per_m, leg[1].curvature_per_m];
@@ -353,9 +357,9 @@ mod tests {
             }
         }
 
-        /// It is the same, driven backwards: also where there is no time to reach the speed.
+        /// The motion is symmetric in time, also where the path is too short to reach the speed.
         #[test]
-        fn an_open_path_is_left_as_it_was_entered(
+        fn open_path_motion_is_symmetric_in_time(
             length_m in 0.1..3.0f64, speed_m_s in 0.1..2.0f64, acceleration_m_s2 in 0.1..2.0f64,
             share in 0.0..1.0f64,
         ) {
@@ -373,8 +377,8 @@ mod tests {
     }
 
     #[test]
-    fn the_length_of_an_arc_is_exact_to_rounding_on_both_sides_of_its_series() {
-        // To the next term of the series, 7 a^4 / 360.
+    fn arc_over_chord_is_exact_on_both_sides_of_its_series() {
+        // Accurate up to the next term of the series, 7 a^4 / 360.
         for a in [0.0f64, 1e-9, 3e-5, 9.9e-5, 1.01e-4, 3e-4, 1e-3] {
             let expected = 1.0 + a * a / 6.0 + 7.0 * a.powi(4) / 360.0;
             assert!((arc_over_chord(2.0 * a) - expected).abs() < 5e-16, "{a}");
@@ -383,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn evenly_spaced_waypoints_on_a_circle_are_that_circle() {
+    fn waypoints_evenly_spaced_on_a_circle_give_that_circle() {
         let points: Vec<[f64; 2]> = (0..5)
             .map(|i| (TAU * f64::from(i) / 5.0).sin_cos())
             .map(|(s, c)| [2.0 * c, 2.0 * s])
@@ -396,7 +400,7 @@ mod tests {
     }
 
     #[test]
-    fn waypoints_that_make_no_path_are_refused() {
+    fn invalid_waypoints_are_refused() {
         assert_eq!(path(&[[0.0, 0.0]], false), Err(PathError::Count(1)));
         assert_eq!(path(&vec![[0.0, 0.0]; 257], false), Err(PathError::Count(257)));
         let twice = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [2.0, 0.0]];
@@ -408,7 +412,7 @@ mod tests {
         assert_eq!(path(&[[0.0, 0.0], [1e200, 0.0]], false), Err(PathError::Number));
         let nearest = [[0.0, 0.0], [WAYPOINT_DISTANCE_M_MIN, 0.0]];
         assert!(path(&nearest, false).is_ok());
-        // Neither speed nor acceleration may be 0, infinite, or make ramps without end.
+        // Speed and acceleration must be positive and finite, and the ramps must end.
         for (speed_m_s, acceleration_m_s2) in
             [(0.0, 1.0), (1.0, 0.0), (-1.0, 1.0), (f64::INFINITY, 1.0), (1e200, 1.0), (1.0, 1e-310)]
         {

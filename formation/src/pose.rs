@@ -1,20 +1,20 @@
-//! Pose in the frame `map`, twist in the robot's own frame.
+//! Pose in the frame `map`, and twist in the frame of the robot.
 
 use serde::{Deserialize, Serialize};
 
-/// Position (m) and heading (rad) of the axle's mid-point xi in the frame `map`.
+/// Position (m) and heading (rad) of the axle midpoint xi in the frame `map`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Pose {
-    /// Forward axis of `map`, m.
+    /// Coordinate along the forward axis of `map`, m.
     pub x_m: f64,
-    /// Left axis of `map`, m.
+    /// Coordinate along the left axis of `map`, m.
     pub y_m: f64,
-    /// Counter-clockwise from x, in (-pi, pi].
+    /// Heading, counter-clockwise from the x axis, in (-pi, pi], rad.
     pub heading_rad: f64,
 }
 
-/// Longitudinal speed of the axle's mid-point (m/s) and turn rate (rad/s).
+/// Longitudinal speed of the axle midpoint (m/s) and turn rate (rad/s).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Twist {
     /// Longitudinal speed v, m/s.
@@ -24,21 +24,21 @@ pub struct Twist {
 }
 
 impl Twist {
-    /// Standing still.
+    /// Twist of a robot at rest.
     pub const ZERO: Twist = Twist { v_m_s: 0.0, w_rad_s: 0.0 };
 
-    /// The same path, driven `factor` times as fast.
+    /// Returns the twist multiplied by `factor`: the same path at a different speed.
     pub fn scaled(self, factor: f64) -> Twist {
         Twist { v_m_s: factor * self.v_m_s, w_rad_s: factor * self.w_rad_s }
     }
 
-    /// Whether both components are numbers.
+    /// Returns `true` if both components are finite.
     pub fn is_finite(self) -> bool {
         self.v_m_s.is_finite() && self.w_rad_s.is_finite()
     }
 }
 
-/// The same direction in (-pi, pi].
+/// Returns the equivalent angle in (-pi, pi].
 pub fn wrap_angle(angle_rad: f64) -> f64 {
     use std::f64::consts::{PI, TAU};
     if angle_rad > -PI && angle_rad <= PI {
@@ -56,13 +56,13 @@ mod tests {
 
     proptest! {
         #[test]
-        fn an_angle_within_the_interval_stays_bit_by_bit_what_it_is(angle in -PI..PI) {
+        fn wrap_angle_inside_the_interval_is_bit_identical(angle in -PI..PI) {
             prop_assert!(angle == -PI || wrap_angle(angle).to_bits() == angle.to_bits());
         }
     }
 
     #[test]
-    fn a_wrapped_angle_points_the_same_way_and_lies_in_the_half_open_interval() {
+    fn wrapped_angle_is_equivalent_and_in_half_open_interval() {
         for k in -20..=20 {
             let angle = 0.77 * f64::from(k);
             let wrapped = wrap_angle(angle);
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn a_twist_is_scaled_as_a_whole_and_finite_only_with_both_parts() {
+    fn twist_scales_both_parts_and_is_finite_only_with_both() {
         let twist = Twist { v_m_s: 3.0, w_rad_s: -4.0 };
         assert_eq!(twist.scaled(0.5), Twist { v_m_s: 1.5, w_rad_s: -2.0 });
         assert!(twist.is_finite());

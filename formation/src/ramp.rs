@@ -1,9 +1,9 @@
-//! Twists that change gradually: wheels with inertia.
+//! Motion with a twist that changes at bounded rates (wheels with inertia).
 //!
-//! Both parts of a twist change at constant rates and arrive together, or each as fast as it can.
-//! While both change at constant rates the heading is exact; the position is an integral without a
-//! closed form (a clothoid), by Gauss-Legendre over pieces of small turns. Its error is below
-//! [`SHARE_OFF_MAX`] of the way.
+//! Both components of a twist change at constant rates and reach their targets simultaneously, or each changes
+//! at its maximum rate. While both rates are constant, the heading has a closed form. The position is an
+//! integral without a closed form (a clothoid) and is computed by Gauss-Legendre quadrature over pieces of
+//! small turns. Its error is below [`SHARE_OFF_MAX`] of the distance driven.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,13 +11,14 @@ use crate::pose::{Pose, Twist, wrap_angle};
 use crate::real;
 use crate::unicycle::arc;
 
-/// Bound on the error of a position, as a share of the way driven: see the test against a reference.
+/// Upper bound on the position error, as a fraction of the distance driven. A test compares it with a reference
+/// integration.
 pub const SHARE_OFF_MAX: f64 = 1e-12;
 
-/// How far the heading may turn within one piece, rad.
+/// Maximum turn of the heading within one quadrature piece, rad.
 const PIECE_RAD: f64 = 0.1;
 
-/// Abscissas on [0, 1] and weights of Gauss-Legendre with five points.
+/// Abscissas on [0, 1] and weights of the five-point Gauss-Legendre rule.
 const NODES: [(f64, f64); 5] = [
     (0.046_910_077_030_668_004, 0.118_463_442_528_094_54),
     (0.230_765_344_947_158_45, 0.239_314_335_249_683_23),
@@ -26,36 +27,36 @@ const NODES: [(f64, f64); 5] = [
     (0.953_089_922_969_332, 0.118_463_442_528_094_54),
 ];
 
-/// How fast the twist of a robot can change.
+/// Maximum rates of change of a robot's twist.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Accelerations {
-    /// a_v: of its longitudinal speed, m/s^2.
+    /// Maximum longitudinal acceleration (a_v), m/s^2.
     pub forward_m_s2: f64,
-    /// a_w: of its turn rate, rad/s^2.
+    /// Maximum turn acceleration (a_w), rad/s^2.
     pub turn_rad_s2: f64,
 }
 
-/// How the two parts of a twist change together.
+/// Coupling of the two components of a twist while it changes.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Ramp {
-    /// Both at constant rates that let them arrive at the same time: a straight segment, as the guard's
-    /// promise needs it.
+    /// Both components change at constant rates and arrive simultaneously, so the twist follows a straight
+    /// segment. The guarantee of the guard (safety filter) assumes this.
     #[default]
     Together,
-    /// Each at its largest rate: the guard promises nothing then.
+    /// Each component changes at its maximum rate. The guard gives no guarantee in this case.
     Independent,
 }
 
 impl Ramp {
-    /// Whether both parts arrive at the same time.
+    /// Returns `true` if both components arrive simultaneously.
     pub fn is_together(&self) -> bool {
         *self == Ramp::Together
     }
 }
 
 impl Accelerations {
-    /// ||change||: how long a change of the twist takes, s.
+    /// Returns the minimum time for a change of the twist (||change||), s.
     pub fn time_s(self, change: Twist) -> f64 {
         self.times_s(change).into_iter().fold(0.0, f64::max)
     }
@@ -64,7 +65,8 @@ impl Accelerations {
         [change.v_m_s.abs() / self.forward_m_s2, change.w_rad_s.abs() / self.turn_rad_s2]
     }
 
-    /// Pose and twist after `dt_s`, from this twist towards that one, which is then held.
+    /// Returns pose and twist after `dt_s`, while the twist moves from `twist` to `target` and is then held
+    /// there.
     pub fn drive(
         self,
         mut pose: Pose,
@@ -73,7 +75,7 @@ impl Accelerations {
         ramp: Ramp,
         mut dt_s: f64,
     ) -> (Pose, Twist) {
-        // Two ramps at most: with independent ones, until the first part has arrived.
+        // At most two ramps: with independent ramps, the first one ends when the first component arrives.
         for _ in 0..2 {
             let change = difference(target, twist);
             let times_s = self.times_s(change);
@@ -95,7 +97,7 @@ impl Accelerations {
             };
             let ramp_s = first_s.min(dt_s);
             let [v, w] = shares(ramp_s);
-            // Arrived exactly, whatever rounding makes of it.
+            // Exactly the target value at the end of the ramp, regardless of rounding.
             let part = |from: f64, to: f64, share: f64| {
                 if share >= 1.0 { to } else { from + share * (to - from) }
             };
@@ -118,7 +120,7 @@ fn difference(a: Twist, b: Twist) -> Twist {
     Twist { v_m_s: a.v_m_s - b.v_m_s, w_rad_s: a.w_rad_s - b.w_rad_s }
 }
 
-/// Pose after `dt_s` in which the twist went from the first to the second at constant rates.
+/// Returns the pose after `dt_s`, during which the twist changes from `from` to `to` at constant rates.
 pub fn glide(mut pose: Pose, from: Twist, to: Twist, dt_s: f64) -> Pose {
     if from == to {
         return arc(pose, from, dt_s);
@@ -171,7 +173,7 @@ mod tests {
         (a.x_m - b.x_m).hypot(a.y_m - b.y_m)
     }
 
-    /// Simpson's rule over so many pieces that its own error is rounding.
+    /// Integrates by Simpson's rule with enough pieces that only rounding errors remain.
     fn reference(from: Twist, to: Twist, dt_s: f64) -> Pose {
         let change = difference(to, from);
         let at = |s: f64| {
@@ -200,18 +202,18 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_position_is_off_by_less_than_its_share_of_the_way(
+        fn glide_position_error_is_below_its_bound(
             from in twist(), to in twist(), dt in 1e-4..0.5f64,
         ) {
             let (found, expected) = (glide(START, from, to, dt), reference(from, to, dt));
             let way = dt * from.v_m_s.abs().max(to.v_m_s.abs());
-            // The reference has rounding of its own.
+            // The reference has a rounding error of its own.
             prop_assert!(off(found, expected) <= SHARE_OFF_MAX * way + 1e-14);
             prop_assert!(wrap_angle(found.heading_rad - expected.heading_rad).abs() < 1e-12);
         }
 
         #[test]
-        fn where_it_gets_to_does_not_depend_on_how_time_is_cut(
+        fn drive_in_two_parts_equals_drive_at_once(
             from in twist(), target in twist(), a in 0.5..3.0f64, aw in 1.0..10.0f64,
             together in any::<bool>(), dt in 1e-3..2.0f64, cut in 0.0..1.0f64,
         ) {
@@ -225,9 +227,10 @@ mod tests {
             prop_assert!(accelerations.time_s(difference(twist, twist_pieced)) < 1e-12);
         }
 
-        /// P2 and P3: on the segment towards the target, and there when its time has passed.
+        /// Properties P2 and P3: the twist is on the segment towards the target, and at the target once the
+        /// ramp time has passed.
         #[test]
-        fn both_parts_arrive_together_on_a_straight_segment(
+        fn together_ramp_follows_a_straight_segment(
             from in twist(), target in twist(), a in 0.5..3.0f64, aw in 1.0..10.0f64, part in 0.0..1.5f64,
         ) {
             let accelerations = Accelerations { forward_m_s2: a, turn_rad_s2: aw };
@@ -245,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn independent_parts_arrive_each_in_its_own_time() {
+    fn independent_ramp_components_arrive_separately() {
         let accelerations = Accelerations { forward_m_s2: 2.0, turn_rad_s2: 2.0 };
         let target = Twist { v_m_s: 1.0, w_rad_s: -2.0 };
         let at = |dt| accelerations.drive(START, Twist::ZERO, target, Ramp::Independent, dt).1;
@@ -257,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_arrived_drives_arcs() {
+    fn drive_at_target_twist_is_an_arc() {
         let accelerations = Accelerations { forward_m_s2: 1.0, turn_rad_s2: 2.0 };
         let twist = Twist { v_m_s: 0.3, w_rad_s: 1.1 };
         let (pose, after) = accelerations.drive(START, twist, twist, Ramp::Together, 0.2);

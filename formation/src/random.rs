@@ -1,19 +1,19 @@
-//! Random numbers from a seed: the same on every machine. Not for secrets.
+//! Seeded pseudo-random numbers, identical on every machine. Not cryptographically secure.
 
-/// What the state of [`SplitMix64`] grows by with each word.
+/// Increment of the state of [`SplitMix64`] per drawn word (the golden gamma).
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// Words drawn one after the other, all equally likely. (SplitMix64)
+/// SplitMix64 pseudo-random number generator.
 #[derive(Debug, Clone)]
 pub struct SplitMix64(u64);
 
 impl SplitMix64 {
-    /// Before the first word of this seed.
+    /// Creates a generator with the given seed.
     pub fn new(seed: u64) -> SplitMix64 {
         SplitMix64(seed)
     }
 
-    /// The next word.
+    /// Returns the next uniformly distributed 64-bit word.
     pub fn word(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(GOLDEN);
         let bits = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -21,24 +21,25 @@ impl SplitMix64 {
         bits ^ bits >> 31
     }
 
-    /// From 0 to below 1, all equally likely.
+    /// Returns a uniformly distributed number in [0, 1).
     pub fn unit(&mut self) -> f64 {
         (self.word() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// From `least` to `most`, both included.
+    /// Returns a number between `least` and `most`, both inclusive. Computed by a remainder, so the
+    /// distribution is only approximately uniform. Requires `least <= most`.
     pub fn between(&mut self, least: u64, most: u64) -> u64 {
         least + self.word() % (most - least + 1)
     }
 
-    /// Whether something of this probability happens.
+    /// Returns `true` with the given probability.
     pub fn chance(&mut self, probability: f64) -> bool {
         self.unit() < probability
     }
 }
 
-/// The draw number `counter` of `seed`, whatever was drawn before: from 0 to below 1, all equally
-/// likely.
+/// Returns draw number `counter` of the stream `seed`, uniformly distributed in [0, 1), without computing the
+/// earlier draws.
 pub fn draw(seed: u64, counter: u64) -> f64 {
     let first = SplitMix64::new(seed).word();
     SplitMix64::new(first.wrapping_add(counter.wrapping_sub(1).wrapping_mul(GOLDEN))).unit()
@@ -50,18 +51,18 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// So a draw needs none of those before it, and is what they would lead to.
+        /// A draw by number does not depend on earlier calls and equals the sequential draw.
         #[test]
-        fn draws_by_number_are_those_drawn_one_after_the_other(seed: u64, counter in 0..50u64) {
+        fn draw_by_number_equals_sequential_draw(seed: u64, counter in 0..50u64) {
             let mut one_by_one = SplitMix64::new(SplitMix64::new(seed).word());
             for number in 1..=counter {
                 prop_assert_eq!(draw(seed, number).to_bits(), one_by_one.unit().to_bits());
             }
         }
 
-        /// All 53 bits of it: no two words of different upper bits give the same number.
+        /// All 53 bits are kept: words that differ in their upper 53 bits give different numbers.
         #[test]
-        fn a_unit_is_its_word_over_2_to_the_64_cut_to_53_bits(seed: u64) {
+        fn unit_keeps_the_upper_53_bits_of_its_word(seed: u64) {
             let word = SplitMix64::new(seed).word();
             let unit = SplitMix64::new(seed).unit();
             prop_assert!((0.0..1.0).contains(&unit));
@@ -70,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn words_are_those_of_the_published_generator() {
+    fn words_match_the_published_generator() {
         let mut random = SplitMix64::new(1_234_567);
         let words = [
             6_457_827_717_110_365_317,
@@ -83,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_between_two_are_all_of_them_and_chances_come_as_often_as_asked_for() {
+    fn between_and_chance_have_the_requested_frequencies() {
         let mut random = SplitMix64::new(5);
         let mut drawn = [0; 4];
         for _ in 0..4000 {

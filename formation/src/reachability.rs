@@ -1,52 +1,54 @@
-//! Whose information reaches whom, and what a death or a cut takes from whom. (Assumptions 3 to 5)
+//! Reachability in the formation graph, and what robots lose by deaths and link cuts. (Assumptions 3 to 5)
 //!
-//! Plain places in, plain places out. The dead are left out, as with the silence policy `ignore`;
-//! robots that fell silent without dying count as dead.
+//! Robots are given and returned as indices. Dead robots are left out, as with the silence policy `ignore`. A
+//! robot that is silent without being dead counts as dead.
 
 use serde::Serialize;
 
 use crate::graph::FormationGraph;
 
-/// A formation graph with the parts its robots play, and what its edges give them.
+/// A formation graph with the roles of its robots, for reachability queries.
 #[derive(Debug, Clone)]
 pub struct Reachability {
-    /// The ends of each edge, `[from, to]`.
+    /// Ends of each edge, `[from, to]`.
     edges: Vec<[usize; 2]>,
-    /// For each robot, the edges that leave it.
+    /// For each robot, the indices of its outgoing edges.
     leaving: Vec<Vec<usize>>,
     leader: Option<usize>,
     contained: Vec<bool>,
-    /// Those that need nobody.
+    /// For each robot, `true` if it needs no in-neighbor.
     alone: Vec<bool>,
     intact: Standing,
 }
 
-/// Who has what it goes by. Robots by their places, or by their names, in order.
+/// Robots whose required information sources are missing, by kind of defect. Robots are given by index or by
+/// name, in ascending order.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Standing<R = usize> {
-    /// With a main leader: robots that keep a place and that it does not reach. (Assumptions 3, 5)
+    /// With a main leader: formation robots that are not reachable from it. (Assumptions 3, 5)
     pub unled: Vec<R>,
-    /// With a main leader: robots that keep a place and that it reaches, but an unled robot
-    /// reaches too. That one pulls them out of their place.
+    /// With a main leader: formation robots that are reachable from it, but also from an `unled` robot, which
+    /// displaces them from their slots.
     pub pulled: Vec<R>,
-    /// Contained robots that no robot reaches that leads or keeps a place. (Assumption 4)
+    /// Followers (containment control) that are not reachable from any leader or formation robot. (Assumption
+    /// 4)
     pub uncontained: Vec<R>,
-    /// With a main leader: contained robots that still have somebody to be contained by, but only
-    /// unled ones. Their hull no longer follows the trajectory.
+    /// With a main leader: followers that are reachable only from `unled` robots. The hull that contains them
+    /// no longer follows the trajectory.
     pub adrift: Vec<R>,
-    /// Without a main leader: groups of robots that keep a place and hear nobody outside, if
-    /// there are several. No robot's information reaches them all, so each stands for itself.
+    /// Without a main leader: the groups of formation robots that receive nothing from outside of their group,
+    /// if there are several. No robot reaches all of them, so each group settles independently.
     pub groups: Vec<Vec<R>>,
 }
 
 impl<R> Standing<R> {
-    /// Whether everybody has what it goes by.
+    /// Returns `true` if no robot has a defect.
     pub fn is_sound(&self) -> bool {
         let Standing { unled, pulled, uncontained, adrift, groups } = self;
         [unled, pulled, uncontained, adrift].iter().all(|list| list.is_empty()) && groups.is_empty()
     }
 
-    /// The same with that name for each robot.
+    /// Returns the same lists with every robot replaced by `name(robot)`.
     pub fn named<N>(&self, name: impl Fn(&R) -> N) -> Standing<N> {
         let named = |robots: &Vec<R>| robots.iter().map(&name).collect::<Vec<N>>();
         Standing {
@@ -59,22 +61,23 @@ impl<R> Standing<R> {
     }
 }
 
-/// Who is reached, and over which edges first.
+/// Result of a graph search: the reached robots, and the edges over which each was first reached.
 struct Spread {
     reached: Vec<bool>,
     over: Vec<usize>,
 }
 
-/// What is gone.
+/// Dead robots and cut edges.
 struct Gone {
     dead: Vec<bool>,
     cut: Vec<bool>,
 }
 
 impl Reachability {
-    /// `leader`: the main leader, if there is one. `contained`: those that keep no place; `alone`:
-    /// those that need nobody to know theirs. All the others keep one. Panics if one of them does
-    /// not exist.
+    /// Creates the query structure and computes the state without failures.
+    ///
+    /// `leader` is the main leader, if there is one. `contained` are the followers and `alone` the robots that
+    /// need no in-neighbor. All other robots are formation robots. Panics if an index is out of range.
     pub fn new(
         graph: &FormationGraph,
         leader: Option<usize>,
@@ -99,18 +102,19 @@ impl Reachability {
         reachability
     }
 
-    /// Who lacks what while everybody lives and every edge carries.
+    /// Returns the defects without deaths and cuts.
     pub fn intact(&self) -> &Standing {
         &self.intact
     }
 
-    /// Who among the living lacks what once the robots `dead` have died and the edges `cut` (by
-    /// their places) carry nothing.
+    /// Returns the defects of the surviving robots after the robots `dead` have died and the edges `cut` (by
+    /// index) carry nothing.
     pub fn standing(&self, dead: &[usize], cut: &[usize]) -> Standing {
         self.standing_led_by(self.leader.as_slice(), dead, cut)
     }
 
-    /// The same where these lead, who go by nobody, deputies of the main leader among them.
+    /// Returns the defects like [`Self::standing`], with `leaders` (backup leaders included) in place of the
+    /// main leader. Incoming edges of a leader are ignored.
     fn standing_led_by(&self, leaders: &[usize], dead: &[usize], cut: &[usize]) -> Standing {
         let n = self.leaving.len();
         let mut gone = self.gone(dead, cut);
@@ -140,7 +144,7 @@ impl Reachability {
         standing
     }
 
-    /// Whom the information of these living reaches once those robots are dead and edges cut.
+    /// Returns for each robot whether it is reachable from `from` after the given deaths and cuts.
     pub fn reached(&self, from: &[usize], dead: &[usize], cut: &[usize]) -> Vec<bool> {
         self.spread(from, &self.gone(dead, cut)).reached
     }
@@ -153,18 +157,19 @@ impl Reachability {
         gone
     }
 
-    /// Those that lead or keep a place by what they hear.
+    /// Returns the robots that lead or keep a formation slot by what they receive.
     fn places(&self) -> impl Iterator<Item = usize> + '_ {
         (0..self.leaving.len()).filter(|&robot| !self.contained[robot] && !self.alone[robot])
     }
 
-    /// What the living lack after these losses and had before. Groups count as lost only where
-    /// all were one before.
+    /// Returns the defects after these losses that did not exist before. Groups are reported only if there was
+    /// a single group before.
     pub fn loss(&self, dead: &[usize], cut: &[usize]) -> Standing {
         self.loss_led_by(self.leader.as_slice(), dead, cut)
     }
 
-    /// The same where these lead, who go by nobody, deputies of the main leader among them.
+    /// Returns the new defects like [`Self::loss`], with `leaders` (backup leaders included) in place of the
+    /// main leader. Incoming edges of a leader are ignored.
     pub fn loss_led_by(&self, leaders: &[usize], dead: &[usize], cut: &[usize]) -> Standing {
         let Standing { unled, pulled, uncontained, adrift, groups } =
             self.standing_led_by(leaders, dead, cut);
@@ -180,9 +185,9 @@ impl Reachability {
         }
     }
 
-    /// The single edges whose cut takes something from somebody, with what it takes.
+    /// Returns each single edge whose cut causes a defect, with the defects it causes.
     pub fn breaking_cuts(&self) -> Vec<(usize, Standing)> {
-        // Cutting an edge that no spreading went over first leaves all reached that were.
+        // Cutting an edge that no search used leaves every reached robot reachable.
         let n = self.leaving.len();
         let whole = Gone { dead: vec![false; n], cut: vec![false; self.edges.len()] };
         let places: Vec<usize> = self.places().collect();
@@ -195,7 +200,7 @@ impl Reachability {
         losses.filter(|(_, loss)| !loss.is_sound()).collect()
     }
 
-    /// Who is reached from any of `sources`, which count as reached; the dead reach nobody.
+    /// Searches the graph from `sources`, which count as reached. Dead robots neither reach nor are reached.
     fn spread(&self, sources: &[usize], gone: &Gone) -> Spread {
         let mut reached = vec![false; self.leaving.len()];
         let mut over = Vec::new();
@@ -216,9 +221,9 @@ impl Reachability {
         Spread { reached, over }
     }
 
-    /// One of `places` from which all of them are reached, if there is one.
+    /// Returns one of `places` from which all of `places` are reachable, or `None`.
     fn root(&self, places: &[usize], gone: &Gone) -> Option<usize> {
-        // Only the last robot not reached from those before it can be one.
+        // Only the last robot that no earlier candidate reached can be a root.
         let mut seen = vec![false; self.leaving.len()];
         let mut candidate = None;
         for &robot in places {
@@ -232,7 +237,8 @@ impl Reachability {
         candidate.filter(|_| places.iter().all(|&robot| reached[robot]))
     }
 
-    /// The groups among `places` that hear nobody outside themselves, if there are several.
+    /// Returns the groups among `places` that receive nothing from outside of themselves. Empty if one robot
+    /// reaches all.
     fn groups(&self, places: &[usize], gone: &Gone) -> Vec<Vec<usize>> {
         if self.root(places, gone).is_some() {
             return Vec::new();
@@ -266,15 +272,15 @@ mod tests {
         FormationGraph::new(robots, edges.iter().map(edge).collect())
     }
 
-    /// A robot that no longer hears anybody stands still, and pulls whoever still hears it.
+    /// A robot without in-neighbors stops, and displaces the robots that still receive from it.
     #[test]
-    fn a_cycle_that_hangs_off_the_leader_pulls_its_entry_when_it_breaks_behind_it() {
+    fn broken_cycle_behind_the_leader_pulls_its_entry_robot() {
         let cycle = graph(4, &[[0, 1], [1, 2], [2, 3], [3, 1]]);
         let loss = Reachability::new(&cycle, Some(0), &[], &[]).loss(&[2], &[]);
         assert_eq!(loss, Standing { unled: vec![3], pulled: vec![1], ..Standing::default() });
     }
 
-    /// Whether there is a path, for each pair of living robots, by Warshall's closure.
+    /// Computes for each pair of living robots whether there is a path, by Warshall's algorithm.
     fn paths(edges: &[[usize; 2]], alive: &[bool], cut: Option<usize>) -> Vec<Vec<bool>> {
         let n = alive.len();
         let mut path: Vec<Vec<bool>> =
@@ -292,7 +298,7 @@ mod tests {
         path
     }
 
-    /// The definitions of [`Standing`], word by word.
+    /// Computes [`Standing`] literally by its definitions.
     fn by_definition(
         edges: &[[usize; 2]],
         leader: Option<usize>,
@@ -347,7 +353,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(1500))]
         #[test]
-        fn every_death_and_every_cut_takes_what_the_definitions_say(
+        fn deaths_and_cuts_cause_the_losses_of_the_definition(
             n in 1..8usize,
             pairs in proptest::collection::btree_set((0..8usize, 0..8usize), 0..24),
             leads in any::<bool>(),
@@ -355,7 +361,7 @@ mod tests {
             alone in proptest::collection::btree_set(1..8usize, 0..2),
             dead in (0..8usize, 0..8usize),
         ) {
-            // The leader hears nobody.
+            // The leader has no incoming edge.
             let edges: Vec<[usize; 2]> = pairs
                 .into_iter()
                 .map(|(from, to)| [from % n, to % n])
@@ -371,7 +377,7 @@ mod tests {
             };
             let intact = standing(&vec![true; n], None);
             prop_assert_eq!(reachability.intact(), &intact);
-            // Each alone, and two at once.
+            // Each single death, and one pair of deaths.
             let deaths = (0..n).map(|robot| vec![robot]).chain([vec![dead.0 % n, dead.1 % n]]);
             for dead in deaths {
                 let alive: Vec<bool> = (0..n).map(|robot| !dead.contains(&robot)).collect();

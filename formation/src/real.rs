@@ -1,20 +1,21 @@
-//! The elementary functions, the same on every target.
+//! Elementary functions that are bit-identical on every target.
 //!
-//! The standard library's are the platform's C library's, which differ in the last digit from one to the
-//! next; a trajectory that goes through them has another hash elsewhere. These are one library's, in Rust,
-//! whatever the target; `clippy.toml` keeps the standard library's out. Addition, multiplication, division, square root,
-//! remainder and rounding to whole numbers are exact to the last digit everywhere, and are the standard library's.
+//! Those of the standard library come from the platform's C library and differ in the last digit between
+//! platforms, so a trajectory would have a different hash elsewhere. These come from the Rust crate `libm` on
+//! every target, and `clippy.toml` forbids the standard library's. Addition, multiplication, division, square
+//! root, remainder and rounding to integers are correctly rounded everywhere and remain the standard library's.
 
 pub use libm::{
     asin, atan, atan2, cos, erfc, exp, exp2, log as ln, log10, pow, sin, sincos as sin_cos, tanh,
 };
 
-/// x^2.
+/// Returns x^2.
 pub fn square(x: f64) -> f64 {
     x * x
 }
 
-/// The length of (x, y): of anything that robots do, whose squares neither overflow nor vanish.
+/// Returns the length of the vector (x, y). The squares must neither overflow nor underflow, which holds for
+/// all quantities of robots.
 #[inline]
 pub fn hypot(x: f64, y: f64) -> f64 {
     (x * x + y * y).sqrt()

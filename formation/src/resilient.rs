@@ -1,25 +1,26 @@
-//! Means that a few liars cannot move: W-MSR. (LeBlanc, Zhang, Koutsoukos, Sundaram, IEEE JSAC 2013)
+//! Resilient consensus: the W-MSR filter, a mean that at most F Byzantine neighbors cannot pull out of the
+//! honest range. (LeBlanc, Zhang, Koutsoukos, Sundaram, IEEE JSAC 2013)
 //!
-//! Of what others say of a number, the F farthest above one's own and the F farthest below are left out. What
-//! remains lies between numbers that those who do not lie have, if at most F of those heard lie. Whoever is
-//! trusted is never left out. (Abbas, Laszka, Koutsoukos, IEEE TCNS 2018)
+//! Of the received values, the F largest above the own value and the F smallest below it are discarded. If at
+//! most F in-neighbors are Byzantine, the rest lies between values of honest robots. Values of trusted nodes
+//! are never discarded. (Abbas, Laszka, Koutsoukos, IEEE TCNS 2018)
 
 use crate::Vec2;
 use crate::desired::Target;
 use crate::frame::LeaderFrame;
 use crate::pose::wrap_angle;
 
-/// What somebody says, and whether it is trusted.
+/// A received value and whether its sender is a trusted node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Said<T> {
-    /// What.
+    /// Received value.
     pub value: T,
-    /// Never left out.
+    /// `true` if the sender is a trusted node, whose value is never discarded.
     pub trusted: bool,
 }
 
-/// The mean of numbers without the `liars_max` farthest of those that are not trusted on either side of `own`;
-/// `own` if that leaves none.
+/// Returns the mean of the values without the `liars_max` (F) largest untrusted ones above `own` and the
+/// `liars_max` smallest untrusted ones below it, or `own` if none remain.
 pub fn resilient_mean(own: f64, said: impl Iterator<Item = Said<f64>>, liars_max: usize) -> f64 {
     let (trusted, mut others): (Vec<Said<f64>>, Vec<Said<f64>>) = said.partition(|one| one.trusted);
     others.sort_by(|a, b| a.value.total_cmp(&b.value));
@@ -31,8 +32,9 @@ pub fn resilient_mean(own: f64, said: impl Iterator<Item = Said<f64>>, liars_max
     if count == 0 { own } else { sum / f64::from(count) }
 }
 
-/// alpha* and alpha*' of a robot at `own` by the places that those heard ask for, alpha_j + C_ji: on each axis
-/// W-MSR. `own` has the velocity that was desired before.
+/// Returns the desired position and velocity (alpha*, alpha*') of a robot at `own` by W-MSR on each axis, over
+/// the slots alpha_j + C_ji implied by its in-neighbors. The velocity of `own` is the previous desired
+/// velocity.
 pub fn resilient_target(own: Target, said: &[Said<Target>], liars_max: usize) -> Target {
     let mean = |of: fn(&Target) -> f64| {
         let said = said.iter().map(|one| Said { value: of(&one.value), trusted: one.trusted });
@@ -44,9 +46,10 @@ pub fn resilient_target(own: Target, said: &[Said<Target>], liars_max: usize) ->
     }
 }
 
-/// The leader's frame by those that are passed on, all of one instant: of each of its numbers W-MSR. Without one
-/// of its `own` to begin from, a robot begins with that which `liars_max` others are nearest to, and needs
-/// 2 `liars_max` + 1 of them.
+/// Returns the leader's frame by W-MSR on each of its numbers, over the frames relayed by the in-neighbors for
+/// one instant. If the robot has no frame of its `own` yet, it starts from the relayed frame with the smallest
+/// distance to its `liars_max`-th nearest other frame. This needs at least 2 `liars_max` + 1 frames, and `None`
+/// is returned with fewer.
 pub fn resilient_frame(
     own: Option<LeaderFrame>,
     passed_on: &[LeaderFrame],
@@ -71,7 +74,8 @@ pub fn resilient_frame(
     })
 }
 
-/// The frame whose `others` nearest are nearest to it: one of them at least is no lie.
+/// Returns the frame with the smallest distance to its `others`-th nearest other frame. At least one frame of
+/// this group is from an honest robot.
 fn most_agreed(frames: &[LeaderFrame], others: usize) -> Option<LeaderFrame> {
     let apart = |a: &LeaderFrame, b: &LeaderFrame| {
         wrap_angle(a.heading_rad - b.heading_rad).abs()
@@ -83,7 +87,7 @@ fn most_agreed(frames: &[LeaderFrame], others: usize) -> Option<LeaderFrame> {
     let spread = |frame: &LeaderFrame| {
         let mut all: Vec<f64> = frames.iter().map(|other| apart(frame, other)).collect();
         all.sort_by(f64::total_cmp);
-        // The first is its distance to itself.
+        // The first distance is that to itself.
         all[others.min(all.len() - 1)]
     };
     frames.iter().copied().min_by(|a, b| spread(a).total_cmp(&spread(b)))
@@ -100,11 +104,11 @@ mod tests {
     }
 
     #[test]
-    fn the_farthest_on_either_side_are_left_out_and_no_others() {
+    fn w_msr_discards_only_the_extremes_on_either_side() {
         assert_eq!(mean(0.0, &[9.0, 1.0, 3.0], 1), 2.0, "all above: the farthest");
         assert_eq!(mean(0.0, &[9.0, 1.0, -3.0], 1), 1.0, "one on each side");
-        assert_eq!(mean(2.0, &[9.0, -1.0], 1), 2.0, "nobody is left");
-        assert_eq!(mean(2.0, &[2.0, 2.0, 7.0], 1), 2.0, "who agrees is never left out");
+        assert_eq!(mean(2.0, &[9.0, -1.0], 1), 2.0, "no value is left");
+        assert_eq!(mean(2.0, &[2.0, 2.0, 7.0], 1), 2.0, "an equal value is never discarded");
         assert_eq!(mean(0.0, &[1.0, 2.0, 3.0], 0), 2.0);
         let leader = [Said { value: 8.0, trusted: true }, Said { value: 2.0, trusted: false }];
         assert_eq!(resilient_mean(0.0, leader.into_iter(), 1), 8.0);
@@ -115,21 +119,26 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_is_agreed_on_across_the_jump_of_the_angle_and_without_one_liar() {
+    fn frame_is_agreed_across_angle_wrap_despite_one_liar() {
         let (near, far) = (std::f64::consts::PI - 0.01, 0.02 - std::f64::consts::PI);
         let passed_on = [frame(0.0), frame(near), frame(far)];
         let agreed = resilient_frame(None, &passed_on, 1).unwrap();
         let off_rad = wrap_angle(agreed.heading_rad - near);
         assert!((0.0..=0.03 + 1e-12).contains(&off_rad), "{off_rad}");
-        assert_eq!(resilient_frame(None, &passed_on[..2], 1), None, "who lies?");
+        assert_eq!(
+            resilient_frame(None, &passed_on[..2], 1),
+            None,
+            "two frames cannot reveal the liar"
+        );
         let own = Some(frame(near));
         assert_eq!(resilient_frame(own, &passed_on[..2], 1), own);
     }
 
     proptest! {
-        /// Whatever liars say, in whatever order: the mean lies between what the others say and one's own.
+        /// The mean stays within the hull of the honest values and the own value, for any false values in any
+        /// order.
         #[test]
-        fn f_liars_among_those_heard_move_it_out_of_no_hull(
+        fn f_byzantine_values_do_not_move_the_mean_out_of_the_hull(
             own in -9.0..9.0f64,
             honest in proptest::collection::vec(-9.0..9.0f64, 0..6),
             lies in proptest::collection::vec(prop_oneof![-9.0..9.0f64, Just(1e6), Just(-1e6)], 0..4),

@@ -1,24 +1,25 @@
-//! How many liars a graph bears: r-robustness and its kin.
+//! Robustness of a graph against Byzantine robots: r-robustness, (r, s)-robustness and strong r-robustness.
 //!
-//! A set of robots is r-reachable if one of them hears r robots outside of it. A graph is r-robust if of any two
-//! disjoint sets one is r-reachable, and (r, s)-robust if of any two either all of one, or s of both together,
-//! hear r robots outside of their set. With W-MSR (`resilient`) robots that nobody leads agree despite any F
-//! liars if and only if the graph is (F + 1, F + 1)-robust, and despite F liars among those that each robot
-//! hears if it is (2F + 1)-robust. (LeBlanc, Zhang, Koutsoukos, Sundaram, IEEE JSAC 2013)
+//! A set of robots is r-reachable if one of its robots has at least r in-neighbors outside of the set. A graph
+//! is r-robust if of any two disjoint nonempty sets at least one is r-reachable. It is (r, s)-robust if for any
+//! two such sets either all robots of one, or at least s robots of both together, have r in-neighbors outside
+//! of their set. With W-MSR (`resilient`), leaderless robots reach agreement despite any F Byzantine robots
+//! (F-total) if and only if the graph is (F + 1, F + 1)-robust, and despite F Byzantine in-neighbors of each
+//! robot (F-local) if it is (2F + 1)-robust. (LeBlanc, Zhang, Koutsoukos, Sundaram, IEEE JSAC 2013)
 //!
-//! With a leader that is trusted it is strong r-robustness around the leader that counts: each set without the
-//! leader has a robot that hears the leader or r robots outside of the set. With r = 2F + 1 what the leader
-//! says reaches everybody despite F liars among those that each robot hears.
-//! (as for broadcasts: Zhang, Sundaram, ACC 2012)
+//! With a trusted leader the relevant property is strong r-robustness around the leader: each nonempty set
+//! without the leader has a robot with the leader or r robots outside of the set as in-neighbors. With r = 2F +
+//! 1 the leader's values reach every robot despite F Byzantine in-neighbors of each. (as for broadcasts: Zhang,
+//! Sundaram, ACC 2012)
 
 use crate::graph::FormationGraph;
 
-/// (r, s)-robustness is decided for so many robots at most: 2^n sets.
+/// Maximum number of robots for which (r, s)-robustness is computed, because all 2^n sets are examined.
 pub const ROBOTS_EXACT_MAX: usize = 14;
 
-/// Who is not reached from the `trusted` if each robot takes part once it hears one of them, or `needed` of it
-/// others that take part; `None`: it never does. Empty: the graph is strongly r-robust around them, where r
-/// is what all need.
+/// Returns the robots that bootstrap percolation from `trusted` does not activate. A robot becomes active if it
+/// has a trusted in-neighbor or at least `needed(robot)` active in-neighbors. `None` means never. If the
+/// threshold is r for all robots and the result is empty, the graph is strongly r-robust around `trusted`.
 pub fn unreached(
     graph: &FormationGraph,
     trusted: &[bool],
@@ -38,8 +39,8 @@ pub fn unreached(
     (0..graph.robots()).filter(|&robot| !reached[robot]).collect()
 }
 
-/// The largest r for which the graph is strongly r-robust around the `trusted`; its number of robots if
-/// everybody hears one of them.
+/// Returns the largest r for which the graph is strongly r-robust around `trusted`. It is the number of robots
+/// if every robot has a trusted in-neighbor.
 pub fn strong_robustness(graph: &FormationGraph, trusted: &[bool]) -> usize {
     let holds = |&r: &usize| unreached(graph, trusted, |_| Some(r)).is_empty();
     (1..=graph.robots()).take_while(holds).last().unwrap_or(0)
@@ -48,22 +49,24 @@ pub fn strong_robustness(graph: &FormationGraph, trusted: &[bool]) -> usize {
 /// Two disjoint sets of robots.
 pub type Sets = [Vec<usize>; 2];
 
-/// For how many s the graph is (r, s)-robust, and the two sets for which it is not more; 0: it is not r-robust.
-/// All robots where no two sets say otherwise. Panics for more than [`ROBOTS_EXACT_MAX`] robots.
+/// Returns the largest s for which the graph is (r, s)-robust, and two sets that prove it is not more. It is 0
+/// if the graph is not r-robust, and the number of robots, without sets, if no two sets limit it. Panics for
+/// more than [`ROBOTS_EXACT_MAX`] robots.
 pub fn s_of(graph: &FormationGraph, r: usize) -> (usize, Option<Sets>) {
     let n = graph.robots();
     assert!(n <= ROBOTS_EXACT_MAX, "{n} robots");
     let mut heard = vec![0u32; n];
     graph.edges().iter().for_each(|edge| heard[edge.to] |= 1 << edge.from);
     let all = (1u32 << n) - 1;
-    // How many of a set hear r outside of it; all of them: as many as there can be of two.
+    // Number of robots of a set with r in-neighbors outside of it. If all have them, the maximum n, since such
+    // a set imposes no limit.
     let reaching = |set: u32| {
         let hears = |&robot: &usize| (heard[robot] & !set).count_ones() as usize >= r;
         let of_set = (0..n).filter(|robot| set >> robot & 1 == 1);
         let count = of_set.filter(hears).count();
         if count == set.count_ones() as usize { n } else { count }
     };
-    // Of each set the subset that is reached the least.
+    // For each set, its subset with the smallest such number.
     let mut least: Vec<(usize, u32)> = vec![(n, 0)];
     for set in 1..=all {
         let subsets = (0..n)
@@ -84,20 +87,21 @@ pub fn s_of(graph: &FormationGraph, r: usize) -> (usize, Option<Sets>) {
     }
 }
 
-/// The largest r for which the graph is r-robust. Panics for more than [`ROBOTS_EXACT_MAX`] robots.
+/// Returns the largest r for which the graph is r-robust. Panics for more than [`ROBOTS_EXACT_MAX`] robots.
 pub fn robustness(graph: &FormationGraph) -> usize {
     (1..=robustness_max(graph)).take_while(|&r| s_of(graph, r).0 > 0).last().unwrap_or(0)
 }
 
-/// No larger r is possible: half of the robots, rounded up, and the second smallest number of robots that one
-/// hears.
+/// Returns an upper bound on r: the minimum of half the number of robots, rounded up, and the second smallest
+/// in-degree.
 pub fn robustness_max(graph: &FormationGraph) -> usize {
     let mut degrees: Vec<usize> = (0..graph.robots()).map(|i| graph.heard_by(i).count()).collect();
     degrees.sort_unstable();
     graph.robots().div_ceil(2).min(degrees.get(1).copied().unwrap_or(0))
 }
 
-/// How many liars in all the graph bears if nobody leads. Panics for more than [`ROBOTS_EXACT_MAX`] robots.
+/// Returns the maximum total number of Byzantine robots (F-total) that the leaderless graph tolerates. Panics
+/// for more than [`ROBOTS_EXACT_MAX`] robots.
 pub fn liars_in_all_max(graph: &FormationGraph) -> usize {
     (1..graph.robots()).take_while(|&liars| s_of(graph, liars + 1).0 > liars).last().unwrap_or(0)
 }
@@ -119,20 +123,20 @@ mod tests {
     }
 
     #[test]
-    fn a_complete_graph_is_as_robust_as_can_be() {
+    fn complete_graph_reaches_the_robustness_bound() {
         for n in 2..9 {
             let whole = complete(n);
             assert_eq!(
                 (robustness(&whole), robustness_max(&whole)),
                 (n.div_ceil(2), n.div_ceil(2))
             );
-            // More than twice as many honest robots as liars, and one more. (LeBlanc et al. 2013)
+            // The honest robots must outnumber the Byzantine ones. (LeBlanc et al. 2013)
             assert_eq!(liars_in_all_max(&whole), (n - 1) / 2, "{n}");
         }
     }
 
     #[test]
-    fn a_ring_that_hears_one_way_is_1_robust_and_bears_nobody() {
+    fn directed_ring_is_1_robust_and_tolerates_no_liar() {
         let ring = graph(6, (0..6).map(|i| (i, (i + 1) % 6)));
         assert_eq!((robustness(&ring), liars_in_all_max(&ring)), (1, 0));
         let (s, sets) = s_of(&ring, 2);
@@ -142,8 +146,8 @@ mod tests {
     }
 
     #[test]
-    fn around_a_leader_it_is_the_number_of_paths_that_do_not_meet_hearsay() {
-        // 0 is heard by 1 to 3, and each later one hears the three before it.
+    fn strong_robustness_around_a_leader_drops_with_an_edge() {
+        // Robot 0 is an in-neighbor of 1 to 3, and each later robot receives from its three predecessors.
         let mut edges: Vec<(usize, usize)> = (1..4).map(|i| (0, i)).collect();
         edges.extend((4..9).flat_map(|i| (i - 3..i).map(move |j| (j, i))));
         let trusted: Vec<bool> = (0..9).map(|i| i == 0).collect();
@@ -156,9 +160,9 @@ mod tests {
     }
 
     proptest! {
-        /// Held against the definition, pair by pair.
+        /// Compares with the definition, for every pair of sets.
         #[test]
-        fn it_is_the_robustness_of_the_definition(
+        fn robustness_matches_the_definition(
             n in 2..7usize,
             pairs in proptest::collection::btree_set((0..7usize, 0..7usize), 0..30),
             r in 1..4usize,

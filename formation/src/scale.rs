@@ -1,6 +1,6 @@
-//! The scale factor delta(t) of a formation: how large it is at each time. (20) (22)
+//! The scale factor delta(t) of a formation. (20) (22)
 //!
-//! Every scale is continuously differentiable, as the chapter asks.
+//! Every scale is continuously differentiable, as the chapter requires.
 
 use std::f64::consts::{PI, TAU};
 
@@ -8,34 +8,34 @@ use serde::{Deserialize, Serialize};
 
 use crate::real;
 
-/// delta(t), t in seconds since the run's start.
+/// Scale factor delta(t) of the formation, with t in seconds since the start of the run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Scale {
-    /// mean + amplitude sin(2 pi t / period). The chapter's.
+    /// The chapter's scale: mean + amplitude sin(2 pi t / period).
     #[expect(missing_docs, reason = "the fields are in the formula")]
     Sine { mean: f64, amplitude: f64, period_s: f64 },
-    /// Open while the robots come to their places, then closing to 1. Not in the chapter: through gaps
-    /// narrower than twice the distance at which robots are led around each other, the last to come
-    /// find no way in.
+    /// Enlarged while the robots travel to their slots, then closing to 1. An addition to the chapter: through
+    /// gaps narrower than twice the distance at which robots are steered around each other, the last robots to
+    /// arrive find no passage.
     Closing {
-        /// How large it is while open, 1 or more.
+        /// Scale factor while open, at least 1.
         from: f64,
-        /// How long it stays open, s.
+        /// Duration of the open phase, s.
         hold_s: f64,
-        /// How long it takes to close, and to open again, s.
+        /// Duration of closing, and of reopening, s.
         over_s: f64,
-        /// When it begins to open again, to stay open for as long and to close as before, s.
+        /// Times at which it begins to reopen, s. Each time it stays open for `hold_s` and closes as before.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         reopen_at_s: Vec<f64>,
     },
 }
 
 impl Scale {
-    /// The formation keeps its size.
+    /// Constant scale factor 1.
     pub const ONE: Scale = Scale::Sine { mean: 1.0, amplitude: 0.0, period_s: 1.0 };
 
-    /// (delta(t), delta'(t)), the latter in 1/s.
+    /// Returns the scale factor and its rate, (delta(t), delta'(t)), the latter in 1/s.
     pub fn at(&self, t_s: f64) -> (f64, f64) {
         match *self {
             Scale::Sine { mean, amplitude, period_s } => {
@@ -57,7 +57,7 @@ impl Scale {
         }
     }
 
-    /// Its smallest and its largest value.
+    /// Returns the minimum and the maximum of the scale factor.
     pub fn range(&self) -> [f64; 2] {
         match *self {
             Scale::Sine { mean, amplitude, .. } => [mean - amplitude, mean + amplitude],
@@ -65,7 +65,7 @@ impl Scale {
         }
     }
 
-    /// Its mean, or what it is most of the time.
+    /// Returns the mean of a sine, or the value of a closing scale after it has closed.
     pub fn usual(&self) -> f64 {
         match *self {
             Scale::Sine { mean, .. } => mean,
@@ -73,7 +73,7 @@ impl Scale {
         }
     }
 
-    /// From when on it does not change, s; `None`: it always may.
+    /// Returns the time from which the scale is constant, s, or `None` if it never is.
     pub fn constant_from_s(&self) -> Option<f64> {
         match self {
             Scale::Sine { amplitude, .. } => (*amplitude == 0.0).then_some(0.0),
@@ -81,7 +81,7 @@ impl Scale {
         }
     }
 
-    /// When it has closed for good, s, if it is one that closes.
+    /// Returns the time at which a closing scale has closed for the last time, s, or `None` for a sine.
     pub fn closed_at_s(&self) -> Option<f64> {
         match self {
             Scale::Sine { .. } => None,
@@ -93,7 +93,8 @@ impl Scale {
     }
 }
 
-/// From 0 to 1 along half a cosine while `share` goes from 0 to 1, and its derivative by the share.
+/// Returns a half-cosine step, which rises from 0 to 1 while `share` goes from 0 to 1, and its derivative with
+/// respect to `share`.
 fn half_cosine(share: f64) -> (f64, f64) {
     match share {
         share if share <= 0.0 => (0.0, 0.0),
@@ -125,14 +126,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_rate_is_the_derivative(t in 0.0..100.0f64) {
+        fn sine_rate_is_the_derivative_of_the_scale(t in 0.0..100.0f64) {
             let (scale, h) = (Scale::Sine { mean: 1.0, amplitude: 0.2, period_s: 80.0 }, 1e-5);
             let slope = (scale.at(t + h).0 - scale.at(t - h).0) / (2.0 * h);
             prop_assert!((slope - scale.at(t).1).abs() < 1e-9);
         }
 
         #[test]
-        fn a_closing_scale_has_no_jump_and_no_kink_and_its_rate_is_its_derivative(
+        fn closing_scale_is_smooth_and_its_rate_is_its_derivative(
             scale in scales(), share in 0.0..1.2f64,
         ) {
             let closed_s = scale.closed_at_s().unwrap();
@@ -140,7 +141,7 @@ mod tests {
             let (t, h) = (share * closed_s, 1e-5);
             let [before, now, after] = [t - h, t, t + h].map(|t| scale.at(t));
             let slope = (after.0 - before.0) / (2.0 * h);
-            // The second derivative is (from - 1) pi^2 / (2 over^2) at most, and jumps at both ends.
+            // The second derivative is at most (from - 1) pi^2 / (2 over^2), and is discontinuous at both ends.
             let bend = (from - 1.0) * PI * PI / (2.0 * over_s * over_s);
             prop_assert!((slope - now.1).abs() <= bend * h + 1e-9, "{slope}, {}", now.1);
             prop_assert!((after.1 - before.1).abs() <= 2.0 * bend * h + 1e-9);
@@ -148,7 +149,7 @@ mod tests {
         }
 
         #[test]
-        fn a_closing_scale_stays_open_then_only_shrinks_and_ends_at_exactly_1(
+        fn closing_scale_stays_open_then_shrinks_to_exactly_1(
             scale in scales(), share in 0.0..1.0f64,
         ) {
             let Scale::Closing { from, hold_s, over_s, ref reopen_at_s } = scale else {
@@ -168,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn a_swing_is_known_by_its_quarters() {
+    fn sine_scale_has_known_values_at_its_quarters() {
         let scale = Scale::Sine { mean: 1.5, amplitude: 0.4, period_s: 8.0 };
         let (at_peak, rate) = scale.at(2.0);
         assert!((at_peak - 1.9).abs() < 1e-12 && rate.abs() < 1e-12, "{at_peak}, {rate}");
@@ -178,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn half_way_through_closing_it_is_half_open_and_fastest() {
+    fn closing_scale_is_half_open_and_fastest_half_way() {
         let scale =
             Scale::Closing { from: 2.0, hold_s: 10.0, over_s: 4.0, reopen_at_s: vec![20.0] };
         let (middle, rate) = scale.at(12.0);

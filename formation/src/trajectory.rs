@@ -1,6 +1,6 @@
-//! Where the main leader is to be: m(t) and its derivative m'(t), in `map`.
+//! Reference trajectory of the main leader: m(t) and its derivative m'(t), in `map`.
 //!
-//! Every trajectory is continuously differentiable, as the chapter asks.
+//! Every trajectory is continuously differentiable, as the chapter requires.
 
 use std::f64::consts::TAU;
 
@@ -11,16 +11,16 @@ use crate::desired::Target;
 use crate::path::Path;
 use crate::real;
 
-/// A navigation trajectory m(t), t in seconds since the run's start.
+/// A reference (navigation) trajectory m(t), with t in seconds since the start of the run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 #[expect(missing_docs, reason = "`radius_m` is the a, and `period_s` the 2 pi / w of a formula")]
 pub enum Trajectory {
-    /// Stays at a point.
+    /// A fixed point.
     Still { center_m: [f64; 2] },
-    /// A straight line at constant velocity, from its center at t = 0.
+    /// A straight line at constant velocity, starting at `center_m` at t = 0.
     Line { center_m: [f64; 2], velocity_m_s: [f64; 2] },
-    /// A circle, counter-clockwise, from its easternmost point.
+    /// A circle, counter-clockwise, starting at its easternmost point.
     Circle { center_m: [f64; 2], radius_m: f64, period_s: f64 },
     /// The four-leaved rose of section 3.2: a (sin 2wt cos wt, sin 2wt sin wt).
     Quadrifolium { center_m: [f64; 2], radius_m: f64, period_s: f64 },
@@ -32,15 +32,15 @@ pub enum Trajectory {
         phase_rad: f64,
         period_s: f64,
     },
-    /// A lying eight, Bernoulli's lemniscate: a cos wt / (1 + sin^2 wt) (1, sin wt), from its
-    /// easternmost point up to the left.
+    /// A horizontal figure eight, Bernoulli's lemniscate: a cos wt / (1 + sin^2 wt) (1, sin wt). It starts at
+    /// its easternmost point, towards the upper left.
     Lemniscate { center_m: [f64; 2], radius_m: f64, period_s: f64 },
     /// A path through waypoints.
     Waypoints(Path),
 }
 
 impl Trajectory {
-    /// From when on it stays where it is, s; `None`: it never does.
+    /// Returns the time from which the trajectory is at rest, s, or `None` if it never comes to rest.
     pub fn at_rest_from_s(&self) -> Option<f64> {
         match self {
             Trajectory::Still { .. } => Some(0.0),
@@ -49,7 +49,7 @@ impl Trajectory {
         }
     }
 
-    /// m(t) and m'(t).
+    /// Evaluates m(t) and m'(t).
     pub fn at(&self, t_s: f64) -> Target {
         let (position, velocity) = match *self {
             Trajectory::Still { center_m } => (center_m.into(), Vec2::zeros()),
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn the_products_of_distances_from_a_lemniscates_foci_are_all_equal() {
+    fn lemniscate_has_constant_product_of_focal_distances() {
         let trajectory =
             Trajectory::Lemniscate { center_m: [1.0, -2.0], radius_m: 2.0, period_s: 40.0 };
         let focus = Vec2::new(2.0 / 2f64.sqrt(), 0.0);
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn waypoints_are_written_as_they_were_read_and_bad_ones_are_refused() {
+    fn waypoints_round_trip_through_toml_and_bad_ones_fail() {
         let text = |points: &str| {
             format!(
                 "kind = \"waypoints\"\npoints_m = {points}\nspeed_m_s = 0.5\n\
@@ -156,9 +156,9 @@ mod tests {
     }
 
     proptest! {
-        /// Each as its definition has it, of any period.
+        /// Compares each periodic trajectory with its defining formula, for any period.
         #[test]
-        fn whatever_has_a_period_is_after_each_share_of_it_where_its_definition_says(
+        fn periodic_trajectory_matches_its_defining_formula(
             period_s in 0.5..60.0f64, share in -2.0..2.0f64, phase_rad in -3.0..3.0f64,
             radii_m in [0.1..3.0f64, 0.1..3.0f64], cycles in [1..5u32, 1..5u32],
         ) {
@@ -188,7 +188,7 @@ mod tests {
         }
 
         #[test]
-        fn the_velocity_is_the_derivative_of_the_place(t in 0.0..100.0f64) {
+        fn velocity_is_the_derivative_of_position(t in 0.0..100.0f64) {
             let h = 1e-5;
             for trajectory in trajectories() {
                 let slope = trajectory.at(t + h).position - trajectory.at(t - h).position;

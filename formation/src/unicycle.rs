@@ -1,9 +1,9 @@
-//! The unicycle (1), integrated in closed form for a held (v, w).
+//! The unicycle (1), integrated in closed form for a constant (v, w).
 
 use crate::pose::{Pose, Twist, wrap_angle};
 use crate::real;
 
-/// Pose after `twist` was held for `dt_s` seconds: an exact circular arc (a line for w = 0).
+/// Returns the pose after `twist` was held for `dt_s` seconds: an exact circular arc (a line for w = 0).
 ///
 /// The chord of the arc has length v dt sinc(w dt / 2) and points along heading + w dt / 2.
 pub fn arc(pose: Pose, twist: Twist, dt_s: f64) -> Pose {
@@ -17,8 +17,9 @@ pub fn arc(pose: Pose, twist: Twist, dt_s: f64) -> Pose {
     }
 }
 
-/// The twist of the arc that leads from one pose to another in `dt_s` seconds, the short way round: what
-/// the wheels of a body do that only says where it is. What moved it sideways is not in it.
+/// Returns the twist of the arc from one pose to another in `dt_s` seconds, with the smaller of the two
+/// possible turns. Used to reconstruct the wheel motion of a body that reports only its pose. A sideways
+/// displacement is not represented in the twist.
 pub fn twist_between(from: Pose, to: Pose, dt_s: f64) -> Twist {
     let half_turn = 0.5 * wrap_angle(to.heading_rad - from.heading_rad);
     let (sin, cos) = real::sin_cos(from.heading_rad + half_turn);
@@ -26,7 +27,7 @@ pub fn twist_between(from: Pose, to: Pose, dt_s: f64) -> Twist {
     Twist { v_m_s: chord / sinc(half_turn) / dt_s, w_rad_s: 2.0 * half_turn / dt_s }
 }
 
-/// sin(a) / a, continued to a = 0.
+/// Returns sin(a) / a, continued to 1 at a = 0.
 fn sinc(a: f64) -> f64 {
     if a.abs() < 1e-4 { 1.0 - a * a / 6.0 } else { real::sin(a) / a }
 }
@@ -42,7 +43,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn two_half_arcs_are_one_arc(
+        fn two_half_arcs_equal_one_arc(
             heading in -3.0..3.0f64, v in -2.0..2.0f64, w in -20.0..20.0f64, dt in 1e-6..0.5f64,
         ) {
             let start = Pose { x_m: 0.2, y_m: 0.1, heading_rad: heading };
@@ -54,7 +55,7 @@ mod tests {
         }
 
         #[test]
-        fn an_arc_agrees_with_many_small_euler_steps(v in -1.0..1.0f64, w in -3.0..3.0f64) {
+        fn arc_agrees_with_small_euler_steps(v in -1.0..1.0f64, w in -3.0..3.0f64) {
             let start = Pose { x_m: 0.0, y_m: 0.0, heading_rad: 0.4 };
             let twist = Twist { v_m_s: v, w_rad_s: w };
             let (steps, dt) = (100_000, 0.5);
@@ -71,8 +72,8 @@ mod tests {
     }
 
     #[test]
-    fn the_chord_of_a_small_turn_is_exact_to_rounding_on_both_sides_of_its_series() {
-        // To the next term of the series, a^4 / 120.
+    fn sinc_is_exact_on_both_sides_of_its_series_limit() {
+        // Accurate up to the next term of the series, a^4 / 120.
         for a in [0.0f64, 1e-9, 3e-5, 9.9e-5, 1.01e-4, 3e-4, 1e-3] {
             let expected = 1.0 - a * a / 6.0 + a.powi(4) / 120.0;
             assert!((sinc(a) - expected).abs() < 3e-16, "{a}: {}", sinc(a));
@@ -81,7 +82,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_twist_between_two_poses_of_an_arc_is_that_of_the_arc(
+        fn twist_between_arc_endpoints_is_the_twist_of_the_arc(
             v_m_s in -2.0..2.0f64,
             w_rad_s in prop_oneof![Just(0.0), -1e-3..1e-3f64, -50.0..50.0f64],
             heading_rad in -3.1..3.1f64,

@@ -64,8 +64,8 @@ def comparison(runs):
     for run in runs:
         run["scene"], run["robots"] = run["scene"].split("-")
     kinds, scenes, conditions = (in_order(runs, key) for key in ("kind", "scene", "condition"))
-    text = f"{len(runs)} runs. In each field: runs of which some pair came nearer than d, and runs in which everybody arrived, in "
-    text += "percent with Wilson's interval of 95 %, over all numbers of robots.\n\n"
+    text = f"{len(runs)} runs. Each cell has the percentage of runs in which a pair came closer than d, and of runs in which all robots "
+    text += "arrived, with Wilson's 95 % interval, over all numbers of robots.\n\n"
     for scene in scenes:
         rows = []
         for kind in kinds:

@@ -1,10 +1,11 @@
-//! One robot's brain: (odometry, beacons heard) in, (beacon, command) out.
+//! The controller of one robot: odometry and received beacons in, beacon and command out.
 //!
-//! Pure: no I/O, no clock, no iceoryx2. The same brain runs in a process of its own and, composed
-//! with the plant's world, inside a test that foretells the process's every bit.
+//! It does no I/O and reads no clock. The same controller runs in a process of its own and, composed with the
+//! simulated plant, in tests that predict every bit of the process's output.
 //!
-//! An answer has three steps: [`Brain::sense`] takes a sample in, the law says what it wants in the
-//! situation at hand, and [`Brain::act`] makes an answer of that. Whoever trains a law takes them apart.
+//! An answer has three steps: [`Brain::sense`] processes a sample, the control law computes its output for the
+//! current situation, and [`Brain::act`] turns the output into an answer. The training environment calls these
+//! steps separately.
 
 mod sent;
 
@@ -27,9 +28,9 @@ use crate::neighborhood::{BeaconRefusal, Neighborhood};
 use crate::roles::{self, Moment, Role};
 use sent::Sent;
 
-/// a of the boundary layer: how many periods old a beacon is when it is used. In lockstep exactly
-/// one; in real time up to one of the sender's period and one of delivery and phase. And what
-/// delayed odometry and commands add.
+/// Returns the age of a beacon when it is used, in periods (a of the boundary layer): exactly 1 in lockstep,
+/// and up to 2 in real time (one period of the sender, one for delivery and phase). Delays of odometry and
+/// commands are added.
 fn age_periods(brief: &AgentBrief) -> f64 {
     let late = brief.late_ns as f64 / brief.period_ns as f64;
     match brief.pace {
@@ -38,23 +39,25 @@ fn age_periods(brief: &AgentBrief) -> f64 {
     }
 }
 
-/// What a brain is made of beside its brief: rows of this crate's tables, or a program's own.
+/// Components of a controller: rows of this crate's tables, or the components of a user program.
 pub struct Parts {
-    /// Where the robot is to be.
+    /// Role, which determines the desired position.
     pub role: Box<dyn Role>,
-    /// How it gets there.
+    /// Control law, which determines the nominal velocity.
     pub law: Box<dyn Law>,
-    /// How it keeps its distance meanwhile.
+    /// Avoidance method, which keeps the minimum distance.
     pub avoidance: Box<dyn Avoidance>,
 }
 
 impl Parts {
-    /// Those that the brief names.
+    /// Creates the components named in the brief. Returns an error if a name is unknown or the brief does not
+    /// suit a component.
     pub fn of(brief: &AgentBrief) -> Result<Parts, UnfitBrief> {
         Parts::with_law(brief, laws::row(&brief.law)?.make(&brief.gains)?)
     }
 
-    /// The same with this law; the role is that of the brief's program, or of the law that the brief names.
+    /// Creates the components with the given control law. The role is that of the brief's program, or of the
+    /// control law that the brief names.
     pub fn with_law(brief: &AgentBrief, law: Box<dyn Law>) -> Result<Parts, UnfitBrief> {
         let role = match &brief.program {
             Some(program) => roles::row(&program.role)?,
@@ -64,7 +67,7 @@ impl Parts {
     }
 }
 
-/// One robot's brain.
+/// Controller of one robot.
 pub struct Brain {
     role: Box<dyn Role>,
     incarnation: u64,
@@ -73,19 +76,19 @@ pub struct Brain {
     avoidance: Box<dyn Avoidance>,
     neighborhood: Neighborhood,
     now: Now,
-    /// From each sender, in the brief's order.
+    /// Incoming link from each sender, in the order of the brief.
     links: Vec<Link<Beacon>>,
-    /// From its own sensors, where that may fail.
+    /// Faulty link from the own sensors, if the brief has odometry faults.
     odometry: Option<Link<Odometry>>,
     /// Stamp of the newest sample answered, ns.
     answered_ns: Option<u64>,
-    /// Stamp of t = 0, ns; known with the first sample.
+    /// Stamp of t = 0, ns, known with the first sample.
     start_ns: u64,
     news: bool,
     sent: Sent,
-    /// Where it found itself last, m.
+    /// Own front point at the last valid sample, m.
     front_point: Option<Vec2>,
-    /// The previous sample's stamp, ns, and front point; kept only where velocities are differenced.
+    /// Stamp, ns, and front point of the previous sample. Set only if velocities are computed by differences.
     before: Option<(u64, Vec2)>,
     velocities: Vec<Vec2>,
     walls: Vec<Vec2>,
@@ -94,46 +97,47 @@ pub struct Brain {
     newest: Option<(u64, u64)>,
 }
 
-/// The sample at hand, and what it tells.
+/// Values derived from the current sample.
 struct Now {
     period_s: f64,
     age_periods: f64,
-    /// Of which the pose is valid; `None`: nothing to answer.
+    /// Sample with a valid pose, or `None` if there is nothing to answer.
     odometry: Option<Odometry>,
-    /// alpha, m, and alpha', m/s.
+    /// Front point (alpha), m, and its velocity (alpha'), m/s.
     front_point: Vec2,
     front_velocity: Vec2,
-    /// alpha - alpha*, m; `None`: nothing to go by.
+    /// Error alpha - alpha*, m, or `None` without a desired position.
     error: Option<Vec2>,
-    /// The same as the law is to see it, and alpha*', m/s.
+    /// Error as the control law shall see it, m, and desired velocity (alpha*'), m/s.
     target: Option<(Vec2, Vec2)>,
-    /// Own front point - that of each robot near, m.
+    /// Own front point - front point of each neighbor in range, m.
     away: Vec<Vec2>,
-    /// What is known of those heard.
+    /// Estimates of the received robots.
     heard: Vec<Heard>,
 }
 
-/// What a robot with nothing to go by does.
+/// Output for a robot without a desired position: velocity 0.
 const STAND: Wish = Wish::Velocity(Vec2::new(0.0, 0.0));
 
-/// What a brain answers to one odometry sample.
+/// Answer of a controller to one odometry sample.
 #[derive(Debug, Clone, Copy)]
 pub struct Answer {
-    /// For those that hear this robot.
+    /// Beacon to the out-neighbors.
     pub beacon: Beacon,
-    /// For the plant.
+    /// Command to the plant.
     pub command: Command,
-    /// How much longer than the answer itself it takes to send it, ns: a fault of the brief.
+    /// Additional delay before the answer is sent, ns, because of a fault in the brief.
     pub delay_ns: u64,
 }
 
 impl Brain {
-    /// A brain that has heard nothing yet.
+    /// Creates a controller with the components named in the brief. Returns an error if they do not exist or do
+    /// not suit the brief.
     pub fn new(brief: &AgentBrief, incarnation: u64) -> Result<Brain, UnfitBrief> {
         Ok(Brain::with_parts(brief, incarnation, Parts::of(brief)?))
     }
 
-    /// The same of other parts than the brief names: they need not be in any table.
+    /// Creates a controller with the given components, which need not be in any table.
     pub fn with_parts(brief: &AgentBrief, incarnation: u64, parts: Parts) -> Brain {
         let Parts { role, law, avoidance } = parts;
         Brain {
@@ -171,9 +175,9 @@ impl Brain {
         }
     }
 
-    /// Takes a beacon from the neighbour at `place` (in the brief's order), after the first sample.
-    /// A refused one is counted and changes nothing; one that the link's faults swallow or keep
-    /// under way is not heard, for now.
+    /// Processes a beacon from the neighbor with index `place` in the order of the brief, after the first
+    /// sample. A refused beacon is counted and changes nothing. A beacon that the link faults drop or delay has
+    /// no effect for now.
     pub fn hear(
         &mut self,
         place: usize,
@@ -194,16 +198,16 @@ impl Brain {
         }
     }
 
-    /// Cuts the link from a robot, by its place in the scenario from 1, or mends it. One that is not
-    /// heard has none.
+    /// Takes the link from a robot down, or restores it. `robot` is the index in the scenario, from 1. Does
+    /// nothing for a robot that is not an in-neighbor.
     pub fn set_cut(&mut self, robot: u64, cut: bool) {
         if let Some(place) = self.neighborhood.place_of(robot) {
             self.links[place].set_cut(cut);
         }
     }
 
-    /// Somebody outside sends the robot to this place, from its next sample on. What is no newer than the goal
-    /// in force changes nothing, and no role but one that goes to a goal listens.
+    /// Sets a goal requested by an external client, effective from the next sample. A goal that is not newer
+    /// than the current one is ignored, and only the goal role uses it.
     pub fn go_to(&mut self, goal: &Goal) {
         self.sent.ask(goal);
     }
@@ -220,43 +224,45 @@ impl Brain {
         heard
     }
 
-    /// Those whom it hears, and what it makes of their silence.
+    /// Returns the in-neighbors and their communication states.
     pub fn neighborhood(&self) -> &Neighborhood {
         &self.neighborhood
     }
 
-    /// Which incarnation of the robot it is, from 0.
+    /// Returns the incarnation number of the robot, from 0.
     pub fn incarnation(&self) -> u64 {
         self.incarnation
     }
 
-    /// Whether a sample was taken.
+    /// Returns `true` once a sample has been processed.
     pub fn has_started(&self) -> bool {
         self.newest.is_some()
     }
 
-    /// Whether some neighbour's contact changed, or a beacon was refused, since this was asked last.
+    /// Returns whether a neighbor's contact changed or a beacon was refused since the last call, and resets the
+    /// flag.
     pub fn take_news(&mut self) -> bool {
         std::mem::take(&mut self.news)
     }
 
-    /// Answers an odometry sample; `None` if it does not know where the robot is. Where faults lose
-    /// or delay odometry, the newest that has arrived is answered, unless it was before. `effect_ns`:
-    /// the stamp at which the answer is expected to take effect, but for faults that delay it; the
-    /// sample's own stamp in lockstep. The caller fills in `sent_ns`.
+    /// Answers an odometry sample. Returns `None` if the pose is invalid. If faults drop or delay odometry, the
+    /// newest sample that has arrived is answered, unless it was answered before.
+    ///
+    /// `effect_ns` is the expected stamp at which the answer takes effect, without the delays of faults. In
+    /// lockstep it is the stamp of the sample. The caller sets `sent_ns`.
     pub fn answer(&mut self, odometry: &Odometry, effect_ns: u64) -> Option<Answer> {
         self.sense(odometry);
         let wish = self.wish();
         self.act(wish, effect_ns)
     }
 
-    /// Takes an odometry sample in, and judges what is known of others as of then.
+    /// Processes an odometry sample, and updates the estimates of the neighbors to its time.
     pub fn sense(&mut self, odometry: &Odometry) {
         self.newest = Some((odometry.tick, odometry.t_ns));
         self.start_ns = odometry.stamp_ns.saturating_sub(odometry.t_ns);
         for place in 0..self.links.len() {
             while let Some(beacon) = self.links[place].due(odometry.t_ns) {
-                // A refusal is counted: jitter lets beacons overtake each other.
+                // A refusal is counted. Jitter may reorder beacons.
                 let _ = self.hear_now(place, &beacon, odometry.stamp_ns);
             }
         }
@@ -264,7 +270,7 @@ impl Brain {
         self.news |= self.neighborhood.judge(odometry.tick, odometry.t_ns, odometry.stamp_ns);
         (self.now.error, self.now.target) = (None, None);
         match (&self.odometry, &mut self.now.odometry) {
-            // A sample is large: it is copied once.
+            // The sample is large, so it is copied only once.
             (None, Some(sample)) if odometry.pose_valid == 1 => sample.clone_from(odometry),
             (None, sample) => *sample = (odometry.pose_valid == 1).then_some(*odometry),
             (Some(_), _) => {
@@ -294,23 +300,24 @@ impl Brain {
         }
     }
 
-    /// There is no sample to be answered.
+    /// Marks that there is no sample to be answered.
     pub fn sense_nothing(&mut self) {
         self.now.odometry = None;
     }
 
-    /// What the law sees of the sample at hand; `None` if the robot has nothing to go by.
+    /// Returns the input of the control law for the current sample, or `None` without a desired position.
     pub fn situation(&self) -> Option<Situation<'_>> {
         self.now.situation()
     }
 
-    /// What the law wants in the situation at hand. To be asked once.
+    /// Returns the output of the control law for the current sample. Must be called once per sample, because
+    /// laws have state.
     pub fn wish(&mut self) -> Wish {
         self.now.situation().map_or(STAND, |situation| self.law.wish(&situation))
     }
 
-    /// The answer to the sample at hand, given what the law wants; a robot that has nothing to go by stands.
-    /// See [`Brain::answer`].
+    /// Computes the answer to the current sample from the output of the control law. A robot without a desired
+    /// position stops. See [`Brain::answer`].
     pub fn act(&mut self, wish: Wish, effect_ns: u64) -> Option<Answer> {
         let (tick, t_ns) = self.newest?;
         let effect_ns = effect_ns + self.commands_late_ns(t_ns);
@@ -324,7 +331,7 @@ impl Brain {
         });
         let (frame_rank, frame) = match self.role.frame(&moment, &*self.avoidance) {
             Some(own) => {
-                // 0: the main leader's.
+                // Rank 0 is that of the main leader.
                 let rank = self.brief.deputy.as_ref().map_or(0, |deputy| deputy.rank);
                 (rank, Some((odometry.stamp_ns, own)))
             }
@@ -396,8 +403,8 @@ impl Brain {
         })
     }
 
-    /// Where odometry fails: takes a sample as it is sent; the newest that has arrived by then, if it
-    /// was not answered before.
+    /// Passes a sample through the faulty odometry link. Returns the newest sample that has arrived, unless it
+    /// was answered before.
     fn arrived(&mut self, odometry: &Odometry) -> Option<Odometry> {
         let link = self.odometry.as_mut()?;
         let Odometry { tick, t_ns, .. } = *odometry;
@@ -413,7 +420,8 @@ impl Brain {
         Some(newest)
     }
 
-    /// How long commands sent at this run time are under way, ns: the mean of what delays them.
+    /// Returns the expected delay of commands sent at this run time, ns: the mean of the active delay faults,
+    /// and their maximum if there are several.
     fn commands_late_ns(&self, t_ns: u64) -> u64 {
         let holding = self.brief.command_faults.iter().filter(|fault| fault.span.holds(t_ns));
         let late_ns = holding.map(|fault| match fault.kind {
@@ -423,12 +431,12 @@ impl Brain {
         late_ns.max().unwrap_or(0)
     }
 
-    /// What information ages came to since this was asked last: see [`Neighborhood::take_ages`].
+    /// Returns the information ages since the last call. See [`Neighborhood::take_ages`].
     pub fn take_ages(&mut self, now_ns: u64) -> impl Iterator<Item = (usize, AgeSums)> {
         self.neighborhood.take_ages(now_ns)
     }
 
-    /// How the brain is doing, for the supervisor. What missed a deadline or was too old it does not know.
+    /// Returns the status for the supervisor. Deadline misses and old odometry are not known here and are 0.
     pub fn status(&self) -> (StatusHeader, impl ExactSizeIterator<Item = NeighborStatus>) {
         let (tick, t_ns) = self.newest.unwrap_or_default();
         let (goal, goal_since_ns) = self.sent.in_force();
@@ -468,7 +476,8 @@ impl Now {
     }
 }
 
-/// What a sample tells avoidance at once: where the robot is, at `alpha`, and who is near, at `away`.
+/// Returns the part of an avoidance sample that is known before the target: the own state at `front_point`, and
+/// the neighbors in range at `away`.
 fn seen<'a>(
     odometry: &Odometry,
     (front_point, front_velocity): (Vec2, Vec2),
@@ -494,7 +503,7 @@ fn seen<'a>(
     }
 }
 
-/// A sample as a role sees it.
+/// Returns the sample as input of a role.
 fn moment<'a>(odometry: &Odometry, neighborhood: &'a Neighborhood) -> Moment<'a> {
     let (stamp_ns, pose) = (odometry.stamp_ns, odometry.pose());
     Moment { stamp_ns, t_s: t_s(odometry), pose, neighborhood }
@@ -504,7 +513,7 @@ fn t_s(odometry: &Odometry) -> f64 {
     odometry.t_ns as f64 / 1e9
 }
 
-/// By how much alpha moved since the sample `before`, over the time between, m/s.
+/// Returns the mean velocity of alpha since the sample `before`, m/s, or 0 without one.
 fn differenced(before: Option<(u64, Vec2)>, stamp_ns: u64, alpha: Vec2) -> Vec2 {
     before.map_or(Vec2::zeros(), |(then_ns, was)| {
         (alpha - was) / (stamp_ns.saturating_sub(then_ns).max(1) as f64 / 1e9)

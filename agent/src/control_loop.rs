@@ -1,7 +1,8 @@
-//! Waiting and sending around a robot's turn ([`crate::turn`]): one loop for each pace.
+//! Waiting and sending around a robot's control cycle ([`crate::turn`]): one loop for each time mode.
 //!
-//! The loops need the plant; no command needs the supervisor. In lockstep, where a tick takes as long
-//! as the slowest robot, an agent waits as long as the supervisor is at work, which knows who is hung.
+//! The loops need the plant, but no command needs the supervisor. In lockstep, where a tick takes as long as
+//! the slowest robot, an agent waits for as long as the supervisor is working, because the supervisor detects
+//! hung processes.
 
 use std::path::Path;
 use std::time::Duration;
@@ -21,11 +22,11 @@ use crate::golden_phase;
 use crate::ports::Ports;
 use crate::turn::{Delivery, Inbox, PLANT_SILENCE_MAX_NS, Turn, Woken};
 
-/// A robot that is slow on purpose looks this often whether it is to stop.
+/// Polling interval for the stop request while the robot is slow because of a fault.
 const LINGER_STEP: Duration = Duration::from_millis(50);
 
-/// Moves the robot of this brief until told to stop. Its brain is made of what `parts` makes of the
-/// brief: [`Parts::of`], or a program's own law, role or method.
+/// Runs the robot of this brief until it is told to stop. `parts` creates the components of the controller from
+/// the brief: [`Parts::of`], or a program's own law, role or method.
 pub fn run<E>(
     brief_path: &Path,
     incarnation: u64,
@@ -43,7 +44,7 @@ where
     if brief.pace == Pace::Realtime {
         process::take_turns(Turns::Short);
     }
-    // Before the ports, whose presence tells the plant that it may begin.
+    // Opened before the ports, whose presence tells the plant that it may start.
     let barrier = match brief.pace {
         Pace::Lockstep => {
             let mut barrier = Barrier::open(&run_root::barrier_path(&brief.run_root))?;
@@ -85,7 +86,7 @@ impl Agent {
             };
             epoch = new_epoch;
             supervisor.went_on();
-            // After a freeze it first sees a tick that went by without it.
+            // After a freeze the first tick seen is one that passed without this robot.
             let since = barrier.member_since(slot).filter(|&since| since <= tick);
             let Some(member_since) = since else { continue };
             let odometry = odometry_of(&self.ports, tick)?;
@@ -105,10 +106,11 @@ impl Agent {
                 self.ports.send(answer, sent_ns)?;
                 self.turn.sent(sent_ns);
             }
-            // Before it arrives: what a spare that is opened now says at the next tick is in the queue.
+            // Before the barrier: beacons that a newly opened spare sends at the next tick are then in the
+            // queue.
             self.ports.listen(self.turn.brain().neighborhood())?;
-            // Before it arrives, and by what happened alone: whoever is killed after this tick has
-            // told the same in every run.
+            // Before the barrier, and triggered by events only: a robot that is killed after this tick has sent
+            // the same reports in every run.
             if outbox.report {
                 self.report()?;
                 barrier.reported();
@@ -149,10 +151,10 @@ impl Agent {
         Ok(())
     }
 
-    /// Takes the turn that it woke up for; when that was over, ns. Only what may take long is worth a look at
-    /// the clock.
+    /// Runs one control cycle. Returns the time at which it ended, ns. The clock is read again only after steps
+    /// that may take long.
     fn turn_in_real_time(&mut self) -> Result<u64, Failure> {
-        // In real time a queue holds the newest sample and no other.
+        // In real time a queue holds only the newest sample.
         let odometry = self.ports.odometry()?;
         let cuts = self.ports.cuts()?;
         let taken_ns = clock::now_ns();
@@ -188,7 +190,7 @@ impl Agent {
         Ok(if told { clock::now_ns() } else { rested_ns })
     }
 
-    /// Lets this much time pass, but for the end of the run.
+    /// Sleeps for `ns`, or until the end of the run.
     fn linger(&self, ns: u64) {
         let end_ns = clock::now_ns().saturating_add(ns);
         while !self.stop.requested() {
@@ -200,7 +202,7 @@ impl Agent {
         }
     }
 
-    /// Tells the supervisor how it goes.
+    /// Sends the status to the supervisor.
     fn report(&self) -> Result<(), Failure> {
         let (header, neighbors) = self.turn.status();
         self.ports.report(header, neighbors)
@@ -211,7 +213,8 @@ impl Agent {
     }
 }
 
-/// The odometry of exactly this tick; older samples are from before the robot took part.
+/// Returns the odometry of exactly this tick. Older samples are from before the robot took part, and are
+/// dropped.
 fn odometry_of(ports: &Ports, tick: u64) -> Result<Sample<Odometry>, Failure> {
     while let Some(odometry) = ports.odometry()? {
         if odometry.tick == tick {
@@ -221,8 +224,8 @@ fn odometry_of(ports: &Ports, tick: u64) -> Result<Sample<Odometry>, Failure> {
     Err(missing(tick, "odometry"))
 }
 
-/// What the sender at `place` said at the tick before this one, if it was awaited, took part in that and was
-/// not mute. It may be a tick ahead: what it said there stays in the queue.
+/// Returns the beacon that the sender with index `place` sent at the previous tick, or `None` if it is not
+/// expected, did not take part or was mute. A beacon of the current tick stays in the queue.
 fn beacon_before(
     ports: &Ports,
     barrier: &Barrier,
@@ -241,7 +244,7 @@ fn beacon_before(
             Some(beacon) if beacon.tick == before => {
                 return Ok(Some(Delivery { place, beacon, taken_ns: 0 }));
             }
-            // It died in this very tick, by nobody's plan.
+            // The sender was killed in this very tick, not by a plan.
             None if !takes_part() => return Ok(None),
             _ => {
                 return Err(missing(tick, &format!("beacon of {name} from tick {before}")));
@@ -250,17 +253,18 @@ fn beacon_before(
     }
 }
 
-/// A sample that lockstep promises is not there.
+/// Returns the error for a sample that lockstep guarantees but that is missing.
 fn missing(tick: u64, what: &str) -> Failure {
     format!("lockstep is broken: at tick {tick} there is no {what}").into()
 }
 
-/// What the process `phalanx-agent` does: named, logging, and with an exit code that tells.
+/// Runs the process `phalanx-agent` with its name, log and exit code.
 pub fn main(brief_path: &Path, incarnation: u64, realtime_priority: bool) -> u8 {
     main_with(brief_path, incarnation, realtime_priority, Parts::of)
 }
 
-/// The same for a program that has a law, a role or an avoidance method of its own, see [`run`].
+/// Runs the process like [`main`], for a program with a law, a role or an avoidance method of its own. See
+/// [`run`].
 pub fn main_with<E: Into<Failure>>(
     brief_path: &Path,
     incarnation: u64,

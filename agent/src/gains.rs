@@ -1,14 +1,15 @@
-//! The gains that a brief gives to a law or to an avoidance method: exactly its own, all positive.
+//! Validation of the gains that a brief gives to a control law or an avoidance method.
 
 use std::collections::BTreeMap;
 
 use crate::UnfitBrief;
 
-/// Gains by key, checked.
+/// Validated gains by key.
 pub struct Gains<'a>(&'a BTreeMap<String, f64>);
 
 impl Gains<'_> {
-    /// `gains` if they are `of`'s: all of these `keys` that are needed, and no others.
+    /// Checks `gains` against the `keys` of the component named `of`, each with `true` if it is required.
+    /// Returns an error if a required gain is missing, a key is unknown, or a value is not finite and positive.
     pub(crate) fn check<'a>(
         gains: &'a BTreeMap<String, f64>,
         of: &str,
@@ -28,7 +29,7 @@ impl Gains<'_> {
         Ok(Gains(gains))
     }
 
-    /// The gain called `key`. Panics if the row does not list it.
+    /// Returns the gain `key`. Panics if it is missing.
     pub fn get(&self, key: &str) -> f64 {
         self.0[key]
     }

@@ -1,22 +1,23 @@
-//! One robot's agent: a pure turn with a brain, and the loop that gives it samples and time.
+//! Agent of one robot: a pure control cycle with a controller, and the loop that provides samples and time.
 //!
-//! An agent knows its brief and nothing else: its own services, and the beacons of those it hears.
-//! It never sees the graph and never needs the supervisor to keep moving.
+//! An agent knows only its brief: its own services and the beacons of its in-neighbors. It never sees the graph
+//! and never needs the supervisor to keep moving.
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `roles/` | where is the robot to be? |
-//! | `laws/` | how does it get there? |
-//! | `neighborhood` | what is known of those it hears, and what does silence mean? |
-//! | `avoidance/` | how does it keep its distance? |
-//! | `gains` | are these the gains that a law or a method asks for? |
-//! | `brain` | what does one sample lead to? |
-//! | `turn` | what has come by now, and what is to be sent? |
-//! | `ports` | through which services does it speak? |
-//! | `control_loop` | when is a turn? Waiting and sending, in both paces |
-//! | `program` | and with a law in another language? |
+//! | `roles/` | what is the desired position of the robot? |
+//! | `laws/` | at which velocity does it move there? |
+//! | `neighborhood` | what is known of the in-neighbors, and what follows from a communication timeout? |
+//! | `avoidance/` | how does the robot keep its distance? |
+//! | `gains` | are the gains of a law or a method complete and valid? |
+//! | `brain` | which answer follows from one sample? |
+//! | `turn` | what has arrived since the last control cycle, and what has to be sent? |
+//! | `ports` | through which services does the agent communicate? |
+//! | `control_loop` | when does a control cycle run? Waiting and sending, in both time modes |
+//! | `program` | how is a control law in another language called? |
 //!
-//! Without the feature `ipc` there are no `ports`, `control_loop` and `program`: a robot without a process.
+//! Without the feature `ipc`, the modules `ports`, `control_loop` and `program` are absent: the robot then runs
+//! without a process of its own.
 
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
@@ -39,12 +40,12 @@ pub mod turn;
 use protocol::catalog::Catalog;
 pub use protocol::wake::golden_phase;
 
-/// Why a brief makes no robot, in words.
+/// Reason why a brief does not describe a valid robot, as text.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct UnfitBrief(pub String);
 
-/// Every law and every avoidance method of this crate.
+/// Returns all control laws and avoidance methods of this crate.
 pub fn catalog() -> Catalog {
     Catalog {
         laws: laws::LAWS.iter().map(laws::LawRow::description).collect(),

@@ -1,5 +1,5 @@
-//! What a robot knows of those it hears: their newest beacons, how old these are, and what
-//! silence makes of them; and who takes the place of those lost for long.
+//! In-neighbors of a robot: their newest beacons and ages, communication timeouts, and the replacement of
+//! neighbors that are lost for long.
 
 mod frames;
 mod repair;
@@ -20,34 +20,36 @@ use frames::Frames;
 pub use frames::HeardFrame;
 use repair::{GivenUp, GoesBy, Opened, Successions};
 
-/// The robots heard and the spares, in the order of the brief: places are counted over both.
+/// In-neighbors and spares (backup neighbors) in the order of the brief. Indices count over both.
 pub struct Neighborhood {
     neighbors: Vec<Neighbor>,
-    /// From this place on they are spares.
+    /// Index of the first spare.
     spares_from: usize,
     is_repaired: bool,
     repair_after_ns: u64,
     successions: Successions,
     silence: SilenceBrief,
-    /// F: how many of those heard are left out on either side.
+    /// Number of values that W-MSR discards on either side (F).
     liars_max: usize,
-    /// The frames of leaders that anybody passed on.
+    /// Leader frames relayed by the in-neighbors.
     frames: Frames,
     frame_contact: Since,
-    /// Stamp of the first sample, ns: silence counts from there.
+    /// Stamp of the first sample, ns, from which timeouts are counted.
     first_ns: Option<u64>,
-    /// It led before, and hears its deputies, its spares, until it takes back the lead.
+    /// `true` for a restarted leader, which receives from its deputies (its spares) until it takes back the
+    /// lead.
     resumes: bool,
 }
 
 struct Neighbor {
     index: u64,
-    /// Never left out as a liar.
+    /// `true` for a trusted node, whose values W-MSR never discards.
     trusted: bool,
     offset: Vec2,
-    /// In place of which in-neighbours it counts, see [`NeighborBrief::replaces`].
+    /// In-neighbors in whose place this robot counts, see [`NeighborBrief::replaces`].
     replaces: Vec<u64>,
-    /// A spare that replaces anybody; one by which the robot keeps the place of a leader that it takes.
+    /// `for_anybody` marks a spare that may replace any neighbor, `for_place` one with which the robot keeps
+    /// the slot of a leader that it succeeds.
     for_anybody: bool,
     for_place: bool,
     newest: Option<Beacon>,
@@ -55,7 +57,7 @@ struct Neighbor {
     age: Sawtooth,
     given_up: GivenUp,
     goes_by: GoesBy,
-    /// Of a spare, since when it is listened to.
+    /// Time since which a spare is received, or `None` while it is closed.
     opened: Option<Opened>,
 }
 
@@ -80,12 +82,12 @@ impl Neighbor {
         }
     }
 
-    /// Whether it is listened to, and not lost.
+    /// Returns `true` if a beacon was received and the neighbor is not lost.
     fn is_heard(&self) -> bool {
         self.newest.is_some() && self.contact.contact != Contact::Lost
     }
 
-    /// What was known of a spare is forgotten.
+    /// Discards all information about a spare.
     fn close(&mut self) {
         self.newest = None;
         self.contact = Since::default();
@@ -95,24 +97,24 @@ impl Neighbor {
     }
 }
 
-/// A frame of `told_ns` at `then_ns`, later or earlier.
+/// Returns the frame of time `told_ns` extrapolated to `then_ns`, forwards or backwards.
 fn at(told_ns: u64, frame: LeaderFrame, then_ns: u64) -> LeaderFrame {
     frame.later((then_ns as i64 - told_ns as i64) as f64 / 1e9)
 }
 
-/// How somebody is heard, and since when.
+/// Communication state, and the time of its last change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Since {
-    /// How.
+    /// Communication state.
     pub contact: Contact,
-    /// Since this tick.
+    /// Tick of the last change.
     pub tick: u64,
-    /// The same as time since the run's start, ns.
+    /// Run time of the last change, ns.
     pub t_ns: u64,
 }
 
 impl Since {
-    /// Whether it turns into something else now.
+    /// Sets the state. Returns whether it changed.
     fn turns(&mut self, contact: Contact, tick: u64, t_ns: u64) -> bool {
         let turned = contact != self.contact;
         if turned {
@@ -122,25 +124,26 @@ impl Since {
     }
 }
 
-/// Why a beacon was not used.
+/// Reason why a beacon was not used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum BeaconRefusal {
-    /// A number in it is NaN or infinite.
+    /// A number in the beacon is NaN or infinite.
     #[error("not finite")]
     NotFinite,
-    /// A number in it is larger than any robot's.
+    /// A number in the beacon exceeds the plausible range.
     #[error("not plausible")]
     NotPlausible,
-    /// Its stamp lies ahead of the clock.
+    /// The stamp is later than the current time.
     #[error("from the future")]
     Future,
-    /// Not newer, by incarnation and then stamp, than the newest beacon heard.
+    /// The beacon is not newer, by incarnation and then stamp, than the newest received.
     #[error("older than the newest heard")]
     Old,
 }
 
 impl Neighborhood {
-    /// Nobody was heard yet. `incarnation`: how often the robot's process was started before.
+    /// Creates the neighborhood without received beacons. `incarnation` is the number of earlier starts of the
+    /// robot's process.
     pub fn new(brief: &AgentBrief, incarnation: u64) -> Neighborhood {
         let neighbors = brief.neighbors.iter().map(|sender| Neighbor::new(brief, sender, false));
         let spares = brief.spares.iter().map(|sender| Neighbor::new(brief, sender, true));
@@ -159,25 +162,27 @@ impl Neighborhood {
         }
     }
 
-    /// Of each spare its place, and the tick at which it was opened, if it is listened to.
+    /// Returns the index of each spare, and the tick at which it was opened, or `None` while it is closed.
     pub fn spares(&self) -> impl Iterator<Item = (usize, Option<u64>)> {
         let spares = self.neighbors.iter().enumerate().skip(self.spares_from);
         spares.map(|(place, spare)| (place, spare.opened.map(|opened| opened.tick)))
     }
 
-    /// Whether a beacon of this tick counts if the sender at `place` is listened to. What a spare said up to
-    /// the tick at which it was opened may or may not be in the queue, and counts for nothing.
+    /// Returns whether a beacon of this tick from the sender with index `place` counts. Beacons of a spare up
+    /// to the tick at which it was opened may or may not be in the queue, so they never count.
     pub fn awaits(&self, place: usize, tick: u64) -> bool {
         place < self.spares_from
             || self.neighbors[place].opened.is_some_and(|opened| tick > opened.tick)
     }
 
-    /// Where in the brief's order a robot is heard, by its place in the scenario from 1.
+    /// Returns the index, in the order of the brief, of the robot with the scenario index `robot` (from 1), or
+    /// `None`.
     pub fn place_of(&self, robot: u64) -> Option<usize> {
         self.neighbors.iter().position(|neighbor| neighbor.index == robot)
     }
 
-    /// Takes a beacon of the neighbour at `place` (in the brief's order).
+    /// Processes a beacon of the neighbor with index `place` in the order of the brief. Returns why it was
+    /// refused, if it was.
     pub fn hear(
         &mut self,
         place: usize,
@@ -209,7 +214,8 @@ impl Neighborhood {
         Ok(())
     }
 
-    /// Judges everybody's silence as of an odometry sample, and whom to go by; whether any of it changed.
+    /// Updates the communication states at an odometry sample, and the choice of references. Returns whether
+    /// anything changed.
     pub fn judge(&mut self, tick: u64, t_ns: u64, stamp_ns: u64) -> bool {
         let first_ns = *self.first_ns.get_or_insert(stamp_ns);
         if self.liars_max > 0 {
@@ -226,7 +232,7 @@ impl Neighborhood {
             }
         };
         let frame = self.frames.in_force(stamp_ns).map(|heard| heard.heard_ns);
-        // A formation without a leader never hears of one, and lacks nothing.
+        // A leaderless formation never receives a frame, and none is missing.
         let mut changed =
             frame.is_some() && self.frame_contact.turns(judged(frame, first_ns), tick, t_ns);
         self.resumes &= judged(frame, first_ns) != Contact::Lost;
@@ -249,40 +255,41 @@ impl Neighborhood {
         changed
     }
 
-    /// The frame to go by at `stamp_ns`, and to pass on: that of the best rank that is not lost, or else the last
-    /// that was heard.
+    /// Returns the leader frame to be used at `stamp_ns` and to be relayed: that of the best rank that is not
+    /// lost, or otherwise the last one received.
     pub fn frame(&self, stamp_ns: u64) -> Option<&HeardFrame> {
         self.frames.in_force(stamp_ns)
     }
 
-    /// Whether the robot led before, and has not taken back the lead: a deputy is heard that leads, and it is not
+    /// Returns `true` while a restarted leader has not taken back the lead: a deputy leads and the robot is not
     /// on its path yet.
     pub fn resumes(&self) -> bool {
         self.resumes
     }
 
-    /// The robot is on its path, and takes back the lead if somebody told it how the frame goes on.
+    /// Marks that the robot has reached its path. It takes back the lead if a deputy has reported how the frame
+    /// continues.
     pub fn arrived(&mut self) {
         self.resumes &= self.frame_contact.contact == Contact::Unheard;
     }
 
-    /// The leader's frame at `stamp_ns`, extrapolated by its age. Once no newer one has come for as
-    /// long as makes a neighbour lost, it stands still, so that nobody spins for ever around a dead
-    /// leader. It is the silence that counts, not the age: a relay of many hops is old and well.
+    /// Returns the leader's frame at `stamp_ns`, extrapolated by its age. If no newer frame has been received
+    /// for the timeout of a neighbor, it is frozen, so that no robot keeps rotating around a dead leader. The
+    /// time since reception counts, not the age: a frame relayed over many hops is old but valid.
     pub fn frame_at(&self, stamp_ns: u64) -> Option<LeaderFrame> {
         let &HeardFrame { stamp_ns: told_ns, frame, heard_ns, .. } = self.frame(stamp_ns)?;
         let lost_after_ns = self.silence.lost_after_ns;
         let lost = stamp_ns.saturating_sub(heard_ns) > lost_after_ns;
-        // All that have heard the same last of the leader stand by the same frame, whoever heard it
-        // when: frames that differ by a hair would let mutual neighbours walk away together.
+        // All robots that received the same last frame of the leader use the same frozen frame, regardless of
+        // when they received it. With slightly different frames, mutual neighbors would drift away together.
         let age_ns = if lost { lost_after_ns } else { stamp_ns.saturating_sub(told_ns) };
         let age_ns = if planted::is("frame-not-extrapolated") { 0 } else { age_ns };
         let later = frame.later(age_ns as f64 / 1e9);
         Some(if lost { later.frozen() } else { later })
     }
 
-    /// Where some of those heard may lie: goes by the frame of the leader itself, if that is heard, and else by
-    /// what W-MSR makes of what the others pass on, at a stamp that `liars_max` of them surpass.
+    /// Determines the leader's frame if some in-neighbors may be Byzantine: the frame received from the leader
+    /// itself, or otherwise the W-MSR result of the relayed frames, at a stamp that `liars_max` of them exceed.
     fn agree_on_a_frame(&mut self, now_ns: u64) {
         let heard = self.neighbors.iter().filter(|one| one.contact.contact != Contact::Lost);
         let heard = heard.filter_map(|one| Some((one.trusted, one.newest.as_ref()?.frame()?)));
@@ -309,14 +316,14 @@ impl Neighborhood {
         }
     }
 
-    /// How the leader's frame is heard, and since when.
+    /// Returns the communication state of the leader's frame, and the time of its last change.
     pub fn frame_contact(&self) -> Since {
         self.frame_contact
     }
 
-    /// Fills `heard` with what is known of everybody who was ever heard, as of `stamp_ns`, with
-    /// offsets C_ji = `offset`(c_ji). Positions are extrapolated by the published velocity; those
-    /// of the lost stand still where they were given up.
+    /// Fills `heard` with the estimates at `stamp_ns` of all neighbors ever received, with offsets C_ji =
+    /// `offset`(c_ji). Positions are extrapolated with the published velocity. Those of lost neighbors stay
+    /// where they were declared lost.
     pub fn recall(&self, stamp_ns: u64, offset: impl Fn(Vec2) -> Target, heard: &mut Vec<Heard>) {
         heard.clear();
         heard.extend(self.neighbors.iter().filter_map(|neighbor| {
@@ -341,17 +348,19 @@ impl Neighborhood {
         }));
     }
 
-    /// Whether somebody whom it hears as planned was lost for so long that others replace it, if there are any.
+    /// Returns `true` if a planned in-neighbor has been lost for so long that it is declared failed and may be
+    /// replaced.
     pub fn has_given_up(&self) -> bool {
         self.neighbors[..self.spares_from].iter().any(|neighbor| neighbor.given_up.yes)
     }
 
-    /// Whether it takes the place of a leader that is given up, and keeps it by those that it hears for that alone.
+    /// Returns `true` if the robot succeeds a failed leader, and keeps that leader's slot with the neighbors
+    /// named for this purpose.
     pub fn takes_place(&self) -> bool {
         self.successions.takes_place
     }
 
-    /// How often a sender that is gone by counts.
+    /// Returns the weight of a sender that is used as a reference: the number of in-neighbors it stands for.
     fn times(&self, place: usize) -> usize {
         let Neighbor { index, replaces, for_anybody, for_place, .. } = &self.neighbors[place];
         let in_neighbors = &self.neighbors[..self.spares_from];
@@ -362,18 +371,18 @@ impl Neighborhood {
         usize::from(once) + replaced.filter(is_replaced).count()
     }
 
-    /// alpha* by what was recalled: the mean of what all of them ask for, but for in-neighbours that others
-    /// replace. `None` where the robot is to stop: nobody left to go by, or somebody lost under `stop`.
-    /// (13) (24) (45) (46)
+    /// Returns the desired position and velocity (alpha*, alpha*') from the recalled estimates: the mean over
+    /// the in-neighbors, except those that are replaced. Returns `None` if the robot has to stop: no reference
+    /// is left, or one is lost under the policy `stop`. (13) (24) (45) (46)
     ///
-    /// Once the leader's frame is lost, velocities count as 0: they are somebody's echo, and
-    /// without a path from the leader an echo never dies away.
+    /// Once the leader's frame is lost, velocities count as 0. They would only feed back among the robots, and
+    /// without a path from the leader this feedback never decays.
     pub fn desired(&self, heard: &[Heard]) -> Option<Target> {
         self.desired_by(heard, |said| desired(said.map(|(alpha_j, c_ji, _)| (alpha_j, c_ji))))
     }
 
-    /// The same without what liars may have said: W-MSR in place of the mean. `own`: where the robot is, m,
-    /// and the velocity that it last desired, m/s.
+    /// Returns the desired position and velocity by W-MSR in place of the mean. `own` is the position of the
+    /// robot, m, and its last desired velocity, m/s.
     pub fn desired_despite_liars(&self, heard: &[Heard], own: Target) -> Option<Target> {
         self.desired_by(heard, |said| {
             let place = |(alpha_j, c_ji, trusted): (Target, Target, bool)| Said {
@@ -388,7 +397,7 @@ impl Neighborhood {
         })
     }
 
-    /// alpha* by what `mean` makes of alpha_j, C_ji and whether R_j is trusted.
+    /// Returns alpha* as computed by `mean` from alpha_j, C_ji and whether R_j is a trusted node.
     fn desired_by(
         &self,
         heard: &[Heard],
@@ -419,8 +428,8 @@ impl Neighborhood {
         Some(if echo { Target::still(target.position) } else { target })
     }
 
-    /// The age at `now_ns` of each beacon that is gone by, ns, with its sender's place in the
-    /// scenario, from 1. Those never heard or lost are left out.
+    /// Returns the age at `now_ns` of the newest beacon of each in-neighbor, ns, with the sender's index in the
+    /// scenario, from 1. Neighbors never received or lost are omitted.
     pub fn ages(&self, now_ns: u64) -> impl Iterator<Item = (usize, u64)> {
         self.neighbors.iter().filter_map(move |neighbor| {
             let beacon = neighbor.newest.as_ref()?;
@@ -429,8 +438,8 @@ impl Neighborhood {
         })
     }
 
-    /// What the information age of everybody came to since this was asked last, with the sender's
-    /// place in the scenario, from 1. The silent have one as well.
+    /// Returns the information ages of all neighbors since the last call, with the sender's index in the
+    /// scenario, from 1. Silent neighbors are included.
     pub fn take_ages(&mut self, now_ns: u64) -> impl Iterator<Item = (usize, AgeSums)> {
         let (neighbors, spares) = self.neighbors.split_at_mut(self.spares_from);
         let open = spares.iter_mut().filter(|spare| spare.opened.is_some());
@@ -440,7 +449,7 @@ impl Neighborhood {
             .map(move |sender| (sender.index as usize, sender.age.take(now_ns)))
     }
 
-    /// How everybody is heard, for the supervisor.
+    /// Returns the communication states for the supervisor.
     pub fn status(&self) -> impl ExactSizeIterator<Item = NeighborStatus> {
         self.neighbors.iter().map(|neighbor| NeighborStatus {
             robot: neighbor.index,

@@ -1,6 +1,6 @@
-//! An agent's ports: its own five services, more where links may be cut by hand or goals come from
-//! outside, and the beacons of those it hears; those of spares while they replace somebody. It opens no
-//! others.
+//! Ports of an agent: its own five services, further ones if links can be cut interactively or goals come from
+//! external clients, and the beacons of its in-neighbors. Beacons of spares are open only while they replace a
+//! neighbor.
 
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use protocol::brief::AgentBrief;
@@ -16,37 +16,37 @@ use crate::brain::Answer;
 use crate::neighborhood::Neighborhood;
 use crate::turn::Delivery;
 
-/// All ports of one agent. The command's is made last: the plant takes it as the sign that this
+/// All ports of one agent. The command port is created last, because the plant takes it as the sign that this
 /// robot is ready.
 pub struct Ports {
     odometry: Subscriber<Odometry>,
-    /// Of those that it hears, then of its spares.
+    /// In-neighbors, then spares.
     senders: Vec<Sender>,
-    /// Where links may be cut by hand.
+    /// Link faults set interactively, if the brief permits them.
     faults: Option<Subscriber<[LinkFaultByHand]>>,
-    /// Where goals come from outside.
+    /// Goals from external clients, if the brief permits them.
     goal: Option<Subscriber<Goal>>,
     status: Publisher<[NeighborStatus], StatusHeader>,
-    /// For what is measured.
+    /// Port for latency measurements.
     pub latency: LatencyPort,
     beacon: Publisher<Beacon>,
     command: Publisher<Command>,
     node: Node,
 }
 
-/// One whose beacons may be opened.
+/// A sender whose beacons can be received.
 struct Sender {
     name: String,
-    /// Its slot in the barrier.
+    /// Slot of the robot in the barrier.
     slot: usize,
-    /// Of a spare only while it is open.
+    /// Receiver of the beacons. For a spare it exists only while the spare is open.
     port: Option<Subscriber<Beacon>>,
-    /// A spare's beacons up to this tick do not count.
+    /// Tick up to which the beacons of a spare do not count.
     opened_at: Option<u64>,
 }
 
 impl Ports {
-    /// Opens the services that the brief names, and one for what is `measured`.
+    /// Opens the services that the brief names, and one for the `measured` latencies.
     pub fn open(brief: &AgentBrief, measured: &Recorder) -> Result<Ports, Failure> {
         let node = service::node(&format!("agent-{}", brief.name))?;
         let own = brief.name.as_str();
@@ -76,7 +76,7 @@ impl Ports {
         })
     }
 
-    /// Opens the beacons of the spares that are listened to now, and closes those of the others.
+    /// Opens the beacons of the spares in use, and closes those of the others.
     pub fn listen(&mut self, neighborhood: &Neighborhood) -> Result<(), Failure> {
         for (place, opened_at) in neighborhood.spares() {
             let Sender { name, port, opened_at: was, .. } = &mut self.senders[place];
@@ -88,45 +88,49 @@ impl Ports {
         Ok(())
     }
 
-    /// Connects to everybody who is there by now, which otherwise happens at the next sample.
+    /// Connects to all ports present. Without this call it happens at the next sample.
     pub fn connect(&self) {
         let connected = (self.senders.iter().filter_map(|sender| sender.port.as_ref()))
             .map(|port| port.update_connections())
             .chain([self.odometry.update_connections()])
             .chain([self.beacon.update_connections(), self.command.update_connections()]);
-        // A failure shows again, with its reason, at the next sample.
+        // A failure occurs again, with its reason, at the next sample.
         connected.for_each(|_| ());
     }
 
-    /// The next odometry sample in the queue, where the plant put it: it is large, and not copied.
+    /// Returns the next odometry sample in the queue, without copying it because it is large.
     pub fn odometry(&self) -> Result<Option<Sample<Odometry>>, Failure> {
         self.odometry.receive().map_err(|cause| cannot("receive odometry", cause))
     }
 
-    /// How many there are whose beacons may be opened.
+    /// Returns the number of senders whose beacons can be received.
     pub fn senders(&self) -> usize {
         self.senders.len()
     }
 
-    /// The name of the sender at `place` (in the brief's order), and its slot in the barrier.
+    /// Returns the name of the sender with index `place` in the order of the brief, and its slot in the
+    /// barrier.
     pub fn sender(&self, place: usize) -> (&str, usize) {
         let Sender { name, slot, .. } = &self.senders[place];
         (name, *slot)
     }
 
-    /// Whether what the sender at `place` says at this tick of lockstep is in the queue.
+    /// Returns whether the beacon that the sender with index `place` sends at this lockstep tick is in the
+    /// queue.
     pub fn awaits(&self, place: usize, tick: u64) -> bool {
         let Sender { port, opened_at, .. } = &self.senders[place];
         port.is_some() && opened_at.is_none_or(|opened_at| tick > opened_at)
     }
 
-    /// The next beacon in the queue of the sender at `place`, if it is open.
+    /// Returns the next beacon in the queue of the sender with index `place`, or `None` if there is none or the
+    /// port is closed.
     pub fn beacon(&self, place: usize) -> Result<Option<Beacon>, Failure> {
         let port = self.senders[place].port.as_ref();
         port.map_or(Ok(None), |port| take(port, "receive beacon"))
     }
 
-    /// In real time: what everybody said last, as it is asked for.
+    /// Returns the newest beacon of each sender (real time only). Each one is received when the iterator
+    /// reaches it.
     pub fn newest_beacons(&self) -> impl Iterator<Item = Result<Delivery, Failure>> {
         let delivery = |place, beacon| Delivery { place, beacon, taken_ns: clock::now_ns() };
         (0..self.senders.len()).filter_map(move |place| {
@@ -135,7 +139,7 @@ impl Ports {
         })
     }
 
-    /// The newest list of links cut and mended by hand, if one came since.
+    /// Returns the newest list of links cut and restored interactively, or `None` if there is no new one.
     pub fn cuts(&self) -> Result<Option<Sample<[LinkFaultByHand]>>, Failure> {
         let Some(faults) = &self.faults else { return Ok(None) };
         let mut newest = None;
@@ -147,12 +151,12 @@ impl Ports {
         Ok(newest)
     }
 
-    /// The goal that somebody outside said last, if one came since.
+    /// Returns the newest goal from an external client, or `None` if there is no new one.
     pub fn goal(&self) -> Result<Option<Goal>, Failure> {
         self.goal.as_ref().map_or(Ok(None), |goal| take(goal, "receive goal"))
     }
 
-    /// Sends an answer: the beacon first, for others wait for it.
+    /// Sends an answer, the beacon first because other robots wait for it.
     pub fn send(&self, answer: &Answer, sent_ns: u64) -> Result<(), Failure> {
         let beacon = Beacon { sent_ns, ..answer.beacon };
         let command = Command { sent_ns, ..answer.command };
@@ -161,7 +165,7 @@ impl Ports {
         Ok(())
     }
 
-    /// Tells the supervisor how the robot is doing.
+    /// Sends the status of the robot to the supervisor.
     pub fn report(
         &self,
         header: StatusHeader,
@@ -174,7 +178,7 @@ impl Ports {
     }
 }
 
-/// A receiver of that robot's beacons.
+/// Opens a receiver of the beacons of `robot`.
 fn receiver(node: &Node, robot: &str) -> Result<Subscriber<Beacon>, ServiceError> {
     service::beacon(robot).open(node)?.subscriber()
 }

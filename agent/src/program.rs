@@ -1,9 +1,9 @@
-//! An agent whose law is somebody else's, in whatever language: the law is asked for two numbers, and
-//! everything else is the agent of every robot.
+//! Agent with a control law in another language: the law returns two numbers, and everything else is the
+//! regular agent.
 //!
-//! A law that has no answer is told of and ends the process on the spot, as a kill does: its ports stay
-//! until the supervisor has seen it die, and what it said last reaches everybody. The agent's loop knows
-//! laws that answer, and no others.
+//! If the law returns no valid answer, the error is logged and the process exits at once, like a killed
+//! process: its ports stay until the supervisor has detected the exit, and its last beacon reaches all
+//! receivers. The control loop therefore handles only laws that answer.
 
 use std::path::Path;
 
@@ -17,20 +17,20 @@ use crate::brain::Parts;
 use crate::control_loop;
 use crate::laws::{Law, Situation, Wish};
 
-/// The exit code of a process whose law has no answer: also Python's own for an exception.
+/// Exit code of a process whose law failed. Python uses the same code for an uncaught exception.
 pub const LAW_FAILED: u8 = 1;
 
-/// What the two numbers of an answer are.
+/// Meaning of the two numbers of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Level {
-    /// gamma, the velocity of the front point: (x, y), m/s, in `map`.
+    /// Velocity of the front point (gamma): (x, y), m/s, in `map`.
     Law,
-    /// The body's twist: (v, w), m/s and rad/s.
+    /// Twist of the body: (v, w), m/s and rad/s.
     Controller,
 }
 
 impl Level {
-    /// What the function is called that answers.
+    /// Returns the name of the method that computes the answer.
     pub fn method(self) -> &'static str {
         match self {
             Level::Law => "gamma",
@@ -38,7 +38,7 @@ impl Level {
         }
     }
 
-    /// What is expected of it, in words.
+    /// Returns a description of the expected answer.
     pub fn expected(self) -> &'static str {
         match self {
             Level::Law => "two finite numbers (x, y) in m/s",
@@ -46,7 +46,7 @@ impl Level {
         }
     }
 
-    /// What the brain is to do about an answer.
+    /// Converts an answer to the output of a control law.
     pub fn wish(self, [first, second]: [f64; 2]) -> Wish {
         match self {
             Level::Law => Wish::Velocity(Vec2::new(first, second)),
@@ -55,17 +55,17 @@ impl Level {
     }
 }
 
-/// Somebody else's law.
+/// A control law in another language.
 pub trait ForeignLaw: Send {
-    /// What its two numbers are.
+    /// Returns the meaning of the two numbers.
     fn level(&self) -> Level;
 
-    /// Two finite numbers; or why there are none, as a user is told it.
+    /// Returns two finite numbers, or an error message for the user.
     fn ask(&mut self, situation: &Situation<'_>) -> Result<[f64; 2], String>;
 }
 
-/// Moves the robot of this brief by a law that `make` makes, until told to stop; the exit code. `of`: what
-/// must be of one version with the program that wrote the brief, in words.
+/// Runs the robot of this brief with the law that `make` creates, until it is told to stop. Returns the exit
+/// code. `of` describes the package that must have the same version as the program that wrote the brief.
 pub fn main<L: ForeignLaw + 'static>(
     brief: &Path,
     incarnation: u64,
@@ -79,7 +79,8 @@ pub fn main<L: ForeignLaw + 'static>(
     control_loop::main_with(brief, incarnation, realtime_priority, |brief| parts(brief, make))
 }
 
-/// The brief of a robot whose law is in a program; or what is to be said. `of`: as of [`main`].
+/// Reads the brief of a robot whose law is a program. Returns an error message for the user if it cannot be
+/// read or is of another version. `of` is as in [`main`].
 pub fn read(brief: &Path, of: &str) -> Result<AgentBrief, String> {
     match other_version(brief, of) {
         Some(why) => Err(why),
@@ -87,7 +88,7 @@ pub fn read(brief: &Path, of: &str) -> Result<AgentBrief, String> {
     }
 }
 
-/// Whether another version of phalanx wrote the brief of a program, which is told. `of`: as of [`main`].
+/// Returns whether another version of phalanx wrote the brief, and logs an error if so. `of` is as in [`main`].
 pub fn is_of_another_version(brief: &Path, of: &str) -> bool {
     let Some(why) = other_version(brief, of) else { return false };
     process::log_to_stderr();
@@ -95,11 +96,11 @@ pub fn is_of_another_version(brief: &Path, of: &str) -> bool {
     true
 }
 
-/// That another version wrote the brief, if so: no more can be read of it.
+/// Returns an error message if another version wrote the brief, of which nothing more can be read then.
 fn other_version(brief: &Path, of: &str) -> Option<String> {
     let writer = brief::writer(brief).filter(|writer| writer != VERSION)?;
     Some(format!(
-        "phalanx {writer} starts this program, and {of} is phalanx {VERSION}: install both from the \
+        "phalanx {writer} starts this program, but {of} is phalanx {VERSION}: install both from the \
          same release"
     ))
 }
@@ -117,7 +118,7 @@ fn parts<L: ForeignLaw + 'static>(
     Parts::with_law(brief, Box::new(Asked(make(brief)?))).map_err(|error| error.to_string())
 }
 
-/// A law of somebody else's as the brain knows laws.
+/// Adapter from a foreign law to [`Law`]. It exits the process if the law fails.
 struct Asked<L>(L);
 
 impl<L: ForeignLaw> Law for Asked<L> {

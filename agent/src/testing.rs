@@ -1,4 +1,4 @@
-//! What tests of this crate tell a robot: the rest of what each of them is about.
+//! Fixtures of this crate's tests: a brief, odometry and beacons with default values.
 
 use protocol::brief::{
     AgentBrief, AvoidanceBrief, Format, NeighborBrief, Pace, PublishedVelocity, Rank, SilenceBrief,
@@ -7,10 +7,10 @@ use protocol::brief::{
 use protocol::message::{Beacon, Odometry};
 
 pub(crate) const MS: u64 = 1_000_000;
-/// The stamp of t = 0.
+/// Stamp of t = 0, ns.
 pub(crate) const START_NS: u64 = 500 * MS;
 
-/// A robot that is heard, and is nowhere.
+/// Returns an in-neighbor with offset 0 and without faults.
 pub(crate) fn hears(index: usize) -> NeighborBrief {
     NeighborBrief {
         name: format!("r{index}"),
@@ -23,7 +23,7 @@ pub(crate) fn hears(index: usize) -> NeighborBrief {
     }
 }
 
-/// r1, which hears r5 and r2, in this order.
+/// Returns the brief of r1, which receives from r5 and r2, in this order.
 pub(crate) fn brief() -> AgentBrief {
     AgentBrief {
         format: Format,
@@ -75,7 +75,7 @@ pub(crate) fn brief() -> AgentBrief {
     }
 }
 
-/// The sample of this many milliseconds since the start, at x = 1 m + 1 m/s of it.
+/// Returns the sample `t_ms` milliseconds after the start, at x = 1 m + 1 m/s t.
 pub(crate) fn odometry(t_ms: u64) -> Odometry {
     Odometry {
         tick: t_ms,
@@ -90,7 +90,7 @@ pub(crate) fn odometry(t_ms: u64) -> Odometry {
     }
 }
 
-/// What somebody at x = 3 m said then.
+/// Returns a beacon of a robot at x = 3 m, `t_ms` milliseconds after the start.
 pub(crate) fn beacon(t_ms: u64) -> Beacon {
     Beacon { tick: t_ms, stamp_ns: START_NS + t_ms * MS, x_m: 3.0, ..Beacon::default() }
 }

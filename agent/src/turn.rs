@@ -1,12 +1,12 @@
-//! One turn of a robot: what has come by now in, what is to be sent out. Pure: no I/O, no clock, no iceoryx2.
+//! Control cycle of a robot: received messages in, messages to send out. It does no I/O and reads no clock.
 //!
-//! The process of a robot waits and sends around it (`control_loop`); runs within one process and the
-//! tests' adversary call the same. A turn has two halves, [`Turn::sense`] and [`Turn::act`], so that whoever
-//! trains a law can act in between.
+//! The process of a robot waits and sends around it (`control_loop`). In-process runs and the adversarial tests
+//! call the same code. A cycle has two halves, [`Turn::sense`] and [`Turn::act`], so that a training
+//! environment can act in between.
 //!
-//! What is decided here: which beacons are heard, which odometry is too old to be answered, which answer is
-//! dead before it is sent, which wake-ups count as late, what misses a deadline, when the supervisor is to hear
-//! of it all, and for how long a robot may hear nothing of the plant.
+//! Decided here: which beacons count, which odometry is too old to be answered, which answer expires before it
+//! is sent, which wake-ups count as late, which answers miss a deadline, when the supervisor gets a report, and
+//! how long a robot waits for a silent plant.
 
 use protocol::brief::{AgentBrief, Pace};
 use protocol::latency::Recorder;
@@ -17,100 +17,102 @@ use protocol::wake::Wake;
 use crate::brain::{Answer, Brain};
 use crate::laws::Wish;
 
-/// In real time, without a sign of the plant for this long, the agent gives up. Longer than the
-/// start-up of a large experiment may take.
+/// Maximum time without a sign of the plant in real time. After it the agent exits with an error. Longer than
+/// the start-up of a large experiment may take.
 pub(crate) const PLANT_SILENCE_MAX_NS: u64 = 30_000_000_000;
-/// Of the time between two turns at most this much, or two periods, counts as silence: an agent
-/// that was stopped could hear nobody.
+/// Maximum part of the time between two cycles that counts as silence, or two periods if they are longer: an
+/// agent that was stopped could not receive anything.
 const GAP_NS_MAX: u64 = 1_000_000_000;
-/// In real time the supervisor hears from every agent at least this often.
+/// Maximum time between two reports to the supervisor in real time.
 const STATUS_EVERY_NS: u64 = 100_000_000;
-/// Wake-ups that are kept until a sample shows that the run goes on. More are of a plant in trouble.
+/// Maximum number of wake-ups that are kept until a sample shows that the run continues. More occur only if the
+/// plant is in trouble.
 const WAKES_MAX: usize = 100;
 
-/// A robot between its turns.
+/// State of a robot between its control cycles.
 pub struct Turn {
     brief: AgentBrief,
     brain: Brain,
     measured: Recorder,
-    /// When the last turn was taken, ns.
+    /// Start of the last cycle, ns.
     taken_ns: u64,
-    /// The moment that its answer goes by: the newest sample's stamp in lockstep, in real time that of
-    /// whatever was taken last, ns.
+    /// Reference time of the answer, ns: the stamp of the newest sample in lockstep, the time of the last
+    /// reception in real time.
     used_ns: u64,
-    /// For how long nothing was heard of the plant, ns.
+    /// Time without a sign of the plant, ns.
     silent_ns: u64,
-    /// When the supervisor was told last how it goes, ns.
+    /// Time of the last report to the supervisor, ns.
     reported_ns: u64,
-    /// Deadline of the wake-up at hand, ns; `None` in lockstep, which has none.
+    /// Deadline of the current wake-up, ns. `None` in lockstep, which has no deadlines.
     due_ns: Option<u64>,
-    /// Wake-ups that no sample has followed yet: which kind, and how late, ns.
+    /// Wake-ups without a following sample: kind, and lateness, ns.
     wakes: Vec<(Stage, u64)>,
-    /// How much later than computed the answer at hand is sent on purpose, ns.
+    /// Intended additional delay of the current answer, ns.
     delay_ns: u64,
-    /// Until when it was slow on purpose, ns.
+    /// Time until which the robot was slow because of a fault, ns.
     slow_until_ns: u64,
-    /// The last answer missed a deadline.
+    /// `true` if the last answer missed a deadline.
     missed: bool,
     deadline_misses: u64,
     odometry_old: u64,
 }
 
-/// What has come since the last turn.
+/// Messages received since the last control cycle.
 pub struct Inbox<'a, B> {
-    /// The machine's clock when it was taken, ns.
+    /// Time of reception by the machine's clock, ns.
     pub taken_ns: u64,
-    /// The newest sample, if one came.
+    /// Newest sample, if one was received.
     pub odometry: Option<&'a Odometry>,
-    /// In lockstep the first tick that the robot takes part in, since it was started or let go; 0 in real time.
+    /// First lockstep tick in which the robot takes part since it was started or resumed. 0 in real time.
     pub member_since: u64,
-    /// What those that it hears said. It is taken from their queues as it is asked for, and not before the
-    /// robot hears.
+    /// Beacons of the senders. Each one is taken from its queue when the iterator reaches it, and none before
+    /// the robot has started.
     pub beacons: B,
-    /// The newest list of links cut and mended by hand, if one came.
+    /// Newest list of links cut and restored interactively. Empty if none was received.
     pub cuts: &'a [LinkFaultByHand],
-    /// Where somebody outside sends the robot, if that came.
+    /// Goal from an external client, if one was received.
     pub goal: Option<Goal>,
 }
 
-/// A beacon that has come.
+/// A received beacon.
 #[derive(Debug, Clone, Copy)]
 pub struct Delivery {
-    /// The sender's place among those that the robot hears and its spares, from 0.
+    /// Index of the sender among the in-neighbors and spares, from 0.
     pub place: usize,
-    /// What it said.
+    /// Beacon.
     pub beacon: Beacon,
-    /// The machine's clock when it was taken, ns; of no meaning in lockstep.
+    /// Time of reception by the machine's clock, ns. Not used in lockstep.
     pub taken_ns: u64,
 }
 
-/// What is to be sent.
+/// Messages to be sent.
 #[derive(Debug)]
 pub struct Outbox {
-    /// To the plant, and to those that hear the robot; in real time [`Answer::delay_ns`] later.
+    /// Answer to the plant and to the out-neighbors. In real time it is sent [`Answer::delay_ns`] later.
     pub answer: Option<Answer>,
-    /// The supervisor is to hear how it goes, after that.
+    /// `true` if the status has to be reported to the supervisor afterwards.
     pub report: bool,
-    /// There was no sign of the plant for so long that the agent is to give up.
+    /// `true` if the plant has been silent for so long that the agent has to exit.
     pub plant_silent: bool,
 }
 
-/// How a wake-up of real time counts.
+/// Classification of a wake-up in real time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Woken {
-    /// Not at all: before its first sample, everybody waits for the last one to start.
+    /// Not counted: before the first sample, all robots wait for the last one to start.
     Starting,
-    /// The robot was frozen or slow on purpose past the deadline: not late by the machine's doing.
+    /// The robot was frozen, or slow because of a fault, past the deadline. Not a lateness caused by the
+    /// machine.
     Held,
-    /// As it is. `missed`: the answer before missed a deadline.
+    /// Counted. `missed` tells whether the previous answer missed a deadline.
     Counted {
-        /// Whether it did.
+        /// Whether the previous answer missed a deadline.
         missed: bool,
     },
 }
 
 impl Turn {
-    /// A robot that has heard nothing yet, at `now_ns` by the machine's clock.
+    /// Creates the state of a robot that has received nothing yet, at `now_ns` by the machine's clock.
     pub fn new(brief: AgentBrief, brain: Brain, now_ns: u64) -> Turn {
         Turn {
             measured: Recorder::for_ticks_of(brain.incarnation(), rows_per_tick(&brief)),
@@ -130,17 +132,17 @@ impl Turn {
         }
     }
 
-    /// What the robot was told at its start.
+    /// Returns the robot's brief.
     pub fn brief(&self) -> &AgentBrief {
         &self.brief
     }
 
-    /// What thinks.
+    /// Returns the controller.
     pub fn brain(&self) -> &Brain {
         &self.brain
     }
 
-    /// In real time: it woke up for a turn. `thawed_ns`: when it went on last after a freeze.
+    /// Records a wake-up (real time only). `thawed_ns` is the time of the last resumption after a freeze.
     pub fn wake(&mut self, wake: &Wake, thawed_ns: u64) -> Woken {
         self.due_ns = Some(wake.due_ns);
         let missed = std::mem::take(&mut self.missed);
@@ -156,12 +158,12 @@ impl Turn {
         woken
     }
 
-    /// The wake-up at hand, which counts, was late by this cause.
+    /// Records the cause of the lateness of the current wake-up, which counts.
     pub fn was_late(&mut self, wake: &Wake, cause: Cause) {
         self.wakes.push((cause.stage(), wake.lateness_ns));
     }
 
-    /// One turn: what is to be sent, by what has come.
+    /// Runs one control cycle. Returns the messages to be sent, or the first error of `beacons`.
     pub fn take<E>(
         &mut self,
         inbox: Inbox<'_, impl IntoIterator<Item = Result<Delivery, E>>>,
@@ -171,7 +173,7 @@ impl Turn {
         Ok(self.act(wish))
     }
 
-    /// The first half of a turn: takes in what has come.
+    /// Runs the first half of a cycle: processes the received messages. Returns the first error of `beacons`.
     pub fn sense<E>(
         &mut self,
         inbox: Inbox<'_, impl IntoIterator<Item = Result<Delivery, E>>>,
@@ -186,11 +188,11 @@ impl Turn {
         if let Some(goal) = goal {
             self.brain.go_to(&goal);
         }
-        // Without another sample the run is over, and everybody late who is not yet told.
+        // Without another sample the run is over, and wake-ups after its end do not count.
         if odometry.is_some() || self.wakes.len() >= WAKES_MAX {
             self.wakes.drain(..).for_each(|(stage, ns)| self.measured.record(stage, 0, ns));
         }
-        // At its first sample a robot has heard nothing.
+        // At its first sample a robot has not received anything.
         let joins = odometry.is_some_and(|odometry| odometry.tick <= member_since);
         if self.brain.has_started() && !joins {
             for delivery in beacons {
@@ -202,7 +204,7 @@ impl Turn {
             return Ok(());
         };
         self.measured.record(Stage::Odometry, 0, taken_ns.saturating_sub(odometry.sent_ns));
-        // Its answer would be dead before it is sent.
+        // The answer would expire before it is sent.
         let age_ns = self.used_ns.saturating_sub(odometry.stamp_ns);
         if age_ns >= self.brief.command_lifetime_ns {
             self.odometry_old += 1;
@@ -213,16 +215,16 @@ impl Turn {
         Ok(())
     }
 
-    /// What the law wants in the situation at hand. To be asked once.
+    /// Returns the output of the control law for the current sample. Must be called once per cycle.
     pub fn wish(&mut self) -> Wish {
         self.brain.wish()
     }
 
-    /// The second half of a turn: what is to be sent, given what the law wants.
+    /// Runs the second half of a cycle: returns the messages to be sent, given the output of the control law.
     pub fn act(&mut self, wish: Wish) -> Outbox {
         let is_realtime = self.brief.pace == Pace::Realtime;
         let answer = self.brain.act(wish, self.used_ns);
-        // In lockstep an answer that takes a period or more is dead before it is sent.
+        // In lockstep an answer delayed by a period or more expires before it is sent.
         let answer = answer.filter(|answer| is_realtime || answer.delay_ns < self.brief.period_ns);
         self.delay_ns = answer.map_or(0, |answer| answer.delay_ns);
         let quiet_ns = self.taken_ns.saturating_sub(self.reported_ns);
@@ -233,7 +235,7 @@ impl Turn {
         Outbox { answer, report, plant_silent: self.silent_ns > PLANT_SILENCE_MAX_NS }
     }
 
-    /// The answer at hand was sent, at `sent_ns` by the machine's clock.
+    /// Records that the current answer was sent at `sent_ns` by the machine's clock.
     pub fn sent(&mut self, sent_ns: u64) {
         let compute_ns = sent_ns.saturating_sub(self.taken_ns);
         self.measured.record(Stage::Compute, 0, compute_ns);
@@ -249,20 +251,20 @@ impl Turn {
         self.missed = misses > 0;
     }
 
-    /// How it goes, for the supervisor.
+    /// Returns the status for the supervisor.
     pub fn status(&self) -> (StatusHeader, impl ExactSizeIterator<Item = NeighborStatus>) {
         let (header, neighbors) = self.brain.status();
         let &Turn { deadline_misses, odometry_old, .. } = self;
         (StatusHeader { deadline_misses, odometry_old, ..header }, neighbors)
     }
 
-    /// What it measured and has not sent.
+    /// Returns the measurements not sent yet.
     pub fn measured(&self) -> &Recorder {
         &self.measured
     }
 
-    /// Whether that is to be sent now: in lockstep by how much it is alone, so that what arrives of a robot
-    /// that is killed depends on nothing but the tick.
+    /// Returns whether the measurements have to be sent now. In lockstep this depends only on their number, so
+    /// that the measurements of a killed robot depend on nothing but the tick.
     pub fn batch_is_due(&self) -> bool {
         match self.brief.pace {
             Pace::Lockstep => self.measured.is_half_full(),
@@ -270,7 +272,8 @@ impl Turn {
         }
     }
 
-    /// The same with how old was what it heard since the batch before: to be sent, and then cleared.
+    /// Returns the measurements with the information ages since the previous batch. The caller sends and clears
+    /// them.
     pub fn batch(&mut self) -> &mut Recorder {
         for (from, sums) in self.brain.take_ages(self.used_ns) {
             self.measured.record_age(from, &sums);
@@ -289,7 +292,7 @@ impl Turn {
             self.measured.record(Stage::BeaconDelivery, neighbor.index, under_way_ns);
             self.used_ns = self.used_ns.max(taken_ns);
         }
-        // A refusal is counted; in real time one beacon may overtake another.
+        // A refusal is counted. In real time one beacon may overtake another.
         if let Err(refusal) = self.brain.hear(place, &beacon, self.used_ns) {
             tracing::debug!(neighbor = neighbor.name, %refusal, "beacon refused");
         }
@@ -305,7 +308,7 @@ impl Turn {
     }
 }
 
-/// How many values an agent measures in one tick, at most.
+/// Returns the maximum number of values that an agent measures in one tick.
 fn rows_per_tick(brief: &AgentBrief) -> usize {
     3 + 2 * brief.senders().count()
 }

@@ -1,42 +1,42 @@
-//! What inertia does to the guard's figures: the rate Lambda, the factor mu, the zone in which robots slow
-//! down. Not in the paper: `docs/explanation/inertia.md`.
+//! Effect of inertia on the guard (safety filter): the rate Lambda, the factor mu, and the zone in which robots
+//! slow down. An addition to the chapter: `docs/explanation/inertia.md`.
 
 use protocol::avoidance::Conditions;
 
 use formation::real;
 
-/// What braking adds to a certificate. Tests leave parts of it out, to show that each is needed.
+/// Braking terms of a certificate. Tests disable single terms to show that each is needed.
 #[derive(Debug, Clone, Copy)]
 pub struct Braking {
-    /// For how long after its lifetime a command's way goes on, in tau_o.
+    /// Time for which a command's motion continues after the command has expired, in multiples of tau_o.
     pub way: f64,
-    /// For how long after it the heading turns, at the full rate, in tau_o.
+    /// Time for which the heading turns at the full rate after the command has expired, in multiples of tau_o.
     pub turn: f64,
-    /// mu.
+    /// The factor mu as a function of 2 Lambda tau_o.
     pub mu: fn(f64) -> f64,
 }
 
 impl Default for Braking {
-    /// `proof/Braking.v::swept`, `proof/Braking.v::turning_time`.
+    /// Returns the terms that the proof uses: `proof/Braking.v::swept`, `proof/Braking.v::turning_time`.
     fn default() -> Self {
         Braking { way: 1.0, turn: 0.5, mu }
     }
 }
 
-/// mu: how much less may be granted because braking takes time: `proof/Inertia.v::mu`,
-/// `proof/Inertia.v::braking_keeps_up`.
+/// Returns the factor mu, at most 1, by which the permitted approach speed is reduced because braking takes
+/// time: `proof/Inertia.v::mu`, `proof/Inertia.v::braking_keeps_up`.
 pub fn mu(x: f64) -> f64 {
     if x <= 1.0 { 1.0 } else { x * real::exp(1.0 - x) }
 }
 
-/// Lambda, 1/s: `proof/Braking.v::braking_rate`.
+/// Returns the rate Lambda, 1/s: `proof/Braking.v::braking_rate`.
 pub fn rate_per_s(at: &Conditions<'_>) -> f64 {
     1.0 / (at.lifetime_s + at.avoidance.braking_time_max_s)
 }
 
-/// Z, m: from d + Z on, a robot of the largest braking time may do as it likes:
-/// `proof/Braking.v::far_braking`, `proof/Braking.v::far_is_far_enough`; without inertia 3 v_max H:
-/// `proof/Guard.v::far`, `proof/Walls.v::far_wall`.
+/// Returns the width Z of the slow-down zone, m. At a distance of d + Z or more, a robot with the maximum
+/// braking time is not restricted: `proof/Braking.v::far_braking`, `proof/Braking.v::far_is_far_enough`.
+/// Without inertia it is 3 v_max H: `proof/Guard.v::far`, `proof/Walls.v::far_wall`.
 pub fn slow_down_zone_m(at: &Conditions<'_>) -> f64 {
     let (rate, tau) = (rate_per_s(at), at.avoidance.braking_time_max_s);
     let less = mu(2.0 * rate * tau);

@@ -1,24 +1,24 @@
-//! Safety barrier certificates: a quadratic program for each robot. (Wang, Ames, Egerstedt: Safety
-//! barrier certificates for collisions-free multirobot systems, 2017; the decentralised form, for
-//! single integrators)
+//! Safety barrier certificates: a control barrier function with a quadratic program (CBF-QP) for each robot.
+//! (Wang, Ames, Egerstedt: Safety barrier certificates for collisions-free multirobot systems, 2017; the
+//! decentralized form, for single integrators)
 //!
-//! h = r^2 - d^2 is to fall no faster than h' >= -a h, so that it stays above 0. h' = 2 z . (u_i - u_j),
-//! and each robot of a pair sees to half of it: 2 z . u >= -a h / 2. What is nearest to gamma of all that
-//! fulfils this for everybody near, and |u| <= v_max, is taken. A wall does not move, so that the robot sees
-//! to all of it, with the nearest point of each convex part and the clearance.
+//! The barrier h = r^2 - d^2 must satisfy h' >= -a h, so that it stays positive. With h' = 2 z . (u_i - u_j),
+//! each robot of a pair guarantees half of it: 2 z . u >= -a h / 2. The method returns the velocity nearest to
+//! gamma that satisfies this constraint for every neighbor in range, and |u| <= v_max. A wall does not move, so
+//! the robot guarantees all of it, with the nearest point of each convex part and the clearance in place of d.
 //!
-//! 0 is always permitted while nobody is too near: the robot stands then at worst. Where somebody is, the
-//! program may have no solution; the half-planes give way by the same amount then, the least there is, and
-//! those of walls last.
+//! While no neighbor is closer than d, u = 0 is feasible, so in the worst case the robot stops. Otherwise the
+//! program may be infeasible. The half-planes are then relaxed by one common amount, the smallest that makes it
+//! feasible, and those of walls last.
 //!
-//! Positions suffice. Sampled with the period T it keeps d as long as a T <= 1, where all else is ideal:
-//! of two displacements along z, each is at most half of the slack.
+//! The method needs positions only. Sampled with period T under otherwise ideal conditions it keeps d if a T <=
+//! 1, because the displacement of each robot along z is then at most half of the slack.
 //!
 //! | symbol | meaning |
 //! |---|---|
-//! | z, r, n | own - the other, m, its length and direction |
+//! | z, r, n | own position - other's position, m, its length and direction |
 //! | h | r^2 - d^2, m^2 |
-//! | a | rate at which h may fall, 1/s (gamma in the paper) |
+//! | a | maximum relative rate of decrease of h, 1/s (gamma in the paper) |
 
 use formation::Vec2;
 use formation::real;
@@ -30,7 +30,8 @@ use super::polygon::HalfPlane;
 use super::program::nearest_permitted;
 use super::{AvoidanceRow, Sample};
 
-/// Of the rate at which h may fall, a robot sees to half beside another, and to all beside a wall.
+/// Fraction of the constraint on h that the robot guarantees: half towards another robot, all of it towards a
+/// wall.
 const OF_ANOTHER: f64 = 0.5;
 const OF_A_WALL: f64 = 1.0;
 
@@ -38,13 +39,13 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "cbf-qp",
         source: "Wang et al. 2017",
-        promises: "d, where `barrier_per_s` times the period is at most 1; no way out of deadlocks",
+        promises: "d, if `barrier_per_s` times the period is at most 1; does not resolve deadlocks",
         sensing_radius_m,
         gains: &[Gain::needed(
             "barrier_per_s",
-            "rate at which r^2 - d^2 of two robots may fall, in 1/s",
+            "maximum relative rate of decrease of the barrier r^2 - d^2, in 1/s",
         )],
-        // Of more than all of the slack in a period, nothing is left.
+        // A larger product would use up more than the whole slack within one period.
         advice: |at| sampled_too_slowly(at, "barrier_per_s", 1.0),
         ..HOLONOMIC
     },
@@ -59,7 +60,8 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     },
 };
 
-/// Nobody farther away than where v_max is permitted matters, m.
+/// Returns the distance, m, beyond which the constraint permits v_max in every direction, so that no neighbor
+/// or wall matters.
 fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
     let Some(rate) = at.avoidance.gains.get("barrier_per_s") else { return 0.0 };
     // a (r^2 - k^2) share / (2 r) = v_max
@@ -72,12 +74,12 @@ fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
     robots.max(walls) + at.distance_error_m()
 }
 
-/// One robot's.
+/// CBF-QP method of one robot.
 struct CbfQp {
     d: f64,
     clearance: f64,
     v_max: f64,
-    /// a, 1/s.
+    /// Maximum relative rate of decrease of h (a), 1/s.
     rate: f64,
 }
 
@@ -91,11 +93,11 @@ impl Velocity for CbfQp {
 }
 
 impl CbfQp {
-    /// 2 z . u >= -share a h, for |z| u.
+    /// Returns the constraint 2 z . u >= -share a h as a half-plane, divided by 2 |z|.
     fn side(&self, z: Vec2, distance_min: f64, share: f64) -> HalfPlane {
         let r = z.norm();
         let h = r * r - distance_min * distance_min;
-        // At the same place any direction leads away, as fast as possible.
+        // With coincident positions any direction leads away, so the robot leaves at maximum speed.
         let bound = if r > 0.0 { share * self.rate * h / (2.0 * r) } else { -self.v_max };
         HalfPlane { normal: direction(z), bound }
     }

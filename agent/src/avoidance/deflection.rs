@@ -1,19 +1,20 @@
-//! Deflection: the way around others. It keeps the chapter's unstable focus, only as strong as needed,
-//! looks ahead, and gives way. It is comfort: it promises nothing.
+//! Deflection (avoidance steering): steers around other robots. It uses the chapter's unstable focus only as
+//! strongly as needed, looks ahead, and yields. It is a performance term without a safety guarantee.
 //!
 //! | symbol | meaning |
 //! |---|---|
-//! | z, r, n, t | own minus other, its length, its direction, n turned +90 degrees |
-//! | p | displacement wanted within one period T, m; \|p\| <= V = v_max T |
-//! | e | own front point minus the place wanted, m |
-//! | d_f | distance at which the deflection begins to matter, m |
-//! | d_s | the same for a robot that stands off from a place that is taken, m |
-//! | c_f | the same beside a wall, m |
-//! | kappa | share of the slack to d_f that a period's approach may use up |
+//! | z, r, n, t | own position minus other's, its length, its direction, n rotated by +90 degrees |
+//! | p | requested displacement within one period T, m; \|p\| <= V = v_max T |
+//! | e | own front point minus desired position, m |
+//! | d_f | distance at which the deflection starts to act, m |
+//! | d_s | standoff distance: replaces d_f for a robot that waits next to its occupied slot, m |
+//! | c_f | distance from a wall at which the deflection starts to act, m |
+//! | kappa | fraction of the slack to d_f that the approach of one period may use up |
 //!
-//! Who has arrived gives way to whoever comes: d_f grows by a share of itself where e is small and the
-//! other approaches the place. In a formation that keeps its shape, at rest, moving or turning, nobody
-//! approaches anybody's place, and d_f is what it was. In words: `docs/explanation/arrival.md`.
+//! A robot that has arrived yields to an approaching robot: d_f is enlarged by a fraction of itself if e is
+//! small and the other robot approaches the slot. In a formation that keeps its shape, at rest, moving or
+//! turning, no robot approaches another robot's slot, and d_f is unchanged. Explanation:
+//! `docs/explanation/arrival.md`.
 
 use std::f64::consts::TAU;
 
@@ -30,83 +31,96 @@ use super::patience::Patience;
 use super::{Sample, clip};
 use crate::golden_phase;
 
-/// How soon the way along a wall is all that is left: to a side to which a quarter of p leads.
+/// Gain of the steering along a wall. If at least 1/4 of p points along the wall, the removed component is
+/// redirected completely to that side.
 const ALONG: f64 = 4.0;
-/// The dither's shortest period, s; each robot has its own, so that no pair stays symmetric.
+/// Minimum dither period, s. Each robot has a different period, so no pair stays symmetric.
 const DITHER_PERIOD_S: f64 = 1.5;
-/// A where somebody has inertia, rad: who stands before a door must get out of the other's way.
+/// Default dither amplitude (A) if a robot has inertia, rad. A robot that waits in front of a narrow passage
+/// has to leave the path of the oncoming robot.
 const DITHER_OF_THE_SLOW_RAD: f64 = 0.85;
-/// How far the dither swings at least for a robot that has tried for long, rad.
+/// Minimum dither amplitude of a robot that has been blocked for a long time, rad.
 const DITHER_AT_LAST_RAD: f64 = 1.0;
-/// The least of d_f - d, as a share of d.
+/// Minimum of d_f - d, as a fraction of d.
 const MARGIN: f64 = 0.05;
-/// Who has been still for this long, s, has a place for good, as far as anybody can tell.
+/// Time at rest after which another robot is assumed to occupy its position permanently, s.
 const TAKEN_AFTER_S: f64 = 3.0;
-/// Over how long a place's velocity is smoothed, in d / v_max. While a formation forms, those whom a robot
-/// hears carry its place along: they still count as coming.
+/// Time constant of the smoothed slot velocity, in d / v_max. While a formation assembles, in-neighbors move
+/// the slot. They still count as approaching.
 const PLACE_SMOOTH: f64 = 3.0;
-/// Nobody is turned aside as if whom it meets were nearer than this, s.
+/// Lower clamp on the time to closest approach in early avoidance, s.
 const SOONEST_S: f64 = 0.1;
 
-/// The later answers act, the slower all go, and the farther from its place and the sooner a robot gives way: by
-/// these for each v_max H / d.
+/// Increase of the yield distance, and reduction of the yield speed, per unit of v_max H / d. The later
+/// commands take effect, the slower all robots move, so a robot yields farther from its slot and to slower
+/// robots.
 const YIELD_EARLIER: f64 = 4.0;
 const YIELD_SOONER: f64 = 5.0;
 
-/// d_s is more than d_f by this share of how far the place wanted is within d_f of the other. Measured
-/// over all single deaths and cuts of the shipped scenarios: with 0 three contained robots that have a
-/// place end 2 to 8 cm off it, held up by some that have none; with 0.1 and with 0.15 nobody does.
+/// Excess of d_s over d_f, as a fraction of the distance by which the desired position lies within d_f of the
+/// other robot. Measured over all single deaths and cuts of the shipped scenarios: with 0, three followers with
+/// free slots end 2 to 8 cm off them, blocked by followers without. With 0.1 and 0.15 this does not occur.
 pub const ASIDE: f64 = 0.1;
 
-/// What the way around others is made of, found by search: `scenarios/campaigns/deflection/search.py`.
-/// Nothing that the guard promises depends on them.
+/// Gains of the deflection, tuned by search: `scenarios/campaigns/deflection/search.py`. The guarantee of the
+/// guard does not depend on them.
 pub const GAINS: &[Gain] = &[
     Gain::or(
         "dither_rad",
         0.1,
-        "A, how far a blocked robot's wish swings to and fro, in rad; 0.85 where somebody has inertia",
+        "A, amplitude of the dither of a blocked robot's direction, in rad; 0.85 if any robot has inertia",
     ),
-    Gain::or("around", 0.3, "how much of the approach that is taken off is put across instead"),
-    Gain::or("around_at_last", 1.6, "the same for a robot that gets nowhere"),
-    Gain::or("impatience_time", 0.9, "how soon a robot counts as getting nowhere, in d / v_max"),
+    Gain::or("around", 0.3, "fraction of the removed approach that is redirected sideways"),
+    Gain::or("around_at_last", 1.6, "value of `around` for a robot that makes no progress"),
+    Gain::or(
+        "impatience_time",
+        0.9,
+        "time constant of the detection of missing progress, in d / v_max",
+    ),
     Gain::or(
         "slack_share",
         0.17,
-        "kappa, share of the slack to d_f that a period's approach uses up",
+        "kappa, fraction of the slack to d_f that the approach of one period may use up",
     ),
-    Gain::or("margin", 1.9, "d_f - d in v_max H, 0.05 d at least"),
-    Gain::or("look_ahead", 3.3, "how far ahead a robot looks, in d / v_max"),
+    Gain::or("margin", 1.9, "d_f - d in v_max H, at least 0.05 d"),
+    Gain::or("look_ahead", 3.3, "look-ahead time, in d / v_max"),
     Gain::or(
         "look_ahead_share",
         1.7,
-        "share of what is missing to d_f by which a robot turns aside early",
+        "fraction of the predicted shortfall to d_f that early avoidance corrects",
     ),
-    Gain::or("look_ahead_turn_rad", 0.75, "how far a robot turns aside early at most, in rad"),
-    Gain::or("yield", 0.45, "by what share of itself d_f grows for a robot that gives way"),
-    Gain::or("yield_speed", 1.0, "how fast the other must come for all of that, in v_max"),
+    Gain::or("look_ahead_turn_rad", 0.75, "maximum angle of early avoidance, in rad"),
+    Gain::or("yield", 0.45, "fraction of itself by which d_f grows for a robot that yields"),
+    Gain::or(
+        "yield_speed",
+        1.0,
+        "approach speed of the other robot at which yielding is complete, in v_max",
+    ),
     Gain::or(
         "yield_reach",
         0.45,
-        "how near its place a robot is that gives way, in d, and 4 v_max H more",
+        "distance from its slot within which a robot yields, in d, plus 4 v_max H",
     ),
 ];
 
-/// d_f, m: the distance from which a robot is led around another; larger for one that gives way.
+/// Returns d_f, m: the distance from which a robot is steered around another. It is larger for robots of lower
+/// yield priority.
 pub fn deflection_distance_m(at: &Conditions<'_>) -> f64 {
     let d = at.avoidance.distance_min_m;
     let d_f = d + (gain(at, "margin") * at.speed_m_s() * at.lifetime_s).max(MARGIN * d);
     larger(at.rank) * d_f
 }
 
-/// How far a robot looks for those whom it will meet, m: as far as v_max leads until then.
+/// Returns the sensing radius for early avoidance, m: d_f plus the distance driven at v_max during the
+/// look-ahead time.
 pub fn look_ahead_radius_m(at: &Conditions<'_>) -> f64 {
     deflection_distance_m(at) + gain(at, "look_ahead") * at.avoidance.distance_min_m
 }
 
-/// d_f as a multiple of that of the first rank. Measured over all single deaths and cuts of the
-/// shipped scenarios: with these no leader is held up by a contained robot, nor by a follower that
-/// stands in its way because it has nobody left to go by. From 1.2 on, replacements of contained
-/// robots may find every way in between two others too narrow.
+/// Returns d_f of a rank as a multiple of that of the first rank. Measured over all single deaths and cuts of
+/// the shipped scenarios: with these values no leader is blocked by a follower of a hull (`Contained`), or by a
+/// formation robot that stopped in its path because it has no in-neighbor left. From 1.2 on, replacements of
+/// contained robots may find every gap between two others too narrow.
 fn larger(rank: Rank) -> f64 {
     match rank {
         Rank::First => 1.0,
@@ -115,7 +129,7 @@ fn larger(rank: Rank) -> f64 {
     }
 }
 
-/// kappa. Where somebody has inertia it asks for no more than the bound grants, Lambda of the slack a
+/// Returns kappa. If any robot has inertia, it is limited to what the bound grants: Lambda of the slack per
 /// second.
 pub fn deflection_share(at: &Conditions<'_>) -> f64 {
     match at.avoidance.braking_time_max_s > 0.0 {
@@ -124,14 +138,14 @@ pub fn deflection_share(at: &Conditions<'_>) -> f64 {
     }
 }
 
-/// c_f, m: the distance from which a robot is led along a wall. The bound grants it twice as much there as
-/// beside another robot.
+/// Returns c_f, m: the distance from which a robot is steered along a wall. The bound grants twice the approach
+/// speed that it grants next to another robot.
 pub fn wall_deflection_distance_m(at: &Conditions<'_>) -> f64 {
     let clearance = at.avoidance.clearance_m;
     clearance + (0.75 * at.speed_m_s() * at.lifetime_s).max(0.05 * clearance)
 }
 
-/// kappa beside a wall: where somebody has inertia, the bound grants 2 Lambda of the slack a second.
+/// Returns kappa next to a wall. If any robot has inertia, the bound grants 2 Lambda of the slack per second.
 pub fn wall_deflection_share(at: &Conditions<'_>) -> f64 {
     match at.avoidance.braking_time_max_s > 0.0 {
         true => WALL_KAPPA.min(2.0 * rate_per_s(at) * at.period_s),
@@ -139,37 +153,38 @@ pub fn wall_deflection_share(at: &Conditions<'_>) -> f64 {
     }
 }
 
-/// kappa beside a wall.
+/// Value of kappa next to a wall without inertia.
 const WALL_KAPPA: f64 = 0.25;
 
-/// A gain as given, or as found by search.
+/// Returns the configured gain, or its default from [`GAINS`].
 fn gain(at: &Conditions<'_>, key: &str) -> f64 {
     at.gain(GAINS, key)
 }
 
-/// The way of one robot around others.
+/// Avoidance steering of one robot.
 pub struct Deflection {
+    /// Speed limit, m/s.
     v_max: f64,
-    /// T, s.
+    /// Control period (T), s.
     period: f64,
     kappa: f64,
     pub(super) d_f: f64,
-    /// kappa and c_f, beside walls.
+    /// Values of kappa and c_f (m) next to walls.
     wall: (f64, f64),
     rank: Rank,
     motion: Motion,
     patience: Patience,
     comfort: Comfort,
-    /// How its place moves in the long run, m/s.
+    /// Smoothed velocity of the desired position, m/s.
     place_velocity: Vec2,
-    /// Its place is taken: it is held back, and not led around.
+    /// Set while the desired position is occupied. The robot is then held back and not steered around others.
     stands_off: Option<Taken>,
     limits: Vec<Limit>,
     pub(super) dither_period: f64,
     pub(super) dither_phase: f64,
 }
 
-/// The gains, in SI units.
+/// Gains of the deflection, converted to SI units.
 struct Comfort {
     dither_rad: f64,
     around: f64,
@@ -180,15 +195,15 @@ struct Comfort {
     yields: f64,
     yield_speed_m_s: f64,
     yield_reach_m: f64,
-    /// Over how long the place's velocity is smoothed, s.
+    /// Time constant of the smoothed slot velocity, s.
     place_s: f64,
 }
 
 impl Comfort {
-    /// Of a robot that leads all others, or of another.
+    /// Converts the gains. A robot that `leads` all others neither yields nor turns aside early.
     fn new(at: &Conditions<'_>, leads: bool) -> Comfort {
         let (d, v_max) = (at.avoidance.distance_min_m, at.speed_m_s());
-        // Whoever leads keeps its way: where it turns aside, everybody does.
+        // A leader keeps its path, because all others follow wherever it turns.
         let aside = |key| if leads { 0.0 } else { gain(at, key) };
         let late = v_max * at.lifetime_s / d;
         Comfort {
@@ -201,7 +216,8 @@ impl Comfort {
             look_ahead_s: gain(at, "look_ahead") * d / v_max,
             look_ahead_share: gain(at, "look_ahead_share"),
             look_ahead_turn_rad: aside("look_ahead_turn_rad"),
-            // Whoever comes to a contained robot's place may want just that, and stay there.
+            // Another robot that approaches the position of a contained robot may have it as its destination,
+            // and stay there.
             yields: if at.rank == Rank::Contained { 0.0 } else { aside("yield") },
             yield_speed_m_s: gain(at, "yield_speed") * v_max / (1.0 + YIELD_SOONER * late),
             yield_reach_m: gain(at, "yield_reach") * d + YIELD_EARLIER * late * d,
@@ -210,26 +226,26 @@ impl Comfort {
     }
 }
 
-/// How much of a displacement away from another is asked for.
+/// Constraint on the displacement of one period from another robot or a wall.
 #[derive(Debug, Clone, Copy)]
 struct Limit {
-    /// z, m, and r, m.
+    /// Vector z, m, and its length r, m.
     z: Vec2,
     r: f64,
-    /// The least n·p, m: below 0 where there is slack.
+    /// Minimum of n . p, m. It is negative while there is slack.
     excess: f64,
-    /// Of a wall, which does not move aside.
+    /// `true` for a wall, which does not move aside.
     is_wall: bool,
 }
 
 impl Limit {
-    /// Whether it may matter to a displacement of no more than `reach`, m.
+    /// Returns `true` if the constraint can be active for a displacement of at most `reach`, m.
     fn stops_within(&self, reach: f64) -> bool {
         -self.excess < reach && self.r > 0.0
     }
 
-    /// The displacement `p`, with what it lacks away from the other, and this share of that across: beside a wall
-    /// to the side to which p leads anyway.
+    /// Returns the displacement `p` with the missing component away from the other added, and the fraction
+    /// `around` of that component added across. Next to a wall the sign of the cross component is that of p.
     fn lead(&self, p: Vec2, around: f64) -> Vec2 {
         let n = self.z / self.r;
         let lambda = self.excess - n.dot(&p);
@@ -245,19 +261,19 @@ impl Limit {
     }
 }
 
-/// Why a robot stands off.
+/// Occupied desired position, and where the robot waits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Taken {
-    /// z of the other that has its place, m.
+    /// Vector z of the robot that occupies the position, m.
     by: Vec2,
-    /// d_s, m.
+    /// Standoff distance (d_s), m.
     d_s: f64,
-    /// Where it stands off to, as seen from its place, m.
+    /// Waiting position relative to the desired position, m.
     aside: Vec2,
 }
 
 impl Deflection {
-    /// That of the robot of this brief.
+    /// Creates the deflection for the robot of this brief.
     pub fn new(brief: &AgentBrief) -> Deflection {
         let at = Conditions::of(brief);
         let phase = golden_phase(brief.index);
@@ -280,11 +296,12 @@ impl Deflection {
         }
     }
 
-    /// e, m, as the law is to see it. A robot does not ask for a place nearer than d_f to somebody
-    /// who has it: it asks for one beside it, at d_s. Beside: where the place lies as seen from the other, and,
-    /// the nearer the two are, where the robot is as seen from it. All change without a jump as the
-    /// other moves on. A contained robot's place is anybody's; any other's is taken only by who has
-    /// been still for long.
+    /// Returns the error e, m, as the control law shall use it. If another robot occupies the desired position,
+    /// the robot does not approach it closer than d_f. It takes a position next to it, at d_s, in the direction
+    /// of the desired position as seen from the other robot, and increasingly in the own direction the closer
+    /// both are. This changes continuously as the other robot moves on. The position of a contained robot may
+    /// be occupied by any robot at once, any other slot only by a robot that has been at rest for
+    /// [`TAKEN_AFTER_S`].
     pub fn stand_off(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
         self.motion.observe(sample);
         let gap2 = |z: &Vec2| (z - error).norm_squared(); // |alpha* - alpha_j|^2
@@ -308,8 +325,8 @@ impl Deflection {
         self.stands_off.map_or(error, |taken| error - taken.aside)
     }
 
-    /// The distance from which the robot is led around another, m: d_f, or d_s while it stands off, but for
-    /// whoever has its place.
+    /// Returns the distance from which the robot is steered around another, m: d_s during a standoff, except
+    /// towards the robot that occupies its slot, and d_f otherwise.
     fn distance_from(&self, mover: &Mover) -> f64 {
         match self.stands_off {
             Some(taken) if taken.by != mover.z => taken.d_s,
@@ -317,7 +334,7 @@ impl Deflection {
         }
     }
 
-    /// What may stop the robot within this period, walls first, the nearest of each first.
+    /// Returns the constraints that may be active within this period, walls first, each group nearest first.
     fn limits(&mut self, sample: &Sample<'_>) -> Vec<Limit> {
         let mut limits = std::mem::take(&mut self.limits);
         limits.clear();
@@ -337,8 +354,8 @@ impl Deflection {
         limits
     }
 
-    /// How much is asked for beside another, r m away, by whom the robot may be stopped within this
-    /// period: it is led around it from farther away where it is near its place, the faster the other comes.
+    /// Returns the constraint from another robot at distance `r`, m. If the robot is near its slot, it acts
+    /// from farther away, the faster the other approaches.
     fn limit(&self, mover: &Mover, r: f64, sample: &Sample<'_>) -> Limit {
         let d_f = self.distance_from(mover);
         let comes_m_s = (mover.velocity - self.place_velocity).dot(&mover.z) / r;
@@ -350,7 +367,7 @@ impl Deflection {
             let excess = -self.kappa * (r - d_f * (1.0 + yields));
             Limit { z: mover.z, r, excess, is_wall: false }
         };
-        // Where two are at the same place there is no direction to come from.
+        // Coincident positions have no direction of approach, and the quotient is NaN.
         let most = if share > 0.0 { self.comfort.yields * share } else { 0.0 };
         match most > 0.0 && beside(most).stops_within(self.v_max * self.period) {
             true => beside(most * self.at_its_place(sample)),
@@ -358,8 +375,8 @@ impl Deflection {
         }
     }
 
-    /// How much the robot gives way: 1 at its place, or where it has given up; 0 far away, or where it has nothing
-    /// to go by: it stands.
+    /// Returns the degree of yielding: 1 at the slot or while progress is given up, towards 0 far away, and 0
+    /// if the robot has no desired position and stops.
     fn at_its_place(&self, sample: &Sample<'_>) -> f64 {
         let aside = self.stands_off.map_or(Vec2::zeros(), |taken| taken.aside);
         let Some(error) = sample.error.map(|error| error - aside) else { return 0.0 };
@@ -369,11 +386,12 @@ impl Deflection {
         }
     }
 
-    /// The wanted displacement `p`, led around those it would come too near. One that stands off, or has
-    /// given up, is held back only: around others there is nothing for it, and on the way it would be in
-    /// everybody else's. From all but whoever has its place it stays d_s away.
+    /// Returns the requested displacement `p`, deflected around robots that it would approach too closely.
+    /// During a standoff, or while progress is given up, the robot is only held back: passing others would gain
+    /// nothing and block their paths. It then stays d_s away from every robot except the one that occupies its
+    /// slot.
     ///
-    /// Along a wall it is led to the side to which p leads anyway: a wall does not move aside.
+    /// Along a wall the deflection is to the side to which p points, because a wall does not move aside.
     pub fn deflect(&mut self, sample: &Sample<'_>, mut p: Vec2) -> Vec2 {
         let reach = self.v_max * self.period; // V
         self.motion.observe(sample);
@@ -408,8 +426,8 @@ impl Deflection {
         clip(p, reach)
     }
 
-    /// `p`, turned aside early from those that it would pass nearer than d_f if all went on as they do: to the
-    /// side on which it passes anyway, the more the sooner.
+    /// Returns `p`, turned early away from robots that it would pass closer than d_f at constant velocities. It
+    /// turns to the side on which it passes anyway, by a larger angle for an earlier encounter.
     fn look_ahead(&self, p: Vec2) -> Vec2 {
         let length = p.norm();
         if length == 0.0 {
@@ -420,17 +438,17 @@ impl Deflection {
         let turn_from = |mover: &Mover| {
             let relative = wish - mover.velocity;
             let (way, speed2) = (-mover.z.dot(&relative), relative.norm_squared());
-            // Nobody that is passed already, that is met later, or that moves alike.
+            // Ignored: robots already passed, met after the look-ahead time, or with the same velocity.
             if !(way > 0.0 && way < within_s * speed2) {
                 return 0.0;
             }
-            // How far to the left of the other's way it passes, m, times the relative speed.
+            // Signed miss distance to the left of the other's path, m, times the relative speed.
             let left = mover.z.y * relative.x - mover.z.x * relative.y;
             if left * left >= d_f2 * speed2 {
                 return 0.0;
             }
             let (soon_s, offset) = (way / speed2, left / speed2.sqrt());
-            // Who passes on the left of the other's way turns on to the left.
+            // A robot that passes on the left of the other's path turns further to the left.
             let side = if (left >= 0.0) == (relative.dot(&wish) >= 0.0) { 1.0 } else { -1.0 };
             let lacking = self.d_f - offset.abs();
             let lateral_m_s = self.comfort.look_ahead_share * lacking / soon_s.max(SOONEST_S);

@@ -1,7 +1,6 @@
-//! The chapter's avoidance, as published: an unstable focus around everybody nearer than d.
+//! The chapter's avoidance as published: an unstable focus around every robot closer than d.
 //!
-//! Needed to reproduce the chapter and to show where sampling voids its guarantee; nothing is
-//! clamped here.
+//! Needed to reproduce the chapter and to show how sampling voids its guarantee. Speeds are not clamped.
 
 use formation::Vec2;
 use formation::front_point::twist_for;
@@ -11,7 +10,8 @@ use protocol::number::short;
 
 use super::{Avoidance, AvoidanceRow, Sample};
 
-/// Above this epsilon T, a sampled focus overshoots (measured on all three cases of the chapter).
+/// Maximum of epsilon T without advice. Above it a sampled focus overshoots (measured on all three cases of the
+/// chapter).
 const EPSILON_PERIOD_MAX: f64 = 0.1;
 
 pub(super) const ROW: AvoidanceRow = AvoidanceRow {
@@ -37,13 +37,13 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     },
 };
 
-/// u = gamma + beta, turned into (v, w) by (17).
+/// The chapter's method: u = gamma + beta, converted to (v, w) by (17).
 struct Focus {
-    /// d, m.
+    /// Minimum distance (d), m.
     d: f64,
-    /// epsilon, 1/s.
+    /// Strength of the focus (epsilon), 1/s.
     epsilon: f64,
-    /// ell, m.
+    /// Distance of the front point from the axle (ell), m.
     ell: f64,
 }
 
@@ -62,7 +62,7 @@ impl Avoidance for Focus {
 }
 
 impl Focus {
-    /// beta, m/s: an unstable focus on everybody within d. (11) (12)
+    /// Returns the avoidance velocity (beta), m/s: an unstable focus on every robot within d. (11) (12)
     fn beta(&self, away: &[Vec2]) -> Vec2 {
         let near = away.iter().filter(|z| z.norm() <= self.d); // (10) (12)
         let sum: Vec2 = near.map(|z| Vec2::new(z.x - z.y, z.x + z.y)).sum();
@@ -70,18 +70,18 @@ impl Focus {
     }
 }
 
-/// A focus that turns by more than a tenth within one period overshoots.
+/// Returns an advice if the focus turns by more than a tenth within one period and overshoots.
 fn overshoot(at: &Conditions<'_>) -> Option<Advice> {
     let epsilon = *at.avoidance.gains.get("epsilon_per_s")?;
     let product = epsilon * at.period_s;
     (product > EPSILON_PERIOD_MAX).then(|| Advice {
         key: "epsilon_per_s",
         message: format!(
-            "epsilon T = {}: a focus sampled this slowly does not keep d",
+            "epsilon T = {}: the sampled focus does not keep d at this period",
             short(product)
         ),
         expected: format!(
-            "expected a period of at most {} s, or kind = \"guard\"",
+            "the period must be at most {} s, or use kind = \"guard\"",
             short(EPSILON_PERIOD_MAX / epsilon)
         ),
     })
@@ -92,7 +92,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_field_spirals_outwards_counter_clockwise_and_ends_at_d() {
+    fn focus_field_spirals_outward_and_ends_at_d() {
         let focus = Focus { d: 0.2, epsilon: 2.0, ell: 0.1 };
         assert_eq!(focus.beta(&[Vec2::new(0.1, 0.0)]), Vec2::new(0.2, 0.2));
         assert_eq!(focus.beta(&[Vec2::new(0.0, 0.1)]), Vec2::new(-0.2, 0.2));
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn it_follows_gamma_and_beta_and_stands_while_it_sees_nothing() {
+    fn focus_adds_beta_and_stops_without_proximity() {
         let mut focus = Focus { d: 0.2, epsilon: 2.0, ell: 0.1 };
         let (gamma, away) = (Vec2::new(0.1, -0.3), [Vec2::new(0.1, 0.0)]);
         let sample = Sample { heading_rad: 0.7, away: &away, ..Sample::default() };
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn it_needs_to_see_d_and_what_sensors_err_by_and_a_period_short_for_epsilon() {
+    fn focus_requires_radius_d_and_advises_a_short_period() {
         let mut brief = crate::testing::brief();
         brief.avoidance.sensing_error_m = 0.01;
         brief.avoidance.gains = [("epsilon_per_s".into(), 10.0)].into();

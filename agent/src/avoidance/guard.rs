@@ -1,69 +1,70 @@
-//! The guard: no two front points nearer than d, whatever is sampled late, frozen or killed, also where
-//! nobody stops at once.
+//! The guard (safety filter): no two front points closer than d, regardless of late samples, frozen or killed
+//! processes, also with braking times. An addition to the chapter.
 //!
-//! Two parts. *Deflect* keeps the chapter's unstable focus as the way around others, only as
-//! strong as needed; it is comfort. *Bound* restricts the command so that the robot gives up no more
-//! than its half of the slack to anybody near, for as long as the plant may obey it (the lifetime H,
-//! counted from the sample's stamp) and until its wheels stand; it is the promise. Whatever *deflect*
-//! wants, of whatever rank, passes through the same half-planes, which know d, v_max, H and Lambda
-//! alone: the promise does not depend on who gives way to whom.
+//! It has two parts. *Deflect* uses the chapter's unstable focus to steer around others, only as strongly as
+//! needed. It is a performance term. *Bound* restricts the command so that the robot uses up at most its half
+//! of the slack to every neighbor, for as long as the plant may execute the command (the command timeout H,
+//! counted from the stamp of the sample) and until the wheels are at rest. It is the guarantee. Every output of
+//! *deflect*, for any yield priority, passes through the same half-planes, which depend only on d, v_max, H and
+//! Lambda. The guarantee does not depend on which robot yields.
 //!
-//! What the plant promises: P1, the target of the wheels is the newest accepted command until its
-//! stamp + H, else 0; late and old ones are refused, and no target is faster than v_max. P2, the twist
-//! y = (v, ell w) moves only on the straight segment towards the target. P3, with the target 0 it goes
-//! to 0 on its ray, within its braking time ||y||. P4, odometry reports the twist in force at its stamp.
+//! Assumptions about the plant: P1, the target of the wheels is the newest accepted command until its stamp +
+//! H, and 0 afterwards; late and old commands are refused, and no target exceeds v_max. P2, the twist y = (v,
+//! ell w) moves only on the straight segment towards the target. P3, with target 0 it goes to 0 on its ray,
+//! within its braking time ||y||. P4, odometry reports the twist in force at its stamp.
 //!
-//! Why it is safe: a certificate at the sample s is about the set K = {0, the twist in force at s, own
-//! commands still alive, the new one}: none of them approaches anybody faster than b, whatever
-//! direction and heading become until s + H + tau_o. After the newest command that moves only members
-//! of K are targets, so that y stays in their convex hull; the half-planes are linear in y, so that it
-//! keeps them as well. From s + H on it brakes, and mu makes b so small that the approach shrinks at
-//! least as fast as the slack may: (1 - x/tau_o) mu(2 Lambda tau_o) <= e^(-2 Lambda x). So at all
-//! times the robot uses up at most its half of the slack, and E = e^(2 Lambda t) rho never falls.
-//! Nothing about latency, phase, freezes or deaths is used: they only cause refusals and stops.
+//! Proof idea: a certificate at the sample s covers the set K = {0, the twist in force at s, own unexpired
+//! commands, the new command}. None of them approaches any neighbor faster than b, for all directions and
+//! headings possible until s + H + tau_o. After the newest command that moves the robot, only members of K are
+//! targets, so y stays in their convex hull. The half-planes are linear in y, so y satisfies them as well. From
+//! s + H on the robot brakes, and mu makes b so small that the approach decreases at least as fast as the slack
+//! may: (1 - x/tau_o) mu(2 Lambda tau_o) <= e^(-2 Lambda x). Hence the robot uses up at most its half of the
+//! slack at all times, and E = e^(2 Lambda t) rho never decreases. Latency, phase, freezes and deaths do not
+//! enter the argument, because they only cause refusals and stops.
 //!
-//! Where everybody stops at once, tau_o = 0, mu = 1 and Lambda = 1/H, and y jumps from target to target:
-//! each moment belongs to one command, which was certified at its own sample. So the certificate is about
-//! the new command alone; the others alive say only how far the robot may get and turn meanwhile.
+//! If all robots stop at once, tau_o = 0, mu = 1 and Lambda = 1/H, and y jumps from target to target. Each
+//! instant then belongs to one command, which was certified at its own sample. The certificate covers the new
+//! command alone, and the other unexpired commands only bound how far the robot may move and turn meanwhile.
 //!
-//! - *Zero* needs no certificate: it only brakes earlier, on a ray on which every twist keeps the
-//!   half-planes.
-//! - *Restart.* In real time, and where they are delayed, commands of a predecessor may act for H after
-//!   the first sample. Nobody knows them, so that with inertia none can be certified, and the answer is 0
-//!   until they are dead. Then the twist in force says all about the predecessor that still matters.
-//!   Without, they count as the worst that there can be, v_max and +-v_max/ell: to stand instead would
-//!   cost H in every run. Else, in lockstep, no command of an earlier tick is alive at a sample.
-//! - *Blind.* Who does not know all near answers 0.
-//! - *Wheels* that are too weak, failing or stuck make of a command a part of it: the segment towards a
-//!   part of a target lies in the hull of K as well, since 0 is in K.
-//! - *Sensing error eps.* The true distance is r - eps or more: rho is taken shorter by eps. The true z
-//!   stays within M + eps of what was sensed: M and M_H are longer by eps.
-//! - *Heading error eta.* The path follows from y and the targets, in the robot's own frame, so that a
-//!   wrong heading turns all of it as a whole: the true heading stays within delta + eta. The own
-//!   front point is off by 2 ell sin(eta/2) at most, which is part of eps. y itself must be exact.
-//! - *Walls* and obstacles do not move: of the slack to one all is the robot's, so that Lambda in b is 2
-//!   Lambda, and the other's speed in M and M_H is 0. mu stays, since E falls at the same rate. Each convex
-//!   part counts by its nearest point; the vector from it changes by no more than the robot moves, and the
-//!   clearance is in place of d.
-//! - *Who is far.* From d + Z on, Z = v_max/(Lambda mu) min(e^(2 Lambda H), 1 + 2 Lambda H mu), b is v_max
-//!   or more whatever the robot does; from the clearance + Z/2 on beside a wall.
+//! - *Zero* needs no certificate: it only brakes earlier, on a ray on which every twist satisfies the
+//! half-planes.
+//! - *Restart.* In real time, and where commands are delayed, commands of a previous incarnation may be
+//! executed for H after the first sample. They are unknown, so with inertia none can be certified, and the
+//! answer is 0 until they have expired. From then on the twist in force contains all that matters of the
+//! previous incarnation. Without inertia they count as the worst case, v_max and +-v_max/ell: stopping instead
+//! would cost H in every run. In lockstep without delays, no command of an earlier tick is unexpired at a
+//! sample.
+//! - *Blind.* If the neighbors in range are not completely known, the answer is 0.
+//! - *Wheels* that are too weak, failing or stuck execute a fraction of a command. The segment towards a
+//! fraction of a target is in the hull of K as well, since 0 is in K.
+//! - *Sensing error eps.* The true distance is at least r - eps: rho is reduced by eps. The true z stays within
+//! M + eps of the sensed one: M and M_H are increased by eps.
+//! - *Heading error eta.* The path follows from y and the targets in the robot's own frame, so a heading error
+//! rotates all of it rigidly: the true heading stays within delta + eta. The error of the own front point is at
+//! most 2 ell sin(eta/2), which is part of eps. y itself must be exact.
+//! - *Walls* and obstacles do not move: the robot may use up the whole slack, so that Lambda in b becomes 2
+//! Lambda, and the speed of the other in M and M_H is 0. mu is unchanged, since E decreases at the same rate.
+//! Each convex part counts by its nearest point. The vector from it changes by at most the displacement of the
+//! robot, and the clearance takes the place of d.
+//! - *Far neighbors.* From d + Z on, Z = v_max/(Lambda mu) min(e^(2 Lambda H), 1 + 2 Lambda H mu), b is at
+//! least v_max for any state of the robot. Next to a wall this holds from the clearance + Z/2 on.
 //!
-//! The folder `proof` has this checked by Coq, for any Lambda > 0 and any accelerations; comments name its
-//! lemma where a rule is needed. In words: `docs/explanation/guard.md`, `inertia.md`. Not in the paper.
+//! The folder `proof` contains the Coq proof, for any Lambda > 0 and any accelerations. Comments name its lemma
+//! where a rule is needed. Explanation: `docs/explanation/guard.md`, `inertia.md`.
 //!
 //! | symbol | meaning |
 //! |---|---|
-//! | z, r, n | own minus other, its length, its direction |
-//! | y, \|y\| | (v, ell w), the front point's speed, m/s |
-//! | \|\|y\|\| | max(\|v\|/a_v, \|w\|/a_w), how long braking takes, s; 0 for who stops at once |
-//! | tau, tau_o | bound on \|\|y\|\| for all commands, and for those at hand, s |
+//! | z, r, n | own position minus other's, its length, its direction |
+//! | y, \|y\| | (v, ell w) and the front point's speed, m/s |
+//! | \|\|y\|\| | max(\|v\|/a_v, \|w\|/a_w), the braking time, s; 0 for a robot that stops at once |
+//! | tau, tau_o | bound on \|\|y\|\| for all commands, and for the commands of this certificate, s |
 //! | Y | twists with \|y\| <= v_max and \|\|y\|\| <= tau |
-//! | Lambda | 1 / (H + the largest tau of all robots), 1/s |
-//! | h | for how long a command may act: H, s; for one that is certified again longer, so that it can be |
+//! | Lambda | 1 / (H + maximum tau of all robots), 1/s |
+//! | h | horizon: H, s, or longer for a command that has to be certified again at the next sample |
 //! | eps, eta | bounds on the errors of a sensed distance, m, and of the heading, rad |
-//! | rho | slack r - d, m; beside a wall r - the clearance |
-//! | M_H, M | how far z may move until s + h, and until all stand, m |
-//! | b | how fast this robot may approach another, m/s |
+//! | rho | slack r - d, m; next to a wall r - clearance |
+//! | M_H, M | maximum displacement of z until s + h, and until all robots are at rest, m |
+//! | b | maximum speed at which this robot may approach another, m/s |
 //! | W-, W+ | range of turn rates that may be in force, rad/s |
 
 use std::collections::VecDeque;
@@ -88,7 +89,7 @@ use super::near::Vicinity;
 use super::polygon::{HalfPlane, nearest_point};
 use super::{Avoidance, AvoidanceRow, Sample, clip, exact_hold, within_speed};
 
-/// Commands are kept this share within what they may be: rounding must not take them out of it.
+/// Factor that keeps commands strictly within their bounds despite rounding.
 const WITHIN: f64 = 1.0 - 1e-12;
 
 pub(super) const ROW: AvoidanceRow = AvoidanceRow {
@@ -115,22 +116,22 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     build: |brief, _| Box::new(Guard::new(brief)),
 };
 
-/// Nobody farther away than this can matter, and no wall, m.
+/// Returns the radius, m, beyond which no robot and no wall matters.
 fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
     let [robots, walls] = [robots_radius_m(at), walls_radius_m(at)];
     if at.avoidance.clearance_m > 0.0 { robots.max(walls) } else { robots }
 }
 
-/// The larger of d + Z and of what the deflection needs, d_f + v_max T / kappa, and twice eps, m. Z is
-/// 3 v_max H where everybody stops at once.
+/// Returns the radius within which all robots must be known, m: the maximum of d + Z and of the radius that the
+/// deflection needs, d_f + v_max T / kappa, plus twice eps. Z is 3 v_max H if all robots stop at once.
 fn robots_radius_m(at: &Conditions<'_>) -> f64 {
     let bounded = at.avoidance.distance_min_m + slow_down_zone_m(at);
     let deflected = deflection_distance_m(at) + at.speed_m_s() * at.period_s / deflection_share(at);
     bounded.max(deflected) + 2.0 * at.distance_error_m()
 }
 
-/// The same for walls: the clearance + Z/2, since twice as much is granted and they do not come, or
-/// c_f + v_max T / kappa, and twice eps, m.
+/// Returns the radius within which all walls must be known, m: the maximum of the clearance + Z/2 (twice the
+/// speed is granted, and walls do not move) and of c_f + v_max T / kappa, plus twice eps.
 fn walls_radius_m(at: &Conditions<'_>) -> f64 {
     let bounded = at.avoidance.clearance_m + 0.5 * slow_down_zone_m(at);
     let along = at.speed_m_s() * at.period_s / wall_deflection_share(at);
@@ -138,12 +139,12 @@ fn walls_radius_m(at: &Conditions<'_>) -> f64 {
     bounded.max(deflected) + 2.0 * at.distance_error_m()
 }
 
-/// min(d/4, ell/2) / H, m/s.
+/// Returns the recommended maximum of v_max, m/s: min(d/4, ell/2) / H.
 fn speed_cap_m_s(at: &Conditions<'_>) -> f64 {
     (0.25 * at.avoidance.distance_min_m).min(0.5 * at.front_point_m) / at.lifetime_s
 }
 
-/// Above the cap on v_max it brakes more than it helps.
+/// Returns an advice if v_max exceeds the recommended maximum, above which the guard brakes often.
 fn brakes_a_lot(at: &Conditions<'_>) -> Option<Advice> {
     let (v_max, cap) = (at.avoidance.speed_max_m_s, speed_cap_m_s(at));
     let [limit, most] = told_apart(v_max, cap);
@@ -154,7 +155,7 @@ fn brakes_a_lot(at: &Conditions<'_>) -> Option<Advice> {
              guard will brake a lot"
         ),
         expected: format!(
-            "expected at most {most} m/s, or a shorter H (now {} s)",
+            "the speed limit should be at most {most} m/s, or H shorter (now {} s)",
             short(at.lifetime_s)
         ),
     })
@@ -165,40 +166,41 @@ struct Guard {
     vicinity: Vicinity,
     v_max: f64,
     ell: f64,
-    /// T, s.
+    /// Control period (T), s.
     period: f64,
-    /// H, s.
+    /// Command timeout (H), s.
     lifetime: f64,
     lifetime_ns: u64,
-    /// Lambda, 1/s.
+    /// Rate of decrease of the slack (Lambda), 1/s.
     rate: f64,
-    /// Somebody has inertia: on the way to a command's twist, others are in force.
+    /// `true` if any robot has inertia, so that intermediate twists occur on the way to a command.
     gradual: bool,
-    /// The robot's own inertia; `None`: it stops at once.
+    /// Inertia of this robot, or `None` if it stops at once.
     limits: Option<LimitsBrief>,
     braking: Braking,
-    /// For a command as it is, and for one that is certified again.
+    /// Horizons for a command as it is, and for one that has to be certified again.
     horizons: [Horizon; 2],
-    /// eps, m.
+    /// Bound on the distance error (eps), m.
     distance_error: f64,
-    /// eta, rad.
+    /// Bound on the heading error (eta), rad.
     heading_error: f64,
     deflection: Deflection,
-    /// Own commands that the plant may still obey: stamp answered, twist.
+    /// Own commands that the plant may still execute: stamp of the answered sample, and twist.
     alive: VecDeque<(u64, Twist)>,
-    /// In real time, and where commands are delayed, those of an earlier incarnation may act until here.
+    /// Time until which commands of a previous incarnation may be executed. Set in real time, and if commands
+    /// are delayed.
     predecessor_until_ns: Option<u64>,
     remembers_predecessor: bool,
     cones: Vec<Cone>,
     sides: Vec<HalfPlane>,
 }
 
-/// How far ahead a certificate looks.
+/// Horizon of a certificate.
 #[derive(Debug, Clone, Copy)]
 struct Horizon {
-    /// h, s.
+    /// Length of the horizon (h), s.
     h: f64,
-    /// e^(-2 Lambda h).
+    /// Factor e^(-2 Lambda h).
     lasting: f64,
 }
 
@@ -208,17 +210,17 @@ impl Horizon {
     }
 }
 
-/// Bounds on all twists that may be in force until the robot stands.
+/// Bounds on all twists that may be in force until the robot is at rest.
 #[derive(Debug, Clone, Copy, Default)]
 struct Bounds {
     v_own: f64,
     tau_o: f64,
-    /// W-, W+, rad/s.
+    /// Range of turn rates (W-, W+), rad/s.
     w: [f64; 2],
 }
 
 impl Bounds {
-    /// Of whatever a robot that stops at once may do.
+    /// Returns the bounds on any motion of a robot that stops at once.
     fn worst(v_max: f64, ell: f64) -> Bounds {
         let w_max = v_max / ell;
         Bounds { v_own: v_max, tau_o: 0.0, w: [-w_max, w_max] }
@@ -226,7 +228,7 @@ impl Bounds {
 }
 
 impl Avoidance for Guard {
-    /// gamma, clipped to v_max: as it may be used and published.
+    /// Returns gamma, clipped to v_max.
     fn admit(&self, gamma: Vec2) -> Vec2 {
         clip(gamma, self.v_max)
     }
@@ -235,19 +237,19 @@ impl Avoidance for Guard {
         self.deflection.stand_off(sample, error)
     }
 
-    /// The twist that moves the front point by gamma T.
+    /// Returns the twist that moves the front point by gamma T.
     fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist {
         exact_hold(heading_rad, self.ell, gamma * self.period, self.period)
     }
 
-    /// The twist that answers `sample` when gamma is wanted.
+    /// Returns the certified twist for `sample` if gamma is requested.
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist {
         let p = self.deflection.deflect(sample, gamma * self.period);
         let wanted = exact_hold(sample.heading_effect_rad, self.ell, p, self.period);
         self.restrain(sample, wanted, gamma)
     }
 
-    /// The part of `wanted` that keeps the promise: nothing leads it around others.
+    /// Returns the certified part of `wanted`, without deflection.
     fn restrain(&mut self, sample: &Sample<'_>, wanted: Twist, _: Vec2) -> Twist {
         self.forget_the_dead(sample.stamp_ns);
         let unknown = self.gradual && self.has_predecessor(sample.stamp_ns);
@@ -291,7 +293,7 @@ impl Guard {
         }
     }
 
-    /// What remains is what may still act: `proof/Time.v::covers_the_alive`,
+    /// Drops expired commands. The remaining ones may still be executed: `proof/Time.v::covers_the_alive`,
     /// `proof/Inertia.v::what_acts_since_the_last_sample`.
     fn forget_the_dead(&mut self, stamp_ns: u64) {
         let lifetime_ns = self.lifetime_ns;
@@ -301,15 +303,16 @@ impl Guard {
         }
     }
 
-    /// Commands of an earlier incarnation may act:
+    /// Returns `true` while commands of a previous incarnation may be executed:
     /// `proof/Time.v::after_the_first_lifetime_no_predecessor_is_alive`.
     fn has_predecessor(&self, stamp_ns: u64) -> bool {
         self.predecessor_until_ns.is_some_and(|until_ns| stamp_ns < until_ns)
     }
 
-    /// The part of `wanted` that keeps the promise; without one that does, the brakes for one sample.
+    /// Returns the best certified twist for `wanted` over the scales [`SIGMAS`]. If none is certified, the
+    /// robot keeps its twist if that is certified, and brakes otherwise.
     fn bound(&mut self, sample: &Sample<'_>, wanted: Twist) -> Twist {
-        // Who stops at once has no twist of its own at a sample.
+        // A robot that stops at once has no twist of its own at a sample.
         let now = if self.limits.is_some() { sample.twist } else { Twist::ZERO };
         let mut best: Option<(f64, Twist)> = None;
         for sigma in SIGMAS {
@@ -330,12 +333,12 @@ impl Guard {
         self.grant(sample, now, self.within_y(now)).unwrap_or(Twist::ZERO)
     }
 
-    /// ||y||, s: `proof/Inertia.v::braking_time`.
+    /// Returns the braking time ||y||, s: `proof/Inertia.v::braking_time`.
     fn braking_time(&self, twist: Twist) -> f64 {
         self.limits.map_or(0.0, |limits| limits.accelerations().time_s(twist))
     }
 
-    /// `twist`, slowed down on its path into Y.
+    /// Returns `twist`, scaled down on its ray into Y.
     fn within_y(&self, twist: Twist) -> Twist {
         let Some(limits) = self.limits else { return twist };
         let twist = within_speed(self.v_max, self.ell, twist);
@@ -343,7 +346,7 @@ impl Guard {
         if time > most { twist.scaled(most / time) } else { twist }
     }
 
-    /// What the wheels can do of it within H, on the segment from `now`.
+    /// Returns the point on the segment from `now` to `tried` that the wheels can reach within H.
     fn within_reach(&self, now: Twist, tried: Twist) -> Twist {
         let change = Twist { v_m_s: tried.v_m_s - now.v_m_s, w_rad_s: tried.w_rad_s - now.w_rad_s };
         let time = self.braking_time(change);
@@ -354,10 +357,10 @@ impl Guard {
         Twist { v_m_s: now.v_m_s + part.v_m_s, w_rad_s: now.w_rad_s + part.w_rad_s }
     }
 
-    /// The nearest to `tried` for which there is a certificate: `proof/Time.v::certified`, or, where
-    /// somebody has inertia, `proof/Braking.v::certified`.
+    /// Returns the twist nearest to `tried` for which a certificate exists: `proof/Time.v::certified` or, if
+    /// any robot has inertia, `proof/Braking.v::certified`. Returns `None` if there is none.
     ///
-    /// The bounds hold for every command that may act, or have acted since the sample:
+    /// The bounds hold for every command that may be executed, or has been executed since the sample:
     /// `proof/Time.v::wheels_since_the_sample`, `proof/Inertia.v::fits`.
     fn grant(&mut self, sample: &Sample<'_>, now: Twist, tried: Twist) -> Option<Twist> {
         let remembered = !planted::is("predecessor-forgotten");
@@ -390,14 +393,14 @@ impl Guard {
         None
     }
 
-    /// Widens `bounds` to hold for `twist`.
+    /// Widens `bounds` to include `twist`.
     fn cover(&self, bounds: &mut Bounds, twist: Twist) {
         bounds.v_own = bounds.v_own.max(front_speed(self.ell, twist));
         bounds.tau_o = bounds.tau_o.max(self.braking_time(twist));
         bounds.w = [bounds.w[0].min(twist.w_rad_s), bounds.w[1].max(twist.w_rad_s)];
     }
 
-    /// The twist in force and the commands alive approach nobody faster than b.
+    /// Returns `true` if the twist in force and the unexpired commands approach no neighbor faster than b.
     fn is_certified_still(&mut self, sample: &Sample<'_>, now: Twist, bounds: Bounds) -> bool {
         let mid = self.collect_cones(sample, self.horizons[0], bounds);
         let mut certified = self.alive.iter().map(|(_, twist)| *twist).chain([now]);
@@ -407,8 +410,9 @@ impl Guard {
         })
     }
 
-    /// `tried`, or what is nearest to it and approaches nobody faster than b. What has to be certified
-    /// again at the next sample, as the twist in force, is bounded for H + T, so that it can be.
+    /// Returns `tried`, or the nearest twist that approaches no neighbor faster than b. A twist that has to be
+    /// certified again at the next sample, as the twist in force, is bounded for H + T, so that this is
+    /// possible.
     fn nearest(&mut self, sample: &Sample<'_>, tried: Twist, bounds: Bounds) -> Twist {
         let mut horizon = self.horizons[1];
         if planted::is("alive-forgotten")
@@ -431,10 +435,10 @@ impl Guard {
         self.within_y(Twist { v_m_s: body.x, w_rad_s: body.y / self.ell })
     }
 
-    /// For all near, the directions that are possible until all stand, and the approach that is
-    /// permitted in them; and the middle of the headings that are possible until then, rad.
+    /// Collects a cone for each neighbor in range: the directions possible until all robots are at rest, and
+    /// the permitted approach speed. Returns the center of the range of headings possible until then, rad.
     ///
-    /// The formulas of `proof/Braking.v::certified_against`: `proof/Braking.v::swept`,
+    /// The formulas are those of `proof/Braking.v::certified_against`: `proof/Braking.v::swept`,
     /// `proof/Braking.v::turning_time` and `proof/Braking.v::braking_bound`; for tau_o = 0 those of
     /// `proof/Guard.v::respects` and `proof/Walls.v::respects_wall`.
     fn collect_cones(&mut self, sample: &Sample<'_>, horizon: Horizon, bounds: Bounds) -> f64 {

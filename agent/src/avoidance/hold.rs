@@ -1,15 +1,15 @@
-//! Exact hold: the front point moves by a given displacement while (v, w) is held.
+//! Exact hold: a constant (v, w) that moves the front point by a given displacement.
 
 use formation::Vec2;
 use formation::front_point::rotate;
 use formation::pose::Twist;
 use formation::real;
 
-/// The twist that, held for `period_s` from heading `heading_rad`, moves the front point by exactly
+/// Returns the twist that, held for `period_s` from heading `heading_rad`, moves the front point by exactly
 /// `displacement` (m, in `map`). The displacement must be shorter than 2 ell.
 ///
-/// The front point of an arc that turns by 2 phi ends where b = R(-theta) p fulfils
-/// tan phi = b_y / (b_x + 2 ell).
+/// The front point of an arc that turns by 2 phi ends where b = R(-theta) p satisfies tan phi = b_y / (b_x + 2
+/// ell).
 pub fn exact_hold(heading_rad: f64, ell_m: f64, displacement: Vec2, period_s: f64) -> Twist {
     let b = rotate(-heading_rad, displacement);
     let q = b.y / (b.x + 2.0 * ell_m);
@@ -28,7 +28,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_front_point_moves_by_exactly_the_displacement(
+        fn exact_hold_moves_the_front_point_by_the_displacement(
             heading_rad in -3.1..3.1f64,
             ell in 0.02..0.5f64,
             share in 0.0..0.9f64,

@@ -1,12 +1,12 @@
-//! Methods that choose a velocity of the front point, as if it were the centre of a holonomic robot.
+//! Adapter for methods that choose a velocity of the front point as if it were the center of a holonomic robot.
 //!
-//! A front point can move anywhere at once, so that such a method need not know of wheels: the exact
-//! hold makes a twist of what it chooses. At the end of each period the front point is where the
-//! velocity leads, or, where the arc there would be too fast, less far in the same direction.
+//! A front point can move in any direction at once, so such a method needs no wheel model: the exact hold
+//! converts its velocity to a twist. At the end of each period the front point is at the displacement of the
+//! velocity or, if the arc would exceed v_max, less far in the same direction.
 //!
-//! They assume what their papers do: exact positions (and velocities) of one instant, no delay, and
-//! robots that move as they choose at once. A list of the near that is cut counts as all there are: it
-//! begins with the nearest. A robot that senses nothing stands.
+//! These methods assume what their papers assume: exact simultaneous positions (and velocities), no delay, and
+//! robots that reach the chosen velocity at once. A truncated proximity sample counts as complete, because it
+//! starts with the nearest robot. Without a valid proximity sample the robot stops.
 
 use formation::Vec2;
 use formation::front_point::front_speed;
@@ -17,10 +17,10 @@ use protocol::number::{short, told_apart};
 
 use super::{Avoidance, Sample, clip, exact_hold, within_speed};
 
-/// What such methods have in common.
+/// Common part of the descriptions of holonomic methods.
 pub const HOLONOMIC: AvoidanceDescription = AvoidanceDescription {
     promise: Promise::Ideal,
-    assumes: "everybody uses it, senses positions exactly, and moves at once as it chooses; no delay, \
+    assumes: "every robot uses it, senses positions exactly and moves at once as chosen; no delay, \
               no inertia",
     clamps_speed: true,
     senses: Senses::Positions,
@@ -30,35 +30,39 @@ pub const HOLONOMIC: AvoidanceDescription = AvoidanceDescription {
     ..AvoidanceDescription::INERT
 };
 
-/// A rate, 1/s, that must not be more than `most` in a period: else two that use up their slack meet.
+/// Returns an advice if the rate `key`, 1/s, times the period exceeds `most`. Two robots that both use up their
+/// slack would then come closer than d.
 pub fn sampled_too_slowly(at: &Conditions<'_>, key: &'static str, most: f64) -> Option<Advice> {
     let product = *at.avoidance.gains.get(key)? * at.period_s;
     let [found, limit] = told_apart(product, most);
     (product > most).then(|| Advice {
         key,
-        message: format!("{key} T = {found}: sampled this slowly it does not keep d"),
-        expected: format!("expected at most {limit}: {} 1/s", short(most / at.period_s)),
+        message: format!("{key} T = {found}: the sampled method does not keep d at this period"),
+        expected: format!(
+            "{key} T must be at most {limit}: set {key} to at most {} 1/s",
+            short(most / at.period_s)
+        ),
     })
 }
 
-/// What a method chooses.
+/// A method that chooses a velocity.
 pub trait Velocity: Send {
-    /// u, m/s, no longer than v_max, that answers `sample` when gamma is wanted; `None`: not enough is
-    /// known about who is near.
+    /// Returns the velocity u, m/s, at most v_max, for `sample` if gamma is requested, or `None` if too little
+    /// is known about the neighbors.
     fn velocity(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Option<Vec2>;
 }
 
-/// The robot that does what `method` chooses.
+/// Avoidance that executes the velocity chosen by `method`.
 pub struct Holonomic<V> {
     method: V,
     v_max: f64,
     ell: f64,
-    /// T, s.
+    /// Control period (T), s.
     period: f64,
 }
 
 impl<V: Velocity> Holonomic<V> {
-    /// The robot of this brief.
+    /// Creates the adapter for the robot of this brief.
     pub fn new(brief: &AgentBrief, method: V) -> Holonomic<V> {
         Holonomic {
             method,
@@ -86,7 +90,7 @@ impl<V: Velocity> Avoidance for Holonomic<V> {
         let Some(u) = velocity else { return Twist::ZERO };
         let heading = sample.heading_effect_rad;
         let speed = front_speed(self.ell, self.follow(heading, u));
-        // An arc is longer than its chord; a shorter chord has an arc that is slower by more than that.
+        // An arc is longer than its chord. A shorter chord has an arc whose speed is lower by a larger factor.
         let u = if speed > self.v_max { u * (self.v_max / speed) } else { u };
         within_speed(self.v_max, self.ell, self.follow(heading, u))
     }
@@ -103,7 +107,7 @@ mod tests {
     use formation::unicycle::arc;
     use proptest::prelude::*;
 
-    /// Does what is wanted, whoever is near.
+    /// Returns the requested velocity, regardless of neighbors.
     struct Willing;
 
     impl Velocity for Willing {
@@ -112,7 +116,7 @@ mod tests {
         }
     }
 
-    /// Knows nothing.
+    /// Returns `None`, as a method without the necessary information.
     struct Lost;
 
     impl Velocity for Lost {
@@ -122,9 +126,9 @@ mod tests {
     }
 
     proptest! {
-        /// d = 0.2 m, v_max = 0.5 m/s, ell = 0.1 m, T = 10 ms.
+        /// With d = 0.2 m, v_max = 0.5 m/s, ell = 0.1 m and T = 10 ms.
         #[test]
-        fn the_front_point_goes_where_the_velocity_leads_and_no_faster_than_v_max(
+        fn front_point_moves_by_the_velocity_within_v_max(
             heading in -3.1..3.1f64, course in -3.1..3.1f64,
             speed in prop_oneof![Just(0.5), 0.0..0.5f64],
         ) {
@@ -143,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn who_does_not_know_who_is_near_stands() {
+    fn holonomic_robot_stops_without_proximity_information() {
         let gamma = Vec2::new(0.3, 0.0);
         let blind = Sample { proximity_valid: false, ..Sample::default() };
         assert_eq!(Holonomic::new(&brief(), Willing).steer(&blind, gamma), Twist::ZERO);
@@ -153,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn gamma_is_limited_before_it_is_published_and_the_heading_of_effect_counts() {
+    fn gamma_is_clipped_and_heading_of_effect_is_used() {
         let mut robot = Holonomic::new(&brief(), Willing);
         assert!((robot.admit(Vec2::new(3.0, 4.0)) - Vec2::new(0.3, 0.4)).norm() < 1e-15);
         let sample = Sample { heading_effect_rad: FRAC_PI_2, ..Sample::default() };

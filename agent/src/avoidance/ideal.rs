@@ -1,5 +1,6 @@
-//! Robots as the papers assume them: points that all choose at the same instants, knowing exactly where
-//! the others are and how they move, and then move as chosen until the next. Of tests only.
+//! Simulation of robots under the assumptions of the papers, for tests: points that choose velocities
+//! simultaneously with exact knowledge of the positions and velocities of the others, and move at these
+//! velocities until the next period.
 
 use formation::Vec2;
 use formation::front_point::twist_for;
@@ -8,35 +9,37 @@ use formation::random::SplitMix64;
 use super::holonomic::Velocity;
 use super::{Sample, clip};
 
-/// ell of each, m; they head along x for ever.
+/// Distance of the front point (ell) of each robot, m. The heading is always along x.
 pub const ELL: f64 = 0.1;
 
-/// Points, and what each goes by.
+/// Points with their methods, goals and velocities.
 pub struct Crowd<V> {
     pub methods: Vec<V>,
     pub at: Vec<Vec2>,
     pub goals: Vec<Vec2>,
     pub velocities: Vec<Vec2>,
     pub v_max: f64,
-    /// T, s.
+    /// Control period (T), s.
     pub period: f64,
 }
 
 impl<V: Velocity> Crowd<V> {
-    /// At `at`, standing.
+    /// Creates points at rest at the positions `at`.
     pub fn new(methods: Vec<V>, at: Vec<Vec2>, goals: Vec<Vec2>, v_max: f64, period: f64) -> Self {
         let velocities = vec![Vec2::zeros(); at.len()];
         Crowd { methods, at, goals, velocities, v_max, period }
     }
 
-    /// One period, towards the goals at v_max; the smallest distance of two in it, m.
+    /// Simulates one period towards the goals at up to v_max. Returns the minimum distance of two points during
+    /// it, m.
     pub fn step(&mut self) -> f64 {
         let way = |(at, goal): (&Vec2, &Vec2)| clip((goal - at) / self.period, self.v_max);
         let gammas: Vec<Vec2> = self.at.iter().zip(&self.goals).map(way).collect();
         self.step_wanting(&gammas)
     }
 
-    /// The same with other wishes.
+    /// Simulates one period with the requested velocities `gammas`. Returns the minimum distance of two points
+    /// during it, m.
     pub fn step_wanting(&mut self, gammas: &[Vec2]) -> f64 {
         let chosen: Vec<Vec2> = (0..self.at.len()).map(|i| self.choose(i, gammas[i])).collect();
         let mut closest = f64::INFINITY;
@@ -74,14 +77,14 @@ impl<V: Velocity> Crowd<V> {
         u
     }
 
-    /// The farthest that anybody is from its goal, m.
+    /// Returns the maximum distance of a point from its goal, m.
     pub fn farthest(&self) -> f64 {
         let error = |(at, goal): (&Vec2, &Vec2)| (at - goal).norm();
         self.at.iter().zip(&self.goals).map(error).fold(0.0, f64::max)
     }
 }
 
-/// `robots` points on a circle, evenly, each with the opposite one as its goal.
+/// Returns `robots` points evenly spaced on a circle, and as goals the opposite points.
 pub fn antipodal(robots: usize, radius: f64) -> [Vec<Vec2>; 2] {
     let point = |i: usize| {
         let angle = std::f64::consts::TAU * i as f64 / robots as f64;
@@ -92,7 +95,8 @@ pub fn antipodal(robots: usize, radius: f64) -> [Vec<Vec2>; 2] {
     [starts, goals]
 }
 
-/// `robots` points even over a square of this side, no two nearer than `apart`.
+/// Returns `robots` points uniformly distributed over a square of side `side`, with a minimum distance of
+/// `apart`.
 pub fn scattered(random: &mut SplitMix64, robots: usize, side: f64, apart: f64) -> Vec<Vec2> {
     let mut points: Vec<Vec2> = Vec::new();
     while points.len() < robots {

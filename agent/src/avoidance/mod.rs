@@ -1,30 +1,30 @@
-//! Keeping distance: from the nominal velocity gamma to a twist (v, w).
+//! Collision avoidance: from the nominal velocity (gamma) to a twist (v, w).
 //!
-//! No I/O, no clock, no iceoryx2 in here. A method is one file and one row of [`METHODS`].
+//! This module does no I/O and reads no clock. A method is one file and one row of [`METHODS`].
 //!
 //! | file | question it answers |
 //! |---|---|
-//! | `none` | what does the law alone do? (17) |
-//! | `focus` | what does the chapter do? (11) (12) (19) |
-//! | `guard` | what keeps d when samples are late, robots die, and nobody stops at once? |
-//! | `braking` | what does inertia do to its figures? |
-//! | `deflection` | which way leads around others? |
-//! | `motion` | how do those near move? |
-//! | `patience` | does the robot get where it wants, and when does it give up? |
-//! | `near` | what is near, how fast may it come, and what distance is kept from it? |
-//! | `cone` | in which directions may another be while a command acts? |
-//! | `hold` | which held (v, w) moves the front point by exactly this much? |
-//! | `polygon` | what is the nearest velocity that all bounds permit? |
+//! | `none` | what does the control law do without avoidance? (17) |
+//! | `focus` | what does the chapter's method do? (11) (12) (19) |
+//! | `guard` | what keeps d despite late samples, dying robots and braking times? |
+//! | `braking` | how does inertia change the figures of the guard? |
+//! | `deflection` | how does a robot steer around others? |
+//! | `motion` | how do neighbors in range move? |
+//! | `patience` | does the robot make progress, and when does it give up for a while? |
+//! | `near` | which neighbors and walls are in range, how fast may they approach, and at which minimum distance? |
+//! | `cone` | in which directions may another robot be while a command is in effect? |
+//! | `hold` | which constant (v, w) moves the front point by a given displacement? |
+//! | `polygon` | what is the nearest velocity that satisfies all bounds? |
 //!
-//! Methods of others, for comparison:
+//! Published methods, for comparison:
 //!
 //! | file | question it answers |
 //! |---|---|
 //! | `orca` | what does optimal reciprocal collision avoidance do? |
 //! | `cbf_qp` | what do safety barrier certificates do? |
 //! | `rbl` | what does the rule-based Lloyd algorithm do? |
-//! | `holonomic` | how do wheels follow a velocity that a method chooses for a point? |
-//! | `program` | what is the best velocity, if need be against some of the bounds? |
+//! | `holonomic` | how does a robot with wheels follow a velocity chosen for a point? |
+//! | `program` | what is the best velocity, violating some bounds if necessary? |
 
 mod braking;
 mod cbf_qp;
@@ -60,94 +60,96 @@ pub use hold::exact_hold;
 use crate::UnfitBrief;
 pub use crate::gains::Gains;
 
-/// One odometry sample as avoidance sees it.
+/// Input of an avoidance method, derived from one odometry sample.
 #[derive(Debug, Clone, Copy)]
 pub struct Sample<'a> {
-    /// When it was sensed, ns.
+    /// Stamp of the sample, ns.
     pub stamp_ns: u64,
-    /// Time since the run's start, s.
+    /// Time since the start of the run, s.
     pub t_s: f64,
     /// Heading at the stamp, rad.
     pub heading_rad: f64,
-    /// Heading expected when the answer takes effect, rad.
+    /// Expected heading when the answer takes effect, rad.
     pub heading_effect_rad: f64,
-    /// The twist in force at the stamp.
+    /// Twist in force at the stamp.
     pub twist: Twist,
-    /// Own front point, m, in `map`.
+    /// Position of the own front point, m, in `map`.
     pub front_point: Vec2,
-    /// Its velocity at the stamp, m/s, in `map`.
+    /// Velocity of the own front point at the stamp, m/s, in `map`.
     pub front_velocity: Vec2,
-    /// z_j = own front point - other's, m, in `map`, nearest first.
+    /// Vectors z_j = own front point - other front point, m, in `map`, nearest first.
     pub away: &'a [Vec2],
-    /// The sensor works; `false`: nothing is known about who is near.
+    /// `true` if the proximity sensor works. Otherwise nothing is known about neighbors in range.
     pub proximity_valid: bool,
-    /// The list of the near is not complete.
+    /// `true` if the list of neighbors in range is truncated.
     pub proximity_cut: bool,
-    /// Velocities of the others' front points, m/s, in `map`, in the order of `away`; empty where
-    /// they are not sensed: only methods that ask for [`Senses::Velocities`] get them.
+    /// Velocities of the other front points, m/s, in `map`, in the order of `away`. Empty unless the method
+    /// requests [`Senses::Velocities`].
     ///
     /// [`Senses::Velocities`]: protocol::avoidance::Senses::Velocities
     pub velocities: &'a [Vec2],
-    /// Own front point - the nearest point of each convex part of a wall or obstacle, m, in `map`,
-    /// nearest first. The proximity sensor sees them too.
+    /// Own front point - nearest point of each convex part of a wall or obstacle, m, in `map`, nearest first.
+    /// Measured by the proximity sensor.
     pub walls: &'a [Vec2],
-    /// The list of walls is not complete.
+    /// `true` if the list of walls is truncated.
     pub walls_cut: bool,
-    /// Own front point - the place wanted, m, in `map`; `None`: no place is.
+    /// Own front point - desired position, m, in `map`, or `None` without a desired position.
     pub error: Option<Vec2>,
-    /// How that place moves, m/s, in `map`.
+    /// Velocity of the desired position, m/s, in `map`.
     pub place_velocity: Vec2,
 }
 
 impl Sample<'_> {
-    /// Everybody near: own front point - other's, m, and the other's velocity, m/s. `None` where
-    /// nothing is known of that, and a robot that needs it stands.
+    /// Returns z, m, and velocity, m/s, of every neighbor in range, or `None` if they are unknown. A method
+    /// that needs them then stops the robot.
     pub fn moving(&self) -> Option<impl Iterator<Item = (Vec2, Vec2)>> {
         let known = self.proximity_valid && self.velocities.len() == self.away.len();
         known.then(|| self.away.iter().copied().zip(self.velocities.iter().copied()))
     }
 }
 
-/// A method of keeping distance: what one robot does about those that it senses near.
+/// A collision avoidance method of one robot.
 pub trait Avoidance: Send {
-    /// gamma, m/s, as it may be used and published.
+    /// Returns the part of gamma, m/s, that may be used and published.
     fn admit(&self, gamma: Vec2) -> Vec2 {
         gamma
     }
 
-    /// e = alpha - alpha*, m, as the law is to see it, with those near as in `sample`, of which
-    /// velocities, walls and the error itself are not known yet: another where alpha* is a place that
-    /// somebody has taken.
+    /// Returns the error e = alpha - alpha*, m, that the control law shall use. It differs from `error` if
+    /// another robot occupies alpha*. Velocities, walls and the error itself are not set in `sample` yet.
     fn stand_off(&mut self, sample: &Sample<'_>, error: Vec2) -> Vec2 {
         let _ = sample;
         error
     }
 
-    /// The twist that follows the admitted gamma from `heading_rad` while nobody is near.
+    /// Returns the twist that follows the admitted gamma from `heading_rad` if no neighbor is in range.
     fn follow(&self, heading_rad: f64, gamma: Vec2) -> Twist;
 
-    /// The twist that answers `sample`, given the admitted gamma.
+    /// Returns the twist that answers `sample`, given the admitted gamma.
     fn steer(&mut self, sample: &Sample<'_>, gamma: Vec2) -> Twist;
 
-    /// The twist that answers `sample` where the robot wants the twist `wanted` itself, which gives
-    /// its front point the velocity gamma (as admitted): by that, where a method knows velocities
-    /// alone.
+    /// Returns the twist that answers `sample` if a controller requests the twist `wanted`, which gives the
+    /// front point the admitted velocity gamma. The default implementation uses gamma only, for methods that
+    /// choose velocities.
     fn restrain(&mut self, sample: &Sample<'_>, wanted: Twist, gamma: Vec2) -> Twist {
         let _ = wanted;
         self.steer(sample, gamma)
     }
 }
 
-/// A row of [`METHODS`].
+/// One row of [`METHODS`].
 pub struct AvoidanceRow {
-    /// Name, source, keys and figures, as the supervisor may know them.
+    /// Name, source, keys and figures, as published to the supervisor.
     pub description: AvoidanceDescription,
-    /// Makes the method of a brief and of its gains (all present and positive).
+    /// Creates the method from a brief and its gains, which are all present and positive.
     pub build: fn(&AgentBrief, &Gains<'_>) -> Box<dyn Avoidance>,
 }
 
 impl AvoidanceRow {
-    /// The method for the robot of this brief.
+    /// Creates the method for the robot of this brief.
+    ///
+    /// Returns an error if a gain is missing, unknown or not positive, if a required speed limit is missing, or
+    /// if the sensing radius is too small for the method.
     pub fn make(&self, brief: &AgentBrief) -> Result<Box<dyn Avoidance>, UnfitBrief> {
         let of = format!("avoidance {:?}", self.description.name);
         let keys = self.description.gains.iter();
@@ -159,7 +161,7 @@ impl AvoidanceRow {
             return Err(UnfitBrief(format!("{of} needs a speed limit, {got}")));
         }
         let needed_m = (self.description.sensing_radius_m)(&Conditions::of(brief));
-        // Not a number is less than anything.
+        // A comparison with NaN is false.
         if sensing_radius_m.is_nan() || sensing_radius_m < needed_m {
             let [found, needed] = told_apart(sensing_radius_m, needed_m);
             let radius =
@@ -170,11 +172,12 @@ impl AvoidanceRow {
     }
 }
 
-/// Every method there is; the first is the default.
+/// All methods. The first is the default.
 pub const METHODS: &[AvoidanceRow] =
     &[guard::ROW, focus::ROW, none::ROW, orca::ROW, cbf_qp::ROW, rbl::ROW];
 
-/// The method that a brief asks for.
+/// Creates the method named in the brief. Returns an error if the name is unknown or the brief does not suit
+/// the method.
 pub fn build(brief: &AgentBrief) -> Result<Box<dyn Avoidance>, UnfitBrief> {
     let name = &brief.avoidance.kind;
     let row = METHODS.iter().find(|row| row.description.name == name).ok_or_else(|| {
@@ -184,7 +187,7 @@ pub fn build(brief: &AgentBrief) -> Result<Box<dyn Avoidance>, UnfitBrief> {
     row.make(brief)
 }
 
-/// `vector`, shortened to `length_max` if it is longer.
+/// Returns `vector`, shortened to `length_max` if it is longer.
 #[inline]
 fn clip(vector: Vec2, length_max: f64) -> Vec2 {
     match vector.norm_squared() > length_max * length_max {
@@ -193,13 +196,13 @@ fn clip(vector: Vec2, length_max: f64) -> Vec2 {
     }
 }
 
-/// Seldom needed: roots and quotients are slow.
+/// Kept out of line because it is rarely needed, and roots and quotients are slow.
 #[cold]
 fn shortened(vector: Vec2, length: f64) -> Vec2 {
     vector * (length / vector.norm())
 }
 
-/// `twist`, slowed down on its path until the front point is no faster than `speed_max`, m/s.
+/// Returns `twist`, scaled down if necessary so that the front point moves at most at `speed_max`, m/s.
 #[inline]
 fn within_speed(speed_max: f64, ell: f64, twist: Twist) -> Twist {
     let speed = front_speed(ell, twist);
@@ -211,7 +214,7 @@ mod tests {
     use super::*;
 
     impl Default for Sample<'_> {
-        /// At the start, with a sensor that works and nobody near.
+        /// Returns a sample at the start, with a working sensor and no neighbor in range.
         fn default() -> Self {
             Sample {
                 stamp_ns: 0,
@@ -234,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn how_others_move_is_known_only_with_a_velocity_for_each_from_a_sensor_that_works() {
+    fn neighbor_velocities_require_a_valid_sensor() {
         let (away, velocities) = ([Vec2::new(0.1, 0.0)], [Vec2::new(0.0, 0.3)]);
         let sample = Sample { away: &away, velocities: &velocities, ..Sample::default() };
         let known = |sample: Sample<'_>| sample.moving().map(Iterator::collect::<Vec<_>>);

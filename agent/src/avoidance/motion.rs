@@ -1,8 +1,10 @@
-//! How those near move: the proximity sensor tells where they are, not who they are, nor how fast.
+//! Motion estimation of neighbors in range. The proximity sensor reports positions, but neither identities nor
+//! velocities.
 //!
-//! Robots are d or more apart, and none goes farther than v_max dt between two samples. So whoever is
-//! within d/4 of where somebody was is the same robot, as long as v_max dt is less than that; after a
-//! longer gap nothing is known. Comfort alone rests on it: no promise about distances knows of it.
+//! Robots are at least d apart, and none moves farther than v_max dt between two samples. A robot sensed within
+//! d/4 of an earlier position is therefore the same robot, provided that v_max dt is less than d/4. After a
+//! longer gap nothing is known. Only performance terms use these estimates: no guarantee about distances
+//! depends on them.
 
 use formation::Vec2;
 use formation::real;
@@ -10,52 +12,52 @@ use protocol::avoidance::Conditions;
 
 use super::{Sample, clip};
 
-/// Shortest time over which velocities are smoothed, s.
+/// Minimum time constant of the smoothed velocities, s.
 const SMOOTH_S: f64 = 0.05;
-/// Velocities are smoothed for as long as v_max needs for this many times the error of a position.
+/// Ratio of the distance driven at v_max during the smoothing time to the position error.
 const SMOOTH_ERRORS: f64 = 10.0;
-/// Whoever stays within this share of d of a place is still.
+/// Maximum displacement of a robot that counts as being at rest, as a fraction of d.
 const STILL: f64 = 0.05;
 
-/// No more than this many of the nearest are watched: who is behind them is met later.
+/// Maximum number of tracked neighbors, the nearest. Robots behind them are handled later.
 const WATCHED_MAX: usize = 6;
 
-/// One of those near.
+/// A tracked neighbor.
 #[derive(Debug, Clone, Copy)]
 pub struct Mover {
-    /// Own front point - its, m.
+    /// Own front point - the neighbor's front point, m.
     pub z: Vec2,
-    /// How it moves in `map`, m/s; 0 where nothing is known yet.
+    /// Estimated velocity in `map`, m/s, and 0 while it is unknown.
     pub velocity: Vec2,
-    /// For how long it has been still, s.
+    /// Time for which the neighbor has been at rest, s.
     pub still_s: f64,
-    /// Where it is, m, and where it was when it moved last.
+    /// Current position, and position at the last detected motion, m, in `map`.
     at: Vec2,
     anchor: Vec2,
 }
 
-/// From one sample to the next.
+/// Constants of one step between two samples.
 #[derive(Debug, Clone, Copy)]
 struct Step {
-    /// How long it takes, s, and how often that is in a second.
+    /// Duration, s, and its reciprocal, 1/s.
     dt: f64,
     rate: f64,
-    /// What share of a velocity is taken over from it.
+    /// Weight of the new velocity in the smoothed velocity.
     share: f64,
     v_max: f64,
-    /// Nobody else comes as near to where somebody was, m^2.
+    /// Squared distance from an earlier position within which a robot is identified as the same, m^2.
     same2: f64,
-    /// Whoever is nearer than this to its anchor is still, m^2.
+    /// Squared distance from the anchor within which a robot counts as being at rest, m^2.
     still2: f64,
 }
 
 impl Mover {
-    /// Seen for the first time.
+    /// Creates a neighbor that is sensed for the first time.
     fn new(z: Vec2, at: Vec2) -> Mover {
         Mover { z, velocity: Vec2::zeros(), still_s: 0.0, at, anchor: at }
     }
 
-    /// Seen again.
+    /// Returns the neighbor updated to a new position.
     fn moved(self, z: Vec2, at: Vec2, step: &Step) -> Mover {
         let now = (at - self.at) * step.rate;
         let velocity = self.velocity + (now - self.velocity) * step.share;
@@ -67,19 +69,19 @@ impl Mover {
     }
 }
 
-/// Those near, from sample to sample.
+/// Tracker of the neighbors in range, from sample to sample.
 #[derive(Debug)]
 pub struct Motion {
     smooth_s: f64,
     stamp_ns: Option<u64>,
-    /// Between the last two samples.
+    /// Step between the last two samples.
     step: Step,
     movers: Vec<Mover>,
     before: Vec<Mover>,
 }
 
 impl Motion {
-    /// Nobody seen yet.
+    /// Creates a tracker without neighbors.
     pub fn new(at: &Conditions<'_>) -> Motion {
         let (d, error) = (at.avoidance.distance_min_m, at.distance_error_m());
         let v_max = at.speed_m_s();
@@ -100,7 +102,7 @@ impl Motion {
         }
     }
 
-    /// Takes a sample in, once.
+    /// Updates the tracker with a sample. A repeated call with the same sample has no effect.
     pub fn observe(&mut self, sample: &Sample<'_>) {
         let nearest = &sample.away[..sample.away.len().min(WATCHED_MAX)];
         let first = self.movers.first().map(|mover| &mover.z);
@@ -123,7 +125,7 @@ impl Motion {
         self.movers.extend(nearest.iter().enumerate().map(|(place, &z)| {
             let at = sample.front_point - z;
             let same = |mover: &&Mover| (mover.at - at).norm_squared() < step.same2;
-            // The list seldom changes its order.
+            // The order of the list rarely changes, so the same index is tried first.
             let known = self.before.get(place).filter(same);
             match known.or_else(|| self.before.iter().find(same)) {
                 Some(mover) => mover.moved(z, at, step),
@@ -132,12 +134,12 @@ impl Motion {
         }));
     }
 
-    /// Time between the last two samples, s.
+    /// Returns the time between the last two samples, s.
     pub fn dt(&self) -> f64 {
         self.step.dt
     }
 
-    /// The nearest, nearest first.
+    /// Returns the tracked neighbors, nearest first.
     pub fn movers(&self) -> &[Mover] {
         &self.movers
     }
@@ -148,14 +150,14 @@ mod tests {
     use super::super::guard::tests::{brief, sample};
     use super::*;
 
-    /// d = 0.2 m, v_max = 0.5 m/s.
+    /// Creates a tracker with d = 0.2 m and v_max = 0.5 m/s.
     fn motion(sensing_error_m: f64) -> Motion {
         let mut brief = brief();
         brief.avoidance.sensing_error_m = sensing_error_m;
         Motion::new(&Conditions::of(&brief))
     }
 
-    /// The robot goes along x at 0.1 m/s; others are at these places in `map`, seen every 10 ms.
+    /// Moves the robot along x at 0.1 m/s and reports others at `places`, in `map`, every 10 ms.
     fn watch(motion: &mut Motion, steps: u64, places: impl Fn(u64, f64) -> Vec<Vec2>) {
         for step in 0..steps {
             let t_s = 0.01 * step as f64;
@@ -166,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn how_others_move_is_seen_whatever_the_order_in_which_they_are_listed() {
+    fn velocities_are_tracked_in_any_list_order() {
         let mut motion = motion(0.0);
         let (still, goes) = (Vec2::new(1.0, 0.2), Vec2::new(0.0, -0.4));
         watch(&mut motion, 101, |step, t_s| {
@@ -180,8 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_known_of_who_was_not_seen_nor_after_a_gap_in_which_two_could_be_taken_for_each_other()
-     {
+    fn new_neighbor_and_long_gap_reset_the_estimates() {
         let mut motion = motion(0.0);
         let one = |step: u64, t_s: f64| {
             let first = Vec2::new(1.0, 0.3 * t_s);
@@ -190,7 +191,8 @@ mod tests {
         watch(&mut motion, 21, one);
         let [known, new] = motion.movers() else { panic!("two are near") };
         assert!(known.velocity.y > 0.2 && new.velocity == Vec2::zeros() && new.still_s == 0.0);
-        // v_max goes d/4 in 100 ms: at 99 ms whoever is near is known again, at 100 ms nobody is.
+        // At v_max a robot moves by d/4 in 100 ms: after 99 ms a neighbor is recognized, after 100 ms it is
+        // not.
         for (gap_ns, is_known) in [(99_999_999, true), (100_000_000, false)] {
             let mut motion = super::tests::motion(0.0);
             watch(&mut motion, 21, |_, t_s| vec![Vec2::new(1.0, 0.3 * t_s)]);
@@ -202,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn no_more_than_the_six_nearest_are_watched() {
+    fn only_the_six_nearest_neighbors_are_tracked() {
         let mut motion = motion(0.0);
         let row = |count: u32| (1..=count).map(|j| Vec2::new(0.3 * f64::from(j), 0.0)).collect();
         watch(&mut motion, 1, |_, _| row(8));
@@ -212,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_of_sensed_places_make_nobody_move() {
+    fn sensing_errors_do_not_look_like_motion() {
         let mut motion = motion(0.01);
         watch(&mut motion, 500, |step, _| {
             let error = if step % 2 == 0 { 0.01 } else { -0.01 };

@@ -1,8 +1,8 @@
-//! What is near a robot: others, which move too, and walls, which do not.
+//! Neighbors and walls in range of a robot.
 //!
-//! The guard's bounds ask no more of it than `proof/Braking.v::near` has. Of the slack between two
-//! robots each may use up a share of Lambda, since the other does the same. A wall uses up nothing, so
-//! that the robot has all of it: 2 Lambda. (`proof/Obstacles.v::an_obstacle`, `proof/Walls.v::wall_bound`)
+//! The bounds of the guard use no more than `proof/Braking.v::near` states. Of the slack between two robots
+//! each may use up the fraction Lambda per second, since the other does the same. A wall uses up nothing, so
+//! the robot may use up 2 Lambda. (`proof/Obstacles.v::an_obstacle`, `proof/Walls.v::wall_bound`)
 
 use formation::Vec2;
 use protocol::avoidance::Conditions;
@@ -10,37 +10,37 @@ use protocol::planted;
 
 use super::Sample;
 
-/// Shares of Lambda.
+/// Multiples of Lambda for another robot and for a wall.
 const OF_ANOTHER: f64 = 1.0;
 const OF_A_WALL: f64 = 2.0;
 
-/// One of those near.
+/// A neighbor or wall in range.
 #[derive(Debug, Clone, Copy)]
 pub struct Near {
-    /// Own front point - its point, m.
+    /// Own front point - nearest point of the neighbor or wall, m.
     pub z: Vec2,
-    /// How fast it may come by itself, m/s.
+    /// Maximum own speed of the neighbor, m/s. It is 0 for a wall.
     pub speed: f64,
-    /// What share of Lambda the robot may use up of the slack a second.
+    /// Multiple of Lambda that the robot may use up of the slack per second.
     pub share: f64,
-    /// What distance is kept, m: d or the clearance.
+    /// Minimum distance to be kept, m: d or the clearance.
     pub distance_min: f64,
 }
 
-/// What distances are kept, how fast others are, and how far the robot must see.
+/// Minimum distances, the speed limit, and the radii within which neighbors and walls must be known.
 #[derive(Debug, Clone, Copy)]
 pub struct Vicinity {
     d: f64,
     v_max: f64,
     clearance: f64,
-    /// Within this radius all robots must be known, m.
+    /// Radius within which all robots must be known, m.
     pub(super) robots_radius: f64,
-    /// Within this radius all walls must be known, m.
+    /// Radius within which all walls must be known, m.
     pub(super) walls_radius: f64,
 }
 
 impl Vicinity {
-    /// Within `robots_radius` all robots must be known, within `walls_radius` all walls, m.
+    /// Creates the parameters with the radii within which all robots, and all walls, must be known, m.
     pub fn new(at: &Conditions<'_>, [robots_radius, walls_radius]: [f64; 2]) -> Vicinity {
         Vicinity {
             d: at.avoidance.distance_min_m,
@@ -51,7 +51,7 @@ impl Vicinity {
         }
     }
 
-    /// All who are near enough to matter, as far as the sample says: robots, then walls.
+    /// Returns the sensed robots, then the walls, that are within the radii.
     #[inline]
     pub fn near<'s>(self, sample: &Sample<'s>) -> impl Iterator<Item = Near> + use<'s> {
         let share = if planted::is("share-doubled") { OF_A_WALL } else { OF_ANOTHER };
@@ -63,8 +63,8 @@ impl Vicinity {
         robots.map(move |&z| Near { z, ..robot }).chain(walls.map(move |&z| Near { z, ..wall }))
     }
 
-    /// Nothing, or not enough, is known about what is near: the proofs need all robots that are nearer
-    /// than `proof/Guard.v::far` or `proof/Braking.v::far_braking`, and all walls nearer than
+    /// Returns `true` if the neighbors within the radii are not completely known. The proofs require all robots
+    /// closer than `proof/Guard.v::far` or `proof/Braking.v::far_braking`, and all walls closer than
     /// `proof/Walls.v::far_wall` or the latter.
     #[inline]
     pub fn is_blind(self, sample: &Sample<'_>) -> bool {

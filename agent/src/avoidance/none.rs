@@ -16,9 +16,9 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     build: |brief, _| Box::new(Alone { ell: brief.front_point_m }),
 };
 
-/// A robot that minds nobody.
+/// Method that ignores all neighbors.
 struct Alone {
-    /// ell, m.
+    /// Distance of the front point from the axle (ell), m.
     ell: f64,
 }
 

@@ -1,25 +1,25 @@
-//! ORCA: optimal reciprocal collision avoidance. (van den Berg, Guy, Lin, Manocha: Reciprocal n-body
-//! collision avoidance, 2011)
+//! ORCA: optimal reciprocal collision avoidance. (van den Berg, Guy, Lin, Manocha: Reciprocal n-body collision
+//! avoidance, 2011)
 //!
-//! Of the velocities relative to another robot, the velocity obstacle VO holds those that bring the two
-//! nearer than d within tau. u is the smallest change that takes the relative velocity at hand to its
-//! border. Each of the two makes half of that change, or more: a half-plane of velocities. Of those in all
-//! half-planes and within v_max, the nearest to gamma is taken, by a linear program; where there is none,
-//! that which misses the worst-missed half-plane by least.
+//! The velocity obstacle VO is the set of relative velocities that bring two robots closer than d within tau.
+//! The vector u is the smallest change that moves the current relative velocity to the boundary of VO. Each
+//! robot makes at least half of that change, which gives a half-plane of velocities. A linear program selects
+//! the velocity nearest to gamma in all half-planes and within v_max. If there is none, it selects the velocity
+//! with the smallest maximum violation.
 //!
-//! Radii are d/2 each, so that front points keep d. Optimisation velocities are those sensed. Of a wall
-//! counts the nearest point of each convex part, with the optimisation velocity 0 and the whole change;
-//! walls do not give way.
+//! Each radius is d/2, so that front points keep d. Optimization velocities are the sensed velocities. For a
+//! wall, the nearest point of each convex part counts, with the optimization velocity 0 and the whole change.
+//! Constraints of walls are not relaxed.
 //!
-//! Known: exactly symmetric scenes may deadlock, and a crowd that leaves the program without a solution
-//! may come nearer than d.
+//! Known limitations: exactly symmetric scenes may deadlock, and robots may come closer than d if the program
+//! is infeasible at high local density.
 //!
 //! | symbol | meaning |
 //! |---|---|
-//! | p, r | the other - own, m, and its length |
-//! | v | own velocity - the other's, m/s |
-//! | w | v as seen from the middle of the disc that cuts VO off, m/s |
-//! | u, n | smallest change of v to the border of VO, m/s; the border's normal there, outwards |
+//! | p, r | other position - own position, m, and its length |
+//! | v | own velocity - other velocity, m/s |
+//! | w | v relative to the center of the disc that truncates VO, m/s |
+//! | u, n | smallest change of v to the boundary of VO, m/s, and the outward normal of the boundary there |
 
 use formation::Vec2;
 use formation::front_point::front_velocity;
@@ -35,13 +35,13 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "orca",
         source: "van den Berg et al. 2011",
-        promises: "d for the next `horizon_s` wherever its linear program has a solution; no way out of \
+        promises: "d for the next `horizon_s` if its linear program is feasible; does not resolve \
                    exact symmetry",
-        assumes: "everybody uses it, senses positions and velocities exactly, and moves at once as it \
-                  chooses; no delay, no inertia",
+        assumes: "every robot uses it, senses positions and velocities exactly and moves at once as \
+                  chosen; no delay, no inertia",
         senses: Senses::Velocities,
         sensing_radius_m,
-        gains: &[Gain::needed("horizon_s", "tau, how far ahead it keeps d, in seconds")],
+        gains: &[Gain::needed("horizon_s", "tau, time horizon for which d is kept, in seconds")],
         ..HOLONOMIC
     },
     build: |brief, gains| {
@@ -58,20 +58,21 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     },
 };
 
-/// Nobody farther away can come nearer than d within tau, m: d + 2 v_max tau; and no wall.
+/// Returns the radius, m, beyond which no robot can come closer than d within tau, d + 2 v_max tau, or the
+/// corresponding radius of walls if it is larger.
 fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
     let way = at.speed_m_s() * at.avoidance.gains.get("horizon_s").copied().unwrap_or(0.0);
     let robots = at.avoidance.distance_min_m + 2.0 * way;
     robots.max(at.avoidance.clearance_m + way) + at.distance_error_m()
 }
 
-/// One robot's.
+/// ORCA method of one robot.
 struct Orca {
     d: f64,
     clearance: f64,
     v_max: f64,
     ell: f64,
-    /// T, s.
+    /// Control period (T), s.
     period: f64,
     tau: f64,
     sides: Vec<HalfPlane>,
@@ -94,19 +95,19 @@ impl Velocity for Orca {
 }
 
 impl Orca {
-    /// u and n.
+    /// Returns u and n.
     fn smallest_change(&self, p: Vec2, v: Vec2) -> (Vec2, Vec2) {
         let (r, d) = (p.norm(), self.d);
-        // Who is too near already is to be out of it after one period.
+        // A robot that is already too close must leave VO within one period.
         let within = if r > d { self.tau } else { self.period };
         let w = v - p / within;
         let (across, ahead) = (p.x * w.y - p.y * w.x, p.dot(&w));
         if r <= d || (ahead < 0.0 && ahead * ahead > d * d * w.norm_squared()) {
-            // The nearest part of the border is the disc's.
+            // The nearest part of the boundary is the truncating disc.
             let n = if w.norm() > 0.0 { w.normalize() } else { -direction(p) };
             return ((d / within - w.norm()) * n, n);
         }
-        // It is one of the two tangents from 0 to the disc: p, turned by asin(d/r) to its side.
+        // The nearest part is one of the two tangents from 0 to the disc: p, turned by asin(d/r) to its side.
         let leg = (r * r - d * d).sqrt();
         let side = if across > 0.0 { 1.0 } else { -1.0 };
         let tangent = (leg * p + side * d * Vec2::new(-p.y, p.x)) / (r * r);
@@ -114,7 +115,7 @@ impl Orca {
         (-n.dot(&v) * n, n)
     }
 
-    /// What keeps the clearance from a convex part whose nearest point is at -z, for tau.
+    /// Returns the half-plane that keeps the clearance from a convex part with nearest point -z for tau.
     fn beside_wall(&self, z: Vec2) -> HalfPlane {
         let slack = z.norm() - self.clearance;
         let within = if slack > 0.0 { self.tau } else { self.period };

@@ -1,47 +1,52 @@
-//! Whether a robot gets where it wants: when it loses patience, and when it rests.
+//! Progress monitoring: detects a robot that makes no progress towards its desired position, and deadlocks.
 
 use super::Sample;
 
-/// A robot that lacks less than this share of what it wants gets on.
+/// Maximum progress deficit, as a fraction of the requested speed, of a robot that makes progress.
 const GETS_ON: f64 = 0.3;
-/// A robot that wants less than this share of v_max is where it wants to be.
+/// Requested speed, as a fraction of v_max, below which a robot counts as having arrived.
 const WANTS: f64 = 0.05;
-/// Nearer to its place than ever, by this share of d: headway.
+/// Minimum decrease of the distance to the desired position that counts as headway, as a fraction of d.
 const HEADWAY: f64 = 0.05;
-/// The place itself is another, if it is farther away than ever by this share of d.
+/// Increase of the distance to the desired position, as a fraction of d, from which on a new desired position
+/// is assumed.
 const ANOTHER_PLACE: f64 = 2.0;
-/// Without headway for this long, in d / v_max, a robot rests for as long: twice as long each time.
+/// Time without headway after which a robot rests, in d / v_max. It rests for the same time at first, and for
+/// twice the previous time after each further attempt.
 const TRIES: f64 = 30.0;
-/// It has tried for long from this part of that time on, and wholly from twice that part on.
+/// Reciprocal of the fraction of that time after which the dither starts to grow. It is complete at twice that
+/// fraction.
 const TRIED: f64 = 6.0;
-/// Who stands off insists on its place for this long, in d / v_max, after as long: twice as long each time.
+/// Time for which a robot in standoff retries to reach its slot, in d / v_max. The first standoff lasts equally
+/// long, and each further one twice as long as the previous.
 const INSISTS: f64 = 5.0;
 
-/// What a robot has got of what it wanted.
+/// Monitor of the progress of one robot.
 #[derive(Debug)]
 pub struct Patience {
     d: f64,
-    /// How long it tries without headway before it rests, s.
+    /// Time without headway after which the robot rests, s.
     tries_s: f64,
-    /// Over how long `lacks` is smoothed, s, and that share of its speed.
+    /// Time constant of `lacks`, s, and the smoothed progress deficit as a fraction of v_max.
     smooth_s: f64,
     lacks: f64,
-    /// The least \|e\| so far, m.
+    /// Minimum \|e\| up to now, m.
     nearest: f64,
-    /// For how long it has tried since, and still rests, s.
+    /// Time since the last headway, and remaining resting time, s.
     tried_s: f64,
     rests_s: f64,
     next_rest_s: f64,
-    /// For how long it insists on its place.
+    /// Duration of a retry, s.
     insists_s: f64,
-    /// For how long it has stood off and still insists, and for how long it stands off the next time, s.
+    /// Time spent in the current standoff, remaining time of the retry, and maximum duration of the next
+    /// standoff, s.
     stood_s: f64,
     still_insists_s: f64,
     next_stand_s: f64,
 }
 
 impl Patience {
-    /// With d, m, v_max, m/s, and the time, in d / v_max, after which a robot counts as getting nowhere.
+    /// Creates a monitor with d, m, v_max, m/s, and the time constant of the deficit, in d / v_max.
     pub fn new(d: f64, v_max: f64, time: f64) -> Patience {
         let tries_s = TRIES * d / v_max;
         Patience {
@@ -60,8 +65,8 @@ impl Patience {
         }
     }
 
-    /// Takes in, `dt` seconds after the last one, a sample at which the robot wants this share of v_max, and
-    /// lacks that share.
+    /// Updates the monitor with a sample, `dt` seconds after the previous one. `wants` is the requested speed
+    /// and `lacks` its missing part, both as fractions of v_max.
     pub fn observe(&mut self, dt: f64, sample: &Sample<'_>, [wants, lacks]: [f64; 2]) {
         self.lacks += (lacks.clamp(0.0, 1.0) - self.lacks) * (dt / (dt + self.smooth_s));
         let error = sample.error.map_or(f64::INFINITY, |error| error.norm());
@@ -81,8 +86,8 @@ impl Patience {
         }
     }
 
-    /// Whether it stands off, `dt` seconds later, from somebody who has its place: whoever is there may wait for
-    /// just this robot to go on.
+    /// Returns `true` if the robot, `dt` seconds later, keeps the standoff from the robot that occupies its
+    /// slot. Standoff and retries alternate, because the other robot may be waiting for this robot to move on.
     pub fn stands_off(&mut self, dt: f64) -> bool {
         if self.still_insists_s > 0.0 {
             self.still_insists_s -= dt;
@@ -97,17 +102,17 @@ impl Patience {
         stands
     }
 
-    /// How much it gets nowhere, from 0 to 1.
+    /// Returns the degree of missing progress, from 0 to 1.
     pub fn lost(&self) -> f64 {
         ((self.lacks - GETS_ON) / (1.0 - GETS_ON)).clamp(0.0, 1.0)
     }
 
-    /// How much it has tried for long, from 0 to 1.
+    /// Returns the degree to which the robot has tried in vain for a long time, from 0 to 1.
     pub fn has_tried(&self) -> f64 {
         (TRIED * self.tried_s / self.tries_s - 1.0).clamp(0.0, 1.0)
     }
 
-    /// Whether it has given up for now.
+    /// Returns `true` while the robot rests after a failed attempt.
     pub fn rests(&self) -> bool {
         self.rests_s > 0.0
     }

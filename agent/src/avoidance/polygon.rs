@@ -1,35 +1,36 @@
-//! The nearest point of a convex polygon that is given by its sides and contains 0.
+//! Nearest point of a convex polygon that is given by half-planes and contains 0.
 
 use formation::Vec2;
 
-/// The half-plane `normal . u >= -bound`, with |normal| = 1; here bound >= 0, so that it contains 0.
+/// The half-plane `normal . u >= -bound` with |normal| = 1. With bound >= 0, as in this module, it contains 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HalfPlane {
-    /// Unit vector that points inwards.
+    /// Inward unit normal.
     pub normal: Vec2,
-    /// How far the side lies behind 0.
+    /// Distance of the boundary line behind 0.
     pub bound: f64,
 }
 
-/// Rounding may leave the result outside a side by this much, m/s: over an hour it adds up to less
-/// than the nanometre that the guard keeps in hand.
+/// Maximum violation of a half-plane by the result because of rounding, m/s. Over one hour it accumulates to
+/// less than the nanometer of [`ROUNDING_M`](super::cone::ROUNDING_M).
 pub const TOLERANCE: f64 = 1e-13;
-/// Directions whose sine is less than this are parallel.
+/// Maximum sine of the angle between lines that are treated as parallel.
 pub const PARALLEL: f64 = 1e-12;
 
 impl HalfPlane {
-    /// By how much `u` misses it, m/s; negative within it.
+    /// Returns the violation of the half-plane by `u`, m/s, which is negative inside.
     pub fn excess(&self, u: Vec2) -> f64 {
         -self.bound - self.normal.dot(&u)
     }
 
-    /// The point of its border nearest to 0, and the border's direction.
+    /// Returns the point of the boundary line nearest to 0, and the direction of the line.
     pub fn line(&self) -> (Vec2, Vec2) {
         (-self.bound * self.normal, Vec2::new(-self.normal.y, self.normal.x))
     }
 
-    /// What `others` leave of its border between two places along it, m/s from its point nearest to 0;
-    /// `None`: nothing. Others that are parallel may be missed by `tolerance`, m/s.
+    /// Returns the part of the boundary line between two positions that satisfies `others`, as positions along
+    /// it from the point nearest to 0, m/s, or `None` if it is empty. Parallel lines may be violated by
+    /// `tolerance`, m/s.
     pub fn left_of_line(
         &self,
         others: &[HalfPlane],
@@ -54,12 +55,11 @@ impl HalfPlane {
     }
 }
 
-/// The point nearest to `target` in the intersection of `sides`; `None` if that is `target` itself.
+/// Returns the point nearest to `target` in the intersection of `sides`, or `None` if it is `target` itself.
 ///
-/// One side at a time: while the best point so far fulfils the next side it stays the best;
-/// otherwise the best point lies on that side's line, within what the earlier sides leave of it.
-/// It is never longer than `target`, which the guard relies on:
-/// `proof/Geometry.v::nearest_is_not_longer`.
+/// The sides are added incrementally: a best point that satisfies the next side stays the best. Otherwise the
+/// best point is on that side's line, within the part that the earlier sides leave. It is never longer than
+/// `target`, on which the guard relies: `proof/Geometry.v::nearest_is_not_longer`.
 pub fn nearest_point(target: Vec2, sides: &[HalfPlane]) -> Option<Vec2> {
     let mut best = target;
     for (done, side) in sides.iter().enumerate() {
@@ -73,8 +73,7 @@ pub fn nearest_point(target: Vec2, sides: &[HalfPlane]) -> Option<Vec2> {
     Some(mended(best, sides))
 }
 
-/// `point` as it is, or, where it lies outside of sides by more than rounding may leave it there,
-/// shrunk towards 0, which lies in the polygon, until it does not.
+/// Returns `point`, scaled towards 0 if it violates a side by more than the tolerance. The polygon contains 0.
 fn mended(mut point: Vec2, sides: &[HalfPlane]) -> Vec2 {
     for side in sides {
         if side.excess(point) > TOLERANCE {
@@ -84,7 +83,7 @@ fn mended(mut point: Vec2, sides: &[HalfPlane]) -> Vec2 {
     point
 }
 
-/// The point nearest to `target` on the line of `side` that fulfils `others`; 0 if rounding leaves
+/// Returns the point nearest to `target` on the line of `side` that satisfies `others`, or 0 if rounding leaves
 /// nothing of the line.
 fn nearest_on_line(target: Vec2, side: &HalfPlane, others: &[HalfPlane]) -> Vec2 {
     let (foot, along) = side.line();
@@ -102,7 +101,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The slow reference: the nearest of all feasible feet and corners, and of the target and 0.
+    /// Slow reference: the nearest of all feasible foot points and corners, the target and 0.
     fn by_enumeration(target: Vec2, sides: &[HalfPlane]) -> Vec2 {
         let mut candidates = vec![target, Vec2::zeros()];
         for (i, a) in sides.iter().enumerate() {
@@ -134,7 +133,7 @@ mod tests {
         proptest::collection::vec(side, 0..20)
     }
 
-    /// Half of them parallel to an axis, so that many are parallel to each other.
+    /// Generates half-planes of which half are axis-parallel, so that many are parallel to each other.
     fn sides_often_parallel() -> impl Strategy<Value = Vec<HalfPlane>> {
         let angle = prop_oneof![-3.2..3.2f64, (0..4).prop_map(|q| f64::from(q) * FRAC_PI_2)];
         let side = (angle, 0.0..1.0f64).prop_map(|(angle, bound)| {
@@ -145,9 +144,9 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever the point: the longest part of the way to it that stays inside.
+        /// The result is the longest feasible part of the segment from 0 to the point.
         #[test]
-        fn what_is_mended_lies_on_the_way_to_where_it_was_and_as_far_as_the_sides_allow(
+        fn infeasible_point_is_scaled_to_the_boundary(
             x in -2.0..2.0f64, y in -2.0..2.0f64, sides in sides(),
         ) {
             let point = Vec2::new(x, y);
@@ -159,10 +158,10 @@ mod tests {
             prop_assert!(sides.iter().all(|side| side.excess(found) <= TOLERANCE));
         }
 
-        /// Of feet and corners on the line the nearest that the others allow; 0 where they allow
-        /// nothing of it.
+        /// The result is the nearest feasible candidate among foot point and corners on the line, or 0 if there
+        /// is none.
         #[test]
-        fn on_the_line_of_a_side_the_nearest_is_found_that_the_others_leave(
+        fn nearest_on_line_satisfies_the_other_sides(
             x in -2.0..2.0f64, y in -2.0..2.0f64, sides in sides_often_parallel(),
         ) {
             let target = Vec2::new(x, y);
@@ -177,7 +176,7 @@ mod tests {
                 }
             }
             let excess = |u: &Vec2| others.iter().map(|o| o.excess(*u)).fold(f64::MIN, f64::max);
-            // Where it is rounding that decides, either is right.
+            // Candidates at the rounding limit are skipped.
             prop_assume!(candidates.iter().all(|u| !(1e-14..1e-9).contains(&excess(u))));
             let allowed = candidates.into_iter().filter(|u| excess(u) < 1e-9);
             let nearest = allowed.min_by(|a, b| {
@@ -191,7 +190,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(2000))]
         #[test]
-        fn it_is_as_near_as_the_slow_reference_and_never_outside(
+        fn nearest_point_agrees_with_enumeration_and_is_feasible(
             x in -2.0..2.0f64, y in -2.0..2.0f64, sides in sides(),
         ) {
             let target = Vec2::new(x, y);

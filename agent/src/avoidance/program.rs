@@ -1,27 +1,27 @@
-//! The best velocity within a speed limit and half-planes: linear programs in two and three dimensions.
-//! (van den Berg et al. 2011, "Basic Approach" and "Densely Packed Conditions")
+//! Optimal velocity within a speed limit and half-planes: linear programs in two and three dimensions. (van den
+//! Berg et al. 2011, "Basic Approach" and "Densely Packed Conditions")
 //!
-//! One side at a time: while the best point so far fulfils the next side it stays the best; otherwise
-//! the best point lies on that side's line. Where nothing fulfils all sides, those that may give way
-//! give way by the same amount, the least there is. (The guard's bounds always leave 0: `polygon`.)
+//! The sides are added incrementally: a best point that satisfies the next side stays the best. Otherwise the
+//! best point is on that side's line. If no point satisfies all sides, those that may be relaxed are relaxed by
+//! the smallest possible common amount. (The bounds of the guard always contain 0: `polygon`.)
 
 use formation::Vec2;
 
 use super::clip;
 use super::polygon::{HalfPlane, PARALLEL};
 
-/// What is best.
+/// Objective of the optimization.
 #[derive(Debug, Clone, Copy)]
 enum Aim {
-    /// To be near this point.
+    /// Minimum distance from this point.
     Near(Vec2),
-    /// To be far in this direction.
+    /// Maximum extent in this direction.
     Far(Vec2),
 }
 
-/// The velocity nearest to `target` that is no longer than `reach` and fulfils all `sides`. Where there
-/// is none: that which misses the worst-missed side by least. The first `rigid` of them do not give
-/// way, as long as they leave something.
+/// Returns the velocity nearest to `target` that is at most `reach` and satisfies all `sides`. If there is
+/// none, returns the velocity with the smallest maximum violation. The first `rigid` sides are not relaxed, as
+/// long as they have a common point.
 pub fn nearest_permitted(target: Vec2, reach: f64, sides: &[HalfPlane], rigid: usize) -> Vec2 {
     match best(Aim::Near(target), reach, sides) {
         Ok(found) => found,
@@ -32,8 +32,8 @@ pub fn nearest_permitted(target: Vec2, reach: f64, sides: &[HalfPlane], rigid: u
     }
 }
 
-/// The best point within `reach` of 0 that fulfils all `sides`; or the place of the first side that
-/// leaves nothing, and the best point that fulfils those before it.
+/// Returns the best point within `reach` of 0 that satisfies all `sides`. The error is the index of the first
+/// side that leaves nothing, and the best point for the sides before it.
 fn best(aim: Aim, reach: f64, sides: &[HalfPlane]) -> Result<Vec2, (usize, Vec2)> {
     let mut best = match aim {
         Aim::Near(target) => clip(target, reach),
@@ -47,12 +47,12 @@ fn best(aim: Aim, reach: f64, sides: &[HalfPlane]) -> Result<Vec2, (usize, Vec2)
     Ok(best)
 }
 
-/// The best point on the line of `side` within `reach` of 0 that fulfils `others`, if any does.
+/// Returns the best point on the line of `side` within `reach` of 0 that satisfies `others`, or `None`.
 fn best_on_line(aim: Aim, reach: f64, side: &HalfPlane, others: &[HalfPlane]) -> Option<Vec2> {
     let (foot, along) = side.line();
     let half = (reach * reach - side.bound * side.bound).sqrt();
     if half.is_nan() {
-        return None; // too far
+        return None; // the line does not reach the disc
     }
     let [low, high] = side.left_of_line(others, [-half, half], 0.0)?;
     let at = match aim {
@@ -63,8 +63,8 @@ fn best_on_line(aim: Aim, reach: f64, side: &HalfPlane, others: &[HalfPlane]) ->
     Some(foot + at * along)
 }
 
-/// The point within `reach` of 0 that misses the worst-missed of `sides` by least, but fulfils the first
-/// `rigid`; `so_far` is best for those before `failed`, and fulfils them.
+/// Returns the point within `reach` of 0 with the smallest maximum violation of `sides` that satisfies the
+/// first `rigid` ones. `so_far` is the best point for the sides before `failed`, and satisfies them.
 fn least_missed(
     reach: f64,
     sides: &[HalfPlane],
@@ -78,7 +78,7 @@ fn least_missed(
         if side.excess(found) <= missed {
             continue;
         }
-        // It is the worst-missed then: no other is missed by more.
+        // This side has the maximum violation from here on.
         program.clear();
         program.extend(&sides[..rigid]);
         for other in &sides[rigid..done] {
@@ -89,7 +89,7 @@ fn least_missed(
                 program.push(HalfPlane { normal: normal / length, bound });
             }
         }
-        // Rounding may leave nothing of what there is.
+        // Rounding may make the feasible set empty. The previous point is kept then.
         found = best(Aim::Far(side.normal), reach, &program).unwrap_or(found);
         missed = side.excess(found);
     }
@@ -112,12 +112,12 @@ mod tests {
         proptest::collection::vec(side, 0..9)
     }
 
-    /// By how much the worst-missed is missed; 0 where none is.
+    /// Returns the maximum violation, or 0 if every side is satisfied.
     fn missed(u: Vec2, sides: &[HalfPlane]) -> f64 {
         sides.iter().map(|side| side.excess(u)).fold(0.0, f64::max)
     }
 
-    /// The slow reference: corners, feet, and where lines leave the disc; and the target.
+    /// Slow reference: corners, foot points, intersections of lines with the disc, and the target.
     fn candidates(target: Vec2, reach: f64, lines: &[HalfPlane]) -> Vec<Vec2> {
         let mut points = vec![clip(target, reach)];
         for (i, a) in lines.iter().enumerate() {
@@ -142,7 +142,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(3000))]
 
         #[test]
-        fn it_is_the_nearest_of_what_is_permitted_or_misses_as_little_as_anything(
+        fn result_is_nearest_permitted_or_least_violating(
             x in -2.0..2.0f64, y in -2.0..2.0f64, reach in 0.1..1.5f64, sides in sides(),
         ) {
             let target = Vec2::new(x, y);
@@ -155,7 +155,7 @@ mod tests {
                 prop_assert!(missed(found, &sides) < 1e-7, "{found:?}");
                 prop_assert!((found - target).norm() < nearest + 1e-6, "{found:?}, {nearest}");
             } else {
-                // Nowhere on a fine net of the disc is less missed.
+                // No point of a fine grid of the disc has a smaller violation.
                 let least = missed(found, &sides);
                 for k in 0..4000 {
                     let (angle, share) = (f64::from(k) * 0.618_034 * TAU, f64::from(k) / 3999.0);
@@ -166,7 +166,7 @@ mod tests {
         }
 
         #[test]
-        fn what_is_rigid_does_not_give_way_as_long_as_it_leaves_something(
+        fn rigid_sides_are_not_relaxed_while_feasible(
             walls in proptest::collection::vec((-3.2..3.2f64, 0.0..0.5f64), 1..4), others in sides(),
         ) {
             let wall = |(angle, bound): (f64, f64)| HalfPlane {
@@ -181,13 +181,13 @@ mod tests {
     }
 
     #[test]
-    fn three_sides_that_leave_nothing_give_way_by_the_same() {
+    fn three_infeasible_sides_are_relaxed_equally() {
         let side =
             |angle: f64| HalfPlane { normal: Vec2::new(angle.cos(), angle.sin()), bound: -0.3 };
         let sides = [0.1, 0.1 + TAU / 3.0, 0.1 - TAU / 3.0].map(side);
         let found = nearest_permitted(Vec2::new(1.0, 0.0), 1.0, &sides, 0);
         assert!(found.norm() < 1e-12, "{found:?}");
-        // A wall that leaves nothing of the disc gives way as well.
+        // An unreachable rigid side is relaxed as well.
         let beyond = HalfPlane { normal: Vec2::new(1.0, 0.0), bound: -1.5 };
         let found = nearest_permitted(Vec2::zeros(), 1.0, &[beyond], 1);
         assert!((found - Vec2::new(1.0, 0.0)).norm() < 1e-12, "{found:?}");

@@ -1,37 +1,37 @@
-//! RBL: the rule-based Lloyd algorithm. (Boldrer, Serra-Gomez, Lyons, Kratky, Alonso-Mora, Ferranti:
-//! Rule-based Lloyd algorithm for multi-robot motion planning and control with safety and convergence
-//! guarantees, arXiv 2310.19511)
+//! RBL: the rule-based Lloyd algorithm. (Boldrer, Serra-Gomez, Lyons, Kratky, Alonso-Mora, Ferranti: Rule-based
+//! Lloyd algorithm for multi-robot motion planning and control with safety and convergence guarantees, arXiv
+//! 2310.19511)
 //!
-//! Each robot goes to the centroid of its cell: of all points within r_s that are nearer to it than to the
-//! others, and no nearer to them than d lets it come. Points weigh exp(-|q - e| / beta): the nearer to the
-//! goal e, the more. u = -k (alpha - c), no longer than v_max. The cell is convex, so that its centroid lies
-//! in it.
+//! Each robot moves to the weighted centroid of its cell: the points within r_s that are closer to it than to
+//! the others, and no closer to the others than d permits. Points are weighted by exp(-|q - e| / beta), which
+//! grows towards the goal e. The velocity is u = -k (alpha - c), at most v_max. The cell is convex, so it
+//! contains its centroid.
 //!
-//! Rules against deadlocks compare c with c_0, the centroid that there would be without others. Where the
-//! two are far apart and the robot is at c, others hold it up:
+//! The rules against deadlocks compare c with c_0, the centroid without other robots. If both are far apart and
+//! the robot is at c, it is blocked by others:
 //!
-//! - (8) beta falls, so that the robot presses on; else it goes back to what it was.
-//! - (9) the goal turns clockwise about the robot, everybody's to the same side, by up to a right angle;
-//!   else it turns back.
-//! - (10) at a right angle it turns back at once where the cell leads farther the straight way.
+//! - (8) beta decreases, so that the robot pushes forward. Otherwise it returns to its nominal value.
+//! - (9) the goal rotates clockwise about the robot, on the same side for all robots, by up to a right angle.
+//! Otherwise it rotates back.
+//! - (10) at a right angle it rotates back at once if the cell extends farther in the original direction.
 //!
-//! The goal is the place that the robot's role wants (`Sample::error`), and gamma is not used: laws that
-//! are faster than v_max or slower make no difference. A robot that wants no place stays where it is, and
-//! gives way. Numbers that the paper leaves to its program (github.com/manuelboldrer/RBL, d = 0.4 m
-//! there) are in proportion to d here.
+//! The goal is the desired position of the robot's role (`Sample::error`), and gamma is not used, so the speed
+//! of the control law has no effect. A robot without a desired position stays where it is and yields.
+//! Parameters that the paper leaves to its program (github.com/manuelboldrer/RBL, d = 0.4 m there) are scaled
+//! with d.
 //!
-//! The paper's cell ends r/2 from the robot, or, nearer than 2 d, r - d. That is all of the slack, for each
-//! of two: sampled with the period T it keeps d as long as k T <= 1/2, where all else is ideal. A wall is
-//! a side of the cell at the clearance from its nearest point, of each convex part.
+//! The cell of the paper ends r/2 from the robot, or r - d if the distance is less than 2 d. That is the whole
+//! slack for each of two robots. Sampled with period T under otherwise ideal conditions, d is kept if k T <=
+//! 1/2. A wall is a side of the cell at the clearance from its nearest point, for each convex part.
 //!
-//! Centroids are sums over a net of points about the robot: they lie in the cell whatever the net.
+//! Centroids are sums over a grid of points around the robot. They are in the cell for any grid.
 //!
 //! | symbol | meaning |
 //! |---|---|
-//! | z, r, n | own - the other, m, its length and direction |
-//! | q, e | a point of the cell and the goal, from the robot, m |
-//! | c, c_0 | centroids of the cell and of the disc, from the robot, m |
-//! | theta | by how much the goal is turned, rad |
+//! | z, r, n | own position - other's position, m, its length and direction |
+//! | q, e | a point of the cell and the goal, relative to the robot, m |
+//! | c, c_0 | centroids of the cell and of the disc, relative to the robot, m |
+//! | theta | angle by which the goal is rotated, rad |
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -45,35 +45,35 @@ use super::holonomic::{HOLONOMIC, Holonomic, Velocity, sampled_too_slowly};
 use super::polygon::HalfPlane;
 use super::{AvoidanceRow, Sample, clip};
 
-/// d_1 and d_3 in d: a robot nearer to c than this is at it.
+/// Distance within which a robot counts as being at c, in d (d_1 and d_3 of the paper).
 const AT_CENTROID: f64 = 0.25;
-/// d_2 and d_4 in d: centroids farther apart than this are far apart.
+/// Distance beyond which the two centroids count as far apart, in d (d_2 and d_4 of the paper).
 const FAR_APART: f64 = 1.0;
-/// How fast beta falls, in d a second, and how far at most, in d.
+/// Rate of decrease of beta, in d per second, and its minimum, in d.
 const SPREAD_FALL_PER_S: f64 = 2.5;
 const SPREAD_MIN: f64 = 0.1875;
-/// How fast beta goes back, 1/s.
+/// Rate at which beta returns to its nominal value, 1/s.
 const SPREAD_RETURN_PER_S: f64 = 1.0;
-/// How fast the goal turns, rad/s.
+/// Rotation speed of the goal, rad/s.
 const TURN_RAD_S: f64 = 1.0;
-/// Points of the net along r_s.
+/// Number of grid points along r_s.
 const NET: i32 = 12;
 
 pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     description: AvoidanceDescription {
         name: "rbl",
         source: "arXiv 2310.19511",
-        promises: "d, where `approach_per_s` times the period is at most 1/2, and arrival near the goals; \
-                   with others near its goal a robot stays off it",
-        assumes: "everybody uses it, senses positions exactly, and moves at once as it chooses; no delay, \
+        promises: "d, if `approach_per_s` times the period is at most 1/2, and arrival near the goals; \
+                   a robot stays off its goal while others are near it",
+        assumes: "every robot uses it, senses positions exactly and moves at once as chosen; no delay, \
                   no inertia; goals farther apart than cells",
         sensing_radius_m,
         gains: &[
-            Gain::needed("cell_radius_m", "r_s, how far cells reach, in m"),
-            Gain::needed("spread_m", "beta, how far around the goal points weigh, in m"),
+            Gain::needed("cell_radius_m", "r_s, radius of the cell, in m"),
+            Gain::needed("spread_m", "beta, length scale of the weights around the goal, in m"),
             Gain::needed("approach_per_s", "k, rate at which it approaches the centroid, in 1/s"),
         ],
-        // Two that use up all of the slack meet.
+        // Two robots that each use up the whole slack come closer than d.
         advice: |at| sampled_too_slowly(at, "approach_per_s", 0.5),
         ..HOLONOMIC
     },
@@ -97,30 +97,30 @@ pub(super) const ROW: AvoidanceRow = AvoidanceRow {
     },
 };
 
-/// The cell of nobody farther away touches the robot's, m.
+/// Returns the distance, m, beyond which the cell of no other robot, and no wall, touches the robot's cell.
 fn sensing_radius_m(at: &Conditions<'_>) -> f64 {
     let Some(r_s) = at.avoidance.gains.get("cell_radius_m") else { return 0.0 };
     let others = (2.0 * r_s).max(r_s + at.avoidance.distance_min_m);
     others.max(r_s + at.avoidance.clearance_m) + at.distance_error_m()
 }
 
-/// Points of a disc about the robot, from the robot, m.
+/// Returns the grid points of a disc around the robot, relative to it, m.
 fn net(r_s: f64) -> Vec<Vec2> {
     let step = r_s / f64::from(NET);
     let row = |i: i32| (-NET..=NET).map(move |j| step * Vec2::new(f64::from(i), f64::from(j)));
     (-NET..=NET).flat_map(row).filter(|q| q.norm() <= r_s).collect()
 }
 
-/// One robot's.
+/// RBL method of one robot.
 struct Rbl {
     d: f64,
     clearance: f64,
     v_max: f64,
-    /// T, s.
+    /// Control period (T), s.
     period: f64,
-    /// 1/s.
+    /// Approach rate (k), 1/s.
     k: f64,
-    /// beta as given, and as it is, m.
+    /// Nominal and current beta, m.
     spread_wanted: f64,
     spread: f64,
     theta: f64,
@@ -157,7 +157,7 @@ impl Velocity for Rbl {
 }
 
 impl Rbl {
-    /// What is left of the disc.
+    /// Collects the grid points of the disc that belong to the cell.
     fn collect_cell(&mut self, sample: &Sample<'_>) {
         let (d, clearance) = (self.d, self.clearance);
         let others = sample.away.iter().map(|z| {
@@ -177,7 +177,7 @@ impl Rbl {
     }
 }
 
-/// The mean of `points`, of which each weighs exp(-|q - goal| / spread); 0 if there are none.
+/// Returns the mean of `points` with weights exp(-|q - goal| / spread), or 0 if there are none.
 fn centroid(points: &[Vec2], goal: Vec2, spread: f64) -> Vec2 {
     let far = |q: &Vec2| (q - goal).norm();
     let Some(nearest) = points.iter().map(far).reduce(f64::min) else { return Vec2::zeros() };

@@ -1,20 +1,20 @@
-//! Where somebody outside sends a robot that goes to a goal.
+//! Goals that external clients send to a robot with the goal role.
 
 use protocol::message::Goal;
 
 use crate::roles::Role;
 
-/// What was asked for, and what is in force.
+/// The pending goal and the current goal.
 #[derive(Debug, Default)]
 pub(super) struct Sent {
-    /// Until the next sample.
+    /// Goal that takes effect at the next sample.
     asked: Option<Goal>,
-    /// And since when of the run's time, ns; without, the brief's goal is.
+    /// Current goal and the run time at which it took effect, ns. `None` means the goal of the brief.
     in_force: Option<(Goal, u64)>,
 }
 
 impl Sent {
-    /// Takes a goal, unless it is no newer than what was asked for before.
+    /// Stores a goal, unless it is implausible or not newer than the previous one.
     pub(super) fn ask(&mut self, goal: &Goal) {
         let newest = self.asked.or(self.in_force.map(|(goal, _)| goal));
         if goal.is_plausible() && newest.is_none_or(|newest| goal.stamp_ns > newest.stamp_ns) {
@@ -22,7 +22,8 @@ impl Sent {
         }
     }
 
-    /// At a sample of this run time, ns: what was asked for is in force if the role goes there. Whether it is.
+    /// Applies the pending goal at a sample with the run time `t_ns`, ns, if the role accepts it. Returns
+    /// whether it was applied.
     pub(super) fn apply(&mut self, role: &mut dyn Role, t_ns: u64) -> bool {
         let goal = self.asked.take().filter(|goal| role.go_to(goal.position()));
         let sent = goal.is_some();
@@ -30,7 +31,8 @@ impl Sent {
         sent
     }
 
-    /// The goal in force and since when of the run's time, ns; all 0 if that is the brief's.
+    /// Returns the current goal and the run time at which it took effect, ns. Both are 0 if it is that of the
+    /// brief.
     pub(super) fn in_force(&self) -> (Goal, u64) {
         self.in_force.unwrap_or_default()
     }

@@ -1,7 +1,7 @@
-//! Formation at constant speed: every robot drives at mu straight to where it should be. (18)
+//! Formation at constant speed: every robot drives at mu straight towards its desired position. (18)
 //!
-//! gamma = -mu e / |e|, and 0 for e = 0. Sampled literally it would overshoot and chatter around
-//! e = 0, so inside the boundary layer |e| < 5 mu T (1 + a) it is linear in e (not in the paper).
+//! gamma = -mu e / |e|, and 0 for e = 0. Sampled literally it would overshoot and chatter around e = 0. Inside
+//! the boundary layer |e| < 5 mu T (1 + a) it is therefore linear in e (an addition to the chapter).
 
 use formation::Vec2;
 
@@ -18,7 +18,7 @@ pub(super) const ROW: LawRow = LawRow {
 };
 
 struct FormationUnit {
-    /// Constant speed of all robots, m/s. In paper.
+    /// Constant speed of all robots, m/s (mu in the chapter).
     mu: f64,
 }
 
@@ -28,7 +28,7 @@ impl Law for FormationUnit {
     }
 }
 
-/// -mu e / |e|, m/s, and linear in e inside the boundary layer.
+/// Returns -mu e / |e|, m/s, linear in e inside the boundary layer.
 pub(super) fn at_constant_speed(mu: f64, situation: &Situation<'_>) -> Vec2 {
     let &Situation { error: e, period_s, age_periods, .. } = situation;
     let layer = 5.0 * mu * period_s * (1.0 + age_periods);
@@ -44,12 +44,12 @@ mod tests {
     }
 
     #[test]
-    fn far_away_the_speed_is_mu_and_points_at_the_goal() {
+    fn gamma_far_from_target_has_speed_mu_towards_it() {
         assert!((gamma(Vec2::new(3.0, 4.0)) - Vec2::new(-0.06, -0.08)).norm() < 1e-15);
     }
 
     #[test]
-    fn inside_the_boundary_layer_it_is_linear_and_meets_the_outside() {
+    fn gamma_in_boundary_layer_is_linear_and_continuous() {
         let layer = 0.005; // 5 mu T (1 + a)
         assert!((gamma(Vec2::new(layer / 2.0, 0.0)).x + 0.05).abs() < 1e-15);
         assert!((gamma(Vec2::new(layer, 0.0)).x + 0.1).abs() < 1e-15);

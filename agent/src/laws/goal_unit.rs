@@ -1,4 +1,4 @@
-//! To a goal at constant speed, straight on. (18) with a place that stands
+//! Straight motion to a goal at constant speed: (18) with a fixed desired position.
 //!
 //! gamma = -mu e / |e|, linear in the boundary layer of `formation-unit`.
 
@@ -18,7 +18,7 @@ pub(super) const ROW: LawRow = LawRow {
 };
 
 struct GoalUnit {
-    /// Constant speed, m/s.
+    /// Constant speed, m/s (mu in the chapter).
     mu: f64,
 }
 

@@ -1,6 +1,6 @@
-//! The control laws: plain values in, a velocity out. No I/O, no clock, no iceoryx2 in here.
+//! The control laws: plain values in, a velocity out, without I/O and clock.
 //!
-//! A law is one file and one row of [`LAWS`]; `docs/add-a-law.md` shows how.
+//! A control law is one file and one row of [`LAWS`]. See `docs/add-a-law.md`.
 
 mod formation_unit;
 mod goal_unit;
@@ -19,56 +19,55 @@ use crate::UnfitBrief;
 pub use crate::gains::Gains;
 use crate::roles::{CONTAINED, FORMATION, GOAL, LEADER, RoleRow};
 
-/// A control law: the nominal velocity gamma of the front point.
+/// A control law, which computes the nominal velocity (gamma) of the front point.
 pub trait Law: Send {
-    /// gamma, m/s, in `map`. Asked once for every odometry sample, in their order, but not while
-    /// the robot has nothing to go by: a law may keep state.
+    /// Returns the nominal velocity (gamma), m/s, in `map`. Called once for every odometry sample, in order,
+    /// except while the robot has no desired position. A control law may keep state.
     fn gamma(&mut self, situation: &Situation<'_>) -> Vec2;
 
-    /// What the brain asks for, in the place of gamma: a controller, one level lower, answers a
-    /// twist.
+    /// Returns the output for the controller. The default is gamma. A low-level controller returns a twist
+    /// instead.
     fn wish(&mut self, situation: &Situation<'_>) -> Wish {
         Wish::Velocity(self.gamma(situation))
     }
 }
 
-/// What a law wants.
+/// Output of a control law.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Wish {
-    /// gamma: a velocity of the front point, m/s, in `map`. Avoidance finds the way there.
+    /// Velocity of the front point (gamma), m/s, in `map`. Avoidance steers around others.
     Velocity(Vec2),
-    /// A twist. Avoidance only bounds it; what is published is the velocity that it gives the front
-    /// point.
+    /// Twist of the body. Avoidance only bounds it, and the resulting velocity of the front point is published.
     Twist(Twist),
 }
 
-/// A row of [`LAWS`].
+/// One row of [`LAWS`].
 pub struct LawRow {
-    /// Value of the key `law`.
+    /// Value of the scenario key `law`.
     pub name: &'static str,
-    /// What it makes of a robot: what the error is measured against.
+    /// Role of a robot with this control law, which defines the desired position.
     pub role: RoleRow,
-    /// Which equation it is.
+    /// Equation number in the chapter.
     pub source: &'static str,
-    /// Keys of its gains, with unit suffixes. All must be given, and positive.
+    /// Keys of the gains, with unit suffixes. All of them are required and must be positive.
     pub gains: &'static [&'static str],
-    /// Whether it uses alpha*', which a robot knows by the published velocities of those it hears.
+    /// `true` if the law uses alpha*', which is computed from the published velocities of the in-neighbors.
     pub feed_forward: bool,
-    /// Key of the gain, in m/s, that bounds each component of what it adds to alpha*' (or to 0,
-    /// without feed-forward): k in Lemma 1, mu in Proposition 2. `None`: no gain bounds it.
+    /// Key of the gain, in m/s, that bounds each component of the correction added to alpha*' (or to 0 without
+    /// feed-forward): k in Lemma 1, mu in Proposition 2. `None` if no gain bounds it.
     pub correction_max: Option<&'static str>,
-    /// Makes the law of its gains (all present and positive).
+    /// Creates the law from its gains, which are all present and positive.
     pub build: fn(&Gains<'_>) -> Box<dyn Law>,
 }
 
 impl LawRow {
-    /// The law with these gains: exactly its own, and all of them positive.
+    /// Creates the law with these gains. Returns an error if a gain is missing, unknown or not positive.
     pub fn make(&self, gains: &BTreeMap<String, f64>) -> Result<Box<dyn Law>, UnfitBrief> {
         let of = format!("law {:?}", self.name);
         Ok((self.build)(&Gains::check(gains, &of, self.gains.iter().map(|&key| (key, true)))?))
     }
 
-    /// What the supervisor may know of it.
+    /// Returns the part of the row that is published to the supervisor.
     pub fn description(&self) -> LawDescription {
         let &LawRow { name, role, source, gains, feed_forward, correction_max, .. } = self;
         let role = role.description;
@@ -76,7 +75,7 @@ impl LawRow {
     }
 }
 
-/// Every law there is.
+/// All control laws.
 pub const LAWS: &[LawRow] = &[
     formation_unit::ROW,
     tanh::LEADER_TANH,
@@ -87,7 +86,7 @@ pub const LAWS: &[LawRow] = &[
     tanh::GOAL_TANH,
 ];
 
-/// The row of the law called `name`.
+/// Returns the row of the control law `name`, or an error that lists the known names.
 pub fn row(name: &str) -> Result<&'static LawRow, UnfitBrief> {
     LAWS.iter().find(|row| row.name == name).ok_or_else(|| {
         let known: Vec<_> = LAWS.iter().map(|row| row.name).collect();
@@ -95,7 +94,7 @@ pub fn row(name: &str) -> Result<&'static LawRow, UnfitBrief> {
     })
 }
 
-/// tanh of each component. (8)
+/// Returns tanh of each component. (8)
 fn tanh(e: Vec2) -> Vec2 {
     e.map(real::tanh)
 }

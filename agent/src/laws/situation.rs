@@ -1,38 +1,38 @@
-//! What a law sees of the world: plain values, all of one odometry sample.
+//! Input of a control law: plain values from one odometry sample.
 
 use formation::Vec2;
 use formation::desired::Target;
 use formation::pose::{Pose, Twist};
 use protocol::message::Contact;
 
-/// One instant as a law sees it. Positions and velocities are in `map`.
+/// State of the robot and its neighbors at one instant. Positions and velocities are in `map`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Situation<'a> {
-    /// e = alpha - alpha*, m; alpha* is where the robot's role wants it. (13) (32)
+    /// Error e = alpha - alpha*, m, where alpha* is the desired position of the robot's role. (13) (32)
     pub error: Vec2,
-    /// alpha*', m/s.
+    /// Desired velocity (alpha*'), m/s.
     pub desired_velocity: Vec2,
-    /// T, s.
+    /// Control period (T), s.
     pub period_s: f64,
-    /// a: how many periods old a neighbour's sample may normally be.
+    /// Maximum regular age of a neighbor's sample (a), in periods.
     pub age_periods: f64,
-    /// Time since the run's start, s.
+    /// Time since the start of the run, s.
     pub t_s: f64,
-    /// Own pose: the axle's mid-point.
+    /// Own pose, of the axle midpoint.
     pub pose: Pose,
-    /// Own front point alpha, m.
+    /// Own front point (alpha), m.
     pub front_point: Vec2,
     /// Own twist in force at the sample.
     pub twist: Twist,
-    /// Own front point - that of each robot sensed near, m, nearest first.
+    /// Own front point - front point of each neighbor in range, m, nearest first.
     pub away: &'a [Vec2],
-    /// Whoever was heard at least once, in the brief's order; the lost are among them.
+    /// In-neighbors received at least once, in the order of the brief, including the lost ones.
     pub heard: &'a [Heard],
 }
 
 impl Situation<'static> {
-    /// At the origin and at t = 0, with nobody heard: the rest of a `Situation` that a test of a law
-    /// fills in what it is about.
+    /// Situation at the origin and at t = 0, without neighbors. Tests of control laws override the fields they
+    /// are about.
     pub const ALONE: Situation<'static> = Situation {
         error: Vec2::new(0.0, 0.0),
         desired_velocity: Vec2::new(0.0, 0.0),
@@ -47,21 +47,21 @@ impl Situation<'static> {
     };
 }
 
-/// What is known of one robot that was heard.
+/// Estimate of one received robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Heard {
-    /// Its place in the scenario, from 1.
+    /// Index in the scenario, from 1.
     pub index: usize,
-    /// alpha_j, m: extrapolated to the sample's stamp by the velocity below; of a lost robot, to the
-    /// moment at which it was given up.
+    /// Estimated front point (alpha_j), m: extrapolated to the stamp of the sample with the velocity below, for
+    /// a lost robot only to the time at which it was declared lost.
     pub position: Vec2,
-    /// Its published velocity, m/s; 0 once it is lost.
+    /// Published velocity, m/s, and 0 once the robot is lost.
     pub velocity: Vec2,
-    /// C_ji, m, and its rate, m/s: where to stand as seen from it, turned and scaled as the
-    /// formation is now; zero where the role knows no offsets. (20) (22)
+    /// Desired relative position (C_ji), m, and its rate, m/s, rotated and scaled with the formation. Zero for
+    /// roles without offsets. (20) (22)
     pub offset: Target,
-    /// How old its newest beacon is, s; in real time below 0 for one that is newer than the sample.
+    /// Age of the newest beacon, s. In real time it is negative for a beacon newer than the sample.
     pub age_s: f64,
-    /// How well it is heard: `Fresh`, `Stale` or `Lost`.
+    /// Communication state: `Fresh`, `Stale` or `Lost`.
     pub contact: Contact,
 }

@@ -1,7 +1,8 @@
-//! Bounded effort: gamma = -k tanh(e) + alpha*', whatever the robot goes by. (28) (51)
+//! Control laws with bounded effort: gamma = -k tanh(e) + alpha*'. (28) (51)
 //!
-//! A leader tracks m(t) (28), a robot holds its place in a time-varying formation (28), or goes into the convex
-//! hull of those heard, with alpha* by (46) (51). A goal stands, and has no alpha*'.
+//! A leader tracks m(t) (28), a formation robot keeps its slot in a time-varying formation (28), and a follower
+//! moves into the convex hull of its in-neighbors, with alpha* by (46) (51). A goal is fixed and has no
+//! alpha*'.
 
 use formation::Vec2;
 use protocol::law::LIARS_MAX;
@@ -14,7 +15,8 @@ pub(super) const LEADER_TANH: LawRow =
 pub(super) const FORMATION_TANH: LawRow =
     row("formation-tanh", FORMATION, "(28)", &["k_f_m_s"], |gains| follows(gains.get("k_f_m_s")));
 
-/// Beside `liars_max` on either side, whom its role leaves out.
+/// Law of the W-MSR role, which additionally uses the gain `liars_max` (F), the number of values discarded on
+/// either side.
 pub(super) const FORMATION_ROBUST: LawRow = LawRow {
     gains: &["k_f_m_s", LIARS_MAX],
     ..row("formation-robust", FORMATION, "(28), W-MSR", &["k_f_m_s"], |gains| {
@@ -48,9 +50,9 @@ fn follows(k: f64) -> Box<dyn Law> {
 }
 
 struct Tanh {
-    /// Largest correction along each axis, m/s. In paper.
+    /// Maximum correction along each axis, m/s (k in the chapter).
     k: f64,
-    /// Whether alpha*' is added.
+    /// `true` if alpha*' is added.
     feed_forward: bool,
 }
 

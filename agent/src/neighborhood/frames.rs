@@ -1,25 +1,26 @@
-//! The frames of leaders that others passed on: the main leader's, and those of deputies that lead in its place.
+//! Received leader frames: that of the main leader, and those of deputies (backup leaders) that lead in its
+//! place.
 
 use formation::frame::LeaderFrame;
 use protocol::brief::AgentBrief;
 
-/// A leader's frame that somebody passed on.
+/// A received leader frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeardFrame {
-    /// 0: the main leader's; k: that of the k-th deputy.
+    /// Rank of its leader: 0 for the main leader, k for the k-th deputy.
     pub rank: u64,
-    /// Stamp of the leader's sample that it is from, ns.
+    /// Stamp of the leader's sample from which the frame was computed, ns.
     pub stamp_ns: u64,
-    /// The frame.
+    /// Leader frame.
     pub frame: LeaderFrame,
-    /// When it came, ns.
+    /// Time of reception, ns.
     pub(super) heard_ns: u64,
 }
 
-/// The newest of each rank, the best rank first.
+/// Newest received frame of each rank, best rank first.
 pub(super) struct Frames {
     heard: Vec<HeardFrame>,
-    /// Those of this rank and worse are not listened to: a deputy is led by its betters alone.
+    /// Frames of this rank and worse are ignored: a deputy follows only leaders of better rank.
     worse_from: u64,
     lost_after_ns: u64,
 }
@@ -33,7 +34,7 @@ impl Frames {
         }
     }
 
-    /// Takes a frame that somebody passed on, if it is newer than that of the same rank.
+    /// Stores a received frame if it is newer than the stored frame of its rank.
     pub(super) fn hear(&mut self, rank: u64, stamp_ns: u64, frame: LeaderFrame, heard_ns: u64) {
         if rank >= self.worse_from {
             return;
@@ -46,12 +47,12 @@ impl Frames {
         }
     }
 
-    /// The newest of the main leader.
+    /// Returns the newest frame of the main leader.
     pub(super) fn of_the_main_leader(&self) -> Option<&HeardFrame> {
         self.heard.first().filter(|heard| heard.rank == 0)
     }
 
-    /// That of the best rank that is not lost at `stamp_ns`; of those that all are, the last heard.
+    /// Returns the frame of the best rank that is not lost at `stamp_ns`, or the last received if all are lost.
     pub(super) fn in_force(&self, stamp_ns: u64) -> Option<&HeardFrame> {
         let silent_ns = |heard: &HeardFrame| stamp_ns.saturating_sub(heard.heard_ns);
         let living = self.heard.iter().find(|heard| silent_ns(heard) <= self.lost_after_ns);

@@ -1,17 +1,17 @@
-//! Whom a robot goes by in place of in-neighbours that it has given up: the next spares that are
-//! heard, or those that its brief names for each; and whose place it takes itself. Must not: hear anything but how those heard so far are heard.
+//! Topology repair: replacement of failed in-neighbors by the next spares received or by those that the brief
+//! names, and succession of failed leaders. It uses only the communication states of the senders.
 
 use protocol::brief::AgentBrief;
 use protocol::message::Contact;
 
 use super::Neighbor;
 
-/// Whether a sender is given up: it is after it was lost for long enough, and until it has been
-/// heard again for as long.
+/// Failure declaration of a sender: it is declared failed after it was lost for long enough, until it has been
+/// received again for the same time.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct GivenUp {
     lost: bool,
-    /// Time since the run's start since which it is lost, or is not, ns.
+    /// Run time since which it is lost, or is not, ns.
     since_t_ns: u64,
     pub(super) yes: bool,
 }
@@ -28,11 +28,11 @@ impl GivenUp {
     }
 }
 
-/// Whether a robot goes by a sender, and since when.
+/// Use of a sender as a reference, and the time of the last change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct GoesBy {
     pub(super) yes: bool,
-    /// Time since the run's start, ns; 0: it always did, or never.
+    /// Run time of the last change, ns, and 0 if there was none.
     pub(super) since_t_ns: u64,
 }
 
@@ -46,19 +46,19 @@ impl GoesBy {
     }
 }
 
-/// When a spare was opened.
+/// Time at which a spare was opened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Opened {
     pub(super) tick: u64,
     pub(super) stamp_ns: u64,
 }
 
-/// Who takes the place of a leader that is given up.
+/// Succession of a leader that is declared failed.
 struct Succession {
     leader: u64,
-    /// The best rank first.
+    /// Deputies, best rank first.
     deputies: Vec<u64>,
-    /// The rank, from 0, of the first that is not given up, while the leader is.
+    /// Index of the first deputy that has not failed, while the leader is declared failed.
     acting: Option<usize>,
 }
 
@@ -68,7 +68,7 @@ impl Succession {
     }
 }
 
-/// Of all leaders heard, and whether the robot itself takes the place of one.
+/// Successions of all leaders received, and whether the robot itself succeeds one.
 pub(super) struct Successions {
     own: u64,
     all: Vec<Succession>,
@@ -93,22 +93,25 @@ impl Successions {
         }
     }
 
-    /// The leaders whose place this robot takes now.
+    /// Returns the leaders that `robot` currently succeeds.
     pub(super) fn taken_by(&self, robot: u64) -> impl Iterator<Item = u64> {
         self.all.iter().filter(move |one| one.acts(robot)).map(|one| one.leader)
     }
 
-    /// Whether a deputy is listened to: it takes a place, or has a better rank than who does.
+    /// Returns whether a deputy has to be received: it succeeds a leader, or its rank is better than that of
+    /// the acting deputy.
     fn tries(&self, robot: u64) -> bool {
         let tries = |one: &Succession| one.acting.map_or(0, |rank| rank + 1);
         self.all.iter().any(|one| one.deputies.iter().take(tries(one)).any(|&one| one == robot))
     }
 }
 
-/// Opens and closes spares, and says by whom the robot goes; whether that changed. A spare that replaces certain
-/// in-neighbours is open while one of them is given up. Of the others one is open for each in-neighbour given up,
-/// and one more for each open one that is given up too. Deputies of leaders come before them, by rank; and who takes a
-/// place goes by those that its brief names for that alone.
+/// Opens and closes spares and selects the senders used as references. Returns whether the selection changed.
+///
+/// A spare that replaces specific in-neighbors is open while one of them is declared failed. Of the other
+/// spares, one is open for each failed in-neighbor, and one more for each open spare that has failed too.
+/// Deputies of leaders precede them, by rank. A robot that succeeds a leader uses only the senders that its
+/// brief names for this purpose.
 pub(super) fn repair(
     neighbors: &mut [Neighbor],
     spares: &mut [Neighbor],

@@ -1,5 +1,6 @@
-//! Goes to the middle of those it hears, and so into the leaders' hull. (46) As a deputy of a leader that is lost it keeps
-//! that one's place, as a robot of the formation does; not in the paper.
+//! Follower of containment control: moves to the mean of its in-neighbors, and so into the convex hull of the
+//! leaders. (46) As the deputy of a failed leader it keeps that leader's slot, like a formation robot (an
+//! addition to the chapter).
 
 use formation::desired::Target;
 use protocol::brief::AgentBrief;
@@ -7,14 +8,14 @@ use protocol::brief::AgentBrief;
 use super::{Moment, Role, RoleRow, offsets};
 use crate::laws::situation::Heard;
 
-/// The row of the contained.
+/// Row of the follower role.
 pub const CONTAINED: RoleRow = RoleRow {
     description: protocol::law::Role::CONTAINED,
     build: |brief: &AgentBrief| Ok(Box::new(Contained { period_s: brief.period_ns as f64 / 1e9 })),
 };
 
 struct Contained {
-    /// T, s.
+    /// Control period (T), s.
     period_s: f64,
 }
 

@@ -1,6 +1,7 @@
-//! A deputy of the main leader: while it hears no frame of a better rank, it leads from its own place in the
-//! formation. It continues the frame that it heard last, so that nothing jumps for those who follow, and two deputies
-//! that lead at once, in two halves of a cut network, agree about the frame. Not in the paper.
+//! Deputy (backup leader) of the main leader: while it receives no frame of a better rank, it leads from its
+//! own slot in the formation. It continues the last received frame, so that the followers see no jump, and two
+//! deputies that lead at the same time in two partitions of the network use the same frame. An addition to the
+//! chapter.
 
 use formation::Vec2;
 use formation::desired::Target;
@@ -13,20 +14,21 @@ use super::nominal_frame::NominalFrame;
 use crate::UnfitBrief;
 use crate::avoidance::{self, Avoidance};
 
-/// What a robot needs to lead.
+/// State of a deputy.
 pub(super) struct Deputy {
     lead: LeadBrief,
-    /// Seen from the main leader, at heading 0 and scale 1, m.
+    /// Slot relative to the main leader, at heading 0 and scale 1, m.
     place: Vec2,
-    /// T, s.
+    /// Control period (T), s.
     period_s: f64,
-    /// How a leader with the main leader's front point would follow m(t).
+    /// Avoidance method of a leader with the main leader's front point, which determines how it would follow
+    /// m(t).
     leaders: Box<dyn Avoidance>,
-    /// The frame, and what it was at the newest sample, while it leads.
+    /// Own frame generator while it leads, and its frame at the newest sample.
     own: Option<(NominalFrame, Known)>,
 }
 
-/// A frame at some time of the run, s.
+/// A frame and its run time, s.
 #[derive(Clone, Copy)]
 struct Known {
     t_s: f64,
@@ -34,7 +36,8 @@ struct Known {
 }
 
 impl Deputy {
-    /// The one that a brief speaks of.
+    /// Creates the deputy described in the brief, or `None` if there is none. Returns an error if the leader's
+    /// avoidance method cannot be created.
     pub(super) fn of(brief: &AgentBrief) -> Result<Option<Deputy>, UnfitBrief> {
         let Some(deputy) = &brief.deputy else { return Ok(None) };
         let &DeputyBrief { place_m, front_point_m, limits, ref lead, .. } = deputy;
@@ -48,7 +51,8 @@ impl Deputy {
         }))
     }
 
-    /// alpha* while it leads: its place about m(t). `None`: somebody of a better rank is heard, or never was.
+    /// Returns alpha* while it leads: its slot relative to m(t). Returns `None` while a frame of a better rank
+    /// is received, or if none ever was.
     pub(super) fn target(&self, moment: &Moment<'_>) -> Option<Target> {
         let Known { t_s, frame } = self.known(moment)?;
         let (now, half_s) = (frame.later(moment.t_s - t_s), 0.5 * self.period_s);
@@ -59,7 +63,7 @@ impl Deputy {
         Some(Target { position, velocity })
     }
 
-    /// The frame that it gives to others while it leads.
+    /// Returns the frame that it sends to others while it leads.
     pub(super) fn frame(&mut self, moment: &Moment<'_>) -> Option<LeaderFrame> {
         let Some(known) = self.known(moment) else {
             self.own = None;
@@ -76,7 +80,7 @@ impl Deputy {
         Some(frame)
     }
 
-    /// The newest frame that is known, if it leads: its own, or the last of a better rank.
+    /// Returns the newest known frame while it leads: its own, or the last received of a better rank.
     fn known(&self, moment: &Moment<'_>) -> Option<Known> {
         if moment.neighborhood.frame_contact().contact != Contact::Lost {
             return None;

@@ -1,4 +1,4 @@
-//! Keeps its place in the formation, as seen from those it hears. (13) (24) (45)
+//! Formation robot: keeps its slot in the formation relative to its in-neighbors. (13) (24) (45)
 
 use formation::Vec2;
 use formation::desired::Target;
@@ -12,7 +12,7 @@ use super::{Moment, Role, RoleRow, offsets};
 use crate::avoidance::Avoidance;
 use crate::laws::situation::Heard;
 
-/// The row of those that keep a place.
+/// Row of the formation role.
 pub const FORMATION: RoleRow = RoleRow {
     description: protocol::law::Role::FORMATION,
     build: |brief: &AgentBrief| {
@@ -30,23 +30,23 @@ pub const FORMATION: RoleRow = RoleRow {
 };
 
 struct Formation {
-    /// Offsets turn and grow with a leader's frame.
+    /// `true` if offsets rotate and scale with a leader's frame.
     led: bool,
-    /// delta(t), where nobody leads: everybody knows it, and the run's time.
+    /// Scale delta(t) of a leaderless formation, which every robot evaluates from the run time.
     scale: Option<Scale>,
-    /// T, s.
+    /// Control period (T), s.
     period_s: f64,
-    /// Of the main leader's deputies.
+    /// State as a deputy of the main leader.
     deputy: Option<Deputy>,
-    /// Of one that leaves out liars.
+    /// State of the W-MSR filter, if the law discards values of Byzantine robots.
     liars: Option<Wary>,
 }
 
-/// By what a robot tells who is far off.
+/// State of the W-MSR filter.
 struct Wary {
-    /// ell, m.
+    /// Distance of the front point from the axle (ell), m.
     front_point_m: f64,
-    /// alpha*' of the sample before, m/s.
+    /// Desired velocity (alpha*') at the previous sample, m/s.
     desired_velocity: Vec2,
 }
 

@@ -1,5 +1,5 @@
-//! Goes to a place of its own in `map`, whomever it hears. Not in the paper: the scenes by which
-//! avoidance methods are compared ask for it.
+//! Robot with a goal: moves to a fixed position in `map`, independent of its in-neighbors. An addition to the
+//! chapter, used by the scenes that compare avoidance methods.
 
 use formation::Vec2;
 use formation::desired::Target;
@@ -9,7 +9,7 @@ use super::{Moment, Role, RoleRow};
 use crate::UnfitBrief;
 use crate::laws::situation::Heard;
 
-/// The row of those that go to goals.
+/// Row of the goal role.
 pub const GOAL: RoleRow = RoleRow {
     description: protocol::law::Role::GOAL,
     build: |brief: &AgentBrief| {
@@ -20,7 +20,7 @@ pub const GOAL: RoleRow = RoleRow {
 };
 
 struct Goal {
-    /// m, in `map`.
+    /// Goal position in `map`, m.
     goal: Vec2,
 }
 

@@ -1,5 +1,5 @@
-//! The main leader: follows the trajectory m(t), which it alone knows; formations turn and grow with
-//! it. (20)-(23) (25)
+//! Main leader: follows the trajectory m(t), which it alone knows. Formations rotate and scale with it.
+//! (20)-(23) (25)
 
 use formation::desired::Target;
 use formation::frame::LeaderFrame;
@@ -11,7 +11,7 @@ use crate::UnfitBrief;
 use crate::avoidance::Avoidance;
 use crate::laws::situation::Heard;
 
-/// The leader's row.
+/// Row of the leader role.
 pub const LEADER: RoleRow = RoleRow {
     description: protocol::law::Role::LEADER,
     build: |brief: &AgentBrief| {
@@ -27,9 +27,9 @@ pub const LEADER: RoleRow = RoleRow {
 
 struct Leader {
     lead: LeadBrief,
-    /// T, s.
+    /// Control period (T), s.
     period_s: f64,
-    /// It hears them first, if it led before.
+    /// `true` if it has deputies. After a restart it receives from them first.
     has_deputies: bool,
     frame: NominalFrame,
 }
@@ -46,7 +46,7 @@ impl Role for Leader {
         if moment.neighborhood.resumes() {
             return None;
         }
-        // Who led before it continues the frame of its deputies.
+        // A restarted leader continues the frame of its deputies.
         if self.has_deputies
             && !self.frame.has_begun()
             && let Some(heard) = moment.neighborhood.frame(moment.stamp_ns)

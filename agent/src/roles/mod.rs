@@ -1,7 +1,7 @@
-//! What a law makes of a robot: where its front point is to be, and whether others turn and grow
-//! with it. No I/O, no clock, no iceoryx2 in here.
+//! Roles: the desired position of the front point, and whether other robots' offsets rotate and scale with the
+//! robot. No I/O, no clock.
 //!
-//! A role is one file, and the row that its laws name. `docs/add-a-role.md` shows how.
+//! A role is one file, and the row that its control laws name. See `docs/add-a-role.md`.
 
 mod contained;
 mod deputy;
@@ -25,31 +25,32 @@ use crate::avoidance::Avoidance;
 use crate::laws::situation::Heard;
 use crate::neighborhood::Neighborhood;
 
-/// One odometry sample as a role sees it.
+/// Input of a role, from one odometry sample.
 pub struct Moment<'a> {
-    /// When it was sensed, ns.
+    /// Stamp of the sample, ns.
     pub stamp_ns: u64,
-    /// Time since the run's start, s.
+    /// Time since the start of the run, s.
     pub t_s: f64,
     /// Own pose.
     pub pose: Pose,
-    /// Those heard.
+    /// In-neighbors.
     pub neighborhood: &'a Neighborhood,
 }
 
 impl Moment<'_> {
-    /// Fills `heard` for the law of a role that asks nobody where it is to be seen from them.
+    /// Fills `heard` for the control law of a role that uses no offsets.
     fn recall_without_offsets(&self, heard: &mut Vec<Heard>) {
         self.neighborhood.recall(self.stamp_ns, |_| Target::still(Vec2::zeros()), heard);
     }
 
-    /// The run's time at another stamp, s.
+    /// Returns the run time at another stamp, s.
     fn t_of_s(&self, stamp_ns: u64) -> f64 {
         self.t_s - (self.stamp_ns as i64 - stamp_ns as i64) as f64 / 1e9
     }
 }
 
-/// C_ji(t) by the frame at a sample, and C'_ji by that half a period later.
+/// Returns a function that maps c_ji to C_ji(t) by the frame at a sample, and to C'_ji by the frame half a
+/// period later.
 fn offsets(frame: LeaderFrame, later: LeaderFrame) -> impl Fn(Vec2) -> Target {
     move |c_ji| Target {
         position: frame.offset(c_ji).position,
@@ -57,48 +58,48 @@ fn offsets(frame: LeaderFrame, later: LeaderFrame) -> impl Fn(Vec2) -> Target {
     }
 }
 
-/// A role.
+/// A role of a robot.
 pub trait Role: Send {
-    /// alpha* at the sample, and alpha*' half a period later: the answer acts for a period, and
-    /// what is known of the velocities to come is taken at its middle. `None`: nothing to go by, so
-    /// stop. `heard` is filled for the law, see [`Neighborhood::recall`].
+    /// Returns alpha* at the sample, and alpha*' half a period later, because the answer acts for one period
+    /// and the velocity at its middle is the best constant approximation. Returns `None` if the robot has no
+    /// desired position and has to stop. `heard` is filled for the control law, see [`Neighborhood::recall`].
     fn target(&mut self, moment: &Moment<'_>, heard: &mut Vec<Heard>) -> Option<Target>;
 
-    /// Somebody outside sends it to this place, m, from now on; whether it goes there. Only a role that goes to
-    /// a goal does.
+    /// Sends the robot to `place`, m, from now on. Returns whether it goes there. Only the goal role does.
     fn go_to(&mut self, place: Vec2) -> bool {
         let _ = place;
         false
     }
 
-    /// The frame that offsets turn and grow with, at the sample, if it is this robot's own. Without
-    /// one the robot passes on what it hears.
+    /// Returns the frame with which offsets rotate and scale, at the sample, if it is this robot's own.
+    /// Otherwise the robot relays the frame that it receives.
     fn frame(&mut self, moment: &Moment<'_>, avoidance: &dyn Avoidance) -> Option<LeaderFrame> {
         let _ = (moment, avoidance);
         None
     }
 }
 
-/// The row of a role.
+/// One row of [`ROLES`].
 #[derive(Clone, Copy)]
 pub struct RoleRow {
-    /// What the supervisor may know of it.
+    /// Description that is published to the supervisor.
     pub description: protocol::law::Role,
-    /// Makes it of a brief.
+    /// Creates the role from a brief.
     pub build: fn(&AgentBrief) -> Result<Box<dyn Role>, UnfitBrief>,
 }
 
 impl RoleRow {
-    /// The role for the robot of this brief.
+    /// Creates the role for the robot of this brief. Returns an error if the brief lacks a value that the role
+    /// needs.
     pub fn make(&self, brief: &AgentBrief) -> Result<Box<dyn Role>, UnfitBrief> {
         (self.build)(brief)
     }
 }
 
-/// Every role there is.
+/// All roles.
 pub const ROLES: &[RoleRow] = &[LEADER, FORMATION, CONTAINED, GOAL];
 
-/// The row of the role that files call `name`.
+/// Returns the row of the role `name`, or an error that lists the known names.
 pub fn row(name: &str) -> Result<RoleRow, UnfitBrief> {
     let found = ROLES.iter().find(|row| row.description.name == name);
     found.copied().ok_or_else(|| {

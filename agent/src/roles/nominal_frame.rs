@@ -1,17 +1,17 @@
-//! The leader's frame: how the formation is turned and scaled, and how that changes. (20)-(23)
+//! The leader's frame: rotation and scale of the formation, and their rates. (20)-(23)
 //!
-//! In the chapter the frame's heading is that of the leader's body. A body is turned by more than
-//! its task: by avoidance, on the way back to its path, and, through its law, by the noise of its
-//! sensors. Each of these would swing everybody's offsets, by more the farther they are away; and
-//! w_n', a difference over one period, would carry noise of millimeters into tens of rad/s^2.
+//! In the chapter the heading of the frame is that of the leader's body. A body is rotated by more than its
+//! task: by avoidance, on the way back to its path and, through its control law, by sensor noise. Each of these
+//! would swing the offsets of all robots, farther for larger offsets. And w_n', a difference over one period,
+//! would amplify noise of millimeters to tens of rad/s^2.
 //!
-//! So the frame is that of a *nominal* leader: the same unicycle, from the heading at which the
-//! robot first finds itself, whose front point moves with m'(t) and nothing else. A leader that is
-//! on its path has that heading too, whatever its own was before: along m(t) the difference of two
-//! headings dies out, like exp(-|m'| t / ell). Nothing is estimated: m is known, so neither turn
-//! rate nor its rate have noise to filter, and nothing that pushes the leader turns the formation.
+//! The frame is therefore that of a *nominal* leader: the same unicycle, starting from the heading of the
+//! robot's first sample, whose front point moves with m'(t) only. A leader on its path has the same heading,
+//! for any initial heading: along m(t) the difference of two headings decays like exp(-|m'| t / ell). Nothing
+//! is estimated. Since m is known, turn rate and turn acceleration contain no noise, and no disturbance of the
+//! leader rotates the formation.
 //!
-//! Must not use anything sensed but the first heading. Not in the paper.
+//! Of all sensed values only the first heading is used. An addition to the chapter.
 
 use formation::frame::LeaderFrame;
 use formation::pose::wrap_angle;
@@ -20,37 +20,37 @@ use formation::trajectory::Trajectory;
 
 use crate::avoidance::Avoidance;
 
-/// After a gap of more periods than this the nominal leader starts anew from the robot's own
-/// heading, as that of a restarted robot does: the work of one sample stays bounded.
+/// Maximum gap between samples, in periods. After a longer gap the nominal leader restarts from the robot's own
+/// heading, as after a restart, so that the work per sample is bounded.
 const GAP_PERIODS_MAX: f64 = 1000.0;
 
-/// The frame of a leader that nothing holds up and nothing deceives.
+/// Frame generator of an undisturbed leader.
 pub(super) struct NominalFrame {
-    /// T, s.
+    /// Control period (T), s.
     period_s: f64,
     nominal: Option<Nominal>,
 }
 
-/// The nominal leader at one instant.
+/// State of the nominal leader at one instant.
 #[derive(Debug, Clone, Copy)]
 struct Nominal {
-    /// Time since the run's start, s.
+    /// Time since the start of the run, s.
     t_s: f64,
-    /// Its heading then, rad.
+    /// Heading at that time, rad.
     heading_rad: f64,
-    /// Turn rate held from then on for a period, rad/s.
+    /// Turn rate held for one period from that time, rad/s.
     held_rad_s: f64,
-    /// What was held before differs from this by so much per second, rad/s^2.
+    /// Difference from the previously held turn rate per second, rad/s^2.
     acceleration_rad_s2: f64,
 }
 
 impl NominalFrame {
-    /// Of a robot that has not seen where it is yet.
+    /// Creates a generator that starts at the first sample.
     pub(super) fn new(period_s: f64) -> NominalFrame {
         NominalFrame { period_s, nominal: None }
     }
 
-    /// That continues a frame of `t_s`, s since the run's start.
+    /// Creates a generator that continues `frame` from `t_s`, s since the start of the run.
     pub(super) fn from(period_s: f64, t_s: f64, frame: LeaderFrame) -> NominalFrame {
         let LeaderFrame { heading_rad, turn_rate_rad_s, turn_acceleration_rad_s2, .. } = frame;
         let held_rad_s = turn_rate_rad_s + 0.5 * period_s * turn_acceleration_rad_s2;
@@ -59,13 +59,13 @@ impl NominalFrame {
         NominalFrame { period_s, nominal: Some(nominal) }
     }
 
-    /// Whether it was asked before, or continues another.
+    /// Returns `true` once a frame was computed, or if it continues another one.
     pub(super) fn has_begun(&self) -> bool {
         self.nominal.is_some()
     }
 
-    /// The frame at `t_s`, s since the run's start. `heading_rad`, the robot's own, counts if this
-    /// is the first sample, or the first after a long gap.
+    /// Returns the frame at `t_s`, s since the start of the run. `heading_rad`, the robot's own heading, is
+    /// used only at the first sample and after a long gap.
     pub(super) fn at(
         &mut self,
         t_s: f64,
@@ -86,7 +86,7 @@ impl NominalFrame {
             held_rad_s: held(t_s, heading_rad),
             acceleration_rad_s2: 0.0,
         });
-        // Whole periods, to the one nearest to the sample: a timer's jitter does not get in.
+        // Rounded to an integer number of periods, so that timer jitter has no effect.
         let periods = ((t_s - now.t_s) / period_s).round();
         for period in 1..=periods as u32 {
             let from_s = begun.unwrap_or(now).t_s;
@@ -100,7 +100,7 @@ impl NominalFrame {
         let (scale, scale_rate_per_s) = scale.at(t_s);
         let frame = LeaderFrame {
             heading_rad: now.heading_rad,
-            // What is held for a period is the rate at its middle.
+            // The turn rate held for a period is the rate at its middle.
             turn_rate_rad_s: now.held_rad_s - 0.5 * period_s * now.acceleration_rad_s2,
             turn_acceleration_rad_s2: now.acceleration_rad_s2,
             scale,
@@ -123,10 +123,10 @@ mod tests {
 
     const T: f64 = 0.01;
     const ELL: f64 = 0.15;
-    /// Frames of the same instant differ by no more than this.
+    /// Tolerance between frames of the same instant.
     const SAME: f64 = 1e-9;
 
-    /// Moves the front point by exactly gamma T, at 1 m/s at most.
+    /// Moves the front point by exactly gamma T, at most at 1 m/s.
     struct Exact;
 
     impl Avoidance for Exact {
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn it_turns_like_a_leader_that_nothing_disturbs() {
+    fn nominal_frame_turns_like_an_undisturbed_leader() {
         let mut frame = NominalFrame::new(T);
         let mut body = Pose { x_m: 1.0, y_m: 0.0, heading_rad: 0.3 };
         for k in 0..500 {
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_but_the_first_heading_is_sensed() {
+    fn nominal_frame_uses_only_the_first_heading() {
         let (mut one, mut other) = (NominalFrame::new(T), NominalFrame::new(T));
         for k in 0..300 {
             let pushed = if k == 0 { 0.3 } else { 0.3 + f64::from(k).sin() };
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn turn_rate_and_acceleration_are_the_headings_derivatives() {
+    fn turn_rate_and_acceleration_are_heading_derivatives() {
         let mut frame = NominalFrame::new(T);
         let told: Vec<LeaderFrame> = (0..200).map(|k| at(&mut frame, tick(k), 2.0, 1.0)).collect();
         for (k, three) in told.windows(3).enumerate() {
@@ -196,13 +196,13 @@ mod tests {
     }
 
     #[test]
-    fn jitter_and_gaps_lose_nothing_and_a_long_gap_begins_anew() {
+    fn jitter_and_gaps_keep_the_frame_and_a_long_gap_restarts_it() {
         let mut regular = NominalFrame::new(T);
         let told: Vec<LeaderFrame> =
             (0..2000).map(|k| at(&mut regular, tick(k), 0.3, 1.0)).collect();
         let mut late = NominalFrame::new(T);
         at(&mut late, 0.0, 0.3, 1.0);
-        // A timer that is off by up to 0.4 T, and 3 s without a sample.
+        // Timer jitter of up to 0.4 T, and 3 s without a sample.
         for k in (1..400).chain(700..900) {
             let off_s = 0.4 * T * f64::from(k).sin();
             let (found, expected) =
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn the_scale_and_its_rate_are_those_of_the_instant() {
+    fn scale_and_its_rate_are_those_of_the_instant() {
         let mut frame = NominalFrame::new(T);
         let scale = Scale::Sine { mean: 1.0, amplitude: 0.2, period_s: 20.0 };
         for k in 0..100 {
@@ -229,9 +229,9 @@ mod tests {
     }
 
     #[test]
-    fn a_path_faster_than_is_admitted_turns_it_no_faster_than_the_leader_can_go() {
-        // 2 pi 5 m in 10 s: 3.1 m/s, of which 1 m/s is admitted. Across its velocity a front point
-        // turns the body by u / ell.
+    fn path_above_the_admitted_speed_limits_the_turn_rate() {
+        // The path needs 2 pi 5 m in 10 s, 3.1 m/s, of which 1 m/s is admitted. A velocity perpendicular to the
+        // heading turns the body at u / ell.
         let mut frame = NominalFrame::new(T);
         at(&mut frame, 0.0, 0.0, 5.0);
         let told = at(&mut frame, T, 0.0, 5.0);
